@@ -1,7 +1,7 @@
-"""The measuring room: one set of measures for simulated and real cortices.
+"""The analysis: one set of measures for simulated and real cortices.
 
-Public names load on first use. No file here may bear the name of one of them: Python would put the module in the
-function's place as soon as anything imported it (hence ``curvatures.py``).
+Public names load on first use. No file here may have the name of a public function: as soon as the file is imported,
+Python would replace the function by the module (hence ``curvatures.py``).
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 if __name__ != "morphofold.analysis":
     raise ImportError(
-        "this folder is imported as morphofold.analysis, never as analysis: use `import morphofold.analysis`"
+        "this folder must be imported as morphofold.analysis, not as analysis: use `import morphofold.analysis`"
     )
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""Conjugate gradients for one right side or three, in parallel, the same to the bit for any number of threads."""
+"""Conjugate gradients for one or three right sides, in parallel, bitwise the same for any number of threads."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ MOST_STEPS = 3000
 
 
 def solve(matrix: sparse.csr_array, right: Array, x: Array, rtol: float) -> Array:
-    """Solve ``matrix @ x = right`` for a symmetric positive definite matrix; Jacobi preconditioner, from ``x``.
+    """Solve ``matrix @ x = right`` for a symmetric positive definite matrix, with Jacobi preconditioner, from ``x``.
 
     Parameters
     ----------
     matrix : (N, N) csr_array
     right, x : (N,) or (N, 3) float64
-        ``x`` is where the iteration starts; it is not changed. Three columns take half the time of three calls; one
-        kernel for any number of them would take 1.2 to 2 times as long.
+        The iteration starts at ``x``, which is not changed. Three columns take half the time of three calls. One kernel
+        for any number of columns would take 1.2 to 2 times as long.
     rtol : float
         Residual at the end, relative to ``right``, in each column.
 
     Raises
     ------
     WrongShape
-        If the shapes of ``right`` and ``x`` are not those.
+        If ``right`` or ``x`` has another shape.
     RuntimeError
-        If that takes more than 3000 iterations; the mesh behind the matrix is then too irregular.
+        If that takes more than 3000 iterations. The mesh of the matrix is then too irregular.
     """
     if np.shape(right) != np.shape(x) or np.shape(x) not in ((matrix.shape[0],), (matrix.shape[0], 3)):
         raise WrongShape(f"right {np.shape(right)} and x {np.shape(x)} must be (N,) or (N, 3), N = {matrix.shape[0]}.")
@@ -41,14 +41,14 @@ def solve(matrix: sparse.csr_array, right: Array, x: Array, rtol: float) -> Arra
     if not iterate(matrix.indptr, matrix.indices, matrix.data, jacobi, right, x, rtol, MOST_STEPS):
         raise RuntimeError(
             f"conjugate gradients did not converge in {MOST_STEPS} iterations on {len(x)} vertices; the mesh has "
-            "extreme triangles. Remesh it, or take a shorter scale."
+            "extreme triangles. Remesh it, or use a shorter scale."
         )
     return x
 
 
 @njit(cache=True)
 def _sum(parts):
-    """In order: within a parallel kernel numba would share the sum among its threads."""
+    """Sum in order: within a parallel kernel numba would divide the sum among its threads."""
     total = 0.0
     for part in parts:
         total += part
@@ -57,7 +57,7 @@ def _sum(parts):
 
 @njit(cache=True, parallel=True)
 def _iterate(indptr, indices, data, jacobi, right, x, rtol, steps):
-    # Not scipy's cg: BLAS threads spin on its short sums, and add them in an order that depends on their number.
+    # Not scipy's cg: BLAS threads wait on its short sums, and add them in an order that depends on the thread count.
     n = len(x)
     r, p, q = np.empty(n), np.empty(n), np.empty(n)
     one, two, three = np.zeros(BLOCKS), np.zeros(BLOCKS), np.zeros(BLOCKS)
@@ -143,7 +143,7 @@ def _iterate_three(indptr, indices, data, jacobi, right, x, rtol, steps):
                 pc += d * p[i, 2]
             one[b, 0], one[b, 1], one[b, 2] = pa, pb, pc
         pq, old = _sums(one), rz
-        for k in range(3):  # a column may be there before the others
+        for k in range(3):  # a column may converge before the others
             alpha[k] = rz[k] / pq[k] if pq[k] > 0 else 0.0
         for b in prange(BLOCKS):
             one[b], two[b] = 0.0, 0.0

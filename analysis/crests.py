@@ -17,27 +17,27 @@ from morphofold.errors import OptionsClash
 from morphofold.geometry import symmetric, vertex_normals
 from morphofold.surface import Faces, PerVertex, Verts
 
-SMOOTHING = 0.6  # scales over which extremality is smoothed
-SHARP = 1.0  # times the cube of its curvature by which a crest falls away at its median,
-BESIDE, LESS = 1.0, 0.3  # or the share of it that it lacks so many scales to either side
-ROUND = 0.15  # share of k1 by which k2 is less on a crest
-SHORTEST = 1.0  # scales that a line has at least
+SMOOTHING = 0.6  # smoothing length of the extremality, in scales
+SHARP = 1.0  # a crest falls away at its median by more than this times the cube of its curvature,
+BESIDE, LESS = 1.0, 0.3  # or its curvature is less by this share so many scales to either side
+ROUND = 0.15  # on a crest k2 is less than k1 by this share
+SHORTEST = 1.0  # least length of a line, in scales
 KINDS = ("gyral", "sulcal")
 
 
 @dataclass(frozen=True, eq=False)
 class CrestLine:
-    """One line.
+    """One crest line.
 
     Attributes
     ----------
     kind : {"gyral", "sulcal"}
     points : (P, 3) float64
-        On edges of the surface, one after another [mm]; the first is the last of a closed line.
+        Points on edges of the surface, in order [mm]; in a closed line the first is also the last.
     length : float
-        [mm].
+        Length [mm].
     strength : float
-        Integral of the extremal curvature along the line, without sign and unit (Ohtake and others 2004).
+        Integral of the absolute extremal curvature along the line, without unit (Ohtake and others 2004).
     mean_H : float
         Mean of the mean curvature along the line [1/mm], convex positive.
     """
@@ -51,7 +51,7 @@ class CrestLine:
 
 @dataclass(frozen=True, eq=False)
 class CrestLines:
-    """The crest lines of a surface, the strongest first, and the ``scale`` of its curvature [mm]."""
+    """The crest lines of a surface, the strongest first, and the curvature ``scale`` [mm]."""
 
     lines: list[CrestLine] = field(repr=False)
     scale: float
@@ -60,23 +60,23 @@ class CrestLines:
         return [line for line in self.lines if line.kind == kind]
 
     def length(self, kind: str) -> float:
-        """Of all lines of a kind [mm]."""
+        """Length of all lines of a kind [mm]."""
         return float(sum(line.length for line in self.of_kind(kind)))
 
 
 def crest_lines(
     verts: Verts, faces: Faces, *, scale: float | None = None, curv: Curvature | None = None, weakest: float = 0.0
 ) -> CrestLines:
-    """Gyral and sulcal crest lines.
+    """Gyral and sulcal crest lines of a surface.
 
     Parameters
     ----------
     verts, faces : (N, 3) float64, (M, 3) int64
         Surface [mm], faces counter-clockwise seen from outside.
     scale : float, optional
-        Of the curvature [mm]; None: that of :func:`morphofold.analysis.curvature`.
+        Curvature scale [mm]; None: the default of :func:`morphofold.analysis.curvature`.
     curv : Curvature, optional
-        Curvature of the surface, if it is there already.
+        Curvature of the surface, if it was computed before.
     weakest : float
         Least strength of a line.
 
@@ -87,23 +87,25 @@ def crest_lines(
     Raises
     ------
     ValueError
-        If the arrays are no mesh, scale does not fit it (as in ``curvature``), or scale and ``curv`` are both given.
+        If the arrays are not a mesh, scale does not fit it (as in ``curvature``), or scale and ``curv`` are both given.
 
     Notes
     -----
-    Gyral: ``e1 = 0``, ``de1/dt1 < 0``, ``k1 > |k2|``; sulcal: the same of the surface turned inside out (Ohtake,
-    Belyaev, Seidel 2004, ACM TOG 23). Extremality comes from the cubic terms of the fit behind the curvature; as a
-    vector ``e1 d1`` it does not depend on the sign of d1, and so is smoothed over 0.6 ``scale``. In each triangle it is
-    linear, turned one way at the three corners, and a line runs straight through the two sides on which it is 0, if
-    there its slope along d1 is negative. A sphere, a torus, a cylinder and all cyclides of Dupin have e = 0 everywhere
-    and must have no lines: so at the median of a line the curvature has to fall away by more than its own cube,
-    ``-d2k/dt2 > k^3``, a bound without unit, whatever the mesh; or be less by 0.3 of itself one scale away on both
-    sides, along a circle of that curvature, as on the round caps of thin gyri. And k2 has to be less than 0.85 k1, for
-    near an umbilic noise alone chooses the direction. Lines shorter than ``scale`` are left out. On a surface with
-    noise of 1 % of an edge take a scale of four edges.
+    Gyral lines: ``e1 = 0``, ``de1/dt1 < 0``, ``k1 > |k2|``. Sulcal lines: the same on the surface turned inside out
+    (Ohtake, Belyaev, Seidel 2004, ACM TOG 23). Extremality comes from the cubic terms of the fit of the curvature. The
+    vector ``e1 d1`` does not depend on the sign of d1, so it is this vector that is smoothed over 0.6 ``scale``. In
+    each triangle the directions at the three corners are given one sense, and the extremality is linear. A line runs
+    straight between the two sides on which it is 0, if its slope along d1 is negative there.
 
-    Crest lines end before they meet: where three gyri do the surface is umbilic, with no direction to follow. The net
-    is the business of :func:`morphofold.analysis.gyral_graph`.
+    A sphere, a torus, a cylinder and all cyclides of Dupin have e = 0 everywhere and must have no lines. Therefore a
+    line must meet one of two conditions at its median. Its curvature falls away by more than its own cube,
+    ``-d2k/dt2 > k^3``; this bound has no unit and does not depend on the mesh. Or its curvature is less by 0.3 of
+    itself one scale away on both sides, along a circle of that curvature, as on the round caps of thin gyri. In
+    addition k2 must be less than 0.85 k1, because near an umbilic the direction is only noise. Lines shorter than
+    ``scale`` are left out. On a surface with noise of 1 % of an edge use a scale of four edges.
+
+    Crest lines end before they meet: where three gyri meet, the surface is umbilic and has no direction to follow. For
+    the net see :func:`morphofold.analysis.gyral_graph`.
     """
     if curv is not None and scale is not None:
         raise OptionsClash("pass scale or curv, not both: curv has its scale.")
@@ -129,14 +131,15 @@ def _trace(
 ) -> Iterator[tuple[Array, float, float, float]]:
     """Points, length, integral of k and mean of (k + other) / 2 of each line.
 
-    ``beside`` [mm]: how far to either side of a line its curvature is looked at; negative if k is convex inwards.
+    ``beside`` [mm]: distance to either side of a line at which its curvature is compared; negative if k is convex
+    inwards.
     """
     at, falls, cut = _falls(verts, faces, along, flow)
     after = np.roll(faces, -1, axis=1)
     start, stop = faces[at][cut].reshape(-1, 2), after[at][cut].reshape(-1, 2)
     low, high = np.minimum(start, stop), np.maximum(start, stop)
     far = [np.abs(np.sum(flow[v] * along[v], axis=2)) for v in (low, high)]
-    share = far[0] / np.maximum(far[0] + far[1], 1e-300)  # the same from both sides of an edge
+    share = far[0] / np.maximum(far[0] + far[1], 1e-300)  # the same for both triangles of an edge
     height, level = ((1 - share) * f[low] + share * f[high] for f in (k, other))
     good = (falls > 0) & (height > np.abs(level)).all(axis=1) & (level < (1 - ROUND) * height).all(axis=1)
     _, first, links = np.unique((low * len(verts) + high)[good], return_index=True, return_inverse=True)
@@ -162,15 +165,17 @@ def _trace(
 def _lacks(
     verts: Verts, faces: Faces, k: PerVertex, points: Array, near: Ints, along: Array, height: Array, beside: float
 ) -> Array:
-    """Share (P,) that k lacks at both of the places ``beside`` points along circles of their own curvature, or a
-    quarter turn away if that is nearer; the least.
+    """Share (P,) by which k is less on both sides of each point; the smaller of the two.
 
-    ``near`` (P,) are vertices next to them, whose direction and normal are taken. There counts the nearest vertex whose
-    curvature is known.
+    The two places lie ``beside`` the point along a circle of its own curvature, or a quarter turn away if that is
+    nearer. ``near`` (P,) are vertices next to the points, which give direction and normal. At each place the nearest
+    vertex with a known curvature counts.
     """
     normal, known = vertex_normals(verts, faces), np.flatnonzero(np.isfinite(k))
     tree = cKDTree(verts[known])
-    turn = np.minimum(np.abs(beside) * height, 0.5 * np.pi)[:, None]  # of the circle; no farther than down the wall
+    turn = np.minimum(np.abs(beside) * height, 0.5 * np.pi)[
+        :, None
+    ]  # angle on the circle; no farther than down the wall
     down = np.sign(beside) * (np.cos(turn) - 1) / height[:, None] * normal[near]
     ways = [down + side * np.sin(turn) / height[:, None] * along[near] for side in (-1.0, 1.0)]
     there = np.max([k[known[tree.query(points + way)[1]]] for way in ways], axis=0)
@@ -178,9 +183,9 @@ def _lacks(
 
 
 def _falls(verts: Verts, faces: Faces, along: Array, flow: Array) -> tuple[Ints, Array, NDArray[np.bool_]]:
-    """Triangles (T,) in which extremality changes its sign, by how much it falls there along the direction (T,)
-    [1/length^3], and their sides (T, 3), from each corner to the next, on which it does: two of each."""
-    corner = along[faces]  # (M, 3, 3), turned the way of the first
+    """Triangles (T,) in which extremality changes sign, its fall (T,) [1/length^3] there along the direction, and the
+    sides (T, 3), from each corner to the next, on which it changes sign: two in each triangle."""
+    corner = along[faces]  # (M, 3, 3), with the sense of the first
     corner = np.where(np.sum(corner * corner[:, :1], axis=2) < 0, -1.0, 1.0)[:, :, None] * corner
     e = np.sum(flow[faces] * corner, axis=2)
     cut = (e < 0) != (np.roll(e, -1, axis=1) < 0)

@@ -1,4 +1,4 @@
-"""Principal curvatures and their directions, from a triangle mesh to one pair per vertex."""
+"""Principal curvatures and their directions at each vertex of a triangle mesh."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from morphofold.surface import Faces, PerVertex, Verts, check_mesh
 from morphofold.threads import BLOCKS
 
 EDGES = 3.0  # the default scale, in mean edges
-MANY = 128  # points that are fitted at most, evenly out of more: these take time and tell little
-ENOUGH = 14  # points wanted for the ten coefficients; with fewer the neighbourhood grows
+MANY = 128  # most points in a fit, taken evenly from more: further points cost time and add little
+ENOUGH = 14  # points needed for the ten coefficients; with fewer the neighbourhood grows
 FACING = 0.2  # cosine below which a neighbour's normal belongs to another wall
-GROWTH = 1.4  # of the radius where there are too few points, at most GROWINGS times
+GROWTH = 1.4  # factor on the radius where there are too few points, at most GROWINGS times
 GROWINGS = 5
 RANK = 1e-4  # smallest Cholesky pivot, relative to its diagonal, that counts as determined
 
 
 @dataclass(frozen=True, eq=False)
 class Curvature:
-    """Pointwise curvature of a surface at a stated scale; convex positive, [1/length] of the mesh.
+    """Curvature of a surface at each vertex at a given scale; positive where convex, [1/length] of the mesh.
 
-    ``k1 >= k2`` (N,), unit directions ``d1``, ``d2`` (N, 3) (sign arbitrary, right-handed with the outward normal
-    ``normals`` (N, 3) of the fitted surface), the extremalities ``e1``, ``e2`` (N,) [1/length^2], derivatives of k1
-    along d1 and of k2 along d2, whose sign turns with the direction's, and ``scale``, the radius of the neighbourhoods,
-    in the mesh's length unit. NaN where no face uses the vertex or no surface could be fitted.
+    ``k1 >= k2`` (N,); unit directions ``d1``, ``d2`` (N, 3), with arbitrary sign, right-handed with ``normals`` (N, 3),
+    the outward normals of the fitted surface; extremalities ``e1``, ``e2`` (N,) [1/length^2], the derivatives of k1
+    along d1 and of k2 along d2, whose sign follows that of the direction; ``scale``, the radius of the neighbourhoods
+    in the length unit of the mesh. NaN where no face uses the vertex or no surface could be fitted.
     """
 
     k1: PerVertex = field(repr=False)
@@ -75,44 +75,45 @@ def curvature(verts: Verts, faces: Faces, scale: float | None = None) -> Curvatu
     faces : (M, 3) int64
         Triangles, counter-clockwise seen from outside. Borders, several pieces and unused vertices are allowed.
     scale : float, optional
-        Radius of the neighbourhood [mm]. The bias grows with its square, the effect of noise falls with its
-        cube up to six mean edges and with its square beyond: for a surface with 1 % noise take 4 to 5 mean edges, 4.5
-        and more if its vertices lie at random, for a clean one 2.2 to 3. None: 3 mean edges.
+        Radius of the neighbourhood [mm]. The bias grows with its square. The effect of noise falls with its cube up to
+        six mean edges and with its square beyond. For a surface with 1 % noise use 4 to 5 mean edges, or at least 4.5
+        if its vertices lie at random; for a clean one 2.2 to 3. None: 3 mean edges.
 
     Returns
     -------
     Curvature
-        At ``scale``, which is reported. NaN at a vertex that no face uses, or where even the grown neighbourhood
-        does not determine a quadric: a few in ten thousand, crushed or folded over, on a FreeSurfer pial surface.
+        Curvature at ``scale``, which it contains. NaN at a vertex that no face uses, or where even the largest
+        neighbourhood does not determine a quadric. On a FreeSurfer pial surface these are a few vertices in ten
+        thousand, in crushed or folded places.
 
     Raises
     ------
     ValueError
-        If the arrays do not describe a triangle mesh; or scale is shorter than the mean edge, or longer than the
-        radius of a sphere of equal area (and than 3 mean edges).
+        If the arrays do not describe a triangle mesh; or if scale is shorter than the mean edge, or longer than both
+        the radius of a sphere of equal area and 3 mean edges.
 
     Notes
     -----
-    Around each vertex the mesh is walked along its edges as far as vertices lie within ``scale`` and face the same
-    way (normals less than 78 degrees apart), so that the opposite wall of a closed sulcus does not take part. Their
-    heights over the tangent plane are fitted by a cubic polynomial in the plane, with constant and linear terms,
-    hence not forced through the vertex nor into the frame; weights are ``(1 - d^2/scale^2) n.n_i``. At most
-    128 of them are taken, evenly in the order of the walk (so beyond that many, at some six edges, the result hangs a
-    little on how vertices are numbered). Curvatures and directions follow from the first and second fundamental form
-    of the fit at the vertex.
+    The neighbourhood of a vertex is found by walking along edges, over vertices within ``scale`` that face the same way
+    (normals less than 78 degrees apart). So the opposite wall of a closed sulcus is excluded. A cubic polynomial is
+    fitted to the heights over the tangent plane. It has constant and linear terms, so it is not forced through the
+    vertex or into the frame. The weights are ``(1 - d^2/scale^2) n.n_i``. At most 128 points are used, evenly in the
+    order of the walk; beyond that number, at about six edges, the result depends a little on the numbering of vertices.
+    Curvatures and directions follow from the first and second fundamental form of the fit at the vertex.
 
-    A point of height h is not put where it projects to, x, but farther out along the unit gradient g of the surface
-    there, by ``sqrt((g.x)^2 + h^2) - g.x`` (g turned so that ``g.x > 0``), so that the chord keeps its length across
-    the contours of height. This changes third order only, and makes heights on a sphere and on a circular cylinder
-    exactly quadratic: without it, folds narrower than ``scale`` come out too sharp. The gradient is that of
-    ``k1 u^2 + k2 v^2`` from a first fit, in whose normal and principal directions the second one stands; the first
-    moves points radially, exact on spheres, while a cylinder comes out as a dome. Of a torus with a tube of radius 2
-    at scale 3 the integral of the positive K over 4 pi is 0.97 (exact 1), 1.58 after the first fit. Second order in
-    ``scale``, also on irregular meshes; at a fixed scale a fold narrower than it is blunted.
+    A point of height h is not placed at its projection x. It is moved outwards along the unit gradient g of the surface
+    there by ``sqrt((g.x)^2 + h^2) - g.x`` (with the sign of g such that ``g.x > 0``). The chord then keeps its length
+    across the contours of height. This changes only the third order, and makes heights on a sphere and on a circular
+    cylinder exactly quadratic. Without it, folds narrower than ``scale`` come out too sharp. The gradient is that of
+    ``k1 u^2 + k2 v^2`` from a first fit, and the second fit uses the normal and principal directions of the first. The
+    first fit moves points radially, which is exact on spheres but turns a cylinder into a dome. For a torus with a tube
+    of radius 2 at scale 3, the integral of the positive K divided by 4 pi is 0.97 (exact 1); after the first fit it is
+    1.58. The method is of second order in ``scale``, also on irregular meshes. At a fixed scale, narrower folds come
+    out too blunt.
 
-    Where fewer than 14 points are found, or they do not determine a cubic, the radius grows, up to 5.4 times, and
-    then a quadric is tried. Local polynomial fits are due to [1]_; this one uses heights only, no normals of
-    neighbours, which would carry one order more of the noise.
+    Where fewer than 14 points are found, or they do not determine a cubic, the radius grows, up to 5.4 times, and then
+    a quadric is tried. Local polynomial fits are due to [1]_. This one uses heights only. Normals of neighbours would
+    carry one order more of the noise.
 
     References
     ----------
@@ -134,7 +135,7 @@ def curvature(verts: Verts, faces: Faces, scale: float | None = None) -> Curvatu
     check_scale(verts, faces, scale)
     ring = adjacency(len(verts), faces)
     normals = vertex_normals(verts, faces, "max")
-    lost = ~normals.any(axis=1)  # only triangles without area: borrow the neighbours' direction
+    lost = ~normals.any(axis=1)  # only triangles without area: use the neighbours' direction
     if lost.any():
         normals[lost] = unit(ring[lost] @ normals)
     k1, k2, d1, d2, fitted, e1, e2 = _fit(verts, normals, ring.indptr, ring.indices, float(scale))
@@ -142,26 +143,26 @@ def curvature(verts: Verts, faces: Faces, scale: float | None = None) -> Curvatu
 
 
 def largest_scale(verts: Verts, faces: Faces) -> float:
-    """Radius of a sphere of equal area, or 3 mean edges if that is more: a coarse mesh has nothing finer to offer."""
+    """Radius of a sphere of equal area, or 3 mean edges if that is more, as a coarse mesh needs."""
     return max(equal_area_radius(verts, faces), EDGES * mean_edge_length(verts, faces))
 
 
 def check_scale(verts: Verts, faces: Faces, scale: float) -> None:
-    """Raise ``OutOfRange`` for a radius of neighbourhoods that does not fit the mesh, as ``curvature`` says."""
+    """Raise ``OutOfRange`` if the radius ``scale`` does not fit the mesh, by the bounds of ``curvature``."""
     edge = mean_edge_length(verts, faces)
     if not (math.isfinite(scale) and scale > 0):
         raise OutOfRange(f"scale must be a positive length in the unit of the mesh, got {scale!r}.")
     size = equal_area_radius(verts, faces)
     if scale < edge:
         raise OutOfRange(
-            f"scale {scale:.4g} is less than the mean edge of the mesh, {edge:.4g}: no neighbourhood so small holds "
-            f"enough vertices. Pass {2.2 * edge:.4g} to {3 * edge:.4g}, or refine the mesh."
+            f"scale {scale:.4g} is less than the mean edge of the mesh, {edge:.4g}: so small a neighbourhood does not "
+            f"hold enough vertices. Pass {2.2 * edge:.4g} to {3 * edge:.4g}, or refine the mesh."
         )
     if scale > largest_scale(verts, faces):
         raise OutOfRange(
-            f"scale {scale:.4g} is more than the radius {size:.4g} of a sphere of the mesh's area; its mean edge is "
-            f"{edge:.4g}. Pass {2.2 * edge:.4g} to {max(size / 4, 3 * edge):.4g}. "
-            "Are scale and mesh in one unit of length?"
+            f"scale {scale:.4g} is more than the radius {size:.4g} of a sphere with the area of the mesh; the mean "
+            f"edge is {edge:.4g}. Pass {2.2 * edge:.4g} to {max(size / 4, 3 * edge):.4g}. Are scale and mesh in the "
+            "same unit of length?"
         )
 
 
@@ -198,7 +199,7 @@ def _fit(verts, normals, indptr, indices, scale):
             if order < 6:
                 continue
             _principal(i, b, radius, frame, k1, k2, d1, d2, out)
-            for k in range(3):  # once more, in the frame that was found
+            for k in range(3):  # again, in the frame of the first fit
                 frame[0, k], frame[1, k], frame[2, k] = d1[i, k], d2[i, k], out[i, k]
             _normal_equations(i, verts, normals, queue, count, radius, frame, k1[i], k2[i], A, b, m)
             order = _solve(A, b, order)
@@ -212,7 +213,7 @@ def _fit(verts, normals, indptr, indices, scale):
 
 @njit(cache=True)
 def _reach(i, verts, normals, indptr, indices, radius, seen, stamp, queue):
-    """Fill ``queue`` with vertices within ``radius`` that a path of such, facing like vertex i, joins to it."""
+    """Fill ``queue`` with vertices within ``radius`` that face like vertex i and connect to it through such ones."""
     x, y, z = verts[i, 0], verts[i, 1], verts[i, 2]
     nx, ny, nz = normals[i, 0], normals[i, 1], normals[i, 2]
     limit = radius * radius
@@ -240,7 +241,7 @@ def _reach(i, verts, normals, indptr, indices, radius, seen, stamp, queue):
 def _frame(normal, frame):
     """Rows: two tangents and the normal."""
     nx, ny, nz = normal[0], normal[1], normal[2]
-    # Cross with the axis that the normal is farthest from.
+    # Cross product with the axis farthest from the normal.
     if abs(nx) <= abs(ny) and abs(nx) <= abs(nz):
         tx, ty, tz = 0.0, nz, -ny
     elif abs(ny) <= abs(nz):
@@ -258,9 +259,9 @@ def _frame(normal, frame):
 
 @njit(cache=True)
 def _normal_equations(i, verts, normals, queue, count, radius, frame, bend_u, bend_v, A, b, m):
-    """Weighted least squares of the heights over the tangent plane by ten monomials, lengths in radii.
+    """Weighted least squares of the heights over the tangent plane with ten monomials, lengths in radii.
 
-    Points move out along the gradient of ``bend_u u^2 + bend_v v^2``; radially if the two are equal.
+    Points move outwards along the gradient of ``bend_u u^2 + bend_v v^2``; radially if the two are equal.
     """
     for r in range(10):
         b[r] = 0.0
@@ -354,7 +355,7 @@ def _principal(i, a, radius, frame, k1, k2, d1, d2, out):
 
 @njit(cache=True)
 def _extremality(a, radius, frame, along):
-    """Derivative, along a direction, of the curvature of the normal section of h(u, v) in it."""
+    """Derivative, along a direction, of the curvature of the normal section of h(u, v) in that direction."""
     u = along[0] * frame[0, 0] + along[1] * frame[0, 1] + along[2] * frame[0, 2]
     v = along[0] * frame[1, 0] + along[1] * frame[1, 1] + along[2] * frame[1, 2]
     flat = math.sqrt(u * u + v * v)

@@ -1,4 +1,4 @@
-"""What the measuring room says of one cortex: ``Measures``, its numbers by name, and what each follows from."""
+"""``Measures``, the result of the analysis of one cortex: names of the numbers, and what each depends on."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ SCALARS = (
     "volume_pial_mm3",
     "mean_cortical_thickness_area_weighted_mm",
 )
-#: what numbers follow from beside the surfaces, and that may differ between two cortices
+#: parameters that numbers depend on besides the surfaces, and that may differ between two cortices
 PARAMETERS = (
     "folding_scale_mm",
     "graph_width_mm",
@@ -55,7 +55,7 @@ PARAMETERS = (
     "annotation",
 )
 _NET = ("graph_width_mm", "cortex_mask", "accuracy")
-#: which of PARAMETERS a scalar follows from; one without an entry may follow from all of them
+#: which of PARAMETERS a scalar depends on; one without an entry may depend on all of them
 FOLLOWS_FROM: Mapping[str, tuple[str, ...]] = {
     **dict.fromkeys(
         (
@@ -97,12 +97,12 @@ FOLLOWS_FROM: Mapping[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True, eq=False)
 class Measures:
-    """What the measuring room says of one cortex.
+    """The result of the analysis of one cortex.
 
-    ``scalars`` holds every name of ``SCALARS`` (None where a value cannot be had; then ``notes`` says why
-    under the same name). ``maps`` are per-vertex arrays (N,), NaN where undefined, convex positive.
-    ``regions``, ``crests``, ``hinges`` and ``arms`` are tables: one dict per row. ``parameters`` are the
-    scales and options used. ``graph`` is the gyral graph; None for measures read from a folder of an older version.
+    ``scalars`` holds every name of ``SCALARS``. A value that cannot be computed is None, and ``notes`` gives the reason
+    under the same name. ``maps`` are per-vertex arrays (N,), NaN where undefined, positive where convex. ``regions``,
+    ``crests``, ``hinges`` and ``arms`` are tables with one dict per row. ``parameters`` are the scales and options
+    used. ``graph`` is the gyral graph; None for measures read from a folder of an older version.
     """
 
     cortex: Cortex

@@ -29,10 +29,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 CURVATURE_SCALE = 3.0  # [mm], unless the mesh is too coarse for it
-COARSE = 2.5  # mean edges that the curvature scale has at least
-SMOOTHED = 1.5  # mean edges over which the folding indices are smoothed at least
-BROAD = 0.1  # of the radius of the sphere of equal area, above which the curvature scale is remarked on
-CROSSED = 0.01  # of white's triangles, above which the net is taken midway to pial; a person's: 0.00003
+COARSE = 2.5  # least curvature scale in mean edges
+SMOOTHED = 1.5  # least smoothing of the folding indices in mean edges
+BROAD = 0.1  # of the radius of the sphere of equal area, above which the curvature scale gives a note
+CROSSED = 0.01  # share of crossed triangles of white, above which the net is taken midway to pial; a person has 0.00003
 
 
 def measure(
@@ -46,64 +46,65 @@ def measure(
     repair: bool = True,
     progress: Progress | None = None,
 ) -> Measures:
-    """Everything the measuring room says of one cortex, by the same code whatever its origin.
+    """All measures of one cortex, by the same code for simulated and real surfaces.
 
     Parameters
     ----------
     cortex : Cortex
-        White and pial surface [mm]; its mask, regions and maps are used where it has them.
+        White and pial surface [mm]. Its mask, regions and maps are used where it has them.
     curvature_scale : float, optional
-        Radius of the neighbourhoods of curvature, and of smoothing for the folding indices [mm]. None: 3, but at least
-        2.5 mean edges of either surface, and 1.5 for the indices. Pass one number to compare surfaces of different
-        resolution.
+        Radius of the neighbourhoods for curvature, and smoothing length for the folding indices [mm]. None: 3, but at
+        least 2.5 mean edges of either surface, and at least 1.5 for the indices. Pass one number to compare surfaces of
+        different resolution.
     gyral : mapping, optional
         Options for :func:`morphofold.analysis.gyral_thickness`.
     gyral_width : float, optional
         For :func:`morphofold.analysis.gyral_graph` [mm]; None: measured.
     thickness_cap : float, optional
-        Upper bound [mm] of each distance that cortical thickness is made of; FreeSurfer's is 5. None: none, whatever
-        the origin, as a cap is a length of adult human cortex.
+        Upper bound [mm] of each distance from which cortical thickness is computed; FreeSurfer's is 5. None: no bound,
+        for any surface, because a cap is a length of adult human cortex.
     accuracy : {"draft", "standard", "fine"}
-        ``"draft"``: cortical and gyral thickness and the gyral net are of a copy of the surfaces that is thinned to
-        50,000 vertices, if they have more; maps are carried back. ``"fine"``: of one whose triangles are cut in four,
-        if they have less than 40,000. Voxels of local gyrification are 2.5, 1.25 or 0.75 mm. Curvature, areas
-        and depth are the same in all (see docs/accuracy.md).
+        ``"draft"``: surfaces with more than 50,000 vertices are thinned to that number before cortical and gyral
+        thickness and the gyral net are measured; maps are carried back to all vertices. ``"fine"``: if they have fewer
+        than 40,000 vertices, each triangle is split into four. Voxels of local gyrification are 2.5, 1.25 or 0.75 mm.
+        Curvature, areas and depth are the same in all three (see docs/accuracy.md).
     repair : bool
-        Whether to mend flipped triangles, pinched edges, torn seams and the like before measuring, as note ``repair``
-        and numbers ``repaired_...`` among the parameters then say; else they are refused.
+        Whether to repair flipped triangles, pinched edges, torn seams and similar defects before measuring. The note
+        ``repair`` and the parameters ``repaired_...`` record it. If False, such surfaces are refused.
     progress : callable, optional
-        Told the share of steps done, 0 to 1, and the step that begins.
+        Called with the share of steps done, 0 to 1, and the name of the step that begins.
 
     Returns
     -------
     Measures
         Maps ``H K k1 k2 shape_index curvedness`` (pial, convex positive), ``sulcal_depth`` (pial), ``area`` (white),
-        ``cortical_thickness``, ``gyral_thickness``; and ``thickness_file`` if the cortex came with a thickness, NaN
-        where that is 0, too.
-        Maps are NaN outside the cortex mask, ``area`` excepted. ``notes`` says how each scalar is defined where its
-        name does not, and why it is None where it is; and, under ``repair`` (what was mended), ``mesh`` (unused
-        vertices, pieces, borders), ``crossing`` (white outside pial), ``pair`` (so much that the two are hardly of one
-        cortex), ``self_crossing``, ``thickness_file`` (gaps in it), ``thickness_unlike`` (it is not that of the
-        surfaces), ``thickness_cap``, ``curvature_scale``, ``gyral_width``, ``size``, ``side``, ``cortex_mask``,
-        ``cortex_label``, ``parcellation`` and ``simulation``, what to know of the input before believing the numbers.
+        ``cortical_thickness``, ``gyral_thickness``; and ``thickness_file`` if the cortex came with a thickness, also
+        NaN where that is 0. All maps but ``area`` are NaN outside the cortex mask.
+
+        ``notes`` gives the definition of each scalar whose name is not enough, and the reason where a scalar is None.
+        It also holds warnings on the input: ``repair`` (what was repaired), ``mesh`` (unused vertices, pieces,
+        borders), ``crossing`` (white outside pial), ``pair`` (so much of it that the two are hardly of one cortex),
+        ``self_crossing``, ``thickness_file`` (gaps in it), ``thickness_unlike`` (it does not match the surfaces),
+        ``thickness_cap``, ``curvature_scale``, ``gyral_width``, ``size``, ``side``, ``cortex_mask``,
+        ``cortex_label``, ``parcellation`` and ``simulation``.
 
     Raises
     ------
     ValueError
-        If ``accuracy`` is none of the three; an edge has more than two triangles, triangles are flipped or torn apart,
-        a closed surface or a piece of it is inside out, and that is not or cannot be repaired; white encloses more than
-        pial, lies outside it on most of an open piece, or all but coincides with it, the two are of two cortices, the
-        cortex label is next to empty, no vertex is cortex, the surfaces lie in a plane, or ``curvature_scale`` does not
-        fit the mesh.
+        If ``accuracy`` is none of the three. If a defect is not or cannot be repaired: an edge has more than two
+        triangles, triangles are flipped or torn apart, or a closed surface or a piece of it is inside out. If white
+        encloses more than pial, lies outside it on most of an open piece, or coincides with it up to rounding. If the
+        two are of different cortices, the cortex label holds less than 1 % of the vertices, no vertex is cortex, the
+        surfaces lie in a plane, or ``curvature_scale`` does not fit the mesh.
 
     Notes
     -----
-    Cortex is what the first of these says that can: the cortex label; a parcellation (all regions but ``unknown``,
-    ``corpuscallosum`` and the like); the thickness that came with the surfaces, which is 0 on the medial wall; or their
-    geometry: large connected patches where white and pial nearly meet are no cortex (a simulated body has none).
-    Vertices where white and pial coincide never are. Areas, Euler characteristic, gyrification and folding
-    indices are of the whole surfaces, as FreeSurfer's are; means and maps are of the cortex. A surface with a border,
-    or of several pieces, has no gyrification index.
+    The cortex is defined by the first of these that is available: the cortex label; a parcellation (all regions but
+    ``unknown``, ``corpuscallosum`` and similar names); the thickness that came with the surfaces, which is 0 on the
+    medial wall; or the geometry, where large connected patches in which white and pial nearly meet are not cortex (a
+    simulated body has none). Vertices where white and pial coincide are never cortex. Areas, Euler characteristic,
+    gyrification and folding indices are of the whole surfaces, as in FreeSurfer; means and maps are of the cortex. A
+    surface with a border, or of several pieces, has no gyrification index.
     """
     check_kind(cortex, Cortex, "measure: cortex")
     progress = progress or silent
@@ -127,7 +128,7 @@ def measure(
 
 
 class _Measuring:
-    """One cortex on its way through the measures: its maps, numbers and notes so far, a method for each step."""
+    """The measurement of one cortex: its maps, numbers and notes so far, with a method for each step."""
 
     def __init__(self, accuracy: str):
         self.accuracy, self._chosen = accuracy, resampling.accuracy_of(accuracy)
@@ -136,12 +137,12 @@ class _Measuring:
         self.notes: dict[str, str] = {}
 
     def _put(self, name: str, values: PerVertex) -> PerVertex:
-        """Keep a map, NaN off the cortex."""
+        """Store a map, NaN outside the cortex."""
         self.maps[name] = np.where(self.mask, values, np.nan)
         return self.maps[name]
 
     def begin(self, given: Cortex, repair: bool) -> None:
-        """Mend the surfaces and look at them as they are: mask, areas, volumes, and the maps of surfaces alone."""
+        """Repair and check the surfaces; mask, areas, volumes, and the maps that need the surfaces alone."""
         self.mended = mending.measurable(given, repair=repair)
         self.cortex = cortex = self.mended.cortex
         self.mask = mask = checks.cortex_mask(cortex)
@@ -190,7 +191,7 @@ class _Measuring:
         self.notes |= notes.of_thickness(cap, "thickness" in cortex.maps)
 
     def curvature(self, wanted: float | None) -> None:
-        """Of pial, and the folding indices of white."""
+        """Curvature of pial, and the folding indices of white."""
         cortex = self.cortex
         scale, remark = scale_of_curvature(cortex, wanted)
         bent = curvature(cortex.pial.verts, cortex.faces, scale)
@@ -226,7 +227,7 @@ class _Measuring:
         self.notes |= notes.of_accuracy(self.accuracy, self.cortex.n_vertices, self.copy.cortex.n_vertices)
 
     def measures(self, cap: float | None) -> Measures:
-        """All of it, with the tables of regions, crests and hinges, for the vertices that were given."""
+        """All results, with the tables of regions, crests and hinges, at the vertices that were given."""
         rows = regions.region_table(self.cortex, self.maps, self.across, self.graph)
         tables = gyral_tables(self.cortex, self.graph, self.maps)
         fitted, why = through_regions(rows)
@@ -262,7 +263,7 @@ def _parameters(
     across: GyralThickness,
     graph: nx.MultiGraph,
 ) -> dict[str, Any]:
-    """Scales and options that the numbers depend on."""
+    """Scales and options on which the numbers depend."""
     scales = graph.graph["scales"]
     return {
         "curvature_scale_mm": scales_of[0],
@@ -280,12 +281,12 @@ def _parameters(
 
 
 def scale_of_curvature(cortex: Cortex, wanted: float | None = None) -> tuple[float, str]:
-    """The scale of curvature [mm], and what to remark on it or the unit of length; empty if nothing.
+    """The curvature scale [mm], and a note on it or on the unit of length; empty if there is nothing to note.
 
     Raises
     ------
     ValueError
-        If it does not fit the mesh.
+        If the scale does not fit the mesh.
     """
     surfaces = (cortex.white, cortex.pial)
     edge = max(geometry.mean_edge_length(s.verts, cortex.faces) for s in surfaces)
@@ -295,29 +296,30 @@ def scale_of_curvature(cortex: Cortex, wanted: float | None = None) -> tuple[flo
     scale = min(max(usual, COARSE * edge), most) if wanted is None else float(wanted)
     for surface in surfaces:
         check_scale(surface.verts, cortex.faces, scale)
-    say = f"curvature is taken within {scale:.3g}, mean edge {edge:.3g}, radius of the sphere of equal area {size:.3g}."
+    say = (
+        f"curvature is fitted within {scale:.3g}, mean edge {edge:.3g}, radius of the sphere of equal area {size:.3g}."
+    )
     if cortex.units != "mm":
-        return scale, f"Lengths are in {cortex.units!r}, not mm, whatever the names of the measures say; {say}"
+        return scale, f"Lengths are in {cortex.units!r}, not in mm as the names of the measures suggest; {say}"
     if wanted is None and (CURVATURE_SCALE > BROAD * size or COARSE * edge > 10 * CURVATURE_SCALE):
         return scale, f"The coordinates do not look like millimetres of a human brain; {say}"
     return scale, ""
 
 
 def scale_of_folding(cortex: Cortex, scale: float) -> float:
-    """The scale of the folding indices [mm]: 3, where the scale of curvature has to be more 1.5 mean edges of white."""
+    """Scale of the folding indices [mm]: 3, or 1.5 mean edges of white if that is more; at most the curvature scale."""
     verts, faces = cortex.white.verts, cortex.faces
     size = geometry.equal_area_radius(verts, faces)
     return min(scale, max(_usual_scale(size), SMOOTHED * geometry.mean_edge_length(verts, faces)))
 
 
 def _usual_scale(size: float) -> float:
-    """The scale of curvature of a body whose sphere of equal area has the radius ``size``; 0 where only the mesh can
-    say what is fine."""
+    """Curvature scale of a body with the equal-area radius ``size``; 0 where it can only follow from the mesh."""
     return CURVATURE_SCALE if CURVATURE_SCALE < size / 2 else 0.0
 
 
 def _local_gyrification(cortex: Cortex, closed: bool, pieces: int, voxels: float) -> tuple[PerVertex | None, str]:
-    """The index (N,) of so many voxels in the radius of the closing, or why there is none."""
+    """The index (N,) with ``voxels`` voxels in the radius of the closing, or the reason why there is none."""
     pial = cortex.pial
     if not closed or pieces != 1:
         return None, "the pial surface is not one closed piece"
@@ -325,7 +327,7 @@ def _local_gyrification(cortex: Cortex, closed: bool, pieces: int, voxels: float
         return None, f"lengths are in {cortex.units!r}, not mm"
     radius = geometry.equal_area_radius(pial.verts, pial.faces)
     if not 1 <= radius / CLOSING <= 20:
-        return None, f"a sphere of its area has a radius of {radius:.3g}: not for a ball of {CLOSING:g} mm"
+        return None, f"a sphere of its area has a radius of {radius:.3g}, which does not suit a ball of {CLOSING:g} mm"
     return local_gyrification_index(pial.verts, pial.faces, voxel=CLOSING / voxels), ""
 
 
@@ -338,7 +340,7 @@ def _mean(values: PerVertex, weights: PerVertex | None = None) -> float | None:
 
 
 def _slope_numbers(fitted: Line | None) -> list[float | None]:
-    """Of the scalars in ``SLOPES``; bounds are missing where there are too few regions for them."""
+    """Values of the scalars in ``SLOPES``; the bounds are None where there are too few regions for them."""
     if fitted is None:
         return [None] * len(SLOPES)
     return [_number(value) for value in (fitted.slope, fitted.r, fitted.robust, fitted.low, fitted.high)]

@@ -1,4 +1,4 @@
-"""Region tables: from a labelled cortex and its maps to one row per region, and from those to one row per subject."""
+"""Region tables: one row per region of a labelled cortex, and from those one row per subject."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ COLUMNS = (
     "gray_volume_mm3",
     "mean_H_per_mm",
 )
-#: columns that mean what FreeSurfer's ``aparcstats2table --meas`` of these names gives
+#: columns that have the meaning of FreeSurfer's ``aparcstats2table --meas`` with these names
 FREESURFER = {
     "area_mm2": "area",
     "gray_volume_mm3": "volume",
@@ -57,31 +57,32 @@ def region_table(
     cortex : Cortex
         With ``regions``; without them the table is empty.
     maps : mapping of str to (N,) float64
-        ``area`` [mm^2], by default measured on the white surface; ``cortical_thickness`` and ``gyral_thickness``
-        [mm], NaN where undefined; ``thickness_file`` [mm], what a file says; ``H`` [1/mm] of pial and
-        ``local_gyrification_index``. What is missing leaves its column None.
+        ``area`` [mm^2], by default that of the white surface; ``cortical_thickness`` and ``gyral_thickness`` [mm], NaN
+        where undefined; ``thickness_file`` [mm], from a file; ``H`` [1/mm] of pial and ``local_gyrification_index``. If
+        a map is missing, its column is None.
     gyral : GyralThickness, optional
-        Gives the regions' gyral thickness from its samples, weighted by contour length, in place of the map.
+        Gives the gyral thickness of regions from its samples, weighted by contour length, instead of from the map.
     graph : networkx.MultiGraph, optional
-        Gyral graph, for the hinges in a region and the length of crests there.
+        Gyral graph, for the number of hinges and the length of crests in a region.
 
     Returns
     -------
     list of dict
-        With the keys of ``COLUMNS``. ``n_vertices`` counts every vertex of the label and ``area_mm2`` sums their
-        white areas; ``cortical_thickness_mm`` and ``_sd_mm`` are the plain mean and standard deviation (over n,
-        not n - 1) over its vertices that have a thickness, not weighted by area, all as ``mris_anatomical_stats``
-        makes them; ``gyral_thickness_mm`` is the median, of ``gyral``'s samples only where their contour
-        (``gyral_contour_mm``) is at least two gyral widths long: less is a single fold; ``thickness_file_mm`` the mean
-        of what the file says; ``gray_volume_mm3`` sums :func:`gray_volumes` over its vertices in the cortex label;
-        ``mean_H_per_mm`` is the mean of H over pial area, convex positive, *not* FreeSurfer's MeanCurv, which is of
-        absolute values on white; ``gyrification_index`` that of the local index. None where there is nothing to
-        average. Vertices without a region, and labels such as ``unknown`` and ``corpuscallosum``, make no row.
+        With the keys of ``COLUMNS``. ``n_vertices`` counts every vertex of the label, and ``area_mm2`` sums their
+        white areas. ``cortical_thickness_mm`` and ``_sd_mm`` are the mean and standard deviation (over n, not n - 1)
+        of the vertices that have a thickness, not weighted by area. All these are computed as in
+        ``mris_anatomical_stats``. ``gyral_thickness_mm`` is the median. With ``gyral`` it is given only where the
+        contour of the samples (``gyral_contour_mm``) is at least two gyral widths long: less is a single fold.
+        ``thickness_file_mm`` is the mean of the thickness from the file. ``gray_volume_mm3`` sums :func:`gray_volumes`
+        over the vertices in the cortex label. ``mean_H_per_mm`` is the mean of H over pial area, convex positive. It
+        is *not* FreeSurfer's MeanCurv, which is the mean of absolute values on white. ``gyrification_index`` is the
+        mean of the local index over pial area. A value is None where there is nothing to average. Vertices without a
+        region, and labels such as ``unknown`` and ``corpuscallosum``, have no row.
 
     Raises
     ------
     WrongShape
-        If a map has another length than the surfaces.
+        If the length of a map differs from that of the surfaces.
     """
     check_kind(cortex, Cortex, "region_table: cortex")
     for name, values in maps.items():
@@ -126,14 +127,15 @@ def region_table(
 
 
 def gray_volumes(cortex: Cortex) -> PerVertex:
-    """Gray matter of each vertex (N,) [mm^3]: a third of what lies between each of its triangles on white and on pial.
+    """Gray matter of each vertex (N,) [mm^3]: a third of the volume between its triangles on white and on pial.
 
     Notes
     -----
-    FreeSurfer's, since version 6 (``MRISvolumeTH3``, after Winkler and others 2018 [1]_): each truncated wedge is split
-    into three tetrahedra that share a pial corner, whose absolute volumes are summed. The sides of a wedge are
-    not flat, so that sums differ a little from the volume between the surfaces, and with the corner that a file has
-    triangles begin at: by 0.1 % on fsaverage5, by 1 % in single regions. Between concentric spheres they are exact.
+    The definition is FreeSurfer's since version 6 (``MRISvolumeTH3``, after Winkler and others 2018 [1]_): each
+    truncated wedge is split into three tetrahedra that share a pial corner, and their absolute volumes are summed. The
+    sides of a wedge are not flat. Sums therefore differ a little from the volume between the surfaces, and depend on
+    the corner at which the triangles of a file begin: by 0.1 % on fsaverage5, and by 1 % in single regions. Between
+    concentric spheres they are exact.
 
     References
     ----------
@@ -150,18 +152,18 @@ def gray_volumes(cortex: Cortex) -> PerVertex:
 
 
 def wide_table(subjects: Mapping[str, Iterable[Mapping[str, Any]]]) -> list[dict[str, Any]]:
-    """One row per subject, one column per region and measure, as ``aparcstats2table`` makes it.
+    """One row per subject, one column per region and measure, as in ``aparcstats2table``.
 
     Parameters
     ----------
     subjects : mapping of str to rows
-        Rows of ``region_table``, of one hemisphere or both, by the subject's name.
+        Rows of ``region_table`` of one hemisphere or both, by the name of the subject.
 
     Returns
     -------
     list of dict
-        ``subject``, then ``lh_bankssts_area`` and so on: FreeSurfer's word for a measure where ``FREESURFER`` has one,
-        else the column's own name. Every row has all columns; a region that a subject lacks is None there.
+        ``subject``, then ``lh_bankssts_area`` and so on: FreeSurfer's name of a measure where ``FREESURFER`` has one,
+        else the name of the column. Every row has all columns; values of a region that a subject lacks are None.
     """
     rows = [
         {"subject": name}

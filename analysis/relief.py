@@ -1,4 +1,4 @@
-"""Relief of a folded surface: how high each vertex stands above a smoothed copy, and where in its fold it lies."""
+"""Relief of a folded surface: height of each vertex above the smoothed surface, and its position within the fold."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from morphofold.analysis.conjugate_gradients import solve
 from morphofold.errors import OutOfRange
 from morphofold.surface import Faces, PerVertex, Verts
 
-DETOUR = 2 * 3**0.5 / np.pi  # length of edge paths over the straight way, mean over directions in a triangle grid
-COT_CLIP = (0.0, 3.0)  # on an individual's pial surface one cotangent in eight is negative and the largest is 1200
+DETOUR = 2 * 3**0.5 / np.pi  # length of edge paths over straight distance, mean over directions in a triangle grid
+COT_CLIP = (0.0, 3.0)  # on the pial surface of a person one cotangent in eight is negative and the largest is 1200
 
 
 @dataclass(frozen=True, eq=False)
 class Relief:
-    """Folds of a surface relative to a smoothed copy of itself.
+    """Folds of a surface relative to the smoothed surface.
 
-    ``height`` (N,) [mm], positive outward (FreeSurfer's ``sulc`` is about its negative); ``vertical`` (N, 3) unit
-    outward direction of the smoothed copy; ``amplitude`` (N,) [mm], the largest minus the smallest height within
-    ``window``; ``phase`` (N,), 0 on the crown and 1 at the fundus, NaN where the amplitude is 0. ``scale`` and
+    ``height`` (N,) [mm], positive outward (FreeSurfer's ``sulc`` is about its negative); ``vertical`` (N, 3), the unit
+    outward direction of the smoothed surface; ``amplitude`` (N,) [mm], the largest minus the smallest height within
+    ``window``; ``phase`` (N,), 0 on the crown and 1 at the fundus, NaN where the amplitude is 0; ``scale`` and
     ``window`` [mm].
     """
 
@@ -42,16 +42,16 @@ def relief(verts: Verts, faces: Faces, scale: float, window: float | None = None
     Parameters
     ----------
     verts, faces : (N, 3) float64, (M, 3) int64
-        Closed surface or one with natural boundary [mm].
+        Closed surface, or one with a natural border [mm].
     scale : float
         Smoothing length [mm]; 10 for an adult human brain.
     window : float, optional
-        Radius along the surface in which crown and fundus are looked for [mm]; None: 1.5 scale.
+        Radius along the surface within which crown and fundus are found [mm]; None: 1.5 scale.
 
     Notes
     -----
-    With x' the result of :func:`implicit_smoothing`, twice, and u its vertex normals, ``height = (x - x') . u`` and
-    ``phase = (highest - height) / (highest - lowest)``.
+    With x' the result of two rounds of :func:`implicit_smoothing`, and u its vertex normals,
+    ``height = (x - x') . u`` and ``phase = (highest - height) / (highest - lowest)``.
     """
     window = 1.5 * scale if window is None else window
     smooth = implicit_smoothing(verts, faces, scale, rounds=2)
@@ -66,17 +66,17 @@ def relief(verts: Verts, faces: Faces, scale: float, window: float | None = None
 def implicit_smoothing(verts: Verts, faces: Faces, scale: float, *, rounds: int = 2, rtol: float = 1e-3) -> Verts:
     """Solve ``(M + scale^2 L) x' = M x`` ``rounds`` times: features much shorter than ``scale`` [mm] vanish.
 
-    M are the vertex areas and L the cotangent Laplacian, cotangents clipped to [0, 3], both of the *given* surface.
-    A sphere of radius r shrinks by ``1 / (1 + 2 (scale / r)^2)`` a round. Conjugate gradients, Jacobi
-    preconditioner, from x; ``rtol`` is relative to the first residual, so the place and size of the surface do not
-    matter. (N, 3).
+    M are the vertex areas and L the cotangent Laplacian with cotangents clipped to [0, 3], both of the *given* surface.
+    A sphere of radius r shrinks by ``1 / (1 + 2 (scale / r)^2)`` in each round. The solver is conjugate gradients with
+    Jacobi preconditioner, started from x. ``rtol`` is relative to the first residual, so the position and size of the
+    surface do not matter. Returns (N, 3).
 
     Raises
     ------
     OutOfRange
         If scale is not a positive length.
     RuntimeError
-        If the iteration stalls; the mesh is then too irregular.
+        If the iteration does not converge. The mesh is then too irregular.
     """
     if not (scale > 0 and np.isfinite(scale)):
         raise OutOfRange(f"scale must be a positive length, got {scale!r}.")
@@ -84,7 +84,7 @@ def implicit_smoothing(verts: Verts, faces: Faces, scale: float, *, rounds: int 
 
 
 def diffused(verts: Verts, faces: Faces, values: NDArray[np.float64], scale: float) -> NDArray[np.float64]:
-    """Three fields (N, 3) on the surface, smoothed once over ``scale`` [mm] as :func:`implicit_smoothing` does."""
+    """Three fields (N, 3) on the surface, smoothed once over ``scale`` [mm] as in :func:`implicit_smoothing`."""
     return _diffused(verts, faces, values, scale, 1, 1e-3)
 
 
@@ -101,9 +101,10 @@ def _diffused(
 
 
 def windowed_range(verts: Verts, faces: Faces, values: PerVertex, radius: float) -> tuple[PerVertex, PerVertex]:
-    """Grey erosion and dilation: the least and the largest value within ``radius`` [mm] along the surface, (N,) each.
+    """The least and the largest value within ``radius`` [mm] along the surface, (N,) each: grey erosion and dilation.
 
-    The distance is the shortest path along edges over 1.10, the mean detour of such paths on equilateral triangles.
+    The distance is the shortest path along edges divided by 1.10, the mean detour of such paths on equilateral
+    triangles.
     """
     graph = geometry.edge_graph(verts, faces)
     both = np.stack([-values, values])
@@ -122,9 +123,9 @@ def _windowed_maxima(indptr, indices, lengths, fields, orders, radius):
 
 @njit(cache=True)
 def _windowed_maximum(indptr, indices, lengths, values, order, radius):
-    # Highest source first: what reaches a vertex first is its maximum. A later source need not pass a vertex that an
-    # earlier one reached by a way no longer, for it would bring nothing new beyond. All reached: done.
-    # Ways are shortened until none can be (a queue, not a heap: a third of the whole time less).
+    # Highest source first: the first source to reach a vertex gives its maximum. A later source need not go beyond a
+    # vertex that an earlier one reached by a path that is not longer. It ends when all vertices are reached.
+    # Paths are shortened until none can be (a queue, not a heap: it saves a third of the total time).
     n = len(values)
     result, near = np.empty(n), np.full(n, np.inf)
     queue, queued = np.empty(n, np.int64), np.zeros(n, np.bool_)

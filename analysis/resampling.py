@@ -1,6 +1,6 @@
-"""What ``accuracy`` changes: the mesh on which thicknesses and the gyral net are measured, and a voxel.
+"""Effects of ``accuracy``: the mesh on which thicknesses and the gyral net are measured, and a voxel size.
 
-A copy of a cortex is thinned (draft) or split (fine), white and pial alike, and what is measured on it is carried back.
+White and pial are thinned (draft) or split (fine) in the same way, and the results are carried back.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Preset:
-    """One setting of the measuring room.
+    """One setting of the accuracy of the analysis.
 
     Attributes
     ----------
     most, least : int
-        Vertices of a hemisphere to which its copy is thinned if it has more, and below which triangles are cut in four
-        (once: twice brings nothing more); 0: never.
+        Number of vertices to which a hemisphere is thinned if it has more, and below which each triangle is split into
+        four (once: twice gives no further gain); 0: never.
     voxels : float
-        Of local gyrification, in the radius of its closing.
+        Voxels of local gyrification per radius of its closing.
     """
 
     most: int
@@ -43,12 +43,12 @@ class Preset:
     voxels: float
 
 
-#: docs/accuracy.md has their errors and times, and where they are on the fronts of both
+#: docs/accuracy.md has their errors and times, and their place on the fronts of error against time
 PRESETS = {"draft": Preset(50_000, 0, 6.0), "standard": Preset(0, 0, 12.0), "fine": Preset(0, 40_000, 20.0)}
 
 
 def accuracy_of(name: str) -> Preset:
-    """Raises ``UnknownName`` for a name that is none of ``PRESETS``."""
+    """The preset of that name; raises ``UnknownName`` for a name that is not in ``PRESETS``."""
     if name not in PRESETS:
         raise UnknownName(f"accuracy must be one of {', '.join(PRESETS)}, got {name!r}.")
     return PRESETS[name]
@@ -56,18 +56,18 @@ def accuracy_of(name: str) -> Preset:
 
 @dataclass(frozen=True, eq=False)
 class Resampled:
-    """The cortex that thicknesses and the net are measured on, and where its parts lie in the original.
+    """The cortex on which thicknesses and the net are measured, and how its parts correspond to the original.
 
     Attributes
     ----------
     of, cortex : Cortex
-        The original, of N vertices, and the copy, of n.
+        The original with N vertices, and the resampled cortex with n.
     place : (N,) int64
-        Vertex of the copy that each of the original became; -1 where no face used it.
+        Resampled vertex of each original vertex; -1 where no face used it.
     source : (n,) int64
-        Vertex of the original that each of the copy stands for.
+        Original vertex of each resampled vertex.
     triangle : (m,) int64
-        Triangle of the original beside each of the copy.
+        Original triangle next to each resampled triangle.
     """
 
     of: Cortex
@@ -85,7 +85,7 @@ class Resampled:
         return self._back(cortical_thickness(self.cortex.white, self.cortex.pial, **options))
 
     def gyral_thickness(self, **options: Any) -> GyralThickness:
-        """As :func:`morphofold.analysis.gyral_thickness`; ``triangle``, maps and relief are of the original."""
+        """As :func:`morphofold.analysis.gyral_thickness`; ``triangle``, maps and relief refer to the original."""
         if self.changed and options.get("mask") is not None:
             options["mask"] = np.asarray(options["mask"])[self.source]
         found = gyral_thickness(self.cortex, **options)
@@ -102,10 +102,10 @@ class Resampled:
         return replace(found, triangle=self.triangle[found.triangle], per_vertex=back(found.per_vertex), relief=there)
 
     def gyral_graph(self, width: float | None, *, midway: bool = False) -> nx.MultiGraph:
-        """As :func:`morphofold.analysis.gyral_graph`, its places and vertices on the original's white surface.
+        """As :func:`morphofold.analysis.gyral_graph`, with positions and vertices on the original white surface.
 
-        ``midway``: of the surface half way between white and pial, and there. Where white crosses itself, its crowns
-        are gone, and spikes in their place set the width.
+        ``midway``: use the surface midway between white and pial instead. Where white intersects itself, its crowns are
+        lost, and spikes in their place would set the width.
         """
         graph = gyral_graph(_midway(self.cortex) if midway else self.cortex, width=width)
         if self.changed:
@@ -123,7 +123,7 @@ class Resampled:
 
 
 def resampled(cortex: Cortex, accuracy: Preset) -> Resampled:
-    """The cortex thinned or split as ``accuracy`` says; itself where it has vertices enough and not too many."""
+    """The cortex thinned or split according to ``accuracy``; unchanged if its number of vertices is within bounds."""
     n = len(np.unique(cortex.faces))
     if accuracy.most and n > accuracy.most:
         return _thinned(cortex, accuracy.most / n)
@@ -133,7 +133,7 @@ def resampled(cortex: Cortex, accuracy: Preset) -> Resampled:
 
 
 def parameters(name: str, copy: Resampled) -> dict[str, Any]:
-    """What to record of an accuracy by its name, and of the copy that it led to."""
+    """Parameters to record: the name of the accuracy, and the size of the resampled cortex ``copy``."""
     from morphofold.analysis.gyrification.local_gyrification import CLOSING
 
     return {
@@ -144,10 +144,10 @@ def parameters(name: str, copy: Resampled) -> dict[str, Any]:
 
 
 def _thinned(cortex: Cortex, keep: float) -> Resampled:
-    """A share of the vertices, by quadric errors of the surface midway, the same edges collapsed on white and pial.
+    """The cortex with a share ``keep`` of its vertices, thinned by quadric errors of the surface midway.
 
-    Collapses may pinch the surface at a few places, so that it is no longer closed there: what is measured on the copy
-    does not ask for that.
+    The same edges are collapsed on white and pial. Collapses may pinch the surface at a few places, so it is no longer
+    closed there. The measures on this surface do not need it to be closed.
     """
     from fast_simplification import replay_simplification, simplify
 
@@ -167,7 +167,7 @@ def _thinned(cortex: Cortex, keep: float) -> Resampled:
 
 
 def _split(same: Resampled) -> Resampled:
-    """Every triangle cut in four, in the surface as it is; the original's vertices come first."""
+    """Every triangle split into four flat ones; the original vertices come first."""
     cortex, faces = same.of, same.of.faces
     source = np.concatenate([same.source, geometry.edges(faces)[:, 0]])
     (white, finer), (pial, _) = (geometry.split(surface.verts, faces) for surface in (cortex.white, cortex.pial))
@@ -176,14 +176,14 @@ def _split(same: Resampled) -> Resampled:
 
 
 def _midway(cortex: Cortex) -> Cortex:
-    """The cortex with the surface half way to pial in place of white."""
+    """The cortex with the surface midway to pial in place of white."""
     white, pial = cortex.white, cortex.pial
-    name = f"half way from {white.name} to {pial.name}"
+    name = f"the surface midway between {white.name} and {pial.name}"
     return replace(cortex, white=Surface((white.verts + pial.verts) / 2, cortex.faces, name))
 
 
 def _on(cortex: Cortex, white: NDArray[Any], pial: NDArray[Any], faces: Faces, source: Ints) -> Cortex:
-    """The cortex with other surfaces and the mask of its own."""
+    """The cortex with other surfaces and its own mask."""
     return replace(
         cortex,
         white=Surface(white, faces, cortex.white.name),

@@ -1,8 +1,8 @@
-"""What is refused, by kind: each has a code that stays, its cause and its cure (docs/messages.md is made from these).
+"""Kinds of refusals: each has a fixed code, a cause and a cure (docs/messages.md is made from these).
 
-All are ``ValueError``. Commands end their one line with the code in brackets, ``[open-surface]``; in Python it is
-``error.code``, or the class to catch. What was missing, taken or not to be read on disk has Python's own
-``FileNotFoundError``, ``FileExistsError`` and the like; what is of a wrong type ``TypeError``.
+All are ``ValueError``. The error line of a command ends with the code in brackets, ``[open-surface]``; in Python it is
+``error.code``, or the class to catch. Files that are missing, exist already or can't be read raise Python's own
+``FileNotFoundError``, ``FileExistsError`` and the like; values of a wrong type raise ``TypeError``.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import re
 
 
 class Refusal(ValueError):
-    """Input with which the work can't be done."""
+    """The work can't be done with this input."""
 
     code = "refusal"
     cure = ""
@@ -24,124 +24,124 @@ class Refusal(ValueError):
 
 
 class OutOfRange(Refusal):
-    """A number lies outside the limits within which it has a meaning, or within which the method was tested."""
+    """A number is outside the range in which it has a meaning, or in which the method was tested."""
 
-    cure = "Take a number within the limits that the message names."
+    cure = "Give a number within the limits in the message."
 
 
 class WrongShape(Refusal):
-    """An array has another shape, or a list another length, than the rest of the input asks for."""
+    """The shape of an array, or the length of a list, does not fit the rest of the input."""
 
-    cure = "Pass one value per vertex (or what the message names), in the order of the surface it belongs to."
+    cure = "Pass one value per vertex (or what the message names), in the order of the vertices of its surface."
 
 
 class NotFinite(Refusal):
-    """Values are NaN or infinite where each must be a number."""
+    """Values are NaN or infinite, but must be finite numbers."""
 
-    cure = "Mend the file or the array at the place that the message names, or leave it out."
+    cure = "Correct the file or the array at the place in the message, or leave it out."
 
 
 class TooLarge(Refusal):
-    """The work would take more memory or disk than is sensible, or than was allowed."""
+    """The work would take more memory or disk space than is sensible or allowed."""
 
-    cure = "Take a coarser mesh or voxel, a smaller portion, fewer workers, or what the message proposes."
+    cure = "Use a coarser mesh or voxel, a smaller portion, fewer workers, or what the message proposes."
 
 
 # --- words, options and scenes
 
 
 class UnknownName(Refusal):
-    """A name is none of those that there are: a mode, level, key, region, scene, figure or subject."""
+    """A name is unknown: a mode, level, key, region, scene, figure or subject."""
 
-    cure = "Take one of the names in the message; mind the spelling."
+    cure = "Use one of the names in the message; check the spelling."
 
 
 class NamedTwice(Refusal):
-    """A name, value or seed is given twice where each must be there once."""
+    """A name, value or seed is given twice, but each may be given only once."""
 
-    cure = "Give it once, or give the other one another name."
+    cure = "Give it once, or use another name for the second one."
 
 
 class NotReadable(Refusal):
-    """A text can't be read as what it stands for, such as `NAME=DIR`, a range, a length of time or TOML."""
+    """A text does not have the required form, such as `NAME=DIR`, a range, a duration or TOML."""
 
-    cure = "Write it as the example in the message."
+    cure = "Write it like the example in the message."
 
 
 class OptionsClash(Refusal):
-    """Options or arguments are given together that contradict each other, or one goes without its other half."""
+    """Options or arguments contradict each other, or one is given without another that it needs."""
 
-    cure = "Leave out, or add, the one that the message names."
+    cure = "Leave out, or add, the option in the message."
 
 
 class DoesNotApply(Refusal):
     """An option, effect or key has no meaning for this kind of scene, body, surface or run."""
 
-    cure = "Leave it out, or apply it to a kind that has it."
+    cure = "Leave it out, or use it with a kind that supports it."
 
 
 class NotStudied(Refusal):
-    """An error or a time is asked for where none was measured, so that any number would be made up."""
+    """An error or a time is asked for in a range where none was measured."""
 
-    cure = "Stay within what was studied, or find the error from a coarser run (--estimate)."
+    cure = "Stay within the studied range, or estimate the error from a coarser run (--estimate)."
 
 
 class NothingToDo(Refusal):
-    """The list of what to do is empty: no surface, subject, value to vary or curve to draw."""
+    """There is nothing to do: no surface, subject, value to vary or curve to draw is given."""
 
-    cure = "Name one at least."
+    cure = "Give at least one."
 
 
 class ImpossibleBody(Refusal):
-    """Lengths of a scene contradict each other, such as a cortex that leaves no core or a skull without room."""
+    """Lengths of a scene contradict each other, such as a cortex that leaves no core or a skull that is too small."""
 
-    cure = "Change the length that the message names."
+    cure = "Change the length in the message."
 
 
 class NoSolution(Refusal):
-    """What is sought does not exist in the range that is searched, or the body is unstable before growth begins."""
+    """There is no solution in the range that is searched, or the body is unstable before growth begins."""
 
-    cure = "Widen the range, or change the scene as the message says."
+    cure = "Widen the range, or change the scene as described in the message."
 
 
 # --- files and folders
 
 
 class DamagedFile(Refusal):
-    """A file is cut, damaged or contradicts itself."""
+    """A file is truncated, damaged or inconsistent."""
 
-    cure = "Copy it again from its source, or write it anew."
+    cure = "Copy it again from its source, or write it again."
 
 
 class WrongFile(Refusal):
-    """A file holds something else than was asked for, or is of a format that is not read or written."""
+    """A file does not contain what was asked for, or has a format that morphofold can't read or write."""
 
-    cure = "Name the file that the message asks for, or convert it."
+    cure = "Give the file that the message asks for, or convert it."
 
 
 class Mismatch(Refusal):
-    """Files or folders do not belong together: of two subjects, two runs, two versions, or changed since."""
+    """Files or folders do not belong together: they are from two subjects, runs or versions, or have changed since."""
 
-    cure = "Take both from one source, put the old file back, or begin in another folder."
+    cure = "Take both from one source, restore the old file, or begin in another folder."
 
 
 class MissingPart(Refusal):
-    """What is needed is not there, though the file can be read: regions, a gyral graph, stages, a map."""
+    """A file can be read, but a part that is needed is missing: regions, a gyral graph, stages, a map."""
 
-    cure = "Analyze or grow anew with it, or leave out what needs it."
+    cure = "Analyze or grow again with this part, or leave out what needs it."
 
 
 # --- surfaces and meshes
 
 
 class OpenSurface(Refusal):
-    """A surface has a border, and the measure needs an inside."""
+    """A surface has a border, but the measure needs a closed surface."""
 
-    cure = "Close its holes, or leave the measure out."
+    cure = "Close its holes, or leave out the measure."
 
 
 class BadMesh(Refusal):
-    """Triangles or tetrahedra form no surface or body: branching, torn, flipped, flat or lying over one another."""
+    """Triangles or tetrahedra form no valid surface or body: they branch, are torn, flipped or flat, or overlap."""
 
     cure = "Let morphofold repair it (the default of analyze), or repair the mesh at the place in the message."
 
@@ -149,16 +149,16 @@ class BadMesh(Refusal):
 class UnlikeSurfaces(Refusal):
     """White and pial are no pair: the same surface twice, of two people, crossed over, or with different triangles."""
 
-    cure = "Name white and pial of one hemisphere from one reconstruction."
+    cure = "Give white and pial of one hemisphere from one reconstruction."
 
 
 class InsideOut(Refusal):
-    """The faces of a surface run clockwise seen from outside."""
+    """The faces of a surface are clockwise seen from outside."""
 
     cure = "Reverse the order of the vertices in each face."
 
 
 class NoCortex(Refusal):
-    """No vertex, or too few, is cortex, so that there is nothing to measure."""
+    """No vertices, or too few, are cortex, so there is nothing to measure."""
 
-    cure = "Name the right cortex label, or leave it out."
+    cure = "Give the right cortex label, or leave it out."

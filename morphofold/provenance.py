@@ -27,7 +27,7 @@ def digests(folder: Path) -> dict[str, str]:
 
 
 def changed_since(known: Mapping[str, str], files: Mapping[str, Path]) -> list[str]:
-    """Of the files whose digests are ``known``, by names, those that are missing or other ones now."""
+    """Names of the files in ``known`` that are missing now, or have another digest."""
     return [name for name, digest in known.items() if name not in files or not _is(files[name], digest)]
 
 
@@ -39,7 +39,7 @@ def _is(path: Path, digest: str) -> bool:
 
 
 def input_records(paths: Iterable[str | Path]) -> list[dict[str, Any]]:
-    """``{"path", "sha256", "bytes"}`` of each path; sha256 and bytes are None for what is not a file here."""
+    """``{"path", "sha256", "bytes"}`` of each path; sha256 and bytes are None if it is not a file here."""
     records: list[dict[str, Any]] = []
     for name in map(str, paths):
         path, row = Path(name), dict[str, Any](path=name, sha256=None, bytes=None)
@@ -51,22 +51,22 @@ def input_records(paths: Iterable[str | Path]) -> list[dict[str, Any]]:
 
 @contextmanager
 def unchanged(paths: Iterable[str | Path]) -> Iterator[list[dict[str, Any]]]:
-    """Around the reading of files: yields their ``input_records``, which are those of the bytes that are read.
+    """Context for reading files: yields their ``input_records``, which are those of the bytes that are read.
 
     Raises
     ------
     OSError
-        If a file is another one after the reading than before it: what was read is of neither.
+        If a file changed while it was read.
     """
     before = input_records(paths)
     yield before
     for old, new in zip(before, input_records(row["path"] for row in before)):
         if old != new:
-            raise OSError(f"{old['path']}: changed while it was read. Wait until what writes it has ended.")
+            raise OSError(f"{old['path']}: changed while it was read. Wait until the program that writes it has ended.")
 
 
 def records_as_read(cortices: Iterable[Cortex], others: Iterable[str | Path] = ()) -> list[dict[str, Any]]:
-    """``input_records`` of the files of surfaces, of the bytes that were read; before them ``others``, as they are."""
+    """``input_records`` of ``others`` as they are now, then of the files of surfaces, for the bytes that were read."""
     cortices = list(cortices)
     read = {row["path"]: dict(row) for cortex in cortices for row in cortex.inputs}
     files = dict.fromkeys([*map(str, others), *(file for cortex in cortices for file in cortex.files)])
@@ -74,12 +74,12 @@ def records_as_read(cortices: Iterable[Cortex], others: Iterable[str | Path] = (
 
 
 def shown(text: str) -> str:
-    """Text that can be written as UTF-8: of a name that is none, a byte such as 0xff reads ``\\udcff``."""
+    """Text that can be written as UTF-8; in a name that is not UTF-8, a byte such as 0xff becomes ``\\udcff``."""
     return text if text.isascii() else text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def strict_json(content: Any) -> str:
-    """JSON that every reader accepts: NumPy values made plain, NaN and infinity null, all else text."""
+    """JSON that every reader accepts: NumPy values become plain, NaN and infinity null, other objects text."""
     return json.dumps(_plain(content), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
 
 

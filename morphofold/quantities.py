@@ -1,4 +1,4 @@
-"""What a map or scalar is called on a page: words, unit, sign, and the limits it is coloured by."""
+"""Names of maps and scalars on pages: label, unit, sign, and limits of colours."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Quantity:
-    """A per-vertex quantity as a reader meets it; ``limits`` are those used when they suit the data."""
+    """A per-vertex quantity as pages show it; ``limits`` are used when they suit the data."""
 
     key: str
     label: str
@@ -60,8 +60,8 @@ SCALAR_WORDS = {
     "n_hinges": ("Hinges", ""),
     "n_hinges_3": ("Hinges with three arms", ""),
     "n_hinges_4": ("Hinges with four arms", ""),
-    "n_hinges_low": ("Hinges, the surest alone", ""),
-    "n_hinges_high": ("Hinges, doubtful ones too", ""),
+    "n_hinges_low": ("Hinges, only the most certain", ""),
+    "n_hinges_high": ("Hinges, with the doubtful ones", ""),
     "n_crests": ("Gyral crests", ""),
     "crest_length_mm": ("Length of crests", "mm"),
     "gyral_to_cortical_slope": ("Slope, gyral on cortical thickness", "mm/mm"),
@@ -75,12 +75,12 @@ SCALAR_WORDS = {
     "volume_white_mm3": ("Volume within the white surface", "mm³"),
     "volume_pial_mm3": ("Volume within the pial surface", "mm³"),
     "etiv_mm3": ("Intracranial volume, estimated by FreeSurfer", "mm³"),
-    "surface_holes": ("Holes of the surface that FreeSurfer mended", ""),
+    "surface_holes": ("Holes of the surface that FreeSurfer repaired", ""),
     "mean_cortical_thickness_area_weighted_mm": ("Cortical thickness, mean by area", "mm"),
     RATIO: ("Gyral / cortical thickness", ""),
     CREST_RATIO: ("Gyral / cortical at crests", ""),
 }
-#: the map that a scalar is made of, where it is one
+#: the map from which a scalar is computed, if there is one
 MAP_OF = {
     "mean_cortical_thickness_mm": "cortical_thickness",
     "mean_cortical_thickness_area_weighted_mm": "cortical_thickness",
@@ -95,7 +95,7 @@ MAP_OF = {
     "gyral_to_cortical_r": "gyral_thickness",
     RATIO: "gyral_thickness",
 }
-#: what the columns of the tables hold, where SCALAR_WORDS and a column's own name do not say enough
+#: meaning of the columns of tables, where SCALAR_WORDS and the name of the column are not enough
 COLUMN_WORDS = {
     "hemi": "Hemisphere, lh (left) or rh (right)",
     "region": "Region of the parcellation",
@@ -104,20 +104,20 @@ COLUMN_WORDS = {
     "cortical_thickness_mm": "Cortical thickness, mean over the vertices of the region or crest",
     "cortical_thickness_sd_mm": "Standard deviation of cortical thickness over vertices",
     "gyral_thickness_mm": "Gyral thickness from wall to wall, median over the region or crest",
-    "gyral_contour_mm": "Length of contour that gyral thickness was measured along",
-    "thickness_file_mm": "Mean over vertices of the thickness that came with the surfaces",
+    "gyral_contour_mm": "Length of the contour along which gyral thickness was measured",
+    "thickness_file_mm": "Mean over vertices of the thickness map that came with the surfaces",
     "gray_volume_mm3": "Gray matter between white and pial surface",
     "mean_H_per_mm": "Mean curvature of the pial surface, positive where convex, mean over the region or crest",
     "crest": "Number of the gyral crest",
     "hinge": "Number of the gyral hinge",
     "arm": "Number of the arm of the hinge",
     "from_hinge": "Hinge at which the crest begins",
-    "to_hinge": "Hinge at the other end",
+    "to_hinge": "Hinge at the other end of the crest",
     "length_mm": "Length along the crest",
     "altitude_mm": "Depth potential along the crest, high on crowns, median",
     "lowest_altitude_mm": "Depth potential along the crest, high on crowns, least",
-    "strength_mm": "Depth potential less itself smoothed over a gyral width, median along the crest",
-    "blind": "1 if it is of a dead-end gyrus, or a hinge only by such ones; else 0",
+    "strength_mm": "Depth potential minus itself smoothed over a gyral width, median along the crest",
+    "blind": "1 if it belongs to a dead-end gyrus, or is a hinge only because of dead-end gyri; else 0",
     "x": "Position, first coordinate",
     "y": "Position, second coordinate",
     "z": "Position, third coordinate",
@@ -127,7 +127,7 @@ COLUMN_WORDS = {
     "max_angle_deg": "Greatest angle between neighbouring arms",
     "vertex": "Number of the vertex at which the hinge lies, from 0",
     "mean_arm_length_mm": "Mean length of the arms",
-    "confidence": "How sure the hinge is, 0 to 1; below 0.25 it is doubtful, and not counted",
+    "confidence": "Confidence of the hinge, 0 to 1; below 0.25 it is doubtful, and not counted",
     "persistence_mm": "Threshold on the persistence of pits of the depth potential up to which the node is a hinge",
     "angle_deg": "Angle to the next arm, counter-clockwise seen from outside",
     "curvature_per_mm": "Mean geodesic curvature of the crest, without sign",
@@ -147,8 +147,8 @@ _UNITS = (("_deg", "°"), ("_mm3", "mm³"), ("_per_mm2", "1/mm²"), ("_per_mm", 
 def quantity(name: str, values: Iterable[np.ndarray] = ()) -> Quantity:
     """The ``Quantity`` of a map's name.
 
-    A name nobody registered is described from the name alone, and is signed if its 2nd and 98th percentile
-    over ``values`` lie on two sides of zero.
+    An unknown name gets its label and unit from the name. It is signed if the 2nd and 98th percentiles of ``values``
+    have different signs.
     """
     for known in QUANTITIES:
         if name == known.key or name in known.aliases:
@@ -165,7 +165,7 @@ def scalar_words(name: str) -> tuple[str, str]:
 
 
 def column_words(name: str) -> tuple[str, str]:
-    """What a column of a table holds, and its unit."""
+    """Meaning of a column of a table, and its unit."""
     label, unit = scalar_words(name)
     if name in ("x", "y", "z"):
         unit = "mm"
@@ -184,11 +184,11 @@ def _words(name: str) -> tuple[str, str]:
 
 
 def common_limits(what: Quantity, values: Iterable[np.ndarray]) -> tuple[float, float]:
-    """Limits for colouring several surfaces alike, each surface counting as much as any other.
+    """Common limits of colours for several surfaces; every surface has the same weight.
 
-    The quantity's own limits, if at least 80 % of every surface's values lie inside and the values fill at least
-    40 % of them; else the least 2nd and the greatest 98th percentile of any surface, rounded outwards to two
-    figures and, for a signed quantity, made symmetric about zero.
+    The quantity's own limits are used if at least 80 % of every surface's values are inside, and the values fill at
+    least 40 % of the range. Otherwise the limits are the least 2nd and the greatest 98th percentile of all surfaces,
+    rounded outwards to two figures and, for a signed quantity, made symmetric about zero.
     """
     arrays = [np.asarray(v, dtype=np.float64).ravel() for v in values]
     arrays = [known for v in arrays if (known := v[np.isfinite(v)]).size]
@@ -220,6 +220,6 @@ def round_out(x: float) -> float:
 
 
 def find(maps: Mapping[str, np.ndarray], key: str) -> np.ndarray | None:
-    """The map that goes by ``key`` or one of its aliases; None if there is none."""
+    """The map named ``key`` or one of its aliases; None if there is none."""
     what = quantity(key)
     return next((maps[name] for name in (what.key, *what.aliases) if name in maps), None)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def freesurfer_maps(cortex: Cortex) -> dict[str, NDArray[np.float64]]:
-    """``thickness``, ``curv``, ``sulc`` and ``area`` of a cortex as FreeSurfer subjects carry them, (N,) each.
+    """``thickness``, ``curv``, ``sulc`` and ``area`` of a cortex as in a FreeSurfer subject, (N,) each.
 
     thickness [mm]: symmetric closest distance between white and pial; curv [1/mm]: mean curvature of white, positive
     in sulci; sulc [mm]: depth below a surface smoothed at a fifth of the mean radius, positive in sulci, mean zero

@@ -1,4 +1,4 @@
-"""The two nouns that every room shares: a triangle surface, and a cortex made of two of them."""
+"""The two classes that all packages share: a triangle surface, and a cortex made of two surfaces."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Faces = NDArray[np.int64]  # (M, 3), 0-based, counter-clockwise seen from outsid
 PerVertex = NDArray[np.float64]  # (N,)
 
 
-#: how to come by what a function takes
+#: how to get an object that a function needs
 _HOW = {
     "Surface": "Read one with morphofold.read_surface(path), or make one with Surface(verts, faces).",
     "Cortex": "Read one with morphofold.read_cortex(path), or make one with Cortex(white, pial).",
@@ -29,7 +29,7 @@ _HOW = {
 
 
 def check_kind(value: Any, kinds: type | tuple[type, ...], what: str) -> None:
-    """Raise ``TypeError``, which says how to come by one, unless ``value`` is of one of the kinds."""
+    """Raise ``TypeError``, which explains how to make one, unless ``value`` is of one of the kinds."""
     if isinstance(value, kinds):
         return
     names = [kind.__name__ for kind in (kinds if isinstance(kinds, tuple) else (kinds,))]
@@ -43,8 +43,8 @@ def check_arrays(verts: Any, faces: Any, name: str = "surface") -> None:
         if not isinstance(values, np.ndarray) or values.dtype.kind not in "fiu":
             of = f" of {values.dtype}" if isinstance(values, np.ndarray) else _shown(values)
             raise TypeError(
-                f"{name}: {what} must be an array of numbers, not {type(values).__name__}{of}. Of a Surface pass "
-                "surface.verts and surface.faces; of a file read_surface(path) makes one."
+                f"{name}: {what} must be an array of numbers, not {type(values).__name__}{of}. For a Surface pass "
+                "surface.verts and surface.faces; read_surface(path) makes one from a file."
             )
 
 
@@ -56,20 +56,20 @@ def check_mesh(verts: np.ndarray, faces: np.ndarray, name: str = "surface") -> N
     """Raise ``ValueError`` unless (verts, faces) is a usable triangle mesh.
 
     Usable: shapes (N, 3) and (M, 3) with N, M > 0, integer faces inside 0..N-1, finite coordinates, no
-    face that names a vertex twice. Holes, several components and unused vertices are allowed here;
-    measures that cannot bear them say so themselves.
+    face that contains a vertex twice. Holes, several components and unused vertices are allowed here;
+    measures that cannot handle them raise their own errors.
     """
     _check_indexed(verts, faces, name)
     flat = np.flatnonzero((faces[:, 0] == faces[:, 1]) | (faces[:, 1] == faces[:, 2]) | (faces[:, 2] == faces[:, 0]))
     if flat.size:
         raise BadMesh(
-            f"{name}: {flat.size} of {len(faces)} faces name a vertex twice; the first is face {flat[0]} = "
+            f"{name}: {flat.size} of {len(faces)} faces contain a vertex twice; the first is face {flat[0]} = "
             f"{faces[flat[0]].tolist()}. Remove them."
         )
 
 
 def _check_indexed(verts: np.ndarray, faces: np.ndarray, name: str) -> None:
-    """As ``check_mesh``, but faces may name a vertex twice."""
+    """As ``check_mesh``, but faces may contain a vertex twice."""
     check_arrays(verts, faces, name)
     if verts.ndim != 2 or verts.shape[1] != 3 or len(verts) == 0:
         raise WrongShape(
@@ -89,7 +89,7 @@ def _check_indexed(verts: np.ndarray, faces: np.ndarray, name: str) -> None:
     bad = np.flatnonzero(((faces < 0) | (faces >= len(verts))).any(axis=1))
     if bad.size:
         raise OutOfRange(
-            f"{name}: {bad.size} of {len(faces)} faces name a vertex outside 0..{len(verts) - 1}; "
+            f"{name}: {bad.size} of {len(faces)} faces contain a vertex outside 0..{len(verts) - 1}; "
             f"the first is face {bad[0]} = {faces[bad[0]].tolist()}. "
             "Were the indices 1-based? Then pass faces - 1."
         )
@@ -99,7 +99,8 @@ def _check_indexed(verts: np.ndarray, faces: np.ndarray, name: str) -> None:
 class Surface:
     """A triangle surface, checked on construction and read-only.
 
-    As ``check_mesh`` has it, but faces may name a vertex twice: files have such, and ``measure`` leaves them out.
+    Checked as in ``check_mesh``, but faces may contain a vertex twice: files have such faces, and ``measure`` leaves
+    them out.
 
     Parameters
     ----------
@@ -108,19 +109,19 @@ class Surface:
     faces : (M, 3) integer array
         Triangles, 0-based, counter-clockwise seen from outside; stored as int64.
     name : str
-        What errors and tables call it, e.g. ``"lh.pial"``.
+        Name in errors and tables, e.g. ``"lh.pial"``.
     geometry : mapping, optional
-        FreeSurfer's volume-geometry footer as nibabel reads it (``cras`` among it), kept for writing.
+        FreeSurfer's volume-geometry footer as nibabel reads it (with ``cras``), kept for writing.
 
     Raises
     ------
     ValueError, TypeError
-        If the arrays do not describe a triangle mesh; the message names the first offender.
+        If the arrays do not describe a triangle mesh; the message names the first wrong entry.
 
     Notes
     -----
-    ``verts`` and ``faces`` cannot be written to, which few functions of other packages refuse (as SciPy's
-    ``Rotation.apply``); ``coordinates`` is a copy that can. With it and ``faces`` nilearn takes a Surface for a mesh.
+    ``verts`` and ``faces`` are read-only. A few functions of other packages refuse read-only arrays (such as SciPy's
+    ``Rotation.apply``); ``coordinates`` is a writable copy. With it and ``faces`` nilearn accepts a Surface as a mesh.
     """
 
     verts: Verts
@@ -139,7 +140,7 @@ class Surface:
 
     @property
     def coordinates(self) -> Verts:
-        """A copy of the vertex positions (N, 3) [mm], to be changed at will."""
+        """A writable copy of the vertex positions (N, 3) [mm]."""
         return self.verts.copy()
 
     def __repr__(self) -> str:
@@ -147,18 +148,18 @@ class Surface:
 
 
 def _written_as(faces: Faces, other: Faces) -> Faces:
-    """The triangles of ``other``, on the same vertices as ``faces``, from the same corner on; turned ones reversed."""
+    """The triangles of ``other``, each from the corner where it begins in ``faces``; reversed ones stay reversed."""
     same = np.any([np.all(np.roll(other, k, axis=1) == faces, axis=1) for k in range(3)], axis=0)
     return np.where(same[:, None], faces, faces[:, ::-1])
 
 
 def _as_array(values: Any) -> Any:
-    """Numbers in sequences as an array; what is none as it is, for ``check_arrays`` to tell."""
+    """A list or tuple of numbers as an array; anything else as it is, for ``check_arrays`` to refuse."""
     if not isinstance(values, list | tuple):
         return values
     try:
         return np.asarray(values)
-    except ValueError:  # rows of unlike lengths
+    except ValueError:  # rows of different lengths
         return values
 
 
@@ -188,8 +189,8 @@ class Cortex:
     Parameters
     ----------
     white, pial : Surface
-        Inner and outer cortical surface [mm]; equal faces. Those of pial may begin at another corner, and are then
-        written as white's; or run the other way round, which ``measure`` mends, or refuses.
+        Inner and outer cortical surface [mm]; equal faces. Faces of pial may begin at another corner; they are then
+        written as white's. They may also have the reverse order, which ``measure`` repairs or refuses.
     hemi : {"lh", "rh"}
         FreeSurfer spelling.
     name : str
@@ -207,12 +208,12 @@ class Cortex:
     units : str
         Unit of length; ``"mm"``.
     transform : (4, 4) float64, optional
-        From these coordinates to the scanner's, if the file says so.
+        From these coordinates to the scanner's, if the file gives it.
     portion : float
-        Share of the closed surface that was really simulated (1/8 for an octant mirrored to a sphere); 1
-        for measured brains. Counts per simulated area divide by it.
+        Share of the closed surface that was simulated (1/8 for an octant mirrored to a sphere); 1 for measured
+        brains. Counts per simulated area divide by it.
     info : mapping
-        Plain facts to carry into tables: growth ``g``, reference thickness, ``mu_ratio``, ...
+        Facts for tables: growth ``g``, reference thickness, ``mu_ratio``, ...
     files : tuple of str
         The files this was read from.
     inputs : tuple of mapping
@@ -287,7 +288,7 @@ class Cortex:
 
     @property
     def called(self) -> str:
-        """Name and hemisphere, as messages have them."""
+        """Name and hemisphere, for messages."""
         return f"{self.name} {self.hemi}"
 
     @property

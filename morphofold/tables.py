@@ -1,8 +1,8 @@
 """Tables on disk: rows as dicts, written to tab-separated text and read back.
 
-One rule for all: a cell has no tab, no line break and no quotation marks around it, so ``cut`` and ``awk`` find
-columns; and none is a formula of a spreadsheet. Text that begins with ``= + - @`` or ``"``, and text that is ``n/a``,
-stands after an apostrophe, as spreadsheets have it; ``read_table`` takes it away.
+A cell has no tab, no line break and no quotation marks around it, so ``cut`` and ``awk`` find columns. No cell is a
+formula of a spreadsheet: text that begins with ``= + - @`` or ``"``, and text that is ``n/a``, gets an apostrophe in
+front, as in spreadsheets; ``read_table`` removes it.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from morphofold.provenance import shown
 
 MISSING = "n/a"
 
-#: what would leave its cell or steer a terminal, and the ends of lines that some readers know
+#: characters that end a cell or a line, or control a terminal
 _CONTROLS = dict.fromkeys([*range(32), *range(127, 160), 0x2028, 0x2029], " ")
 _GUARDED = re.compile(r"""'*(?:[=+\-@"]|n/a\Z)""")
 _WHOLE, _DECIMAL = re.compile(r"-?\d{1,18}"), re.compile(r"-?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 
 
 def write_table(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:
-    """Tab-separated, header always, ``n/a`` for what is missing; further columns follow as they appear."""
+    """Write a tab-separated table, always with a header, ``n/a`` for missing values; further columns come last."""
     rows = list(rows)
     extra = [k for k in dict.fromkeys(k for row in rows for k in row) if k not in columns]
     keys = (*columns, *extra)
@@ -38,12 +38,12 @@ def write_table(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, 
 
 
 def line(values: Iterable[Any]) -> str:
-    """A row of a table as it stands in its file."""
+    """A row of a table as text of its file."""
     return "\t".join(map(cell, values)) + "\n"
 
 
 def cell(value: Any) -> str:
-    """A value as tables have it: seven digits, ``n/a`` for what is missing, text without tabs and line breaks."""
+    """A value as text of a cell: seven digits, ``n/a`` if missing, text without tabs and line breaks."""
     if isinstance(value, str):
         return _text(value)
     if value is None:
@@ -55,7 +55,7 @@ def cell(value: Any) -> str:
     return _text(str(value))
 
 
-@lru_cache(maxsize=4096)  # names come again and again
+@lru_cache(maxsize=4096)  # names are repeated
 def _text(text: str) -> str:
     text = shown(text).translate(_CONTROLS)
     return f"'{text}" if _GUARDED.match(text) else text
@@ -64,38 +64,40 @@ def _text(text: str) -> str:
 def read_table(
     path: Path, words: Collection[str] = (), count: int | None = None, *, numbers: Collection[str] = ()
 ) -> list[dict[str, Any]]:
-    """A table of an analysis, as ``write_table`` wrote it: numbers as numbers, None for n/a, text in columns ``words``.
+    """Read a table that ``write_table`` wrote: numbers as numbers, None for n/a, text in columns ``words``.
 
-    ``count`` is the number of rows that were written, where it is known; columns ``numbers`` hold nothing else.
+    ``count`` is the number of rows that were written, if known; columns ``numbers`` contain only numbers.
 
     Raises
     ------
     FileNotFoundError
         If there is no such file.
     DamagedFile
-        If it was cut, has another number of rows than ``count``, a line another number of cells than the header, or a
-        cell of ``numbers`` no finite number.
+        If the file was truncated, the number of rows is not ``count``, a line has more or fewer cells than the header,
+        or a cell of ``numbers`` is not a finite number.
     """
     if not path.is_file():
-        raise FileNotFoundError(f"{path}: missing from the analysis. Analyze anew.")
+        raise FileNotFoundError(f"{path}: missing from the analysis. Analyze again.")
     try:
         text = path.read_text(encoding="utf-8")
     except UnicodeDecodeError:
-        raise DamagedFile(f"{path}: is damaged: it is not UTF-8 text. Analyze anew.") from None
+        raise DamagedFile(f"{path}: is damaged: it is not UTF-8 text. Analyze again.") from None
     if not text.endswith("\n"):
-        raise DamagedFile(f"{path}: was cut: its last line has no end. Analyze anew.")
+        raise DamagedFile(f"{path}: was truncated: its last line has no end. Analyze again.")
     head, *lines = [row.split("\t") for row in text[:-1].split("\n")]
     columns, rows = list(map(_unguarded, head)), []
     for number, cells in enumerate(lines, start=2):
         if len(cells) != len(columns):
-            raise DamagedFile(f"{path}: line {number} has another number of cells than the header. Analyze anew.")
+            raise DamagedFile(f"{path}: line {number} has more or fewer cells than the header. Analyze again.")
         row = {column: _value(cell, column in words) for column, cell in zip(columns, cells)}
         for column in numbers:
             if isinstance(row.get(column), str):
-                raise DamagedFile(f"{path}: line {number}: {column} is {row[column]!r:.40}, no number. Analyze anew.")
+                raise DamagedFile(
+                    f"{path}: line {number}: {column} is {row[column]!r:.40}, not a number. Analyze again."
+                )
         rows.append(row)
     if count not in (None, len(rows)):
-        raise DamagedFile(f"{path}: has {len(rows)} rows of the {count!r:.20} that were written. Analyze anew.")
+        raise DamagedFile(f"{path}: has {len(rows)} rows of the {count!r:.20} that were written. Analyze again.")
     return rows
 
 

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 from morphofold.errors import OutOfRange
 
-#: stretches that kernels cut their work into, each with its own scratch: more than threads, and whatever their number
+#: blocks into which kernels divide their work, each with its own scratch; independent of the number of threads
 BLOCKS = 64
 
 
@@ -28,7 +28,7 @@ def set_threads(threads: int | None) -> None:
 
 @contextmanager
 def using_threads(threads: int | None) -> Iterator[int]:
-    """As :func:`set_threads`, and as many as before afterwards; yields how many there are."""
+    """As :func:`set_threads`, but restores the number afterwards; yields the number of threads."""
     import numba
 
     before = numba.get_num_threads()
@@ -40,7 +40,7 @@ def using_threads(threads: int | None) -> Iterator[int]:
 
 
 def check_threads(threads: int | None) -> None:
-    """Raise the ``OutOfRange`` of :func:`set_threads`; sets nothing."""
+    """Raise the ``OutOfRange`` of :func:`set_threads`, without setting anything."""
     if threads is None:
         return
     most = _most()

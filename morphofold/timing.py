@@ -1,5 +1,5 @@
-"""What work costs: a clock that stands still while numba compiles, which it does once on a machine for each kernel that
-is called, and the memory held."""
+"""Cost of work: a clock that stops while numba compiles (once on a machine for each kernel that is called), and the
+memory that is held."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ COMPILING = "numba:compile"
 
 
 class _Compiler(event.Listener):
-    """Hears numba begin and end; kernels that are compiled for the sake of others come within them."""
+    """Listens to numba's compiling; kernels that are compiled for another kernel are counted within it."""
 
     def __init__(self) -> None:
         self.seconds, self._depth, self._since = 0.0, 0, 0.0
@@ -40,13 +40,13 @@ event.register(COMPILING, _compiler)
 
 
 def working_seconds() -> float:
-    """Seconds since some moment [s], those in which numba compiled left out."""
+    """Seconds since some moment [s], without the time in which numba compiled."""
     return time.perf_counter() - _compiler.seconds
 
 
 @contextmanager
 def telling_of_compiling(listener: Callable[[], None]) -> Iterator[None]:
-    """Call ``tell`` whenever numba begins to compile; kernels from its cache are not compiled."""
+    """Call ``listener`` whenever numba begins to compile; kernels from its cache are not compiled."""
     _compiler.listeners.append(listener)
     try:
         yield
@@ -55,35 +55,35 @@ def telling_of_compiling(listener: Callable[[], None]) -> Iterator[None]:
 
 
 class Stages:
-    """Seconds by the name of what was done [s], compiling left out. Each lasts until the next begins."""
+    """Seconds of each stage by name [s], without compiling. A stage lasts until the next begins."""
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}
         self._name, self._since = "", 0.0
 
     def begin(self, name: str) -> None:
-        """Begin ``name``, which ends what was done before; what comes again adds to its time."""
+        """Begin stage ``name``, and end the one before; a repeated stage adds to its time."""
         self.end()
         self._name, self._since = name, working_seconds()
 
     def end(self) -> None:
-        """End what is being done; nothing follows at once."""
+        """End the current stage; no other begins."""
         if self._name:
             self.seconds[self._name] = self.seconds.get(self._name, 0.0) + working_seconds() - self._since
         self._name = ""
 
     def at(self, share: float, what: str) -> None:
-        """As progress of ``measure`` is told: begin ``what``, or with a share of 1 only end what was done before."""
+        """A progress function for ``measure``: begin stage ``what``, or with a share of 1 only end the one before."""
         self.end()
         if share < 1:
             self.begin(what)
 
 
 def peak_memory() -> float | None:
-    """Most memory that this process has held at once since it began [GiB]; None where the system does not say.
+    """Most memory that this process has held at once since it began [GiB]; None if the system does not report it.
 
-    What it did before a run counts, the processes that started it do not: on Linux the ``ru_maxrss`` of ``getrusage``
-    begins with the memory of the parent, so that the kernel's own high-water mark is read there.
+    Work of this process before a run counts; processes that started it do not. On Linux the ``ru_maxrss`` of
+    ``getrusage`` begins with the memory of the parent, so the kernel's own high-water mark is read there.
     """
     status = Path("/proc/self/status")
     if status.exists():

@@ -1,4 +1,4 @@
-"""Numbers, times and lists as a reader meets them."""
+"""Numbers, times and lists as text for a reader."""
 
 from __future__ import annotations
 
@@ -44,13 +44,13 @@ def percent(share: float) -> str:
 
 
 def percent_above(share: float) -> str:
-    """A share with two digits, rounded up: what is asked for so is no less than it."""
+    """A share with two digits, rounded up, so that the text is never less than the share."""
     step = 10.0 ** (math.floor(math.log10(share)) - 1)
     return percent(math.ceil(share / step - 1e-9) * step)
 
 
 def in_one_line(what: object) -> str:
-    """An error, or another thing in words, without line breaks and double spaces."""
+    """Text of an error or another object, without line breaks and double spaces."""
     return " ".join(str(what).split())
 
 

@@ -1,1 +1,1 @@
-"""The gyral graph: where crests of gyri run and meet, the hinges there, and how far they may be trusted."""
+"""The gyral graph: the crests of gyri, the hinges where they meet, and the confidence of the hinges."""

@@ -1,4 +1,4 @@
-"""How far a hinge may be trusted: how near it is to not being one."""
+"""Confidence of a hinge: how far it is from not being a hinge."""
 
 from __future__ import annotations
 
@@ -16,31 +16,31 @@ if TYPE_CHECKING:
 
 
 def label_hinges(graph: nx.MultiGraph, D: PerVertex, least: float) -> None:
-    """Give each node of a gyral graph its ``confidence``, 0 to 1; NaN for one that is no hinge.
+    """Set the ``confidence`` of each node of a gyral graph, 0 to 1; NaN for a node that is not a hinge.
 
     Parameters
     ----------
     graph : networkx.MultiGraph
-        From :func:`morphofold.analysis.gyral_graph`, complete but for this.
+        From :func:`morphofold.analysis.gyral_graph`, complete except for the confidence.
     D : (N,) float64
-        Of the surface [mm].
+        Depth potential of the surface [mm].
     least : float
-        Persistence that basins were asked for [mm].
+        Least persistence of the basins [mm].
 
     Notes
     -----
-    The least of these margins, each cut off at 0 and 1:
+    The confidence is the least of these margins, each limited to 0 to 1:
 
-    - how far the lowest point of its arms lies above the bottom of the sulci (quantile 0.05 of D), over how
-      far the crests do (the median along the net): an arm over a buried bridge, or through a sulcus, is low;
-    - how far its two nearest arms have parted a gyral width from it, over that width, ``2 sin(angle / 2)``: two gyri
-      cannot be nearer than they are wide;
-    - its persistence over ``least``, less 1;
-    - the length of its shortest arm with a free end over ``prune``, below which there would be none, less 1. The mask
-      and the border of a surface end an arm without making it a spur.
+    - the height of the lowest point of its arms above the bottom of the sulci (quantile 0.05 of D), divided by the
+      height of the crests (the median along the net): an arm over a buried bridge, or through a sulcus, is low;
+    - the distance between its two closest arms at one gyral width from the hinge, divided by that width,
+      ``2 sin(angle / 2)``: two gyri cannot be closer than their width;
+    - its persistence divided by ``least``, less 1;
+    - the length of its shortest arm with a free end divided by ``prune``, the length below which the arm would be
+      removed, less 1. An arm that ends at the mask or the border of a surface is not a spur.
 
-    Hence 0.25 is a hinge that would be none with a persistence or a shortest gyrus by a quarter larger, or whose arm
-    dips three quarters of the way to the bottom of the sulci, or with two arms 14 degrees apart.
+    A hinge therefore has 0.25 if it would vanish with a persistence or a shortest gyrus larger by a quarter, if its arm
+    dips three quarters of the way to the bottom of the sulci, or if two arms are 14 degrees apart.
     """
     for _, node in graph.nodes(data=True):
         node["confidence"] = math.nan
@@ -60,6 +60,6 @@ def _confidence(graph: nx.MultiGraph, hinge: Hinge, bottom: float, top: float, l
         2 * math.sin(math.radians(min(hinge.smallest, 180.0) / 2)),
         *(arm.length / prune - 1 for arm in free),
     ]
-    if not math.isnan(hinge.persistence):  # else dead ends make it: their lengths count
+    if not math.isnan(hinge.persistence):  # else it is a hinge by its dead ends, whose lengths count
         margins.append(hinge.persistence / least - 1)
     return float(np.clip(min(margins), 0, 1))

@@ -1,4 +1,4 @@
-"""The net of gyral crests as curves and junctions: from the depth potential of a surface, by lengths in mm."""
+"""The net of gyral crests as curves and junctions, from the depth potential of a surface and lengths in mm."""
 
 from __future__ import annotations
 
@@ -21,31 +21,31 @@ from morphofold.analysis.mesh_quality import checks
 from morphofold.errors import OptionsClash, OutOfRange
 from morphofold.surface import Cortex, PerVertex, Surface, check_kind
 
-EQUAL = 1e-6  # relative: distances that are the same but for rounding
-STRONG = 0.9  # quantile over the length of the net that stands for the strength of a true crest,
-WEAK = 0.15  # and the share of it below which one is none
+EQUAL = 1e-6  # relative: distances that are the same up to rounding
+STRONG = 0.9  # quantile of strength, over the length of the net, taken as that of a true crest,
+WEAK = 0.15  # and the share of it below which a crest is dropped
 
 
 @dataclass(frozen=True)
 class GyralScales:
-    """The lengths of a gyral graph [mm]; :meth:`of_width` has those that the gyral width gives.
+    """The lengths of a gyral graph [mm]; :meth:`of_width` derives them from the gyral width.
 
     Attributes
     ----------
     width : float
-        Of the gyri, from inflection to inflection.
+        Width of the gyri, from inflection to inflection.
     reach : float
-        Of the depth potential: what is several times as wide is the body's shape.
+        Reach of the depth potential. Features several times as wide count as the shape of the body.
     smoothing : float
-        Standard deviation, of the depth potential and along the net.
+        Standard deviation of the smoothing of the depth potential, and along the net.
     persistence : float
-        Least rise of the pass between two basins above the shallower one.
+        Least height of the pass between two basins above the shallower one.
     merge : float
-        Crests shorter than this between two hinges are contracted to one hinge.
+        A crest between two hinges that is shorter than this is contracted to one hinge.
     prune : float
-        Crests shorter than this with a free end are dropped.
+        A crest with a free end that is shorter than this is dropped.
     tip : float
-        A crown that reaches farther from the net has a crest of its own.
+        A crown that reaches farther from the net than this gets its own crest.
     """
 
     width: float
@@ -58,14 +58,14 @@ class GyralScales:
 
     @classmethod
     def of_width(cls, width: float) -> GyralScales:
-        """1.5, 0.2, 0.25, 0.5, 1 and 1.5 gyral widths."""
+        """The lengths for a gyral width: 1.5, 0.2, 0.25, 0.5, 1 and 1.5 widths."""
         return cls(width, REACH_IN_WIDTHS * width, SMOOTHING * width, 0.25 * width, 0.5 * width, width, 1.5 * width)
 
 
 @dataclass(frozen=True, eq=False)
 class Fields:
     """Depth potential ``D`` (N,) [mm]; ``band`` (N,) [mm], D less D smoothed over a gyral width; mean curvature ``H``
-    (N,) [1/mm]; and the basins of D."""
+    (N,) [1/mm]; ``flood``, the basins of D."""
 
     D: PerVertex = field(repr=False)
     band: PerVertex = field(repr=False)
@@ -74,7 +74,7 @@ class Fields:
 
 
 class CrestNetBuilder:
-    """Builds crest nets of one surface, at any lengths; of a cortex the white surface is taken, and its mask."""
+    """Builds crest nets of one surface for any lengths. For a cortex it uses the white surface and the mask."""
 
     def __init__(self, surface: Cortex | Surface):
         check_kind(surface, (Cortex, Surface), "gyral_graph: surface")
@@ -89,13 +89,13 @@ class CrestNetBuilder:
 
     @cached_property
     def path_lengths(self) -> sparse.csr_array:
-        """Lengths of paths between vertices, for shortest paths."""
+        """Graph of path lengths between vertices, for shortest paths."""
         return path_graph(self.sheet.verts, self.sheet.faces)
 
     def scales(self, width: float | None, scales: GyralScales | None) -> GyralScales | None:
-        """The lengths that are asked for, or those that the measured width gives; None if there are no gyri."""
+        """The given lengths, or those for the given or measured width; None if there are no gyri."""
         if width is not None and scales is not None:
-            raise OptionsClash("pass width or scales, not both: scales.width is the width.")
+            raise OptionsClash("pass width or scales, not both: scales already contains the width.")
         if scales is None:
             width = self.operators.gyral_width(self.inside) if width is None else float(width)
             if math.isnan(width):
@@ -107,7 +107,7 @@ class CrestNetBuilder:
         least, most = 0.1 * self.operators.edge, 10 * self.operators.area**0.5
         if not least <= scales.width <= most:
             raise OutOfRange(
-                f"{self.sheet.name}: gyri {scales.width:.4g} wide do not fit a surface with edges of "
+                f"{self.sheet.name}: a gyral width of {scales.width:.4g} does not fit a surface with a mean edge of "
                 f"{self.operators.edge:.4g}. Pass a width of {least:.4g} to {most:.4g}."
             )
         return scales
@@ -140,9 +140,9 @@ class CrestNetBuilder:
 
 
 def _nearest(tree: cKDTree, points: NDArray[np.float64]) -> NDArray[np.int64]:
-    """The vertex (P, 2) nearest to each point, and the other one where two are equally near, else the first again.
+    """The vertex (P, 2) nearest to each point, and the second one where two are equally near, else the first again.
 
-    Borders of basins run midway between vertices: which of the two is found first is a matter of their numbers.
+    Borders of basins run midway between vertices, and which of the two is found first depends on their numbers.
     """
     away, vertex = tree.query(points, k=2)
     vertex[:, 1] = np.where(away[:, 1] <= (1 + EQUAL) * away[:, 0], vertex[:, 1], vertex[:, 0])
@@ -150,7 +150,7 @@ def _nearest(tree: cKDTree, points: NDArray[np.float64]) -> NDArray[np.int64]:
 
 
 def _drop_weak(net: Net, band: PerVertex, tree: cKDTree) -> float:
-    """Take weak crests out of the net; the strength that is the least."""
+    """Remove weak crests from the net; returns the least strength that is kept."""
     strength = {name: float(np.median(band[_nearest(tree, arc.points)].mean(axis=1))) for name, arc in net.arcs.items()}
     if not strength:
         return 0.0

@@ -1,4 +1,4 @@
-"""Dead-end gyri: ridges that end inside one basin, so that no border of basins runs along them."""
+"""Dead-end gyri: ridges that end inside one basin, so no border of basins runs along them."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from morphofold.analysis.graph.net import Arc, Net, Node, resampled
 from morphofold.geometry import arc_length
 from morphofold.surface import PerVertex
 
-LOWEST = 0.1  # quantile of the depth potential along the net, below which nothing is a crown
-STEEP, FLOOR = 4.0, 0.03  # cost of a path exp(-4 c) + 0.03 a mm, c the way to the flank in half widths
-BROAD = 1.3  # half widths from the flank beyond which the cost falls no more
-TRIM = 0.5  # widths by which the crest of a gyrus ends before its flank
+LOWEST = 0.1  # quantile of the depth potential along the net, below which there is no crown
+STEEP, FLOOR = 4.0, 0.03  # cost of a path exp(-4 c) + 0.03 per mm, c the distance to the flank in half widths
+BROAD = 1.3  # half widths from the flank, beyond which the cost stays the same
+TRIM = 0.5  # widths between the end of a crest and the flank of its gyrus
 
 
 def add_dead_ends(
@@ -28,10 +28,11 @@ def add_dead_ends(
     width: float,
     tip: float,
 ) -> None:
-    """Trace crests to the tips of crowns that reach farther than ``tip`` [mm] from the net, the farthest first.
+    """Add crests to the tips of crowns that reach farther than ``tip`` [mm] from the net, the farthest first.
 
-    ``crown`` (N,): what can be one; it is if its depth potential D (N,) is above the lowest tenth of the net, too. The
-    path back to the net keeps to the middle of the crown (Sato and others 2000, the skeletons called TEASAR).
+    ``crown`` (N,): candidate vertices. They count as crown if their depth potential D (N,) is also above the lowest
+    tenth of the net. The path back to the net follows the middle of the crown (Sato and others 2000, the skeletons
+    called TEASAR).
     """
     if not net.arcs:
         return
@@ -62,13 +63,13 @@ def add_dead_ends(
 
 
 def _trimmed(line: NDArray[np.float64], length: float) -> NDArray[np.float64] | None:
-    """A curve without its first so many mm; None if nothing is left."""
+    """A curve without its first ``length`` [mm]; None if nothing is left."""
     kept = line[arc_length(line) >= length]
     return kept if len(kept) > 1 else None
 
 
 def _root(net: Net, at: NDArray[np.float64]) -> int:
-    """The node of the net at a point, or a new one on the nearest curve."""
+    """The node of the net at a point, or a new node on the nearest curve."""
     nearest = min(((float(np.linalg.norm(arc.points - at, axis=1).min()), name) for name, arc in net.arcs.items()))[1]
     arc = net.arcs[nearest]
     k = int(np.linalg.norm(arc.points - at, axis=1).argmin())

@@ -1,7 +1,7 @@
 """Depth potential of a folded surface, here high on gyral crowns and low in sulci, and the width of its gyri.
 
-It is the height of a nearly flat sheet with the mean curvature of the surface: it inverts the Laplacian, so that
-noise of the vertices enters as so many mm of height and not as curvature; it needs no hull, no inflation and no sphere.
+It is the height of a nearly flat sheet with the mean curvature of the surface. It inverts the Laplacian, so noise of
+the vertices enters as height in mm and not as curvature. It needs no hull, no inflation and no sphere.
 """
 
 from __future__ import annotations
@@ -16,23 +16,23 @@ from morphofold.analysis.graph.watershed import Watershed
 from morphofold.errors import OutOfRange
 from morphofold.surface import Faces, PerVertex, Verts, check_mesh
 
-COTANGENTS = (-5.0, 20.0)  # needle triangles have any
+COTANGENTS = (-5.0, 20.0)  # bounds: in needle triangles cotangents have no limit
 RTOL = 1e-4  # 0.003 mm in a brain
 HEAT_STEPS = 3  # implicit Euler steps of one heat flow
-FIRST_SCALE = 0.007  # of the root of the area, at which the width is measured: 2 mm for a hemisphere
-REACH, FINEST = 7.0, 0.7  # reach of the depth potential and persistence of its basins there, in that scale
+FIRST_SCALE = 0.007  # of the root of the area: scale at which the width is measured, 2 mm for a hemisphere
+REACH, FINEST = 7.0, 0.7  # reach of the depth potential and persistence of its basins, in units of that scale
 REACH_IN_WIDTHS, SMOOTHING = 1.5, 0.2  # reach and smoothing of the depth potential, in gyral widths
-RELATIVE = 0.2  # of the range of the depth potential: the largest persistence that is asked for
-LOW, HIGH = 0.05, 0.98  # quantiles between which that range lies
+RELATIVE = 0.2  # of the range of the depth potential: the largest persistence that is used
+LOW, HIGH = 0.05, 0.98  # quantiles that define this range
 
 
 class SurfaceOperators:
-    """Operators of one surface, and the fields they make.
+    """Operators of one surface, and the fields computed with them.
 
     Parameters
     ----------
     verts, faces : (N, 3) float64, (M, 3) int64
-        Closed surface, or one with natural border [mm].
+        Closed surface, or one with a natural border [mm].
 
     Attributes
     ----------
@@ -61,14 +61,14 @@ class SurfaceOperators:
         self._bent = 0.5 * np.sum((self._stiffness @ verts) * self.normals, axis=1)  # integral of H at each vertex
 
     def smooth(self, values: PerVertex, scale: float) -> PerVertex:
-        """Heat flow of values (N,) with a kernel of standard deviation ``scale`` [mm], a mean edge at least."""
+        """Heat flow of values (N,) with a kernel of standard deviation ``scale`` [mm], at least a mean edge."""
         return self.spread(self._mass * values, scale, values, RTOL)
 
     def spread(self, measure: PerVertex, scale: float, start: PerVertex, rtol: float) -> PerVertex:
-        """Density (N,) of a measure, the integral (N,) of something at each vertex, after its heat flow.
+        """Density (N,) of a measure (the integral (N,) of a quantity at each vertex) after heat flow.
 
-        A measure may be had where vertices have no area, and its sum stays. ``start`` is where the solver begins, to
-        end at a residual of ``rtol``.
+        A measure is defined also at vertices without area, and its sum does not change. The solver begins at ``start``
+        and ends at a residual of ``rtol``.
         """
         matrix = self._matrix(0.5 * max(scale, self.edge) ** 2 / HEAT_STEPS)
         density = solve(matrix, measure, start, rtol)
@@ -79,21 +79,21 @@ class SurfaceOperators:
     def depth_potential(self, reach: float, scale: float) -> PerVertex:
         """Depth potential (N,) [mm], positive on crowns, mean 0 on each piece, smoothed over ``scale`` [mm].
 
-        ``(L + M / reach^2) D = 2 M (H - mean H)`` with the cotangent stiffness L and the vertex areas M: the depth
-        potential of Boucher, Whitesides, Evans 2009 (Medical Image Analysis 13), with the other sign. Folds that are
-        wider than a few ``reach`` [mm] count as the body's own shape.
+        ``(L + M / reach^2) D = 2 M (H - mean H)`` with the cotangent stiffness L and the vertex areas M. This is the
+        depth potential of Boucher, Whitesides, Evans 2009 (Medical Image Analysis 13), with the opposite sign. Folds
+        wider than a few ``reach`` [mm] count as the shape of the body.
         """
         right = 2 * reach**2 * (self._bent - self._mass * self._mean_curvatures())
         return self.smooth(solve(self._matrix(reach**2), right, np.zeros(len(right)), RTOL), scale)
 
     def mean_curvature(self, scale: float) -> PerVertex:
-        """Mean curvature H (N,) [1/mm] of the vertices smoothed over ``scale`` [mm], for its sign."""
+        """Mean curvature H (N,) [1/mm] at the vertices, smoothed over ``scale`` [mm]; only its sign is used."""
         bent = np.divide(self._bent, self._mass, out=np.zeros_like(self._bent), where=self._mass > 0)
         return self.smooth(bent, scale)
 
     def _mean_curvatures(self) -> PerVertex:
-        """Mean over its piece of the mean curvature (N,) [1/mm]; 0 where no face uses the vertex."""
-        of = self._piece + 1  # a share of its own for what no face uses
+        """Mean curvature averaged over the piece of each vertex (N,) [1/mm]; 0 where no face uses the vertex."""
+        of = self._piece + 1  # group 0 for vertices that no face uses
         bent, area = np.bincount(of, self._bent), np.bincount(of, self._mass)
         mean: PerVertex = np.divide(bent, area, out=np.zeros_like(bent), where=area > 0)[of]
         return mean
@@ -103,11 +103,11 @@ class SurfaceOperators:
         return (time * self._stiffness + mass).tocsr()
 
     def gyral_width(self, inside: NDArray[np.bool_] | None = None) -> float:
-        """Width of the gyri [mm]: a scale for what follows, from inflection to inflection across the crests.
+        """Width of the gyri [mm] from inflection to inflection across the crests, used as a scale for the graph.
 
-        Twice the median over a first net of crests of the way along edges to where H changes its sign, both at a scale
-        of 0.7 % of the root of the area, whatever the mesh. Wider with the scale, and not the gyral *thickness*.
-        NaN if there are no crests. ``inside`` (N,): where to look.
+        It is twice the median distance along edges from a first net of crests to where H changes its sign. Both are
+        found at a scale of 0.7 % of the root of the area, for any mesh. The width grows with the scale, and is not the
+        gyral *thickness*. NaN if there are no crests. ``inside`` (N,): vertices to use.
         """
         scale = max(FIRST_SCALE * self.area**0.5, self.edge)
         D, H = self.depth_potential(REACH * scale, scale), self.mean_curvature(scale)
@@ -120,12 +120,12 @@ class SurfaceOperators:
         return 2 * float(np.median(way[np.isfinite(way)])) if np.isfinite(way).any() else np.nan
 
     def wavelength(self, values: PerVertex) -> float:
-        """``2 pi`` over the root mean square wavenumber of values (N,) [mm]."""
+        """``2 pi`` divided by the root mean square wavenumber of values (N,) [mm]."""
         values = values - np.average(values, weights=self._mass)
         return float(2 * np.pi * np.sqrt(values @ (self._mass * values) / (values @ (self._stiffness @ values))))
 
     def _distance_to_inflection(self, H: PerVertex) -> PerVertex:
-        """Shortest way (N,) [mm] along edges to a point of an edge where H, linear on it, is 0."""
+        """Shortest distance (N,) [mm] along edges to a point of an edge where H, linear on it, is 0."""
         n = len(H)
         i, j = self.pairs.T
         cut = (H[i] > 0) != (H[j] > 0)
@@ -146,27 +146,27 @@ def wavelength(verts: Verts, faces: Faces, width: float | None = None) -> float:
     Parameters
     ----------
     verts, faces : (N, 3) float64, (M, 3) int64
-        Closed surface, or one with natural border [mm].
+        Closed surface, or one with a natural border [mm].
     width : float, optional
-        Gyral width [mm], which sets the reach and smoothing of the depth potential as in
-        :func:`morphofold.analysis.gyral_graph`; None: measured.
+        Gyral width [mm]. It sets the reach and smoothing of the depth potential as in
+        :func:`morphofold.analysis.gyral_graph`. None: measured.
 
     Returns
     -------
     float
-        ``2 pi (D.MD / D.LD)^1/2`` [mm], D the depth potential, L and M stiffness and mass of the surface; NaN if it
-        has no folds.
+        ``2 pi (D.MD / D.LD)^1/2`` [mm] with the depth potential D, and L and M the stiffness and mass of the surface;
+        NaN if it has no folds.
 
     Raises
     ------
     ValueError
-        If the arrays are no mesh, or ``width`` is not positive.
+        If the arrays are not a mesh, or ``width`` is not positive.
 
     Notes
     -----
-    ``D.LD / D.MD`` is the mean of the eigenvalues of the Laplacian, weighed by the power that D has in their
-    eigenfunctions (the spectrum of Germanaud and others 2012, NeuroImage 63, there of the curvature): no eigenfunction
-    has to be had. A harmonic of degree l on a sphere gives 2 pi R / (l (l + 1))^1/2.
+    ``D.LD / D.MD`` is the mean of the eigenvalues of the Laplacian, weighted by the power of D in their eigenfunctions
+    (the spectrum of Germanaud and others 2012, NeuroImage 63, who use the curvature). No eigenfunction has to be
+    computed. A harmonic of degree l on a sphere gives 2 pi R / (l (l + 1))^1/2.
     """
     check_mesh(verts, faces)
     if width is not None and not (np.isfinite(width) and width > 0):
@@ -179,6 +179,6 @@ def wavelength(verts: Verts, faces: Faces, width: float | None = None) -> float:
 
 
 def persistence(D: PerVertex, wanted: float) -> float:
-    """Persistence ``wanted`` [mm], but 0.2 of the range of the depth potential at most: shallow folds are folds too."""
+    """Persistence ``wanted`` [mm], but at most 0.2 of the range of the depth potential, to keep shallow folds."""
     low, high = np.quantile(D, [LOW, HIGH])
     return min(wanted, RELATIVE * float(high - low))

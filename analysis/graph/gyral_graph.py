@@ -1,4 +1,4 @@
-"""The gyral graph: one net of gyral crests over a surface, its junctions the hinges of gyri."""
+"""The gyral graph: a net of gyral crests over a surface. Its junctions are the gyral hinges."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ def gyral_graph(
     Parameters
     ----------
     surface : Cortex or Surface
-        Of a cortex the white surface is taken, whose crowns are sharp and whose sulci are open, and its mask. A closed
-        surface, or one with a natural border.
+        For a cortex, the mask and the white surface are used, because white has sharp crowns and open sulci. A Surface
+        must be closed, or have a natural border.
     width : float, optional
-        Gyral width [mm]; None: measured (:meth:`SurfaceOperators.gyral_width`). Pass one to compare meshes of one
+        Gyral width [mm]; None: measured (:meth:`SurfaceOperators.gyral_width`). Pass a number to compare meshes of one
         brain.
     scales : GyralScales, optional
         All lengths, instead of ``width``.
@@ -41,16 +41,27 @@ def gyral_graph(
     Returns
     -------
     networkx.MultiGraph
-        Nodes, numbered from 0, have ``position`` (3,) [mm] on the surface, ``vertex`` the nearest one, ``normal`` (3,)
-        of its surroundings, ``degree`` (a loop counts twice), ``persistence`` [mm] up to which the node is a hinge if
-        nothing else is changed (NaN for one that owes it to a dead-end gyrus), ``confidence`` 0 to 1 of a hinge
-        (:func:`~morphofold.analysis.graph.confidence.label_hinges`; NaN for an end), ``cut`` where the mask or the
-        border ends a crest. Edges have ``polyline`` (P, 3) [mm] from the smaller node to the larger, ``vertices`` (P,)
-        nearest to it, ``length`` [mm], ``altitude`` the median and ``lowest`` the least depth potential along it [mm],
-        ``strength`` [mm], ``curvature`` the mean of the geodesic curvature without sign [1/mm], the turns of the curve
-        within the surface in steps of half a gyral width over its length, ``blind``, and their ``number`` from 0.
+        Empty if the surface has no folds. Nodes are numbered from 0 and have:
+
+        - ``position`` (3,) [mm] on the surface, ``vertex``, the nearest one, and ``normal`` (3,) of its surroundings;
+        - ``degree`` (a loop counts twice);
+        - ``persistence`` [mm] up to which the node is a hinge if nothing else is changed (NaN for a node that is a
+          hinge because of a dead-end gyrus);
+        - ``confidence`` of a hinge, 0 to 1 (:func:`~morphofold.analysis.graph.confidence.label_hinges`; NaN for an
+          end);
+        - ``cut``, True where the mask or the border ends a crest.
+
+        Edges have:
+
+        - ``polyline`` (P, 3) [mm] from the node with the smaller number to the other, ``vertices`` (P,) nearest to it,
+          and ``length`` [mm];
+        - ``altitude``, the median, and ``lowest``, the least depth potential along it [mm], and ``strength`` [mm];
+        - ``curvature``, the mean absolute geodesic curvature [1/mm]: the turns of the curve within the surface in steps
+          of half a gyral width, divided by its length;
+        - ``blind``, True for a dead-end gyrus, and ``number`` from 0.
+
         ``graph.graph`` has ``scales`` (a ``GyralScales`` or None), ``surface``, ``edge`` [mm] and ``wavelength`` [mm],
-        as that of :func:`morphofold.analysis.wavelength`, NaN without folds. Empty if the surface has no folds.
+        that of :func:`morphofold.analysis.wavelength`, NaN without folds.
 
     Raises
     ------
@@ -59,16 +70,18 @@ def gyral_graph(
 
     Notes
     -----
-    1. Depth potential (:meth:`SurfaceOperators.depth_potential`), high on crowns, flooded:
-       borders of its basins, joined if they persist less than ``persistence`` or 0.2 of its range, are the net,
-       connected by construction.
-    2. Of its crests those go whose *strength*, the median of the potential less itself smoothed over a width, is less
-       than 0.15 of that of the strongest tenth of the net: borders across wide floors and down in sulci.
-    3. Junctions nearer than ``merge`` become one, spurs shorter than ``prune`` and loops shorter than a width go.
-    4. Crowns that reach farther than ``tip`` from the net get a crest (:func:`add_dead_ends`), and step 3 again.
-    5. Crests move onto the crown, hinges to where their arms meet (:func:`refine`).
+    1. The depth potential (:meth:`SurfaceOperators.depth_potential`), which is high on crowns, is flooded. Basins with
+       a persistence below ``persistence`` or 0.2 of its range are joined. The borders of the basins are the net, which
+       is connected by construction.
+    2. Weak crests are removed: borders across wide floors and down in sulci. The *strength* of a crest is the median
+       along it of the potential less the potential smoothed over a width. It must be at least 0.15 of the strength of
+       the strongest tenth of the net.
+    3. Junctions closer than ``merge`` are merged. Spurs shorter than ``prune`` and loops shorter than a width are
+       removed.
+    4. Crowns that reach farther than ``tip`` from the net get a crest (:func:`add_dead_ends`). Step 3 is repeated.
+    5. Crests move onto the crown, and hinges to where their arms meet (:func:`refine`).
 
-    ``sum(degree - 2)`` over nodes is twice the number of independent loops less that of components.
+    ``sum(degree - 2)`` over nodes is twice the number of independent loops less the number of components.
     """
     import networkx as nx
 
@@ -86,7 +99,7 @@ def gyral_graph(
 
 
 def _describe(graph: nx.MultiGraph, net: Net, builder: CrestNetBuilder, fields: Fields) -> None:
-    """Nodes and edges of the graph, in an order that depends on their places alone."""
+    """Add nodes and edges to the graph, in an order that depends on their positions alone."""
     D, band, scales = fields.D, fields.band, graph.graph["scales"]
     closest = ClosestPoints(builder.operators.verts, builder.operators.faces, builder.tree)
     number = {node: k for k, node in enumerate(sorted(net.nodes, key=lambda node: tuple(net.nodes[node].at)))}
@@ -134,14 +147,14 @@ def _turning(points: NDArray[np.float64], builder: CrestNetBuilder, step: float)
 
 
 class ClosestPoints:
-    """The points of a surface nearest to points close to it; ``tree`` is of its vertices."""
+    """Finds the points of a surface nearest to points close to it; ``tree`` is that of its vertices."""
 
     def __init__(self, verts: Verts, faces: Faces, tree: cKDTree):
         self._verts, self._faces, self._tree = verts, faces, tree
         self._around = incident_faces(len(verts), faces)
 
     def of(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Places (P, 3), and the nearest vertices (P,): those of the triangles there."""
+        """Nearest places (P, 3) on the triangles around the nearest vertices, and these vertices (P,)."""
         nearest = self._tree.query(points)[1]
         places = _nearest_places(points, nearest, self._verts, self._faces, self._around.indptr, self._around.indices)
         return places, nearest

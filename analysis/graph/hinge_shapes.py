@@ -1,4 +1,4 @@
-"""Shapes of three-hinge gyral patterns, free of rotation, mirror and scale, and what to compare them with."""
+"""Shapes of three-hinge gyral patterns, independent of rotation, mirror and scale, and a random net to compare."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from morphofold.analysis.measures import Measures
 
 FEATURES = ("angle", "length", "curvature", "sharpness")
-#: features that any planar net has; the others need a surface
+#: features of any planar net; the others need a surface
 OF_A_NET = ("angle", "length")
-#: arms, and angles to the next arm, in the three turns of a hinge and the three of its mirror image
+#: arms, and angles to the next arm, in the three rotations of a hinge and the three of its mirror image
 ARMS = np.array([[(s + sense * k) % 3 for k in range(3)] for sense in (1, -1) for s in range(3)])
 ANGLES = np.concatenate([ARMS[:3], (ARMS[3:] - 1) % 3])
 
@@ -33,18 +33,18 @@ class HingeShapes:
     Attributes
     ----------
     hinge : (K,) int64
-        Their numbers in the table of hinges.
+        Hinge numbers in the table of hinges.
     features : (K, 3, 4) float64
-        For each arm, counter-clockwise seen from outside: the angle to the next arm [rad], the natural logarithm of
-        its length over the gyral width, its mean geodesic curvature, and the mean curvature of the crown along it, both
-        times the gyral width. Each spreads by 0.3 to 0.5 over the hinges of a brain, so that none outweighs the others
-        where they are added.
+        For each arm, counter-clockwise seen from outside: the angle to the next arm [rad]; the natural logarithm of its
+        length over the gyral width; its mean geodesic curvature, and the mean curvature of the crown along it, both
+        times the gyral width. Each feature spreads by 0.3 to 0.5 over the hinges of a brain, so none outweighs the
+        others in a sum.
     kinds : (K,) str
         ``Y``, ``T`` or ``V``, see :class:`morphofold.analysis.Hinge`.
     width : float
         Gyral width of the surface [mm].
     per_area : float
-        All its hinges that are not doubtful, with three arms or more, per square of the gyral width, on the white
+        Number of all hinges with three arms or more that are not doubtful, per square of the gyral width, on the white
         surface of the cortex.
     """
 
@@ -58,7 +58,7 @@ class HingeShapes:
         return len(self.hinge)
 
     def numbers(self) -> dict[str, Array]:
-        """What is plotted of each hinge (K,): least and largest angle [degrees], geometric mean of the arms' lengths
+        """Plotted quantities of each hinge (K,): least and largest angle [degrees], geometric mean of the arm lengths
         over the width, mean of their curvature and of their sharpness, both times the width."""
         angle, length, curvature, sharpness = np.moveaxis(self.features, 2, 0)
         return {
@@ -71,10 +71,10 @@ class HingeShapes:
 
 
 def hinge_shapes(measures: Measures) -> HingeShapes | None:
-    """Shapes of the three-armed hinges of a cortex, from its tables; doubtful ones (confidence below 0.25) left out.
+    """Shapes of the three-armed hinges of a cortex, from its tables, without doubtful ones (confidence below 0.25).
 
-    An arm without mean curvature (its crest is off the cortex) counts as having the mean of the others of its hinge; a
-    hinge none of whose arms has one is left out.
+    An arm without mean curvature (its crest is outside the cortex) gets the mean of the other arms of its hinge. A
+    hinge is left out if none of its arms has one.
 
     Returns
     -------
@@ -84,7 +84,7 @@ def hinge_shapes(measures: Measures) -> HingeShapes | None:
     Raises
     ------
     MissingPart
-        If the table of arms does not say which crests they are, as those of older analyses.
+        If the table of arms does not name their crests, as in older analyses.
     """
     from morphofold.analysis.measures import Measures
 
@@ -93,7 +93,7 @@ def hinge_shapes(measures: Measures) -> HingeShapes | None:
     if not width or area is None:
         return None
     if any("crest" not in row for row in measures.arms):
-        raise MissingPart(f"{measures.cortex.name}: its arms do not say which crests they are. Analyze it anew.")
+        raise MissingPart(f"{measures.cortex.name}: the table of arms does not name their crests. Analyze it again.")
     bent = {row["crest"]: row["mean_H_per_mm"] for row in measures.crests}
     arms: dict[int, list[list[float]]] = {}
     for row in measures.arms:
@@ -124,39 +124,40 @@ def hinge_shapes(measures: Measures) -> HingeShapes | None:
 
 
 def together(shapes: Sequence[HingeShapes]) -> Array:
-    """Features (sum of K, 3, 4) of the hinges of several surfaces, one after another."""
+    """Features (sum of K, 3, 4) of the hinges of several surfaces, concatenated."""
     return np.concatenate([s.features for s in shapes]) if shapes else np.empty((0, 3, len(FEATURES)))
 
 
 def shape_distance(a: Array, b: Array, *, of: Sequence[str] = FEATURES) -> tuple[Array, Ints]:
-    """Distances between hinges, and the pose of the second in which it is nearest.
+    """Distances between hinges, and the pose of the second hinge in which it is nearest.
 
     Parameters
     ----------
     a, b : (K, 3, 4) and (L, 3, 4) float64
         Features as in :class:`HingeShapes`.
     of : sequence of str
-        Those of :data:`FEATURES` that count.
+        The :data:`FEATURES` to use.
 
     Returns
     -------
     distance : (K, L) float64
-        Root mean square difference of the features, the least over the six ways to lay one hinge on another: three
-        turns, and three of the mirror image.
+        Root mean square difference of the features, the least over the six poses of one hinge on another: three
+        rotations, and three of the mirror image.
     pose : (K, L) int64
-        0 to 2: the arm of ``b`` that lies on the first of ``a``, the others following in the same sense; 3 to 5: arm
-        ``pose - 3``, in the other sense.
+        0 to 2: the arm of ``b`` that lies on the first arm of ``a``; the others follow in the same sense. 3 to 5: arm
+        ``pose - 3``, with the others in the opposite sense.
 
     Raises
     ------
     ValueError
-        If ``of`` names no feature or an unknown one, or a chosen feature is not finite (a net alone has no curvature).
+        If ``of`` is empty or names an unknown feature, or a chosen feature is not finite (a net alone has no
+        curvature).
     """
     if not of or not set(of) <= set(FEATURES):
         raise UnknownName(f"of must name some of {', '.join(FEATURES)}, got {', '.join(of) or 'none'}.")
     chosen = [FEATURES.index(name) for name in of]
     if not (np.isfinite(a[:, :, chosen]).all() and np.isfinite(b[:, :, chosen]).all()):
-        raise NotFinite(f"{', '.join(of)} must be finite numbers for every arm; compare by {', '.join(OF_A_NET)}.")
+        raise NotFinite(f"{', '.join(of)} must be finite for every arm. Otherwise compare by {', '.join(OF_A_NET)}.")
     least, pose = np.full((len(a), len(b)), np.inf), np.zeros((len(a), len(b)), dtype=np.int64)
     for k, (arms, angles) in enumerate(zip(ARMS, ANGLES)):
         laid = b[:, arms].copy()
@@ -172,10 +173,10 @@ def shape_distance(a: Array, b: Array, *, of: Sequence[str] = FEATURES) -> tuple
 
 @dataclass(frozen=True)
 class TwoSample:
-    """Energy distance of two samples, and how often a division at chance has as much.
+    """Energy distance of two samples, and how often a random division has at least as much.
 
-    ``statistic`` is 0 for a sample and its copy, and falls to 0 with the size for two samples of one distribution;
-    ``p`` is that of a permutation test; ``n``, ``m`` the sizes.
+    ``statistic`` is 0 for two identical samples, and tends to 0 with growing size for two samples of one distribution.
+    ``p`` is the p-value of a permutation test; ``n`` and ``m`` are the sizes.
     """
 
     statistic: float
@@ -185,7 +186,7 @@ class TwoSample:
 
 
 def two_sample(distance: Array, n: int, *, permutations: int = 999, seed: int = 0) -> TwoSample:
-    """Whether the first ``n`` of some hinges are shaped as the others, from all distances between them.
+    """Test whether the first ``n`` hinges have the same shapes as the others, from all distances between them.
 
     Parameters
     ----------
@@ -194,7 +195,7 @@ def two_sample(distance: Array, n: int, *, permutations: int = 999, seed: int = 
     n : int
         Size of the first sample, 0 < n < N.
     permutations, seed : int
-        Of the divisions at chance.
+        Number and seed of the random divisions.
 
     Returns
     -------
@@ -202,13 +203,14 @@ def two_sample(distance: Array, n: int, *, permutations: int = 999, seed: int = 
 
     Notes
     -----
-    ``2 E|X - Y| - E|X - X'| - E|Y - Y'|`` (Szekely and Rizzo 2013, J. Stat. Plan. Inference 143). Its p-value takes
-    hinges as exchangeable: those of one surface are neighbours and share arms, so a small p says less than it seems.
+    The statistic is ``2 E|X - Y| - E|X - X'| - E|Y - Y'|`` (Szekely and Rizzo 2013, J. Stat. Plan. Inference 143). Its
+    p-value assumes that hinges are exchangeable. Hinges of one surface are neighbours and share arms, so a small p is
+    weaker evidence than it seems.
 
     Raises
     ------
     ValueError
-        If a sample is empty, or ``distance`` is no matrix of distances.
+        If a sample is empty, or ``distance`` is not a matrix of distances.
     """
     size = len(distance)
     if distance.shape != (size, size) or not (np.isfinite(distance).all() and np.allclose(distance, distance.T)):
@@ -216,7 +218,7 @@ def two_sample(distance: Array, n: int, *, permutations: int = 999, seed: int = 
             f"distance must be finite and symmetric, got an array {distance.shape} that is not."
         )
     if not 0 < n < size:
-        raise OutOfRange(f"two samples are needed, got {n} of {size}.")
+        raise OutOfRange(f"two samples that are not empty are needed, got a first sample of {n} of {size}.")
     rng, first = np.random.default_rng(seed), np.arange(size) < n
     energy = _energy(distance, first[None])[0]
     drawn = np.array([rng.permutation(first) for _ in range(permutations)])
@@ -225,7 +227,7 @@ def two_sample(distance: Array, n: int, *, permutations: int = 999, seed: int = 
 
 
 def _energy(distance: Array, first: NDArray[np.bool_]) -> Array:
-    """Of each division (D, N) into the first sample and the second."""
+    """Energy distance of each division (D, N) into a first and a second sample."""
     mine = first.astype(np.float64)
     rows, n = mine @ distance, first[0].sum()
     m, within = first.shape[1] - n, np.sum(rows * mine, axis=1)
@@ -235,37 +237,40 @@ def _energy(distance: Array, first: NDArray[np.bool_]) -> Array:
 
 
 def random_net(hinges: int, *, shortest: float, per_area: float, seed: int = 0) -> Array:
-    """Features (K, 3, 4) of the hinges of a net at chance: the borders between points put on a sphere at random.
+    """Features (K, 3, 4) of the hinges of a random net: the Voronoi borders between random points on a sphere.
 
     Parameters
     ----------
     hinges : int
-        About how many the net has.
+        Approximate number of hinges of the net.
     shortest : float
-        Arms are no shorter, in gyral widths: a gyral graph makes one hinge of the two that such an arm joins, which
-        then has four arms, so both are left out.
+        Least length of arms in gyral widths. A gyral graph merges the two hinges of a shorter arm into one hinge with
+        four arms, so both are left out.
     per_area : float
-        Hinges, of any number of arms, per square of the gyral width, which sets the scale.
+        Hinges with any number of arms per square of the gyral width; it sets the scale.
     seed : int
-        Of the points.
+        Seed of the random points.
 
     Raises
     ------
     ValueError
-        If a number is not positive (``shortest``: negative), or no scale has that many hinges.
+        If a number is not positive (``shortest``: negative), or no scale gives that many hinges.
 
     Notes
     -----
-    A Voronoi net of a Poisson process: straight arms, angles and lengths as chance has them. Curvature and sharpness
-    are NaN: compare by :data:`OF_A_NET`.
+    The net is the Voronoi net of a Poisson process, with straight arms and random angles and lengths. Curvature and
+    sharpness are NaN: compare by :data:`OF_A_NET`.
     """
     if not (hinges > 0 and shortest >= 0 and 0 < per_area < np.inf):
-        raise OutOfRange(f"a net needs positive numbers, got {hinges} hinges, {shortest} and {per_area} per area.")
+        raise OutOfRange(
+            f"a net needs positive numbers, got {hinges} hinges, a shortest arm of {shortest} and {per_area} hinges "
+            "per area."
+        )
     net = irregular_net(max(hinges // 2 + 2, 6), seed, rounds=0)
     width = _width(net.lengths, len(net.nodes), shortest, per_area)
     at = net.nodes
     ends = np.concatenate([net.arcs, net.arcs[:, ::-1]])
-    to = ends[np.argsort(ends[:, 0], kind="stable"), 1].reshape(-1, 3)  # every node of such a net has three arcs
+    to = ends[np.argsort(ends[:, 0], kind="stable"), 1].reshape(-1, 3)  # every node of this net has three arcs
     flat = at[to] - np.sum(at[to] * at[:, None], axis=2, keepdims=True) * at[:, None]
     across = np.cross(at, flat[:, 0])
     azimuth = np.arctan2(np.sum(flat * across[:, None], axis=2), np.sum(flat * flat[:, :1], axis=2)) % (2 * np.pi)
@@ -279,7 +284,7 @@ def random_net(hinges: int, *, shortest: float, per_area: float, seed: int = 0) 
 
 
 def _width(lengths: Array, nodes: int, shortest: float, per_area: float) -> float:
-    """Gyral width [rad] at which ``nodes``, less one for each of the arcs that are too short, are ``per_area``."""
+    """Gyral width [rad] at which ``nodes``, less one for each arc that is too short, have the density ``per_area``."""
     left = nodes
     for _ in range(100):
         width = float(np.sqrt(per_area * 4 * np.pi / left))
@@ -289,4 +294,4 @@ def _width(lengths: Array, nodes: int, shortest: float, per_area: float) -> floa
         if now <= nodes // 4:
             break
         left = now
-    raise NoSolution(f"{per_area:g} hinges per square of the width leave no room for arms of {shortest:g} widths.")
+    raise NoSolution(f"{per_area:g} hinges per square of the width are too dense for arms of {shortest:g} widths.")

@@ -1,4 +1,4 @@
-"""Hinges of a gyral graph: how many arms, where they go, what shape that is."""
+"""Hinges of a gyral graph: their arms, directions and shapes."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from morphofold.surface import check_kind
 if TYPE_CHECKING:
     import networkx as nx
 
-EVEN = 30.0  # degrees from 120 within which all three angles of a Y are
-STRAIGHT = 150.0  # degrees that the largest angle of a T has at least
-APART = 30.0  # degrees that its smallest has
-DOUBTFUL, SURE = 0.25, 0.5  # confidence from which a hinge counts, and from which it would by a stricter reading
+EVEN = 30.0  # degrees from 120 within which all three angles of a Y lie
+STRAIGHT = 150.0  # least value in degrees of the largest angle of a T
+APART = 30.0  # least value in degrees of its smallest angle
+DOUBTFUL, SURE = 0.25, 0.5  # confidence from which a hinge counts, and from which it counts by a stricter rule
 
 
 @dataclass(frozen=True)
@@ -32,19 +32,19 @@ class Arm:
     Attributes
     ----------
     hinge, number : int
-        The node of the graph, and the arm's place around it, counter-clockwise seen from outside.
+        Node of the graph, and position of the arm around it, counter-clockwise seen from outside.
     to, crest : int
-        Node at the other end, and the number of the crest that leads there.
+        Node at the other end, and number of the crest that leads there.
     angle : float
-        To the next arm [degrees]; those of a hinge add up to 360.
+        Angle to the next arm [degrees]; the angles of a hinge add up to 360.
     length : float
-        Of the crest to that node [mm].
+        Length of the crest to that node [mm].
     curvature : float
-        Mean geodesic curvature of the crest, without sign [1/mm].
+        Mean absolute geodesic curvature of the crest [1/mm].
     altitude, lowest : float
         Median and least depth potential along the crest [mm], positive on crowns.
     blind : bool
-        Whether the arm is a gyrus that ends.
+        Whether the arm is a dead-end gyrus.
     direction : (3,) tuple of float
         Unit direction in the tangent plane.
     """
@@ -69,28 +69,28 @@ class Hinge:
     Attributes
     ----------
     node : int
-        Of the graph.
+        Node of the graph.
     vertex : int
         Nearest vertex of the surface.
     position : (3,) tuple of float
-        [mm].
+        Position [mm].
     degree : int
-        Arms; a loop counts twice.
+        Number of arms; a loop counts twice.
     shape : str
-        ``Y``: three arms, all angles within 30 of 120 degrees. ``T``: three, the largest 150 or more, the smallest 30
-        or more. ``V``: three, neither. ``X``: four. ``star``: five or more.
+        ``Y``: three arms, all angles within 30 of 120 degrees. ``T``: three arms, largest angle 150 or more, smallest
+        30 or more. ``V``: three arms, neither of these. ``X``: four arms. ``star``: five or more.
     largest, smallest : float
-        Angles between neighbouring arms [degrees].
+        Largest and smallest angle between neighbouring arms [degrees].
     mean_arm_length : float
-        [mm].
+        Mean length of the arms [mm].
     persistence : float
-        [mm], see :func:`morphofold.analysis.gyral_graph`; NaN for a hinge that a blind gyrus makes.
+        [mm], see :func:`morphofold.analysis.gyral_graph`; NaN for a hinge that exists because of a dead-end gyrus.
     blind : bool
-        Whether there would be no hinge without its blind arms.
+        Whether there would be no hinge without its dead-end arms.
     confidence : float
         0 to 1, see :func:`morphofold.analysis.graph.confidence.label_hinges`; NaN in a graph of an older version.
     arms : tuple of Arm
-        Counter-clockwise seen from outside, the one before the largest angle last.
+        Counter-clockwise seen from outside; the arm before the largest angle is last.
     """
 
     node: int
@@ -108,7 +108,7 @@ class Hinge:
 
 
 def hinges(graph: nx.MultiGraph) -> list[Hinge]:
-    """The hinges of a gyral graph, by node.
+    """The hinges of a gyral graph, in the order of nodes.
 
     Parameters
     ----------
@@ -118,8 +118,8 @@ def hinges(graph: nx.MultiGraph) -> list[Hinge]:
     Returns
     -------
     list of Hinge
-        An arm's direction is that of the mean of its crest between 0.5 and 1.5 gyral widths from the hinge (60 % of its
-        length at most), in the tangent plane.
+        The direction of an arm points to the mean of its crest between 0.5 and 1.5 gyral widths from the hinge (at most
+        60 % of its length), in the tangent plane.
     """
     import networkx as nx
 
@@ -132,7 +132,7 @@ def hinges(graph: nx.MultiGraph) -> list[Hinge]:
 def hinge_at(graph: nx.MultiGraph, node: int) -> Hinge:
     """The hinge at a node of a gyral graph where three crests or more meet, as :func:`hinges` gives it.
 
-    ``KeyError`` if there is no such node; a node of fewer crests has no angles that mean anything.
+    Raises ``KeyError`` if there is no such node. At a node with fewer crests the angles have no meaning.
     """
     data, width = graph.nodes[node], graph.graph["scales"].width
     here, normal = data["position"], data["normal"]
@@ -202,7 +202,7 @@ def _shape(turns: list[float]) -> str:
 
 
 def counts(row: Mapping[str, Any]) -> bool:
-    """Whether a hinge, a row of its table or a node of the graph, is not doubtful; older versions did not say."""
+    """Whether a hinge (a row of its table or a node) is not doubtful; True if an older version gave no confidence."""
     confidence = row.get("confidence")
     return confidence is None or not confidence < DOUBTFUL  # NaN in a graph of an older version
 

@@ -1,4 +1,4 @@
-"""A net of curves on a surface: the borders between basins, and how near junctions merge and short spurs go."""
+"""A net of curves on a surface: borders between basins, merging of close junctions, removal of short spurs."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from morphofold.surface import Faces, Verts
 
 
 class Node:
-    """A point of the net: ``at`` (3,) [mm]; ``merged`` of so many; the finest ``basins`` that meet there; ``cut``
-    where the net was cut off, at a border or a mask."""
+    """A point of the net: position ``at`` (3,) [mm]; ``merged``, the number of nodes that it was merged from; the
+    finest ``basins`` that meet there; ``cut``, True where the net was cut at a border or a mask."""
 
     def __init__(self, at: Array, basins: frozenset[int] = frozenset(), cut: bool = False):
         self.at, self.basins, self.cut, self.merged = at, basins, cut, 1
 
 
 class Arc:
-    """A curve ``points`` (P, 3) [mm] from node ``a`` to node ``b``; ``blind``: it was traced to the tip of a gyrus."""
+    """A curve ``points`` (P, 3) [mm] from node ``a`` to ``b``; ``blind``: it leads to the tip of a dead-end gyrus."""
 
     def __init__(self, a: int, b: int, points: Array, blind: bool = False):
         self.a, self.b, self.blind = a, b, blind
@@ -42,7 +42,7 @@ class Arc:
 
 
 class Net:
-    """Nodes and arcs by number; an arc may be a loop, and two nodes may have several arcs."""
+    """Nodes and arcs by number. An arc may be a loop, and two nodes may be joined by several arcs."""
 
     def __init__(self) -> None:
         self.nodes: dict[int, Node] = {}
@@ -60,7 +60,7 @@ class Net:
         return self._next - 1
 
     def ends(self) -> dict[int, list[int]]:
-        """Arcs of each node, a loop twice."""
+        """Arcs of each node; a loop occurs twice."""
         ends: dict[int, list[int]] = {node: [] for node in self.nodes}
         for name, arc in self.arcs.items():
             ends[arc.a].append(name)
@@ -71,13 +71,13 @@ class Net:
         return {node: len(arcs) for node, arcs in self.ends().items()}
 
     def drop(self, *names: int) -> None:
-        """Take arcs away, and what that leaves needless of their ends."""
+        """Remove arcs, and the end nodes that are then not needed."""
         gone = [self.arcs.pop(name) for name in names]
         for node in sorted({end for arc in gone for end in (arc.a, arc.b)}):
             self._tidy(node)
 
     def _tidy(self, node: int) -> None:
-        """A node without arcs goes; one between two arcs vanishes in a longer one."""
+        """Remove a node without arcs; join the two arcs of a node that has only two."""
         arcs = [name for name, arc in self.arcs.items() for end in (arc.a, arc.b) if end == node]
         if not arcs:
             del self.nodes[node]
@@ -89,7 +89,7 @@ class Net:
             self.add_arc(Arc(one.a, two.b, np.concatenate([one.points, two.points[1:]]), one.blind and two.blind))
 
     def split(self, arc: int, k: int) -> int:
-        """Put a node at point k of an arc; its number."""
+        """Insert a node at point k of an arc; returns the number of the node."""
         whole = self.arcs.pop(arc)
         node = self.add_node(Node(whole.points[k]))
         self.add_arc(Arc(whole.a, node, whole.points[: k + 1], whole.blind))
@@ -98,7 +98,7 @@ class Net:
 
     def merge(self, distance: float, loop: float) -> None:
         """Contract arcs shorter than ``distance`` between two junctions, the shortest first; drop loops shorter than
-        ``loop`` [mm]. A merged junction lies in the mean of all that became one."""
+        ``loop`` [mm]. A merged junction lies at the mean of all junctions that it was merged from."""
         while True:
             degree = self.degrees()
             loops = [n for n, arc in self.arcs.items() if arc.a == arc.b and arc.length < loop and degree[arc.a] > 2]
@@ -126,7 +126,7 @@ class Net:
                 other.points = moved(other.points, self.nodes[other.a].at, self.nodes[other.b].at)
 
     def prune(self, length: float) -> None:
-        """Drop arcs shorter than ``length`` [mm] with a free end, the shortest first; those of a cut stay."""
+        """Drop arcs shorter than ``length`` [mm] with a free end, the shortest first; arcs that end at a cut stay."""
         while True:
             degree = self.degrees()
             free = [
@@ -147,7 +147,7 @@ class Net:
             self.prune(prune)
 
     def keep(self, good: Callable[[Array], NDArray[np.bool_]]) -> None:
-        """Cut off what lies where ``good`` of the points (P, 3) is False; the new ends are marked as cut."""
+        """Remove the parts of arcs where ``good`` of the points (P, 3) is False; the new ends are marked as cut."""
         for name in list(self.arcs):
             arc = self.arcs[name]
             stays = good(arc.points)
@@ -172,20 +172,20 @@ def _runs(flags: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
 
 
 def moved(points: Array, start: Array, stop: Array) -> Array:
-    """A curve with its ends moved, and what lies between by a share of that, linear along it."""
+    """A curve with its ends moved; the points between move by a share that is linear along the curve."""
     along = arc_length(points)
     share = (along / along[-1] if along[-1] > 0 else np.linspace(0, 1, len(along)))[:, None]
     return points + (1 - share) * (start - points[0]) + share * (stop - points[-1])
 
 
 def resampled(points: Array, step: float) -> Array:
-    """A curve at equal distances, ``step`` [mm] at most, its ends where they were."""
+    """A curve with points at equal distances of at most ``step`` [mm]; its ends stay."""
     length = arc_length(points)[-1]
     return at_arc_lengths(points, np.linspace(0, length, max(int(np.ceil(length / step)), 2) + 1))
 
 
 def at_arc_lengths(points: Array, places: Array) -> Array:
-    """The points (Q, 3) of a curve at so many mm along it (Q,)."""
+    """The points (Q, 3) of a curve at the arc lengths ``places`` (Q,) [mm]."""
     along = arc_length(points)
     return np.stack([np.interp(places, along, points[:, k]) for k in range(3)], axis=1)
 
@@ -193,7 +193,7 @@ def at_arc_lengths(points: Array, places: Array) -> Array:
 def smoothed(points: Array, deviation: float) -> Array:
     """A curve resampled and smoothed along itself by a Gaussian [mm]; the ends stay."""
     points = resampled(points, 0.5 * deviation)
-    reach = min(6, len(points) - 1)  # three deviations, each of two steps
+    reach = min(6, len(points) - 1)  # three deviations of two steps each
     before, after = 2 * points[0] - points[reach:0:-1], 2 * points[-1] - points[-2 : -reach - 2 : -1]
     step = np.linalg.norm(np.diff(points, axis=0), axis=1).mean()
     weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) * step / deviation) ** 2)
@@ -202,20 +202,21 @@ def smoothed(points: Array, deviation: float) -> Array:
 
 
 def borders(verts: Verts, faces: Faces, pairs: Ints, basin: Ints, finest: Ints) -> Net:
-    """The net of the borders between basins: connected by construction, its junctions where three of them meet.
+    """The net of the borders between basins. It is connected by construction; junctions are where three basins meet.
 
     Parameters
     ----------
     verts, faces, pairs : (N, 3), (M, 3), (E, 2)
         Surface and its edges in ascending order.
     basin, finest : (N,) int64
-        Basin of each vertex, and the finer one that junctions remember.
+        Basin of each vertex, and its finest basin, which junctions record.
 
     Returns
     -------
     Net
-        A curve runs through the midpoints of edges whose ends differ; a junction lies in a triangle with three
-        basins. A border without a junction is a loop from one of its points. Where the surface ends, so does a curve.
+        A curve runs through the midpoints of edges whose ends are in different basins. A junction lies in a triangle
+        with three basins. A border without a junction is a loop from one of its points. Curves end at the border of the
+        surface.
     """
     ends = basin[pairs]
     crossed = np.flatnonzero(ends[:, 0] != ends[:, 1])
@@ -243,9 +244,9 @@ def borders(verts: Verts, faces: Faces, pairs: Ints, basin: Ints, finest: Ints) 
 
 
 def paths(graph: sparse.csr_array, junction: Ints) -> Iterator[list[int]]:
-    """Chains between junctions, from borders of the surface, and rings; each once.
+    """Chains between junctions or borders of the surface, and rings; each occurs once.
 
-    A point with more than two neighbours, on an edge with more than two triangles, is a junction, too.
+    A point with more than two neighbours, on an edge with more than two triangles, is also a junction.
     """
     first, near = graph.indptr.tolist(), graph.indices.tolist()
     junction = np.union1d(junction, np.flatnonzero(np.diff(graph.indptr) > 2))

@@ -1,4 +1,4 @@
-"""Highs and lows of a function on a surface that stand out, such as gyri and sulci of a height."""
+"""Prominent highs and lows of a function on a surface, such as gyri and sulci of a height."""
 
 from __future__ import annotations
 
@@ -14,36 +14,36 @@ from morphofold.surface import Faces, PerVertex
 
 
 def prominent_peaks(faces: Faces, values: PerVertex, least: float) -> NDArray[np.int64]:
-    """Vertices of the peaks that rise by ``least`` or more above the pass to the next higher ground.
+    """Vertices of the peaks that rise by ``least`` or more above the pass to higher ground.
 
     Parameters
     ----------
     faces : (M, 3) int64
-        Triangles; vertices that none uses are left out.
+        Triangles; vertices that no triangle uses are left out.
     values : (N,) float64
         Height, in any unit. Pass ``-values`` for the pits.
     least : float
-        Prominence that a peak has at least, in the unit of the values; >= 0.
+        Least prominence of a peak, in the unit of the values; >= 0.
 
     Returns
     -------
     peaks : (P,) int64
         Vertices, the most prominent first, ties by height and then by number. The highest vertex of every connected
-        piece is always among them, a piece of one height has one peak.
+        piece is always among them. A piece of constant height has one peak.
 
     Raises
     ------
     ValueError
-        If a used vertex has no finite height, there are too few of them, or ``least`` is negative or NaN.
+        If a used vertex has no finite height, there are too few values, or ``least`` is negative or NaN.
 
     Notes
     -----
-    Flood the surface and let the water sink: a peak comes up as an island, and islands join at passes. The
+    Imagine a flooded surface and a falling water level. A peak appears as an island, and islands join at passes. The
     prominence of a peak is its height above the pass at which its island joins one with a higher peak (its
-    *persistence* in topology). If two heights on one mesh differ by e at most everywhere, then every peak of
-    prominence p > 2 e of the one has its own partner of p - 2 e or more of the other (Cohen-Steiner, Edelsbrunner,
-    Harer 2007, Discrete Comput. Geom. 37, 103). Hence ripples of the mesh don't count, and the number changes only
-    with prominences near ``least``.
+    *persistence* in topology). If two heights on one mesh differ by e at most everywhere, then every peak of the first
+    with prominence p > 2 e has its own partner of p - 2 e or more in the second (Cohen-Steiner, Edelsbrunner, Harer
+    2007, Discrete Comput. Geom. 37, 103). So ripples of the mesh do not count, and the number of peaks changes only if
+    prominences are near ``least``.
     """
     values = np.asarray(values, dtype=np.float64)
     if not least >= 0:
@@ -53,7 +53,7 @@ def prominent_peaks(faces: Faces, values: PerVertex, least: float) -> NDArray[np
     used = np.unique(faces)
     if not np.isfinite(values[used]).all():
         missing = np.count_nonzero(~np.isfinite(values[used]))
-        raise NotFinite(f"{missing} of {len(used)} vertices have no finite height; cut them out of the faces.")
+        raise NotFinite(f"{missing} of {len(used)} vertices have no finite height. Remove their faces.")
     graph = geometry.adjacency(len(values), faces)
     order = used[np.argsort(-values[used], kind="stable")]
     prominence = _prominence(graph.indptr, graph.indices, values, order)
@@ -71,7 +71,7 @@ def _root(parent, i):
 
 @njit(cache=True)
 def _prominence(indptr, indices, values, order):
-    """Prominence of each vertex (N,): inf for the highest of a piece, -1 where there is no peak.
+    """Prominence of each vertex (N,): inf for the highest vertex of a piece, -1 where there is no peak.
 
     ``order``: vertices from the highest down. Islands are trees; the root of each is its peak.
     """

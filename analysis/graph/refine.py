@@ -1,4 +1,4 @@
-"""Where exactly the crests of a net run and meet: curves onto the crown, junctions where their arms point."""
+"""Refinement of a net: curves move onto the crown, and junctions to the point where their arms meet."""
 
 from __future__ import annotations
 
@@ -17,26 +17,25 @@ from morphofold.surface import PerVertex
 from morphofold.threads import BLOCKS
 
 ROUNDS = 3
-ENOUGH = 1.6  # edges around a point within which there are enough vertices for a fit
-STEP, BALL, FARTHEST = 0.05, 0.3, 1 / 6  # widths: of a curve, fitted around a point, moved a round,
-NEAR, SMOOTHING = 0.2, 0.2  # spared at a junction, smoothed along
-INNER, OUTER = 0.5, 1.5  # widths from a junction between which an arm has its direction,
-SHARE = 0.6  # and the share of it that may be used
-MEETING = (0.3, 1.0)  # widths between which its arms say where a junction is: farther
-# out they bend, and it would be found anew less exactly
-SHIFT, TIE = 0.25, 0.3  # a junction's move a round, widths; how it clings to its place
-STRAIGHT = 0.3  # of an arm that is made straight at most
+ENOUGH = 1.6  # radius in edges within which there are enough vertices for a fit
+STEP, BALL, FARTHEST = 0.05, 0.3, 1 / 6  # in widths: step of a curve, radius of a fit, largest move per round
+NEAR, SMOOTHING = 0.2, 0.2  # in widths: stretch at a junction that does not move, smoothing along a curve
+INNER, OUTER = 0.5, 1.5  # distances in widths from a junction between which the direction of an arm is taken,
+SHARE = 0.6  # and the largest share of the arm that is used
+MEETING = (0.3, 1.0)  # distances in widths at which the arms locate a junction: farther
+# out they bend, and the junction would be less exact
+SHIFT, TIE = 0.25, 0.3  # largest move of a junction per round, in widths; weight of its old position
+STRAIGHT = 0.3  # largest share of an arm that is made straight
 
 
 def refine(net: Net, operators: SurfaceOperators, D: PerVertex, width: float, rounds: int = ROUNDS) -> None:
     """Move the curves of a net onto the crowns of the depth potential ``D`` (N,), and its junctions to where arms meet.
 
-    Each point moves across its curve to the top of a parabola fitted to it; curves
-    are smoothed over a fifth of a width; a junction moves towards the point nearest to the lines along its arms, fitted
-    between 0.3 and 1 width from it (0.5 and 1.5 if it was several: nearer, the arms are those of its parts), and within
-    0.5 the arms become straight: on the last stretch it has no
-    crest to follow. The arms themselves do not move with their junction: where they are nearly parallel, it would
-    wander along them.
+    Each point moves across its curve to the top of a parabola fitted to ``D``. Curves are smoothed over a fifth of a
+    width. A junction moves towards the point nearest to the lines along its arms. These lines are fitted between 0.3
+    and 1 width from the junction, or between 0.5 and 1.5 if it was merged from several, because closer arms are those
+    of its parts. Within 0.5 widths the arms become straight, because on this last stretch there is no crest to follow.
+    The arms themselves do not move with their junction. Otherwise, nearly parallel arms would let it drift along them.
     """
     ring = adjacency(len(operators.verts), operators.faces)
     tree = cKDTree(operators.verts)
@@ -51,7 +50,7 @@ def refine(net: Net, operators: SurfaceOperators, D: PerVertex, width: float, ro
 
 
 def _climb(net, operators, D, ring, tree, radius, width):
-    """Move the points of all curves across them, onto the crown."""
+    """Move the points of all curves across their curve, onto the crown."""
     if not net.arcs:
         return
     degree = net.degrees()
@@ -92,7 +91,7 @@ def _climb(net, operators, D, ring, tree, radius, width):
 
 
 def _meet(net, operators, tree, width):
-    """Junctions to the point nearest to the lines of their arms; the arms follow, and start straight."""
+    """Move junctions to the point nearest to the lines of their arms; the arms follow, and start straight."""
     ends = net.ends()
     for node, names in ends.items():
         if len(names) < 3:
@@ -126,7 +125,7 @@ def _meet(net, operators, tree, width):
 
 
 def upright(operators: SurfaceOperators, tree: cKDTree, at: Array, width: float) -> Array:
-    """Unit normal (3,) at a point, the mean over what faces its way within half a width."""
+    """Unit normal (3,) at a point: the mean over vertices within half a width that face the same way."""
     here = operators.normals[tree.query(at)[1]]
     around = operators.normals[tree.query_ball_point(at, 0.5 * width)]
     mean = here + around[around @ here > 0.2].sum(axis=0)
@@ -135,7 +134,7 @@ def upright(operators: SurfaceOperators, tree: cKDTree, at: Array, width: float)
 
 
 def _arms(net, node, names):
-    """The curves of a junction, each away from it; a loop both ways."""
+    """The curves of a junction, each directed away from it; a loop in both directions."""
     for name in dict.fromkeys(names):
         arc = net.arcs[name]
         if arc.a == node:
@@ -145,7 +144,7 @@ def _arms(net, node, names):
 
 
 def _window(line, width, between):
-    """The points of an arm from which its line is taken; None if there are fewer than two."""
+    """The points of an arm to which its line is fitted; None if there are fewer than two."""
     way = arc_length(line)
     outer = min(between[1] * width, SHARE * way[-1])
     inner = min(between[0] * width, 0.5 * outer)
@@ -167,7 +166,7 @@ def _straightened(line, width):
 @njit(cache=True, parallel=True)
 def _crown(points, ahead, nearest, verts, normals, indptr, indices, D, radii, farthest):
     """Shift (P, 3) of each point across its curve to the top of ``D ~ a + b s + c s^2 + e u`` (s across, u along),
-    fitted within ``radii`` (P,); none where that has no top."""
+    fitted within ``radii`` (P,); 0 where the fit has no top."""
     n = len(points)
     shift = np.zeros((n, 3))
     for block in prange(BLOCKS):

@@ -1,4 +1,4 @@
-"""How the number of hinges depends on the lengths that a gyral graph is found by."""
+"""Sensitivity of the number of hinges to the lengths of a gyral graph."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from morphofold.errors import OutOfRange, UnknownName
 from morphofold.progress import Progress, silent
 from morphofold.surface import Cortex, Surface
 
-#: the lengths that are varied: those of the net, and those of the depth potential it is found on, which take longer
+#: lengths that are varied: those of the net, and those of its depth potential, which take longer
 OF_THE_NET = ("persistence", "merge", "prune", "tip")
 OF_THE_POTENTIAL = ("smoothing", "reach")
 FACTORS = (0.5, 0.75, 1.5, 2.0)
@@ -29,7 +29,7 @@ def hinge_sensitivity(
     factors: Sequence[float] = FACTORS,
     progress: Progress = silent,
 ) -> list[dict[str, Any]]:
-    """Hinges found as one length at a time is changed.
+    """Number of hinges when one length at a time is changed.
 
     Parameters
     ----------
@@ -38,27 +38,27 @@ def hinge_sensitivity(
     lengths : sequence of str
         Fields of ``GyralScales``.
     factors : sequence of float
-        By which each is multiplied.
+        Factors by which each length is multiplied.
     progress : callable
-        Called with the share done and a few words.
+        Called with the share done and a short text.
 
     Returns
     -------
     list of dict
-        ``length`` (its name; empty in the first row, which changes nothing), ``factor``, ``mm``, ``n_hinges``,
-        ``n_hinges_3``, ``n_hinges_4``, ``n_ends``, ``crest_length_mm`` of the net before its curves move onto the
-        crowns, so a little less than that of ``measure``; ``kept``, the share of the unchanged net's hinges that are
-        within half a gyral width of one of these, and ``old``, the share of these within it of one of those. Empty if
-        the surface has no folds.
+        ``length`` (its name; empty in the first row, which is the unchanged net), ``factor``, ``mm``, ``n_hinges``,
+        ``n_hinges_3``, ``n_hinges_4``, ``n_ends``; ``crest_length_mm`` of the net before its curves move onto the
+        crowns, so a little less than that of ``measure``; ``kept``, the share of hinges of the unchanged net within
+        half a gyral width of a hinge of the changed net; ``old``, the share of hinges of the changed net within half a
+        gyral width of a hinge of the unchanged net. Empty if the surface has no folds.
 
     Raises
     ------
     ValueError
-        If a name is none, or a factor is not positive.
+        If a name is not one of the lengths, or a factor is not positive.
     """
     for name in lengths:
         if name not in OF_THE_NET + OF_THE_POTENTIAL:
-            raise UnknownName(f"{name!r} is no length to vary; there are {', '.join(OF_THE_NET + OF_THE_POTENTIAL)}.")
+            raise UnknownName(f"{name!r} is not a length to vary; use {', '.join(OF_THE_NET + OF_THE_POTENTIAL)}.")
     if not all(0 < factor < np.inf for factor in factors):
         raise OutOfRange(f"factors must be positive, got {list(factors)}.")
     builder = CrestNetBuilder(surface)

@@ -1,4 +1,4 @@
-"""Tables of a gyral graph: crests, hinges and arms with the thicknesses and regions they lie in."""
+"""Tables of a gyral graph: crests, hinges and arms, with their thicknesses and regions."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Row = dict[str, Any]
 
 
 class GyralTables(NamedTuple):
-    """Rows of crests, hinges and arms, and the scalars that ``measure`` reports of them."""
+    """Rows of crests, hinges and arms, and the scalars that ``measure`` reports for them."""
 
     crests: list[Row]
     hinges: list[Row]
@@ -40,10 +40,10 @@ def gyral_tables(cortex: Cortex, graph: nx.MultiGraph, maps: Mapping[str, PerVer
     Returns
     -------
     GyralTables
-        Of a crest: the median gyral and the mean cortical thickness over its vertices, the mean of H, the region that
-        most of its vertices have; None where there is none. Ends of crests that are no hinge have numbers too. All
-        hinges have a row; ``n_hinges``, ``n_hinges_3`` and ``n_hinges_4`` count those of a confidence of 0.25 or more,
-        ``n_hinges_low`` those of 0.5 or more, ``n_hinges_high`` all.
+        For a crest: the median gyral and the mean cortical thickness over its vertices, the mean of H, and the region
+        of most of its vertices; None where there is none. Ends of crests that are not hinges also have numbers. All
+        hinges have a row. ``n_hinges``, ``n_hinges_3`` and ``n_hinges_4`` count hinges with a confidence of 0.25 or
+        more, ``n_hinges_low`` those with 0.5 or more, and ``n_hinges_high`` all.
     """
     crest_rows = []
     for a, b, crest in graph.edges(data=True):
@@ -85,7 +85,7 @@ def gyral_tables(cortex: Cortex, graph: nx.MultiGraph, maps: Mapping[str, PerVer
 
 
 def region_columns(cortex: Cortex, graph: nx.MultiGraph) -> dict[str, tuple[int, float]]:
-    """For each region the number of its hinges, doubtful ones left out, and the length of the crests in it [mm]."""
+    """For each region the number of its hinges without doubtful ones, and the length of the crests in it [mm]."""
     if cortex.regions is None:
         return {}
     labels = cortex.regions.labels
@@ -110,7 +110,7 @@ def _value(mean: Any, values: PerVertex) -> float | None:
 
 
 def _region(cortex: Cortex, at: NDArray[np.int64]) -> str | None:
-    """The region that most of some vertices have."""
+    """The region of most of the vertices ``at``; None if they have none."""
     if cortex.regions is None:
         return None
     labels = cortex.regions.labels[at]

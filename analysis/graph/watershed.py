@@ -1,4 +1,4 @@
-"""Basins of a function on a surface, and how they join as passes between them are flooded."""
+"""Basins of a function on a surface, and how they join when the passes between them are flooded."""
 
 from __future__ import annotations
 
@@ -15,24 +15,25 @@ from morphofold.surface import PerVertex
 
 
 class Watershed:
-    """Basins of a function, by steepest descent, joined where they do not persist.
+    """Basins of a function by steepest descent. Basins of low persistence can be joined.
 
     Parameters
     ----------
     pairs, lengths : (E, 2) int64, (E,) float64
         Edges of the surface and their lengths.
     values : (N,) float64
-        The function; equal values are taken in the order of their numbers.
+        The function; equal values are ordered by vertex number.
 
     Attributes
     ----------
     finest : (N,) int64
         Basin of each vertex before any are joined.
     lowest : (B,) int64
-        The lowest vertex of each of those.
+        Lowest vertex of each of those basins.
     joins, heights : (J, 2) int64, (J,) float64
-        The forest of basins that touch at a pass, and the persistence up to which they stay apart: how far the pass
-        lies above the higher of the two deepest points that meet there (Edelsbrunner, Letscher, Zomorodian 2002).
+        Pairs of basins that touch at a pass (a forest), and the persistence up to which they stay separate: the height
+        of the pass above the higher of the two deepest points that meet there (Edelsbrunner, Letscher, Zomorodian
+        2002).
     """
 
     def __init__(self, pairs: Ints, lengths: NDArray[np.float64], values: PerVertex):
@@ -46,12 +47,12 @@ class Watershed:
         self.joins, self.heights = _join(ends[crossing[flood]], passes[flood], values[self.lowest])
 
     def basins(self, persistence: float) -> Ints:
-        """Basin (N,), numbered from 0, of each vertex once those of less persistence are joined to a neighbour."""
+        """Basin (N,) of each vertex, numbered from 0, after basins of less persistence are joined to a neighbour."""
         return self.together(persistence)[self.finest]
 
     def apart(self, groups: Sequence[Collection[int]], least: int, above: float) -> NDArray[np.float64]:
-        """For each group of finest basins the persistence up to which ``least`` of them stay apart, if that is more
-        than ``above``; else NaN."""
+        """For each group of finest basins, the persistence up to which ``least`` of them stay separate, if that is
+        more than ``above``; else NaN."""
         held = np.full(len(groups), np.nan)
         open_ = list(range(len(groups)))
         for height in np.sort(self.heights[self.heights >= above]):
@@ -61,7 +62,7 @@ class Watershed:
         return held
 
     def together(self, persistence: float) -> Ints:
-        """For each of the finest basins (B,) the one, numbered from 0, that it then belongs to."""
+        """For each of the finest basins (B,), the basin to which it then belongs, numbered from 0."""
         return connected(len(self.lowest), self.joins[self.heights < persistence])
 
 
@@ -92,7 +93,7 @@ def _descend(values, order, indptr, indices, lengths):
 
 @njit(cache=True)
 def _join(ends, passes, deepest):
-    """Kruskal's forest over passes from the lowest up: the pairs of basins (J, 2) that join, their persistence (J,)."""
+    """Kruskal's forest over passes from the lowest up: pairs of basins (J, 2) that join, and their persistence (J,)."""
     parent, low = np.arange(len(deepest)), deepest.copy()
     joins, heights = np.empty((len(deepest), 2), np.int64), np.empty(len(deepest))
     count = 0

@@ -1,4 +1,4 @@
-"""Sulcal depth: from a folded surface to one distance per vertex."""
+"""Sulcal depth of a folded surface: one distance per vertex."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from morphofold.geometry import mean_edge_length
 from morphofold.surface import Faces, PerVertex, Verts, check_mesh
 from morphofold.threads import BLOCKS
 
-BUNDLE = 16  # planes that are passed over together
+BUNDLE = 16  # planes that are skipped together
 
 
 def sulcal_depth(verts: Verts, faces: Faces, mode: str = "hull", *, touching: float | None = None) -> PerVertex:
-    """Distance from each vertex to the convex hull of the surface, or along the surface to where it touches that.
+    """Distance from each vertex to the convex hull, or along the surface to the nearest vertex that touches the hull.
 
     Parameters
     ----------
@@ -29,15 +29,15 @@ def sulcal_depth(verts: Verts, faces: Faces, mode: str = "hull", *, touching: fl
     faces : (M, 3) int64
         Triangles.
     mode : {"hull", "geodesic"}
-        ``"hull"``: straight to the hull. ``"geodesic"``: the shortest way along the surface to a vertex that touches
-        it.
+        ``"hull"``: straight line to the hull. ``"geodesic"``: shortest path along the surface to a vertex that touches
+        the hull.
     touching : float, optional
-        Distance to the hull [mm] up to which a vertex touches it, in geodesic mode; None: a mean edge.
+        In geodesic mode, the distance to the hull [mm] up to which a vertex counts as touching it; None: a mean edge.
 
     Returns
     -------
     depth : (N,) float64
-        [mm], >= 0, and 0 on the hull. NaN at a vertex that no face uses, or on a piece that touches nowhere.
+        [mm], >= 0, and 0 on the hull. NaN at a vertex that no face uses, or on a piece that does not touch the hull.
 
     Raises
     ------
@@ -46,12 +46,12 @@ def sulcal_depth(verts: Verts, faces: Faces, mode: str = "hull", *, touching: fl
 
     Notes
     -----
-    The straight one is exact: seen from inside a convex body the nearest point of its boundary is the foot on the
-    nearest of its planes, so depth is the least distance to any of them. It runs through the tissue in its way, and
-    also counts the large hollows of the brain (temporal pole, medial wall) as deep. It is neither FreeSurfer's
-    ``sulc``, a signed displacement during inflation with zero mean, nor a distance along the surface.
+    The straight distance is exact. From inside a convex body, the nearest point of its boundary is the foot on the
+    nearest of its planes, so depth is the least distance to any plane. The line may run through tissue, and large
+    hollows of the brain (temporal pole, medial wall) also count as deep. This depth is not FreeSurfer's ``sulc``, which
+    is a signed displacement during inflation with zero mean, and it is not a distance along the surface.
 
-    The geodesic one takes ways along edges and straight across pairs of triangles, which come out about 4 % too long.
+    The geodesic distance uses paths along edges and straight across pairs of triangles, which are about 4 % too long.
     """
     check_mesh(verts, faces)
     if mode not in ("hull", "geodesic"):
@@ -77,12 +77,12 @@ def _along(verts: Verts, faces: Faces, depth: PerVertex, touching: float | None)
 
 
 def _bundled(points: NDArray[np.float64], planes: NDArray[np.float64]) -> tuple[float, NDArray[np.float64], _Planes]:
-    """Size of the body [mm], and in that unit points (N, 3) from their middle, and the planes (P, 4)."""
+    """Size of the body [mm]; in that unit, the points (N, 3) relative to their middle, and the planes (P, 4)."""
     middle = points.mean(axis=0)
     points = points - middle
     size = float(np.linalg.norm(points, axis=1).max())
     planes = np.column_stack([planes[:, :3], (planes[:, 3] + planes[:, :3] @ middle) / size])
-    planes = planes[cKDTree(planes, leafsize=BUNDLE).indices]  # near ones next to each other
+    planes = planes[cKDTree(planes, leafsize=BUNDLE).indices]  # similar planes next to each other
     planes = np.concatenate([planes, np.repeat(planes[-1:], -len(planes) % BUNDLE**2, axis=0)])
     bundled = []
     for many in (BUNDLE, BUNDLE**2):
@@ -93,8 +93,8 @@ def _bundled(points: NDArray[np.float64], planes: NDArray[np.float64]) -> tuple[
 
 
 class _Planes(NamedTuple):
-    """Planes (P, 4), like ones next to each other; of each 16 and each 256 of them the middle (., 4), and how far the
-    farthest lies from it (.,)."""
+    """Planes (P, 4), similar ones next to each other; for each 16 and each 256 of them the middle (., 4), and the
+    distance (.,) of the farthest from it."""
 
     each: NDArray[np.float64]
     centre: NDArray[np.float64]
@@ -108,7 +108,7 @@ def _below(points, planes):
     """Least distance (N,) from points inside to the planes, 0 where round-off puts a point outside."""
     n, depth = len(points), np.empty(len(points))
     for block in prange(BLOCKS):
-        nearest = 0  # of the point before, and so about of this one
+        nearest = 0  # of the previous point, so a good first guess
         for i in range(block * n // BLOCKS, (block + 1) * n // BLOCKS):
             x, y, z = points[i]
             far = np.sqrt(x * x + y * y + z * z + 1.0)

@@ -1,4 +1,4 @@
-"""Folding indices: integrals of curvature at a physical scale, much the same whatever the mesh."""
+"""Folding indices: integrals of curvature at a physical scale, almost independent of the mesh."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from morphofold.analysis.graph.depth_potential import SurfaceOperators
 from morphofold.errors import OutOfRange
 from morphofold.surface import Faces, PerVertex, Verts, check_mesh
 
-NEAR = 0.02  # mean edges: vertices joined by an edge so short are at one place, and share their measures
-RTOL = 1e-10  # of the heat flow: on a sphere, where H^2 - K is 0, its root is what counts
+NEAR = 0.02  # mean edges: vertices joined by a shorter edge count as one place, and share their measures
+RTOL = 1e-10  # of the heat flow: it is small because the root of H^2 - K counts, which is 0 on a sphere
 
 
 @dataclass(frozen=True)
@@ -39,14 +39,14 @@ def folding_indices(verts: Verts, faces: Faces, scale: float) -> FoldingIndices:
     Parameters
     ----------
     verts, faces : (N, 3) float64, (M, 3) int64
-        Vertices [mm] and triangles. Borders, where K is left out, several pieces and unused vertices are allowed.
+        Vertices [mm] and triangles. Borders (where K is left out), several pieces and unused vertices are allowed.
     scale : float
-        Standard deviation [mm] of the heat kernel; a mean edge of the mesh at least.
+        Standard deviation [mm] of the heat kernel; at least a mean edge of the mesh.
 
     Returns
     -------
     FoldingIndices
-        At that scale: folds much narrower do not count, and it makes no sense to compare indices of two scales.
+        Indices at that scale. Much narrower folds do not count. Indices at two scales cannot be compared.
 
     Raises
     ------
@@ -55,16 +55,18 @@ def folding_indices(verts: Verts, faces: Faces, scale: float) -> FoldingIndices:
 
     Notes
     -----
-    What is smoothed are measures, of which no smoothing and no mesh changes the sum: the angle defect of each vertex,
-    2 pi less the angles of its triangles, for K, and half the gradient of the area along the normal for H. Both bear
-    needles, caps and edges of no length. Heat flows along the surface; then ``|k1| = |H| + (H^2 - K)^1/2`` and ``|k2|
-    = ||H| - (H^2 - K)^1/2|``. The integrals are those of FreeSurfer's ``mris_curvature_stats``, the curvatures are
-    not: a quadric fitted over one or two rings breaks Gauss-Bonnet (a cubic fitted within 3 mm gives 17 times what it
-    asks for on S1) and changes with the mesh. On the white surface of S1 with 153,000 vertices, and thinned to 80,000
-    and 40,000, the intrinsic curvature index at 3 mm is 27.1, 27.4 and 27.7, the folding index 289, 282 and 270, the
-    total 1.00. A fit within 4.5 mm has 66, 73 and 83, and totals of 13 to 19.
+    The smoothed quantities are measures (integrals at each vertex), whose sum does not change with smoothing or with
+    the mesh. For K this is the angle defect of each vertex, 2 pi less the angles of its triangles; for H it is half the
+    gradient of the area along the normal. Both are well defined on needles, caps and edges of zero length. They are
+    smoothed by heat flow along the surface. Then ``|k1| = |H| + (H^2 - K)^1/2`` and ``|k2| = ||H| - (H^2 - K)^1/2|``.
 
-    On a sphere of radius R a ripple of degree l is lower by ``exp(-l (l + 1) scale^2 / 2 R^2)``.
+    The integrals are those of FreeSurfer's ``mris_curvature_stats``, but the curvatures are not. A quadric fitted over
+    one or two rings violates Gauss-Bonnet and depends on the mesh (a cubic fitted within 3 mm gives 17 times the value
+    that Gauss-Bonnet requires on S1). On the white surface of S1 with 153,000 vertices, and thinned to 80,000 and
+    40,000, the intrinsic curvature index at 3 mm is 27.1, 27.4 and 27.7, the folding index is 289, 282 and 270, and the
+    total is 1.00. A fit within 4.5 mm gives 66, 73 and 83, and totals of 13 to 19.
+
+    On a sphere of radius R the smoothing reduces a ripple of degree l by ``exp(-l (l + 1) scale^2 / 2 R^2)``.
     """
     check_mesh(verts, faces)
     if not (math.isfinite(scale) and scale > 0):
@@ -87,11 +89,13 @@ def folding_indices(verts: Verts, faces: Faces, scale: float) -> FoldingIndices:
 
 
 def angle_defects(verts: Verts, faces: Faces) -> PerVertex:
-    """2 pi less the angles at each vertex (N,) [rad], K integrated over it; 0 on a border and where no face is."""
+    """2 pi less the angles at each vertex (N,) [rad], the integral of K there; 0 on a border and without a face."""
     ahead, back = geometry.sides(verts, faces)
     angle = np.arctan2(np.linalg.norm(np.cross(ahead, back), axis=2), np.sum(ahead * back, axis=2))
     known = ahead.any(axis=2) & back.any(axis=2)
-    rest = (np.pi - angle.sum(axis=1)) / np.maximum(3 - known.sum(axis=1), 1)  # at an edge of no length: what is left
+    rest = (np.pi - angle.sum(axis=1)) / np.maximum(
+        3 - known.sum(axis=1), 1
+    )  # at an edge of zero length: the remaining angle
     angle = np.where(known, angle, rest[:, None])
     defect = 2 * np.pi - np.bincount(faces.ravel(), angle.ravel(), len(verts))
     inner = geometry.used(len(verts), faces)
@@ -100,10 +104,10 @@ def angle_defects(verts: Verts, faces: Faces) -> PerVertex:
 
 
 def area_gradients(verts: Verts, faces: Faces) -> Verts:
-    """Gradient (N, 3) [mm] of the area of the surface by the place of each vertex.
+    """Gradient (N, 3) [mm] of the area of the surface with respect to the position of each vertex.
 
-    Half the normal of each triangle crossed with its edge opposite the vertex: the cotangent Laplacian of the
-    positions, but bounded in triangles of next to no area.
+    It is half the cross product of the normal of each triangle and its edge opposite the vertex. This equals the
+    cotangent Laplacian of the positions, but stays bounded in triangles of almost zero area.
     """
     corner = verts[faces]
     normal = geometry.face_normals(verts, faces)
@@ -116,7 +120,7 @@ def area_gradients(verts: Verts, faces: Faces) -> Verts:
 
 
 def _places(operators: SurfaceOperators) -> NDArray[np.int64]:
-    """Number (N,) of the place of each vertex; those that edges of next to no length join have one."""
+    """Number (N,) of the place of each vertex; vertices joined by edges of almost zero length share a place."""
     return geometry.connected(len(operators.verts), operators.pairs[operators.lengths < NEAR * operators.edge])
 
 

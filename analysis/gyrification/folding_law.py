@@ -1,4 +1,4 @@
-"""The universal law that folded cortices obey, and the independent terms of shape that follow from it."""
+"""The universal scaling law of folded cortices, and the independent shape terms that follow from it."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ class ShapeTerms:
     k : float
         ``total thickness^(1/2) / exposed^(5/4)``, without unit.
     log_k, size, shape : float
-        Decimal logarithms: of ``k``; of ``total exposed thickness^2``; and of
-        ``total^(3/2) exposed^(3/4) / thickness^(9/2)``, what remains. The source calls them K, I and S. The first and
-        the last do not change with size.
+        Decimal logarithms of ``k``, of ``total exposed thickness^2``, and of the remaining term
+        ``total^(3/2) exposed^(3/4) / thickness^(9/2)``. The source calls them K, I and S. K and S do not change with
+        size.
     """
 
     total: float
@@ -40,19 +40,19 @@ class ShapeTerms:
 
 
 def shape_terms(total: float, exposed: float, thickness: float) -> ShapeTerms:
-    """The terms of a cortex with these areas [mm^2] and thickness [mm].
+    """The shape terms of a cortex with these areas [mm^2] and thickness [mm].
 
     Raises
     ------
     OutOfRange
-        If one is not a positive number.
+        If one of them is not a positive number.
 
     Notes
     -----
     The law ``A_total sqrt(T) = k A_exposed^(5/4)`` is that of Mota and Herculano-Houzel 2015 (Science 349, 74). In the
-    space of ``log A_total``, ``log A_exposed`` and ``log T^2`` it is a plane with the normal (1, -5/4, 1/4), ``log_k``;
-    (1, 1, 1), ``size``, is the direction of growth without change of shape; ``shape`` is at right angles to both
-    (Wang and others 2021, NeuroImage 226, 117546).
+    space of ``log A_total``, ``log A_exposed`` and ``log T^2`` it is a plane with the normal (1, -5/4, 1/4), which
+    gives ``log_k``. The direction (1, 1, 1) is growth without change of shape and gives ``size``. The direction at
+    right angles to both gives ``shape`` (Wang and others 2021, NeuroImage 226, 117546).
     """
     for name, value in (("total", total), ("exposed", exposed), ("thickness", thickness)):
         if not (math.isfinite(value) and value > 0):
@@ -63,9 +63,9 @@ def shape_terms(total: float, exposed: float, thickness: float) -> ShapeTerms:
 
 
 def shape_terms_of(measures: Measures) -> ShapeTerms | None:
-    """The terms of a measured cortex; None if it lacks one of the three numbers (it isn't closed, or has no thickness).
+    """The shape terms of a measured cortex; None if it lacks one of the three numbers (not closed, or no thickness).
 
-    Areas are of the whole closed surfaces, the medial wall included; the exposed one is that of the convex hull. The
+    Areas are of the whole closed surfaces, including the medial wall; the exposed area is that of the convex hull. The
     thickness is the mean over the vertices of the cortex.
     """
     area, index, thickness = (

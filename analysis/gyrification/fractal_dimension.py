@@ -1,4 +1,4 @@
-"""Fractal dimension: how fast the number of boxes that a surface needs grows as they get smaller."""
+"""Fractal dimension: how fast the number of boxes that cover a surface grows as the boxes get smaller."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from morphofold.errors import OutOfRange
 from morphofold.geometry import edges, face_areas, mean_edge_length
 from morphofold.surface import Faces, Verts, check_mesh
 
-FINEST, COARSEST = 2.0, 0.25  # boxes from so many mean edges to this share of the root of the area
-RATIO = 2**0.5  # from one size to the next
-OFFSETS = 8  # grids that are tried for each size,
-THIN = 6.0  # by one point of the surface for each of the cells, so many of which make an edge
+FINEST, COARSEST = 2.0, 0.25  # sizes of boxes: from this many mean edges to this share of the root of the area
+RATIO = 2**0.5  # ratio of each size to the one before
+OFFSETS = 8  # shifted grids for each size
+THIN = 6.0  # points are thinned to one per cell; this many cells make one edge of a box
 
 
 def fractal_dimension(
     verts: Verts, faces: Faces, *, finest: float | None = None, coarsest: float | None = None, seed: int = 0
 ) -> float:
-    """Slope of the logarithm of the number of boxes that the surface meets on that of one over their size.
+    """Slope of log(number of boxes that the surface meets) against log(1 / size of the boxes).
 
-    Parameters and errors are those of :func:`box_counts`. 2 for a smooth surface, up to 3. Folds have a dimension
-    between their thickness and their spacing only: compare brains between the same sizes.
+    Parameters and errors are those of :func:`box_counts`. The slope is 2 for a smooth surface, and at most 3. Folds
+    have a dimension only between their thickness and their spacing: compare brains over the same range of sizes.
 
     Notes
     -----
-    Box counting as in Madan and Kensinger 2016 (NeuroImage 134), here of the surface alone, not of the tissue in it.
+    Box counting as in Madan and Kensinger 2016 (NeuroImage 134), but of the surface alone, not of the tissue inside it.
     """
     sizes, counts = box_counts(verts, faces, finest=finest, coarsest=coarsest, seed=seed)
     return float(-np.polyfit(np.log(sizes), np.log(counts), 1)[0])
@@ -36,7 +36,7 @@ def fractal_dimension(
 def box_counts(
     verts: Verts, faces: Faces, *, finest: float | None = None, coarsest: float | None = None, seed: int = 0
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Sizes of boxes (B,) [mm], each the root of two times the one before, and how many of them the surface meets.
+    """Sizes of boxes (B,) [mm], each sqrt(2) times the one before, and the number of boxes that the surface meets.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def box_counts(
     finest, coarsest : float, optional
         Sizes of the boxes [mm]. None: two mean edges, and a quarter of the root of the area.
     seed : int
-        Of the offsets of the grids; the number for a size is the mean over eight.
+        Seed of the random grid offsets; the number for each size is the mean over eight grids.
 
     Returns
     -------
@@ -54,7 +54,7 @@ def box_counts(
     Raises
     ------
     ValueError
-        If the arrays describe no mesh, or the sizes are not ``2 edges <= finest <= coarsest / 2``.
+        If the arrays do not describe a mesh, or the sizes are not ``2 edges <= finest <= coarsest / 2``.
     """
     check_mesh(verts, faces)
     edge, size = mean_edge_length(verts, faces), math.sqrt(float(face_areas(verts, faces).sum()))
@@ -62,8 +62,8 @@ def box_counts(
     coarse = COARSEST * size if coarsest is None else float(coarsest)
     if not (math.isfinite(coarse) and FINEST * edge * (1 - 1e-9) <= fine <= coarse / 2):
         raise OutOfRange(
-            f"boxes must be from {FINEST * edge:.3g} (two mean edges) to something at least twice as large, got "
-            f"{fine:.3g} to {coarse:.3g}."
+            f"boxes must range from {FINEST * edge:.3g} or more (two mean edges) to a size at least twice as large, "
+            f"got {fine:.3g} to {coarse:.3g}."
         )
     pairs = edges(faces)
     points = np.concatenate([verts[np.unique(faces)], verts[pairs].mean(axis=1), verts[faces].mean(axis=1)])

@@ -1,4 +1,4 @@
-"""Gyrification index: from a folded surface to one ratio of areas."""
+"""Gyrification index of a folded surface, a ratio of areas."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from morphofold.surface import Faces, Verts, check_mesh
 
 
 def gyrification_index(verts: Verts, faces: Faces) -> float:
-    """Area of the surface over the area of its convex hull.
+    """Area of the surface divided by the area of its convex hull.
 
     Parameters
     ----------
@@ -23,7 +23,7 @@ def gyrification_index(verts: Verts, faces: Faces) -> float:
     Returns
     -------
     float
-        1 for a convex surface, larger when folded: 1.65 for the left pial surface of fsaverage5, an average, and
+        1 for a convex surface, larger when folded: 1.65 for the left pial surface of fsaverage5, an average brain, and
         2.66 for that of the sample S1, one person.
 
     Raises
@@ -33,21 +33,21 @@ def gyrification_index(verts: Verts, faces: Faces) -> float:
 
     Notes
     -----
-    The three-dimensional index with the convex hull as outer surface. It is not the ratio of contours in coronal
-    slices (Zilles 1988), nor the one whose outer surface is a closing of radius 15 mm (Schaer 2008) and follows the
-    brain into its large hollows. An open surface is compared with the hull of a
-    closed one, so cut-off parts lower it.
+    This is the three-dimensional index with the convex hull as outer surface. It is not the ratio of contours in
+    coronal slices (Zilles 1988). It is also not the index whose outer surface is a closing of radius 15 mm, which
+    follows the brain into its large hollows (Schaer 2008). An open surface is compared with a closed hull, so missing
+    parts lower the index.
     """
     check_mesh(verts, faces)
     return float(face_areas(verts, faces).sum() / hull(verts, faces).area)
 
 
 def hull(verts: Verts, faces: Faces) -> ConvexHull:
-    """Convex hull of the vertices that faces use, as scipy gives it."""
+    """Convex hull of the vertices that faces use, from scipy."""
     try:
         return ConvexHull(verts[np.unique(faces)])
     except QhullError as error:
         raise BadMesh(
-            f"the {len(np.unique(faces))} vertices in use span no volume (they lie in one plane, or nearly), so they "
-            "have no convex hull. Is this a flat patch?"
+            f"the {len(np.unique(faces))} vertices in use span no volume, because they lie (nearly) in one plane, so "
+            "they have no convex hull. Is this a flat patch?"
         ) from error

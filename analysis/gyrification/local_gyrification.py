@@ -1,4 +1,4 @@
-"""Local gyrification: how much pial surface lies around a point, against a smooth envelope of the brain."""
+"""Local gyrification: area of the pial surface around a point relative to a smooth envelope of the brain."""
 
 from __future__ import annotations
 
@@ -15,28 +15,28 @@ from morphofold.geometry import face_areas, in_use, is_closed, mean_edge_length,
 from morphofold.surface import Faces, PerVertex, Verts, check_mesh
 
 CLOSING, REGION = 15.0, 25.0  # [mm], of Schaer and others 2008
-VOXELS = 12.0  # in the radius of the closing, unless asked otherwise
-BINS = 12.0  # in the radius of the region
-COARSEST = 0.4  # mean edge, in the radius of the region, above which triangles are cut in four
-SOFT = 1.0  # standard deviation in voxels over which distances are smoothed: their steps cost area
+VOXELS = 12.0  # per radius of the closing, by default
+BINS = 12.0  # per radius of the region
+COARSEST = 0.4  # mean edge over the radius of the region, above which triangles are split into four
+SOFT = 1.0  # standard deviation in voxels for smoothing the distances, whose steps change the area
 MOST = 3e8  # voxels
 
 
 def local_gyrification_index(
     verts: Verts, faces: Faces, *, closing: float = CLOSING, region: float = REGION, voxel: float | None = None
 ) -> PerVertex:
-    """Area of the surface over that of its envelope, both within a ball around the nearest point of the envelope.
+    """Area of the surface divided by that of its envelope, within a ball around the nearest point of the envelope.
 
     Parameters
     ----------
     verts, faces : (N, 3) float64, (M, 3) int64
         Closed surface [mm], usually the pial one.
     closing : float
-        Radius of the ball that rolls around the surface [mm]: where it can't get in, the envelope runs across.
+        Radius of the ball that rolls around the surface [mm]. The envelope bridges places that the ball cannot enter.
     region : float
         Radius of the ball in which areas are counted [mm].
     voxel : float, optional
-        Edge of the voxels of the closing [mm]; None: a twelfth of ``closing``.
+        Edge of the voxels for the closing [mm]; None: a twelfth of ``closing``.
 
     Returns
     -------
@@ -46,18 +46,18 @@ def local_gyrification_index(
     Raises
     ------
     ValueError
-        If the arrays describe no closed mesh, a length is not positive, or the voxels would be more than 3e8.
+        If the arrays do not describe a closed mesh, a length is not positive, or more than 3e8 voxels are needed.
 
     Notes
     -----
-    Defaults are those of Schaer and others 2008 (IEEE TMI 27), whose region is a connected patch, while here all
-    surface in the ball counts, that of the other side of a thin part too: it is their ratio where the region is small
-    against the brain. Closing by distances on voxels; area within a ball by a convolution, with triangles binned to a
-    twelfth of its radius. On a sphere it comes out between 0.985 and 1.02.
+    The defaults are those of Schaer and others 2008 (IEEE TMI 27). Their region is a connected patch. Here all surface
+    in the ball counts, also that on the other side of a thin part, so the two agree where the region is small compared
+    with the brain. The closing uses distances on voxels. The area within a ball comes from a convolution, with area
+    binned to a twelfth of its radius. On a sphere the index is between 0.985 and 1.02.
     """
     check_mesh(verts, faces)
     if not is_closed(faces):
-        raise OpenSurface("the surface has a border, so that nothing is inside it. Close its holes.")
+        raise OpenSurface("the surface has a border, so it has no inside. Close its holes.")
     voxel = closing / VOXELS if voxel is None else float(voxel)
     for name, length in (("closing", closing), ("region", region), ("voxel", voxel)):
         if not (math.isfinite(length) and length > 0):
@@ -67,10 +67,10 @@ def local_gyrification_index(
     size = np.ptp(verts, axis=0) + 2 * closing
     if np.prod(size / voxel) > MOST:
         raise TooLarge(
-            f"voxels of {voxel:g} mm would be {np.prod(size / voxel):.1e} for a body of {size.max():.0f} mm; "
-            f"take voxels of {(np.prod(size) / MOST) ** (1 / 3):.2g} mm or more. Are the coordinates in mm?"
+            f"voxels of {voxel:g} mm would give {np.prod(size / voxel):.1e} voxels for a body of {size.max():.0f} mm; "
+            f"use voxels of {(np.prod(size) / MOST) ** (1 / 3):.2g} mm or more. Are the coordinates in mm?"
         )
-    while mean_edge_length(verts, faces) > COARSEST * region:  # area lies at the vertices
+    while mean_edge_length(verts, faces) > COARSEST * region:  # area is assigned to the vertices
         verts, faces = split(verts, faces)
     points, triangles = envelope(verts, faces, closing, voxel)
     bin_ = region / BINS
@@ -79,18 +79,20 @@ def local_gyrification_index(
     folded = _within(verts, vertex_areas(verts, faces), low, shape, bin_, region)
     smooth = _within(points[triangles].mean(axis=1), face_areas(points, triangles), low, shape, bin_, region)
     ratio = _at(folded, points, low, bin_) / _at(smooth, points, low, bin_)
-    index[used] = ratio[cKDTree(points).query(verts[: len(used)])[1]]  # cut triangles keep their corners first
+    index[used] = ratio[
+        cKDTree(points).query(verts[: len(used)])[1]
+    ]  # after splitting, the original vertices come first
     return index
 
 
 def envelope(verts: Verts, faces: Faces, closing: float, voxel: float) -> tuple[Verts, Faces]:
-    """Surface of the morphological closing of what is inside by a ball of radius ``closing`` [mm]."""
+    """Surface of the morphological closing of the inside by a ball of radius ``closing`` [mm]."""
     import pyvista
 
     solid = pyvista.PolyData.from_regular_faces(verts, faces.astype(int)).voxelize_binary_mask(spacing=3 * (voxel,))
     pad = math.ceil(closing / voxel) + 3
     inside = np.pad(solid.point_data["mask"].reshape(solid.dimensions, order="F") > 0, pad)
-    # distances between centres of voxels: a surface lies half a voxel from the centres on both its sides
+    # distances are between voxel centres; the surface lies half a voxel from the centres on both sides
     dilated = ndimage.distance_transform_edt(~inside, sampling=voxel) - 0.5 * voxel <= closing
     depth = ndimage.distance_transform_edt(dilated, sampling=voxel) - 0.5 * voxel
     grid = pyvista.ImageData(dimensions=depth.shape, spacing=3 * (voxel,), origin=np.array(solid.origin) - pad * voxel)

@@ -1,7 +1,7 @@
-"""Waves on a sphere: how much of a function's variance each degree of spherical harmonics holds, and their wavelength.
+"""Power spectrum on a sphere: variance of a function in each degree of spherical harmonics, and the mean wavelength.
 
-The height of a folded surface is taken over the sphere that it grew from, or was inflated to, so that walls that
-overhang or touch don't matter.
+The height of a folded surface is taken over the sphere from which it grew, or to which it was inflated. Walls that
+overhang or touch are therefore no problem.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from morphofold import geometry
 from morphofold.errors import DoesNotApply, NotFinite, OutOfRange, WrongShape
 from morphofold.surface import Faces, PerVertex, Verts, check_mesh
 
-EDGES = 4  # mesh edges that the shortest wave has at least
-MOST = 1000  # degree; the recurrence loses no digit up to there
+EDGES = 4  # least length of the shortest wave in mesh edges
+MOST = 1000  # largest degree; up to there the recurrence loses no digit
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,12 +28,12 @@ class Spectrum:
     Attributes
     ----------
     power : (L + 1,) float64
-        Mean square over the sphere of the part of each degree, in the square of the function's unit. The mean of the
-        function is left out, so degree 0 holds nothing but rounding.
+        Mean square over the sphere of the part of each degree, in the square of the unit of the function. The mean of
+        the function is removed, so degree 0 holds only rounding errors.
     rms : float
-        Root mean square of the function about its mean, degrees beyond L too.
+        Root mean square of the function about its mean, including degrees beyond L.
     radius : float
-        Of the sphere.
+        Radius of the sphere.
     """
 
     power: NDArray[np.float64] = field(repr=False)
@@ -42,8 +42,7 @@ class Spectrum:
 
     @property
     def share(self) -> float:
-        """How much of ``rms ** 2`` the degrees to L hold; well below 1 if there are finer waves than that. NaN for a
-        constant."""
+        """Share of ``rms ** 2`` in the degrees up to L; well below 1 if there are finer waves. NaN for a constant."""
         return float(self.power[1:].sum()) / self.rms**2 if self.rms > 0 else math.nan
 
     @property
@@ -59,19 +58,19 @@ class Spectrum:
 
 
 def power_spectrum(sphere: Verts, faces: Faces, values: PerVertex, last: int | None = None) -> Spectrum:
-    """Power of each degree of spherical harmonics in a function given at the vertices of a sphere.
+    """Power of a function in each degree of spherical harmonics, for values at the vertices of a sphere.
 
     Parameters
     ----------
     sphere : (N, 3) float64
-        A closed surface around the origin that every ray from there meets once: the surface that a simulated sphere
-        had before it grew, or FreeSurfer's ``?h.sphere``. The function belongs to the directions of its vertices.
+        A closed surface around the origin that every ray from there meets once: the surface of a simulated sphere
+        before growth, or FreeSurfer's ``?h.sphere``. The function is given at the directions of its vertices.
     faces : (M, 3) int64
         Triangles, counter-clockwise seen from outside.
     values : (N,) float64
         The function, such as the distance of the folded surface from the centre [mm].
     last : int, optional
-        Largest degree L. None: the one whose waves have four mean edges.
+        Largest degree L. None: the degree whose waves are four mean edges long.
 
     Returns
     -------
@@ -80,7 +79,7 @@ def power_spectrum(sphere: Verts, faces: Faces, values: PerVertex, last: int | N
     Raises
     ------
     ValueError
-        If the arrays describe no such surface, values aren't finite, or ``last`` isn't within 1 to 1000.
+        If the arrays do not describe such a surface, values are not finite, or ``last`` is not within 1 to 1000.
 
     Notes
     -----
@@ -88,9 +87,9 @@ def power_spectrum(sphere: Verts, faces: Faces, values: PerVertex, last: int | N
 
         power_l = sum_m |a_lm|^2 / (4 pi),    a_lm = sum_i w_i h_i conj(Y_lm)(direction_i)
 
-    where h is the function less its mean and w_i a third of the solid angles of the triangles around vertex i, a
-    quadrature of second order in the edges. The sum over the orders m makes it independent of how the sphere is
-    turned. The associated Legendre functions come from the recurrence in l of Press et al., Numerical Recipes,
+    where h is the function less its mean and w_i a third of the solid angles of the triangles around vertex i. This
+    quadrature is of second order in the edges. The sum over the orders m makes the power independent of the rotation
+    of the sphere. The associated Legendre functions come from the recurrence in l of Press et al., Numerical Recipes,
     3rd ed., sec. 6.7.
     """
     check_mesh(sphere, faces)
@@ -107,14 +106,14 @@ def power_spectrum(sphere: Verts, faces: Faces, values: PerVertex, last: int | N
     if not 1 <= last <= MOST:
         raise OutOfRange(f"last must be a degree from 1 to {MOST}, got {last}.")
     height = values - weight @ values / (4 * math.pi)
-    if np.abs(height).max() <= 1e-13 * np.abs(values).max():  # rounding, of a constant
+    if np.abs(height).max() <= 1e-13 * np.abs(values).max():  # rounding errors of a constant
         return Spectrum(np.zeros(last + 1), 0.0, radius)
     power = _project(direction, weight * height, last) / (4 * math.pi)
     return Spectrum(power, float(np.sqrt(weight @ height**2 / (4 * math.pi))), radius)
 
 
 def _vertex_angles(direction: Verts, faces: Faces) -> PerVertex:
-    """A third of the solid angles of the triangles around each vertex (N,), seen from the origin; they sum to 4 pi.
+    """A third of the solid angles of the triangles around each vertex (N,), seen from the origin. The sum is 4 pi.
 
     Van Oosterom and Strackee 1983, IEEE Trans. Biomed. Eng. 30, 125, Eq. (8).
     """
@@ -124,9 +123,9 @@ def _vertex_angles(direction: Verts, faces: Faces) -> PerVertex:
     angle = 2 * np.arctan2(volume, cosines)
     if not (angle > 0).all() or not math.isclose(angle.sum(), 4 * math.pi, rel_tol=1e-6):
         raise DoesNotApply(
-            f"not a sphere around the origin: {np.count_nonzero(angle <= 0)} of {len(faces)} faces turn their back to "
-            f"it, and all together cover {angle.sum() / (4 * math.pi):.3g} of the directions. Pass the surface before "
-            "it folded, centred, or one inflated to a sphere."
+            f"not a sphere around the origin: {np.count_nonzero(angle <= 0)} of {len(faces)} faces do not face outward "
+            f"from it, and all faces together cover {angle.sum() / (4 * math.pi):.3g} of the directions. Pass the "
+            "surface before it folded, centred at the origin, or a surface inflated to a sphere."
         )
     return np.bincount(faces.ravel(), np.repeat(angle / 3, 3), len(direction)).astype(np.float64)
 

@@ -1,1 +1,1 @@
-"""What a surface must be before it is measured: refusals, repairs and remarks."""
+"""What a surface must be before it is measured: refusals, repairs and warnings."""

@@ -1,4 +1,4 @@
-"""What a cortex must be before it is measured: refusals with the numbers and the cure."""
+"""Checks of a cortex before it is measured: refusals with the numbers and the cure."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from morphofold.intersections.rays import ray_hits, ray_winding
 from morphofold.surface import Cortex, Faces, Surface, Verts
 
 NOT_CORTEX = ("unknown", "corpuscallosum", "medialwall", "???")  # within names of regions, without spaces and _
-PARCELLATED = 0.75  # of the vertices, in regions of cortex: an annotation that says where cortex is
+PARCELLATED = 0.75  # of the vertices, in regions of cortex: least share for an annotation to define the cortex
 
-APART = 0.05  # of the radius of the sphere of equal area, beyond which white and pial must lie along normals
-SAME = 1e-3  # of that radius, within which two surfaces are one; the thinnest cortices have 0.01
-LABELLED = 0.01  # of the vertices: a cortex label that holds fewer is none
-MOSTLY = 0.5  # of a piece with a border, outside pial: that many are not by mistakes of reconstruction
-ALONG = 0.5  # mean cosine to the normal that they need then; 0.8 and more however thick and folded a cortex
+APART = 0.05  # of the radius of the sphere of equal area: at larger distances pial must lie along the normals of white
+SAME = 1e-3  # of that radius: closer surfaces count as the same; the thinnest cortices have 0.01
+LABELLED = 0.01  # of the vertices: a cortex label that holds fewer is refused
+MOSTLY = 0.5  # of a piece with a border, outside pial: more than mistakes of reconstruction
+ALONG = 0.5  # mean cosine to the normal that is then required; any cortex has 0.8 or more, however thick and folded
 
 
 def cortex_label(cortex: Cortex) -> tuple[NDArray[np.bool_], str]:
-    """True (N,) where the vertex is cortex, and which word said so: the first that can, in this order.
+    """True (N,) where the vertex is cortex, and a word for the source: the first that is available, in this order.
 
     ``"label"``: the cortex label that came with the surfaces. ``"annotation"``: all regions that are not
-    ``NOT_CORTEX``, if they cover three quarters of the vertices and not all, as a parcellation does and a map of a few
-    areas does not. ``"thickness"``: all but large patches where the thickness that came with them is 0.
+    ``NOT_CORTEX``, if they cover three quarters of the vertices but not all. A parcellation does; a map of a few areas
+    does not. ``"thickness"``: all but large patches where the thickness that came with the surfaces is 0.
     ``"geometry"``: all but large patches where white and pial nearly meet
-    (:mod:`~morphofold.analysis.mesh_quality.medial_wall`). Else, and of a simulated body without a label, everywhere,
-    and "".
+    (:mod:`~morphofold.analysis.mesh_quality.medial_wall`). Otherwise, and for a simulated body without a label, all
+    vertices are cortex and the word is "".
     """
     if cortex.cortex is not None:
         return np.asarray(cortex.cortex, dtype=bool), "label"
@@ -48,13 +48,13 @@ def cortex_label(cortex: Cortex) -> tuple[NDArray[np.bool_], str]:
 
 
 def is_no_cortex(region: str) -> bool:
-    """Whether a region's name is one of those that annotations give to what is not cortex."""
+    """Whether a region has one of the names that annotations use for areas outside the cortex."""
     plain = region.lower().replace("_", "").replace(" ", "")
     return any(word in plain for word in NOT_CORTEX)
 
 
 def cortex_mask(cortex: Cortex) -> NDArray[np.bool_]:
-    """True (N,) where the vertex is cortex: by :func:`cortex_label`, and white and pial do not coincide.
+    """True (N,) where the vertex is cortex by :func:`cortex_label` and white and pial do not coincide.
 
     Raises
     ------
@@ -72,21 +72,21 @@ def cortex_mask(cortex: Cortex) -> NDArray[np.bool_]:
         what = f"{cortex.name}: the cortex label"
         file = next((file for file in cortex.files if file.endswith("cortex.label")), what)
         raise NoCortex(
-            f"{file}: holds {label.sum()} of {cortex.n_vertices} vertices, too few to be measured; FreeSurfer's hold "
-            "about 90 %. Name the right label, or leave it out."
+            f"{file}: holds {label.sum()} of {cortex.n_vertices} vertices, too few to be measured; FreeSurfer's labels "
+            "hold about 90 %. Name the right label, or leave it out."
         )
     mask = off & label
     if not mask.any():
         raise NoCortex(
-            f"{cortex.called}: no vertex is cortex: the cortex {word} holds {label.sum()} of "
-            f"{cortex.n_vertices} vertices, white and pial differ at {off.sum()}, and the two have none in common. "
+            f"{cortex.called}: no vertex is cortex. The cortex {word} holds {label.sum()} of "
+            f"{cortex.n_vertices} vertices, white and pial differ at {off.sum()}, and no vertex is in both sets. "
             "Check the label, or leave it out."
         )
     return mask
 
 
 def check_surfaces(cortex: Cortex) -> None:
-    """Refuse two surfaces that can not be measured as one cortex: swapped or inside out, or of two."""
+    """Refuse surfaces that cannot be measured as one cortex: swapped, inside out, or of two different cortices."""
     if geometry.is_closed(cortex.faces):
         check_sides(cortex)
     check_pair(cortex)
@@ -94,7 +94,7 @@ def check_surfaces(cortex: Cortex) -> None:
 
 
 def check_sides(cortex: Cortex) -> None:
-    """Refuse closed surfaces that are inside out, or swapped; the walls of a cavity rightly face inwards."""
+    """Refuse closed surfaces that are inside out or swapped. The walls of a cavity may face inwards."""
     pieces, piece = geometry.components(cortex.n_vertices, cortex.faces)
     inner, outer = (signed_volumes(s.verts, cortex.faces, piece) for s in (cortex.white, cortex.pial))
     hollow = cavities(cortex)
@@ -103,7 +103,7 @@ def check_sides(cortex: Cortex) -> None:
             where = "" if pieces == 1 else f"the piece of vertex {np.flatnonzero(piece == k)[0]} of "
             raise InsideOut(
                 f"{cortex.called}: {where}{surface.name} is inside out, its signed volume is {volumes[k]:.4g} mm^3: "
-                "its faces run clockwise seen from outside. Reverse the triangles (faces[:, ::-1])."
+                "its faces are clockwise seen from outside. Reverse the triangles (faces[:, ::-1])."
             )
     if inner.sum() > outer.sum():
         raise UnlikeSurfaces(
@@ -115,7 +115,7 @@ def check_sides(cortex: Cortex) -> None:
 def cavities(cortex: Cortex) -> list[int]:
     """Pieces of a closed cortex, numbered as by ``components``, that are walls of cavities within another piece.
 
-    Their faces are turned inwards, on both surfaces, and white lies around pial: outward is into the cavity.
+    Their faces point inwards on both surfaces, and white lies around pial: the outward direction is into the cavity.
     """
     piece = geometry.components(cortex.n_vertices, cortex.faces)[1]
     inner, outer = (signed_volumes(s.verts, cortex.faces, piece) for s in (cortex.white, cortex.pial))
@@ -126,13 +126,13 @@ def cavities(cortex: Cortex) -> list[int]:
 
 
 def _within_others(surface: Surface, piece: NDArray[np.int64], asked: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Those of the pieces asked for that lie within others: the rest of a closed surface winds around a vertex of it.
+    """Those of the pieces ``asked`` that lie within others: the rest of the closed surface winds around them.
 
-    The rest is the whole without the own piece, so one tree of boxes does for all pieces.
+    The winding number of the rest is that of the whole less that of the piece, so one tree of boxes serves all pieces.
     """
     if len(asked) == 0:
         return asked
-    verts, faces = surface.verts.copy(), surface.faces.copy()  # writable, as all arrays of compiled code
+    verts, faces = surface.verts.copy(), surface.faces.copy()  # writable, as compiled code needs
     of_face = piece[faces[:, 0]]
     by_piece, begin = np.argsort(of_face, kind="stable"), np.concatenate([[0], np.cumsum(np.bincount(of_face))])
     tree, up, none = box_tree(verts, faces), np.array([0.0, 0.0, 1.0]), np.empty(0)
@@ -146,10 +146,10 @@ def _within_others(surface: Surface, piece: NDArray[np.int64], asked: NDArray[np
 
 
 def check_pair(cortex: Cortex) -> None:
-    """Refuse one surface given twice, and those of two hemispheres or people.
+    """Refuse one surface given twice, and surfaces of two hemispheres or two people.
 
-    Of two: vertex i of pial is far from that of white, and not outward of it.
-    Distance alone will not do: a thick simulated cortex is as deep as half the radius of its brain.
+    Surfaces of two cortices: vertex i of pial is far from vertex i of white, and not outward of it. Distance alone is
+    not enough, because a simulated cortex may be as thick as half the radius of its brain.
     """
     white, pial = cortex.white, cortex.pial
     step = pial.verts - white.verts
@@ -162,7 +162,7 @@ def check_pair(cortex: Cortex) -> None:
     along = np.einsum("ij,ij->i", step, geometry.vertex_normals(white.verts, cortex.faces))[off] / size[off]
     if apart < SAME * radius:
         raise UnlikeSurfaces(
-            f"{cortex.name}: white ({white.name}) and pial ({pial.name}) are the same surface but for rounding: half "
+            f"{cortex.name}: white ({white.name}) and pial ({pial.name}) are the same surface up to rounding: half "
             f"of their vertices are less than {apart:.2g} {cortex.units} apart. Pass the two surfaces of one "
             "reconstruction."
         )
@@ -170,37 +170,38 @@ def check_pair(cortex: Cortex) -> None:
         files = cortex.files[:2] or (white.name, pial.name)
         raise UnlikeSurfaces(
             f"{cortex.called}: {files[0]} and {files[1]} are not of one cortex: the median distance from vertex i of "
-            f"white to vertex i of pial is {apart:.3g} {cortex.units}, and not outward. Pass the two surfaces of one "
+            f"white to vertex i of pial is {apart:.3g} {cortex.units}, but not outward. Pass the two surfaces of one "
             "hemisphere of one person."
         )
 
 
 def check_open_pieces(cortex: Cortex) -> None:
-    """Refuse a piece with a border, which encloses nothing, if white lies outside pial on most of it."""
+    """Refuse a piece with a border if white lies outside pial on most of it. Such a piece encloses no volume."""
     if not len(border := geometry.border_edges(cortex.faces)):
         return
-    piece = geometry.components(cortex.n_vertices, cortex.faces)[1] + 1  # 0: vertices that no triangle has
+    piece = geometry.components(cortex.n_vertices, cortex.faces)[1] + 1  # 0: vertices of no triangle
     share = np.bincount(piece, outside(cortex)) / np.maximum(np.bincount(piece), 1)
     for k in np.intersect1d(piece[border], np.flatnonzero(share > MOSTLY))[:1]:
         raise InsideOut(
             f"{cortex.called}: white ({cortex.white.name}) lies outside pial ({cortex.pial.name}) at {share[k]:.0%} of "
-            f"the piece of vertex {np.flatnonzero(piece == k)[0]}, which has a border: its faces run clockwise seen "
-            "from outside, or white and pial were swapped. Reverse the triangles (faces[:, ::-1]), or swap the two."
+            f"the piece of vertex {np.flatnonzero(piece == k)[0]}, which has a border: its faces are clockwise seen "
+            "from outside, or white and pial are swapped. Reverse the triangles (faces[:, ::-1]), or swap the two."
         )
 
 
 def outside(cortex: Cortex) -> NDArray[np.bool_]:
-    """True (N,) where white lies outside pial, by the normals of both."""
+    """True (N,) where white lies outside pial by the normals of both surfaces."""
     apart = cortex.pial.verts - cortex.white.verts
     out = [np.einsum("ij,ij->i", apart, geometry.vertex_normals(s.verts, s.faces)) for s in (cortex.white, cortex.pial)]
     return np.maximum(*out) < 0
 
 
 def shift(cortex: Cortex, mask: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Vector (3,) [mm] by which pial is moved off white as a whole, on the cortex ``mask`` (N,) of closed surfaces.
+    """Vector (3,) [mm] by which pial as a whole is shifted from white, on the cortex ``mask`` (N,) of closed surfaces.
 
-    The one shift that leaves least, in squares over the area, of what parts vertices i of the two *along* the surface,
-    which no thickness does, however uneven. On an open piece it may: from a wall to a crown all go one way.
+    The least-squares shift, weighted by area, of the steps from white to pial *along* the surface. On a closed surface
+    no thickness causes such a shift, however uneven it is. On an open piece it may: from a wall to a crown all steps
+    along the surface have one direction.
     """
     normal = geometry.unit(np.add(*(geometry.vertex_normals(s.verts, s.faces) for s in (cortex.white, cortex.pial))))
     area = mask * sum(geometry.vertex_areas(s.verts, s.faces) for s in (cortex.white, cortex.pial))
@@ -212,7 +213,7 @@ def shift(cortex: Cortex, mask: NDArray[np.bool_]) -> NDArray[np.float64]:
 
 
 def border_duplicates(cortex: Cortex, faces: Faces) -> tuple[Ints, Ints]:
-    """Vertices on a border of the faces (B,), and of each the first of those that lies there, on white and on pial."""
+    """Vertices on a border of the faces (B,), and for each the first at the same position on white and on pial."""
     border = np.unique(geometry.border_edges(faces))
     both = np.column_stack([cortex.white.verts[border], cortex.pial.verts[border]])
     _, first, inverse = np.unique(both, axis=0, return_index=True, return_inverse=True)
@@ -220,17 +221,17 @@ def border_duplicates(cortex: Cortex, faces: Faces) -> tuple[Ints, Ints]:
 
 
 def volume(surface: Surface) -> float:
-    """Volume [mm^3] that a closed surface encloses, its cavities left out; negative if it is inside out."""
+    """Volume [mm^3] that a closed surface encloses, without its cavities; negative if it is inside out."""
     return float(signed_volumes(surface.verts, surface.faces, np.zeros(len(surface.verts), dtype=np.int64)).sum())
 
 
 def signed_volumes(verts: Verts, faces: Faces, piece: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Signed volume [mm^3] inside each closed piece, positive if faces run counter-clockwise seen from outside."""
+    """Signed volume [mm^3] inside each closed piece, positive if faces are counter-clockwise seen from outside."""
     a, b, c = (verts[faces[:, k]] - verts[faces[0, 0]] for k in range(3))
     return np.bincount(piece[faces[:, 0]], np.einsum("ij,ij->i", a, np.cross(b, c)) / 6).astype(np.float64)
 
 
 def place_of(point: NDArray[np.float64]) -> str:
-    """Coordinates (3,) as messages have them."""
+    """Coordinates (3,) as text for messages."""
     x, y, z = np.round(point, 6) + 0.0  # no -0, and no 1e-17 on a plane of symmetry
     return f"({x:.6g}, {y:.6g}, {z:.6g})"

@@ -1,4 +1,4 @@
-"""Faults of a mesh: those that no measure can bear are refused, the others are told beside the numbers."""
+"""Defects of a mesh: those that make measuring impossible are refused, the others give a note beside the numbers."""
 
 from __future__ import annotations
 
@@ -11,86 +11,89 @@ from morphofold.errors import BadMesh
 from morphofold.intersections.intersection import self_intersections
 from morphofold.surface import Cortex, PerVertex, check_mesh
 
-#: notes that a command tells, too, by their code: what they say and what to do (docs/messages.md)
+#: notes that commands also print as warnings, by code: cause and cure (docs/messages.md)
 WARNINGS = {
-    "simulation": ("The stage broke bounds of health; their names come first.", "See the table of bounds below."),
+    "simulation": (
+        "The stage breaks bounds of health. The warning begins with their names.",
+        "See the table of bounds below.",
+    ),
     "repair": (
-        "Faults of the mesh were mended, so that triangles or vertices differ from the file's.",
-        "Look at the places that are named; --no-repair refuses instead.",
+        "Defects of the mesh were repaired, so triangles or vertices differ from those in the file.",
+        "Check the places that the warning names. With --no-repair such a mesh is refused.",
     ),
     "cortex_mask": (
-        "No cortex label came with the surfaces, so the medial wall was found otherwise.",
-        "Put label/?h.cortex.label beside them.",
+        "The surfaces have no cortex label, so the medial wall was found by other means.",
+        "Add the file label/?h.cortex.label.",
     ),
     "parcellation": (
-        "No annotation came with the surfaces, so there is no table of regions.",
-        "Put label/?h.aparc.annot beside them, or name one with --annot.",
+        "The surfaces have no annotation, so there is no table of regions.",
+        "Add the file label/?h.aparc.annot, or name an annotation with --annot.",
     ),
     "cortex_label": (
-        "The cortex label holds far fewer vertices than FreeSurfer's.",
-        "Check that it is the cortex, not its medial wall.",
+        "The cortex label holds far fewer vertices than FreeSurfer's labels do.",
+        "Check that it is the label of the cortex, not of the medial wall.",
     ),
-    "size": ("The surface is not of the size of a brain.", "Check that its unit is mm."),
-    "side": ("The surface lies where the other hemisphere does.", "Check --hemi and the name of the file."),
+    "size": ("The surface is larger than a human hemisphere.", "Check that its unit is mm."),
+    "side": ("The surface lies on the side of the other hemisphere.", "Check --hemi and the name of the file."),
     "mesh": (
-        "Unused vertices, pieces, borders, rounded coordinates, or triangles of next to no area.",
-        "Read which; measures bear them, other tools may not.",
+        "The mesh has unused vertices, several pieces, borders, rounded coordinates, or triangles of almost zero area.",
+        "Read which of these it has. The measures here allow them; other tools may not.",
     ),
-    "crossing": ("White lies outside pial at some vertices.", "Thickness there is a distance without sign."),
+    "crossing": ("White lies outside pial at some vertices.", "Thickness there is a distance without a sign."),
     "pair": (
-        "White and pial probably do not belong together, or one was moved.",
-        "Take both from one reconstruction, in one frame.",
+        "White and pial probably do not belong together, or one of them was moved.",
+        "Take both from one reconstruction, in one coordinate frame.",
     ),
-    "self_crossing": ("A surface passes through itself.", "Doubt curvature and thickness at the places named."),
-    "thickness_file": ("The thickness that came with the surfaces has gaps in the cortex.", "Compute it anew."),
+    "self_crossing": ("A surface intersects itself.", "Do not trust curvature and thickness at the places named."),
+    "thickness_file": ("The thickness file of the surfaces has gaps in the cortex.", "Compute it again."),
     "thickness_unlike": (
-        "The thickness that came with the surfaces is not what lies between them.",
-        "Check its unit, and that it is of these surfaces.",
+        "The thickness file of the surfaces does not match the distance between them.",
+        "Check its unit, and that it belongs to these surfaces.",
     ),
     "thickness_cap": (
-        "Much of the cortex is as thick as the cap lets it be, so means are too low.",
+        "Much of the cortex is as thick as the cap allows, so means are too low.",
         "Raise --thickness-cap, or leave it out.",
     ),
     "curvature_scale": (
-        "The mesh is too coarse, or the body too small, for the usual scale of curvature.",
+        "The mesh is too coarse, or the body too small, for the usual curvature scale.",
         "Compare curvature only at equal scales (--curvature-scale).",
     ),
     "gyral_width": (
-        "The gyral net is of a width that does not go with the gyral thickness.",
-        "Look at the white surface, or give --gyral-width.",
+        "The gyral width of the net does not match the gyral thickness.",
+        "Check the white surface, or set --gyral-width.",
     ),
 }
 THIN = 1e-4  # of the mean edge: height below which a triangle is a needle or a cap
-OUTSIDE = 0.01  # of the cortex: people have 0.0002 at most outside pial
-SHIFTED = 0.3  # of the distance of white and pial, that pial is moved by; people have 0.07, by 2 mm 0.56
-ROUGH = 0.005  # of the mean edge, above which rounding is remarked on: noise of 1 % of an edge is a lot
+OUTSIDE = 0.01  # share of the cortex outside pial; in people at most 0.0002
+SHIFTED = 0.3  # shift of pial over the distance between white and pial; in people 0.07, after a shift of 2 mm 0.56
+ROUGH = 0.005  # of the mean edge, above which rounding is noted: noise of 1 % of an edge is a lot
 
 
 def check_edges(cortex: Cortex, why_not: str = "") -> None:
-    """Refuse triangles that are no surface: more than two at an edge, flipped on both or one, or torn from neighbours.
+    """Refuse triangles that do not form a surface: more than two at an edge, flipped on one or both, or torn apart.
 
-    ``why_not`` is why they could not be repaired, if that was tried.
+    ``why_not``: why a repair was not possible, if it was tried.
 
     Raises
     ------
     ValueError
-        With the number of edges or vertices, the first of them and its place on white, and the cure.
+        The message gives the number of edges or vertices, the first of them, its place on white, and the cure.
     """
-    tried = f" Repair leaves it so: {why_not}." if why_not else ""
+    tried = f" Repair was not possible: {why_not}." if why_not else ""
     check_mesh(cortex.white.verts, cortex.faces, cortex.called)
     if len(unlike := np.flatnonzero(np.any(cortex.white.faces != cortex.pial.faces, axis=1))):
         raise BadMesh(
-            f"{cortex.called}: {len(unlike)} of {len(cortex.faces)} triangles run one way round on white and the other "
-            f"on pial; the first is triangle {unlike[0]}, at {_place(cortex, int(cortex.faces[unlike[0], 0]))}. Turn "
+            f"{cortex.called}: {len(unlike)} of {len(cortex.faces)} triangles have opposite orientation on white and "
+            f"on pial; the first is triangle {unlike[0]}, at {_place(cortex, int(cortex.faces[unlike[0], 0]))}. Flip "
             f"those of one surface.{tried}"
         )
     pair, count = geometry.edges_and_counts(cortex.faces)
     if len(crowded := pair[count > 2]):
         i, j = crowded[0].tolist()
         raise BadMesh(
-            f"{cortex.called}: {len(crowded)} edges have more than two triangles; the first is that of vertices {i} "
-            f"and {j}, at {_place(cortex, i)}, with {count[count > 2][0]}. The surface branches there, or holds "
-            f"triangles twice: remove those that do not belong to it.{tried}"
+            f"{cortex.called}: {len(crowded)} edges have more than two triangles; the first joins vertices {i} and "
+            f"{j}, at {_place(cortex, i)}, with {count[count > 2][0]}. The surface branches there, or some triangles "
+            f"occur twice: remove those that do not belong to it.{tried}"
         )
     n = cortex.n_vertices
     ways = np.sort((cortex.faces * n + np.roll(cortex.faces, -1, axis=1)).ravel())
@@ -98,24 +101,26 @@ def check_edges(cortex: Cortex, why_not: str = "") -> None:
         i, j = divmod(int(same[0]), n)
         one, two = np.flatnonzero(((cortex.faces == i) & (np.roll(cortex.faces, -1, axis=1) == j)).any(axis=1)).tolist()
         raise BadMesh(
-            f"{cortex.called}: {len(same)} edges are run the same way by both of their triangles; the first is that "
-            f"from vertex {i} to {j}, at {_place(cortex, i)}, of triangles {one} and {two}: one of the two is flipped. "
-            f"Turn it, so that all run counter-clockwise seen from outside (trimesh.repair.fix_winding does).{tried}"
+            f"{cortex.called}: {len(same)} edges have the same direction in both of their triangles; the first runs "
+            f"from vertex {i} to {j}, at {_place(cortex, i)}, in triangles {one} and {two}: one of the two is flipped. "
+            "Make all triangles counter-clockwise seen from outside (for example with "
+            f"trimesh.repair.fix_winding).{tried}"
         )
     border, source = checks.border_duplicates(cortex, cortex.faces)
     if len(torn := np.flatnonzero(source != border)):
         i, j = source[torn[0]], border[torn[0]]
         raise BadMesh(
-            f"{cortex.called}: {len(torn)} vertices on a border lie where another one does, on white and on pial; the "
-            f"first is vertex {j}, in the place of vertex {i}, at {_place(cortex, i)}: the surface is torn there. Make "
-            f"one vertex of those at the same place.{tried}"
+            f"{cortex.called}: {len(torn)} vertices on a border have the same position as another one, on white and on "
+            f"pial; the first is vertex {j}, at the position of vertex {i}, at {_place(cortex, i)}: the surface is "
+            f"torn there. Merge vertices that have the same position.{tried}"
         )
 
 
 def remarks(cortex: Cortex, mask: NDArray[np.bool_], given: Cortex | None = None) -> dict[str, str]:
-    """Notes ``mesh`` (vertices, pieces, borders, rounding, thin triangles), ``crossing``: white lies outside pial, and
-    ``pair``: at so many vertices, or so far moved off it, that the two are hardly of one cortex.
+    """Notes ``mesh``, ``crossing`` and ``pair``.
 
+    ``mesh``: unused vertices, pieces, borders, rounding, thin triangles. ``crossing``: white lies outside pial.
+    ``pair``: so many vertices lie outside, or pial is shifted so far, that the two are hardly of one cortex.
     ``given``: the cortex with the vertices that no triangle uses, if these were left out.
     """
     problems = []
@@ -123,19 +128,19 @@ def remarks(cortex: Cortex, mask: NDArray[np.bool_], given: Cortex | None = None
     whole = given or cortex
     if unused := np.count_nonzero(~geometry.used(whole.n_vertices, whole.faces)):
         problems.append(
-            f"{unused} of {whole.n_vertices} vertices belong to no triangle, and have no values; vertices are numbered "
-            "without them in other remarks."
+            f"{unused} of {whole.n_vertices} vertices belong to no triangle and have no values. Vertex numbers in "
+            "other notes do not count them."
         )
     if pieces > 1:
         sizes = np.sort(np.bincount(piece[piece >= 0]))[::-1].tolist()
         most = ", ".join(map(str, sizes[:3])) + (", ..." if pieces > 3 else "")
         hollow = len(checks.cavities(cortex)) if geometry.is_closed(cortex.faces) else 0
         most += f" vertices ({hollow} of them walls of cavities)" if hollow else " vertices"
-        problems.append(f"The surface is in {pieces} pieces, of {most}: numbers are of all of them together.")
+        problems.append(f"The surface is in {pieces} pieces, of {most}. The numbers describe all of them together.")
     if len(border := geometry.border_edges(cortex.faces)):
         problems.append(
             f"The surface has a border of {len(border)} edges, one at vertex {border[0, 0]}, "
-            f"{_place(cortex, border[0, 0])}: holes have no area, and crests end there."
+            f"{_place(cortex, border[0, 0])}. Holes have no area, and crests end there."
         )
     for surface in (cortex.white, cortex.pial):
         verts = surface.verts
@@ -143,29 +148,29 @@ def remarks(cortex: Cortex, mask: NDArray[np.bool_], given: Cortex | None = None
         edge = geometry.mean_edge_length(surface.verts, surface.faces)
         if step > ROUGH * edge and np.array_equal(verts, verts.astype(np.float32)):
             problems.append(
-                f"The coordinates of {surface.name} are rounded to {step:.2g} (float32, so far from the origin), which "
-                f"is {step / edge:.0%} of the mean edge: curvature is that of the steps. Move the surface to the "
-                "origin before it is written."
+                f"The coordinates of {surface.name} are rounded to {step:.2g} (float32, far from the origin), which "
+                f"is {step / edge:.0%} of the mean edge, so the curvature shows the rounding. Move the surface to the "
+                "origin before you write it."
             )
         corner = surface.verts[surface.faces]
         longest = np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2).max(axis=1)
         height = 2 * geometry.face_areas(surface.verts, surface.faces) / np.maximum(longest, 1e-300)
         if len(thin := np.flatnonzero(height < THIN * edge)):
             problems.append(
-                f"{len(thin)} of {len(surface.faces)} triangles of {surface.name} are needles or caps, of next to no "
-                f"area, the first of them triangle {thin[0]}, at {checks.place_of(corner[thin[0], 0])}: measures bear "
-                "them, other tools may not."
+                f"{len(thin)} of {len(surface.faces)} triangles of {surface.name} are needles or caps of almost zero "
+                f"area; the first is triangle {thin[0]}, at {checks.place_of(corner[thin[0], 0])}. The measures here "
+                "allow them; other tools may not."
             )
     notes = {"mesh": " ".join(problems)} if problems else {}
     if len(crossed := np.flatnonzero(mask & checks.outside(cortex))):
         notes["crossing"] = (
-            f"White lies outside pial at {len(crossed)} of {np.count_nonzero(mask)} vertices of the cortex, the first "
-            f"of them vertex {crossed[0]}, at {_place(cortex, crossed[0])}: thickness there is a distance without sign."
+            f"White lies outside pial at {len(crossed)} of {np.count_nonzero(mask)} vertices of the cortex; the first "
+            f"is vertex {crossed[0]}, at {_place(cortex, crossed[0])}. Thickness there is a distance without a sign."
         )
     if len(crossed) > OUTSIDE * np.count_nonzero(mask):
         notes["pair"] = (
             f"White lies outside pial at {len(crossed) / np.count_nonzero(mask):.1%} of the cortex: the two probably "
-            "do not belong together. Take both from one reconstruction, in one frame."
+            "do not belong together. Take both from one reconstruction, in one coordinate frame."
         )
     elif geometry.is_closed(cortex.faces):
         moved = checks.shift(cortex, mask)
@@ -173,19 +178,19 @@ def remarks(cortex: Cortex, mask: NDArray[np.bool_], given: Cortex | None = None
         apart = float(np.median(np.linalg.norm(cortex.pial.verts - cortex.white.verts, axis=1)[mask]))
         if far > SHIFTED * apart:
             notes["pair"] = (
-                f"Pial is moved off white by about {far:.2g} {cortex.units} as a whole, by {checks.place_of(moved)}, "
-                f"where the two are {apart:.2g} apart. Take both from one reconstruction, in one frame."
+                f"Pial as a whole is shifted from white by about {far:.2g} {cortex.units}, by "
+                f"{checks.place_of(moved)}; the two are {apart:.2g} apart. Take both from one reconstruction, in one "
+                "coordinate frame."
             )
     return notes
 
 
 def self_crossings(cortex: Cortex, mask: NDArray[np.bool_]) -> tuple[dict[str, str], float]:
-    """Note ``self_crossing``: how many triangles of white or pial others of the same surface cross, and where most.
+    """Note ``self_crossing``, and the share of white's triangles that other triangles cross.
 
-    Also the share of white's triangles that others cross.
-
-    Of crossings and triangles, those with a vertex in the cortex, ``mask`` (N,): thickness and curvature are maps of
-    it, and FreeSurfer closes the medial wall without care for them.
+    The note gives how many triangles of white or pial are crossed by others of the same surface, and the deepest place.
+    Only crossings and triangles with a vertex in the cortex, ``mask`` (N,), count: thickness and curvature are maps of
+    the cortex, and FreeSurfer does not avoid crossings where it closes the medial wall.
     """
     problems, of_white = [], 0.0
     for surface in (cortex.white, cortex.pial):
@@ -197,19 +202,19 @@ def self_crossings(cortex: Cortex, mask: NDArray[np.bool_]) -> tuple[dict[str, s
             if surface is cortex.white:
                 of_white = float(among / np.count_nonzero(inside))
             problems.append(
-                f"{surface.name} crosses itself: {among} of {np.count_nonzero(inside)} triangles of the cortex, "
+                f"{surface.name} intersects itself: {among} of {np.count_nonzero(inside)} triangles of the cortex, "
                 f"deepest at {checks.place_of(found.point[deepest])}, by {found.depth[deepest]:.2g} {cortex.units}"
             )
     if not problems:
         return {}, 0.0
-    return {"self_crossing": f"{'; '.join(problems)}. Curvature and thickness are in doubt there."}, of_white
+    return {"self_crossing": f"{'; '.join(problems)}. Do not trust curvature and thickness there."}, of_white
 
 
 def given_thickness(cortex: Cortex, mask: NDArray[np.bool_]) -> tuple[PerVertex, dict[str, str]]:
     """The thickness (N,) [mm] that came with the surfaces, and the note ``thickness_file`` on its gaps.
 
-    NaN outside the cortex, and where it is no positive number: FreeSurfer writes 0 where nothing was measured, and the
-    mask holds no vertex at which white and pial coincide.
+    It is NaN outside the cortex, and where it is not a positive number. FreeSurfer writes 0 where nothing was measured,
+    and the mask holds no vertex where white and pial coincide.
     """
     given = np.asarray(cortex.maps["thickness"], dtype=np.float64)
     known = np.isfinite(given) & (given > 0)
@@ -217,9 +222,9 @@ def given_thickness(cortex: Cortex, mask: NDArray[np.bool_]) -> tuple[PerVertex,
     if len(gaps := np.flatnonzero(mask & ~known)):
         zeros, within = np.count_nonzero(given[gaps] == 0), np.count_nonzero(mask)
         notes["thickness_file"] = (
-            f"The thickness that came with the surfaces is no positive number at {len(gaps)} of {within} vertices of "
-            f"the cortex ({len(gaps) / within:.1%}), {zeros} of them 0, the first of them vertex {gaps[0]}, at "
-            f"{_place(cortex, gaps[0])}: the means of it leave them out."
+            f"The thickness file of the surfaces has no positive number at {len(gaps)} of {within} vertices of "
+            f"the cortex ({len(gaps) / within:.1%}), {zeros} of them 0; the first is vertex {gaps[0]}, at "
+            f"{_place(cortex, gaps[0])}. Its means leave these vertices out."
         )
     return np.where(mask & known, given, np.nan), notes
 

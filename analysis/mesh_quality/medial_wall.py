@@ -1,4 +1,4 @@
-"""The medial wall of surfaces that nothing else marks: a large patch where white and pial nearly meet."""
+"""The medial wall of surfaces without a label: a large patch where white and pial nearly meet."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from scipy.sparse import csgraph
 from morphofold import geometry
 from morphofold.surface import Cortex
 
-NEAR = 0.2  # of the median distance of white and pial: nearer than that is no cortex (0.5 mm in adults)
-LEAST, MOST = 0.01, 0.2  # share of the white area: least of a patch, most of all; walls have 0.03 to 0.1
+NEAR = 0.2  # of the median distance of white and pial: below it a vertex is not cortex (0.5 mm in adults)
+LEAST, MOST = 0.01, 0.2  # shares of the white area: least of one patch, most of all patches; walls have 0.03 to 0.1
 
 
 def wall_of_thickness(cortex: Cortex) -> NDArray[np.bool_]:
-    """True (N,) in the wall where the thickness that came with the surfaces is 0 or no number; nowhere without one."""
+    """True (N,) in the wall, where the thickness that came with the surfaces is 0 or NaN; nowhere without one."""
     given = cortex.maps.get("thickness")
     if given is None:
         return np.zeros(cortex.n_vertices, dtype=bool)
@@ -22,11 +22,11 @@ def wall_of_thickness(cortex: Cortex) -> NDArray[np.bool_]:
 
 
 def wall_of_geometry(cortex: Cortex) -> NDArray[np.bool_]:
-    """True (N,) in the wall where white and pial are nearer to each other than ``NEAR`` of their median distance.
+    """True (N,) in the wall, where white and pial are closer than ``NEAR`` times their median distance.
 
-    The step from white to pial is averaged over a vertex and its neighbours first, so that noise of the vertices, which
-    differs between the two surfaces, does not tear the patch. Being relative, it is the same in any unit, and a cortex
-    that is thin everywhere has no wall.
+    The step from white to pial is first averaged over a vertex and its neighbours. Noise of the vertices differs
+    between the two surfaces, and without the average it would tear the patch. The bound is relative: it is the same in
+    any unit, and a cortex that is thin everywhere has no wall.
     """
     step = cortex.pial.verts - cortex.white.verts
     ring = geometry.adjacency(cortex.n_vertices, cortex.faces).astype(np.float64)
@@ -35,7 +35,7 @@ def wall_of_geometry(cortex: Cortex) -> NDArray[np.bool_]:
 
 
 def _patches(cortex: Cortex, thin: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Those of the thin vertices in connected patches as large as a wall; none if they are too much of the surface."""
+    """The thin vertices in connected patches as large as a wall; none if these cover too much of the surface."""
     at = np.flatnonzero(thin)
     area = geometry.vertex_areas(cortex.white.verts, cortex.faces)
     joined = geometry.adjacency(cortex.n_vertices, cortex.faces)[at][:, at]

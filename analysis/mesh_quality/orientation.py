@@ -1,6 +1,6 @@
-"""Which triangles are neighbours, also where more than two share an edge; and which of them run the wrong way round.
+"""Which triangles are neighbours, also where more than two share an edge, and which of them are flipped.
 
-A *side* of a triangle is numbered like the corner that it runs from: side 3 t + k of triangle t runs from its corner k
+A *side* of a triangle has the number of the corner where it starts: side 3 t + k of triangle t runs from its corner k
 to the next one. Two sides along one edge that belong together are *joined*.
 """
 
@@ -25,13 +25,13 @@ class Sides:
     joined : (P, 2) int64
         Sides that belong together, each side at most once.
     crowded : (C,) int64
-        Sides of edges that more than two have.
+        Sides of edges with more than two triangles.
     border : (B,) int64
-        Sides that are alone at their edge.
+        Sides of edges with one triangle.
     left : (L,) int64
-        Sides of crowded edges for which no other was found.
+        Sides of crowded edges for which no partner was found.
     fan : (3 M,) int64
-        As :func:`fans` numbers the corners.
+        Fan of each corner, as in :func:`fans`.
     """
 
     joined: Ints
@@ -42,11 +42,11 @@ class Sides:
 
 
 def joined_sides(faces: Faces) -> Sides:
-    """Sides that belong together: the two of an edge, or of more than two those that the surface joins elsewhere.
+    """Sides that belong together: the two of an edge, or, of more than two, those that the surface joins elsewhere.
 
-    Around a vertex, triangles are neighbours across edges that have two. A chain of them that begins and ends at the
-    same crowded edge is one sheet of surface, so its first and last side are joined, which may close chains around the
-    other end. Two that are left at an edge in the end belong together.
+    Around a vertex, triangles are neighbours across edges with two triangles. A chain of neighbours that begins and
+    ends at the same crowded edge is one sheet of surface, so its first and last side are joined. This may close chains
+    around the other end of the edge. If two sides are left at an edge at the end, they belong together.
     """
     corner = faces.ravel()
     ends = np.sort([corner, corner[after(np.arange(len(corner)))]], axis=0)
@@ -73,7 +73,7 @@ def joined_sides(faces: Faces) -> Sides:
 
 
 def _of_ends(side: Ints, corner: Ints) -> tuple[Ints, Ints]:
-    """Corners of sides at both ends of their edge, first the end with more triangles: that of two welded vertices."""
+    """Corners of sides at both ends of their edge. The end with more triangles (of two welded vertices) first."""
     far, size = after(side), np.bincount(corner)
     a, b = corner[side], corner[far]
     here = (size[a] > size[b]) | ((size[a] == size[b]) & (a < b))
@@ -81,7 +81,7 @@ def _of_ends(side: Ints, corner: Ints) -> tuple[Ints, Ints]:
 
 
 def _pairs(edge: Ints, fan: Ints) -> Ints:
-    """Rows (P, 2) of which two and no more have the same edge and fan."""
+    """Pairs (P, 2) of rows where exactly two have the same edge and fan."""
     order = np.lexsort((fan, edge))
     begin = np.flatnonzero((np.diff(edge[order], prepend=-1) != 0) | (np.diff(fan[order], prepend=-1) != 0))
     two = begin[np.diff(begin, append=len(edge)) == 2]
@@ -89,12 +89,12 @@ def _pairs(edge: Ints, fan: Ints) -> Ints:
 
 
 def after(side: Ints) -> Ints:
-    """The next side of the same triangle, which begins where this one ends."""
+    """The next side of the same triangle; it begins where this one ends."""
     return side - side % 3 + (side + 1) % 3
 
 
 def fans(faces: Faces, joined: Ints) -> Ints:
-    """Number (3 M,) of the fan that each corner is of: triangles around a vertex that are joined."""
+    """Number (3 M,) of the fan of each corner. A fan is the joined triangles around a vertex."""
     corner, (one, other) = faces.ravel(), joined.T
     same = corner[one] == corner[other]
     far = after(other)
@@ -103,18 +103,18 @@ def fans(faces: Faces, joined: Ints) -> Ints:
 
 
 def sheets(faces: Faces, joined: Ints) -> Ints:
-    """Number (M,) of the piece that each triangle is of: those that are joined."""
+    """Number (M,) of the sheet of each triangle. A sheet is a set of joined triangles."""
     return connected(len(faces), joined // 3)
 
 
 def against(faces: Faces, joined: Ints) -> NDArray[np.bool_] | None:
-    """Triangles (M,) that run against the most of those that are joined to them; None if a piece has one side only.
+    """Triangles (M,) oriented against the majority of their piece; None if a piece has one side only.
 
-    Each triangle is there in both ways round; those that agree across joined sides are one part. On a piece with two
-    sides the two ways of a triangle are of two parts, and the one that holds more triangles as they are is right.
+    Each triangle is taken in both orientations, and those that agree across joined sides form one part. On a piece with
+    two sides, the two orientations of a triangle lie in two parts. The part with more triangles as given is right.
     """
     corner, m = faces.ravel(), len(faces)
-    same = corner[joined[:, 0]] == corner[joined[:, 1]]  # one of the two runs the wrong way
+    same = corner[joined[:, 0]] == corner[joined[:, 1]]  # one of the two is flipped
     if not same.any():
         return np.zeros(m, dtype=bool)
     one, other = (joined // 3).T

@@ -1,8 +1,8 @@
-"""Faults of triangles that have one cure, mended on white and pial together before they are measured.
+"""Repair of triangle defects that have exactly one cure, on white and pial together before they are measured.
 
-Flipped triangles, on both surfaces or one, and pieces that are inside out, edges that more than two triangles share,
-seams that are torn, triangles that are there twice or name a vertex twice. What has no such cure stays as it is, for
-``defects`` to refuse.
+These are flipped triangles (on one surface or both), pieces that are inside out, edges that more than two triangles
+share, torn seams, and triangles that occur twice or name a vertex twice. Other defects stay, and ``defects`` refuses
+them.
 """
 
 from __future__ import annotations
@@ -24,35 +24,35 @@ if TYPE_CHECKING:
 
 Done = dict[str, tuple[int, int]]
 
-DEBRIS = 0.005  # of the pial area, below which a piece that parting sheets cut off is left out
-WORDS = {  # what is mended, by the name of its number
-    "repaired_unlike_triangles": "triangles of pial turned to run as those of white",
-    "repaired_flat_triangles": "triangles left out that name a vertex twice",
-    "repaired_seam_vertices": "vertices of torn seams joined with another at the same place",
-    "repaired_double_triangles": "triangles left out that are there twice",
-    "repaired_pinched_edges": "edges parted that more than two triangles shared",
-    "repaired_pinched_vertices": "vertices parted at which sheets touched",
-    "repaired_debris_triangles": "triangles left out of small pieces that were cut off so",
-    "repaired_flipped_triangles": "flipped triangles turned",
+DEBRIS = 0.005  # of the pial area: a piece that is cut off when sheets are separated is left out below it
+WORDS = {  # what is repaired, by the name of its count
+    "repaired_unlike_triangles": "triangles of pial reversed to match those of white",
+    "repaired_flat_triangles": "triangles removed that name a vertex twice",
+    "repaired_seam_vertices": "vertices of torn seams joined with another at the same position",
+    "repaired_double_triangles": "triangles removed that occur twice",
+    "repaired_pinched_edges": "edges separated that more than two triangles shared",
+    "repaired_pinched_vertices": "vertices separated at which sheets touched",
+    "repaired_debris_triangles": "triangles removed of small pieces that the separation cut off",
+    "repaired_flipped_triangles": "flipped triangles reversed",
 }
 
 
 @dataclass(frozen=True, eq=False)
 class Mended:
-    """A cortex as it can be measured, and how its vertices go with those of the one that was given.
+    """A repaired cortex that can be measured, and how its vertices correspond to those of the given one.
 
     Attributes
     ----------
     of, cortex : Cortex
-        The given one, of N vertices, and the mended one, of n; the same object if there is nothing to mend.
+        The given one with N vertices, and the repaired one with n. The same object if there is nothing to repair.
     place : (N,) int64
-        Vertex of the mended one whose values each of the given has; -1 where it is left out.
+        For each given vertex the repaired vertex whose values it has; -1 where it is left out.
     source : (n,) int64
-        Given vertex of each of the mended; one that was parted comes more than once.
+        Given vertex of each repaired vertex. A vertex that was separated occurs more than once.
     done : mapping of str to (int, int)
-        By the names of ``WORDS``: how many, and a given vertex at the first.
+        For the names of ``WORDS``: the count, and a given vertex at the first place.
     why_not : str
-        Why the faults were left as they are; empty if none were.
+        Why the defects were left as they are; empty if none were left.
     """
 
     of: Cortex
@@ -64,27 +64,27 @@ class Mended:
 
     @property
     def numbers(self) -> dict[str, int]:
-        """How many of each kind."""
+        """Count of each kind of repair."""
         return {kind: count for kind, (count, _) in self.done.items()}
 
     @property
     def notes(self) -> dict[str, str]:
-        """Note ``repair``: what was mended, how often, and where first."""
+        """Note ``repair``: what was repaired, how often, and where first."""
         if not self.done:
             return {}
         at = lambda vertex: checks.place_of(self.of.white.verts[vertex])
         lines = [f"{WORDS[kind]}: {count}, the first at {at(vertex)}" for kind, (count, vertex) in self.done.items()]
         fewer = len(np.unique(self.source)) < self.of.n_vertices
-        more = " Other remarks number vertices without those left out." if fewer else ""
+        more = " Vertex numbers in other notes do not count the vertices that were left out." if fewer else ""
         return {"repair": f"The surfaces were repaired; {'; '.join(lines)}.{more}"}
 
     def back(self, measures: Measures) -> Measures:
-        """The measures in the numbers of the given vertices, so that maps fit the files that were read.
+        """The measures at the given vertices, so that maps fit the files that were read.
 
-        A vertex that was joined with another has the values of that one, one that was left out has none, and one that
-        was parted has those of the sheet that holds most of its triangles. Of areas a vertex that was joined has 0 and
-        one that was parted the sum, so that sums stay. The triangles are the mended ones; those that pinched an edge do
-        so again, since parting them takes vertices that the files have not.
+        A vertex that was joined with another has the values of that one, and a vertex that was left out has none. A
+        vertex that was separated has the values of the sheet with most of its triangles. For areas, a joined vertex has
+        0 and a separated vertex has the sum, so totals stay the same. The triangles are the repaired ones. Those that
+        pinched an edge do so again, because separating them needs vertices that the files do not have.
         """
         if self.cortex is self.of:
             return measures
@@ -104,8 +104,10 @@ class Mended:
 
 
 def measurable(cortex: Cortex, *, repair: bool = True) -> Mended:
-    """The cortex mended, unless ``repair`` is not wanted, and without vertices that no triangle uses; raises
-    ``ValueError`` if it can not be measured then."""
+    """The cortex, repaired unless ``repair`` is False, without vertices that no triangle uses.
+
+    Raises ``ValueError`` if it still cannot be measured.
+    """
     mend = mended(cortex) if repair else as_given(cortex)
     checks.cortex_mask(mend.cortex)
     defects.check_edges(mend.cortex, mend.why_not)
@@ -122,14 +124,14 @@ def as_given(cortex: Cortex, why_not: str = "") -> Mended:
 
 
 def mended(cortex: Cortex) -> Mended:
-    """The cortex with those faults mended that have one cure; as it is where that does not make it sound.
+    """The cortex with all defects repaired that have exactly one cure; unchanged where that does not make it sound.
 
-    Vertices on a border that lie at one place, on white and on pial, are joined, and triangles left out that name a
-    vertex twice or are there twice. Sheets of surface that share an edge or a vertex are parted (see
-    :func:`~morphofold.analysis.mesh_quality.orientation.joined_sides`) by giving each its own vertices, at the same
-    place; where that cuts off a piece, it is left out if it is small (``DEBRIS``). Last, triangles are turned to run as
-    most of their piece do, and closed pieces that are inside out, white within pial, as a whole. Needles and caps stay:
-    measures bear them.
+    First, vertices on a border that have the same position on white and on pial are joined, and triangles that name a
+    vertex twice or occur twice are removed. Then sheets of surface that share an edge or a vertex are separated (see
+    :func:`~morphofold.analysis.mesh_quality.orientation.joined_sides`): each gets its own vertices at the same
+    position. If that cuts off a small piece (``DEBRIS``), the piece is left out. Last, triangles are reversed to match
+    the majority of their piece, and closed pieces that are inside out, with white within pial, are reversed as a whole.
+    Needles and caps stay: the measures allow them.
     """
     done: Done = {}
     if len(unlike := np.flatnonzero(np.any(cortex.white.faces != cortex.pial.faces, axis=1))):
@@ -141,7 +143,7 @@ def mended(cortex: Cortex) -> Mended:
     keep, faces, owner = _parted(faces, sides, cortex, done)
     if keep[sides.left // 3].any():
         i, j = faces.ravel()[sides.left[0]], faces.ravel()[after(sides.left[0])]
-        return as_given(cortex, f"which triangles go on into which at vertices {i} and {j} cannot be told")
+        return as_given(cortex, f"the sheets of surface that meet at vertices {i} and {j} cannot be told apart")
     joined = sides.joined
     if not keep.all():
         renumbered = np.cumsum(keep) - 1
@@ -149,7 +151,7 @@ def mended(cortex: Cortex) -> Mended:
         joined, faces = 3 * renumbered[joined // 3] + joined % 3, faces[keep]
     flipped = against(faces, joined)
     if flipped is None:
-        return as_given(cortex, "a piece of the surface has one side only, as a Moebius strip")
+        return as_given(cortex, "a piece of the surface has one side only, like a Moebius strip")
     if flipped.any():
         faces = np.where(flipped[:, None], faces[:, ::-1], faces)
     inside_out = _inside_out(cortex, faces, owner, joined)
@@ -162,7 +164,7 @@ def mended(cortex: Cortex) -> Mended:
 
 
 def _whole(cortex: Cortex, done: Done) -> tuple[Faces, Ints]:
-    """Triangles of three vertices each, none twice, torn seams closed; and the vertex (N,) that each one became."""
+    """Triangles of three different vertices, none twice, torn seams closed; and the new vertex (N,) of each vertex."""
     faces, at = cortex.faces, np.arange(cortex.n_vertices)
     flat = _flat(faces)
     border, source = checks.border_duplicates(cortex, faces[~flat] if flat.any() and not flat.all() else faces)
@@ -186,7 +188,7 @@ def _flat(faces: Faces) -> Bools:
 
 
 def _double(faces: Faces) -> Bools:
-    """Triangles (M,) on the same vertices as others: all but one where the surface has an edge for it, else all."""
+    """Triangles (M,) on the same vertices as others: all but one where an edge of the surface needs it, else all."""
     three = np.sort(faces, axis=1)
     order = np.lexsort(three.T)
     begin = np.flatnonzero(np.any(np.diff(three[order], axis=0, prepend=-1) != 0, axis=1))
@@ -201,7 +203,7 @@ def _double(faces: Faces) -> Bools:
 
 
 def _parted(faces: Faces, sides: Sides, cortex: Cortex, done: Done) -> tuple[Bools, Faces, Ints]:
-    """Which triangles (M,) to keep, triangles with a vertex for each sheet, and the given vertex (N + K,) of each."""
+    """Triangles (M,) to keep, triangles with a vertex for each sheet, and the given vertex (N + K,) of each vertex."""
     n, corner = cortex.n_vertices, faces.ravel()
     keep, owner = np.ones(len(faces), dtype=bool), np.arange(n)
     fan = sides.fan
@@ -233,7 +235,7 @@ def _parted(faces: Faces, sides: Sides, cortex: Cortex, done: Done) -> tuple[Boo
 
 
 def _debris(faces: Faces, piece: Ints, shared: Bools, verts: Verts) -> Bools:
-    """Triangles (M,) of small pieces that hung on a larger one by vertices that were shared."""
+    """Triangles (M,) of small pieces that only shared vertices joined to a larger one."""
     body = geometry.components(len(verts), faces)[1][faces[:, 0]]
     area = np.bincount(piece, geometry.face_areas(verts, faces))
     largest = np.zeros(int(body.max()) + 1)
@@ -244,18 +246,18 @@ def _debris(faces: Faces, piece: Ints, shared: Bools, verts: Verts) -> Bools:
 
 
 def _inside_out(cortex: Cortex, faces: Faces, owner: Ints, joined: Ints) -> Bools:
-    """Triangles (M,) of closed pieces that enclose less than nothing, white no more of it than pial."""
+    """Triangles (M,) of closed pieces where white has a negative volume and pial's is not larger."""
     piece = geometry.components(len(owner), faces)[1]
     inner, outer = (checks.signed_volumes(s.verts[owner], faces, piece) for s in (cortex.white, cortex.pial))
-    wrong: Bools = (outer <= inner) & (inner < 0)  # the walls of cavities have more of it
+    wrong: Bools = (outer <= inner) & (inner < 0)  # in walls of cavities pial's is larger
     alone = np.ones(faces.size, dtype=bool)
     alone[joined] = False
-    wrong[piece[faces.ravel()[alone]]] = False  # a piece with a border encloses nothing
+    wrong[piece[faces.ravel()[alone]]] = False  # a piece with a border encloses no volume
     return wrong[piece[faces[:, 0]]]
 
 
 def _mended(cortex: Cortex, faces: Faces, at: Ints, owner: Ints, done: Done) -> Mended:
-    """The cortex of these faces, without the vertices that none of them uses."""
+    """The cortex with these faces, without the vertices that none of them uses."""
     gone = ~geometry.used(len(owner), faces)
     source, number = owner[~gone], np.where(gone, -1, np.cumsum(~gone) - 1)
     white, pial = (replace(s, verts=s.verts[source], faces=number[faces]) for s in (cortex.white, cortex.pial))

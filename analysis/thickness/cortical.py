@@ -1,4 +1,4 @@
-"""Cortical thickness: from a white and a pial surface to one length per vertex. Gyral thickness: see gyral.py."""
+"""Cortical thickness between a white and a pial surface: one length per vertex. Gyral thickness: see gyral.py."""
 
 from __future__ import annotations
 
@@ -17,25 +17,26 @@ from morphofold.threads import BLOCKS
 def cortical_thickness(
     white: Surface, pial: Surface, *, mode: str = "surface", cap: float | None = None, rings: int = 10
 ) -> PerVertex:
-    """Cortical thickness: half the sum of the ways from white to pial and from pial to white.
+    """Cortical thickness: half the sum of the distances from white to pial and from pial to white.
 
-    At vertex i, ``t_i = (min(a_i, cap) + min(b_i, cap)) / 2`` with ``a_i`` the distance from white vertex i to the
-    nearest admissible point of the pial surface and ``b_i`` from pial vertex i to that of the white one.
+    At vertex i, ``t_i = (min(a_i, cap) + min(b_i, cap)) / 2``. ``a_i`` is the distance from white vertex i to the
+    nearest admissible point of the pial surface, and ``b_i`` the distance from pial vertex i to that of the white
+    surface.
 
     Parameters
     ----------
     white, pial : Surface
-        Inner and outer surface [mm]; equal faces, vertex i of one belongs to vertex i of the other.
+        Inner and outer surface [mm] with equal faces: vertex i of one corresponds to vertex i of the other.
     mode : {"surface", "freesurfer"}
-        ``"surface"``: nearest point of a *triangle*. Does not depend on resolution; for models and coarse meshes.
-        ``"freesurfer"``: nearest *vertex* within ``rings`` rings, as FreeSurfer's thickness files are made; too
-        large on coarse meshes (fsaverage5 by 8 %). Use it to compare with such files.
+        ``"surface"``: nearest point of a *triangle*. It does not depend on resolution; use it for models and coarse
+        meshes. ``"freesurfer"``: nearest *vertex* within ``rings`` rings, as in FreeSurfer's thickness files. It is too
+        large on coarse meshes (by 8 % on fsaverage5); use it to compare with such files.
     cap : float or None
-        Upper bound [mm] of each of the two distances. 5 is FreeSurfer's, meant for adult human cortex, where it
-        lowers the mean by 0.1 %; a simulated one of reference thickness 3 is 7 to 8 thick at growth 2.
+        Upper bound [mm] of each of the two distances. FreeSurfer uses 5, meant for adult human cortex, where it lowers
+        the mean by 0.1 %. A simulated cortex of reference thickness 3 is 7 to 8 thick at growth 2.
     rings : int
-        Reach of the search in ``"freesurfer"`` mode. FreeSurfer uses 20; 10 costs a fifth and differs at 0.2 %
-        of the vertices.
+        Reach of the search in ``"freesurfer"`` mode. FreeSurfer uses 20; 10 takes a fifth of the time and differs at
+        0.2 % of the vertices.
 
     Returns
     -------
@@ -49,13 +50,13 @@ def cortical_thickness(
 
     Notes
     -----
-    A point q is admissible from p if it lies outward of white (inward of pial), ``(q - p) . n >= 0`` (``<= 0``),
-    and faces the same way, ``n_q . n >= 0``. All normals, in both directions, are those of the pial surface, its
-    corners weighted by the sine of their angle; the normal of a point on a white triangle is interpolated from
-    the pial normals of its vertices. The search starts at the point's own partner and its distance, and in
-    ``"surface"`` mode floods the other surface from there through vertices no farther than the partner (plus one
-    mean edge), so that it cannot jump across a sulcus to a bank that is merely near. Definition of Fischl and
-    Dale [1]_; the normals, the rings and the place of the cap were found by comparison with FreeSurfer's files.
+    A point q is admissible from p if it lies outward of white (inward of pial), ``(q - p) . n >= 0`` (``<= 0``), and
+    faces the same way, ``n_q . n >= 0``. In both directions all normals are those of the pial surface, with corners
+    weighted by the sine of their angle. The normal of a point on a white triangle is interpolated from the pial normals
+    of its vertices. The search starts at the partner vertex and its distance. In ``"surface"`` mode it continues over
+    the other surface through vertices no farther than the partner (plus one mean edge). It therefore cannot jump across
+    a sulcus to a nearby bank. The definition is that of Fischl and Dale [1]_. The normals, the rings and the use of the
+    cap were found by comparison with FreeSurfer's files.
 
     References
     ----------
@@ -73,7 +74,7 @@ def cortical_thickness(
     if white.verts.shape != pial.verts.shape or not np.array_equal(white.faces, pial.faces):
         raise UnlikeSurfaces(
             f"{white.name} ({len(white.verts)} vertices, {len(white.faces)} faces) and {pial.name} ({len(pial.verts)}, "
-            f"{len(pial.faces)}) do not correspond: thickness needs the same faces in both. Take both from one "
+            f"{len(pial.faces)}) do not correspond. Thickness needs the same faces in both: take both from one "
             "reconstruction."
         )
     faces, normals = pial.faces, geometry.vertex_normals(pial.verts, pial.faces, weights="sine")
@@ -149,7 +150,7 @@ def _nearest_triangle(start, target, normals, side, indptr, indices, faces, fptr
                 v = queue[at]
                 at += 1
                 away = (target[v, 0] - px) ** 2 + (target[v, 1] - py) ** 2 + (target[v, 2] - pz) ** 2
-                beyond = math.sqrt(away) > math.sqrt(best) + longest[v]  # all of its triangles are
+                beyond = math.sqrt(away) > math.sqrt(best) + longest[v]  # all its triangles are farther
                 for e in range(fptr[v], fptr[v] if beyond else fptr[v + 1]):
                     f = findices[e]
                     if tested[f] == i:
@@ -183,7 +184,7 @@ def _nearest_triangle(start, target, normals, side, indptr, indices, faces, fptr
 
 
 def _longest(verts: Verts, faces: Faces) -> PerVertex:
-    """Longest edge (N,) at each vertex [mm]; 0 where there is none."""
+    """Length of the longest edge (N,) at each vertex [mm]; 0 where there is none."""
     longest, length = np.zeros(len(verts)), geometry.edge_lengths(verts, faces)
     for end in geometry.edges(faces).T:
         np.maximum.at(longest, end, length)

@@ -19,51 +19,52 @@ from morphofold.analysis.thickness.rays import RayCaster
 from morphofold.errors import NoCortex, WrongShape
 from morphofold.surface import Cortex, PerVertex, Surface, check_kind
 
-LEAST_COVERAGE = 0.2  # of the mid-height contour, below which no median is stated
-LONGEST = 1.2  # chord, relative to the wavelength
-OFF = 5e-3  # mean edges from a triangle to where a ray that starts on it is cast
+LEAST_COVERAGE = 0.2  # of the mid-height contour, below which no median is given
+LONGEST = 1.2  # longest chord, relative to the wavelength
+OFF = 5e-3  # mean edges from a triangle to the start of a ray that is cast from it
 SYMMETRISE = np.deg2rad([0.0, -15.0, 15.0, -30.0, 30.0])
 FAN = np.deg2rad([0.0, -10.0, 10.0, -20.0, 20.0])
 
 
 @dataclass(frozen=True, eq=False)
 class GyralThickness:
-    """Widths of gyri along the mid-height contour of a surface, S samples.
+    """Widths of gyri at S samples along the mid-height contour of a surface.
 
     Parameters
     ----------
     points : (S, 3) float64
         Samples on the wall [mm], one per triangle that the contour crosses.
     triangle : (S,) int64
-        The triangle of each.
+        Triangle of each sample.
     width : (S,) float64
         Chord through the gyrus to the opposite wall [mm]; NaN where no chord passed the tests.
     partner : (S, 3) float64
-        The chord's other end [mm]; NaN likewise.
+        Other end of the chord [mm]; NaN where the width is.
     weight : (S,) float64
-        Length of contour the sample stands for [mm].
+        Length of contour that the sample represents [mm].
     gap : (S,) float64
-        Chord through the sulcus to the next gyrus [mm]; NaN where it is closed, touching, or failed.
+        Chord through the sulcus to the next gyrus [mm]; NaN where the sulcus is closed or touching, or a test failed.
     per_vertex : (N,) float64
         Width [mm] of the nearest sample along the surface that has one. NaN outside the mask, farther than half a
-        wavelength from it, and where another sample, without a width, is nearer by more than half of that width: what
-        is carried stays on its own gyrus. It is of the walls: where a crown is thicker than these it may be less than
-        twice the cortical thickness (4.6 % of the area of S1, 0.3 and 0.6 % on fsaverage5 and 6).
+        wavelength from the sample, and where a sample without a width is nearer by more than half of that width. The
+        width therefore stays on its own gyrus. It is measured between the walls. Where the crown is thicker than the
+        walls, it may be less than twice the cortical thickness (4.6 % of the area of S1, 0.3 and 0.6 % on fsaverage5
+        and 6).
     median, lower, upper, median_gap : float
-        Length-weighted median, quartiles [mm]; NaN if ``reason`` is not empty.
+        Length-weighted medians and quartiles [mm]; NaN if ``reason`` is not empty.
     coverage : float
-        Share of the contour's length that has a width.
+        Share of the contour length that has a width.
     wavelength : float
-        Twice the area over the contour's length [mm]: the way along the surface from fundus to fundus.
+        Twice the area divided by the contour length [mm]: the distance along the surface from fundus to fundus.
     amplitude : float
         Length-weighted median height of the folds [mm].
     scale : float
-        Smoothing length that defined the folds [mm]. Widths grow with it, so state it beside them.
+        Smoothing length that defines the folds [mm]. Widths grow with it, so report it with them.
     white_tested : bool
-        Whether a white surface kept chords from passing below sulci. Without it widths come out about a tenth
-        larger on an individual brain; never compare one kind with the other.
+        Whether a white surface was used to reject chords that pass below sulci. Without it widths are about a tenth
+        larger on an individual brain. Never compare the two kinds.
     relief : Relief
-        Height, phase and amplitude per vertex that the contour was drawn from.
+        Height, phase and amplitude per vertex, from which the contour was found.
     reason : str
         Why there is no median; empty if there is one.
     """
@@ -93,7 +94,7 @@ class GyralThickness:
         return weighted_quantile(self.width[inside], self.weight[inside], 0.5)
 
     def contour_where(self, vertices: NDArray[np.bool_], faces: NDArray[np.int64]) -> float:
-        """Length [mm] of the measured contour in the region (N,) bool; below about 60 its median is a few gyri's."""
+        """Length [mm] of the measured contour in the region (N,) bool; below about 60 the median is of a few gyri."""
         return float(self.weight[self._within(vertices, faces) & np.isfinite(self.width)].sum())
 
     def _within(self, vertices: NDArray[np.bool_], faces: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -108,19 +109,19 @@ def gyral_thickness(
     Parameters
     ----------
     cortex : Cortex or Surface
-        With a Cortex the pial surface is measured, chords that pass below a sulcus are told by the white surface, and
-        what is no cortex (:func:`morphofold.analysis.measure`) is left out, as are chords too short for two cortices.
-        A bare Surface is measured without these tests.
+        With a Cortex the pial surface is measured. The white surface is used to reject chords that pass below a sulcus.
+        Vertices outside the cortex (:func:`morphofold.analysis.measure`) and chords too short for two cortices are left
+        out. A Surface alone is measured without these tests.
     scale : float, optional
-        Smoothing length [mm] that says what a fold is: 10 for an adult human brain (the table of published numbers
-        uses it); None: from the surface, a third of its wavelength.
+        Smoothing length [mm] that defines a fold: 10 for an adult human brain (used in the table of published numbers).
+        None: a third of the wavelength of the surface.
     mask : (N,) bool, optional
-        True where to measure, on top of the cortex label.
+        True where to measure, in addition to the cortex label.
 
     Returns
     -------
     GyralThickness
-        On a surface without folds: no samples, NaN for every number, and ``reason``.
+        On a surface without folds it has no samples, NaN for every number, and a ``reason``.
 
     Raises
     ------
@@ -131,42 +132,44 @@ def gyral_thickness(
 
     Notes
     -----
-    1. Height above a copy of the surface smoothed over ``scale``, normalised between the crown and the fundus within
-       1.5 scale: the phase (see :func:`morphofold.analysis.relief.relief`). Folds lower than a quarter of the 90th
+    1. The phase: the height above the surface smoothed over ``scale``, normalised between the crown and the fundus
+       within 1.5 scale (see :func:`morphofold.analysis.relief.relief`). Folds lower than a quarter of the 90th
        percentile of the amplitude are left out.
-    2. The contour phase = 1/2, one sample per triangle, weight = its length there.
-    3. Where the walls of neighbouring gyri pass through each other, as those of closed sulci do by a little noise, a
-       sample lies in two gyri. Exits less entries along a ray outward count the others; as many walls are theirs, and
-       a ray through the gyrus passes them over, as it does walls that it enters by.
-    4. The vertical u at a sample: that of the smoothed copy, averaged with u at the opposite wall; this is found with
-       the vertical unaveraged, a little too high, and again with the average. Unaveraged, it leans away from the gyrus,
-       and chords through it come out 4 to 8 % short; with the wall found once, 1 to 2 %.
-    5. Five rays within 20 degrees in the plane normal to u, into the tissue. A ray counts if where it leaves the
-       gyrus the horizontal parts of both walls' normals oppose (dot < -0.3), the phase of the hit lies in (0.1,
-       0.9), it is shorter than 1.2 wavelengths, and it does not cross grey matter for more than a quarter of the
-       cortical thickness between two stretches of white. Each length is multiplied by
-       ``sqrt(cos(ray, wall normal) cos(ray, opposite wall normal))``; the width is the median of at least two.
-    6. With a white surface a width below the sum of the cortical thicknesses at its two ends is none, where the fold is
-       higher than that sum: a gyrus is two cortices and what is between. These are 1 to 4 % of the contour; none passes
-       through white. Widths beside them are not of thin gyri (median 9.2 of 9.6 mm on S1, 8.9 of 10.8 on fsaverage5),
-       and with those in their place the median is within 0.2 % of what it is without them.
-    7. From the middle of the chord a ray along u must reach the crown, phase < 1/2. (Not within the amplitude: a gyrus
-       on the margin of the hemisphere rises higher above its chord than its walls do above the smoothed copy.)
+    2. The contour phase = 1/2, with one sample per triangle, weighted by the length of contour there.
+    3. The walls of neighbouring gyri may pass through each other; in closed sulci a little noise is enough. Then a
+       sample lies in two gyri. The number of other gyri is the number of exits less entries along an outward ray. A ray
+       through the gyrus skips as many walls as belong to the others, and all walls by which it enters.
+    4. The vertical u at a sample is that of the smoothed surface, averaged with u at the opposite wall. This wall is
+       found first with the vertical before averaging, a little too high, and again with the average. Without the
+       average, u leans away from the gyrus, and chords come out 4 to 8 % short; with the wall found once, 1 to 2 %.
+    5. Five rays within 20 degrees in the plane normal to u, into the tissue. A ray counts if these hold where it leaves
+       the gyrus: the horizontal parts of the normals of both walls oppose each other (dot < -0.3), the phase of the hit
+       lies in (0.1, 0.9), the ray is shorter than 1.2 wavelengths, and it does not cross grey matter for more than a
+       quarter of the cortical thickness between two stretches of white. Each length is multiplied by
+       ``sqrt(cos(ray, wall normal) cos(ray, opposite wall normal))``. The width is the median of at least two lengths.
+    6. With a white surface, a width is rejected if it is below the sum of the cortical thicknesses at its two ends and
+       the fold is higher than that sum: a gyrus contains two cortices and the tissue between them. These are 1 to 4 %
+       of the contour, and none passes through white. Widths next to them are not those of thin gyri (median 9.2 of 9.6
+       mm on S1, 8.9 of 10.8 on fsaverage5). If those widths replace the rejected ones, the median changes by 0.2 % at
+       most.
+    7. From the middle of the chord a ray along u must reach the crown, phase < 1/2. (It may be longer than the
+       amplitude: a gyrus on the margin of the hemisphere rises higher above its chord than its walls do above the
+       smoothed surface.)
 
-    The width of a gyrus in Fig. 8b of Razavi et al. 2015 is drawn on the pial surface; the definition here is our own
-    and was tested on Gaussian ridges of known width: median within 2 % of it, 5th to 95th percentile 0.95 to 1.06,
-    where ridges stand a few widths apart or less; down to -5 % for lone ridges, whose mid-height the smoothed copy
-    puts too high. On brains the width grows by 0.14 to 0.25 mm per mm of scale. Smooth noise of 0.3 mm, white and pial
-    apart, moves the median by 1.1 % at most on S1 and fsaverage5 and 6, by 0.6 % on average and 2.0 % at most on a
-    simulated cortex.
+    Fig. 8b of Razavi et al. 2015 shows the width of a gyrus on the pial surface. The definition here is our own. It was
+    tested on Gaussian ridges of known width. The median is within 2 % of that width, and the 5th to 95th percentile are
+    0.95 to 1.06, where ridges are a few widths apart or less. For isolated ridges the error goes down to -5 %, because
+    the smoothed surface puts their mid-height too high. On brains the width grows by 0.14 to 0.25 mm per mm of scale.
+    Smooth noise of 0.3 mm, independent on white and pial, changes the median by 1.1 % at most on S1 and fsaverage5 and
+    6, and by 0.6 % on average and 2.0 % at most on a simulated cortex.
 
-    With ``scale=None`` the scale is repeatedly set to a third of ``wavelength`` until it changes by less than 5 %,
-    bounded by two edges of the mesh and ``0.3 sqrt(area / 4 pi)``. Adult brains end between 10.4 and 11.3.
+    With ``scale=None`` the scale is set to a third of ``wavelength`` repeatedly, until it changes by less than 5 %. It
+    is at least two edges of the mesh and at most ``0.3 sqrt(area / 4 pi)``. Adult brains end between 10.4 and 11.3.
     """
     check_kind(cortex, (Cortex, Surface), "gyral_thickness: cortex")
     surface = cortex.pial if isinstance(cortex, Cortex) else cortex
     inside = _inside(cortex, mask)
-    scan = RayCaster(surface)  # first, so that a missing package is told before the work
+    scan = RayCaster(surface)  # first, so that a missing package raises an error before the work
     contour = mid_height_contour(surface, inside, scale)
     if contour.reason:
         return _nothing(surface, contour, contour.reason)
@@ -175,7 +178,7 @@ def gyral_thickness(
 
 
 def weighted_quantile(values: NDArray[np.float64], weights: NDArray[np.float64], share: float) -> float:
-    """Value below which ``share`` of the weight lies, NaN values left out; NaN if nothing is left."""
+    """Value below which ``share`` of the weight lies. NaN values are left out; NaN if no value is left."""
     good = np.isfinite(values) & (weights > 0)
     if not good.any():
         return math.nan
@@ -195,15 +198,15 @@ def _inside(cortex: Cortex | Surface, mask: NDArray[np.bool_] | None) -> NDArray
             raise WrongShape(f"{surface.name}: mask has shape {np.shape(mask)}, the surface has {n} vertices.")
         inside &= np.asarray(mask, dtype=bool)
     if not inside.any():
-        raise NoCortex(f"{surface.name}: no vertex is left to measure; check the mask and the cortex label.")
+        raise NoCortex(f"{surface.name}: no vertex is left to measure. Check the mask and the cortex label.")
     return inside
 
 
 @dataclass(frozen=True, eq=False)
 class _Samples:
-    """What a chord needs to know at its start, (S, ...), and at its end, by triangle (M, ...).
+    """Data for chords at their start, (S, ...), and at their end, by triangle (M, ...).
 
-    ``bodies`` (S,): how many gyri the start lies in, 1 and as many more as press their walls through this one.
+    ``bodies`` (S,): number of gyri in which the start lies: 1, plus the number of gyri whose walls pass through it.
     """
 
     points: NDArray[np.float64]
@@ -216,8 +219,8 @@ class _Samples:
 
 @dataclass(frozen=True, eq=False)
 class _Grey:
-    """What a chord may not do with the grey matter: run in it farther than ``slack`` [mm] between two stretches of
-    ``white``, or be shorter than the cortices at its ends, by ``triangle_thickness`` (M,) [mm]."""
+    """Bounds on chords from the grey matter. A chord may not run through it for more than ``slack`` [mm] between two
+    stretches of ``white``, or be shorter than the sum of ``triangle_thickness`` (M,) [mm] at its ends."""
 
     white: RayCaster
     slack: float
@@ -235,8 +238,8 @@ def _fan(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
     """Rays in the horizontal plane into the tissue (side = 1) or out of it (-1).
 
-    Returns corrected lengths (S, K), NaN where not from wall to wall, plain lengths (S, K), triangles hit (S, K) and
-    directions (S, K, 3).
+    Returns corrected lengths (S, K), NaN where not from wall to wall, uncorrected lengths (S, K), triangles hit (S, K)
+    and directions (S, K, 3).
     """
     wall = geometry.unit(samples.normal - _along(samples.normal, vertical))
     ahead, across = -side * wall, np.cross(vertical, -side * wall)
@@ -272,9 +275,9 @@ def _symmetrised(
     faces: NDArray[np.int64],
     side: int,
 ) -> NDArray[np.float64]:
-    """The vertical (S, 3) averaged with that of the nearest opposite wall; as it is where there is none.
+    """The vertical (S, 3) averaged with that of the nearest opposite wall; unchanged where there is none.
 
-    The wall is looked for horizontally, so twice: with the vertical as it is, then with the average.
+    The wall is searched horizontally, so it is searched twice: with the given vertical, then with the average.
     """
     even = vertical
     for _ in range(2):
@@ -290,7 +293,7 @@ def _along(a: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64
 
 
 def _middle(lengths: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Median of each row if it has two values at least, else NaN; and the column whose value is nearest to it."""
+    """Median of each row if it has at least two values, else NaN; and the column whose value is nearest to it."""
     enough = np.isfinite(lengths).sum(axis=1) >= 2
     median = np.full(len(lengths), np.nan)
     median[enough] = np.nanmedian(lengths[enough], axis=1)
@@ -379,9 +382,10 @@ def _report(
 
 
 def _carry(surface: Surface, inside: NDArray[np.bool_], contour: Contour, width: NDArray[np.float64]) -> PerVertex:
-    """Width of the nearest sample that has one, along the edges (N,); NaN where that is too far.
+    """Width (N,) of the nearest sample along the edges that has one; NaN where that sample is too far.
 
-    Too far is beyond half a wavelength, or half of that width farther than the nearest sample of all.
+    Too far means farther than half a wavelength, or farther than the nearest of all samples by more than half of that
+    width.
     """
     corners, n = surface.faces[contour.triangle], len(surface.verts)
     graph = geometry.edge_graph(surface.verts, surface.faces)

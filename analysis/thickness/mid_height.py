@@ -13,9 +13,9 @@ from morphofold.analysis.relief import Relief, relief
 from morphofold.surface import PerVertex, Surface
 
 UNFOLDED = 0.1  # amplitude / scale below which a surface counts as unfolded
-SHALLOW = 0.25  # amplitude, relative to its 90th percentile, below which a ripple is no fold
-FINEST = 4.0  # wavelength / mean edge, below which folds cannot be told from noise
-BROADEST = 1.0  # wavelength / radius of the sphere of equal area, above which the body's shape is no fold
+SHALLOW = 0.25  # amplitude, relative to its 90th percentile, below which a ripple is not a fold
+FINEST = 4.0  # wavelength / mean edge, below which folds cannot be distinguished from noise
+BROADEST = 1.0  # wavelength / radius of the sphere of equal area, above which it is the body's shape, not a fold
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +23,7 @@ class Contour:
     """Samples of the mid-height contour, one per triangle it crosses.
 
     ``points`` (S, 3) [mm]; ``length`` (S,) [mm] of contour in the ``triangle`` (S,); ``wavelength`` [mm], twice the
-    area over the total length; ``reason``: why this is no contour of folds, empty if it is.
+    area divided by the total length; ``reason``: why this is not a contour of folds, empty if it is one.
     """
 
     points: NDArray[np.float64]
@@ -35,13 +35,13 @@ class Contour:
 
 
 def mid_height_contour(surface: Surface, inside: NDArray[np.bool_], scale: float | None) -> Contour:
-    """The contour where ``inside`` (N,) at the given scale [mm], or at a third of the wavelength it finds itself."""
+    """The contour where ``inside`` (N,), at the given scale [mm], or at a third of the wavelength that it finds."""
     whole = np.flatnonzero(inside[surface.faces].all(axis=1))
     size = geometry.equal_area_radius(surface.verts, surface.faces[whole])
     edge = geometry.mean_edge_length(surface.verts, surface.faces)
     if scale is not None:
         return _at_scale(surface, inside, whole, size, edge, float(scale))
-    scale = 0.115 * size  # a person's brain ends within 5 % of it, and so is measured once
+    scale = 0.115 * size  # the result for a human brain is within 5 % of it, so one step is enough
     for _ in range(8):
         contour = _at_scale(surface, inside, whole, size, edge, scale)
         wanted = max(min(contour.wavelength / 3, 0.3 * size), 2 * edge)
@@ -62,20 +62,22 @@ def _at_scale(
     wavelength = 8 * math.pi * size**2 / total if total > 0 else math.nan
     reason = ""
     if len(np.unique(geometry.border_edges(surface.faces))) == len(np.unique(surface.faces)):
-        reason = "no wavelength of a band one row of triangles wide: all of its vertices are on its border"
+        reason = "no wavelength of a band one row of triangles wide: all its vertices lie on its border"
     elif high < UNFOLDED * scale:
         reason = (
-            f"no folds: at scale {scale:.3g} the surface undulates by {high:.2g}, less than {UNFOLDED:g} of the scale"
+            f"no folds: at scale {scale:.3g} the height of the surface varies by {high:.2g}, less than {UNFOLDED:g} of "
+            "the scale"
         )
     elif not wavelength <= BROADEST * size:  # also if there is no contour
         reason = (
             f"no folds: at scale {scale:.3g} the mid-height contour is {total:.3g} long on a surface of radius "
-            f"{size:.3g}, too short to come from more than the shape of the body"
+            f"{size:.3g}; so short a contour comes from the shape of the body"
         )
     elif wavelength < FINEST * edge:
         reason = (
-            f"no folds resolved: at scale {scale:.3g} their wavelength is {wavelength:.2g}, {wavelength / edge:.2g} "
-            f"edges of the mesh; it takes {FINEST:g}. Smooth away the noise, or refine the mesh"
+            f"no folds resolved: at scale {scale:.3g} their wavelength is {wavelength:.2g}, which is "
+            f"{wavelength / edge:.2g} mesh edges; {FINEST:g} are needed. Remove the noise by smoothing, or refine the "
+            "mesh"
         )
     return Contour(points, length, triangle, wavelength, found, reason)
 
@@ -88,7 +90,9 @@ def _level_set(
     above = value > 0
     crossed = np.isfinite(value).all(axis=1) & (above.any(axis=1) != above.all(axis=1))
     triangle, value, above = whole[crossed], value[crossed], above[crossed]
-    alone = np.where((above.sum(axis=1) == 1)[:, None], above, ~above).argmax(axis=1)  # corner on its own side
+    alone = np.where((above.sum(axis=1) == 1)[:, None], above, ~above).argmax(
+        axis=1
+    )  # the corner that is alone on its side
     row = np.arange(len(triangle))
     corner = surface.verts[surface.faces[triangle]]
     ends = []

@@ -1,4 +1,4 @@
-"""Rays against a surface: what they hit first, and whether they stay inside."""
+"""Rays against a surface: the first hit, and whether they stay inside."""
 
 from __future__ import annotations
 
@@ -12,14 +12,16 @@ from morphofold.surface import Surface
 
 
 class RayCaster:
-    """First hits of rays on a surface (embree finds the triangle in single, we the place in double precision)."""
+    """First hit of rays on a surface. embree finds the triangle in single precision, this class the point in double."""
 
     def __init__(self, surface: Surface) -> None:
         try:
             from embreex.mesh_construction import TriangleMesh
             from embreex.rtcore_scene import EmbreeScene
         except ImportError as error:
-            raise ImportError("gyral thickness casts rays with embree; it is missing: pip install embreex") from error
+            raise ImportError(
+                "gyral thickness needs embree to cast rays, but it is missing: pip install embreex"
+            ) from error
         self.verts, self.faces = surface.verts, surface.faces
         self.normals = geometry.face_normals(surface.verts, surface.faces)
         self.edge = geometry.mean_edge_length(surface.verts, surface.faces)
@@ -28,7 +30,7 @@ class RayCaster:
         TriangleMesh(self._scene, self._scaled(surface.verts), surface.faces.astype(np.int32))
 
     def _scaled(self, points: NDArray[np.float64]) -> NDArray[np.float32]:
-        """Around 0 and of size 1, whatever the unit and place: embree's tolerances are absolute."""
+        """Points moved to 0 and scaled to size 1, because embree's tolerances are absolute."""
         return ((points - self._origin) / self._unit).astype(np.float32)
 
     def shoot(
@@ -49,10 +51,10 @@ class RayCaster:
         lengths: NDArray[np.float64] | float,
         wanted: NDArray[np.bool_],
     ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]]:
-        """Hits of rays one after the other, up to their lengths: first of all the first, then of all the second.
+        """Successive hits of rays, up to their lengths: the first hits of all rays, then the second hits, and so on.
 
-        Yields the rays (L,) that hit, the distances, triangles and cosines (L,). Rays whose ``wanted`` (R,) is or
-        becomes False are not followed; 32 hits at most, for those that graze.
+        Yields the rays (L,) that hit, and the distances, triangles and cosines (L,). Rays whose ``wanted`` (R,) is or
+        becomes False are not followed. There are 32 hits at most, because of rays that graze the surface.
         """
         gone, lengths = np.zeros(len(origins)), np.broadcast_to(lengths, len(origins))
         for _ in range(32):
@@ -70,7 +72,7 @@ class RayCaster:
     def bodies(
         self, origins: NDArray[np.float64], directions: NDArray[np.float64], longest: float
     ) -> NDArray[np.int64]:
-        """How many bodies each point (R,) lies in: exits less entries along its ray, up to where most of it is left."""
+        """Number of bodies in which each point (R,) lies: the largest count of exits less entries along its ray."""
         depth, deepest = np.zeros(len(origins), dtype=np.int64), np.zeros(len(origins), dtype=np.int64)
         for live, _, _, cosine in self.crossings(origins, directions, longest, np.ones(len(origins), dtype=bool)):
             depth[live] += np.where(cosine > 0, 1, -1)
@@ -80,9 +82,9 @@ class RayCaster:
     def exits(
         self, origins: NDArray[np.float64], directions: NDArray[np.float64], number: NDArray[np.int64], longest: float
     ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
-        """As ``shoot``, of where each ray leaves the surface for the ``number``-th (R,) time; entries are passed over.
+        """As ``shoot``, but for the ``number``-th (R,) exit of each ray from the surface; entries are skipped.
 
-        inf where it does not within ``longest``.
+        The distance is inf where there is no such exit within ``longest``.
         """
         distance, found = np.full(len(origins), np.inf), np.zeros(len(origins), dtype=np.int64)
         slope, still, wanted = np.zeros(len(origins)), np.array(number), np.ones(len(origins), dtype=bool)
@@ -96,7 +98,7 @@ class RayCaster:
     def stays_white(
         self, origins: NDArray[np.float64], directions: NDArray[np.float64], lengths: NDArray[np.float64], slack: float
     ) -> NDArray[np.bool_]:
-        """True (R,) where no stretch between leaving this surface and entering it again is longer than slack."""
+        """True (R,) where no stretch between leaving this surface and entering it again is longer than ``slack``."""
         good, left = np.ones(len(origins), dtype=bool), np.full(len(origins), np.nan)
         wanted = good.copy()
         for live, at, _, cosine in self.crossings(origins, directions, lengths, wanted):

@@ -15,32 +15,32 @@ from typing import Any, NoReturn
 from morphofold import __version__
 from morphofold.cli.streams import one_line, standard_streams
 
-#: subcommand -> what the overview says of it
+#: subcommand -> its line in the overview
 COMMANDS = {
     "demo": "grow a cortex, measure it and a real one, write the comparison",
     "simulate": "grow a scene into folds",
     "analyze": "measure a FreeSurfer subject, a simulation, or a pair of files",
     "compare": "put analyses side by side",
-    "cohort": "measure many subjects on several workers, and put them into tables and a page of the group",
-    "bids": "the same for a BIDS dataset, called as BIDS-Apps are",
-    "sweep": "grow a scene with many values and seeds, and draw phase diagrams with the theory in them",
-    "theory": "radius, stress, creases and wrinkles of the growing sphere, without simulating it",
-    "reproduce": "draw figures of the paper anew",
+    "cohort": "measure many subjects on several workers, and write tables and a page of the group",
+    "bids": "the same as cohort for a BIDS dataset, called like a BIDS-App",
+    "sweep": "grow a scene with many values and seeds, and draw phase diagrams with the lines of theory",
+    "theory": "radius, stress, creases and wrinkles of the growing sphere, without a simulation",
+    "reproduce": "reproduce figures of the paper",
     "scenes": "list the built-in scenes",
-    "bench": "measure speed on this machine, and how far folds agree",
+    "bench": "measure speed on this machine, and how well folds agree",
 }
 
 
 class Parser(argparse.ArgumentParser):
-    """Tells what is wrong in one line, and takes no empty value: an empty path is the folder one happens to be in."""
+    """Reports errors in one line, and refuses empty values: an empty path would mean the current folder."""
 
     def __init__(self, *args: Any, **options: Any):
         super().__init__(*args, **options)
-        self.register("type", None, _not_empty)  # of every argument that is text
+        self.register("type", None, _not_empty)  # for every argument that is text
 
     def add_subparsers(self, **options: Any) -> Any:
         commands = super().add_subparsers(**options)
-        commands.type = str  # empty words after it are for its own parser
+        commands.type = str  # the parser of the subcommand checks for empty values
         return commands
 
     def error(self, message: str) -> NoReturn:
@@ -49,12 +49,12 @@ class Parser(argparse.ArgumentParser):
 
 def _not_empty(text: str) -> str:
     if not text or "\0" in text:
-        raise argparse.ArgumentTypeError("its value is empty" if not text else "its value has a NUL in it")
+        raise argparse.ArgumentTypeError("its value is empty" if not text else "its value contains a NUL")
     return text
 
 
 def parser() -> argparse.ArgumentParser:
-    """The whole command line, without importing anything heavy."""
+    """Return the parser of the whole command line, without importing anything heavy."""
     from rich_argparse import RichHelpFormatter
 
     top = Parser(
@@ -74,13 +74,13 @@ def parser() -> argparse.ArgumentParser:
 
 
 def add_shared(parser: argparse.ArgumentParser, *, default: Any) -> None:
-    """The options that every command has."""
-    parser.add_argument("-q", "--quiet", action="store_true", default=default, help="no progress")
+    """Add the options that every command has."""
+    parser.add_argument("-q", "--quiet", action="store_true", default=default, help="show no progress")
     parser.add_argument("--debug", action="store_true", default=default, help="show the traceback of an error")
 
 
 def add_options(parser: argparse.ArgumentParser, *options: tuple[str, str | None, str]) -> None:
-    """Options in the order given: its names, what its value is called (None: it is a flag), and what --help says."""
+    """Add options in the order given: their names, the name of the value (None: a flag), and the text of --help."""
     for names, value, words in options:
         kind: dict[str, Any] = {"action": "store_true"} if value is None else {"metavar": value}
         parser.add_argument(*names.split(), help=words, **kind)
@@ -101,7 +101,7 @@ def add_threads(parser: argparse.ArgumentParser) -> None:
 def add_questions(
     parser: argparse.ArgumentParser, words: Mapping[str, str], more: Mapping[str, str]
 ) -> dict[str, argparse.ArgumentParser]:
-    """A parser for each WHAT of a command; ``more`` follows its words in its own description."""
+    """Return a parser for each WHAT of a command; ``more`` is appended to the description of each."""
     questions = parser.add_subparsers(dest="what", metavar="WHAT", required=True)
     return {
         name: questions.add_parser(
@@ -115,16 +115,16 @@ def add_questions(
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command; 0 done, 1 the work itself failed, 2 bad input or usage, 130 interrupted.
+    """Run one command and return its exit code: 0 done, 1 the work failed, 2 bad input or usage, 130 interrupted.
 
-    Whatever becomes of whoever reads our words, the work is done and the code is its own.
+    If nobody reads the output any more, the work is still done, and the exit code stays the same.
     """
     with standard_streams():
         try:
             args = parser().parse_args(argv)
-        except SystemExit as end:  # after --help, --version, or what is wrong
+        except SystemExit as end:  # after --help, --version or an error
             return int(end.code or 0)
-        except OSError as error:  # no room for --help
+        except OSError as error:  # --help can't be written
             return _fail("", f"standard output: {error.strerror}.", 2)
         return _run(args)
 
@@ -138,40 +138,40 @@ def _run(args: argparse.Namespace) -> int:
         sys.stdout.flush()
         return code
     except (KeyboardInterrupt, SystemError) as error:
-        # a compiled kernel hands Ctrl-C on as the cause of a SystemError
+        # a compiled kernel passes Ctrl-C on as the cause of a SystemError
         if isinstance(error, SystemError) and not isinstance(error.__cause__, KeyboardInterrupt):
             raise
         return _fail(args.command, f"interrupted.{getattr(args, 'on_interrupt', '')}", 130)
     except (ValueError, TypeError, OSError, ImportError) as error:
         if args.debug:
             raise
-        if isinstance(error, OSError) and error.errno is not None:  # the system's own words, not ours
+        if isinstance(error, OSError) and error.errno is not None:  # the system's message, not ours
             where = f"{error.filename}: " if error.filename is not None else ""
-            return _fail(args.command, f"{where}{error.strerror}. Name another place to read or write.", 2)
+            return _fail(args.command, f"{where}{error.strerror}. Name another file or folder.", 2)
         return _fail(args.command, error, 2)
     except MemoryError as error:
         if args.debug:
             raise
-        line = str(error) or "memory did not suffice"  # numpy says how much it wanted
+        line = str(error) or "memory did not suffice"  # numpy gives the amount
         more = "" if line.endswith(".") else ". Close other programs, or ask for less."
         return _fail(args.command, f"{line}{more}", 2)
     except Exception as error:
         if args.debug:
             raise
-        if type(error).__name__ in ("UnstableError", "ConvergenceError"):  # not imported for the sake of --help
+        if type(error).__name__ in ("UnstableError", "ConvergenceError"):  # not imported, so that --help is fast
             return _fail(args.command, error, 1)
-        if isinstance(error, RuntimeError) and "no locator available" in str(error):  # numba's, of its cache
-            places = "neither the installed package nor the home folder can be written"
-            return _fail(args.command, f"compiled code can't be kept: {places}. Set NUMBA_CACHE_DIR to a folder.", 2)
+        if isinstance(error, RuntimeError) and "no locator available" in str(error):  # numba's message about its cache
+            places = "neither the installed package nor the home folder is writable"
+            return _fail(args.command, f"compiled code can't be cached: {places}. Set NUMBA_CACHE_DIR to a folder.", 2)
         return _fail(args.command, f"{type(error).__name__}: {error} (a defect; --debug shows where)", 1)
 
 
 @contextmanager
 def _ended_as_interrupted() -> Iterator[None]:
-    """SIGTERM and SIGHUP as Ctrl-C, so that what is half written is removed; the main thread alone can say so.
+    """Treat SIGTERM and SIGHUP as Ctrl-C, so that half-written files are removed; only the main thread can do this.
 
-    One that was ignored before (by nohup) stays ignored. A second one is: a terminal and its shell both tell of its
-    end, and what is half written has to go first.
+    A signal that was ignored before (by nohup) stays ignored. A second signal is ignored too: a terminal and its shell
+    both send one when they end, and half-written files have to be removed first.
     """
     ends = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]  # not on Windows
     main_thread = threading.current_thread() is threading.main_thread()
@@ -192,7 +192,7 @@ def _ended_as_interrupted() -> Iterator[None]:
 
 
 def _show(message: Warning | str, *_: object, **__: object) -> None:
-    """A warning as the users of a command want it: in one line, without that of the source."""
+    """Print a warning in one line, without the source line."""
     print(f"morphofold: warning: {one_line(str(message))}", file=sys.stderr)
 
 

@@ -1,5 +1,5 @@
 """Measure one cortex: curvature, thickness, gyral thickness, gyrification and regions, with a page to look at. Exit
-code 1: one hemisphere could not be measured, as summary.json and the page say, and the other one was."""
+code 1: only one of two hemispheres could be measured; summary.json and the page give the reason."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from morphofold.timing import Stages
 
 
-UNMEASURED = (ValueError, TypeError, OSError)  # of one hemisphere, after which the other is measured all the same
+UNMEASURED = (ValueError, TypeError, OSError)  # errors of one hemisphere; the other one is still measured
 T = TypeVar("T")
 
 
@@ -39,7 +39,7 @@ def add_args(parser: argparse.ArgumentParser) -> None:
         parser,
         ("--white", "FILE", "white surface, with --pial instead of INPUT"),
         ("--pial", "FILE", "pial surface, with --white instead of INPUT"),
-        ("--name", "NAME", "what tables and the page call it (default: INPUT's name)"),
+        ("--name", "NAME", "name in the tables and on the page (default: INPUT's name)"),
     )
     add_measuring_args(parser)
     add_options(
@@ -47,29 +47,29 @@ def add_args(parser: argparse.ArgumentParser) -> None:
         (
             "--dry-run",
             None,
-            "say what the analysis would take, from measuring a small made-up cortex: vertices, memory, time, errors; "
-            "write nothing",
+            "print what the analysis would take: vertices, memory, time, errors; write nothing. A small made-up cortex "
+            "is measured for this",
         ),
         (
             "--stages",
             None,
-            "every stage of a simulation, each into a folder of its own in DIR, for compare --growth; no pages. What "
-            "an earlier run measured of the same files stays",
+            "measure every stage of a simulation, each into its own folder in DIR, for compare --growth; no pages. "
+            "Stages that an earlier run measured from the same files are kept",
         ),
         ("--no-report", None, "tables and maps only, no page or pictures"),
-        ("--mgh", None, "maps as MGH, too (FreeSurfer's own format and GIFTI are always written); of the plain layout"),
-        ("--wide", None, "regions_wide.tsv, too: one row, a column per region and measure; of the plain layout"),
+        ("--mgh", None, "also write maps as MGH (FreeSurfer's own format and GIFTI are always written); plain layout"),
+        ("--wide", None, "also write regions_wide.tsv: one row, a column per region and measure; plain layout"),
     )
     parser.add_argument(
         "--layout",
         choices=["plain", "bids"],
         default="plain",
-        help="bids: DIR is a BIDS derivatives dataset, to which sub-NAME is added, or in which it is replaced",
+        help="bids: DIR is a BIDS derivatives dataset; sub-NAME is added to it, or replaced in it",
     )
     add_options(parser, ("-o --out", "DIR", "folder to write (default: NAME-analysis here)"))
     add_threads(parser)
     add_options(
-        parser, ("--json", None, "print summary.json, in BIDS the file of provenance; or the forecast of --dry-run")
+        parser, ("--json", None, "print summary.json (in BIDS the provenance file), or the forecast of --dry-run")
     )
 
 
@@ -114,15 +114,15 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _refuse_of_layout(args: argparse.Namespace) -> None:
-    """Options that do not go with --layout bids."""
+    """Raise for options that can't be used with --layout bids."""
     if args.layout == "bids" and args.out is None:
-        raise OptionsClash("--layout bids adds a subject to a dataset, which is not named. Pass -o DATASET.")
+        raise OptionsClash("--layout bids adds a subject to a dataset, but no dataset is named. Pass -o DATASET.")
     if args.layout == "bids" and (args.mgh or args.wide):
-        raise OptionsClash("--mgh and --wide are of the plain layout. Leave them out, or --layout bids.")
+        raise OptionsClash("--mgh and --wide belong to the plain layout. Leave them out, or leave out --layout bids.")
 
 
 def _place(cortices: list[Cortex], args: argparse.Namespace) -> tuple[str, Path]:
-    """What the results are called, and the folder they go to, which is nobody else's and holds nothing that is read."""
+    """Name of the results, and the folder they go to; raises if the folder is not ours or holds an input."""
     from morphofold.cli.paths import refuse_overlap, writable_name
     from morphofold.io import refuse_foreign
     from morphofold.results import refuse_place_of_inputs, subject_place
@@ -152,7 +152,7 @@ def _write(measures: list[Measures], out: Path, called: str, args: argparse.Name
 
 
 def _tell_measured(measures: list[Measures], out: Path, clock: Stages, args: argparse.Namespace) -> None:
-    """The summary as JSON; or a line per hemisphere, its warnings, and what it cost."""
+    """Print the summary as JSON; or a line per hemisphere, its warnings, and the cost."""
     from morphofold.analysis.mesh_quality.defects import WARNINGS
     from morphofold.forecasts.analysis_cost import analysis_cost_line, cost_of_analysis
 
@@ -179,7 +179,7 @@ def _tell_measured(measures: list[Measures], out: Path, clock: Stages, args: arg
 
 
 def _of_each(works: Mapping[str, Callable[[], T]], failed: dict[str, str]) -> list[T]:
-    """What each hemisphere gives; why others fail is added to ``failed``. Raises if none gives anything."""
+    """Return the results of the hemispheres; reasons of failures are added to ``failed``. Raises if all fail."""
     found = []
     for hemi, work in works.items():
         try:
@@ -195,21 +195,21 @@ def _of_each(works: Mapping[str, Callable[[], T]], failed: dict[str, str]) -> li
 
 
 def _tell_failed(failed: Mapping[str, str]) -> int:
-    """Say which hemispheres failed and why; the exit code."""
+    """Print which hemispheres failed and why; return the exit code."""
     for hemi, why in failed.items():
         print(one_line(f"{hemi} failed: {why}"), file=sys.stderr)
     return 1 if failed else 0
 
 
 def _readers(args: argparse.Namespace) -> dict[str, Callable[[], Cortex]]:
-    """What reads each hemisphere that is asked for, of INPUT or of --white and --pial."""
+    """Functions that read each requested hemisphere, from INPUT or from --white and --pial."""
     from morphofold.io import read_cortex
     from morphofold.io.cortices import hemispheres, side_named
 
     if args.input is None:
         if args.hemi not in ("lh", "rh") and not any(side_named(Path(p).name) for p in (args.white, args.pial)):
             raise OptionsClash(
-                f"{args.white}: neither its name nor --pial's tells the hemisphere. Pass --hemi lh or rh."
+                f"{args.white}: neither its name nor that of --pial shows the hemisphere. Pass --hemi lh or rh."
             )
         hemi = None if args.hemi == "both" else args.hemi
         return {
@@ -255,25 +255,25 @@ def _dry_run(cortices: list[Cortex], failed: dict[str, str], reading: float, arg
 
 
 def _find_input(args: argparse.Namespace) -> None:
-    """Put the folder that -s means in the place of INPUT; raise unless there is INPUT or a pair of surfaces."""
+    """Set INPUT to the folder that -s names; raise unless there is INPUT or a pair of surfaces."""
     from morphofold.cli.paths import subject_folder
 
     pair = [file for file in (args.white, args.pial) if file is not None]
     if args.subject is not None:
         if args.input is not None or pair:
-            raise OptionsClash(f"-s {args.subject} stands in place of INPUT, --white and --pial; name one of them.")
+            raise OptionsClash(f"-s {args.subject} replaces INPUT, --white and --pial; give only one of them.")
         folder = subject_folder(args.subject, args.subjects_dir)
         args.input, args.subject = str(folder), folder.name
     elif args.subjects_dir is not None:
-        raise OptionsClash("--subjects-dir goes with -s SUBJECT, which is missing.")
+        raise OptionsClash("--subjects-dir needs -s SUBJECT, which is missing.")
     if (args.input is None) == (not pair):
-        raise OptionsClash("name either INPUT, or -s, or --white and --pial.")
+        raise OptionsClash("give either INPUT, or -s, or --white and --pial.")
     if len(pair) == 1:
-        raise OptionsClash("--white and --pial go together; the other one is missing.")
+        raise OptionsClash("--white and --pial are needed together; one of them is missing.")
 
 
 def _stages(args: argparse.Namespace, options: Mapping[str, Any]) -> int:
-    """Analyses of all stages of a simulation, those that are there already left as they are."""
+    """Analyse all stages of a simulation; existing analyses are kept."""
     from morphofold.cli.paths import refuse_overlap, writable_name
     from morphofold.cli.progress import progress
     from morphofold.cli.runs import begin
@@ -285,8 +285,8 @@ def _stages(args: argparse.Namespace, options: Mapping[str, Any]) -> int:
     others = (args.json, args.mgh, args.wide, args.dry_run)
     if args.input is None or args.hemi or args.annot or any(others) or args.layout != "plain":
         raise OptionsClash(
-            "--stages takes a simulation folder as INPUT, and none of --hemi, --annot, --json, --dry-run and other "
-            "layouts."
+            "--stages needs a simulation folder as INPUT, and can't be used with --hemi, --annot, --json, --mgh, "
+            "--wide, --dry-run or another layout."
         )
     folder = Path(args.input)
     places = sorted((folder / "stages").glob("g*"))
@@ -327,6 +327,6 @@ def _measure(cortex: Cortex, options: Mapping[str, Any], progress: Progress, clo
 
 
 def _places_of_stages(folder: str | None) -> list[Path]:
-    """Folders of every stage of a simulation; none of anything else."""
+    """Folders of all stages of a simulation; empty if the folder is not a simulation."""
     places = [] if folder is None else sorted((Path(folder) / "stages").glob("g*"))
     return [place for place in places if (place / "stage.json").is_file()]

@@ -1,6 +1,6 @@
-"""Measure: ``bench speed`` times the solver on this machine, ``bench effects`` what each effect adds to a step,
-``bench measures`` the measuring room, ``bench cohort`` what is around it; ``bench folds`` grows folds on several meshes
-and from several imperfections and says how far they agree, and ``bench accuracy`` what accuracy costs in time."""
+"""Benchmarks: ``bench speed`` times the solver on this machine, ``bench effects`` what each effect adds to a step,
+``bench measures`` the analysis, ``bench cohort`` the work around it. ``bench folds`` grows folds on several meshes and
+from several imperfections and reports how well they agree. ``bench accuracy`` reports what accuracy costs in time."""
 
 from __future__ import annotations
 
@@ -19,42 +19,42 @@ WORDS = {
     "speed": "element-steps per second on this machine, bricks and tetrahedra",
     "effects": "what each effect adds to a step on this machine",
     "measures": "seconds of each measure on this machine, from 10,000 to 1,000,000 vertices",
-    "cohort": "what many subjects cost beside being measured: made-up small ones, on local workers",
-    "folds": "do folds agree between meshes and between seeds; wavelength against cortical thickness",
-    "accuracy": "what accuracy costs in time: error against seconds of many settings, and of peers",
+    "cohort": "what many subjects cost in addition to their measuring: small made-up subjects, on local workers",
+    "folds": "agreement of folds between meshes and between seeds; wavelength against cortical thickness",
+    "accuracy": "what accuracy costs in time: error against seconds, for many settings and for other programs",
 }
 SCENES = ("fig5", "fig6-thin", "fig6-thick", "fig7-ratio1", "fig7-ratio4")
-CASES = "cases"  # of a study of accuracy, in its folder
+CASES = "cases"  # of an accuracy study, in its folder
 TANGENTIAL = tuple(f"{name}-tangential" for name in SCENES)
 FOLDS = """
-Grows every scene at every level of accuracy from the first seed of its imperfection, and at the second-finest of the
-levels (the only one, if there is one) from the other seeds too: convergence with the mesh and spread over seeds are
-both had without growing the finest mesh more than once. Runs lie in OUT/simulations; those that are there are used
-again, and interrupted ones go on. Writes folds.tsv, convergence.tsv, spread.tsv, slope.tsv and summary.json.
+Grows every scene at every level of accuracy from the first seed of its imperfection. At the second-finest level (or the
+only one) it also grows the scene from the other seeds. This gives convergence with the mesh and spread over seeds, and
+grows the finest mesh only once. Runs are in OUT/simulations; existing runs are used again, and interrupted runs
+continue. Writes folds.tsv, convergence.tsv, spread.tsv, slope.tsv and summary.json.
 """
 ACCURACY = """
-Solver: radius, stress and onset against theory, folds against the finest mesh or setting, over mesh size, elements
+Solver: radius, stress and onset against theory, folds against the finest mesh or setting. It varies mesh size, elements
 through the cortex, kappa/mu, pace (alone, and with the mesh), stiffness of contact, kind of element and precision.
-Measuring room: shapes with known answers, a real hemisphere against its own refinement, and the peers that are
+Analysis: shapes with known answers, a real hemisphere against its own refinement, and the other programs that are
 installed (extra bench).
-Takes about an hour on two cores with nothing else to do; cases that were done on the same machine are used again, so an
-interrupted study goes on.
+Takes about an hour on two idle cores. Cases that were done on the same machine are used again, so an interrupted study
+continues.
 Writes points.tsv, laws.tsv, presets.tsv, budget.tsv, peers.tsv, figures/ and summary.json.
 """
 
 MORE = {
     "measures": "The surface is a sphere with ridges along an irregular net.",
-    "cohort": "A hemisphere of 162 vertices each, as large tables as of FreeSurfer's first atlas.",
+    "cohort": "Each subject is a hemisphere of 162 vertices; its tables are as large as for FreeSurfer's first atlas.",
     "folds": FOLDS,
     "accuracy": ACCURACY,
 }
-#: question -> what of its folder of results an earlier run may have written
+#: question -> what an earlier run may have written in its folder of results
 STAYING = {
-    "cohort": "made-up subjects stay",
-    "folds": "simulations of an earlier study there stay",
-    "accuracy": "cases of an earlier study there stay",
+    "cohort": "made-up subjects there are kept",
+    "folds": "simulations of an earlier study there are kept",
+    "accuracy": "cases of an earlier study there are kept",
 }
-#: question, option, and how its list is called, what it is if it isn't given, and what it lists
+#: question, option, metavar of its list, default, and help text
 LISTS = (
     (
         "measures",
@@ -78,19 +78,19 @@ LISTS = (
         ",".join((*SCENES, *TANGENTIAL)),
         f"spheres, separated by commas (default: {','.join(SCENES)} and the same with -tangential)",
     ),
-    ("folds", "--levels", "LEVELS", "draft,standard,fine", "of accuracy (default: draft,standard,fine)"),
-    ("folds", "--seeds", "SEEDS", "0,1,2", "of the imperfection (default: 0,1,2)"),
-    ("folds", "--portion", "PORTION", "octant", "of the sphere: octant, quarter, half or full (default: octant)"),
+    ("folds", "--levels", "LEVELS", "draft,standard,fine", "levels of accuracy (default: draft,standard,fine)"),
+    ("folds", "--seeds", "SEEDS", "0,1,2", "seeds of the imperfection (default: 0,1,2)"),
+    ("folds", "--portion", "PORTION", "octant", "part of the sphere: octant, quarter, half or full (default: octant)"),
     ("folds", "--growth", "G", "1.3,1.5,1.75,2.0", "stretches at which folds are measured (default: 1.3,1.5,1.75,2.0)"),
     (
         "accuracy",
         "--halves",
         "HALVES",
         "measuring,solver",
-        "of the tool, separated by commas (default: measuring,solver)",
+        "halves of the study, separated by commas (default: measuring,solver)",
     ),
 )
-#: what --json prints, and the lines that are printed else
+#: what --json prints, and the lines that are printed otherwise
 Answer = tuple[str, list[str]]
 
 
@@ -107,7 +107,7 @@ def add_args(parser: argparse.ArgumentParser) -> None:
             add_threads(sub)
         printed = "summary.json" if name in STAYING else "as JSON"
         sub.add_argument("--json", action="store_true", help=f"print {printed}")
-        add_shared(sub, default=argparse.SUPPRESS)  # so that they count on either side of WHAT
+        add_shared(sub, default=argparse.SUPPRESS)  # so that they work before and after WHAT
 
 
 def run(args: argparse.Namespace) -> int:
@@ -164,7 +164,7 @@ def _accuracy(args: argparse.Namespace) -> Answer:
 
     halves = _listed("--halves", args.halves, str)
     if not halves or not set(halves) <= set(HALVES):
-        raise UnknownName(f"--halves: {args.halves!r} is none; there are {', '.join(HALVES)}.")
+        raise UnknownName(f"--halves: {args.halves!r} is unknown; there are {', '.join(HALVES)}.")
     set_threads(args.threads)
     out, made = Path(args.out), circumstances()
     args.on_interrupt = " Run it again to go on."
@@ -186,7 +186,7 @@ def _cohort(args: argparse.Namespace) -> Answer:
 
     counts, workers = _listed("--subjects", args.subjects, int), _listed("--workers", args.workers, int)
     if not counts or not workers or min(*counts, *workers) < 1 or max(workers) > 1000 or max(counts) > 10**6:
-        words = "name at least 1 of each, and 1,000,000 subjects and 1,000 workers at most."
+        words = "give at least 1 of each, and at most 1,000,000 subjects and 1,000 workers."
         raise OutOfRange(f"--subjects {args.subjects} --workers {args.workers}: {words}")
     out, loads = Path(args.out).absolute(), list[Load]()
     refuse_foreign(out)
@@ -209,13 +209,13 @@ def _seconds(args: argparse.Namespace) -> float:
 
 
 def _listed(option: str, text: str, kind: Callable[[str], Any]) -> tuple[Any, ...]:
-    """The items of a list with commas; empty ones don't count."""
+    """Items of a list separated by commas; empty items are ignored."""
     items = [item.strip() for item in text.split(",") if item.strip()]
     try:
         return tuple(map(kind, items))
     except ValueError:
         what = "whole numbers" if kind is int else "numbers"
-        raise NotReadable(f"{option}: {text!r} is no list of {what}; separate them by commas.") from None
+        raise NotReadable(f"{option}: {text!r} is not a list of {what}; separate them by commas.") from None
 
 
 def _speed(args: argparse.Namespace) -> Answer:
@@ -260,7 +260,7 @@ def _measures(args: argparse.Namespace) -> Answer:
     whole = [row for row in rows if row["stage"] == "all"]
     stages = list(dict.fromkeys(row["stage"] for row in rows))
     lines = [
-        f"seconds with {rows[0]['threads']} threads; the cost grows as the power of n log n, n being vertices",
+        f"seconds with {rows[0]['threads']} threads; the cost grows as (n log n)^power, with n vertices",
         f"{'stage':20}" + "".join(f"{n:>12,}" for n in sizes) + f"{'power':>8}",
         *(
             f"{stage:20}"

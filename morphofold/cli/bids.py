@@ -1,5 +1,5 @@
-"""Measure the FreeSurfer subjects of a BIDS dataset, as BIDS-Apps are called: `participant` measures, `group` puts what
-was measured into tables and a page. The same as cohort --layout bids, in two steps."""
+"""Measure the FreeSurfer subjects of a BIDS dataset. It is called like a BIDS-App: `participant` measures subjects,
+`group` writes tables and a page of all results. The same as cohort --layout bids, in two steps."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ PLACES = ("derivatives/freesurfer", "sourcedata/freesurfer", ".")
 
 def add_args(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("bids_dir", metavar="BIDS_DIR", help="dataset")
-    parser.add_argument("output_dir", metavar="OUTPUT_DIR", help="dataset of derivatives to write")
-    parser.add_argument("level", choices=["participant", "group"], help="what to do")
+    parser.add_argument("output_dir", metavar="OUTPUT_DIR", help="derivatives dataset to write")
+    parser.add_argument("level", choices=["participant", "group"], help="step to run")
     parser.add_argument(
-        "--participant-label", metavar="LABEL", nargs="+", default=[], help="without sub- (default: all)"
+        "--participant-label", metavar="LABEL", nargs="+", default=[], help="participants, without sub- (default: all)"
     )
     parser.add_argument(
         "--fs-subjects-dir",
         metavar="DIR",
-        help="where FreeSurfer's subjects lie (default: in BIDS_DIR derivatives/freesurfer, sourcedata/freesurfer or "
-        "itself)",
+        help="folder of the FreeSurfer subjects (default: derivatives/freesurfer or sourcedata/freesurfer in BIDS_DIR, "
+        "or BIDS_DIR itself)",
     )
     add_side_args(parser, "each subject")
     add_group_args(parser)
@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _source(args: argparse.Namespace) -> Path:
-    """Where FreeSurfer's subjects of the dataset lie."""
+    """Folder of the FreeSurfer subjects of the dataset."""
     if args.fs_subjects_dir is not None:
         return Path(args.fs_subjects_dir).absolute()
     folder = Path(args.bids_dir).absolute()
@@ -54,13 +54,13 @@ def _source(args: argparse.Namespace) -> Path:
         if any(folder.joinpath(place).glob("*/surf")):
             return folder / place
     raise FileNotFoundError(
-        f"{folder}: FreeSurfer's subjects are in none of {', '.join(PLACES)}. Say where they are with "
+        f"{folder}: there are no FreeSurfer subjects in {', '.join(PLACES)}. Pass their folder with "
         "--fs-subjects-dir, or run FreeSurfer or fMRIPrep first."
     )
 
 
 def _chosen(source: Path, labels: list[str]) -> dict[str, Path]:
-    """Folders of the participants, by name; one of several sessions has several."""
+    """Folders of the participants, by name; a participant with several sessions has several."""
     from morphofold.cli.cohort import by_shown_name
     from morphofold.cohort.subjects import find_subjects
 
@@ -68,7 +68,7 @@ def _chosen(source: Path, labels: list[str]) -> dict[str, Path]:
     found = {label: [n for n in names if n == label or n.partition("_")[0] == label] for label in map(_sub, labels)}
     missing = [label for label, its in found.items() if not its]
     if missing:
-        raise FileNotFoundError(f"{source}: holds no {', '.join(missing)}; it holds {', '.join(names[:8])}.")
+        raise FileNotFoundError(f"{source}: contains no {', '.join(missing)}; it contains {', '.join(names[:8])}.")
     return by_shown_name(source, list(dict.fromkeys(n for its in found.values() for n in its)) if labels else names)
 
 

@@ -1,6 +1,6 @@
-"""Measure every subject of a folder on several workers, and put them into tables and a page of the group. All are
-measured with one curvature scale and one gyral width of the net. Run again, it goes on with what is missing or has
-changed. Exit code 1: some subjects have no measures, and failures.tsv says why."""
+"""Measure every subject of a folder on several workers, and write tables and a page of the group. All subjects are
+measured with the same curvature scale and the same gyral width. Run it again to measure subjects that are missing or
+have changed. Exit code 1: some subjects have no measures; failures.tsv gives the reasons."""
 
 from __future__ import annotations
 
@@ -23,32 +23,39 @@ if TYPE_CHECKING:
     from morphofold.cohort.tasks import Outcome
 
 
-LOOKED_AT = 3  # subjects, for the memory that one takes
+LOOKED_AT = 3  # subjects, to find the memory that one takes
 
 
 def add_args(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("subjects_dir", metavar="SUBJECTS_DIR", help="folder that holds the subjects")
     parser.add_argument(
-        "--subjects", metavar="FILE", help="text file with one subject in a line (default: all in SUBJECTS_DIR)"
+        "--subjects", metavar="FILE", help="text file with one subject per line (default: all in SUBJECTS_DIR)"
     )
     add_side_args(parser, "each subject")
     parser.add_argument("-o", "--out", metavar="DIR", default="cohort", help="folder (default: cohort)")
     parser.add_argument(
-        "--layout", choices=["plain", "bids"], default="plain", help="of the subjects; bids: DIR is a BIDS dataset"
+        "--layout",
+        choices=["plain", "bids"],
+        default="plain",
+        help="layout of the subjects; bids: DIR is a BIDS dataset",
     )
     add_group_args(parser)
 
 
 def add_group_args(parser: argparse.ArgumentParser, one: str = "subject", all: str = "the group") -> None:
-    """How each is measured, and who does the work."""
+    """Add the options of measuring, of the pages and of the workers."""
     add_measuring_args(parser)
-    parser.add_argument("--no-report", action="store_true", help=f"no page of each {one}; that of {all} is drawn")
+    parser.add_argument(
+        "--no-report", action="store_true", help=f"no page for each {one}; the page of {all} is written"
+    )
     add_worker_args(parser)
-    parser.add_argument("--json", action="store_true", help=f"print how many {one}s have results, who failed, and why")
+    parser.add_argument(
+        "--json", action="store_true", help=f"print how many {one}s have results, which failed, and why"
+    )
 
 
 def add_worker_args(parser: argparse.ArgumentParser) -> None:
-    """Who does the work."""
+    """Add the options of the workers."""
     parser.add_argument(
         "--workers", type=int, metavar="N", help="processes (default: as many as cores and memory allow)"
     )
@@ -57,13 +64,13 @@ def add_worker_args(parser: argparse.ArgumentParser) -> None:
         "--memory",
         type=float,
         metavar="GIB",
-        help="a worker that takes more is stopped, and its work begun anew (default: its share of the machine)",
+        help="memory of a worker; one that takes more is stopped and starts again (default: its share of the machine)",
     )
     parser.add_argument(
-        "--scheduler", metavar="ADDRESS", help="of a Dask cluster that runs already, as tcp://host:8786"
+        "--scheduler", metavar="ADDRESS", help="address of a running Dask cluster, such as tcp://host:8786"
     )
     parser.add_argument(
-        "--slurm", type=int, metavar="N", help="ask SLURM for N jobs, as ~/.config/dask/jobqueue.yaml describes them"
+        "--slurm", type=int, metavar="N", help="ask SLURM for N jobs, as described in ~/.config/dask/jobqueue.yaml"
     )
 
 
@@ -76,17 +83,17 @@ def run(args: argparse.Namespace) -> int:
     names = found if args.subjects is None else named_subjects(Path(args.subjects))
     refuse_overlap(out, [source])
     if templates and args.subjects is None:
-        print_note(f"left out: {', '.join(templates)} (templates; --subjects can name them)", args.quiet)
+        print_note(f"left out: {', '.join(templates)} (templates; --subjects can include them)", args.quiet)
     return run_cohort(by_shown_name(source, names), out, args)
 
 
 def by_shown_name(source: Path, names: Sequence[str]) -> dict[str, Path]:
-    """Folders of subjects by names that can be written, whatever their bytes."""
+    """Folders of subjects by names that can be written; bytes that are not text are escaped."""
     from morphofold.provenance import shown
 
     found = {shown(name): source / name for name in names}
     if len(found) < len(names):
-        raise NamedTwice(f"{source}: two names read alike once what is no text in them is escaped. Rename one.")
+        raise NamedTwice(f"{source}: two names are the same after bytes that are not text are escaped. Rename one.")
     return found
 
 
@@ -98,7 +105,7 @@ def run_cohort(
     group: bool = True,
     everyone: dict[str, Path] | None = None,
 ) -> int:
-    """Measure subjects and, where it is wanted, write their group; the scales are those of ``everyone``."""
+    """Measure subjects and, if ``group``, write their group; the scales are those of ``everyone``."""
     import secrets
     from contextlib import ExitStack
     from dataclasses import replace
@@ -126,7 +133,7 @@ def run_cohort(
         for some in (folders, everyone or folders)
     )
     places, reasons = places_of(out, subjects)
-    kept_scales(out)  # refused before hours of work
+    kept_scales(out)  # refuses before hours of work
     with ExitStack() as held:
         with fleet_asked(args, memory_needed(subjects, args.accuracy, bool(report))) as fleet:
             begin_cohort(out, bids=bids)  # nothing is written where there are no workers
@@ -156,7 +163,7 @@ def run_cohort(
 
 
 def fleet_asked(args: argparse.Namespace, need: float) -> AbstractContextManager[Fleet]:
-    """The workers that were asked for, each of which needs so much memory [GiB]."""
+    """The workers that were asked for, each of which needs the memory ``need`` [GiB]."""
     from morphofold.cohort.fleet import open_fleet
 
     return open_fleet(
@@ -170,16 +177,16 @@ def fleet_asked(args: argparse.Namespace, need: float) -> AbstractContextManager
 
 
 def measured_before(out: Path, *, bids: bool) -> dict[str, Path]:
-    """Where the results of all subjects of earlier runs are, or would be."""
+    """Folders in which the results of all subjects of earlier runs are, or would be."""
     there = (out / "records").glob("*.json")
-    names = sorted(path.stem for path in there if not path.name.startswith("."))  # what a killed run left of one
+    names = sorted(path.stem for path in there if not path.name.startswith("."))  # a killed run left a part of one
     if not names:
-        raise FileNotFoundError(f"{out}: holds no subject that was measured. Measure participants first.")
+        raise FileNotFoundError(f"{out}: contains no measured subject. Measure participants first.")
     return {name: _place_of(out, name, bids=bids)[0] for name in names}
 
 
 def run_group(out: Path, results: dict[str, Path], args: argparse.Namespace) -> int:
-    """Write the group of what was measured before."""
+    """Write the group of subjects that were measured before."""
     from morphofold.cli.progress import progress
     from morphofold.cohort.group import write_group
     from morphofold.io.locks import alone
@@ -201,12 +208,12 @@ def run_group(out: Path, results: dict[str, Path], args: argparse.Namespace) -> 
 
 
 def places_of(out: Path, subjects: Sequence[Participant]) -> tuple[dict[str, Path], dict[str, str]]:
-    """Where the results of each subject go, and why some have no place: BIDS shortens names.
+    """Folder for the results of each subject, and reasons why some have none: BIDS shortens names.
 
     Raises
     ------
     FileExistsError
-        If a folder is somebody else's.
+        If morphofold did not write a folder.
     """
     from morphofold.cohort.group import GROUP
     from morphofold.io import refuse_foreign, refuse_no_collection
@@ -231,7 +238,7 @@ def places_of(out: Path, subjects: Sequence[Participant]) -> tuple[dict[str, Pat
 
 
 def _place_of(out: Path, name: str, *, bids: bool) -> tuple[Path, str]:
-    """Where the results of a subject go; where it can have no place one that is not there, and why."""
+    """Folder for the results of a subject and ""; if it can have none, a folder that does not exist, and the reason."""
     from morphofold.cohort.participant import results_of
 
     try:
@@ -241,7 +248,7 @@ def _place_of(out: Path, name: str, *, bids: bool) -> tuple[Path, str]:
 
 
 def begin_cohort(out: Path, *, bids: bool) -> None:
-    """Make or take the folder of a cohort."""
+    """Make the folder of a cohort, or use an existing one."""
     from morphofold.cohort.scales import FILE
     from morphofold.io import begin_collection
     from morphofold.results.bids import begin_dataset
@@ -272,11 +279,11 @@ def memory_needed(subjects: Sequence[Participant], accuracy: str, report: bool) 
 
 
 def told_unlike(group: Group, quiet: bool) -> None:
-    """Say what of a group was not measured alike, and is not pooled."""
+    """Print what in a group was not measured in the same way, and is not pooled."""
     if answer := group.pooling.sentences:
         few = len(group.pooling.left_out)
         print_note(
-            f"warning: {' '.join(answer)} {few} measures are not pooled whole: see the page of the group.", quiet
+            f"warning: {' '.join(answer)} {few} measures are not fully pooled: see the page of the group.", quiet
         )
 
 
@@ -286,7 +293,7 @@ def print_note(text: str, quiet: bool) -> None:
 
 
 def ended(outcomes: Sequence[Outcome], what: str, page: Path, *, as_json: bool, **more: Any) -> int:
-    """Say how many of how many, and the first that failed, or as JSON all of it and ``more``; the exit code."""
+    """Print how many have results, and the first failures, or everything and ``more`` as JSON; return the exit code."""
     failed = [one for one in outcomes if one.state == "failed"]
     partly = [one for one in outcomes if one.state != "failed" and one.failures]
     before, changed = sum(one.state == "reused" for one in outcomes), sum(one.changed for one in outcomes)
@@ -302,7 +309,7 @@ def ended(outcomes: Sequence[Outcome], what: str, page: Path, *, as_json: bool, 
             print(one_line(f"{' '.join(filter(None, (one.name, part)))}: {why}"))
     words = [f"{len(outcomes) - len(failed)} of {len(outcomes)} {what}s have results"]
     words += [f"{before} of them from before"] if before else []
-    words += [f"{changed} anew, since their files had been changed"] if changed else []
+    words += [f"{changed} done again, because their files had changed"] if changed else []
     words += [f"{len(failed)} failed"] if failed else []
     words += [f"{len(partly)} in part"] if partly else []
     print(f"{', '.join(words)} -> {page}")

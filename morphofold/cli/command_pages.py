@@ -1,7 +1,7 @@
-"""The generated parts of docs/commands: the options of every command, taken from the parser itself.
+"""Generated parts of docs/commands: the options of every command, taken from the parser.
 
-``python -m morphofold.cli.command_pages docs/commands`` puts them between the marks ``<!-- options -->`` and
-``<!-- /options -->`` of each command's page, and the list of commands between those of ``commands`` in index.md.
+``python -m morphofold.cli.command_pages docs/commands`` writes them between the marks ``<!-- options -->`` and
+``<!-- /options -->`` of each command's page, and the list of commands between the marks ``commands`` in index.md.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from morphofold.studies.markdown import between_marks, table
 
 
 def write_pages(folder: Path) -> None:
-    """Renew the marked parts of the pages in ``folder``.
+    """Write the marked parts of the pages in ``folder`` again.
 
     Raises
     ------
     FileNotFoundError
         If a command has no page.
     MissingPart
-        If a page has not one pair of marks. The pages are as they were then.
+        If a page does not have exactly one pair of marks. No page is changed then.
     """
     texts = {folder / "index.md": ("commands", [overview()])}
     texts |= {folder / f"{name}.md": ("options", list(options(name))) for name in COMMANDS}
@@ -36,7 +36,7 @@ def write_pages(folder: Path) -> None:
 
 
 def overview() -> str:
-    """A line per command."""
+    """Table with a line per command."""
     return table(["command", "what it does"], [[f"[{name}]({name}.md)", words] for name, words in COMMANDS.items()])
 
 
@@ -59,7 +59,7 @@ def subcommands(command: argparse.ArgumentParser) -> dict[str, argparse.Argument
 
 
 def _described(command: argparse.ArgumentParser) -> Iterator[str]:
-    """Its usage in one line, and a table of what it takes."""
+    """Usage of a command in one line, and a table of its arguments."""
     plain = argparse.HelpFormatter(command.prog)
     taken = [a for a in command._actions if a.dest != "help"]
     given = [_value(plain, a) for a in taken if not a.option_strings]

@@ -16,7 +16,7 @@ def add_args(parser: argparse.ArgumentParser) -> None:
         "analyses",
         metavar="NAME=DIR",
         nargs="+",
-        help="a folder that analyze wrote, in the BIDS layout DATASET/sub-NAME, and its name",
+        help="a name, and a folder that analyze wrote (in the BIDS layout DATASET/sub-NAME)",
     )
     parser.add_argument("-o", "--out", metavar="DIR", default="comparison", help="folder (default: comparison)")
     parser.add_argument(
@@ -24,7 +24,7 @@ def add_args(parser: argparse.ArgumentParser) -> None:
         metavar="GROUP=NAME,NAME",
         action="append",
         default=[],
-        help="pool the hinges of these, and compare them with those of other groups; once per group",
+        help="pool the hinges of these analyses, and compare them with other groups; once per group",
     )
     parser.add_argument(
         "--growth",
@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
     for item in args.analyses:
         name, equals, folder = item.partition("=")
         if not equals or not name or not folder:
-            raise NotReadable(f"{item!r} must read NAME=DIR, for example model=fig5-analysis.")
+            raise NotReadable(f"{item!r} must have the form NAME=DIR, for example model=fig5-analysis.")
         name = shown(name)
         if name in named:
             raise NamedTwice(f"the name {name!r} is given twice; every analysis needs its own.")
@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
     colours = _by_name("--colour", [_colour(item) for item in args.colour])
     grown = _by_name("--growth", [_body(item) for item in args.growth])
     refuse_overlap(Path(args.out), [Path(folder) for folder in [*named.values(), *grown.values()]])
-    refuse_foreign(Path(args.out))  # before minutes of work, not after them
+    refuse_foreign(Path(args.out))  # refuses before minutes of work
     with progress("compare", args.quiet) as tell:
         measures = {}
         for i, (name, folder) in enumerate(named.items()):
@@ -91,14 +91,14 @@ def _by_name(option: str, pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
     found = {shown(name): value for name, value in pairs}
     if len(found) < len(pairs):
-        raise NamedTwice(f"{option}: a name is given twice among {', '.join(name for name, _ in pairs)}; say it once.")
+        raise NamedTwice(f"{option}: a name is given twice among {', '.join(name for name, _ in pairs)}; give it once.")
     return found
 
 
 def _group(item: str) -> tuple[str, list[str]]:
     group, equals, names = item.partition("=")
     if not equals or not group or not all(names.split(",")):
-        raise NotReadable(f"--group {item!r} must read GROUP=NAME,NAME, for example model=thin,thick.")
+        raise NotReadable(f"--group {item!r} must have the form GROUP=NAME,NAME, for example model=thin,thick.")
     from morphofold.provenance import shown
 
     return group, shown(names).split(",")
@@ -107,12 +107,12 @@ def _group(item: str) -> tuple[str, list[str]]:
 def _colour(item: str) -> tuple[str, str]:
     name, equals, colour = item.rpartition("=")
     if not equals or not name:
-        raise NotReadable(f"--colour {item!r} must read NAME=RRGGBB, for example model=0072b2.")
+        raise NotReadable(f"--colour {item!r} must have the form NAME=RRGGBB, for example model=0072b2.")
     return name, "#" + colour.removeprefix("#")
 
 
 def _body(item: str) -> tuple[str, str]:
     name, equals, folder = item.partition("=")
     if not equals or not name or not folder:
-        raise NotReadable(f"--growth {item!r} must read NAME=DIR, for example fig5=fig5-growth.")
+        raise NotReadable(f"--growth {item!r} must have the form NAME=DIR, for example fig5=fig5-growth.")
     return name, folder

@@ -1,4 +1,4 @@
-"""The main job from end to end: grow a folded cortex, measure it and two real hemispheres, write the comparison."""
+"""The complete work once: grow a folded cortex, measure it and two real hemispheres, write the comparison."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where commands may write, and where FreeSurfer subjects are found by name."""
+"""Folders that commands may write, and folders of FreeSurfer subjects by name."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from morphofold.errors import NotReadable, OptionsClash
 
 
 def refuse_overlap(out: Path, inputs: Iterable[Path]) -> None:
-    """Raise ``OptionsClash`` if writing ``out`` would replace a folder that the command reads, or one around it."""
+    """Raise ``OptionsClash`` if writing ``out`` would replace a folder that the command reads, or one that holds it."""
     target = Path(os.path.realpath(out))  # resolve() raises at a link to itself
     for source in inputs:
         place = Path(os.path.realpath(source))
         if target == place or target in place.parents:
             raise OptionsClash(
-                f"{out}: is, or holds, the input {source}, which writing there would replace; name another -o."
+                f"{out}: is, or holds, the input {source}; writing there would replace it. Name another -o."
             )
 
 
 def writable_name(name: str) -> str:
-    """A subject's name as a folder's name: separators, line breaks and the like become dashes."""
+    """Name of a folder for a subject: separators, line breaks and control characters become dashes."""
     return "".join("-" if c in "/\\" or category(c) == "Cc" else c for c in name).strip(". ") or "unnamed"
 
 
@@ -37,24 +37,24 @@ def subject_folder(subject: str, subjects_dir: str | None) -> Path:
     NotReadable
         If ``subject`` is a path.
     FileNotFoundError
-        If the one or the other is not there; the message says which names are.
+        If the folder or the subject does not exist; the message lists subjects that exist.
     """
-    subject = subject.rstrip("/")  # as a shell completes it
+    subject = subject.rstrip("/")  # which a shell's completion adds
     folder_of_subjects = subjects_dir or os.environ.get("SUBJECTS_DIR")
     if not folder_of_subjects:
         raise OptionsClash(
-            f"-s {subject}: where subjects lie is not said. Set SUBJECTS_DIR, pass --subjects-dir DIR, or name the "
-            "subject's folder as INPUT."
+            f"-s {subject}: the folder of subjects is not given. Set SUBJECTS_DIR, pass --subjects-dir DIR, or pass "
+            "the subject's folder as INPUT."
         )
     folder, set_by = Path(folder_of_subjects), "--subjects-dir" if subjects_dir else "SUBJECTS_DIR"
     if not folder.is_dir():
-        raise FileNotFoundError(f"{folder}: no such folder, named by {set_by}. Name the folder that holds subjects.")
+        raise FileNotFoundError(f"{folder}: no such folder, given by {set_by}. Name the folder that holds subjects.")
     if subject in ("", ".", "..") or Path(subject).name != subject:
-        raise NotReadable(f"-s {subject!r}: is no name of a folder in {folder}. A path goes without -s, as INPUT.")
+        raise NotReadable(f"-s {subject!r}: is not a folder's name in {folder}. Pass a path as INPUT, without -s.")
     if not (folder / subject).is_dir():
         names = sorted(p.name for p in folder.iterdir() if (p / "surf").is_dir())
         near = difflib.get_close_matches(subject, names, n=8, cutoff=0.5)
         names = near + [name for name in names if name not in near]
-        there = f"are {', '.join(names[:8])}{f' and {len(names) - 8} more' if len(names) > 8 else ''}"
-        raise FileNotFoundError(f"{folder / subject}: no such subject. In {set_by} {there if names else 'is none'}.")
+        there = f"{', '.join(names[:8])}{f' and {len(names) - 8} more' if len(names) > 8 else ''}"
+        raise FileNotFoundError(f"{folder / subject}: no such subject. {set_by} holds {there if names else 'none'}.")
     return folder / subject

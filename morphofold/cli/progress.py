@@ -1,6 +1,6 @@
 """Progress of long work: a bar with the time left on a terminal, a line per tenth elsewhere.
 
-Compiling, which numba does when a kernel is called for the first time on a machine, is said and is no part of the time
+numba compiles a kernel when it is called for the first time on a machine. This is shown, and is not counted in the time
 left.
 """
 
@@ -17,7 +17,7 @@ COMPILING = "compiling, once on this machine"
 
 
 class Tell(Protocol):
-    """Called with the share done, 0 to 1, and a few words."""
+    """Called with the share done, 0 to 1, and a short text."""
 
     def __call__(self, share: float, text: str = "") -> None: ...
 
@@ -37,7 +37,7 @@ def progress(label: str, quiet: bool = False) -> Iterator[Tell]:
 
 
 def time_left(seconds: float, share: float) -> str:
-    """What is left in words, after so many seconds for this share of the work; nothing at its ends."""
+    """The time left in words, after ``seconds`` for this share of the work; empty at shares of 0 and 1."""
     if not 0 < share < 1:
         return ""
     left = seconds * (1 - share) / share
@@ -60,7 +60,7 @@ def _bar(label: str) -> Iterator[Tell]:
         TextColumn("{task.percentage:>3.0f}%"),
         TimeElapsedColumn(),
         TextColumn("{task.fields[left]}"),
-        TextColumn("{task.fields[text]}", style="dim", markup=False),  # names may have brackets
+        TextColumn("{task.fields[text]}", style="dim", markup=False),  # names may contain brackets
     )
     started = working_seconds()
     with Progress(*columns, console=Console(stderr=True), refresh_per_second=4, transient=True) as bars:

@@ -1,4 +1,4 @@
-"""Draw figures of the paper anew (Razavi et al. 2015), each with the table of its points, and an index of them all."""
+"""Reproduce figures of the paper (Razavi et al. 2015), each with the table of its points, and an index of them all."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ def add_args(parser: argparse.ArgumentParser) -> None:
         "--out",
         metavar="DIR",
         default="reproduce",
-        help="folder to write; what an earlier run drew or grew there stays (default: reproduce)",
+        help="folder to write; figures and simulations of an earlier run there are kept (default: reproduce)",
     )
-    parser.add_argument("--draft", action="store_true", help="simulate coarsely, in about a third of the time")
+    parser.add_argument("--draft", action="store_true", help="simulate on coarser meshes, in about a third of the time")
     add_threads(parser)
     parser.add_argument("--json", action="store_true", help="print summary.json")
 
@@ -42,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
     figures = list(FIGURES) if "all" in args.figures else list(dict.fromkeys(args.figures))
     for name in figures:
         if name not in FIGURES:
-            raise UnknownName(f"{name!r} is no figure that can be drawn anew; there are {', '.join(FIGURES)}.")
+            raise UnknownName(f"{name!r} is not a figure that can be reproduced; there are {', '.join(FIGURES)}.")
     from morphofold import __version__
     from morphofold.cli.runs import Runs
     from morphofold.io import atomic_folder, refuse_foreign
@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
     args.on_interrupt = " Run it again to go on."
     refuse_foreign(out)
     place = Path(os.path.realpath(out))
-    # beside the folder, which is replaced: what another run draws meanwhile is not in what we keep
+    # the lock is beside the folder, which is replaced: figures that another run drew meanwhile would be lost
     with alone(place.parent, f".{place.name}.lock"), atomic_folder(out) as folder:
         kept = keep_figures(out, folder, FIGURES, figures)
         drawn = {}

@@ -1,4 +1,4 @@
-"""The simulations behind a folder of results: grown into it, found there again, kept when the folder is replaced."""
+"""The simulations in a folder of results: they are grown there, used again, and kept when the folder is replaced."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ SIMULATIONS = "simulations"
 
 
 class Runs:
-    """Grows the scenes that are asked for in ``out``/simulations/NAME, each once, going on from checkpoints.
+    """Grows scenes in ``out``/simulations/NAME, each once, and continues from checkpoints.
 
-    They lie in ``out`` itself and not in the folder that replaces it, which leaves them: an interrupt loses none.
-    Drafts have names of their own. Threads that can't be had are refused at once, before anything is written.
+    Simulations are in ``out`` itself. The folder that replaces ``out`` keeps them, so an interrupt loses none. Drafts
+    have names of their own. An invalid number of threads is refused at once, before anything is written.
     """
 
     def __init__(self, out: Path, *, threads: int | None, quiet: bool, draft: bool = False):
@@ -70,7 +70,7 @@ class Runs:
 
 
 def begin(out: Path) -> None:
-    """Mark an empty or new folder as ours, so that parts can be written into it before the whole is."""
+    """Mark an empty or new folder as ours, so that parts can be written into it before the whole."""
     from morphofold.io import atomic_folder
 
     if not out.is_dir() or not any(out.iterdir()):

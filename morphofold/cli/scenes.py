@@ -1,4 +1,4 @@
-"""List the built-in scenes and the effects that each calls for, or print one as TOML, every value spelled out."""
+"""List the built-in scenes and the effects that each uses, or print one as TOML with all its values."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def _row(scene: Scene) -> tuple[str, ...]:
 
 
 def _table(scenes: list[Scene]) -> str:
-    """The scenes by kind, in columns."""
+    """Table of the scenes by kind, in columns."""
     rows = {scene.name: _row(scene) for scene in scenes}
     widths = [max(map(len, column)) for column in zip(HEADINGS, *rows.values())]
 

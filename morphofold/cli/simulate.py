@@ -1,5 +1,5 @@
-"""Grow a scene into folds and write its stages as FreeSurfer-shaped subjects. A run that is not healthy says so, in
-health.json too, and ends with exit code 0: what it wrote is there to be looked at."""
+"""Grow a scene into folds and write its stages as FreeSurfer-shaped subjects. If a run is not healthy, this is printed
+and recorded in health.json. The exit code is still 0, because its files can be looked at."""
 
 from __future__ import annotations
 
@@ -26,35 +26,38 @@ def add_args(parser: argparse.ArgumentParser) -> None:
     add_settings(parser, "change one value of the scene, e.g. growth.final=1.8; may be repeated")
     add_options(
         parser,
-        ("--resume", None, "go on from the checkpoint in DIR; a finished run is left as it is"),
+        ("--resume", None, "continue from the checkpoint in DIR; a finished run is left as it is"),
         (
             "--restart-from",
             "RUN",
             "begin at the last stage or the checkpoint of another run with the same mesh (its folder), or at a stage "
-            "(RUN/stages/g1.50); material, growth, effects and stages may be others",
+            "(RUN/stages/g1.50); material, growth, effects and stages may differ",
         ),
         (
             "--dry-run",
             None,
-            "say what the run would take, from a second or two of its steps: elements, steps, memory, time, errors; "
-            "write nothing",
+            "print what the run would take: elements, steps, memory, time, errors; write nothing. Its steps are timed "
+            "for a second or two",
         ),
-        ("--budget", "TIME", "take the finest mesh that is expected to fit: 90s, 5min, 2h or 1d"),
+        ("--budget", "TIME", "choose the finest mesh whose run is expected to fit: 90s, 5min, 2h or 1d"),
         (
             "--error",
             "SHARE",
-            "take the coarsest mesh of which no larger error is expected (of gyrification index and wavelength): a "
+            "choose the coarsest mesh whose expected error (of gyrification index and wavelength) is no larger: a "
             "percentage such as 5%%, or a fraction such as 0.05",
         ),
         (
             "--estimate",
             None,
-            "then grow a coarser run in DIR/coarser, in about a third of the time, and estimate the error from both; "
-            "and that one at half the pace in DIR/slower, in about half of the time, to tell what the pace changes",
+            "afterwards grow a coarser run in DIR/coarser, in about a third of the time, and estimate the error from "
+            "both; then the coarser run at half the pace in DIR/slower, in about half of the time, to show what the "
+            "pace changes",
         ),
     )
     add_threads(parser)
-    add_options(parser, ("--json", None, "print health.json, with what --estimate found; or the forecast of --dry-run"))
+    add_options(
+        parser, ("--json", None, "print health.json with the result of --estimate; or the forecast of --dry-run")
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -99,7 +102,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _print_json(simulation: Simulation, args: argparse.Namespace) -> None:
-    """A finished run is told whatever comes of its estimate, which is null if it fails."""
+    """Print a finished run as JSON, even if its estimate fails, which is null then."""
 
     content = dict(simulation.health)
     try:
@@ -111,24 +114,24 @@ def _print_json(simulation: Simulation, args: argparse.Namespace) -> None:
 
 
 def _refuse_together(args: argparse.Namespace) -> None:
-    """Options that go neither with a run that goes on nor with one that begins in the middle."""
+    """Raise for options that can't be used with a run that continues, or that begins at a stage of another run."""
     fresh = {"--dry-run": args.dry_run, "--budget": args.budget, "--error": args.error}
     for option, given in {**fresh, "--estimate": args.estimate}.items():
         if args.restart_from and given:
             raise OptionsClash(
-                f"{option} is for a run that begins ungrown and chooses its mesh, and one with --restart-from has that "
-                "of another run. Drop it."
+                f"{option} is for a run that begins ungrown with a mesh of its own; a run with --restart-from has the "
+                "mesh of another run. Leave it out."
             )
     for option, given in fresh.items():
         if args.resume and given:
             raise OptionsClash(
-                f"{option} is for a run that begins, and --resume goes on with the accuracy that one began with, which "
-                "scene.toml in its folder says. Drop it."
+                f"{option} is for a new run; --resume continues with the accuracy of the earlier one, which is in "
+                "scene.toml of its folder. Leave it out."
             )
 
 
 def _picked(scene: Scene, args: argparse.Namespace) -> MeshChoice | None:
-    """The accuracy that --budget and --error ask for, said on the way."""
+    """The mesh for --budget and --error, which is also printed."""
     if args.budget is None and args.error is None:
         return None
     from morphofold.forecasts.mesh_choice import budget_seconds, choose_mesh, error_share

@@ -1,4 +1,4 @@
-"""Standard streams as a command needs them: closed ones lead nowhere, broken ones stop no work, lines stay lines."""
+"""Standard streams of a command: closed ones lead nowhere, broken ones do not stop the work, lines stay lines."""
 
 from __future__ import annotations
 
@@ -15,28 +15,28 @@ from unicodedata import category
 
 Found = TypeVar("Found")
 
-#: of a pipe whose reader has gone, a stream that was closed or can't be written, a terminal that is gone
+#: errors of a pipe without a reader, a stream that was closed or can't be written, a terminal that has gone
 _NOBODY_READS = (errno.EPIPE, errno.EBADF, errno.EIO)
 #: categories of characters that end a line, steer a terminal, or can't be printed
 _STEERING = ("Cc", "Cf", "Cs", "Zl", "Zp")
-LONGEST_WORD, LONGEST_LINE = 300, 4000  # characters that are told of what a user, or a file, has given
+LONGEST_WORD, LONGEST_LINE = 300, 4000  # characters that are printed of text from a user or a file
 
 
 def print_json(content: Any) -> None:
-    """What a machine reads: strict JSON, without NaN."""
+    """Print strict JSON, without NaN."""
     from morphofold.provenance import strict_json
 
     print(strict_json(content), end="")
 
 
 def print_file(path: Path) -> None:
-    """A file of results, as --json prints it."""
+    """Print a file of results, for --json."""
     print(path.read_text(encoding="utf-8"), end="")
 
 
 def one_line(text: str) -> str:
-    """A text with what would end its line or steer a terminal escaped as in Python: file names may hold anything, and
-    be of any length, so the middle of what is too long is left out."""
+    """Text in one line: characters that end a line or control a terminal are escaped as in Python, and the middle of
+    long words and lines is left out. File names may contain anything, and have any length."""
     line = "".join(c.encode("unicode_escape").decode("ascii") if category(c) in _STEERING else c for c in text)
     line = re.sub(rf"\S{{{LONGEST_WORD + 1},}}", lambda word: _without_middle(word[0], LONGEST_WORD), line)
     return _without_middle(line, LONGEST_LINE)
@@ -48,29 +48,29 @@ def _without_middle(text: str, most: int) -> str:
 
 @contextmanager
 def standard_streams() -> Iterator[None]:
-    """For as long as a command runs: streams that were closed are open to nowhere, so that no file of ours takes their
-    numbers; of one that nobody reads any more, the rest goes nowhere, and the work goes on."""
+    """While a command runs, open closed streams to nowhere, so that no file of ours takes their numbers; if nobody
+    reads a stream any more, the rest of its output is dropped, and the work goes on."""
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             nowhere = open(os.devnull, mode, encoding="utf-8")  # the lowest free number: that of this stream
-            os.set_inheritable(nowhere.fileno(), True)  # workers are to have it, too
+            os.set_inheritable(nowhere.fileno(), True)  # for the workers, too
             setattr(sys, name, nowhere)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")  # a name that is no text, an old terminal
+            stream.reconfigure(errors="backslashreplace")  # for a name that is not text, or an old terminal
     kept = sys.stdout, sys.stderr
     sys.stdout, sys.stderr = _Going(sys.stdout), _Going(sys.stderr)  # type: ignore[assignment]
     try:
         yield
     finally:
         for stream in (sys.stdout, sys.stderr):
-            with suppress(OSError):  # a full disk was told, or told too late
+            with suppress(OSError):  # a full disk was reported before, or it is too late
                 stream.flush()
         sys.stdout, sys.stderr = kept
 
 
 class _Going:
-    """A stream that goes on where nobody reads it."""
+    """A stream that can be written even if nobody reads it."""
 
     def __init__(self, stream: Any):
         self._stream = stream
@@ -91,6 +91,6 @@ class _Going:
             if error.errno not in _NOBODY_READS:
                 raise
             nowhere = os.open(os.devnull, os.O_WRONLY)
-            os.dup2(nowhere, self._stream.fileno())  # also for what it still holds, and our workers
+            os.dup2(nowhere, self._stream.fileno())  # also for its buffer, and for our workers
             os.close(nowhere)
             return otherwise

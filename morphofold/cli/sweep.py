@@ -1,6 +1,6 @@
-"""Grow a scene again and again with other values and seeds, measure every run, and put them into tables and phase
-diagrams with the theory's lines. Run again, it goes on with what is missing or has changed. Exit code 1: some runs have
-no measures, and runs.tsv says why."""
+"""Grow a scene with many values and seeds, measure every run, and write tables and phase diagrams with the lines of
+theory. Run it again to do the runs that are missing or have changed. Exit code 1: some runs have no measures; runs.tsv
+gives the reasons."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def add_args(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seeds", type=int, metavar="N", help="seeds 0 to N-1 at every point (default: the scene's)")
     add_settings(parser, "change one value of the scene for all runs, e.g. accuracy.level=draft; may be repeated")
     parser.add_argument("-o", "--out", metavar="DIR", default="sweep", help="folder (default: sweep)")
-    add_options(parser, ("--dry-run", None, "say how many runs, and what the largest would take; write nothing"))
+    add_options(parser, ("--dry-run", None, "print the number of runs, and what the largest would take; write nothing"))
     add_group_args(parser, "run", "the sweep")
 
 
@@ -42,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
     from morphofold.cli.cohort import ended
     from morphofold.cohort.grid import make_grid
 
-    measuring_options(args)  # refused before a scene is read
+    measuring_options(args)  # refuses before a scene is read
     grid = make_grid(args.scene, args.vary, seeds=args.seeds, settings=args.settings)
     if args.dry_run:
         return _dry_run(grid, args)
@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
     for found in [] if args.json else unhealthy[:5]:
         print(f"warning: {found.point.name}: {'; '.join(found.warnings)}")
     if len(unhealthy) > 5 and not args.json:
-        print(f"warning: {len(unhealthy)} of {len(runs)} runs are not healthy; {out / 'group' / 'runs.tsv'} says which")
+        print(f"warning: {len(unhealthy)} of {len(runs)} runs are not healthy; {out / 'group' / 'runs.tsv'} lists them")
     warnings = {found.point.name: found.warnings for found in unhealthy}
     return ended(outcomes, "run", out / "group" / "report.html", as_json=args.json, warnings=warnings)
 
@@ -70,7 +70,7 @@ def _run_all(grid: Grid, out: Path, args: argparse.Namespace) -> tuple[list[Run]
     from morphofold.report.pages.phase_page import phase_report
 
     refuse_no_collection(out, "sweep")
-    refuse_foreign(out / GROUP)  # before hours of work, not after them
+    refuse_foreign(out / GROUP)  # refuses before hours of work
     runs = runs_of(grid.points, out, args)
     need = max(memory_of_run(point.scene, args.accuracy, not args.no_report) for point in grid.points)
     with ExitStack() as held:
@@ -105,7 +105,7 @@ def runs_of(points: Sequence[SweepPoint], out: Path, args: argparse.Namespace) -
 
 
 def _anywhere(scene: Scene) -> Scene:
-    """A scene whose mesh file is found from any folder that a worker may be in."""
+    """The scene with an absolute path of its mesh file, so that a worker in any folder finds it."""
     file = getattr(scene.geometry, "file", None)
     if file is None or not Path(file).is_file():  # a sample, by its name
         return scene
@@ -132,7 +132,7 @@ def _dry_run(grid: Grid, args: argparse.Namespace) -> int:
         return 0
     seeds = f" times {len(grid.seeds)} seeds" if len(grid.seeds) > 1 else ""
     print(f"{len(grid.points)} runs: {len(grid.places)} points{seeds}")
-    print(f"the largest, {table_of(found)}")
-    measuring = f"; with measuring a worker needs {memory:.2g} GiB" if memory else ""
-    print(f"all: {span(len(grid.points) * found.seconds)} of growing on one worker, if all were as large{measuring}")
+    print(f"the largest run, {table_of(found)}")
+    measuring = f"; a worker that also measures needs {memory:.2g} GiB" if memory else ""
+    print(f"all: {span(len(grid.points) * found.seconds)} of growing on one worker, if all are as large{measuring}")
     return 0

@@ -1,8 +1,8 @@
-"""What can be known of the growing bilayer sphere without simulating it: radius, stress, creases and wrinkles.
+"""Theory of the growing bilayer sphere, without a simulation: radius, stress, creases and wrinkles.
 
-Without options each prints what the paper draws (Razavi et al. 2015, Figs. 3 and 4), and bifurcation what it leaves
-out: the growth at which the smooth sphere first wrinkles. Options that take ranges say so. Lengths are in mm, but
-only their ratios matter.
+Without options each prints what the paper draws (Razavi et al. 2015, Figs. 3 and 4). bifurcation prints what the paper
+leaves out: the growth at which the smooth sphere first wrinkles. The help names the options that take ranges. Lengths
+are in mm, but only their ratios matter.
 """
 
 from __future__ import annotations
@@ -26,32 +26,32 @@ if TYPE_CHECKING:
 LAWS = ("isotropic", "tangential")
 #: values in one FROM:TO:COUNT
 MOST = 10_000
-#: rows of one answer, and curves of one kind that can be shown apart in a figure
+#: most rows of one answer, and most curves of one kind that can be distinguished in a figure
 MOST_ROWS, MOST_CURVES = 200_000, 10
-#: relative difference of the two routes to g_crit up to which --check is content
+#: largest relative difference of the two methods for g_crit that --check accepts
 AGREE = 1e-6
-#: states of a body that are typically still to be looked at
+#: number of states of a body that typically remain to be checked
 STILL_TO_LOOK_AT = 6
 
 WORDS = {
     "radius": "outer radius of the smooth grown sphere, Eqs. (9) to (11); Fig. 3(a)",
     "stress": "radial and tangential stress through core and cortex; Fig. 3(b)",
     "critical": "growth at which creases can form, Eqs. (12) and (13), and Biot's limit; Fig. 4",
-    "bifurcation": "growth at which the smooth sphere first wrinkles, and how; beside the crease criterion",
+    "bifurcation": "growth at which the smooth sphere first wrinkles, and its wrinkles; with the crease criterion",
 }
 BIFURCATION = """
 The cortex grows by the stretch g (a ratio of lengths, 1 is none): in all directions if isotropic, along the surface
 alone if tangential. Wrinkles are waves all over the sphere, spherical harmonics of degree l: about l around it, each
 2 pi C / sqrt(l (l + 1)) long. A crease is a sharp fold of the surface alone; it can form once lambda_r/lambda_theta of
 the smooth surface is 2.4, the paper's criterion. The mu ratio is the cortex's shear modulus over the core's. The
-defaults are the paper's sphere: C = 50, A/C = 0.5, T = 1, 2 and 3, incompressible. With --body it is the growth at
-which the elements of a scene lose their stability, by the exact stiffness of that very mesh, beside the theory if the
-scene is a sphere or a part of one; its effects are left out.
+defaults are the paper's sphere: C = 50, A/C = 0.5, T = 1, 2 and 3, incompressible. With --body it prints the growth at
+which the meshed body of a scene loses its stability, from the exact stiffness of that mesh. If the scene is a sphere or
+a part of one, theory is printed too. The effects of the scene are left out.
 """
 
 
 class Number(NamedTuple):
-    """An option that takes numbers: beyond ``least`` and ``largest`` lengths overflow or answers lose their digits."""
+    """An option that takes numbers: beyond ``least`` and ``largest`` lengths overflow or results lose their digits."""
 
     metavar: str
     words: str
@@ -61,31 +61,31 @@ class Number(NamedTuple):
 
 
 class Question(NamedTuple):
-    """What can be asked: options and what is read if they aren't given, a list where they take several numbers."""
+    """A question: its options with their defaults, as a list if an option takes several numbers."""
 
     numbers: Mapping[str, str | list[str]]
     law: str
     drawn: str = "it"
-    words: Mapping[str, str] = {}  # of options that mean something else here
+    words: Mapping[str, str] = {}  # help of options that mean something else here
 
 
 NUMBERS = {
-    "thickness": Number("MM", "of the cortex, T = C - B", 1e-6, 1e6),
+    "thickness": Number("MM", "thickness of the cortex, T = C - B", 1e-6, 1e6),
     "radius": Number("MM", "outer radius C", 1e-6, 1e6),
     "ratio": Number("C/B", "outer radius / interface radius", 1 + 1e-6, 1e3),
     "hole_ratio": Number("A/C", "radius of the fixed hole over C", 0.0, 1 - 1e-6),
-    "growth": Number("G", "of the cortex", 1e-3, 1e3),
-    "core_growth": Number("G", "of the core", 1e-3, 1e3, "{}, none"),
+    "growth": Number("G", "growth of the cortex", 1e-3, 1e3),
+    "core_growth": Number("G", "growth of the core", 1e-3, 1e3, "{}, none"),
     "mu_ratio": Number("M", "shear modulus, cortex over core", 1e-4, 1e4),
     "kappa_ratio": Number("K", "bulk over shear modulus", 1.0, math.inf, "{}, incompressible"),
-    "points": Number("N", "per layer", 2, MOST),
+    "points": Number("N", "points per layer", 2, MOST),
 }
 SPHERE: dict[str, str | list[str]] = {"thickness": ["1", "2", "3"], "radius": "50", "hole_ratio": "0.5"}
 QUESTIONS = {
     "radius": Question(
         {**SPHERE, "thickness": "2", "growth": ["1:2:11"], "core_growth": "1"},
         "isotropic",
-        words={"thickness": "cortex, T = C - B"},
+        words={"thickness": "thickness of the cortex, T = C - B"},
     ),
     "stress": Question(
         {**SPHERE, "growth": "2", "mu_ratio": "1", "points": "11", "core_growth": "1"},
@@ -95,7 +95,7 @@ QUESTIONS = {
     "critical": Question(
         {"ratio": ["1.02:1.3:15"], **SPHERE, "thickness": [], "core_growth": "1"},
         "both",
-        words={"thickness": "of the cortex, instead of --ratio", "radius": "outer radius C, with --thickness"},
+        words={"thickness": "of the cortex, instead of --ratio", "radius": "outer radius C, needs --thickness"},
     ),
     "bifurcation": Question(
         {**SPHERE, "mu_ratio": ["1", "2", "4"], "kappa_ratio": "inf"},
@@ -142,9 +142,9 @@ COLUMNS = {
 
 
 class Answer(NamedTuple):
-    """What a question comes to: words above the table, keys of its columns, all rows, and the figure to draw, if any.
+    """The answer to a question: title of the table, keys of its columns, all rows, and the figure to draw, if any.
 
-    ``changed`` are the columns that read otherwise than in COLUMNS.
+    ``changed`` are the columns whose heading or format differs from COLUMNS.
     """
 
     title: str
@@ -174,14 +174,14 @@ def add_args(parser: argparse.ArgumentParser) -> None:
         sub.add_argument("--law", choices=[*LAWS, "both"], help=f"growth of the cortex (default: {question.law})")
         drawn = f"also draw {question.drawn}: .png, .svg or .pdf"
         add_options(sub, ("--json", None, "print as JSON"), ("--plot", "FILE", drawn))
-        add_shared(sub, default=argparse.SUPPRESS)  # so that they count on either side of WHAT
+        add_shared(sub, default=argparse.SUPPRESS)  # so that they work before and after WHAT
 
 
 def _add_checks_and_bodies(parser: argparse.ArgumentParser) -> None:
     add_options(
         parser,
-        ("--check", None, "find each g_crit again, by finite elements"),
-        ("--curve", None, "critical growth by degree, not the least alone"),
+        ("--check", None, "compute each g_crit a second time, by finite elements"),
+        ("--curve", None, "critical growth of each degree, not only the least"),
         ("--body", "SCENE", "a built-in scene or a TOML file, instead of the options above"),
     )
     add_settings(parser, "with --body: change one value of the scene; may be repeated")
@@ -196,7 +196,7 @@ def run(args: argparse.Namespace) -> int:
     if args.what == "bifurcation":
         _refuse_sphere_or_settings(args)
     plot = None if args.plot is None else Path(args.plot)
-    if plot is not None:  # refused before anything is computed
+    if plot is not None:  # refuses before anything is computed
         check_format(plot)
         check_place(plot)
     if not body:
@@ -222,7 +222,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _of_smooth_sphere(args: argparse.Namespace) -> Answer:
-    """Its radius, stress or creases."""
+    """Answer for radius, stress or creases of the smooth sphere."""
     from morphofold.report.plots import theory_plots
     from morphofold.sim import theory_tables
 
@@ -262,15 +262,13 @@ def _of_smooth_sphere(args: argparse.Namespace) -> Answer:
 
 
 def _ratios(args: argparse.Namespace) -> list[float]:
-    """C/B, as it was given or of --thickness and --radius."""
+    """C/B, as given or from --thickness and --radius."""
     from morphofold.sim.theory_tables import outer_ratio
 
     if args.thickness is not None:
         args.ratio = [outer_ratio(T, args.radius) for T in args.thickness]
     elif args.radius is not None:
-        raise OptionsClash(
-            "--radius makes a --thickness a ratio, and there is none: give --thickness, or --ratio alone."
-        )
+        raise OptionsClash("--radius needs --thickness, which is missing: give --thickness, or --ratio alone.")
     return args.ratio
 
 
@@ -280,7 +278,7 @@ def _bifurcation(args: argparse.Namespace) -> Answer:
     from morphofold.sim import theory_tables
 
     if args.check and args.curve:
-        raise OptionsClash("--check finds the least growth again, not the curve: leave out --check or --curve.")
+        raise OptionsClash("--check computes the least growth, not the curve: leave out --check or --curve.")
     laws = _laws(args.law)
     short = len(laws) * len(args.mu_ratio) * len(args.thickness) <= 18 and not args.check
     with progress("bifurcation", args.quiet or short) as tell:
@@ -317,7 +315,7 @@ def _refuse_sphere_or_settings(args: argparse.Namespace) -> None:
     """Raise for options of the sphere with a body, and for settings without one."""
     if args.body is None:
         if args.settings:
-            raise OptionsClash("--set changes a scene, and there is none: name it with --body.")
+            raise OptionsClash("--set changes a scene, but there is none: name it with --body.")
         return
     wrong = [
         _option(name)
@@ -326,8 +324,8 @@ def _refuse_sphere_or_settings(args: argparse.Namespace) -> None:
     ]
     if wrong:
         raise OptionsClash(
-            f"--body takes all from its scene and gives one row: leave out {', '.join(wrong)}; change the scene by "
-            "--set, such as --set material.mu_ratio=2."
+            f"--body takes all values from its scene and gives one row: leave out {', '.join(wrong)}; change the scene "
+            "with --set, such as --set material.mu_ratio=2."
         )
 
 
@@ -338,7 +336,7 @@ def _of_body(args: argparse.Namespace) -> Answer:
 
     scene = load_scene(args.body, args.settings)
     if scene.geometry.shape == "radial":
-        raise DoesNotApply(f"{scene.name}: a radial scene has no mesh; its theory is what comes without --body.")
+        raise DoesNotApply(f"{scene.name}: a radial scene has no mesh. Leave out --body for its theory.")
     looks: list[float] = []
     with progress(scene.name, args.quiet) as tell:
 
@@ -349,9 +347,9 @@ def _of_body(args: argparse.Namespace) -> Answer:
 
         row = theory_tables.body_row(scene, look)
     title = (
-        f"Growth g_crit at which the body of {scene.name} loses its stability, as it is meshed: {row['law']} growth,\n"
+        f"Growth g_crit at which the meshed body of {scene.name} loses its stability: {row['law']} growth,\n"
         f"T = {row['thickness_mm']:g} mm, mu ratio {row['mu_ratio']:g}, kappa/mu = {row['kappa_ratio']:g}; left out: "
-        f"{', '.join(row['left_out']) or 'nothing'}.\nWavelength on the ungrown surface; edge: the longest of it."
+        f"{', '.join(row['left_out']) or 'nothing'}.\nWavelength and longest edge are those of the ungrown surface."
     )
     columns = (
         "g_crit degree wavelength_mm wavelength_over_T g_theory degree_theory difference_percent elements edge_over_T "
@@ -369,11 +367,11 @@ def _option(name: str) -> str:
 
 
 def _read_numbers(args: argparse.Namespace) -> None:
-    """Put numbers, or what is meant if there are none, in the place of words: a list where an option takes several."""
+    """Replace the text of each option, or its default, by numbers: a list if an option takes several."""
     question = QUESTIONS[args.what]
     args.law = args.law or question.law
     meant = dict(question.numbers)
-    if args.what == "critical":  # a ratio, or a thickness that the radius makes one
+    if args.what == "critical":  # a ratio, or a thickness and a radius
         meant["radius" if args.thickness is None else "ratio"] = ""
     for name, default in meant.items():
         given, option = getattr(args, name) or default, _option(name)
@@ -387,7 +385,7 @@ def _read_numbers(args: argparse.Namespace) -> None:
 
 
 def _numbers(words: Sequence[str], option: str, least: float, largest: float) -> list[float]:
-    """Numbers and ranges FROM:TO:COUNT, all within limits, in the order given, each once."""
+    """Read numbers and ranges FROM:TO:COUNT, all within limits, in the order given, each once."""
     numbers: list[float] = []
     for word in words:
         try:
@@ -412,12 +410,12 @@ def _numbers(words: Sequence[str], option: str, least: float, largest: float) ->
 
 
 def _refuse_too_much(args: argparse.Namespace) -> None:
-    """Raise before anything is computed if the answer or its figure would be beyond reading."""
+    """Raise before anything is computed if the answer or its figure would be too large to read."""
     numbers = {name: getattr(args, name) for name in QUESTIONS[args.what].numbers}
     several = {name: len(value) for name, value in numbers.items() if isinstance(value, list)}
     rows = math.prod(several.values()) * len(_laws(args.law)) * int(2 * getattr(args, "points", 0.5))  # two layers
     if rows > MOST_ROWS:
-        raise TooLarge(f"this asks for {rows:,} rows, and {MOST_ROWS:,} are the most: give fewer numbers at once.")
+        raise TooLarge(f"this asks for {rows:,} rows, at most {MOST_ROWS:,} are allowed: give fewer numbers at once.")
     curves = {"stress": ["thickness"], "bifurcation": ["mu_ratio", *(["thickness"] if vars(args).get("curve") else [])]}
     for name in curves.get(args.what, []) if args.plot is not None else []:
         if several[name] > MOST_CURVES:
@@ -430,7 +428,7 @@ def _warn_of_differences(rows: list[dict[str, Any]]) -> None:
     if apart:
         warnings.warn(
             f"--check: {apart} of {len(checked)} growths differ by more than {AGREE:g} between the two "
-            "routes, or were found by one alone; see difference.",
+            "methods, or were found by only one; see the column difference.",
             stacklevel=2,
         )
 
@@ -449,7 +447,7 @@ def _write_plot(figure: Figure, plot: Path) -> None:
 
 
 def _table(answer: Answer) -> str:
-    """Aligned text: words to the left, numbers to the right, a dash for what isn't there; reasons in footnotes."""
+    """Aligned text: words to the left, numbers to the right, a dash for a missing value; reasons in footnotes."""
     reasons = list(dict.fromkeys(row["reason"] for row in answer.rows if row.get("reason")))
     notes = {reason: f"[{number}]" for number, reason in enumerate(reasons, 1)}
     columns = []

@@ -1,1 +1,1 @@
-"""Many subjects or many scenes, on Dask: each measured on its own, then put into tables and a page of the group."""
+"""Many subjects or many scenes, on Dask: each is measured on its own, then all go into tables and a group page."""

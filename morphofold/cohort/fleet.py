@@ -1,7 +1,7 @@
-"""Jobs on Dask: on workers started for them, on a cluster that is there, or on SLURM's.
+"""Jobs on Dask: on workers started for them, on a running cluster, or on SLURM.
 
-A job is a call of one function with plain arguments. What a worker that dies had in hand begins anew on another; a job
-whose workers died three times is put last and tried once more by itself, so that it takes no others with it.
+A job is a call of one function with plain arguments. If a worker dies, its job starts again on another worker. A job
+whose workers died three times is put last and tried once more alone, so that no other job is lost with it.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from morphofold.errors import Mismatch, MissingPart, OptionsClash, OutOfRange, T
 from morphofold.words import in_one_line
 
 GiB = 2**30
-DEATHS = 3  # of workers under one job, after which it is put last
-ANSWER = 20  # [s] that a scheduler has to answer
-AHEAD = 4  # jobs handed over per thread of a worker; the scheduler holds these alone
-AT_LEAST = 64  # of them
-GONE = ("scheduler-connection-lost", "scheduler-restart")  # reasons for which a client takes all to be cancelled
-LOOK_AGAIN = 32  # jobs after which workers are counted again: clusters grow
+DEATHS = 3  # workers that may die during one job before it is put last
+ANSWER = 20  # [s] to wait for an answer of a scheduler
+AHEAD = 4  # jobs submitted per thread of a worker; the scheduler has only these
+AT_LEAST = 64  # least number of jobs submitted
+GONE = ("scheduler-connection-lost", "scheduler-restart")  # reasons for which a client treats all jobs as cancelled
+LOOK_AGAIN = 32  # jobs after which workers are counted again, because clusters grow
 
 
 @dataclass(frozen=True)
 class Job:
-    """A call: ``name`` tells it from all others, ``argument`` is handed to the work."""
+    """A call: ``name`` is unique, ``argument`` is passed to the work."""
 
     name: str
     argument: Any
@@ -38,25 +38,25 @@ class Job:
 
 @dataclass(frozen=True)
 class Lost:
-    """What became of a job that has no outcome: its workers died, or its work raised what it should not."""
+    """The result of a job without outcome: its workers died, or its work raised an unexpected error."""
 
     reason: str
 
 
 @dataclass(frozen=True)
 class Fleet:
-    """Workers that are there. ``words`` say how many, with how much memory each."""
+    """Running workers. ``words`` describes their number and the memory of each."""
 
     client: Any
     words: str
-    bound: str  # of the memory of one worker, in words
-    flying: dict[str, Job] = field(default_factory=dict)  # by their keys
+    bound: str  # bound on the memory of one worker, as text
+    flying: dict[str, Job] = field(default_factory=dict)  # by key
 
     def run(self, work: Callable[[Any], Any], jobs: Iterable[Job]) -> Iterator[tuple[Job, Any]]:
-        """Call ``work(job.argument)`` for every job; yield each with what it returned, or ``Lost``, as they end.
+        """Call ``work(job.argument)`` for every job; yield each with its result or ``Lost``, in order of completion.
 
-        Few jobs at a time are with the scheduler, and none of their results once it was yielded, so that memory does
-        not grow with their number.
+        The scheduler has few jobs at a time, and drops each result once it was yielded, so memory does not grow with
+        the number of jobs.
 
         Raises
         ------
@@ -87,7 +87,7 @@ class Fleet:
 
         def hand_over(count: int) -> None:
             for job in islice(waiting, count):
-                key = f"job-{secrets.token_hex(8)}"  # no name: others may see keys
+                key = f"job-{secrets.token_hex(8)}"  # no name, because others may see keys
                 flying[key] = job
                 ended.add(self.client.submit(work, job.argument, key=key, pure=False))
 
@@ -104,21 +104,23 @@ class Fleet:
 
         try:
             return future.result(), False
-        except KilledWorker as error:  # a scheduler of others has its own number
+        except KilledWorker as error:  # another scheduler may allow another number
             how = f"{error.allowed_failures + 1} workers died while they measured it, one after the other"
-            return Lost(f"{how}; each may take {self.bound}. Give workers more memory, and see its log."), True
-        except CancelledError as error:  # its client tells who did
+            return Lost(f"{how}; each may use {self.bound}. Give workers more memory, and see its log."), True
+        except CancelledError as error:  # the client gives the reason
             if self.client.status != "running" or getattr(error, "reason", "") in GONE:
-                raise ConnectionError("the scheduler is gone. Run it again to go on with what is missing.") from error
+                raise ConnectionError(
+                    "the scheduler is gone. Run it again to continue with what is missing."
+                ) from error
             return Lost(f"it was cancelled ({in_one_line(error)}). Run it again."), False
-        except (OSError, MemoryError) as error:  # of its machine: a log that can't be written
+        except (OSError, MemoryError) as error:  # error of its machine, such as a log that can't be written
             return Lost(in_one_line(error) or type(error).__name__), False
         except Exception as error:
             return Lost(f"{type(error).__name__}: {error} (a defect; its log shows where)"), False
 
     @contextmanager
     def telling_of_deaths(self, warn: Callable[[list[str]], None]) -> Iterator[None]:
-        """Call ``tell`` with the names of the jobs that a worker had in hand when it died."""
+        """Call ``warn`` with the names of the jobs of a worker that died."""
 
         def on_event(event: tuple[float, Any]) -> None:
             what = event[1]
@@ -143,23 +145,23 @@ def open_fleet(
     slurm: int | None = None,
     need: float = 0.0,
 ) -> Iterator[Fleet]:
-    """Workers for the time of a ``with``.
+    """Workers for the duration of a ``with`` block.
 
     Parameters
     ----------
     workers : int, optional
-        Started on this machine; None: as many as its cores and its memory allow.
+        Number of workers started on this machine; None: as many as its cores and memory allow.
     threads : int
-        Of each worker.
+        Threads of each worker.
     memory : float, optional
-        Bound on the memory of each worker [GiB]; a worker that passes it is stopped. None: its share of what this
-        machine has.
+        Bound on the memory of each worker [GiB]; a worker above it is stopped. None: its share of the memory of this
+        machine.
     scheduler : str, optional
-        Address of a Dask scheduler that runs already, ``"tcp://host:8786"``; its workers are what they are.
+        Address of a running Dask scheduler, ``"tcp://host:8786"``; its workers are used as they are.
     slurm : int, optional
-        SLURM jobs to ask for, as the user's ``jobqueue.yaml`` describes them.
+        Number of SLURM jobs to request, as described in the user's ``jobqueue.yaml``.
     need : float
-        What a job is expected to take at most [GiB]; 0 where that is not known.
+        Expected peak memory of a job [GiB]; 0 if not known.
 
     Yields
     ------
@@ -168,11 +170,11 @@ def open_fleet(
     Raises
     ------
     ImportError
-        If SLURM is asked for and dask-jobqueue is not installed.
+        If SLURM is requested and dask-jobqueue is not installed.
     ValueError
-        If a number is none, or a job needs more memory than a worker may take.
+        If a number is invalid, or a job needs more memory than a worker may use.
     ConnectionError
-        If nothing answers at ``scheduler``.
+        If there is no answer from ``scheduler``.
     """
     import dask
     from distributed import Client
@@ -187,7 +189,7 @@ def open_fleet(
     }
     with ExitStack() as stack:
         scratch = TemporaryDirectory(dir=dask.config.get("temporary-directory", None), ignore_cleanup_errors=True)
-        settings["temporary-directory"] = stack.enter_context(scratch)  # or Dask leaves a folder in that of the system
+        settings["temporary-directory"] = stack.enter_context(scratch)  # otherwise Dask leaves a folder in the system's
         stack.enter_context(_environment_kept())
         stack.enter_context(dask.config.set(settings))
         stack.enter_context(_quietly())
@@ -195,18 +197,20 @@ def open_fleet(
             try:
                 client = stack.enter_context(Client(scheduler, timeout=ANSWER))
             except (OSError, TimeoutError) as error:
-                raise ConnectionError(f"{scheduler}: no scheduler answers. Start one, or leave it out.") from error
+                raise ConnectionError(
+                    f"{scheduler}: no answer from a scheduler. Start one, or leave this option out."
+                ) from error
             _refuse_other_versions(client)
             known = client.scheduler_info(n_workers=-1)["workers"].values()
             bounds = {round(worker["memory_limit"] / GiB, 1) for worker in known if worker["memory_limit"]}
-            bound = " or ".join(f"{x:g} GiB" for x in sorted(bounds)) or "what its machine has"
+            bound = " or ".join(f"{x:g} GiB" for x in sorted(bounds)) or "the memory of its machine"
             words = f"{len(known)} workers at {scheduler}, {bound} each"
         elif slurm is not None:
             cluster = stack.enter_context(_slurm_cluster(threads, memory))
             cluster.scale(jobs=slurm)
             client = stack.enter_context(Client(cluster))
-            bound = "what its SLURM job asks for" if memory is None else f"{memory:g} GiB"
-            words = f"{slurm} SLURM jobs asked for, {bound} each"
+            bound = "the memory that its SLURM job requests" if memory is None else f"{memory:g} GiB"
+            words = f"{slurm} SLURM jobs requested, {bound} each"
         else:
             count, each = _shares(workers, threads, memory, need)
             cluster = stack.enter_context(_local_cluster(count, each))
@@ -218,18 +222,18 @@ def open_fleet(
 
 
 THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-#: of glibc [bytes]: Dask's own gives every large array back to the system at once, and a sixth of a worker's time goes
-#: into pages that it gets again; these keep a quarter of a GiB at most
+#: settings of glibc [bytes]: with Dask's own, every large array is returned to the system at once, and a sixth of a
+#: worker's time is lost on getting pages again; these keep a quarter of a GiB at most
 ALLOCATOR = {"MALLOC_TRIM_THRESHOLD_": str(2**28), "MALLOC_MMAP_THRESHOLD_": str(2**25)}
 
 
 def _environment(threads: int) -> dict[str, str]:
-    """Of a worker, from its first moment: libraries look once."""
+    """Environment of a worker from its start, because libraries read it only once."""
     return {name: str(threads) for name in THREADS} | ALLOCATOR
 
 
-#: every process of Dask wakes 50 times a second to see whether it is late, and workers note what they are doing 100
-#: times: of two busy cores that took a twentieth
+#: by default, every Dask process wakes 50 times a second to check for delays, and workers profile themselves 100 times
+#: a second; this took a twentieth of two busy cores
 LESS_WATCHING = {
     "distributed.worker.profile.enabled": False,
     "distributed.admin.tick.interval": "500ms",
@@ -237,14 +241,14 @@ LESS_WATCHING = {
 }
 
 
-#: Dask's pages show names, paths and call stacks to whoever asks. Schedulers and workers listen for them whatever they
-#: are told: here on this machine alone, and they know none
+#: Dask's pages show names, paths and call stacks to anyone. Schedulers and workers always listen for requests for them,
+#: whatever the settings; here they listen on this machine only, and have no pages
 NO_PAGES: dict[str, list[Any]] = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
 UNSEEN = "127.0.0.1:0"
 
 
 def version_here() -> str:
-    """morphofold's version, of the process that is asked."""
+    """Version of morphofold in the process that calls this."""
     import morphofold
 
     return morphofold.__version__
@@ -257,7 +261,9 @@ def _refuse_other_versions(client: Any) -> None:
         raise MissingPart(f"its workers can't import morphofold ({error}). Install it where they run.") from error
     other = {worker: version for worker, version in sorted(found.items()) if version != version_here()}
     for worker, version in other.items():
-        raise Mismatch(f"the worker {worker} has morphofold {version}, this is {version_here()}. Install one.")
+        raise Mismatch(
+            f"the worker {worker} has morphofold {version}, this is {version_here()}. Install the same version."
+        )
 
 
 def _check(workers: int | None, threads: int, memory: float | None, scheduler: str | None, slurm: int | None) -> None:
@@ -267,13 +273,13 @@ def _check(workers: int | None, threads: int, memory: float | None, scheduler: s
     if memory is not None and not 0 < memory < float("inf"):
         raise OutOfRange(f"memory must be a positive number of GiB, got {memory:g}.")
     if scheduler is not None and (slurm is not None or workers is not None or memory is not None):
-        raise OptionsClash("a scheduler that runs already has its own workers. Leave out workers, memory and slurm.")
+        raise OptionsClash("a running scheduler has its own workers. Leave out workers, memory and slurm.")
     if slurm is not None and workers is not None:
-        raise OptionsClash("workers are of this machine, slurm is a number of SLURM jobs. Name one of them.")
+        raise OptionsClash("workers are for this machine, slurm is a number of SLURM jobs. Give only one of them.")
 
 
 def _shares(workers: int | None, threads: int, memory: float | None, need: float) -> tuple[int, float]:
-    """How many workers this machine takes, and the memory of each [GiB]."""
+    """Number of workers for this machine, and the memory of each [GiB]."""
     from dask.system import CPU_COUNT
     from distributed.system import MEMORY_LIMIT
 
@@ -286,8 +292,8 @@ def _shares(workers: int | None, threads: int, memory: float | None, need: float
     each = memory if memory is not None else there / workers
     if need > each:
         raise TooLarge(
-            f"one of these takes about {need:.1f} GiB, and each of {workers} workers may take {each:.1f} GiB. "
-            "Ask for fewer workers, or more memory for each."
+            f"one job needs about {need:.1f} GiB, but each of {workers} workers may use only {each:.1f} GiB. "
+            "Use fewer workers, or give each more memory."
         )
     return workers, each
 
@@ -301,7 +307,7 @@ def _local_cluster(workers: int, memory: float) -> Any:
         processes=True,
         memory_limit=int(memory * GiB),
         scheduler_kwargs={"dashboard": False, "dashboard_address": UNSEEN},
-        silence_logs=logging.CRITICAL,  # one job each: its kernels have the threads
+        silence_logs=logging.CRITICAL,  # one job per worker: its kernels use the threads
     )
 
 
@@ -325,13 +331,15 @@ def _slurm_cluster(threads: int, memory: float | None) -> Any:
             **given,
         )
     except ValueError as error:
-        raise OptionsClash(f"jobqueue.yaml: {error} Pass --memory, or say it there.") from error
+        raise OptionsClash(f"jobqueue.yaml: {error} Pass --memory, or set it there.") from error
 
 
 @contextmanager
 def _environment_kept() -> Iterator[None]:
-    """With what this process was told afterwards as before, and none of it for workers to inherit: what is in the
-    environment overrules what Dask is told, and Dask leaves here what it told workers."""
+    """Remove these variables for the block, so that workers do not inherit them, and restore them afterwards.
+
+    Variables in the environment override Dask's settings for workers, and Dask leaves its own values here.
+    """
     names = (*THREADS, *ALLOCATOR)
     before = {name: os.environ.pop(name) for name in names if name in os.environ}
     try:
@@ -344,7 +352,7 @@ def _environment_kept() -> Iterator[None]:
 
 @contextmanager
 def _quietly() -> Iterator[None]:
-    """Without what Dask logs of workers that come and go."""
+    """Silence Dask's log messages on workers that come and go."""
     log = logging.getLogger("distributed")
     before, log.disabled = log.level, False
     log.setLevel(logging.CRITICAL + 1)

@@ -1,4 +1,4 @@
-"""The grid of a sweep: keys of a scene, the values they take, and the scene of every point and seed."""
+"""The grid of a sweep: varied keys of a scene, their values, and the scene of every point and seed."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ if TYPE_CHECKING:
 
 SEED = "effects.perturbation.seed"
 MOST_RUNS = 10_000
-LONGEST = 80  # characters of a name, as a scene's
-MOST_TOLD = 20  # problems of a grid
+LONGEST = 80  # most characters of a name, as for a scene
+MOST_TOLD = 20  # most problems listed for a grid
 
 
 @dataclass(frozen=True)
 class Axis:
-    """A varied key, ``"geometry.cortex_thickness"``; ``label`` is what tables and pages call it, and ``values`` are
-    plain ones: numbers, text, booleans, tuples."""
+    """A varied key, such as ``"geometry.cortex_thickness"``; ``label`` is its name in tables and pages, and ``values``
+    are plain: numbers, text, booleans, tuples."""
 
     key: str
     label: str
@@ -53,7 +53,7 @@ class Axis:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """The values as pages write them."""
+        """The values as text for pages."""
         return tuple(value if isinstance(value, str) else toml_value(value) for value in self.values)
 
     @property
@@ -64,7 +64,7 @@ class Axis:
 
 @dataclass(frozen=True)
 class SweepPoint:
-    """One scene of a grid: ``at`` says which value of each axis it has, ``seed`` is None without imperfection."""
+    """One scene of a grid: ``at`` has the index of its value on each axis, ``seed`` is None without imperfection."""
 
     name: str
     at: tuple[int, ...]
@@ -74,7 +74,7 @@ class SweepPoint:
 
 @dataclass(frozen=True)
 class Grid:
-    """All points of a sweep, the last axis and then the seeds running fastest; ``name`` is that of the scene."""
+    """All points of a sweep; seeds vary fastest, then the last axis. ``name`` is that of the scene."""
 
     name: str
     axes: tuple[Axis, ...]
@@ -83,12 +83,12 @@ class Grid:
 
     @cached_property
     def scenes(self) -> dict[tuple[int, ...], Scene]:
-        """``at`` of every point, once for all its seeds, and the scene with the first of them."""
+        """``at`` of every point (once for all seeds) and its scene with the first seed."""
         return {point.at: point.scene for point in reversed(self.points)}
 
     @property
     def places(self) -> list[tuple[int, ...]]:
-        """``at`` of every point, in order."""
+        """``at`` of every point, sorted."""
         return sorted(self.scenes)
 
 
@@ -102,16 +102,16 @@ def make_grid(
     source : str, Path or Scene
         A built-in scene's name, a TOML file, or a scene.
     vary : sequence of str
-        ``"mu_ratio=1,2,4"``: a key, with as much of its table as tells it from others, and values as TOML.
+        ``"mu_ratio=1,2,4"``: a key, with as much of its table as makes it unique, and values as TOML.
     seeds : int, optional
-        The perturbation's seeds are 0 to seeds - 1 at every point; None: the one that the scene has.
+        Seeds of the perturbation are 0 to seeds - 1 at every point; None: the seed of the scene.
     settings : sequence of str
-        ``"growth.final=1.8"`` and the like, put over the scene before what is varied.
+        Such as ``"growth.final=1.8"``; applied to the scene before the varied values.
 
     Raises
     ------
     ValueError, FileNotFoundError
-        If the scene, a key or a value is none or named twice, or a scene of the grid is impossible: one line
+        If the scene, a key or a value is unknown or given twice, or a scene of the grid is impossible: one line
         for each problem, with the points that have it.
     """
     base = load_scene(source, settings)
@@ -119,13 +119,13 @@ def make_grid(
     given = [_axis(text, keys) for text in vary]
     twice = [key for key, count in Counter(key for key, _ in given).items() if count > 1]
     if twice:
-        raise NamedTwice(f"--vary {twice[0]}: is varied twice. Name all its values at once, as {twice[0]}=1,2,3.")
+        raise NamedTwice(f"--vary {twice[0]}: is varied twice. Give all its values at once, as {twice[0]}=1,2,3.")
     if seeds is not None and seeds < 1:
         raise OutOfRange(f"--seeds {seeds}: must be 1 or more.")
     if seeds is not None and seeds > MOST_RUNS:  # before they are listed
         raise _too_many(seeds)
     if seeds is not None and SEED in dict(given):
-        raise OptionsClash(f"--seeds {seeds}: --vary names the seeds, too. Leave one of them out.")
+        raise OptionsClash(f"--seeds {seeds}: --vary also gives seeds. Leave one of them out.")
     own = dict(given).pop(SEED, None) or (tuple(range(seeds)) if seeds is not None else None)
     short = {key: key.rpartition(".")[2] for key in keys}
     alike = Counter(short.values())
@@ -148,7 +148,7 @@ def _too_many(count: int) -> TooLarge:
 
 
 def keys_of(scene: Scene) -> list[str]:
-    """``table.key`` of all that a scene of this shape may say."""
+    """``table.key`` of all keys that a scene of this shape may have."""
     tables: dict[str, type[BaseModel]] = {
         "geometry": type(scene.geometry),
         "material": type(scene.material),
@@ -164,7 +164,7 @@ def _axis(text: str, keys: Sequence[str]) -> tuple[str, tuple[Any, ...]]:
     """Key and values of ``KEY=VALUE,VALUE``."""
     asked, equals, rest = (part.strip() for part in text.partition("="))
     if not asked or not equals or not rest:
-        raise NotReadable(f"--vary {text!r}: must read KEY=VALUE,VALUE, as cortex_thickness=1,2,3.")
+        raise NotReadable(f"--vary {text!r}: must be KEY=VALUE,VALUE, as cortex_thickness=1,2,3.")
     found = [key for key in keys if key == asked or key.endswith(f".{asked}")]
     if not found:
         names = {name: key for key in keys for name in (key, key.rpartition(".")[2])}
@@ -173,17 +173,19 @@ def _axis(text: str, keys: Sequence[str]) -> tuple[str, tuple[Any, ...]]:
         raise UnknownName(f"--vary {asked}: this scene has no such key. {hint}")
     if len(found) > 1 and asked not in found:
         tables = [key.rpartition(".")[0] for key in found]
-        raise UnknownName(f"--vary {asked}: is a key of {' and of '.join(tables)}. Say which, as {found[0]}={rest}.")
+        raise UnknownName(
+            f"--vary {asked}: is a key of {' and of '.join(tables)}. Give the table too, as {found[0]}={rest}."
+        )
     key = asked if asked in found else found[0]
     values = tuple(_plain(value) for value in _values(rest, key))
     twice = [value for i, value in enumerate(values) if value in values[:i]]
     if twice:
-        raise NamedTwice(f"--vary {key}: names {toml_value(twice[0])} twice. Name each value once.")
+        raise NamedTwice(f"--vary {key}: lists {toml_value(twice[0])} twice. List each value once.")
     return key, values
 
 
 def _values(text: str, key: str) -> list[Any]:
-    """Values of TOML between commas; a bare word is text, as in --set."""
+    """TOML values between commas; a bare word is text, as in --set."""
     try:
         return list(_toml(f"[{text}]"))
     except ValueError:
@@ -191,7 +193,7 @@ def _values(text: str, key: str) -> list[Any]:
     parts = [part.strip() for part in text.split(",")]
     wrong = [part for part in parts if not re.fullmatch(r"[\w.+-]+", part)]
     if wrong:
-        raise NotReadable(f"--vary {key}: {wrong[0]!r} is no value. Separate values of TOML by commas, as {key}=1,2.")
+        raise NotReadable(f"--vary {key}: {wrong[0]!r} is not a value. Separate TOML values by commas, as {key}=1,2.")
     values = []
     for part in parts:
         try:
@@ -207,7 +209,7 @@ def _toml(text: str) -> Any:
     except RecursionError:
         raise NotReadable("nested too deeply") from None
     if list(found) != ["v"]:
-        raise NotReadable("more than a value")
+        raise NotReadable("more than one value")
     return found["v"]
 
 
@@ -221,9 +223,9 @@ def _plain(value: Any) -> Any:
 def _points(
     source: str | Path | Scene, settings: Sequence[str], axes: tuple[Axis, ...], seeds: tuple[int, ...] | None
 ) -> tuple[tuple[int | None, ...], tuple[SweepPoint, ...]]:
-    """Seeds and points of a grid; raises as :func:`make_grid` says."""
+    """Seeds and points of a grid; raises as :func:`make_grid`."""
     problems: dict[str, list[str]] = {}
-    kinds: list[type[Refusal]] = []  # of the problems, as they come
+    kinds: list[type[Refusal]] = []  # kinds of the problems, in order of appearance
     meshes: dict[str, Exception | None] = {}
     found: list[tuple[str, tuple[int, ...], int | None, Scene]] = []
     for at in itertools.product(*(range(len(axis.values)) for axis in axes)):
@@ -241,7 +243,7 @@ def _points(
                 problems.setdefault(line, []).append(_name(axes, at, None) or "the scene")
     if problems:
         lines = [f"{_some(names)}: {line}" for line, names in problems.items()]
-        more = [f"{len(lines) - MOST_TOLD} problems more."] if len(lines) > MOST_TOLD else []
+        more = [f"{len(lines) - MOST_TOLD} more problems."] if len(lines) > MOST_TOLD else []
         raise with_notes(lines[:MOST_TOLD] + more, kinds[0])
     own = _folder_names([name for name, *_ in found])
     points = [
@@ -254,7 +256,7 @@ def _points(
 def _seeded(
     source: str | Path | Scene, settings: list[str], seeds: tuple[int, ...] | None
 ) -> Iterator[tuple[int | None, Scene]]:
-    """The scene with each seed; with its own, or none, unless seeds are asked for."""
+    """The scene with each seed; without ``seeds``, with its own seed or none."""
     scene = load_scene(source, settings)
     imperfect = scene.effects.get("perturbation")
     if seeds is None:
@@ -262,7 +264,7 @@ def _seeded(
         return
     if imperfect is None:
         raise DoesNotApply(
-            "has no [effects.perturbation], so all seeds would be the same. Leave the seeds out, or name an "
+            "has no [effects.perturbation], so all seeds would give the same result. Leave the seeds out, or set an "
             "imperfection with --set effects.perturbation.amplitude=0.02."
         )
     for seed in seeds:
@@ -274,7 +276,7 @@ def _kind(error: Exception) -> type[Refusal]:
 
 
 def _no_mesh(scene: Scene, known: dict[str, Exception | None]) -> Exception | None:
-    """Why a scene's mesh file cannot be had, looked at once."""
+    """Why a scene's mesh file cannot be read, checked once per file; None if it can be."""
     if not isinstance(scene.geometry, MeshFile):
         return None
     file = scene.geometry.file
@@ -288,7 +290,7 @@ def _no_mesh(scene: Scene, known: dict[str, Exception | None]) -> Exception | No
 
 
 def _name(axes: Sequence[Axis], at: Sequence[int], seed: int | None) -> str:
-    """A name made of the values: ``cortex_thickness-1_mu_ratio-2_seed-0``."""
+    """A name from the values: ``cortex_thickness-1_mu_ratio-2_seed-0``."""
     parts = [f"{axis.label}-{_word(axis.values[i])}" for axis, i in zip(axes, at)]
     return "_".join([*parts, *([] if seed is None else [f"seed-{seed}"])])
 
@@ -304,7 +306,7 @@ def _word(value: Any) -> str:
 
 
 def _folder_names(names: Sequence[str]) -> list[str]:
-    """The names, no two of them one folder's, none longer than a scene's; a digest tells apart what would be."""
+    """The names as distinct folder names, none longer than a scene's; a digest separates names that would collide."""
     alike = Counter(name.casefold()[:LONGEST] for name in names)
     return [
         name

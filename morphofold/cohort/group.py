@@ -1,4 +1,4 @@
-"""The group of a cohort: tables and page of all its subjects, from what is on disk of each."""
+"""The group of a cohort: tables and page of all its subjects, from their results on disk."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ def write_group(
     report: Draw | Literal[False] = False,
     progress: Progress = silent,
 ) -> Group:
-    """Write ``out/group``, whole or not at all: measures.tsv, measures.parquet, failures.tsv; and
-    report.html if it is drawn.
+    """Write ``out/group`` completely or not at all: measures.tsv, measures.parquet, failures.tsv, and report.html if
+    there is a ``report``.
 
     Parameters
     ----------
     out : Path
-        Of the cohort.
+        Folder of the cohort.
     results : mapping of subject to path
-        Where the results of each are, or would be.
+        Folder of the results of each, whether it exists or not.
     outcomes : sequence of Outcome
-        Of subjects that were measured just now; of others the records tell.
+        Outcomes of subjects measured in this run; for others, the records are used.
     report : callable or False
         Draws the page of a group into a folder: :func:`morphofold.report.pages.group_page.group_report`.
     progress : callable
-        Told the share done and what is being done.
+        Called with the share done and the current step.
     """
     by_name = {one.name: one for one in outcomes}
     with atomic_folder(out / GROUP) as folder:

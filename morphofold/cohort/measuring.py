@@ -1,4 +1,4 @@
-"""A surface measured with the options of a group, its stages timed and told."""
+"""Measures a surface with the options of a group; its stages are timed and logged."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 def measure_as_asked(cortex: Cortex, options: Mapping[str, Any], clock: Stages, say: Callable[[str], None]) -> Measures:
     """Measure with ``curvature_scale_mm``, ``gyral_width_mm``, ``thickness_cap_mm`` [mm], ``accuracy`` and ``repair``,
-    where ``options`` have them; ``common_curvature_scale_mm`` is taken where the mesh bears it."""
+    if ``options`` have them; ``common_curvature_scale_mm`` is used if the mesh is fine and large enough for it."""
     from morphofold.analysis.measuring import measure
 
     scale, common = options.get("curvature_scale_mm"), options.get("common_curvature_scale_mm")
@@ -29,7 +29,7 @@ def measure_as_asked(cortex: Cortex, options: Mapping[str, Any], clock: Stages, 
 
 
 def keywords_of(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Options as results record them, as :func:`morphofold.analysis.measure` takes them."""
+    """Recorded options as keywords of :func:`morphofold.analysis.measure`."""
     return {
         "curvature_scale": options.get("curvature_scale_mm"),
         "gyral_width": options.get("gyral_width_mm"),
@@ -40,7 +40,7 @@ def keywords_of(options: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def curvature_scale(cortex: Cortex, common: float) -> float | None:
-    """The curvature scale [mm] of a cohort; None, its own, where a mesh is too coarse or too small for it."""
+    """The common curvature scale [mm], or None (the mesh's own scale) if the mesh is too coarse or too small for it."""
     from morphofold.analysis.measuring import scale_of_curvature
 
     if scale_of_curvature(cortex)[0] > common:

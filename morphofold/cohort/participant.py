@@ -1,4 +1,4 @@
-"""One subject of a cohort: read, measured, and written as ``analyze`` writes it."""
+"""One subject of a cohort: read, measured, and written as by ``analyze``."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ class Participant:
     ----------
     name : str
     folder : str
-        Where it lies.
+        Folder of the subject.
     place : TaskFolder
     hemis : tuple of {"lh", "rh"}
-        Empty: those that it has.
+        Empty: the hemispheres that it has.
     bids : bool
-        Write it as ``out/sub-NAME`` of a BIDS dataset; else into ``out/subjects/NAME``.
+        Write to ``out/sub-NAME`` of a BIDS dataset; otherwise to ``out/subjects/NAME``.
     report : callable or False
-        Draws a page and pictures of its own, as for :func:`morphofold.results.write_analysis`.
+        Draws its own page and pictures, as for :func:`morphofold.results.write_analysis`.
     options : mapping
         ``curvature_scale_mm``, ``gyral_width_mm``, ``thickness_cap_mm`` [mm], ``accuracy``, ``repair`` and
-        ``annotation``, as ``analyze`` takes them.
+        ``annotation``, as for ``analyze``.
     """
 
     name: str
@@ -56,20 +56,20 @@ class Participant:
 
 
 def results_of(out: Path, name: str, *, bids: bool) -> Path:
-    """The folder of a subject's results; raises for a name of which BIDS leaves nothing."""
+    """The folder of a subject's results; raises for a name without a character that BIDS allows."""
     from morphofold.results import subject_place
 
     return subject_place(out, name) if bids else out / "subjects" / name
 
 
 def measure_participant(subject: Participant) -> Outcome:
-    """Measure the hemispheres of a subject, unless that was done of the same files with the same options.
+    """Measure the hemispheres of a subject, unless this was done for the same files with the same options.
 
-    A hemisphere that cannot be measured fails by itself: the other is measured, and the outcome says why.
+    A hemisphere that cannot be measured fails alone: the other is measured, and the outcome has the reason.
     """
     hemis = subject.hemis or _hemispheres(subject)
     asked = {"hemis": list(hemis), "bids": subject.bids, "report": bool(subject.report), **subject.options}
-    seen: dict[str, str] = {}  # digests of its files, by their paths
+    seen: dict[str, str] = {}  # digests of its files, by path
 
     def key() -> str:
         files = {hemi: _files(subject, hemi) for hemi in hemis}
@@ -88,26 +88,26 @@ def measure_participant(subject: Participant) -> Outcome:
 
 
 def _hemispheres(subject: Participant) -> tuple[str, ...]:
-    """Those that a subject has; both where one is half there, so that it fails by itself, or where none is seen."""
+    """The hemispheres that a subject has; both if one is incomplete (it then fails alone) or if none is found."""
     try:
         found = hemispheres(Path(subject.folder))
-    except OSError:  # looking for its files tells
+    except OSError:  # the search for its files reports it
         found = ()
     return found if any(_files(subject, hemi) for hemi in found) else ("lh", "rh")
 
 
 def _files(subject: Participant, hemi: str) -> dict[str, Path]:
-    """All that is read of a hemisphere; nothing if a surface is missing."""
+    """All files read for a hemisphere; none if a surface is missing."""
     try:
         found = cortex_files(subject.folder, hemi, annotation=subject.options.get("annotation"))
     except REFUSALS:
-        return {}  # which reading it will tell
-    summary_file = Path(subject.folder) / "summary.json"  # of one that analyze has written
+        return {}  # reading it reports why
+    summary_file = Path(subject.folder) / "summary.json"  # of a folder written by analyze
     return {**found, "summary": summary_file} if summary_file.is_file() else found
 
 
 def _half(subject: Participant, hemi: str) -> list[str]:
-    """Names of the surfaces and annotations of a hemisphere of which one is missing: why it fails follows from them."""
+    """Names of the files present for an incomplete hemisphere; the reason of its failure depends on them."""
     folder = Path(subject.folder)
     there = [path.name for at in (folder, folder / "surf", folder / "label") for path in at.glob(f"{hemi}.*")]
     surfaces = (f"{hemi}.white", f"{hemi}.pial")
@@ -115,7 +115,7 @@ def _half(subject: Participant, hemi: str) -> list[str]:
 
 
 def _measure(subject: Participant, hemis: tuple[str, ...], say: Say, seen: Mapping[str, str]) -> dict[str, str]:
-    """Write the results of the hemispheres that can be measured; what the others lack."""
+    """Write the results of the hemispheres that can be measured; return the failures of the others."""
     from morphofold.results import write_analysis, write_dataset
     from morphofold.timing import Stages
 
@@ -128,7 +128,7 @@ def _measure(subject: Participant, hemis: tuple[str, ...], say: Say, seen: Mappi
             say(f"{hemi} failed: {failures[hemi]}")
     place = subject.results
     if not measured:
-        remove_folder(place)  # of what the files once were
+        remove_folder(place)  # results of earlier files
         return failures
     say("writing")
     asked = {"hemi": None, "name": None, **subject.options}

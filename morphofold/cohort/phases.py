@@ -1,4 +1,4 @@
-"""What a sweep found, read from its folder: measures and health of every run, theory of every point; its tables."""
+"""Results of a sweep, read from its folder: measures and health of every run, theory of every point, and tables."""
 
 from __future__ import annotations
 
@@ -34,26 +34,26 @@ MEASURES = (*SCALARS, HINGES_PER_AREA, OVER_FLAT)
 
 @dataclass(frozen=True, eq=False)
 class RunResult:
-    """What became of a run.
+    """Result of a run.
 
     Attributes
     ----------
     point : SweepPoint
     reason : str
-        Why it has no measures; empty if it has.
+        Why it has no measures; empty if it has measures.
     measures : mapping of measure to float
-        Those of MEASURES that it has; ``hinges_per_1000_mm2`` is hinges per 1000 mm^2 of the pial surface, both of the
-        whole closed surface, as it was mirrored: the share that was simulated makes no difference. A strip, a section,
-        has no hinges. ``area_over_flat`` is of patches and strips alone: their pial area over that of the flat piece
-        that they began as, as the symmetry planes on their sides hold its extent.
+        Those of MEASURES that it has. ``hinges_per_1000_mm2`` is hinges per 1000 mm^2 of the pial surface; both are of
+        the whole closed surface after mirroring, so the simulated share makes no difference. A strip is a section and
+        has no hinges. ``area_over_flat`` is for patches and strips only: their pial area over that of the flat piece at
+        the start (the symmetry planes on their sides keep its extent).
     notes : mapping of measure to str
-        Why it has none of a measure.
+        Why a measure is missing.
     warnings : tuple of str
-        What its health warns of; empty if it is healthy.
+        Health warnings; empty if it is healthy.
     numbers : mapping
         ``elements`` and ``steps`` of the run.
     pial : Path or None
-        Its last pial surface, as it was measured.
+        Its last pial surface, as measured.
     """
 
     point: SweepPoint
@@ -67,9 +67,8 @@ class RunResult:
 
 @dataclass(frozen=True)
 class SphereTheory:
-    """What the theory of the sphere says of a scene: growth stretch at which it first wrinkles and meets the crease
-    criterion, and the wavelength of the first wrinkles on the grown sphere [mm]. NaN where there is none: ``reason``
-    says why."""
+    """Theory of the sphere for a scene: growth stretch at the first wrinkles and at the crease criterion, and the
+    wavelength of the first wrinkles on the grown sphere [mm]. NaN if there is none; ``reason`` gives the cause."""
 
     g_crit: float = math.nan
     g_crease: float = math.nan
@@ -79,7 +78,7 @@ class SphereTheory:
 
 @dataclass(frozen=True, eq=False)
 class Phases:
-    """A sweep: its grid, runs in the order of the grid's points, and theory by place."""
+    """A sweep: its grid, its runs in the order of the grid's points, and theory by point."""
 
     grid: Grid
     runs: tuple[RunResult, ...]
@@ -87,7 +86,7 @@ class Phases:
 
     @cached_property
     def at(self) -> dict[tuple[int, ...], list[RunResult]]:
-        """The runs of each place, a seed each."""
+        """The runs of each point, one per seed."""
         found: dict[tuple[int, ...], list[RunResult]] = {}
         for run in self.runs:
             found.setdefault(run.point.at, []).append(run)
@@ -101,8 +100,8 @@ Draw = Callable[[Phases, Path, Progress], object]
 
 
 def theory_of(scene: Scene) -> SphereTheory:
-    """First wrinkles of a scene's sphere in theory: :func:`morphofold.sim.theory.bifurcation` of its thickness, radius,
-    hole, moduli and law of growth."""
+    """First wrinkles of a scene's sphere in theory, by :func:`morphofold.sim.theory.bifurcation` with its thickness,
+    radius, hole, moduli and growth law."""
     from morphofold.sim import theory
     from morphofold.sim.sphere_theory.smooth_sphere import ConvergenceError
 
@@ -124,7 +123,7 @@ def theory_of(scene: Scene) -> SphereTheory:
 
 
 def theory_by_place(fleet: Fleet, grid: Grid, show: Progress = silent) -> dict[tuple[int, ...], SphereTheory]:
-    """Theory of every place of a grid, each sphere's found once, on the workers of a fleet."""
+    """Theory of every point of a grid, computed once per sphere, on the workers of a fleet."""
     spheres = {at: _sphere(scene) for at, scene in grid.scenes.items()}
     wanted = {spheres[at]: scene for at, scene in grid.scenes.items()}
     found: dict[str, SphereTheory] = {}
@@ -135,7 +134,7 @@ def theory_by_place(fleet: Fleet, grid: Grid, show: Progress = silent) -> dict[t
 
 
 def _sphere(scene: Scene) -> str:
-    """What theory sees of a scene, in words."""
+    """Text of everything in a scene that theory depends on."""
     return repr((scene.geometry, scene.material, scene.growth.law, tuple(scene.effects)))
 
 
@@ -143,12 +142,12 @@ def _sphere(scene: Scene) -> str:
 
 
 def read_run(out: Path, point: SweepPoint, outcome: Outcome | None = None) -> RunResult:
-    """What is on disk of a run; one that is not there has the reason. ``outcome``: of one that was done just now."""
+    """Read the result of a run from disk; without results, it has the reason. ``outcome``: of a run done just now."""
     record = read_record(out / "records" / f"{point.name}.json")
     folder = folder_of(out, point.name)
     warnings, numbers = _health(folder / "simulation")
     failures, there = what_became(record, outcome, "not run yet. Run the sweep again.")
-    reason = "" if there else " ".join(failures.values()) or "failed; its log says why"
+    reason = "" if there else " ".join(failures.values()) or "failed; the reason is in its log"
     if there:
         try:
             files = ("analysis/summary.json", "analysis/regions.tsv", "analysis/surf/lh.pial", "simulation/health.json")
@@ -161,7 +160,7 @@ def read_run(out: Path, point: SweepPoint, outcome: Outcome | None = None) -> Ru
 
 
 def _measured(analysis: Path, geometry: Geometry) -> tuple[dict[str, float], dict[str, str], Path]:
-    """Measures of a run, why it has none of some, and its pial surface."""
+    """Measures of a run, reasons for missing ones, and its pial surface."""
     entry, pial = read_results(analysis).entries[0], analysis / "surf" / "lh.pial"
     measures = {key: float(value) for key in SCALARS if isinstance(value := entry["measures"].get(key), int | float)}
     area = measures.get("area_pial_mm2")
@@ -174,7 +173,7 @@ def _measured(analysis: Path, geometry: Geometry) -> tuple[dict[str, float], dic
 
 
 def _flat_area(geometry: Patch | Strip, pial: Path) -> float:
-    """Area of the flat piece that a patch or strip began as [mm^2]; a strip is as wide as its mesh is fine."""
+    """Area [mm^2] of the flat piece at the start of a patch or strip; the width of a strip is that of its mesh."""
     if isinstance(geometry, Patch):
         return geometry.size[0] * geometry.size[1]
     return geometry.length * float(np.ptp(read_surface(pial).verts[:, 1]))
@@ -184,7 +183,7 @@ def _health(folder: Path) -> tuple[tuple[str, ...], dict[str, int]]:
     try:
         health = read_health(folder)
     except (OSError, ValueError):
-        return (), {}  # it did not come to its end
+        return (), {}  # it did not finish
     return tuple(health["warnings"]), {key: health[key] for key in ("elements", "steps") if key in health}
 
 
@@ -200,21 +199,21 @@ def write_sweep(
     report: Draw | Literal[False] = False,
     progress: Progress = silent,
 ) -> Phases:
-    """Write ``out/group``, whole or not at all: measures.tsv, measures.parquet, runs.tsv and theory.tsv;
-    and report.html if it is drawn.
+    """Write ``out/group`` completely or not at all: measures.tsv, measures.parquet, runs.tsv and theory.tsv, and
+    report.html if there is a ``report``.
 
     Parameters
     ----------
     out : Path
-        Of the sweep.
+        Folder of the sweep.
     grid : Grid
     theory : mapping of place to SphereTheory
     outcomes : sequence of Outcome
-        Of runs that were done just now; of others the records tell.
+        Outcomes of runs done just now; for others, the records are used.
     report : callable or False
         Draws the page into a folder: :func:`morphofold.report.pages.phase_page.phase_report`.
     progress : callable
-        Told the share done and what is being done.
+        Called with the share done and the current step.
     """
     with atomic_folder(out / GROUP) as folder:
         by_name = {one.name: one for one in outcomes}
@@ -226,7 +225,7 @@ def write_sweep(
 
 
 def write_tables(phases: Phases, folder: Path) -> None:
-    """Tables of a sweep: tidy measures, one row per run and measure; runs and their health; theory of each point."""
+    """Write the tables of a sweep: tidy measures (one row per run and measure), runs with health, theory per point."""
     axes = {axis.label: float if axis.numeric else str for axis in phases.grid.axes}
     with closing(TidyWriter(folder, {"run": str, **axes, "seed": int, "measure": str, "value": float})) as writer:
         writer.write(
@@ -254,7 +253,7 @@ def _told(grid: Grid, point: SweepPoint) -> dict[str, Any]:
 
 
 def _place(grid: Grid, at: tuple[int, ...]) -> dict[str, Any]:
-    """The value of each axis; a list as text."""
+    """The value on each axis; lists as text."""
     return {
         axis.label: axis.values[i] if isinstance(axis.values[i], int | float) else axis.words[i]
         for axis, i in zip(grid.axes, at)

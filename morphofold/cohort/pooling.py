@@ -1,4 +1,4 @@
-"""Which hemispheres of a group may be pooled: of each measure, those that were measured alike."""
+"""Which hemispheres of a group may be pooled: for each measure, those measured with the same settings."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from morphofold.analysis.measures import FOLLOWS_FROM, PARAMETERS
 
-HOW = ("morphofold", *PARAMETERS)  # the version, and what every measure may follow from
-MAJORITY = 0.5  # share of the hemispheres that must be alike and more, for them to be pooled
-NAMED = 4  # values that a sentence names
+HOW = ("morphofold", *PARAMETERS)  # the version, and all parameters that a measure may depend on
+MAJORITY = 0.5  # hemispheres are pooled if more than this share has the same settings
+NAMED = 4  # values that a sentence lists at most
 WORDS = {
     "morphofold": "version of morphofold",
     "folding_scale_mm": "scale of the folding indices [mm]",
@@ -24,27 +24,28 @@ WORDS = {
     "accuracy": "accuracy",
     "annotation": "parcellation",
 }
-#: options that give a group one value: the coarsest scale, which all meshes bear, and the width in the middle
+#: options that give a group one value: the coarsest scale, which suits all meshes, and the median width
 CURES: Mapping[str, tuple[str, Callable[[Any], Any]]] = {
     "folding_scale_mm": ("--curvature-scale", np.max),
     "graph_width_mm": ("--gyral-width", np.median),
 }
 
-How = tuple[Any, ...]  # of one hemisphere, in the order of HOW
+How = tuple[Any, ...]  # settings of one hemisphere, in the order of HOW
 
 
 @dataclass(frozen=True)
 class Pooling:
-    """What of a group is pooled.
+    """What is pooled in a group.
 
     Attributes
     ----------
     counts : mapping of parameter to mapping of value to int
-        Hemispheres by what is not the same of all of them, the commonest value first; empty if all were measured alike.
+        Number of hemispheres by value, for each parameter that differs, the most common value first; empty if all were
+        measured with the same settings.
     alike : mapping of measure to (subjects, 2) bool
-        Which values statistics may hold against each other; measures without an entry may be pooled whole.
+        Which values may be pooled; measures without an entry may be pooled completely.
     left_out : mapping of measure to (int, int)
-        Values that are not pooled, and all; measures that are pooled whole have no entry.
+        Number of values not pooled, and of all values; measures that are pooled completely have no entry.
     """
 
     counts: Mapping[str, Mapping[Any, int]] = field(default_factory=dict)
@@ -57,22 +58,22 @@ class Pooling:
 
     @property
     def sentences(self) -> list[str]:
-        """Sentences: what differs, and the options that would measure the group alike."""
+        """Sentences: what differs, and the options to measure the whole group with the same settings."""
         parts = [f"{WORDS[key]} {_listed(counts)}" for key, counts in self.counts.items()]
         cures = []
         for key, (option, choice) in CURES.items():
             counts = {value: n for value, n in self.counts.get(key, {}).items() if value is not None}
             if counts:
                 cures.append(f"{option} {choice(np.repeat(list(counts), list(counts.values()))):.3g}")
-        found = [f"Hemispheres were not measured alike: {'; '.join(parts)}."] if parts else []
-        return found + ([f"To measure all alike, run it again with {' '.join(cures)}."] if cures else [])
+        found = [f"Hemispheres were not measured in the same way: {'; '.join(parts)}."] if parts else []
+        return found + ([f"To measure all in the same way, run it again with {' '.join(cures)}."] if cures else [])
 
 
 def pooling(hows: Sequence[How], of: NDArray[np.int64], scalars: Mapping[str, NDArray[np.float64]]) -> Pooling:
-    """What may be pooled of hemispheres (subjects, 2) that were measured as ``hows[of]`` says; -1 where there is none.
+    """What may be pooled of hemispheres (subjects, 2) with settings ``hows[of]``; ``of`` is -1 where there is none.
 
-    Of each measure the commonest of the ways that it follows from is pooled, if more than half of its values are of it;
-    else none.
+    For each measure, only the parameters that it depends on count. Values with the most common settings are pooled, if
+    they are more than half of all values; otherwise none are.
     """
     if len(hows) < 2:
         return Pooling()
@@ -96,18 +97,18 @@ def pooling(hows: Sequence[How], of: NDArray[np.int64], scalars: Mapping[str, ND
 
 
 def commonest(counts: Mapping[How, int]) -> How | None:
-    """The way that more than half were measured in; None if there is none."""
+    """The settings that more than half were measured with; None if there are none."""
     most = max(counts, key=lambda how: counts[how], default=None)
     return most if most is not None and counts[most] > MAJORITY * sum(counts.values()) else None
 
 
 def part_of(how: How, parameters: Sequence[str]) -> How:
-    """Of a way of measuring, the version and some parameters."""
+    """The version and some parameters of the settings ``how``."""
     return tuple(how[HOW.index(key)] for key in ("morphofold", *parameters))
 
 
 def _kinds(hows: Sequence[How], parameters: Sequence[str]) -> tuple[int, NDArray[np.int64]]:
-    """Number of the different ways as far as some parameters say, and which of them each is."""
+    """Number of different settings with respect to ``parameters``, and the index (N,) of each."""
     number: dict[How, int] = {}
     kind = [number.setdefault(part_of(how, parameters), len(number)) for how in hows]
     return len(number), np.array(kind, dtype=np.int64)

@@ -1,4 +1,4 @@
-"""Many tasks on a fleet, and what became of them."""
+"""Runs many tasks on a fleet and collects their outcomes."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from morphofold.progress import Progress, silent
 
 
 class Task(Protocol):
-    """What a task of many has."""
+    """What every task has."""
 
     @property
     def place(self) -> TaskFolder: ...
 
 
 def failed(place: TaskFolder, reason: str) -> Outcome:
-    """What became of a task that has no outcome of its own, and its record, where one can be written."""
-    with suppress(OSError, ValueError):  # a name that no file can have
+    """The outcome of a task that returned none; also writes its record, if possible."""
+    with suppress(OSError, ValueError):  # a name that cannot be a file name
         write_record(place.record, "", {"": reason}, results=False)
     return Outcome(place.name, "failed", {"": reason})
 
@@ -32,10 +32,10 @@ def run_tasks(
     progress: Progress = silent,
     notice: Callable[[str], None] = lambda text: None,
 ) -> list[Outcome]:
-    """Do every task on the workers of a fleet; what became of each, in the order of ``tasks``.
+    """Do every task on the workers of a fleet; return the outcomes in the order of ``tasks``.
 
-    ``progress`` is told the share done and the last name, ``notice`` of workers that died. A task that is lost with its
-    workers has a record that says so, where one can be written, and is tried again by the next run.
+    ``progress`` gets the share done and the last name; ``notice`` gets a message when workers die. A task that is lost
+    with its workers is recorded as failed, if possible, and the next run tries it again.
     """
     jobs = [Job(task.place.name, task) for task in tasks]
     found: dict[str, Outcome] = {}
@@ -43,7 +43,7 @@ def run_tasks(
 
     def died(names: list[str]) -> None:
         who = ", ".join(names[:3]) + " ..." * (len(names) > 3)
-        notice(f"a worker died; {who} begin{'s' if len(names) == 1 else ''} anew on another")
+        notice(f"a worker died; {who} start{'s' if len(names) == 1 else ''} again on another worker")
 
     with fleet.telling_of_deaths(died):
         for job, outcome in fleet.run(work, jobs):

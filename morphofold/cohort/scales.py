@@ -1,4 +1,4 @@
-"""One curvature scale and one net width for a cohort: chosen before its first run measures, and kept."""
+"""One curvature scale and one net width for a cohort, chosen before the first measurement and then kept."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
     from morphofold.cohort.participant import Participant
 
 FILE = "scales.json"
-MOST = 50  # subjects that are looked at, spread evenly over their names
-MUCH_COARSER = 2.0  # times the median, beyond which a mesh is too coarse to set the scale of all
+MOST = 50  # most subjects used to choose the scales, spread evenly over their names
+MUCH_COARSER = 2.0  # meshes coarser than this many times the median do not set the common scale
 
 
 class Scales(Record):
-    """The lengths that all of a cohort are measured with [mm], and of how many hemispheres they are."""
+    """The lengths for measuring all of a cohort [mm], and the number of hemispheres that they are from."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -42,16 +42,16 @@ class Scales(Record):
 
 
 def scales_of(out: Path, fleet: Fleet, subjects: Sequence[Participant], progress: Progress = silent) -> Scales | None:
-    """The scales of a cohort: those that its first run has chosen, or now chosen and kept.
+    """The scales of a cohort: those chosen by its first run; if there are none, they are chosen now and kept.
 
-    The curvature scale is the coarsest of those that ``measure`` would take, which all meshes bear, but for meshes more
-    than twice as coarse as the median; the gyral width is the median, which one odd subject does not set. Both are of
-    50 subjects at most. None if none of them can be read.
+    The curvature scale is the coarsest that ``measure`` would use for any mesh, except meshes more than twice as coarse
+    as the median, so it suits all other meshes. The gyral width is the median, so one unusual subject does not set it.
+    Both are from 50 subjects at most. None if no subject can be read.
 
     Raises
     ------
     ValueError
-        If ``out/scales.json`` is not as it was written.
+        If ``out/scales.json`` is damaged.
     """
     if (kept := kept_scales(out)) is not None:
         return kept
@@ -84,7 +84,7 @@ def look(subject: Participant) -> list[tuple[float, float]]:
     found = []
     try:
         hemis = subject.hemis or hemispheres(Path(subject.folder))
-    except (*REFUSALS, OSError):  # measuring it says what is wrong with it
+    except (*REFUSALS, OSError):  # measuring it reports the problem
         return []
     for hemi in hemis:
         try:
@@ -97,7 +97,7 @@ def look(subject: Participant) -> list[tuple[float, float]]:
 
 
 def with_scales(options: Mapping[str, Any], scales: Scales | None) -> dict[str, Any]:
-    """Options of measuring, with the scales of the cohort where none were asked for."""
+    """Options for measuring, with the scales of the cohort where no scale was requested."""
     options = dict(options)
     if scales is not None:
         if options.get("curvature_scale_mm") is None:
@@ -116,6 +116,6 @@ def kept_scales(out: Path) -> Scales | None:
 
 
 def _digits(length: float, how: Callable[[Any], Any]) -> float:
-    """A length in three digits, so that what is told is what is taken."""
+    """A length rounded to three digits, so that the printed value is the one used."""
     unit = 10.0 ** (np.floor(np.log10(length)) - 2)
     return float(f"{how(length / unit - 1e-9 * (how is np.ceil)) * unit:.6g}")

@@ -1,6 +1,6 @@
-"""What the numbers of a group say: distributions, left against right, outliers, and gyral against cortical thickness.
+"""Statistics of a group: distributions, left against right, outliers, and gyral against cortical thickness.
 
-Everything here counts a subject as often as it is named, and takes subjects as independent of each other.
+A subject counts once for each of its names. Subjects are assumed to be independent of each other.
 """
 
 from __future__ import annotations
@@ -21,25 +21,25 @@ from morphofold.quantities import RATIO
 from morphofold.tables import write_table
 
 OUTLIER_Z = 3.5  # robust z above which a value is an outlier
-FEWEST = 8  # values of a measure and side among which outliers are looked for
-RARE = 0.25  # share of values at most that may differ from what the others share, to be outliers
+FEWEST = 8  # fewest values of a measure and side for a search for outliers
+RARE = 0.25  # largest share of values that may differ from one common value and be outliers
 ROUND_OFF = 1e-6  # relative; coordinates are float32, tables have seven digits
-COUNTS = "n_"  # how the names of counts begin
-HALF = 0.5  # median absolute deviation of a count at least: one more or less is no outlier
+COUNTS = "n_"  # prefix of the names of counts
+HALF = 0.5  # least median absolute deviation of a count, so that one more or less is no outlier
 NORMAL = 0.6745  # median absolute deviation of a normal distribution over its standard deviation
-MOST_POINTS = 400  # subjects that are points of a plot; more are put into bins
+MOST_POINTS = 400  # most subjects drawn as points; more are put into bins
 BINS = 20
-BOOTSTRAPPED = 1000  # points at most through which the robust line goes: all their pairs are compared
-BOUNDS = ("gyral_to_cortical_slope_low", "gyral_to_cortical_slope_high")  # of another measure, not one themselves
-#: of a mesh, not of a brain; and what may be negative or near 0, so that a ratio of sides says nothing
+BOOTSTRAPPED = 1000  # most points for the robust slope, which compares all pairs
+BOUNDS = ("gyral_to_cortical_slope_low", "gyral_to_cortical_slope_high")  # bounds of another measure
+#: measures of the mesh, and measures that may be negative or near 0: their asymmetry is meaningless
 UNSIDED = ("n_vertices", "euler_characteristic", *SLOPES)
 
-Scalars = Mapping[str, NDArray[np.float64]]  # measure to (subjects, 2): left and right, NaN where there is none
+Scalars = Mapping[str, NDArray[np.float64]]  # measure -> (subjects, 2): left and right, NaN where there is none
 
 
 @dataclass(frozen=True)
 class Distribution:
-    """Of ``n`` known values of a measure on one side, in the measure's unit; ``sd`` with n - 1, NaN for one value."""
+    """Distribution of ``n`` known values of a measure and side, in its unit; ``sd`` with n - 1, NaN for one value."""
 
     measure: str
     hemi: str
@@ -55,12 +55,12 @@ class Distribution:
 
 @dataclass(frozen=True)
 class Asymmetry:
-    """Of a measure, ``2 (L - R) / (L + R)``, over the ``n`` subjects that have both sides.
+    """Asymmetry of a measure, ``2 (L - R) / (L + R)``, over the ``n`` subjects that have both sides.
 
-    ``asymmetry`` is its mean, positive where the left is greater, ``low`` and ``high`` bound that with 95 % confidence
-    (Student's t) for this measure alone. ``effect_size`` is Cohen's d_z, mean over standard deviation of the paired
-    values; ``p_holm`` that of a t-test against 0, corrected over all measures of the table (Holm 1979). NaN where
-    there is one subject, or all are alike to round-off.
+    ``asymmetry`` is its mean, positive where the left is greater. ``low`` and ``high`` are its 95 % interval (Student's
+    t) for this measure alone. ``effect_size`` is Cohen's d_z, mean over standard deviation of the paired values.
+    ``p_holm`` is p of a t-test against 0, corrected over all measures of the table (Holm 1979). NaN for one subject, or
+    if all values are the same to round-off.
     """
 
     measure: str
@@ -80,7 +80,7 @@ class Asymmetry:
 
 @dataclass(frozen=True)
 class Outlier:
-    """A value far from the median of its measure and side; ``robust_z`` is infinite where all others are alike."""
+    """A value far from the median of its measure and side; ``robust_z`` is infinite if all others are the same."""
 
     subject: str
     hemi: str
@@ -91,22 +91,22 @@ class Outlier:
 
     @property
     def among_alike(self) -> bool:
-        """Whether all others are alike, so that there is no robust z."""
+        """Whether all others are the same, so that there is no robust z."""
         return bool(np.isinf(self.robust_z))
 
 
 @dataclass(frozen=True)
 class Outliers:
-    """Outliers by subject, those farthest out first, and what was looked at.
+    """Outliers by subject, the farthest first, and what was searched.
 
     Attributes
     ----------
     found : tuple of Outlier
         Rows of a subject together, the farthest first.
     looked_at : int
-        Values among which they were looked for by their robust z.
+        Number of values searched by robust z.
     too_few, divided : tuple of (measure, hemi)
-        Those with fewer than 8 values; those of which half and more are alike, but too many others differ.
+        Measures with fewer than 8 values; measures where half or more values are the same, but too many differ.
     """
 
     found: tuple[Outlier, ...]
@@ -116,7 +116,7 @@ class Outliers:
 
     @property
     def by_chance(self) -> float:
-        """Values that would lie as far out if all were normally distributed."""
+        """Expected number of values as far out if all were normally distributed."""
         from scipy import stats
 
         return float(2 * stats.norm.sf(OUTLIER_Z)) * self.looked_at
@@ -129,7 +129,7 @@ class Outliers:
 
 def measures_of(group: Group) -> Scalars:
     """The scalars of a group that may be pooled, and gyral over cortical thickness of the whole surface; NaN where a
-    hemisphere was measured in another way than the others."""
+    hemisphere was measured with other settings than the others."""
     scalars = {name: group.pooling.of(name, values) for name, values in group.scalars.items()}
     cortical = scalars["mean_cortical_thickness_mm"]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -138,7 +138,7 @@ def measures_of(group: Group) -> Scalars:
 
 
 def distributions(scalars: Scalars) -> list[Distribution]:
-    """Of every measure and side that has a value, in the order of the measures, left first."""
+    """Distributions of every measure and side with a value, in the order of the measures, left first."""
     found = []
     for measure, values in scalars.items():
         for hemi, side in zip(HEMIS, values.T):
@@ -150,7 +150,7 @@ def distributions(scalars: Scalars) -> list[Distribution]:
 
 
 def asymmetry(scalars: Scalars) -> list[Asymmetry]:
-    """Left against right, of every measure that is a positive quantity of the brain and that a subject has on both
+    """Left against right, for every measure that is a positive quantity of the brain and that a subject has on both
     sides."""
     pairs = {name: _asymmetries(values) for name, values in scalars.items() if name not in UNSIDED}
     found = [_asymmetry(name, values) for name, values in pairs.items() if values.size]
@@ -166,7 +166,7 @@ def _asymmetries(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _asymmetry(name: str, values: NDArray[np.float64]) -> Asymmetry:
-    """With p of this measure alone, not corrected yet."""
+    """Asymmetry of one measure, with p not corrected yet."""
     from scipy import stats
 
     n, mean, nan = len(values), float(values.mean()), float("nan")
@@ -180,7 +180,7 @@ def _asymmetry(name: str, values: NDArray[np.float64]) -> Asymmetry:
 
 
 def holm(p: NDArray[np.float64]) -> NDArray[np.float64]:
-    """p-values (N,) corrected for their number by Holm's step-down method; NaN is no test and stays."""
+    """p-values (N,) corrected for their number by Holm's step-down method; NaN (no test) stays NaN."""
     corrected = np.full(len(p), np.nan)
     order = np.argsort(p, kind="stable")  # NaN last
     order = order[np.isfinite(p[order])]
@@ -192,9 +192,9 @@ def outliers(subjects: Sequence[str], scalars: Scalars) -> Outliers:
     """Values far from the median of their measure and side.
 
     ``robust_z = 0.6745 (x - median) / MAD`` with the median absolute deviation; above 3.5 in size it is an outlier
-    (Iglewicz and Hoaglin 1993). MAD of counts is taken as half a count at least. Where that of other measures is 0 to
-    round-off, half of the values and more are alike; those that differ are outliers then, if they are a quarter at
-    most. Subjects come by the largest robust z of theirs.
+    (Iglewicz and Hoaglin 1993). MAD of counts is at least half a count. If MAD of another measure is 0 to round-off,
+    half or more of the values are the same. Values that differ are then outliers, if they are at most a quarter.
+    Subjects are sorted by their largest robust z.
     """
     found: dict[int, list[Outlier]] = {}
     too_few, divided, looked_at = [], [], 0
@@ -221,8 +221,8 @@ def outliers(subjects: Sequence[str], scalars: Scalars) -> Outliers:
 
 
 def robust_z(values: NDArray[np.float64], least: float = 0.0) -> tuple[NDArray[np.float64], float]:
-    """Robust z (N,) and median of known values (N,), with a MAD of ``least`` at least; 0 and signed infinity where MAD
-    is 0 to round-off."""
+    """Robust z (N,) and median of known values (N,), with MAD at least ``least``; 0 or signed infinity if MAD is 0 to
+    round-off."""
     median = float(np.median(values))
     apart = values - median
     mad = max(float(np.median(np.abs(apart))), least)
@@ -233,10 +233,10 @@ def robust_z(values: NDArray[np.float64], least: float = 0.0) -> tuple[NDArray[n
 
 
 def subject_cloud(group: Group, side: int) -> Cloud:
-    """Median gyral against mean cortical thickness of the subjects on one side, 0 left and 1 right, and the line.
+    """Median gyral against mean cortical thickness of the subjects on one side (0 left, 1 right), and the fit.
 
-    More than 400 subjects are bins of equal counts by cortical thickness, with medians and quartiles; the line is
-    through the subjects all the same.
+    More than 400 subjects are also put into bins of equal counts by cortical thickness, with medians and quartiles. The
+    fit is always through the subjects.
     """
     scalars = measures_of(group)
     cortical = scalars["mean_cortical_thickness_mm"][:, side]
@@ -250,9 +250,9 @@ def subject_cloud(group: Group, side: int) -> Cloud:
 
 
 def region_cloud(group: Group, side: int) -> Cloud:
-    """Means over subjects of gyral against cortical thickness of the regions of one side, and the line through them.
+    """Means over subjects of gyral against cortical thickness of the regions of one side, and the fit.
 
-    ``low`` and ``high`` of a point are a standard deviation over subjects from its gyral thickness.
+    ``low`` and ``high`` of a point are one standard deviation over subjects from its gyral thickness.
     """
     points = []
     for name, numbers in group.regions.items():
@@ -265,7 +265,7 @@ def region_cloud(group: Group, side: int) -> Cloud:
 def write_statistics(
     folder: Path, spread: Sequence[Distribution], sides: Sequence[Asymmetry], far: Sequence[Outlier]
 ) -> None:
-    """Write distributions.tsv, asymmetry.tsv and outliers.tsv; a robust z that is infinite is ``n/a``."""
+    """Write distributions.tsv, asymmetry.tsv and outliers.tsv; an infinite robust z is ``n/a``."""
     tables: dict[str, tuple[type, Sequence[Any]]] = {
         "distributions": (Distribution, spread),
         "asymmetry": (Asymmetry, sides),

@@ -1,4 +1,4 @@
-"""One run of a sweep: a scene grown, and its last stage measured as ``analyze`` does."""
+"""One run of a sweep: grow a scene, and measure its last stage as ``analyze`` does."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ class Run:
     place : TaskFolder
     scene : Scene
     threads : int
-        Of its worker.
+        Threads of its worker.
     report : callable or False
-        Draws a page and pictures of its own, as for :func:`morphofold.results.write_analysis`.
+        Draws its own page and pictures, as for :func:`morphofold.results.write_analysis`.
     options : mapping
-        ``curvature_scale_mm``, ``gyral_width_mm``, ``thickness_cap_mm`` and ``accuracy``, as ``analyze`` takes them.
+        ``curvature_scale_mm``, ``gyral_width_mm``, ``thickness_cap_mm`` and ``accuracy``, as for ``analyze``.
     """
 
     place: TaskFolder
@@ -47,7 +47,7 @@ class Run:
 
     @property
     def folder(self) -> Path:
-        """What it writes: ``simulation`` and ``analysis``."""
+        """Folder with its output: ``simulation`` and ``analysis``."""
         return folder_of(Path(self.place.out), self.place.name)
 
     @property
@@ -65,10 +65,10 @@ def folder_of(out: Path, name: str) -> Path:
 
 
 def grow_and_measure(run: Run) -> Outcome:
-    """Grow a scene and measure its last stage, unless that was done of the same scene with the same options.
+    """Grow a scene and measure its last stage, unless this was done for the same scene with the same options.
 
-    Only what has changed is done anew: another way to measure grows nothing. A simulation that was begun goes on from
-    its checkpoint. One that leaves its bounds has failed, and stays as far as it came.
+    Only what has changed is done again: other measuring options do not grow the scene again. An unfinished simulation
+    continues from its checkpoint. A simulation that leaves its bounds has failed; its output up to there is kept.
     """
 
     def key() -> str:
@@ -82,7 +82,7 @@ def grow_and_measure(run: Run) -> Outcome:
 
 
 def _grown_key(scene: Scene) -> str:
-    """Digest of all that a simulation follows from."""
+    """Digest of everything that a simulation depends on."""
     return digest({"scene": to_toml(scene), "inputs": inputs_of(scene)})
 
 
@@ -94,13 +94,13 @@ def _work(run: Run, say: Say, changed: list[str]) -> dict[str, str]:
     try:
         _measure(run, _grown(run, say, anew=any(name.startswith("simulation/") for name in changed)), say)
     except (ConvergenceError, UnstableError, *REFUSALS) as error:
-        remove_folder(run.analysis)  # of what the scene once was
+        remove_folder(run.analysis)  # results of an earlier scene
         return {"": in_one_line(error)}
     return {}
 
 
 def _grown(run: Run, say: Say, *, anew: bool) -> Simulation:
-    """The simulation of a run, gone on with where it was begun of the same scene; else grown anew."""
+    """The simulation of a run: continued if it was begun with the same scene, otherwise grown from the start."""
     from morphofold.simulation import simulate
 
     now, mark, tenths = _grown_key(run.scene), run.folder / "grown-of", [0]
@@ -115,7 +115,7 @@ def _grown(run: Run, say: Say, *, anew: bool) -> Simulation:
 
     begun = run.simulation.exists()
     if begun and (anew or _text(mark) != now):
-        say("its files have changed: it is grown anew" if anew else "the scene has changed: it is grown anew")
+        say("its files have changed: it is grown again" if anew else "the scene has changed: it is grown again")
         clear_run(run.simulation)
         begun = False
     with atomic_file(mark) as file:
@@ -125,7 +125,7 @@ def _grown(run: Run, say: Say, *, anew: bool) -> Simulation:
     except ValueError as error:
         if not begun:
             raise
-        say(f"{error} It is grown anew.")  # what was there is damaged
+        say(f"{error} It is grown again.")  # the existing files are damaged
         clear_run(run.simulation)
         return grow()
 
@@ -138,7 +138,7 @@ def _text(path: Path) -> str:
 
 
 def _threads(run: Run) -> int:
-    """Those asked for, or as many as a worker that was there before can have."""
+    """The requested threads, or as many as an already running worker can have."""
     import numba
 
     return min(run.threads, numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined,no-any-return]
@@ -163,7 +163,7 @@ def _measure(run: Run, simulation: Simulation, say: Say) -> None:
 
 
 def memory_of_run(scene: Scene, accuracy: str, report: bool) -> float:
-    """Most memory that growing and measuring a scene is expected to take [GiB]; 0 for a mesh from a file, not known."""
+    """Expected peak memory of growing and measuring a scene [GiB]; 0 (not known) for a mesh from a file."""
     from morphofold.forecasts.measuring import memory_of_analysis
     from morphofold.forecasts.sizes import Layers, memory_GiB, sizes_by_rule
 

@@ -1,4 +1,4 @@
-"""Tables of a group: from the results of its subjects, one after the other, to tidy text and Parquet."""
+"""Tables of a group: tidy text and Parquet from the results of its subjects, read one after the other."""
 
 from __future__ import annotations
 
@@ -27,42 +27,42 @@ from morphofold.tables import line, read_table, write_table
 from morphofold.words import in_one_line
 
 HEMIS = ("lh", "rh")
-WHOLE = "hemisphere"  # in the column ``region``, of what is of a whole one
+WHOLE = "hemisphere"  # in the column ``region``, for values of a whole hemisphere
 REGION_MEASURES = tuple(name for name in COLUMNS["regions"] if name not in ("hemi", "region"))
 TIDY = ("subject", "hemi", "region", "measure", "value")
 REGION_THICKNESS = tuple(key for key in PARAMETERS if "scale" not in key and key != "graph_width_mm")
-HEMISPHERES = ("subject", "hemi", *HOW, *RECORDED)  # how each was measured, and what FreeSurfer says of it
+HEMISPHERES = ("subject", "hemi", *HOW, *RECORDED)  # how each was measured, and FreeSurfer's values for it
 FAILURES = ("subject", "hemi", "reason", "log")
-BATCH = 200  # subjects whose rows are held at once
+BATCH = 200  # subjects whose rows are in memory at once
 
 Row = tuple[str, str, str, str, float | None]
 
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """What the page of a group is made from; memory grows with subjects, not with their regions or vertices.
+    """Data for the page of a group; memory grows with the number of subjects, not with their regions or vertices.
 
     Attributes
     ----------
     subjects : tuple of str
-        All that were asked for, those that failed too.
+        All requested subjects, including failed ones.
     scalars : mapping of measure to (subjects, 2) float64
         Left and right, NaN where there is none.
     regions : mapping of region to (2, 2, 3) float64
-        For left and right, cortical and gyral thickness: number of subjects that have both, and the mean and standard
-        deviation of these [mm].
+        For left and right, cortical and gyral thickness: number of subjects that have both, and mean and standard
+        deviation over these [mm].
     failures : list of dict
         Rows of failures.tsv.
     remarks : mapping of subject to sentences
-        What its measures warn of.
+        Warnings of its measures.
     results : mapping of subject to path
         Folders of results.
     same : list of lists of str
-        Subjects whose surfaces are the same, under several names.
+        Subjects with the same surfaces under several names.
     simulated : int
-        Hemispheres that are simulated; these have no side, and stand where their files put them.
+        Number of simulated hemispheres; these have no side and are counted on the side that their files name.
     pooling : Pooling
-        Which values are of hemispheres measured alike, and may be pooled.
+        Which values are of hemispheres measured in the same way, and may be pooled.
     """
 
     subjects: tuple[str, ...]
@@ -77,14 +77,14 @@ class Group:
 
     @property
     def measured(self) -> int:
-        """Subjects that have a number."""
+        """Number of subjects that have at least one value."""
         return int(np.any([np.isfinite(values).any(axis=1) for values in self.scalars.values()], axis=0).sum())
 
 
 @dataclass(frozen=True)
 class SubjectResults:
-    """What the results of one subject say: an entry of each hemisphere, how each was measured, rows of regions, digests
-    of its surfaces, and the files that say so."""
+    """Results of one subject: an entry for each hemisphere, how each was measured, rows of regions, digests of its
+    surfaces, and the files that were read."""
 
     entries: list[dict[str, Any]]
     hows: list[How]
@@ -94,12 +94,12 @@ class SubjectResults:
 
 
 def read_results(folder: Path) -> SubjectResults:
-    """The numbers of a subject, without its surfaces and maps, in either layout.
+    """Read the numbers of a subject, without its surfaces and maps, in either layout.
 
     Raises
     ------
     FileNotFoundError, ValueError
-        If they are not there, or not as they were written.
+        If they are missing or damaged.
     """
     path, table = folder / "summary.json", folder / "regions.tsv"
     if not path.is_file():
@@ -123,13 +123,13 @@ def read_results(folder: Path) -> SubjectResults:
 
 
 def _how(version: str, entry: Mapping[str, Any]) -> How:
-    """How a hemisphere was measured, in the order of HOW."""
+    """Settings of a hemisphere, in the order of HOW."""
     how = (version, *({**entry["parameters"], "annotation": entry["annotation"]}.get(key) for key in PARAMETERS))
     return tuple(float(f"{x:.6g}") if isinstance(x, int | float) else x for x in how)
 
 
 def refuse_changed(record: Mapping[str, Any], files: Mapping[str, Path]) -> None:
-    """Raise ``Mismatch`` if files are not those that the record of a task speaks of."""
+    """Raise ``Mismatch`` if files differ from those in the record of a task."""
     known = {name: digest for name, digest in record.get("files", {}).items() if name in files}
     if changed := changed_since(known, files):
         raise Mismatch(f"{', '.join(str(files[name]) for name in changed)}: changed since it was written.")
@@ -146,9 +146,9 @@ def tidy_rows(subject: str, found: SubjectResults) -> Iterator[Row]:
 
 
 class TidyWriter:
-    """measures.tsv and measures.parquet, written a batch of rows at a time.
+    """Writes measures.tsv and measures.parquet, one batch of rows at a time.
 
-    ``columns`` are ``str``, ``int`` or ``float``, as Parquet has them; text stands once in a dictionary there.
+    ``columns`` are ``str``, ``int`` or ``float``, as in Parquet; text is stored once, in a dictionary.
     """
 
     def __init__(self, folder: Path, columns: Mapping[str, type]):
@@ -192,15 +192,15 @@ def write_tables(
     Parameters
     ----------
     folder : Path
-        To write them into.
+        Folder to write into.
     out : Path
-        Of the cohort, with its records.
+        Folder of the cohort, with its records.
     results : mapping of subject to path
-        Where the results of each are, or would be.
+        Folder of the results of each, whether it exists or not.
     outcomes : mapping of subject to Outcome
-        What became of those that were measured just now; of others the records tell.
-    tell : callable
-        Told the share done.
+        Outcomes of subjects measured in this run; for others, the records are used.
+    progress : callable
+        Called with the share done.
     """
     gathered = _Gathered(len(results))
     failures: list[dict[str, Any]] = []
@@ -234,20 +234,20 @@ def write_tables(
 
 
 def what_became(record: Mapping[str, Any], outcome: Outcome | None, unknown: str) -> tuple[dict[str, str], bool]:
-    """Failures of a task and whether it has results: as it came out just now, else by its record."""
+    """Failures of a task and whether it has results: from its outcome in this run, else from its record."""
     if outcome is not None:
         return dict(outcome.failures), outcome.state != "failed"
     return dict(record.get("failures", {"": unknown})), bool(record.get("results"))
 
 
 class _Gathered:
-    """What the page needs of all subjects, added up one by one."""
+    """Collects what the page needs, subject by subject."""
 
     def __init__(self, count: int):
         self.scalars = {name: np.full((count, 2), np.nan) for name in SCALARS}
-        #: by how thickness was measured, of each region and side: number, sums and sums of squares
+        #: by settings of thickness, for each region and side: number, sums and sums of squares
         self.regions: dict[How, dict[str, NDArray[np.float64]]] = defaultdict(lambda: defaultdict(_nothing))
-        self.counts: Counter[How] = Counter()  # hemispheres with regions, by the same
+        self.counts: Counter[How] = Counter()  # hemispheres with regions, by the same settings
         self.remarks: dict[str, list[str]] = {}
         self.surfaces: dict[str, list[str]] = {}
         self.simulated = 0

@@ -1,9 +1,9 @@
-"""What is the same of every task of many: its folder of results, its log, and the record by which it is not done twice.
+"""Common parts of all tasks: folder of results, log, and the record that prevents doing a task twice.
 
-A task's key is the digest of all that its results follow from: the bytes of its inputs, its parameters, this version. A
-record of that key means that nothing needs to be done, as long as every file that was written has the digest that the
-record has of it. What an input was refused for is a result like any other; what a machine is to blame for (memory, a
-full disk, a worker that died) is none, and is tried again by the next run.
+A task's key is the digest of everything that its results depend on: the bytes of its inputs, its parameters, this
+version. If there is a record with that key, and every written file still has its digest in the record, nothing needs to
+be done. The refusal of an input is a result too. A failure of the machine (memory, a full disk, a worker that died) is
+not a result, and the next run tries the task again.
 """
 
 from __future__ import annotations
@@ -27,30 +27,30 @@ from morphofold.provenance import changed_since, sha256_of, strict_json
 from morphofold.timing import peak_memory
 from morphofold.words import in_one_line
 
-LONGEST_WAIT = 3600.0  # [s] for another worker that is at the same task
-PAUSE = 2.0  # [s] between two looks
+LONGEST_WAIT = 3600.0  # [s] to wait for another worker on the same task
+PAUSE = 2.0  # [s] between two checks
 
-#: what reading and measuring raise of an input that is not as it should be
+#: errors that reading and measuring raise for an invalid input
 REFUSALS = (ValueError, TypeError, FileNotFoundError, NotADirectoryError, IsADirectoryError)
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a task.
+    """The outcome of a task.
 
     Attributes
     ----------
     name : str
     state : {"done", "reused", "failed"}
-        "done" and "reused" with at least one result.
+        "done" and "reused" have at least one result.
     failures : mapping
-        Part of the task (a hemisphere, or "" for all of it) to why it has no result.
+        Part of the task (a hemisphere, or "" for all of it) to the reason why it has no result.
     seconds, memory_GiB : float
-        Wall time [s], and the most memory that its worker has held so far [GiB]; 0 if reused.
+        Wall time [s], and peak memory of its worker so far [GiB]; 0 if reused.
     attempt : int
-        1, or more where workers died before.
+        1, or more if workers died before.
     changed : bool
-        Whether it was done anew since its results had been changed.
+        Whether it was done again because its results had been changed.
     """
 
     name: str
@@ -64,8 +64,8 @@ class Outcome:
 
 @dataclass(frozen=True)
 class TaskFolder:
-    """Where a task of many writes: ``out`` is the folder of all, ``name`` the task's, ``run`` tells one run of the
-    command from another."""
+    """Where a task writes: ``out`` is the common folder, ``name`` that of the task, ``run`` identifies one run of the
+    command."""
 
     out: str
     name: str
@@ -81,10 +81,10 @@ class TaskFolder:
 
 
 class Say:
-    """Writes lines into the log of a task, with the seconds since it began.
+    """Writes lines to the log of a task, with the seconds since it began.
 
-    The log is begun anew by each run of the command that has something to say, and gone on with by each attempt of one
-    run; where nothing is done it stays, so that it tells how the results that are there came to be.
+    Each run of the command that writes a line starts a new log; further attempts in the same run append to it. If
+    nothing is done, the log stays, so it documents how the existing results were made.
     """
 
     def __init__(self, place: TaskFolder):
@@ -99,7 +99,7 @@ class Say:
             file.write(f"{time.perf_counter() - self._began:8.1f} s  {text.rstrip()}\n")
 
     def begin(self) -> None:
-        """Say which attempt this is, unless that was said."""
+        """Write the number of this attempt, unless it was written."""
         if not self._silent:
             return
         self._silent = False
@@ -117,27 +117,27 @@ def perform(
     work: Callable[[Say, list[str]], dict[str, str]],
     parts: int = 1,
 ) -> Outcome:
-    """Do a task unless it has been done, and keep its log and record. Whatever is raised, the task alone has failed.
+    """Do a task unless it has been done, and write its log and record. Any error makes only this task fail.
 
-    One worker at a time is at a task, from the look at its record until that is written: a worker that the scheduler
-    gave up for lost, or one of an earlier run, may be at it still, and is waited for.
+    Only one worker at a time does a task, from reading its record until writing it. A worker that the scheduler
+    considers lost, or one of an earlier run, may still be working on it; then this one waits.
 
     Parameters
     ----------
     place : TaskFolder
     key : callable
-        Digest of what the results follow from.
+        Digest of everything that the results depend on.
     files : callable
-        The files of the results that are there, by names.
+        The existing files of the results, by name.
     work : callable
-        Writes the results and returns the parts that have none, with the reason; is given ``say`` for its log, and the
-        names of those files that have changed since they were written.
+        Writes the results and returns the parts without results, with the reason. Its arguments are the log and the
+        names of files that have changed since they were written.
     parts : int
-        Of which all must have failed for the task to be.
+        Number of parts; the task has failed if all of them have.
     """
     try:
         return _perform(place, key, files, work, parts)
-    except Exception as error:  # no log or record can be written there
+    except Exception as error:  # no log or record can be written
         return Outcome(place.name, "failed", {"": _told(error)})
 
 
@@ -163,13 +163,13 @@ def _perform(
             log.begin()
             if changed:
                 names = f"{', '.join(changed[:4])}{' ...' * (len(changed) > 4)}"
-                log(f"changed since they were written, so done anew: {names}")
-            place.record.unlink(missing_ok=True)  # what is there is no longer what it spoke of
+                log(f"changed since they were written, so done again: {names}")
+            place.record.unlink(missing_ok=True)  # the record no longer describes the files
             failures = work(log, changed)
             results = len(failures) < parts
             if results:
                 written = {name: sha256_of(path) for name, path in files().items()}
-        except Exception as error:  # of this machine, or a defect: no result
+        except Exception as error:  # error of this machine, or a defect: no result
             log(traceback.format_exc())
             now, results, failures = "", False, {"": _told(error)}
         write_record(place.record, now, failures, results=results, files=written)
@@ -179,18 +179,18 @@ def _perform(
 
 
 def _hold_when_free(place: TaskFolder, say: Say, held: ExitStack) -> None:
-    """Hold a task, once no other worker is at it.
+    """Lock a task, once no other worker is working on it.
 
     Raises
     ------
     FileExistsError
-        If another is at it for longer than LONGEST_WAIT.
+        If another worker holds it for longer than LONGEST_WAIT.
     """
     until, warned = time.monotonic() + LONGEST_WAIT, False
     while True:
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # no locks there: who began the run was told
+                warnings.simplefilter("ignore")  # no locks on this disk: the user was warned at the start
                 held.enter_context(alone(place.record.parent, f"{place.name}.lock"))
             return
         except FileExistsError as error:
@@ -203,9 +203,9 @@ def _hold_when_free(place: TaskFolder, say: Say, held: ExitStack) -> None:
 
 
 def _told(error: Exception) -> str:
-    """An error in one line; one that is not an input's is named by its kind."""
+    """An error in one line; an error that is not due to an input has its class name."""
     words = in_one_line(error)
-    if isinstance(error, OSError) and error.errno is not None:  # the system's own words, not ours
+    if isinstance(error, OSError) and error.errno is not None:  # the message of the system
         return f"{error.strerror}." if error.filename is None else f"{error.filename}: {error.strerror}."
     if isinstance(error, (*REFUSALS, OSError, MemoryError)):
         return words or type(error).__name__
@@ -214,7 +214,7 @@ def _told(error: Exception) -> str:
 
 @contextmanager
 def _logged(place: TaskFolder) -> Iterator[Say]:
-    """The log of a task, with what is warned of in it."""
+    """The log of a task; warnings are written to it."""
     say = Say(place)
     with warnings.catch_warnings():
         warnings.simplefilter("always")
@@ -223,7 +223,7 @@ def _logged(place: TaskFolder) -> Iterator[Say]:
 
 
 def digest(content: Mapping[str, Any]) -> str:
-    """SHA-256 of this version and of plain values."""
+    """SHA-256 of the version of morphofold and of plain values."""
     import morphofold
 
     text = json.dumps([morphofold.__version__, dict(content)], sort_keys=True)
@@ -240,22 +240,22 @@ class _Known(Record):
 
 
 def read_record(path: Path) -> dict[str, Any]:
-    """A task's record: ``key``, ``failures``, whether it has ``results``, digests of their ``files``; empty if there is
-    none to be relied on."""
+    """Read a task's record: ``key``, ``failures``, whether it has ``results``, digests of their ``files``; empty if it
+    is missing or damaged."""
     try:
         found = read_json(path, _Known, "")
     except (OSError, ValueError):
         return {}
     complete = (
         found["files"] if found["results"] else found["failures"]
-    )  # results are files, and a failure has a reason
+    )  # results have files, and a failure has a reason
     return found if complete else {}
 
 
 def write_record(
     path: Path, key: str, failures: Mapping[str, str], *, results: bool, files: Mapping[str, str] | None = None
 ) -> None:
-    """Write a task's record; one with an empty key is that of no inputs, so that the next run tries again."""
+    """Write a task's record; an empty key matches no inputs, so the next run tries the task again."""
     content = {"key": key, "failures": failures, "results": results, "files": files or {}}
     path.parent.mkdir(parents=True, exist_ok=True)
     with atomic_file(path) as file:

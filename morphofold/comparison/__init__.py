@@ -1,7 +1,7 @@
-"""Model beside MRI: what the measures of several cortices say of each other (Figs. 8 and 9 of Razavi et al. 2015).
+"""Comparison of models and MRI: measures of several cortices (Figs. 8 and 9 of Razavi et al. 2015).
 
-Nothing here knows whether a ``Measures`` came from a simulation; ``cortex.origin`` and ``cortex.info`` are
-shown as labels, and ``info["mu_ratio"]``, where there is one, gives the theoretical line.
+Simulations and brains are treated the same. ``cortex.origin`` and ``cortex.info`` are shown as labels, and
+``info["mu_ratio"]``, if there is one, gives the theoretical line.
 """
 
 from morphofold.comparison.side_by_side import Comparison, compare

@@ -1,4 +1,4 @@
-"""How far two surfaces lie apart."""
+"""Distance between two surfaces."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from morphofold.surface import Surface
 
 
 def distance(one: Surface, other: Surface) -> float:
-    """Mean distance [mm] of the vertices of each of two surfaces to the nearest point of the other; of both means."""
+    """Mean distance [mm] of the vertices of one surface to the nearest point of the other; mean of both directions."""
     return 0.5 * (_one_way(one, other) + _one_way(other, one))
 
 

@@ -1,4 +1,4 @@
-"""Growth beside morphology: the numbers of one body as it grows, and the growth at which they are those of another."""
+"""Growth beside morphology: numbers of a growing body, and the growth at which they match those of another cortex."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def _wavelength(m: Measures) -> float | None:
     return None if wavelength is None or not thickness else wavelength / thickness
 
 
-#: numbers without unit, so that bodies of any size can be laid beside each other
+#: numbers without unit, so that bodies of any size can be compared
 NUMBERS: dict[str, Callable[[Measures], float | None]] = {
     "gyrification index": lambda m: m.scalars.get("gyrification_index"),
     "k of the law of folding": _k,
@@ -51,7 +51,7 @@ class GrowthCurve:
     growth : (G,) float64
         Growth stretches, ascending.
     numbers : mapping of str to (G,) float64
-        Those of :data:`NUMBERS`; NaN where a stage doesn't have one (it isn't folded yet).
+        The numbers in :data:`NUMBERS`; NaN if a stage doesn't have one (it isn't folded yet).
     folding : (G,) tuple of ShapeTerms or None
         Terms of the law of folding at each stage.
     """
@@ -63,17 +63,17 @@ class GrowthCurve:
 
 
 def growth_curve(name: str, stages: Sequence[Measures]) -> GrowthCurve:
-    """The curve of stages of one body, which say their growth as ``cortex.info["g"]``.
+    """The curve of the stages of one body; the growth of a stage is ``cortex.info["g"]``.
 
     Raises
     ------
     ValueError
-        If a stage says no growth, two say the same, or there are fewer than two.
+        If a stage has no growth, two have the same, or there are fewer than two.
     """
     if len(stages) < 2:
-        raise MissingPart(f"{name}: growth needs two stages at least, got {len(stages)}.")
+        raise MissingPart(f"{name}: growth needs at least two stages, got {len(stages)}.")
     if missing := [m.cortex.name for m in stages if "g" not in m.cortex.info]:
-        raise DoesNotApply(f"{name}: {missing[0]} does not say its growth; only stages of a simulation do.")
+        raise DoesNotApply(f"{name}: {missing[0]} has no growth; only stages of a simulation have one.")
     stages = sorted(stages, key=lambda m: float(m.cortex.info["g"]))
     growth = np.array([float(m.cortex.info["g"]) for m in stages])
     if (np.diff(growth) == 0).any():
@@ -86,7 +86,7 @@ def growth_curve(name: str, stages: Sequence[Measures]) -> GrowthCurve:
 
 
 def matching_growth(curve: GrowthCurve, measures: Measures) -> dict[str, list[float]]:
-    """The growths at which each number of the curve is that of another cortex, straight lines between the stages.
+    """Growths at which each number of the curve equals that of another cortex, by linear interpolation of stages.
 
     Returns
     -------

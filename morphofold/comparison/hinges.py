@@ -1,4 +1,4 @@
-"""Three-hinge patterns of one group of surfaces beside those of another (Fig. 9 of Razavi et al. 2015)."""
+"""Three-hinge patterns of one group of surfaces compared with another (Fig. 9 of Razavi et al. 2015)."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from morphofold.analysis.graph.hinge_shapes import (
 )
 from morphofold.arrays import Array
 
-SHORTEST = 0.5  # arm of a net at chance, in gyral widths: a gyral graph joins hinges that are nearer
-DENSEST = 0.7  # hinges per square of the gyral width: of more the arms can't all be as long as that
+SHORTEST = 0.5  # shortest arm of a random net, in gyral widths: a gyral graph merges hinges that are nearer
+DENSEST = 0.7  # hinges per square of the gyral width: with more, not all arms can be as long as SHORTEST
 NET_HINGES = 2000
 CHANCE = "net at chance"
 PERMUTATIONS = 999
@@ -28,10 +28,10 @@ PERMUTATIONS = 999
 
 @dataclass(frozen=True)
 class Match:
-    """A hinge and the one of the other group that is shaped most like it.
+    """A hinge and the hinge of the other group with the most similar shape.
 
-    ``surface`` and ``hinge`` name the first, ``other_surface`` and ``other`` the second, by names of surfaces and the
-    numbers in their tables of hinges; ``pose`` lays the second on the first, see
+    ``surface`` and ``hinge`` identify the first, ``other_surface`` and ``other`` the second, by names of surfaces and
+    numbers in their tables of hinges; ``pose`` places the second on the first, see
     :func:`morphofold.analysis.graph.hinge_shapes.shape_distance`; ``kind`` is the shape of the first.
     """
 
@@ -57,10 +57,10 @@ class NumberRow:
 
 @dataclass(frozen=True)
 class Control:
-    """How near hinges of some source come to a hinge of the second group, by the angles and lengths of their arms.
+    """Distances from hinges of some source to the nearest hinge of the second group, by angles and lengths of arms.
 
-    ``median`` of the distances to the nearest; ``p``: how often a division at chance of these distances and those of
-    the first group differs as much in its medians; 1 for the first group itself.
+    ``median`` is that of the distances. ``p`` compares it with the median of the first group: how often a random
+    division of both sets of distances differs as much in its medians; 1 for the first group itself.
     """
 
     source: str
@@ -71,12 +71,12 @@ class Control:
 
 @dataclass(frozen=True, eq=False)
 class HingeComparison:
-    """Hinges of group ``one`` beside those of group ``other``.
+    """Hinges of group ``one`` compared with those of group ``other``.
 
-    ``surfaces`` says of how many they are. ``shape`` compares the distributions of whole shapes, ``numbers`` those of
-    single numbers. ``matches`` has one entry per hinge of ``one``, the nearest first. ``controls``: the first group,
-    the second group itself (each hinge left out in turn), and a net at chance, if one can have as many hinges for their
-    gyral width.
+    ``surfaces`` are the numbers of surfaces. ``shape`` compares the distributions of whole shapes, ``numbers`` those of
+    single numbers. ``matches`` has one entry per hinge of ``one``, the nearest first. ``controls`` are the first group,
+    the second group itself (each hinge left out in turn), and a random net, if one with as many hinges per square of
+    the gyral width exists.
     """
 
     one: str
@@ -91,15 +91,15 @@ class HingeComparison:
 def compare_hinges(
     shapes: Mapping[str, HingeShapes], groups: Mapping[str, Sequence[str]], *, seed: int = 0
 ) -> list[HingeComparison]:
-    """Every two groups, in their order; a group with fewer than two hinges of three arms is left out.
+    """Compare every two groups, in their order; a group with fewer than two hinges of three arms is left out.
 
     Parameters
     ----------
     shapes : mapping of surface name to HingeShapes
     groups : mapping of group name to the names of its surfaces
-        No surface may be in two. Surfaces without shapes are passed over.
+        No surface may be in two. Surfaces without shapes are ignored.
     seed : int
-        Of permutations and of the net at chance.
+        Of permutations and of the random net.
     """
     members = {group: [name for name in names if name in shapes] for group, names in groups.items()}
     held = {group: names for group, names in members.items() if sum(len(shapes[name]) for name in names) > 1}
@@ -156,7 +156,7 @@ def _controls(
 
 
 def net_at_chance(shapes: Sequence[HingeShapes], *, seed: int = 0) -> Array | None:
-    """Hinges of :func:`morphofold.analysis.random_net` as dense as those of some surfaces; None if none can be."""
+    """Hinges of :func:`morphofold.analysis.random_net` as dense as those of some surfaces; None if impossible."""
     per_area = float(np.mean([s.per_area for s in shapes]))
     if not 0 < per_area < DENSEST:
         return None
@@ -164,7 +164,7 @@ def net_at_chance(shapes: Sequence[HingeShapes], *, seed: int = 0) -> Array | No
 
 
 def median_difference(x: Array, y: Array, *, permutations: int = PERMUTATIONS, seed: int = 0) -> float:
-    """p-value of the difference of the medians of two samples (N,) and (M,), from divisions at chance, two-sided."""
+    """p-value of the difference of the medians of two samples (N,) and (M,), from random divisions, two-sided."""
     pooled, n = np.concatenate([x, y]), len(x)
     rng = np.random.default_rng(seed)
 
@@ -195,9 +195,9 @@ def _matches(
 def examples(
     matches: Sequence[Match], count: int = 6, *, wanted: Callable[[Match], bool] = lambda match: True
 ) -> list[Match]:
-    """The best matches of different kinds, no hinge twice: as many of Y, T and V as there are, then the next best.
+    """The best matches of different kinds, no hinge twice: the best of each of Y, T and V, then the next best.
 
-    ``wanted`` is asked of a match before it is taken.
+    Only matches for which ``wanted`` is true are taken.
     """
     chosen: list[Match] = []
     for kinds in (True, False):

@@ -1,4 +1,4 @@
-"""What a comparison calls its surfaces, which of them are a group, and the colour of each."""
+"""Names of the surfaces of a comparison, their groups, and their colours."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from morphofold.errors import NamedTwice, NothingToDo, NotReadable, UnknownName
 from morphofold.quantities import CATEGORICAL
 from morphofold.surface import check_kind
 
-Names = Mapping[str, tuple[str, ...]]  # of the surfaces, hemispheres apart, by the name of both or of their group
+Names = Mapping[str, tuple[str, ...]]  # names of single hemispheres, by the name of both hemispheres or of their group
 
 
 def named_surfaces(surfaces: Mapping[str, Measures | Sequence[Measures]]) -> tuple[dict[str, Measures], Names]:
-    """Surfaces by their names, hemispheres apart, and these names by the names that were given.
+    """Single hemispheres by name, and these names by the names that were given.
 
     Raises
     ------
@@ -55,12 +55,12 @@ def grouped_names(full: Names, groups: Mapping[str, Sequence[str]] | None) -> di
 
 
 def colours_of(full: Names, groups: Names, asked: Mapping[str, str]) -> dict[str, str]:
-    """A colour for each surface: what was asked for it, or for its group, or the next of ours.
+    """A colour for each surface: the one given to it or to its group, or the next of ours.
 
     Raises
     ------
     ValueError
-        If a colour is none, or of nothing.
+        If a colour can't be read, or its name is unknown.
     """
     each = {name: (name,) for names in full.values() for name in names}
     grouped = {name for names in groups.values() for name in names}
@@ -70,7 +70,7 @@ def colours_of(full: Names, groups: Names, asked: Mapping[str, str]) -> dict[str
         if name not in {*groups, *full, *each}:
             raise UnknownName(f"a colour is given to {name!r}, which is not among {', '.join({**groups, **full})}.")
         if not re.fullmatch("#[0-9a-fA-F]{6}", colour):
-            raise NotReadable(f"{colour!r} is no colour for {name}; write it as red, green and blue, such as #0072b2.")
+            raise NotReadable(f"{colour!r} is not a colour ({name}); write it as red, green and blue, such as #0072b2.")
     for known in (groups, full, each):
         for name in known.keys() & asked.keys():
             colours.update(dict.fromkeys(known[name], asked[name].lower()))

@@ -1,4 +1,4 @@
-"""What a reader of a comparison should know: what was left out of it, and which options differ between surfaces."""
+"""Notes on a comparison: what was left out of it, and which options differ between surfaces."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def _mm(length: Any) -> str:
     return f"{number(float(length), 2)} mm"
 
 
-#: parameters that make numbers differ: how a value is said, and the sentence with all values and who has them
+#: parameters that make numbers differ: text of a value, and the sentence with all values and their surfaces
 CAUTIONS: Mapping[str, tuple[Callable[[Any], str], str]] = {
     "curvature_scale_mm": (
         _mm,
@@ -24,17 +24,17 @@ CAUTIONS: Mapping[str, tuple[Callable[[Any], str], str]] = {
         lambda mm: f"at {mm:g} mm" if mm else "nowhere",
         "Cortical thickness was capped {}; compare thick cortex with care.",
     ),
-    "graph_width_mm": (_mm, "Hinges are those of nets at a gyral width of {}; compare them per square of that width."),
-    "accuracy": (str, "Accuracy was {}; hinges and local gyrification hang on it where meshes are coarse."),
+    "graph_width_mm": (_mm, "Gyral graphs have a gyral width of {}; compare their hinges per square of that width."),
+    "accuracy": (str, "Accuracy was {}; hinges and local gyrification of coarse meshes depend on it."),
     "cortex_mask": (
         lambda mask: f"by '{mask}'",
-        "Cortex was marked out {}; means where nothing marks the medial wall may count it as cortex.",
+        "Cortex was marked {}; where nothing marks the medial wall, means may count it as cortex.",
     ),
 }
 
 
 def cautions(named: Mapping[str, Measures]) -> list[str]:
-    """A sentence for each scale or option that is not the same for all surfaces and makes their numbers differ."""
+    """A sentence for each scale or option that differs between surfaces and makes their numbers differ."""
     sentences = []
     for key, (words, sentence) in CAUTIONS.items():
         found: dict[str, list[str]] = {}
@@ -47,7 +47,7 @@ def cautions(named: Mapping[str, Measures]) -> list[str]:
 
 
 def notes(named: Mapping[str, Measures]) -> list[str]:
-    """What was left out of the numbers, and why."""
+    """Numbers that were left out, and why."""
     return [
         f"{name}: {what} ({why})"
         for name, m in named.items()
@@ -57,26 +57,26 @@ def notes(named: Mapping[str, Measures]) -> list[str]:
 
 
 def plot_notes(named: Mapping[str, Measures], clouds: Sequence[Cloud]) -> list[str]:
-    """What a reader should know of the points of each surface in the plot of gyral against cortical thickness."""
+    """Notes on the points of each surface in the plot of gyral against cortical thickness."""
     plotted = list(zip(named, named.values(), clouds))
     sentences = [
-        f"{name}: not in the plot of gyral against cortical thickness, it lacks one of the two."
+        f"{name}: not in the plot of gyral against cortical thickness, because one of the two is missing."
         for name, _, cloud in plotted
         if not cloud.points
     ]
     if crests := [name for name, m, cloud in plotted if cloud.kind == "crest" and m.regions]:
         sentences.append(
-            f"{listed(crests)}: by crests here, because not every surface has regions; slopes over regions are under "
-            "All measures."
+            f"{listed(crests)}: points are crests here, because not every surface has regions; slopes over regions are "
+            "under All measures."
         )
     if mirrored := [name for name, m in named.items() if m.cortex.portion != 1]:
         sentences.append(
-            f"{listed(mirrored)}: a part was simulated and the rest is its mirror image, which intervals and p count "
-            "as further evidence: they are too narrow, and too small."
+            f"{listed(mirrored)}: a part was simulated and the rest is its mirror image. Intervals and p count the "
+            "image as further evidence, so intervals are too narrow and p too small."
         )
     if whole := [name for name, _, cloud in plotted if cloud.kind == "whole" and cloud.points]:
         sentences.append(
             f"{listed(whole)}: no regions, so one point (median gyral, mean cortical thickness) and bins of vertices "
-            "stand for the surface."
+            "represent the surface."
         )
     return sentences

@@ -1,7 +1,7 @@
 """Measures of several cortices side by side: one table, one plot, one page (Fig. 8 of Razavi et al. 2015).
 
-Nothing here knows whether a ``Measures`` came from a simulation; ``cortex.origin`` and ``cortex.info`` are
-shown as labels, and ``info["mu_ratio"]``, where there is one, gives the theoretical line.
+Simulations and brains are treated the same. ``cortex.origin`` and ``cortex.info`` are shown as labels, and
+``info["mu_ratio"]``, if there is one, gives the theoretical line.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ RATIOS = (RATIO, CREST_RATIO)  # in the order of thickness_ratios
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """What ``compare`` found: one entry of ``measures`` and ``clouds`` per name, in the same order.
+    """Result of ``compare``: one entry of ``measures`` and ``clouds`` per name, in the same order.
 
-    ``table`` has one row per scalar: ``measure`` and one value per name, None where it could not be had.
-    ``theory`` are lines for each ratio of stiffness that occurs, none for brains alone. ``groups`` hold the names of
-    each group and ``colours`` the colour of each name, "#0072b2", that of its group unless it was given one. ``hinges``
-    has what every two groups say of each other's three-hinge patterns. ``folding`` are the terms of the law of folding,
-    None for a surface that isn't closed; ``growth`` has numbers of bodies as they grow, ``stages`` what they were taken
-    from. ``notes`` say what was left out, ``cautions`` which scales and options differ between the surfaces.
+    ``table`` has one row per scalar: ``measure`` and one value per name, None if there is no value. ``theory`` has a
+    line for each ratio of stiffness that occurs, none if there are only brains. ``groups`` has the names in each group.
+    ``colours`` has the colour of each name, such as "#0072b2": its own if one was given, else that of its group.
+    ``hinges`` compares the three-hinge patterns of every two groups. ``folding`` has the terms of the law of folding,
+    None for a surface that isn't closed. ``growth`` has numbers of bodies as they grow, ``stages`` the measures they
+    are from. ``notes`` list what was left out, ``cautions`` the scales and options that differ between surfaces.
     """
 
     names: tuple[str, ...]
@@ -73,7 +73,7 @@ class Comparison:
         }
 
     def _met(self, curve: GrowthCurve) -> dict[str, Any]:
-        """A curve as plain values, with the growths at which it has the numbers of each surface."""
+        """A curve as plain values, with the growths at which its numbers equal those of each surface."""
         return {
             "growth": curve.growth.tolist(),
             "numbers": {key: [_plain(x) for x in values.tolist()] for key, values in curve.numbers.items()},
@@ -81,9 +81,9 @@ class Comparison:
         }
 
     def report(self, out: str | Path, *, progress: Progress = silent) -> Path:
-        """Write ``out/`` whole or not at all: report.html, figures/*.png, comparison.json, comparison.tsv.
+        """Write ``out/`` completely or not at all: report.html, figures/*.png, comparison.json, comparison.tsv.
 
-        Returns the path of the page. ``progress`` is told the share done, 0 to 1, and what is being drawn.
+        Returns the path of the page. ``progress`` is called with the share done, 0 to 1, and what is being drawn.
         """
         import morphofold
         from morphofold.io import atomic_folder
@@ -114,16 +114,16 @@ def compare(
     surfaces : mapping of name to Measures, or to a sequence of them
         Two hemispheres under one name become ``"name lh"`` and ``"name rh"``.
     mu_ratio : float, optional
-        Stiffness of cortex over core for the theoretical line; None: every ``cortex.info["mu_ratio"]`` there
-        is, and no line if there is none.
+        Stiffness of cortex over core for the theoretical line; None: each ``cortex.info["mu_ratio"]``, and no line
+        if there is none.
     groups : mapping of group to names of ``surfaces``, optional
-        Whose hinges are pooled and compared with those of other groups, in this order; None: each name is a group.
-        Names in no group are compared in everything else.
+        The hinges of a group are pooled and compared with those of other groups, in this order; None: each name is a
+        group. Names in no group are compared in everything else.
     growth : mapping of name to stages of one body, optional
-        Their numbers are drawn over growth, those of ``surfaces`` beside them. A body with the name of a surface, and
-        its mesh, can be seen growing on the page.
+        Their numbers are drawn over growth, with those of ``surfaces``. If a body has the name of a surface, and its
+        mesh, the page shows it growing.
     colours : mapping of a name or group to a colour such as "#0072b2", optional
-        Those of names go before those of their groups; None: one for each group.
+        A colour of a name overrides that of its group; None: one for each group.
     seed : int
         Of permutations.
 
@@ -134,8 +134,8 @@ def compare(
     Raises
     ------
     ValueError
-        If there is nothing to compare, two surfaces end up with one name, ``mu_ratio`` is not positive, or a group
-        names what is not there or is in another, or stages do not say their growth, or a colour is none or of nothing.
+        If there is nothing to compare, two surfaces end up with one name, ``mu_ratio`` is not positive, a group has an
+        unknown name or one of another group, stages have no growth, or a colour or its name can't be used.
     """
     check_kind(surfaces, Mapping, "compare: surfaces")
     named, full = named_surfaces(surfaces)
@@ -162,7 +162,7 @@ def compare(
 
 
 def theory_lines(named: Mapping[str, Measures], mu_ratio: float | None = None) -> tuple[TheoryLine, ...]:
-    """The wavelength of theory at ``mu_ratio``, or at each ratio of stiffness that the surfaces say."""
+    """Theoretical wavelength at ``mu_ratio``, or at each ratio of stiffness in ``cortex.info`` of the surfaces."""
     if mu_ratio is not None:
         ratios = [mu_ratio]
     else:

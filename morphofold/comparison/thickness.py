@@ -1,4 +1,4 @@
-"""Gyral against cortical thickness (Fig. 8b of Razavi et al. 2015): points, lines through them, and theory's lines."""
+"""Gyral against cortical thickness (Fig. 8b of Razavi et al. 2015): points, fitted lines, and lines of theory."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ WHOLE = ("median_gyral_thickness_mm", "mean_cortical_thickness_mm")  # of a whol
 class ThicknessPoint:
     """Gyral against cortical thickness [mm] of one region, crest, bin of vertices or whole surface.
 
-    ``low`` and ``high`` are quartiles of the gyral thickness, where the point stands for many vertices.
+    ``low`` and ``high`` are quartiles of the gyral thickness, if the point represents many vertices.
     """
 
     cortical: float
@@ -35,9 +35,9 @@ class Fit:
     """Least-squares line of gyral on cortical thickness over ``n`` points; 95 % interval of its slope.
 
     ``robust`` is the median of the slopes of all pairs of points, its bounds from a bootstrap over the points
-    (:func:`~morphofold.analysis.thickness.robust_slope.line`), None for fewer than five; 0 where all gyral thicknesses
-    are alike, NaN where it was not asked for. Both intervals take the points as independent, which neighbouring regions
-    are not quite.
+    (:func:`~morphofold.analysis.thickness.robust_slope.line`), None for fewer than five; 0 if all gyral thicknesses
+    are the same, NaN if it was not computed. Both intervals assume independent points, but neighbouring regions are
+    not fully independent.
     """
 
     slope: float
@@ -53,7 +53,7 @@ class Fit:
 
     @property
     def sloped(self) -> bool:
-        """Whether the interval of the slope leaves out 0."""
+        """Whether the interval of the slope excludes 0."""
         return not self.slope_low <= 0 <= self.slope_high
 
 
@@ -79,16 +79,16 @@ def wrinkling_wavelength(mu_ratio: float) -> TheoryLine:
     """Wavelength of linear wrinkling per film thickness, ``2 pi (mu_f / 3 mu_s)^(1/3)``.
 
     Section IV of Razavi et al. 2015, who take it from Chen and Hutchinson, J. Appl. Mech. 71, 597 (2004);
-    mu_f and mu_s are the shear moduli of film and substrate. 4.36 for equal stiffness; but this is the linear
-    theory of a thin stiff film, so at ratios near 1 it lies outside the range it was derived for.
+    mu_f and mu_s are the shear moduli of film and substrate. It is 4.36 for equal stiffness; but this is the linear
+    theory of a thin stiff film, so ratios near 1 are outside the range for which it was derived.
     """
     return TheoryLine(float(mu_ratio), float(2 * np.pi * (mu_ratio / 3) ** (1 / 3)))
 
 
 def thickness_clouds(surfaces: Sequence[Measures]) -> tuple[Cloud, ...]:
-    """Gyral against cortical thickness of several surfaces, each as :func:`thickness_cloud` has it.
+    """Gyral against cortical thickness of several surfaces, each as in :func:`thickness_cloud`.
 
-    Regions of one are not set beside crests of another: where a surface has crests only, all are taken by crests.
+    Regions are not compared with crests: if a surface has only crests, points are crests for all surfaces.
     """
     clouds = tuple(thickness_cloud(m) for m in surfaces)
     if any(cloud.kind == "crest" for cloud in clouds):
@@ -99,11 +99,11 @@ def thickness_clouds(surfaces: Sequence[Measures]) -> tuple[Cloud, ...]:
 def thickness_cloud(measures: Measures, by: Sequence[str] = ("region", "crest")) -> Cloud:
     """Gyral against cortical thickness of one surface.
 
-    One point per region where there are regions with both thicknesses; else one per crest; else one for the whole
+    One point per region if there are regions with both thicknesses; else one per crest; else one for the whole
     surface (median gyral, mean cortical thickness). Crests whose cortex is less than half as thick as the surface's are
-    left out: they lie on a medial wall that was not marked out. ``by``: which of the two are tried. Without regions,
-    bins of vertices with equal counts by cortical thickness show the spread (median and quartiles). The line is fitted
-    to at least three regions or crests, never to bins: their vertices are not independent.
+    left out: they lie on a medial wall that was not marked. ``by``: which of regions and crests are tried. Without
+    regions, bins of vertices with equal counts by cortical thickness show the spread (median and quartiles). The line
+    is fitted to at least three regions or crests, never to bins: their vertices are not independent.
     """
     thinnest = 0.5 * (measures.scalars.get("mean_cortical_thickness_mm") or 0.0)
     rows_of = {"region": measures.regions, "crest": measures.crests}
@@ -124,7 +124,7 @@ def thickness_cloud(measures: Measures, by: Sequence[str] = ("region", "crest"))
 def thickness_ratios(measures: Measures) -> tuple[float | None, float | None]:
     """Gyral over cortical thickness: median over mean of the whole surface, and the median of the ratio over crests.
 
-    They part where the cortex of crowns is thicker or thinner than that of walls and fundi. None where one of the two
+    The two differ if the cortex of crowns is thicker or thinner than that of walls and fundi. None if one of the two
     thicknesses is not known.
     """
     gyral, cortical = (measures.scalars.get(key) for key in WHOLE)
@@ -133,7 +133,7 @@ def thickness_ratios(measures: Measures) -> tuple[float | None, float | None]:
 
 
 def _both(rows: Sequence[Mapping[str, Any]]) -> Iterator[tuple[float, float, Mapping[str, Any]]]:
-    """Gyral and cortical thickness of the rows that have both, and the row."""
+    """Gyral and cortical thickness of each row that has both, and the row."""
     for row in rows:
         wide, thick = row.get("gyral_thickness_mm"), row.get("cortical_thickness_mm")
         if _known(wide) and _known(thick):
@@ -167,7 +167,7 @@ def bins(cortical: Array, gyral: Array, count: int, what: str) -> tuple[Thicknes
 def fit_line(points: Sequence[ThicknessPoint], *, robust: bool = True) -> Fit | None:
     """Least squares of gyral on cortical thickness; None for fewer than three points or no spread in x.
 
-    ``robust``: with the median of slopes, whose time and memory grow as the square of the points; else it is NaN.
+    ``robust``: also the median of slopes, whose time and memory grow as the square of the points; else it is NaN.
     """
     from scipy import stats
 

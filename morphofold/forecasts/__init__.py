@@ -1,5 +1,5 @@
-"""Before a run or an analysis: its time, memory and errors, and the accuracy that fits; after it: what it cost, and how
-wrong it is.
+"""Forecasts of a run or an analysis: its time, memory and errors, and the accuracy that fits; afterwards its cost and
+its errors.
 """
 
 from morphofold.forecasts.forecasting import Forecast, forecast

@@ -1,4 +1,4 @@
-"""What a run that is done has cost, by phase and by effect, and how wrong it is expected to be."""
+"""Cost of a finished run, by phase and by effect, and its expected errors."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
 
 REST = "rest"
-Shares = Mapping[str, tuple[float, float]]  # by what was done: its seconds, and its share of all
+Shares = Mapping[str, tuple[float, float]]  # name -> seconds, and share of all
 
-#: phases of the solver's clock that are no effect's, and what they do
+#: phases of the solver's clock that belong to no effect, and what they do
 PHASES = {
     "elements": "forces of the elements",
     "advance": "nodal sums, velocities and positions",
-    "balance": "how far the body is from rest, every twelve steps",
+    "balance": "how far the body is from equilibrium, every twelve steps",
     "measure": "masses, energies and health, every twelve steps",
     "grow": "growth of the elements",
     "filter": "forces of the surface filter",
@@ -31,25 +31,25 @@ PHASES = {
 
 @dataclass(frozen=True)
 class Cost:
-    """What a run has cost.
+    """Cost of a run.
 
     Attributes
     ----------
     seconds : float
         Wall time without compiling.
     phases, effects : mapping
-        Name to seconds and to their share of all; the phases with ``"rest"``, and the effects with a phase of their
-        own, which ``phases`` leaves out.
+        Name to seconds and to their share of all. ``phases`` has ``"rest"``, too; ``effects`` has the effects with a
+        phase of their own, which ``phases`` leaves out.
     within : mapping
-        Effects without one, and where their time is, in words.
+        Effects without a phase of their own, and where their time is counted, in words.
     steps, elements, threads : int or None
     memory_GiB : float or None
     edge_over_T : float or None
         Largest surface edge over the thickness of the (thinnest) cortex; None in one dimension.
     errors : mapping
-        Expected relative error by quantity; empty in one dimension, and for a scene unlike those studied.
+        Expected relative error by quantity; empty in one dimension, and for a scene that was not studied.
     not_studied : tuple of str
-        What of the scene is unlike them (:func:`morphofold.forecasts.table.not_studied`).
+        Properties of the scene that were not studied (:func:`morphofold.forecasts.table.not_studied`).
     how : str
         How the errors were obtained, or why there are none.
     doubts : tuple of str
@@ -71,7 +71,7 @@ class Cost:
 
 
 def cost_of(health: Mapping[str, Any], scene: Scene) -> Cost:
-    """Cost of a run from its ``health.json`` and scene. What an earlier version did not write is None or missing."""
+    """Cost of a run from its ``health.json`` and scene. Fields that an earlier version did not write are None."""
     seconds, by_phase = float(health["seconds"]), dict(health.get("seconds_by_phase", {}))
     if by_phase:
         by_phase[REST] = max(0.0, seconds - sum(by_phase.values()))
@@ -111,14 +111,14 @@ def largest(parts: Shares, most: int) -> str:
 
 
 def _counted(effect: str) -> str:
-    """Where the time of an effect is that has no phase of its own."""
+    """Where the time of an effect without a phase of its own is counted."""
     from morphofold.sim.scene.effects import effect_names, options_of
 
-    return (effect in effect_names() and options_of(effect).counted) or "not timed apart"
+    return (effect in effect_names() and options_of(effect).counted) or "not timed separately"
 
 
 def cost_beside(stage: Path) -> Cost | None:
-    """Cost of the run that wrote a ``stage.json``; None if its folder is not whole, or isn't there any more."""
+    """Cost of the run that wrote a ``stage.json``; None if its folder is incomplete or does not exist any more."""
     from morphofold.sim.output.stages import read_health
     from morphofold.sim.scene.files import load_scene
 
@@ -130,12 +130,12 @@ def cost_beside(stage: Path) -> Cost | None:
 
 
 def cost_line(cost: Cost, most: int = 3) -> str:
-    """A line on what took the time, and on the expected error."""
+    """A line with the largest times and the expected error."""
     taken = largest({**cost.phases, **cost.effects}, most)
     parts = [f"time: {taken}"] if taken else []
     if cost.not_studied:
         parts.append(f"expected error: {cost.how}")
     elif cost.edge_over_T is not None:
         name, expected = headline(cost.edge_over_T)
-        parts.append(f"expected error about {percent(expected.error)} ({name}), by edge and table")
+        parts.append(f"expected error about {percent(expected.error)} ({name}), from its edge and a table")
     return ". ".join(part.removesuffix(".") for part in ("; ".join(parts), *cost.doubts))

@@ -1,4 +1,4 @@
-"""What an analysis that is done has cost, by stage, and how wrong its measures are expected to be."""
+"""Cost of a finished analysis, by stage, and the expected errors of its measures."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ READING, WRITING, PAGE = "reading", "writing", "page"
 STAGES = {
     READING: "surfaces, maps and labels",
     "areas": "areas, depth of sulci, gyrification; checks of the surfaces",
-    "cortical thickness": "and the copy that draft or fine measures on",
+    "cortical thickness": "and the resampled mesh of draft or fine",
     "curvature": "of pial and white surface, folding indices",
     "gyral thickness": "width of gyri, wavelength",
     "gyral graph": "crests, hinges, their arms, wavelength of the spectrum",
     "local gyrification": "closing of the volume in voxels",
     "regions": "tables of regions, crests, hinges and arms",
     WRITING: "digests of the input, surfaces, maps, tables",
-    PAGE: "pictures, charts, surfaces to turn; not the putting of them into one file",
+    PAGE: "pictures, charts, interactive surfaces; not putting them into one file",
 }
 
 
 @dataclass(frozen=True)
 class AnalysisCost:
-    """What an analysis has cost.
+    """Cost of an analysis.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class AnalysisCost:
     seconds : float
         Wall time without compiling, of all stages.
     stages : mapping
-        Name to seconds, of all hemispheres, and to their share of all, in the order of the work.
+        Name to seconds of all hemispheres and to their share of all, in the order of the work.
     memory_GiB : float or None
         Most that the process has held.
     errors : mapping
@@ -72,7 +72,7 @@ class AnalysisCost:
 
 
 def cost_of_analysis(measures: Sequence[Measures], clock: Stages) -> AnalysisCost:
-    """Cost of an analysis from the clock that went along; ends what that is timing.
+    """Cost of an analysis from its clock; ends the stage that the clock is timing.
 
     Raises
     ------
@@ -84,7 +84,7 @@ def cost_of_analysis(measures: Sequence[Measures], clock: Stages) -> AnalysisCos
     from morphofold.timing import peak_memory
 
     if not measures:
-        raise NothingToDo("there are no measures to tell the cost of. Pass those of one hemisphere at least.")
+        raise NothingToDo("there are no measures, so there is no cost. Pass those of at least one hemisphere.")
     clock.end()
     seconds = sum(clock.seconds.values())
     accuracy = str(measures[0].parameters["accuracy"])
@@ -100,10 +100,10 @@ def cost_of_analysis(measures: Sequence[Measures], clock: Stages) -> AnalysisCos
 
 
 def analysis_cost_line(cost: AnalysisCost, most: int = 3) -> str:
-    """A line on what took the time, and on the worst of the expected errors: the least one may be so by chance."""
+    """A line with the largest times and the largest expected error: the least one may be small by chance."""
     line = f"time: {span(cost.seconds)}, {largest(cost.stages, most)}; "
     if not cost.errors:
-        return f"{line}errors are {cost.how}"
+        return f"{line}errors: {cost.how}"
     worst = max(cost.errors, key=lambda name: cost.errors[name].error)
     error = percent(cost.errors[worst].error)
     return f"{line}expected errors up to {error} ({worst}), by one person's hemisphere and its mesh"

@@ -1,4 +1,4 @@
-"""A second or two of a scene's own steps on this machine, and of its stages: what a forecast is scaled from."""
+"""Timing of a scene's steps and stages on this machine for a second or two; forecasts are scaled from it."""
 
 from __future__ import annotations
 
@@ -12,37 +12,37 @@ from morphofold.forecasts.steps import Steps, steps_of
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
 
-LARGEST = 330_000  # bricks (as a scene counts them) of a body that is built to be timed; larger ones are scaled
-SECONDS = 0.8  # that steps are taken for
+LARGEST = 330_000  # most bricks (as a scene counts them) of a body that is built and timed; larger bodies are scaled
+SECONDS = 0.8  # time for which steps are taken
 BLOCKS = 3, 60  # of steps, at least and at most
-CREEP = 1e-6  # growth in each
-UNEVEN = 1.5  # slower over fastest block, beyond which a machine is called busy
+CREEP = 1e-6  # growth in each block
+UNEVEN = 1.5  # slower over fastest block: beyond it a machine is called busy
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """What was timed.
+    """Result of the timing.
 
     Attributes
     ----------
     scene : Scene
-        The one that was built: the scene itself, or a smaller part of it or a coarser one.
+        The scene that was built: the scene itself, a smaller part of it, or a coarser one.
     sizes : Sizes
     layers : Layers or None
         None for tetrahedra.
     crossing : float
-        Steps in which a wave crosses its cortex.
+        Steps in which a wave crosses the cortex.
     steps_per_unit : float
         Steps in which growth rises by 1 at full pace.
     steps : Steps
     phases : mapping
         Seconds per step by phase.
     fastest, slowest : float
-        Time of the fastest block of steps over that, and of the slower quarter.
+        Time of the fastest block of steps, and of the slower quarter, over the time in ``phases``.
     setting_up : float
         Seconds to build the body.
     slowness : float
-        Time of the checks and maps of a sphere over that on the machine of the table.
+        Time of the checks and maps of a sphere, over the time on the machine of the table.
     threads : int
     """
 
@@ -66,7 +66,7 @@ def calibrate(scene: Scene, costs: Mapping[str, Any], threads: int | None = None
     Raises
     ------
     ValueError
-        If the body cannot be built, or the threads cannot be had.
+        If the body cannot be built, or the number of threads is invalid.
     """
     from morphofold.sim.build import build_body
     from morphofold.sim.dynamics import Dynamics
@@ -101,7 +101,7 @@ def calibrate(scene: Scene, costs: Mapping[str, Any], threads: int | None = None
 
 
 def reduced(scene: Scene) -> Scene:
-    """The scene, or a smaller part of its body, or else a coarser one, that has no more than ``LARGEST`` bricks."""
+    """The scene, or a smaller part of its body, or else a coarser scene, with at most ``LARGEST`` bricks."""
     from morphofold.sim.scene.files import load_scene
 
     portions = ("full", "half", "quarter", "octant")
@@ -116,9 +116,10 @@ def reduced(scene: Scene) -> Scene:
 
 
 def _time_steps(run: Any) -> tuple[dict[str, float], float, float]:
-    """Seconds per step by phase, and how far the fastest block of steps and the slower quarter differ.
+    """Seconds per step by phase, and the times of the fastest block of steps and of the slower quarter over them.
 
-    Time of the faster third of the blocks: what else this machine does in that second, it will not do all the while.
+    Seconds are those of the faster third of the blocks, because other work of the machine in that second will not last
+    for the whole run.
     """
     import numpy as np
 
@@ -130,7 +131,7 @@ def _time_steps(run: Any) -> tuple[dict[str, float], float, float]:
         run.grow_to(run.state.growth + CREEP)
         return {name: seconds / REFRESH for name, seconds in run.seconds.items()}
 
-    block()  # kernels are fetched, caches filled
+    block()  # loads kernels, fills caches
     started = working_seconds()
     taken: list[dict[str, float]] = []
     while len(taken) < BLOCKS[0] or (working_seconds() - started < SECONDS and len(taken) < BLOCKS[1]):
@@ -144,9 +145,9 @@ def _time_steps(run: Any) -> tuple[dict[str, float], float, float]:
 
 
 def slowness_of_stages(costs: Mapping[str, Any]) -> float:
-    """Time of the checks and maps of a small cortex here, over that on the machine of the table.
+    """Time of the checks and maps of a small cortex here, over the time on the machine of the table.
 
-    By one thread: beside other work two of them wait for each other, by turns much and little.
+    One thread is used: if the machine has other work, two threads wait for each other, and times vary.
     """
     from numba import set_num_threads
 

@@ -1,4 +1,4 @@
-"""What a run will cost and how wrong it will be, before it begins: ``forecast``."""
+"""Cost and errors of a run before it begins: ``forecast``."""
 
 from __future__ import annotations
 
@@ -17,40 +17,40 @@ if TYPE_CHECKING:
 
     from morphofold.sim.scene import Scene
 
-STAGES = "stages"  # phases of a run that the solver's clock does not know: checks, maps and files of its stages,
-SETTING_UP = "set-up"  # and the building of its body
-LEAST = 0.1  # of its range of times, over the expected one
+STAGES = "stages"  # phases of a run that the solver's clock does not have: checks, maps and files of its stages,
+SETTING_UP = "set-up"  # and building its body
+LEAST = 0.1  # least time of the range, over the expected time
 
 
 @dataclass(frozen=True)
 class Forecast:
-    """What is expected of a run.
+    """Forecast of a run.
 
     Attributes
     ----------
     scene, shape, setting : str
-        Its name and shape, and its accuracy in words: ``"standard"``, or between which levels its edge lies.
+        Its name and shape, and its accuracy in words: ``"standard"``, or the levels between which its edge lies.
     edge_mm, edge_over_T : float or None
-        Largest surface edge [mm], and in thicknesses of the (thinnest) cortex; None in one dimension, as all below.
+        Largest surface edge [mm], and over the thickness of the (thinnest) cortex; None in one dimension.
     elements_through_cortex : int or None
-        None for a mesh from a file, too.
+        None in one dimension, and for a mesh from a file.
     elements, nodes, steps, stages : int
     fewest_steps, most_steps : int
     seconds, fastest, slowest : float
-        Wall time without compiling, and the range in which it plausibly is [s].
+        Wall time without compiling, and its plausible range [s].
     seconds_by_phase : mapping
         As in health.json, with ``"set-up"`` and ``"stages"``.
     memory_GiB : float
-        At most, of the whole process.
+        Maximum of the whole process.
     threads : int
     errors : mapping
-        Quantity to its ``Expected`` relative error; empty in one dimension, and for a scene unlike those studied.
+        Quantity to its ``Expected`` relative error; empty in one dimension, and for a scene that was not studied.
     not_studied : tuple of str
-        What of the scene is unlike them (:func:`morphofold.forecasts.table.not_studied`).
+        Properties of the scene that were not studied (:func:`morphofold.forecasts.table.not_studied`).
     how : mapping
         How each of these was obtained, in words.
     doubts : tuple of str
-        Why it may not hold, one sentence each.
+        Why the forecast may be wrong, one sentence each.
     """
 
     scene: str
@@ -78,7 +78,7 @@ class Forecast:
 
     @property
     def headline(self) -> tuple[str, Expected] | None:
-        """The largest error of ``HEADLINE``, and of what it is."""
+        """The quantity of ``HEADLINE`` with the largest error, and that error."""
         return larger(self.errors) if self.errors else None
 
     def as_dict(self) -> dict[str, Any]:
@@ -94,9 +94,9 @@ def forecast(source: str | Path | Scene, threads: int | None = None, *, settings
     source : str, Path or Scene
         A built-in scene's name, a TOML file, or a scene.
     threads : int, optional
-        Threads that the run will have; by default all cores.
+        Threads of the run; by default all cores.
     settings : iterable of str
-        ``"growth.final=1.8"`` and the like, put over the scene.
+        Changes of the scene, such as ``"growth.final=1.8"``.
 
     Returns
     -------
@@ -105,7 +105,7 @@ def forecast(source: str | Path | Scene, threads: int | None = None, *, settings
     Raises
     ------
     ValueError, FileNotFoundError
-        If the scene cannot be had, or its body not be built.
+        If the scene cannot be read, or its body cannot be built.
     """
     from morphofold.sim.scene.files import load_scene
 
@@ -116,7 +116,7 @@ def forecast(source: str | Path | Scene, threads: int | None = None, *, settings
 
 
 def forecast_from(scene: Scene, found: Calibration) -> Forecast:
-    """Forecast of ``scene`` from what was timed: of itself, or scaled from another accuracy or portion of it."""
+    """Forecast of ``scene`` from a timing of itself, or scaled from another accuracy or portion of it."""
     itself = scene == found.scene
     sizes = found.sizes if itself or found.layers is None else sizes_by_rule(scene, found.layers)
     steps = found.steps if itself else _scaled_steps(scene, sizes, found)
@@ -156,20 +156,20 @@ def forecast_from(scene: Scene, found: Calibration) -> Forecast:
 
 
 def _scaled_steps(scene: Scene, sizes: Sizes, found: Calibration) -> Steps:
-    """Steps on other edges: a wave takes as many to cross a cell as its diagonal asks for."""
+    """Steps with other edges: the number in which a wave crosses a cell depends on the cell's diagonal."""
     mine, timed = (_steps_across(s, edge) for s, edge in ((scene, sizes.edge), (found.scene, found.sizes.edge)))
     ratio = mine / timed
     return steps_of(scene, found.steps_per_unit * ratio, found.crossing * ratio, costs())
 
 
 def _steps_across(scene: Scene, edge: float) -> float:
-    """Steps in which a wave crosses the cortex, but for a factor, with surface edges so long [mm]."""
+    """Steps in which a wave crosses the cortex, up to a factor, with surface edges of length ``edge`` [mm]."""
     through = costs()["crossing"]["through"] * scene.elements_through_cortex**2
     return math.sqrt(through + (scene.geometry.cortex_thickness / edge) ** 2)
 
 
 def _phases(scene: Scene, sizes: Sizes, steps: Steps, found: Calibration) -> dict[str, float]:
-    """Seconds of the run by phase: those of a step times steps, contact awake, and what is not steps."""
+    """Seconds of the run by phase: time of a step times steps, active contact, and work outside of steps."""
     more = sizes.elements / found.sizes.elements
     phases = {name: more * each * steps.expected for name, each in found.phases.items()}
     if "grow" in phases:
@@ -189,15 +189,13 @@ def _doubts(scene: Scene, sizes: Sizes, found: Calibration) -> list[str]:
     sentences = doubts(scene, sizes.edge / scene.thinnest)
     if scene.real_time:
         sentences.append(
-            "The step of real masses shrinks as elements are squeezed, by how much was seen in one run only."
+            "With real masses the step shrinks as elements are squeezed; by how much was seen in one run only."
         )
     if scene.output.stability:
-        sentences.append(
-            "Counting the unstable modes of the stages comes on top, in time and memory (output.stability)."
-        )
+        sentences.append("Counting the unstable modes of the stages takes further time and memory (output.stability).")
     if found.slowest > UNEVEN * found.fastest:
         sentences.append(
-            f"Steps took up to {found.slowest / found.fastest:.1f} times as long as others just now: this machine has "
+            f"Some steps just took up to {found.slowest / found.fastest:.1f} times as long as others: this machine has "
             "other work to do."
         )
     return sentences
@@ -208,20 +206,20 @@ def _how(scene: Scene, found: Calibration, itself: bool, outside: tuple[str, ...
     if not itself:
         part = getattr(found.scene.geometry, "portion", "")
         part = f"{part} " if part != getattr(scene.geometry, "portion", "") else ""
-        built = f"counted by rule; a {part}body of {found.sizes.elements:,} elements was built to be timed"
+        built = f"counted by rule; a {part}body of {found.sizes.elements:,} elements was built and timed"
     errors = f"a table of errors against edges: {table()['errors']['subject']}"
     threads = "one thread" if found.threads == 1 else f"{found.threads} threads"
     return {
         "elements": built,
-        "steps": "the pace of growth, and what runs with such growth and stiffness waited for balance",
-        "time": f"steps timed here by {threads}, and the checks and maps of a sphere",
+        "steps": "the pace of growth, and how long runs with such growth and stiffness waited for equilibrium",
+        "time": f"steps timed here with {threads}, and the checks and maps of a sphere",
         "memory": "bytes per element and vertex, measured in other runs",
         "errors": unstudied(outside) if outside else errors,
     }
 
 
 def _setting_words(scene: Scene, edge: float) -> str:
-    """The accuracy of a scene: its level, or where its edge [mm] lies among the levels, the coarsest of them first."""
+    """The accuracy of a scene in words: its level, or the levels between which its edge [mm] lies, coarser first."""
     from morphofold.sim.scene import LEVELS
 
     if scene.geometry.shape == "mesh":
@@ -238,7 +236,7 @@ def _setting_words(scene: Scene, edge: float) -> str:
 
 
 def _radial_forecast(scene: Scene, threads: int | None) -> Forecast:
-    """Of a run in one dimension, which is next to nothing: its final stage is solved, in milliseconds."""
+    """Forecast of a run in one dimension: its final stage is solved, in milliseconds."""
     from morphofold.progress import silent
     from morphofold.sim.radial_run import SPHERE_LEVEL, RadialRun
     from morphofold.threads import using_threads
@@ -280,7 +278,7 @@ def _radial_forecast(scene: Scene, threads: int | None) -> Forecast:
         {
             "time": "the final stage was solved",
             "memory": "measured in other runs",
-            "errors": "equilibria to a part in 1e8 or so; no mesh enters",
+            "errors": "equilibria to about a part in 1e8; there is no mesh",
         },
         (),
     )

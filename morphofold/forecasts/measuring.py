@@ -1,4 +1,4 @@
-"""What measuring a cortex will cost and how wrong it will be, before it begins: ``forecast_analysis``."""
+"""Cost and errors of measuring a cortex before it begins: ``forecast_analysis``."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ if TYPE_CHECKING:
     from morphofold.analysis.resampling import Preset
     from morphofold.surface import Cortex
 
-REPEATS = 3  # of the measuring that is timed, after once for kernels to be fetched
-ON_COPY = ("cortical thickness", "gyral thickness", "gyral graph")  # stages that draft and fine do on a copy
-VOXELS = "local gyrification"  # and the one whose voxels they change
-WIDER = 1.1  # power of its scale that curvature takes: 0.7 to 1.3 on fsaverage5 and a person, 2 to 20 mm
+REPEATS = 3  # of the measuring that is timed, after one to load kernels
+ON_COPY = ("cortical thickness", "gyral thickness", "gyral graph")  # stages that draft and fine do on a resampled mesh
+VOXELS = "local gyrification"  # and the stage whose voxels they change
+WIDER = 1.1  # time of curvature as a power of its scale: 0.7 to 1.3 on fsaverage5 and a person, 2 to 20 mm
 
 
 @dataclass(frozen=True)
 class Hemisphere:
-    """One that is to be measured: vertices of white and pial each, those of the copy on which thicknesses and the gyral
-    net are measured, and the seconds expected of its measures."""
+    """A hemisphere to be measured: vertices of white and pial each, vertices of the mesh on which thicknesses and gyral
+    graph are measured, and the expected seconds of its measures."""
 
     hemi: str
     vertices: int
@@ -36,25 +36,25 @@ class Hemisphere:
 
 @dataclass(frozen=True)
 class AnalysisForecast:
-    """What is expected of an analysis.
+    """Forecast of an analysis.
 
     Attributes
     ----------
     name, accuracy : str
     hemispheres : tuple of Hemisphere
     seconds, fastest, slowest : float
-        Wall time without compiling, and the range in which it plausibly is [s].
+        Wall time without compiling, and its plausible range [s].
     seconds_by_stage : mapping
         As in cost.json.
     memory_GiB : float
-        At most, of the whole process.
+        Maximum of the whole process.
     threads : int
     errors : mapping
         Quantity to its ``Measured`` relative error.
     how : mapping
         How each of these was obtained, in words.
     doubts : tuple of str
-        Why it may not hold, one sentence each.
+        Why the forecast may be wrong, one sentence each.
     """
 
     name: str
@@ -94,9 +94,9 @@ def forecast_analysis(
         The hemispheres to be measured.
     accuracy : {"draft", "standard", "fine"}
     report : bool
-        Whether the page is to be made.
+        Whether the page will be made.
     threads : int, optional
-        Threads that the analysis will have; by default all cores.
+        Threads of the analysis; by default all cores.
     reading : float
         Seconds that reading the surfaces took.
     curvature_scale : float, optional
@@ -104,19 +104,19 @@ def forecast_analysis(
     repair : bool
         As for :func:`morphofold.analysis.measure`.
     stages : int
-        How many of a simulation the page will draw; their time is not counted, which is said.
+        Number of stages of a simulation that the page will draw; their time is not counted, which ``doubts`` says.
 
     Raises
     ------
     ValueError
-        If there is no cortex, no such accuracy, the threads cannot be had, or a cortex is one that can not be measured:
-        for all that the measuring itself would refuse but a surface without volume.
+        If there is no cortex, the accuracy is unknown, the number of threads is invalid, or a cortex can't be measured:
+        for all reasons for which the measuring would refuse it, except a surface without volume.
     """
     from morphofold.analysis.mesh_quality.repair import measurable
     from morphofold.analysis.resampling import accuracy_of
 
     if not cortices:
-        raise NothingToDo("there is no cortex to forecast the measuring of. Pass one at least.")
+        raise NothingToDo("there is no cortex to forecast. Pass at least one.")
     chosen = accuracy_of(accuracy)
     cortices = [measurable(cortex, repair=repair).cortex for cortex in cortices]
     wider = [_wider(cortex, curvature_scale) for cortex in cortices]
@@ -131,9 +131,9 @@ def forecast_analysis(
     expected = measured_errors(cortices, accuracy)
     doubts = list(expected.doubts)
     if report and stages:
-        doubts.append(f"The page reads and draws stages of the simulation, too ({stages}); that comes on top.")
+        doubts.append(f"The page also reads and draws stages of the simulation ({stages}), which takes further time.")
     if uneven > UNEVEN:
-        doubts.append(f"The same took {uneven:.1f} times as long again just now: this machine has other work to do.")
+        doubts.append(f"A repeat just took {uneven:.1f} times as long as another: this machine has other work to do.")
     return AnalysisForecast(
         cortices[0].name,
         accuracy,
@@ -147,7 +147,7 @@ def forecast_analysis(
         expected.errors,
         {
             "time": f"measures of a made-up cortex of {costs()['analysis']['ball']:,} vertices timed here, scaled by "
-            "power laws of vertices, a stage each",
+            "power laws of vertices, one for each stage",
             "memory": "bytes per vertex, measured in other analyses",
             "errors": expected.how,
         },
@@ -156,7 +156,7 @@ def forecast_analysis(
 
 
 def _timed(threads: int | None) -> tuple[dict[str, float], float, int]:
-    """Seconds by stage of measuring a small folded ball as a draft, how uneven repeats were, and the threads used."""
+    """Seconds by stage of measuring a small folded ball as a draft, slowest over fastest repeat, and the threads."""
     from morphofold.analysis.measuring import measure
     from morphofold.shapes.folded_ball import folded_ball
     from morphofold.threads import using_threads
@@ -174,7 +174,7 @@ def _timed(threads: int | None) -> tuple[dict[str, float], float, int]:
 
 
 def _copied(cortex: Cortex, chosen: Preset) -> int:
-    """Vertices of the copy that thicknesses and the net are measured on, as ``resampling.resampled`` makes it."""
+    """Vertices of the mesh on which thicknesses and gyral graph are measured, see ``resampling.resampled``."""
     import numpy as np
 
     from morphofold import geometry
@@ -186,7 +186,7 @@ def _copied(cortex: Cortex, chosen: Preset) -> int:
 
 
 def _wider(cortex: Cortex, wanted: float | None) -> float:
-    """How many times as long curvature takes at the scale wanted as at the usual one; refuses what does not fit."""
+    """Time of curvature at the wanted scale over that at the usual one; raises if the scale does not fit."""
     from morphofold.analysis.measuring import scale_of_curvature
 
     scale, usual = (scale_of_curvature(cortex, one)[0] for one in (wanted, None))
@@ -194,8 +194,8 @@ def _wider(cortex: Cortex, wanted: float | None) -> float:
 
 
 def _measuring(n: int, on: int, chosen: Preset, timed: Mapping[str, float], wider: float = 1.0) -> dict[str, float]:
-    """Seconds by stage of measuring a hemisphere of ``n`` vertices, some of it on a copy of ``on``; ``wider`` is what
-    the scale of curvature makes of the time it takes."""
+    """Seconds by stage of measuring a hemisphere of ``n`` vertices, some stages on a resampled mesh of ``on``;
+    ``wider`` is the factor of the time of curvature that follows from its scale."""
     laws = costs()["analysis"]
     found = {}
     for name, seconds in timed.items():
@@ -221,12 +221,12 @@ def _writing(sizes: Sequence[int], report: bool, timed: Mapping[str, float]) -> 
 
 
 def _slowness(timed: Mapping[str, float]) -> float:
-    """Time of the tables of the ball, which one thread makes whatever their number, over that of the stored table."""
+    """Time of the tables of the ball, which always use one thread, over that in the stored table."""
     return timed["regions"] / costs()["analysis"]["regions_of_ball"]
 
 
 def memory_of_analysis(vertices: Sequence[int], *, accuracy: str = "standard", report: bool = True) -> float:
-    """Most memory of a process that measures hemispheres of so many vertices, one after the other [GiB]."""
+    """Most memory of a process that measures hemispheres of these numbers of vertices, one after the other [GiB]."""
     from morphofold.analysis.resampling import accuracy_of
 
     chosen = accuracy_of(accuracy)
@@ -234,7 +234,7 @@ def memory_of_analysis(vertices: Sequence[int], *, accuracy: str = "standard", r
 
 
 def _memory_GiB(sizes: Sequence[tuple[int, int]], chosen: Preset, report: bool) -> float:
-    """Most memory of a whole process that does the analysis alone."""
+    """Most memory [GiB] of a whole process that does only the analysis."""
     memory, total = costs()["analysis"]["memory"], sum(n for n, _ in sizes)
     most = memory["kept_per_vertex"] * total + memory["per_vertex"] * max(max(size) for size in sizes)
     measuring: float = memory["process"] + (most + memory["per_voxel"] * chosen.voxels**3) / GiB

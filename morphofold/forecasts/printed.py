@@ -29,10 +29,10 @@ def table_of(found: Forecast) -> str:
 
 
 def table_of_analysis(found: AnalysisForecast) -> str:
-    """The same of an analysis."""
+    """A forecast of an analysis as a short table."""
     rows = [("accuracy", found.accuracy)]
     for one in found.hemispheres:
-        copy = "" if one.measured_on == one.vertices else f"; thicknesses and net on {one.measured_on:,}"
+        copy = "" if one.measured_on == one.vertices else f"; thicknesses and gyral graph on {one.measured_on:,}"
         rows.append((one.hemi, f"{one.vertices:,} vertices of white and pial each{copy}; {span(one.seconds)}"))
     rows += _memory_and_time(found, found.seconds_by_stage)
     rows += [(f"error of {name}", f"{percent(e.error)}  against {e.against}") for name, e in found.errors.items()]
@@ -43,13 +43,13 @@ def _memory_and_time(found: Forecast | AnalysisForecast, parts: Mapping[str, flo
     threads = f"{found.threads} thread{'s' if found.threads > 1 else ''}"
     return [
         ("memory", f"{found.memory_GiB:.2g} GiB"),
-        ("time", f"{span(found.seconds)}  ({span(found.fastest)} to {span(found.slowest)}) by {threads}"),
+        ("time", f"{span(found.seconds)}  ({span(found.fastest)} to {span(found.slowest)}) with {threads}"),
         ("", largest(shares(parts, found.seconds), 4)),
     ]
 
 
 def _laid_out(name: str, rows: list[tuple[str, str]], found: Forecast | AnalysisForecast) -> str:
-    """Rows in two columns, how they were obtained, and doubts."""
+    """Text of the rows in two columns, how they were obtained, and doubts."""
     width = max(len(label) for label, _ in rows)
     lines = [f"{name}: forecast"] + [f"  {label:{width}}  {value}" for label, value in rows]
     lines += [f"{what}: {how}" for what, how in found.how.items()]

@@ -1,5 +1,5 @@
-"""How wrong a finished run is, by Richardson extrapolation: it is compared with a coarser run of the same scene, and
-that one with a slower run, which grows at half the pace."""
+"""Errors of a finished run by Richardson extrapolation: the run is compared with a coarser run of the same scene, and
+the coarser run with a slower run, which grows at half the pace."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
 
 LONGER = 1.5  # edges of the coarser run over those of the run: it takes about a third of the run's time
-LEAST = 1.2  # of that ratio as built, where few cells round it; below, the two are too alike to extrapolate
-ALIKE = 0.5  # mean distance between the pial surfaces over T, beyond which two patterns are not one: folds
+LEAST = 1.2  # least ratio as built, after rounding to whole cells; below, the two runs are too similar to extrapolate
+ALIKE = 0.5  # mean distance between the pial surfaces over T, beyond which two patterns are different: folds
 # of two seeds lie 1.1 to 1.3 T apart, an eighth of their wavelength (docs/accuracy.md)
-#: powers of the edge with which errors go as long as meshes fold into one pattern, three elements through the cortex:
-#: along meshes of an octant of fig6-thick from 1.2 to 0.27 T, whose stages did not rest; at rest no two did
+#: errors scale with these powers of the edge if meshes fold into one pattern, with three elements through the cortex:
+#: on meshes of an octant of fig6-thick from 1.2 to 0.27 T, whose stages were not at rest; at rest no patterns agreed
 POWERS = {"gyrification index": 1.32, "pial distance": 1.16}
 COARSER, SLOWER, FILE = "coarser", "slower", "error.json"  # in the folder of the run
 
 
 @dataclass(frozen=True)
 class Estimated:
-    """One quantity of the last stage: how much it differs between the run and the coarser one, the power of the edge
-    with which its error goes, and the error of the run, change / (ratio^power - 1); None if the coarser run folded into
+    """One quantity of the last stage: its difference between the run and the coarser run, the power of the edge with
+    which its error scales, and the error of the run, change / (ratio^power - 1); None if the coarser run folded into
     another pattern."""
 
     change: Amount
@@ -49,25 +49,26 @@ class Estimated:
 
 @dataclass(frozen=True)
 class Estimate:
-    """Errors of a run by Richardson's extrapolation from a coarser run.
+    """Errors of a run by Richardson extrapolation from a coarser run.
 
     Attributes
     ----------
     growth : float
         Of the last stage, which is compared.
     edge_over_T, ratio : float
-        Largest surface edge of the run over the thickness of the (thinnest) cortex; that of the coarser run over the
-        run's.
+        Largest surface edge of the run over the thickness of the (thinnest) cortex; edge of the coarser run over the
+        edge of the run.
     errors : mapping
-        Quantity to ``Estimated``: the relative one of the ``gyrification index`` (of closed bodies), and the
-        ``pial distance``, the mean one between two pial surfaces over T.
+        Quantity to ``Estimated``: relative error of the ``gyrification index`` (closed bodies only), and the
+        ``pial distance``, the mean distance between two pial surfaces over T.
     how : str
     doubts : tuple of str
     not_studied : tuple of str
-        What of the scene is unlike those whose powers are taken (:func:`morphofold.forecasts.table.not_studied`).
+        Properties of the scene for which the powers were not studied
+        (:func:`morphofold.forecasts.table.not_studied`).
     pace : mapping, optional
-        Quantity to how much it changes, as it stands, if the coarser run grows at half the pace; None of a scene that
-        has no slower run (:func:`companions`), and of estimates that knew of none.
+        Quantity to its change, not extrapolated, if the coarser run grows at half the pace; None if the scene has no
+        slower run (:func:`companions`), and in estimates of versions without slower runs.
     """
 
     growth: Number
@@ -81,8 +82,8 @@ class Estimate:
 
     @property
     def words(self) -> str:
-        """All errors in a line, and why not to trust them."""
-        errors = _listed({name: e.error for name, e in self.errors.items() if e.error is not None}) or "can't be told"
+        """All errors in a line, and reasons to doubt them."""
+        errors = _listed({name: e.error for name, e in self.errors.items() if e.error is not None}) or "not known"
         sentences = [f"error of the mesh at g = {self.growth:g}, {self.how}: {errors}."]
         if self.pace is not None:
             sentences.append(f"Half the pace of growth changes the coarser run by: {_listed(self.pace)} of T.")
@@ -94,14 +95,14 @@ class Estimate:
 
 
 class ErrorFile(Record):
-    """``error.json``: the fields of an ``Estimate`` (an earlier version's lack the last ones), and of which
-    ``health.json``."""
+    """``error.json``: the fields of an ``Estimate`` (earlier versions lack the last ones), and the digest of the
+    ``health.json`` it belongs to."""
 
     health_sha256: str
 
 
 class Grown(NamedTuple):
-    """The last stage of a run: its pial surface, its largest edge before growth [mm], what is wrong with it."""
+    """The last stage of a run: its pial surface, its largest edge before growth [mm], and its warnings."""
 
     pial: Surface
     edge: float
@@ -114,18 +115,18 @@ def coarser(scene: Scene) -> Scene:
     Raises
     ------
     ValueError
-        If it has no edge to be made longer, doesn't grow, or is so small that the edges come out hardly longer.
+        If it has no edge that could be longer, doesn't grow, or is too small for edges that are clearly longer.
     """
     from morphofold.sim.scene.files import load_scene
 
     if scene.geometry.shape in ("mesh", "radial"):
-        why = "its mesh is the file's" if scene.geometry.shape == "mesh" else "it is solved in one dimension"
+        why = "its mesh comes from a file" if scene.geometry.shape == "mesh" else "it is solved in one dimension"
         raise DoesNotApply(
-            f"--estimate grows a coarser run, and {scene.name} (shape {scene.geometry.shape!r}) has none: "
-            f"{why}. Drop it."
+            f"--estimate grows a coarser run, but {scene.name} (shape {scene.geometry.shape!r}) has none: "
+            f"{why}. Leave it out."
         )
     if scene.growth.final == 1:
-        raise DoesNotApply(f"--estimate: {scene.name} doesn't grow, so there is no error to estimate. Drop it.")
+        raise DoesNotApply(f"--estimate: {scene.name} doesn't grow, so there is no error to estimate. Leave it out.")
     coarse = load_scene(
         scene,
         [
@@ -137,16 +138,16 @@ def coarser(scene: Scene) -> Scene:
     edge, longer = edge_by_rule(scene), edge_by_rule(coarse)
     if longer < LEAST * edge:
         raise NoSolution(
-            f"--estimate: the edges of {scene.name} are {edge:.3g} mm, those of its coarser run no more than "
-            f"{longer:.3g}: so small a body has no coarser one. Take a shorter accuracy.edge."
+            f"--estimate: the edges of {scene.name} are {edge:.3g} mm, those of its coarser run only "
+            f"{longer:.3g}: the body is too small for a coarser run. Take a shorter accuracy.edge."
         )
     return coarse
 
 
 def companions(scene: Scene) -> dict[str, Scene]:
     """The scenes of the coarser and the slower run by their folders: :func:`coarser`, and the same at half of
-    ``growth.rate``, unless time is real (inertia) or no pace is as slow; raises as :func:`coarser`. Both pass the first
-    wrinkles at one pace, where ``slow_growth`` holds it down whatever the rate."""
+    ``growth.rate``. There is no slower run if time is real (inertia) or the pace would be too slow. Raises as
+    :func:`coarser`. Both runs pass the first wrinkles at the same pace, which ``slow_growth`` limits at any rate."""
     from morphofold.sim.scene import SLOWEST_RATE
     from morphofold.sim.scene.files import load_scene
 
@@ -157,8 +158,7 @@ def companions(scene: Scene) -> dict[str, Scene]:
 
 
 def companion_forecasts(scene: Scene, threads: int | None = None) -> dict[str, Forecast]:
-    """What the coarser and the slower run of a scene will take; its own errors and doubts of them, which nobody asks
-    for, are left out."""
+    """Forecasts of the coarser and the slower run of a scene, without their errors and doubts, which are not needed."""
     found = {folder: forecast(coarse, threads) for folder, coarse in companions(scene).items()}
     how = lambda one: {what: words for what, words in one.how.items() if what != "errors"}
     return {k: replace(one, errors={}, not_studied=(), how=how(one), doubts=()) for k, one in found.items()}
@@ -170,8 +170,8 @@ def estimate_error(run: Simulation, *, threads: int | None = None, progress: Pro
     Parameters
     ----------
     run : Simulation
-        Finished. The other two runs are grown in the folders ``coarser`` and ``slower`` within, gone on with if they
-        were stopped, or read.
+        Finished. The other two runs are grown in its folders ``coarser`` and ``slower``; stopped ones continue, and
+        finished ones are read.
     threads : int, optional
         As of :func:`morphofold.simulate`.
     progress : callable
@@ -184,17 +184,17 @@ def estimate_error(run: Simulation, *, threads: int | None = None, progress: Pro
     Raises
     ------
     ValueError
-        As :func:`coarser`; if the run doesn't say how long its edges are, restarted from another one, or has effects of
-        its caller's own.
+        As :func:`coarser`; if the run doesn't record the length of its edges, restarted from another run, or has
+        effects that its caller passed.
     FileExistsError
         If another process writes into the run's folder.
     UnstableError
-        If one of them leaves its bounds; the run is none the worse.
+        If the coarser or the slower run becomes unstable; the run itself is not affected.
 
     Notes
     -----
-    An error that goes with the power p of the edge is ``|Q - Q_coarser| / (r^p - 1)`` for a run with edges r times as
-    long. p is that of the study, of three elements through the cortex throughout; docs/accuracy.md says how far such
+    An error that scales with the power p of the edge is ``|Q - Q_coarser| / (r^p - 1)`` if the edges of the coarser run
+    are r times as long. p is from a study with three elements through the cortex; docs/accuracy.md shows how far such
     estimates are from true errors, and why wavelength and strain energy have none.
     """
     from morphofold.io.locks import alone
@@ -206,8 +206,8 @@ def estimate_error(run: Simulation, *, threads: int | None = None, progress: Pro
     check_kind(run, Simulation, "estimate_error: run")
     if begun := [what for what in ("effects", "restart") if what in begun_with(run.path)]:
         raise DoesNotApply(
-            f"{run.path}: has {' and '.join(begun)} in inputs.json, of which its scene knows nothing, so no coarser "
-            "coarser run of it can be grown."
+            f"{run.path}: has {' and '.join(begun)} in inputs.json, but not in its scene, so no coarser run of it can "
+            "be grown."
         )
     others = companions(run.scene)
     grown = [_grown(run)]
@@ -216,17 +216,17 @@ def estimate_error(run: Simulation, *, threads: int | None = None, progress: Pro
         try:
             grown.append(_grown(simulate(coarse, run.path / folder, resume=True, threads=threads, progress=show)))
         except UnstableError as error:
-            raise UnstableError(f"{run.path / folder}: {error} The run beside it is whole.", error.sound) from error
+            raise UnstableError(f"{run.path / folder}: {error} The run itself is complete.", error.sound) from error
     found = between(run.scene, *grown)
     with alone(run.path):
-        sweep(run.path)  # a run that is finished doesn't any more
+        sweep(run.path)  # a finished run no longer does it
         with atomic_file(run.path / FILE) as temporary:
             temporary.write_text(strict_json({**found.as_dict(), "health_sha256": _digest(run.path)}), "utf-8")
     return found
 
 
 def estimate_beside(stage: Path) -> Estimate | None:
-    """The estimate of the run that wrote a ``stage.json``; None if there is none of this very run, or not whole."""
+    """The estimate of the run that wrote a ``stage.json``; None if this run has none, or it is incomplete."""
     folder = stage.parent.parent.parent
     try:
         content = read_json(folder / FILE, ErrorFile, "")
@@ -238,7 +238,7 @@ def estimate_beside(stage: Path) -> Estimate | None:
 
 
 def between(scene: Scene, mine: Grown, coarse: Grown, slow: Grown | None = None) -> Estimate:
-    """The estimate from the last stages of the run, the coarser run and, if there is one, the slower run."""
+    """Estimate from the last stages of the run, the coarser run and, if there is one, the slower run."""
     changes = _changes(scene, mine, coarse)
     apart, pace = changes["pial distance"], None if slow is None else _changes(scene, coarse, slow)
     ratio = coarse.edge / mine.edge
@@ -256,11 +256,11 @@ def between(scene: Scene, mine: Grown, coarse: Grown, slow: Grown | None = None)
     if apart > ALIKE:
         doubts.append(
             f"The coarser run folded into another pattern (they differ by: {_listed(changes)} of T), so no error "
-            "follows from it: on such edges the mesh has a part in the pattern. Take a shorter one."
+            "follows from it: with such edges the pattern depends on the mesh. Take a shorter edge."
         )
     if pace is not None and pace["pial distance"] > ALIKE:
         doubts.append(
-            "The slower run folded into another pattern than the coarser: the folds depend on the pace of growth."
+            "The slower run folded into another pattern than the coarser run: the folds depend on the pace of growth."
         )
     T = scene.thinnest
     unlike = not_studied(scene, mine.edge / T)
@@ -280,7 +280,7 @@ def between(scene: Scene, mine: Grown, coarse: Grown, slow: Grown | None = None)
 
 
 def _changes(scene: Scene, one: Grown, other: Grown) -> dict[str, float]:
-    """By how much the last stages of two runs differ: quantities and units as those of ``Estimate.errors``."""
+    """Differences of the last stages of two runs: quantities and units are those of ``Estimate.errors``."""
     from morphofold import analysis
     from morphofold.comparison.distance import distance
 
@@ -299,7 +299,7 @@ def _grown(run: Simulation) -> Grown:
     health = run.health
     if "surface_edge_mm" not in health:
         raise MissingPart(
-            f"{run.path / 'health.json'}: has no surface_edge_mm, it is an early version's. Grow it anew."
+            f"{run.path / 'health.json'}: has no surface_edge_mm, because an early version wrote it. Grow it again."
         )
     return Grown(run.cortex().pial, health["surface_edge_mm"], health["warnings"])
 

@@ -1,5 +1,5 @@
-"""How many elements and nodes a scene's body has, counted without building it, the edges that it can have, and the
-memory that its run takes."""
+"""Numbers of elements and nodes of a scene's body, counted without building it, the edges that it can have, and the
+memory of its run."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Layers(NamedTuple):
 
 
 class Sizes(NamedTuple):
-    """Elements and nodes of a body, vertices of its surface (whole: mirrored to the closed one), largest edge [mm]."""
+    """Elements and nodes of a body, vertices of its whole surface (mirrored to a closed one), largest edge [mm]."""
 
     elements: int
     nodes: int
@@ -33,7 +33,7 @@ class Sizes(NamedTuple):
 
 
 def sizes_of(bilayer: Bilayer) -> Sizes:
-    """Sizes of a body that is built."""
+    """Sizes of a built body."""
     axes = len(bilayer.mirrored)
     vertices = bilayer.n_surface
     if axes and bilayer.faces.shape[1] == 4:  # Euler: a closed surface of quads
@@ -42,7 +42,7 @@ def sizes_of(bilayer: Bilayer) -> Sizes:
 
 
 def layers_of(bilayer: Bilayer) -> Layers:
-    """Mean layers of a built body of bricks, as its builder took them."""
+    """Mean layers of a built body of bricks, as its builder used them."""
     import numpy as np
 
     X, n = bilayer.mesh.p.T, bilayer.n_surface
@@ -52,7 +52,7 @@ def layers_of(bilayer: Bilayer) -> Layers:
 
 
 def edge_by_rule(scene: Scene) -> float:
-    """Largest surface edge [mm] of a body of bricks, no longer than the one that its scene asks for.
+    """Largest surface edge [mm] of a body of bricks, at most the edge in its scene.
 
     Raises
     ------
@@ -63,7 +63,7 @@ def edge_by_rule(scene: Scene) -> float:
 
 
 def _rows(scene: Scene) -> list[tuple[float, int]]:
-    """Lengths of a patch or strip, or of a quarter of the longest circle [mm], and the cells along each."""
+    """Lengths of a patch or strip, or of a quarter of the longest circle [mm], and the number of cells along each."""
     from morphofold.sim.scene import Ellipsoid, Patch, Sphere, Strip
 
     geometry = scene.geometry
@@ -76,7 +76,7 @@ def _rows(scene: Scene) -> list[tuple[float, int]]:
 
 
 def sizes_by_rule(scene: Scene, layers: Layers) -> Sizes:
-    """Sizes of a body of bricks: quads of its surface, times its layers.
+    """Sizes of a body of bricks: quads of its surface times its layers.
 
     Raises
     ------
@@ -103,7 +103,7 @@ def sizes_by_rule(scene: Scene, layers: Layers) -> Sizes:
 def edges_between(scene: Scene, finest: float, coarsest: float) -> list[float]:
     """Largest surface edges [mm] at which the number of cells changes, from the coarsest to the finest one [mm].
 
-    Rounded up in the fourth digit, which changes no number of cells.
+    Rounded up in the fourth digit, which does not change the number of cells.
     """
     from morphofold.sim.scene import Ellipsoid, Sphere
 
@@ -114,13 +114,13 @@ def edges_between(scene: Scene, finest: float, coarsest: float) -> list[float]:
 
 
 def _up(length: float) -> float:
-    """A length with four digits, no less than it is."""
+    """A length rounded up to four digits."""
     unit = 10.0 ** (math.floor(math.log10(length)) - 3)
     return round(math.ceil(length / unit - 1e-9) * unit, 12)
 
 
 def building_bytes(elements: int, *, bricks: bool, single: bool = True) -> float:
-    """Most bytes that are held at once while a body is built."""
+    """Most bytes held at once while a body is built."""
     memory = costs()["memory"]
     if not bricks:
         return memory["building_tet"] * elements
@@ -138,7 +138,7 @@ def running_bytes(elements: int, *, bricks: bool, single: bool = True) -> float:
 
 
 def memory_GiB(sizes: Sizes, *, bricks: bool, single: bool, volume: bool) -> float:
-    """Most memory of a whole process that runs a scene, started for it alone [GiB]."""
+    """Most memory of a whole process that only runs a scene [GiB]."""
     memory = costs()["memory"]
     stage = memory["stage_per_vertex"] * sizes.vertices
     stage += memory["stage_per_element"] * sizes.elements if volume else 0.0

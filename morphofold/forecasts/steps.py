@@ -1,4 +1,4 @@
-"""How many steps a run takes: those of its ramp are known, those in which it rests or waits for balance are not."""
+"""Number of steps of a run: those of the ramp are known, those of resting and waiting for balance are estimated."""
 
 from __future__ import annotations
 
@@ -18,12 +18,13 @@ class Steps:
     Attributes
     ----------
     ramp : int
-        While the cortex grows as fast as its pace lets it.
+        Steps while the cortex grows as fast as its pace allows.
     resting, waiting : float
-        More of them: growth stands still at a stage until the body rests, and waits for balance while folds form;
-        between ``fewest`` and ``most`` were seen of both together.
+        Further steps: growth stops at a stage until the body is at rest, and waits for balance while folds form.
+    fewest, most : float
+        Fewest and most steps of both together that runs took.
     awake : float
-        Mean over all steps of how far contact has woken, as a share of a step: what it then adds to one.
+        Time that active contact adds to a step, as a share of the step, mean over all steps.
     """
 
     ramp: int
@@ -35,7 +36,7 @@ class Steps:
 
     @property
     def expected(self) -> int:
-        """All of them."""
+        """All steps."""
         return round(self.ramp + self.resting + self.waiting)
 
     @property
@@ -45,7 +46,7 @@ class Steps:
 
 
 def steps_of(scene: Scene, per_unit: float, crossing: float, costs: Mapping[str, Any]) -> Steps:
-    """Steps that a scene takes. Of its effects, a ramp and true inertia change the pace, and contact while it presses.
+    """Steps that a scene takes. Of its effects, a ramp and inertia change the pace, and contact adds time to steps.
 
     Parameters
     ----------
@@ -55,7 +56,7 @@ def steps_of(scene: Scene, per_unit: float, crossing: float, costs: Mapping[str,
     crossing : float
         Steps in which a wave crosses the cortex: one tick of the clock that sets the pace.
     costs : mapping
-        The table's ``costs``: how long runs rested and waited, and what contact took.
+        The table's ``costs``: how long runs rested and waited, and the time of contact.
     """
     from morphofold.sim.dynamics import REFRESH, SLOWEST, patience, soft_start
     from morphofold.sim.effects import ramp as ramps
@@ -68,7 +69,7 @@ def steps_of(scene: Scene, per_unit: float, crossing: float, costs: Mapping[str,
     waits, slow = not scene.real_time, slow_growth(scene)
     ramp, awake, growth, ramps_to = 0, 0.0, 1.0, [0]
     for stage in scene.stages:
-        while growth < stage:  # as Dynamics.grow_to does
+        while growth < stage:  # as in Dynamics.grow_to
             pace = max(SLOWEST, soft_start(growth)) if waits else 1.0
             if slow is not None and slow.start <= growth <= slow.end:
                 pace = min(pace, slow.pace)

@@ -1,5 +1,5 @@
-"""The stored table: what runs cost beyond their ideal, how wrong their results were, by edge, and how wrong measures of
-a surface were: of one person's hemisphere."""
+"""The stored table: costs of runs, errors of their results by edge, and errors of the measures of a surface, one
+person's hemisphere."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
     from morphofold.surface import Cortex
 
-#: the error of a run is the larger one of these: its numbers of folding that converge last
+#: the error of a run is the larger one of these: the numbers of its folds that converge last
 HEADLINE = ("gyrification index", "wavelength")
-ROUNDED = 0.05  # share of an edge within which two of them are alike: cells are whole and even
-#: errors are told of spheres between these: what was held against finer meshes (docs/accuracy.md, docs/folds.md), and
+ROUNDED = 0.05  # share of an edge within which two edges count as the same: numbers of cells are whole and even
+#: errors are given for spheres in these ranges: those compared with finer meshes (docs/accuracy.md, docs/folds.md), and
 #: a third of that thickness (T/C of fig6-thick), the paper's thinnest
 STUDIED = {"growth": (1.5, 2.0), "mu_ratio": (1.0, 4.0), "kappa_ratio": (12.5, 200.0), "thickness": (0.02, 0.1)}
-ALIKE = 1.5  # ratio of numbers of vertices beyond which a surface is not said to be like the table's
-#: what the study held a measure against, in words
+ALIKE = 1.5  # ratio of numbers of vertices beyond which a surface does not count as similar to the table's
+#: what the study compared a measure with, in words
 AGAINST = {
     "split surface": "the same surface with every triangle cut in four",
     "whole mesh": "the mesh before it was thinned",
@@ -34,8 +34,8 @@ AGAINST = {
 
 @dataclass(frozen=True)
 class Expected:
-    """A relative error expected of the mesh, and the range in which two of three runs are; 0.01 is 1 %. ``other``: what
-    other settings of the solver change beside it, which no edge makes smaller."""
+    """An expected relative error from the mesh, and the range of two of three runs; 0.01 is 1 %. ``other`` is the error
+    from other settings of the solver, which a shorter edge does not reduce."""
 
     error: float
     low: float
@@ -50,14 +50,15 @@ def table() -> dict[str, Any]:
 
 
 def costs() -> Mapping[str, Any]:
-    """What runs cost: constants of forecasts of time and memory, each with what it means."""
+    """Costs of runs: constants for forecasts of time and memory, each with its meaning."""
     return table()["costs"]
 
 
 def expected_errors(edge_over_T: float) -> dict[str, Expected]:
     """Expected relative error of each quantity with surface edges of ``edge_over_T`` thicknesses.
 
-    ``coefficient * edge_over_T ** power``, with a factor exp(+-spread) of scatter. Of which scenes: ``not_studied``.
+    ``coefficient * edge_over_T ** power``, with a factor exp(+-spread) of scatter. For the scenes to which it does
+    not apply see ``not_studied``.
     """
     found = {}
     for name, law in table()["errors"]["quantities"].items():
@@ -67,12 +68,12 @@ def expected_errors(edge_over_T: float) -> dict[str, Expected]:
 
 
 def headline(edge_over_T: float) -> tuple[str, Expected]:
-    """The larger one of the errors of ``HEADLINE``, and of what it is."""
+    """The quantity of ``HEADLINE`` with the larger expected error, and that error."""
     return larger(expected_errors(edge_over_T))
 
 
 def larger(errors: Mapping[str, Expected]) -> tuple[str, Expected]:
-    """As :func:`headline`, of errors that are known."""
+    """As :func:`headline`, from given errors."""
     name = max(HEADLINE, key=lambda name: errors[name].error)
     return name, errors[name]
 
@@ -84,9 +85,9 @@ def studied() -> tuple[float, float]:
 
 
 def not_studied(scene: Scene, edge_over_T: float) -> tuple[str, ...]:
-    """What of a scene lies outside of ``STUDIED``, so that no errors are told of it; empty if the table holds for it.
+    """Properties of a scene outside of ``STUDIED``, for which no errors are given; empty if the table holds for it.
 
-    ``"shape"`` (no sphere of even thickness), ``"law"`` (not isotropic), ``"material"``, ``"effects"`` (one that
+    ``"shape"`` (not a sphere of even thickness), ``"law"`` (not isotropic), ``"material"``, ``"effects"`` (one that
     no study of errors had), ``"edge"``, and the names of ``STUDIED``.
     """
     geometry, (finest, coarsest) = scene.geometry, studied()
@@ -111,33 +112,35 @@ def not_studied(scene: Scene, edge_over_T: float) -> tuple[str, ...]:
 
 
 def unstudied(names: Iterable[str]) -> str:
-    """Why no errors are told of a scene, from what :func:`not_studied` names."""
+    """Why no errors are given for a scene, from the names of :func:`not_studied`."""
     return f"not studied for this {', '.join(name.replace('_', ' ') for name in names)}"
 
 
 def called(quantity: str) -> str:
-    """A quantity as tables of errors call it: errors are relative, but for a distance, which is over the thickness."""
+    """Name of a quantity in tables of errors: errors are relative, except a distance, which is over the thickness."""
     return "pial distance, over T" if quantity == "pial distance" else quantity
 
 
 def doubts(scene: Scene, edge_over_T: float) -> list[str]:
-    """How a scene of which errors are told differs from the one of the table: one sentence each."""
+    """Differences between a scene for which errors are given and the scene of the table, one sentence each."""
     from morphofold.sim.scene import elements_through
 
     if not_studied(scene, edge_over_T):
         return []
     growth, last, sentences = table()["errors"]["growth"], scene.growth.final, []
     if abs(last - growth) > 0.05:
-        sentences.append(f"The errors of folds are those at g = {growth:g}, not at {last:g}, where this scene ends.")
+        sentences.append(f"The errors of folds hold at g = {growth:g}, not at {last:g}, where this scene ends.")
     layers = scene.elements_through_cortex, elements_through(scene.edge / scene.thinnest)
     if layers[0] != layers[1]:
-        sentences.append(f"The errors are those of {layers[1]} elements through the cortex, here are {layers[0]}.")
+        sentences.append(
+            f"The errors are those of {layers[1]} elements through the cortex; here there are {layers[0]}."
+        )
     return sentences
 
 
 @dataclass(frozen=True)
 class Measured:
-    """A relative error (0.01 is 1 %) of a measure, and what it was held against, in words."""
+    """A relative error (0.01 is 1 %) of a measure, and what it was compared with, in words."""
 
     error: float
     against: str
@@ -153,7 +156,7 @@ class MeasuredErrors(NamedTuple):
     how : str
         How they were obtained.
     doubts : tuple of str
-        Why they may not hold for the surfaces at hand, one sentence each.
+        Why they may not hold for the given surfaces, one sentence each.
     """
 
     errors: Mapping[str, Measured]
@@ -162,16 +165,16 @@ class MeasuredErrors(NamedTuple):
 
 
 def measured_errors(cortices: Iterable[Cortex], accuracy: str) -> MeasuredErrors:
-    """Expected errors of an accuracy: those of the hemisphere in the table that has about as many vertices.
+    """Expected errors of an accuracy: those of the hemisphere in the table with the nearest number of vertices.
 
-    Of several cortices the one of fewest vertices chooses; every other one that is not like it is doubted. Beyond the
-    meshes of the table by more than ``ALIKE`` none are known: a mesh of 42 vertices is off by 26 % in thickness, where
-    that of 10,001 is by 5 %.
+    Of several cortices the one with the fewest vertices decides; a doubt is given for each cortex that differs from the
+    table's. Beyond the meshes of the table by more than ``ALIKE`` no errors are known: a mesh of 42 vertices has an
+    error of 26 % in thickness, a mesh of 10,001 vertices one of 5 %.
 
     Raises
     ------
     ValueError
-        If there is no cortex, or no such accuracy.
+        If there is no cortex, or the accuracy is unknown.
     """
     from morphofold.analysis.resampling import accuracy_of
 
@@ -179,7 +182,7 @@ def measured_errors(cortices: Iterable[Cortex], accuracy: str) -> MeasuredErrors
     cortices = list(cortices)
     sizes = sorted({cortex.n_vertices for cortex in cortices})
     if not sizes:
-        raise NothingToDo("there is no cortex to expect errors of. Pass one at least.")
+        raise NothingToDo("there is no cortex, so there are no expected errors. Pass at least one.")
     persons = table()["errors"]["measuring"]
     least, most = (of(person["vertices"] for person in persons) for of in (min, max))
     nearest = min(persons, key=lambda person: abs(math.log(person["vertices"] / sizes[0])))
@@ -189,7 +192,7 @@ def measured_errors(cortices: Iterable[Cortex], accuracy: str) -> MeasuredErrors
         for name, law in nearest["quantities"].items()
     }
     if not least / ALIKE <= sizes[0] <= most * ALIKE:
-        how = f"not known of meshes of {sizes[0]:,} vertices: measured on those of {least:,} to {most:,} only"
+        how = f"not known for meshes of {sizes[0]:,} vertices: measured only on those of {least:,} to {most:,}"
         return MeasuredErrors({}, how, ())
     sentences = []
     if any(cortex.origin == "simulation" for cortex in cortices):
@@ -200,8 +203,8 @@ def measured_errors(cortices: Iterable[Cortex], accuracy: str) -> MeasuredErrors
             f"{' or '.join(f'{n:,}' for n in unlike)} is not known."
         )
     how = (
-        f"what the mesh changes, not noise of the image: measured at {accuracy} on one person's hemisphere "
-        f"({nearest['subject']}: {vertices:,} vertices) for docs/accuracy.md, once each, and "
-        "no accuracy is told to be better than a dearer one"
+        f"from the mesh, not from noise of the image: measured at {accuracy} on one person's hemisphere "
+        f"({nearest['subject']}: {vertices:,} vertices) for docs/accuracy.md, once each; "
+        "no accuracy is listed as better than a slower one"
     )
     return MeasuredErrors(errors, how, tuple(sentences))

@@ -1,7 +1,7 @@
-"""What a person looks at: figures (PNG) and self-contained HTML pages with an interactive view.
+"""Figures (PNG) and self-contained HTML pages with an interactive view.
 
 ``analysis_report`` and ``comparison_report`` write pages; ``figure`` draws one static picture.
-Nothing here computes a measure.
+No measure is computed here.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Colour tables that survive colour blindness and print: one sequential, one diverging, one categorical.
+"""Colour tables that are safe for colour-blind readers and for print: one sequential, one diverging.
 
-The continuous tables are drawn in OKLab (Ottosson 2020), where equal steps look equal: the sequential one
-climbs in lightness from deep blue to pale yellow, the diverging one falls from a light middle to blue and
-to orange with the same lightness on both sides.
+The tables are computed in OKLab (Ottosson 2020), where equal steps look equal. The sequential table rises in
+lightness from deep blue to pale yellow. The diverging table falls from a light middle to blue and to orange, with
+the same lightness on both sides.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 RGB = NDArray[np.uint8]
 
 NOT_MEASURED = (196, 196, 192)  # vertices without a value
-BARE = (214, 207, 198)  # the surface without any overlay
+BARE = (214, 207, 198)  # the surface without an overlay
 
 
 def rgb_of(colour: str) -> RGB:
@@ -69,7 +69,7 @@ def diverging(n: int = 256) -> RGB:
 
 
 def apply(values: np.ndarray, limits: tuple[float, float], signed: bool) -> RGB:
-    """Colour of each value, (..., 3) uint8; beyond the limits the end colours, for NaN ``NOT_MEASURED``."""
+    """Colour of each value, (..., 3) uint8: end colours beyond the limits, ``NOT_MEASURED`` for NaN."""
     table = diverging() if signed else sequential()
     low, high = limits
     with np.errstate(invalid="ignore"):
@@ -83,7 +83,7 @@ def apply(values: np.ndarray, limits: tuple[float, float], signed: bool) -> RGB:
 
 
 def ink(rgb: np.ndarray) -> str:
-    """White or black, whichever stands out more from a colour (3,) in bytes, by WCAG's relative luminance."""
+    """White or black, whichever has more contrast to a colour (3,) in bytes, by WCAG's relative luminance."""
     part = np.asarray(rgb, dtype=np.float64) / 255
     linear = np.where(part <= 0.04045, part / 12.92, ((part + 0.055) / 1.055) ** 2.4)
     luminance = float(linear @ np.array([0.2126, 0.7152, 0.0722]))

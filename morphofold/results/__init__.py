@@ -1,4 +1,4 @@
-"""Analyses on disk: written in our own layout or as a subject of a BIDS dataset, and read back from either."""
+"""Analyses on disk: written in our own layout or as a subject of a BIDS dataset, and read from either."""
 
 from morphofold.results.bids import subject_place, write_dataset
 from morphofold.results.plain import check_wide, write_analysis

@@ -1,9 +1,10 @@
-"""An analysis as one subject of a BIDS derivatives dataset: ``write_dataset`` and, back again, ``read_subject``.
+"""An analysis as one subject of a BIDS derivatives dataset: ``write_dataset`` writes it, ``read_subject`` reads it.
 
 Names follow the derivatives of the Brain Imaging Data Structure (Gorgolewski and others, Sci. Data 3, 160044, 2016;
 https://bids-specification.readthedocs.io): ``sub-NAME/anat/sub-NAME_hemi-L_desc-gyral_thickness.shape.gii``, each
-with a JSON file that says what it holds. What BIDS has no suffix for is a ``_morph``. Of all these BIDS knows the
-regions alone (``_dseg.label.gii``); all else, named as fMRIPrep does where it has the like, is in ``.bidsignore``.
+with a JSON file that describes it. Files for which BIDS has no suffix end in ``_morph``. Of all these BIDS defines only
+the regions (``_dseg.label.gii``). All others are in ``.bidsignore``; where fMRIPrep has similar files, their names are
+the same.
 """
 
 from __future__ import annotations
@@ -58,8 +59,8 @@ figures
 README = """\
 # Cortical morphometry by morphofold
 
-Surfaces, maps and tables of folded cortices. `sub-*/report.html` shows those of one subject; the `.json` beside a map
-or table says what it holds, `*_provenance.json` where it comes from. What BIDS has no name for is in `.bidsignore`.
+Surfaces, maps and tables of folded cortices. `sub-*/report.html` shows those of one subject. The `.json` beside a map
+or table describes it; `*_provenance.json` gives its sources. Files that BIDS does not define are in `.bidsignore`.
 """
 NAN = f"{MISSING}; n/a in tables"
 LEVELS = {"hemi": {"lh": "left", "rh": "right"}}
@@ -76,7 +77,7 @@ def write_dataset(
     stages: Sequence[Cortex] = (),
     clock: Stages | None = None,
 ) -> Path:
-    """Write an analysis as a subject of a BIDS derivatives dataset, whole or not at all.
+    """Write an analysis as a subject of a BIDS derivatives dataset, completely or not at all.
 
     Parameters
     ----------
@@ -85,13 +86,14 @@ def write_dataset(
     dataset : str or path
         Folder of the dataset: new, empty, or one that this function wrote; its other subjects stay.
     name : str
-        The subject's; BIDS leaves letters and digits of it, and what an earlier run wrote of that name is replaced.
+        Name of the subject; only its letters and digits are kept in BIDS. Results of an earlier run with this name are
+        replaced.
     failed : mapping, optional
         As for ``write_analysis``.
     parameters : mapping, optional
         Recorded for the whole run.
     report : callable or False
-        Draws report.html and figures/*.png: :func:`morphofold.report.analysis_report`, or another like it.
+        Draws report.html and figures/*.png: :func:`morphofold.report.analysis_report`, or a similar function.
     stages : sequence of Cortex
     clock : Stages, optional
         As for ``write_analysis``; the cost is in ``sub-NAME_desc-morphofold_cost.json``.
@@ -104,15 +106,17 @@ def write_dataset(
     Raises
     ------
     ValueError
-        As ``write_analysis``; or if nothing is left of ``name``.
+        As ``write_analysis``; or if ``name`` has no letters or digits.
     FileExistsError
-        If ``dataset`` or ``sub-NAME`` in it is something else, or of a subject whose other name shortens to the same.
+        If morphofold did not write ``dataset`` or ``sub-NAME`` in it, or ``sub-NAME`` is a subject with another name
+        that shortens to the same.
 
     Notes
     -----
-    Surfaces, hinges and gyral graph are in scanner coordinates where the surfaces' footer leads there, as other BIDS
-    software expects of GIFTI, and else where they were; ``inflated`` never moves. ``curv`` has FreeSurfer's sign, all
-    else that was measured is positive where convex; ``desc-input`` is what came with the surfaces, as it came.
+    Surfaces, hinges and gyral graph are in scanner coordinates if the surfaces' footer gives the transform, as other
+    BIDS software expects of GIFTI; otherwise they keep their coordinates. ``inflated`` never moves. ``curv`` has
+    FreeSurfer's sign; other measured curvatures are positive where convex. ``desc-input`` maps came with the surfaces
+    and are unchanged.
     """
     dataset = Path(dataset)
     place = subject_place(dataset, name)
@@ -145,12 +149,12 @@ def write_dataset(
 
 
 def begin_dataset(dataset: Path, ignoring: Sequence[str] = ()) -> None:
-    """Make a folder a dataset that subjects can be written to; names ``ignoring`` are none of BIDS's.
+    """Make a folder a dataset to which subjects can be written; names ``ignoring`` are added to ``.bidsignore``.
 
     Raises
     ------
     FileExistsError
-        If it holds something else.
+        If it contains something else.
     """
     refuse_other_dataset(dataset)
     dataset.mkdir(parents=True, exist_ok=True)
@@ -158,17 +162,17 @@ def begin_dataset(dataset: Path, ignoring: Sequence[str] = ()) -> None:
 
 
 def read_subject(folder: str | Path) -> list[Measures]:
-    """Read what ``write_dataset`` wrote of one subject, ``dataset/sub-NAME``.
+    """Read one subject that ``write_dataset`` wrote, ``dataset/sub-NAME``.
 
-    Surfaces, hinges and graph are where they were, whether the files are in scanner coordinates or not; they and maps
-    have the precision of float32. A FreeSurfer surface's footer is gone but for the transform it gave.
+    Surfaces, hinges and graph have their original coordinates, even if the files are in scanner coordinates; they and
+    maps have the precision of float32. Of the footer of a FreeSurfer surface only the transform is left.
 
     Raises
     ------
     FileNotFoundError
         If a file of it is missing.
     ValueError
-        If a file there cannot be understood; the message names it.
+        If a file cannot be read; the message names it.
     """
     anat = Path(folder) / "anat"
     found = sorted(anat.glob(f"sub-*{PROVENANCE}"))
@@ -185,26 +189,26 @@ def read_subject(folder: str | Path) -> list[Measures]:
 
 
 def subject_place(dataset: Path, name: str) -> Path:
-    """Where in a dataset a subject of this name is written; raises as ``write_dataset`` says."""
+    """Folder in a dataset to which a subject of this name is written; raises as ``write_dataset``."""
     label = "".join(c for c in name.removeprefix("sub-") if c.isascii() and c.isalnum())
     if not label:
-        raise NotReadable(f"{name!r}: BIDS names subjects by letters and digits, and it has none. Pass another name.")
+        raise NotReadable(f"{name!r}: BIDS names subjects by letters and digits, but this has none. Pass another name.")
     refuse_other_dataset(dataset)
     place = dataset / f"sub-{label}"
     known = _json(place / "anat" / f"{place.name}{PROVENANCE}").get("subject", name)
     if known != shown(name):
-        raise FileExistsError(f"{place}: holds {known!r}, and BIDS shortens {name!r} to the same. Pass another name.")
+        raise FileExistsError(f"{place}: holds {known!r}, and BIDS shortens {name!r} to the same name. Pass another.")
     return place
 
 
 def refuse_other_dataset(dataset: Path) -> None:
-    """Raise ``FileExistsError`` if a folder holds anything but a dataset of ours."""
-    if dataset.exists() and not _ours(dataset):  # which is quick however many there are
+    """Raise ``FileExistsError`` if a folder contains anything but a dataset that morphofold wrote."""
+    if dataset.exists() and not _ours(dataset):  # checked first, because it is quick for any number of files
         names = sorted(p.name for p in dataset.iterdir() if not p.name.startswith(".")) if dataset.is_dir() else ["it"]
         if names:
             raise FileExistsError(
-                f"{dataset}: is not a BIDS dataset that morphofold wrote, whose dataset_description.json says so. "
-                "Name such a one, or a new folder."
+                f"{dataset}: is not a BIDS dataset whose dataset_description.json names morphofold. Name such a "
+                "dataset, or a new folder."
             )
 
 
@@ -219,7 +223,7 @@ def _is_us(maker: Any) -> bool:
 
 
 def _json(path: Path) -> dict[str, Any]:
-    """Content of a JSON object; empty if there is none to be read."""
+    """Content of a JSON object; empty if it can't be read."""
     try:
         return read_json(path, Record, "")
     except (OSError, ValueError):
@@ -227,7 +231,7 @@ def _json(path: Path) -> dict[str, Any]:
 
 
 def _describe(dataset: Path, ignoring: Sequence[str] = ()) -> None:
-    """Write what makes a folder a dataset; of one that is ours already, what an older version wrote otherwise."""
+    """Write the files that make a folder a dataset; in a dataset of an older version, bring them up to date."""
     import morphofold
 
     me = {"Name": "morphofold", "Version": morphofold.__version__}
@@ -253,7 +257,7 @@ def _describe(dataset: Path, ignoring: Sequence[str] = ()) -> None:
 
 
 def _write_table(path: Path, columns: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> None:
-    """A table, and beside it what each of its columns holds."""
+    """Write a table, and beside it the meaning of its columns."""
     write_table(path, columns, rows)
     content: dict[str, Any] = {}
     for key in dict.fromkeys([*columns, *(k for row in rows for k in row)]):

@@ -1,7 +1,7 @@
-"""One hemisphere of a subject of a BIDS dataset: ``write_hemisphere`` and, back again, ``read_hemisphere``.
+"""One hemisphere of a subject of a BIDS dataset: ``write_hemisphere`` and ``read_hemisphere``.
 
-Surfaces and gyral graph are in scanner coordinates where the cortex has a transform to them, ``curv`` has FreeSurfer's
-sign; reading undoes both.
+In files, surfaces and gyral graph are in scanner coordinates if the cortex has a transform to them, and ``curv`` has
+FreeSurfer's sign; reading reverses both.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from morphofold.results.summary import CURE, check_size, measures_of, sized_map,
 from morphofold.surface import PerVertex, Regions, Surface, Verts
 from morphofold.tables import write_table
 
-UNMOVED = ("inflated",)  # surfaces that are nowhere
+UNMOVED = ("inflated",)  # surfaces without a place in the scanner
 SIDES = {"lh": "L", "rh": "R"}
 MAPS = {  # a map's name -> the end of its file's name
     "H": "curv",
@@ -39,7 +39,7 @@ MISSING = "NaN where there is no value, as on the medial wall"
 
 @dataclass(frozen=True)
 class HemisphereFiles:
-    """Where the files of a hemisphere are: ``anat/sub-NAME_hemi-L_...``."""
+    """Paths of the files of a hemisphere: ``anat/sub-NAME_hemi-L_...``."""
 
     anat: Path
     subject: str
@@ -49,12 +49,12 @@ class HemisphereFiles:
         return self.anat / f"{self.subject}_hemi-{SIDES[self.hemi]}_{end}"
 
     def say(self, end: str, **fields: Any) -> None:
-        """Write the JSON file beside a map or the like."""
+        """Write the JSON file beside a map, mask or regions."""
         self.file(f"{end}.json").write_text(strict_json(fields), encoding="utf-8")
 
 
 def write_hemisphere(m: Measures, anat: Path, subject: str) -> None:
-    """Surfaces, maps, regions, mask and graph; beside all but surfaces and graph a JSON file that says what it is."""
+    """Write surfaces, maps, regions, mask and graph; maps, regions and mask get a JSON file that describes them."""
     cortex, place = m.cortex, HemisphereFiles(anat, subject, m.cortex.hemi)
     for kind, surface in surfaces_of(cortex).items():
         to_scanner = None if kind in UNMOVED else cortex.transform
@@ -84,14 +84,14 @@ def write_hemisphere(m: Measures, anat: Path, subject: str) -> None:
 def read_hemisphere(
     entry: Mapping[str, Any], tables: Mapping[str, list[dict[str, Any]]], anat: Path, subject: str
 ) -> Measures:
-    """What ``write_hemisphere`` wrote, with what the provenance and the tables say of it.
+    """Read what ``write_hemisphere`` wrote, with its entry in the provenance and its rows of the tables.
 
     Raises
     ------
     FileNotFoundError
         If a file of it is missing.
     ValueError
-        If a file cannot be understood; the message names it.
+        If a file cannot be read; the message names it.
     """
     place = HemisphereFiles(anat, subject, entry["hemi"])
     back = None if entry["transform"] is None else _inverse(entry["transform"], anat)
@@ -115,7 +115,7 @@ def read_hemisphere(
 
 
 def read_pial(anat: Path, subject: str, hemi: str, name: str) -> tuple[Surface, PerVertex | None]:
-    """The pial surface as it was written, and the map ``name`` on it if there is one."""
+    """Read the pial surface as it was written, and the map ``name`` on it if there is one."""
     place = HemisphereFiles(anat, subject, hemi)
     pial, path = read_surface(place.file("pial.surf.gii")), place.file(f"{_map_end(name)}.shape.gii")
     return pial, _read_map(place, name, len(pial.verts)) if path.is_file() else None
@@ -125,12 +125,12 @@ def read_pial(anat: Path, subject: str, hemi: str, name: str) -> tuple[Surface, 
 
 
 def moved(verts: Verts, transform: np.ndarray) -> Verts:
-    """Points (N, 3) or (3,) where an affine (4, 4) takes them."""
+    """Points (N, 3) or (3,) transformed by an affine (4, 4)."""
     return np.asarray(verts @ transform[:3, :3].T + transform[:3, 3], dtype=np.float64)
 
 
 def moved_rows(rows: list[dict[str, Any]], transform: np.ndarray | None) -> list[dict[str, Any]]:
-    """Rows of hinges where it takes their points."""
+    """Rows of hinges with transformed points."""
     if transform is None:
         return rows
     return [row | dict(zip("xyz", moved(np.array([row[k] for k in "xyz"]), transform).tolist())) for row in rows]
@@ -158,17 +158,17 @@ def _moved_graph(graph: Any, transform: np.ndarray | None) -> Any:
 
 
 def in_bids_letters(unit: str) -> str:
-    """A unit in the letters that BIDS asks for."""
+    """A unit as BIDS writes it."""
     return unit.replace("²", "^2").replace("³", "^3") or "1"
 
 
 def _map_end(name: str) -> str:
-    """How the name of a map's file ends: ``desc-sulcalDepth_morph``."""
+    """End of the name of a map's file: ``desc-sulcalDepth_morph``."""
     return MAPS.get(name, f"desc-{_joined(name)}_morph")
 
 
 def _input_end(name: str) -> str:
-    """The same for a map that came with the surfaces: ``desc-input_sulc``."""
+    """End of the name of the file of a map that came with the surfaces: ``desc-input_sulc``."""
     return f"desc-input_{name}" if name in INPUT else f"desc-{_joined(f'input_{name}')}_morph"
 
 
@@ -177,7 +177,7 @@ def _regions_end(name: str) -> str:
 
 
 def _joined(name: str) -> str:
-    """``shape_index`` as BIDS takes it: ``shapeIndex``."""
+    """``shape_index`` as BIDS writes it: ``shapeIndex``."""
     first, *rest = ("".join(c for c in word if c.isascii() and c.isalnum()) for word in name.split("_"))
     return first + "".join(word[:1].upper() + word[1:] for word in rest)
 
@@ -191,13 +191,13 @@ def _write_map(place: HemisphereFiles, end: str, values: PerVertex, **fields: An
 
 
 def _read_map(place: HemisphereFiles, name: str, n: int) -> PerVertex:
-    """A map that was measured, convex positive."""
+    """A measured map, positive where convex."""
     values = sized_map(place.file(f"{_map_end(name)}.shape.gii"), n)
     return flip_curvature_sign(values) if name == "H" else values
 
 
 def _write_regions(place: HemisphereFiles, regions: Regions, on: str) -> None:
-    """Regions, and what their keys stand for once more in a table, as BIDS has it."""
+    """Write regions, and a table of their keys and names, as in BIDS."""
     end = _regions_end(regions.name)
     write_gifti_regions(place.file(f"{end}.label.gii"), regions, place.hemi)
     named = enumerate(zip(regions.names, regions.colours.tolist()), start=1)

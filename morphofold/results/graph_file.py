@@ -1,4 +1,4 @@
-"""A gyral graph on disk: node-link JSON, as ``networkx.node_link_graph(..., edges="edges")`` reads it too."""
+"""A gyral graph on disk: node-link JSON, which ``networkx.node_link_graph(..., edges="edges")`` can read, too."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from morphofold.analysis.graph.crest_net import GyralScales
 from morphofold.errors import DamagedFile, Mismatch
 from morphofold.io.json_files import Amount, Count, Number, Record, read_json
 
-CURE = "Analyze anew."
+CURE = "Analyze again."
 ARRAYS = {"position": np.float64, "normal": np.float64, "polyline": np.float64, "vertices": np.int64}
 Position = Annotated[list[Number], Field(min_length=3, max_length=3)]
 
 
 class Scales(Record):
-    """As :class:`morphofold.analysis.graph.crest_net.GyralScales` has them [mm]."""
+    """Lengths as in :class:`morphofold.analysis.graph.crest_net.GyralScales` [mm]."""
 
     width: Amount
     reach: Amount
@@ -34,7 +34,7 @@ class Scales(Record):
 
 
 class Head(Record):
-    """Of the graph itself."""
+    """Attributes of the graph itself."""
 
     scales: Scales | None
     surface: str
@@ -43,7 +43,7 @@ class Head(Record):
 
 
 class Node(Record):
-    """Where crests meet or end."""
+    """A node, where crests meet or end."""
 
     id: Count
     position: Position
@@ -82,7 +82,7 @@ class GraphFile(Record):
 
 
 def write_graph(path: Path, graph: nx.MultiGraph) -> None:
-    """Write what :func:`morphofold.analysis.gyral_graph` found; numbers with seven figures, NaN as null."""
+    """Write a graph of :func:`morphofold.analysis.gyral_graph`; numbers with seven figures, NaN as null."""
     scales = graph.graph["scales"]
     plain: nx.MultiGraph = nx.MultiGraph(
         **{**_plain(graph.graph), "scales": None if scales is None else asdict(scales)}
@@ -93,23 +93,23 @@ def write_graph(path: Path, graph: nx.MultiGraph) -> None:
 
 
 def read_graph(path: Path, n: int) -> nx.MultiGraph:
-    """What :func:`write_graph` wrote, for a surface of ``n`` vertices.
+    """Read what :func:`write_graph` wrote, for a surface of ``n`` vertices.
 
     Raises
     ------
     FileNotFoundError
         If there is no such file.
     ValueError
-        If it holds anything else, or names vertices that the surface lacks.
+        If it contains anything else, or vertices that the surface does not have.
     """
     content = read_json(path, GraphFile, CURE)
     ids = {node["id"] for node in content["nodes"]}
     for edge in content["edges"]:
         if not ids >= {edge["source"], edge["target"]} or len(edge["vertices"]) != len(edge["polyline"]):
-            raise DamagedFile(f"{path}: edge {edge['number']} joins no two nodes, or lacks vertices. {CURE}")
+            raise DamagedFile(f"{path}: edge {edge['number']} does not join two nodes, or lacks vertices. {CURE}")
     for place in (*([node["vertex"]] for node in content["nodes"]), *(edge["vertices"] for edge in content["edges"])):
         if max(place) >= n:
-            raise Mismatch(f"{path}: names vertex {max(place)}, the surface has 0..{n - 1}. {CURE}")
+            raise Mismatch(f"{path}: has vertex {max(place)}, but the surface has 0..{n - 1}. {CURE}")
     return _graph(content)
 
 
@@ -146,6 +146,6 @@ def _graph(content: Mapping[str, Any]) -> nx.MultiGraph:
 
 
 def _read(data: Mapping[str, Any], record: type[Record], *, without: tuple[str, ...]) -> dict[str, Any]:
-    """What a node or an edge has: lists as arrays, null as NaN."""
+    """Attributes of a node or an edge: lists as arrays, null as NaN."""
     kept = {name: np.nan if data[name] is None else data[name] for name in record.model_fields if name not in without}
     return {name: np.array(value, ARRAYS[name]) if name in ARRAYS else value for name, value in kept.items()}

@@ -1,7 +1,7 @@
 """An analysis on disk in our own layout: ``write_analysis`` writes the folder of measures, ``read_plain`` reads it.
 
-The folder is a FreeSurfer-shaped subject (surf/, label/) with tables, maps, pictures and a page beside it, so
-it can be opened in other tools and compared without the files it was made from.
+The folder is a FreeSurfer-shaped subject (surf/, label/) with tables, maps, pictures and a page, so it can be opened in
+other tools and compared without the files it was made from.
 """
 
 from __future__ import annotations
@@ -54,11 +54,11 @@ if TYPE_CHECKING:
 
 
 def check_wide(cortices: Sequence[Cortex]) -> None:
-    """Refuse a table with a column per region of surfaces that have no regions."""
+    """Raise for a table with a column per region if the surfaces have no regions."""
     if not any(cortex.regions for cortex in cortices):
         raise MissingPart(
-            f"{cortices[0].name}: regions_wide.tsv has a column per region, and no parcellation (label/?h.aparc.annot) "
-            "came with the surfaces. Leave --wide (wide=True) out."
+            f"{cortices[0].name}: regions_wide.tsv has a column per region, but no parcellation (label/?h.aparc.annot) "
+            "came with the surfaces. Leave out --wide (wide=True)."
         )
 
 
@@ -75,31 +75,31 @@ def write_analysis(
     wide: bool = False,
     clock: Stages | None = None,
 ) -> Path:
-    """Write an analysis, whole or not at all.
+    """Write an analysis, completely or not at all.
 
     Parameters
     ----------
     measures : sequence of Measures
         One hemisphere, or a left and a right one.
     out : str or path
-        Folder to write. One that an earlier run wrote is replaced; any other that is not empty is refused.
+        Folder to write. A folder of an earlier run is replaced; any other folder that is not empty is refused.
     failed : mapping, optional
-        Hemispheres that could not be measured, and why; recorded, and said on the page.
+        Hemispheres that could not be measured, and why; recorded, and shown on the page.
     inputs : iterable of path
-        Files to record with their SHA-256 beside those the cortices name.
+        Files to record with their SHA-256, in addition to the files of the cortices.
     parameters : mapping, optional
         Recorded for the whole run; each surface's own ``Measures.parameters`` are recorded with it.
     report : callable or False
-        Draws report.html and figures/*.png: :func:`morphofold.report.analysis_report`, or another like it.
+        Draws report.html and figures/*.png: :func:`morphofold.report.analysis_report`, or a similar function.
     stages : sequence of Cortex
-        Those of the one body that was measured, for the page to draw it as it grows.
+        Stages of the measured body, if there is only one; the page draws it as it grows.
     mgh : bool
-        Whether to write the maps as MGH, too, beside those for FreeSurfer and in GIFTI.
+        Whether to write the maps also as MGH, in addition to FreeSurfer's format and GIFTI.
     wide : bool
-        Whether to write regions_wide.tsv, too: the region table as one row.
+        Whether to write also regions_wide.tsv: the region table as one row.
     clock : Stages, optional
-        That went along with the measuring. With it cost.json and the page say what the analysis has cost: the only
-        things here that are not the same bytes the next time.
+        The clock of the measuring. With it cost.json and the page give the cost of the analysis. These are the only
+        files that are not byte for byte the same the next time.
 
     Returns
     -------
@@ -109,9 +109,9 @@ def write_analysis(
     ------
     ValueError
         If there is no surface, two of one hemisphere, no parcellation for a wide table, or ``out`` is, holds or lies in
-        a subject the surfaces were read from: writing would replace or fill it.
+        a subject from which the surfaces were read: writing would replace it or add to it.
     FileExistsError
-        If ``out`` holds something morphofold did not write.
+        If ``out`` contains something that morphofold did not write.
     """
     if clock is not None:
         clock.begin(WRITING)
@@ -144,7 +144,7 @@ def write_analysis(
 
 
 def _write_surface(m: Measures, folder: Path, mgh: bool) -> None:
-    """Surfaces, labels, maps and net of one hemisphere."""
+    """Write surfaces, labels, maps and gyral graph of one hemisphere."""
     cortex, hemi = m.cortex, m.cortex.hemi
     for kind, surface in surfaces_of(cortex).items():
         write_surface(folder / "surf" / f"{hemi}.{kind}", surface)
@@ -175,7 +175,7 @@ def _write_label(path: Path, cortex: Cortex) -> None:
 
 
 def read_plain(folder: Path) -> list[Measures]:
-    """Read what ``write_analysis`` wrote; raises as :func:`morphofold.results.read_analysis` says."""
+    """Read what ``write_analysis`` wrote; raises as :func:`morphofold.results.read_analysis`."""
     summary = read_json(folder / "summary.json", Summary, CURE)
     tables = read_tables(summary, {name: folder / f"{name}.tsv" for name in COLUMNS})
     return [_read_surface(entry, tables, folder) for entry in entries_of(summary)]

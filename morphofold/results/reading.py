@@ -1,4 +1,4 @@
-"""Analyses read back, whichever layout they were written in: ``read_analysis``, ``read_stages``."""
+"""Reading of analyses in both layouts: ``read_analysis``, ``read_stages``."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from morphofold.surface import Cortex, PerVertex, Surface
 def read_analysis(folder: str | Path) -> list[Measures]:
     """Read what ``write_analysis`` wrote, or a subject that ``write_dataset`` wrote.
 
-    Maps come from GIFTI, so NaN is NaN again; coordinates and maps have the precision of float32.
+    Maps are read from GIFTI, so NaN stays NaN; coordinates and maps have the precision of float32.
 
     Raises
     ------
     FileNotFoundError
         If ``folder`` or a file in it is missing.
     ValueError
-        If a file there cannot be understood; the message names it.
+        If a file cannot be read; the message names it.
     """
     folder = Path(folder)
     path = folder / "summary.json"
@@ -40,7 +40,7 @@ def read_analysis(folder: str | Path) -> list[Measures]:
         if folder.is_dir():
             what = "holds no summary.json"
             if (folder / "surf").is_dir():
-                how = f"It is a subject: `morphofold analyze {folder}` first, and name what that wrote."
+                how = f"It is a subject: run `morphofold analyze {folder}` first, and name the folder that it wrote."
             elif (folder / "dataset_description.json").is_file():
                 names = sorted(str(place.parent) for place in folder.glob("sub-*/anat")) or ["sub-NAME"]
                 more = f" and {len(names) - 4} more" if len(names) > 4 else ""
@@ -50,8 +50,8 @@ def read_analysis(folder: str | Path) -> list[Measures]:
 
 
 def read_pial(folder: str | Path, hemi: str, name: str) -> tuple[Surface, PerVertex | None]:
-    """The pial surface of one hemisphere of an analysis, and its map ``name`` (N,), None if it has none; raises as
-    :func:`read_analysis` does. In a BIDS dataset the surface is where the scanner saw it."""
+    """Read the pial surface of one hemisphere of an analysis, and its map ``name`` (N,), None if it has none; raises as
+    :func:`read_analysis`. In a BIDS dataset the surface is in scanner coordinates."""
     folder = Path(folder)
     if not (folder / "summary.json").is_file() and (folder / "anat").is_dir():
         return bids_hemisphere.read_pial(folder / "anat", folder.name, hemi, name)
@@ -61,14 +61,14 @@ def read_pial(folder: str | Path, hemi: str, name: str) -> tuple[Surface, PerVer
 
 
 def read_stages(folder: str | Path) -> list[Measures]:
-    """The analyses of the stages of one simulation: those in ``folder``/g1.20 and so on, in the order of their growth.
+    """Read the analyses of the stages of one simulation: ``folder``/g1.20 and so on, in the order of their growth.
 
     Raises
     ------
     FileNotFoundError
         If there is none.
     ValueError
-        If one cannot be understood, or has two hemispheres.
+        If one cannot be read, or has two hemispheres.
     """
     folder = Path(folder)
     parts = sorted(part for part in folder.glob("g*") if (part / "summary.json").is_file())
@@ -78,20 +78,20 @@ def read_stages(folder: str | Path) -> list[Measures]:
     for part in parts:
         found = read_analysis(part)
         if len(found) != 1:
-            raise WrongFile(f"{part}: has two hemispheres, so it is no stage of a simulation.")
+            raise WrongFile(f"{part}: has two hemispheres, so it is not a stage of a simulation.")
         stages += found
     return stages
 
 
 def is_analysis_of(folder: str | Path, cortex: Cortex, parameters: Mapping[str, Any]) -> bool:
-    """Whether ``folder`` holds, unchanged, what this version wrote of the very files of ``cortex`` with these
+    """Whether ``folder`` is an unchanged analysis by this version, of the same files as ``cortex``, with these
     parameters."""
     import morphofold
 
     folder = Path(folder)
     try:
         summary = read_json(folder / "summary.json", Summary, CURE)
-    except (OSError, ValueError):  # there is none, or none to be relied on
+    except (OSError, ValueError):  # there is none, or it can't be used
         return False
     known = {row["path"]: row["sha256"] for row in summary["inputs"]}
     files = {shown(row["path"]): row["sha256"] for row in records_as_read([cortex])}

@@ -1,4 +1,4 @@
-"""What an analysis on disk says of itself, whatever its layout: names of tables, the summary, and measures from it."""
+"""Parts of an analysis on disk that both layouts share: names of tables, the summary, and measures from it."""
 
 from __future__ import annotations
 
@@ -77,10 +77,10 @@ COLUMNS = {
         "crest",
     ),
 }
-RECORDED = ("etiv_mm3", "surface_holes")  # of Cortex.info: FreeSurfer's, not measured here
+RECORDED = ("etiv_mm3", "surface_holes")  # from Cortex.info: FreeSurfer's values, not measured here
 SURFACES = ("hemi", *SCALARS, *RECORDED)  # columns of the table of scalars
 WORDS = {"hemi", "region", "shape"}  # columns that stay text even where the text looks like a number
-CURE = "Analyze anew."
+CURE = "Analyze again."
 SIGNED = ("euler_characteristic", *SLOPES)  # scalars that may be negative
 
 
@@ -88,7 +88,7 @@ _Four = Field(min_length=4, max_length=4)
 
 
 class InputRecord(Record):
-    """A file that an analysis is of."""
+    """An input file of an analysis."""
 
     path: str
     sha256: str | None
@@ -96,7 +96,7 @@ class InputRecord(Record):
 
 
 class Parameters(Record):
-    """Scales and options of a surface; further ones are shown as they are."""
+    """Scales and options of a surface; others are shown as they are."""
 
     curvature_scale_mm: Amount = 0.0
     folding_scale_mm: Amount | None = None
@@ -109,7 +109,7 @@ class Parameters(Record):
 
 
 class SurfaceSummary(SurfaceRecord):
-    """One of the ``surfaces`` of a summary."""
+    """An entry of ``surfaces`` in a summary."""
 
     transform: Annotated[list[Annotated[list[Number], _Four]], _Four] | None
     measures: dict[str, Number | None]
@@ -133,13 +133,13 @@ class SurfaceSummary(SurfaceRecord):
 
 
 class Summary(Record):
-    """``summary.json`` of an analysis, and what a subject of a BIDS dataset has in its place."""
+    """``summary.json`` of an analysis, or the provenance file of a subject in a BIDS dataset."""
 
     morphofold: str
     inputs: list[InputRecord]
     parameters: dict[str, Any]
     rows: dict[str, Count]
-    written: dict[str, str] = {}  # digests of surfaces, maps and tables, of the plain layout
+    written: dict[str, str] = {}  # digests of surfaces, maps and tables, in the plain layout only
     surfaces: Annotated[list[SurfaceSummary], Field(min_length=1)]
 
 
@@ -149,7 +149,7 @@ NAN_RULE = "A vertex without a value is NaN in maps/*.shape.gii and 0 in the Fre
 def checked_inputs(
     measures: Sequence[Measures], out: str | Path, inputs: Iterable[str | Path] = ()
 ) -> list[dict[str, Any]]:
-    """Records of the files that an analysis is of; raises ``ValueError`` as ``write_analysis`` says."""
+    """Records of the input files of an analysis; raises ``ValueError`` as ``write_analysis``."""
     hemis = [m.cortex.hemi for m in measures]
     if not hemis or len(set(hemis)) < len(hemis):
         raise (NamedTwice if hemis else NothingToDo)(
@@ -165,7 +165,7 @@ def refuse_place_of_inputs(out: Path, files: Iterable[str]) -> None:
     """Raise if ``out`` is or holds the folder of an input file, or lies in the subject whose surf/ holds it."""
     there = Path(os.path.realpath(out))  # resolve() raises at a link to itself
     for file in map(Path, files):
-        if not file.is_file():  # nothing here to lose
+        if not file.is_file():  # nothing can be lost
             continue
         folder = file.parent.resolve()
         subject = folder.parent if folder.name in ("surf", "label") else None
@@ -183,7 +183,7 @@ def summary_of(
     parameters: Mapping[str, Any] | None,
     failed: Mapping[str, str],
 ) -> dict[str, Any]:
-    """What summary.json holds: where the numbers come from, the scalars, what is content of them, and what failed."""
+    """Content of summary.json: input files, parameters, numbers of rows, an entry per surface, and what failed."""
     import morphofold
 
     return {
@@ -208,7 +208,7 @@ def write_summary(
     stages: Sequence[Cortex],
     clock: Stages | None,
 ) -> None:
-    """The last files of an analysis: its summary, the page if one is drawn, the cost if a clock went along."""
+    """Write the last files of an analysis: its summary, the page if one is drawn, the cost if there is a clock."""
     path.write_text(strict_json(content), encoding="utf-8")
     if report:
         grown = [Measures(cortex, {}, {}) for cortex in stages]
@@ -246,7 +246,7 @@ def _entry(m: Measures) -> dict[str, Any]:
 
 
 def read_tables(summary: Mapping[str, Any], files: Mapping[str, Path]) -> dict[str, list[dict[str, Any]]]:
-    """The tables of an analysis by their names, each with as many rows as its summary says."""
+    """Read the tables of an analysis, by name, each with the number of rows in its summary."""
     tables = {}
     for name, file in files.items():
         rows = tables[name] = read_table(file, WORDS, summary["rows"].get(name), numbers=set(COLUMNS[name]) - WORDS)
@@ -256,7 +256,7 @@ def read_tables(summary: Mapping[str, Any], files: Mapping[str, Path]) -> dict[s
 
 
 def entries_of(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """What a summary says of each surface, with the records of the files that it was read from."""
+    """Entries of the surfaces in a summary, with the records of the files that each was read from."""
     records = {row["path"]: row for row in summary["inputs"]}
     return [
         {**entry, "inputs": [records[file] for file in entry["files"] if file in records]}
@@ -275,9 +275,9 @@ def measures_of(
     map_of: Callable[[str, int], PerVertex],
     graph: Callable[[int], nx.MultiGraph],
 ) -> Measures:
-    """Measures from what the summary says of a surface, the tables of both, and its own files.
+    """Measures from the entry of a surface in the summary, the tables of both hemispheres, and its own files.
 
-    The callables read those of one layout, from the name of a surface, map or annotation and the number of vertices.
+    The callables read files of one layout, from the name of a surface, map or annotation and the number of vertices.
     """
     white, pial = surface("white"), surface("pial")
     n = len(white.verts)
@@ -313,14 +313,14 @@ def measures_of(
 
 
 def sized_map(path: Path, n: int) -> PerVertex:
-    """A map that must have ``n`` values."""
+    """Read a map that must have ``n`` values."""
     values = read_morph(path)
     check_size(path, values, n)
     return values
 
 
 def surfaces_of(cortex: Cortex) -> dict[str, Surface]:
-    """The surfaces that a cortex has, by the names of their files."""
+    """Surfaces of a cortex, by the names of their files."""
     kinds = {"white": cortex.white, "pial": cortex.pial, "inflated": cortex.inflated}
     return {kind: surface for kind, surface in kinds.items() if surface is not None}
 
@@ -328,4 +328,4 @@ def surfaces_of(cortex: Cortex) -> dict[str, Surface]:
 def check_size(path: Path, values: NDArray[Any], n: int) -> None:
     """Raise ``Mismatch`` unless a file has a value for each vertex."""
     if values.shape != (n,):
-        raise Mismatch(f"{path}: {values.shape} values for {n} vertices. The files are of two analyses.")
+        raise Mismatch(f"{path}: {values.shape} values for {n} vertices. The files belong to two analyses.")

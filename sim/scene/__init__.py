@@ -1,4 +1,4 @@
-"""What a scene says, table by table. An effect runs if and only if its table is there."""
+"""The tables of a scene. An effect runs if and only if its table is present."""
 
 from __future__ import annotations
 
@@ -33,63 +33,71 @@ __all__ = [
     "in_double",
 ]
 
-#: accuracy level: surface edge over cortex thickness, by error and time as docs/accuracy.md measures them
+#: accuracy level: surface edge over cortex thickness, chosen by the errors and times in docs/accuracy.md
 LEVELS = {"draft": 0.60, "standard": 0.45, "fine": 0.27}
-COARSE = 0.5  # edge over thickness beyond which the time of a third element through the cortex goes elsewhere
-CROSSINGS = 180.0  # times that a wave crosses the cortex while growth rises by 1
-SLOWEST_RATE = 1e-3  # of growth.rate
+COARSE = 0.5  # edge over thickness above which a third element through the cortex is not worth its time
+CROSSINGS = 180.0  # of a wave through the cortex while growth rises by 1
+SLOWEST_RATE = 1e-3  # least growth.rate
 MOST_BRICKS = 5_000_000  # about 6 GB of memory
 
 
 class Growth(Table):
-    """Growth law and final growth stretch of the cortex; ``rate``: pace, times that by default."""
+    """Growth law and final growth stretch of the cortex; ``rate``: pace over the default pace."""
 
-    law: Annotated[Literal["isotropic", "tangential"], key("in all directions, or along the surface only")] = (
+    law: Annotated[Literal["isotropic", "tangential"], key("growth in all directions, or along the surface only")] = (
         "isotropic"
     )
-    final: Annotated[float, key("growth stretch at the end: a ratio of lengths", ge=1, le=4)] = 2.0
-    rate: Annotated[float, key("pace, times that by default; lower is slower and calmer", ge=SLOWEST_RATE, le=4)] = 1.0
+    final: Annotated[float, key("final growth stretch: a ratio of lengths", ge=1, le=4)] = 2.0
+    rate: Annotated[
+        float, key("pace over the default pace; slower is closer to equilibrium", ge=SLOWEST_RATE, le=4)
+    ] = 1.0
 
 
 def elements_through(edge_over_T: float) -> int:
-    """Elements through the cortex that go with an edge over its thickness, unless a scene says how many."""
+    """Number of elements through the cortex for an edge over its thickness, unless a scene sets the number."""
     return 2 if edge_over_T > COARSE else 3
 
 
 class Accuracy(Table):
-    """Preset, or the number of element layers through the cortex and the largest surface edge [mm], which overrules it
-    unless the preset is set later; and the precision of the forces of bricks."""
+    """Preset, number of element layers through the cortex, largest surface edge [mm], and precision of brick forces.
+
+    The edge overrules the preset, unless the preset is set later.
+    """
 
     level: Annotated[
-        Literal["draft", "standard", "fine"], key("sets the surface edge, as a share of the (thinnest) cortex")
+        Literal["draft", "standard", "fine"],
+        key("sets the surface edge, as a share of the thickness of the (thinnest) cortex"),
     ] = "standard"
     elements_through_cortex: Annotated[
         Annotated[int, Field(ge=1, le=12)] | None,
-        key("layers of bricks in the cortex; by default 2 with edges longer than half of it, 3 else"),
+        key("layers of bricks in the cortex; by default 2 if edges are longer than half its thickness, else 3"),
     ] = None
-    edge: Annotated[Positive | None, key("largest surface edge, instead of that of the level", "mm")] = None
+    edge: Annotated[Positive | None, key("largest surface edge; it replaces that of the level", "mm")] = None
     precision: Annotated[
-        Literal["single", "double"], key("of the forces of bricks: single is good to 1e-5 and a third faster")
+        Literal["single", "double"],
+        key("precision of the forces of bricks; single is accurate to 1e-5 and a third faster"),
     ] = "single"
 
 
 class Output(Table):
     """Growth stretches at which the body rests and surfaces are written; the final one is always written.
 
-    ``stability``: count the unstable modes of each stage, by an exact factorisation of the stiffness. That takes as
-    long as half of a run of an octant, far longer for larger bodies, and is done for strips alone unless it is asked
-    for.
+    ``stability``: count the unstable modes of each stage, by an exact factorisation of the stiffness. This takes half
+    as long as the run of an octant, and far longer for larger bodies. By default it is done for strips only.
     """
 
     stages: Annotated[
         tuple[Annotated[float, Field(ge=1)], ...],
-        key("growth stretches where the body rests and is written, the final one too; 0.01 apart", strict=False),
+        key(
+            "growth stretches at which the body rests and is written, besides the final one; at least 0.01 apart",
+            strict=False,
+        ),
     ] = ()
-    volume: Annotated[bool, key("write the body of each stage as VTK too")] = True
+    volume: Annotated[bool, key("also write the body of each stage as VTK")] = True
     stability: Annotated[
-        bool | None, key("count the unstable modes of each stage; by default of strips alone: it takes long")
+        bool | None, key("count the unstable modes of each stage (slow); by default for strips only")
     ] = None
-    checkpoint_minutes: Annotated[Positive, key("between checkpoints", "min")] = 0.5
+    checkpoint_minutes: Annotated[Positive, key("time between checkpoints", "min")] = 0.5
 
 
 class Scene(Table):
@@ -98,13 +106,13 @@ class Scene(Table):
     name: Annotated[
         str,
         key(
-            "name of the scene, and of its folder by default",
+            "name of the scene and, by default, of its folder",
             min_length=1,
             max_length=80,
             pattern=r"^[A-Za-z0-9][A-Za-z0-9 ._+-]*$",
         ),
     ]
-    title: Annotated[str, key("one line for people", max_length=200, pattern=r"^[^\x00-\x1f\x7f]*$")] = ""
+    title: Annotated[str, key("one line that describes the scene", max_length=200, pattern=r"^[^\x00-\x1f\x7f]*$")] = ""
     geometry: Geometry = Sphere()
     material: Annotated[Any, BeforeValidator(read_material), Field(validate_default=True)] = {}  # MaterialOptions
     growth: Growth = Growth()
@@ -117,11 +125,12 @@ class Scene(Table):
         late = [g for g in self.output.stages if g > self.growth.final]
         if late:
             raise OutOfRange(
-                f"output.stages: {late[0]:g} lies beyond growth.final = {self.growth.final:g}; drop it or grow further"
+                f"output.stages: {late[0]:g} lies beyond growth.final = {self.growth.final:g}; "
+                "remove it or raise growth.final"
             )
         names = [f"{g:.2f}" for g in self.stages]
         if len(set(names)) < len(names):
-            raise NamedTwice("output.stages: stages (with growth.final) must differ by 0.01 at least")
+            raise NamedTwice("output.stages: stages (with growth.final) must differ by at least 0.01")
         return self
 
     @model_validator(mode="after")
@@ -129,13 +138,15 @@ class Scene(Table):
         shape = self.geometry.shape
         if shape == "radial" and not self.material.theory:
             raise DoesNotApply(
-                "material.model makes no sense with geometry.shape = 'radial': it is neo-Hookean; drop it"
+                "material.model does not apply with geometry.shape = 'radial', which is always neo-Hookean; remove it"
             )
         if shape == "mesh" and self.accuracy != Accuracy():
-            raise DoesNotApply("accuracy makes no sense with geometry.shape = 'mesh': the mesh is the file's; drop it")
+            raise DoesNotApply(
+                "accuracy does not apply with geometry.shape = 'mesh': the file gives the mesh; remove it"
+            )
         for name, options in self.effects.items():
             if shape not in options.shapes:
-                raise DoesNotApply(f"effects.{name} makes no sense with geometry.shape = {shape!r}; drop it")
+                raise DoesNotApply(f"effects.{name} does not apply with geometry.shape = {shape!r}; remove it")
             options.check(self)
         return self
 
@@ -145,46 +156,46 @@ class Scene(Table):
         if bricks > MOST_BRICKS:
             many = f"about {bricks:.1e}" if bricks < 1e99 else "more than 1e+99"
             raise TooLarge(
-                f"this takes {many} bricks (surface edge {self.edge:.3g} mm), more than {MOST_BRICKS:.0e}; "
-                "take a thicker cortex, a smaller portion, a coarser accuracy.level or a larger accuracy.edge"
+                f"this needs {many} bricks (surface edge {self.edge:.3g} mm), more than {MOST_BRICKS:.0e}; "
+                "use a thicker cortex, a smaller portion, a coarser accuracy.level or a larger accuracy.edge"
             )
         return self
 
     @property
     def stages(self) -> tuple[float, ...]:
-        """Growth stretches at which surfaces are written, ascending, the final one last."""
+        """Growth stretches at which surfaces are written, in ascending order, the final one last."""
         return tuple(sorted({*self.output.stages, self.growth.final}))
 
     @property
     def thinnest(self) -> float:
-        """Thickness of the ungrown cortex where a spot makes it thinnest [mm]."""
+        """Smallest thickness of the ungrown cortex, spots included [mm]."""
         factor = min((spot.factor for spot in getattr(self.geometry, "thickness_spots", ())), default=1.0)
         return self.geometry.cortex_thickness * min(factor, 1.0)
 
     @property
     def edge(self) -> float:
-        """Largest surface edge asked for [mm]."""
+        """Largest surface edge that the scene asks for [mm]."""
         return self.accuracy.edge or LEVELS[self.accuracy.level] * self.thinnest
 
     @property
     def elements_through_cortex(self) -> int:
-        """Layers of bricks in the cortex."""
+        """Number of layers of bricks in the cortex."""
         return self.accuracy.elements_through_cortex or elements_through(self.edge / self.thinnest)
 
     @property
     def cells(self) -> int:
-        """Surface cells along a quarter of a great circle of a sphere or ellipsoid, an even number."""
+        """Number of surface cells along a quarter of a great circle of a sphere or ellipsoid; it is even."""
         if not isinstance(self.geometry, Sphere | Ellipsoid):
-            raise DoesNotApply(f"{self.name}: cells are counted on a sphere or an ellipsoid only.")
+            raise DoesNotApply(f"{self.name}: cells are counted only on a sphere or an ellipsoid.")
         return max(4, 2 * math.ceil(0.5 * self._edges_along_a_quarter(self.geometry) - 1e-9))
 
     def _edges_along_a_quarter(self, body: Sphere | Ellipsoid) -> float:
-        """Of the longest great circle, as the edge asks for; infinite if the edge is next to nothing."""
+        """Edges along a quarter of the longest great circle; infinite if the edge is too small to divide by."""
         return 0.5 * math.pi * max(body.semi_axes) / self.edge
 
     @property
     def bricks(self) -> float:
-        """About how many bricks the body has; 0 where it isn't made of bricks by us."""
+        """Approximate number of bricks of the body; 0 if morphofold does not mesh it with bricks."""
         geometry, layers = self.geometry, self.elements_through_cortex + 8
         if isinstance(geometry, Sphere | Ellipsoid):
             share = {"full": 1.0, "half": 0.5, "quarter": 0.25, "octant": 0.125}[geometry.portion]
@@ -197,7 +208,7 @@ class Scene(Table):
         return 0.0
 
     def steps_per_unit(self, crossing: float) -> float:
-        """Steps for growth to rise by 1 in a body whose cortex a wave crosses in ``crossing`` steps."""
+        """Number of steps in which growth rises by 1, if a wave crosses the cortex in ``crossing`` steps."""
         return CROSSINGS * crossing / self.growth.rate
 
     def without(self, *effects: str) -> Scene:
@@ -207,24 +218,24 @@ class Scene(Table):
 
     @property
     def beyond_theory(self) -> str:
-        """Why the theory of the growing sphere is not of this scene; empty if it is."""
+        """Why the theory of the growing sphere does not apply to this scene; empty if it applies."""
         if not isinstance(self.geometry, Sphere | Radial):
-            return f"theory is of spheres, this is of shape {self.geometry.shape}"
+            return f"theory is of spheres only; this is of shape {self.geometry.shape}"
         if getattr(self.geometry, "thickness_spots", ()):
-            return "theory is of a cortex of one thickness, this has spots of another"
+            return "theory assumes a cortex of one thickness; this one has thickness spots"
         if not self.material.theory:
-            return "theory is of a neo-Hookean material"
+            return "theory assumes a neo-Hookean material"
         unknown = [name for name, options in self.effects.items() if not options.theory]
-        return f"theory knows no {unknown[0]}" if unknown else ""
+        return f"theory does not include {unknown[0]}" if unknown else ""
 
     @property
     def real_time(self) -> bool:
-        """Whether an effect says that time is real: growth does not wait for equilibrium then."""
+        """Whether an effect makes time real, so that growth does not wait for equilibrium."""
         return any(options.real_time for options in self.effects.values())
 
     @property
     def called_effects(self) -> dict[str, Any]:
-        """Options of the effects that run, by name: those named, and those that the geometry brings along."""
+        """Options of the effects that run, by name: those of the scene, and those that the geometry adds."""
         called: dict[str, Any] = dict(self.effects)
         planes = isinstance(self.geometry, Patch | Strip) or getattr(self.geometry, "portion", "full") != "full"
         if planes and "contact" in called:
@@ -235,5 +246,5 @@ class Scene(Table):
 
 
 def in_double(scene: Scene) -> Scene:
-    """The same scene with forces of double precision, as states at rest and their stability need them."""
+    """The same scene with forces in double precision, which equilibria and their stability need."""
     return scene.model_copy(update={"accuracy": scene.accuracy.model_copy(update={"precision": "double"})})

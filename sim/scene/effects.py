@@ -1,4 +1,4 @@
-"""The effects that a scene may name, one file of ``morphofold.sim.effects`` each, and their tables."""
+"""The effects that a scene can name, and their tables; each effect is one file of ``morphofold.sim.effects``."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pydantic_core import InitErrorDetails
 from morphofold.sim.scene.tables import EffectOptions
 
 PACKAGE = "morphofold.sim.effects"
-#: in which hooks are called, where it matters; others follow by name
+#: order in which hooks are called, where it matters; other effects follow by name
 ORDER = (
     "contact",
     "perturbation",
@@ -28,13 +28,13 @@ ORDER = (
 )
 
 
-#: brought along by contact at symmetry planes, and by strips: no scene names them
+#: added by contact at symmetry planes, and by strips; a scene cannot name them
 BROUGHT = ("symmetry", "plane_strain")
 
 
 @cache
 def effect_names() -> tuple[str, ...]:
-    """Names of all effects that a scene can call for, in the order of their hooks; imports none of them."""
+    """Names of all effects that a scene can use, in the order of their hooks; imports none of them."""
     there = (module.name for module in pkgutil.iter_modules(import_module(PACKAGE).__path__))
     return tuple(sorted((name for name in there if name not in BROUGHT), key=_place))
 
@@ -46,14 +46,14 @@ def effects_of(shape: str) -> dict[str, type[EffectOptions]]:
 
 
 def options_of(name: str) -> type[EffectOptions]:
-    """The table of an effect, from its file."""
+    """The table of an effect, read from its file."""
     return import_module(f"{PACKAGE}.{name}").Options
 
 
 def read_effects(tables: Any) -> Any:
-    """Tables by name as options, each read by the file of its effect, in the order of their hooks."""
+    """Options from tables by name, in the order of the hooks; the file of each effect reads its table."""
     if not isinstance(tables, Mapping):
-        return tables  # which pydantic refuses
+        return tables  # pydantic refuses it
     found: dict[str, EffectOptions] = {}
     problems: list[InitErrorDetails] = []
     for name in sorted(tables, key=_place):

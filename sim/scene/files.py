@@ -17,14 +17,14 @@ from morphofold.errors import DoesNotApply, NotReadable, UnknownName, WrongFile
 from morphofold.sim.scene import SHAPES, Scene
 from morphofold.sim.scene.problems import Problem, Source, as_toml, blamed, explain, kind_of, root_problems, with_notes
 
-MOST_PROBLEMS = 20  # that are told of one scene
-#: strings, of several lines or one, and comments; one without an end goes to where tomllib refuses it
+MOST_PROBLEMS = 20  # that are reported for one scene
+#: strings, of several lines or one, and comments; an unterminated one ends where tomllib refuses it
 _STRING = re.compile(
     r'''"""(?:[^"\\]|\\.|"{1,2}(?!"))*+"{0,5}|"(?:[^"\\\n]|\\.)*+"?|#[^\n]*'''
     r"""|'''(?:[^']|'{1,2}(?!'))*+'{0,5}|'[^'\n]*'?""",
     re.DOTALL,
 )
-#: a dotted key of more than 32 parts, of which tomllib would keep every beginning
+#: a dotted key of more than 32 parts; tomllib would store every prefix of it
 _DEEP = re.compile(r"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){32}")
 
 
@@ -35,19 +35,20 @@ def scene_names() -> list[str]:
 
 
 def load_scene(source: str | Path | Scene, settings: Iterable[str] = ()) -> Scene:
-    """A scene from a built-in name, a TOML file, or a ``Scene``, with ``table.key=value`` settings put over it.
+    """A scene from a built-in name, a TOML file or a ``Scene``, changed by ``table.key=value`` settings.
 
-    A file may begin with ``like``: a built-in scene, or a file by its path from the folder of this one, over which it
-    is put. Where a file or a setting changes ``growth.final`` and leaves ``output.stages``, stages beyond are dropped;
-    where it names an ``accuracy.level`` and leaves ``accuracy.edge``, the edge is dropped that would overrule it.
+    A file can name another scene with ``like``: a built-in one, or a file by its path from the folder of this file. The
+    values of this file replace those of that scene. If a file or a setting changes ``growth.final`` but not
+    ``output.stages``, stages beyond it are dropped. If it sets ``accuracy.level`` but not ``accuracy.edge``, the edge
+    is dropped, because it would overrule the level.
 
     Raises
     ------
     FileNotFoundError
         If there is neither a built-in scene nor a file of that name.
     ValueError
-        If the file is not TOML, or says something unknown, impossible or contradictory; the first problem,
-        with the line or the setting that says it, and the others as notes of the error.
+        If the file is not TOML, or contains something unknown, impossible or contradictory. The message is the first
+        problem, with its line or setting; the other problems are notes of the error.
     """
     own = Source(source.name, to_toml(source)) if isinstance(source, Scene) else _read(source)
     keyed = [(_key_of(setting), setting) for setting in settings]
@@ -70,7 +71,7 @@ def load_scene(source: str | Path | Scene, settings: Iterable[str] = ()) -> Scen
         return []
 
     lines = [explain(p, sources, blamed(p, keyed, still), Scene, SHAPES) for p in problems[:MOST_PROBLEMS]]
-    more = [f"{own.where}: {len(problems) - len(lines):,} problems more."] if len(problems) > len(lines) else []
+    more = [f"{own.where}: {len(problems) - len(lines):,} more problems."] if len(problems) > len(lines) else []
     raise with_notes(lines + more, kind_of(problems[0]))
 
 
@@ -92,7 +93,9 @@ def _read(source: str | Path) -> Source:
         hint = f" Did you mean {close[0]}?" if close else f" Built-in scenes: {', '.join(scene_names())}."
         raise FileNotFoundError(f"no scene file or built-in scene {str(source)!r}.{hint}")
     if path.stat().st_size > 1_000_000:
-        raise WrongFile(f"{path}: {path.stat().st_size:,} bytes is no scene file.")
+        raise WrongFile(
+            f"{path}: {path.stat().st_size:,} bytes are too many for a scene; name a TOML file or a built-in scene."
+        )
     try:
         return Source(str(path), path.read_text("utf-8"))
     except UnicodeDecodeError:
@@ -104,7 +107,7 @@ def _parsed(source: Source) -> dict[str, Any]:
         return _loads(source.text)
     except RecursionError:
         raise NotReadable(f"{source.where}: not a scene: lists or tables are nested too deeply.") from None
-    except ValueError as error:  # a number of too many digits is no decode error
+    except ValueError as error:  # a number of too many digits is not a TOMLDecodeError
         raise NotReadable(f"{source.where}: not a TOML file: {error}.") from None
 
 
@@ -115,7 +118,7 @@ def _loads(text: str) -> dict[str, Any]:
 
 
 def _base(own: Source, folder: Path | None) -> Source | None:
-    """The scene that ``like`` names, by its path from ``folder`` or built in."""
+    """The scene that ``like`` names: built in, or a file by its path from ``folder``."""
     tables = _parsed(own)
     if "like" not in tables:
         return None
@@ -125,7 +128,7 @@ def _base(own: Source, folder: Path | None) -> Source | None:
     try:
         base = _read(like if folder is None or like in scene_names() else folder / like)
         if "like" in _parsed(base):
-            raise WrongFile("is itself like another scene; name that one.")
+            raise WrongFile("uses like itself; name the scene that it is like.")
     except FileNotFoundError as error:
         raise FileNotFoundError(f"{own.where}: like = {as_toml(like)}: {error}") from None
     except ValueError as error:
@@ -134,7 +137,7 @@ def _base(own: Source, folder: Path | None) -> Source | None:
 
 
 def _tables(own: Source, base: Source | None, settings: Sequence[tuple[str, str]]) -> dict[str, Any]:
-    """What a scene says: its own tables over those of its base, the settings over both."""
+    """The tables of a scene: its own replace those of its base, the settings replace both."""
     tables = _parsed(own)
     tables.pop("like", None)
     if base is not None:
@@ -167,9 +170,11 @@ def _key_of(setting: str) -> str:
     key, equals, _ = setting.partition("=")
     parts = [part.strip() for part in key.split(".")]
     if not equals or not all(parts):
-        raise NotReadable(f"setting {as_toml(setting)} must read table.key=value, for example growth.final=1.8.")
+        raise NotReadable(
+            f"setting {as_toml(setting)} must have the form table.key=value, for example growth.final=1.8."
+        )
     if parts == ["like"]:
-        raise DoesNotApply(f"setting {as_toml(setting)}: like stands in a file only; name that scene instead.")
+        raise DoesNotApply(f"setting {as_toml(setting)}: like is allowed only in a file; name that scene instead.")
     return ".".join(parts)
 
 
@@ -192,20 +197,20 @@ def _put(tables: dict[str, Any], key: str, setting: str) -> None:
 
 
 def _table(tables: Mapping[str, Any], name: str) -> dict[str, Any]:
-    """A table of the tables, empty if there is none."""
+    """The table ``name``, empty if there is none."""
     table = tables.get(name)
     return table if isinstance(table, dict) else {}
 
 
 def _drop_late_stages(tables: dict[str, Any]) -> None:
-    """Stages that a smaller final growth no longer reaches."""
+    """Drop the stages that a smaller final growth no longer reaches."""
     final, output = _table(tables, "growth").get("final"), _table(tables, "output")
     if isinstance(final, int | float) and isinstance(output.get("stages"), list):
         output["stages"] = [g for g in output["stages"] if not isinstance(g, int | float) or g <= final]
 
 
 def to_toml(scene: Scene) -> str:
-    """A scene, every value spelled out, as TOML."""
+    """A scene as TOML, with every value."""
     return _toml(scene.model_dump(exclude_none=True))
 
 
@@ -221,11 +226,11 @@ def _toml(tables: Mapping[str, Any], prefix: str = "") -> str:
 
 
 def toml_value(v: Any) -> str:
-    """A value as TOML spells it."""
+    """A value as TOML."""
     if isinstance(v, bool):
         return "true" if v else "false"
     if isinstance(v, str):
-        return json.dumps(v, ensure_ascii=False).replace("\x7f", "\\u007f")  # as TOML, but DEL
+        return json.dumps(v, ensure_ascii=False).replace("\x7f", "\\u007f")  # as in TOML, except DEL
     if isinstance(v, dict):
         return "{" + ", ".join(f"{key} = {toml_value(x)}" for key, x in v.items()) + "}"
     if isinstance(v, tuple | list):

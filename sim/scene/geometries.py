@@ -11,32 +11,32 @@ from pydantic import Discriminator, Tag, model_validator
 from morphofold.errors import ImpossibleBody
 from morphofold.sim.scene.tables import Direction, Length, Spot, Table, key
 
-# keys that several bodies have
-Radius = Annotated[Length, key("of the outer (pial) surface", "mm")]
-HoleRadius = Annotated[Length, key("of the hole in the middle, whose wall is held fixed; inside the core", "mm")]
-Depth = Annotated[Length, key("of cortex and core together; the base is held fixed", "mm")]
+# keys that several bodies share
+Radius = Annotated[Length, key("radius of the outer (pial) surface", "mm")]
+HoleRadius = Annotated[Length, key("radius of the hole in the middle, inside the core; its wall is held fixed", "mm")]
+Depth = Annotated[Length, key("depth of cortex and core together; the base is held fixed", "mm")]
 Portion = Annotated[
     Literal["full", "half", "quarter", "octant"],
-    key("part that is simulated, cut by symmetry planes; output is mirrored to the whole"),
+    key("simulated part, cut by symmetry planes; output is mirrored to the whole body"),
 ]
 ThicknessSpots = Annotated[
-    tuple[Spot, ...], key("regions of another thickness, factors times `cortex_thickness`", strict=False)
+    tuple[Spot, ...], key("regions of another thickness; their factors multiply `cortex_thickness`", strict=False)
 ]
 
 
 class Layers(Table):
     """What every body has: a cortex on a core [mm]."""
 
-    cortex_thickness: Annotated[Length, key("of the cortex before growth", "mm")] = 2.0
+    cortex_thickness: Annotated[Length, key("thickness of the cortex before growth", "mm")] = 2.0
 
 
 class Sphere(Layers):
     """Bilayer sphere (Razavi et al. 2015, Fig. 2): C = radius, C - B = cortex_thickness, A = hole_radius [mm].
 
-    ``thickness_spots``: regions of another cortical thickness, their factors times ``cortex_thickness``.
+    ``thickness_spots``: regions of another cortical thickness; their factors multiply ``cortex_thickness``.
     """
 
-    shape: Annotated[Literal["sphere"], key("which body")] = "sphere"
+    shape: Annotated[Literal["sphere"], key("type of body")] = "sphere"
     radius: Radius = 50.0
     hole_radius: HoleRadius = 25.0
     portion: Portion = "half"
@@ -58,11 +58,12 @@ class Sphere(Layers):
 
 
 class Ellipsoid(Layers):
-    """Bilayer ellipsoid; ``semi_axes`` of the pial surface [mm], the hole a copy of it, ``hole_share`` as large."""
+    """Bilayer ellipsoid: ``semi_axes`` of the pial surface [mm]; the hole has its shape, scaled by ``hole_share``."""
 
-    shape: Annotated[Literal["ellipsoid"], key("which body")]
+    shape: Annotated[Literal["ellipsoid"], key("type of body")]
     semi_axes: Annotated[
-        tuple[Length, Length, Length], key("of the outer (pial) surface, along x, y and z", "mm", strict=False)
+        tuple[Length, Length, Length],
+        key("semi-axes of the outer (pial) surface, along x, y and z", "mm", strict=False),
     ] = (60.0, 45.0, 40.0)
     hole_share: Annotated[float, key("size of the hole over that of the outer surface", gt=0, lt=1)] = 0.5
     portion: Portion = "half"
@@ -75,13 +76,12 @@ class Ellipsoid(Layers):
 
 
 class Patch(Layers):
-    """A flat block of ``size`` along x and y and of ``depth`` [mm], symmetry planes on its sides, held at its base."""
+    """A flat block, ``size`` along x and y, ``depth`` [mm]; its sides are symmetry planes, its base is held fixed."""
 
-    shape: Annotated[Literal["patch"], key("which body")]
-    size: Annotated[tuple[Length, Length], key("along x and y; the sides are symmetry planes", "mm", strict=False)] = (
-        40.0,
-        40.0,
-    )
+    shape: Annotated[Literal["patch"], key("type of body")]
+    size: Annotated[
+        tuple[Length, Length], key("size along x and y; the sides are symmetry planes", "mm", strict=False)
+    ] = (40.0, 40.0)
     depth: Depth = 25.0
 
     @model_validator(mode="after")
@@ -93,8 +93,8 @@ class Patch(Layers):
 class Strip(Layers):
     """A slice of a patch in plane strain: ``length`` along x and ``depth`` [mm]."""
 
-    shape: Annotated[Literal["strip"], key("which body")]
-    length: Annotated[Length, key("along x; plane strain across", "mm")] = 80.0
+    shape: Annotated[Literal["strip"], key("type of body")]
+    length: Annotated[Length, key("length along x; plane strain across it", "mm")] = 80.0
     depth: Depth = 25.0
 
     @model_validator(mode="after")
@@ -104,9 +104,9 @@ class Strip(Layers):
 
 
 class Radial(Layers):
-    """The sphere in one dimension: it stays a sphere, whether stable or not. Names as in the sphere [mm]."""
+    """The sphere in one dimension: it stays a sphere, stable or not. Names as in ``Sphere`` [mm]."""
 
-    shape: Annotated[Literal["radial"], key("which body")]
+    shape: Annotated[Literal["radial"], key("type of body")]
     radius: Radius = 50.0
     hole_radius: HoleRadius = 25.0
 
@@ -117,36 +117,36 @@ class Radial(Layers):
 
 
 class MeshFile(Layers):
-    """Any body of tetrahedra, from a ``file`` that meshio reads, lengths times ``scale`` to mm.
+    """Any body of tetrahedra, from a ``file`` that meshio reads; its lengths times ``scale`` are mm.
 
-    The cortex is what lies less than ``cortex_thickness`` below the outer surface, or the tetrahedra whose cell data
-    ``label`` hold the value ``cortex_label``. ``held`` names what never moves: an ``inner`` surface (a ventricle), or
-    ``nothing``.
+    The cortex is the part less than ``cortex_thickness`` below the outer surface, or the tetrahedra whose cell data
+    ``label`` have the value ``cortex_label``. ``held`` names the part that is held fixed: an ``inner`` surface (a
+    ventricle), or ``nothing``.
     """
 
     cortex_thickness: Annotated[
-        Length, key("of the cortex before growth; with a `label` it sets the imperfection", "mm")
+        Length, key("thickness of the cortex before growth; with a `label` it sets the imperfection", "mm")
     ] = 2.0
-    shape: Annotated[Literal["mesh"], key("which body")]
+    shape: Annotated[Literal["mesh"], key("type of body")]
     file: Annotated[
-        str, key("tetrahedra in any format that meshio reads: a path, or one of data_samples", min_length=1)
+        str, key("file of tetrahedra in any format that meshio reads: a path, or one of data_samples", min_length=1)
     ]
-    scale: Annotated[float, key("lengths of the file times this are mm", ge=1e-6, le=1e6)] = 1.0
+    scale: Annotated[float, key("factor from the lengths of the file to mm", ge=1e-6, le=1e6)] = 1.0
     label: Annotated[
-        str | None, key("cell data that say what is cortex; without it, what lies within `cortex_thickness`")
+        str | None, key("cell data that mark the cortex; without it, the cortex is what lies within `cortex_thickness`")
     ] = None
     cortex_label: Annotated[int, key("value of `label` in the cortex")] = 1
     held: Annotated[
-        Literal["inner", "nothing"], key("what never moves: the inner surface (a ventricle), or nothing")
+        Literal["inner", "nothing"], key("part that is held fixed: the inner surface (a ventricle), or nothing")
     ] = "nothing"
 
     def path(self) -> Path:
-        """Where the file is: as named, or else the sample of that name.
+        """Path of the file: the one named, or else the sample of that name.
 
         Raises
         ------
         FileNotFoundError, ValueError
-            If it is neither, or no file.
+            If there is neither, or if it is not a file.
         """
         from morphofold.io import sample_path
         from morphofold.io.files import existing_file
@@ -160,7 +160,9 @@ class MeshFile(Layers):
 
 def _check_layers(radius: float, thickness: float, hole: float) -> None:
     if thickness >= radius:
-        raise ImpossibleBody(f"cortex_thickness {thickness:g} leaves no core in {radius:g} mm; make it smaller")
+        raise ImpossibleBody(
+            f"cortex_thickness {thickness:g} leaves no core in a body of {radius:g} mm; make it smaller"
+        )
     if hole >= radius - thickness:
         raise ImpossibleBody(
             f"hole_radius {hole:g} is not inside the core of radius {radius - thickness:g} ({radius:g} - "
@@ -179,7 +181,7 @@ SHAPES: dict[str, type[Layers]] = {
 
 
 def _shape(table: Any) -> str:
-    """Which geometry a table means; a sphere unless it says otherwise."""
+    """Shape that a table names; a sphere by default."""
     named = table.get("shape", "sphere") if isinstance(table, dict) else getattr(table, "shape", "sphere")
     return str(named)
 

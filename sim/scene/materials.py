@@ -1,4 +1,4 @@
-"""The materials that a scene may name, one file of ``morphofold.sim.materials`` each, and their tables."""
+"""The materials that a scene can name, and their tables; each is one file of ``morphofold.sim.materials``."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ from morphofold.sim.scene.tables import MaterialOptions
 
 PACKAGE = "morphofold.sim.materials"
 USUAL = "neo-hookean"
-NO_MATERIAL = ("elastic",)  # files of the package that are no material
+NO_MATERIAL = ("elastic",)  # files of the package that are not materials
 
 
 @cache
 def material_names() -> tuple[str, ...]:
-    """Names of all materials, the usual one first."""
+    """Names of all materials, the default one first."""
     there = (module.name for module in pkgutil.iter_modules(import_module(PACKAGE).__path__))
     names = (name.replace("_", "-") for name in there if name not in NO_MATERIAL)
     return tuple(sorted(names, key=lambda name: (name != USUAL, name)))
 
 
 def options_of(name: str) -> type[MaterialOptions]:
-    """The table of a material, from its file."""
+    """The table of a material, read from its file."""
     return import_module(f"{PACKAGE}.{name.replace('-', '_')}").Options
 
 
 def read_material(table: Any) -> Any:
-    """A table as options, read by the file of the material that it names. A scene spelled out leaves ``model`` out
-    where it is the usual one."""
+    """Options from a table, read by the file of the material that it names; ``model`` may be left out for the default
+    one."""
     if isinstance(table, MaterialOptions):
         return table
     if not isinstance(table, Mapping):
-        return options_of(USUAL).model_validate(table)  # which refuses it
+        return options_of(USUAL).model_validate(table)  # this refuses it
     name = table.get("model", USUAL)
     if name not in material_names():
         known = " or ".join(repr(one) for one in material_names())

@@ -1,4 +1,4 @@
-"""What is wrong with a scene: where it was said, which key, what it must be, in words of TOML."""
+"""Messages about problems of a scene: the place, the key and what it must be, in terms of TOML."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ LONGEST = 60  # characters of a wrong value that are shown
 
 @dataclass(frozen=True)
 class Source:
-    """A text that was read, and the name to call it by."""
+    """A text that was read, and its name in messages."""
 
     where: str
     text: str
 
 
 def root_problems(problems: Iterable[Problem]) -> list[Problem]:
-    """The problems without those that follow from another: a list is too short where its items are wrong."""
+    """The problems without consequences of others: a list with wrong items is also reported as too short."""
     problems = list(problems)
     locs = [p["loc"] for p in problems]
     return [
@@ -40,13 +40,13 @@ def root_problems(problems: Iterable[Problem]) -> list[Problem]:
 
 
 def kind_of(problem: Problem) -> type[Refusal]:
-    """The kind of refusal that a problem is: as our own check says, or by what pydantic found."""
+    """The error class of a problem: that of morphofold's own check, or the one for pydantic's type."""
     own = problem.get("ctx", {}).get("error")
     return type(own) if isinstance(own, Refusal) else _KINDS.get(problem["type"], NotReadable)
 
 
 def with_notes(lines: Sequence[str], kind: type[Refusal] = NotReadable) -> Refusal:
-    """A refusal of several lines: the first, with the others as its notes."""
+    """An error with the first line as its message and the others as its notes."""
     error = kind(lines[0])
     for line in lines[1:]:
         error.add_note(line)
@@ -56,10 +56,10 @@ def with_notes(lines: Sequence[str], kind: type[Refusal] = NotReadable) -> Refus
 def blamed(
     problem: Problem, settings: Sequence[tuple[str, str]], still: Callable[[Sequence[tuple[str, str]]], list[Problem]]
 ) -> str | None:
-    """Which of the settings, (key, setting), brought a problem about; None if the scene itself did.
+    """The setting, of (key, setting) pairs, that caused a problem; None if the scene itself did.
 
-    That which set the key; or those without which the problem is gone (or another), the first that its words name,
-    else the last. ``still`` tells the problems that fewer settings have.
+    This is the setting of the key itself. Otherwise it is one without which the problem disappears, or else changes:
+    the first that the message names, or the last. ``still`` gives the problems that remain with fewer settings.
     """
     loc = _plain(problem["loc"])
     own = [given for key, given in settings if _parts(key) == loc[: len(_parts(key))]]
@@ -89,18 +89,18 @@ def explain(
     model: type[BaseModel],
     shapes: Mapping[str, type[BaseModel]],
 ) -> str:
-    """One problem as: where, which key, what is wrong, what to do.
+    """One problem as a message: where, which key, what is wrong, what to do.
 
     Parameters
     ----------
     problem : mapping
         One of pydantic's errors.
     sources : sequence of Source
-        The file, then that which it is like.
+        The file, then the scene that ``like`` names.
     setting : str or None
-        The setting that is to blame, rather than a line of a file.
+        The setting that caused the problem, instead of a line of a file.
     model, shapes
-        The scene, and its geometries by shape.
+        The model of the scene, and its geometries by shape.
     """
     loc, shape = _plain(problem["loc"]), None
     if len(problem["loc"]) > 1 and problem["loc"][0] in TAGGED:
@@ -120,14 +120,14 @@ def explain(
 
 
 def as_toml(value: Any) -> str:
-    """A value as a scene file would say it, cut short if it is long."""
+    """A value as in a scene file, shortened if it is long."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, str):
         return _short(repr(value))
     if isinstance(value, list | tuple):
         return _short("[" + ", ".join(map(as_toml, value[:20])) + (", ..." if len(value) > 20 else "") + "]")
-    if isinstance(value, int) and abs(value) >= 10**LONGEST:  # Python refuses to spell the longest ones out
+    if isinstance(value, int) and abs(value) >= 10**LONGEST:  # Python refuses to print the longest ones
         return f"a whole number of more than {LONGEST} digits"
     return _short(str(value))
 
@@ -141,14 +141,14 @@ def _wanted(problem: Problem, loc: Loc) -> str:
             return "a number is missing"
         return f"is missing; add it, for example {_EXAMPLES[str(last)]}" if last in _EXAMPLES else "is missing; add it"
     if kind == "string_pattern_mismatch":
-        return _PATTERNS.get(str(last), "has characters that it may not have")
+        return _PATTERNS.get(str(last), "has characters that are not allowed")
     if kind in _BOUNDS:
         return f"must be {_BOUNDS[kind]} {_number(next(iter(context.values())))}"
     if kind in ("string_too_short", "string_too_long"):
         least, most = context.get("min_length"), context.get("max_length")
         return f"must have {f'{least} character' if least else f'{most} characters'} at {'least' if least else 'most'}"
     if kind == "too_short":
-        return f"must hold {context['min_length']} item at least"
+        return f"must hold at least {context['min_length']} item"
     if kind == "too_long":
         return f"must hold {context['max_length']} items, not {context['actual_length']}"
     if kind == "literal_error":
@@ -162,14 +162,14 @@ _BOUNDS = {
     "less_than": "less than",
     "less_than_equal": "less than or equal to",
 }
-#: kinds of refusals by pydantic's types of problems; what is of another type can't be read
+#: error classes by pydantic's types of problems; any other type is ``NotReadable``
 _KINDS: dict[str, type[Refusal]] = {
     **dict.fromkeys(_BOUNDS, OutOfRange),
     "finite_number": NotFinite,
     **dict.fromkeys(("too_short", "too_long"), WrongShape),
     **dict.fromkeys(("extra_forbidden", "literal_error", "shape", "material"), UnknownName),
 }
-#: pydantic's words for what a TOML file can get wrong, in words of TOML
+#: messages for pydantic's types of problems, in terms of TOML
 _WORDS = {
     "model_type": "must be a table of keys",
     "dict_type": "must be a table of keys",
@@ -181,7 +181,7 @@ _WORDS = {
     "finite_number": "must be a finite number",
 }
 _PATTERNS = {
-    "name": "must begin with a letter or a digit, and hold letters, digits, spaces and . _ + - only",
+    "name": "must begin with a letter or a digit, and contain only letters, digits, spaces and . _ + -",
     "title": "must be one line of text, without control characters",
 }
 _EXAMPLES = {
@@ -197,7 +197,7 @@ _EXAMPLES = {
 
 
 def _known(loc: Loc, shape: str | None, model: Any, shapes: Mapping[str, type[BaseModel]]) -> str:
-    """What could stand in the place of an unknown key."""
+    """The keys that are allowed in place of an unknown one."""
     names: Sequence[str] = effect_names()
     if loc[0] == "effects" and len(loc) > 2:
         model, loc = options_of(str(loc[1])), loc[2:]
@@ -223,7 +223,7 @@ def _inner(annotation: Any, otherwise: Any) -> Any:
 
 
 def _plain(loc: Loc) -> Loc:
-    """The place without the tag that says which geometry or material it is."""
+    """The place without the tag of its geometry or material."""
     return (loc[0], *loc[2:]) if loc and loc[0] in TAGGED else tuple(loc)
 
 
@@ -236,7 +236,7 @@ def _same(one: Problem, other: Problem) -> bool:
 
 
 def _key(loc: Loc) -> str:
-    """``table.key``, and which item of a list, counted from 1."""
+    """``table.key``, with the number of a list item, counted from 1."""
     words = ""
     for part in loc:
         words += f", item {part + 1}" if isinstance(part, int) else f"{', ' if 'item' in words else '.'}{part}"
@@ -253,7 +253,7 @@ def _short(text: str) -> str:
 
 
 def _place(sources: Sequence[Source], loc: list[str], message: str) -> str:
-    """File and line of a key, of one that the message names, or else of its table."""
+    """File and line of a key that the message names, else of the key at ``loc``, else of its table."""
     words = [word.strip(".,:;()").split(".") for word in message.split()]
     for keys, exact in (([loc + word for word in words], True), ([loc], True), ([loc], False)):
         for source in sources:
@@ -264,7 +264,7 @@ def _place(sources: Sequence[Source], loc: list[str], message: str) -> str:
 
 
 def _line_of(text: str, loc: list[str], exact: bool = False) -> int | None:
-    """Line on which the key at ``loc`` stands, or (unless ``exact``) its table, or None."""
+    """Line of the key at ``loc``, or (unless ``exact``) of its table, or None."""
     table: list[str] = []
     best = None
     for number, raw in enumerate(text.splitlines(), 1):

@@ -1,4 +1,4 @@
-"""What the tables of a scene are made of: keys with their meaning, unit and range."""
+"""Base classes of the tables of a scene: keys with their meaning, unit and range."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 
 def key(meaning: str, unit: str = "", **limits: Any) -> Any:
-    """A key: what it means and in which unit, as docs/scenes.md and diagrams say it, and pydantic's limits of it."""
+    """A key: its meaning and unit, as in docs/scenes.md and diagrams, and its limits for pydantic."""
     return Field(description=meaning, json_schema_extra={"unit": unit}, **limits)
 
 
@@ -28,28 +28,28 @@ Point = tuple[Coordinate, Coordinate, Coordinate]
 
 
 class Table(BaseModel):
-    """A table of a scene: no unknown keys, nothing converted, nothing changed later."""
+    """A table of a scene: it allows no unknown keys, converts no values and cannot be changed later."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
 
 class Spot(Table):
-    """A region around a pial point ``centre`` [mm]: full ``factor`` there, 1 beyond ``radius`` [mm]."""
+    """A region around a pial point ``centre`` [mm]: the full ``factor`` at the centre, 1 beyond ``radius`` [mm]."""
 
     centre: Annotated[Point, key("a point of the outer surface", "mm", strict=False)]
-    radius: Annotated[Length, key("beyond it the factor is 1", "mm")]
-    factor: Annotated[float, key("at the centre", gt=0, le=4)]
+    radius: Annotated[Length, key("distance beyond which the factor is 1", "mm")]
+    factor: Annotated[float, key("factor at the centre", gt=0, le=4)]
 
 
 class MaterialOptions(Table):
-    """The table ``[material]`` of a scene, and what the rest of the house has to know of the material.
+    """The table ``[material]`` of a scene, and what the rest of the package needs to know about the material.
 
     Attributes
     ----------
     theory : bool
-        Whether theory, the radial equilibria and what is taken from them are of this material.
+        Whether the theory, the radial equilibria and what is derived from them hold for this material.
     errors_known : bool
-        Whether the stored table of errors is of scenes with it.
+        Whether the stored table of errors is valid for scenes with it.
     """
 
     theory: ClassVar[bool] = False
@@ -65,24 +65,24 @@ class MaterialOptions(Table):
 
 
 class EffectOptions(Table):
-    """The table ``[effects.NAME]`` of a scene, and what the rest of the house has to know of the effect.
+    """The table ``[effects.NAME]`` of a scene, and what the rest of the package needs to know about the effect.
 
     Attributes
     ----------
     shapes : tuple of str
-        Geometries that can have it.
+        Geometries that can use it.
     theory : bool
-        Whether the theory of the growing sphere is as true with it as without.
+        Whether the theory of the growing sphere still holds with it.
     errors_known : bool
-        Whether the stored table of errors is of scenes with it.
+        Whether the stored table of errors is valid for scenes with it.
     real_time : bool
-        Whether time is real, and growth does not wait for equilibrium.
+        Whether time is real, so that growth does not wait for equilibrium.
     at_onset : bool
-        Whether it acts on a smooth body, so that the growth at which folds begin hangs on it.
+        Whether it acts on a smooth body, so that the growth at which folds begin depends on it.
     counted : str
-        Where its time is counted, if not under its own name.
+        Name under which its time is counted, if not its own.
     example : str
-        Options, as TOML, that do for a sphere of 50 mm and an octant of it; by these it is timed.
+        Options, as TOML, that work for a sphere of 50 mm and an octant of it; it is timed with these.
     """
 
     shapes: ClassVar[tuple[str, ...]] = ("sphere", "ellipsoid", "patch", "strip", "mesh")
@@ -94,8 +94,8 @@ class EffectOptions(Table):
     example: ClassVar[str] = "{}"
 
     def check(self, scene: Any) -> None:
-        """Raise ``ValueError`` if it does not go with the rest of the ``Scene``."""
+        """Raise ``ValueError`` if it does not fit the rest of the ``Scene``."""
 
     def first_wrinkles(self, growth: float, scene: Any) -> float:
-        """The cortex's growth stretch at which it wrinkles first, from that by theory without this effect."""
+        """Growth stretch of the cortex at its first wrinkles, from the theoretical value without this effect."""
         return growth

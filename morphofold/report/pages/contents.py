@@ -1,4 +1,4 @@
-"""What the tables and sentences of a page say: surfaces and their numbers turned into plain rows for the template."""
+"""Contents of the tables and sentences of a page: surfaces and their numbers as plain rows for the template."""
 
 from __future__ import annotations
 
@@ -51,9 +51,9 @@ CREST_COLUMNS = (
     "mean_H_per_mm",
     "region",
 )
-WARNING = "simulation"  # the note that speaks of a simulation's health
-OF_INPUT = ("average", "cortex_mask")  # notes that say what the surfaces are not: a person's, or marked out
-#: notes about a surface rather than about one number
+WARNING = "simulation"  # the note on the health of a simulation
+OF_INPUT = ("average", "cortex_mask")  # notes on surfaces that are averages, or whose cortex is not marked
+#: notes about a surface, not about one number
 REMARKS = (*(key for key in WARNINGS if key not in (WARNING, *OF_INPUT)), "accuracy")
 SHARES = {0.5: "Half", 0.25: "A quarter", 0.125: "One eighth"}
 Rows = list[dict[str, Any]]
@@ -62,8 +62,8 @@ Numbers = Mapping[str, Sequence[Any]]  # of each surface, as comparison.side_by_
 
 @dataclass(frozen=True, eq=False)
 class Entry:
-    """One surface of a page: what it is called there, its colour and marker in charts, its points in the plot of gyral
-    against cortical thickness, other stages of its growth."""
+    """One surface of a page: its name, its colour, marker and dashes in charts, its points in the plot of gyral
+    against cortical thickness, and other stages of its growth."""
 
     name: str
     measures: Measures
@@ -81,18 +81,18 @@ class Entry:
 
     @property
     def kind(self) -> str:
-        """One line about the surface, for below its name."""
+        """One line about the surface, shown below its name."""
         cortex = self.measures.cortex
         side = "" if cortex.origin == "simulation" else cortex.hemi
         facts = [self.group, cortex.origin if cortex.origin != "files" else "", cortex.name, side]
         g = cortex.info.get("g")
-        if g is not None and not (isinstance(g, int | float) and cortex.name.endswith(f"g{g:.2f}")):  # said once
+        if g is not None and not (isinstance(g, int | float) and cortex.name.endswith(f"g{g:.2f}")):  # not twice
             facts.append(f"growth {_word(g)}")
         return " · ".join(f for f in facts if f)
 
 
 def scalars(numbers: Numbers, keys: Sequence[str] = ()) -> Rows:
-    """One row per scalar, or for each of ``keys``; those that no surface has are left to ``left_out``."""
+    """One row per scalar, or for each of ``keys``; scalars that no surface has are in ``left_out`` instead."""
     rows = []
     for key in keys or numbers:
         values = numbers[key]
@@ -103,15 +103,15 @@ def scalars(numbers: Numbers, keys: Sequence[str] = ()) -> Rows:
 
 
 def verdict(numbers: Numbers, theory: Sequence[TheoryLine]) -> list[str]:
-    """What linear theory says beside the ratio of gyral to cortical thickness, where that and a stiffness are known."""
+    """Sentence on the ratio in linear theory, if gyral over cortical thickness and a stiffness ratio are known."""
     if not theory or all(value is None for value in numbers[RATIO]):
         return []
     slopes = ", ".join(f"{number(t.slope)} (stiffness ratio {t.mu_ratio:.3g})" for t in theory)
-    return [f"Linear theory puts the wavelength of first wrinkles over cortical thickness at {slopes}."]
+    return [f"In linear theory, the wavelength of the first wrinkles over cortical thickness is {slopes}."]
 
 
 def fits(entries: Sequence[Entry]) -> Rows:
-    """What the points of each surface are, and the line through them."""
+    """The kind and number of the points of each surface, and the fit through them."""
     words = {"region": "regions", "crest": "crests"}
     return [
         {"entry": e, "fit": c.fit, "points": f"{len(c.points)} {words[c.kind]}" if c.kind in words else "whole surface"}
@@ -121,7 +121,7 @@ def fits(entries: Sequence[Entry]) -> Rows:
 
 
 def met(entries: Sequence[Entry], growth: Sequence[GrowthCurve]) -> Rows:
-    """At which growth each number of a growing body is that of each surface."""
+    """The growth at which each number of a growing body equals that of each surface."""
     rows = []
     for curve in growth:
         found = [matching_growth(curve, e.measures) for e in entries]
@@ -132,7 +132,7 @@ def met(entries: Sequence[Entry], growth: Sequence[GrowthCurve]) -> Rows:
 
 
 def left_out(entries: Sequence[Entry]) -> Rows:
-    """What could not be had and why, each reason once with the surfaces it concerns."""
+    """Measures that are missing and why; each reason once, with its surfaces."""
     rows = _notes(entries, lambda m, key: key in SCALARS and m.scalars.get(key) is None)
     silent = [k for k in SCALARS if all(_silent(e.measures, k) for e in entries)]
     if silent:
@@ -142,18 +142,18 @@ def left_out(entries: Sequence[Entry]) -> Rows:
 
 
 def definitions(entries: Sequence[Entry]) -> Rows:
-    """What the measures' notes say of the numbers that were had."""
+    """Notes of the measures on numbers that are there."""
     apart = (WARNING, *OF_INPUT, *REMARKS)
     return _notes(entries, lambda m, key: key not in apart and (key not in SCALARS or m.scalars.get(key) is not None))
 
 
 def warnings(entries: Sequence[Entry]) -> list[str]:
-    """What may make the numbers of a surface wrong: the health warnings of its simulation."""
+    """Health warnings of simulations: the numbers of these surfaces may be wrong."""
     return [f"{e.name}: {e.measures.notes[WARNING]}" for e in entries if e.measures.notes.get(WARNING)]
 
 
 def cautions(entries: Sequence[Entry]) -> list[str]:
-    """Which surfaces are no person's or were not marked out."""
+    """Notes on surfaces that are averages, or whose cortex is not marked."""
     notes_by_text: dict[str, list[str]] = {}
     for key in OF_INPUT:
         for e in entries:
@@ -167,7 +167,7 @@ def _silent(m: Measures, key: str) -> bool:
 
 
 def _notes(entries: Sequence[Entry], wanted: Callable[[Measures, str], bool]) -> Rows:
-    """Notes that are wanted, in the order of their scalars; one row for scalars and surfaces that share a text."""
+    """The ``wanted`` notes, in the order of their scalars; one row for all scalars and surfaces with the same text."""
     scalars: dict[str, list[str]] = {}
     names: dict[str, list[str]] = {}
     for key in dict.fromkeys([*SCALARS, *(k for e in entries for k in e.measures.notes)]):
@@ -187,7 +187,7 @@ def _notes(entries: Sequence[Entry], wanted: Callable[[Measures, str], bool]) ->
 
 
 def remarks(entries: Sequence[Entry], shown: Sequence[Mapping[str, Any]]) -> list[str]:
-    """What a reader should know about the surfaces as drawn; ``shown`` is what ``pack`` says of each."""
+    """Notes on the surfaces as drawn; ``shown`` is the ``meta`` of ``pack`` for each."""
     sentences = []
     for e, meta in zip(entries, shown):
         cortex = e.measures.cortex
@@ -197,7 +197,7 @@ def remarks(entries: Sequence[Entry], shown: Sequence[Mapping[str, Any]]) -> lis
         if cortex.portion != 1:
             part = SHARES.get(cortex.portion, f"{cortex.portion:.3g}")
             share = f"{part} of the closed surface of {e.name}"
-            sentences.append(f"{share} was simulated, the rest is mirrored; counts and areas are those of the whole.")
+            sentences.append(f"{share} was simulated, the rest is mirrored. Counts and areas are of the whole.")
         label = cortex_label(cortex)[0]
         if not label.all():
             out = number(int((~label).sum()))
@@ -207,7 +207,7 @@ def remarks(entries: Sequence[Entry], shown: Sequence[Mapping[str, Any]]) -> lis
 
 
 def tables(entries: Sequence[Entry]) -> Rows:
-    """Tables of regions, hinges and crests of every surface that has them: what they are called, heads, values."""
+    """Tables of regions, hinges and crests of every surface that has them: title, column headings, values."""
     found = []
     for title, name, columns in (
         ("Regions", "regions", REGION_COLUMNS),
@@ -230,12 +230,12 @@ def tables(entries: Sequence[Entry]) -> Rows:
 
 
 def parameters(entries: Sequence[Entry]) -> Rows:
-    """Scales and options used, one row per name."""
+    """Scales and options used, one row each."""
     return _side_by_side([e.measures.parameters for e in entries])
 
 
 def facts(entries: Sequence[Entry]) -> Rows:
-    """What came with the surfaces."""
+    """Information from the files of the surfaces."""
     cortices = [e.measures.cortex for e in entries]
     return _side_by_side([{"origin": c.origin, "portion": c.portion, "units": c.units, **c.info} for c in cortices])
 

@@ -1,5 +1,4 @@
-"""What an analysis, and a simulation that it is of, cost, as rows for the page: time and memory, and the errors that
-were to be expected."""
+"""Cost of an analysis, and of the simulation it measures, as rows for the page: time, memory and expected errors."""
 
 from __future__ import annotations
 
@@ -21,8 +20,10 @@ Rows = list[tuple[str, str, str, str]]
 
 
 def costs(entries: Sequence[Entry], clock: Stages | None = None) -> list[dict[str, Any]]:
-    """Of each simulation whose folder is still there and whole, and of the measuring if a clock went along with it: a
-    title, a sentence, times, errors, and how these were had."""
+    """Costs of each simulation whose folder is still complete, and of the analysis if there is a ``clock``.
+
+    Each has a title, a sentence, times, errors, and how the errors were obtained.
+    """
     found = []
     for e in entries:
         stages = [Path(file) for file in e.measures.cortex.files if Path(file).name == "stage.json"]
@@ -36,7 +37,7 @@ def costs(entries: Sequence[Entry], clock: Stages | None = None) -> list[dict[st
 
 
 def _of_run(name: str, cost: Cost) -> dict[str, Any]:
-    """Times are of each phase, then of each effect that the scene called for."""
+    """Cost of a simulation: times of each phase, then of each effect of the scene."""
     parts = []
     if cost.elements is not None:
         parts.append(f"{cost.elements:,} elements")
@@ -64,7 +65,7 @@ def _of_analysis(cost: AnalysisCost) -> dict[str, Any]:
     sizes = [f"{hemi} of {n:,} vertices" for hemi, n in cost.vertices.items()]
     how = f"Errors: {cost.how}."
     return {
-        "title": "The measuring",
+        "title": "The analysis",
         "sentence": _sentence(cost, [" and ".join(sizes), f"accuracy {cost.accuracy}"]),
         "what": "Stage",
         "times": _times(cost.stages, STAGES),
@@ -76,14 +77,14 @@ def _of_analysis(cost: AnalysisCost) -> dict[str, Any]:
 
 def _sentence(cost: Cost | AnalysisCost, parts: Sequence[str]) -> str:
     threads = "" if cost.threads is None else f" by {cost.threads} thread{'s' if cost.threads > 1 else ''}"
-    parts = [f"{span(cost.seconds)}{threads}, compiling left out", *parts]
+    parts = [f"{span(cost.seconds)}{threads}, without compiling", *parts]
     if cost.memory_GiB is not None:
-        parts.append(f"{cost.memory_GiB:.2g} GiB of memory at most, of the whole process")
+        parts.append(f"{cost.memory_GiB:.2g} GiB of memory at most, for the whole process")
     return "; ".join(parts) + "."
 
 
 def _times(taken: Mapping[str, tuple[float, float]], words: Mapping[str, str]) -> Rows:
-    """Name, time, share and remark."""
+    """Name, time, share and description."""
     return [(name, span(seconds), percent(share), words.get(name, "")) for name, (seconds, share) in taken.items()]
 
 
@@ -92,7 +93,7 @@ def _beside(expected: Expected) -> str:
 
 
 def _add_estimate(entry: dict[str, Any], estimate: Estimate | None) -> None:
-    """Errors from a coarser run below those of the table, what the pace changes, and what they leave open."""
+    """Append the errors from a coarser run, the effect of the pace, and the doubts about both."""
     if estimate is not None:
         entry["errors"] = [
             *entry["errors"],
@@ -107,7 +108,12 @@ def _add_estimate(entry: dict[str, Any], estimate: Estimate | None) -> None:
                 if e.error is not None
             ),
             *(
-                (called(name), percent(change), "", f"at g = {estimate.growth:g}, of the coarser run at half the pace")
+                (
+                    called(name),
+                    percent(change),
+                    "",
+                    f"at g = {estimate.growth:g}, from the coarser run at half the pace",
+                )
                 for name, change in (estimate.pace or {}).items()
             ),
         ]

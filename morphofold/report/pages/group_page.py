@@ -1,6 +1,6 @@
-"""The page of a group: how many were measured, distributions, left and right, outliers, and who failed.
+"""The page of a group: number of subjects measured, distributions, left and right, outliers, and failures.
 
-No row of the page stands for one subject but for outliers, failures and remarks, all of them cut; the tables beside it
+Only outliers, failures and warnings have rows for single subjects, and these lists are cut. The tables beside the page
 have the rest.
 """
 
@@ -56,29 +56,29 @@ HEADLINES = (
     "mean_sulcal_depth_mm",
     "area_pial_mm2",
 )
-CHARTS = (*HEADLINES, "wavelength_mm", "n_hinges")  # in sight; those of the other measures are folded away
+CHARTS = (*HEADLINES, "wavelength_mm", "n_hinges")  # always visible; those of other measures are folded away
 PICTURES = 12
 ROWS = 200  # of failures, and of outliers
-REMARKS = 50  # subjects with remarks, and subjects under several names
-BEYOND = 10.0  # robust z of values that charts leave out
-FEWEST_DRAWN = 3  # values of a side of which a chart is drawn
-LISTED = 5  # measures that a sentence names
-POINTS = {"subject": "subjects", "region": "the means of regions"}  # of a plot, as methods call them
-STRIP, EDGE = 260.0, 12.0  # width of a line of the chart of asymmetry, and of its edges
+REMARKS = 50  # subjects with warnings, and subjects under several names
+BEYOND = 10.0  # robust z above which charts leave values out
+FEWEST_DRAWN = 3  # values of one side that a chart needs
+LISTED = 5  # measures that a sentence lists at most
+POINTS = {"subject": "subjects", "region": "the means of regions"}  # of a plot, as the methods paragraph calls them
+STRIP, EDGE = 260.0, 12.0  # [px] width of a row of the asymmetry chart, and of its margins
 FILES = (
-    ("measures.tsv", "every number of every subject, one in a line; measures.parquet is the same"),
+    ("measures.tsv", "every number of every subject, one per line; measures.parquet has the same"),
     ("distributions.tsv", "the distributions of this page"),
     ("asymmetry.tsv", "left against right"),
     ("outliers.tsv", "all outliers"),
-    ("hemispheres.tsv", "how each hemisphere was measured, and what FreeSurfer's aseg.stats says of it"),
-    ("failures.tsv", "who has no measures, and why"),
-    ("remarks.tsv", "what the measures of each subject warn of"),
+    ("hemispheres.tsv", "how each hemisphere was measured, and the values of FreeSurfer's aseg.stats for it"),
+    ("failures.tsv", "subjects and hemispheres without measures, and why"),
+    ("remarks.tsv", "the warnings for each subject"),
 )
 
 
 @dataclass(frozen=True)
 class Side:
-    """How the subjects of one side are called and drawn."""
+    """Name and look of the subjects of one side."""
 
     hemi: str
     colour: str
@@ -96,7 +96,7 @@ BOTH = (Side("lh", CATEGORICAL[0], "circle", ""), Side("rh", CATEGORICAL[1], "sq
 def group_report(group: Group, folder: Path, progress: Progress = silent) -> Path:
     """Write ``folder/report.html``, ``folder/figures/`` with outliers, and the tables of its statistics.
 
-    ``progress`` is told the share done and what is being done. The same group and results give the same bytes.
+    ``progress`` gets the share done and the current step. The same group and results give the same bytes.
     """
     progress(0.0, "statistics")
     scalars = measures_of(group)
@@ -171,7 +171,7 @@ def group_report(group: Group, folder: Path, progress: Progress = silent) -> Pat
 
 
 def known(scalars: Scalars) -> NDArray[np.bool_]:
-    """Which sides (subjects, 2) have a measure."""
+    """Mask (subjects, 2) of the sides that have a measure."""
     return np.any([np.isfinite(values) for values in scalars.values()], axis=0)
 
 
@@ -180,7 +180,7 @@ def plural(n: int, word: str) -> str:
 
 
 def verdict(group: Group) -> str:
-    """How many subjects and hemispheres of how many were measured."""
+    """Sentence: how many subjects and hemispheres were measured, and of how many."""
     there = known(group.scalars)
     some, n = int(there.any(axis=1).sum()), len(group.subjects)
     sentences = f"{number(some)} of {plural(n, 'subject')} {'has' if n == 1 else 'have'} measures"
@@ -194,12 +194,14 @@ def verdict(group: Group) -> str:
     sentences = f"{sentences}, {plural(int(there.sum()), 'hemisphere')} in all: {', '.join(parts)}."
     if group.simulated:
         simulated = number(group.simulated)
-        sentences += f" {simulated} of these are simulated: they have no side, and stand where their files do."
+        sentences += (
+            f" {simulated} of these are simulated: they have no side and are counted on the side that their files name."
+        )
     return sentences
 
 
 def warnings(group: Group) -> list[Markup]:
-    """What is to be known before the numbers are relied on, with links to where it is said in full."""
+    """Warnings to read before the numbers are used, with links to the details."""
     sentences = []
     if group.failures:
         who = len({row["subject"] for row in group.failures})
@@ -211,24 +213,28 @@ def warnings(group: Group) -> list[Markup]:
         link = Markup('<a href="#same">which</a>')
         count = sum(map(len, group.same))
         sentences.append(
-            Markup("{} have the same surfaces as another one, and count as often as they are named: {}.").format(
+            Markup("{} have the same surfaces as another one; each name counts as one subject: {}.").format(
                 plural(count, "subject"), link
             )
         )
     if group.pooling.counts:
         link = Markup('<a href="#unlike">what that leaves out</a>')
-        sentences.append(Markup("{} Statistics are of those alike: {}.").format(group.pooling.sentences[0], link))
+        sentences.append(
+            Markup("{} Statistics use only those measured in the same way: {}.").format(
+                group.pooling.sentences[0], link
+            )
+        )
     return sentences
 
 
 def unlike(group: Group) -> list[dict[str, Any]]:
-    """Measures that are not pooled whole: values left out, and all."""
+    """Measures that are pooled only in part: number of values left out, and of all values."""
     rows = ((scalar_words(name)[0], *numbers) for name, numbers in group.pooling.left_out.items())
     return [{"label": label, "left_out": out, "n": n} for label, out, n in rows]
 
 
 def outlying(far: Outliers, subjects: int) -> list[str]:
-    """What was looked for, and what would have been found by chance."""
+    """Sentences: outliers found, how many are expected by chance, and which measures were not searched."""
     sentences = []
     if far.looked_at or far.found:
         sentences.append(
@@ -237,15 +243,15 @@ def outlying(far: Outliers, subjects: int) -> list[str]:
     if far.looked_at:
         chance = number(far.by_chance, 2) if far.by_chance >= 1 else "less than one"
         sentences.append(
-            f"Of the {number(far.looked_at)} values looked at, {chance} would lie so far out if all were "
+            f"Of the {number(far.looked_at)} values searched, {chance} would be as far out if all were "
             "normally distributed."
         )
     if far.too_few:
         who = "Nothing was looked for" if not (far.looked_at or far.found) else f"Left out: {_listed(far.too_few)}"
-        sentences.append(f"{who}: fewer than {FEWEST} values, which say too little of what is usual.")
+        sentences.append(f"{who}: fewer than {FEWEST} values, too few to define the usual range.")
     if far.divided:
         sentences.append(
-            f"Left out: {_listed(far.divided)}: half of the values and more are alike, but more than a quarter differ."
+            f"Left out: {_listed(far.divided)}: half or more of the values are the same, but over a quarter differ."
         )
     return sentences
 
@@ -258,29 +264,32 @@ def _listed(pairs: Sequence[tuple[str, str]]) -> str:
 
 
 def sided(sides: Sequence[Asymmetry]) -> str:
-    """Which measures differ between the sides, by the corrected test."""
+    """Sentence: which measures differ between the sides, by the corrected test."""
     tested = [row for row in sides if np.isfinite(row.p_holm)]
     if not tested:
-        return "Too few subjects with both sides, or all alike: no test."
+        return "Too few subjects with both sides, or the same value for all: no test."
     found = [
         f"{scalar_words(row.measure)[0]} ({'left' if row.asymmetry > 0 else 'right'} greater)"
         for row in tested
         if row.sided
     ]
-    what = f"The sides differ in {'; '.join(found)}" if found else "No measure is told apart between the sides"
+    what = f"The sides differ in {'; '.join(found)}" if found else "No measure differs between the sides"
     if len(found) > LISTED:
         what = f"The sides differ in {len(found)} measures (filled dots)"
     return f"{what}, by t-tests corrected for {plural(len(tested), 'measure')} (Holm, 5 %)."
 
 
 def methods(version: str, sides: bool = True, far: bool = True, clouds: Sequence[str] = ()) -> tuple[str, list[str]]:
-    """A paragraph for a paper, and the references that it cites, of what the page has: ``sides`` against each other,
-    values ``far`` out, and lines through ``clouds`` of gyral against cortical thickness."""
-    sentences = [*measured([], version), "Over the group, distributions are those of one value per subject and side."]
+    """A methods paragraph for a paper, and the references that it cites.
+
+    It covers what the page has: ``sides`` (left against right), ``far`` (outliers), and fits through ``clouds`` of
+    gyral against cortical thickness.
+    """
+    sentences = [*measured([], version), "Distributions over the group use one value per subject and side."]
     if sides:
         sentences.append(
-            "Asymmetry is 2 (L - R) / (L + R) for each subject with both sides, given with its mean, a 95 % interval "
-            "by Student's t and the paired effect size d_z, mean over standard deviation; t-tests against 0 were "
+            "Asymmetry is 2 (L - R) / (L + R) for each subject with both sides. It is given as mean, 95 % interval "
+            "by Student's t and the paired effect size d_z (mean over standard deviation). The t-tests against 0 were "
             "corrected over all measures (Holm 1979)."
         )
     if far:
@@ -291,7 +300,7 @@ def methods(version: str, sides: bool = True, far: bool = True, clouds: Sequence
     if clouds:
         through = " and through ".join(clouds)
         sentences.append(
-            f"Gyral was compared with cortical thickness by least squares through {through}, each side by itself "
+            f"Gyral was compared with cortical thickness by least squares through {through}, each side separately "
             "(after Razavi et al. 2015)."
         )
     return cited(sentences)
@@ -301,14 +310,14 @@ def methods(version: str, sides: bool = True, far: bool = True, clouds: Sequence
 
 
 def shown_number(measure: str, value: float) -> str:
-    """A value as a page has it: counts as whole numbers where they are."""
+    """A value as text for a page; counts that are whole numbers are written as such."""
     if np.isfinite(value) and value == round(value) and measure.startswith(("n_", "euler")):
         return number(round(value))
     return number(value)
 
 
 def beside(one: Outlier) -> tuple[str, str]:
-    """An outlier's value and the median, in as many figures as tell them apart."""
+    """An outlier's value and the median as text, with enough digits that they differ."""
     value, median = shown_number(one.measure, one.value), shown_number(one.measure, one.median)
     digits = 4
     while value == median and digits < 8:
@@ -318,16 +327,16 @@ def beside(one: Outlier) -> tuple[str, str]:
 
 
 def percent(x: float) -> str:
-    """A share in percent, with its sign."""
+    """A share in percent as text, with its sign."""
     if not np.isfinite(x):
         return "–"
     return f"{'+' if x > 0 else ''}{number(100 * x, 2)}"
 
 
 def headlines(scalars: Scalars, there: Sequence[Side]) -> list[dict[str, Any]]:
-    """Medians and quartiles of the first screen: of each measure, by side, None where there is none.
+    """Medians and quartiles for the first screen, by measure and side; None where there is none.
 
-    Sides stand beside each other, so they are of the subjects that have both, if there are any.
+    The sides are compared, so only subjects with both sides are used, if there are any.
     """
     paired = {name: of_both(values) for name, values in scalars.items() if name in HEADLINES}
     table = {(row.measure, row.hemi): row for row in distributions(paired)}
@@ -341,18 +350,18 @@ def headlines(scalars: Scalars, there: Sequence[Side]) -> list[dict[str, Any]]:
 
 
 def of_both(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Values (subjects, 2) of the subjects that have both sides; all, if nobody has."""
+    """Values (subjects, 2) of the subjects that have both sides, NaN for others; all values if nobody has both."""
     both = np.isfinite(values).all(axis=1, keepdims=True)
     return np.where(both, values, np.nan) if both.any() else values
 
 
 def p_told(p: float) -> str:
-    """A p-value as a page has it."""
+    """A p-value as text for a page."""
     return "< 0.001" if p < 0.001 else number(p, 2)
 
 
 def strips(sides: Sequence[Asymmetry]) -> dict[str, Any] | None:
-    """The chart of asymmetry, a strip for each measure: places in pixels of the dot, the interval and the ticks."""
+    """The chart of asymmetry, one strip per measure: positions of dot, interval and ticks in pixels."""
     if not sides:
         return None
     ends = [abs(x) for row in sides for x in (row.asymmetry, row.low, row.high) if np.isfinite(x)]
@@ -370,7 +379,7 @@ def strips(sides: Sequence[Asymmetry]) -> dict[str, Any] | None:
 
 
 def _chart(name: str, values: NDArray[np.float64], there: Sequence[Side]) -> Markup | None:
-    """Left and right over each other, without what lies far beyond, of which the chart says how many."""
+    """Histograms of left and right, without values that lie far out; the caption gives the number of these."""
     label, unit = scalar_words(name)
     held = np.isfinite(values)
     if held.sum(axis=0).max() < FEWEST_DRAWN or are_alike(values[held]):
@@ -384,7 +393,7 @@ def _chart(name: str, values: NDArray[np.float64], there: Sequence[Side]) -> Mar
     chart = plots.histograms(series, label, unit, bins, counted="subjects")
     numbers = [int(held[:, HEMIS.index(side.hemi)].sum()) for side in there]
     caption = [f"n: {', '.join(f'{SIDES[side.hemi]} {number(n)}' for side, n in zip(there, numbers))}."]
-    caption = caption if len(set(numbers)) > 1 else []  # else the caption below all charts says it
+    caption = caption if len(set(numbers)) > 1 else []  # else the caption below all charts gives it
     caption += [f"{plural(int(beyond.sum()), 'value')} far beyond, not drawn."] if beyond.any() else []
     if chart is not None and caption:
         chart += Markup("<figcaption>{}</figcaption>").format(" ".join(caption))
@@ -392,7 +401,7 @@ def _chart(name: str, values: NDArray[np.float64], there: Sequence[Side]) -> Mar
 
 
 def _bins(values: NDArray[np.float64], n: int) -> NDArray[np.float64]:
-    """Edges of bins that hold all values and suit ``n`` of a side; between whole numbers where all values are such."""
+    """Edges of bins that hold all values, for ``n`` values per side; between whole numbers if all values are whole."""
     most = int(np.clip(2 * np.sqrt(n), 6, 48))
     low, high = float(values.min()), float(values.max())
     if (values != np.round(values)).any():
@@ -402,12 +411,12 @@ def _bins(values: NDArray[np.float64], n: int) -> NDArray[np.float64]:
 
 
 def are_alike(values: NDArray[np.float64]) -> bool:
-    """Whether known values are one number but for round-off."""
+    """Whether known values are all the same to round-off."""
     return bool(np.ptp(values) <= ROUND_OFF * np.abs(values).max())
 
 
 def alike(scalars: Scalars) -> list[str]:
-    """Measures that are the same of all subjects and sides, of which there is nothing to draw, and their value."""
+    """Measures with the same value for all subjects and sides, which are not drawn, and that value."""
     sentences = []
     for name, values in scalars.items():
         known = values[np.isfinite(values)]
@@ -418,7 +427,7 @@ def alike(scalars: Scalars) -> list[str]:
 
 
 def _clouds(group: Group, there: Sequence[Side], kind: str) -> dict[str, Any]:
-    """The plot of gyral against cortical thickness over subjects or regions, and the lines through them."""
+    """The plot of gyral against cortical thickness over subjects or regions, with the fits."""
     of = {"subject": subject_cloud, "region": region_cloud}[kind]
     clouds = [(side, of(group, HEMIS.index(side.hemi))) for side in there]
     clouds = [(side, cloud) for side, cloud in clouds if cloud.points]

@@ -1,4 +1,4 @@
-"""The gyral net as a layer of the viewer: crests as lines of drawn vertices, hinges with what a click on them reads."""
+"""The gyral net as a layer of the viewer: crests as lines of drawn vertices, hinges with the text for a click."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ Ids = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class Net:
-    """A gyral net on the vertices that are drawn.
+    """A gyral net on the drawn vertices.
 
     Attributes
     ----------
     crests : sequence of (P,) int64
-        Places in the list of drawn vertices, along each crest.
+        Indices in the list of drawn vertices, along each crest.
     hinges : list of dict
-        ``at``, the place of the nearest drawn vertex, ``degree``, whether it is ``doubtful``, ``lines`` of label and
-        text.
+        ``at``, the index of the nearest drawn vertex, ``degree``, whether it is ``doubtful``, and ``lines`` of label
+        and text.
     """
 
     crests: Sequence[Ids]
@@ -35,14 +35,14 @@ class Net:
 
 
 def net_of(measures: Measures, ids: Ids) -> Net | None:
-    """The net of a surface of which only the vertices ``ids`` (n,) are drawn; None if it has no graph."""
+    """The net of a surface, of which only the vertices ``ids`` (n,) are drawn; None if it has no graph."""
     if measures.graph is None:
         return None
     tree = cKDTree(measures.cortex.white.verts[ids])
     crests = []
     for _, _, crest in measures.graph.edges(data=True):
         near: Ids = tree.query(crest["polyline"])[1].astype(np.int64)
-        near = near[np.flatnonzero(np.diff(near, prepend=-1))]  # each vertex once in a row
+        near = near[np.flatnonzero(np.diff(near, prepend=-1))]  # drop consecutive repeats
         crests.append(near)
     arms: dict[int, list[dict[str, Any]]] = {}
     for row in measures.arms:
@@ -60,10 +60,10 @@ def net_of(measures: Measures, ids: Ids) -> Net | None:
 
 
 def _lines(row: dict[str, Any], arms: Sequence[dict[str, Any]]) -> list[tuple[str, str]]:
-    """What a click on a hinge says."""
+    """Label and text that a click on a hinge shows."""
     angles = ", ".join(f"{number(arm['angle_deg'])}°" for arm in arms)
     lengths = ", ".join(number(arm["length_mm"]) for arm in arms)
-    kind = f"{row['hinge']}, {row['shape']}" + (", by a blind gyrus" if row.get("blind") else "")
+    kind = f"{row['hinge']}, {row['shape']}" + (", by a dead-end gyrus" if row.get("blind") else "")
     lines = [("Hinge", kind), ("Angles", angles), ("Arms", f"{lengths} mm")]
     if row.get("confidence") is not None:
         doubt = "" if counts(row) else ", doubtful: not counted"

@@ -1,4 +1,4 @@
-"""A paragraph on methods for a paper, with its references, made of what a page shows and the scales that were used."""
+"""A methods paragraph for a paper, with references, from what a page shows and the scales that were used."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from morphofold.analysis.measures import Measures
 from morphofold.report.pages.contents import Entry
 from morphofold.words import number
 
-#: works by how the paragraph cites them
+#: references, by the form in which the paragraph cites them
 REFERENCES = {
     "Chen and Hutchinson 2004": "Chen X, Hutchinson JW (2004). Herringbone buckling patterns of compressed thin films "
     "on compliant substrates. J. Appl. Mech. 71, 597.",
@@ -29,29 +29,29 @@ _MATERIALS = {"neo-hookean": "neo-Hookean", "mooney-rivlin": "Mooney-Rivlin"}
 
 
 def methods(entries: Sequence[Entry], version: str, *, theory: bool) -> tuple[str, list[str]]:
-    """What was done and how, in sentences, by this version of morphofold; the references that they cite.
+    """The methods as one paragraph, with this version of morphofold, and the references that it cites.
 
     ``theory``: whether the page has a line of linear theory.
     """
     sentences = [*_grown(entries), *measured([e.measures for e in entries], version)]
     if any(e.folding is not None for e in entries):
         sentences.append(
-            "The law of folding, total area times the root of thickness over exposed area to the power 5/4 (Mota and "
-            "Herculano-Houzel 2015), takes the convex hull as exposed."
+            "The law of folding is total area times the root of thickness over exposed area to the power 5/4 (Mota and "
+            "Herculano-Houzel 2015), with the convex hull as exposed area."
         )
     if theory:
-        sentences.append("The wavelength of first wrinkles is that of a stiff film (Chen and Hutchinson 2004).")
+        sentences.append("The wavelength of the first wrinkles is that of a stiff film (Chen and Hutchinson 2004).")
     return cited(sentences)
 
 
 def cited(sentences: Sequence[str]) -> tuple[str, list[str]]:
-    """Sentences as one paragraph, and the references that it cites."""
+    """Join sentences to one paragraph; return it with the references that it cites."""
     text = " ".join(sentences)
     return text, [work for name, work in REFERENCES.items() if name in text]
 
 
 def _grown(entries: Sequence[Entry]) -> list[str]:
-    """A sentence on each simulated cortex."""
+    """One sentence for each simulated cortex."""
     sentences = []
     for e in entries:
         info = e.measures.cortex.info
@@ -66,7 +66,7 @@ def _grown(entries: Sequence[Entry]) -> list[str]:
 
 
 def measured(measures: Sequence[Measures], version: str) -> list[str]:
-    """Sentences on how white and pial surfaces were measured; of no measures, what holds of all."""
+    """Sentences on how white and pial surfaces were measured; without measures, only what holds for all."""
     scales = sorted(float(mm) for m in measures if (mm := m.parameters.get("curvature_scale_mm")))
     within = " or ".join(dict.fromkeys(number(mm, 2) for mm in scales)) or "a few"
     caps = {m.parameters.get("cortical_thickness_cap_mm") for m in measures}
@@ -75,24 +75,24 @@ def measured(measures: Sequence[Measures], version: str) -> list[str]:
     simulated = {m.cortex.origin == "simulation" for m in measures} == {True, False}
     return [
         f"White and pial surfaces were measured with morphofold {version}"
-        f"{', the same code for simulated and reconstructed cortex' * simulated}.",
+        f"{', with the same code for simulated and reconstructed cortex' * simulated}.",
         *_copied(measures),
-        f"Curvature is that of a cubic surface fitted to the vertices within {within} mm along the surface, convex "
-        "positive.",
+        f"Curvature is that of a cubic surface fitted to the vertices within {within} mm along the surface; it is "
+        "positive where the surface is convex.",
         "Cortical thickness is half the sum of the distances from white to pial surface and back, each to the closest "
         f"point that lies outward (inward) and faces the same way{f', each {bounds} mm at most{where}' * bool(bounds)} "
         "(Fischl and Dale 2000).",
         "Gyral thickness is the length of the horizontal chord through a gyrus, from wall to wall, at half the height "
-        "of the fold; the gyral net is the net of crests, and a hinge a point where three or more crests meet (after "
-        "Razavi et al. 2015).",
-        "The gyrification index is the area of the pial surface over that of its convex hull, the local one that of "
-        "the surface within 25 mm over that of its closing by a ball of 15 mm (Schaer et al. 2008).",
+        "of the fold. The gyral net is the net of crests, and a hinge is a point where three or more crests meet "
+        "(after Razavi et al. 2015).",
+        "The gyrification index is the area of the pial surface over that of its convex hull. The local gyrification "
+        "index is the area within 25 mm over that of the closing by a ball of 15 mm (Schaer et al. 2008).",
         "Sulcal depth is the distance to the convex hull.",
     ]
 
 
 def _copied(measures: Sequence[Measures]) -> list[str]:
-    """Which surfaces were measured on a copy with more or fewer vertices, and which in coarser or finer voxels."""
+    """Sentences on surfaces measured with more or fewer vertices (resampled), or in coarser or finer voxels."""
     sentences = []
     for kind, how in (("draft", "thinned"), ("fine", "finer")):
         counts = sorted(
@@ -105,11 +105,13 @@ def _copied(measures: Sequence[Measures]) -> list[str]:
         if counts:
             sizes = " or ".join(f"{n:,}" for n in counts)
             sentences.append(
-                f"Cortical and gyral thickness and the gyral net were measured on {how} copies of the surfaces with "
+                f"Cortical and gyral thickness and the gyral net were measured on resampled surfaces ({how}) with "
                 f"{sizes} vertices."
             )
     usual = 1.25
     voxels = {float(m.parameters.get("local_gyrification_voxel_mm", usual)) for m in measures}
     if voxels - {usual}:
-        sentences.append(f"Local gyrification was had on voxels of {' or '.join(f'{v:g}' for v in sorted(voxels))} mm.")
+        sentences.append(
+            f"Local gyrification was measured on voxels of {' or '.join(f'{v:g}' for v in sorted(voxels))} mm."
+        )
     return sentences

@@ -1,8 +1,8 @@
-"""Surfaces and maps as small text for the viewer: quantised, delta-coded, deflated, base64.
+"""Surfaces and maps as compact text for the viewer: quantised, delta-coded, deflated, base64.
 
-Positions take 16 bits per coordinate of the surface's bounding cube (0.003 mm on a brain), maps at most 16 bits
-of their range, with 65535 for NaN. Every array is stored as differences to the element ``stride`` before it,
-zigzag-coded, low bytes before high bytes; ``templates/viewer.js`` undoes it.
+Positions have 16 bits per coordinate of the surface's bounding cube (0.003 mm on a brain). Maps have at most 16 bits
+over their range, with 65535 for NaN. Every array is stored as differences to the element ``stride`` before it,
+zigzag-coded, low bytes before high bytes. ``templates/viewer-data.js`` decodes it.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from morphofold.report.pages.layers import Net
 from morphofold.surface import Cortex, Faces, PerVertex, Verts
 
 DISPLAY_VERTICES = 60_000
-STAGED_VERTICES = 15_000  # of a body that is drawn at every stage of growth
+STAGED_VERTICES = 15_000  # of a body drawn at every stage of growth
 NAN16 = 65535
 
 
@@ -52,8 +52,8 @@ def pack(
 ) -> Packed:
     """Pack the pial, white and (if any) inflated surface of a cortex, and maps (N,), for the viewer.
 
-    ``steps`` names the coarsest step that will do for a map, which makes it smaller; without, 16 bits of its
-    range. ``shown`` is what ``thin`` made of the cortex; None: thinned here. ``net`` is drawn over it.
+    ``steps`` gives the coarsest step allowed for a map, which makes the data smaller; without it, a map has 16 bits
+    over its range. ``shown`` is the result of ``thin`` for the cortex; None: thinned here. ``net`` is drawn over it.
     """
     steps = steps or {}
     shown = shown or thin(cortex)
@@ -88,7 +88,7 @@ def pack(
 def pack_stage(
     cortex: Cortex, maps: Mapping[str, PerVertex], steps: Mapping[str, float], ids: NDArray[np.int64]
 ) -> Packed:
-    """White and pial surface and maps (N,) of a stage of growth, at the vertices ``ids`` of the body's last one."""
+    """Pack white and pial surface and maps (N,) of a stage of growth, at the vertices ``ids`` of the last stage."""
     writer = _Writer()
     boxes = {n: writer.positions(n, s.verts[ids]) for n, s in (("pial", cortex.pial), ("white", cortex.white))}
     ranges = {key: writer.values(f"map:{key}", values[ids], steps.get(key, 0.0)) for key, values in maps.items()}
@@ -97,7 +97,7 @@ def pack_stage(
 
 
 class _Writer:
-    """Collects encoded arrays one after the other and remembers where each begins."""
+    """Collects encoded arrays one after the other and keeps where each begins."""
 
     def __init__(self) -> None:
         self.chunks: list[bytes] = []
@@ -126,11 +126,11 @@ class _Writer:
         step = max(step, (high - low) / (NAN16 - 1)) or 1.0
         codes[known] = np.round((values[known] - low) / step).astype(np.uint16)
         self.add(name, codes)
-        return {"low": low, "high": low + step * (NAN16 - 1)}  # of the codes, not of the values
+        return {"low": low, "high": low + step * (NAN16 - 1)}  # limits of the codes, not of the values
 
 
 def encode(array: np.ndarray, stride: int = 1) -> bytes:
-    """Differences to the element ``stride`` before, zigzag, a plane per byte; uint16 or uint32, wraps."""
+    """Encode uint16 or uint32: wrapping differences to the element ``stride`` before, zigzag, a plane per byte."""
     if array.dtype not in (np.uint16, np.uint32):
         raise TypeError(f"encode takes uint16 or uint32, got {array.dtype}.")
     array = np.ascontiguousarray(array)
@@ -144,7 +144,7 @@ def encode(array: np.ndarray, stride: int = 1) -> bytes:
 
 
 def decode(data: bytes, n: int, itemsize: int, stride: int = 1) -> np.ndarray:
-    """The inverse of ``encode``, as the viewer does it."""
+    """Inverse of ``encode``, as in the viewer."""
     dtype: np.dtype[Any] = np.dtype(f"<u{itemsize}")
     planes = np.frombuffer(data, dtype=np.uint8).reshape(itemsize, n)
     zigzag = np.ascontiguousarray(planes.T).view(dtype).ravel()
@@ -157,11 +157,11 @@ def decode(data: bytes, n: int, itemsize: int, stride: int = 1) -> np.ndarray:
 def thin(cortex: Cortex, max_vertices: int = DISPLAY_VERTICES, stages: Sequence[Cortex] = ()) -> Display:
     """At most about ``max_vertices`` vertices and faces between them, ordered so that they compress well.
 
-    The surface midway between white and pial is decimated by quadric errors and each
-    vertex that remains goes back to a nearest original vertex, so that every surface and map is read off the
-    same index. Midway, because decimating the pial alone leaves a white surface 20 % too large on an
-    individual (0.1 % so), and the other way round sulcal walls suffer. ``stages`` are other stages of the body, which
-    is then decimated in the mean of all, so that it doesn't fold over in any.
+    The surface midway between white and pial is decimated by quadric errors. Each remaining vertex is moved back to a
+    nearest original vertex, so that all surfaces and maps use the same index. The midway surface is used because
+    decimating the pial alone leaves a white surface 20 % too large on an individual (0.1 % with the midway surface),
+    and decimating the white alone damages sulcal walls. ``stages`` are other stages of the body. Then the mean of all
+    stages is decimated, so that the mesh does not fold over in any of them.
     """
     n = cortex.n_vertices
     used = np.unique(cortex.faces)
@@ -176,7 +176,7 @@ def thin(cortex: Cortex, max_vertices: int = DISPLAY_VERTICES, stages: Sequence[
     place = np.empty(len(ids), dtype=np.int64)
     place[order] = np.arange(len(ids))
     faces = place[faces]
-    first = faces.argmin(axis=1)  # turn each triangle so that its lowest corner leads
+    first = faces.argmin(axis=1)  # rotate each triangle so that its lowest index is first
     faces = np.take_along_axis(faces, (first[:, None] + np.arange(3)) % 3, axis=1)
     faces = faces[np.lexsort((faces[:, 1], faces[:, 0]))]
     return Display(ids[order], faces, thinned=len(ids) < len(used))
@@ -196,10 +196,9 @@ def _decimated(middle: Verts, faces: Faces, keep: float) -> tuple[NDArray[np.int
 
 
 def distinct(near: NDArray[np.int64]) -> NDArray[np.int64]:
-    """One column of ``near`` (n, k) per row, nearest first, no value taken twice if that can be helped.
+    """One value of ``near`` (n, k) per row, nearest first, and no value twice if possible.
 
-    Two points on one vertex would pinch the surface there; a row that finds all its candidates taken shares
-    its nearest.
+    Two points on one vertex would pinch the surface there. A row whose candidates are all taken shares its nearest.
     """
     chosen = np.full(len(near), -1, dtype=np.int64)
     taken = np.zeros(int(near.max()) + 1, dtype=bool)

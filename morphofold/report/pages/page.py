@@ -1,7 +1,7 @@
-"""The HTML pages: contents gathered here, laid out in ``templates/report.html``.
+"""The HTML pages of an analysis and of a comparison: contents from here, layout in ``templates/report.html``.
 
-A page is one file that opens offline: styles, script, surfaces and charts are inlined, a content policy
-forbids everything else, and every name that came from a file is escaped.
+A page is one file that opens offline. Styles, script, surfaces and charts are inlined, a content policy
+forbids everything else, and every name from a file is escaped.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 ANALYSIS = "Analysis"
 SIDES = {"lh": "left", "rh": "right"}
 SCRIPTS = ("tables.js", "viewer-data.js", "viewer-layers.js", "viewer.js")
-Shown = dict[str, tuple[Quantity, tuple[float, float]]]  # map key -> what it is, limits for all surfaces
+Shown = dict[str, tuple[Quantity, tuple[float, float]]]  # map key -> quantity, limits for all surfaces
 Inputs = Sequence[Mapping[str, Any]]  # rows with path and sha256
 
 
@@ -65,10 +65,10 @@ def analysis_report(
 ) -> Path:
     """Write the page of one analysis to ``path`` and its pictures to ``figures/`` beside it.
 
-    ``failed`` are hemispheres that could not be measured, and why. ``inputs`` are rows with ``path`` and ``sha256``;
-    without them the files the surfaces name are hashed. ``stages``
-    are those of the one body that was measured, to be drawn as it grows. ``clock`` went along with the measuring: with
-    it the page says what all this took.
+    ``failed`` maps hemispheres that could not be measured to the reason. ``inputs`` are rows with ``path`` and
+    ``sha256``; without them, the files that the surfaces name are hashed. ``stages`` are the growth stages of the one
+    body that was measured; the page draws them. ``clock`` is the clock of the measurement; with it, the page lists
+    the times.
     """
     if clock is not None:
         clock.begin(PAGE)
@@ -102,10 +102,10 @@ def analysis_report(
 def comparison_report(
     comparison: Comparison, folder: str | Path, *, inputs: Inputs = (), progress: Progress = silent
 ) -> Path:
-    """Write ``folder/report.html`` and ``folder/figures/`` of a comparison; ``progress`` is told the share and what."""
+    """Write ``folder/report.html`` and ``folder/figures/`` of a comparison; ``progress`` gets share and step."""
     pairs = zip(comparison.names, comparison.measures)
     title = " beside ".join(dict.fromkeys(n.removesuffix(f" {m.cortex.hemi}") for n, m in pairs))
-    lede = "Measured by the same code. Colours, bins and axes are shared by all surfaces."
+    lede = "Measured with the same code. All surfaces share colours, bins and axes."
     named = dict(zip(comparison.names, comparison.measures))
     entries = _entries(named, comparison.colours, comparison.clouds, comparison.groups, comparison.stages)
     return _write(
@@ -208,20 +208,20 @@ def _entries(
     groups: Mapping[str, Sequence[str]] = {},
     stages: Mapping[str, Sequence[Measures]] = {},
 ) -> list[Entry]:
-    """What each surface is called and drawn like; a group that is one subject says nothing new."""
+    """Name and look of each surface; a group of one subject gets no label of its own."""
     held = {name: group for group, names in groups.items() for name in names}
     entries = []
     for k, ((name, m), cloud) in enumerate(zip(named.items(), clouds)):
         group = held.get(name, "")
         group_label = group if name not in (group, f"{group} {m.cortex.hemi}") else ""
-        marker, dash = [*charts.MARKERS][k % 4], charts.DASHES[(k + k // 4) % 4]  # sixteen before one comes again
+        marker, dash = [*charts.MARKERS][k % 4], charts.DASHES[(k + k // 4) % 4]  # sixteen before one repeats
         grown = tuple(s for s in stages.get(name, ()) if _other_stage(s, m))
         entries.append(Entry(name, m, colours[name], marker, dash, cloud, group_label, grown))
     return entries
 
 
 def _other_stage(stage: Measures, m: Measures) -> bool:
-    """Whether it is an earlier stage of the same body: less growth, the same vertices (each stage cuts quads anew)."""
+    """Whether ``stage`` is an earlier stage of the same body: less growth, same vertices (each stage splits quads)."""
     a, b = stage.cortex, m.cortex
     same = all(x == y for x, y in ((a.n_vertices, b.n_vertices), (a.info.get("name"), b.info.get("name"))))
     return same and "g" in a.info and "g" in b.info and float(a.info["g"]) < float(b.info["g"])
@@ -232,13 +232,13 @@ def _inputs(entries: Sequence[Entry]) -> Inputs:
 
 
 def _having(entries: Sequence[Entry], key: str) -> list[tuple[Entry, NDArray[np.float64]]]:
-    """The entries that have the map ``key`` with at least one value, and the map."""
+    """The entries that have the map ``key`` with at least one value, each with the map."""
     found = [(e, find(e.measures.maps, key)) for e in entries]
     return [(e, a) for e, a in found if a is not None and np.isfinite(a).any()]
 
 
 def _shown(entries: Sequence[Entry]) -> Shown:
-    """The maps a page shows, the main ones first, with the limits that all its surfaces share."""
+    """The maps that a page shows, main maps first, with the limits that all its surfaces share."""
     others = {quantity(n).key for e in entries for n in e.measures.maps} - set(MAIN)
     shown = {}
     for key in (*MAIN, *sorted(others)):
@@ -249,9 +249,9 @@ def _shown(entries: Sequence[Entry]) -> Shown:
 
 
 def _viewer(entries: Sequence[Entry], thinned: Sequence[Display], shown: Shown) -> tuple[dict[str, Any], contents.Rows]:
-    """What viewer.js reads as JSON, and one block of packed data per surface."""
+    """The JSON configuration of viewer.js, and one block of packed data per surface (and per stage)."""
     surfaces, blocks = [], []
-    steps = {key: (high - low) / 2000 for key, (_, (low, high)) in shown.items()}  # finer than colours show
+    steps = {key: (high - low) / 2000 for key, (_, (low, high)) in shown.items()}  # finer than the colours can show
     for e, display in zip(entries, thinned):
         maps = {key: a for key in shown for _, a in _having([e], key)}
         cortex = e.measures.cortex
@@ -271,7 +271,7 @@ def _viewer(entries: Sequence[Entry], thinned: Sequence[Display], shown: Shown) 
                 "stages": [stage.meta for stage in grown],
             }
         )
-        for k, stage in enumerate([packed, *grown]):  # base64: nothing in it to escape
+        for k, stage in enumerate([packed, *grown]):  # base64 needs no escaping
             blocks.append({"id": f"{len(surfaces) - 1}" + (f"-{k - 1}" if k else ""), "data": Markup(stage.data)})
     maps_shown = [
         {
@@ -295,37 +295,37 @@ def _viewer(entries: Sequence[Entry], thinned: Sequence[Display], shown: Shown) 
 
 
 def _pictures(folder: Path, entries: Sequence[Entry], thinned: Sequence[Display], shown: Shown) -> list[dict[str, Any]]:
-    """Write ``folder/KEY.png`` for the main maps and the gyral net; the same at half size for the page."""
+    """Write ``folder/KEY.png`` for the main maps and the gyral net; return them at half size for the page."""
     folder.mkdir(parents=True, exist_ok=True)
     pial = {e.name: Surface(e.measures.cortex.pial.verts[d.ids], d.faces, e.name) for e, d in zip(entries, thinned)}
     ids = {e.name: d.ids for e, d in zip(entries, thinned)}
     pictures = []
     looks: Looks = {}
-    with ThreadPoolExecutor(1) as writer:  # packs one picture while the next is drawn
+    with ThreadPoolExecutor(1) as writer:  # writes one picture while the next is drawn
         for key in (k for k in MAIN if k in shown):
             what, limits = shown[key]
             rows = [Row(e.name, pial[e.name], a[ids[e.name]], e.measures.cortex.hemi) for e, a in _having(entries, key)]
             image = figure(rows, what, limits, looks=looks)
             pictures.append(writer.submit(_saved, folder / f"{safe_name(key)}.png", image, what.title, limits))
         if nets := [net_row(e.measures, e.name) for e in entries if e.measures.graph is not None]:
-            title = "Net of gyral crests, and its hinges"
+            title = "Net of gyral crests and its hinges"
             pictures.append(writer.submit(_saved, folder / "gyral_net.png", net_figure(nets), title, None))
     return [picture.result() for picture in pictures]
 
 
 def _pairs(folder: Path, hinges: Sequence[HingeComparison], named: Mapping[str, Measures]) -> list[dict[str, Any]]:
-    """Write ``folder/hinges-1.png`` and so on: pairs of hinges of every two groups whose surfaces have their graph."""
+    """Write ``folder/hinges-1.png`` and so on: pairs of hinges for each two groups whose surfaces have a graph."""
     pictures = []
     for k, found in enumerate(hinges, start=1):
         if chosen := clear_examples(found.matches, named):
             image = hinge_pairs(chosen, (found.one, found.other))
-            title = f"Three-hinge patterns of {found.one}, and those of {found.other} that are shaped most like them"
+            title = f"Three-hinge patterns of {found.one}, and those of {found.other} with the most similar shape"
             pictures.append(_saved(folder / f"hinges-{k}.png", image, title, None))
     return pictures
 
 
 def _saved(path: Path, image: Picture, title: str, limits: tuple[float, float] | None) -> dict[str, Any]:
-    """Write a picture; what the page says of it."""
+    """Write a picture; return its entry for the page."""
     path.write_bytes(png_bytes(image))
     small = base64.b64encode(png_bytes(halved(image))).decode()
     return {"title": title, "file": f"{path.parent.name}/{path.name}", "data": small, "limits": limits}
@@ -357,12 +357,12 @@ def _law(entries: Sequence[Entry], growth: Sequence[GrowthCurve]) -> Markup | No
 
 
 def _ratio(entries: Sequence[Entry]) -> Markup | None:
-    """Distribution of gyral over cortical thickness where both are known."""
+    """Distribution of gyral over cortical thickness at vertices where both are known."""
     series = []
     for e in entries:
         cortical, gyral = (find(e.measures.maps, key) for key in ("cortical_thickness", "gyral_thickness"))
         if cortical is not None and gyral is not None and np.isfinite(cortical).any():
-            cortex = cortical > 0.5 * np.nanmedian(cortical)  # not the rim of a medial wall without a label
+            cortex = cortical > 0.5 * np.nanmedian(cortical)  # without the rim of an unlabelled medial wall
             ratio = np.divide(gyral, cortical, out=np.full(len(gyral), np.nan), where=cortex)
             areas = vertex_areas(e.measures.cortex.pial.verts, e.measures.cortex.faces)
             series.append((e, ratio, areas))

@@ -1,4 +1,4 @@
-"""The page of a sweep: phase diagrams with the theory in them, pial surfaces in the same order, numbers, failures."""
+"""The page of a sweep: phase diagrams with theory, pial surfaces in the same order, numbers, failures."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ from morphofold.sim.scene import LEVELS
 from morphofold.surface import Surface
 from morphofold.words import number
 
-MOST_ROWS = 400  # of the table of numbers, and of that of failures
+MOST_ROWS = 400  # of the table of numbers and of the table of failures
 MOST_PIXELS = 190  # of a thumbnail
 WIDTH = 1520  # [px] of a picture of thumbnails
 SURFACES, SECTIONS = "Pial surfaces", "Sections"
 
 
 def phase_report(phases: Phases, folder: Path, progress: Progress = silent) -> Path:
-    """Write ``folder/report.html`` and ``folder/figures/`` of a sweep; the path of the page."""
+    """Write ``folder/report.html`` and ``folder/figures/`` of a sweep; return the path of the page."""
     (folder / "figures").mkdir(parents=True, exist_ok=True)
     measures, diagrams = shown_of(phases), []
     for k, shown in enumerate(measures):
@@ -96,7 +96,7 @@ def _seeds(phases: Phases) -> str:
 
 
 def _diagrams(phases: Phases, shown: Shown, folder: Path) -> list[dict[str, Any]]:
-    """Write the diagrams of a measure; what the page says of each. None where nothing is varied but the seed."""
+    """Write the diagrams of a measure; return an entry for each. Empty if only the seed is varied."""
     axes, found = phases.grid.axes, []
     if len(axes) == 1:
         found.append((f"{shown.key}.png", curve(phases, shown), f"{shown.label} over {axes[0].label}"))
@@ -126,12 +126,12 @@ def _shape(phases: Phases) -> str:
 
 
 def _what(phases: Phases) -> str:
-    """What thumbnails show."""
+    """Title of the thumbnails."""
     return SECTIONS if _shape(phases) == "strip" else SURFACES
 
 
 def _surfaces(phases: Phases, folder: Path) -> list[dict[str, Any]]:
-    """Write the pial surfaces of the first seed, or the sections of strips: a grid for each diagram, all at one
+    """Write thumbnails of the first seed, pial surfaces or sections of strips: one grid per diagram, all at one
     scale."""
     first = {at: phases.at[at][0] for at in phases.grid.places}
     view = "top" if _shape(phases) in ("patch", "strip") else "lateral"
@@ -148,13 +148,13 @@ def _surfaces(phases: Phases, folder: Path) -> list[dict[str, Any]]:
 
 
 def _extent(run: RunResult, view: str) -> float:
-    """Larger side of a surface as it is seen [mm]; 0 for a run without one."""
+    """Larger side of a surface in the view [mm]; 0 for a run without a surface."""
     surface = _drawn(run)
     return 0.0 if surface is None else float(np.ptp(surface.verts @ surfaces.camera(view, "lh").T, axis=0)[:2].max())
 
 
 def _drawn(run: RunResult) -> Surface | None:
-    """The pial surface of a run, or the section of a strip; None where there is none."""
+    """The pial surface of a run, or the section of a strip; None if it cannot be read."""
     if run.pial is None:
         return None
     try:
@@ -167,8 +167,10 @@ def _drawn(run: RunResult) -> Surface | None:
 
 
 def section(pial: Surface, white: Surface) -> Surface:
-    """The cortex of a strip, from the side: between the edges of both surfaces that have the least y, x to the right
-    and z up, in the plane z = 0."""
+    """The cortex of a strip from the side, in the plane z = 0, with the strip's x to the right and z up.
+
+    It lies between the edges of both surfaces at the least y.
+    """
     edges, y = geometry.edges(pial.faces), pial.verts[:, 1]
     a, b = edges[np.isclose(y[edges], y.min(), atol=1e-3 * np.ptp(y)).all(axis=1)].T
     n = len(y)
@@ -177,14 +179,14 @@ def section(pial: Surface, white: Surface) -> Surface:
     verts[:, 2] = 0.0
     one, other = (verts[faces[:, k]] - verts[faces[:, 0]] for k in (1, 2))
     below = one[:, 0] * other[:, 1] < one[:, 1] * other[:, 0]
-    faces[below] = faces[below][:, [0, 2, 1]]  # all are seen from above
+    faces[below] = faces[below][:, [0, 2, 1]]  # so that all faces point up
     return Surface(*geometry.in_use(verts, faces)[1:])
 
 
 def _mosaic(
     phases: Phases, first: dict[tuple[int, ...], RunResult], others: tuple[int, ...], view: str, extent: float
 ) -> surfaces.Picture:
-    """Thumbnails, columns and rows as the cells of the diagram."""
+    """Thumbnails, with the same columns and rows as the diagram."""
     axes = phases.grid.axes[:2]
     columns, rows = ([*(len(axis.values) for axis in axes), 1, 1])[:2]
     left, head, foot, gap = 110, 44 if len(axes) > 1 else 16, 104, 10
@@ -198,7 +200,7 @@ def _mosaic(
         surface = _drawn(run)
         if surface is None:
             canvas[y : y + side, x : x + side] = 244
-            words = "failed" if run.reason else "not there"
+            words = "failed" if run.reason else "no surface"
             surfaces.write(canvas, words, (x + side / 2, y + side / 2 - 12), 15, anchor="middle", grey=90)
             continue
         rgb = np.tile(np.array(colours.BARE, dtype=np.uint8), (len(surface.verts), 1))
@@ -227,7 +229,7 @@ def _mosaic(
 
 
 def _row(phases: Phases, at: tuple[int, ...]) -> dict[str, Any]:
-    """A line of the table of numbers."""
+    """One row of the table of numbers."""
     theory, final = phases.theory[at], phases.grid.scenes[at].growth.final
     cells = [cell(phases, at, shown.key) for shown in shown_of(phases)]
     return {
@@ -246,30 +248,30 @@ def _state(above: float) -> str:
 
 
 def _known(phases: Phases) -> bool:
-    """Whether theory says something of any point."""
+    """Whether theory has a result for any point."""
     return any(math.isfinite(one.g_crit) for one in phases.theory.values())
 
 
 def theory_words(phases: Phases) -> list[str]:
-    """What the theory assumes, and where it says nothing."""
+    """Sentences: what the theory assumes, and where it has no result."""
     found = list(phases.theory.values())
     sentences = []
     if _known(phases):
         sentences.append(
-            "Theory is linear stability of the smooth growing sphere: a cortex of even thickness on a core, around a "
-            "hole whose wall is held, both of the energy of the simulation, the core not growing. Critical growth is "
-            "the least at which any wave grows; its wavelength is that of this wave on the sphere as it is by then."
+            "Theory is linear stability of the smooth growing sphere: a cortex of even thickness on a core around a "
+            "hole with a fixed wall, both with the energy of the simulation, the core not growing. Critical growth is "
+            "the least growth at which any wave grows. The wavelength is that of this wave on the grown sphere."
         )
         sentences.append(
-            "It says when a smooth sphere can no longer stay smooth, and nothing of the folds that follow. The "
-            "wavelength that is measured is that of the folds at final growth, the way along the surface, down into "
-            "the sulcus and up again: deep folds have a longer one than the wrinkles that they began as. An imperfect "
-            "cortex folds gradually, and may need growth beyond the critical one until its folds are seen."
+            "Theory gives the growth at which a smooth sphere can no longer stay smooth. It does not describe the "
+            "folds that follow. The measured wavelength is that of the folds at final growth, along the surface, down "
+            "into the sulcus and up again: it is longer for deep folds than for the first wrinkles. An imperfect "
+            "cortex folds gradually, and its folds may become visible only beyond the critical growth."
         )
     shapes = {point.scene.geometry.shape for point in phases.grid.points}
     if "radial" in shapes:
         sentences.append(
-            "A radial scene has one dimension and stays a sphere: it does not fold where theory says it would."
+            "A radial scene has one dimension and stays a sphere: it does not fold where theory predicts folds."
         )
     nothing: dict[str, int] = {}
     for one in found:
@@ -282,7 +284,7 @@ def theory_words(phases: Phases) -> list[str]:
 
 
 def verdict(phases: Phases) -> str:
-    """How measured wavelengths lie to those of theory, in a sentence; empty without both."""
+    """A sentence that compares measured wavelengths with those of theory; empty without both."""
     ratios = []
     for at in phases.grid.places:
         measured, theory = cell(phases, at, WAVELENGTH).mean, phases.theory[at].wavelength
@@ -296,14 +298,14 @@ def verdict(phases: Phases) -> str:
 
 
 def missing(phases: Phases) -> list[str]:
-    """How many runs lack which of the measures that are shown, and what one of them says of it."""
+    """Sentences: how many runs lack each of the measures shown, with the reason of one run."""
     sentences = []
     done = [run for run in phases.runs if not run.reason]
     for shown in shown_of(phases):
         without = [run for run in done if shown.key not in run.measures]
         if without:
             why = without[0].notes.get(shown.key, "")
-            example = f" {without[0].point.name} says: {why.rstrip('.')}." if why else ""
+            example = f" Reason for {without[0].point.name}: {why.rstrip('.')}." if why else ""
             sentences.append(f"{shown.label}: {len(without)} of {len(done)} runs have none.{example}")
     return sentences
 

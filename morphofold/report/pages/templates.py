@@ -1,4 +1,4 @@
-"""How a page is made of its template: one file that opens offline, in which every name is escaped."""
+"""Writes a page from its template: one file that opens offline, with every name escaped."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ PACKAGES = ("morphofold", "numpy", "scipy", "trimesh", "nibabel", "networkx", "n
 
 
 def write_page(path: Path, template: str, scripts: Sequence[str] = (), **values: Any) -> Path:
-    """Write the page that ``template`` makes of ``values``; of scripts it may run no others than these."""
+    """Render ``template`` with ``values`` and write the page; it may run only these ``scripts``."""
     folder = resources.files("morphofold.report").joinpath("templates")
     script = "\n".join(folder.joinpath(name).read_text(encoding="utf-8") for name in scripts)
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
@@ -35,7 +35,7 @@ def write_page(path: Path, template: str, scripts: Sequence[str] = (), **values:
 
 @cache
 def _environment() -> Environment:
-    """The templates of the report, escaping on in all of them."""
+    """The templates of the report, all with escaping."""
     env = Environment(
         loader=PackageLoader("morphofold.report", "templates"),
         autoescape=select_autoescape(default=True, default_for_string=True),
@@ -49,7 +49,7 @@ def _environment() -> Environment:
 
 
 def versions() -> list[tuple[str, str]]:
-    """Name and version of the packages that had a part in the numbers."""
+    """Name and version of the packages that the numbers depend on."""
 
     def version(name: str) -> str:
         try:

@@ -1,1 +1,1 @@
-"""Pictures of surfaces, drawn without a graphics library."""
+"""Pictures of surfaces, with or without a graphics library."""

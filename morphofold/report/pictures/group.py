@@ -16,14 +16,14 @@ from morphofold.report.pictures.surfaces import Picture, Row, figure, fitted
 from morphofold.results import read_pial
 
 SIDES = {"lh": "left", "rh": "right"}
-FOLDS = "H"  # the map of measures that are of none
+FOLDS = "H"  # the map for measures that have no map
 WIDTH = 860  # [pixels]
-EMBEDDED = 1_500_000  # letters of pictures that a page holds at most; further ones lie beside it
+EMBEDDED = 1_500_000  # most characters of pictures inside a page; further pictures are files only
 
 
 @dataclass(frozen=True)
 class Drawn:
-    """The picture of a subject's farthest value: its file, and what the page holds of it, or why there is none."""
+    """The picture of a subject's farthest outlier: its file and its data in the page, or why there is none."""
 
     outlier: Outlier
     file: str = ""
@@ -37,14 +37,14 @@ class Drawn:
 
 
 def map_of(measure: str) -> str:
-    """The map that shows a measure, or the folds."""
+    """The map that shows a measure, or mean curvature (the folds)."""
     return MAP_OF.get(measure, FOLDS)
 
 
 def draw_outliers(
     far: Sequence[Outlier], subjects: Sequence[str], scalars: Scalars, results: Mapping[str, Path], folder: Path
 ) -> list[Drawn]:
-    """Write ``folder/outlier-01.png`` and so on, one for each of ``far``; what the page says of each."""
+    """Write ``folder/outlier-01.png`` and so on, one for each of ``far``; return an entry for each."""
     drawn: list[Drawn] = []
     for k, one in enumerate(far, start=1):
         typical = nearest_to_median(one, subjects, scalars)
@@ -69,7 +69,7 @@ def nearest_to_median(one: Outlier, subjects: Sequence[str], scalars: Scalars) -
 
 
 def _picture(one: Outlier, typical: str, results: Mapping[str, Path]) -> Picture:
-    """Lateral and medial view of the two, in the same colours and at one scale."""
+    """Lateral and medial view of both subjects, in the same colours and at one scale."""
     key = map_of(one.measure)
     pairs = {name: read_pial(results[name], one.hemi, key) for name in (one.subject, typical)}
     rows = [

@@ -1,4 +1,4 @@
-"""Three-hinge patterns in pairs: patches of pial surface about two hinges, crests in red, each in its own frame."""
+"""Pairs of three-hinge patterns: patches of pial surface around two hinges, crests in red, each in its own frame."""
 
 from __future__ import annotations
 
@@ -23,27 +23,27 @@ from morphofold.surface import Faces, Surface
 
 OWN, OTHERS = "#c8102e", "#e8a5a0"  # crests of the hinge, and the others
 REACH = 2.0  # radius of a patch, in gyral widths
-CREST_WIDTH = 0.16  # breadth of a crest, in gyral widths
-FINER = 2  # halvings of edges, so that lines are smooth
-TILT = 25.0  # degrees by which a patch is tipped back, so that its height is seen
+CREST_WIDTH = 0.16  # width of a drawn crest, in gyral widths
+FINER = 2  # number of times edges are halved, for smooth lines
+TILT = 25.0  # [degrees] tilt of a patch, so that its height is visible
 PANEL, WORDS = 330, 30  # pixels
-LABEL, EDGE = 260, 10  # pixels that the name of a row may take, and around it
-CLEAR = 0.7  # share of the crests of a hinge that a picture must show to be an example
+LABEL, EDGE = 260, 10  # [pixels] most for the name of a row, and around it
+CLEAR = 0.7  # least visible share of a hinge's crests in an example
 NOTHING = Quantity("patch", "Patch")
 
 
 def hinge_patch(measures: Measures, number: int, pose: int = 0) -> Row:
-    """Pial surface within two gyral widths of a hinge, as far as it hangs together, in gyral widths.
+    """The connected pial surface within two gyral widths of a hinge, in gyral widths.
 
-    The hinge's own crests are red, others pale. They run on the white surface, and are drawn where the pial one has the
-    same vertices.
+    The hinge's own crests are red, others pale. Crests run on the white surface; they are drawn at the same vertices of
+    the pial surface.
 
     Parameters
     ----------
     measures : Measures
         With a gyral graph.
     number : int
-        Of the hinge, in the table of hinges and in the graph.
+        Number of the hinge, in the table of hinges and in the graph.
     pose : int
         Which arm points right, and whether the patch is mirrored (3 and more), as in
         :func:`morphofold.analysis.graph.hinge_shapes.shape_distance`.
@@ -51,7 +51,7 @@ def hinge_patch(measures: Measures, number: int, pose: int = 0) -> Row:
     Returns
     -------
     Row
-        The hinge is the origin, its normal z before the patch is tipped back.
+        The hinge is the origin, and its normal is z before the tilt.
 
     Raises
     ------
@@ -88,13 +88,13 @@ def hinge_patch(measures: Measures, number: int, pose: int = 0) -> Row:
     paint_lines(rgb, fine, carried(None), CREST_WIDTH, OTHERS)
     paint_lines(rgb, fine, carried(number), CREST_WIDTH, OWN)
     faces = faces[:, ::-1] if pose >= 3 else faces
-    bounds = REACH * np.array([[-1.0, -1, -1], [1, 1, 1]])  # of no face: they put the hinge into the middle
+    bounds = REACH * np.array([[-1.0, -1, -1], [1, 1, 1]])  # without faces: they centre the picture on the hinge
     fine, rgb = np.concatenate([fine, bounds]), np.concatenate([rgb, rgb[:2]])
     return Row("", Surface(fine, faces), np.full(len(fine), np.nan), "lh", rgb)
 
 
 def _connected(faces: Faces, vertex: int) -> tuple[NDArray[np.int64], Faces]:
-    """The vertices that faces (M, 3) join to one of them, and the faces between those."""
+    """The vertices that faces (M, 3) connect to ``vertex``, and the faces between them."""
     piece = geometry.components(int(faces.max()) + 1, faces)[1]
     kept, ends = np.unique(faces[piece[faces[:, 0]] == piece[vertex]], return_inverse=True)
     return kept, ends.reshape(-1, 3)
@@ -103,9 +103,9 @@ def _connected(faces: Faces, vertex: int) -> tuple[NDArray[np.int64], Faces]:
 def _carried(
     line: NDArray[np.float64], white: cKDTree, verts: NDArray[np.float64], edge: float
 ) -> list[NDArray[np.float64]]:
-    """The parts of a line (P, 3) within an edge [mm] of ``white`` vertices of a patch, along ``verts`` in their place.
+    """The parts of a line (P, 3) within an edge [mm] of ``white`` vertices of a patch, moved to the same ``verts``.
 
-    Going from vertex to vertex it zigzags; that is smoothed away, the ends of each part stay.
+    A line from vertex to vertex zigzags, so each part is smoothed; its ends stay.
     """
     far, nearest = white.query(line, distance_upper_bound=edge)
     inside = np.flatnonzero(np.isfinite(far))
@@ -124,13 +124,13 @@ def _tipped() -> NDArray[np.float64]:
 
 
 def pair_of(match: Match, measures: Mapping[str, Measures]) -> tuple[Row, Row]:
-    """The patches of a match; the second lies as it resembles the first most."""
+    """The patches of a match; the second is in the pose most similar to the first."""
     one = hinge_patch(measures[match.surface], match.hinge)
     return one, hinge_patch(measures[match.other_surface], match.other, match.pose)
 
 
 def clear_examples(matches: Sequence[Match], measures: Mapping[str, Measures]) -> dict[Match, tuple[Row, Row]]:
-    """The best matches whose crests can be seen in a picture, of surfaces that have their graph, with their patches."""
+    """The best matches with crests visible in a picture, on surfaces with a graph, with their patches."""
     pairs: dict[Match, tuple[Row, Row]] = {}
 
     def clear(match: Match) -> bool:
@@ -143,7 +143,7 @@ def clear_examples(matches: Sequence[Match], measures: Mapping[str, Measures]) -
 
 
 def in_sight(patch: Row) -> float:
-    """Share of a hinge's own crests that nothing hides in the picture of its patch."""
+    """Visible share of a hinge's own crests in the picture of its patch."""
     faces = patch.surface.faces
     seen = look(patch.surface.verts, faces, (PANEL, PANEL), REACH, oversample=1).face
     shown = np.zeros(len(patch.surface.verts), dtype=bool)
@@ -160,7 +160,7 @@ def hinge_pairs(pairs: Mapping[Match, tuple[Row, Row]], rows: tuple[str, str], b
     ----------
     pairs : mapping of matches to their patches
     rows : two str
-        What stands before the rows, shortened beyond ``LABEL`` pixels.
+        Labels of the rows, shortened beyond ``LABEL`` pixels.
     backend : {"pyvista", "raster"}, optional
         As for :func:`morphofold.report.pictures.surfaces.draw`.
     """
@@ -181,7 +181,7 @@ def hinge_pairs(pairs: Mapping[Match, tuple[Row, Row]], rows: tuple[str, str], b
 
 
 def _caption(surface: str, group: str, number: str) -> str:
-    """The number of a hinge, and what its surface is called beyond its group, as far as a panel has room."""
+    """The number of a hinge, after the name of its surface without its group, shortened to fit a panel."""
     name = surface.removeprefix(group).strip()
     room = PANEL - 2 * EDGE - lettering(f", {number}", 20).shape[1]
     return f"{fitted(name, 20, room)}, {number}" if name else number

@@ -1,4 +1,4 @@
-"""The gyral net painted on its surface: crests, and hinges by the number of their arms; and crest lines."""
+"""The gyral net painted on its surface (crests, and hinges by number of arms), and crest lines."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from morphofold.surface import PerVertex, Verts
 
 CREST = "#333333"
 DISC = 0.27  # radius of a hinge, in gyral widths
-#: hinges by the number of their arms, five or more being one kind
+#: colours of hinges by number of arms; five or more have one colour
 ARMS = {3: "#d55e00", 4: "#0072b2", 5: "#009e73"}
-CREST_EDGES = 4.0  # of the scale of crest lines, at least: a surface is never without noise
+CREST_EDGES = 4.0  # least scale of crest lines, in mean edges, because surfaces are noisy
 KINDS = {"gyral": "#d55e00", "sulcal": "#0072b2"}
-DOUBT = "#8c8c8c"  # hinges that do not count, however many arms they have
+DOUBT = "#8c8c8c"  # hinges that are not counted, with any number of arms
 LEGEND = (
     ("crest", CREST),
     ("hinge, 3 arms", ARMS[3]),
@@ -36,15 +36,18 @@ LEGEND = (
 
 
 def net_row(measures: Measures, name: str) -> Row:
-    """The white surface of measures with their net, sulci darker; they must have a graph."""
+    """The white surface of measures with their net, sulci darker; needs a graph.
+
+    Raises ``MissingPart`` without one.
+    """
     cortex, graph = measures.cortex, measures.graph
     if graph is None:
-        raise MissingPart(f"{name}: measures of an older analysis have no graph. Measure the cortex again.")
+        raise MissingPart(f"{name}: has no gyral graph, because the analysis is older. Measure the cortex again.")
     verts = cortex.white.verts
     rgb = shaded(measures.maps["sulcal_depth"])
     normals, width = vertex_normals(verts, cortex.faces), graph.graph["scales"].width if graph.graph["scales"] else 0.0
     paint_lines(rgb, verts, [crest["polyline"] for _, _, crest in graph.edges(data=True)], graph.graph["edge"], CREST)
-    tree, radius = cKDTree(verts), max(DISC * width, graph.graph["edge"])  # a dot is never less than a vertex
+    tree, radius = cKDTree(verts), max(DISC * width, graph.graph["edge"])  # a dot has at least one vertex
     for _, node in graph.nodes(data=True):
         if node["degree"] > 2:
             near = np.array(tree.query_ball_point(node["position"], radius), dtype=np.int64)
@@ -54,7 +57,7 @@ def net_row(measures: Measures, name: str) -> Row:
 
 
 def crest_row(measures: Measures, name: str) -> Row:
-    """The pial surface of measures with its crest lines, at the scale of their curvature, sulci darker."""
+    """The pial surface of measures with its crest lines, at the curvature scale, sulci darker."""
     pial = measures.cortex.pial
     edge = mean_edge_length(pial.verts, pial.faces)
     scale = max(CREST_EDGES * edge, measures.parameters["curvature_scale_mm"])
@@ -66,24 +69,24 @@ def crest_row(measures: Measures, name: str) -> Row:
 
 
 def shaded(depth: PerVertex) -> colours.RGB:
-    """The bare surface (N, 3), darker with its sulcal depth (N,)."""
+    """Colours (N, 3) of the bare surface, darker with sulcal depth (N,)."""
     deep = float(np.nanquantile(depth, 0.95))
     share = np.clip(np.nan_to_num(depth / deep), 0, 1) if deep > 0 else np.zeros(len(depth))
     return np.round(np.array(colours.BARE) * (1 - 0.35 * share)[:, None]).astype(np.uint8)
 
 
 def paint_lines(rgb: colours.RGB, verts: Verts, lines: Sequence[NDArray[np.float64]], edge: float, colour: str) -> None:
-    """Colour the vertices that lines (P, 3) pass within about half an ``edge`` [mm]."""
+    """Colour the vertices within about half an ``edge`` [mm] of lines (P, 3)."""
     if lines:
         points = np.concatenate([resampled(line, 0.3 * edge) for line in lines])
         rgb[cKDTree(points).query(verts)[0] < 0.55 * edge] = rgb_of(colour)
 
 
 def net_figure(rows: Sequence[Row]) -> Picture:
-    """The rows from all sides."""
+    """Picture of rows of nets, in all views."""
     return figure(rows, Quantity("net", "Gyral net"), (0.0, 1.0), legend=LEGEND)
 
 
 def crest_figure(rows: Sequence[Row]) -> Picture:
-    """The rows of crest lines from all sides."""
+    """Picture of rows of crest lines, in all views."""
     return figure(rows, Quantity("crests", "Crest lines"), (0.0, 1.0), legend=[*KINDS.items()])

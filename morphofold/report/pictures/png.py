@@ -1,4 +1,4 @@
-"""PNG files, and lettering for pictures, by Pillow."""
+"""PNG files, and text for pictures, with Pillow."""
 
 from __future__ import annotations
 
@@ -29,8 +29,10 @@ def png_bytes(image: NDArray[np.uint8]) -> bytes:
 
 
 def halved(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """A picture half as wide and high, each pixel the mean of four, in steps of four: a fifth of the bytes, no loss to
-    be seen at this size."""
+    """A picture at half width and height: each pixel is the mean of four, in steps of four.
+
+    It has a fifth of the bytes, without a visible loss at this size.
+    """
     height, width = image.shape[0] // 2, image.shape[1] // 2
     total = image[: 2 * height, : 2 * width].astype(np.uint16).reshape(height, 2, width, 2, 3).sum(axis=(1, 3))
     return np.minimum(np.round(total / 16) * 4, 255).astype(np.uint8)
@@ -43,10 +45,9 @@ def read_png(path: Path) -> NDArray[np.uint8]:
 
 
 def lettering(text: str, size: int, bold: bool = False) -> Array:
-    """How much ink lies on each pixel, (height, width) in 0..1, of a line of text in DejaVu Sans; a box stands for a
-    character that it lacks.
+    """Ink on each pixel, (height, width) in 0..1, for a line of text in DejaVu Sans; missing characters are boxes.
 
-    The picture is as high for every text of one size, with the baseline on the same row.
+    All texts of one size have the same height, with the baseline on the same row.
     """
     plain = "".join(c if c.isprintable() else " " for c in text) or " "
     font = _font(size, bold)

@@ -1,7 +1,7 @@
 """A small software renderer: smooth-shaded triangles through a z-buffer, no graphics library needed.
 
-Slower than a graphics card and good enough. One thread per picture and one order of triangles, so the same picture, bit
-for bit, on every run.
+It is slower than a graphics card. Each picture has one thread and one order of triangles, so every run gives the same
+picture, bit for bit.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 @njit(cache=True, nogil=True)
 def rasterise(xyz, faces, width, height):
-    """The nearest triangle behind each pixel.
+    """The nearest triangle at each pixel.
 
     Parameters
     ----------
@@ -28,9 +28,9 @@ def rasterise(xyz, faces, width, height):
     Returns
     -------
     face : (height, width) int32
-        Index of the face seen, -1 where there is none.
+        Index of the visible face, -1 where there is none.
     b0, b1 : (height, width) float32
-        Barycentric weights of the face's first two corners there.
+        Barycentric weights of the first two corners of the face.
     """
     face = np.full((height, width), -1, dtype=np.int32)
     depth = np.full((height, width), -np.inf)
@@ -65,15 +65,15 @@ def rasterise(xyz, faces, width, height):
 
 
 KEY = tuple(np.array([-0.35, 0.55, 0.75]) / np.linalg.norm([-0.35, 0.55, 0.75]))  # towards the key light
-GLEAM = tuple(np.array([-0.18, 0.28, 0.94]) / np.linalg.norm([-0.18, 0.28, 0.94]))  # halfway from it to the viewer
+GLEAM = tuple(np.array([-0.18, 0.28, 0.94]) / np.linalg.norm([-0.18, 0.28, 0.94]))  # halfway to the viewer
 
 
 @njit(cache=True, nogil=True)
 def paint(face, b0, b1, faces, normals, colours, oversample):
-    """Colours (height, width, 3) of what ``rasterise`` saw, lit as in the viewer; white where it saw nothing.
+    """Colours (height, width, 3) of the result of ``rasterise``, lit as in the viewer; white where there is no face.
 
-    A key light from the upper left, a fill from the viewer, a little gleam. Open surfaces show their inside. The
-    picture is ``oversample`` times smaller each way than what was seen, each pixel a mean.
+    There is a key light from the upper left, a fill light from the viewer and a small specular term. Open surfaces show
+    their inside. The picture is ``oversample`` times smaller in each direction than ``face``; each pixel is a mean.
     """
     height, width = face.shape[0] // oversample, face.shape[1] // oversample
     image = np.zeros((height, width, 3))
@@ -109,18 +109,18 @@ def look(
     half_height: float,
     oversample: int = 2,
 ) -> Seen:
-    """What is seen of a surface from +z, x to the right, y up, no perspective.
+    """The visible faces of a surface from +z, x to the right, y up, without perspective.
 
     Parameters
     ----------
     points : (N, 3)
-        Already turned into the camera's axes and centred [mm].
+        In the camera's axes and centred [mm].
     faces : (M, 3)
     size : (width, height) in pixels
     half_height : float
         Half the height of the picture [mm].
     oversample : int
-        The picture is drawn this many times larger each way and averaged down.
+        The picture is drawn this many times larger in each direction and averaged down.
     """
     width, height = size[0] * oversample, size[1] * oversample
     per_mm = height / (2 * half_height)
@@ -132,7 +132,7 @@ def look(
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """The triangle and the place in it behind each pixel of a picture, before it is coloured."""
+    """The triangle, and the position in it, at each pixel of a picture, before colouring."""
 
     face: NDArray[np.int32]
     b0: NDArray[np.float32]

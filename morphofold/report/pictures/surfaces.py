@@ -1,8 +1,8 @@
 """Static pictures: one row per surface, one column per view, one measure, one set of limits, one scale.
 
-pyvista draws the surfaces on a graphics card. Where there is none, ``raster`` draws the same picture, three times as
-fast as GL in software and with the same bytes on every machine; where there is no GL library at all the first picture
-by GL would kill the process, so a child process asks. Titles, rulers and colour bars are ours either way.
+pyvista draws the surfaces on a graphics card. Without a card, ``raster`` draws the same picture, three times as fast as
+GL in software and with the same bytes on every machine. Without a GL library, the first picture by GL would kill the
+process, so a child process tests for GL. Titles, rulers and colour bars are always drawn here.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ IN_SOFTWARE = ("llvmpipe", "softpipe", "swrast", "software", "swiftshader")
 
 @cache
 def graphics() -> str:
-    """Name of what answers to GL, as it says itself, found once per process; empty if nothing does."""
+    """Name of the GL renderer, as GL reports it, found once per process; empty if there is none."""
     if sys.platform == "linux" and not os.environ.get("DISPLAY"):
         os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
     try:
@@ -60,9 +60,9 @@ def graphics() -> str:
 
 @cache
 def renderer() -> str:
-    """``"pyvista"`` if a graphics card answers, else ``"raster"``.
+    """``"pyvista"`` if there is a graphics card, else ``"raster"``.
 
-    ``MORPHOFOLD_RENDERER`` set to one of the two names decides without a trial.
+    If ``MORPHOFOLD_RENDERER`` is one of the two names, it is used without a test.
     """
     wanted = os.environ.get("MORPHOFOLD_RENDERER", "")
     if wanted in ("pyvista", "raster"):
@@ -72,7 +72,7 @@ def renderer() -> str:
 
 
 def camera(view: str, hemi: str) -> NDArray[np.float64]:
-    """The screen's right, up and towards-the-viewer axes, rows of a (3, 3) rotation.
+    """The screen's right, up and towards-the-viewer axes, as rows of a (3, 3) rotation.
 
     Coordinates are right, anterior, superior (RAS): a left hemisphere is seen laterally from -x, a right one
     from +x; seen from the top or the bottom, anterior is up.
@@ -92,7 +92,7 @@ def camera(view: str, hemi: str) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """One surface of a figure: what it is called, its shape, and a value (N,) per vertex, or its colour (N, 3)."""
+    """One surface of a figure: its name, its shape, and a value (N,) or a colour (N, 3) per vertex."""
 
     name: str
     surface: Surface
@@ -101,7 +101,7 @@ class Row:
     rgb: NDArray[np.uint8] | None = None
 
 
-Looks = dict[tuple[Any, ...], Any]  # what was seen of which surface, from where
+Looks = dict[tuple[Any, ...], Any]  # (surface, view) -> visible faces
 
 
 def draw(
@@ -116,13 +116,13 @@ def draw(
 ) -> list[Picture]:
     """One surface from each of ``views``, as pictures (height, width, 3); ``half_height`` of a picture in mm.
 
-    ``looks`` keeps what is seen of a surface; a next picture of the same surface that gets it only has to be coloured.
+    ``looks`` keeps the visible faces of a surface; the next picture of the same surface then only needs colouring.
     """
     looks = {} if looks is None else looks
     verts, faces = row.surface.verts, row.surface.faces
     points = verts - (verts.min(axis=0) + verts.max(axis=0)) / 2
     rgb = colours.apply(row.values, limits, what.signed) if row.rgb is None else row.rgb
-    mine = (row.surface,)  # as a key it also keeps the surface alive
+    mine = (row.surface,)  # the key also keeps the surface alive
     if mine not in looks:
         looks[mine] = vertex_normals(points, faces)
     normals = looks[mine]
@@ -137,7 +137,7 @@ def draw(
         seen: raster.Seen = looks[place]
         return seen.coloured(normals @ turned.T, rgb)
 
-    with ThreadPoolExecutor(numba.get_num_threads()) as pool:  # the kernels let go of the interpreter
+    with ThreadPoolExecutor(numba.get_num_threads()) as pool:  # the kernels release the GIL
         return list(pool.map(picture, cameras))
 
 
@@ -169,7 +169,7 @@ def _pyvista(points, normals, faces, rgb, cameras, size, half_height) -> list[Pi
             plotter.camera.focal_point = (0.0, 0.0, 0.0)
             plotter.camera.up = right_up_out[1]
             plotter.renderer.ResetCameraClippingRange()
-            plotter.render()  # a second screenshot alone would repeat the first
+            plotter.render()  # without this, a second screenshot repeats the first
             image = np.asarray(plotter.screenshot(None, return_img=True))[:, :, :3].astype(np.float64)
             image = image.reshape(size[1], 2, size[0], 2, 3).mean(axis=(1, 3))
             pictures.append(np.round(image).astype(np.uint8))
@@ -188,8 +188,10 @@ def figure(
     legend: Sequence[tuple[str, str]] = (),
     looks: Looks | None = None,
 ) -> Picture:
-    """Rows of surfaces seen from ``views``, all at one scale, with view names, ruler, and colour bar or ``legend``:
-    words and the colour ("#d55e00") of each. ``looks`` is that of :func:`draw`."""
+    """Rows of surfaces from ``views``, all at one scale, with view names, ruler, and colour bar or ``legend``.
+
+    ``legend`` has words and their colour ("#d55e00"). ``looks`` is as for :func:`draw`.
+    """
     extent = np.array([[np.ptp(r.surface.verts @ camera(v, r.hemi).T, axis=0)[:2] for v in views] for r in rows])
     gap, edge, head, foot, label = 24, 20, 72, 112, 30
     per_mm = min((width - 2 * edge - gap * len(views)) / extent[:, :, 0].max(axis=0).sum(), 6.0)
@@ -225,7 +227,7 @@ def figure(
 
 
 def ruler(canvas: Picture, px_per_mm: float, at: tuple[int, int]) -> None:
-    """A ruler of a round length, its top left at ``at``."""
+    """Draw a scale bar of a round length, with its top left at ``at``."""
     mm = max((m for m in (1, 2, 5, 10, 20, 50, 100) if m * px_per_mm <= 160), default=1)
     end = at[0] + round(mm * px_per_mm)
     canvas[at[1] : at[1] + 3, at[0] : end] = 60
@@ -235,11 +237,11 @@ def ruler(canvas: Picture, px_per_mm: float, at: tuple[int, int]) -> None:
 def colour_bar(
     canvas: Picture, what: Quantity, limits: tuple[float, float], at: tuple[int, int], size: tuple[int, int]
 ) -> None:
-    """The colours between the limits, (width, height) pixels from the top left ``at``, numbers and unit below."""
+    """Draw the colours between the limits, (width, height) pixels from the top left ``at``, numbers and unit below."""
     x, y = at
     ramp = colours.apply(np.linspace(*limits, size[0]), limits, what.signed)
     canvas[y : y + size[1], x : x + size[0]] = ramp
-    clear = 0.12 * (limits[1] - limits[0])  # of the numbers at both ends
+    clear = 0.12 * (limits[1] - limits[0])  # distance from the numbers at both ends
     inner = [t for t in ticks(*limits, about=4) if limits[0] + clear < t < limits[1] - clear]
     for mark in (limits[0], *inner, limits[1]):
         column = x + round((mark - limits[0]) / (limits[1] - limits[0]) * (size[0] - 1))
@@ -248,7 +250,7 @@ def colour_bar(
     write(canvas, what.title, (x + size[0] / 2, y + size[1] + 28), 14, anchor="middle", grey=60)
 
 
-_ASCII = str.maketrans({"₁": "1", "₂": "2", "\u202f": " ", "−": "-"})  # glyphs VTK's font lacks
+_ASCII = str.maketrans({"₁": "1", "₂": "2", "\u202f": " ", "−": "-"})  # plain characters for these glyphs
 
 
 def write(
@@ -260,10 +262,10 @@ def write(
     anchor: str = "start",
     grey: int = 20,
 ) -> None:
-    """Put a line of text on a picture, its top left (or top middle) at ``at``; the rest is cut off."""
+    """Write a line of text on a picture, with its top left (or top middle) at ``at``; cut off at the border."""
     ink = lettering(text.translate(_ASCII), size, bold)
     x = round(at[0] - (ink.shape[1] / 2 if anchor == "middle" else 0))
-    y = round(at[1] + 1.4 * size) - ink.shape[0]  # bottoms of all letterings lie alike
+    y = round(at[1] + 1.4 * size) - ink.shape[0]  # so that the bottoms of all texts are at the same height
     left, top = max(-x, 0), max(-y, 0)
     under = canvas[y + top : y + ink.shape[0], x + left : x + ink.shape[1]]
     ink = ink[top : top + under.shape[0], left : left + under.shape[1], None]
@@ -271,7 +273,7 @@ def write(
 
 
 def fitted(text: str, size: int, width: int, bold: bool = False) -> str:
-    """A line of text, or as much of its beginning and end as is at most ``width`` pixels wide, "…" between them."""
+    """A line of text of at most ``width`` pixels; if longer, its beginning and end with "…" between them."""
     words, kept = text, len(text)
     while kept > 2 and lettering(words.translate(_ASCII), size, bold).shape[1] > width:
         kept -= 1
@@ -280,5 +282,5 @@ def fitted(text: str, size: int, width: int, bold: bool = False) -> str:
 
 
 def safe_name(key: str) -> str:
-    """A map's name, which a file may have brought, as a file name of letters, digits, ``-`` and ``_``."""
+    """A map's name, which may come from a file, as a file name of letters, digits, ``-`` and ``_``."""
     return "".join(c if c.isalnum() or c in "-_" else "_" for c in key) or "map"

@@ -1,7 +1,7 @@
-"""Charts of the pages as inline SVG: distributions over each other, gyral against cortical thickness, the law of
-folding, numbers over growth.
+"""Charts of the pages as inline SVG: distributions, gyral against cortical thickness, the law of folding, numbers
+over growth.
 
-What a mark stands for is read where the pointer rests on it. Names are escaped, and no text is read as a formula.
+A mark shows its text when the pointer is over it. Names are escaped, and no text is parsed as a formula.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MARKERS = {"circle": "o", "square": "s", "triangle": "^", "diamond": "D"}  # as pages call them and matplotlib does
+MARKERS = {"circle": "o", "square": "s", "triangle": "^", "diamond": "D"}  # name on pages -> matplotlib's name
 DASHES = ("", "7 3", "2 3", "9 3 2 3")
 DASHED = (0, (8, 5))
-SIZE = (430.0, 250.0)  # [px], of a chart of two beside each other
+SIZE = (430.0, 250.0)  # [px] of a chart, two side by side
 WIDE = (880.0, 430.0)
 MARGINS = (56.0, 14.0, 12.0, 38.0)  # [px] left, right, top, bottom
-#: what pages need beside the style of all plots: text that a browser sets, and lengths in pixels
+#: added to the style of all plots for pages: text set by the browser, and lengths in pixels
 IN_PAGES = {"svg.fonttype": "none", "lines.scale_dashes": False, "lines.linewidth": 1.7, **NO_FORMULAS}
 NO_METADATA = dict.fromkeys(("Date", "Creator", "Format", "Type"))
 
 
 class Look(Protocol):
-    """How a surface, or a side of a group, is called and drawn."""
+    """Name and look of a surface, or of a side of a group."""
 
     @property
     def name(self) -> str: ...
@@ -50,7 +50,7 @@ class Look(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class _Chart:
-    """Axes in pixels, and what the pointer reads on marks."""
+    """Axes in pixels, and the texts that marks show under the pointer."""
 
     figure: Figure
     ax: Axes
@@ -59,12 +59,12 @@ class _Chart:
     titles: list[str] = field(default_factory=list)
 
     def reads(self, words: str) -> str:
-        """The address that a mark is given for the pointer to read some words on it."""
+        """Register the text of a mark; return the address (url) to give to the mark."""
         self.titles.append(words)
         return f"{len(self.titles) - 1}"
 
     def line(self, x: Any, y: Any, kind: str, words: str | None = None, **style: Any) -> None:
-        """A line, or marks where the style has a marker."""
+        """Draw a line, or marks if the style has a marker."""
         style = {"linestyle": "none", **style} if "marker" in style else style
         self.ax.plot(x, y, gid=kind, url=None if words is None else self.reads(words), clip_on=False, **style)
 
@@ -85,11 +85,11 @@ class _Chart:
         )
 
     def svg(self) -> Markup:
-        """The drawing, to be put into a page as it is."""
+        """The drawing as SVG, ready for a page."""
         file = io.StringIO()
         self.figure.savefig(file, format="svg", metadata=NO_METADATA)
-        drawn = file.getvalue().partition("</defs>")[2]  # the first are a style for the whole page
-        drawn = drawn.replace('<g id="', '<g class="')  # alike in all charts
+        drawn = file.getvalue().partition("</defs>")[2]  # the first definitions are a style for the whole page
+        drawn = drawn.replace('<g id="', '<g class="')  # ids are the same in all charts
         drawn = re.sub(
             r'<a xlink:href="(\d+)" target="_blank">(.*?)</a>',
             lambda mark: f"<g><title>{escape(self.titles[int(mark[1])])}</title>{mark[2]}</g>",
@@ -112,10 +112,10 @@ def _chart(
     size: tuple[float, float] = SIZE,
     right: float = MARGINS[1],
 ) -> Iterator[_Chart]:
-    """A chart of fixed margins between limits, with room at its right."""
-    inches = 72.0  # of an SVG, in which a point is a pixel
+    """A chart with fixed margins and given limits; ``right`` is the right margin [px]."""
+    inches = 72.0  # pixels per inch in an SVG, where a point is a pixel
     (width, height), (left, _, top, bottom) = size, MARGINS
-    style = {**IN_PAGES, "svg.hashsalt": title}  # no two charts share the names of their parts
+    style = {**IN_PAGES, "svg.hashsalt": title}  # so that no two charts share ids
     with new_figure(width / inches, height / inches, 1, 1, layout=None, style=style) as (figure, ((ax,),)):
         figure.subplots_adjust(left / width, bottom / height, 1 - right / width, 1 - top / height)
         figure.patch.set_visible(False)
@@ -141,7 +141,7 @@ def histograms(
     bins: int | np.ndarray = 48,
     counted: str = "",
 ) -> Markup | None:
-    """Distributions over each other, in the same bins: area-weighted, or counts.
+    """Distributions in one chart, with the same bins: area-weighted, or counts.
 
     Parameters
     ----------
@@ -150,9 +150,9 @@ def histograms(
     label, unit : str
         Of the quantity; the vertical axis is share of area per unit.
     bins : int or array
-        Equal bins between the least 0.5th and the greatest 99.5th percentile of any surface; or the edges of bins.
+        Number of equal bins between the least 0.5th and the greatest 99.5th percentile of any surface; or bin edges.
     counted : str
-        What the values are of, if their number in each bin is to be drawn instead.
+        What is counted ("subjects"), to draw the number of values per bin instead.
 
     Returns
     -------
@@ -202,7 +202,7 @@ def histograms(
 
 
 def weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
-    """Smallest value below which at least half the weight lies."""
+    """Smallest value at or below which at least half the weight lies."""
     order = np.argsort(values, kind="stable")
     total = np.cumsum(weights[order])
     return float(values[order][np.searchsorted(total, 0.5 * total[-1])])
@@ -220,16 +220,16 @@ def thickness_plot(
     Parameters
     ----------
     clouds : sequence of (look, Cloud)
-        A fit whose slope is not different from none is drawn faint.
+        A fit whose slope is not different from 0 is drawn faint.
     lines : sequence of (slope [mm/mm], label)
     from_zero : bool
-        Axes begin at 0; else they are those of the points.
+        Axes begin at 0; otherwise they enclose the points.
     size : (width, height)
         In pixels.
 
     Returns
     -------
-    svg : Markup, or None if there is no point at all.
+    svg : Markup, or None if there is no point.
     """
     marks = [p for _, cloud in clouds for p in (*cloud.points, *cloud.bins)]
     if not marks:
@@ -250,14 +250,14 @@ def thickness_plot(
 
 
 def _around(values: Sequence[float]) -> tuple[float, float]:
-    """Least and greatest of some values, a little apart from them."""
+    """Limits a little outside the least and greatest value."""
     low, high = min(values), max(values)
     edge = 0.06 * (high - low) if high - low > 1e-6 * max(abs(low), abs(high)) else 0.1 * abs(high) or 1.0
     return low - edge, high + edge
 
 
 def _draw_cloud(chart: _Chart, look: Look, cloud: Cloud) -> None:
-    """Bins as crossed bars, median and quartiles; the line; points."""
+    """Draw bins as crossed bars (median and quartiles), the fit, and the points."""
     for p in cloud.bins:
         bar: dict[str, Any] = {"color": look.colour, "linewidth": 1.4, "alpha": 0.75}
         chart.line([p.cortical, p.cortical], [p.low, p.high], "bin", f"{look.name}, {p.label}", **bar)
@@ -275,13 +275,13 @@ def _draw_cloud(chart: _Chart, look: Look, cloud: Cloud) -> None:
 
 
 def folding_plot(surfaces: Sequence[tuple[Look, Any]], paths: Sequence[tuple[str, Sequence[Any]]]) -> Markup | None:
-    """The law of folding: decimal logarithms of total area times root thickness over exposed area, lines of equal k.
+    """The law of folding: total area times root thickness against exposed area (decimal logarithms), lines of equal k.
 
     Parameters
     ----------
     surfaces : sequence of (look, ShapeTerms)
     paths : sequence of (name, sequence of ShapeTerms)
-        Bodies as they grow, drawn dashed.
+        Growing bodies, drawn dashed.
 
     Returns
     -------
@@ -315,12 +315,12 @@ def folding_plot(surfaces: Sequence[tuple[Look, Any]], paths: Sequence[tuple[str
 def growth_chart(
     label: str, curves: Sequence[tuple[str, np.ndarray, np.ndarray]], others: Sequence[tuple[Look, float]]
 ) -> Markup | None:
-    """A number over growth, black, with the number of other surfaces as level lines in their colours.
+    """A number over growth (black), with the values of other surfaces as horizontal lines in their colours.
 
     Parameters
     ----------
     label : str
-        What the number is.
+        Name of the number.
     curves : sequence of (name, growth (G,), values (G,))
         NaN values are left out.
     others : sequence of (look, value)

@@ -1,4 +1,4 @@
-"""How line plots look and are written: style, limits, legends, and files with the same bytes for the same figure."""
+"""Style, limits and legends of line plots, and files with the same bytes for the same figure."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:  # matplotlib takes a second to import
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-#: file endings that a figure can be written with, and what keeps the day and the program out of the file
+#: file endings for figures, and the metadata that keep date and program out of the file
 FORMATS: dict[str, dict[str, Any]] = {
     ".png": {"Software": None},
     ".svg": {"Date": None, "Creator": None},
@@ -40,28 +40,30 @@ STYLE = {
     "pdf.fonttype": 42,
     "savefig.dpi": 160,
 }
-NO_FORMULAS = {"text.parse_math": False}  # in names, where $ is a letter
+NO_FORMULAS = {"text.parse_math": False}  # for names, where $ is a plain character
 DASHES = ((0, ()), (0, (6, 2)), (0, (1.2, 1.4)), (0, (7, 2, 1.2, 2)), (0, (3, 1.5)), (0, (7, 1.5, 1.2, 1.5, 1.2, 1.5)))
 GREY = "#666666"
 BLACK = "#1a1a1a"
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write a figure in the format of its ending, one of :data:`FORMATS`."""
+    """Write a figure in the format of the file ending, one of :data:`FORMATS`."""
     with _style():
         figure.savefig(path, format=check_format(path)[1:], metadata=FORMATS[check_format(path)])
 
 
 def check_format(path: Path) -> str:
-    """Ending of a figure's file in small letters; ``WrongFile`` if it is none of :data:`FORMATS`."""
+    """Ending of a figure file in lower case; raises ``WrongFile`` if it is not in :data:`FORMATS`."""
     ending = path.suffix.lower()
     if ending not in FORMATS:
-        raise WrongFile(f"{path}: a figure is written as {', '.join(FORMATS)}; name one such as figure.png.")
+        raise WrongFile(
+            f"{path}: a figure cannot have this ending. Use one of {', '.join(FORMATS)}, for example figure.png."
+        )
     return ending
 
 
 def line_style(index: int) -> dict[str, Any]:
-    """Colour and dashes of one curve of several; either tells the first six apart, both the first 36."""
+    """Colour and dashes of one curve of several; each differs for the first six, both together for the first 36."""
     return {"color": CATEGORICAL[index % 6], "linestyle": DASHES[(index + index // 6) % 6]}
 
 
@@ -71,7 +73,7 @@ def set_limits(ax: Axes, x: tuple[float, float], y: tuple[float, float], title: 
 
 
 def around(values: Sequence[float], low: float, high: float, step: float) -> tuple[float, float]:
-    """Limits low to high, moved out by whole steps where finite values lie beyond."""
+    """Limits low to high, extended by whole steps where finite values lie beyond."""
     finite = np.array([v for v in values if np.isfinite(v)] or [low])
     below = step * np.floor(finite.min() / step + 1e-9)
     above = step * np.ceil(finite.max() / step - 1e-9)
@@ -79,15 +81,15 @@ def around(values: Sequence[float], low: float, high: float, step: float) -> tup
 
 
 def round_step(size: float) -> float:
-    """A round step, 1, 2 or 5 times a power of ten, that goes into a size 3 to 8 times."""
-    if size < 1e-9:  # rounding, of nothing
+    """A round step, 1, 2 or 5 times a power of ten; ``size`` is 3 to 8 steps."""
+    if size < 1e-9:  # round-off only
         return 1.0
     decade = 10.0 ** np.floor(np.log10(size / 3))
     return float(decade * max(k for k in (1, 2, 5) if k * decade <= size / 3))
 
 
 def ticks(low: float, high: float, about: int = 5) -> list[float]:
-    """About ``about`` round numbers from low to high, steps of 1, 2 or 5 times a power of ten."""
+    """About ``about`` round numbers from low to high, in steps of 1, 2 or 5 times a power of ten."""
     raw = (high - low) / max(about, 1)
     if not raw > 0:
         return [low]
@@ -99,19 +101,19 @@ def ticks(low: float, high: float, about: int = 5) -> list[float]:
 
 
 def legend_below(ax: Axes) -> None:
-    """A legend under the axes, where it covers nothing."""
+    """Draw a legend below the axes, where it covers nothing."""
     ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), ncols=2)
 
 
 def legend_of_figure(figure: Figure, entries: Mapping[str, Mapping[str, Any]], ax: Axes, columns: int) -> None:
-    """One legend under all panels, of lines that are not drawn."""
+    """Draw one legend below all panels, for the lines of ``entries``."""
     handles = [ax.plot([], [], label=label, **line)[0] for label, line in entries.items()]
     figure.legend(handles=handles, loc="outside lower center", ncols=columns)
 
 
 @contextmanager
 def _style(more: Mapping[str, Any] = {}) -> Iterator[None]:
-    """Matplotlib as shipped, with the house's changes and ``more`` of them, whatever the user's settings."""
+    """Matplotlib's defaults with ``STYLE`` and ``more``, whatever the user's settings."""
     import matplotlib.style
 
     with matplotlib.style.context(["default", STYLE, dict(more)]):
@@ -129,7 +131,7 @@ def new_figure(
     style: Mapping[str, Any] = {},
     **shared: Any,
 ) -> Iterator[tuple[Figure, Any]]:
-    """A figure without pyplot's global state, and its axes (rows, columns); inches. ``style``: beside the house's."""
+    """A figure without pyplot's global state, and its axes (rows, columns); inches. ``style`` is added to ``STYLE``."""
     from matplotlib.figure import Figure
 
     with _style(style):

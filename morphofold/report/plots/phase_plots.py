@@ -1,4 +1,4 @@
-"""Phase diagrams of a sweep: a measure over two varied keys as coloured cells, or over one as a curve, with the theory.
+"""Phase diagrams of a sweep, with theory: a measure over two varied keys as coloured cells, or over one as a curve.
 
 Each function returns a :class:`matplotlib.figure.Figure`, for :func:`morphofold.report.plots.line_plots.save`.
 """
@@ -32,7 +32,7 @@ GridIndex = tuple[int, ...]
 
 @dataclass(frozen=True)
 class Shown:
-    """A measure of the diagrams: ``least`` is where its colours and axes begin."""
+    """A measure of the diagrams; ``least`` is the lower end of its colours and axes."""
 
     key: str
     label: str
@@ -45,7 +45,7 @@ class Shown:
 
 
 WAVELENGTH = "wavelength_mm"
-ROUND_OFF = 1e-3  # of the measures that are shown, in their units
+ROUND_OFF = 1e-3  # of the measures shown, in their units
 SHOWN = (
     Shown("gyrification_index", "Gyrification index", "", 1.0),
     Shown(WAVELENGTH, "Wavelength of folds", "mm", 0.0),
@@ -56,8 +56,8 @@ AREA_RATIO = Shown(OVER_FLAT, "Pial / flat area", "", 1.0)
 
 @dataclass(frozen=True)
 class Cell:
-    """A measure at one place: mean and sample standard deviation over the ``n`` of ``runs`` seeds that have it, NaN
-    where there is none, and how many runs failed, and are not healthy."""
+    """A measure at one point: mean and sample standard deviation over the ``n`` of ``runs`` seeds that have it, NaN
+    if there is none, and the number of failed runs and of runs that are not healthy."""
 
     mean: float
     sd: float
@@ -68,13 +68,13 @@ class Cell:
 
     @property
     def words(self) -> list[str]:
-        """The cell in at most three short lines."""
+        """The text of the cell, at most three short lines."""
         if self.n == 0:
             return ["failed" if self.failed == self.runs else "–"]
-        mean = number(float(f"{self.mean:.3g}"))  # 0.99999 is 1.00, as 1.00001 is
+        mean = number(float(f"{self.mean:.3g}"))  # so that 0.99999 and 1.00001 are both 1.00
         lines = [mean + "*" * bool(self.unhealthy)]
         if self.n > 1:
-            places = len(mean.partition(".")[2])  # as many as the mean has
+            places = len(mean.partition(".")[2])  # as many decimals as the mean
             sd = f"{self.sd:.{places}f}"
             lines.append(f"± {number(self.sd, 1) if self.sd > ROUND_OFF and not float(sd) else sd}")
         if self.n < self.runs:
@@ -83,10 +83,10 @@ class Cell:
 
 
 def shown_of(phases: Phases) -> tuple[Shown, ...]:
-    """The measures that mean something of the shape of a sweep.
+    """The measures that are meaningful for the shape of a sweep.
 
-    A patch or strip has a border, so no gyrification index: its area over that of the flat piece takes its place. A
-    strip is a section through folds: it has no hinges, and is too narrow for the relief that wavelengths are taken of.
+    A patch or strip has a border, so it has no gyrification index; its area over that of the flat piece is used
+    instead. A strip is a section through folds: it has no hinges, and it is too narrow to measure a wavelength.
     """
     shape = phases.grid.points[0].scene.geometry.shape
     if shape not in ("patch", "strip"):
@@ -95,12 +95,12 @@ def shown_of(phases: Phases) -> tuple[Shown, ...]:
 
 
 def measured(phases: Phases, shown: Shown) -> bool:
-    """Whether any run has a measure."""
+    """Whether any run has the measure."""
     return any(math.isfinite(run.measures.get(shown.key, math.nan)) for run in phases.runs)
 
 
 def cell(phases: Phases, at: GridIndex, key: str) -> Cell:
-    """What the seeds of one place say of a measure."""
+    """A measure over the seeds of one point."""
     runs = phases.at[at]
     values = [value for run in runs if math.isfinite(value := run.measures.get(key, math.nan))]
     mean = float(np.mean(values)) if values else math.nan
@@ -117,12 +117,12 @@ def limits_of(phases: Phases, shown: Shown) -> tuple[float, float]:
 
 
 def slices(phases: Phases) -> list[GridIndex]:
-    """Places of the third and further axes, one diagram each; one empty place where there are none."""
+    """Indices on the third and further axes, one diagram each; one empty index if there are no such axes."""
     return list(itertools.product(*(range(len(axis.values)) for axis in phases.grid.axes[2:])))
 
 
 def beyond(phases: Phases, at: GridIndex) -> float:
-    """Final growth of the scene at a place less theory's critical growth; NaN where theory has none."""
+    """Final growth of the scene at a point minus theory's critical growth; NaN where theory has none."""
     return phases.grid.scenes[at].growth.final - phases.theory[at].g_crit
 
 
@@ -130,10 +130,10 @@ def beyond(phases: Phases, at: GridIndex) -> float:
 
 
 def diagram(phases: Phases, shown: Shown, others: GridIndex = ()) -> Figure:
-    """A measure over the first two axes, at ``others`` of the further ones: a cell for each point.
+    """A measure over the first two axes, at ``others`` of the further axes: a cell for each point.
 
-    The dashed line is where final growth is theory's critical growth, straight between numbers; between words, which
-    have no order, there is none.
+    The dashed line is where final growth equals theory's critical growth, interpolated linearly between numbers. Words
+    have no order, so there is no line between them.
     """
     across, up = phases.grid.axes[:2]
     cells = {
@@ -168,13 +168,13 @@ def _write_cell(ax: Axes, at: tuple[int, int], lines: list[str], rgb: NDArray[np
     if one.failed:
         corner = (at[0] - 0.5, at[1] - 0.5)
         ax.add_patch(Rectangle(corner, 1, 1, fill=False, hatch="////", edgecolor="#8a8a86", linewidth=0))
-    box = {"facecolor": rgb / 255, "edgecolor": "none", "pad": 1.5}  # over hatches and the line of theory
+    box = {"facecolor": rgb / 255, "edgecolor": "none", "pad": 1.5}  # above hatches and the line of theory
     words = "\n".join(lines)
     ax.text(*at, words, ha="center", va="center", fontsize=9.5, color=colours.ink(rgb), bbox=box, zorder=5)
 
 
 def _theory_words(phases: Phases, at: GridIndex, shown: Shown) -> list[str]:
-    """What theory says beside a cell: its wavelength beside the measured one, critical growth beside gyrification."""
+    """Theory's line in a cell: its wavelength below the measured one, its critical growth below gyrification."""
     found = phases.theory[at]
     if shown.key == WAVELENGTH and math.isfinite(found.wavelength):
         return [f"theory {number(found.wavelength)}"]
@@ -184,12 +184,12 @@ def _theory_words(phases: Phases, at: GridIndex, shown: Shown) -> list[str]:
 
 
 def _draw_boundary(ax: Axes, phases: Phases, others: GridIndex) -> bool:
-    """The line between folded and smooth, if it lies inside: a piece for each word of an axis of words."""
+    """Draw the line between folded and smooth, if it lies inside; one piece per word if an axis has words."""
     first, second = phases.grid.axes[:2]
     across, up = len(first.values), len(second.values)
     above = np.array([[beyond(phases, (i, j, *others)) for i in range(across)] for j in range(up)])
     x, y = (np.array([-0.5, *range(count), count - 0.5]) for count in (across, up))
-    pieces = []  # (x, y, values at them), each with a line
+    pieces = []  # (x, y, values there), one line each
     if first.numeric and second.numeric and min(across, up) > 1:
         pieces = [(x, y, above)]
     elif second.numeric and up > 1:
@@ -226,9 +226,9 @@ def _colour_bar(figure: Figure, ax: Axes, shown: Shown, limits: tuple[float, flo
 
 
 def curve(phases: Phases, shown: Shown) -> Figure:
-    """A measure over the one axis: every seed a dot, the means a line, theory's wavelength dashed, its boundary dotted.
+    """A measure over one axis: seeds as dots, means as a line, theory's wavelength dashed, its critical growth dotted.
 
-    Over words, which have no order, nothing is joined: means and theory are level marks.
+    Words have no order, so nothing is joined: means and theory are horizontal marks.
     """
     (axis,) = phases.grid.axes
     x = np.array(axis.values, dtype=np.float64) if axis.numeric else np.arange(float(len(axis.values)))
@@ -277,7 +277,7 @@ def curve(phases: Phases, shown: Shown) -> Figure:
 
 
 def crossings(x: Array, y: Array) -> list[float]:
-    """Where a curve, straight between its points (N,), passes through zero from one side to the other."""
+    """Where a curve, linear between its points (N,), crosses zero."""
     return [
         float(a + (b - a) * u / (u - v))
         for (a, b), (u, v) in zip(itertools.pairwise(x), itertools.pairwise(y))
@@ -291,7 +291,7 @@ def _title(phases: Phases, shown: Shown, others: GridIndex) -> str:
 
 
 def axis_title(phases: Phases, axis: Axis) -> str:
-    """A varied key and its unit."""
+    """Label of a varied key, with its unit."""
     table, _, key = axis.key.rpartition(".")
     model: Any = phases.grid.points[0].scene
     for part in table.split(".") if table else ():
@@ -301,7 +301,7 @@ def axis_title(phases: Phases, axis: Axis) -> str:
 
 
 def others_words(phases: Phases, others: GridIndex) -> str:
-    """The values of the third and further axes, in words."""
+    """The values on the third and further axes, as text."""
     return ", ".join(f"{axis.label} = {axis.words[i]}" for axis, i in zip(phases.grid.axes[2:], others))
 
 

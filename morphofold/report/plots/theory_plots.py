@@ -1,4 +1,4 @@
-"""Line plots of the theory for any sphere: radius, stress, creases and wrinkles, as ``morphofold theory`` draws them.
+"""Line plots of theory for any sphere: radius, stress, creases and wrinkles, as drawn by ``morphofold theory``.
 
 Each function returns a :class:`matplotlib.figure.Figure`, for :func:`~morphofold.report.plots.line_plots.save`. Curves
 differ in colour and in line style.
@@ -36,7 +36,7 @@ GROWTH_LABEL = "growth stretch of the cortex  $g$"
 CRITICAL_LABEL = "critical growth stretch  $g_\\mathrm{crit}$"
 LAWS = ("isotropic", "tangential")
 MU_RATIO = "$\\mu_\\mathrm{{cortex}}/\\mu_\\mathrm{{core}}$ = {:g}"
-#: parameters of the paper's sphere, which titles leave out, and how they say others
+#: parameters of the paper's sphere, which titles leave out, and the format for other values
 PAPER = {
     "radius": (50.0, "$C$ = {:g} mm"),
     "A_over_C": (0.5, "$A/C$ = {:g}"),
@@ -44,7 +44,7 @@ PAPER = {
     "g_core": (1.0, "$g_\\mathrm{{core}}$ = {:g}"),
     "kappa_ratio": (np.inf, "$\\kappa/\\mu$ = {:g}"),
 }
-#: asked points beyond which dots would cover the curve
+#: number of points above which dots would cover the curve
 MOST_DOTS = 40
 
 
@@ -55,7 +55,7 @@ def radius_figure(
     laws: Sequence[str] = ("isotropic",),
     **options: Any,
 ) -> Figure:
-    """Outer radius against growth, as in Fig. 3(a), the growths asked for as dots; options as :func:`radius_rows`."""
+    """Outer radius against growth, as in Fig. 3(a), with dots at ``growth``; options as for :func:`radius_rows`."""
     ends = (min(1.0, *growth), max(2.0, *growth))
     sphere = (thickness, radius, laws)
     rows = radius_rows(np.linspace(*ends, 201), *sphere, **options)
@@ -75,7 +75,7 @@ def stress_figure(
     laws: Sequence[str] = ("isotropic",),
     **options: Any,
 ) -> Figure:
-    """Tangential stress through the cortex, as in Fig. 3(b), a panel per law; options as for :func:`stress_rows`."""
+    """Tangential stress through the cortex, as in Fig. 3(b), one panel per law; options as for :func:`stress_rows`."""
     rows = stress_rows(growth, thicknesses, radius, laws, **{**options, "points": 101, "layers": ("cortex",)})
     sigma = [row["sigma_theta_over_mu_cortex"] for row in rows]
     step = round_step(max(map(abs, sigma)))
@@ -92,9 +92,9 @@ def stress_figure(
 def critical_figure(
     C_bar: Sequence[float] = (1.3,), laws: Sequence[str] = LAWS, *, biot: bool = True, **options: Any
 ) -> Figure:
-    """Critical growth against C/B, as in Fig. 4, and Biot's in thin lines; options as for :func:`critical_rows`.
+    """Critical growth against C/B, as in Fig. 4, with Biot's as thin lines; options as for :func:`critical_rows`.
 
-    The ratios asked for are dots.
+    Dots mark the ratios ``C_bar``.
     """
     right = max(min(1.3, 1 / max(options.get("A_over_C", 0.5), 0.1)), *C_bar)  # the hole lies inside B
     rows = critical_rows(np.linspace(1 + 1e-6, right, 801), laws, **options)
@@ -109,9 +109,9 @@ def critical_figure(
 
 
 def bifurcation_curves(cases: Sequence[Case] | None = None) -> Figure:
-    """Critical growth of every degree l: a panel per law and mu ratio, a curve per thickness, the minimum marked.
+    """Critical growth of every degree l: a panel per law and mu ratio, a curve per thickness, a mark at the minimum.
 
-    Thin horizontal lines of the same style are the crease criterion, at the same kappa_ratio. Without ``cases``:
+    Thin horizontal lines of the same style are the crease criterion, at the same kappa_ratio. Default ``cases``:
     those of the paper, T = 1, 2, 3 mm, C = 50 mm, mu ratio 1, 2 and 4.
     """
     cases = bifurcation_cases() if cases is None else cases
@@ -140,11 +140,11 @@ def bifurcation_curves(cases: Sequence[Case] | None = None) -> Figure:
 
 
 def crease_or_wrinkle(cases: Sequence[Case] | None = None) -> Figure:
-    """Which comes first: critical growth of wrinkles and of creases against T/C, a panel per law.
+    """Critical growth of wrinkles and of creases against T/C, a panel per law; the lower one comes first.
 
-    Wrinkles below the crease criterion come first. It is black, Eqs. (12) and (13), if incompressible; else it depends
-    on the mu ratio, and is a thin line of the same style. Triangles: the shortest waves come first. Without ``cases``:
-    T/C from 0.01 to 0.2, mu ratio 1, 2 and 4.
+    The crease criterion is the black line, Eqs. (12) and (13), if incompressible. Otherwise it depends on the mu ratio
+    and is a thin line of the same style. Triangles: the shortest waves come first. Default ``cases``: T/C from 0.01 to
+    0.2, mu ratio 1, 2 and 4.
     """
     cases = bifurcation_cases(np.linspace(0.5, 10, 20)) if cases is None else cases
     laws, ratios, thicknesses = _distinct(cases)
@@ -206,7 +206,7 @@ def draw_critical(ax: Axes, rows: list[Row], laws: Sequence[str], *, biot: bool 
 
 
 def _mark_limits(ax: Axes, laws: Sequence[str]) -> None:
-    """The two limits that the text of the paper names: 1.34 for a thin cortex, 1.2 for isotropic growth."""
+    """Mark the two limits in the text of the paper: 1.34 for a thin cortex, 1.2 for isotropic growth."""
     thin = theory.CREASE ** (1 / 3)
     ax.axhline(thin, color=GREY, linewidth=0.9, zorder=1)
     ax.text(
@@ -235,19 +235,19 @@ def _mark_limits(ax: Axes, laws: Sequence[str]) -> None:
 
 
 def _draw_curve(ax: Axes, index: int, cases: Sequence[Case]) -> None:
-    """Critical growth by degree, the first wrinkles marked, and the crease criterion."""
+    """Draw critical growth by degree with a mark at the first wrinkles, and the crease criterion."""
     for case in cases:
         b = case.bifurcation
         ax.plot(b.curve.degree, b.curve.g, **line_style(index))
         ax.axhline(b.g_crease, **{**line_style(index), "linewidth": 1.0})
-        shortest_first = np.isinf(b.mode)  # the minimum lies beyond every axis: an arrow at its end
+        shortest_first = np.isinf(b.mode)  # the minimum is beyond the axis: an arrow at its end
         at = ax.get_xlim()[1] if shortest_first else b.mode
         mark = ">" if shortest_first else "o"
         ax.plot([at], [b.g_crit], marker=mark, markersize=7, color=line_style(index)["color"], clip_on=False, zorder=3)
 
 
 def _draw_map(ax: Axes, cases: Sequence[Case], line: dict[str, Any], *, creases: bool) -> None:
-    """Wrinkles of one law and mu ratio by thickness; their creases too if those depend on the mu ratio."""
+    """Draw wrinkles of one law and mu ratio by thickness, and creases if they depend on the mu ratio."""
     x = np.array([case.thickness / case.radius for case in cases])
     wrinkles = np.array([case.bifurcation.g_crit for case in cases])
     ax.plot(x, wrinkles, **line, clip_on=False)
@@ -259,15 +259,15 @@ def _draw_map(ax: Axes, cases: Sequence[Case], line: dict[str, Any], *, creases:
 
 
 def _mark(ax: Axes, rows: list[Row], x: str, y: str) -> None:
-    """Dots on numbers that were asked for, within the limits, as long as there is room between them."""
+    """Draw dots at the requested points within the limits, unless there are more than ``MOST_DOTS``."""
     for _, line, mine in _curves(rows, "law"):
         at = [row for row in mine if row[y] <= ax.get_ylim()[1] and len(mine) <= MOST_DOTS]
-        if at:  # not clipped: dots at the ends stay whole
+        if at:  # not clipped, so that dots at the ends stay whole
             ax.plot(*_columns(at, x, y), linestyle="none", marker="o", color=line["color"], clip_on=False, zorder=3)
 
 
 def _curves(rows: list[Row], name: str) -> Iterator[tuple[Any, dict[str, Any], list[Row]]]:
-    """Each value of a column in the order in which they come, the style of its line, and its rows."""
+    """Each value of a column in order of appearance, with its line style and its rows."""
     for i, value in enumerate(dict.fromkeys(row[name] for row in rows)):
         yield value, line_style(i), [row for row in rows if row[name] == value]
 
@@ -277,7 +277,7 @@ def _columns(rows: list[Row], *names: str) -> list[list[float]]:
 
 
 def _say_none(ax: Axes, cases: Sequence[Case]) -> None:
-    """Words in a panel that has gaps: where no wrinkles were found."""
+    """Write into a panel where no wrinkles were found, if there are such cases."""
     none = [case.thickness / case.radius for case in cases if np.isnan(case.bifurcation.g_crit)]
     if none:
         share = f"$T/C$ = {min(none):.3g}" + (f" to {max(none):.3g}" if max(none) > min(none) else "")
@@ -288,7 +288,7 @@ def _say_none(ax: Axes, cases: Sequence[Case]) -> None:
 def _legend_of_cases(
     figure: Figure, ax: Axes, cases: Sequence[Case], entries: dict[str, Any], shortest: str, columns: int
 ) -> None:
-    """What lines and marks mean, ``shortest`` that of the shortest waves, and whose wrinkles these are."""
+    """Draw the legend, with ``shortest`` as the mark of the shortest waves, and the title with the sphere."""
     if any(np.isinf(case.bifurcation.mode) for case in cases):
         entries = {**entries, "shortest waves first": {**MARK, "marker": shortest}}
     legend_of_figure(figure, entries, ax, columns=columns)
@@ -296,14 +296,14 @@ def _legend_of_cases(
 
 
 def _say(figure: Figure, **parameters: float) -> None:
-    """A line above all panels of what differs from the paper's sphere."""
+    """Write above all panels the parameters that differ from the paper's sphere."""
     parts = [PAPER[name][1].format(value) for name, value in parameters.items() if value != PAPER[name][0]]
     if parts:
         figure.suptitle(", ".join(parts), x=0.02, ha="left", fontsize=11)
 
 
 def _distinct(cases: Sequence[Case]) -> tuple[list[str], list[float], list[float]]:
-    """Laws, mu ratios and thicknesses in the order in which they come."""
+    """Laws, mu ratios and thicknesses in order of appearance."""
     if not cases:
         raise NothingToDo("no case to draw: give at least one thickness, one mu ratio and one law.")
     laws, ratios, thicknesses = zip(*((case.law, case.mu_ratio, case.thickness) for case in cases))

@@ -1,13 +1,13 @@
-// Tables that sort by a click on a head and can be saved as text with tabs; short ones are open on paper.
+// Tables that sort by a click on a column heading and can be saved as tab-separated text; short ones are opened for printing.
 "use strict";
-// As tables on disk have it: no tabs or line breaks; no formula, quotation or n/a, but after an apostrophe.
+// As in tables on disk: no tabs or line breaks; formulas, quotation marks and n/a only after an apostrophe.
 const text = (words) => words.replace(/[\u0000-\u001f\u007f-\u009f\u2028\u2029]/g, " ").replace(/^'*([=+\-@"]|n\/a$)/, "'$&");
 for (const table of document.querySelectorAll("table.sortable")) {
   const heads = [...table.querySelectorAll("thead th")], body = table.tBodies[0];
   const value = (row, k) => row.cells[k].dataset.v ?? row.cells[k].textContent.trim();
   const compare = (a, b) => {
     const x = Number(a), y = Number(b);
-    if (a === "" || b === "") return (a === "") - (b === "");           // what is missing comes last, either way
+    if (a === "" || b === "") return (a === "") - (b === "");           // missing values come last in both orders
     return Number.isNaN(x) || Number.isNaN(y) ? a.localeCompare(b) : x - y;
   };
   heads.forEach((head, k) => {
@@ -39,7 +39,7 @@ for (const table of document.querySelectorAll("table.sortable")) {
   });
   table.after(save);
 }
-const PRINTED = 60, shut = new Set();            // rows; what is open for the while of printing only
+const PRINTED = 60, shut = new Set();            // rows; tables opened for printing only
 window.addEventListener("beforeprint", () => {
   for (const details of document.querySelectorAll("details:not([open])"))
     if (details.querySelectorAll("tbody tr").length <= PRINTED) { details.open = true; shut.add(details); }

@@ -1,4 +1,4 @@
-// What pack.py wrote, read back: text to bytes to codes to numbers.
+// Reads what pack.py wrote: text to bytes to codes to numbers.
 "use strict";
 async function inflate(id) {
   const text = atob(document.getElementById(id).textContent), bytes = new Uint8Array(text.length);
@@ -16,7 +16,7 @@ function decode(raw, a) {
   }
   return out;
 }
-function onDemand(names, make) {               // an object whose values are made when they are first read
+function onDemand(names, make) {               // an object whose values are computed when they are first read
   const out = {};
   for (const name of names) Object.defineProperty(out, name, { configurable: true, get() {
     const value = make(name);

@@ -1,8 +1,8 @@
-// Crests as ribbons and hinges as discs over a surface, of one size on the screen however far one zooms.
+// Draws crests as ribbons and hinges as discs over a surface, with the same size on the screen at every zoom.
 "use strict";
 const ARMS = { 3: [0.84, 0.37, 0], 4: [0, 0.45, 0.7], 5: [0, 0.62, 0.45] }, CREST = [0.16, 0.16, 0.16];
-const DOUBT = [0.55, 0.55, 0.55];              // hinges that do not count
-const LIFT = 0.5, TOWARDS = 1.2;               // mm outwards, and towards the viewer: over what they run on, under what hides them
+const DOUBT = [0.55, 0.55, 0.55];              // hinges that are not counted
+const LIFT = 0.5, TOWARDS = 1.2;               // mm outwards, and towards the viewer: above the surface below them, behind what hides them
 const CAMERA = `uniform mat3 R; uniform vec3 centre; uniform vec2 pan, scale, size; uniform float depth, towards, px;
 vec4 screen(vec3 at, vec2 moved) { return vec4((at.xy + pan) * scale + 2.0 * moved / size, -(at.z + towards) / depth, 1.0); }`;
 const RIBBON = `#version 300 es
@@ -28,7 +28,7 @@ const ROUND = `#version 300 es
 precision highp float; in vec2 corner; in vec3 tint; out vec4 colour;
 void main() { float r = length(corner); if (r > 1.0) discard; colour = vec4(r > 0.72 ? vec3(1.0) : tint, 1.0); }`;
 
-function glProgram(gl, vs, fs, places) {        // places: filled with where its uniforms are
+function glProgram(gl, vs, fs, places) {        // places: receives the locations of the uniforms
   const p = gl.createProgram();
   for (const [type, text] of [[gl.VERTEX_SHADER, vs], [gl.FRAGMENT_SHADER, fs]]) {
     const s = gl.createShader(type);
@@ -60,11 +60,11 @@ function makeLayers(gl) {
   const ribbons = glProgram(gl, RIBBON, PLAIN, ribbon), discs = glProgram(gl, DISC, ROUND, disc);
   const at = (shape, normals, i) => [0, 1, 2].map((k) => shape.verts[3 * i + k] + LIFT * normals[3 * i + k]);
 
-  function placed(net, shape, normals) {        // on this shape of the surface; made once
+  function placed(net, shape, normals) {        // the net on this shape of the surface; computed once
     const pieces = [];
     for (const line of net.lines) {
       let points = Array.from(line, (i) => at(shape, normals, i));
-      for (let turn = 0; turn < 3; turn++)      // from vertex to vertex it zigzags
+      for (let turn = 0; turn < 3; turn++)      // smoothing: a line from vertex to vertex zigzags
         points = points.map((p, k) => k && k < points.length - 1 ? p.map((x, c) => (points[k - 1][c] + 2 * x + points[k + 1][c]) / 4) : p);
       for (let k = 1; k < points.length; k++) pieces.push(...points[k - 1], ...points[k]);
     }

@@ -90,7 +90,7 @@ async function load(meta, index) {
     ids: get("ids"), regions: meta.regions && get("regions"),
     box: $("panel-" + index), R: null, picked: -1, hinge: null, net: netOf(meta, get), elements: buffer(faces, gl.ELEMENT_ARRAY_BUFFER) };
 }
-function unpacked(meta, get) {                 // surfaces and maps of one stage of growth, each when it is first asked for
+function unpacked(meta, get) {                 // surfaces and maps of one stage of growth, each decoded when it is first used
   const shape = (name) => {
     const verts = toMm(get(name), meta.surfaces[name]), low = [1e9, 1e9, 1e9], high = [-1e9, -1e9, -1e9];
     for (let i = 0; i < verts.length; i++) {
@@ -115,7 +115,7 @@ async function grow(g) {                       // show each body at its last sta
       const raw = await inflate(stage.block);
       Object.assign(stage, unpacked(stage.meta, (name) => decode(raw, stage.meta.arrays[name])));
     }
-    if (state.g === g) panel.now = stage;      // unless the slider went on meanwhile
+    if (state.g === g) panel.now = stage;      // unless the slider has moved on
     describe(panel);
   }
   redraw();
@@ -190,7 +190,7 @@ function draw() {
   root.dataset.crests = state.crests; root.dataset.hinges = state.hinges;
   root.dataset.map = state.map; root.dataset.surface = state.surface; root.dataset.view = state.view;
 }
-function remark(panel) {                       // behind its name, where it is not shown as chosen or as named
+function remark(panel) {                       // note after the name, if the surface shown is not the one chosen or named
   const said = [];
   if (panel.now !== panel.final) said.push("shown at g = " + panel.now.g);
   if (!panel.now.shapes[state.surface]) said.push("pial: has no " + state.surface + " surface");
@@ -210,7 +210,7 @@ function project(panel, i, perPx) {
   const p = [0, 1, 2].map((r) => R[3 * r] * q[0] + R[3 * r + 1] * q[1] + R[3 * r + 2] * q[2]);
   return [panel.box.clientWidth / 2 + p[0] / perPx + state.pan[0], panel.box.clientHeight / 2 - p[1] / perPx - state.pan[1], p[2]];
 }
-function facing(panel, i) {                    // whether the surface at a vertex is turned towards the viewer
+function facing(panel, i) {                    // whether the surface at a vertex faces the viewer
   const n = normalsOf(panel, shapeOf(panel));
   return panel.R[6] * n[3 * i] + panel.R[7] * n[3 * i + 1] + panel.R[8] * n[3 * i + 2] >= 0;
 }
@@ -245,7 +245,7 @@ function pick(panel, px, py) {
   redraw();
 }
 const hingesShown = (panel) => state.hinges && panel.net && panel.now === panel.final;
-function step(panel, by) {                     // to the next hinge in sight, from the middle of the panel outwards, and around
+function step(panel, by) {                     // to the next visible hinge, from the middle of the panel outwards, then from the start again
   if (!hingesShown(panel)) return;
   const { w, h, perPx } = frame(panel), away = ({ at }) => {
     const [x, y] = project(panel, at, perPx).map((p, k) => Math.abs(p - [w, h, 0][k] / 2));
@@ -259,7 +259,7 @@ function step(panel, by) {                     // to the next hinge in sight, fr
   describe(panel);
   redraw();
 }
-function hingeAt(panel, px, py, front, perPx) {             // the nearest that is shown within ten pixels
+function hingeAt(panel, px, py, front, perPx) {             // the nearest visible hinge within ten pixels
   let found = null, least = 10;
   for (const hinge of panel.net.hinges) {
     const [x, y, z] = project(panel, hinge.at, perPx), away = Math.hypot(x - px, y - py);
@@ -355,7 +355,7 @@ stage.addEventListener("wheel", (e) => {
   zoom(Math.exp(-e.deltaY * (e.deltaMode ? 0.05 : 0.0015)));
 }, { passive: false });
 stage.addEventListener("keydown", (e) => {
-  if (e.ctrlKey || e.metaKey || e.altKey) return;               // those are the browser's
+  if (e.ctrlKey || e.metaKey || e.altKey) return;               // these are shortcuts of the browser
   const arrow = (x, y) => e.shiftKey ? move(30 * x, 30 * y) : rotate(0.12 * x, 0.12 * y), hinge = (by) => inView().forEach((p) => step(p, by));
   const act = {
     ArrowLeft: () => arrow(-1, 0), ArrowRight: () => arrow(1, 0), ArrowUp: () => arrow(0, -1), ArrowDown: () => arrow(0, 1),
