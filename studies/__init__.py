@@ -1,4 +1,4 @@
-"""What shows rather than serves: figures of the paper, accuracy, folds, speed, pages of docs."""
+"""Studies and generated pages: figures of the paper, accuracy, folds, speed, pages of docs."""
 
 if __name__ != "morphofold.studies":
     raise ImportError(

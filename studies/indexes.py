@@ -1,4 +1,4 @@
-"""What the index files (``summary.json``) of ``reproduce`` and ``bench`` must hold to be read back."""
+"""Required content of the index files (``summary.json``) of ``reproduce`` and ``bench``."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ CURE = "Delete it."
 
 
 class GrownRecord(Record):
-    """A simulation behind a figure or a study."""
+    """A simulation of a figure or a study."""
 
     folder: str
     seconds: Amount
@@ -28,7 +28,7 @@ class GrownRecord(Record):
 
 
 class FigureRecord(Record):
-    """A figure that was drawn; earlier versions wrote no digests of its files."""
+    """A drawn figure; earlier versions wrote no digests of its files."""
 
     files: list[str]
     shows: str
@@ -38,13 +38,13 @@ class FigureRecord(Record):
 
 
 class FigureIndex(Record):
-    """What ``reproduce`` wrote."""
+    """Index of ``reproduce``."""
 
     figures: dict[str, FigureRecord]
 
 
 class FoldParameters(Record):
-    """What was asked of a study of folds."""
+    """Parameters of a study of folds."""
 
     levels: list[str]
     seeds: list[int]
@@ -52,7 +52,7 @@ class FoldParameters(Record):
 
 
 class FoldIndex(Record):
-    """What ``bench folds`` wrote."""
+    """Index of ``bench folds``."""
 
     parameters: FoldParameters
     files: list[str]
@@ -61,7 +61,7 @@ class FoldIndex(Record):
 
 
 class AccuracyIndex(Record):
-    """What ``bench accuracy`` wrote."""
+    """Index of ``bench accuracy``."""
 
     shows: str
     made: dict[str, Any]
@@ -71,12 +71,12 @@ class AccuracyIndex(Record):
 
 
 def write_tables(folder: Path, tables: Mapping[str, tuple[Sequence[Mapping[str, Any]], str]]) -> dict[str, Any]:
-    """Write tables into ``folder`` by their names, each with the reason to leave it out if it has no rows.
+    """Write tables into ``folder`` by name; each comes with the reason for leaving it out if it has no rows.
 
     Returns
     -------
     dict
-        What an index says of them: ``files`` that were written, and what was ``left_out`` with the reason.
+        Their entry in an index: the written ``files``, and the tables that were ``left_out``, with the reasons.
     """
     for name, (rows, _) in tables.items():
         if rows:
@@ -88,17 +88,17 @@ def write_tables(folder: Path, tables: Mapping[str, tuple[Sequence[Mapping[str, 
 
 
 def keep_figures(out: Path, folder: Path, known: Collection[str], redrawn: Iterable[str]) -> dict[str, Any]:
-    """Copy the figures that an earlier run drew in ``out``, and that aren't drawn again, into ``folder``.
+    """Copy into ``folder`` the figures in ``out`` that an earlier run drew and that are not drawn again.
 
     Returns
     -------
     dict
-        Their entries of the index. One of which a file is gone is left out.
+        Their entries of the index. A figure with a missing file is left out.
 
     Raises
     ------
     ValueError
-        If ``out/summary.json`` is no index, or a file has changed since its figure was drawn.
+        If ``out/summary.json`` is not an index, or a file has changed since its figure was drawn.
     """
     path = out / "summary.json"
     if not path.exists():

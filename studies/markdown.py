@@ -1,4 +1,4 @@
-"""Generated parts of Markdown pages: tables of what a folder of results holds, put between marks."""
+"""Generated parts of Markdown pages: tables from a folder of results, written between marks."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from morphofold.errors import MissingPart
 from morphofold.io import atomic_file
 
 Row = dict[str, Any]
-#: columns of tables that stay text
+#: columns of tables that hold text
 WORDS = ("scene", "source", "level", "portion", "law", "layer", "note", "reason", "coarser", "finer", "number")
 
 
 def between_marks(text: str, name: str, parts: Sequence[str], page: Path) -> str:
-    """The text with paragraphs in place of what stood between the marks ``<!-- name -->`` and ``<!-- /name -->``.
+    """The text with new paragraphs between the marks ``<!-- name -->`` and ``<!-- /name -->``.
 
     Raises
     ------
     MissingPart
-        If there isn't one pair of them; the message names the page.
+        If there is not exactly one pair of these marks; the message names the page.
     """
     begin, end = f"<!-- {name} -->", f"<!-- /{name} -->"
     if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
-        raise MissingPart(f"{page}: has no one place for {name}; mark it with {begin} and, below, {end}.")
+        raise MissingPart(f"{page}: has not exactly one place for {name}; mark it with {begin} and, below, {end}.")
     before, rest = text.split(begin)
     return "\n\n".join([before + begin, *parts, end + rest.split(end)[1]])
 
@@ -38,14 +38,14 @@ def renewed(page: Path, text: str, parts: Mapping[str, Sequence[str]]) -> str:
 
 
 def write_texts(written: Mapping[Path, str]) -> None:
-    """Write each file whole, or leave it as it is."""
+    """Write each file completely, or leave it unchanged."""
     for path, text in written.items():
         with atomic_file(path) as temporary:
             temporary.write_text(text, encoding="utf-8")
 
 
 def read_rows(path: Path, words: Collection[str] = WORDS) -> list[Row]:
-    """A table with numbers as floats, and None for what is missing."""
+    """Rows of a table with numbers as floats, and None for missing values."""
     with path.open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file, delimiter="\t", quoting=csv.QUOTE_NONE))
     return [{k: v if k in words else None if v == "n/a" else float(v) for k, v in row.items()} for row in rows]
@@ -58,12 +58,12 @@ def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def number(value: float | None, how: str) -> str:
-    """A number in the format ``how``, a dash for a missing one."""
+    """A number in the format ``how``; a dash if it is missing."""
     return "–" if value is None else how.format(value).replace("-", "−")
 
 
 def cells(rows: Iterable[Row], columns: Mapping[str, str]) -> list[list[str]]:
-    """A line per row: its columns as :func:`number` has them in their formats, or, without one, the text they hold."""
+    """A line per row: each column by :func:`number` in its format, or, without a format, as text."""
     return [[number(row[name], how) if how else row[name] for name, how in columns.items()] for row in rows]
 
 

@@ -1,12 +1,12 @@
-"""The growth at which a growing body starts to fold, seen in its dynamics as noise vanishes.
+"""The growth at which a growing body starts to fold, from its dynamics in the limit of small noise.
 
-Twins grow side by side, step by step alike, one of them kicked once by a small displacement. While the grown state is
-stable the difference between them dies away; past the bifurcation it grows. The onset is the growth at which the
-difference is smallest. It needs no threshold, and being a difference it is blind to the dents of the mesh. Two things
-would spoil it. A difference that swings is least wherever it swings through zero: so the twins are damped until waves
-as long as the wrinkles creep. And of a random kick, waves that die slowly hide for long those that grow: so what
-became of the difference is the kick of a next pair, later, and of their difference the part along that kick is all that
-counts; and so on, until the onset stays where it is. It tends to the bifurcation of the same mesh as growth slows down.
+Two runs of the same body grow with the same steps. One of them is kicked once by a small displacement. While the grown
+state is stable, the difference between the runs decays; past the bifurcation it grows. The onset is the growth at which
+the difference is smallest. It needs no threshold, and dents of the mesh cancel in the difference. Two effects would
+disturb it. An oscillating difference is smallest when it passes through zero: so the runs are damped until waves as
+long as the wrinkles creep. After a random kick, waves that decay slowly hide growing waves for a long time: so the last
+difference becomes the kick of the next pair, at a later growth, and only the part of the new difference along that kick
+counts. This is repeated until the onset stays constant. For slower growth it tends to the bifurcation of the same mesh.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from morphofold.sim.effects.perturbation import WAVELENGTH, Perturbation
 from morphofold.sim.mesh.brick_mesh import Bilayer
 from morphofold.sim.scene import Scene, in_double
 
-KICK = 1e-3  # of the cortical thickness, rms
-RISE = 3.0  # the difference has turned for good when it is this many times its least
-PURE = 30.0  # and its growing part is nearly alone when it is so many times its least
-STEADY = 1e-3  # the onset stays where it is if it moves by less growth between two pairs,
-PAIRS = 8  # after so many at most
-CREEP = 1.0  # share of the velocity lost over as many steps as a wrinkle has edges
+KICK = 1e-3  # rms of the kick over the cortical thickness
+RISE = 3.0  # the difference counts as rising when it is this many times its minimum
+PURE = 30.0  # almost only its growing part is left when it is this many times its minimum
+STEADY = 1e-3  # the onset is constant if it moves by less growth between two pairs,
+PAIRS = 8  # of which there are at most so many
+CREEP = 1.0  # share of the velocity that is lost over as many steps as a wrinkle has edges
 
 
 @dataclass(frozen=True)
@@ -39,9 +39,9 @@ class Onset:
     Attributes
     ----------
     g : float
-        Growth at which the difference between the twins is smallest.
+        Growth at which the difference between the two runs is smallest.
     growth, difference : (M,) float64
-        Growth after the kick, and the rms over the nodes of the twins' difference along the critical mode [mm].
+        Growth after the kick, and the rms over the nodes of the difference along the critical mode [mm].
     """
 
     g: float
@@ -57,29 +57,29 @@ def onset(
     Parameters
     ----------
     scene : Scene
-        In double precision; its perturbation, notch, contact, enclosure, inertia and ramp are left out. Growth goes
-        on until the onset is passed, at most to ``growth.final``.
+        It is run in double precision, without its perturbation, notch, contact, skull, inertia and ramp. Growth
+        continues until the onset is passed, at most to ``growth.final``.
     start : float
-        Growth at which the twin of the first pair is kicked, well before the onset.
+        Growth at which the first kick is applied, well before the onset.
     rate : float
-        Pace of growth, times that of the scene; even, whatever the balance of the body.
+        Pace of growth over that of the scene; it is constant, independent of the balance of the body.
     seed : int
-        Of the kick, a random smooth field with waves of the wrinkles' size.
+        Seed of the kick, a random smooth field with waves as long as the wrinkles.
     bilayer : Bilayer, optional
-        Another mesh of the body than the scene's own.
+        A mesh of the body that replaces that of the scene.
 
     Raises
     ------
     ValueError
-        If 1 <= start < growth.final or rate > 0 do not hold; if the difference doesn't turn before ``growth.final``,
-        grows from the start, or turns elsewhere after every kick.
+        If 1 <= start < growth.final or rate > 0 does not hold; if the difference does not rise before ``growth.final``,
+        rises from the start, or has its minimum at another growth after every kick.
     """
     final = scene.growth.final
     if not (1 <= start < final and 0 < rate < np.inf):
         raise OutOfRange(
             f"{scene.name}: need 1 <= start < growth.final = {final:g} and a positive rate, got {start:g} and {rate:g}."
         )
-    scene = in_double(scene)  # differences die away to round-off
+    scene = in_double(scene)  # differences decay to round-off
     scene = scene.without(*(name for name, options in scene.effects.items() if not options.at_onset))
     thickness = scene.geometry.cortex_thickness
     twins = _Twins(scene, rate, bilayer)
@@ -94,18 +94,18 @@ def onset(
         twins.grow(begin)
         growth, difference, mode = twins.part(mode, RISE, along=mode)
         if difference.argmin() == 0:
-            raise NoSolution(f"{scene.name}: folds already at g = {growth[0]:g}; let start be less than {start:g}.")
+            raise NoSolution(f"{scene.name}: folds already at g = {growth[0]:g}; set start to less than {start:g}.")
         before, found = found, _least(growth, difference)
         if abs(found - before) < STEADY:
             return Onset(found, growth, difference)
         begin = _late(growth, difference, RISE, begin)
     raise NoSolution(
-        f"{scene.name}: the onset still moves, from g = {before:.4f} to {found:.4f} between two kicks; grow slower."
+        f"{scene.name}: the onset still moves, from g = {before:.4f} to {found:.4f} between two kicks; reduce the rate."
     )
 
 
 class _Twins:
-    """A run that stands at some growth, and a twin that parts from it there; neither chooses its own pace."""
+    """A run at some growth, and a second run that is kicked there; both have the given pace."""
 
     def __init__(self, scene: Scene, rate: float, bilayer: Bilayer | None):
         self.scene, self._bilayer = scene, bilayer
@@ -118,20 +118,20 @@ class _Twins:
         effects = build_effects(self.scene)
         body = build_body(self.scene, effects, self._bilayer)
         wrinkle = WAVELENGTH * self.scene.geometry.cortex_thickness
-        # one step per unit of growth would be far too fast: all that grow_to is asked for is one increment to it
+        # one step per unit of growth would be far too fast, but each call of grow_to makes only one increment
         return Dynamics(body, effects, steps_per_unit=1.0, damping=CREEP * body.bilayer.edge / wrinkle)
 
     def grow(self, g: float) -> None:
-        """From the beginning of growth, or where it was last, to ``g``; both take the place of the one."""
+        """Grow from the start, or from the last saved growth, to ``g``; both runs continue from there."""
         self.one.load(self._start)
         while self.one.state.growth < g:
             self.one.grow_to(min(self.one.state.growth + self.step, g))
         self._start = self.one.save()
 
     def part(self, kick: Array, rise: float, along: Array | None = None) -> tuple[Array, Array, Array]:
-        """Kick (N, 3) the twin and grow until the difference is ``rise`` times its least, or growth is final.
+        """Kick the second run by (N, 3) and grow until the difference is ``rise`` times its minimum, or to the end.
 
-        Growth and rms difference (M,) on the way, in all or ``along`` a mode, and the last difference (N, 3).
+        Returns growth and rms difference (M,), in total or ``along`` a mode, and the last difference (N, 3).
         """
         one, other, final = self.one, self.other, self.scene.growth.final
         other.load(self._start)
@@ -148,12 +148,12 @@ class _Twins:
             difference.append(_rms(apart if along is None else self._share(apart, along) * along))
         if difference[-1] <= RISE * min(difference):
             raise NoSolution(
-                f"{self.scene.name}: no onset between g = {growth[0]:g} and {final:g}; let it grow further."
+                f"{self.scene.name}: no onset between g = {growth[0]:g} and {final:g}; increase growth.final."
             )
         return np.array(growth), np.array(difference), apart
 
     def _share(self, apart: Array, mode: Array) -> float:
-        """How much of a mode there is in a displacement: modes are orthogonal with the mass as a weight."""
+        """Share of a mode in a displacement: modes are orthogonal with the mass as weight."""
         weighed = self.body.mass[:, None] * mode
         return float(np.sum(weighed * apart) / np.sum(weighed * mode))
 
@@ -163,16 +163,16 @@ def _rms(displacement: Array) -> float:
 
 
 def _late(growth: Array, difference: Array, times: float, start: float) -> float:
-    """The last growth at which the dying difference is more than so many times its least, or ``start``.
+    """The last growth at which the decaying difference is more than ``times`` its minimum, or ``start``.
 
-    A kick at that growth has no time to die so far that what remains of other waves can hide it.
+    A kick at that growth cannot decay so far that the rest of other waves hides it.
     """
     high = np.flatnonzero(difference[: difference.argmin()] > times * difference.min())
     return float(growth[high[-1]]) if high.size else start
 
 
 def _least(growth: Array, difference: Array) -> float:
-    """Growth of the least difference, by a parabola through the logarithms within a factor of e^1/2."""
+    """Growth of the smallest difference, by a parabola through its logarithms within a factor of e^1/2."""
     k = int(np.argmin(difference))
     near = np.log(difference / difference[k]) < 0.5
     low = k - np.argmin(near[k::-1]) + 1 if not near[: k + 1].all() else 0

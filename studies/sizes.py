@@ -1,4 +1,4 @@
-"""How large the house is: lines of code, which are neither blank, comment nor docstring, of rooms, files and functions.
+"""Size of the code: lines of packages, files and functions that are not blank, comment or docstring.
 
 ``python -m morphofold.studies.sizes`` in a checkout prints them.
 """
@@ -12,7 +12,7 @@ from pathlib import Path
 from statistics import median
 
 ROOMS = ("morphofold", "sim", "analysis", "studies", "tests")
-LARGEST = 5  # files and functions that are named
+LARGEST = 5  # number of files and functions that are listed
 NO_CODE = (tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER)
 
 
@@ -36,7 +36,7 @@ def functions(source: str) -> dict[str, int]:
 
 
 def report(root: Path) -> str:
-    """A line for each room, and the largest files and functions of the product and its studies."""
+    """A line for each package, and the largest files and functions outside of the tests."""
     sources = {
         p: p.read_text(encoding="utf-8")
         for room in ROOMS

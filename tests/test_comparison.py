@@ -236,7 +236,7 @@ def test_a_page_shows_hinges_side_by_side_and_the_law_of_folding(balls, tmp_path
     assert "<h2>Three-hinge patterns</h2>" in text
     assert "a&lt;b&gt; and c" in text
     assert "a<b>" not in text
-    assert "are not told apart" in text
+    assert "do not differ significantly" in text
     assert "<h2>The law of folding</h2>" in text
     assert (tmp_path / "out" / "figures" / "hinges-1.png").is_file()
     content = json.loads((tmp_path / "out" / "comparison.json").read_text())

@@ -315,7 +315,7 @@ def test_the_page_of_a_simulation_says_what_it_cost(here, capsys, plain_pictures
     settings = [*SMALL, "accuracy.edge=6", "growth.final=1.01", "output.volume=false"]
     simulate(load_scene("fig6-thick", settings), here / "run", threads=1, describe=freesurfer_maps)
     assert main(["analyze", "run", "-q", "-o", "unlike"]) == 0
-    assert "Relative error of" not in (here / "unlike" / "report.html").read_text("utf-8").split("The measuring")[0]
+    assert "Relative error of" not in (here / "unlike" / "report.html").read_text("utf-8").split("The analysis</h3>")[0]
     monkeypatch.setattr("morphofold.forecasts.afterwards.not_studied", lambda scene, edge_over_T: ())
     assert main(["analyze", "run", "-q", "-o", "analysis"]) == 0
     page = (here / "analysis" / "report.html").read_text(encoding="utf-8")

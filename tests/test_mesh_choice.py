@@ -157,7 +157,7 @@ def test_the_run_records_the_edge_that_was_picked(here, capsys, monkeypatch):
         argv += ["--set", setting]
     assert main(argv) == 0
     told = capsys.readouterr().out
-    said = re.search(r"picked an edge of (\d\.\d\d) T \(coarser than draft\): ([\d,]+) elements", told)
+    said = re.search(r"chose an edge of (\d\.\d\d) T \(coarser than draft\): ([\d,]+) elements", told)
     scene = load_scene(here / "run" / "scene.toml")
     assert scene.accuracy.edge / 3 == pytest.approx(float(said[1]), abs=0.006)
     assert scene.elements_through_cortex == 2
@@ -169,7 +169,7 @@ def test_a_dry_run_of_a_budget_only_says_what_it_would_pick(here, capsys, clockw
     argv = ["simulate", "fig6-thick", "--budget", "20s", "--dry-run", "--threads", "1", "--set", OCTANT[0]]
     assert main(argv) == 0
     told = capsys.readouterr().out
-    assert "picked an edge of" in told
+    assert "chose an edge of" in told
     assert "forecast" in told
     assert list(here.iterdir()) == []
 

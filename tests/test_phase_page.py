@@ -102,7 +102,7 @@ def test_failures_and_what_a_surface_does_not_have_are_said():
     smooth = made(**{WAVELENGTH: None})
     assert texts(diagram(smooth, LENGTH))[0, 0].splitlines() == ["–", "theory 10.0"]
     assert missing(smooth) == [
-        "Wavelength of folds: 12 of 12 runs have none. cortex_thickness-1_growth.final-1.2_seed-0 says: no folds."
+        "Wavelength of folds: 12 of 12 runs have none. Reason for cortex_thickness-1_growth.final-1.2_seed-0: no folds."
     ]
 
 

@@ -257,7 +257,7 @@ def test_another_way_to_measure_grows_nothing_and_another_scene_of_the_same_name
     assert [path.name for path in stage.iterdir()] == ["g1.20"]
     assert ball["measured"] == ["mu_ratio-1"] * 3
     assert made < (stage / "g1.20/stage.json").stat().st_mtime_ns
-    assert "grown anew" in (here / "out/logs/mu_ratio-1.log").read_text()
+    assert "grown again" in (here / "out/logs/mu_ratio-1.log").read_text()
     assert "of them from before" not in capsys.readouterr().out
 
 
@@ -370,7 +370,7 @@ def test_a_simulation_that_is_damaged_is_grown_anew(here, ball):
     one.place.record.unlink()
     assert grow_and_measure(one).state == "done"
     assert json.loads((one.simulation / "health.json").read_text())["healthy"] is True
-    assert "It is grown anew" in one.place.log.read_text()
+    assert "It is grown again" in one.place.log.read_text()
 
 
 @pytest.mark.parametrize("name", ["health.json", "scene.toml", "stages/g1.30/surf/lh.pial"])

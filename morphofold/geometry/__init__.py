@@ -1,6 +1,6 @@
-"""What every measure needs of a triangle mesh: areas, normals, neighbours, the cotangent Laplacian, topology.
+"""Triangle-mesh geometry for all measures: areas, normals, neighbours, the cotangent Laplacian, topology.
 
-What kernels call of it is in :mod:`morphofold.geometry.kernels`.
+The functions that kernels call are in :mod:`morphofold.geometry.kernels`.
 
 All sums run in the order of the faces, so results do not depend on the number of threads.
 """
@@ -26,17 +26,17 @@ Vectors = NDArray[np.float64]  # (N, 3) or (M, 3)
 def face_vectors(verts: Verts, faces: Faces) -> Vectors:
     """Vector areas (M, 3) [mm^2]: along the outward normal, as long as the triangle's area.
 
-    Raises ``OutOfRange`` if a face names a vertex that is not there.
+    Raises ``OutOfRange`` if a face names a vertex that does not exist.
     """
     check_arrays(verts, faces)
-    if faces.size and not 0 <= faces.min() <= faces.max() < len(verts):  # compiled code would read on
+    if faces.size and not 0 <= faces.min() <= faces.max() < len(verts):  # compiled code would read beyond the array
         raise OutOfRange(f"faces name a vertex outside 0..{len(verts) - 1}: {faces.min()} to {faces.max()}.")
     return np.asarray(_area_vectors(verts, faces)) / 2
 
 
 @njit(cache=True)
 def _area_vectors(verts, faces):
-    # What np.cross gives, twenty times as fast: nothing is written but the answer.
+    # The same as np.cross, twenty times as fast: only the result is written.
     found = np.empty((len(faces), 3))
     for t in range(len(faces)):
         found[t] = area_vector(verts[faces[t, 0]], verts[faces[t, 1]], verts[faces[t, 2]])
@@ -49,23 +49,23 @@ def face_areas(verts: Verts, faces: Faces) -> NDArray[np.float64]:
 
 
 def equal_area_radius(verts: Verts, faces: Faces) -> float:
-    """Radius [mm] of the sphere that has the surface's area."""
+    """Radius [mm] of the sphere with the area of the surface."""
     return float(np.sqrt(face_areas(verts, faces).sum() / (4 * np.pi)))
 
 
 def face_normals(verts: Verts, faces: Faces) -> Vectors:
-    """Unit normals (M, 3), outward for counter-clockwise faces; zero for a triangle without area."""
+    """Unit normals (M, 3), outward for counter-clockwise faces; zero for triangles of zero area."""
     return unit(face_vectors(verts, faces))
 
 
 def unit(vectors: Vectors) -> Vectors:
-    """Vectors scaled to length one; a zero vector stays zero."""
+    """Vectors scaled to unit length; a zero vector stays zero."""
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
 
 
 def vertex_areas(verts: Verts, faces: Faces) -> PerVertex:
-    """One third of the incident triangles' areas (N,) [mm^2], as in FreeSurfer's ``?h.area`` of the white surface.
+    """A third of the area of the incident triangles (N,) [mm^2], as in FreeSurfer's ``?h.area`` of the white surface.
 
     They sum to the area of the surface. 0 at a vertex that no face uses.
     """
@@ -74,7 +74,7 @@ def vertex_areas(verts: Verts, faces: Faces) -> PerVertex:
 
 
 def vertex_normals(verts: Verts, faces: Faces, weights: str = "area") -> Vectors:
-    """Unit vertex normals (N, 3), the incident triangles' normals weighted at the corner and summed.
+    """Unit vertex normals (N, 3): sums of the normals of the incident triangles, weighted at the corner.
 
     ``weights``: ``"area"`` of the triangle; ``"angle"`` at the corner; ``"sine"`` of that angle; ``"max"``, the
     vector area over the squared lengths of the corner's two edges, exact on any sphere (N. Max 1999). Zero where
@@ -87,7 +87,7 @@ def vertex_normals(verts: Verts, faces: Faces, weights: str = "area") -> Vectors
         ahead, back = sides(verts, faces)
         if weights == "angle":
             doubled = np.linalg.norm(vector, axis=1)[:, None]
-            angle = np.arctan2(doubled, np.sum(ahead * back, axis=2))  # atan2, not acos: exact for slivers too
+            angle = np.arctan2(doubled, np.sum(ahead * back, axis=2))  # atan2, not acos: also exact for slivers
             share = np.divide(angle, doubled, out=np.zeros_like(angle), where=doubled > 0)
         else:
             lengths = np.linalg.norm(ahead, axis=2) * np.linalg.norm(back, axis=2)
@@ -99,7 +99,7 @@ def vertex_normals(verts: Verts, faces: Faces, weights: str = "area") -> Vectors
 
 
 def sides(verts: Verts, faces: Faces) -> tuple[Vectors, Vectors]:
-    """From each corner of a triangle to the next one and to the one before [mm], (M, 3 corners, 3) each."""
+    """Vectors from each corner of a triangle to the next and to the previous one [mm], (M, 3 corners, 3) each."""
     corner = verts[faces]
     ahead = np.roll(corner, -1, axis=1) - corner
     return ahead, -np.roll(ahead, 1, axis=1)
@@ -107,7 +107,7 @@ def sides(verts: Verts, faces: Faces) -> tuple[Vectors, Vectors]:
 
 @njit(cache=True)
 def _sum_corners(vectors, share, faces, n):
-    """Sum over the vertices (n, 3) of the vectors (M, 3) of their triangles, times the corner's share (M, 3)."""
+    """For each vertex (n, 3) the sum of the vectors (M, 3) of its triangles, times the share (M, 3) of the corner."""
     total = np.zeros((n, 3))
     for t in range(len(faces)):
         for k in range(3):
@@ -134,13 +134,13 @@ def edges(faces: Faces) -> NDArray[np.int64]:
     return edges_and_counts(faces)[0]
 
 
-#: edges and counts by the id of read-only faces, as those of a Surface, for as long as these live (never thaw them)
+#: edges and counts by the id of read-only faces, as in a Surface, while these exist (never make them writeable)
 _KEPT: dict[int, tuple[NDArray[np.int64], NDArray[np.int64]]] = {}
 
 
 def edges_and_counts(faces: Faces) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """``edges``, and how many triangles each has (E,)."""
-    if faces.flags.writeable or faces.base is not None:  # a view shows what its base becomes
+    """``edges``, and the number of triangles at each (E,)."""
+    if faces.flags.writeable or faces.base is not None:  # a view changes with its base
         return _find_edges(faces)
     if id(faces) not in _KEPT:
         _KEPT[id(faces)] = _find_edges(faces)
@@ -160,13 +160,13 @@ def _find_edges(faces: Faces) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 
 
 def border_edges(faces: Faces) -> NDArray[np.int64]:
-    """Those of ``edges`` that one triangle alone has (B, 2)."""
+    """The ``edges`` (B, 2) that belong to only one triangle."""
     pair, count = edges_and_counts(faces)
     return pair[count == 1]
 
 
 def edges_of_faces(faces: Faces) -> NDArray[np.int64]:
-    """Place in ``edges`` of the side of each triangle from each corner to the next (M, 3)."""
+    """Index in ``edges`` of the side of each triangle from each corner to the next (M, 3)."""
     pair, base = edges(faces), int(faces.max()) + 1
     start = faces.astype(np.int64)  # n^2 needs more than 32 bits
     stop = np.roll(start, -1, axis=1)
@@ -186,13 +186,13 @@ def mean_edge_length(verts: Verts, faces: Faces) -> float:
 
 
 def split(verts: Verts, faces: Faces) -> tuple[Verts, Faces]:
-    """The same surface with every triangle cut in four: the vertices as they are, then the middles of ``edges``.
+    """The same surface with every triangle cut in four: the old vertices, then the middles of ``edges``.
 
     Returns
     -------
     verts : (N + E, 3) float64
     faces : (4 M, 3) int64
-        Triangle i became i, i + M, i + 2 M (its corners, in order) and i + 3 M (its middle).
+        Triangle i is cut into i, i + M, i + 2 M (its corners, in order) and i + 3 M (its middle).
     """
     pair, (a, b, c) = edges(faces), faces.T
     ab, bc, ca = len(verts) + edges_of_faces(faces).T
@@ -210,7 +210,7 @@ def adjacency(n: int, faces: Faces) -> sparse.csr_array:
 
 
 def symmetric(n: int, pairs: NDArray[np.int64], values: NDArray[Any]) -> sparse.csr_array:
-    """(n, n) CSR of values (E,) at the places ``pairs`` (E, 2) and mirrored; ``indices`` ascend in each row."""
+    """(n, n) CSR of values (E,) at the positions ``pairs`` (E, 2) and mirrored; ``indices`` ascend in each row."""
     (i, j), twice = pairs.T, np.concatenate([values, values])
     matrix = sparse.csr_array((twice, (np.concatenate([i, j]), np.concatenate([j, i]))), shape=(n, n))
     matrix.sort_indices()
@@ -218,7 +218,7 @@ def symmetric(n: int, pairs: NDArray[np.int64], values: NDArray[Any]) -> sparse.
 
 
 def edge_graph(verts: Verts, faces: Faces) -> sparse.csr_array:
-    """(N, N) symmetric CSR of edge lengths [mm]; an edge of no length is kept as 1e-300."""
+    """(N, N) symmetric CSR of edge lengths [mm]; an edge of zero length is stored as 1e-300."""
     return symmetric(len(verts), edges(faces), np.maximum(edge_lengths(verts, faces), 1e-300))
 
 
@@ -235,8 +235,8 @@ def cotangent_laplacian(verts: Verts, faces: Faces, *, clip: tuple[float, float]
     """Stiffness matrix L (N, N) of linear elements: symmetric, rows sum to zero, ``x @ L @ x >= 0``.
 
     ``(L x)_i = sum_j w_ij (x_i - x_j)`` with ``w_ij = (cot a + cot b) / 2`` over the two angles that face the edge.
-    With ``clip`` the cotangents are first bounded to it; a lower bound of 0 makes every weight non-negative (a maximum
-    principle on needle triangles) at the price of consistency there.
+    With ``clip`` the cotangents are first bounded by it. A lower bound of 0 makes every weight non-negative (a maximum
+    principle on needle triangles), but loses consistency there.
     """
     ahead, back = sides(verts, faces)
     doubled = 2 * face_areas(verts, faces)[:, None]
@@ -262,7 +262,7 @@ def is_closed(faces: Faces) -> bool:
 
 
 def components(n: int, faces: Faces) -> tuple[int, NDArray[np.int64]]:
-    """Number of connected pieces, and the piece (n,) of each vertex; -1 where no face uses the vertex."""
+    """Number of connected pieces, and the piece (n,) of each vertex; -1 if no face uses the vertex."""
     label = connected(n, edges(faces))
     has_faces = used(n, faces)
     piece = np.full(n, -1, dtype=np.int64)
@@ -271,17 +271,17 @@ def components(n: int, faces: Faces) -> tuple[int, NDArray[np.int64]]:
 
 
 def connected(n: int, pairs: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Connected part (n,), from 0, of each of n things of which ``pairs`` (P, 2) are joined."""
+    """Connected part (n,), from 0, of each of n elements joined by ``pairs`` (P, 2)."""
     links = sparse.coo_array((np.ones(len(pairs), dtype=np.bool_), tuple(pairs.T)), shape=(n, n))
     return csgraph.connected_components(links, directed=False)[1].astype(np.int64)
 
 
 def arc_length(points: Vectors) -> NDArray[np.float64]:
-    """Way (P,) [mm] from the first of the points (P, 3) of a polyline to each of them along it."""
+    """Length (P,) [mm] along a polyline from the first of its points (P, 3) to each of them."""
     return np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
 
 
 def morton_codes(points: NDArray[np.float64], bits: int = 20) -> NDArray[np.int64]:
-    """Place (P,) along a Morton curve of points (P, 3) in the unit cube: ``bits`` of each axis, 20 at most."""
+    """Position (P,) along a Morton curve of points (P, 3) in the unit cube: ``bits`` of each axis, 20 at most."""
     found: NDArray[np.int64] = morton(points, bits)
     return found

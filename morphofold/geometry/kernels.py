@@ -1,6 +1,7 @@
-"""Geometry that kernels call: points and vectors are three numbers in, a tuple of three out, and nothing is allocated.
+"""Geometry for kernels: points and vectors have three numbers; results are tuples of three; nothing is allocated.
 
-A point of a triangle is found in three ways, whose results differ by rounding, by 1e-9 on needles: users keep theirs.
+Three functions find the nearest point of a triangle. Their results differ by rounding, by 1e-9 on needle triangles, so
+each caller keeps its function.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ def cross(a, b):
 
 @njit(cache=True)
 def area_vector(a, b, c):
-    """Normal of the triangle abc, outward where it runs counter-clockwise, twice its area long."""
+    """Normal of the triangle abc, outward if it is counter-clockwise; its length is twice the area."""
     return cross(less(b, a), less(c, a))
 
 
@@ -65,7 +66,7 @@ def _clamp(x):
 
 @njit(cache=True)
 def closest_in_triangle(p, a, b, c):
-    """Barycentric coordinates (of b, of c) of the point of triangle abc that is nearest to p; bears needles."""
+    """Barycentric coordinates (of b, of c) of the point of triangle abc nearest to p, also for needle triangles."""
     u, v, w = less(b, a), less(c, a), less(p, a)
     uu, vv, uv, uw, vw = dot(u, u), dot(v, v), dot(u, v), dot(u, w), dot(v, w)
     det = uu * vv - uv * uv  # 4 x squared area
@@ -90,7 +91,7 @@ def closest_in_triangle(p, a, b, c):
 
 @njit(cache=True)
 def distance_from_triangle(p, a, b, c):
-    """Distance of p from the triangle abc: from its plane if p lies over it, 0 to the bit on it, else from a side."""
+    """Distance of p from the triangle abc: from its plane if p lies over it (exactly 0 on it), else from a side."""
     n, over, nearest = area_vector(a, b, c), True, np.inf
     for x, y in ((a, b), (b, c), (c, a)):
         along, to = less(y, x), less(p, x)

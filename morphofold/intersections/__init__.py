@@ -1,1 +1,1 @@
-"""Whether a surface passes through itself, exactly."""
+"""Exact detection of self-intersections of a surface."""

@@ -1,8 +1,8 @@
-"""Boxes around the triangles of a surface, in a tree: which of them meet a box, and which a ray.
+"""Tree of boxes around the triangles of a surface: finds those that meet a box or a ray.
 
-The triangles are sorted along a Morton curve; blocks of four are the leaves of a complete binary tree, whose boxes are
-joined from below. There is at most one box of the tree for each triangle, whatever its shape: a long triangle widens
-the boxes above it and no others. A walk needs no stack::
+The triangles are sorted along a Morton curve. Blocks of four are the leaves of a complete binary tree, whose boxes are
+joined from below. The tree has at most one box per triangle, for any shape: a long triangle widens only the boxes
+above it. A walk needs no stack::
 
     k = 1
     while k > 0:
@@ -26,7 +26,7 @@ from morphofold.geometry import morton_codes
 
 BLOCK = 4  # triangles in a leaf
 
-_PAD = 1e-12  # boxes are wider than their triangles by this share of the largest coordinate: safe to round
+_PAD = 1e-12  # margin of boxes around their triangles, as a share of the largest coordinate: safe against rounding
 
 
 class BoxTree(NamedTuple):
@@ -112,7 +112,7 @@ def meets_ray(box, origin, direction):
 
 @njit(inline="always")
 def following(k):
-    """The box to look at once box k and all below it are done; 0 at the end."""
+    """The next box after box k and all boxes below it; 0 at the end."""
     while k % 2 == 1:
         k //= 2
     return k + 1 if k > 0 else 0

@@ -1,9 +1,8 @@
-"""Does a surface pass through itself, where, and how deep: independent of the solver's own contact, with exact signs.
+"""Self-intersections of a surface, their places and depths: independent of contact in the solver, with exact signs.
 
-Two things are looked for. An edge that crosses a triangle with which it shares no vertex: surfaces that pass through
-each other have such a pair, also two triangles that meet in one vertex only. And a vertex that lies behind a wall which
-faces it: two smooth walls may overlap widely and cross only at the rim, at a small angle, where no single crossing is
-deep.
+Two cases are searched for. First, an edge that crosses a triangle with which it shares no vertex: surfaces that cross
+each other have such a pair, also two triangles that meet only in one vertex. Second, a vertex behind a wall that faces
+it: two smooth walls may overlap widely and cross only at the rim at a small angle, where no single crossing is deep.
 """
 
 from __future__ import annotations
@@ -29,23 +28,23 @@ ANOTHER_WALL = 0.5  # a face belongs to another wall than a vertex if the cosine
 
 @dataclass(frozen=True, eq=False)
 class Intersections:
-    """Where a surface passes through itself: K crossings in the order of their edges, P passed vertices.
+    """Self-intersections of a surface: K crossings in the order of their edges, and P passed vertices.
 
     Attributes
     ----------
     edge : (K, 2) int64
-        Vertices of the edge that crosses, the lower number first.
+        Vertices of the crossing edge, the lower number first.
     face : (K,) int64
-        The face it crosses.
+        The crossed face.
     point : (K, 3) float64
-        Where [mm].
+        Position of the crossing [mm].
     depth : (K,) float64
-        How far the edge has passed [mm]: the least displacement that undoes the crossing, either by drawing the nearer
-        end back to the plane of the face, or by lifting the edge over a ridge, a side or a corner of the face next to
-        which the surface, seen along the edge, turns its other side or ends. Over other sides there is no way out:
-        the edge would cross the next face. So the depth is zero for an edge that only grazes a ridge or touches a face
-        with its end, grows steadily from there, and does not depend on where in a smooth wall the sides of its faces
-        run. It is never more than half of the edge.
+        Depth of the crossing [mm]: the smallest displacement that undoes it. Either the nearer end moves back to the
+        plane of the face, or the edge is lifted over a ridge: a side or a corner of the face beside which the surface,
+        seen along the edge, shows its other side or ends. Other sides are no exit: the edge would cross the next face.
+        So the depth is zero for an edge that only grazes a ridge or touches a face with its end. It grows steadily from
+        there, and does not depend on the positions of the sides of faces in a smooth wall. It is at most half of the
+        edge.
     vertex : (P,) int64
         Vertices behind a wall that faces them.
     vertex_depth : (P,) float64
@@ -77,18 +76,18 @@ class Intersections:
         return self.deepest / self.mean_edge
 
     def at(self, crossings: Indices) -> Intersections:
-        """The same, with these crossings only, by their numbers."""
+        """The same with only these crossings, given by their numbers."""
         some = {name: getattr(self, name)[crossings] for name in ("edge", "face", "point", "depth")}
         return replace(self, **some)
 
     def crossed_faces(self, faces: Indices) -> Indices:
-        """Faces of the surface (F,) that another one crosses, ascending: a crossed one, and those at the edge."""
+        """Faces of the surface (F,) that are crossed or have a crossing edge, ascending."""
         key = lambda ends: ends.min(axis=1) * (int(faces.max()) + 1) + ends.max(axis=1)
         at_edge = [np.isin(key(faces[:, [k, (k + 1) % 3]]), key(self.edge)) for k in range(3)]
         return np.union1d(self.face, np.flatnonzero(np.any(at_edge, axis=0)))
 
     def deeper_than(self, share: float) -> int:
-        """How many crossings and vertices are deeper than ``share`` mean edges."""
+        """Number of crossings and vertices that are deeper than ``share`` mean edges."""
         least = share * self.mean_edge
         return int((self.depth > least).sum() + (self.vertex_depth > least).sum())
 
@@ -99,11 +98,11 @@ def self_intersections(surface: Surface, *, vertices: bool = True) -> Intersecti
     Parameters
     ----------
     surface : Surface
-        Closed, with outward faces. An open one has no inside: of it, only edges that cross faces are told. Flat walls
-        that have passed through each other whole cross at their rims only, and not even there if what lies beyond both
-        rims is in one plane: on an open surface nothing tells of such walls.
+        Closed, with outward faces. An open surface has no inside, so only edges that cross faces are found. Flat walls
+        that have completely passed through each other cross only at their rims. If the surface beyond both rims is in
+        one plane, they do not cross there either: on an open surface such walls are not found.
     vertices : bool
-        Whether to look for vertices, which takes three quarters of the time.
+        Whether to search for vertices; this takes three quarters of the time.
 
     Returns
     -------
@@ -111,16 +110,16 @@ def self_intersections(surface: Surface, *, vertices: bool = True) -> Intersecti
 
     Notes
     -----
-    Signs are exact (:mod:`morphofold.intersections.signs`). Touching is no crossing: ties are decided as if the
-    vertices were displaced by next to nothing, so that an edge exactly through another edge or a vertex crosses one
-    triangle there, and what then has the depth zero is left out. A surface that passes through its own mirror image
-    meets it edge on edge, and is found. Two triangles folded flat on each other over a common edge touch.
+    Signs are exact (:mod:`morphofold.intersections.signs`). Touching is not a crossing. Ties are decided as if the
+    vertices were displaced by infinitely small lengths, so an edge exactly through another edge or a vertex crosses one
+    triangle there; crossings with a depth of zero are left out. A surface that passes through its own mirror image
+    meets it edge on edge, and is found. Two triangles folded flat on each other over a common edge only touch.
 
-    A vertex has passed if, first, it lies behind a face of another wall, whose normal is turned from its own by more
-    than 60 degrees, less than one mean edge from the nearest such face, and second, the surface winds around the space
-    in front of it, counted along its normal. Its depth is the distance to that face. Vertices deeper than an edge
-    aren't listed, but those nearer to the rim are. A vertex on a fold so sharp that a face around it is turned by more
-    than 60 degrees has no front, and isn't asked.
+    A vertex has passed if two conditions hold. First, it lies behind a face of another wall, whose normal differs from
+    its own by more than 60 degrees, at less than one mean edge from the nearest such face. Second, the surface winds
+    around the space in front of it, counted along its normal. Its depth is the distance to that face. Vertices deeper
+    than an edge are not listed, but those nearer to the rim are. A vertex on a fold so sharp that a face around it is
+    turned by more than 60 degrees has no front, and is not tested.
     """
     verts, faces = surface.verts.copy(), surface.faces.copy()  # writable, as all arrays here: compiled once
     edges, mean_edge = geometry.edges(surface.faces).copy(), geometry.mean_edge_length(verts, surface.faces)
@@ -164,7 +163,7 @@ def _fill(verts, faces, edges, bounds, order, single, first, face):
 
 @njit(cache=True)
 def _crossed(verts, faces, bounds, order, single, edge, found):
-    """Write the faces that an edge crosses to ``found``, as many as fit; returns how many there are."""
+    """Write the faces that an edge crosses to ``found``, as many as fit; returns their number."""
     p, q = edge
     box = np.empty(6)
     for r in range(3):
@@ -218,9 +217,9 @@ def _measure(verts, faces, first, ring, edge, face, point, depth):
 
 @njit(cache=True)
 def _way_out(verts, faces, first, ring, edge, f, k, point, along):
-    """Distance of a crossing from corner k of face f, and from the side that begins there, where there is a way out.
+    """Distance of a crossing from corner k of face f, or from the side that begins there, if the edge can exit there.
 
-    There is one where the surface, seen along the edge, shows its other side next to f, or ends.
+    It can if the surface, seen along the edge, shows its other side next to f, or ends.
     """
     i, j, h = faces[f, k], faces[f, (k + 1) % 3], faces[f, (k + 2) % 3]
     p, q = verts[edge[0]], verts[edge[1]]
@@ -248,13 +247,13 @@ def _way_out(verts, faces, first, ring, edge, f, k, point, along):
 
 @njit(cache=True)
 def _elsewhere(n, normal):
-    """Whether a triangle of area vector ``n`` belongs to another wall than a vertex of the unit normal ``normal``."""
+    """Whether a triangle of area vector ``n`` belongs to another wall than a vertex with unit normal ``normal``."""
     return dot(n, normal) < ANOTHER_WALL * dot(n, n) ** 0.5
 
 
 @njit(cache=True)
 def _forget_turned(verts, faces, normals):
-    """Make the vertex normals (N, 3) zero where a face around the vertex is turned too far away from its own."""
+    """Set vertex normals (N, 3) to zero where a face around the vertex is turned too far from the normal."""
     turned = np.zeros(len(verts), dtype=np.bool_)
     for f in range(len(faces)):
         n = area_vector(verts[faces[f, 0]], verts[faces[f, 1]], verts[faces[f, 2]])
@@ -272,7 +271,7 @@ def _passed(verts, faces, normals, bounds, order, single, radius):
     for i in prange(len(verts)):
         if dot(normals[i], normals[i]) == 0.0:
             continue
-        own = np.int64(i)  # prange counts in another type: compiled once
+        own = np.int64(i)  # prange has another integer type: compiled once
         distance = _wall_behind(verts, faces, normals[i], bounds, order, single, own, radius)
         if distance < radius and ray_hits(verts, faces, bounds, order, verts[i], normals[i], none, none)[1] > 0:
             behind[i] = distance
@@ -281,7 +280,7 @@ def _passed(verts, faces, normals, bounds, order, single, radius):
 
 @njit(cache=True)
 def _wall_behind(verts, faces, normal, bounds, order, single, i, radius):
-    """Distance of vertex i from the nearest face of another wall that doesn't have i in front; inf: none within."""
+    """Distance of vertex i from the nearest face of another wall that does not have i in front; else inf."""
     nearest = np.inf
     box = np.empty(6)
     for r in range(3):

@@ -1,4 +1,4 @@
-"""Where a ray crosses a surface: no hit is lost or doubled at an edge or a vertex."""
+"""Hits of a ray on a surface: no hit is lost or doubled at an edge or a vertex."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from morphofold.intersections.signs import ASIDE, plane_sign
 
 @njit(cache=True)
 def ray_hits(verts, faces, bounds, order, origin, direction, at, sign):
-    """Where a ray crosses a surface, and which way: exact, also through edges and vertices.
+    """Where and in which direction a ray crosses a surface: exact, also through edges and vertices.
 
-    Where it meets an edge or a vertex, the ray counts as turned towards ASIDE by next to nothing: of the faces there it
-    crosses those that a ray beside it would. A face that holds the origin isn't crossed.
+    If it meets an edge or a vertex, the ray counts as turned towards ASIDE by an infinitely small angle: it crosses the
+    faces that a ray beside it would cross. A face that holds the origin is not crossed.
 
     Parameters
     ----------
     verts, faces, bounds, order
-        The surface and its tree.
+        The surface and its tree of boxes.
     origin, direction : (3,) float64
         Unit direction.
     at, sign : (S,) float64
-        Written: distance [mm] and sign of each hit, 1 outwards and -1 inwards, unsorted, as many as fit.
+        Output: distance [mm] and sign of each hit, 1 outwards and -1 inwards, unsorted, as many as fit.
 
     Returns
     -------
@@ -53,7 +53,7 @@ def ray_hits(verts, faces, bounds, order, origin, direction, at, sign):
 
 @njit(cache=True)
 def ray_winding(verts, faces, origin, direction):
-    """The winding that ``ray_hits`` gives, of few faces: each is looked at, so they need no tree."""
+    """The winding as from ``ray_hits``, for few faces: each face is tested, so no tree is needed."""
     winding = 0
     for f in range(len(faces)):
         i, j, l = faces[f]
@@ -63,7 +63,7 @@ def ray_winding(verts, faces, origin, direction):
 
 @njit(cache=True)
 def _ray_sign(a, b, c, origin, direction):
-    """1 if the ray leaves through the front of the triangle abc, -1 if it comes in, 0 if it misses it."""
+    """1 if the ray leaves through the front of the triangle abc, -1 if it enters, 0 if it misses."""
     turn = _edge_sign(a, b, origin, direction)
     if turn == 0 or _edge_sign(b, c, origin, direction) != turn or _edge_sign(c, a, origin, direction) != turn:
         return 0
@@ -72,14 +72,14 @@ def _ray_sign(a, b, c, origin, direction):
 
 @njit(cache=True)
 def _edge_sign(a, b, origin, direction):
-    """On which side of the line along a ray the edge ab passes."""
+    """The side of the line along a ray on which the edge ab passes."""
     sign = plane_sign(a, b, origin, direction, 0.0)
     return sign if sign != 0 else plane_sign(a, b, origin, np.array(ASIDE), 0.0)
 
 
 @njit(cache=True)
 def _ray_distance(a, b, c, origin, direction):
-    """Distance along the ray of the point where it meets a triangle, always one of the triangle."""
+    """Distance along the ray to the point where it meets a triangle; the point is always in the triangle."""
     u, v, w = less(a, origin), less(b, origin), less(c, origin)
     at, bt, ct = dot(u, direction), dot(v, direction), dot(w, direction)
     weight_a, weight_b = abs(dot(cross(v, w), direction)), abs(dot(cross(w, u), direction))

@@ -1,13 +1,13 @@
-"""Exact signs: on which side of a plane a point lies, whatever the rounding.
+"""Exact signs: on which side of a plane a point lies, independent of rounding.
 
-A determinant in floating point decides nearly always; where its error bound doesn't allow that, the products are
+A determinant in floating point decides nearly always. If its error bound does not allow that, the products are
 summed without error as an expansion of doubles (Shewchuk 1997, Figs. 1 and 7 and Theorems 6, 10 and 18). A true
-zero is decided as if the vertices were displaced by tiny lengths along the one direction ``ASIDE``, a vertex of lower
-index always by infinitely much more than the next (after Edelsbrunner and Muecke 1990). So an edge that runs exactly
+zero is decided as if the vertices were displaced by tiny lengths along the direction ``ASIDE``: a vertex of lower
+index always by infinitely more than the next (after Edelsbrunner and Muecke 1990). So an edge that runs exactly
 through another edge, or through a vertex, crosses exactly one of the triangles there.
 
-Exact as long as products of three coordinates neither overflow nor lose digits by underflow: for zeros and lengths
-between 1e-70 and 1e90.
+Signs are exact if products of three coordinates do not overflow and do not lose digits by underflow: for zeros and
+lengths between 1e-70 and 1e90.
 
 References
 ----------
@@ -33,8 +33,8 @@ _CYCLES = ((0, 1, 2), (1, 2, 0), (2, 0, 1))
 def plane_sign(a, b, c, d, weight):
     """Exact sign, 1, -1 or 0, of (d - weight a) . ((b - a) x (c - a)).
 
-    With weight 1: of a point d against the plane of abc, 1 in front, where abc is seen counter-clockwise. With weight
-    0: of a direction d. It is minus the determinant of the rows (a, 1), (b, 1), (c, 1), (d, weight).
+    With weight 1, d is a point: 1 means in front of the plane of abc, where abc appears counter-clockwise. With weight
+    0, d is a direction. The sign is minus that of the determinant of the rows (a, 1), (b, 1), (c, 1), (d, weight).
     """
     a0, a1, a2 = a[0] - c[0], a[1] - c[1], a[2] - c[2]
     b0, b1, b2 = b[0] - c[0], b[1] - c[1], b[2] - c[2]
@@ -60,8 +60,8 @@ def side(verts, i, j, k, p):
 def _displaced_sign(verts, i, j, k, p):
     """Sign of a determinant that is zero, once the vertex of lowest index that can change it is displaced.
 
-    A displaced row contributes the determinant with ASIDE, of weight 0, in its place; two such rows are equal and
-    contribute nothing, so that nothing else is neglected.
+    A displaced row contributes the determinant with ASIDE, of weight 0, in its place. Two such rows are equal and
+    contribute nothing, so nothing else is neglected.
     """
     rows = (i, j, k, p)
     aside = np.array(ASIDE)
@@ -71,7 +71,7 @@ def _displaced_sign(verts, i, j, k, p):
         if rows[r] < lowest:
             sign = plane_sign(verts[x], verts[y], verts[z], aside, 0.0)
             if sign != 0:
-                found, lowest = (sign if r % 2 == 1 else -sign), rows[r]  # row r was moved behind the others
+                found, lowest = (sign if r % 2 == 1 else -sign), rows[r]  # row r was moved after the others
     return found
 
 
@@ -90,7 +90,7 @@ def _exact_sign(a, b, c, d, weight):
         for s, t, u in _CYCLES:
             n = _add_product(total, n, sign * x[s], y[t], z[u])
             n = _add_product(total, n, -sign * x[s], y[u], z[t])
-    return 0 if n == 0 else (1 if total[n - 1] > 0 else -1)  # the last component outweighs all others
+    return 0 if n == 0 else (1 if total[n - 1] > 0 else -1)  # the last component is larger than all others together
 
 
 @njit(cache=True)

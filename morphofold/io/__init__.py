@@ -1,4 +1,4 @@
-"""Files in and out: surfaces, per-vertex maps, regions and whole cortices."""
+"""Read and write files: surfaces, per-vertex maps, regions and whole cortices."""
 
 from morphofold.io.cortices import read_cortex
 from morphofold.io.files import atomic_file

@@ -38,7 +38,7 @@ _Size = Annotated[float, Field(ge=1e-6, le=1e6)]
 
 
 class StageHealth(Record):
-    """Numbers of a stage, in ``stage.json`` and ``health.json``."""
+    """Numbers of a stage in ``stage.json`` and ``health.json``."""
 
     growth: Number = 1.0
     min_J: Number = 1.0
@@ -48,7 +48,7 @@ class StageHealth(Record):
 
 
 class StageRecord(Record):
-    """``stage.json``: what ``simulate`` recorded of a stage, and an analysis of one as ``info``; all may be missing."""
+    """``stage.json``: the record of a stage by ``simulate``, the ``info`` of an analysis; all keys may be missing."""
 
     name: str = "simulation"
     g: Annotated[float, Field(gt=0, le=1000)] = 1.0
@@ -66,7 +66,7 @@ class StageRecord(Record):
 
 
 class SurfaceRecord(Record):
-    """What a ``summary.json`` says of where a surface comes from."""
+    """The origin of a surface as given in ``summary.json``."""
 
     hemi: Literal["lh", "rh"]
     name: str
@@ -91,39 +91,39 @@ def read_cortex(
     annotation: str | None = None,
     name: str | None = None,
 ) -> Cortex:
-    """Read white and pial surface of one hemisphere and what lies beside them.
+    """Read the white and pial surface of one hemisphere and the files beside them.
 
     Parameters
     ----------
     path : str or path, optional
-        A folder: a FreeSurfer subject or anything shaped so (``surf/lh.white``, ``label/lh.aparc.annot``),
-        a pair of surfaces (``lh.white.surf.gii``), a simulation (its last stage is read), or one stage of
-        it (``OUT/stages/g1.80``).
+        A folder: a FreeSurfer subject or a folder with the same structure (``surf/lh.white``,
+        ``label/lh.aparc.annot``), a pair of surfaces (``lh.white.surf.gii``), a simulation (its last stage is read),
+        or one stage of a simulation (``OUT/stages/g1.80``).
     hemi : {"lh", "rh"}, optional
-        By default ``"lh"``, or what the names of ``white`` and ``pial`` say.
+        By default ``"lh"``, or the hemisphere in the names of ``white`` and ``pial``.
     white, pial : str or path, optional
         Two files instead of a folder, in any format that ``read_surface`` reads.
     surfaces : two names
-        Which inner and outer surface of a folder to read.
+        The inner and the outer surface of a folder to read.
     annotation : str, optional
-        Which ``label/?h.NAME.annot`` of a folder gives the regions, or ``label/?h.aparc.NAME.annot``: ``"a2009s"`` is
-        ``"aparc.a2009s"``. None: that of an analysis, else ``aparc``, if it is there.
+        NAME of ``label/?h.NAME.annot`` or ``label/?h.aparc.NAME.annot`` in a folder, which gives the regions:
+        ``"a2009s"`` is ``"aparc.a2009s"``. None: that of an analysis, else ``aparc`` if it exists.
     name : str, optional
-        What tables call it; by default the subject's folder, the scene and stage, or the white file.
+        Its name in tables; by default the folder of the subject, the scene and stage, or the white file.
 
     Returns
     -------
     Cortex
-        ``maps`` has those of thickness, curv, sulc and area that are there, as the files have them
-        (FreeSurfer's sign). ``transform`` leads from surface to scanner coordinates where the white surface's
-        footer is valid. Of a simulation, ``portion`` and ``info`` come from ``stage.json``; ``info`` of a FreeSurfer
-        subject has what ``stats/aseg.stats`` says, ``etiv_mm3`` and ``surface_holes``.
+        ``maps`` holds thickness, curv, sulc and area, if they exist, as in the files (FreeSurfer's sign).
+        ``transform`` maps surface to scanner coordinates if the footer of the white surface is valid. For a simulation,
+        ``portion`` and ``info`` come from ``stage.json``. For a FreeSurfer subject, ``info`` holds ``etiv_mm3`` and
+        ``surface_holes`` from ``stats/aseg.stats``.
 
     Raises
     ------
     FileNotFoundError
-        A surface, or the annotation that was named, is not there; the message says where it was looked for and what
-        lies there.
+        A surface or the named annotation does not exist; the message gives the place that was searched and the
+        files that are there.
     ValueError
         A file is damaged or of the wrong kind, or white, pial and maps do not correspond.
     OSError
@@ -135,9 +135,7 @@ def read_cortex(
         if white is None or pial is None:
             raise TypeError("Pass a folder, or both white= and pial=.")
         if annotation is not None:
-            raise OptionsClash(
-                f"{white}: an annotation is looked for beside the surfaces of a folder. Pass the folder."
-            )
+            raise OptionsClash(f"{white}: an annotation can be named only for a folder with surfaces. Pass the folder.")
         return _pair(Path(white), Path(pial), hemi, name)
     if white is not None or pial is not None:
         raise TypeError(f"{path}: pass either a folder or white= and pial=, not both.")
@@ -150,7 +148,7 @@ def read_cortex(
 
 
 def hemispheres(folder: Path) -> tuple[str, ...]:
-    """Hemispheres of which white or pial is in ``folder`` or its surf/; ("lh",) if neither, for the reader to say."""
+    """Hemispheres with white or pial in ``folder`` or its surf/; ("lh",) if none: then the reader raises the error."""
     place = folder / "surf" if (folder / "surf").is_dir() else folder
     files = {p.name for p in place.glob("?h.*")} if place.is_dir() else set()
     names = {hemi: {f"{hemi}.{kind}{end}" for kind in ("white", "pial") for end in SURFACE_ENDINGS} for hemi in HEMIS}
@@ -165,7 +163,7 @@ def _pair(white: Path, pial: Path, hemi: str | None, name: str | None) -> Cortex
         fields = side_named(file.name) or hemi
         if hemi is not None and fields != hemi:
             raise WrongFile(
-                f"{file}: is named {fields}, but {hemi} was asked for. Ask for {fields}, or name the other file."
+                f"{file}: is named {fields}, but {hemi} was requested. Request {fields}, or name the other file."
             )
         hemi = fields
     with _reading((white, pial)) as records:
@@ -183,12 +181,12 @@ def _pair(white: Path, pial: Path, hemi: str | None, name: str | None) -> Cortex
 
 
 def _reading(files: Sequence[Path]) -> AbstractContextManager[list[dict[str, Any]]]:
-    """Around reading: records of the bytes that are read. What no reader takes is not looked through before."""
+    """Context for reading: records of the bytes that are read. Files that no reader accepts are not scanned before."""
     return unchanged(file for file in files if file.is_file() and file.stat().st_size <= MAX_BYTES)
 
 
 def side_named(name: str) -> str | None:
-    """Hemisphere that a file's name tells: ``lh.white``, ``sub-01_hemi-R_white.surf.gii``, ``100307.R.white...``."""
+    """Hemisphere in the name of a file: ``lh.white``, ``sub-01_hemi-R_white.surf.gii``, ``100307.R.white...``."""
     if name[:3] in ("lh.", "rh."):
         return name[:2]
     letter = re.search(r"(?:^|_)hemi-([LR])(?=[_.])|\.([LR])\.", name)
@@ -203,28 +201,30 @@ def _stage(path: Path) -> Path:
     growth = {p: re.fullmatch(r"g(\d+(?:\.\d+)?)", p.name) for p in stages.iterdir() if p.is_dir()}
     done = {p: float(m[1]) for p, m in growth.items() if m}
     if not done:
-        raise FileNotFoundError(f"{stages}: no stage (g1.20, ...) is written yet. Let the simulation run.")
+        raise FileNotFoundError(
+            f"{stages}: no stage (g1.20, ...) is written yet. Wait until the simulation has written one."
+        )
     return max(done, key=lambda p: done[p])
 
 
 def cortex_files(
     path: StrPath, hemi: str, *, surfaces: Sequence[str] = ("white", "pial"), annotation: str | None = None
 ) -> dict[str, Path]:
-    """The files that :func:`read_cortex` reads of a folder, by what they hold: white, pial, and what else is there.
+    """The files that :func:`read_cortex` reads in a folder, by content: white, pial, and the others that exist.
 
     Raises
     ------
     FileNotFoundError
-        If a surface is not there.
+        If a surface does not exist.
     OSError, ValueError
-        If a simulated stage is asked for its right hemisphere, which it has not; or what else is there is no file: a
-        folder, a pipe, a link to nothing.
+        If the right hemisphere of a simulated stage is requested, which does not exist; or if one of the other paths
+        is not a file: a folder, a pipe, a link whose target does not exist.
     """
     root = _stage(Path(path))
     stage = root / "stage.json"
     staged = os.path.lexists(stage)
     if staged and hemi == "rh":
-        raise DoesNotApply(f"{root}: is a simulated stage, which has one closed surface named lh. Ask for lh.")
+        raise DoesNotApply(f"{root}: is a simulated stage, which has one closed surface named lh. Request lh.")
     found = {what: _required(root, f"{hemi}.{s}") for what, s in zip(("white", "pial"), surfaces)}
 
     def add(what: str, place: str, stem: str, endings: tuple[str, ...] = ("",)) -> None:
@@ -245,14 +245,14 @@ def cortex_files(
             "Name one as aparc.a2009s, without hemisphere and ending."
         )
     add("label", "label", f"{hemi}.cortex.label")
-    if (stats := root / "stats" / "aseg.stats").is_file() and stats.stat().st_size:  # no measure follows from it
+    if (stats := root / "stats" / "aseg.stats").is_file() and stats.stat().st_size:  # no measure depends on it
         found["stats"] = stats
     return {**found, "stage": existing_file(stage, "stage record")} if staged else found
 
 
 def _folder(root: Path, hemi: str, surfaces: tuple[str, ...], annotation: str | None, name: str | None) -> Cortex:
     if len(surfaces) != 2:
-        raise WrongShape(f"{root}: surfaces names an inner and an outer surface, got {surfaces}.")
+        raise WrongShape(f"{root}: surfaces must name an inner and an outer surface, got {surfaces}.")
     files = cortex_files(root, hemi, surfaces=surfaces, annotation=annotation)
     with _reading(list(files.values())) as records:
         cortex = _read(root, hemi, files, name)
@@ -260,19 +260,19 @@ def _folder(root: Path, hemi: str, surfaces: tuple[str, ...], annotation: str | 
 
 
 def _read(root: Path, hemi: str, files: dict[str, Path], name: str | None) -> Cortex:
-    """What the files of a folder hold."""
+    """The cortex that the files of a folder hold."""
     inner = files["white"]
     white, pial = read_surface(inner), read_surface(files["pial"])
 
     def fitting(what: str, read: Callable[[Path], Any], count: Callable[[Any], int] = len) -> Any:
-        """What a file holds, refused if it is of another number of vertices."""
+        """The content of a file; raises ``Mismatch`` if it has another number of vertices."""
         if what not in files:
             return None
         found = read(files[what])
         if count(found) != len(white.verts):
             raise Mismatch(
                 f"{files[what]} has {count(found):,} vertices, {inner} {len(white.verts):,}: it belongs to another "
-                "subject. Take it from the same one, or leave it out."
+                "subject. Take it from the same subject, or leave it out."
             )
         return found
 
@@ -331,15 +331,15 @@ def _name(root: Path, info: dict[str, Any]) -> str:
 
 
 def _analysed(path: Path, hemi: str) -> dict[str, Any]:
-    """What an analysis folder says of the surface it measured: name, origin, units, portion, info, annotation."""
-    fields = read_json(path, _Analysed, "Analyze it anew.")["surfaces"]
+    """Fields of a measured surface in an analysis folder: name, origin, units, portion, info, annotation."""
+    fields = read_json(path, _Analysed, "Analyze it again.")["surfaces"]
     found = next((entry for entry in fields if entry["hemi"] == hemi), None)
     if found is None:
-        raise MissingPart(f"{path}: is not the summary of an analysis of {hemi}. Analyze it anew.")
+        raise MissingPart(f"{path}: is not the summary of an analysis of {hemi}. Analyze it again.")
     return {key: found.get(key) for key in ("name", "origin", "units", "portion", "info", "annotation")}
 
 
 def _stage_info(path: Path) -> dict[str, Any]:
-    """What ``simulate`` recorded of a stage."""
-    info = read_json(path, StageRecord, "Simulate that stage anew.", most=2**20)
+    """The record of a stage by ``simulate``."""
+    info = read_json(path, StageRecord, "Simulate that stage again.", most=2**20)
     return {**info, "name": info.get("name", "simulation")}

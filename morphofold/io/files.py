@@ -1,4 +1,4 @@
-"""What every reader and writer asks of a file: that it is there, bounded, whole, and replaced in one step."""
+"""Checks that all readers and writers share: a file exists, is bounded, is complete, and is replaced in one step."""
 
 from __future__ import annotations
 
@@ -18,40 +18,40 @@ from xml.parsers.expat import ExpatError, errors
 
 from morphofold.errors import DamagedFile, TooLarge, WrongFile
 
-MAX_BYTES = 2 * 2**30  # far above any cortex (a 1 mm hemisphere has 6 MB); below what hurts a laptop
-MOST_PACKED = 2000  # bytes of arrays from one of a file, twice of what zlib can do
+MAX_BYTES = 2 * 2**30  # far above any cortex (a 1 mm hemisphere has 6 MB); small enough for a laptop
+MOST_PACKED = 2000  # bytes of arrays per byte of a file, twice what zlib can reach
 
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # of writes alone; Python doesn't say to which file
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # only from writes; Python doesn't name the file
 _EXPAT_WANTS_MEMORY = errors.codes[errors.XML_ERROR_NO_MEMORY]
-_ROOM = 2**20  # bytes by which a file can't grow where it was cut for want of room
+_ROOM = 2**20  # bytes; a file that was cut because the disk is full can't grow by so many
 
 StrPath = str | os.PathLike[str]
 
 
 def existing_file(path: StrPath, what: str = "file") -> Path:
-    """Path of a readable regular file of 1 byte to ``MAX_BYTES``; the error says what was looked for.
+    """Path of a readable regular file of 1 byte to ``MAX_BYTES``; errors name the kind of file that is needed.
 
     Raises
     ------
     FileNotFoundError
-        Nothing is there; names close to it in the same folder are listed.
+        It does not exist; similar names in the same folder are listed.
     IsADirectoryError, ValueError
         It is a folder, a device, empty, or too large.
     """
     path = Path(path)
     if path.is_dir():
-        raise IsADirectoryError(f"{path}: is a folder, looked for a {what}. Name the file in it.")
+        raise IsADirectoryError(f"{path}: is a folder, but a {what} is needed. Name the file in it.")
     if path.is_symlink() and not path.exists():
-        raise FileNotFoundError(f"{path}: is a link to what is not there, looked for a {what}. Fetch it, or remove it.")
+        raise FileNotFoundError(f"{path}: is a link to a missing file; a {what} is needed. Fetch it, or remove it.")
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such {what}. {_what_is_there(path)}")
     if not path.is_file():
-        raise WrongFile(f"{path}: is not a regular file, looked for a {what}.")
+        raise WrongFile(f"{path}: is not a regular file; a {what} is needed.")
     size = path.stat().st_size
     if size == 0:
-        raise DamagedFile(f"{path}: is empty (0 bytes), looked for a {what}. Copy it again from its source.")
+        raise DamagedFile(f"{path}: is empty (0 bytes); a {what} is needed. Copy it again from its source.")
     if size > MAX_BYTES:
-        raise TooLarge(f"{path}: has {size / 2**30:.1f} GiB; a {what} may have {MAX_BYTES / 2**30:g} GiB at most.")
+        raise TooLarge(f"{path}: has {size / 2**30:.1f} GiB; a {what} may have at most {MAX_BYTES / 2**30:g} GiB.")
     return path
 
 
@@ -62,35 +62,35 @@ def _what_is_there(path: Path) -> str:
             folder = folder.parent
         return f"There is no {folder.name} in {folder.parent.absolute()}."
     names = sorted(p.name for p in folder.iterdir())
-    side = path.name[:3] if path.name[:3] in ("lh.", "rh.") else ""  # the other hemisphere is no misspelling
+    side = path.name[:3] if path.name[:3] in ("lh.", "rh.") else ""  # the other hemisphere is not a misspelling
     close = difflib.get_close_matches(path.name, [n for n in names if n.startswith(side)], n=4, cutoff=0.7)
     if close:
-        return f"Close to it in that folder: {', '.join(close)}."
+        return f"Similar names in that folder: {', '.join(close)}."
     if names:
         return f"That folder holds {', '.join(names[:6])}{f' and {len(names) - 6} more' if len(names) > 6 else ''}."
     return "That folder is empty."
 
 
 @contextmanager
-def decoding(path: Path, what: str, advice: str = "Make it anew from its source.") -> Iterator[None]:
-    """Turn whatever a file library raises on a damaged file into one clear ``DamagedFile``; a ``WrongFile`` stays one.
+def decoding(path: Path, what: str, advice: str = "Make it again from its source.") -> Iterator[None]:
+    """Turn any error that a file library raises on a damaged file into one clear ``DamagedFile``; keep ``WrongFile``.
 
-    Where memory did not suffice for what the file may hold, it may be whole: that is a ``MemoryError``, with its place.
+    If memory was too short for what the file may hold, the file may be good: then raise ``MemoryError`` with the path.
     """
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # remarks on optional parts of the format
+            warnings.simplefilter("ignore")  # notes on optional parts of the format
             yield
-    except (Exception, SystemExit) as error:  # meshio leaves through SystemExit
+    except (Exception, SystemExit) as error:  # meshio raises SystemExit
         wanted = _array_wanted(error)
-        if wanted and wanted > MOST_PACKED * path.stat().st_size:  # no file of this size unpacks to that
-            error = ValueError(f"it promises an array of {wanted / 2**30:.3g} GiB")
+        if wanted and wanted > MOST_PACKED * path.stat().st_size:  # no file of this size unpacks to so much
+            error = ValueError(f"it declares an array of {wanted / 2**30:.3g} GiB")
         elif _wants_memory(error):
             raise MemoryError(
-                f"{path}: memory did not suffice to read {what}. Close other programs, or take a computer with more."
+                f"{path}: not enough memory to read {what}. Close other programs, or use a computer with more memory."
             ) from error
         problem = "" if isinstance(error, SystemExit) else " ".join(str(error).split())[:160]
-        reason = problem or type(error).__name__.replace("SystemExit", "its reader gave up")
+        reason = problem or type(error).__name__.replace("SystemExit", "its reader failed")
         kind = WrongFile if isinstance(error, WrongFile) else DamagedFile
         raise kind(f"{path}: is truncated, damaged, or not {what} ({reason}). {advice}") from error
 
@@ -104,7 +104,7 @@ def _array_wanted(error: BaseException) -> float:
 
 
 def _wants_memory(error: BaseException | None) -> bool:
-    """Whether an error, or one that it came of, is a lack of memory; expat tells of it by a code of its own."""
+    """Whether an error, or one of its causes, is a lack of memory; expat reports this by its own code."""
     while error is not None:
         expat = isinstance(error, (ExpatError, ParseError)) and getattr(error, "code", 0) == _EXPAT_WANTS_MEMORY
         if expat or isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno == errno.ENOMEM):
@@ -120,7 +120,7 @@ def looks_like_text(head: bytes) -> bool:
 
 
 def beginning(head: bytes) -> str:
-    """The first bytes of a file as an error may show them: escaped, short, one line."""
+    """The first bytes of a file in a form that an error can show: escaped, short, one line."""
     if looks_like_text(head):
         return f"text, beginning {' '.join(head[:60].decode('ascii', 'replace').split())!r}"
     return f"bytes, beginning {head[:8].hex(' ')}"
@@ -130,27 +130,29 @@ def check_place(path: Path) -> None:
     """Refuse a name that no file can be written to."""
     if path.is_dir():
         raise IsADirectoryError(f"{path}: is a folder; name a file to write.")
-    if path.exists() and not path.is_file():  # which a move would put a file in place of
+    if path.exists() and not path.is_file():  # a move would replace it by a file
         raise WrongFile(f"{path}: is a device or a pipe; name a file to write.")
     if not path.parent.is_dir():
-        raise FileNotFoundError(f"{path.parent}: no such folder to write {path.name} into. Make it first.")
+        raise FileNotFoundError(
+            f"{path.parent}: no such folder, so {path.name} can't be written there. Make the folder first."
+        )
 
 
 def check_above(path: Path) -> None:
-    """Refuse a place that nothing can be made at: what is there of the folders above is no folder, or not writable."""
+    """Refuse a path where nothing can be made: its nearest existing parent is not a folder, or not writable."""
     above = next(p for p in Path(os.path.abspath(path)).parents if os.path.lexists(p))
     if not above.is_dir():
-        raise NotADirectoryError(f"{above}: is no folder, so {path.name} can't be made in it. Name another place.")
+        raise NotADirectoryError(f"{above}: is not a folder, so {path.name} can't be made in it. Name another place.")
     if not os.access(above, os.W_OK | os.X_OK):
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), os.fspath(path))
 
 
 @contextmanager
 def atomic_file(path: StrPath) -> Iterator[Path]:
-    """Write a file whole or not at all: yields a temporary name beside ``path``, moved onto it on success.
+    """Write a file completely or not at all: yields a temporary name beside ``path``, moved onto it on success.
 
-    The temporary name keeps the ending, so that writers which go by it still do. A link at ``path`` is replaced, and
-    what it points to stays as it is: it may be of a store of contents, as git-annex keeps.
+    The temporary name keeps the ending, because some writers depend on it. A link at ``path`` is replaced, and its
+    target stays unchanged: it may be in a store of contents, as git-annex has.
     """
     path = Path(path)
     check_place(path)
@@ -164,18 +166,18 @@ def atomic_file(path: StrPath) -> Iterator[Path]:
 
 
 def open_own(path: StrPath, mode: str, **options: Any) -> IO[Any]:
-    """``open`` for a file that is written in place, under a name that others can foresee: a lock, a log.
+    """``open`` for a file that is written in place under a name that others can guess: a lock, a log.
 
-    ``mode`` is one that adds: others empty a file before it can be looked at.
+    ``mode`` must append: other modes empty a file before it can be checked.
 
     Raises
     ------
     WrongFile
-        If a link, a second name of a file, a pipe or a device is there: writing would change what is not ours.
+        If the path is a link, a hard link, a pipe or a device: writing would change a file that is not ours.
     """
 
     def opener(name: str, flags: int) -> int:
-        # where the system can't refuse links, the look before is all there is; a pipe without a reader never waits
+        # if the system can't refuse links, only the check before protects; a pipe without a reader does not wait
         number = os.open(name, flags | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0), 0o666)
         there = os.fstat(number)
         if stat.S_ISREG(there.st_mode) and there.st_nlink <= 1:
@@ -183,20 +185,20 @@ def open_own(path: StrPath, mode: str, **options: Any) -> IO[Any]:
         os.close(number)
         raise WrongFile(refusal)
 
-    refusal = f"{path}: is a link, a second name of a file, a pipe or a device, so nothing is written to it. Remove it."
+    refusal = f"{path}: is a link, a hard link, a pipe or a device, so nothing is written to it. Remove it."
     if os.path.islink(path):
         raise WrongFile(refusal)
     try:
         return open(path, mode, opener=opener, **options)
     except OSError as error:
-        if error.errno in (errno.ELOOP, errno.EMLINK, errno.ENXIO):  # a link since then; a pipe without a reader
+        if error.errno in (errno.ELOOP, errno.EMLINK, errno.ENXIO):  # it became a link since; a pipe without a reader
             raise WrongFile(refusal) from error
         raise
 
 
 @contextmanager
 def naming(path: Path, temporary: Path) -> Iterator[None]:
-    """Make the system's errors name ``path``, or a file in it, where they name what is temporary, or a full disk."""
+    """Make system errors about the temporary path, or about a full disk, name ``path`` or a file in it."""
     try:
         yield
     except OSError as error:
@@ -205,18 +207,18 @@ def naming(path: Path, temporary: Path) -> Iterator[None]:
             raise
         ours = Path(os.path.abspath(temporary))
         named = Path(os.path.abspath(os.fsdecode(error.filename))) if by_name else ours
-        if not named.is_relative_to(ours):  # as where it is on another drive
+        if not named.is_relative_to(ours):  # for example on another drive
             raise
         raise OSError(error.errno, error.strerror, os.fspath(path / named.relative_to(ours))) from error
 
 
 def write_and_look(path: StrPath, write: Callable[[str], object], read: Callable[[Path], object]) -> None:
-    """Have a library write a file to the name it is given, and look whether the file can be read, whole or not at all.
+    """Let a library write a file to a given name, and check that it can be read; written completely or not at all.
 
     Raises
     ------
     OSError, ValueError
-        As ``write_by_library`` and ``read_back`` say.
+        As in ``write_by_library`` and ``read_back``.
     """
     with atomic_file(path) as temporary:
         with write_by_library(path, temporary):
@@ -227,35 +229,35 @@ def write_and_look(path: StrPath, write: Callable[[str], object], read: Callable
 
 @contextmanager
 def write_by_library(path: StrPath, temporary: Path) -> Iterator[None]:
-    """Around what a library writes: numpy's ``tofile`` tells no cause at a full disk.
+    """Context for a library that writes: numpy's ``tofile`` gives no cause if the disk is full.
 
     Raises
     ------
     OSError
-        The system's own, of ``path``, if the file can't grow; else one that says what the library did.
+        The system's error for ``path`` if the file can't grow; else one with the error of the library.
     WrongFile
-        The library's own, with the place: what was to be written is not as it should be.
+        The library's error, with the path: the data can't be written in this format.
     """
     try:
         yield
     except ValueError as error:
-        raise WrongFile(f"{path}: can't be written ({_told(error, path, temporary)}). Take another format.") from error
+        raise WrongFile(f"{path}: can't be written ({_told(error, path, temporary)}). Use another format.") from error
     except OSError as error:
         if error.errno is not None:
             raise
         _grow(Path(path), temporary)
         problem = _told(error, path, temporary)
-        raise OSError(f"{path}: can't be written, though there is room ({problem}). Write it again.") from error
+        raise OSError(f"{path}: can't be written, though the disk has space ({problem}). Write it again.") from error
 
 
 @contextmanager
 def read_back(path: StrPath, temporary: Path) -> Iterator[None]:
-    """Around a look at what a library wrote: numpy's ``tofile`` cuts files at a full disk.
+    """Context for a check of what a library wrote: numpy's ``tofile`` cuts files if the disk is full.
 
     Raises
     ------
     OSError
-        The system's own, of ``path``, if the file can't grow; else one that says what was seen.
+        The system's error for ``path`` if the file can't grow; else one with the error of the check.
     """
     try:
         yield
@@ -263,7 +265,7 @@ def read_back(path: StrPath, temporary: Path) -> Iterator[None]:
         if isinstance(error, OSError) and error.errno is not None:
             raise
         _grow(Path(path), temporary)
-        what = f"what was written can't be read, though there is room ({_told(error, path, temporary)})"
+        what = f"the written file can't be read, though the disk has space ({_told(error, path, temporary)})"
         raise OSError(f"{path}: {what}. Write it again, or in another format.") from error
 
 

@@ -1,4 +1,4 @@
-"""Folders that are written whole or not at all."""
+"""Write folders completely or not at all."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from pathlib import Path
 
 from morphofold.io.files import StrPath, atomic_file, check_above, naming
 
-MARKER = ".morphofold"  # in every folder that atomic_folder made, with a list of what it wrote and may replace
-WITHOUT_LIST = b"morphofold wrote this folder"  # how markers of earlier versions begin
-MOST_LISTED = 2**26  # bytes of a marker
-COLLECTION = ".morphofold-collection"  # in folders that results of many are added to, which nothing replaces
+MARKER = ".morphofold"  # in every folder that atomic_folder wrote; lists the files that it wrote and may replace
+WITHOUT_LIST = b"morphofold wrote this folder"  # the start of the markers of earlier versions
+MOST_LISTED = 2**26  # bytes of a marker that are read
+COLLECTION = ".morphofold-collection"  # in folders that collect the results of many runs; they are never replaced
 
 
 @contextmanager
 def atomic_folder(out: StrPath) -> Iterator[Path]:
-    """Write a folder whole or not at all: yields a temporary folder beside ``out``, moved there on success.
+    """Write a folder completely or not at all: yields a temporary folder beside ``out``, moved there on success.
 
     An existing ``out`` is replaced only if it is empty or holds the marker file ``.morphofold`` that this function
-    leaves. What the marker lists is replaced as a whole; all else in the folder is somebody's, and stays.
-    Markers of earlier versions list nothing: there what has the name of a new file is replaced, and all else stays.
-    If the body fails or is interrupted, ``out`` is as it was and nothing else is left. A process that is killed
-    leaves its temporary folder beside, ``.NAME.*``.
+    writes. The files that the marker lists are replaced as a whole. All other files belong to the user and stay.
+    Markers of earlier versions list no files: then files with the name of a new file are replaced, and others stay.
+    If the body fails or is interrupted, ``out`` is unchanged and nothing else is left. A process that is killed
+    leaves its temporary folder ``.NAME.*`` beside ``out``.
 
     Raises
     ------
     FileExistsError
-        If ``out`` is a file or a folder that morphofold did not write, or somebody's file in it has the name of one
-        to write.
+        If ``out`` is a file or a folder that morphofold did not write, or a file of the user in it has the name of
+        a file to write.
     """
     out = Path(os.path.realpath(out))  # Path.resolve() raises at a link to itself
     refuse_foreign(out)
@@ -45,7 +45,7 @@ def atomic_folder(out: StrPath) -> Iterator[Path]:
         with naming(out, temporary):
             temporary.mkdir()
             yield temporary
-            mark = {"morphofold": "replaces these files when told to write here again, and leaves all others"}
+            mark = {"morphofold": "replaces these files when it writes here again, and keeps all others"}
             text = json.dumps({**mark, "files": sorted(_below(temporary))}, indent=0)
             (temporary / MARKER).write_text(f"{text}\n", encoding="ascii")
         refuse_foreign(out)
@@ -59,24 +59,24 @@ def atomic_folder(out: StrPath) -> Iterator[Path]:
 
 
 def remove_folder(out: Path) -> None:
-    """Remove what ``atomic_folder`` wrote, and the folder if it holds nothing else; nothing of anybody else."""
+    """Remove what ``atomic_folder`` wrote, and the folder if it is then empty; files of the user stay."""
     for name in _listed(out) or ():
         with suppress(OSError):
             (out / name).unlink()
     for root, _, _ in os.walk(out, topdown=False):
         if os.listdir(root) == [MARKER] and Path(root) == out:
             (out / MARKER).unlink()
-        with suppress(OSError):  # somebody's is in it
+        with suppress(OSError):  # a file of the user is in it
             os.rmdir(root)
 
 
 def files_of(out: Path) -> dict[str, Path]:
-    """The files that ``atomic_folder`` wrote in a folder, by their paths from there; none where it left no list."""
+    """The files that ``atomic_folder`` wrote in a folder, by relative path; none if it left no list."""
     return {name: path for name in sorted(_listed(out) or ()) if (path := out / name).is_file()}
 
 
 def _below(folder: Path) -> Iterator[str]:
-    """All that is in a folder and below, by its path from there: files, links, and folders that are empty."""
+    """Relative paths of everything in a folder and below: files, links, and empty folders."""
     for root, folders, files in os.walk(folder, onerror=_raise):
         inside = Path(root).relative_to(folder)
         links = [name for name in folders if os.path.islink(os.path.join(root, name))]
@@ -86,12 +86,12 @@ def _below(folder: Path) -> Iterator[str]:
 
 
 def _raise(error: OSError) -> None:
-    if not isinstance(error, FileNotFoundError):  # of another writer, gone by now
+    if not isinstance(error, FileNotFoundError):  # removed by another writer meanwhile
         raise error
 
 
 def _listed(folder: Path) -> set[str] | None:
-    """What ``atomic_folder`` wrote in a folder: nothing if the list is damaged, None if a version without lists did."""
+    """What ``atomic_folder`` wrote in a folder: empty if the list is damaged, None if there is no list."""
     marker = folder / MARKER
     if marker.is_symlink() or not marker.is_file():
         return None
@@ -108,7 +108,7 @@ def _listed(folder: Path) -> set[str] | None:
 
 
 def _is_inside(folder: Path, name: str) -> bool:
-    """Whether a name is of a place in the folder, behind no link."""
+    """Whether a name is a path inside the folder that follows no link."""
     if "\0" in name or os.path.isabs(name) or ".." in Path(name).parts:
         return False
     inside = Path(name).parent
@@ -116,11 +116,11 @@ def _is_inside(folder: Path, name: str) -> bool:
 
 
 def _bring(old: Path, new: Path, out: Path) -> None:
-    """Bring what is somebody's in a folder at ``out`` into the one that takes its place, unless that was done."""
+    """Link the user's files in the old folder at ``out`` into the new one, unless that was done before."""
     ours = _listed(old)
     for name in _below(old):
         source, target = old / name, new / name
-        empty = source.is_dir() and not source.is_symlink()  # of folders these alone are named
+        empty = source.is_dir() and not source.is_symlink()  # of the folders, only empty ones are listed
         if name == MARKER or (ours is not None and name in ours) or (empty and target.is_dir()):
             continue
         if os.path.lexists(target):
@@ -137,7 +137,7 @@ def _bring(old: Path, new: Path, out: Path) -> None:
 
 def _in_the_way(path: Path) -> FileExistsError:
     return FileExistsError(
-        f"{path}: morphofold did not write this, and would write in its place. Move it away, or name a new folder."
+        f"{path}: morphofold did not write this, and a new result would replace it. Move it away, or name a new folder."
     )
 
 
@@ -147,7 +147,7 @@ def _same(one: Path, other: Path) -> bool:
 
 
 def _link(source: Path, target: Path) -> None:
-    """A second name of a file where the file system has such, else a copy: simulations are large."""
+    """Hard link to a file if the file system allows it, else a copy: simulations are large."""
     try:
         os.link(source, target, follow_symlinks=False)
     except (OSError, NotImplementedError):
@@ -155,10 +155,10 @@ def _link(source: Path, target: Path) -> None:
 
 
 def _move_onto(new: Path, out: Path) -> None:
-    """Put a folder in the place of another, of which another process sees the old or the new one at any time.
+    """Replace a folder by another. At any time, another process sees the old or the new one.
 
-    Where the system can't exchange two names at once, of two writers at once one may fail, and a process killed here
-    leaves the old beside (``.NAME.*.old``), of which ``moved_away`` tells.
+    Some systems can't exchange two names in one step. There, one of two simultaneous writers may fail, and a process
+    that is killed here leaves the old folder beside ``out`` (``.NAME.*.old``); ``moved_away`` reports it.
     """
     old = out.with_name(f"{new.name}.old")
     if not out.exists():
@@ -166,15 +166,15 @@ def _move_onto(new: Path, out: Path) -> None:
             os.replace(new, out)
             return
         except OSError:
-            if out.is_symlink() or not out.is_dir():  # else it came into being meanwhile
+            if out.is_symlink() or not out.is_dir():  # else the folder appeared meanwhile
                 raise
     _bring(out, new, out)
     if _exchange(new, out):
         try:
-            refuse_foreign(out, found=new)  # somebody's may have come after the last look
+            refuse_foreign(out, found=new)  # a file of the user may have appeared since the last check
             _bring(new, out, out)
         except BaseException:
-            os.replace(new, old)  # a name that our caller does not remove
+            os.replace(new, old)  # the caller does not remove this name
             if _exchange(old, out):
                 shutil.rmtree(old)
             else:
@@ -194,17 +194,17 @@ def _move_onto(new: Path, out: Path) -> None:
 
 
 def moved_away(out: StrPath) -> str:
-    """Where a writer killed between its two moves left what was at ``out``, in words for an error; else nothing."""
+    """Text for an error: where a writer, killed between its two moves, left the old ``out``; else empty."""
     out = Path(os.path.realpath(out))
     with suppress(OSError):
         old = [p.name for p in out.parent.iterdir() if p.name.startswith(f".{out.name}.") and p.suffix == ".old"]
         if old and not out.exists():
-            return f" What was there is in {sorted(old)[-1]}, beside it: its writer was killed. Rename it back."
+            return f" Its content is in {sorted(old)[-1]}, beside it: its writer was killed. Rename that folder back."
     return ""
 
 
 def _exchange(one: Path, other: Path) -> bool:
-    """Exchange two names in one step; False where the system or the file system can't."""
+    """Exchange two names in one step; False if the system or the file system can't."""
     try:
         library, a, b = ctypes.CDLL(None), os.fsencode(one), os.fsencode(other)
         if sys.platform == "darwin":
@@ -218,7 +218,7 @@ def _exchange(one: Path, other: Path) -> bool:
 def refuse_foreign(out: Path, *, found: Path | None = None) -> None:
     """Raise ``FileExistsError`` if ``out`` is a file, or a folder with content that morphofold did not write.
 
-    ``found`` is where it was moved to, by default nowhere.
+    ``found`` is the path that it was moved to; by default it was not moved.
     """
     found = found or out
     if os.path.islink(os.path.realpath(found)):
@@ -240,22 +240,24 @@ def refuse_foreign(out: Path, *, found: Path | None = None) -> None:
 
 
 def refuse_no_collection(out: Path, kind: str) -> None:
-    """Raise ``FileExistsError`` if ``out`` is there, and neither empty nor a folder that ``begin_collection`` began."""
+    """Raise ``FileExistsError`` if ``out`` exists, is not empty and is not from ``begin_collection``."""
     file = out / COLLECTION
     if file.is_file():
         there = file.read_text(encoding="utf-8", errors="replace").partition(":")[0]
         if there != kind:
             raise FileExistsError(f"{out}: is a {there:.20}, not a {kind}. Name a new folder.")
         return
-    if out.is_dir() and not any(out.iterdir()):  # written into, and never moved
+    if out.is_dir() and not any(out.iterdir()):  # it is written into and never moved
         return
     refuse_foreign(out)
     if out.exists():
-        raise FileExistsError(f"{out}: is of a command that replaces it as a whole. Name a new folder.")
+        raise FileExistsError(
+            f"{out}: was written by a command that replaces the folder as a whole. Name a new folder."
+        )
 
 
 def begin_collection(out: Path, kind: str) -> None:
-    """Make or take a folder that results of many are added to, run after run, and that no command replaces.
+    """Make or reuse a folder that collects the results of many runs and that no command replaces.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What a file format of surfaces is, and the checks that several have in common."""
+"""The class of a surface file format, and checks that several formats share."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from morphofold.surface import Faces, Surface, Verts
 
 Read = tuple[Verts, Faces, Mapping[str, Any] | None]
 
-# counts that a header may promise (PLY; VTK; GLB); each counted thing takes at least a byte of the file
+# counts in a header (PLY; VTK; GLB); each counted element takes at least one byte of the file
 _COUNTS = re.compile(
     rb'(?:element[ \t]+\w+|\n[ \t]*(?:points|polygons|cells)|"count"[ \t]*:)[ \t]*(\d+)(?:[ \t]+(\d+))?', re.IGNORECASE
 )
@@ -25,20 +25,20 @@ _COUNTS = re.compile(
 
 @dataclass(frozen=True)
 class Format:
-    """A file format. A module of ``morphofold.io`` has ``FORMATS``, and stands in the list in ``io/surfaces.py``.
+    """A file format. Its module in ``morphofold.io`` has ``FORMATS`` and is in the list in ``io/surfaces.py``.
 
     Attributes
     ----------
     name : str
-        As messages call it.
+        Its name in messages.
     endings : tuple of str
-        Of the names of its files, in lower case. They decide where the first bytes are silent.
+        Endings of its file names, in lower case. They decide if the first bytes do not identify a format.
     read : callable
-        Vertices, faces and the volume geometry of a file, or None; raises ``ValueError`` for one that is damaged.
+        Reads vertices, faces and the volume geometry, or None for the latter; raises ``ValueError`` for a damaged file.
     write : callable
-        Writes a surface to a path, whole or not at all.
+        Writes a surface to a path, completely or not at all.
     begins : pattern, optional
-        What its files begin with, in their first 1024 bytes.
+        Matches the start of its files, within their first 1024 bytes.
     """
 
     name: str
@@ -56,7 +56,7 @@ class Format:
 
 @contextmanager
 def silent_log() -> Iterator[None]:
-    """Keep packages from logging what is raised anyway, or doesn't matter."""
+    """Keep packages from logging messages that are raised anyway or are not important."""
     before = logging.root.manager.disable
     logging.disable(logging.CRITICAL)
     try:
@@ -66,15 +66,17 @@ def silent_log() -> Iterator[None]:
 
 
 def check_counts(raw: bytes) -> None:
-    """Refuse a file that promises more than it can hold."""
+    """Refuse a file whose header declares more elements than it can hold."""
     for match in _COUNTS.finditer(raw):
         for count in filter(None, match.groups()):
             if int(count) > len(raw):
-                raise DamagedFile(f"its header promises {count.decode()} elements, it has {len(raw)} bytes")
+                raise DamagedFile(f"its header declares {count.decode()} elements, but it has {len(raw)} bytes")
 
 
 def warn_of_no_end(path: Path, raw: bytes) -> None:
-    """Where a text stops within a line, its last number may be a part of one: 1 of 162. XML and STL say their end."""
+    """Warn if a text stops within a line: its last number may be cut, 1 of 162. XML and STL mark their end."""
     says = raw.endswith(b">") or b"endsolid" in raw[-1024:]
     if not (says or raw[-1:].isspace()) and looks_like_text(raw[:1024]) and looks_like_text(raw[-64:]):
-        warnings.warn(f"{path}: its last line has no end; was it cut? Then its last number is wrong.", stacklevel=5)
+        warnings.warn(
+            f"{path}: its last line has no line break. If the file was cut, its last number is wrong.", stacklevel=5
+        )

@@ -1,7 +1,7 @@
-"""FreeSurfer's own files: surfaces, per-vertex maps, annotations and labels, through nibabel.
+"""FreeSurfer files: surfaces, per-vertex maps, annotations and labels, through nibabel.
 
-nibabel trusts the counts in a header; here they are held against the size of the file before anything is
-allocated, so that a truncated file is named as such.
+nibabel trusts the counts in a header. Here they are compared with the size of the file before anything is allocated,
+so that a truncated file is reported as truncated.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from morphofold.surface import Faces, PerVertex, Regions, Surface, Verts
 
 TRIANGLES, QUADS, QUADS_FLOAT = b"\xff\xff\xfe", b"\xff\xff\xff", b"\xff\xff\xfd"
 _SURFACES = (".white", ".pial", ".inflated", ".sphere", ".orig", ".smoothwm", ".mid", "")
-_STAMP = "created by morphofold"  # nibabel's default writes the user's name and the date
+_STAMP = "created by morphofold"  # nibabel's default writes the name of the user and the date
 _AGAIN = "Copy it again from its source."
 
 
@@ -32,14 +32,14 @@ _AGAIN = "Copy it again from its source."
 
 
 def is_geometry(head: bytes) -> bool:
-    """Whether a file that begins so is a FreeSurfer surface (or, for ``FF FF FF``, perhaps a map)."""
+    """Whether a file with these first bytes is a FreeSurfer surface (or, for ``FF FF FF``, perhaps a map)."""
     return head[:3] in (TRIANGLES, QUADS, QUADS_FLOAT)
 
 
 def read_geometry(path: Path) -> tuple[Verts, Faces, Mapping[str, Any] | None]:
     """Vertices (N, 3) [mm], faces (M, 3) and the volume-geometry footer of a FreeSurfer surface.
 
-    Old quadrangle surfaces come as triangles. The footer is None where the file has none.
+    Old quadrangle surfaces are returned as triangles. The footer is None if the file has none.
     """
     import nibabel.freesurfer as fs
 
@@ -60,7 +60,7 @@ def read_geometry(path: Path) -> tuple[Verts, Faces, Mapping[str, Any] | None]:
 
 
 def _check_geometry(file: BinaryIO, path: Path) -> int:
-    """Byte at which vertices and faces end, which the file must reach."""
+    """Byte at which vertices and faces end; the file must reach it."""
     magic, size = file.read(3), path.stat().st_size
     if magic == TRIANGLES:
         file.readline(), file.readline()  # "created by ...", empty line
@@ -79,10 +79,10 @@ def _check_geometry(file: BinaryIO, path: Path) -> int:
         need = 9 + (6 if magic == QUADS else 12) * n + 12 * m
         kind = "quadrangles"
     if n <= 0 or m <= 0:
-        raise DamagedFile(f"{path}: its header promises {n} vertices and {m} {kind}; it is damaged. {_AGAIN}")
+        raise DamagedFile(f"{path}: its header gives {n} vertices and {m} {kind}, so it is damaged. {_AGAIN}")
     if need > size:
         raise DamagedFile(
-            f"{path}: is truncated or damaged: {n} vertices and {m} {kind} need {need} bytes, it has {size}. {_AGAIN}"
+            f"{path}: is truncated or damaged: {n} vertices and {m} {kind} need {need} bytes; it has {size}. {_AGAIN}"
         )
     return need
 
@@ -102,11 +102,11 @@ def write_geometry(path: StrPath, surface: Surface) -> None:
 
 
 def scanner_transform(geometry: Mapping[str, Any] | None) -> NDArray[np.float64] | None:
-    """Affine (4, 4) from surface RAS (the tkr frame, [mm]) to scanner RAS; None if the file does not say.
+    """Affine (4, 4) from surface RAS (the tkr frame, [mm]) to scanner RAS; None if the file does not give it.
 
-    With R the volume's direction cosines ``[xras yras zras]`` and T those of the tkr frame, the rotation is
-    R T^-1 and the shift is ``cras``: both frames have the volume's centre at the same voxel. For a conformed
-    volume R = T, and the shift is all there is.
+    R is the matrix of direction cosines of the volume, ``[xras yras zras]``, and T that of the tkr frame. The rotation
+    is R T^-1 and the shift is ``cras``: both frames have the centre of the volume at the same voxel. For a conformed
+    volume R = T, and only the shift remains.
     """
     if not geometry or not str(geometry.get("valid", "")).startswith("1"):
         return None
@@ -121,7 +121,7 @@ def scanner_transform(geometry: Mapping[str, Any] | None) -> NDArray[np.float64]
 
 
 def read_curv(path: Path) -> PerVertex:
-    """Values (N,) of a FreeSurfer "curv" file (thickness, curv, sulc, area, ...), as they stand there."""
+    """Values (N,) of a FreeSurfer "curv" file (thickness, curv, sulc, area, ...), as in the file."""
     import nibabel.freesurfer as fs
 
     size = path.stat().st_size
@@ -130,7 +130,7 @@ def read_curv(path: Path) -> PerVertex:
     if is_geometry(head) and not _is_morph(head, size):
         n = struct.unpack(">i", head[3:7])[0] if len(head) >= 7 else 0
         if head[:3] == QUADS and head[11:15] == struct.pack(">i", 1) and n > 0:
-            raise DamagedFile(f"{path}: is truncated: {n} values need {15 + 4 * n} bytes, it has {size}. {_AGAIN}")
+            raise DamagedFile(f"{path}: is truncated: {n} values need {15 + 4 * n} bytes; it has {size}. {_AGAIN}")
         raise WrongFile(f"{path}: is not a map with one value per vertex. Is it a surface?")
     old = 6 + 2 * int.from_bytes(head[:3], "big")  # the oldest layout: 3-byte counts, hundredths as int16
     if not is_geometry(head) and (looks_like_text(head) or size != old or size <= 6):
@@ -154,7 +154,7 @@ def write_curv(path: StrPath, values: NDArray[np.float32]) -> None:
 
 
 def write_mgh(path: StrPath, values: NDArray[np.float32]) -> None:
-    """Write checked values (N,) as MGH, a volume of N x 1 x 1 voxels, as FreeSurfer keeps surface overlays."""
+    """Write checked values (N,) as MGH, a volume of N x 1 x 1 voxels, as FreeSurfer stores surface overlays."""
     from nibabel.freesurfer.mghformat import MGHImage
 
     image = MGHImage(values.reshape(-1, 1, 1), np.eye(4))
@@ -162,10 +162,10 @@ def write_mgh(path: StrPath, values: NDArray[np.float32]) -> None:
 
 
 def flip_curvature_sign(values: ArrayLike) -> PerVertex:
-    """From FreeSurfer's sign to the house's, and back: the one place where it flips.
+    """Convert between FreeSurfer's sign of curvature and that of morphofold; only this function flips it.
 
     FreeSurfer's ``?h.curv`` and ``?h.sulc`` are positive in sulci; outside ``morphofold.io`` convex (a gyral
-    crown, a sphere) is positive. NaN stays NaN, zero stays plain zero.
+    crown, a sphere) is positive. NaN stays NaN, and zero stays zero without a sign.
     """
     return 0.0 - np.asarray(values, dtype=np.float64)
 
@@ -176,9 +176,9 @@ def flip_curvature_sign(values: ArrayLike) -> PerVertex:
 def read_annotation(path: StrPath) -> Regions:
     """Region labels of a FreeSurfer annotation (``?h.aparc.annot``).
 
-    A vertex whose value is not in the file's colour table has label -1. Names are kept as they stand,
-    ``"unknown"`` and ``"corpuscallosum"`` among them, in the table's order; of those of one colour, which the format
-    does not tell apart, the first.
+    A vertex whose value is not in the colour table of the file has label -1. Names are kept as in the file and in the
+    order of the table, including ``"unknown"`` and ``"corpuscallosum"``. The format cannot distinguish regions of the
+    same colour; the first is kept.
 
     Notes
     -----
@@ -190,7 +190,7 @@ def read_annotation(path: StrPath) -> Regions:
     with decoding(path, "a FreeSurfer annotation", _AGAIN):
         (n,) = struct.unpack_from(">i", data)
         if n <= 0 or 4 + 8 * n > len(data):
-            raise DamagedFile(f"{n} vertices need {4 + 8 * n} bytes, it has {len(data)}: truncated?")
+            raise DamagedFile(f"{n} vertices need {4 + 8 * n} bytes; it has {len(data)} and may be truncated")
         vertex, value = np.frombuffer(data, ">i4", 2 * n, 4).astype(np.int64).reshape(n, 2).T
         if not np.array_equal(np.sort(vertex), np.arange(n)):
             raise DamagedFile(f"its vertices are not 0..{n - 1}, each once")
@@ -223,15 +223,15 @@ def _colour_table(file: io.BytesIO) -> tuple[list[str], NDArray[np.int64]]:
     with_slots = count < 0
     if with_slots:
         if count != -2:
-            raise DamagedFile(f"its colour table has version {-count}, only 2 is known")
+            raise DamagedFile(f"its colour table has version {-count}; only 2 can be read")
         integer()  # highest slot
-    text()  # where the table came from
+    text()  # origin of the table
     if with_slots:
         count = integer()
     names, colours = [], []
     for _ in range(count):
         if with_slots:
-            integer()  # the slot; name and colour belong together wherever it is
+            integer()  # the slot; name and colour belong together in any slot
         names.append(text())
         colours.append([integer() for _ in range(4)][:3])
     rgb = np.array(colours, dtype=np.int64).reshape(-1, 3)
@@ -246,7 +246,7 @@ def _annotation_name(path: Path) -> str:
 
 
 def write_annotation(path: StrPath, regions: Regions) -> None:
-    """Write a FreeSurfer annotation. Colours must differ: the format tells regions apart by nothing else."""
+    """Write a FreeSurfer annotation. Colours must differ: the format distinguishes regions only by colour."""
     import nibabel.freesurfer as fs
 
     colours = np.asarray(regions.colours, dtype=np.int64)
@@ -257,7 +257,7 @@ def write_annotation(path: StrPath, regions: Regions) -> None:
     if labels.min(initial=0) < -1 or labels.max(initial=-1) >= len(colours):
         raise OutOfRange(f"{path}: labels are {labels.min()}..{labels.max()}, allowed -1..{len(ids) - 1}.")
     if len(np.unique(ids)) < len(ids):
-        raise NamedTwice(f"{path}: two regions have the same colour, which an annotation cannot tell apart.")
+        raise NamedTwice(f"{path}: two regions have the same colour, so an annotation cannot distinguish them.")
     if (ids == 0).any() and (labels == -1).any():
         raise OutOfRange(f"{path}: colour (0, 0, 0) means 'no region' in the format; choose another.")
     table = np.column_stack([colours, np.zeros(len(colours), dtype=np.int64)])
@@ -278,29 +278,29 @@ def read_label(path: StrPath, n: int) -> NDArray[np.bool_]:
     with decoding(path, "a FreeSurfer label", _AGAIN):
         vertices = np.atleast_1d(fs.read_label(os.fspath(path)))
         if len(vertices) != int(second):
-            raise DamagedFile(f"its second line promises {int(second)} vertices, it has {len(vertices)}")
+            raise DamagedFile(f"its second line gives {int(second)} vertices, but the file lists {len(vertices)}")
     if vertices.size and (vertices.min() < 0 or vertices.max() >= n):
         raise Mismatch(
-            f"{path}: names vertices {vertices.min()}..{vertices.max()}, the surface has 0..{n - 1}. "
+            f"{path}: names vertices {vertices.min()}..{vertices.max()}, but the surface has 0..{n - 1}. "
             "It belongs to another surface."
         )
     mask[vertices] = True
     return mask
 
 
-STATS_BYTES = 2**18  # of aseg.stats that are looked at; FreeSurfer writes some 10 kB
+STATS_BYTES = 2**18  # of aseg.stats that are read; FreeSurfer writes about 10 kB
 _STATS = {"EstimatedTotalIntraCranialVol": "etiv_mm3", "{hemi}SurfaceHoles": "surface_holes"}
 
 
 def read_aseg_stats(path: StrPath, hemi: str) -> dict[str, float | int]:
-    """What FreeSurfer's ``stats/aseg.stats`` says of a brain and one of its hemispheres.
+    """Values from FreeSurfer's ``stats/aseg.stats`` for a brain and one of its hemispheres.
 
     Returns
     -------
     dict
-        ``etiv_mm3``, the estimated intracranial volume [mm^3], and ``surface_holes``, those of the surface of ``hemi``
-        before FreeSurfer mended its topology; its Euler characteristic was 2 less twice as many. What the file does not
-        say as a number of 0 to 1e12 is left out, whatever else is in it.
+        ``etiv_mm3``, the estimated intracranial volume [mm^3], and ``surface_holes``, the holes in the surface of
+        ``hemi`` before FreeSurfer repaired its topology; its Euler characteristic was 2 less twice that number. A
+        value that the file does not give as a number from 0 to 1e12 is left out.
     """
     with Path(path).open("rb") as file:
         lines = file.read(STATS_BYTES).decode("utf-8", errors="replace").splitlines()
@@ -321,7 +321,7 @@ def read_aseg_stats(path: StrPath, hemi: str) -> dict[str, float | int]:
 
 
 class _FreeSurfer(Format):
-    """Named by hemisphere and surface, or by nothing that another format is named by."""
+    """Names begin with the hemisphere or end in the name of a surface; also names without an ending."""
 
     def starts(self, head: bytes) -> bool:
         return is_geometry(head)

@@ -1,7 +1,7 @@
 """GIFTI surfaces, per-vertex maps and regions, through nibabel.
 
-GIFTI compresses its arrays, so its size says little about what it unpacks to: each array is first unpacked in
-a bounded way and held against the size that its header gives.
+GIFTI compresses its arrays, so the size of a file does not give its unpacked size. Each array is first unpacked with a
+bound, and its size is compared with that in its header.
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ from morphofold.io.formats import Format
 from morphofold.surface import Faces, PerVertex, Regions, Surface, Verts
 
 _STRUCTURE = {"lh": "CortexLeft", "rh": "CortexRight"}
-_KINDS = {  # as Connectome Workbench calls them
+_KINDS = {  # names as in Connectome Workbench
     "white": {"GeometricType": "Anatomical", "AnatomicalStructureSecondary": "GrayWhite"},
     "pial": {"GeometricType": "Anatomical", "AnatomicalStructureSecondary": "Pial"},
     "inflated": {"GeometricType": "Inflated"},
 }
 MAX_UNPACKED = 2**28  # bytes: 7 million vertices and their faces; nibabel holds several copies of them
-_SOURCE = "Convert it anew from its source, e.g. with mris_convert or wb_command."
+_SOURCE = "Convert it again from its source, e.g. with mris_convert or wb_command."
 
 
 def read_gifti_surface(path: Path) -> tuple[Verts, Faces, Mapping[str, Any] | None]:
-    """Vertices (N, 3), faces (M, 3) and the volume geometry that mris_convert stores, if whole.
+    """Vertices (N, 3), faces (M, 3) and the volume geometry that mris_convert stores, if complete.
 
-    None for a surface that says it is in the scanner's frame: the geometry's ``C_RAS`` would move it there once more.
+    The geometry is None for a surface marked as in the scanner's frame: its ``C_RAS`` would move the surface twice.
     """
     from nibabel import nifti1
 
@@ -48,7 +48,7 @@ def read_gifti_surface(path: Path) -> tuple[Verts, Faces, Mapping[str, Any] | No
     triangles = image.get_arrays_from_intent("NIFTI_INTENT_TRIANGLE")
     if len(points) != 1 or len(triangles) != 1:
         raise WrongFile(
-            f"{path}: holds {len(points)} arrays of points and {len(triangles)} of triangles, not one each. "
+            f"{path}: holds {len(points)} arrays of points and {len(triangles)} of triangles, not one of each. "
             f"It holds {_intents(image)}; pass a .surf.gii."
         )
     there = points[0].coordsys is not None and points[0].coordsys.dataspace == nifti1.xform_codes["scanner"]
@@ -65,28 +65,30 @@ def read_gifti_map(path: Path) -> PerVertex:
 
 
 def read_gifti_regions(path: Path, name: str = "regions") -> Regions:
-    """Regions of a GIFTI label file (``.label.gii``), in the order of their keys; key 0 stands for no region.
+    """Regions of a GIFTI label file (``.label.gii``), in the order of their keys; key 0 means no region.
 
     Raises
     ------
     FileNotFoundError
-        If there is no such file.
+        If the file does not exist.
     ValueError
-        If it is damaged, holds anything but one array of keys, or a key that its table lacks.
+        If it is damaged, does not hold exactly one array of keys, or its table lacks a key.
     """
     image = _load(existing_file(path, "label file"), "a GIFTI label file")
     arrays = image.get_arrays_from_intent("NIFTI_INTENT_LABEL")
     if len(arrays) != 1 or len(image.darrays) != 1 or np.ndim(arrays[0].data) != 1:
         raise WrongFile(f"{path}: holds {_intents(image)}; regions are one array with one key per vertex.")
     table = {label.key: label for label in image.labeltable.labels if label.key != 0}
-    with decoding(path, "a GIFTI label file", _SOURCE):  # keys may be beyond all integers
+    with decoding(path, "a GIFTI label file", _SOURCE):  # keys may be too large for an integer
         keys, values = np.array(sorted(table), dtype=np.int64), np.asarray(arrays[0].data, dtype=np.int64)
     missing = np.setdiff1d(values, [0, *keys])
     if missing.size:
-        raise DamagedFile(f"{path}: its table lacks {len(missing)} of its keys, the first is {missing[0]}. {_SOURCE}")
+        raise DamagedFile(
+            f"{path}: its label table lacks {len(missing)} of the keys, the first is {missing[0]}. {_SOURCE}"
+        )
     shades = [[x or 0.0 for x in (table[k].red, table[k].green, table[k].blue)] for k in keys]
     colours = np.array(shades, dtype=np.float64).reshape(-1, 3)
-    names = tuple(getattr(table[k], "label", None) or "" for k in keys)  # nibabel leaves it out where it is empty
+    names = tuple(getattr(table[k], "label", None) or "" for k in keys)  # nibabel leaves it out if it is empty
     labels = np.where(values == 0, -1, np.searchsorted(keys, values))
     return Regions(labels, names, np.round(255 * colours.clip(0, 1)).astype(np.uint8), name)
 
@@ -102,7 +104,7 @@ def _load(path: Path, what: str) -> Any:
             if len(raw) > MAX_UNPACKED:
                 raise DamagedFile(f"it unpacks to more than {MAX_UNPACKED / 2**20:g} MiB")
         _check_sizes(raw)
-        # from memory: an array kept in an external file, which could be any file, is thereby refused
+        # from memory: so an array in an external file, which could be any file, is refused
         return GiftiImage.from_bytes(raw)
 
 
@@ -117,7 +119,7 @@ def _check_sizes(raw: bytes) -> None:
             continue
         n = int(element.get("Dimensionality", "1"))
         if not 1 <= n <= 6:
-            raise DamagedFile(f"an array has {n} dimensions; GIFTI knows 1 to 6")
+            raise DamagedFile(f"an array has {n} dimensions; GIFTI allows 1 to 6")
         dims = [int(element.get(f"Dim{i}", "1")) for i in range(n)]
         shape = " x ".join(map(str, dims))
         size = math.prod(dims) * np.dtype(data_type_codes.dtype[element.get("DataType", "")]).itemsize  # type: ignore[call-overload]
@@ -129,7 +131,7 @@ def _check_sizes(raw: bytes) -> None:
             unpacked = len(zlib.decompressobj().decompress(packed, size + 1))
             if unpacked != size:
                 more = "more" if unpacked > size else unpacked
-                raise DamagedFile(f"an array of {shape} values needs {size} bytes, it unpacks to {more}")
+                raise DamagedFile(f"an array of {shape} values needs {size} bytes, but it unpacks to {more}")
         element.clear()
 
 
@@ -151,7 +153,7 @@ _FOOTER = {
 
 
 def _volume_geometry(meta: Mapping[str, str]) -> Mapping[str, Any] | None:
-    """FreeSurfer's footer from the ``VolGeom...`` entries of mris_convert; None unless all are there."""
+    """FreeSurfer's footer from the ``VolGeom...`` entries of mris_convert; None unless all exist."""
     try:
         found = {k: np.array([float(meta[f"VolGeom{n}"]) for n in names]) for k, names in _FOOTER.items()}
     except (KeyError, ValueError):
@@ -163,12 +165,11 @@ def _volume_geometry(meta: Mapping[str, str]) -> Mapping[str, Any] | None:
 
 
 def write_gifti_surface(path: StrPath, surface: Surface, hemi: str | None = None, *, scanner: bool = False) -> None:
-    """Write a GIFTI surface, float32 and int32, compressed; with its footer as ``VolGeom...``.
+    """Write a GIFTI surface, float32 and int32, compressed; its footer is written as ``VolGeom...``.
 
-    Coordinates stay as they are: as ``mris_convert`` writes them, in the frame of FreeSurfer's surfaces where they
-    came in it, the footer's ``C_RAS`` saying how far the scanner's is. With ``scanner`` the file says that they are in
-    the scanner's frame; such a surface has no footer. Whether it is white, pial or inflated is told by the end of the
-    file's name.
+    Coordinates stay unchanged. As with ``mris_convert``, coordinates in FreeSurfer's surface frame stay in that frame,
+    and ``C_RAS`` of the footer gives the shift to the scanner's frame. With ``scanner`` the file is marked as in the
+    scanner's frame; such a surface has no footer. The end of the file name gives the kind: white, pial or inflated.
     """
     from nibabel import nifti1
     from nibabel.gifti import GiftiCoordSystem, GiftiDataArray
@@ -201,7 +202,7 @@ def write_gifti_map_file(path: StrPath, values: NDArray[np.float32], name: str, 
 
 
 def write_gifti_regions(path: StrPath, regions: Regions, hemi: str | None = None) -> None:
-    """Write regions as a GIFTI label file: region i has key i + 1; key 0, ??? as in Workbench, is no region."""
+    """Write regions as a GIFTI label file: region i has key i + 1; key 0, ??? as in Workbench, means no region."""
     from nibabel.gifti import GiftiDataArray, GiftiLabel, GiftiLabelTable
 
     labels, count = np.asarray(regions.labels), len(regions.names)
@@ -227,7 +228,7 @@ def _save(path: StrPath, arrays: list[Any], meta: dict[str, str], labels: Any = 
     from nibabel.gifti import GiftiImage, GiftiMetaData
 
     if not os.fspath(path).endswith((".gii", ".gii.gz")):
-        raise WrongFile(f"{path}: a GIFTI file ends in .gii or .gii.gz.")
+        raise WrongFile(f"{path}: the name of a GIFTI file must end in .gii or .gii.gz.")
     raw = GiftiImage(darrays=arrays, meta=GiftiMetaData(meta), labeltable=labels).to_bytes()
     with atomic_file(path) as temporary:
         temporary.write_bytes(gzip.compress(raw, mtime=0) if os.fspath(path).endswith(".gz") else raw)

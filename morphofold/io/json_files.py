@@ -1,4 +1,4 @@
-"""JSON files of our own, read back: each as its schema has it, or refused with the file, the key and the cure."""
+"""Read JSON files that morphofold wrote: each must match its schema; errors name the file, the key and the cure."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from morphofold.errors import DamagedFile, NotReadable, TooLarge
 from morphofold.io.files import existing_file
 
-MOST = 64 * 2**20  # bytes; the net of a hemisphere of a million vertices has a tenth
-LARGEST = 1e12  # of any number of a surface: beyond, squares and sums lose their meaning
+MOST = 64 * 2**20  # bytes; the gyral graph of a hemisphere of a million vertices needs a tenth of it
+LARGEST = 1e12  # largest number of a surface: beyond it, squares and sums lose their meaning
 
 Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 Amount = Annotated[float, Field(ge=0, le=LARGEST)]
@@ -23,7 +23,7 @@ Index = Annotated[int, Field(ge=-(10**12), le=10**12)]
 
 
 def file_word(name: str) -> str:
-    """A map's or annotation's name, refused if it cannot be part of a file name."""
+    """The name of a map or annotation; raises ``NotReadable`` if it cannot be part of a file name."""
     if not name or not all(c.isalnum() or c in "-_." for c in name) or name.startswith(".") or name.endswith(".gii"):
         raise NotReadable(f"{name!r} cannot be part of a file name. Use letters, digits, '-', '_' and '.'.")
     return name
@@ -33,27 +33,27 @@ FileWord = Annotated[str, AfterValidator(file_word)]
 
 
 class Record(BaseModel):
-    """What a JSON object must hold; keys that it does not name are free, and may hold anything."""
+    """The keys that a JSON object must hold; other keys are allowed and may hold anything."""
 
     model_config = ConfigDict(strict=True, extra="allow", allow_inf_nan=False)
 
 
 def read_json(path: Path, schema: type[BaseModel], cure: str, *, most: int = MOST) -> dict[str, Any]:
-    """Content of a JSON object that is as the schema has it.
+    """Content of a JSON object that matches the schema.
 
     Raises
     ------
     FileNotFoundError, ValueError
-        If there is no such file, or anything in it is of another kind, NaN, infinite or out of its range; the message
+        If the file does not exist, or a value in it is of another type, NaN, infinite or out of range; the message
         names the file and the key, and ends with the cure.
     """
     if not path.exists():
         raise FileNotFoundError(f"{path}: is missing. {cure}")
     if not path.is_file():
-        existing_file(path, "JSON file")  # says what is there in its place
+        existing_file(path, "JSON file")  # raises an error that says what is at this path
     size = path.stat().st_size
     if size > most:
-        raise TooLarge(f"{path}: has {size:,} bytes, which are {most:,} at most. {cure}")
+        raise TooLarge(f"{path}: has {size:,} bytes; at most {most:,} are allowed. {cure}")
     try:
         content = json.loads(path.read_bytes(), parse_constant=_refused, parse_float=_finite)
     except RecursionError:
@@ -80,5 +80,5 @@ def _refused(constant: str) -> None:
 def _finite(text: str) -> float:
     value = float(text)
     if not math.isfinite(value):
-        raise DamagedFile(f"it holds {text:.20}, which is beyond all floats")
+        raise DamagedFile(f"it holds {text:.20}, which is too large for a float")
     return value

@@ -1,4 +1,4 @@
-"""Where the sample surfaces lie, in a checkout and in an installed package."""
+"""Paths of the sample surfaces, in a checkout and in an installed package."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from morphofold.io.files import StrPath
 
 
 def sample_path(name: StrPath = "") -> Path:
-    """Path of a sample that travels with morphofold, e.g. ``"fsaverage5"`` or ``"S1/lh.pial.surf.gii"``.
+    """Path of a sample that comes with morphofold, e.g. ``"fsaverage5"`` or ``"S1/lh.pial.surf.gii"``.
 
-    Each sample's folder holds a README with its origin and its licence.
+    The folder of each sample holds a README with its origin and licence.
 
     Raises
     ------
     FileNotFoundError
-        If there is no such sample; the message lists those there are.
+        If there is no such sample; the message lists the samples that exist.
     """
     root = Path(str(files("morphofold.data_samples")))
     path = root / name
     if not path.exists():
         there = sorted(p.name for p in root.iterdir() if p.is_dir() and not p.name.startswith("_"))
-        raise FileNotFoundError(f"{name}: no such sample. There are {', '.join(there)}.")
+        raise FileNotFoundError(f"{name}: no such sample. The samples are {', '.join(there)}.")
     return path

@@ -1,4 +1,4 @@
-"""Read and write one surface or one per-vertex map, whatever the format."""
+"""Read and write one surface or one per-vertex map in any supported format."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from morphofold.io.formats import Format, Read
 from morphofold.surface import PerVertex, Surface, check_mesh
 from morphofold.words import listed
 
-#: modules with ``FORMATS``, in the order in which these are asked; FreeSurfer's names say least
+#: modules with ``FORMATS``, in the order in which they are tried; FreeSurfer names are the least specific
 MODULES = ("trimesh_files", "vtk_files", "gifti", "freesurfer")
 FORMATS: tuple[Format, ...] = tuple(one for name in MODULES for one in import_module(f"morphofold.io.{name}").FORMATS)
 _GZIP = b"\x1f\x8b"
@@ -27,22 +27,22 @@ def read_surface(path: StrPath) -> Surface:
     Parameters
     ----------
     path : str or path
-        FreeSurfer (any name), GIFTI, PLY, STL, OBJ, OFF, GLB, VTK, VTP or VTU. What the file
-        begins with decides; its ending only where that is silent (OBJ, binary STL).
+        FreeSurfer (any name), GIFTI, PLY, STL, OBJ, OFF, GLB, VTK, VTP or VTU. The first bytes of the file decide;
+        its ending only if they do not identify a format (OBJ, binary STL).
 
     Returns
     -------
     Surface
-        Vertices in the file's unit (FreeSurfer and GIFTI: mm) and order, named after the file; with the
-        volume-geometry footer of a FreeSurfer file. STL alone gets its shared vertices by merging corners at
-        exactly equal places, and warns so.
+        Vertices in the unit (FreeSurfer and GIFTI: mm) and order of the file, named after the file; with the
+        volume-geometry footer of a FreeSurfer file. Only STL has no shared vertices: corners at exactly the same place
+        are merged, with a warning.
 
     Raises
     ------
     FileNotFoundError
-        Nothing is there; the message lists close names.
+        The file does not exist; the message lists similar names.
     ValueError
-        The file is no surface, truncated, damaged, larger than 2 GiB, or not made of triangles.
+        The file is not a surface, truncated, damaged, larger than 2 GiB, or not made of triangles.
     """
     path = existing_file(path, "surface")
     verts, faces, geometry = _read(path)
@@ -60,12 +60,14 @@ def _read(path: Path) -> Read:
     if found is not None:
         return found.read(path)
     if head.startswith(_GZIP):
-        raise WrongFile(f"{path}: is compressed; only .gii.gz is read so. Decompress it first, with gunzip.")
-    raise WrongFile(f"{path}: is no surface that morphofold reads ({beginning(head)}). It reads {_known()}.")
+        raise WrongFile(
+            f"{path}: is compressed; only .gii.gz can be read compressed. Decompress it first, with gunzip."
+        )
+    raise WrongFile(f"{path}: is not a surface that morphofold can read ({beginning(head)}). It reads {_known()}.")
 
 
 def _format(path: Path, head: bytes) -> Format | None:
-    """By the first bytes; by the ending only where they are silent."""
+    """The format by the first bytes; by the ending only if they do not identify one."""
     by_head = (one for one in FORMATS if one.starts(head))
     by_name = (one for one in FORMATS if one.endings and one.named(path.name))
     return next(by_head, None) or next(by_name, None)
@@ -81,14 +83,13 @@ def is_gifti(path: Path, head: bytes) -> bool:
 
 
 def write_surface(path: StrPath, surface: Surface) -> None:
-    """Write a surface, whole or not at all; the ending of ``path`` says how.
+    """Write a surface completely or not at all; the ending of ``path`` gives the format.
 
     Parameters
     ----------
     path : str or path
-        ``lh.white`` and the like, or any name without ending: FreeSurfer, with the footer of
-        ``surface.geometry``. ``.gii``, ``.gii.gz``: GIFTI. ``.ply .stl .obj .off .glb .vtp .vtk .vtu``: as
-        named.
+        A name like ``lh.white``, or any name without ending: FreeSurfer, with the footer of
+        ``surface.geometry``. ``.gii``, ``.gii.gz``: GIFTI. ``.ply .stl .obj .off .glb .vtp .vtk .vtu``: that format.
     surface : Surface
 
     Raises
@@ -103,15 +104,15 @@ def write_surface(path: StrPath, surface: Surface) -> None:
     path = Path(path)
     found = next((one for one in FORMATS if one.named(path.name)), None)
     if found is None:
-        raise WrongFile(f"{path}: no format goes with the ending {path.suffix.lower()!r}. Known are {_known()}.")
+        raise WrongFile(f"{path}: no format has the ending {path.suffix.lower()!r}. The known formats are {_known()}.")
     found.write(path, surface)
 
 
 def read_morph(path: StrPath) -> PerVertex:
-    """Values (N,) float64 of a per-vertex map, FreeSurfer ("curv" format) or GIFTI, as the file has them.
+    """Values (N,) float64 of a per-vertex map, FreeSurfer ("curv" format) or GIFTI, as in the file.
 
-    FreeSurfer's sign stays: ``?h.curv`` and ``?h.sulc`` are positive in sulci; ``flip_curvature_sign`` turns
-    them. NaN stays, and is an unknown value to all that takes a map.
+    FreeSurfer's sign stays: ``?h.curv`` and ``?h.sulc`` are positive in sulci; ``flip_curvature_sign`` reverses it.
+    NaN stays; all functions that take a map treat it as an unknown value.
 
     Raises
     ------
@@ -127,12 +128,12 @@ def read_morph(path: StrPath) -> PerVertex:
 
 
 def write_morph(path: StrPath, values: ArrayLike, *, nan: float | None = None) -> None:
-    """Write a per-vertex map (N,) for FreeSurfer (float32), whole or not at all: MGH if ``path`` ends so, else "curv".
+    """Write a per-vertex map (N,) for FreeSurfer (float32): as MGH if ``path`` ends in .mgh, else as "curv".
 
     Parameters
     ----------
     nan : float, optional
-        What to write where a value is NaN (``float("nan")`` keeps it). Without it NaN is refused: other tools
+        Value to write in place of NaN (``float("nan")`` keeps it). Without it NaN is refused: other tools
         average over it or stop at it.
 
     Raises
@@ -149,7 +150,8 @@ def write_gifti_map(
 ) -> None:
     """Write a per-vertex map (N,) as GIFTI (float32); ``nan`` as in ``write_morph``.
 
-    ``name`` is what viewers show, by default the file's; ``hemi`` is by default what the file's name says.
+    ``name`` is the name that viewers show, by default that of the file. ``hemi`` is by default taken from the file
+    name.
     """
     name = name or Path(path).name.split(".gii")[0]
     gifti.write_gifti_map_file(path, _checked(path, values, nan), name, hemi)
@@ -165,7 +167,7 @@ def _checked(path: StrPath, values: ArrayLike, nan: float | None) -> NDArray[np.
         if nan is None:
             raise NotFinite(
                 f"{path}: {missing.sum()} of {len(values)} values are NaN; the first is at vertex "
-                f"{np.flatnonzero(missing)[0]}. Say what to write there, e.g. nan=0.0."
+                f"{np.flatnonzero(missing)[0]}. Choose the value to write there, e.g. nan=0.0."
             )
         values = np.where(missing, nan, values)
     return values.astype(np.float32)
@@ -177,5 +179,5 @@ def _refuse_infinite(path: StrPath, values: PerVertex) -> None:
     if len(infinite):
         raise NotFinite(
             f"{path}: {len(infinite)} of {len(values)} values are infinite or beyond float32, the first at vertex "
-            f"{infinite[0]}. Mend the file, or leave it out."
+            f"{infinite[0]}. Repair the file, or leave it out."
         )

@@ -22,10 +22,10 @@ _OFF_COUNTS = re.compile(rb"OFF\s+(?:#[^\n]*\n\s*)*(\d+)\s+(\d+)")
 def read(kind: str, path: Path) -> Read:
     """Vertices and faces of a file; ``kind`` is the ending without its dot.
 
-    trimesh cuts polygons with more corners into triangles. Vertices keep the file's order.
+    trimesh cuts polygons with more corners into triangles. Vertices keep the order of the file.
 
-    STL names no vertices, so corners at exactly the same place become one (in order of first appearance), and
-    a warning says how many. OBJ does not say how long it is, so a missing end goes unseen. Materials,
+    STL has no shared vertices, so corners at exactly the same place are merged (in order of first appearance), and
+    a warning gives the numbers. OBJ does not give its length, so a missing end is not detected. Materials,
     textures and files named inside are not read.
     """
     import trimesh
@@ -35,9 +35,9 @@ def read(kind: str, path: Path) -> Read:
         check_counts(raw)
         if kind in _CHECK:
             _CHECK[kind](raw)
-        # from memory and without a resolver: no other file that this one may name is opened
+        # from memory and without a resolver: files that this file may name are not opened
         options = {"process": False, "maintain_order": True, "skip_materials": True}
-        with silent_log():  # of normals, which are not taken
+        with silent_log():  # messages about normals, which are not used
             mesh = trimesh.load_mesh(BytesIO(raw), file_type=kind, **options)
         verts, faces = np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.int64)
         if len(faces) == 0:
@@ -49,7 +49,7 @@ def read(kind: str, path: Path) -> Read:
         corners = len(verts)
         verts, faces = merge_equal(verts, faces)
         warnings.warn(
-            f"{path}: STL has no shared vertices; {corners} corners at exactly equal places were merged to "
+            f"{path}: STL has no shared vertices; {corners} corners at exactly the same place were merged to "
             f"{len(verts)} vertices.",
             stacklevel=4,
         )
@@ -57,7 +57,7 @@ def read(kind: str, path: Path) -> Read:
 
 
 def merge_equal(verts: Verts, faces: Faces) -> tuple[Verts, Faces]:
-    """Make one vertex of those at exactly the same place, in order of first appearance."""
+    """Merge vertices at exactly the same place, in order of first appearance."""
     _, first, inverse = np.unique(verts, axis=0, return_index=True, return_inverse=True)
     order = np.argsort(first)
     rank = np.empty_like(order)
@@ -66,36 +66,36 @@ def merge_equal(verts: Verts, faces: Faces) -> tuple[Verts, Faces]:
 
 
 def _check_stl(raw: bytes) -> None:
-    """Binary by its size, or text with an end; trimesh takes half a binary file for an empty text."""
+    """Check the size of a binary file, or the end of a text; trimesh reads half a binary file as an empty text."""
     promised = 84 + 50 * int.from_bytes(raw[80:84], "little")
     if len(raw) == promised or (raw.lstrip().startswith(b"solid") and b"endsolid" in raw[-1024:]):
         return
     if raw.lstrip().startswith(b"solid") and b"facet" in raw[:1024]:
         raise DamagedFile("it has no endsolid, so its end is missing")
-    raise DamagedFile(f"its header promises {promised} bytes, it has {len(raw)}")
+    raise DamagedFile(f"its header gives {promised} bytes, but it has {len(raw)}")
 
 
 def _check_off(raw: bytes) -> None:
-    """trimesh takes as many faces as there are; a triangle needs four numbers."""
+    """Check the number of values: trimesh reads as many faces as there are; a triangle needs four numbers."""
     match = _OFF_COUNTS.search(raw[:4096])
     n, m = (int(match[1]), int(match[2])) if match else (0, 0)
     numbers = len(raw[match.end() :].split()) if match else 0
     if numbers < 3 * n + 4 * m:
-        raise DamagedFile(f"{n} vertices and {m} faces need {3 * n + 4 * m} numbers or more, it has {numbers}")
+        raise DamagedFile(f"{n} vertices and {m} faces need at least {3 * n + 4 * m} numbers, but it has {numbers}")
 
 
 def _check_ply(raw: bytes, n: int, m: int) -> None:
-    """trimesh takes as many faces of a text as there are; a polygon makes one triangle at least."""
+    """Check the counts: trimesh reads as many faces of a text as there are; a polygon gives at least one triangle."""
     promised = {name.decode(): int(count) for name, count in _PLY_COUNTS.findall(raw)}
     if n < promised.get("vertex", 0) or m < promised.get("face", 0):
-        raise DamagedFile(f"its header promises {promised}, it has {n} vertices and {m} triangles")
+        raise DamagedFile(f"its header gives {promised}, but it has {n} vertices and {m} triangles")
 
 
 _CHECK = {"stl": _check_stl, "off": _check_off}
 
 
 def write(kind: str, path: Path, surface: Surface) -> None:
-    """PLY, STL and GLB hold float32; OBJ and OFF get 22 decimals."""
+    """Write a surface; PLY, STL and GLB hold float32, OBJ and OFF get 22 decimals."""
     import trimesh
 
     with atomic_file(path) as temporary:
@@ -111,6 +111,6 @@ FORMATS = (
     _format("ply", re.compile(rb"ply\r?\n")),
     _format("glb", re.compile(rb"glTF")),
     _format("off", re.compile(rb"\s*(#[^\n]*\n\s*)*OFF\s")),
-    _format("stl", re.compile(rb"\s*solid\b")),  # of text; a binary one says nothing
+    _format("stl", re.compile(rb"\s*solid\b")),  # text only; a binary file has no mark
     _format("obj", None),
 )

@@ -1,4 +1,4 @@
-"""What the XML of a VTK file promises, seen before VTK believes it, which ends the process where memory is short."""
+"""Check the sizes that the XML of a VTK file declares before VTK reads it: VTK ends the process if memory is short."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ import numpy as np
 
 from morphofold.errors import DamagedFile
 
-MAX_UNPACKED = 2**29  # bytes of all arrays together; of their numbers each may take 8
+MAX_UNPACKED = 2**29  # bytes of all arrays together; each number may take 8
 MAX_COUNT = 2**24  # points and cells: VTK takes about 30 bytes for each
-_ROWS = {"Points": "Points", "PointData": "Points"}  # the count that an array has a row for; else of its own name
-_LINE = 1000  # letters of white space, at most, before an array
+_ROWS = {"Points": "Points", "PointData": "Points"}  # element -> the count of its rows; else the count of its own name
+_LINE = 1000  # at most so many characters of white space before an array
 
 
 @dataclass
 class _Tag:
-    """A beginning of an element: its name, that of the element around it, attributes, where it and its text begin."""
+    """The start of an element: its name, the element around it, its attributes, where it and its text begin."""
 
     name: str
     around: str
@@ -30,9 +30,9 @@ class _Tag:
 
 
 def check_blocks(raw: bytes) -> None:
-    """Raise ``ValueError`` unless counts, and the sizes to which arrays are said to unpack, are within bounds.
+    """Raise ``ValueError`` unless the counts, and the declared unpacked sizes of arrays, are within bounds.
 
-    Unpacked, each number takes at least a byte; zlib packs a thousand into one.
+    Each unpacked number takes at least one byte; zlib packs about a thousand bytes into one.
     """
     tags = _tags(raw)
     file = next((tag.attributes for tag in tags if tag.name == "VTKFile"), {})
@@ -40,14 +40,14 @@ def check_blocks(raw: bytes) -> None:
     room = (1032 if packed else 1) * len(raw)
     counts = [int(n) for tag in tags for key, n in tag.attributes.items() if _is_count(key)]
     if min(counts, default=0) < 0 or sum(counts) > min(MAX_COUNT, room):
-        raise DamagedFile(f"its header promises {sum(counts)} points and cells, it has {len(raw)} bytes")
+        raise DamagedFile(f"its header declares {sum(counts)} points and cells, but the file has {len(raw)} bytes")
     numbers = sum(_numbers(tags))
     if numbers > min(MAX_UNPACKED // 8, room):
-        raise DamagedFile(f"its header promises {numbers} numbers, it has {len(raw)} bytes")
+        raise DamagedFile(f"its header declares {numbers} numbers, but the file has {len(raw)} bytes")
     size = sum(_sizes(raw, tags, packed, file))
     most = MAX_UNPACKED if packed else min(MAX_UNPACKED, len(raw))
     if size > most:
-        raise DamagedFile(f"its arrays unpack to {size} bytes, at most {most}")
+        raise DamagedFile(f"its arrays unpack to {size} bytes; at most {most} are allowed")
 
 
 def _is_count(key: str) -> bool:
@@ -55,11 +55,11 @@ def _is_count(key: str) -> bool:
 
 
 class _Appended(Exception):
-    """Behind this tag is no XML."""
+    """No XML follows this tag."""
 
 
 def _tags(raw: bytes) -> list[_Tag]:
-    """The elements up to appended data, which is the last one if there are any."""
+    """The elements up to the appended data; its element, if any, is the last."""
     tags: list[_Tag] = []
     around: list[str] = []
     parser = expat.ParserCreate()
@@ -82,27 +82,27 @@ def _tags(raw: bytes) -> list[_Tag]:
 
 
 def _numbers(tags: list[_Tag]) -> Iterator[int]:
-    """How many numbers each array has at least, as components and counts say."""
+    """Least number of values of each array, from its components and counts."""
     counts: dict[str, int] = {}
     for tag in tags:
         if tag.name == "Piece":
             counts = {key.removeprefix("NumberOf"): int(n) for key, n in tag.attributes.items() if _is_count(key)}
             counts["CellData"] = sum(n for key, n in counts.items() if key != "Points")
-        elif tag.around and "type" in tag.attributes:  # whatever its name: VTK asks for the type alone
+        elif tag.around and "type" in tag.attributes:  # with any name: VTK checks only the type
             width = int(tag.attributes.get("NumberOfComponents", 1))
             if width < 0:
-                raise DamagedFile(f"an array has {width} components")
+                raise DamagedFile(f"an array has a negative number of components, {width}")
             rows = counts.get(_ROWS.get(tag.around, tag.around), 0)
             yield width * max(int(tag.attributes.get("NumberOfTuples", 0)), rows, 1)
 
 
 def _sizes(raw: bytes, tags: list[_Tag], packed: bool, file: Mapping[str, str]) -> Iterator[int]:
-    """Bytes of each binary array as its beginning says: its length, or the number of blocks and their sizes."""
+    """Bytes of each binary array as its first numbers declare: its length, or the number of blocks and their sizes."""
     order = ">" if file.get("byte_order") == "BigEndian" else "<"
     width = 8 if file.get("header_type") == "UInt64" else 4
 
     def words(at: int, count: int, is_raw: bool) -> list[int]:
-        """The first numbers of an array's beginning, which is packed into text by itself."""
+        """The first numbers of an array; they are encoded as text separately."""
         size = count * width
         letters = 4 * -(-size // 3)
         text = b"" if is_raw else b"".join(raw[at : at + _LINE + letters].split())[:letters]
@@ -117,7 +117,7 @@ def _sizes(raw: bytes, tags: list[_Tag], packed: bool, file: Mapping[str, str]) 
             raise DamagedFile(f"the {blocks} blocks of an array are larger than the file, which has {len(raw)} bytes")
         return max(blocks * each, last)
 
-    for tag in tags:  # VTK goes by the offset, meshio by the format
+    for tag in tags:  # VTK uses the offset, meshio the format
         if "offset" in tag.attributes:
             yield size(_appended(raw, tags[-1], tag.attributes["offset"]), tags[-1].attributes.get("encoding") == "raw")
         if tag.attributes.get("format", "").lower() == "binary":
@@ -125,11 +125,11 @@ def _sizes(raw: bytes, tags: list[_Tag], packed: bool, file: Mapping[str, str]) 
 
 
 def _appended(raw: bytes, data: _Tag, offset: str) -> int:
-    """Where an array begins in appended data, whose tag is the last one."""
+    """Where an array begins in the appended data, whose tag is the last one."""
     if data.name != "AppendedData":
-        raise DamagedFile("an array has an offset, and there are no appended data")
+        raise DamagedFile("an array has an offset, but the file has no appended data")
     if not (offset.isascii() and offset.isdigit()):
-        raise DamagedFile(f"an array has the offset {offset[:20]!r}, which is no whole number")
+        raise DamagedFile(f"an array has the offset {offset[:20]!r}, which is not a whole number")
     end = _end(raw, data)
     text = raw[end : end + _LINE].lstrip()
     if not text.startswith(b"_"):
@@ -138,16 +138,16 @@ def _appended(raw: bytes, data: _Tag, offset: str) -> int:
 
 
 def _inline(raw: bytes, tag: _Tag) -> int:
-    """Where the text of an array begins: XML says it by the tag's end, VTK takes the first bracket for that."""
+    """Where the text of an array begins: for XML at the end of the tag, for VTK after the first bracket."""
     end = _end(raw, tag)
     if tag.text != end:
-        raise DamagedFile("an array has no numbers right behind its tag")
+        raise DamagedFile("an array has no numbers directly after its tag")
     return end
 
 
 def _end(raw: bytes, tag: _Tag) -> int:
-    """Where a tag ends before data: a bracket in an attribute would end it early for some readers."""
+    """Where a tag before data ends; for some readers, a bracket in an attribute would end it too early."""
     for key, value in tag.attributes.items():
         if ">" in value:
-            raise DamagedFile(f"its {tag.name} before data has a > in {key}")
+            raise DamagedFile(f"its {tag.name} element has the character > in the attribute {key}")
     return raw.index(b">", tag.at) + 1

@@ -1,4 +1,4 @@
-"""VTK's files: VTK and VTU through meshio, VTP and polygon data through pyvista."""
+"""VTK file formats: VTK and VTU through meshio, VTP and polygon data through pyvista."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from morphofold.surface import Surface
 def read_unstructured(kind: str, path: Path) -> Read:
     """Vertices and triangles of an unstructured ``vtk`` or ``vtu`` file; lines and points are left out.
 
-    Refused if the file has other faces than triangles, or volume cells and no triangles.
+    Raises ``WrongFile`` if the file has faces other than triangles, or no triangles.
     """
     with decoding(path, f"a surface in {kind.upper()} format"):
         raw = path.read_bytes()
@@ -28,20 +28,20 @@ def read_unstructured(kind: str, path: Path) -> Read:
         mesh = importlib.import_module(f"meshio.{kind}").read(os.fspath(path))
         cells = {block.type: len(block.data) for block in mesh.cells if block.type not in ("vertex", "line")}
         if not cells.get("triangle"):
-            raise WrongFile(f"it holds no triangles but {cells or 'no cells'}; extract its surface first")
+            raise WrongFile(f"it holds {cells or 'no cells'} and no triangles; extract its surface first")
         flat = {k: n for k, n in cells.items() if k != "triangle" and k.startswith(("tri", "quad", "poly"))}
         if flat:
-            raise WrongFile(f"it holds {flat} beside {cells['triangle']} triangles; triangulate it first")
+            raise WrongFile(f"it holds {flat} as well as {cells['triangle']} triangles; triangulate it first")
         verts, faces = mesh.points, mesh.get_cells_type("triangle").astype(np.int64)
     warn_of_no_end(path, raw)
     return verts, faces, None
 
 
 def read_polygons(path: Path) -> Read:
-    """Vertices and triangles of VTK polygon data (``.vtp``, or a ``.vtk`` that says ``DATASET POLYDATA``)."""
+    """Vertices and triangles of VTK polygon data (``.vtp``, or a ``.vtk`` with ``DATASET POLYDATA``)."""
     import pyvista
 
-    errors = pyvista.VtkErrorCatcher(raise_errors=True, send_to_logging=False)  # VTK itself only prints them
+    errors = pyvista.VtkErrorCatcher(raise_errors=True, send_to_logging=False)  # VTK itself only prints errors
     with decoding(path, "a surface in VTK format"), silent_log(), pyvista.vtk_verbosity("off"), errors:
         raw = path.read_bytes()
         _check(raw)
@@ -49,7 +49,7 @@ def read_polygons(path: Path) -> Read:
         if not isinstance(mesh, pyvista.PolyData) or mesh.n_points == 0 or mesh.GetNumberOfPolys() == 0:
             raise DamagedFile("it holds no triangles, or is truncated")
         if not mesh.is_all_triangles:
-            raise WrongFile("it holds faces that are no triangles; triangulate it first")
+            raise WrongFile("it holds faces that are not triangles; triangulate it first")
         verts, faces = np.array(mesh.points, dtype=np.float64), mesh.regular_faces.astype(np.int64)
     warn_of_no_end(path, raw)
     return verts, faces, None
@@ -60,7 +60,7 @@ def _check(raw: bytes) -> None:
     if raw.startswith(b"# vtk"):
         return
     if not (b"<VTKFile" in raw and raw.rstrip().endswith(b"</VTKFile>")):
-        raise DamagedFile("it does not go from <VTKFile> to </VTKFile>")
+        raise DamagedFile("it does not reach from <VTKFile> to </VTKFile>")
     check_blocks(raw)
 
 
@@ -73,7 +73,7 @@ def write_unstructured(kind: str, path: Path, surface: Surface) -> None:
 
 
 def write_polygons(path: Path, surface: Surface) -> None:
-    """In float32."""
+    """Write a surface as VTP in float32."""
     import pyvista
     from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
 
@@ -81,7 +81,7 @@ def write_polygons(path: Path, surface: Surface) -> None:
         writer = vtkXMLPolyDataWriter()
         writer.SetInputData(pyvista.PolyData.from_regular_faces(surface.verts, surface.faces.astype(int)))
         writer.SetDataModeToBinary()
-        writer.WriteToOutputStringOn()  # into memory: at a full disk VTK ends the process
+        writer.WriteToOutputStringOn()  # into memory: VTK ends the process if the disk is full
         writer.Write()
         temporary.write_text(writer.GetOutputString(), encoding="ascii")
 

@@ -1,4 +1,4 @@
-"""Surfaces with known answers: spheres, bumpy, ridged; ellipsoid, torus, cylinder; irregular and noisy variants."""
+"""Surfaces with known answers: plain, bumpy and ridged spheres; ellipsoid, torus, cylinder; irregular, noisy meshes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from morphofold.surface import Cortex, Faces, PerVertex, Surface, Verts
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A triangle mesh of a smooth surface, with that surface's exact fields at the vertices.
+    """A triangle mesh of a smooth surface, with the exact fields of that surface at the vertices.
 
     ``normals`` (N, 3) are outward unit normals; ``k1 >= k2`` (N,) [1/mm] principal curvatures, convex positive;
     ``d1`` (N, 3) the unit direction of k1 (arbitrary where k1 = k2, and up to sign).
@@ -43,7 +43,7 @@ class Shape:
 
 
 def icosphere(level: int, radius: float = 1.0) -> tuple[Verts, Faces]:
-    """Sphere from an icosahedron whose triangles are split in four ``level`` times.
+    """Sphere from an icosahedron; its triangles are split in four ``level`` times.
 
     Returns
     -------
@@ -67,7 +67,7 @@ def icosphere(level: int, radius: float = 1.0) -> tuple[Verts, Faces]:
 def even_directions(n: int) -> NDArray[np.float64]:
     """Unit directions (n, 3), evenly spread over the whole sphere (Fibonacci lattice).
 
-    No two of them are mirror images at a coordinate plane: on a sphere that was mirrored from an octant they are n
+    No two of them are mirror images across a coordinate plane: on a sphere mirrored from an octant they are n different
     places of the octant.
     """
     k = np.arange(n) + 0.5
@@ -79,11 +79,11 @@ def even_directions(n: int) -> NDArray[np.float64]:
 def irregular_sphere(
     level: int, radius: float = 1.0, *, jitter: float = 0.45, rng: np.random.Generator | int = 0
 ) -> tuple[Verts, Faces]:
-    """Sphere as :func:`icosphere`, its vertices moved at random along the sphere and triangulated anew.
+    """Sphere as :func:`icosphere`, with vertices moved at random along the sphere and triangulated again.
 
     Each vertex moves by up to ``jitter`` mean edges along each of three axes before it returns to the sphere. The
-    faces are the Delaunay triangulation on the sphere (the convex hull), in random order of corners; at 0.45 the
-    smallest angle is about a degree. ``rng`` is a generator or a seed.
+    faces are the Delaunay triangulation on the sphere (the convex hull), in random order of corners. At 0.45 the
+    smallest angle is about one degree. ``rng`` is a generator or a seed.
     """
     rng = np.random.default_rng(rng)
     verts, _ = icosphere(level)
@@ -94,7 +94,7 @@ def irregular_sphere(
 
 
 def spherical_delaunay(verts: Verts) -> Faces:
-    """Delaunay triangulation (M, 3) of unit directions (N, 3) all around, counter-clockwise from outside."""
+    """Delaunay triangulation (M, 3) of unit directions (N, 3) around the sphere, counter-clockwise from outside."""
     faces = ConvexHull(verts).simplices.astype(np.int64)
     inward = np.sum(face_vectors(verts, faces) * verts[faces[:, 0]], axis=1) < 0
     faces[inward] = faces[inward][:, ::-1]
@@ -113,7 +113,7 @@ def sphere(level: int, radius: float = 50.0, *, rng: np.random.Generator | int |
 def ellipsoid(
     level: int, axes: tuple[float, float, float] = (50.0, 40.0, 30.0), *, rng: np.random.Generator | int | None = None
 ) -> Shape:
-    """Ellipsoid of the three semi-axes [mm]; irregular if ``rng`` (a generator or a seed) is given."""
+    """Ellipsoid with three semi-axes [mm]; irregular if ``rng`` (a generator or a seed) is given."""
     verts, faces = _sphere(level, rng)
     semi = np.asarray(axes, dtype=float)
     verts = verts * semi
@@ -128,7 +128,7 @@ def bumpy_sphere(
     *,
     rng: np.random.Generator | int | None = None,
 ) -> Shape:
-    """Sphere with hills, ``r = radius (1 + amplitude Y)``, Y the real orthonormal harmonic of degree 6, order 3.
+    """Sphere with hills, ``r = radius (1 + amplitude Y)``, with Y the real orthonormal harmonic of degree 6, order 3.
 
     Y lies between -0.65 and 0.65. At amplitude 0.2 the surface has hills, valleys and saddles with curvatures
     several times 1/radius. Irregular if ``rng`` (a generator or a seed) is given; ``level`` may also be any mesh of the
@@ -189,7 +189,7 @@ def torus(
     """Torus about z: ``n_around`` rows along the circle of radius ``major``, ``n_tube`` around the tube [mm].
 
     Irregular if ``rng`` (a generator or a seed) is given: vertices move by up to 0.45 of their spacing and are
-    triangulated anew (Delaunay in the two angles, stretched to lengths).
+    triangulated again (Delaunay in the two angles, stretched to lengths).
     """
     row, column = np.meshgrid(np.arange(n_around), np.arange(n_tube), indexing="ij")
     grid = np.stack([row + 0.5 * (column % 2), column], axis=-1).reshape(-1, 2).astype(float)
@@ -208,7 +208,7 @@ def torus(
 
 
 def _periodic_delaunay(grid: NDArray[np.float64], period: tuple[int, int], step: tuple[float, float]) -> Faces:
-    """Delaunay triangles of points of a doubly periodic plane, each once, counter-clockwise."""
+    """Delaunay triangles of points in a doubly periodic plane, each once, counter-clockwise."""
     n, span = len(grid), np.array(period, dtype=float)
     tiles = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)], dtype=float)
     points = (grid[None, :, :] + (tiles * span)[:, None, :]).reshape(-1, 2)
@@ -252,20 +252,20 @@ def ridged_sphere(
     thickness: float = 1.5,
     rng: np.random.Generator | int | None = None,
 ) -> tuple[Cortex, float]:
-    """Sphere with ``ridges`` equal gyri along circles of latitude, and the gyri's exact width at half height.
+    """Sphere with ``ridges`` equal gyri along circles of latitude, and their exact width at half height.
 
-    The pial radius is ``radius + height 2^-(2 s / width)^2``, s the arc length on the sphere of that radius to the next
-    of the circles, which divide the meridian evenly; the poles lie in sulci. White is the same with radius less
-    ``thickness`` and a ridge narrower by twice that, at least a fifth as wide: a blade inside each gyrus. Choose width
-    below half the spacing ``pi radius / ridges``, so that sulci reach the floor. Irregular if ``rng`` (a generator or a
-    seed) is given.
+    The pial radius is ``radius + height 2^-(2 s / width)^2``. Here s is the arc length on the sphere of that radius to
+    the nearest circle. The circles divide the meridian evenly; the poles lie in sulci. White is the same with radius
+    less ``thickness`` and ridges narrower by twice that, at least a fifth as wide: a blade inside each gyrus. Choose
+    width below half the spacing ``pi radius / ridges``, so that sulci reach the floor. Irregular if ``rng`` (a
+    generator or a seed) is given.
 
     Returns
     -------
     cortex : Cortex
         White and pial [mm].
     chord : float
-        ``2 (radius + height / 2) sin(width / (2 radius))`` [mm], straight from wall to wall at half height.
+        ``2 (radius + height / 2) sin(width / (2 radius))`` [mm], straight line from wall to wall at half height.
     """
     verts, faces = _sphere(level, rng)
     period = np.pi / ridges
@@ -294,9 +294,9 @@ def corrugated_sheet(
     Returns
     -------
     sheet : Surface
-        Up is outward [mm].
+        The sheet [mm]; up is outward.
     width : float
-        Of a gyrus, and of a sulcus, at half height: half a wavelength [mm].
+        Width of a gyrus and of a sulcus at half height: half a wavelength [mm].
     """
     n = round(size / edge) + 1
     across = np.linspace(0, size, n)
@@ -313,7 +313,7 @@ def corrugated_sheet(
 
 
 def with_noise(shape: Shape, fraction: float = 0.01, *, rng: np.random.Generator | int = 0) -> Shape:
-    """The shape with its vertices moved along the exact normal, normally distributed, sd ``fraction`` mean edges.
+    """The shape with vertices moved along the exact normal by normal noise with an sd of ``fraction`` mean edges.
 
     The exact fields stay those of the clean surface.
     """
@@ -326,9 +326,9 @@ def with_noise(shape: Shape, fraction: float = 0.01, *, rng: np.random.Generator
 def _implicit(
     verts: Verts, faces: Faces, gradient: NDArray[np.float64], hessian: NDArray[np.float64], name: str
 ) -> Shape:
-    """Exact normals and curvatures of a level set from its outward gradient and its Hessian at the vertices.
+    """Exact normals and curvatures of a level set, from its outward gradient and its Hessian at the vertices.
 
-    The second fundamental form is the Hessian in the tangent plane over the length of the gradient.
+    The second fundamental form is the Hessian in the tangent plane, divided by the length of the gradient.
     """
     steep = np.linalg.norm(gradient, axis=1)
     normals = gradient / steep[:, None]

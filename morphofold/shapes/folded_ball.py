@@ -1,4 +1,4 @@
-"""A ball folded like half a brain, with as many vertices as are asked for: what times are measured on."""
+"""A ball folded like half a brain, with a given number of vertices: the body for timing."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from morphofold.shapes import even_directions, spherical_delaunay
 from morphofold.shapes.ridges import SphericalNet, irregular_net, ridged_net
 from morphofold.surface import Cortex, Surface
 
-CELLS = 60  # of the net: 116 hinges, about as many as half a brain
+CELLS = 60  # of the net: 116 hinges, about as many as half a brain has
 WIDTH, HEIGHT, RADIUS, THICKNESS = 9.0, 8.0, 65.0, 1.8
 
 
 def folded_ball(n: int, net: SphericalNet | None = None) -> Cortex:
-    """Cortex of ``n`` vertices, evenly spread before they fold: ridges 9 mm wide and 8 mm high on a sphere of 65 mm,
-    along a net, by default an irregular one of 60 cells; white lies 1.8 mm deeper along the normals. Vertices are
-    numbered slice by slice of 1 mm, as those that come from a voxel image.
+    """Cortex of ``n`` vertices, evenly spread before folding: ridges 9 mm wide and 8 mm high on a sphere of 65 mm,
+    along a net, by default an irregular one of 60 cells. White lies 1.8 mm deeper along the normals. Vertices are
+    numbered in slices of 1 mm, as in surfaces from a voxel image.
 
     Raises
     ------
@@ -25,7 +25,7 @@ def folded_ball(n: int, net: SphericalNet | None = None) -> Cortex:
         If there are fewer than 1,000 vertices.
     """
     if n < 1000:
-        raise OutOfRange(f"the folded ball needs 1,000 vertices at least, got {n:,}.")
+        raise OutOfRange(f"the folded ball needs at least 1,000 vertices, got {n:,}.")
     verts = even_directions(n)
     verts = verts[np.lexsort((verts[:, 2], *np.round(RADIUS * verts[:, :2].T)))]
     faces = spherical_delaunay(verts)

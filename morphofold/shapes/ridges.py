@@ -1,4 +1,4 @@
-"""Spheres with ridges along a known net: gyri whose hinges, crests and widths are exact."""
+"""Spheres with ridges along a known net: gyri with exactly known hinges, crests and widths."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from morphofold.surface import Faces, Surface, Verts
 
 GOLDEN = (1 + 5**0.5) / 2
 
-#: corners of the regular solids, on any sphere
+#: corners of the regular solids, not scaled to a unit sphere
 SOLIDS = {
     "tetrahedron": [[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]],
     "cube": list(product((-1, 1), repeat=3)),
@@ -32,14 +32,14 @@ SOLIDS = {
 
 @dataclass(frozen=True, eq=False)
 class SphericalNet:
-    """Unit directions of the nodes (K, 3), and pairs of nodes (A, 2) that arcs of great circles join."""
+    """Unit directions of the nodes (K, 3), and pairs of nodes (A, 2) joined by arcs of great circles."""
 
     nodes: Array
     arcs: NDArray[np.int64]
 
     @property
     def degree(self) -> NDArray[np.int64]:
-        """Arcs at each node (K,)."""
+        """Number of arcs at each node (K,)."""
         return np.bincount(self.arcs.ravel(), minlength=len(self.nodes))
 
     @property
@@ -60,7 +60,7 @@ class SphericalNet:
         return np.sort(np.diff(np.r_[azimuth, azimuth[0] + 360]))
 
     def rotated(self, rotation: Array) -> SphericalNet:
-        """The net turned by a matrix (3, 3)."""
+        """The net rotated by a matrix (3, 3)."""
         return SphericalNet(self.nodes @ rotation.T, self.arcs)
 
 
@@ -77,13 +77,13 @@ def regular_net(solid: str) -> SphericalNet:
 def irregular_net(cells: int, seed: int = 0, *, shortest: float = 0.0, rounds: int = 3) -> SphericalNet:
     """Borders of the Voronoi cells of random points, 2 ``cells`` - 4 nodes of degree 3.
 
-    The points move to the middle of their cells ``rounds`` times; drawn anew, from the next seed, until no arc is less
-    than ``shortest`` [rad].
+    The points move to the middle of their cells ``rounds`` times. They are drawn again, with the next seed, until no
+    arc is shorter than ``shortest`` [rad].
 
     Raises
     ------
     NoSolution
-        If 200 seeds have a shorter arc each.
+        If all of 200 seeds give a shorter arc.
     """
     for trial in range(200):
         points = np.random.default_rng(seed + trial).standard_normal((cells, 3))
@@ -96,7 +96,7 @@ def irregular_net(cells: int, seed: int = 0, *, shortest: float = 0.0, rounds: i
         net = SphericalNet(found.vertices, np.array(sorted(sides)))
         if net.lengths.min() >= shortest:
             return net
-    raise NoSolution(f"200 nets of {cells} cells have arcs shorter than {shortest:g} rad; ask for less.")
+    raise NoSolution(f"200 nets of {cells} cells have arcs shorter than {shortest:g} rad; use a smaller length.")
 
 
 def ridged_net(
@@ -111,25 +111,26 @@ def ridged_net(
     noise: float = 0.0,
     rng: np.random.Generator | int | None = None,
 ) -> Surface:
-    """Sphere with a ridge along every arc of a net; crests lie at ``radius + height`` where they do not dip.
+    """Sphere with a ridge along every arc of a net; crests lie at ``radius + height`` if they do not dip.
 
-    Its radius is ``radius + height 2^-(2 s / width)^2``, s the arc length on the sphere of ``radius`` to the next arc.
+    Its radius is ``radius + height 2^-(2 s / width)^2``. Here s is the arc length on the sphere of ``radius`` to the
+    nearest arc.
 
     Parameters
     ----------
     net : SphericalNet
     level : int, or (verts, faces)
-        Of the icosphere: 10 4^level + 2 vertices. Or any mesh of the unit sphere.
+        Level of the icosphere, with 10 4^level + 2 vertices; or any mesh of the unit sphere.
     width, height, radius : float
         Full width at half height of a ridge, its height, radius of the floor [mm].
     dip : float
-        Share of its height by which a ridge is lower half way between its nodes; by sin^2 between.
+        Share of its height by which a ridge is lower at the middle between its nodes; sin^2 along the arc.
     blind : (B, 2, 3) float64, optional
-        Directions between which further ridges run, from the net to their tips, on no arc of it.
+        Further ridges that are not arcs of the net, as pairs of directions: from the net to their tips.
     noise : float
         Standard deviation of the displacement of every vertex along each axis [mean edges].
     rng : generator or int, optional
-        An irregular mesh, its seed and that of the noise; None: the icosphere, and noise of seed 0.
+        For an irregular mesh: its seed and that of the noise. None: the icosphere, and noise of seed 0.
     """
     random = np.random.default_rng(0 if rng is None else rng)
     if isinstance(level, tuple):
@@ -150,7 +151,7 @@ def ridged_net(
 
 
 def from_arc(points: Verts, a: Array, b: Array) -> tuple[Array, Array]:
-    """Angle (N,) [rad] of unit directions from the great arc between two, and where on it, 0 to 1, the nearest is."""
+    """Angle (N,) [rad] of unit directions from the great arc between two, and the place, 0 to 1, nearest on it."""
     pole = np.cross(a, b)
     pole /= np.linalg.norm(pole)
     ahead = np.cross(pole, a)

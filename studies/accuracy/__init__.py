@@ -1,1 +1,1 @@
-"""The study of accuracy: errors and times of many settings of the solver and the measuring room, and of peers."""
+"""The study of accuracy: errors and times of many settings of the solver and the analysis, and of peers."""

@@ -1,4 +1,4 @@
-"""The forces of bricks once more, assembled by scikit-fem: a readable twin of the kernels, and a peer in speed."""
+"""The forces of bricks assembled by scikit-fem: a readable counterpart of the kernels, and a peer in speed."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SKFEM = "scikit-fem assembly"
 
 
 class Twin:
-    """Forces and energies of a ``Body`` of bricks at its present growth, from scikit-fem's basis on its reference
+    """Forces and energies of a ``Body`` of bricks at its present growth, from the scikit-fem basis on its reference
     positions and :mod:`morphofold.sim.materials.elastic`."""
 
     def __init__(self, body: Body):
@@ -60,8 +60,8 @@ class Twin:
 
 
 def assembly_points(cells: int) -> list[Point]:
-    """Forces of a grown, shaken octant by the kernels and by scikit-fem, in double precision; the error is what parts
-    them."""
+    """Forces of a grown, shaken octant by the kernels and by scikit-fem, in double precision; the error is their
+    difference."""
     body = speed_body("brick", cells, "octant", single=False)
     body.grow(GROWTH)
     x = body.X + SHAKE * np.random.default_rng(0).standard_normal(body.X.shape)

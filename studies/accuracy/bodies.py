@@ -1,4 +1,4 @@
-"""The settings of the solver that the study varies, and the body that each of them makes."""
+"""The settings of the solver that the study varies, and the body of each setting."""
 
 from __future__ import annotations
 
@@ -18,36 +18,36 @@ from morphofold.sim.scene.files import load_scene
 from morphofold.studies.accuracy.points import Point, Timing
 from morphofold.studies.speed.solver import cut_bricks
 
-SCENE = "fig6-thick"  # its folds are few enough to be grown on meshes far finer than any that is used
+SCENE = "fig6-thick"  # has few folds, so it can be grown on meshes far finer than those in use
 PORTION = "octant"
 SUBJECT = f"{SCENE}, {PORTION}"
 STANDARD = LEVELS["standard"]
-FIXED = "mesh, 3 elements"  # an axis of the mesh along which elements through the cortex stay three
-PACED = "mesh and pace"  # an axis that refines both; its bodies are not folded: those of another pace fold otherwise
+FIXED = "mesh, 3 elements"  # axis of the mesh with three elements through the cortex throughout
+PACED = "mesh and pace"  # axis that refines both; without folding, because bodies of another pace fold differently
 
 
 @dataclass(frozen=True)
 class Setting:
-    """How the body of the study is discretised and grown; all that is not said is that of ``standard``.
+    """How the body of the study is discretised and grown; other values are those of ``standard``.
 
     Attributes
     ----------
     axis, words : str
-        What is varied, and to what.
+        The varied quantity, and its value as text.
     value : float
-        Where it lies on the axis; along those of the mesh :attr:`built`.
+        Position on the axis; along axes of the mesh :attr:`built`.
     edge : float
-        Largest edge of the ungrown surface over the thickness of the cortex that is asked for.
+        Requested largest edge of the ungrown surface over the thickness of the cortex.
     layers : int, optional
-        Elements through the cortex; None: as many as go with the edge.
+        Elements through the cortex; None: as many as belong to the edge.
     kappa_ratio, rate : float
         As in a scene.
     element : {"brick", "tet"}
-        Tetrahedra are those of the bricks, six each.
+        Tetrahedra are cut from the bricks, six from each.
     contact : float
-        Stiffness of contact over the built-in one.
+        Stiffness of contact over the built-in stiffness.
     precision : {"single", "double"}
-        Of the forces of bricks.
+        Precision of the forces of bricks.
     """
 
     axis: str
@@ -68,25 +68,25 @@ class Setting:
 
     @property
     def name(self) -> str:
-        """For a file."""
+        """Name for a file."""
         name = f"h{self.edge:g}-n{self.through}-k{self.kappa_ratio:g}-r{self.rate:g}-c{self.contact:g}-{self.element}"
         return f"{name}-{self.precision}"
 
     @property
     def built(self) -> float:
-        """Largest edge over thickness that the mesh has: cells along a quarter circle are whole and even."""
+        """Largest edge over thickness of the actual mesh: a quarter circle has a whole, even number of cells."""
         scene = self.scene()
         sphere: Any = scene.geometry
         return float(0.5 * np.pi * sphere.radius / scene.cells / sphere.cortex_thickness)
 
     @property
     def preset(self) -> str:
-        """The level of accuracy that this is, if it is one."""
+        """The name of the level of accuracy that this setting equals, else empty."""
         named = {edge: level for level, edge in LEVELS.items()}
         return named.get(self.edge, "") if self.name == Setting("", "", 0.0, edge=self.edge).name else ""
 
     def scene(self, settings: tuple[str, ...] = ()) -> Scene:
-        """The scene of the study with this setting and others."""
+        """The scene of the study with this setting and further ones."""
         thickness = load_scene(SCENE).geometry.cortex_thickness
         return load_scene(
             SCENE,
@@ -102,7 +102,7 @@ class Setting:
         )
 
     def point(self, quantity: str, error: float, against: str, size: int, timing: Timing) -> Point:
-        """How wrong a quantity came out with this setting, and how long that took."""
+        """The error of a quantity with this setting, and its time."""
         return Point(
             "solver",
             SUBJECT,
@@ -118,12 +118,12 @@ class Setting:
         )
 
     def bilayer(self) -> Bilayer:
-        """The mesh of the body, not grown."""
+        """The mesh of the ungrown body."""
         bricks = build_bilayer(self.scene())
         return cut_bricks(bricks) if self.element == "tet" else bricks
 
     def dynamics(self, *, folds: bool) -> Dynamics:
-        """A run at rest: with imperfection and contact, or without either."""
+        """A run at rest: with imperfection and contact, or without both."""
         scene = self.scene(() if folds else ("effects={}",))
         effects = build_effects(scene)
         for effect in effects:
@@ -134,7 +134,7 @@ class Setting:
 
 
 def axes() -> dict[str, list[Setting]]:
-    """All settings, by what they vary; along each axis from cheap to dear, ``standard`` among them."""
+    """All settings by axis; along each axis from cheap to expensive, including ``standard``."""
     through = "{} elements through the cortex"
     found = {
         "mesh": _along("mesh", "h = {:.2f} T", "edge", EDGES),
@@ -160,11 +160,11 @@ def axes() -> dict[str, list[Setting]]:
 
 
 def _along(axis: str, words: str, name: str, values: Sequence[float], **others: Any) -> list[Setting]:
-    """A setting for each value of the field ``name``, the others as given."""
+    """A setting for each value of the field ``name``, with the other fields as given."""
     return [Setting(axis, words.format(value), value, **{name: value, **others}) for value in values]
 
 
 ON_EDGES = ("mesh", FIXED, PACED, "element")
 EDGES = (1.20, 1.00, 0.80, 0.60, 0.45, 0.36, 0.27)
-#: what folds of all settings are held against
+#: reference for the folds of all settings
 FINEST = Setting("mesh", "finest: h = 0.18 T", 0.18, edge=0.18)

@@ -1,4 +1,4 @@
-"""Error against time of the solver once the body is folded: against the finest mesh, and along each axis."""
+"""Error against time of the solver for a folded body: compared with the finest mesh, and along each axis."""
 
 from __future__ import annotations
 
@@ -20,26 +20,26 @@ from morphofold.studies.accuracy.points import ANEW, Point, Timing
 from morphofold.surface import Surface
 from morphofold.timing import working_seconds
 
-STAGES = (1.5, 2.0)  # growth at which folds are measured: sulci have closed; the end
+STAGES = (1.5, 2.0)  # growths at which folds are measured: sulci are closed; the end of growth
 MESH = "finest mesh"
-#: axes along which the last setting is the most accurate; that of the others is the finest mesh
+#: axes whose last setting is the most accurate; for the other axes it is the finest mesh
 WITH_A_LIMIT = ("layers", "kappa", "pace", "contact", "precision")
 NUMBERS = ("gyrification index", "wavelength", "strain energy")
 
 
 class Folds(NamedTuple):
-    """A grown body at one growth: its pial surface and what was measured of it.
+    """A grown body at one growth: its pial surface and its measured numbers.
 
     Attributes
     ----------
     pial : Surface
         Closed [mm].
     numbers : mapping
-        ``NUMBERS`` by name: that of the pial surface, the wavelength [mm] of the power spectrum of its height on the
-        ungrown sphere, the energy of the body in the unit of the core's modulus times mm^3.
+        ``NUMBERS`` by name: the gyrification index of the pial surface, the wavelength [mm] of the power spectrum of
+        its height on the ungrown sphere, the energy of the body in units of the modulus of the core times mm^3.
     elements, steps : int
     seconds : float
-        Wall time of all steps of the run, to its end.
+        Wall time of all steps of the whole run.
     """
 
     pial: Surface
@@ -50,7 +50,7 @@ class Folds(NamedTuple):
 
 
 def grown(setting: Setting, kept: Path, show: Progress = silent) -> dict[float, Folds]:
-    """Folds at each of ``STAGES``, grown now or read from the file ``kept`` (.npz), where they are then."""
+    """Folds at each of ``STAGES``, read from the file ``kept`` (.npz), or grown now and written there."""
     if not kept.exists():
         arrays = _grow(setting, show)
         with atomic_file(kept) as temporary, temporary.open("wb") as file:
@@ -94,11 +94,11 @@ def _folds(arrays: Any, g: float) -> Folds:
 
 
 def pairs(settings: Sequence[Setting], finest: Setting = FINEST) -> list[tuple[Setting, Setting, str]]:
-    """What is held against what: a setting, the more accurate one, and the words for the latter.
+    """Pairs to compare: a setting, the more accurate setting, and a description of the latter.
 
-    Settings of an axis with a limit are held against the last of it, as they are in order, the most accurate last; all
-    others against the finest mesh (``MESH``). Against that one, a coarse mesh of another pace, say, has two errors,
-    which may cancel.
+    On an axis with a limit, settings are compared with the last one, because settings are ordered with the most
+    accurate last. All others are compared with the finest mesh (``MESH``). For a coarse mesh of another pace, for
+    example, that comparison would contain two errors, which may cancel.
     """
     last = {s.axis: s for s in settings if s.axis in WITH_A_LIMIT}
     found = []
@@ -111,13 +111,13 @@ def pairs(settings: Sequence[Setting], finest: Setting = FINEST) -> list[tuple[S
 
 
 def fold_points(s: Setting, mine: Mapping[float, Folds], better: Mapping[float, Folds], against: str) -> list[Point]:
-    """Errors of the folds of a setting, held against those of a better one, both by growth.
+    """Errors of the folds of a setting, compared with those of a better setting, both by growth.
 
     Returns
     -------
     list of Point
-        Of each of ``NUMBERS`` the relative difference; ``pial distance``, :func:`distance` over the thickness of the
-        cortex. Quantities are followed by the growth, as in ``"wavelength, g = 1.5"``.
+        The relative difference of each of ``NUMBERS``, and ``pial distance``, :func:`distance` over the thickness of
+        the cortex. Names of quantities end with the growth, as in ``"wavelength, g = 1.5"``.
     """
     points = []
     for g, folds in mine.items():

@@ -1,4 +1,4 @@
-"""Which settings are worth their time, and how time and error go with the size of a mesh."""
+"""Which settings are worth their time, and how time and error scale with the size of a mesh."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from scipy.stats import t as student
 from morphofold.errors import OutOfRange
 from morphofold.studies.accuracy.points import Point
 
-LIKELY = 0.95  # of intervals
-ENDLESS = 1000.0  # powers of two of the time beyond which it doesn't matter how many
-FASTER, TRUER = 0.75, 0.95  # shares of time and error below which a setting is the better one for sure
+LIKELY = 0.95  # confidence of intervals
+ENDLESS = 1000.0  # largest power of two of the time; larger ones are cut to it
+FASTER, TRUER = 0.75, 0.95  # shares of time and error below which a setting is clearly better
 
-#: what can be compared: points of one key are in one picture
+#: points with the same key can be compared and are in one picture
 Key = tuple[str, str, str, str]
 
 
 def grouped(points: Iterable[Point]) -> dict[Key, list[Point]]:
-    """Points by (half, subject, quantity, against), in their order."""
+    """Points by (half, subject, quantity, against), in the given order."""
     groups: dict[Key, list[Point]] = defaultdict(list)
     for p in points:
         groups[p.half, p.subject, p.quantity, p.against].append(p)
@@ -30,10 +30,11 @@ def grouped(points: Iterable[Point]) -> dict[Key, list[Point]]:
 
 
 def better_than(points: Sequence[Point]) -> list[Point | None]:
-    """For each point the one that dominates it, None if none: faster by more than times wander (``FASTER``) and no less
-    accurate than errors scatter (``TRUER``), or more accurate by more than that and no slower.
+    """For each point, the point that dominates it, or None. The other point is faster by more than the scatter of times
+    (``FASTER``) and not less accurate beyond the scatter of errors (``TRUER``), or more accurate beyond that and not
+    slower.
 
-    Those that have None are the Pareto front. Of several the most accurate is named, of these the fastest.
+    Points with None form the Pareto front. Of several dominating points, the most accurate is given, then the fastest.
     """
     found: list[Point | None] = []
     for p in points:
@@ -59,7 +60,7 @@ class Law:
     scatter : float
         Standard deviation of ln y about the law.
     n : int
-        Points.
+        Number of points.
     low, high : float
         Range of x.
     """
@@ -78,22 +79,22 @@ class Law:
 
 
 def law(x: ArrayLike, y: ArrayLike) -> Law:
-    """The power law through points by least squares of logarithms.
+    """The power law through points, by least squares of logarithms.
 
     Parameters
     ----------
     x, y : (n,) float
-        Positive; three points or more.
+        Positive; at least three points.
 
     Raises
     ------
     OutOfRange
-        For fewer than three different x, or numbers that are not positive and finite.
+        If there are fewer than three different x, or numbers that are not positive and finite.
     """
     x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
     if len(np.unique(x)) < 3 or not (np.isfinite(x) & np.isfinite(y) & (x > 0) & (y > 0)).all():
         raise OutOfRange(
-            f"a power law takes three points or more, all positive; got x = {x.tolist()}, y = {y.tolist()}."
+            f"a power law needs at least three points, all positive; got x = {x.tolist()}, y = {y.tolist()}."
         )
     power, shift = np.polyfit(np.log(x), np.log(y), 1)
     rest, away = np.log(y) - shift - power * np.log(x), np.log(x) - np.log(x).mean()
@@ -121,10 +122,10 @@ class Halving:
 
 
 def halving(seconds: Law, error: Law) -> Halving | None:
-    """Time goes with x to a negative power, the error to a positive one: half the error takes ``2^(-a/p)`` times as
-    long. None if the error does not fall with x for sure.
+    """Time scales with x to a negative power a, the error to a positive power p: half the error takes ``2^(-a/p)``
+    times as long. None if the power of the error is not significantly positive.
 
-    The interval is that of the ratio of two powers (Fieller): it is not symmetric.
+    The interval is that of the ratio of two powers (Fieller); it is not symmetric.
     """
     a, p, da, dp = -seconds.power, error.power, seconds.uncertainty, error.uncertainty
     if not p - dp > 0:

@@ -1,8 +1,8 @@
-"""What accuracy costs in the measuring room: curvature and thickness of shapes with known answers, beside peers.
+"""The cost of accuracy in the analysis: curvature and thickness of shapes with known answers, compared with peers.
 
-The error of a field is the root of the area-weighted mean square of its difference from the exact one, over that of the
-exact one itself; a vertex without a value counts as 0, so that it is wrong by all of it. Clocks stand still while numba
-compiles. A peer that fails has a point without error or seconds (NaN, no repeats) whose setting says why.
+The error of a field is the root of the area-weighted mean square of its difference from the exact field, over that of
+the exact field. A vertex without a value counts as 0, so its relative error is 1. Times exclude numba compilation. A
+peer that fails has a point without error or seconds (NaN, no repeats); its setting gives the reason.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from morphofold.surface import Faces, PerVertex, Surface, Verts
 
 LEVELS = (4, 5, 6, 7)  # of the icosphere: 2,562 to 163,842 vertices
 SCALES = (1.6, 2.2, 3.0, 4.0, 5.0, 6.0, 8.0)  # mean edges
-GAP, SLIDE = 2.5, 0.4  # [mm] of cortex; by which its inner vertices slid along it, in mean edges
+GAP, SLIDE = 2.5, 0.4  # thickness of the cortex [mm]; shift of its inner vertices along the surface, in mean edges
 Fields = Mapping[str, PerVertex]
 
 
 def relative_rms(found: PerVertex, exact: PerVertex, areas: PerVertex) -> float:
-    """The error of a field (N,), as the head of this file defines it."""
+    """The error of a field (N,), as defined at the top of this file."""
     wrong = np.where(np.isfinite(found), found, 0.0) - exact
     return float(np.sqrt(np.sum(areas * wrong**2) / np.sum(areas * exact**2)))
 
@@ -65,13 +65,13 @@ def point(
 
 
 def of_mesh(verts: Verts, faces: Faces) -> dict[str, Any]:
-    """Where a mesh lies on the axis of meshes: its vertices, and their mean edge [mm]."""
+    """Position of a mesh on the axis of meshes: its number of vertices and mean edge [mm]."""
     n = len(verts)
     return {"setting": f"{n:,} vertices", "value": geometry.mean_edge_length(verts, faces), "size": n}
 
 
 def cases() -> list[Case]:
-    """Those of this file."""
+    """The cases of this file."""
     shapes: dict[str, tuple[Callable[[int], Shape], tuple[int, ...]]] = {
         "bumpy sphere": (partial(bumpy, noise=0.0), LEVELS),
         "bumpy sphere, 1 % noise": (partial(bumpy, noise=0.01), LEVELS),
@@ -95,18 +95,18 @@ def _word(name: str) -> str:
 
 
 def bumpy(level: int, noise: float) -> Shape:
-    """Irregular, with hills and valleys of 12 to 50 mm."""
+    """Irregular bumpy sphere with hills and valleys of 12 to 50 mm."""
     shape = bumpy_sphere(level, rng=0)
     return with_noise(shape, noise, rng=1) if noise else shape
 
 
 def ring(level: int) -> Shape:
-    """Irregular torus of as many vertices as an icosphere, nearly."""
+    """Irregular torus with nearly as many vertices as an icosphere."""
     return torus(5 * 2**level, 2 * 2**level, rng=0)
 
 
 def curvature_over_meshes(subject: str, make: Callable[[int], Shape], levels: Iterable[int]) -> list[Point]:
-    """Ours within three mean edges, and within 3 mm (at least 2.5 edges) as ``measure`` has it; peers at their own."""
+    """Ours within three mean edges, and within 3 mm (at least 2.5 edges) as in ``measure``; peers at their scales."""
     points = []
     for level in levels:
         shape = make(level)
@@ -121,7 +121,7 @@ def curvature_over_meshes(subject: str, make: Callable[[int], Shape], levels: It
 
 
 def curvature_over_scales(subject: str, make: Callable[[int], Shape], level: int) -> list[Point]:
-    """Ours and the peers that have a reach, on one mesh."""
+    """Ours over several scales, and the peers with a reach, on one mesh."""
     shape = make(level)
     edge = geometry.mean_edge_length(shape.verts, shape.faces)
     points = []
@@ -145,7 +145,7 @@ def _ours(verts: Verts, faces: Faces, scale: float | None = None) -> Fields:
 def _fields(
     shape: Shape, subject: str, call: Callable[[Verts, Faces], Fields], method: str = OURS, **about: Any
 ) -> list[Point]:
-    """A point for each field that a method gives of a shape."""
+    """A point for each field that a method computes for a shape."""
     areas = geometry.vertex_areas(shape.verts, shape.faces)
     about = {"size": len(shape.verts), "method": method, **about}
     found, timing = _tried(lambda: call(shape.verts, shape.faces), method, about)
@@ -156,19 +156,19 @@ def _fields(
 
 
 def _tried(work: Callable[[], Any], method: str, about: dict[str, Any]) -> tuple[Any, Timing]:
-    """As ``timed``; of a peer that fails None, and why in the setting. Our own failures are errors."""
+    """As ``timed``; for a peer that fails, None and the reason in the setting. Our own failures raise errors."""
     if method == OURS:
         return timed(work)
     try:
         return timed(work)
-    except Exception as error:  # whatever another package may raise
+    except Exception as error:  # any error that another package may raise
         reason = str(error).splitlines()[0] if str(error) else "no reason given"
         about["setting"] += f": failed, {type(error).__name__}: {reason}"
         return None, NEVER
 
 
 def thickness_over_meshes(levels: Iterable[int]) -> list[Point]:
-    """Thickness of the parallel pair, both ways halved as ours is; of peers without tests of which side is outward."""
+    """Thickness of the parallel pair, the mean of both directions as ours; peers do not test which side is outward."""
     points = []
     for level in levels:
         white, pial = parallel_pair(level)
@@ -199,10 +199,10 @@ def _both_ways(peer: Peer, white: Surface, pial: Surface) -> PerVertex:
 
 
 def parallel_pair(level: int) -> tuple[Surface, Surface]:
-    """Irregular bumpy sphere and what lies exactly ``GAP`` within it, vertices slid along by part of an edge.
+    """Irregular bumpy sphere and the surface exactly ``GAP`` within it, with vertices shifted by part of an edge.
 
-    No point of the one is nearer to the other than ``GAP`` or farther: no radius of curvature is as small. Turned about
-    an axis that is none of the shape's, so that no vertex lies opposite its partner.
+    Every point of one surface is exactly ``GAP`` from the other, because no radius of curvature is as small. The mesh
+    is rotated about an axis that is not an axis of the shape, so that no vertex lies opposite its partner.
     """
     verts, faces = irregular_sphere(level, rng=0)
     angle = SLIDE * geometry.mean_edge_length(verts, faces)

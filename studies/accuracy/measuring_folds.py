@@ -1,4 +1,4 @@
-"""What accuracy costs where gyri are measured: widths, hinges and crests of made folds, whose answers are known."""
+"""The cost of accuracy for gyri: widths, hinges and crests of constructed folds with known answers."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from morphofold.studies.accuracy.measuring import point
 from morphofold.studies.accuracy.points import Case, Point, Timing, timed
 from morphofold.surface import Cortex, PerVertex, Surface
 
-SHORTEST = 0.07  # [rad] of the arcs of the net: shorter ones are one hinge by definition
+SHORTEST = 0.07  # [rad], shortest arc of the net: the ends of a shorter arc are one hinge by definition
 SIZES = (2_500, 10_000, 40_000, 160_000)
-SCALES = (3.0, 4.0, 6.0, 8.0, 10.0)  # [mm], of gyral thickness
+SCALES = (3.0, 4.0, 6.0, 8.0, 10.0)  # [mm], scales of gyral thickness
 VOXELS = (3.0, 4.0, 6.0, 8.0, 12.0, 20.0)  # in the radius of the closing
 
 
 def cases() -> list[Case]:
-    """Those of this file."""
+    """The cases of this file."""
     return [
         Case("gyral-thickness-ridges", partial(width_of_ridges, (4, 5, 6, 7))),
         Case("gyral-thickness-sheet", partial(width_of_sheet, (3.0, 2.0, 1.5, 1.0, 0.75, 0.5))),
@@ -38,7 +38,7 @@ def cases() -> list[Case]:
 
 
 def width_of_ridges(levels: Iterable[int]) -> list[Point]:
-    """Median of gyral thickness over meshes, accuracies, and at the middle level of three scales or more over these."""
+    """Median of gyral thickness over meshes and accuracies, and on the middle level also over scales."""
     levels = list(levels)
     points = []
     for level in levels:
@@ -66,7 +66,7 @@ def width_of_ridges(levels: Iterable[int]) -> list[Point]:
 
 
 def width_of_sheet(edges: Iterable[float]) -> list[Point]:
-    """Median of gyral thickness of a sheet over meshes of so many edges [mm]."""
+    """Median of gyral thickness of a sheet over meshes with these edge lengths [mm]."""
     points = []
     for edge in edges:
         sheet, width = corrugated_sheet(edge, rng=0)
@@ -93,26 +93,26 @@ def _median_of_sheet(sheet: Surface) -> float:
 
 
 def _width(subject: str, exact: float, found: float, timing: Timing, *, axis: str = "mesh", **about: Any) -> Point:
-    """Of a median, which is NaN where no folds were resolved."""
+    """The point of a median width; NaN, if no folds were resolved, counts as an error of 1."""
     error = abs(found / exact - 1) if np.isfinite(found) else 1.0
     return point(subject, "gyral thickness", error, timing, axis=axis, **about)
 
 
 def _at_accuracies(cortex: Cortex, work: Callable[[Cortex, Preset], Any]) -> Iterator[tuple[str, Any, Timing]]:
-    """What the work gives of a cortex at each accuracy, and its time; once for those that measure it as it is."""
+    """Result and time of the work on a cortex at each accuracy; done once for accuracies that do not resample it."""
     plain = timed(partial(work, cortex, PRESETS["standard"]))
     for name, accuracy in PRESETS.items():
         yield name, *(timed(partial(work, cortex, accuracy)) if resampled(cortex, accuracy).changed else plain)
 
 
 def _axes(name: str, n: int) -> list[dict[str, Any]]:
-    """Where a result at an accuracy belongs: the standard one is that of the mesh as it is, too."""
+    """Axes of a result at an accuracy; the standard result is also that of the unchanged mesh."""
     mesh = [{"axis": "mesh", "setting": f"{n:,} vertices"}] if name == "standard" else []
     return [*mesh, {"axis": "accuracy", "setting": f"{name}, {n:,} vertices", "preset": name}]
 
 
 def net_over_meshes(sizes: Iterable[int]) -> list[Point]:
-    """Hinges and crests of a net of ridges, on meshes as they are and at the accuracies where those change anything."""
+    """Hinges and crests of a net of ridges, on unchanged meshes and at the accuracies that resample them."""
     net = irregular_net(CELLS, shortest=SHORTEST)
     points = []
     for n in sizes:
@@ -133,8 +133,8 @@ def _graph(cortex: Cortex, accuracy: Preset) -> Any:
 
 
 def net_errors(graph: Any, net: SphericalNet) -> dict[str, float]:
-    """Errors of a graph, directions compared at the radius of the crests: ``hinges``, one less the F1 of those within
-    half a gyral width; ``hinge places`` and ``crest lines``, median distances to the true ones over the width."""
+    """Errors of a graph, with directions compared at the radius of the crests: ``hinges`` is 1 less the F1 score within
+    half a gyral width; ``hinge places`` and ``crest lines`` are median distances to the true ones over the width."""
     crown = RADIUS + HEIGHT
     hinges = [node["position"] for _, node in graph.nodes(data=True) if node["degree"] > 2]
     if not hinges:
@@ -151,7 +151,7 @@ def net_errors(graph: Any, net: SphericalNet) -> dict[str, float]:
 
 
 def f1(found: Array, true: Array, within: float) -> float:
-    """Twice the pairs of places (P, 3), (Q, 3) that are each other's nearest, and that near, over all of both."""
+    """F1 score of places (P, 3), (Q, 3): twice the number of mutual nearest pairs ``within`` a distance, over P + Q."""
     if not len(found):
         return 0.0
     there, which = cKDTree(true).query(found)
@@ -161,7 +161,7 @@ def f1(found: Array, true: Array, within: float) -> float:
 
 
 def local_index(surface: Surface, voxels: float) -> PerVertex:
-    """Local gyrification index (N,) by so many voxels in the radius of the closing."""
+    """Local gyrification index (N,) with this number of voxels in the radius of the closing."""
     return local_gyrification_index(surface.verts, surface.faces, voxel=CLOSING / voxels)
 
 
@@ -175,7 +175,7 @@ def gyrification_of_sphere(voxels: Iterable[float]) -> list[Point]:
 def gyrification_over_voxels(
     subject: str, surface: Surface, voxels: Iterable[float], error: Callable[[PerVertex], float], against: str = "exact"
 ) -> list[Point]:
-    """Local gyrification index by so many voxels in the radius of the closing, each an accuracy's or another number."""
+    """Local gyrification index over numbers of voxels in the radius of the closing, of presets or others."""
     presets = {accuracy.voxels: name for name, accuracy in PRESETS.items()}
     points = []
     for count in voxels:

@@ -1,9 +1,9 @@
-"""What accuracy costs on a person's hemisphere: against its own refinement, and thinned against itself.
+"""The cost of accuracy on the hemisphere of a person: compared with its refinement, and thinned with itself.
 
-Nobody knows the true numbers of a brain. Triangles cut in four leave the surface as it is, so that what changes then is
-due to the mesh alone, and what a thinned surface loses is known from the whole one. The error of a map is the
-area-weighted median of the difference over that of the map itself, without signs: a few crushed vertices of a pial
-surface would make up most of a mean square.
+The true numbers of a brain are unknown. Triangles cut in four do not change the surface, so changes are due to the mesh
+alone. The loss of a thinned surface is known from the whole one. The error of a map is the area-weighted median of the
+absolute difference over that of the absolute map: in a mean square, a few crushed vertices of a pial surface would
+dominate.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ from morphofold.surface import Cortex, PerVertex, Surface
 from morphofold.timing import Stages
 
 THINNED = (80_000, 40_000, 20_000, 10_000)
-VERTEX_COUNTS = (120_000, 80_000, 60_000)  # on which curvature within 3 mm can be had, if hardly
-COARSE = 10_000  # vertices of the coarse person that the accuracies are compared on, too
+VERTEX_COUNTS = (120_000, 80_000, 60_000)  # curvature within 3 mm is just possible on these
+COARSE = 10_000  # vertices of the coarse person, on which the accuracies are also compared
 FINEST = 25.0  # voxels in the radius of the closing
-#: scalars, the stage of ``measure`` that they are of
+#: scalar -> the stage of ``measure`` that computes it
 SCALARS = {
     "mean_cortical_thickness_mm": "cortical thickness",
     "median_gyral_thickness_mm": "gyral thickness",
@@ -42,7 +42,7 @@ SCALARS = {
 
 
 def cases() -> list[Case]:
-    """Those of this file."""
+    """The cases of this file."""
     return [
         Case("person-measures", partial(measures_of_person, THINNED)),
         Case("person-coarse", partial(coarse_person, COARSE)),
@@ -58,7 +58,7 @@ def person() -> Cortex:
 
 
 def measures_of_person(sizes: tuple[int, ...], cortex: Cortex | None = None) -> list[Point]:
-    """Presets and thinned meshes, against the triangles cut in four."""
+    """Presets and thinned meshes, compared with the triangles cut in four."""
     cortex = cortex or person()
     truth = measure(split(cortex))
     points = _presets("S1", cortex, truth, "split surface")
@@ -70,7 +70,7 @@ def measures_of_person(sizes: tuple[int, ...], cortex: Cortex | None = None) -> 
 
 
 def coarse_person(size: int, cortex: Cortex | None = None) -> list[Point]:
-    """Presets on a thinned mesh, as coarse as fsaverage5, against the measures of the whole one."""
+    """Presets on a thinned mesh, as coarse as fsaverage5, compared with the measures of the whole mesh."""
     cortex = cortex or person()
     truth = measure(cortex)
     coarse = resampled(cortex, Preset(size, 0, 12.0)).cortex
@@ -93,7 +93,7 @@ def _presets(subject: str, cortex: Cortex, truth: Measures, against: str) -> lis
 
 
 def staged(cortex: Cortex, accuracy: str = "standard") -> tuple[Measures, dict[str, Timing]]:
-    """All measures, and what each stage took and the whole; as often as ``timed`` would, without a warm-up."""
+    """All measures, and the times of each stage and of the whole; repeated as in ``timed``, without a warm-up."""
     rows: list[dict[str, float]] = []
     while not rows or (len(rows) < 3 and rows[0]["all measures"] < 2 * LONG):
         clock = Stages()
@@ -106,7 +106,7 @@ def staged(cortex: Cortex, accuracy: str = "standard") -> tuple[Measures, dict[s
 def _of_measures(
     subject: str, found: Measures, times: dict[str, Timing], truth: Measures, **about: Any
 ) -> Iterator[Point]:
-    """A point per quantity at the seconds of its stage, and the median of them all at those of the whole."""
+    """A point per quantity with the time of its stage, and one of the median error with the time of the whole."""
     errors = {name: abs(_known(found, name) / _known(truth, name) - 1) for name in SCALARS}
     errors["hinges"] = 1 - f1(_hinges(found), _hinges(truth), 0.5 * truth.parameters["graph_width_mm"])
     for name, error in errors.items():
@@ -117,17 +117,17 @@ def _of_measures(
 
 
 def _hinges(measures: Measures) -> NDArray[np.float64]:
-    """Places (P, 3)."""
+    """Positions (P, 3) of the hinges."""
     return np.array([[row[k] for k in "xyz"] for row in measures.hinges], dtype=np.float64).reshape(-1, 3)
 
 
 def _known(measures: Measures, name: str) -> float:
-    """A scalar; 0 if it could not be had, which is wrong by all of it."""
+    """A scalar; 0, a relative error of 1, if it is missing."""
     return float(measures.scalars[name] or 0.0)
 
 
 def curvature_of_person(sizes: tuple[int, ...], cortex: Cortex | None = None, scale: float = 3.0) -> list[Point]:
-    """Mean curvature within 3 mm on white and pial, thinned, as they are, and split once, against split twice."""
+    """Mean curvature within 3 mm on white and pial, thinned, unchanged and split once, compared with split twice."""
     cortex = cortex or person()
     n = cortex.n_vertices
     thin = [resampled(cortex, Preset(size, 0, 12.0)) for size in sizes]
@@ -162,13 +162,13 @@ def _mean_curvature(surface: Surface, scale: float) -> PerVertex:
 
 
 def median_error(found: PerVertex, truth: PerVertex, areas: PerVertex) -> float:
-    """The error of a map (N,), as the head of this file defines it."""
+    """The error of a map (N,), as defined at the top of this file."""
     middle = [weighted_quantile(np.abs(field), areas, 0.5) for field in (found - truth, truth)]
     return middle[0] / middle[1]
 
 
 def gyrification_of_person(cortex: Cortex | None = None, voxels: tuple[float, ...] = VOXELS) -> list[Point]:
-    """Local gyrification over voxels, against the smallest."""
+    """Local gyrification over voxel sizes, compared with the smallest."""
     pial = (cortex or person()).pial
     areas, truth = geometry.vertex_areas(pial.verts, pial.faces), local_index(pial, FINEST)
     wrong = lambda index: median_error(index, truth, areas)

@@ -1,8 +1,8 @@
 """The generated parts of docs/accuracy.md, and the table that forecasts read, from a study.
 
-``python -m morphofold.studies.accuracy.page OUT PAGE --table FILE``: OUT is what ``morphofold bench
-accuracy -o OUT`` wrote. Parts stand between marks such as ``<!-- answer -->`` and ``<!-- /answer -->`` and those that
-end them; pictures are written beside PAGE. What stands outside of the marks is for people to write.
+``python -m morphofold.studies.accuracy.page OUT PAGE --table FILE``: OUT is the folder that ``morphofold bench
+accuracy -o OUT`` wrote. Parts are written between marks such as ``<!-- answer -->`` and ``<!-- /answer -->``, pictures
+beside PAGE. Text outside of the marks is written by hand.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ def read_study(out: Path) -> tuple[dict[str, Any], dict[str, list[Row]]]:
     Raises
     ------
     FileNotFoundError
-        If the folder holds no summary, or lacks a file that this names.
+        If the folder holds no summary, or lacks a file that the summary names.
     WrongFile
-        If the summary is of something else.
+        If the summary is of another command.
     """
     file = out / "summary.json"
     summary = read_json(file, AccuracyIndex, CURE)
     if summary["shows"] != SHOWS:
-        raise WrongFile(f"{file}: is of something else than a study of accuracy. {CURE}")
+        raise WrongFile(f"{file}: is not the summary of a study of accuracy. {CURE}")
     names = ("points", "laws", "presets", "budget", "peers")
     return summary, {
         name: read_table(out / f"{name}.tsv", WORDS) if f"{name}.tsv" in summary["files"] else [] for name in names
@@ -52,7 +52,7 @@ def read_study(out: Path) -> tuple[dict[str, Any], dict[str, list[Row]]]:
 
 
 def text_answers(out: Path) -> list[str]:
-    """What half the error costs, quantity by quantity, as lines of text."""
+    """Lines of text with the time that half the error takes, one line per quantity."""
     _, tables = read_study(out)
     return [
         f"{row['subject']}, {row['quantity']}, {row['axis']}: half the error takes {_factor(row)} times as long"
@@ -62,26 +62,26 @@ def text_answers(out: Path) -> list[str]:
 
 
 def write_page(out: Path, page: Path, forecast: Path | None = None) -> list[str]:
-    """Renew the marked parts of ``page``, and its pictures beside it; names of the files written.
+    """Update the marked parts of ``page`` and the pictures beside it; returns the names of the written files.
 
     Parameters
     ----------
     out : Path
-        Of the study.
+        Folder of the study.
     page : Path
         With one pair of marks for each of ``PARTS``.
     forecast : Path, optional
-        JSON whose ``"errors"`` are renewed.
+        JSON file whose ``"errors"`` are updated.
 
     Raises
     ------
     FileNotFoundError, ValueError
-        If the study, one of its halves, a page or a pair of marks isn't there; nothing is written then.
+        If the study, one of its halves, a page or a pair of marks is missing; then nothing is written.
     """
     summary, tables = read_study(out)
     if summary["halves"] != sorted(HALVES) or summary["errors"] is None:
         held = " and ".join(summary["halves"]) or "nothing"
-        raise MissingPart(f"{out}: holds {held} only. Study both halves for the page.")
+        raise MissingPart(f"{out}: holds only {held}. The page needs both halves of the study.")
     parts = {name: part(tables, summary) for name, part in PARTS.items()}
     written = {page: renewed(page, _text(page), parts)}
     if forecast is not None:
@@ -97,7 +97,7 @@ def write_page(out: Path, page: Path, forecast: Path | None = None) -> list[str]
 
 def _text(path: Path) -> str:
     if not path.is_file():
-        raise FileNotFoundError(f"{path}: no such file; begin it, with its marks.")
+        raise FileNotFoundError(f"{path}: no such file. Create it with its marks.")
     return path.read_text(encoding="utf-8")
 
 
@@ -126,13 +126,13 @@ def _seconds(value: float) -> str:
 def _answer(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
     heads = [
         "half",
-        "of what",
+        "subject",
         "quantity",
         "against",
         "refined",
-        "time goes with edge to the",
-        "error with edge to the",
-        "half the error takes, times as long",
+        "time scales with edge to the power",
+        "error scales with edge to the power",
+        "half the error takes so many times as long",
     ]
     rows = [
         [
@@ -161,7 +161,7 @@ def _presets(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
             mine = {row["preset"]: row for row in rows if (row["subject"], row["quantity"], row["against"]) == line}
             cells.append([*line, *(_of_preset(mine.get(preset)) for preset in PRESETS)])
         if cells:
-            parts.append(table(["of what", "quantity", "against", *PRESETS], cells))
+            parts.append(table(["subject", "quantity", "against", *PRESETS], cells))
     return parts or ["No preset was studied."]
 
 
@@ -189,14 +189,14 @@ def _peers(tables: Mapping[str, list[Row]], summary: Any) -> list[str]:
     if not tables["peers"]:
         return [f"{summary['left_out'].get('peers', 'No peer was measured')}."]
     heads = [
-        "of what",
+        "subject",
         "quantity",
         "vertices or elements",
         "peer",
-        "its time (range)",
-        "ours (range)",
-        "its time / ours",
-        "its error",
+        "peer time (range)",
+        "our time (range)",
+        "peer time / ours",
+        "peer error",
         "ours",
     ]
     rows = [
@@ -217,7 +217,7 @@ def _peers(tables: Mapping[str, list[Row]], summary: Any) -> list[str]:
 
 
 def _range(row: Mapping[str, Any], whose: str) -> str:
-    """Median time and range; nothing for what failed."""
+    """Median time and range; empty if the work failed."""
     if row[f"{whose}seconds"] is None:
         return ""
     median, low, high = (_seconds(row[f"{whose}{name}"]) for name in ("seconds", "fastest", "slowest"))
@@ -225,7 +225,7 @@ def _range(row: Mapping[str, Any], whose: str) -> str:
 
 
 def _dominated(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
-    """How often each setting of ours is on a front."""
+    """How often each of our settings is on a front."""
     counted: dict[tuple[str, str, str], list[int]] = {}
     for row in tables["points"]:
         if row["method"] == OURS and row["half"] == "solver" and row["against"] != EACH_OTHER:
@@ -234,7 +234,7 @@ def _dominated(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
         [axis, setting + (f" ({preset})" if preset else ""), f"{sum(fronts)} of {len(fronts)}"]
         for (axis, setting, preset), fronts in counted.items()
     ]
-    return [table(["axis", "setting", "quantities in which nothing beats it"], rows)] if rows else ["Nothing."]
+    return [table(["axis", "setting", "quantities in which no setting dominates it"], rows)] if rows else ["Nothing."]
 
 
 def _made(_: Any, summary: Mapping[str, Any]) -> list[str]:

@@ -1,4 +1,4 @@
-"""Other people's curvatures and closest points, on the same arrays: found where they are installed, never required."""
+"""Curvatures and closest points of other packages on the same arrays: used if installed, never required."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ class Peer(NamedTuple):
     Attributes
     ----------
     name : str
-        The package and what is called, such as ``"libigl principal_curvature, 3 rings"``.
+        The package and the called function, such as ``"libigl principal_curvature, 3 rings"``.
     packages : tuple of str
-        What must be importable.
+        Packages that must be importable.
     call : callable
-        Of curvature: ``call(verts, faces)`` gives fields (N,) by their quantity, mean curvature [1/mm] and, where the
-        package has it, Gaussian [1/mm^2], convex positive. Of closest points: ``call(points, verts, faces)`` gives
-        distances (P,) [mm].
+        For curvature, ``call(verts, faces)`` gives fields (N,) by quantity: mean curvature [1/mm] and, if the package
+        has it, Gaussian [1/mm^2], convex positive. For closest points, ``call(points, verts, faces)`` gives distances
+        (P,) [mm].
     reach : float
-        Of a neighbourhood, in mean edges; 1 for one ring.
+        Size of the neighbourhood, in mean edges; 1 for one ring.
     most : int
-        Vertices beyond which it would take minutes.
+        Largest number of vertices; beyond it, the call would take minutes.
     """
 
     name: str
@@ -43,12 +43,12 @@ class Peer(NamedTuple):
 
 
 def present(peers: Iterable[Peer]) -> list[Peer]:
-    """Those whose packages are all installed."""
+    """The peers whose packages are all installed."""
     return [p for p in peers if all(importlib.util.find_spec(package) is not None for package in p.packages)]
 
 
 def curvature_peers() -> list[Peer]:
-    """Those that are installed: libigl over several rings, trimesh within two balls, VTK and LaPy of one ring."""
+    """The installed peers: libigl over several rings, trimesh within two balls, VTK and LaPy over one ring."""
     rings = [
         Peer(f"libigl principal_curvature, {k} rings", ("igl",), lambda v, f, k=k: _libigl(v, f, k), k)
         for k in (2, 3, 4, 5, 8)
@@ -74,7 +74,7 @@ def curvature_peers() -> list[Peer]:
 
 
 def closest_peers() -> list[Peer]:
-    """Those that are installed: exact ones of libigl, VTK and trimesh, and the nearest vertex by scipy."""
+    """The installed peers: exact closest points of libigl, VTK and trimesh, and the nearest vertex by scipy."""
     return present(
         [
             Peer("libigl point_mesh_squared_distance", ("igl",), _libigl_closest),
@@ -93,7 +93,7 @@ def _libigl(verts: Verts, faces: Faces, rings: int) -> dict[str, PerVertex]:
 
 
 def _trimesh(verts: Verts, faces: Faces, edges: int) -> dict[str, PerVertex]:
-    """Its measure is the integral of mean curvature in a ball, of which a sphere of any radius holds pi r^2."""
+    """trimesh integrates the mean curvature within a ball of radius r, which holds pi r^2 of any sphere."""
     import trimesh
 
     radius = edges * mean_edge_length(verts, faces)
@@ -109,9 +109,9 @@ def _pyvista(verts: Verts, faces: Faces) -> dict[str, PerVertex]:
 
 
 def _lapy(verts: Verts, faces: Faces) -> dict[str, PerVertex]:
-    """Its tensor is the mean over the edges of a vertex of the angle at each, times the edge in mean edges, no matter
-    how much area they bound: dihedral angles are edge / (sqrt(3) r) where triangles are equilateral, so that a sphere
-    has ``mean edge / (2 sqrt(3) r)``. Concave positive. Not smoothed, which is its default, since it smears."""
+    """The tensor of LaPy is the mean over the edges of a vertex of the dihedral angle times the edge in mean edges,
+    without the area. For equilateral triangles the angles are edge / (sqrt(3) r), so a sphere has
+    ``mean edge / (2 sqrt(3) r)``. Concave is positive. LaPy smooths by default; this is off, because it blurs."""
     import lapy
 
     turned = -EQUILATERAL / mean_edge_length(verts, faces)

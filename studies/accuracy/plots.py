@@ -1,4 +1,4 @@
-"""Error against time: every setting a point, the front a line, and what half the error costs."""
+"""Plots of error against time: settings as points, the front as a line, and the time that half the error takes."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MARKERS = "osD^vP<>"
-FEWEST = 4  # points that make a panel
+FEWEST = 4  # least number of points of a panel
 COLUMNS = 3
 
 
 def front_figure(points: Sequence[Point], by: str) -> Figure | None:
-    """A panel for each quantity: all settings, filled where nothing beats them, and the front they make.
+    """A panel for each quantity: all settings, filled if no other dominates them, and their front.
 
     Parameters
     ----------
     points : sequence of Point
-        Of one half.
+        Points of one half.
     by : {"axis", "method"}
-        What colours tell apart.
+        What the colours distinguish.
 
     Returns
     -------
@@ -69,7 +69,7 @@ def _panel(ax: Axes, group: Sequence[Point], styles: Mapping[str, Mapping[str, A
     best = [p for p, better in zip(group, better_than(group)) if better is None]
     best.sort(key=lambda p: p.seconds)
     ax.plot([p.seconds for p in best], [p.error for p in best], color=BLACK, linewidth=0.9, zorder=1)
-    for p in sorted(group, key=lambda p: p.axis == "mesh"):  # last, above what is the same run
+    for p in sorted(group, key=lambda p: p.axis == "mesh"):  # last, drawn above other points of the same run
         style = {**styles[getattr(p, by)], **({} if p in best else {"markerfacecolor": "none"})}
         ax.plot([p.seconds], [p.error], **style)
     presets: dict[float, dict[str, Point]] = {}  # by error: standard and fine can be the same
@@ -85,7 +85,7 @@ def _panel(ax: Axes, group: Sequence[Point], styles: Mapping[str, Mapping[str, A
 
 
 def _told(group: Sequence[Point]) -> str:
-    """What half the error costs us along meshes, in words."""
+    """Text with the time that half the error takes along our meshes."""
     ours = [p for p in group if p.method == OURS]
     half = half_of(ours)
     along = f"({PACED})" if any(p.axis == PACED for p in ours) else "the time"
@@ -93,20 +93,20 @@ def _told(group: Sequence[Point]) -> str:
 
 
 def half_of(points: Sequence[Point]) -> Halving | None:
-    """How much longer half the error takes along the meshes of one quantity, all refined with them that is (the last
-    axis of meshes that it has); None where that isn't known."""
+    """How many times longer half the error takes along the meshes of one quantity, on its last axis of meshes, which
+    refines most; None if this is not known."""
     groups = list(along_meshes(points).values())
     seconds, error = laws_of(groups[-1]) if groups else (None, None)
     return halving(seconds, error) if seconds and error else None
 
 
 def bounded(factor: float) -> str:
-    """A factor; one that is too large to matter is said to be."""
+    """A factor as text; "more than 100" if it is large."""
     return f"{factor:.2g}" if factor < 100 else "more than 100"
 
 
 CURVATURE = "mean curvature"
-#: what the overview shows of the solver, and how it calls it
+#: solver quantities in the overview -> their labels
 HEADLINES = {
     ("onset", PACED): "onset of folding, mesh and pace",
     ("gyrification index, g = 2", "mesh"): "gyrification index at g = 2",
@@ -115,7 +115,7 @@ HEADLINES = {
 
 
 def overview(points: Sequence[Point]) -> Figure:
-    """Both halves in one picture: along meshes, ours and the peers'."""
+    """Both halves in one picture: our points along meshes, and those of the peers."""
     with new_figure(11.4, 4.9, 1, 2) as (figure, axes):
         left, right = axes[0]
         meshes = along_meshes(points)
@@ -141,7 +141,7 @@ def overview(points: Sequence[Point]) -> Figure:
 
 
 def _best_of_packages(groups: Iterable[Sequence[Point]]) -> list[Sequence[Point]]:
-    """Of the ways in which a package does the same, the one with the least error on its finest mesh; ours first."""
+    """For each package the method with the least error on its finest mesh; ours first."""
     best: dict[str, Sequence[Point]] = {}
     for group in groups:
         package, last = group[0].method.split()[0], lambda g: max(g, key=lambda p: p.size).error
@@ -156,7 +156,7 @@ def _curve(ax: Axes, group: Sequence[Point], words: str, style: Mapping[str, Any
     label = f"{words}: half the error {half.factor:.2g} × the time" if half else words
     dots = {"marker": "o", "markersize": 4, "label": label}
     ax.plot([p.seconds for p in group], [p.error for p in group], **{**style, **dots})
-    below = words.startswith("onset")  # its curve crosses another one
+    below = words.startswith("onset")  # its curve crosses another curve
     for p in group:
         if p.preset:
             at = (4, -11) if below else (4, 4)
@@ -174,7 +174,7 @@ def _style(k: int) -> dict[str, Any]:
 
 
 def _logarithmic(ax: Axes) -> None:
-    """Logarithmic axes, errors in per cent; within a decade or so 2 and 5 are labelled, too."""
+    """Logarithmic axes, errors in per cent; on short axes 2 and 5 are also labelled."""
     import math
 
     from matplotlib.ticker import FuncFormatter, LogLocator

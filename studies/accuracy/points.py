@@ -1,4 +1,4 @@
-"""What one setting costs and how wrong it is: a point in the plane of error against time."""
+"""Time and error of one setting: a point in the plane of error against time."""
 
 from __future__ import annotations
 
@@ -13,43 +13,43 @@ from morphofold.errors import DamagedFile, NotFinite
 from morphofold.timing import working_seconds
 
 OURS = "morphofold"
-EACH_OTHER = "each other"  # against which two peers are held that do the same
+EACH_OTHER = "each other"  # reference of two peers that compute the same
 ANEW = "Delete it, and run again."
 KINDS: dict[Any, Any] = {"str": str, "float": (int, float), "int": int}
-QUICK, LONG = 0.5, 5.0  # [s] below which work is repeated five times, and from which it is not repeated
+QUICK, LONG = 0.5, 5.0  # [s]: faster work is repeated five times; work from the second value on is not repeated
 
 
 @dataclass(frozen=True)
 class Point:
-    """One setting, how long it took and how wrong one quantity came out.
+    """One setting with its time and the error of one quantity.
 
     Attributes
     ----------
     half : {"solver", "measuring"}
     subject : str
-        What was solved or measured, such as ``"bumpy sphere"`` or ``"fig6-thick, octant"``.
+        The solved or measured object, such as ``"bumpy sphere"`` or ``"fig6-thick, octant"``.
     quantity : str
-        What the error is of, such as ``"mean curvature"``.
+        The quantity of the error, such as ``"mean curvature"``.
     error : float
-        Relative to the known answer, or to the finest of its kind (``against``): 0.01 is 1 %.
+        Relative to the known answer or to the finest result (``against``): 0.01 is 1 %.
     against : str
-        What the error is measured against, in words: ``"theory"``, ``"exact"``, ``"finest mesh"``.
+        The reference of the error as text: ``"theory"``, ``"exact"``, ``"finest mesh"``.
     axis : str
-        The setting that this point varies: ``"mesh"``, ``"scale"``, ``"layers"`` and so on.
+        The setting that is varied: ``"mesh"``, ``"scale"``, ``"layers"`` and so on.
     setting : str
-        All that differs from the standard, in a few words, such as ``"h = 0.80 T"``.
+        Short text on what differs from the standard, such as ``"h = 0.80 T"``.
     value : float
-        Where it lies on the axis.
+        Position on the axis.
     size : int
-        Elements or vertices.
+        Number of elements or vertices.
     seconds, fastest, slowest : float
-        Wall time without compiling: median over the repeats, and their range.
+        Wall time without compilation: median over the repeats, and their range.
     repeats : int
-        None of them if the work failed (a peer's): error and seconds are NaN then, and the setting says why.
+        0 if the work of a peer failed: then error and seconds are NaN, and the setting gives the reason.
     method : str
-        Whose code, ``"morphofold"`` or a peer's name with what was called.
+        The code: ``"morphofold"``, or the name of a peer with the called function.
     preset : str
-        ``"draft"``, ``"standard"`` or ``"fine"`` if the setting is one of these.
+        ``"draft"``, ``"standard"`` or ``"fine"`` if the setting is one of these, else empty.
     """
 
     half: str
@@ -82,30 +82,30 @@ class Point:
 
     @staticmethod
     def from_row(row: Mapping[str, Any]) -> Point:
-        """The point of a row, None being NaN; ``ValueError`` if it lacks a field, has one too many, or no number."""
+        """The point of a row, with None as NaN; ``ValueError`` if a field is missing, unknown or of another type."""
         try:
             given: dict[str, Any] = {name: math.nan if value is None else value for name, value in row.items()}
             for field in fields(Point):
                 value = given.get(field.name, field.default)
                 if isinstance(value, bool) or not isinstance(value, KINDS[field.type]):
-                    raise TypeError(f"{field.name} is no {field.type}")
+                    raise TypeError(f"{field.name} is not of type {field.type}")
             return Point(**given)
         except TypeError as error:
-            raise DamagedFile(f"no point of a study of accuracy: {error}") from None
+            raise DamagedFile(f"not a point of a study of accuracy: {error}") from None
 
 
 FIELDS = tuple(f.name for f in fields(Point))
 
 
 class Case(NamedTuple):
-    """A piece of the study that is done as a whole: its name, that of the file it is kept in, and its work."""
+    """A part of the study that is done as a whole: its name, also that of its file, and its work."""
 
     name: str
     work: Callable[[], list[Point]]
 
 
 class Timing(NamedTuple):
-    """Median, fastest and slowest wall time [s], without compiling, of so many repeats."""
+    """Median, fastest and slowest wall time [s] without compilation, and the number of repeats."""
 
     seconds: float
     fastest: float
@@ -114,7 +114,7 @@ class Timing(NamedTuple):
 
     @staticmethod
     def of(took: Sequence[float]) -> Timing:
-        """Of the wall times of each repeat."""
+        """The timing from the wall times of all repeats."""
         return Timing(statistics.median(took), min(took), max(took), len(took))
 
 
@@ -122,8 +122,8 @@ NEVER = Timing(math.nan, math.nan, math.nan, 0)
 
 
 def timed(work: Callable[[], Any]) -> tuple[Any, Timing]:
-    """What the work returns, and how long it takes: five times if it is quick, once if it is long, else three
-    times. The first of several is a warm-up that does not count."""
+    """The result of the work and its time. Long work is timed once. Other work is timed three times, quick work five
+    times, after a warm-up that does not count."""
     gc.collect()
     start = working_seconds()
     result = work()

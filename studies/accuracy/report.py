@@ -1,4 +1,4 @@
-"""What ``morphofold bench accuracy`` writes: tables, pictures, and an index that says what they are."""
+"""The results of ``morphofold bench accuracy``: tables, pictures, and an index that describes them."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ from morphofold.studies.indexes import write_tables
 
 SHOWS = "errors and times of settings of the solver and of the measuring room"
 
-#: quantities of the study that a forecast of a scene's error is made from; there they go without their growth
+#: quantities of the study that the forecast of a scene's error uses; there their names have no growth
 FORECAST = ("radius", "hoop stress", "onset", "gyrification index, g = 2", "wavelength, g = 2", "pial distance, g = 2")
 
-#: what a forecast of an analysis says the error of; curvature is that of the pial surface, as its maps are
+#: quantities whose error a forecast of an analysis gives; curvature is that of the pial surface, like its maps
 MEASURED = (
     "mean cortical thickness",
     "median gyral thickness",
@@ -45,21 +45,21 @@ MEASURED = (
     "local gyrification",
     "mean curvature",
 )
-#: subject of the study -> whose hemisphere that is
+#: subject of the study -> name of its hemisphere
 PERSONS = {"S1": "S1", "S1, pial": "S1", f"S1 at {COARSE:,} vertices": "S1, thinned"}
 
 
 def write_study(points: Sequence[Point], made: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Tables, pictures and ``summary.json`` of a study into ``folder``; what the latter says.
+    """Write tables, pictures and ``summary.json`` of a study into ``folder``; returns the summary.
 
-    A table that the study has nothing for isn't written, and ``left_out`` says why.
+    A table without data is not written, and ``left_out`` gives the reason.
     """
     tables = {
         "points": (point_rows(points), "there are no points"),
         "laws": (law_rows(points), "no quantity has three meshes"),
         "presets": (preset_rows(points), "no setting is a preset"),
         "budget": (budget_rows(points), "no solver was studied"),
-        "peers": (peer_rows(points), "no peer is installed; take the extra `bench`"),
+        "peers": (peer_rows(points), "no peer is installed; install the extra `bench`"),
     }
     index = write_tables(folder, tables)
     drawn: list[Point] = rivals(points)
@@ -92,18 +92,18 @@ def write_study(points: Sequence[Point], made: Mapping[str, Any], folder: Path) 
 
 
 def _in_picture(p: Point) -> bool:
-    """Of the axes with a limit of their own only what the overview shows, too."""
+    """Whether the picture shows a point; for axes with their own limit only what the overview also shows."""
     return p.against in (THEORY, MESH) or (p.quantity, "mesh") in HEADLINES
 
 
 def expected_errors(points: Sequence[Point]) -> dict[str, Any] | None:
-    """Laws of the error with the edge over the thickness of the cortex, as a forecast reads them; None if there are
-    none of the solver.
+    """Laws of the error with the edge over the thickness of the cortex, as a forecast reads them; None if the solver
+    has none.
 
-    ``coefficient * (edge / T)^power`` is the relative error of a quantity that is due to the mesh, ``spread`` the
-    standard deviation of its logarithm, ``finest`` and ``coarsest`` the edges over T that were studied; ``other`` is
-    the root of the sum of squares of what the other axes with a limit change at ``standard``, kappa/mu left out, which
-    is the body's own. ``measuring`` is of the measuring room: see :func:`measuring_errors`.
+    ``coefficient * (edge / T)^power`` is the relative error of a quantity that is due to the mesh; ``spread`` is the
+    standard deviation of its logarithm; ``finest`` and ``coarsest`` are the studied edges over T. ``other`` is the
+    root of the sum of squares of the errors of ``standard`` along the other axes with a limit, without kappa/mu, which
+    is a property of the body. ``measuring`` is for the analysis: see :func:`measuring_errors`.
     """
     quantities = {}
     beside: dict[str, list[float]] = {}
@@ -131,11 +131,11 @@ def expected_errors(points: Sequence[Point]) -> dict[str, Any] | None:
 
 
 def measuring_errors(points: Sequence[Point]) -> list[dict[str, Any]]:
-    """Errors of the accuracies of the measuring room on one person's hemisphere, as it is and thinned.
+    """Errors of the accuracies of the analysis on the hemisphere of one person, unchanged and thinned.
 
-    Each is of a ``subject`` of so many ``vertices``; each of its ``quantities`` has what it is held ``against``, and
-    the relative error by accuracy. What an accuracy does not change was studied at standard only, and stands for all.
-    An accuracy is not told to be better than a dearer one: it would be so by chance.
+    Each entry has a ``subject`` and its number of ``vertices``. Each of its ``quantities`` has the reference
+    (``against``) and the relative error by accuracy. A quantity that an accuracy does not change was studied only at
+    standard, which holds for all. No accuracy gets a smaller error than a more expensive one: that would be chance.
     """
     found: dict[str, dict[str, Any]] = {}
     for p in points:

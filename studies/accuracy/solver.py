@@ -1,4 +1,4 @@
-"""Error against time of the solver while the body is smooth, and where it starts to fold: against theory."""
+"""Error against time of the solver for the smooth body and for the onset of folding: compared with theory."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from morphofold.studies.folds.tables import sphere
 from morphofold.studies.onset import onset
 from morphofold.timing import working_seconds
 
-SMOOTH = 1.15  # growth at which the smooth body is held against theory: it wrinkles from 1.24 on
-START = 1.1  # growth at which the onset begins to be looked for
-REPEATS, ENOUGH = 3, 10.0  # how often the smooth body is grown, at most; not again after so long [s]
+SMOOTH = 1.15  # growth at which the smooth body is compared with theory: it wrinkles from 1.24 on
+START = 1.1  # growth at which the search for the onset starts
+REPEATS, ENOUGH = 3, 10.0  # the smooth body is grown at most so often; not again after so many seconds
 THEORY, INCOMPRESSIBLE = "theory", "incompressible theory"
 
 
 def smooth_points(setting: Setting) -> list[Point]:
     """Radius and hoop stress of the smooth body at g = 1.15, grown by the dynamics, against theory.
 
-    The body comes to rest at the end as it does at a stage of a scene. Theory is the radial equilibrium of the same
-    kappa/mu; the radius is also held against the incompressible one (Razavi et al. 2015, Eq. 11).
+    The body comes to rest at the end, as at a stage of a scene. Theory is the radial equilibrium of the same
+    kappa/mu; the radius is also compared with the incompressible one (Razavi et al. 2015, Eq. 11).
     """
     seconds: list[float] = []
     while len(seconds) < REPEATS and sum(seconds) < ENOUGH:
@@ -49,7 +49,7 @@ def smooth_points(setting: Setting) -> list[Point]:
 
 @cache
 def theory_of(kappa_ratio: float) -> RadialState:
-    """The smooth body at g = 1.15 by theory, lengths over C; of ``inf`` the radius is that of Eq. (11)."""
+    """The smooth body at g = 1.15 by theory, lengths over C; for ``inf`` the radius is that of Eq. (11)."""
     T_over_C, mu_ratio, law, A_over_C = _sphere()
     return radial_equilibrium(SMOOTH, T_over_C, mu_ratio, law, kappa_ratio, A_over_C=A_over_C)
 
@@ -63,7 +63,7 @@ def _sphere() -> tuple[float, float, str, float]:
 
 
 def radius_error(body: Body, x: Array, exact: RadialState) -> float:
-    """Rms over the pial nodes of the error of their radius, over the displacement that theory gives them."""
+    """Rms over the pial nodes of the error of their radius, over their displacement by theory."""
     C = float(np.linalg.norm(body.X[: body.n_surface], axis=1).max())
     r = C * float(exact.at(1.0, "cortex").r[0])
     return float(np.sqrt(np.mean((np.linalg.norm(x[: body.n_surface], axis=1) - r) ** 2))) / (r - C)
@@ -72,11 +72,11 @@ def radius_error(body: Body, x: Array, exact: RadialState) -> float:
 def stress_error(body: Body, x: Array, exact: RadialState) -> float:
     """Rms error of the hoop stress of the elements of the cortex, over the rms of the exact one.
 
-    The hoop stress is the mean of the two tangential Cauchy stresses, averaged over an element (of tetrahedra: over
-    a patch of six), and held against theory at the mean of its nodes.
+    The hoop stress is the mean of the two tangential Cauchy stresses, averaged over an element (for tetrahedra: over
+    a patch of six), and compared with theory at the mean of its nodes.
     """
     nodes = np.concatenate([part.nodes for part in points(body)])
-    cortex = body.bilayer.share[nodes].mean(axis=1) > 0  # the core's nodes have no share of it
+    cortex = body.bilayer.share[nodes].mean(axis=1) > 0  # nodes of the core have no share of the cortex
     at, stress = body.X[nodes[cortex]].mean(axis=1), cauchy_stress(body, x)[cortex]
     R = np.linalg.norm(at, axis=1)
     normal = at / R[:, None]
@@ -102,7 +102,7 @@ def onset_points(setting: Setting) -> list[Point]:
 
 
 def theory_points() -> list[Point]:
-    """What the theory itself takes for the same two numbers, and how far its two routes lie apart."""
+    """The time that theory takes for the same two numbers, and the difference between its two methods."""
     T_over_C, mu_ratio, law, A_over_C = _sphere()
     kappa = Setting("", "", 0.0).kappa_ratio
     body = smooth.SmoothSphere(T_over_C, mu_ratio, law, kappa, A_over_C)

@@ -1,4 +1,4 @@
-"""The study of accuracy: all its cases, done one by one and kept, so that an interrupted study goes on."""
+"""The study of accuracy: its cases are done one by one and kept, so that an interrupted study can continue."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from morphofold.studies.accuracy.bodies import FINEST, PACED, Setting, axes
 from morphofold.studies.accuracy.points import ANEW, Case, Point
 
 HALVES = ("measuring", "solver")
-SHARES = {"measuring": 1.0, "solver": 3.0}  # of the time of the whole study, about
-PEERS = ("libigl", "pyvista", "trimesh", "lapy")  # packages, if they are installed
-#: of this package: no case runs them
+SHARES = {"measuring": 1.0, "solver": 3.0}  # approximate shares of the time of the whole study
+PEERS = ("libigl", "pyvista", "trimesh", "lapy")  # packages that are used if installed
+#: modules of this package that no case runs
 READERS = ("study.py", "tables.py", "fronts.py", "page.py", "plots.py", "report.py")
-COMPARING = 0.03  # of that of the solver's half: distances between surfaces
+COMPARING = 0.03  # share of the time of the solver half that distances between surfaces take
 
 
 def circumstances() -> dict[str, Any]:
-    """What errors and times depend on: the machine, its threads in use, versions, and the code that is studied."""
+    """Everything that errors and times depend on: the machine, the threads in use, versions, and the studied code."""
     import numba
 
     return {
@@ -53,7 +53,7 @@ def _version_if_installed(package: str) -> str | None:
 
 
 def _digest_of_code() -> str:
-    """Of the rooms that cases are run by, and of the ground floor; modules that only read points are left out."""
+    """Digest of the packages that cases run, and of top-level modules; modules that only read points are left out."""
     import morphofold.analysis
     import morphofold.io
     import morphofold.shapes
@@ -77,7 +77,7 @@ def _digest_of_code() -> str:
 
 
 def _processor() -> str:
-    """Model of the processor, as the system calls it."""
+    """Model of the processor, as the system names it."""
     cpuinfo = Path("/proc/cpuinfo")
     if cpuinfo.exists():
         for line in cpuinfo.read_text(encoding="utf-8", errors="replace").splitlines():
@@ -87,20 +87,20 @@ def _processor() -> str:
 
 
 class _Points(Record):
-    """A case that was done."""
+    """A finished case."""
 
     points: list[dict[str, str | Number | None]]
 
 
 class Kept:
-    """Cases that are done, in a folder of their own for each set of circumstances: times of others don't count."""
+    """Finished cases, in one folder for each set of circumstances: times under other circumstances don't count."""
 
     def __init__(self, folder: Path, made: dict[str, Any]):
         self.folder = folder / hashlib.sha256(strict_json(made).encode()).hexdigest()[:12]
         self.folder.mkdir(parents=True, exist_ok=True)
 
     def points(self, case: Case) -> list[Point]:
-        """Those of a case, done now unless it was."""
+        """The points of a case, which is done now unless it was done before."""
         file = self.folder / f"{case.name}.json"
         if not file.exists():
             rows = [point.as_row() for point in case.work()]
@@ -133,7 +133,7 @@ def _measuring(kept: Kept, show: Progress) -> Iterator[Point]:
 
 
 def measuring_cases() -> list[Case]:
-    """Everything that the measuring room's half of the study consists of."""
+    """All cases of the analysis half of the study."""
     from morphofold.studies.accuracy import measuring, measuring_folds, measuring_person
 
     return [*measuring.cases(), *measuring_folds.cases(), *measuring_person.cases()]
@@ -151,7 +151,7 @@ def _solver(kept: Kept, show: Progress) -> Iterator[Point]:
     settings = [s for along in axes().values() for s in along]
     folding = [s for s in settings if s.axis != PACED]
     to_fold = {s.name for s in (*folding, FINEST)}
-    without_contact = {s.name for s in settings if s.axis != "contact"}  # contact begins with folds
+    without_contact = {s.name for s in settings if s.axis != "contact"}  # contact starts only with folds
     different = {s.name: s for s in (*settings, FINEST)}
     cost = {name: _cost(s) for name, s in different.items()}
     done, whole = 0.0, sum(cost.values())
@@ -176,10 +176,10 @@ def _solver(kept: Kept, show: Progress) -> Iterator[Point]:
 
 
 def _of(s: Setting, points: Iterable[Point]) -> Iterator[Point]:
-    """Points of a run that belongs to several axes, as one of this axis."""
+    """Points of a run that belongs to several axes, as points of this axis."""
     return (replace(p, axis=s.axis, setting=s.words, value=s.value) for p in points)
 
 
 def _cost(s: Setting) -> float:
-    """About how long a setting takes, in any unit: elements times steps."""
+    """Approximate time of a setting, in any unit: elements times steps."""
     return s.edge**-3 * (s.through + 8) * (s.kappa_ratio / 50) ** 0.5 / s.rate

@@ -1,5 +1,5 @@
-"""The tables of a study of accuracy: all points with their fronts, laws of time and error, peers, presets, the error
-of the standard setting by where it comes from."""
+"""The tables of a study of accuracy: all points with their fronts, laws of time and error, peers, presets, and the
+sources of the error of the standard setting."""
 
 from __future__ import annotations
 
@@ -11,40 +11,40 @@ from morphofold.studies.accuracy.fronts import Law, better_than, grouped, halvin
 from morphofold.studies.accuracy.points import EACH_OTHER, OURS, Point
 
 Row = dict[str, Any]
-ON_MESHES = ("mesh", "mesh, nearest vertex", "mesh at 3 mm")  # axes on which ours and peers have the same mesh
+ON_MESHES = ("mesh", "mesh, nearest vertex", "mesh at 3 mm")  # axes on which we and the peers use the same mesh
 REFINED = ("mesh", PACED)
-PRESETS = ("mesh", "accuracy", "voxel")  # axes that know presets
+PRESETS = ("mesh", "accuracy", "voxel")  # axes with presets
 
 COLUMNS = {
     "error": "relative: 0.01 is 1 %",
-    "against": "what the error is measured against",
-    "value": "where the setting lies on its axis: edge over thickness of the cortex, elements, kappa/mu, pace, factor, "
-    "binary digits, or of a surface the mean edge or the scale [mm]",
-    "seconds, fastest, slowest": "wall time without compiling: median over the repeats, and range",
-    "front": "1 if nothing that is held against the same takes less than 75 % of the time with an error at most 5 % "
+    "against": "reference of the error",
+    "value": "position of the setting on its axis: edge over thickness of the cortex, elements, kappa/mu, pace, "
+    "factor, binary digits; for a surface the mean edge or the scale [mm]",
+    "seconds, fastest, slowest": "wall time without compilation: median over the repeats, and range",
+    "front": "1 if no setting with the same reference takes less than 75 % of the time with an error at most 5 % "
     "larger, or no more time with less than 95 % of the error",
-    "dominated_by": "the most accurate of those that do",
-    "*_power": "of the edge (of a surface: of the root of its number of vertices, inverted), +- half the 95 % interval",
-    "*_coefficient": "of the power law: error = coefficient * edge^power",
-    "half_the_error": "how many times longer half the error takes, with its 95 % interval",
+    "dominated_by": "the most accurate of the settings that do",
+    "*_power": "power of the edge (for a surface: of 1 / root of its number of vertices), +- half the 95 % interval",
+    "*_coefficient": "coefficient of the power law: error = coefficient * edge^power",
+    "half_the_error": "half the error takes so many times as long, with its 95 % interval",
     "error_scatter": "standard deviation of ln error about its law",
-    "seconds_ratio, error_ratio": "the peer's over ours, where both measure the same mesh",
+    "seconds_ratio, error_ratio": "value of the peer over ours, if both use the same mesh",
 }
 
 
 def rivals(points: Iterable[Point]) -> list[Point]:
-    """The points that fronts are made of: nothing that failed, and of the solver no theory, which can't fold."""
+    """The points for fronts: without failed ones, and for the solver without theory, which can't fold."""
     return [p for p in points if p.repeats and (p.half == "measuring" or p.method == OURS)]
 
 
 def ranked(points: Iterable[Point]) -> list[tuple[Point, Point | None]]:
-    """Every point that has an error, and which one dominates it of those that it can be compared with."""
+    """Every point with an error, and the comparable point that dominates it."""
     groups = grouped(rivals(points)).values()
     return [pair for group in groups for pair in zip(group, better_than(group), strict=True)]
 
 
 def point_rows(points: Sequence[Point]) -> list[Row]:
-    """Every point that has an error, and whether it is on a front."""
+    """Every point with an error, and whether it is on a front."""
     rows = []
     for p, better in ranked(points):
         other = None if better is None else f"{better.method}: {better.axis}, {better.setting}"
@@ -53,7 +53,7 @@ def point_rows(points: Sequence[Point]) -> list[Row]:
 
 
 def along_meshes(points: Iterable[Point]) -> dict[tuple[str, ...], list[Point]]:
-    """Points along the axes of the mesh by (half, subject, quantity, against, method, axis), three sizes or more."""
+    """Points along the axes of the mesh by (half, subject, quantity, against, method, axis), at least three sizes."""
     found: dict[tuple[str, ...], list[Point]] = {}
     for p in points:
         if p.axis in REFINED and p.repeats:
@@ -62,12 +62,12 @@ def along_meshes(points: Iterable[Point]) -> dict[tuple[str, ...], list[Point]]:
 
 
 def edge_of(p: Point) -> float:
-    """The length that mesh laws are in: edge over thickness in a solver, else the root of one over the vertices."""
+    """The length in mesh laws: edge over thickness for the solver, else 1 / root of the number of vertices."""
     return p.value if p.half == "solver" else p.size**-0.5
 
 
 def laws_of(group: Sequence[Point]) -> tuple[Law, Law | None]:
-    """Laws of time and of error with the edge; none of the error where it is round-off."""
+    """Laws of time and of error with the edge; None for the error if it is round-off."""
     x = [edge_of(p) for p in group]
     seconds = law(x, [p.seconds for p in group])
     if any(p.error < 1e-12 for p in group):
@@ -76,7 +76,7 @@ def laws_of(group: Sequence[Point]) -> tuple[Law, Law | None]:
 
 
 def law_rows(points: Sequence[Point]) -> list[Row]:
-    """How time and error go with the edge, and how much longer half the error takes."""
+    """How time and error scale with the edge, and how much longer half the error takes."""
     rows = []
     for key, group in along_meshes(points).items():
         time, error = laws_of(group)
@@ -101,7 +101,7 @@ def law_rows(points: Sequence[Point]) -> list[Row]:
 
 
 def peer_rows(points: Sequence[Point]) -> list[Row]:
-    """Each peer beside us on the same mesh, or where it has none beside our ``standard``."""
+    """Each peer with our result on the same mesh, or, if there is none, with our ``standard``."""
     along = [p for p in points if p.method == OURS and p.axis in ON_MESHES]
     ours = {(p.half, p.subject, p.quantity, p.axis, p.size): p for p in along}
     ours |= {(p.half, p.subject, p.quantity, p.axis, 0): p for p in along if p.preset == "standard"}
@@ -127,14 +127,14 @@ def peer_rows(points: Sequence[Point]) -> list[Row]:
                 ),
                 **{f"our_{k}": v for k, v in _fields(mine, "size", "seconds", "fastest", "slowest", "error").items()},
                 "seconds_ratio": p.seconds / mine.seconds,
-                "error_ratio": p.error / mine.error if mine.error > 0 else None,  # of a peer that failed all are NaN
+                "error_ratio": p.error / mine.error if mine.error > 0 else None,  # all are NaN for a peer that failed
             }
         )
     return rows
 
 
 def preset_rows(points: Sequence[Point]) -> list[Row]:
-    """Measured errors and time of the presets, if on a front, and the error that the law along the mesh expects."""
+    """Measured errors and times of the presets, whether on a front, and the error by the law along the mesh."""
     meshes = along_meshes(points)
     rows = []
     for p, better in ranked(points):
@@ -154,7 +154,7 @@ def preset_rows(points: Sequence[Point]) -> list[Row]:
 
 
 def budget_rows(points: Sequence[Point]) -> list[Row]:
-    """Where the error of ``standard`` comes from: along each axis, the difference to the last setting of it."""
+    """Sources of the error of ``standard``: along each axis, the difference from the last setting."""
     return [
         _fields(p, "axis", "quantity", "setting", "against", "error", "seconds")
         for p in points

@@ -1,1 +1,1 @@
-"""How far folds can be trusted: meshes and seeds held against each other."""
+"""How far folds can be trusted: comparisons between meshes and between seeds."""

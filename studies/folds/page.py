@@ -1,4 +1,4 @@
-"""What ``morphofold bench folds`` wrote, for people: text tables, a Markdown page in plain words, a picture."""
+"""Text tables, a Markdown page and a picture from the results of ``morphofold bench folds``."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from morphofold.words import listed
 Cells = tuple[list[str], list[list[str]]]
 Summary = dict[str, Any]
 
-#: what the study asks of two neighbouring meshes: least correlation of outer radii, greatest change of GI [%]
+#: criteria for two neighbouring meshes: least correlation of the outer radii, greatest change of GI [%]
 ALIKE, SAME_GI = 0.95, 4.0
 NAMES = {
     "gyrification_index": "GI",
@@ -30,8 +30,8 @@ NAMES = {
 }
 NEW_PAGE = """# How far simulated folds can be trusted
 
-The same bodies, grown on several meshes and from several seeds of their imperfection. How folds are counted is said in
-[figures.md](figures.md). What stands between marks is generated:
+The same bodies were grown on several meshes and with several seeds of their imperfection. [figures.md](figures.md)
+explains how folds are counted. The text between marks is generated:
 
 ```sh
 morphofold bench folds -o folds
@@ -41,7 +41,7 @@ python -m morphofold.studies.folds.study folds {page}
 
 
 def text_tables(out: Path) -> list[str]:
-    """The tables of a study as text of even columns, each under a line that says what it is."""
+    """The tables of a study as text with aligned columns, each below its title."""
     summary, tables = _read(out)
     return [
         f"{part.title}\n{_padded(*part.cells(tables[name], summary))}" for name, part in PARTS.items() if name in tables
@@ -49,16 +49,16 @@ def text_tables(out: Path) -> list[str]:
 
 
 def write_page(out: Path, page: Path) -> list[str]:
-    """Renew the marked parts of ``page`` from a study, the picture beside it too; names of the files written.
+    """Update the marked parts of ``page`` and its picture from a study; returns the names of the written files.
 
-    A page that isn't there is begun. A table that the study left out is named with the reason instead.
+    A missing page is created. For a table that the study left out, the reason is given instead.
 
     Raises
     ------
     FileNotFoundError
-        If ``out`` holds no summary, or lacks a file that this names.
+        If ``out`` holds no summary, or lacks a file that the summary names.
     ValueError
-        If the summary is of something else, or the page hasn't one pair of marks for each part; the page is as it was.
+        If the summary is of another command, or the page lacks one pair of marks for a part; the page is unchanged.
     """
     summary, tables = _read(out)
     text = page.read_text(encoding="utf-8") if page.exists() else _new(page)
@@ -70,7 +70,7 @@ def write_page(out: Path, page: Path) -> list[str]:
         for name, part in PARTS.items()
     }
     if "slope" in tables:
-        parts["slope"].insert(1, f"![wavelength of folds against the thickness of the cortex]({picture.name})")
+        parts["slope"].insert(1, f"![wavelength of the folds against the thickness of the cortex]({picture.name})")
     text = renewed(page, text, {**parts, "runs": [_runs(summary), health(summary["simulations"])]})
     if "slope" in tables:
         with atomic_file(picture) as temporary:
@@ -80,7 +80,7 @@ def write_page(out: Path, page: Path) -> list[str]:
 
 
 def _new(page: Path) -> str:
-    """A page without results, with marks for all of them."""
+    """A page without results, with the marks of all parts."""
     sections = {**{name: part.heading for name, part in PARTS.items()}, "runs": "The runs"}
     marked = (f"\n## {heading}\n\n<!-- {name} -->\n<!-- /{name} -->\n" for name, heading in sections.items())
     return NEW_PAGE.format(page=page.as_posix()) + "".join(marked)
@@ -98,7 +98,7 @@ def _read(out: Path) -> tuple[Summary, dict[str, list[Row]]]:
 
 
 def _folds(rows: Sequence[Row], summary: Summary) -> Cells:
-    """The finest mesh, from the first seed."""
+    """The folds on the finest mesh, with the first seed."""
     asked = summary["parameters"]
     heads = [
         "scene",
@@ -202,7 +202,7 @@ def _slope(rows: Sequence[Row], summary: Summary) -> Cells:
 
 
 def _padded(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Columns of even width, the first to the left."""
+    """Aligned columns; the first is aligned to the left."""
     widths = [max(map(len, column)) for column in zip(heads, *rows)]
     lines = [
         "  ".join(cell.ljust(w) if k == 0 else cell.rjust(w) for k, (cell, w) in enumerate(zip(line, widths)))
@@ -218,8 +218,8 @@ def _say_folds(rows: Sequence[Row], summary: Summary) -> str:
     asked = summary["parameters"]
     unfolded = sum(row["wavelength_mm"] is None for row in rows)
     shown = (
-        f"At level {asked['levels'][-1]}, seed {asked['seeds'][0]}; simulated: {asked['portion']}. Numbers are of the "
-        "whole sphere, mirrored parts included."
+        f"At level {asked['levels'][-1]}, seed {asked['seeds'][0]}; simulated: {asked['portion']}. The numbers are for "
+        "the whole sphere, including the mirrored parts."
     )
     return shown + (f" {unfolded} of {len(rows)} stages of all runs are not folded yet." if unfolded else "")
 
@@ -227,8 +227,8 @@ def _say_folds(rows: Sequence[Row], summary: Summary) -> str:
 def _say_convergence(rows: Sequence[Row], summary: Summary) -> str:
     """A paragraph per pair of meshes."""
     shown = [
-        f"The outer radius is compared along {summary['parameters']['directions']:,} directions of the whole sphere, "
-        "at its first hit from outside."
+        f"The outer radius is compared along {summary['parameters']['directions']:,} directions of the whole sphere. "
+        "Each radius is the first hit from outside."
     ]
     for coarser, finer in dict.fromkeys((row["coarser"], row["finer"]) for row in rows):
         mine = [row for row in rows if (row["coarser"], row["finer"]) == (coarser, finer) and row["folded"]]
@@ -243,9 +243,9 @@ def _say_convergence(rows: Sequence[Row], summary: Summary) -> str:
         waves = max(mine, key=lambda row: abs(row["wavelength_mm_change_percent"]))
         shown.append(
             f"Between **{coarser} and {finer}** it correlates at {ALIKE:g} or more in {alike} of {len(mine)} folded "
-            f"stages, in the median at {np.median([row['correlation'] for row in known]):.3f}, at least at "
+            f"stages. The median correlation is {np.median([row['correlation'] for row in known]):.3f}, the least "
             f"{worst['correlation']:.3f} ({_where(worst)}). GI changes by {SAME_GI:g} % or less in {same}, most by "
-            f"{_signed(most['gyrification_index_change_percent'])} ({_where(most)}); the wavelength most by "
+            f"{_signed(most['gyrification_index_change_percent'])} ({_where(most)}). The wavelength changes most by "
             f"{_signed(waves['wavelength_mm_change_percent'])} ({_where(waves)})."
         )
     return "\n\n".join(shown)
@@ -266,21 +266,21 @@ def _say_spread(rows: Sequence[Row], summary: Summary) -> str:
         if share:
             most, row = max(share, key=lambda pair: pair[0])
             middle = np.median([percent for percent, _ in share])
-            shown.append(f"of {NAMES[name]} {middle:.1f} % in the median and {most:.1f} % at most ({_where(row)})")
+            shown.append(f"{NAMES[name]} {middle:.1f} % in the median and {most:.1f} % at most ({_where(row)})")
     asked = summary["parameters"]
     seeds = listed([str(seed) for seed in asked["seeds"]])
     begin = f"At level {asked['all_seeds_at_level']}, over the {len(asked['seeds'])} seeds {seeds}"
-    return f"{begin}, {f'the standard deviation over the mean is {listed(shown)}' if shown else 'nothing is folded'}."
+    return f"{begin}, {f'the standard deviation over the mean is: {listed(shown)}' if shown else 'nothing is folded'}."
 
 
 def _say_slope(rows: Sequence[Row], summary: Summary) -> str:
     """A sentence per law: the slope of the wavelength on the finest mesh that has lines."""
-    shown = ["Lines by least squares on the thickness T of the cortex before growth, through all seeds of a mesh."]
+    shown = ["Lines are least-squares fits on the thickness T of the cortex before growth, over all seeds of a mesh."]
     for law in dict.fromkeys(row["law"] for row in rows):
         mine = [row for row in rows if (row["law"], row["number"]) == (law, "wavelength_mm")]
         fitted = [row for row in mine if row["slope"] is not None]
         if not fitted:
-            shown.append(f"With {law} growth not all three bodies are folded at any growth.")
+            shown.append(f"With {law} growth the three bodies are not all folded at any growth.")
             continue
         last = fitted[-1]["level"]
         slopes = [
@@ -289,9 +289,9 @@ def _say_slope(rows: Sequence[Row], summary: Summary) -> str:
             if row["level"] == last
         ]
         shown.append(
-            f"With **{law}** growth the wavelength grows, per mm of T, by {listed(slopes)} mm (level {last}); the "
-            f"first wrinkles of linear stability by {mine[0]['theory_slope']:.2f}, the film formula by "
-            f"{mine[0]['film_slope']:.2f}."
+            f"With **{law}** growth the wavelength increases, per mm of T, by {listed(slopes)} mm (level {last}). The "
+            f"slope of the first wrinkles of linear stability is {mine[0]['theory_slope']:.2f}, that of the film "
+            f"formula {mine[0]['film_slope']:.2f}."
         )
     return "\n\n".join(shown)
 
@@ -303,7 +303,7 @@ def _runs(summary: Summary) -> str:
 
 
 class Part(NamedTuple):
-    """One table of a study: its heading in a page, its title in a terminal, its cells, and what a page says of it."""
+    """One table of a study: its heading in a page, its title in a terminal, its cells, and its text in a page."""
 
     heading: str
     title: str

@@ -1,4 +1,4 @@
-"""Pictures of simulated folds side by side: one camera, one scale, one set of limits, a line of words under each."""
+"""Pictures of simulated folds side by side: the same camera, scale and colour limits, and a caption under each."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from morphofold.sim.run import Simulation
 from morphofold.surface import Surface
 
 DISPLACEMENT = Quantity("displacement", "Displacement |u|", "mm")
-VIEW = "top"  # along the axis of a half sphere: all of what was simulated, and nothing that was mirrored
+VIEW = "top"  # along the axis of a half sphere: shows all that was simulated, and no mirrored part
 WIDEST = 420  # pixels from one column to the next
 
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """One picture: words under it, the surface [mm], and a value (N,) per vertex."""
+    """One picture: its caption, the surface [mm], and a value (N,) per vertex."""
 
     words: str
     surface: Surface
@@ -28,7 +28,7 @@ class Panel:
 
 
 def displaced(simulation: Simulation, g: float, words: str = "") -> Panel:
-    """The pial surface at growth g, coloured by how far each point is from where it was at g = 1 [mm]."""
+    """The pial surface at growth g, coloured by the distance of each point from its position at g = 1 [mm]."""
     now, before = simulation.cortex(g).pial, simulation.cortex(1.0).pial
     return Panel(words or f"g = {g:.2f}", now, np.linalg.norm(now.verts - before.verts, axis=1))
 
@@ -45,17 +45,17 @@ def picture(
     columns: Sequence[str] = (),
     backend: str | None = None,
 ) -> Picture:
-    """Rows of panels, seen from above at one scale, a colour bar under each row and a ruler under the last.
+    """Rows of panels seen from above at one scale, a colour bar under each row and a scale bar under the last.
 
     Parameters
     ----------
     panels : rows of Panel
-        Every row has as many.
+        All rows have the same number of panels.
     what : Quantity
     limits : sequence of (low, high)
-        Of the colours, the same for all panels of a row.
+        Colour limits, the same for all panels of a row.
     columns : sequence of str
-        What stands above each column.
+        Titles of the columns.
     backend : {"pyvista", "raster"}, optional
         As for :func:`morphofold.report.pictures.surfaces.draw`.
 

@@ -1,4 +1,4 @@
-"""Wavelength of simulated folds against the thickness of the cortex, beside theory: the picture of a study of folds."""
+"""Wavelength of simulated folds and of theory against cortical thickness: the picture of a study of folds."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ THEORY: dict[str, dict[str, Any]] = {"theory": {"color": BLACK}, "film": {"color
 
 
 def thickness_figure(folds: Sequence[Row], slopes: Sequence[Row], summary: dict[str, Any]) -> Figure:
-    """Wavelength against thickness, a panel per growth law: every seed a point, lines of theory beside."""
+    """Wavelength against thickness, one panel per growth law: each seed is a point; theory is drawn as lines."""
     level = summary["parameters"]["all_seeds_at_level"]
     lines = [row for row in slopes if (row["number"], row["level"]) == ("wavelength_mm", level)]
     growths = list(dict.fromkeys(row["growth"] for row in lines))

@@ -1,6 +1,6 @@
-"""How far folds agree: between meshes, between seeds of the imperfection, and with a line through cortical thickness.
+"""Agreement of folds between meshes, between seeds of the imperfection, and with a line on cortical thickness.
 
-All work on rows of :mod:`morphofold.studies.folds.tables`, which also say their ``seed``.
+All functions work on rows of :mod:`morphofold.studies.folds.tables`, which also hold their ``seed``.
 """
 
 from __future__ import annotations
@@ -19,24 +19,24 @@ from morphofold.studies.folds.tables import Row
 from morphofold.surface import Surface
 
 DIRECTIONS = 4_000
-HITS = 64  # room for the hits of a ray; one with more is cast again with as much as it needs
+HITS = 64  # space for the hits of a ray; a ray with more hits is cast again with enough space
 
-#: numbers of which the spread over seeds is spread
+#: numbers whose spread over seeds is computed
 SPREAD = ("gyrification_index", "gyri", "sulci", "wavelength_mm")
-#: numbers of which the slope on the cortical thickness is spread
+#: numbers whose slope on the cortical thickness is computed
 SLOPES = ("wavelength_mm", "gyral_thickness_mm")
-#: scenes of one growth law that differ in the thickness of the cortex alone: T = 1, 2 and 3 mm
+#: scenes of one growth law that differ only in the thickness of the cortex: T = 1, 2 and 3 mm
 BY_THICKNESS = (
     ("fig6-thin", "fig5", "fig6-thick"),
     ("fig6-thin-tangential", "fig5-tangential", "fig6-thick-tangential"),
 )
 
-#: (scene, level, seed, growth) -> outer radius [mm] along as many even directions
+#: (scene, level, seed, growth) -> outer radius [mm] along evenly spread directions
 Radii = dict[tuple[str, str, int, float], Array]
 
 
 class Line(NamedTuple):
-    """A straight line by least squares; ``standard_error`` is that of the slope, None through two points."""
+    """A straight line by least squares; ``standard_error`` is that of the slope, None for two points."""
 
     slope: float
     standard_error: float | None
@@ -45,15 +45,15 @@ class Line(NamedTuple):
 
 
 def outer_radius(surface: Surface, along: Array) -> Array:
-    """Distance (R,) [mm] from the origin to where the surface is hit last along unit directions (R, 3).
+    """Distance (R,) [mm] from the origin to the last hit of the surface along unit directions (R, 3).
 
-    That is the first hit from outside: what overhangs hides what lies below it. No hit is lost at an edge or a vertex
+    This is the first hit from outside: overhangs hide the parts below them. No hit is lost at an edge or a vertex
     (:func:`morphofold.intersections.rays.ray_hits`), so a closed surface around the origin has one in every direction.
 
     Raises
     ------
     OpenSurface
-        If a ray hits nothing: the surface has a hole, or doesn't enclose the origin.
+        If a ray has no hit: the surface has a hole, or does not enclose the origin.
     """
     verts, faces, origin = surface.verts.copy(), surface.faces.copy(), np.zeros(3)
     tree = box_tree(verts, faces)
@@ -66,7 +66,7 @@ def outer_radius(surface: Surface, along: Array) -> Array:
             ray_hits(verts, faces, tree.bounds, tree.order, origin, direction, at, sign)
         if hits == 0:
             raise OpenSurface(
-                f"{surface.name}: isn't hit along direction {direction.round(4).tolist()} from the origin; close its "
+                f"{surface.name}: has no hit along direction {direction.round(4).tolist()} from the origin; close its "
                 "holes, and centre it."
             )
         radius[k] = at[:hits].max()
@@ -81,7 +81,7 @@ def correlation(a: Array, b: Array) -> float | None:
 
 
 def line(x: Sequence[float], y: Sequence[float]) -> Line:
-    """The line through points by least squares; x must differ."""
+    """The least-squares line through points; the values of x must differ."""
     from scipy import stats
 
     found = stats.linregress(x, y)
@@ -113,7 +113,7 @@ def _percent(before: float | None, after: float | None) -> float | None:
 def spread_rows(rows: Sequence[Row], level: str) -> list[Row]:
     """A row per scene and growth: mean, standard deviation (n - 1) and range over the seeds at one level.
 
-    None for numbers that not every seed has, such as those of folds where one isn't folded yet.
+    None for numbers that a seed lacks, such as those of folds if one seed is not folded yet.
     """
     found = []
     for scene, growth in _distinct((row["scene"], row["growth"]) for row in rows):
@@ -136,9 +136,9 @@ def _moments(name: str, values: Sequence[float | None]) -> Row:
 def slope_rows(rows: Sequence[Row]) -> list[Row]:
     """A row per growth law, number (:data:`SLOPES`), level and growth: its line on the reference thickness T.
 
-    Through all seeds of the level. Where one of the three bodies isn't folded yet there is no line. Beside it, for the
-    wavelength, are the line through the first wrinkles of linear stability, and the film formula, which is
-    proportional to T.
+    The line is fitted to all seeds of the level. There is no line if one of the three bodies is not folded yet. For the
+    wavelength, the row also has the line through the first wrinkles of linear stability, and the film formula, which
+    is proportional to T.
     """
     found = []
     for scenes in BY_THICKNESS:

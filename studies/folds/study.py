@@ -1,7 +1,7 @@
-"""How far simulated folds can be trusted: the same bodies grown on several meshes and from several imperfections.
+"""How far simulated folds can be trusted: the same bodies grown on several meshes and with several imperfections.
 
-``morphofold bench folds`` grows them and writes the tables; ``python -m morphofold.studies.folds.study OUT PAGE`` puts
-these into the Markdown page PAGE.
+``morphofold bench folds`` grows them and writes the tables. ``python -m morphofold.studies.folds.study OUT PAGE``
+writes the tables into the Markdown page PAGE.
 """
 
 from __future__ import annotations
@@ -37,17 +37,17 @@ from morphofold.studies.paper.runs import Runs, run_record
 PORTIONS = ("full", "half", "quarter", "octant")
 LARGEST_GROWTH = 4.0
 
-#: what the columns of the tables hold, beyond those of the folds themselves
+#: meaning of the columns of the tables, in addition to those of the folds
 MORE_COLUMNS = {
     "seed": "of the imperfection (effects.perturbation.seed)",
-    "edge_mm": "largest surface edge that the level asks for",
-    "correlation": f"Pearson's, of the outer radius of coarser and finer mesh at one growth, over {DIRECTIONS:,} "
-    "directions of a Fibonacci lattice on the whole sphere, the mirrored part included; the radius is the first hit "
-    "from outside, exact on the triangles",
+    "edge_mm": "largest surface edge of the level",
+    "correlation": "Pearson correlation of the outer radius of coarser and finer mesh at one growth, over "
+    f"{DIRECTIONS:,} directions of a Fibonacci lattice on the whole sphere, including the mirrored part; the radius is "
+    "the first hit from outside, exact on the triangles",
     "folded": "1 if both meshes are folded (height rms at least a tenth of T)",
     "*_change_percent": "finer over coarser, less 1",
-    "*_sd": "standard deviation over seeds, n - 1; none where not every seed is folded",
-    "slope, standard_error, intercept, r": "least squares on the cortical thickness T before growth, through all seeds "
+    "*_sd": "standard deviation over seeds, n - 1; none if a seed is not folded",
+    "slope, standard_error, intercept, r": "least squares on the cortical thickness T before growth, over all seeds "
     "of a level: mm per mm, mm, mm, correlation",
     "theory_*": "the same line through the wavelengths of the first wrinkles by linear stability",
     "film_*": "the same line through 2 pi T (mu ratio / 3)^(1/3)",
@@ -56,18 +56,18 @@ MORE_COLUMNS = {
 
 @dataclass(frozen=True)
 class Study:
-    """What is grown: every scene at every level from the first seed, and at one level from the other seeds too.
+    """What is grown: every scene at every level with the first seed, and at one level also with the other seeds.
 
     Attributes
     ----------
     scenes : tuple of str
-        Built-in names or TOML files, of spheres with an imperfection.
+        Built-in names or TOML files; spheres with an imperfection.
     levels : tuple of str
         Levels of accuracy, in any order.
     seeds : tuple of int
-        Seeds of the imperfection; the meshes are compared at the first.
+        Seeds of the imperfection; the meshes are compared at the first seed.
     portion : str
-        Of the sphere that is simulated.
+        Part of the sphere that is simulated.
     growth : tuple of float
         Growth stretches at which folds are measured; the largest is the final one.
     """
@@ -85,7 +85,7 @@ class Study:
 
     @property
     def repeated(self) -> str:
-        """The level that is grown from every seed: the second finest, or the only one."""
+        """The level that is grown with every seed: the second finest, or the only one."""
         return self.ordered[-2:][0]
 
 
@@ -102,13 +102,13 @@ class Planned:
 
 
 def planned(study: Study) -> list[Planned]:
-    """The runs of a study, the coarse ones first. Nothing is written.
+    """The runs of a study, coarse ones first. Writes nothing.
 
     Raises
     ------
     ValueError, FileNotFoundError
-        If the study has nothing to grow, names something twice or unknown, or has a scene whose folds can't be
-        compared: no sphere, no imperfection, a mesh that no level changes.
+        If the study has nothing to grow, has a repeated or unknown name, or has a scene whose folds can't be
+        compared: not a sphere, no imperfection, or a mesh that no level changes.
     """
     _check(study)
     names = {source: _comparable(source) for source in study.scenes}
@@ -135,7 +135,7 @@ def planned(study: Study) -> list[Planned]:
         for seed in (study.seeds if level == study.repeated else study.seeds[:1])
     ]
     for run in runs:
-        load_scene(run.source, run.settings)  # says now what would fail in an hour
+        load_scene(run.source, run.settings)  # reports errors now instead of after an hour
     return runs
 
 
@@ -147,43 +147,45 @@ def _check(study: Study) -> None:
         ("growth", study.growth, "1.5,2.0"),
     ):
         if not asked:
-            raise NothingToDo(f"{what}: the list is empty; name one at least, such as {example}.")
+            raise NothingToDo(f"{what}: the list is empty; name at least one, such as {example}.")
         if len(set(asked)) < len(asked):
-            raise NamedTwice(f"{what}: {','.join(map(str, asked))} names something twice; name it once.")
+            raise NamedTwice(f"{what}: {','.join(map(str, asked))} names one item twice; name it once.")
     for level in study.levels:
         if level not in LEVELS:
-            raise UnknownName(f"levels: {level!r} is no level of accuracy; there are {', '.join(LEVELS)}.")
+            raise UnknownName(f"levels: {level!r} is not a level of accuracy; the levels are {', '.join(LEVELS)}.")
     if study.portion not in PORTIONS:
-        raise UnknownName(f"portion: {study.portion!r} is none; there are {', '.join(PORTIONS)}.")
+        raise UnknownName(f"portion: {study.portion!r} is not a portion; the portions are {', '.join(PORTIONS)}.")
     for seed in study.seeds:
         if seed < 0:
-            raise OutOfRange(f"seeds: {seed} is negative; take whole numbers from 0 on.")
+            raise OutOfRange(f"seeds: {seed} is negative; use whole numbers from 0.")
     for g in study.growth:
         if not 1 < g <= LARGEST_GROWTH:
-            raise OutOfRange(f"growth: {g:g} is not above 1 and at most {LARGEST_GROWTH:g}, where folds could be.")
+            raise OutOfRange(f"growth: {g:g} is not above 1 and at most {LARGEST_GROWTH:g}, the range of folds.")
         if round(g, 2) != g:
-            raise OutOfRange(f"growth: {g:g} has more than the two decimals that stages are named by; round it.")
+            raise OutOfRange(f"growth: {g:g} has more than two decimals, which names of stages have; round it.")
 
 
 def _comparable(source: str) -> str:
     """Name of a scene; refused unless its folds can be compared between levels and seeds."""
     scene = load_scene(source)
     if scene.geometry.shape != "sphere":
-        raise DoesNotApply(f"{scene.name}: is no sphere but a body of shape {scene.geometry.shape!r}; name a sphere.")
+        raise DoesNotApply(
+            f"{scene.name}: is not a sphere but a body of shape {scene.geometry.shape!r}; name a sphere."
+        )
     if "perturbation" not in scene.effects:
         raise MissingPart(f"{scene.name}: has no [effects.perturbation], so no seed changes its folds; add one.")
     if scene.accuracy.edge is not None:
         raise OptionsClash(
-            f"{scene.name}: sets accuracy.edge = {scene.accuracy.edge:g}, so every level has the same mesh; drop it."
+            f"{scene.name}: sets accuracy.edge = {scene.accuracy.edge:g}, so every level has the same mesh; remove it."
         )
     return scene.name
 
 
 def run_study(study: Study, folder: Path, runs: Runs) -> dict[str, Any]:
-    """Grow and measure all, and write the tables and ``summary.json`` into ``folder``; what the latter says.
+    """Grow and measure all, and write the tables and ``summary.json`` into ``folder``; returns the summary.
 
-    A table that the study has nothing for (a single level, a single seed, no three thicknesses) isn't written, and
-    ``left_out`` says why.
+    A table without data (a single level, a single seed, no three thicknesses) is not written, and ``left_out`` gives
+    the reason.
     """
     plan = planned(study)
     along = even_directions(DIRECTIONS)
@@ -205,7 +207,7 @@ def run_study(study: Study, folder: Path, runs: Runs) -> dict[str, Any]:
 
 
 def _of_run(run: Planned, simulation: Simulation, row: Row) -> Row:
-    """A row of folds that also says its seed and its mesh."""
+    """A row of folds with its seed and its mesh."""
     body = {"scene": run.scene, "level": run.level, "seed": run.seed, "edge_mm": simulation.scene.edge}
     return {**body, "growth": row["growth"], **{key: value for key, value in row.items() if key not in body}}
 
@@ -231,7 +233,7 @@ def _write(
     }
     summary: dict[str, Any] = {
         "morphofold": __version__,
-        "shows": "folds of the same bodies on several meshes, and from several seeds of their imperfection",
+        "shows": "folds of the same bodies on several meshes, and with several seeds of their imperfection",
         "python": platform.python_version(),
         **{package: version(package) for package in ("numpy", "scipy", "numba")},
         "parameters": {

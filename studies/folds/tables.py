@@ -1,7 +1,7 @@
-"""Numbers of simulated folds, one row per scene and growth stage, with what theory says of the same body beside them.
+"""Numbers of simulated folds, one row per scene and growth stage, with the theory of the same body beside them.
 
-Height is the distance of the pial surface from the centre, as a function of where its points were before growth: walls
-that overhang or touch don't matter. All numbers are of the whole sphere, the mirrored part included.
+Height is the distance of the pial surface from the centre, as a function of the position before growth, so walls may
+overhang or touch. All numbers are for the whole sphere, including the mirrored part.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from morphofold.surface import Cortex
 
 Row = dict[str, Any]
 
-#: rms of the height over the cortical thickness of the scene, from which on a surface is called folded
+#: a surface is called folded from this rms of the height, over the cortical thickness of the scene
 FOLDED = 0.1
 #: least prominence of a gyrus or sulcus over the rms of the height
 PROMINENT = 0.25
-#: what the columns hold, for an index
+#: meaning of the columns, for an index
 COLUMNS = {
     "gyrification_index": "area of the pial surface over that of its convex hull",
     "height_rms_mm": "root mean square of the height about its mean",
@@ -37,25 +37,25 @@ COLUMNS = {
     "furrows between broad gyri",
     "sulci": f"pits of the height that lie {PROMINENT:g} rms or more below the pass to a deeper one",
     "gyri": f"peaks of the height that rise {PROMINENT:g} rms or more above the pass to a higher one; a winding gyrus "
-    "without such a dip counts once",
-    "degree": "degree l of spherical harmonics, mean over the height's spectrum, weighted by power",
+    "without such a pass counts once",
+    "degree": "degree l of spherical harmonics, mean over the spectrum of the height, weighted by power",
     "wavelength_mm": "2 pi C / sqrt(l (l + 1)), on the sphere of radius C before growth",
     "gyral_thickness_mm": "median width of gyri from wall to wall at mid-height, on the folded surface",
     "cortical_thickness_mm": "mean over the vertices, as FreeSurfer defines thickness",
     "theory_g": "growth at which the smooth sphere first wrinkles, at the kappa/mu of the scene",
     "theory_degree": "degree of those first wrinkles",
-    "theory_wavelength_mm": "their wavelength, as wavelength_mm",
+    "theory_wavelength_mm": "their wavelength, defined as wavelength_mm",
     "film_wavelength_mm": "2 pi T (mu ratio / 3)^(1/3), of a stiff film on a soft flat ground (Sec. IV of the paper)",
-    "first_contact_g": "growth from which on walls of folds touched, to 0.01; n/a: never",
-    "crossings": "edges and vertices that passed through the pial surface by more than health allows",
+    "first_contact_g": "growth at which walls of folds first touched, to 0.01; n/a: never",
+    "crossings": "edges and vertices that cross the pial surface by more than health allows",
 }
 
 
 def fold_rows(simulation: Simulation, progress: Progress = silent) -> list[Row]:
-    """Numbers of every stage beyond g = 1, which must be one of the stages: the reference of the height.
+    """Numbers of every stage beyond g = 1. The stage g = 1 must exist: it is the reference of the height.
 
-    Keys are those of :data:`COLUMNS` and what they belong to. What a surface that isn't folded doesn't have is None,
-    and ``note`` says why.
+    Keys are those of :data:`COLUMNS` and those of the body. Numbers that a surface without folds lacks are None, and
+    ``note`` gives the reason.
     """
     scene = simulation.scene
     reference, theory = simulation.cortex(1.0), {**expected(scene), "first_contact_g": first_contact(simulation)}
@@ -130,7 +130,9 @@ def expected(scene: Scene) -> Row:
     geometry, material = sphere(scene), scene.material
     T, C = geometry.cortex_thickness, geometry.radius
     if not material.theory:
-        raise DoesNotApply(f"{scene.name}: theory is of a neo-Hookean material, not of {material.model}; leave it out.")
+        raise DoesNotApply(
+            f"{scene.name}: the theory is for a neo-Hookean material, not for {material.model}; leave it out."
+        )
     found = _first_wrinkles(T / C, material.mu_ratio, scene.growth.law, material.kappa_ratio, geometry.hole_radius / C)
     return {
         "theory_g": found.g_crit,
@@ -146,12 +148,12 @@ def _first_wrinkles(T_over_C: float, mu_ratio: float, law: str, kappa_ratio: flo
 
 
 def film_wavelength(thickness: float, mu_ratio: float) -> float:
-    """2 pi t (mu_f / 3 mu_s)^(1/3), the unit that of the thickness (Razavi et al. 2015, Sec. IV, after their [47])."""
+    """2 pi t (mu_f / 3 mu_s)^(1/3), in the unit of the thickness (Razavi et al. 2015, Sec. IV, after their [47])."""
     return 2 * math.pi * thickness * (mu_ratio / 3) ** (1 / 3)
 
 
 def sphere(scene: Scene) -> Any:
-    """The sphere of a scene; ``DoesNotApply`` if its body is another."""
+    """The sphere of a scene; raises ``DoesNotApply`` if it has another body."""
     if scene.geometry.shape != "sphere":
-        raise DoesNotApply(f"{scene.name}: is a {scene.geometry.shape}, its folds have no sphere to be counted on.")
+        raise DoesNotApply(f"{scene.name}: is a {scene.geometry.shape}; folds can be counted only on a sphere.")
     return scene.geometry

@@ -1,9 +1,9 @@
-"""Pictures and generated parts of docs/measures: every measure on several surfaces, what they cost, and how the
-number of hinges hangs on the lengths that they are found by. A cut through folds is of the first surface.
+"""Pictures and generated parts of docs/measures: every measure on several surfaces, their times, and how the number
+of hinges depends on the lengths of the method. The cut through folds shows the first surface.
 
 ``python -m morphofold.studies.pages.measuring FOLDER --speed FILE NAME=CORTEX...`` draws them into the folder of pages
-and puts tables between the marks ``<!-- speed -->`` of its index.md and ``<!-- sensitivity -->`` of its gyral-net.md,
-and those that end them. FILE holds what ``morphofold bench measures --json`` prints; a CORTEX is whatever
+and writes tables after the marks ``<!-- speed -->`` of its index.md and ``<!-- sensitivity -->`` of its gyral-net.md,
+up to the end marks. FILE holds the output of ``morphofold bench measures --json``; a CORTEX is anything that
 ``morphofold.read_cortex`` reads, or S1, the sample.
 """
 
@@ -35,7 +35,7 @@ from morphofold.surface import Surface
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: maps that are drawn, with the limits of their colours where those of a page would not show the folds of both
+#: drawn maps, with their colour limits if the limits of a page would not show the folds of both
 MAPS: dict[str, tuple[float, float] | None] = {
     "H": None,
     "shape_index": None,
@@ -45,19 +45,19 @@ MAPS: dict[str, tuple[float, float] | None] = {
     "gyral_thickness": (4, 24),
 }
 PHASE = Quantity(
-    "phase", "Place in the fold of the pial surface: 1 on the crown, 0 at mid-height, −1 at the fundus", signed=True
+    "phase", "Position in the fold of the pial surface: 1 on the crown, 0 at mid-height, −1 at the fundus", signed=True
 )
 
 
 def write_pages(folder: Path, speed: Path, measured: dict[str, Measures]) -> None:
-    """Renew pictures, plots and the marked parts of the pages in ``folder``.
+    """Update pictures, plots and the marked parts of the pages in ``folder``.
 
     Raises
     ------
     FileNotFoundError
-        If a file is not there.
+        If a file is missing.
     MissingPart
-        If a page has not one pair of marks for its part. All is as it was then.
+        If a page lacks one pair of marks for its part. Then nothing is changed.
     """
     times: list[dict[str, Any]] = json.loads(speed.read_text(encoding="utf-8"))
     hinges = {name: hinge_sensitivity(m.cortex) for name, m in measured.items()}
@@ -85,7 +85,7 @@ def write_pages(folder: Path, speed: Path, measured: dict[str, Measures]) -> Non
 
 
 def pictures(measured: dict[str, Measures]) -> dict[str, Picture]:
-    """Every measure, a row per surface."""
+    """Pictures of all measures, with a row per surface."""
     drawn = {
         "crest-lines": crest_figure([crest_row(m, name) for name, m in measured.items()]),
         "gyral-net": net_figure([net_row(m, name) for name, m in measured.items()]),
@@ -102,7 +102,7 @@ def pictures(measured: dict[str, Measures]) -> dict[str, Picture]:
 
 
 def _phase_row(m: Measures, name: str) -> Row:
-    """The folds as the contour at mid-height sees them, on white, whose sulci are open; wavelengths in the name."""
+    """The phase of the folds, drawn on white because its sulci are open; the name gives the wavelengths."""
     pial, scale = m.cortex.pial, m.parameters["gyral_scale_mm"]
     phase = np.full(m.cortex.n_vertices, np.nan) if scale is None else relief(pial.verts, pial.faces, scale).phase
     ways = [number(m.scalars[key], "{:.1f} mm") for key in ("wavelength_mm", "spectral_wavelength_mm")]
@@ -112,7 +112,7 @@ def _phase_row(m: Measures, name: str) -> Row:
 
 
 def speed_figure(rows: Sequence[dict[str, Any]]) -> Figure:
-    """Seconds of each stage over the number of vertices, beside n log n."""
+    """Seconds of each stage against the number of vertices, compared with n log n."""
     n = np.array([row["vertices"] for row in rows if row["stage"] == "all"], dtype=np.float64)
     whole = np.array([row["seconds"] for row in rows if row["stage"] == "all"])
     with new_figure(6.4, 4.8, 1, 1) as (plot, ((ax,),)):
@@ -130,7 +130,7 @@ def speed_figure(rows: Sequence[dict[str, Any]]) -> Figure:
 
 
 def sensitivity_figure(hinges: dict[str, list[dict[str, Any]]]) -> Figure:
-    """Number of hinges as each length is multiplied, a panel per surface."""
+    """Number of hinges against the factor of each length, one panel per surface."""
     with new_figure(4.2 * len(hinges) + 0.4, 4.4, 1, len(hinges), sharey=True) as (plot, axes):
         entries: dict[str, Any] = {}
         for ax, (name, rows) in zip(axes[0], hinges.items()):
@@ -140,7 +140,7 @@ def sensitivity_figure(hinges: dict[str, list[dict[str, Any]]]) -> Figure:
                 ax.plot([r["factor"] for r in mine], [r["n_hinges"] for r in mine], **entries[length])
             factors = sorted({row["factor"] for row in rows})
             set_limits(ax, (0.9 * factors[0], 1.1 * factors[-1]), ax.get_ylim(), name)
-            ax.set(xscale="log", xlabel="length, over the one that is used")
+            ax.set(xscale="log", xlabel="length over the length in use")
             ax.set_xticks(factors, [f"{f:g}" for f in factors])
             ax.minorticks_off()
         axes[0][0].set(ylabel="hinges", ylim=(0, axes[0][0].get_ylim()[1]))
@@ -149,7 +149,7 @@ def sensitivity_figure(hinges: dict[str, list[dict[str, Any]]]) -> Figure:
 
 
 def fractal_figure(surfaces: dict[str, Surface]) -> Figure:
-    """Boxes that each surface meets over their size, and the lines whose slope is the dimension."""
+    """Number of boxes that meet each surface against their size, and the lines whose slope gives the dimension."""
     with new_figure(6.4, 4.8, 1, 1) as (plot, ((ax,),)):
         entries: dict[str, Any] = {}
         for k, (name, surface) in enumerate(surfaces.items()):

@@ -1,6 +1,6 @@
-"""The tables of docs/messages.md: the codes of refusals, of warnings about surfaces, and of the health of simulations.
+"""The tables of docs/messages.md: the codes of errors, of warnings about surfaces, and of the health of simulations.
 
-``python -m morphofold.studies.pages.messages docs/messages.md`` puts them between the marks of that page.
+``python -m morphofold.studies.pages.messages docs/messages.md`` writes them between the marks of that page.
 """
 
 from __future__ import annotations
@@ -13,23 +13,23 @@ from morphofold.errors import Refusal
 from morphofold.sim.health import BOUNDS, LEAST_J, cures
 from morphofold.studies.markdown import renewed, table, write_texts
 
-#: the numbers that health is judged by, in words
+#: meaning of the numbers that decide on health
 HEALTH = {
-    "distance_over_T": "distance of the surface from rest, in thicknesses of the cortex",
+    "distance_over_T": "distance of the surface from equilibrium, in thicknesses of the cortex",
     "kinetic_over_strain": "kinetic over strain energy",
     "overlap": "share of the enclosed length of rays that the surface covers twice",
-    "winding_max": "how often the surface winds around a point inside it, at most",
-    "crossings": "edges and vertices that have passed through the surface",
-    "deepest_crossing": "depth of the deepest of them, in mean edges",
+    "winding_max": "largest number of times that the surface winds around a point inside it",
+    "crossings": "edges and vertices that cross the surface",
+    "deepest_crossing": "depth of the deepest crossing, in mean edges",
     "volume_drift": "change of volume that growth does not account for",
     "bending": "bending of the body as a whole",
-    "unstable_modes": "negative eigenvalues of the stiffness: ways in which the stage would fold further by itself",
+    "unstable_modes": "negative eigenvalues of the stiffness: modes in which the stage would fold further by itself",
     "lowest_J": "least volume ratio of any Gauss point so far",
 }
 
 
 def refusals() -> str:
-    """A row for each kind of refusal: its code, class, cause and cure."""
+    """A row for each kind of error: its code, class, cause and cure."""
     return table(
         ("code", "class", "cause", "cure"),
         [
@@ -45,7 +45,7 @@ def warnings() -> str:
 
 
 def health() -> str:
-    """A row for each number that the health of a stage is judged by."""
+    """A row for each number that decides on the health of a stage."""
     bounds = {name: (f"{most:g} at most", keys) for name, (most, keys) in BOUNDS.items()}
     bounds["lowest_J"] = (f"{LEAST_J:g} at least", ("finer", "slower"))
     return table(

@@ -1,6 +1,6 @@
 """The tables of docs/scenes.md: every key of a scene with its type, range and default, taken from the models.
 
-``python -m morphofold.studies.pages.scenes docs/scenes.md`` puts them between the marks of that page.
+``python -m morphofold.studies.pages.scenes docs/scenes.md`` writes them between the marks of that page.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ TABLES: dict[str, type[BaseModel]] = {
 
 
 def tables() -> str:
-    """All the tables as Markdown."""
+    """All tables as Markdown."""
     parts = [_effects_by_shape()]
     for heading, model in TABLES.items():
         rows = _rows(model)
@@ -50,7 +50,7 @@ def tables() -> str:
 
 
 def write(page: Path) -> None:
-    """Put the tables between the marks of ``page``.
+    """Write the tables between the marks of ``page``.
 
     Raises
     ------
@@ -81,9 +81,9 @@ def _effects_by_shape() -> str:
 def _rows(model: type[BaseModel]) -> list[str]:
     rows = []
     keys = model.model_json_schema()["properties"]
-    for key, schema in sorted(keys.items(), key=lambda item: item[0] != "shape"):  # else as in the model
+    for key, schema in sorted(keys.items(), key=lambda item: item[0] != "shape"):  # otherwise the order of the model
         if "$ref" in schema or "oneOf" in schema or (model is scene.Scene and key in ("material", "effects")):
-            continue  # a table of its own
+            continue  # has its own table
         plain = next((s for s in schema.get("anyOf", ()) if s.get("type") != "null"), schema)
         field = model.model_fields[key]
         default = "needed" if field.is_required() else "-" if field.default is None else f"`{_toml(field.default)}`"
@@ -99,7 +99,7 @@ def _toml(value: Any) -> str:
 
 
 def _kind_and_range(schema: Mapping[str, Any]) -> tuple[str, str]:
-    """What a value is, and between what it may lie, of a JSON schema."""
+    """Type and range of a value, from its JSON schema."""
     if "const" in schema or "enum" in schema:
         return "text", ", ".join(f'`"{word}"`' for word in schema.get("enum", [schema.get("const")]))
     if schema["type"] == "array":

@@ -1,4 +1,4 @@
-"""A plane cut of a cortex through its folds, with the mid-height contour and the chords of gyral thickness."""
+"""A plane cut through the folds of a cortex, with the mid-height contour and the chords of gyral thickness."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from morphofold.surface import Cortex, Surface
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-NEAR = 0.75  # mm on both sides of the plane, in which a chord or a sample is drawn
-WINDOW = (48.0, 30.0)  # mm, the part of the cut that is drawn
-ACROSS = 0.85  # cosine between the contour there and the normal of the plane
-APART = 3.0  # mm between the middles of chords that are drawn
+NEAR = 0.75  # mm on both sides of the plane; chords and samples within it are drawn
+WINDOW = (48.0, 30.0)  # mm, size of the drawn part of the cut
+ACROSS = 0.85  # least cosine between the contour and the normal of the plane
+APART = 3.0  # mm, least distance between the middles of drawn chords
 RULER = 10.0  # mm
 
 
 def section_figure(cortex: Cortex, gyri: GyralThickness) -> Figure:
-    """The part of a coronal cut that has the most chords in its plane, of gyri that run across it.
+    """The part of a coronal cut with the most chords in its plane, of gyri that run across the plane.
 
     Raises
     ------
@@ -66,11 +66,13 @@ def section_figure(cortex: Cortex, gyri: GyralThickness) -> Figure:
 
 
 def _plane(pial: Surface, gyri: GyralThickness) -> tuple[float, list[int], NDArray[np.float64]]:
-    """y of the plane, the chords that are drawn, and the middle (x, z) of the window that holds them."""
+    """y of the plane, the drawn chords, and the middle (x, z) of the window around them."""
     ends = np.stack([gyri.points, gyri.partner])
     across = np.flatnonzero((np.ptp(ends[:, :, 1], axis=0) < NEAR) & (np.abs(_course(pial, gyri)[:, 1]) > ACROSS))
     if not len(across):
-        raise NoSolution("no chord of a gyrus that runs across a coronal plane lies in it; there is nothing to draw.")
+        raise NoSolution(
+            "no gyrus that runs across a coronal plane has a chord in this plane; there is nothing to draw."
+        )
     best: tuple[float, list[int], NDArray[np.float64]] = (0.0, [], np.zeros(2))
     for y in np.arange(ends[0, across, 1].min(), ends[0, across, 1].max() + 1):
         near = across[(np.abs(ends[:, across, 1] - y) < NEAR).all(axis=0)]
@@ -99,7 +101,7 @@ def _cut(surface: Surface, y: float) -> NDArray[np.float64]:
 
 
 def _apart(middles: NDArray[np.float64], chords: NDArray[np.int64]) -> list[int]:
-    """Of chords near each other the first."""
+    """The chords to draw: of chords near each other, only the first."""
     kept: list[int] = []
     for k in chords:
         if all(np.linalg.norm(middles[k] - middles[other]) > APART for other in kept):

@@ -1,7 +1,7 @@
-"""Formulas of the pages as MathML, a hook of mkdocs: browsers draw it themselves, so that the site fetches nothing.
+"""A hook of mkdocs that writes formulas as MathML: browsers draw it themselves, so the site loads nothing else.
 
-Pages write formulas as the forge reads them: a fence of ``math``, or ``$...$`` in a line, with backquotes inside the
-dollars where Markdown would else take its underscores.
+Pages write formulas as the code host reads them: a fence of ``math``, or ``$...$`` in a line, with backquotes inside
+the dollars if Markdown would otherwise interpret underscores.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
-#: fences and code that stay, and what stands between dollars
+#: fences and code, which stay, and formulas between dollars
 PIECES = re.compile(
     r"^```math\n(?P<block>.*?)^```$"
     r"|^(?P<fence>```+).*?^(?P=fence)$"
@@ -22,7 +22,7 @@ PLACE = "FORMULA{}OF-PAGE"
 
 
 def on_page_markdown(markdown: str, *, page: Any, **_: object) -> str:
-    """Take the formulas out, so that Markdown does not read them."""
+    """Take the formulas out, so that Markdown does not interpret them."""
     text, page.formulas = take_out(markdown)
     return text
 

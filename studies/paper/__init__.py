@@ -1,4 +1,4 @@
-"""The figures of Razavi et al. (2015) that can be drawn anew, each with the table of its points."""
+"""The figures of Razavi et al. (2015) that can be reproduced, each with the table of its points."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from morphofold.studies.paper.folds import reproduce_fig5, reproduce_fig6, repro
 from morphofold.studies.paper.runs import Runs
 from morphofold.studies.paper.theory import reproduce_fig3, reproduce_fig4
 
-#: figure of the paper -> function that writes its files into a folder, and what an index should say of them; it asks
-#: for the simulations that it needs
+#: figure of the paper -> function that writes its files into a folder and returns their entry for an index; it
+#: requests the simulations that it needs
 REPRODUCTIONS: dict[str, Callable[[Path, Runs], dict[str, Any]]] = {
     "fig3": reproduce_fig3,
     "fig4": reproduce_fig4,

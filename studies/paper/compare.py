@@ -1,6 +1,6 @@
 """Figs. 8 and 9 of Razavi et al. (2015): gyral thickness and three-hinge patterns of model and MRI, side by side.
 
-The models are the bodies of Fig. 6 at g = 2. MRI is the average brain and the individual that come with the package.
+The models are the bodies of Fig. 6 at g = 2. MRI means the average brain and the person that come with the package.
 """
 
 from __future__ import annotations
@@ -53,16 +53,16 @@ FITS = (
 )
 COLUMNS = {
     "n": "regions, crests or bodies",
-    "slope": "gyral on cortical thickness [mm/mm], least squares; slope_low and slope_high bound it with 95 %",
-    "robust_slope": "median over pairs of points, with its bounds by a bootstrap over them (five points at least); "
-    "both bounds take points as independent",
+    "slope": "gyral on cortical thickness [mm/mm], least squares; slope_low and slope_high are its 95 % bounds",
+    "robust_slope": "median over pairs of points, with bounds from a bootstrap over the points (at least five); "
+    "both pairs of bounds treat points as independent",
     "gyral_over_cortical": "median gyral over mean cortical thickness of the surface",
-    "gyral_over_cortical_at_crests": "median over its crests of gyral over cortical thickness there",
+    "gyral_over_cortical_at_crests": "median over its crests of gyral over cortical thickness",
 }
 
 
 def reproduce_fig8(folder: Path, runs: Runs) -> dict[str, Any]:
-    """Write fig8a.png, fig8b.png and fig8.tsv into ``folder``; what an index should say of them."""
+    """Write fig8a.png, fig8b.png and fig8.tsv into ``folder``; returns their entry for an index."""
     models, simulations = _models(runs)
     brains = _brains(runs, "fsaverage5")
     people = _brains(runs, "S1")
@@ -80,7 +80,7 @@ def reproduce_fig8(folder: Path, runs: Runs) -> dict[str, Any]:
 
 
 def reproduce_fig9(folder: Path, runs: Runs) -> dict[str, Any]:
-    """Write fig9a.png, fig9b.png and fig9.tsv into ``folder``; what an index should say of them."""
+    """Write fig9a.png, fig9b.png and fig9.tsv into ``folder``; returns their entry for an index."""
     models, simulations = _models(runs)
     people = _brains(runs, "S1")
     measures = {**models, **people}
@@ -94,12 +94,12 @@ def reproduce_fig9(folder: Path, runs: Runs) -> dict[str, Any]:
     for name, rows in tables.items():
         write_table(folder / name, list(rows[0]), rows)
     return {
-        "shows": "three-hinge patterns of the models of Fig. 6, and those of a person that are shaped most like them",
+        "shows": "three-hinge patterns of the models of Fig. 6, and those of a person with the most similar shape",
         "files": ["fig9a.png", "fig9b.png", *tables],
         "columns": {
             "distance": "root mean square difference of angles [rad], logarithms of lengths, curvatures and "
-            "sharpness in gyral widths; pose 3 and more: mirrored",
-            "p": "in fig9-nearest.tsv of the difference of medians, in fig9-numbers.tsv of the distributions",
+            "sharpness in gyral widths; pose 3 or more: mirrored",
+            "p": "in fig9-nearest.tsv for the difference of medians, in fig9-numbers.tsv for the distributions",
         },
         "parameters": PARAMETERS,
         "simulations": [run_record(simulation) for simulation in simulations],
@@ -112,18 +112,16 @@ def _models(runs: Runs) -> tuple[dict[str, Measures], list[Any]]:
 
 
 def _brains(runs: Runs, name: str) -> dict[str, Measures]:
-    """Measures of the hemispheres of a sample that there are."""
+    """Measures of the hemispheres that a sample has."""
     cortices = {f"{name} {hemi}": read_cortex(sample_path(name), hemi=hemi) for hemi in SAMPLES[name]}
     return {called: runs.measure(called, cortex) for called, cortex in cortices.items()}
 
 
 def annotation(measures: Measures) -> Picture:
-    """The pial surface from all sides, precentral and postcentral gyrus in colours."""
+    """The pial surface from all sides, with precentral and postcentral gyrus in colour."""
     cortex = measures.cortex
     if cortex.regions is None:
-        raise MissingPart(
-            f"{cortex.name}: has no regions, so no gyrus can be marked. Name a cortex with an annotation."
-        )
+        raise MissingPart(f"{cortex.name}: has no regions, so no gyrus can be marked. Use a cortex with an annotation.")
     rgb = shaded(measures.maps["sulcal_depth"])
     for name, colour in MARKED.items():
         inside = cortex.regions.labels == cortex.regions.names.index(name)
@@ -139,7 +137,7 @@ def annotation(measures: Measures) -> Picture:
 def fit_rows(
     models: Mapping[str, Measures], brains: Mapping[str, Measures], people: Mapping[str, Measures]
 ) -> list[dict[str, Any]]:
-    """Lines through the regions of brains, the crests of a person and of each body, and through the bodies."""
+    """Fits of lines to the regions of brains, to the crests of a person and of each body, and to the bodies."""
     rows = []
     for name, m in brains.items():
         for key, of in (("cortical_thickness_mm", "its surfaces"), ("thickness_file_mm", "its file")):
@@ -177,9 +175,9 @@ def _fit(surface: str, words: str, points: np.ndarray, m: Measures | None) -> di
 def hinge_tables(
     found: HingeComparison, measures: Mapping[str, Measures], shapes: Mapping[str, HingeShapes]
 ) -> dict[str, list[dict[str, Any]]]:
-    """By the name of their file: how dense hinges are, their numbers in both groups, and how near they find their like.
+    """Tables by file name: density of hinges, their numbers in both groups, and distances to the nearest hinges.
 
-    The first row of the numbers is the whole shape: its energy distance in place of the Kolmogorov-Smirnov distance.
+    The first row of the numbers is the whole shape, with the energy distance in place of the Kolmogorov-Smirnov one.
     """
     dense = [
         {
@@ -210,9 +208,9 @@ def hinge_tables(
 
 
 def shape_figure(shapes: Mapping[str, HingeShapes], models: Sequence[str], people: Sequence[str]) -> Figure:
-    """Cumulative distributions of the numbers of hinge shapes, for each surface, and of a net at chance."""
+    """Cumulative distributions of the numbers of hinge shapes, for each surface and for a net at chance."""
     net = net_at_chance([shapes[name] for name in people])
-    assert net is not None  # a person's hinges are not that dense
+    assert net is not None  # the hinges of a person are not so dense
     chance = HingeShapes(np.arange(len(net)), net, np.full(len(net), "Y"), 1.0, 1.0).numbers()
     keys = list(chance)
     with new_figure(13.2, 4.2, 1, len(keys), sharey=True) as (plot, axes):

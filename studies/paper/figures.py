@@ -1,4 +1,4 @@
-"""What of each figure's tables a reader is shown: pictures and tables, for docs/figures.md and for a page."""
+"""Pictures and tables that are shown for each figure, in docs/figures.md and in a page."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Tables = dict[str, list[Row]]
 
 #: columns of the figures' tables that stay text
 WORDS = (*markdown.WORDS, "surface", "other_surface", "points", "kind")
-#: heads of the table of folds, the column of the figure's own table, and how its numbers are printed
+#: heads of the table of folds -> the column of the table of the figure, and the format of its numbers
 FOLDS = {
     "g": ("growth", "{:.2f}"),
     "GI": ("gyrification_index", "{:.2f}"),
@@ -34,7 +34,7 @@ FOLDS = {
 
 @dataclass(frozen=True)
 class Image:
-    """The picture ``name``.png, and what it shows."""
+    """The picture ``name``.png and its description."""
 
     name: str
     words: str
@@ -42,14 +42,14 @@ class Image:
 
 @dataclass(frozen=True)
 class Table:
-    """Heads of columns and cells as text."""
+    """A table: heads of columns, and cells as text."""
 
     heads: Sequence[str]
     rows: Sequence[Sequence[str]]
 
 
 def read_tables(folder: Path, files: Sequence[str]) -> Tables:
-    """The tables among the files of a figure, by the names of their files."""
+    """The tables among the files of a figure, by file name."""
     return {file: read_rows(folder / file, WORDS) for file in files if file.endswith(".tsv")}
 
 
@@ -177,7 +177,7 @@ def _fig9(tables: Tables) -> list[Image | Table]:
 
 
 def _columns(rows: Sequence[Row], columns: Sequence[Column]) -> Table:
-    """What the pictures show, in numbers."""
+    """The numbers of the folds in the pictures."""
     shown = [
         {"title": column.title, **row}
         for column in columns
@@ -188,7 +188,7 @@ def _columns(rows: Sequence[Row], columns: Sequence[Column]) -> Table:
 
 
 def _first(rows: Sequence[Row], columns: Sequence[Column]) -> Table:
-    """The first pictures, soon after the onset of folding, beside the first wrinkles of theory."""
+    """The first pictures, soon after the onset of folding, compared with the first wrinkles of theory."""
     heads = [
         "",
         "first picture, g",
@@ -223,7 +223,7 @@ def _at(rows: Sequence[Row], column: Column, k: int) -> Row:
 
 
 def _slopes(rows: Sequence[Row], columns: Sequence[Column]) -> Table:
-    """Lines on the cortical thickness T, by least squares over the bodies, with the error of the slope."""
+    """Least-squares lines on the cortical thickness T over the bodies, with the error of the slope."""
 
     def fit(words: str, column: str, k: int) -> list[str]:
         mine = [_at(rows, body, k) for body in columns]
@@ -247,7 +247,7 @@ def _fig4(tables: Tables) -> list[Image | Table]:
     return [Image("fig4", "growth at which the surface can crease, over the radii, both laws")]
 
 
-#: figure -> what is shown of it, from its tables by the names of their files
+#: figure -> its pictures and tables, from its tables by file name
 PARTS: dict[str, Callable[[Tables], list[Image | Table]]] = {
     "fig3": _fig3,
     "fig4": _fig4,

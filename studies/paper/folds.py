@@ -1,7 +1,7 @@
-"""Figs. 5, 6 and 7 of Razavi et al. (2015) from simulations: pictures of the folds, and the table of their numbers.
+"""Figs. 5, 6 and 7 of Razavi et al. (2015) from simulations: pictures of the folds and the table of their numbers.
 
-The paper prints neither the growth of its pictures nor their scale. Ours have one scale per figure, and growths of our
-own, the first at most 0.06 beyond that of the first wrinkles by linear stability.
+The paper gives neither the growth nor the scale of its pictures. Our pictures have one scale per figure and growths
+that we chose; the first is at most 0.06 beyond that of the first wrinkles by linear stability.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from morphofold.studies.folds.tables import COLUMNS, Row, fold_rows
 from morphofold.studies.paper.runs import Runs, run_record
 from morphofold.tables import write_table
 
-#: growths at which every fold is written; 1 is the reference of displacement and height
+#: growths at which all folds are written; 1 is the reference of displacement and height
 STAGES = (1.0, 1.2, 1.25, 1.3, 1.35, 1.4, 1.45, 1.5, 1.6, 1.8, 2.0)
 FIG5 = ((1.25, 1.35, 1.5), (1.6, 1.8, 2.0))
 
 
 @dataclass(frozen=True)
 class Column:
-    """One body of a figure: its built-in scene, what stands above it, and the growth of its three pictures.
+    """One body of a figure: its built-in scene, its title, and the growth of its three pictures.
 
-    The middle columns of Figs. 6 and 7 are the body of Fig. 5, which is grown once for all three.
+    The middle columns of Figs. 6 and 7 show the body of Fig. 5, which is grown once for all three figures.
     """
 
     scene: str
@@ -48,31 +48,31 @@ FIG7 = (
 
 
 def reproduce_fig5(folder: Path, runs: Runs) -> dict[str, Any]:
-    """Write fig5.png and fig5.tsv into ``folder``; what an index should say of them."""
+    """Write fig5.png and fig5.tsv into ``folder``; returns their entry for an index."""
     simulation = grown("fig5", runs)
     letters = iter("abcdef")
     panels = [[displaced(simulation, g, f"({next(letters)})  g = {g:.2f}") for g in row] for row in FIG5]
     return {
-        "shows": "a bilayer sphere folding, the outer surface seen along the axis of the half that was simulated",
+        "shows": "a bilayer sphere that folds; the outer surface is seen along the axis of the simulated half",
         **_write("fig5", folder, runs, panels, (), [simulation]),
         "parameters": {"thickness_mm": 2, "outer_radius_mm": 50, "mu_ratio": 2, "growth": [g for r in FIG5 for g in r]},
     }
 
 
 def reproduce_fig6(folder: Path, runs: Runs) -> dict[str, Any]:
-    """Write fig6.png and fig6.tsv into ``folder``; what an index should say of them."""
+    """Write fig6.png and fig6.tsv into ``folder``; returns their entry for an index."""
     return {
-        "shows": "folds of a thin, a normal and a thick cortex at three growths, seen as in fig5",
+        "shows": "folds of a thin, a normal and a thick cortex at three growths, with the view of fig5",
         **_columns("fig6", folder, runs, FIG6),
         "parameters": {"thickness_mm": [1, 2, 3], "outer_radius_mm": 50, "mu_ratio": 2},
     }
 
 
 def reproduce_fig7(folder: Path, runs: Runs) -> dict[str, Any]:
-    """Write fig7.png and fig7.tsv into ``folder``; what an index should say of them."""
+    """Write fig7.png and fig7.tsv into ``folder``; returns their entry for an index."""
     return {
-        "shows": "folds of a cortex as stiff as the core (shear moduli), twice and four times as stiff at three "
-        "growths, the first soon after each began to fold; seen as in fig5",
+        "shows": "folds of a cortex as stiff as the core (shear moduli), twice and four times as stiff, at three "
+        "growths; the first is soon after each began to fold; with the view of fig5",
         **_columns("fig7", folder, runs, FIG7),
         "parameters": {"thickness_mm": 2, "outer_radius_mm": 50, "mu_ratio": [1, 2, 4]},
     }
@@ -96,7 +96,7 @@ def _write(
     titles: Sequence[str],
     simulations: Sequence[Simulation],
 ) -> dict[str, Any]:
-    """The picture and the table of a figure, and what an index should say of them."""
+    """Write the picture and the table of a figure; returns their entry for an index."""
     limits = [row_limits(row) for row in panels]
     highest = ", ".join(f"{high:g}" for _, high in limits)
     (folder / f"{name}.png").write_bytes(png_bytes(picture(panels, DISPLACEMENT, limits, titles)))
@@ -108,6 +108,6 @@ def _write(
     return {
         "files": [f"{name}.png", f"{name}.tsv"],
         "columns": COLUMNS,
-        "limits": f"one scale, with a ruler; colours of a row from 0 to {highest} mm",
+        "limits": f"one scale, with a scale bar; colours of a row from 0 to {highest} mm",
         "simulations": [run_record(simulation) for simulation in simulations],
     }

@@ -1,8 +1,8 @@
-"""The generated parts of docs/figures.md: tables and pictures of what ``morphofold reproduce`` wrote.
+"""The generated parts of docs/figures.md: tables and pictures from the results of ``morphofold reproduce``.
 
-``python -m morphofold.studies.paper.page OUT PAGE`` puts those of the folder OUT between the marks ``<!-- fig5 -->``
-and ``<!-- /fig5 -->`` of the Markdown page PAGE, and the pictures, half as large, beside it. What stands outside of the
-marks is for people to write.
+``python -m morphofold.studies.paper.page OUT PAGE`` writes those of the folder OUT between marks such as
+``<!-- fig5 -->`` and ``<!-- /fig5 -->`` of the Markdown page PAGE, and the pictures, at half the size, beside it. Text
+outside of the marks is written by hand.
 """
 
 from __future__ import annotations
@@ -20,14 +20,15 @@ from morphofold.studies.paper.figures import PARTS, Image, Table, read_tables
 
 
 def write_page(out: Path, page: Path) -> list[str]:
-    """Renew every marked part of ``page`` whose figure lies in ``out``; names of the figures that were renewed.
+    """Update every marked part of ``page`` whose figure is in ``out``; returns the names of these figures.
 
     Raises
     ------
     FileNotFoundError
-        If there is no index in ``out`` or no page.
+        If ``out`` has no index, or the page does not exist.
     MissingPart
-        If the page hasn't one pair of marks for a figure of the index but Fig. 4, theory alone. It is as it was then.
+        If the page lacks one pair of marks for a figure of the index (except Fig. 4, which is only theory). The page is
+        then unchanged.
     """
     figures = read_json(out / "summary.json", FigureIndex, CURE)["figures"]
     text = page.read_text(encoding="utf-8")

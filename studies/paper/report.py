@@ -1,4 +1,4 @@
-"""One page of all figures that ``morphofold reproduce`` drew: pictures, tables, how each compares, what it took."""
+"""One page of all figures of ``morphofold reproduce``: pictures, tables, comparisons with the paper, and times."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from morphofold.report.pictures.png import halved, png_bytes, read_png
 from morphofold.studies.paper.figures import PARTS, Image, read_tables
 from morphofold.studies.paper.verdicts import VERDICTS
 
-SECONDS = 100  # from here on a time is told in minutes
+SECONDS = 100  # from this time on, minutes are shown
 
 
 def write_paper_report(folder: Path, index: Mapping[str, Any]) -> Path:
-    """Write ``folder``/report.html, one file that opens offline, from the figures and tables that lie there.
+    """Write ``folder``/report.html, one file that opens offline, from the figures and tables in it.
 
     Parameters
     ----------
     folder : path
     index : mapping
-        What summary.json says.
+        The content of summary.json.
     """
     figures = [_figure(folder, name, entry) for name, entry in sorted(index["figures"].items())]
     grown = {
@@ -74,5 +74,5 @@ def _part(folder: Path, part: Any) -> dict[str, Any]:
 
 
 def duration(seconds: float) -> str:
-    """Seconds in words for a reader."""
+    """A time as text, in seconds or minutes."""
     return f"{seconds:.0f} s" if seconds < SECONDS else f"{seconds / 60:.0f} min"

@@ -1,4 +1,4 @@
-"""The simulations behind a figure: how a figure asks for one, and what an index says of it."""
+"""The simulations of a figure: how a figure requests one, and its entry in an index."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from morphofold.surface import Cortex
 
 
 class Runs(Protocol):
-    """What figures ask for: simulations, measures, and someone to tell of long work."""
+    """What figures need: simulations, measures, and reports of progress."""
 
     def grow(self, name: str, scene: str, settings: Sequence[str]) -> Simulation:
-        """The simulation of a built-in scene, with settings put over it, under a name of its own; grown if need be."""
+        """The simulation of a built-in scene with changed settings, under its own name; grown if needed."""
 
     def measure(self, name: str, cortex: Cortex) -> Measures:
-        """All measures of a cortex, under a name of its own; those of a name that was measured before are kept."""
+        """All measures of a cortex, under its own name; measures of a name that was measured before are reused."""
 
     def telling(self, words: str) -> AbstractContextManager[Progress]:
-        """Someone who is told the share done, 0 to 1, and a few words, of the work that ``words`` name."""
+        """Reports the progress of the work that ``words`` name: the share done, 0 to 1, and a short text."""
 
 
 def run_record(simulation: Simulation) -> dict[str, Any]:
-    """What an index says of a simulation: where it lies, size, time, health."""
+    """The entry of a simulation in an index: folder, size, time, health."""
     health = simulation.health
     return {
         "scene": simulation.scene.name,

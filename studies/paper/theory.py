@@ -1,7 +1,6 @@
 """Figs. 3 and 4 of Razavi et al. (2015): lines of the theory, points of finite elements, and the tables of both.
 
-The text of the paper doesn't state the limits of its axes: those here are ours and follow the ranges that the text
-names.
+The text of the paper does not give the limits of its axes. The limits here are ours and follow the ranges in the text.
 """
 
 from __future__ import annotations
@@ -32,11 +31,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 THEORY, ONE_D, THREE_D = "theory", "finite elements, 1-D", "finite elements, 3-D"
-#: the radial scenes of panels (a) and (b), T = 2, 1 and 3 mm, and the growths at which each is asked for
+#: the radial scenes of panels (a) and (b), T = 2, 1 and 3 mm, and the growths of their stages
 RADIAL = {"fig3": tuple(round(1 + k / 10, 1) for k in range(1, 11)), "fig3-thin": (2.0,), "fig3-thick": (2.0,)}
-#: growths in three dimensions: 1 is the reference, the last ones are beyond the onset of folding
+#: growths in three dimensions: 1 is the reference; the last ones are beyond the onset of folding
 SOLID = (1.0, 1.05, 1.1, 1.15, 1.2, 1.25, 1.3, 1.4, 1.5, 1.6)
-EVERY = 5  # of the points of a written profile, one is drawn
+EVERY = 5  # every fifth point of a written profile is drawn
 POINT: dict[str, Any] = {
     "linestyle": "none",
     "marker": "o",
@@ -52,8 +51,8 @@ def fig3(elements: tuple[Sequence[Row], Sequence[Row]] = ((), ())) -> Figure:
     """Fig. 3: (a) outer radius against isotropic growth, (b) tangential stress through the cortex at g = 2.
 
     C = 50 mm; T = 2 mm in (a), 1, 2 and 3 mm in (b). Limits: g from 1 to 2, as in the text, and c/B from 1 to 1.3;
-    position from the interface (0) to the outer surface (1), stress over the cortex's own modulus from -14 to 0.
-    ``elements``: rows of finite elements for (a) and (b), drawn as points.
+    position from the interface (0) to the outer surface (1), stress over the modulus of the cortex from -14 to 0.
+    ``elements`` holds rows of finite elements for (a) and (b), which are drawn as points.
     """
     radius, stress = fig3_rows()
     with new_figure(9.2, 5.0, 1, 2) as (figure, ((left, right),)):
@@ -98,16 +97,16 @@ def fig3_elements(radial: Sequence[Simulation], solid: Simulation) -> tuple[list
     Parameters
     ----------
     radial : sequence of Simulation
-        Of the scenes :data:`RADIAL`, in that order.
+        Simulations of the scenes :data:`RADIAL`, in that order.
     solid : Simulation
-        Of the sphere of panel (a) in three dimensions, with a stage at g = 1.
+        Simulation of the sphere of panel (a) in three dimensions, with a stage at g = 1.
 
     Returns
     -------
     radii, stresses : lists of rows
-        As those of :func:`fig3_rows`, and how much they are ``over_theory`` (relative), at which ``kappa_ratio``. Radii
-        also say how much they are over 1-D finite elements of the same kappa_ratio, and whether the sphere is folded:
-        then they are means, and theory has no say.
+        As those of :func:`fig3_rows`, with the relative difference ``over_theory`` and the ``kappa_ratio``. Radii
+        also have the difference from 1-D finite elements of the same kappa_ratio, and whether the sphere is folded:
+        then they are means, and theory does not apply.
     """
     radii = []
     for g in radial[0].stages:
@@ -184,21 +183,21 @@ def _stress_rows(simulation: Simulation) -> list[Row]:
 def _sphere(simulation: Simulation) -> Sphere | Radial:
     geometry = simulation.scene.geometry
     if not isinstance(geometry, Sphere | Radial):
-        raise DoesNotApply(f"{simulation.path}: is a {geometry.shape}; Fig. 3 is of spheres.")
+        raise DoesNotApply(f"{simulation.path}: is a {geometry.shape}; Fig. 3 needs a sphere.")
     return geometry
 
 
 def _profile(simulation: Simulation, g: float) -> dict[str, list[float]]:
-    """Columns of the profile that a radial simulation wrote at growth g, of the cortex, from the interface outwards."""
+    """Columns of the profile of a radial simulation at growth g, in the cortex, from the interface outwards."""
     profile = read_rows(simulation.path / "stages" / f"g{g:.2f}" / "profile.tsv", ("layer",))
     rows = [row for row in profile if row.pop("layer") == "cortex"]
     return {name: [row[name] for row in rows] for name in rows[0]}
 
 
 def fig4() -> Figure:
-    """Fig. 4: growth at which creases can form against C/B, Eqs. (12) and (13), with the limits that the text names.
+    """Fig. 4: growth at which creases can form against C/B, Eqs. (12) and (13), with the ranges in the text as limits.
 
-    Limits: C/B from 1 to 1.3, beyond the 1.2 from which isotropic growth brings no crease; g from 1 to 3.
+    Limits: C/B from 1 to 1.3; from 1.2 on, isotropic growth gives no crease. g from 1 to 3.
     """
     with new_figure(7.6, 4.6, 1, 1) as (figure, ((ax,),)):
         draw_critical(ax, fig4_rows(), LAWS)
@@ -214,7 +213,7 @@ def fig4_rows() -> list[Row]:
 
 
 def reproduce_fig3(folder: Path, runs: Runs) -> dict[str, Any]:
-    """Write fig3.png, fig3a.tsv and fig3b.tsv into ``folder``; what an index should say of them."""
+    """Write fig3.png, fig3a.tsv and fig3b.tsv into ``folder``; returns their entry for an index."""
     radial = [runs.grow(name, name, [f"output.stages={list(stages)}"]) for name, stages in RADIAL.items()]
     octant = [
         "geometry.portion=octant",
@@ -230,7 +229,7 @@ def reproduce_fig3(folder: Path, runs: Runs) -> dict[str, Any]:
     return {
         "files": ["fig3.png", "fig3a.tsv", "fig3b.tsv"],
         "shows": "(a) outer radius against growth, (b) tangential stress through the cortex",
-        "equations": "(a) Eq. (11); (b) Eqs. (4) to (6) integrated in closed form, zero radial stress outside",
+        "equations": "(a) Eq. (11); (b) Eqs. (4) to (6) integrated in closed form, with zero radial stress outside",
         "parameters": {
             "law": "isotropic",
             "outer_radius_mm": 50,
@@ -238,19 +237,19 @@ def reproduce_fig3(folder: Path, runs: Runs) -> dict[str, Any]:
             "a": {"thickness_mm": 2, "growth": [1, 2]},
             "b": {"thickness_mm": [1, 2, 3], "growth": 2},
         },
-        "limits": "ours, after the ranges in the text: g 1 to 2, c/B 1 to 1.3; position 0 to 1, stress/mu -14 to 0",
+        "limits": "ours, from the ranges in the text: g 1 to 2, c/B 1 to 1.3; position 0 to 1, stress/mu -14 to 0",
         "columns": {
-            "source": "theory (incompressible), or finite elements in one or three dimensions at the kappa_ratio given",
+            "source": "theory (incompressible), or finite elements in one or three dimensions at the given kappa_ratio",
             "over_theory": "relative difference from theory",
             "over_1d": "relative difference from finite elements in one dimension at the same kappa_ratio",
-            "folded": "1: the sphere is folded, c is the mean over its surface before growth",
+            "folded": "1: the sphere is folded, and c is the mean over its surface before growth",
         },
         "simulations": [run_record(simulation) for simulation in (*radial, solid)],
     }
 
 
 def reproduce_fig4(folder: Path, runs: Runs) -> dict[str, Any]:
-    """Write fig4.png and fig4.tsv into ``folder``; what an index should say of them. Nothing is grown."""
+    """Write fig4.png and fig4.tsv into ``folder``; returns their entry for an index. Nothing is grown."""
     save(fig4(), folder / "fig4.png")
     write_table(folder / "fig4.tsv", ("source", "law", "C_over_B", "T_over_C", "g_crease"), fig4_rows())
     return {
@@ -258,5 +257,5 @@ def reproduce_fig4(folder: Path, runs: Runs) -> dict[str, Any]:
         "shows": "growth at which creases can form, against the outer radius",
         "equations": "Eq. (12), isotropic; Eq. (13), tangential; criterion lambda_r/lambda_theta = 2.4, Eq. (7)",
         "parameters": {"law": list(LAWS), "C_over_B": [1, 1.3], "g_core": 1},
-        "limits": "ours, after the ranges in the text: C/B 1 to 1.3, g 1 to 3",
+        "limits": "ours, from the ranges in the text: C/B 1 to 1.3, g 1 to 3",
     }

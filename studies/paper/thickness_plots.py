@@ -34,7 +34,7 @@ def region_points(measures: Measures, key: str = "cortical_thickness_mm") -> dic
 
 
 def best_points(measures: Measures) -> dict[str, tuple[float, float]]:
-    """Points of regions with the thickness of the subject's file where there is one, else with that of its surfaces."""
+    """Points of regions with the thickness from the file of the subject if it exists, else from its surfaces."""
     return region_points(measures, "thickness_file_mm") or region_points(measures)
 
 
@@ -51,11 +51,11 @@ def whole(measures: Measures) -> tuple[float, float]:
 
 
 def onset_line(scenes: Sequence[Scene]) -> np.ndarray:
-    """Thickness of the cortex and wavelength of the first wrinkles (S, 2) [mm] of bilayer spheres, as they stand then.
+    """Thickness of the cortex and wavelength of the first wrinkles (S, 2) [mm] of bilayer spheres, when they form.
 
-    Linear stability of the whole sphere (:func:`morphofold.sim.theory.bifurcation`), carried from the reference to the
-    deformed state by Eq. (11): the core keeps its volume, so the cortex is c - B thick and its waves are stretched by
-    c / C.
+    From linear stability of the whole sphere (:func:`morphofold.sim.theory.bifurcation`), converted from the reference
+    to the deformed state by Eq. (11): the core keeps its volume, so the cortex is c - B thick and its waves are
+    stretched by c / C.
     """
     rows = []
     for scene in scenes:
@@ -71,7 +71,7 @@ def thickness_figure(
     people: Mapping[str, Measures],
     scenes: Sequence[Scene],
 ) -> Figure:
-    """Regions of brains, bodies, both, and the ratio of the two thicknesses within each surface."""
+    """Four panels: regions of brains, bodies, both, and the ratio of the two thicknesses within each surface."""
     at = np.array([whole(m) for m in models.values()])
     styles = {name: {"color": line_style(k)["color"], "marker": "D", "linestyle": ""} for k, name in enumerate(models)}
     for k, name in enumerate({**brains, **people}):
@@ -115,7 +115,7 @@ def _bodies(ax: Axes, models: Mapping[str, Measures], styles: Mapping[str, Style
 
 
 def _theory(ax: Axes, scenes: Sequence[Scene], end: float) -> dict[str, Style]:
-    """Draw the wavelengths of theory up to a thickness [mm]; what a legend says of them."""
+    """Draw the wavelengths of theory up to a thickness [mm]; returns their legend entries."""
     film, onset = np.array([0.0, end]), onset_line(scenes)
     lines: dict[str, Style] = {
         "film formula, wavelength": {"color": GREY, "linestyle": (0, (6, 2))},
@@ -139,7 +139,7 @@ def _both(ax: Axes, measures: Mapping[str, Measures], styles: Mapping[str, Style
 
 
 def _without_units(ax: Axes, measures: Mapping[str, Measures], styles: Mapping[str, Style]) -> None:
-    """Gyral over cortical thickness of crests, over cortical thickness in units of the surface's mean."""
+    """Gyral over cortical thickness of crests, against cortical thickness over the mean of the surface."""
     right, top, out = 1.9, 8.0, 0
     for name, m in measures.items():
         t, W = crest_points(m).T

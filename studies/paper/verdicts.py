@@ -1,4 +1,4 @@
-"""How each figure compares with the paper's, in a sentence or two made of the numbers in its tables."""
+"""Comparison of each figure with that of the paper, in a few sentences made from the numbers in its tables."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from morphofold.studies.paper.folds import FIG7
 from morphofold.studies.paper.theory import ONE_D, THREE_D
 from morphofold.words import listed
 
-AGREES = 0.01  # share by which a simulation may miss theory and still be said to agree
-UNFOLDED = "Not as in the paper: there is a body without folds, or with too few stages that are folded."
+AGREES = 0.01  # a simulation agrees with theory if it differs by less than this share
+UNFOLDED = "Not as in the paper: a body has no folds, or too few folded stages."
 
 
 def _fig3(tables: Tables) -> str:
@@ -31,7 +31,7 @@ def _fig3(tables: Tables) -> str:
     )
     if math.isnan(folded):
         return text
-    return text + f" Once folded, the mean radius is up to {100 * folded:.2g} % off, as growth goes into folds."
+    return text + f" After folding, the mean radius is up to {100 * folded:.2g} % off, because growth forms folds."
 
 
 def _fig4(tables: Tables) -> str:
@@ -43,9 +43,9 @@ def _fig4(tables: Tables) -> str:
 
     thin, even, flat = crease("isotropic", 0.0), crease("isotropic", 0.04), crease("tangential", 0.04)
     return (
-        f"A thin cortex can crease from g = {thin:.2f} on, the paper's 1.34; one of T/C = 0.04 from {even:.2f} if "
-        f"growth is isotropic, from {flat:.2f} if tangential. That is the paper's criterion; wrinkles come earlier "
-        "(Fig. 5)."
+        f"A thin cortex can crease from g = {thin:.2f} on; the paper gives 1.34. A cortex with T/C = 0.04 can crease "
+        f"from {even:.2f} if growth is isotropic, from {flat:.2f} if tangential. This is the criterion of the paper; "
+        "wrinkles come earlier (Fig. 5)."
     )
 
 
@@ -55,11 +55,11 @@ def _fig5(tables: Tables) -> str:
         return UNFOLDED
     first, last = rows[0], rows[-1]
     index = [row["gyrification_index"] for row in rows]
-    rising = _falls(index[:0:-1])  # the first is of a sphere that hardly folds
+    rising = _falls(index[:0:-1])  # the first is for a sphere that hardly folds
     return (
-        f"{_as(rising)} in the paper folds deepen steadily: GI is {index[0]:.2f} at g = {first['growth']:g} and "
-        f"{index[-1]:.2f} at {last['growth']:g}. Theory of the whole sphere has first wrinkles at g = "
-        f"{first['theory_g']:.3f}, with degree {first['theory_degree']:.0f}; the first folds seen have "
+        f"{_as(rising)} in the paper, folds deepen steadily: GI is {index[0]:.2f} at g = {first['growth']:g} and "
+        f"{index[-1]:.2f} at {last['growth']:g}. Theory of the whole sphere gives first wrinkles at g = "
+        f"{first['theory_g']:.3f}, with degree {first['theory_degree']:.0f}; the first simulated folds have degree "
         f"{first['degree']:.1f}."
     )
 
@@ -75,8 +75,8 @@ def _fig6(tables: Tables) -> str:
     return (
         f"{_as(_falls(sulci) and _falls(width[::-1]))} in the paper, thick cortices have fewer and wider folds: "
         f"{_listed(sulci, '{:.0f}')} sulci and gyri {_listed(width, '{:.1f}')} mm wide at T = {_listed(T, '{:g}')} mm. "
-        f"Waves are {_span(shortest)} T long at their shortest; theory of the whole sphere has {_span(exact)} T, the "
-        f"paper's formula of a stiff film {last[0]['film_wavelength_mm'] / T[0]:.1f} T."
+        f"The shortest waves are {_span(shortest)} T long; theory of the whole sphere gives {_span(exact)} T, the "
+        f"formula of the paper for a stiff film {last[0]['film_wavelength_mm'] / T[0]:.1f} T."
     )
 
 
@@ -95,11 +95,11 @@ def _fig7(tables: Tables) -> str:
         touching = f" Walls of folds first touch {_listed(later, '{:.2f}')} of growth after those wrinkles."
     return (
         f"{_as(_falls(skewed[::-1]))} in the paper, soft cortices begin with narrow furrows, stiff ones with waves: "
-        f"where folds are {_span([row['height_rms_mm'] for row in rows])} mm high (rms), the height is skewed by "
+        f"when folds are {_span([row['height_rms_mm'] for row in rows])} mm high (rms), the skewness of the height is "
         f"{_listed(skewed, '{:.2f}').replace('-', '−')} at ratios "
-        f"{_listed([row['mu_ratio'] for row in rows], '{:g}')}. But linear stability has wrinkles at g = "
-        f"{_listed(wrinkles, '{:.2f}')}, {before} before the creases of Eq. (12) at {crease:.2f}, which the paper has "
-        f"come first at small ratios.{touching}"
+        f"{_listed([row['mu_ratio'] for row in rows], '{:g}')}. But linear stability gives wrinkles at g = "
+        f"{_listed(wrinkles, '{:.2f}')}, {before} before the creases of Eq. (12) at {crease:.2f}. In the paper, "
+        f"creases come first at small ratios.{touching}"
     )
 
 
@@ -117,12 +117,12 @@ def _fig8(tables: Tables) -> str:
     ]
     start = f"{'+' if bodies['intercept_mm'] > 0 else '−'} {abs(bodies['intercept_mm']):.1f}"
     return (
-        f"{_as(bodies['slope'] > 0)} in the paper gyri widen with the cortex from body to body: W = "
+        f"{_as(bodies['slope'] > 0)} in the paper, gyri are wider in bodies with a thicker cortex: W = "
         f"{bodies['slope']:.2f} t {start} mm. Over regions of the average brain, two hemispheres with two thicknesses "
         f"each, the slope is positive in {sum(r['slope'] > 0 for r in regions)} of {len(regions)} fits by least "
         f"squares, in {sum(r['robust_slope'] > 0 for r in regions)} by medians, and above 0 with 95 % confidence in "
-        f"{sum(r['slope_low'] > 0 for r in regions)}. At their crests gyri are {ratios[1][0]} times as wide as the "
-        f"cortex is thick there in the models, {ratios[1][1]} times in a person; over all the cortex {ratios[0][0]} "
+        f"{sum(r['slope_low'] > 0 for r in regions)}. At their crests, gyri are {ratios[1][0]} times as wide as the "
+        f"cortex is thick in the models, {ratios[1][1]} times in a person; over all the cortex {ratios[0][0]} "
         f"and {ratios[0][1]} times."
     )
 
@@ -140,22 +140,22 @@ def _fig9(tables: Tables) -> str:
     )
     own = "".join(f"; a hinge of {row['source']} has {row['median']:.3f}" for row in controls if row not in chance)
     return (
-        f"The hinge of a person nearest to one of a model is {model['median']:.3f} away (median, by angles and "
-        f"lengths){nearer}{own}. The paper calls such pairs counterparts. As distributions the shapes "
-        f"{'differ' if shape['p'] < 0.05 else 'are not told apart'} (energy distance {shape['energy']:.3f}, p = "
-        f"{shape['p']:.2g}); the largest angle is {largest['median']:.0f}° in models, {largest['other_median']:.0f}° "
-        "in the person."
+        f"The hinge of a person nearest to a hinge of a model is {model['median']:.3f} away (median, by angles and "
+        f"lengths){nearer}{own}. The paper calls such pairs counterparts. The distributions of the shapes "
+        f"{'differ' if shape['p'] < 0.05 else 'do not differ significantly'} (energy distance {shape['energy']:.3f}, "
+        f"p = {shape['p']:.2g}); the largest angle is {largest['median']:.0f}° in models, "
+        f"{largest['other_median']:.0f}° in the person."
     )
 
 
 def _folded(rows: Sequence[Row]) -> list[Row]:
-    """The rows with all that a folded surface has."""
+    """The rows with all numbers of a folded surface."""
     needed = ("wavelength_mm", "gyral_thickness_mm", "sulci", "height_skewness")
     return [row for row in rows if all(row[key] is not None for key in needed)]
 
 
 def _by_body(rows: Sequence[Row], key: str) -> list[list[Row]]:
-    """The folded rows of each body, in the order of a number of the body."""
+    """The folded rows of each body, ordered by a number of the body."""
     return [[row for row in _folded(rows) if row[key] == value] for value in sorted({row[key] for row in rows})]
 
 
@@ -176,7 +176,7 @@ def _span(values: Sequence[float]) -> str:
     return low if low == high else f"{low} to {high}"
 
 
-#: figure -> how it compares with the paper's, from its tables by the names of their files
+#: figure -> its comparison with the paper, from its tables by file name
 VERDICTS: dict[str, Callable[[Tables], str]] = {
     "fig3": _fig3,
     "fig4": _fig4,

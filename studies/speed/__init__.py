@@ -1,1 +1,1 @@
-"""What the solver, the measures and a cohort cost on this machine."""
+"""Time and memory of the solver, the measures and a cohort on this machine."""

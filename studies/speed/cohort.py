@@ -1,4 +1,4 @@
-"""What many subjects cost: made-up ones, small, so that what is around the measuring shows."""
+"""Time and memory for many subjects: small made-up ones, so that the cost around the measures is visible."""
 
 from __future__ import annotations
 
@@ -24,30 +24,30 @@ from morphofold.surface import Regions, Surface
 from morphofold.timing import peak_memory
 
 LEVEL = 2  # 162 vertices
-REGIONS = 34  # as many as FreeSurfer's first atlas has, so that tables have their true size
+REGIONS = 34  # as many as in FreeSurfer's first atlas, so that tables have a realistic size
 
 
 @dataclass(frozen=True)
 class Load:
-    """What a cohort of made-up subjects, a left hemisphere each, took.
+    """Time and memory of a cohort of made-up subjects with one left hemisphere each.
 
     Attributes
     ----------
     subjects, workers : int
     seconds : float
-        Until all were measured, from when the workers had started [s].
+        Time from the start of the workers until all were measured [s].
     measuring : float
-        Seconds that workers spent on subjects, all together [s].
+        Time that all workers together spent on subjects [s].
     again : float
-        Seconds of a second run, which finds all of it done [s].
+        Time of a second run, which finds everything done [s].
     group : float
-        Seconds of tables and page [s].
+        Time of tables and page [s].
     memory_GiB, worker_GiB : float
-        Most memory that this process has held, which hands out the work, and a worker.
+        Peak memory of this process, which distributes the work, and of a worker.
     rows, tsv_bytes, parquet_bytes, page_bytes : int
-        Of measures.tsv, its files, and report.html.
+        Size of measures.tsv, of its files, and of report.html.
     subject_bytes : float
-        On disk, of the results of one subject, its log and record.
+        Size on disk of the results of one subject, with its log and record.
     """
 
     subjects: int
@@ -66,7 +66,7 @@ class Load:
 
     @property
     def overhead(self) -> float:
-        """Seconds of a worker beside measuring, for each subject: handing out, waiting, and the last one [s]."""
+        """Time of a worker per subject outside of measuring: distribution, waiting, and the last subject [s]."""
         return (self.seconds * self.workers - self.measuring) / self.subjects
 
     def as_dict(self) -> dict[str, Any]:
@@ -75,7 +75,7 @@ class Load:
 
 
 def write_subjects(folder: Path, count: int, show: Callable[[float], None] = lambda share: None) -> list[Path]:
-    """``count`` made-up left hemispheres of FreeSurfer's shape, each of another size; those that are there stay."""
+    """``count`` made-up left hemispheres as FreeSurfer subjects, each of another size; existing ones are kept."""
     shape = bumpy_sphere(LEVEL, radius=40.0)
     inner = shape.verts * (1 - 3 / np.linalg.norm(shape.verts, axis=1, keepdims=True))
     labels = np.arange(len(inner)) % REGIONS
@@ -97,14 +97,14 @@ def write_subjects(folder: Path, count: int, show: Callable[[float], None] = lam
 
 
 def measure_load(out: Path, count: int, workers: int, progress: Progress = silent) -> Load:
-    """Measure ``count`` made-up subjects with so many workers of one thread, then find them done, then group them.
+    """Measure ``count`` made-up subjects with workers of one thread each, run again with all done, then group them.
 
-    They are measured into ``out``/cohort-COUNT-WORKERS, anew if it is there; ``out``/made-up is used again.
+    Results go to ``out``/cohort-COUNT-WORKERS, which is replaced if it exists; ``out``/made-up is reused.
 
     Raises
     ------
     RuntimeError
-        If one of them fails.
+        If a subject fails.
     """
     folders = write_subjects(out / "made-up", count, lambda share: progress(0.1 * share, "writing made-up subjects"))
     place = out / f"cohort-{count}-{workers}"
@@ -123,7 +123,7 @@ def measure_load(out: Path, count: int, workers: int, progress: Progress = silen
             raise RuntimeError(f"{failed.name}: {dict(failed.failures)}. Made-up subjects should not fail.")
         again, found = run("2", 0.8, 0.1)
         for other in (one for one in found if one.state != "reused"):
-            raise RuntimeError(f"{other.name}: was {other.state} again, though nothing had changed.")
+            raise RuntimeError(f"{other.name}: was {other.state} again, although nothing had changed.")
     results = {f.name: results_of(place, f.name, bids=False) for f in folders}
     began = time.perf_counter()
     write_group(place, results, report=group_report, progress=part_of(progress, 0.9, 0.1))
@@ -155,7 +155,7 @@ def measure_load(out: Path, count: int, workers: int, progress: Progress = silen
 
 
 def text_table(loads: Sequence[Load]) -> list[str]:
-    """Lines that say it."""
+    """Lines of a text table of the loads."""
     head = ("subjects", "workers", "s", "s each", "beside", "again s", "group s", "GiB", "worker GiB")
     rows = [
         (
@@ -174,7 +174,7 @@ def text_table(loads: Sequence[Load]) -> list[str]:
     sizes = [
         f"{one.subjects:,} subjects: {one.rows:,} rows, {one.tsv_bytes / 1e6:.1f} MB as text, "
         f"{one.parquet_bytes / 1e6:.2f} MB as Parquet; page {one.page_bytes / 1e3:.0f} kB; "
-        f"{one.subject_bytes / 1e3:.0f} kB of each subject"
+        f"{one.subject_bytes / 1e3:.0f} kB per subject"
         for one in {one.subjects: one for one in loads}.values()
     ]
     return [*("".join(f"{cell:>11}" for cell in row) for row in (head, *rows)), *sizes]

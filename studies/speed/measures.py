@@ -1,4 +1,4 @@
-"""What the measures cost: one folded surface in several sizes, and the seconds of each stage."""
+"""Time of the measures: one folded surface in several sizes, and the seconds of each stage."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from morphofold.timing import Stages, peak_memory
 
 
 def measuring_speed(sizes: Sequence[int], progress: Progress = silent) -> list[dict[str, Any]]:
-    """Seconds of each stage of :func:`morphofold.analysis.measure` on :func:`folded_ball`, after once for the compiler.
+    """Seconds of each stage of :func:`morphofold.analysis.measure` on :func:`folded_ball`, after a run that compiles.
 
     Parameters
     ----------
     sizes : sequence of int
-        Vertices; measured in ascending order.
+        Numbers of vertices; measured in ascending order.
     progress : callable
-        Called with the share done and a few words.
+        Called with the share done and a short text.
 
     Returns
     -------
     list of dict
-        ``vertices``, ``threads``, ``stage`` ("all" for their sum), ``seconds``; ``memory_GiB``, the most that the
-        process has held by then (None where the system does not say), in the rows of "all".
+        ``vertices``, ``threads``, ``stage`` ("all" for their sum), ``seconds``; rows of "all" also have
+        ``memory_GiB``, the peak memory of the process so far (None if the system does not give it).
     """
     measure(folded_ball(1000))
     rows: list[dict[str, Any]] = []
@@ -44,7 +44,7 @@ def measuring_speed(sizes: Sequence[int], progress: Progress = silent) -> list[d
 
 
 def exponent(rows: Sequence[dict[str, Any]], stage: str = "all") -> float:
-    """Slope of the logarithm of seconds over that of ``vertices log(vertices)``: 1 if the cost grows as these do."""
+    """Slope of the logarithm of seconds over that of ``vertices log(vertices)``: 1 if time is proportional to it."""
     mine = [row for row in rows if row["stage"] == stage]
     n = np.array([row["vertices"] for row in mine], dtype=np.float64)
     return float(np.polyfit(np.log(n * np.log(n)), np.log([row["seconds"] for row in mine]), 1)[0])

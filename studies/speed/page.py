@@ -1,9 +1,9 @@
-"""The generated parts of docs/speed.md: how fast elements and effects are here, and what whole runs took.
+"""The generated parts of docs/speed.md: speed of elements and effects on this machine, and times of whole runs.
 
-``python -m morphofold.studies.speed.page PAGE --speed FILE --effects FILE SIMULATION...`` puts them between the marks
-``<!-- elements -->``, ``<!-- effects -->`` and ``<!-- runs -->`` of the Markdown page PAGE and those that end them.
-The files hold what ``morphofold bench speed --json`` and ``morphofold bench effects --json`` print; a SIMULATION is a
-folder that ``morphofold simulate`` finished. What stands outside of the marks is for people to write.
+``python -m morphofold.studies.speed.page PAGE --speed FILE --effects FILE SIMULATION...`` writes them after the marks
+``<!-- elements -->``, ``<!-- effects -->`` and ``<!-- runs -->`` of the Markdown page PAGE, up to the end marks. The
+files hold the output of ``morphofold bench speed --json`` and ``morphofold bench effects --json``; a SIMULATION is a
+folder that ``morphofold simulate`` finished. Text outside of the marks is written by hand.
 """
 
 from __future__ import annotations
@@ -22,34 +22,37 @@ from morphofold.sim.scene.files import load_scene
 from morphofold.studies.markdown import Row, cells, number, renewed, table, write_texts
 from morphofold.studies.speed.solver import PEERS, PEERS_SOURCE
 
-#: columns of words and of positive numbers that a row must have, as the command writes them
+#: columns of text and of positive numbers that a row must have, as the command writes them
 SPEED = ("element",), ("elements", "threads", "median", "best", "steps")
 EFFECTS = ("effect",), ()
-CONTACT = ("contact", "symmetry")  # phases: with itself, and with its mirror image beyond symmetry planes
+CONTACT = (
+    "contact",
+    "symmetry",
+)  # phases: contact of the surface with itself, and with its mirror image across symmetry planes
 
 
 def write_page(page: Path, speed: Path, effects: Path, simulations: Sequence[Path]) -> None:
-    """Renew the marked parts of ``page``.
+    """Update the marked parts of ``page``.
 
     Parameters
     ----------
     page : Path
     speed, effects : Path
-        What ``bench speed --json`` and ``bench effects --json`` printed.
+        Output of ``bench speed --json`` and ``bench effects --json``.
     simulations : sequence of Path
         Folders of finished simulations, in the order of their rows.
 
     Raises
     ------
     FileNotFoundError
-        If a file or folder isn't there, or a simulation isn't finished.
+        If a file or folder is missing, or a simulation is not finished.
     ValueError
-        If one holds something else, no simulation is named, or the page hasn't one pair of marks for each part. The
-        page is as it was then.
+        If a file has other content, no simulation is named, or the page lacks one pair of marks for a part. The page
+        is then unchanged.
     """
     if not simulations:
         raise NothingToDo("no simulation is named; name folders that `morphofold simulate` wrote.")
-    text = _text(page, "Begin the page with the marks.")
+    text = _text(page, "Create the page with its marks.")
     rows = [whole_run(folder) for folder in simulations]
     parts = {
         "elements": _elements(_rows(speed, "speed", *SPEED)),
@@ -60,27 +63,27 @@ def write_page(page: Path, speed: Path, effects: Path, simulations: Sequence[Pat
 
 
 def whole_run(folder: Path) -> Row:
-    """What a finished simulation took, from its ``health.json`` and ``log.jsonl``.
+    """Time and size of a finished simulation, from its ``health.json`` and ``log.jsonl``.
 
     Returns
     -------
     dict
-        ``scene``, ``level`` (or the edge in its place), ``portion``; ``kind`` and number of ``elements``, ``steps``,
-        wall ``seconds``, ``threads``; ``millions`` of element-steps per wall second, all set-up and writing included;
-        ``shares`` of the wall seconds by phase, ``rest`` for what is no phase; ``last_contact``, the share of contact
-        in the time of all phases from the last stage but one to the last; ``memory`` [GiB]; ``healthy``. None
-        stands for what a run does not have or did not record: a radial one has no elements, for example.
+        ``scene``, ``level`` (or the edge instead), ``portion``; ``kind`` and number of ``elements``, ``steps``,
+        wall ``seconds``, ``threads``; ``millions`` of element-steps per wall second, including set-up and writing;
+        ``shares`` of the wall seconds by phase, with ``rest`` for time outside of phases; ``last_contact``, the share
+        of contact in the time of all phases from the last stage but one to the last; ``memory`` [GiB]; ``healthy``.
+        Values that a run does not have or did not record are None: for example, a radial run has no elements.
 
     Raises
     ------
     FileNotFoundError
-        If it isn't the folder of a finished simulation.
+        If it is not the folder of a finished simulation.
     ValueError
-        If a file there can't be understood.
+        If the content of a file in it is wrong.
     """
     cure = "Name the folder of a finished simulation."
     file = folder / "health.json"
-    _text(folder / "scene.toml", cure)  # for its words where there is none
+    _text(folder / "scene.toml", cure)  # raises the right error if the file is missing
     with _understood(file):
         _text(file, cure)
         scene = load_scene(folder / "scene.toml")
@@ -114,7 +117,7 @@ def whole_run(folder: Path) -> Row:
 
 
 def _last_contact(lines: Sequence[Row], steps: Sequence[int]) -> float | None:
-    """Share of contact in the seconds of all phases since the last stage but one (the start, if there is one stage)."""
+    """Share of contact in the seconds of all phases since the last stage but one (since the start if there is one)."""
     begin: Mapping[str, float] = {}
     if len(steps) > 1:
         begin = next((line["seconds"] for line in lines if line["step"] >= steps[-2]), lines[-1]["seconds"])
@@ -125,12 +128,12 @@ def _last_contact(lines: Sequence[Row], steps: Sequence[int]) -> float | None:
 
 @contextmanager
 def _understood(path: Path) -> Iterator[None]:
-    """Says of errors in the content of a file that they are in this file."""
+    """Context in which errors in the content of a file name this file."""
     try:
         yield
     except (KeyError, TypeError, AttributeError, IndexError, json.JSONDecodeError) as error:
         raise DamagedFile(
-            f"{path}: isn't as `morphofold simulate` writes it ({type(error).__name__}: {error}). Grow anew."
+            f"{path}: is not as `morphofold simulate` writes it ({type(error).__name__}: {error}). Simulate again."
         ) from error
 
 
@@ -140,23 +143,23 @@ def _text(path: Path, cure: str) -> str:
     try:
         return path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
-        raise DamagedFile(f"{path}: isn't text ({error}). {cure}") from None
+        raise DamagedFile(f"{path}: is not text ({error}). {cure}") from None
 
 
 def _rows(path: Path, command: str, words: Sequence[str], positive: Sequence[str]) -> list[Row]:
-    """Rows that ``bench`` printed as JSON, checked to be those of the command."""
-    cure = f"Write it anew: morphofold bench {command} --json > {path.name}"
+    """Rows that ``bench`` printed as JSON, checked against the command."""
+    cure = f"Write it again: morphofold bench {command} --json > {path.name}"
     try:
         rows = json.loads(_text(path, cure))
     except json.JSONDecodeError as error:
-        raise DamagedFile(f"{path}: isn't JSON ({error}). {cure}") from None
+        raise DamagedFile(f"{path}: is not JSON ({error}). {cure}") from None
     if not isinstance(rows, list) or not rows:
         raise WrongFile(f"{path}: holds no rows. {cure}")
     for k, row in enumerate(rows):
         for name, good in (*((w, _is_word) for w in words), *((p, _is_positive) for p in positive)):
             if not isinstance(row, dict) or not good(row.get(name)):
                 got = row.get(name) if isinstance(row, dict) else row
-                raise WrongFile(f"{path}: row {k} of {len(rows)} has no good {name!r}, but {got!r}. {cure}")
+                raise WrongFile(f"{path}: row {k} of {len(rows)} has no valid {name!r}, but {got!r}. {cure}")
     return rows
 
 
@@ -176,7 +179,7 @@ def _is_number(value: object) -> bool:
 
 
 def _elements(rows: Sequence[Row]) -> list[str]:
-    """Speeds measured here, then those quoted, in a table of their own."""
+    """Measured speeds, then quoted speeds in a separate table."""
     heads = ["element", "elements", "threads", "kernel, median", "kernel, best", "whole steps", "per thread"]
     columns = {
         "element": "",
@@ -187,7 +190,7 @@ def _elements(rows: Sequence[Row]) -> list[str]:
     quoted = ["design", "threads", "ms per step", "million tet-steps per second", "how it was timed"]
     peers = [[p.design, p.threads, p.ms, p.millions, p.timed] for p in PEERS]
     return [
-        "Million element-steps per second, measured here; a brick has 8 Gauss points, a tet shares in a patch of six:",
+        "Million element-steps per second, measured here. A brick has 8 Gauss points, a tet is part of a patch of six:",
         table(heads, cells(({**row, "each": row["steps"] / row["threads"]} for row in rows), columns)),
         f"The designs of two peers, quoted and not measured here: {PEERS_SOURCE}.",
         table(quoted, peers),
@@ -198,7 +201,7 @@ def _effects(rows: Sequence[Row], path: Path) -> list[str]:
     for k, row in enumerate(rows):
         if not (_is_number(row.get("ms")) and _is_number(row.get("share"))):
             raise WrongFile(
-                f"{path}: row {k} of {len(rows)} has no numbers 'ms' and 'share'. Write it anew: morphofold bench "
+                f"{path}: row {k} of {len(rows)} has no numbers 'ms' and 'share'. Write it again: morphofold bench "
                 f"effects --json > {path.name}"
             )
     lines = [[row["effect"], number(row["ms"], "{:.3f}"), _percent(row["share"])] for row in rows]
@@ -244,8 +247,8 @@ def _runs(rows: Sequence[Row]) -> list[str]:
     ]
     return [
         table(heads, lines),
-        "Contact's share is of the time of all steps after the last stage but one, mirror images included.",
-        "Shares of the wall time; the rest is set-up, and the checking and writing of stages:",
+        "The share of contact is that of the time of all steps after the last stage but one, including mirror images.",
+        "Shares of the wall time; the rest is set-up, and checking and writing of stages:",
         table(["scene", "level", *phases, "rest"], shares),
         _say_health(rows),
     ]

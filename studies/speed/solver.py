@@ -1,4 +1,4 @@
-"""How fast this machine is: the force kernels, whole steps, and what each effect adds to a step."""
+"""Speed of this machine: the force kernels, whole steps, and the time that each effect adds to a step."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ from morphofold.sim.scene import Scene
 from morphofold.sim.scene.effects import effect_names, options_of
 from morphofold.sim.scene.files import load_scene
 
-FOLDED = 1.7  # growth at which contact is awake
+FOLDED = 1.7  # growth at which contact is active
 
-#: surface cells along a quarter circle of the half spheres that are timed
+#: surface cells along a quarter circle of the timed half spheres
 SIZES = {"brick": (16, 32, 56), "tet": (16, 24, 36)}
-SHAKE = 0.05  # positions at which kernels are timed: standard deviation from the reference [mm]
+SHAKE = 0.05  # standard deviation of the positions for timing from the reference [mm]
 
 
 class Quoted(NamedTuple):
-    """A speed that others' code reached elsewhere, as noted then: text, for none of it is measured here."""
+    """A speed of code of others on another machine, as noted then. It is text, because it is not measured here."""
 
     design: str
     timed: str
@@ -44,8 +44,8 @@ class Quoted(NamedTuple):
 PEERS_SOURCE = (
     "noted on 2026-11-21 on a Linux machine of 2 cores and 24 GB (Python 3.11, numpy 2.4, numba 0.68, gcc 12): both "
     "programs on BrainGrowth's demo ellipsoid, 6,761 nodes and 35,497 tet4 with nodal-averaged J, whole steps. CPU "
-    "rows are CPU time of a single thread; wall rows were taken with other load on the machine, but for the one "
-    "that says quiet, and their times are upper bounds"
+    "rows are CPU time of a single thread; wall rows, except the one marked quiet, were taken with other load on the "
+    "machine, and their times are upper bounds"
 )
 #: whole steps of the peers' designs: milliseconds, and million tet-steps per second
 PEERS = (
@@ -66,14 +66,14 @@ PEERS = (
 
 
 def cut_bricks(bilayer: Bilayer) -> Bilayer:
-    """A layered cubed sphere in six tetrahedra a brick, conforming: the same nodes, layers and surface.
+    """A layered cubed sphere with each brick cut into six tetrahedra, conforming: the same nodes, layers and surface.
 
-    The six of a brick lie around its diagonal away from the middle of a face of the cube; so neighbours cut the
-    quad that they share alike. They make one full patch of ``elements.tets``, which no other mesh does everywhere.
+    The six tetrahedra of a brick lie around its diagonal away from the middle of a face of the cube, so neighbours cut
+    their shared quad in the same way. They form one full patch of ``elements.tets``; other meshes do not everywhere.
     """
     p = bilayer.mesh.p
     corner = bilayer.mesh.t[BINARY_CORNERS].T.reshape(-1, 2, 2, 2)
-    away = np.abs(p).sum(axis=0) / np.abs(p).max(axis=0)  # least in the middle of a face of the cube
+    away = np.abs(p).sum(axis=0) / np.abs(p).max(axis=0)  # smallest in the middle of a face of the cube
     nearest = away[corner[..., 0]].reshape(-1, 4).argmin(axis=1)
     corner = np.where((nearest >= 2)[:, None, None, None], corner[:, ::-1], corner)
     corner = np.where((nearest % 2)[:, None, None, None], corner[:, :, ::-1], corner)
@@ -91,23 +91,23 @@ def cut_bricks(bilayer: Bilayer) -> Bilayer:
 
 
 def speed_body(element: str, cells: int, portion: str = "half", *, single: bool = True) -> Body:
-    """The bilayer sphere that is timed, of one modulus, C = 50, T = 3 and A = 25 mm, not grown.
+    """The ungrown bilayer sphere that is timed, with one modulus, C = 50, T = 3 and A = 25 mm.
 
     Parameters
     ----------
     element : {"brick", "tet"}
-        Tetrahedra are those of the bricks, six each (:func:`cut_bricks`).
+        Tetrahedra are cut from the bricks, six from each (:func:`cut_bricks`).
     cells : int
-        Surface cells along a quarter circle; 32 on half a sphere makes 27,648 bricks.
+        Surface cells along a quarter circle; 32 on half a sphere give 27,648 bricks.
     portion : str
         See :func:`morphofold.sim.mesh.brick_mesh.bilayer_sphere`.
     single : bool
-        As of :class:`Body`; scenes take it by default.
+        As in :class:`Body`; the default of scenes.
 
     Raises
     ------
     ValueError
-        If there is no such element, portion or number of cells.
+        If the element, portion or number of cells is unknown.
     """
     if element not in SIZES:
         raise UnknownName(f"element must be one of {', '.join(SIZES)}, got {element!r}.")
@@ -118,23 +118,23 @@ def speed_body(element: str, cells: int, portion: str = "half", *, single: bool 
 
 
 def element_speed(body: Body, threads: Iterable[int] = (1,), seconds: float = 2.0) -> list[dict[str, Any]]:
-    """Speed of the force kernel of a body, shaken by ``SHAKE``, and of its whole steps, from rest.
+    """Speed of the force kernel of a body, shaken by ``SHAKE``, and of its whole steps from rest.
 
     Parameters
     ----------
     body : Body
-        It is as before afterwards, but for what was last computed.
+        It is unchanged afterwards, except for its last computed values.
     threads : iterable of int
-        Numbers of threads to use, one after the other.
+        Numbers of threads, used one after the other.
     seconds : float
-        How long to repeat each.
+        Duration of the repeats of each.
 
     Returns
     -------
     list of dict
         Per number of threads: ``element`` ("brick", of 8 Gauss points, or "tet"), ``elements``, ``threads``, and
         million element-steps per second: ``best`` and ``median`` of the kernel over the repeats, ``steps`` of whole
-        steps, all measuring included (median).
+        steps, including all measurements (median).
     """
     x = body.X + SHAKE * np.random.default_rng(0).standard_normal(body.X.shape)
     millions = body.elements.n / 1e6
@@ -162,7 +162,7 @@ def element_speed(body: Body, threads: Iterable[int] = (1,), seconds: float = 2.
 
 
 def effect_costs(threads: int = 1, seconds: float = 2.0) -> list[dict[str, Any]]:
-    """What each effect adds to a step of an octant of ``demo``, and contact once more when it is folded.
+    """Time that each effect adds to a step of an octant of ``demo``; contact also on the folded body.
 
     Returns
     -------
@@ -195,7 +195,7 @@ def effect_scene(effects: Iterable[str]) -> Scene:
 
 
 def _per_step(effects: list[str], g: float, seconds: float) -> dict[str, float]:
-    """Milliseconds per step by phase, at growth g and slow growth from there."""
+    """Milliseconds per step by phase, during slow growth from growth g."""
     scene = effect_scene(effects)
     built = build_effects(scene)
     body = build_body(scene, built)
@@ -210,7 +210,7 @@ def _per_step(effects: list[str], g: float, seconds: float) -> dict[str, float]:
 
 
 def _repeat(work: Callable[[], object], seconds: float) -> list[float]:
-    """Times of repeated work, after once for the compiler."""
+    """Times of repeated work, after one run for the compiler."""
     work()
     times: list[float] = []
     end = time.perf_counter() + seconds
