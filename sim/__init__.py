@@ -1,8 +1,8 @@
-"""The growth room: scene in, folded stages out.
+"""The growth simulation: from a scene to folded stages.
 
-``scene`` says what grows, ``build`` makes its ``body``, ``dynamics`` grows it, ``run`` writes it down and
-``health`` checks it. What is known without growing: ``theory``, ``equilibrium``.
+``scene`` defines what grows, ``build`` makes its ``body``, ``dynamics`` grows it, ``run`` writes the results and
+``health`` checks them. ``theory`` and ``equilibrium`` give results without a simulation.
 """
 
 if __name__ != "morphofold.sim":
-    raise ImportError("this folder is imported as morphofold.sim, never as sim: use `import morphofold.sim`")
+    raise ImportError("this folder is imported as morphofold.sim, not as sim: use `import morphofold.sim`")

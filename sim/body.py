@@ -1,4 +1,4 @@
-"""A cortex on a core under growth: elements, supports, the surface filter, and the mass that makes a step stable."""
+"""The growing body, a cortex on a core: elements, supports, surface filter, and the mass that keeps a step stable."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from morphofold.sim.materials.neo_hookean import NEO_HOOKEAN
 from morphofold.sim.mesh.brick_mesh import Bilayer
 
 FILTER = {4: 3.0, 3: 1.0}  # strength of the surface filter in units of mu times cell size, for quads and triangles
-SAFETY = 1.5  # nodal mass over the least that keeps a step of one stable
+SAFETY = 1.5  # nodal mass over the smallest that keeps a step of one stable
 
 
 class Elements(Protocol):
-    """What a body asks of its elements: ``bricks.Bricks`` or ``tets.Tets``."""
+    """What a body needs of its elements: ``bricks.Bricks`` or ``tets.Tets``."""
 
     LOCAL: float  # modulus of the local volumetric term over mu
-    LARGEST_J: float  # beyond it the kernels' cube root no longer holds, and no sound element gets there
+    LARGEST_J: float  # above it the kernels' cube root is not valid; no sound element gets there
     n: int
     n_cortex: int
     material: Material
@@ -50,34 +50,34 @@ class Body:
     mu_cortex, mu_core : float
         Shear moduli [Pa, or units of mu_core].
     kappa_ratio : float
-        Bulk over shear modulus, in each layer; more than 2 (the share of the elements' local term).
+        Bulk over shear modulus in each layer; more than 2 (the part of the elements' local term).
     law : {"isotropic", "tangential"}
         Growth law of the cortex.
     X : (N, 3) float64, optional
-        Reference positions when they are not the mesh's own (a perturbed body) [mm].
+        Reference positions if they differ from the mesh's (a perturbed body) [mm].
     material : Material
-        Of both layers, with moduli of their own; neo-Hookean by default.
+        Material of both layers, each with its own moduli; neo-Hookean by default.
     single : bool
-        Compute the forces of bricks in 32 bits (docs/solver.md, "Single precision"); tetrahedra have 64 only.
+        Compute the forces of bricks in 32 bits (docs/solver.md, "Single precision"); tetrahedra always use 64.
 
     Attributes
     ----------
     pattern : float or (n_cortex,) float64
-        Share of the growth g - 1 that each element of the cortex takes; 1 unless an effect sets it.
+        Share of the growth g - 1 of each element of the cortex; 1 unless an effect sets it.
     core_share : float
-        Share of the growth that the core takes, isotropically; 0 unless an effect sets it.
+        Share of the growth of the core, which is isotropic; 0 unless an effect sets it.
     viscosity : float
-        Damping ratio of the fastest waves that the mass leaves room for; 0 unless an effect sets it.
+        Damping ratio of the fastest waves for which the mass is computed; 0 unless an effect sets it.
     cell : float
-        Size of a cell of the pial surface at the last measurement: the root of their mean area, two triangles to a
-        cell [mm].
+        Size of a cell of the pial surface at the last measurement: the root of the mean cell area, with two triangles
+        per cell [mm].
     mass : (N,) float64
-        Nodal mass with which a step of length 1 is stable: ``SAFETY`` times what bounds on the stiffness ask for.
+        Nodal mass with which a step of length 1 is stable: ``SAFETY`` times what the bounds on the stiffness require.
     thickness : float
-        Of the ungrown cortex: its volume over its area [mm].
+        Thickness of the ungrown cortex: its volume over its area [mm].
     crossing : float
-        Steps in which a shear wave crosses the cortex, with such a mass, before growth. It is the clock by which the
-        pace of growth and damping are the same on every mesh.
+        Steps in which a shear wave crosses the cortex, with this mass, before growth. Growth rate and damping are
+        measured in this unit of time (a tick), so they are the same on every mesh.
     """
 
     def __init__(
@@ -107,7 +107,7 @@ class Body:
             from morphofold.sim.elements.bricks import Bricks as kind
         else:
             from morphofold.sim.elements.tets import Tets as kind
-        self.kappa = (kappa_ratio - kind.LOCAL) * self.mu  # the local term bears the rest
+        self.kappa = (kappa_ratio - kind.LOCAL) * self.mu  # the local term contributes the rest
         elements = kind(mesh, self.X, bilayer.radial, cortex, self.mu, self.kappa, law, material)
         if self.single:
             elements.make_single()
@@ -135,20 +135,20 @@ class Body:
         return self.bilayer.n_surface
 
     def nodal_volumes(self) -> Array:
-        """Share of the reference volume that each node carries (N,) [mm^3]."""
+        """Reference volume of each node (N,) [mm^3]: equal parts of its elements' volumes."""
         t = self.bilayer.mesh.t
         shares = np.tile(self.elements.volume / len(t), len(t))
         return np.bincount(t.ravel(), shares, len(self.X)).astype(np.float64)
 
     def grow(self, g: float) -> None:
-        """Set the growth stretch of the cortex to ``g``, weighed by ``pattern``; the core takes its share."""
+        """Set the growth stretch of the cortex to ``g``, weighted by ``pattern``; the core grows by ``core_share``."""
         stretch = self._stretch(g)
         self.elements.grow(stretch, 1 + (g - 1) * self.core_share)
         self.filter.grow(float(np.mean(stretch)))
         self.growth = g
 
     def find_rest(self) -> None:
-        """Measure ``rest``, the forces of the elements before growth: round-off only (see ``advance``)."""
+        """Measure ``rest``, the forces of the elements before growth, which are round-off only (see ``advance``)."""
         self.rest = np.zeros(self.X.shape)
         self.rest = self.forces(self.X)
 
@@ -157,7 +157,7 @@ class Body:
         return np.broadcast_to(1 + (g - 1) * np.asarray(self.pattern), self.elements.n_cortex)
 
     def grown_volumes(self) -> Array:
-        """Volume of each element of the cortex after free growth, its reference volume times det G [mm^3]."""
+        """Volume of each element of the cortex after free growth: its reference volume times det G [mm^3]."""
         return self.elements.volume[: self.elements.n_cortex] * det_G(self._stretch(self.growth), self.law)
 
     def forces(self, x: Array) -> Array:
@@ -166,15 +166,15 @@ class Body:
         return self.elements.blocks.nodal_forces() - self.rest
 
     def all_forces(self, x: Array) -> Array:
-        """:meth:`forces`, and those of the surface filter."""
+        """:meth:`forces` plus the forces of the surface filter."""
         forces = self.forces(x)
         forces[: self.n_surface] += self.filter.forces(x)
         return forces
 
     def update_state(self, x: Array) -> None:
-        """Measure energies, volume ratios and stiffness of the elements at ``x``, and from them the nodal mass."""
+        """Measure energies, volume ratios and stiffness of the elements at ``x``, and compute the nodal mass."""
         self.mass = self.elements.measure(x)
-        share = (1 + self.viscosity**2) ** 0.5 - self.viscosity  # of the step, left by a lagging dashpot
+        share = (1 + self.viscosity**2) ** 0.5 - self.viscosity  # part of the stable step that a lagging dashpot leaves
         factor = 0.25 * max(SAFETY, 1.25 / share**2)  # a step of one is stable if K <= 4 M
         self.mass *= factor
         self.mass[: self.n_surface] += factor * self.filter.stiffness
@@ -186,7 +186,7 @@ class Body:
 
 
 def surface_area(x: Array, faces: NDArray[np.int64]) -> float:
-    """Area of quads, as half the product of their diagonals, or of triangles, at positions ``x`` (N, 3) [mm^2]."""
+    """Area of quads (half the cross product of their diagonals) or triangles at positions ``x`` (N, 3) [mm^2]."""
     p = x[faces]
     last = p[:, 3] if p.shape[1] == 4 else p[:, 0]
     return 0.5 * float(np.linalg.norm(np.cross(p[:, 2] - p[:, 0], last - p[:, 1]), axis=1).sum())

@@ -1,4 +1,4 @@
-"""From the geometry of a scene to its body."""
+"""Build the body of a scene from its geometry."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from morphofold.sim.scene import Ellipsoid, MeshFile, Patch, Scene, Sphere, Stri
 
 
 def build_bilayer(scene: Scene) -> Bilayer:
-    """The mesh of a scene's body; ``DoesNotApply`` for one that has none (a radial scene)."""
+    """The mesh of a scene's body; raises ``DoesNotApply`` if it has none (a radial scene)."""
     geometry, layers = scene.geometry, scene.elements_through_cortex
     if isinstance(geometry, Sphere | Ellipsoid):
         thickness: Any = geometry.cortex_thickness
@@ -37,7 +37,7 @@ def build_bilayer(scene: Scene) -> Bilayer:
 
 
 def build_body(scene: Scene, effects: Sequence[Effect] = (), bilayer: Bilayer | None = None) -> Body:
-    """The body of a scene at rest, in the shape that the effects give it; on another mesh of it if one is given."""
+    """The body of a scene at rest, in the shape that the effects give it; on ``bilayer`` if that is given."""
     bilayer = build_bilayer(scene) if bilayer is None else bilayer
     X = np.ascontiguousarray(bilayer.mesh.p.T)
     for effect in effects:

@@ -1,9 +1,9 @@
-"""Explicit damped dynamics with a measured step: the body follows its growth through buckling into folds.
+"""Explicit damped dynamics with fictitious mass: the body follows its growth through buckling into folds.
 
-The step is one unit of time. What is measured is the mass: each node gets the least mass that keeps that step
-stable for the present stiffness of its elements, renewed every ``REFRESH`` steps, so that squeezed elements can
-never outrun the step. Mass is fictitious; the result is a path of near-equilibria, which rests at the stages of a
-scene; :mod:`morphofold.sim.equilibrium.rest` says how near it is.
+The step is one unit of time. Each node gets the smallest mass that keeps this step stable for the present stiffness of
+its elements. The mass is updated every ``REFRESH`` steps, so compressed elements can't make the step unstable. The mass
+is fictitious. The result is a path of near-equilibria, which comes to rest at the stages of a scene;
+:mod:`morphofold.sim.equilibrium.rest` measures the distance from rest.
 """
 
 from __future__ import annotations
@@ -29,29 +29,29 @@ from morphofold.timing import working_seconds
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
 
-REFRESH = 12  # steps between measurements of mass and energies,
-INCREMENT = 3  # and between increments of growth: no wave is so fast, so none is in resonance with them
+REFRESH = 12  # steps between measurements of mass and energies
+INCREMENT = 3  # steps between increments of growth: no wave is so fast, so none is in resonance with them
 DAMPING = 0.15  # velocities fall by exp(-0.15) while a wave crosses the cortex (Body.crossing)
 KINETIC_LIMIT = 1e-3  # kinetic over strain energy above which growth slows down
-COLLAPSE = 0.9  # and when the smallest J falls below this share of itself between two measurements, or below 0
-SLOWEST = 0.05  # least pace of growth while it does
-EARLY = 0.2  # below this growth strain the kinetic energy is held against what strain energy will be there
-SOFT_START = 0.02  # growth over which the pace rises to its full value, so that the body doesn't ring,
-FIRST_PACE = 0.1  # and what it starts from
-NEAR = 0.05  # distance from rest at which growth goes on from a stage, over the thickness of the cortex,
-STILL_FOR, PATIENCE = 2.0, 60.0  # once it lasted so long, or after so long in all [ticks],
-BRIEF, SHARE = 10.0, 4 / 3  # or sooner where growth took less since the last rest: that share of it, or so long,
-AWAY = 0.25  # but not beyond such a distance, on the way to other folds,
-SLOW = 6.0  # nor where the body is slow: then after so many times as long
-RINGING = 1.0  # stiffness over mass from which on a motion rings and does not fold [1/tick^2],
-RING_DOWN = 8.0  # how long it is damped for that [ticks], later it is contact that shakes,
-MOST_DAMPING = 0.5  # and the share of the velocity that a step takes from it at most
-#: of a state, beside its arrays
+COLLAPSE = 0.9  # growth also slows if the smallest J falls by this factor between measurements, or below 0
+SLOWEST = 0.05  # smallest pace of growth when it slows down
+EARLY = 0.2  # below this growth strain the kinetic energy is compared with the strain energy expected there
+SOFT_START = 0.02  # growth over which the pace rises to its full value, so that the body doesn't ring
+FIRST_PACE = 0.1  # pace at the start
+NEAR = 0.05  # distance from rest that counts as rest, over the thickness of the cortex
+STILL_FOR, PATIENCE = 2.0, 60.0  # growth goes on after so long within NEAR, or after so long in total [ticks]
+BRIEF, SHARE = 10.0, 4 / 3  # after little growth, PATIENCE is SHARE times the ticks of growth, at least BRIEF
+AWAY = 0.25  # beyond this distance the body may be on the way to other folds: PATIENCE is SLOW times longer
+SLOW = 6.0  # largest factor on PATIENCE where the motion is softer than that of folds
+RINGING = 1.0  # stiffness over mass above which a motion rings and does not fold [1/tick^2]
+RING_DOWN = 8.0  # time for which ringing is damped more [ticks]; later vibrations come from contact
+MOST_DAMPING = 0.5  # largest share of the velocity that a step removes then
+#: scalars of a state, beside its arrays
 SCALARS = ("step", "growth", "relaxed", "rested", "lowest_J", "before_J", "dissipated")
 
 
 class UnstableError(RuntimeError):
-    """The run left its bounds; ``sound`` holds the last state within them, as ``Dynamics.save`` gives it."""
+    """The run left its bounds; ``sound`` holds the last state within them, as returned by ``Dynamics.save``."""
 
     def __init__(self, message: str, sound: dict[str, NDArray]):
         super().__init__(message)
@@ -60,9 +60,9 @@ class UnstableError(RuntimeError):
 
 @dataclass
 class State:
-    """Where a run stands: positions x (N, 3) [mm], velocities v (N, 3) [mm/step], growth stretch, the steps done in
-    all and at this growth, and when it last rested, the smallest J of any element: so far, and at the measurement
-    before the last; and the energy that damping took so far."""
+    """State of a run: positions x (N, 3) [mm], velocities v (N, 3) [mm/step] and growth stretch; the number of steps in
+    total, at this growth, and at the end of the last rest; the smallest J of any element so far, and at the measurement
+    before the last; and the energy dissipated so far."""
 
     x: Array
     v: Array
@@ -77,22 +77,23 @@ class State:
 
 
 def restlessness(growth: float, kinetic_over_strain: float) -> float:
-    """Kinetic over strain energy; before a growth strain of ``EARLY`` over the strain energy that will be there then.
+    """Kinetic over strain energy; below a growth strain of ``EARLY``, over the strain energy expected at ``EARLY``.
 
-    A smooth body swells at nearly constant speed while its strain energy rises from nothing, with the square of growth.
+    A smooth body swells at nearly constant speed, while its strain energy rises from zero with the square of the growth
+    strain.
     """
     return kinetic_over_strain * min(1.0, abs(growth - 1) / EARLY) ** 2
 
 
 def soft_start(growth: float) -> float:
-    """Share of the full pace at which growth begins."""
+    """Pace of growth near its start, as a share of the full pace."""
     return min(1.0, FIRST_PACE + abs(growth - 1) / SOFT_START)
 
 
 def patience(grown: float | None = None) -> float:
-    """Ticks at a stage after which growth goes on, at rest or not, where a body moves no more softly than folds do.
+    """Ticks at a stage after which growth goes on, at rest or not, if no motion is softer than that of folds.
 
-    ``grown``: ticks of growth since it last rested; None: it has not rested yet, or is slender.
+    ``grown``: ticks of growth since the body last rested; None if it has not rested yet, or is slender.
     """
     return PATIENCE if grown is None else min(PATIENCE, max(BRIEF, SHARE * grown))
 
@@ -104,15 +105,15 @@ class Dynamics:
     ----------
     body : Body
     effects : sequence of Effect
-        Surface effects; an empty one costs nothing.
+        Optional effects; hooks that an effect does not override cost nothing.
     steps_per_unit : float
-        Steps for growth to rise by 1; fewer is faster and lags further behind equilibrium.
+        Steps in which growth rises by 1; with fewer steps the run is faster but lags further behind equilibrium.
     damping : float, optional
-        Share of the velocity lost per step; by DAMPING unless given.
+        Share of the velocity lost per step; computed from DAMPING by default.
     slow : Slow, optional
-        Growth at which the pace is held down (:func:`morphofold.sim.equilibrium.wrinkles.slow_growth`).
+        Growth at which the pace is limited (:func:`morphofold.sim.equilibrium.wrinkles.slow_growth`).
     start : State, optional
-        Where to begin; at rest and ungrown unless given.
+        State to begin at; at rest and ungrown by default.
     """
 
     def __init__(
@@ -128,7 +129,7 @@ class Dynamics:
         self.body, self.effects = body, tuple(effects)
         self.rate, self.damping = 1.0 / steps_per_unit, DAMPING / body.crossing if damping is None else damping
         self.slow = slow
-        self.waits_for_balance = True  # an effect may say that time is real
+        self.waits_for_balance = True  # False if an effect makes time real
         self.state = State(body.X.copy(), np.zeros_like(body.X))
         self.balance = Balance(body.crossing, body.X, NEAR * body.thickness, softest(body))
         self.seconds: dict[str, float] = defaultdict(float)
@@ -145,19 +146,20 @@ class Dynamics:
 
     @classmethod
     def of(cls, scene: Scene, body: Body, effects: Sequence[Effect] = (), start: State | None = None) -> Dynamics:
-        """A run of a scene's body at the pace that the scene asks for."""
+        """The dynamics of a scene's body at the growth rate of the scene."""
         steps = scene.steps_per_unit(body.crossing)
         return cls(body, effects, steps_per_unit=steps, slow=slow_growth(scene), start=start)
 
     def grow_to(self, g: float, after: Callable[[State], None] = lambda state: None) -> None:
-        """Raise the growth stretch to ``g``, or let it fall to it; ``after`` is called every ``REFRESH`` steps.
+        """Raise or lower the growth stretch to ``g``; ``after`` is called every ``REFRESH`` steps.
 
         Raises
         ------
         OutOfRange
-            If the cortex would have no size left (g not a positive number).
+            If g is not a positive number.
         UnstableError
-            If a position stops being finite, an element has no volume left, or one of its points bursts.
+            If a position is no longer finite, the volume of an element is not positive, or J at a point of an element
+            exceeds ``LARGEST_J``.
         """
         if not 0 < g < math.inf:
             raise OutOfRange(f"the growth stretch must be a positive number, got {g:g}.")
@@ -170,22 +172,22 @@ class Dynamics:
             last = abs(left) <= 1.5 * increment
             self._run(REFRESH, g if last else self.state.growth + math.copysign(increment, left))
             if last:
-                self.balance.forget()  # its motion was that of growth
+                self.balance.forget()  # the motion so far was that of growth
             after(self.state)
 
     def relax(self, steps: int, after: Callable[[State], None] = lambda state: None) -> None:
-        """Take steps at the present growth until there were ``steps`` of them, rounded up to ``REFRESH``."""
+        """Take steps at the present growth until ``steps`` are done, rounded up to ``REFRESH``."""
         while self.state.relaxed < steps:
             self._hold(after)
 
     def settle(self, after: Callable[[State], None] = lambda state: None) -> bool:
         """Hold the growth until the body is at rest: within ``NEAR`` for ``STILL_FOR``.
 
-        A motion slower than that of folds is damped critically, as in dynamic relaxation (Underwood 1983), and at first
-        one that rings, since growth has stopped at once. A body that does not rest goes on after its :func:`patience`:
-        times as much as its motion is softer than that of folds, ``SLOW`` at most. Beyond ``AWAY`` it is given
-        ``PATIENCE`` times ``SLOW``. After little growth patience is short, for there is little to catch up with, but
-        not of a slender body, which bends slowly. Nothing is done where time is real.
+        A motion slower than that of folds is damped critically, as in dynamic relaxation (Underwood 1983). At first so
+        is a motion that rings, because growth has stopped suddenly. If the body does not come to rest, growth goes on
+        after its :func:`patience`, longer by the factor by which the motion is softer than that of folds, ``SLOW`` at
+        most. Beyond ``AWAY`` the time is ``PATIENCE`` times ``SLOW``. After little growth the patience is short, since
+        the body lags little; but not for a slender body, which bends slowly. Nothing is done if time is real.
 
         Returns
         -------
@@ -215,7 +217,7 @@ class Dynamics:
         after(self.state)
 
     def save(self, gauge: bool = True) -> dict[str, NDArray]:
-        """The run as arrays, enough to go on bitwise the same; without its ``gauge`` of balance, to look at."""
+        """The run as arrays, sufficient to resume with bitwise the same result; without ``gauge``, only to inspect."""
         state = self.state
         arrays = {"x": state.x.copy(), "v": state.v.copy()}
         arrays |= {key: np.array(getattr(state, key)) for key in SCALARS}
@@ -225,11 +227,11 @@ class Dynamics:
         return arrays
 
     def _parts(self) -> list[tuple[str, Any]]:
-        """What has a state of its own, by name."""
+        """Parts with a state of their own, by name."""
         return [("balance", self.balance), *((effect.name, effect) for effect in self.effects)]
 
     def load(self, arrays: dict[str, NDArray]) -> None:
-        """Take up a run that ``save`` wrote."""
+        """Restore a run that ``save`` wrote."""
         self.state = State(arrays["x"].copy(), arrays["v"].copy(), **{key: arrays[key].item() for key in SCALARS})
         self.body.grow(self.state.growth)
         for name, part in self._parts():
@@ -237,7 +239,7 @@ class Dynamics:
         self._measure()
 
     def _pace(self) -> float:
-        """Share of the full growth rate: less while the run is out of balance, or an effect asks for it."""
+        """Share of the full growth rate: less while the run is far from equilibrium, or if an effect requires it."""
         record, growth, pace = self.state.record, self.state.growth, 1.0
         if self.waits_for_balance:
             pace = soft_start(growth)
@@ -254,7 +256,7 @@ class Dynamics:
         return pace
 
     def _run(self, steps: int, growth: float | None = None) -> None:
-        """Take steps, on the way to another growth if one is given, and measure."""
+        """Take steps, towards another growth if one is given, and measure."""
         body, state, seconds = self.body, self.state, self.seconds
         blocks = body.elements.blocks
         start = state.growth
@@ -302,7 +304,7 @@ class Dynamics:
         self._measure(steps)
 
     def _lost(self, step: int) -> None:
-        """Stop at a step that took nodes to where no number is; they lie around the one that was the first."""
+        """Stop at a step after which positions are NaN or infinite, and name the node at the centre of these nodes."""
         lost = np.any(~np.isfinite(self.state.x), axis=1)
         corners, n = self.body.bilayer.mesh.t, len(lost)
         around = np.bincount(corners[:, lost[corners].all(axis=0)].ravel(), minlength=n)
@@ -313,12 +315,12 @@ class Dynamics:
         )
 
     def _check_volumes(self, element: dict[str, Array]) -> None:
-        """Stop where elements have no volume left or burst."""
+        """Stop if the volume of elements is not positive, or J exceeds ``LARGEST_J``."""
         elements = self.body.elements
         broken = np.flatnonzero((element["volume_ratio"] <= 0) | (element["J_max"] > elements.LARGEST_J))
         if broken.size:
             raise UnstableError(
-                f"{broken.size} of {elements.n} elements have no volume left or burst at g = {self.state.growth:.3f}, "
+                f"{broken.size} of {elements.n} elements collapsed or burst at g = {self.state.growth:.3f}, "
                 f"step {self.state.step}; the first is element {broken[0]} with v/V = "
                 f"{element['volume_ratio'][broken[0]]:.2f} and J up to {element['J_max'][broken[0]]:.2f}. Slow the "
                 "growth down (growth.rate) or refine the mesh.",
@@ -326,7 +328,7 @@ class Dynamics:
             )
 
     def _measure(self, steps: int = 0) -> None:
-        """Of the state, ``steps`` after the last measurement: mass, energies, volume ratios."""
+        """Measure mass, energies and volume ratios of the state, ``steps`` after the last measurement."""
         body, state = self.body, self.state
         watch = _Stopwatch(self.seconds)
         watch.start()
@@ -364,7 +366,7 @@ class Dynamics:
 
 
 class _Stopwatch:
-    """Laps added to a table of seconds."""
+    """Adds the time of each lap to a table of seconds."""
 
     def __init__(self, seconds: dict[str, float]):
         self._seconds, self._last = seconds, 0.0

@@ -1,4 +1,4 @@
-"""Growth tensors, as the equations have them; the kernels fold them into the point data (brick_kernels.grow)."""
+"""Growth tensors as in the equations; the kernels include them in the point data (brick_kernels.grow)."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ LAWS = ("isotropic", "tangential")
 
 
 def check_law(law: str) -> None:
-    """Raise ``UnknownName`` for what is no growth law."""
+    """Raise ``UnknownName`` if ``law`` is not a growth law."""
     if law not in LAWS:
         raise UnknownName(f"growth law must be one of {', '.join(LAWS)}, got {law!r}.")
 
 
 def volume(g: Any, law: str) -> Any:
-    """det G of growth g, float or array: g^3 if isotropic, g^2 if tangential; ``UnknownName`` for another law."""
+    """det G for growth g, a float or an array: g^3 if isotropic, g^2 if tangential; ``UnknownName`` for another law."""
     check_law(law)
     return g**3 if law == "isotropic" else g**2
 
 
 def growth_tensor(g: NDArray[np.float64] | float, radial: NDArray[np.float64], law: str) -> NDArray[np.float64]:
-    """Growth tensor G of F = A G (Razavi et al. 2015, Eq. 1).
+    """Growth tensor G in F = A G (Razavi et al. 2015, Eq. 1).
 
     Parameters
     ----------
     g : float or (...) float64
-        Growth stretch, a ratio of lengths; 1 is none.
+        Growth stretch, a ratio of lengths; 1 means no growth.
     radial : (..., 3) float64
-        Unit reference direction N along which tangential growth adds nothing.
+        Unit reference direction N; tangential growth adds nothing along it.
     law : {"isotropic", "tangential"}
         ``g I`` (paper, before Eq. 2), or ``g (I - N N) + N N`` (before Eq. 3).
 

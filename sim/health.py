@@ -1,4 +1,4 @@
-"""What is asked of every stage: rest, volume, no crossings, the shape as a whole; by checks of their own."""
+"""Checks of every stage: rest, volume, self-intersections and overall shape, independent of the solver."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
 
 RAYS = 10_000
-TOUCHING = 1e-9  # stretches of a ray shorter than this share of its length are none
+TOUCHING = 1e-9  # segments of a ray shorter than this share of its length are ignored
 
-#: how deep the surface may pass through itself [mean edges]: half the gap at which contact begins to act
+#: allowed depth of a self-intersection [mean edges]: half the gap at which contact begins to act
 CROSSING_TOLERANCE = 0.1
 
-#: greatest values that a healthy stage has, and what can be changed beyond them: keys of ``cures``
+#: largest values of a healthy stage, and what to change if a value is larger: keys of ``cures``
 BOUNDS: dict[str, tuple[float | int, tuple[str, ...]]] = {
     "distance_over_T": (AWAY, ("slower", "stages")),
     "kinetic_over_strain": (1e-2, ("slower",)),
@@ -41,14 +41,14 @@ LEAST_J = 0.05  # smallest volume ratio of any Gauss point at any time; below 0.
 
 
 def cures(scene: Scene | None = None) -> dict[str, str]:
-    """What may be changed, by key; for a ``scene``, what it has not done yet and what its geometry takes."""
+    """Advice by key; for a ``scene``, only what it does not do yet and what its geometry allows."""
     found = {
         "slower": "slow the growth down (growth.rate)",
-        "stages": "let it rest more often (output.stages)",
+        "stages": "let the body rest more often (output.stages)",
         "contact": "add [effects.contact]",
         "finer": "refine the mesh (accuracy.level)",
         "kappa": "raise material.kappa_ratio",
-        "hold": "cut it by symmetry planes (geometry.portion)",
+        "hold": "cut the body by symmetry planes (geometry.portion)",
     }
     if scene is None:
         return found
@@ -58,8 +58,8 @@ def cures(scene: Scene | None = None) -> dict[str, str]:
         found["slower"] = "slow the growth down (effects.inertia.duration)"
         del found["stages"]
     if scene.geometry.shape == "mesh":
-        found["finer"] = "give it a finer mesh (geometry.file)"
-        found["hold"] = "hold its inner surface (geometry.held)"
+        found["finer"] = "use a finer mesh (geometry.file)"
+        found["hold"] = "hold the inner surface (geometry.held)"
     elif scene.accuracy.level == "fine" or scene.accuracy.edge is not None:
         found["finer"] = "refine the mesh (accuracy.edge)"
     return found
@@ -68,19 +68,19 @@ def cures(scene: Scene | None = None) -> dict[str, str]:
 class Cover(NamedTuple):
     """How often a closed surface covers the space along radial rays."""
 
-    twice: float  # share of the length inside the surface at all that is inside it twice or more
-    most: int  # largest winding number on any ray: 1 if the surface doesn't pass through itself
+    twice: float  # length inside the surface twice or more, over the length inside it once or more
+    most: int  # largest winding number on any ray: 1 if the surface does not self-intersect
 
 
 def check_surface(pial: Surface, closed: bool = True) -> dict[str, float | int]:
-    """What the health of a stage says of its pial surface; how often it covers space only if that is ``closed``.
+    """Health numbers of the pial surface of a stage; overlap and winding number only if it is ``closed``.
 
     Returns
     -------
     dict
-        ``overlap`` and ``winding_max`` (:func:`cover`); ``crossings``, how many edges and vertices have passed through
-        the surface by more than CROSSING_TOLERANCE; ``deepest_crossing``, the depth of the deepest in mean edges;
-        ``mean_edge_mm``.
+        ``overlap`` and ``winding_max`` (:func:`cover`); ``crossings``, the number of edges and vertices that have
+        passed through the surface by more than CROSSING_TOLERANCE; ``deepest_crossing``, the depth of the deepest
+        crossing in mean edges; ``mean_edge_mm``.
     """
     found = self_intersections(pial)
     space = cover(pial)._asdict() if closed else {}
@@ -98,12 +98,12 @@ def overlap(surface: Surface, rays: int = RAYS) -> float:
 
 
 def cover(surface: Surface, rays: int = RAYS) -> Cover:
-    """How often a closed surface winds around the points of radial rays; the solver's own contact is not asked.
+    """How often a closed surface winds around the points of radial rays; the solver's contact is not used.
 
-    Rays start at the centroid of the vertices in directions of a Fibonacci lattice. A ray that meets an edge or a
-    vertex counts as turned by next to nothing, the same way for all faces
-    (:func:`morphofold.intersections.rays.ray_hits`), and a stretch shorter than 1e-9 of the ray, as between walls that
-    touch, isn't counted.
+    Rays start at the centroid of the vertices. Their directions are a Fibonacci lattice. A ray that meets an edge or a
+    vertex counts as turned by an infinitesimal angle, in the same direction for all faces
+    (:func:`morphofold.intersections.rays.ray_hits`). A segment shorter than 1e-9 of the ray, as between walls that
+    touch, is not counted.
 
     Raises
     ------
@@ -115,13 +115,13 @@ def cover(surface: Surface, rays: int = RAYS) -> Cover:
     twice, once, most, centre = _along_rays(verts, faces, tree.bounds, tree.order, even_directions(rays))
     if (centre != centre[0]).any():
         raise OpenSurface(
-            f"{surface.name}: isn't closed: it winds {centre.min()} to {centre.max()} times around its centroid, "
-            "depending on the direction in which that is counted. Close its holes."
+            f"{surface.name}: is not closed: its winding number at the centroid is {centre.min()} to {centre.max()}, "
+            "depending on the direction of the ray. Close its holes."
         )
     if once.sum() == 0:
         raise InsideOut(
-            f"{surface.name}: none of {rays} rays from its centroid runs inside it. Turn its faces: seen from outside "
-            "they run counter-clockwise."
+            f"{surface.name}: none of {rays} rays from its centroid runs inside it. Reverse its faces: seen from "
+            "outside they must run counter-clockwise."
         )
     return Cover(float(twice.sum() / once.sum()), int(most.max()))
 
@@ -137,7 +137,7 @@ def enclosed_volume(surface: Surface) -> float:
 
 
 def bending(X: Array, x: Array) -> float:
-    """How far a body has bent or warped as a whole: not its folds, not its size.
+    """How much a body has bent or warped as a whole; folds and size do not count.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ def bending(X: Array, x: Array) -> float:
     -------
     float
         Rms of the quadratic part of the least-squares quadratic map from X to x, over the rms distance of x from its
-        centre. 0 for any affine map, and for a sphere whose shells grow unlike.
+        centre. 0 for any affine map, and for a sphere whose shells grow differently.
     """
     centred = X - X.mean(axis=0)
     i, j = np.triu_indices(3)
@@ -160,10 +160,11 @@ def bending(X: Array, x: Array) -> float:
 
 
 def broken_bounds(stage: dict[str, Any], scene: Scene | None = None) -> list[str]:
-    """One sentence for each bound that the numbers of a stage break; empty when it is healthy.
+    """One sentence for each bound that the numbers of a stage exceed; empty if the stage is healthy.
 
-    Judged are the numbers that the stage has: one written by an earlier version has fewer, and None was not measured.
-    The kinetic energy is judged by its :func:`~morphofold.sim.dynamics.restlessness`. The advice is for the ``scene``.
+    Only numbers that the stage has are checked: a stage written by an earlier version has fewer, and None was not
+    measured. The kinetic energy is checked by its :func:`~morphofold.sim.dynamics.restlessness`. The advice is for the
+    ``scene``.
     """
     judged = {name: stage[name] for name in BOUNDS if stage.get(name) is not None}
     if "kinetic_over_strain" in judged:
@@ -185,7 +186,7 @@ def broken_bounds(stage: dict[str, Any], scene: Scene | None = None) -> list[str
 
 @njit(parallel=True, cache=True)
 def _along_rays(verts, faces, bounds, order, directions):
-    """Length of each ray inside the surface twice or more, and at all; winding number, at most and at its origin."""
+    """Length of each ray inside twice or more, and once or more; largest winding number, and that at its origin."""
     rays = len(directions)
     twice, once = np.zeros(rays), np.zeros(rays)
     most, centre = np.zeros(rays, dtype=np.int64), np.zeros(rays, dtype=np.int64)
@@ -201,7 +202,7 @@ def _along_rays(verts, faces, bounds, order, directions):
 
 @njit(cache=True)
 def _lengths(at, sign):
-    """Length of a ray inside twice or more, and at all, and the largest winding number, from outside in."""
+    """Length of a ray inside twice or more, inside once or more, and the largest winding number, from outside in."""
     order = np.argsort(at)
     twice, once, most, winding = 0.0, 0.0, 0, 0
     for k in range(len(at) - 1, -1, -1):

@@ -1,4 +1,4 @@
-"""Ctrl-C that waits for a moment at which a run can be taken up again."""
+"""Delay Ctrl-C until a run is in a state from which it can be resumed."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ HANG_UP = getattr(signal, "SIGHUP", None)  # Windows has none
 
 @contextmanager
 def deferred_interrupt() -> Iterator[Callable[[], bool]]:
-    """Hold back SIGINT, SIGTERM and SIGHUP; yields a function that says whether one came. A second one acts at once.
+    """Hold back SIGINT, SIGTERM and SIGHUP; yields a function that returns whether one came. A second acts at once.
 
-    Signals that are ignored (SIGHUP under nohup) stay so, and a second SIGHUP is none: a terminal and its shell both
-    tell of its end. Only the main thread can hold signals; elsewhere nothing is held and the function says no.
+    Signals that are ignored (SIGHUP under nohup) stay ignored. A second SIGHUP does not count: a terminal and its shell
+    both send one when they close. Only the main thread can hold signals; in other threads nothing is held and the
+    function returns False.
     """
     if threading.current_thread() is not threading.main_thread():
         yield lambda: False
@@ -34,5 +35,5 @@ def deferred_interrupt() -> Iterator[Callable[[], bool]]:
     finally:
         for number, handler in before.items():
             signal.signal(number, signal.SIG_DFL if handler is None else handler)
-    if came:  # too late to stop the work, in time to stop what comes after
+    if came:  # too late to stop the work, but it stops what comes after
         raise KeyboardInterrupt

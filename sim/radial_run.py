@@ -1,7 +1,7 @@
 """A scene in one dimension: radial equilibria by finite elements, written as a simulation folder like any other.
 
-The sphere stays one, whether stable or not; nothing of the solver in three dimensions is imported. A stage costs
-some hundredths of a second, and its measuring more than that.
+The body stays a sphere, whether it is stable or not. Nothing of the solver in three dimensions is imported. A stage
+takes some hundredths of a second, its measures take longer.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from morphofold.sim.scene import Radial, Scene
 from morphofold.sim.sphere_theory.finite_elements import LAYERS, RadialState, radial_equilibrium
 from morphofold.surface import Surface
 
-SPHERE_LEVEL = 4  # of the icosphere that is written: 2,562 vertices
-POINTS = 41  # of the written profile, in each layer
+SPHERE_LEVEL = 4  # level of the written icosphere: 2,562 vertices
+POINTS = 41  # points of the written profile in each layer
 QUADRATURE = 64  # Gauss points in each layer for the energy
 
 
@@ -33,10 +33,10 @@ class RadialRun:
     def __init__(self, scene: Scene, writer: FolderWriter, progress: Progress, interrupted: Callable[[], bool]):
         self._scene, self._writer, self._progress, self._interrupted = scene, writer, progress, interrupted
         self._geometry = geometry = cast(Radial, scene.geometry)
-        self._A = geometry.hole_radius / geometry.radius  # radii over that of the sphere, as in the paper
+        self._A = geometry.hole_radius / geometry.radius  # radii over the outer radius, as in the paper
         self._B = 1 - geometry.cortex_thickness / geometry.radius
         self._effects = build_effects(scene)
-        self._share = sum(getattr(effect, "share", 0.0) for effect in self._effects)  # that of core growth, if any
+        self._share = sum(getattr(effect, "share", 0.0) for effect in self._effects)  # of core growth, if any
 
     def go(self) -> None:
         started, growth = time.perf_counter(), 1.0
@@ -80,7 +80,7 @@ class RadialRun:
         self._progress(1.0, "done")
 
     def equilibrium(self, g: float) -> RadialState:
-        """The sphere at growth ``g`` of its cortex, lengths in units of its outer radius."""
+        """Equilibrium of the sphere at growth ``g`` of its cortex, lengths in units of its outer radius."""
         geometry, material = self._geometry, self._scene.material
         return radial_equilibrium(
             g,
@@ -96,7 +96,7 @@ class RadialRun:
         return 1 + (g - 1) * self._share
 
     def numbers(self, state: RadialState, g: float) -> dict[str, Any]:
-        """What the health of a stage says, of a sphere: in units of mm and of the core's shear modulus."""
+        """Health numbers of a stage, for a sphere: in mm and in units of the core's shear modulus."""
         radius = self._geometry.radius
         white, pial = self._radii(state)
         grown = 1 - self._B**3

@@ -1,4 +1,4 @@
-"""A run that begins where another one stood: at one of its stages, or at its checkpoint."""
+"""Begin a run at the state of another run: at one of its stages, or at its checkpoint."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ if TYPE_CHECKING:
     from morphofold.sim.body import Body
     from morphofold.sim.dynamics import State
 
-ROUND_OFF = 1e-9  # of the size of a body: within it reference positions are the same
+ROUND_OFF = 1e-9  # difference of reference positions, over the size of the body, that counts as none
 
 
 def restart_of(out: Path, scene: Scene, place: str | Path | None) -> dict[str, Any] | None:
-    """What ``inputs.json`` says of the state that a run in ``out`` begins at; None for one that begins ungrown.
+    """The entry of ``inputs.json`` for the state at which a run in ``out`` begins; None if it begins ungrown.
 
-    A run that is gone on with began where its ``inputs.json`` says. A new one begins at ``place``, a stage's folder or
-    that of a run, of which the state that has grown furthest is taken.
+    For a resumed run this is the entry in its ``inputs.json``. A new run begins at ``place``, the folder of a stage or
+    of a run; of a run, the state of the largest growth is taken.
 
     Raises
     ------
@@ -45,7 +45,7 @@ def restart_of(out: Path, scene: Scene, place: str | Path | None) -> dict[str, A
     place = Path(os.path.abspath(place))
     run = place.parent.parent if (place / "stage.json").is_file() else place
     if not (run / "scene.toml").is_file():
-        raise FileNotFoundError(f"{place}: is neither the folder of a run nor that of a stage, to restart from.")
+        raise FileNotFoundError(f"{place}: is not the folder of a run or of a stage. Name one to restart from.")
     with decoding(run / "scene.toml", "a scene as a run writes it"):
         other = load_scene(run / "scene.toml")
     stages = {g: stage_folder(run, g) for g in stages_with_volume(run, other)}
@@ -54,27 +54,27 @@ def restart_of(out: Path, scene: Scene, place: str | Path | None) -> dict[str, A
         found.append((_read(run / "checkpoint.npz")[-1], run / "checkpoint.npz"))
     if not found:
         raise MissingPart(
-            f"{place}: holds no state to restart from, which is a checkpoint or a stage with {VOLUME}. A scene with "
-            "output.volume = false writes no volume, and one in one dimension has none."
+            f"{place}: holds no state to restart from: no checkpoint and no stage with {VOLUME}. A scene with "
+            "output.volume = false or of one dimension writes no volume. Name another run."
         )
-    growth, file = max(found, key=lambda state: state[0])  # the first of equals: a stage
+    growth, file = max(found, key=lambda state: state[0])  # of two at the same growth the first, a stage
     if growth > scene.growth.final:
         raise OutOfRange(
-            f"{file}: is at g = {growth:g}, beyond growth.final = {scene.growth.final:g} of {scene.name}. Grow "
-            "further, or restart from the folder of an earlier stage."
+            f"{file}: is at g = {growth:g}, beyond growth.final = {scene.growth.final:g} of {scene.name}. Raise "
+            "growth.final, or restart from the folder of an earlier stage."
         )
     if file.name == VOLUME:
-        read_stage(run, growth)  # or refuses one that is damaged
+        read_stage(run, growth)  # raises if it is damaged
     return {"file": str(file), "sha256": sha256_of(file), "scene_sha256": scene_digest(run), "growth": growth}
 
 
 def state_of(restart: Mapping[str, Any], body: Body, scene: Scene) -> State:
-    """The state that a run begins at: positions and growth, and of a checkpoint velocities.
+    """The state at which a run begins: positions, growth and, from a checkpoint, velocities.
 
     Raises
     ------
     FileNotFoundError, ValueError
-        If its file is gone, has changed, or is of another mesh than the body's.
+        If its file is missing, has changed, or has another mesh than the body.
     """
     from morphofold.sim.dynamics import State
 
@@ -82,32 +82,32 @@ def state_of(restart: Mapping[str, Any], body: Body, scene: Scene) -> State:
     if (now := sha256_of(file)) != restart["sha256"]:
         raise Mismatch(
             f"{file}: has changed since a run began at it (sha256 {restart['sha256'][:12]}... then, {now[:12]}... "
-            "now). Put the old file back, or choose another folder."
+            "now). Restore the old file, or choose another folder."
         )
     x, v, X, _ = _read(file)
     check_mesh(file, X, body.X, scene)
-    if scene.real_time:  # velocities are per step, of another length
+    if scene.real_time:  # velocities are per step, and its length differs
         v[:] = 0.0
     return State(x, v, growth=restart["growth"])
 
 
 def check_mesh(file: Path, X: Array, mine: Array, scene: Scene) -> None:
-    """Refuse reference positions that are not those of the body, which are ``mine``."""
-    difference = f"has {len(X):,} nodes, and the body of {scene.name} {len(mine):,}"
+    """Raise ``Mismatch`` unless the reference positions X equal those of the body, ``mine``."""
+    difference = f"has {len(X):,} nodes, but the body of {scene.name} has {len(mine):,}"
     if X.shape == mine.shape:
         apart = np.linalg.norm(X - mine, axis=1)
         if apart.max() <= ROUND_OFF * np.ptp(mine, axis=0).max():
             return
-        difference = f"has node {apart.argmax()} {apart.max():.3g} mm from where it is in the body of {scene.name}"
+        difference = f"has node {apart.argmax()} {apart.max():.3g} mm from its place in the body of {scene.name}"
     raise Mismatch(
-        f"{file}: {difference} before growth. Geometry, mesh and imperfection must be those of the run to go on from"
+        f"{file}: {difference} before growth. Use the geometry, mesh and imperfection of the run to continue"
         f"{_same_wavelength(file, scene)}."
     )
 
 
 def _read(file: Path) -> tuple[Array, Array, Array, float]:
-    """Positions, velocities, reference positions (N, 3) and growth of a checkpoint; of a volume, which doesn't know the
-    last, that is 1 and the velocities are 0."""
+    """Positions, velocities, reference positions (N, 3) and growth of a checkpoint. A volume has no velocities and no
+    growth: they are returned as 0 and 1."""
     with decoding(file, "a state to restart from"):
         if file.name == VOLUME:
             X, x = read_volume(file)
@@ -115,19 +115,19 @@ def _read(file: Path) -> tuple[Array, Array, Array, float]:
         else:
             with np.load(existing_file(file), allow_pickle=False) as arrays:
                 if sum(entry.file_size for entry in arrays.zip.infolist()) > file.stat().st_size:
-                    raise DamagedFile("it is packed")  # no run packs it
+                    raise DamagedFile("it is compressed")  # no run compresses it
                 x, v, X = (arrays[name].astype(np.float64) for name in ("x", "v", "reference"))
-                v *= "inertia.dt" not in arrays.files  # real ones are per step of its own length
+                v *= "inertia.dt" not in arrays.files  # with inertia they are per step of another length
                 growth = float(arrays["growth"].item())
         if not (x.ndim == 2 and x.shape[1] == 3 and x.shape == v.shape == X.shape):
             raise DamagedFile(f"its positions have shape {x.shape}, its velocities {v.shape}, its nodes {X.shape}")
         if not (growth >= 1 and all(np.isfinite(array).all() for array in (x, v, X, growth))):
-            raise DamagedFile("it has numbers that are not finite, or a growth below 1")
+            raise DamagedFile("it has values that are not finite, or a growth below 1")
     return np.ascontiguousarray(x, np.float64), v, X, growth
 
 
 def _same_wavelength(file: Path, scene: Scene) -> str:
-    """How to have the other run's imperfection, whose wavelength hangs on the material unless it is set."""
+    """How to set the imperfection of the other run; its wavelength depends on the material unless it is set."""
     from morphofold.sim.effects.perturbation import build
 
     with suppress(OSError, ValueError):
@@ -135,5 +135,5 @@ def _same_wavelength(file: Path, scene: Scene) -> str:
         if "perturbation" in scene.effects and "perturbation" in other.effects:
             theirs = build(other.effects["perturbation"], other).wavelength
             if theirs != build(scene.effects["perturbation"], scene).wavelength:
-                return f": effects.perturbation.wavelength = {theirs!r}, for one"
+                return f": effects.perturbation.wavelength = {theirs!r}, for example"
     return ""

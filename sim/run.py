@@ -1,4 +1,4 @@
-"""Scene in, simulation folder out: stages, log, health, checkpoints that a stopped run goes on from."""
+"""Run a scene and write its simulation folder: stages, log, health, and checkpoints to resume a stopped run."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ __all__ = ["Progress", "Simulation", "simulate"]
 
 Look = Callable[["Dynamics"], None]
 
-RESTING = 0.75  # of its patience that a body rests at a stage, or so, and
-RAMP = 250.0  # ticks that growth by 1 takes, for the share of the work that is done
+RESTING = 0.75  # share of its patience for which a body rests at a stage, about
+RAMP = 250.0  # ticks that growth by 1 takes; both estimate the share of the work that is done
 LOG_EVERY = 0.01  # growth between two lines of the log,
 LOG_STEPS = 100  # or steps
 STAGE_NUMBERS = (
@@ -72,31 +72,31 @@ def simulate(
     Parameters
     ----------
     source : str, Path or Scene
-        A built-in scene's name, a TOML file, or a scene.
+        Name of a built-in scene, a TOML file, or a scene.
     out : str or Path, optional
         Folder to write; by default the scene's name in the working directory.
     settings : iterable of str
-        ``"growth.final=1.8"`` and the like, put over the scene.
+        Settings such as ``"growth.final=1.8"``, which override the scene.
     resume : bool
-        Go on from the checkpoint in ``out``; a finished run of the same scene is returned as it is.
+        Resume from the checkpoint in ``out``; a finished run of the same scene is returned as it is.
     threads : int, optional
         Threads of the kernels; the result is bitwise the same for any number.
     progress : callable
         Called with the share done (0 to 1) and a line of text.
     describe : callable
-        Per-vertex maps to write beside each stage's surfaces, by name, from its ``Cortex``; the growth room itself
+        Returns per-vertex maps by name from the ``Cortex`` of a stage, to write beside its surfaces. The solver itself
         measures nothing.
     effects : iterable of Effect
-        Effects of your own, new ones for each run, which follow those of the scene. The folder keeps their names, and
-        a run is resumed with effects of the same names alone. Not in one dimension.
+        Your own effects, new instances for each run. They act after those of the scene. The folder records their names,
+        and a run can be resumed only with effects of the same names. Not in one dimension.
     after : callable
-        Called every ``REFRESH`` steps with the ``Dynamics``, to look at its ``state`` and ``body``; not to change them.
+        Called every ``REFRESH`` steps with the ``Dynamics``. It may read ``state`` and ``body`` but not change them.
         Not in one dimension.
     restart_from : str or Path, optional
-        Folder of another run, or of one of its stages, to begin at: at its positions and growth, and those velocities
-        that a checkpoint has, unless either has inertia. The mesh must be the same, all else may differ; what effects
-        had in memory is not taken. Stages of a smaller growth are not written. A resumed run knows where it began. Not
-        in one dimension.
+        Folder of another run, or of one of its stages. The run begins at its positions and growth. It takes the
+        velocities of a checkpoint, too, unless either run has inertia. The mesh must be the same, all else may differ.
+        The state of effects is not taken. Stages of a smaller growth are not written. A resumed run knows where it
+        began. Not in one dimension.
 
     Returns
     -------
@@ -105,30 +105,30 @@ def simulate(
     Raises
     ------
     ValueError, FileNotFoundError
-        If the scene, an effect or the state to restart from cannot be had, nothing is written then; or if what is to be
-        resumed is damaged, or the scene's mesh file has changed since it began.
+        If the scene, an effect or the state to restart from cannot be read; nothing is written then. Also if the run to
+        resume is damaged, or the scene's mesh file has changed since the run began.
     FileExistsError
-        If ``out`` holds something else, or a run and ``resume`` is not asked for, or another run is writing there.
+        If ``out`` holds something else, or a run without ``resume``, or another run is writing there.
     UnstableError
         If the run leaves its bounds; the last checkpoint and the stages so far stay.
     KeyboardInterrupt
-        At Ctrl-C or SIGTERM, once a checkpoint is written; a second one stops at once. One that comes when the
-        run is whole still stops what would follow.
+        At Ctrl-C or SIGTERM, once a checkpoint is written; a second signal stops at once. A signal after the run is
+        complete still stops what would follow.
     """
     scene = load_scene(source, settings)
     folder = Path(scene.name if out is None else out)
     own = own_effects(effects)
     names = [effect.name for effect in own]
     if isinstance(scene.geometry, Radial) and (own or after or restart_from):
-        raise DoesNotApply(f"{scene.name}: one dimension has no steps; drop effects, after and restart_from.")
+        raise DoesNotApply(f"{scene.name}: a radial scene has no steps. Leave out effects, after and restart_from.")
     with deferred_interrupt() as interrupted:
         set_threads(threads)
         if is_finished(folder, scene, resume, names, restart_from):
-            with suppress(OSError):  # one that may not be written goes without
+            with suppress(OSError):  # a folder that is not writable goes without
                 write_series(folder, scene)
         else:
             with alone(folder):
-                if not is_finished(folder, scene, resume, names, restart_from):  # another run may have come first
+                if not is_finished(folder, scene, resume, names, restart_from):  # another run may have been first
                     restart = restart_of(folder, scene, restart_from)
                     writer = FolderWriter(folder, scene, describe, resume, names, restart)
                     added = {"effects": own, "look": after} if own or after else {}
@@ -137,7 +137,7 @@ def simulate(
 
 
 def _run_of(scene: Scene) -> Any:
-    """What grows a scene; one in one dimension never imports the solver of three."""
+    """The class that grows a scene; a scene in one dimension never imports the solver in three dimensions."""
     if isinstance(scene.geometry, Radial):
         from morphofold.sim.radial_run import RadialRun
 
@@ -146,7 +146,7 @@ def _run_of(scene: Scene) -> Any:
 
 
 class _Run:
-    """One run: the body, its dynamics, and where it writes."""
+    """One run: the body, its dynamics, and the folder that it writes."""
 
     def __init__(
         self,
@@ -190,7 +190,7 @@ class _Run:
 
         stages = []
         for g in written_stages(self.writer.out, self.scene):
-            self.dynamics.grow_to(max(g, self.dynamics.state.growth), self._after)  # one taken up may be beyond
+            self.dynamics.grow_to(max(g, self.dynamics.state.growth), self._after)  # a resumed run may be beyond
             if self.dynamics.state.growth == g:
                 self.dynamics.settle(self._after)
             stages.append(self._write_stage(g))
@@ -213,7 +213,7 @@ class _Run:
         self.progress(1.0, "done")
 
     def _share(self, state: Any) -> float:
-        """Share of the ticks of a run that are done, of growth and of rest."""
+        """Share of the run that is done, from the ticks of growth and of rest."""
         from morphofold.sim.dynamics import patience
 
         stages, per_unit = self.scene.stages, RAMP / self.scene.growth.rate
@@ -247,7 +247,7 @@ class _Run:
         self.log.append({**self.dynamics.state.record, "elapsed": round(self._elapsed(), 3), "seconds": seconds})
 
     def _elapsed(self) -> float:
-        """Wall seconds of this run, those before a stop included, those of compiling left out."""
+        """Wall seconds of this run, including those before a stop, without compiling."""
         return working_seconds() - self.started
 
     def _checkpoint(self) -> None:
@@ -256,13 +256,13 @@ class _Run:
         self.checkpoint_due = time.perf_counter() + 60 * self.scene.output.checkpoint_minutes
 
     def _marks(self) -> dict[str, NDArray[Any]]:
-        """What tells a checkpoint from one of another run: its scene and mesh, its version, and its log so far."""
+        """What identifies the run of a checkpoint: its scene and mesh, its version, and its log so far."""
         marks = {"scene": scene_digest(self.writer.out), "version": __version__, "log": as_lines(self.log)}
         of_bytes = {name: as_bytes(text) for name, text in marks.items()}
         return {**of_bytes, "lines": np.array(len(self.log)), "reference": self.body.X}
 
     def _take_up(self) -> None:
-        """Go on from a checkpoint, if that is asked for and there is one."""
+        """Resume from a checkpoint, if that is asked for and there is one."""
         out, path = self.writer.out, self.writer.checkpoint
         if path is None:
             return
@@ -270,12 +270,12 @@ class _Run:
         arrays = read_arrays(path, {**self.dynamics.save(), **mine})
         for name, what in (("scene", "another scene or mesh"), ("version", "another version of morphofold")):
             if not np.array_equal(arrays[name], mine[name]):
-                raise Mismatch(f"{path}: is of a run with {what}. Delete it {ANEW}.")
-        check_mesh(path, arrays["reference"], self.body.X, self.scene)  # effects of one's own may give it another shape
+                raise Mismatch(f"{path}: belongs to a run with {what}. Delete it {ANEW}.")
+        check_mesh(path, arrays["reference"], self.body.X, self.scene)  # own effects may give the body another shape
         growth, final = arrays["growth"].item(), self.scene.growth.final
         with decoding(path, "a checkpoint of this run", f"Delete it {ANEW}."):
             if not 1 <= growth <= final:
-                raise DamagedFile(f"g = {growth:g} is not within 1 and {final:g}")
+                raise DamagedFile(f"g = {growth:g} is not between 1 and {final:g}")
             self.dynamics.load(arrays)  # a state out of its bounds was never saved
         check_reached(out, self.scene, growth)
         self.log = read_log(out, self.dynamics.state.step, arrays["lines"].item(), arrays["log"])
@@ -284,7 +284,7 @@ class _Run:
             self.dynamics.seconds.update(self.log[-1]["seconds"])
 
     def _write_stage(self, g: float) -> dict[str, Any]:
-        """Surfaces, maps and volume of the present state; returns its numbers for health.json."""
+        """Write surfaces, maps and volume of the present state; returns its numbers for health.json."""
         from morphofold.sim.health import bending, broken_bounds, check_surface, enclosed_volume
         from morphofold.sim.output.surfaces import whole_surfaces
 
@@ -295,7 +295,7 @@ class _Run:
         white, pial = whole_surfaces(body, state.x)
         closed = body.bilayer.closed
         grown = float(np.sum(body.grown_volumes())) / body.bilayer.portion
-        between = closed and body.bilayer.faces.shape[1] == 4  # a white surface through tetrahedra cuts them
+        between = closed and body.bilayer.faces.shape[1] == 4  # the white surface cuts through tetrahedra
         found = enclosed_volume(pial) - enclosed_volume(white) if between else self._cortex_volume()
         numbers = {
             "growth": g,
@@ -321,7 +321,7 @@ class _Run:
         return numbers
 
     def _unstable_modes(self) -> int | None:
-        """Of the present state, where that is asked for; of a strip unless it is not. None where it can't be told."""
+        """Unstable modes of the present state, if asked for or by default in a strip; None if they can't be counted."""
         asked = self.scene.output.stability
         wanted = isinstance(self.scene.geometry, Strip) if asked is None else asked
         if not wanted or not self.dynamics.waits_for_balance:
@@ -330,7 +330,7 @@ class _Run:
 
         try:
             return unstable_modes(self.dynamics)
-        except (MemoryError, ZeroDivisionError):  # too large, or a mode without any stiffness
+        except (MemoryError, ZeroDivisionError):  # too large, or a mode of zero stiffness
             return None
 
     def _cortex_volume(self) -> float:

@@ -1,9 +1,9 @@
-"""What can be known of the growing bilayer sphere without simulating it: radius, stress, critical growth.
+"""Theory of the growing bilayer sphere, without a simulation: radius, stress, critical growth.
 
 Reference radii: a fixed hole A, the core/cortex interface B, the outer surface C; r is the deformed radius of R.
 Both layers are incompressible and neo-Hookean, F = A.G (Razavi et al. 2015, Eqs. 1-5); the cortex grows by g, the
-core by g_core. Radii with a bar are over B, as in Eqs. (11) to (13). Where a fold begins without a crease is the
-subject of :func:`bifurcation`, which the paper does not have.
+core by g_core. Radii with a bar are over B, as in Eqs. (11) to (13). :func:`bifurcation` finds where a fold begins
+without a crease; the paper does not have it.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ __all__ = [
     "thickest_creasing",
 ]
 
-#: lambda_r/lambda_theta at which it wrinkles: 1/x, x^3 + x^2 + 3x = 1 (Biot 1963); 0.6661 in equibiaxial stretch
+#: lambda_r/lambda_theta at which a surface wrinkles: 1/x, x^3 + x^2 + 3x = 1 (Biot 1963); equibiaxial stretch 0.6661
 BIOT = 3.382975767906237
 
 
@@ -52,18 +52,18 @@ def deformed_radius(
     g_core: ArrayLike = 1.0,
     A_bar: ArrayLike | None = None,
 ) -> Array:
-    """Deformed radius over B of the grown bilayer sphere; of its outer surface if no other is named.
+    """Deformed radius over B of the grown bilayer sphere; by default of its outer surface.
 
     Parameters
     ----------
     g : (...) float
-        Growth stretch of the cortex, g_s in the paper; a ratio of lengths, 1 is none.
+        Growth stretch of the cortex, g_s in the paper; a ratio of lengths, 1 means no growth.
     C_bar : (...) float
         Outer radius C/B > 1.
     law : {"isotropic", "tangential"}
         Growth of the cortex: the same in all directions, or none along the radius.
     R_bar : (...) float, optional
-        Reference radius R/B asked for, from A_bar to C_bar; C_bar if None.
+        Reference radius R/B, from A_bar to C_bar; C_bar if None.
     g_core : (...) float
         Growth stretch of the core, isotropic under both laws; g_c of Eq. (9).
     A_bar : (...) float, optional
@@ -81,14 +81,14 @@ def deformed_radius(
 
     Notes
     -----
-    Incompressible growth takes r^2 dr to det(G) R^2 dR (Eq. 8). Integrated outwards from the fixed hole, through
-    the core and then the cortex (Eqs. 9 and 10)::
+    For incompressible growth r^2 dr = det(G) R^2 dR (Eq. 8). Integrated outwards from the fixed hole, through the core
+    and then the cortex (Eqs. 9 and 10)::
 
         r^3 = A^3 + g_core^3 (R^3 - A^3)            in the core; b^3 its value at B
         r^3 = b^3 + det(G) (R^3 - B^3)              in the cortex; det(G) = g^3, or g^2 if tangential
 
-    The paper prints the isotropic case. Its text estimates g by "g_s^3 = V/V_0, the volume ratio of the deformed
-    system": that holds with the volumes of the cortex alone, since the core keeps its own.
+    The paper gives the isotropic case. Its text estimates g by "g_s^3 = V/V_0, the volume ratio of the deformed
+    system": that holds for the volume of the cortex alone, because the volume of the core does not change.
     """
     growth, outer, core = _growth(g, "g"), _outer(C_bar), _growth(g_core, "g_core")
     hole = _hole(A_bar, outer, core)
@@ -112,7 +112,7 @@ def stresses(
     A: float | None = None,
     g_core: float = 1.0,
 ) -> Stresses:
-    """Stress through the grown cortex, or through the core, in closed form (Fig. 3b).
+    """Stresses along the radius of the grown cortex, or of the core, in closed form (Fig. 3b).
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def stresses(
     n : int
         Number of points, equally spaced in the reference radius from B to C (cortex) or from A to B (core).
     part : {"cortex", "core"}
-        sigma_r is the same on both sides of the interface, sigma_theta jumps there.
+        Layer. sigma_r is continuous at the interface, sigma_theta jumps there.
     A : float, optional
         Radius of the fixed hole; C/2 if None.
     g_core : float
@@ -148,15 +148,15 @@ def stresses(
 
         d sigma_r / dr = 2 (sigma_theta - sigma_r) / r,   sigma_theta - sigma_r = mu (lambda^2 - lambda^-4)
 
-    with sigma_r = 0 at C and continuous at B. Under isotropic growth dr/r = d lambda / (lambda (1 - lambda^3)), and
-    the integral is ``sigma_r = f(lambda) - f(lambda at C)``, ``f = mu (lambda^-4/2 + 2/lambda)``. Under tangential
-    growth, with q = r/R, it is the same with ::
+    with sigma_r = 0 at C and continuous at B. For isotropic growth dr/r = d lambda / (lambda (1 - lambda^3)), and
+    the integral is ``sigma_r = f(lambda) - f(lambda at C)``, ``f = mu (lambda^-4/2 + 2/lambda)``. For tangential
+    growth, with q = r/R, it has the same form with ::
 
         f = 2 mu [(1 - g^2) Q + g^4/(4 q^4) + g^2/q],     dQ = q dq / (g^2 - q^3)
 
-    whose logarithm of |g^2 - q^3| is one of R, since R^3 (g^2 - q^3) is constant: it stays exact where q^3 nears g^2.
-    A core that doesn't grow doesn't deform: it carries the one pressure that the cortex exerts on it. The stress
-    in the cortex doesn't depend on the core's modulus.
+    In Q, the logarithm of |g^2 - q^3| can be written with that of R, since R^3 (g^2 - q^3) is constant: it stays exact
+    where q^3 is close to g^2. A core that does not grow does not deform: its stress is the uniform pressure of the
+    cortex. The stress in the cortex does not depend on the core's modulus.
     """
     hole = C / 2 if A is None else A
     if not (np.isfinite([B, C, hole]).all() and 0 <= hole < B < C):
@@ -168,7 +168,7 @@ def stresses(
     if part not in ("cortex", "core"):
         raise UnknownName(f"part must be cortex or core, got {part!r}.")
     if part == "core" and hole == 0 and g_core != 1:
-        raise OutOfRange("a growing core with no hole (A = 0) has no finite stress at its centre: give A > 0.")
+        raise OutOfRange("the stress of a growing core without a hole (A = 0) is infinite at its centre: give A > 0.")
 
     def layer(R: Array, growth: float, kind: str, mu: float) -> tuple[Array, Array, Array]:
         r = B * deformed_radius(g, C / B, law, R_bar=R / B, g_core=g_core, A_bar=hole / B)
@@ -193,7 +193,7 @@ def critical_growth(
     g_core: ArrayLike = 1.0,
     A_bar: ArrayLike | None = None,
 ) -> Array:
-    """Growth at which the outer surface reaches lambda_r/lambda_theta = ratio: the crease criterion, Eq. (7).
+    """Growth at which lambda_r/lambda_theta of the outer surface reaches ``ratio``: the crease criterion, Eq. (7).
 
     Parameters
     ----------
@@ -208,8 +208,8 @@ def critical_growth(
     Returns
     -------
     g_crit : (...) float64
-        NaN where the surface never reaches the ratio: under isotropic growth, where C_bar is not below
-        :func:`thickest_creasing`. Under tangential growth there is always one.
+        NaN where the surface never reaches the ratio: for isotropic growth, where C_bar is not below
+        :func:`thickest_creasing`. For tangential growth it always exists.
 
     Raises
     ------
@@ -225,9 +225,9 @@ def critical_growth(
         g^3 C_bar^3 - ratio g^2 (C_bar^3 - 1) - ratio b_bar^3 = 0                        Eq. (13), tangential
 
     The cubic has one positive root (one change of sign). Both tend to 2.4^(1/3) = 1.339 for a thin cortex, the
-    paper's 1.34; Eq. (12) ends at C_bar = (12/7)^(1/3) = 1.197, the paper's "about 1.2". The caption of Fig. 4 has
-    inner and outer the wrong way round: C is the outer radius. The stiffness of the cortex doesn't enter; whether
-    the criterion is met before the surface wrinkles does depend on it, see :func:`bifurcation`.
+    paper's 1.34; Eq. (12) ends at C_bar = (12/7)^(1/3) = 1.197, the paper's "about 1.2". The caption of Fig. 4 swaps
+    inner and outer: C is the outer radius. The stiffness of the cortex does not enter. But it determines whether
+    the criterion is met before the surface wrinkles, see :func:`bifurcation`.
     """
     outer, core = _outer(C_bar), _growth(g_core, "g_core")
     if not 1 < ratio < np.inf:
@@ -237,7 +237,7 @@ def critical_growth(
     if law == "isotropic":
         left = 1 - outer**3 * (1 - 1 / ratio)
         return np.cbrt(np.divide(b3, left, out=np.full(np.broadcast(b3, left).shape, np.nan), where=left > 0))
-    # Newton from above: right of its one positive root the cubic is positive, rising and convex
+    # Newton from above: to the right of its only positive root the cubic is positive, rising and convex
     g = np.maximum(ratio, np.sqrt(b3)) * np.ones(np.broadcast(b3, outer).shape)
     for _ in range(60):
         value = g**3 * outer**3 - ratio * g**2 * (outer**3 - 1) - ratio * b3
@@ -249,10 +249,10 @@ def critical_growth(
 
 
 def thickest_creasing(law: str = "isotropic", ratio: float = CREASE) -> float:
-    """C_bar from which on the outer surface never reaches the ratio: (12/7)^(1/3) for creases; inf if tangential.
+    """Smallest C_bar at which the outer surface never reaches the ratio: (12/7)^(1/3) for creases; inf if tangential.
 
-    As g grows without bound, isotropic growth takes lambda_theta^3 at C to 1 - 1/C_bar^3, not to 0: the swollen
-    outer cortex rests on swollen inner cortex. That has to stay above 1/ratio for no crease to form.
+    For g to infinity, isotropic growth takes lambda_theta^3 at C to 1 - 1/C_bar^3, not to 0: the swollen outer cortex
+    rests on swollen inner cortex. If this limit is above 1/ratio, no crease forms.
     """
     check_law(law)
     return float(np.cbrt(ratio / (ratio - 1))) if law == "isotropic" else float("inf")
@@ -261,21 +261,21 @@ def thickest_creasing(law: str = "isotropic", ratio: float = CREASE) -> float:
 def _growth(g: ArrayLike, name: str) -> Array:
     g = np.asarray(g, dtype=np.float64)
     if not np.all((g > 0) & np.isfinite(g)):
-        raise OutOfRange(f"{name} is a ratio of lengths and must be positive, got {g}.")
+        raise OutOfRange(f"{name} is a ratio of lengths and must be positive and finite, got {g}.")
     return g
 
 
 def _outer(C_bar: ArrayLike) -> Array:
     C_bar = np.asarray(C_bar, dtype=np.float64)
     if not np.all((C_bar > 1) & np.isfinite(C_bar)):
-        raise OutOfRange(f"C_bar is the outer radius over the interface's and must be above 1, got {C_bar}.")
+        raise OutOfRange(f"C_bar is the outer over the interface radius and must be above 1 and finite, got {C_bar}.")
     return C_bar
 
 
 def _hole(A_bar: ArrayLike | None, outer: Array, core: Array) -> Array:
     if A_bar is None and np.any((outer >= 2) & (core != 1)):
-        raise OptionsClash(f"half of C_bar = {outer.max():g} is no radius inside the core: give A_bar, below 1.")
+        raise OptionsClash(f"half of C_bar = {outer.max():g} is not a radius inside the core: give A_bar, below 1.")
     hole = np.asarray(np.minimum(outer / 2, 1.0) if A_bar is None else A_bar, dtype=np.float64)
     if not np.all((hole >= 0) & (hole <= 1)):
-        raise OutOfRange(f"A_bar is the hole's radius over the interface's, from 0 to 1, got {hole}.")
+        raise OutOfRange(f"A_bar is the hole radius over the interface radius and must be from 0 to 1, got {hole}.")
     return hole

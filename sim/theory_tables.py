@@ -1,7 +1,7 @@
-"""Tables of the theory, one row per point: what ``morphofold theory`` prints and what paper.py draws.
+"""Tables of the theory, one row per point: ``morphofold theory`` prints them and paper.py draws them.
 
-Lengths are in mm; only their ratios matter (the paper's 50 and 2 have no unit). Growth stretches are ratios of lengths,
-stresses are over a shear modulus, and the names of the columns say which.
+Lengths are in mm; only their ratios matter (the paper's 50 and 2 have no unit). Growth stretches are ratios of lengths.
+Stresses are over a shear modulus, which the column names give.
 """
 
 from __future__ import annotations
@@ -24,29 +24,29 @@ if TYPE_CHECKING:
 
 Row = dict[str, Any]
 
-#: growth up to which wrinkles and creases are looked for
+#: growth up to which wrinkles and creases are searched
 G_MAX = 10.0
 _NOT_FOUND = f"found up to g = {G_MAX:g}, or as far as the smooth state could be followed"
 
 
 @dataclass(frozen=True)
 class Case:
-    """One sphere's first wrinkles beside its first creases.
+    """First wrinkles and first creases of one sphere.
 
     Attributes
     ----------
     thickness, radius : float
-        Of the cortex, and of the outer surface [mm].
+        Thickness of the cortex, and radius of the outer surface [mm].
     mu_ratio : float
         Shear modulus of the cortex over the core's.
     law : {"isotropic", "tangential"}
     kappa_ratio, A_over_C : float
         Bulk over shear modulus (inf is incompressible); radius of the fixed hole over the outer one.
     bifurcation : Bifurcation
-        Of :func:`morphofold.sim.theory.bifurcation`, with creases at the same kappa_ratio.
+        Result of :func:`morphofold.sim.theory.bifurcation`, with creases at the same kappa_ratio.
     g_elements : float, optional
-        g_crit of the same mode by finite elements (:mod:`~morphofold.sim.sphere_theory.finite_elements`), if asked for;
-        NaN for none.
+        g_crit of the same mode by finite elements (:mod:`~morphofold.sim.sphere_theory.finite_elements`), if computed;
+        NaN if there is none.
     """
 
     thickness: float
@@ -59,7 +59,7 @@ class Case:
     g_elements: float | None = None
 
     def row(self) -> Row:
-        """Critical growth, mode and wavelength; what is NaN or infinite has its reason in ``reason``."""
+        """Critical growth, mode and wavelength; ``reason`` explains values that are NaN or infinite."""
         b, T = self.bifurcation, self.thickness / self.radius
         reasons = [b.reason] if b.reason else []
         if np.isinf(b.mode):
@@ -87,7 +87,7 @@ class Case:
         }
 
     def curve_rows(self) -> list[Row]:
-        """Critical growth of each degree that was looked at; NaN, with the reason, where none was found."""
+        """Critical growth of each degree that was computed; NaN, with the reason, where none was found."""
         none = f"none {_NOT_FOUND}"
         return [
             {**self._named(), "degree": int(degree), "g_crit": g, "reason": none if np.isnan(g) else None}
@@ -107,7 +107,7 @@ class Case:
 
 
 def _degree(mode: float) -> int | str | None:
-    """A whole number; "inf" where it has no bound, for JSON has no such number; None where there is no mode."""
+    """The degree as a whole number; "inf" if it is infinite, since JSON has no such number; None without a mode."""
     return None if np.isnan(mode) else "inf" if np.isinf(mode) else int(mode)
 
 
@@ -181,7 +181,7 @@ def critical_rows(
     g_core: float = 1.0,
     A_over_C: float = 0.5,
 ) -> list[Row]:
-    """Growth at which the outer surface can crease, Eqs. (12) and (13), and at which it is unstable by Biot."""
+    """Growth at which the outer surface can crease, Eqs. (12) and (13), and at which it is unstable after Biot."""
     C_bar = np.asarray(list(C_bar), dtype=np.float64)
     if g_core != 1 and not 0 <= A_over_C * C_bar.max() <= 1:
         raise ImpossibleBody(
@@ -198,7 +198,7 @@ def critical_rows(
 
 
 def _rows(**columns: Any) -> list[Row]:
-    """A row per number of the columns; what is one value stands in every row."""
+    """One row per entry of the columns; a single value is repeated in every row."""
     values = np.broadcast_arrays(*(np.asarray(column, dtype=object) for column in columns.values()))
     return [dict(zip(columns, row)) for row in zip(*values)]
 
@@ -214,13 +214,13 @@ def bifurcation_cases(
     check: bool = False,
     progress: Any = None,
 ) -> list[Case]:
-    """Wrinkles and creases of every law, shear modulus ratio and thickness; ``progress(share, text)`` after each.
+    """Wrinkles and creases for each law, shear modulus ratio and thickness; calls ``progress(share, text)`` after each.
 
-    ``check`` finds every g_crit a second time, by finite elements.
+    With ``check`` every g_crit is computed a second time, by finite elements.
     """
     wanted = list(product(laws, mu_ratios, thicknesses))
     for _, _, T in wanted:
-        outer_ratio(T, radius, A_over_C)  # before the first of them takes its time
+        outer_ratio(T, radius, A_over_C)  # refuses wrong values before the first long computation
     cases = []
     for law, mu_ratio, T in wanted:
         sphere = (T / radius, mu_ratio, law, kappa_ratio)
@@ -241,10 +241,10 @@ def _by_elements(mode: float, sphere: tuple[float, float, str, float], A_over_C:
 
 
 def body_row(scene: Scene, look: Look = lambda g, eigenvalue: None) -> Row:
-    """Critical growth of a scene's body as it is meshed, beside the theory of the sphere if it is one or a part of one.
+    """Critical growth of a scene's meshed body, and that of the theory if the body is a sphere or a part of one.
 
-    The scene's effects are left out of both. ``seconds`` are those of the body alone; ``look`` is called with growth
-    and lowest eigenvalue of each state on the way, see :func:`morphofold.sim.equilibrium.statics.bifurcation_of_body`.
+    The scene's effects are left out of both. ``seconds`` is the time for the body alone; ``look`` is called with growth
+    and lowest eigenvalue of each state on the path, see :func:`morphofold.sim.equilibrium.statics.bifurcation_of_body`.
     """
     from morphofold.sim.build import build_bilayer
     from morphofold.sim.equilibrium.statics import bifurcation_of_scene
@@ -257,7 +257,7 @@ def body_row(scene: Scene, look: Look = lambda g, eigenvalue: None) -> Row:
     if np.isnan(found.g_crit):
         reasons.append(f"this body is stable up to g = {found.history[:, 0].max():g}")
     if found.rounded:
-        reasons.append("this uneven body bends into folds without a bifurcation: g_crit is about where, and not sharp")
+        reasons.append("this uneven body bends into folds without a bifurcation: g_crit is approximate")
     return {
         "scene": scene.name,
         "shape": scene.geometry.shape,
@@ -283,7 +283,7 @@ def body_row(scene: Scene, look: Look = lambda g, eigenvalue: None) -> Row:
 
 
 def _theory_of(scene: Scene) -> tuple[float, float, str]:
-    """g_crit and degree of a scene's sphere, or NaN and the reason; an octant has harmonics of even degree alone."""
+    """g_crit and degree of a scene's sphere, or NaN and the reason; an octant has only harmonics of even degree."""
     geometry, material = scene.geometry, scene.material
     if reason := scene.without(*scene.effects).beyond_theory:
         return np.nan, np.nan, reason
@@ -301,7 +301,7 @@ def _theory_of(scene: Scene) -> tuple[float, float, str]:
 
 
 def outer_ratio(thickness: float, radius: float, A_over_C: float = 0.0) -> float:
-    """C/B of a cortex of thickness T = C - B; ``ValueError`` unless 0 < T < C and the hole is inside the interface."""
+    """C/B for cortical thickness T = C - B; ``ValueError`` unless 0 < T < C and the hole is inside the interface."""
     if not (np.isfinite(radius) and 0 < thickness < radius):
         raise OutOfRange(f"thickness must lie between 0 and the outer radius {radius:g} mm, got {thickness:g} mm.")
     if not 0 <= A_over_C < 1 - thickness / radius:
@@ -315,7 +315,7 @@ def outer_ratio(thickness: float, radius: float, A_over_C: float = 0.0) -> float
 def _out_of_reach(law: str, crease: float, biot: float) -> str | None:
     reasons = []
     if np.isnan(crease):
-        reasons.append(f"no crease if {law} from C/B = {theory.thickest_creasing(law):.3f} on")
+        reasons.append(f"no crease for {law} growth from C/B = {theory.thickest_creasing(law):.3f}")
     if np.isnan(biot):
-        reasons.append(f"Biot's stretch not reached from C/B = {theory.thickest_creasing(law, theory.BIOT):.3f} on")
+        reasons.append(f"Biot's stretch is not reached from C/B = {theory.thickest_creasing(law, theory.BIOT):.3f}")
     return "; ".join(reasons) or None

@@ -1,6 +1,6 @@
-"""Optional effects, one file each; a scene that does not name an effect never imports it.
+"""Optional effects, one file each; an effect is imported only if the scene names it.
 
-A module ``effects/NAME.py`` holds a function ``build(options, scene) -> Effect``, where ``options`` is the table
+A module ``effects/NAME.py`` has a function ``build(options, scene) -> Effect``, where ``options`` is the table
 ``[effects.NAME]`` of the scene. An effect overrides the hooks that it needs; the others cost nothing.
 """
 
@@ -22,11 +22,11 @@ if TYPE_CHECKING:
     from morphofold.sim.mesh.brick_mesh import Bilayer
     from morphofold.sim.scene import Scene
 
-PHASES = ("grow", "elements", "filter", "advance", "measure", "rest", "balance")  # names that a run has for itself
+PHASES = ("grow", "elements", "filter", "advance", "measure", "rest", "balance")  # names reserved for the run itself
 
 
 class Running(Protocol):
-    """What an effect sees of a run: its body, its state (x, v, step, growth), its pace and damping per step."""
+    """The part of a run that an effect sees: body, state (x, v, step, growth), growth rate and damping per step."""
 
     body: Body
     state: Any
@@ -36,7 +36,7 @@ class Running(Protocol):
 
 
 class Effect:
-    """What an optional effect may do. Hooks are called in the order of ``scene.effects.ORDER``."""
+    """Base class of optional effects. Hooks are called in the order of ``scene.effects.ORDER``."""
 
     name = ""
 
@@ -48,7 +48,7 @@ class Effect:
         """Called once, when the body is built."""
 
     def refresh(self, run: Running) -> None:
-        """Called every ``REFRESH`` steps, after the mass was measured."""
+        """Called every ``REFRESH`` steps, after the mass is updated."""
 
     def add_element_forces(self, body: Body, x: Array, v: Array) -> None:
         """Add to the element forces ``body.elements.blocks.force``, every step."""
@@ -57,14 +57,14 @@ class Effect:
         """Add forces on the surface nodes to ``extra`` (S, 3), every step."""
 
     def stiffness(self, body: Body, x: Array) -> sparse.csr_matrix:
-        """Minus the derivative (3 N, 3 N) of its forces by the positions, velocities 0, at the last step's pairs."""
+        """Stiffness (3 N, 3 N): minus the derivative of its forces, at velocity 0, for the pairs of the last step."""
         return sparse.csr_matrix((x.size, x.size))
 
     def after_step(self, x: Array, v: Array) -> None:
         """Correct positions and velocities (N, 3) in place, every step."""
 
     def pace(self, g: float) -> float:
-        """Share of the full growth rate at growth g."""
+        """Factor on the growth rate at growth g."""
         return 1.0
 
     def energy(self) -> float:
@@ -76,20 +76,20 @@ class Effect:
         return {}
 
     def save(self) -> dict[str, NDArray]:
-        """Arrays for a checkpoint; ``load`` takes them back."""
+        """Arrays for a checkpoint; ``load`` restores them."""
         return {}
 
     def load(self, arrays: dict[str, NDArray]) -> None:
-        """Take up what ``save`` gave."""
+        """Restore the arrays of ``save``."""
 
 
 def overriding(effects: tuple[Effect, ...], hook: str) -> list[Effect]:
-    """The effects that do something in a hook."""
+    """The effects that override a hook."""
     return [effect for effect in effects if getattr(type(effect), hook) is not getattr(Effect, hook)]
 
 
 def build_effects(scene: Scene) -> list[Effect]:
-    """The effects that a scene calls for; imports their modules and no others."""
+    """The effects of a scene; imports only their modules."""
     built = []
     for name, options in scene.called_effects.items():
         effect = import_module(f"{__name__}.{name}").build(options, scene)
@@ -99,18 +99,18 @@ def build_effects(scene: Scene) -> list[Effect]:
 
 
 def own_effects(effects: Iterable[Effect]) -> tuple[Effect, ...]:
-    """A caller's own effects.
+    """The caller's own effects, checked.
 
     Raises
     ------
     TypeError, ValueError
-        If one is no ``Effect``; or its name is no identifier, that of another one, or one that is taken here.
+        If one is not an ``Effect``; or its name is not an identifier, is given twice, or is used by morphofold.
     """
     found = tuple(effects)
     taken = {*PHASES, *(module.name for module in pkgutil.iter_modules(__path__))}
     for effect in found:
         if not isinstance(effect, Effect):
-            raise TypeError(f"effects: {effect!r:.60} is no Effect; give instances of a subclass of it.")
+            raise TypeError(f"effects: {effect!r:.60} is not an Effect; give instances of a subclass of Effect.")
         if not (isinstance(effect.name, str) and effect.name.isidentifier()):
             raise NotReadable(f"effects: {type(effect).__name__} has the name {effect.name!r}; give it an identifier.")
         if effect.name in taken:

@@ -2,9 +2,9 @@
 
 A pressure against the rate of volume, b1 rho c L e + rho (b2 L e)^2 [only where e < 0], with e the volumetric strain
 rate, rho the density, c the speed of pressure waves, rho c^2 = kappa + 4/3 mu, and L the brick's smallest width: its
-volume over the largest of its three middle sections. (With the cube root of the volume, flat bricks would be
-damped beyond what the step can follow.) The density is that of the present nodal masses, fictitious or real, over the
-volume before growth.
+volume over the largest of its three middle sections. (With the cube root of the volume, the damping of flat bricks
+would be unstable at this step.) The density is the present nodal mass, fictitious or real, over the volume before
+growth.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def _scaled(p, d):
 
 @njit(forceinline=True, fastmath=_FAST)
 def _axes(xs, l):
-    """Half the mean edges along i, j and k for the coordinate that ``xs`` (in eighths) starts with at ``l``."""
+    """Half the mean edges along i, j and k for the coordinate of ``xs`` (in eighths) that starts at ``l``."""
     n0, n1, n2, n3 = xs[l], xs[l + _U(3) * _W], xs[l + _U(6) * _W], xs[l + _U(9) * _W]
     n4, n5, n6, n7 = xs[l + _U(12) * _W], xs[l + _U(15) * _W], xs[l + _U(18) * _W], xs[l + _U(21) * _W]
     return (
@@ -57,12 +57,12 @@ def _width_squared(xs, l, v):
         k[0] * k[0] + k[1] * k[1] + k[2] * k[2],
         max(k[3] * k[3] + k[4] * k[4] + k[5] * k[5], k[6] * k[6] + k[7] * k[7] + k[8] * k[8]),
     )
-    return v * v / (16.0 * largest)  # 4: a section is that many times a half's
+    return v * v / (16.0 * largest)  # 4 squared: a section has four times the area of the half edges
 
 
 @njit(parallel=True, cache=True, fastmath=_FAST, error_model="numpy")
 def add_viscous_forces(x, before, density, nodes, start, local, modulus, linear, quadratic, force):
-    """Add the forces of the viscous pressure to ``force`` (R, 3); ``before`` (N, 3) are the positions a step ago."""
+    """Add the forces of the viscous pressure to ``force`` (R, 3); ``before`` (N, 3): positions of the last step."""
     for b in prange(len(local)):
         now, last, m = np.empty(24 * WIDTH), np.empty(24 * WIDTH), modulus[b]
         at, mine, rho = np.empty((8 * WIDTH, 3)), nodes[start[b] : start[b + 1]], np.empty(WIDTH)
@@ -97,7 +97,7 @@ def add_viscous_forces(x, before, density, nodes, start, local, modulus, linear,
 
 
 class Options(EffectOptions):
-    """Viscous pressure against volume rate, as in the program that the paper used."""
+    """Viscous pressure against the rate of volume, as in the program that the paper used."""
 
     shapes = ("sphere", "ellipsoid", "patch", "strip")
     theory = True
@@ -111,7 +111,7 @@ def build(options: Options, scene: Scene) -> BulkViscosity:
 
 
 class BulkViscosity(Effect):
-    """Viscous pressure of the bricks; ``linear`` (b1) and ``quadratic`` (b2) are pure numbers."""
+    """Viscous pressure of the bricks; ``linear`` (b1) and ``quadratic`` (b2) are dimensionless."""
 
     name = "bulk_viscosity"
 
@@ -120,7 +120,7 @@ class BulkViscosity(Effect):
 
     def prepare(self, body: Body) -> None:
         if not isinstance(body.elements, Bricks):
-            raise DoesNotApply("effects.bulk_viscosity acts on bricks, and this body is of tetrahedra; drop it.")
+            raise DoesNotApply("effects.bulk_viscosity needs bricks, but this body has tetrahedra; leave it out.")
         self._volume = body.nodal_volumes()
         body.viscosity = self._linear
         self._before = np.empty_like(body.X)

@@ -1,9 +1,9 @@
 """Self-contact of the pial surface: nodes against triangles.
 
-A node looks for the nearest node whose surface faces it (opposed normals, far apart in the reference), then keeps
-the best triangle around that node. The pairing is renewed when the surface has moved by a fifth of the search
-radius; until something faces something else within that radius, a step costs one empty loop. The penalty acts
-within a gap of 0.2 cell sizes and is scaled by nodal mass, so that it can never need a smaller step.
+For each node, find the nearest node whose surface faces it (opposed normals, far apart in the reference), then the
+nearest triangle around that node. The search is repeated when the surface has moved by a fifth of the search radius.
+Until nodes face each other within that radius, a step costs one empty loop. The penalty acts within a gap of 0.2 cell
+sizes. It is scaled by nodal mass, so it never needs a smaller step.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ STIFFNESS = 0.2  # penalty force per mass and penetration, at a step of one
 DASHPOT = 0.25  # damping force per mass and approach speed
 SEARCH = 1.5  # search radius in h
 DEEPEST = 0.7  # penetrations beyond this share of the search radius are not contact
-APART = 1.2  # pairs nearer than this in the reference are neighbours, unless across a gap [largest edge]
+APART = 1.2  # pairs closer than this in the reference are neighbours, unless across a gap [largest edge]
 OPPOSED = -0.2  # largest cosine between the normals of a pair
-TIE = 1e-6  # triangles of a flat quad overlap: the first counts, whatever rounding says of its distance
+TIE = 1e-6  # triangles of a flat quad overlap: the first counts, independent of rounding in its distance
 
 
 @njit(inline="always")
@@ -68,9 +68,9 @@ def _cells(x, n_nodes, size):
 
 @njit(inline="always")
 def _surrounds(X, N, i, j, apart):
-    """Whether node j is of the surroundings of node i: nearer than ``apart`` in the reference, and not across a gap.
+    """Whether node j is in the neighbourhood of node i: closer than ``apart`` in the reference, and not across a gap.
 
-    Across a gap from i is what lies before it there with an opposed normal: N (S, 3) are the normals of X.
+    A node is across a gap from i if it lies in front of i there and its normal is opposed; N (S, 3) are normals of X.
     """
     e0, e1, e2 = X[j, 0] - X[i, 0], X[j, 1] - X[i, 1], X[j, 2] - X[i, 2]
     if e0 * e0 + e1 * e1 + e2 * e2 >= apart * apart:
@@ -81,7 +81,7 @@ def _surrounds(X, N, i, j, apart):
 
 @njit(parallel=True, cache=True)
 def find_facing(x, X, N, normals, n_nodes, radius, apart, facing):
-    """Nearest node within ``radius`` whose normal opposes and that is not of the node's surroundings; -1: none."""
+    """Nearest node within ``radius`` with an opposed normal and outside the node's neighbourhood; -1: none."""
     cell, starts, members, shape = _cells(x, n_nodes, radius)
     for i in prange(n_nodes):
         best, nearest = radius * radius, -1
@@ -111,9 +111,9 @@ def find_facing(x, X, N, normals, n_nodes, radius, apart, facing):
 
 @njit(parallel=True, cache=True)
 def choose_triangles(x, X, N, tri, ring_first, ring, facing, apart, partner):
-    """Of the triangles around the facing node, the one nearest to each node; -1: none.
+    """For each node, the nearest of the triangles around the node that faces it; -1: none.
 
-    Triangles with a corner of the node's surroundings are none.
+    Triangles with a corner in the node's neighbourhood do not count.
     """
     for i in prange(len(facing)):
         best, nearest = 1e300, -1
@@ -140,8 +140,8 @@ def choose_triangles(x, X, N, tri, ring_first, ring, facing, apart, partner):
 def press(x, v, X, N, mass, tri, partner, gap, deepest, apart, stiffness, push, weight, depth, energy):
     """Contact force of each node on its triangle: push (S, 3), barycentric weights (S, 3), depth (S,), energy (S,).
 
-    Nearer in the reference than 2.5 ``apart``, a pair counts until it is half a gap deep only: the flanks of one
-    ridge lie there, not two walls of a sulcus.
+    A pair closer than 2.5 ``apart`` in the reference counts only until it is half a gap deep: such pairs are the flanks
+    of one ridge, not two walls of a sulcus.
     """
     for i in prange(len(partner)):
         depth[i] = energy[i] = 0.0
@@ -177,7 +177,7 @@ def press(x, v, X, N, mass, tri, partner, gap, deepest, apart, stiffness, push, 
 
 @njit(cache=True)
 def add_pushes(tri, partner, push, weight, depth, extra):
-    """Action on the nodes, reaction on their triangles; serial, so that the sum has one order."""
+    """Add the action on nodes and the reaction on their triangles; serial, so that the order of the sum is fixed."""
     for i in range(len(partner)):
         if depth[i] > 0.0:
             t = partner[i]
@@ -188,10 +188,10 @@ def add_pushes(tri, partner, push, weight, depth, extra):
 
 
 def triangles(faces: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Quads (Q, 4) split along both diagonals, into four triangles that overlap in pairs; triangles as they are.
+    """Split quads (Q, 4) along both diagonals, into four triangles that overlap in pairs; return triangles as they are.
 
-    A bent quad bulges along one diagonal and not along the other: what stays clear of both is clear of either, however
-    the surface is cut into triangles in the end.
+    The two diagonals of a bent quad give different surfaces. A node that stays clear of both stays clear of the surface
+    that is written, whichever diagonal it uses.
     """
     if faces.shape[1] == 3:
         return faces
@@ -211,9 +211,10 @@ def build(options: Options, scene: Scene) -> Contact:
 
 
 class Contact(Effect):
-    """Self-contact of the surface nodes; see the module for the rules.
+    """Self-contact of the surface nodes; the docstring of the module gives the rules.
 
-    ``per_mass`` is the penalty force per mass and penetration, at a step of one; the explicit step bears 0.4 or so.
+    ``per_mass`` is the penalty force per mass and penetration, at a step of one; the explicit step is stable up to
+    about 0.4.
     """
 
     name = "contact"
@@ -287,7 +288,7 @@ class Contact(Effect):
         )
 
     def stiffness(self, body: Body, x: Array) -> sparse.csr_matrix:
-        """Of the pairs that press at x, none moving: a spring along each one's normal."""
+        """Stiffness of the pairs that press at x, at velocity 0: a spring along the normal of each pair."""
         push, share, depth = np.zeros_like(self._push), np.zeros_like(self._weight), np.zeros_like(self._depth)
         self._press(body, x, np.zeros_like(x), push, share, depth, np.zeros_like(depth))
         node = np.flatnonzero(depth > 0)
@@ -302,7 +303,7 @@ class Contact(Effect):
         return sparse.csr_matrix((entries.ravel(), places), shape=(x.size, x.size))
 
     def pace(self, g: float) -> float:
-        """Slower growth while nodes are pressed deeper than the gap, through the triangle that they face."""
+        """Slow growth down while nodes are pressed deeper than the gap, that is, through their triangle."""
         return min(1.0, GAP * self._h / max(float(self._depth.max()), 1e-300))
 
     def energy(self) -> float:

@@ -9,18 +9,18 @@ from morphofold.errors import DoesNotApply
 from morphofold.sim.effects import Effect
 from morphofold.sim.scene.tables import EffectOptions, key
 
-if TYPE_CHECKING:  # a body of one dimension calls for this effect too
+if TYPE_CHECKING:  # a body of one dimension uses this effect too
     from morphofold.sim.body import Body
     from morphofold.sim.scene import Scene
 
 
 class Options(EffectOptions):
-    """Isotropic growth of the core, to ``final`` when the cortex reaches its own (g_c of Eq. 9)."""
+    """Isotropic growth of the core, up to ``final`` when the cortex reaches its final growth (g_c of Eq. 9)."""
 
     shapes = (*EffectOptions.shapes, "radial")
     counted = "within grow"
 
-    final: Annotated[float, key("growth stretch of the core when the cortex has reached its own", gt=0.5, le=4)] = 1.2
+    final: Annotated[float, key("growth stretch of the core at the final growth of the cortex", gt=0.5, le=4)] = 1.2
 
     def check(self, scene: Scene) -> None:
         if scene.growth.final == 1:
@@ -31,7 +31,7 @@ class Options(EffectOptions):
         return (self.final - 1) / (scene.growth.final - 1)
 
     def first_wrinkles(self, growth: float, scene: Scene) -> float:
-        """Theory's growth is that of the cortex over that of the core."""
+        """Growth of the cortex at which its growth over that of the core reaches ``growth``, that of the theory."""
         share = self.share(scene)
         return growth * (1 - share) / (1 - growth * share) if growth * share < 1 else math.nan
 
@@ -41,7 +41,7 @@ def build(options: Options, scene: Scene) -> CoreGrowth:
 
 
 class CoreGrowth(Effect):
-    """The core takes a fixed ``share`` of the growth g - 1 of the cortex."""
+    """The growth g - 1 of the core is a fixed ``share`` of that of the cortex."""
 
     name = "core_growth"
 

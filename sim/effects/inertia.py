@@ -1,4 +1,4 @@
-"""True inertia: the mass is that of the material, and time is measured, instead of a relaxation to equilibrium."""
+"""True inertia: the mass is that of the material and time is real, instead of a relaxation to equilibrium."""
 
 from __future__ import annotations
 
@@ -16,18 +16,19 @@ if TYPE_CHECKING:
 
 
 class Options(EffectOptions):
-    """True inertia. ``duration``: time in which growth rises by 1, ``damping``: rate at which velocities decay, per
-    time; time in that of a shear wave across 1 mm of core at density 1. Growth waits for collapsing elements still."""
+    """True inertia. ``duration``: time in which growth rises by 1. ``damping``: decay rate of velocities, per unit of
+    time. The unit is the time of a shear wave across 1 mm of core at density 1. Growth still slows down for collapsing
+    elements."""
 
     theory = True
     real_time = True
     at_onset = False
 
-    density: Annotated[float, key("density of the body; 1 is that of the unit of time", ge=1e-4, le=1e4)] = 1.0
+    density: Annotated[float, key("density of the body; the unit of time is for density 1", ge=1e-4, le=1e4)] = 1.0
     duration: Annotated[
-        float, key("time for growth to rise by 1, in times of a shear wave across 1 mm of core", ge=1, le=1e6)
+        float, key("time for growth to rise by 1; unit: time of a shear wave across 1 mm of core", ge=1, le=1e6)
     ] = 500.0
-    damping: Annotated[float, key("rate at which velocities decay, per that time", ge=0, le=10)] = 0.05
+    damping: Annotated[float, key("rate at which velocities decay, per unit of time", ge=0, le=10)] = 0.05
 
 
 def build(options: Options, scene: Scene) -> Inertia:
@@ -35,12 +36,12 @@ def build(options: Options, scene: Scene) -> Inertia:
 
 
 class Inertia(Effect):
-    """The step of the solver, one unit long, stands for the longest time that the real masses let be stable.
+    """Real mass and time: a step of the solver, one unit long, is the longest time step that is stable.
 
     Parameters
     ----------
     density : float
-        Of the reference body, in units in which lengths are mm and the core's shear modulus is 1.
+        Density of the reference body, in units in which lengths are mm and the core's shear modulus is 1.
     duration : float
         Time in which growth rises by 1, in mm sqrt(density / mu of the core): a shear wave takes 1 per mm in the core.
     damping : float
@@ -57,7 +58,7 @@ class Inertia(Effect):
         self._mass = self._density * body.nodal_volumes()
 
     def refresh(self, run) -> None:
-        dt = float(np.sqrt(np.min(self._mass / run.body.mass)))  # body.mass: the least for a step of one
+        dt = float(np.sqrt(np.min(self._mass / run.body.mass)))  # body.mass: the smallest for a step of one
         if self._dt:
             run.state.v *= dt / self._dt  # velocities are per step
             self._time += (run.state.step - self._step) * self._dt

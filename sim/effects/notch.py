@@ -1,16 +1,16 @@
-"""Narrow grooves in the pial surface, where creases can begin: a smooth surface has none until it loses its stability.
+"""Narrow grooves in the pial surface, where creases can begin; a smooth surface gets none until it loses its stability.
 
-The surface of a block that is held laterally while it grows isotropically by g, in plane strain too, is compressed to
-1/g along and across, and stretched to g^2 along its normal (incompressible). What counts of a neo-Hookean surface is
-normal over lateral stretch, g^3, whatever the stretch in the other lateral direction:
+A block that is held laterally grows isotropically by g, in plane strain too. Its surface is compressed to 1/g along and
+across, and stretched to g^2 along its normal (incompressible). For a neo-Hookean surface only the ratio of normal to
+lateral stretch counts, g^3, not the stretch in the other lateral direction:
 
 - 2.4: a crease of any size costs no energy (Hong, Zhao, Suo 2009, Appl. Phys. Lett. 95, 111901, as in Eq. 7 of Razavi
   et al. 2015): g = 1.339, a lateral stretch of 0.747, or a compression of 0.354 where the other direction keeps its
   length;
 - 3.383: waves of any length grow (Biot 1963): g = 1.501, a lateral stretch of 0.666, or a compression of 0.456.
 
-They are ``theory.CREASE`` and ``theory.BIOT``. Between the two a smooth surface waits for a disturbance of finite size.
-docs/solver.md, section 6, has what notches do there.
+These are ``theory.CREASE`` and ``theory.BIOT``. Between them a smooth surface creases only after a disturbance of
+finite size. docs/solver.md, section 6, shows the effect of notches there.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 
 
 class Options(EffectOptions):
-    """Narrow pits in the pial surface at points ``at`` [mm], or with ``line`` one groove from each to the next; in a
-    strip grooves across it at their x. ``depth`` over the thickness; ``width`` [mm], by default the thickness."""
+    """Narrow pits in the pial surface at points ``at`` [mm], or with ``line`` one groove from each point to the next.
+    In a strip: grooves across it at their x. ``depth`` over the thickness; ``width`` [mm], by default the thickness."""
 
     theory = True
     at_onset = False
@@ -44,20 +44,20 @@ class Options(EffectOptions):
     at: Annotated[
         tuple[Annotated[Point, Field(strict=False)], ...],
         key(
-            "points of the pial surface, the nearest nodes stand for them; in a strip their x counts",
+            "points of the pial surface; their nearest nodes are used; in a strip only their x counts",
             "mm",
             strict=False,
             min_length=1,
         ),
     ]
     line: Annotated[bool, key("one groove along straight lines from each point to the next, not a pit at each")] = False
-    depth: Annotated[float, key("of the groove over the thickness", gt=0, le=0.5)] = 0.1
+    depth: Annotated[float, key("depth of the groove over the thickness", gt=0, le=0.5)] = 0.1
     width: Annotated[Length | None, key("from edge to edge; by default the thickness", "mm")] = None
 
     def check(self, scene: Scene) -> None:
         if self.line and (scene.geometry.shape == "strip" or len(self.at) == 1):
             raise DoesNotApply(
-                "effects.notch.line joins two points or more; in a strip grooves run across without it: drop it"
+                "effects.notch.line needs two points or more, and no strip, where grooves run across; leave it out"
             )
 
 
@@ -69,14 +69,14 @@ def build(options: Options, scene: Scene) -> Notch:
 
 
 class Notch(Effect):
-    """Pits, or a groove, of half a cosine in section, cut out of the thickness of the cortex.
+    """Pits, or a groove, cut out of the thickness of the cortex; the profile is one period of a raised cosine.
 
     Parameters
     ----------
     at : (P, 3) float
-        Points of the pial surface [mm]; the nearest nodes of it stand for them.
+        Points of the pial surface [mm]; its nodes nearest to them are used.
     depth, width : float
-        At the deepest, and from edge to edge [mm].
+        Largest depth, and width from edge to edge [mm].
     line : bool
         One groove along the straight lines from each point to the next, instead of a pit at each.
     strip : bool
@@ -85,7 +85,7 @@ class Notch(Effect):
     Raises
     ------
     OutOfRange
-        By ``reshape``, if a point lies farther from the pial surface than a width and an edge.
+        By ``reshape``, if a point is farther from the pial surface than a width plus an edge.
     """
 
     name = "notch"
@@ -95,7 +95,7 @@ class Notch(Effect):
         self._line, self._axes = line, [0] if strip else [0, 1, 2]
 
     def reshape(self, bilayer: Bilayer, X: Array) -> Array:
-        """The pial surface moves inwards along the thickness, the white surface not at all, linear in between."""
+        """Move the pial surface inwards along the thickness; the white surface stays, linear in between."""
         X, inside = X.copy(), np.flatnonzero(bilayer.share > 0)
         foot = bilayer.foot[:, self._axes]
         seeds = self._seeds(foot[: bilayer.n_surface], self._width + bilayer.edge)
@@ -106,14 +106,14 @@ class Notch(Effect):
         return X
 
     def _seeds(self, pial: Array, farthest: float) -> Sequence[Array]:
-        """The node of the pial surface nearest to each point, so that every mesh has one at the full depth."""
+        """The pial node nearest to each point, so that on every mesh a node is at the full depth."""
         found = []
         for point in self._at:
             apart = np.linalg.norm(pial - point[self._axes], axis=1)
             if apart.min() > farthest:
                 raise OutOfRange(
                     f"effects.notch.at: {point.tolist()} lies {apart.min():.3g} mm from the pial surface; give a point "
-                    "of the part of it that is simulated (geometry.portion)."
+                    "on the part of the surface that is simulated (geometry.portion)."
                 )
             found.append(pial[np.argmin(apart)])
         return found

@@ -1,4 +1,4 @@
-"""A small smooth imperfection: without one, folds would follow the symmetries of the mesh."""
+"""A small smooth imperfection of the cortical thickness; without it, folds would follow the symmetries of the mesh."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
 
 WAVES = 200
-LEAST = 3.0  # shortest waves by default [cortical thicknesses]: meshes don't resolve shorter ones
-SPREAD = 0.3  # wave numbers lie within this share of the mean one
-WAVELENGTH = 7.85  # in space, in cortical thicknesses, where theory knows no first wrinkles,
-CUT = 1.28  # and the share of that of the first wrinkles: a sphere cuts waves in space so much longer
+LEAST = 3.0  # shortest default wavelength [cortical thicknesses]: meshes don't resolve shorter waves
+SPREAD = 0.3  # largest relative difference of wave numbers from their mean
+WAVELENGTH = 7.85  # wavelength in space, in cortical thicknesses, if theory gives no first wrinkles
+CUT = 1.28  # wavelength of the first wrinkles over that in space: on a sphere waves look longer by this factor
 
 
 class Options(EffectOptions):
-    """Random smooth imperfection of the cortical thickness: rms amplitude over the thickness, and its seed.
+    """Random smooth imperfection of the cortical thickness: rms ``amplitude`` over the thickness, and ``seed``.
 
-    ``wavelength`` [mm]: of its waves in space, by default theory's first wrinkles over 1.28: a sphere cuts waves in
-    space so much longer (a strip twice, or so).
+    ``wavelength`` [mm]: of its waves in space, by default that of the first wrinkles by theory over 1.28, because waves
+    in space look longer by this factor on a sphere (by about 2 on a strip).
     """
 
     theory = True
@@ -36,9 +36,9 @@ class Options(EffectOptions):
     counted = "once, within rest"
 
     amplitude: Annotated[float, key("rms of the imperfection over the thickness", gt=0, le=0.3)] = 0.02
-    seed: Annotated[int, key("another seed, another pattern", ge=0, lt=2**63)] = 0
+    seed: Annotated[int, key("seed of the random pattern", ge=0, lt=2**63)] = 0
     wavelength: Annotated[
-        Length | None, key("of its waves in space; by default theory's first wrinkles over 1.28", "mm")
+        Length | None, key("of its waves in space; by default that of the first wrinkles by theory over 1.28", "mm")
     ] = None
 
 
@@ -58,10 +58,10 @@ class Perturbation(Effect):
     amplitude : float
         Root mean square of the field [mm].
     wavelength : float
-        Of the plane waves in space, 200 of random direction and phase, that the field is the sum of [mm]; their wave
-        numbers lie within 30 %. A surface cuts waves that don't run along it longer: 1.2 to 1.3 times on a sphere.
+        Wavelength in space of the plane waves whose sum is the field [mm]: 200 waves of random direction and phase,
+        with wave numbers within 30 % of the mean. On a surface they look longer: 1.2 to 1.3 times on a sphere.
     seed : int
-        The field is a function of position and seed alone, so meshes of any size carry the same one.
+        The field depends only on position and seed, so it is the same on every mesh.
     """
 
     name = "perturbation"
@@ -79,7 +79,7 @@ class Perturbation(Effect):
         return self._amplitude * np.sqrt(2 / WAVES) * np.cos(at @ self._wave.T + self._phase).sum(axis=1)
 
     def reshape(self, bilayer: Bilayer, X: Array) -> Array:
-        """The pial surface moves along the thickness by the field, the white surface not at all, linear in between."""
+        """Move the pial surface along the thickness by the field; the white surface stays, linear in between."""
         X, inside = X.copy(), np.flatnonzero(bilayer.share > 0)
         for nodes in np.array_split(inside, 1 + len(inside) // 20_000):  # bounds the memory of the waves
             step = bilayer.share[nodes] * self.field(bilayer.foot[nodes])

@@ -1,4 +1,4 @@
-"""Plane strain in a strip one brick deep: both sides move as one, so that round-off can't grow across it."""
+"""Plane strain in a strip one brick deep: both sides move together, so that round-off can't grow across it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def build(options, scene) -> PlaneStrain:
 
 
 class PlaneStrain(Effect):
-    """Each node of the far side (y > 0) follows the node opposite on the near side."""
+    """Each node of the far side (y > 0) follows the opposite node of the near side."""
 
     name = "plane_strain"
 

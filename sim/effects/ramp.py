@@ -1,4 +1,4 @@
-"""Shapes of the growth ramp: how fast g rises on its way from 1 to its final value."""
+"""Shapes of the growth ramp: how fast g rises from 1 to its final value."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from morphofold.sim.scene.tables import EffectOptions, key
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
 
-LAST = 0.1  # the slowing ramp ends at about this share of its first rate
+LAST = 0.1  # final rate of the slowing ramp, over its first rate, about
 
-#: rate over that of the linear ramp at a share s of the way, each of mean slowness 1: the time of the ramp stays
+#: rate over that of the linear ramp at a share s of the growth; the mean of 1/rate is 1, so the total time is the same
 RATES = {
     "exponential": lambda s, final: (1 + s * (final - 1)) * math.log(final) / (final - 1),
     "smooth": lambda s, final: math.pi * max(math.sqrt(max(s * (1 - s), 0.0)), 0.05),
@@ -30,7 +30,7 @@ class Options(EffectOptions):
     counted = "sets the pace, takes no time"
     example = '{shape = "smooth"}'
 
-    shape: Annotated[Literal["exponential", "smooth", "slowing"], key("how growth rises; without the table, linearly")]
+    shape: Annotated[Literal["exponential", "smooth", "slowing"], key("how growth rises; linear without this table")]
 
     def check(self, scene: Scene) -> None:
         if scene.growth.final == 1:
@@ -42,7 +42,7 @@ def build(options: Options, scene: Scene) -> Ramp:
 
 
 class Ramp(Effect):
-    """The rate of growth as a function of growth."""
+    """Sets the rate of growth as a function of growth."""
 
     name = "ramp"
 

@@ -1,4 +1,4 @@
-"""A map of growth: parts of the cortex grow more or less than the rest."""
+"""Regional growth: parts of the cortex grow more or less than the rest."""
 
 from __future__ import annotations
 
@@ -14,18 +14,17 @@ if TYPE_CHECKING:
 
 
 class Options(EffectOptions):
-    """Regions where the cortex takes ``factor`` times the growth g - 1."""
+    """Regions where the growth g - 1 of the cortex is multiplied by ``factor``."""
 
     counted = "within grow"
     example = "{spots = [{centre = [0, 0, 50], radius = 20, factor = 0.5}]}"
 
     spots: Annotated[
-        tuple[Spot, ...],
-        key("regions where the cortex takes `factor` times the growth g - 1", strict=False, min_length=1),
+        tuple[Spot, ...], key("regions where the growth g - 1 is multiplied by `factor`", strict=False, min_length=1)
     ]
 
     def first_wrinkles(self, growth: float, scene: Scene) -> float:
-        """Where the cortex grows most."""
+        """Growth g at which the region that grows most reaches ``growth``."""
         return 1 + (growth - 1) / max(1.0, *(spot.factor for spot in self.spots))
 
 
@@ -34,7 +33,7 @@ def build(options: Options, scene: Scene) -> RegionalGrowth:
 
 
 class RegionalGrowth(Effect):
-    """Each element of the cortex takes a share of the growth g - 1 that depends on the pial point it lies under."""
+    """Multiplies the growth g - 1 of each element of the cortex by a factor that depends on the pial point above it."""
 
     name = "regional_growth"
 

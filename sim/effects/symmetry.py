@@ -1,4 +1,4 @@
-"""Contact of the pial surface with its own mirror image: nodes stay half a gap on their side of a symmetry plane."""
+"""Contact of the pial surface with its mirror image: nodes stay half a gap away from a symmetry plane."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ STIFFNESS, DASHPOT = 4 * contact.STIFFNESS, 4 * contact.DASHPOT  # a node and it
 
 @njit(cache=True)
 def press_plane(x, v, mass, held, axis, at, side, gap, extra):
-    """Push the surface nodes that are not ``held`` (S,) by the plane away from it; returns how many, and energy."""
+    """Push surface nodes away from the plane, except those that it holds (``held`` (S,)); returns count and energy."""
     count, energy = 0, 0.0
     for i in range(len(extra)):
         depth = gap - side * (x[i, axis] - at)
@@ -35,7 +35,7 @@ def build(options, scene) -> Symmetry:
 
 
 class Symmetry(Effect):
-    """The planes themselves hold their nodes (see ``Body``); this keeps the others from crossing."""
+    """Keeps nodes from crossing the symmetry planes; ``Body`` holds the nodes that lie on them."""
 
     name = "symmetry"
 
@@ -53,7 +53,7 @@ class Symmetry(Effect):
             self._energy += energy
 
     def stiffness(self, body: Body, x: Array) -> sparse.csr_matrix:
-        """Of the nodes that press: a spring along the axis of their plane."""
+        """Stiffness of the nodes that press: a spring along the axis of their plane."""
         springs = np.zeros((len(x), 3))
         n = body.n_surface
         for (axis, at, side), held in self._planes:

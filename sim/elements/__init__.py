@@ -1,1 +1,1 @@
-"""Elements in blocks: bricks and patches of tetrahedra, and the loops that compute their forces."""
+"""Finite elements in blocks: bricks and patches of tetrahedra, and the kernels that compute their forces."""

@@ -1,8 +1,8 @@
-"""Elements in blocks of ``WIDTH`` lanes, and how their forces meet at the nodes.
+"""Elements in blocks of ``WIDTH`` lanes, and the sum of their forces at the nodes.
 
-A block reads the positions of its own nodes once, and adds the forces of its elements up per node before it writes
-them: one row per block and node. Each node then sums its few rows in a fixed order, so that a result is bitwise the
-same for any number of threads. Elements that are neighbours should stand near each other in the numbering.
+A block reads the positions of its own nodes once. It sums the forces of its elements per node before it writes them:
+one row per block and node. Each node then sums its few rows in a fixed order, so the result is bitwise the same for any
+number of threads. Neighbouring elements should have close numbers.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ from morphofold.sim.elements.brick_kernels import WIDTH, gather, gather_scalar
 
 
 def to_lanes(values: NDArray, n_blocks: int) -> NDArray:
-    """(E, rows) per element to (block, rows * WIDTH) with the lane fastest; the last lanes repeat an element."""
+    """Reorder (E, rows) per element to (block, rows * WIDTH), lane fastest; the last lanes repeat the last element."""
     padded = np.concatenate([values, np.repeat(values[-1:], n_blocks * WIDTH - len(values), axis=0)])
     return np.ascontiguousarray(padded.reshape(n_blocks, WIDTH, -1).transpose(0, 2, 1).reshape(n_blocks, -1))
 
 
 def from_lanes(values: NDArray, n_elements: int) -> NDArray:
-    """(block, rows * WIDTH) back to (E, rows)."""
+    """Reorder (block, rows * WIDTH) back to (E, rows)."""
     n_blocks = len(values)
     return values.reshape(n_blocks, -1, WIDTH).transpose(0, 2, 1).reshape(n_blocks * WIDTH, -1)[:n_elements]
 
 
 class Blocks:
-    """Who reads and who writes what.
+    """Nodes that each block reads, and rows that it writes.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class Blocks:
     Attributes
     ----------
     count : int
-        Blocks; the last one repeats its last element.
+        Number of blocks; the last block repeats its last element.
     nodes, start : (R,) uint32, (count + 1,) int
         Block b owns rows ``start[b]:start[b + 1]``; row s belongs to node ``nodes[s]``.
     local : (count, K * WIDTH) uint16
@@ -46,7 +46,7 @@ class Blocks:
     first, rows : (N + 1,) int, (R,) uint32
         Node n owns the rows ``rows[first[n]:first[n + 1]]``.
     force : (R, 3) float64
-        Forces of the rows, to be filled by a kernel.
+        Forces of the rows, filled by a kernel.
     """
 
     def __init__(self, corners: Ints, n_nodes: int):

@@ -1,21 +1,21 @@
 """Numba loops of the hexahedral Q1P0 element: nodal forces, growth, stiffness bound, and the explicit step.
 
-The element is the eight-node brick with 2x2x2 Gauss points, the pressure taken from the mean volume ratio of
-the element, and a weak local volumetric term: with A = F G^-1, J = det A, and w the grown volume of a point,
+The element is the eight-node brick with 2x2x2 Gauss points, a pressure from the mean volume ratio of the element, and
+a weak local volumetric term: with A = F G^-1, J = det A, and w the grown volume of a point,
 
     W = sum_q w_q [ mu u(i1, i2) + mu (J - 1)^2 ] + kappa/2 V (v/V - 1)^2,   V = sum w, v = sum w J,
 
 where i1 = J^-2/3 I1 and i2 = J^-4/3 I2, with the invariants I1 = tr(A^T A), I2 = (I1^2 - tr((A^T A)^2)) / 2, and u is
 the material's (:mod:`morphofold.sim.materials`); neo-Hookean, (i1 - 3) / 2.
 
-Everything is written in the parent coordinates of the brick, [-1, 1]^3. With D = dx/dxi and
-C = w dxi/dX G^-1 G^-T (dxi/dX)^T one has w tr(A^T A) = D : D C and J = det D / w, so a point needs only the six numbers
-of C and 1/w, and growth of any kind is a change of these seven. The derivative with respect to D is f D C + s cof D,
-and less h b D C where the material sees i2, with b = A A^T = D C D^T / w: nothing else of A is needed.
+Everything is computed in the parent coordinates of the brick, [-1, 1]^3. With D = dx/dxi and
+C = w dxi/dX G^-1 G^-T (dxi/dX)^T one has w tr(A^T A) = D : D C and J = det D / w. So a point needs only the six numbers
+of C and 1/w, and any growth changes only these seven. The derivative with respect to D is f D C + s cof D, minus
+h b D C if the material depends on i2, with b = A A^T = D C D^T / w: nothing else of A is needed.
 
-Elements lie in blocks of ``WIDTH`` lanes, arrays as (block, rows * WIDTH) with the lane running fastest, so that
-each loop over lanes becomes vector instructions (unsigned indices and constant row offsets: otherwise LLVM can't
-rule out overlap and stays scalar, six times slower). ``blocks.Blocks`` says how blocks and nodes meet.
+Elements are stored in blocks of ``WIDTH`` lanes, arrays as (block, rows * WIDTH) with the lane fastest, so that each
+loop over lanes becomes vector instructions (with unsigned indices and constant row offsets: otherwise LLVM can't
+exclude overlap and stays scalar, six times slower). ``blocks.Blocks`` connects blocks and nodes.
 """
 
 from __future__ import annotations
@@ -31,24 +31,24 @@ from morphofold.sim.materials import energy_of, sees_second, slopes_of, stiffnes
 WIDTH = 32  # lanes per block
 POINT = 7  # rows per Gauss point: C00 C01 C02 C11 C12 C22 1/w
 MODULI = 3  # rows per element: mu, kappa, 1/V
-J_MIN = 0.1  # below this volume ratio the factors J^-2/3, J^-4/3 are frozen, so that they stay finite
+J_MIN = 0.1  # below this volume ratio the factors J^-2/3, J^-4/3 are constant, so that they stay finite
 
 _FAST = {"contract", "nsz", "arcp", "nnan", "ninf"}
 _U = np.uint64
 _W = np.uint64(WIDTH)
-_R = 1.0 / np.sqrt(3.0)  # Gauss points of an edge lie at -R and R
-EIGHTH = 0.125  # positions and forces are scaled by it, so that _between needs no factors
+_R = 1.0 / np.sqrt(3.0)  # Gauss points along an edge are at -R and R
+EIGHTH = 0.125  # positions and forces are scaled by this, so that _between needs no factors
 
 
 @njit(forceinline=True)
 def _as(like, number):
-    """A constant in the precision of ``like``: one in 64 bits would widen all that it meets."""
+    """A constant in the precision of ``like``; a constant in 64 bits would widen all results."""
     return type(like)(number)
 
 
 @njit(forceinline=True, fastmath=_FAST)
 def _between(p, q, r, s):
-    """Four times the values at the 2x2 Gauss points of a face, from its corners 00, 01, 10, 11. Its own transpose."""
+    """Four times the values at the 2x2 Gauss points of a face, from its corners 00, 01, 10, 11. It is symmetric."""
     R = _as(p, _R)
     a, b, c, d = p + q, p - q, r + s, r - s
     p0, p1, r0, r1 = a + R * b, a - R * b, c + R * d, c - R * d
@@ -58,7 +58,7 @@ def _between(p, q, r, s):
 
 @njit(forceinline=True, fastmath=_FAST)
 def _inverse_cube_root(J):
-    """J^-1/3 to round-off for 0.1 < J < 8, without a branch: a step of Halley's, then three of fourth order."""
+    """J^-1/3 to round-off for 0.1 < J < 8, without a branch: one Halley step, then three of fourth order."""
     one, two = _as(J, 1.0), _as(J, 2.0)
     y = (J + two) / (two * J + one)
     for _ in range(3):
@@ -125,7 +125,7 @@ def _left(d, u, v, z, per_w):
 
 @njit(forceinline=True, fastmath=_FAST)
 def second_invariant(I1, b):
-    """(I1^2 - tr(b b)) / 2 of symmetric b, six numbers."""
+    """I2 = (I1^2 - tr(b b)) / 2 for symmetric b, six numbers."""
     two = _as(I1, 2.0)
     bb = b[0] * b[0] + b[3] * b[3] + b[5] * b[5] + two * (b[1] * b[1] + b[2] * b[2] + b[4] * b[4])
     return _as(I1, 0.5) * (I1 * I1 - bb)
@@ -143,7 +143,7 @@ def turned(b, h, u):
 
 @njit(forceinline=True, fastmath=_FAST)
 def _point(d, c, mu, p, material):
-    """dW/dD of one Gauss point, nine numbers; ``p`` is the element's pressure kappa (v/V - 1)."""
+    """dW/dD at one Gauss point, nine numbers; ``p`` is the element's pressure kappa (v/V - 1)."""
     k = _cofactor(*d)
     J = (d[0] * k[0] + d[1] * k[1] + d[2] * k[2]) * c[6]
     least = _as(J, J_MIN)
@@ -199,7 +199,7 @@ def _point(d, c, mu, p, material):
 
 @njit(forceinline=True, fastmath=_FAST)
 def _edges(x, l):
-    """dx_r/dxi at the Gauss points for the coordinate r that ``x`` (in eighths) starts with, in three groups of four.
+    """dx_r/dxi at the Gauss points for the first coordinate r in ``x`` (in eighths), in three groups of four.
 
     Along i at (j, k), along j at (i, k), along k at (i, j). Row 3 c of ``x`` belongs to corner c = 4 i + 2 j + k.
     """
@@ -232,7 +232,7 @@ def _gauss(xs, l):
 
 @njit(forceinline=True, fastmath=_FAST)
 def _seven(g, l):
-    """C (six numbers) and 1/w of the Gauss point whose rows start at ``l``."""
+    """C (six numbers) and 1/w of the Gauss point with rows that start at ``l``."""
     return (
         g[l],
         g[l + _W],
@@ -277,7 +277,7 @@ def _plus(a, b):
 
 @njit(forceinline=True, fastmath=_FAST)
 def _volume(xs, l):
-    """Volume v of the trilinear brick from its corners in eighths: three determinants (Grandy 1997), not eight."""
+    """Volume v of the trilinear brick from its corners in eighths: by three determinants (Grandy 1997), not eight."""
     x0, x7 = _corner(xs, l, 0), _corner(xs, l, 7)
     a, b = _minus(x7, _corner(xs, l, 2)), _minus(_corner(xs, l, 5), x0)
     c, d = _minus(x7, _corner(xs, l, 1)), _minus(_corner(xs, l, 3), x0)
@@ -287,7 +287,7 @@ def _volume(xs, l):
 
 @njit(forceinline=True, fastmath=_FAST)
 def _corners(q, r):
-    """Minus the gradient for coordinate r of the corners in eighths, from dW/dD of the points: _edges transposed."""
+    """Minus the gradient by coordinate r of the corners in eighths, from dW/dD at the points: _edges transposed."""
     a, b, c = r, 3 + r, 6 + r
     s0, s1, s2, s3 = _between(q[0][a] + q[4][a], q[1][a] + q[5][a], q[2][a] + q[6][a], q[3][a] + q[7][a])
     t0, t1, t2, t3 = _between(q[0][b] + q[2][b], q[1][b] + q[3][b], q[4][b] + q[6][b], q[5][b] + q[7][b])
@@ -306,14 +306,14 @@ def _corners(q, r):
 
 @njit(forceinline=True, fastmath=_FAST)
 def _store(f, l, n):
-    """The eight corner values of one coordinate into every third row from ``l``."""
+    """Write the eight corner values of one coordinate into every third row from ``l``."""
     for c in range(8):
         f[l + _U(3) * _U(c) * _W] = _as(n[c], EIGHTH) * n[c]
 
 
 @intrinsic
 def _prefetch(typing_context, array, index):
-    """Ask for the cache line of element ``index`` of a contiguous array: the next block's data on their way in time."""
+    """Prefetch the cache line of element ``index`` of a contiguous array, so that the next block's data are there."""
 
     def code(context, builder, signature, arguments):
         data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
@@ -330,10 +330,10 @@ def _prefetch(typing_context, array, index):
 
 @njit(forceinline=True)
 def fetch(x, nodes, local, corners, scale, ahead, at, xs, near=False):
-    """Corner positions of a block: coordinate r of corner c times ``scale`` into row 3 c + r of ``xs``.
+    """Read corner positions of a block: coordinate r of corner c times ``scale`` into row 3 c + r of ``xs``.
 
-    ``near``: less the position of the element's first corner, so that little is lost where ``xs`` is of 32 bits.
-    ``ahead``, the data of the next block, is called into the cache meanwhile; ``at`` is scratch.
+    ``near``: subtract the position of the element's first corner, for precision if ``xs`` has 32 bits. ``ahead``, the
+    data of the next block, is prefetched into the cache; ``at`` is scratch.
     """
     for s in range(len(nodes)):
         n = nodes[s]
@@ -372,11 +372,11 @@ def deliver_scalar(values, local, corners, rows):
 
 @njit(parallel=True, cache=True, fastmath=_FAST, error_model="numpy")
 def element_forces(x, nodes, start, local, point, modulus, force, material):
-    """Forces (minus the energy gradient) of the elements, summed per block and node, into ``force`` (R, 3).
+    """Write forces (minus the energy gradient) of the elements, summed per block and node, into ``force`` (R, 3).
 
     x (N, 3); nodes, start, local: see ``Blocks``; point (block, 56 WIDTH); modulus (block, 3 WIDTH): mu, kappa, 1/V;
-    material: see ``sim.materials``.
-    What is between positions and sums is computed in the precision of ``point`` and ``modulus``, 64 or 32 bits.
+    material: see ``sim.materials``. Positions and sums have 64 bits; the computation between them has the precision of
+    ``point`` and ``modulus``, 64 or 32 bits.
     """
     for b in prange(len(local)):
         xs, g, m, at = np.empty(24 * WIDTH, point.dtype), point[b], modulus[b], np.empty((8 * WIDTH, 3))
@@ -405,7 +405,7 @@ def element_forces(x, nodes, start, local, point, modulus, force, material):
 
 @njit(forceinline=True, fastmath=_FAST)
 def _point_state(d, c, mu, material):
-    """Energy, J, and a bound on the largest stiffness of one Gauss point (without the element's pressure)."""
+    """Energy, J, and a bound on the largest stiffness at one Gauss point (without the element's pressure)."""
     k = _cofactor(*d)
     J = (d[0] * k[0] + d[1] * k[1] + d[2] * k[2]) * c[6]
     y = _inverse_cube_root(max(J, J_MIN))
@@ -452,12 +452,12 @@ def _square(n):
 
 @njit(parallel=True, cache=True, fastmath=_FAST, error_model="numpy")
 def element_state(x, nodes, start, local, point, modulus, state, stiffness, material):
-    """Per element into ``state`` (block, 4 WIDTH): energy, smallest J, largest J, v/V; per row into ``stiffness`` (R,)
-    the sum of its elements' stiffness bounds.
+    """Write, per element, energy, smallest J, largest J and v/V into ``state`` (block, 4 WIDTH); per row, the sum of
+    its elements' stiffness bounds into ``stiffness`` (R,).
 
-    The bound is near the largest eigenvalue of the element's stiffness: exact for the pressure of the mean volume
-    (rank one, kappa |dv/dx|^2 / V), an estimate for the rest. Together it can fall short by a fifth in strongly
-    deformed stiff elements; the safety factor on the mass covers that.
+    The bound is close to the largest eigenvalue of the element's stiffness: exact for the pressure of the mean volume
+    (rank one, kappa |dv/dx|^2 / V), an estimate for the rest. The sum can be too small by a fifth in strongly deformed
+    stiff elements; the safety factor on the mass covers that.
     """
     for b in prange(len(local)):
         xs, g, m, out = np.empty(24 * WIDTH), point[b], modulus[b], state[b]
@@ -521,7 +521,7 @@ def element_state(x, nodes, start, local, point, modulus, state, stiffness, mate
 
 @njit(parallel=True, cache=True, fastmath=_FAST)
 def grow(point, point0, radial, modulus, stretch, tangential):
-    """Grown point data and 1/V of blocks at growth ``stretch`` (block, WIDTH), from those at growth 1.
+    """Compute point data and 1/V of blocks at growth ``stretch`` (block, WIDTH) from those at growth 1.
 
     Isotropic, G = g I: C = g C0, w = g^3 w0. Tangential, G = g (I - N N) + N N with N the reference thickness
     direction: C = C0 + (g^2 - 1) n n, w = g^2 w0, where ``radial`` (block, 24 WIDTH) holds n = sqrt(w0) dxi/dX N.
@@ -550,7 +550,7 @@ def grow(point, point0, radial, modulus, stretch, tangential):
 
 @njit(forceinline=True)
 def _gather(force, first, rows, n):
-    """Sum of the rows of node n, in their fixed order."""
+    """Sum of the rows of node n, in fixed order."""
     f0, f1, f2 = 0.0, 0.0, 0.0
     for k in range(first[n], first[n + 1]):
         s = rows[k]
@@ -581,9 +581,9 @@ def gather_scalar(values, first, rows, out):
 def advance(x, v, force, first, rows, rest, extra, mass, free, keep):
     """One step of unit length: v <- keep v + f/m on the free coordinates, x <- x + v.
 
-    ``rest`` (N, 3) is the round-off of the kernel in the reference state, subtracted so that a body that does not
-    grow stays bitwise at rest; ``extra`` (S, 3) are the surface forces of effects on the first S nodes; ``free``
-    (N, 3) is True where a coordinate may move. Returns how many coordinates are not finite after it.
+    ``rest`` (N, 3) is the round-off of the kernel in the reference state; it is subtracted, so that a body that does
+    not grow stays bitwise at rest. ``extra`` (S, 3) are other forces on the first S nodes: surface filter and effects.
+    ``free`` (N, 3) is True where a coordinate may move. Returns the number of coordinates that are not finite.
     """
     lost = 0
     for n in prange(len(x)):
@@ -602,7 +602,7 @@ def advance(x, v, force, first, rows, rest, extra, mass, free, keep):
 
 @njit(parallel=True, cache=True)
 def filter_forces(start, column, value, axis, row, other, difference, x, X, scale, u, out):
-    """out = -scale (B + D) u of the surface nodes, where u = x - X (n, 3) is written, too.
+    """Compute out = -scale (B + D) u for the surface nodes; u = x - X (n, 3) is written, too.
 
     B is a CSR matrix (start, column, value), one row per thread; D adds ``difference`` to single entries (row, other)
     of one component, ``axis``.

@@ -1,4 +1,4 @@
-"""The bricks of a body in the form that the kernels read: grown geometry at the Gauss points, moduli, state."""
+"""The bricks of a body in the layout of the kernels: grown geometry at the Gauss points, moduli, state."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ BINARY_CORNERS = np.argsort(RefHex.p[0] * 4 + RefHex.p[1] * 2 + RefHex.p[2])
 GAUSS = np.stack(np.meshgrid(*[[0.5 - 0.5 / 3**0.5, 0.5 + 0.5 / 3**0.5]] * 3, indexing="ij")).reshape(3, 8)
 GAUSS_WEIGHT = 0.125
 
-CHUNK = 1 << 16  # bricks set up at once: bounds the memory of scikit-fem's mapping
+CHUNK = 1 << 16  # bricks set up at once, to limit the memory of scikit-fem's mapping
 
 
 class Bricks:
@@ -34,11 +34,11 @@ class Bricks:
     X : (N, 3) float64
         Reference positions of its nodes [mm].
     radial : (N, 3) float64
-        Unit thickness direction at the nodes, along which tangential growth adds nothing.
+        Unit thickness direction at the nodes; tangential growth adds nothing along it.
     cortex : (E,) bool
-        The bricks that grow; they come first.
+        The bricks of the cortex; they come first.
     mu, kappa : (E,) float64
-        Shear modulus, and modulus of the pressure: a brick resists uniform compression with kappa + 2 mu.
+        Shear modulus, and modulus of the pressure; the bulk modulus of a brick is kappa + 2 mu.
     law : {"isotropic", "tangential"}
     material : Material
 
@@ -83,14 +83,14 @@ class Bricks:
         self._stiffness = np.zeros(len(self.blocks.nodes))
 
     def _set_up(self, mapping: MappingIsoparametric, tind: NDArray[np.int64], radial: Array) -> None:
-        """Point data of the bricks ``tind``; ``radial`` (8, chunk, 3) are the directions at their corners."""
+        """Compute point data of the bricks ``tind``; ``radial`` (8, chunk, 3): directions at their corners."""
         inv = mapping.invDF(GAUSS, tind)  # (3, 3, chunk, 8): dxi_i/dX_j in [0, 1]^3
         det = mapping.detDF(GAUSS, tind)  # (chunk, 8)
         if det.min() <= 0:
             bad = np.flatnonzero(det.min(axis=1) <= 0)
             raise ImpossibleBody(
-                f"at least {len(bad)} of {self.n:,} bricks are inside out before anything grows, the first is "
-                f"{tind[bad[0]]}; make effects.perturbation.amplitude or effects.notch.depth smaller."
+                f"at least {len(bad)} of {self.n:,} bricks are inside out before growth, the first is "
+                f"{tind[bad[0]]}; reduce effects.perturbation.amplitude or effects.notch.depth."
             )
         w = det * GAUSS_WEIGHT
         C = np.einsum("ijeq,kjeq,eq->eqik", inv, inv, 4 * w)  # 4: parent brick [-1, 1]^3
@@ -109,8 +109,8 @@ class Bricks:
             self._radial[block] = lanes[: self._grown - block.start]
 
     def grow(self, cortex: Array, core: float = 1.0) -> None:
-        """Set the growth stretch of each brick of the cortex (n_cortex,), and isotropic growth of the core."""
-        if core != 1.0 and len(self._point0) < self.blocks.count:  # only a core that grows needs its start kept
+        """Set the growth stretch of each brick of the cortex (n_cortex,), and the isotropic growth of the core."""
+        if core != 1.0 and len(self._point0) < self.blocks.count:  # ungrown data are kept only if the core grows
             self._point0 = np.concatenate([self._point0, self.point[self._grown :]])
         blocks = len(self._point0)
         flat = np.full(blocks * WIDTH, core)
@@ -129,16 +129,16 @@ class Bricks:
                     mine[k - 1].reshape(-1, WIDTH)[:, mixed:] = core_s.reshape(-1, WIDTH)[:, mixed:]
 
     def make_single(self) -> None:
-        """Compute forces in 32 bits from now on: ``point`` and ``modulus`` become that; positions, sums stay in 64."""
+        """Compute forces in 32 bits from now on: ``point`` and ``modulus`` get 32 bits; positions and sums keep 64."""
         self.point, self.modulus = self.point.astype(np.float32), self.modulus.astype(np.float32)
 
     def compute_forces(self, x: Array) -> None:
-        """Forces at positions ``x`` (N, 3) into ``blocks.force``."""
+        """Write forces at positions ``x`` (N, 3) into ``blocks.force``."""
         b = self.blocks
         brick_kernels.element_forces(x, b.nodes, b.start, b.local, self.point, self.modulus, b.force, self.material)
 
     def measure(self, x: Array) -> Array:
-        """Measure the bricks at ``x``; nodal sums (N,) of a bound on their stiffness."""
+        """Measure the bricks at ``x``; returns nodal sums (N,) of a bound on their stiffness."""
         b = self.blocks
         brick_kernels.element_state(
             x, b.nodes, b.start, b.local, self.point, self.modulus, self._state, self._stiffness, self.material

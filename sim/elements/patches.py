@@ -1,9 +1,9 @@
 """Patches of a tetrahedral mesh: groups of up to six tetrahedra of one material that share faces.
 
-A linear tetrahedron is too stiff alone; six of them with one pressure and one mean gradient behave like a brick. On
-a mesh that was split from bricks, six around a diagonal each, the patches are the bricks. Elsewhere they grow
-greedily: from the tetrahedron with the fewest free neighbours, by the neighbour that adds no new node, else the one
-that would be left alone soonest, else the nearest. Nothing is random, and most patches come out with five or six.
+A single linear tetrahedron is too stiff; six of them with one pressure and one mean gradient behave like a brick. If a
+mesh was made from bricks, each split into six around a diagonal, the patches are the bricks. In other meshes they grow
+greedily: from the tetrahedron with the fewest free neighbours, by the neighbour that adds the fewest new nodes, else by
+the one with the fewest free neighbours, else by the nearest. Nothing is random. Most patches have five or six.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from morphofold.sim.elements.tet_kernels import NODES, TETS
 
 
 def cluster(mesh: MeshTet, X: Array, material: Ints) -> Ints:
-    """Cluster tetrahedra into patches of at most 6 with at most 8 nodes.
+    """Group tetrahedra into patches of at most 6 with at most 8 nodes.
 
     Parameters
     ----------
@@ -32,11 +32,11 @@ def cluster(mesh: MeshTet, X: Array, material: Ints) -> Ints:
     Returns
     -------
     patches : (P, 6) int
-        Tetrahedra of each patch, -1 where it has fewer; every tetrahedron stands in one. They are ordered by
-        their lowest node, so that neighbours stand near each other as far as nodes do.
+        Tetrahedra of each patch, -1 where it has fewer; every tetrahedron is in one patch. Patches are ordered by their
+        lowest node, so neighbours have close numbers if their nodes have.
     """
     patch, rings = _rings(mesh, X, material)
-    across = mesh.f2t[:, mesh.t2f].sum(axis=0) - np.arange(mesh.nelements)  # the other one of the two at a face
+    across = mesh.f2t[:, mesh.t2f].sum(axis=0) - np.arange(mesh.nelements)  # the other tetrahedron at a face
     across[material[across] != material] = -1  # also -1, at the boundary
     tets = np.ascontiguousarray(mesh.t.T)
     count = _grow(tets, np.ascontiguousarray(across.T), X[tets].mean(axis=1), patch, rings)
@@ -49,15 +49,15 @@ def cluster(mesh: MeshTet, X: Array, material: Ints) -> Ints:
 
 
 def _rings(mesh: MeshTet, X: Array, material: Ints) -> tuple[Ints, int]:
-    """Patch of each tetrahedron, -1 for none yet, and their number: rings of six around an edge, the longest first.
+    """Patch of each tetrahedron, -1 for none yet, and the number of patches: rings of six around their longest edge.
 
-    Of the inner edges that have six tetrahedra around them, each tetrahedron names its longest; where all six name
-    the same one, they are a patch. In a brick cut along its diagonal that edge is the diagonal.
+    Only inner edges with six tetrahedra around them count. Each tetrahedron chooses its longest one. If all six choose
+    the same edge, they form a patch. In a brick split along its diagonal this edge is the diagonal.
     """
     a, b = mesh.edges
     count = len(a)
     around = np.bincount(mesh.t2e.ravel(), minlength=count)
-    around[mesh.boundary_edges()] = 0  # a fan, not a ring: it has nine nodes
+    around[mesh.boundary_edges()] = 0  # six at the boundary form a fan of nine nodes, not a ring
     length = np.where(around == TETS, np.linalg.norm(X[a] - X[b], axis=1), 0.0)
     longest = np.take_along_axis(mesh.t2e, length[mesh.t2e].argmax(axis=0)[None], axis=0)[0]
     lowest, highest = np.full(count, material.max()), np.full(count, material.min())
@@ -70,7 +70,7 @@ def _rings(mesh: MeshTet, X: Array, material: Ints) -> tuple[Ints, int]:
 
 @njit(cache=True)
 def _free_neighbours(across, patch):
-    """For each tetrahedron, how many of its neighbours have no patch."""
+    """For each tetrahedron, the number of its neighbours without a patch."""
     free = np.zeros(len(across), np.int64)
     for e in range(len(across)):
         for i in range(4):
@@ -81,7 +81,7 @@ def _free_neighbours(across, patch):
 
 @njit(cache=True)
 def _known(nodes, count, tet):
-    """How many corners of ``tet`` are among the first ``count`` of ``nodes``."""
+    """Number of corners of ``tet`` among the first ``count`` of ``nodes``."""
     known = 0
     for c in range(4):
         for k in range(count):
@@ -113,7 +113,7 @@ def _next(tets, across, centre, patch, free, members, size, nodes, count):
 
 @njit(cache=True)
 def _grow(tets, across, centre, patch, count):
-    """Give each tetrahedron without a patch one, numbered from ``count``; returns the number of patches."""
+    """Assign a patch to each tetrahedron without one, numbered from ``count``; returns the number of patches."""
     free = _free_neighbours(across, patch)
     heap = [(free[e], e) for e in range(len(tets)) if patch[e] < 0]
     heapq.heapify(heap)

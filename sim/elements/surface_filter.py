@@ -1,6 +1,6 @@
-"""A weak stiffness of the pial surface against zigzags of the size of one cell, which no affine map wakes.
+"""A weak stiffness of the pial surface against zigzags of the size of one cell; its energy is 0 for any affine map.
 
-Elements under extreme compression fall into saw-teeth; this stops them. Of a smooth surface its energy is of order h^4.
+Under extreme compression elements form saw-teeth; this stops them. For a smooth surface its energy is of order h^4.
 """
 
 from __future__ import annotations
@@ -15,23 +15,23 @@ from morphofold.arrays import Array
 from morphofold.sim.elements import brick_kernels
 from morphofold.sim.mesh.brick_mesh import Bilayer
 
-DEGENERATE = 1e-7  # singular value, over the largest, below which a stencil is flat that way
-SAME = 1e-4  # distance at which two points of a stencil are one [cell sizes]
+DEGENERATE = 1e-7  # singular value, over the largest, below which a stencil is flat in that direction
+SAME = 1e-4  # distance below which two points of a stencil are the same [cell sizes]
 
 
 class SurfaceFilter:
     """Energy ``strength H/2 sum_i w_i |(M u)_i|^2`` of the displacements u = x - X of the pial surface.
 
-    A row of M is that of L L, where L u is the mean of a node's neighbours minus the node, less its projection onto
-    the affine functions of position on its stencil. So M x = 0 for every affine map x of X, and the energy of M u =
-    M x stays the same under any rigid motion. Beyond a symmetry plane stand the mirror images of the nodes; w halves
-    on the plane. H is the size of a cell before growth times the mean stretch of growth: it does not depend on x, and
+    L u is the mean of a node's neighbours minus the node. A row of M is a row of L L minus its projection onto the
+    affine functions of position on its stencil. So M x = 0 for every affine map x of X, and the energy of M u = M x
+    does not change under rigid motion. Beyond a symmetry plane the mirror images of the nodes are used; w is halved on
+    the plane. H is the size of a cell before growth times the mean stretch of growth. It does not depend on x, so
     forces are the energy's derivative.
 
     Parameters
     ----------
     bilayer : Bilayer
-        Stencils are laid out at its mesh's own positions, so that an imperfection makes no normal of a flat surface.
+        Stencils are computed at its mesh's own positions, so that a flat surface stays flat despite an imperfection.
     X : (N, 3) float64
         Reference positions [mm].
     strength : float
@@ -73,13 +73,13 @@ class SurfaceFilter:
         return self._scale * self._row_sum
 
     def forces(self, x: Array, out: Array | None = None) -> Array:
-        """Forces (S, 3) on the surface nodes at positions ``x`` (N, 3), into ``out`` if that is given."""
+        """Forces (S, 3) on the surface nodes at positions ``x`` (N, 3), written into ``out`` if that is given."""
         out = np.empty_like(self._X) if out is None else out
         brick_kernels.filter_forces(*self._even, *self._odd, x, self._X, self._scale, self._u, out)
         return out
 
     def energy(self, x: Array) -> float:
-        """Energy of the filter at positions ``x``: half the work of its forces on the way back, as it is quadratic."""
+        """Energy of the filter at positions ``x``: as it is quadratic, half of minus force times displacement."""
         forces = self.forces(x)
         return -0.5 * float(np.sum(forces * self._u))
 
@@ -89,10 +89,10 @@ class SurfaceFilter:
 
 
 class _Stencils(NamedTuple):
-    """Rows of an operator on the surface, mirror images of nodes beyond the planes among them.
+    """Rows of an operator on the surface, including mirror images of nodes beyond symmetry planes.
 
-    Entry e of row ``row`` is ``value`` times the function at ``sign * position of node + offset``; entries of a row
-    stand together. ``row``, ``node`` (E,) int, ``sign``, ``offset`` (E, 3), ``value`` (E,) float64.
+    Entry e of row ``row`` is ``value`` times the function at ``sign * position of node + offset``; entries of a row are
+    contiguous. ``row``, ``node`` (E,) int, ``sign``, ``offset`` (E, 3), ``value`` (E,) float64.
     """
 
     row: NDArray[np.int64]
@@ -125,7 +125,7 @@ def _umbrella(bilayer: Bilayer) -> _Stencils:
 
 
 def _twice(one: _Stencils) -> _Stencils:
-    """The operator applied to itself: from each entry on to all of its node's row."""
+    """The operator applied twice: each entry is replaced by all entries of its node's row."""
     count = np.bincount(one.row)
     first = np.cumsum(count) - count
     onward = count[one.node]
@@ -141,7 +141,7 @@ def _twice(one: _Stencils) -> _Stencils:
 
 
 def _affine_free(stencils: _Stencils, p: Array, cell: float) -> _Stencils:
-    """Each row less its projection onto 1 and the three coordinates of its points, which it comes to once each."""
+    """Each row minus its projection onto 1 and the three coordinates of its points; equal points are merged first."""
     at = stencils.sign * p[stencils.node] + stencils.offset
     places = np.rint(at / (SAME * cell)).astype(np.int64)
     order = np.lexsort((*places.T, stencils.node, stencils.row))
@@ -160,7 +160,7 @@ def _affine_free(stencils: _Stencils, p: Array, cell: float) -> _Stencils:
         U, s, _ = np.linalg.svd(affine, full_matrices=False)
         U *= (s > DEGENERATE * s[:, :1])[:, None, :]
         row = value[entries][..., None]
-        for _ in range(2):  # again for what round-off left
+        for _ in range(2):  # the second time removes round-off
             row = row - U @ (U.swapaxes(1, 2) @ row)
         value[entries] = row[..., 0]
     return found._replace(value=value)

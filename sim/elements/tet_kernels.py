@@ -1,26 +1,25 @@
 """Numba loops of the tetrahedral element: nodal forces, growth and state of patches of linear tetrahedra.
 
-The element is a patch of up to six tetrahedra of one material that share faces. Linear tetrahedra alone are too
-stiff: nearly incompressible they lock, and they follow a shear that no single one of them can follow. A patch has one
-pressure, from its mean volume ratio, and takes a share 1 - BLEND of its volume-preserving energy from its mean
+The element is a patch of up to six tetrahedra of one material that share faces. Single linear tetrahedra are too stiff:
+they lock if nearly incompressible, and a single one can't follow a shear that varies in space. A patch has one
+pressure, from its mean volume ratio. A share 1 - BLEND of its volume-preserving energy is that of its mean
 gradient. With F the deformation gradient of a tetrahedron, A = F G^-1, J = det A, w its grown volume, V = sum w,
 Am = sum w A / V, and U(A) = mu u(phi(J) I1, psi(J) I2), phi = J^-2/3, psi = J^-4/3, I1 and I2 the invariants of A^T A
 and u the material's (:mod:`morphofold.sim.materials`),
 
     W = BLEND sum w U(A) + (1 - BLEND) V U(Am) + kappa/2 V (sum w J / V - 1)^2.
 
-Nothing but U keeps a single tetrahedron from collapsing while its patch keeps its volume, so U must not give way:
-where J < CRUSHED, phi and psi go on as their tangents. Frozen there, as in bricks, it lets tetrahedra snap through to
-J = 0.
+Only U keeps a single tetrahedron from collapsing while its patch keeps its volume, so U must keep rising: where
+J < CRUSHED, phi and psi are continued by their tangents. If they were constant there, as in bricks, tetrahedra would
+snap through to J = 0.
 
-A tetrahedron enters with its edge vectors: ``d`` as it is, ``e`` as growth would leave it, both as matrices whose
+The kernels use the edge vectors of a tetrahedron: ``d`` deformed, ``e`` after free growth, both as matrices whose
 columns are three edges from its first corner. So A = d e^-1 and w = det e / 6, and with k the cofactors of e the
 gradient of w U with respect to the edges d is dU/dA k / 6.
 
-Patches lie in blocks of ``WIDTH`` lanes, arrays as (block, rows * WIDTH), in the manner of ``brick_kernels``. Positions
-are fetched once per node of a patch, forces summed once per node, so that a node gathers from patches, not from
-tetrahedra; which corner of a tetrahedron is which node of its patch is read lane by lane, so a patch may have any
-shape.
+Patches are stored in blocks of ``WIDTH`` lanes, arrays as (block, rows * WIDTH), as in ``brick_kernels``. Positions are
+read once per node of a patch and forces summed once per node, so a node gathers from patches, not from tetrahedra. The
+map from corners of a tetrahedron to nodes of its patch is read lane by lane, so a patch may have any shape.
 """
 
 from __future__ import annotations
@@ -41,17 +40,17 @@ from morphofold.sim.elements.brick_kernels import (
 )
 from morphofold.sim.materials import energy_of, sees_second, slopes_of, stiffness_of
 
-TETS = 6  # tetrahedra of a patch at most; a smaller one repeats its first, with no weight
-NODES = 8  # nodes of a patch at most
-BLEND = 0.5  # share of the volume-preserving energy that each tetrahedron has of its own
-CRUSHED = 0.03  # volume ratio below which U goes on with a tangent
+TETS = 6  # most tetrahedra of a patch; a smaller patch repeats its first one, with zero weight
+NODES = 8  # most nodes of a patch
+BLEND = 0.5  # share of the volume-preserving energy that depends on each tetrahedron's own gradient
+CRUSHED = 0.03  # volume ratio below which U is continued with tangents
 
 _TINY = 1e-300
 
 
 @njit(forceinline=True)
 def _to_edges(near, corner, d):
-    """Edge vectors, coordinate r of edge i of tetrahedron t into row 9 t + 3 i + r, from row 3 c + r for node c."""
+    """Write edge vectors: coordinate r of edge i of tetrahedron t into row 9 t + 3 i + r; node c has rows 3 c + r."""
     for t in range(TETS):
         for l in range(WIDTH):
             o = 3 * WIDTH * np.int64(corner[4 * t * WIDTH + l]) + l
@@ -66,7 +65,7 @@ def _to_edges(near, corner, d):
 
 @njit(forceinline=True)
 def _to_nodes(q, corner, f):
-    """Minus the gradient for the nodes of each patch into ``f``, from that for the edges: _to_edges transposed."""
+    """Write minus the gradient by the nodes of each patch into ``f``, from that by the edges: _to_edges transposed."""
     f[:] = 0.0
     for t in range(TETS):
         for l in range(WIDTH):
@@ -89,7 +88,7 @@ def _to_nodes(q, corner, f):
 
 @njit(forceinline=True, fastmath=_FAST)
 def _inverse_cube_root(J):
-    """J^-1/3 to round-off for 0.02 < J < 50, without a branch: two steps of Halley's, then three of fourth order."""
+    """J^-1/3 to round-off for 0.02 < J < 50, without a branch: two Halley steps, then three of fourth order."""
     y = (J + 2.0) / (2.0 * J + 1.0)
     r = J * y * y * y
     y *= (r + 2.0) / (2.0 * r + 1.0)
@@ -122,7 +121,7 @@ def _nine(m, l):
 
 @njit(forceinline=True, fastmath=_FAST)
 def _put(m, l, a):
-    """The transpose of :func:`_nine`: a 3x3 matrix into the nine rows from ``l``."""
+    """The inverse of :func:`_nine`: write a 3x3 matrix into the nine rows from ``l``."""
     m[l], m[l + _W], m[l + _U(2) * _W] = a[0], a[1], a[2]
     m[l + _U(3) * _W], m[l + _U(4) * _W], m[l + _U(5) * _W] = a[3], a[4], a[5]
     m[l + _U(6) * _W], m[l + _U(7) * _W], m[l + _U(8) * _W] = a[6], a[7], a[8]
@@ -166,7 +165,7 @@ def _left(a):
 
 @njit(forceinline=True, fastmath=_FAST)
 def _isochoric(a, material):
-    """Cofactors c of A, J, f, h and s: dU/dA = mu (f A - h b A + s c); u, and i1 times a measure of its stiffness."""
+    """Cofactors c of A, J; f, h, s in dU/dA = mu (f A - h b A + s c); u, and i1 times a measure of its stiffness."""
     c = _cofactor(*a)
     J = a[0] * c[0] + a[1] * c[1] + a[2] * c[2]
     held = max(J, CRUSHED)
@@ -207,7 +206,7 @@ def _isochoric(a, material):
 
 @njit(forceinline=True, fastmath=_FAST)
 def _less_turned(P, h, a, material):
-    """P - h b A; P itself where the material does not see the second invariant."""
+    """P - h b A; P if the material does not depend on the second invariant."""
     if sees_second(material):
         b = _left(a)
         e, g, i = turned(b, h, a[0:3]), turned(b, h, a[3:6]), turned(b, h, a[6:9])
@@ -243,7 +242,7 @@ def _combine(f, a, s, c):
 
 @njit(forceinline=True, fastmath=_FAST)
 def _push(P, k):
-    """P k: the gradient with respect to the edges, six-fold, from the stress dW/dA per grown volume."""
+    """P k: six times the gradient with respect to the edges, from the stress dW/dA per grown volume."""
     return (
         P[0] * k[0] + P[3] * k[1] + P[6] * k[2],
         P[1] * k[0] + P[4] * k[1] + P[7] * k[2],
@@ -259,13 +258,13 @@ def _push(P, k):
 
 @njit(forceinline=True, fastmath=_FAST)
 def _sum(a, w, i):
-    """Sum of w A over the six tetrahedra, number i of nine."""
+    """Entry i of nine of the sum of w A over the six tetrahedra."""
     return w[0] * a[0][i] + w[1] * a[1][i] + w[2] * a[2][i] + w[3] * a[3][i] + w[4] * a[4][i] + w[5] * a[5][i]
 
 
 @njit(forceinline=True, fastmath=_FAST)
 def _tet_gradient(q, l, a, k, mean, p, mu, weight, material):
-    """Gradient with respect to the edges of one tetrahedron into the nine rows from ``l``; weight 1/6 or 0."""
+    """Write the gradient by the edges of one tetrahedron into the nine rows from ``l``; weight 1/6 or 0."""
     c, _, f, h, s, _, _ = _isochoric(a, material)
     P = _less_turned(_combine(weight * mu * f, a, weight * (mu * s + p), c), weight * mu * h, a, material)
     _put(q, l, _push(_combine(1.0, P, weight, mean), k))
@@ -273,7 +272,7 @@ def _tet_gradient(q, l, a, k, mean, p, mu, weight, material):
 
 @njit(forceinline=True, fastmath=_FAST)
 def _patch_gradient(d, e, m, q, l, material):
-    """Gradient of a patch's energy with respect to all edges of its tetrahedra into ``q`` (54 rows)."""
+    """Write the gradient of a patch's energy by all edges of its tetrahedra into ``q`` (54 rows)."""
     mu, kappa, count = m[l], m[l + _W], m[l + _U(2) * _W]
     b, c, g, h, i = l + _U(9) * _W, l + _U(18) * _W, l + _U(27) * _W, l + _U(36) * _W, l + _U(45) * _W
     r1, r2, r3 = 1.0 if count > 1.0 else 0.0, 1.0 if count > 2.0 else 0.0, 1.0 if count > 3.0 else 0.0
@@ -313,11 +312,11 @@ def _patch_gradient(d, e, m, q, l, material):
 
 @njit(parallel=True, cache=True, fastmath=_FAST, error_model="numpy")
 def patch_forces(x, nodes, start, local, corner, edges, modulus, force, material):
-    """Forces (minus the energy gradient) of the patches, summed per block and node, into ``force`` (R, 3).
+    """Write forces (minus the energy gradient) of the patches, summed per block and node, into ``force`` (R, 3).
 
     x (N, 3); nodes, start, local: see ``Blocks``, for the eight nodes of each patch; corner (block, 24 WIDTH) uint8,
-    row 4 t + i: which of them is corner i of tetrahedron t; edges (block, 54 WIDTH), row 9 t + 3 i + r, as growth would
-    leave them; modulus (block, 3 WIDTH): mu, kappa, number of tetrahedra; material: see ``sim.materials``.
+    row 4 t + i: which of these nodes is corner i of tetrahedron t; edges (block, 54 WIDTH), row 9 t + 3 i + r, after
+    free growth; modulus (block, 3 WIDTH): mu, kappa, number of tetrahedra; material: see ``sim.materials``.
     """
     for b in prange(len(local)):
         at, near, d = np.empty((NODES * WIDTH, 3)), np.empty(24 * WIDTH), np.empty(54 * WIDTH)
@@ -326,7 +325,9 @@ def patch_forces(x, nodes, start, local, corner, edges, modulus, force, material
         fetch(x, nodes[start[b] : start[b + 1]], local[b], NODES, 1.0, ahead, at, near)
         _to_edges(near, corner[b], d)
         for l in range(_W):
-            _patch_gradient(d, e, m, q, l, material)  # into an array of its own: over d, LLVM would not vectorise
+            _patch_gradient(
+                d, e, m, q, l, material
+            )  # into a separate array: if d were reused, LLVM would not vectorise
         _to_nodes(q, corner[b], near)
         rows = force[start[b] : start[b + 1]]
         rows[:] = 0.0
@@ -335,7 +336,7 @@ def patch_forces(x, nodes, start, local, corner, edges, modulus, force, material
 
 @njit(parallel=True, cache=True)
 def grow_edges(X, normal, nodes, start, local, corner, across, along, edges):
-    """Edges of the leading blocks as growth would leave them: G (X_i - X_0), from reference positions X (N, 3).
+    """Compute the edges of the leading blocks after free growth: G (X_i - X_0), from reference positions X (N, 3).
 
     G = across (I - N N) + along N N, with N the normalised mean of ``normal`` (N, 3) at the corners of a tetrahedron;
     across and along (block, 6 WIDTH).
@@ -372,7 +373,7 @@ def _norm(a, b, c):
 
 @njit(forceinline=True, fastmath=_FAST)
 def _at(near, l, c):
-    """Length of the vector of node c."""
+    """Length of the vector at node c."""
     o = l + _U(3 * c) * _W
     return _norm(near[o], near[o + _W], near[o + _U(2) * _W])
 
@@ -381,7 +382,7 @@ def _at(near, l, c):
 def _corner_stiffness(q):
     """Four numbers m_i with sum_i m_i |u_i|^2 >= |sum_i u_i q_i^T|^2, from the volume gradients q at corners 1 to 3.
 
-    m_i = |q_i| |sum_j q_j q_j^T / |q_j||: equality for a corner alone, near it for a tetrahedron of good shape.
+    m_i = |q_i| |sum_j q_j q_j^T / |q_j||: equal for a single corner, close to equal for a tetrahedron of good shape.
     """
     z0, z1, z2 = -(q[0] + q[3] + q[6]), -(q[1] + q[4] + q[7]), -(q[2] + q[5] + q[8])
     n0, n1 = _norm(z0, z1, z2) + _TINY, _norm(q[0], q[1], q[2]) + _TINY
@@ -399,10 +400,10 @@ def _corner_stiffness(q):
 
 @njit(forceinline=True, fastmath=_FAST)
 def _measure_tet(d, e, mu, real, material):
-    """J, grown volume w, energy, w A, volume gradient for the edges, and a stiffness of one tetrahedron.
+    """J, grown volume w, energy, w A, volume gradient by the edges, and a stiffness of one tetrahedron.
 
-    All but J and the last are without weight if ``real`` is 0. The stiffness is that of the volume-preserving
-    energy per square of the volume gradient, 2/3 mu i1 / (w J^2) for a neo-Hookean one.
+    All but J and the last are 0 if ``real`` is 0. The stiffness is that of the volume-preserving energy per square of
+    the volume gradient, 2/3 mu i1 / (w J^2) for a neo-Hookean material.
     """
     a, k, w = _elastic(d, e)
     c, J, _, _, _, energy, stiff = _isochoric(a, material)
@@ -415,9 +416,9 @@ def _measure_tet(d, e, mu, real, material):
 
 @njit(forceinline=True, fastmath=_FAST)
 def _measure_patch(sums, near, m, l, state, bound, material):
-    """Volume ratio and energy of a patch into ``state``, stiffness of its pressure into ``bound``.
+    """Write volume ratio and energy of a patch into ``state``, stiffness of its pressure into ``bound``.
 
-    ``sums`` are those of its tetrahedra, ``near`` holds the volume gradient g at its nodes. The stiffness of the
+    ``sums`` are sums over its tetrahedra, ``near`` holds the volume gradient g at its nodes. The stiffness of the
     pressure has rank one: kappa/V (sum g_c u_c)^2 <= kappa/V (sum |g_b|) sum |g_c| |u_c|^2.
     """
     mu, kappa, V = m[l], m[l + _W], sums[l]
@@ -436,11 +437,11 @@ def _measure_patch(sums, near, m, l, state, bound, material):
 
 @njit(parallel=True, cache=True, fastmath=_FAST, error_model="numpy")
 def patch_state(x, nodes, start, local, corner, edges, modulus, J, state, stiffness, material):
-    """J of each tetrahedron (block, 6 WIDTH); per patch into ``state`` (block, 2 WIDTH) its volume ratio and energy;
-    per row into ``stiffness`` (R,) the sum of a bound on the stiffness of its patches.
+    """Write J of each tetrahedron (block, 6 WIDTH); per patch, its volume ratio and energy into ``state`` (block, 2
+    WIDTH); per row, the sum of a bound on the stiffness of its patches into ``stiffness`` (R,).
 
-    The bound is rigorous for the stiffness of the pressure, and near the largest eigenvalue for that of each
-    tetrahedron alone; what the pressure adds to the latter is left out. Tests hold the sum to be enough.
+    The bound is rigorous for the stiffness of the pressure, and close to the largest eigenvalue for that of each
+    tetrahedron alone; the contribution of the pressure to the latter is left out. Tests check that the sum is enough.
     """
     for b in prange(len(local)):
         at, near, d = np.empty((NODES * WIDTH, 3)), np.empty(24 * WIDTH), np.empty(54 * WIDTH)
@@ -468,7 +469,7 @@ def patch_state(x, nodes, start, local, corner, edges, modulus, J, state, stiffn
             for l in range(_W):
                 o, s = _U(9) * t * _W + l, own[t * _W + l]
                 s0, s1, s2, s3 = _corner_stiffness(_nine(q, o))
-                # the four values take the place of the gradient that they come from
+                # the four values overwrite the gradient from which they are computed
                 q[o], q[o + _W], q[o + _U(2) * _W], q[o + _U(3) * _W] = s * s0, s * s1, s * s2, s * s3
         for t in range(TETS):
             for l in range(WIDTH):

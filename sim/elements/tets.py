@@ -1,4 +1,4 @@
-"""Linear tetrahedra of any mesh, in patches, in the form that the kernels read: grown edges, moduli, state."""
+"""Linear tetrahedra of any mesh, in patches, in the layout of the kernels: grown edges, moduli, state."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from morphofold.sim.growth import check_law
 from morphofold.sim.materials import Material
 from morphofold.sim.materials.neo_hookean import NEO_HOOKEAN
 
-DEGENERATE = 1e-10  # a volume below this share of the cube of the longest edge is none
+DEGENERATE = 1e-10  # a volume below this share of the cube of the longest edge counts as zero
 
 
 class Tets:
@@ -32,10 +32,10 @@ class Tets:
     radial : (N, 3) float64
         Unit thickness direction at the nodes; tangential growth adds nothing along the normalised mean of the four.
     cortex : (E,) bool
-        The tetrahedra that ``grow`` gives a stretch each.
+        The tetrahedra of the cortex; ``grow`` sets the stretch of each.
     mu, kappa : (E,) float64
-        Shear modulus, and modulus of the pressure. A patch holds tetrahedra of one mu, one kappa and one side of
-        ``cortex``; where moduli change from each to the next, patches are single tetrahedra, and too stiff.
+        Shear modulus, and modulus of the pressure. All tetrahedra of a patch have the same mu, kappa and value of
+        ``cortex``. If the moduli of all neighbours differ, patches are single tetrahedra, which are too stiff.
     law : {"isotropic", "tangential"}
     material : Material
 
@@ -46,14 +46,14 @@ class Tets:
     volume : (E,) float64
         Reference volumes [mm^3].
     corner : (block, 24 WIDTH) uint8
-        Which of its patch's eight nodes are the corners of each tetrahedron, in lanes: four each of six tetrahedra,
-        those that a patch lacks with the corners of its first one.
+        Which of its patch's eight nodes are the corners of each tetrahedron, in lanes: four for each of six tetrahedra.
+        Missing tetrahedra of a patch have the corners of its first one.
 
     Raises
     ------
     BadMesh
-        If tetrahedra are flat at ``X``, or inside out as compared to the mesh's own positions; if the thickness
-        directions of one that grows tangentially cancel out.
+        If tetrahedra are flat at ``X``, or inside out relative to the mesh's own positions; if the thickness
+        directions at the corners of a tetrahedron that grows tangentially cancel out.
     """
 
     LOCAL = 0.0  # modulus of a local volumetric term over mu: there is none
@@ -103,7 +103,7 @@ class Tets:
     def grow(self, cortex: Array, core: float = 1.0) -> None:
         """Set the growth stretch of each tetrahedron of the cortex (n_cortex,), and isotropic growth of the core."""
         if not (np.min(cortex, initial=core) > 0 and np.max(cortex, initial=core) < np.inf):
-            raise OutOfRange(f"growth stretches must be positive numbers, got {cortex} and {core:g} in the core.")
+            raise OutOfRange(f"growth stretches must be positive and finite, got {cortex} and {core:g} in the core.")
         b, count = self.blocks, self.blocks.count if core != self._core else self._grown
         across = np.full((count, TETS * WIDTH), core)
         along = across.copy()
@@ -113,14 +113,14 @@ class Tets:
         self._core = core
 
     def compute_forces(self, x: Array) -> None:
-        """Forces at positions ``x`` (N, 3) into ``blocks.force``."""
+        """Write forces at positions ``x`` (N, 3) into ``blocks.force``."""
         b = self.blocks
         tet_kernels.patch_forces(
             x, b.nodes, b.start, b.local, self.corner, self.edges, self.modulus, b.force, self.material
         )
 
     def measure(self, x: Array) -> Array:
-        """Measure the patches at ``x``; nodal sums (N,) of a bound on their stiffness."""
+        """Measure the patches at ``x``; returns nodal sums (N,) of a bound on their stiffness."""
         b = self.blocks
         tet_kernels.patch_state(
             x,
@@ -138,8 +138,8 @@ class Tets:
         return b.nodal_sums(self._stiffness)
 
     def state(self) -> dict[str, Array]:
-        """Per tetrahedron, from the last ``measure``: energy (its share of the patch's, by reference volume), J_min and
-        J_max (both its J), volume_ratio (its patch's); (E,) each."""
+        """Per tetrahedron, from the last ``measure``: energy (share of the patch's energy, by reference volume), J_min
+        and J_max (both its J), volume_ratio (of its patch); (E,) each."""
         block, lane = self._place // (TETS * WIDTH), self._place % WIDTH
         ratio, energy = self._state.reshape(-1, 2, WIDTH)[block, :, lane].T
         J = self._J.ravel()[self._place]
@@ -147,7 +147,7 @@ class Tets:
 
 
 def _check_directions(mean: Array, cortex: Ints) -> None:
-    """Refuse mean thickness directions (E, 3) that are next to nothing, or no numbers."""
+    """Raise ``BadMesh`` if mean thickness directions (E, 3) are shorter than 0.1, or NaN."""
     length = np.linalg.norm(mean[cortex], axis=1)
     bad = cortex[~(length > 0.1)]
     if bad.size:
@@ -168,17 +168,17 @@ def _oriented(mesh: MeshTet, X: Array) -> tuple[Ints, Array]:
     bad = np.flatnonzero(~(volume > DEGENERATE * longest**3))
     if bad.size:
         raise BadMesh(
-            f"{len(bad)} of {len(tets):,} tetrahedra are flat or inside out before anything grows; the first is "
+            f"{len(bad)} of {len(tets):,} tetrahedra are flat or inside out before growth; the first is "
             f"{bad[0]} with volume {volume[bad[0]]:.3g} and longest edge {longest[bad[0]]:.3g}. Repair the mesh, or "
-            "make effects.perturbation.amplitude smaller."
+            "reduce effects.perturbation.amplitude."
         )
     return np.where(mirrored[:, None], tets[:, [1, 0, 2, 3]], tets), volume
 
 
 def _nodes_of(patches: Ints, tets: Ints) -> tuple[Ints, NDArray[np.uint8]]:
-    """Nodes (P, 8) of each patch, the first repeated where it has fewer, and which of them its 24 corners are.
+    """Nodes (P, 8) of each patch, the first repeated where it has fewer, and the numbers of its 24 corners among them.
 
-    A tetrahedron that a patch lacks has the corners of its first one.
+    Missing tetrahedra of a patch have the corners of its first one.
     """
     corners = tets[np.where(patches >= 0, patches, patches[:, :1])].reshape(len(patches), -1)
     ranked = np.sort(corners, axis=1)

@@ -1,1 +1,1 @@
-"""Rest, equilibrium and loss of stability of a body: gauges, Newton's method, exact stiffness."""
+"""Rest, equilibrium and loss of stability of a body: distance from rest, Newton's method, exact stiffness."""

@@ -1,7 +1,7 @@
 """The path of equilibria of a growing body, followed by Newton's method from one growth to the next.
 
 Forces are those of the explicit solver (:meth:`Body.all_forces`), the stiffness is exact
-(:mod:`morphofold.sim.equilibrium.tangent`). Each state on the path tells how stable it is.
+(:mod:`morphofold.sim.equilibrium.tangent`). The stability of each state on the path can be computed.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ from morphofold.sim.equilibrium.sparse_factor import Dissection, Factor
 from morphofold.sim.equilibrium.tangent import Tangent
 from morphofold.sim.sphere_theory.smooth_sphere import ConvergenceError as NoState
 
-SMALLEST = 1e-4  # increment of growth at which to give up
-FURTHEST = 5.0  # extrapolation of the path, over the last increment
-CLOSE = 1e-6  # change of position, over the surface edge, that counts as none: the next is its square
-TOLERANCE = 1e-8  # of linear solves, relative
-PATIENCE = 30  # iterations of such a solve with an old factor, before a new one is made
-ITERATIONS = 15  # of Newton's method
-HALVINGS = 6  # of a Newton step
-ROUND_OFF = 1e-13  # of forces, over the largest of any element
-MODES = 12  # eigenvalues to look for at most
+SMALLEST = 1e-4  # smallest increment of growth: below it the search ends
+FURTHEST = 5.0  # largest extrapolation of the path, over the last increment
+CLOSE = 1e-6  # change of position, over the surface edge, that counts as none: the next one is its square
+TOLERANCE = 1e-8  # relative tolerance of linear solves
+PATIENCE = 30  # most iterations of a linear solve with an old factor, before a new one is computed
+ITERATIONS = 15  # most iterations of Newton's method
+HALVINGS = 6  # most trial lengths of a Newton step, each half of the last
+ROUND_OFF = 1e-13  # round-off of forces, over the largest force of any element
+MODES = 12  # most eigenvalues to compute
 EVEN = 1e-9  # unevenness of a level, over the surface edge, or of radii, that is round-off
 
 
 class ConvergenceError(NoState):
-    """No equilibrium was found; ``x`` (N, 3) and ``growth`` are the last one."""
+    """No equilibrium was found; ``x`` (N, 3) and ``growth`` are those of the last equilibrium."""
 
     def __init__(self, message: str, x: Array, growth: float):
         super().__init__(message)
@@ -42,17 +42,17 @@ class ConvergenceError(NoState):
 
 @dataclass(frozen=True)
 class Stability:
-    """How stable an equilibrium is.
+    """Stability of an equilibrium.
 
     Attributes
     ----------
     eigenvalue : float
-        Lowest eigenvalue of the stiffness over the nodal volumes of the reference body [Pa/mm^2]: the mesh does not
-        enter its unit. Its sign does not depend on the volumes. NaN if more than ten are negative.
+        Lowest eigenvalue of the stiffness over the nodal volumes of the reference body [Pa/mm^2]; its unit does not
+        depend on the mesh. Its sign does not depend on the volumes. NaN if more than 12 eigenvalues are negative.
     mode : (N, 3) float64
-        Its displacement, the largest of a node 1.
+        Its displacement, scaled so that the largest of a node is 1.
     negative : int
-        How many eigenvalues are negative, 0 if the equilibrium is stable.
+        Number of negative eigenvalues, 0 if the equilibrium is stable.
     """
 
     eigenvalue: float
@@ -61,21 +61,21 @@ class Stability:
 
 
 class Equilibrium:
-    """A state of a body at rest, and the way from it to others; ``levels`` as from :func:`even_levels`, or None."""
+    """An equilibrium of a body, from which others can be reached; ``levels`` as from :func:`even_levels`, or None."""
 
     def __init__(self, body: Body, x: Array, levels: sparse.csr_matrix | None = None):
         if body.free.all():
             raise NoSolution(
-                "nothing holds the body: it floats away at no cost in energy, so its stability can't be told. Hold its "
+                "nothing holds the body: it can move without energy, so its stability can't be computed. Hold its "
                 "inner surface (geometry.held), or cut it by symmetry planes."
             )
         if body.single:
             raise DoesNotApply(
-                "the forces of the body are of single precision, too rough to tell a state at rest. Build it with "
+                "the forces of the body have single precision, too low to find an equilibrium. Build it with "
                 'accuracy.precision = "double".'
             )
         self.body, self.x, self.growth = body, x, body.growth
-        self._before: tuple[float, Array] | None = None  # the equilibrium that it came from
+        self._before: tuple[float, Array] | None = None  # the previous equilibrium on the path
         self._rows = np.flatnonzero(body.free)
         self._tangent = Tangent(body)
         self._dissection = Dissection(body.X, self._tangent.graph(), self._rows, self._stiffness(x))
@@ -99,7 +99,7 @@ class Equilibrium:
                     self.body.grow(here.growth)
                     raise ConvergenceError(
                         f"no equilibrium found beyond g = {here.growth:.6g}: {error}. The smooth path may end there: "
-                        "look at the stability of the last state.",
+                        "check the stability of the last state.",
                         here.x,
                         here.growth,
                     ) from None
@@ -128,16 +128,16 @@ class Equilibrium:
         raise FloatingPointError(f"Newton's method has not converged in {ITERATIONS} steps")
 
     def _damped(self, x: Array, change: Array, residual: Array) -> tuple[Array, Array]:
-        """The first of the whole step, half of it, ... that makes the residual smaller; round-off counts as smaller."""
+        """The longest of the whole step, half of it, ... that reduces the residual; round-off counts as smaller."""
         floor = ROUND_OFF * np.abs(self.body.elements.blocks.force).max() * len(residual) ** 0.5
         for share in 0.5 ** np.arange(HALVINGS):
             trial = x + share * change
-            with np.errstate(over="ignore", invalid="ignore"):  # far off it is infinite, and so not smaller
+            with np.errstate(over="ignore", invalid="ignore"):  # if it overflows, it is not smaller
                 after = self._residual(trial)
                 size = np.linalg.norm(after)
             if size < max(np.linalg.norm(residual), floor):
                 return trial, after
-        raise FloatingPointError("no part of a Newton step brings the body closer to rest")
+        raise FloatingPointError("no part of a Newton step reduces the residual")
 
     def _residual(self, x: Array) -> Array:
         free = self.body.all_forces(x).ravel()[self._rows]
@@ -148,9 +148,9 @@ class Equilibrium:
         return sparse.csr_matrix(stiffness[self._rows][:, self._rows])
 
     def _solve(self, stiffness: sparse.csr_matrix, b: Array) -> Array:
-        """By conjugate gradients with the last factor, as long as that is close enough; else with a new one.
+        """Solve by conjugate gradients with the last factor, if that is close enough; else with a new factor.
 
-        Where levels are even the work is as good as done: their stiffness is a small matrix.
+        If levels are even their stiffness is a small matrix, which is solved directly.
         """
         if self._levels is not None:
             return self._levels @ np.linalg.solve((self._levels.T @ (stiffness @ self._levels)).toarray(), b)
@@ -162,15 +162,15 @@ class Equilibrium:
         return self._factorise(stiffness).solve(b)
 
     def _factorise(self, stiffness: sparse.csr_matrix) -> Factor:
-        self._factor[:] = []  # two would not fit a large body
+        self._factor[:] = []  # for a large body two factors would not fit into memory
         self._factor.append(Factor(self._dissection, stiffness))
         return self._factor[0]
 
     def stability(self) -> Stability:
-        """Of this equilibrium."""
+        """Stability of this equilibrium."""
         stiffness = self._stiffness(self.x)
         factor = self._factorise(stiffness)
-        negative = min(factor.negative, MODES)  # 1/eigenvalue is what eigsh sorts
+        negative = min(factor.negative, MODES)  # eigsh sorts by 1/eigenvalue
         values, vectors = eigsh(
             stiffness,
             max(negative, 1),
@@ -190,10 +190,10 @@ class Equilibrium:
 
 
 def even_levels(body: Body) -> sparse.csr_matrix | None:
-    """One displacement along the thickness for each level of nodes, as (3 N, levels); None where levels are not even.
+    """One displacement along the thickness for each level of nodes, as (3 N, levels); None if levels are not even.
 
-    They are even if all nodes of a level are alike but for a turn or a shift, on a sphere about the origin or flat, and
-    all grow alike.
+    Levels are even if all nodes of a level are equal except for a rotation or a shift (a sphere about the origin, or a
+    flat body), and growth is uniform.
     """
     bilayer, X = body.bilayer, body.X
     if np.ptp(body.pattern) > 0:

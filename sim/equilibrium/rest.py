@@ -1,11 +1,11 @@
-"""How far a body is from rest at its present growth, told by its own motion: it costs next to nothing.
+"""Distance of a body from rest at its present growth, estimated from its own motion, which costs little time.
 
-What moves a damped body slowly is its softest modes. Such a mode, of stiffness over mass w^2, creeps at w^2 / c of
-its distance from rest per unit of time, c being the rate of damping: a body that drifts at the speed s has c s / w^2
-left to go. How soft the motion is tells Rayleigh's quotient of the way dx that the body went and of the change da of
-its accelerations, w^2 = -dx.m da / dx.m dx. For a drift it is never taken for stiffer than the softest modes of folds
-(``SOFT``), which may hide in it, nor than the one in which a slender body bends (:func:`softest`). Held against
-K^-1 f with the exact stiffness of octants in folds, the distance is right within a factor of three, or too large
+A damped body moves slowly in its softest modes. Such a mode, of stiffness over mass w^2, creeps at w^2 / c of its
+distance from rest per unit of time, with c the rate of damping. So a body that drifts at the speed s is c s / w^2 away
+from rest. The softness of the motion follows from Rayleigh's quotient of the displacement dx and the change da of the
+accelerations, w^2 = -dx.m da / dx.m dx. For a drift, w^2 is limited to that of the softest modes of folds (``SOFT``),
+which the motion may contain, and to that of the mode in which a slender body bends (:func:`softest`). Compared with
+K^-1 f, with the exact stiffness of folded octants, the distance is right within a factor of three, or too large
 (docs/solver.md, section 3).
 """
 
@@ -24,15 +24,15 @@ if TYPE_CHECKING:
     from morphofold.sim.body import Body
 
 SOFT = 0.005  # w^2 of the softest modes of folded bodies, 0.002 to 0.01 [1/tick^2]
-NEAR_SHARE = 0.01  # of the way that a slender body has moved at all: how near to rest it has to be
-LONG = 2.0  # least time over which a motion is looked at [ticks]: faster ones shake and go nowhere
-SMALL = 1e-3  # displacements by which a body is tried, over its size,
-RIGID = 1e-6  # and stiffness over mass, per tick^2, below which they are of a body that floats
+NEAR_SHARE = 0.01  # a slender body counts as at rest within this share of its whole displacement
+LONG = 2.0  # least time over which a motion is measured [ticks]: faster motions are vibrations
+SMALL = 1e-3  # trial displacements, over the size of the body
+RIGID = 1e-6  # stiffness over mass, per tick^2, below which a mode is that of a floating body
 SCALARS = ("w2", "distance", "calm", "seen")
 
 
 class Balance:
-    """The gauge of one run.
+    """Measures the distance from rest of one run.
 
     Parameters
     ----------
@@ -41,24 +41,24 @@ class Balance:
     X : (N, 3) float64
         Reference positions [mm].
     near : float
-        Distance from rest below which the body is calm [mm]; where it moves more softly than folds do, as a slender
-        body that bends, it is to be within ``NEAR_SHARE`` of its way from X, too.
+        Distance from rest below which the body counts as at rest [mm]. If its motion is softer than that of folds, as
+        in a slender body that bends, the distance must also be below ``NEAR_SHARE`` of its displacement from X.
     softest : float
-        Stiffness over mass of the softest mode in which growth bends it, as :func:`softest` finds it [1/tick^2].
+        Stiffness over mass of the softest mode in which growth bends the body, from :func:`softest` [1/tick^2].
 
     Attributes
     ----------
     slender : bool
-        Whether that is softer than folds are.
+        Whether that mode is softer than folds.
     w2 : float
-        Stiffness over mass along the motion of the last two to four ticks [1/step^2]; negative where that leads away
-        from rest, 0 where nothing moves and before ``LONG``.
+        Stiffness over mass along the motion of the last two to four ticks [1/step^2]; negative if the motion leads away
+        from rest, 0 if nothing moves and before ``LONG``.
     distance : float
-        From rest, rms over the nodes [mm]; 0 before ``LONG``.
+        Distance from rest, rms over the nodes [mm]; 0 before ``LONG``.
     calm : int
-        Steps since the body was not calm.
+        Number of steps for which the body has been at rest.
     seen : int
-        Step of the last look.
+        Step of the last call of ``look``.
     """
 
     def __init__(self, tick: float, X: Array, near: float, softest: float = SOFT):
@@ -66,23 +66,23 @@ class Balance:
         self.slender = softest < SOFT
         self._softest = min(softest, SOFT)
         self.w2, self.distance, self.calm, self.seen = 0.0, 0.0, 0, 0
-        self._step = np.full(2, -1)  # of two states before, first the older; -1: none
+        self._step = np.full(2, -1)  # steps of two earlier states, the older first; -1: none
         self._x, self._a = np.zeros((2, *X.shape)), np.zeros((2, *X.shape))  # their positions and accelerations
 
     @property
     def soft(self) -> float:
-        """Stiffness over mass of the softest mode that may be moving [1/tick^2]."""
+        """Stiffness over mass of the softest mode that the motion may contain [1/tick^2]."""
         w2 = self.w2 * self._tick**2
         return min(w2, self._softest) if w2 > 0 else self._softest
 
     def look(self, step: int, x: Array, a: Array, mass: Array, damping: float) -> None:
-        """Take a state of the run.
+        """Update the distance from a state of the run.
 
         Parameters
         ----------
         step : int
         x, a : (N, 3) float64
-            Positions [mm], and accelerations there without damping, 0 where nothing may move [mm/step^2].
+            Positions [mm], and accelerations there without damping, 0 where a coordinate is fixed [mm/step^2].
         mass : (N,) float64
         damping : float
             Share of the velocity lost per step.
@@ -105,16 +105,16 @@ class Balance:
         self.seen = step
 
     def forget(self) -> None:
-        """Take no motion of before for one from now on: growth stands still."""
+        """Discard the motion so far, because growth has stopped."""
         self._step[:], self.w2, self.calm = -1, 0.0, 0
 
     def save(self) -> dict[str, NDArray[np.generic]]:
-        """Arrays for a checkpoint; ``load`` takes them back."""
+        """Arrays for a checkpoint; ``load`` restores them."""
         scalars = {key: np.array(getattr(self, key)) for key in SCALARS}
         return scalars | {"step": self._step.copy(), "x": self._x.copy(), "a": self._a.copy()}
 
     def load(self, arrays: dict[str, NDArray]) -> None:
-        """Take up what ``save`` gave."""
+        """Restore the arrays of ``save``."""
         for key in SCALARS:
             setattr(self, key, arrays[key].item())
         self._step, self._x, self._a = (arrays[key].copy() for key in ("step", "x", "a"))
@@ -123,11 +123,11 @@ class Balance:
 def softest(body: Body) -> float:
     """Stiffness over mass [1/tick^2] of the softest mode by which growth bends a body as a whole; inf if none does.
 
-    By Ritz's method, before the body grows: displacements that are polynomials of second degree in position, as those
-    of a bent beam, 0 where nothing may move, with the body's own forces; so it is a bound from above. A mode counts
-    where growth by 1 would move the body by more than the thickness of the cortex: a sphere shifts on its hole more
-    softly than it folds, but growth does not shift it. A body that floats has motions that cost nothing, which don't
-    count. The body is grown for it, and left as it was; ``rest`` is measured anew.
+    By Ritz's method, before the body grows, with the body's own forces. The displacements are polynomials of second
+    degree in position, as in a bent beam, and 0 where a coordinate is fixed; so the result is an upper bound. A mode
+    counts if growth by 1 would move the body by more than the thickness of the cortex. (The shift of a sphere on its
+    hole is softer than its folds, but growth does not cause it.) Motions of a floating body without energy do not
+    count. The body is grown for this and then restored; ``rest`` is measured again.
     """
     X, free, growth = body.X, body.free, body.growth
     size = 0.5 * float(np.ptp(X, axis=0).max())
@@ -135,7 +135,7 @@ def softest(body: Body) -> float:
     fields = np.stack([np.ones(len(at)), *at.T, *(at[:, r] * at[:, s] for r in range(3) for s in range(r, 3))])
     K, M, gram = np.zeros((3, 30, 30))
     body.grow(1.0)
-    with threadpool_limits(1, user_api="blas"):  # sums of one order for any number of threads
+    with threadpool_limits(1, user_api="blas"):  # the same order of sums for any number of threads
         for r in range(3):
             mine, own = fields * free[:, r], slice(10 * r, 10 * r + 10)
             M[own, own], gram[own, own] = (mine * body.mass) @ mine.T, mine @ mine.T / len(X)
@@ -161,7 +161,7 @@ def softest(body: Body) -> float:
 
 @njit(cache=True)
 def _products(x, x0, a, a0, X, mass):
-    """dx.m dx, -dx.m da and dx.m a of dx = x - x0, da = a - a0; rms over the nodes of dx and of x - X."""
+    """dx.m dx, -dx.m da and dx.m a, with dx = x - x0 and da = a - a0; rms over the nodes of dx and of x - X."""
     moved, against, along, way, from_X = 0.0, 0.0, 0.0, 0.0, 0.0
     for n in range(len(x)):
         square, turned, pulled = 0.0, 0.0, 0.0

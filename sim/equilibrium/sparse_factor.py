@@ -1,14 +1,15 @@
 """Symmetric factorisation of a body's stiffness by nested dissection: L D L^T in dense fronts, and its inertia.
 
-The graph of the nodes is halved again and again, each time by the thinnest of a few cuts; the nodes along the cut are
-eliminated after both halves. Eliminating a set of nodes is then work on one dense matrix, its front, which
-runs at the speed of LAPACK (Duff and Reid 1983, ACM TOMS 9, 302; George 1973, SIAM J. Numer. Anal. 10, 345). Fronts
-that are positive definite take Cholesky's factor, others the one of Bunch and Kaufman; the negative eigenvalues of the
-whole are those of all fronts together (Sylvester, Haynsworth).
+The graph of the nodes is halved recursively, each time by the thinnest of a few cuts. The nodes along the cut are
+eliminated after both halves. The elimination of a set of nodes is then work on one dense matrix, its front, at the
+speed of LAPACK (Duff and Reid 1983, ACM TOMS 9, 302; George 1973, SIAM J. Numer. Anal. 10, 345). Positive definite
+fronts are factorised by Cholesky's method, others by that of Bunch and Kaufman. The number of negative eigenvalues of
+the matrix is the sum of those of all fronts (Sylvester, Haynsworth).
 
-scipy's ``splu`` would do it, too: with ``permc_spec="MMD_AT_PLUS_A"``, ``diag_pivot_thresh=0`` and ``SymmetricMode``
-its pivots stay on the diagonal, and the negative ones of U count the same. But nothing tells it where the nodes are,
-nor that L is U's transpose. Seconds of one thread for a plan and a factor here, and for ``splu``, and memory [MB]:
+scipy's ``splu`` could be used, too: with ``permc_spec="MMD_AT_PLUS_A"``, ``diag_pivot_thresh=0`` and ``SymmetricMode``
+its pivots stay on the diagonal, and the number of negative pivots of U is the same. But it does not use the positions
+of the nodes, nor that L is the transpose of U. Seconds of one thread for a plan and a factor here, and for ``splu``,
+and memory [MB]:
 
 ==============================  ======  ============  =====  ===========  ==============
 matrix of the tangent           rows    plan, factor  splu   memory here  memory of splu
@@ -20,7 +21,7 @@ octant of ``demo``              21,960  0.60, 1.33    3.10   274          256
 octant of ``fig5`` at draft     69,300  2.25, 10.9    47.7   1,037        1,536
 ==============================  ======  ============  =====  ===========  ==============
 
-A path of equilibria plans once. COLAMD takes 0.78 s where MMD takes 0.46.
+A path of equilibria needs one plan. COLAMD takes 0.78 s where MMD takes 0.46.
 """
 
 from __future__ import annotations
@@ -36,14 +37,14 @@ from threadpoolctl import threadpool_limits
 
 from morphofold.arrays import Array, Ints
 
-LEAF = 60  # nodes that are not halved any more
-SHARES = (0.42, 0.46, 0.5, 0.54, 0.58)  # of the nodes on one side of a cut
+LEAF = 60  # number of nodes up to which a set is not halved any more
+SHARES = (0.42, 0.46, 0.5, 0.54, 0.58)  # shares of the nodes on one side of a cut that are tried
 
 
 @dataclass(frozen=True)
 class Front:
-    """Rows ``start:stop`` of the reordered matrix, to be eliminated; the later rows that they touch; where its entries
-    stand in the matrix and in the front; the fronts that add to it, and the places of their rows."""
+    """Rows ``start:stop`` of the reordered matrix, to be eliminated; the later rows that they couple to; the places of
+    their entries in the matrix and in the front; the fronts that add to this one, and the places of their rows."""
 
     start: int
     stop: int
@@ -59,13 +60,13 @@ class Dissection:
     Parameters
     ----------
     points : (N, 3) float64
-        Positions of the nodes, by which the graph is halved.
+        Positions of the nodes, used to halve the graph.
     graph : (N, N) csr_matrix
-        Between nodes that share an entry of the matrix, the steps from one to the other through the mesh.
+        For nodes that share an entry of the matrix, the number of steps from one to the other through the mesh.
     rows : (n,) int
-        Rows 3 i + r (coordinate r of node i) of the full matrix that are to be solved for, rising.
+        Rows 3 i + r (coordinate r of node i) of the full matrix to solve for, ascending.
     pattern : (n, n) csr_matrix
-        Any matrix of the pattern to be factorised, entries that are 0 included.
+        Any matrix with the pattern to factorise, including entries that are 0.
     """
 
     def __init__(self, points: Array, graph: sparse.csr_matrix, rows: Ints, pattern: sparse.csr_matrix):
@@ -101,7 +102,7 @@ class Dissection:
         return fronts
 
     def _entries(self, start: int, stop: int, index: Ints) -> tuple[Ints, Ints]:
-        """Entries of the rows of a front, and their places in its columns (rows of the front, by symmetry)."""
+        """Entries of the rows of a front, and their places in the front."""
         p = self._places
         part = slice(p.indptr[start], p.indptr[stop])
         row = np.repeat(np.arange(stop - start), np.diff(p.indptr[start : stop + 1]))
@@ -111,13 +112,13 @@ class Dissection:
 
 
 def _halve(points: Array, graph: sparse.csr_matrix) -> tuple[list[Ints], list[int]]:
-    """Sets of nodes in the order of elimination, and the set that each one's remainder goes to, -1 for the last."""
+    """Sets of nodes in the order of elimination, and for each the set that receives its remainder, -1 for the last."""
     sets: list[Ints] = []
     parent: list[int] = []
     side = np.zeros(len(points), dtype=bool)
 
     def cut(nodes: Ints) -> tuple[Ints, Ints, Ints]:
-        """Two parts without a neighbour in each other, and the thinnest found separator of them."""
+        """Two parts that are not connected, and the thinnest separator found between them."""
         best: tuple[Ints, Ints, Ints] = (nodes[:0], nodes[:0], nodes)
         for along in _directions(points[nodes], graph[nodes][:, nodes]):
             order = nodes[np.argsort(along, kind="stable")]
@@ -147,7 +148,7 @@ def _halve(points: Array, graph: sparse.csr_matrix) -> tuple[list[Ints], list[in
 
 
 def _directions(points: Array, graph: sparse.csr_matrix) -> list[Array]:
-    """Numbers along which to cut: the two longest axes, and the steps through the graph from either end and between."""
+    """Coordinates for cuts: along the two longest axes; graph steps from both ends, and their difference."""
     centred = points - points.mean(axis=0)
     along = (centred @ np.linalg.eigh(centred.T @ centred)[1])[:, 1:]
     start = int(np.argmax(along[:, 1]))
@@ -157,20 +158,20 @@ def _directions(points: Array, graph: sparse.csr_matrix) -> list[Array]:
 
 
 def _steps(graph: sparse.csr_matrix, start: int) -> Array:
-    """Least number of steps from a node to each (n,); one more than the largest where there is no way."""
+    """Length of the shortest path from a node to each (n,); one more than the largest where there is no path."""
     steps = csgraph.dijkstra(graph, indices=start)
     steps[np.isinf(steps)] = steps[np.isfinite(steps)].max() + 1
     return steps
 
 
 class Factor:
-    """The factorised matrix.
+    """A factorised matrix.
 
     Parameters
     ----------
     dissection : Dissection
     matrix : (n, n) csr_matrix
-        Symmetric, of the dissection's pattern, entry for entry.
+        Symmetric matrix with exactly the pattern of the dissection.
 
     Attributes
     ----------
@@ -195,7 +196,7 @@ class Factor:
         for i, front in enumerate(self._dissection.fronts):
             n = front.stop - front.start
             size = n + len(front.border)
-            F = np.zeros((size, size))  # rows to eliminate, and what is left
+            F = np.zeros((size, size))  # rows to eliminate, then the remainder
             F.ravel()[front.place] = matrix.data[front.taken]
             for child, at in front.children:
                 _extend_add(F, rest.pop(child), at)
@@ -208,7 +209,7 @@ class Factor:
             rest[i] = np.subtract(F[n:, n:], product, out=product)
 
     def solve(self, b: Array) -> Array:
-        """x (n,) with A x = b."""
+        """The solution x (n,) of A x = b."""
         order, fronts = self._dissection.order, self._dissection.fronts
         y = b[order].astype(np.float64)
         for front, pivot in zip(fronts, self._pivots):
@@ -231,7 +232,7 @@ def _extend_add(F, S, at):
 
 
 class _Definite:
-    """A front (F11, F21) by Cholesky: F11 = L L^T, B = F21 L^-T."""
+    """A front (F11, F21) factorised by Cholesky's method: F11 = L L^T, B = F21 L^-T."""
 
     negative = 0
 
@@ -256,7 +257,7 @@ class _Definite:
 
 
 class _Indefinite:
-    """The same by Bunch and Kaufman's factor, where F11 is not positive definite; X = F11^-1 F12."""
+    """A front factorised by the method of Bunch and Kaufman, if F11 is not positive definite; X = F11^-1 F12."""
 
     failed = False
 

@@ -1,10 +1,10 @@
 """Equilibrium of a growing body by Newton's method, and its loss of stability from the stiffness matrix.
 
 Forces are those of the explicit solver (:meth:`Body.forces` and the surface filter), the stiffness is exact
-(:mod:`morphofold.sim.equilibrium.tangent`): nothing here is a model of its own. What the explicit solver sees as the
-onset of folds is the growth at which the lowest eigenvalue of the stiffness meets zero. Perturbations and contact have
-no place here: an imperfect body has no bifurcation, and nothing touches before it. A perfect body does not leave its
-smooth path by itself: Newton's method follows it, stable or not.
+(:mod:`morphofold.sim.equilibrium.tangent`): the model is the same. The onset of folds in the explicit solver
+corresponds to the growth at which the lowest eigenvalue of the stiffness reaches zero. Perturbations and contact are
+left out: an imperfect body has no bifurcation, and nothing touches before it. A perfect body does not leave its smooth
+path by itself: Newton's method follows it, stable or not.
 """
 
 from __future__ import annotations
@@ -34,31 +34,31 @@ __all__ = [
 
 Look = Callable[[float, float], None]
 
-PRECISION = 1e-5  # of the critical growth
-NEAR = 2e-3  # distance to the critical growth within which a line is good enough
+PRECISION = 1e-5  # precision of the critical growth
+NEAR = 2e-3  # distance to the critical growth within which linear interpolation is accurate enough
 
 
 @dataclass(frozen=True)
 class BodyBifurcation:
-    """Where the smooth path of a body loses its stability.
+    """Loss of stability of the smooth path of a body.
 
     Attributes
     ----------
     g_crit : float
-        Growth at which the lowest eigenvalue of the stiffness is zero; NaN if it is not up to ``g_max``.
+        Growth at which the lowest eigenvalue of the stiffness is zero; NaN if this is not reached up to ``g_max``.
     rounded : bool
-        True if there is no such growth because the path itself bends into folds, as that of an uneven body may: g_crit
-        is then where the eigenvalue was heading before it turned, by a line, and no longer a sharp number.
+        True if there is no such growth because the path itself bends into folds, which can happen in an uneven body.
+        Then g_crit is approximate: the linear extrapolation to zero of the eigenvalue before it turned.
     mode : (N, 3) float64
-        Displacement that grows there, the largest of a node 1.
+        Displacement that grows there, scaled so that the largest of a node is 1.
     wavelength : float
-        Of the mode on the reference pial surface [mm]: 2 pi / k with k^2 the mean square slope of its radial
-        displacement over the mean square, which holds for a sine.
+        Wavelength of the mode on the reference pial surface [mm]: 2 pi / k with k^2 the mean square slope of its radial
+        displacement over the mean square, which is exact for a sine.
     degree : float
-        l of k^2 = l (l + 1) / C^2 on a sphere of radius C, not rounded; NaN on other bodies.
+        l from k^2 = l (l + 1) / C^2 on a sphere of radius C, not rounded; NaN for other bodies.
     history : (K, 2) float64
-        Growth and lowest eigenvalue [Pa/mm^2] of the states that were looked at, in that order; NaN for eigenvalues far
-        beyond the first.
+        Growth and lowest eigenvalue [Pa/mm^2] of the states that were computed, in that order; the eigenvalue is NaN
+        far beyond the bifurcation.
     x : (N, 3) float64
         The last stable equilibrium [mm].
     """
@@ -73,7 +73,7 @@ class BodyBifurcation:
 
 
 def equilibrium(body: Body, g: float, x: Array | None = None) -> Array:
-    """Positions (N, 3) at rest at growth ``g``; the body is left grown to it.
+    """Positions (N, 3) at rest at growth ``g``; the body stays at this growth.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def equilibrium(body: Body, g: float, x: Array | None = None) -> Array:
     g : float
         Growth stretch of the cortex.
     x : (N, 3) float64, optional
-        Equilibrium at the body's present growth; without it the way begins at the reference positions and g = 1.
+        Equilibrium at the body's present growth; without it the path begins at the reference positions and g = 1.
 
     Raises
     ------
@@ -99,7 +99,7 @@ def equilibrium(body: Body, g: float, x: Array | None = None) -> Array:
 def stability(body: Body, x: Array) -> Stability:
     """Lowest eigenvalue and mode of the stiffness at an equilibrium ``x`` (N, 3) of the body's present growth.
 
-    By inverse iteration on an exact factor, whose inertia gives the count of negative ones.
+    By inverse iteration with an exact factor; its inertia gives the number of negative eigenvalues.
     """
     return Equilibrium(body, x).stability()
 
@@ -107,20 +107,20 @@ def stability(body: Body, x: Array) -> Stability:
 def bifurcation_of_body(
     body: Body, g_max: float = 3.0, step: float = 0.05, g_min: float = 1.0, look: Look = lambda g, eigenvalue: None
 ) -> BodyBifurcation:
-    """Follow the smooth path of a body until it is unstable, and find the growth at which it becomes so.
+    """Follow the smooth path of a body until it is unstable, and find the growth at which stability is lost.
 
     Parameters
     ----------
     body : Body
-        Without imperfections. It is left grown to the last growth that was looked at.
+        Without imperfections. It stays at the last growth that was computed.
     g_max : float
-        Growth up to which to look.
+        Growth at which the search ends.
     step : float
-        The path is looked at each time g has grown by this, or less: what comes and goes within one step is not seen.
+        Largest increment of g between states; an instability that begins and ends within one step is not found.
     g_min : float
         Growth up to which the body is known to be stable, below g_max.
     look : callable
-        Called with growth and lowest eigenvalue of each state that was looked at, about equally long after each other.
+        Called with growth and lowest eigenvalue of each state that is computed, at about equal intervals of time.
 
     Returns
     -------
@@ -136,12 +136,12 @@ def bifurcation_of_body(
 
     Notes
     -----
-    On a sphere, patch or strip of even thickness each level of nodes stays at one height on the smooth path: that is
-    imposed. The nodes of a real mesh are not all alike, so its own equilibrium bends a little, which rounds the
-    bifurcation off just as an imperfection does (by a limit point in coarse spheres), and vanishes as the mesh is
-    refined. Other bodies follow their own equilibrium, and what is uneven in their shape acts on modes of the same
-    symmetry as an imperfection: these don't lose stability but grow gradually, see ``rounded``. In an octant of an
-    ellipsoid all modes are of that kind.
+    On a sphere, patch or strip of even thickness each level of nodes stays at one height on the smooth path; this is
+    imposed. The nodes of a real mesh are not all equivalent, so its own equilibrium bends a little. This would round
+    the bifurcation off like an imperfection (by a limit point in coarse spheres); it vanishes as the mesh is refined.
+    Other bodies follow their own equilibrium. Their uneven shape acts like an imperfection on modes of the same
+    symmetry: these do not lose stability but grow gradually, see ``rounded``. In an octant of an ellipsoid all modes
+    are of this kind.
     """
     if not 1 <= g_min < g_max < np.inf or not 0 < step < np.inf:
         raise OutOfRange(f"need 1 <= g_min < g_max and a positive step, got {g_min}, {g_max} and {step}.")
@@ -162,7 +162,7 @@ def bifurcation_of_body(
             stable, mode = path, found.mode
         g = _next(np.array(seen), stable.growth, high, stable.growth + step)
     if mode is None:
-        raise NoSolution(f"the body is unstable at g_min = {g_min:g} already; begin below.")
+        raise NoSolution(f"the body is already unstable at g_min = {g_min:g}; choose a smaller g_min.")
     g_crit = _zero(np.array(seen)) if high < np.inf else float("nan")
     return _found(body, g_crit, False, mode, np.array(seen), stable.x)
 
@@ -170,16 +170,16 @@ def bifurcation_of_body(
 def bifurcation_of_scene(
     scene: Scene, g_max: float = 3.0, step: float = 0.05, g_min: float = 1.0, look: Look = lambda g, eigenvalue: None
 ) -> BodyBifurcation:
-    """:func:`bifurcation_of_body` for the body of a scene, as its geometry, material, growth law and accuracy say, but
-    always in double precision.
+    """:func:`bifurcation_of_body` for the body of a scene (its geometry, material, growth law and accuracy), always in
+    double precision.
 
     Its effects are left out: a perturbed body has no bifurcation, and nothing touches before one. A body cut by
-    symmetry planes has the modes alone that they allow, of even degree in an octant.
+    symmetry planes has only the modes that they allow, in an octant those of even degree.
 
     Raises
     ------
     ValueError
-        For a scene without a mesh (radial: ``theory.bifurcation`` is its own), and as above.
+        For a scene without a mesh (for radial scenes see ``theory.bifurcation``), and as above.
     ConvergenceError
         As above.
     """
@@ -196,9 +196,9 @@ def _found(body: Body, g_crit: float, rounded: bool, mode: Array, history: Array
 
 
 def _before_turn(seen: Array) -> Array:
-    """The stable ones of the states seen (K, 2) but the last, if the eigenvalue fell by half and rises there; or none.
+    """All but the last of the stable states seen (K, 2), if the eigenvalue fell by half and rises at the last; or none.
 
-    An unstable state beyond is then one that a long step reached on another path.
+    An unstable state beyond was then reached on another path, by a long step.
     """
     stable = seen[seen[:, 1] > 0]
     stable = stable[np.argsort(stable[:, 0])]
@@ -208,18 +208,18 @@ def _before_turn(seen: Array) -> Array:
 
 
 def _next(seen: Array, low: float, high: float, furthest: float) -> float:
-    """Growth to look at next, between the stable ``low`` and the unstable ``high`` and not beyond ``furthest``."""
+    """Growth to compute next, between the stable ``low`` and the unstable ``high`` and not beyond ``furthest``."""
     zero = _zero(seen)
-    if not low < zero < high:  # nothing says where it is
+    if not low < zero < high:  # the states do not give an estimate
         return furthest if furthest < high else (low + high) / 2
-    if zero - low > NEAR:  # stop short: close to it the line is better
+    if zero - low > NEAR:  # stop short of it: closer to it the line is more accurate
         return min(low + 0.9 * (zero - low), furthest)
     at = zero + (0.4 if high - zero > zero - low else -0.4) * PRECISION
     return at if low < at < high else (low + high) / 2
 
 
 def _zero(seen: Array) -> float:
-    """Growth of eigenvalue 0 by the line through two of the equilibria seen (K, 2); NaN if they don't tell."""
+    """Growth of eigenvalue 0 on the line through two of the equilibria seen (K, 2); NaN if that is not defined."""
     stable, unstable = (seen[where][np.argsort(seen[where, 0])] for where in (seen[:, 1] > 0, seen[:, 1] <= 0))
     two = np.concatenate([stable[-1:], unstable[:1]]) if len(unstable) else stable[-2:]
     if len(two) < 2 or two[1, 1] >= two[0, 1]:
@@ -231,7 +231,7 @@ def _zero(seen: Array) -> float:
 def _wave_number(body: Body, mode: Array) -> float:
     """Root of the mean square slope over the mean square of the mode's radial displacement, on the reference surface.
 
-    Linear on triangles, of each diagonal of a quad in turn; second order.
+    The displacement is linear on triangles; quads are split along each diagonal in turn; second order.
     """
     faces, n = body.bilayer.faces, body.n_surface
     splits = [[0, 1, 2], [0, 2, 3], [0, 1, 3], [1, 2, 3]] if faces.shape[1] == 4 else [[0, 1, 2]]

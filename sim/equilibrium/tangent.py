@@ -1,22 +1,22 @@
-"""Second derivative of a body's energy: the stiffness matrix at any positions, exact, from the elements' own data.
+"""Second derivative of a body's energy: the exact stiffness matrix at any positions, from the elements' own data.
 
-Both elements have the energy of :mod:`morphofold.sim.elements.brick_kernels` and its counterpart for tets in one form.
+The energies of both elements (:mod:`morphofold.sim.elements.brick_kernels` and its counterpart for tets) have one form.
 At a point D = sum_a x_a g_a^T, with g_a the gradient of node a's shape function in coordinates in which the grown
 material has the metric C, w tr(A^T A) = D : D C, and the volume w, J = det D / w. Per point and per element,
 
     w mu u(i1, i2) + w local/2 (J - 1)^2    and    kappa/2 V (v/V - 1)^2,    v = sum w J,
 
-with i1 = phi(J) I1, I1 = tr(A^T A), phi = J^-2/3, or what stands for it where an element is crushed, and u the
-material's. With k_a = cof(D) g_a and P_a = D C g_a the gradient is sum f P_a + s k_a, f = 2 mu u1 phi and
+with i1 = phi(J) I1, I1 = tr(A^T A), phi = J^-2/3, or its replacement where an element is crushed, and u of the
+material. With k_a = cof(D) g_a and P_a = D C g_a the gradient is sum f P_a + s k_a, f = 2 mu u1 phi and
 s = local (J - 1) + mu u1 phi' I1 + kappa (v/V - 1), and
 
     d2W/dx_a dx_b = f (g_a . C g_b) I + s [D (g_a x g_b)]_x
                     + (local + mu u1 phi'' I1) / w k_a k_b^T + 2 mu u1 phi' / w (P_a k_b^T + k_a P_b^T)
                     + mu u11 w di1_a di1_b^T,        w di1_a = 2 phi P_a + phi' I1 k_a,
 
-summed over the points, where [v]_x t = v x t, and kappa/V (sum k_a) (sum k_b)^T. All is a handful of products of small
-matrices per element, and never a sum over pairs of shape functions. What a material adds that sees the second
-invariant, i2 = psi(J) I2, is in :func:`_second`.
+summed over the points, where [v]_x t = v x t, plus kappa/V (sum k_a) (sum k_b)^T. This needs a few products of small
+matrices per element, and no sum over pairs of shape functions. If the material depends on the second invariant,
+i2 = psi(J) I2, :func:`_second` adds its terms.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ from morphofold.sim.elements.tets import Tets
 from morphofold.sim.materials import Material
 from morphofold.sim.materials.elastic import Factor, cofactor, continued, frozen
 
-CHUNK = 2048  # elements at once: their matrices stay in the cache
-FILTER_STEPS = 4.0  # through the mesh, from a node of the surface to the farthest that the filter couples it to
-SYMMETRIC = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])  # where the six numbers of C stand
+CHUNK = 2048  # elements at once, so that their matrices stay in the cache
+FILTER_STEPS = 4.0  # steps through the mesh from a surface node to the farthest node that the filter couples to it
+SYMMETRIC = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])  # places of the six numbers of C
 
 #: gradients of the brick's shape functions in [-1, 1]^3: (8 Gauss points, 8 corners, 3), both in the kernels' order
 BRICK_GRADIENTS: Array = np.stack([ElementHex1().lbasis(GAUSS, int(i))[1].T / 2 for i in BINARY_CORNERS], axis=1)
 
-#: J to minus a power, or what stands for it: ``elastic.frozen`` or ``elastic.continued``
+#: J to minus a power, or its replacement where an element is crushed: ``elastic.frozen`` or ``elastic.continued``
 Power = Callable[[Array, float], Factor]
 
 
@@ -63,7 +63,7 @@ class Points(NamedTuple):
     mu, local : (E, Q) float64
         Shear modulus, and modulus of the local volumetric term [Pa].
     bears : (Q,) float64
-        1 for the points whose volume v counts, 0 for others.
+        1 for points whose volume counts in v, 0 for others.
     kappa, V : (E,) float64
         Modulus of the mean pressure [Pa], grown volume [mm^3].
     power : callable
@@ -84,7 +84,7 @@ class Points(NamedTuple):
 
 
 def points(body: Body) -> Iterator[Points]:
-    """All elements of a body at its present growth, ``CHUNK`` at a time; patches are the elements of tetrahedra."""
+    """All elements of a body at its present growth, ``CHUNK`` at a time; for tetrahedra an element is a patch."""
     elements, blocks = body.elements, body.elements.blocks
     nodes = blocks.nodes[blocks.start[:-1, None] + blocks.local].astype(np.int64)
     if isinstance(elements, Bricks):
@@ -119,7 +119,7 @@ def _parts(n: int) -> Iterator[slice]:
 
 
 def _patches(tets: Tets, nodes: Ints, mu: Array, kappa: Array) -> Iterator[Points]:
-    """The tetrahedra of a patch are its points, and a last one is their mean gradient."""
+    """The points of a patch are its tetrahedra, and a last point for their mean gradient."""
     count, first = len(tets.patches), tets.patches[:, 0]
     edges = from_lanes(tets.edges, count).reshape(-1, TETS, 3, 3)
     corner = from_lanes(tets.corner, count).reshape(-1, TETS, 4).astype(np.int64)
@@ -132,7 +132,7 @@ def _patches(tets: Tets, nodes: Ints, mu: Array, kappa: Array) -> Iterator[Point
         w = np.linalg.det(edges[part]) / 6 * real
         V = w.sum(axis=1)
         g[:, TETS] = np.einsum("et,etai->eai", w, g[:, :TETS]) / V[:, None, None]
-        w = np.column_stack([np.where(real, w, 1.0), V])  # any number where there is none
+        w = np.column_stack([np.where(real, w, 1.0), V])  # 1 for missing tetrahedra; any number would do
         scale = np.cbrt(w)[..., None, None]  # turns A into D of metric w^(1/3) I
         share = np.column_stack([BLEND * real, np.full(len(real), 1 - BLEND)])
         yield Points(
@@ -151,7 +151,7 @@ def _patches(tets: Tets, nodes: Ints, mu: Array, kappa: Array) -> Iterator[Point
 
 
 class Tangent:
-    """The stiffness matrix of a body; its pattern is laid out once.
+    """The stiffness matrix of a body; its pattern is computed once.
 
     Parameters
     ----------
@@ -184,8 +184,8 @@ class Tangent:
     def at(self, x: Array) -> sparse.csr_matrix:
         """Stiffness (3 N, 3 N) at positions ``x`` (N, 3) and the present growth: minus the derivative of the forces.
 
-        Coordinate r of node i has number 3 i + r. The surface filter is in it, at its present cell size, the supports
-        are not. The pattern is the same for all x: entries that happen to be 0 stay.
+        Coordinate r of node i has number 3 i + r. The surface filter is included, at its present cell size, supports
+        are not. The pattern is the same for all x: entries that happen to be 0 are kept.
         """
         blocks = np.zeros((len(self._indices), 3, 3))
         for i, part in enumerate(points(self.body)):
@@ -197,10 +197,10 @@ class Tangent:
 
 
 class _Stress(NamedTuple):
-    """At the points, (E, Q) and with trailing axes.
+    """Stress at the points, (E, Q) and with trailing axes.
 
-    D, its cofactors k, P = D C (3, 3), and the second one's ``R``, w/2 dI2/dD (3, 3), None where the material does not
-    see it; the gradient f P + s k less h b P; and ``pairs``, the factors of the products of two of P, k and R.
+    D, its cofactors k, P = D C (3, 3), and ``R`` of the second invariant, w/2 dI2/dD (3, 3), None if the material does
+    not depend on it; the gradient f P + s k minus h b P; and ``pairs``, the factors of the products of two of P, k, R.
     """
 
     D: Array
@@ -255,7 +255,7 @@ def _stress(x: Array, at: Points) -> _Stress:
 
 
 def stiffness(x: Array, at: Points) -> Array:
-    """Second derivative (E, K, 3, K, 3) of the energy of elements in the positions of their nodes [Pa mm].
+    """Second derivative (E, K, 3, K, 3) of the energy of elements by the positions of their nodes [Pa mm].
 
     ``x`` (N, 3) are the positions of all nodes [mm].
     """
@@ -293,10 +293,10 @@ def stiffness(x: Array, at: Points) -> Array:
 
 
 def _second(found: _Stress, at: Points, between: Callable[[Array], Array], out: Array) -> None:
-    """Add what the second invariant's own second derivative has beside products of P with itself.
+    """Add the terms of the second derivative of the second invariant, except products of P with itself.
 
     With b = A A^T = P D^T / w: h/2 d2I2 w = h [I1 (g_a . C g_b) I + 2/w P_a P_b^T - (P_a . P_b) I / w - P_b P_a^T / w
-    - (g_a . C g_b) b]; the first is in f, the second among the pairs.
+    - (g_a . C g_b) b]; the first term is in f, the second in the pairs.
     """
     assert found.h is not None
     assert found.b is not None
@@ -313,7 +313,7 @@ def _second(found: _Stress, at: Points, between: Callable[[Array], Array], out: 
 def cauchy_stress(body: Body, x: Array) -> Array:
     """Mean Cauchy stress (E, 3, 3) of each brick, or patch of tetrahedra, at positions ``x`` (N, 3) [Pa].
 
-    Over the deformed volume v: sum_q (dW/dD) D^T / v, which is the virial of the nodal forces. Tension is positive.
+    sum_q (dW/dD) D^T / v with the deformed volume v, which is the virial of the nodal forces. Tension is positive.
     """
     out = []
     for part in points(body):
@@ -327,7 +327,7 @@ def cauchy_stress(body: Body, x: Array) -> Array:
 
 
 def stress_of_elements(body: Body, x: Array) -> Array:
-    """:func:`cauchy_stress` of each element (n, 6), xx, yy, zz, xy, yz, xz [Pa]; of tetrahedra that of their patch."""
+    """:func:`cauchy_stress` of each element (n, 6), xx, yy, zz, xy, yz, xz [Pa]; for tetrahedra that of their patch."""
     stress = cauchy_stress(body, x)[:, [0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]]
     if isinstance(body.elements, Bricks):
         return stress

@@ -1,7 +1,7 @@
-"""How many modes a run would leave its state by: negative eigenvalues of the exact stiffness, contact in it.
+"""Number of unstable modes of a state: negative eigenvalues of the exact stiffness, contact included.
 
-Residual forces do not tell a state that is stable from one that is not: both are small. The number of negative
-eigenvalues does, which a symmetric factorisation counts exactly (Sylvester's law of inertia).
+Residual forces do not distinguish stable from unstable states: they are small in both. The number of negative
+eigenvalues does; a symmetric factorisation counts them exactly (Sylvester's law of inertia).
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ if TYPE_CHECKING:
 
 
 def unstable_modes(run: Dynamics, softer_than: float = -SOFT) -> int:
-    """Modes of a run's state with less stiffness over mass than ``softer_than`` [1/tick^2].
+    """Number of modes of a run's state with less stiffness over mass than ``softer_than`` [1/tick^2].
 
-    By default those that grow e-fold within 36 ticks, in which growth would rise by 0.2. Slower ones are left out:
-    modes that contact holds at the edge of its reach are among them.
+    By default these are modes that grow e-fold within 36 ticks, in which growth would rise by 0.2. Slower modes are
+    left out: some of them are held by contact at the edge of its range.
 
     Notes
     -----
-    Contact counts with the pairs that press now and the stiffness of its penalty; that its forces turn with the surface
-    is left out. It takes as long as 200 (strips) to 1,500 steps (octants). Memory grows as the number of nodes on the
-    surface, times its logarithm, times the square of the number of nodes below each.
+    Contact is included with the pairs that press now and the stiffness of its penalty; the rotation of its forces with
+    the surface is left out. The time is that of 200 (strips) to 1,500 steps (octants). Memory grows as the number of
+    nodes on the surface, times its logarithm, times the square of the number of nodes below each.
     """
     body, x = run.body, run.state.x
     rows = np.flatnonzero(body.free)

@@ -1,8 +1,8 @@
-"""When theory lets the cortex of a scene wrinkle first, and how slowly growth has to pass there.
+"""Growth at which theory predicts the first wrinkles of a scene, and how slowly growth has to pass there.
 
-A fold that begins grows from next to nothing, at a rate that rises from zero at the bifurcation: growth that goes on
-meanwhile leaves it behind, and then shorter waves are faster than those that came first. So growth slows down where
-theory expects the first wrinkles, the more the stiffer the cortex: its wrinkles wait for a core that moves slowly.
+A fold begins with a very small amplitude, and its rate of increase rises from zero at the bifurcation. If growth goes
+on too fast, shorter waves overtake those that came first. So growth slows down where theory predicts the first
+wrinkles. It slows down more for a stiffer cortex, whose wrinkles must move a relatively slow core.
 """
 
 from __future__ import annotations
@@ -14,22 +14,22 @@ from typing import TYPE_CHECKING, NamedTuple
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
 
-THIN_SHELL = 0.005  # T/C of the sphere that stands for a body without a radius
-MOST = 4.0  # growth up to which to look: the largest of a scene
-BEFORE, AFTER = 0.01, 0.02  # growth before and after the first wrinkles in which growth is slow,
-SLOW = 0.44  # and its pace there over that of growth.rate = 1, times the mu ratio: wrinkles come 0.01 late
+THIN_SHELL = 0.005  # T/C of the sphere that represents a body without a radius
+MOST = 4.0  # growth at which the search ends: the largest of a scene
+BEFORE, AFTER = 0.01, 0.02  # growth is slow in this range of g before and after the first wrinkles
+SLOW = 0.44  # pace there over that of growth.rate = 1, times the mu ratio: wrinkles come 0.01 late
 
 
 class Wrinkles(NamedTuple):
-    """The first wrinkles of a scene by theory: the growth stretch at which they come, and their wavelength on the
-    ungrown surface, over the thickness of the cortex; NaN where theory finds none."""
+    """The first wrinkles of a scene by theory: their growth stretch, and their wavelength on the ungrown surface over
+    the thickness of the cortex; NaN if theory finds none."""
 
     growth: float
     wavelength_over_T: float
 
 
 class Slow(NamedTuple):
-    """Growth stretches between which growth keeps to a ``pace``, a share of the full one."""
+    """Growth stretches between which the ``pace``, a share of the full one, is not exceeded."""
 
     start: float
     end: float
@@ -37,9 +37,10 @@ class Slow(NamedTuple):
 
 
 def first_wrinkles(scene: Scene) -> Wrinkles:
-    """Of a scene's cortex where it grows most, on a sphere as large as the body, or a flat core where it has no size.
+    """First wrinkles where the cortex grows most, by the theory of a sphere as large as the body.
 
-    Incompressible, of even thickness: :func:`morphofold.sim.theory.bifurcation`.
+    A body without a size is replaced by a sphere with a thin cortex (``THIN_SHELL``). The sphere is incompressible, of
+    even thickness: :func:`morphofold.sim.theory.bifurcation`.
     """
     geometry = scene.geometry
     axes = getattr(geometry, "semi_axes", None)
@@ -55,7 +56,7 @@ def first_wrinkles(scene: Scene) -> Wrinkles:
 
 
 def slow_growth(scene: Scene) -> Slow | None:
-    """Where growth slows down for the first wrinkles; None if they don't come, or time is real (inertia)."""
+    """Growth range of the first wrinkles, and the pace there; None if growth need not slow down, or time is real."""
     pace = SLOW / (scene.material.mu_ratio * scene.growth.rate)
     if pace >= 1 or scene.real_time:
         return None
@@ -70,6 +71,6 @@ def _of_sphere(T_over_C: float, mu_ratio: float, law: str) -> Wrinkles:
 
     try:
         found = bifurcation(T_over_C, mu_ratio, law, g_max=MOST)
-    except (ValueError, ConvergenceError):  # a sphere that theory does not know
+    except (ValueError, ConvergenceError):  # a sphere outside the range of the theory
         return Wrinkles(math.nan, math.nan)
     return Wrinkles(found.g_crit, found.wavelength / T_over_C)

@@ -1,10 +1,10 @@
-"""Materials, one file each: what their volume-preserving energy is, and all else follows from that.
+"""Materials, one file each; each defines its volume-preserving energy.
 
-An element's energy per grown volume is ``mu u(i1, i2)`` and what resists a change of volume, where ``i1`` and ``i2``
-are the first two invariants of A A^T, those of the volume-preserving part of A: ``J^-2/3 tr(A^T A)`` and ``J^-4/3``
-times the second. A file has a ``Material``, which says u and its derivatives once, in arithmetic that NumPy and numba
-both read, and ``Options``, its keys in the table ``[material]`` of a scene. The kernels compile for the material that
-they are given: one that does not see ``i2`` takes no time for it.
+An element's energy per grown volume is ``mu u(i1, i2)`` plus a volumetric term. ``i1`` and ``i2`` are the first two
+invariants of A A^T for the volume-preserving part of A: ``J^-2/3 tr(A^T A)`` and ``J^-4/3`` times the second. A file
+has a ``Material``, which defines u and its derivatives once, in arithmetic that works in NumPy and numba, and
+``Options``, its keys in the table ``[material]`` of a scene. The kernels compile for the given material: if u does not
+depend on ``i2``, no time is spent on it.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from numba.extending import overload
 
 
 class Material(Protocol):
-    """What a material says of itself. It is a ``NamedTuple`` whose fields are its parameters, numbers.
+    """Interface of a material. It is a ``NamedTuple`` whose fields are its parameters, numbers.
 
-    The three functions take and give arrays of one shape, or numbers; constants they give may be plain numbers.
-    ``u`` is 0 and 2 (u1 + u2) is 1 at rest, i1 = i2 = 3: then mu is the shear modulus.
+    The three functions take and return arrays of one shape, or numbers; constants may be returned as plain numbers.
+    At rest, i1 = i2 = 3, ``u`` must be 0 and 2 (u1 + u2) must be 1: then mu is the shear modulus.
     """
 
     @property
@@ -33,10 +33,10 @@ class Material(Protocol):
         """Derivatives of u by i1 and i2."""
 
     def curvatures(self, i1: Any, i2: Any) -> tuple[Any, Any, Any]:
-        """Second derivatives of u: by i1 twice, by both, by i2 twice."""
+        """Second derivatives of u: by i1 twice, by i1 and i2, by i2 twice."""
 
 
-# for numba: the functions of a material by its type, and whether it sees i2 -----------------------------------------
+# for numba: the functions of a material by its type, and whether it depends on i2 -----------------------------------
 
 
 def energy_of(material, i1, i2):

@@ -1,7 +1,7 @@
-"""Energy and stress of a material in the elastic tensor A, and its form on a brick and on a patch of tetrahedra.
+"""Energy and stress of a material as functions of the elastic tensor A, and on a brick or a patch of tetrahedra.
 
-Readable counterparts: the kernels of the explicit solver evaluate ``brick_energy``, ``patch_energy`` and their
-gradients in another arrangement; tests hold them together. Everything here is plain NumPy with trailing 3x3 axes.
+Readable reference: the kernels of the explicit solver compute ``brick_energy``, ``patch_energy`` and their gradients in
+another form; tests compare the two. Everything here is plain NumPy with trailing 3x3 axes.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from morphofold.sim.materials.neo_hookean import NEO_HOOKEAN
 
 
 def cofactor(A: Array) -> Array:
-    """Cofactor matrix det(A) A^-T of (..., 3, 3), defined for singular A too."""
+    """Cofactor matrix det(A) A^-T of A (..., 3, 3), defined for singular A too."""
     a, b, c = A[..., 0], A[..., 1], A[..., 2]
     return np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-1)
 
 
 class Factor(NamedTuple):
-    """What turns an invariant into its volume-preserving part, a function of J, and its two derivatives."""
+    """Factor that makes an invariant volume-preserving, a function of J, and its first two derivatives."""
 
     value: Array
     slope: Array
@@ -32,7 +32,7 @@ class Factor(NamedTuple):
 
 
 def frozen(J: Array, power: float) -> Factor:
-    """J^-power of bricks, constant below ``J_MIN``, so that a crushed element gives a finite force."""
+    """J^-power for bricks, constant below ``J_MIN``, so that the force of a crushed element stays finite."""
     held = np.maximum(J, J_MIN)
     value, falls = held**-power, J > J_MIN
     return Factor(
@@ -41,7 +41,7 @@ def frozen(J: Array, power: float) -> Factor:
 
 
 def continued(J: Array, power: float) -> Factor:
-    """J^-power of tetrahedra, goes on as its tangent below ``CRUSHED``: nothing else keeps one from collapsing."""
+    """J^-power for tetrahedra, continued by its tangent below ``CRUSHED``: only this keeps one from collapsing."""
     held = np.maximum(J, CRUSHED)
     value = held**-power
     slope = -power * value / held
@@ -96,8 +96,8 @@ def energy(A: Array, mu: Array | float, kappa: Array | float, material: Material
     Notes
     -----
     Eq. (4) of the paper, ``mu/2 (tr(A^T A) - 3)`` with det A = 1, is the limit kappa/mu -> infinity of the neo-Hookean
-    one. The split into a volume-preserving factor and a volumetric term is the one of the finite-element program that
-    the paper used. Where J < 0.1 the factors J^-2/3 and J^-4/3 are frozen at their values there.
+    energy. The split into a volume-preserving factor and a volumetric term is that of the finite-element program that
+    the paper used. Where J < 0.1 the factors J^-2/3 and J^-4/3 keep their values at 0.1.
     """
     return isochoric_energy(A, mu, material, frozen) + 0.5 * kappa * (np.linalg.det(A) - 1) ** 2
 
@@ -124,10 +124,10 @@ def brick_energy(A: Array, w: Array, mu: Array, kappa: Array, material: Material
     Returns
     -------
     (E,) float64
-        ``sum_q w_q W(A_q; mu, 2 mu) + kappa/2 V (v/V - 1)^2`` with V = sum w, v = sum w J: the pressure of
-        modulus kappa sees only the mean volume ratio, which keeps the brick from locking; the weak local
-        term, modulus 2 mu, keeps single points from collapsing. Uniform compression meets both: the bulk modulus
-        of a body is kappa + 2 mu.
+        ``sum_q w_q W(A_q; mu, 2 mu) + kappa/2 V (v/V - 1)^2`` with V = sum w, v = sum w J. The pressure of
+        modulus kappa depends only on the mean volume ratio, so the brick does not lock. The weak local term of
+        modulus 2 mu keeps single points from collapsing. Both resist uniform compression: the bulk modulus of a body
+        is kappa + 2 mu.
     """
     V = w.sum(axis=1)
     ratio = (w * np.linalg.det(A)).sum(axis=1) / V
@@ -159,9 +159,9 @@ def patch_energy(A: Array, w: Array, mu: Array, kappa: Array, material: Material
     -------
     (P,) float64
         ``BLEND sum_t w_t U(A_t) + (1 - BLEND) V U(Am) + kappa/2 V (v/V - 1)^2`` with U the :func:`isochoric_energy`,
-        V = sum w, v = sum w J, Am = sum w A / V. One pressure for a patch keeps it from locking (de Souza Neto et al.
-        2005, F-bar patch); the share of the mean gradient takes away most of what else makes linear tetrahedra
-        stiff, and the share of each tetrahedron's own keeps it from collapsing.
+        V = sum w, v = sum w J, Am = sum w A / V. One pressure per patch avoids locking (de Souza Neto et al. 2005,
+        F-bar patch). The term of the mean gradient removes most of the other excess stiffness of linear tetrahedra.
+        The term of each tetrahedron keeps it from collapsing.
     """
     V = w.sum(axis=1)
     ratio = (w * np.linalg.det(A)).sum(axis=1) / V

@@ -1,4 +1,4 @@
-"""Mooney-Rivlin (Mooney 1940, Rivlin 1948): a share of the stiffness resists changes of area, not of length."""
+"""Mooney-Rivlin (Mooney 1940, Rivlin 1948): part of the stiffness resists changes of area, not of length."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from morphofold.sim.scene.tables import MaterialOptions, key
 
 
 class Options(MaterialOptions):
-    """As neo-Hookean, but C1 (i1 - 3) + C2 (i2 - 3), mu = 2 (C1 + C2) and ``second_share`` = C2 / (C1 + C2)."""
+    """As neo-Hookean, but with C1 (i1 - 3) + C2 (i2 - 3), mu = 2 (C1 + C2), ``second_share`` = C2 / (C1 + C2)."""
 
     model: Annotated[Literal["mooney-rivlin"], key("which material")]
     second_share: Annotated[
-        float, key("share of the shear modulus that goes with the second invariant", ge=0, le=1)
+        float, key("share of the shear modulus that belongs to the second invariant", ge=0, le=1)
     ] = 0.25
 
     def build(self) -> MooneyRivlin:

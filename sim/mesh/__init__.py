@@ -1,1 +1,1 @@
-"""Bodies as meshes: layers of bricks under a surface that is generated, tetrahedra from a file."""
+"""Meshes of bodies: generated layers of bricks, or tetrahedra from a file."""

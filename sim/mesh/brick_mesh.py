@@ -1,7 +1,7 @@
-"""Bodies of a cortex on a core as scikit-fem meshes: layers of bricks under a surface of quads.
+"""Meshes (scikit-fem) of a cortex on a core: layers of bricks under a surface of quads.
 
-Sphere and ellipsoid are layered cubed spheres, whole or cut by symmetry planes; a patch is a block with a flat
-surface between four symmetry planes, a strip the same, one brick deep: plane strain.
+Sphere and ellipsoid are layered cubed spheres, whole or cut by symmetry planes. A patch is a block with a flat surface
+between four symmetry planes. A strip is a patch one brick deep, in plane strain.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from morphofold.arrays import Array, Ints
 from morphofold.errors import ImpossibleBody, OutOfRange, UnknownName
 from morphofold.sim.elements.bricks import BINARY_CORNERS
 
-#: coordinates that each portion keeps at or above zero
+#: axes along which each portion keeps only coordinates at or above zero
 PLANES = {"full": (), "half": (2,), "quarter": (1, 2), "octant": (0, 1, 2)}
 
 CORE_RATIO = 1.6  # each core layer is this much thicker than the one outside it,
 CORE_CAP = 8.0  # up to this many surface edges
-TILE = (4, 8)  # surface cells in the order of tiles: a block of 32 bricks then shares most of its nodes
+TILE = (4, 8)  # surface cells are numbered tile by tile, so that a block of 32 bricks shares most of its nodes
 
 
 class Plane(NamedTuple):
@@ -48,9 +48,9 @@ class Bilayer:
     white : (S, N) csr_matrix
         White surface from the nodes: ``white @ x`` (S, 3); vertex i belongs to pial vertex i.
     radial, foot : (N, 3) float64
-        At each node, the unit thickness direction outwards, and the pial point that it lies under [mm].
+        At each node, the unit thickness direction outwards, and the pial point above it [mm].
     share : (N,) float64
-        1 on the pial surface, falling to 0 on the white surface and 0 below.
+        1 on the pial surface, falling to 0 on the white surface; 0 below.
     held : (H,) int
         Nodes that never move.
     planes : tuple of Plane
@@ -84,13 +84,13 @@ class Bilayer:
 
 
 def _tiles(i: Ints, j: Ints) -> Ints:
-    """Order of cells (i, j) tile by tile."""
+    """Order that sorts cells (i, j) tile by tile."""
     a, b = TILE
     return np.lexsort((j % b, i % a, j // b, i // a))
 
 
 def _cube_surface(n: int, axes: tuple[int, ...]) -> tuple[Ints, Ints]:
-    """Lattice points (S, 3) in -n/2..n/2 and quads (Q, 4) of the surface of a cube, cut where an axis is negative."""
+    """Lattice points (S, 3) in -n/2..n/2 and quads (Q, 4) of the surface of a cube, where no axis is negative."""
     half = n // 2
     points, start = [], 0
     quads = []
@@ -112,7 +112,7 @@ def _cube_surface(n: int, axes: tuple[int, ...]) -> tuple[Ints, Ints]:
     used, first, inverse = np.unique(
         all_points[all_quads[keep].ravel()], axis=0, return_index=True, return_inverse=True
     )
-    order = np.argsort(first)  # number nodes as the quads come to them: neighbours lie close in memory
+    order = np.argsort(first)  # number nodes in the order of the quads, so that neighbours are close in memory
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
     return used[order], rank[inverse].reshape(-1, 4)
@@ -127,7 +127,7 @@ def _grid_quads(nu: int, nv: int) -> Ints:
 
 
 def core_shares(first: float, depth: float, edge: float) -> Array:
-    """Depths of the node layers of the core as shares of it, from 0 to 1: steps that grow by ``CORE_RATIO``.
+    """Depths of the node layers of the core over its depth, from 0 to 1, with steps that grow by ``CORE_RATIO``.
 
     ``first`` is the thickness of a layer of the cortex, ``depth`` that of the core [mm]; no step exceeds ``CORE_CAP``
     surface edges.
@@ -160,11 +160,11 @@ def _extrude(
     levels = np.stack([*cortex, white, *(white + s * (base - white) for s in shares)])
     n_layers = len(levels) - 1
     nodes = levels.reshape(-1, 3)
-    for plane in planes:  # exactly, so that mirrored copies weld
+    for plane in planes:  # exactly on the plane, so that mirrored parts join
         on_plane = np.abs(nodes[:, plane.axis] - plane.at) < 1e-9 * edge
         nodes[on_plane, plane.axis] = plane.at
 
-    # corner (i, j, k): (i, j) along the quad, k outwards; then into the order of skfem's reference brick
+    # corner (i, j, k): (i, j) along the quad, k outwards; then reordered as in skfem's reference brick
     quad_corner = quads[:, [0, 3, 1, 2]]  # (i, j) = 00, 01, 10, 11
     level = np.arange(n_layers)[:, None, None]
     below = quad_corner[None] + (level + 1) * n_surface
@@ -202,17 +202,17 @@ def bilayer_ellipsoid(
     Parameters
     ----------
     semi_axes : (3,) float
-        Of the pial surface along x, y, z [mm].
+        Semi-axes of the pial surface along x, y, z [mm].
     thickness : float or callable
-        Thickness of the cortex [mm], along the surface normal; or a function that gives it (S,) at pial points (S, 3).
+        Thickness of the cortex [mm] along the surface normal, or a function that returns it (S,) at pial points (S, 3).
     hole_share : float
         Size of the held hole over that of the pial surface.
     portion : {"full", "half", "quarter", "octant"}
-        Symmetry planes cut away the negative side of no, one (z), two (y, z) or three axes.
+        Symmetry planes cut away the negative side of no axis, one (z), two (y, z) or three.
     n : even int
         Surface cells along a quarter of a great circle (an edge of the cube).
     cortex_layers : int
-        Brick layers through the cortex; scenes take two where edges are longer than T/2, else three, unless they say.
+        Brick layers through the cortex; scenes use two where edges are longer than T/2, else three, unless they set it.
 
     Raises
     ------
@@ -235,8 +235,8 @@ def bilayer_ellipsoid(
     inside = np.sqrt(np.sum((white / axes) ** 2, axis=1))  # size of the ellipsoid through each point
     if not 0 < hole_share < inside.min() or t.min() <= 0 or t.max() >= axes.min():
         raise ImpossibleBody(
-            f"the hole ({hole_share:g} of the body) must lie inside the core, which ends at {inside.min():g} of it "
-            f"under a cortex of {t.max():g} mm; make the hole smaller or the cortex thinner."
+            f"the hole ({hole_share:g} of the body size) must lie inside the core, which ends at {inside.min():g} of "
+            f"it under a cortex of {t.max():g} mm; make the hole smaller or the cortex thinner."
         )
     planes = tuple(Plane(axis, 0.0, 1) for axis in PLANES[portion])
     edge = 0.5 * np.pi * float(axes.max()) / n
@@ -248,7 +248,7 @@ def bilayer_sphere(
 ) -> Bilayer:
     """Layered cubed sphere: a cortex of given thickness on a core with a hole (Razavi et al. 2015, Fig. 2).
 
-    ``radius``, ``cortex_thickness`` and ``hole_radius`` are C, T = C - B, and A of the paper [mm]; the rest as in
+    ``radius``, ``cortex_thickness`` and ``hole_radius`` are C, T = C - B, and A of the paper [mm]; the rest is as in
     :func:`bilayer_ellipsoid`.
     """
     return bilayer_ellipsoid([radius] * 3, cortex_thickness, hole_radius / radius, portion, n, cortex_layers)
@@ -264,7 +264,7 @@ def bilayer_patch(
     size : (2,) float
         Width along x and y [mm]; a width along y of 0 makes a strip one brick deep, in plane strain.
     depth, thickness : float
-        Of the block, and of the cortex, 0 < thickness < depth [mm].
+        Depth of the block, and thickness of the cortex, 0 < thickness < depth [mm].
     edge : float
         Largest surface edge [mm].
     cortex_layers : int
@@ -276,7 +276,7 @@ def bilayer_patch(
     """
     if not 0 < thickness < depth:
         raise ImpossibleBody(
-            f"the cortex ({thickness:g} mm) leaves no core in a depth of {depth:g} mm; make it thinner."
+            f"the cortex ({thickness:g} mm) leaves no core in a depth of {depth:g} mm; make the cortex thinner."
         )
     strip = size[1] == 0
     nx = max(1, int(np.ceil(size[0] / edge - 1e-9)))
@@ -291,15 +291,15 @@ def bilayer_patch(
     white, base = pial + thickness * down, pial + depth * down
     bilayer = _extrude(pial, white, base, quads, up, cortex_layers, edge, planes)
     if strip:
-        bilayer.foot[:, 1] = 0.0  # one imperfection for both sides
+        bilayer.foot[:, 1] = 0.0  # the same imperfection on both sides
     return bilayer
 
 
 def spot_factors(at: Array, spots) -> Array:
     """Product (P,) of the factors of spots at points (P, 3).
 
-    A spot (centre, radius, factor) has its full factor at its centre and 1 beyond its radius [mm, straight lines], with
-    half a cosine between.
+    The factor of a spot (centre, radius, factor) is full at its centre and 1 beyond its radius [mm, straight line],
+    with half a cosine in between.
     """
     total = np.ones(len(at))
     for centre, radius, factor in spots:

@@ -1,4 +1,4 @@
-"""A cortex on a core from any file of tetrahedra: layers by depth or by label, thickness direction, white surface."""
+"""A cortex on a core from a file of tetrahedra: layers by depth or by label, thickness direction, white surface."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ STRIDE = 0.25  # step towards the white surface, in mean edges of the pial surfa
 
 
 class Layers(NamedTuple):
-    """Which tetrahedra are cortex (E,). Of the nodes, the pial point above them and the direction there (N, 3), and a
-    level (N,): 1 on the pial surface, 0 on the white one, negative below."""
+    """Which tetrahedra are cortex (E,). For each node the pial point above it, the direction there (N, 3), and a level
+    (N,): 1 on the pial surface, 0 on the white surface, negative below."""
 
     cortex: Bools
     foot: Array
@@ -36,28 +36,29 @@ def bilayer_from_file(geometry: MeshFile) -> Bilayer:
     Parameters
     ----------
     geometry : MeshFile
-        Its ``file`` is a path, or the name of a sample (``data_samples``). Triangles and lines beside the tetrahedra
-        are left out, and so are points that no tetrahedron has.
+        Its ``file`` is a path, or the name of a sample (``data_samples``). Triangles, lines, and points that no
+        tetrahedron uses are ignored.
 
     Returns
     -------
     Bilayer
-        Elements and nodes in the order of a space-filling curve, those of the cortex and of the pial surface first.
-        The pial surface is the part of the boundary that encloses the others; depth is the exact distance to it.
-        ``radial`` is minus the gradient of depth in a smoothed form, the normal at the nearest pial point. ``share``
-        is 1 - depth / cortex_thickness; with a label it is the distance to the cortex's inner boundary over its sum
-        with the depth. The white vertex of a pial one is where the way along -radial meets share 0, or its least value:
-        a crown may be thinner than that, and where a label puts no cortex at the surface, white and pial are one.
+        Elements and nodes in the order of a space-filling curve; those of the cortex and of the pial surface come
+        first. The pial surface is the part of the boundary that encloses the others; depth is the exact distance to it.
+        ``radial`` is the normal at the nearest pial point, a smoothed form of minus the gradient of depth. ``share`` is
+        1 - depth / cortex_thickness; with a label it is the distance to the cortex's inner boundary over the sum of
+        this distance and the depth. The white vertex of a pial vertex is where the path along -radial reaches share 0,
+        or the smallest share: a crown may be thinner than the cortex. Where a label puts no cortex at the surface,
+        white and pial coincide.
 
     Raises
     ------
     FileNotFoundError, ValueError
-        If the file doesn't hold such a body (:func:`morphofold.sim.mesh.tetmesh.read_tets`), or there is no cortex,
-        no core, or nothing to hold.
+        If the file does not hold such a body (:func:`morphofold.sim.mesh.tetmesh.read_tets`), or there is no cortex,
+        no core, or no inner surface to hold.
     """
     name, body = geometry.file, read_tets(geometry)
     if geometry.held == "inner" and not len(body.inner):
-        raise DoesNotApply(f"{name}: has no hollow to hold (geometry.held = 'inner'); set held to 'nothing'.")
+        raise DoesNotApply(f"{name}: has no inner surface to hold (geometry.held = 'inner'); set held to 'nothing'.")
     pial = _Sheet(body.points, body.pial)
     thickness = geometry.cortex_thickness
     layers = _by_depth(name, body, pial, thickness) if body.cortex is None else _by_label(name, body, body.cortex, pial)
@@ -91,7 +92,7 @@ def bilayer_from_file(geometry: MeshFile) -> Bilayer:
 
 
 class Nearest(NamedTuple):
-    """Of points (P, 3): distance to a sheet (P,), the sheet's nearest point and the normal there (P, 3)."""
+    """For points (P, 3): distance to a sheet (P,), nearest point of the sheet and normal there (P, 3)."""
 
     distance: Array
     foot: Array
@@ -101,8 +102,8 @@ class Nearest(NamedTuple):
 class _Sheet:
     """Distances to a surface of triangles (F, 3) over the ``points`` of a mesh.
 
-    Normals at the vertices are weighted by angle, and linear in a triangle: the gradient of the distance itself
-    is constant below each triangle.
+    Normals at the vertices are weighted by angle, and linear in a triangle, because the gradient of the distance
+    itself is constant below each triangle.
     """
 
     def __init__(self, points: Array, faces: Ints):
@@ -114,20 +115,20 @@ class _Sheet:
         self._shape = trimesh.Trimesh(corners, local.reshape(-1, 3), process=False)
         self._tree = cKDTree(corners)
         self._locator = pyvista.PolyData.from_regular_faces(corners, self._shape.faces)
-        #: the nearest vertex is at most this much farther than the surface
+        #: the nearest vertex is at most this much farther away than the surface
         self.reach = float(self._shape.edges_unique_length.max()) / 3**0.5
 
     def measure(self, points: Array, exactly: Ints) -> Nearest:
-        """Distances of the mesh's points: to the nearest vertex, but for those ``exactly``, which get their own."""
+        """Distances of the mesh's points to the nearest vertex; for the points ``exactly``, to the surface."""
         distance, vertex = self._tree.query(points)
         found = Nearest(distance, np.array(self._shape.vertices)[vertex], self._shape.vertex_normals[vertex])
-        exactly = np.setdiff1d(exactly, self._nodes)  # those have their own already, 0 to the bit
+        exactly = np.setdiff1d(exactly, self._nodes)  # the distance of the surface's own nodes is exactly 0 already
         for all_, own in zip(found, self.nearest(points[exactly])):
             all_[exactly] = own
         return found
 
     def nearest(self, points: Array) -> Nearest:
-        """Distances of points to the surface."""
+        """Exact distances of points to the surface."""
         import trimesh
 
         if not len(points):
@@ -139,44 +140,44 @@ class _Sheet:
         return Nearest(np.linalg.norm(points - foot, axis=1), foot, normal)
 
     def nodes_above(self, points: Array, tets: Ints, depth: float) -> Ints:
-        """Nodes of the tetrahedra that reach nearer to the surface than ``depth``, and perhaps some more."""
+        """Nodes of all tetrahedra that come closer to the surface than ``depth``, and possibly of some more."""
         rough = self._tree.query(points)[0]
         return np.unique(tets[(rough[tets] <= depth + self.reach).any(axis=1)])
 
 
 def _by_depth(name: str, body: TetMesh, pial: _Sheet, thickness: float) -> Layers:
-    """The cortex is what has its centroid less than ``thickness`` below the pial surface."""
+    """The cortex by depth: tetrahedra whose centroid is less than ``thickness`` below the pial surface."""
     points, tets = body.points, body.tets
     under = pial.measure(points, pial.nodes_above(points, tets, thickness))
     depth = under.distance
     centroid = points[tets].mean(axis=1)
     arm = np.linalg.norm(points[tets] - centroid[:, None], axis=2)
-    cortex = (depth[tets] + arm).min(axis=1) < thickness  # distance changes no faster than place
+    cortex = (depth[tets] + arm).min(axis=1) < thickness  # depth changes by no more than the distance moved
     open_ = np.flatnonzero(~cortex & ((depth[tets] - arm).max(axis=1) < thickness))
     cortex[open_] = pial.nearest(centroid[open_]).distance < thickness
     cure = "or set geometry.scale if lengths aren't in mm."
     if cortex.all():
         raise ImpossibleBody(
-            f"{name}: a cortex of {thickness:g} mm leaves no core in a body {depth.max():.3g} mm deep; make "
-            f"geometry.cortex_thickness smaller, {cure}"
+            f"{name}: a cortex of {thickness:g} mm leaves no core in a body {depth.max():.3g} mm deep; reduce "
+            f"geometry.cortex_thickness, {cure}"
         )
     bare = int((~cortex & ((body.across < 0) & (depth[tets[:, FACES]] == 0).all(axis=2)).any(axis=1)).sum())
     if bare:
         raise ImpossibleBody(
             f"{name}: {bare:,} tetrahedra at the pial surface have their centroid below a cortex of {thickness:g} mm; "
-            f"refine the mesh, make geometry.cortex_thickness larger, {cure}"
+            f"refine the mesh, increase geometry.cortex_thickness, {cure}"
         )
     return Layers(cortex, under.foot, under.normal, 1 - depth / thickness)
 
 
 def _by_label(name: str, body: TetMesh, cortex: Bools, pial: _Sheet) -> Layers:
-    """The cortex is what is labelled so; its inner boundary is where it meets other tetrahedra."""
+    """The cortex by label; its inner boundary is where it meets other tetrahedra."""
     points, tets = body.points, body.tets
     inside = cortex[:, None] & (body.across >= 0) & ~cortex[body.across]
     border, grey = _Sheet(points, tets[:, FACES][inside]), np.unique(tets[cortex])
     under = pial.measure(points, grey)
     if not (under.distance[grey] == 0).any():
-        raise NoCortex(f"{name}: the cortex (geometry.cortex_label) lies nowhere at the outer surface; name another.")
+        raise NoCortex(f"{name}: the cortex (geometry.cortex_label) is not at the outer surface; use another label.")
     above = border.measure(points, grey).distance
     level = -above / border.reach
     total = above + under.distance
@@ -205,7 +206,7 @@ def _inverse(order: Ints) -> Ints:
 def _white(
     points: Array, tets: Ints, across: Ints, radial: Array, level: Array, n_surface: int, stride: float
 ) -> sparse.csr_matrix:
-    """The white surface (S, N) from the nodes: the point below each pial vertex at which the level is 0."""
+    """Matrix (S, N) from nodes to the white surface: the point below each pial vertex at which the level is 0."""
     start = np.zeros(n_surface, dtype=np.int64)
     for k in range(4):
         at = np.flatnonzero(tets[:, k] < n_surface)

@@ -1,17 +1,17 @@
-"""Walk from nodes down through a mesh of tetrahedra along a direction field, to where a level falls to zero."""
+"""Paths from nodes down through a mesh of tetrahedra along a direction field, to where a level falls to zero."""
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
 
-HOPS = 200  # tetrahedra that one step may cross
-HALVINGS = 30  # of the last step: level has a kink where it is 0, so that it can't be had by a straight line
+HOPS = 200  # most tetrahedra that one step may cross
+HALVINGS = 30  # halvings of the last step: level has a kink at 0, so linear interpolation can't find it
 
 
 @njit(inline="always")
 def _six_volumes(a, b, c, d):
-    """Six times the signed volume of the tetrahedron abcd."""
+    """Six times the signed volume of the tetrahedron a, b, c, d."""
     u0, u1, u2 = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     v0, v1, v2 = c[0] - a[0], c[1] - a[1], c[2] - a[2]
     w0, w1, w2 = d[0] - a[0], d[1] - a[1], d[2] - a[2]
@@ -20,7 +20,7 @@ def _six_volumes(a, b, c, d):
 
 @njit(cache=True)
 def _weights(x, tet, p, w):
-    """Barycentric weights of ``p`` in a tetrahedron, into ``w`` (4,)."""
+    """Write barycentric weights of ``p`` in a tetrahedron into ``w`` (4,)."""
     a, b, c, d = x[tet[0]], x[tet[1]], x[tet[2]], x[tet[3]]
     whole = _six_volumes(a, b, c, d)
     w[0] = _six_volumes(p, b, c, d) / whole
@@ -31,7 +31,7 @@ def _weights(x, tet, p, w):
 
 @njit(cache=True)
 def _find(x, tets, across, p, start, w):
-    """The tetrahedron that holds ``p``, walked to from ``start`` across faces; -1 where the way leads outside."""
+    """The tetrahedron that contains ``p``, found from ``start`` across faces; -1 if the path leaves the mesh."""
     e = start
     for _ in range(HOPS):
         _weights(x, tets[e], p, w)
@@ -57,7 +57,7 @@ def _level(tets, level, e, w):
 
 @njit(cache=True)
 def _cross(x, tets, across, level, e, p, q, w):
-    """Halve the way from ``p`` (level above 0) to ``q`` (below) until it is 0; leaves the place in ``q``."""
+    """Bisect from ``p`` (level above 0) to ``q`` (below) for level 0; the point is written into ``q``."""
     at = np.empty(3)
     low, high, found = 0.0, 1.0, e
     for _ in range(HALVINGS):
@@ -76,11 +76,11 @@ def _cross(x, tets, across, level, e, p, q, w):
 
 @njit(cache=True)
 def descend(x, tets, across, start, radial, level, stride, steps, where, weights):
-    """From each node i along minus ``radial`` to where ``level`` becomes 0, or is least on the way inside the mesh.
+    """Follow minus ``radial`` from each node i to where ``level`` becomes 0, or is smallest inside the mesh.
 
     x (N, 3); tets, across (E, 4): corners, and the tetrahedron beyond the face opposite to each corner (-1: none);
     start (S,): a tetrahedron at each of the first S nodes; radial (N, 3) and level (N,) are linear in a tetrahedron.
-    A step is ``stride`` long. Into where (S,) and weights (S, 4): the tetrahedron at the end, and weights there.
+    A step has the length ``stride``. where (S,) and weights (S, 4) get the last tetrahedron and the weights there.
     """
     w, p, q = np.empty(4), np.empty(3), np.empty(3)
     for i in range(len(start)):

@@ -1,4 +1,4 @@
-"""Tetrahedra from a file that meshio reads, checked to be one body: neighbours, outer surface, hollows."""
+"""Tetrahedra from a file that meshio reads, checked to be one body: neighbours, outer surface, inner surfaces."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ from morphofold.io.files import decoding, looks_like_text
 from morphofold.io.vtk_blocks import check_blocks
 from morphofold.sim.scene import MOST_BRICKS, MeshFile
 
-BESIDE = ("vertex", "line", "line3", "triangle", "triangle6")  # cells that may stand beside the tetrahedra
+BESIDE = ("vertex", "line", "line3", "triangle", "triangle6")  # other cells that a file may have; they are ignored
 FACES = ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))  # opposite to each corner; seen from outside
-FARTHEST = 1e6  # from the origin [mm]
-DEGENERATE = 1e-10  # a volume below this share of the cube of the longest edge is none
+FARTHEST = 1e6  # largest distance from the origin [mm]
+DEGENERATE = 1e-10  # a volume below this share of the cube of the longest edge counts as zero
 
 
 class TetMesh(NamedTuple):
@@ -40,15 +40,15 @@ class TetMesh(NamedTuple):
     Attributes
     ----------
     points : (N, 3) float64
-        All in use [mm].
+        Points [mm], all in use.
     tets : (E, 4) int
         Corners in right-handed order.
     across : (E, 4) int
         The tetrahedron beyond the face opposite to each corner, -1 at the boundary.
     pial, inner : (F, 3), (H, 3) int
-        Faces of the outer surface and of hollows, counter-clockwise seen from outside of the material.
+        Faces of the outer surface and of inner surfaces, counter-clockwise seen from outside of the material.
     cortex : (E,) bool, optional
-        Which tetrahedra a label calls cortex.
+        Which tetrahedra have the label of the cortex.
     """
 
     points: Array
@@ -60,7 +60,7 @@ class TetMesh(NamedTuple):
 
 
 def read_tets(geometry: MeshFile) -> TetMesh:
-    """The body in the file of a geometry.
+    """Read the body from the file of a geometry.
 
     Raises
     ------
@@ -68,23 +68,23 @@ def read_tets(geometry: MeshFile) -> TetMesh:
         If there is neither a file nor a sample of that name.
     ValueError
         For a file that is damaged, too large, or has other cells; for a body of several parts, with flat tetrahedra, or
-        whose surface touches itself; for a label that isn't there, or that all tetrahedra have.
+        whose surface touches itself; for a label that does not exist, or that all tetrahedra have.
     """
     name = geometry.file
     points, tets, cortex = _read(geometry)
     points, tets, volume = _right_handed(name, points, tets)
     across = _neighbours(name, tets)
     pial, inner, enclosed = _sheets(name, points, tets[:, FACES][across < 0])
-    if abs(volume - enclosed) > 1e-6 * volume:  # neighbours on the same side of their face
+    if abs(volume - enclosed) > 1e-6 * volume:  # two neighbours are on the same side of their face
         raise BadMesh(
-            f"{name}: tetrahedra lie over one another: they fill {volume:.6g} mm3, and their surface encloses "
+            f"{name}: tetrahedra overlap: the sum of their volumes is {volume:.6g} mm3, but their surface encloses "
             f"{enclosed:.6g}. Repair the mesh."
         )
     return TetMesh(points, tets, across, pial, inner, cortex)
 
 
 class _Ending(io.BufferedReader):
-    """A file that raises at a reader that asks again and again for more than there is."""
+    """A file that raises EOFError if a reader repeatedly asks for bytes beyond the end."""
 
     asked = 0
 
@@ -105,13 +105,13 @@ class _Ending(io.BufferedReader):
 
 
 def _meshio(path: Path) -> Any:
-    """The mesh in a file. Some of meshio's readers wait without end for what was cut off; one would unpack all."""
+    """Read the mesh in a file. Some readers of meshio never return on a truncated file; one would unpack any size."""
     import meshio
 
     kinds = meshio.extension_to_filetypes.get(path.suffix.lower(), [""])
     if kinds == ["vtu"]:
         check_blocks(path.read_bytes())
-    if "ansys" in kinds:  # as which meshio tries every .msh first
+    if "ansys" in kinds:  # meshio reads every .msh as ansys first
         with path.open("rb") as file:
             kinds = ["gmsh"] if b"$MeshFormat" in file.read(4096) else ["ansys"]
     if kinds == ["tetgen"]:
@@ -125,13 +125,15 @@ def _meshio(path: Path) -> Any:
 
 
 def _read(geometry: MeshFile) -> tuple[Array, Ints, Bools | None]:
-    """Points (P, 3) [mm], tetrahedra (E, 4), and which of these the label calls cortex."""
+    """Points (P, 3) [mm], tetrahedra (E, 4), and which of these have the label of the cortex."""
     import meshio
 
     name = geometry.file
     path = geometry.path()
     if not path.name.lower().endswith(tuple(meshio.extension_to_filetypes)):
-        raise WrongFile(f"{name}: meshio reads no files that end in {path.suffix!r}; convert it, to .vtu for example.")
+        raise WrongFile(
+            f"{name}: meshio can't read files that end in {path.suffix!r}; convert it, for example to .vtu."
+        )
     quiet = contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO())
     with decoding(path, "a mesh that meshio reads"), quiet[0], quiet[1]:
         mesh = _meshio(path)
@@ -145,32 +147,34 @@ def _read(geometry: MeshFile) -> tuple[Array, Ints, Bools | None]:
     if others or not counts.get("tetra"):
         listing = ", ".join(f"{n:,} {kind}" for kind, n in (others or counts).items()) or "no cells"
         raise WrongFile(
-            f"{name}: needs linear tetrahedra (tetra) and holds {listing}; split or mesh it anew into them."
+            f"{name}: must hold linear tetrahedra (tetra) but holds {listing}; split the cells or mesh it again."
         )
     tets = np.concatenate(blocks)
     if len(tets) > MOST_BRICKS:
-        raise TooLarge(f"{name}: has {len(tets):,} tetrahedra, at most {MOST_BRICKS:,} fit; coarsen the mesh.")
+        raise TooLarge(f"{name}: has {len(tets):,} tetrahedra, more than {MOST_BRICKS:,}; coarsen the mesh.")
     if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
         bad = int((~np.isfinite(points)).any(axis=-1).sum())
         kind = NotFinite if bad else WrongShape
-        raise kind(f"{name}: points need three finite coordinates; they are {points.shape}, {bad} not finite.")
+        raise kind(f"{name}: points need three finite coordinates; their shape is {points.shape}, {bad} not finite.")
     far = float(np.abs(points).max())
     if far > FARTHEST:
-        raise OutOfRange(f"{name}: has points {far:.3g} mm from the origin, at most {FARTHEST:g}; check the scale.")
+        raise OutOfRange(f"{name}: has points {far:.3g} mm from the origin, more than {FARTHEST:g}; check the scale.")
     if tets.min() < 0 or tets.max() >= len(points):
         named = f"{tets.min()} to {tets.max()}"
-        raise DamagedFile(f"{name}: tetrahedra name points {named}, there are 0 to {len(points) - 1}. Repair the mesh.")
+        raise DamagedFile(f"{name}: tetrahedra use points {named} of 0 to {len(points) - 1}. Repair the mesh.")
     return points, tets, None if geometry.label is None else _labelled(geometry, mesh)
 
 
 def _warn_of_no_end(path: Path) -> None:
-    """Of a text that stops within a line a part is a whole one, too: its last number may be 1 of 162."""
+    """Warn if a text file ends within a line: its last number may be cut, for example 1 instead of 162."""
     with path.open("rb") as file:
         head = file.read(1024)
         file.seek(max(path.stat().st_size - 64, 0))
         end = file.read()
     if looks_like_text(head) and looks_like_text(end) and not (end[-1:].isspace() or end.endswith(b">")):
-        warnings.warn(f"{path}: its last line has no end; was it cut? Then its last number is wrong.", stacklevel=4)
+        warnings.warn(
+            f"{path}: its last line has no line end; if the file is cut, its last number is wrong.", stacklevel=4
+        )
 
 
 def _labelled(geometry: MeshFile, mesh: Any) -> Bools:
@@ -178,23 +182,23 @@ def _labelled(geometry: MeshFile, mesh: Any) -> Bools:
     name, label = geometry.file, geometry.label
     if label not in mesh.cell_data:
         there = ", ".join(mesh.cell_data) or "none"
-        raise UnknownName(f"{name}: has no cell data {label!r} (geometry.label); there are: {there}.")
+        raise UnknownName(f"{name}: has no cell data {label!r} (geometry.label); it has: {there}.")
     values = np.concatenate([v for v, block in zip(mesh.cell_data[label], mesh.cells) if block.type == "tetra"])
     if values.ndim != 1:
-        raise WrongShape(f"{name}: cell data {label!r} have the shape {values.shape}; give one number a cell.")
+        raise WrongShape(f"{name}: cell data {label!r} have shape {values.shape}; give one number per cell.")
     cortex = values == geometry.cortex_label
     if cortex.all() or not cortex.any():
         kinds, n = np.unique(values, return_counts=True)
         listing = ", ".join(f"{kind:g} ({count:,})" for kind, count in list(zip(kinds, n))[:8])
         raise NoCortex(
-            f"{name}: needs tetrahedra of {label} = {geometry.cortex_label} (geometry.cortex_label) and others, the "
-            f"core; there are {listing}."
+            f"{name}: needs tetrahedra with {label} = {geometry.cortex_label} (geometry.cortex_label) and others for "
+            f"the core; it has {listing}."
         )
     return cortex
 
 
 def _right_handed(name: str, points: Array, tets: Ints) -> tuple[Array, Ints, float]:
-    """Points in use, the tetrahedra over them, corners in right-handed order, and their volume [mm^3]."""
+    """Points in use, tetrahedra with corners in right-handed order, and their total volume [mm^3]."""
     used, tets = np.unique(tets, return_inverse=True)
     points, tets = np.ascontiguousarray(points[used]), tets.reshape(-1, 4)
     a, b, c, d = (points[tets[:, k]] for k in range(4))
@@ -204,20 +208,20 @@ def _right_handed(name: str, points: Array, tets: Ints) -> tuple[Array, Ints, fl
     flat = np.flatnonzero(~(np.abs(volume) > DEGENERATE * longest**3))
     if flat.size:
         raise BadMesh(
-            f"{name}: {len(flat):,} of {len(tets):,} tetrahedra are flat; the first is {flat[0]} of volume "
-            f"{volume[flat[0]]:.2g} and longest edge {longest[flat[0]]:.3g} mm. Repair the mesh."
+            f"{name}: {len(flat):,} of {len(tets):,} tetrahedra are flat; the first is {flat[0]} with volume "
+            f"{volume[flat[0]]:.2g} mm3 and longest edge {longest[flat[0]]:.3g} mm. Repair the mesh."
         )
     return points, np.where(volume[:, None] < 0, tets[:, [1, 0, 2, 3]], tets), float(np.abs(volume).sum())
 
 
 def _neighbours(name: str, tets: Ints) -> Ints:
-    """The tetrahedron beyond each face (E, 4), as in ``TetMesh``; refuses several parts."""
+    """The tetrahedron beyond each face (E, 4), as in ``TetMesh``; raises if the mesh has several parts."""
     faces = np.sort(tets[:, FACES].reshape(-1, 3), axis=1)
     order = np.lexsort(faces.T)
     same = (faces[order[1:]] == faces[order[:-1]]).all(axis=1)
     if (same[1:] & same[:-1]).any():
         at = faces[order[1:][np.flatnonzero(same[1:] & same[:-1])[0]]]
-        raise BadMesh(f"{name}: more than two tetrahedra share the face of corners {at.tolist()}. Repair the mesh.")
+        raise BadMesh(f"{name}: more than two tetrahedra share the face with corners {at.tolist()}. Repair the mesh.")
     left, right = order[:-1][same], order[1:][same]
     across = np.full(tets.size, -1)
     across[left], across[right] = right // 4, left // 4
@@ -225,19 +229,19 @@ def _neighbours(name: str, tets: Ints) -> Ints:
     if parts > 1:
         size = np.sort(np.bincount(part))[::-1]
         raise BadMesh(
-            f"{name}: falls into {parts:,} parts that share no face, of {size[0]:,}, {size[1]:,} ... tetrahedra. Keep "
-            "one; if points are there twice, merge them."
+            f"{name}: has {parts:,} parts that share no face, of {size[0]:,}, {size[1]:,} ... tetrahedra. Keep one "
+            "part; if points are duplicated, merge them."
         )
     return across.reshape(-1, 4)
 
 
 def _sheets(name: str, points: Array, faces: Ints) -> tuple[Ints, Ints, float]:
-    """Boundary faces (F, 3): those of the sheet that encloses most, and the others; the volume within [mm^3]."""
+    """Boundary faces (F, 3) of the sheet that encloses most, and those of the others; enclosed volume [mm^3]."""
     half = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)  # half-edge 3 f + k, from corner k
     low, high = half.min(axis=1), half.max(axis=1)
-    order = np.lexsort((high, low))  # a face has three half-edges: an even number
+    order = np.lexsort((high, low))  # each edge has an even number of half-edges
     one, two = order[0::2], order[1::2]
-    cure = "Part them, or join them by a face."
+    cure = "Separate these parts, or join them by a face."
     again = (low[one[1:]] == low[one[:-1]]) & (high[one[1:]] == high[one[:-1]])
     if again.any() or (half[one] != half[two][:, ::-1]).any():
         raise BadMesh(f"{name}: parts of its surface touch along {max(again.sum(), 1):,} edges. {cure}")
@@ -254,5 +258,5 @@ def _sheets(name: str, points: Array, faces: Ints) -> tuple[Ints, Ints, float]:
 
 
 def _parts(one: Ints, two: Ints, size: int) -> tuple[int, Ints]:
-    """Connected parts of ``size`` things of which ``one`` and ``two`` are joined: how many, and that of each."""
+    """Number of connected parts of ``size`` items, where ``one`` and ``two`` are joined, and the part of each item."""
     return connected_components(sparse.csr_matrix((np.ones(len(one)), (one, two)), (size, size)))

@@ -1,1 +1,1 @@
-"""The simulation folder: what it holds, how it is written, and read back whole."""
+"""The simulation folder: its contents, and how they are written and read back."""

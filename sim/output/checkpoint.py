@@ -1,4 +1,4 @@
-"""The checkpoint and the log of a run, read back to go on from: as that run left them, or refused with the cure."""
+"""Read the checkpoint and the log of a run to resume it; files that the run did not leave so are refused."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from morphofold.sim.output.run_files import ANEW
 
 
 def read_arrays(path: Path, like: Mapping[str, NDArray]) -> dict[str, NDArray]:
-    """Arrays by name from an .npz file, of the names, shapes and kinds of ``like``, finite.
+    """Arrays by name from an .npz file; names, shapes and kinds must be those of ``like``, values must be finite.
 
     Raises
     ------
     DamagedFile
-        If the file is anything else; by its checksums a single changed byte is found.
+        If the file differs from that; its checksums reveal a single changed byte.
     """
     with decoding(path, "a checkpoint of this run", f"Delete it {ANEW}."):
         with np.load(existing_file(path, "checkpoint"), allow_pickle=False) as file:
             names = set(file.files)
             if names != like.keys():
-                raise DamagedFile(f"it lacks, or has too much: {', '.join(sorted(names ^ like.keys()))}")
+                raise DamagedFile(f"missing or unexpected arrays: {', '.join(sorted(names ^ like.keys()))}")
             for entry in file.zip.infolist():  # before anything is unpacked
                 name = entry.filename.removesuffix(".npy")
                 if entry.file_size > 4 * like[name].nbytes + 4096:
@@ -55,12 +55,12 @@ def as_bytes(text: str) -> NDArray[np.uint8]:
 
 
 def read_log(out: Path, step: int, lines: int, digest: NDArray[np.uint8]) -> list[dict[str, Any]]:
-    """The lines of ``log.jsonl`` up to ``step``, of which there must be ``lines``, of this ``digest``.
+    """The lines of ``log.jsonl`` up to ``step``; their number must be ``lines`` and their SHA-256 ``digest``.
 
     Raises
     ------
     DamagedFile
-        If they can't be had: the log isn't as the run left it beside its checkpoint.
+        If the log is not as the run left it beside its checkpoint.
     """
     path = out / "log.jsonl"
     with decoding(path, "the log of this run", f"Delete {out / 'checkpoint.npz'} {ANEW}."):
@@ -73,9 +73,9 @@ def read_log(out: Path, step: int, lines: int, digest: NDArray[np.uint8]) -> lis
                 _check_line(line, number)
                 kept.append(line)
         if len(kept) != lines:
-            raise DamagedFile(f"it has {len(kept)} lines up to step {step}, had {lines}")
+            raise DamagedFile(f"it has {len(kept)} lines up to step {step}, needs {lines}")
         if not np.array_equal(as_bytes(as_lines(kept)), digest):
-            raise DamagedFile("its lines are not those of this checkpoint")
+            raise DamagedFile("its lines do not belong to this checkpoint")
     return kept
 
 
@@ -87,12 +87,12 @@ def _check_line(line: Mapping[str, Any], number: int) -> None:
 
 
 def _object(text: str, what: str) -> dict[str, Any]:
-    """A JSON object, without NaN or infinity."""
+    """The JSON object in a text; raises on NaN and infinity."""
 
     def refuse(constant: str) -> None:
         raise DamagedFile(f"{what} holds {constant}")
 
     content = json.loads(text, parse_constant=refuse)
     if not isinstance(content, dict):
-        raise DamagedFile(f"{what} is no JSON object")
+        raise DamagedFile(f"{what} is not a JSON object")
     return content

@@ -1,4 +1,4 @@
-"""A simulation folder: what it holds, who may write it, and the parts that every run writes the same way."""
+"""A simulation folder: its contents, who may write it, and the parts that every run writes in the same way."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ Describe = Callable[[Cortex], Mapping[str, NDArray[np.float64]]]
 
 @dataclass(frozen=True)
 class Simulation:
-    """A folder of growth stages."""
+    """A folder with the stages of a growth simulation."""
 
     path: Path
     scene: Scene
 
     @property
     def stages(self) -> tuple[float, ...]:
-        """Growth stretches whose surfaces are written, ascending."""
+        """Growth stretches of the written stages, ascending."""
         return tuple(sorted(float(p.name[1:]) for p in (self.path / "stages").glob("g*")))
 
     @property
@@ -57,14 +57,14 @@ class Simulation:
 def is_finished(
     folder: Path, scene: Scene, resume: bool, own: Sequence[str] = (), restart_from: str | Path | None = None
 ) -> bool:
-    """Whether ``folder`` holds this very simulation, finished and whole. Writes nothing.
+    """Whether ``folder`` holds this simulation, finished and complete. Writes nothing.
 
-    ``own`` are the names of effects that its caller adds, ``restart_from`` where it is to begin, if that is said.
+    ``own`` are the names of the caller's own effects; ``restart_from`` is the place where the run begins, if given.
 
     Raises
     ------
     FileExistsError
-        If the folder holds something else, or a run and ``resume`` is not asked for.
+        If the folder holds something else, or a run without ``resume``.
     ValueError
         If the scene's mesh file has changed since the run began, or a finished run is damaged.
     """
@@ -72,12 +72,12 @@ def is_finished(
     if folder.exists() and not folder.is_dir():
         raise FileExistsError(f"{folder}: is a file; choose a folder to write.")
     if not written.exists():
-        begun = (LOCK, "inputs.json")  # what a run writes before its scene
+        begun = (LOCK, "inputs.json")  # a run writes these before its scene
         if folder.exists() and any(p.name not in begun and not is_temporary(p) for p in folder.iterdir()):
             raise FileExistsError(f"{folder}: is not empty and holds no simulation; choose another folder to write.")
         return False
     if not resume:
-        raise FileExistsError(f"{folder}: holds a simulation; ask to resume it, or choose another folder.")
+        raise FileExistsError(f"{folder}: holds a simulation; resume it (--resume), or choose another folder.")
     with decoding(written, "a scene as a run writes it", f"Delete {folder} {ANEW}, or choose another folder."):
         began = load_scene(written)
     if began != scene:
@@ -92,25 +92,25 @@ def is_finished(
 
 
 class FolderWriter:
-    """Writes the folder of one scene; each file whole or not at all.
+    """Writes the folder of one scene; each file completely or not at all.
 
     Parameters
     ----------
     out : Path
     scene : Scene
     describe : callable
-        Per-vertex maps of a stage's ``Cortex``, by name.
+        Returns per-vertex maps by name from the ``Cortex`` of a stage.
     resume : bool
-        Whether what is there of this scene may be gone on from.
+        Whether a run of this scene in the folder may be resumed.
     own : sequence of str
-        Names of effects that its caller adds to the scene's.
+        Names of the caller's own effects, added to those of the scene.
     restart : mapping, optional
-        What ``inputs.json`` says of the state of another run that this one begins at.
+        Entry of ``inputs.json`` for the state of another run at which this one begins.
 
     Notes
     -----
-    To be made before the body is built, and begun after it: the digest of the scene's mesh file is then of the bytes
-    that the body was built of.
+    Create it before the body is built, and call ``begin`` after that: the digest of the scene's mesh file is then of
+    the bytes from which the body was built.
     """
 
     def __init__(
@@ -127,20 +127,20 @@ class FolderWriter:
         self._inputs = inputs_of(scene)
 
     def begin(self) -> None:
-        """The folder and its ``scene.toml``, unless they are there; without what a killed run left half-written.
+        """Write the folder and its ``scene.toml``, unless they exist; remove incomplete files of a killed run.
 
         Raises
         ------
         FileExistsError
-            If the folder holds something else, or a run that is not to be gone on from, or a finished one.
+            If the folder holds something else, a run that is not to be resumed, or a finished run.
         ValueError
-            If what is to be gone on from is damaged.
+            If the run to resume is damaged.
         OSError
-            If the scene's mesh file changed while the body was built of it.
+            If the scene's mesh file changed while the body was built from it.
         """
         if inputs_of(self.scene) != self._inputs:
             name = self._inputs["geometry.file"]["file"]
-            raise OSError(f"{name}: changed while it was read. Wait until what writes it has ended.")
+            raise OSError(f"{name}: changed while it was read. Wait until the program that writes it has ended.")
         if is_finished(self.out, self.scene, self.resume, self.own):
             raise FileExistsError(f"{self.out}: holds a finished run of this scene; choose another folder.")
         self.out.mkdir(parents=True, exist_ok=True)
@@ -152,41 +152,41 @@ class FolderWriter:
                 _write_json(self.out / "inputs.json", inputs)
             with atomic_file(self.out / "scene.toml") as temporary:
                 temporary.write_text(to_toml(self.scene), encoding="utf-8")
-        write_series(self.out, self.scene)  # a kill may have come before it
+        write_series(self.out, self.scene)  # the run may have been killed before it
 
     @property
     def checkpoint(self) -> Path | None:
-        """The checkpoint that the run goes on from, if there is one."""
+        """The checkpoint to resume from, if there is one."""
         path = self.out / "checkpoint.npz"
         return path if self.resume and path.exists() else None
 
     @contextmanager
     def telling_a_full_disk(self, growth: Callable[[], float]) -> Iterator[None]:
-        """Say of an error that the disk is full, and how far the run came."""
+        """If an error means a full disk, raise one that says so, with the growth reached."""
         try:
             yield
         except OSError as error:
             if error.errno not in (errno.ENOSPC, errno.EDQUOT):
                 raise
             raise OSError(
-                f"{self.out}: the disk is full at g = {growth():.3f}. What was written stands; free some space and go "
-                "on with --resume."
+                f"{self.out}: the disk is full at g = {growth():.3f}. The written files are kept; free some space and "
+                "continue with --resume."
             ) from error
 
     def log(self, lines: list[dict[str, Any]]) -> None:
-        """All lines of ``log.jsonl``."""
+        """Write all lines of ``log.jsonl``."""
         with atomic_file(self.out / "log.jsonl") as temporary:
             temporary.write_text(as_lines(lines))
 
     def arrays(self, name: str, arrays: Mapping[str, NDArray]) -> None:
-        """Arrays by name, as ``NAME`` (.npz)."""
+        """Write arrays by name into the file ``name`` (.npz)."""
         buffer = io.BytesIO()
         np.savez(buffer, **arrays)  # type: ignore[arg-type]
         with atomic_file(self.out / name) as temporary:
             temporary.write_bytes(buffer.getvalue())
 
     def health_of(self, g: float) -> dict[str, Any] | None:
-        """Numbers of a stage that was written before a stop, None where it wasn't."""
+        """Numbers of a stage that was written before the run was stopped; None if it was not."""
         return read_stage(self.out, g)["health"] if stage_folder(self.out, g).exists() else None
 
     def stage(
@@ -201,7 +201,7 @@ class FolderWriter:
         warnings: list[str],
         beside: Callable[[Path], None] = lambda folder: None,
     ) -> None:
-        """The surfaces of a stage, their maps, ``stage.json``, and what ``beside`` writes into the same folder."""
+        """Write the surfaces of a stage, their maps, ``stage.json``, and what ``beside`` adds to the same folder."""
         scene = self.scene
         info: dict[str, Any] = {
             "name": scene.name,
@@ -236,7 +236,7 @@ class FolderWriter:
         write_series(self.out, scene)
 
     def health(self, stages: list[dict[str, Any]], warnings: list[str], **numbers: Any) -> None:
-        """``health.json``, with which a run is finished."""
+        """Write ``health.json``, which finishes a run."""
         content = {
             "morphofold": __version__,
             "healthy": not warnings,

@@ -1,4 +1,4 @@
-"""What a run began with beside its scene: the mesh that the scene only names, effects of its caller's, a state."""
+"""Inputs of a run beside its scene: the mesh that the scene only names, the caller's own effects, a state."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ class MeshBytes(Record):
 
 
 class MeshSize(Record):
-    """What a level of accuracy stood for."""
+    """Mesh size that a level of accuracy stood for."""
 
     edge: Length
     elements_through_cortex: Count
 
 
 class Restart(Record):
-    """The state of another run that one began at: its file, that run's :func:`scene_digest`, the growth."""
+    """The state of another run at which a run began: its file, that run's :func:`scene_digest`, the growth."""
 
     file: str
     sha256: str
@@ -42,7 +42,7 @@ class Restart(Record):
 
 
 class Inputs(Record):
-    """``inputs.json``: either of the first two is there; with names of effects that a scene can't name."""
+    """``inputs.json``: one of the first two is given; ``effects`` are the names of the caller's own effects."""
 
     geometry: Annotated[MeshBytes | None, Field(alias="geometry.file")] = None
     accuracy: MeshSize | None = None
@@ -51,10 +51,10 @@ class Inputs(Record):
 
 
 def inputs_of(scene: Scene) -> dict[str, dict[str, Any]]:
-    """What a scene only names, as it is now: its mesh, and so that of its run.
+    """The mesh of a scene as it is now: the scene only names a file or a level.
 
-    ``{"geometry.file": {"file", "sha256", "bytes"}}`` with a mesh file, ``{"accuracy": {"edge",
-    "elements_through_cortex"}}`` of bricks, which its level stands for [mm]; nothing in one dimension.
+    ``{"geometry.file": {"file", "sha256", "bytes"}}`` for a mesh file; ``{"accuracy": {"edge",
+    "elements_through_cortex"}}`` for bricks, the mesh that the level stands for [mm]; nothing in one dimension.
 
     Raises
     ------
@@ -70,7 +70,7 @@ def inputs_of(scene: Scene) -> dict[str, dict[str, Any]]:
 
 
 def check_inputs(folder: Path, scene: Scene) -> None:
-    """Refuse a scene whose mesh is not the one that the run in ``folder`` began with: a file byte for byte."""
+    """Raise unless the mesh of a scene is that with which the run in ``folder`` began; a file byte for byte."""
     now = inputs_of(scene)
     if not now:
         return
@@ -82,32 +82,32 @@ def check_inputs(folder: Path, scene: Scene) -> None:
     if what == "accuracy" and began != mine:
         raise Mismatch(
             f"{folder}: its run began with edges of {began['edge']:g} mm and {began['elements_through_cortex']} "
-            f"elements through the cortex; accuracy.level = {scene.accuracy.level!r} stands for {mine['edge']:g} mm "
-            f"and {mine['elements_through_cortex']} now. Choose another folder."
+            f"elements through the cortex; accuracy.level = {scene.accuracy.level!r} now means {mine['edge']:g} mm "
+            f"and {mine['elements_through_cortex']}. Choose another folder."
         )
     if what == "geometry.file" and began["sha256"] != mine["sha256"]:
         raise Mismatch(
             f"{mine['file']}: has changed since the run in {folder} began (sha256 {began['sha256'][:12]}... then, "
-            f"{mine['sha256'][:12]}... now). Put the old file back, or choose another folder."
+            f"{mine['sha256'][:12]}... now). Restore the old file, or choose another folder."
         )
 
 
 def begun_with(folder: Path) -> dict[str, Any]:
-    """``inputs.json`` of the run in a folder; empty where none has begun, or it has none."""
+    """Contents of ``inputs.json`` of the run in a folder; empty if no run has begun, or the run has none."""
     if not ((folder / "scene.toml").is_file() and (folder / "inputs.json").is_file()):
         return {}
     return read_json(folder / "inputs.json", Inputs, f"Delete {folder} {ANEW}, or choose another folder.")
 
 
 def check_begun(folder: Path, own: Sequence[str], restart_from: str | Path | None) -> None:
-    """Refuse to go on with a run that began with other effects of its caller's, or elsewhere."""
+    """Raise if the run in ``folder`` began with other own effects of the caller, or at another state."""
     begun = begun_with(folder)
     had, state = begun.get("effects", []), begun.get("restart", {}).get("file")
     if had != list(own):
         raise FileExistsError(
-            f"{folder}: its run has effects beside those of its scene: {', '.join(had) or 'none'}; given are "
-            f"{', '.join(own) or 'none'}. Go on in Python, mf.simulate(..., effects=[...], resume=True), with the same "
-            "in their order, or choose another folder."
+            f"{folder}: its run has own effects beside those of its scene: {', '.join(had) or 'none'}; given are "
+            f"{', '.join(own) or 'none'}. Resume in Python, mf.simulate(..., effects=[...], resume=True), with the "
+            "same effects in the same order, or choose another folder."
         )
     if restart_from is not None and not (state and Path(state).is_relative_to(os.path.abspath(restart_from))):
         raise FileExistsError(
@@ -117,12 +117,12 @@ def check_begun(folder: Path, own: Sequence[str], restart_from: str | Path | Non
 
 
 def written_stages(folder: Path, scene: Scene) -> tuple[float, ...]:
-    """Growth of the stages that the run in a folder writes: those of its scene but for those before it began."""
+    """Growth of the stages that the run in a folder writes: those of its scene from the growth at which it began."""
     start = begun_with(folder).get("restart")
     return tuple(g for g in scene.stages if start is None or g >= start["growth"])
 
 
 def scene_digest(folder: Path) -> str:
-    """SHA-256 of the scene of the run in a folder and of what it only names, as the run wrote both when it began."""
+    """SHA-256 of ``scene.toml`` and ``inputs.json`` of the run in a folder, as written when it began."""
     found = [path.read_bytes() for name in ("scene.toml", "inputs.json") if (path := folder / name).is_file()]
     return hashlib.sha256(b"\0".join(found)).hexdigest()

@@ -1,4 +1,4 @@
-"""Which files of a folder are a run's: found, swept where a killed one left them half-written, cleared."""
+"""The files of a run in a folder: find them, remove incomplete ones of a killed run, remove all."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from morphofold.io.folders import MARKER
 from morphofold.io.json_files import read_json
 from morphofold.io.locks import LOCK
 
-ANEW = "to grow anew from the start"
+ANEW = "to grow again from the start"
 _KEPT = (
     "scene.toml",
     "inputs.json",
@@ -37,12 +37,12 @@ def stage_folder(out: Path, g: float) -> Path:
 
 
 def is_temporary(path: Path) -> bool:
-    """Whether a name is one under which a run writes what is not whole yet."""
+    """Whether a path has the temporary name of a file that a run has not finished writing."""
     return _TEMPORARY.fullmatch(path.name) is not None
 
 
 def sweep(folder: Path) -> None:
-    """Remove what a killed run had not finished writing; only names of our own making."""
+    """Remove files that a killed run had not finished writing, known by their temporary names."""
     for place in (folder, folder / "stages"):
         for path in place.iterdir() if place.is_dir() else ():
             if not is_temporary(path):
@@ -54,7 +54,7 @@ def sweep(folder: Path) -> None:
 
 
 def files_of_run(folder: Path) -> dict[str, Path]:
-    """What a run wrote in its folder, by paths from there."""
+    """Files that a run wrote in its folder, by their relative path."""
     found = {name: folder / name for name in _KEPT}
     for stage in sorted((folder / "stages").glob("g*")):
         found |= {f"stages/{stage.name}/{name}": path for name, path in files_of(stage).items()}
@@ -62,22 +62,22 @@ def files_of_run(folder: Path) -> dict[str, Path]:
 
 
 def clear_run(folder: Path) -> None:
-    """Remove what a run wrote in its folder, and nothing else.
+    """Remove the files of a run from its folder, and the folder.
 
     Raises
     ------
     FileExistsError
-        If something else is there, so that no other run can be written there; all stays then.
+        If the folder holds other files; then nothing is removed.
     """
     sweep(folder)
     ours = {folder / name for name in (*_KEPT, LOCK)}
     for stage in (folder / "stages").glob("g*"):
-        with suppress(OSError, ValueError):  # of one that is damaged, or older than lists
+        with suppress(OSError, ValueError):  # the list is damaged, or the run is older than such lists
             ours |= {stage / name for name in read_json(stage / "files.json", Digests, ANEW)}
         ours |= {stage / "files.json", stage / MARKER, *files_of(stage).values()}
     there = [path for path in folder.rglob("*") if path.is_symlink() or not path.is_dir()]
     if others := [path for path in there if path not in ours]:
-        raise FileExistsError(f"{others[0]}: no run wrote this, so {folder} can't be cleared. Move it away.")
+        raise FileExistsError(f"{others[0]}: was not written by a run, so {folder} can't be cleared. Move it away.")
     for path in there:
         path.unlink()
-    shutil.rmtree(folder)  # of empty folders
+    shutil.rmtree(folder)  # only empty folders are left

@@ -1,4 +1,4 @@
-"""From the deformed body to closed pial and white surfaces: best diagonals, mirrored, seams welded."""
+"""Closed pial and white surfaces of the deformed body: quads are split along the best diagonals, parts mirrored."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from morphofold.surface import Surface
 
 SWEEPS = 8
 
-# Corner opposite to side s (from corner s to s + 1) in the triangle that holds it, for diagonals 0-2 and 1-3
+# Corner opposite to side s (from corner s to s + 1) in the triangle of that side, for diagonals 0-2 and 1-3
 _OPPOSITE = np.array([[2, 0, 0, 2], [3, 3, 1, 1]])
 
 
 def whole_surfaces(body: Body, x: Array) -> tuple[Surface, Surface]:
     """Closed white and pial surfaces of the body at positions ``x`` (N, 3), with the same faces [mm].
 
-    A part of a sphere is mirrored at its symmetry planes; nodes on a plane are shared by both halves. Each quad is
-    split along the diagonal that bends the pial surface least (see :func:`smooth_diagonals`): a fixed
-    diagonal draws saw-teeth on walls that run along the other one.
+    A part of a sphere is mirrored at its symmetry planes; both halves share the nodes on a plane. Each quad is split
+    along the diagonal that bends the pial surface least (see :func:`smooth_diagonals`). A fixed diagonal would make
+    saw-teeth on walls that run along the other diagonal.
     """
     bilayer, n = body.bilayer, body.n_surface
     faces = bilayer.faces if bilayer.faces.shape[1] == 3 else smooth_diagonals(x[:n], bilayer.faces)
@@ -42,8 +42,8 @@ def whole_surfaces(body: Body, x: Array) -> tuple[Surface, Surface]:
 def smooth_diagonals(x: Array, quads: NDArray[np.int64]) -> NDArray[np.int64]:
     """Split quads (Q, 4) into triangles (2 Q, 3) along the diagonals that bend the surface least.
 
-    Each quad takes the diagonal with the smaller sum of squared dihedral angles over the diagonal and its four
-    sides, given the present choice of its neighbours; sweeps in a fixed order until nothing changes, at most eight.
+    Each quad takes the diagonal with the smaller sum of squared dihedral angles over the diagonal and its four sides,
+    for the present choice of its neighbours. Sweeps in a fixed order repeat until nothing changes, at most eight times.
     """
     a, b = quads, np.roll(quads, -1, axis=1)
     key = np.minimum(a, b) * (quads.max() + 1) + np.maximum(a, b)
@@ -60,7 +60,7 @@ def smooth_diagonals(x: Array, quads: NDArray[np.int64]) -> NDArray[np.int64]:
 
 @njit(cache=True)
 def _bend(p, q, left, right):
-    """Squared dihedral angle at edge pq between the triangles to its left and right, 0 when flat."""
+    """Squared dihedral angle at edge pq between the triangles to its left and right, 0 if flat."""
     e = q - p
     n = np.cross(e, left - p)
     m = np.cross(right - p, e)

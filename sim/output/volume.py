@@ -1,4 +1,4 @@
-"""What ParaView opens: the volume of each stage, and ``stages.pvd``, their series over growth."""
+"""Files for ParaView: the volume of each stage, and ``stages.pvd``, the series of volumes over growth."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ VOLUME, SERIES = "volume.vtu", "stages.pvd"
 
 
 def write_volume(folder: Path, body: Body, x: Array) -> None:
-    """``volume.vtu``: the body at positions ``x`` (N, 3) [mm], its reference positions, and fields of its elements.
+    """Write ``volume.vtu``: the body at positions ``x`` (N, 3) [mm], its reference positions, and element fields.
 
-    Stresses and energies are in units of the core's shear modulus, and energies times mm^3.
+    Stresses are in units of the core's shear modulus, energies in that unit times mm^3.
     """
     import meshio
 
@@ -51,7 +51,7 @@ def write_volume(folder: Path, body: Body, x: Array) -> None:
 
 
 def read_volume(path: Path) -> tuple[Array, Array]:
-    """Reference and deformed positions X, x (N, 3) [mm] of a ``volume.vtu``, as they were written, to the last bit."""
+    """Reference and deformed positions X, x (N, 3) [mm] of a ``volume.vtu``, bitwise as they were written."""
     import meshio
 
     from morphofold.io.vtk_blocks import check_blocks
@@ -67,7 +67,7 @@ def stages_with_volume(out: Path, scene: Scene) -> list[float]:
 
 
 def write_series(out: Path, scene: Scene) -> None:
-    """Write ``stages.pvd`` of the stages there are, unless it is there; nothing where none has a volume."""
+    """Write ``stages.pvd`` for the stages in the folder, unless it is up to date or no stage has a volume."""
     text = _series(out, scene)
     if text and _there(out) != text.encode():
         with atomic_file(out / SERIES) as temporary:
@@ -75,9 +75,9 @@ def write_series(out: Path, scene: Scene) -> None:
 
 
 def check_series(out: Path, scene: Scene) -> None:
-    """Refuse a ``stages.pvd`` that isn't that of the stages there are; one that is missing can be written anew."""
+    """Raise if ``stages.pvd`` does not match the stages in the folder; a missing file can be written again."""
     if _there(out) not in (None, _series(out, scene).encode()):
-        raise DamagedFile(f"{out / SERIES}: is not as the run wrote it. Delete it; --resume then writes it anew.")
+        raise DamagedFile(f"{out / SERIES}: is not as the run wrote it. Delete it; --resume then writes it again.")
 
 
 def _there(out: Path) -> bytes | None:
@@ -85,7 +85,7 @@ def _there(out: Path) -> bytes | None:
 
 
 def _series(out: Path, scene: Scene) -> str:
-    """A collection of VTK files, whose time is the growth g; empty without one."""
+    """Text of a collection of VTK files with the growth g as time; empty if there are none."""
     rows = [
         f'    <DataSet timestep="{g!r}" part="0" file="{stage_folder(Path(), g).as_posix()}/{VOLUME}"/>\n'
         for g in stages_with_volume(out, scene)

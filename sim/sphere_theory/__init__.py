@@ -1,1 +1,1 @@
-"""The growing sphere before it folds: its smooth state and its linear stability, by two routes that share nothing."""
+"""The growing sphere before it folds: its smooth state and its linear stability, by two independent methods."""

@@ -1,14 +1,14 @@
-"""The growing bilayer sphere at rest and its loss of stability, by finite elements in the radius.
+"""Equilibrium of the growing bilayer sphere and its loss of stability, by finite elements in the radius.
 
 Reference body: fixed hole at R = A, core A < R < B, cortex B < R < C, free surface at C; F = A_el G with
 G = g_core I in the core, g I or diag(1, g, g) in the cortex. Energy, with the pressure p as a second unknown,
 
     E = int det G (mu/2 (J^-2/3 tr(A_el^T A_el) - 3) + p (J - 1) - p^2 / (2 kappa)) dV,    J = det A_el,
 
-so that p = kappa (J - 1) gives ``materials.elastic.energy`` back (but for its clamp below J = 0.1), and 1/kappa = 0 is
-the incompressible body. Displacements are continuous polynomials of degree ``order``, pressures discontinuous ones of a
-degree less. Lengths are in units of C, stresses in units of the core's shear modulus. Nothing here comes from the
-closed forms of ``theory``: this is the second route to the same numbers.
+so that p = kappa (J - 1) gives ``materials.elastic.energy`` (except for its constant factors below J = 0.1), and
+1/kappa = 0 is the incompressible body. Displacements are continuous polynomials of degree ``order``, pressures are
+discontinuous and of one degree less. Lengths are in units of C, stresses in units of the core's shear modulus. The
+closed forms of ``theory`` are not used: this is an independent method for the same numbers.
 
 A perturbation of degree l is u = U(R) Y N + V(R) grad Y (spheroidal) or W(R) N x grad Y (toroidal), with N the
 radial direction, Y a spherical harmonic and grad on the unit sphere. By Grad N = (I - N N)/R and Grad Y = grad Y/R,
@@ -16,8 +16,8 @@ radial direction, Y a spherical harmonic and grad on the unit sphere. By Grad N 
     Grad u = U' Y N N + (U - V)/R N grad Y + V' grad Y N + (U Y P + V H)/R,    P = I - N N,  H = Hess Y,
 
 and with n = l (l + 1), on the unit sphere, int Y^2 = 1, int |grad Y|^2 = n, tr H = -n Y, int |H|^2 = n (n - 1).
-The energy to second order is then a quadratic form in six functions of R (:func:`_second_variation`); for n = 0 it
-is the tangent of the radial problem itself.
+The energy to second order is then a quadratic form in six functions of R (:func:`_second_variation`). For n = 0 it
+is the tangent of the radial problem.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ LAYERS = ("core", "cortex")
 
 @dataclass(frozen=True)
 class RadialState:
-    """Radial equilibrium at points, from the hole outwards (quadrature points) or as asked of :meth:`at`.
+    """Radial equilibrium at points: quadrature points from the hole outwards, or those given to :meth:`at`.
 
     Attributes
     ----------
@@ -69,12 +69,12 @@ class RadialState:
     _solution: Any = field(repr=False, compare=False)
 
     def at(self, R: ArrayLike, layer: str) -> RadialState:
-        """The state at radii R (units of C) of one layer, "core" or "cortex", ends included.
+        """The state at radii R (units of C) of one layer, "core" or "cortex", including its ends.
 
         Raises
         ------
         ValueError
-            For another layer, or a radius outside of it.
+            For another layer, or a radius outside the layer.
         """
         sphere, x, growth = self._solution
         return sphere.state(x, growth, sphere.points(np.ravel(np.asarray(R, dtype=np.float64)), layer))
@@ -97,7 +97,7 @@ def radial_equilibrium(
     Parameters
     ----------
     g : float
-        Growth stretch of the cortex, 1 is none.
+        Growth stretch of the cortex; 1 means no growth.
     T_over_C : float
         Thickness of the cortex over the outer radius, both ungrown.
     mu_ratio : float
@@ -109,7 +109,7 @@ def radial_equilibrium(
     A_over_C, g_core : float
         Radius of the hole over C; growth stretch of the core.
     elements : int, optional
-        Elements in each layer, graded; by default as many as keep the error in g of a degree below about 1e-8.
+        Elements in each layer, graded; by default enough for an error below about 1e-8 in the critical g of a degree.
     order : int
         Degree of the displacement, 2 or more.
 
@@ -121,9 +121,9 @@ def radial_equilibrium(
     Raises
     ------
     ValueError
-        For values outside of the ranges above.
+        For values outside the ranges above.
     ConvergenceError
-        If the path of equilibria from no growth could not be followed to g.
+        If the path of equilibria from g = 1 could not be followed to g.
     """
     growth = (_positive("g", g), _positive("g_core", g_core))
     sphere = _Sphere(T_over_C, mu_ratio, law, kappa_ratio, A_over_C, 5, elements, order, g)
@@ -146,7 +146,7 @@ def unstable_modes(
 ) -> int:
     """Number of unstable spheroidal (or toroidal) modes of degree l >= 1 at growth g.
 
-    Parameters and errors are those of :func:`radial_equilibrium`. Counted are the functions of R; each comes with
+    Parameters and errors are those of :func:`radial_equilibrium`. The number is that of functions of R; each has
     2 l + 1 harmonics. The radial state is stable if the number is zero for all l, spheroidal and toroidal.
     """
     growth = (_positive("g", g), _positive("g_core", g_core))
@@ -180,10 +180,9 @@ def critical_growth_of_degree(
     l : int
         Degree of the spherical harmonic, 1 or more.
     g_max : float
-        Where the search ends.
+        Growth at which the search ends.
     step : float
-        The path is looked at each time g has grown by this fraction; an instability that comes and goes within
-        one step is not seen.
+        Relative increment of g between states; an instability that begins and ends within one step is not found.
 
     Returns
     -------
@@ -193,12 +192,12 @@ def critical_growth_of_degree(
     Raises
     ------
     ValueError
-        For values out of range, or where core growth alone has made degree l unstable at g = 1.
+        For values out of range, or if core growth alone makes degree l unstable at g = 1.
     ConvergenceError
         If the radial path ends before g_max and before the instability.
     """
     if not 1 < g_max < np.inf or not 0 < step < np.inf:
-        raise OutOfRange(f"g_max must exceed 1 and step 0, got g_max = {g_max}, step = {step}.")
+        raise OutOfRange(f"g_max must be above 1 and step above 0, got g_max = {g_max}, step = {step}.")
     g_core, graded = _positive("g_core", g_core), min(1.5, g_max)
     while True:
         sphere = _Sphere(T_over_C, mu_ratio, law, kappa_ratio, A_over_C, l, elements, order, graded)
@@ -206,12 +205,12 @@ def critical_growth_of_degree(
         need = g_max if np.isnan(g) else g
         if need <= 1.2 * graded:
             return g
-        graded = need  # once more, on a mesh for the state that it met
+        graded = need  # again, on a mesh graded for the growth that was found
 
 
 @dataclass(frozen=True)
 class _Points:
-    """Points of elements, with the values (and slopes) of the shape functions there, each (shapes, E, Q)."""
+    """Points in elements, with values and slopes of the shape functions there, each (shapes, E, Q)."""
 
     element: NDArray[np.int64]
     R: Array
@@ -221,10 +220,10 @@ class _Points:
 
 
 class _Sphere:
-    """Mesh, shape functions and moduli of one sphere, and what is assembled on them.
+    """Mesh, shape functions and moduli of one sphere, and the matrices assembled on them.
 
     The unknowns x are the displacements w = r - R, then the pressures; a mode has U, V and pressures. The mesh is
-    graded for growth g, at which a mode of degree l is to be resolved.
+    graded to resolve a mode of degree l at growth g.
     """
 
     def __init__(
@@ -239,7 +238,7 @@ class _Sphere:
         order: int,
         g: float,
     ):
-        SmoothSphere(T, mu_ratio, law, kappa_ratio, A)  # refuses what is none
+        SmoothSphere(T, mu_ratio, law, kappa_ratio, A)  # raises on values out of range
         for name, value, least in (("l", l, 1), ("order", order, 2), ("elements", elements, 1)):
             if value is not None and (value != int(value) or value < least):
                 raise OutOfRange(f"{name} must be a whole number of at least {least}, got {value}.")
@@ -261,7 +260,7 @@ class _Sphere:
         )
 
     def points(self, R: Array, layer: str) -> _Points:
-        """Shape functions at chosen radii of one layer."""
+        """Shape functions at given radii of one layer."""
         if layer not in LAYERS:
             raise UnknownName(f"layer must be one of {', '.join(LAYERS)}, got {layer!r}.")
         edges = self.edges[layer]
@@ -272,13 +271,13 @@ class _Sphere:
         X = ((R - edges[inside]) / (edges[inside + 1] - edges[inside]))[None, :, None]
         u, q = (
             [e.gbasis(self.u.mapping, X, i, tind=element) for i in range(b.Nbfun)]
-            # new elements, for ElementLinePp keeps its last values when only the place of the points has changed
+            # new elements, because ElementLinePp keeps its last values if only the positions of the points change
             for e, b in zip(_shapes(self.order), (self.u, self.q))
         )
         return _Points(element, R[:, None], *_values(u), _values(q)[0])
 
     def stretches(self, x: Array, growth: Growth, at: _Points) -> tuple[Array, ...]:
-        """Radial and tangential growth (E, 1); radial and tangential elastic stretch, pressure (E, Q)."""
+        """Radial and tangential growth (E, 1); radial and tangential elastic stretch, and pressure (E, Q)."""
         tangential = np.where(self.cortex, *growth)[at.element][:, None]
         radial = np.where(self.cortex, growth[0] if self.law == "isotropic" else 1.0, growth[1])[at.element][:, None]
         w = x[self.u.element_dofs[:, at.element]]
@@ -298,7 +297,7 @@ class _Sphere:
         return RadialState(R, r, sigma_r, sigma_theta, p, J, cortex, (self, x, growth))
 
     def grow(self, end: Growth, x: Array | None = None, start: Growth = (1.0, 1.0)) -> Array:
-        """Follow the radial equilibrium from x at growth (g, g_core) to another; increments halve when Newton fails."""
+        """Follow the radial equilibrium from x to another growth (g, g_core); increments halve when Newton fails."""
         x = np.zeros(self.u.N + self.q.N) if x is None else x
         begin, way = np.log(start), np.log(end) - np.log(start)
         done, step = 0.0, 1 / max(1.0, np.ceil(np.abs(way).max() / 0.2))
@@ -316,7 +315,7 @@ class _Sphere:
         return x
 
     def first_instability(self, g_core: float, g_max: float, step: float) -> float:
-        """Least growth at which a mode is lost, followed from none in steps; NaN if none is."""
+        """Smallest growth at which a mode becomes unstable, searched in steps from g = 1; NaN if there is none."""
         start = (1.0, g_core)
         x = self.grow(start)
 
@@ -324,7 +323,7 @@ class _Sphere:
             return self.softest(self.grow((g, g_core), x, start), (g, g_core))  # x, start: the last stable step
 
         if softest(1.0) <= 0:
-            raise NoSolution(f"the degree is unstable at g = 1 already, by core growth of {g_core} alone.")
+            raise NoSolution(f"the degree is unstable at g = 1 already, from core growth g_core = {g_core} alone.")
         while start[0] < g_max:
             end = (min(start[0] * (1 + step), g_max), g_core)
             ahead = self.grow(end, x, start)
@@ -341,12 +340,12 @@ class _Sphere:
             update = np.linalg.solve(tangent[np.ix_(free, free)], gradient[free])
             x = x.copy()
             x[free] -= update
-            if np.abs(update / unit).max() < 1e-8:  # the step is quadratic: what is left is round-off
+            if np.abs(update / unit).max() < 1e-8:  # convergence is quadratic: the remaining error is round-off
                 return x
         raise FloatingPointError("Newton's method does not converge")
 
     def radial(self, x: Array, growth: Growth) -> tuple[Array, Array]:
-        """Gradient (N,) and tangent (N, N) of the energy, over 4 pi, in the unknowns of the radial problem."""
+        """Gradient (N,) and tangent (N, N) of the energy over 4 pi by the unknowns of the radial problem."""
         at, mu, compliance = self.quadrature, self.mu[:, None], self.compliance[:, None]
         radial, tangential, alpha, beta, p = self.stretches(x, growth, at)
         J, I1 = alpha * beta**2, alpha**2 + 2 * beta**2
@@ -365,7 +364,7 @@ class _Sphere:
         return residual, _assemble(table, D, weight, dofs)
 
     def second_variation(self, x: Array, growth: Growth) -> Array:
-        """Quadratic form of twice the energy, of one degree l, in the free unknowns of U, V and pressure."""
+        """Quadratic form of twice the energy for one degree l in the free unknowns of U, V and pressure."""
         radial, tangential, alpha, beta, p = self.stretches(x, growth, self.quadrature)
         D = _second_variation(alpha, beta, p, self.mu[:, None], self.compliance[:, None], self.n)
         return self.quadratic(D, radial, tangential)
@@ -384,24 +383,25 @@ class _Sphere:
         return M[np.ix_(free, free)]
 
     def spheroidal(self, x: Array, growth: Growth, index: int | None = None) -> Array:
-        """Eigenvalues, or the one of that index, of the second variation.
+        """Eigenvalues of the second variation, or the one with the given index.
 
-        As many are negative as there are pressures plus unstable modes (Sylvester's law of inertia): where kappa is
-        finite the pressures complete a square; where it is not, each takes one displacement for a pair of opposite
-        signs, and what remains is the second variation on the constraint.
+        The number of negative eigenvalues is that of the pressures plus that of the unstable modes (Sylvester's law of
+        inertia). If kappa is finite the pressures complete a square. If it is infinite each pressure forms a pair of
+        opposite signs with one displacement, and the second variation on the constraint remains.
         """
         half = solve_triangular(self.scale, self.second_variation(x, growth), lower=True)
         M = solve_triangular(self.scale, half.T, lower=True)
         return eigvalsh(M, subset_by_index=None if index is None else [index, index])
 
     def softest(self, x: Array, growth: Growth) -> float:
-        """The eigenvalue that is negative as soon as one spheroidal mode is unstable; 1 at rest if incompressible."""
+        """The eigenvalue that is negative if at least one spheroidal mode is unstable; 1 at rest if incompressible."""
         return float(self.spheroidal(x, growth, self.q.N)[0])
 
     def toroidal(self, x: Array, growth: Growth) -> Array:
-        """Second variation in W, over n: the perturbation keeps volumes, so no pressure enters.
+        """Second variation in W, over n; there is no pressure, because the perturbation keeps volumes.
 
-        grad of N x grad Y is the Hessian turned by a right angle: no trace, twice its determinant has the mean n.
+        grad of N x grad Y is the Hessian rotated by a right angle: its trace is 0, and n is the mean of twice its
+        determinant.
         """
         at, mu = self.quadrature, self.mu[:, None]
         radial, tangential, alpha, beta, p = self.stretches(x, growth, at)
@@ -415,12 +415,12 @@ class _Sphere:
         return _assemble(table, D, weight, self.dofs(0))[np.ix_(self.free, self.free)]
 
     def dofs(self, *fields: int) -> NDArray[np.int64]:
-        """Unknowns of each element (E, shapes) for the fields U (0), V (1) and pressure (2), in one row of unknowns."""
+        """Unknowns of each element (E, shapes) for the fields U (0), V (1) and pressure (2), in one numbering."""
         blocks = [self.q.element_dofs if f == 2 else self.u.element_dofs for f in fields]
         return np.concatenate([b + i * self.u.N for i, b in enumerate(blocks)]).T
 
     def table(self, n: int, radial: Array, tangential: Array) -> Array:
-        """The six functions of ``_second_variation`` made by each shape function of U, V (if n) and pressure."""
+        """The six functions of ``_second_variation`` for each shape function of U, V (if n > 0) and pressure."""
         at = self.quadrature
         slope, phi, zero, none = at.slope / radial, at.phi / (at.R * tangential), 0 * at.phi, 0 * at.psi
         U = np.stack([slope, 2 * phi, phi, zero, zero, zero])
@@ -430,19 +430,19 @@ class _Sphere:
 
 
 def _twist(n: int) -> float:
-    """Mean over the sphere of the squared traceless part of Hess Y."""
+    """Mean over the sphere of the square of the traceless part of Hess Y."""
     return n * (n - 2) / 2
 
 
 def _shear_and_hydrostatic(alpha: Array, beta: Array, p: Array, mu: Array) -> tuple[Array, Array]:
-    """Factors of |h|^2 and of the second derivative of J: mu J^-2/3, and p less the part of J^-2/3."""
+    """Factors of |h|^2 and of the second derivative of J: mu J^-2/3, and p minus the part of J^-2/3."""
     J = alpha * beta**2
     shear = mu * J ** (-2 / 3)
     return shear, p - shear * (alpha**2 + 2 * beta**2) / (3 * J)
 
 
 def _second_variation(alpha: Array, beta: Array, p: Array, mu: Array, compliance: Array, n: int) -> Array:
-    """Quadratic form of the energy per grown volume, (E, Q, 6, 6), in the mean over the sphere.
+    """Quadratic form (E, Q, 6, 6) of twice the energy per grown volume, averaged over the sphere.
 
     Parameters
     ----------
@@ -495,9 +495,9 @@ def _assemble(table: Array, D: Array, weight: Array, dofs: NDArray[np.int64]) ->
 def _edges(inner: float, outer: float, l: int, elements: int | None, swelling: float = 1.0) -> Array:
     """Edges of the elements of a layer, finest at the interface and the surface.
 
-    A mode of degree l decays within r/l or faster from where it lives, and as a power of the deformed radius r. The
-    edges therefore divide the integral of 1/(1/l + distance) + 1/r evenly; the distance is from the interface and
-    the outer surface. r is that of a layer whose volume grew by ``swelling`` and whose inner radius stayed.
+    A mode of degree l decays within r/l or faster from its largest amplitude, and as a power of the deformed radius r.
+    Therefore the edges divide the integral of 1/(1/l + distance) + 1/r evenly; the distance is from the interface and
+    the outer surface. r is that of a layer whose volume is multiplied by ``swelling`` at constant inner radius.
     """
     R = np.linspace(inner**3, outer**3, 40001) ** (1 / 3)
     r = np.cbrt(inner**3 + swelling * (R**3 - inner**3))

@@ -1,10 +1,10 @@
-"""What a spherical harmonic meets in the smooth sphere: the impedance Z, momenta over displacements, of its layers.
+"""Impedance Z of the layers of the smooth sphere for a spherical harmonic: momenta over displacements.
 
 The smooth state (smooth_sphere.py) is perturbed by u = U(r) Y_lm e_r + V(r) r grad Y_lm, of any degree l; the order m
-doesn't matter. The second variation of the energy becomes one integral over the radius, and its Euler equations four
-linear ones of first order, for U, V and their momenta. Two solutions are marched through a layer at a time, outwards
-from the fixed hole and inwards from the free surface. docs/theory.md has the derivation. Lengths are over the outer
-reference radius C, moduli over the core's shear modulus.
+does not matter. The second variation of the energy becomes one integral over the radius. Its Euler equations are four
+linear equations of first order, for U, V and their momenta. Two solutions are integrated through one layer at a time,
+outwards from the fixed hole and inwards from the free surface. docs/theory.md has the derivation. Lengths are over the
+outer reference radius C, moduli over the core's shear modulus.
 """
 
 from __future__ import annotations
@@ -38,18 +38,18 @@ STAGES = np.array(
         [5 / 36 + _R15 / 30, 2 / 9 + _R15 / 15, 5 / 36],
     ]
 )
-#: the fastest exponent of a mode times the step: 1e-9 in the growth found
+#: fastest exponent of a mode times the step; the error of the growth is then 1e-9
 STEP = 0.25
-#: steps per layer at least
+#: least number of steps per layer
 LEAST_STEPS = 16
-#: the march begins where a mode has died out to exp(-DEPTH) of what it is at the interface
+#: the integration begins where a mode has decayed to exp(-DEPTH) of its value at the interface
 DEPTH = 20.0
-#: degree at which the short-wave limit is taken: 1/l is below rounding in what is kept
+#: degree at which the short-wave limit is computed: terms in 1/l are below rounding
 SHORT = 1e12
 
 
 def impedances(sphere: SmoothSphere, degree: float, g: float) -> tuple[Array, Array, int]:
-    """Z of one degree l at growth g: at the free surface, and its jump at the interface.
+    """Impedance Z of one degree l at growth g: at the free surface, and its jump at the interface.
 
     Parameters
     ----------
@@ -62,9 +62,9 @@ def impedances(sphere: SmoothSphere, degree: float, g: float) -> tuple[Array, Ar
     Returns
     -------
     surface, interface : (2, 2) float64
-        Symmetric, of (U, sqrt(l (l + 1)) V), over sqrt(l (l + 1)).
+        Symmetric, for (U, sqrt(l (l + 1)) V), over sqrt(l (l + 1)).
     poles : int
-        How often Z was infinite on the way to either.
+        Number of points on the path to either at which Z is infinite.
 
     Raises
     ------
@@ -81,9 +81,9 @@ def impedances(sphere: SmoothSphere, degree: float, g: float) -> tuple[Array, Ar
 
 
 def short_wave_impedances(sphere: SmoothSphere, g: float) -> tuple[Array, Array] | None:
-    """:func:`impedances` for l -> inf: of a half-space like the outer surface, and of two joined like the interface.
+    """:func:`impedances` for l -> inf: half-space in the state of the outer surface, two joined as at the interface.
 
-    None where a half-space has lost its ellipticity.
+    None if a half-space has lost ellipticity.
     """
     fields = smooth_state(sphere, g).fields
     surface = _half_space(fields[1, :, -1], sphere.mu[1], "rhp")
@@ -92,7 +92,7 @@ def short_wave_impedances(sphere: SmoothSphere, g: float) -> tuple[Array, Array]
 
 
 def _half_space(fields: Array, mu: float, side: str) -> Array | None:
-    """Z (2, 2) of a half-space in one state, waves of unit number; None where it has lost its ellipticity."""
+    """Z (2, 2) of a half-space in one state for wave number 1; None if it has lost ellipticity."""
     M = np.empty((4, 4))
     _coefficients(M, SHORT, 1.0, np.array([fields[LAMBDA_R], fields[LAMBDA_T], 0.0, mu * fields[COMPLIANCE], 1.0, 1.0]))
     M[:2, :2] /= SHORT
@@ -102,7 +102,7 @@ def _half_space(fields: Array, mu: float, side: str) -> Array | None:
     if dying != 2:
         return None
     Z = mu * basis[2:, :2] @ np.linalg.inv(basis[:2, :2])
-    # the work of a uniform pressure is one of the boundary: kept out of M, where it would drown the rest
+    # the work of a uniform pressure is a boundary term: it is left out of M, where it would dominate the rest
     return (Z + Z.T) / 2 - fields[PRESSURE] * np.array([[0.0, 1.0], [1.0, 0.0]])
 
 
@@ -116,7 +116,7 @@ def _coefficients(M, n, mu, fields):
         L = r [al U.^2 + 2 be U. S + ga S^2 + bulk D^2 + de ((n^2 - 1) v^2 + 2 U^2 - 2 n U v)
                + b_rt v.^2 + b_tr (n U - v)^2 + 2 c v. (n U - v)]
 
-    bulk = J h''(J) enters by its inverse, 0 if incompressible; the moduli are Ogden's for the neo-Hookean energy.
+    bulk = J h''(J) is used by its inverse, 0 if incompressible; the moduli are Ogden's for the neo-Hookean energy.
     """
     lr, lt, h1, compliance = fields[LAMBDA_R], fields[LAMBDA_T], fields[PRESSURE], fields[COMPLIANCE]
     r, rate = fields[RADIUS], fields[RATE]
@@ -170,9 +170,9 @@ def _interpolate(x, nodes, table, fields):
 
 @njit(cache=True)
 def _march(Y, degree, start, end, nodes, table, mu):
-    """Carry two solutions Y (4, 2) of (U, v, P, Q), in place, from one end of a layer to the other.
+    """Integrate two solutions Y (4, 2) of (U, v, P, Q), in place, from one end of a layer to the other.
 
-    Returns Z (2, 2), their (P, Q) over their (U, v) and over n, and how often it was infinite on the way.
+    Returns Z (2, 2), their (P, Q) over their (U, v) and over n, and the number of points at which it is infinite.
     """
     n = math.sqrt(degree * (degree + 1.0))
     fields, M = np.empty(6), np.empty((3, 4, 4))
@@ -193,7 +193,7 @@ def _march(Y, degree, start, end, nodes, table, mu):
         slope = np.linalg.solve(lhs, rhs)
         for i in range(3):
             Y += h * WEIGHTS[i] * slope[4 * i : 4 * i + 4]
-        # orthonormal columns span the same solutions; without it both turn into the faster one
+        # orthonormal columns span the same solutions; without this both would become the faster solution
         Y[:, 0] /= math.sqrt((Y[:, 0] ** 2).sum())
         Y[:, 1] -= (Y[:, 0] * Y[:, 1]).sum() * Y[:, 0]
         Y[:, 1] /= math.sqrt((Y[:, 1] ** 2).sum())

@@ -1,8 +1,8 @@
-"""The smooth state of the growing bilayer sphere: stretches and pressure along the radius, before anything folds.
+"""The smooth state of the growing bilayer sphere before it folds: stretches and pressure along the radius.
 
 Lengths are in units of the outer reference radius C, moduli in units of the core's shear modulus. The incompressible
-state is in closed form (Razavi et al. 2015, Eqs. 8 to 11, and the integral of Eq. 6); the nearly incompressible one is
-solved by Chebyshev collocation, with the energy of :func:`morphofold.sim.materials.elastic.energy`.
+state has a closed form (Razavi et al. 2015, Eqs. 8 to 11, and the integral of Eq. 6). The nearly incompressible state
+is computed by Chebyshev collocation, with the energy of :func:`morphofold.sim.materials.elastic.energy`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from morphofold.sim.growth import check_law, volume
 
 #: Chebyshev points per layer
 POINTS = 24
-#: largest share of the last Chebyshev coefficients in a stretch for it to count as resolved; 1e-16 in ordinary cases
+#: a stretch is resolved if its last Chebyshev coefficients, over the largest, are below this; 1e-16 in ordinary cases
 UNRESOLVED = 1e-6
 #: fields of a state, in this order
 LAMBDA_R, LAMBDA_T, PRESSURE, COMPLIANCE, RADIUS, RATE = range(6)
@@ -33,11 +33,11 @@ class State(NamedTuple):
     ----------
     y : (2, POINTS) float64
         Coordinate: logarithm of the deformed radius that the point would have if it were incompressible. All fields
-        are smooth in it however strong the growth; in R they crowd towards the interface.
+        are smooth in it for any growth; as functions of R they change fast near the interface.
     fields : (2, 6, POINTS) float64
         Elastic stretches lambda_r and lambda_theta; the derivative h'(J) of the volumetric energy (the part of the
-        mean stress that is no shear's); the volumetric compliance 1/(J h''(J)), 0 if incompressible; the deformed
-        radius r; and d ln r / dy.
+        mean stress that does not come from shear); the volumetric compliance 1/(J h''(J)), 0 if incompressible; the
+        deformed radius r; and d ln r / dy.
     """
 
     y: Array
@@ -50,18 +50,18 @@ class ConvergenceError(ArithmeticError):
 
 @dataclass(frozen=True)
 class SmoothSphere:
-    """What a smooth state depends on besides growth, checked on construction.
+    """Parameters of a smooth state except growth, checked on construction.
 
     Attributes
     ----------
     T_over_C : float
         Thickness of the cortex over the outer radius, at least 1e-6.
     mu_ratio : float
-        Shear modulus of the cortex over the core's, 1e-4 to 1e4.
+        Shear modulus of the cortex over that of the core, 1e-4 to 1e4.
     law : {"isotropic", "tangential"}
         Growth of the cortex.
     kappa_ratio : float
-        Bulk over shear modulus, the same in both layers, 1 to 1e8; inf is incompressible.
+        Bulk over shear modulus, the same in both layers, 1 to 1e8; inf means incompressible.
     A_over_C : float
         Radius of the fixed hole over the outer radius, at least 0.001.
 
@@ -79,11 +79,11 @@ class SmoothSphere:
 
     def __post_init__(self) -> None:
         check_law(self.law)
-        if not 1e-4 <= self.mu_ratio <= 1e4:  # beyond, rounding in the stiff layer hides the soft one
+        if not 1e-4 <= self.mu_ratio <= 1e4:  # beyond, rounding errors of the stiff layer hide the soft layer
             raise OutOfRange(
                 f"mu_ratio, shear modulus of cortex over core, must lie between 1e-4 and 1e4, got {self.mu_ratio}."
             )
-        if not (1 <= self.kappa_ratio <= 1e8 or self.kappa_ratio == np.inf):  # and kappa (J - 1) in J - 1
+        if not (1 <= self.kappa_ratio <= 1e8 or self.kappa_ratio == np.inf):  # beyond, rounding spoils kappa (J - 1)
             raise OutOfRange(
                 f"kappa_ratio, bulk over shear modulus, must lie between 1 and 1e8, or be inf for incompressible, "
                 f"got {self.kappa_ratio}."
@@ -101,7 +101,7 @@ class SmoothSphere:
 
     @property
     def mu(self) -> Array:
-        """Shear moduli of core and cortex, in the core's."""
+        """Shear moduli of core and cortex, in units of that of the core."""
         return np.array([1.0, self.mu_ratio])
 
     def growth(self, g: float) -> tuple[Array, Array]:
@@ -109,9 +109,9 @@ class SmoothSphere:
         return np.array([[1.0], [g if self.law == "isotropic" else 1.0]]), np.array([[1.0], [g]])
 
 
-@lru_cache(maxsize=256)  # a search comes back to the same growths for every degree
+@lru_cache(maxsize=256)  # a search uses the same growths for every degree
 def smooth_state(sphere: SmoothSphere, g: float) -> State:
-    """Smooth state at growth g of the cortex; the core doesn't grow.
+    """Smooth state at growth g of the cortex; the core does not grow.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ def smooth_state(sphere: SmoothSphere, g: float) -> State:
     Raises
     ------
     ConvergenceError
-        If no nearly incompressible state was found, or the points don't resolve it.
+        If no nearly incompressible state was found, or the points do not resolve it.
     """
     c = np.cbrt(sphere.B**3 + volume(g, sphere.law) * (1 - sphere.B**3))  # Eq. (11), the core at rest
     ends = np.log([[sphere.A_over_C, sphere.B], [sphere.B, c]])
@@ -148,15 +148,15 @@ def smooth_state(sphere: SmoothSphere, g: float) -> State:
 
 
 def _state(y: Array, fields: Array) -> State:
-    """A state that callers of the cached function share, and so can't write to."""
+    """A read-only state, because all callers of the cached function share it."""
     y.flags.writeable = fields.flags.writeable = False
     return State(y, fields)
 
 
 def stress_primitive(q: Array, R: Array, g: float, law: str) -> Array:
-    """f with sigma_r = mu (f(r) - f(c)) in a layer free at c, incompressible; see :func:`theory.stresses`.
+    """f in sigma_r = mu (f(r) - f(c)) for an incompressible layer that is free at c; see :func:`theory.stresses`.
 
-    ``q`` = r/R and ``R`` are (...) arrays along the layer, g its growth stretch.
+    ``q`` = r/R and ``R`` are (...) arrays along the layer, g is its growth stretch.
     """
     if law == "isotropic":
         stretch = q / g
@@ -168,7 +168,7 @@ def stress_primitive(q: Array, R: Array, g: float, law: str) -> Array:
 
 
 def _nearly_incompressible(sphere: SmoothSphere, g: float, y: Array, R: Array, r: Array) -> Array:
-    """Fields at points y, reference radius R, that solve Div P = 0; r is their incompressible radius.
+    """Fields that solve Div P = 0 at points y with reference radius R; r is their incompressible radius.
 
     With q = r/R, w = dr/dR and x = ln R this is dq/dx = w - q and dP_r/dx = 2 (P_theta - P_r), P the first
     Piola-Kirchhoff stress per reference area. The hole is fixed (q = 1), the outer surface free (P_r = 0), q and
@@ -179,7 +179,7 @@ def _nearly_incompressible(sphere: SmoothSphere, g: float, y: Array, R: Array, r
     w = radial * tangential**2 / q**2
     along = w / q  # dy/dx
     D = along[:, :, None] * np.stack([_derivative(row) for row in y])
-    for path in ((1.0,), 3.0 ** np.arange(6, -1, -1)):  # straight from the incompressible state, or step by step
+    for path in ((1.0,), 3.0 ** np.arange(6, -1, -1)):  # directly from the incompressible state, or step by step
         found: tuple[Array, Array] | None = (q, w)
         for stiffer in path:
             if found is not None:
@@ -194,18 +194,18 @@ def _nearly_incompressible(sphere: SmoothSphere, g: float, y: Array, R: Array, r
             break
     raise ConvergenceError(
         f"no smooth state found at g = {g:g}, kappa_ratio = {sphere.kappa_ratio:g}, T/C = {sphere.T_over_C:g}: "
-        "take less growth or a larger kappa_ratio."
+        "use less growth or a larger kappa_ratio."
     )
 
 
 def _newton(
     D: Array, q: Array, w: Array, radial: Array, tangential: Array, moduli: Array, kappa_ratio: float
 ) -> tuple[Array, Array] | None:
-    """Solution q, w (2, n) near the given one, or None; D (2, n, n) is d/dx."""
+    """Solution q, w (2, n) by Newton's method from the given one, or None; D (2, n, n) is d/dx."""
     n, det = q.shape[1], radial * tangential**2
     mu = moduli[:, None]
     kappa = kappa_ratio * mu
-    hole, joined, pushed, free = 0, 2 * n, 2 * n - 1, 4 * n - 1  # equations that boundary conditions replace
+    hole, joined, pushed, free = 0, 2 * n, 2 * n - 1, 4 * n - 1  # equations replaced by boundary conditions
     for _ in range(15):
         a, b = w / radial, q / tangential
         J = a * b * b
@@ -235,7 +235,7 @@ def _newton(
             step_q, step_w = np.linalg.solve(lhs, rhs.ravel()).reshape(2, 2, n).swapaxes(0, 1)
         except np.linalg.LinAlgError:
             return None
-        part = min(1.0, 0.5 / max((step_q / q).max(), (step_w / w).max(), 0.5))  # a stretch halves at most
+        part = min(1.0, 0.5 / max((step_q / q).max(), (step_w / w).max(), 0.5))  # a stretch falls by half at most
         q, w = q - part * step_q, w - part * step_w
         if max(np.abs(step_q).max(), np.abs(step_w).max()) < 1e-9:
             return q, w
@@ -243,7 +243,7 @@ def _newton(
 
 
 def _tail(values: Array) -> float:
-    """Largest of the last two Chebyshev coefficients of rows of values, over the largest of all or 1."""
+    """Larger of the last two Chebyshev coefficients of rows of values, over the largest of all or 1."""
     coefficients = np.abs(dct(values, type=1, axis=-1))
     return float(coefficients[:, -2:].max() / max(coefficients.max(), 2.0 * POINTS))
 

@@ -1,8 +1,8 @@
-"""Linear stability of the growing bilayer sphere: which spherical harmonic grows first, and from which growth on.
+"""Linear stability of the growing bilayer sphere: the first unstable spherical harmonic, and its critical growth.
 
 The smooth sphere is stable against degree l as long as the impedance Z of impedance.py is positive definite at the free
-surface and was never infinite on the way there (Jacobi's condition). Modes that live on the interface are seen better
-by the jump of Z there. Here the growth is sought at which that ends, for each degree, and the degree for which it
+surface and is nowhere infinite on the path to it (Jacobi's condition). For modes at the interface the jump of Z there
+is a better measure. This module finds the growth at which stability ends, for each degree, and the degree for which it
 ends first.
 """
 
@@ -36,7 +36,7 @@ CREASE = 2.4
 
 
 class Curve(NamedTuple):
-    """Critical growth by degree: degree (K,) int64 rising; g (K,) float64, NaN where none was found."""
+    """Critical growth by degree: degree (K,) int64 ascending; g (K,) float64, NaN where none was found."""
 
     degree: NDArray[np.int64]
     g: Array
@@ -44,30 +44,31 @@ class Curve(NamedTuple):
 
 @dataclass(frozen=True)
 class Bifurcation:
-    """When and how the smooth sphere first loses its stability. Lengths in units of the outer reference radius C.
+    """First loss of stability of the smooth sphere. Lengths are in units of the outer reference radius C.
 
     Attributes
     ----------
     g_crit : float
-        Least growth at which any mode grows; NaN if none does, and ``reason`` says why.
+        Smallest growth at which any mode grows; NaN if none does, and ``reason`` gives the cause.
     mode : float
-        Degree l of that mode: a whole number; inf if the shortest waves of all go first; NaN if none does.
+        Degree l of that mode: a whole number; inf if the shortest waves come first; NaN if none does.
     wavelength, wavelength_deformed : float
-        2 pi / sqrt(l (l + 1)) times the outer radius: of the reference sphere, C, and of the grown one, c.
+        2 pi / sqrt(l (l + 1)) times the outer radius: of the reference sphere, C, and of the grown sphere, c.
     curve : Curve
-        Critical growth of the degrees that were looked at, from 1 to well beyond the critical one.
+        Critical growth of the degrees that were computed, from 1 to well beyond the critical degree.
     short_wave : float
-        Limit of the curve for l -> inf: waves much shorter than the cortex is thick, on its surface (Biot) or
-        on the interface, whichever come first. NaN if none below g_max.
+        Limit of the curve for l -> inf: waves much shorter than the thickness of the cortex, on its surface (Biot) or
+        on the interface, whichever come first. NaN if there is none below g_max.
     g_crease : float
-        Growth at which the smooth surface meets the crease criterion, lambda_r/lambda_theta = 2.4 (Eq. 7); Eqs. (12)
-        and (13) if incompressible. NaN if it doesn't up to g_max.
+        Growth at which the smooth surface reaches the crease criterion, lambda_r/lambda_theta = 2.4 (Eq. 7); Eqs. (12)
+        and (13) if incompressible. NaN if it is not reached up to g_max.
     creasing_amplitude : float
-        Amplitude of the critical mode at which its troughs meet the crease criterion, while g is g_crit: an estimate,
-        with the linear mode at finite amplitude and in rolls; beyond the thickness of the cortex it only says
-        "not soon". 0 if the smooth surface meets the criterion already, NaN for a mode that lives on the interface.
+        Amplitude of the critical mode at which its troughs reach the crease criterion, while g is g_crit. It is an
+        estimate, with the linear mode at finite amplitude and in rolls; if it exceeds the thickness of the cortex, it
+        means only that creases do not come soon. 0 if the smooth surface has reached the criterion already, NaN for a
+        mode at the interface.
     reason : str
-        Empty, or why there is no g_crit.
+        Empty, or the cause if there is no g_crit.
     """
 
     g_crit: float
@@ -82,7 +83,7 @@ class Bifurcation:
 
     @property
     def first(self) -> str:
-        """What needs less growth, "wrinkle" or "crease"; empty if neither comes."""
+        """The one that needs less growth, "wrinkle" or "crease"; empty if neither comes."""
         if math.isnan(self.g_crit):
             return "" if math.isnan(self.g_crease) else "crease"
         return "crease" if self.g_crease < self.g_crit else "wrinkle"
@@ -99,23 +100,23 @@ def bifurcation(
 ) -> Bifurcation:
     """First bifurcation of the growing bilayer sphere from its smooth state: wrinkling, by linear stability.
 
-    The solid is taken whole: no thin layer, no flat one.
+    The sphere is treated as a full solid, without approximation by a thin or flat layer.
 
     Parameters
     ----------
     T_over_C : float
         Thickness of the cortex over the outer radius.
     mu_ratio : float
-        Shear modulus of the cortex over the core's.
+        Shear modulus of the cortex over that of the core.
     law : {"isotropic", "tangential"}
-        Growth of the cortex; the core doesn't grow.
+        Growth of the cortex; the core does not grow.
     kappa_ratio : float
-        Bulk over shear modulus, the same in both layers, in :func:`morphofold.sim.materials.elastic.energy`; inf is
+        Bulk over shear modulus, the same in both layers, in :func:`morphofold.sim.materials.elastic.energy`; inf means
         incompressible.
     A_over_C : float
         Radius of the fixed hole over the outer radius; 0.5 in the paper.
     g_max : float
-        Growth up to which to look.
+        Growth at which the search ends.
 
     Returns
     -------
@@ -130,7 +131,7 @@ def bifurcation(
 
     Notes
     -----
-    Not in Razavi et al. 2015, who take the crease criterion of Eq. (7). The incremental equations are those of
+    Not in Razavi et al. 2015, who use the crease criterion of Eq. (7). The incremental equations are those of
     small deformations on large ones (Ogden 1984, Non-linear Elastic Deformations, ch. 6), as Ben Amar and Goriely
     (2005, J. Mech. Phys. Solids 53, 2284) used them for growing shells. Limits: Biot's surface instability at
     lambda_r/lambda_theta = 3.383 (l -> inf), and for a stiff thin cortex the wavelength
@@ -148,7 +149,7 @@ def bifurcation(
     if math.isnan(g_crit):
         nan, end = math.nan, growths[-1]
         reason = f"the smooth sphere is stable up to g = {end:g}"
-        reason += "; beyond that its state could not be solved for" if end < g_max else ""
+        reason += "; its state could not be computed beyond that" if end < g_max else ""
         return Bifurcation(nan, nan, nan, nan, curve, short_wave, g_crease, nan, reason)
     wavelength = 2 * math.pi / math.sqrt(mode * (mode + 1))
     c = smooth_state(sphere, g_crit).fields[1, RADIUS, -1]
@@ -157,7 +158,7 @@ def bifurcation(
 
 
 def critical_growth_of_degree(sphere: SmoothSphere, degree: int, g_max: float = 10.0) -> float:
-    """Least growth at which spherical harmonics of one degree grow; NaN if they don't up to g_max.
+    """Smallest growth at which spherical harmonics of one degree grow; NaN if they do not up to g_max.
 
     Parameters
     ----------
@@ -165,7 +166,7 @@ def critical_growth_of_degree(sphere: SmoothSphere, degree: int, g_max: float = 
     degree : int
         l >= 1.
     g_max : float
-        Growth up to which to look.
+        Growth at which the search ends.
 
     Returns
     -------
@@ -178,7 +179,7 @@ def critical_growth_of_degree(sphere: SmoothSphere, degree: int, g_max: float = 
         If degree is below 1, or g_max not above 1.
     """
     if degree < 1:
-        raise OutOfRange(f"the degree of a spherical harmonic that changes the shape is at least 1, got {degree}.")
+        raise OutOfRange(f"the degree of the spherical harmonic must be at least 1, got {degree}.")
     return _critical_growth(sphere, _smooth_growths(sphere, g_max), degree)
 
 
@@ -187,9 +188,9 @@ def _critical_growth(sphere: SmoothSphere, growths: list[float], degree: int, ne
 
 
 def _smooth_growths(sphere: SmoothSphere, g_max: float) -> list[float]:
-    """Growths to walk through in search of a root, as far as there is a smooth state; g - 1 rises geometrically."""
+    """Growths at which to search for a root, as far as a smooth state exists; g - 1 rises geometrically."""
     if not (math.isfinite(g_max) and g_max > 1):
-        raise OutOfRange(f"g_max is the growth up to which to look and must be above 1, got {g_max}.")
+        raise OutOfRange(f"g_max is the growth at which the search ends and must be above 1, got {g_max}.")
     growths = [1.0]
     for g in 1 + np.geomspace(1e-6, g_max - 1, 64):
         try:
@@ -201,10 +202,10 @@ def _smooth_growths(sphere: SmoothSphere, g_max: float) -> list[float]:
 
 
 def _search(look: Callable[..., float], limit: float, last: int) -> Curve:
-    """Critical growth of degrees from 1 on, about 25 % apart, and of all those next to the lowest.
+    """Critical growth of degrees from 1, about 25 % apart, and of all degrees next to the lowest.
 
-    It goes on beyond ``last`` while the curve still falls and hasn't settled to its limit, as limit + a/l: thick
-    soft cortices have their minimum there.
+    The search goes on beyond ``last`` while the curve still falls and does not yet approach its limit as limit + a/l:
+    thick soft cortices have their minimum there.
     """
     found: dict[int, float] = {}
 
@@ -233,16 +234,16 @@ def _search(look: Callable[..., float], limit: float, last: int) -> Curve:
 
 
 def _short_of_crease(sphere: SmoothSphere, g: float) -> float:
-    """What lambda_r/lambda_theta of the smooth outer surface lacks of the crease criterion."""
+    """Crease criterion minus lambda_r/lambda_theta of the smooth outer surface."""
     fields = smooth_state(sphere, g).fields
     return CREASE - float(fields[1, LAMBDA_R, -1] / fields[1, LAMBDA_T, -1])
 
 
 def _first_root(stiffness: Callable[[float], float], growths: list[float], near: float = math.nan) -> float:
-    """Least growth in a rising list's range at which a stiffness falls through zero.
+    """Smallest growth in the range of an ascending list at which a stiffness falls through zero.
 
-    NaN if it stays positive, or if the smooth state can't be followed that far. From ``near`` the bracket is widened
-    until it holds the root; without it the whole list is walked.
+    NaN if it stays positive, or if the smooth state can't be followed that far. If ``near`` is given, a bracket around
+    it is widened until it contains the root; otherwise the whole list is searched.
     """
     try:
         for width in (0.02, 0.1, 0.5) if math.isfinite(near) else ():
@@ -258,11 +259,11 @@ def _first_root(stiffness: Callable[[float], float], growths: list[float], near:
 
 
 def _stiffness(sphere: SmoothSphere, degree: int, g: float) -> float:
-    """Least eigenvalue of Z at the free surface and of its jump at the interface, bent into (-1, 1) by atan.
+    """Smallest eigenvalue of Z at the free surface and of its jump at the interface, mapped to (-1, 1) by atan.
 
-    Both are positive as long as the sphere is stable and vanish at the same growth. The one near which the mode lives
-    gets there gradually, the other at the last moment: the smaller of the two is fit for a root finder. -2 where
-    only the infinities on the way tell that the sphere is unstable.
+    Both are positive as long as the sphere is stable, and vanish at the same growth. The eigenvalue at the place of the
+    mode falls gradually, the other one suddenly; so the smaller of the two suits a root finder. -2 if only the poles of
+    Z on the path show that the sphere is unstable.
     """
     if g <= 1:
         return 1.0
@@ -272,9 +273,9 @@ def _stiffness(sphere: SmoothSphere, degree: int, g: float) -> float:
 
 
 def _creasing_amplitude(sphere: SmoothSphere, degree: float, g: float) -> float:
-    """Amplitude of the critical mode, over C, at which its troughs meet the crease criterion; see ``Bifurcation``.
+    """Amplitude of the critical mode, over C, at which its troughs reach the crease criterion; see ``Bifurcation``.
 
-    Along a roll Y -> cos, and at its trough the surface shortens by a (U - n v)/(r U) across and by a/r along.
+    In a roll Y -> cos, and at its trough the surface shortens by a (U - n v)/(r U) across and by a/r along.
     """
     lr, lt, r = smooth_state(sphere, g).fields[1, [LAMBDA_R, LAMBDA_T, RADIUS], -1]
     if lr / lt >= CREASE:
@@ -282,7 +283,7 @@ def _creasing_amplitude(sphere: SmoothSphere, degree: float, g: float) -> float:
     if math.isinf(degree):
         return math.nan
     stiffness, modes = np.linalg.eigh(impedances(sphere, degree, g)[0])
-    if abs(stiffness[0]) > 1e-3 * stiffness[1]:  # lives on the interface and doesn't reach the surface
+    if abs(stiffness[0]) > 1e-3 * stiffness[1]:  # a mode at the interface that does not reach the surface
         return math.nan
     across = (1 - math.sqrt(degree * (degree + 1)) * modes[1, 0] / modes[0, 0]) / r
     return float(
@@ -291,7 +292,7 @@ def _creasing_amplitude(sphere: SmoothSphere, degree: float, g: float) -> float:
 
 
 def _short_wave_stiffness(sphere: SmoothSphere, g: float) -> float:
-    """What ``_stiffness`` tends to for l -> inf."""
+    """Limit of ``_stiffness`` for l -> inf."""
     if g <= 1:
         return 1.0
     found = short_wave_impedances(sphere, g)
@@ -299,5 +300,5 @@ def _short_wave_stiffness(sphere: SmoothSphere, g: float) -> float:
 
 
 def _bent(surface: Array, interface: Array) -> float:
-    """The lower of the least eigenvalues, bent into (-1, 1) by atan."""
+    """The lower of the smallest eigenvalues, mapped to (-1, 1) by atan."""
     return 2 / math.pi * math.atan(min(np.linalg.eigvalsh(surface)[0], np.linalg.eigvalsh(interface)[0]))

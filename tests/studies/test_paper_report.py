@@ -128,7 +128,7 @@ SAID = [
     ),
     ("fig8", {"fig8.tsv": [line("bodies"), line("crests", "T = 1 mm", crests=None)]}, [UNFOLDED]),
     ("fig9", hinges(0.18, 0.19, 0.20, 0.001), ["10 % nearer", "(p = 0.001)", "MRI itself has 0.190", "shapes differ"]),
-    ("fig9", hinges(0.3, 0.19, 0.20, 0.4), ["50 % farther", "are not told apart", "190°", "170°"]),
+    ("fig9", hinges(0.3, 0.19, 0.20, 0.4), ["50 % farther", "do not differ significantly", "190°", "170°"]),
 ]
 
 
