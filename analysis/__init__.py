@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 if __name__ != "morphofold.analysis":
     raise ImportError(
-        "this folder must be imported as morphofold.analysis, not as analysis: use `import morphofold.analysis`"
+        "this folder is imported as morphofold.analysis, not as analysis: use `import morphofold.analysis`"
     )
 
 if TYPE_CHECKING:

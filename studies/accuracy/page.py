@@ -1,8 +1,8 @@
 """The generated parts of docs/accuracy.md, and the table that forecasts read, from a study.
 
-``python -m morphofold.studies.accuracy.page OUT PAGE --table FILE``: OUT is the folder that ``morphofold bench
-accuracy -o OUT`` wrote. Parts are written between marks such as ``<!-- answer -->`` and ``<!-- /answer -->``, pictures
-beside PAGE. Text outside of the marks is written by hand.
+``python -m morphofold.studies.accuracy.page OUT PAGE --table FILE``: OUT is the folder that ``morphofold bench accuracy
+-o OUT`` wrote. All peers go to accuracy-peers.tsv beside PAGE. Parts are written between marks such as ``<!-- answer
+-->`` and ``<!-- /answer -->``, pictures beside PAGE. Text outside of the marks is written by hand.
 """
 
 from __future__ import annotations
@@ -29,6 +29,17 @@ from morphofold.tables import read_table
 WORDS = ("half", "subject", "quantity", "against", "method", "axis", "setting", "preset", "dominated_by")
 CURE = "Name the folder that `morphofold bench accuracy -o FOLDER` wrote."
 PRESETS = ("draft", "standard", "fine")
+PEER_HEADS = (
+    "subject",
+    "quantity",
+    "vertices or elements",
+    "peer",
+    "peer time (range)",
+    "our time (range)",
+    "peer time / ours",
+    "peer error",
+    "our error",
+)
 
 
 def read_study(out: Path) -> tuple[dict[str, Any], dict[str, list[Row]]]:
@@ -88,6 +99,8 @@ def write_page(out: Path, page: Path, forecast: Path | None = None) -> list[str]
         written[forecast] = strict_json(
             {**json.loads(_text(forecast)), "errors": {**summary["errors"], "made": summary["made"]}}
         )
+    if tables["peers"]:
+        written[page.with_name("accuracy-peers.tsv")] = _all_peers(tables)
     write_texts(written)
     pictures = [name for name in summary["files"] if name.endswith(".png")]
     for name in pictures:
@@ -186,20 +199,22 @@ def _budget(tables: Mapping[str, list[Row]], _: Any) -> list[str]:
 
 
 def _peers(tables: Mapping[str, list[Row]], summary: Any) -> list[str]:
+    """Peers on the largest mesh that each of them and we measured; :func:`_all_peers` has the other meshes, too."""
     if not tables["peers"]:
         return [f"{summary['left_out'].get('peers', 'No peer was measured')}."]
-    heads = [
-        "subject",
-        "quantity",
-        "vertices or elements",
-        "peer",
-        "peer time (range)",
-        "our time (range)",
-        "peer time / ours",
-        "peer error",
-        "ours",
-    ]
-    rows = [
+    largest: dict[tuple[str, ...], list[str]] = {}
+    for row in _peer_cells(tables):  # meshes come from coarse to fine
+        largest[row[0], row[1], row[3]] = row
+    return [table(PEER_HEADS, list(largest.values()))]
+
+
+def _all_peers(tables: Mapping[str, list[Row]]) -> str:
+    """All meshes as a table of tabs."""
+    return "".join("\t".join(line) + "\n" for line in (PEER_HEADS, *_peer_cells(tables)))
+
+
+def _peer_cells(tables: Mapping[str, list[Row]]) -> list[list[str]]:
+    return [
         [
             row["subject"],
             row["quantity"],
@@ -211,9 +226,8 @@ def _peers(tables: Mapping[str, list[Row]], summary: Any) -> list[str]:
             _percent(row["error"]),
             _percent(row["our_error"]),
         ]
-        for row in tables["peers"]
+        for row in sorted(tables["peers"], key=lambda row: row["our_size"])
     ]
-    return [table(heads, rows)]
 
 
 def _range(row: Mapping[str, Any], whose: str) -> str:
