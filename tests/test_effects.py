@@ -17,12 +17,12 @@ from morphofold.sim.effects import build_effects
 from morphofold.sim.effects.bulk_viscosity import BulkViscosity
 from morphofold.sim.effects.contact import APART, Contact
 from morphofold.sim.effects.core_growth import CoreGrowth
-from morphofold.sim.effects.enclosure import STIFFNESS, Enclosure, press_shell
 from morphofold.sim.effects.inertia import Inertia
 from morphofold.sim.effects.perturbation import CUT, Perturbation
 from morphofold.sim.effects.plane_strain import PlaneStrain
 from morphofold.sim.effects.ramp import RATES, Ramp
 from morphofold.sim.effects.regional_growth import RegionalGrowth
+from morphofold.sim.effects.skull import STIFFNESS, Skull, press_shell
 from morphofold.sim.effects.symmetry import Symmetry
 from morphofold.sim.elements.bricks import BINARY_CORNERS
 from morphofold.sim.equilibrium.wrinkles import first_wrinkles
@@ -191,10 +191,10 @@ def test_a_ramp_ends_at_its_stages_too():
         assert run.state.growth == g
 
 
-# --- enclosure
+# --- skull
 
 
-def test_an_enclosure_pushes_back_what_is_outside_along_its_normal(rng):
+def test_a_skull_pushes_back_what_is_outside_along_its_normal(rng):
     axes = np.array([60.0, 45.0, 40.0])
     direction = rng.standard_normal((200, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
@@ -212,7 +212,7 @@ def test_an_enclosure_pushes_back_what_is_outside_along_its_normal(rng):
     np.testing.assert_allclose(np.abs(((x - depth[:, None] * normal) / axes)[1::2] ** 2).sum(axis=1), 1, atol=3e-4)
 
 
-def test_the_force_of_a_spherical_enclosure_is_the_slope_of_its_energy(rng):
+def test_the_force_of_a_spherical_skull_is_the_slope_of_its_energy(rng):
     axes, mass = np.full(3, 50.0), np.ones(40)
     x = rng.standard_normal((40, 3))
     x *= (rng.uniform(49, 53, 40) / np.linalg.norm(x, axis=1))[:, None]
@@ -222,7 +222,7 @@ def test_the_force_of_a_spherical_enclosure_is_the_slope_of_its_energy(rng):
     assert (up - down) / 2e-5 == pytest.approx(-np.sum(extra * way), rel=1e-6)
 
 
-def test_an_enclosure_damps_what_moves_out_and_never_attracts():
+def test_a_skull_damps_what_moves_out_and_never_attracts():
     x, mass = np.array([[51.0, 0.0, 0.0]]), np.ones(1)
     pushes = []
     for speed in (0.0, 0.1, -10.0):
@@ -241,16 +241,16 @@ def test_an_enclosure_damps_what_moves_out_and_never_attracts():
         (["effects.core_growth.final=1.1"], 25**3 + 1.1**3 * (47.5**3 - 25**3) + 1.6**3 * (50**3 - 47.5**3)),
     ],
 )
-def test_an_enclosure_without_room_for_the_grown_body_is_refused(settings, fills):
+def test_a_skull_without_room_for_the_grown_body_is_refused(settings, fills):
     room = fills ** (1 / 3) - 50
-    build_effects(load_scene("skull", [*settings, f"effects.enclosure.gap={1.001 * room}"]))
+    build_effects(load_scene("skull", [*settings, f"effects.skull.gap={1.001 * room}"]))
     with pytest.raises(ImpossibleBody, match=rf"\bg = 1\.6\b.*\bgap\b.* {room:.3g} mm\b"):
-        build_effects(load_scene("skull", [*settings, f"effects.enclosure.gap={0.999 * room}"]))
+        build_effects(load_scene("skull", [*settings, f"effects.skull.gap={0.999 * room}"]))
 
 
-def test_the_enclosure_of_a_scene_stands_its_gap_outside_the_body():
-    scene = load_scene("ellipsoid", ["growth.final=1.2", "effects.enclosure.gap=4.5"])
-    (shell,) = (effect for effect in build_effects(scene) if effect.name == "enclosure")
+def test_the_skull_of_a_scene_stands_its_gap_outside_the_body():
+    scene = load_scene("ellipsoid", ["growth.final=1.2", "effects.skull.gap=4.5"])
+    (shell,) = (effect for effect in build_effects(scene) if effect.name == "skull")
     body = SimpleNamespace(mass=np.ones(3))
     for beyond, pressed in ((4.49, 0), (4.51, 3)):
         x, extra = np.diag(np.array([60.0, 45.0, 40.0]) + beyond), np.zeros((3, 3))
@@ -258,21 +258,21 @@ def test_the_enclosure_of_a_scene_stands_its_gap_outside_the_body():
         assert shell.record()["pressed"] == np.count_nonzero(extra) == pressed
 
 
-def test_a_cortex_that_grows_against_an_enclosure_stays_in_it():
+def test_a_cortex_that_grows_against_a_skull_stays_in_it():
     body = sphere(12)
-    shell = Enclosure(np.full(3, 51.0))
+    shell = Skull(np.full(3, 51.0))
     run = Dynamics(body, [shell], steps_per_unit=1500)
     run.grow_to(1.05)
     assert shell.energy() == 0.0
-    assert run.state.record["effects"]["enclosure"]["pressed"] == 0
+    assert run.state.record["effects"]["skull"]["pressed"] == 0
     run.grow_to(1.15)
     run.relax(300)
     radius = np.linalg.norm(run.state.x[: body.n_surface], axis=1)
     free = (47.0**3 + 1.15**3 * (50.0**3 - 47.0**3)) ** (1 / 3)
     assert radius.max() < 51 + 0.05 * body.cell  # the shell's springs yield a little
     assert radius.max() < 51 + 0.6 * (free - 51)
-    assert run.state.record["effects"]["enclosure"]["pressed"] == body.n_surface
-    assert run.state.record["effects"]["enclosure"]["energy"] > 0
+    assert run.state.record["effects"]["skull"]["pressed"] == body.n_surface
+    assert run.state.record["effects"]["skull"]["energy"] > 0
 
 
 # --- inertia
@@ -534,7 +534,7 @@ ALONE = {
     "core_growth": "[effects.core_growth]\nfinal = 1.02",
     "regional_growth": "[effects.regional_growth]\nspots = [{centre = [50.0, 0.0, 0.0], radius = 30.0, factor = 0.5}]",
     "ramp": '[effects.ramp]\nshape = "smooth"',
-    "enclosure": "[effects.enclosure]\ngap = 5.0",
+    "skull": "[effects.skull]\ngap = 5.0",
     "inertia": "[effects.inertia]\nduration = 50.0",
     "bulk_viscosity": "[effects.bulk_viscosity]",
 }

@@ -165,7 +165,7 @@ PYDANTICS_OWN = ("Field required", "Input should", "String should", "Tuple shoul
         (["geometry.radius=1e300"], OutOfRange, r"geometry\.radius: .*\b10000\b.*\b1e\+300\b"),
         (["geometry.cortex_thickness=1e-9"], OutOfRange, r"geometry\.cortex_thickness: .*\b0\.001\b.*\b1e-09\b"),
         (["material.mu_ratio=1e300"], OutOfRange, r"material\.mu_ratio: .*\b10000\b"),
-        (["effects.enclosure.gap=1e300"], OutOfRange, r"effects\.enclosure\.gap: .*\b10000\b"),
+        (["effects.skull.gap=1e300"], OutOfRange, r"effects\.skull\.gap: .*\b10000\b"),
         (["effects.inertia.duration=1e300"], OutOfRange, r"effects\.inertia\.duration: .*\b1000000\b"),
         (["growth.rate=1e-300"], OutOfRange, r"growth\.rate: .*\b0\.001\b"),
         (["growth.final=1.2", "growth=3"], NotReadable, r"setting growth=3: growth: .*\b3\b"),
@@ -337,3 +337,11 @@ def test_every_text_a_scene_can_hold_comes_back_from_its_toml(text):
         geometry = scene.geometry.model_copy(update={"file": text})
         written = tomllib.loads(to_toml(scene.model_copy(update={"geometry": geometry})))
         assert written["geometry"]["file"] == text
+
+
+def test_an_effect_of_an_old_name_is_read_with_a_note():
+    with pytest.warns(FutureWarning, match=r"effects\.enclosure.*effects\.skull"):
+        old = load_scene("fig5", ["effects.enclosure.gap=13"])
+    assert old == load_scene("fig5", ["effects.skull.gap=13"])
+    with pytest.raises(UnknownName, match=r"effects\.enclosure"):
+        load_scene("skull", ["effects.enclosure.gap=13"])

@@ -597,7 +597,7 @@ def test_theory_of_a_scene_is_that_of_its_sphere():
     [
         ("patch", [], "shape patch"),
         ("core", [], "core_growth"),
-        ("skull", [], "enclosure"),
+        ("skull", [], "skull"),
         ("demo", ["geometry.thickness_spots=[{centre = [0, 0, 50], radius = 9, factor = 0.5}]"], "of one thickness"),
     ],
 )

@@ -9,7 +9,7 @@ from morphofold.sim.body import Body
 from morphofold.sim.build import build_body
 from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.effects import build_effects
-from morphofold.sim.effects.enclosure import Enclosure
+from morphofold.sim.effects.skull import Skull
 from morphofold.sim.effects.symmetry import Symmetry
 from morphofold.sim.equilibrium.unstable import unstable_modes
 from morphofold.sim.mesh.brick_mesh import bilayer_sphere
@@ -86,7 +86,7 @@ def pressed_by_planes():
 
 def pressed_by_shell():
     _, body, _ = pressed_by_planes()
-    return Enclosure(np.array([50.0, 50.0, 52.0])), body, 1.03 * body.X
+    return Skull(np.array([50.0, 50.0, 52.0])), body, 1.03 * body.X
 
 
 @pytest.mark.parametrize("pressed", [pressed_by_contact, pressed_by_planes, pressed_by_shell])

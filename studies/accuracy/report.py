@@ -29,7 +29,7 @@ from morphofold.studies.accuracy.tables import (
 )
 from morphofold.studies.indexes import write_tables
 
-SHOWS = "errors and times of settings of the solver and of the measuring room"
+SHOWS = "errors and times of settings of the solver and of the analysis"
 
 #: quantities of the study that the forecast of a scene's error uses; there their names have no growth
 FORECAST = ("radius", "hoop stress", "onset", "gyrification index, g = 2", "wavelength, g = 2", "pial distance, g = 2")

@@ -1,4 +1,4 @@
-"""A rigid enclosure: the pial surface can't leave a shell of the shape that it had at first, a skull."""
+"""A rigid skull: a shell of the body's first shape, which the pial surface cannot leave."""
 
 from __future__ import annotations
 
@@ -63,17 +63,17 @@ class Options(EffectOptions):
     ] = 2.0
 
 
-def build(options: Options, scene: Scene) -> Enclosure:
+def build(options: Options, scene: Scene) -> Skull:
     assert isinstance(scene.geometry, Sphere | Ellipsoid)
     axes = np.array(scene.geometry.semi_axes)
     fills, holds = grown_volume(scene, axes), 4 / 3 * np.pi * float(np.prod(axes + options.gap))
     if fills > holds:
         room = brentq(lambda gap: 4 / 3 * np.pi * float(np.prod(axes + gap)) - fills, 0, 10 * axes.max())
         raise ImpossibleBody(
-            f"effects.enclosure: at g = {scene.growth.final:g} the body fills {fills:,.0f} mm3, the enclosure holds "
+            f"effects.skull: at g = {scene.growth.final:g} the body fills {fills:,.0f} mm3, the skull holds "
             f"{holds:,.0f}; make gap more than {room:.3g} mm, or growth.final smaller."
         )
-    return Enclosure(axes + options.gap)
+    return Skull(axes + options.gap)
 
 
 def grown_volume(scene: Scene, axes: Array) -> float:
@@ -87,16 +87,16 @@ def grown_volume(scene: Scene, axes: Array) -> float:
     return float(swelling * (whole - inside) + core**3 * (inside - hollow) + hollow)
 
 
-class Enclosure(Effect):
+class Skull(Effect):
     """An ellipsoid that the surface nodes stay inside of, without friction.
 
     Parameters
     ----------
     semi_axes : (3,) float64
-        Of the enclosure [mm].
+        Of the skull [mm].
     """
 
-    name = "enclosure"
+    name = "skull"
 
     def __init__(self, semi_axes: Array):
         self._semi_axes = np.asarray(semi_axes, dtype=np.float64)
