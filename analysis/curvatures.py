@@ -18,8 +18,8 @@ EDGES = 3.0  # the default scale, in mean edges
 MANY = 128  # most points in a fit, taken evenly from more: further points cost time and add little
 ENOUGH = 14  # points needed for the ten coefficients; with fewer the neighbourhood grows
 FACING = 0.2  # cosine below which a neighbour's normal belongs to another wall
-GROWTH = 1.4  # factor on the radius where there are too few points, at most GROWINGS times
-GROWINGS = 5
+GROWTH = 1.4  # factor on the radius where there are too few points, at most MOST_ENLARGEMENTS times
+MOST_ENLARGEMENTS = 5
 RANK = 1e-4  # smallest Cholesky pivot, relative to its diagonal, that counts as determined
 
 
@@ -186,12 +186,12 @@ def _fit(verts, normals, indptr, indices, scale):
                 continue
             radius, order = scale, 0
             _frame(normals[i], frame)
-            for trial in range(GROWINGS + 1):
+            for trial in range(MOST_ENLARGEMENTS + 1):
                 if trial > 0:
                     radius *= GROWTH
                 stamp += 1
                 count = _reach(i, verts, normals, indptr, indices, radius, seen, stamp, queue)
-                if count >= ENOUGH or trial == GROWINGS:
+                if count >= ENOUGH or trial == MOST_ENLARGEMENTS:
                     _normal_equations(i, verts, normals, queue, count, radius, frame, 1.0, 1.0, A, b, m)
                     order = _solve(A, b, 10 if count >= ENOUGH else 6)
                     if order == 10:

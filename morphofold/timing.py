@@ -45,7 +45,7 @@ def working_seconds() -> float:
 
 
 @contextmanager
-def telling_of_compiling(listener: Callable[[], None]) -> Iterator[None]:
+def reporting_compilation(listener: Callable[[], None]) -> Iterator[None]:
     """Call ``listener`` whenever numba begins to compile; kernels from its cache are not compiled."""
     _compiler.listeners.append(listener)
     try:

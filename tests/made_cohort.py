@@ -69,5 +69,5 @@ class HereFleet:
             yield job, work(job.argument)
 
     @contextmanager
-    def telling_of_deaths(self, tell):
+    def reporting_deaths(self, tell):
         yield

@@ -74,7 +74,7 @@ class MadeRuns:
     def __init__(self, grow):
         self.grow, self.told = grow, []
 
-    def telling(self, words):
+    def showing(self, words):
         self.told.append(words)
         return nullcontext(lambda share, text="": None)
 

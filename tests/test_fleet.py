@@ -44,7 +44,7 @@ def ends_badly(what):
 @pytest.mark.slow
 def test_jobs_survive_their_workers(tmp_path):
     told = []
-    with open_fleet(workers=2, memory=1.0) as fleet, fleet.telling_of_deaths(told.extend):
+    with open_fleet(workers=2, memory=1.0) as fleet, fleet.reporting_deaths(told.extend):
         assert "2 workers of 1 thread, at most 1.0 GiB each" in fleet.words
         found = dict(fleet.run(dies_once, [Job(f"job {i}", str(tmp_path)) for i in range(8)]))
     assert {job.name: outcome for job, outcome in found.items()} == {f"job {i}": "alive" for i in range(8)}

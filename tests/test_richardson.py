@@ -14,7 +14,7 @@ from morphofold.comparison.distance import distance
 from morphofold.errors import DoesNotApply, NoSolution
 from morphofold.forecasts import estimate_error
 from morphofold.forecasts import richardson as twin_module
-from morphofold.forecasts.richardson import ALIKE, POWERS, Grown, between, coarser, companions, estimate_beside
+from morphofold.forecasts.richardson import SAME_PATTERN, POWERS, Grown, between, coarser, companions, estimate_beside
 from morphofold.forecasts.sizes import edge_by_rule
 from morphofold.forecasts.table import STUDIED, called
 from morphofold.report.pages.costs import costs
@@ -60,7 +60,7 @@ def test_another_pattern_gives_no_error_however_near_the_numbers_lie():
     turned = Surface(mine.pial.verts * [1, -1, -1], mine.pial.faces)
     found = between(load_scene("fig6-thick"), mine, Grown(turned, 3.0, []))
     assert found.errors["gyrification index"].change == pytest.approx(0, abs=1e-12)
-    assert found.errors["pial distance"].change > ALIKE
+    assert found.errors["pial distance"].change > SAME_PATTERN
     assert {e.error for e in found.errors.values()} == {None}
     assert "another pattern" in found.words
     assert f"pial distance {percent(found.errors['pial distance'].change)} of T" in found.words
@@ -94,7 +94,7 @@ def test_another_pattern_at_another_pace_is_doubted_and_leaves_the_error_of_the_
     twin = made(3.0, height=2.8)
     turned = Grown(Surface(twin.pial.verts * [1, -1, -1], twin.pial.faces), 3.0, ["not calm"])
     found = between(load_scene("fig6-thick"), made(2.0), twin, turned)
-    assert found.pace["pial distance"] > ALIKE
+    assert found.pace["pial distance"] > SAME_PATTERN
     assert found.errors == between(load_scene("fig6-thick"), made(2.0), twin).errors
     ill, pattern = found.doubts
     assert "slower twin isn't healthy: not calm" in ill

@@ -170,7 +170,7 @@ class Here:
         for job in jobs:
             yield job, work(job.argument)
 
-    def telling_of_deaths(self, tell):
+    def reporting_deaths(self, tell):
         return nullcontext()
 
 

@@ -9,7 +9,7 @@ import pytest
 from numba import TypingError, njit
 
 from morphofold.cli.progress import COMPILING, progress, time_left
-from morphofold.timing import Stages, peak_memory, telling_of_compiling, working_seconds
+from morphofold.timing import Stages, peak_memory, reporting_compilation, working_seconds
 
 
 def new_kernel():
@@ -29,7 +29,7 @@ def new_kernel():
 def test_the_clock_stands_still_while_numba_compiles_and_goes_on_after():
     kernel, told = new_kernel(), []
     wall, work = time.perf_counter(), working_seconds()
-    with telling_of_compiling(lambda: told.append(working_seconds())):
+    with reporting_compilation(lambda: told.append(working_seconds())):
         kernel(3.0)
         kernel(3)
         kernel(4.0)

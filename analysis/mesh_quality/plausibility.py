@@ -12,7 +12,7 @@ LARGEST = 150_000.0  # [mm^2] of white: human hemispheres have 60,000 to 130,000
 ASIDE = 0.15  # of the radius of the sphere of equal area: mean x of a surface on one side (people 0.4)
 LABELLED = 0.5  # of the vertices: FreeSurfer's cortex labels hold 0.9
 CAPPED = 0.02  # of the cortex: people have 0.002 at FreeSurfer's cap of 5 mm
-ALIKE, CORRELATED = 2.0, 0.3  # ratio to the measured thickness, and correlation with it; fsaverage has 1.00 and 0.9
+SIMILAR, CORRELATED = 2.0, 0.3  # ratio to the measured thickness, and correlation with it; fsaverage has 1.00 and 0.9
 
 
 def remarks(cortex: Cortex) -> dict[str, str]:
@@ -65,7 +65,7 @@ def against_file(given: PerVertex, measured: PerVertex) -> dict[str, str]:
     ratio = float(np.median(one) / np.median(other))
     varies = min(one.std() / one.mean(), other.std() / other.mean()) > 0.01  # else the correlation is that of noise
     r = float(np.corrcoef(one, other)[0, 1]) if varies else 1.0
-    if 1 / ALIKE <= ratio <= ALIKE and r >= CORRELATED:
+    if 1 / SIMILAR <= ratio <= SIMILAR and r >= CORRELATED:
         return {}
     return {
         "thickness_unlike": f"The thickness file of the surfaces has {ratio:.3g} times the thickness measured between "

@@ -156,7 +156,7 @@ def run_cohort(
         if group:
             with progress("group ", args.quiet) as show:
                 found = write_group(out, places, outcomes, report=group_report, progress=show)
-            told_unlike(found, args.quiet)
+            print_not_pooled(found, args.quiet)
             more["remarks"] = found.pooling.sentences
     page = out / "group" / "report.html" if group else out
     return ended(outcomes, "subject", page, as_json=args.json, **more)
@@ -194,7 +194,7 @@ def run_group(out: Path, results: dict[str, Path], args: argparse.Namespace) -> 
 
     with alone(out), progress("group ", args.quiet) as show:
         group = write_group(out, results, report=group_report, progress=show)
-    told_unlike(group, args.quiet)
+    print_not_pooled(group, args.quiet)
     failed = len({row["subject"] for row in group.failures})
     if args.json:
         who: dict[str, dict[str, str]] = {}
@@ -278,7 +278,7 @@ def memory_needed(subjects: Sequence[Participant], accuracy: str, report: bool) 
     return max(found, default=0.0)
 
 
-def told_unlike(group: Group, quiet: bool) -> None:
+def print_not_pooled(group: Group, quiet: bool) -> None:
     """Print what in a group was not measured in the same way, and is not pooled."""
     if answer := group.pooling.sentences:
         few = len(group.pooling.left_out)

@@ -16,14 +16,14 @@ from morphofold.cli.streams import one_line
 COMPILING = "compiling, once on this machine"
 
 
-class Tell(Protocol):
+class Show(Protocol):
     """Called with the share done, 0 to 1, and a short text."""
 
     def __call__(self, share: float, text: str = "") -> None: ...
 
 
 @contextmanager
-def progress(label: str, quiet: bool = False) -> Iterator[Tell]:
+def progress(label: str, quiet: bool = False) -> Iterator[Show]:
     """Yield ``tell(share, text)`` with share from 0 to 1. Everything goes to standard error, names in it escaped."""
     if quiet:
 
@@ -48,11 +48,11 @@ def time_left(seconds: float, share: float) -> str:
 
 
 @contextmanager
-def _bar(label: str) -> Iterator[Tell]:
+def _bar(label: str) -> Iterator[Show]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-    from morphofold.timing import telling_of_compiling, working_seconds
+    from morphofold.timing import reporting_compilation, working_seconds
 
     columns = (
         TextColumn("{task.description}", markup=False),
@@ -69,13 +69,13 @@ def _bar(label: str) -> Iterator[Tell]:
         def show(share: float, text: str = "") -> None:
             bars.update(task, completed=share, text=text, left=time_left(working_seconds() - started, share))
 
-        with telling_of_compiling(lambda: bars.update(task, text=COMPILING)):
+        with reporting_compilation(lambda: bars.update(task, text=COMPILING)):
             yield show
 
 
 @contextmanager
-def _lines(label: str) -> Iterator[Tell]:
-    from morphofold.timing import telling_of_compiling, working_seconds
+def _lines(label: str) -> Iterator[Show]:
+    from morphofold.timing import reporting_compilation, working_seconds
 
     started, shown, compiling = working_seconds(), [0], [False]
 
@@ -87,10 +87,10 @@ def _lines(label: str) -> Iterator[Tell]:
             left = ", ".join(filter(None, (f"{share:4.0%} after {seconds:.0f} s", time_left(seconds, share))))
             print(f"{label}: {left}  {text}", file=sys.stderr, flush=True)
 
-    def tell_of_compiling() -> None:
+    def report_compilation() -> None:
         if not compiling[0]:
             compiling[0] = True
             print(f"{label}: {COMPILING}", file=sys.stderr, flush=True)
 
-    with telling_of_compiling(tell_of_compiling):
+    with reporting_compilation(report_compilation):
         yield show

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from morphofold.analysis import Measures
-    from morphofold.cli.progress import Tell
+    from morphofold.cli.progress import Show
     from morphofold.sim.run import Simulation
     from morphofold.surface import Cortex
 
@@ -40,7 +40,7 @@ class Runs:
         if self._draft:
             name, settings = f"{name}-draft", [*settings, "accuracy.level=draft"]
         begun = time.perf_counter()
-        with self.telling(name) as tell:
+        with self.showing(name) as show:
             try:
                 return simulate(
                     scene,
@@ -48,7 +48,7 @@ class Runs:
                     settings=settings,
                     resume=True,
                     threads=self._threads,
-                    progress=tell,
+                    progress=show,
                 )
             except UnstableError as error:
                 raise UnstableError(f"{name}: {error}", error.sound) from error  # which of many
@@ -59,11 +59,11 @@ class Runs:
         from morphofold.analysis import measure
 
         if name not in self._measured:
-            with self.telling(f"measure {name}") as tell:
-                self._measured[name] = measure(cortex, progress=tell)
+            with self.showing(f"measure {name}") as show:
+                self._measured[name] = measure(cortex, progress=show)
         return self._measured[name]
 
-    def telling(self, words: str) -> AbstractContextManager[Tell]:
+    def showing(self, words: str) -> AbstractContextManager[Show]:
         from morphofold.cli.progress import progress
 
         return progress(words, self._quiet)

@@ -25,7 +25,7 @@ ANSWER = 20  # [s] to wait for an answer of a scheduler
 AHEAD = 4  # jobs submitted per thread of a worker; the scheduler has only these
 AT_LEAST = 64  # least number of jobs submitted
 GONE = ("scheduler-connection-lost", "scheduler-restart")  # reasons for which a client treats all jobs as cancelled
-LOOK_AGAIN = 32  # jobs after which workers are counted again, because clusters grow
+RECOUNT_EVERY = 32  # jobs after which workers are counted again, because clusters grow
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ class Fleet:
             job = flying.pop(future.key)
             future.release()
             yield job, outcome, died
-            hand_over(1 if count % LOOK_AGAIN else max(1, window() - len(flying)))
+            hand_over(1 if count % RECOUNT_EVERY else max(1, window() - len(flying)))
 
     def _outcome(self, future: Any) -> tuple[Any, bool]:
         from distributed import CancelledError, KilledWorker
@@ -119,7 +119,7 @@ class Fleet:
             return Lost(f"{type(error).__name__}: {error} (a defect; its log shows where)"), False
 
     @contextmanager
-    def telling_of_deaths(self, warn: Callable[[list[str]], None]) -> Iterator[None]:
+    def reporting_deaths(self, warn: Callable[[list[str]], None]) -> Iterator[None]:
         """Call ``warn`` with the names of the jobs of a worker that died."""
 
         def on_event(event: tuple[float, Any]) -> None:
@@ -244,7 +244,7 @@ LESS_WATCHING = {
 #: Dask's pages show names, paths and call stacks to anyone. Schedulers and workers always listen for requests for them,
 #: whatever the settings; here they listen on this machine only, and have no pages
 NO_PAGES: dict[str, list[Any]] = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
-UNSEEN = "127.0.0.1:0"
+LOOPBACK = "127.0.0.1:0"
 
 
 def version_here() -> str:
@@ -306,7 +306,7 @@ def _local_cluster(workers: int, memory: float) -> Any:
         threads_per_worker=1,
         processes=True,
         memory_limit=int(memory * GiB),
-        scheduler_kwargs={"dashboard": False, "dashboard_address": UNSEEN},
+        scheduler_kwargs={"dashboard": False, "dashboard_address": LOOPBACK},
         silence_logs=logging.CRITICAL,  # one job per worker: its kernels use the threads
     )
 
@@ -326,8 +326,8 @@ def _slurm_cluster(threads: int, memory: float | None) -> Any:
             cores=threads,
             processes=1,
             job_script_prologue=prologue,
-            worker_extra_args=["--nthreads", "1", "--no-dashboard", "--dashboard-address", UNSEEN],
-            scheduler_options={**options, "dashboard": False, "dashboard_address": UNSEEN},
+            worker_extra_args=["--nthreads", "1", "--no-dashboard", "--dashboard-address", LOOPBACK],
+            scheduler_options={**options, "dashboard": False, "dashboard_address": LOOPBACK},
             **given,
         )
     except ValueError as error:

@@ -45,7 +45,7 @@ def run_tasks(
         who = ", ".join(names[:3]) + " ..." * (len(names) > 3)
         notice(f"a worker died; {who} start{'s' if len(names) == 1 else ''} again on another worker")
 
-    with fleet.telling_of_deaths(died):
+    with fleet.reporting_deaths(died):
         for job, outcome in fleet.run(work, jobs):
             if isinstance(outcome, Lost):
                 outcome = failed(job.argument.place, outcome.reason)

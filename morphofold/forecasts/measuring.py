@@ -18,7 +18,11 @@ if TYPE_CHECKING:
     from morphofold.surface import Cortex
 
 REPEATS = 3  # of the measuring that is timed, after one to load kernels
-ON_COPY = ("cortical thickness", "gyral thickness", "gyral graph")  # stages that draft and fine do on a resampled mesh
+ON_RESAMPLED = (
+    "cortical thickness",
+    "gyral thickness",
+    "gyral graph",
+)  # stages that draft and fine do on a resampled mesh
 VOXELS = "local gyrification"  # and the stage whose voxels they change
 WIDER = 1.1  # time of curvature as a power of its scale: 0.7 to 1.3 on fsaverage5 and a person, 2 to 20 mm
 
@@ -203,7 +207,7 @@ def _measuring(n: int, on: int, chosen: Preset, timed: Mapping[str, float], wide
             found[name] = seconds * (laws["per_voxel"] * chosen.voxels**3 + laws["per_vertex"] * n)
         else:
             law = laws["stages"][name]
-            size = on if name in ON_COPY else n
+            size = on if name in ON_RESAMPLED else n
             found[name] = seconds * law["times"] * (size / laws["ball"]) ** law["power"]
     found["curvature"] *= wider
     if on < n:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 LONGER = 1.5  # edges of the coarser run over those of the run: it takes about a third of the run's time
 LEAST = 1.2  # least ratio as built, after rounding to whole cells; below, the two runs are too similar to extrapolate
-ALIKE = 0.5  # mean distance between the pial surfaces over T, beyond which two patterns are different: folds
+SAME_PATTERN = 0.5  # mean distance between the pial surfaces over T, beyond which two patterns are different: folds
 # of two seeds lie 1.1 to 1.3 T apart, an eighth of their wavelength (docs/accuracy.md)
 #: errors scale with these powers of the edge if meshes fold into one pattern, with three elements through the cortex:
 #: on meshes of an octant of fig6-thick from 1.2 to 0.27 T, whose stages were not at rest; at rest no patterns agreed
@@ -243,7 +243,7 @@ def between(scene: Scene, mine: Grown, coarse: Grown, slow: Grown | None = None)
     apart, pace = changes["pial distance"], None if slow is None else _changes(scene, coarse, slow)
     ratio = coarse.edge / mine.edge
     errors = {
-        name: Estimated(change, POWERS[name], change / (ratio ** POWERS[name] - 1) if apart <= ALIKE else None)
+        name: Estimated(change, POWERS[name], change / (ratio ** POWERS[name] - 1) if apart <= SAME_PATTERN else None)
         for name, change in changes.items()
     }
     all_grown = {"run": mine, "coarser run": coarse, "slower run": slow}
@@ -253,12 +253,12 @@ def between(scene: Scene, mine: Grown, coarse: Grown, slow: Grown | None = None)
         if grown
         for warning in grown.warnings
     ]
-    if apart > ALIKE:
+    if apart > SAME_PATTERN:
         doubts.append(
             f"The coarser run folded into another pattern (they differ by: {_listed(changes)} of T), so no error "
             "follows from it: with such edges the pattern depends on the mesh. Take a shorter edge."
         )
-    if pace is not None and pace["pial distance"] > ALIKE:
+    if pace is not None and pace["pial distance"] > SAME_PATTERN:
         doubts.append(
             "The slower run folded into another pattern than the coarser run: the folds depend on the pace of growth."
         )

@@ -23,7 +23,7 @@ ROUNDED = 0.05  # share of an edge within which two edges count as the same: num
 #: errors are given for spheres in these ranges: those compared with finer meshes (docs/accuracy.md, docs/folds.md), and
 #: a third of that thickness (T/C of fig6-thick), the paper's thinnest
 STUDIED = {"growth": (1.5, 2.0), "mu_ratio": (1.0, 4.0), "kappa_ratio": (12.5, 200.0), "thickness": (0.02, 0.1)}
-ALIKE = 1.5  # ratio of numbers of vertices beyond which a surface does not count as similar to the table's
+SIMILAR_SIZE = 1.5  # ratio of numbers of vertices beyond which a surface does not count as similar to the table's
 #: what the study compared a measure with, in words
 AGAINST = {
     "split surface": "the same surface with every triangle cut in four",
@@ -168,7 +168,7 @@ def measured_errors(cortices: Iterable[Cortex], accuracy: str) -> MeasuredErrors
     """Expected errors of an accuracy: those of the hemisphere in the table with the nearest number of vertices.
 
     Of several cortices the one with the fewest vertices decides; a doubt is given for each cortex that differs from the
-    table's. Beyond the meshes of the table by more than ``ALIKE`` no errors are known: a mesh of 42 vertices has an
+    table's. Beyond the meshes of the table by more than ``SIMILAR_SIZE`` no errors are known: a mesh of 42 vertices has an
     error of 26 % in thickness, a mesh of 10,001 vertices one of 5 %.
 
     Raises
@@ -191,13 +191,13 @@ def measured_errors(cortices: Iterable[Cortex], accuracy: str) -> MeasuredErrors
         name: Measured(law[accuracy], AGAINST.get(law["against"], law["against"]))
         for name, law in nearest["quantities"].items()
     }
-    if not least / ALIKE <= sizes[0] <= most * ALIKE:
+    if not least / SIMILAR_SIZE <= sizes[0] <= most * SIMILAR_SIZE:
         how = f"not known for meshes of {sizes[0]:,} vertices: measured only on those of {least:,} to {most:,}"
         return MeasuredErrors({}, how, ())
     sentences = []
     if any(cortex.origin == "simulation" for cortex in cortices):
         sentences.append("The errors are those of a person's hemisphere, not of a simulated cortex.")
-    if unlike := [n for n in sizes if not 1 / ALIKE <= n / vertices <= ALIKE]:
+    if unlike := [n for n in sizes if not 1 / SIMILAR_SIZE <= n / vertices <= SIMILAR_SIZE]:
         sentences.append(
             f"The errors are those of a mesh of {vertices:,} vertices; how much they differ on one of "
             f"{' or '.join(f'{n:,}' for n in unlike)} is not known."

@@ -20,7 +20,7 @@ Cells = tuple[list[str], list[list[str]]]
 Summary = dict[str, Any]
 
 #: criteria for two neighbouring meshes: least correlation of the outer radii, greatest change of GI [%]
-ALIKE, SAME_GI = 0.95, 4.0
+SAME_FOLDS, SAME_GI = 0.95, 4.0
 NAMES = {
     "gyrification_index": "GI",
     "gyri": "the number of gyri",
@@ -238,11 +238,11 @@ def _say_convergence(rows: Sequence[Row], summary: Summary) -> str:
         known = [row for row in mine if row["correlation"] is not None]
         worst = min(known, key=lambda row: row["correlation"])
         most = max(mine, key=lambda row: abs(row["gyrification_index_change_percent"]))
-        alike = sum(row["correlation"] >= ALIKE for row in known)
+        alike = sum(row["correlation"] >= SAME_FOLDS for row in known)
         same = sum(abs(row["gyrification_index_change_percent"]) <= SAME_GI for row in mine)
         waves = max(mine, key=lambda row: abs(row["wavelength_mm_change_percent"]))
         shown.append(
-            f"Between **{coarser} and {finer}** it correlates at {ALIKE:g} or more in {alike} of {len(mine)} folded "
+            f"Between **{coarser} and {finer}** it correlates at {SAME_FOLDS:g} or more in {alike} of {len(mine)} folded "
             f"stages. The median correlation is {np.median([row['correlation'] for row in known]):.3f}, the least "
             f"{worst['correlation']:.3f} ({_where(worst)}). GI changes by {SAME_GI:g} % or less in {same}, most by "
             f"{_signed(most['gyrification_index_change_percent'])} ({_where(most)}). The wavelength changes most by "

@@ -194,8 +194,8 @@ def run_study(study: Study, folder: Path, runs: Runs) -> dict[str, Any]:
     simulations = []
     for k, run in enumerate(plan, start=1):
         simulation = runs.grow(run.name, run.source, run.settings)
-        with runs.telling(f"measure {run.name} ({k} of {len(plan)})") as tell:
-            rows += [_of_run(run, simulation, row) for row in fold_rows(simulation, tell)]
+        with runs.showing(f"measure {run.name} ({k} of {len(plan)})") as show:
+            rows += [_of_run(run, simulation, row) for row in fold_rows(simulation, show)]
         if run.seed == study.seeds[0]:
             radii |= {
                 (run.scene, run.level, run.seed, g): outer_radius(simulation.cortex(g).pial, along)

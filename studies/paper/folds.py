@@ -102,8 +102,8 @@ def _write(
     (folder / f"{name}.png").write_bytes(png_bytes(picture(panels, DISPLACEMENT, limits, titles)))
     rows: list[Row] = []
     for simulation in simulations:
-        with runs.telling(f"{name}: measure {simulation.scene.name}") as tell:
-            rows += fold_rows(simulation, tell)
+        with runs.showing(f"{name}: measure {simulation.scene.name}") as show:
+            rows += fold_rows(simulation, show)
     write_table(folder / f"{name}.tsv", list(rows[0]), rows)
     return {
         "files": [f"{name}.png", f"{name}.tsv"],

@@ -21,7 +21,7 @@ class Runs(Protocol):
     def measure(self, name: str, cortex: Cortex) -> Measures:
         """All measures of a cortex, under its own name; measures of a name that was measured before are reused."""
 
-    def telling(self, words: str) -> AbstractContextManager[Progress]:
+    def showing(self, words: str) -> AbstractContextManager[Progress]:
         """Reports the progress of the work that ``words`` name: the share done, 0 to 1, and a short text."""
 
 

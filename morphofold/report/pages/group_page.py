@@ -133,7 +133,7 @@ def group_report(group: Group, folder: Path, progress: Progress = silent) -> Pat
         verdict=verdict(group),
         warnings=warnings(group),
         headlines=headlines(scalars, there),
-        unlike=unlike(group),
+        unlike=measured_differently(group),
         pooling=group.pooling,
         charts=[charts[name] for name in CHARTS if name in charts],
         other_charts=[chart for name, chart in charts.items() if name not in CHARTS],
@@ -227,7 +227,7 @@ def warnings(group: Group) -> list[Markup]:
     return sentences
 
 
-def unlike(group: Group) -> list[dict[str, Any]]:
+def measured_differently(group: Group) -> list[dict[str, Any]]:
     """Measures that are pooled only in part: number of values left out, and of all values."""
     rows = ((scalar_words(name)[0], *numbers) for name, numbers in group.pooling.left_out.items())
     return [{"label": label, "left_out": out, "n": n} for label, out, n in rows]
