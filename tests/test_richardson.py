@@ -14,7 +14,7 @@ from morphofold.comparison.distance import distance
 from morphofold.errors import DoesNotApply, NoSolution
 from morphofold.forecasts import estimate_error
 from morphofold.forecasts import richardson as twin_module
-from morphofold.forecasts.richardson import SAME_PATTERN, POWERS, Grown, between, coarser, companions, estimate_beside
+from morphofold.forecasts.richardson import POWERS, SAME_PATTERN, Grown, between, coarser, companions, estimate_beside
 from morphofold.forecasts.sizes import edge_by_rule
 from morphofold.forecasts.table import STUDIED, called
 from morphofold.report.pages.costs import costs

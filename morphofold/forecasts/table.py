@@ -168,8 +168,8 @@ def measured_errors(cortices: Iterable[Cortex], accuracy: str) -> MeasuredErrors
     """Expected errors of an accuracy: those of the hemisphere in the table with the nearest number of vertices.
 
     Of several cortices the one with the fewest vertices decides; a doubt is given for each cortex that differs from the
-    table's. Beyond the meshes of the table by more than ``SIMILAR_SIZE`` no errors are known: a mesh of 42 vertices has an
-    error of 26 % in thickness, a mesh of 10,001 vertices one of 5 %.
+    table's. Beyond the meshes of the table by more than ``SIMILAR_SIZE`` no errors are known: a mesh of 42 vertices has
+    an error of 26 % in thickness, a mesh of 10,001 vertices one of 5 %.
 
     Raises
     ------
