@@ -243,8 +243,8 @@ def _say_convergence(rows: Sequence[Row], summary: Summary) -> str:
         waves = max(mine, key=lambda row: abs(row["wavelength_mm_change_percent"]))
         shown.append(
             f"Between **{coarser} and {finer}** it correlates at {SAME_FOLDS:g} or more in {alike} of {len(mine)} "
-            f"folded stages. The median correlation is {np.median([row['correlation'] for row in "
-            f"known]):.3f}, the least "
+            "folded stages. The median correlation is "
+            f"{np.median([row['correlation'] for row in known]):.3f}, the least "
             f"{worst['correlation']:.3f} ({_where(worst)}). GI changes by {SAME_GI:g} % or less in {same}, most by "
             f"{_signed(most['gyrification_index_change_percent'])} ({_where(most)}). The wavelength changes most by "
             f"{_signed(waves['wavelength_mm_change_percent'])} ({_where(waves)})."
