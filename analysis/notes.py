@@ -23,7 +23,7 @@ NO_REGIONS = (
     "The surfaces have no parcellation (FreeSurfer keeps one in label/?h.aparc.annot), so there is no table of regions "
     "and no line fitted through regions."
 )
-AVERAGES = ("fsaverage", "cvs_avg")  # names of the averages that come with FreeSurfer
+AVERAGE_BRAINS = ("fsaverage", "cvs_avg")  # names of the averages that come with FreeSurfer
 USUAL, TWICE = 0.7, 2.0  # gyral width over gyral thickness in people, and the factor beyond which it is noted
 COARSEST = 4.0  # gyral width in mean edges, below which the mesh is noted as coarse
 
@@ -82,7 +82,7 @@ def of_input(cortex: Cortex) -> Notes:
     """Notes on an average brain, on missing files, and the health warnings of a simulation."""
     notes = {}
     subjects = [Path(file).resolve().parent.parent.name for file in cortex.files]
-    if average := next((name for name in subjects if name.startswith(AVERAGES)), ""):
+    if average := next((name for name in subjects if name.startswith(AVERAGE_BRAINS)), ""):
         notes["average"] = (
             f"{average} is an average of many brains. Folds that differ between people are smoothed away, so its "
             "gyrification, hinges and gyral thickness are those of no person."

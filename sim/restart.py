@@ -81,8 +81,8 @@ def state_of(restart: Mapping[str, Any], body: Body, scene: Scene) -> State:
     file = existing_file(restart["file"], "state to restart from")
     if (now := sha256_of(file)) != restart["sha256"]:
         raise Mismatch(
-            f"{file}: has changed since a run began at it (sha256 {restart['sha256'][:12]}... then, {now[:12]}... "
-            "now). Restore the old file, or choose another folder."
+            f"{file}: has changed since a run was started from it (sha256 {restart['sha256'][:12]}... then, {now[:12]}"
+            "... now). Restore the old file, or choose another folder."
         )
     x, v, X, _ = _read(file)
     check_mesh(file, X, body.X, scene)

@@ -22,7 +22,7 @@ from morphofold.sim.interrupt import deferred_interrupt
 from morphofold.sim.output.checkpoint import as_bytes, as_lines, read_arrays, read_log
 from morphofold.sim.output.folder import Describe, FolderWriter, Simulation, is_finished
 from morphofold.sim.output.inputs import scene_digest, written_stages
-from morphofold.sim.output.run_files import ANEW
+from morphofold.sim.output.run_files import AND_GROW_AGAIN
 from morphofold.sim.output.stages import check_reached
 from morphofold.sim.output.volume import write_series, write_volume
 from morphofold.sim.restart import check_mesh, restart_of, state_of
@@ -120,7 +120,9 @@ def simulate(
     own = own_effects(effects)
     names = [effect.name for effect in own]
     if isinstance(scene.geometry, Radial) and (own or after or restart_from):
-        raise DoesNotApply(f"{scene.name}: a radial scene has no steps. Leave out effects, after and restart_from.")
+        raise DoesNotApply(
+            f"{scene.name}: a radial scene has no steps. Leave out the options effects, after, restart_from."
+        )
     with deferred_interrupt() as interrupted:
         set_threads(threads)
         if is_finished(folder, scene, resume, names, restart_from):
@@ -270,10 +272,10 @@ class _Run:
         arrays = read_arrays(path, {**self.dynamics.save(), **mine})
         for name, what in (("scene", "another scene or mesh"), ("version", "another version of morphofold")):
             if not np.array_equal(arrays[name], mine[name]):
-                raise Mismatch(f"{path}: belongs to a run with {what}. Delete it {ANEW}.")
+                raise Mismatch(f"{path}: belongs to a run with {what}. Delete it {AND_GROW_AGAIN}.")
         check_mesh(path, arrays["reference"], self.body.X, self.scene)  # own effects may give the body another shape
         growth, final = arrays["growth"].item(), self.scene.growth.final
-        with decoding(path, "a checkpoint of this run", f"Delete it {ANEW}."):
+        with decoding(path, "a checkpoint of this run", f"Delete it {AND_GROW_AGAIN}."):
             if not 1 <= growth <= final:
                 raise DamagedFile(f"g = {growth:g} is not between 1 and {final:g}")
             self.dynamics.load(arrays)  # a state out of its bounds was never saved

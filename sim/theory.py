@@ -90,8 +90,8 @@ def deformed_radius(
     The paper gives the isotropic case. Its text estimates g by "g_s^3 = V/V_0, the volume ratio of the deformed
     system": that holds for the volume of the cortex alone, because the volume of the core does not change.
     """
-    growth, outer, core = _growth(g, "g"), _outer(C_bar), _growth(g_core, "g_core")
-    hole = _hole(A_bar, outer, core)
+    growth, outer, core = _checked_growth(g, "g"), _checked_outer_radius(C_bar), _checked_growth(g_core, "g_core")
+    hole = _checked_hole_radius(A_bar, outer, core)
     R = outer if R_bar is None else np.asarray(R_bar, dtype=np.float64)
     if not np.all((R >= hole) & (R <= outer)):
         raise OutOfRange(f"R_bar must lie between A/B = {hole.min():g} and C/B = {outer.max():g}, got {R}.")
@@ -229,10 +229,10 @@ def critical_growth(
     inner and outer: C is the outer radius. The stiffness of the cortex does not enter. But it determines whether
     the criterion is met before the surface wrinkles, see :func:`bifurcation`.
     """
-    outer, core = _outer(C_bar), _growth(g_core, "g_core")
+    outer, core = _checked_outer_radius(C_bar), _checked_growth(g_core, "g_core")
     if not 1 < ratio < np.inf:
         raise OutOfRange(f"ratio of radial to tangential stretch must be above 1 and finite, got {ratio:g}.")
-    b3 = 1 + (core**3 - 1) * (1 - _hole(A_bar, outer, core) ** 3)
+    b3 = 1 + (core**3 - 1) * (1 - _checked_hole_radius(A_bar, outer, core) ** 3)
     check_law(law)
     if law == "isotropic":
         left = 1 - outer**3 * (1 - 1 / ratio)
@@ -258,23 +258,25 @@ def thickest_creasing(law: str = "isotropic", ratio: float = CREASE) -> float:
     return float(np.cbrt(ratio / (ratio - 1))) if law == "isotropic" else float("inf")
 
 
-def _growth(g: ArrayLike, name: str) -> Array:
+def _checked_growth(g: ArrayLike, name: str) -> Array:
     g = np.asarray(g, dtype=np.float64)
     if not np.all((g > 0) & np.isfinite(g)):
         raise OutOfRange(f"{name} is a ratio of lengths and must be positive and finite, got {g}.")
     return g
 
 
-def _outer(C_bar: ArrayLike) -> Array:
+def _checked_outer_radius(C_bar: ArrayLike) -> Array:
     C_bar = np.asarray(C_bar, dtype=np.float64)
     if not np.all((C_bar > 1) & np.isfinite(C_bar)):
         raise OutOfRange(f"C_bar is the outer over the interface radius and must be above 1 and finite, got {C_bar}.")
     return C_bar
 
 
-def _hole(A_bar: ArrayLike | None, outer: Array, core: Array) -> Array:
+def _checked_hole_radius(A_bar: ArrayLike | None, outer: Array, core: Array) -> Array:
     if A_bar is None and np.any((outer >= 2) & (core != 1)):
-        raise OptionsClash(f"half of C_bar = {outer.max():g} is not a radius inside the core: give A_bar, below 1.")
+        raise OptionsClash(
+            f"A_bar is C_bar / 2 = {outer.max() / 2:g} by default, but must lie inside the core: give A_bar, below 1."
+        )
     hole = np.asarray(np.minimum(outer / 2, 1.0) if A_bar is None else A_bar, dtype=np.float64)
     if not np.all((hole >= 0) & (hole <= 1)):
         raise OutOfRange(f"A_bar is the hole radius over the interface radius and must be from 0 to 1, got {hole}.")

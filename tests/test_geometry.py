@@ -9,7 +9,7 @@ from morphofold.sim.mesh.brick_mesh import (
     bilayer_ellipsoid,
     bilayer_patch,
     bilayer_sphere,
-    core_shares,
+    core_layer_fractions,
     spot_factors,
 )
 
@@ -84,7 +84,7 @@ def test_a_patch_is_a_block_and_a_strip_one_brick_deep():
 
 
 def test_core_layers_grow_inwards_and_end_at_the_base():
-    shares = core_shares(1.0, 22.0, edge=0.5)
+    shares = core_layer_fractions(1.0, 22.0, edge=0.5)
     steps = 22.0 * np.diff(shares)
     assert (shares[0], shares[-1]) == (0, 1)
     assert (np.diff(steps) >= -1e-12).all()

@@ -339,7 +339,7 @@ def test_a_run_that_is_held_is_waited_for_and_never_written(here, ball, monkeypa
     one = one_run(here)
     held_place = one.place.record.parent, "one.lock"
     monkeypatch.setattr(tasks, "PAUSE", 0.01)
-    monkeypatch.setattr(tasks, "LONGEST_WAIT", 0.05)
+    monkeypatch.setattr(tasks, "LONGEST_WAIT_FOR_LOCK", 0.05)
     with alone(*held_place):  # a worker that the scheduler gave up for lost
         outcome = grow_and_measure(one)
     assert outcome.state == "failed"
@@ -347,7 +347,7 @@ def test_a_run_that_is_held_is_waited_for_and_never_written(here, ball, monkeypa
     assert ball["grown"] == []
     assert read_record(one.place.record)["key"] == ""  # and so it is tried again
 
-    monkeypatch.setattr(tasks, "LONGEST_WAIT", 60.0)
+    monkeypatch.setattr(tasks, "LONGEST_WAIT_FOR_LOCK", 60.0)
     held = threading.Event()
 
     def hold():

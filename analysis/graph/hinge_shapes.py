@@ -215,7 +215,7 @@ def two_sample(distance: Array, n: int, *, permutations: int = 999, seed: int = 
     size = len(distance)
     if distance.shape != (size, size) or not (np.isfinite(distance).all() and np.allclose(distance, distance.T)):
         raise (WrongShape if np.isfinite(distance).all() else NotFinite)(
-            f"distance must be finite and symmetric, got an array {distance.shape} that is not."
+            f"distance must be a finite, symmetric matrix, got an array {distance.shape} that is not one."
         )
     if not 0 < n < size:
         raise OutOfRange(f"two samples that are not empty are needed, got a first sample of {n} of {size}.")

@@ -55,9 +55,9 @@ def gyral_tables(cortex: Cortex, graph: nx.MultiGraph, maps: Mapping[str, PerVer
                 "from_hinge": a,
                 "to_hinge": b,
                 "length_mm": crest["length"],
-                "gyral_thickness_mm": _value(np.median, maps["gyral_thickness"][at]),
-                "cortical_thickness_mm": _value(np.mean, maps["cortical_thickness"][at]),
-                "mean_H_per_mm": _value(np.mean, maps["H"][at]),
+                "gyral_thickness_mm": _mean_or_none(np.median, maps["gyral_thickness"][at]),
+                "cortical_thickness_mm": _mean_or_none(np.mean, maps["cortical_thickness"][at]),
+                "mean_H_per_mm": _mean_or_none(np.mean, maps["H"][at]),
                 "region": _region(cortex, at),
                 "altitude_mm": crest["altitude"],
                 "strength_mm": crest["strength"],
@@ -104,7 +104,7 @@ def region_columns(cortex: Cortex, graph: nx.MultiGraph) -> dict[str, tuple[int,
     return {name: (count[name], length[name]) for name in cortex.regions.names}
 
 
-def _value(mean: Any, values: PerVertex) -> float | None:
+def _mean_or_none(mean: Any, values: PerVertex) -> float | None:
     known = values[np.isfinite(values)]
     return float(mean(known)) if len(known) else None
 

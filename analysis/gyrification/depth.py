@@ -58,7 +58,7 @@ def sulcal_depth(verts: Verts, faces: Faces, mode: str = "hull", *, touching: fl
         raise UnknownName(f"mode must be 'hull' or 'geodesic', got {mode!r}.")
     if touching is not None and not (mode == "geodesic" and touching >= 0):
         raise (OutOfRange if mode == "geodesic" else OptionsClash)(
-            f"touching is a distance in mm for mode 'geodesic', got {touching!r} for mode {mode!r}."
+            f"touching is for mode 'geodesic' only, a distance in mm; got {touching!r} with mode {mode!r}."
         )
     planes = hull(verts, faces).equations  # n . x + d <= 0 inside; coplanar triangles repeat theirs
     _, first = np.unique(np.round(planes, 12), axis=0, return_index=True)

@@ -229,7 +229,7 @@ def _dry_run(cortices: list[Cortex], failed: dict[str, str], reading: float, arg
     from morphofold.analysis.measuring import scale_of_curvature
     from morphofold.analysis.mesh_quality.repair import measurable
     from morphofold.forecasts import forecast_analysis
-    from morphofold.forecasts.printed import table_of_analysis
+    from morphofold.forecasts.printed import analysis_forecast_table
 
     def checked(cortex: Cortex) -> Cortex:
         mended = measurable(cortex, repair=args.repair).cortex
@@ -250,7 +250,7 @@ def _dry_run(cortices: list[Cortex], failed: dict[str, str], reading: float, arg
     if args.json:
         print_json({**found.as_dict(), "failed": failed})
     else:
-        print(table_of_analysis(found))
+        print(analysis_forecast_table(found))
     return code
 
 

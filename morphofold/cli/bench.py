@@ -25,7 +25,7 @@ WORDS = {
 }
 SCENES = ("fig5", "fig6-thin", "fig6-thick", "fig7-ratio1", "fig7-ratio4")
 CASES = "cases"  # of an accuracy study, in its folder
-TANGENTIAL = tuple(f"{name}-tangential" for name in SCENES)
+TANGENTIAL_SCENES = tuple(f"{name}-tangential" for name in SCENES)
 FOLDS = """
 Grows every scene at every level of accuracy from the first seed of its imperfection. At the second-finest level (or the
 only one) it also grows the scene from the other seeds. This gives convergence with the mesh and spread over seeds, and
@@ -75,7 +75,7 @@ LISTS = (
         "folds",
         "--scenes",
         "NAMES",
-        ",".join((*SCENES, *TANGENTIAL)),
+        ",".join((*SCENES, *TANGENTIAL_SCENES)),
         f"spheres, separated by commas (default: {','.join(SCENES)} and the same with -tangential)",
     ),
     ("folds", "--levels", "LEVELS", "draft,standard,fine", "levels of accuracy (default: draft,standard,fine)"),

@@ -16,14 +16,14 @@ from morphofold.cli.streams import one_line
 COMPILING = "compiling, once on this machine"
 
 
-class Show(Protocol):
+class ProgressCallback(Protocol):
     """Called with the share done, 0 to 1, and a short text."""
 
     def __call__(self, share: float, text: str = "") -> None: ...
 
 
 @contextmanager
-def progress(label: str, quiet: bool = False) -> Iterator[Show]:
+def progress(label: str, quiet: bool = False) -> Iterator[ProgressCallback]:
     """Yield ``tell(share, text)`` with share from 0 to 1. Everything goes to standard error, names in it escaped."""
     if quiet:
 
@@ -48,7 +48,7 @@ def time_left(seconds: float, share: float) -> str:
 
 
 @contextmanager
-def _bar(label: str) -> Iterator[Show]:
+def _bar(label: str) -> Iterator[ProgressCallback]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -74,7 +74,7 @@ def _bar(label: str) -> Iterator[Show]:
 
 
 @contextmanager
-def _lines(label: str) -> Iterator[Show]:
+def _lines(label: str) -> Iterator[ProgressCallback]:
     from morphofold.timing import reporting_compilation, working_seconds
 
     started, shown, compiling = working_seconds(), [0], [False]

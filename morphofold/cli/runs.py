@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from morphofold.analysis import Measures
-    from morphofold.cli.progress import Show
+    from morphofold.cli.progress import ProgressCallback
     from morphofold.sim.run import Simulation
     from morphofold.surface import Cortex
 
@@ -63,7 +63,7 @@ class Runs:
                 self._measured[name] = measure(cortex, progress=show)
         return self._measured[name]
 
-    def showing(self, words: str) -> AbstractContextManager[Show]:
+    def showing(self, words: str) -> AbstractContextManager[ProgressCallback]:
         from morphofold.cli.progress import progress
 
         return progress(words, self._quiet)

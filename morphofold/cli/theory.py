@@ -69,7 +69,7 @@ class Question(NamedTuple):
     words: Mapping[str, str] = {}  # help of options that mean something else here
 
 
-NUMBERS = {
+NUMERIC_OPTIONS = {
     "thickness": Number("MM", "thickness of the cortex, T = C - B", 1e-6, 1e6),
     "radius": Number("MM", "outer radius C", 1e-6, 1e6),
     "ratio": Number("C/B", "outer radius / interface radius", 1 + 1e-6, 1e3),
@@ -159,7 +159,7 @@ def add_args(parser: argparse.ArgumentParser) -> None:
         question = QUESTIONS[what]
         size = sub.add_mutually_exclusive_group() if what == "critical" else sub
         for name, default in question.numbers.items():
-            number, several = NUMBERS[name], isinstance(default, list)
+            number, several = NUMERIC_OPTIONS[name], isinstance(default, list)
             shown = " ".join(default) if several else default
             (size if name in ("ratio", "thickness") else sub).add_argument(
                 _option(name),
@@ -278,7 +278,9 @@ def _bifurcation(args: argparse.Namespace) -> Answer:
     from morphofold.sim import theory_tables
 
     if args.check and args.curve:
-        raise OptionsClash("--check computes the least growth, not the curve: leave out --check or --curve.")
+        raise OptionsClash(
+            "--check computes the smallest critical growth, not the curve: leave out --check or --curve."
+        )
     laws = _laws(args.law)
     short = len(laws) * len(args.mu_ratio) * len(args.thickness) <= 18 and not args.check
     with progress("bifurcation", args.quiet or short) as tell:
@@ -378,7 +380,7 @@ def _read_numbers(args: argparse.Namespace) -> None:
         if not given:
             continue
         words = [given] if isinstance(given, str) else given
-        numbers = _numbers(words, option, NUMBERS[name].least, NUMBERS[name].largest)
+        numbers = _numbers(words, option, NUMERIC_OPTIONS[name].least, NUMERIC_OPTIONS[name].largest)
         if isinstance(given, str) and len(numbers) > 1:
             raise NotReadable(f"{option} takes one number, got the range {given!r}.")
         setattr(args, name, numbers[0] if isinstance(given, str) else numbers)

@@ -119,7 +119,7 @@ def make_grid(
     given = [_axis(text, keys) for text in vary]
     twice = [key for key, count in Counter(key for key, _ in given).items() if count > 1]
     if twice:
-        raise NamedTwice(f"--vary {twice[0]}: is varied twice. Give all its values at once, as {twice[0]}=1,2,3.")
+        raise NamedTwice(f"--vary {twice[0]} is given twice. Give all its values at once, as {twice[0]}=1,2,3.")
     if seeds is not None and seeds < 1:
         raise OutOfRange(f"--seeds {seeds}: must be 1 or more.")
     if seeds is not None and seeds > MOST_RUNS:  # before they are listed

@@ -27,7 +27,7 @@ from morphofold.provenance import changed_since, sha256_of, strict_json
 from morphofold.timing import peak_memory
 from morphofold.words import in_one_line
 
-LONGEST_WAIT = 3600.0  # [s] to wait for another worker on the same task
+LONGEST_WAIT_FOR_LOCK = 3600.0  # [s] to wait for another worker on the same task
 PAUSE = 2.0  # [s] between two checks
 
 #: errors that reading and measuring raise for an invalid input
@@ -184,9 +184,9 @@ def _hold_when_free(place: TaskFolder, say: Say, held: ExitStack) -> None:
     Raises
     ------
     FileExistsError
-        If another worker holds it for longer than LONGEST_WAIT.
+        If another worker holds it for longer than LONGEST_WAIT_FOR_LOCK.
     """
-    until, warned = time.monotonic() + LONGEST_WAIT, False
+    until, warned = time.monotonic() + LONGEST_WAIT_FOR_LOCK, False
     while True:
         try:
             with warnings.catch_warnings():

@@ -22,13 +22,16 @@ def table_of(found: Forecast) -> str:
         ]
     rows += _memory_and_time(found, found.seconds_by_phase)
     rows += [
-        (f"error of {called(name)}", f"{percent(e.error)}  ({percent(e.low)} to {percent(e.high)}){_beside(e)}")
+        (
+            f"error of {called(name)}",
+            f"{percent(e.error)}  ({percent(e.low)} to {percent(e.high)}){_with_other_settings(e)}",
+        )
         for name, e in found.errors.items()
     ]
     return _laid_out(found.scene, rows, found)
 
 
-def table_of_analysis(found: AnalysisForecast) -> str:
+def analysis_forecast_table(found: AnalysisForecast) -> str:
     """A forecast of an analysis as a short table."""
     rows = [("accuracy", found.accuracy)]
     for one in found.hemispheres:
@@ -56,7 +59,7 @@ def _laid_out(name: str, rows: list[tuple[str, str]], found: Forecast | Analysis
     return "\n".join([*lines, *found.doubts])
 
 
-def _beside(expected: Expected) -> str:
+def _with_other_settings(expected: Expected) -> str:
     return f", other settings {percent(expected.other)}" if expected.other else ""
 
 

@@ -83,10 +83,15 @@ class Estimate:
     @property
     def words(self) -> str:
         """All errors in a line, and reasons to doubt them."""
-        errors = _listed({name: e.error for name, e in self.errors.items() if e.error is not None}) or "not known"
+        errors = (
+            _joined_with_values({name: e.error for name, e in self.errors.items() if e.error is not None})
+            or "not known"
+        )
         sentences = [f"error of the mesh at g = {self.growth:g}, {self.how}: {errors}."]
         if self.pace is not None:
-            sentences.append(f"Half the pace of growth changes the coarser run by: {_listed(self.pace)} of T.")
+            sentences.append(
+                f"Half the pace of growth changes the coarser run by: {_joined_with_values(self.pace)} of T."
+            )
         return " ".join([*sentences, *self.doubts])
 
     def as_dict(self) -> dict[str, Any]:
@@ -255,8 +260,8 @@ def between(scene: Scene, mine: Grown, coarse: Grown, slow: Grown | None = None)
     ]
     if apart > SAME_PATTERN:
         doubts.append(
-            f"The coarser run folded into another pattern (they differ by: {_listed(changes)} of T), so no error "
-            "follows from it: with such edges the pattern depends on the mesh. Take a shorter edge."
+            f"The coarser run folded into another pattern (they differ by: {_joined_with_values(changes)} of T), so no "
+            "error follows from it: with such edges the pattern depends on the mesh. Take a shorter edge."
         )
     if pace is not None and pace["pial distance"] > SAME_PATTERN:
         doubts.append(
@@ -291,7 +296,7 @@ def _changes(scene: Scene, one: Grown, other: Grown) -> dict[str, float]:
     return changes
 
 
-def _listed(shares: Mapping[str, float]) -> str:
+def _joined_with_values(shares: Mapping[str, float]) -> str:
     return ", ".join(f"{name} {percent(share)}" for name, share in shares.items())
 
 

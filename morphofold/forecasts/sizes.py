@@ -83,7 +83,7 @@ def sizes_by_rule(scene: Scene, layers: Layers) -> Sizes:
     DoesNotApply
         For a shape that isn't made of bricks.
     """
-    from morphofold.sim.mesh.brick_mesh import PLANES, core_shares
+    from morphofold.sim.mesh.brick_mesh import PLANES, core_layer_fractions
     from morphofold.sim.scene import Ellipsoid, Sphere
 
     geometry, through, edge = scene.geometry, scene.elements_through_cortex, edge_by_rule(scene)
@@ -96,7 +96,7 @@ def sizes_by_rule(scene: Scene, layers: Layers) -> Sizes:
         cells = [c for _, c in _rows(scene)]
         quads, surface = math.prod(cells), math.prod(c + 1 for c in cells) * (1 if len(cells) == 2 else 2)
         whole = surface
-    deep = through + len(core_shares(layers.thickness / through, layers.depth, edge)) - 1
+    deep = through + len(core_layer_fractions(layers.thickness / through, layers.depth, edge)) - 1
     return Sizes(quads * deep, surface * (deep + 1), whole, edge)
 
 

@@ -281,7 +281,7 @@ def read_label(path: StrPath, n: int) -> NDArray[np.bool_]:
             raise DamagedFile(f"its second line gives {int(second)} vertices, but the file lists {len(vertices)}")
     if vertices.size and (vertices.min() < 0 or vertices.max() >= n):
         raise Mismatch(
-            f"{path}: names vertices {vertices.min()}..{vertices.max()}, but the surface has 0..{n - 1}. "
+            f"{path}: names vertices {vertices.min()} to {vertices.max()}, but the surface has 0 to {n - 1}. "
             "It belongs to another surface."
         )
     mask[vertices] = True

@@ -197,7 +197,7 @@ def subject_place(dataset: Path, name: str) -> Path:
     place = dataset / f"sub-{label}"
     known = _json(place / "anat" / f"{place.name}{PROVENANCE}").get("subject", name)
     if known != shown(name):
-        raise FileExistsError(f"{place}: holds {known!r}, and BIDS shortens {name!r} to the same name. Pass another.")
+        raise FileExistsError(f"{place}: holds {known!r}, and {name!r} becomes the same BIDS name. Pass another name.")
     return place
 
 

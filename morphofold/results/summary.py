@@ -251,7 +251,7 @@ def read_tables(summary: Mapping[str, Any], files: Mapping[str, Path]) -> dict[s
     for name, file in files.items():
         rows = tables[name] = read_table(file, WORDS, summary["rows"].get(name), numbers=set(COLUMNS[name]) - WORDS)
         if rows and (missing := [column for column in COLUMNS[name] if column not in rows[0]]):
-            raise MissingPart(f"{file}: lacks {', '.join(missing)}. {CURE}")
+            raise MissingPart(f"{file}: lacks the columns {', '.join(missing)}. {CURE}")
     return tables
 
 

@@ -50,7 +50,7 @@ BRICK_GRADIENTS: Array = np.stack([ElementHex1().lbasis(GAUSS, int(i))[1].T / 2 
 Power = Callable[[Array, float], Factor]
 
 
-class Points(NamedTuple):
+class ElementPoints(NamedTuple):
     """Some elements of a body, E of them with K nodes and Q points each.
 
     Attributes
@@ -83,7 +83,7 @@ class Points(NamedTuple):
     material: Material
 
 
-def points(body: Body) -> Iterator[Points]:
+def points(body: Body) -> Iterator[ElementPoints]:
     """All elements of a body at its present growth, ``CHUNK`` at a time; for tetrahedra an element is a patch."""
     elements, blocks = body.elements, body.elements.blocks
     nodes = blocks.nodes[blocks.start[:-1, None] + blocks.local].astype(np.int64)
@@ -94,12 +94,12 @@ def points(body: Body) -> Iterator[Points]:
         yield from _patches(elements, from_lanes(nodes, len(elements.patches)), body.mu, body.kappa)
 
 
-def _bricks(bricks: Bricks, nodes: Ints, mu: Array, kappa: Array) -> Iterator[Points]:
+def _bricks(bricks: Bricks, nodes: Ints, mu: Array, kappa: Array) -> Iterator[ElementPoints]:
     data = from_lanes(bricks.point, bricks.n).reshape(-1, 8, POINT)
     V = 1 / from_lanes(bricks.modulus, bricks.n)[:, 2]
     for part in _parts(bricks.n):
         shear = np.repeat(mu[part, None], 8, axis=1)
-        yield Points(
+        yield ElementPoints(
             nodes[part],
             BRICK_GRADIENTS,
             data[part, :, SYMMETRIC],
@@ -118,7 +118,7 @@ def _parts(n: int) -> Iterator[slice]:
     return (slice(start, start + CHUNK) for start in range(0, n, CHUNK))
 
 
-def _patches(tets: Tets, nodes: Ints, mu: Array, kappa: Array) -> Iterator[Points]:
+def _patches(tets: Tets, nodes: Ints, mu: Array, kappa: Array) -> Iterator[ElementPoints]:
     """The points of a patch are its tetrahedra, and a last point for their mean gradient."""
     count, first = len(tets.patches), tets.patches[:, 0]
     edges = from_lanes(tets.edges, count).reshape(-1, TETS, 3, 3)
@@ -135,7 +135,7 @@ def _patches(tets: Tets, nodes: Ints, mu: Array, kappa: Array) -> Iterator[Point
         w = np.column_stack([np.where(real, w, 1.0), V])  # 1 for missing tetrahedra; any number would do
         scale = np.cbrt(w)[..., None, None]  # turns A into D of metric w^(1/3) I
         share = np.column_stack([BLEND * real, np.full(len(real), 1 - BLEND)])
-        yield Points(
+        yield ElementPoints(
             nodes[part],
             g * scale,
             scale * np.eye(3),
@@ -214,7 +214,7 @@ class _Stress(NamedTuple):
     pairs: dict[str, Array]
 
 
-def _stress(x: Array, at: Points) -> _Stress:
+def _stress(x: Array, at: ElementPoints) -> _Stress:
     D = x[at.nodes].swapaxes(-1, -2)[:, None] @ at.g
     k = cofactor(D)
     volume = np.einsum("eqi,eqi->eq", D[..., 0], k[..., 0])
@@ -254,7 +254,7 @@ def _stress(x: Array, at: Points) -> _Stress:
     return _Stress(D, k, P, wide(I1) * P - b @ P, b, f, s, h, pairs)
 
 
-def stiffness(x: Array, at: Points) -> Array:
+def stiffness(x: Array, at: ElementPoints) -> Array:
     """Second derivative (E, K, 3, K, 3) of the energy of elements by the positions of their nodes [Pa mm].
 
     ``x`` (N, 3) are the positions of all nodes [mm].
@@ -292,7 +292,7 @@ def stiffness(x: Array, at: Points) -> Array:
     return out + (left.swapaxes(-1, -2) @ right).reshape(out.shape)
 
 
-def _second(found: _Stress, at: Points, between: Callable[[Array], Array], out: Array) -> None:
+def _second(found: _Stress, at: ElementPoints, between: Callable[[Array], Array], out: Array) -> None:
     """Add the terms of the second derivative of the second invariant, except products of P with itself.
 
     With b = A A^T = P D^T / w: h/2 d2I2 w = h [I1 (g_a . C g_b) I + 2/w P_a P_b^T - (P_a . P_b) I / w - P_b P_a^T / w

@@ -126,7 +126,7 @@ def _grid_quads(nu: int, nv: int) -> Ints:
     return quads[_tiles(i, j)]
 
 
-def core_shares(first: float, depth: float, edge: float) -> Array:
+def core_layer_fractions(first: float, depth: float, edge: float) -> Array:
     """Depths of the node layers of the core over its depth, from 0 to 1, with steps that grow by ``CORE_RATIO``.
 
     ``first`` is the thickness of a layer of the cortex, ``depth`` that of the core [mm]; no step exceeds ``CORE_CAP``
@@ -155,7 +155,7 @@ def _extrude(
     n_surface = len(pial)
     thickness = np.linalg.norm(pial - white, axis=1)
     depth = np.linalg.norm(white - base, axis=1)
-    shares = core_shares(float(thickness.mean()) / cortex_layers, float(depth.mean()), edge)[1:]
+    shares = core_layer_fractions(float(thickness.mean()) / cortex_layers, float(depth.mean()), edge)[1:]
     cortex = [pial + (k / cortex_layers) * (white - pial) for k in range(cortex_layers)]
     levels = np.stack([*cortex, white, *(white + s * (base - white) for s in shares)])
     n_layers = len(levels) - 1

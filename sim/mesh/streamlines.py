@@ -30,7 +30,7 @@ def _weights(x, tet, p, w):
 
 
 @njit(cache=True)
-def _find(x, tets, across, p, start, w):
+def _containing_tetrahedron(x, tets, across, p, start, w):
     """The tetrahedron that contains ``p``, found from ``start`` across faces; -1 if the path leaves the mesh."""
     e = start
     for _ in range(HOPS):
@@ -64,14 +64,14 @@ def _cross(x, tets, across, level, e, p, q, w):
         middle = 0.5 * (low + high)
         for r in range(3):
             at[r] = p[r] + middle * (q[r] - p[r])
-        here = _find(x, tets, across, at, found, w)
+        here = _containing_tetrahedron(x, tets, across, at, found, w)
         if here >= 0 and _level(tets, level, here, w) > 0.0:
             low, found = middle, here
         else:
             high = middle
     for r in range(3):
         q[r] = p[r] + low * (q[r] - p[r])
-    return _find(x, tets, across, q, found, w)
+    return _containing_tetrahedron(x, tets, across, q, found, w)
 
 
 @njit(cache=True)
@@ -100,7 +100,7 @@ def descend(x, tets, across, start, radial, level, stride, steps, where, weights
                 break
             for r in range(3):
                 q[r] = p[r] - stride * q[r] / length
-            ahead = _find(x, tets, across, q, e, w)
+            ahead = _containing_tetrahedron(x, tets, across, q, e, w)
             if ahead < 0:
                 break
             there = _level(tets, level, ahead, w)

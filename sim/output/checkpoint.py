@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from morphofold.errors import DamagedFile
 from morphofold.io.files import decoding, existing_file
-from morphofold.sim.output.run_files import ANEW
+from morphofold.sim.output.run_files import AND_GROW_AGAIN
 
 
 def read_arrays(path: Path, like: Mapping[str, NDArray]) -> dict[str, NDArray]:
@@ -25,7 +25,7 @@ def read_arrays(path: Path, like: Mapping[str, NDArray]) -> dict[str, NDArray]:
     DamagedFile
         If the file differs from that; its checksums reveal a single changed byte.
     """
-    with decoding(path, "a checkpoint of this run", f"Delete it {ANEW}."):
+    with decoding(path, "a checkpoint of this run", f"Delete it {AND_GROW_AGAIN}."):
         with np.load(existing_file(path, "checkpoint"), allow_pickle=False) as file:
             names = set(file.files)
             if names != like.keys():
@@ -63,7 +63,7 @@ def read_log(out: Path, step: int, lines: int, digest: NDArray[np.uint8]) -> lis
         If the log is not as the run left it beside its checkpoint.
     """
     path = out / "log.jsonl"
-    with decoding(path, "the log of this run", f"Delete {out / 'checkpoint.npz'} {ANEW}."):
+    with decoding(path, "the log of this run", f"Delete {out / 'checkpoint.npz'} {AND_GROW_AGAIN}."):
         kept = []
         for number, text in enumerate(existing_file(path, "log").read_text("utf-8").splitlines(), start=1):
             line = _object(text, f"line {number}")

@@ -21,7 +21,7 @@ from morphofold.io.locks import LOCK
 from morphofold.provenance import digests
 from morphofold.sim.output.checkpoint import as_lines
 from morphofold.sim.output.inputs import check_begun, check_inputs, inputs_of, scene_digest
-from morphofold.sim.output.run_files import ANEW, is_temporary, stage_folder, sweep
+from morphofold.sim.output.run_files import AND_GROW_AGAIN, is_temporary, stage_folder, sweep
 from morphofold.sim.output.stages import check_finished, check_stages, read_health, read_stage
 from morphofold.sim.output.volume import check_series, write_series
 from morphofold.sim.scene import Scene
@@ -78,7 +78,9 @@ def is_finished(
         return False
     if not resume:
         raise FileExistsError(f"{folder}: holds a simulation; resume it (--resume), or choose another folder.")
-    with decoding(written, "a scene as a run writes it", f"Delete {folder} {ANEW}, or choose another folder."):
+    with decoding(
+        written, "a scene as a run writes it", f"Delete {folder} {AND_GROW_AGAIN}, or choose another folder."
+    ):
         began = load_scene(written)
     if began != scene:
         raise FileExistsError(f"{folder}: holds a simulation of another scene; choose another folder.")

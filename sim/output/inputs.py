@@ -13,7 +13,7 @@ from pydantic import Field
 from morphofold.errors import DamagedFile, Mismatch
 from morphofold.io.json_files import Count, Length, Record, read_json
 from morphofold.provenance import sha256_of
-from morphofold.sim.output.run_files import ANEW
+from morphofold.sim.output.run_files import AND_GROW_AGAIN
 from morphofold.sim.scene import MeshFile, Radial, Scene
 
 
@@ -76,9 +76,9 @@ def check_inputs(folder: Path, scene: Scene) -> None:
         return
     ((what, mine),) = now.items()
     path = folder / "inputs.json"
-    began = read_json(path, Inputs, f"Delete {folder} {ANEW}, or choose another folder.").get(what)
+    began = read_json(path, Inputs, f"Delete {folder} {AND_GROW_AGAIN}, or choose another folder.").get(what)
     if began is None:
-        raise DamagedFile(f"{path}: has no {what}. Delete {folder} {ANEW}, or choose another folder.")
+        raise DamagedFile(f"{path}: has no {what}. Delete {folder} {AND_GROW_AGAIN}, or choose another folder.")
     if what == "accuracy" and began != mine:
         raise Mismatch(
             f"{folder}: its run began with edges of {began['edge']:g} mm and {began['elements_through_cortex']} "
@@ -96,7 +96,7 @@ def begun_with(folder: Path) -> dict[str, Any]:
     """Contents of ``inputs.json`` of the run in a folder; empty if no run has begun, or the run has none."""
     if not ((folder / "scene.toml").is_file() and (folder / "inputs.json").is_file()):
         return {}
-    return read_json(folder / "inputs.json", Inputs, f"Delete {folder} {ANEW}, or choose another folder.")
+    return read_json(folder / "inputs.json", Inputs, f"Delete {folder} {AND_GROW_AGAIN}, or choose another folder.")
 
 
 def check_begun(folder: Path, own: Sequence[str], restart_from: str | Path | None) -> None:

@@ -14,7 +14,7 @@ from morphofold.io.folders import MARKER
 from morphofold.io.json_files import read_json
 from morphofold.io.locks import LOCK
 
-ANEW = "to grow again from the start"
+AND_GROW_AGAIN = "and grow the scene again from the start"
 _KEPT = (
     "scene.toml",
     "inputs.json",
@@ -73,7 +73,7 @@ def clear_run(folder: Path) -> None:
     ours = {folder / name for name in (*_KEPT, LOCK)}
     for stage in (folder / "stages").glob("g*"):
         with suppress(OSError, ValueError):  # the list is damaged, or the run is older than such lists
-            ours |= {stage / name for name in read_json(stage / "files.json", Digests, ANEW)}
+            ours |= {stage / name for name in read_json(stage / "files.json", Digests, AND_GROW_AGAIN)}
         ours |= {stage / "files.json", stage / MARKER, *files_of(stage).values()}
     there = [path for path in folder.rglob("*") if path.is_symlink() or not path.is_dir()]
     if others := [path for path in there if path not in ours]:

@@ -14,7 +14,7 @@ from morphofold.io.files import decoding
 from morphofold.io.json_files import Amount, Count, Length, Record, read_json
 from morphofold.provenance import sha256_of
 from morphofold.sim.output.inputs import scene_digest, written_stages
-from morphofold.sim.output.run_files import ANEW, Digests, stage_folder
+from morphofold.sim.output.run_files import AND_GROW_AGAIN, Digests, stage_folder
 from morphofold.sim.scene import Radial, Scene
 
 
@@ -37,7 +37,7 @@ class Health(Record):
 
 def read_health(folder: Path) -> dict[str, Any]:
     """Contents of ``health.json`` of a finished run; raises as :func:`morphofold.io.json_files.read_json`."""
-    return read_json(folder / "health.json", Health, f"Delete it {ANEW}.")
+    return read_json(folder / "health.json", Health, f"Delete it {AND_GROW_AGAIN}.")
 
 
 def read_stage(out: Path, g: float) -> dict[str, Any]:
@@ -90,7 +90,7 @@ def check_reached(out: Path, scene: Scene, growth: float) -> None:
         if g < growth and not stage_folder(out, g).exists():
             raise MissingPart(
                 f"{stage_folder(out, g)}: is missing, and {out / 'checkpoint.npz'} is beyond it, at "
-                f"g = {growth:.3f}. Delete the checkpoint {ANEW}."
+                f"g = {growth:.3f}. Delete the checkpoint {AND_GROW_AGAIN}."
             )
 
 
@@ -98,14 +98,18 @@ def check_finished(out: Path, scene: Scene) -> None:
     """Raise if ``health.json`` of a finished run is incomplete, or does not agree with its stages."""
     path, health = out / "health.json", read_health(out)
     if missing := {"effects", *(() if isinstance(scene.geometry, Radial) else ("elements",))} - health.keys():
-        raise DamagedFile(f"{path}: lacks {', '.join(sorted(missing))}. Delete it {ANEW}.")
+        raise DamagedFile(f"{path}: lacks {', '.join(sorted(missing))}. Delete it {AND_GROW_AGAIN}.")
     grown = [stage.get("growth") for stage in health["stages"]]
     if grown != (stages := list(written_stages(out, scene))):
-        raise Mismatch(f"{path}: its stages are {grown}, but those of the scene {stages}. Delete it {ANEW}.")
+        raise Mismatch(f"{path}: its stages are {grown}, but those of the scene {stages}. Delete it {AND_GROW_AGAIN}.")
     found = check_stages(out, scene)
     for stage in health["stages"]:
         g = stage["growth"]
         if g not in found:
-            raise MissingPart(f"{stage_folder(out, g)}: is missing, but {path} lists it. Delete {path} {ANEW}.")
+            raise MissingPart(
+                f"{stage_folder(out, g)}: is missing, but {path} lists it. Delete {path} {AND_GROW_AGAIN}."
+            )
         if found[g]["health"] != stage:
-            raise Mismatch(f"{path}: disagrees at g = {g:g} with {stage_folder(out, g)}. Delete {path} {ANEW}.")
+            raise Mismatch(
+                f"{path}: disagrees at g = {g:g} with {stage_folder(out, g)}. Delete {path} {AND_GROW_AGAIN}."
+            )

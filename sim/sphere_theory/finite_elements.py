@@ -255,8 +255,8 @@ class _Sphere:
         self.quadrature = _Points(
             np.arange(self.mesh.nelements),
             np.asarray(self.u.global_coordinates())[0],
-            *_values(self.u.basis),
-            _values(self.q.basis)[0],
+            *_shape_values(self.u.basis),
+            _shape_values(self.q.basis)[0],
         )
 
     def points(self, R: Array, layer: str) -> _Points:
@@ -274,7 +274,7 @@ class _Sphere:
             # new elements, because ElementLinePp keeps its last values if only the positions of the points change
             for e, b in zip(_shapes(self.order), (self.u, self.q))
         )
-        return _Points(element, R[:, None], *_values(u), _values(q)[0])
+        return _Points(element, R[:, None], *_shape_values(u), _shape_values(q)[0])
 
     def stretches(self, x: Array, growth: Growth, at: _Points) -> tuple[Array, ...]:
         """Radial and tangential growth (E, 1); radial and tangential elastic stretch, and pressure (E, Q)."""
@@ -519,7 +519,7 @@ def _shapes(order: int) -> tuple[Any, ElementDG]:
     return u, ElementDG(q)
 
 
-def _values(basis: Iterable[Any]) -> tuple[Array, Array]:
+def _shape_values(basis: Iterable[Any]) -> tuple[Array, Array]:
     """Values and slopes (shapes, E, Q) of shape functions."""
     fields = [f[0] for f in basis]
     return np.array([np.asarray(f) for f in fields]), np.array([f.grad[0] for f in fields])

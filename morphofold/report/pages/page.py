@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from morphofold.comparison import Comparison
     from morphofold.timing import Stages
 
-ANALYSIS = "Analysis"
+ANALYSIS_TITLE = "Analysis"
 SIDES = {"lh": "left", "rh": "right"}
 SCRIPTS = ("tables.js", "viewer-data.js", "viewer-layers.js", "viewer.js")
 Shown = dict[str, tuple[Quantity, tuple[float, float]]]  # map key -> quantity, limits for all surfaces
@@ -87,7 +87,7 @@ def analysis_report(
     missing = [f"The {SIDES[hemi]} hemisphere could not be measured: {why}" for hemi, why in failed.items()]
     return _write(
         Path(path),
-        ANALYSIS,
+        ANALYSIS_TITLE,
         title,
         lede,
         entries,
@@ -197,7 +197,7 @@ def _write(
         slider=any(e.stages for e in entries),
         nets=any(e.measures.graph is not None for e in entries),
         inflated=any(e.measures.cortex.inflated is not None for e in entries),
-        costs=costs(entries, clock) if kind == ANALYSIS else [],
+        costs=costs(entries, clock) if kind == ANALYSIS_TITLE else [],
     )
 
 

@@ -29,7 +29,7 @@ from morphofold.report.plots.phase_plots import (
     curve,
     diagram,
     measured,
-    others_words,
+    fixed_parameters_text,
     shown_of,
     slices,
 )
@@ -102,7 +102,7 @@ def _diagrams(phases: Phases, shown: Shown, folder: Path) -> list[dict[str, Any]
         found.append((f"{shown.key}.png", curve(phases, shown), f"{shown.label} over {axes[0].label}"))
     elif axes:
         for k, others in enumerate(slices(phases), start=1):
-            at = others_words(phases, others)
+            at = fixed_parameters_text(phases, others)
             words = f"{shown.label} over {axes[0].label} and {axes[1].label}{f' at {at}' if at else ''}"
             name = f"{shown.key}.png" if not others else f"{shown.key}-{k}.png"
             found.append((name, diagram(phases, shown, others), words))
@@ -140,7 +140,7 @@ def _surfaces(phases: Phases, folder: Path) -> list[dict[str, Any]]:
         return []
     parts = []
     for k, others in enumerate(slices(phases), start=1):
-        at = others_words(phases, others)
+        at = fixed_parameters_text(phases, others)
         path = folder / ("surfaces.png" if not others else f"surfaces-{k}.png")
         path.write_bytes(png_bytes(_mosaic(phases, first, others, view, extent)))
         parts.append(_picture(path, f"{_what(phases)}{f' at {at}' if at else ''}"))

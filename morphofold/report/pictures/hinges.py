@@ -29,7 +29,7 @@ TILT = 25.0  # [degrees] tilt of a patch, so that its height is visible
 PANEL, WORDS = 330, 30  # pixels
 LABEL, EDGE = 260, 10  # [pixels] most for the name of a row, and around it
 CLEAR = 0.7  # least visible share of a hinge's crests in an example
-PATCH = Quantity("patch", "Patch")
+PATCH_QUANTITY = Quantity("patch", "Patch")
 
 
 def hinge_patch(measures: Measures, number: int, pose: int = 0) -> Row:
@@ -170,7 +170,7 @@ def hinge_pairs(pairs: Mapping[Match, tuple[Row, Row]], rows: tuple[str, str], b
     for k, (match, patches) in enumerate(pairs.items()):
         numbers = ((match.surface, match.hinge, 0), (match.other_surface, match.other, match.pose))
         for line, (patch, (name, number, pose)) in enumerate(zip(patches, numbers)):
-            (image,) = draw(patch, ["top"], PATCH, (0, 1), (PANEL, PANEL), REACH, backend)
+            (image,) = draw(patch, ["top"], PATCH_QUANTITY, (0, 1), (PANEL, PANEL), REACH, backend)
             y, x = top + line * (PANEL + WORDS), left + k * PANEL
             canvas[y : y + PANEL, x : x + PANEL] = image
             words = _caption(name, rows[line], f"{number}" + (", mirrored" if pose >= 3 else ""))

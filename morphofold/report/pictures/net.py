@@ -24,7 +24,7 @@ DISC = 0.27  # radius of a hinge, in gyral widths
 #: colours of hinges by number of arms; five or more have one colour
 ARMS = {3: "#d55e00", 4: "#0072b2", 5: "#009e73"}
 CREST_EDGES = 4.0  # least scale of crest lines, in mean edges, because surfaces are noisy
-KINDS = {"gyral": "#d55e00", "sulcal": "#0072b2"}
+LINE_COLOURS = {"gyral": "#d55e00", "sulcal": "#0072b2"}
 DOUBT = "#8c8c8c"  # hinges that are not counted, with any number of arms
 LEGEND = (
     ("crest", CREST),
@@ -63,7 +63,7 @@ def crest_row(measures: Measures, name: str) -> Row:
     scale = max(CREST_EDGES * edge, measures.parameters["curvature_scale_mm"])
     found = crest_lines(pial.verts, pial.faces, scale=scale)
     rgb = shaded(measures.maps["sulcal_depth"])
-    for kind, colour in KINDS.items():
+    for kind, colour in LINE_COLOURS.items():
         paint_lines(rgb, pial.verts, [line.points for line in found.of_kind(kind)], edge, colour)
     return Row(name, pial, np.full(len(pial.verts), np.nan), measures.cortex.hemi, rgb)
 
@@ -89,4 +89,4 @@ def net_figure(rows: Sequence[Row]) -> Picture:
 
 def crest_figure(rows: Sequence[Row]) -> Picture:
     """Picture of rows of crest lines, in all views."""
-    return figure(rows, Quantity("crests", "Crest lines"), (0.0, 1.0), legend=[*KINDS.items()])
+    return figure(rows, Quantity("crests", "Crest lines"), (0.0, 1.0), legend=[*LINE_COLOURS.items()])

@@ -151,7 +151,7 @@ def diagram(phases: Phases, shown: Shown, others: GridIndex = ()) -> Figure:
         ax.grid(False)
         ax.imshow(rgb, origin="lower", aspect="auto", interpolation="nearest")
         for (i, j), one in cells.items():
-            _write_cell(ax, (i, j), [*one.words, *_theory_words(phases, (i, j, *others), shown)], rgb[j, i], one)
+            _write_cell(ax, (i, j), [*one.words, *_theory_text(phases, (i, j, *others), shown)], rgb[j, i], one)
         if _draw_boundary(ax, phases, others):
             line = ax.plot([], [], color=BLACK, linestyle="--", label="final growth = theory's critical growth")[0]
             figure.legend(handles=[line], loc="outside lower center")
@@ -173,7 +173,7 @@ def _write_cell(ax: Axes, at: tuple[int, int], lines: list[str], rgb: NDArray[np
     ax.text(*at, words, ha="center", va="center", fontsize=9.5, color=colours.ink(rgb), bbox=box, zorder=5)
 
 
-def _theory_words(phases: Phases, at: GridIndex, shown: Shown) -> list[str]:
+def _theory_text(phases: Phases, at: GridIndex, shown: Shown) -> list[str]:
     """Theory's line in a cell: its wavelength below the measured one, its critical growth below gyrification."""
     found = phases.theory[at]
     if shown.key == WAVELENGTH and math.isfinite(found.wavelength):
@@ -286,7 +286,7 @@ def crossings(x: Array, y: Array) -> list[float]:
 
 
 def _title(phases: Phases, shown: Shown, others: GridIndex) -> str:
-    fixed = others_words(phases, others)
+    fixed = fixed_parameters_text(phases, others)
     return shown.label + (f" at {fixed}" if fixed else "")
 
 
@@ -300,7 +300,7 @@ def axis_title(phases: Phases, axis: Axis) -> str:
     return f"{axis.label} [{unit}]" if unit else axis.label
 
 
-def others_words(phases: Phases, others: GridIndex) -> str:
+def fixed_parameters_text(phases: Phases, others: GridIndex) -> str:
     """The values on the third and further axes, as text."""
     return ", ".join(f"{axis.label} = {axis.words[i]}" for axis, i in zip(phases.grid.axes[2:], others))
 
