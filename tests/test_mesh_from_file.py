@@ -18,7 +18,7 @@ from morphofold.errors import (
 from morphofold.shapes import icosphere
 from morphofold.sim.mesh import tetmesh
 from morphofold.sim.mesh.from_file import bilayer_from_file
-from morphofold.sim.mesh.streamlines import _find, descend
+from morphofold.sim.mesh.streamlines import _containing_tetrahedron, descend
 from morphofold.sim.mesh.tetmesh import read_tets
 from morphofold.sim.scene import MeshFile
 
@@ -253,7 +253,7 @@ def test_a_walk_ends_in_the_tetrahedron_that_holds_the_point(tmp_path, rng):
     system = np.concatenate([body.points[body.tets].transpose(0, 2, 1), np.ones((len(body.tets), 1, 4))], axis=1)
     inverse = np.linalg.inv(system)
     for p in rng.uniform(-1, 1, (200, 3)) * R:
-        e = _find(body.points, body.tets, body.across, p, 0, w)
+        e = _containing_tetrahedron(body.points, body.tets, body.across, p, 0, w)
         holding = np.flatnonzero((inverse @ np.append(p, 1.0)).min(axis=1) >= -1e-9)
         assert e in holding if len(holding) else e == -1
         if e >= 0:

@@ -17,7 +17,7 @@ from morphofold import analysis
 from morphofold.errors import DoesNotApply
 from morphofold.io.files import decoding, existing_file
 from morphofold.progress import Progress, silent
-from morphofold.sim.output.run_files import ANEW
+from morphofold.sim.output.run_files import AND_GROW_AGAIN
 from morphofold.sim.run import Simulation
 from morphofold.sim.scene import Scene
 from morphofold.sim.theory import Bifurcation, bifurcation
@@ -103,7 +103,7 @@ def measured(reference: Cortex, cortex: Cortex) -> Row:
 def first_contact(simulation: Simulation) -> float | None:
     """Growth at which walls of the pial surface, or one and its mirror image, first touched; None if never."""
     path = simulation.path / "log.jsonl"
-    with decoding(path, "the log of a run", f"Delete {simulation.path} {ANEW}."):
+    with decoding(path, "the log of a run", f"Delete {simulation.path} {AND_GROW_AGAIN}."):
         for line in map(json.loads, existing_file(path, "log").read_text("utf-8").splitlines()):
             touching = line["effects"]
             if touching.get("contact", {}).get("pairs") or touching.get("symmetry", {}).get("pressed"):

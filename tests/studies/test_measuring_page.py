@@ -12,7 +12,7 @@ from morphofold.analysis import gyral_thickness, measure
 from morphofold.cli import main
 from morphofold.errors import MissingPart, NoSolution
 from morphofold.geometry import is_closed
-from morphofold.report.pictures.net import KINDS, crest_figure, crest_row
+from morphofold.report.pictures.net import LINE_COLOURS, crest_figure, crest_row
 from morphofold.shapes.folded_ball import THICKNESS, folded_ball
 from morphofold.studies.pages import measuring, section_plot
 from morphofold.studies.speed.measures import exponent, measuring_speed
@@ -110,7 +110,7 @@ def test_the_command_prints_a_line_per_stage_or_rows(capsys):
 @pytest.mark.slow
 def test_crest_lines_have_the_colours_of_their_kind(ball):
     row = crest_row(ball, "ball")
-    for colour in KINDS.values():
+    for colour in LINE_COLOURS.values():
         share = (row.rgb == [int(colour[k : k + 2], 16) for k in (1, 3, 5)]).all(axis=1).mean()
         assert 0.01 < share < 0.3
     gyral = (row.rgb == [0xD5, 0x5E, 0x00]).all(axis=1)

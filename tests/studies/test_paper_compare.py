@@ -12,8 +12,8 @@ from morphofold.analysis import hinges, measure
 from morphofold.comparison.hinges import compare_hinges, examples
 from morphofold.report.pictures import hinges as hinge_pictures
 from morphofold.report.pictures.hinges import (
-    NOTHING,
     PANEL,
+    PATCH_QUANTITY,
     REACH,
     TILT,
     clear_examples,
@@ -149,7 +149,7 @@ def test_lettering_of_pairs_keeps_to_its_place(ball, group, others):
     assert not ink[:, left - 5 : left].any()
     assert left <= 300
     for top in (16, 16 + PANEL + hinge_pictures.WORDS):
-        (drawn,) = draw(patches[top > 16], ["top"], NOTHING, (0, 1), (PANEL, PANEL), REACH, "raster")
+        (drawn,) = draw(patches[top > 16], ["top"], PATCH_QUANTITY, (0, 1), (PANEL, PANEL), REACH, "raster")
         np.testing.assert_array_equal(picture[top : top + PANEL - 4, left : left + PANEL], drawn[:-4])
         captions = ink[top + PANEL : top + PANEL + hinge_pictures.WORDS, left:]
         for edge in (0, PANEL, 2 * PANEL):

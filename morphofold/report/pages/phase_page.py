@@ -28,8 +28,8 @@ from morphofold.report.plots.phase_plots import (
     cell,
     curve,
     diagram,
-    measured,
     fixed_parameters_text,
+    measured,
     shown_of,
     slices,
 )
