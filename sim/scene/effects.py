@@ -59,7 +59,7 @@ def read_effects(tables: Any) -> Any:
         return tables  # pydantic refuses it
     found: dict[str, EffectOptions] = {}
     problems: list[InitErrorDetails] = []
-    for written in sorted(tables, key=lambda name: _place(RENAMED.get(name, name))):
+    for written in sorted(tables, key=lambda name: _place(str(RENAMED.get(name, name)))):
         table, name = tables[written], RENAMED.get(written, written)
         if name not in effect_names() or (name != written and name in tables):
             problems.append(InitErrorDetails(type="extra_forbidden", loc=(written,), input=table))
