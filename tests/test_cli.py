@@ -274,7 +274,7 @@ def test_no_command_writes_over_what_it_reads(here, capsys):
     assert main(["analyze", "out", "-q", "--no-report", "-o", "other"]) == 0
     capsys.readouterr()
     before = sorted(p.name for p in (here / "out").rglob("*"))
-    refused(capsys, ["compare", "a=out", "b=other", "-o", "out"], "out: ", " out,", "-o", "[options-clash]")
+    refused(capsys, ["compare", "a=out", "b=other", "-o", "out"], "out: ", " out;", "-o", "[options-clash]")
     refused(capsys, ["analyze", "out", "-q", "-o", "out"], "out: ", "-o", "[options-clash]")
     shutil.copytree(sample_path("simulated"), here / "sim" / "stages" / "g1.90")
     refused(capsys, ["analyze", "sim", "-q", "-o", "sim/stages/g1.90"], "sim/stages/g1.90: ", "-o", "[options-clash]")

@@ -720,7 +720,7 @@ def test_a_cohort_is_replaced_by_no_other_command_and_replaces_none(tmp_path):
     assert (tmp_path / "study" / "kept").exists()
     with atomic_folder(tmp_path / "analysis") as folder:
         (folder / "kept").touch()
-    with pytest.raises(FileExistsError, match="replaces it as a whole"):
+    with pytest.raises(FileExistsError, match="replaces the folder as a whole"):
         begin_collection(tmp_path / "analysis", "cohort")
 
 

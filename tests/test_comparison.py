@@ -219,8 +219,8 @@ def test_colours_are_those_of_groups_unless_asked_otherwise():
     ("colours", "kind", "named"),
     [
         ({"c": "#000000"}, UnknownName, "'c'.* a, b"),
-        ({"a": "red"}, NotReadable, r"'red'.* a;"),
-        ({"a": '#000000"/><script>'}, NotReadable, "<script>.* a;"),
+        ({"a": "red"}, NotReadable, r"'red'.*\(a\)"),
+        ({"a": '#000000"/><script>'}, NotReadable, r"<script>.*\(a\)"),
     ],
 )
 def test_colours_that_are_none_are_refused(colours, kind, named):

@@ -440,7 +440,7 @@ def test_a_run_whose_level_stood_for_another_mesh_is_refused(tmp_path, monkeypat
     assert began == {"accuracy": {"edge": 20.0, "elements_through_cortex": 2}}
     (out / "inputs.json").write_text(json.dumps({"accuracy": {"edge": 24.0, "elements_through_cortex": 3}}))
     told = resumed(capsys, "--resume", settings=settings)
-    assert re.search(r"\brun: .*\b24 mm .*\b3 .*\b20 mm .*\b2 .*\[mismatch\]$", told)
+    assert re.search(r"\brun: .*\b24 mm .*\b3 .*\b20 mm .*\b2\b.*\[mismatch\]$", told)
     other_json(out / "inputs.json")
     assert "run/inputs.json: " in resumed(capsys, "--resume", settings=settings)
 

@@ -118,7 +118,7 @@ def test_stages_that_the_page_draws_are_said_not_to_be_counted(second, here, cap
         shutil.copytree(sample_path("simulated"), here / "sim" / "stages" / stage)
     argv = ["analyze", "sim", "--dry-run"]
     assert main(argv) == 0
-    assert "draws stages of the simulation, too (2)" in capsys.readouterr().out
+    assert "draws stages of the simulation (2)" in capsys.readouterr().out
     assert main([*argv, "--no-report"]) == 0
     assert "stages of the simulation" not in capsys.readouterr().out
 

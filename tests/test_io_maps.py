@@ -184,7 +184,7 @@ def test_a_gifti_without_whole_regions_is_refused(tmp_path):
     ("text", "kind", "told"),
     [
         ("#!ascii label\n3\n0 0 0 0 0\n1 0 0 0 0\n", DamagedFile, r"a\.label: .*\b3\b.*\b2\b"),
-        ("#!ascii label\n1\n42 0 0 0 0\n", Mismatch, r"\b42\.\.42\b.*\b0\.\.41\b"),
+        ("#!ascii label\n1\n42 0 0 0 0\n", Mismatch, r"\b42 to 42\b.*\b0 to 41\b"),
         ("hello\nworld\n", WrongFile, r"a\.label: .*\bhello\b"),
     ],
 )

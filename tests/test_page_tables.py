@@ -45,7 +45,7 @@ def test_short_tables_are_open_on_paper_and_long_ones_not_there(tmp_path, plain_
     with opened(page, tmp_path / "profile", "tables") as tab:
         shown = lambda: tab.js(f"{details}.map(d => d.checkVisibility() && d.querySelector('table').checkVisibility())")
         heads = lambda: tab.js(f"{details}.map(d => d.checkVisibility())")
-        hint = lambda: tab.js("document.body.innerText.includes('A click on a head sorts')")
+        hint = lambda: tab.js("document.body.innerText.includes('Click on a column heading')")
         assert (shown(), heads(), hint()) == ([False, False], [True, True], True)
         tab.call("Emulation.setEmulatedMedia", media="print")
         tab.js("window.dispatchEvent(new Event('beforeprint'))")

@@ -1,4 +1,4 @@
-"""The error of a run by its coarser twin: exact where it is known, none between two patterns; nothing is lost."""
+"""The error of a run by its coarser coarse: exact where it is known, none between two patterns; nothing is lost."""
 
 import json
 from dataclasses import replace
@@ -13,7 +13,7 @@ from morphofold.cli import main
 from morphofold.comparison.distance import distance
 from morphofold.errors import DoesNotApply, NoSolution
 from morphofold.forecasts import estimate_error
-from morphofold.forecasts import richardson as twin_module
+from morphofold.forecasts import richardson
 from morphofold.forecasts.richardson import POWERS, SAME_PATTERN, Grown, between, coarser, companions, estimate_beside
 from morphofold.forecasts.sizes import edge_by_rule
 from morphofold.forecasts.table import STUDIED, called
@@ -45,13 +45,13 @@ def test_an_error_that_goes_with_a_power_of_the_edge_is_found_exactly():
 
 
 def test_each_quantity_is_extrapolated_by_its_own_power():
-    mine, twin = made(2.0), made(3.0, height=2.8)
-    found = between(load_scene("fig6-thick"), mine, twin)
-    here, there = (analysis.gyrification_index(s.pial.verts, s.pial.faces) for s in (mine, twin))
+    mine, coarse = made(2.0), made(3.0, height=2.8)
+    found = between(load_scene("fig6-thick"), mine, coarse)
+    here, there = (analysis.gyrification_index(s.pial.verts, s.pial.faces) for s in (mine, coarse))
     index, apart = found.errors["gyrification index"], found.errors["pial distance"]
     assert index.power != apart.power
     assert index.error == pytest.approx((here - there) / here / (1.5**index.power - 1))
-    assert apart.error == pytest.approx(distance(mine.pial, twin.pial) / 3 / (1.5**apart.power - 1))
+    assert apart.error == pytest.approx(distance(mine.pial, coarse.pial) / 3 / (1.5**apart.power - 1))
     assert (found.doubts, found.not_studied) == ((), ())
 
 
@@ -74,34 +74,34 @@ def test_an_open_body_has_no_index():
 
 
 def test_what_the_pace_changes_is_told_as_it_stands():
-    mine, twin, slow = made(2.0), made(3.0, height=2.8), made(3.0, height=2.7)
+    mine, coarse, slow = made(2.0), made(3.0, height=2.8), made(3.0, height=2.7)
     scene = load_scene("fig6-thick")
-    found = between(scene, mine, twin, slow)
-    here, there = (analysis.gyrification_index(s.pial.verts, s.pial.faces) for s in (twin, slow))
+    found = between(scene, mine, coarse, slow)
+    here, there = (analysis.gyrification_index(s.pial.verts, s.pial.faces) for s in (coarse, slow))
     assert found.pace == {
         "gyrification index": pytest.approx((here - there) / here),
-        "pial distance": distance(twin.pial, slow.pial) / 3,
+        "pial distance": distance(coarse.pial, slow.pial) / 3,
     }
-    without = between(scene, mine, twin)
+    without = between(scene, mine, coarse)
     assert without.pace is None
     assert (found.errors, found.doubts) == (without.errors, without.doubts)
     for change in found.pace.values():
         assert percent(change) in found.words.removeprefix(without.words.removesuffix("."))
-    assert set(between(load_scene("patch", ["growth.final=2"]), mine, twin, slow).pace) == {"pial distance"}
+    assert set(between(load_scene("patch", ["growth.final=2"]), mine, coarse, slow).pace) == {"pial distance"}
 
 
 def test_another_pattern_at_another_pace_is_doubted_and_leaves_the_error_of_the_mesh():
-    twin = made(3.0, height=2.8)
-    turned = Grown(Surface(twin.pial.verts * [1, -1, -1], twin.pial.faces), 3.0, ["not calm"])
-    found = between(load_scene("fig6-thick"), made(2.0), twin, turned)
+    coarse = made(3.0, height=2.8)
+    turned = Grown(Surface(coarse.pial.verts * [1, -1, -1], coarse.pial.faces), 3.0, ["not calm"])
+    found = between(load_scene("fig6-thick"), made(2.0), coarse, turned)
     assert found.pace["pial distance"] > SAME_PATTERN
-    assert found.errors == between(load_scene("fig6-thick"), made(2.0), twin).errors
+    assert found.errors == between(load_scene("fig6-thick"), made(2.0), coarse).errors
     ill, pattern = found.doubts
-    assert "slower twin isn't healthy: not calm" in ill
-    assert "folds hang on the pace" in pattern
+    assert "slower run isn't healthy: not calm" in ill
+    assert "depend on the pace" in pattern
 
 
-def test_the_slower_twin_is_the_coarser_one_at_half_the_pace():
+def test_the_slower_run_is_the_coarser_one_at_half_the_pace():
     scene = load_scene("ellipsoid", ["growth.rate=0.3"])
     found = companions(scene)
     assert found["coarser"] == coarser(scene)
@@ -118,27 +118,27 @@ def test_the_slower_twin_is_the_coarser_one_at_half_the_pace():
         ("effects.inertia={}", False),
     ],
 )
-def test_no_slower_twin_where_time_is_real_or_no_pace_is_as_slow(setting, slower):
+def test_no_slower_run_where_time_is_real_or_no_pace_is_as_slow(setting, slower):
     assert ("slower" in companions(load_scene("fig6-thick", [setting]))) is slower
 
 
-def test_a_run_or_a_twin_that_is_not_healthy_is_told():
+def test_a_run_or_a_coarser_one_that_is_not_healthy_is_told():
     ill = ["12 crossings"]
-    of_the_twin = between(load_scene("fig6-thick"), made(2.0), made(3.0, warnings=ill)).doubts
-    assert of_the_twin == ("The coarser twin isn't healthy: 12 crossings",)
+    of_the_coarser = between(load_scene("fig6-thick"), made(2.0), made(3.0, warnings=ill)).doubts
+    assert of_the_coarser == ("The coarser run isn't healthy: 12 crossings",)
     assert between(load_scene("fig6-thick"), made(2.0, warnings=ill), made(3.0)).words.endswith(
         "The run isn't healthy: 12 crossings"
     )
 
 
-def test_the_twin_is_the_same_scene_with_longer_edges():
+def test_the_coarser_run_is_the_same_scene_with_longer_edges():
     scene = load_scene("ellipsoid", ["accuracy.edge=2", "accuracy.elements_through_cortex=3"])
-    twin = coarser(scene)
-    assert twin.edge == pytest.approx(3)
-    assert load_scene(twin, ["accuracy.edge=2", "output.volume=true"]) == scene
+    coarse = coarser(scene)
+    assert coarse.edge == pytest.approx(3)
+    assert load_scene(coarse, ["accuracy.edge=2", "output.volume=true"]) == scene
 
 
-def test_what_has_no_coarser_twin_is_refused_before_anything_is_grown(tmp_path, capsys, monkeypatch):
+def test_what_has_no_coarser_run_is_refused_before_anything_is_grown(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     refused(capsys, ["simulate", "mesh", "--estimate"], "--estimate", "'mesh'", "[does-not-apply]")
     refused(capsys, ["simulate", "fig3", "--estimate"], "--estimate", "'radial'", "[does-not-apply]")
@@ -168,7 +168,7 @@ def test_a_finished_run_is_told_though_its_estimate_fails(tmp_path, monkeypatch,
         raise error
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(twin_module, "estimate_error", failing)
+    monkeypatch.setattr(richardson, "estimate_error", failing)
     argv = ["simulate", "fig6-thick", "-o", "run", "-q", "--threads", "1", "--estimate", "--set", "accuracy.edge=12"]
     argv += [word for setting in SMALL if "edge" not in setting for word in ("--set", setting)]
     assert main(argv) == code
@@ -182,23 +182,23 @@ def test_a_finished_run_is_told_though_its_estimate_fails(tmp_path, monkeypatch,
     assert told == json.loads((tmp_path / "run" / "health.json").read_text())
 
 
-def test_a_forecast_counts_the_twin_beside_the_run(capsys):
+def test_a_forecast_counts_the_other_runs_beside_the_run(capsys):
     settings = [word for setting in (*SMALL[:3], "accuracy.edge=3.5") for word in ("--set", setting)]
     argv = ["simulate", "fig6-thick", *settings, "--dry-run", "--estimate", "--threads", "1"]
     assert main([*argv, "--json"]) == 0
     content = json.loads(capsys.readouterr().out)
-    twin, slower = content["coarser"], content["slower"]
-    assert twin["elements"] < content["elements"] / 1.5
-    assert slower["elements"] == twin["elements"]
-    assert twin["steps"] < slower["steps"] < 2 * twin["steps"]
-    for other in (twin, slower):
+    coarse, slower = content["coarser"], content["slower"]
+    assert coarse["elements"] < content["elements"] / 1.5
+    assert slower["elements"] == coarse["elements"]
+    assert coarse["steps"] < slower["steps"] < 2 * coarse["steps"]
+    for other in (coarse, slower):
         assert (other["errors"], other["not_studied"], other["doubts"]) == ({}, [], [])
     assert content["errors"]
     assert main(argv) == 0
-    run, _, twin = capsys.readouterr().out.partition("its coarser twin, fig6-thick: forecast")
+    run, _, coarse = capsys.readouterr().out.partition("its coarser run, fig6-thick: forecast")
     assert "error of gyrification index" in run
-    assert "time" in twin
-    assert "error" not in twin
+    assert "time" in coarse
+    assert "error" not in coarse
 
 
 def test_a_body_of_few_cells_has_no_coarser_one():
@@ -238,7 +238,7 @@ def test_an_estimate_goes_on_after_a_stop_and_is_on_the_page(tmp_path, monkeypat
     settings = [word for setting in SMALL for word in ("--set", setting)]
     argv = ["simulate", "fig6-thick", "-o", "again", *settings, "--threads", "1", "-q", "--estimate"]
     assert main([*argv, "--resume"]) == 0
-    assert "from a coarser twin" in capsys.readouterr().out
+    assert "from a coarser run" in capsys.readouterr().out
     assert {**json.loads((again.path / "error.json").read_text()), "health_sha256": ""} == {
         **json.loads(written),
         "health_sha256": "",
@@ -251,7 +251,7 @@ def test_an_estimate_goes_on_after_a_stop_and_is_on_the_page(tmp_path, monkeypat
     assert (run.path / "slower" / "health.json").read_bytes() == of_the_slower
 
     entry = SimpleNamespace(name="run", measures=SimpleNamespace(cortex=SimpleNamespace(files=[str(stage)])))
-    rows = [row for row in costs([entry])[0]["errors"] if "from a coarser twin of this run" in row[-1]]
+    rows = [row for row in costs([entry])[0]["errors"] if "from a coarser run" in row[-1]]
     told = [(called(name), percent(e.error)) for name, e in whole.errors.items()]
     assert [(name, error) for name, error, *_ in rows] == told
     rows = [row for row in costs([entry])[0]["errors"] if "half the pace" in row[-1]]
@@ -259,7 +259,7 @@ def test_an_estimate_goes_on_after_a_stop_and_is_on_the_page(tmp_path, monkeypat
 
     for before in ({**content, "pace": None}, {name: it for name, it in content.items() if name != "pace"}):
         (run.path / "error.json").write_text(json.dumps(before))
-        assert estimate_beside(stage) == replace(whole, pace=None)  # of a scene without a slower twin; an early one
+        assert estimate_beside(stage) == replace(whole, pace=None)  # of a scene without a slower coarse; an early one
         assert not [row for row in costs([entry])[0]["errors"] if "half the pace" in row[-1]]
     (run.path / "error.json").write_text(json.dumps({**content, "pace": {"pial distance": "small"}}))
     assert estimate_beside(stage) is None
@@ -272,7 +272,7 @@ def test_an_estimate_goes_on_after_a_stop_and_is_on_the_page(tmp_path, monkeypat
 
 @pytest.mark.slow
 def test_the_estimated_error_of_the_index_is_that_against_a_far_finer_mesh(tmp_path):
-    """0.77 times the true one was seen. Later or on coarser meshes the twin folds into another pattern."""
+    """0.77 times the true one was seen. Later or on coarser meshes the coarse folds into another pattern."""
 
     def grown(edge):
         settings = (*SMALL, "growth.final=1.35", f"accuracy.edge={3 * edge}", "accuracy.elements_through_cortex=3")

@@ -76,7 +76,7 @@ def test_the_hole_is_at_half_the_outer_radius_unless_said():
     half = theory.deformed_radius(1.5, 1.2, g_core=1.2, A_bar=0.6)
     assert theory.deformed_radius(1.5, 1.2, g_core=1.2) == half
     assert theory.critical_growth(1.1, g_core=1.2) == theory.critical_growth(1.1, g_core=1.2, A_bar=0.55)
-    with pytest.raises(OptionsClash, match=r"\bC_bar = 2\.5\b.*\bA_bar\b"):
+    with pytest.raises(OptionsClash, match=r"\bC_bar\b.* 1\.25\b.*\bA_bar\b"):
         theory.deformed_radius(1.5, 2.5, g_core=1.2)
     assert theory.deformed_radius(1.5, 2.5) > 2.5  # a core at rest needs none
 

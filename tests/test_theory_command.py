@@ -432,7 +432,7 @@ def test_a_body_without_a_sharp_or_without_any_bifurcation_says_so(monkeypatch):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ("--body radial", r" radial: .*--body\. \[does-not-apply\]"),
+        ("--body radial", r" radial: .*--body\b.* \[does-not-apply\]"),
         ("--body nowhere", "'nowhere'"),
         ("--body demo --set growth.law=round", r"growth\.law\b.*round"),
         ("--body demo --thickness 2 --law both --check", r" --thickness, --law, --check;.*\[options-clash\]"),

@@ -192,7 +192,7 @@ def test_devices(holds, tmp_path):
     fails=(AssertionError, pytest.fail.Exception),
 )
 def test_links_for_locks_and_logs(holds, here):
-    victim, place = here / "victim", tasks.Place(str(here / "out"), "anna", "1")
+    victim, place = here / "victim", tasks.TaskFolder(str(here / "out"), "anna", "1")
     victim.write_text("run 1\n")  # as a log of this very run begins
     place.log.parent.mkdir(parents=True)
     for path in (here / "run" / "lock", place.log):
