@@ -12,8 +12,7 @@ from morphofold import analysis
 from morphofold.cli import main
 from morphofold.comparison.distance import distance
 from morphofold.errors import DoesNotApply, NoSolution
-from morphofold.forecasts import estimate_error
-from morphofold.forecasts import richardson
+from morphofold.forecasts import estimate_error, richardson
 from morphofold.forecasts.richardson import POWERS, SAME_PATTERN, Grown, between, coarser, companions, estimate_beside
 from morphofold.forecasts.sizes import edge_by_rule
 from morphofold.forecasts.table import STUDIED, called
