@@ -1,5 +1,6 @@
 import errno
 import json
+import os
 import shutil
 import signal
 import subprocess
@@ -421,3 +422,19 @@ def test_a_reader_that_has_seen_enough_is_no_error():
     done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, check=False)
     assert done.stdout.startswith("Outer radius")
     assert done.stderr == ""
+
+
+def test_an_error_of_compiled_code_in_place_of_an_interrupt_is_the_interrupt(capsys, monkeypatch):
+    """numpy's ``tofile`` raises a TypeError of its own where a signal ends its look at the file."""
+
+    def run(args):
+        try:
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(5)
+        except KeyboardInterrupt:
+            raise TypeError("expected str, bytes or os.PathLike object") from None
+
+    monkeypatch.setattr("morphofold.cli.scenes.run", run)
+    assert main(["scenes"]) == 130
+    assert "PathLike" not in capsys.readouterr().err
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler

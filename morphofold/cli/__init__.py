@@ -170,15 +170,19 @@ def _run(args: argparse.Namespace) -> int:
 def _ended_as_interrupted() -> Iterator[None]:
     """Treat SIGTERM and SIGHUP as Ctrl-C, so that half-written files are removed; only the main thread can do this.
 
-    A signal that was ignored before (by nohup) stays ignored. A second signal is ignored too: a terminal and its shell
-    both send one when they end, and half-written files have to be removed first.
+    A signal that was ignored before (by nohup) stays ignored. A second SIGTERM or SIGHUP is ignored too: a terminal and
+    its shell both send one when they end, and half-written files have to be removed first. An error after a signal
+    counts as the interrupt: compiled code (numpy's ``tofile``) may raise one of its own in place of it.
     """
     ends = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]  # not on Windows
+    usual = {signal.SIGINT: signal.default_int_handler, **dict.fromkeys(ends, signal.SIG_DFL)}
     main_thread = threading.current_thread() is threading.main_thread()
-    ours = [number for number in ends if main_thread and signal.getsignal(number) == signal.SIG_DFL]
+    ours = [number for number in usual if main_thread and signal.getsignal(number) == usual[number]]
+    came = []
 
     def interrupt(number: int, frame: object) -> NoReturn:
-        for each in ours:
+        came.append(number)
+        for each in set(ours) - {signal.SIGINT}:
             signal.signal(each, signal.SIG_IGN)
         raise KeyboardInterrupt
 
@@ -186,9 +190,13 @@ def _ended_as_interrupted() -> Iterator[None]:
         signal.signal(number, interrupt)
     try:
         yield
+    except Exception:
+        if came:
+            raise KeyboardInterrupt from None
+        raise
     finally:
         for number in ours:
-            signal.signal(number, signal.SIG_DFL)
+            signal.signal(number, usual[number])
 
 
 def _show(message: Warning | str, *_: object, **__: object) -> None:
