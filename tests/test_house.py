@@ -1,4 +1,4 @@
-"""The plan of the house: arrows between rooms, what ships, and what a bare import costs."""
+"""The plan of the code: imports between packages, what ships, and what a bare import costs."""
 
 import ast
 import importlib.util
@@ -12,7 +12,7 @@ import pytest
 
 import morphofold
 from morphofold.errors import Refusal
-from morphofold.studies.rooms import APART, EXCEPTION, ORDER, arrows, imports, modules, room
+from morphofold.studies.packages import APART, EXCEPTION, ORDER, arrows, imports, modules, package_of
 
 ROOT = Path(__file__).resolve().parent.parent
 PICTURES_AND_FILES = ("matplotlib", "pyvista", "vtkmodules", "meshio", "nibabel", "trimesh", "morphofold.io")
@@ -21,17 +21,17 @@ in_a_checkout = pytest.mark.skipif(not (ROOT / "pyproject.toml").is_file(), reas
 
 
 @in_a_checkout
-def test_every_module_stands_in_a_room_of_the_list():
-    assert {room(name) for name, _ in modules()} == set(ORDER)
+def test_every_module_is_in_a_package_of_the_list():
+    assert {package_of(name) for name, _ in modules()} == set(ORDER)
 
 
 @in_a_checkout
-def test_a_room_imports_only_what_stands_before_it():
+def test_a_package_imports_only_what_stands_before_it():
     stands = {name: k for k, name in enumerate(ORDER)}
     wrong = [
         (name, target)
         for name, target in arrows()
-        if stands[room(target)] > stands[room(name)] or {room(name), room(target)} == APART
+        if stands[package_of(target)] > stands[package_of(name)] or {package_of(name), package_of(target)} == APART
     ]
     assert wrong == [EXCEPTION]
 
@@ -64,7 +64,7 @@ def test_every_folder_with_an_init_is_a_listed_package():
 
 @in_a_checkout
 @pytest.mark.parametrize("name", ["sim", "analysis", "studies"])
-def test_a_room_refuses_to_be_imported_from_the_top_level(name):
+def test_a_package_refuses_to_be_imported_from_the_top_level(name):
     code = f"import sys; sys.path.insert(0, {str(ROOT)!r}); import {name}"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=False)
     assert done.returncode == 1
@@ -73,7 +73,7 @@ def test_a_room_refuses_to_be_imported_from_the_top_level(name):
 
 @in_a_checkout
 @pytest.mark.parametrize("name", ["sim", "analysis", "studies"])
-def test_both_ways_to_a_room_lead_to_the_same_files(name):
+def test_both_paths_to_a_package_lead_to_the_same_files(name):
     package = importlib.import_module(f"morphofold.{name}")
     assert package.__file__ is not None
     if not Path(package.__file__).is_relative_to(ROOT):

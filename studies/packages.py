@@ -1,6 +1,6 @@
-"""The rooms of the code and their order, read from its imports: what tests hold, and the picture of the page on it.
+"""The packages of the code and their order, read from its imports, for the tests and for a picture of the docs.
 
-``python -m morphofold.studies.rooms docs/rooms.png`` draws the picture, in a checkout.
+``python -m morphofold.studies.packages docs/packages.png`` draws the picture, in a checkout.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ PACKAGES = {
     "morphofold.analysis": ROOT / "analysis",
     "morphofold.studies": ROOT / "studies",
 }
-#: rooms that stand beside each other, from the ground up: a room imports only what stands below it, or left of it
+#: packages that stand beside each other, from the ground up: each imports only what is below it, or left of it
 FLOORS = (
     ("ground",),
     ("io",),
@@ -34,7 +34,7 @@ FLOORS = (
     ("studies",),
     ("cli",),
 )
-ORDER = tuple(room for floor in FLOORS for room in floor)
+ORDER = tuple(name for floor in FLOORS for name in floor)
 GROUND = (
     "arrays",
     "surface",
@@ -88,7 +88,7 @@ def imports(name: str, file: Path) -> Iterator[str]:
             yield from (f"{base}.{alias.name}" for alias in node.names)
 
 
-def room(name: str) -> str:
+def package_of(name: str) -> str:
     """``sim`` of ``morphofold.sim.mesh.brick_mesh``; ``morphofold`` itself is of the ground floor."""
     part = name.split(".")[1] if "." in name else "ground"
     return {"__main__": "cli"}.get(part, "ground" if part in GROUND else part)
@@ -106,13 +106,13 @@ def arrows() -> Iterator[tuple[str, str]]:
 
 
 def draw(path: Path) -> None:
-    """The rooms as boxes with their lines of code, and the ways of a scene and of a surface through them, as PNG."""
+    """The packages as boxes with their lines of code, and what happens to a scene and to a surface, as PNG."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     sizes = dict.fromkeys(ORDER, 0)
     for name, file in modules():
-        sizes[room(name)] += len(code_lines(file.read_text(encoding="utf-8")))
+        sizes[package_of(name)] += len(code_lines(file.read_text(encoding="utf-8")))
     figure = Figure(figsize=(9, 7.2), dpi=110)
     FigureCanvasAgg(figure)
     axes = figure.add_axes((0, 0, 1, 1), xlim=(0, 9), ylim=(-0.1, 7.1))
@@ -139,8 +139,8 @@ def draw(path: Path) -> None:
         "#1f6fb2",
         ["lh.white, lh.pial", "io: a Cortex", "analysis:\nMeasures", "comparison", "report: a page"],
     )
-    axes.text(4.5, 6.98, "a room imports only what stands below it, or left of it", ha="center", va="center", size=9)
-    for x, title in ((0.75, "the way of a scene"), (8.25, "the way of a surface")):
+    axes.text(4.5, 6.98, "a package imports only what is below it, or left of it", ha="center", va="center", size=9)
+    for x, title in ((0.75, "what happens to a scene"), (8.25, "what happens to a surface")):
         axes.text(x, 6.98, title, ha="center", va="center", size=9, style="italic")
     figure.savefig(path, metadata={"Software": None})
 
