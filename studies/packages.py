@@ -140,7 +140,7 @@ def draw(path: Path) -> None:
         ["lh.white, lh.pial", "io: a Cortex", "analysis:\nMeasures", "comparison", "report: a page"],
     )
     axes.text(4.5, 6.98, "a package imports only what is below it, or left of it", ha="center", va="center", size=9)
-    for x, title in ((0.75, "what happens to a scene"), (8.25, "what happens to a surface")):
+    for x, title in ((0.75, "a scene"), (8.25, "a surface")):
         axes.text(x, 6.98, title, ha="center", va="center", size=9, style="italic")
     figure.savefig(path, metadata={"Software": None})
 
