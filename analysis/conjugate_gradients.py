@@ -10,7 +10,7 @@ from morphofold.arrays import Array
 from morphofold.errors import WrongShape
 from morphofold.threads import BLOCKS
 
-MOST_STEPS = 3000
+MOST_ITERATIONS = 3000
 
 
 def solve(matrix: sparse.csr_array, right: Array, x: Array, rtol: float) -> Array:
@@ -37,17 +37,17 @@ def solve(matrix: sparse.csr_array, right: Array, x: Array, rtol: float) -> Arra
     diagonal = matrix.diagonal()
     jacobi = np.divide(1, diagonal, out=np.ones_like(diagonal), where=diagonal > 0)
     x = np.array(x, dtype=np.float64)
-    iterate = _iterate if x.ndim == 1 else _iterate_three
-    if not iterate(matrix.indptr, matrix.indices, matrix.data, jacobi, right, x, rtol, MOST_STEPS):
+    iterate = _iterate_one_column if x.ndim == 1 else _iterate_three_columns
+    if not iterate(matrix.indptr, matrix.indices, matrix.data, jacobi, right, x, rtol, MOST_ITERATIONS):
         raise RuntimeError(
-            f"conjugate gradients did not converge in {MOST_STEPS} iterations on {len(x)} vertices; the mesh has "
+            f"conjugate gradients did not converge in {MOST_ITERATIONS} iterations on {len(x)} vertices; the mesh has "
             "extreme triangles. Remesh it, or use a shorter scale."
         )
     return x
 
 
 @njit(cache=True)
-def _sum(parts):
+def _sum_in_order(parts):
     """Sum in order: within a parallel kernel numba would divide the sum among its threads."""
     total = 0.0
     for part in parts:
@@ -56,7 +56,7 @@ def _sum(parts):
 
 
 @njit(cache=True, parallel=True)
-def _iterate(indptr, indices, data, jacobi, right, x, rtol, steps):
+def _iterate_one_column(indptr, indices, data, jacobi, right, x, rtol, steps):
     # Not scipy's cg: BLAS threads wait on its short sums, and add them in an order that depends on the thread count.
     n = len(x)
     r, p, q = np.empty(n), np.empty(n), np.empty(n)
@@ -70,7 +70,7 @@ def _iterate(indptr, indices, data, jacobi, right, x, rtol, steps):
             one[b] += total * total
             two[b] += total * p[i]
             three[b] += right[i] * right[i]
-    rr, rz, goal = _sum(one), _sum(two), rtol * rtol * _sum(three)
+    rr, rz, goal = _sum_in_order(one), _sum_in_order(two), rtol * rtol * _sum_in_order(three)
     for _ in range(steps):
         if rr <= goal:
             return True
@@ -83,7 +83,7 @@ def _iterate(indptr, indices, data, jacobi, right, x, rtol, steps):
                 q[i] = total
                 part += total * p[i]
             one[b] = part
-        alpha, old = rz / _sum(one), rz
+        alpha, old = rz / _sum_in_order(one), rz
         for b in prange(BLOCKS):
             part, weighed = 0.0, 0.0
             for i in range(b * n // BLOCKS, (b + 1) * n // BLOCKS):
@@ -92,7 +92,7 @@ def _iterate(indptr, indices, data, jacobi, right, x, rtol, steps):
                 part += r[i] * r[i]
                 weighed += r[i] * r[i] * jacobi[i]
             one[b], two[b] = part, weighed
-        rr, rz = _sum(one), _sum(two)
+        rr, rz = _sum_in_order(one), _sum_in_order(two)
         beta = rz / old
         for b in prange(BLOCKS):
             for i in range(b * n // BLOCKS, (b + 1) * n // BLOCKS):
@@ -101,7 +101,7 @@ def _iterate(indptr, indices, data, jacobi, right, x, rtol, steps):
 
 
 @njit(cache=True)
-def _sums(parts):
+def _sum_columns_in_order(parts):
     total = np.zeros(3)
     for part in parts:
         total += part
@@ -109,7 +109,7 @@ def _sums(parts):
 
 
 @njit(cache=True, parallel=True)
-def _iterate_three(indptr, indices, data, jacobi, right, x, rtol, steps):
+def _iterate_three_columns(indptr, indices, data, jacobi, right, x, rtol, steps):
     n = len(x)
     r, p, q = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3))
     one, two, three = np.zeros((BLOCKS, 3)), np.zeros((BLOCKS, 3)), np.zeros((BLOCKS, 3))
@@ -123,7 +123,7 @@ def _iterate_three(indptr, indices, data, jacobi, right, x, rtol, steps):
                 one[b, k] += total * total
                 two[b, k] += total * p[i, k]
                 three[b, k] += right[i, k] * right[i, k]
-    rr, rz, goal = _sums(one), _sums(two), rtol * rtol * _sums(three)
+    rr, rz, goal = _sum_columns_in_order(one), _sum_columns_in_order(two), rtol * rtol * _sum_columns_in_order(three)
     alpha, beta = np.zeros(3), np.zeros(3)
     for _ in range(steps):
         if (rr <= goal).all():
@@ -142,7 +142,7 @@ def _iterate_three(indptr, indices, data, jacobi, right, x, rtol, steps):
                 pb += c * p[i, 1]
                 pc += d * p[i, 2]
             one[b, 0], one[b, 1], one[b, 2] = pa, pb, pc
-        pq, old = _sums(one), rz
+        pq, old = _sum_columns_in_order(one), rz
         for k in range(3):  # a column may converge before the others
             alpha[k] = rz[k] / pq[k] if pq[k] > 0 else 0.0
         for b in prange(BLOCKS):
@@ -154,7 +154,7 @@ def _iterate_three(indptr, indices, data, jacobi, right, x, rtol, steps):
                     square = r[i, k] * r[i, k]
                     one[b, k] += square
                     two[b, k] += square * jacobi[i]
-        rr, rz = _sums(one), _sums(two)
+        rr, rz = _sum_columns_in_order(one), _sum_columns_in_order(two)
         for k in range(3):
             beta[k] = rz[k] / old[k] if old[k] > 0 else 0.0
         for b in prange(BLOCKS):

@@ -17,12 +17,13 @@ from morphofold.errors import OptionsClash
 from morphofold.geometry import symmetric, vertex_normals
 from morphofold.surface import Faces, PerVertex, Verts
 
-SMOOTHING = 0.6  # smoothing length of the extremality, in scales
-SHARP = 1.0  # a crest falls away at its median by more than this times the cube of its curvature,
-BESIDE, LESS = 1.0, 0.3  # or its curvature is less by this share so many scales to either side
-ROUND = 0.15  # on a crest k2 is less than k1 by this share
-SHORTEST = 1.0  # least length of a line, in scales
-KINDS = ("gyral", "sulcal")
+EXTREMALITY_SMOOTHING_IN_SCALES = 0.6  # smoothing length of the extremality, in scales
+LEAST_SHARPNESS = 1.0  # a crest falls away at its median by more than this times the cube of its curvature,
+# or its curvature is less by this share so many scales to either side
+SIDE_DISTANCE_IN_SCALES, LEAST_CURVATURE_DROP = 1.0, 0.3
+LEAST_CURVATURE_DIFFERENCE = 0.15  # on a crest k2 is less than k1 by this share
+SHORTEST_LINE_IN_SCALES = 1.0  # least length of a line, in scales
+CREST_KINDS = ("gyral", "sulcal")
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,22 +112,24 @@ def crest_lines(
         raise OptionsClash("pass scale or curv, not both: curv has its scale.")
     if curv is None:
         curv = curvature(verts, faces, scale)
-    found, beside = [], BESIDE * curv.scale
-    for kind in KINDS:
+    found, beside = [], SIDE_DISTANCE_IN_SCALES * curv.scale
+    for kind in CREST_KINDS:
         sign = 1.0 if kind == "gyral" else -1.0
         k, other, along, e = (
             (curv.k1, curv.k2, curv.d1, curv.e1) if kind == "gyral" else (-curv.k2, -curv.k1, curv.d2, -curv.e2)
         )
-        flow = np.nan_to_num(diffused(verts, faces, np.nan_to_num(e[:, None] * along), SMOOTHING * curv.scale))
+        flow = np.nan_to_num(
+            diffused(verts, faces, np.nan_to_num(e[:, None] * along), EXTREMALITY_SMOOTHING_IN_SCALES * curv.scale)
+        )
         found += [
             CrestLine(kind, points, length, float(strength), sign * float(bent))
-            for points, length, strength, bent in _trace(verts, faces, k, other, along, flow, sign * beside)
-            if length >= SHORTEST * curv.scale and strength >= weakest
+            for points, length, strength, bent in _trace_lines(verts, faces, k, other, along, flow, sign * beside)
+            if length >= SHORTEST_LINE_IN_SCALES * curv.scale and strength >= weakest
         ]
     return CrestLines(sorted(found, key=lambda line: -line.strength), curv.scale)
 
 
-def _trace(
+def _trace_lines(
     verts: Verts, faces: Faces, k: PerVertex, other: PerVertex, along: Array, flow: Array, beside: float
 ) -> Iterator[tuple[Array, float, float, float]]:
     """Points, length, integral of k and mean of (k + other) / 2 of each line.
@@ -134,26 +137,30 @@ def _trace(
     ``beside`` [mm]: distance to either side of a line at which its curvature is compared; negative if k is convex
     inwards.
     """
-    at, falls, cut = _falls(verts, faces, along, flow)
+    at, falls, cut = _extremality_sign_changes(verts, faces, along, flow)
     after = np.roll(faces, -1, axis=1)
     start, stop = faces[at][cut].reshape(-1, 2), after[at][cut].reshape(-1, 2)
     low, high = np.minimum(start, stop), np.maximum(start, stop)
     far = [np.abs(np.sum(flow[v] * along[v], axis=2)) for v in (low, high)]
     share = far[0] / np.maximum(far[0] + far[1], 1e-300)  # the same for both triangles of an edge
     height, level = ((1 - share) * f[low] + share * f[high] for f in (k, other))
-    good = (falls > 0) & (height > np.abs(level)).all(axis=1) & (level < (1 - ROUND) * height).all(axis=1)
+    good = (
+        (falls > 0)
+        & (height > np.abs(level)).all(axis=1)
+        & (level < (1 - LEAST_CURVATURE_DIFFERENCE) * height).all(axis=1)
+    )
     _, first, links = np.unique((low * len(verts) + high)[good], return_index=True, return_inverse=True)
     low, high, share, height, level = (f[good].ravel()[first] for f in (low, high, share, height, level))
     points = verts[low] + share[:, None] * (verts[high] - verts[low])
     bent, sharp = 0.5 * (height + level), falls[good].repeat(2)[first] / height**3
-    lacks = _lacks(verts, faces, k, points, np.where(share < 0.5, low, high), along, height, beside)
+    lacks = _curvature_drop_beside(verts, faces, k, points, np.where(share < 0.5, low, high), along, height, beside)
     links = links.reshape(-1, 2)
     graph = symmetric(len(points), links, np.ones(len(links), dtype=np.int8))
     for path in paths(graph, np.zeros(0, dtype=np.int64)):  # no junctions: an edge has two triangles
         line = points[path]
         steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
         length = float(steps.sum())
-        if length > 0 and (np.median(sharp[path]) > SHARP or np.median(lacks[path]) > LESS):
+        if length > 0 and (np.median(sharp[path]) > LEAST_SHARPNESS or np.median(lacks[path]) > LEAST_CURVATURE_DROP):
             yield (
                 line,
                 length,
@@ -162,7 +169,7 @@ def _trace(
             )
 
 
-def _lacks(
+def _curvature_drop_beside(
     verts: Verts, faces: Faces, k: PerVertex, points: Array, near: Ints, along: Array, height: Array, beside: float
 ) -> Array:
     """Share (P,) by which k is less on both sides of each point; the smaller of the two.
@@ -182,7 +189,9 @@ def _lacks(
     return np.asarray(1 - there / height)
 
 
-def _falls(verts: Verts, faces: Faces, along: Array, flow: Array) -> tuple[Ints, Array, NDArray[np.bool_]]:
+def _extremality_sign_changes(
+    verts: Verts, faces: Faces, along: Array, flow: Array
+) -> tuple[Ints, Array, NDArray[np.bool_]]:
     """Triangles (T,) in which extremality changes sign, its fall (T,) [1/length^3] there along the direction, and the
     sides (T, 3), from each corner to the next, on which it changes sign: two in each triangle."""
     corner = along[faces]  # (M, 3, 3), with the sense of the first

@@ -14,13 +14,13 @@ from morphofold.geometry import adjacency, equal_area_radius, mean_edge_length, 
 from morphofold.surface import Faces, PerVertex, Verts, check_mesh
 from morphofold.threads import BLOCKS
 
-EDGES = 3.0  # the default scale, in mean edges
-MANY = 128  # most points in a fit, taken evenly from more: further points cost time and add little
-ENOUGH = 14  # points needed for the ten coefficients; with fewer the neighbourhood grows
-FACING = 0.2  # cosine below which a neighbour's normal belongs to another wall
-GROWTH = 1.4  # factor on the radius where there are too few points, at most MOST_ENLARGEMENTS times
+DEFAULT_SCALE_IN_EDGES = 3.0  # the default scale, in mean edges
+MOST_FIT_POINTS = 128  # most points in a fit, taken evenly from more: further points cost time and add little
+LEAST_CUBIC_FIT_POINTS = 14  # points needed for the ten coefficients; with fewer the neighbourhood grows
+LEAST_NORMAL_COSINE = 0.2  # cosine below which a neighbour's normal belongs to another wall
+ENLARGEMENT_FACTOR = 1.4  # factor on the radius where there are too few points, at most MOST_ENLARGEMENTS times
 MOST_ENLARGEMENTS = 5
-RANK = 1e-4  # smallest Cholesky pivot, relative to its diagonal, that counts as determined
+SMALLEST_RELATIVE_PIVOT = 1e-4  # smallest Cholesky pivot, relative to its diagonal, that counts as determined
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,20 +131,20 @@ def curvature(verts: Verts, faces: Faces, scale: float | None = None) -> Curvatu
     verts = np.ascontiguousarray(verts, dtype=np.float64)
     faces = np.ascontiguousarray(faces, dtype=np.int64)
     if scale is None:
-        scale = EDGES * mean_edge_length(verts, faces)
+        scale = DEFAULT_SCALE_IN_EDGES * mean_edge_length(verts, faces)
     check_scale(verts, faces, scale)
     ring = adjacency(len(verts), faces)
     normals = vertex_normals(verts, faces, "max")
     lost = ~normals.any(axis=1)  # only triangles without area: use the neighbours' direction
     if lost.any():
         normals[lost] = unit(ring[lost] @ normals)
-    k1, k2, d1, d2, fitted, e1, e2 = _fit(verts, normals, ring.indptr, ring.indices, float(scale))
+    k1, k2, d1, d2, fitted, e1, e2 = _fit_curvatures(verts, normals, ring.indptr, ring.indices, float(scale))
     return Curvature(k1, k2, d1, d2, fitted, e1, e2, float(scale))
 
 
 def largest_scale(verts: Verts, faces: Faces) -> float:
     """Radius of a sphere of equal area, or 3 mean edges if that is more, as a coarse mesh needs."""
-    return max(equal_area_radius(verts, faces), EDGES * mean_edge_length(verts, faces))
+    return max(equal_area_radius(verts, faces), DEFAULT_SCALE_IN_EDGES * mean_edge_length(verts, faces))
 
 
 def check_scale(verts: Verts, faces: Faces, scale: float) -> None:
@@ -167,7 +167,7 @@ def check_scale(verts: Verts, faces: Faces, scale: float) -> None:
 
 
 @njit(cache=True, parallel=True)
-def _fit(verts, normals, indptr, indices, scale):
+def _fit_curvatures(verts, normals, indptr, indices, scale):
     """k1, k2 (N,) [1/length]; d1, d2 and the fitted normal (N, 3); e1, e2 (N,) [1/length^2]."""
     n = len(verts)
     k1, k2 = np.full(n, np.nan), np.full(n, np.nan)
@@ -185,26 +185,26 @@ def _fit(verts, normals, indptr, indices, scale):
             if indptr[i] == indptr[i + 1]:
                 continue
             radius, order = scale, 0
-            _frame(normals[i], frame)
+            _tangent_frame(normals[i], frame)
             for trial in range(MOST_ENLARGEMENTS + 1):
                 if trial > 0:
-                    radius *= GROWTH
+                    radius *= ENLARGEMENT_FACTOR
                 stamp += 1
-                count = _reach(i, verts, normals, indptr, indices, radius, seen, stamp, queue)
-                if count >= ENOUGH or trial == MOST_ENLARGEMENTS:
+                count = _collect_neighbourhood(i, verts, normals, indptr, indices, radius, seen, stamp, queue)
+                if count >= LEAST_CUBIC_FIT_POINTS or trial == MOST_ENLARGEMENTS:
                     _normal_equations(i, verts, normals, queue, count, radius, frame, 1.0, 1.0, A, b, m)
-                    order = _solve(A, b, 10 if count >= ENOUGH else 6)
+                    order = _solve_cholesky(A, b, 10 if count >= LEAST_CUBIC_FIT_POINTS else 6)
                     if order == 10:
                         break
             if order < 6:
                 continue
-            _principal(i, b, radius, frame, k1, k2, d1, d2, out)
+            _principal_curvatures(i, b, radius, frame, k1, k2, d1, d2, out)
             for k in range(3):  # again, in the frame of the first fit
                 frame[0, k], frame[1, k], frame[2, k] = d1[i, k], d2[i, k], out[i, k]
             _normal_equations(i, verts, normals, queue, count, radius, frame, k1[i], k2[i], A, b, m)
-            order = _solve(A, b, order)
+            order = _solve_cholesky(A, b, order)
             if order >= 6:
-                _principal(i, b, radius, frame, k1, k2, d1, d2, out)
+                _principal_curvatures(i, b, radius, frame, k1, k2, d1, d2, out)
             if order == 10:
                 e1[i] = _extremality(b, radius, frame, d1[i])
                 e2[i] = _extremality(b, radius, frame, d2[i])
@@ -212,7 +212,7 @@ def _fit(verts, normals, indptr, indices, scale):
 
 
 @njit(cache=True)
-def _reach(i, verts, normals, indptr, indices, radius, seen, stamp, queue):
+def _collect_neighbourhood(i, verts, normals, indptr, indices, radius, seen, stamp, queue):
     """Fill ``queue`` with vertices within ``radius`` that face like vertex i and connect to it through such ones."""
     x, y, z = verts[i, 0], verts[i, 1], verts[i, 2]
     nx, ny, nz = normals[i, 0], normals[i, 1], normals[i, 2]
@@ -230,7 +230,7 @@ def _reach(i, verts, normals, indptr, indices, radius, seen, stamp, queue):
             dx, dy, dz = verts[w, 0] - x, verts[w, 1] - y, verts[w, 2] - z
             if (
                 dx * dx + dy * dy + dz * dz < limit
-                and normals[w, 0] * nx + normals[w, 1] * ny + normals[w, 2] * nz > FACING
+                and normals[w, 0] * nx + normals[w, 1] * ny + normals[w, 2] * nz > LEAST_NORMAL_COSINE
             ):
                 queue[last] = w
                 last += 1
@@ -238,7 +238,7 @@ def _reach(i, verts, normals, indptr, indices, radius, seen, stamp, queue):
 
 
 @njit(cache=True)
-def _frame(normal, frame):
+def _tangent_frame(normal, frame):
     """Rows: two tangents and the normal."""
     nx, ny, nz = normal[0], normal[1], normal[2]
     # Cross product with the axis farthest from the normal.
@@ -267,7 +267,7 @@ def _normal_equations(i, verts, normals, queue, count, radius, frame, bend_u, be
         b[r] = 0.0
         for c in range(10):
             A[r, c] = 0.0
-    fitted = min(count, MANY)
+    fitted = min(count, MOST_FIT_POINTS)
     for q in range(fitted):
         w = queue[q * count // fitted]
         x, y, z = verts[w, 0] - verts[i, 0], verts[w, 1] - verts[i, 1], verts[w, 2] - verts[i, 2]
@@ -297,7 +297,7 @@ def _normal_equations(i, verts, normals, queue, count, radius, frame, bend_u, be
 
 
 @njit(cache=True)
-def _solve(A, b, order):
+def _solve_cholesky(A, b, order):
     """Solve A x = b in place by Cholesky for the leading ``order`` unknowns: 10, or 6 if those are not determined.
 
     Returns the order solved; 0 if not even six are determined.
@@ -312,7 +312,7 @@ def _solve(A, b, order):
         s = A[r, r]
         for k in range(r):
             s -= A[r, k] * A[r, k]
-        if not s > RANK * A[r, r]:  # also true of 0 and NaN
+        if not s > SMALLEST_RELATIVE_PIVOT * A[r, r]:  # also true of 0 and NaN
             order = 6 if r >= 6 else 0
             break
         A[r, r] = math.sqrt(s)
@@ -331,7 +331,7 @@ def _solve(A, b, order):
 
 
 @njit(cache=True)
-def _principal(i, a, radius, frame, k1, k2, d1, d2, out):
+def _principal_curvatures(i, a, radius, frame, k1, k2, d1, d2, out):
     """Principal curvatures of the graph h(u, v) at the origin, from its first and second derivatives."""
     p, q = a[1], a[2]
     E, F = 1.0 + p * p, p * q

@@ -48,7 +48,7 @@ def shorten(graph: sparse.csr_array, way: PerVertex, sources: Ints, within: NDAr
     It visits only vertices whose path gets shorter: on 152,893 vertices 20 more sources take 0.015 s. A new run of
     scipy's ``dijkstra`` takes 0.16 s.
     """
-    _shorten(graph.indptr, graph.indices, graph.data, way, sources, within)
+    _shorten_path_lengths(graph.indptr, graph.indices, graph.data, way, sources, within)
 
 
 def cheapest_path(
@@ -59,12 +59,12 @@ def cheapest_path(
     The path runs through the vertices ``within`` (N,); it is empty if there is none. scipy's ``dijkstra`` does not stop
     at a goal: with many goals it takes 0.12 s on 152,893 vertices, and this function 0.00004 s.
     """
-    path: Ints = _cheapest(graph.indptr, graph.indices, graph.data, cost, start, goals, within)
+    path: Ints = _cheapest_path_vertices(graph.indptr, graph.indices, graph.data, cost, start, goals, within)
     return path
 
 
 @njit(cache=True)
-def _shorten(indptr, indices, lengths, way, sources, within):
+def _shorten_path_lengths(indptr, indices, lengths, way, sources, within):
     heap = [(0.0, np.int64(-1))]
     heap.pop()
     for s in sources:
@@ -83,7 +83,7 @@ def _shorten(indptr, indices, lengths, way, sources, within):
 
 
 @njit(cache=True)
-def _cheapest(indptr, indices, lengths, cost, start, goals, within):
+def _cheapest_path_vertices(indptr, indices, lengths, cost, start, goals, within):
     n = len(cost)
     best, before = np.full(n, np.inf), np.full(n, -1, np.int64)
     best[start] = 0.0

@@ -11,7 +11,7 @@ from morphofold.surface import Cortex, PerVertex
 if TYPE_CHECKING:
     import networkx as nx
 
-SLOPES = (
+SLOPE_SCALARS = (
     "gyral_to_cortical_slope",
     "gyral_to_cortical_r",
     "gyral_to_cortical_slope_robust",
@@ -37,7 +37,7 @@ SCALARS = (
     "n_hinges_high",
     "n_crests",
     "crest_length_mm",
-    *SLOPES,
+    *SLOPE_SCALARS,
     "mean_local_gyrification_index",
     "spectral_wavelength_mm",
     "gray_volume_mm3",
@@ -54,9 +54,9 @@ PARAMETERS = (
     "accuracy",
     "annotation",
 )
-_NET = ("graph_width_mm", "cortex_mask", "accuracy")
+_NET_PARAMETERS = ("graph_width_mm", "cortex_mask", "accuracy")
 #: which of PARAMETERS a scalar depends on; one without an entry may depend on all of them
-FOLLOWS_FROM: Mapping[str, tuple[str, ...]] = {
+PARAMETERS_OF_SCALAR: Mapping[str, tuple[str, ...]] = {
     **dict.fromkeys(
         (
             "n_vertices",
@@ -89,9 +89,9 @@ FOLLOWS_FROM: Mapping[str, tuple[str, ...]] = {
             "crest_length_mm",
             "spectral_wavelength_mm",
         ),
-        _NET,
+        _NET_PARAMETERS,
     ),
-    **dict.fromkeys(SLOPES, ("cortical_thickness_cap_mm", "cortex_mask", "accuracy", "annotation")),
+    **dict.fromkeys(SLOPE_SCALARS, ("cortical_thickness_cap_mm", "cortex_mask", "accuracy", "annotation")),
 }
 
 

@@ -14,9 +14,9 @@ from morphofold.analysis.curvatures import check_scale, curvature, largest_scale
 from morphofold.analysis.graph.tables import gyral_tables
 from morphofold.analysis.gyrification import hull
 from morphofold.analysis.gyrification.folding import folding_indices
-from morphofold.analysis.gyrification.local_gyrification import CLOSING, local_gyrification_index
+from morphofold.analysis.gyrification.local_gyrification import CLOSING_RADIUS_MM, local_gyrification_index
 from morphofold.analysis.maps import each_map
-from morphofold.analysis.measures import SCALARS, SLOPES, Measures
+from morphofold.analysis.measures import SCALARS, SLOPE_SCALARS, Measures
 from morphofold.analysis.mesh_quality import checks, defects, plausibility
 from morphofold.analysis.mesh_quality import repair as mending
 from morphofold.analysis.thickness.gyral import GyralThickness
@@ -28,11 +28,13 @@ if TYPE_CHECKING:
     import networkx as nx
     from numpy.typing import NDArray
 
-CURVATURE_SCALE = 3.0  # [mm], unless the mesh is too coarse for it
-COARSE = 2.5  # least curvature scale in mean edges
-SMOOTHED = 1.5  # least smoothing of the folding indices in mean edges
-BROAD = 0.1  # of the radius of the sphere of equal area, above which the curvature scale gives a note
-CROSSED = 0.01  # share of crossed triangles of white, above which the net is taken midway to pial; a person has 0.00003
+CURVATURE_SCALE_MM = 3.0  # [mm], unless the mesh is too coarse for it
+LEAST_CURVATURE_SCALE_IN_EDGES = 2.5  # least curvature scale in mean edges
+LEAST_FOLDING_SCALE_IN_EDGES = 1.5  # least smoothing of the folding indices in mean edges
+# of the radius of the sphere of equal area, above which the curvature scale gives a note
+LARGEST_SCALE_OVER_RADIUS = 0.1
+# share of crossed triangles of white, above which the net is taken midway to pial; a person has 0.00003
+LARGEST_CROSSED_SHARE = 0.01
 
 
 def measure(
@@ -108,7 +110,7 @@ def measure(
     """
     check_kind(cortex, Cortex, "measure: cortex")
     progress = progress or silent
-    work = _Measuring(accuracy)
+    work = _Measurement(accuracy)
     progress(0.0, "areas")
     work.begin(cortex, repair)
     progress(0.05, "cortical thickness")
@@ -127,7 +129,7 @@ def measure(
     return found
 
 
-class _Measuring:
+class _Measurement:
     """The measurement of one cortex: its maps, numbers and notes so far, with a method for each step."""
 
     def __init__(self, accuracy: str):
@@ -168,7 +170,7 @@ class _Measuring:
         self.notes |= notes.of_volumes(self.closed)
         for name, values in each_map().items():
             self._put(name, values(cortex))
-        self.scalars["mean_sulcal_depth_mm"] = _mean(self.maps["sulcal_depth"], self.area_pial)
+        self.scalars["mean_sulcal_depth_mm"] = _mean_or_none(self.maps["sulcal_depth"], self.area_pial)
         self._gyrification()
 
     def _gyrification(self) -> None:
@@ -181,9 +183,9 @@ class _Measuring:
         cortex = self.cortex
         self.copy = resampling.resampled(cortex, self._chosen)
         thickness = self._put("cortical_thickness", self.copy.cortical_thickness(mode="surface", cap=cap))
-        self.scalars["mean_cortical_thickness_mm"] = _mean(thickness)
+        self.scalars["mean_cortical_thickness_mm"] = _mean_or_none(thickness)
         weights = self.area_white + self.area_pial
-        self.scalars["mean_cortical_thickness_area_weighted_mm"] = _mean(thickness, weights)
+        self.scalars["mean_cortical_thickness_area_weighted_mm"] = _mean_or_none(thickness, weights)
         self.notes |= plausibility.at_cap(thickness, cap)
         if "thickness" in cortex.maps:
             self.maps["thickness_file"], gaps = defects.given_thickness(cortex, self.mask)
@@ -210,19 +212,21 @@ class _Measuring:
     def gyral_thickness(self, options: Mapping[str, Any]) -> None:
         self.across = across = self.copy.gyral_thickness(**options)
         self._put("gyral_thickness", across.per_vertex)
-        self.scalars.update(median_gyral_thickness_mm=_number(across.median), wavelength_mm=_number(across.wavelength))
+        self.scalars.update(
+            median_gyral_thickness_mm=_finite_or_none(across.median), wavelength_mm=_finite_or_none(across.wavelength)
+        )
         self.notes |= notes.of_gyral_thickness(across)
 
     def gyral_graph(self, width: float | None) -> None:
-        self.graph = self.copy.gyral_graph(width, midway=self.crossed > CROSSED)
-        self.scalars["spectral_wavelength_mm"] = _number(self.graph.graph["wavelength"])
+        self.graph = self.copy.gyral_graph(width, midway=self.crossed > LARGEST_CROSSED_SHARE)
+        self.scalars["spectral_wavelength_mm"] = _finite_or_none(self.graph.graph["wavelength"])
         self.notes |= notes.of_gyral_graph(self.graph, self.across)
 
     def local_gyrification(self) -> None:
-        local, unfit = _local_gyrification(self.cortex, self.closed, self.pieces, self._chosen.voxels)
+        local, unfit = _local_gyrification_or_reason(self.cortex, self.closed, self.pieces, self._chosen.voxels)
         if local is not None:
             local = self._put("local_gyrification_index", local)
-            self.scalars["mean_local_gyrification_index"] = _mean(local, self.area_pial)
+            self.scalars["mean_local_gyrification_index"] = _mean_or_none(local, self.area_pial)
         self.notes |= notes.of_local_gyrification(unfit)
         self.notes |= notes.of_accuracy(self.accuracy, self.cortex.n_vertices, self.copy.cortex.n_vertices)
 
@@ -231,13 +235,13 @@ class _Measuring:
         rows = regions.region_table(self.cortex, self.maps, self.across, self.graph)
         tables = gyral_tables(self.cortex, self.graph, self.maps)
         fitted, why = through_regions(rows)
-        scalars = {**self.scalars, **tables.scalars, **dict(zip(SLOPES, _slope_numbers(fitted)))}
+        scalars = {**self.scalars, **tables.scalars, **dict(zip(SLOPE_SCALARS, _slope_scalars(fitted)))}
         definitions = {
             **self.notes,
             **(notes.of_regions() if rows else {}),
-            **dict.fromkeys(SLOPES, why if rows else notes.NO_REGIONS),
+            **dict.fromkeys(SLOPE_SCALARS, why if rows else notes.NO_REGIONS_NOTE),
         }
-        parameters = _parameters(self.cortex, self.mask, self.scales, cap, self.across, self.graph)
+        parameters = _recorded_parameters(self.cortex, self.mask, self.scales, cap, self.across, self.graph)
         parameters |= resampling.parameters(self.accuracy, self.copy) | self.mended.numbers
         return self.mended.back(
             Measures(
@@ -255,7 +259,7 @@ class _Measuring:
         )
 
 
-def _parameters(
+def _recorded_parameters(
     cortex: Cortex,
     mask: NDArray[np.bool_],
     scales_of: tuple[float, float],
@@ -274,8 +278,8 @@ def _parameters(
         "cortical_thickness_cap_mm": cap,
         "cortex_mask": ", and ".join(filter(None, (checks.cortex_label(cortex)[1], "white off pial"))),
         "cortex_vertices": int(np.count_nonzero(mask)),
-        "gyral_scale_mm": _number(across.scale),
-        "gyral_coverage": _number(across.coverage),
+        "gyral_scale_mm": _finite_or_none(across.scale),
+        "gyral_coverage": _finite_or_none(across.coverage),
         **({f"graph_{name}_mm": value for name, value in asdict(scales).items()} if scales else {}),
     }
 
@@ -291,9 +295,9 @@ def scale_of_curvature(cortex: Cortex, wanted: float | None = None) -> tuple[flo
     surfaces = (cortex.white, cortex.pial)
     edge = max(geometry.mean_edge_length(s.verts, cortex.faces) for s in surfaces)
     size = min(geometry.equal_area_radius(s.verts, cortex.faces) for s in surfaces)
-    usual = _usual_scale(size)
+    usual = _usual_curvature_scale(size)
     most = min(largest_scale(s.verts, cortex.faces) for s in surfaces)
-    scale = min(max(usual, COARSE * edge), most) if wanted is None else float(wanted)
+    scale = min(max(usual, LEAST_CURVATURE_SCALE_IN_EDGES * edge), most) if wanted is None else float(wanted)
     for surface in surfaces:
         check_scale(surface.verts, cortex.faces, scale)
     say = (
@@ -301,7 +305,10 @@ def scale_of_curvature(cortex: Cortex, wanted: float | None = None) -> tuple[flo
     )
     if cortex.units != "mm":
         return scale, f"Lengths are in {cortex.units!r}, not in mm as the names of the measures suggest; {say}"
-    if wanted is None and (CURVATURE_SCALE > BROAD * size or COARSE * edge > 10 * CURVATURE_SCALE):
+    if wanted is None and (
+        CURVATURE_SCALE_MM > LARGEST_SCALE_OVER_RADIUS * size
+        or LEAST_CURVATURE_SCALE_IN_EDGES * edge > 10 * CURVATURE_SCALE_MM
+    ):
         return scale, f"The coordinates do not look like millimetres of a human brain; {say}"
     return scale, ""
 
@@ -310,15 +317,19 @@ def scale_of_folding(cortex: Cortex, scale: float) -> float:
     """Scale of the folding indices [mm]: 3, or 1.5 mean edges of white if that is more; at most the curvature scale."""
     verts, faces = cortex.white.verts, cortex.faces
     size = geometry.equal_area_radius(verts, faces)
-    return min(scale, max(_usual_scale(size), SMOOTHED * geometry.mean_edge_length(verts, faces)))
+    return min(
+        scale, max(_usual_curvature_scale(size), LEAST_FOLDING_SCALE_IN_EDGES * geometry.mean_edge_length(verts, faces))
+    )
 
 
-def _usual_scale(size: float) -> float:
+def _usual_curvature_scale(size: float) -> float:
     """Curvature scale of a body with the equal-area radius ``size``; 0 where it can only follow from the mesh."""
-    return CURVATURE_SCALE if CURVATURE_SCALE < size / 2 else 0.0
+    return CURVATURE_SCALE_MM if CURVATURE_SCALE_MM < size / 2 else 0.0
 
 
-def _local_gyrification(cortex: Cortex, closed: bool, pieces: int, voxels: float) -> tuple[PerVertex | None, str]:
+def _local_gyrification_or_reason(
+    cortex: Cortex, closed: bool, pieces: int, voxels: float
+) -> tuple[PerVertex | None, str]:
     """The index (N,) with ``voxels`` voxels in the radius of the closing, or the reason why there is none."""
     pial = cortex.pial
     if not closed or pieces != 1:
@@ -326,12 +337,14 @@ def _local_gyrification(cortex: Cortex, closed: bool, pieces: int, voxels: float
     if cortex.units != "mm":
         return None, f"lengths are in {cortex.units!r}, not mm"
     radius = geometry.equal_area_radius(pial.verts, pial.faces)
-    if not 1 <= radius / CLOSING <= 20:
-        return None, f"a sphere of its area has a radius of {radius:.3g}, which does not suit a ball of {CLOSING:g} mm"
-    return local_gyrification_index(pial.verts, pial.faces, voxel=CLOSING / voxels), ""
+    if not 1 <= radius / CLOSING_RADIUS_MM <= 20:
+        return None, (
+            f"a sphere of its area has a radius of {radius:.3g}, which does not suit a ball of {CLOSING_RADIUS_MM:g} mm"
+        )
+    return local_gyrification_index(pial.verts, pial.faces, voxel=CLOSING_RADIUS_MM / voxels), ""
 
 
-def _mean(values: PerVertex, weights: PerVertex | None = None) -> float | None:
+def _mean_or_none(values: PerVertex, weights: PerVertex | None = None) -> float | None:
     """Mean over the finite values; None if there are none."""
     known = np.isfinite(values)
     if not known.any():
@@ -339,12 +352,12 @@ def _mean(values: PerVertex, weights: PerVertex | None = None) -> float | None:
     return float(np.average(values[known], weights=None if weights is None else weights[known]))
 
 
-def _slope_numbers(fitted: Line | None) -> list[float | None]:
-    """Values of the scalars in ``SLOPES``; the bounds are None where there are too few regions for them."""
+def _slope_scalars(fitted: Line | None) -> list[float | None]:
+    """Values of the scalars in ``SLOPE_SCALARS``; the bounds are None where there are too few regions for them."""
     if fitted is None:
-        return [None] * len(SLOPES)
-    return [_number(value) for value in (fitted.slope, fitted.r, fitted.robust, fitted.low, fitted.high)]
+        return [None] * len(SLOPE_SCALARS)
+    return [_finite_or_none(value) for value in (fitted.slope, fitted.r, fitted.robust, fitted.low, fitted.high)]
 
 
-def _number(value: float) -> float | None:
+def _finite_or_none(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from morphofold.analysis.graph.hinges import DOUBTFUL, SURE
+from morphofold.analysis.graph.hinges import LEAST_CONFIDENCE, LEAST_STRICT_CONFIDENCE
 from morphofold.analysis.mesh_quality.checks import cortex_label
 from morphofold.surface import Cortex
 
@@ -19,16 +19,17 @@ if TYPE_CHECKING:
 
 Notes = dict[str, str]
 
-NO_REGIONS = (
+NO_REGIONS_NOTE = (
     "The surfaces have no parcellation (FreeSurfer keeps one in label/?h.aparc.annot), so there is no table of regions "
     "and no line fitted through regions."
 )
 AVERAGE_BRAINS = ("fsaverage", "cvs_avg")  # names of the averages that come with FreeSurfer
-USUAL, TWICE = 0.7, 2.0  # gyral width over gyral thickness in people, and the factor beyond which it is noted
-COARSEST = 4.0  # gyral width in mean edges, below which the mesh is noted as coarse
+# gyral width over gyral thickness in people, and the factor beyond which it is noted
+USUAL_WIDTH_RATIO, LARGEST_RATIO_FACTOR = 0.7, 2.0
+LEAST_WIDTH_IN_EDGES = 4.0  # gyral width in mean edges, below which the mesh is noted as coarse
 
-HINGES = ("n_hinges", "n_hinges_3", "n_hinges_4", "n_hinges_low", "n_hinges_high")
-GRAPH = (*HINGES, "n_crests", "crest_length_mm")
+HINGE_SCALARS = ("n_hinges", "n_hinges_3", "n_hinges_4", "n_hinges_low", "n_hinges_high")
+GRAPH_SCALARS = (*HINGE_SCALARS, "n_crests", "crest_length_mm")
 
 
 def of_gyral_graph(graph: nx.MultiGraph, across: GyralThickness) -> Notes:
@@ -39,7 +40,7 @@ def of_gyral_graph(graph: nx.MultiGraph, across: GyralThickness) -> Notes:
     scales, surface = graph.graph["scales"], graph.graph["surface"]
     if scales is None:
         why = f"{surface} has no gyri: no crest separates two basins of its depth potential."
-        return dict.fromkeys((*GRAPH, "spectral_wavelength_mm"), why)
+        return dict.fromkeys((*GRAPH_SCALARS, "spectral_wavelength_mm"), why)
     text = (
         f"Net of crests on {surface}, gyral width {scales.width:.2f} mm (inflection to inflection). Pits with a "
         f"persistence below {scales.persistence:.2f} mm are joined, hinges closer than {scales.merge:.2f} mm are "
@@ -47,30 +48,32 @@ def of_gyral_graph(graph: nx.MultiGraph, across: GyralThickness) -> Notes:
         "lengths: hinge_sensitivity gives the changes."
     )
     edge = graph.graph["edge"]
-    if edge > scales.width / COARSEST:
+    if edge > scales.width / LEAST_WIDTH_IN_EDGES:
         text += (
-            f" The mean edge, {edge:.2f} mm, is more than 1/{COARSEST:g} of the gyral width: a finer mesh may give "
-            "other hinges."
+            f" The mean edge, {edge:.2f} mm, is more than 1/{LEAST_WIDTH_IN_EDGES:g} of the gyral width: a finer mesh "
+            "may give other hinges."
         )
     sure = [node["confidence"] for _, node in graph.nodes(data=True) if node["degree"] > 2]
-    low, usual = (sum(value >= least for value in sure) for least in (SURE, DOUBTFUL))
+    low, usual = (sum(value >= least for value in sure) for least in (LEAST_STRICT_CONFIDENCE, LEAST_CONFIDENCE))
     counted = (
         f" {usual} hinges, {low} to {len(sure)} depending on the confidence asked for. n_hinges, n_hinges_3 and "
-        f"n_hinges_4 leave out hinges with a confidence below {DOUBTFUL:g} (an arm dips into a sulcus, two arms point "
-        f"almost the same way, or a pit or spur is just large enough). n_hinges_low leaves out those below {SURE:g}, "
-        "n_hinges_high none. The table and the net contain all of them."
+        f"n_hinges_4 leave out hinges with a confidence below {LEAST_CONFIDENCE:g} (an arm dips into a sulcus, two "
+        "arms point almost the same way, or a pit or spur is just large enough). n_hinges_low leaves out those below "
+        f"{LEAST_STRICT_CONFIDENCE:g}, n_hinges_high none. The table and the net contain all of them."
     )
     ratio = scales.width / across.median
     apart = {
         "gyral_width": f"The gyral width of the net, {scales.width:.2f} mm, is {ratio:.2f} of the gyral thickness, "
-        f"{across.median:.2f} mm; {USUAL:g} is usual. Hinges and crests are in doubt. Check the white surface, or set "
-        "the width (--gyral-width)."
+        f"{across.median:.2f} mm; {USUAL_WIDTH_RATIO:g} is usual. Hinges and crests are in doubt. Check the white "
+        "surface, or set the width (--gyral-width)."
     }
-    odd = ratio < USUAL / TWICE or ratio > USUAL * TWICE  # False for NaN: no gyral thickness
+    odd = (
+        ratio < USUAL_WIDTH_RATIO / LARGEST_RATIO_FACTOR or ratio > USUAL_WIDTH_RATIO * LARGEST_RATIO_FACTOR
+    )  # False for NaN: no gyral thickness
     return (
         (apart if odd else {})
-        | dict.fromkeys(GRAPH, text)
-        | dict.fromkeys(HINGES, text + counted)
+        | dict.fromkeys(GRAPH_SCALARS, text)
+        | dict.fromkeys(HINGE_SCALARS, text + counted)
         | {
             "spectral_wavelength_mm": "2 pi divided by the root mean square wavenumber of the depth potential along "
             "the white surface."
@@ -87,19 +90,19 @@ def of_input(cortex: Cortex) -> Notes:
             f"{average} is an average of many brains. Folds that differ between people are smoothed away, so its "
             "gyrification, hinges and gyral thickness are those of no person."
         )
-    notes |= _of_mask(cortex)
+    notes |= _of_cortex_mask(cortex)
     if warnings := cortex.info.get("warnings"):
         notes["simulation"] = "; ".join(map(str, warnings))
     return notes
 
 
-def _of_mask(cortex: Cortex) -> Notes:
+def _of_cortex_mask(cortex: Cortex) -> Notes:
     """Notes on how the medial wall was found without a cortex label, and on a missing parcellation."""
     if cortex.origin == "simulation":
         return {}
     label, word = cortex_label(cortex)
     if word == "label":
-        return {} if cortex.regions else {"parcellation": NO_REGIONS}
+        return {} if cortex.regions else {"parcellation": NO_REGIONS_NOTE}
     out = f"{np.count_nonzero(~label):,} of {cortex.n_vertices:,} vertices"
     met = np.count_nonzero(np.all(cortex.white.verts == cortex.pial.verts, axis=1))
     how = {

@@ -35,13 +35,13 @@ COLUMNS = (
     "mean_H_per_mm",
 )
 #: columns that have the meaning of FreeSurfer's ``aparcstats2table --meas`` with these names
-FREESURFER = {
+FREESURFER_NAMES = {
     "area_mm2": "area",
     "gray_volume_mm3": "volume",
     "cortical_thickness_mm": "thickness",
     "cortical_thickness_sd_mm": "thicknessstd",
 }
-LEAST_CONTOUR = 2.0  # in median gyral widths: about 20 mm on an adult brain, one fold
+LEAST_CONTOUR_IN_WIDTHS = 2.0  # in median gyral widths: about 20 mm on an adult brain, one fold
 
 
 def region_table(
@@ -99,13 +99,13 @@ def region_table(
         at = np.flatnonzero(cortex.regions.labels == index)
         if len(at) == 0 or is_no_cortex(region):
             continue
-        thickness = _known(maps.get("cortical_thickness"), at)
-        widths = _known(maps.get("gyral_thickness"), at)
+        thickness = _finite_values_at(maps.get("cortical_thickness"), at)
+        widths = _finite_values_at(maps.get("gyral_thickness"), at)
         across = float(np.median(widths)) if len(widths) else np.nan
         row: dict[str, Any] = dict.fromkeys(COLUMNS)
         if gyral is not None:
             length = gyral.contour_where(cortex.regions.labels == index, cortex.faces)
-            enough = length >= LEAST_CONTOUR * gyral.median
+            enough = length >= LEAST_CONTOUR_IN_WIDTHS * gyral.median
             across = gyral.median_where(cortex.regions.labels == index, cortex.faces) if enough else np.nan
             row.update(gyral_contour_mm=length)
         row.update(hemi=cortex.hemi, region=region, n_vertices=len(at), area_mm2=float(np.sum(area[at])))
@@ -118,7 +118,7 @@ def region_table(
             row.update(n_hinges=crests[region][0], crest_length_mm=crests[region][1])
         if len(thickness):
             row.update(cortical_thickness_mm=float(thickness.mean()), cortical_thickness_sd_mm=float(thickness.std()))
-        if len(from_file := _known(maps.get("thickness_file"), at)):
+        if len(from_file := _finite_values_at(maps.get("thickness_file"), at)):
             row.update(thickness_file_mm=float(from_file.mean()))
         if np.isfinite(across):
             row.update(gyral_thickness_mm=across)
@@ -162,13 +162,13 @@ def wide_table(subjects: Mapping[str, Iterable[Mapping[str, Any]]]) -> list[dict
     Returns
     -------
     list of dict
-        ``subject``, then ``lh_bankssts_area`` and so on: FreeSurfer's name of a measure where ``FREESURFER`` has one,
-        else the name of the column. Every row has all columns; values of a region that a subject lacks are None.
+        ``subject``, then ``lh_bankssts_area`` and so on: FreeSurfer's name of a measure where ``FREESURFER_NAMES`` has
+        one, else the name of the column. Every row has all columns; values of a region that a subject lacks are None.
     """
     rows = [
         {"subject": name}
         | {
-            f"{row['hemi']}_{row['region']}_{FREESURFER.get(key, key)}": row.get(key)
+            f"{row['hemi']}_{row['region']}_{FREESURFER_NAMES.get(key, key)}": row.get(key)
             for row in regions
             for key in COLUMNS[2:]
         }
@@ -178,7 +178,7 @@ def wide_table(subjects: Mapping[str, Iterable[Mapping[str, Any]]]) -> list[dict
     return [{key: row.get(key) for key in columns} for row in rows]
 
 
-def _known(values: PerVertex | None, at: np.ndarray) -> PerVertex:
+def _finite_values_at(values: PerVertex | None, at: np.ndarray) -> PerVertex:
     """The finite values at some vertices."""
     some = np.empty(0) if values is None else np.asarray(values, dtype=np.float64)[at]
     return some[np.isfinite(some)]

@@ -14,8 +14,10 @@ from morphofold.analysis.conjugate_gradients import solve
 from morphofold.errors import OutOfRange
 from morphofold.surface import Faces, PerVertex, Verts
 
-DETOUR = 2 * 3**0.5 / np.pi  # length of edge paths over straight distance, mean over directions in a triangle grid
-COT_CLIP = (0.0, 3.0)  # on the pial surface of a person one cotangent in eight is negative and the largest is 1200
+# length of edge paths over straight distance, mean over directions in a triangle grid
+EDGE_PATH_DETOUR = 2 * 3**0.5 / np.pi
+# on the pial surface of a person one cotangent in eight is negative and the largest is 1200
+COTANGENT_BOUNDS = (0.0, 3.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,19 +82,19 @@ def implicit_smoothing(verts: Verts, faces: Faces, scale: float, *, rounds: int 
     """
     if not (scale > 0 and np.isfinite(scale)):
         raise OutOfRange(f"scale must be a positive length, got {scale!r}.")
-    return _diffused(verts, faces, verts, scale, rounds, rtol)
+    return _diffuse_implicitly(verts, faces, verts, scale, rounds, rtol)
 
 
 def diffused(verts: Verts, faces: Faces, values: NDArray[np.float64], scale: float) -> NDArray[np.float64]:
     """Three fields (N, 3) on the surface, smoothed once over ``scale`` [mm] as in :func:`implicit_smoothing`."""
-    return _diffused(verts, faces, values, scale, 1, 1e-3)
+    return _diffuse_implicitly(verts, faces, values, scale, 1, 1e-3)
 
 
-def _diffused(
+def _diffuse_implicitly(
     verts: Verts, faces: Faces, values: NDArray[np.float64], scale: float, rounds: int, rtol: float
 ) -> NDArray[np.float64]:
     mass = geometry.vertex_areas(verts, faces)
-    stiffness = scale**2 * geometry.cotangent_laplacian(verts, faces, clip=COT_CLIP)
+    stiffness = scale**2 * geometry.cotangent_laplacian(verts, faces, clip=COTANGENT_BOUNDS)
     matrix = (sparse.dia_array((mass[None, :], [0]), shape=stiffness.shape) + stiffness).tocsr()
     x = np.array(values)
     for _ in range(rounds):
@@ -109,7 +111,7 @@ def windowed_range(verts: Verts, faces: Faces, values: PerVertex, radius: float)
     graph = geometry.edge_graph(verts, faces)
     both = np.stack([-values, values])
     order = np.argsort(-both, axis=1, kind="stable")
-    highest = _windowed_maxima(graph.indptr, graph.indices, graph.data, both, order, DETOUR * radius)
+    highest = _windowed_maxima(graph.indptr, graph.indices, graph.data, both, order, EDGE_PATH_DETOUR * radius)
     return -highest[0], highest[1]
 
 

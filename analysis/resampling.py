@@ -107,9 +107,9 @@ class Resampled:
         ``midway``: use the surface midway between white and pial instead. Where white intersects itself, its crowns are
         lost, and spikes in their place would set the width.
         """
-        graph = gyral_graph(_midway(self.cortex) if midway else self.cortex, width=width)
+        graph = gyral_graph(_with_midway_surface(self.cortex) if midway else self.cortex, width=width)
         if self.changed:
-            white = (_midway(self.of) if midway else self.of).white
+            white = (_with_midway_surface(self.of) if midway else self.of).white
             closest = ClosestPoints(white.verts, white.faces, cKDTree(white.verts))
             for _, node in graph.nodes(data=True):
                 place, vertex = closest.of(node["position"][None])
@@ -126,24 +126,24 @@ def resampled(cortex: Cortex, accuracy: Preset) -> Resampled:
     """The cortex thinned or split according to ``accuracy``; unchanged if its number of vertices is within bounds."""
     n = len(np.unique(cortex.faces))
     if accuracy.most and n > accuracy.most:
-        return _thinned(cortex, accuracy.most / n)
+        return _thinned_cortex(cortex, accuracy.most / n)
     every = np.arange(cortex.n_vertices)
     same = Resampled(cortex, cortex, every, every, np.arange(len(cortex.faces)))
-    return _split(same) if n < accuracy.least else same
+    return _split_triangles(same) if n < accuracy.least else same
 
 
 def parameters(name: str, copy: Resampled) -> dict[str, Any]:
     """Parameters to record: the name of the accuracy, and the size of the resampled cortex ``copy``."""
-    from morphofold.analysis.gyrification.local_gyrification import CLOSING
+    from morphofold.analysis.gyrification.local_gyrification import CLOSING_RADIUS_MM
 
     return {
         "accuracy": name,
         "accuracy_vertices": copy.cortex.n_vertices,
-        "local_gyrification_voxel_mm": CLOSING / accuracy_of(name).voxels,
+        "local_gyrification_voxel_mm": CLOSING_RADIUS_MM / accuracy_of(name).voxels,
     }
 
 
-def _thinned(cortex: Cortex, keep: float) -> Resampled:
+def _thinned_cortex(cortex: Cortex, keep: float) -> Resampled:
     """The cortex with a share ``keep`` of its vertices, thinned by quadric errors of the surface midway.
 
     The same edges are collapsed on white and pial. Collapses may pinch the surface at a few places, so it is no longer
@@ -163,26 +163,28 @@ def _thinned(cortex: Cortex, keep: float) -> Resampled:
     source = used[order][first]
     ring = geometry.incident_faces(cortex.n_vertices, cortex.faces)
     triangle = ring.indices[ring.indptr[source[fewer[:, 0]]]].astype(np.int64)
-    return Resampled(cortex, _on(cortex, inner + middle, outer + middle, fewer, source), place, source, triangle)
+    return Resampled(
+        cortex, _with_surfaces(cortex, inner + middle, outer + middle, fewer, source), place, source, triangle
+    )
 
 
-def _split(same: Resampled) -> Resampled:
+def _split_triangles(same: Resampled) -> Resampled:
     """Every triangle split into four flat ones; the original vertices come first."""
     cortex, faces = same.of, same.of.faces
     source = np.concatenate([same.source, geometry.edges(faces)[:, 0]])
     (white, finer), (pial, _) = (geometry.split(surface.verts, faces) for surface in (cortex.white, cortex.pial))
-    copy = _on(cortex, white, pial, finer, source)
+    copy = _with_surfaces(cortex, white, pial, finer, source)
     return replace(same, cortex=copy, source=source, triangle=np.tile(same.triangle, 4))
 
 
-def _midway(cortex: Cortex) -> Cortex:
+def _with_midway_surface(cortex: Cortex) -> Cortex:
     """The cortex with the surface midway to pial in place of white."""
     white, pial = cortex.white, cortex.pial
     name = f"the surface midway between {white.name} and {pial.name}"
     return replace(cortex, white=Surface((white.verts + pial.verts) / 2, cortex.faces, name))
 
 
-def _on(cortex: Cortex, white: NDArray[Any], pial: NDArray[Any], faces: Faces, source: Ints) -> Cortex:
+def _with_surfaces(cortex: Cortex, white: NDArray[Any], pial: NDArray[Any], faces: Faces, source: Ints) -> Cortex:
     """The cortex with other surfaces and its own mask."""
     return replace(
         cortex,

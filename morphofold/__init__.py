@@ -9,9 +9,9 @@ __version__ = "0.2.0"
 
 # In a checkout the rooms sim/, analysis/ and studies/ lie beside this folder. The tracked symlinks already lead
 # there; this line covers checkouts without symlinks. It never fires in an installed wheel.
-_root = Path(__file__).resolve().parent.parent
-if (_root / "pyproject.toml").is_file() and (_root / "sim" / "__init__.py").is_file():
-    __path__.append(str(_root))
+_checkout_root = Path(__file__).resolve().parent.parent
+if (_checkout_root / "pyproject.toml").is_file() and (_checkout_root / "sim" / "__init__.py").is_file():
+    __path__.append(str(_checkout_root))
 
 _PUBLIC = {
     "Cortex": "morphofold.surface",

@@ -28,10 +28,10 @@ def digests(folder: Path) -> dict[str, str]:
 
 def changed_since(known: Mapping[str, str], files: Mapping[str, Path]) -> list[str]:
     """Names of the files in ``known`` that are missing now, or have another digest."""
-    return [name for name, digest in known.items() if name not in files or not _is(files[name], digest)]
+    return [name for name, digest in known.items() if name not in files or not _has_digest(files[name], digest)]
 
 
-def _is(path: Path, digest: str) -> bool:
+def _has_digest(path: Path, digest: str) -> bool:
     try:
         return path.is_file() and sha256_of(path) == digest
     except OSError:
@@ -80,10 +80,10 @@ def shown(text: str) -> str:
 
 def strict_json(content: Any) -> str:
     """JSON that every reader accepts: NumPy values become plain, NaN and infinity null, other objects text."""
-    return json.dumps(_plain(content), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+    return json.dumps(_plain_json_value(content), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
 
 
-def _plain(value: Any) -> Any:
+def _plain_json_value(value: Any) -> Any:
     if isinstance(value, str):
         return shown(value)
     if value is None or isinstance(value, bool | int):
@@ -91,9 +91,9 @@ def _plain(value: Any) -> Any:
     if isinstance(value, float | np.floating):
         return float(value) if np.isfinite(value) else None
     if isinstance(value, np.generic | np.ndarray):
-        return _plain(value.tolist())
+        return _plain_json_value(value.tolist())
     if isinstance(value, Mapping):
-        return {shown(str(k)): _plain(v) for k, v in value.items()}
+        return {shown(str(k)): _plain_json_value(v) for k, v in value.items()}
     if isinstance(value, Sequence | set | frozenset):
-        return [_plain(v) for v in value]
+        return [_plain_json_value(v) for v in value]
     return shown(str(value))

@@ -39,11 +39,11 @@ QUANTITIES = (
 )
 # Blue, vermilion and green of Okabe and Ito's palette, then plum, brown, sky and black: all seven stay apart for
 # protanopes and deuteranopes, too.
-CATEGORICAL = ("#0072b2", "#d55e00", "#009e73", "#5b2a6e", "#7a3b00", "#3f9bd1", "#333333")
-MAIN = ("H", "cortical_thickness", "gyral_thickness", "sulcal_depth")
+CATEGORICAL_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#5b2a6e", "#7a3b00", "#3f9bd1", "#333333")
+MAIN_MAPS = ("H", "cortical_thickness", "gyral_thickness", "sulcal_depth")
 
 #: gyral over cortical thickness, made by compare: median over mean of the surface, and median of the ratio over crests
-RATIO, CREST_RATIO = "gyral_to_cortical_ratio", "gyral_to_cortical_ratio_at_crests"
+THICKNESS_RATIO, CREST_THICKNESS_RATIO = "gyral_to_cortical_ratio", "gyral_to_cortical_ratio_at_crests"
 
 SCALAR_WORDS = {
     "n_vertices": ("Vertices", ""),
@@ -77,11 +77,11 @@ SCALAR_WORDS = {
     "etiv_mm3": ("Intracranial volume, estimated by FreeSurfer", "mm³"),
     "surface_holes": ("Holes of the surface that FreeSurfer repaired", ""),
     "mean_cortical_thickness_area_weighted_mm": ("Cortical thickness, mean by area", "mm"),
-    RATIO: ("Gyral / cortical thickness", ""),
-    CREST_RATIO: ("Gyral / cortical at crests", ""),
+    THICKNESS_RATIO: ("Gyral / cortical thickness", ""),
+    CREST_THICKNESS_RATIO: ("Gyral / cortical at crests", ""),
 }
 #: the map from which a scalar is computed, if there is one
-MAP_OF = {
+MAP_OF_SCALAR = {
     "mean_cortical_thickness_mm": "cortical_thickness",
     "mean_cortical_thickness_area_weighted_mm": "cortical_thickness",
     "median_gyral_thickness_mm": "gyral_thickness",
@@ -93,7 +93,7 @@ MAP_OF = {
     "gyral_to_cortical_slope": "gyral_thickness",
     "gyral_to_cortical_slope_robust": "gyral_thickness",
     "gyral_to_cortical_r": "gyral_thickness",
-    RATIO: "gyral_thickness",
+    THICKNESS_RATIO: "gyral_thickness",
 }
 #: meaning of the columns of tables, where SCALAR_WORDS and the name of the column are not enough
 COLUMN_WORDS = {
@@ -132,16 +132,23 @@ COLUMN_WORDS = {
     "angle_deg": "Angle to the next arm, counter-clockwise seen from outside",
     "curvature_per_mm": "Mean geodesic curvature of the crest, without sign",
 }
-HEADLINES = (
+HEADLINE_SCALARS = (
     "gyrification_index",
     "mean_cortical_thickness_mm",
     "median_gyral_thickness_mm",
-    RATIO,
-    CREST_RATIO,
+    THICKNESS_RATIO,
+    CREST_THICKNESS_RATIO,
     "mean_sulcal_depth_mm",
 )
 
-_UNITS = (("_deg", "°"), ("_mm3", "mm³"), ("_per_mm2", "1/mm²"), ("_per_mm", "1/mm"), ("_mm2", "mm²"), ("_mm", "mm"))
+_UNIT_OF_SUFFIX = (
+    ("_deg", "°"),
+    ("_mm3", "mm³"),
+    ("_per_mm2", "1/mm²"),
+    ("_per_mm", "1/mm"),
+    ("_mm2", "mm²"),
+    ("_mm", "mm"),
+)
 
 
 def quantity(name: str, values: Iterable[np.ndarray] = ()) -> Quantity:
@@ -153,7 +160,7 @@ def quantity(name: str, values: Iterable[np.ndarray] = ()) -> Quantity:
     for known in QUANTITIES:
         if name == known.key or name in known.aliases:
             return known
-    label, unit = _words(name)
+    label, unit = _label_and_unit(name)
     ends = [np.percentile(v[np.isfinite(v)], [2, 98]) for v in values if np.isfinite(v).any()]
     signed = bool(ends) and bool(min(e[0] for e in ends) < 0 < max(e[1] for e in ends))
     return Quantity(name, label, unit, signed)
@@ -161,7 +168,7 @@ def quantity(name: str, values: Iterable[np.ndarray] = ()) -> Quantity:
 
 def scalar_words(name: str) -> tuple[str, str]:
     """Label and unit of a scalar's name."""
-    return SCALAR_WORDS.get(name) or _words(name)
+    return SCALAR_WORDS.get(name) or _label_and_unit(name)
 
 
 def column_words(name: str) -> tuple[str, str]:
@@ -174,8 +181,8 @@ def column_words(name: str) -> tuple[str, str]:
     return COLUMN_WORDS.get(name, label), unit
 
 
-def _words(name: str) -> tuple[str, str]:
-    for suffix, unit in _UNITS:
+def _label_and_unit(name: str) -> tuple[str, str]:
+    for suffix, unit in _UNIT_OF_SUFFIX:
         if name.endswith(suffix):
             words = name.removesuffix(suffix).replace("_", " ")
             return words[:1].upper() + words[1:], unit

@@ -18,7 +18,7 @@ PerVertex = NDArray[np.float64]  # (N,)
 
 
 #: how to get an object that a function needs
-_HOW = {
+_HOW_TO_GET = {
     "Surface": "Read one with morphofold.read_surface(path), or make one with Surface(verts, faces).",
     "Cortex": "Read one with morphofold.read_cortex(path), or make one with Cortex(white, pial).",
     "Measures": "Make them with morphofold.measure(cortex).",
@@ -33,22 +33,22 @@ def check_kind(value: Any, kinds: type | tuple[type, ...], what: str) -> None:
     if isinstance(value, kinds):
         return
     names = [kind.__name__ for kind in (kinds if isinstance(kinds, tuple) else (kinds,))]
-    got = f"{type(value).__name__}{_shown(value)}"
-    raise TypeError(f"{what} must be of class {' or '.join(names)}, not {got}. {_HOW.get(names[0], '')}")
+    got = f"{type(value).__name__}{_value_excerpt(value)}"
+    raise TypeError(f"{what} must be of class {' or '.join(names)}, not {got}. {_HOW_TO_GET.get(names[0], '')}")
 
 
 def check_arrays(verts: Any, faces: Any, name: str = "surface") -> None:
     """Raise ``TypeError`` unless vertices and triangles are arrays of numbers."""
     for what, values in (("verts", verts), ("faces", faces)):
         if not isinstance(values, np.ndarray) or values.dtype.kind not in "fiu":
-            of = f" of {values.dtype}" if isinstance(values, np.ndarray) else _shown(values)
+            of = f" of {values.dtype}" if isinstance(values, np.ndarray) else _value_excerpt(values)
             raise TypeError(
                 f"{name}: {what} must be an array of numbers, not {type(values).__name__}{of}. For a Surface pass "
                 "surface.verts and surface.faces; read_surface(path) makes one from a file."
             )
 
 
-def _shown(value: Any) -> str:
+def _value_excerpt(value: Any) -> str:
     return f" {str(value)[:60]!r}" if isinstance(value, str | Path) else ""
 
 
@@ -147,7 +147,7 @@ class Surface:
         return f"Surface({self.name!r}, {len(self.verts):,} vertices, {len(self.faces):,} faces)"
 
 
-def _written_as(faces: Faces, other: Faces) -> Faces:
+def _with_corner_order(faces: Faces, other: Faces) -> Faces:
     """The triangles of ``other``, each from the corner where it begins in ``faces``; reversed ones stay reversed."""
     same = np.any([np.all(np.roll(other, k, axis=1) == faces, axis=1) for k in range(3)], axis=0)
     return np.where(same[:, None], faces, faces[:, ::-1])
@@ -261,7 +261,9 @@ class Cortex:
                 "but different faces, so vertices cannot be matched. Take both from one reconstruction."
             )
         if not np.array_equal(self.white.faces, self.pial.faces):
-            object.__setattr__(self, "pial", replace(self.pial, faces=_written_as(self.white.faces, self.pial.faces)))
+            object.__setattr__(
+                self, "pial", replace(self.pial, faces=_with_corner_order(self.white.faces, self.pial.faces))
+            )
         per_vertex = {**self.maps, **({} if self.cortex is None else {"cortex label": self.cortex})}
         if self.regions is not None:
             per_vertex["regions"] = self.regions.labels

@@ -19,12 +19,12 @@ import numpy as np
 from morphofold.errors import DamagedFile
 from morphofold.provenance import shown
 
-MISSING = "n/a"
+MISSING_CELL = "n/a"
 
 #: characters that end a cell or a line, or control a terminal
-_CONTROLS = dict.fromkeys([*range(32), *range(127, 160), 0x2028, 0x2029], " ")
-_GUARDED = re.compile(r"""'*(?:[=+\-@"]|n/a\Z)""")
-_WHOLE, _DECIMAL = re.compile(r"-?\d{1,18}"), re.compile(r"-?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
+_CONTROL_CHARACTERS = dict.fromkeys([*range(32), *range(127, 160), 0x2028, 0x2029], " ")
+_NEEDS_APOSTROPHE = re.compile(r"""'*(?:[=+\-@"]|n/a\Z)""")
+_WHOLE_NUMBER, _DECIMAL_NUMBER = re.compile(r"-?\d{1,18}"), re.compile(r"-?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 
 
 def write_table(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:
@@ -45,20 +45,20 @@ def line(values: Iterable[Any]) -> str:
 def cell(value: Any) -> str:
     """A value as text of a cell: seven digits, ``n/a`` if missing, text without tabs and line breaks."""
     if isinstance(value, str):
-        return _text(value)
+        return _cell_of_text(value)
     if value is None:
-        return MISSING
+        return MISSING_CELL
     if isinstance(value, bool | int | np.integer | np.bool_):
         return str(int(value))
     if isinstance(value, float | np.floating):
-        return f"{float(value):.7g}" if np.isfinite(value) else MISSING
-    return _text(str(value))
+        return f"{float(value):.7g}" if np.isfinite(value) else MISSING_CELL
+    return _cell_of_text(str(value))
 
 
 @lru_cache(maxsize=4096)  # names are repeated
-def _text(text: str) -> str:
-    text = shown(text).translate(_CONTROLS)
-    return f"'{text}" if _GUARDED.match(text) else text
+def _cell_of_text(text: str) -> str:
+    text = shown(text).translate(_CONTROL_CHARACTERS)
+    return f"'{text}" if _NEEDS_APOSTROPHE.match(text) else text
 
 
 def read_table(
@@ -85,11 +85,11 @@ def read_table(
     if not text.endswith("\n"):
         raise DamagedFile(f"{path}: was truncated: its last line has no end. Analyze again.")
     head, *lines = [row.split("\t") for row in text[:-1].split("\n")]
-    columns, rows = list(map(_unguarded, head)), []
+    columns, rows = list(map(_without_apostrophe, head)), []
     for number, cells in enumerate(lines, start=2):
         if len(cells) != len(columns):
             raise DamagedFile(f"{path}: line {number} has more or fewer cells than the header. Analyze again.")
-        row = {column: _value(cell, column in words) for column, cell in zip(columns, cells)}
+        row = {column: _cell_value(cell, column in words) for column, cell in zip(columns, cells)}
         for column in numbers:
             if isinstance(row.get(column), str):
                 raise DamagedFile(
@@ -101,16 +101,16 @@ def read_table(
     return rows
 
 
-def _value(text: str, is_word: bool) -> Any:
-    if text == MISSING:
+def _cell_value(text: str, is_word: bool) -> Any:
+    if text == MISSING_CELL:
         return None
     if not is_word:
-        if _WHOLE.fullmatch(text):
+        if _WHOLE_NUMBER.fullmatch(text):
             return int(text)
-        if _DECIMAL.fullmatch(text) and math.isfinite(float(text)):
+        if _DECIMAL_NUMBER.fullmatch(text) and math.isfinite(float(text)):
             return float(text)
-    return _unguarded(text)
+    return _without_apostrophe(text)
 
 
-def _unguarded(text: str) -> str:
-    return text[1:] if text.startswith("'") and _GUARDED.match(text) else text
+def _without_apostrophe(text: str) -> str:
+    return text[1:] if text.startswith("'") and _NEEDS_APOSTROPHE.match(text) else text

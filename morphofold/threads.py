@@ -23,7 +23,7 @@ def set_threads(threads: int | None) -> None:
     import numba
 
     check_threads(threads)
-    numba.set_num_threads(_most() if threads is None else threads)
+    numba.set_num_threads(_most_threads() if threads is None else threads)
 
 
 @contextmanager
@@ -43,14 +43,14 @@ def check_threads(threads: int | None) -> None:
     """Raise the ``OutOfRange`` of :func:`set_threads`, without setting anything."""
     if threads is None:
         return
-    most = _most()
+    most = _most_threads()
     if not 1 <= threads <= most:
         variable = "NUMBA_NUM_THREADS"
         why = f"by the environment variable {variable}" if variable in os.environ else "on this machine"
         raise OutOfRange(f"threads must be 1 to {most} {why}, got {threads}.")
 
 
-def _most() -> int:
+def _most_threads() -> int:
     import numba
 
     most: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]

@@ -12,10 +12,10 @@ from typing import Any
 
 from numba.core import event
 
-COMPILING = "numba:compile"
+COMPILING_EVENT = "numba:compile"
 
 
-class _Compiler(event.Listener):
+class _CompilationListener(event.Listener):
     """Listens to numba's compiling; kernels that are compiled for another kernel are counted within it."""
 
     def __init__(self) -> None:
@@ -35,23 +35,23 @@ class _Compiler(event.Listener):
             self.seconds += time.perf_counter() - self._since
 
 
-_compiler = _Compiler()
-event.register(COMPILING, _compiler)
+_compilation_listener = _CompilationListener()
+event.register(COMPILING_EVENT, _compilation_listener)
 
 
 def working_seconds() -> float:
     """Seconds since some moment [s], without the time in which numba compiled."""
-    return time.perf_counter() - _compiler.seconds
+    return time.perf_counter() - _compilation_listener.seconds
 
 
 @contextmanager
 def reporting_compilation(listener: Callable[[], None]) -> Iterator[None]:
     """Call ``listener`` whenever numba begins to compile; kernels from its cache are not compiled."""
-    _compiler.listeners.append(listener)
+    _compilation_listener.listeners.append(listener)
     try:
         yield
     finally:
-        _compiler.listeners.remove(listener)
+        _compilation_listener.listeners.remove(listener)
 
 
 class Stages:

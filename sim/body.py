@@ -18,8 +18,9 @@ from morphofold.sim.materials import Material
 from morphofold.sim.materials.neo_hookean import NEO_HOOKEAN
 from morphofold.sim.mesh.brick_mesh import Bilayer
 
-FILTER = {4: 3.0, 3: 1.0}  # strength of the surface filter in units of mu times cell size, for quads and triangles
-SAFETY = 1.5  # nodal mass over the smallest that keeps a step of one stable
+#: strength of the surface filter in units of mu times cell size, for quads and triangles
+FILTER_STRENGTH = {4: 3.0, 3: 1.0}
+MASS_SAFETY_FACTOR = 1.5  # nodal mass over the smallest that keeps a step of one stable
 
 
 class Elements(Protocol):
@@ -72,7 +73,8 @@ class Body:
         Size of a cell of the pial surface at the last measurement: the root of the mean cell area, with two triangles
         per cell [mm].
     mass : (N,) float64
-        Nodal mass with which a step of length 1 is stable: ``SAFETY`` times what the bounds on the stiffness require.
+        Nodal mass with which a step of length 1 is stable: ``MASS_SAFETY_FACTOR`` times what the bounds on the
+        stiffness require.
     thickness : float
         Thickness of the ungrown cortex: its volume over its area [mm].
     crossing : float
@@ -123,7 +125,9 @@ class Body:
         self.viscosity = 0.0
         self.find_rest()
         area = surface_area(self.X, bilayer.faces)
-        self.filter = SurfaceFilter(bilayer, self.X, FILTER[bilayer.faces.shape[1]] * mu_cortex, self._cell_of(area))
+        self.filter = SurfaceFilter(
+            bilayer, self.X, FILTER_STRENGTH[bilayer.faces.shape[1]] * mu_cortex, self._cell_of(area)
+        )
         self.update_state(self.X)
         above = bilayer.share > 0
         density = self.mass[above].sum() / self.nodal_volumes()[above].sum()
@@ -175,7 +179,7 @@ class Body:
         """Measure energies, volume ratios and stiffness of the elements at ``x``, and compute the nodal mass."""
         self.mass = self.elements.measure(x)
         share = (1 + self.viscosity**2) ** 0.5 - self.viscosity  # part of the stable step that a lagging dashpot leaves
-        factor = 0.25 * max(SAFETY, 1.25 / share**2)  # a step of one is stable if K <= 4 M
+        factor = 0.25 * max(MASS_SAFETY_FACTOR, 1.25 / share**2)  # a step of one is stable if K <= 4 M
         self.mass *= factor
         self.mass[: self.n_surface] += factor * self.filter.stiffness
         self.cell = self._cell_of(surface_area(x, self.bilayer.faces))

@@ -1,8 +1,8 @@
 """Explicit damped dynamics with fictitious mass: the body follows its growth through buckling into folds.
 
 The step is one unit of time. Each node gets the smallest mass that keeps this step stable for the present stiffness of
-its elements. The mass is updated every ``REFRESH`` steps, so compressed elements can't make the step unstable. The mass
-is fictitious. The result is a path of near-equilibria, which comes to rest at the stages of a scene;
+its elements. The mass is updated every ``STEPS_PER_MEASUREMENT`` steps, so compressed elements can't make the step
+unstable. The mass is fictitious. The result is a path of near-equilibria, which comes to rest at the stages of a scene;
 :mod:`morphofold.sim.equilibrium.rest` measures the distance from rest.
 """
 
@@ -22,32 +22,36 @@ from morphofold.errors import OutOfRange
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect, overriding
 from morphofold.sim.elements import brick_kernels
-from morphofold.sim.equilibrium.rest import SOFT, Balance, softest
+from morphofold.sim.equilibrium.rest import SOFT_MODE_W2, Balance, softest
 from morphofold.sim.equilibrium.wrinkles import Slow, slow_growth
 from morphofold.timing import working_seconds
 
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
 
-REFRESH = 12  # steps between measurements of mass and energies
-INCREMENT = 3  # steps between increments of growth: no wave is so fast, so none is in resonance with them
-DAMPING = 0.15  # velocities fall by exp(-0.15) while a wave crosses the cortex (Body.crossing)
+STEPS_PER_MEASUREMENT = 12  # steps between measurements of mass and energies
+STEPS_PER_INCREMENT = 3  # steps between increments of growth: no wave is so fast, so none is in resonance with them
+DAMPING_PER_CROSSING = 0.15  # velocities fall by exp(-0.15) while a wave crosses the cortex (Body.crossing)
 KINETIC_LIMIT = 1e-3  # kinetic over strain energy above which growth slows down
-COLLAPSE = 0.9  # growth also slows if the smallest J falls by this factor between measurements, or below 0
-SLOWEST = 0.05  # smallest pace of growth when it slows down
-EARLY = 0.2  # below this growth strain the kinetic energy is compared with the strain energy expected there
-SOFT_START = 0.02  # growth over which the pace rises to its full value, so that the body doesn't ring
+COLLAPSE_RATIO_OF_J = 0.9  # growth also slows if the smallest J falls by this factor between measurements, or below 0
+SLOWEST_PACE = 0.05  # smallest pace of growth when it slows down
+#: below this growth strain the kinetic energy is compared with the strain energy expected there
+EARLY_GROWTH_STRAIN = 0.2
+SOFT_START_GROWTH = 0.02  # growth over which the pace rises to its full value, so that the body doesn't ring
 FIRST_PACE = 0.1  # pace at the start
-NEAR = 0.05  # distance from rest that counts as rest, over the thickness of the cortex
-STILL_FOR, PATIENCE = 2.0, 60.0  # growth goes on after so long within NEAR, or after so long in total [ticks]
-BRIEF, SHARE = 10.0, 4 / 3  # after little growth, PATIENCE is SHARE times the ticks of growth, at least BRIEF
-AWAY = 0.25  # beyond this distance the body may be on the way to other folds: PATIENCE is SLOW times longer
-SLOW = 6.0  # largest factor on PATIENCE where the motion is softer than that of folds
-RINGING = 1.0  # stiffness over mass above which a motion rings and does not fold [1/tick^2]
-RING_DOWN = 8.0  # time for which ringing is damped more [ticks]; later vibrations come from contact
+REST_DISTANCE_OVER_T = 0.05  # distance from rest that counts as rest, over the thickness of the cortex
+#: growth goes on after so long within REST_DISTANCE_OVER_T, or after so long in total [ticks]
+REST_TICKS, PATIENCE_TICKS = 2.0, 60.0
+#: after little growth, patience is PATIENCE_PER_GROWTH_TICK times the ticks of growth, at least LEAST_PATIENCE_TICKS
+LEAST_PATIENCE_TICKS, PATIENCE_PER_GROWTH_TICK = 10.0, 4 / 3
+#: beyond this distance the body may be on the way to other folds: patience is MOST_PATIENCE_FACTOR times longer
+AWAY_DISTANCE_OVER_T = 0.25
+MOST_PATIENCE_FACTOR = 6.0  # largest factor on PATIENCE_TICKS where the motion is softer than that of folds
+RINGING_W2 = 1.0  # stiffness over mass above which a motion rings and does not fold [1/tick^2]
+RING_DOWN_TICKS = 8.0  # time for which ringing is damped more [ticks]; later vibrations come from contact
 MOST_DAMPING = 0.5  # largest share of the velocity that a step removes then
 #: scalars of a state, beside its arrays
-SCALARS = ("step", "growth", "relaxed", "rested", "lowest_J", "before_J", "dissipated")
+STATE_SCALARS = ("step", "growth", "relaxed", "rested", "lowest_J", "before_J", "dissipated")
 
 
 class UnstableError(RuntimeError):
@@ -77,17 +81,17 @@ class State:
 
 
 def restlessness(growth: float, kinetic_over_strain: float) -> float:
-    """Kinetic over strain energy; below a growth strain of ``EARLY``, over the strain energy expected at ``EARLY``.
+    """Kinetic over strain energy; below ``EARLY_GROWTH_STRAIN``, over the strain energy expected at that strain.
 
     A smooth body swells at nearly constant speed, while its strain energy rises from zero with the square of the growth
     strain.
     """
-    return kinetic_over_strain * min(1.0, abs(growth - 1) / EARLY) ** 2
+    return kinetic_over_strain * min(1.0, abs(growth - 1) / EARLY_GROWTH_STRAIN) ** 2
 
 
 def soft_start(growth: float) -> float:
     """Pace of growth near its start, as a share of the full pace."""
-    return min(1.0, FIRST_PACE + abs(growth - 1) / SOFT_START)
+    return min(1.0, FIRST_PACE + abs(growth - 1) / SOFT_START_GROWTH)
 
 
 def patience(grown: float | None = None) -> float:
@@ -95,7 +99,11 @@ def patience(grown: float | None = None) -> float:
 
     ``grown``: ticks of growth since the body last rested; None if it has not rested yet, or is slender.
     """
-    return PATIENCE if grown is None else min(PATIENCE, max(BRIEF, SHARE * grown))
+    return (
+        PATIENCE_TICKS
+        if grown is None
+        else min(PATIENCE_TICKS, max(LEAST_PATIENCE_TICKS, PATIENCE_PER_GROWTH_TICK * grown))
+    )
 
 
 class Dynamics:
@@ -109,7 +117,7 @@ class Dynamics:
     steps_per_unit : float
         Steps in which growth rises by 1; with fewer steps the run is faster but lags further behind equilibrium.
     damping : float, optional
-        Share of the velocity lost per step; computed from DAMPING by default.
+        Share of the velocity lost per step; computed from DAMPING_PER_CROSSING by default.
     slow : Slow, optional
         Growth at which the pace is limited (:func:`morphofold.sim.equilibrium.wrinkles.slow_growth`).
     start : State, optional
@@ -127,11 +135,14 @@ class Dynamics:
         start: State | None = None,
     ):
         self.body, self.effects = body, tuple(effects)
-        self.rate, self.damping = 1.0 / steps_per_unit, DAMPING / body.crossing if damping is None else damping
+        self.rate, self.damping = (
+            1.0 / steps_per_unit,
+            DAMPING_PER_CROSSING / body.crossing if damping is None else damping,
+        )
         self.slow = slow
         self.waits_for_balance = True  # False if an effect makes time real
         self.state = State(body.X.copy(), np.zeros_like(body.X))
-        self.balance = Balance(body.crossing, body.X, NEAR * body.thickness, softest(body))
+        self.balance = Balance(body.crossing, body.X, REST_DISTANCE_OVER_T * body.thickness, softest(body))
         self.seconds: dict[str, float] = defaultdict(float)
         hooks = ("add_element_forces", "add_forces", "after_step", "pace", "refresh")
         self._with = {hook: overriding(self.effects, hook) for hook in hooks}
@@ -151,7 +162,7 @@ class Dynamics:
         return cls(body, effects, steps_per_unit=steps, slow=slow_growth(scene), start=start)
 
     def grow_to(self, g: float, after: Callable[[State], None] = lambda state: None) -> None:
-        """Raise or lower the growth stretch to ``g``; ``after`` is called every ``REFRESH`` steps.
+        """Raise or lower the growth stretch to ``g``; ``after`` is called every ``STEPS_PER_MEASUREMENT`` steps.
 
         Raises
         ------
@@ -167,27 +178,28 @@ class Dynamics:
             return
         self.state.relaxed = 0
         while self.state.growth != g:
-            increment = self.rate * REFRESH * self._pace()
+            increment = self.rate * STEPS_PER_MEASUREMENT * self._pace()
             left = g - self.state.growth
             last = abs(left) <= 1.5 * increment
-            self._run(REFRESH, g if last else self.state.growth + math.copysign(increment, left))
+            self._run(STEPS_PER_MEASUREMENT, g if last else self.state.growth + math.copysign(increment, left))
             if last:
                 self.balance.forget()  # the motion so far was that of growth
             after(self.state)
 
     def relax(self, steps: int, after: Callable[[State], None] = lambda state: None) -> None:
-        """Take steps at the present growth until ``steps`` are done, rounded up to ``REFRESH``."""
+        """Take steps at the present growth until ``steps`` are done, rounded up to ``STEPS_PER_MEASUREMENT``."""
         while self.state.relaxed < steps:
             self._hold(after)
 
     def settle(self, after: Callable[[State], None] = lambda state: None) -> bool:
-        """Hold the growth until the body is at rest: within ``NEAR`` for ``STILL_FOR``.
+        """Hold the growth until the body is at rest: within ``REST_DISTANCE_OVER_T`` for ``REST_TICKS``.
 
         A motion slower than that of folds is damped critically, as in dynamic relaxation (Underwood 1983). At first so
         is a motion that rings, because growth has stopped suddenly. If the body does not come to rest, growth goes on
-        after its :func:`patience`, longer by the factor by which the motion is softer than that of folds, ``SLOW`` at
-        most. Beyond ``AWAY`` the time is ``PATIENCE`` times ``SLOW``. After little growth the patience is short, since
-        the body lags little; but not for a slender body, which bends slowly. Nothing is done if time is real.
+        after its :func:`patience`, longer by the factor by which the motion is softer than that of folds,
+        ``MOST_PATIENCE_FACTOR`` at most. Beyond ``AWAY_DISTANCE_OVER_T`` the time is ``PATIENCE_TICKS`` times
+        ``MOST_PATIENCE_FACTOR``. After little growth the patience is short, since the body lags little; but not for a
+        slender body, which bends slowly. Nothing is done if time is real.
 
         Returns
         -------
@@ -196,31 +208,31 @@ class Dynamics:
         """
         tick, full, balance, state = self.body.crossing, self.damping, self.balance, self.state
         grown = (state.step - state.relaxed - state.rested) / tick
-        while self.waits_for_balance and balance.calm < STILL_FOR * tick:
+        while self.waits_for_balance and balance.calm < REST_TICKS * tick:
             longest = patience(None if balance.slender or not state.rested else grown)
-            longest *= min(SOFT / balance.soft, SLOW)
-            if balance.distance >= AWAY * self.body.thickness:
-                longest = PATIENCE * SLOW
+            longest *= min(SOFT_MODE_W2 / balance.soft, MOST_PATIENCE_FACTOR)
+            if balance.distance >= AWAY_DISTANCE_OVER_T * self.body.thickness:
+                longest = PATIENCE_TICKS * MOST_PATIENCE_FACTOR
             if state.relaxed >= longest * tick:
                 break
-            rings = balance.w2 > RINGING / tick**2 and state.relaxed < RING_DOWN * tick
+            rings = balance.w2 > RINGING_W2 / tick**2 and state.relaxed < RING_DOWN_TICKS * tick
             if rings or 0 < balance.w2 < (0.5 * full) ** 2:
                 self.damping = min(2 * math.sqrt(balance.w2), MOST_DAMPING)
             self._hold(after)
             self.damping = full
         state.rested = state.step
-        return balance.calm >= STILL_FOR * tick
+        return balance.calm >= REST_TICKS * tick
 
     def _hold(self, after: Callable[[State], None]) -> None:
-        self._run(REFRESH)
-        self.state.relaxed += REFRESH
+        self._run(STEPS_PER_MEASUREMENT)
+        self.state.relaxed += STEPS_PER_MEASUREMENT
         after(self.state)
 
     def save(self, gauge: bool = True) -> dict[str, NDArray]:
         """The run as arrays, sufficient to resume with bitwise the same result; without ``gauge``, only to inspect."""
         state = self.state
         arrays = {"x": state.x.copy(), "v": state.v.copy()}
-        arrays |= {key: np.array(getattr(state, key)) for key in SCALARS}
+        arrays |= {key: np.array(getattr(state, key)) for key in STATE_SCALARS}
         for name, part in self._parts():
             if gauge or part is not self.balance:
                 arrays |= {f"{name}.{key}": value for key, value in part.save().items()}
@@ -232,7 +244,7 @@ class Dynamics:
 
     def load(self, arrays: dict[str, NDArray]) -> None:
         """Restore a run that ``save`` wrote."""
-        self.state = State(arrays["x"].copy(), arrays["v"].copy(), **{key: arrays[key].item() for key in SCALARS})
+        self.state = State(arrays["x"].copy(), arrays["v"].copy(), **{key: arrays[key].item() for key in STATE_SCALARS})
         self.body.grow(self.state.growth)
         for name, part in self._parts():
             part.load({k.removeprefix(f"{name}."): v for k, v in arrays.items() if k.startswith(f"{name}.")})
@@ -244,11 +256,11 @@ class Dynamics:
         if self.waits_for_balance:
             pace = soft_start(growth)
             pace /= max(1.0, restlessness(growth, record["kinetic_over_strain"]) / KINETIC_LIMIT)
-        if record["min_J"] < COLLAPSE * self.state.before_J:
+        if record["min_J"] < COLLAPSE_RATIO_OF_J * self.state.before_J:
             pace = min(pace, 0.5)
         if record["inverted"]:
-            pace = SLOWEST
-        pace = max(SLOWEST, pace)
+            pace = SLOWEST_PACE
+        pace = max(SLOWEST_PACE, pace)
         if self.slow is not None and self.slow.start <= growth <= self.slow.end:
             pace = min(pace, self.slow.pace)
         for effect in self._with["pace"]:
@@ -263,8 +275,8 @@ class Dynamics:
         watch = _Stopwatch(seconds)
         for k in range(steps):
             watch.start()
-            if growth is not None and k % INCREMENT == 0:
-                share = min(k + INCREMENT, steps) / steps
+            if growth is not None and k % STEPS_PER_INCREMENT == 0:
+                share = min(k + STEPS_PER_INCREMENT, steps) / steps
                 state.growth = growth if share == 1 else start + share * (growth - start)
                 body.grow(state.growth)
                 watch.lap("grow")

@@ -13,21 +13,21 @@ from morphofold.intersections.boxes import box_tree
 from morphofold.intersections.intersection import self_intersections
 from morphofold.intersections.rays import ray_hits
 from morphofold.shapes import even_directions
-from morphofold.sim.dynamics import AWAY, restlessness
+from morphofold.sim.dynamics import AWAY_DISTANCE_OVER_T, restlessness
 from morphofold.surface import Surface
 
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
 
-RAYS = 10_000
-TOUCHING = 1e-9  # segments of a ray shorter than this share of its length are ignored
+NUMBER_OF_RAYS = 10_000
+TOUCHING_LENGTH_SHARE = 1e-9  # segments of a ray shorter than this share of its length are ignored
 
 #: allowed depth of a self-intersection [mean edges]: half the gap at which contact begins to act
 CROSSING_TOLERANCE = 0.1
 
 #: largest values of a healthy stage, and what to change if a value is larger: keys of ``cures``
 BOUNDS: dict[str, tuple[float | int, tuple[str, ...]]] = {
-    "distance_over_T": (AWAY, ("slower", "stages")),
+    "distance_over_T": (AWAY_DISTANCE_OVER_T, ("slower", "stages")),
     "kinetic_over_strain": (1e-2, ("slower",)),
     "overlap": (2e-3, ("contact", "finer")),
     "winding_max": (1, ("contact", "slower")),
@@ -92,12 +92,12 @@ def check_surface(pial: Surface, closed: bool = True) -> dict[str, float | int]:
     }
 
 
-def overlap(surface: Surface, rays: int = RAYS) -> float:
+def overlap(surface: Surface, rays: int = NUMBER_OF_RAYS) -> float:
     """Share of the enclosed length of radial rays that a closed surface covers twice: see :func:`cover`."""
     return cover(surface, rays).twice
 
 
-def cover(surface: Surface, rays: int = RAYS) -> Cover:
+def cover(surface: Surface, rays: int = NUMBER_OF_RAYS) -> Cover:
     """How often a closed surface winds around the points of radial rays; the solver's contact is not used.
 
     Rays start at the centroid of the vertices. Their directions are a Fibonacci lattice. A ray that meets an edge or a
@@ -112,7 +112,7 @@ def cover(surface: Surface, rays: int = RAYS) -> Cover:
     """
     verts, faces = surface.verts - surface.verts.mean(axis=0), surface.faces.copy()
     tree = box_tree(verts, faces)
-    twice, once, most, centre = _along_rays(verts, faces, tree.bounds, tree.order, even_directions(rays))
+    twice, once, most, centre = _cover_along_rays(verts, faces, tree.bounds, tree.order, even_directions(rays))
     if (centre != centre[0]).any():
         raise OpenSurface(
             f"{surface.name}: is not closed: its winding number at the centroid is {centre.min()} to {centre.max()}, "
@@ -126,7 +126,7 @@ def cover(surface: Surface, rays: int = RAYS) -> Cover:
     return Cover(float(twice.sum() / once.sum()), int(most.max()))
 
 
-def _told(value: float | int) -> str:
+def _format_value(value: float | int) -> str:
     return f"{value:,}" if isinstance(value, int) else f"{value:.2g}"
 
 
@@ -172,7 +172,8 @@ def broken_bounds(stage: dict[str, Any], scene: Scene | None = None) -> list[str
     can = cures(scene)
     advice = lambda keys: " or ".join(can[key] for key in keys if key in can) or "the solver does not resolve it"
     sentences = [
-        f"{name} {_told(value)} at g = {stage['growth']:.2f} exceeds {BOUNDS[name][0]:g}: {advice(BOUNDS[name][1])}"
+        f"{name} {_format_value(value)} at g = {stage['growth']:.2f} exceeds {BOUNDS[name][0]:g}: "
+        f"{advice(BOUNDS[name][1])}"
         for name, value in judged.items()
         if not value <= BOUNDS[name][0]
     ]
@@ -185,7 +186,7 @@ def broken_bounds(stage: dict[str, Any], scene: Scene | None = None) -> list[str
 
 
 @njit(parallel=True, cache=True)
-def _along_rays(verts, faces, bounds, order, directions):
+def _cover_along_rays(verts, faces, bounds, order, directions):
     """Length of each ray inside twice or more, and once or more; largest winding number, and that at its origin."""
     rays = len(directions)
     twice, once = np.zeros(rays), np.zeros(rays)
@@ -196,19 +197,19 @@ def _along_rays(verts, faces, bounds, order, directions):
         if hits > len(at):
             at, sign = np.empty(hits), np.empty(hits)
             ray_hits(verts, faces, bounds, order, np.zeros(3), directions[r], at, sign)
-        twice[r], once[r], most[r] = _lengths(at[:hits], sign[:hits])
+        twice[r], once[r], most[r] = _covered_lengths(at[:hits], sign[:hits])
     return twice, once, most, centre
 
 
 @njit(cache=True)
-def _lengths(at, sign):
+def _covered_lengths(at, sign):
     """Length of a ray inside twice or more, inside once or more, and the largest winding number, from outside in."""
     order = np.argsort(at)
     twice, once, most, winding = 0.0, 0.0, 0, 0
     for k in range(len(at) - 1, -1, -1):
         winding += int(sign[order[k]])
         length = at[order[k]] - (at[order[k - 1]] if k > 0 else 0.0)
-        if length > TOUCHING * at[order[-1]]:
+        if length > TOUCHING_LENGTH_SHARE * at[order[-1]]:
             most = max(most, winding)
             once += length if winding >= 1 else 0.0
             twice += length if winding >= 2 else 0.0

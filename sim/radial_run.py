@@ -22,9 +22,9 @@ from morphofold.sim.scene import Radial, Scene
 from morphofold.sim.sphere_theory.finite_elements import LAYERS, RadialState, radial_equilibrium
 from morphofold.surface import Surface
 
-SPHERE_LEVEL = 4  # level of the written icosphere: 2,562 vertices
-POINTS = 41  # points of the written profile in each layer
-QUADRATURE = 64  # Gauss points in each layer for the energy
+ICOSPHERE_LEVEL = 4  # level of the written icosphere: 2,562 vertices
+PROFILE_POINTS = 41  # points of the written profile in each layer
+ENERGY_GAUSS_POINTS = 64  # Gauss points in each layer for the energy
 
 
 class RadialRun:
@@ -122,7 +122,7 @@ class RadialRun:
 
     def _energy(self, state: RadialState, g: float) -> float:
         """Elastic energy [mu of the core mm^3]: the integral of det G W of ``material.energy`` over the layers."""
-        nodes, weights = np.polynomial.legendre.leggauss(QUADRATURE)
+        nodes, weights = np.polynomial.legendre.leggauss(ENERGY_GAUSS_POINTS)
         material, isotropic, total = self._scene.material, self._scene.growth.law == "isotropic", 0.0
         for layer, mu in zip(LAYERS, (1.0, material.mu_ratio)):
             low, high = self._ends(layer)
@@ -140,7 +140,7 @@ class RadialRun:
         return (self._A, self._B) if layer == "core" else (self._B, 1.0)
 
     def _write_stage(self, g: float, state: RadialState, numbers: dict[str, Any]) -> None:
-        verts, faces = icosphere(SPHERE_LEVEL)
+        verts, faces = icosphere(ICOSPHERE_LEVEL)
         white, pial = (
             Surface(r * verts, faces, name=f"lh.{name}") for r, name in zip(self._radii(state), ("white", "pial"))
         )
@@ -160,7 +160,7 @@ class RadialRun:
         C = self._geometry.radius
         lines = ["layer\tR_mm\tr_mm\tsigma_r\tsigma_theta\tJ"]
         for layer in LAYERS:
-            at = state.at(np.linspace(*self._ends(layer), POINTS), layer)
+            at = state.at(np.linspace(*self._ends(layer), PROFILE_POINTS), layer)
             lines += [
                 f"{layer}\t{C * R:.9g}\t{C * r:.9g}\t{s:.9g}\t{t:.9g}\t{J:.9g}"
                 for R, r, s, t, J in zip(at.R, at.r, at.sigma_r, at.sigma_theta, at.J)

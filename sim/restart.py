@@ -17,7 +17,7 @@ from morphofold.provenance import sha256_of
 from morphofold.sim.output.inputs import begun_with, scene_digest
 from morphofold.sim.output.run_files import stage_folder
 from morphofold.sim.output.stages import read_stage
-from morphofold.sim.output.volume import VOLUME, read_volume, stages_with_volume
+from morphofold.sim.output.volume import VOLUME_FILE, read_volume, stages_with_volume
 from morphofold.sim.scene import Scene
 from morphofold.sim.scene.files import load_scene
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from morphofold.sim.body import Body
     from morphofold.sim.dynamics import State
 
-ROUND_OFF = 1e-9  # difference of reference positions, over the size of the body, that counts as none
+POSITION_ROUND_OFF = 1e-9  # difference of reference positions, over the size of the body, that counts as none
 
 
 def restart_of(out: Path, scene: Scene, place: str | Path | None) -> dict[str, Any] | None:
@@ -49,12 +49,12 @@ def restart_of(out: Path, scene: Scene, place: str | Path | None) -> dict[str, A
     with decoding(run / "scene.toml", "a scene as a run writes it"):
         other = load_scene(run / "scene.toml")
     stages = {g: stage_folder(run, g) for g in stages_with_volume(run, other)}
-    found = [(g, folder / VOLUME) for g, folder in stages.items() if place in (run, folder)]
+    found = [(g, folder / VOLUME_FILE) for g, folder in stages.items() if place in (run, folder)]
     if place == run and (run / "checkpoint.npz").is_file():
-        found.append((_read(run / "checkpoint.npz")[-1], run / "checkpoint.npz"))
+        found.append((_read_state(run / "checkpoint.npz")[-1], run / "checkpoint.npz"))
     if not found:
         raise MissingPart(
-            f"{place}: holds no state to restart from: no checkpoint and no stage with {VOLUME}. A scene with "
+            f"{place}: holds no state to restart from: no checkpoint and no stage with {VOLUME_FILE}. A scene with "
             "output.volume = false or of one dimension writes no volume. Name another run."
         )
     growth, file = max(found, key=lambda state: state[0])  # of two at the same growth the first, a stage
@@ -63,7 +63,7 @@ def restart_of(out: Path, scene: Scene, place: str | Path | None) -> dict[str, A
             f"{file}: is at g = {growth:g}, beyond growth.final = {scene.growth.final:g} of {scene.name}. Raise "
             "growth.final, or restart from the folder of an earlier stage."
         )
-    if file.name == VOLUME:
+    if file.name == VOLUME_FILE:
         read_stage(run, growth)  # raises if it is damaged
     return {"file": str(file), "sha256": sha256_of(file), "scene_sha256": scene_digest(run), "growth": growth}
 
@@ -84,7 +84,7 @@ def state_of(restart: Mapping[str, Any], body: Body, scene: Scene) -> State:
             f"{file}: has changed since a run was started from it (sha256 {restart['sha256'][:12]}... then, {now[:12]}"
             "... now). Restore the old file, or choose another folder."
         )
-    x, v, X, _ = _read(file)
+    x, v, X, _ = _read_state(file)
     check_mesh(file, X, body.X, scene)
     if scene.real_time:  # velocities are per step, and its length differs
         v[:] = 0.0
@@ -96,20 +96,20 @@ def check_mesh(file: Path, X: Array, mine: Array, scene: Scene) -> None:
     difference = f"has {len(X):,} nodes, but the body of {scene.name} has {len(mine):,}"
     if X.shape == mine.shape:
         apart = np.linalg.norm(X - mine, axis=1)
-        if apart.max() <= ROUND_OFF * np.ptp(mine, axis=0).max():
+        if apart.max() <= POSITION_ROUND_OFF * np.ptp(mine, axis=0).max():
             return
         difference = f"has node {apart.argmax()} {apart.max():.3g} mm from its place in the body of {scene.name}"
     raise Mismatch(
         f"{file}: {difference} before growth. Use the geometry, mesh and imperfection of the run to continue"
-        f"{_same_wavelength(file, scene)}."
+        f"{_wavelength_advice(file, scene)}."
     )
 
 
-def _read(file: Path) -> tuple[Array, Array, Array, float]:
+def _read_state(file: Path) -> tuple[Array, Array, Array, float]:
     """Positions, velocities, reference positions (N, 3) and growth of a checkpoint. A volume has no velocities and no
     growth: they are returned as 0 and 1."""
     with decoding(file, "a state to restart from"):
-        if file.name == VOLUME:
+        if file.name == VOLUME_FILE:
             X, x = read_volume(file)
             v, growth = np.zeros(x.shape), 1.0
         else:
@@ -126,7 +126,7 @@ def _read(file: Path) -> tuple[Array, Array, Array, float]:
     return np.ascontiguousarray(x, np.float64), v, X, growth
 
 
-def _same_wavelength(file: Path, scene: Scene) -> str:
+def _wavelength_advice(file: Path, scene: Scene) -> str:
     """How to set the imperfection of the other run; its wavelength depends on the material unless it is set."""
     from morphofold.sim.effects.perturbation import build
 

@@ -39,10 +39,10 @@ __all__ = ["Progress", "Simulation", "simulate"]
 
 Look = Callable[["Dynamics"], None]
 
-RESTING = 0.75  # share of its patience for which a body rests at a stage, about
-RAMP = 250.0  # ticks that growth by 1 takes; both estimate the share of the work that is done
-LOG_EVERY = 0.01  # growth between two lines of the log,
-LOG_STEPS = 100  # or steps
+RESTING_SHARE = 0.75  # share of its patience for which a body rests at a stage, about
+TICKS_PER_UNIT_GROWTH = 250.0  # ticks that growth by 1 takes; both estimate the share of the work that is done
+LOG_GROWTH_INTERVAL = 0.01  # growth between two lines of the log,
+LOG_STEP_INTERVAL = 100  # or steps
 STAGE_NUMBERS = (
     "step",
     "strain_energy",
@@ -90,8 +90,8 @@ def simulate(
         Your own effects, new instances for each run. They act after those of the scene. The folder records their names,
         and a run can be resumed only with effects of the same names. Not in one dimension.
     after : callable
-        Called every ``REFRESH`` steps with the ``Dynamics``. It may read ``state`` and ``body`` but not change them.
-        Not in one dimension.
+        Called every ``STEPS_PER_MEASUREMENT`` steps with the ``Dynamics``. It may read ``state`` and ``body`` but not
+        change them. Not in one dimension.
     restart_from : str or Path, optional
         Folder of another run, or of one of its stages. The run begins at its positions and growth. It takes the
         velocities of a checkpoint, too, unless either run has inertia. The mesh must be the same, all else may differ.
@@ -134,11 +134,11 @@ def simulate(
                     restart = restart_of(folder, scene, restart_from)
                     writer = FolderWriter(folder, scene, describe, resume, names, restart)
                     added = {"effects": own, "look": after} if own or after else {}
-                    _run_of(scene)(scene, writer, progress, interrupted, **added).go()  # builds before it writes
+                    _run_class_of(scene)(scene, writer, progress, interrupted, **added).go()  # builds before it writes
     return Simulation(folder, scene)
 
 
-def _run_of(scene: Scene) -> Any:
+def _run_class_of(scene: Scene) -> Any:
     """The class that grows a scene; a scene in one dimension never imports the solver in three dimensions."""
     if isinstance(scene.geometry, Radial):
         from morphofold.sim.radial_run import RadialRun
@@ -218,11 +218,11 @@ class _Run:
         """Share of the run that is done, from the ticks of growth and of rest."""
         from morphofold.sim.dynamics import patience
 
-        stages, per_unit = self.scene.stages, RAMP / self.scene.growth.rate
+        stages, per_unit = self.scene.stages, TICKS_PER_UNIT_GROWTH / self.scene.growth.rate
         rests = [patience()] + [patience(per_unit * (b - a)) for a, b in pairwise(stages)]
-        whole = per_unit * (stages[-1] - 1) + RESTING * sum(rests)
-        done = sum(RESTING * rest for rest, g in zip(rests, stages) if g < state.growth)
-        now = sum(RESTING * rest for rest, g in zip(rests, stages) if g == state.growth)
+        whole = per_unit * (stages[-1] - 1) + RESTING_SHARE * sum(rests)
+        done = sum(RESTING_SHARE * rest for rest, g in zip(rests, stages) if g < state.growth)
+        now = sum(RESTING_SHARE * rest for rest, g in zip(rests, stages) if g == state.growth)
         return (per_unit * (state.growth - 1) + done + min(now, state.relaxed / self.body.crossing)) / whole
 
     def _after(self, state: Any) -> None:
@@ -234,7 +234,7 @@ class _Run:
             + ("" if distance is None else f", {distance:.2f} T from rest"),
         )
         last = self.log[-1] if self.log else {"growth": 0.0, "step": 0}
-        if state.growth - last["growth"] >= LOG_EVERY or state.step - last["step"] >= LOG_STEPS:
+        if state.growth - last["growth"] >= LOG_GROWTH_INTERVAL or state.step - last["step"] >= LOG_STEP_INTERVAL:
             self._note()
         if self.look is not None:
             self.look(self.dynamics)

@@ -26,7 +26,7 @@ Row = dict[str, Any]
 
 #: growth up to which wrinkles and creases are searched
 G_MAX = 10.0
-_NOT_FOUND = f"found up to g = {G_MAX:g}, or as far as the smooth state could be followed"
+_SEARCH_LIMIT_TEXT = f"found up to g = {G_MAX:g}, or as far as the smooth state could be followed"
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class Case:
         if np.isnan(b.creasing_amplitude) and not np.isnan(b.g_crit):
             reasons.append("these wrinkles live on the interface: no creasing amplitude")
         if np.isnan(b.g_crease):
-            reasons.append(f"no crease {_NOT_FOUND}")
+            reasons.append(f"no crease {_SEARCH_LIMIT_TEXT}")
         checked = {}
         if self.g_elements is not None:
             checked = {"g_elements": self.g_elements, "difference": self.g_elements / b.g_crit - 1}
@@ -75,7 +75,7 @@ class Case:
             **self._named(),
             "g_crit": b.g_crit,
             **checked,
-            "degree": _degree(b.mode),
+            "degree": _whole_degree(b.mode),
             "wavelength_mm": b.wavelength * self.radius,
             "wavelength_over_T": b.wavelength / T,
             "wavelength_deformed_mm": b.wavelength_deformed * self.radius,
@@ -88,7 +88,7 @@ class Case:
 
     def curve_rows(self) -> list[Row]:
         """Critical growth of each degree that was computed; NaN, with the reason, where none was found."""
-        none = f"none {_NOT_FOUND}"
+        none = f"none {_SEARCH_LIMIT_TEXT}"
         return [
             {**self._named(), "degree": int(degree), "g_crit": g, "reason": none if np.isnan(g) else None}
             for degree, g in zip(*self.bifurcation.curve)
@@ -106,7 +106,7 @@ class Case:
         }
 
 
-def _degree(mode: float) -> int | str | None:
+def _whole_degree(mode: float) -> int | str | None:
     """The degree as a whole number; "inf" if it is infinite, since JSON has no such number; None without a mode."""
     return None if np.isnan(mode) else "inf" if np.isinf(mode) else int(mode)
 
@@ -126,7 +126,7 @@ def radius_rows(
     rows: list[Row] = []
     for law in laws:
         c_bar = theory.deformed_radius(growth, C_bar, law, g_core=g_core, A_bar=A_over_C * C_bar)
-        rows += _rows(
+        rows += _rows_of_columns(
             law=law,
             thickness_mm=thickness,
             outer_radius_mm=radius,
@@ -157,7 +157,7 @@ def stress_rows(
     for law, thickness, layer in product(laws, thicknesses, layers):
         A, B = A_over_C * radius, radius / outer_ratio(thickness, radius, A_over_C)
         s = theory.stresses(growth, B, radius, law, mu_cortex=mu_ratio, n=points, part=layer, A=A, g_core=g_core)
-        rows += _rows(
+        rows += _rows_of_columns(
             law=law,
             thickness_mm=thickness,
             outer_radius_mm=radius,
@@ -192,12 +192,14 @@ def critical_rows(
     for law in laws:
         crease = theory.critical_growth(C_bar, law, g_core=g_core, A_bar=hole)
         biot = theory.critical_growth(C_bar, law, ratio=theory.BIOT, g_core=g_core, A_bar=hole)
-        reasons = [_out_of_reach(law, *found) for found in zip(crease, biot)]
-        rows += _rows(law=law, C_over_B=C_bar, T_over_C=1 - 1 / C_bar, g_crease=crease, g_biot=biot, reason=reasons)
+        reasons = [_reason_out_of_reach(law, *found) for found in zip(crease, biot)]
+        rows += _rows_of_columns(
+            law=law, C_over_B=C_bar, T_over_C=1 - 1 / C_bar, g_crease=crease, g_biot=biot, reason=reasons
+        )
     return rows
 
 
-def _rows(**columns: Any) -> list[Row]:
+def _rows_of_columns(**columns: Any) -> list[Row]:
     """One row per entry of the columns; a single value is repeated in every row."""
     values = np.broadcast_arrays(*(np.asarray(column, dtype=object) for column in columns.values()))
     return [dict(zip(columns, row)) for row in zip(*values)]
@@ -225,14 +227,14 @@ def bifurcation_cases(
     for law, mu_ratio, T in wanted:
         sphere = (T / radius, mu_ratio, law, kappa_ratio)
         found = theory.bifurcation(*sphere, A_over_C=A_over_C, g_max=G_MAX)
-        again = _by_elements(found.mode, sphere, A_over_C) if check else None
+        again = _growth_by_elements(found.mode, sphere, A_over_C) if check else None
         cases.append(Case(T, radius, mu_ratio, law, kappa_ratio, A_over_C, found, again))
         if progress is not None:
             progress(len(cases) / len(wanted), f"{law}, mu ratio {mu_ratio:g}, T = {T:g} mm")
     return cases
 
 
-def _by_elements(mode: float, sphere: tuple[float, float, str, float], A_over_C: float) -> float:
+def _growth_by_elements(mode: float, sphere: tuple[float, float, str, float], A_over_C: float) -> float:
     from morphofold.sim.sphere_theory.finite_elements import critical_growth_of_degree
 
     if not np.isfinite(mode):
@@ -250,7 +252,7 @@ def body_row(scene: Scene, look: Look = lambda g, eigenvalue: None) -> Row:
     from morphofold.sim.equilibrium.statics import bifurcation_of_scene
 
     bilayer, T, material = build_bilayer(scene), scene.geometry.cortex_thickness, scene.material
-    g_theory, degree, reason = _theory_of(scene)
+    g_theory, degree, reason = _theory_of_scene(scene)
     started = time.perf_counter()
     found = bifurcation_of_scene(scene, look=look)
     reasons = [reason] if reason else []
@@ -275,14 +277,14 @@ def body_row(scene: Scene, look: Look = lambda g, eigenvalue: None) -> Row:
         "wavelength_mm": found.wavelength,
         "wavelength_over_T": found.wavelength / T,
         "g_theory": g_theory,
-        "degree_theory": _degree(degree),
+        "degree_theory": _whole_degree(degree),
         "difference_percent": 100 * (found.g_crit / g_theory - 1),
         "seconds": time.perf_counter() - started,
         "reason": "; ".join(reasons) or None,
     }
 
 
-def _theory_of(scene: Scene) -> tuple[float, float, str]:
+def _theory_of_scene(scene: Scene) -> tuple[float, float, str]:
     """g_crit and degree of a scene's sphere, or NaN and the reason; an octant has only harmonics of even degree."""
     geometry, material = scene.geometry, scene.material
     if reason := scene.without(*scene.effects).beyond_theory:
@@ -312,7 +314,7 @@ def outer_ratio(thickness: float, radius: float, A_over_C: float = 0.0) -> float
     return radius / (radius - thickness)
 
 
-def _out_of_reach(law: str, crease: float, biot: float) -> str | None:
+def _reason_out_of_reach(law: str, crease: float, biot: float) -> str | None:
     reasons = []
     if np.isnan(crease):
         reasons.append(f"no crease for {law} growth from C/B = {theory.thickest_creasing(law):.3f}")

@@ -18,9 +18,9 @@ import numpy as np
 from morphofold.arrays import Array
 from morphofold.errors import NoSolution, OutOfRange
 from morphofold.sim.build import build_body
-from morphofold.sim.dynamics import REFRESH, Dynamics
+from morphofold.sim.dynamics import STEPS_PER_MEASUREMENT, Dynamics
 from morphofold.sim.effects import build_effects
-from morphofold.sim.effects.perturbation import WAVELENGTH, Perturbation
+from morphofold.sim.effects.perturbation import DEFAULT_WAVELENGTH_OVER_T, Perturbation
 from morphofold.sim.mesh.brick_mesh import Bilayer
 from morphofold.sim.scene import Scene, in_double
 
@@ -85,7 +85,9 @@ def onset(
     twins = _Twins(scene, rate, bilayer)
     twins.grow(start)
     X = twins.body.X
-    kick = Perturbation(KICK * thickness, WAVELENGTH * thickness, seed).reshape(twins.body.bilayer, X) - X
+    kick = (
+        Perturbation(KICK * thickness, DEFAULT_WAVELENGTH_OVER_T * thickness, seed).reshape(twins.body.bilayer, X) - X
+    )
 
     growth, difference, mode = twins.part(kick, PURE)
     begin, found = _late(growth, difference, PURE, start), np.inf
@@ -111,13 +113,13 @@ class _Twins:
         self.scene, self._bilayer = scene, bilayer
         self.one, self.other = self._run(), self._run()
         self.body = self.one.body
-        self.step = REFRESH * rate / scene.steps_per_unit(self.body.crossing)
+        self.step = STEPS_PER_MEASUREMENT * rate / scene.steps_per_unit(self.body.crossing)
         self._start = self.one.save()
 
     def _run(self) -> Dynamics:
         effects = build_effects(self.scene)
         body = build_body(self.scene, effects, self._bilayer)
-        wrinkle = WAVELENGTH * self.scene.geometry.cortex_thickness
+        wrinkle = DEFAULT_WAVELENGTH_OVER_T * self.scene.geometry.cortex_thickness
         # one step per unit of growth would be far too fast, but each call of grow_to makes only one increment
         return Dynamics(body, effects, steps_per_unit=1.0, damping=CREEP * body.bilayer.edge / wrinkle)
 

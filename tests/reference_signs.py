@@ -2,7 +2,7 @@
 
 from fractions import Fraction
 
-from morphofold.intersections.signs import ASIDE
+from morphofold.intersections.signs import TIE_BREAKING_DIRECTION
 
 
 def fractions(point):
@@ -20,6 +20,9 @@ def rational_sign(a, b, c, d, weight=1):
 
 
 def displaced(verts):
-    """The vertices displaced along ASIDE, each by 1e-60 of the one before: the definition of ``side``."""
-    aside = fractions(ASIDE)
+    """The vertices displaced along TIE_BREAKING_DIRECTION, each by 1e-60 of the one before.
+
+    This is the definition of ``side``.
+    """
+    aside = fractions(TIE_BREAKING_DIRECTION)
     return [[x + u * Fraction(10) ** (-60 * (k + 1)) for x, u in zip(fractions(p), aside)] for k, p in enumerate(verts)]

@@ -11,7 +11,14 @@ import pytest
 from morphofold.analysis.measures import Measures
 from morphofold.cli import main
 from morphofold.errors import NothingToDo, UnknownName
-from morphofold.forecasts.analysis_cost import PAGE, READING, STAGES, WRITING, analysis_cost_line, cost_of_analysis
+from morphofold.forecasts.analysis_cost import (
+    ANALYSIS_STAGES,
+    PAGE_STAGE,
+    READING_STAGE,
+    WRITING_STAGE,
+    analysis_cost_line,
+    cost_of_analysis,
+)
 from morphofold.forecasts.table import measured_errors, table
 from morphofold.io import read_cortex, write_surface
 from morphofold.results import is_analysis_of, read_analysis
@@ -38,7 +45,7 @@ def test_an_analysis_says_its_cost_in_a_line_a_file_and_on_its_page(here, pair, 
     assert main([*pair, "--threads", "1", "-o", "out"]) == 0
     line = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("time: "))
     cost = cost_in(here / "out" / "cost.json")
-    assert list(cost["stages"]) == list(STAGES)  # those of measure, in its order, and no other
+    assert list(cost["stages"]) == list(ANALYSIS_STAGES)  # those of measure, in its order, and no other
     assert cost["seconds"] == pytest.approx(sum(stage["seconds"] for stage in cost["stages"].values()))
     assert sum(stage["share"] for stage in cost["stages"].values()) == pytest.approx(1)
     assert (cost["vertices"], cost["accuracy"], cost["threads"]) == ({"lh": 7000}, "standard", 1)
@@ -48,7 +55,7 @@ def test_an_analysis_says_its_cost_in_a_line_a_file_and_on_its_page(here, pair, 
     assert line.endswith(f"{told}, by one person's hemisphere and its mesh")
     page = (here / "out" / "report.html").read_text(encoding="utf-8")
     said = unescape(page.split("<h2>What it cost</h2>")[1].split("</section>")[0])
-    for word in (*STAGES, "by 1 thread", "GiB", "lh of 7,000 vertices", *cost["errors"], cost["how"]):
+    for word in (*ANALYSIS_STAGES, "by 1 thread", "GiB", "lh of 7,000 vertices", *cost["errors"], cost["how"]):
         assert word in said
     (longest, _), *_ = sorted(cost["stages"].items(), key=lambda item: -item[1]["seconds"])
     assert f", {longest} " in line
@@ -77,7 +84,7 @@ def test_only_the_cost_differs_between_threads_and_again(here, pair, capsys, pla
 def test_the_cost_is_no_part_of_the_analysis_that_is_read_back(here, pair, capsys):
     assert main([*pair, "--no-report", "-o", "out"]) == 0
     cost = cost_in(here / "out" / "cost.json")
-    assert PAGE not in cost["stages"]
+    assert PAGE_STAGE not in cost["stages"]
     cortex = read_cortex(white="lh.white", pial="lh.pial", name="ball")
     asked = json.loads((here / "out" / "summary.json").read_text())["parameters"]
     assert is_analysis_of(here / "out", cortex, asked)
@@ -90,14 +97,14 @@ def test_times_of_both_hemispheres_are_added(monkeypatch):
     now = iter(float(t * t) for t in range(100))
     monkeypatch.setattr("morphofold.timing.working_seconds", lambda: next(now))
     clock = Stages()
-    for name in (READING, "areas", "curvature", "areas", "curvature", WRITING):
+    for name in (READING_STAGE, "areas", "curvature", "areas", "curvature", WRITING_STAGE):
         clock.begin(name)  # 1, 5, 9, 13, 17 and 21 s: the clock is asked twice at each
     ball = folded_ball(1000)
     measures = [Measures(replace(ball, hemi=h), {}, {}, parameters={"accuracy": "fine"}) for h in ("lh", "rh")]
     cost = cost_of_analysis(measures, clock)
     assert cost.seconds == sum(seconds for seconds, _ in cost.stages.values())
-    assert cost.stages["areas"][0] > cost.stages[READING][0] > 0
-    assert list(cost.stages) == [READING, "areas", "curvature", WRITING]
+    assert cost.stages["areas"][0] > cost.stages[READING_STAGE][0] > 0
+    assert list(cost.stages) == [READING_STAGE, "areas", "curvature", WRITING_STAGE]
     assert cost.vertices == {"lh": 1000, "rh": 1000}
     assert analysis_cost_line(cost, 1).split(";")[0].endswith(" %")
 

@@ -16,7 +16,7 @@ from made_measures import large_pair
 from morphofold import analysis, forecast, simulate
 from morphofold.comparison import compare
 from morphofold.forecasts import forecast_analysis
-from morphofold.forecasts.analysis_cost import READING
+from morphofold.forecasts.analysis_cost import READING_STAGE
 from morphofold.io import read_cortex, sample_path
 from morphofold.report import analysis_report
 from morphofold.results import read_analysis, write_analysis
@@ -170,10 +170,10 @@ def test_a_forecast_is_within_30_percent_of_the_run(benchmark, tmp_path, level):
 def test_a_forecast_is_within_30_percent_of_the_analysis(benchmark, tmp_path, name, accuracy):
     """Asked of 10,242 and 152,893 vertices, as the command does it, on a machine that does nothing else."""
     clock = Stages()
-    clock.begin(READING)
+    clock.begin(READING_STAGE)
     cortex = read_cortex(sample_path(name), hemi="lh")
     clock.end()
-    options = {"accuracy": accuracy, "reading": clock.seconds[READING]}
+    options = {"accuracy": accuracy, "reading": clock.seconds[READING_STAGE]}
     found = benchmark.pedantic(forecast_analysis, ([cortex],), options, rounds=1)
     argv = ["analyze", sample_path(name), "--hemi", "lh", "--accuracy", accuracy, "-o", tmp_path / "out", "-q"]
     subprocess.run([sys.executable, "-m", "morphofold", *argv], check=True)

@@ -22,7 +22,7 @@ from morphofold.errors import DamagedFile, Mismatch, NotFinite, NotReadable
 from morphofold.io import read_cortex, read_surface, sample_path
 from morphofold.quantities import COLUMN_WORDS, SCALAR_WORDS
 from morphofold.results import COLUMNS, read_analysis, write_analysis, write_dataset
-from morphofold.results.bids import IGNORED, read_subject
+from morphofold.results.bids import BIDSIGNORE_LINES, read_subject
 
 TRANSFORM = np.array([[1.0, 0, 0, 5], [0, 1, 0, -7], [0, 0, 1, 2], [0, 0, 0, 1]])
 TURNED = np.array([[0.0, -1, 0, 5], [0.6, 0, 0.8, -7], [-0.8, 0, 0.6, 2], [0, 0, 0, 1]])
@@ -365,7 +365,7 @@ def test_what_was_added_to_the_description_of_a_dataset_stays(tmp_path):
     assert json_of(tmp_path / "d" / "dataset_description.json") == said
     lines = (tmp_path / "d" / ".bidsignore").read_text().splitlines()
     assert "mine" in lines
-    assert sorted(lines) == sorted({*IGNORED.splitlines(), "mine"})  # those of an older version are renewed
+    assert sorted(lines) == sorted({*BIDSIGNORE_LINES.splitlines(), "mine"})  # those of an older version are renewed
 
 
 def test_what_is_no_dataset_of_ours_is_refused_and_left_alone(tmp_path):

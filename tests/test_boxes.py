@@ -3,7 +3,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from morphofold.intersections.boxes import BLOCK, box_tree, following, meets, meets_ray
+from morphofold.intersections.boxes import TRIANGLES_PER_LEAF, box_tree, following, meets, meets_ray
 from morphofold.shapes import icosphere
 
 
@@ -23,7 +23,7 @@ def found(tree, touches):
             if k < leaves:
                 k *= 2
                 continue
-            triangles.extend(tree.order[BLOCK * (k - leaves) : BLOCK * (k - leaves + 1)])
+            triangles.extend(tree.order[TRIANGLES_PER_LEAF * (k - leaves) : TRIANGLES_PER_LEAF * (k - leaves + 1)])
         k = following(k)
     return triangles, looked
 
@@ -45,7 +45,7 @@ def test_every_box_holds_those_below_it_and_its_triangles(rng):
         assert (above[:3] <= box[:3]).all()
         assert (above[3:] >= box[3:]).all()
     for place, f in enumerate(tree.order):
-        box = tree.bounds[leaves + place // BLOCK]
+        box = tree.bounds[leaves + place // TRIANGLES_PER_LEAF]
         assert (box[:3] < verts[faces[f]]).all()
         assert (box[3:] > verts[faces[f]]).all()
 

@@ -25,7 +25,7 @@ from morphofold.cohort.fleet import Lost
 from morphofold.cohort.group import write_group
 from morphofold.cohort.running import run_tasks
 from morphofold.cohort.subjects import find_subjects, named_subjects
-from morphofold.cohort.tables import TIDY, read_results
+from morphofold.cohort.tables import TIDY_COLUMNS, read_results
 from morphofold.errors import NamedTwice, NothingToDo, NotReadable, WrongFile
 from morphofold.io import atomic_folder, begin_collection, write_annotation, write_morph
 from morphofold.results import read_analysis
@@ -71,7 +71,7 @@ def test_every_number_is_one_row(three, tmp_path, quick):
     out = tmp_path / "out"
     assert states(measured(three, out)) == dict.fromkeys(("anna", "ben", "cleo"), "done")
     rows = grouped(three, out)
-    assert list(rows[0]) == list(TIDY)
+    assert list(rows[0]) == list(TIDY_COLUMNS)
     keys = [(r["subject"], r["hemi"], r["region"], r["measure"]) for r in rows]
     assert len(set(keys)) == len(keys)
     found = dict(zip(keys, (r["value"] for r in rows)))
@@ -92,10 +92,10 @@ def test_parquet_says_the_same_as_text(three, tmp_path, quick):
     measured(three, out)
     rows = grouped(three, out)
     table = parquet.read_table(out / "group" / "measures.parquet")
-    assert table.column_names == list(TIDY)
+    assert table.column_names == list(TIDY_COLUMNS)
     assert len(table) == len(rows)
     for said, row in zip(table.to_pylist(), rows):
-        assert [said[k] for k in TIDY[:-1]] == [row[k] for k in TIDY[:-1]]
+        assert [said[k] for k in TIDY_COLUMNS[:-1]] == [row[k] for k in TIDY_COLUMNS[:-1]]
         assert row["value"] == ("n/a" if said["value"] is None else f"{said['value']:.7g}")
 
 
@@ -532,7 +532,7 @@ def test_a_worker_given_up_for_lost_and_the_next_one_at_its_subject_do_not_mix(t
         return quick_measure(cortex)
 
     monkeypatch.setattr("morphofold.analysis.measuring.measure", measure)
-    monkeypatch.setattr(tasks, "PAUSE", 0.01)
+    monkeypatch.setattr(tasks, "PAUSE_BETWEEN_CHECKS", 0.01)
     lost = threading.Thread(target=measured, args=(three[:1], out))
     following = threading.Thread(target=measured, args=(three[:1], out, "2"), kwargs=other)
     with warnings.catch_warnings():  # what two threads do to them is undone
@@ -581,7 +581,7 @@ def test_one_batch_of_subjects_is_held_at_a_time(three, tmp_path, quick, monkeyp
     out = tmp_path / "out"
     measured(three, out)
     whole = grouped(three, out)
-    monkeypatch.setattr(tables, "BATCH", 2)
+    monkeypatch.setattr(tables, "SUBJECTS_PER_BATCH", 2)
     sizes, write = [], tables.TidyWriter.write
     monkeypatch.setattr(tables.TidyWriter, "write", lambda self, rows: (sizes.append(len(rows)), write(self, rows)))
     assert grouped(three, out) == whole
@@ -726,7 +726,7 @@ def test_a_cohort_is_replaced_by_no_other_command_and_replaces_none(tmp_path):
 
 def test_where_there_are_no_workers_nothing_is_written(here, capsys, monkeypatch):
     write_subject(here / "subjects" / "anna")
-    monkeypatch.setattr("morphofold.cohort.fleet.ANSWER", 0.2)
+    monkeypatch.setattr("morphofold.cohort.fleet.SCHEDULER_TIMEOUT_S", 0.2)
     for words, told in (
         (["--scheduler", "tcp://127.0.0.1:9"], ("tcp://127.0.0.1:9",)),
         (["--memory", "0.001"], (" 0.0 GiB", "[too-large]")),

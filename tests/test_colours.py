@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from morphofold.quantities import CATEGORICAL, common_limits, quantity
+from morphofold.quantities import CATEGORICAL_COLOURS, common_limits, quantity
 from morphofold.report import colours
 
 
@@ -35,7 +35,7 @@ def test_values_beyond_the_limits_take_the_end_colours_and_nan_takes_grey():
     got = colours.apply(np.array([-9, 0, 1, 9, np.nan]), (0, 1), signed=False)
     np.testing.assert_array_equal(got[0], got[1])
     np.testing.assert_array_equal(got[2], got[3])
-    np.testing.assert_array_equal(got[4], colours.NOT_MEASURED)
+    np.testing.assert_array_equal(got[4], colours.NOT_MEASURED_COLOUR)
 
 
 def test_limits_are_the_quantity_own_when_they_suit_and_rounded_percentiles_when_not(rng):
@@ -75,7 +75,7 @@ SIGHT = {
 @pytest.mark.parametrize("sight", SIGHT)
 def test_colours_of_surfaces_stay_apart_for_every_eye(sight):
     """By distance in OKLab: 0.02 is just seen, 1 lies between black and white; amber and vermilion had 0.004."""
-    rgb = np.array([colours.rgb_of(c) for c in CATEGORICAL]) / 255
+    rgb = np.array([colours.rgb_of(c) for c in CATEGORICAL_COLOURS]) / 255
     linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4) @ np.transpose(SIGHT[sight])
     cones = np.cbrt(
         np.clip(linear, 0, 1)

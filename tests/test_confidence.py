@@ -10,10 +10,10 @@ from morphofold.analysis.graph.confidence import label_hinges
 from morphofold.analysis.graph.crest_net import CrestNetBuilder
 from morphofold.analysis.graph.gyral_graph import gyral_graph
 from morphofold.analysis.graph.hinge_shapes import hinge_shapes
-from morphofold.analysis.graph.hinges import DOUBTFUL, SURE, counts, hinges
+from morphofold.analysis.graph.hinges import LEAST_CONFIDENCE, LEAST_STRICT_CONFIDENCE, counts, hinges
 from morphofold.analysis.measures import Measures
 from morphofold.io import read_cortex, sample_path
-from morphofold.shapes.ridges import SOLIDS, SphericalNet, irregular_net, regular_net, ridged_net
+from morphofold.shapes.ridges import REGULAR_SOLIDS, SphericalNet, irregular_net, regular_net, ridged_net
 from morphofold.surface import Cortex, Surface
 
 CREST = 54.0
@@ -46,19 +46,19 @@ def test_each_margin_is_the_one_stated_and_the_least_counts():
 
 def test_arms_ten_degrees_apart_are_no_t_and_are_doubtful():
     graph = star(0, 10, 180)
-    assert labelled(graph) < DOUBTFUL
+    assert labelled(graph) < LEAST_CONFIDENCE
     (hinge,) = hinges(graph)
     assert hinge.shape == "V"
     assert hinges(star(0, 90, 180))[0].shape == "T"
 
 
-@pytest.mark.parametrize("solid", SOLIDS)
+@pytest.mark.parametrize("solid", REGULAR_SOLIDS)
 def test_hinges_of_known_nets_are_sure(solid):
     net = regular_net(solid).rotated(Rotation.random(random_state=1).as_matrix())
     for noise in (0.0, 0.1):
         found = hinges(gyral_graph(ridged_net(net, 5, 6.0, noise=noise, rng=3)))
         assert len(found) == len(net.nodes)
-        assert all(hinge.confidence >= SURE for hinge in found)
+        assert all(hinge.confidence >= LEAST_STRICT_CONFIDENCE for hinge in found)
 
 
 def test_of_hinges_that_noise_makes_most_are_doubtful_and_none_that_is_there():
@@ -99,8 +99,8 @@ def test_the_deeper_a_bridge_is_buried_the_less_sure_are_its_hinges_and_they_alo
         assert (len(own), len(others)) == (2, 8)
         assert others.min() > 0.8
         roots.append(own.max())
-    assert roots[0] >= SURE
-    assert SURE > roots[1] >= DOUBTFUL > roots[2] - 0.05
+    assert roots[0] >= LEAST_STRICT_CONFIDENCE
+    assert LEAST_STRICT_CONFIDENCE > roots[1] >= LEAST_CONFIDENCE > roots[2] - 0.05
     assert np.all(np.diff(roots) < -0.1)
 
 
@@ -111,8 +111,8 @@ def test_a_short_spur_is_doubtful_and_a_gyrus_is_not():
         tip = np.cos(length / CREST) * root + np.sin(length / CREST) * np.array([0, 0, 1.0])
         found = hinges(gyral_graph(ridged_net(regular_net("octahedron"), 6, 7.0, blind=np.array([[root, tip]]), rng=3)))
         (sure[length],) = [hinge.confidence for hinge in found if hinge.blind]
-    assert sure[11] < DOUBTFUL
-    assert sure[16] > SURE
+    assert sure[11] < LEAST_CONFIDENCE
+    assert sure[16] > LEAST_STRICT_CONFIDENCE
 
 
 def turned(surface, rotation, shift, order):
@@ -180,7 +180,7 @@ def test_confidence_says_which_hinges_of_a_brain_are_found_again(rng):
         net = builder.net(fields, type(scales)(**{**vars(scales), name: 1.2 * getattr(scales, name)}))
         nets.append(np.array([net.nodes[node].at for node, degree in net.degrees().items() if degree > 2]))
     share = np.mean([found_again(found, net, 0.5 * scales.width) for net in nets], axis=0)
-    doubtful = np.array([hinge.confidence < DOUBTFUL for hinge in found])
+    doubtful = np.array([hinge.confidence < LEAST_CONFIDENCE for hinge in found])
     assert 0.05 < doubtful.mean() < 0.25
     assert share[~doubtful].mean() > 0.97
     assert share[doubtful].mean() < 0.9

@@ -6,12 +6,12 @@ import pytest
 from morphofold.geometry import vertex_normals
 from morphofold.sim.body import Body
 from morphofold.sim.effects.contact import (
-    APART,
-    DASHPOT,
-    DEEPEST,
-    GAP,
-    SEARCH,
-    STIFFNESS,
+    DEEPEST_PENETRATION_SHARE,
+    GAP_IN_CELLS,
+    NEIGHBOUR_DISTANCE_IN_EDGES,
+    PENALTY_DAMPING,
+    PENALTY_STIFFNESS,
+    SEARCH_RADIUS_IN_CELLS,
     Contact,
     find_facing,
     triangles,
@@ -119,12 +119,12 @@ def test_a_symmetry_plane_acts_as_the_mirror_image():
     body.update_state(body.X)
     x, extra = body.X.copy(), np.zeros((body.n_surface, 3))
     node = int(np.argmin(np.abs(body.X[: body.n_surface] - 50 / 3**0.5).sum(axis=1)))
-    x[node, 0] = 0.1 * GAP * body.cell
+    x[node, 0] = 0.1 * GAP_IN_CELLS * body.cell
     planes.add_forces(body, x, np.zeros_like(x), extra)
     assert extra[node, 0] > 0
     assert np.count_nonzero(extra) == 1
     assert planes.record()["pressed"] == 1
-    assert planes.energy() == pytest.approx(0.5 * extra[node, 0] * 0.4 * GAP * body.cell)
+    assert planes.energy() == pytest.approx(0.5 * extra[node, 0] * 0.4 * GAP_IN_CELLS * body.cell)
 
 
 # two flat walls, face to face
@@ -181,7 +181,7 @@ def pushes(body, x, v=None):
 @pytest.mark.parametrize(("gaps", "speed"), [(0.6, 0.0), (0.6, 0.02), (0.6, -0.02), (0.6, -1.0), (-0.4, 0.02)])
 def test_a_wall_on_its_symmetry_plane_is_pushed_as_by_its_mirror_image(rng, gaps, speed):
     """Of the two walls one is the image of the other; ``speed`` is that towards the plane."""
-    body, x = walls(gaps * GAP, mass=3.0)
+    body, x = walls(gaps * GAP_IN_CELLS, mass=3.0)
     n = body.n_surface // 2
     v = 0.001 * rng.standard_normal((n, 3)) - [speed, 0, 0]
     both, contact = pushes(body, x, np.concatenate([v, v * [-1, 1, 1]]))
@@ -196,34 +196,34 @@ def test_a_wall_on_its_symmetry_plane_is_pushed_as_by_its_mirror_image(rng, gaps
 
 
 def test_what_comes_near_is_pushed_more_and_what_goes_away_less():
-    body, x = walls(0.6 * GAP)
+    body, x = walls(0.6 * GAP_IN_CELLS)
     v = np.zeros_like(x)
     push = []
     for speed in (-0.01, 0.0, 0.01):  # of the upper wall, down
         v[: len(x) // 2, 0] = -speed
         push.append(pushes(body, x, v)[0][: len(x) // 2, 0])
-    depth = 0.4 * GAP
-    np.testing.assert_allclose(push[1], 2 * STIFFNESS * depth)  # of its own springs, and those of the other
-    np.testing.assert_allclose(push[2] - push[1], 2 * DASHPOT * 0.01)
-    np.testing.assert_allclose(push[0] - push[1], -2 * DASHPOT * 0.01)
+    depth = 0.4 * GAP_IN_CELLS
+    np.testing.assert_allclose(push[1], 2 * PENALTY_STIFFNESS * depth)  # of its own springs, and those of the other
+    np.testing.assert_allclose(push[2] - push[1], 2 * PENALTY_DAMPING * 0.01)
+    np.testing.assert_allclose(push[0] - push[1], -2 * PENALTY_DAMPING * 0.01)
 
 
 def test_the_push_is_the_gradient_of_the_energy_in_the_gap_and_through_the_surface():
     def pushed(gaps):
-        body, x = walls(gaps * GAP)
+        body, x = walls(gaps * GAP_IN_CELLS)
         push, contact = pushes(body, x)
         return push[: len(x) // 2, 0], contact.energy()
 
     for gaps in (0.5, -0.5):
         push, _ = pushed(gaps)
         energy = pushed(gaps - 1e-4)[1] - pushed(gaps + 1e-4)[1]
-        assert energy == pytest.approx(2e-4 * GAP * push.sum(), rel=1e-6)
+        assert energy == pytest.approx(2e-4 * GAP_IN_CELLS * push.sum(), rel=1e-6)
 
 
 @pytest.mark.parametrize("heavy", ["upper", "lower"])
 def test_a_push_is_that_of_the_lighter_side(heavy):
     """Scaled by the heavier one it would need a smaller step."""
-    body, x = walls(0.6 * GAP)
+    body, x = walls(0.6 * GAP_IN_CELLS)
     n = len(x) // 2
     light, _ = pushes(body, x)
     body.mass[slice(n) if heavy == "upper" else slice(n, None)] = 1e6
@@ -233,7 +233,7 @@ def test_a_push_is_that_of_the_lighter_side(heavy):
 
 @pytest.mark.parametrize(("gaps", "pace"), [(2.0, 1.0), (0.5, 1.0), (0.0, 1.0), (-1.0, 1 / 2), (-3.0, 1 / 4)])
 def test_the_pace_falls_with_the_depth_beyond_the_gap_and_is_kept_in_a_checkpoint(gaps, pace):
-    body, x = walls(gaps * GAP)
+    body, x = walls(gaps * GAP_IN_CELLS)
     _, contact = pushes(body, x)
     assert contact.pace(1.5) == pytest.approx(pace)
     again = Contact()
@@ -243,10 +243,13 @@ def test_the_pace_falls_with_the_depth_beyond_the_gap_and_is_kept_in_a_checkpoin
 
 
 def test_contact_is_looked_for_within_its_radius_and_ends_at_its_depth():
-    for distance, found in ((0.99 * SEARCH, True), (1.01 * SEARCH, False)):
+    for distance, found in ((0.99 * SEARCH_RADIUS_IN_CELLS, True), (1.01 * SEARCH_RADIUS_IN_CELLS, False)):
         body, x = walls(distance)
         assert (pushes(body, x)[1].save()["facing"] >= 0).any() == found
-    for depth, pushed in ((0.99 * DEEPEST * SEARCH, True), (1.01 * DEEPEST * SEARCH, False)):
+    for depth, pushed in (
+        (0.99 * DEEPEST_PENETRATION_SHARE * SEARCH_RADIUS_IN_CELLS, True),
+        (1.01 * DEEPEST_PENETRATION_SHARE * SEARCH_RADIUS_IN_CELLS, False),
+    ):
         body, x = walls(-depth)
         assert pushes(body, x)[0].any() == pushed
 
@@ -257,13 +260,13 @@ def test_neighbours_in_the_reference_are_no_contact_and_flanks_of_one_ridge_unti
     Below zero the walls stand back to back in the reference; above, across a gap, and then they never are neighbours.
     """
     for reference, distance, pushed in (
-        (-0.5, 0.5 * GAP, False),
-        (-1.01 * APART, 0.5 * GAP, True),
-        (-2.0 * APART, -0.49 * GAP, True),
-        (-2.0 * APART, -0.51 * GAP, False),
-        (-2.51 * APART, -0.51 * GAP, True),
-        (0.5, 0.5 * GAP, True),
-        (2.0 * APART, -0.51 * GAP, True),
+        (-0.5, 0.5 * GAP_IN_CELLS, False),
+        (-1.01 * NEIGHBOUR_DISTANCE_IN_EDGES, 0.5 * GAP_IN_CELLS, True),
+        (-2.0 * NEIGHBOUR_DISTANCE_IN_EDGES, -0.49 * GAP_IN_CELLS, True),
+        (-2.0 * NEIGHBOUR_DISTANCE_IN_EDGES, -0.51 * GAP_IN_CELLS, False),
+        (-2.51 * NEIGHBOUR_DISTANCE_IN_EDGES, -0.51 * GAP_IN_CELLS, True),
+        (0.5, 0.5 * GAP_IN_CELLS, True),
+        (2.0 * NEIGHBOUR_DISTANCE_IN_EDGES, -0.51 * GAP_IN_CELLS, True),
     ):
         body, x = walls(distance, reference=reference)
         middle = len(x) // 4  # away from the edges of the walls
@@ -273,7 +276,7 @@ def test_neighbours_in_the_reference_are_no_contact_and_flanks_of_one_ridge_unti
 def test_a_node_that_slid_off_its_triangle_by_a_cell_is_pushed_no_more():
     """The walls overlap by the rows that are left; one cell is five gaps."""
     for beyond, pushed in ((0.99, True), (1.01, False)):
-        body, x = walls(0.5 * GAP, aside=8.0 + beyond)  # the first row of the upper wall lies beyond
+        body, x = walls(0.5 * GAP_IN_CELLS, aside=8.0 + beyond)  # the first row of the upper wall lies beyond
         row = x[: len(x) // 2, 1] == 8.0 + beyond
         extra, contact = pushes(body, x)
         assert (contact.save()["facing"][: len(row)][row] >= 0).all()
@@ -281,9 +284,9 @@ def test_a_node_that_slid_off_its_triangle_by_a_cell_is_pushed_no_more():
 
 
 def test_the_pairing_is_renewed_once_the_surface_has_moved_by_a_fifth_of_the_radius():
-    body, x = walls(GAP)
+    body, x = walls(GAP_IN_CELLS)
     contact = Contact()
     contact.prepare(body)
     for moved, searches in ((0.0, 1), (0.19, 1), (0.21, 2), (0.35, 2)):
-        contact.refresh(standing(body, x + [0, 0, moved * SEARCH]))
+        contact.refresh(standing(body, x + [0, 0, moved * SEARCH_RADIUS_IN_CELLS]))
         assert contact.record()["searches"] == searches

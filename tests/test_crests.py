@@ -84,7 +84,7 @@ def true_crests(level=7):
         np.add.at(right, i, u * (k[j] - k[i])[:, None])
         e = np.linalg.solve(normal, right[:, :, None])[:, 0]
         beside = 6.0 if kind == "gyral" else -6.0
-        lines = crests._trace(shape.verts, shape.faces, k, other, along, e * along, beside)
+        lines = crests._trace_lines(shape.verts, shape.faces, k, other, along, e * along, beside)
         found[kind] = np.concatenate([resampled(line, 0.2) for line, length, _, _ in lines if length > 10])
     return found
 
@@ -102,7 +102,7 @@ def test_the_crests_of_a_bumpy_sphere_are_found_and_nothing_else(exact, level, n
     edge = mean_edge_length(shape.verts, shape.faces)
     found = crest_lines(shape.verts, shape.faces, scale=scale)
     away, left = [], []
-    for kind in crests.KINDS:
+    for kind in crests.CREST_KINDS:
         own = np.concatenate([resampled(line.points, 0.2) for line in found.of_kind(kind)])
         away.append(cKDTree(exact[kind]).query(own)[0])
         left.append(cKDTree(own).query(exact[kind])[0])

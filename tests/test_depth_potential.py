@@ -5,7 +5,12 @@ import pytest
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
-from morphofold.analysis.graph.depth_potential import RELATIVE, SurfaceOperators, persistence, wavelength
+from morphofold.analysis.graph.depth_potential import (
+    LARGEST_PERSISTENCE_SHARE,
+    SurfaceOperators,
+    persistence,
+    wavelength,
+)
 from morphofold.errors import OutOfRange
 from morphofold.geometry import vertex_areas
 from morphofold.shapes import bumpy_sphere, icosphere, sphere
@@ -92,7 +97,7 @@ def test_the_width_depends_on_the_mesh_by_little_and_on_noise_by_a_quarter():
 def test_persistence_is_bounded_by_the_relief():
     D = np.linspace(-1, 1, 1001)
     assert persistence(D, 0.1) == 0.1
-    assert persistence(D, 5.0) == pytest.approx(RELATIVE * 1.86)
+    assert persistence(D, 5.0) == pytest.approx(LARGEST_PERSISTENCE_SHARE * 1.86)
 
 
 @pytest.mark.parametrize("level", [5, 6])

@@ -3,8 +3,8 @@ import numpy as np
 import pytest
 
 from morphofold.sim import dynamics
-from morphofold.sim.body import SAFETY, Body
-from morphofold.sim.dynamics import INCREMENT, REFRESH, Dynamics, UnstableError, restlessness
+from morphofold.sim.body import MASS_SAFETY_FACTOR, Body
+from morphofold.sim.dynamics import STEPS_PER_INCREMENT, STEPS_PER_MEASUREMENT, Dynamics, UnstableError, restlessness
 from morphofold.sim.effects.contact import Contact
 from morphofold.sim.effects.perturbation import Perturbation
 from morphofold.sim.effects.symmetry import Symmetry
@@ -97,7 +97,7 @@ def test_a_folded_run_is_bitwise_the_same_for_one_and_two_threads():
 def test_a_run_taken_up_from_a_checkpoint_ends_bitwise_the_same():
     whole = make_run(n=12, amplitude=0.05, contact=True, steps=600)
     saved = []
-    whole.grow_to(1.7, lambda s: saved.append(whole.save()) if s.step == 40 * REFRESH else None)
+    whole.grow_to(1.7, lambda s: saved.append(whole.save()) if s.step == 40 * STEPS_PER_MEASUREMENT else None)
     again = make_run(n=12, amplitude=0.05, contact=True, steps=600)
     again.load(saved[0])
     again.grow_to(1.7)
@@ -109,7 +109,7 @@ def test_a_run_taken_up_during_relaxation_takes_only_the_steps_left():
     whole, again = (make_run(n=8, amplitude=0.05, steps=300) for _ in range(2))
     whole.grow_to(1.2)
     saved = []
-    whole.relax(100, lambda s: saved.append(whole.save()) if s.relaxed == 4 * REFRESH else None)
+    whole.relax(100, lambda s: saved.append(whole.save()) if s.relaxed == 4 * STEPS_PER_MEASUREMENT else None)
     again.load(saved[0])
     again.relax(100)
     assert again.state.step == whole.state.step
@@ -138,7 +138,7 @@ def test_growth_slows_down_while_the_kinetic_energy_is_high(monkeypatch):
         steps[limit] = run.state.step
     full_pace = 180
     assert full_pace < steps[1.0] < 1.25 * full_pace  # the start is soft
-    assert steps[1e-9] == pytest.approx(full_pace / dynamics.SLOWEST, rel=0.05)
+    assert steps[1e-9] == pytest.approx(full_pace / dynamics.SLOWEST_PACE, rel=0.05)
 
 
 def test_growth_starts_softly(monkeypatch):
@@ -146,14 +146,14 @@ def test_growth_starts_softly(monkeypatch):
     run = make_run(n=8, steps=1000)
     growth = [1.0]
     run.grow_to(1.1, lambda state: growth.append(state.growth))
-    pace = np.diff(growth)[:-1] / (REFRESH * run.rate)
+    pace = np.diff(growth)[:-1] / (STEPS_PER_MEASUREMENT * run.rate)
     assert pace[0] == pytest.approx(dynamics.FIRST_PACE)
     assert pace[:4].tolist() == sorted(pace[:4])
     assert pace.max() == pytest.approx(1.0)
 
 
 def test_a_smooth_body_moves_as_its_growth_asks_and_does_not_shake():
-    """Increments of growth as rare as the measurements (INCREMENT = REFRESH) shake it to 123 times this energy."""
+    """Increments of growth as rare as the measurements shake it to 123 times this energy."""
     run = make_run(2.0, n=20, steps=3000)
     run.grow_to(1.1)
     x, step = run.state.x.copy(), run.state.step
@@ -163,8 +163,8 @@ def test_a_smooth_body_moves_as_its_growth_asks_and_does_not_shake():
 
 
 def test_no_wave_is_as_fast_as_the_increments_of_growth():
-    """The fastest wave of a body whose mass is SAFETY times the least: 2 asin(1 / sqrt(SAFETY)) a step."""
-    assert 2 * np.arcsin(SAFETY**-0.5) < 2 * np.pi / INCREMENT
+    """The fastest wave of a body whose mass is f = MASS_SAFETY_FACTOR times the least: 2 asin(1 / sqrt(f)) a step."""
+    assert 2 * np.arcsin(MASS_SAFETY_FACTOR**-0.5) < 2 * np.pi / STEPS_PER_INCREMENT
 
 
 def bulged_swing(n, layers, crossings, **options):
@@ -210,7 +210,7 @@ def test_the_clock_has_neither_length_nor_modulus():
 def test_free_swings_lose_their_energy_at_the_rate_of_the_damping():
     _, time, energy, _ = bulged_swing(16, 2, 28)
     late = time > 1
-    assert np.polyfit(time[late], np.log(energy[late]), 1)[0] == pytest.approx(-dynamics.DAMPING, rel=0.03)
+    assert np.polyfit(time[late], np.log(energy[late]), 1)[0] == pytest.approx(-dynamics.DAMPING_PER_CROSSING, rel=0.03)
 
 
 def test_before_folds_can_form_kinetic_energy_is_held_against_the_strain_energy_to_come():
@@ -274,7 +274,7 @@ def test_growth_halves_as_an_element_collapses_and_crawls_while_one_is_inside_ou
         sink(run, node, by)
         seen.append((run.state.record["inverted"], run._pace()))
     assert -0.2 < run.state.lowest_J < 0  # of all times, not of the last
-    assert seen == [(0, 1.0), (0, 1.0), (0, 0.5), (0, 1.0), (3, dynamics.SLOWEST), (0, 1.0), (0, 1.0)]
+    assert seen == [(0, 1.0), (0, 1.0), (0, 0.5), (0, 1.0), (3, dynamics.SLOWEST_PACE), (0, 1.0), (0, 1.0)]
 
 
 def test_a_run_taken_up_has_the_pace_that_it_had():
@@ -294,11 +294,11 @@ def test_a_run_taken_up_has_the_pace_that_it_had():
 
 def test_relaxation_takes_the_steps_it_is_asked_for_once():
     run = make_run(n=8)
-    run.relax(8 * REFRESH - 5)  # rounded up
-    assert run.state.step == 8 * REFRESH
-    for steps in (8 * REFRESH, 50):
+    run.relax(8 * STEPS_PER_MEASUREMENT - 5)  # rounded up
+    assert run.state.step == 8 * STEPS_PER_MEASUREMENT
+    for steps in (8 * STEPS_PER_MEASUREMENT, 50):
         run.relax(steps)
-        assert run.state.step == 8 * REFRESH
+        assert run.state.step == 8 * STEPS_PER_MEASUREMENT
 
 
 def test_a_step_from_rest_follows_the_forces_of_elements_and_filter(rng):

@@ -12,19 +12,19 @@ from skfem import Basis, ElementHex1, ElementVector, LinearForm, MeshHex
 from morphofold.errors import DoesNotApply, ImpossibleBody, OutOfRange
 from morphofold.intersections.intersection import self_intersections
 from morphofold.sim.body import Body
-from morphofold.sim.dynamics import REFRESH, Dynamics
+from morphofold.sim.dynamics import STEPS_PER_MEASUREMENT, Dynamics
 from morphofold.sim.effects import build_effects
 from morphofold.sim.effects.bulk_viscosity import BulkViscosity
-from morphofold.sim.effects.contact import APART, Contact
+from morphofold.sim.effects.contact import NEIGHBOUR_DISTANCE_IN_EDGES, Contact
 from morphofold.sim.effects.core_growth import CoreGrowth
 from morphofold.sim.effects.inertia import Inertia
-from morphofold.sim.effects.perturbation import CUT, Perturbation
+from morphofold.sim.effects.perturbation import SURFACE_OVER_SPACE_WAVELENGTH, Perturbation
 from morphofold.sim.effects.plane_strain import PlaneStrain
-from morphofold.sim.effects.ramp import RATES, Ramp
+from morphofold.sim.effects.ramp import RATE_BY_SHAPE, Ramp
 from morphofold.sim.effects.regional_growth import RegionalGrowth
-from morphofold.sim.effects.skull import STIFFNESS, Skull, press_shell
+from morphofold.sim.effects.skull import PENALTY_STIFFNESS, Skull, press_shell
 from morphofold.sim.effects.symmetry import Symmetry
-from morphofold.sim.elements.bricks import BINARY_CORNERS
+from morphofold.sim.elements.bricks import CORNERS_IN_KERNEL_ORDER
 from morphofold.sim.equilibrium.wrinkles import first_wrinkles
 from morphofold.sim.mesh.brick_mesh import bilayer_patch, bilayer_sphere
 from morphofold.sim.output.surfaces import whole_surfaces
@@ -135,7 +135,7 @@ def test_a_scene_gives_its_imperfection_a_wavelength_or_that_of_the_first_wrinkl
     settings += [] if wavelength is None else [f"effects.perturbation.wavelength={wavelength}"]
     scene = load_scene("demo", settings)
     (effect,) = (effect for effect in build_effects(scene) if effect.name == "perturbation")
-    means = wavelength or first_wrinkles(scene).wavelength_over_T * 3.0 / CUT
+    means = wavelength or first_wrinkles(scene).wavelength_over_T * 3.0 / SURFACE_OVER_SPACE_WAVELENGTH
     at = rng.uniform(-50, 50, (10, 3))
     np.testing.assert_allclose(effect.field(at), Perturbation(0.05 * 3.0, means, 7).field(at))
 
@@ -165,10 +165,10 @@ COURSES = {
 }
 
 
-@pytest.mark.parametrize("shape", RATES)
+@pytest.mark.parametrize("shape", RATE_BY_SHAPE)
 def test_a_ramp_follows_its_course_in_the_time_of_the_linear_one(shape):
     linear, ramp = growths(None), growths(shape)
-    assert len(linear) - 1 == round(1600 / REFRESH)
+    assert len(linear) - 1 == round(1600 / STEPS_PER_MEASUREMENT)
     assert len(ramp) == pytest.approx(len(linear), abs=0.05 * len(linear))
     assert np.all(np.diff(ramp) > 0)
     assert ramp[-1] == 1.8
@@ -181,7 +181,7 @@ def test_ramps_take_the_time_of_the_linear_one():
     s = (np.arange(20_000) + 0.5) / 20_000
     held = 2 * (2 / np.pi * 0.05 - 0.05**2 / (np.pi * 0.05))
     for shape, time in (("exponential", 1.0), ("slowing", 1.0), ("smooth", 1 - held)):
-        assert np.mean([1 / RATES[shape](at, 1.8) for at in s]) == pytest.approx(time, abs=1e-4), shape
+        assert np.mean([1 / RATE_BY_SHAPE[shape](at, 1.8) for at in s]) == pytest.approx(time, abs=1e-4), shape
 
 
 def test_a_ramp_ends_at_its_stages_too():
@@ -207,8 +207,8 @@ def test_a_skull_pushes_back_what_is_outside_along_its_normal(rng):
     push = np.einsum("ij,ij->i", extra, normal)
     assert (push[1::2] < 0).all()
     np.testing.assert_allclose(extra, push[:, None] * normal, atol=1e-12)  # no friction
-    depth = -push / mass / STIFFNESS
-    assert energy == pytest.approx(0.5 * STIFFNESS * np.sum(mass * depth**2))
+    depth = -push / mass / PENALTY_STIFFNESS
+    assert energy == pytest.approx(0.5 * PENALTY_STIFFNESS * np.sum(mass * depth**2))
     np.testing.assert_allclose(np.abs(((x - depth[:, None] * normal) / axes)[1::2] ** 2).sum(axis=1), 1, atol=3e-4)
 
 
@@ -293,7 +293,7 @@ def breathing(density=1.0, damping=0.0, periods=1.05, extra=()):
     run._measure()
     time, height = [0.0], [0.02]
     while time[-1] < periods * 4 * 24 * (density / P_WAVE) ** 0.5:
-        run.relax(run.state.relaxed + REFRESH)
+        run.relax(run.state.relaxed + STEPS_PER_MEASUREMENT)
         time.append(run.state.record["effects"]["inertia"]["time"])
         height.append(np.mean(run.state.x[: body.n_surface, 2]))
     return np.array(time), np.array(height)
@@ -389,7 +389,7 @@ def test_viscous_forces_are_those_of_scikit_fem(rng, linear, quadratic):
     rate = 1 - last / volume
     rho = (body.mass / body.nodal_volumes())[mesh.t].mean(axis=0)
     c = np.sqrt((body.kappa + 2 * body.mu + 4 / 3 * body.mu) / rho)  # bulk modulus kappa + 2 mu, see Bricks
-    corner = x[mesh.t.T][:, BINARY_CORNERS].reshape(-1, 2, 2, 2, 3)  # along i, j, k
+    corner = x[mesh.t.T][:, CORNERS_IN_KERNEL_ORDER].reshape(-1, 2, 2, 2, 3)  # along i, j, k
     i, j, k = (
         np.take(corner, 1, axis).mean(axis=(1, 2)) - np.take(corner, 0, axis).mean(axis=(1, 2)) for axis in (1, 2, 3)
     )
@@ -507,7 +507,7 @@ def test_no_node_is_in_contact_with_its_own_surroundings_and_walls_in_touch_come
     run.relax(4000)
     paired = np.flatnonzero(contact._partner >= 0)
     away = body.X[contact._tri[contact._partner[paired]]] - body.X[paired, None]
-    assert np.linalg.norm(away, axis=2).min() >= APART * body.bilayer.edge
+    assert np.linalg.norm(away, axis=2).min() >= NEIGHBOUR_DISTANCE_IN_EDGES * body.bilayer.edge
     assert run.state.record["effects"]["contact"]["pairs"] > 0
     assert run.state.record["kinetic_over_strain"] < 5e-4  # nodes that swap triangles leave 2.6e-4
 

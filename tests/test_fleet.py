@@ -16,7 +16,7 @@ import pytest
 
 import morphofold
 import morphofold.cohort.fleet as fleet_module
-from morphofold.cohort.fleet import Fleet, GiB, Job, Lost, _shares, open_fleet
+from morphofold.cohort.fleet import Fleet, GiB, Job, Lost, _workers_and_memory, open_fleet
 from morphofold.errors import Mismatch, OptionsClash, OutOfRange, TooLarge
 
 
@@ -183,14 +183,14 @@ def test_a_worker_does_one_job_at_a_time_with_all_its_threads_and_ours_stay(monk
 def test_workers_share_what_the_machine_has(monkeypatch):
     monkeypatch.setattr("distributed.system.MEMORY_LIMIT", int(20 * GiB))
     monkeypatch.setattr("dask.system.CPU_COUNT", 8)
-    assert _shares(None, 1, None, 0.0) == (8, pytest.approx(18 / 8))
-    assert _shares(None, 2, None, 0.0) == (4, pytest.approx(18 / 4))
-    assert _shares(None, 1, None, 5.0) == (3, pytest.approx(6))  # 3 x 5 GiB fit into 18
-    assert _shares(None, 1, 4.0, 3.0) == (4, 4.0)
-    assert _shares(2, 1, None, 0.0) == (2, pytest.approx(9))
-    assert _shares(None, 1, None, 17.0) == (1, pytest.approx(18))
+    assert _workers_and_memory(None, 1, None, 0.0) == (8, pytest.approx(18 / 8))
+    assert _workers_and_memory(None, 2, None, 0.0) == (4, pytest.approx(18 / 4))
+    assert _workers_and_memory(None, 1, None, 5.0) == (3, pytest.approx(6))  # 3 x 5 GiB fit into 18
+    assert _workers_and_memory(None, 1, 4.0, 3.0) == (4, 4.0)
+    assert _workers_and_memory(2, 1, None, 0.0) == (2, pytest.approx(9))
+    assert _workers_and_memory(None, 1, None, 17.0) == (1, pytest.approx(18))
     with pytest.raises(TooLarge, match=r"\b5\.0 GiB.*\b6 .*\b3\.0 GiB"):
-        _shares(6, 1, None, 5.0)
+        _workers_and_memory(6, 1, None, 5.0)
 
 
 @pytest.mark.parametrize(
@@ -210,7 +210,7 @@ def test_numbers_that_are_none_are_refused(asked, kind, said):
 
 
 def test_the_log_of_dask_is_as_it_was_afterwards(monkeypatch):
-    monkeypatch.setattr(fleet_module, "ANSWER", 1)
+    monkeypatch.setattr(fleet_module, "SCHEDULER_TIMEOUT_S", 1)
     log = logging.getLogger("distributed")
     before = log.level
     with pytest.raises(ConnectionError, match=r"tcp://127\.0\.0\.1:1\b"), open_fleet(scheduler="tcp://127.0.0.1:1"):

@@ -17,7 +17,7 @@ from test_mesh_from_file import ball, write
 
 from morphofold.cli import main
 from morphofold.errors import DamagedFile
-from morphofold.io.locks import LOCK, alone
+from morphofold.io.locks import LOCK_FILE, alone
 from morphofold.sim.output.checkpoint import read_arrays
 from morphofold.sim.output.run_files import clear_run, files_of_run, is_temporary, sweep
 from morphofold.simulation import simulate
@@ -281,7 +281,7 @@ def test_a_second_run_into_a_folder_is_refused_while_the_first_goes_on(tmp_path,
     assert simulate("demo", "run", settings=TINY, progress=second).stages == (1.1, 1.2)
     assert len(told) == 3
     assert all(re.search(rf"\brun: .*\b{os.getpid()}\b", line) for line in told)
-    assert not (out / LOCK).exists()
+    assert not (out / LOCK_FILE).exists()
 
 
 @pytest.fixture(scope="module")
@@ -480,7 +480,7 @@ def test_a_run_sweeps_its_folder_when_it_goes_on_and_when_one_was_killed_at_its_
     new = tmp_path / "new"
     new.mkdir()
     (new / ".0a1b2c3d.scene.toml").write_text("x")
-    (new / LOCK).write_text("1")
+    (new / LOCK_FILE).write_text("1")
     simulate("fig3", new, settings=["output.stages=[]"])
     assert {p.name for p in new.iterdir()} == {"scene.toml", "log.jsonl", "health.json", "stages"}
 

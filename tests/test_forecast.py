@@ -12,9 +12,9 @@ import morphofold
 from morphofold.cli import main
 from morphofold.forecasts import forecast
 from morphofold.forecasts import table as stored
-from morphofold.forecasts.afterwards import REST, cost_beside, cost_line, cost_of
-from morphofold.forecasts.calibration import LARGEST, calibrate, reduced
-from morphofold.forecasts.forecasting import SETTING_UP, STAGES, forecast_from
+from morphofold.forecasts.afterwards import REST_OF_RUN, cost_beside, cost_line, cost_of
+from morphofold.forecasts.calibration import MOST_TIMED_BRICKS, calibrate, reduced
+from morphofold.forecasts.forecasting import SETTING_UP_PHASE, STAGES_PHASE, forecast_from
 from morphofold.forecasts.printed import table_of
 from morphofold.forecasts.sizes import (
     Layers,
@@ -26,7 +26,15 @@ from morphofold.forecasts.sizes import (
     sizes_of,
 )
 from morphofold.forecasts.steps import steps_of
-from morphofold.forecasts.table import HEADLINE, costs, expected_errors, headline, not_studied, studied, table
+from morphofold.forecasts.table import (
+    HEADLINE_QUANTITIES,
+    costs,
+    expected_errors,
+    headline,
+    not_studied,
+    studied,
+    table,
+)
 from morphofold.provenance import strict_json
 from morphofold.sim.build import build_bilayer, build_body
 from morphofold.sim.dynamics import Dynamics
@@ -75,7 +83,7 @@ def test_a_forecast_counts_the_body_that_a_run_builds(name):
     assert found.stages == len(scene.stages)
     assert found.fastest < found.seconds < found.slowest
     assert found.seconds == pytest.approx(sum(found.seconds_by_phase.values()))
-    assert {"elements", "advance", "measure", STAGES, SETTING_UP} <= set(found.seconds_by_phase)
+    assert {"elements", "advance", "measure", STAGES_PHASE, SETTING_UP_PHASE} <= set(found.seconds_by_phase)
 
 
 def test_a_body_of_tetrahedra_is_counted_and_has_no_errors_by_the_table(tmp_path):
@@ -140,12 +148,12 @@ def test_the_crossing_time_is_scaled_between_meshes_as_bodies_have_it():
 def test_a_body_too_large_to_be_timed_is_scaled_from_a_part_of_it():
     scene = load_scene("fig6-thin")
     part = reduced(scene)
-    assert scene.bricks > LARGEST >= part.bricks
+    assert scene.bricks > MOST_TIMED_BRICKS >= part.bricks
     assert part.geometry.portion == "octant"
     assert part.cells == scene.cells
     small = load_scene("fig5", [*SMALL, "accuracy.edge=4"])
     assert reduced(small) == small
-    assert reduced(load_scene("patch", ["accuracy.edge=0.2"])).bricks <= LARGEST
+    assert reduced(load_scene("patch", ["accuracy.edge=0.2"])).bricks <= MOST_TIMED_BRICKS
 
 
 def test_a_forecast_scaled_to_another_portion_and_mesh_has_its_exact_size_and_its_steps():
@@ -223,7 +231,7 @@ def test_errors_are_told_of_what_was_studied_and_of_nothing_else(source, setting
 
 def test_the_table_says_of_every_quantity_what_the_readers_ask():
     errors = table()["errors"]
-    assert set(HEADLINE) <= set(errors["quantities"])
+    assert set(HEADLINE_QUANTITIES) <= set(errors["quantities"])
     for law in errors["quantities"].values():
         assert law["coefficient"] > 0
         assert law["power"] > 0
@@ -233,7 +241,7 @@ def test_the_table_says_of_every_quantity_what_the_readers_ask():
     for edge in np.linspace(finest, coarsest, 5):
         _, largest = headline(edge)
         assert largest.low <= largest.error <= largest.high
-        assert largest.error == max(expected_errors(edge)[name].error for name in HEADLINE)
+        assert largest.error == max(expected_errors(edge)[name].error for name in HEADLINE_QUANTITIES)
     assert headline(finest)[1].error < headline(coarsest)[1].error
 
 
@@ -275,7 +283,9 @@ def test_a_dry_run_writes_nothing_and_says_everything(here, capsys):
 
 def test_the_error_of_the_mesh_falls_with_the_edge_and_that_of_other_settings_stays(monkeypatch):
     law = {"coefficient": 0.2, "power": 2.0, "spread": 0.0, "finest": 0.2, "coarsest": 1.0, "other": 0.05}
-    monkeypatch.setattr(stored, "table", lambda: {"errors": {"quantities": dict.fromkeys(stored.HEADLINE, law)}})
+    monkeypatch.setattr(
+        stored, "table", lambda: {"errors": {"quantities": dict.fromkeys(stored.HEADLINE_QUANTITIES, law)}}
+    )
     _, coarse = stored.headline(1.0)
     fine = stored.headline(0.5)[1]
     assert (coarse.error, fine.error) == (pytest.approx(0.2), pytest.approx(0.05))
@@ -297,7 +307,7 @@ def test_the_cost_of_a_run_adds_up_and_leaves_no_effect_out(tmp_path):
     assert {*cost.effects, *cost.within} == set(run.health["effects"])
     assert cost.within["core_growth"] == "within grow"
     assert "contact" in cost.effects
-    assert REST in cost.phases
+    assert REST_OF_RUN in cost.phases
     assert (cost.not_studied, cost.errors, cost.doubts) == (("effects", "edge", "growth"), {}, ())
     assert cost.how in cost_line(cost)
     like = cost_of({**run.health, "surface_edge_mm": 1.5}, load_scene("fig6-thick", ["growth.final=1.8"]))
@@ -324,7 +334,7 @@ def test_the_page_of_a_simulation_says_what_it_cost(here, capsys, plain_pictures
         "by 1 thread",
         "GiB",
         "elements",
-        REST,
+        REST_OF_RUN,
         "symmetry",
         "perturbation",
         "once, within rest",

@@ -14,20 +14,20 @@ from morphofold.cli import main
 from morphofold.errors import NothingToDo, UnknownName
 from morphofold.forecasts import forecast_analysis
 from morphofold.forecasts import measuring as before
-from morphofold.forecasts.analysis_cost import PAGE, STAGES, WRITING
+from morphofold.forecasts.analysis_cost import ANALYSIS_STAGES, PAGE_STAGE, WRITING_STAGE
 from morphofold.forecasts.table import costs
 from morphofold.io import sample_path, write_surface
 from morphofold.shapes import icosphere
 from morphofold.shapes.folded_ball import folded_ball
 from morphofold.surface import Surface
 
-MEASURING = [name for name in STAGES if name not in ("reading", WRITING, PAGE)]
+MEASURING = [name for name in ANALYSIS_STAGES if name not in ("reading", WRITING_STAGE, PAGE_STAGE)]
 
 
 @pytest.fixture
 def second(monkeypatch):
     """As if every stage of the ball that is timed took a second, and the repeats the same."""
-    monkeypatch.setattr(before, "_timed", lambda threads: (dict.fromkeys(MEASURING, 1.0), 1.0, 1))
+    monkeypatch.setattr(before, "_time_small_ball", lambda threads: (dict.fromkeys(MEASURING, 1.0), 1.0, 1))
 
 
 @pytest.mark.slow
@@ -43,7 +43,7 @@ def test_a_dry_run_writes_nothing_and_says_everything(here, capsys):
         assert word in told
     assert main([*argv, "--accuracy", "fine", "--no-report", "--json"]) == 0
     found = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
-    assert list(found["seconds_by_stage"]) == [name for name in STAGES if name != PAGE]
+    assert list(found["seconds_by_stage"]) == [name for name in ANALYSIS_STAGES if name != PAGE_STAGE]
     assert found["seconds"] == pytest.approx(sum(found["seconds_by_stage"].values()))
     assert found["fastest"] < found["seconds"] < found["slowest"]
     (lh,) = found["hemispheres"]
@@ -54,7 +54,7 @@ def test_a_dry_run_writes_nothing_and_says_everything(here, capsys):
 def test_a_forecast_of_both_hemispheres_is_of_twice_the_measuring_of_one(second):
     ball = folded_ball(1000)
     one, two = (forecast_analysis([ball] * n, reading=0.5 * n) for n in (1, 2))
-    assert list(one.seconds_by_stage) == list(STAGES)
+    assert list(one.seconds_by_stage) == list(ANALYSIS_STAGES)
     starting = costs()["analysis"]["starting"]
     for name in (*MEASURING, "reading"):
         once = starting.get(name, 0.0) / costs()["analysis"]["regions_of_ball"]  # 1 s here: a slow machine
@@ -66,24 +66,27 @@ def test_a_forecast_of_both_hemispheres_is_of_twice_the_measuring_of_one(second)
 def test_times_follow_the_power_laws_of_the_table(second):
     n, draft = costs()["analysis"]["ball"], PRESETS["draft"]
     timed = dict.fromkeys(MEASURING, 1.0)
-    here, there = (before._measuring(k * n, k * n, draft, timed) for k in (1, 10))
+    here, there = (before._seconds_of_measuring(k * n, k * n, draft, timed) for k in (1, 10))
     for name, law in costs()["analysis"]["stages"].items():
         assert here[name] == pytest.approx(law["times"])
         assert np.log10(there[name] / here[name]) == pytest.approx(law["power"])
     assert here.keys() == there.keys() == set(MEASURING)
     assert 0.3 < here["local gyrification"] < 1  # of the ball, which is larger than a brain
-    on_copy = before._measuring(10 * n, n, draft, timed)
+    on_copy = before._seconds_of_measuring(10 * n, n, draft, timed)
     assert on_copy["gyral thickness"] == here["gyral thickness"]
     assert on_copy["curvature"] == there["curvature"]
     assert on_copy["cortical thickness"] > here["cortical thickness"]  # thinning comes with it
-    assert before._measuring(n, n, PRESETS["fine"], timed)["local gyrification"] > 10 * here["local gyrification"]
+    assert (
+        before._seconds_of_measuring(n, n, PRESETS["fine"], timed)["local gyrification"]
+        > 10 * here["local gyrification"]
+    )
 
 
 def test_an_uneven_machine_widens_the_range_and_is_said(monkeypatch):
     ball, timed = folded_ball(1000), dict.fromkeys(MEASURING, 1.0)
     found = []
     for uneven in (1.0, 2.0):
-        monkeypatch.setattr(before, "_timed", lambda threads, uneven=uneven: (timed, uneven, 1))
+        monkeypatch.setattr(before, "_time_small_ball", lambda threads, uneven=uneven: (timed, uneven, 1))
         found.append(forecast_analysis([ball]))
     quiet, busy = found
     assert busy.slowest > quiet.slowest > quiet.seconds == busy.seconds
@@ -99,7 +102,7 @@ def test_a_vertex_that_no_face_uses_is_counted_as_the_copy_has_it(accuracy):
     }
     cortex, chosen = replace(ball, **loose, maps={}, cortex=None, regions=None), PRESETS[accuracy]
     n = resampled(cortex, chosen).cortex.n_vertices
-    assert before._copied(cortex, chosen) == n
+    assert before._resampled_vertices(cortex, chosen) == n
     assert (n == 1001) == (accuracy != "fine")
 
 
@@ -109,7 +112,7 @@ def test_curvature_is_forecast_by_its_scale_against_the_usual_one(second):
     found = [forecast_analysis([ball], curvature_scale=times * usual) for times in (1, 2)]
     once, twice = (one.seconds_by_stage["curvature"] for one in found)
     assert once == forecast_analysis([ball]).seconds_by_stage["curvature"]
-    assert twice / once == pytest.approx(2**before.WIDER)
+    assert twice / once == pytest.approx(2**before.CURVATURE_TIME_POWER)
     assert found[1].seconds - found[0].seconds == pytest.approx(twice - once)
 
 
@@ -124,7 +127,7 @@ def test_stages_that_the_page_draws_are_said_not_to_be_counted(second, here, cap
 
 
 def test_a_dry_run_refuses_what_the_run_would(here, capsys, monkeypatch):
-    monkeypatch.setattr(before, "_timed", lambda threads: pytest.fail("timed before it refused"))
+    monkeypatch.setattr(before, "_time_small_ball", lambda threads: pytest.fail("timed before it refused"))
     ball = folded_ball(1000)
     (here / "in").mkdir()
     (here / "mine").mkdir()

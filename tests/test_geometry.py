@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from morphofold.sim.elements.bricks import BINARY_CORNERS
+from morphofold.sim.elements.bricks import CORNERS_IN_KERNEL_ORDER
 from morphofold.sim.mesh.brick_mesh import (
-    CORE_CAP,
-    CORE_RATIO,
-    PLANES,
+    CORE_LAYER_RATIO,
+    SYMMETRY_AXES,
+    THICKEST_CORE_LAYER_IN_EDGES,
     bilayer_ellipsoid,
     bilayer_patch,
     bilayer_sphere,
@@ -14,10 +14,10 @@ from morphofold.sim.mesh.brick_mesh import (
 )
 
 
-@pytest.mark.parametrize("portion", PLANES)
+@pytest.mark.parametrize("portion", SYMMETRY_AXES)
 def test_every_portion_fills_its_share_of_the_shell(portion):
     bilayer = bilayer_sphere(50, 3, 25, portion, 16)
-    corners = bilayer.mesh.p.T[bilayer.mesh.t[BINARY_CORNERS].T]
+    corners = bilayer.mesh.p.T[bilayer.mesh.t[CORNERS_IN_KERNEL_ORDER].T]
     edges = np.stack([corners[:, c] - corners[:, 0] for c in (4, 2, 1)], axis=-1)
     assert np.linalg.det(edges).min() > 0  # corner order is right-handed everywhere
     exact = 4 / 3 * np.pi * (50**3 - 25**3) * bilayer.portion
@@ -27,7 +27,7 @@ def test_every_portion_fills_its_share_of_the_shell(portion):
 
 
 def test_portions_are_parts_of_one_mesh():
-    counts = {p: bilayer_sphere(50, 3, 25, p, 12).mesh.nelements for p in PLANES}
+    counts = {p: bilayer_sphere(50, 3, 25, p, 12).mesh.nelements for p in SYMMETRY_AXES}
     assert counts["full"] == 2 * counts["half"] == 4 * counts["quarter"] == 8 * counts["octant"]
 
 
@@ -88,8 +88,8 @@ def test_core_layers_grow_inwards_and_end_at_the_base():
     steps = 22.0 * np.diff(shares)
     assert (shares[0], shares[-1]) == (0, 1)
     assert (np.diff(steps) >= -1e-12).all()
-    assert steps.max() <= 0.5 * CORE_CAP < 22.0 / 4
-    assert (steps[1:] / steps[:-1]).max() <= CORE_RATIO * (1 + 1e-12)
+    assert steps.max() <= 0.5 * THICKEST_CORE_LAYER_IN_EDGES < 22.0 / 4
+    assert (steps[1:] / steps[:-1]).max() <= CORE_LAYER_RATIO * (1 + 1e-12)
 
 
 @pytest.mark.parametrize(

@@ -164,7 +164,7 @@ def test_medians_of_left_and_right_are_of_the_subjects_that_have_both(tmp_path):
     """Five lefts of 2.1 to 2.5 and four rights: the fifth, whose right side failed, is left out of both."""
     gi = np.column_stack([np.array([2.1, 2.2, 2.3, 2.4, 9.9]), np.array([2.1, 2.2, 2.3, 2.4, np.nan])])
     gi += 0.1 * np.array([[0], [0], [1], [1], [1]])
-    there = [group_page.BOTH[0], group_page.BOTH[1]]
+    there = [group_page.BOTH_SIDES[0], group_page.BOTH_SIDES[1]]
     (row,) = group_page.headlines({"gyrification_index": gi}, there)
     left, right = row["cells"]
     assert (left.n, right.n) == (4, 4)
@@ -327,7 +327,7 @@ def test_the_same_group_gives_the_same_bytes(tmp_path, measured):
 @pytest.mark.slow
 def test_a_page_holds_a_bounded_number_of_pictures(tmp_path, measured, monkeypatch):
     """What does not fit lies beside it, and the page says where."""
-    monkeypatch.setattr(group_pictures, "EMBEDDED", 300_000)
+    monkeypatch.setattr(group_pictures, "MOST_EMBEDDED_CHARACTERS", 300_000)
     results = {f"sub-{k:05d}": measured["plain"][0] for k in range(40)}
     thickness = made_group(40).scalars[THICKNESS].copy()
     thickness[:9, 0] = 9 + np.arange(9)
@@ -387,20 +387,24 @@ def test_the_page_of_ten_thousand_subjects_is_small_and_so_is_the_memory_it_take
 
 def test_bins_of_counts_hold_as_many_whole_numbers_each(rng):
     """Counts from 100 to 299, each once: bins of a side are level but for the last."""
-    edges = group_page._bins(np.arange(100.0, 300.0), 10_000)
+    edges = group_page._bin_edges(np.arange(100.0, 300.0), 10_000)
     counts = np.histogram(np.arange(100.0, 300.0), edges)[0]
     assert set(np.diff(edges)) == {5}
     assert set(counts[1:-1]) == {5}
     assert len(edges) <= 49
     values = rng.standard_normal(50)
-    edges = group_page._bins(values, 50)
+    edges = group_page._bin_edges(values, 50)
     np.testing.assert_allclose(edges, np.linspace(values.min(), values.max(), 15))
 
 
 def test_a_histogram_of_a_group_counts_every_subject(rng):
     """Heights of the steps of a side, read off its picture, add up to the subjects."""
     values = rng.uniform(2, 3, 200)
-    chart = str(group_page._chart(THICKNESS, np.column_stack([values, np.full(200, np.nan)]), group_page.BOTH[:1]))
+    chart = str(
+        group_page._histogram_chart(
+            THICKNESS, np.column_stack([values, np.full(200, np.nan)]), group_page.BOTH_SIDES[:1]
+        )
+    )
     path = re.search(r'<g class="curve">.*?<path d="([^"]+)"', chart, re.DOTALL).group(1)
     heights = np.array([line.split()[1:] for line in path.splitlines() if line.split()[1:]], dtype=float)[1:-1:2, 1]
     ticks = re.findall(r'<g class="ytick.*?<use[^>]* y="([\d.]+)".*?<text[^>]*>(\d+)</text>', chart, re.DOTALL)
@@ -412,7 +416,9 @@ def test_a_histogram_of_a_group_counts_every_subject(rng):
 
 def test_a_value_far_beyond_does_not_squeeze_the_others_into_one_bin(tmp_path):
     text = words_of(text_of(with_outlier(30, 4, 1e4), tmp_path))
-    chart = str(group_page._chart(THICKNESS, with_outlier(30, 4, 1e4).scalars[THICKNESS], group_page.BOTH))
+    chart = str(
+        group_page._histogram_chart(THICKNESS, with_outlier(30, 4, 1e4).scalars[THICKNESS], group_page.BOTH_SIDES)
+    )
     ticks = re.findall(r"text-anchor: middle[^>]*>([\d.]+)</text>", chart)
     assert max(map(float, ticks)) < 3
     assert "1 value far beyond, not drawn." in text

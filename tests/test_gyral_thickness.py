@@ -151,7 +151,7 @@ def test_gyri_without_a_chord_have_no_value():
     everywhere = np.ones(cortex.n_vertices, dtype=bool)
     contour = mid_height_contour(cortex.pial, everywhere, 10.0)
     south = contour.points[:, 2] < 0
-    found = chords._carry(cortex.pial, everywhere, contour, np.where(south, width, np.nan))
+    found = chords._carry_to_vertices(cortex.pial, everywhere, contour, np.where(south, width, np.nan))
     latitude = np.arctan2(cortex.pial.verts[:, 2], np.linalg.norm(cortex.pial.verts[:, :2], axis=1))
     assert np.isnan(found[latitude > 0.25 * np.pi / 12]).all()
     assert found[latitude < 0] == pytest.approx(width)

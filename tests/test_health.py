@@ -8,12 +8,12 @@ from made_folds import joined, pressed_sphere
 from morphofold.errors import InsideOut, OpenSurface
 from morphofold.intersections.boxes import box_tree
 from morphofold.shapes import bumpy_sphere, even_directions, icosphere
-from morphofold.sim.effects.contact import GAP
+from morphofold.sim.effects.contact import GAP_IN_CELLS
 from morphofold.sim.health import (
     BOUNDS,
     CROSSING_TOLERANCE,
     LEAST_J,
-    _along_rays,
+    _cover_along_rays,
     bending,
     broken_bounds,
     check_surface,
@@ -46,7 +46,7 @@ def along_rays(surface, directions):
     """The kernel, about the origin."""
     verts, faces = surface.verts.copy(), surface.faces.copy()
     tree = box_tree(verts, faces)
-    return _along_rays(verts, faces, tree.bounds, tree.order, directions)
+    return _cover_along_rays(verts, faces, tree.bounds, tree.order, directions)
 
 
 def brute_force(verts, faces, direction):
@@ -246,4 +246,4 @@ def test_the_check_of_a_surface_through_itself_breaks_every_bound_that_tells_it(
 
 
 def test_a_crossing_of_less_than_half_the_gap_of_contact_is_none():
-    assert CROSSING_TOLERANCE == 0.5 * GAP
+    assert CROSSING_TOLERANCE == 0.5 * GAP_IN_CELLS

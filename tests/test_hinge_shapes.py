@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from morphofold.analysis import measure
 from morphofold.analysis.graph.gyral_graph import gyral_graph
 from morphofold.analysis.graph.hinge_shapes import (
-    OF_A_NET,
+    PLANAR_NET_FEATURES,
     HingeShapes,
     hinge_shapes,
     random_net,
@@ -251,7 +251,7 @@ def test_a_net_without_short_arms_has_as_many_hinges_as_asked():
 
 def test_nets_are_compared_by_what_they_have(rng):
     net = random_net(40, shortest=0.0, per_area=0.1)
-    distance, _ = shape_distance(net, net, of=OF_A_NET)
+    distance, _ = shape_distance(net, net, of=PLANAR_NET_FEATURES)
     assert (np.diag(distance) == 0).all()
     with pytest.raises(NotFinite, match=r"curvature\b.*angle, length\."):
         shape_distance(net, net)

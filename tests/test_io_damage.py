@@ -126,7 +126,7 @@ def test_a_gifti_that_unpacks_to_more_than_it_says_is_refused(tmp_path, rough):
 
 
 def test_a_compressed_file_that_unpacks_beyond_the_bound_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("morphofold.io.gifti.MAX_UNPACKED", 2**20)
+    monkeypatch.setattr("morphofold.io.gifti.MOST_UNPACKED_BYTES", 2**20)
     (tmp_path / "a.gii.gz").write_bytes(gzip.compress(bytes(2**21)))
     with pytest.raises(DamagedFile, match=r"a\.gii\.gz: .*\b1 MiB\b"):
         read_surface(tmp_path / "a.gii.gz")

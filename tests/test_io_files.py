@@ -79,7 +79,7 @@ def system(request, monkeypatch):
         raise OSError(errno.ENOTSUP, "no links")
 
     if request.param == "moved":
-        monkeypatch.setattr(folders, "_exchange", lambda one, other: False)
+        monkeypatch.setattr(folders, "_exchange_names", lambda one, other: False)
     if request.param == "without links":
         monkeypatch.setattr(folders.os, "link", no_links)
 
@@ -147,7 +147,7 @@ def test_what_we_did_not_write_is_not_written_over(tmp_path, system, theirs, our
 
 
 def test_what_comes_while_we_move_stays_too(tmp_path, system, monkeypatch):
-    out, bring = tmp_path / "out", folders._bring
+    out, bring = tmp_path / "out", folders._bring_user_files
     write_folder(out, "first")
 
     def late(old, new, place):
@@ -155,7 +155,7 @@ def test_what_comes_while_we_move_stays_too(tmp_path, system, monkeypatch):
         if old == out:
             (out / "late.txt").write_text("mine")
 
-    monkeypatch.setattr(folders, "_bring", late)
+    monkeypatch.setattr(folders, "_bring_user_files", late)
     write_folder(out, "second")
     assert tree(out)["late.txt"] == "mine"
     assert os.listdir(tmp_path) == ["out"]
@@ -255,7 +255,7 @@ def test_a_move_that_fails_puts_the_old_folder_back(tmp_path, monkeypatch):
             raise OSError("disk full")
         replace(source, target)
 
-    monkeypatch.setattr(folders, "_exchange", lambda one, other: False)  # as on a system that cannot
+    monkeypatch.setattr(folders, "_exchange_names", lambda one, other: False)  # as on a system that cannot
     monkeypatch.setattr(folders.os, "replace", fail_once)
     with pytest.raises(OSError, match="disk full"):
         write_folder(out, "second")

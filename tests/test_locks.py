@@ -9,7 +9,7 @@ import pytest
 
 from morphofold.errors import WrongFile
 from morphofold.io import locks
-from morphofold.io.locks import LOCK, alone
+from morphofold.io.locks import LOCK_FILE, alone
 
 
 def test_a_folder_is_held_by_one_and_free_again_afterwards(tmp_path):
@@ -18,10 +18,10 @@ def test_a_folder_is_held_by_one_and_free_again_afterwards(tmp_path):
         with pytest.raises(FileExistsError, match=rf"run: .*\b{os.getpid()}\b"):
             with alone(folder):
                 pytest.fail("held twice")
-        assert (folder / LOCK).exists()  # the refused one took nothing away
+        assert (folder / LOCK_FILE).exists()  # the refused one took nothing away
         with alone(tmp_path / "another"):
             pass
-    assert not (folder / LOCK).exists()
+    assert not (folder / LOCK_FILE).exists()
     with alone(folder):
         pass
 
@@ -41,11 +41,11 @@ def test_a_lock_is_never_taken_on_what_a_link_points_to(tmp_path):
     folder, victim = tmp_path / "run", tmp_path / "victim"
     folder.mkdir()
     victim.write_text("mine")
-    (folder / LOCK).symlink_to(victim)
-    with pytest.raises(WrongFile, match=re.escape(str(folder / LOCK))), alone(folder):
+    (folder / LOCK_FILE).symlink_to(victim)
+    with pytest.raises(WrongFile, match=re.escape(str(folder / LOCK_FILE))), alone(folder):
         pytest.fail("held")
     assert victim.read_text() == "mine"
-    assert (folder / LOCK).is_symlink()
+    assert (folder / LOCK_FILE).is_symlink()
 
 
 @pytest.mark.parametrize("there", ["file", "link to nothing"])
@@ -73,7 +73,7 @@ def test_a_killed_process_holds_nothing(tmp_path):
             pytest.fail("held twice")
     process.kill()
     process.wait()
-    assert (folder / LOCK).exists()
+    assert (folder / LOCK_FILE).exists()
     with alone(folder):
         pass
     assert list(folder.iterdir()) == []
@@ -86,10 +86,10 @@ def test_a_lock_whose_file_was_removed_meanwhile_is_taken_on_the_new_file(tmp_pa
         lock(file)
         if not removed:
             removed.append(True)
-            (folder / LOCK).unlink()  # as its last holder does, just before
+            (folder / LOCK_FILE).unlink()  # as its last holder does, just before
 
     monkeypatch.setattr(locks, "_try_lock", after_removal)
-    with alone(folder), (folder / LOCK).open("a+") as again:
+    with alone(folder), (folder / LOCK_FILE).open("a+") as again:
         with pytest.raises(BlockingIOError):
             fcntl.flock(again, fcntl.LOCK_EX | fcntl.LOCK_NB)
 

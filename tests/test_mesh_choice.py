@@ -9,7 +9,7 @@ from morphofold.cli import main
 from morphofold.errors import NoSolution, NotReadable, OptionsClash, OutOfRange
 from morphofold.forecasts import calibration, forecast
 from morphofold.forecasts.mesh_choice import budget_seconds, choose_mesh, error_share
-from morphofold.forecasts.table import STUDIED, headline, studied
+from morphofold.forecasts.table import STUDIED_RANGES, headline, studied
 from morphofold.sim.scene import MOST_BRICKS
 from morphofold.sim.scene.files import load_scene
 
@@ -25,7 +25,7 @@ def clockwork(monkeypatch):
     def timed(run):
         return {"elements": 50e-9 * run.body.elements.n, "contact": 0.0, "grow": 0.0}, 1.0, 1.0
 
-    monkeypatch.setattr(calibration, "LARGEST", 4000)
+    monkeypatch.setattr(calibration, "MOST_TIMED_BRICKS", 4000)
     monkeypatch.setattr(calibration, "_time_steps", timed)
     monkeypatch.setattr(calibration, "slowness_of_stages", lambda costs: 1.0)
 
@@ -151,7 +151,7 @@ def test_an_error_is_refused_where_none_was_studied_and_a_budget_is_not(here, ca
 
 
 def test_the_run_records_the_edge_that_was_picked(here, capsys, monkeypatch):
-    monkeypatch.setitem(STUDIED, "growth", (1.0, 2.0))
+    monkeypatch.setitem(STUDIED_RANGES, "growth", (1.0, 2.0))
     argv = ["simulate", "fig6-thick", "--error", f"{headline(1.0)[1].error:.6f}", "-q", "-o", "run", "--threads", "1"]
     for setting in (*OCTANT, "growth.final=1.004"):
         argv += ["--set", setting]

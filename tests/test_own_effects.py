@@ -10,8 +10,8 @@ from made_simulations import Stop
 import morphofold as mf
 from morphofold.cli import main
 from morphofold.errors import DoesNotApply, Mismatch, NamedTwice, NotReadable
-from morphofold.sim.dynamics import REFRESH, Dynamics
-from morphofold.sim.effects import PHASES, Effect
+from morphofold.sim.dynamics import STEPS_PER_MEASUREMENT, Dynamics
+from morphofold.sim.effects import PHASES_OF_RUN, Effect
 from morphofold.sim.effects.core_growth import build
 from morphofold.sim.output.volume import read_volume
 from morphofold.sim.run import simulate
@@ -180,7 +180,7 @@ def test_what_is_no_effect_is_refused(tmp_path):
 
 def test_every_phase_of_a_run_is_a_name_that_no_effect_may_have(tmp_path):
     health = simulate("demo", tmp_path / "run", settings=TINY).health
-    assert set(health["seconds_by_phase"]) - set(health["effects"]) <= set(PHASES)
+    assert set(health["seconds_by_phase"]) - set(health["effects"]) <= set(PHASES_OF_RUN)
 
 
 def test_who_looks_on_sees_every_state_and_changes_nothing(tmp_path):
@@ -195,7 +195,7 @@ def test_who_looks_on_sees_every_state_and_changes_nothing(tmp_path):
     looked = mf.simulate("demo", tmp_path / "looked", settings=TINY, after=look)
     np.testing.assert_array_equal(positions(plain.path), positions(looked.path))
     step, growth, radius, energy = np.array(seen).T
-    np.testing.assert_array_equal(step, REFRESH * np.arange(1, len(step) + 1))
+    np.testing.assert_array_equal(step, STEPS_PER_MEASUREMENT * np.arange(1, len(step) + 1))
     assert step[-1] == looked.health["steps"]
     assert {1.1, 1.2} <= set(growth)
     assert energy[-1] == looked.health["stages"][-1]["strain_energy"]

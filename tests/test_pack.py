@@ -42,7 +42,9 @@ def test_a_packed_surface_and_its_maps_come_back_within_their_step():
     for key, step in (("H", 0.4 / 65534), ("sulcal_depth", 0.01)):
         span = packed.meta["maps"][key]
         codes = arrays[f"map:{key}"]
-        values = np.where(codes == pack.NAN16, np.nan, span["low"] + codes / 65534 * (span["high"] - span["low"]))
+        values = np.where(
+            codes == pack.NAN_CODE_16_BIT, np.nan, span["low"] + codes / 65534 * (span["high"] - span["low"])
+        )
         np.testing.assert_allclose(values, m.maps[key][ids], atol=0.51 * step)
     np.testing.assert_array_equal(arrays["regions"] - 1.0, m.cortex.regions.labels[ids])
     assert packed.meta["regions"] == ["no region", "front", "middle", "back"]

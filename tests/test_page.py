@@ -55,9 +55,9 @@ def nasty_page(tmp_path_factory, plain_pictures):
 def test_only_earlier_stages_of_the_same_body_are_shown_growing():
     m = made_measures(info={"g": 1.5, "name": "body"})
     at = lambda **info: made_measures(info={"name": "body", **info})
-    assert page._other_stage(at(g=1.2), m)
+    assert page._is_earlier_stage(at(g=1.2), m)
     for other in (at(g=1.5), at(g=2.0), at(), at(g=1.2, name="another"), made_measures(level=2, info={"g": 1.2})):
-        assert not page._other_stage(other, m)
+        assert not page._is_earlier_stage(other, m)
 
 
 def test_names_from_files_are_escaped_everywhere(nasty_page):
@@ -249,6 +249,6 @@ def test_a_fit_not_different_from_none_is_called_so(drawn):
 
 
 def test_a_page_of_two_large_hemispheres_is_below_15_megabytes(tmp_path, rng, monkeypatch):
-    monkeypatch.setattr(page, "_pictures", lambda *args: [])  # about half a megabyte each, seen elsewhere
+    monkeypatch.setattr(page, "_write_pictures", lambda *args: [])  # about half a megabyte each, seen elsewhere
     path = analysis_report(large_pair(rng), tmp_path / "report.html")
     assert 4e6 < path.stat().st_size < 15e6 - 5 * 0.7e6  # of room for five pictures

@@ -11,11 +11,19 @@ from morphofold.cohort.grid import make_grid
 from morphofold.cohort.phases import HINGES_PER_AREA, Phases, RunResult, SphereTheory, write_tables
 from morphofold.io import write_surface
 from morphofold.report import colours
-from morphofold.report.pages.phase_page import _drawn, _mosaic, missing, phase_report, section, theory_words, verdict
+from morphofold.report.pages.phase_page import (
+    _drawn_surface,
+    _thumbnail_mosaic,
+    missing,
+    phase_report,
+    section,
+    theory_words,
+    verdict,
+)
 from morphofold.report.plots.phase_plots import (
     AREA_RATIO,
-    SHOWN,
-    WAVELENGTH,
+    SHOWN_MEASURES,
+    WAVELENGTH_KEY,
     cell,
     crossings,
     curve,
@@ -28,7 +36,7 @@ from morphofold.shapes import icosphere
 from morphofold.surface import Surface
 
 pytestmark = pytest.mark.usefixtures("plain_pictures")
-GI, LENGTH, HINGES = SHOWN
+GI, LENGTH, HINGES = SHOWN_MEASURES
 VARY = ("cortex_thickness=1,2,3", "growth.final=1.2,1.8")
 
 
@@ -45,9 +53,9 @@ def made(vary=VARY, *, broken=(), pial=None, seeds=2, theory=None, scene="demo",
         if (point.at, point.seed) in broken:
             runs.append(RunResult(point, "left its bounds <at once>"))
             continue
-        values = {GI.key: gi(point.at, point.seed), WAVELENGTH: 20.0, HINGES_PER_AREA: 3.0, **numbers}
+        values = {GI.key: gi(point.at, point.seed), WAVELENGTH_KEY: 20.0, HINGES_PER_AREA: 3.0, **numbers}
         known = {key: value for key, value in values.items() if value is not None}
-        runs.append(RunResult(point, "", known, {WAVELENGTH: "no folds"}, pial=pial))
+        runs.append(RunResult(point, "", known, {WAVELENGTH_KEY: "no folds"}, pial=pial))
     given = (
         {at: SphereTheory(1.5, 1.6, 10.0) for at in grid.places}
         if theory is None
@@ -99,7 +107,7 @@ def test_failures_and_what_a_surface_does_not_have_are_said():
     assert found[0, 0].splitlines()[0] == "failed"
     assert found[1, 1].splitlines()[:2] == [f"{gi((1, 1), 1):.2f}", "(1 of 2)"]
     assert cell(phases, (1, 1), GI.key).failed == 1
-    smooth = made(**{WAVELENGTH: None})
+    smooth = made(**{WAVELENGTH_KEY: None})
     assert texts(diagram(smooth, LENGTH))[0, 0].splitlines() == ["–", "theory 10.0"]
     assert missing(smooth) == [
         "Wavelength of folds: 12 of 12 runs have none. Reason for cortex_thickness-1_growth.final-1.2_seed-0: no folds."
@@ -229,9 +237,9 @@ def ball(tmp_path):
 
 
 def test_what_no_run_has_has_no_diagram(tmp_path):
-    nothing = made(**{WAVELENGTH: None}, theory=SphereTheory(reason="of spheres"))
+    nothing = made(**{WAVELENGTH_KEY: None}, theory=SphereTheory(reason="of spheres"))
     page = phase_report(nothing, tmp_path).read_text()
-    assert not (tmp_path / "figures" / f"{WAVELENGTH}.png").exists()
+    assert not (tmp_path / "figures" / f"{WAVELENGTH_KEY}.png").exists()
     assert (tmp_path / "figures" / f"{GI.key}.png").exists()
     assert "Wavelength of folds: 12 of 12 runs have none." in page
     words = re.sub(r"base64,[A-Za-z0-9+/=]*", "", page)
@@ -242,8 +250,8 @@ def test_what_no_run_has_has_no_diagram(tmp_path):
 @pytest.mark.parametrize(
     ("scene", "measures", "says"),
     [
-        ("demo", [GI.key, WAVELENGTH, HINGES_PER_AREA], "the whole closed surface"),
-        ("patch", [AREA_RATIO.key, WAVELENGTH, HINGES_PER_AREA], "crests end at its border"),
+        ("demo", [GI.key, WAVELENGTH_KEY, HINGES_PER_AREA], "the whole closed surface"),
+        ("patch", [AREA_RATIO.key, WAVELENGTH_KEY, HINGES_PER_AREA], "crests end at its border"),
         ("strip", [AREA_RATIO.key], "no gyrification index and no hinges"),
     ],
 )
@@ -279,7 +287,7 @@ def test_a_strip_is_seen_from_the_side(tmp_path):
     for name, surface in (("lh.pial", pial), ("lh.white", white)):
         write_surface(tmp_path / name, surface)
     (point,) = make_grid("strip", ["growth.final=1.2"]).points
-    drawn = _drawn(RunResult(point, pial=tmp_path / "lh.pial"))
+    drawn = _drawn_surface(RunResult(point, pial=tmp_path / "lh.pial"))
     np.testing.assert_allclose(np.ptp(drawn.verts, axis=0), np.ptp(found.verts, axis=0), atol=1e-4)
 
 
@@ -288,7 +296,7 @@ def test_surfaces_stand_in_the_order_of_the_cells(ball):
     phases = made()
     first = {at: phases.at[at][0] for at in phases.grid.places}
     first[1, 0] = RunResult(first[1, 0].point, pial=ball)
-    canvas = _mosaic(phases, first, (), "lateral", 60.0)
+    canvas = _thumbnail_mosaic(phases, first, (), "lateral", 60.0)
     side, left, head, gap = 190, 110, 44, 10
     for i in range(3):
         for j in range(2):
@@ -302,14 +310,14 @@ def test_surfaces_stand_in_the_order_of_the_cells(ball):
 def test_a_surface_is_as_large_as_the_ruler_says(ball):
     phases = made(["mu_ratio=1,2"], pial=ball, seeds=1)
     first = {at: phases.at[at][0] for at in phases.grid.places}
-    canvas = _mosaic(phases, first, (), "lateral", 60.0)
+    canvas = _thumbnail_mosaic(phases, first, (), "lateral", 60.0)
     inside = (canvas[16 : 16 + 190, 110 : 110 + 190] < 250).any(axis=2)
     assert inside.any(axis=0).sum() == pytest.approx(0.94 * 190, abs=3)
 
 
 def test_a_page_escapes_names_and_holds_no_number_that_is_none(tmp_path):
     phases = made(
-        broken=[((0, 0), 0)], theory=SphereTheory(reason="the smooth sphere <is> stable"), **{WAVELENGTH: None}
+        broken=[((0, 0), 0)], theory=SphereTheory(reason="the smooth sphere <is> stable"), **{WAVELENGTH_KEY: None}
     )
     phases = replace(phases, grid=replace(phases.grid, name="<script>alert(1)</script>"))
     page = phase_report(phases, tmp_path).read_text()
@@ -339,11 +347,11 @@ def test_the_same_sweep_gives_the_same_bytes(tmp_path, ball):
 
 
 def test_measured_waves_are_laid_beside_those_of_theory():
-    phases = made(**{WAVELENGTH: 25.0})
+    phases = made(**{WAVELENGTH_KEY: 25.0})
     assert verdict(phases) == (
         "Where both are known (6 points), the measured wavelength is 2.50 times that of theory's first wrinkles."
     )
-    assert verdict(made(**{WAVELENGTH: None})) == ""
+    assert verdict(made(**{WAVELENGTH_KEY: None})) == ""
 
 
 def test_the_words_on_theory_say_what_it_assumes_and_where_it_gives_nothing():

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from morphofold.analysis.measures import FOLLOWS_FROM, PARAMETERS, SCALARS
-from morphofold.cohort.pooling import HOW, Pooling, commonest, pooling
+from morphofold.analysis.measures import PARAMETERS, PARAMETERS_OF_SCALAR, SCALARS
+from morphofold.cohort.pooling import SETTING_NAMES, Pooling, commonest, pooling
 
 USUAL = {
     "morphofold": "1.0",
@@ -18,7 +18,7 @@ USUAL = {
 
 
 def way(**changes):
-    return tuple({**USUAL, **changes}[key] for key in HOW)
+    return tuple({**USUAL, **changes}[key] for key in SETTING_NAMES)
 
 
 def pooled(of, *ways, **values):
@@ -83,8 +83,8 @@ def test_a_scalar_that_nobody_registered_follows_from_everything():
 
 
 def test_what_measures_follow_from_is_known():
-    assert set(FOLLOWS_FROM) <= set(SCALARS)
-    assert {key for keys in FOLLOWS_FROM.values() for key in keys} <= set(PARAMETERS)
+    assert set(PARAMETERS_OF_SCALAR) <= set(SCALARS)
+    assert {key for keys in PARAMETERS_OF_SCALAR.values() for key in keys} <= set(PARAMETERS)
 
 
 def test_the_options_that_would_measure_all_alike_are_said():

@@ -64,14 +64,14 @@ def test_the_kernel_projects_on_harmonics(rng):
         sum((1 if m == 0 else 2) * abs(f @ np.conj(reference.harmonic(verts, l, m))) ** 2 for m in range(l + 1))
         for l in range(41)
     ]
-    np.testing.assert_allclose(power_spectrum._project(verts, f, 40), wanted, rtol=1e-9)
+    np.testing.assert_allclose(power_spectrum._power_by_degree(verts, f, 40), wanted, rtol=1e-9)
 
 
 def test_high_degrees_lose_no_digits():
     """One vertex near the equator, weight 1: by the addition theorem sum_m |Y_lm|^2 = (2 l + 1) / 4 pi."""
     for direction in ([[0.6, 0.0, 0.8]], [[1.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]]):
-        power = power_spectrum._project(np.array(direction), np.ones(1), power_spectrum.MOST)
-        np.testing.assert_allclose(power * 4 * np.pi, 2 * np.arange(power_spectrum.MOST + 1) + 1, rtol=1e-9)
+        power = power_spectrum._power_by_degree(np.array(direction), np.ones(1), power_spectrum.LARGEST_DEGREE)
+        np.testing.assert_allclose(power * 4 * np.pi, 2 * np.arange(power_spectrum.LARGEST_DEGREE + 1) + 1, rtol=1e-9)
 
 
 def test_the_largest_degree_has_waves_of_four_edges(sphere):

@@ -9,7 +9,7 @@ from scipy.sparse import csgraph
 from scipy.sparse.linalg import spsolve
 
 from morphofold import geometry
-from morphofold.analysis.relief import COT_CLIP, DETOUR, implicit_smoothing, relief, windowed_range
+from morphofold.analysis.relief import COTANGENT_BOUNDS, EDGE_PATH_DETOUR, implicit_smoothing, relief, windowed_range
 from morphofold.geometry import edge_graph
 from morphofold.io import read_cortex
 from morphofold.shapes import icosphere, irregular_sphere
@@ -26,7 +26,7 @@ def test_smoothing_solves_its_equation_on_an_irregular_noisy_mesh(rng):
     verts, faces = irregular_sphere(3, radius=50.0, rng=rng)
     verts = verts + rng.normal(0, 0.5, verts.shape)
     mass = sparse.diags_array(geometry.vertex_areas(verts, faces))
-    matrix = (mass + 7.0**2 * geometry.cotangent_laplacian(verts, faces, clip=COT_CLIP)).tocsc()
+    matrix = (mass + 7.0**2 * geometry.cotangent_laplacian(verts, faces, clip=COTANGENT_BOUNDS)).tocsc()
     want = spsolve(matrix, mass @ verts)
     np.testing.assert_allclose(implicit_smoothing(verts, faces, 7.0, rounds=1, rtol=1e-11), want, atol=1e-6)
     loose = implicit_smoothing(verts, faces, 7.0, rounds=1)
@@ -46,7 +46,7 @@ def test_windows_hold_the_least_and_the_largest_within_their_distance(rng):
     values = rng.normal(size=len(verts))
     values[:40] = values[40]  # ties
     distance = csgraph.dijkstra(edge_graph(verts, faces))
-    near = distance <= 13.0 * DETOUR
+    near = distance <= 13.0 * EDGE_PATH_DETOUR
     low, high = windowed_range(verts, faces, values, 13.0)
     np.testing.assert_array_equal(high, np.where(near, values, -np.inf).max(axis=1))
     np.testing.assert_array_equal(low, np.where(near, values, np.inf).min(axis=1))
@@ -57,7 +57,7 @@ def test_edge_paths_are_longer_than_the_straight_way_by_the_factor_that_windows_
     path = csgraph.dijkstra(edge_graph(verts, faces), indices=[100, 2000, 7000])
     straight = np.arccos(np.clip(verts[[100, 2000, 7000]] @ verts.T, -1, 1))
     near = (straight > 0.2) & (straight < 0.5)
-    assert (path[near] / straight[near]).mean() == pytest.approx(DETOUR, abs=0.02)
+    assert (path[near] / straight[near]).mean() == pytest.approx(EDGE_PATH_DETOUR, abs=0.02)
 
 
 def test_height_follows_freesurfers_sulc():

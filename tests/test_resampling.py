@@ -13,7 +13,13 @@ from morphofold.analysis.resampling import Preset, resampled
 from morphofold.errors import UnknownName
 from morphofold.io import read_cortex, sample_path
 from morphofold.shapes import icosphere, ridged_sphere
-from morphofold.shapes.folded_ball import HEIGHT, RADIUS, THICKNESS, WIDTH, folded_ball
+from morphofold.shapes.folded_ball import (
+    CORTICAL_THICKNESS_MM,
+    RIDGE_HEIGHT_MM,
+    RIDGE_WIDTH_MM,
+    SPHERE_RADIUS_MM,
+    folded_ball,
+)
 from morphofold.shapes.ridges import irregular_net
 from morphofold.surface import Cortex, Regions, Surface
 
@@ -104,9 +110,9 @@ def test_hinges_of_a_copy_are_those_of_the_net_and_lie_on_the_surface_itself(bal
     graph = thinned.gyral_graph(None)
     nodes = [node for _, node in graph.nodes(data=True) if node["degree"] > 2]
     at = np.array([node["position"] for node in nodes])
-    true = irregular_net(60).nodes * (RADIUS + HEIGHT - THICKNESS)
-    assert (cKDTree(true).query(at)[0] < WIDTH / 2).all()
-    assert (cKDTree(at).query(true)[0] < WIDTH / 2).all()
+    true = irregular_net(60).nodes * (SPHERE_RADIUS_MM + RIDGE_HEIGHT_MM - CORTICAL_THICKNESS_MM)
+    assert (cKDTree(true).query(at)[0] < RIDGE_WIDTH_MM / 2).all()
+    assert (cKDTree(at).query(true)[0] < RIDGE_WIDTH_MM / 2).all()
     places = np.concatenate([at, *(line for *_, line in graph.edges(data="polyline"))])
     vertices = np.concatenate([[node["vertex"] for node in nodes], *(v for *_, v in graph.edges(data="vertices"))])
     mesh = trimesh.Trimesh(ball.white.verts, ball.faces, process=False)

@@ -11,9 +11,18 @@ from scipy.sparse.linalg import eigsh, spsolve
 
 from morphofold.sim.body import Body
 from morphofold.sim.build import build_body
-from morphofold.sim.dynamics import BRIEF, NEAR, PATIENCE, REFRESH, SHARE, SLOW, STILL_FOR, Dynamics
+from morphofold.sim.dynamics import (
+    LEAST_PATIENCE_TICKS,
+    MOST_PATIENCE_FACTOR,
+    PATIENCE_PER_GROWTH_TICK,
+    PATIENCE_TICKS,
+    REST_DISTANCE_OVER_T,
+    REST_TICKS,
+    STEPS_PER_MEASUREMENT,
+    Dynamics,
+)
 from morphofold.sim.effects import build_effects
-from morphofold.sim.equilibrium.rest import SOFT, Balance, softest
+from morphofold.sim.equilibrium.rest import SOFT_MODE_W2, Balance, softest
 from morphofold.sim.equilibrium.statics import equilibrium
 from morphofold.sim.equilibrium.tangent import Tangent, cauchy_stress
 from morphofold.sim.mesh.brick_mesh import bilayer_patch
@@ -34,7 +43,7 @@ def swinging(w2, damping, left, steps, more=0.0, near=1e9):
         a, was = -stiff * x, x
         v = (1 - damping / TICK) * v + a
         x += v
-        if step % REFRESH == 0:
+        if step % STEPS_PER_MEASUREMENT == 0:
             fast = np.sin(6 * np.pi * step / TICK)
             balance.look(
                 step, was * way + fast * shake, a * way - (6 * np.pi / TICK) ** 2 * fast * shake, mass, damping / TICK
@@ -51,9 +60,9 @@ def test_of_a_body_that_creeps_in_a_soft_mode_the_distance_is_that_from_rest(w2)
 
 def test_of_a_stiffer_mode_it_is_more_and_of_one_that_shakes_besides_no_less():
     """Softer modes may hide in the drift that is seen: it is never taken for stiffer than those of folds."""
-    balance, left = swinging(8 * SOFT, damping=0.5, left=7.0, steps=round(8 * TICK))
+    balance, left = swinging(8 * SOFT_MODE_W2, damping=0.5, left=7.0, steps=round(8 * TICK))
     assert abs(left) < balance.distance < 20 * abs(left)
-    balance, left = swinging(SOFT, damping=0.5, left=7.0, steps=round(12 * TICK), more=1.0)
+    balance, left = swinging(SOFT_MODE_W2, damping=0.5, left=7.0, steps=round(12 * TICK), more=1.0)
     assert abs(left) < balance.distance < 10 * abs(left)
 
 
@@ -104,7 +113,7 @@ def exact_distance(run):
 
 
 def test_of_a_strip_in_folds_the_distance_is_not_less_than_newtons_step_and_falls_with_it():
-    """Nothing touches. The softest mode of these folds is stiffer than SOFT: the distance is too large."""
+    """Nothing touches. The softest mode of these folds is stiffer than SOFT_MODE_W2: the distance is too large."""
     run = strip("growth.final=1.28")
     run.grow_to(1.28)
     told, exact = [], []
@@ -146,12 +155,12 @@ def test_the_softest_mode_of_a_beam_is_found_from_above_and_a_sphere_has_none_as
     rows = np.flatnonzero(body.free)
     K, mass = Tangent(body).at(body.X)[rows][:, rows], sparse.diags(np.repeat(body.mass, 3)[rows])
     exact = eigsh(K, 1, mass, sigma=0.0, which="LM", return_eigenvectors=False)[0] * body.crossing**2
-    assert exact <= softest(body) < SOFT / 3
+    assert exact <= softest(body) < SOFT_MODE_W2 / 3
     body.grow(1.3)
     assert softest(body) == pytest.approx(softest(beam(edge=1.0)), rel=1e-6)
     assert body.growth == 1.3
     for settings in (["geometry.portion=octant"], ["material.mu_ratio=10"]):
-        assert softest(build_body(load_scene("fig6-thick", ["accuracy.edge=3.6", *settings]))) > 10 * SOFT
+        assert softest(build_body(load_scene("fig6-thick", ["accuracy.edge=3.6", *settings]))) > 10 * SOFT_MODE_W2
 
 
 def test_a_body_that_floats_has_motions_without_stiffness_that_are_not_its_softest_mode():
@@ -170,7 +179,7 @@ def test_a_run_that_does_not_rest_goes_on_after_its_patience_and_says_how_far_it
     run.balance._near = 0.0
     assert not run.settle()
     tick = run.body.crossing
-    assert PATIENCE * tick <= run.state.relaxed
+    assert PATIENCE_TICKS * tick <= run.state.relaxed
     assert run.state.record["distance_over_T"] == run.balance.distance / run.body.thickness > 0
 
 
@@ -178,8 +187,8 @@ def test_a_run_taken_up_while_it_rests_ends_with_the_same_bytes():
     whole, again = strip(), strip()
     whole.grow_to(1.25)
     saved = []
-    whole.settle(lambda state: saved.append(whole.save()) if state.relaxed == 8 * REFRESH else None)
-    assert whole.state.relaxed > 8 * REFRESH
+    whole.settle(lambda state: saved.append(whole.save()) if state.relaxed == 8 * STEPS_PER_MEASUREMENT else None)
+    assert whole.state.relaxed > 8 * STEPS_PER_MEASUREMENT
     again.load(saved[0])
     again.settle()
     assert again.state.step == whole.state.step
@@ -191,8 +200,8 @@ def test_growth_goes_on_at_the_full_damping_and_counts_its_rest_anew():
     full = run.damping
     run.grow_to(1.1)
     assert run.settle()
-    assert run.state.relaxed >= STILL_FOR * run.body.crossing
-    assert run.balance.distance < NEAR * run.body.thickness
+    assert run.state.relaxed >= REST_TICKS * run.body.crossing
+    assert run.balance.distance < REST_DISTANCE_OVER_T * run.body.thickness
     assert run.damping == full
     run.grow_to(1.11)
     assert run.state.relaxed == 0
@@ -207,7 +216,7 @@ def test_the_energy_that_damping_took_is_what_the_others_lost():
     run.state.x[~body.free] = body.X[~body.free]
     run._measure()
     before = run.state.record["strain_energy"]
-    run.relax(40 * REFRESH)
+    run.relax(40 * STEPS_PER_MEASUREMENT)
     lost = before - run.state.record["strain_energy"] - run.state.record["kinetic_energy"]
     assert lost > 0.9 * before
     assert run.state.record["dissipated_energy"] == pytest.approx(lost, rel=0.3)  # seen every twelfth step
@@ -234,16 +243,16 @@ def test_a_smooth_body_at_rest_has_the_stress_of_one_that_rests_far_longer():
     assert np.linalg.norm(soon - later) < 2e-3 * np.linalg.norm(later)
 
 
-@pytest.mark.parametrize(("distance", "longest"), [(0.2, PATIENCE), (0.3, PATIENCE * SLOW)])
+@pytest.mark.parametrize(("distance", "longest"), [(0.2, PATIENCE_TICKS), (0.3, PATIENCE_TICKS * MOST_PATIENCE_FACTOR)])
 def test_a_body_on_its_way_to_other_folds_has_more_patience_than_one_that_is_nearly_there(distance, longest):
     """What the gauge tells is made up here; how long growth then stands still is not."""
     body = Body(bilayer_patch((2.0, 2.0), 6.0, 1.0, 1.0), mu_cortex=1.0, mu_core=1.0, kappa_ratio=50.0, law="isotropic")
     run = Dynamics(body, steps_per_unit=1000)
     run.balance.look = lambda *state: None
     run.balance.distance = distance * body.thickness
-    run.state.step = round(PATIENCE * body.crossing)  # as if it had grown for so long
+    run.state.step = round(PATIENCE_TICKS * body.crossing)  # as if it had grown for so long
     assert not run.settle()
-    assert 0 <= run.state.relaxed - longest * body.crossing < REFRESH
+    assert 0 <= run.state.relaxed - longest * body.crossing < STEPS_PER_MEASUREMENT
 
 
 def test_after_little_growth_a_body_that_does_not_rest_goes_on_sooner():
@@ -256,9 +265,9 @@ def test_after_little_growth_a_body_that_does_not_rest_goes_on_sooner():
     tick, before = run.body.crossing, run.state.step
     run.grow_to(1.2)
     grown = run.state.step - before
-    assert BRIEF < SHARE * grown / tick < PATIENCE
+    assert LEAST_PATIENCE_TICKS < PATIENCE_PER_GROWTH_TICK * grown / tick < PATIENCE_TICKS
     assert not run.settle()
-    assert 0 <= run.state.relaxed - SHARE * grown < REFRESH
+    assert 0 <= run.state.relaxed - PATIENCE_PER_GROWTH_TICK * grown < STEPS_PER_MEASUREMENT
     run.grow_to(1.201)
     assert not run.settle()
-    assert 0 <= run.state.relaxed - BRIEF * tick < REFRESH
+    assert 0 <= run.state.relaxed - LEAST_PATIENCE_TICKS * tick < STEPS_PER_MEASUREMENT

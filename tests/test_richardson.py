@@ -13,12 +13,20 @@ from morphofold.cli import main
 from morphofold.comparison.distance import distance
 from morphofold.errors import DoesNotApply, NoSolution
 from morphofold.forecasts import estimate_error, richardson
-from morphofold.forecasts.richardson import POWERS, SAME_PATTERN, Grown, between, coarser, companions, estimate_beside
+from morphofold.forecasts.richardson import (
+    CONVERGENCE_POWERS,
+    SAME_PATTERN_DISTANCE,
+    Grown,
+    between,
+    coarser,
+    companions,
+    estimate_beside,
+)
 from morphofold.forecasts.sizes import edge_by_rule
-from morphofold.forecasts.table import STUDIED, called
+from morphofold.forecasts.table import STUDIED_RANGES, called
 from morphofold.report.pages.costs import costs
 from morphofold.shapes import icosphere
-from morphofold.sim.dynamics import NEAR, UnstableError
+from morphofold.sim.dynamics import REST_DISTANCE_OVER_T, UnstableError
 from morphofold.sim.output.run_files import is_temporary
 from morphofold.sim.run import simulate
 from morphofold.sim.scene.files import load_scene
@@ -35,7 +43,7 @@ def made(edge, degree=12, height=3.0, warnings=()):
 
 
 def test_an_error_that_goes_with_a_power_of_the_edge_is_found_exactly():
-    power, slope = POWERS["pial distance"], 0.02
+    power, slope = CONVERGENCE_POWERS["pial distance"], 0.02
     sphere = lambda edge: Grown(Surface(icosphere(4, 50 + slope * edge**power)[0], icosphere(4)[1]), edge, [])
     found = between(load_scene("fig6-thick"), sphere(2.0), sphere(3.0))
     assert found.ratio == 1.5
@@ -59,7 +67,7 @@ def test_another_pattern_gives_no_error_however_near_the_numbers_lie():
     turned = Surface(mine.pial.verts * [1, -1, -1], mine.pial.faces)
     found = between(load_scene("fig6-thick"), mine, Grown(turned, 3.0, []))
     assert found.errors["gyrification index"].change == pytest.approx(0, abs=1e-12)
-    assert found.errors["pial distance"].change > SAME_PATTERN
+    assert found.errors["pial distance"].change > SAME_PATTERN_DISTANCE
     assert {e.error for e in found.errors.values()} == {None}
     assert "another pattern" in found.words
     assert f"pial distance {percent(found.errors['pial distance'].change)} of T" in found.words
@@ -93,7 +101,7 @@ def test_another_pattern_at_another_pace_is_doubted_and_leaves_the_error_of_the_
     coarse = made(3.0, height=2.8)
     turned = Grown(Surface(coarse.pial.verts * [1, -1, -1], coarse.pial.faces), 3.0, ["not calm"])
     found = between(load_scene("fig6-thick"), made(2.0), coarse, turned)
-    assert found.pace["pial distance"] > SAME_PATTERN
+    assert found.pace["pial distance"] > SAME_PATTERN_DISTANCE
     assert found.errors == between(load_scene("fig6-thick"), made(2.0), coarse).errors
     ill, pattern = found.doubts
     assert "slower run isn't healthy: not calm" in ill
@@ -146,7 +154,7 @@ def test_what_has_no_coarser_run_is_refused_before_anything_is_grown(tmp_path, c
     few = ["simulate", "fig6-thick", "--estimate", "--set", "accuracy.edge=25"]
     refused(capsys, few, "accuracy.edge", "fig6-thick", "[no-solution]")
     refused(capsys, [*few, "--dry-run"], "fig6-thick", "[no-solution]")
-    monkeypatch.setitem(STUDIED, "thickness", (0.0, 1.0))
+    monkeypatch.setitem(STUDIED_RANGES, "thickness", (0.0, 1.0))
     thick = ["simulate", "fig6-thick", "--estimate", "--set", "geometry.cortex_thickness=20", "--json"]
     assert main([*thick, "--error", "99%", "--threads", "1"]) == 2  # a mesh that was picked, too
     assert "[no-solution]" in capsys.readouterr().err
@@ -220,7 +228,9 @@ def test_an_estimate_goes_on_after_a_stop_and_is_on_the_page(tmp_path, monkeypat
     assert content["not_studied"] == ["edge", "growth"]
     assert content["pace"] == whole.pace
     assert whole.pace["gyrification index"] < 1e-3  # a smooth body at rest forgets its pace,
-    assert 0 < whole.pace["pial distance"] < NEAR / 10  # as far as it is at rest: within NEAR, over T
+    assert (
+        0 < whole.pace["pial distance"] < REST_DISTANCE_OVER_T / 10
+    )  # as far as it is at rest: within REST_DISTANCE_OVER_T, over T
 
     again = simulate(load_scene("fig6-thick", SMALL), "again", threads=1)
     for most, coarser_is_done in ((0.15, False), (0.8, True)):

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from morphofold.errors import NoSolution
-from morphofold.shapes.ridges import SOLIDS, irregular_net, regular_net, ridged_net
+from morphofold.shapes.ridges import REGULAR_SOLIDS, irregular_net, regular_net, ridged_net
 
 DEGREE = {"tetrahedron": 3, "cube": 3, "octahedron": 4, "icosahedron": 5, "dodecahedron": 3}
 
 
-@pytest.mark.parametrize("solid", SOLIDS)
+@pytest.mark.parametrize("solid", REGULAR_SOLIDS)
 def test_regular_nets_obey_euler_and_have_equal_arms(solid):
     net = regular_net(solid)
     nodes, arcs = len(net.nodes), len(net.arcs)

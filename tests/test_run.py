@@ -12,7 +12,13 @@ import pytest
 
 import morphofold as mf
 from morphofold.sim.build import build_body
-from morphofold.sim.dynamics import NEAR, PATIENCE, REFRESH, SLOW, STILL_FOR
+from morphofold.sim.dynamics import (
+    MOST_PATIENCE_FACTOR,
+    PATIENCE_TICKS,
+    REST_DISTANCE_OVER_T,
+    REST_TICKS,
+    STEPS_PER_MEASUREMENT,
+)
 from morphofold.sim.output.checkpoint import as_bytes, as_lines
 from morphofold.sim.run import simulate
 from morphofold.sim.scene.files import load_scene
@@ -184,7 +190,7 @@ def test_a_finished_run_is_not_repeated(folder):
 
 
 def test_a_run_that_breaks_down_leaves_its_log_and_its_last_sound_state(tmp_path, monkeypatch):
-    from morphofold.sim.dynamics import REFRESH, Dynamics, UnstableError
+    from morphofold.sim.dynamics import STEPS_PER_MEASUREMENT, Dynamics, UnstableError
 
     step = Dynamics._run
 
@@ -198,8 +204,8 @@ def test_a_run_that_breaks_down_leaves_its_log_and_its_last_sound_state(tmp_path
         simulate("demo", tmp_path / "x", settings=SMALL)
     with np.load(tmp_path / "x" / "last-sound-state.npz", allow_pickle=False) as sound:
         assert np.isfinite(sound["x"]).all()
-        assert sound["step"] == 10 * REFRESH
-    assert json.loads((tmp_path / "x" / "log.jsonl").read_text().splitlines()[-1])["step"] <= 10 * REFRESH
+        assert sound["step"] == 10 * STEPS_PER_MEASUREMENT
+    assert json.loads((tmp_path / "x" / "log.jsonl").read_text().splitlines()[-1])["step"] <= 10 * STEPS_PER_MEASUREMENT
     assert not (tmp_path / "x" / "health.json").exists()
 
 
@@ -256,8 +262,12 @@ def test_growth_stands_still_at_every_stage_until_the_body_rests_or_for_a_time(f
     scene = load_scene("demo", SMALL)
     tick = build_body(scene, []).crossing
     for stage in json.loads((folder / "health.json").read_text())["stages"]:
-        assert STILL_FOR * tick <= stage["rested_steps"] <= PATIENCE * SLOW * tick + REFRESH
-        assert stage["distance_over_T"] < NEAR or stage["rested_steps"] >= PATIENCE * tick
+        assert (
+            REST_TICKS * tick
+            <= stage["rested_steps"]
+            <= PATIENCE_TICKS * MOST_PATIENCE_FACTOR * tick + STEPS_PER_MEASUREMENT
+        )
+        assert stage["distance_over_T"] < REST_DISTANCE_OVER_T or stage["rested_steps"] >= PATIENCE_TICKS * tick
         growing = [line["step"] for line in lines if line["growth"] < stage["growth"]]
         assert stage["step"] - growing[-1] >= stage["rested_steps"] > 0
 

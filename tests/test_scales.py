@@ -13,7 +13,7 @@ from morphofold.analysis.measuring import measure, scale_of_curvature
 from morphofold.cli import main
 from morphofold.cohort import scales
 from morphofold.cohort.measuring import curvature_scale
-from morphofold.cohort.scales import FILE, MOST, Scales, kept_scales, look, scales_of, with_scales
+from morphofold.cohort.scales import MOST_SUBJECTS_READ, SCALES_FILE, Scales, kept_scales, look, scales_of, with_scales
 from morphofold.io import read_cortex
 
 
@@ -56,19 +56,23 @@ def test_the_scales_of_the_first_run_are_kept(tmp_path, out):
     fleet = Looking()
     assert scales_of(out, fleet, named(tmp_path, "3 7", "3 8", "5 20")) == first
     assert fleet.names == []
-    assert json.loads((out / FILE).read_text()) == {"curvature_scale_mm": 3.0, "gyral_width_mm": 7.5, "hemispheres": 2}
+    assert json.loads((out / SCALES_FILE).read_text()) == {
+        "curvature_scale_mm": 3.0,
+        "gyral_width_mm": 7.5,
+        "hemispheres": 2,
+    }
 
 
 def test_of_very_many_subjects_some_are_looked_at(tmp_path, out):
     fleet = Looking()
     scales_of(out, fleet, named(tmp_path, *(f"3 {k}" for k in range(1, 1001))))
-    assert len(fleet.names) == MOST
+    assert len(fleet.names) == MOST_SUBJECTS_READ
     assert {"3 1", "3 1000"} <= set(fleet.names)
 
 
 def test_no_scales_are_kept_where_nothing_can_be_read(tmp_path, out):
     assert scales_of(out, HereFleet(), named(tmp_path, "nobody")) is None
-    assert not (out / FILE).exists()
+    assert not (out / SCALES_FILE).exists()
 
 
 @pytest.mark.parametrize(
@@ -85,8 +89,8 @@ def test_no_scales_are_kept_where_nothing_can_be_read(tmp_path, out):
     ],
 )
 def test_damaged_scales_are_refused(tmp_path, out, text):
-    (out / FILE).write_text(text)
-    with pytest.raises(ValueError, match=FILE):
+    (out / SCALES_FILE).write_text(text)
+    with pytest.raises(ValueError, match=SCALES_FILE):
         scales_of(out, Looking(), named(tmp_path, "3 7"))
 
 
@@ -131,7 +135,7 @@ def test_a_cohort_is_measured_with_one_scale_and_one_width(tmp_path, monkeypatch
         write_subject(tmp_path / "subjects" / name, level=level)
     argv = ["cohort", str(tmp_path / "subjects"), "-o", str(tmp_path / "out"), "--no-report"]
     assert main(argv) == 0
-    assert FILE in capsys.readouterr().err
+    assert SCALES_FILE in capsys.readouterr().err
     for name in ("a", "b"):
         said = json.loads((tmp_path / "out" / "subjects" / name / "summary.json").read_text())
         assert said["parameters"]["gyral_width_mm"] == 22.0
@@ -142,14 +146,14 @@ def test_a_cohort_is_measured_with_one_scale_and_one_width(tmp_path, monkeypatch
     capsys.readouterr()
     assert main([*argv, "--gyral-width", "9", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["remarks"] == []  # all alike
-    (tmp_path / "out" / FILE).write_text("{}")
+    (tmp_path / "out" / SCALES_FILE).write_text("{}")
     capsys.readouterr()
-    refused(capsys, argv, FILE)
+    refused(capsys, argv, SCALES_FILE)
 
 
 def test_lengths_are_told_as_they_are_taken():
     for length in (7.7310711, 0.0123456, 812.4, 3.0):
-        up, near = scales._digits(length, np.ceil), scales._digits(length, np.round)
+        up, near = scales._rounded_to_three_digits(length, np.ceil), scales._rounded_to_three_digits(length, np.round)
         assert length * (1 - 1e-8) <= up <= 1.01 * length
         assert near == pytest.approx(length, rel=0.005)
         assert f"{up:g}" == f"{float(f'{up:.3g}'):g}"

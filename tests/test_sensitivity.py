@@ -2,7 +2,7 @@
 
 import pytest
 
-from morphofold.analysis.graph.sensitivity import OF_THE_NET, OF_THE_POTENTIAL, hinge_sensitivity
+from morphofold.analysis.graph.sensitivity import NET_LENGTHS, POTENTIAL_LENGTHS, hinge_sensitivity
 from morphofold.errors import OutOfRange, UnknownName
 from morphofold.shapes import sphere
 from morphofold.shapes.ridges import regular_net, ridged_net
@@ -12,7 +12,10 @@ from morphofold.surface import Surface
 def test_hinges_of_a_clean_net_do_not_depend_on_small_changes_and_vanish_by_large_ones():
     surface = ridged_net(regular_net("cube"), 5, 8.0, rng=1)
     rows = hinge_sensitivity(surface, factors=(0.75, 1.5))
-    assert [row["length"] for row in rows] == ["", *(name for name in OF_THE_NET + OF_THE_POTENTIAL for _ in range(2))]
+    assert [row["length"] for row in rows] == [
+        "",
+        *(name for name in NET_LENGTHS + POTENTIAL_LENGTHS for _ in range(2)),
+    ]
     for row in rows:
         assert (row["n_hinges"], row["n_hinges_3"], row["n_ends"], row["kept"], row["old"]) == (8, 8, 0, 1.0, 1.0)
     base = rows[0]["crest_length_mm"]

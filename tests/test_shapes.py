@@ -165,9 +165,9 @@ def test_edges_are_kept_only_of_faces_that_cannot_change_and_as_long_as_these_li
     assert edges(fixed.faces) is edges(fixed.faces)
     np.testing.assert_array_equal(edges(fixed.faces), before)
     key = id(fixed.faces)
-    assert key in geometry._KEPT
+    assert key in geometry._EDGES_OF_FACES_ID
     del fixed
-    assert key not in geometry._KEPT
+    assert key not in geometry._EDGES_OF_FACES_ID
 
 
 def test_adjacency_is_that_of_the_edges_and_pieces_are_told_apart():

@@ -4,7 +4,7 @@ import pytest
 from morphofold.shapes import icosphere
 from morphofold.sim.body import Body
 from morphofold.sim.health import enclosed_volume, overlap
-from morphofold.sim.mesh.brick_mesh import PLANES, bilayer_sphere
+from morphofold.sim.mesh.brick_mesh import SYMMETRY_AXES, bilayer_sphere
 from morphofold.sim.output.surfaces import smooth_diagonals, whole_surfaces
 from morphofold.surface import Surface
 
@@ -12,7 +12,7 @@ from morphofold.surface import Surface
 SPLITS = [[[0, 1, 2], [0, 2, 3]], [[0, 1, 3], [1, 2, 3]]]
 
 
-@pytest.mark.parametrize("portion", PLANES)
+@pytest.mark.parametrize("portion", SYMMETRY_AXES)
 def test_every_portion_gives_the_whole_closed_sphere(portion):
     body = Body(bilayer_sphere(50, 3, 25, portion, 12), mu_cortex=1.0, mu_core=1.0, kappa_ratio=50.0, law="isotropic")
     white, pial = whole_surfaces(body, body.X)

@@ -21,7 +21,7 @@ def lattice(shape, rng):
 
 @pytest.fixture
 def small_leaves(monkeypatch):
-    monkeypatch.setattr(sparse_factor, "LEAF", 8)
+    monkeypatch.setattr(sparse_factor, "MOST_LEAF_NODES", 8)
 
 
 @pytest.mark.parametrize("shape", [(7, 5, 3), (40, 2, 1), (3, 3, 1), (1, 1, 1)])

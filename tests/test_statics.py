@@ -42,7 +42,7 @@ def flat(law, mu_ratio, kappa_ratio=50.0):
 
 def wave_strip(monkeypatch, law, mu_ratio, k):
     """Half a wave of a strip, 1 thick on a deep core; all steps fall by k, those of the core by and by too."""
-    monkeypatch.setattr(shapes, "CORE_RATIO", 1.4 ** (1 / k))
+    monkeypatch.setattr(shapes, "CORE_LAYER_RATIO", 1.4 ** (1 / k))
     wavelength = flat(law, mu_ratio)[1]
     bilayer = bilayer_patch((wavelength / 2, 0.0), 1.5 * wavelength, 1.0, wavelength / 16 / k, 3 * k)
     return Body(bilayer, mu_cortex=mu_ratio, mu_core=1.0, kappa_ratio=50.0, law=law)
@@ -139,7 +139,7 @@ def test_levels_are_even_on_spheres_and_patches_of_even_thickness(bilayer, even)
 def test_a_path_that_ends_carries_its_last_state(monkeypatch):
     body = patch()
     x = statics.equilibrium(body, 1.1)
-    monkeypatch.setattr(path, "ITERATIONS", 0)
+    monkeypatch.setattr(path, "MOST_NEWTON_ITERATIONS", 0)
     with pytest.raises(statics.ConvergenceError, match=r"\bg = 1\.1:") as caught:
         statics.equilibrium(body, 1.2, x)
     assert caught.value.growth == body.growth == 1.1

@@ -76,7 +76,9 @@ def test_growth_scales_the_filter_as_a_cell(body, rng):
 def test_a_zigzag_costs_what_it_did_without_the_projection(monkeypatch, rng):
     """On a regular grid the twice applied umbrella has no affine part: nothing of its strength is lost."""
     kept = body_of(bilayer_patch((12, 12), 4, 1, 1))
-    monkeypatch.setattr("morphofold.sim.elements.surface_filter._affine_free", lambda stencils, p, cell: stencils)
+    monkeypatch.setattr(
+        "morphofold.sim.elements.surface_filter._remove_affine_part", lambda stencils, p, cell: stencils
+    )
     plain = body_of(bilayer_patch((12, 12), 4, 1, 1))
     x = shaken(kept, rng)
     assert kept.filter.energy(x) == pytest.approx(plain.filter.energy(x), rel=1e-9)

@@ -15,10 +15,10 @@ from commands import refused
 import morphofold.simulation
 from morphofold.analysis.measures import Measures
 from morphofold.cli import main
-from morphofold.cli.sweep import _anywhere
+from morphofold.cli.sweep import _with_absolute_mesh_path
 from morphofold.cohort import fleet, sweep, tasks
 from morphofold.cohort.grid import MOST_RUNS, make_grid
-from morphofold.cohort.phases import HINGES_PER_AREA, OVER_FLAT, SphereTheory, read_run, theory_of
+from morphofold.cohort.phases import AREA_OVER_FLAT, HINGES_PER_AREA, SphereTheory, read_run, theory_of
 from morphofold.cohort.sweep import Run, grow_and_measure, memory_of_run
 from morphofold.cohort.tasks import TaskFolder, read_record, write_record
 from morphofold.errors import NamedTwice, NotReadable, UnknownName
@@ -194,7 +194,7 @@ def ball(here, monkeypatch):
     def open_fleet(**asked):
         yield Here()
 
-    monkeypatch.setattr(radial_run, "SPHERE_LEVEL", 3)  # 642 vertices
+    monkeypatch.setattr(radial_run, "ICOSPHERE_LEVEL", 3)  # 642 vertices
     monkeypatch.setattr(fleet, "open_fleet", open_fleet)
     monkeypatch.setattr(morphofold.simulation, "simulate", simulate)
     monkeypatch.setattr(measuring, "measure", measured)
@@ -338,7 +338,7 @@ def one_run(here, **options):
 def test_a_run_that_is_held_is_waited_for_and_never_written(here, ball, monkeypatch):
     one = one_run(here)
     held_place = one.place.record.parent, "one.lock"
-    monkeypatch.setattr(tasks, "PAUSE", 0.01)
+    monkeypatch.setattr(tasks, "PAUSE_BETWEEN_CHECKS", 0.01)
     monkeypatch.setattr(tasks, "LONGEST_WAIT_FOR_LOCK", 0.05)
     with alone(*held_place):  # a worker that the scheduler gave up for lost
         outcome = grow_and_measure(one)
@@ -498,7 +498,7 @@ def test_area_over_flat_is_one_of_a_flat_piece_and_that_of_its_slope_of_a_steep_
     write_analysis([Measures(cortex, {"n_hinges": 1, "area_pial_mm2": area}, {})], folder / "analysis", report=False)
     write_record(here / "records" / f"{point.name}.json", "key", {}, results=True, files={"analysis/report.html": "0"})
     read = read_run(here, point)
-    assert read.measures[OVER_FLAT] == pytest.approx(np.sqrt(2))
+    assert read.measures[AREA_OVER_FLAT] == pytest.approx(np.sqrt(2))
     assert (HINGES_PER_AREA in read.measures) == (scene == "patch")  # a section has no hinges
 
 
@@ -577,9 +577,9 @@ def test_a_cluster_that_runs_already_gives_the_same_tables(here, capsys):
 def test_a_mesh_file_is_found_from_where_a_worker_is(here):
     (here / "mine.vtu").write_bytes(b"")
     mine, sample = load_scene("mesh", ["geometry.file=mine.vtu"]), load_scene("mesh")
-    assert _anywhere(mine).geometry.file == str(here / "mine.vtu")
-    assert _anywhere(sample) == sample
-    assert _anywhere(load_scene("demo")) == load_scene("demo")
+    assert _with_absolute_mesh_path(mine).geometry.file == str(here / "mine.vtu")
+    assert _with_absolute_mesh_path(sample) == sample
+    assert _with_absolute_mesh_path(load_scene("demo")) == load_scene("demo")
 
 
 # theory ------------------------------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ import pytest
 
 from morphofold.cli import main
 from morphofold.cli import theory as command
-from morphofold.cli.progress import COMPILING
+from morphofold.cli.progress import COMPILING_TEXT
 from morphofold.errors import NotReadable
 from morphofold.sim import theory, theory_tables
 from morphofold.sim.build import build_bilayer
@@ -45,7 +45,7 @@ def refused(capsys, *argv):
 
 
 def test_the_laws_offered_are_the_laws_there_are():
-    assert command.LAWS == LAWS
+    assert command.GROWTH_LAWS == LAWS
 
 
 def test_radius_prints_equation_11_for_the_papers_sphere(capsys):
@@ -167,9 +167,9 @@ def test_the_curve_has_its_least_growth_where_the_answer_is(capsys):
 
 def test_numbers_come_one_by_one_or_as_a_range():
     limits = ("--growth", 0.5, 5.0)
-    assert command._numbers(["1:2:11", "3"], *limits) == [*(round(1 + i / 10, 1) for i in range(11)), 3.0]
-    assert command._numbers(["2:1:3"], *limits) == [2.0, 1.5, 1.0]
-    assert command._numbers(["1", "1.0", "2"], *limits) == [1.0, 2.0]
+    assert command._parsed_numbers(["1:2:11", "3"], *limits) == [*(round(1 + i / 10, 1) for i in range(11)), 3.0]
+    assert command._parsed_numbers(["2:1:3"], *limits) == [2.0, 1.5, 1.0]
+    assert command._parsed_numbers(["1", "1.0", "2"], *limits) == [1.0, 2.0]
 
 
 @pytest.mark.parametrize("word", ["two", "1:2", "1:2:1", "1:2:3:4", "1:2:2.5", "1:2:99999999", "nan", "inf", "0"])
@@ -375,7 +375,7 @@ def test_an_octant_is_held_against_the_even_degrees_it_has():
     found = {}
     for portion in ("quarter", "octant"):
         scene = load_scene("demo", ["material.mu_ratio=4", f"geometry.portion={portion}"])
-        found[portion] = theory_tables._theory_of(scene)
+        found[portion] = theory_tables._theory_of_scene(scene)
     exact = theory.bifurcation(3 / 50, 4.0, "isotropic", 50.0)
     assert found["quarter"] == (exact.g_crit, exact.mode, "")
     assert exact.mode == 11
@@ -396,7 +396,7 @@ def test_an_octant_is_held_against_the_even_degrees_it_has():
     ],
 )
 def test_where_there_is_no_theory_beside_a_body_the_reason_is_told(words, reason):
-    g, degree, told = theory_tables._theory_of(load_scene(words[0], words[1:]))
+    g, degree, told = theory_tables._theory_of_scene(load_scene(words[0], words[1:]))
     assert np.isnan([g, degree]).all()
     assert reason in told
 
@@ -412,7 +412,9 @@ def test_a_strip_is_told_with_dashes_for_the_theory_and_its_progress(capsys):
     assert note.startswith("[1] theory is of spheres")
     assert "left out: contact, perturbation" in " ".join(lines)
     assert max(map(len, lines)) <= 120
-    said = [line for line in told.err.splitlines() if COMPILING not in line]  # which it does where no other test has
+    said = [
+        line for line in told.err.splitlines() if COMPILING_TEXT not in line
+    ]  # which it does where no other test has
     assert said[0].startswith("strip:  14% after")
     assert said[0].endswith("  stable at g = 1.05000")
 

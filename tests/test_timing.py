@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 from numba import TypingError, njit
 
-from morphofold.cli.progress import COMPILING, progress, time_left
+from morphofold.cli.progress import COMPILING_TEXT, progress, time_left
 from morphofold.timing import Stages, peak_memory, reporting_compilation, working_seconds
 
 
@@ -78,7 +78,7 @@ def test_compiling_is_said_once_and_not_when_quiet(terminal, capsys, monkeypatch
             tell(0.5, "half way")
         said = capsys.readouterr().err
         if not terminal:
-            assert said.count(COMPILING) == (not quiet)
+            assert said.count(COMPILING_TEXT) == (not quiet)
         elif quiet:
             assert not said
     new_kernel()(3.0)  # nobody is told any more

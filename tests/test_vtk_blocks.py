@@ -9,7 +9,7 @@ import pytest
 
 from morphofold.errors import DamagedFile
 from morphofold.io import read_surface
-from morphofold.io.vtk_blocks import MAX_UNPACKED, check_blocks
+from morphofold.io.vtk_blocks import MOST_UNPACKED_BYTES, check_blocks
 from morphofold.shapes import icosphere
 
 
@@ -94,7 +94,7 @@ def test_blocks_larger_than_the_file_are_refused(tmp_path, appended, wide, word)
         changed = raw[:at] + with_word(raw[at:], word, size, True)
     found, most = numbers_told(changed)
     if word in (1, 2):  # all arrays unpacked
-        assert (found >= 2**31, most) == (True, MAX_UNPACKED)
+        assert (found >= 2**31, most) == (True, MOST_UNPACKED_BYTES)
     else:  # blocks, and the bytes of the file
         assert (found, most) == (2**31 if word == 0 else 1, len(changed))
 

@@ -74,7 +74,7 @@ def test_creasing_amplitude_is_that_of_the_finite_element_mode(T_over_C, mu_rati
     """Null vector of the finite-element tangent, its roll at that amplitude, and the stretches at the trough."""
     found = theory.bifurcation(T_over_C, mu_ratio)
     degree = int(found.mode)
-    body = finite_elements._Sphere(T_over_C, mu_ratio, "isotropic", math.inf, 0.5, degree, None, 8, found.g_crit)
+    body = finite_elements._SphereMesh(T_over_C, mu_ratio, "isotropic", math.inf, 0.5, degree, None, 8, found.g_crit)
     x = body.grow((found.g_crit, 1.0))
     values, vectors = np.linalg.eigh(body.second_variation(x, (found.g_crit, 1.0)))
     null = vectors[:, np.argmin(np.abs(values))]
@@ -117,7 +117,7 @@ def test_wrinkles_of_the_interface_leave_the_surface_smooth(T_over_C, mu_ratio):
     """The finite-element mode moves the interface and hardly the surface, so there is no creasing amplitude."""
     found = theory.bifurcation(T_over_C, mu_ratio)
     degree = int(found.mode)
-    body = finite_elements._Sphere(T_over_C, mu_ratio, "isotropic", math.inf, 0.5, degree, None, 8, found.g_crit)
+    body = finite_elements._SphereMesh(T_over_C, mu_ratio, "isotropic", math.inf, 0.5, degree, None, 8, found.g_crit)
     values, vectors = np.linalg.eigh(body.second_variation(body.grow((found.g_crit, 1.0)), (found.g_crit, 1.0)))
     null = vectors[:, np.argmin(np.abs(values))]
 
@@ -140,7 +140,7 @@ def searched(curve, limit, last):
         asked.append(degree)
         return curve(degree)
 
-    return wrinkling._search(look, limit, last), asked
+    return wrinkling._search_degrees(look, limit, last), asked
 
 
 def test_a_minimum_beyond_the_first_degrees_is_found():
@@ -211,7 +211,7 @@ def test_the_linear_equations_are_those_of_the_energys_second_variation(degree, 
     J = lr * lt * lt
     n = math.sqrt(degree * (degree + 1))
     M = np.empty((4, 4))
-    impedance._coefficients(M, n, mu, np.array([lr, lt, kappa * (J - 1), 1 / (kappa * J), r, 1.0]))
+    impedance._fill_coefficients(M, n, mu, np.array([lr, lt, kappa * (J - 1), 1 / (kappa * J), r, 1.0]))
     for _ in range(5):
         u, velocity = rng.standard_normal(2), rng.standard_normal(2)  # (U, n V) and r d/dr of it
         momenta = np.linalg.solve(M[:2, 2:], velocity - M[:2, :2] @ u)
@@ -225,7 +225,7 @@ def test_the_linear_equations_are_those_of_the_energys_second_variation(degree, 
 def test_the_linear_equations_have_hamiltons_form(rng):
     """M = [[a, b], [c, -a^T]] with b, c symmetric: what keeps Z symmetric on the way."""
     M = np.empty((4, 4))
-    impedance._coefficients(M, 4.2, 1.3, np.array([1.4, 0.9, -0.3, 0.02, 0.8, 1.1]))
+    impedance._fill_coefficients(M, 4.2, 1.3, np.array([1.4, 0.9, -0.3, 0.02, 0.8, 1.1]))
     np.testing.assert_allclose(M[:2, :2], -M[2:, 2:].T, rtol=1e-13)
     np.testing.assert_allclose(M[:2, 2:], M[:2, 2:].T, rtol=1e-13)
     np.testing.assert_allclose(M[2:, :2], M[2:, :2].T, rtol=1e-13)

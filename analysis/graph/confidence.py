@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from morphofold.analysis.graph.depth_potential import LOW
+from morphofold.analysis.graph.depth_potential import LOW_QUANTILE
 from morphofold.analysis.graph.hinges import Hinge, hinges
 from morphofold.surface import PerVertex
 
@@ -47,12 +47,12 @@ def label_hinges(graph: nx.MultiGraph, D: PerVertex, least: float) -> None:
     if graph.number_of_edges() == 0:
         return
     along = np.concatenate([crest["vertices"] for *_, crest in graph.edges(data=True)])
-    bottom, top = float(np.quantile(D, LOW)), float(np.median(D[along]))
+    bottom, top = float(np.quantile(D, LOW_QUANTILE)), float(np.median(D[along]))
     for hinge in hinges(graph):
-        graph.nodes[hinge.node]["confidence"] = _confidence(graph, hinge, bottom, top, least)
+        graph.nodes[hinge.node]["confidence"] = _hinge_confidence(graph, hinge, bottom, top, least)
 
 
-def _confidence(graph: nx.MultiGraph, hinge: Hinge, bottom: float, top: float, least: float) -> float:
+def _hinge_confidence(graph: nx.MultiGraph, hinge: Hinge, bottom: float, top: float, least: float) -> float:
     prune = graph.graph["scales"].prune
     free = [arm for arm in hinge.arms if graph.degree[arm.to] == 1 and not graph.nodes[arm.to]["cut"]]
     margins = [

@@ -13,7 +13,12 @@ from scipy.spatial import cKDTree
 
 from morphofold.analysis.geodesics import path_graph
 from morphofold.analysis.graph.dead_ends import add_dead_ends
-from morphofold.analysis.graph.depth_potential import REACH_IN_WIDTHS, SMOOTHING, SurfaceOperators, persistence
+from morphofold.analysis.graph.depth_potential import (
+    REACH_IN_WIDTHS,
+    SMOOTHING_IN_WIDTHS,
+    SurfaceOperators,
+    persistence,
+)
 from morphofold.analysis.graph.net import Net, borders, smoothed
 from morphofold.analysis.graph.refine import refine
 from morphofold.analysis.graph.watershed import Watershed
@@ -21,9 +26,9 @@ from morphofold.analysis.mesh_quality import checks
 from morphofold.errors import OptionsClash, OutOfRange
 from morphofold.surface import Cortex, PerVertex, Surface, check_kind
 
-EQUAL = 1e-6  # relative: distances that are the same up to rounding
-STRONG = 0.9  # quantile of strength, over the length of the net, taken as that of a true crest,
-WEAK = 0.15  # and the share of it below which a crest is dropped
+EQUAL_DISTANCE_TOLERANCE = 1e-6  # relative: distances that are the same up to rounding
+STRONG_CREST_QUANTILE = 0.9  # quantile of strength, over the length of the net, taken as that of a true crest,
+LEAST_STRENGTH_SHARE = 0.15  # and the share of it below which a crest is dropped
 
 
 @dataclass(frozen=True)
@@ -59,7 +64,9 @@ class GyralScales:
     @classmethod
     def of_width(cls, width: float) -> GyralScales:
         """The lengths for a gyral width: 1.5, 0.2, 0.25, 0.5, 1 and 1.5 widths."""
-        return cls(width, REACH_IN_WIDTHS * width, SMOOTHING * width, 0.25 * width, 0.5 * width, width, 1.5 * width)
+        return cls(
+            width, REACH_IN_WIDTHS * width, SMOOTHING_IN_WIDTHS * width, 0.25 * width, 0.5 * width, width, 1.5 * width
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,8 +133,8 @@ class CrestNetBuilder:
         basin = fields.flood.basins(persistence(fields.D, scales.persistence))
         net = borders(operators.verts, operators.faces, operators.pairs, basin, fields.flood.finest)
         if self.masked:
-            net.keep(lambda points: np.all(self.inside[_nearest(self.tree, points)], axis=1))
-        least = _drop_weak(net, fields.band, self.tree)
+            net.keep(lambda points: np.all(self.inside[_nearest_vertices(self.tree, points)], axis=1))
+        least = _drop_weak_crests(net, fields.band, self.tree)
         for arc in net.arcs.values():
             arc.points = smoothed(arc.points, scales.smoothing)
         net.tidy_up(scales.merge, scales.prune, width)
@@ -139,23 +146,25 @@ class CrestNetBuilder:
         return net
 
 
-def _nearest(tree: cKDTree, points: NDArray[np.float64]) -> NDArray[np.int64]:
+def _nearest_vertices(tree: cKDTree, points: NDArray[np.float64]) -> NDArray[np.int64]:
     """The vertex (P, 2) nearest to each point, and the second one where two are equally near, else the first again.
 
     Borders of basins run midway between vertices, and which of the two is found first depends on their numbers.
     """
     away, vertex = tree.query(points, k=2)
-    vertex[:, 1] = np.where(away[:, 1] <= (1 + EQUAL) * away[:, 0], vertex[:, 1], vertex[:, 0])
+    vertex[:, 1] = np.where(away[:, 1] <= (1 + EQUAL_DISTANCE_TOLERANCE) * away[:, 0], vertex[:, 1], vertex[:, 0])
     return vertex.astype(np.int64)
 
 
-def _drop_weak(net: Net, band: PerVertex, tree: cKDTree) -> float:
+def _drop_weak_crests(net: Net, band: PerVertex, tree: cKDTree) -> float:
     """Remove weak crests from the net; returns the least strength that is kept."""
-    strength = {name: float(np.median(band[_nearest(tree, arc.points)].mean(axis=1))) for name, arc in net.arcs.items()}
+    strength = {
+        name: float(np.median(band[_nearest_vertices(tree, arc.points)].mean(axis=1))) for name, arc in net.arcs.items()
+    }
     if not strength:
         return 0.0
     order = sorted(strength, key=lambda name: strength[name])
     length = np.cumsum([net.arcs[name].length for name in order])
-    least = WEAK * strength[order[int(np.searchsorted(length, STRONG * length[-1]))]]
+    least = LEAST_STRENGTH_SHARE * strength[order[int(np.searchsorted(length, STRONG_CREST_QUANTILE * length[-1]))]]
     net.drop(*(name for name in order if strength[name] < least))
     return least

@@ -13,10 +13,11 @@ from morphofold.analysis.graph.net import Arc, Net, Node, resampled
 from morphofold.geometry import arc_length
 from morphofold.surface import PerVertex
 
-LOWEST = 0.1  # quantile of the depth potential along the net, below which there is no crown
-STEEP, FLOOR = 4.0, 0.03  # cost of a path exp(-4 c) + 0.03 per mm, c the distance to the flank in half widths
-BROAD = 1.3  # half widths from the flank, beyond which the cost stays the same
-TRIM = 0.5  # widths between the end of a crest and the flank of its gyrus
+LOWEST_CROWN_QUANTILE = 0.1  # quantile of the depth potential along the net, below which there is no crown
+# cost of a path exp(-4 c) + 0.03 per mm, c the distance to the flank in half widths
+COST_DECAY, LEAST_COST_PER_MM = 4.0, 0.03
+MOST_HALF_WIDTHS_FROM_FLANK = 1.3  # half widths from the flank, beyond which the cost stays the same
+END_TRIM_IN_WIDTHS = 0.5  # widths between the end of a crest and the flank of its gyrus
 
 
 def add_dead_ends(
@@ -40,11 +41,11 @@ def add_dead_ends(
     along = np.concatenate([resampled(arc.points, operators.edge) for arc in net.arcs.values()])
     on_net = np.zeros(len(D), dtype=bool)
     on_net[tree.query(along)[1]] = True
-    crown = crown & (D > np.quantile(D[on_net], LOWEST))
+    crown = crown & (D > np.quantile(D[on_net], LOWEST_CROWN_QUANTILE))
     flank = np.where(crown, np.inf, 0.0)
     border = np.unique(operators.pairs[crown[operators.pairs[:, 0]] != crown[operators.pairs[:, 1]]])
     shorten(graph, flank, border[crown[border]], crown)
-    cost = FLOOR + np.exp(-STEEP * np.minimum(flank / (0.5 * width), BROAD))
+    cost = LEAST_COST_PER_MM + np.exp(-COST_DECAY * np.minimum(flank / (0.5 * width), MOST_HALF_WIDTHS_FROM_FLANK))
     way = np.full(len(D), np.inf)
     shorten(graph, way, np.flatnonzero(on_net & crown), crown)
     while True:
@@ -54,21 +55,21 @@ def add_dead_ends(
             return
         path = cheapest_path(graph, cost, far, on_net, crown)
         shorten(graph, way, path, crown)
-        line = _trimmed(operators.verts[path], TRIM * width)
+        line = _curve_without_start(operators.verts[path], END_TRIM_IN_WIDTHS * width)
         on_net[path] = True
         if line is not None:
             end = net.add_node(Node(line[0]))
-            root = _root(net, line[-1])
+            root = _node_at_point(net, line[-1])
             net.add_arc(Arc(end, root, np.concatenate([line, net.nodes[root].at[None]]), blind=True))
 
 
-def _trimmed(line: NDArray[np.float64], length: float) -> NDArray[np.float64] | None:
+def _curve_without_start(line: NDArray[np.float64], length: float) -> NDArray[np.float64] | None:
     """A curve without its first ``length`` [mm]; None if nothing is left."""
     kept = line[arc_length(line) >= length]
     return kept if len(kept) > 1 else None
 
 
-def _root(net: Net, at: NDArray[np.float64]) -> int:
+def _node_at_point(net: Net, at: NDArray[np.float64]) -> int:
     """The node of the net at a point, or a new node on the nearest curve."""
     nearest = min(((float(np.linalg.norm(arc.points - at, axis=1).min()), name) for name, arc in net.arcs.items()))[1]
     arc = net.arcs[nearest]

@@ -16,14 +16,16 @@ from morphofold.analysis.graph.watershed import Watershed
 from morphofold.errors import OutOfRange
 from morphofold.surface import Faces, PerVertex, Verts, check_mesh
 
-COTANGENTS = (-5.0, 20.0)  # bounds: in needle triangles cotangents have no limit
-RTOL = 1e-4  # 0.003 mm in a brain
+COTANGENT_BOUNDS = (-5.0, 20.0)  # bounds: in needle triangles cotangents have no limit
+SOLVER_TOLERANCE = 1e-4  # 0.003 mm in a brain
 HEAT_STEPS = 3  # implicit Euler steps of one heat flow
-FIRST_SCALE = 0.007  # of the root of the area: scale at which the width is measured, 2 mm for a hemisphere
-REACH, FINEST = 7.0, 0.7  # reach of the depth potential and persistence of its basins, in units of that scale
-REACH_IN_WIDTHS, SMOOTHING = 1.5, 0.2  # reach and smoothing of the depth potential, in gyral widths
-RELATIVE = 0.2  # of the range of the depth potential: the largest persistence that is used
-LOW, HIGH = 0.05, 0.98  # quantiles that define this range
+# of the root of the area: scale at which the width is measured, 2 mm for a hemisphere
+FIRST_SCALE_PER_ROOT_AREA = 0.007
+# reach of the depth potential and persistence of its basins, in units of that scale
+FIRST_REACH_IN_SCALES, FIRST_PERSISTENCE_IN_SCALES = 7.0, 0.7
+REACH_IN_WIDTHS, SMOOTHING_IN_WIDTHS = 1.5, 0.2  # reach and smoothing of the depth potential, in gyral widths
+LARGEST_PERSISTENCE_SHARE = 0.2  # of the range of the depth potential: the largest persistence that is used
+LOW_QUANTILE, HIGH_QUANTILE = 0.05, 0.98  # quantiles that define this range
 
 
 class SurfaceOperators:
@@ -54,7 +56,7 @@ class SurfaceOperators:
         ends, twice = self.pairs.ravel(), np.repeat(self.lengths, 2)
         count = np.maximum(np.bincount(ends, minlength=len(verts)), 1)
         self.local_edges = np.bincount(ends, twice, len(verts)) / count
-        self._stiffness = geometry.cotangent_laplacian(verts, faces, clip=COTANGENTS)
+        self._stiffness = geometry.cotangent_laplacian(verts, faces, clip=COTANGENT_BOUNDS)
         self._mass = geometry.vertex_areas(verts, faces)
         self.area = float(self._mass.sum())
         self._piece = geometry.components(len(verts), faces)[1]
@@ -62,7 +64,7 @@ class SurfaceOperators:
 
     def smooth(self, values: PerVertex, scale: float) -> PerVertex:
         """Heat flow of values (N,) with a kernel of standard deviation ``scale`` [mm], at least a mean edge."""
-        return self.spread(self._mass * values, scale, values, RTOL)
+        return self.spread(self._mass * values, scale, values, SOLVER_TOLERANCE)
 
     def spread(self, measure: PerVertex, scale: float, start: PerVertex, rtol: float) -> PerVertex:
         """Density (N,) of a measure (the integral (N,) of a quantity at each vertex) after heat flow.
@@ -84,7 +86,7 @@ class SurfaceOperators:
         wider than a few ``reach`` [mm] count as the shape of the body.
         """
         right = 2 * reach**2 * (self._bent - self._mass * self._mean_curvatures())
-        return self.smooth(solve(self._matrix(reach**2), right, np.zeros(len(right)), RTOL), scale)
+        return self.smooth(solve(self._matrix(reach**2), right, np.zeros(len(right)), SOLVER_TOLERANCE), scale)
 
     def mean_curvature(self, scale: float) -> PerVertex:
         """Mean curvature H (N,) [1/mm] at the vertices, smoothed over ``scale`` [mm]; only its sign is used."""
@@ -109,9 +111,9 @@ class SurfaceOperators:
         found at a scale of 0.7 % of the root of the area, for any mesh. The width grows with the scale, and is not the
         gyral *thickness*. NaN if there are no crests. ``inside`` (N,): vertices to use.
         """
-        scale = max(FIRST_SCALE * self.area**0.5, self.edge)
-        D, H = self.depth_potential(REACH * scale, scale), self.mean_curvature(scale)
-        basin = Watershed(self.pairs, self.lengths, D).basins(persistence(D, FINEST * scale))
+        scale = max(FIRST_SCALE_PER_ROOT_AREA * self.area**0.5, self.edge)
+        D, H = self.depth_potential(FIRST_REACH_IN_SCALES * scale, scale), self.mean_curvature(scale)
+        basin = Watershed(self.pairs, self.lengths, D).basins(persistence(D, FIRST_PERSISTENCE_IN_SCALES * scale))
         crest = np.unique(self.pairs[basin[self.pairs[:, 0]] != basin[self.pairs[:, 1]]])
         crest = crest[(D[crest] > 0) & (H[crest] > 0)]
         if inside is not None:
@@ -175,10 +177,10 @@ def wavelength(verts: Verts, faces: Faces, width: float | None = None) -> float:
     width = operators.gyral_width() if width is None else width
     if np.isnan(width):
         return np.nan
-    return operators.wavelength(operators.depth_potential(REACH_IN_WIDTHS * width, SMOOTHING * width))
+    return operators.wavelength(operators.depth_potential(REACH_IN_WIDTHS * width, SMOOTHING_IN_WIDTHS * width))
 
 
 def persistence(D: PerVertex, wanted: float) -> float:
     """Persistence ``wanted`` [mm], but at most 0.2 of the range of the depth potential, to keep shallow folds."""
-    low, high = np.quantile(D, [LOW, HIGH])
-    return min(wanted, RELATIVE * float(high - low))
+    low, high = np.quantile(D, [LOW_QUANTILE, HIGH_QUANTILE])
+    return min(wanted, LARGEST_PERSISTENCE_SHARE * float(high - low))

@@ -94,11 +94,11 @@ def gyral_graph(
         graph.graph["wavelength"] = operators.wavelength(fields.D)
         net = builder.net(fields, chosen)
         refine(net, operators, fields.D, chosen.width)
-        _describe(graph, net, builder, fields)
+        _add_nodes_and_edges(graph, net, builder, fields)
     return graph
 
 
-def _describe(graph: nx.MultiGraph, net: Net, builder: CrestNetBuilder, fields: Fields) -> None:
+def _add_nodes_and_edges(graph: nx.MultiGraph, net: Net, builder: CrestNetBuilder, fields: Fields) -> None:
     """Add nodes and edges to the graph, in an order that depends on their positions alone."""
     D, band, scales = fields.D, fields.band, graph.graph["scales"]
     closest = ClosestPoints(builder.operators.verts, builder.operators.faces, builder.tree)
@@ -130,14 +130,14 @@ def _describe(graph: nx.MultiGraph, net: Net, builder: CrestNetBuilder, fields: 
             altitude=float(np.median(D[vertices])),
             lowest=float(D[vertices].min()),
             strength=float(np.median(band[vertices])),
-            curvature=_turning(arc.points, builder, 0.5 * scales.width),
+            curvature=_mean_geodesic_curvature(arc.points, builder, 0.5 * scales.width),
         )
     for k, (*_, crest) in enumerate(graph.edges(data=True)):
         crest["number"] = k
     label_hinges(graph, D, least)
 
 
-def _turning(points: NDArray[np.float64], builder: CrestNetBuilder, step: float) -> float:
+def _mean_geodesic_curvature(points: NDArray[np.float64], builder: CrestNetBuilder, step: float) -> float:
     coarse = resampled(points, step)
     normal = builder.operators.normals[builder.tree.query(coarse[1:-1])[1]]
     before, after = np.diff(coarse, axis=0)[:-1], np.diff(coarse, axis=0)[1:]
@@ -156,12 +156,14 @@ class ClosestPoints:
     def of(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Nearest places (P, 3) on the triangles around the nearest vertices, and these vertices (P,)."""
         nearest = self._tree.query(points)[1]
-        places = _nearest_places(points, nearest, self._verts, self._faces, self._around.indptr, self._around.indices)
+        places = _closest_surface_points(
+            points, nearest, self._verts, self._faces, self._around.indptr, self._around.indices
+        )
         return places, nearest
 
 
 @njit(cache=True)
-def _nearest_places(points, nearest, verts, faces, indptr, indices):
+def _closest_surface_points(points, nearest, verts, faces, indptr, indices):
     places = verts[nearest]
     for i in range(len(points)):
         p, best = points[i], np.inf

@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 
 FEATURES = ("angle", "length", "curvature", "sharpness")
 #: features of any planar net; the others need a surface
-OF_A_NET = ("angle", "length")
+PLANAR_NET_FEATURES = ("angle", "length")
 #: arms, and angles to the next arm, in the three rotations of a hinge and the three of its mirror image
-ARMS = np.array([[(s + sense * k) % 3 for k in range(3)] for sense in (1, -1) for s in range(3)])
-ANGLES = np.concatenate([ARMS[:3], (ARMS[3:] - 1) % 3])
+ARM_PERMUTATIONS = np.array([[(s + sense * k) % 3 for k in range(3)] for sense in (1, -1) for s in range(3)])
+ANGLE_PERMUTATIONS = np.concatenate([ARM_PERMUTATIONS[:3], (ARM_PERMUTATIONS[3:] - 1) % 3])
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,9 +157,11 @@ def shape_distance(a: Array, b: Array, *, of: Sequence[str] = FEATURES) -> tuple
         raise UnknownName(f"of must name some of {', '.join(FEATURES)}, got {', '.join(of) or 'none'}.")
     chosen = [FEATURES.index(name) for name in of]
     if not (np.isfinite(a[:, :, chosen]).all() and np.isfinite(b[:, :, chosen]).all()):
-        raise NotFinite(f"{', '.join(of)} must be finite for every arm. Otherwise compare by {', '.join(OF_A_NET)}.")
+        raise NotFinite(
+            f"{', '.join(of)} must be finite for every arm. Otherwise compare by {', '.join(PLANAR_NET_FEATURES)}."
+        )
     least, pose = np.full((len(a), len(b)), np.inf), np.zeros((len(a), len(b)), dtype=np.int64)
-    for k, (arms, angles) in enumerate(zip(ARMS, ANGLES)):
+    for k, (arms, angles) in enumerate(zip(ARM_PERMUTATIONS, ANGLE_PERMUTATIONS)):
         laid = b[:, arms].copy()
         laid[:, :, 0] = b[:, angles, 0]
         square = np.zeros(least.shape)
@@ -220,13 +222,13 @@ def two_sample(distance: Array, n: int, *, permutations: int = 999, seed: int = 
     if not 0 < n < size:
         raise OutOfRange(f"two samples that are not empty are needed, got a first sample of {n} of {size}.")
     rng, first = np.random.default_rng(seed), np.arange(size) < n
-    energy = _energy(distance, first[None])[0]
+    energy = _energy_distance(distance, first[None])[0]
     drawn = np.array([rng.permutation(first) for _ in range(permutations)])
-    as_much = np.count_nonzero(_energy(distance, drawn) >= energy - 1e-12)
+    as_much = np.count_nonzero(_energy_distance(distance, drawn) >= energy - 1e-12)
     return TwoSample(float(energy), float(1 + as_much) / (1 + permutations), n, size - n)
 
 
-def _energy(distance: Array, first: NDArray[np.bool_]) -> Array:
+def _energy_distance(distance: Array, first: NDArray[np.bool_]) -> Array:
     """Energy distance of each division (D, N) into a first and a second sample."""
     mine = first.astype(np.float64)
     rows, n = mine @ distance, first[0].sum()
@@ -259,7 +261,7 @@ def random_net(hinges: int, *, shortest: float, per_area: float, seed: int = 0) 
     Notes
     -----
     The net is the Voronoi net of a Poisson process, with straight arms and random angles and lengths. Curvature and
-    sharpness are NaN: compare by :data:`OF_A_NET`.
+    sharpness are NaN: compare by :data:`PLANAR_NET_FEATURES`.
     """
     if not (hinges > 0 and shortest >= 0 and 0 < per_area < np.inf):
         raise OutOfRange(
@@ -267,7 +269,7 @@ def random_net(hinges: int, *, shortest: float, per_area: float, seed: int = 0) 
             "per area."
         )
     net = irregular_net(max(hinges // 2 + 2, 6), seed, rounds=0)
-    width = _width(net.lengths, len(net.nodes), shortest, per_area)
+    width = _width_of_density(net.lengths, len(net.nodes), shortest, per_area)
     at = net.nodes
     ends = np.concatenate([net.arcs, net.arcs[:, ::-1]])
     to = ends[np.argsort(ends[:, 0], kind="stable"), 1].reshape(-1, 3)  # every node of this net has three arcs
@@ -283,7 +285,7 @@ def random_net(hinges: int, *, shortest: float, per_area: float, seed: int = 0) 
     return found[length.min(axis=1) >= shortest]
 
 
-def _width(lengths: Array, nodes: int, shortest: float, per_area: float) -> float:
+def _width_of_density(lengths: Array, nodes: int, shortest: float, per_area: float) -> float:
     """Gyral width [rad] at which ``nodes``, less one for each arc that is too short, have the density ``per_area``."""
     left = nodes
     for _ in range(100):

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from morphofold.analysis.graph.net import at_arc_lengths
-from morphofold.analysis.graph.refine import INNER, OUTER, SHARE
+from morphofold.analysis.graph.refine import ARM_START_IN_WIDTHS, ARM_STOP_IN_WIDTHS, LARGEST_ARM_SHARE
 from morphofold.arrays import Array
 from morphofold.geometry import arc_length
 from morphofold.surface import check_kind
@@ -19,10 +19,11 @@ from morphofold.surface import check_kind
 if TYPE_CHECKING:
     import networkx as nx
 
-EVEN = 30.0  # degrees from 120 within which all three angles of a Y lie
-STRAIGHT = 150.0  # least value in degrees of the largest angle of a T
-APART = 30.0  # least value in degrees of its smallest angle
-DOUBTFUL, SURE = 0.25, 0.5  # confidence from which a hinge counts, and from which it counts by a stricter rule
+LARGEST_Y_DEVIATION_DEG = 30.0  # degrees from 120 within which all three angles of a Y lie
+LEAST_STRAIGHT_ANGLE_DEG = 150.0  # least value in degrees of the largest angle of a T
+LEAST_ARM_SEPARATION_DEG = 30.0  # least value in degrees of its smallest angle
+# confidence from which a hinge counts, and from which it counts by a stricter rule
+LEAST_CONFIDENCE, LEAST_STRICT_CONFIDENCE = 0.25, 0.5
 
 
 @dataclass(frozen=True)
@@ -142,7 +143,7 @@ def hinge_at(graph: nx.MultiGraph, node: int) -> Hinge:
         if a != b and np.linalg.norm(lines[0][0] - here) > np.linalg.norm(lines[0][-1] - here):
             lines = [lines[0][::-1]]
         for line in lines:
-            found.append((_direction(line, here, normal, width), b if a == node else a, crest))
+            found.append((_arm_direction(line, here, normal, width), b if a == node else a, crest))
     u = found[0][0]
     v = np.cross(normal, u)
     azimuth = [float(np.degrees(np.arctan2(d @ v, d @ u))) % 360 for d, *_ in found]
@@ -174,7 +175,7 @@ def hinge_at(graph: nx.MultiGraph, node: int) -> Hinge:
         data["vertex"],
         tuple(here.tolist()),
         len(arms),
-        _shape(turns),
+        _hinge_shape(turns),
         max(turns),
         min(turns),
         float(np.mean([arm.length for arm in arms])),
@@ -185,26 +186,28 @@ def hinge_at(graph: nx.MultiGraph, node: int) -> Hinge:
     )
 
 
-def _direction(line: Array, here: Array, normal: Array, width: float) -> Array:
-    outer = min(OUTER * width, SHARE * arc_length(line)[-1])
-    middle = at_arc_lengths(line, np.linspace(min(INNER * width, 0.5 * outer), outer, 9)).mean(axis=0) - here
+def _arm_direction(line: Array, here: Array, normal: Array, width: float) -> Array:
+    outer = min(ARM_STOP_IN_WIDTHS * width, LARGEST_ARM_SHARE * arc_length(line)[-1])
+    middle = (
+        at_arc_lengths(line, np.linspace(min(ARM_START_IN_WIDTHS * width, 0.5 * outer), outer, 9)).mean(axis=0) - here
+    )
     flat = middle - (middle @ normal) * normal
     unit: Array = flat / max(float(np.linalg.norm(flat)), 1e-300)
     return unit
 
 
-def _shape(turns: list[float]) -> str:
+def _hinge_shape(turns: list[float]) -> str:
     if len(turns) > 3:
         return "X" if len(turns) == 4 else "star"
-    if max(abs(turn - 120) for turn in turns) <= EVEN:
+    if max(abs(turn - 120) for turn in turns) <= LARGEST_Y_DEVIATION_DEG:
         return "Y"
-    return "T" if max(turns) >= STRAIGHT and min(turns) >= APART else "V"
+    return "T" if max(turns) >= LEAST_STRAIGHT_ANGLE_DEG and min(turns) >= LEAST_ARM_SEPARATION_DEG else "V"
 
 
 def counts(row: Mapping[str, Any]) -> bool:
     """Whether a hinge (a row of its table or a node) is not doubtful; True if an older version gave no confidence."""
     confidence = row.get("confidence")
-    return confidence is None or not confidence < DOUBTFUL  # NaN in a graph of an older version
+    return confidence is None or not confidence < LEAST_CONFIDENCE  # NaN in a graph of an older version
 
 
 def as_rows(found: list[Hinge]) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:

@@ -154,7 +154,7 @@ class Net:
             if stays.all():
                 continue
             del self.arcs[name]
-            for start, stop in _runs(stays):
+            for start, stop in _stretches_of_true(stays):
                 if stop - start < 2:
                     continue
                 a = arc.a if start == 0 else self.add_node(Node(arc.points[start], cut=True))
@@ -165,7 +165,7 @@ class Net:
                 self._tidy(node)
 
 
-def _runs(flags: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
+def _stretches_of_true(flags: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
     """Start and stop of each stretch of True."""
     steps = np.flatnonzero(np.diff(np.r_[False, flags, False].astype(np.int8)))
     return zip(steps[0::2].tolist(), steps[1::2].tolist(), strict=True)

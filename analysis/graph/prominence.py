@@ -62,7 +62,7 @@ def prominent_peaks(faces: Faces, values: PerVertex, least: float) -> NDArray[np
 
 
 @njit(cache=True)
-def _root(parent, i):
+def _find_tree_root(parent, i):
     while parent[i] != i:
         parent[i] = parent[parent[i]]
         i = parent[i]
@@ -84,7 +84,7 @@ def _prominence(indptr, indices, values, order):
         for e in range(indptr[v], indptr[v + 1]):
             if parent[indices[e]] < 0:
                 continue
-            a, b = _root(parent, v), _root(parent, indices[e])
+            a, b = _find_tree_root(parent, v), _find_tree_root(parent, indices[e])
             if a == b:
                 continue
             high, low = (a, b) if rank[a] < rank[b] else (b, a)

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit, prange
 from scipy.spatial import cKDTree
 
-from morphofold.analysis.curvatures import _reach
+from morphofold.analysis.curvatures import _collect_neighbourhood
 from morphofold.analysis.graph.depth_potential import SurfaceOperators
 from morphofold.analysis.graph.net import Net, moved, resampled, smoothed
 from morphofold.arrays import Array
@@ -17,15 +17,19 @@ from morphofold.surface import PerVertex
 from morphofold.threads import BLOCKS
 
 ROUNDS = 3
-ENOUGH = 1.6  # radius in edges within which there are enough vertices for a fit
-STEP, BALL, FARTHEST = 0.05, 0.3, 1 / 6  # in widths: step of a curve, radius of a fit, largest move per round
-NEAR, SMOOTHING = 0.2, 0.2  # in widths: stretch at a junction that does not move, smoothing along a curve
-INNER, OUTER = 0.5, 1.5  # distances in widths from a junction between which the direction of an arm is taken,
-SHARE = 0.6  # and the largest share of the arm that is used
-MEETING = (0.3, 1.0)  # distances in widths at which the arms locate a junction: farther
+FIT_RADIUS_IN_EDGES = 1.6  # radius in edges within which there are enough vertices for a fit
+# in widths: step of a curve, radius of a fit, largest move per round
+STEP_IN_WIDTHS, FIT_RADIUS_IN_WIDTHS, LARGEST_MOVE_IN_WIDTHS = 0.05, 0.3, 1 / 6
+# in widths: stretch at a junction that does not move, smoothing along a curve
+FIXED_STRETCH_IN_WIDTHS, SMOOTHING_IN_WIDTHS = 0.2, 0.2
+# distances in widths from a junction between which the direction of an arm is taken,
+ARM_START_IN_WIDTHS, ARM_STOP_IN_WIDTHS = 0.5, 1.5
+LARGEST_ARM_SHARE = 0.6  # and the largest share of the arm that is used
+MEETING_RANGE_IN_WIDTHS = (0.3, 1.0)  # distances in widths at which the arms locate a junction: farther
 # out they bend, and the junction would be less exact
-SHIFT, TIE = 0.25, 0.3  # largest move of a junction per round, in widths; weight of its old position
-STRAIGHT = 0.3  # largest share of an arm that is made straight
+# largest move of a junction per round, in widths; weight of its old position
+LARGEST_JUNCTION_MOVE_IN_WIDTHS, OLD_POSITION_WEIGHT = 0.25, 0.3
+LARGEST_STRAIGHT_SHARE = 0.3  # largest share of an arm that is made straight
 
 
 def refine(net: Net, operators: SurfaceOperators, D: PerVertex, width: float, rounds: int = ROUNDS) -> None:
@@ -39,17 +43,17 @@ def refine(net: Net, operators: SurfaceOperators, D: PerVertex, width: float, ro
     """
     ring = adjacency(len(operators.verts), operators.faces)
     tree = cKDTree(operators.verts)
-    radius = np.maximum(BALL * width, ENOUGH * operators.local_edges)
+    radius = np.maximum(FIT_RADIUS_IN_WIDTHS * width, FIT_RADIUS_IN_EDGES * operators.local_edges)
     for _ in range(rounds):
         for arc in net.arcs.values():
-            arc.points = resampled(arc.points, max(STEP * width, 0.3 * operators.edge))
-        _climb(net, operators, D, ring, tree, radius, width)
+            arc.points = resampled(arc.points, max(STEP_IN_WIDTHS * width, 0.3 * operators.edge))
+        _move_curves_onto_crown(net, operators, D, ring, tree, radius, width)
         for arc in net.arcs.values():
-            arc.points = smoothed(arc.points, SMOOTHING * width)
-        _meet(net, operators, tree, width)
+            arc.points = smoothed(arc.points, SMOOTHING_IN_WIDTHS * width)
+        _move_junctions(net, operators, tree, width)
 
 
-def _climb(net, operators, D, ring, tree, radius, width):
+def _move_curves_onto_crown(net, operators, D, ring, tree, radius, width):
     """Move the points of all curves across their curve, onto the crown."""
     if not net.arcs:
         return
@@ -59,15 +63,15 @@ def _climb(net, operators, D, ring, tree, radius, width):
         p = arc.points
         way = arc_length(p)
         tangent = np.gradient(p, axis=0)
-        near_a = way < NEAR * width if degree[arc.a] > 2 else np.zeros(len(p), dtype=bool)
-        near_b = way[-1] - way < NEAR * width if degree[arc.b] > 2 else np.zeros(len(p), dtype=bool)
+        near_a = way < FIXED_STRETCH_IN_WIDTHS * width if degree[arc.a] > 2 else np.zeros(len(p), dtype=bool)
+        near_b = way[-1] - way < FIXED_STRETCH_IN_WIDTHS * width if degree[arc.b] > 2 else np.zeros(len(p), dtype=bool)
         points.append(p)
         ahead.append(tangent)
         free.append(~(near_a | near_b))
         sizes.append(len(p))
     p, t = np.concatenate(points), np.concatenate(ahead)
     nearest = tree.query(p)[1]
-    shift = _crown(
+    shift = _shifts_onto_crown(
         p,
         t,
         nearest,
@@ -77,7 +81,7 @@ def _climb(net, operators, D, ring, tree, radius, width):
         ring.indices,
         D,
         radius[nearest],
-        FARTHEST * width,
+        LARGEST_MOVE_IN_WIDTHS * width,
     )
     p = p + np.where(np.concatenate(free)[:, None], shift, 0.0)
     for arc, new in zip(net.arcs.values(), np.split(p, np.cumsum(sizes)[:-1])):
@@ -90,7 +94,7 @@ def _climb(net, operators, D, ring, tree, radius, width):
             arc.points = moved(new, net.nodes[arc.a].at, net.nodes[arc.b].at) if len(new) else new
 
 
-def _meet(net, operators, tree, width):
+def _move_junctions(net, operators, tree, width):
     """Move junctions to the point nearest to the lines of their arms; the arms follow, and start straight."""
     ends = net.ends()
     for node, names in ends.items():
@@ -99,10 +103,15 @@ def _meet(net, operators, tree, width):
         here = net.nodes[node]
         normal = upright(operators, tree, here.at, width)
         across = np.eye(3) - np.outer(normal, normal)
-        matrix, right = TIE * len(names) * np.eye(3) + np.outer(normal, normal), TIE * len(names) * here.at
+        matrix, right = (
+            OLD_POSITION_WEIGHT * len(names) * np.eye(3) + np.outer(normal, normal),
+            OLD_POSITION_WEIGHT * len(names) * here.at,
+        )
         right = right + normal * (normal @ here.at)
-        for line in _arms(net, node, names):
-            window = _window(line, width, MEETING if here.merged == 1 else (INNER, OUTER))
+        for line in _arm_curves(net, node, names):
+            window = _fitted_stretch(
+                line, width, MEETING_RANGE_IN_WIDTHS if here.merged == 1 else (ARM_START_IN_WIDTHS, ARM_STOP_IN_WIDTHS)
+            )
             if window is None:
                 continue
             middle = window.mean(axis=0)
@@ -112,15 +121,15 @@ def _meet(net, operators, tree, width):
             matrix, right = matrix + off, right + off @ middle
         shift = np.linalg.solve(matrix, right) - here.at
         far = np.linalg.norm(shift)
-        here.at = here.at + shift * min(1.0, SHIFT * width / far if far > 0 else 1.0)
+        here.at = here.at + shift * min(1.0, LARGEST_JUNCTION_MOVE_IN_WIDTHS * width / far if far > 0 else 1.0)
     for arc in net.arcs.values():
         degree_a, degree_b = len(ends[arc.a]), len(ends[arc.b])
         p = arc.points.copy()
         p[0], p[-1] = net.nodes[arc.a].at, net.nodes[arc.b].at
         if degree_a > 2:
-            p = _straightened(p, width)
+            p = _with_straight_start(p, width)
         if degree_b > 2:
-            p = _straightened(p[::-1], width)[::-1]
+            p = _with_straight_start(p[::-1], width)[::-1]
         arc.points = p
 
 
@@ -133,7 +142,7 @@ def upright(operators: SurfaceOperators, tree: cKDTree, at: Array, width: float)
     return unit
 
 
-def _arms(net, node, names):
+def _arm_curves(net, node, names):
     """The curves of a junction, each directed away from it; a loop in both directions."""
     for name in dict.fromkeys(names):
         arc = net.arcs[name]
@@ -143,19 +152,19 @@ def _arms(net, node, names):
             yield arc.points[::-1]
 
 
-def _window(line, width, between):
+def _fitted_stretch(line, width, between):
     """The points of an arm to which its line is fitted; None if there are fewer than two."""
     way = arc_length(line)
-    outer = min(between[1] * width, SHARE * way[-1])
+    outer = min(between[1] * width, LARGEST_ARM_SHARE * way[-1])
     inner = min(between[0] * width, 0.5 * outer)
     inside = (way >= inner) & (way <= outer)
     return line[inside] if inside.sum() > 1 else None
 
 
-def _straightened(line, width):
+def _with_straight_start(line, width):
     """An arm with its first stretch replaced by a chord."""
     way = arc_length(line)
-    k = int(np.searchsorted(way, min(INNER * width, STRAIGHT * way[-1])))
+    k = int(np.searchsorted(way, min(ARM_START_IN_WIDTHS * width, LARGEST_STRAIGHT_SHARE * way[-1])))
     if 0 < k < len(line):
         share = (way[: k + 1] / way[k])[:, None]
         line = line.copy()
@@ -164,7 +173,7 @@ def _straightened(line, width):
 
 
 @njit(cache=True, parallel=True)
-def _crown(points, ahead, nearest, verts, normals, indptr, indices, D, radii, farthest):
+def _shifts_onto_crown(points, ahead, nearest, verts, normals, indptr, indices, D, radii, farthest):
     """Shift (P, 3) of each point across its curve to the top of ``D ~ a + b s + c s^2 + e u`` (s across, u along),
     fitted within ``radii`` (P,); 0 where the fit has no top."""
     n = len(points)
@@ -176,7 +185,7 @@ def _crown(points, ahead, nearest, verts, normals, indptr, indices, D, radii, fa
         for i in range(block * n // BLOCKS, (block + 1) * n // BLOCKS):
             v, radius = nearest[i], radii[i]
             stamp += 1
-            count = _reach(v, verts, normals, indptr, indices, 1.5 * radius, seen, stamp, queue)
+            count = _collect_neighbourhood(v, verts, normals, indptr, indices, 1.5 * radius, seen, stamp, queue)
             n0, n1, n2 = normals[v, 0], normals[v, 1], normals[v, 2]
             t0, t1, t2 = ahead[i, 0], ahead[i, 1], ahead[i, 2]
             dot = t0 * n0 + t1 * n1 + t2 * n2
@@ -199,7 +208,7 @@ def _crown(points, ahead, nearest, verts, normals, indptr, indices, D, radii, fa
                     f[r] += weight * m[r] * (D[w] - D[v])
                     for c in range(4):
                         A[r, c] += weight * m[r] * m[c]
-            if not _solved(A, f):
+            if not _solve_by_elimination(A, f):
                 continue
             if f[2] < 0.0:
                 step = -0.5 * f[1] / f[2] * radius
@@ -209,7 +218,7 @@ def _crown(points, ahead, nearest, verts, normals, indptr, indices, D, radii, fa
 
 
 @njit(cache=True)
-def _solved(A, f):
+def _solve_by_elimination(A, f):
     """Solve A x = f in place by elimination for a positive semidefinite A; False if it is singular."""
     n = len(f)
     for k in range(n):

@@ -16,17 +16,17 @@ from morphofold.progress import Progress, silent
 from morphofold.surface import Cortex, Surface
 
 #: lengths that are varied: those of the net, and those of its depth potential, which take longer
-OF_THE_NET = ("persistence", "merge", "prune", "tip")
-OF_THE_POTENTIAL = ("smoothing", "reach")
-FACTORS = (0.5, 0.75, 1.5, 2.0)
+NET_LENGTHS = ("persistence", "merge", "prune", "tip")
+POTENTIAL_LENGTHS = ("smoothing", "reach")
+LENGTH_FACTORS = (0.5, 0.75, 1.5, 2.0)
 
 
 def hinge_sensitivity(
     surface: Cortex | Surface,
     *,
     width: float | None = None,
-    lengths: Sequence[str] = OF_THE_NET + OF_THE_POTENTIAL,
-    factors: Sequence[float] = FACTORS,
+    lengths: Sequence[str] = NET_LENGTHS + POTENTIAL_LENGTHS,
+    factors: Sequence[float] = LENGTH_FACTORS,
     progress: Progress = silent,
 ) -> list[dict[str, Any]]:
     """Number of hinges when one length at a time is changed.
@@ -57,8 +57,8 @@ def hinge_sensitivity(
         If a name is not one of the lengths, or a factor is not positive.
     """
     for name in lengths:
-        if name not in OF_THE_NET + OF_THE_POTENTIAL:
-            raise UnknownName(f"{name!r} is not a length to vary; use {', '.join(OF_THE_NET + OF_THE_POTENTIAL)}.")
+        if name not in NET_LENGTHS + POTENTIAL_LENGTHS:
+            raise UnknownName(f"{name!r} is not a length to vary; use {', '.join(NET_LENGTHS + POTENTIAL_LENGTHS)}.")
     if not all(0 < factor < np.inf for factor in factors):
         raise OutOfRange(f"factors must be positive, got {list(factors)}.")
     builder = CrestNetBuilder(surface)
@@ -67,17 +67,17 @@ def hinge_sensitivity(
         return []
     fields = builder.fields(scales)
     base = builder.net(fields, scales)
-    rows = [_row("", 1.0, np.nan, base, base, scales)]
+    rows = [_sensitivity_row("", 1.0, np.nan, base, base, scales)]
     cases = [(name, factor) for name in lengths for factor in factors]
     for k, (name, factor) in enumerate(cases):
         progress(k / len(cases), f"{name} x {factor:g}")
         changed = replace(scales, **{name: factor * getattr(scales, name)})
-        other = fields if name in OF_THE_NET else builder.fields(changed)
-        rows.append(_row(name, factor, getattr(changed, name), builder.net(other, changed), base, scales))
+        other = fields if name in NET_LENGTHS else builder.fields(changed)
+        rows.append(_sensitivity_row(name, factor, getattr(changed, name), builder.net(other, changed), base, scales))
     return rows
 
 
-def _row(name: str, factor: float, mm: float, net: Net, base: Net, scales: GyralScales) -> dict[str, Any]:
+def _sensitivity_row(name: str, factor: float, mm: float, net: Net, base: Net, scales: GyralScales) -> dict[str, Any]:
     degrees = np.array(list(net.degrees().values()), dtype=np.int64)
     return {
         "length": name,
@@ -88,12 +88,12 @@ def _row(name: str, factor: float, mm: float, net: Net, base: Net, scales: Gyral
         "n_hinges_4": int((degrees == 4).sum()),
         "n_ends": int((degrees == 1).sum()),
         "crest_length_mm": float(sum(arc.length for arc in net.arcs.values())),
-        "kept": _near(base, net, scales),
-        "old": _near(net, base, scales),
+        "kept": _share_of_hinges_near(base, net, scales),
+        "old": _share_of_hinges_near(net, base, scales),
     }
 
 
-def _near(one: Net, other: Net, scales: GyralScales) -> float:
+def _share_of_hinges_near(one: Net, other: Net, scales: GyralScales) -> float:
     """Share of the hinges of one net within half a gyral width of a hinge of the other; NaN if there are none."""
     place = [
         np.array([net.nodes[node].at for node, degree in net.degrees().items() if degree > 2]).reshape(-1, 3)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from morphofold.analysis.graph.hinges import SURE, as_rows, counts, hinges
+from morphofold.analysis.graph.hinges import LEAST_STRICT_CONFIDENCE, as_rows, counts, hinges
 from morphofold.surface import Cortex, PerVertex
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def gyral_tables(cortex: Cortex, graph: nx.MultiGraph, maps: Mapping[str, PerVer
                 "gyral_thickness_mm": _mean_or_none(np.median, maps["gyral_thickness"][at]),
                 "cortical_thickness_mm": _mean_or_none(np.mean, maps["cortical_thickness"][at]),
                 "mean_H_per_mm": _mean_or_none(np.mean, maps["H"][at]),
-                "region": _region(cortex, at),
+                "region": _most_common_region(cortex, at),
                 "altitude_mm": crest["altitude"],
                 "strength_mm": crest["strength"],
                 "blind": int(crest["blind"]),
@@ -67,7 +67,7 @@ def gyral_tables(cortex: Cortex, graph: nx.MultiGraph, maps: Mapping[str, PerVer
     found = hinges(graph)
     hinge_rows, arm_rows = as_rows(found)
     for row in hinge_rows:
-        row.update(hemi=cortex.hemi, region=_region(cortex, np.array([row["vertex"]])))
+        row.update(hemi=cortex.hemi, region=_most_common_region(cortex, np.array([row["vertex"]])))
         row["persistence_mm"] = None if np.isnan(row["persistence_mm"]) else row["persistence_mm"]
     for row in arm_rows:
         row.update(hemi=cortex.hemi)
@@ -76,7 +76,7 @@ def gyral_tables(cortex: Cortex, graph: nx.MultiGraph, maps: Mapping[str, PerVer
         "n_hinges": len(degrees),
         "n_hinges_3": degrees.count(3),
         "n_hinges_4": degrees.count(4),
-        "n_hinges_low": sum(hinge.confidence >= SURE for hinge in found),
+        "n_hinges_low": sum(hinge.confidence >= LEAST_STRICT_CONFIDENCE for hinge in found),
         "n_hinges_high": len(found),
         "n_crests": graph.number_of_edges(),
         "crest_length_mm": float(sum(crest["length"] for *_, crest in graph.edges(data=True))),
@@ -109,7 +109,7 @@ def _mean_or_none(mean: Any, values: PerVertex) -> float | None:
     return float(mean(known)) if len(known) else None
 
 
-def _region(cortex: Cortex, at: NDArray[np.int64]) -> str | None:
+def _most_common_region(cortex: Cortex, at: NDArray[np.int64]) -> str | None:
     """The region of most of the vertices ``at``; None if they have none."""
     if cortex.regions is None:
         return None

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from morphofold.analysis.graph.prominence import _root
+from morphofold.analysis.graph.prominence import _find_tree_root
 from morphofold.arrays import Ints
 from morphofold.geometry import connected, symmetric
 from morphofold.surface import PerVertex
@@ -39,12 +39,12 @@ class Watershed:
     def __init__(self, pairs: Ints, lengths: NDArray[np.float64], values: PerVertex):
         graph = symmetric(len(values), pairs, lengths)
         order = np.argsort(values, kind="stable")
-        self.finest, self.lowest = _descend(values, order, graph.indptr, graph.indices, graph.data)
+        self.finest, self.lowest = _basins_by_descent(values, order, graph.indptr, graph.indices, graph.data)
         ends = self.finest[pairs]
         crossing = np.flatnonzero(ends[:, 0] != ends[:, 1])
         passes = values[pairs[crossing]].max(axis=1)
         flood = np.argsort(passes, kind="stable")
-        self.joins, self.heights = _join(ends[crossing[flood]], passes[flood], values[self.lowest])
+        self.joins, self.heights = _join_basins(ends[crossing[flood]], passes[flood], values[self.lowest])
 
     def basins(self, persistence: float) -> Ints:
         """Basin (N,) of each vertex, numbered from 0, after basins of less persistence are joined to a neighbour."""
@@ -67,7 +67,7 @@ class Watershed:
 
 
 @njit(cache=True)
-def _descend(values, order, indptr, indices, lengths):
+def _basins_by_descent(values, order, indptr, indices, lengths):
     """Basin (N,) of each vertex and the lowest vertex of each basin (B,); ``order``: vertices from the lowest up."""
     n = len(values)
     rank, basin, lowest = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64)
@@ -92,13 +92,13 @@ def _descend(values, order, indptr, indices, lengths):
 
 
 @njit(cache=True)
-def _join(ends, passes, deepest):
+def _join_basins(ends, passes, deepest):
     """Kruskal's forest over passes from the lowest up: pairs of basins (J, 2) that join, and their persistence (J,)."""
     parent, low = np.arange(len(deepest)), deepest.copy()
     joins, heights = np.empty((len(deepest), 2), np.int64), np.empty(len(deepest))
     count = 0
     for k in range(len(passes)):
-        a, b = _root(parent, ends[k, 0]), _root(parent, ends[k, 1])
+        a, b = _find_tree_root(parent, ends[k, 0]), _find_tree_root(parent, ends[k, 1])
         if a == b:
             continue
         if low[a] > low[b]:

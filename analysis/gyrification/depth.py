@@ -16,7 +16,7 @@ from morphofold.geometry import mean_edge_length
 from morphofold.surface import Faces, PerVertex, Verts, check_mesh
 from morphofold.threads import BLOCKS
 
-BUNDLE = 16  # planes that are skipped together
+PLANES_PER_BUNDLE = 16  # planes that are skipped together
 
 
 def sulcal_depth(verts: Verts, faces: Faces, mode: str = "hull", *, touching: float | None = None) -> PerVertex:
@@ -64,35 +64,37 @@ def sulcal_depth(verts: Verts, faces: Faces, mode: str = "hull", *, touching: fl
     _, first = np.unique(np.round(planes, 12), axis=0, return_index=True)
     depth = np.full(len(verts), np.nan)
     used = np.unique(faces)
-    size, points, bundled = _bundled(np.asarray(verts[used], dtype=np.float64), planes[first])
-    depth[used] = size * _below(points, bundled)
-    return depth if mode == "hull" else _along(verts, faces, depth, touching)
+    size, points, bundled = _bundle_planes(np.asarray(verts[used], dtype=np.float64), planes[first])
+    depth[used] = size * _distance_to_planes(points, bundled)
+    return depth if mode == "hull" else _geodesic_depth(verts, faces, depth, touching)
 
 
-def _along(verts: Verts, faces: Faces, depth: PerVertex, touching: float | None) -> PerVertex:
+def _geodesic_depth(verts: Verts, faces: Faces, depth: PerVertex, touching: float | None) -> PerVertex:
     bound = mean_edge_length(verts, faces) if touching is None else touching
     way = np.full(len(verts), np.inf)
     shorten(path_graph(verts, faces), way, np.flatnonzero(depth <= bound), np.isfinite(depth))
     return np.where(np.isfinite(way), way, np.nan)
 
 
-def _bundled(points: NDArray[np.float64], planes: NDArray[np.float64]) -> tuple[float, NDArray[np.float64], _Planes]:
+def _bundle_planes(
+    points: NDArray[np.float64], planes: NDArray[np.float64]
+) -> tuple[float, NDArray[np.float64], _BundledPlanes]:
     """Size of the body [mm]; in that unit, the points (N, 3) relative to their middle, and the planes (P, 4)."""
     middle = points.mean(axis=0)
     points = points - middle
     size = float(np.linalg.norm(points, axis=1).max())
     planes = np.column_stack([planes[:, :3], (planes[:, 3] + planes[:, :3] @ middle) / size])
-    planes = planes[cKDTree(planes, leafsize=BUNDLE).indices]  # similar planes next to each other
-    planes = np.concatenate([planes, np.repeat(planes[-1:], -len(planes) % BUNDLE**2, axis=0)])
+    planes = planes[cKDTree(planes, leafsize=PLANES_PER_BUNDLE).indices]  # similar planes next to each other
+    planes = np.concatenate([planes, np.repeat(planes[-1:], -len(planes) % PLANES_PER_BUNDLE**2, axis=0)])
     bundled = []
-    for many in (BUNDLE, BUNDLE**2):
+    for many in (PLANES_PER_BUNDLE, PLANES_PER_BUNDLE**2):
         members = planes.reshape(-1, many, 4)
         centre = members.mean(axis=1)
         bundled += [centre, np.linalg.norm(members - centre[:, None], axis=2).max(axis=1)]
-    return size, points / size, _Planes(planes, *bundled)
+    return size, points / size, _BundledPlanes(planes, *bundled)
 
 
-class _Planes(NamedTuple):
+class _BundledPlanes(NamedTuple):
     """Planes (P, 4), similar ones next to each other; for each 16 and each 256 of them the middle (., 4), and the
     distance (.,) of the farthest from it."""
 
@@ -104,7 +106,7 @@ class _Planes(NamedTuple):
 
 
 @njit(cache=True, parallel=True)
-def _below(points, planes):
+def _distance_to_planes(points, planes):
     """Least distance (N,) from points inside to the planes, 0 where round-off puts a point outside."""
     n, depth = len(points), np.empty(len(points))
     for block in prange(BLOCKS):
@@ -118,11 +120,11 @@ def _below(points, planes):
                 c = planes.middle[a]
                 if c[0] * x + c[1] * y + c[2] * z + c[3] + planes.reach[a] * far <= highest:
                     continue  # none of these can be nearer
-                for b in range(a * BUNDLE, (a + 1) * BUNDLE):
+                for b in range(a * PLANES_PER_BUNDLE, (a + 1) * PLANES_PER_BUNDLE):
                     c = planes.centre[b]
                     if c[0] * x + c[1] * y + c[2] * z + c[3] + planes.spread[b] * far <= highest:
                         continue
-                    for k in range(b * BUNDLE, (b + 1) * BUNDLE):
+                    for k in range(b * PLANES_PER_BUNDLE, (b + 1) * PLANES_PER_BUNDLE):
                         p = planes.each[k]
                         here = p[0] * x + p[1] * y + p[2] * z + p[3]
                         if here > highest:

@@ -13,8 +13,8 @@ from morphofold.analysis.graph.depth_potential import SurfaceOperators
 from morphofold.errors import OutOfRange
 from morphofold.surface import Faces, PerVertex, Verts, check_mesh
 
-NEAR = 0.02  # mean edges: vertices joined by a shorter edge count as one place, and share their measures
-RTOL = 1e-10  # of the heat flow: it is small because the root of H^2 - K counts, which is 0 on a sphere
+SAME_PLACE_IN_EDGES = 0.02  # mean edges: vertices joined by a shorter edge count as one place, and share their measures
+HEAT_FLOW_TOLERANCE = 1e-10  # of the heat flow: it is small because the root of H^2 - K counts, which is 0 on a sphere
 
 
 @dataclass(frozen=True)
@@ -72,12 +72,12 @@ def folding_indices(verts: Verts, faces: Faces, scale: float) -> FoldingIndices:
     if not (math.isfinite(scale) and scale > 0):
         raise OutOfRange(f"scale must be a positive length in the unit of the mesh, got {scale!r}.")
     operators, none = SurfaceOperators(verts, faces), np.zeros(len(verts))
-    place = _places(operators)
-    normals = geometry.unit(_sums(operators.normals, place)[place])
+    place = _place_numbers(operators)
+    normals = geometry.unit(_sums_by_place(operators.normals, place)[place])
     bent = 0.5 * np.sum(area_gradients(verts, faces) * normals, axis=1)
     share = 1 / np.bincount(place)
     K, H = (
-        operators.spread((_sums(measure, place) * share)[place], scale, none, RTOL)
+        operators.spread((_sums_by_place(measure, place) * share)[place], scale, none, HEAT_FLOW_TOLERANCE)
         for measure in (angle_defects(verts, faces), bent)
     )
     H = np.abs(H)
@@ -119,12 +119,14 @@ def area_gradients(verts: Verts, faces: Faces) -> Verts:
     return gradient
 
 
-def _places(operators: SurfaceOperators) -> NDArray[np.int64]:
+def _place_numbers(operators: SurfaceOperators) -> NDArray[np.int64]:
     """Number (N,) of the place of each vertex; vertices joined by edges of almost zero length share a place."""
-    return geometry.connected(len(operators.verts), operators.pairs[operators.lengths < NEAR * operators.edge])
+    return geometry.connected(
+        len(operators.verts), operators.pairs[operators.lengths < SAME_PLACE_IN_EDGES * operators.edge]
+    )
 
 
-def _sums(values: NDArray[np.float64], place: NDArray[np.int64]) -> NDArray[np.float64]:
+def _sums_by_place(values: NDArray[np.float64], place: NDArray[np.int64]) -> NDArray[np.float64]:
     """Sums of values (N,) or (N, 3) over the vertices of each place."""
     total = np.zeros((int(place.max()) + 1, *values.shape[1:]))
     np.add.at(total, place, values)

@@ -11,10 +11,11 @@ from morphofold.errors import OutOfRange
 from morphofold.geometry import edges, face_areas, mean_edge_length
 from morphofold.surface import Faces, Verts, check_mesh
 
-FINEST, COARSEST = 2.0, 0.25  # sizes of boxes: from this many mean edges to this share of the root of the area
-RATIO = 2**0.5  # ratio of each size to the one before
-OFFSETS = 8  # shifted grids for each size
-THIN = 6.0  # points are thinned to one per cell; this many cells make one edge of a box
+# sizes of boxes: from this many mean edges to this share of the root of the area
+FINEST_BOX_IN_EDGES, COARSEST_BOX_PER_ROOT_AREA = 2.0, 0.25
+BOX_SIZE_RATIO = 2**0.5  # ratio of each size to the one before
+GRIDS_PER_SIZE = 8  # shifted grids for each size
+CELLS_PER_BOX_EDGE = 6.0  # points are thinned to one per cell; this many cells make one edge of a box
 
 
 def fractal_dimension(
@@ -58,24 +59,26 @@ def box_counts(
     """
     check_mesh(verts, faces)
     edge, size = mean_edge_length(verts, faces), math.sqrt(float(face_areas(verts, faces).sum()))
-    fine = FINEST * edge if finest is None else float(finest)
-    coarse = COARSEST * size if coarsest is None else float(coarsest)
-    if not (math.isfinite(coarse) and FINEST * edge * (1 - 1e-9) <= fine <= coarse / 2):
+    fine = FINEST_BOX_IN_EDGES * edge if finest is None else float(finest)
+    coarse = COARSEST_BOX_PER_ROOT_AREA * size if coarsest is None else float(coarsest)
+    if not (math.isfinite(coarse) and FINEST_BOX_IN_EDGES * edge * (1 - 1e-9) <= fine <= coarse / 2):
         raise OutOfRange(
-            f"boxes must range from {FINEST * edge:.3g} or more (two mean edges) to a size at least twice as large, "
-            f"got {fine:.3g} to {coarse:.3g}."
+            f"boxes must range from {FINEST_BOX_IN_EDGES * edge:.3g} or more (two mean edges) to a size at least twice "
+            f"as large, got {fine:.3g} to {coarse:.3g}."
         )
     pairs = edges(faces)
     points = np.concatenate([verts[np.unique(faces)], verts[pairs].mean(axis=1), verts[faces].mean(axis=1)])
-    sizes = fine * RATIO ** np.arange(math.floor(math.log(coarse / fine, RATIO) + 1e-9) + 1)
+    sizes = fine * BOX_SIZE_RATIO ** np.arange(math.floor(math.log(coarse / fine, BOX_SIZE_RATIO) + 1e-9) + 1)
     rng, counts = np.random.default_rng(seed), []
     for s in sizes:
-        points = points[np.unique(_boxes(points, s / THIN, np.zeros(3)), return_index=True)[1]]
-        counts.append(np.mean([len(np.unique(_boxes(points, s, rng.uniform(0, s, 3)))) for _ in range(OFFSETS)]))
+        points = points[np.unique(_box_numbers(points, s / CELLS_PER_BOX_EDGE, np.zeros(3)), return_index=True)[1]]
+        counts.append(
+            np.mean([len(np.unique(_box_numbers(points, s, rng.uniform(0, s, 3)))) for _ in range(GRIDS_PER_SIZE)])
+        )
     return np.asarray(sizes, dtype=np.float64), np.array(counts, dtype=np.float64)
 
 
-def _boxes(points: NDArray[np.float64], size: float, offset: NDArray[np.float64]) -> NDArray[np.int64]:
+def _box_numbers(points: NDArray[np.float64], size: float, offset: NDArray[np.float64]) -> NDArray[np.int64]:
     """Number of the box of each point."""
     cells = np.floor((points - points.min(axis=0) + offset) / size).astype(np.int64)
     span = cells.max(axis=0) + 1

@@ -14,16 +14,21 @@ from morphofold.errors import OpenSurface, OutOfRange, TooLarge
 from morphofold.geometry import face_areas, in_use, is_closed, mean_edge_length, split, vertex_areas
 from morphofold.surface import Faces, PerVertex, Verts, check_mesh
 
-CLOSING, REGION = 15.0, 25.0  # [mm], of Schaer and others 2008
-VOXELS = 12.0  # per radius of the closing, by default
-BINS = 12.0  # per radius of the region
-COARSEST = 0.4  # mean edge over the radius of the region, above which triangles are split into four
-SOFT = 1.0  # standard deviation in voxels for smoothing the distances, whose steps change the area
-MOST = 3e8  # voxels
+CLOSING_RADIUS_MM, REGION_RADIUS_MM = 15.0, 25.0  # [mm], of Schaer and others 2008
+VOXELS_PER_CLOSING_RADIUS = 12.0  # per radius of the closing, by default
+BINS_PER_REGION_RADIUS = 12.0  # per radius of the region
+LARGEST_EDGE_OVER_REGION = 0.4  # mean edge over the radius of the region, above which triangles are split into four
+SMOOTHING_IN_VOXELS = 1.0  # standard deviation in voxels for smoothing the distances, whose steps change the area
+MOST_VOXELS = 3e8  # voxels
 
 
 def local_gyrification_index(
-    verts: Verts, faces: Faces, *, closing: float = CLOSING, region: float = REGION, voxel: float | None = None
+    verts: Verts,
+    faces: Faces,
+    *,
+    closing: float = CLOSING_RADIUS_MM,
+    region: float = REGION_RADIUS_MM,
+    voxel: float | None = None,
 ) -> PerVertex:
     """Area of the surface divided by that of its envelope, within a ball around the nearest point of the envelope.
 
@@ -58,27 +63,29 @@ def local_gyrification_index(
     check_mesh(verts, faces)
     if not is_closed(faces):
         raise OpenSurface("the surface has a border, so it has no inside. Close its holes.")
-    voxel = closing / VOXELS if voxel is None else float(voxel)
+    voxel = closing / VOXELS_PER_CLOSING_RADIUS if voxel is None else float(voxel)
     for name, length in (("closing", closing), ("region", region), ("voxel", voxel)):
         if not (math.isfinite(length) and length > 0):
             raise OutOfRange(f"{name} must be a positive length in mm, got {length!r}.")
     index = np.full(len(verts), np.nan)
     used, verts, faces = in_use(verts, faces)
     size = np.ptp(verts, axis=0) + 2 * closing
-    if np.prod(size / voxel) > MOST:
+    if np.prod(size / voxel) > MOST_VOXELS:
         raise TooLarge(
             f"voxels of {voxel:g} mm would give {np.prod(size / voxel):.1e} voxels for a body of {size.max():.0f} mm; "
-            f"use voxels of {(np.prod(size) / MOST) ** (1 / 3):.2g} mm or more. Are the coordinates in mm?"
+            f"use voxels of {(np.prod(size) / MOST_VOXELS) ** (1 / 3):.2g} mm or more. Are the coordinates in mm?"
         )
-    while mean_edge_length(verts, faces) > COARSEST * region:  # area is assigned to the vertices
+    while mean_edge_length(verts, faces) > LARGEST_EDGE_OVER_REGION * region:  # area is assigned to the vertices
         verts, faces = split(verts, faces)
     points, triangles = envelope(verts, faces, closing, voxel)
-    bin_ = region / BINS
+    bin_ = region / BINS_PER_REGION_RADIUS
     low = np.minimum(verts.min(axis=0), points.min(axis=0)) - region
     shape = np.ceil((np.maximum(verts.max(axis=0), points.max(axis=0)) + region - low) / bin_).astype(int)
-    folded = _within(verts, vertex_areas(verts, faces), low, shape, bin_, region)
-    smooth = _within(points[triangles].mean(axis=1), face_areas(points, triangles), low, shape, bin_, region)
-    ratio = _at(folded, points, low, bin_) / _at(smooth, points, low, bin_)
+    folded = _area_within_radius(verts, vertex_areas(verts, faces), low, shape, bin_, region)
+    smooth = _area_within_radius(
+        points[triangles].mean(axis=1), face_areas(points, triangles), low, shape, bin_, region
+    )
+    ratio = _values_at_points(folded, points, low, bin_) / _values_at_points(smooth, points, low, bin_)
     index[used] = ratio[
         cKDTree(points).query(verts[: len(used)])[1]
     ]  # after splitting, the original vertices come first
@@ -96,12 +103,14 @@ def envelope(verts: Verts, faces: Faces, closing: float, voxel: float) -> tuple[
     dilated = ndimage.distance_transform_edt(~inside, sampling=voxel) - 0.5 * voxel <= closing
     depth = ndimage.distance_transform_edt(dilated, sampling=voxel) - 0.5 * voxel
     grid = pyvista.ImageData(dimensions=depth.shape, spacing=3 * (voxel,), origin=np.array(solid.origin) - pad * voxel)
-    grid.point_data["depth"] = ndimage.gaussian_filter(depth, SOFT).ravel(order="F")
+    grid.point_data["depth"] = ndimage.gaussian_filter(depth, SMOOTHING_IN_VOXELS).ravel(order="F")
     found = grid.contour([closing], scalars="depth").triangulate()
     return np.asarray(found.points, dtype=np.float64), np.asarray(found.regular_faces, dtype=np.int64)
 
 
-def _within(points: Array, areas: Array, low: Array, shape: NDArray[np.int64], bin_: float, radius: float) -> Array:
+def _area_within_radius(
+    points: Array, areas: Array, low: Array, shape: NDArray[np.int64], bin_: float, radius: float
+) -> Array:
     """Area within ``radius`` of the centre of each bin of a grid."""
     total, _ = np.histogramdd(points, bins=shape, range=[(a, a + n * bin_) for a, n in zip(low, shape)], weights=areas)
     reach = math.ceil(radius / bin_)
@@ -111,5 +120,5 @@ def _within(points: Array, areas: Array, low: Array, shape: NDArray[np.int64], b
     return signal.fftconvolve(total, ball, mode="same")
 
 
-def _at(values: Array, points: Array, low: Array, bin_: float) -> Array:
+def _values_at_points(values: Array, points: Array, low: Array, bin_: float) -> Array:
     return ndimage.map_coordinates(values, ((points - low) / bin_ - 0.5).T, order=1)

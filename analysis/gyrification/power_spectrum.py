@@ -17,8 +17,8 @@ from morphofold import geometry
 from morphofold.errors import DoesNotApply, NotFinite, OutOfRange, WrongShape
 from morphofold.surface import Faces, PerVertex, Verts, check_mesh
 
-EDGES = 4  # least length of the shortest wave in mesh edges
-MOST = 1000  # largest degree; up to there the recurrence loses no digit
+SHORTEST_WAVE_IN_EDGES = 4  # least length of the shortest wave in mesh edges
+LARGEST_DEGREE = 1000  # largest degree; up to there the recurrence loses no digit
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,20 +99,25 @@ def power_spectrum(sphere: Verts, faces: Faces, values: PerVertex, last: int | N
             f"values must be {len(sphere)} finite numbers, one per vertex; got shape {values.shape}."
         )
     direction = geometry.unit(sphere)
-    weight = _vertex_angles(direction, faces)
+    weight = _vertex_solid_angles(direction, faces)
     radius = float(weight @ np.linalg.norm(sphere, axis=1)) / (4 * math.pi)
     if last is None:
-        last = int(min(max(2 * math.pi / (EDGES * geometry.mean_edge_length(direction, faces)), 1), MOST))
-    if not 1 <= last <= MOST:
-        raise OutOfRange(f"last must be a degree from 1 to {MOST}, got {last}.")
+        last = int(
+            min(
+                max(2 * math.pi / (SHORTEST_WAVE_IN_EDGES * geometry.mean_edge_length(direction, faces)), 1),
+                LARGEST_DEGREE,
+            )
+        )
+    if not 1 <= last <= LARGEST_DEGREE:
+        raise OutOfRange(f"last must be a degree from 1 to {LARGEST_DEGREE}, got {last}.")
     height = values - weight @ values / (4 * math.pi)
     if np.abs(height).max() <= 1e-13 * np.abs(values).max():  # rounding errors of a constant
         return Spectrum(np.zeros(last + 1), 0.0, radius)
-    power = _project(direction, weight * height, last) / (4 * math.pi)
+    power = _power_by_degree(direction, weight * height, last) / (4 * math.pi)
     return Spectrum(power, float(np.sqrt(weight @ height**2 / (4 * math.pi))), radius)
 
 
-def _vertex_angles(direction: Verts, faces: Faces) -> PerVertex:
+def _vertex_solid_angles(direction: Verts, faces: Faces) -> PerVertex:
     """A third of the solid angles of the triangles around each vertex (N,), seen from the origin. The sum is 4 pi.
 
     Van Oosterom and Strackee 1983, IEEE Trans. Biomed. Eng. 30, 125, Eq. (8).
@@ -131,7 +136,7 @@ def _vertex_angles(direction: Verts, faces: Faces) -> PerVertex:
 
 
 @njit(cache=True)
-def _project(direction, f, last):
+def _power_by_degree(direction, f, last):
     """sum_m |sum_i f_i Y_lm(direction_i)|^2 for l = 0 to last (last + 1,); f (N,) carries the weights."""
     n = len(f)
     power = np.zeros(last + 1)

@@ -13,22 +13,26 @@ from morphofold.intersections.boxes import box_tree
 from morphofold.intersections.rays import ray_hits, ray_winding
 from morphofold.surface import Cortex, Faces, Surface, Verts
 
-NOT_CORTEX = ("unknown", "corpuscallosum", "medialwall", "???")  # within names of regions, without spaces and _
-PARCELLATED = 0.75  # of the vertices, in regions of cortex: least share for an annotation to define the cortex
+# within names of regions, without spaces and _
+NAMES_OUTSIDE_CORTEX = ("unknown", "corpuscallosum", "medialwall", "???")
+# of the vertices, in regions of cortex: least share for an annotation to define the cortex
+LEAST_PARCELLATED_SHARE = 0.75
 
-APART = 0.05  # of the radius of the sphere of equal area: at larger distances pial must lie along the normals of white
-SAME = 1e-3  # of that radius: closer surfaces count as the same; the thinnest cortices have 0.01
-LABELLED = 0.01  # of the vertices: a cortex label that holds fewer is refused
-MOSTLY = 0.5  # of a piece with a border, outside pial: more than mistakes of reconstruction
-ALONG = 0.5  # mean cosine to the normal that is then required; any cortex has 0.8 or more, however thick and folded
+# of the radius of the sphere of equal area: at larger distances pial must lie along the normals of white
+FAR_APART_IN_RADII = 0.05
+SAME_SURFACE_IN_RADII = 1e-3  # of that radius: closer surfaces count as the same; the thinnest cortices have 0.01
+LEAST_LABELLED_SHARE = 0.01  # of the vertices: a cortex label that holds fewer is refused
+LARGEST_OUTSIDE_SHARE = 0.5  # of a piece with a border, outside pial: more than mistakes of reconstruction
+# mean cosine to the normal that is then required; any cortex has 0.8 or more, however thick and folded
+LEAST_NORMAL_COSINE = 0.5
 
 
 def cortex_label(cortex: Cortex) -> tuple[NDArray[np.bool_], str]:
     """True (N,) where the vertex is cortex, and a word for the source: the first that is available, in this order.
 
     ``"label"``: the cortex label that came with the surfaces. ``"annotation"``: all regions that are not
-    ``NOT_CORTEX``, if they cover three quarters of the vertices but not all. A parcellation does; a map of a few areas
-    does not. ``"thickness"``: all but large patches where the thickness that came with the surfaces is 0.
+    ``NAMES_OUTSIDE_CORTEX``, if they cover three quarters of the vertices but not all. A parcellation does; a map of a
+    few areas does not. ``"thickness"``: all but large patches where the thickness that came with the surfaces is 0.
     ``"geometry"``: all but large patches where white and pial nearly meet
     (:mod:`~morphofold.analysis.mesh_quality.medial_wall`). Otherwise, and for a simulated body without a label, all
     vertices are cortex and the word is "".
@@ -38,7 +42,7 @@ def cortex_label(cortex: Cortex) -> tuple[NDArray[np.bool_], str]:
     if cortex.regions is not None:
         other = [k for k, name in enumerate(cortex.regions.names) if is_no_cortex(name)]
         covered = (cortex.regions.labels >= 0) & ~np.isin(cortex.regions.labels, other)
-        if PARCELLATED <= covered.mean() < 1:
+        if LEAST_PARCELLATED_SHARE <= covered.mean() < 1:
             return covered, "annotation"
     if cortex.origin != "simulation":
         for word, wall_of in (("thickness", wall_of_thickness), ("geometry", wall_of_geometry)):
@@ -50,7 +54,7 @@ def cortex_label(cortex: Cortex) -> tuple[NDArray[np.bool_], str]:
 def is_no_cortex(region: str) -> bool:
     """Whether a region has one of the names that annotations use for areas outside the cortex."""
     plain = region.lower().replace("_", "").replace(" ", "")
-    return any(word in plain for word in NOT_CORTEX)
+    return any(word in plain for word in NAMES_OUTSIDE_CORTEX)
 
 
 def cortex_mask(cortex: Cortex) -> NDArray[np.bool_]:
@@ -68,7 +72,7 @@ def cortex_mask(cortex: Cortex) -> NDArray[np.bool_]:
             f"{cortex.n_vertices} vertices. Pass the two surfaces of one reconstruction."
         )
     label, word = cortex_label(cortex)
-    if word == "label" and label.mean() < LABELLED:
+    if word == "label" and label.mean() < LEAST_LABELLED_SHARE:
         what = f"{cortex.name}: the cortex label"
         file = next((file for file in cortex.files if file.endswith("cortex.label")), what)
         raise NoCortex(
@@ -121,11 +125,11 @@ def cavities(cortex: Cortex) -> list[int]:
     inner, outer = (signed_volumes(s.verts, cortex.faces, piece) for s in (cortex.white, cortex.pial))
     hollow = np.flatnonzero((inner < outer) & (outer < 0))
     for surface in (cortex.white, cortex.pial):
-        hollow = _within_others(surface, piece, hollow)
+        hollow = _pieces_within_others(surface, piece, hollow)
     return hollow.tolist()
 
 
-def _within_others(surface: Surface, piece: NDArray[np.int64], asked: NDArray[np.int64]) -> NDArray[np.int64]:
+def _pieces_within_others(surface: Surface, piece: NDArray[np.int64], asked: NDArray[np.int64]) -> NDArray[np.int64]:
     """Those of the pieces ``asked`` that lie within others: the rest of the closed surface winds around them.
 
     The winding number of the rest is that of the whole less that of the piece, so one tree of boxes serves all pieces.
@@ -160,13 +164,13 @@ def check_pair(cortex: Cortex) -> None:
     apart = float(np.median(size[off]))
     radius = geometry.equal_area_radius(white.verts, cortex.faces)
     along = np.einsum("ij,ij->i", step, geometry.vertex_normals(white.verts, cortex.faces))[off] / size[off]
-    if apart < SAME * radius:
+    if apart < SAME_SURFACE_IN_RADII * radius:
         raise UnlikeSurfaces(
             f"{cortex.name}: white ({white.name}) and pial ({pial.name}) are the same surface up to rounding: half "
             f"of their vertices are less than {apart:.2g} {cortex.units} apart. Pass the two surfaces of one "
             "reconstruction."
         )
-    if apart > APART * radius and abs(along.mean()) < ALONG:
+    if apart > FAR_APART_IN_RADII * radius and abs(along.mean()) < LEAST_NORMAL_COSINE:
         files = cortex.files[:2] or (white.name, pial.name)
         raise UnlikeSurfaces(
             f"{cortex.called}: {files[0]} and {files[1]} are not of one cortex: the median distance from vertex i of "
@@ -181,7 +185,7 @@ def check_open_pieces(cortex: Cortex) -> None:
         return
     piece = geometry.components(cortex.n_vertices, cortex.faces)[1] + 1  # 0: vertices of no triangle
     share = np.bincount(piece, outside(cortex)) / np.maximum(np.bincount(piece), 1)
-    for k in np.intersect1d(piece[border], np.flatnonzero(share > MOSTLY))[:1]:
+    for k in np.intersect1d(piece[border], np.flatnonzero(share > LARGEST_OUTSIDE_SHARE))[:1]:
         raise InsideOut(
             f"{cortex.called}: white ({cortex.white.name}) lies outside pial ({cortex.pial.name}) at {share[k]:.0%} of "
             f"the piece of vertex {np.flatnonzero(piece == k)[0]}, which has a border: its faces are clockwise seen "

@@ -63,10 +63,11 @@ WARNINGS = {
         "Check the white surface, or set --gyral-width.",
     ),
 }
-THIN = 1e-4  # of the mean edge: height below which a triangle is a needle or a cap
-OUTSIDE = 0.01  # share of the cortex outside pial; in people at most 0.0002
-SHIFTED = 0.3  # shift of pial over the distance between white and pial; in people 0.07, after a shift of 2 mm 0.56
-ROUGH = 0.005  # of the mean edge, above which rounding is noted: noise of 1 % of an edge is a lot
+LEAST_HEIGHT_IN_EDGES = 1e-4  # of the mean edge: height below which a triangle is a needle or a cap
+LARGEST_OUTSIDE_SHARE = 0.01  # share of the cortex outside pial; in people at most 0.0002
+# shift of pial over the distance between white and pial; in people 0.07, after a shift of 2 mm 0.56
+LARGEST_SHIFT_OVER_DISTANCE = 0.3
+LARGEST_ROUNDING_IN_EDGES = 0.005  # of the mean edge, above which rounding is noted: noise of 1 % of an edge is a lot
 
 
 def check_edges(cortex: Cortex, why_not: str = "") -> None:
@@ -84,16 +85,16 @@ def check_edges(cortex: Cortex, why_not: str = "") -> None:
     if len(unlike := np.flatnonzero(np.any(cortex.white.faces != cortex.pial.faces, axis=1))):
         raise BadMesh(
             f"{cortex.called}: {len(unlike)} of {len(cortex.faces)} triangles have opposite orientation on white and "
-            f"on pial; the first is triangle {unlike[0]}, at {_place(cortex, int(cortex.faces[unlike[0], 0]))}. Flip "
-            f"those of one surface.{tried}"
+            f"on pial; the first is triangle {unlike[0]}, at "
+            f"{_vertex_coordinates(cortex, int(cortex.faces[unlike[0], 0]))}. Flip those of one surface.{tried}"
         )
     pair, count = geometry.edges_and_counts(cortex.faces)
     if len(crowded := pair[count > 2]):
         i, j = crowded[0].tolist()
         raise BadMesh(
             f"{cortex.called}: {len(crowded)} edges have more than two triangles; the first joins vertices {i} and "
-            f"{j}, at {_place(cortex, i)}, with {count[count > 2][0]}. The surface branches there, or some triangles "
-            f"occur twice: remove those that do not belong to it.{tried}"
+            f"{j}, at {_vertex_coordinates(cortex, i)}, with {count[count > 2][0]}. The surface branches there, or "
+            f"some triangles occur twice: remove those that do not belong to it.{tried}"
         )
     n = cortex.n_vertices
     ways = np.sort((cortex.faces * n + np.roll(cortex.faces, -1, axis=1)).ravel())
@@ -102,8 +103,8 @@ def check_edges(cortex: Cortex, why_not: str = "") -> None:
         one, two = np.flatnonzero(((cortex.faces == i) & (np.roll(cortex.faces, -1, axis=1) == j)).any(axis=1)).tolist()
         raise BadMesh(
             f"{cortex.called}: {len(same)} edges have the same direction in both of their triangles; the first runs "
-            f"from vertex {i} to {j}, at {_place(cortex, i)}, in triangles {one} and {two}: one of the two is flipped. "
-            "Make all triangles counter-clockwise seen from outside (for example with "
+            f"from vertex {i} to {j}, at {_vertex_coordinates(cortex, i)}, in triangles {one} and {two}: one of the "
+            "two is flipped. Make all triangles counter-clockwise seen from outside (for example with "
             f"trimesh.repair.fix_winding).{tried}"
         )
     border, source = checks.border_duplicates(cortex, cortex.faces)
@@ -111,8 +112,8 @@ def check_edges(cortex: Cortex, why_not: str = "") -> None:
         i, j = source[torn[0]], border[torn[0]]
         raise BadMesh(
             f"{cortex.called}: {len(torn)} vertices on a border have the same position as another one, on white and on "
-            f"pial; the first is vertex {j}, at the position of vertex {i}, at {_place(cortex, i)}: the surface is "
-            f"torn there. Merge vertices that have the same position.{tried}"
+            f"pial; the first is vertex {j}, at the position of vertex {i}, at {_vertex_coordinates(cortex, i)}: the "
+            f"surface is torn there. Merge vertices that have the same position.{tried}"
         )
 
 
@@ -140,13 +141,13 @@ def remarks(cortex: Cortex, mask: NDArray[np.bool_], given: Cortex | None = None
     if len(border := geometry.border_edges(cortex.faces)):
         problems.append(
             f"The surface has a border of {len(border)} edges, one at vertex {border[0, 0]}, "
-            f"{_place(cortex, border[0, 0])}. Holes have no area, and crests end there."
+            f"{_vertex_coordinates(cortex, border[0, 0])}. Holes have no area, and crests end there."
         )
     for surface in (cortex.white, cortex.pial):
         verts = surface.verts
         step = float(np.spacing(np.abs(verts).max().astype(np.float32)))
         edge = geometry.mean_edge_length(surface.verts, surface.faces)
-        if step > ROUGH * edge and np.array_equal(verts, verts.astype(np.float32)):
+        if step > LARGEST_ROUNDING_IN_EDGES * edge and np.array_equal(verts, verts.astype(np.float32)):
             problems.append(
                 f"The coordinates of {surface.name} are rounded to {step:.2g} (float32, far from the origin), which "
                 f"is {step / edge:.0%} of the mean edge, so the curvature shows the rounding. Move the surface to the "
@@ -155,7 +156,7 @@ def remarks(cortex: Cortex, mask: NDArray[np.bool_], given: Cortex | None = None
         corner = surface.verts[surface.faces]
         longest = np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2).max(axis=1)
         height = 2 * geometry.face_areas(surface.verts, surface.faces) / np.maximum(longest, 1e-300)
-        if len(thin := np.flatnonzero(height < THIN * edge)):
+        if len(thin := np.flatnonzero(height < LEAST_HEIGHT_IN_EDGES * edge)):
             problems.append(
                 f"{len(thin)} of {len(surface.faces)} triangles of {surface.name} are needles or caps of almost zero "
                 f"area; the first is triangle {thin[0]}, at {checks.place_of(corner[thin[0], 0])}. The measures here "
@@ -165,9 +166,10 @@ def remarks(cortex: Cortex, mask: NDArray[np.bool_], given: Cortex | None = None
     if len(crossed := np.flatnonzero(mask & checks.outside(cortex))):
         notes["crossing"] = (
             f"White lies outside pial at {len(crossed)} of {np.count_nonzero(mask)} vertices of the cortex; the first "
-            f"is vertex {crossed[0]}, at {_place(cortex, crossed[0])}. Thickness there is a distance without a sign."
+            f"is vertex {crossed[0]}, at {_vertex_coordinates(cortex, crossed[0])}. Thickness there is a distance "
+            "without a sign."
         )
-    if len(crossed) > OUTSIDE * np.count_nonzero(mask):
+    if len(crossed) > LARGEST_OUTSIDE_SHARE * np.count_nonzero(mask):
         notes["pair"] = (
             f"White lies outside pial at {len(crossed) / np.count_nonzero(mask):.1%} of the cortex: the two probably "
             "do not belong together. Take both from one reconstruction, in one coordinate frame."
@@ -176,7 +178,7 @@ def remarks(cortex: Cortex, mask: NDArray[np.bool_], given: Cortex | None = None
         moved = checks.shift(cortex, mask)
         far = float(np.linalg.norm(moved))
         apart = float(np.median(np.linalg.norm(cortex.pial.verts - cortex.white.verts, axis=1)[mask]))
-        if far > SHIFTED * apart:
+        if far > LARGEST_SHIFT_OVER_DISTANCE * apart:
             notes["pair"] = (
                 f"Pial as a whole is shifted from white by about {far:.2g} {cortex.units}, by "
                 f"{checks.place_of(moved)}; the two are {apart:.2g} apart. Take both from one reconstruction, in one "
@@ -224,10 +226,10 @@ def given_thickness(cortex: Cortex, mask: NDArray[np.bool_]) -> tuple[PerVertex,
         notes["thickness_file"] = (
             f"The thickness file of the surfaces has no positive number at {len(gaps)} of {within} vertices of "
             f"the cortex ({len(gaps) / within:.1%}), {zeros} of them 0; the first is vertex {gaps[0]}, at "
-            f"{_place(cortex, gaps[0])}. Its means leave these vertices out."
+            f"{_vertex_coordinates(cortex, gaps[0])}. Its means leave these vertices out."
         )
     return np.where(mask & known, given, np.nan), notes
 
 
-def _place(cortex: Cortex, vertex: int) -> str:
+def _vertex_coordinates(cortex: Cortex, vertex: int) -> str:
     return checks.place_of(cortex.white.verts[vertex])

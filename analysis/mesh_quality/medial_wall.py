@@ -9,8 +9,10 @@ from scipy.sparse import csgraph
 from morphofold import geometry
 from morphofold.surface import Cortex
 
-NEAR = 0.2  # of the median distance of white and pial: below it a vertex is not cortex (0.5 mm in adults)
-LEAST, MOST = 0.01, 0.2  # shares of the white area: least of one patch, most of all patches; walls have 0.03 to 0.1
+# of the median distance of white and pial: below it a vertex is not cortex (0.5 mm in adults)
+WALL_DISTANCE_OVER_MEDIAN = 0.2
+# shares of the white area: least of one patch, most of all patches; walls have 0.03 to 0.1
+LEAST_PATCH_SHARE, LARGEST_WALL_SHARE = 0.01, 0.2
 
 
 def wall_of_thickness(cortex: Cortex) -> NDArray[np.bool_]:
@@ -18,11 +20,12 @@ def wall_of_thickness(cortex: Cortex) -> NDArray[np.bool_]:
     given = cortex.maps.get("thickness")
     if given is None:
         return np.zeros(cortex.n_vertices, dtype=bool)
-    return _patches(cortex, ~(np.asarray(given) > 0))
+    return _wall_patches(cortex, ~(np.asarray(given) > 0))
 
 
 def wall_of_geometry(cortex: Cortex) -> NDArray[np.bool_]:
-    """True (N,) in the wall, where white and pial are closer than ``NEAR`` times their median distance.
+    """True (N,) in the wall, where white and pial are closer than ``WALL_DISTANCE_OVER_MEDIAN`` times their median
+    distance.
 
     The step from white to pial is first averaged over a vertex and its neighbours. Noise of the vertices differs
     between the two surfaces, and without the average it would tear the patch. The bound is relative: it is the same in
@@ -31,16 +34,18 @@ def wall_of_geometry(cortex: Cortex) -> NDArray[np.bool_]:
     step = cortex.pial.verts - cortex.white.verts
     ring = geometry.adjacency(cortex.n_vertices, cortex.faces).astype(np.float64)
     mean = (step + ring @ step) / (1 + np.diff(ring.indptr))[:, None]
-    return _patches(cortex, np.linalg.norm(mean, axis=1) < NEAR * np.median(np.linalg.norm(step, axis=1)))
+    return _wall_patches(
+        cortex, np.linalg.norm(mean, axis=1) < WALL_DISTANCE_OVER_MEDIAN * np.median(np.linalg.norm(step, axis=1))
+    )
 
 
-def _patches(cortex: Cortex, thin: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _wall_patches(cortex: Cortex, thin: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """The thin vertices in connected patches as large as a wall; none if these cover too much of the surface."""
     at = np.flatnonzero(thin)
     area = geometry.vertex_areas(cortex.white.verts, cortex.faces)
     joined = geometry.adjacency(cortex.n_vertices, cortex.faces)[at][:, at]
     _, patch = csgraph.connected_components(joined, directed=False)
-    large = np.bincount(patch, area[at]) >= LEAST * area.sum()
+    large = np.bincount(patch, area[at]) >= LEAST_PATCH_SHARE * area.sum()
     found = np.zeros(cortex.n_vertices, dtype=bool)
     found[at[large[patch]]] = True
-    return found & (area[found].sum() <= MOST * area.sum())
+    return found & (area[found].sum() <= LARGEST_WALL_SHARE * area.sum())

@@ -60,10 +60,10 @@ def joined_sides(faces: Faces) -> Sides:
     rest, edge = crowded, np.repeat(np.arange(len(count)), count)[many]
     fan = fans(faces, joined)
     while len(rest):
-        ways = _of_ends(rest, corner)
-        found = _pairs(edge, fan[ways[0]])
-        found = found if len(found) else _pairs(edge, fan[ways[1]])
-        found = found if len(found) else _pairs(edge, np.zeros(len(edge), dtype=np.int64))
+        ways = _corners_at_ends(rest, corner)
+        found = _pairs_to_join(edge, fan[ways[0]])
+        found = found if len(found) else _pairs_to_join(edge, fan[ways[1]])
+        found = found if len(found) else _pairs_to_join(edge, np.zeros(len(edge), dtype=np.int64))
         if len(found) == 0:
             break
         joined = np.concatenate([joined, rest[found]])
@@ -72,7 +72,7 @@ def joined_sides(faces: Faces) -> Sides:
     return Sides(joined, crowded, order[begin[count == 1]], rest, fan)
 
 
-def _of_ends(side: Ints, corner: Ints) -> tuple[Ints, Ints]:
+def _corners_at_ends(side: Ints, corner: Ints) -> tuple[Ints, Ints]:
     """Corners of sides at both ends of their edge. The end with more triangles (of two welded vertices) first."""
     far, size = after(side), np.bincount(corner)
     a, b = corner[side], corner[far]
@@ -80,7 +80,7 @@ def _of_ends(side: Ints, corner: Ints) -> tuple[Ints, Ints]:
     return np.where(here, side, far), np.where(here, far, side)
 
 
-def _pairs(edge: Ints, fan: Ints) -> Ints:
+def _pairs_to_join(edge: Ints, fan: Ints) -> Ints:
     """Pairs (P, 2) of rows where exactly two have the same edge and fan."""
     order = np.lexsort((fan, edge))
     begin = np.flatnonzero((np.diff(edge[order], prepend=-1) != 0) | (np.diff(fan[order], prepend=-1) != 0))

@@ -22,10 +22,10 @@ from morphofold.surface import Cortex, Faces, Verts
 if TYPE_CHECKING:
     from morphofold.analysis.measures import Measures
 
-Done = dict[str, tuple[int, int]]
+RepairCounts = dict[str, tuple[int, int]]
 
-DEBRIS = 0.005  # of the pial area: a piece that is cut off when sheets are separated is left out below it
-WORDS = {  # what is repaired, by the name of its count
+LARGEST_DEBRIS_SHARE = 0.005  # of the pial area: a piece that is cut off when sheets are separated is left out below it
+REPAIR_TEXTS = {  # what is repaired, by the name of its count
     "repaired_unlike_triangles": "triangles of pial reversed to match those of white",
     "repaired_flat_triangles": "triangles removed that name a vertex twice",
     "repaired_seam_vertices": "vertices of torn seams joined with another at the same position",
@@ -50,7 +50,7 @@ class Mended:
     source : (n,) int64
         Given vertex of each repaired vertex. A vertex that was separated occurs more than once.
     done : mapping of str to (int, int)
-        For the names of ``WORDS``: the count, and a given vertex at the first place.
+        For the names of ``REPAIR_TEXTS``: the count, and a given vertex at the first place.
     why_not : str
         Why the defects were left as they are; empty if none were left.
     """
@@ -73,7 +73,9 @@ class Mended:
         if not self.done:
             return {}
         at = lambda vertex: checks.place_of(self.of.white.verts[vertex])
-        lines = [f"{WORDS[kind]}: {count}, the first at {at(vertex)}" for kind, (count, vertex) in self.done.items()]
+        lines = [
+            f"{REPAIR_TEXTS[kind]}: {count}, the first at {at(vertex)}" for kind, (count, vertex) in self.done.items()
+        ]
         fewer = len(np.unique(self.source)) < self.of.n_vertices
         more = " Vertex numbers in other notes do not count the vertices that were left out." if fewer else ""
         return {"repair": f"The surfaces were repaired; {'; '.join(lines)}.{more}"}
@@ -113,7 +115,7 @@ def measurable(cortex: Cortex, *, repair: bool = True) -> Mended:
     defects.check_edges(mend.cortex, mend.why_not)
     checks.check_surfaces(mend.cortex)
     if mend.cortex is mend.of and not geometry.used(cortex.n_vertices, cortex.faces).all():
-        return _mended(cortex, cortex.faces, mend.place, mend.source, {})
+        return _build_mended(cortex, cortex.faces, mend.place, mend.source, {})
     return mend
 
 
@@ -129,18 +131,18 @@ def mended(cortex: Cortex) -> Mended:
     First, vertices on a border that have the same position on white and on pial are joined, and triangles that name a
     vertex twice or occur twice are removed. Then sheets of surface that share an edge or a vertex are separated (see
     :func:`~morphofold.analysis.mesh_quality.orientation.joined_sides`): each gets its own vertices at the same
-    position. If that cuts off a small piece (``DEBRIS``), the piece is left out. Last, triangles are reversed to match
-    the majority of their piece, and closed pieces that are inside out, with white within pial, are reversed as a whole.
-    Needles and caps stay: the measures allow them.
+    position. If that cuts off a small piece (``LARGEST_DEBRIS_SHARE``), the piece is left out. Last, triangles are
+    reversed to match the majority of their piece, and closed pieces that are inside out, with white within pial, are
+    reversed as a whole. Needles and caps stay: the measures allow them.
     """
-    done: Done = {}
+    done: RepairCounts = {}
     if len(unlike := np.flatnonzero(np.any(cortex.white.faces != cortex.pial.faces, axis=1))):
         done["repaired_unlike_triangles"] = len(unlike), int(cortex.faces[unlike[0], 0])
-    faces, at = _whole(cortex, done)
+    faces, at = _clean_triangles(cortex, done)
     if len(faces) == 0:
         return as_given(cortex, "no triangle is left")
     sides = joined_sides(faces)
-    keep, faces, owner = _parted(faces, sides, cortex, done)
+    keep, faces, owner = _separate_sheets(faces, sides, cortex, done)
     if keep[sides.left // 3].any():
         i, j = faces.ravel()[sides.left[0]], faces.ravel()[after(sides.left[0])]
         return as_given(cortex, f"the sheets of surface that meet at vertices {i} and {j} cannot be told apart")
@@ -154,40 +156,40 @@ def mended(cortex: Cortex) -> Mended:
         return as_given(cortex, "a piece of the surface has one side only, like a Moebius strip")
     if flipped.any():
         faces = np.where(flipped[:, None], faces[:, ::-1], faces)
-    inside_out = _inside_out(cortex, faces, owner, joined)
+    inside_out = _inside_out_triangles(cortex, faces, owner, joined)
     if inside_out.any():
         flipped ^= inside_out
         faces = np.where(inside_out[:, None], faces[:, ::-1], faces)
     if flipped.any():
         done["repaired_flipped_triangles"] = int(flipped.sum()), int(owner[faces[flipped][0, 0]])
-    return _mended(cortex, faces, at, owner, done) if done else as_given(cortex)
+    return _build_mended(cortex, faces, at, owner, done) if done else as_given(cortex)
 
 
-def _whole(cortex: Cortex, done: Done) -> tuple[Faces, Ints]:
+def _clean_triangles(cortex: Cortex, done: RepairCounts) -> tuple[Faces, Ints]:
     """Triangles of three different vertices, none twice, torn seams closed; and the new vertex (N,) of each vertex."""
     faces, at = cortex.faces, np.arange(cortex.n_vertices)
-    flat = _flat(faces)
+    flat = _names_vertex_twice(faces)
     border, source = checks.border_duplicates(cortex, faces[~flat] if flat.any() and not flat.all() else faces)
     at[border] = source
     if len(moved := np.flatnonzero(at != np.arange(len(at)))):
         done["repaired_seam_vertices"] = len(moved), int(moved[0])
         faces = at[faces]
-        flat = _flat(faces)
+        flat = _names_vertex_twice(faces)
     if flat.any():
         done["repaired_flat_triangles"] = int(flat.sum()), int(faces[flat][0, 0])
         faces = faces[~flat]
-    double = _double(faces)
+    double = _duplicate_triangles(faces)
     if double.any():
         done["repaired_double_triangles"] = int(double.sum()), int(faces[double][0, 0])
         faces = faces[~double]
     return faces, at
 
 
-def _flat(faces: Faces) -> Bools:
+def _names_vertex_twice(faces: Faces) -> Bools:
     return np.any(faces == np.roll(faces, 1, axis=1), axis=1)
 
 
-def _double(faces: Faces) -> Bools:
+def _duplicate_triangles(faces: Faces) -> Bools:
     """Triangles (M,) on the same vertices as others: all but one where an edge of the surface needs it, else all."""
     three = np.sort(faces, axis=1)
     order = np.lexsort(three.T)
@@ -202,7 +204,7 @@ def _double(faces: Faces) -> Bools:
     return double
 
 
-def _parted(faces: Faces, sides: Sides, cortex: Cortex, done: Done) -> tuple[Bools, Faces, Ints]:
+def _separate_sheets(faces: Faces, sides: Sides, cortex: Cortex, done: RepairCounts) -> tuple[Bools, Faces, Ints]:
     """Triangles (M,) to keep, triangles with a vertex for each sheet, and the given vertex (N + K,) of each vertex."""
     n, corner = cortex.n_vertices, faces.ravel()
     keep, owner = np.ones(len(faces), dtype=bool), np.arange(n)
@@ -220,7 +222,7 @@ def _parted(faces: Faces, sides: Sides, cortex: Cortex, done: Done) -> tuple[Boo
         done["repaired_pinched_edges"] = len(np.unique(pairs, axis=1).T), int(pairs[0, 0])
     if len(touching):
         done["repaired_pinched_vertices"] = len(touching), int(touching[0])
-    keep = ~_debris(faces, sheets(faces, sides.joined), shared, cortex.pial.verts)
+    keep = ~_debris_triangles(faces, sheets(faces, sides.joined), shared, cortex.pial.verts)
     if not keep.all():
         done["repaired_debris_triangles"] = int((~keep).sum()), int(faces[~keep][0, 0])
     part = np.repeat(keep, 3) & shared[corner]  # corners that may get another vertex
@@ -234,7 +236,7 @@ def _parted(faces: Faces, sides: Sides, cortex: Cortex, done: Done) -> tuple[Boo
     return keep, split.reshape(-1, 3), np.concatenate([owner, vertex[order[other]]])
 
 
-def _debris(faces: Faces, piece: Ints, shared: Bools, verts: Verts) -> Bools:
+def _debris_triangles(faces: Faces, piece: Ints, shared: Bools, verts: Verts) -> Bools:
     """Triangles (M,) of small pieces that only shared vertices joined to a larger one."""
     body = geometry.components(len(verts), faces)[1][faces[:, 0]]
     area = np.bincount(piece, geometry.face_areas(verts, faces))
@@ -242,10 +244,10 @@ def _debris(faces: Faces, piece: Ints, shared: Bools, verts: Verts) -> Bools:
     np.maximum.at(largest, body, area[piece])
     hung = np.zeros(len(area), dtype=bool)
     hung[piece[shared[faces].any(axis=1)]] = True
-    return hung[piece] & (area[piece] < np.minimum(DEBRIS * area.sum(), largest[body]))
+    return hung[piece] & (area[piece] < np.minimum(LARGEST_DEBRIS_SHARE * area.sum(), largest[body]))
 
 
-def _inside_out(cortex: Cortex, faces: Faces, owner: Ints, joined: Ints) -> Bools:
+def _inside_out_triangles(cortex: Cortex, faces: Faces, owner: Ints, joined: Ints) -> Bools:
     """Triangles (M,) of closed pieces where white has a negative volume and pial's is not larger."""
     piece = geometry.components(len(owner), faces)[1]
     inner, outer = (checks.signed_volumes(s.verts[owner], faces, piece) for s in (cortex.white, cortex.pial))
@@ -256,7 +258,7 @@ def _inside_out(cortex: Cortex, faces: Faces, owner: Ints, joined: Ints) -> Bool
     return wrong[piece[faces[:, 0]]]
 
 
-def _mended(cortex: Cortex, faces: Faces, at: Ints, owner: Ints, done: Done) -> Mended:
+def _build_mended(cortex: Cortex, faces: Faces, at: Ints, owner: Ints, done: RepairCounts) -> Mended:
     """The cortex with these faces, without the vertices that none of them uses."""
     gone = ~geometry.used(len(owner), faces)
     source, number = owner[~gone], np.where(gone, -1, np.cumsum(~gone) - 1)

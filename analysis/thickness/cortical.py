@@ -84,17 +84,19 @@ def cortical_thickness(
     for start, target, side in ((white.verts, pial.verts, 1.0), (pial.verts, white.verts, -1.0)):
         near = (start, target, normals, side, ring.indptr, ring.indices)
         if mode == "freesurfer":
-            way = _nearest_vertex(*near, rings)
+            way = _distance_to_nearest_vertex(*near, rings)
         else:
             margin = geometry.mean_edge_length(target, faces)
-            way = _nearest_triangle(*near, faces, incident.indptr, incident.indices, margin, _longest(target, faces))
+            way = _distance_to_nearest_triangle(
+                *near, faces, incident.indptr, incident.indices, margin, _longest_edges(target, faces)
+            )
         total += np.minimum(way, limit)
     total[np.diff(ring.indptr) == 0] = np.nan
     return total / 2
 
 
 @njit(cache=True, parallel=True)
-def _nearest_vertex(start, target, normals, side, indptr, indices, rings):
+def _distance_to_nearest_vertex(start, target, normals, side, indptr, indices, rings):
     """Distance [mm] from each start vertex to the nearest admissible target vertex within k rings, (N,)."""
     n = len(start)
     way = np.empty(n)
@@ -131,7 +133,9 @@ def _nearest_vertex(start, target, normals, side, indptr, indices, rings):
 
 
 @njit(cache=True, parallel=True)
-def _nearest_triangle(start, target, normals, side, indptr, indices, faces, fptr, findices, margin, longest):
+def _distance_to_nearest_triangle(
+    start, target, normals, side, indptr, indices, faces, fptr, findices, margin, longest
+):
     """Distance [mm] from each start vertex to the nearest admissible target triangle near its partner, (N,)."""
     n = len(start)
     way = np.empty(n)
@@ -183,7 +187,7 @@ def _nearest_triangle(start, target, normals, side, indptr, indices, faces, fptr
     return way
 
 
-def _longest(verts: Verts, faces: Faces) -> PerVertex:
+def _longest_edges(verts: Verts, faces: Faces) -> PerVertex:
     """Length of the longest edge (N,) at each vertex [mm]; 0 where there is none."""
     longest, length = np.zeros(len(verts)), geometry.edge_lengths(verts, faces)
     for end in geometry.edges(faces).T:

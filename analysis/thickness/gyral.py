@@ -20,10 +20,10 @@ from morphofold.errors import NoCortex, WrongShape
 from morphofold.surface import Cortex, PerVertex, Surface, check_kind
 
 LEAST_COVERAGE = 0.2  # of the mid-height contour, below which no median is given
-LONGEST = 1.2  # longest chord, relative to the wavelength
-OFF = 5e-3  # mean edges from a triangle to the start of a ray that is cast from it
-SYMMETRISE = np.deg2rad([0.0, -15.0, 15.0, -30.0, 30.0])
-FAN = np.deg2rad([0.0, -10.0, 10.0, -20.0, 20.0])
+LONGEST_CHORD_IN_WAVELENGTHS = 1.2  # longest chord, relative to the wavelength
+RAY_OFFSET_IN_EDGES = 5e-3  # mean edges from a triangle to the start of a ray that is cast from it
+SYMMETRISING_ANGLES_RAD = np.deg2rad([0.0, -15.0, 15.0, -30.0, 30.0])
+CHORD_ANGLES_RAD = np.deg2rad([0.0, -10.0, 10.0, -20.0, 20.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,13 +168,13 @@ def gyral_thickness(
     """
     check_kind(cortex, (Cortex, Surface), "gyral_thickness: cortex")
     surface = cortex.pial if isinstance(cortex, Cortex) else cortex
-    inside = _inside(cortex, mask)
+    inside = _measured_vertices(cortex, mask)
     scan = RayCaster(surface)  # first, so that a missing package raises an error before the work
     contour = mid_height_contour(surface, inside, scale)
     if contour.reason:
-        return _nothing(surface, contour, contour.reason)
-    grey = _grey(cortex, inside) if isinstance(cortex, Cortex) else None
-    return _measure(surface, inside, contour, scan, grey)
+        return _no_thickness(surface, contour, contour.reason)
+    grey = _grey_matter_bounds(cortex, inside) if isinstance(cortex, Cortex) else None
+    return _measure_chords(surface, inside, contour, scan, grey)
 
 
 def weighted_quantile(values: NDArray[np.float64], weights: NDArray[np.float64], share: float) -> float:
@@ -187,7 +187,7 @@ def weighted_quantile(values: NDArray[np.float64], weights: NDArray[np.float64],
     return float(np.interp(share, (np.cumsum(w) - w / 2) / w.sum(), v))
 
 
-def _inside(cortex: Cortex | Surface, mask: NDArray[np.bool_] | None) -> NDArray[np.bool_]:
+def _measured_vertices(cortex: Cortex | Surface, mask: NDArray[np.bool_] | None) -> NDArray[np.bool_]:
     surface = cortex.pial if isinstance(cortex, Cortex) else cortex
     n = len(surface.verts)
     inside = geometry.used(n, surface.faces)
@@ -203,7 +203,7 @@ def _inside(cortex: Cortex | Surface, mask: NDArray[np.bool_] | None) -> NDArray
 
 
 @dataclass(frozen=True, eq=False)
-class _Samples:
+class _ChordData:
     """Data for chords at their start, (S, ...), and at their end, by triangle (M, ...).
 
     ``bodies`` (S,): number of gyri in which the start lies: 1, plus the number of gyri whose walls pass through it.
@@ -218,7 +218,7 @@ class _Samples:
 
 
 @dataclass(frozen=True, eq=False)
-class _Grey:
+class _GreyMatterBounds:
     """Bounds on chords from the grey matter. A chord may not run through it for more than ``slack`` [mm] between two
     stretches of ``white``, or be shorter than the sum of ``triangle_thickness`` (M,) [mm] at its ends."""
 
@@ -227,21 +227,23 @@ class _Grey:
     triangle_thickness: NDArray[np.float64]
 
 
-def _grey(cortex: Cortex, inside: NDArray[np.bool_]) -> _Grey:
+def _grey_matter_bounds(cortex: Cortex, inside: NDArray[np.bool_]) -> _GreyMatterBounds:
     span = np.linalg.norm(cortex.pial.verts - cortex.white.verts, axis=1)
     thickness = cortical_thickness(cortex.white, cortex.pial, cap=None)
-    return _Grey(RayCaster(cortex.white), float(np.median(span[inside])) / 4, thickness[cortex.faces].mean(axis=1))
+    return _GreyMatterBounds(
+        RayCaster(cortex.white), float(np.median(span[inside])) / 4, thickness[cortex.faces].mean(axis=1)
+    )
 
 
-def _fan(
-    scan: RayCaster, samples: _Samples, vertical: NDArray[np.float64], angles: NDArray[np.float64], side: int
+def _cast_fan(
+    scan: RayCaster, samples: _ChordData, vertical: NDArray[np.float64], angles: NDArray[np.float64], side: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
     """Rays in the horizontal plane into the tissue (side = 1) or out of it (-1).
 
     Returns corrected lengths (S, K), NaN where not from wall to wall, uncorrected lengths (S, K), triangles hit (S, K)
     and directions (S, K, 3).
     """
-    wall = geometry.unit(samples.normal - _along(samples.normal, vertical))
+    wall = geometry.unit(samples.normal - _component_along(samples.normal, vertical))
     ahead, across = -side * wall, np.cross(vertical, -side * wall)
     rays = np.cos(angles)[None, :, None] * ahead[:, None, :] + np.sin(angles)[None, :, None] * across[:, None, :]
     shape, flat = rays.shape[:2], rays.reshape(-1, 3)
@@ -249,7 +251,7 @@ def _fan(
     def spread(a: NDArray[Any]) -> NDArray[Any]:
         return np.repeat(a, len(angles), axis=0)
 
-    step = OFF * scan.edge
+    step = RAY_OFFSET_IN_EDGES * scan.edge
     start = spread(samples.points) + step * flat
     if side > 0:
         far, triangle, cosine = scan.exits(start, flat, spread(samples.bodies), samples.longest)
@@ -257,7 +259,7 @@ def _fan(
         far, triangle, cosine = scan.shoot(start, flat)
     far = far + step
     other = samples.triangle_normal[triangle]
-    other = geometry.unit(other - _along(other, spread(vertical)))
+    other = geometry.unit(other - _component_along(other, spread(vertical)))
     phase = samples.triangle_phase[triangle]
     good = (side * cosine > 0.1) & (np.sum(other * spread(wall), axis=1) < -0.3)
     good &= (phase > 0.1) & (phase < 0.9) & (far < samples.longest)
@@ -267,9 +269,9 @@ def _fan(
     return length.reshape(shape), far.reshape(shape), triangle.reshape(shape), rays
 
 
-def _symmetrised(
+def _symmetrised_vertical(
     scan: RayCaster,
-    samples: _Samples,
+    samples: _ChordData,
     vertical: NDArray[np.float64],
     found: Relief,
     faces: NDArray[np.int64],
@@ -281,18 +283,18 @@ def _symmetrised(
     """
     even = vertical
     for _ in range(2):
-        length, far, triangle, _ = _fan(scan, samples, even, SYMMETRISE, side)
+        length, far, triangle, _ = _cast_fan(scan, samples, even, SYMMETRISING_ANGLES_RAD, side)
         nearest = np.where(np.isfinite(length), far, np.inf).argmin(axis=1)
         opposite = geometry.unit(found.vertical[faces[triangle[np.arange(len(far)), nearest]]].mean(axis=1))
         even = np.where(np.isfinite(length).any(axis=1, keepdims=True), geometry.unit(vertical + opposite), even)
     return even
 
 
-def _along(a: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
+def _component_along(a: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.sum(a * u, axis=1, keepdims=True) * u
 
 
-def _middle(lengths: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def _median_of_rows(lengths: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Median of each row if it has at least two values, else NaN; and the column whose value is nearest to it."""
     enough = np.isfinite(lengths).sum(axis=1) >= 2
     median = np.full(len(lengths), np.nan)
@@ -301,30 +303,30 @@ def _middle(lengths: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[
     return median, away.argmin(axis=1)
 
 
-def _measure(
-    surface: Surface, inside: NDArray[np.bool_], contour: Contour, scan: RayCaster, grey: _Grey | None
+def _measure_chords(
+    surface: Surface, inside: NDArray[np.bool_], contour: Contour, scan: RayCaster, grey: _GreyMatterBounds | None
 ) -> GyralThickness:
     faces, found, row = surface.faces, contour.relief, np.arange(len(contour.points))
     normals = geometry.vertex_normals(surface.verts, faces)
     by_triangle = normals[faces].mean(axis=1)
-    normal, longest = by_triangle[contour.triangle], LONGEST * contour.wavelength
-    samples = _Samples(
+    normal, longest = by_triangle[contour.triangle], LONGEST_CHORD_IN_WAVELENGTHS * contour.wavelength
+    samples = _ChordData(
         contour.points,
         normal,
         by_triangle,
         np.where(inside, found.phase, np.nan)[faces].mean(axis=1),
         longest,
-        1 + scan.bodies(contour.points + OFF * scan.edge * normal, normal, longest),
+        1 + scan.bodies(contour.points + RAY_OFFSET_IN_EDGES * scan.edge * normal, normal, longest),
     )
     vertical = geometry.unit(found.vertical[faces[contour.triangle]].mean(axis=1))
 
-    even = _symmetrised(scan, samples, vertical, found, faces, 1)
-    length, far, triangle, rays = _fan(scan, samples, even, FAN, 1)
+    even = _symmetrised_vertical(scan, samples, vertical, found, faces, 1)
+    length, far, triangle, rays = _cast_fan(scan, samples, even, CHORD_ANGLES_RAD, 1)
     if grey is not None:
         s, k = np.nonzero(np.isfinite(length))
         crosses_grey = ~grey.white.stays_white(samples.points[s], rays[s, k], far[s, k], grey.slack)
         length[s[crosses_grey], k[crosses_grey]] = np.nan
-    width, k = _middle(length)
+    width, k = _median_of_rows(length)
     far, ray, end = far[row, k], rays[row, k], triangle[row, k]
     if grey is not None:
         both = grey.triangle_thickness[contour.triangle] + grey.triangle_thickness[end]
@@ -336,11 +338,15 @@ def _measure(
     width[s[~(np.isfinite(up) & (samples.triangle_phase[roof] < 0.5) & (cosine > 0))]] = np.nan
     partner[np.isnan(width)] = np.nan
 
-    gap, _ = _middle(_fan(scan, samples, _symmetrised(scan, samples, vertical, found, faces, -1), FAN, -1)[0])
-    return _report(surface, inside, contour, width, partner, gap, grey is not None)
+    gap, _ = _median_of_rows(
+        _cast_fan(
+            scan, samples, _symmetrised_vertical(scan, samples, vertical, found, faces, -1), CHORD_ANGLES_RAD, -1
+        )[0]
+    )
+    return _thickness_of_widths(surface, inside, contour, width, partner, gap, grey is not None)
 
 
-def _report(
+def _thickness_of_widths(
     surface: Surface,
     inside: NDArray[np.bool_],
     contour: Contour,
@@ -352,7 +358,7 @@ def _report(
     weight = contour.length
     coverage = float(weight[np.isfinite(width)].sum() / weight.sum())
     if coverage < LEAST_COVERAGE:
-        return _nothing(
+        return _no_thickness(
             surface,
             contour,
             f"no gyri: only {coverage:.0%} of the mid-height contour (scale {contour.relief.scale:.3g}) has an "
@@ -367,7 +373,7 @@ def _report(
         partner=partner,
         weight=weight,
         gap=gap,
-        per_vertex=_carry(surface, inside, contour, width),
+        per_vertex=_carry_to_vertices(surface, inside, contour, width),
         median=quartile[1],
         lower=quartile[0],
         upper=quartile[2],
@@ -381,7 +387,9 @@ def _report(
     )
 
 
-def _carry(surface: Surface, inside: NDArray[np.bool_], contour: Contour, width: NDArray[np.float64]) -> PerVertex:
+def _carry_to_vertices(
+    surface: Surface, inside: NDArray[np.bool_], contour: Contour, width: NDArray[np.float64]
+) -> PerVertex:
     """Width (N,) of the nearest sample along the edges that has one; NaN where that sample is too far.
 
     Too far means farther than half a wavelength, or farther than the nearest of all samples by more than half of that
@@ -405,7 +413,7 @@ def _carry(surface: Surface, inside: NDArray[np.bool_], contour: Contour, width:
     return result
 
 
-def _nothing(surface: Surface, contour: Contour, reason: str) -> GyralThickness:
+def _no_thickness(surface: Surface, contour: Contour, reason: str) -> GyralThickness:
     none: dict[str, Any] = {
         **dict.fromkeys(("points", "partner"), np.empty((0, 3))),
         **dict.fromkeys(("width", "weight", "gap"), np.empty(0)),

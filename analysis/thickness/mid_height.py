@@ -12,10 +12,11 @@ from morphofold import geometry
 from morphofold.analysis.relief import Relief, relief
 from morphofold.surface import PerVertex, Surface
 
-UNFOLDED = 0.1  # amplitude / scale below which a surface counts as unfolded
-SHALLOW = 0.25  # amplitude, relative to its 90th percentile, below which a ripple is not a fold
-FINEST = 4.0  # wavelength / mean edge, below which folds cannot be distinguished from noise
-BROADEST = 1.0  # wavelength / radius of the sphere of equal area, above which it is the body's shape, not a fold
+LEAST_AMPLITUDE_OVER_SCALE = 0.1  # amplitude / scale below which a surface counts as unfolded
+LEAST_RELATIVE_AMPLITUDE = 0.25  # amplitude, relative to its 90th percentile, below which a ripple is not a fold
+SHORTEST_WAVELENGTH_IN_EDGES = 4.0  # wavelength / mean edge, below which folds cannot be distinguished from noise
+# wavelength / radius of the sphere of equal area, above which it is the body's shape, not a fold
+LONGEST_WAVELENGTH_IN_RADII = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,10 +41,10 @@ def mid_height_contour(surface: Surface, inside: NDArray[np.bool_], scale: float
     size = geometry.equal_area_radius(surface.verts, surface.faces[whole])
     edge = geometry.mean_edge_length(surface.verts, surface.faces)
     if scale is not None:
-        return _at_scale(surface, inside, whole, size, edge, float(scale))
+        return _contour_at_scale(surface, inside, whole, size, edge, float(scale))
     scale = 0.115 * size  # the result for a human brain is within 5 % of it, so one step is enough
     for _ in range(8):
-        contour = _at_scale(surface, inside, whole, size, edge, scale)
+        contour = _contour_at_scale(surface, inside, whole, size, edge, scale)
         wanted = max(min(contour.wavelength / 3, 0.3 * size), 2 * edge)
         if contour.reason or abs(wanted - scale) < 0.05 * scale:
             break
@@ -51,33 +52,33 @@ def mid_height_contour(surface: Surface, inside: NDArray[np.bool_], scale: float
     return contour
 
 
-def _at_scale(
+def _contour_at_scale(
     surface: Surface, inside: NDArray[np.bool_], whole: NDArray[np.int64], size: float, edge: float, scale: float
 ) -> Contour:
     found = relief(surface.verts, surface.faces, scale)
     high = float(np.percentile(found.amplitude[inside], 90))
-    phase = np.where(found.amplitude > SHALLOW * high, found.phase, np.nan)
+    phase = np.where(found.amplitude > LEAST_RELATIVE_AMPLITUDE * high, found.phase, np.nan)
     points, length, triangle = _level_set(surface, phase, whole)
     total = float(length.sum())
     wavelength = 8 * math.pi * size**2 / total if total > 0 else math.nan
     reason = ""
     if len(np.unique(geometry.border_edges(surface.faces))) == len(np.unique(surface.faces)):
         reason = "no wavelength of a band one row of triangles wide: all its vertices lie on its border"
-    elif high < UNFOLDED * scale:
+    elif high < LEAST_AMPLITUDE_OVER_SCALE * scale:
         reason = (
-            f"no folds: at scale {scale:.3g} the height of the surface varies by {high:.2g}, less than {UNFOLDED:g} of "
-            "the scale"
+            f"no folds: at scale {scale:.3g} the height of the surface varies by {high:.2g}, less than "
+            f"{LEAST_AMPLITUDE_OVER_SCALE:g} of the scale"
         )
-    elif not wavelength <= BROADEST * size:  # also if there is no contour
+    elif not wavelength <= LONGEST_WAVELENGTH_IN_RADII * size:  # also if there is no contour
         reason = (
             f"no folds: at scale {scale:.3g} the mid-height contour is {total:.3g} long on a surface of radius "
             f"{size:.3g}; so short a contour comes from the shape of the body"
         )
-    elif wavelength < FINEST * edge:
+    elif wavelength < SHORTEST_WAVELENGTH_IN_EDGES * edge:
         reason = (
             f"no folds resolved: at scale {scale:.3g} their wavelength is {wavelength:.2g}, which is "
-            f"{wavelength / edge:.2g} mesh edges; {FINEST:g} are needed. Remove the noise by smoothing, or refine the "
-            "mesh"
+            f"{wavelength / edge:.2g} mesh edges; {SHORTEST_WAVELENGTH_IN_EDGES:g} are needed. Remove the noise by "
+            "smoothing, or refine the mesh"
         )
     return Contour(points, length, triangle, wavelength, found, reason)
 

@@ -11,10 +11,10 @@ import numpy as np
 from morphofold.arrays import Array, Ints
 from morphofold.errors import NoSolution
 
-DRAWS = 2000
-CONFIDENCE = 0.95
-FEWEST = 3
-BOUNDED = 5  # points needed for a bootstrap: with three its bounds hold in two of three cases
+BOOTSTRAP_DRAWS = 2000
+CONFIDENCE_LEVEL = 0.95
+LEAST_POINTS = 3
+LEAST_POINTS_FOR_BOUNDS = 5  # points needed for a bootstrap: with three its bounds hold in two of three cases
 
 
 @dataclass(frozen=True)
@@ -47,17 +47,17 @@ def line(x: Array, y: Array, seed: int = 0) -> Line:
     NoSolution
         If there are fewer points, or all x or all y are the same.
     """
-    if len(x) < FEWEST or np.ptp(x) == 0 or np.ptp(y) == 0:
-        raise NoSolution(f"a line needs {FEWEST} points that differ in x and in y; there are {len(x)}.")
+    if len(x) < LEAST_POINTS or np.ptp(x) == 0 or np.ptp(y) == 0:
+        raise NoSolution(f"a line needs {LEAST_POINTS} points that differ in x and in y; there are {len(x)}.")
     dx, dy = x - x.mean(), y - y.mean()
     slope = float(dx @ dy / (dx @ dx))
-    slopes, i, j = _pairs(x, y)
+    slopes, i, j = _pairwise_slopes(x, y)
     low = high = np.nan
-    if len(x) >= BOUNDED:
-        drawn = np.random.default_rng(seed).integers(len(x), size=(DRAWS, len(x)))
+    if len(x) >= LEAST_POINTS_FOR_BOUNDS:
+        drawn = np.random.default_rng(seed).integers(len(x), size=(BOOTSTRAP_DRAWS, len(x)))
         times = [np.bincount(draw, minlength=len(x)) for draw in drawn]
         medians = np.array([_median_slope(slopes, each[i] * each[j]) for each in times])
-        tail = 50 * (1 - CONFIDENCE)
+        tail = 50 * (1 - CONFIDENCE_LEVEL)
         low, high = np.percentile(medians[np.isfinite(medians)], [tail, 100 - tail])
     return Line(
         len(x),
@@ -85,7 +85,7 @@ def through_regions(rows: Iterable[Mapping[str, Any]]) -> tuple[Line | None, str
     )
 
 
-def _pairs(x: Array, y: Array) -> tuple[Array, Ints, Ints]:
+def _pairwise_slopes(x: Array, y: Array) -> tuple[Array, Ints, Ints]:
     """Slopes of the pairs of points that differ in x, ascending, and the two points of each pair.
 
     A draw contains the same pairs, each as often as the product of the counts of its two points, so nothing is sorted

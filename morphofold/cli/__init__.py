@@ -36,7 +36,7 @@ class Parser(argparse.ArgumentParser):
 
     def __init__(self, *args: Any, **options: Any):
         super().__init__(*args, **options)
-        self.register("type", None, _not_empty)  # for every argument that is text
+        self.register("type", None, _non_empty_text)  # for every argument that is text
 
     def add_subparsers(self, **options: Any) -> Any:
         commands = super().add_subparsers(**options)
@@ -47,7 +47,7 @@ class Parser(argparse.ArgumentParser):
         self.exit(2, f"{self.prog}: error: {one_line(message.rstrip('.'))}. See {self.prog} --help.\n")
 
 
-def _not_empty(text: str) -> str:
+def _non_empty_text(text: str) -> str:
     if not text or "\0" in text:
         raise argparse.ArgumentTypeError("its value is empty" if not text else "its value contains a NUL")
     return text
@@ -125,15 +125,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         except SystemExit as end:  # after --help, --version or an error
             return int(end.code or 0)
         except OSError as error:  # --help can't be written
-            return _fail("", f"standard output: {error.strerror}.", 2)
-        return _run(args)
+            return _print_failure("", f"standard output: {error.strerror}.", 2)
+        return _run_command(args)
 
 
-def _run(args: argparse.Namespace) -> int:
+def _run_command(args: argparse.Namespace) -> int:
     try:
         with warnings.catch_warnings():
-            warnings.showwarning = _show
-            with _ended_as_interrupted():
+            warnings.showwarning = _show_warning
+            with _signals_as_interrupts():
                 code = args.run(args)
         sys.stdout.flush()
         return code
@@ -141,33 +141,35 @@ def _run(args: argparse.Namespace) -> int:
         # a compiled kernel passes Ctrl-C on as the cause of a SystemError
         if isinstance(error, SystemError) and not isinstance(error.__cause__, KeyboardInterrupt):
             raise
-        return _fail(args.command, f"interrupted.{getattr(args, 'on_interrupt', '')}", 130)
+        return _print_failure(args.command, f"interrupted.{getattr(args, 'on_interrupt', '')}", 130)
     except (ValueError, TypeError, OSError, ImportError) as error:
         if args.debug:
             raise
         if isinstance(error, OSError) and error.errno is not None:  # the system's message, not ours
             where = f"{error.filename}: " if error.filename is not None else ""
-            return _fail(args.command, f"{where}{error.strerror}. Name another file or folder.", 2)
-        return _fail(args.command, error, 2)
+            return _print_failure(args.command, f"{where}{error.strerror}. Name another file or folder.", 2)
+        return _print_failure(args.command, error, 2)
     except MemoryError as error:
         if args.debug:
             raise
         line = str(error) or "memory did not suffice"  # numpy gives the amount
         more = "" if line.endswith(".") else ". Close other programs, or ask for less."
-        return _fail(args.command, f"{line}{more}", 2)
+        return _print_failure(args.command, f"{line}{more}", 2)
     except Exception as error:
         if args.debug:
             raise
         if type(error).__name__ in ("UnstableError", "ConvergenceError"):  # not imported, so that --help is fast
-            return _fail(args.command, error, 1)
+            return _print_failure(args.command, error, 1)
         if isinstance(error, RuntimeError) and "no locator available" in str(error):  # numba's message about its cache
             places = "neither the installed package nor the home folder is writable"
-            return _fail(args.command, f"compiled code can't be cached: {places}. Set NUMBA_CACHE_DIR to a folder.", 2)
-        return _fail(args.command, f"{type(error).__name__}: {error} (a defect; --debug shows where)", 1)
+            return _print_failure(
+                args.command, f"compiled code can't be cached: {places}. Set NUMBA_CACHE_DIR to a folder.", 2
+            )
+        return _print_failure(args.command, f"{type(error).__name__}: {error} (a defect; --debug shows where)", 1)
 
 
 @contextmanager
-def _ended_as_interrupted() -> Iterator[None]:
+def _signals_as_interrupts() -> Iterator[None]:
     """Treat SIGTERM and SIGHUP as Ctrl-C, so that half-written files are removed; only the main thread can do this.
 
     A signal that was ignored before (by nohup) stays ignored. A second SIGTERM or SIGHUP is ignored too: a terminal and
@@ -199,12 +201,12 @@ def _ended_as_interrupted() -> Iterator[None]:
             signal.signal(number, usual[number])
 
 
-def _show(message: Warning | str, *_: object, **__: object) -> None:
+def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
     """Print a warning in one line, without the source line."""
     print(f"morphofold: warning: {one_line(str(message))}", file=sys.stderr)
 
 
-def _fail(command: str, error: object, code: int) -> int:
+def _print_failure(command: str, error: object, code: int) -> int:
     line = one_line(" ".join([str(error).strip(), *getattr(error, "__notes__", ())])) or type(error).__name__
     if kind := getattr(error, "code", None):
         line += f" [{kind}]"

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from morphofold.timing import Stages
 
 
-UNMEASURED = (ValueError, TypeError, OSError)  # errors of one hemisphere; the other one is still measured
+HEMISPHERE_ERRORS = (ValueError, TypeError, OSError)  # errors of one hemisphere; the other one is still measured
 T = TypeVar("T")
 
 
@@ -75,7 +75,7 @@ def add_args(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from morphofold.cli.progress import progress
-    from morphofold.forecasts.analysis_cost import READING
+    from morphofold.forecasts.analysis_cost import READING_STAGE
     from morphofold.io import read_cortex
     from morphofold.results import check_wide
     from morphofold.threads import set_threads
@@ -83,37 +83,37 @@ def run(args: argparse.Namespace) -> int:
 
     set_threads(args.threads)
     options = measuring_options(args)
-    _find_input(args)
+    _set_input_folder(args)
     if args.stages:
-        return _stages(args, options)
-    _refuse_of_layout(args)
+        return _analyse_stages(args, options)
+    _refuse_layout_clashes(args)
     clock, failed = Stages(), dict[str, str]()
-    clock.begin(READING)
-    cortices = _of_each(_readers(args), failed)
+    clock.begin(READING_STAGE)
+    cortices = _results_of_hemispheres(_hemisphere_readers(args), failed)
     clock.end()
     if args.wide:
         check_wide(cortices)
-    called, out = _place(cortices, args)
+    called, out = _name_and_folder(cortices, args)
     if args.dry_run:
-        return _dry_run(cortices, failed, clock.seconds[READING], args)
+        return _dry_run(cortices, failed, clock.seconds[READING_STAGE], args)
     with progress(cortices[0].name, args.quiet) as show:
         works = {}
         for i, cortex in enumerate(cortices):
             share = part_of(show, 0.8 * i / len(cortices), 0.8 / len(cortices), f"{cortex.hemi} ")
-            works[cortex.hemi] = partial(_measure, cortex, options, share, clock)
-        measures = _of_each(works, failed)
+            works[cortex.hemi] = partial(_measure_cortex, cortex, options, share, clock)
+        measures = _results_of_hemispheres(works, failed)
         show(0.8, "writing")
-        clock.begin(READING)
-        stages = [] if args.no_report else [read_cortex(place, hemi="lh") for place in _places_of_stages(args.input)]
+        clock.begin(READING_STAGE)
+        stages = [] if args.no_report else [read_cortex(place, hemi="lh") for place in _stage_folders(args.input)]
         asked = {"hemi": args.hemi, "name": args.name, **options}
-        _write(measures, out, called, args, failed=failed, parameters=asked, stages=stages, clock=clock)
+        _write_results(measures, out, called, args, failed=failed, parameters=asked, stages=stages, clock=clock)
         show(1.0, "done")
-    code = _tell_failed(failed)
-    _tell_measured(measures, out, clock, args)
+    code = _print_failed(failed)
+    _print_measured(measures, out, clock, args)
     return code
 
 
-def _refuse_of_layout(args: argparse.Namespace) -> None:
+def _refuse_layout_clashes(args: argparse.Namespace) -> None:
     """Raise for options that can't be used with --layout bids."""
     if args.layout == "bids" and args.out is None:
         raise OptionsClash("--layout bids adds a subject to a dataset, but no dataset is named. Pass -o DATASET.")
@@ -121,7 +121,7 @@ def _refuse_of_layout(args: argparse.Namespace) -> None:
         raise OptionsClash("--mgh and --wide belong to the plain layout. Leave them out, or leave out --layout bids.")
 
 
-def _place(cortices: list[Cortex], args: argparse.Namespace) -> tuple[str, Path]:
+def _name_and_folder(cortices: list[Cortex], args: argparse.Namespace) -> tuple[str, Path]:
     """Name of the results, and the folder they go to; raises if the folder is not ours or holds an input."""
     from morphofold.cli.paths import refuse_overlap, writable_name
     from morphofold.io import refuse_foreign
@@ -140,7 +140,7 @@ def _place(cortices: list[Cortex], args: argparse.Namespace) -> tuple[str, Path]
     return called, out
 
 
-def _write(measures: list[Measures], out: Path, called: str, args: argparse.Namespace, **fields: Any) -> None:
+def _write_results(measures: list[Measures], out: Path, called: str, args: argparse.Namespace, **fields: Any) -> None:
     from morphofold.report import analysis_report
     from morphofold.results import write_analysis, write_dataset
 
@@ -151,7 +151,7 @@ def _write(measures: list[Measures], out: Path, called: str, args: argparse.Name
         write_analysis(measures, out, report=report, mgh=args.mgh, wide=args.wide, **fields)
 
 
-def _tell_measured(measures: list[Measures], out: Path, clock: Stages, args: argparse.Namespace) -> None:
+def _print_measured(measures: list[Measures], out: Path, clock: Stages, args: argparse.Namespace) -> None:
     """Print the summary as JSON; or a line per hemisphere, its warnings, and the cost."""
     from morphofold.analysis.mesh_quality.defects import WARNINGS
     from morphofold.forecasts.analysis_cost import analysis_cost_line, cost_of_analysis
@@ -163,12 +163,12 @@ def _tell_measured(measures: list[Measures], out: Path, clock: Stages, args: arg
         return
     for m in measures:
         s = m.scalars
-        index = _formatted(s["gyrification_index"], ".2f")
-        thickness = _formatted(s["mean_cortical_thickness_mm"], ".2f", " mm")
+        index = _formatted_or_na(s["gyrification_index"], ".2f")
+        thickness = _formatted_or_na(s["mean_cortical_thickness_mm"], ".2f", " mm")
         print(
             one_line(
                 f"{m.cortex.name} {m.cortex.hemi}: {s['n_vertices']:,} vertices, GI {index}, cortical thickness "
-                f"{thickness}, gyral thickness {_formatted(s['median_gyral_thickness_mm'], '.1f', ' mm')}"
+                f"{thickness}, gyral thickness {_formatted_or_na(s['median_gyral_thickness_mm'], '.1f', ' mm')}"
             )
         )
         for key in WARNINGS:
@@ -178,13 +178,13 @@ def _tell_measured(measures: list[Measures], out: Path, clock: Stages, args: arg
     print(f"-> {summary if args.no_report else out / 'report.html'}")
 
 
-def _of_each(works: Mapping[str, Callable[[], T]], failed: dict[str, str]) -> list[T]:
+def _results_of_hemispheres(works: Mapping[str, Callable[[], T]], failed: dict[str, str]) -> list[T]:
     """Return the results of the hemispheres; reasons of failures are added to ``failed``. Raises if all fail."""
     found = []
     for hemi, work in works.items():
         try:
             found.append(work())
-        except UNMEASURED as error:
+        except HEMISPHERE_ERRORS as error:
             failed[hemi], last = " ".join(str(error).split()), error
     if not found and len(failed) == 1:
         raise last
@@ -194,14 +194,14 @@ def _of_each(works: Mapping[str, Callable[[], T]], failed: dict[str, str]) -> li
     return found
 
 
-def _tell_failed(failed: Mapping[str, str]) -> int:
+def _print_failed(failed: Mapping[str, str]) -> int:
     """Print which hemispheres failed and why; return the exit code."""
     for hemi, why in failed.items():
         print(one_line(f"{hemi} failed: {why}"), file=sys.stderr)
     return 1 if failed else 0
 
 
-def _readers(args: argparse.Namespace) -> dict[str, Callable[[], Cortex]]:
+def _hemisphere_readers(args: argparse.Namespace) -> dict[str, Callable[[], Cortex]]:
     """Functions that read each requested hemisphere, from INPUT or from --white and --pial."""
     from morphofold.io import read_cortex
     from morphofold.io.cortices import hemispheres, side_named
@@ -221,7 +221,7 @@ def _readers(args: argparse.Namespace) -> dict[str, Callable[[], Cortex]]:
     return {hemi: partial(one, hemi=hemi) for hemi in hemis}
 
 
-def _formatted(value: float | None, form: str, unit: str = "") -> str:
+def _formatted_or_na(value: float | None, form: str, unit: str = "") -> str:
     return "n/a" if value is None else f"{value:{form}}{unit}"
 
 
@@ -237,16 +237,16 @@ def _dry_run(cortices: list[Cortex], failed: dict[str, str], reading: float, arg
         return mended
 
     found = forecast_analysis(
-        _of_each({cortex.hemi: partial(checked, cortex) for cortex in cortices}, failed),
+        _results_of_hemispheres({cortex.hemi: partial(checked, cortex) for cortex in cortices}, failed),
         accuracy=args.accuracy,
         report=not args.no_report,
         threads=args.threads,
         reading=reading,
         curvature_scale=args.curvature_scale,
         repair=args.repair,
-        stages=len(_places_of_stages(args.input)),
+        stages=len(_stage_folders(args.input)),
     )
-    code = _tell_failed(failed)
+    code = _print_failed(failed)
     if args.json:
         print_json({**found.as_dict(), "failed": failed})
     else:
@@ -254,7 +254,7 @@ def _dry_run(cortices: list[Cortex], failed: dict[str, str], reading: float, arg
     return code
 
 
-def _find_input(args: argparse.Namespace) -> None:
+def _set_input_folder(args: argparse.Namespace) -> None:
     """Set INPUT to the folder that -s names; raise unless there is INPUT or a pair of surfaces."""
     from morphofold.cli.paths import subject_folder
 
@@ -272,12 +272,12 @@ def _find_input(args: argparse.Namespace) -> None:
         raise OptionsClash("--white and --pial are needed together; one of them is missing.")
 
 
-def _stages(args: argparse.Namespace, options: Mapping[str, Any]) -> int:
+def _analyse_stages(args: argparse.Namespace, options: Mapping[str, Any]) -> int:
     """Analyse all stages of a simulation; existing analyses are kept."""
     from morphofold.cli.paths import refuse_overlap, writable_name
     from morphofold.cli.progress import progress
     from morphofold.cli.runs import begin
-    from morphofold.forecasts.analysis_cost import READING
+    from morphofold.forecasts.analysis_cost import READING_STAGE
     from morphofold.io import read_cortex
     from morphofold.results import is_analysis_of, write_analysis
     from morphofold.timing import Stages
@@ -301,21 +301,21 @@ def _stages(args: argparse.Namespace, options: Mapping[str, Any]) -> int:
     with progress(called, args.quiet) as show:
         for i, place in enumerate(places):
             clock = Stages()
-            clock.begin(READING)
+            clock.begin(READING_STAGE)
             cortex = read_cortex(place, hemi="lh", name=args.name)
             share = part_of(show, i / len(places), 1 / len(places), f"{place.name} ")
             asked = {"hemi": None, "name": args.name, **options}
             if is_analysis_of(out / place.name, cortex, asked):
                 done += 1
                 continue
-            found = _measure(cortex, options, share, clock)
+            found = _measure_cortex(cortex, options, share, clock)
             write_analysis([found], out / place.name, parameters=asked, clock=clock)
         show(1.0, "done")
     print(f"{len(places)} stages, {done} of them measured before -> {out}")
     return 0
 
 
-def _measure(cortex: Cortex, options: Mapping[str, Any], progress: Progress, clock: Stages) -> Measures:
+def _measure_cortex(cortex: Cortex, options: Mapping[str, Any], progress: Progress, clock: Stages) -> Measures:
     from morphofold.analysis.measuring import measure
     from morphofold.cohort.measuring import keywords_of
 
@@ -326,7 +326,7 @@ def _measure(cortex: Cortex, options: Mapping[str, Any], progress: Progress, clo
     return measure(cortex, **keywords_of(options), progress=show)
 
 
-def _places_of_stages(folder: str | None) -> list[Path]:
+def _stage_folders(folder: str | None) -> list[Path]:
     """Folders of all stages of a simulation; empty if the folder is not a simulation."""
     places = [] if folder is None else sorted((Path(folder) / "stages").glob("g*"))
     return [place for place in places if (place / "stage.json").is_file()]

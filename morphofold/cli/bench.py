@@ -15,7 +15,7 @@ from typing import Any
 from morphofold.cli import add_questions, add_shared, add_threads
 from morphofold.errors import NotReadable, OutOfRange, UnknownName
 
-WORDS = {
+BENCHMARK_SUMMARIES = {
     "speed": "element-steps per second on this machine, bricks and tetrahedra",
     "effects": "what each effect adds to a step on this machine",
     "measures": "seconds of each measure on this machine, from 10,000 to 1,000,000 vertices",
@@ -23,16 +23,16 @@ WORDS = {
     "folds": "agreement of folds between meshes and between seeds; wavelength against cortical thickness",
     "accuracy": "what accuracy costs in time: error against seconds, for many settings and for other programs",
 }
-SCENES = ("fig5", "fig6-thin", "fig6-thick", "fig7-ratio1", "fig7-ratio4")
-CASES = "cases"  # of an accuracy study, in its folder
-TANGENTIAL_SCENES = tuple(f"{name}-tangential" for name in SCENES)
-FOLDS = """
+FOLDING_SCENES = ("fig5", "fig6-thin", "fig6-thick", "fig7-ratio1", "fig7-ratio4")
+CASES_FOLDER = "cases"  # of an accuracy study, in its folder
+TANGENTIAL_SCENES = tuple(f"{name}-tangential" for name in FOLDING_SCENES)
+FOLDS_HELP = """
 Grows every scene at every level of accuracy from the first seed of its imperfection. At the second-finest level (or the
 only one) it also grows the scene from the other seeds. This gives convergence with the mesh and spread over seeds, and
 grows the finest mesh only once. Runs are in OUT/simulations; existing runs are used again, and interrupted runs
 continue. Writes folds.tsv, convergence.tsv, spread.tsv, slope.tsv and summary.json.
 """
-ACCURACY = """
+ACCURACY_HELP = """
 Solver: radius, stress and onset against theory, folds against the finest mesh or setting. It varies mesh size, elements
 through the cortex, kappa/mu, pace (alone, and with the mesh), stiffness of contact, kind of element and precision.
 Analysis: shapes with known answers, a real hemisphere against its own refinement, and the other programs that are
@@ -42,20 +42,20 @@ continues.
 Writes points.tsv, laws.tsv, presets.tsv, budget.tsv, peers.tsv, figures/ and summary.json.
 """
 
-MORE = {
+LONGER_HELP = {
     "measures": "The surface is a sphere with ridges along an irregular net.",
     "cohort": "Each subject is a hemisphere of 162 vertices; its tables are as large as for FreeSurfer's first atlas.",
-    "folds": FOLDS,
-    "accuracy": ACCURACY,
+    "folds": FOLDS_HELP,
+    "accuracy": ACCURACY_HELP,
 }
 #: question -> what an earlier run may have written in its folder of results
-STAYING = {
+KEPT_RESULTS_HELP = {
     "cohort": "made-up subjects there are kept",
     "folds": "simulations of an earlier study there are kept",
     "accuracy": "cases of an earlier study there are kept",
 }
 #: question, option, metavar of its list, default, and help text
-LISTS = (
+LIST_OPTIONS = (
     (
         "measures",
         "--vertices",
@@ -75,8 +75,8 @@ LISTS = (
         "folds",
         "--scenes",
         "NAMES",
-        ",".join((*SCENES, *TANGENTIAL_SCENES)),
-        f"spheres, separated by commas (default: {','.join(SCENES)} and the same with -tangential)",
+        ",".join((*FOLDING_SCENES, *TANGENTIAL_SCENES)),
+        f"spheres, separated by commas (default: {','.join(FOLDING_SCENES)} and the same with -tangential)",
     ),
     ("folds", "--levels", "LEVELS", "draft,standard,fine", "levels of accuracy (default: draft,standard,fine)"),
     ("folds", "--seeds", "SEEDS", "0,1,2", "seeds of the imperfection (default: 0,1,2)"),
@@ -91,51 +91,51 @@ LISTS = (
     ),
 )
 #: what --json prints, and the lines that are printed otherwise
-Answer = tuple[str, list[str]]
+JsonAndLines = tuple[str, list[str]]
 
 
 def add_args(parser: argparse.ArgumentParser) -> None:
-    parsers = add_questions(parser, WORDS, MORE)
+    parsers = add_questions(parser, BENCHMARK_SUMMARIES, LONGER_HELP)
     for name in ("speed", "effects"):
         parsers[name].add_argument("--seconds", type=float, default=2.0, metavar="S", help="time per case (default: 2)")
-    for name, what in STAYING.items():
+    for name, what in KEPT_RESULTS_HELP.items():
         parsers[name].add_argument("-o", "--out", metavar="DIR", required=True, help=f"folder to write; {what}")
-    for name, option, metavar, default, words in LISTS:
+    for name, option, metavar, default, words in LIST_OPTIONS:
         parsers[name].add_argument(option, metavar=metavar, default=default, help=words)
     for name, sub in parsers.items():
         if name in ("measures", "folds", "accuracy"):
             add_threads(sub)
-        printed = "summary.json" if name in STAYING else "as JSON"
+        printed = "summary.json" if name in KEPT_RESULTS_HELP else "as JSON"
         sub.add_argument("--json", action="store_true", help=f"print {printed}")
         add_shared(sub, default=argparse.SUPPRESS)  # so that they work before and after WHAT
 
 
 def run(args: argparse.Namespace) -> int:
     kinds = {
-        "speed": _speed,
-        "effects": _effects,
-        "measures": _measures,
-        "cohort": _cohort,
-        "folds": _folds,
-        "accuracy": _accuracy,
+        "speed": _time_solver,
+        "effects": _time_effects,
+        "measures": _time_measures,
+        "cohort": _time_cohort,
+        "folds": _run_folds_study,
+        "accuracy": _run_accuracy_study,
     }
     as_json, lines = kinds[args.what](args)
     print(as_json.rstrip() if args.json else "\n".join(lines))
     return 0
 
 
-def _folds(args: argparse.Namespace) -> Answer:
+def _run_folds_study(args: argparse.Namespace) -> JsonAndLines:
     from morphofold.cli.runs import Runs
     from morphofold.io import atomic_folder
     from morphofold.studies.folds.page import text_tables
     from morphofold.studies.folds.study import Study, planned, run_study
 
     study = Study(
-        _listed("--scenes", args.scenes, str),
-        _listed("--levels", args.levels, str),
-        _listed("--seeds", args.seeds, int),
+        _parsed_list("--scenes", args.scenes, str),
+        _parsed_list("--levels", args.levels, str),
+        _parsed_list("--seeds", args.seeds, int),
         args.portion,
-        _listed("--growth", args.growth, float),
+        _parsed_list("--growth", args.growth, float),
     )
     planned(study)  # refuses before anything is written
     out = Path(args.out)
@@ -153,7 +153,7 @@ def _folds(args: argparse.Namespace) -> Answer:
     return (out / "summary.json").read_text(encoding="utf-8"), lines
 
 
-def _accuracy(args: argparse.Namespace) -> Answer:
+def _run_accuracy_study(args: argparse.Namespace) -> JsonAndLines:
     from morphofold.cli.progress import progress
     from morphofold.cli.runs import begin
     from morphofold.io import atomic_folder
@@ -162,7 +162,7 @@ def _accuracy(args: argparse.Namespace) -> Answer:
     from morphofold.studies.accuracy.study import HALVES, Kept, all_points, circumstances
     from morphofold.threads import set_threads
 
-    halves = _listed("--halves", args.halves, str)
+    halves = _parsed_list("--halves", args.halves, str)
     if not halves or not set(halves) <= set(HALVES):
         raise UnknownName(f"--halves: {args.halves!r} is unknown; there are {', '.join(HALVES)}.")
     set_threads(args.threads)
@@ -171,12 +171,12 @@ def _accuracy(args: argparse.Namespace) -> Answer:
     with atomic_folder(out) as folder:  # refuses a foreign folder at once
         begin(out)
         with progress("accuracy", args.quiet) as show:
-            points = all_points(halves, Kept(out / CASES, made), show)
+            points = all_points(halves, Kept(out / CASES_FOLDER, made), show)
         write_study(points, made, folder)
     return (out / "summary.json").read_text(encoding="utf-8"), [*text_answers(out), f"-> {out / 'summary.json'}"]
 
 
-def _cohort(args: argparse.Namespace) -> Answer:
+def _time_cohort(args: argparse.Namespace) -> JsonAndLines:
     from morphofold.cli.progress import progress
     from morphofold.cli.runs import begin
     from morphofold.io import atomic_file, refuse_foreign
@@ -184,7 +184,7 @@ def _cohort(args: argparse.Namespace) -> Answer:
     from morphofold.provenance import strict_json
     from morphofold.studies.speed.cohort import Load, measure_load, text_table
 
-    counts, workers = _listed("--subjects", args.subjects, int), _listed("--workers", args.workers, int)
+    counts, workers = _parsed_list("--subjects", args.subjects, int), _parsed_list("--workers", args.workers, int)
     if not counts or not workers or min(*counts, *workers) < 1 or max(workers) > 1000 or max(counts) > 10**6:
         words = "give at least 1 of each, and at most 1,000,000 subjects and 1,000 workers."
         raise OutOfRange(f"--subjects {args.subjects} --workers {args.workers}: {words}")
@@ -202,13 +202,13 @@ def _cohort(args: argparse.Namespace) -> Answer:
     return content, text_table(loads)
 
 
-def _seconds(args: argparse.Namespace) -> float:
+def _checked_seconds(args: argparse.Namespace) -> float:
     if not 0 < args.seconds < 3600:
         raise OutOfRange(f"--seconds must be a positive number below 3600, got {args.seconds}.")
     return args.seconds
 
 
-def _listed(option: str, text: str, kind: Callable[[str], Any]) -> tuple[Any, ...]:
+def _parsed_list(option: str, text: str, kind: Callable[[str], Any]) -> tuple[Any, ...]:
     """Items of a list separated by commas; empty items are ignored."""
     items = [item.strip() for item in text.split(",") if item.strip()]
     try:
@@ -218,12 +218,12 @@ def _listed(option: str, text: str, kind: Callable[[str], Any]) -> tuple[Any, ..
         raise NotReadable(f"{option}: {text!r} is not a list of {what}; separate them by commas.") from None
 
 
-def _speed(args: argparse.Namespace) -> Answer:
+def _time_solver(args: argparse.Namespace) -> JsonAndLines:
     import numba
 
     from morphofold.studies.speed.solver import PEERS, PEERS_SOURCE, SIZES, element_speed, speed_body
 
-    seconds, threads = _seconds(args), list(dict.fromkeys((1, numba.get_num_threads())))
+    seconds, threads = _checked_seconds(args), list(dict.fromkeys((1, numba.get_num_threads())))
     rows = [
         row
         for element, sizes in SIZES.items()
@@ -246,12 +246,12 @@ def _speed(args: argparse.Namespace) -> Answer:
     return json.dumps(rows, indent=1), lines
 
 
-def _measures(args: argparse.Namespace) -> Answer:
+def _time_measures(args: argparse.Namespace) -> JsonAndLines:
     from morphofold.cli.progress import progress
     from morphofold.studies.speed.measures import exponent, measuring_speed
     from morphofold.threads import set_threads
 
-    sizes = sorted(set(_listed("--vertices", args.vertices, int)))
+    sizes = sorted(set(_parsed_list("--vertices", args.vertices, int)))
     if not sizes or not 1000 <= sizes[0] <= sizes[-1] <= 10_000_000:
         raise OutOfRange(f"--vertices: sizes lie between 1,000 and 10,000,000, got {args.vertices!r}.")
     set_threads(args.threads)
@@ -273,10 +273,10 @@ def _measures(args: argparse.Namespace) -> Answer:
     return json.dumps(rows, indent=1), lines
 
 
-def _effects(args: argparse.Namespace) -> Answer:
+def _time_effects(args: argparse.Namespace) -> JsonAndLines:
     from morphofold.studies.speed.solver import effect_costs
 
-    rows = effect_costs(seconds=_seconds(args))
+    rows = effect_costs(seconds=_checked_seconds(args))
     lines = [
         "what each effect adds to a step of an octant of demo, one thread",
         f"{'effect':28} {'ms':>8} {'share':>8}",

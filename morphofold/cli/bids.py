@@ -9,7 +9,7 @@ from pathlib import Path
 from morphofold.cli.cohort import add_group_args
 from morphofold.cli.measuring import add_side_args
 
-PLACES = ("derivatives/freesurfer", "sourcedata/freesurfer", ".")
+FREESURFER_FOLDERS = ("derivatives/freesurfer", "sourcedata/freesurfer", ".")
 
 
 def add_args(parser: argparse.ArgumentParser) -> None:
@@ -37,40 +37,43 @@ def run(args: argparse.Namespace) -> int:
     out = Path(args.output_dir)
     if args.level == "group":
         return run_group(out, measured_before(out, bids=True), args)
-    source = _source(args)
+    source = _subjects_folder(args)
     refuse_overlap(out, [source])
-    everyone = _chosen(source, [])
-    return run_cohort(_chosen(source, args.participant_label), out, args, group=False, everyone=everyone)
+    everyone = _participant_folders(source, [])
+    return run_cohort(_participant_folders(source, args.participant_label), out, args, group=False, everyone=everyone)
 
 
-def _source(args: argparse.Namespace) -> Path:
+def _subjects_folder(args: argparse.Namespace) -> Path:
     """Folder of the FreeSurfer subjects of the dataset."""
     if args.fs_subjects_dir is not None:
         return Path(args.fs_subjects_dir).absolute()
     folder = Path(args.bids_dir).absolute()
     if not folder.is_dir():
         raise FileNotFoundError(f"{folder}: no such dataset.")
-    for place in PLACES:
+    for place in FREESURFER_FOLDERS:
         if any(folder.joinpath(place).glob("*/surf")):
             return folder / place
     raise FileNotFoundError(
-        f"{folder}: there are no FreeSurfer subjects in {', '.join(PLACES)}. Pass their folder with "
+        f"{folder}: there are no FreeSurfer subjects in {', '.join(FREESURFER_FOLDERS)}. Pass their folder with "
         "--fs-subjects-dir, or run FreeSurfer or fMRIPrep first."
     )
 
 
-def _chosen(source: Path, labels: list[str]) -> dict[str, Path]:
+def _participant_folders(source: Path, labels: list[str]) -> dict[str, Path]:
     """Folders of the participants, by name; a participant with several sessions has several."""
     from morphofold.cli.cohort import by_shown_name
     from morphofold.cohort.subjects import find_subjects
 
     names, _ = find_subjects(source)
-    found = {label: [n for n in names if n == label or n.partition("_")[0] == label] for label in map(_sub, labels)}
+    found = {
+        label: [n for n in names if n == label or n.partition("_")[0] == label]
+        for label in map(_with_sub_prefix, labels)
+    }
     missing = [label for label, its in found.items() if not its]
     if missing:
         raise FileNotFoundError(f"{source}: contains no {', '.join(missing)}; it contains {', '.join(names[:8])}.")
     return by_shown_name(source, list(dict.fromkeys(n for its in found.values() for n in its)) if labels else names)
 
 
-def _sub(label: str) -> str:
+def _with_sub_prefix(label: str) -> str:
     return f"sub-{label.removeprefix('sub-')}"

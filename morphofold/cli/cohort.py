@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from morphofold.cohort.tasks import Outcome
 
 
-LOOKED_AT = 3  # subjects, to find the memory that one takes
+SUBJECTS_READ_FOR_MEMORY = 3  # subjects, to find the memory that one takes
 
 
 def add_args(parser: argparse.ArgumentParser) -> None:
@@ -182,7 +182,7 @@ def measured_before(out: Path, *, bids: bool) -> dict[str, Path]:
     names = sorted(path.stem for path in there if not path.name.startswith("."))  # a killed run left a part of one
     if not names:
         raise FileNotFoundError(f"{out}: contains no measured subject. Measure participants first.")
-    return {name: _place_of(out, name, bids=bids)[0] for name in names}
+    return {name: _results_folder_or_reason(out, name, bids=bids)[0] for name in names}
 
 
 def run_group(out: Path, results: dict[str, Path], args: argparse.Namespace) -> int:
@@ -215,7 +215,7 @@ def places_of(out: Path, subjects: Sequence[Participant]) -> tuple[dict[str, Pat
     FileExistsError
         If morphofold did not write a folder.
     """
-    from morphofold.cohort.group import GROUP
+    from morphofold.cohort.group import GROUP_FOLDER
     from morphofold.io import refuse_foreign, refuse_no_collection
     from morphofold.results.bids import refuse_other_dataset
 
@@ -223,12 +223,12 @@ def places_of(out: Path, subjects: Sequence[Participant]) -> tuple[dict[str, Pat
         refuse_no_collection(out, "cohort")
     else:
         refuse_other_dataset(out)
-    refuse_foreign(out / GROUP)  # before hours of work, not after them
+    refuse_foreign(out / GROUP_FOLDER)  # before hours of work, not after them
     places: dict[str, Path] = {}
     reasons: dict[str, str] = {}
     taken: dict[Path, str] = {}
     for one in subjects:
-        place, reason = _place_of(out, one.name, bids=one.bids)
+        place, reason = _results_folder_or_reason(out, one.name, bids=one.bids)
         other = taken.setdefault(place, one.name)
         if other != one.name:
             reason = f"{other}, {one.name}: BIDS shortens both to {place.name}. Rename one of them."
@@ -237,7 +237,7 @@ def places_of(out: Path, subjects: Sequence[Participant]) -> tuple[dict[str, Pat
     return places, reasons
 
 
-def _place_of(out: Path, name: str, *, bids: bool) -> tuple[Path, str]:
+def _results_folder_or_reason(out: Path, name: str, *, bids: bool) -> tuple[Path, str]:
     """Folder for the results of a subject and ""; if it can have none, a folder that does not exist, and the reason."""
     from morphofold.cohort.participant import results_of
 
@@ -249,12 +249,12 @@ def _place_of(out: Path, name: str, *, bids: bool) -> tuple[Path, str]:
 
 def begin_cohort(out: Path, *, bids: bool) -> None:
     """Make the folder of a cohort, or use an existing one."""
-    from morphofold.cohort.scales import FILE
+    from morphofold.cohort.scales import SCALES_FILE
     from morphofold.io import begin_collection
     from morphofold.results.bids import begin_dataset
 
     if bids:
-        begin_dataset(out, ignoring=("group", "logs", "records", "lock", FILE))
+        begin_dataset(out, ignoring=("group", "logs", "records", "lock", SCALES_FILE))
     else:
         begin_collection(out, "cohort")
 
@@ -273,7 +273,7 @@ def memory_needed(subjects: Sequence[Participant], accuracy: str, report: bool) 
         except (ValueError, OSError):
             continue
         found.append(memory_of_analysis(sizes, accuracy=accuracy, report=report))
-        if len(found) == LOOKED_AT:
+        if len(found) == SUBJECTS_READ_FOR_MEMORY:
             break
     return max(found, default=0.0)
 

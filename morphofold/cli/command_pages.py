@@ -45,11 +45,11 @@ def options(name: str) -> Iterator[str]:
     command = subcommands(parser())[name]
     below = subcommands(command)
     if not below:
-        yield from _described(command)
+        yield from _usage_and_options(command)
     for sub in below.values():
         yield f"### {sub.prog}"
         yield textwrap.fill(" ".join((sub.description or "").split()), 120, break_on_hyphens=False)
-        yield from _described(sub)
+        yield from _usage_and_options(sub)
 
 
 def subcommands(command: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
@@ -58,24 +58,26 @@ def subcommands(command: argparse.ArgumentParser) -> dict[str, argparse.Argument
     return dict(next(found, {}) or {})
 
 
-def _described(command: argparse.ArgumentParser) -> Iterator[str]:
+def _usage_and_options(command: argparse.ArgumentParser) -> Iterator[str]:
     """Usage of a command in one line, and a table of its arguments."""
     plain = argparse.HelpFormatter(command.prog)
     taken = [a for a in command._actions if a.dest != "help"]
-    given = [_value(plain, a) for a in taken if not a.option_strings]
+    given = [_argument_metavar(plain, a) for a in taken if not a.option_strings]
     yield f"`{' '.join([command.prog, *given, '[options]'])}`"
-    yield table(["option", "meaning"], [[_spelling(plain, a), _cell(plain._expand_help(a))] for a in taken])
+    yield table(
+        ["option", "meaning"], [[_option_spelling(plain, a), _table_cell(plain._expand_help(a))] for a in taken]
+    )
 
 
-def _spelling(plain: argparse.HelpFormatter, action: argparse.Action) -> str:
-    value = _value(plain, action)
+def _option_spelling(plain: argparse.HelpFormatter, action: argparse.Action) -> str:
+    value = _argument_metavar(plain, action)
     if not action.option_strings:
         return f"`{value}`"
     *short, long = action.option_strings
     return ", ".join([*(f"`{word}`" for word in short), f"`{long} {value}`" if value else f"`{long}`"])
 
 
-def _value(plain: argparse.HelpFormatter, action: argparse.Action) -> str:
+def _argument_metavar(plain: argparse.HelpFormatter, action: argparse.Action) -> str:
     name = (
         plain._get_default_metavar_for_positional
         if not action.option_strings
@@ -84,7 +86,7 @@ def _value(plain: argparse.HelpFormatter, action: argparse.Action) -> str:
     return plain._format_args(action, name(action)) if action.nargs != 0 else ""
 
 
-def _cell(words: str) -> str:
+def _table_cell(words: str) -> str:
     return " ".join(words.split()).replace("|", "\\|").replace("<", "&lt;")
 
 

@@ -60,9 +60,9 @@ def run(args: argparse.Namespace) -> int:
         if name in named:
             raise NamedTwice(f"the name {name!r} is given twice; every analysis needs its own.")
         named[name] = folder
-    groups = _by_name("--group", [_group(item) for item in args.group]) or None
-    colours = _by_name("--colour", [_colour(item) for item in args.colour])
-    grown = _by_name("--growth", [_body(item) for item in args.growth])
+    groups = _by_unique_name("--group", [_parse_group(item) for item in args.group]) or None
+    colours = _by_unique_name("--colour", [_parse_colour(item) for item in args.colour])
+    grown = _by_unique_name("--growth", [_parse_growth_folder(item) for item in args.growth])
     refuse_overlap(Path(args.out), [Path(folder) for folder in [*named.values(), *grown.values()]])
     refuse_foreign(Path(args.out))  # refuses before minutes of work
     with progress("compare", args.quiet) as tell:
@@ -86,7 +86,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _by_name(option: str, pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def _by_unique_name(option: str, pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     from morphofold.provenance import shown
 
     found = {shown(name): value for name, value in pairs}
@@ -95,7 +95,7 @@ def _by_name(option: str, pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return found
 
 
-def _group(item: str) -> tuple[str, list[str]]:
+def _parse_group(item: str) -> tuple[str, list[str]]:
     group, equals, names = item.partition("=")
     if not equals or not group or not all(names.split(",")):
         raise NotReadable(f"--group {item!r} must have the form GROUP=NAME,NAME, for example model=thin,thick.")
@@ -104,14 +104,14 @@ def _group(item: str) -> tuple[str, list[str]]:
     return group, shown(names).split(",")
 
 
-def _colour(item: str) -> tuple[str, str]:
+def _parse_colour(item: str) -> tuple[str, str]:
     name, equals, colour = item.rpartition("=")
     if not equals or not name:
         raise NotReadable(f"--colour {item!r} must have the form NAME=RRGGBB, for example model=0072b2.")
     return name, "#" + colour.removeprefix("#")
 
 
-def _body(item: str) -> tuple[str, str]:
+def _parse_growth_folder(item: str) -> tuple[str, str]:
     name, equals, folder = item.partition("=")
     if not equals or not name or not folder:
         raise NotReadable(f"--growth {item!r} must have the form NAME=DIR, for example fig5=fig5-growth.")

@@ -7,20 +7,20 @@ from typing import Any
 
 from morphofold.errors import OutOfRange
 
-LENGTHS = {
+LENGTH_OPTIONS = {
     "--curvature-scale": "radius of the neighbourhoods for curvature (default: 3, more on coarse meshes; "
     "in a group, one for all)",
     "--gyral-width": "width to which the lengths of the gyral graph are proportional; set it to compare hinges of "
     "several meshes (default: from each surface; in a group, their median)",
     "--thickness-cap": "upper bound of cortical thickness; FreeSurfer's is 5 (default: none)",
 }
-SHORTEST, LONGEST = 1e-9, 1e9  # limits of a plausible length, in any unit
-SIDES = {"lh": "lh", "l": "lh", "left": "lh", "rh": "rh", "r": "rh", "right": "rh", "both": "both"}
+SHORTEST_LENGTH, LONGEST_LENGTH = 1e-9, 1e9  # limits of a plausible length, in any unit
+HEMISPHERE_SPELLINGS = {"lh": "lh", "l": "lh", "left": "lh", "rh": "rh", "r": "rh", "right": "rh", "both": "both"}
 
 
 def add_measuring_args(parser: argparse.ArgumentParser) -> None:
     """--curvature-scale, --gyral-width, --thickness-cap, --accuracy and --no-repair."""
-    for option, words in LENGTHS.items():
+    for option, words in LENGTH_OPTIONS.items():
         parser.add_argument(option, type=float, metavar="MM", help=words)
     parser.add_argument(
         "--accuracy",
@@ -41,7 +41,10 @@ def add_measuring_args(parser: argparse.ArgumentParser) -> None:
 def add_side_args(parser: argparse.ArgumentParser, who: str) -> None:
     """--hemi and --annot."""
     parser.add_argument(
-        "--hemi", metavar="{lh,rh,both}", type=_side, help=f"left, right or both (default: the hemispheres of {who})"
+        "--hemi",
+        metavar="{lh,rh,both}",
+        type=_hemisphere_of_spelling,
+        help=f"left, right or both (default: the hemispheres of {who})",
     )
     parser.add_argument(
         "--annot",
@@ -50,19 +53,19 @@ def add_side_args(parser: argparse.ArgumentParser, who: str) -> None:
     )
 
 
-def _side(word: str) -> str:
+def _hemisphere_of_spelling(word: str) -> str:
     """FreeSurfer's spelling of a hemisphere, from any spelling."""
-    if word.lower() not in SIDES:
+    if word.lower() not in HEMISPHERE_SPELLINGS:
         raise argparse.ArgumentTypeError(f"{word!r} is not a hemisphere. Pass lh, rh or both.")
-    return SIDES[word.lower()]
+    return HEMISPHERE_SPELLINGS[word.lower()]
 
 
 def measuring_options(args: argparse.Namespace) -> dict[str, Any]:
     """Options as results record them. Standard accuracy, parcellation and repair, and no cap, are not recorded, so that
     results of older runs stay valid. Raises ``OutOfRange`` for an implausible length."""
-    for option in LENGTHS:
+    for option in LENGTH_OPTIONS:
         length = getattr(args, option[2:].replace("-", "_"))
-        if length is not None and not SHORTEST <= length <= LONGEST:
+        if length is not None and not SHORTEST_LENGTH <= length <= LONGEST_LENGTH:
             raise OutOfRange(f"{option} {length:g}: is not a length. Pass a positive number of mm, or leave it out.")
     asked: dict[str, Any] = {"curvature_scale_mm": args.curvature_scale, "gyral_width_mm": args.gyral_width}
     asked |= {} if args.thickness_cap is None else {"thickness_cap_mm": args.thickness_cap}

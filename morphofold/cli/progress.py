@@ -13,7 +13,7 @@ from typing import Protocol
 
 from morphofold.cli.streams import one_line
 
-COMPILING = "compiling, once on this machine"
+COMPILING_TEXT = "compiling, once on this machine"
 
 
 class ProgressCallback(Protocol):
@@ -32,7 +32,7 @@ def progress(label: str, quiet: bool = False) -> Iterator[ProgressCallback]:
 
         yield silent
     else:
-        with _bar(one_line(label)) if sys.stderr.isatty() else _lines(one_line(label)) as show:
+        with _progress_bar(one_line(label)) if sys.stderr.isatty() else _progress_lines(one_line(label)) as show:
             yield lambda share, text="": show(share, one_line(text))
 
 
@@ -48,7 +48,7 @@ def time_left(seconds: float, share: float) -> str:
 
 
 @contextmanager
-def _bar(label: str) -> Iterator[ProgressCallback]:
+def _progress_bar(label: str) -> Iterator[ProgressCallback]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -69,12 +69,12 @@ def _bar(label: str) -> Iterator[ProgressCallback]:
         def show(share: float, text: str = "") -> None:
             bars.update(task, completed=share, text=text, left=time_left(working_seconds() - started, share))
 
-        with reporting_compilation(lambda: bars.update(task, text=COMPILING)):
+        with reporting_compilation(lambda: bars.update(task, text=COMPILING_TEXT)):
             yield show
 
 
 @contextmanager
-def _lines(label: str) -> Iterator[ProgressCallback]:
+def _progress_lines(label: str) -> Iterator[ProgressCallback]:
     from morphofold.timing import reporting_compilation, working_seconds
 
     started, shown, compiling = working_seconds(), [0], [False]
@@ -90,7 +90,7 @@ def _lines(label: str) -> Iterator[ProgressCallback]:
     def report_compilation() -> None:
         if not compiling[0]:
             compiling[0] = True
-            print(f"{label}: {COMPILING}", file=sys.stderr, flush=True)
+            print(f"{label}: {COMPILING_TEXT}", file=sys.stderr, flush=True)
 
     with reporting_compilation(report_compilation):
         yield show

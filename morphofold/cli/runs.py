@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from morphofold.sim.run import Simulation
     from morphofold.surface import Cortex
 
-SIMULATIONS = "simulations"
+SIMULATIONS_FOLDER = "simulations"
 
 
 class Runs:
@@ -44,7 +44,7 @@ class Runs:
             try:
                 return simulate(
                     scene,
-                    self._out / SIMULATIONS / name,
+                    self._out / SIMULATIONS_FOLDER / name,
                     settings=settings,
                     resume=True,
                     threads=self._threads,

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
 
-KINDS = ("Figures of the paper", "The same, growing along the surface only", "Spheres", "Other bodies")
-HEADINGS = ("name", "shape", "cortex", "mu ratio", "growth", "to", "effects")
+SCENE_KINDS = ("Figures of the paper", "The same, growing along the surface only", "Spheres", "Other bodies")
+TABLE_HEADINGS = ("name", "shape", "cortex", "mu ratio", "growth", "to", "effects")
 
 
 def add_args(parser: argparse.ArgumentParser) -> None:
@@ -29,17 +29,17 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps([{"name": s.name, "title": s.title, "effects": tuple(s.effects)} for s in scenes], indent=1))
     else:
-        print(_table(scenes))
+        print(_scene_table(scenes))
     return 0
 
 
-def _kind(scene: Scene) -> str:
+def _kind_of_scene(scene: Scene) -> str:
     if scene.name.startswith("fig"):
-        return KINDS[1] if scene.growth.law == "tangential" else KINDS[0]
-    return KINDS[2] if scene.geometry.shape == "sphere" else KINDS[3]
+        return SCENE_KINDS[1] if scene.growth.law == "tangential" else SCENE_KINDS[0]
+    return SCENE_KINDS[2] if scene.geometry.shape == "sphere" else SCENE_KINDS[3]
 
 
-def _row(scene: Scene) -> tuple[str, ...]:
+def _scene_row(scene: Scene) -> tuple[str, ...]:
     geometry = scene.geometry
     shape = " ".join(filter(None, (getattr(geometry, "portion", "").replace("full", ""), geometry.shape)))
     thickness, ratio, final = geometry.cortex_thickness, scene.material.mu_ratio, scene.growth.final
@@ -47,15 +47,15 @@ def _row(scene: Scene) -> tuple[str, ...]:
     return scene.name, shape, f"{thickness:g} mm", f"{ratio:g}", scene.growth.law, f"{final:.2f}", effects
 
 
-def _table(scenes: list[Scene]) -> str:
+def _scene_table(scenes: list[Scene]) -> str:
     """Table of the scenes by kind, in columns."""
-    rows = {scene.name: _row(scene) for scene in scenes}
-    widths = [max(map(len, column)) for column in zip(HEADINGS, *rows.values())]
+    rows = {scene.name: _scene_row(scene) for scene in scenes}
+    widths = [max(map(len, column)) for column in zip(TABLE_HEADINGS, *rows.values())]
 
     def line(row: tuple[str, ...]) -> str:
         return "  ".join(f"{text:{width}}" for text, width in zip(row, widths)).rstrip()
 
-    lines = [line(HEADINGS)]
-    for kind in KINDS:
-        lines += ["", kind, *(line(rows[scene.name]) for scene in scenes if _kind(scene) == kind)]
+    lines = [line(TABLE_HEADINGS)]
+    for kind in SCENE_KINDS:
+        lines += ["", kind, *(line(rows[scene.name]) for scene in scenes if _kind_of_scene(scene) == kind)]
     return "\n".join(lines)

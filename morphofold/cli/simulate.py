@@ -66,12 +66,12 @@ def run(args: argparse.Namespace) -> int:
     from morphofold.sim.output.folder import is_finished
     from morphofold.sim.scene.files import load_scene
 
-    _refuse_together(args)
+    _refuse_option_clashes(args)
     scene = load_scene(args.scene, args.settings)
     if not args.dry_run:
         folder = Path(args.out or scene.name)
         is_finished(folder, scene, args.resume, restart_from=args.restart_from)  # or refuses, before any timing
-    chosen = _picked(scene, args)
+    chosen = _chosen_mesh(scene, args)
     scene = chosen.scene if chosen else scene
     if args.estimate:
         from morphofold.forecasts.richardson import companions
@@ -92,12 +92,12 @@ def run(args: argparse.Namespace) -> int:
     health = simulation.health
     last = health["stages"][-1]
     stages = f"{len(health['stages'])} stages to g = {last['growth']:.2f}"
-    print(f"{simulation.path}: {stages}, {_what_was_done(scene, health)}")
+    print(f"{simulation.path}: {stages}, {_run_summary(scene, health)}")
     for warning in health["warnings"]:
         print(f"warning: {warning}")
     print(cost_line(cost_of(health, scene)), flush=True)
     if args.estimate:
-        print(_estimate(simulation, args).words)
+        print(_estimated_error(simulation, args).words)
     return 0
 
 
@@ -108,12 +108,12 @@ def _print_json(simulation: Simulation, args: argparse.Namespace) -> None:
     try:
         if args.estimate:
             content["estimate"] = None
-            content["estimate"] = _estimate(simulation, args).as_dict()
+            content["estimate"] = _estimated_error(simulation, args).as_dict()
     finally:
         print_json(content)
 
 
-def _refuse_together(args: argparse.Namespace) -> None:
+def _refuse_option_clashes(args: argparse.Namespace) -> None:
     """Raise for options that can't be used with a run that continues, or that begins at a stage of another run."""
     fresh = {"--dry-run": args.dry_run, "--budget": args.budget, "--error": args.error}
     for option, given in {**fresh, "--estimate": args.estimate}.items():
@@ -130,7 +130,7 @@ def _refuse_together(args: argparse.Namespace) -> None:
             )
 
 
-def _picked(scene: Scene, args: argparse.Namespace) -> MeshChoice | None:
+def _chosen_mesh(scene: Scene, args: argparse.Namespace) -> MeshChoice | None:
     """The mesh for --budget and --error, which is also printed."""
     if args.budget is None and args.error is None:
         return None
@@ -143,7 +143,7 @@ def _picked(scene: Scene, args: argparse.Namespace) -> MeshChoice | None:
     return chosen
 
 
-def _estimate(simulation: Simulation, args: argparse.Namespace) -> Estimate:
+def _estimated_error(simulation: Simulation, args: argparse.Namespace) -> Estimate:
     from morphofold.cli.progress import progress
     from morphofold.forecasts.richardson import estimate_error
 
@@ -165,7 +165,7 @@ def _dry_run(scene: Scene, chosen: MeshChoice | None, args: argparse.Namespace) 
     return 0
 
 
-def _what_was_done(scene: Scene, health: Mapping[str, Any]) -> str:
+def _run_summary(scene: Scene, health: Mapping[str, Any]) -> str:
     last, shape = health["stages"][-1], scene.geometry.shape
     if shape == "radial":
         return (

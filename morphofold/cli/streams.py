@@ -13,12 +13,12 @@ from pathlib import Path
 from typing import Any, TypeVar
 from unicodedata import category
 
-Found = TypeVar("Found")
+Result = TypeVar("Found")
 
 #: errors of a pipe without a reader, a stream that was closed or can't be written, a terminal that has gone
-_NOBODY_READS = (errno.EPIPE, errno.EBADF, errno.EIO)
+_NO_READER_ERRORS = (errno.EPIPE, errno.EBADF, errno.EIO)
 #: categories of characters that end a line, steer a terminal, or can't be printed
-_STEERING = ("Cc", "Cf", "Cs", "Zl", "Zp")
+_UNPRINTABLE_CATEGORIES = ("Cc", "Cf", "Cs", "Zl", "Zp")
 LONGEST_WORD, LONGEST_LINE = 300, 4000  # characters that are printed of text from a user or a file
 
 
@@ -37,12 +37,14 @@ def print_file(path: Path) -> None:
 def one_line(text: str) -> str:
     """Text in one line: characters that end a line or control a terminal are escaped as in Python, and the middle of
     long words and lines is left out. File names may contain anything, and have any length."""
-    line = "".join(c.encode("unicode_escape").decode("ascii") if category(c) in _STEERING else c for c in text)
-    line = re.sub(rf"\S{{{LONGEST_WORD + 1},}}", lambda word: _without_middle(word[0], LONGEST_WORD), line)
-    return _without_middle(line, LONGEST_LINE)
+    line = "".join(
+        c.encode("unicode_escape").decode("ascii") if category(c) in _UNPRINTABLE_CATEGORIES else c for c in text
+    )
+    line = re.sub(rf"\S{{{LONGEST_WORD + 1},}}", lambda word: _shortened_in_middle(word[0], LONGEST_WORD), line)
+    return _shortened_in_middle(line, LONGEST_LINE)
 
 
-def _without_middle(text: str, most: int) -> str:
+def _shortened_in_middle(text: str, most: int) -> str:
     return text if len(text) <= most else f"{text[: most // 2]}...{text[-(most // 2 - 3) :]}"
 
 
@@ -59,7 +61,7 @@ def standard_streams() -> Iterator[None]:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # for a name that is not text, or an old terminal
     kept = sys.stdout, sys.stderr
-    sys.stdout, sys.stderr = _Going(sys.stdout), _Going(sys.stderr)  # type: ignore[assignment]
+    sys.stdout, sys.stderr = _BrokenPipeTolerantStream(sys.stdout), _BrokenPipeTolerantStream(sys.stderr)  # type: ignore[assignment]
     try:
         yield
     finally:
@@ -69,7 +71,7 @@ def standard_streams() -> Iterator[None]:
         sys.stdout, sys.stderr = kept
 
 
-class _Going:
+class _BrokenPipeTolerantStream:
     """A stream that can be written even if nobody reads it."""
 
     def __init__(self, stream: Any):
@@ -84,11 +86,11 @@ class _Going:
     def flush(self) -> None:
         self._go_on(self._stream.flush, None)
 
-    def _go_on(self, act: Callable[[], Found], otherwise: Found) -> Found:
+    def _go_on(self, act: Callable[[], Result], otherwise: Result) -> Result:
         try:
             return act()
         except OSError as error:
-            if error.errno not in _NOBODY_READS:
+            if error.errno not in _NO_READER_ERRORS:
                 raise
             nowhere = os.open(os.devnull, os.O_WRONLY)
             os.dup2(nowhere, self._stream.fileno())  # also for its buffer, and for our workers

@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
     if args.dry_run:
         return _dry_run(grid, args)
     out = Path(args.out).absolute()
-    runs, outcomes, phases = _run_all(grid, out, args)
+    runs, outcomes, phases = _grow_and_measure_all(grid, out, args)
     unhealthy = [run for run in phases.runs if run.warnings]
     for found in [] if args.json else unhealthy[:5]:
         print(f"warning: {found.point.name}: {'; '.join(found.warnings)}")
@@ -57,12 +57,12 @@ def run(args: argparse.Namespace) -> int:
     return ended(outcomes, "run", out / "group" / "report.html", as_json=args.json, warnings=warnings)
 
 
-def _run_all(grid: Grid, out: Path, args: argparse.Namespace) -> tuple[list[Run], list[Any], Phases]:
+def _grow_and_measure_all(grid: Grid, out: Path, args: argparse.Namespace) -> tuple[list[Run], list[Any], Phases]:
     from contextlib import ExitStack
 
     from morphofold.cli.cohort import fleet_asked, print_note
     from morphofold.cli.progress import progress
-    from morphofold.cohort.phases import GROUP, theory_by_place, write_sweep
+    from morphofold.cohort.phases import GROUP_FOLDER, theory_by_place, write_sweep
     from morphofold.cohort.running import run_tasks
     from morphofold.cohort.sweep import grow_and_measure, memory_of_run
     from morphofold.io import begin_collection, refuse_foreign, refuse_no_collection
@@ -70,7 +70,7 @@ def _run_all(grid: Grid, out: Path, args: argparse.Namespace) -> tuple[list[Run]
     from morphofold.report.pages.phase_page import phase_report
 
     refuse_no_collection(out, "sweep")
-    refuse_foreign(out / GROUP)  # refuses before hours of work
+    refuse_foreign(out / GROUP_FOLDER)  # refuses before hours of work
     runs = runs_of(grid.points, out, args)
     need = max(memory_of_run(point.scene, args.accuracy, not args.no_report) for point in grid.points)
     with ExitStack() as held:
@@ -99,12 +99,18 @@ def runs_of(points: Sequence[SweepPoint], out: Path, args: argparse.Namespace) -
     report: Any = False if args.no_report else analysis_report
     options, run_id = measuring_options(args), secrets.token_hex(4)
     return [
-        Run(TaskFolder(str(out), point.name, run_id), _anywhere(point.scene), args.threads, report, options)
+        Run(
+            TaskFolder(str(out), point.name, run_id),
+            _with_absolute_mesh_path(point.scene),
+            args.threads,
+            report,
+            options,
+        )
         for point in points
     ]
 
 
-def _anywhere(scene: Scene) -> Scene:
+def _with_absolute_mesh_path(scene: Scene) -> Scene:
     """The scene with an absolute path of its mesh file, so that a worker in any folder finds it."""
     file = getattr(scene.geometry, "file", None)
     if file is None or not Path(file).is_file():  # a sample, by its name

@@ -23,23 +23,23 @@ from morphofold.errors import DoesNotApply, NotReadable, OptionsClash, OutOfRang
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-LAWS = ("isotropic", "tangential")
+GROWTH_LAWS = ("isotropic", "tangential")
 #: values in one FROM:TO:COUNT
-MOST = 10_000
+MOST_RANGE_VALUES = 10_000
 #: most rows of one answer, and most curves of one kind that can be distinguished in a figure
 MOST_ROWS, MOST_CURVES = 200_000, 10
 #: largest relative difference of the two methods for g_crit that --check accepts
-AGREE = 1e-6
+LARGEST_RELATIVE_DIFFERENCE = 1e-6
 #: number of states of a body that typically remain to be checked
-STILL_TO_LOOK_AT = 6
+STATES_STILL_TO_CHECK = 6
 
-WORDS = {
+QUESTION_SUMMARIES = {
     "radius": "outer radius of the smooth grown sphere, Eqs. (9) to (11); Fig. 3(a)",
     "stress": "radial and tangential stress through core and cortex; Fig. 3(b)",
     "critical": "growth at which creases can form, Eqs. (12) and (13), and Biot's limit; Fig. 4",
     "bifurcation": "growth at which the smooth sphere first wrinkles, and its wrinkles; with the crease criterion",
 }
-BIFURCATION = """
+BIFURCATION_HELP = """
 The cortex grows by the stretch g (a ratio of lengths, 1 is none): in all directions if isotropic, along the surface
 alone if tangential. Wrinkles are waves all over the sphere, spherical harmonics of degree l: about l around it, each
 2 pi C / sqrt(l (l + 1)) long. A crease is a sharp fold of the surface alone; it can form once lambda_r/lambda_theta of
@@ -78,33 +78,33 @@ NUMERIC_OPTIONS = {
     "core_growth": Number("G", "growth of the core", 1e-3, 1e3, "{}, none"),
     "mu_ratio": Number("M", "shear modulus, cortex over core", 1e-4, 1e4),
     "kappa_ratio": Number("K", "bulk over shear modulus", 1.0, math.inf, "{}, incompressible"),
-    "points": Number("N", "points per layer", 2, MOST),
+    "points": Number("N", "points per layer", 2, MOST_RANGE_VALUES),
 }
-SPHERE: dict[str, str | list[str]] = {"thickness": ["1", "2", "3"], "radius": "50", "hole_ratio": "0.5"}
+SPHERE_DEFAULTS: dict[str, str | list[str]] = {"thickness": ["1", "2", "3"], "radius": "50", "hole_ratio": "0.5"}
 QUESTIONS = {
     "radius": Question(
-        {**SPHERE, "thickness": "2", "growth": ["1:2:11"], "core_growth": "1"},
+        {**SPHERE_DEFAULTS, "thickness": "2", "growth": ["1:2:11"], "core_growth": "1"},
         "isotropic",
         words={"thickness": "thickness of the cortex, T = C - B"},
     ),
     "stress": Question(
-        {**SPHERE, "growth": "2", "mu_ratio": "1", "points": "11", "core_growth": "1"},
+        {**SPHERE_DEFAULTS, "growth": "2", "mu_ratio": "1", "points": "11", "core_growth": "1"},
         "isotropic",
         "the tangential stress through the cortex",
     ),
     "critical": Question(
-        {"ratio": ["1.02:1.3:15"], **SPHERE, "thickness": [], "core_growth": "1"},
+        {"ratio": ["1.02:1.3:15"], **SPHERE_DEFAULTS, "thickness": [], "core_growth": "1"},
         "both",
         words={"thickness": "of the cortex, instead of --ratio", "radius": "outer radius C, needs --thickness"},
     ),
     "bifurcation": Question(
-        {**SPHERE, "mu_ratio": ["1", "2", "4"], "kappa_ratio": "inf"},
+        {**SPHERE_DEFAULTS, "mu_ratio": ["1", "2", "4"], "kappa_ratio": "inf"},
         "both",
         "critical growth by thickness (by degree with --curve)",
     ),
 }
 #: key of a column -> its heading, and the format of its numbers
-COLUMNS = {
+TABLE_COLUMNS = {
     "law": ("law", ""),
     "thickness_mm": ("T [mm]", "g"),
     "mu_ratio": ("mu ratio", "g"),
@@ -144,7 +144,7 @@ COLUMNS = {
 class Answer(NamedTuple):
     """The answer to a question: title of the table, keys of its columns, all rows, and the figure to draw, if any.
 
-    ``changed`` are the columns whose heading or format differs from COLUMNS.
+    ``changed`` are the columns whose heading or format differs from TABLE_COLUMNS.
     """
 
     title: str
@@ -155,14 +155,14 @@ class Answer(NamedTuple):
 
 
 def add_args(parser: argparse.ArgumentParser) -> None:
-    for what, sub in add_questions(parser, WORDS, {"bifurcation": BIFURCATION}).items():
+    for what, sub in add_questions(parser, QUESTION_SUMMARIES, {"bifurcation": BIFURCATION_HELP}).items():
         question = QUESTIONS[what]
         size = sub.add_mutually_exclusive_group() if what == "critical" else sub
         for name, default in question.numbers.items():
             number, several = NUMERIC_OPTIONS[name], isinstance(default, list)
             shown = " ".join(default) if several else default
             (size if name in ("ratio", "thickness") else sub).add_argument(
-                _option(name),
+                _option_of_name(name),
                 nargs="+" if several else None,
                 metavar=number.metavar,
                 help=question.words.get(name, number.words)
@@ -170,14 +170,16 @@ def add_args(parser: argparse.ArgumentParser) -> None:
                 + (f" (default: {number.default_words.format(shown)})" if shown else ""),
             )
         if what == "bifurcation":
-            _add_checks_and_bodies(sub)
-        sub.add_argument("--law", choices=[*LAWS, "both"], help=f"growth of the cortex (default: {question.law})")
+            _add_bifurcation_options(sub)
+        sub.add_argument(
+            "--law", choices=[*GROWTH_LAWS, "both"], help=f"growth of the cortex (default: {question.law})"
+        )
         drawn = f"also draw {question.drawn}: .png, .svg or .pdf"
         add_options(sub, ("--json", None, "print as JSON"), ("--plot", "FILE", drawn))
         add_shared(sub, default=argparse.SUPPRESS)  # so that they work before and after WHAT
 
 
-def _add_checks_and_bodies(parser: argparse.ArgumentParser) -> None:
+def _add_bifurcation_options(parser: argparse.ArgumentParser) -> None:
     add_options(
         parser,
         ("--check", None, "compute each g_crit a second time, by finite elements"),
@@ -200,9 +202,15 @@ def run(args: argparse.Namespace) -> int:
         check_format(plot)
         check_place(plot)
     if not body:
-        _read_numbers(args)
-        _refuse_too_much(args)
-    answer = _of_body(args) if body else _bifurcation(args) if args.what == "bifurcation" else _of_smooth_sphere(args)
+        _parse_numeric_options(args)
+        _refuse_large_answers(args)
+    answer = (
+        _answer_of_body(args)
+        if body
+        else _answer_of_bifurcation(args)
+        if args.what == "bifurcation"
+        else _answer_of_smooth_sphere(args)
+    )
     if plot is not None and answer.draw is not None:
         _write_plot(answer.draw(), plot)
     if args.json:
@@ -214,19 +222,19 @@ def run(args: argparse.Namespace) -> int:
         print_json(content)
     else:
         print(answer.title)
-        print(_table(answer))
+        print(_aligned_table(answer))
         if plot is not None:
             print(f"-> {plot}")
     _warn_of_differences(answer.rows)
     return 0
 
 
-def _of_smooth_sphere(args: argparse.Namespace) -> Answer:
+def _answer_of_smooth_sphere(args: argparse.Namespace) -> Answer:
     """Answer for radius, stress or creases of the smooth sphere."""
     from morphofold.report.plots import theory_plots
     from morphofold.sim import theory_tables
 
-    laws, core = _laws(args.law), {"g_core": args.core_growth, "A_over_C": args.hole_ratio}
+    laws, core = _growth_laws(args.law), {"g_core": args.core_growth, "A_over_C": args.hole_ratio}
     if args.what == "radius":
         sphere = (args.growth, args.thickness, args.radius, laws)
         return Answer(
@@ -237,7 +245,7 @@ def _of_smooth_sphere(args: argparse.Namespace) -> Answer:
             partial(theory_plots.radius_figure, *sphere, **core),
         )
     if args.what == "critical":
-        ratios = _ratios(args)
+        ratios = _radius_ratios(args)
         return Answer(
             "Growth at which the outer surface can crease, lambda_r/lambda_theta = 2.4 (Eq. 12 isotropic, Eq. 13 "
             "tangential),\nand at which it is unstable to waves of vanishing length (Biot, 3.383)",
@@ -261,7 +269,7 @@ def _of_smooth_sphere(args: argparse.Namespace) -> Answer:
     )
 
 
-def _ratios(args: argparse.Namespace) -> list[float]:
+def _radius_ratios(args: argparse.Namespace) -> list[float]:
     """C/B, as given or from --thickness and --radius."""
     from morphofold.sim.theory_tables import outer_ratio
 
@@ -272,7 +280,7 @@ def _ratios(args: argparse.Namespace) -> list[float]:
     return args.ratio
 
 
-def _bifurcation(args: argparse.Namespace) -> Answer:
+def _answer_of_bifurcation(args: argparse.Namespace) -> Answer:
     from morphofold.cli.progress import progress
     from morphofold.report.plots import theory_plots
     from morphofold.sim import theory_tables
@@ -281,7 +289,7 @@ def _bifurcation(args: argparse.Namespace) -> Answer:
         raise OptionsClash(
             "--check computes the smallest critical growth, not the curve: leave out --check or --curve."
         )
-    laws = _laws(args.law)
+    laws = _growth_laws(args.law)
     short = len(laws) * len(args.mu_ratio) * len(args.thickness) <= 18 and not args.check
     with progress("bifurcation", args.quiet or short) as tell:
         cases = theory_tables.bifurcation_cases(
@@ -320,7 +328,7 @@ def _refuse_sphere_or_settings(args: argparse.Namespace) -> None:
             raise OptionsClash("--set changes a scene, but there is none: name it with --body.")
         return
     wrong = [
-        _option(name)
+        _option_of_name(name)
         for name in (*QUESTIONS["bifurcation"].numbers, "law", "check", "curve", "plot")
         if getattr(args, name) not in (None, False)
     ]
@@ -331,7 +339,7 @@ def _refuse_sphere_or_settings(args: argparse.Namespace) -> None:
         )
 
 
-def _of_body(args: argparse.Namespace) -> Answer:
+def _answer_of_body(args: argparse.Namespace) -> Answer:
     from morphofold.cli.progress import progress
     from morphofold.sim import theory_tables
     from morphofold.sim.scene.files import load_scene
@@ -345,7 +353,7 @@ def _of_body(args: argparse.Namespace) -> Answer:
         def look(g: float, eigenvalue: float) -> None:
             looks.append(g)
             state = "stable" if eigenvalue > 0 else "unstable"
-            tell(len(looks) / (len(looks) + STILL_TO_LOOK_AT), f"{state} at g = {g:.5f}")
+            tell(len(looks) / (len(looks) + STATES_STILL_TO_CHECK), f"{state} at g = {g:.5f}")
 
         row = theory_tables.body_row(scene, look)
     title = (
@@ -360,15 +368,15 @@ def _of_body(args: argparse.Namespace) -> Answer:
     return Answer(title, columns, [row], changed={"degree": ("l", ".1f"), "wavelength_mm": ("wave [mm]", ".2f")})
 
 
-def _laws(law: str) -> tuple[str, ...]:
-    return LAWS if law == "both" else (law,)
+def _growth_laws(law: str) -> tuple[str, ...]:
+    return GROWTH_LAWS if law == "both" else (law,)
 
 
-def _option(name: str) -> str:
+def _option_of_name(name: str) -> str:
     return f"--{name.replace('_', '-')}"
 
 
-def _read_numbers(args: argparse.Namespace) -> None:
+def _parse_numeric_options(args: argparse.Namespace) -> None:
     """Replace the text of each option, or its default, by numbers: a list if an option takes several."""
     question = QUESTIONS[args.what]
     args.law = args.law or question.law
@@ -376,17 +384,17 @@ def _read_numbers(args: argparse.Namespace) -> None:
     if args.what == "critical":  # a ratio, or a thickness and a radius
         meant["radius" if args.thickness is None else "ratio"] = ""
     for name, default in meant.items():
-        given, option = getattr(args, name) or default, _option(name)
+        given, option = getattr(args, name) or default, _option_of_name(name)
         if not given:
             continue
         words = [given] if isinstance(given, str) else given
-        numbers = _numbers(words, option, NUMERIC_OPTIONS[name].least, NUMERIC_OPTIONS[name].largest)
+        numbers = _parsed_numbers(words, option, NUMERIC_OPTIONS[name].least, NUMERIC_OPTIONS[name].largest)
         if isinstance(given, str) and len(numbers) > 1:
             raise NotReadable(f"{option} takes one number, got the range {given!r}.")
         setattr(args, name, numbers[0] if isinstance(given, str) else numbers)
 
 
-def _numbers(words: Sequence[str], option: str, least: float, largest: float) -> list[float]:
+def _parsed_numbers(words: Sequence[str], option: str, least: float, largest: float) -> list[float]:
     """Read numbers and ranges FROM:TO:COUNT, all within limits, in the order given, each once."""
     numbers: list[float] = []
     for word in words:
@@ -396,12 +404,12 @@ def _numbers(words: Sequence[str], option: str, least: float, largest: float) ->
                 numbers.append(float(word))
                 continue
             low, high, count = float(ends[0]), float(ends[1]), int(ends[2])
-            if len(ends) > 3 or not 2 <= count <= MOST:
+            if len(ends) > 3 or not 2 <= count <= MOST_RANGE_VALUES:
                 raise NotReadable
         except (ValueError, IndexError):
             raise NotReadable(
-                f"{option}: {word!r} is neither a number nor FROM:TO:COUNT with a COUNT from 2 to {MOST:,}, "
-                "such as 1:2:11."
+                f"{option}: {word!r} is neither a number nor FROM:TO:COUNT with a COUNT from 2 to "
+                f"{MOST_RANGE_VALUES:,}, such as 1:2:11."
             ) from None
         step = (high - low) / (count - 1)
         numbers += [float(f"{low + i * step:.12g}") for i in range(count)]  # 1.2, not 1.2000000000000002
@@ -411,26 +419,30 @@ def _numbers(words: Sequence[str], option: str, least: float, largest: float) ->
     return list(dict.fromkeys(numbers))
 
 
-def _refuse_too_much(args: argparse.Namespace) -> None:
+def _refuse_large_answers(args: argparse.Namespace) -> None:
     """Raise before anything is computed if the answer or its figure would be too large to read."""
     numbers = {name: getattr(args, name) for name in QUESTIONS[args.what].numbers}
     several = {name: len(value) for name, value in numbers.items() if isinstance(value, list)}
-    rows = math.prod(several.values()) * len(_laws(args.law)) * int(2 * getattr(args, "points", 0.5))  # two layers
+    rows = (
+        math.prod(several.values()) * len(_growth_laws(args.law)) * int(2 * getattr(args, "points", 0.5))
+    )  # two layers
     if rows > MOST_ROWS:
         raise TooLarge(f"this asks for {rows:,} rows, at most {MOST_ROWS:,} are allowed: give fewer numbers at once.")
     curves = {"stress": ["thickness"], "bifurcation": ["mu_ratio", *(["thickness"] if vars(args).get("curve") else [])]}
     for name in curves.get(args.what, []) if args.plot is not None else []:
         if several[name] > MOST_CURVES:
-            raise TooLarge(f"--plot draws at most {MOST_CURVES} numbers of {_option(name)}, got {several[name]}.")
+            raise TooLarge(
+                f"--plot draws at most {MOST_CURVES} numbers of {_option_of_name(name)}, got {several[name]}."
+            )
 
 
 def _warn_of_differences(rows: list[dict[str, Any]]) -> None:
     checked = [row["difference"] for row in rows if "difference" in row and isinstance(row["degree"], int)]
-    apart = sum(not abs(difference) <= AGREE for difference in checked)
+    apart = sum(not abs(difference) <= LARGEST_RELATIVE_DIFFERENCE for difference in checked)
     if apart:
         warnings.warn(
-            f"--check: {apart} of {len(checked)} growths differ by more than {AGREE:g} between the two "
-            "methods, or were found by only one; see the column difference.",
+            f"--check: {apart} of {len(checked)} growths differ by more than {LARGEST_RELATIVE_DIFFERENCE:g} between "
+            "the two methods, or were found by only one; see the column difference.",
             stacklevel=2,
         )
 
@@ -448,16 +460,16 @@ def _write_plot(figure: Figure, plot: Path) -> None:
         raise OSError(error.errno, error.strerror, str(plot)) from error  # not of the temporary file beside it
 
 
-def _table(answer: Answer) -> str:
+def _aligned_table(answer: Answer) -> str:
     """Aligned text: words to the left, numbers to the right, a dash for a missing value; reasons in footnotes."""
     reasons = list(dict.fromkeys(row["reason"] for row in answer.rows if row.get("reason")))
     notes = {reason: f"[{number}]" for number, reason in enumerate(reasons, 1)}
     columns = []
     for key in answer.columns.split():
-        heading, form = {**COLUMNS, **answer.changed}[key]
+        heading, form = {**TABLE_COLUMNS, **answer.changed}[key]
         if key != "reason" or notes:
             values = [row.get(key) for row in answer.rows]
-            cells = [heading, *(notes.get(v, "") if key == "reason" else _cell(v, form) for v in values)]
+            cells = [heading, *(notes.get(v, "") if key == "reason" else _formatted_cell(v, form) for v in values)]
             width = max(map(len, cells))
             columns.append([cell.rjust(width) if form else cell.ljust(width) for cell in cells])
     lines = ["  ".join(cells).rstrip() for cells in zip(*columns)]
@@ -465,7 +477,7 @@ def _table(answer: Answer) -> str:
     return "\n".join([*lines, *footnotes])
 
 
-def _cell(value: Any, form: str) -> str:
+def _formatted_cell(value: Any, form: str) -> str:
     if value is None or value != value:
         return "–"
     return "∞" if value == "inf" else format(value, form)

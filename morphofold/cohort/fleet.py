@@ -20,12 +20,15 @@ from morphofold.errors import Mismatch, MissingPart, OptionsClash, OutOfRange, T
 from morphofold.words import in_one_line
 
 GiB = 2**30
-DEATHS = 3  # workers that may die during one job before it is put last
-ANSWER = 20  # [s] to wait for an answer of a scheduler
-AHEAD = 4  # jobs submitted per thread of a worker; the scheduler has only these
-AT_LEAST = 64  # least number of jobs submitted
-GONE = ("scheduler-connection-lost", "scheduler-restart")  # reasons for which a client treats all jobs as cancelled
-RECOUNT_EVERY = 32  # jobs after which workers are counted again, because clusters grow
+MOST_WORKER_DEATHS = 3  # workers that may die during one job before it is put last
+SCHEDULER_TIMEOUT_S = 20  # [s] to wait for an answer of a scheduler
+JOBS_PER_THREAD = 4  # jobs submitted per thread of a worker; the scheduler has only these
+LEAST_JOBS_SUBMITTED = 64  # least number of jobs submitted
+LOST_SCHEDULER_REASONS = (
+    "scheduler-connection-lost",
+    "scheduler-restart",
+)  # reasons for which a client treats all jobs as cancelled
+JOBS_BETWEEN_WORKER_COUNTS = 32  # jobs after which workers are counted again, because clusters grow
 
 
 @dataclass(frozen=True)
@@ -75,7 +78,7 @@ class Fleet:
 
     def _window(self) -> int:
         threads = sum(self.client.nthreads().values())
-        return max(AT_LEAST, AHEAD * threads)
+        return max(LEAST_JOBS_SUBMITTED, JOBS_PER_THREAD * threads)
 
     def _run(
         self, work: Callable[[Any], Any], jobs: Iterable[Job], window: Callable[[], int]
@@ -97,7 +100,7 @@ class Fleet:
             job = flying.pop(future.key)
             future.release()
             yield job, outcome, died
-            hand_over(1 if count % RECOUNT_EVERY else max(1, window() - len(flying)))
+            hand_over(1 if count % JOBS_BETWEEN_WORKER_COUNTS else max(1, window() - len(flying)))
 
     def _outcome(self, future: Any) -> tuple[Any, bool]:
         from distributed import CancelledError, KilledWorker
@@ -108,7 +111,7 @@ class Fleet:
             how = f"{error.allowed_failures + 1} workers died while they measured it, one after the other"
             return Lost(f"{how}; each may use {self.bound}. Give workers more memory, and see its log."), True
         except CancelledError as error:  # the client gives the reason
-            if self.client.status != "running" or getattr(error, "reason", "") in GONE:
+            if self.client.status != "running" or getattr(error, "reason", "") in LOST_SCHEDULER_REASONS:
                 raise ConnectionError(
                     "the scheduler is gone. Run it again to continue with what is missing."
                 ) from error
@@ -179,23 +182,25 @@ def open_fleet(
     import dask
     from distributed import Client
 
-    _check(workers, threads, memory, scheduler, slurm)
+    _check_arguments(workers, threads, memory, scheduler, slurm)
     settings = {
-        "distributed.scheduler.allowed-failures": DEATHS - 1,
+        "distributed.scheduler.allowed-failures": MOST_WORKER_DEATHS - 1,
         "distributed.scheduler.worker-saturation": 1.0,
-        **LESS_WATCHING,
-        **NO_PAGES,
-        **{f"distributed.nanny.pre-spawn-environ.{name}": value for name, value in _environment(threads).items()},
+        **LESS_PROFILING_SETTINGS,
+        **NO_DASHBOARD_SETTINGS,
+        **{
+            f"distributed.nanny.pre-spawn-environ.{name}": value for name, value in _worker_environment(threads).items()
+        },
     }
     with ExitStack() as stack:
         scratch = TemporaryDirectory(dir=dask.config.get("temporary-directory", None), ignore_cleanup_errors=True)
         settings["temporary-directory"] = stack.enter_context(scratch)  # otherwise Dask leaves a folder in the system's
-        stack.enter_context(_environment_kept())
+        stack.enter_context(_restored_environment())
         stack.enter_context(dask.config.set(settings))
-        stack.enter_context(_quietly())
+        stack.enter_context(_silenced_dask_log())
         if scheduler is not None:
             try:
-                client = stack.enter_context(Client(scheduler, timeout=ANSWER))
+                client = stack.enter_context(Client(scheduler, timeout=SCHEDULER_TIMEOUT_S))
             except (OSError, TimeoutError) as error:
                 raise ConnectionError(
                     f"{scheduler}: no answer from a scheduler. Start one, or leave this option out."
@@ -212,7 +217,7 @@ def open_fleet(
             bound = "the memory that its SLURM job requests" if memory is None else f"{memory:g} GiB"
             words = f"{slurm} SLURM jobs requested, {bound} each"
         else:
-            count, each = _shares(workers, threads, memory, need)
+            count, each = _workers_and_memory(workers, threads, memory, need)
             cluster = stack.enter_context(_local_cluster(count, each))
             client = stack.enter_context(Client(cluster))
             bound = f"{each:.1f} GiB"
@@ -221,20 +226,20 @@ def open_fleet(
         yield Fleet(client, words, bound)
 
 
-THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+THREAD_VARIABLES = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 #: settings of glibc [bytes]: with Dask's own, every large array is returned to the system at once, and a sixth of a
 #: worker's time is lost on getting pages again; these keep a quarter of a GiB at most
-ALLOCATOR = {"MALLOC_TRIM_THRESHOLD_": str(2**28), "MALLOC_MMAP_THRESHOLD_": str(2**25)}
+ALLOCATOR_VARIABLES = {"MALLOC_TRIM_THRESHOLD_": str(2**28), "MALLOC_MMAP_THRESHOLD_": str(2**25)}
 
 
-def _environment(threads: int) -> dict[str, str]:
+def _worker_environment(threads: int) -> dict[str, str]:
     """Environment of a worker from its start, because libraries read it only once."""
-    return {name: str(threads) for name in THREADS} | ALLOCATOR
+    return {name: str(threads) for name in THREAD_VARIABLES} | ALLOCATOR_VARIABLES
 
 
 #: by default, every Dask process wakes 50 times a second to check for delays, and workers profile themselves 100 times
 #: a second; this took a twentieth of two busy cores
-LESS_WATCHING = {
+LESS_PROFILING_SETTINGS = {
     "distributed.worker.profile.enabled": False,
     "distributed.admin.tick.interval": "500ms",
     "distributed.admin.system-monitor.interval": "2s",
@@ -243,8 +248,11 @@ LESS_WATCHING = {
 
 #: Dask's pages show names, paths and call stacks to anyone. Schedulers and workers always listen for requests for them,
 #: whatever the settings; here they listen on this machine only, and have no pages
-NO_PAGES: dict[str, list[Any]] = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
-LOOPBACK = "127.0.0.1:0"
+NO_DASHBOARD_SETTINGS: dict[str, list[Any]] = {
+    "distributed.scheduler.http.routes": [],
+    "distributed.worker.http.routes": [],
+}
+LOOPBACK_ADDRESS = "127.0.0.1:0"
 
 
 def version_here() -> str:
@@ -266,7 +274,9 @@ def _refuse_other_versions(client: Any) -> None:
         )
 
 
-def _check(workers: int | None, threads: int, memory: float | None, scheduler: str | None, slurm: int | None) -> None:
+def _check_arguments(
+    workers: int | None, threads: int, memory: float | None, scheduler: str | None, slurm: int | None
+) -> None:
     for name, value in (("workers", workers), ("threads", threads), ("slurm", slurm)):
         if value is not None and value < 1:
             raise OutOfRange(f"{name} must be 1 or more, got {value}.")
@@ -278,7 +288,7 @@ def _check(workers: int | None, threads: int, memory: float | None, scheduler: s
         raise OptionsClash("workers are for this machine, slurm is a number of SLURM jobs. Give only one of them.")
 
 
-def _shares(workers: int | None, threads: int, memory: float | None, need: float) -> tuple[int, float]:
+def _workers_and_memory(workers: int | None, threads: int, memory: float | None, need: float) -> tuple[int, float]:
     """Number of workers for this machine, and the memory of each [GiB]."""
     from dask.system import CPU_COUNT
     from distributed.system import MEMORY_LIMIT
@@ -306,7 +316,7 @@ def _local_cluster(workers: int, memory: float) -> Any:
         threads_per_worker=1,
         processes=True,
         memory_limit=int(memory * GiB),
-        scheduler_kwargs={"dashboard": False, "dashboard_address": LOOPBACK},
+        scheduler_kwargs={"dashboard": False, "dashboard_address": LOOPBACK_ADDRESS},
         silence_logs=logging.CRITICAL,  # one job per worker: its kernels use the threads
     )
 
@@ -320,14 +330,14 @@ def _slurm_cluster(threads: int, memory: float | None) -> Any:
 
     options = dask.config.get("jobqueue.slurm.scheduler-options", None) or {}
     given: dict[str, Any] = {} if memory is None else {"memory": f"{memory:g}GiB"}
-    prologue = [f"export {name}={value}" for name, value in _environment(threads).items()]
+    prologue = [f"export {name}={value}" for name, value in _worker_environment(threads).items()]
     try:
         return SLURMCluster(
             cores=threads,
             processes=1,
             job_script_prologue=prologue,
-            worker_extra_args=["--nthreads", "1", "--no-dashboard", "--dashboard-address", LOOPBACK],
-            scheduler_options={**options, "dashboard": False, "dashboard_address": LOOPBACK},
+            worker_extra_args=["--nthreads", "1", "--no-dashboard", "--dashboard-address", LOOPBACK_ADDRESS],
+            scheduler_options={**options, "dashboard": False, "dashboard_address": LOOPBACK_ADDRESS},
             **given,
         )
     except ValueError as error:
@@ -335,12 +345,12 @@ def _slurm_cluster(threads: int, memory: float | None) -> Any:
 
 
 @contextmanager
-def _environment_kept() -> Iterator[None]:
+def _restored_environment() -> Iterator[None]:
     """Remove these variables for the block, so that workers do not inherit them, and restore them afterwards.
 
     Variables in the environment override Dask's settings for workers, and Dask leaves its own values here.
     """
-    names = (*THREADS, *ALLOCATOR)
+    names = (*THREAD_VARIABLES, *ALLOCATOR_VARIABLES)
     before = {name: os.environ.pop(name) for name in names if name in os.environ}
     try:
         yield
@@ -351,7 +361,7 @@ def _environment_kept() -> Iterator[None]:
 
 
 @contextmanager
-def _quietly() -> Iterator[None]:
+def _silenced_dask_log() -> Iterator[None]:
     """Silence Dask's log messages on workers that come and go."""
     log = logging.getLogger("distributed")
     before, log.disabled = log.level, False

@@ -36,10 +36,10 @@ from morphofold.words import in_one_line
 if TYPE_CHECKING:
     from pydantic import BaseModel
 
-SEED = "effects.perturbation.seed"
+SEED_KEY = "effects.perturbation.seed"
 MOST_RUNS = 10_000
-LONGEST = 80  # most characters of a name, as for a scene
-MOST_TOLD = 20  # most problems listed for a grid
+LONGEST_NAME = 80  # most characters of a name, as for a scene
+MOST_PROBLEMS_LISTED = 20  # most problems listed for a grid
 
 
 @dataclass(frozen=True)
@@ -116,31 +116,31 @@ def make_grid(
     """
     base = load_scene(source, settings)
     keys = keys_of(base)
-    given = [_axis(text, keys) for text in vary]
+    given = [_parse_axis(text, keys) for text in vary]
     twice = [key for key, count in Counter(key for key, _ in given).items() if count > 1]
     if twice:
         raise NamedTwice(f"--vary {twice[0]} is given twice. Give all its values at once, as {twice[0]}=1,2,3.")
     if seeds is not None and seeds < 1:
         raise OutOfRange(f"--seeds {seeds}: must be 1 or more.")
     if seeds is not None and seeds > MOST_RUNS:  # before they are listed
-        raise _too_many(seeds)
-    if seeds is not None and SEED in dict(given):
+        raise _too_many_runs(seeds)
+    if seeds is not None and SEED_KEY in dict(given):
         raise OptionsClash(f"--seeds {seeds}: --vary also gives seeds. Leave one of them out.")
-    own = dict(given).pop(SEED, None) or (tuple(range(seeds)) if seeds is not None else None)
+    own = dict(given).pop(SEED_KEY, None) or (tuple(range(seeds)) if seeds is not None else None)
     short = {key: key.rpartition(".")[2] for key in keys}
     alike = Counter(short.values())
     axes = tuple(
-        Axis(key, short[key] if alike[short[key]] == 1 else key, values) for key, values in given if key != SEED
+        Axis(key, short[key] if alike[short[key]] == 1 else key, values) for key, values in given if key != SEED_KEY
     )
     if not axes and own is None:
         raise NothingToDo("nothing is varied. Pass --vary KEY=VALUE,VALUE or --seeds N.")
     count = math.prod(len(axis.values) for axis in axes) * len(own or (0,))
     if count > MOST_RUNS:
-        raise _too_many(count)
-    return Grid(base.name, axes, *_points(source, settings, axes, own))
+        raise _too_many_runs(count)
+    return Grid(base.name, axes, *_grid_points(source, settings, axes, own))
 
 
-def _too_many(count: int) -> TooLarge:
+def _too_many_runs(count: int) -> TooLarge:
     return TooLarge(f"{count:,} runs are more than {MOST_RUNS:,}. Vary fewer values.")
 
 
@@ -160,7 +160,7 @@ def keys_of(scene: Scene) -> list[str]:
     return [f"{table}.{key}" for table, model in tables.items() for key in model.model_fields]
 
 
-def _axis(text: str, keys: Sequence[str]) -> tuple[str, tuple[Any, ...]]:
+def _parse_axis(text: str, keys: Sequence[str]) -> tuple[str, tuple[Any, ...]]:
     """Key and values of ``KEY=VALUE,VALUE``."""
     asked, equals, rest = (part.strip() for part in text.partition("="))
     if not asked or not equals or not rest:
@@ -177,17 +177,17 @@ def _axis(text: str, keys: Sequence[str]) -> tuple[str, tuple[Any, ...]]:
             f"--vary {asked}: is a key of {' and of '.join(tables)}. Give the table too, as {found[0]}={rest}."
         )
     key = asked if asked in found else found[0]
-    values = tuple(_plain(value) for value in _values(rest, key))
+    values = tuple(_lists_as_tuples(value) for value in _parse_values(rest, key))
     twice = [value for i, value in enumerate(values) if value in values[:i]]
     if twice:
         raise NamedTwice(f"--vary {key}: lists {toml_value(twice[0])} twice. List each value once.")
     return key, values
 
 
-def _values(text: str, key: str) -> list[Any]:
+def _parse_values(text: str, key: str) -> list[Any]:
     """TOML values between commas; a bare word is text, as in --set."""
     try:
-        return list(_toml(f"[{text}]"))
+        return list(_parse_toml(f"[{text}]"))
     except ValueError:
         pass
     parts = [part.strip() for part in text.split(",")]
@@ -197,13 +197,13 @@ def _values(text: str, key: str) -> list[Any]:
     values = []
     for part in parts:
         try:
-            values.append(_toml(part))
+            values.append(_parse_toml(part))
         except ValueError:
             values.append(part)
     return values
 
 
-def _toml(text: str) -> Any:
+def _parse_toml(text: str) -> Any:
     try:
         found = tomllib.loads(f"v = {text}")
     except RecursionError:
@@ -213,14 +213,14 @@ def _toml(text: str) -> Any:
     return found["v"]
 
 
-def _plain(value: Any) -> Any:
-    return tuple(map(_plain, value)) if isinstance(value, list) else value
+def _lists_as_tuples(value: Any) -> Any:
+    return tuple(map(_lists_as_tuples, value)) if isinstance(value, list) else value
 
 
 # points ------------------------------------------------------------------------------------------------------
 
 
-def _points(
+def _grid_points(
     source: str | Path | Scene, settings: Sequence[str], axes: tuple[Axis, ...], seeds: tuple[int, ...] | None
 ) -> tuple[tuple[int | None, ...], tuple[SweepPoint, ...]]:
     """Seeds and points of a grid; raises as :func:`make_grid`."""
@@ -231,21 +231,21 @@ def _points(
     for at in itertools.product(*(range(len(axis.values)) for axis in axes)):
         put = [f"{axis.key}={toml_value(axis.values[i])}" for axis, i in zip(axes, at)]
         try:
-            for seed, scene in _seeded(source, [*settings, *put], seeds):
-                name = _name(axes, at, seed)
-                if error := _no_mesh(scene, meshes):
-                    kinds.append(_kind(error))
+            for seed, scene in _scene_with_seeds(source, [*settings, *put], seeds):
+                name = _point_name(axes, at, seed)
+                if error := _mesh_file_error(scene, meshes):
+                    kinds.append(_refusal_type(error))
                     problems.setdefault(in_one_line(error), []).append(name)
                 found.append((name, at, seed, scene))
         except (ValueError, FileNotFoundError) as error:
-            kinds.append(_kind(error))
+            kinds.append(_refusal_type(error))
             for line in (str(error), *getattr(error, "__notes__", ())):
-                problems.setdefault(line, []).append(_name(axes, at, None) or "the scene")
+                problems.setdefault(line, []).append(_point_name(axes, at, None) or "the scene")
     if problems:
-        lines = [f"{_some(names)}: {line}" for line, names in problems.items()]
-        more = [f"{len(lines) - MOST_TOLD} more problems."] if len(lines) > MOST_TOLD else []
-        raise with_notes(lines[:MOST_TOLD] + more, kinds[0])
-    own = _folder_names([name for name, *_ in found])
+        lines = [f"{_first_names(names)}: {line}" for line, names in problems.items()]
+        more = [f"{len(lines) - MOST_PROBLEMS_LISTED} more problems."] if len(lines) > MOST_PROBLEMS_LISTED else []
+        raise with_notes(lines[:MOST_PROBLEMS_LISTED] + more, kinds[0])
+    own = _distinct_folder_names([name for name, *_ in found])
     points = [
         SweepPoint(name, at, seed, scene.model_copy(update={"name": name}))
         for name, (_, at, seed, scene) in zip(own, found)
@@ -253,7 +253,7 @@ def _points(
     return tuple(dict.fromkeys(point.seed for point in points)), tuple(points)
 
 
-def _seeded(
+def _scene_with_seeds(
     source: str | Path | Scene, settings: list[str], seeds: tuple[int, ...] | None
 ) -> Iterator[tuple[int | None, Scene]]:
     """The scene with each seed; without ``seeds``, with its own seed or none."""
@@ -268,14 +268,14 @@ def _seeded(
             "imperfection with --set effects.perturbation.amplitude=0.02."
         )
     for seed in seeds:
-        yield seed, load_scene(source, [*settings, f"{SEED}={toml_value(seed)}"])
+        yield seed, load_scene(source, [*settings, f"{SEED_KEY}={toml_value(seed)}"])
 
 
-def _kind(error: Exception) -> type[Refusal]:
+def _refusal_type(error: Exception) -> type[Refusal]:
     return type(error) if isinstance(error, Refusal) else NotReadable
 
 
-def _no_mesh(scene: Scene, known: dict[str, Exception | None]) -> Exception | None:
+def _mesh_file_error(scene: Scene, known: dict[str, Exception | None]) -> Exception | None:
     """Why a scene's mesh file cannot be read, checked once per file; None if it can be."""
     if not isinstance(scene.geometry, MeshFile):
         return None
@@ -289,15 +289,15 @@ def _no_mesh(scene: Scene, known: dict[str, Exception | None]) -> Exception | No
     return known[file]
 
 
-def _name(axes: Sequence[Axis], at: Sequence[int], seed: int | None) -> str:
+def _point_name(axes: Sequence[Axis], at: Sequence[int], seed: int | None) -> str:
     """A name from the values: ``cortex_thickness-1_mu_ratio-2_seed-0``."""
-    parts = [f"{axis.label}-{_word(axis.values[i])}" for axis, i in zip(axes, at)]
+    parts = [f"{axis.label}-{_value_in_name(axis.values[i])}" for axis, i in zip(axes, at)]
     return "_".join([*parts, *([] if seed is None else [f"seed-{seed}"])])
 
 
-def _word(value: Any) -> str:
+def _value_in_name(value: Any) -> str:
     if isinstance(value, tuple):
-        return "x".join(map(_word, value))
+        return "x".join(map(_value_in_name, value))
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, int | float):
@@ -305,17 +305,17 @@ def _word(value: Any) -> str:
     return re.sub(r"[^A-Za-z0-9.+-]+", "-", str(value)).strip("-.") or "empty"
 
 
-def _folder_names(names: Sequence[str]) -> list[str]:
+def _distinct_folder_names(names: Sequence[str]) -> list[str]:
     """The names as distinct folder names, none longer than a scene's; a digest separates names that would collide."""
-    alike = Counter(name.casefold()[:LONGEST] for name in names)
+    alike = Counter(name.casefold()[:LONGEST_NAME] for name in names)
     return [
         name
-        if alike[name.casefold()[:LONGEST]] == 1 and len(name) <= LONGEST
-        else f"{name[: LONGEST - 9]}-{hashlib.sha256(f'{i} {name}'.encode()).hexdigest()[:8]}"
+        if alike[name.casefold()[:LONGEST_NAME]] == 1 and len(name) <= LONGEST_NAME
+        else f"{name[: LONGEST_NAME - 9]}-{hashlib.sha256(f'{i} {name}'.encode()).hexdigest()[:8]}"
         for i, name in enumerate(names)
     ]
 
 
-def _some(names: Sequence[str]) -> str:
+def _first_names(names: Sequence[str]) -> str:
     names = list(dict.fromkeys(names))
     return ", ".join(names[:2]) + (f" and {len(names) - 2} more" if len(names) > 2 else "")

@@ -11,8 +11,8 @@ from morphofold.cohort.tasks import Outcome
 from morphofold.io import atomic_folder
 from morphofold.progress import Progress, part_of, silent
 
-GROUP = "group"
-Draw = Callable[[Group, Path, Progress], object]
+GROUP_FOLDER = "group"
+DrawReport = Callable[[Group, Path, Progress], object]
 
 
 def write_group(
@@ -20,7 +20,7 @@ def write_group(
     results: Mapping[str, Path],
     outcomes: Sequence[Outcome] = (),
     *,
-    report: Draw | Literal[False] = False,
+    report: DrawReport | Literal[False] = False,
     progress: Progress = silent,
 ) -> Group:
     """Write ``out/group`` completely or not at all: measures.tsv, measures.parquet, failures.tsv, and report.html if
@@ -40,7 +40,7 @@ def write_group(
         Called with the share done and the current step.
     """
     by_name = {one.name: one for one in outcomes}
-    with atomic_folder(out / GROUP) as folder:
+    with atomic_folder(out / GROUP_FOLDER) as folder:
         group = write_tables(folder, out, results, by_name, lambda share: progress(0.7 * share, "tables"))
         if report:
             report(group, folder, part_of(progress, 0.7, 0.3))

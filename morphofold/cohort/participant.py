@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from morphofold.cohort.measuring import measure_as_asked
-from morphofold.cohort.tasks import REFUSALS, Outcome, Say, TaskFolder, digest, perform
+from morphofold.cohort.tasks import INPUT_ERRORS, Outcome, Say, TaskFolder, digest, perform
 from morphofold.io import files_of, remove_folder
 from morphofold.io.cortices import cortex_files, hemispheres, read_cortex
 from morphofold.provenance import sha256_of
-from morphofold.results.summary import Page
+from morphofold.results.summary import DrawPage
 from morphofold.words import in_one_line
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ class Participant:
     place: TaskFolder
     hemis: tuple[str, ...] = ()
     bids: bool = False
-    report: Page | Literal[False] = False
+    report: DrawPage | Literal[False] = False
     options: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -67,13 +67,13 @@ def measure_participant(subject: Participant) -> Outcome:
 
     A hemisphere that cannot be measured fails alone: the other is measured, and the outcome has the reason.
     """
-    hemis = subject.hemis or _hemispheres(subject)
+    hemis = subject.hemis or _hemispheres_of_subject(subject)
     asked = {"hemis": list(hemis), "bids": subject.bids, "report": bool(subject.report), **subject.options}
     seen: dict[str, str] = {}  # digests of its files, by path
 
     def key() -> str:
-        files = {hemi: _files(subject, hemi) for hemi in hemis}
-        half = {hemi: _half(subject, hemi) for hemi in hemis if not files[hemi]}
+        files = {hemi: _hemisphere_files(subject, hemi) for hemi in hemis}
+        half = {hemi: _incomplete_hemisphere_files(subject, hemi) for hemi in hemis if not files[hemi]}
         named = {f"{hemi} {what}": path for hemi, found in files.items() for what, path in found.items()}
         seen.update((str(path), sha256_of(path)) for path in named.values())
         return digest({**asked, "half": half, "files": {what: seen[str(path)] for what, path in named.items()}})
@@ -82,31 +82,31 @@ def measure_participant(subject: Participant) -> Outcome:
         subject.place,
         key,
         lambda: files_of(subject.results),
-        lambda say, changed: _measure(subject, hemis, say, seen),
+        lambda say, changed: _measure_and_write(subject, hemis, say, seen),
         parts=len(hemis),
     )
 
 
-def _hemispheres(subject: Participant) -> tuple[str, ...]:
+def _hemispheres_of_subject(subject: Participant) -> tuple[str, ...]:
     """The hemispheres that a subject has; both if one is incomplete (it then fails alone) or if none is found."""
     try:
         found = hemispheres(Path(subject.folder))
     except OSError:  # the search for its files reports it
         found = ()
-    return found if any(_files(subject, hemi) for hemi in found) else ("lh", "rh")
+    return found if any(_hemisphere_files(subject, hemi) for hemi in found) else ("lh", "rh")
 
 
-def _files(subject: Participant, hemi: str) -> dict[str, Path]:
+def _hemisphere_files(subject: Participant, hemi: str) -> dict[str, Path]:
     """All files read for a hemisphere; none if a surface is missing."""
     try:
         found = cortex_files(subject.folder, hemi, annotation=subject.options.get("annotation"))
-    except REFUSALS:
+    except INPUT_ERRORS:
         return {}  # reading it reports why
     summary_file = Path(subject.folder) / "summary.json"  # of a folder written by analyze
     return {**found, "summary": summary_file} if summary_file.is_file() else found
 
 
-def _half(subject: Participant, hemi: str) -> list[str]:
+def _incomplete_hemisphere_files(subject: Participant, hemi: str) -> list[str]:
     """Names of the files present for an incomplete hemisphere; the reason of its failure depends on them."""
     folder = Path(subject.folder)
     there = [path.name for at in (folder, folder / "surf", folder / "label") for path in at.glob(f"{hemi}.*")]
@@ -114,7 +114,9 @@ def _half(subject: Participant, hemi: str) -> list[str]:
     return sorted(name for name in there if name.startswith(surfaces) or name.endswith(".annot"))
 
 
-def _measure(subject: Participant, hemis: tuple[str, ...], say: Say, seen: Mapping[str, str]) -> dict[str, str]:
+def _measure_and_write(
+    subject: Participant, hemis: tuple[str, ...], say: Say, seen: Mapping[str, str]
+) -> dict[str, str]:
     """Write the results of the hemispheres that can be measured; return the failures of the others."""
     from morphofold.results import write_analysis, write_dataset
     from morphofold.timing import Stages
@@ -122,8 +124,8 @@ def _measure(subject: Participant, hemis: tuple[str, ...], say: Say, seen: Mappi
     clock, measured, failures = Stages(), [], {}
     for hemi in hemis:
         try:
-            measured.append(_measures(subject, hemi, say, clock, seen))
-        except REFUSALS as error:
+            measured.append(_measure_hemisphere(subject, hemi, say, clock, seen))
+        except INPUT_ERRORS as error:
             failures[hemi] = in_one_line(error)
             say(f"{hemi} failed: {failures[hemi]}")
     place = subject.results
@@ -148,11 +150,11 @@ def _measure(subject: Participant, hemis: tuple[str, ...], say: Say, seen: Mappi
     return failures
 
 
-def _measures(subject: Participant, hemi: str, say: Say, clock: Stages, seen: Mapping[str, str]) -> Measures:
-    from morphofold.forecasts.analysis_cost import READING
+def _measure_hemisphere(subject: Participant, hemi: str, say: Say, clock: Stages, seen: Mapping[str, str]) -> Measures:
+    from morphofold.forecasts.analysis_cost import READING_STAGE
 
     say(f"{hemi} reading")
-    clock.begin(READING)
+    clock.begin(READING_STAGE)
     cortex = read_cortex(subject.folder, hemi, name=subject.name, annotation=subject.options.get("annotation"))
     for row in cortex.inputs:
         if seen.get(row["path"]) != row["sha256"]:

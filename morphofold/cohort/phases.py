@@ -26,10 +26,10 @@ from morphofold.sim.scene.geometries import Geometry
 from morphofold.tables import write_table
 from morphofold.words import in_one_line
 
-GROUP = "group"
+GROUP_FOLDER = "group"
 HINGES_PER_AREA = "hinges_per_1000_mm2"
-OVER_FLAT = "area_over_flat"
-MEASURES = (*SCALARS, HINGES_PER_AREA, OVER_FLAT)
+AREA_OVER_FLAT = "area_over_flat"
+RUN_MEASURES = (*SCALARS, HINGES_PER_AREA, AREA_OVER_FLAT)
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,10 +42,10 @@ class RunResult:
     reason : str
         Why it has no measures; empty if it has measures.
     measures : mapping of measure to float
-        Those of MEASURES that it has. ``hinges_per_1000_mm2`` is hinges per 1000 mm^2 of the pial surface; both are of
-        the whole closed surface after mirroring, so the simulated share makes no difference. A strip is a section and
-        has no hinges. ``area_over_flat`` is for patches and strips only: their pial area over that of the flat piece at
-        the start (the symmetry planes on their sides keep its extent).
+        Those of RUN_MEASURES that it has. ``hinges_per_1000_mm2`` is hinges per 1000 mm^2 of the pial surface; both are
+        of the whole closed surface after mirroring, so the simulated share makes no difference. A strip is a section
+        and has no hinges. ``area_over_flat`` is for patches and strips only: their pial area over that of the flat
+        piece at the start (the symmetry planes on their sides keep its extent).
     notes : mapping of measure to str
         Why a measure is missing.
     warnings : tuple of str
@@ -93,7 +93,7 @@ class Phases:
         return found
 
 
-Draw = Callable[[Phases, Path, Progress], object]
+DrawReport = Callable[[Phases, Path, Progress], object]
 
 
 # theory ------------------------------------------------------------------------------------------------------
@@ -124,16 +124,18 @@ def theory_of(scene: Scene) -> SphereTheory:
 
 def theory_by_place(fleet: Fleet, grid: Grid, show: Progress = silent) -> dict[tuple[int, ...], SphereTheory]:
     """Theory of every point of a grid, computed once per sphere, on the workers of a fleet."""
-    spheres = {at: _sphere(scene) for at, scene in grid.scenes.items()}
+    spheres = {at: _theory_parameters(scene) for at, scene in grid.scenes.items()}
     wanted = {spheres[at]: scene for at, scene in grid.scenes.items()}
     found: dict[str, SphereTheory] = {}
     for job, outcome in fleet.run(theory_of, [Job(f"theory {i}", scene) for i, scene in enumerate(wanted.values())]):
-        found[_sphere(job.argument)] = SphereTheory(reason=outcome.reason) if isinstance(outcome, Lost) else outcome
+        found[_theory_parameters(job.argument)] = (
+            SphereTheory(reason=outcome.reason) if isinstance(outcome, Lost) else outcome
+        )
         show(len(found) / len(wanted), "theory")
     return {at: found[key] for at, key in spheres.items()}
 
 
-def _sphere(scene: Scene) -> str:
+def _theory_parameters(scene: Scene) -> str:
     """Text of everything in a scene that theory depends on."""
     return repr((scene.geometry, scene.material, scene.growth.law, tuple(scene.effects)))
 
@@ -145,21 +147,21 @@ def read_run(out: Path, point: SweepPoint, outcome: Outcome | None = None) -> Ru
     """Read the result of a run from disk; without results, it has the reason. ``outcome``: of a run done just now."""
     record = read_record(out / "records" / f"{point.name}.json")
     folder = folder_of(out, point.name)
-    warnings, numbers = _health(folder / "simulation")
+    warnings, numbers = _warnings_and_sizes(folder / "simulation")
     failures, there = what_became(record, outcome, "not run yet. Run the sweep again.")
     reason = "" if there else " ".join(failures.values()) or "failed; the reason is in its log"
     if there:
         try:
             files = ("analysis/summary.json", "analysis/regions.tsv", "analysis/surf/lh.pial", "simulation/health.json")
             refuse_changed(record, {name: folder / name for name in files})
-            measures, notes, pial = _measured(folder / "analysis", point.scene.geometry)
+            measures, notes, pial = _measures_of_run(folder / "analysis", point.scene.geometry)
             return RunResult(point, "", measures, notes, warnings, numbers, pial)
         except (OSError, ValueError, IndexError) as error:
             reason = in_one_line(error)
     return RunResult(point, reason, {}, {}, warnings, numbers)
 
 
-def _measured(analysis: Path, geometry: Geometry) -> tuple[dict[str, float], dict[str, str], Path]:
+def _measures_of_run(analysis: Path, geometry: Geometry) -> tuple[dict[str, float], dict[str, str], Path]:
     """Measures of a run, reasons for missing ones, and its pial surface."""
     entry, pial = read_results(analysis).entries[0], analysis / "surf" / "lh.pial"
     measures = {key: float(value) for key in SCALARS if isinstance(value := entry["measures"].get(key), int | float)}
@@ -167,7 +169,7 @@ def _measured(analysis: Path, geometry: Geometry) -> tuple[dict[str, float], dic
     if area and "n_hinges" in measures and not isinstance(geometry, Strip):
         measures[HINGES_PER_AREA] = 1000 * measures["n_hinges"] / area
     if area and isinstance(geometry, Patch | Strip):
-        measures[OVER_FLAT] = area / _flat_area(geometry, pial)
+        measures[AREA_OVER_FLAT] = area / _flat_area(geometry, pial)
     notes = {key: str(entry["notes"][key]) for key in SCALARS if key not in measures and key in entry["notes"]}
     return measures, notes, pial
 
@@ -179,7 +181,7 @@ def _flat_area(geometry: Patch | Strip, pial: Path) -> float:
     return geometry.length * float(np.ptp(read_surface(pial).verts[:, 1]))
 
 
-def _health(folder: Path) -> tuple[tuple[str, ...], dict[str, int]]:
+def _warnings_and_sizes(folder: Path) -> tuple[tuple[str, ...], dict[str, int]]:
     try:
         health = read_health(folder)
     except (OSError, ValueError):
@@ -196,7 +198,7 @@ def write_sweep(
     theory: Mapping[tuple[int, ...], SphereTheory],
     outcomes: Sequence[Outcome] = (),
     *,
-    report: Draw | Literal[False] = False,
+    report: DrawReport | Literal[False] = False,
     progress: Progress = silent,
 ) -> Phases:
     """Write ``out/group`` completely or not at all: measures.tsv, measures.parquet, runs.tsv and theory.tsv, and
@@ -215,7 +217,7 @@ def write_sweep(
     progress : callable
         Called with the share done and the current step.
     """
-    with atomic_folder(out / GROUP) as folder:
+    with atomic_folder(out / GROUP_FOLDER) as folder:
         by_name = {one.name: one for one in outcomes}
         phases = Phases(grid, tuple(read_run(out, point, by_name.get(point.name)) for point in grid.points), theory)
         write_tables(phases, folder)
@@ -230,10 +232,10 @@ def write_tables(phases: Phases, folder: Path) -> None:
     with closing(TidyWriter(folder, {"run": str, **axes, "seed": int, "measure": str, "value": float})) as writer:
         writer.write(
             [
-                (*_told(phases.grid, run.point).values(), key, run.measures.get(key))
+                (*_run_identity(phases.grid, run.point).values(), key, run.measures.get(key))
                 for run in phases.runs
-                for key in MEASURES
-                if not run.reason and (key != OVER_FLAT or key in run.measures)
+                for key in RUN_MEASURES
+                if not run.reason and (key != AREA_OVER_FLAT or key in run.measures)
             ]
         )
     write_table(
@@ -248,11 +250,11 @@ def write_tables(phases: Phases, folder: Path) -> None:
     )
 
 
-def _told(grid: Grid, point: SweepPoint) -> dict[str, Any]:
-    return {"run": point.name, **_place(grid, point.at), "seed": point.seed}
+def _run_identity(grid: Grid, point: SweepPoint) -> dict[str, Any]:
+    return {"run": point.name, **_axis_values(grid, point.at), "seed": point.seed}
 
 
-def _place(grid: Grid, at: tuple[int, ...]) -> dict[str, Any]:
+def _axis_values(grid: Grid, at: tuple[int, ...]) -> dict[str, Any]:
     """The value on each axis; lists as text."""
     return {
         axis.label: axis.values[i] if isinstance(axis.values[i], int | float) else axis.words[i]
@@ -262,7 +264,7 @@ def _place(grid: Grid, at: tuple[int, ...]) -> dict[str, Any]:
 
 def _run_row(grid: Grid, run: RunResult) -> dict[str, Any]:
     return {
-        **_told(grid, run.point),
+        **_run_identity(grid, run.point),
         "state": "failed" if run.reason else "done",
         "healthy": None if run.reason else not run.warnings,
         "warnings": "; ".join(run.warnings) or None,
@@ -275,7 +277,7 @@ def _run_row(grid: Grid, run: RunResult) -> dict[str, Any]:
 def _theory_row(phases: Phases, at: tuple[int, ...]) -> dict[str, Any]:
     found, scene = phases.theory[at], phases.grid.scenes[at]
     return {
-        **_place(phases.grid, at),
+        **_axis_values(phases.grid, at),
         "final_growth": scene.growth.final,
         "g_crit": found.g_crit,
         "g_crease": found.g_crease,

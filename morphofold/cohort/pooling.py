@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from morphofold.analysis.measures import FOLLOWS_FROM, PARAMETERS
+from morphofold.analysis.measures import PARAMETERS, PARAMETERS_OF_SCALAR
 
-HOW = ("morphofold", *PARAMETERS)  # the version, and all parameters that a measure may depend on
-MAJORITY = 0.5  # hemispheres are pooled if more than this share has the same settings
-NAMED = 4  # values that a sentence lists at most
-WORDS = {
+SETTING_NAMES = ("morphofold", *PARAMETERS)  # the version, and all parameters that a measure may depend on
+LEAST_POOLED_SHARE = 0.5  # hemispheres are pooled if more than this share has the same settings
+MOST_VALUES_LISTED = 4  # values that a sentence lists at most
+SETTING_LABELS = {
     "morphofold": "version of morphofold",
     "folding_scale_mm": "scale of the folding indices [mm]",
     "graph_width_mm": "gyral width of the net [mm]",
@@ -25,12 +25,12 @@ WORDS = {
     "annotation": "parcellation",
 }
 #: options that give a group one value: the coarsest scale, which suits all meshes, and the median width
-CURES: Mapping[str, tuple[str, Callable[[Any], Any]]] = {
+COMMON_VALUE_OPTIONS: Mapping[str, tuple[str, Callable[[Any], Any]]] = {
     "folding_scale_mm": ("--curvature-scale", np.max),
     "graph_width_mm": ("--gyral-width", np.median),
 }
 
-How = tuple[Any, ...]  # settings of one hemisphere, in the order of HOW
+MeasuringSettings = tuple[Any, ...]  # settings of one hemisphere, in the order of SETTING_NAMES
 
 
 @dataclass(frozen=True)
@@ -59,9 +59,9 @@ class Pooling:
     @property
     def sentences(self) -> list[str]:
         """Sentences: what differs, and the options to measure the whole group with the same settings."""
-        parts = [f"{WORDS[key]} {_listed(counts)}" for key, counts in self.counts.items()]
+        parts = [f"{SETTING_LABELS[key]} {_listed_counts(counts)}" for key, counts in self.counts.items()]
         cures = []
-        for key, (option, choice) in CURES.items():
+        for key, (option, choice) in COMMON_VALUE_OPTIONS.items():
             counts = {value: n for value, n in self.counts.get(key, {}).items() if value is not None}
             if counts:
                 cures.append(f"{option} {choice(np.repeat(list(counts), list(counts.values()))):.3g}")
@@ -69,7 +69,9 @@ class Pooling:
         return found + ([f"To measure all in the same way, run it again with {' '.join(cures)}."] if cures else [])
 
 
-def pooling(hows: Sequence[How], of: NDArray[np.int64], scalars: Mapping[str, NDArray[np.float64]]) -> Pooling:
+def pooling(
+    hows: Sequence[MeasuringSettings], of: NDArray[np.int64], scalars: Mapping[str, NDArray[np.float64]]
+) -> Pooling:
     """What may be pooled of hemispheres (subjects, 2) with settings ``hows[of]``; ``of`` is -1 where there is none.
 
     For each measure, only the parameters that it depends on count. Values with the most common settings are pooled, if
@@ -79,7 +81,7 @@ def pooling(hows: Sequence[How], of: NDArray[np.int64], scalars: Mapping[str, ND
         return Pooling()
     hemispheres = np.bincount(of[of >= 0], minlength=len(hows))
     counts = {}
-    for k, key in enumerate(HOW):
+    for k, key in enumerate(SETTING_NAMES):
         found = Counter({how[k]: 0 for how in hows})
         for how, n in zip(hows, hemispheres.tolist()):
             found[how[k]] += n
@@ -88,39 +90,41 @@ def pooling(hows: Sequence[How], of: NDArray[np.int64], scalars: Mapping[str, ND
     alike, left_out = {}, {}
     for name, values in scalars.items():
         held = np.isfinite(values) & (of >= 0)
-        kinds, kind = _kinds(hows, FOLLOWS_FROM.get(name, PARAMETERS))
+        kinds, kind = _distinct_settings(hows, PARAMETERS_OF_SCALAR.get(name, PARAMETERS))
         n = np.bincount(kind[of[held]], minlength=kinds)
         if held.any() and n.max() < held.sum():
-            pooled = held & (kind[of] == n.argmax()) if n.max() > MAJORITY * held.sum() else np.zeros_like(held)
+            pooled = (
+                held & (kind[of] == n.argmax()) if n.max() > LEAST_POOLED_SHARE * held.sum() else np.zeros_like(held)
+            )
             alike[name], left_out[name] = pooled, (int(held.sum() - pooled.sum()), int(held.sum()))
     return Pooling(counts, alike, left_out)
 
 
-def commonest(counts: Mapping[How, int]) -> How | None:
+def commonest(counts: Mapping[MeasuringSettings, int]) -> MeasuringSettings | None:
     """The settings that more than half were measured with; None if there are none."""
     most = max(counts, key=lambda how: counts[how], default=None)
-    return most if most is not None and counts[most] > MAJORITY * sum(counts.values()) else None
+    return most if most is not None and counts[most] > LEAST_POOLED_SHARE * sum(counts.values()) else None
 
 
-def part_of(how: How, parameters: Sequence[str]) -> How:
+def part_of(how: MeasuringSettings, parameters: Sequence[str]) -> MeasuringSettings:
     """The version and some parameters of the settings ``how``."""
-    return tuple(how[HOW.index(key)] for key in ("morphofold", *parameters))
+    return tuple(how[SETTING_NAMES.index(key)] for key in ("morphofold", *parameters))
 
 
-def _kinds(hows: Sequence[How], parameters: Sequence[str]) -> tuple[int, NDArray[np.int64]]:
+def _distinct_settings(hows: Sequence[MeasuringSettings], parameters: Sequence[str]) -> tuple[int, NDArray[np.int64]]:
     """Number of different settings with respect to ``parameters``, and the index (N,) of each."""
-    number: dict[How, int] = {}
+    number: dict[MeasuringSettings, int] = {}
     kind = [number.setdefault(part_of(how, parameters), len(number)) for how in hows]
     return len(number), np.array(kind, dtype=np.int64)
 
 
-def _listed(counts: Mapping[Any, int]) -> str:
-    more = len(counts) - NAMED
+def _listed_counts(counts: Mapping[Any, int]) -> str:
+    more = len(counts) - MOST_VALUES_LISTED
     if more > 0 and all(isinstance(x, int | float) for x in counts):
-        return f"{_word(min(counts))} to {_word(max(counts))} ({len(counts)} values)"
-    first = ", ".join(f"{_word(value)} ({n})" for value, n in list(counts.items())[:NAMED])
+        return f"{_setting_text(min(counts))} to {_setting_text(max(counts))} ({len(counts)} values)"
+    first = ", ".join(f"{_setting_text(value)} ({n})" for value, n in list(counts.items())[:MOST_VALUES_LISTED])
     return f"{first} and {more} more" if more > 0 else first
 
 
-def _word(value: Any) -> str:
+def _setting_text(value: Any) -> str:
     return "none" if value is None else f"{value:.3g}" if isinstance(value, int | float) else f"'{value}'"

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from pydantic import ConfigDict
 
-from morphofold.cohort.tasks import REFUSALS
+from morphofold.cohort.tasks import INPUT_ERRORS
 from morphofold.io import atomic_file
 from morphofold.io.cortices import hemispheres, read_cortex
 from morphofold.io.json_files import Count, Length, Record, read_json
@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from morphofold.cohort.fleet import Fleet
     from morphofold.cohort.participant import Participant
 
-FILE = "scales.json"
-MOST = 50  # most subjects used to choose the scales, spread evenly over their names
-MUCH_COARSER = 2.0  # meshes coarser than this many times the median do not set the common scale
+SCALES_FILE = "scales.json"
+MOST_SUBJECTS_READ = 50  # most subjects used to choose the scales, spread evenly over their names
+COARSEST_MESH_RATIO = 2.0  # meshes coarser than this many times the median do not set the common scale
 
 
 class Scales(Record):
@@ -38,7 +38,7 @@ class Scales(Record):
     @property
     def words(self) -> str:
         width = "" if self.gyral_width_mm is None else f", gyral width of the net {self.gyral_width_mm:g} mm"
-        return f"one curvature scale for all, {self.curvature_scale_mm:g} mm{width} ({FILE})"
+        return f"one curvature scale for all, {self.curvature_scale_mm:g} mm{width} ({SCALES_FILE})"
 
 
 def scales_of(out: Path, fleet: Fleet, subjects: Sequence[Participant], progress: Progress = silent) -> Scales | None:
@@ -57,7 +57,7 @@ def scales_of(out: Path, fleet: Fleet, subjects: Sequence[Participant], progress
         return kept
     from morphofold.cohort.fleet import Job, Lost
 
-    chosen = [subjects[k] for k in np.unique(np.linspace(0, len(subjects) - 1, MOST).round().astype(int))]
+    chosen = [subjects[k] for k in np.unique(np.linspace(0, len(subjects) - 1, MOST_SUBJECTS_READ).round().astype(int))]
     found: list[tuple[float, float]] = []
     for done, (job, looked) in enumerate(fleet.run(look, [Job(one.name, one) for one in chosen]), start=1):
         found += [] if isinstance(looked, Lost) else looked
@@ -67,11 +67,13 @@ def scales_of(out: Path, fleet: Fleet, subjects: Sequence[Participant], progress
     scale, width = np.array(sorted(found)).T
     known = width[np.isfinite(width)]
     scales = Scales(
-        curvature_scale_mm=_digits(scale[scale <= MUCH_COARSER * np.median(scale)].max(), np.ceil),
-        gyral_width_mm=_digits(np.median(known), np.round) if known.size else None,
+        curvature_scale_mm=_rounded_to_three_digits(
+            scale[scale <= COARSEST_MESH_RATIO * np.median(scale)].max(), np.ceil
+        ),
+        gyral_width_mm=_rounded_to_three_digits(np.median(known), np.round) if known.size else None,
         hemispheres=len(found),
     )
-    with atomic_file(out / FILE) as file:
+    with atomic_file(out / SCALES_FILE) as file:
         file.write_text(strict_json(scales.model_dump()), encoding="utf-8")
     return scales
 
@@ -84,14 +86,14 @@ def look(subject: Participant) -> list[tuple[float, float]]:
     found = []
     try:
         hemis = subject.hemis or hemispheres(Path(subject.folder))
-    except (*REFUSALS, OSError):  # measuring it reports the problem
+    except (*INPUT_ERRORS, OSError):  # measuring it reports the problem
         return []
     for hemi in hemis:
         try:
             cortex = read_cortex(subject.folder, hemi)
             lengths = CrestNetBuilder(cortex).scales(None, None)
             found.append((scale_of_curvature(cortex)[0], lengths.width if lengths else float("nan")))
-        except (*REFUSALS, OSError):
+        except (*INPUT_ERRORS, OSError):
             continue
     return found
 
@@ -109,13 +111,13 @@ def with_scales(options: Mapping[str, Any], scales: Scales | None) -> dict[str, 
 
 def kept_scales(out: Path) -> Scales | None:
     """The scales of an earlier run, None if there was none; raises ``ValueError`` if they are damaged."""
-    path = out / FILE
+    path = out / SCALES_FILE
     if not os.path.lexists(path):
         return None
     return Scales(**read_json(path, Scales, "Remove it, and run again."))
 
 
-def _digits(length: float, how: Callable[[Any], Any]) -> float:
+def _rounded_to_three_digits(length: float, how: Callable[[Any], Any]) -> float:
     """A length rounded to three digits, so that the printed value is the one used."""
     unit = 10.0 ** (np.floor(np.log10(length)) - 2)
     return float(f"{how(length / unit - 1e-9 * (how is np.ceil)) * unit:.6g}")

@@ -14,25 +14,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from morphofold.analysis.measures import SLOPES
+from morphofold.analysis.measures import SLOPE_SCALARS
 from morphofold.cohort.tables import HEMIS, Group
 from morphofold.comparison.thickness import Cloud, ThicknessPoint, bins, fit_line
-from morphofold.quantities import RATIO
+from morphofold.quantities import THICKNESS_RATIO
 from morphofold.tables import write_table
 
 OUTLIER_Z = 3.5  # robust z above which a value is an outlier
-FEWEST = 8  # fewest values of a measure and side for a search for outliers
-RARE = 0.25  # largest share of values that may differ from one common value and be outliers
-ROUND_OFF = 1e-6  # relative; coordinates are float32, tables have seven digits
-COUNTS = "n_"  # prefix of the names of counts
-HALF = 0.5  # least median absolute deviation of a count, so that one more or less is no outlier
-NORMAL = 0.6745  # median absolute deviation of a normal distribution over its standard deviation
-MOST_POINTS = 400  # most subjects drawn as points; more are put into bins
-BINS = 20
-BOOTSTRAPPED = 1000  # most points for the robust slope, which compares all pairs
+FEWEST_FOR_OUTLIERS = 8  # fewest values of a measure and side for a search for outliers
+LARGEST_OUTLIER_SHARE = 0.25  # largest share of values that may differ from one common value and be outliers
+RELATIVE_ROUND_OFF = 1e-6  # relative; coordinates are float32, tables have seven digits
+COUNT_PREFIX = "n_"  # prefix of the names of counts
+LEAST_MAD_OF_COUNTS = 0.5  # least median absolute deviation of a count, so that one more or less is no outlier
+NORMAL_MAD_OVER_SD = 0.6745  # median absolute deviation of a normal distribution over its standard deviation
+MOST_POINTS_DRAWN = 400  # most subjects drawn as points; more are put into bins
+SUBJECT_BINS = 20
+MOST_ROBUST_FIT_POINTS = 1000  # most points for the robust slope, which compares all pairs
 BOUNDS = ("gyral_to_cortical_slope_low", "gyral_to_cortical_slope_high")  # bounds of another measure
 #: measures of the mesh, and measures that may be negative or near 0: their asymmetry is meaningless
-UNSIDED = ("n_vertices", "euler_characteristic", *SLOPES)
+NO_ASYMMETRY_MEASURES = ("n_vertices", "euler_characteristic", *SLOPE_SCALARS)
 
 Scalars = Mapping[str, NDArray[np.float64]]  # measure -> (subjects, 2): left and right, NaN where there is none
 
@@ -134,7 +134,7 @@ def measures_of(group: Group) -> Scalars:
     cortical = scalars["mean_cortical_thickness_mm"]
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = np.where(cortical > 0, scalars["median_gyral_thickness_mm"] / cortical, np.nan)
-    return {**scalars, RATIO: ratio}
+    return {**scalars, THICKNESS_RATIO: ratio}
 
 
 def distributions(scalars: Scalars) -> list[Distribution]:
@@ -152,20 +152,20 @@ def distributions(scalars: Scalars) -> list[Distribution]:
 def asymmetry(scalars: Scalars) -> list[Asymmetry]:
     """Left against right, for every measure that is a positive quantity of the brain and that a subject has on both
     sides."""
-    pairs = {name: _asymmetries(values) for name, values in scalars.items() if name not in UNSIDED}
-    found = [_asymmetry(name, values) for name, values in pairs.items() if values.size]
+    pairs = {name: _asymmetry_indices(values) for name, values in scalars.items() if name not in NO_ASYMMETRY_MEASURES}
+    found = [_asymmetry_statistics(name, values) for name, values in pairs.items() if values.size]
     corrected = holm(np.array([one.p_holm for one in found]))
     return [replace(one, p_holm=float(p)) for one, p in zip(found, corrected)]
 
 
-def _asymmetries(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _asymmetry_indices(values: NDArray[np.float64]) -> NDArray[np.float64]:
     left, right = values[np.isfinite(values).all(axis=1)].T
     usable = (left >= 0) & (right >= 0) & (left + right > 0)
     left, right = left[usable], right[usable]
     return 2 * (left - right) / (left + right)
 
 
-def _asymmetry(name: str, values: NDArray[np.float64]) -> Asymmetry:
+def _asymmetry_statistics(name: str, values: NDArray[np.float64]) -> Asymmetry:
     """Asymmetry of one measure, with p not corrected yet."""
     from scipy import stats
 
@@ -174,7 +174,7 @@ def _asymmetry(name: str, values: NDArray[np.float64]) -> Asymmetry:
         return Asymmetry(name, n, mean, nan, nan, nan, nan, nan)
     sd = float(values.std(ddof=1))
     half = float(stats.t.ppf(0.975, n - 1) * sd / np.sqrt(n))
-    effect = mean / sd if sd > ROUND_OFF else nan
+    effect = mean / sd if sd > RELATIVE_ROUND_OFF else nan
     p = float(2 * stats.t.sf(abs(effect) * np.sqrt(n), n - 1))
     return Asymmetry(name, n, mean, mean - half, mean + half, sd, effect, p)
 
@@ -203,11 +203,11 @@ def outliers(subjects: Sequence[str], scalars: Scalars) -> Outliers:
             continue
         for hemi, side in zip(HEMIS, values.T):
             known = np.flatnonzero(np.isfinite(side))
-            if known.size < FEWEST:
+            if known.size < FEWEST_FOR_OUTLIERS:
                 too_few += [(measure, hemi)] if known.size else []
                 continue
-            z, median = robust_z(side[known], HALF if measure.startswith(COUNTS) else 0.0)
-            if np.isinf(z).mean() > RARE:
+            z, median = robust_z(side[known], LEAST_MAD_OF_COUNTS if measure.startswith(COUNT_PREFIX) else 0.0)
+            if np.isinf(z).mean() > LARGEST_OUTLIER_SHARE:
                 divided.append((measure, hemi))
                 continue
             looked_at += 0 if np.isinf(z).any() or not z.any() else known.size
@@ -226,9 +226,9 @@ def robust_z(values: NDArray[np.float64], least: float = 0.0) -> tuple[NDArray[n
     median = float(np.median(values))
     apart = values - median
     mad = max(float(np.median(np.abs(apart))), least)
-    alike = ROUND_OFF * abs(median)
+    alike = RELATIVE_ROUND_OFF * abs(median)
     if mad > alike:
-        return NORMAL * apart / mad, median
+        return NORMAL_MAD_OVER_SD * apart / mad, median
     return np.where(np.abs(apart) <= alike, 0.0, np.copysign(np.inf, apart)), median
 
 
@@ -243,10 +243,10 @@ def subject_cloud(group: Group, side: int) -> Cloud:
     gyral = scalars["median_gyral_thickness_mm"][:, side]
     both = np.flatnonzero(np.isfinite(cortical) & np.isfinite(gyral))
     points = tuple(ThicknessPoint(float(cortical[k]), float(gyral[k]), group.subjects[k]) for k in both)
-    fit = fit_line(points, robust=len(points) <= BOOTSTRAPPED)
-    if len(points) <= MOST_POINTS:
+    fit = fit_line(points, robust=len(points) <= MOST_ROBUST_FIT_POINTS)
+    if len(points) <= MOST_POINTS_DRAWN:
         return Cloud("subject", points, (), fit)
-    return Cloud("subject", points, bins(cortical, gyral, BINS, "subjects"), fit)
+    return Cloud("subject", points, bins(cortical, gyral, SUBJECT_BINS, "subjects"), fit)
 
 
 def region_cloud(group: Group, side: int) -> Cloud:

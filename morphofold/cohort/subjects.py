@@ -8,8 +8,13 @@ from pathlib import Path
 
 from morphofold.errors import NamedTwice, NothingToDo, NotReadable, WrongFile
 
-PARTS = ("surf", "mri", "scripts", "stats", "label")  # folders; a FreeSurfer subject has at least one
-TEMPLATES = ("fsaverage", "lh.EC_average", "rh.EC_average", "cvs_avg35")  # folders that FreeSurfer puts beside subjects
+SUBJECT_FOLDERS = ("surf", "mri", "scripts", "stats", "label")  # folders; a FreeSurfer subject has at least one
+TEMPLATE_SUBJECTS = (
+    "fsaverage",
+    "lh.EC_average",
+    "rh.EC_average",
+    "cvs_avg35",
+)  # folders that FreeSurfer puts beside subjects
 
 
 def find_subjects(folder: Path) -> tuple[list[str], list[str]]:
@@ -30,7 +35,7 @@ def find_subjects(folder: Path) -> tuple[list[str], list[str]]:
     if not folder.is_dir():
         raise NotADirectoryError(f"{folder}: is a file. Give the folder that contains the subjects.")
     there = sorted(p.name for p in folder.iterdir() if not p.name.startswith(".") and _is_subject(p))
-    templates = [name for name in there if name.startswith(TEMPLATES)]
+    templates = [name for name in there if name.startswith(TEMPLATE_SUBJECTS)]
     found = [name for name in there if name not in templates]
     if not found:
         more = f" except the templates {', '.join(templates)}, which --subjects can list" if templates else ""
@@ -42,7 +47,7 @@ def _is_subject(path: Path) -> bool:
     try:
         if not path.is_dir():
             return False
-        return any((path / part).is_dir() for part in PARTS) or any(path.glob("?h.white*"))
+        return any((path / part).is_dir() for part in SUBJECT_FOLDERS) or any(path.glob("?h.white*"))
     except PermissionError:  # it fails alone and does not stop others
         return True
 

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from morphofold.cohort.measuring import measure_as_asked
-from morphofold.cohort.tasks import REFUSALS, Outcome, Say, TaskFolder, digest, perform
+from morphofold.cohort.tasks import INPUT_ERRORS, Outcome, Say, TaskFolder, digest, perform
 from morphofold.io import atomic_file, files_of, remove_folder
-from morphofold.results.summary import Page
+from morphofold.results.summary import DrawPage
 from morphofold.sim.output.inputs import inputs_of
 from morphofold.sim.output.run_files import clear_run, files_of_run
 from morphofold.sim.scene import Ellipsoid, MeshFile, Radial, Scene, Sphere
@@ -20,7 +20,7 @@ from morphofold.words import in_one_line
 if TYPE_CHECKING:
     from morphofold.sim.run import Simulation
 
-RUNS = "runs"
+RUNS_FOLDER = "runs"
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Run:
     place: TaskFolder
     scene: Scene
     threads: int = 1
-    report: Page | Literal[False] = False
+    report: DrawPage | Literal[False] = False
     options: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -61,7 +61,7 @@ class Run:
 
 def folder_of(out: Path, name: str) -> Path:
     """The folder of a run of a sweep."""
-    return out / RUNS / name
+    return out / RUNS_FOLDER / name
 
 
 def grow_and_measure(run: Run) -> Outcome:
@@ -72,38 +72,40 @@ def grow_and_measure(run: Run) -> Outcome:
     """
 
     def key() -> str:
-        return digest({"grown": _grown_key(run.scene), "report": bool(run.report), **run.options})
+        return digest({"grown": _simulation_digest(run.scene), "report": bool(run.report), **run.options})
 
     def files() -> dict[str, Path]:
         parts = {"simulation": files_of_run(run.simulation), "analysis": files_of(run.analysis)}
         return {f"{part}/{name}": path for part, found in parts.items() for name, path in found.items()}
 
-    return perform(run.place, key, files, lambda say, changed: _work(run, say, changed))
+    return perform(run.place, key, files, lambda say, changed: _grow_and_measure_run(run, say, changed))
 
 
-def _grown_key(scene: Scene) -> str:
+def _simulation_digest(scene: Scene) -> str:
     """Digest of everything that a simulation depends on."""
     return digest({"scene": to_toml(scene), "inputs": inputs_of(scene)})
 
 
-def _work(run: Run, say: Say, changed: list[str]) -> dict[str, str]:
+def _grow_and_measure_run(run: Run, say: Say, changed: list[str]) -> dict[str, str]:
     from morphofold.sim.dynamics import UnstableError
     from morphofold.sim.sphere_theory.smooth_sphere import ConvergenceError
 
     run.folder.mkdir(parents=True, exist_ok=True)
     try:
-        _measure(run, _grown(run, say, anew=any(name.startswith("simulation/") for name in changed)), say)
-    except (ConvergenceError, UnstableError, *REFUSALS) as error:
+        _analyse_last_stage(
+            run, _simulation_of_run(run, say, anew=any(name.startswith("simulation/") for name in changed)), say
+        )
+    except (ConvergenceError, UnstableError, *INPUT_ERRORS) as error:
         remove_folder(run.analysis)  # results of an earlier scene
         return {"": in_one_line(error)}
     return {}
 
 
-def _grown(run: Run, say: Say, *, anew: bool) -> Simulation:
+def _simulation_of_run(run: Run, say: Say, *, anew: bool) -> Simulation:
     """The simulation of a run: continued if it was begun with the same scene, otherwise grown from the start."""
     from morphofold.simulation import simulate
 
-    now, mark, tenths = _grown_key(run.scene), run.folder / "grown-of", [0]
+    now, mark, tenths = _simulation_digest(run.scene), run.folder / "grown-of", [0]
 
     def show(share: float, text: str) -> None:
         if (tenth := int(10 * share)) > tenths[0]:
@@ -111,10 +113,10 @@ def _grown(run: Run, say: Say, *, anew: bool) -> Simulation:
             say(f"{share:4.0%}  {text}")
 
     def grow() -> Simulation:
-        return simulate(run.scene, run.simulation, resume=True, threads=_threads(run), progress=show)
+        return simulate(run.scene, run.simulation, resume=True, threads=_available_threads(run), progress=show)
 
     begun = run.simulation.exists()
-    if begun and (anew or _text(mark) != now):
+    if begun and (anew or _text_or_empty(mark) != now):
         say("its files have changed: it is grown again" if anew else "the scene has changed: it is grown again")
         clear_run(run.simulation)
         begun = False
@@ -130,28 +132,28 @@ def _grown(run: Run, say: Say, *, anew: bool) -> Simulation:
         return grow()
 
 
-def _text(path: Path) -> str:
+def _text_or_empty(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8") if path.is_file() else ""
     except (OSError, ValueError):
         return ""
 
 
-def _threads(run: Run) -> int:
+def _available_threads(run: Run) -> int:
     """The requested threads, or as many as an already running worker can have."""
     import numba
 
     return min(run.threads, numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined,no-any-return]
 
 
-def _measure(run: Run, simulation: Simulation, say: Say) -> None:
+def _analyse_last_stage(run: Run, simulation: Simulation, say: Say) -> None:
     """Write the analysis of the last stage."""
-    from morphofold.forecasts.analysis_cost import READING
+    from morphofold.forecasts.analysis_cost import READING_STAGE
     from morphofold.results import write_analysis
     from morphofold.timing import Stages
 
     clock = Stages()
-    clock.begin(READING)
+    clock.begin(READING_STAGE)
     cortex = simulation.cortex()
     asked = {"hemi": None, "name": None, **run.options}
     stages = [simulation.cortex(g) for g in simulation.stages] if run.report else []

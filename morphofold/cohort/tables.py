@@ -14,28 +14,33 @@ from numpy.typing import NDArray
 
 from morphofold.analysis.measures import PARAMETERS, SCALARS
 from morphofold.analysis.mesh_quality.defects import WARNINGS
-from morphofold.cohort.pooling import HOW, How, Pooling, commonest, part_of, pooling
+from morphofold.cohort.pooling import SETTING_NAMES, MeasuringSettings, Pooling, commonest, part_of, pooling
 from morphofold.cohort.tasks import Outcome, read_record
 from morphofold.errors import DamagedFile, Mismatch
 from morphofold.io import files_of
 from morphofold.io.json_files import read_json
 from morphofold.provenance import changed_since
 from morphofold.results import COLUMNS
-from morphofold.results.bids import PROVENANCE
-from morphofold.results.summary import CURE, RECORDED, WORDS, Summary
+from morphofold.results.bids import PROVENANCE_ENDING
+from morphofold.results.summary import FREESURFER_VALUES, REANALYSE_ADVICE, TEXT_COLUMNS, Summary
 from morphofold.tables import line, read_table, write_table
 from morphofold.words import in_one_line
 
 HEMIS = ("lh", "rh")
-WHOLE = "hemisphere"  # in the column ``region``, for values of a whole hemisphere
+WHOLE_HEMISPHERE = "hemisphere"  # in the column ``region``, for values of a whole hemisphere
 REGION_MEASURES = tuple(name for name in COLUMNS["regions"] if name not in ("hemi", "region"))
-TIDY = ("subject", "hemi", "region", "measure", "value")
-REGION_THICKNESS = tuple(key for key in PARAMETERS if "scale" not in key and key != "graph_width_mm")
-HEMISPHERES = ("subject", "hemi", *HOW, *RECORDED)  # how each was measured, and FreeSurfer's values for it
-FAILURES = ("subject", "hemi", "reason", "log")
-BATCH = 200  # subjects whose rows are in memory at once
+TIDY_COLUMNS = ("subject", "hemi", "region", "measure", "value")
+REGION_THICKNESS_SETTINGS = tuple(key for key in PARAMETERS if "scale" not in key and key != "graph_width_mm")
+HEMISPHERE_COLUMNS = (
+    "subject",
+    "hemi",
+    *SETTING_NAMES,
+    *FREESURFER_VALUES,
+)  # how each was measured, and FreeSurfer's values for it
+FAILURE_COLUMNS = ("subject", "hemi", "reason", "log")
+SUBJECTS_PER_BATCH = 200  # subjects whose rows are in memory at once
 
-Row = tuple[str, str, str, str, float | None]
+TidyRow = tuple[str, str, str, str, float | None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +92,7 @@ class SubjectResults:
     surfaces, and the files that were read."""
 
     entries: list[dict[str, Any]]
-    hows: list[How]
+    hows: list[MeasuringSettings]
     regions: list[dict[str, Any]]
     surfaces: str
     read: tuple[Path, ...]
@@ -103,27 +108,27 @@ def read_results(folder: Path) -> SubjectResults:
     """
     path, table = folder / "summary.json", folder / "regions.tsv"
     if not path.is_file():
-        path = folder / "anat" / f"{folder.name}{PROVENANCE}"
+        path = folder / "anat" / f"{folder.name}{PROVENANCE_ENDING}"
         table = folder / "anat" / f"{folder.name}_desc-regions_morph.tsv"
     if not path.is_file():
         raise FileNotFoundError(f"{folder}: holds no results.")
-    content = read_json(path, Summary, CURE)
+    content = read_json(path, Summary, REANALYSE_ADVICE)
     surfaces = {Path(row["path"]).name: row["sha256"] for row in content["inputs"]}
     wanted = sorted(f"{name} {sha}" for name, sha in surfaces.items() if "white" in name or "pial" in name)
     keys = ("hemi", "origin", "measures", "notes", "info")
     entries = [{key: entry[key] for key in keys} for entry in content["surfaces"]]
-    hows = [_how(content["morphofold"], entry) for entry in content["surfaces"]]
-    regions = read_table(table, WORDS, content["rows"].get("regions"), numbers=REGION_MEASURES)
+    hows = [_settings_of_hemisphere(content["morphofold"], entry) for entry in content["surfaces"]]
+    regions = read_table(table, TEXT_COLUMNS, content["rows"].get("regions"), numbers=REGION_MEASURES)
     there = {entry["hemi"] for entry in entries}
     for number, row in enumerate(regions, start=2):
         named = row.get("hemi") in there and isinstance(row.get("region"), str)
         if not (named and row.keys() >= {*REGION_MEASURES}):
-            raise DamagedFile(f"{table}: line {number} lacks a hemisphere, a region or a measure. {CURE}")
+            raise DamagedFile(f"{table}: line {number} lacks a hemisphere, a region or a measure. {REANALYSE_ADVICE}")
     return SubjectResults(entries, hows, regions, " ".join(wanted), (path, table))
 
 
-def _how(version: str, entry: Mapping[str, Any]) -> How:
-    """Settings of a hemisphere, in the order of HOW."""
+def _settings_of_hemisphere(version: str, entry: Mapping[str, Any]) -> MeasuringSettings:
+    """Settings of a hemisphere, in the order of SETTING_NAMES."""
     how = (version, *({**entry["parameters"], "annotation": entry["annotation"]}.get(key) for key in PARAMETERS))
     return tuple(float(f"{x:.6g}") if isinstance(x, int | float) else x for x in how)
 
@@ -135,11 +140,11 @@ def refuse_changed(record: Mapping[str, Any], files: Mapping[str, Path]) -> None
         raise Mismatch(f"{', '.join(str(files[name]) for name in changed)}: changed since it was written.")
 
 
-def tidy_rows(subject: str, found: SubjectResults) -> Iterator[Row]:
+def tidy_rows(subject: str, found: SubjectResults) -> Iterator[TidyRow]:
     """One row for each number of a subject, in the order of its tables."""
     for entry in found.entries:
         for measure in SCALARS:
-            yield subject, entry["hemi"], WHOLE, measure, entry["measures"].get(measure)
+            yield subject, entry["hemi"], WHOLE_HEMISPHERE, measure, entry["measures"].get(measure)
     for row in found.regions:
         for measure in REGION_MEASURES:
             yield subject, row["hemi"], row["region"], measure, row[measure]
@@ -202,10 +207,10 @@ def write_tables(
     progress : callable
         Called with the share done.
     """
-    gathered = _Gathered(len(results))
+    gathered = _GroupCollector(len(results))
     failures: list[dict[str, Any]] = []
-    rows: list[Row] = []
-    with closing(TidyWriter(folder, {**dict.fromkeys(TIDY[:-1], str), TIDY[-1]: float})) as writer:
+    rows: list[TidyRow] = []
+    with closing(TidyWriter(folder, {**dict.fromkeys(TIDY_COLUMNS[:-1], str), TIDY_COLUMNS[-1]: float})) as writer:
         for i, (subject, place) in enumerate(sorted(results.items())):
             record = read_record(out / "records" / f"{subject}.json")
             outcome = None if outcomes is None else outcomes.get(subject)
@@ -223,13 +228,13 @@ def write_tables(
                 {"subject": subject, "hemi": hemi or None, "reason": why, "log": f"logs/{subject}.log"}
                 for hemi, why in sorted(missing.items())
             ]
-            if i % BATCH == BATCH - 1:
+            if i % SUBJECTS_PER_BATCH == SUBJECTS_PER_BATCH - 1:
                 writer.write(rows)
                 rows.clear()
                 progress(i / len(results))
         writer.write(rows)
-    write_table(folder / "failures.tsv", FAILURES, failures)
-    write_table(folder / "hemispheres.tsv", HEMISPHERES, gathered.hemispheres)
+    write_table(folder / "failures.tsv", FAILURE_COLUMNS, failures)
+    write_table(folder / "hemispheres.tsv", HEMISPHERE_COLUMNS, gathered.hemispheres)
     return gathered.group(tuple(sorted(results)), failures, results)
 
 
@@ -240,18 +245,20 @@ def what_became(record: Mapping[str, Any], outcome: Outcome | None, unknown: str
     return dict(record.get("failures", {"": unknown})), bool(record.get("results"))
 
 
-class _Gathered:
+class _GroupCollector:
     """Collects what the page needs, subject by subject."""
 
     def __init__(self, count: int):
         self.scalars = {name: np.full((count, 2), np.nan) for name in SCALARS}
         #: by settings of thickness, for each region and side: number, sums and sums of squares
-        self.regions: dict[How, dict[str, NDArray[np.float64]]] = defaultdict(lambda: defaultdict(_nothing))
-        self.counts: Counter[How] = Counter()  # hemispheres with regions, by the same settings
+        self.regions: dict[MeasuringSettings, dict[str, NDArray[np.float64]]] = defaultdict(
+            lambda: defaultdict(_zero_sums)
+        )
+        self.counts: Counter[MeasuringSettings] = Counter()  # hemispheres with regions, by the same settings
         self.remarks: dict[str, list[str]] = {}
         self.surfaces: dict[str, list[str]] = {}
         self.simulated = 0
-        self.hows: dict[How, int] = {}
+        self.hows: dict[MeasuringSettings, int] = {}
         self.how = np.full((count, 2), -1)
         self.hemispheres: list[dict[str, Any]] = []
 
@@ -261,17 +268,19 @@ class _Gathered:
             side = HEMIS.index(entry["hemi"])
             self.simulated += entry["origin"] == "simulation"
             for name, values in self.scalars.items():
-                values[i, side] = _number(entry["measures"].get(name))
+                values[i, side] = _float_or_nan(entry["measures"].get(name))
             self.how[i, side] = self.hows.setdefault(how, len(self.hows))
-            of[entry["hemi"]] = part_of(how, REGION_THICKNESS)
-            recorded = {key: entry["info"].get(key) for key in RECORDED}
-            self.hemispheres.append({"subject": subject, "hemi": entry["hemi"], **dict(zip(HOW, how)), **recorded})
+            of[entry["hemi"]] = part_of(how, REGION_THICKNESS_SETTINGS)
+            recorded = {key: entry["info"].get(key) for key in FREESURFER_VALUES}
+            self.hemispheres.append(
+                {"subject": subject, "hemi": entry["hemi"], **dict(zip(SETTING_NAMES, how)), **recorded}
+            )
             texts = [f"{entry['hemi']}: {entry['notes'][key]}" for key in WARNINGS if entry["notes"].get(key)]
             if texts:
                 self.remarks.setdefault(subject, []).extend(texts)
         self.counts.update(of[hemi] for hemi in dict.fromkeys(row["hemi"] for row in found.regions))
         for row in found.regions:
-            pair = np.array([_number(row[f"{kind}_thickness_mm"]) for kind in ("cortical", "gyral")])
+            pair = np.array([_float_or_nan(row[f"{kind}_thickness_mm"]) for kind in ("cortical", "gyral")])
             if np.isfinite(pair).all():
                 sums = self.regions[of[row["hemi"]]][row["region"]]
                 sums[HEMIS.index(row["hemi"])] += np.column_stack([np.ones(2), pair, pair**2])
@@ -292,9 +301,9 @@ class _Gathered:
         )
 
 
-def _nothing() -> NDArray[np.float64]:
+def _zero_sums() -> NDArray[np.float64]:
     return np.zeros((2, 2, 3))
 
 
-def _number(value: Any) -> float:
+def _float_or_nan(value: Any) -> float:
     return np.nan if value is None else float(value)

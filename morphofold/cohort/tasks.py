@@ -28,10 +28,10 @@ from morphofold.timing import peak_memory
 from morphofold.words import in_one_line
 
 LONGEST_WAIT_FOR_LOCK = 3600.0  # [s] to wait for another worker on the same task
-PAUSE = 2.0  # [s] between two checks
+PAUSE_BETWEEN_CHECKS = 2.0  # [s] between two checks
 
 #: errors that reading and measuring raise for an invalid input
-REFUSALS = (ValueError, TypeError, FileNotFoundError, NotADirectoryError, IsADirectoryError)
+INPUT_ERRORS = (ValueError, TypeError, FileNotFoundError, NotADirectoryError, IsADirectoryError)
 
 
 @dataclass(frozen=True)
@@ -136,12 +136,12 @@ def perform(
         Number of parts; the task has failed if all of them have.
     """
     try:
-        return _perform(place, key, files, work, parts)
+        return _perform_locked(place, key, files, work, parts)
     except Exception as error:  # no log or record can be written
-        return Outcome(place.name, "failed", {"": _told(error)})
+        return Outcome(place.name, "failed", {"": _error_line(error)})
 
 
-def _perform(
+def _perform_locked(
     place: TaskFolder,
     key: Callable[[], str],
     files: Callable[[], Mapping[str, Path]],
@@ -149,11 +149,11 @@ def _perform(
     parts: int,
 ) -> Outcome:
     began = time.perf_counter()
-    with _logged(place) as log, ExitStack() as held:
+    with _log_of_task(place) as log, ExitStack() as held:
         changed: list[str] = []
         written: dict[str, str] = {}
         try:
-            _hold_when_free(place, log, held)
+            _lock_when_free(place, log, held)
             now = key()
             known = read_record(place.record)
             if known.get("key") == now:
@@ -171,14 +171,14 @@ def _perform(
                 written = {name: sha256_of(path) for name, path in files().items()}
         except Exception as error:  # error of this machine, or a defect: no result
             log(traceback.format_exc())
-            now, results, failures = "", False, {"": _told(error)}
+            now, results, failures = "", False, {"": _error_line(error)}
         write_record(place.record, now, failures, results=results, files=written)
         seconds, memory, state = time.perf_counter() - began, peak_memory() or 0.0, "done" if results else "failed"
         log(f"{state} in {seconds:.1f} s, {memory:.2f} GiB")
         return Outcome(place.name, state, failures, seconds, memory, log.attempt, bool(changed))
 
 
-def _hold_when_free(place: TaskFolder, say: Say, held: ExitStack) -> None:
+def _lock_when_free(place: TaskFolder, say: Say, held: ExitStack) -> None:
     """Lock a task, once no other worker is working on it.
 
     Raises
@@ -199,21 +199,21 @@ def _hold_when_free(place: TaskFolder, say: Say, held: ExitStack) -> None:
             if not warned:
                 say(f"waiting: {error}")
             warned = True
-            time.sleep(PAUSE)
+            time.sleep(PAUSE_BETWEEN_CHECKS)
 
 
-def _told(error: Exception) -> str:
+def _error_line(error: Exception) -> str:
     """An error in one line; an error that is not due to an input has its class name."""
     words = in_one_line(error)
     if isinstance(error, OSError) and error.errno is not None:  # the message of the system
         return f"{error.strerror}." if error.filename is None else f"{error.filename}: {error.strerror}."
-    if isinstance(error, (*REFUSALS, OSError, MemoryError)):
+    if isinstance(error, (*INPUT_ERRORS, OSError, MemoryError)):
         return words or type(error).__name__
     return f"{type(error).__name__}: {words} (a defect; its log shows where)"
 
 
 @contextmanager
-def _logged(place: TaskFolder) -> Iterator[Say]:
+def _log_of_task(place: TaskFolder) -> Iterator[Say]:
     """The log of a task; warnings are written to it."""
     say = Say(place)
     with warnings.catch_warnings():
@@ -230,7 +230,7 @@ def digest(content: Mapping[str, Any]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-class _Known(Record):
+class _TaskRecord(Record):
     """A task's record."""
 
     key: str
@@ -243,7 +243,7 @@ def read_record(path: Path) -> dict[str, Any]:
     """Read a task's record: ``key``, ``failures``, whether it has ``results``, digests of their ``files``; empty if it
     is missing or damaged."""
     try:
-        found = read_json(path, _Known, "")
+        found = read_json(path, _TaskRecord, "")
     except (OSError, ValueError):
         return {}
     complete = (

@@ -11,10 +11,10 @@ from morphofold.surface import Surface
 
 def distance(one: Surface, other: Surface) -> float:
     """Mean distance [mm] of the vertices of one surface to the nearest point of the other; mean of both directions."""
-    return 0.5 * (_one_way(one, other) + _one_way(other, one))
+    return 0.5 * (_mean_one_way_distance(one, other) + _mean_one_way_distance(other, one))
 
 
-def _one_way(points: Surface, surface: Surface) -> float:
+def _mean_one_way_distance(points: Surface, surface: Surface) -> float:
     import pyvista as pv
 
     mesh: Any = pv.PolyData.from_regular_faces(surface.verts, surface.faces)  # type: ignore[arg-type]

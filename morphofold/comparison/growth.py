@@ -15,29 +15,29 @@ from morphofold.comparison.thickness import thickness_ratios
 from morphofold.errors import DoesNotApply, MissingPart, NamedTwice
 
 
-def _k(m: Measures) -> float | None:
+def _folding_law_constant(m: Measures) -> float | None:
     terms = shape_terms_of(m)
     return None if terms is None else terms.k
 
 
-def _hinges(m: Measures) -> float | None:
+def _hinge_density(m: Measures) -> float | None:
     shapes = hinge_shapes(m)
     return None if shapes is None else shapes.per_area
 
 
-def _wavelength(m: Measures) -> float | None:
+def _wavelength_over_thickness(m: Measures) -> float | None:
     wavelength, thickness = m.scalars.get("wavelength_mm"), m.scalars.get("mean_cortical_thickness_mm")
     return None if wavelength is None or not thickness else wavelength / thickness
 
 
 #: numbers without unit, so that bodies of any size can be compared
-NUMBERS: dict[str, Callable[[Measures], float | None]] = {
+DIMENSIONLESS_NUMBERS: dict[str, Callable[[Measures], float | None]] = {
     "gyrification index": lambda m: m.scalars.get("gyrification_index"),
-    "k of the law of folding": _k,
-    "hinges per gyral width²": _hinges,
+    "k of the law of folding": _folding_law_constant,
+    "hinges per gyral width²": _hinge_density,
     "gyral over cortical thickness": lambda m: thickness_ratios(m)[0],
     "gyral over cortical, at crests": lambda m: thickness_ratios(m)[1],
-    "wavelength over cortical thickness": _wavelength,
+    "wavelength over cortical thickness": _wavelength_over_thickness,
 }
 
 
@@ -51,7 +51,7 @@ class GrowthCurve:
     growth : (G,) float64
         Growth stretches, ascending.
     numbers : mapping of str to (G,) float64
-        The numbers in :data:`NUMBERS`; NaN if a stage doesn't have one (it isn't folded yet).
+        The numbers in :data:`DIMENSIONLESS_NUMBERS`; NaN if a stage doesn't have one (it isn't folded yet).
     folding : (G,) tuple of ShapeTerms or None
         Terms of the law of folding at each stage.
     """
@@ -80,7 +80,7 @@ def growth_curve(name: str, stages: Sequence[Measures]) -> GrowthCurve:
         raise NamedTwice(f"{name}: two stages are at g = {growth[:-1][np.diff(growth) == 0][0]:g}. Leave one out.")
     numbers = {
         key: np.array([np.nan if (value := of(m)) is None else value for m in stages], dtype=np.float64)
-        for key, of in NUMBERS.items()
+        for key, of in DIMENSIONLESS_NUMBERS.items()
     }
     return GrowthCurve(name, growth, numbers, tuple(shape_terms_of(m) for m in stages))
 
@@ -93,10 +93,13 @@ def matching_growth(curve: GrowthCurve, measures: Measures) -> dict[str, list[fl
     dict of str to list of float
         Ascending; empty where the curve never has that number, or the cortex has none.
     """
-    return {key: _crossings(curve.growth, curve.numbers[key], of(measures)) for key, of in NUMBERS.items()}
+    return {
+        key: _growths_at_value(curve.growth, curve.numbers[key], of(measures))
+        for key, of in DIMENSIONLESS_NUMBERS.items()
+    }
 
 
-def _crossings(growth: Array, values: Array, wanted: float | None) -> list[float]:
+def _growths_at_value(growth: Array, values: Array, wanted: float | None) -> list[float]:
     if wanted is None:
         return []
     known = np.isfinite(values)

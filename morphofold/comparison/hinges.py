@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 
 from morphofold.analysis.graph.hinge_shapes import (
-    OF_A_NET,
+    PLANAR_NET_FEATURES,
     HingeShapes,
     TwoSample,
     random_net,
@@ -19,10 +19,14 @@ from morphofold.analysis.graph.hinge_shapes import (
 )
 from morphofold.arrays import Array
 
-SHORTEST = 0.5  # shortest arm of a random net, in gyral widths: a gyral graph merges hinges that are nearer
-DENSEST = 0.7  # hinges per square of the gyral width: with more, not all arms can be as long as SHORTEST
-NET_HINGES = 2000
-CHANCE = "net at chance"
+SHORTEST_ARM_IN_WIDTHS = (
+    0.5  # shortest arm of a random net, in gyral widths: a gyral graph merges hinges that are nearer
+)
+MOST_HINGES_PER_AREA = (
+    0.7  # hinges per square of the gyral width: with more, not all arms can be as long as SHORTEST_ARM_IN_WIDTHS
+)
+RANDOM_NET_HINGES = 2000
+RANDOM_NET_NAME = "net at chance"
 PERMUTATIONS = 999
 
 
@@ -104,12 +108,12 @@ def compare_hinges(
     members = {group: [name for name in names if name in shapes] for group, names in groups.items()}
     held = {group: names for group, names in members.items() if sum(len(shapes[name]) for name in names) > 1}
     return [
-        _compare(one, other, {n: shapes[n] for n in held[one]}, {n: shapes[n] for n in held[other]}, seed)
+        _compare_groups(one, other, {n: shapes[n] for n in held[one]}, {n: shapes[n] for n in held[other]}, seed)
         for one, other in combinations(held, 2)
     ]
 
 
-def _compare(
+def _compare_groups(
     one: str, other: str, mine: Mapping[str, HingeShapes], theirs: Mapping[str, HingeShapes], seed: int
 ) -> HingeComparison:
     a, b = together(list(mine.values())), together(list(theirs.values()))
@@ -120,13 +124,13 @@ def _compare(
         other,
         (len(mine), len(theirs)),
         two_sample(across, len(a), permutations=PERMUTATIONS, seed=seed),
-        _numbers(mine, theirs),
-        _controls(one, other, a, b, theirs, seed),
-        _matches(a, b, mine, theirs),
+        _compare_numbers(mine, theirs),
+        _control_distances(one, other, a, b, theirs, seed),
+        _nearest_matches(a, b, mine, theirs),
     )
 
 
-def _numbers(mine: Mapping[str, HingeShapes], theirs: Mapping[str, HingeShapes]) -> tuple[NumberRow, ...]:
+def _compare_numbers(mine: Mapping[str, HingeShapes], theirs: Mapping[str, HingeShapes]) -> tuple[NumberRow, ...]:
     from scipy import stats
 
     rows = []
@@ -139,15 +143,15 @@ def _numbers(mine: Mapping[str, HingeShapes], theirs: Mapping[str, HingeShapes])
     return tuple(rows)
 
 
-def _controls(
+def _control_distances(
     one: str, other: str, a: Array, b: Array, theirs: Mapping[str, HingeShapes], seed: int
 ) -> tuple[Control, ...]:
-    within, _ = shape_distance(b, b, of=OF_A_NET)
+    within, _ = shape_distance(b, b, of=PLANAR_NET_FEATURES)
     np.fill_diagonal(within, np.inf)
-    nearest = {one: shape_distance(a, b, of=OF_A_NET)[0].min(axis=1), f"{other} itself": within.min(axis=1)}
+    nearest = {one: shape_distance(a, b, of=PLANAR_NET_FEATURES)[0].min(axis=1), f"{other} itself": within.min(axis=1)}
     net = net_at_chance([s for s in theirs.values() if len(s)], seed=seed)
     if net is not None:
-        nearest[CHANCE] = shape_distance(net, b, of=OF_A_NET)[0].min(axis=1)
+        nearest[RANDOM_NET_NAME] = shape_distance(net, b, of=PLANAR_NET_FEATURES)[0].min(axis=1)
     first = nearest[one]
     return tuple(
         Control(name, float(np.median(d)), len(d), 1.0 if d is first else median_difference(first, d, seed=seed))
@@ -158,9 +162,9 @@ def _controls(
 def net_at_chance(shapes: Sequence[HingeShapes], *, seed: int = 0) -> Array | None:
     """Hinges of :func:`morphofold.analysis.random_net` as dense as those of some surfaces; None if impossible."""
     per_area = float(np.mean([s.per_area for s in shapes]))
-    if not 0 < per_area < DENSEST:
+    if not 0 < per_area < MOST_HINGES_PER_AREA:
         return None
-    return random_net(NET_HINGES, shortest=SHORTEST, per_area=per_area, seed=seed)
+    return random_net(RANDOM_NET_HINGES, shortest=SHORTEST_ARM_IN_WIDTHS, per_area=per_area, seed=seed)
 
 
 def median_difference(x: Array, y: Array, *, permutations: int = PERMUTATIONS, seed: int = 0) -> float:
@@ -176,7 +180,7 @@ def median_difference(x: Array, y: Array, *, permutations: int = PERMUTATIONS, s
     return (1 + as_much) / (1 + permutations)
 
 
-def _matches(
+def _nearest_matches(
     a: Array, b: Array, mine: Mapping[str, HingeShapes], theirs: Mapping[str, HingeShapes]
 ) -> tuple[Match, ...]:
     distance, pose = shape_distance(a, b)

@@ -8,13 +8,17 @@ from typing import Any
 
 from morphofold.analysis.measures import Measures
 from morphofold.errors import NamedTwice, NothingToDo, NotReadable, UnknownName
-from morphofold.quantities import CATEGORICAL
+from morphofold.quantities import CATEGORICAL_COLOURS
 from morphofold.surface import check_kind
 
-Names = Mapping[str, tuple[str, ...]]  # names of single hemispheres, by the name of both hemispheres or of their group
+HemisphereNames = Mapping[
+    str, tuple[str, ...]
+]  # names of single hemispheres, by the name of both hemispheres or of their group
 
 
-def named_surfaces(surfaces: Mapping[str, Measures | Sequence[Measures]]) -> tuple[dict[str, Measures], Names]:
+def named_surfaces(
+    surfaces: Mapping[str, Measures | Sequence[Measures]],
+) -> tuple[dict[str, Measures], HemisphereNames]:
     """Single hemispheres by name, and these names by the names that were given.
 
     Raises
@@ -41,7 +45,7 @@ def named_surfaces(surfaces: Mapping[str, Measures | Sequence[Measures]]) -> tup
     return named, full
 
 
-def grouped_names(full: Names, groups: Mapping[str, Sequence[str]] | None) -> dict[str, tuple[str, ...]]:
+def grouped_names(full: HemisphereNames, groups: Mapping[str, Sequence[str]] | None) -> dict[str, tuple[str, ...]]:
     """Names of the surfaces of each group; raises ``ValueError`` for a name that is not there, or in two groups."""
     if groups is None:
         return dict(full)
@@ -54,7 +58,7 @@ def grouped_names(full: Names, groups: Mapping[str, Sequence[str]] | None) -> di
     return {group: tuple(n for name in names for n in full[name]) for group, names in groups.items()}
 
 
-def colours_of(full: Names, groups: Names, asked: Mapping[str, str]) -> dict[str, str]:
+def colours_of(full: HemisphereNames, groups: HemisphereNames, asked: Mapping[str, str]) -> dict[str, str]:
     """A colour for each surface: the one given to it or to its group, or the next of ours.
 
     Raises
@@ -65,7 +69,7 @@ def colours_of(full: Names, groups: Names, asked: Mapping[str, str]) -> dict[str
     each = {name: (name,) for names in full.values() for name in names}
     grouped = {name for names in groups.values() for name in names}
     families = [*groups.values(), *(names for names in full.values() if not grouped & set(names))]
-    colours = {n: CATEGORICAL[k % len(CATEGORICAL)] for k, names in enumerate(families) for n in names}
+    colours = {n: CATEGORICAL_COLOURS[k % len(CATEGORICAL_COLOURS)] for k, names in enumerate(families) for n in names}
     for name, colour in asked.items():
         if name not in {*groups, *full, *each}:
             raise UnknownName(f"a colour is given to {name!r}, which is not among {', '.join({**groups, **full})}.")

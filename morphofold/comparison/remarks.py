@@ -10,21 +10,24 @@ from morphofold.comparison.thickness import Cloud
 from morphofold.words import listed, number
 
 
-def _mm(length: Any) -> str:
+def _text_in_mm(length: Any) -> str:
     return f"{number(float(length), 2)} mm"
 
 
 #: parameters that make numbers differ: text of a value, and the sentence with all values and their surfaces
-CAUTIONS: Mapping[str, tuple[Callable[[Any], str], str]] = {
+PARAMETER_CAUTIONS: Mapping[str, tuple[Callable[[Any], str], str]] = {
     "curvature_scale_mm": (
-        _mm,
+        _text_in_mm,
         "Curvature was taken within {}; compare H, folding indices and the sharpness of hinges with care.",
     ),
     "cortical_thickness_cap_mm": (
         lambda mm: f"at {mm:g} mm" if mm else "nowhere",
         "Cortical thickness was capped {}; compare thick cortex with care.",
     ),
-    "graph_width_mm": (_mm, "Gyral graphs have a gyral width of {}; compare their hinges per square of that width."),
+    "graph_width_mm": (
+        _text_in_mm,
+        "Gyral graphs have a gyral width of {}; compare their hinges per square of that width.",
+    ),
     "accuracy": (str, "Accuracy was {}; hinges and local gyrification of coarse meshes depend on it."),
     "cortex_mask": (
         lambda mask: f"by '{mask}'",
@@ -36,7 +39,7 @@ CAUTIONS: Mapping[str, tuple[Callable[[Any], str], str]] = {
 def cautions(named: Mapping[str, Measures]) -> list[str]:
     """A sentence for each scale or option that differs between surfaces and makes their numbers differ."""
     sentences = []
-    for key, (words, sentence) in CAUTIONS.items():
+    for key, (words, sentence) in PARAMETER_CAUTIONS.items():
         found: dict[str, list[str]] = {}
         for name, m in named.items():
             if key in m.parameters:

@@ -23,11 +23,11 @@ from morphofold.comparison.remarks import cautions, notes, plot_notes
 from morphofold.comparison.thickness import Cloud, TheoryLine, thickness_clouds, thickness_ratios, wrinkling_wavelength
 from morphofold.errors import OutOfRange
 from morphofold.progress import Progress, silent
-from morphofold.quantities import CREST_RATIO, RATIO
+from morphofold.quantities import CREST_THICKNESS_RATIO, THICKNESS_RATIO
 from morphofold.surface import check_kind
 from morphofold.tables import write_table
 
-RATIOS = (RATIO, CREST_RATIO)  # in the order of thickness_ratios
+THICKNESS_RATIOS = (THICKNESS_RATIO, CREST_THICKNESS_RATIO)  # in the order of thickness_ratios
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +76,7 @@ class Comparison:
         """A curve as plain values, with the growths at which its numbers equal those of each surface."""
         return {
             "growth": curve.growth.tolist(),
-            "numbers": {key: [_plain(x) for x in values.tolist()] for key, values in curve.numbers.items()},
+            "numbers": {key: [_json_value(x) for x in values.tolist()] for key, values in curve.numbers.items()},
             "as": {name: matching_growth(curve, m) for name, m in zip(self.names, self.measures)},
         }
 
@@ -177,11 +177,11 @@ def theory_lines(named: Mapping[str, Measures], mu_ratio: float | None = None) -
 def numbers(measures: Sequence[Measures]) -> dict[str, list[Any]]:
     """Every scalar, and both ratios of gyral to cortical thickness: the value of each surface, or None."""
     extra = sorted({key for m in measures for key in m.scalars} - set(SCALARS))
-    own = [{**m.scalars, **dict(zip(RATIOS, thickness_ratios(m)))} for m in measures]
-    return {key: [_plain(values.get(key)) for values in own] for key in (*SCALARS, *extra, *RATIOS)}
+    own = [{**m.scalars, **dict(zip(THICKNESS_RATIOS, thickness_ratios(m)))} for m in measures]
+    return {key: [_json_value(values.get(key)) for values in own] for key in (*SCALARS, *extra, *THICKNESS_RATIOS)}
 
 
-def _plain(value: Any) -> Any:
+def _json_value(value: Any) -> Any:
     if value is None or isinstance(value, str | bool):
         return value
     number = float(value)

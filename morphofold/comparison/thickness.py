@@ -13,7 +13,10 @@ from morphofold.analysis.thickness.robust_slope import line
 from morphofold.arrays import Array
 from morphofold.quantities import find
 
-WHOLE = ("median_gyral_thickness_mm", "mean_cortical_thickness_mm")  # of a whole surface: gyral, cortical
+WHOLE_SURFACE_THICKNESSES = (
+    "median_gyral_thickness_mm",
+    "mean_cortical_thickness_mm",
+)  # of a whole surface: gyral, cortical
 
 
 @dataclass(frozen=True)
@@ -110,15 +113,15 @@ def thickness_cloud(measures: Measures, by: Sequence[str] = ("region", "crest"))
     for kind in by:
         points = tuple(
             ThicknessPoint(float(thick), float(wide), str(row.get(kind, kind)))
-            for wide, thick, row in _both(rows_of[kind])
+            for wide, thick, row in _rows_with_both_thicknesses(rows_of[kind])
             if kind == "region" or thick >= thinnest
         )
         if points:
-            return Cloud(kind, points, () if kind == "region" else _bins(measures), fit_line(points))
-    gyral, cortical = (measures.scalars.get(key) for key in WHOLE)
-    if not (_known(gyral) and _known(cortical)):
+            return Cloud(kind, points, () if kind == "region" else _vertex_bins(measures), fit_line(points))
+    gyral, cortical = (measures.scalars.get(key) for key in WHOLE_SURFACE_THICKNESSES)
+    if not (_is_finite_number(gyral) and _is_finite_number(cortical)):
         return Cloud("whole", ())
-    return Cloud("whole", (ThicknessPoint(float(cortical), float(gyral), "whole surface"),), _bins(measures))
+    return Cloud("whole", (ThicknessPoint(float(cortical), float(gyral), "whole surface"),), _vertex_bins(measures))
 
 
 def thickness_ratios(measures: Measures) -> tuple[float | None, float | None]:
@@ -127,24 +130,24 @@ def thickness_ratios(measures: Measures) -> tuple[float | None, float | None]:
     The two differ if the cortex of crowns is thicker or thinner than that of walls and fundi. None if one of the two
     thicknesses is not known.
     """
-    gyral, cortical = (measures.scalars.get(key) for key in WHOLE)
-    ratios = [wide / thick for wide, thick, _ in _both(measures.crests) if thick > 0]
+    gyral, cortical = (measures.scalars.get(key) for key in WHOLE_SURFACE_THICKNESSES)
+    ratios = [wide / thick for wide, thick, _ in _rows_with_both_thicknesses(measures.crests) if thick > 0]
     return gyral / cortical if gyral and cortical else None, float(np.median(ratios)) if ratios else None
 
 
-def _both(rows: Sequence[Mapping[str, Any]]) -> Iterator[tuple[float, float, Mapping[str, Any]]]:
+def _rows_with_both_thicknesses(rows: Sequence[Mapping[str, Any]]) -> Iterator[tuple[float, float, Mapping[str, Any]]]:
     """Gyral and cortical thickness of each row that has both, and the row."""
     for row in rows:
         wide, thick = row.get("gyral_thickness_mm"), row.get("cortical_thickness_mm")
-        if _known(wide) and _known(thick):
+        if _is_finite_number(wide) and _is_finite_number(thick):
             yield wide, thick, row
 
 
-def _known(value: Any) -> TypeGuard[float]:
+def _is_finite_number(value: Any) -> TypeGuard[float]:
     return isinstance(value, int | float | np.number) and not isinstance(value, bool) and bool(np.isfinite(value))
 
 
-def _bins(measures: Measures, at_most: int = 8, least: int = 50) -> tuple[ThicknessPoint, ...]:
+def _vertex_bins(measures: Measures, at_most: int = 8, least: int = 50) -> tuple[ThicknessPoint, ...]:
     """Vertices that have both thicknesses, in bins of equal count by cortical thickness."""
     cortical, gyral = find(measures.maps, "cortical_thickness"), find(measures.maps, "gyral_thickness")
     if cortical is None or gyral is None:

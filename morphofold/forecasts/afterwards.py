@@ -13,11 +13,11 @@ from morphofold.words import percent
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
 
-REST = "rest"
-Shares = Mapping[str, tuple[float, float]]  # name -> seconds, and share of all
+REST_OF_RUN = "rest"
+SecondsAndShares = Mapping[str, tuple[float, float]]  # name -> seconds, and share of all
 
 #: phases of the solver's clock that belong to no effect, and what they do
-PHASES = {
+SOLVER_PHASES = {
     "elements": "forces of the elements",
     "advance": "nodal sums, velocities and positions",
     "balance": "how far the body is from equilibrium, every twelve steps",
@@ -25,7 +25,7 @@ PHASES = {
     "grow": "growth of the elements",
     "filter": "forces of the surface filter",
     "radial": "equilibria in one dimension",
-    REST: "building the body; checks, maps and files of the stages; log and checkpoints",
+    REST_OF_RUN: "building the body; checks, maps and files of the stages; log and checkpoints",
 }
 
 
@@ -56,8 +56,8 @@ class Cost:
     """
 
     seconds: float
-    phases: Shares
-    effects: Shares
+    phases: SecondsAndShares
+    effects: SecondsAndShares
     within: Mapping[str, str]
     steps: int | None
     elements: int | None
@@ -74,7 +74,7 @@ def cost_of(health: Mapping[str, Any], scene: Scene) -> Cost:
     """Cost of a run from its ``health.json`` and scene. Fields that an earlier version did not write are None."""
     seconds, by_phase = float(health["seconds"]), dict(health.get("seconds_by_phase", {}))
     if by_phase:
-        by_phase[REST] = max(0.0, seconds - sum(by_phase.values()))
+        by_phase[REST_OF_RUN] = max(0.0, seconds - sum(by_phase.values()))
     shared = shares(dict(sorted(by_phase.items(), key=lambda item: -item[1])), seconds)
     called = health.get("effects", list(scene.called_effects))
     edge = health.get("surface_edge_mm")
@@ -85,7 +85,11 @@ def cost_of(health: Mapping[str, Any], scene: Scene) -> Cost:
         seconds,
         {name: cost for name, cost in shared.items() if name not in called},
         {name: cost for name, cost in shared.items() if name in called},
-        {name: "within radial" if "radial" in shared else _counted(name) for name in called if name not in shared},
+        {
+            name: "within radial" if "radial" in shared else _where_time_is_counted(name)
+            for name in called
+            if name not in shared
+        },
         health.get("steps"),
         health.get("elements"),
         health.get("threads"),
@@ -98,19 +102,19 @@ def cost_of(health: Mapping[str, Any], scene: Scene) -> Cost:
     )
 
 
-def shares(seconds: Mapping[str, float], whole: float) -> Shares:
+def shares(seconds: Mapping[str, float], whole: float) -> SecondsAndShares:
     """Seconds by name, each with its share of the whole."""
     return {name: (each, each / whole if whole > 0 else 0.0) for name, each in seconds.items()}
 
 
-def largest(parts: Shares, most: int) -> str:
+def largest(parts: SecondsAndShares, most: int) -> str:
     """The largest parts with their shares, in words."""
     return ", ".join(
         f"{name} {percent(share)}" for name, (_, share) in sorted(parts.items(), key=lambda item: -item[1][0])[:most]
     )
 
 
-def _counted(effect: str) -> str:
+def _where_time_is_counted(effect: str) -> str:
     """Where the time of an effect without a phase of its own is counted."""
     from morphofold.sim.scene.effects import effect_names, options_of
 

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from morphofold.errors import NothingToDo
-from morphofold.forecasts.afterwards import Shares, largest, shares
+from morphofold.forecasts.afterwards import SecondsAndShares, largest, shares
 from morphofold.forecasts.table import Measured, measured_errors
 from morphofold.words import percent, span
 
@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from morphofold.analysis import Measures
     from morphofold.timing import Stages
 
-READING, WRITING, PAGE = "reading", "writing", "page"
+READING_STAGE, WRITING_STAGE, PAGE_STAGE = "reading", "writing", "page"
 
 #: stages of an analysis, and what they do
-STAGES = {
-    READING: "surfaces, maps and labels",
+ANALYSIS_STAGES = {
+    READING_STAGE: "surfaces, maps and labels",
     "areas": "areas, depth of sulci, gyrification; checks of the surfaces",
     "cortical thickness": "and the resampled mesh of draft or fine",
     "curvature": "of pial and white surface, folding indices",
@@ -27,8 +27,8 @@ STAGES = {
     "gyral graph": "crests, hinges, their arms, wavelength of the spectrum",
     "local gyrification": "closing of the volume in voxels",
     "regions": "tables of regions, crests, hinges and arms",
-    WRITING: "digests of the input, surfaces, maps, tables",
-    PAGE: "pictures, charts, interactive surfaces; not putting them into one file",
+    WRITING_STAGE: "digests of the input, surfaces, maps, tables",
+    PAGE_STAGE: "pictures, charts, interactive surfaces; not putting them into one file",
 }
 
 
@@ -59,7 +59,7 @@ class AnalysisCost:
     accuracy: str
     threads: int
     seconds: float
-    stages: Shares
+    stages: SecondsAndShares
     memory_GiB: float | None
     errors: Mapping[str, Measured]
     how: str

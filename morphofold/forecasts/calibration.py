@@ -12,11 +12,13 @@ from morphofold.forecasts.steps import Steps, steps_of
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
 
-LARGEST = 330_000  # most bricks (as a scene counts them) of a body that is built and timed; larger bodies are scaled
-SECONDS = 0.8  # time for which steps are taken
-BLOCKS = 3, 60  # of steps, at least and at most
-CREEP = 1e-6  # growth in each block
-UNEVEN = 1.5  # slower over fastest block: beyond it a machine is called busy
+MOST_TIMED_BRICKS = (
+    330_000  # most bricks (as a scene counts them) of a body that is built and timed; larger bodies are scaled
+)
+TIMING_SECONDS = 0.8  # time for which steps are taken
+LEAST_AND_MOST_BLOCKS = 3, 60  # of steps, at least and at most
+GROWTH_PER_BLOCK = 1e-6  # growth in each block
+BUSY_MACHINE_RATIO = 1.5  # slower over fastest block: beyond it a machine is called busy
 
 
 @dataclass(frozen=True)
@@ -101,11 +103,11 @@ def calibrate(scene: Scene, costs: Mapping[str, Any], threads: int | None = None
 
 
 def reduced(scene: Scene) -> Scene:
-    """The scene, or a smaller part of its body, or else a coarser scene, with at most ``LARGEST`` bricks."""
+    """The scene, or a smaller part of its body, or else a coarser scene, with at most ``MOST_TIMED_BRICKS`` bricks."""
     from morphofold.sim.scene.files import load_scene
 
     portions = ("full", "half", "quarter", "octant")
-    while scene.bricks > LARGEST:
+    while scene.bricks > MOST_TIMED_BRICKS:
         portion = getattr(scene.geometry, "portion", None)
         if portion in portions[:-1]:
             change = f"geometry.portion={portions[portions.index(portion) + 1]}"
@@ -123,18 +125,20 @@ def _time_steps(run: Any) -> tuple[dict[str, float], float, float]:
     """
     import numpy as np
 
-    from morphofold.sim.dynamics import REFRESH
+    from morphofold.sim.dynamics import STEPS_PER_MEASUREMENT
     from morphofold.timing import working_seconds
 
     def block() -> dict[str, float]:
         run.seconds.clear()
-        run.grow_to(run.state.growth + CREEP)
-        return {name: seconds / REFRESH for name, seconds in run.seconds.items()}
+        run.grow_to(run.state.growth + GROWTH_PER_BLOCK)
+        return {name: seconds / STEPS_PER_MEASUREMENT for name, seconds in run.seconds.items()}
 
     block()  # loads kernels, fills caches
     started = working_seconds()
     taken: list[dict[str, float]] = []
-    while len(taken) < BLOCKS[0] or (working_seconds() - started < SECONDS and len(taken) < BLOCKS[1]):
+    while len(taken) < LEAST_AND_MOST_BLOCKS[0] or (
+        working_seconds() - started < TIMING_SECONDS and len(taken) < LEAST_AND_MOST_BLOCKS[1]
+    ):
         taken.append(block())
     totals = np.array([sum(phases.values()) for phases in taken])
     middle = float(np.quantile(totals, 1 / 3))

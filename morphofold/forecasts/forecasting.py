@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from morphofold.forecasts.calibration import UNEVEN, Calibration, calibrate, slowness_of_stages
+from morphofold.forecasts.calibration import BUSY_MACHINE_RATIO, Calibration, calibrate, slowness_of_stages
 from morphofold.forecasts.sizes import Sizes, memory_GiB, sizes_by_rule
 from morphofold.forecasts.steps import Steps, steps_of
 from morphofold.forecasts.table import Expected, costs, doubts, expected_errors, larger, not_studied, table, unstudied
@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
     from morphofold.sim.scene import Scene
 
-STAGES = "stages"  # phases of a run that the solver's clock does not have: checks, maps and files of its stages,
-SETTING_UP = "set-up"  # and building its body
-LEAST = 0.1  # least time of the range, over the expected time
+STAGES_PHASE = "stages"  # phases of a run that the solver's clock does not have: checks, maps and files of its stages,
+SETTING_UP_PHASE = "set-up"  # and building its body
+LEAST_TIME_RATIO = 0.1  # least time of the range, over the expected time
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ def forecast_from(scene: Scene, found: Calibration) -> Forecast:
     itself = scene == found.scene
     sizes = found.sizes if itself or found.layers is None else sizes_by_rule(scene, found.layers)
     steps = found.steps if itself else _scaled_steps(scene, sizes, found)
-    phases = _phases(scene, sizes, steps, found)
+    phases = _seconds_by_phase(scene, sizes, steps, found)
     seconds = sum(phases.values())
     spread = costs()["spread"]["time"]
     T, layers = scene.thinnest, scene.elements_through_cortex
@@ -132,7 +132,7 @@ def forecast_from(scene: Scene, found: Calibration) -> Forecast:
     return Forecast(
         scene.name,
         scene.geometry.shape,
-        _setting_words(scene, sizes.edge),
+        _accuracy_words(scene, sizes.edge),
         sizes.edge,
         sizes.edge / T,
         None if scene.geometry.shape == "mesh" else layers,
@@ -143,32 +143,32 @@ def forecast_from(scene: Scene, found: Calibration) -> Forecast:
         most,
         len(scene.stages),
         seconds,
-        seconds * max(LEAST, 1 - math.hypot(spread, less, 1 - found.fastest)),
+        seconds * max(LEAST_TIME_RATIO, 1 - math.hypot(spread, less, 1 - found.fastest)),
         seconds * (1 + math.hypot(spread, more, found.slowest - 1)),
         phases,
         memory,
         found.threads,
         {} if outside else expected_errors(sizes.edge / T),
         outside,
-        _how(scene, found, itself, outside),
-        tuple(_doubts(scene, sizes, found)),
+        _sources_of_forecast(scene, found, itself, outside),
+        tuple(_forecast_doubts(scene, sizes, found)),
     )
 
 
 def _scaled_steps(scene: Scene, sizes: Sizes, found: Calibration) -> Steps:
     """Steps with other edges: the number in which a wave crosses a cell depends on the cell's diagonal."""
-    mine, timed = (_steps_across(s, edge) for s, edge in ((scene, sizes.edge), (found.scene, found.sizes.edge)))
+    mine, timed = (_steps_across_cortex(s, edge) for s, edge in ((scene, sizes.edge), (found.scene, found.sizes.edge)))
     ratio = mine / timed
     return steps_of(scene, found.steps_per_unit * ratio, found.crossing * ratio, costs())
 
 
-def _steps_across(scene: Scene, edge: float) -> float:
+def _steps_across_cortex(scene: Scene, edge: float) -> float:
     """Steps in which a wave crosses the cortex, up to a factor, with surface edges of length ``edge`` [mm]."""
     through = costs()["crossing"]["through"] * scene.elements_through_cortex**2
     return math.sqrt(through + (scene.geometry.cortex_thickness / edge) ** 2)
 
 
-def _phases(scene: Scene, sizes: Sizes, steps: Steps, found: Calibration) -> dict[str, float]:
+def _seconds_by_phase(scene: Scene, sizes: Sizes, steps: Steps, found: Calibration) -> dict[str, float]:
     """Seconds of the run by phase: time of a step times steps, active contact, and work outside of steps."""
     more = sizes.elements / found.sizes.elements
     phases = {name: more * each * steps.expected for name, each in found.phases.items()}
@@ -180,12 +180,12 @@ def _phases(scene: Scene, sizes: Sizes, steps: Steps, found: Calibration) -> dic
     surface = stage["checks"] + stage["folded"] * stage["per_vertex"] * sizes.vertices
     written = stage["write_per_vertex"] * sizes.vertices
     written += stage["write_per_element"] * sizes.elements if scene.output.volume else 0.0
-    phases[STAGES] = len(scene.stages) * found.slowness * (surface + written)
-    phases[SETTING_UP] = found.setting_up * more + found.slowness * stage["starting"]
+    phases[STAGES_PHASE] = len(scene.stages) * found.slowness * (surface + written)
+    phases[SETTING_UP_PHASE] = found.setting_up * more + found.slowness * stage["starting"]
     return phases
 
 
-def _doubts(scene: Scene, sizes: Sizes, found: Calibration) -> list[str]:
+def _forecast_doubts(scene: Scene, sizes: Sizes, found: Calibration) -> list[str]:
     sentences = doubts(scene, sizes.edge / scene.thinnest)
     if scene.real_time:
         sentences.append(
@@ -193,7 +193,7 @@ def _doubts(scene: Scene, sizes: Sizes, found: Calibration) -> list[str]:
         )
     if scene.output.stability:
         sentences.append("Counting the unstable modes of the stages takes further time and memory (output.stability).")
-    if found.slowest > UNEVEN * found.fastest:
+    if found.slowest > BUSY_MACHINE_RATIO * found.fastest:
         sentences.append(
             f"Some steps just took up to {found.slowest / found.fastest:.1f} times as long as others: this machine has "
             "other work to do."
@@ -201,7 +201,7 @@ def _doubts(scene: Scene, sizes: Sizes, found: Calibration) -> list[str]:
     return sentences
 
 
-def _how(scene: Scene, found: Calibration, itself: bool, outside: tuple[str, ...]) -> dict[str, str]:
+def _sources_of_forecast(scene: Scene, found: Calibration, itself: bool, outside: tuple[str, ...]) -> dict[str, str]:
     built = "the body was built and counted"
     if not itself:
         part = getattr(found.scene.geometry, "portion", "")
@@ -218,7 +218,7 @@ def _how(scene: Scene, found: Calibration, itself: bool, outside: tuple[str, ...
     }
 
 
-def _setting_words(scene: Scene, edge: float) -> str:
+def _accuracy_words(scene: Scene, edge: float) -> str:
     """The accuracy of a scene in words: its level, or the levels between which its edge [mm] lies, coarser first."""
     from morphofold.sim.scene import LEVELS
 
@@ -238,7 +238,7 @@ def _setting_words(scene: Scene, edge: float) -> str:
 def _radial_forecast(scene: Scene, threads: int | None) -> Forecast:
     """Forecast of a run in one dimension: its final stage is solved, in milliseconds."""
     from morphofold.progress import silent
-    from morphofold.sim.radial_run import SPHERE_LEVEL, RadialRun
+    from morphofold.sim.radial_run import ICOSPHERE_LEVEL, RadialRun
     from morphofold.threads import using_threads
     from morphofold.timing import working_seconds
 
@@ -250,7 +250,7 @@ def _radial_forecast(scene: Scene, threads: int | None) -> Forecast:
         run.numbers(run.equilibrium(scene.growth.final), scene.growth.final)
         solving = len(scene.stages) * (working_seconds() - started)
         slowness = slowness_of_stages(costs())
-    vertices = 10 * 4**SPHERE_LEVEL + 2
+    vertices = 10 * 4**ICOSPHERE_LEVEL + 2
     stage = costs()["stage"]
     writing = slowness * len(scene.stages) * (stage["per_vertex"] + stage["write_per_vertex"]) * vertices
     seconds = solving + writing
@@ -270,7 +270,7 @@ def _radial_forecast(scene: Scene, threads: int | None) -> Forecast:
         seconds,
         0.5 * seconds,
         2 * seconds,
-        {"radial": solving, STAGES: writing, SETTING_UP: 0.0},
+        {"radial": solving, STAGES_PHASE: writing, SETTING_UP_PHASE: 0.0},
         memory_GiB(Sizes(0, 0, vertices, 0.0), bricks=True, single=False, volume=False),
         threads,
         {},

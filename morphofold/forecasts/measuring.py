@@ -8,8 +8,8 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from morphofold.errors import NothingToDo
-from morphofold.forecasts.analysis_cost import PAGE, READING, WRITING
-from morphofold.forecasts.calibration import UNEVEN
+from morphofold.forecasts.analysis_cost import PAGE_STAGE, READING_STAGE, WRITING_STAGE
+from morphofold.forecasts.calibration import BUSY_MACHINE_RATIO
 from morphofold.forecasts.sizes import GiB
 from morphofold.forecasts.table import Measured, costs, measured_errors
 
@@ -17,14 +17,16 @@ if TYPE_CHECKING:
     from morphofold.analysis.resampling import Preset
     from morphofold.surface import Cortex
 
-REPEATS = 3  # of the measuring that is timed, after one to load kernels
-ON_RESAMPLED = (
+TIMED_REPEATS = 3  # of the measuring that is timed, after one to load kernels
+STAGES_ON_RESAMPLED = (
     "cortical thickness",
     "gyral thickness",
     "gyral graph",
 )  # stages that draft and fine do on a resampled mesh
-VOXELS = "local gyrification"  # and the stage whose voxels they change
-WIDER = 1.1  # time of curvature as a power of its scale: 0.7 to 1.3 on fsaverage5 and a person, 2 to 20 mm
+VOXEL_STAGE = "local gyrification"  # and the stage whose voxels they change
+CURVATURE_TIME_POWER = (
+    1.1  # time of curvature as a power of its scale: 0.7 to 1.3 on fsaverage5 and a person, 2 to 20 mm
+)
 
 
 @dataclass(frozen=True)
@@ -123,20 +125,20 @@ def forecast_analysis(
         raise NothingToDo("there is no cortex to forecast. Pass at least one.")
     chosen = accuracy_of(accuracy)
     cortices = [measurable(cortex, repair=repair).cortex for cortex in cortices]
-    wider = [_wider(cortex, curvature_scale) for cortex in cortices]
-    timed, uneven, threads = _timed(threads)
-    sizes = [(cortex.n_vertices, _copied(cortex, chosen)) for cortex in cortices]
-    each = [_measuring(n, on, chosen, timed, times) for (n, on), times in zip(sizes, wider)]
-    taken = {READING: reading} | {name: sum(one[name] for one in each) for name in each[0]}
+    wider = [_curvature_time_ratio(cortex, curvature_scale) for cortex in cortices]
+    timed, uneven, threads = _time_small_ball(threads)
+    sizes = [(cortex.n_vertices, _resampled_vertices(cortex, chosen)) for cortex in cortices]
+    each = [_seconds_of_measuring(n, on, chosen, timed, times) for (n, on), times in zip(sizes, wider)]
+    taken = {READING_STAGE: reading} | {name: sum(one[name] for one in each) for name in each[0]}
     for name, beside in costs()["analysis"]["starting"].items():
-        taken[name] += _slowness(timed) * beside
-    taken |= _writing([n for n, _ in sizes], report, timed)
+        taken[name] += _machine_slowness(timed) * beside
+    taken |= _seconds_of_writing([n for n, _ in sizes], report, timed)
     seconds, spread = sum(taken.values()), math.hypot(costs()["analysis"]["spread"], uneven - 1)
     expected = measured_errors(cortices, accuracy)
     doubts = list(expected.doubts)
     if report and stages:
         doubts.append(f"The page also reads and draws stages of the simulation ({stages}), which takes further time.")
-    if uneven > UNEVEN:
+    if uneven > BUSY_MACHINE_RATIO:
         doubts.append(f"A repeat just took {uneven:.1f} times as long as another: this machine has other work to do.")
     return AnalysisForecast(
         cortices[0].name,
@@ -146,7 +148,7 @@ def forecast_analysis(
         seconds / (1 + spread),
         seconds * (1 + spread),
         taken,
-        _memory_GiB(sizes, chosen, report),
+        _peak_memory_GiB(sizes, chosen, report),
         threads,
         expected.errors,
         {
@@ -159,7 +161,7 @@ def forecast_analysis(
     )
 
 
-def _timed(threads: int | None) -> tuple[dict[str, float], float, int]:
+def _time_small_ball(threads: int | None) -> tuple[dict[str, float], float, int]:
     """Seconds by stage of measuring a small folded ball as a draft, slowest over fastest repeat, and the threads."""
     from morphofold.analysis.measuring import measure
     from morphofold.shapes.folded_ball import folded_ball
@@ -168,7 +170,7 @@ def _timed(threads: int | None) -> tuple[dict[str, float], float, int]:
 
     ball, taken = folded_ball(costs()["analysis"]["ball"]), []
     with using_threads(threads) as threads:
-        for _ in range(1 + REPEATS):
+        for _ in range(1 + TIMED_REPEATS):
             clock = Stages()
             measure(ball, accuracy="draft", progress=clock.at)
             taken.append(clock.seconds)
@@ -177,7 +179,7 @@ def _timed(threads: int | None) -> tuple[dict[str, float], float, int]:
     return {name: min(one[name] for one in taken) for name in taken[0]}, max(totals) / min(totals), threads
 
 
-def _copied(cortex: Cortex, chosen: Preset) -> int:
+def _resampled_vertices(cortex: Cortex, chosen: Preset) -> int:
     """Vertices of the mesh on which thicknesses and gyral graph are measured, see ``resampling.resampled``."""
     import numpy as np
 
@@ -189,42 +191,44 @@ def _copied(cortex: Cortex, chosen: Preset) -> int:
     return n + len(geometry.edges(cortex.faces)) if used < chosen.least else n
 
 
-def _wider(cortex: Cortex, wanted: float | None) -> float:
+def _curvature_time_ratio(cortex: Cortex, wanted: float | None) -> float:
     """Time of curvature at the wanted scale over that at the usual one; raises if the scale does not fit."""
     from morphofold.analysis.measuring import scale_of_curvature
 
     scale, usual = (scale_of_curvature(cortex, one)[0] for one in (wanted, None))
-    return (scale / usual) ** WIDER
+    return (scale / usual) ** CURVATURE_TIME_POWER
 
 
-def _measuring(n: int, on: int, chosen: Preset, timed: Mapping[str, float], wider: float = 1.0) -> dict[str, float]:
+def _seconds_of_measuring(
+    n: int, on: int, chosen: Preset, timed: Mapping[str, float], wider: float = 1.0
+) -> dict[str, float]:
     """Seconds by stage of measuring a hemisphere of ``n`` vertices, some stages on a resampled mesh of ``on``;
     ``wider`` is the factor of the time of curvature that follows from its scale."""
     laws = costs()["analysis"]
     found = {}
     for name, seconds in timed.items():
-        if name == VOXELS:
+        if name == VOXEL_STAGE:
             found[name] = seconds * (laws["per_voxel"] * chosen.voxels**3 + laws["per_vertex"] * n)
         else:
             law = laws["stages"][name]
-            size = on if name in ON_RESAMPLED else n
+            size = on if name in STAGES_ON_RESAMPLED else n
             found[name] = seconds * law["times"] * (size / laws["ball"]) ** law["power"]
     found["curvature"] *= wider
     if on < n:
-        found["cortical thickness"] += _slowness(timed) * laws["thin_per_vertex"] * n
+        found["cortical thickness"] += _machine_slowness(timed) * laws["thin_per_vertex"] * n
     return found
 
 
-def _writing(sizes: Sequence[int], report: bool, timed: Mapping[str, float]) -> dict[str, float]:
-    laws, slowness = costs()["analysis"], _slowness(timed)
-    found = {WRITING: slowness * (laws["write"] + laws["write_per_vertex"] * sum(sizes))}
+def _seconds_of_writing(sizes: Sequence[int], report: bool, timed: Mapping[str, float]) -> dict[str, float]:
+    laws, slowness = costs()["analysis"], _machine_slowness(timed)
+    found = {WRITING_STAGE: slowness * (laws["write"] + laws["write_per_vertex"] * sum(sizes))}
     if report:
         drawn = laws["page"] + laws["page_second"] * (len(sizes) - 1) + laws["page_per_vertex"] * sum(sizes)
-        found[PAGE] = slowness * drawn
+        found[PAGE_STAGE] = slowness * drawn
     return found
 
 
-def _slowness(timed: Mapping[str, float]) -> float:
+def _machine_slowness(timed: Mapping[str, float]) -> float:
     """Time of the tables of the ball, which always use one thread, over that in the stored table."""
     return timed["regions"] / costs()["analysis"]["regions_of_ball"]
 
@@ -234,10 +238,10 @@ def memory_of_analysis(vertices: Sequence[int], *, accuracy: str = "standard", r
     from morphofold.analysis.resampling import accuracy_of
 
     chosen = accuracy_of(accuracy)
-    return _memory_GiB([(n, 4 * n if n < chosen.least else n) for n in vertices], chosen, report)
+    return _peak_memory_GiB([(n, 4 * n if n < chosen.least else n) for n in vertices], chosen, report)
 
 
-def _memory_GiB(sizes: Sequence[tuple[int, int]], chosen: Preset, report: bool) -> float:
+def _peak_memory_GiB(sizes: Sequence[tuple[int, int]], chosen: Preset, report: bool) -> float:
     """Most memory [GiB] of a whole process that does only the analysis."""
     memory, total = costs()["analysis"]["memory"], sum(n for n, _ in sizes)
     most = memory["kept_per_vertex"] * total + memory["per_vertex"] * max(max(size) for size in sizes)

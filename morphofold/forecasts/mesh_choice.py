@@ -10,13 +10,13 @@ from morphofold.errors import DoesNotApply, NoSolution, NotReadable, NotStudied,
 from morphofold.forecasts.calibration import Calibration, calibrate
 from morphofold.forecasts.forecasting import Forecast, forecast_from
 from morphofold.forecasts.sizes import edges_between
-from morphofold.forecasts.table import ROUNDED, costs, headline, not_studied, studied, unstudied
+from morphofold.forecasts.table import SAME_EDGE_TOLERANCE, costs, headline, not_studied, studied, unstudied
 from morphofold.words import percent, percent_above, span
 
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
 
-UNITS = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
+SECONDS_PER_UNIT = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ def budget_seconds(text: str) -> float:
         If it is not such a time, or not positive.
     """
     match = re.fullmatch(r"\s*(\d+(?:\.\d+)?|\.\d+)\s*(s|min|h|d)\s*", text)
-    seconds = float(match[1]) * UNITS[match[2]] if match else 0.0
+    seconds = float(match[1]) * SECONDS_PER_UNIT[match[2]] if match else 0.0
     if not 0 < seconds < float("inf"):
         raise (OutOfRange if match else NotReadable)(
             f"--budget {text}: is not a time. Give a number with s, min, h or d, such as 90s, 5min or 2h."
@@ -101,18 +101,18 @@ def choose_mesh(
     if budget is None and error is None:
         raise OptionsClash("choose_mesh: neither a budget nor an error is given; give one of them.")
     asked = "--budget" if error is None else "--error"
-    edges = _edges(scene, asked)
+    edges = _candidate_edges(scene, asked)
     if error is not None:
-        return _for_error(scene, edges, error, budget, threads)
+        return _mesh_for_error(scene, edges, error, budget, threads)
     assert budget is not None
-    chosen = _with(scene, edges[0])
+    chosen = _scene_with_edge(scene, edges[0])
     for _ in range(2):  # time the coarsest edge, and then the edge that follows from it
         found = calibrate(chosen, costs(), threads)
-        chosen = _with(scene, _finest(scene, edges, found, budget))
+        chosen = _scene_with_edge(scene, _finest_within_budget(scene, edges, found, budget))
     return MeshChoice(chosen, forecast_from(chosen, found))
 
 
-def _edges(scene: Scene, asked: str) -> list[float]:
+def _candidate_edges(scene: Scene, asked: str) -> list[float]:
     """Edges to choose from [mm], the coarsest first."""
     shape = scene.geometry.shape
     if shape in ("mesh", "radial"):
@@ -128,8 +128,8 @@ def _edges(scene: Scene, asked: str) -> list[float]:
     from morphofold.sim.scene import MOST_BRICKS
 
     finest, coarsest = (share * scene.thinnest for share in studied())
-    finest *= 1 - ROUNDED
-    edges = [e for e in edges_between(scene, finest, coarsest) if _bricks(scene, e) <= MOST_BRICKS]
+    finest *= 1 - SAME_EDGE_TOLERANCE
+    edges = [e for e in edges_between(scene, finest, coarsest) if _bricks_with_edge(scene, e) <= MOST_BRICKS]
     if not edges:
         raise NoSolution(
             f"{asked}: {scene.name} has no edge between {finest:.3g} and {coarsest:.3g} mm (the studied range) with "
@@ -138,20 +138,20 @@ def _edges(scene: Scene, asked: str) -> list[float]:
     return edges
 
 
-def _bricks(scene: Scene, edge: float) -> float:
+def _bricks_with_edge(scene: Scene, edge: float) -> float:
     """About the number of bricks of the scene with an edge [mm], even if there are too many."""
     return scene.model_copy(update={"accuracy": scene.accuracy.model_copy(update={"edge": edge})}).bricks
 
 
-def _with(scene: Scene, edge: float) -> Scene:
+def _scene_with_edge(scene: Scene, edge: float) -> Scene:
     from morphofold.sim.scene.files import load_scene
 
     return load_scene(scene, [f"accuracy.edge={edge!r}"])
 
 
-def _finest(scene: Scene, edges: list[float], found: Calibration, budget: float) -> float:
+def _finest_within_budget(scene: Scene, edges: list[float], found: Calibration, budget: float) -> float:
     """The finest edge whose run takes no longer than the budget, even at the slow end of its range."""
-    forecasts = [forecast_from(_with(scene, edge), found) for edge in edges]
+    forecasts = [forecast_from(_scene_with_edge(scene, edge), found) for edge in edges]
     fitting = [edge for edge, cost in zip(edges, forecasts) if cost.slowest <= budget]
     if not fitting:
         cheapest = forecasts[0]
@@ -162,7 +162,9 @@ def _finest(scene: Scene, edges: list[float], found: Calibration, budget: float)
     return min(fitting)
 
 
-def _for_error(scene: Scene, edges: list[float], error: float, budget: float | None, threads: int | None) -> MeshChoice:
+def _mesh_for_error(
+    scene: Scene, edges: list[float], error: float, budget: float | None, threads: int | None
+) -> MeshChoice:
     """The coarsest edge whose expected error is small enough, if the run with it fits the budget."""
     if unlike := not_studied(scene, studied()[0]):
         raise NotStudied(
@@ -177,7 +179,7 @@ def _for_error(scene: Scene, edges: list[float], error: float, budget: float | N
             f"--error {percent(error)}: with the finest edge to choose from ({finest:.2f} T), {scene.name} has an "
             f"error of about {percent_above(best.error)} ({name}). Allow this error, or set accuracy.edge."
         )
-    chosen = _with(scene, good[0])
+    chosen = _scene_with_edge(scene, good[0])
     cost = forecast_from(chosen, calibrate(chosen, costs(), threads))
     if budget is not None and cost.slowest > budget:
         raise OptionsClash(

@@ -13,7 +13,7 @@ from morphofold.words import percent, span
 
 def table_of(found: Forecast) -> str:
     """A forecast as a short table."""
-    rows = [("setting", _setting(found))]
+    rows = [("setting", _setting_text(found))]
     if found.shape != "radial":
         rows += [
             ("elements", f"{found.elements:,}"),
@@ -28,7 +28,7 @@ def table_of(found: Forecast) -> str:
         )
         for name, e in found.errors.items()
     ]
-    return _laid_out(found.scene, rows, found)
+    return _forecast_text(found.scene, rows, found)
 
 
 def analysis_forecast_table(found: AnalysisForecast) -> str:
@@ -39,7 +39,7 @@ def analysis_forecast_table(found: AnalysisForecast) -> str:
         rows.append((one.hemi, f"{one.vertices:,} vertices of white and pial each{copy}; {span(one.seconds)}"))
     rows += _memory_and_time(found, found.seconds_by_stage)
     rows += [(f"error of {name}", f"{percent(e.error)}  against {e.against}") for name, e in found.errors.items()]
-    return _laid_out(found.name, rows, found)
+    return _forecast_text(found.name, rows, found)
 
 
 def _memory_and_time(found: Forecast | AnalysisForecast, parts: Mapping[str, float]) -> list[tuple[str, str]]:
@@ -51,7 +51,7 @@ def _memory_and_time(found: Forecast | AnalysisForecast, parts: Mapping[str, flo
     ]
 
 
-def _laid_out(name: str, rows: list[tuple[str, str]], found: Forecast | AnalysisForecast) -> str:
+def _forecast_text(name: str, rows: list[tuple[str, str]], found: Forecast | AnalysisForecast) -> str:
     """Text of the rows in two columns, how they were obtained, and doubts."""
     width = max(len(label) for label, _ in rows)
     lines = [f"{name}: forecast"] + [f"  {label:{width}}  {value}" for label, value in rows]
@@ -63,7 +63,7 @@ def _with_other_settings(expected: Expected) -> str:
     return f", other settings {percent(expected.other)}" if expected.other else ""
 
 
-def _setting(found: Forecast) -> str:
+def _setting_text(found: Forecast) -> str:
     if found.edge_over_T is None:
         return found.setting
     layers = f", {found.elements_through_cortex} elements through the cortex" if found.elements_through_cortex else ""

@@ -26,14 +26,18 @@ if TYPE_CHECKING:
     from morphofold.sim.run import Simulation
     from morphofold.sim.scene import Scene
 
-LONGER = 1.5  # edges of the coarser run over those of the run: it takes about a third of the run's time
-LEAST = 1.2  # least ratio as built, after rounding to whole cells; below, the two runs are too similar to extrapolate
-SAME_PATTERN = 0.5  # mean distance between the pial surfaces over T, beyond which two patterns are different: folds
+COARSER_EDGE_RATIO = 1.5  # edges of the coarser run over those of the run: it takes about a third of the run's time
+LEAST_EDGE_RATIO = (
+    1.2  # least ratio as built, after rounding to whole cells; below, the two runs are too similar to extrapolate
+)
+SAME_PATTERN_DISTANCE = (
+    0.5  # mean distance between the pial surfaces over T, beyond which two patterns are different: folds
+)
 # of two seeds lie 1.1 to 1.3 T apart, an eighth of their wavelength (docs/accuracy.md)
 #: errors scale with these powers of the edge if meshes fold into one pattern, with three elements through the cortex:
 #: on meshes of an octant of fig6-thick from 1.2 to 0.27 T, whose stages were not at rest; at rest no patterns agreed
-POWERS = {"gyrification index": 1.32, "pial distance": 1.16}
-COARSER, SLOWER, FILE = "coarser", "slower", "error.json"  # in the folder of the run
+CONVERGENCE_POWERS = {"gyrification index": 1.32, "pial distance": 1.16}
+COARSER_RUN, SLOWER_RUN, ERROR_FILE = "coarser", "slower", "error.json"  # in the folder of the run
 
 
 @dataclass(frozen=True)
@@ -135,13 +139,13 @@ def coarser(scene: Scene) -> Scene:
     coarse = load_scene(
         scene,
         [
-            f"accuracy.edge={LONGER * scene.edge!r}",
+            f"accuracy.edge={COARSER_EDGE_RATIO * scene.edge!r}",
             f"accuracy.elements_through_cortex={scene.elements_through_cortex}",
             "output.volume=false",
         ],
     )
     edge, longer = edge_by_rule(scene), edge_by_rule(coarse)
-    if longer < LEAST * edge:
+    if longer < LEAST_EDGE_RATIO * edge:
         raise NoSolution(
             f"--estimate: the edges of {scene.name} are {edge:.3g} mm, those of its coarser run only "
             f"{longer:.3g}: the body is too small for a coarser run. Take a shorter accuracy.edge."
@@ -156,9 +160,9 @@ def companions(scene: Scene) -> dict[str, Scene]:
     from morphofold.sim.scene import SLOWEST_RATE
     from morphofold.sim.scene.files import load_scene
 
-    found, rate = {COARSER: coarser(scene)}, scene.growth.rate / 2
+    found, rate = {COARSER_RUN: coarser(scene)}, scene.growth.rate / 2
     if not scene.real_time and rate >= SLOWEST_RATE:
-        found[SLOWER] = load_scene(found[COARSER], [f"growth.rate={rate!r}"])
+        found[SLOWER_RUN] = load_scene(found[COARSER_RUN], [f"growth.rate={rate!r}"])
     return found
 
 
@@ -215,18 +219,20 @@ def estimate_error(run: Simulation, *, threads: int | None = None, progress: Pro
             "be grown."
         )
     others = companions(run.scene)
-    grown = [_grown(run)]
+    grown = [_grown_surface(run)]
     for done, (folder, coarse) in enumerate(others.items()):
         show = part_of(progress, done / len(others), 1 / len(others))
         try:
-            grown.append(_grown(simulate(coarse, run.path / folder, resume=True, threads=threads, progress=show)))
+            grown.append(
+                _grown_surface(simulate(coarse, run.path / folder, resume=True, threads=threads, progress=show))
+            )
         except UnstableError as error:
             raise UnstableError(f"{run.path / folder}: {error} The run itself is complete.", error.sound) from error
     found = between(run.scene, *grown)
     with alone(run.path):
         sweep(run.path)  # a finished run no longer does it
-        with atomic_file(run.path / FILE) as temporary:
-            temporary.write_text(strict_json({**found.as_dict(), "health_sha256": _digest(run.path)}), "utf-8")
+        with atomic_file(run.path / ERROR_FILE) as temporary:
+            temporary.write_text(strict_json({**found.as_dict(), "health_sha256": _health_digest(run.path)}), "utf-8")
     return found
 
 
@@ -234,8 +240,8 @@ def estimate_beside(stage: Path) -> Estimate | None:
     """The estimate of the run that wrote a ``stage.json``; None if this run has none, or it is incomplete."""
     folder = stage.parent.parent.parent
     try:
-        content = read_json(folder / FILE, ErrorFile, "")
-        if content["health_sha256"] != _digest(folder):
+        content = read_json(folder / ERROR_FILE, ErrorFile, "")
+        if content["health_sha256"] != _health_digest(folder):
             return None
         return TypeAdapter(Estimate).validate_json(json.dumps(content), strict=True)  # strict: JSON's lists are tuples
     except (OSError, ValueError):
@@ -244,11 +250,15 @@ def estimate_beside(stage: Path) -> Estimate | None:
 
 def between(scene: Scene, mine: Grown, coarse: Grown, slow: Grown | None = None) -> Estimate:
     """Estimate from the last stages of the run, the coarser run and, if there is one, the slower run."""
-    changes = _changes(scene, mine, coarse)
-    apart, pace = changes["pial distance"], None if slow is None else _changes(scene, coarse, slow)
+    changes = _changes_between_runs(scene, mine, coarse)
+    apart, pace = changes["pial distance"], None if slow is None else _changes_between_runs(scene, coarse, slow)
     ratio = coarse.edge / mine.edge
     errors = {
-        name: Estimated(change, POWERS[name], change / (ratio ** POWERS[name] - 1) if apart <= SAME_PATTERN else None)
+        name: Estimated(
+            change,
+            CONVERGENCE_POWERS[name],
+            change / (ratio ** CONVERGENCE_POWERS[name] - 1) if apart <= SAME_PATTERN_DISTANCE else None,
+        )
         for name, change in changes.items()
     }
     all_grown = {"run": mine, "coarser run": coarse, "slower run": slow}
@@ -258,12 +268,12 @@ def between(scene: Scene, mine: Grown, coarse: Grown, slow: Grown | None = None)
         if grown
         for warning in grown.warnings
     ]
-    if apart > SAME_PATTERN:
+    if apart > SAME_PATTERN_DISTANCE:
         doubts.append(
             f"The coarser run folded into another pattern (they differ by: {_joined_with_values(changes)} of T), so no "
             "error follows from it: with such edges the pattern depends on the mesh. Take a shorter edge."
         )
-    if pace is not None and pace["pial distance"] > SAME_PATTERN:
+    if pace is not None and pace["pial distance"] > SAME_PATTERN_DISTANCE:
         doubts.append(
             "The slower run folded into another pattern than the coarser run: the folds depend on the pace of growth."
         )
@@ -284,7 +294,7 @@ def between(scene: Scene, mine: Grown, coarse: Grown, slow: Grown | None = None)
     )
 
 
-def _changes(scene: Scene, one: Grown, other: Grown) -> dict[str, float]:
+def _changes_between_runs(scene: Scene, one: Grown, other: Grown) -> dict[str, float]:
     """Differences of the last stages of two runs: quantities and units are those of ``Estimate.errors``."""
     from morphofold import analysis
     from morphofold.comparison.distance import distance
@@ -300,7 +310,7 @@ def _joined_with_values(shares: Mapping[str, float]) -> str:
     return ", ".join(f"{name} {percent(share)}" for name, share in shares.items())
 
 
-def _grown(run: Simulation) -> Grown:
+def _grown_surface(run: Simulation) -> Grown:
     health = run.health
     if "surface_edge_mm" not in health:
         raise MissingPart(
@@ -309,5 +319,5 @@ def _grown(run: Simulation) -> Grown:
     return Grown(run.cortex().pial, health["surface_edge_mm"], health["warnings"])
 
 
-def _digest(folder: Path) -> Any:
+def _health_digest(folder: Path) -> Any:
     return input_records([folder / "health.json"])[0]["sha256"]

@@ -59,10 +59,10 @@ def edge_by_rule(scene: Scene) -> float:
     DoesNotApply
         For a shape that isn't made of bricks.
     """
-    return max(length / cells for length, cells in _rows(scene))
+    return max(length / cells for length, cells in _lengths_and_cells(scene))
 
 
-def _rows(scene: Scene) -> list[tuple[float, int]]:
+def _lengths_and_cells(scene: Scene) -> list[tuple[float, int]]:
     """Lengths of a patch or strip, or of a quarter of the longest circle [mm], and the number of cells along each."""
     from morphofold.sim.scene import Ellipsoid, Patch, Sphere, Strip
 
@@ -83,17 +83,17 @@ def sizes_by_rule(scene: Scene, layers: Layers) -> Sizes:
     DoesNotApply
         For a shape that isn't made of bricks.
     """
-    from morphofold.sim.mesh.brick_mesh import PLANES, core_layer_fractions
+    from morphofold.sim.mesh.brick_mesh import SYMMETRY_AXES, core_layer_fractions
     from morphofold.sim.scene import Ellipsoid, Sphere
 
     geometry, through, edge = scene.geometry, scene.elements_through_cortex, edge_by_rule(scene)
     if isinstance(geometry, Sphere | Ellipsoid):
-        n, cuts = scene.cells, len(PLANES[geometry.portion])
+        n, cuts = scene.cells, len(SYMMETRY_AXES[geometry.portion])
         quads, rim = 6 * n * n // 2**cuts, (0, 4 * n, 4 * n, 3 * n)[cuts]
         surface = quads + (rim // 2 + 1 if cuts else 2)  # Euler: a disc of quads, or a closed surface
         whole = 6 * n * n + 2
     else:
-        cells = [c for _, c in _rows(scene)]
+        cells = [c for _, c in _lengths_and_cells(scene)]
         quads, surface = math.prod(cells), math.prod(c + 1 for c in cells) * (1 if len(cells) == 2 else 2)
         whole = surface
     deep = through + len(core_layer_fractions(layers.thickness / through, layers.depth, edge)) - 1
@@ -107,13 +107,13 @@ def edges_between(scene: Scene, finest: float, coarsest: float) -> list[float]:
     """
     from morphofold.sim.scene import Ellipsoid, Sphere
 
-    length = max(length for length, _ in _rows(scene))
+    length = max(length for length, _ in _lengths_and_cells(scene))
     step, least = (2, 4) if isinstance(scene.geometry, Sphere | Ellipsoid) else (1, 1)
     first = max(least, step * math.ceil(length / coarsest / step - 1e-9))
-    return [_up(length / cells) for cells in range(first, math.floor(length / finest + 1e-9) + 1, step)]
+    return [_rounded_up(length / cells) for cells in range(first, math.floor(length / finest + 1e-9) + 1, step)]
 
 
-def _up(length: float) -> float:
+def _rounded_up(length: float) -> float:
     """A length rounded up to four digits."""
     unit = 10.0 ** (math.floor(math.log10(length)) - 3)
     return round(math.ceil(length / unit - 1e-9) * unit, 12)

@@ -58,7 +58,7 @@ def steps_of(scene: Scene, per_unit: float, crossing: float, costs: Mapping[str,
     costs : mapping
         The table's ``costs``: how long runs rested and waited, and the time of contact.
     """
-    from morphofold.sim.dynamics import REFRESH, SLOWEST, patience, soft_start
+    from morphofold.sim.dynamics import SLOWEST_PACE, STEPS_PER_MEASUREMENT, patience, soft_start
     from morphofold.sim.effects import ramp as ramps
     from morphofold.sim.equilibrium.wrinkles import first_wrinkles, slow_growth
 
@@ -70,14 +70,14 @@ def steps_of(scene: Scene, per_unit: float, crossing: float, costs: Mapping[str,
     ramp, awake, growth, ramps_to = 0, 0.0, 1.0, [0]
     for stage in scene.stages:
         while growth < stage:  # as in Dynamics.grow_to
-            pace = max(SLOWEST, soft_start(growth)) if waits else 1.0
+            pace = max(SLOWEST_PACE, soft_start(growth)) if waits else 1.0
             if slow is not None and slow.start <= growth <= slow.end:
                 pace = min(pace, slow.pace)
             pace *= shape.pace(growth) if shape else 1.0
-            increment = REFRESH * pace / per_unit
+            increment = STEPS_PER_MEASUREMENT * pace / per_unit
             growth = stage if stage - growth <= 1.5 * increment else growth + increment
-            ramp += REFRESH
-            awake += REFRESH * folding(growth)
+            ramp += STEPS_PER_MEASUREMENT
+            awake += STEPS_PER_MEASUREMENT * folding(growth)
         ramps_to.append(ramp)
     if not waits:  # real masses: the step shrinks as bricks do
         more = ramp * costs["inertia"]["per_growth"] * (scene.growth.final - 1)

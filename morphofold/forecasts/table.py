@@ -18,14 +18,16 @@ if TYPE_CHECKING:
     from morphofold.surface import Cortex
 
 #: the error of a run is the larger one of these: the numbers of its folds that converge last
-HEADLINE = ("gyrification index", "wavelength")
-ROUNDED = 0.05  # share of an edge within which two edges count as the same: numbers of cells are whole and even
+HEADLINE_QUANTITIES = ("gyrification index", "wavelength")
+SAME_EDGE_TOLERANCE = (
+    0.05  # share of an edge within which two edges count as the same: numbers of cells are whole and even
+)
 #: errors are given for spheres in these ranges: those compared with finer meshes (docs/accuracy.md, docs/folds.md), and
 #: a third of that thickness (T/C of fig6-thick), the paper's thinnest
-STUDIED = {"growth": (1.5, 2.0), "mu_ratio": (1.0, 4.0), "kappa_ratio": (12.5, 200.0), "thickness": (0.02, 0.1)}
-SIMILAR_SIZE = 1.5  # ratio of numbers of vertices beyond which a surface does not count as similar to the table's
+STUDIED_RANGES = {"growth": (1.5, 2.0), "mu_ratio": (1.0, 4.0), "kappa_ratio": (12.5, 200.0), "thickness": (0.02, 0.1)}
+SIMILAR_SIZE_RATIO = 1.5  # ratio of numbers of vertices beyond which a surface does not count as similar to the table's
 #: what the study compared a measure with, in words
-AGAINST = {
+COMPARISON_LABELS = {
     "split surface": "the same surface with every triangle cut in four",
     "whole mesh": "the mesh before it was thinned",
     "smallest voxels": "the smallest voxels",
@@ -68,27 +70,27 @@ def expected_errors(edge_over_T: float) -> dict[str, Expected]:
 
 
 def headline(edge_over_T: float) -> tuple[str, Expected]:
-    """The quantity of ``HEADLINE`` with the larger expected error, and that error."""
+    """The quantity of ``HEADLINE_QUANTITIES`` with the larger expected error, and that error."""
     return larger(expected_errors(edge_over_T))
 
 
 def larger(errors: Mapping[str, Expected]) -> tuple[str, Expected]:
     """As :func:`headline`, from given errors."""
-    name = max(HEADLINE, key=lambda name: errors[name].error)
+    name = max(HEADLINE_QUANTITIES, key=lambda name: errors[name].error)
     return name, errors[name]
 
 
 def studied() -> tuple[float, float]:
-    """Finest and coarsest edge over thickness at which all of ``HEADLINE`` were studied."""
-    laws = [table()["errors"]["quantities"][name] for name in HEADLINE]
+    """Finest and coarsest edge over thickness at which all of ``HEADLINE_QUANTITIES`` were studied."""
+    laws = [table()["errors"]["quantities"][name] for name in HEADLINE_QUANTITIES]
     return max(law["finest"] for law in laws), min(law["coarsest"] for law in laws)
 
 
 def not_studied(scene: Scene, edge_over_T: float) -> tuple[str, ...]:
-    """Properties of a scene outside of ``STUDIED``, for which no errors are given; empty if the table holds for it.
+    """Properties of a scene outside ``STUDIED_RANGES``, for which no errors are given; empty if the table holds for it.
 
     ``"shape"`` (not a sphere of even thickness), ``"law"`` (not isotropic), ``"material"``, ``"effects"`` (one that
-    no study of errors had), ``"edge"``, and the names of ``STUDIED``.
+    no study of errors had), ``"edge"``, and the names of ``STUDIED_RANGES``.
     """
     geometry, (finest, coarsest) = scene.geometry, studied()
     found = {
@@ -96,7 +98,7 @@ def not_studied(scene: Scene, edge_over_T: float) -> tuple[str, ...]:
         "law": scene.growth.law != "isotropic",
         "material": not scene.material.errors_known,
         "effects": not all(options.errors_known for options in scene.effects.values()),
-        "edge": not (1 - ROUNDED) * finest <= edge_over_T <= (1 + ROUNDED) * coarsest,
+        "edge": not (1 - SAME_EDGE_TOLERANCE) * finest <= edge_over_T <= (1 + SAME_EDGE_TOLERANCE) * coarsest,
     }
     values = {
         "growth": scene.growth.final,
@@ -106,7 +108,7 @@ def not_studied(scene: Scene, edge_over_T: float) -> tuple[str, ...]:
     if geometry.shape == "sphere":
         values["thickness"] = geometry.cortex_thickness / geometry.radius
     for name, value in values.items():
-        least, most = STUDIED[name]
+        least, most = STUDIED_RANGES[name]
         found[name] = not least * (1 - 1e-9) <= value <= most * (1 + 1e-9)
     return tuple(name for name, outside in found.items() if outside)
 
@@ -168,8 +170,8 @@ def measured_errors(cortices: Iterable[Cortex], accuracy: str) -> MeasuredErrors
     """Expected errors of an accuracy: those of the hemisphere in the table with the nearest number of vertices.
 
     Of several cortices the one with the fewest vertices decides; a doubt is given for each cortex that differs from the
-    table's. Beyond the meshes of the table by more than ``SIMILAR_SIZE`` no errors are known: a mesh of 42 vertices has
-    an error of 26 % in thickness, a mesh of 10,001 vertices one of 5 %.
+    table's. Beyond the meshes of the table by more than ``SIMILAR_SIZE_RATIO`` no errors are known: a mesh of 42
+    vertices has an error of 26 % in thickness, a mesh of 10,001 vertices one of 5 %.
 
     Raises
     ------
@@ -188,16 +190,16 @@ def measured_errors(cortices: Iterable[Cortex], accuracy: str) -> MeasuredErrors
     nearest = min(persons, key=lambda person: abs(math.log(person["vertices"] / sizes[0])))
     vertices = nearest["vertices"]
     errors = {
-        name: Measured(law[accuracy], AGAINST.get(law["against"], law["against"]))
+        name: Measured(law[accuracy], COMPARISON_LABELS.get(law["against"], law["against"]))
         for name, law in nearest["quantities"].items()
     }
-    if not least / SIMILAR_SIZE <= sizes[0] <= most * SIMILAR_SIZE:
+    if not least / SIMILAR_SIZE_RATIO <= sizes[0] <= most * SIMILAR_SIZE_RATIO:
         how = f"not known for meshes of {sizes[0]:,} vertices: measured only on those of {least:,} to {most:,}"
         return MeasuredErrors({}, how, ())
     sentences = []
     if any(cortex.origin == "simulation" for cortex in cortices):
         sentences.append("The errors are those of a person's hemisphere, not of a simulated cortex.")
-    if unlike := [n for n in sizes if not 1 / SIMILAR_SIZE <= n / vertices <= SIMILAR_SIZE]:
+    if unlike := [n for n in sizes if not 1 / SIMILAR_SIZE_RATIO <= n / vertices <= SIMILAR_SIZE_RATIO]:
         sentences.append(
             f"The errors are those of a mesh of {vertices:,} vertices; how much they differ on one of "
             f"{' or '.join(f'{n:,}' for n in unlike)} is not known."

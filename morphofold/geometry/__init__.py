@@ -135,17 +135,17 @@ def edges(faces: Faces) -> NDArray[np.int64]:
 
 
 #: edges and counts by the id of read-only faces, as in a Surface, while these exist (never make them writeable)
-_KEPT: dict[int, tuple[NDArray[np.int64], NDArray[np.int64]]] = {}
+_EDGES_OF_FACES_ID: dict[int, tuple[NDArray[np.int64], NDArray[np.int64]]] = {}
 
 
 def edges_and_counts(faces: Faces) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """``edges``, and the number of triangles at each (E,)."""
     if faces.flags.writeable or faces.base is not None:  # a view changes with its base
         return _find_edges(faces)
-    if id(faces) not in _KEPT:
-        _KEPT[id(faces)] = _find_edges(faces)
-        weakref.finalize(faces, _KEPT.pop, id(faces), None).atexit = False
-    return _KEPT[id(faces)]
+    if id(faces) not in _EDGES_OF_FACES_ID:
+        _EDGES_OF_FACES_ID[id(faces)] = _find_edges(faces)
+        weakref.finalize(faces, _EDGES_OF_FACES_ID.pop, id(faces), None).atexit = False
+    return _EDGES_OF_FACES_ID[id(faces)]
 
 
 def _find_edges(faces: Faces) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

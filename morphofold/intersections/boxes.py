@@ -24,16 +24,18 @@ from numpy.typing import NDArray
 
 from morphofold.geometry import morton_codes
 
-BLOCK = 4  # triangles in a leaf
+TRIANGLES_PER_LEAF = 4  # triangles in a leaf
 
-_PAD = 1e-12  # margin of boxes around their triangles, as a share of the largest coordinate: safe against rounding
+# margin of boxes around their triangles, as a share of the largest coordinate: safe against rounding
+_BOX_MARGIN = 1e-12
 
 
 class BoxTree(NamedTuple):
     """Boxes of the triangles of a surface.
 
     ``bounds`` (2 L, 6) float64 holds lower and upper corners [mm]; box 1 is the root, k has the children 2 k and
-    2 k + 1, the last L are leaves. Leaf k holds the triangles ``order[BLOCK (k - L) : BLOCK (k - L + 1)]``.
+    2 k + 1, the last L are leaves. Leaf k holds the triangles
+    ``order[TRIANGLES_PER_LEAF (k - L) : TRIANGLES_PER_LEAF (k - L + 1)]``.
     """
 
     bounds: NDArray[np.float64]
@@ -43,18 +45,18 @@ class BoxTree(NamedTuple):
 
 def box_tree(verts: NDArray[np.float64], faces: NDArray[np.int64]) -> BoxTree:
     """Tree of the boxes of the triangles ``faces`` (M, 3) of ``verts`` (N, 3) [mm]."""
-    single = _single_boxes(verts, faces, _PAD * np.abs(verts).max())
+    single = _triangle_boxes(verts, faces, _BOX_MARGIN * np.abs(verts).max())
     low, high = single[:, :3].min(axis=0), single[:, 3:].max(axis=0)
     middle = (single[:, :3] + single[:, 3:]) / 2
     order = np.argsort(morton_codes((middle - low) / max((high - low).max(), 1e-300)), kind="stable")
     leaves = 1
-    while leaves * BLOCK < len(faces):
+    while leaves * TRIANGLES_PER_LEAF < len(faces):
         leaves *= 2
-    return BoxTree(_joined(single, order, leaves), order, single)
+    return BoxTree(_tree_bounds(single, order, leaves), order, single)
 
 
 @njit(cache=True)
-def _single_boxes(verts, faces, pad):
+def _triangle_boxes(verts, faces, pad):
     boxes = np.empty((len(faces), 6))
     for f in range(len(faces)):
         for r in range(3):
@@ -64,19 +66,19 @@ def _single_boxes(verts, faces, pad):
 
 
 @njit(cache=True)
-def _joined(single, order, leaves):
+def _tree_bounds(single, order, leaves):
     bounds = np.empty((2 * leaves, 6))
     bounds[:, :3], bounds[:, 3:] = np.inf, -np.inf  # meets nothing
     for k in range(len(order)):
-        _widen(bounds[leaves + k // BLOCK], single[order[k]])
+        _widen_box(bounds[leaves + k // TRIANGLES_PER_LEAF], single[order[k]])
     for k in range(leaves - 1, 0, -1):
-        _widen(bounds[k], bounds[2 * k])
-        _widen(bounds[k], bounds[2 * k + 1])
+        _widen_box(bounds[k], bounds[2 * k])
+        _widen_box(bounds[k], bounds[2 * k + 1])
     return bounds
 
 
 @njit(inline="always")
-def _widen(box, other):
+def _widen_box(box, other):
     for r in range(3):
         box[r] = min(box[r], other[r])
         box[3 + r] = max(box[3 + r], other[3 + r])

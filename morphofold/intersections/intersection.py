@@ -16,14 +16,15 @@ from numpy.typing import NDArray
 from morphofold import geometry
 from morphofold.arrays import Array
 from morphofold.geometry.kernels import area_vector, cross, distance_from_triangle, dot, less
-from morphofold.intersections.boxes import BLOCK, BoxTree, box_tree, following, meets
+from morphofold.intersections.boxes import TRIANGLES_PER_LEAF, BoxTree, box_tree, following, meets
 from morphofold.intersections.rays import ray_hits
 from morphofold.intersections.signs import plane_sign, side
 from morphofold.surface import Surface
 
 Indices = NDArray[np.int64]
 
-ANOTHER_WALL = 0.5  # a face belongs to another wall than a vertex if the cosine of their normals is less than this
+# a face belongs to another wall than a vertex if the cosine of their normals is less than this
+ANOTHER_WALL_COSINE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,43 +127,43 @@ def self_intersections(surface: Surface, *, vertices: bool = True) -> Intersecti
     tree, around = box_tree(verts, faces), geometry.incident_faces(len(verts), faces)
     edge, face = _crossings(verts, faces, edges, tree)
     point, depth = np.empty((len(edge), 3)), np.empty(len(edge))
-    _measure(verts, faces, around.indptr, around.indices, edge, face, point, depth)
+    _measure_crossings(verts, faces, around.indptr, around.indices, edge, face, point, depth)
     kept, behind = depth > 0, np.zeros(len(verts))
     if vertices and geometry.is_closed(surface.faces):
         normals = geometry.vertex_normals(verts, faces)
-        _forget_turned(verts, faces, normals)
-        behind = _passed(verts, faces, normals, *tree, mean_edge)
+        _zero_unreliable_normals(verts, faces, normals)
+        behind = _depth_behind_walls(verts, faces, normals, *tree, mean_edge)
     vertex = np.flatnonzero(behind > 0)
     return Intersections(edge[kept], face[kept], point[kept], depth[kept], vertex, behind[vertex], mean_edge)
 
 
 def _crossings(verts: Array, faces: Indices, edges: Indices, tree: BoxTree) -> tuple[Indices, Indices]:
     """Edge (K, 2) and face (K,) of each crossing, by edge and then face."""
-    first = np.concatenate([[0], np.cumsum(_count(verts, faces, edges, *tree))])
+    first = np.concatenate([[0], np.cumsum(_count_crossings(verts, faces, edges, *tree))])
     face = np.empty(first[-1], dtype=np.int64)
-    _fill(verts, faces, edges, *tree, first, face)
+    _fill_crossings(verts, faces, edges, *tree, first, face)
     number = np.repeat(np.arange(len(edges)), np.diff(first))
     order = np.lexsort([face, number])
     return edges[number[order]], face[order]
 
 
 @njit(parallel=True, cache=True)
-def _count(verts, faces, edges, bounds, order, single):
+def _count_crossings(verts, faces, edges, bounds, order, single):
     count = np.empty(len(edges), dtype=np.int64)
     for e in prange(len(edges)):
-        count[e] = _crossed(verts, faces, bounds, order, single, edges[e], np.empty(0, dtype=np.int64))
+        count[e] = _crossed_faces(verts, faces, bounds, order, single, edges[e], np.empty(0, dtype=np.int64))
     return count
 
 
 @njit(parallel=True, cache=True)
-def _fill(verts, faces, edges, bounds, order, single, first, face):
+def _fill_crossings(verts, faces, edges, bounds, order, single, first, face):
     for e in prange(len(edges)):
         if first[e + 1] > first[e]:
-            _crossed(verts, faces, bounds, order, single, edges[e], face[first[e] : first[e + 1]])
+            _crossed_faces(verts, faces, bounds, order, single, edges[e], face[first[e] : first[e + 1]])
 
 
 @njit(cache=True)
-def _crossed(verts, faces, bounds, order, single, edge, found):
+def _crossed_faces(verts, faces, bounds, order, single, edge, found):
     """Write the faces that an edge crosses to ``found``, as many as fit; returns their number."""
     p, q = edge
     box = np.empty(6)
@@ -174,9 +175,9 @@ def _crossed(verts, faces, bounds, order, single, edge, found):
             if k < leaves:
                 k *= 2
                 continue
-            for s in range(BLOCK * (k - leaves), min(BLOCK * (k - leaves + 1), len(order))):
+            for s in range(TRIANGLES_PER_LEAF * (k - leaves), min(TRIANGLES_PER_LEAF * (k - leaves + 1), len(order))):
                 f = order[s]
-                if meets(single[f], box) and _crosses(verts, p, q, faces[f]):
+                if meets(single[f], box) and _edge_crosses_triangle(verts, p, q, faces[f]):
                     if n < len(found):
                         found[n] = f
                     n += 1
@@ -185,7 +186,7 @@ def _crossed(verts, faces, bounds, order, single, edge, found):
 
 
 @njit(cache=True)
-def _crosses(verts, p, q, tri):
+def _edge_crosses_triangle(verts, p, q, tri):
     """Whether the edge pq crosses a triangle with which it shares no vertex."""
     i, j, k = tri
     if p == i or p == j or p == k or q == i or q == j or q == k:
@@ -198,7 +199,7 @@ def _crosses(verts, p, q, tri):
 
 
 @njit(cache=True)
-def _measure(verts, faces, first, ring, edge, face, point, depth):
+def _measure_crossings(verts, faces, first, ring, edge, face, point, depth):
     """Write point (K, 3) and depth (K,) of crossings; ``ring[first[i] : first[i + 1]]`` are the faces at vertex i."""
     for e in range(len(edge)):
         p, q, tri = verts[edge[e, 0]], verts[edge[e, 1]], faces[face[e]]
@@ -211,12 +212,12 @@ def _measure(verts, faces, first, ring, edge, face, point, depth):
             point[e, r] = p[r] + share * along[r]
         reach = 0.0 if plane_sign(a, b, c, p, 1.0) == 0 or plane_sign(a, b, c, q, 1.0) == 0 else min(before, after)
         for k in range(3):
-            reach = min(reach, _way_out(verts, faces, first, ring, edge[e], face[e], k, point[e], along))
+            reach = min(reach, _distance_to_exit(verts, faces, first, ring, edge[e], face[e], k, point[e], along))
         depth[e] = reach
 
 
 @njit(cache=True)
-def _way_out(verts, faces, first, ring, edge, f, k, point, along):
+def _distance_to_exit(verts, faces, first, ring, edge, f, k, point, along):
     """Distance of a crossing from corner k of face f, or from the side that begins there, if the edge can exit there.
 
     It can if the surface, seen along the edge, shows its other side next to f, or ends.
@@ -246,40 +247,40 @@ def _way_out(verts, faces, first, ring, edge, f, k, point, along):
 
 
 @njit(cache=True)
-def _elsewhere(n, normal):
+def _is_on_another_wall(n, normal):
     """Whether a triangle of area vector ``n`` belongs to another wall than a vertex with unit normal ``normal``."""
-    return dot(n, normal) < ANOTHER_WALL * dot(n, n) ** 0.5
+    return dot(n, normal) < ANOTHER_WALL_COSINE * dot(n, n) ** 0.5
 
 
 @njit(cache=True)
-def _forget_turned(verts, faces, normals):
+def _zero_unreliable_normals(verts, faces, normals):
     """Set vertex normals (N, 3) to zero where a face around the vertex is turned too far from the normal."""
     turned = np.zeros(len(verts), dtype=np.bool_)
     for f in range(len(faces)):
         n = area_vector(verts[faces[f, 0]], verts[faces[f, 1]], verts[faces[f, 2]])
         for k in range(3):
-            turned[faces[f, k]] |= _elsewhere(n, normals[faces[f, k]])
+            turned[faces[f, k]] |= _is_on_another_wall(n, normals[faces[f, k]])
     for i in np.flatnonzero(turned):
         for r in range(3):
             normals[i, r] = 0.0
 
 
 @njit(parallel=True, cache=True)
-def _passed(verts, faces, normals, bounds, order, single, radius):
+def _depth_behind_walls(verts, faces, normals, bounds, order, single, radius):
     """Distance (N,) of each vertex from the facing wall that it has passed, 0 if none, within ``radius``."""
     behind, none = np.zeros(len(verts)), np.empty(0)
     for i in prange(len(verts)):
         if dot(normals[i], normals[i]) == 0.0:
             continue
         own = np.int64(i)  # prange has another integer type: compiled once
-        distance = _wall_behind(verts, faces, normals[i], bounds, order, single, own, radius)
+        distance = _distance_to_wall_behind(verts, faces, normals[i], bounds, order, single, own, radius)
         if distance < radius and ray_hits(verts, faces, bounds, order, verts[i], normals[i], none, none)[1] > 0:
             behind[i] = distance
     return behind
 
 
 @njit(cache=True)
-def _wall_behind(verts, faces, normal, bounds, order, single, i, radius):
+def _distance_to_wall_behind(verts, faces, normal, bounds, order, single, i, radius):
     """Distance of vertex i from the nearest face of another wall that does not have i in front; else inf."""
     nearest = np.inf
     box = np.empty(6)
@@ -291,12 +292,12 @@ def _wall_behind(verts, faces, normal, bounds, order, single, i, radius):
             if k < leaves:
                 k *= 2
                 continue
-            for s in range(BLOCK * (k - leaves), min(BLOCK * (k - leaves + 1), len(order))):
+            for s in range(TRIANGLES_PER_LEAF * (k - leaves), min(TRIANGLES_PER_LEAF * (k - leaves + 1), len(order))):
                 f = order[s]
                 if faces[f, 0] == i or faces[f, 1] == i or faces[f, 2] == i or not meets(single[f], box):
                     continue
                 a, b, c = verts[faces[f, 0]], verts[faces[f, 1]], verts[faces[f, 2]]
-                if _elsewhere(area_vector(a, b, c), normal) and plane_sign(a, b, c, verts[i], 1.0) <= 0:
+                if _is_on_another_wall(area_vector(a, b, c), normal) and plane_sign(a, b, c, verts[i], 1.0) <= 0:
                     nearest = min(nearest, distance_from_triangle(verts[i], a, b, c))
         k = following(k)
     return nearest

@@ -6,16 +6,16 @@ import numpy as np
 from numba import njit
 
 from morphofold.geometry.kernels import cross, dot, less
-from morphofold.intersections.boxes import BLOCK, following, meets_ray
-from morphofold.intersections.signs import ASIDE, plane_sign
+from morphofold.intersections.boxes import TRIANGLES_PER_LEAF, following, meets_ray
+from morphofold.intersections.signs import TIE_BREAKING_DIRECTION, plane_sign
 
 
 @njit(cache=True)
 def ray_hits(verts, faces, bounds, order, origin, direction, at, sign):
     """Where and in which direction a ray crosses a surface: exact, also through edges and vertices.
 
-    If it meets an edge or a vertex, the ray counts as turned towards ASIDE by an infinitely small angle: it crosses the
-    faces that a ray beside it would cross. A face that holds the origin is not crossed.
+    If it meets an edge or a vertex, the ray counts as turned towards TIE_BREAKING_DIRECTION by an infinitely small
+    angle: it crosses the faces that a ray beside it would cross. A face that holds the origin is not crossed.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def ray_hits(verts, faces, bounds, order, origin, direction, at, sign):
             if k < leaves:
                 k *= 2
                 continue
-            for s in range(BLOCK * (k - leaves), min(BLOCK * (k - leaves + 1), len(order))):
+            for s in range(TRIANGLES_PER_LEAF * (k - leaves), min(TRIANGLES_PER_LEAF * (k - leaves + 1), len(order))):
                 i, j, l = faces[order[s]]
                 a, b, c = verts[i], verts[j], verts[l]
                 hit = _ray_sign(a, b, c, origin, direction)
@@ -74,7 +74,7 @@ def _ray_sign(a, b, c, origin, direction):
 def _edge_sign(a, b, origin, direction):
     """The side of the line along a ray on which the edge ab passes."""
     sign = plane_sign(a, b, origin, direction, 0.0)
-    return sign if sign != 0 else plane_sign(a, b, origin, np.array(ASIDE), 0.0)
+    return sign if sign != 0 else plane_sign(a, b, origin, np.array(TIE_BREAKING_DIRECTION), 0.0)
 
 
 @njit(cache=True)

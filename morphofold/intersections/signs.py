@@ -2,9 +2,9 @@
 
 A determinant in floating point decides nearly always. If its error bound does not allow that, the products are
 summed without error as an expansion of doubles (Shewchuk 1997, Figs. 1 and 7 and Theorems 6, 10 and 18). A true
-zero is decided as if the vertices were displaced by tiny lengths along the direction ``ASIDE``: a vertex of lower
-index always by infinitely more than the next (after Edelsbrunner and Muecke 1990). So an edge that runs exactly
-through another edge, or through a vertex, crosses exactly one of the triangles there.
+zero is decided as if the vertices were displaced by tiny lengths along the direction ``TIE_BREAKING_DIRECTION``: a
+vertex of lower index always by infinitely more than the next (after Edelsbrunner and Muecke 1990). So an edge that runs
+exactly through another edge, or through a vertex, crosses exactly one of the triangles there.
 
 Signs are exact if products of three coordinates do not overflow and do not lose digits by underflow: for zeros and
 lengths between 1e-70 and 1e90.
@@ -21,12 +21,13 @@ import numpy as np
 from numba import njit
 
 #: direction of the displacements that decide ties: no plane of a mesh contains it, except by chance
-ASIDE = (0.5319718735123841, 0.3247217563401897, 0.7818417265489173)
+TIE_BREAKING_DIRECTION = (0.5319718735123841, 0.3247217563401897, 0.7818417265489173)
 
-_HALF_ULP = 2.0**-53
-_BOUND = (7 + 56 * _HALF_ULP) * _HALF_ULP  # error of the determinant over its permanent: Shewchuk 1997, Fig. 21
-_SPLIT = 2.0**27 + 1
-_CYCLES = ((0, 1, 2), (1, 2, 0), (2, 0, 1))
+_UNIT_ROUNDOFF = 2.0**-53
+# error of the determinant over its permanent: Shewchuk 1997, Fig. 21
+_DETERMINANT_ERROR_BOUND = (7 + 56 * _UNIT_ROUNDOFF) * _UNIT_ROUNDOFF
+_SPLITTING_FACTOR = 2.0**27 + 1
+_CYCLIC_ORDERS = ((0, 1, 2), (1, 2, 0), (2, 0, 1))
 
 
 @njit(cache=True)
@@ -42,9 +43,9 @@ def plane_sign(a, b, c, d, weight):
     x0, y0, x1, y1, x2, y2 = a1 * b2, a2 * b1, a2 * b0, a0 * b2, a0 * b1, a1 * b0
     det = d0 * (x0 - y0) + d1 * (x1 - y1) + d2 * (x2 - y2)
     permanent = abs(d0) * (abs(x0) + abs(y0)) + abs(d1) * (abs(x1) + abs(y1)) + abs(d2) * (abs(x2) + abs(y2))
-    if det > _BOUND * permanent:
+    if det > _DETERMINANT_ERROR_BOUND * permanent:
         return 1
-    if -det > _BOUND * permanent:
+    if -det > _DETERMINANT_ERROR_BOUND * permanent:
         return -1
     return _exact_sign(a, b, c, d, weight)
 
@@ -60,11 +61,11 @@ def side(verts, i, j, k, p):
 def _displaced_sign(verts, i, j, k, p):
     """Sign of a determinant that is zero, once the vertex of lowest index that can change it is displaced.
 
-    A displaced row contributes the determinant with ASIDE, of weight 0, in its place. Two such rows are equal and
-    contribute nothing, so nothing else is neglected.
+    A displaced row contributes the determinant with TIE_BREAKING_DIRECTION, of weight 0, in its place. Two such rows
+    are equal and contribute nothing, so nothing else is neglected.
     """
     rows = (i, j, k, p)
-    aside = np.array(ASIDE)
+    aside = np.array(TIE_BREAKING_DIRECTION)
     found, lowest = 0, max(i, j, k, p) + 1
     for r in range(4):
         x, y, z = rows[0 if r > 0 else 1], rows[1 if r > 1 else 2], rows[2 if r > 2 else 3]
@@ -87,7 +88,7 @@ def _exact_sign(a, b, c, d, weight):
             break
         x, y, z = rows[0 if r > 0 else 1], rows[1 if r > 1 else 2], rows[2 if r > 2 else 3]
         sign = -1.0 if r % 2 == 1 else 1.0
-        for s, t, u in _CYCLES:
+        for s, t, u in _CYCLIC_ORDERS:
             n = _add_product(total, n, sign * x[s], y[t], z[u])
             n = _add_product(total, n, -sign * x[s], y[u], z[t])
     return 0 if n == 0 else (1 if total[n - 1] > 0 else -1)  # the last component is larger than all others together
@@ -99,13 +100,13 @@ def _add_product(total, n, x, y, z):
     high, low = _two_product(x, y)
     for part in (low, high):
         large, small = _two_product(part, z)
-        n = _add(total, n, small)
-        n = _add(total, n, large)
+        n = _add_to_expansion(total, n, small)
+        n = _add_to_expansion(total, n, large)
     return n
 
 
 @njit(cache=True)
-def _add(total, n, x):
+def _add_to_expansion(total, n, x):
     """Grow-expansion without zeros: add x to components of rising magnitude that don't overlap."""
     m = 0
     for k in range(n):
@@ -126,10 +127,10 @@ def _add(total, n, x):
 def _two_product(x, y):
     """x y as a rounded product and its error."""
     p = x * y
-    c = _SPLIT * x
+    c = _SPLITTING_FACTOR * x
     x_high = c - (c - x)
     x_low = x - x_high
-    c = _SPLIT * y
+    c = _SPLITTING_FACTOR * y
     y_high = c - (c - y)
     y_low = y - y_high
     return p, x_low * y_low - (((p - x_high * y_high) - x_low * y_high) - x_high * y_low)

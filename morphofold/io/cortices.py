@@ -30,11 +30,11 @@ from morphofold.provenance import shown, unchanged
 from morphofold.surface import Cortex
 
 HEMIS = ("lh", "rh")
-MAPS = ("thickness", "curv", "sulc", "area")
+MAP_NAMES = ("thickness", "curv", "sulc", "area")
 SURFACE_ENDINGS = ("", ".surf.gii", ".gii", ".surf.gii.gz")
 _MAP_ENDINGS = ("", ".shape.gii", ".gii")
 
-_Size = Annotated[float, Field(ge=1e-6, le=1e6)]
+_PositiveSize = Annotated[float, Field(ge=1e-6, le=1e6)]
 
 
 class StageHealth(Record):
@@ -53,11 +53,11 @@ class StageRecord(Record):
     name: str = "simulation"
     g: Annotated[float, Field(gt=0, le=1000)] = 1.0
     law: str = ""
-    mu_ratio: _Size = 1.0
+    mu_ratio: _PositiveSize = 1.0
     material: str = "neo-hookean"
     shape: str = ""
-    reference_thickness: _Size = 1.0
-    reference_radius: _Size = 1.0
+    reference_thickness: _PositiveSize = 1.0
+    reference_radius: _PositiveSize = 1.0
     portion: Annotated[float, Field(ge=1e-3, le=1)] = 1.0
     units: str = "mm"
     health: StageHealth = StageHealth()
@@ -77,7 +77,7 @@ class SurfaceRecord(Record):
     annotation: FileWord | None = None
 
 
-class _Analysed(Record):
+class _AnalysisSummary(Record):
     surfaces: list[SurfaceRecord]
 
 
@@ -136,7 +136,7 @@ def read_cortex(
             raise TypeError("Pass a folder, or both white= and pial=.")
         if annotation is not None:
             raise OptionsClash(f"{white}: an annotation can be named only for a folder with surfaces. Pass the folder.")
-        return _pair(Path(white), Path(pial), hemi, name)
+        return _cortex_of_pair(Path(white), Path(pial), hemi, name)
     if white is not None or pial is not None:
         raise TypeError(f"{path}: pass either a folder or white= and pial=, not both.")
     path = Path(path)
@@ -144,7 +144,7 @@ def read_cortex(
         raise NotADirectoryError(f"{path}: is a file. Name its folder, or two files as white and pial.")
     if not path.is_dir():
         existing_file(path, "folder with a cortex")  # raises, and lists close names
-    return _folder(_stage(path), hemi or "lh", tuple(surfaces), annotation, name)
+    return _cortex_of_folder(_last_stage(path), hemi or "lh", tuple(surfaces), annotation, name)
 
 
 def hemispheres(folder: Path) -> tuple[str, ...]:
@@ -155,7 +155,7 @@ def hemispheres(folder: Path) -> tuple[str, ...]:
     return tuple(hemi for hemi in HEMIS if names[hemi] & files) or ("lh",)
 
 
-def _pair(white: Path, pial: Path, hemi: str | None, name: str | None) -> Cortex:
+def _cortex_of_pair(white: Path, pial: Path, hemi: str | None, name: str | None) -> Cortex:
     sides = [side_named(file.name) for file in (white, pial)]
     if None not in sides and sides[0] != sides[1]:
         raise UnlikeSurfaces(f"{white} is {sides[0]}, {pial} is {sides[1]}. Name two surfaces of one hemisphere.")
@@ -166,7 +166,7 @@ def _pair(white: Path, pial: Path, hemi: str | None, name: str | None) -> Cortex
                 f"{file}: is named {fields}, but {hemi} was requested. Request {fields}, or name the other file."
             )
         hemi = fields
-    with _reading((white, pial)) as records:
+    with _recording_inputs((white, pial)) as records:
         inner, outer = read_surface(white), read_surface(pial)
     return Cortex(
         inner,
@@ -180,7 +180,7 @@ def _pair(white: Path, pial: Path, hemi: str | None, name: str | None) -> Cortex
     )
 
 
-def _reading(files: Sequence[Path]) -> AbstractContextManager[list[dict[str, Any]]]:
+def _recording_inputs(files: Sequence[Path]) -> AbstractContextManager[list[dict[str, Any]]]:
     """Context for reading: records of the bytes that are read. Files that no reader accepts are not scanned before."""
     return unchanged(file for file in files if file.is_file() and file.stat().st_size <= MAX_BYTES)
 
@@ -193,7 +193,7 @@ def side_named(name: str) -> str | None:
     return {"L": "lh", "R": "rh"}[letter[1] or letter[2]] if letter else None
 
 
-def _stage(path: Path) -> Path:
+def _last_stage(path: Path) -> Path:
     """The folder itself, or the last stage if it is a simulation."""
     stages = path / "stages"
     if not stages.is_dir():
@@ -220,22 +220,22 @@ def cortex_files(
         If the right hemisphere of a simulated stage is requested, which does not exist; or if one of the other paths
         is not a file: a folder, a pipe, a link whose target does not exist.
     """
-    root = _stage(Path(path))
+    root = _last_stage(Path(path))
     stage = root / "stage.json"
     staged = os.path.lexists(stage)
     if staged and hemi == "rh":
         raise DoesNotApply(f"{root}: is a simulated stage, which has one closed surface named lh. Request lh.")
-    found = {what: _required(root, f"{hemi}.{s}") for what, s in zip(("white", "pial"), surfaces)}
+    found = {what: _required_surface(root, f"{hemi}.{s}") for what, s in zip(("white", "pial"), surfaces)}
 
     def add(what: str, place: str, stem: str, endings: tuple[str, ...] = ("",)) -> None:
-        file = _find((root / place,) if (root / place).is_dir() else (root,), stem, endings)
+        file = _first_existing_file((root / place,) if (root / place).is_dir() else (root,), stem, endings)
         found.update({} if file is None else {what: existing_file(file, what)})
 
-    for name in MAPS:
+    for name in MAP_NAMES:
         add(name, "surf", f"{hemi}.{name}", _MAP_ENDINGS)
     add("inflated", "surf", f"{hemi}.inflated", SURFACE_ENDINGS)
     if annotation is None and not staged and os.path.lexists(root / "summary.json"):
-        annotation = _analysed(root / "summary.json", hemi)["annotation"]
+        annotation = _measured_surface_fields(root / "summary.json", hemi)["annotation"]
     for stem in ("aparc",) if annotation is None else (f"aparc.{annotation}", annotation):
         add("annotation", "label", f"{hemi}.{stem}.annot")
     if annotation is not None and "annotation" not in found:
@@ -250,16 +250,18 @@ def cortex_files(
     return {**found, "stage": existing_file(stage, "stage record")} if staged else found
 
 
-def _folder(root: Path, hemi: str, surfaces: tuple[str, ...], annotation: str | None, name: str | None) -> Cortex:
+def _cortex_of_folder(
+    root: Path, hemi: str, surfaces: tuple[str, ...], annotation: str | None, name: str | None
+) -> Cortex:
     if len(surfaces) != 2:
         raise WrongShape(f"{root}: surfaces must name an inner and an outer surface, got {surfaces}.")
     files = cortex_files(root, hemi, surfaces=surfaces, annotation=annotation)
-    with _reading(list(files.values())) as records:
-        cortex = _read(root, hemi, files, name)
+    with _recording_inputs(list(files.values())) as records:
+        cortex = _read_cortex_files(root, hemi, files, name)
     return replace(cortex, inputs=tuple(records))
 
 
-def _read(root: Path, hemi: str, files: dict[str, Path], name: str | None) -> Cortex:
+def _read_cortex_files(root: Path, hemi: str, files: dict[str, Path], name: str | None) -> Cortex:
     """The cortex that the files of a folder hold."""
     inner = files["white"]
     white, pial = read_surface(inner), read_surface(files["pial"])
@@ -276,17 +278,17 @@ def _read(root: Path, hemi: str, files: dict[str, Path], name: str | None) -> Co
             )
         return found
 
-    maps = {kind: fitting(kind, read_morph) for kind in MAPS if kind in files}
+    maps = {kind: fitting(kind, read_morph) for kind in MAP_NAMES if kind in files}
     inflated = fitting("inflated", read_surface, lambda surface: len(surface.verts))
     regions = fitting("annotation", read_annotation, lambda regions: len(regions.labels))
     found = "FreeSurfer" if inner.suffix not in (".gii", ".gz") else "files"
     info = read_aseg_stats(files["stats"], hemi) if "stats" in files else {}
     fields: dict[str, Any] = {"origin": found, "name": root.resolve().name, "info": info}
     if "stage" in files:
-        info = _stage_info(files["stage"])
-        fields = {**info, "origin": "simulation", "name": _name(root, info), "info": info}
+        info = _stage_record(files["stage"])
+        fields = {**info, "origin": "simulation", "name": _simulation_name(root, info), "info": info}
     elif os.path.lexists(root / "summary.json"):
-        fields |= _analysed(root / "summary.json", hemi)
+        fields |= _measured_surface_fields(root / "summary.json", hemi)
     return Cortex(
         white,
         pial,
@@ -305,12 +307,12 @@ def _read(root: Path, hemi: str, files: dict[str, Path], name: str | None) -> Co
     )
 
 
-def _find(folders: Sequence[Path], stem: str, endings: tuple[str, ...]) -> Path | None:
+def _first_existing_file(folders: Sequence[Path], stem: str, endings: tuple[str, ...]) -> Path | None:
     return next((f for folder in folders for e in endings if os.path.lexists(f := folder / f"{stem}{e}")), None)
 
 
-def _required(root: Path, stem: str) -> Path:
-    found = _find((root / "surf", root), stem, SURFACE_ENDINGS)
+def _required_surface(root: Path, stem: str) -> Path:
+    found = _first_existing_file((root / "surf", root), stem, SURFACE_ENDINGS)
     if found is None:
         place = root / "surf" if (root / "surf").is_dir() else root
         try:
@@ -324,22 +326,22 @@ def _required(root: Path, stem: str) -> Path:
     return found
 
 
-def _name(root: Path, info: dict[str, Any]) -> str:
+def _simulation_name(root: Path, info: dict[str, Any]) -> str:
     folder = root.resolve().name
     scene = str(info.get("name", ""))
     return f"{scene} {folder}" if scene and folder not in scene else scene or folder
 
 
-def _analysed(path: Path, hemi: str) -> dict[str, Any]:
+def _measured_surface_fields(path: Path, hemi: str) -> dict[str, Any]:
     """Fields of a measured surface in an analysis folder: name, origin, units, portion, info, annotation."""
-    fields = read_json(path, _Analysed, "Analyze it again.")["surfaces"]
+    fields = read_json(path, _AnalysisSummary, "Analyze it again.")["surfaces"]
     found = next((entry for entry in fields if entry["hemi"] == hemi), None)
     if found is None:
         raise MissingPart(f"{path}: is not the summary of an analysis of {hemi}. Analyze it again.")
     return {key: found.get(key) for key in ("name", "origin", "units", "portion", "info", "annotation")}
 
 
-def _stage_info(path: Path) -> dict[str, Any]:
+def _stage_record(path: Path) -> dict[str, Any]:
     """The record of a stage by ``simulate``."""
     info = read_json(path, StageRecord, "Simulate that stage again.", most=2**20)
     return {**info, "name": info.get("name", "simulation")}

@@ -19,11 +19,11 @@ from xml.parsers.expat import ExpatError, errors
 from morphofold.errors import DamagedFile, TooLarge, WrongFile
 
 MAX_BYTES = 2 * 2**30  # far above any cortex (a 1 mm hemisphere has 6 MB); small enough for a laptop
-MOST_PACKED = 2000  # bytes of arrays per byte of a file, twice what zlib can reach
+MOST_UNPACKED_PER_BYTE = 2000  # bytes of arrays per byte of a file, twice what zlib can reach
 
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # only from writes; Python doesn't name the file
-_EXPAT_WANTS_MEMORY = errors.codes[errors.XML_ERROR_NO_MEMORY]
-_ROOM = 2**20  # bytes; a file that was cut because the disk is full can't grow by so many
+_DISK_FULL_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # only from writes; Python doesn't name the file
+_EXPAT_NO_MEMORY = errors.codes[errors.XML_ERROR_NO_MEMORY]
+_GROWTH_TEST_BYTES = 2**20  # bytes; a file that was cut because the disk is full can't grow by so many
 
 StrPath = str | os.PathLike[str]
 
@@ -44,7 +44,7 @@ def existing_file(path: StrPath, what: str = "file") -> Path:
     if path.is_symlink() and not path.exists():
         raise FileNotFoundError(f"{path}: is a link to a missing file; a {what} is needed. Fetch it, or remove it.")
     if not path.exists():
-        raise FileNotFoundError(f"{path}: no such {what}. {_what_is_there(path)}")
+        raise FileNotFoundError(f"{path}: no such {what}. {_folder_content_text(path)}")
     if not path.is_file():
         raise WrongFile(f"{path}: is not a regular file; a {what} is needed.")
     size = path.stat().st_size
@@ -55,7 +55,7 @@ def existing_file(path: StrPath, what: str = "file") -> Path:
     return path
 
 
-def _what_is_there(path: Path) -> str:
+def _folder_content_text(path: Path) -> str:
     folder = path.parent
     if not folder.is_dir():
         while not folder.parent.is_dir():
@@ -82,10 +82,10 @@ def decoding(path: Path, what: str, advice: str = "Make it again from its source
             warnings.simplefilter("ignore")  # notes on optional parts of the format
             yield
     except (Exception, SystemExit) as error:  # meshio raises SystemExit
-        wanted = _array_wanted(error)
-        if wanted and wanted > MOST_PACKED * path.stat().st_size:  # no file of this size unpacks to so much
+        wanted = _bytes_of_refused_array(error)
+        if wanted and wanted > MOST_UNPACKED_PER_BYTE * path.stat().st_size:  # no file of this size unpacks to so much
             error = ValueError(f"it declares an array of {wanted / 2**30:.3g} GiB")
-        elif _wants_memory(error):
+        elif _is_lack_of_memory(error):
             raise MemoryError(
                 f"{path}: not enough memory to read {what}. Close other programs, or use a computer with more memory."
             ) from error
@@ -95,7 +95,7 @@ def decoding(path: Path, what: str, advice: str = "Make it again from its source
         raise kind(f"{path}: is truncated, damaged, or not {what} ({reason}). {advice}") from error
 
 
-def _array_wanted(error: BaseException) -> float:
+def _bytes_of_refused_array(error: BaseException) -> float:
     """Bytes of the array for which numpy found no memory; 0 for any other error."""
     shape, dtype = getattr(error, "shape", None), getattr(error, "dtype", None)
     if not isinstance(error, MemoryError) or shape is None or dtype is None:
@@ -103,10 +103,10 @@ def _array_wanted(error: BaseException) -> float:
     return float(math.prod(shape)) * float(dtype.itemsize)
 
 
-def _wants_memory(error: BaseException | None) -> bool:
+def _is_lack_of_memory(error: BaseException | None) -> bool:
     """Whether an error, or one of its causes, is a lack of memory; expat reports this by its own code."""
     while error is not None:
-        expat = isinstance(error, (ExpatError, ParseError)) and getattr(error, "code", 0) == _EXPAT_WANTS_MEMORY
+        expat = isinstance(error, (ExpatError, ParseError)) and getattr(error, "code", 0) == _EXPAT_NO_MEMORY
         if expat or isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno == errno.ENOMEM):
             return True
         error = error.__cause__ or error.__context__
@@ -203,7 +203,7 @@ def naming(path: Path, temporary: Path) -> Iterator[None]:
         yield
     except OSError as error:
         by_name = isinstance(error.filename, (str, bytes, os.PathLike))
-        if error.errno is None or not (by_name or error.errno in _FULL):
+        if error.errno is None or not (by_name or error.errno in _DISK_FULL_ERRORS):
             raise
         ours = Path(os.path.abspath(temporary))
         named = Path(os.path.abspath(os.fsdecode(error.filename))) if by_name else ours
@@ -241,12 +241,14 @@ def write_by_library(path: StrPath, temporary: Path) -> Iterator[None]:
     try:
         yield
     except ValueError as error:
-        raise WrongFile(f"{path}: can't be written ({_told(error, path, temporary)}). Use another format.") from error
+        raise WrongFile(
+            f"{path}: can't be written ({_error_text_with_path(error, path, temporary)}). Use another format."
+        ) from error
     except OSError as error:
         if error.errno is not None:
             raise
-        _grow(Path(path), temporary)
-        problem = _told(error, path, temporary)
+        _check_file_can_grow(Path(path), temporary)
+        problem = _error_text_with_path(error, path, temporary)
         raise OSError(f"{path}: can't be written, though the disk has space ({problem}). Write it again.") from error
 
 
@@ -264,18 +266,21 @@ def read_back(path: StrPath, temporary: Path) -> Iterator[None]:
     except (ValueError, OSError) as error:
         if isinstance(error, OSError) and error.errno is not None:
             raise
-        _grow(Path(path), temporary)
-        what = f"the written file can't be read, though the disk has space ({_told(error, path, temporary)})"
+        _check_file_can_grow(Path(path), temporary)
+        what = (
+            "the written file can't be read, though the disk has space "
+            f"({_error_text_with_path(error, path, temporary)})"
+        )
         raise OSError(f"{path}: {what}. Write it again, or in another format.") from error
 
 
-def _grow(path: Path, temporary: Path) -> None:
+def _check_file_can_grow(path: Path, temporary: Path) -> None:
     """Raise the system's error if the file can't grow."""
     with naming(path, temporary), temporary.open("ab") as file:
-        file.write(bytes(_ROOM))
+        file.write(bytes(_GROWTH_TEST_BYTES))
         file.flush()
         os.fsync(file.fileno())
 
 
-def _told(error: Exception, path: StrPath, temporary: Path) -> str:
+def _error_text_with_path(error: Exception, path: StrPath, temporary: Path) -> str:
     return " ".join(str(error).replace(os.fspath(temporary), os.fspath(path)).split())

@@ -14,10 +14,11 @@ from pathlib import Path
 
 from morphofold.io.files import StrPath, atomic_file, check_above, naming
 
-MARKER = ".morphofold"  # in every folder that atomic_folder wrote; lists the files that it wrote and may replace
-WITHOUT_LIST = b"morphofold wrote this folder"  # the start of the markers of earlier versions
-MOST_LISTED = 2**26  # bytes of a marker that are read
-COLLECTION = ".morphofold-collection"  # in folders that collect the results of many runs; they are never replaced
+MARKER_FILE = ".morphofold"  # in every folder that atomic_folder wrote; lists the files that it wrote and may replace
+OLD_MARKER_START = b"morphofold wrote this folder"  # the start of the markers of earlier versions
+MOST_MARKER_BYTES = 2**26  # bytes of a marker that are read
+# in folders that collect the results of many runs; they are never replaced
+COLLECTION_MARKER = ".morphofold-collection"
 
 
 @contextmanager
@@ -46,10 +47,10 @@ def atomic_folder(out: StrPath) -> Iterator[Path]:
             temporary.mkdir()
             yield temporary
             mark = {"morphofold": "replaces these files when it writes here again, and keeps all others"}
-            text = json.dumps({**mark, "files": sorted(_below(temporary))}, indent=0)
-            (temporary / MARKER).write_text(f"{text}\n", encoding="ascii")
+            text = json.dumps({**mark, "files": sorted(_paths_below(temporary))}, indent=0)
+            (temporary / MARKER_FILE).write_text(f"{text}\n", encoding="ascii")
         refuse_foreign(out)
-        _move_onto(temporary, out)
+        _replace_folder(temporary, out)
     except BaseException:
         shutil.rmtree(temporary, ignore_errors=True)
         for folder in made:
@@ -60,24 +61,24 @@ def atomic_folder(out: StrPath) -> Iterator[Path]:
 
 def remove_folder(out: Path) -> None:
     """Remove what ``atomic_folder`` wrote, and the folder if it is then empty; files of the user stay."""
-    for name in _listed(out) or ():
+    for name in _files_in_marker(out) or ():
         with suppress(OSError):
             (out / name).unlink()
     for root, _, _ in os.walk(out, topdown=False):
-        if os.listdir(root) == [MARKER] and Path(root) == out:
-            (out / MARKER).unlink()
+        if os.listdir(root) == [MARKER_FILE] and Path(root) == out:
+            (out / MARKER_FILE).unlink()
         with suppress(OSError):  # a file of the user is in it
             os.rmdir(root)
 
 
 def files_of(out: Path) -> dict[str, Path]:
     """The files that ``atomic_folder`` wrote in a folder, by relative path; none if it left no list."""
-    return {name: path for name in sorted(_listed(out) or ()) if (path := out / name).is_file()}
+    return {name: path for name in sorted(_files_in_marker(out) or ()) if (path := out / name).is_file()}
 
 
-def _below(folder: Path) -> Iterator[str]:
+def _paths_below(folder: Path) -> Iterator[str]:
     """Relative paths of everything in a folder and below: files, links, and empty folders."""
-    for root, folders, files in os.walk(folder, onerror=_raise):
+    for root, folders, files in os.walk(folder, onerror=_raise_unless_missing):
         inside = Path(root).relative_to(folder)
         links = [name for name in folders if os.path.islink(os.path.join(root, name))]
         yield from ((inside / name).as_posix() for name in (*files, *links))
@@ -85,22 +86,22 @@ def _below(folder: Path) -> Iterator[str]:
             yield inside.as_posix()
 
 
-def _raise(error: OSError) -> None:
+def _raise_unless_missing(error: OSError) -> None:
     if not isinstance(error, FileNotFoundError):  # removed by another writer meanwhile
         raise error
 
 
-def _listed(folder: Path) -> set[str] | None:
+def _files_in_marker(folder: Path) -> set[str] | None:
     """What ``atomic_folder`` wrote in a folder: empty if the list is damaged, None if there is no list."""
-    marker = folder / MARKER
+    marker = folder / MARKER_FILE
     if marker.is_symlink() or not marker.is_file():
         return None
     with marker.open("rb") as file:
-        raw = file.read(MOST_LISTED + 1)
-    if raw.startswith(WITHOUT_LIST):
+        raw = file.read(MOST_MARKER_BYTES + 1)
+    if raw.startswith(OLD_MARKER_START):
         return None
     try:
-        names = json.loads(raw)["files"] if len(raw) <= MOST_LISTED else []
+        names = json.loads(raw)["files"] if len(raw) <= MOST_MARKER_BYTES else []
     except (ValueError, KeyError, TypeError, RecursionError):
         names = []
     whole = isinstance(names, list) and all(isinstance(name, str) for name in names)
@@ -115,38 +116,38 @@ def _is_inside(folder: Path, name: str) -> bool:
     return os.path.realpath(folder / inside) == os.path.join(os.path.realpath(folder), *inside.parts)
 
 
-def _bring(old: Path, new: Path, out: Path) -> None:
+def _bring_user_files(old: Path, new: Path, out: Path) -> None:
     """Link the user's files in the old folder at ``out`` into the new one, unless that was done before."""
-    ours = _listed(old)
-    for name in _below(old):
+    ours = _files_in_marker(old)
+    for name in _paths_below(old):
         source, target = old / name, new / name
         empty = source.is_dir() and not source.is_symlink()  # of the folders, only empty ones are listed
-        if name == MARKER or (ours is not None and name in ours) or (empty and target.is_dir()):
+        if name == MARKER_FILE or (ours is not None and name in ours) or (empty and target.is_dir()):
             continue
         if os.path.lexists(target):
-            if ours is None or _same(source, target):
+            if ours is None or _same_size_and_time(source, target):
                 continue
-            raise _in_the_way(out / name)
+            raise _user_file_in_the_way(out / name)
         try:
             (target if empty else target.parent).mkdir(parents=True, exist_ok=True)
         except (FileExistsError, NotADirectoryError):
-            raise _in_the_way(out / name) from None
+            raise _user_file_in_the_way(out / name) from None
         if not empty and os.path.lexists(source):
-            _link(source, target)
+            _link_or_copy(source, target)
 
 
-def _in_the_way(path: Path) -> FileExistsError:
+def _user_file_in_the_way(path: Path) -> FileExistsError:
     return FileExistsError(
         f"{path}: morphofold did not write this, and a new result would replace it. Move it away, or name a new folder."
     )
 
 
-def _same(one: Path, other: Path) -> bool:
+def _same_size_and_time(one: Path, other: Path) -> bool:
     a, b = one.lstat(), other.lstat()
     return (a.st_size, a.st_mtime_ns) == (b.st_size, b.st_mtime_ns)
 
 
-def _link(source: Path, target: Path) -> None:
+def _link_or_copy(source: Path, target: Path) -> None:
     """Hard link to a file if the file system allows it, else a copy: simulations are large."""
     try:
         os.link(source, target, follow_symlinks=False)
@@ -154,7 +155,7 @@ def _link(source: Path, target: Path) -> None:
         shutil.copy2(source, target, follow_symlinks=False)
 
 
-def _move_onto(new: Path, out: Path) -> None:
+def _replace_folder(new: Path, out: Path) -> None:
     """Replace a folder by another. At any time, another process sees the old or the new one.
 
     Some systems can't exchange two names in one step. There, one of two simultaneous writers may fail, and a process
@@ -168,14 +169,14 @@ def _move_onto(new: Path, out: Path) -> None:
         except OSError:
             if out.is_symlink() or not out.is_dir():  # else the folder appeared meanwhile
                 raise
-    _bring(out, new, out)
-    if _exchange(new, out):
+    _bring_user_files(out, new, out)
+    if _exchange_names(new, out):
         try:
             refuse_foreign(out, found=new)  # a file of the user may have appeared since the last check
-            _bring(new, out, out)
+            _bring_user_files(new, out, out)
         except BaseException:
             os.replace(new, old)  # the caller does not remove this name
-            if _exchange(old, out):
+            if _exchange_names(old, out):
                 shutil.rmtree(old)
             else:
                 os.replace(old, out)
@@ -185,7 +186,7 @@ def _move_onto(new: Path, out: Path) -> None:
     os.replace(out, old)
     try:
         refuse_foreign(out, found=old)
-        _bring(old, new, out)
+        _bring_user_files(old, new, out)
         os.replace(new, out)
     except BaseException:
         os.replace(old, out)
@@ -203,7 +204,7 @@ def moved_away(out: StrPath) -> str:
     return ""
 
 
-def _exchange(one: Path, other: Path) -> bool:
+def _exchange_names(one: Path, other: Path) -> bool:
     """Exchange two names in one step; False if the system or the file system can't."""
     try:
         library, a, b = ctypes.CDLL(None), os.fsencode(one), os.fsencode(other)
@@ -228,10 +229,10 @@ def refuse_foreign(out: Path, *, found: Path | None = None) -> None:
         return
     if not found.is_dir():
         raise FileExistsError(f"{out}: is a file; name a folder to write.")
-    if (found / COLLECTION).is_file():
+    if (found / COLLECTION_MARKER).is_file():
         raise FileExistsError(f"{out}: is a cohort or a sweep, which is not replaced. Name a new folder.")
     names = sorted(p.name for p in found.iterdir())
-    if names and not _ours(found):
+    if names and not _has_marker(found):
         raise FileExistsError(
             f"{out}: morphofold did not write this folder, so it is not replaced. It holds "
             f"{', '.join(names[:4])}{f' and {len(names) - 4} more' if len(names) > 4 else ''}. Name a new folder, or "
@@ -241,7 +242,7 @@ def refuse_foreign(out: Path, *, found: Path | None = None) -> None:
 
 def refuse_no_collection(out: Path, kind: str) -> None:
     """Raise ``FileExistsError`` if ``out`` exists, is not empty and is not from ``begin_collection``."""
-    file = out / COLLECTION
+    file = out / COLLECTION_MARKER
     if file.is_file():
         there = file.read_text(encoding="utf-8", errors="replace").partition(":")[0]
         if there != kind:
@@ -266,9 +267,9 @@ def begin_collection(out: Path, kind: str) -> None:
     """
     refuse_no_collection(out, kind)
     out.mkdir(parents=True, exist_ok=True)
-    with atomic_file(out / COLLECTION) as file:
+    with atomic_file(out / COLLECTION_MARKER) as file:
         file.write_text(f"{kind}: morphofold adds results to this folder and replaces none of it.\n", encoding="utf-8")
 
 
-def _ours(out: Path) -> bool:
-    return (out / MARKER).is_file()
+def _has_marker(out: Path) -> bool:
+    return (out / MARKER_FILE).is_file()

@@ -15,10 +15,10 @@ from morphofold.errors import DamagedFile
 from morphofold.io.files import looks_like_text
 from morphofold.surface import Faces, Surface, Verts
 
-Read = tuple[Verts, Faces, Mapping[str, Any] | None]
+SurfaceContent = tuple[Verts, Faces, Mapping[str, Any] | None]
 
 # counts in a header (PLY; VTK; GLB); each counted element takes at least one byte of the file
-_COUNTS = re.compile(
+_HEADER_COUNTS = re.compile(
     rb'(?:element[ \t]+\w+|\n[ \t]*(?:points|polygons|cells)|"count"[ \t]*:)[ \t]*(\d+)(?:[ \t]+(\d+))?', re.IGNORECASE
 )
 
@@ -43,7 +43,7 @@ class Format:
 
     name: str
     endings: tuple[str, ...]
-    read: Callable[[Path], Read]
+    read: Callable[[Path], SurfaceContent]
     write: Callable[[Path, Surface], None]
     begins: re.Pattern[bytes] | None = None
 
@@ -67,7 +67,7 @@ def silent_log() -> Iterator[None]:
 
 def check_counts(raw: bytes) -> None:
     """Refuse a file whose header declares more elements than it can hold."""
-    for match in _COUNTS.finditer(raw):
+    for match in _HEADER_COUNTS.finditer(raw):
         for count in filter(None, match.groups()):
             if int(count) > len(raw):
                 raise DamagedFile(f"its header declares {count.decode()} elements, but it has {len(raw)} bytes")

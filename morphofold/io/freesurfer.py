@@ -19,13 +19,13 @@ from numpy.typing import ArrayLike, NDArray
 from morphofold.errors import DamagedFile, Mismatch, NamedTwice, OutOfRange, WrongFile, WrongShape
 from morphofold.io.files import StrPath, beginning, decoding, existing_file, looks_like_text, write_and_look
 from morphofold.io.formats import Format
-from morphofold.io.json_files import LARGEST
+from morphofold.io.json_files import LARGEST_NUMBER
 from morphofold.surface import Faces, PerVertex, Regions, Surface, Verts
 
-TRIANGLES, QUADS, QUADS_FLOAT = b"\xff\xff\xfe", b"\xff\xff\xff", b"\xff\xff\xfd"
-_SURFACES = (".white", ".pial", ".inflated", ".sphere", ".orig", ".smoothwm", ".mid", "")
-_STAMP = "created by morphofold"  # nibabel's default writes the name of the user and the date
-_AGAIN = "Copy it again from its source."
+TRIANGLE_MAGIC, QUAD_MAGIC, QUAD_FLOAT_MAGIC = b"\xff\xff\xfe", b"\xff\xff\xff", b"\xff\xff\xfd"
+_SURFACE_SUFFIXES = (".white", ".pial", ".inflated", ".sphere", ".orig", ".smoothwm", ".mid", "")
+_CREATED_BY = "created by morphofold"  # nibabel's default writes the name of the user and the date
+_COPY_AGAIN = "Copy it again from its source."
 
 
 # surfaces -------------------------------------------------------------------------------------------------
@@ -33,7 +33,7 @@ _AGAIN = "Copy it again from its source."
 
 def is_geometry(head: bytes) -> bool:
     """Whether a file with these first bytes is a FreeSurfer surface (or, for ``FF FF FF``, perhaps a map)."""
-    return head[:3] in (TRIANGLES, QUADS, QUADS_FLOAT)
+    return head[:3] in (TRIANGLE_MAGIC, QUAD_MAGIC, QUAD_FLOAT_MAGIC)
 
 
 def read_geometry(path: Path) -> tuple[Verts, Faces, Mapping[str, Any] | None]:
@@ -44,12 +44,12 @@ def read_geometry(path: Path) -> tuple[Verts, Faces, Mapping[str, Any] | None]:
     import nibabel.freesurfer as fs
 
     with path.open("rb") as file:
-        size, end = path.stat().st_size, _check_geometry(file, path)
+        size, end = path.stat().st_size, _end_of_geometry(file, path)
         file.seek(end)
         tail = file.read(4096)
     footer = tail.startswith((struct.pack(">3i", 2, 0, 20), struct.pack(">i", 20)))
     if footer and b"\ncras" not in tail:
-        raise DamagedFile(f"{path}: is truncated inside its volume-geometry footer, at byte {size}. {_AGAIN}")
+        raise DamagedFile(f"{path}: is truncated inside its volume-geometry footer, at byte {size}. {_COPY_AGAIN}")
     with decoding(path, "a FreeSurfer surface"):
         if footer:
             verts, faces, geometry = fs.read_geometry(os.fspath(path), read_metadata=True)
@@ -59,10 +59,10 @@ def read_geometry(path: Path) -> tuple[Verts, Faces, Mapping[str, Any] | None]:
     return verts, faces, geometry
 
 
-def _check_geometry(file: BinaryIO, path: Path) -> int:
+def _end_of_geometry(file: BinaryIO, path: Path) -> int:
     """Byte at which vertices and faces end; the file must reach it."""
     magic, size = file.read(3), path.stat().st_size
-    if magic == TRIANGLES:
+    if magic == TRIANGLE_MAGIC:
         file.readline(), file.readline()  # "created by ...", empty line
         head = file.read(8)
         n, m = struct.unpack(">2i", head) if len(head) == 8 else (0, 0)
@@ -70,19 +70,20 @@ def _check_geometry(file: BinaryIO, path: Path) -> int:
         kind = "triangles"
     else:
         head = file.read(6)
-        if magic == QUADS and _is_morph(magic + head + file.read(6), size):
+        if magic == QUAD_MAGIC and _is_curv_file(magic + head + file.read(6), size):
             (n,) = struct.unpack(">i", head[:4])
             raise WrongFile(
                 f"{path}: holds one value for each of {n} vertices, not a surface. Name a surface such as lh.white."
             )
         n, m = int.from_bytes(head[:3], "big"), int.from_bytes(head[3:], "big")
-        need = 9 + (6 if magic == QUADS else 12) * n + 12 * m
+        need = 9 + (6 if magic == QUAD_MAGIC else 12) * n + 12 * m
         kind = "quadrangles"
     if n <= 0 or m <= 0:
-        raise DamagedFile(f"{path}: its header gives {n} vertices and {m} {kind}, so it is damaged. {_AGAIN}")
+        raise DamagedFile(f"{path}: its header gives {n} vertices and {m} {kind}, so it is damaged. {_COPY_AGAIN}")
     if need > size:
         raise DamagedFile(
-            f"{path}: is truncated or damaged: {n} vertices and {m} {kind} need {need} bytes; it has {size}. {_AGAIN}"
+            f"{path}: is truncated or damaged: {n} vertices and {m} {kind} need {need} bytes; it has {size}. "
+            f"{_COPY_AGAIN}"
         )
     return need
 
@@ -97,7 +98,7 @@ def write_geometry(path: StrPath, surface: Surface) -> None:
     """Write a FreeSurfer triangle surface with its footer; the format holds float32."""
     import nibabel.freesurfer as fs
 
-    parts = surface.verts, surface.faces, _STAMP, surface.geometry
+    parts = surface.verts, surface.faces, _CREATED_BY, surface.geometry
     write_and_look(path, lambda name: fs.write_geometry(name, *parts), read_geometry)
 
 
@@ -127,10 +128,10 @@ def read_curv(path: Path) -> PerVertex:
     size = path.stat().st_size
     with path.open("rb") as file:
         head = file.read(15)
-    if is_geometry(head) and not _is_morph(head, size):
+    if is_geometry(head) and not _is_curv_file(head, size):
         n = struct.unpack(">i", head[3:7])[0] if len(head) >= 7 else 0
-        if head[:3] == QUADS and head[11:15] == struct.pack(">i", 1) and n > 0:
-            raise DamagedFile(f"{path}: is truncated: {n} values need {15 + 4 * n} bytes; it has {size}. {_AGAIN}")
+        if head[:3] == QUAD_MAGIC and head[11:15] == struct.pack(">i", 1) and n > 0:
+            raise DamagedFile(f"{path}: is truncated: {n} values need {15 + 4 * n} bytes; it has {size}. {_COPY_AGAIN}")
         raise WrongFile(f"{path}: is not a map with one value per vertex. Is it a surface?")
     old = 6 + 2 * int.from_bytes(head[:3], "big")  # the oldest layout: 3-byte counts, hundredths as int16
     if not is_geometry(head) and (looks_like_text(head) or size != old or size <= 6):
@@ -139,8 +140,8 @@ def read_curv(path: Path) -> PerVertex:
         return np.asarray(fs.read_morph_data(os.fspath(path)), dtype=np.float64)
 
 
-def _is_morph(head: bytes, size: int) -> bool:
-    if head[:3] != QUADS or len(head) < 15:
+def _is_curv_file(head: bytes, size: int) -> bool:
+    if head[:3] != QUAD_MAGIC or len(head) < 15:
         return False
     n, _, per_vertex = struct.unpack(">3i", head[3:15])
     return n > 0 and per_vertex == 1 and size >= 15 + 4 * n
@@ -187,7 +188,7 @@ def read_annotation(path: StrPath) -> Regions:
     """
     path = existing_file(path, "annotation")
     data = path.read_bytes()
-    with decoding(path, "a FreeSurfer annotation", _AGAIN):
+    with decoding(path, "a FreeSurfer annotation", _COPY_AGAIN):
         (n,) = struct.unpack_from(">i", data)
         if n <= 0 or 4 + 8 * n > len(data):
             raise DamagedFile(f"{n} vertices need {4 + 8 * n} bytes; it has {len(data)} and may be truncated")
@@ -275,7 +276,7 @@ def read_label(path: StrPath, n: int) -> NDArray[np.bool_]:
         first, second = file.readline(512), file.readline(512)
     if not first.startswith(b"#") or not second.strip().isdigit():
         raise WrongFile(f"{path}: is not a FreeSurfer label ({beginning(first or second)}).")
-    with decoding(path, "a FreeSurfer label", _AGAIN):
+    with decoding(path, "a FreeSurfer label", _COPY_AGAIN):
         vertices = np.atleast_1d(fs.read_label(os.fspath(path)))
         if len(vertices) != int(second):
             raise DamagedFile(f"its second line gives {int(second)} vertices, but the file lists {len(vertices)}")
@@ -288,8 +289,8 @@ def read_label(path: StrPath, n: int) -> NDArray[np.bool_]:
     return mask
 
 
-STATS_BYTES = 2**18  # of aseg.stats that are read; FreeSurfer writes about 10 kB
-_STATS = {"EstimatedTotalIntraCranialVol": "etiv_mm3", "{hemi}SurfaceHoles": "surface_holes"}
+MOST_STATS_BYTES = 2**18  # of aseg.stats that are read; FreeSurfer writes about 10 kB
+_KEY_OF_ASEG_MEASURE = {"EstimatedTotalIntraCranialVol": "etiv_mm3", "{hemi}SurfaceHoles": "surface_holes"}
 
 
 def read_aseg_stats(path: StrPath, hemi: str) -> dict[str, float | int]:
@@ -303,8 +304,8 @@ def read_aseg_stats(path: StrPath, hemi: str) -> dict[str, float | int]:
         value that the file does not give as a number from 0 to 1e12 is left out.
     """
     with Path(path).open("rb") as file:
-        lines = file.read(STATS_BYTES).decode("utf-8", errors="replace").splitlines()
-    wanted = {name.format(hemi=hemi): key for name, key in _STATS.items()}
+        lines = file.read(MOST_STATS_BYTES).decode("utf-8", errors="replace").splitlines()
+    wanted = {name.format(hemi=hemi): key for name, key in _KEY_OF_ASEG_MEASURE.items()}
     found: dict[str, float | int] = {}
     for line in lines:
         cells = [cell.strip() for cell in line.removeprefix("# Measure ").split(",")]
@@ -315,19 +316,19 @@ def read_aseg_stats(path: StrPath, hemi: str) -> dict[str, float | int]:
             value = float(cells[3])
         except ValueError:
             continue
-        if 0 <= value <= LARGEST:
+        if 0 <= value <= LARGEST_NUMBER:
             found[key] = round(value) if key == "surface_holes" else value
     return found
 
 
-class _FreeSurfer(Format):
+class _FreeSurferFormat(Format):
     """Names begin with the hemisphere or end in the name of a surface; also names without an ending."""
 
     def starts(self, head: bytes) -> bool:
         return is_geometry(head)
 
     def named(self, name: str) -> bool:
-        return name.startswith(("lh.", "rh.")) or Path(name).suffix.lower() in _SURFACES
+        return name.startswith(("lh.", "rh.")) or Path(name).suffix.lower() in _SURFACE_SUFFIXES
 
 
-FORMATS = (_FreeSurfer("FreeSurfer", (), read_geometry, write_geometry),)
+FORMATS = (_FreeSurferFormat("FreeSurfer", (), read_geometry, write_geometry),)

@@ -26,14 +26,14 @@ from morphofold.io.files import StrPath, atomic_file, decoding, existing_file
 from morphofold.io.formats import Format
 from morphofold.surface import Faces, PerVertex, Regions, Surface, Verts
 
-_STRUCTURE = {"lh": "CortexLeft", "rh": "CortexRight"}
-_KINDS = {  # names as in Connectome Workbench
+_STRUCTURE_OF_HEMI = {"lh": "CortexLeft", "rh": "CortexRight"}
+_SURFACE_METADATA = {  # names as in Connectome Workbench
     "white": {"GeometricType": "Anatomical", "AnatomicalStructureSecondary": "GrayWhite"},
     "pial": {"GeometricType": "Anatomical", "AnatomicalStructureSecondary": "Pial"},
     "inflated": {"GeometricType": "Inflated"},
 }
-MAX_UNPACKED = 2**28  # bytes: 7 million vertices and their faces; nibabel holds several copies of them
-_SOURCE = "Convert it again from its source, e.g. with mris_convert or wb_command."
+MOST_UNPACKED_BYTES = 2**28  # bytes: 7 million vertices and their faces; nibabel holds several copies of them
+_CONVERT_AGAIN = "Convert it again from its source, e.g. with mris_convert or wb_command."
 
 
 def read_gifti_surface(path: Path) -> tuple[Verts, Faces, Mapping[str, Any] | None]:
@@ -43,13 +43,13 @@ def read_gifti_surface(path: Path) -> tuple[Verts, Faces, Mapping[str, Any] | No
     """
     from nibabel import nifti1
 
-    image = _load(path, "a GIFTI surface")
+    image = _load_image(path, "a GIFTI surface")
     points = image.get_arrays_from_intent("NIFTI_INTENT_POINTSET")
     triangles = image.get_arrays_from_intent("NIFTI_INTENT_TRIANGLE")
     if len(points) != 1 or len(triangles) != 1:
         raise WrongFile(
             f"{path}: holds {len(points)} arrays of points and {len(triangles)} of triangles, not one of each. "
-            f"It holds {_intents(image)}; pass a .surf.gii."
+            f"It holds {_array_intents_text(image)}; pass a .surf.gii."
         )
     there = points[0].coordsys is not None and points[0].coordsys.dataspace == nifti1.xform_codes["scanner"]
     return points[0].data, triangles[0].data, None if there else _volume_geometry(points[0].meta)
@@ -57,10 +57,10 @@ def read_gifti_surface(path: Path) -> tuple[Verts, Faces, Mapping[str, Any] | No
 
 def read_gifti_map(path: Path) -> PerVertex:
     """Values (N,) of a GIFTI with a single per-vertex array (``.shape.gii``, ``.func.gii``)."""
-    image = _load(path, "a GIFTI map")
+    image = _load_image(path, "a GIFTI map")
     values = [a.data for a in image.darrays if np.ndim(np.squeeze(a.data)) == 1]
     if len(image.darrays) != 1 or len(values) != 1:
-        raise WrongFile(f"{path}: holds {_intents(image)}; a map has one array with one value per vertex.")
+        raise WrongFile(f"{path}: holds {_array_intents_text(image)}; a map has one array with one value per vertex.")
     return np.asarray(values[0], dtype=np.float64).reshape(-1)
 
 
@@ -74,17 +74,17 @@ def read_gifti_regions(path: Path, name: str = "regions") -> Regions:
     ValueError
         If it is damaged, does not hold exactly one array of keys, or its table lacks a key.
     """
-    image = _load(existing_file(path, "label file"), "a GIFTI label file")
+    image = _load_image(existing_file(path, "label file"), "a GIFTI label file")
     arrays = image.get_arrays_from_intent("NIFTI_INTENT_LABEL")
     if len(arrays) != 1 or len(image.darrays) != 1 or np.ndim(arrays[0].data) != 1:
-        raise WrongFile(f"{path}: holds {_intents(image)}; regions are one array with one key per vertex.")
+        raise WrongFile(f"{path}: holds {_array_intents_text(image)}; regions are one array with one key per vertex.")
     table = {label.key: label for label in image.labeltable.labels if label.key != 0}
-    with decoding(path, "a GIFTI label file", _SOURCE):  # keys may be too large for an integer
+    with decoding(path, "a GIFTI label file", _CONVERT_AGAIN):  # keys may be too large for an integer
         keys, values = np.array(sorted(table), dtype=np.int64), np.asarray(arrays[0].data, dtype=np.int64)
     missing = np.setdiff1d(values, [0, *keys])
     if missing.size:
         raise DamagedFile(
-            f"{path}: its label table lacks {len(missing)} of the keys, the first is {missing[0]}. {_SOURCE}"
+            f"{path}: its label table lacks {len(missing)} of the keys, the first is {missing[0]}. {_CONVERT_AGAIN}"
         )
     shades = [[x or 0.0 for x in (table[k].red, table[k].green, table[k].blue)] for k in keys]
     colours = np.array(shades, dtype=np.float64).reshape(-1, 3)
@@ -93,27 +93,27 @@ def read_gifti_regions(path: Path, name: str = "regions") -> Regions:
     return Regions(labels, names, np.round(255 * colours.clip(0, 1)).astype(np.uint8), name)
 
 
-def _load(path: Path, what: str) -> Any:
+def _load_image(path: Path, what: str) -> Any:
     from nibabel.gifti import GiftiImage
 
-    with decoding(path, what, _SOURCE):
+    with decoding(path, what, _CONVERT_AGAIN):
         raw = path.read_bytes()
         if raw[:2] == b"\x1f\x8b":
             with gzip.open(path) as file:
-                raw = file.read(MAX_UNPACKED + 1)
-            if len(raw) > MAX_UNPACKED:
-                raise DamagedFile(f"it unpacks to more than {MAX_UNPACKED / 2**20:g} MiB")
-        _check_sizes(raw)
+                raw = file.read(MOST_UNPACKED_BYTES + 1)
+            if len(raw) > MOST_UNPACKED_BYTES:
+                raise DamagedFile(f"it unpacks to more than {MOST_UNPACKED_BYTES / 2**20:g} MiB")
+        _check_array_sizes(raw)
         # from memory: so an array in an external file, which could be any file, is refused
         return GiftiImage.from_bytes(raw)
 
 
-def _check_sizes(raw: bytes) -> None:
+def _check_array_sizes(raw: bytes) -> None:
     """Raise unless every compressed array unpacks to the size that its attributes give."""
     from nibabel.gifti.util import gifti_encoding_codes
     from nibabel.nifti1 import data_type_codes
 
-    left = MAX_UNPACKED
+    left = MOST_UNPACKED_BYTES
     for _, element in ET.iterparse(BytesIO(raw)):
         if element.tag != "DataArray":
             continue
@@ -135,14 +135,14 @@ def _check_sizes(raw: bytes) -> None:
         element.clear()
 
 
-def _intents(image: Any) -> str:
+def _array_intents_text(image: Any) -> str:
     from nibabel.nifti1 import intent_codes
 
     names = [f"{intent_codes.label[a.intent]} {np.shape(a.data)}" for a in image.darrays]
     return ", ".join(names[:4]) + (" ..." if len(names) > 4 else "") if names else "no arrays"
 
 
-_FOOTER = {
+_FOOTER_KEYS = {
     "volume": ("Width", "Height", "Depth"),
     "voxelsize": ("Xsize", "Ysize", "Zsize"),
     "xras": ("X_R", "X_A", "X_S"),
@@ -155,7 +155,7 @@ _FOOTER = {
 def _volume_geometry(meta: Mapping[str, str]) -> Mapping[str, Any] | None:
     """FreeSurfer's footer from the ``VolGeom...`` entries of mris_convert; None unless all exist."""
     try:
-        found = {k: np.array([float(meta[f"VolGeom{n}"]) for n in names]) for k, names in _FOOTER.items()}
+        found = {k: np.array([float(meta[f"VolGeom{n}"]) for n in names]) for k, names in _FOOTER_KEYS.items()}
     except (KeyError, ValueError):
         return None
     if not all(np.isfinite(v).all() for v in found.values()):
@@ -175,11 +175,11 @@ def write_gifti_surface(path: StrPath, surface: Surface, hemi: str | None = None
     from nibabel.gifti import GiftiCoordSystem, GiftiDataArray
 
     kind = re.split(r"[._]", Path(path).name.split(".surf.gii")[0])[-1]
-    meta = _structure(path, hemi) | _KINDS.get(kind, {"GeometricType": "Anatomical"})
+    meta = _structure_metadata(path, hemi) | _SURFACE_METADATA.get(kind, {"GeometricType": "Anatomical"})
     footer = surface.geometry
     if footer and str(footer.get("valid", "")).startswith("1"):
         meta["VolGeomFname"] = str(footer["filename"])
-        for key, names in _FOOTER.items():
+        for key, names in _FOOTER_KEYS.items():
             meta |= {f"VolGeom{n}": repr(x.item()) for n, x in zip(names, np.asarray(footer[key]))}
     space = nifti1.xform_codes["scanner" if scanner else "unknown"]
     points = GiftiDataArray(
@@ -190,7 +190,7 @@ def write_gifti_surface(path: StrPath, surface: Surface, hemi: str | None = None
         meta=meta,
     )
     triangles = GiftiDataArray(surface.faces.astype(np.int32), "NIFTI_INTENT_TRIANGLE", "NIFTI_TYPE_INT32")
-    _save(path, [points, triangles], {})
+    _write_image(path, [points, triangles], {})
 
 
 def write_gifti_map_file(path: StrPath, values: NDArray[np.float32], name: str, hemi: str | None) -> None:
@@ -198,7 +198,7 @@ def write_gifti_map_file(path: StrPath, values: NDArray[np.float32], name: str, 
     from nibabel.gifti import GiftiDataArray
 
     array = GiftiDataArray(values, "NIFTI_INTENT_SHAPE", "NIFTI_TYPE_FLOAT32", meta={"Name": name})
-    _save(path, [array], _structure(path, hemi))
+    _write_image(path, [array], _structure_metadata(path, hemi))
 
 
 def write_gifti_regions(path: StrPath, regions: Regions, hemi: str | None = None) -> None:
@@ -216,15 +216,15 @@ def write_gifti_regions(path: StrPath, regions: Regions, hemi: str | None = None
         table.labels[-1].label = name
     keys, meta = (labels + 1).astype(np.int32), {"Name": regions.name}
     array = GiftiDataArray(keys, "NIFTI_INTENT_LABEL", "NIFTI_TYPE_INT32", meta=meta)
-    _save(path, [array], _structure(path, hemi), table)
+    _write_image(path, [array], _structure_metadata(path, hemi), table)
 
 
-def _structure(path: StrPath, hemi: str | None) -> dict[str, str]:
+def _structure_metadata(path: StrPath, hemi: str | None) -> dict[str, str]:
     hemi = hemi or Path(path).name[:2]
-    return {"AnatomicalStructurePrimary": _STRUCTURE[hemi]} if hemi in _STRUCTURE else {}
+    return {"AnatomicalStructurePrimary": _STRUCTURE_OF_HEMI[hemi]} if hemi in _STRUCTURE_OF_HEMI else {}
 
 
-def _save(path: StrPath, arrays: list[Any], meta: dict[str, str], labels: Any = None) -> None:
+def _write_image(path: StrPath, arrays: list[Any], meta: dict[str, str], labels: Any = None) -> None:
     from nibabel.gifti import GiftiImage, GiftiMetaData
 
     if not os.fspath(path).endswith((".gii", ".gii.gz")):

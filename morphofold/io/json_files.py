@@ -12,12 +12,12 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from morphofold.errors import DamagedFile, NotReadable, TooLarge
 from morphofold.io.files import existing_file
 
-MOST = 64 * 2**20  # bytes; the gyral graph of a hemisphere of a million vertices needs a tenth of it
-LARGEST = 1e12  # largest number of a surface: beyond it, squares and sums lose their meaning
+MOST_JSON_BYTES = 64 * 2**20  # bytes; the gyral graph of a hemisphere of a million vertices needs a tenth of it
+LARGEST_NUMBER = 1e12  # largest number of a surface: beyond it, squares and sums lose their meaning
 
-Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
-Amount = Annotated[float, Field(ge=0, le=LARGEST)]
-Length = Annotated[float, Field(ge=1e-9, le=LARGEST)]
+Number = Annotated[float, Field(ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)]
+Amount = Annotated[float, Field(ge=0, le=LARGEST_NUMBER)]
+Length = Annotated[float, Field(ge=1e-9, le=LARGEST_NUMBER)]
 Count = Annotated[int, Field(ge=0, le=10**12)]
 Index = Annotated[int, Field(ge=-(10**12), le=10**12)]
 
@@ -38,7 +38,7 @@ class Record(BaseModel):
     model_config = ConfigDict(strict=True, extra="allow", allow_inf_nan=False)
 
 
-def read_json(path: Path, schema: type[BaseModel], cure: str, *, most: int = MOST) -> dict[str, Any]:
+def read_json(path: Path, schema: type[BaseModel], cure: str, *, most: int = MOST_JSON_BYTES) -> dict[str, Any]:
     """Content of a JSON object that matches the schema.
 
     Raises
@@ -55,7 +55,7 @@ def read_json(path: Path, schema: type[BaseModel], cure: str, *, most: int = MOS
     if size > most:
         raise TooLarge(f"{path}: has {size:,} bytes; at most {most:,} are allowed. {cure}")
     try:
-        content = json.loads(path.read_bytes(), parse_constant=_refused, parse_float=_finite)
+        content = json.loads(path.read_bytes(), parse_constant=_refuse_constant, parse_float=_finite_float)
     except RecursionError:
         raise DamagedFile(f"{path}: is nested too deeply. {cure}") from None
     except ValueError as error:
@@ -73,11 +73,11 @@ def read_json(path: Path, schema: type[BaseModel], cure: str, *, most: int = MOS
     return content
 
 
-def _refused(constant: str) -> None:
+def _refuse_constant(constant: str) -> None:
     raise DamagedFile(f"it holds {constant}")
 
 
-def _finite(text: str) -> float:
+def _finite_float(text: str) -> float:
     value = float(text)
     if not math.isfinite(value):
         raise DamagedFile(f"it holds {text:.20}, which is too large for a float")

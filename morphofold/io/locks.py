@@ -13,13 +13,13 @@ from typing import IO
 
 from morphofold.io.files import open_own
 
-LOCK = "lock"  # exists while a run writes, and after a run was killed; then nobody holds it
-_BUSY = (errno.EACCES, errno.EAGAIN, errno.EDEADLK)
-_NO_LOCKS = (errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOLCK, errno.EINVAL)
+LOCK_FILE = "lock"  # exists while a run writes, and after a run was killed; then nobody holds it
+_LOCK_HELD_ERRORS = (errno.EACCES, errno.EAGAIN, errno.EDEADLK)
+_NO_LOCKS_ERRORS = (errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOLCK, errno.EINVAL)
 
 
 @contextmanager
-def alone(folder: Path, name: str = LOCK) -> Iterator[None]:
+def alone(folder: Path, name: str = LOCK_FILE) -> Iterator[None]:
     """Lock ``folder`` so that no other run writes there. It is made if needed, and removed again if it stays empty.
 
     A lock with its own ``name`` locks only that part of the folder.
@@ -40,11 +40,11 @@ def alone(folder: Path, name: str = LOCK) -> Iterator[None]:
     made = [p for p in (folder, *folder.parents) if not p.exists()]
     folder.mkdir(parents=True, exist_ok=True)
     try:
-        file = _hold(folder, name)
+        file = _open_locked_file(folder, name)
         try:
             yield
         finally:
-            _let_go(folder / name, file)
+            _release_lock(folder / name, file)
     except BaseException:
         for path in made:
             with suppress(OSError):  # not empty: written files stay
@@ -52,14 +52,14 @@ def alone(folder: Path, name: str = LOCK) -> Iterator[None]:
         raise
 
 
-def _hold(folder: Path, name: str) -> IO[str]:
+def _open_locked_file(folder: Path, name: str) -> IO[str]:
     """The open, locked lock file of a folder, with the number of this process in it."""
     path = folder / name
     while True:
         file = open_own(path, "a+", encoding="ascii", errors="replace")
         try:
-            _lock(file, folder if name == LOCK else path)
-            if not _is_at(file, path):  # the run that held it has just removed it
+            _lock_or_refuse(file, folder if name == LOCK_FILE else path)
+            if not _is_file_at(file, path):  # the run that held it has just removed it
                 file.close()
                 continue
             file.truncate(0)
@@ -71,15 +71,16 @@ def _hold(folder: Path, name: str) -> IO[str]:
         return file
 
 
-def _lock(file: IO[str], place: Path) -> None:
+def _lock_or_refuse(file: IO[str], place: Path) -> None:
     try:
         _try_lock(file)
     except OSError as error:
-        if error.errno in _BUSY:
+        if error.errno in _LOCK_HELD_ERRORS:
             raise FileExistsError(
-                f"{place}: another run is writing here{_number(file)}. Wait until it ends, or choose another folder."
+                f"{place}: another run is writing here{_process_number_text(file)}. Wait until it ends, or choose "
+                "another folder."
             ) from None
-        if error.errno not in _NO_LOCKS:
+        if error.errno not in _NO_LOCKS_ERRORS:
             raise
         warnings.warn(f"{place}: its file system has no locks. Make sure that no other run writes here.", stacklevel=4)
 
@@ -91,7 +92,7 @@ if sys.platform == "win32":
         file.seek(2**30)  # after the number, which others may read
         msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
 
-    def _let_go(path: Path, file: IO[str]) -> None:
+    def _release_lock(path: Path, file: IO[str]) -> None:
         file.close()
         with suppress(OSError):  # another run may have opened it already
             path.unlink()
@@ -102,19 +103,19 @@ else:
     def _try_lock(file: IO[str]) -> None:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
-    def _let_go(path: Path, file: IO[str]) -> None:
+    def _release_lock(path: Path, file: IO[str]) -> None:
         path.unlink(missing_ok=True)  # while it is held: it is no other run's
         file.close()
 
 
-def _number(file: IO[str]) -> str:
+def _process_number_text(file: IO[str]) -> str:
     """The process number in a lock file, in brackets; empty if none is written yet."""
     file.seek(0)
     number = file.read(20).strip()
     return f" (process {number})" if number.isdigit() else ""
 
 
-def _is_at(file: IO[str], path: Path) -> bool:
+def _is_file_at(file: IO[str], path: Path) -> bool:
     try:
         return os.path.samestat(os.fstat(file.fileno()), path.lstat())
     except FileNotFoundError:

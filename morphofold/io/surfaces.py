@@ -11,14 +11,16 @@ from numpy.typing import ArrayLike, NDArray
 from morphofold.errors import NotFinite, WrongFile, WrongShape
 from morphofold.io import freesurfer, gifti
 from morphofold.io.files import StrPath, beginning, existing_file
-from morphofold.io.formats import Format, Read
+from morphofold.io.formats import Format, SurfaceContent
 from morphofold.surface import PerVertex, Surface, check_mesh
 from morphofold.words import listed
 
 #: modules with ``FORMATS``, in the order in which they are tried; FreeSurfer names are the least specific
-MODULES = ("trimesh_files", "vtk_files", "gifti", "freesurfer")
-FORMATS: tuple[Format, ...] = tuple(one for name in MODULES for one in import_module(f"morphofold.io.{name}").FORMATS)
-_GZIP = b"\x1f\x8b"
+FORMAT_MODULES = ("trimesh_files", "vtk_files", "gifti", "freesurfer")
+FORMATS: tuple[Format, ...] = tuple(
+    one for name in FORMAT_MODULES for one in import_module(f"morphofold.io.{name}").FORMATS
+)
+_GZIP_MAGIC = b"\x1f\x8b"
 
 
 def read_surface(path: StrPath) -> Surface:
@@ -45,7 +47,7 @@ def read_surface(path: StrPath) -> Surface:
         The file is not a surface, truncated, damaged, larger than 2 GiB, or not made of triangles.
     """
     path = existing_file(path, "surface")
-    verts, faces, geometry = _read(path)
+    verts, faces, geometry = _read_by_format(path)
     try:
         return Surface(verts, faces, name=path.name, geometry=geometry)
     except (ValueError, TypeError):
@@ -53,27 +55,29 @@ def read_surface(path: StrPath) -> Surface:
         raise
 
 
-def _read(path: Path) -> Read:
+def _read_by_format(path: Path) -> SurfaceContent:
     with path.open("rb") as file:
         head = file.read(1024)
-    found = _format(path, head)
+    found = _format_of_file(path, head)
     if found is not None:
         return found.read(path)
-    if head.startswith(_GZIP):
+    if head.startswith(_GZIP_MAGIC):
         raise WrongFile(
             f"{path}: is compressed; only .gii.gz can be read compressed. Decompress it first, with gunzip."
         )
-    raise WrongFile(f"{path}: is not a surface that morphofold can read ({beginning(head)}). It reads {_known()}.")
+    raise WrongFile(
+        f"{path}: is not a surface that morphofold can read ({beginning(head)}). It reads {_known_formats_text()}."
+    )
 
 
-def _format(path: Path, head: bytes) -> Format | None:
+def _format_of_file(path: Path, head: bytes) -> Format | None:
     """The format by the first bytes; by the ending only if they do not identify one."""
     by_head = (one for one in FORMATS if one.starts(head))
     by_name = (one for one in FORMATS if one.endings and one.named(path.name))
     return next(by_head, None) or next(by_name, None)
 
 
-def _known() -> str:
+def _known_formats_text() -> str:
     return listed([one.name for one in FORMATS])
 
 
@@ -104,7 +108,9 @@ def write_surface(path: StrPath, surface: Surface) -> None:
     path = Path(path)
     found = next((one for one in FORMATS if one.named(path.name)), None)
     if found is None:
-        raise WrongFile(f"{path}: no format has the ending {path.suffix.lower()!r}. The known formats are {_known()}.")
+        raise WrongFile(
+            f"{path}: no format has the ending {path.suffix.lower()!r}. The known formats are {_known_formats_text()}."
+        )
     found.write(path, surface)
 
 
@@ -142,7 +148,7 @@ def write_morph(path: StrPath, values: ArrayLike, *, nan: float | None = None) -
         NaN without ``nan``, infinite values, or another shape than (N,).
     """
     write = freesurfer.write_mgh if Path(path).suffix.lower() == ".mgh" else freesurfer.write_curv
-    write(path, _checked(path, values, nan))
+    write(path, _checked_map(path, values, nan))
 
 
 def write_gifti_map(
@@ -154,10 +160,10 @@ def write_gifti_map(
     name.
     """
     name = name or Path(path).name.split(".gii")[0]
-    gifti.write_gifti_map_file(path, _checked(path, values, nan), name, hemi)
+    gifti.write_gifti_map_file(path, _checked_map(path, values, nan), name, hemi)
 
 
-def _checked(path: StrPath, values: ArrayLike, nan: float | None) -> NDArray[np.float32]:
+def _checked_map(path: StrPath, values: ArrayLike, nan: float | None) -> NDArray[np.float32]:
     values = np.asarray(values, dtype=np.float64)
     if values.ndim != 1 or len(values) == 0:
         raise WrongShape(f"{path}: a map has one value per vertex, shape (N,); got {values.shape}.")

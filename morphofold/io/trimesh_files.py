@@ -12,14 +12,14 @@ import numpy as np
 
 from morphofold.errors import DamagedFile
 from morphofold.io.files import atomic_file, decoding
-from morphofold.io.formats import Format, Read, check_counts, silent_log, warn_of_no_end
+from morphofold.io.formats import Format, SurfaceContent, check_counts, silent_log, warn_of_no_end
 from morphofold.surface import Faces, Surface, Verts
 
 _PLY_COUNTS = re.compile(rb"\n[ \t]*element[ \t]+(vertex|face)[ \t]+(\d+)")
 _OFF_COUNTS = re.compile(rb"OFF\s+(?:#[^\n]*\n\s*)*(\d+)\s+(\d+)")
 
 
-def read(kind: str, path: Path) -> Read:
+def read(kind: str, path: Path) -> SurfaceContent:
     """Vertices and faces of a file; ``kind`` is the ending without its dot.
 
     trimesh cuts polygons with more corners into triangles. Vertices keep the order of the file.
@@ -33,8 +33,8 @@ def read(kind: str, path: Path) -> Read:
     with decoding(path, f"a surface in {kind.upper()} format"):
         raw = path.read_bytes()
         check_counts(raw)
-        if kind in _CHECK:
-            _CHECK[kind](raw)
+        if kind in _CHECK_OF_KIND:
+            _CHECK_OF_KIND[kind](raw)
         # from memory and without a resolver: files that this file may name are not opened
         options = {"process": False, "maintain_order": True, "skip_materials": True}
         with silent_log():  # messages about normals, which are not used
@@ -91,7 +91,7 @@ def _check_ply(raw: bytes, n: int, m: int) -> None:
         raise DamagedFile(f"its header gives {promised}, but it has {n} vertices and {m} triangles")
 
 
-_CHECK = {"stl": _check_stl, "off": _check_off}
+_CHECK_OF_KIND = {"stl": _check_stl, "off": _check_off}
 
 
 def write(kind: str, path: Path, surface: Surface) -> None:
@@ -103,14 +103,14 @@ def write(kind: str, path: Path, surface: Surface) -> None:
         mesh.export(temporary, file_type=kind, **({"digits": 22} if kind in ("obj", "off") else {}))
 
 
-def _format(kind: str, begins: re.Pattern[bytes] | None) -> Format:
+def _trimesh_format(kind: str, begins: re.Pattern[bytes] | None) -> Format:
     return Format(kind.upper(), (f".{kind}",), partial(read, kind), partial(write, kind), begins)
 
 
 FORMATS = (
-    _format("ply", re.compile(rb"ply\r?\n")),
-    _format("glb", re.compile(rb"glTF")),
-    _format("off", re.compile(rb"\s*(#[^\n]*\n\s*)*OFF\s")),
-    _format("stl", re.compile(rb"\s*solid\b")),  # text only; a binary file has no mark
-    _format("obj", None),
+    _trimesh_format("ply", re.compile(rb"ply\r?\n")),
+    _trimesh_format("glb", re.compile(rb"glTF")),
+    _trimesh_format("off", re.compile(rb"\s*(#[^\n]*\n\s*)*OFF\s")),
+    _trimesh_format("stl", re.compile(rb"\s*solid\b")),  # text only; a binary file has no mark
+    _trimesh_format("obj", None),
 )

@@ -12,19 +12,19 @@ import numpy as np
 
 from morphofold.errors import DamagedFile, WrongFile
 from morphofold.io.files import atomic_file, decoding, write_and_look
-from morphofold.io.formats import Format, Read, check_counts, silent_log, warn_of_no_end
+from morphofold.io.formats import Format, SurfaceContent, check_counts, silent_log, warn_of_no_end
 from morphofold.io.vtk_blocks import check_blocks
 from morphofold.surface import Surface
 
 
-def read_unstructured(kind: str, path: Path) -> Read:
+def read_unstructured(kind: str, path: Path) -> SurfaceContent:
     """Vertices and triangles of an unstructured ``vtk`` or ``vtu`` file; lines and points are left out.
 
     Raises ``WrongFile`` if the file has faces other than triangles, or no triangles.
     """
     with decoding(path, f"a surface in {kind.upper()} format"):
         raw = path.read_bytes()
-        _check(raw)
+        _check_vtk(raw)
         mesh = importlib.import_module(f"meshio.{kind}").read(os.fspath(path))
         cells = {block.type: len(block.data) for block in mesh.cells if block.type not in ("vertex", "line")}
         if not cells.get("triangle"):
@@ -37,14 +37,14 @@ def read_unstructured(kind: str, path: Path) -> Read:
     return verts, faces, None
 
 
-def read_polygons(path: Path) -> Read:
+def read_polygons(path: Path) -> SurfaceContent:
     """Vertices and triangles of VTK polygon data (``.vtp``, or a ``.vtk`` with ``DATASET POLYDATA``)."""
     import pyvista
 
     errors = pyvista.VtkErrorCatcher(raise_errors=True, send_to_logging=False)  # VTK itself only prints errors
     with decoding(path, "a surface in VTK format"), silent_log(), pyvista.vtk_verbosity("off"), errors:
         raw = path.read_bytes()
-        _check(raw)
+        _check_vtk(raw)
         mesh = pyvista.get_reader(path, force_ext=".vtk" if raw.startswith(b"# vtk") else ".vtp").read()
         if not isinstance(mesh, pyvista.PolyData) or mesh.n_points == 0 or mesh.GetNumberOfPolys() == 0:
             raise DamagedFile("it holds no triangles, or is truncated")
@@ -55,7 +55,7 @@ def read_polygons(path: Path) -> Read:
     return verts, faces, None
 
 
-def _check(raw: bytes) -> None:
+def _check_vtk(raw: bytes) -> None:
     check_counts(raw)
     if raw.startswith(b"# vtk"):
         return
@@ -86,12 +86,12 @@ def write_polygons(path: Path, surface: Surface) -> None:
         temporary.write_text(writer.GetOutputString(), encoding="ascii")
 
 
-_POLYGONS = rb"""[^#]*<VTKFile [^>]*type=["']PolyData|# vtk.*?DATASET +POLYDATA"""
-_UNSTRUCTURED = rb"""[^#]*<VTKFile [^>]*type=["']UnstructuredGrid"""
+_POLYGONS_START = rb"""[^#]*<VTKFile [^>]*type=["']PolyData|# vtk.*?DATASET +POLYDATA"""
+_UNSTRUCTURED_START = rb"""[^#]*<VTKFile [^>]*type=["']UnstructuredGrid"""
 FORMATS = (
-    Format("VTP", (".vtp",), read_polygons, write_polygons, re.compile(_POLYGONS, re.DOTALL)),
+    Format("VTP", (".vtp",), read_polygons, write_polygons, re.compile(_POLYGONS_START, re.DOTALL)),
     *(
         Format(kind.upper(), (f".{kind}",), partial(read_unstructured, kind), partial(write_unstructured, kind), begins)
-        for kind, begins in (("vtu", re.compile(_UNSTRUCTURED, re.DOTALL)), ("vtk", re.compile(rb"# vtk")))
+        for kind, begins in (("vtu", re.compile(_UNSTRUCTURED_START, re.DOTALL)), ("vtk", re.compile(rb"# vtk")))
     ),
 )

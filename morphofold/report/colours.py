@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 RGB = NDArray[np.uint8]
 
-NOT_MEASURED = (196, 196, 192)  # vertices without a value
-BARE = (214, 207, 198)  # the surface without an overlay
+NOT_MEASURED_COLOUR = (196, 196, 192)  # vertices without a value
+BARE_SURFACE_COLOUR = (214, 207, 198)  # the surface without an overlay
 
 
 def rgb_of(colour: str) -> RGB:
@@ -41,7 +41,7 @@ def oklab_to_srgb(lab: np.ndarray) -> np.ndarray:
     return np.where(linear <= 0.0031308, 12.92 * linear, curved)
 
 
-def _table(lightness: np.ndarray, chroma: np.ndarray, hue_deg: np.ndarray) -> RGB:
+def _colour_table(lightness: np.ndarray, chroma: np.ndarray, hue_deg: np.ndarray) -> RGB:
     """Bytes (n, 3); chroma is lowered, in steps of 2 %, where the screen cannot show the colour."""
     hue = np.deg2rad(hue_deg)
     for _ in range(200):
@@ -57,7 +57,7 @@ def _table(lightness: np.ndarray, chroma: np.ndarray, hue_deg: np.ndarray) -> RG
 def sequential(n: int = 256) -> RGB:
     """(n, 3) uint8, dark blue to pale yellow; for magnitudes."""
     t = np.linspace(0, 1, n)
-    return _table(0.30 + 0.63 * t, 0.125 + 0.03 * np.sin(np.pi * t), 285 - 180 * t)
+    return _colour_table(0.30 + 0.63 * t, 0.125 + 0.03 * np.sin(np.pi * t), 285 - 180 * t)
 
 
 @cache
@@ -65,11 +65,11 @@ def diverging(n: int = 256) -> RGB:
     """(n, 3) uint8, blue (negative) through near-white to orange-red (positive); for signed quantities."""
     t = np.linspace(-1, 1, n)
     size = np.abs(t)
-    return _table(0.96 - 0.50 * size**1.1, 0.19 * size**0.8, np.where(t < 0, 255.0, 42.0))
+    return _colour_table(0.96 - 0.50 * size**1.1, 0.19 * size**0.8, np.where(t < 0, 255.0, 42.0))
 
 
 def apply(values: np.ndarray, limits: tuple[float, float], signed: bool) -> RGB:
-    """Colour of each value, (..., 3) uint8: end colours beyond the limits, ``NOT_MEASURED`` for NaN."""
+    """Colour of each value, (..., 3) uint8: end colours beyond the limits, ``NOT_MEASURED_COLOUR`` for NaN."""
     table = diverging() if signed else sequential()
     low, high = limits
     with np.errstate(invalid="ignore"):
@@ -78,7 +78,7 @@ def apply(values: np.ndarray, limits: tuple[float, float], signed: bool) -> RGB:
     index = np.zeros(place.shape, dtype=np.int64)
     index[known] = np.round(place[known] * (len(table) - 1)).astype(np.int64)
     colours = table[index]
-    colours[~known] = NOT_MEASURED
+    colours[~known] = NOT_MEASURED_COLOUR
     return colours
 
 

@@ -15,17 +15,23 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from morphofold.analysis.measures import Measures
 from morphofold.errors import NotReadable
-from morphofold.forecasts.analysis_cost import WRITING
+from morphofold.forecasts.analysis_cost import WRITING_STAGE
 from morphofold.io import atomic_file, atomic_folder
 from morphofold.io.json_files import Record, read_json
 from morphofold.provenance import shown, strict_json
 from morphofold.quantities import column_words
-from morphofold.results.bids_hemisphere import MISSING, in_bids_letters, moved_rows, read_hemisphere, write_hemisphere
+from morphofold.results.bids_hemisphere import (
+    MISSING_DESCRIPTION,
+    in_bids_letters,
+    moved_rows,
+    read_hemisphere,
+    write_hemisphere,
+)
 from morphofold.results.summary import (
     COLUMNS,
-    CURE,
-    SURFACES,
-    Page,
+    REANALYSE_ADVICE,
+    SCALAR_COLUMNS,
+    DrawPage,
     Summary,
     checked_inputs,
     entries_of,
@@ -40,9 +46,9 @@ from morphofold.tables import write_table
 if TYPE_CHECKING:
     from morphofold.timing import Stages
 
-PROVENANCE = "_desc-morphofold_provenance.json"
-COST = "_desc-morphofold_cost.json"
-IGNORED = """\
+PROVENANCE_ENDING = "_desc-morphofold_provenance.json"
+COST_ENDING = "_desc-morphofold_cost.json"
+BIDSIGNORE_LINES = """\
 *.html
 figures
 *.surf.gii
@@ -56,14 +62,14 @@ figures
 *_provenance.json
 *_cost.json
 """
-README = """\
+README_TEXT = """\
 # Cortical morphometry by morphofold
 
 Surfaces, maps and tables of folded cortices. `sub-*/report.html` shows those of one subject. The `.json` beside a map
 or table describes it; `*_provenance.json` gives its sources. Files that BIDS does not define are in `.bidsignore`.
 """
-NAN = f"{MISSING}; n/a in tables"
-LEVELS = {"hemi": {"lh": "left", "rh": "right"}}
+NAN_MEANING = f"{MISSING_DESCRIPTION}; n/a in tables"
+COLUMN_LEVELS = {"hemi": {"lh": "left", "rh": "right"}}
 
 
 def write_dataset(
@@ -73,7 +79,7 @@ def write_dataset(
     *,
     failed: Mapping[str, str] | None = None,
     parameters: Mapping[str, Any] | None = None,
-    report: Page | Literal[False] = False,
+    report: DrawPage | Literal[False] = False,
     stages: Sequence[Cortex] = (),
     clock: Stages | None = None,
 ) -> Path:
@@ -121,7 +127,7 @@ def write_dataset(
     dataset = Path(dataset)
     place = subject_place(dataset, name)
     if clock is not None:
-        clock.begin(WRITING)
+        clock.begin(WRITING_STAGE)
     records = checked_inputs(measures, place)
     with atomic_folder(place) as folder:
         anat = folder / "anat"
@@ -131,20 +137,20 @@ def write_dataset(
         tables = {key: [row for m in measures for row in getattr(m, key)] for key in COLUMNS}
         tables["hinges"] = [row for m in measures for row in moved_rows(m.hinges, m.cortex.transform)]
         for key, columns in COLUMNS.items():
-            _write_table(anat / f"{place.name}_desc-{key}_morph.tsv", columns, tables[key])
-        _write_table(anat / f"{place.name}_desc-surfaces_morph.tsv", SURFACES, scalar_rows(measures))
-        content = {"subject": name, **summary_of(measures, records, parameters, failed or {}), "nan": NAN}
+            _write_described_table(anat / f"{place.name}_desc-{key}_morph.tsv", columns, tables[key])
+        _write_described_table(anat / f"{place.name}_desc-surfaces_morph.tsv", SCALAR_COLUMNS, scalar_rows(measures))
+        content = {"subject": name, **summary_of(measures, records, parameters, failed or {}), "nan": NAN_MEANING}
         write_summary(
             measures,
             content,
-            anat / f"{place.name}{PROVENANCE}",
+            anat / f"{place.name}{PROVENANCE_ENDING}",
             page=folder / "report.html",
-            cost=anat / f"{place.name}{COST}",
+            cost=anat / f"{place.name}{COST_ENDING}",
             report=report,
             stages=stages,
             clock=clock,
         )
-    _describe(dataset)
+    _write_dataset_description(dataset)
     return place
 
 
@@ -158,7 +164,7 @@ def begin_dataset(dataset: Path, ignoring: Sequence[str] = ()) -> None:
     """
     refuse_other_dataset(dataset)
     dataset.mkdir(parents=True, exist_ok=True)
-    _describe(dataset, ignoring)
+    _write_dataset_description(dataset, ignoring)
 
 
 def read_subject(folder: str | Path) -> list[Measures]:
@@ -175,15 +181,15 @@ def read_subject(folder: str | Path) -> list[Measures]:
         If a file cannot be read; the message names it.
     """
     anat = Path(folder) / "anat"
-    found = sorted(anat.glob(f"sub-*{PROVENANCE}"))
+    found = sorted(anat.glob(f"sub-*{PROVENANCE_ENDING}"))
     if len(found) != 1:
         what = "holds no" if not found else "holds more than one"
         raise FileNotFoundError(
-            f"{anat}: {what} sub-NAME{PROVENANCE}. Name a folder DATASET/sub-NAME that `morphofold analyze --layout "
-            "bids` wrote."
+            f"{anat}: {what} sub-NAME{PROVENANCE_ENDING}. Name a folder DATASET/sub-NAME that `morphofold analyze "
+            "--layout bids` wrote."
         )
-    path, stem = found[0], found[0].name.removesuffix(PROVENANCE)
-    content = read_json(path, Summary, CURE)
+    path, stem = found[0], found[0].name.removesuffix(PROVENANCE_ENDING)
+    content = read_json(path, Summary, REANALYSE_ADVICE)
     tables = read_tables(content, {name: anat / f"{stem}_desc-{name}_morph.tsv" for name in COLUMNS})
     return [read_hemisphere(entry, tables, anat, stem) for entry in entries_of(content)]
 
@@ -195,7 +201,7 @@ def subject_place(dataset: Path, name: str) -> Path:
         raise NotReadable(f"{name!r}: BIDS names subjects by letters and digits, but this has none. Pass another name.")
     refuse_other_dataset(dataset)
     place = dataset / f"sub-{label}"
-    known = _json(place / "anat" / f"{place.name}{PROVENANCE}").get("subject", name)
+    known = _json_or_empty(place / "anat" / f"{place.name}{PROVENANCE_ENDING}").get("subject", name)
     if known != shown(name):
         raise FileExistsError(f"{place}: holds {known!r}, and {name!r} becomes the same BIDS name. Pass another name.")
     return place
@@ -203,7 +209,7 @@ def subject_place(dataset: Path, name: str) -> Path:
 
 def refuse_other_dataset(dataset: Path) -> None:
     """Raise ``FileExistsError`` if a folder contains anything but a dataset that morphofold wrote."""
-    if dataset.exists() and not _ours(dataset):  # checked first, because it is quick for any number of files
+    if dataset.exists() and not _is_our_dataset(dataset):  # checked first, because it is quick for any number of files
         names = sorted(p.name for p in dataset.iterdir() if not p.name.startswith(".")) if dataset.is_dir() else ["it"]
         if names:
             raise FileExistsError(
@@ -212,17 +218,17 @@ def refuse_other_dataset(dataset: Path) -> None:
             )
 
 
-def _ours(dataset: Path) -> bool:
-    content = _json(dataset / "dataset_description.json")
+def _is_our_dataset(dataset: Path) -> bool:
+    content = _json_or_empty(dataset / "dataset_description.json")
     makers = content.get("GeneratedBy")
-    return isinstance(makers, list) and any(map(_is_us, makers)) and content.get("DatasetType") == "derivative"
+    return isinstance(makers, list) and any(map(_is_morphofold, makers)) and content.get("DatasetType") == "derivative"
 
 
-def _is_us(maker: Any) -> bool:
+def _is_morphofold(maker: Any) -> bool:
     return isinstance(maker, dict) and maker.get("Name") == "morphofold"
 
 
-def _json(path: Path) -> dict[str, Any]:
+def _json_or_empty(path: Path) -> dict[str, Any]:
     """Content of a JSON object; empty if it can't be read."""
     try:
         return read_json(path, Record, "")
@@ -230,15 +236,15 @@ def _json(path: Path) -> dict[str, Any]:
         return {}
 
 
-def _describe(dataset: Path, ignoring: Sequence[str] = ()) -> None:
+def _write_dataset_description(dataset: Path, ignoring: Sequence[str] = ()) -> None:
     """Write the files that make a folder a dataset; in a dataset of an older version, bring them up to date."""
     import morphofold
 
     me = {"Name": "morphofold", "Version": morphofold.__version__}
     path = dataset / "dataset_description.json"
-    if _ours(dataset):
-        content = _json(path)
-        content["GeneratedBy"] = [*(maker for maker in content["GeneratedBy"] if not _is_us(maker)), me]
+    if _is_our_dataset(dataset):
+        content = _json_or_empty(path)
+        content["GeneratedBy"] = [*(maker for maker in content["GeneratedBy"] if not _is_morphofold(maker)), me]
     else:
         content = {
             "Name": "Cortical morphometry by morphofold",
@@ -247,21 +253,23 @@ def _describe(dataset: Path, ignoring: Sequence[str] = ()) -> None:
             "GeneratedBy": [me],
         }
         with atomic_file(dataset / "README.md") as file:
-            file.write_text(README, encoding="utf-8")
+            file.write_text(README_TEXT, encoding="utf-8")
     ignored = dataset / ".bidsignore"
     there = ignored.read_text(encoding="utf-8").splitlines() if ignored.is_file() else []
     with atomic_file(ignored) as file:
-        file.write_text("\n".join([*dict.fromkeys([*there, *IGNORED.splitlines(), *ignoring]), ""]), encoding="utf-8")
+        file.write_text(
+            "\n".join([*dict.fromkeys([*there, *BIDSIGNORE_LINES.splitlines(), *ignoring]), ""]), encoding="utf-8"
+        )
     with atomic_file(path) as file:
         file.write_text(strict_json(content), encoding="utf-8")
 
 
-def _write_table(path: Path, columns: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> None:
+def _write_described_table(path: Path, columns: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> None:
     """Write a table, and beside it the meaning of its columns."""
     write_table(path, columns, rows)
     content: dict[str, Any] = {}
     for key in dict.fromkeys([*columns, *(k for row in rows for k in row)]):
         label, unit = column_words(key)
         content[key] = {"Description": label, **({"Units": in_bids_letters(unit)} if unit else {})}
-        content[key] |= {"Levels": LEVELS[key]} if key in LEVELS else {}
+        content[key] |= {"Levels": COLUMN_LEVELS[key]} if key in COLUMN_LEVELS else {}
     path.with_suffix(".json").write_text(strict_json(content), encoding="utf-8")

@@ -16,8 +16,8 @@ from morphofold.analysis.graph.crest_net import GyralScales
 from morphofold.errors import DamagedFile, Mismatch
 from morphofold.io.json_files import Amount, Count, Number, Record, read_json
 
-CURE = "Analyze again."
-ARRAYS = {"position": np.float64, "normal": np.float64, "polyline": np.float64, "vertices": np.int64}
+REANALYSE_ADVICE = "Analyze again."
+ARRAY_TYPES = {"position": np.float64, "normal": np.float64, "polyline": np.float64, "vertices": np.int64}
 Position = Annotated[list[Number], Field(min_length=3, max_length=3)]
 
 
@@ -85,10 +85,10 @@ def write_graph(path: Path, graph: nx.MultiGraph) -> None:
     """Write a graph of :func:`morphofold.analysis.gyral_graph`; numbers with seven figures, NaN as null."""
     scales = graph.graph["scales"]
     plain: nx.MultiGraph = nx.MultiGraph(
-        **{**_plain(graph.graph), "scales": None if scales is None else asdict(scales)}
+        **{**_json_attributes(graph.graph), "scales": None if scales is None else asdict(scales)}
     )
-    plain.add_nodes_from((node, _plain(data)) for node, data in graph.nodes(data=True))
-    plain.add_edges_from((a, b, _plain(data)) for a, b, data in graph.edges(data=True))
+    plain.add_nodes_from((node, _json_attributes(data)) for node, data in graph.nodes(data=True))
+    plain.add_edges_from((a, b, _json_attributes(data)) for a, b, data in graph.edges(data=True))
     path.write_text(json.dumps(nx.node_link_data(plain, edges="edges"), allow_nan=False) + "\n", encoding="utf-8")
 
 
@@ -102,34 +102,36 @@ def read_graph(path: Path, n: int) -> nx.MultiGraph:
     ValueError
         If it contains anything else, or vertices that the surface does not have.
     """
-    content = read_json(path, GraphFile, CURE)
+    content = read_json(path, GraphFile, REANALYSE_ADVICE)
     ids = {node["id"] for node in content["nodes"]}
     for edge in content["edges"]:
         if not ids >= {edge["source"], edge["target"]} or len(edge["vertices"]) != len(edge["polyline"]):
-            raise DamagedFile(f"{path}: edge {edge['number']} does not join two nodes, or lacks vertices. {CURE}")
+            raise DamagedFile(
+                f"{path}: edge {edge['number']} does not join two nodes, or lacks vertices. {REANALYSE_ADVICE}"
+            )
     for place in (*([node["vertex"]] for node in content["nodes"]), *(edge["vertices"] for edge in content["edges"])):
         if max(place) >= n:
-            raise Mismatch(f"{path}: has vertex {max(place)}, but the surface has 0..{n - 1}. {CURE}")
-    return _graph(content)
+            raise Mismatch(f"{path}: has vertex {max(place)}, but the surface has 0..{n - 1}. {REANALYSE_ADVICE}")
+    return _graph_of_content(content)
 
 
-def _plain(data: Mapping[str, Any]) -> dict[str, Any]:
-    return {key: _short(value) for key, value in data.items()}
+def _json_attributes(data: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: _json_value(value) for key, value in data.items()}
 
 
-def _short(value: Any) -> Any:
+def _json_value(value: Any) -> Any:
     if isinstance(value, np.ndarray):
-        return [_short(x) for x in value.tolist()]
+        return [_json_value(x) for x in value.tolist()]
     if isinstance(value, list):
-        return [_short(x) for x in value]
+        return [_json_value(x) for x in value]
     if isinstance(value, np.generic):
-        return _short(value.item())
+        return _json_value(value.item())
     if isinstance(value, float):
         return float(f"{value:.7g}") if np.isfinite(value) else None
     return value
 
 
-def _graph(content: Mapping[str, Any]) -> nx.MultiGraph:
+def _graph_of_content(content: Mapping[str, Any]) -> nx.MultiGraph:
     head, scales = content["graph"], content["graph"]["scales"]
     names = GyralScales.__dataclass_fields__
     graph: nx.MultiGraph = nx.MultiGraph(
@@ -139,13 +141,13 @@ def _graph(content: Mapping[str, Any]) -> nx.MultiGraph:
         wavelength=np.nan if head["wavelength"] is None else float(head["wavelength"]),
     )
     for node in content["nodes"]:
-        graph.add_node(node["id"], **_read(node, Node, without=("id",)))
+        graph.add_node(node["id"], **_attributes_of(node, Node, without=("id",)))
     for edge in content["edges"]:
-        graph.add_edge(edge["source"], edge["target"], **_read(edge, Edge, without=("source", "target")))
+        graph.add_edge(edge["source"], edge["target"], **_attributes_of(edge, Edge, without=("source", "target")))
     return graph
 
 
-def _read(data: Mapping[str, Any], record: type[Record], *, without: tuple[str, ...]) -> dict[str, Any]:
+def _attributes_of(data: Mapping[str, Any], record: type[Record], *, without: tuple[str, ...]) -> dict[str, Any]:
     """Attributes of a node or an edge: lists as arrays, null as NaN."""
     kept = {name: np.nan if data[name] is None else data[name] for name in record.model_fields if name not in without}
-    return {name: np.array(value, ARRAYS[name]) if name in ARRAYS else value for name, value in kept.items()}
+    return {name: np.array(value, ARRAY_TYPES[name]) if name in ARRAY_TYPES else value for name, value in kept.items()}

@@ -15,7 +15,7 @@ import numpy as np
 from morphofold.analysis.measures import Measures
 from morphofold.analysis.regions import wide_table
 from morphofold.errors import MissingPart
-from morphofold.forecasts.analysis_cost import WRITING
+from morphofold.forecasts.analysis_cost import WRITING_STAGE
 from morphofold.io import (
     atomic_folder,
     read_annotation,
@@ -32,9 +32,9 @@ from morphofold.provenance import digests
 from morphofold.results.graph_file import read_graph, write_graph
 from morphofold.results.summary import (
     COLUMNS,
-    CURE,
-    SURFACES,
-    Page,
+    REANALYSE_ADVICE,
+    SCALAR_COLUMNS,
+    DrawPage,
     Summary,
     checked_inputs,
     entries_of,
@@ -69,7 +69,7 @@ def write_analysis(
     failed: Mapping[str, str] | None = None,
     inputs: Iterable[str | Path] = (),
     parameters: Mapping[str, Any] | None = None,
-    report: Page | Literal[False] = False,
+    report: DrawPage | Literal[False] = False,
     stages: Sequence[Cortex] = (),
     mgh: bool = False,
     wide: bool = False,
@@ -114,7 +114,7 @@ def write_analysis(
         If ``out`` contains something that morphofold did not write.
     """
     if clock is not None:
-        clock.begin(WRITING)
+        clock.begin(WRITING_STAGE)
     records = checked_inputs(measures, out, inputs)
     if wide:
         check_wide([m.cortex for m in measures])
@@ -122,10 +122,10 @@ def write_analysis(
         for name in ("surf", "maps"):
             (folder / name).mkdir()
         for m in measures:
-            _write_surface(m, folder, mgh)
+            _write_hemisphere(m, folder, mgh)
         for name, columns in COLUMNS.items():
             write_table(folder / f"{name}.tsv", columns, [row for m in measures for row in getattr(m, name)])
-        write_table(folder / "surfaces.tsv", SURFACES, scalar_rows(measures))
+        write_table(folder / "surfaces.tsv", SCALAR_COLUMNS, scalar_rows(measures))
         if wide:
             row = wide_table({measures[0].cortex.name: [row for m in measures for row in m.regions]})
             write_table(folder / "regions_wide.tsv", ("subject",), row)
@@ -143,7 +143,7 @@ def write_analysis(
     return Path(out)
 
 
-def _write_surface(m: Measures, folder: Path, mgh: bool) -> None:
+def _write_hemisphere(m: Measures, folder: Path, mgh: bool) -> None:
     """Write surfaces, labels, maps and gyral graph of one hemisphere."""
     cortex, hemi = m.cortex, m.cortex.hemi
     for kind, surface in surfaces_of(cortex).items():
@@ -155,7 +155,7 @@ def _write_surface(m: Measures, folder: Path, mgh: bool) -> None:
     if cortex.regions is not None:
         write_annotation(folder / "label" / f"{hemi}.{file_word(cortex.regions.name)}.annot", cortex.regions)
     if cortex.cortex is not None:
-        _write_label(folder / "label" / f"{hemi}.cortex.label", cortex)
+        _write_cortex_label(folder / "label" / f"{hemi}.cortex.label", cortex)
     for name, values in m.maps.items():
         path = folder / "maps" / f"{hemi}.{file_word(name)}"
         write_gifti_map(Path(f"{path}.shape.gii"), values, nan=np.nan, hemi=hemi)
@@ -166,7 +166,7 @@ def _write_surface(m: Measures, folder: Path, mgh: bool) -> None:
         write_graph(folder / "graph" / f"{hemi}.json", m.graph)
 
 
-def _write_label(path: Path, cortex: Cortex) -> None:
+def _write_cortex_label(path: Path, cortex: Cortex) -> None:
     assert cortex.cortex is not None
     vertices = np.flatnonzero(cortex.cortex)
     lines = [f"#!ascii label cortex, written by morphofold\n{len(vertices)}\n"]
@@ -176,12 +176,12 @@ def _write_label(path: Path, cortex: Cortex) -> None:
 
 def read_plain(folder: Path) -> list[Measures]:
     """Read what ``write_analysis`` wrote; raises as :func:`morphofold.results.read_analysis`."""
-    summary = read_json(folder / "summary.json", Summary, CURE)
+    summary = read_json(folder / "summary.json", Summary, REANALYSE_ADVICE)
     tables = read_tables(summary, {name: folder / f"{name}.tsv" for name in COLUMNS})
-    return [_read_surface(entry, tables, folder) for entry in entries_of(summary)]
+    return [_read_hemisphere(entry, tables, folder) for entry in entries_of(summary)]
 
 
-def _read_surface(entry: Mapping[str, Any], tables: Mapping[str, list[dict[str, Any]]], folder: Path) -> Measures:
+def _read_hemisphere(entry: Mapping[str, Any], tables: Mapping[str, list[dict[str, Any]]], folder: Path) -> Measures:
     hemi = entry["hemi"]
     return measures_of(
         entry,

@@ -15,7 +15,7 @@ from morphofold.provenance import changed_since, records_as_read, shown
 from morphofold.results import bids_hemisphere
 from morphofold.results.bids import read_subject
 from morphofold.results.plain import read_plain
-from morphofold.results.summary import CURE, Summary, sized_map
+from morphofold.results.summary import REANALYSE_ADVICE, Summary, sized_map
 from morphofold.surface import Cortex, PerVertex, Surface
 
 
@@ -90,7 +90,7 @@ def is_analysis_of(folder: str | Path, cortex: Cortex, parameters: Mapping[str, 
 
     folder = Path(folder)
     try:
-        summary = read_json(folder / "summary.json", Summary, CURE)
+        summary = read_json(folder / "summary.json", Summary, REANALYSE_ADVICE)
     except (OSError, ValueError):  # there is none, or it can't be used
         return False
     known = {row["path"]: row["sha256"] for row in summary["inputs"]}

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, field_validator
 
-from morphofold.analysis.measures import SCALARS, SLOPES, Measures
+from morphofold.analysis.measures import SCALARS, SLOPE_SCALARS, Measures
 from morphofold.analysis.regions import COLUMNS as REGION_COLUMNS
 from morphofold.errors import Mismatch, MissingPart, NamedTwice, NothingToDo, OptionsClash, OutOfRange
 from morphofold.forecasts.analysis_cost import cost_of_analysis
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from morphofold.timing import Stages
 
 #: draws the page of an analysis: called as ``page(measures, path, failed=, inputs=, stages=, clock=)``
-Page = Callable[..., object]
+DrawPage = Callable[..., object]
 
 COLUMNS = {
     "regions": REGION_COLUMNS,
@@ -77,14 +77,14 @@ COLUMNS = {
         "crest",
     ),
 }
-RECORDED = ("etiv_mm3", "surface_holes")  # from Cortex.info: FreeSurfer's values, not measured here
-SURFACES = ("hemi", *SCALARS, *RECORDED)  # columns of the table of scalars
-WORDS = {"hemi", "region", "shape"}  # columns that stay text even where the text looks like a number
-CURE = "Analyze again."
-SIGNED = ("euler_characteristic", *SLOPES)  # scalars that may be negative
+FREESURFER_VALUES = ("etiv_mm3", "surface_holes")  # from Cortex.info: FreeSurfer's values, not measured here
+SCALAR_COLUMNS = ("hemi", *SCALARS, *FREESURFER_VALUES)  # columns of the table of scalars
+TEXT_COLUMNS = {"hemi", "region", "shape"}  # columns that stay text even where the text looks like a number
+REANALYSE_ADVICE = "Analyze again."
+SIGNED_SCALARS = ("euler_characteristic", *SLOPE_SCALARS)  # scalars that may be negative
 
 
-_Four = Field(min_length=4, max_length=4)
+_FourItems = Field(min_length=4, max_length=4)
 
 
 class InputRecord(Record):
@@ -111,7 +111,7 @@ class Parameters(Record):
 class SurfaceSummary(SurfaceRecord):
     """An entry of ``surfaces`` in a summary."""
 
-    transform: Annotated[list[Annotated[list[Number], _Four]], _Four] | None
+    transform: Annotated[list[Annotated[list[Number], _FourItems]], _FourItems] | None
     measures: dict[str, Number | None]
     notes: dict[str, str]
     parameters: Parameters
@@ -127,7 +127,7 @@ class SurfaceSummary(SurfaceRecord):
     @classmethod
     def _no_negative_amounts(cls, measures: dict[str, float | None]) -> dict[str, float | None]:
         for name, value in measures.items():
-            if value is not None and value < 0 and name in SCALARS and name not in SIGNED:
+            if value is not None and value < 0 and name in SCALARS and name not in SIGNED_SCALARS:
                 raise OutOfRange(f"{name} is {value:g}, and can't be negative")
         return measures
 
@@ -192,7 +192,7 @@ def summary_of(
         "parameters": dict(parameters or {}),
         "nan": NAN_RULE,
         "rows": {name: sum(len(getattr(m, name)) for m in measures) for name in COLUMNS},
-        "surfaces": [_entry(m) for m in measures],
+        "surfaces": [_surface_entry(m) for m in measures],
         "failed": dict(failed),
     }
 
@@ -204,7 +204,7 @@ def write_summary(
     *,
     page: Path,
     cost: Path,
-    report: Page | Literal[False],
+    report: DrawPage | Literal[False],
     stages: Sequence[Cortex],
     clock: Stages | None,
 ) -> None:
@@ -219,10 +219,13 @@ def write_summary(
 
 def scalar_rows(measures: Sequence[Measures]) -> list[dict[str, Any]]:
     """Rows of the table of scalars, one for each hemisphere."""
-    return [{"hemi": m.cortex.hemi, **m.scalars, **{key: m.cortex.info.get(key) for key in RECORDED}} for m in measures]
+    return [
+        {"hemi": m.cortex.hemi, **m.scalars, **{key: m.cortex.info.get(key) for key in FREESURFER_VALUES}}
+        for m in measures
+    ]
 
 
-def _entry(m: Measures) -> dict[str, Any]:
+def _surface_entry(m: Measures) -> dict[str, Any]:
     cortex = m.cortex
     return {
         "hemi": cortex.hemi,
@@ -249,9 +252,11 @@ def read_tables(summary: Mapping[str, Any], files: Mapping[str, Path]) -> dict[s
     """Read the tables of an analysis, by name, each with the number of rows in its summary."""
     tables = {}
     for name, file in files.items():
-        rows = tables[name] = read_table(file, WORDS, summary["rows"].get(name), numbers=set(COLUMNS[name]) - WORDS)
+        rows = tables[name] = read_table(
+            file, TEXT_COLUMNS, summary["rows"].get(name), numbers=set(COLUMNS[name]) - TEXT_COLUMNS
+        )
         if rows and (missing := [column for column in COLUMNS[name] if column not in rows[0]]):
-            raise MissingPart(f"{file}: lacks the columns {', '.join(missing)}. {CURE}")
+            raise MissingPart(f"{file}: lacks the columns {', '.join(missing)}. {REANALYSE_ADVICE}")
     return tables
 
 

@@ -101,7 +101,7 @@ def spherical_delaunay(verts: Verts) -> Faces:
     return faces
 
 
-def _sphere(level: int, rng: np.random.Generator | int | None) -> tuple[Verts, Faces]:
+def _unit_sphere(level: int, rng: np.random.Generator | int | None) -> tuple[Verts, Faces]:
     return icosphere(level) if rng is None else irregular_sphere(level, rng=rng)
 
 
@@ -114,11 +114,11 @@ def ellipsoid(
     level: int, axes: tuple[float, float, float] = (50.0, 40.0, 30.0), *, rng: np.random.Generator | int | None = None
 ) -> Shape:
     """Ellipsoid with three semi-axes [mm]; irregular if ``rng`` (a generator or a seed) is given."""
-    verts, faces = _sphere(level, rng)
+    verts, faces = _unit_sphere(level, rng)
     semi = np.asarray(axes, dtype=float)
     verts = verts * semi
     hessian = np.broadcast_to(np.diag(2 / semi**2), (len(verts), 3, 3))
-    return _implicit(verts, faces, 2 * verts / semi**2, hessian, "ellipsoid")
+    return _shape_of_level_set(verts, faces, 2 * verts / semi**2, hessian, "ellipsoid")
 
 
 def bumpy_sphere(
@@ -134,14 +134,14 @@ def bumpy_sphere(
     several times 1/radius. Irregular if ``rng`` (a generator or a seed) is given; ``level`` may also be any mesh of the
     unit sphere, (verts, faces).
     """
-    verts, faces = level if isinstance(level, tuple) else _sphere(level, rng)
+    verts, faces = level if isinstance(level, tuple) else _unit_sphere(level, rng)
     harmonic, _, _ = _harmonic_6_3(verts)
     verts = verts * (radius * (1 + amplitude * harmonic))[:, None]
     rho = np.linalg.norm(verts, axis=1)[:, None]
     _, slope, bend = _harmonic_6_3(verts)
     normal = verts / rho
     outer = normal[:, :, None] * normal[:, None, :]
-    return _implicit(
+    return _shape_of_level_set(
         verts,
         faces,
         normal - radius * amplitude * slope,
@@ -267,7 +267,7 @@ def ridged_sphere(
     chord : float
         ``2 (radius + height / 2) sin(width / (2 radius))`` [mm], straight line from wall to wall at half height.
     """
-    verts, faces = _sphere(level, rng)
+    verts, faces = _unit_sphere(level, rng)
     period = np.pi / ridges
     away = radius * np.abs(np.arccos(np.clip(verts[:, 2], -1, 1)) % period - period / 2)
     grown = lambda base, full: verts * (base + height * np.exp2(-((2 * away / full) ** 2)))[:, None]
@@ -323,7 +323,7 @@ def with_noise(shape: Shape, fraction: float = 0.01, *, rng: np.random.Generator
     return replace(shape, verts=shape.verts + shift[:, None] * shape.normals)
 
 
-def _implicit(
+def _shape_of_level_set(
     verts: Verts, faces: Faces, gradient: NDArray[np.float64], hessian: NDArray[np.float64], name: str
 ) -> Shape:
     """Exact normals and curvatures of a level set, from its outward gradient and its Hessian at the vertices.

@@ -15,17 +15,23 @@ from morphofold.geometry import mean_edge_length
 from morphofold.shapes import icosphere, irregular_sphere
 from morphofold.surface import Faces, Surface, Verts
 
-GOLDEN = (1 + 5**0.5) / 2
+GOLDEN_RATIO = (1 + 5**0.5) / 2
 
 #: corners of the regular solids, not scaled to a unit sphere
-SOLIDS = {
+REGULAR_SOLIDS = {
     "tetrahedron": [[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]],
     "cube": list(product((-1, 1), repeat=3)),
     "octahedron": [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]],
-    "icosahedron": [np.roll([0, a, b * GOLDEN], k).tolist() for a, b in product((-1, 1), repeat=2) for k in range(3)],
+    "icosahedron": [
+        np.roll([0, a, b * GOLDEN_RATIO], k).tolist() for a, b in product((-1, 1), repeat=2) for k in range(3)
+    ],
     "dodecahedron": [
         *product((-1, 1), repeat=3),
-        *(np.roll([0, a / GOLDEN, b * GOLDEN], k).tolist() for a, b in product((-1, 1), repeat=2) for k in range(3)),
+        *(
+            np.roll([0, a / GOLDEN_RATIO, b * GOLDEN_RATIO], k).tolist()
+            for a, b in product((-1, 1), repeat=2)
+            for k in range(3)
+        ),
     ],
 }
 
@@ -67,7 +73,7 @@ class SphericalNet:
 def regular_net(solid: str) -> SphericalNet:
     """Corners and edges of a regular solid: ``tetrahedron``, ``cube``, ``octahedron``, ``icosahedron``,
     ``dodecahedron``; degrees 3, 3, 4, 5, 3."""
-    nodes = np.array(SOLIDS[solid], dtype=np.float64)
+    nodes = np.array(REGULAR_SOLIDS[solid], dtype=np.float64)
     nodes /= np.linalg.norm(nodes, axis=1, keepdims=True)
     apart = np.linalg.norm(nodes[:, None] - nodes[None], axis=2) + 9 * np.eye(len(nodes))
     pairs = np.argwhere(apart < 1.01 * apart.min())

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from morphofold.sim.mesh.brick_mesh import Bilayer
     from morphofold.sim.scene import Scene
 
-PHASES = ("grow", "elements", "filter", "advance", "measure", "rest", "balance")  # names reserved for the run itself
+#: names reserved for the run itself
+PHASES_OF_RUN = ("grow", "elements", "filter", "advance", "measure", "rest", "balance")
 
 
 class Running(Protocol):
@@ -36,7 +37,7 @@ class Running(Protocol):
 
 
 class Effect:
-    """Base class of optional effects. Hooks are called in the order of ``scene.effects.ORDER``."""
+    """Base class of optional effects. Hooks are called in the order of ``scene.effects.HOOK_ORDER``."""
 
     name = ""
 
@@ -48,7 +49,7 @@ class Effect:
         """Called once, when the body is built."""
 
     def refresh(self, run: Running) -> None:
-        """Called every ``REFRESH`` steps, after the mass is updated."""
+        """Called every ``STEPS_PER_MEASUREMENT`` steps, after the mass is updated."""
 
     def add_element_forces(self, body: Body, x: Array, v: Array) -> None:
         """Add to the element forces ``body.elements.blocks.force``, every step."""
@@ -107,7 +108,7 @@ def own_effects(effects: Iterable[Effect]) -> tuple[Effect, ...]:
         If one is not an ``Effect``; or its name is not an identifier, is given twice, or is used by morphofold.
     """
     found = tuple(effects)
-    taken = {*PHASES, *(module.name for module in pkgutil.iter_modules(__path__))}
+    taken = {*PHASES_OF_RUN, *(module.name for module in pkgutil.iter_modules(__path__))}
     for effect in found:
         if not isinstance(effect, Effect):
             raise TypeError(f"effects: {effect!r:.60} is not an Effect; give instances of a subclass of Effect.")

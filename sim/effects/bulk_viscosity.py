@@ -18,27 +18,32 @@ from morphofold.errors import DoesNotApply
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect
 from morphofold.sim.elements import brick_kernels
-from morphofold.sim.elements.brick_kernels import _FAST, _U, _W, EIGHTH, WIDTH
+from morphofold.sim.elements.brick_kernels import _FAST_MATH, _LANES, _UINT, CORNER_SCALE, LANES
 from morphofold.sim.elements.bricks import Bricks
 from morphofold.sim.scene.tables import EffectOptions, key
 
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
 
-LOCAL = Bricks.LOCAL
+LOCAL_BULK_OVER_MU = Bricks.LOCAL
 
 
-@njit(forceinline=True, fastmath=_FAST)
-def _scaled(p, d):
+@njit(forceinline=True, fastmath=_FAST_MATH)
+def _scaled_cofactors(p, d):
     k = brick_kernels._cofactor(*d)
     return (p * k[0], p * k[1], p * k[2], p * k[3], p * k[4], p * k[5], p * k[6], p * k[7], p * k[8])
 
 
-@njit(forceinline=True, fastmath=_FAST)
-def _axes(xs, l):
+@njit(forceinline=True, fastmath=_FAST_MATH)
+def _half_mean_edges(xs, l):
     """Half the mean edges along i, j and k for the coordinate of ``xs`` (in eighths) that starts at ``l``."""
-    n0, n1, n2, n3 = xs[l], xs[l + _U(3) * _W], xs[l + _U(6) * _W], xs[l + _U(9) * _W]
-    n4, n5, n6, n7 = xs[l + _U(12) * _W], xs[l + _U(15) * _W], xs[l + _U(18) * _W], xs[l + _U(21) * _W]
+    n0, n1, n2, n3 = xs[l], xs[l + _UINT(3) * _LANES], xs[l + _UINT(6) * _LANES], xs[l + _UINT(9) * _LANES]
+    n4, n5, n6, n7 = (
+        xs[l + _UINT(12) * _LANES],
+        xs[l + _UINT(15) * _LANES],
+        xs[l + _UINT(18) * _LANES],
+        xs[l + _UINT(21) * _LANES],
+    )
     return (
         n4 + n5 + n6 + n7 - n0 - n1 - n2 - n3,
         n2 + n3 + n6 + n7 - n0 - n1 - n4 - n5,
@@ -46,12 +51,12 @@ def _axes(xs, l):
     )
 
 
-@njit(forceinline=True, fastmath=_FAST)
+@njit(forceinline=True, fastmath=_FAST_MATH)
 def _width_squared(xs, l, v):
     """Square of the smallest width of a brick of volume ``v``."""
-    a0, b0, c0 = _axes(xs, l)
-    a1, b1, c1 = _axes(xs, l + _W)
-    a2, b2, c2 = _axes(xs, l + _U(2) * _W)
+    a0, b0, c0 = _half_mean_edges(xs, l)
+    a1, b1, c1 = _half_mean_edges(xs, l + _LANES)
+    a2, b2, c2 = _half_mean_edges(xs, l + _UINT(2) * _LANES)
     k = brick_kernels._cofactor(a0, a1, a2, b0, b1, b2, c0, c1, c2)
     largest = max(
         k[0] * k[0] + k[1] * k[1] + k[2] * k[2],
@@ -60,39 +65,39 @@ def _width_squared(xs, l, v):
     return v * v / (16.0 * largest)  # 4 squared: a section has four times the area of the half edges
 
 
-@njit(parallel=True, cache=True, fastmath=_FAST, error_model="numpy")
+@njit(parallel=True, cache=True, fastmath=_FAST_MATH, error_model="numpy")
 def add_viscous_forces(x, before, density, nodes, start, local, modulus, linear, quadratic, force):
     """Add the forces of the viscous pressure to ``force`` (R, 3); ``before`` (N, 3): positions of the last step."""
     for b in prange(len(local)):
-        now, last, m = np.empty(24 * WIDTH), np.empty(24 * WIDTH), modulus[b]
-        at, mine, rho = np.empty((8 * WIDTH, 3)), nodes[start[b] : start[b + 1]], np.empty(WIDTH)
-        brick_kernels.fetch(x, mine, local[b], 8, EIGHTH, m, at, now)
-        brick_kernels.fetch(before, mine, local[b], 8, EIGHTH, m, at, last)
+        now, last, m = np.empty(24 * LANES), np.empty(24 * LANES), modulus[b]
+        at, mine, rho = np.empty((8 * LANES, 3)), nodes[start[b] : start[b + 1]], np.empty(LANES)
+        brick_kernels.fetch(x, mine, local[b], 8, CORNER_SCALE, m, at, now)
+        brick_kernels.fetch(before, mine, local[b], 8, CORNER_SCALE, m, at, last)
         rho[:] = 0.0
         for c in range(8):
-            for l in range(WIDTH):
-                rho[l] += 0.125 * density[mine[local[b, c * WIDTH + l]]]
-        for l in range(_W):
-            v = brick_kernels._volume(now, l)
-            rate = 1.0 - brick_kernels._volume(last, l) / v
-            wave = m[l + _W] + (LOCAL + 4.0 / 3.0) * m[l]  # rho c^2
+            for l in range(LANES):
+                rho[l] += 0.125 * density[mine[local[b, c * LANES + l]]]
+        for l in range(_LANES):
+            v = brick_kernels._brick_volume(now, l)
+            rate = 1.0 - brick_kernels._brick_volume(last, l) / v
+            wave = m[l + _LANES] + (LOCAL_BULK_OVER_MU + 4.0 / 3.0) * m[l]  # rho c^2
             size = _width_squared(now, l, v)
             p = linear * np.sqrt(rho[l] * wave * size) * rate
             p -= quadratic * quadratic * rho[l] * size * rate * rate if rate < 0.0 else 0.0
             p = p if wave > 0.0 else 0.0  # lanes that only fill the last block
-            d = brick_kernels._gauss(now, l)
+            d = brick_kernels._gauss_point_jacobians(now, l)
             q = (
-                _scaled(p, d[0]),
-                _scaled(p, d[1]),
-                _scaled(p, d[2]),
-                _scaled(p, d[3]),
-                _scaled(p, d[4]),
-                _scaled(p, d[5]),
-                _scaled(p, d[6]),
-                _scaled(p, d[7]),
+                _scaled_cofactors(p, d[0]),
+                _scaled_cofactors(p, d[1]),
+                _scaled_cofactors(p, d[2]),
+                _scaled_cofactors(p, d[3]),
+                _scaled_cofactors(p, d[4]),
+                _scaled_cofactors(p, d[5]),
+                _scaled_cofactors(p, d[6]),
+                _scaled_cofactors(p, d[7]),
             )
             for r in range(3):
-                brick_kernels._store(now, l + _U(r) * _W, brick_kernels._corners(q, r))
+                brick_kernels._store_corner_values(now, l + _UINT(r) * _LANES, brick_kernels._corner_forces(q, r))
         brick_kernels.deliver(now, local[b], 8, force[start[b] : start[b + 1]])
 
 

@@ -25,18 +25,20 @@ from morphofold.sim.scene.tables import EffectOptions
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
 
-GAP = 0.2  # contact acts below this distance, in cell sizes h
-STIFFNESS = 0.2  # penalty force per mass and penetration, at a step of one
-DASHPOT = 0.25  # damping force per mass and approach speed
-SEARCH = 1.5  # search radius in h
-DEEPEST = 0.7  # penetrations beyond this share of the search radius are not contact
-APART = 1.2  # pairs closer than this in the reference are neighbours, unless across a gap [largest edge]
-OPPOSED = -0.2  # largest cosine between the normals of a pair
-TIE = 1e-6  # triangles of a flat quad overlap: the first counts, independent of rounding in its distance
+GAP_IN_CELLS = 0.2  # contact acts below this distance, in cell sizes h
+PENALTY_STIFFNESS = 0.2  # penalty force per mass and penetration, at a step of one
+PENALTY_DAMPING = 0.25  # damping force per mass and approach speed
+SEARCH_RADIUS_IN_CELLS = 1.5  # search radius in h
+DEEPEST_PENETRATION_SHARE = 0.7  # penetrations beyond this share of the search radius are not contact
+#: pairs closer than this in the reference are neighbours, unless across a gap [largest edge]
+NEIGHBOUR_DISTANCE_IN_EDGES = 1.2
+OPPOSED_NORMALS_COSINE = -0.2  # largest cosine between the normals of a pair
+#: triangles of a flat quad overlap: the first counts, independent of rounding in its distance
+DISTANCE_TIE_TOLERANCE = 1e-6
 
 
 @njit(inline="always")
-def _normal(a, b, c):
+def _unit_normal(a, b, c):
     n0, n1, n2 = area_vector(a, b, c)
     length = (n0 * n0 + n1 * n1 + n2 * n2) ** 0.5
     if length == 0.0:
@@ -45,7 +47,7 @@ def _normal(a, b, c):
 
 
 @njit(cache=True)
-def _cells(x, n_nodes, size):
+def _sort_into_cells(x, n_nodes, size):
     """Counting sort of the nodes into cubic cells: (cell of each node, starts, members, shape, origin)."""
     low, high = np.empty(3), np.empty(3)
     for r in range(3):
@@ -67,7 +69,7 @@ def _cells(x, n_nodes, size):
 
 
 @njit(inline="always")
-def _surrounds(X, N, i, j, apart):
+def _is_neighbour(X, N, i, j, apart):
     """Whether node j is in the neighbourhood of node i: closer than ``apart`` in the reference, and not across a gap.
 
     A node is across a gap from i if it lies in front of i there and its normal is opposed; N (S, 3) are normals of X.
@@ -76,13 +78,13 @@ def _surrounds(X, N, i, j, apart):
     if e0 * e0 + e1 * e1 + e2 * e2 >= apart * apart:
         return False
     cosine = N[i, 0] * N[j, 0] + N[i, 1] * N[j, 1] + N[i, 2] * N[j, 2]
-    return cosine > OPPOSED or e0 * N[i, 0] + e1 * N[i, 1] + e2 * N[i, 2] <= 0.0
+    return cosine > OPPOSED_NORMALS_COSINE or e0 * N[i, 0] + e1 * N[i, 1] + e2 * N[i, 2] <= 0.0
 
 
 @njit(parallel=True, cache=True)
 def find_facing(x, X, N, normals, n_nodes, radius, apart, facing):
     """Nearest node within ``radius`` with an opposed normal and outside the node's neighbourhood; -1: none."""
-    cell, starts, members, shape = _cells(x, n_nodes, radius)
+    cell, starts, members, shape = _sort_into_cells(x, n_nodes, radius)
     for i in prange(n_nodes):
         best, nearest = radius * radius, -1
         c2 = cell[i] % shape[2]
@@ -101,9 +103,9 @@ def find_facing(x, X, N, normals, n_nodes, radius, apart, facing):
                         cosine = 0.0
                         for r in range(3):
                             cosine += normals[i, r] * normals[j, r]
-                        if cosine > OPPOSED:
+                        if cosine > OPPOSED_NORMALS_COSINE:
                             continue
-                        if _surrounds(X, N, i, j, apart):
+                        if _is_neighbour(X, N, i, j, apart):
                             continue
                         best, nearest = d, j
         facing[i] = nearest
@@ -121,9 +123,9 @@ def choose_triangles(x, X, N, tri, ring_first, ring, facing, apart, partner):
             for s in range(ring_first[facing[i]], ring_first[facing[i] + 1]):
                 t = ring[s]
                 if (
-                    _surrounds(X, N, i, tri[t, 0], apart)
-                    or _surrounds(X, N, i, tri[t, 1], apart)
-                    or _surrounds(X, N, i, tri[t, 2], apart)
+                    _is_neighbour(X, N, i, tri[t, 0], apart)
+                    or _is_neighbour(X, N, i, tri[t, 1], apart)
+                    or _is_neighbour(X, N, i, tri[t, 2], apart)
                 ):
                     continue
                 a, b, c = x[tri[t, 0]], x[tri[t, 1]], x[tri[t, 2]]
@@ -131,7 +133,7 @@ def choose_triangles(x, X, N, tri, ring_first, ring, facing, apart, partner):
                 d = 0.0
                 for r in range(3):
                     d += (x[i, r] - wa * a[r] - wb * b[r] - wc * c[r]) ** 2
-                if d < best * (1.0 - TIE):
+                if d < best * (1.0 - DISTANCE_TIE_TOLERANCE):
                     best, nearest = d, t
         partner[i] = nearest
 
@@ -149,7 +151,7 @@ def press(x, v, X, N, mass, tri, partner, gap, deepest, apart, stiffness, push, 
         if t < 0:
             continue
         j, k, l = tri[t, 0], tri[t, 1], tri[t, 2]
-        n0, n1, n2 = _normal(x[j], x[k], x[l])
+        n0, n1, n2 = _unit_normal(x[j], x[k], x[l])
         distance = n0 * (x[i, 0] - x[j, 0]) + n1 * (x[i, 1] - x[j, 1]) + n2 * (x[i, 2] - x[j, 2])
         if distance >= gap or distance < -deepest:
             continue
@@ -159,14 +161,14 @@ def press(x, v, X, N, mass, tri, partner, gap, deepest, apart, stiffness, push, 
             side += (x[i, r] - wj * x[j, r] - wk * x[k, r] - wl * x[l, r]) ** 2
         if side - distance * distance > 25.0 * gap * gap:  # slid off its triangle by a cell
             continue
-        if distance < -0.5 * gap and _surrounds(X, N, i, j, 2.5 * apart):
+        if distance < -0.5 * gap and _is_neighbour(X, N, i, j, 2.5 * apart):
             continue
         m = min(mass[i], mass[j], mass[k], mass[l])
         speed = 0.0
         for r in range(3):
             n = n0 if r == 0 else (n1 if r == 1 else n2)
             speed += n * (v[i, r] - wj * v[j, r] - wk * v[k, r] - wl * v[l, r])
-        force = m * (stiffness * (gap - distance) - DASHPOT * speed)
+        force = m * (stiffness * (gap - distance) - PENALTY_DAMPING * speed)
         if force <= 0.0:
             continue
         depth[i] = gap - distance
@@ -219,7 +221,7 @@ class Contact(Effect):
 
     name = "contact"
 
-    def __init__(self, per_mass: float = STIFFNESS):
+    def __init__(self, per_mass: float = PENALTY_STIFFNESS):
         self.per_mass = per_mass
 
     def prepare(self, body: Body) -> None:
@@ -240,11 +242,13 @@ class Contact(Effect):
         body, x = run.body, run.state.x
         n = body.n_surface
         self._h = body.cell
-        radius = SEARCH * self._h
+        radius = SEARCH_RADIUS_IN_CELLS * self._h
         moved = np.max(np.abs(x[:n] - self._paired_at))
         if moved > 0.2 * radius:
             normals = vertex_normals(x[:n], self._tri)
-            find_facing(x, body.X, self._N, normals, n, radius, APART * body.bilayer.edge, self._facing)
+            find_facing(
+                x, body.X, self._N, normals, n, radius, NEIGHBOUR_DISTANCE_IN_EDGES * body.bilayer.edge, self._facing
+            )
             self._paired_at = x[:n].copy()
             self.searches += 1
         if self._facing.max() >= 0:
@@ -256,7 +260,7 @@ class Contact(Effect):
                 self._ring_first,
                 self._ring,
                 self._facing,
-                APART * body.bilayer.edge,
+                NEIGHBOUR_DISTANCE_IN_EDGES * body.bilayer.edge,
                 self._partner,
             )
         else:
@@ -277,9 +281,9 @@ class Contact(Effect):
             body.mass,
             self._tri,
             self._partner,
-            GAP * self._h,
-            DEEPEST * SEARCH * self._h,
-            APART * body.bilayer.edge,
+            GAP_IN_CELLS * self._h,
+            DEEPEST_PENETRATION_SHARE * SEARCH_RADIUS_IN_CELLS * self._h,
+            NEIGHBOUR_DISTANCE_IN_EDGES * body.bilayer.edge,
             self.per_mass,
             push,
             weight,
@@ -304,13 +308,13 @@ class Contact(Effect):
 
     def pace(self, g: float) -> float:
         """Slow growth down while nodes are pressed deeper than the gap, that is, through their triangle."""
-        return min(1.0, GAP * self._h / max(float(self._depth.max()), 1e-300))
+        return min(1.0, GAP_IN_CELLS * self._h / max(float(self._depth.max()), 1e-300))
 
     def energy(self) -> float:
         return float(self._energy.sum())
 
     def record(self) -> dict[str, Any]:
-        deepest = float(self._depth.max() / (GAP * self._h))
+        deepest = float(self._depth.max() / (GAP_IN_CELLS * self._h))
         pairs = int((self._depth > 0).sum())
         return {"pairs": pairs, "deepest_in_gaps": deepest, "searches": self.searches}
 

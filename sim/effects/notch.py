@@ -100,7 +100,9 @@ class Notch(Effect):
         foot = bilayer.foot[:, self._axes]
         seeds = self._seeds(foot[: bilayer.n_surface], self._width + bilayer.edge)
         ends = list(zip(seeds, seeds[1:] if self._line else seeds))
-        away = np.min([_distance(foot[inside], start, end) for start, end in ends], axis=0) / (0.5 * self._width)
+        away = np.min([_distance_from_segment(foot[inside], start, end) for start, end in ends], axis=0) / (
+            0.5 * self._width
+        )
         step = self._depth * bilayer.share[inside] * 0.5 * (1 + np.cos(np.pi * np.minimum(away, 1.0)))
         X[inside] -= step[:, None] * bilayer.radial[inside]
         return X
@@ -119,7 +121,7 @@ class Notch(Effect):
         return found
 
 
-def _distance(at: Array, start: Array, end: Array) -> Array:
+def _distance_from_segment(at: Array, start: Array, end: Array) -> Array:
     """Distance (P,) of points (P, D) from the straight line between two points."""
     along = end - start
     share = np.clip((at - start) @ along / max(float(along @ along), 1e-300), 0.0, 1.0)

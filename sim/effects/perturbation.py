@@ -16,11 +16,13 @@ from morphofold.sim.scene.tables import EffectOptions, Length, key
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
 
-WAVES = 200
-LEAST = 3.0  # shortest default wavelength [cortical thicknesses]: meshes don't resolve shorter waves
-SPREAD = 0.3  # largest relative difference of wave numbers from their mean
-WAVELENGTH = 7.85  # wavelength in space, in cortical thicknesses, if theory gives no first wrinkles
-CUT = 1.28  # wavelength of the first wrinkles over that in space: on a sphere waves look longer by this factor
+NUMBER_OF_WAVES = 200
+#: shortest default wavelength [cortical thicknesses]: meshes don't resolve shorter waves
+SHORTEST_WAVELENGTH_OVER_T = 3.0
+WAVE_NUMBER_SPREAD = 0.3  # largest relative difference of wave numbers from their mean
+DEFAULT_WAVELENGTH_OVER_T = 7.85  # wavelength in space, in cortical thicknesses, if theory gives no first wrinkles
+#: wavelength of the first wrinkles over that in space: on a sphere waves look longer by this factor
+SURFACE_OVER_SPACE_WAVELENGTH = 1.28
 
 
 class Options(EffectOptions):
@@ -44,9 +46,9 @@ class Options(EffectOptions):
 
 def build(options: Options, scene: Scene) -> Perturbation:
     thickness = scene.geometry.cortex_thickness
-    wavelength = first_wrinkles(scene).wavelength_over_T / CUT
-    known = LEAST <= wavelength < math.inf
-    default = (wavelength if known else WAVELENGTH) * thickness
+    wavelength = first_wrinkles(scene).wavelength_over_T / SURFACE_OVER_SPACE_WAVELENGTH
+    known = SHORTEST_WAVELENGTH_OVER_T <= wavelength < math.inf
+    default = (wavelength if known else DEFAULT_WAVELENGTH_OVER_T) * thickness
     return Perturbation(options.amplitude * thickness, options.wavelength or default, options.seed)
 
 
@@ -68,15 +70,17 @@ class Perturbation(Effect):
 
     def __init__(self, amplitude: float, wavelength: float, seed: int):
         rng = np.random.default_rng(seed)
-        axis = rng.standard_normal((WAVES, 3))
+        axis = rng.standard_normal((NUMBER_OF_WAVES, 3))
         axis /= np.linalg.norm(axis, axis=1, keepdims=True)
         self._amplitude, self.wavelength = amplitude, float(wavelength)
-        self._wave = axis * (2 * np.pi / wavelength * (1 + SPREAD * rng.uniform(-1, 1, WAVES)))[:, None]
-        self._phase = rng.uniform(0, 2 * np.pi, WAVES)
+        self._wave = (
+            axis * (2 * np.pi / wavelength * (1 + WAVE_NUMBER_SPREAD * rng.uniform(-1, 1, NUMBER_OF_WAVES)))[:, None]
+        )
+        self._phase = rng.uniform(0, 2 * np.pi, NUMBER_OF_WAVES)
 
     def field(self, at: Array) -> Array:
         """The field (P,) at points (P, 3) of the pial surface [mm]."""
-        return self._amplitude * np.sqrt(2 / WAVES) * np.cos(at @ self._wave.T + self._phase).sum(axis=1)
+        return self._amplitude * np.sqrt(2 / NUMBER_OF_WAVES) * np.cos(at @ self._wave.T + self._phase).sum(axis=1)
 
     def reshape(self, bilayer: Bilayer, X: Array) -> Array:
         """Move the pial surface along the thickness by the field; the white surface stays, linear in between."""

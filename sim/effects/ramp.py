@@ -12,13 +12,13 @@ from morphofold.sim.scene.tables import EffectOptions, key
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
 
-LAST = 0.1  # final rate of the slowing ramp, over its first rate, about
+SLOWING_FINAL_RATE = 0.1  # final rate of the slowing ramp, over its first rate, about
 
 #: rate over that of the linear ramp at a share s of the growth; the mean of 1/rate is 1, so the total time is the same
-RATES = {
+RATE_BY_SHAPE = {
     "exponential": lambda s, final: (1 + s * (final - 1)) * math.log(final) / (final - 1),
     "smooth": lambda s, final: math.pi * max(math.sqrt(max(s * (1 - s), 0.0)), 0.05),
-    "slowing": lambda s, final: math.log((1 + LAST) / LAST) * (1 + LAST - s),
+    "slowing": lambda s, final: math.log((1 + SLOWING_FINAL_RATE) / SLOWING_FINAL_RATE) * (1 + SLOWING_FINAL_RATE - s),
 }
 
 
@@ -47,7 +47,7 @@ class Ramp(Effect):
     name = "ramp"
 
     def __init__(self, shape: str, final: float):
-        self._rate, self._final = RATES[shape], final
+        self._rate, self._final = RATE_BY_SHAPE[shape], final
 
     def pace(self, g: float) -> float:
         return self._rate((g - 1) / (self._final - 1), self._final)

@@ -15,12 +15,12 @@ from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect
 from morphofold.sim.growth import volume
 from morphofold.sim.scene.geometries import Ellipsoid, Sphere
-from morphofold.sim.scene.tables import LARGEST, EffectOptions, key
+from morphofold.sim.scene.tables import LONGEST_LENGTH_MM, EffectOptions, key
 
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
 
-STIFFNESS, DASHPOT = 0.1, 0.5  # as in contact: force per mass and depth, per mass and speed
+PENALTY_STIFFNESS, PENALTY_DAMPING = 0.1, 0.5  # as in contact: force per mass and depth, per mass and speed
 
 
 @njit(cache=True)
@@ -41,12 +41,12 @@ def press_shell(x, v, mass, semi_axes, extra):
         depth, speed = (level - 1.0) * level / slope, 0.0
         for r in range(3):
             speed += v[i, r] * x[i, r] / semi_axes[r] ** 2 / slope
-        force = mass[i] * (STIFFNESS * depth + DASHPOT * speed)
+        force = mass[i] * (PENALTY_STIFFNESS * depth + PENALTY_DAMPING * speed)
         if force > 0.0:
             for r in range(3):
                 extra[i, r] -= force * x[i, r] / semi_axes[r] ** 2 / slope
             count += 1
-            energy += 0.5 * mass[i] * STIFFNESS * depth * depth
+            energy += 0.5 * mass[i] * PENALTY_STIFFNESS * depth * depth
     return count, energy
 
 
@@ -59,7 +59,12 @@ class Options(EffectOptions):
 
     gap: Annotated[
         float,
-        key("between the body at first and a rigid shell around it; the grown body must fit", "mm", ge=0, le=LARGEST),
+        key(
+            "between the body at first and a rigid shell around it; the grown body must fit",
+            "mm",
+            ge=0,
+            le=LONGEST_LENGTH_MM,
+        ),
     ] = 2.0
 
 
@@ -111,7 +116,7 @@ class Skull(Effect):
         level = np.sqrt(np.sum((x[:n] / self._semi_axes) ** 2, axis=1))
         normal = x[:n] / self._semi_axes**2
         normal /= np.linalg.norm(normal, axis=1)[:, None]
-        springs = STIFFNESS * body.mass[:n] * (level > 1)
+        springs = PENALTY_STIFFNESS * body.mass[:n] * (level > 1)
         blocks = springs[:, None, None] * normal[:, :, None] * normal[:, None, :]
         diagonal = sparse.bsr_matrix((blocks, np.arange(n), np.arange(n + 1)), shape=(3 * n, 3 * n))
         return sparse.csr_matrix(sparse.block_diag([diagonal, sparse.csr_matrix((x.size - 3 * n, x.size - 3 * n))]))

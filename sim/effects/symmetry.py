@@ -12,7 +12,8 @@ from morphofold.arrays import Array
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect, contact
 
-STIFFNESS, DASHPOT = 4 * contact.STIFFNESS, 4 * contact.DASHPOT  # a node and its image press, at twice the depth
+#: a node and its image press, at twice the depth
+PENALTY_STIFFNESS, PENALTY_DAMPING = 4 * contact.PENALTY_STIFFNESS, 4 * contact.PENALTY_DAMPING
 
 
 @njit(cache=True)
@@ -22,11 +23,11 @@ def press_plane(x, v, mass, held, axis, at, side, gap, extra):
     for i in range(len(extra)):
         depth = gap - side * (x[i, axis] - at)
         if depth > 0.0 and not held[i]:
-            force = mass[i] * (STIFFNESS * depth - DASHPOT * side * v[i, axis])
+            force = mass[i] * (PENALTY_STIFFNESS * depth - PENALTY_DAMPING * side * v[i, axis])
             if force > 0.0:
                 extra[i, axis] += side * force
                 count += 1
-                energy += 0.5 * mass[i] * STIFFNESS * depth * depth
+                energy += 0.5 * mass[i] * PENALTY_STIFFNESS * depth * depth
     return count, energy
 
 
@@ -58,11 +59,11 @@ class Symmetry(Effect):
         n = body.n_surface
         for (axis, at, side), held in self._planes:
             pressed = (self._gap(body) > side * (x[:n, axis] - at)) & ~held
-            springs[:n, axis] += STIFFNESS * body.mass[:n] * pressed
+            springs[:n, axis] += PENALTY_STIFFNESS * body.mass[:n] * pressed
         return sparse.csr_matrix(sparse.diags(springs.ravel()))
 
     def _gap(self, body: Body) -> float:
-        return 0.5 * contact.GAP * body.cell
+        return 0.5 * contact.GAP_IN_CELLS * body.cell
 
     def energy(self) -> float:
         return self._energy

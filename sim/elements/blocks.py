@@ -1,4 +1,4 @@
-"""Elements in blocks of ``WIDTH`` lanes, and the sum of their forces at the nodes.
+"""Elements in blocks of ``LANES`` lanes, and the sum of their forces at the nodes.
 
 A block reads the positions of its own nodes once. It sums the forces of its elements per node before it writes them:
 one row per block and node. Each node then sums its few rows in a fixed order, so the result is bitwise the same for any
@@ -11,19 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.arrays import Array, Ints
-from morphofold.sim.elements.brick_kernels import WIDTH, gather, gather_scalar
+from morphofold.sim.elements.brick_kernels import LANES, gather, gather_scalar
 
 
 def to_lanes(values: NDArray, n_blocks: int) -> NDArray:
-    """Reorder (E, rows) per element to (block, rows * WIDTH), lane fastest; the last lanes repeat the last element."""
-    padded = np.concatenate([values, np.repeat(values[-1:], n_blocks * WIDTH - len(values), axis=0)])
-    return np.ascontiguousarray(padded.reshape(n_blocks, WIDTH, -1).transpose(0, 2, 1).reshape(n_blocks, -1))
+    """Reorder (E, rows) per element to (block, rows * LANES), lane fastest; the last lanes repeat the last element."""
+    padded = np.concatenate([values, np.repeat(values[-1:], n_blocks * LANES - len(values), axis=0)])
+    return np.ascontiguousarray(padded.reshape(n_blocks, LANES, -1).transpose(0, 2, 1).reshape(n_blocks, -1))
 
 
 def from_lanes(values: NDArray, n_elements: int) -> NDArray:
-    """Reorder (block, rows * WIDTH) back to (E, rows)."""
+    """Reorder (block, rows * LANES) back to (E, rows)."""
     n_blocks = len(values)
-    return values.reshape(n_blocks, -1, WIDTH).transpose(0, 2, 1).reshape(n_blocks * WIDTH, -1)[:n_elements]
+    return values.reshape(n_blocks, -1, LANES).transpose(0, 2, 1).reshape(n_blocks * LANES, -1)[:n_elements]
 
 
 class Blocks:
@@ -41,7 +41,7 @@ class Blocks:
         Number of blocks; the last block repeats its last element.
     nodes, start : (R,) uint32, (count + 1,) int
         Block b owns rows ``start[b]:start[b + 1]``; row s belongs to node ``nodes[s]``.
-    local : (count, K * WIDTH) uint16
+    local : (count, K * LANES) uint16
         Row of each corner within its block.
     first, rows : (N + 1,) int, (R,) uint32
         Node n owns the rows ``rows[first[n]:first[n + 1]]``.
@@ -50,7 +50,7 @@ class Blocks:
     """
 
     def __init__(self, corners: Ints, n_nodes: int):
-        self.count = -(-len(corners) // WIDTH)
+        self.count = -(-len(corners) // LANES)
         lanes = to_lanes(corners.astype(np.int32), self.count)
         order = np.argsort(lanes, axis=1, kind="stable")
         ranked = np.take_along_axis(lanes, order, axis=1)

@@ -13,7 +13,7 @@ C = w dxi/dX G^-1 G^-T (dxi/dX)^T one has w tr(A^T A) = D : D C and J = det D / 
 of C and 1/w, and any growth changes only these seven. The derivative with respect to D is f D C + s cof D, minus
 h b D C if the material depends on i2, with b = A A^T = D C D^T / w: nothing else of A is needed.
 
-Elements are stored in blocks of ``WIDTH`` lanes, arrays as (block, rows * WIDTH) with the lane fastest, so that each
+Elements are stored in blocks of ``LANES`` lanes, arrays as (block, rows * LANES) with the lane fastest, so that each
 loop over lanes becomes vector instructions (with unsigned indices and constant row offsets: otherwise LLVM can't
 exclude overlap and stays scalar, six times slower). ``blocks.Blocks`` connects blocks and nodes.
 """
@@ -28,46 +28,53 @@ from numba.extending import intrinsic
 
 from morphofold.sim.materials import energy_of, sees_second, slopes_of, stiffness_of
 
-WIDTH = 32  # lanes per block
-POINT = 7  # rows per Gauss point: C00 C01 C02 C11 C12 C22 1/w
-MODULI = 3  # rows per element: mu, kappa, 1/V
-J_MIN = 0.1  # below this volume ratio the factors J^-2/3, J^-4/3 are constant, so that they stay finite
+LANES = 32  # lanes per block
+POINT_ROWS = 7  # rows per Gauss point: C00 C01 C02 C11 C12 C22 1/w
+MODULUS_ROWS = 3  # rows per element: mu, kappa, 1/V
+FROZEN_BELOW_J = 0.1  # below this volume ratio the factors J^-2/3, J^-4/3 are constant, so that they stay finite
 
-_FAST = {"contract", "nsz", "arcp", "nnan", "ninf"}
-_U = np.uint64
-_W = np.uint64(WIDTH)
-_R = 1.0 / np.sqrt(3.0)  # Gauss points along an edge are at -R and R
-EIGHTH = 0.125  # positions and forces are scaled by this, so that _between needs no factors
+_FAST_MATH = {"contract", "nsz", "arcp", "nnan", "ninf"}
+_UINT = np.uint64
+_LANES = np.uint64(LANES)
+_GAUSS_COORDINATE = 1.0 / np.sqrt(3.0)  # Gauss points along an edge are at minus and plus this
+CORNER_SCALE = 0.125  # positions and forces are scaled by this, so that _face_gauss_values needs no factors
 
 
 @njit(forceinline=True)
-def _as(like, number):
+def _in_precision_of(like, number):
     """A constant in the precision of ``like``; a constant in 64 bits would widen all results."""
     return type(like)(number)
 
 
-@njit(forceinline=True, fastmath=_FAST)
-def _between(p, q, r, s):
+@njit(forceinline=True, fastmath=_FAST_MATH)
+def _face_gauss_values(p, q, r, s):
     """Four times the values at the 2x2 Gauss points of a face, from its corners 00, 01, 10, 11. It is symmetric."""
-    R = _as(p, _R)
+    R = _in_precision_of(p, _GAUSS_COORDINATE)
     a, b, c, d = p + q, p - q, r + s, r - s
     p0, p1, r0, r1 = a + R * b, a - R * b, c + R * d, c - R * d
     a, b, c, d = p0 + r0, p0 - r0, p1 + r1, p1 - r1
     return a + R * b, c + R * d, a - R * b, c - R * d
 
 
-@njit(forceinline=True, fastmath=_FAST)
+@njit(forceinline=True, fastmath=_FAST_MATH)
 def _inverse_cube_root(J):
     """J^-1/3 to round-off for 0.1 < J < 8, without a branch: one Halley step, then three of fourth order."""
-    one, two = _as(J, 1.0), _as(J, 2.0)
+    one, two = _in_precision_of(J, 1.0), _in_precision_of(J, 2.0)
     y = (J + two) / (two * J + one)
     for _ in range(3):
         e = one - J * y * y * y
-        y += y * e * (_as(J, 1.0 / 3.0) + e * (_as(J, 2.0 / 9.0) + e * _as(J, 14.0 / 81.0)))
+        y += (
+            y
+            * e
+            * (
+                _in_precision_of(J, 1.0 / 3.0)
+                + e * (_in_precision_of(J, 2.0 / 9.0) + e * _in_precision_of(J, 14.0 / 81.0))
+            )
+        )
     return y
 
 
-@njit(forceinline=True, fastmath=_FAST)
+@njit(forceinline=True, fastmath=_FAST_MATH)
 def _cofactor(a0, a1, a2, b0, b1, b2, c0, c1, c2):
     """Cofactors of the matrix with columns a, b, c: the columns b x c, c x a, a x b."""
     return (
@@ -83,13 +90,13 @@ def _cofactor(a0, a1, a2, b0, b1, b2, c0, c1, c2):
     )
 
 
-@njit(forceinline=True, fastmath=_FAST)
+@njit(forceinline=True, fastmath=_FAST_MATH)
 def _det(a, b, c):
     return a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) + a[2] * (b[0] * c[1] - b[1] * c[0])
 
 
-@njit(forceinline=True, fastmath=_FAST)
-def _times(d, c):
+@njit(forceinline=True, fastmath=_FAST_MATH)
+def _times_symmetric(d, c):
     """The three columns of D C for symmetric C."""
     return (
         (
@@ -110,8 +117,8 @@ def _times(d, c):
     )
 
 
-@njit(forceinline=True, fastmath=_FAST)
-def _left(d, u, v, z, per_w):
+@njit(forceinline=True, fastmath=_FAST_MATH)
+def _left_cauchy_green(d, u, v, z, per_w):
     """b = A A^T = D C D^T / w, six numbers, from the columns u, v, z of D C."""
     return (
         per_w * (u[0] * d[0] + v[0] * d[3] + z[0] * d[6]),
@@ -123,15 +130,15 @@ def _left(d, u, v, z, per_w):
     )
 
 
-@njit(forceinline=True, fastmath=_FAST)
+@njit(forceinline=True, fastmath=_FAST_MATH)
 def second_invariant(I1, b):
     """I2 = (I1^2 - tr(b b)) / 2 for symmetric b, six numbers."""
-    two = _as(I1, 2.0)
+    two = _in_precision_of(I1, 2.0)
     bb = b[0] * b[0] + b[3] * b[3] + b[5] * b[5] + two * (b[1] * b[1] + b[2] * b[2] + b[4] * b[4])
-    return _as(I1, 0.5) * (I1 * I1 - bb)
+    return _in_precision_of(I1, 0.5) * (I1 * I1 - bb)
 
 
-@njit(forceinline=True, fastmath=_FAST)
+@njit(forceinline=True, fastmath=_FAST_MATH)
 def turned(b, h, u):
     """h b u for symmetric b, six numbers, and a vector u."""
     return (
@@ -141,14 +148,14 @@ def turned(b, h, u):
     )
 
 
-@njit(forceinline=True, fastmath=_FAST)
-def _point(d, c, mu, p, material):
+@njit(forceinline=True, fastmath=_FAST_MATH)
+def _point_stress(d, c, mu, p, material):
     """dW/dD at one Gauss point, nine numbers; ``p`` is the element's pressure kappa (v/V - 1)."""
     k = _cofactor(*d)
     J = (d[0] * k[0] + d[1] * k[1] + d[2] * k[2]) * c[6]
-    least = _as(J, J_MIN)
+    least = _in_precision_of(J, FROZEN_BELOW_J)
     y = _inverse_cube_root(max(J, least))
-    u, v, z = _times(d, c)
+    u, v, z = _times_symmetric(d, c)
     I1 = (
         d[0] * u[0]
         + d[1] * u[1]
@@ -160,14 +167,14 @@ def _point(d, c, mu, p, material):
         + d[7] * z[1]
         + d[8] * z[2]
     ) * c[6]
-    two, third = _as(J, 2.0), _as(J, 1.0 / 3.0)
+    two, third = _in_precision_of(J, 2.0), _in_precision_of(J, 1.0 / 3.0)
     if sees_second(material):
-        b = _left(d, u, v, z, c[6])
+        b = _left_cauchy_green(d, u, v, z, c[6])
         I2 = second_invariant(I1, b)
         u1, u2 = slopes_of(material, y * y * I1, y * y * y * y * I2)
-        f1, h = two * _as(J, u1) * mu * y * y, two * _as(J, u2) * mu * y * y * y * y
-        s = p + two * mu * (J - _as(J, 1.0))
-        s -= (f1 * I1 + two * h * I2) * y * y * y * third if J > least else _as(J, 0.0)
+        f1, h = two * _in_precision_of(J, u1) * mu * y * y, two * _in_precision_of(J, u2) * mu * y * y * y * y
+        s = p + two * mu * (J - _in_precision_of(J, 1.0))
+        s -= (f1 * I1 + two * h * I2) * y * y * y * third if J > least else _in_precision_of(J, 0.0)
         f = f1 + h * I1
         e, g, i = turned(b, h, u), turned(b, h, v), turned(b, h, z)
         return (
@@ -181,9 +188,13 @@ def _point(d, c, mu, p, material):
             f * z[1] + s * k[7] - i[1],
             f * z[2] + s * k[8] - i[2],
         )
-    u1, _ = slopes_of(material, y * y * I1, _as(J, 3.0))
-    f = two * _as(J, u1) * mu * y * y
-    s = p + two * mu * (J - _as(J, 1.0)) - (f * I1 * y * y * y * third if J > least else _as(J, 0.0))
+    u1, _ = slopes_of(material, y * y * I1, _in_precision_of(J, 3.0))
+    f = two * _in_precision_of(J, u1) * mu * y * y
+    s = (
+        p
+        + two * mu * (J - _in_precision_of(J, 1.0))
+        - (f * I1 * y * y * y * third if J > least else _in_precision_of(J, 0.0))
+    )
     return (
         f * u[0] + s * k[0],
         f * u[1] + s * k[1],
@@ -197,27 +208,32 @@ def _point(d, c, mu, p, material):
     )
 
 
-@njit(forceinline=True, fastmath=_FAST)
-def _edges(x, l):
+@njit(forceinline=True, fastmath=_FAST_MATH)
+def _natural_derivatives(x, l):
     """dx_r/dxi at the Gauss points for the first coordinate r in ``x`` (in eighths), in three groups of four.
 
     Along i at (j, k), along j at (i, k), along k at (i, j). Row 3 c of ``x`` belongs to corner c = 4 i + 2 j + k.
     """
-    n0, n1, n2, n3 = x[l], x[l + _U(3) * _W], x[l + _U(6) * _W], x[l + _U(9) * _W]
-    n4, n5, n6, n7 = x[l + _U(12) * _W], x[l + _U(15) * _W], x[l + _U(18) * _W], x[l + _U(21) * _W]
+    n0, n1, n2, n3 = x[l], x[l + _UINT(3) * _LANES], x[l + _UINT(6) * _LANES], x[l + _UINT(9) * _LANES]
+    n4, n5, n6, n7 = (
+        x[l + _UINT(12) * _LANES],
+        x[l + _UINT(15) * _LANES],
+        x[l + _UINT(18) * _LANES],
+        x[l + _UINT(21) * _LANES],
+    )
     return (
-        _between(n4 - n0, n5 - n1, n6 - n2, n7 - n3),
-        _between(n2 - n0, n3 - n1, n6 - n4, n7 - n5),
-        _between(n1 - n0, n3 - n2, n5 - n4, n7 - n6),
+        _face_gauss_values(n4 - n0, n5 - n1, n6 - n2, n7 - n3),
+        _face_gauss_values(n2 - n0, n3 - n1, n6 - n4, n7 - n5),
+        _face_gauss_values(n1 - n0, n3 - n2, n5 - n4, n7 - n6),
     )
 
 
-@njit(forceinline=True, fastmath=_FAST)
-def _gauss(xs, l):
+@njit(forceinline=True, fastmath=_FAST_MATH)
+def _gauss_point_jacobians(xs, l):
     """D at the eight Gauss points p = 4 i + 2 j + k, nine numbers each, column by column."""
-    (a0, a1, a2, a3), (b0, b1, b2, b3), (c0, c1, c2, c3) = _edges(xs, l)
-    (d0, d1, d2, d3), (e0, e1, e2, e3), (f0, f1, f2, f3) = _edges(xs, l + _W)
-    (g0, g1, g2, g3), (h0, h1, h2, h3), (i0, i1, i2, i3) = _edges(xs, l + _U(2) * _W)
+    (a0, a1, a2, a3), (b0, b1, b2, b3), (c0, c1, c2, c3) = _natural_derivatives(xs, l)
+    (d0, d1, d2, d3), (e0, e1, e2, e3), (f0, f1, f2, f3) = _natural_derivatives(xs, l + _LANES)
+    (g0, g1, g2, g3), (h0, h1, h2, h3), (i0, i1, i2, i3) = _natural_derivatives(xs, l + _UINT(2) * _LANES)
     return (
         (a0, d0, g0, b0, e0, h0, c0, f0, i0),
         (a1, d1, g1, b1, e1, h1, c0, f0, i0),
@@ -230,68 +246,73 @@ def _gauss(xs, l):
     )
 
 
-@njit(forceinline=True, fastmath=_FAST)
-def _seven(g, l):
+@njit(forceinline=True, fastmath=_FAST_MATH)
+def _gauss_point_data(g, l):
     """C (six numbers) and 1/w of the Gauss point with rows that start at ``l``."""
     return (
         g[l],
-        g[l + _W],
-        g[l + _U(2) * _W],
-        g[l + _U(3) * _W],
-        g[l + _U(4) * _W],
-        g[l + _U(5) * _W],
-        g[l + _U(6) * _W],
+        g[l + _LANES],
+        g[l + _UINT(2) * _LANES],
+        g[l + _UINT(3) * _LANES],
+        g[l + _UINT(4) * _LANES],
+        g[l + _UINT(5) * _LANES],
+        g[l + _UINT(6) * _LANES],
     )
 
 
-@njit(forceinline=True, fastmath=_FAST)
-def _points(g, l):
+@njit(forceinline=True, fastmath=_FAST_MATH)
+def _data_of_all_points(g, l):
     """The data of the eight Gauss points of lane ``l``."""
     return (
-        _seven(g, l),
-        _seven(g, l + _U(7) * _W),
-        _seven(g, l + _U(14) * _W),
-        _seven(g, l + _U(21) * _W),
-        _seven(g, l + _U(28) * _W),
-        _seven(g, l + _U(35) * _W),
-        _seven(g, l + _U(42) * _W),
-        _seven(g, l + _U(49) * _W),
+        _gauss_point_data(g, l),
+        _gauss_point_data(g, l + _UINT(7) * _LANES),
+        _gauss_point_data(g, l + _UINT(14) * _LANES),
+        _gauss_point_data(g, l + _UINT(21) * _LANES),
+        _gauss_point_data(g, l + _UINT(28) * _LANES),
+        _gauss_point_data(g, l + _UINT(35) * _LANES),
+        _gauss_point_data(g, l + _UINT(42) * _LANES),
+        _gauss_point_data(g, l + _UINT(49) * _LANES),
     )
 
 
-@njit(forceinline=True, fastmath=_FAST)
-def _corner(xs, l, c):
-    l += _U(3 * c) * _W
-    return xs[l], xs[l + _W], xs[l + _U(2) * _W]
+@njit(forceinline=True, fastmath=_FAST_MATH)
+def _corner_position(xs, l, c):
+    l += _UINT(3 * c) * _LANES
+    return xs[l], xs[l + _LANES], xs[l + _UINT(2) * _LANES]
 
 
-@njit(forceinline=True, fastmath=_FAST)
+@njit(forceinline=True, fastmath=_FAST_MATH)
 def _minus(a, b):
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
-@njit(forceinline=True, fastmath=_FAST)
+@njit(forceinline=True, fastmath=_FAST_MATH)
 def _plus(a, b):
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
-@njit(forceinline=True, fastmath=_FAST)
-def _volume(xs, l):
+@njit(forceinline=True, fastmath=_FAST_MATH)
+def _brick_volume(xs, l):
     """Volume v of the trilinear brick from its corners in eighths: by three determinants (Grandy 1997), not eight."""
-    x0, x7 = _corner(xs, l, 0), _corner(xs, l, 7)
-    a, b = _minus(x7, _corner(xs, l, 2)), _minus(_corner(xs, l, 5), x0)
-    c, d = _minus(x7, _corner(xs, l, 1)), _minus(_corner(xs, l, 3), x0)
-    e, f = _minus(_corner(xs, l, 6), x0), _minus(x7, _corner(xs, l, 4))
-    return _as(x0[0], 512.0 / 12.0) * (_det(_plus(a, b), c, d) + _det(b, _plus(c, e), f) + _det(a, e, _plus(f, d)))
+    x0, x7 = _corner_position(xs, l, 0), _corner_position(xs, l, 7)
+    a, b = _minus(x7, _corner_position(xs, l, 2)), _minus(_corner_position(xs, l, 5), x0)
+    c, d = _minus(x7, _corner_position(xs, l, 1)), _minus(_corner_position(xs, l, 3), x0)
+    e, f = _minus(_corner_position(xs, l, 6), x0), _minus(x7, _corner_position(xs, l, 4))
+    return _in_precision_of(x0[0], 512.0 / 12.0) * (
+        _det(_plus(a, b), c, d) + _det(b, _plus(c, e), f) + _det(a, e, _plus(f, d))
+    )
 
 
-@njit(forceinline=True, fastmath=_FAST)
-def _corners(q, r):
-    """Minus the gradient by coordinate r of the corners in eighths, from dW/dD at the points: _edges transposed."""
+@njit(forceinline=True, fastmath=_FAST_MATH)
+def _corner_forces(q, r):
+    """Minus the gradient by coordinate r of the corners in eighths, from dW/dD at the points.
+
+    It is _natural_derivatives transposed.
+    """
     a, b, c = r, 3 + r, 6 + r
-    s0, s1, s2, s3 = _between(q[0][a] + q[4][a], q[1][a] + q[5][a], q[2][a] + q[6][a], q[3][a] + q[7][a])
-    t0, t1, t2, t3 = _between(q[0][b] + q[2][b], q[1][b] + q[3][b], q[4][b] + q[6][b], q[5][b] + q[7][b])
-    u0, u1, u2, u3 = _between(q[0][c] + q[1][c], q[2][c] + q[3][c], q[4][c] + q[5][c], q[6][c] + q[7][c])
+    s0, s1, s2, s3 = _face_gauss_values(q[0][a] + q[4][a], q[1][a] + q[5][a], q[2][a] + q[6][a], q[3][a] + q[7][a])
+    t0, t1, t2, t3 = _face_gauss_values(q[0][b] + q[2][b], q[1][b] + q[3][b], q[4][b] + q[6][b], q[5][b] + q[7][b])
+    u0, u1, u2, u3 = _face_gauss_values(q[0][c] + q[1][c], q[2][c] + q[3][c], q[4][c] + q[5][c], q[6][c] + q[7][c])
     return (
         s0 + t0 + u0,
         s1 + t1 - u0,
@@ -304,11 +325,11 @@ def _corners(q, r):
     )
 
 
-@njit(forceinline=True, fastmath=_FAST)
-def _store(f, l, n):
+@njit(forceinline=True, fastmath=_FAST_MATH)
+def _store_corner_values(f, l, n):
     """Write the eight corner values of one coordinate into every third row from ``l``."""
     for c in range(8):
-        f[l + _U(3) * _U(c) * _W] = _as(n[c], EIGHTH) * n[c]
+        f[l + _UINT(3) * _UINT(c) * _LANES] = _in_precision_of(n[c], CORNER_SCALE) * n[c]
 
 
 @intrinsic
@@ -339,77 +360,77 @@ def fetch(x, nodes, local, corners, scale, ahead, at, xs, near=False):
         n = nodes[s]
         at[s, 0], at[s, 1], at[s, 2] = scale * x[n, 0], scale * x[n, 1], scale * x[n, 2]
     for c in range(corners):
-        for l in range(WIDTH):
-            s = local[c * WIDTH + l]
-            i = 3 * c * WIDTH + l
+        for l in range(LANES):
+            s = local[c * LANES + l]
+            i = 3 * c * LANES + l
             if near:
                 o = local[l]
-                xs[i], xs[i + WIDTH], xs[i + 2 * WIDTH] = at[s, 0] - at[o, 0], at[s, 1] - at[o, 1], at[s, 2] - at[o, 2]
+                xs[i], xs[i + LANES], xs[i + 2 * LANES] = at[s, 0] - at[o, 0], at[s, 1] - at[o, 1], at[s, 2] - at[o, 2]
             else:
-                xs[i], xs[i + WIDTH], xs[i + 2 * WIDTH] = at[s, 0], at[s, 1], at[s, 2]
-            _prefetch(ahead, 8 * (c * WIDTH + l))  # a cache line holds 8 numbers of 64 bits
+                xs[i], xs[i + LANES], xs[i + 2 * LANES] = at[s, 0], at[s, 1], at[s, 2]
+            _prefetch(ahead, 8 * (c * LANES + l))  # a cache line holds 8 numbers of 64 bits
 
 
 @njit(forceinline=True)
 def deliver(xs, local, corners, force):
     """Add the forces in ``xs`` (laid out as by ``fetch``) to the rows (rows, 3) of a block."""
     for c in range(corners):
-        for l in range(WIDTH):
-            s = local[c * WIDTH + l]
-            i = 3 * c * WIDTH + l
+        for l in range(LANES):
+            s = local[c * LANES + l]
+            i = 3 * c * LANES + l
             force[s, 0] += xs[i]
-            force[s, 1] += xs[i + WIDTH]
-            force[s, 2] += xs[i + 2 * WIDTH]
+            force[s, 1] += xs[i + LANES]
+            force[s, 2] += xs[i + 2 * LANES]
 
 
 @njit(forceinline=True)
 def deliver_scalar(values, local, corners, rows):
-    """Add one value per lane (WIDTH,) to the rows of its corners."""
+    """Add one value per lane (LANES,) to the rows of its corners."""
     for c in range(corners):
-        for l in range(WIDTH):
-            rows[local[c * WIDTH + l]] += values[l]
+        for l in range(LANES):
+            rows[local[c * LANES + l]] += values[l]
 
 
-@njit(parallel=True, cache=True, fastmath=_FAST, error_model="numpy")
+@njit(parallel=True, cache=True, fastmath=_FAST_MATH, error_model="numpy")
 def element_forces(x, nodes, start, local, point, modulus, force, material):
     """Write forces (minus the energy gradient) of the elements, summed per block and node, into ``force`` (R, 3).
 
-    x (N, 3); nodes, start, local: see ``Blocks``; point (block, 56 WIDTH); modulus (block, 3 WIDTH): mu, kappa, 1/V;
+    x (N, 3); nodes, start, local: see ``Blocks``; point (block, 56 LANES); modulus (block, 3 LANES): mu, kappa, 1/V;
     material: see ``sim.materials``. Positions and sums have 64 bits; the computation between them has the precision of
     ``point`` and ``modulus``, 64 or 32 bits.
     """
     for b in prange(len(local)):
-        xs, g, m, at = np.empty(24 * WIDTH, point.dtype), point[b], modulus[b], np.empty((8 * WIDTH, 3))
+        xs, g, m, at = np.empty(24 * LANES, point.dtype), point[b], modulus[b], np.empty((8 * LANES, 3))
         ahead = point[min(b + 1, len(local) - 1)]
-        fetch(x, nodes[start[b] : start[b + 1]], local[b], 8, EIGHTH, ahead, at, xs, point.itemsize == 4)
-        for l in range(_W):
-            d, c, mu = _gauss(xs, l), _points(g, l), m[l]
-            p = m[l + _W] * (_volume(xs, l) * m[l + _U(2) * _W] - _as(mu, 1.0))
+        fetch(x, nodes[start[b] : start[b + 1]], local[b], 8, CORNER_SCALE, ahead, at, xs, point.itemsize == 4)
+        for l in range(_LANES):
+            d, c, mu = _gauss_point_jacobians(xs, l), _data_of_all_points(g, l), m[l]
+            p = m[l + _LANES] * (_brick_volume(xs, l) * m[l + _UINT(2) * _LANES] - _in_precision_of(mu, 1.0))
             q = (
-                _point(d[0], c[0], mu, p, material),
-                _point(d[1], c[1], mu, p, material),
-                _point(d[2], c[2], mu, p, material),
-                _point(d[3], c[3], mu, p, material),
-                _point(d[4], c[4], mu, p, material),
-                _point(d[5], c[5], mu, p, material),
-                _point(d[6], c[6], mu, p, material),
-                _point(d[7], c[7], mu, p, material),
+                _point_stress(d[0], c[0], mu, p, material),
+                _point_stress(d[1], c[1], mu, p, material),
+                _point_stress(d[2], c[2], mu, p, material),
+                _point_stress(d[3], c[3], mu, p, material),
+                _point_stress(d[4], c[4], mu, p, material),
+                _point_stress(d[5], c[5], mu, p, material),
+                _point_stress(d[6], c[6], mu, p, material),
+                _point_stress(d[7], c[7], mu, p, material),
             )
-            _store(xs, l, _corners(q, 0))
-            _store(xs, l + _W, _corners(q, 1))
-            _store(xs, l + _U(2) * _W, _corners(q, 2))
+            _store_corner_values(xs, l, _corner_forces(q, 0))
+            _store_corner_values(xs, l + _LANES, _corner_forces(q, 1))
+            _store_corner_values(xs, l + _UINT(2) * _LANES, _corner_forces(q, 2))
         rows = force[start[b] : start[b + 1]]
         rows[:] = 0.0
         deliver(xs, local[b], 8, rows)
 
 
-@njit(forceinline=True, fastmath=_FAST)
+@njit(forceinline=True, fastmath=_FAST_MATH)
 def _point_state(d, c, mu, material):
     """Energy, J, and a bound on the largest stiffness at one Gauss point (without the element's pressure)."""
     k = _cofactor(*d)
     J = (d[0] * k[0] + d[1] * k[1] + d[2] * k[2]) * c[6]
-    y = _inverse_cube_root(max(J, J_MIN))
-    u, v, z = _times(d, c)
+    y = _inverse_cube_root(max(J, FROZEN_BELOW_J))
+    u, v, z = _times_symmetric(d, c)
     i1 = (
         c[6]
         * y
@@ -428,7 +449,7 @@ def _point_state(d, c, mu, material):
     )
     i2 = 3.0
     if sees_second(material):
-        i2 = y * y * y * y * second_invariant(i1 / (y * y), _left(d, u, v, z, c[6]))
+        i2 = y * y * y * y * second_invariant(i1 / (y * y), _left_cauchy_green(d, u, v, z, c[6]))
     energy = mu * (energy_of(material, i1, i2) + (J - 1.0) * (J - 1.0)) / c[6]
     cc = (
         k[0] * k[0]
@@ -445,14 +466,14 @@ def _point_state(d, c, mu, material):
     return energy, J, stiffness_of(material, i1, i2) * mu * (4.0 + i1) * (1.0 / 9.0) * cc * c[6]
 
 
-@njit(forceinline=True, fastmath=_FAST)
-def _square(n):
+@njit(forceinline=True, fastmath=_FAST_MATH)
+def _sum_of_squares(n):
     return n[0] * n[0] + n[1] * n[1] + n[2] * n[2] + n[3] * n[3] + n[4] * n[4] + n[5] * n[5] + n[6] * n[6] + n[7] * n[7]
 
 
-@njit(parallel=True, cache=True, fastmath=_FAST, error_model="numpy")
+@njit(parallel=True, cache=True, fastmath=_FAST_MATH, error_model="numpy")
 def element_state(x, nodes, start, local, point, modulus, state, stiffness, material):
-    """Write, per element, energy, smallest J, largest J and v/V into ``state`` (block, 4 WIDTH); per row, the sum of
+    """Write, per element, energy, smallest J, largest J and v/V into ``state`` (block, 4 LANES); per row, the sum of
     its elements' stiffness bounds into ``stiffness`` (R,).
 
     The bound is close to the largest eigenvalue of the element's stiffness: exact for the pressure of the mean volume
@@ -460,14 +481,14 @@ def element_state(x, nodes, start, local, point, modulus, state, stiffness, mate
     stiff elements; the safety factor on the mass covers that.
     """
     for b in prange(len(local)):
-        xs, g, m, out = np.empty(24 * WIDTH), point[b], modulus[b], state[b]
-        at, bound = np.empty((8 * WIDTH, 3)), np.empty(WIDTH)
+        xs, g, m, out = np.empty(24 * LANES), point[b], modulus[b], state[b]
+        at, bound = np.empty((8 * LANES, 3)), np.empty(LANES)
         ahead = point[min(b + 1, len(local) - 1)]
-        fetch(x, nodes[start[b] : start[b + 1]], local[b], 8, EIGHTH, ahead, at, xs)
-        for l in range(_W):
-            d, c, mu, kappa = _gauss(xs, l), _points(g, l), m[l], m[l + _W]
-            per_volume = m[l + _U(2) * _W]
-            ratio = _volume(xs, l) * per_volume
+        fetch(x, nodes[start[b] : start[b + 1]], local[b], 8, CORNER_SCALE, ahead, at, xs)
+        for l in range(_LANES):
+            d, c, mu, kappa = _gauss_point_jacobians(xs, l), _data_of_all_points(g, l), m[l], m[l + _LANES]
+            per_volume = m[l + _UINT(2) * _LANES]
+            ratio = _brick_volume(xs, l) * per_volume
             s = (
                 _point_state(d[0], c[0], mu, material),
                 _point_state(d[1], c[1], mu, material),
@@ -488,7 +509,11 @@ def element_state(x, nodes, start, local, point, modulus, state, stiffness, mate
                 _cofactor(*d[6]),
                 _cofactor(*d[7]),
             )
-            dv = _square(_corners(q, 0)) + _square(_corners(q, 1)) + _square(_corners(q, 2))
+            dv = (
+                _sum_of_squares(_corner_forces(q, 0))
+                + _sum_of_squares(_corner_forces(q, 1))
+                + _sum_of_squares(_corner_forces(q, 2))
+            )
             out[l] = (
                 s[0][0]
                 + s[1][0]
@@ -500,11 +525,11 @@ def element_state(x, nodes, start, local, point, modulus, state, stiffness, mate
                 + s[7][0]
                 + 0.5 * kappa * (ratio - 1.0) * (ratio - 1.0) / per_volume
             )
-            out[l + _W] = min(s[0][1], s[1][1], s[2][1], s[3][1], s[4][1], s[5][1], s[6][1], s[7][1])
-            out[l + _U(2) * _W] = max(s[0][1], s[1][1], s[2][1], s[3][1], s[4][1], s[5][1], s[6][1], s[7][1])
-            out[l + _U(3) * _W] = ratio
+            out[l + _LANES] = min(s[0][1], s[1][1], s[2][1], s[3][1], s[4][1], s[5][1], s[6][1], s[7][1])
+            out[l + _UINT(2) * _LANES] = max(s[0][1], s[1][1], s[2][1], s[3][1], s[4][1], s[5][1], s[6][1], s[7][1])
+            out[l + _UINT(3) * _LANES] = ratio
             bound[l] = (
-                EIGHTH**2 * kappa * dv * per_volume
+                CORNER_SCALE**2 * kappa * dv * per_volume
                 + s[0][2]
                 + s[1][2]
                 + s[2][2]
@@ -519,37 +544,37 @@ def element_state(x, nodes, start, local, point, modulus, state, stiffness, mate
         deliver_scalar(bound, local[b], 8, rows)
 
 
-@njit(parallel=True, cache=True, fastmath=_FAST)
+@njit(parallel=True, cache=True, fastmath=_FAST_MATH)
 def grow(point, point0, radial, modulus, stretch, tangential):
-    """Compute point data and 1/V of blocks at growth ``stretch`` (block, WIDTH) from those at growth 1.
+    """Compute point data and 1/V of blocks at growth ``stretch`` (block, LANES) from those at growth 1.
 
     Isotropic, G = g I: C = g C0, w = g^3 w0. Tangential, G = g (I - N N) + N N with N the reference thickness
-    direction: C = C0 + (g^2 - 1) n n, w = g^2 w0, where ``radial`` (block, 24 WIDTH) holds n = sqrt(w0) dxi/dX N.
+    direction: C = C0 + (g^2 - 1) n n, w = g^2 w0, where ``radial`` (block, 24 LANES) holds n = sqrt(w0) dxi/dX N.
     """
     for b in prange(len(stretch)):
-        for l in range(WIDTH):
+        for l in range(LANES):
             g = stretch[b, l]
             t = g * g - 1.0
             volume = 0.0
             for q in range(8):
-                row = q * POINT * WIDTH + l
+                row = q * POINT_ROWS * LANES + l
                 if tangential:
-                    n = 3 * q * WIDTH + l
-                    n0, n1, n2 = radial[b, n], radial[b, n + WIDTH], radial[b, n + 2 * WIDTH]
+                    n = 3 * q * LANES + l
+                    n0, n1, n2 = radial[b, n], radial[b, n + LANES], radial[b, n + 2 * LANES]
                     nn = (n0 * n0, n0 * n1, n0 * n2, n1 * n1, n1 * n2, n2 * n2)
                     for k in range(6):
-                        point[b, row + k * WIDTH] = point0[b, row + k * WIDTH] + t * nn[k]
+                        point[b, row + k * LANES] = point0[b, row + k * LANES] + t * nn[k]
                 else:
                     for k in range(6):
-                        point[b, row + k * WIDTH] = g * point0[b, row + k * WIDTH]
+                        point[b, row + k * LANES] = g * point0[b, row + k * LANES]
                 det = g * g if tangential else g * g * g
-                point[b, row + 6 * WIDTH] = point0[b, row + 6 * WIDTH] / det
-                volume += det / point0[b, row + 6 * WIDTH]
-            modulus[b, 2 * WIDTH + l] = 1.0 / volume
+                point[b, row + 6 * LANES] = point0[b, row + 6 * LANES] / det
+                volume += det / point0[b, row + 6 * LANES]
+            modulus[b, 2 * LANES + l] = 1.0 / volume
 
 
 @njit(forceinline=True)
-def _gather(force, first, rows, n):
+def _sum_of_node_rows(force, first, rows, n):
     """Sum of the rows of node n, in fixed order."""
     f0, f1, f2 = 0.0, 0.0, 0.0
     for k in range(first[n], first[n + 1]):
@@ -564,7 +589,7 @@ def _gather(force, first, rows, n):
 def gather(force, first, rows, out):
     """Nodal sums (N, 3) of the rows of ``force`` (R, 3); node n owns ``rows[first[n]:first[n + 1]]``."""
     for n in prange(len(out)):
-        out[n, 0], out[n, 1], out[n, 2] = _gather(force, first, rows, n)
+        out[n, 0], out[n, 1], out[n, 2] = _sum_of_node_rows(force, first, rows, n)
 
 
 @njit(parallel=True, cache=True)
@@ -587,7 +612,7 @@ def advance(x, v, force, first, rows, rest, extra, mass, free, keep):
     """
     lost = 0
     for n in prange(len(x)):
-        f = _gather(force, first, rows, n)
+        f = _sum_of_node_rows(force, first, rows, n)
         per_mass = 1.0 / mass[n]
         for r in range(3):
             total = f[r] - rest[n, r]

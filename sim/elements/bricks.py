@@ -11,18 +11,18 @@ from morphofold.arrays import Array, Bools
 from morphofold.errors import ImpossibleBody
 from morphofold.sim.elements import brick_kernels
 from morphofold.sim.elements.blocks import Blocks, from_lanes, to_lanes
-from morphofold.sim.elements.brick_kernels import POINT, WIDTH
+from morphofold.sim.elements.brick_kernels import LANES, POINT_ROWS
 from morphofold.sim.materials import Material
 from morphofold.sim.materials.neo_hookean import NEO_HOOKEAN
 
 #: skfem's corner numbers in the order 4 i + 2 j + k of the kernels
-BINARY_CORNERS = np.argsort(RefHex.p[0] * 4 + RefHex.p[1] * 2 + RefHex.p[2])
+CORNERS_IN_KERNEL_ORDER = np.argsort(RefHex.p[0] * 4 + RefHex.p[1] * 2 + RefHex.p[2])
 
 #: Gauss points of skfem's brick [0, 1]^3 in the kernels' order 4 i + 2 j + k, and their common weight
-GAUSS = np.stack(np.meshgrid(*[[0.5 - 0.5 / 3**0.5, 0.5 + 0.5 / 3**0.5]] * 3, indexing="ij")).reshape(3, 8)
+GAUSS_POINTS = np.stack(np.meshgrid(*[[0.5 - 0.5 / 3**0.5, 0.5 + 0.5 / 3**0.5]] * 3, indexing="ij")).reshape(3, 8)
 GAUSS_WEIGHT = 0.125
 
-CHUNK = 1 << 16  # bricks set up at once, to limit the memory of scikit-fem's mapping
+BRICKS_PER_CHUNK = 1 << 16  # bricks set up at once, to limit the memory of scikit-fem's mapping
 
 
 class Bricks:
@@ -63,29 +63,29 @@ class Bricks:
         material: Material = NEO_HOOKEAN,
     ):
         self.n, self.n_cortex, self.law, self.material = mesh.nelements, int(cortex.sum()), law, material
-        corners = mesh.t[BINARY_CORNERS].T
+        corners = mesh.t[CORNERS_IN_KERNEL_ORDER].T
         self.blocks = Blocks(corners, len(X))
         n_blocks = self.blocks.count
-        self._grown = -(-self.n_cortex // WIDTH)  # leading blocks that hold cortex
-        self.point = np.empty((n_blocks, 8 * POINT * WIDTH))
-        self._radial = np.empty((self._grown, 24 * WIDTH)) if law == "tangential" else np.empty((0, 0))
+        self._grown = -(-self.n_cortex // LANES)  # leading blocks that hold cortex
+        self.point = np.empty((n_blocks, 8 * POINT_ROWS * LANES))
+        self._radial = np.empty((self._grown, 24 * LANES)) if law == "tangential" else np.empty((0, 0))
         self.volume = np.empty(self.n)
         moved = MeshHex(np.ascontiguousarray(X.T), mesh.t, validate=False)
         mapping = MappingIsoparametric(moved, ElementHex1())
-        for start in range(0, self.n, CHUNK):
-            tind = np.arange(start, min(start + CHUNK, self.n))
+        for start in range(0, self.n, BRICKS_PER_CHUNK):
+            tind = np.arange(start, min(start + BRICKS_PER_CHUNK, self.n))
             self._set_up(mapping, tind, radial[mesh.t[:, tind]])
         self._point0 = self.point[: self._grown].copy()
         moduli = to_lanes(np.column_stack([mu, kappa, 1 / self.volume]), n_blocks)
-        moduli.reshape(n_blocks, 3, WIDTH)[-1, :2, self.n - (n_blocks - 1) * WIDTH :] = 0.0
+        moduli.reshape(n_blocks, 3, LANES)[-1, :2, self.n - (n_blocks - 1) * LANES :] = 0.0
         self.modulus = moduli
-        self._state = np.zeros((n_blocks, 4 * WIDTH))
+        self._state = np.zeros((n_blocks, 4 * LANES))
         self._stiffness = np.zeros(len(self.blocks.nodes))
 
     def _set_up(self, mapping: MappingIsoparametric, tind: NDArray[np.int64], radial: Array) -> None:
         """Compute point data of the bricks ``tind``; ``radial`` (8, chunk, 3): directions at their corners."""
-        inv = mapping.invDF(GAUSS, tind)  # (3, 3, chunk, 8): dxi_i/dX_j in [0, 1]^3
-        det = mapping.detDF(GAUSS, tind)  # (chunk, 8)
+        inv = mapping.invDF(GAUSS_POINTS, tind)  # (3, 3, chunk, 8): dxi_i/dX_j in [0, 1]^3
+        det = mapping.detDF(GAUSS_POINTS, tind)  # (chunk, 8)
         if det.min() <= 0:
             bad = np.flatnonzero(det.min(axis=1) <= 0)
             raise ImpossibleBody(
@@ -94,14 +94,14 @@ class Bricks:
             )
         w = det * GAUSS_WEIGHT
         C = np.einsum("ijeq,kjeq,eq->eqik", inv, inv, 4 * w)  # 4: parent brick [-1, 1]^3
-        data = np.empty((len(tind), 8, POINT))
+        data = np.empty((len(tind), 8, POINT_ROWS))
         data[..., :3], data[..., 3:5], data[..., 5] = C[..., 0, :], C[..., 1, 1:], C[..., 2, 2]
         data[..., 6] = 1 / w
         self.volume[tind] = w.sum(axis=1)
-        block = slice(tind[0] // WIDTH, -(-(tind[-1] + 1) // WIDTH))
+        block = slice(tind[0] // LANES, -(-(tind[-1] + 1) // LANES))
         self.point[block] = to_lanes(data.reshape(len(tind), -1), block.stop - block.start)
         if self.law == "tangential" and block.start < self._grown:
-            shape = np.stack([ElementHex1().lbasis(GAUSS, i)[0] for i in range(8)])
+            shape = np.stack([ElementHex1().lbasis(GAUSS_POINTS, i)[0] for i in range(8)])
             normal = np.einsum("iq,iej->jeq", shape, radial)
             normal /= np.linalg.norm(normal, axis=0)
             n = np.einsum("ijeq,jeq,eq->eqi", inv, normal, 2 * np.sqrt(w))
@@ -113,20 +113,20 @@ class Bricks:
         if core != 1.0 and len(self._point0) < self.blocks.count:  # ungrown data are kept only if the core grows
             self._point0 = np.concatenate([self._point0, self.point[self._grown :]])
         blocks = len(self._point0)
-        flat = np.full(blocks * WIDTH, core)
+        flat = np.full(blocks * LANES, core)
         flat[: self.n_cortex] = cortex
-        stretch = flat.reshape(blocks, WIDTH)
+        stretch = flat.reshape(blocks, LANES)
         tangential, k = self.law == "tangential", self._grown
         brick_kernels.grow(self.point[:k], self._point0[:k], self._radial, self.modulus[:k], stretch[:k], tangential)
         if blocks > k:
             brick_kernels.grow(self.point[k:], self._point0[k:], self._radial[:0], self.modulus[k:], stretch[k:], False)
-            mixed = self.n_cortex % WIDTH
+            mixed = self.n_cortex % LANES
             if tangential and mixed:  # the core's lanes in the last cortex block
                 last = slice(k - 1, k)
                 point, modulus = self.point[last].copy(), self.modulus[last].copy()
                 brick_kernels.grow(point, self._point0[last], self._radial[:0], modulus, stretch[last], False)
                 for mine, core_s in ((self.point, point), (self.modulus, modulus)):
-                    mine[k - 1].reshape(-1, WIDTH)[:, mixed:] = core_s.reshape(-1, WIDTH)[:, mixed:]
+                    mine[k - 1].reshape(-1, LANES)[:, mixed:] = core_s.reshape(-1, LANES)[:, mixed:]
 
     def make_single(self) -> None:
         """Compute forces in 32 bits from now on: ``point`` and ``modulus`` get 32 bits; positions and sums keep 64."""

@@ -15,7 +15,7 @@ from numba import njit
 from skfem import MeshTet
 
 from morphofold.arrays import Array, Ints
-from morphofold.sim.elements.tet_kernels import NODES, TETS
+from morphofold.sim.elements.tet_kernels import PATCH_NODES, PATCH_TETS
 
 
 def cluster(mesh: MeshTet, X: Array, material: Ints) -> Ints:
@@ -35,20 +35,20 @@ def cluster(mesh: MeshTet, X: Array, material: Ints) -> Ints:
         Tetrahedra of each patch, -1 where it has fewer; every tetrahedron is in one patch. Patches are ordered by their
         lowest node, so neighbours have close numbers if their nodes have.
     """
-    patch, rings = _rings(mesh, X, material)
+    patch, rings = _ring_patches(mesh, X, material)
     across = mesh.f2t[:, mesh.t2f].sum(axis=0) - np.arange(mesh.nelements)  # the other tetrahedron at a face
     across[material[across] != material] = -1  # also -1, at the boundary
     tets = np.ascontiguousarray(mesh.t.T)
-    count = _grow(tets, np.ascontiguousarray(across.T), X[tets].mean(axis=1), patch, rings)
+    count = _grow_patches(tets, np.ascontiguousarray(across.T), X[tets].mean(axis=1), patch, rings)
     order = np.argsort(patch, kind="stable")
     size = np.bincount(patch, minlength=count)
-    patches = np.full((count, TETS), -1)
+    patches = np.full((count, PATCH_TETS), -1)
     patches[patch[order], np.arange(mesh.nelements) - np.repeat(np.cumsum(size) - size, size)] = order
     lowest = tets.min(axis=1)[patches].min(axis=1, where=patches >= 0, initial=len(X))
     return patches[np.argsort(lowest, kind="stable")]
 
 
-def _rings(mesh: MeshTet, X: Array, material: Ints) -> tuple[Ints, int]:
+def _ring_patches(mesh: MeshTet, X: Array, material: Ints) -> tuple[Ints, int]:
     """Patch of each tetrahedron, -1 for none yet, and the number of patches: rings of six around their longest edge.
 
     Only inner edges with six tetrahedra around them count. Each tetrahedron chooses its longest one. If all six choose
@@ -58,13 +58,13 @@ def _rings(mesh: MeshTet, X: Array, material: Ints) -> tuple[Ints, int]:
     count = len(a)
     around = np.bincount(mesh.t2e.ravel(), minlength=count)
     around[mesh.boundary_edges()] = 0  # six at the boundary form a fan of nine nodes, not a ring
-    length = np.where(around == TETS, np.linalg.norm(X[a] - X[b], axis=1), 0.0)
+    length = np.where(around == PATCH_TETS, np.linalg.norm(X[a] - X[b], axis=1), 0.0)
     longest = np.take_along_axis(mesh.t2e, length[mesh.t2e].argmax(axis=0)[None], axis=0)[0]
     lowest, highest = np.full(count, material.max()), np.full(count, material.min())
     np.minimum.at(lowest, longest, material)
     np.maximum.at(highest, longest, material)
     named = np.bincount(longest, minlength=count)
-    ring = (around == TETS) & (named == TETS) & (lowest == highest)
+    ring = (around == PATCH_TETS) & (named == PATCH_TETS) & (lowest == highest)
     return np.where(ring, np.cumsum(ring) - 1, -1)[longest], int(ring.sum())
 
 
@@ -80,7 +80,7 @@ def _free_neighbours(across, patch):
 
 
 @njit(cache=True)
-def _known(nodes, count, tet):
+def _shared_corner_count(nodes, count, tet):
     """Number of corners of ``tet`` among the first ``count`` of ``nodes``."""
     known = 0
     for c in range(4):
@@ -90,7 +90,7 @@ def _known(nodes, count, tet):
 
 
 @njit(cache=True)
-def _next(tets, across, centre, patch, free, members, size, nodes, count):
+def _best_neighbour(tets, across, centre, patch, free, members, size, nodes, count):
     """The neighbour by which a patch should grow, or -1."""
     best, score = -1, (0, 0, 0.0, 0)
     at = np.zeros(3)
@@ -101,8 +101,8 @@ def _next(tets, across, centre, patch, free, members, size, nodes, count):
             e = across[members[k], i]
             if e < 0 or patch[e] >= 0:
                 continue
-            known = _known(nodes, count, tets[e])
-            if count + 4 - known > NODES:
+            known = _shared_corner_count(nodes, count, tets[e])
+            if count + 4 - known > PATCH_NODES:
                 continue
             far = (centre[e, 0] - at[0]) ** 2 + (centre[e, 1] - at[1]) ** 2 + (centre[e, 2] - at[2]) ** 2
             mine = (4 - known, free[e], far, e)
@@ -112,12 +112,12 @@ def _next(tets, across, centre, patch, free, members, size, nodes, count):
 
 
 @njit(cache=True)
-def _grow(tets, across, centre, patch, count):
+def _grow_patches(tets, across, centre, patch, count):
     """Assign a patch to each tetrahedron without one, numbered from ``count``; returns the number of patches."""
     free = _free_neighbours(across, patch)
     heap = [(free[e], e) for e in range(len(tets)) if patch[e] < 0]
     heapq.heapify(heap)
-    members, nodes = np.empty(TETS, np.int64), np.empty(NODES, np.int64)
+    members, nodes = np.empty(PATCH_TETS, np.int64), np.empty(PATCH_NODES, np.int64)
     while len(heap):
         f, e = heapq.heappop(heap)
         if patch[e] >= 0 or f != free[e]:  # an entry that is out of date
@@ -136,6 +136,10 @@ def _grow(tets, across, centre, patch, count):
                     free[o] -= 1
                     if patch[o] < 0:
                         heapq.heappush(heap, (free[o], o))
-            e = _next(tets, across, centre, patch, free, members, size, nodes, known) if size < TETS else -1
+            e = (
+                _best_neighbour(tets, across, centre, patch, free, members, size, nodes, known)
+                if size < PATCH_TETS
+                else -1
+            )
         count += 1
     return count

@@ -15,8 +15,8 @@ from morphofold.arrays import Array
 from morphofold.sim.elements import brick_kernels
 from morphofold.sim.mesh.brick_mesh import Bilayer
 
-DEGENERATE = 1e-7  # singular value, over the largest, below which a stencil is flat in that direction
-SAME = 1e-4  # distance below which two points of a stencil are the same [cell sizes]
+FLAT_STENCIL_RATIO = 1e-7  # singular value, over the largest, below which a stencil is flat in that direction
+SAME_POINT_DISTANCE_IN_CELLS = 1e-4  # distance below which two points of a stencil are the same [cell sizes]
 
 
 class SurfaceFilter:
@@ -42,7 +42,7 @@ class SurfaceFilter:
 
     def __init__(self, bilayer: Bilayer, X: Array, strength: float, cell: float):
         n = bilayer.n_surface
-        stencils = _affine_free(_twice(_umbrella(bilayer)), bilayer.mesh.p.T, cell)
+        stencils = _remove_affine_part(_squared_operator(_umbrella_laplacian(bilayer)), bilayer.mesh.p.T, cell)
         on_planes = sum((bilayer.mesh.p[axis, :n] == at for axis, at, _ in bilayer.planes), np.zeros(n))
         share = sparse.diags(0.5**on_planes)
 
@@ -105,7 +105,7 @@ class _Stencils(NamedTuple):
         return _Stencils(*(part[where] for part in self))
 
 
-def _umbrella(bilayer: Bilayer) -> _Stencils:
+def _umbrella_laplacian(bilayer: Bilayer) -> _Stencils:
     """The mean of a node's neighbours minus the node."""
     faces, n = bilayer.faces, bilayer.n_surface
     ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
@@ -124,7 +124,7 @@ def _umbrella(bilayer: Bilayer) -> _Stencils:
     return joined.taken(np.argsort(joined.row, kind="stable"))
 
 
-def _twice(one: _Stencils) -> _Stencils:
+def _squared_operator(one: _Stencils) -> _Stencils:
     """The operator applied twice: each entry is replaced by all entries of its node's row."""
     count = np.bincount(one.row)
     first = np.cumsum(count) - count
@@ -140,10 +140,10 @@ def _twice(one: _Stencils) -> _Stencils:
     )
 
 
-def _affine_free(stencils: _Stencils, p: Array, cell: float) -> _Stencils:
+def _remove_affine_part(stencils: _Stencils, p: Array, cell: float) -> _Stencils:
     """Each row minus its projection onto 1 and the three coordinates of its points; equal points are merged first."""
     at = stencils.sign * p[stencils.node] + stencils.offset
-    places = np.rint(at / (SAME * cell)).astype(np.int64)
+    places = np.rint(at / (SAME_POINT_DISTANCE_IN_CELLS * cell)).astype(np.int64)
     order = np.lexsort((*places.T, stencils.node, stencils.row))
     keys = np.column_stack([stencils.row, stencils.node, places])[order]
     new = np.concatenate([[True], np.any(keys[1:] != keys[:-1], axis=1)])
@@ -158,7 +158,7 @@ def _affine_free(stencils: _Stencils, p: Array, cell: float) -> _Stencils:
         entries = start[rows, None] + np.arange(m)
         affine = np.concatenate([np.ones((len(rows), m, 1)), (at[entries] - p[rows, None]) / cell], axis=2)
         U, s, _ = np.linalg.svd(affine, full_matrices=False)
-        U *= (s > DEGENERATE * s[:, :1])[:, None, :]
+        U *= (s > FLAT_STENCIL_RATIO * s[:, :1])[:, None, :]
         row = value[entries][..., None]
         for _ in range(2):  # the second time removes round-off
             row = row - U @ (U.swapaxes(1, 2) @ row)

@@ -10,14 +10,14 @@ from morphofold.arrays import Array, Bools, Ints
 from morphofold.errors import BadMesh, OutOfRange
 from morphofold.sim.elements import tet_kernels
 from morphofold.sim.elements.blocks import Blocks, to_lanes
-from morphofold.sim.elements.brick_kernels import WIDTH
+from morphofold.sim.elements.brick_kernels import LANES
 from morphofold.sim.elements.patches import cluster
-from morphofold.sim.elements.tet_kernels import NODES, TETS
+from morphofold.sim.elements.tet_kernels import PATCH_NODES, PATCH_TETS
 from morphofold.sim.growth import check_law
 from morphofold.sim.materials import Material
 from morphofold.sim.materials.neo_hookean import NEO_HOOKEAN
 
-DEGENERATE = 1e-10  # a volume below this share of the cube of the longest edge counts as zero
+FLAT_VOLUME_RATIO = 1e-10  # a volume below this share of the cube of the longest edge counts as zero
 
 
 class Tets:
@@ -45,7 +45,7 @@ class Tets:
         Tetrahedra of each patch, -1 where it has fewer. Those of the cortex come first.
     volume : (E,) float64
         Reference volumes [mm^3].
-    corner : (block, 24 WIDTH) uint8
+    corner : (block, 24 LANES) uint8
         Which of its patch's eight nodes are the corners of each tetrahedron, in lanes: four for each of six tetrahedra.
         Missing tetrahedra of a patch have the corners of its first one.
 
@@ -72,32 +72,32 @@ class Tets:
     ):
         check_law(law)
         self.n, self.n_cortex, self.law, self.material = mesh.nelements, int(cortex.sum()), law, material
-        tets, self.volume = _oriented(mesh, X)
+        tets, self.volume = _right_handed_corners(mesh, X)
         if law == "tangential":
-            _check_directions(radial[tets].mean(axis=1), np.flatnonzero(cortex))
+            _check_thickness_directions(radial[tets].mean(axis=1), np.flatnonzero(cortex))
         alike = np.unique(np.column_stack([cortex, mu, kappa]), axis=0, return_inverse=True)[1].ravel()
         patches = cluster(mesh, X, alike)
         self.patches = patches[np.argsort(~cortex[patches[:, 0]], kind="stable")]
-        nodes, corner = _nodes_of(self.patches, tets)
+        nodes, corner = _nodes_of_patches(self.patches, tets)
         self.blocks = Blocks(nodes, len(X))
         count, first = self.blocks.count, self.patches[:, 0]
         self.corner = to_lanes(corner, count)
         moduli = to_lanes(np.column_stack([mu[first], kappa[first], (self.patches >= 0).sum(axis=1)]), count)
-        moduli.reshape(count, 3, WIDTH)[-1, :2, len(first) - (count - 1) * WIDTH :] = 0.0
+        moduli.reshape(count, 3, LANES)[-1, :2, len(first) - (count - 1) * LANES :] = 0.0
         self.modulus = moduli
 
         patch, slot = np.nonzero(self.patches >= 0)
-        self._place = np.empty(self.n, dtype=np.int64)  # of each tetrahedron in (block, 6 WIDTH)
+        self._place = np.empty(self.n, dtype=np.int64)  # of each tetrahedron in (block, 6 LANES)
         mine = self.patches[patch, slot]
-        self._place[mine] = (patch // WIDTH * TETS + slot) * WIDTH + patch % WIDTH
+        self._place[mine] = (patch // LANES * PATCH_TETS + slot) * LANES + patch % LANES
         self._share = np.empty(self.n)  # of the patch's volume
         self._share[mine] = self.volume[mine] / np.bincount(patch, self.volume[mine])[patch]
         self._cortex = self._place[np.flatnonzero(cortex)]
-        self._grown = -(-int(cortex[first].sum()) // WIDTH)  # leading blocks that hold cortex
+        self._grown = -(-int(cortex[first].sum()) // LANES)  # leading blocks that hold cortex
         self._X, self._radial, self._core = X, radial, np.nan
-        self.edges = np.empty((count, 9 * TETS * WIDTH))
+        self.edges = np.empty((count, 9 * PATCH_TETS * LANES))
         self.grow(np.ones(self.n_cortex))
-        self._J, self._state = np.zeros((count, TETS * WIDTH)), np.zeros((count, 2 * WIDTH))
+        self._J, self._state = np.zeros((count, PATCH_TETS * LANES)), np.zeros((count, 2 * LANES))
         self._stiffness = np.zeros(len(self.blocks.nodes))
 
     def grow(self, cortex: Array, core: float = 1.0) -> None:
@@ -105,7 +105,7 @@ class Tets:
         if not (np.min(cortex, initial=core) > 0 and np.max(cortex, initial=core) < np.inf):
             raise OutOfRange(f"growth stretches must be positive and finite, got {cortex} and {core:g} in the core.")
         b, count = self.blocks, self.blocks.count if core != self._core else self._grown
-        across = np.full((count, TETS * WIDTH), core)
+        across = np.full((count, PATCH_TETS * LANES), core)
         along = across.copy()
         across.ravel()[self._cortex] = cortex
         along.ravel()[self._cortex] = 1.0 if self.law == "tangential" else cortex
@@ -140,13 +140,13 @@ class Tets:
     def state(self) -> dict[str, Array]:
         """Per tetrahedron, from the last ``measure``: energy (share of the patch's energy, by reference volume), J_min
         and J_max (both its J), volume_ratio (of its patch); (E,) each."""
-        block, lane = self._place // (TETS * WIDTH), self._place % WIDTH
-        ratio, energy = self._state.reshape(-1, 2, WIDTH)[block, :, lane].T
+        block, lane = self._place // (PATCH_TETS * LANES), self._place % LANES
+        ratio, energy = self._state.reshape(-1, 2, LANES)[block, :, lane].T
         J = self._J.ravel()[self._place]
         return {"energy": energy * self._share, "J_min": J, "J_max": J, "volume_ratio": ratio}
 
 
-def _check_directions(mean: Array, cortex: Ints) -> None:
+def _check_thickness_directions(mean: Array, cortex: Ints) -> None:
     """Raise ``BadMesh`` if mean thickness directions (E, 3) are shorter than 0.1, or NaN."""
     length = np.linalg.norm(mean[cortex], axis=1)
     bad = cortex[~(length > 0.1)]
@@ -158,14 +158,14 @@ def _check_directions(mean: Array, cortex: Ints) -> None:
         )
 
 
-def _oriented(mesh: MeshTet, X: Array) -> tuple[Ints, Array]:
+def _right_handed_corners(mesh: MeshTet, X: Array) -> tuple[Ints, Array]:
     """Corners (E, 4) in right-handed order at ``X``, and reference volumes (E,)."""
     tets = mesh.t.T
     volumes = [np.linalg.det(p[tets[:, 1:]] - p[tets[:, :1]]) / 6 for p in (mesh.p.T, X)]
     mirrored = volumes[0] < 0
     volume = np.where(mirrored, -volumes[1], volumes[1])
     longest = np.linalg.norm(X[mesh.edges[0]] - X[mesh.edges[1]], axis=1)[mesh.t2e].max(axis=0)
-    bad = np.flatnonzero(~(volume > DEGENERATE * longest**3))
+    bad = np.flatnonzero(~(volume > FLAT_VOLUME_RATIO * longest**3))
     if bad.size:
         raise BadMesh(
             f"{len(bad)} of {len(tets):,} tetrahedra are flat or inside out before growth; the first is "
@@ -175,7 +175,7 @@ def _oriented(mesh: MeshTet, X: Array) -> tuple[Ints, Array]:
     return np.where(mirrored[:, None], tets[:, [1, 0, 2, 3]], tets), volume
 
 
-def _nodes_of(patches: Ints, tets: Ints) -> tuple[Ints, NDArray[np.uint8]]:
+def _nodes_of_patches(patches: Ints, tets: Ints) -> tuple[Ints, NDArray[np.uint8]]:
     """Nodes (P, 8) of each patch, the first repeated where it has fewer, and the numbers of its 24 corners among them.
 
     Missing tetrahedra of a patch have the corners of its first one.
@@ -184,7 +184,7 @@ def _nodes_of(patches: Ints, tets: Ints) -> tuple[Ints, NDArray[np.uint8]]:
     ranked = np.sort(corners, axis=1)
     new = np.ones(ranked.shape, dtype=bool)
     new[:, 1:] = ranked[:, 1:] != ranked[:, :-1]
-    nodes = np.repeat(ranked[:, :1], NODES, axis=1)
+    nodes = np.repeat(ranked[:, :1], PATCH_NODES, axis=1)
     row, column = np.nonzero(new)
     nodes[row, np.cumsum(new, axis=1)[row, column] - 1] = ranked[row, column]
     return nodes, (corners[:, :, None] == nodes[:, None, :]).argmax(axis=2).astype(np.uint8)

@@ -20,16 +20,16 @@ from morphofold.sim.equilibrium.sparse_factor import Dissection, Factor
 from morphofold.sim.equilibrium.tangent import Tangent
 from morphofold.sim.sphere_theory.smooth_sphere import ConvergenceError as NoState
 
-SMALLEST = 1e-4  # smallest increment of growth: below it the search ends
-FURTHEST = 5.0  # largest extrapolation of the path, over the last increment
-CLOSE = 1e-6  # change of position, over the surface edge, that counts as none: the next one is its square
-TOLERANCE = 1e-8  # relative tolerance of linear solves
-PATIENCE = 30  # most iterations of a linear solve with an old factor, before a new one is computed
-ITERATIONS = 15  # most iterations of Newton's method
-HALVINGS = 6  # most trial lengths of a Newton step, each half of the last
-ROUND_OFF = 1e-13  # round-off of forces, over the largest force of any element
-MODES = 12  # most eigenvalues to compute
-EVEN = 1e-9  # unevenness of a level, over the surface edge, or of radii, that is round-off
+SMALLEST_INCREMENT = 1e-4  # smallest increment of growth: below it the search ends
+LONGEST_EXTRAPOLATION = 5.0  # largest extrapolation of the path, over the last increment
+NEWTON_TOLERANCE = 1e-6  # change of position, over the surface edge, that counts as none: the next one is its square
+LINEAR_TOLERANCE = 1e-8  # relative tolerance of linear solves
+MOST_LINEAR_ITERATIONS = 30  # most iterations of a linear solve with an old factor, before a new one is computed
+MOST_NEWTON_ITERATIONS = 15  # most iterations of Newton's method
+MOST_TRIAL_LENGTHS = 6  # most trial lengths of a Newton step, each half of the last
+FORCE_ROUND_OFF = 1e-13  # round-off of forces, over the largest force of any element
+MOST_EIGENVALUES = 12  # most eigenvalues to compute
+EVENNESS_TOLERANCE = 1e-9  # unevenness of a level, over the surface edge, or of radii, that is round-off
 
 
 class ConvergenceError(NoState):
@@ -95,7 +95,7 @@ class Equilibrium:
                 here = here._next(g if step == g - here.growth else here.growth + step)
             except FloatingPointError as error:
                 step /= 2
-                if abs(step) < SMALLEST:
+                if abs(step) < SMALLEST_INCREMENT:
                     self.body.grow(here.growth)
                     raise ConvergenceError(
                         f"no equilibrium found beyond g = {here.growth:.6g}: {error}. The smooth path may end there: "
@@ -109,7 +109,9 @@ class Equilibrium:
     def _next(self, g: float) -> Equilibrium:
         path = copy(self)
         x = self.x
-        if self._before is not None and abs(g - self.growth) < FURTHEST * abs(self.growth - self._before[0]):
+        if self._before is not None and abs(g - self.growth) < LONGEST_EXTRAPOLATION * abs(
+            self.growth - self._before[0]
+        ):
             x = x + (g - self.growth) / (self.growth - self._before[0]) * (x - self._before[1])
         path.body.grow(g)
         path._before, path.growth = (self.growth, self.x), g
@@ -118,19 +120,19 @@ class Equilibrium:
 
     def _newton(self, x: Array) -> Array:
         residual = self._residual(x)
-        for _ in range(ITERATIONS):
+        for _ in range(MOST_NEWTON_ITERATIONS):
             change = np.zeros(x.shape)
             change.ravel()[self._rows] = self._solve(self._stiffness(x), residual)
             size = np.abs(change).max()
             x, residual = self._damped(x, change, residual)
-            if size < CLOSE * self.body.bilayer.edge:
+            if size < NEWTON_TOLERANCE * self.body.bilayer.edge:
                 return x
-        raise FloatingPointError(f"Newton's method has not converged in {ITERATIONS} steps")
+        raise FloatingPointError(f"Newton's method has not converged in {MOST_NEWTON_ITERATIONS} steps")
 
     def _damped(self, x: Array, change: Array, residual: Array) -> tuple[Array, Array]:
         """The longest of the whole step, half of it, ... that reduces the residual; round-off counts as smaller."""
-        floor = ROUND_OFF * np.abs(self.body.elements.blocks.force).max() * len(residual) ** 0.5
-        for share in 0.5 ** np.arange(HALVINGS):
+        floor = FORCE_ROUND_OFF * np.abs(self.body.elements.blocks.force).max() * len(residual) ** 0.5
+        for share in 0.5 ** np.arange(MOST_TRIAL_LENGTHS):
             trial = x + share * change
             with np.errstate(over="ignore", invalid="ignore"):  # if it overflows, it is not smaller
                 after = self._residual(trial)
@@ -156,7 +158,7 @@ class Equilibrium:
             return self._levels @ np.linalg.solve((self._levels.T @ (stiffness @ self._levels)).toarray(), b)
         if self._factor and not self._factor[0].negative:
             inverse = LinearOperator(stiffness.shape, matvec=self._factor[0].solve)
-            x, failed = cg(stiffness, b, rtol=TOLERANCE, maxiter=PATIENCE, M=inverse)
+            x, failed = cg(stiffness, b, rtol=LINEAR_TOLERANCE, maxiter=MOST_LINEAR_ITERATIONS, M=inverse)
             if not failed:
                 return x
         return self._factorise(stiffness).solve(b)
@@ -170,7 +172,7 @@ class Equilibrium:
         """Stability of this equilibrium."""
         stiffness = self._stiffness(self.x)
         factor = self._factorise(stiffness)
-        negative = min(factor.negative, MODES)  # eigsh sorts by 1/eigenvalue
+        negative = min(factor.negative, MOST_EIGENVALUES)  # eigsh sorts by 1/eigenvalue
         values, vectors = eigsh(
             stiffness,
             max(negative, 1),
@@ -203,8 +205,8 @@ def even_levels(body: Body) -> sparse.csr_matrix | None:
     height = np.einsum("ij,ij->i", X, bilayer.radial)
     aside = np.linalg.norm(X - height[:, None] * bilayer.radial, axis=1)
     first = height[:: body.n_surface]
-    if count * body.n_surface != n or np.abs(height - first[level]).max() > EVEN * bilayer.edge:
+    if count * body.n_surface != n or np.abs(height - first[level]).max() > EVENNESS_TOLERANCE * bilayer.edge:
         return None
-    if np.ptp(bilayer.radial, axis=0).max() > EVEN and aside.max() > EVEN * bilayer.edge:
+    if np.ptp(bilayer.radial, axis=0).max() > EVENNESS_TOLERANCE and aside.max() > EVENNESS_TOLERANCE * bilayer.edge:
         return None
     return sparse.csr_matrix((bilayer.radial.ravel(), (np.arange(3 * n), np.repeat(level, 3))), shape=(3 * n, count))

@@ -3,10 +3,10 @@
 A damped body moves slowly in its softest modes. Such a mode, of stiffness over mass w^2, creeps at w^2 / c of its
 distance from rest per unit of time, with c the rate of damping. So a body that drifts at the speed s is c s / w^2 away
 from rest. The softness of the motion follows from Rayleigh's quotient of the displacement dx and the change da of the
-accelerations, w^2 = -dx.m da / dx.m dx. For a drift, w^2 is limited to that of the softest modes of folds (``SOFT``),
-which the motion may contain, and to that of the mode in which a slender body bends (:func:`softest`). Compared with
-K^-1 f, with the exact stiffness of folded octants, the distance is right within a factor of three, or too large
-(docs/solver.md, section 3).
+accelerations, w^2 = -dx.m da / dx.m dx. For a drift, w^2 is limited to that of the softest modes of folds
+(``SOFT_MODE_W2``), which the motion may contain, and to that of the mode in which a slender body bends
+(:func:`softest`). Compared with K^-1 f, with the exact stiffness of folded octants, the distance is right within a
+factor of three, or too large (docs/solver.md, section 3).
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from morphofold.arrays import Array
 if TYPE_CHECKING:
     from morphofold.sim.body import Body
 
-SOFT = 0.005  # w^2 of the softest modes of folded bodies, 0.002 to 0.01 [1/tick^2]
-NEAR_SHARE = 0.01  # a slender body counts as at rest within this share of its whole displacement
-LONG = 2.0  # least time over which a motion is measured [ticks]: faster motions are vibrations
-SMALL = 1e-3  # trial displacements, over the size of the body
-RIGID = 1e-6  # stiffness over mass, per tick^2, below which a mode is that of a floating body
-SCALARS = ("w2", "distance", "calm", "seen")
+SOFT_MODE_W2 = 0.005  # w^2 of the softest modes of folded bodies, 0.002 to 0.01 [1/tick^2]
+REST_SHARE_OF_DISPLACEMENT = 0.01  # a slender body counts as at rest within this share of its whole displacement
+LEAST_MOTION_TICKS = 2.0  # least time over which a motion is measured [ticks]: faster motions are vibrations
+TRIAL_DISPLACEMENT = 1e-3  # trial displacements, over the size of the body
+RIGID_MODE_W2 = 1e-6  # stiffness over mass, per tick^2, below which a mode is that of a floating body
+SAVED_SCALARS = ("w2", "distance", "calm", "seen")
 
 
 class Balance:
@@ -42,7 +42,8 @@ class Balance:
         Reference positions [mm].
     near : float
         Distance from rest below which the body counts as at rest [mm]. If its motion is softer than that of folds, as
-        in a slender body that bends, the distance must also be below ``NEAR_SHARE`` of its displacement from X.
+        in a slender body that bends, the distance must also be below ``REST_SHARE_OF_DISPLACEMENT`` of its displacement
+        from X.
     softest : float
         Stiffness over mass of the softest mode in which growth bends the body, from :func:`softest` [1/tick^2].
 
@@ -52,19 +53,19 @@ class Balance:
         Whether that mode is softer than folds.
     w2 : float
         Stiffness over mass along the motion of the last two to four ticks [1/step^2]; negative if the motion leads away
-        from rest, 0 if nothing moves and before ``LONG``.
+        from rest, 0 if nothing moves and before ``LEAST_MOTION_TICKS``.
     distance : float
-        Distance from rest, rms over the nodes [mm]; 0 before ``LONG``.
+        Distance from rest, rms over the nodes [mm]; 0 before ``LEAST_MOTION_TICKS``.
     calm : int
         Number of steps for which the body has been at rest.
     seen : int
         Step of the last call of ``look``.
     """
 
-    def __init__(self, tick: float, X: Array, near: float, softest: float = SOFT):
+    def __init__(self, tick: float, X: Array, near: float, softest: float = SOFT_MODE_W2):
         self._tick, self._X, self._near = tick, X, near
-        self.slender = softest < SOFT
-        self._softest = min(softest, SOFT)
+        self.slender = softest < SOFT_MODE_W2
+        self._softest = min(softest, SOFT_MODE_W2)
         self.w2, self.distance, self.calm, self.seen = 0.0, 0.0, 0, 0
         self._step = np.full(2, -1)  # steps of two earlier states, the older first; -1: none
         self._x, self._a = np.zeros((2, *X.shape)), np.zeros((2, *X.shape))  # their positions and accelerations
@@ -87,17 +88,17 @@ class Balance:
         damping : float
             Share of the velocity lost per step.
         """
-        long = LONG * self._tick
+        long = LEAST_MOTION_TICKS * self._tick
         if self._step[1] >= 0 and step - self._step[1] >= long:
             self._step[:], self._x[0], self._a[0] = (self._step[1], -1), self._x[1], self._a[1]
         if self._step[0] >= 0 and step - self._step[0] >= long:
-            moved, against, along, way, from_X = _products(x, self._x[0], a, self._a[0], self._X, mass)
+            moved, against, along, way, from_X = _displacement_products(x, self._x[0], a, self._a[0], self._X, mass)
             self.w2 = against / moved if moved > 0 else 0.0
             pull = abs(along) / moved if moved > 0 else 0.0
             soft = self.soft / self._tick**2
             creeping = damping / (step - self._step[0]) / soft
             self.distance = way * max(creeping, pull / (self.w2 if self.w2 > 0 else soft))
-            near = self._near if self.soft == SOFT else min(self._near, NEAR_SHARE * from_X)
+            near = self._near if self.soft == SOFT_MODE_W2 else min(self._near, REST_SHARE_OF_DISPLACEMENT * from_X)
             self.calm = self.calm + step - self.seen if self.distance < near or self.distance == 0 else 0
         k = 0 if self._step[0] < 0 else 1
         if self._step[k] < 0 and (k == 0 or step - self._step[0] >= long):
@@ -110,12 +111,12 @@ class Balance:
 
     def save(self) -> dict[str, NDArray[np.generic]]:
         """Arrays for a checkpoint; ``load`` restores them."""
-        scalars = {key: np.array(getattr(self, key)) for key in SCALARS}
+        scalars = {key: np.array(getattr(self, key)) for key in SAVED_SCALARS}
         return scalars | {"step": self._step.copy(), "x": self._x.copy(), "a": self._a.copy()}
 
     def load(self, arrays: dict[str, NDArray]) -> None:
         """Restore the arrays of ``save``."""
-        for key in SCALARS:
+        for key in SAVED_SCALARS:
             setattr(self, key, arrays[key].item())
         self._step, self._x, self._a = (arrays[key].copy() for key in ("step", "x", "a"))
 
@@ -141,16 +142,16 @@ def softest(body: Body) -> float:
             M[own, own], gram[own, own] = (mine * body.mass) @ mine.T, mine @ mine.T / len(X)
             for k, field in enumerate(mine):
                 step = np.zeros_like(X)
-                step[:, r] = SMALL * size * field
-                pull = (body.all_forces(X - step) - body.all_forces(X + step)) / (2 * SMALL * size)
+                step[:, r] = TRIAL_DISPLACEMENT * size * field
+                pull = (body.all_forces(X - step) - body.all_forces(X + step)) / (2 * TRIAL_DISPLACEMENT * size)
                 K[10 * r + k] = (fields @ (pull * free)).T.ravel()
-        body.grow(1.0 + SMALL)
-        load = (fields @ (body.forces(X) * free)).T.ravel() / SMALL
+        body.grow(1.0 + TRIAL_DISPLACEMENT)
+        load = (fields @ (body.forces(X) * free)).T.ravel() / TRIAL_DISPLACEMENT
         heavy, basis = np.linalg.eigh(M)
         basis = basis[:, heavy > 1e-10 * heavy[-1]] / np.sqrt(heavy[heavy > 1e-10 * heavy[-1]])
         w2, modes = np.linalg.eigh(basis.T @ (K + K.T) @ basis / 2)
         modes = basis @ modes
-        bends = w2 * body.crossing**2 > RIGID
+        bends = w2 * body.crossing**2 > RIGID_MODE_W2
         moved = modes * np.divide(modes.T @ load, w2, out=np.zeros_like(w2), where=bends)
         bends &= np.sqrt(np.einsum("ik,ij,jk->k", moved, gram, moved)) > body.thickness
     body.grow(growth)
@@ -160,7 +161,7 @@ def softest(body: Body) -> float:
 
 
 @njit(cache=True)
-def _products(x, x0, a, a0, X, mass):
+def _displacement_products(x, x0, a, a0, X, mass):
     """dx.m dx, -dx.m da and dx.m a, with dx = x - x0 and da = a - a0; rms over the nodes of dx and of x - X."""
     moved, against, along, way, from_X = 0.0, 0.0, 0.0, 0.0, 0.0
     for n in range(len(x)):

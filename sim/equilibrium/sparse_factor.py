@@ -37,8 +37,8 @@ from threadpoolctl import threadpool_limits
 
 from morphofold.arrays import Array, Ints
 
-LEAF = 60  # number of nodes up to which a set is not halved any more
-SHARES = (0.42, 0.46, 0.5, 0.54, 0.58)  # shares of the nodes on one side of a cut that are tried
+MOST_LEAF_NODES = 60  # number of nodes up to which a set is not halved any more
+CUT_SHARES = (0.42, 0.46, 0.5, 0.54, 0.58)  # shares of the nodes on one side of a cut that are tried
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class Dissection:
     """
 
     def __init__(self, points: Array, graph: sparse.csr_matrix, rows: Ints, pattern: sparse.csr_matrix):
-        sets, parent = _halve(points, graph)
+        sets, parent = _nested_dissection(points, graph)
         order = np.concatenate(sets)
         rank = np.empty(len(points), dtype=np.int64)
         rank[order] = np.arange(len(points))
@@ -111,7 +111,7 @@ class Dissection:
         return p.data[part][later] - 1, row[later] * len(index) + column
 
 
-def _halve(points: Array, graph: sparse.csr_matrix) -> tuple[list[Ints], list[int]]:
+def _nested_dissection(points: Array, graph: sparse.csr_matrix) -> tuple[list[Ints], list[int]]:
     """Sets of nodes in the order of elimination, and for each the set that receives its remainder, -1 for the last."""
     sets: list[Ints] = []
     parent: list[int] = []
@@ -120,9 +120,9 @@ def _halve(points: Array, graph: sparse.csr_matrix) -> tuple[list[Ints], list[in
     def cut(nodes: Ints) -> tuple[Ints, Ints, Ints]:
         """Two parts that are not connected, and the thinnest separator found between them."""
         best: tuple[Ints, Ints, Ints] = (nodes[:0], nodes[:0], nodes)
-        for along in _directions(points[nodes], graph[nodes][:, nodes]):
+        for along in _cut_coordinates(points[nodes], graph[nodes][:, nodes]):
             order = nodes[np.argsort(along, kind="stable")]
-            for share in SHARES:
+            for share in CUT_SHARES:
                 parts = np.split(order, [int(share * len(nodes))])
                 for this, other in zip(parts, parts[::-1]):
                     side[other] = True
@@ -134,7 +134,7 @@ def _halve(points: Array, graph: sparse.csr_matrix) -> tuple[list[Ints], list[in
 
     def visit(nodes: Ints) -> int:
         below = []
-        if len(nodes) > LEAF:
+        if len(nodes) > MOST_LEAF_NODES:
             one, two, nodes = cut(nodes)
             below = [visit(part) for part in (one, two) if len(part)]
         sets.append(nodes)
@@ -147,17 +147,17 @@ def _halve(points: Array, graph: sparse.csr_matrix) -> tuple[list[Ints], list[in
     return sets, parent
 
 
-def _directions(points: Array, graph: sparse.csr_matrix) -> list[Array]:
+def _cut_coordinates(points: Array, graph: sparse.csr_matrix) -> list[Array]:
     """Coordinates for cuts: along the two longest axes; graph steps from both ends, and their difference."""
     centred = points - points.mean(axis=0)
     along = (centred @ np.linalg.eigh(centred.T @ centred)[1])[:, 1:]
     start = int(np.argmax(along[:, 1]))
-    there = _steps(graph, start)
-    back = _steps(graph, int(np.argmax(there)))
+    there = _graph_distances(graph, start)
+    back = _graph_distances(graph, int(np.argmax(there)))
     return [along[:, 1], along[:, 0], there, back, there - back]
 
 
-def _steps(graph: sparse.csr_matrix, start: int) -> Array:
+def _graph_distances(graph: sparse.csr_matrix, start: int) -> Array:
     """Length of the shortest path from a node to each (n,); one more than the largest where there is no path."""
     steps = csgraph.dijkstra(graph, indices=start)
     steps[np.isinf(steps)] = steps[np.isfinite(steps)].max() + 1
@@ -186,7 +186,7 @@ class Factor:
 
     def __init__(self, dissection: Dissection, matrix: sparse.csr_matrix):
         self._dissection = dissection
-        self._pivots: list[_Pivot] = []
+        self._pivots: list[_FactorisedFront] = []
         with threadpool_limits(1, user_api="blas"):  # fronts are small: threads slow them down
             self._eliminate(matrix)
         self.negative = sum(pivot.negative for pivot in self._pivots)
@@ -201,9 +201,9 @@ class Factor:
             for child, at in front.children:
                 _extend_add(F, rest.pop(child), at)
             F11, F21 = F[:n, :n].T, F[:n, n:].T  # in the order of LAPACK
-            pivot: _Pivot = _Definite(F11, F21)
+            pivot: _FactorisedFront = _DefiniteFront(F11, F21)
             if pivot.failed:
-                pivot = _Indefinite(F11, F21)
+                pivot = _IndefiniteFront(F11, F21)
             self._pivots.append(pivot)
             product = pivot.product()
             rest[i] = np.subtract(F[n:, n:], product, out=product)
@@ -231,7 +231,7 @@ def _extend_add(F, S, at):
             row[at[j]] += mine[j]
 
 
-class _Definite:
+class _DefiniteFront:
     """A front (F11, F21) factorised by Cholesky's method: F11 = L L^T, B = F21 L^-T."""
 
     negative = 0
@@ -256,7 +256,7 @@ class _Definite:
         return blas.dtrsv(self.L, y, lower=1, trans=1) if len(y) else y
 
 
-class _Indefinite:
+class _IndefiniteFront:
     """A front factorised by the method of Bunch and Kaufman, if F11 is not positive definite; X = F11^-1 F12."""
 
     failed = False
@@ -283,4 +283,4 @@ class _Indefinite:
         return self._solve(y) - self.X @ later
 
 
-_Pivot = _Definite | _Indefinite
+_FactorisedFront = _DefiniteFront | _IndefiniteFront

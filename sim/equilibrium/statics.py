@@ -18,7 +18,7 @@ from morphofold.arrays import Array
 from morphofold.errors import NoSolution, OutOfRange
 from morphofold.sim.body import Body
 from morphofold.sim.build import build_body
-from morphofold.sim.equilibrium.path import EVEN, ConvergenceError, Equilibrium, Stability, even_levels
+from morphofold.sim.equilibrium.path import EVENNESS_TOLERANCE, ConvergenceError, Equilibrium, Stability, even_levels
 from morphofold.sim.scene import Scene, in_double
 
 __all__ = [
@@ -34,8 +34,8 @@ __all__ = [
 
 Look = Callable[[float, float], None]
 
-PRECISION = 1e-5  # precision of the critical growth
-NEAR = 2e-3  # distance to the critical growth within which linear interpolation is accurate enough
+GROWTH_PRECISION = 1e-5  # precision of the critical growth
+LINEAR_RANGE_OF_GROWTH = 2e-3  # distance to the critical growth within which linear interpolation is accurate enough
 
 
 @dataclass(frozen=True)
@@ -149,22 +149,22 @@ def bifurcation_of_body(
     stable, high, g = Equilibrium(body, body.X, even_levels(body)).grown(g_min), np.inf, g_min + step
     mode: Array | None = None
     seen: list[tuple[float, float]] = []
-    while high - stable.growth > PRECISION and stable.growth < g_max:
+    while high - stable.growth > GROWTH_PRECISION and stable.growth < g_max:
         path = stable.grown(min(g, g_max))
         found = path.stability()
         seen.append((path.growth, found.eigenvalue))
         look(*seen[-1])
         if found.negative:
             high = path.growth
-        elif mode is not None and len(falling := _before_turn(np.array(seen))):
-            return _found(body, _zero(falling), True, mode, np.array(seen), stable.x)
+        elif mode is not None and len(falling := _states_before_turn(np.array(seen))):
+            return _bifurcation_found(body, _growth_at_zero_eigenvalue(falling), True, mode, np.array(seen), stable.x)
         else:
             stable, mode = path, found.mode
-        g = _next(np.array(seen), stable.growth, high, stable.growth + step)
+        g = _next_growth(np.array(seen), stable.growth, high, stable.growth + step)
     if mode is None:
         raise NoSolution(f"the body is already unstable at g_min = {g_min:g}; choose a smaller g_min.")
-    g_crit = _zero(np.array(seen)) if high < np.inf else float("nan")
-    return _found(body, g_crit, False, mode, np.array(seen), stable.x)
+    g_crit = _growth_at_zero_eigenvalue(np.array(seen)) if high < np.inf else float("nan")
+    return _bifurcation_found(body, g_crit, False, mode, np.array(seen), stable.x)
 
 
 def bifurcation_of_scene(
@@ -186,16 +186,18 @@ def bifurcation_of_scene(
     return bifurcation_of_body(build_body(in_double(scene)), g_max, step, g_min, look)
 
 
-def _found(body: Body, g_crit: float, rounded: bool, mode: Array, history: Array, x: Array) -> BodyBifurcation:
+def _bifurcation_found(
+    body: Body, g_crit: float, rounded: bool, mode: Array, history: Array, x: Array
+) -> BodyBifurcation:
     if np.isnan(g_crit):
         return BodyBifurcation(g_crit, rounded, mode, np.nan, np.nan, history, x)
     wave, radius = _wave_number(body, mode), np.linalg.norm(body.X[: body.n_surface], axis=1)
-    sphere = np.ptp(radius) < EVEN * radius.mean()
+    sphere = np.ptp(radius) < EVENNESS_TOLERANCE * radius.mean()
     degree = np.sqrt((wave * radius.mean()) ** 2 + 0.25) - 0.5 if sphere else np.nan
     return BodyBifurcation(g_crit, rounded, mode, 2 * np.pi / wave, float(degree), history, x)
 
 
-def _before_turn(seen: Array) -> Array:
+def _states_before_turn(seen: Array) -> Array:
     """All but the last of the stable states seen (K, 2), if the eigenvalue fell by half and rises at the last; or none.
 
     An unstable state beyond was then reached on another path, by a long step.
@@ -207,18 +209,18 @@ def _before_turn(seen: Array) -> Array:
     return stable[:-1] if turned and eigenvalue[-2] < 0.5 * eigenvalue.max() else stable[:0]
 
 
-def _next(seen: Array, low: float, high: float, furthest: float) -> float:
+def _next_growth(seen: Array, low: float, high: float, furthest: float) -> float:
     """Growth to compute next, between the stable ``low`` and the unstable ``high`` and not beyond ``furthest``."""
-    zero = _zero(seen)
+    zero = _growth_at_zero_eigenvalue(seen)
     if not low < zero < high:  # the states do not give an estimate
         return furthest if furthest < high else (low + high) / 2
-    if zero - low > NEAR:  # stop short of it: closer to it the line is more accurate
+    if zero - low > LINEAR_RANGE_OF_GROWTH:  # stop short of it: closer to it the line is more accurate
         return min(low + 0.9 * (zero - low), furthest)
-    at = zero + (0.4 if high - zero > zero - low else -0.4) * PRECISION
+    at = zero + (0.4 if high - zero > zero - low else -0.4) * GROWTH_PRECISION
     return at if low < at < high else (low + high) / 2
 
 
-def _zero(seen: Array) -> float:
+def _growth_at_zero_eigenvalue(seen: Array) -> float:
     """Growth of eigenvalue 0 on the line through two of the equilibria seen (K, 2); NaN if that is not defined."""
     stable, unstable = (seen[where][np.argsort(seen[where, 0])] for where in (seen[:, 1] > 0, seen[:, 1] <= 0))
     two = np.concatenate([stable[-1:], unstable[:1]]) if len(unstable) else stable[-2:]

@@ -16,7 +16,7 @@ s = local (J - 1) + mu u1 phi' I1 + kappa (v/V - 1), and
 
 summed over the points, where [v]_x t = v x t, plus kappa/V (sum k_a) (sum k_b)^T. This needs a few products of small
 matrices per element, and no sum over pairs of shape functions. If the material depends on the second invariant,
-i2 = psi(J) I2, :func:`_second` adds its terms.
+i2 = psi(J) I2, :func:`_add_second_invariant` adds its terms.
 """
 
 from __future__ import annotations
@@ -32,19 +32,22 @@ from skfem import ElementHex1
 from morphofold.arrays import Array, Ints
 from morphofold.sim.body import Body
 from morphofold.sim.elements.blocks import from_lanes
-from morphofold.sim.elements.brick_kernels import POINT
-from morphofold.sim.elements.bricks import BINARY_CORNERS, GAUSS, Bricks
-from morphofold.sim.elements.tet_kernels import BLEND, NODES, TETS
+from morphofold.sim.elements.brick_kernels import POINT_ROWS
+from morphofold.sim.elements.bricks import CORNERS_IN_KERNEL_ORDER, GAUSS_POINTS, Bricks
+from morphofold.sim.elements.tet_kernels import OWN_GRADIENT_SHARE, PATCH_NODES, PATCH_TETS
 from morphofold.sim.elements.tets import Tets
 from morphofold.sim.materials import Material
 from morphofold.sim.materials.elastic import Factor, cofactor, continued, frozen
 
-CHUNK = 2048  # elements at once, so that their matrices stay in the cache
-FILTER_STEPS = 4.0  # steps through the mesh from a surface node to the farthest node that the filter couples to it
-SYMMETRIC = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])  # places of the six numbers of C
+ELEMENTS_PER_CHUNK = 2048  # elements at once, so that their matrices stay in the cache
+#: steps through the mesh from a surface node to the farthest node that the filter couples to it
+FILTER_REACH_IN_STEPS = 4.0
+SYMMETRIC_INDEX = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])  # places of the six numbers of C
 
 #: gradients of the brick's shape functions in [-1, 1]^3: (8 Gauss points, 8 corners, 3), both in the kernels' order
-BRICK_GRADIENTS: Array = np.stack([ElementHex1().lbasis(GAUSS, int(i))[1].T / 2 for i in BINARY_CORNERS], axis=1)
+BRICK_SHAPE_GRADIENTS: Array = np.stack(
+    [ElementHex1().lbasis(GAUSS_POINTS, int(i))[1].T / 2 for i in CORNERS_IN_KERNEL_ORDER], axis=1
+)
 
 #: J to minus a power, or its replacement where an element is crushed: ``elastic.frozen`` or ``elastic.continued``
 Power = Callable[[Array, float], Factor]
@@ -84,25 +87,25 @@ class ElementPoints(NamedTuple):
 
 
 def points(body: Body) -> Iterator[ElementPoints]:
-    """All elements of a body at its present growth, ``CHUNK`` at a time; for tetrahedra an element is a patch."""
+    """All elements of a body at its present growth, some at a time; for tetrahedra an element is a patch."""
     elements, blocks = body.elements, body.elements.blocks
     nodes = blocks.nodes[blocks.start[:-1, None] + blocks.local].astype(np.int64)
     if isinstance(elements, Bricks):
-        yield from _bricks(elements, from_lanes(nodes, elements.n), body.mu, body.kappa)
+        yield from _points_of_bricks(elements, from_lanes(nodes, elements.n), body.mu, body.kappa)
     else:
         assert isinstance(elements, Tets)
-        yield from _patches(elements, from_lanes(nodes, len(elements.patches)), body.mu, body.kappa)
+        yield from _points_of_patches(elements, from_lanes(nodes, len(elements.patches)), body.mu, body.kappa)
 
 
-def _bricks(bricks: Bricks, nodes: Ints, mu: Array, kappa: Array) -> Iterator[ElementPoints]:
-    data = from_lanes(bricks.point, bricks.n).reshape(-1, 8, POINT)
+def _points_of_bricks(bricks: Bricks, nodes: Ints, mu: Array, kappa: Array) -> Iterator[ElementPoints]:
+    data = from_lanes(bricks.point, bricks.n).reshape(-1, 8, POINT_ROWS)
     V = 1 / from_lanes(bricks.modulus, bricks.n)[:, 2]
-    for part in _parts(bricks.n):
+    for part in _chunk_slices(bricks.n):
         shear = np.repeat(mu[part, None], 8, axis=1)
         yield ElementPoints(
             nodes[part],
-            BRICK_GRADIENTS,
-            data[part, :, SYMMETRIC],
+            BRICK_SHAPE_GRADIENTS,
+            data[part, :, SYMMETRIC_INDEX],
             1 / data[part, :, 6],
             shear,
             bricks.LOCAL * shear,
@@ -114,27 +117,27 @@ def _bricks(bricks: Bricks, nodes: Ints, mu: Array, kappa: Array) -> Iterator[El
         )
 
 
-def _parts(n: int) -> Iterator[slice]:
-    return (slice(start, start + CHUNK) for start in range(0, n, CHUNK))
+def _chunk_slices(n: int) -> Iterator[slice]:
+    return (slice(start, start + ELEMENTS_PER_CHUNK) for start in range(0, n, ELEMENTS_PER_CHUNK))
 
 
-def _patches(tets: Tets, nodes: Ints, mu: Array, kappa: Array) -> Iterator[ElementPoints]:
+def _points_of_patches(tets: Tets, nodes: Ints, mu: Array, kappa: Array) -> Iterator[ElementPoints]:
     """The points of a patch are its tetrahedra, and a last point for their mean gradient."""
     count, first = len(tets.patches), tets.patches[:, 0]
-    edges = from_lanes(tets.edges, count).reshape(-1, TETS, 3, 3)
-    corner = from_lanes(tets.corner, count).reshape(-1, TETS, 4).astype(np.int64)
-    for part in _parts(count):
+    edges = from_lanes(tets.edges, count).reshape(-1, PATCH_TETS, 3, 3)
+    corner = from_lanes(tets.corner, count).reshape(-1, PATCH_TETS, 4).astype(np.int64)
+    for part in _chunk_slices(count):
         real = tets.patches[part] >= 0
         to_edges = np.linalg.inv(edges[part].swapaxes(-1, -2)) * real[..., None, None]
-        g = np.zeros((len(real), TETS + 1, NODES, 3))
+        g = np.zeros((len(real), PATCH_TETS + 1, PATCH_NODES, 3))
         slopes = np.concatenate([-to_edges.sum(axis=-2, keepdims=True), to_edges], axis=-2)
-        np.put_along_axis(g[:, :TETS], corner[part, :, :, None], slopes, axis=2)
+        np.put_along_axis(g[:, :PATCH_TETS], corner[part, :, :, None], slopes, axis=2)
         w = np.linalg.det(edges[part]) / 6 * real
         V = w.sum(axis=1)
-        g[:, TETS] = np.einsum("et,etai->eai", w, g[:, :TETS]) / V[:, None, None]
+        g[:, PATCH_TETS] = np.einsum("et,etai->eai", w, g[:, :PATCH_TETS]) / V[:, None, None]
         w = np.column_stack([np.where(real, w, 1.0), V])  # 1 for missing tetrahedra; any number would do
         scale = np.cbrt(w)[..., None, None]  # turns A into D of metric w^(1/3) I
-        share = np.column_stack([BLEND * real, np.full(len(real), 1 - BLEND)])
+        share = np.column_stack([OWN_GRADIENT_SHARE * real, np.full(len(real), 1 - OWN_GRADIENT_SHARE)])
         yield ElementPoints(
             nodes[part],
             g * scale,
@@ -142,7 +145,7 @@ def _patches(tets: Tets, nodes: Ints, mu: Array, kappa: Array) -> Iterator[Eleme
             w,
             share * mu[first[part], None],
             np.zeros(w.shape),
-            np.repeat([1.0, 0.0], [TETS, 1]),
+            np.repeat([1.0, 0.0], [PATCH_TETS, 1]),
             kappa[first[part]],
             V,
             continued,
@@ -176,7 +179,7 @@ class Tangent:
 
     def graph(self) -> sparse.csr_matrix:
         """Steps through the mesh (N, N) between nodes with a common entry: 1 in an element, 4 in the filter alone."""
-        steps = np.full(len(self._indices), FILTER_STEPS)
+        steps = np.full(len(self._indices), FILTER_REACH_IN_STEPS)
         steps[self._place] = 1.0
         n = len(self.body.X)
         return sparse.csr_matrix((steps, self._indices, self._indptr), shape=(n, n))
@@ -189,7 +192,7 @@ class Tangent:
         """
         blocks = np.zeros((len(self._indices), 3, 3))
         for i, part in enumerate(points(self.body)):
-            _add(stiffness(x, part), self._place[CHUNK * i :], blocks)
+            _add_blocks(stiffness(x, part), self._place[ELEMENTS_PER_CHUNK * i :], blocks)
         for axis, place in enumerate(self._filter_place):
             blocks[place, axis, axis] += self._filter(axis).data
         size = x.size
@@ -214,7 +217,7 @@ class _Stress(NamedTuple):
     pairs: dict[str, Array]
 
 
-def _stress(x: Array, at: ElementPoints) -> _Stress:
+def _stress_at_points(x: Array, at: ElementPoints) -> _Stress:
     D = x[at.nodes].swapaxes(-1, -2)[:, None] @ at.g
     k = cofactor(D)
     volume = np.einsum("eqi,eqi->eq", D[..., 0], k[..., 0])
@@ -259,7 +262,7 @@ def stiffness(x: Array, at: ElementPoints) -> Array:
 
     ``x`` (N, 3) are the positions of all nodes [mm].
     """
-    found = _stress(x, at)
+    found = _stress_at_points(x, at)
     n, corners = at.nodes.shape
     g_rows = np.moveaxis(at.g, -2, -3).reshape(*at.g.shape[:-3], corners, -1)  # (..., K, 3 Q)
     g_columns = np.ascontiguousarray(at.g.swapaxes(-1, -2))  # (..., Q, 3, K)
@@ -271,10 +274,10 @@ def stiffness(x: Array, at: ElementPoints) -> Array:
     out = np.empty((n, corners, 3, corners, 3))
     same = between(found.f[..., None, None] * at.C)
     for r, t, u in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        turn = between(_cross(found.s[..., None] * found.D[:, :, r]))
+        turn = between(_cross_matrices(found.s[..., None] * found.D[:, :, r]))
         out[:, :, r, :, r], out[:, :, t, :, u], out[:, :, u, :, t] = same, turn, -turn
     if found.h is not None:
-        _second(found, at, between, out)
+        _add_second_invariant(found, at, between, out)
 
     nodal = {
         name: (M @ g_columns).swapaxes(-1, -2).reshape(n, -1, 3 * corners)  # (E, Q, 3 K)
@@ -292,7 +295,7 @@ def stiffness(x: Array, at: ElementPoints) -> Array:
     return out + (left.swapaxes(-1, -2) @ right).reshape(out.shape)
 
 
-def _second(found: _Stress, at: ElementPoints, between: Callable[[Array], Array], out: Array) -> None:
+def _add_second_invariant(found: _Stress, at: ElementPoints, between: Callable[[Array], Array], out: Array) -> None:
     """Add the terms of the second derivative of the second invariant, except products of P with itself.
 
     With b = A A^T = P D^T / w: h/2 d2I2 w = h [I1 (g_a . C g_b) I + 2/w P_a P_b^T - (P_a . P_b) I / w - P_b P_a^T / w
@@ -317,7 +320,7 @@ def cauchy_stress(body: Body, x: Array) -> Array:
     """
     out = []
     for part in points(body):
-        at = _stress(x, part)
+        at = _stress_at_points(x, part)
         virial = at.f[..., None, None] * at.P + at.s[..., None, None] * at.k
         if at.h is not None and at.b is not None:
             virial -= at.h[..., None, None] * (at.b @ at.P)
@@ -338,7 +341,7 @@ def stress_of_elements(body: Body, x: Array) -> Array:
     return out
 
 
-def _cross(v: Array) -> Array:
+def _cross_matrices(v: Array) -> Array:
     """Matrices (..., 3, 3) with a . M b = v . (a x b)."""
     zero = np.zeros(v.shape[:-1])
     rows = [[zero, v[..., 2], -v[..., 1]], [-v[..., 2], zero, v[..., 0]], [v[..., 1], -v[..., 0], zero]]
@@ -346,7 +349,7 @@ def _cross(v: Array) -> Array:
 
 
 @njit(cache=True)
-def _add(matrices, place, blocks):
+def _add_blocks(matrices, place, blocks):
     """Add the 3x3 blocks of element matrices (e, K, 3, K, 3) to ``blocks`` (B, 3, 3) at ``place`` (e, K, K)."""
     for e in range(len(matrices)):
         for a in range(matrices.shape[1]):

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import sparse
 
-from morphofold.sim.equilibrium.rest import SOFT
+from morphofold.sim.equilibrium.rest import SOFT_MODE_W2
 from morphofold.sim.equilibrium.sparse_factor import Dissection, Factor
 from morphofold.sim.equilibrium.tangent import Tangent
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from morphofold.sim.dynamics import Dynamics
 
 
-def unstable_modes(run: Dynamics, softer_than: float = -SOFT) -> int:
+def unstable_modes(run: Dynamics, softer_than: float = -SOFT_MODE_W2) -> int:
     """Number of modes of a run's state with less stiffness over mass than ``softer_than`` [1/tick^2].
 
     By default these are modes that grow e-fold within 36 ticks, in which growth would rise by 0.2. Slower modes are

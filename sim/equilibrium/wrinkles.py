@@ -14,10 +14,11 @@ from typing import TYPE_CHECKING, NamedTuple
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
 
-THIN_SHELL = 0.005  # T/C of the sphere that represents a body without a radius
-MOST = 4.0  # growth at which the search ends: the largest of a scene
-BEFORE, AFTER = 0.01, 0.02  # growth is slow in this range of g before and after the first wrinkles
-SLOW = 0.44  # pace there over that of growth.rate = 1, times the mu ratio: wrinkles come 0.01 late
+THIN_SHELL_T_OVER_C = 0.005  # T/C of the sphere that represents a body without a radius
+LARGEST_GROWTH = 4.0  # growth at which the search ends: the largest of a scene
+#: growth is slow in this range of g before and after the first wrinkles
+SLOW_GROWTH_BEFORE, SLOW_GROWTH_AFTER = 0.01, 0.02
+SLOW_PACE = 0.44  # pace there over that of growth.rate = 1, times the mu ratio: wrinkles come 0.01 late
 
 
 class Wrinkles(NamedTuple):
@@ -39,16 +40,16 @@ class Slow(NamedTuple):
 def first_wrinkles(scene: Scene) -> Wrinkles:
     """First wrinkles where the cortex grows most, by the theory of a sphere as large as the body.
 
-    A body without a size is replaced by a sphere with a thin cortex (``THIN_SHELL``). The sphere is incompressible, of
-    even thickness: :func:`morphofold.sim.theory.bifurcation`.
+    A body without a size is replaced by a sphere with a thin cortex (``THIN_SHELL_T_OVER_C``). The sphere is
+    incompressible, of even thickness: :func:`morphofold.sim.theory.bifurcation`.
     """
     geometry = scene.geometry
     axes = getattr(geometry, "semi_axes", None)
     thickness = geometry.cortex_thickness
-    T_over_C = thickness / math.prod(axes) ** (1 / 3) if axes and thickness else THIN_SHELL
+    T_over_C = thickness / math.prod(axes) ** (1 / 3) if axes and thickness else THIN_SHELL_T_OVER_C
     if not scene.material.theory:
         return Wrinkles(math.nan, math.nan)
-    found = _of_sphere(round(T_over_C, 4), scene.material.mu_ratio, scene.growth.law)
+    found = _first_wrinkles_of_sphere(round(T_over_C, 4), scene.material.mu_ratio, scene.growth.law)
     growth = found.growth
     for options in scene.effects.values():
         growth = options.first_wrinkles(growth, scene)
@@ -57,20 +58,20 @@ def first_wrinkles(scene: Scene) -> Wrinkles:
 
 def slow_growth(scene: Scene) -> Slow | None:
     """Growth range of the first wrinkles, and the pace there; None if growth need not slow down, or time is real."""
-    pace = SLOW / (scene.material.mu_ratio * scene.growth.rate)
+    pace = SLOW_PACE / (scene.material.mu_ratio * scene.growth.rate)
     if pace >= 1 or scene.real_time:
         return None
     growth = first_wrinkles(scene).growth
-    return None if math.isnan(growth) else Slow(growth - BEFORE, growth + AFTER, pace)
+    return None if math.isnan(growth) else Slow(growth - SLOW_GROWTH_BEFORE, growth + SLOW_GROWTH_AFTER, pace)
 
 
 @lru_cache(maxsize=256)
-def _of_sphere(T_over_C: float, mu_ratio: float, law: str) -> Wrinkles:
+def _first_wrinkles_of_sphere(T_over_C: float, mu_ratio: float, law: str) -> Wrinkles:
     from morphofold.sim.sphere_theory.smooth_sphere import ConvergenceError
     from morphofold.sim.theory import bifurcation
 
     try:
-        found = bifurcation(T_over_C, mu_ratio, law, g_max=MOST)
+        found = bifurcation(T_over_C, mu_ratio, law, g_max=LARGEST_GROWTH)
     except (ValueError, ConvergenceError):  # a sphere outside the range of the theory
         return Wrinkles(math.nan, math.nan)
     return Wrinkles(found.g_crit, found.wavelength / T_over_C)

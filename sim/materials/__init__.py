@@ -59,40 +59,40 @@ def sees_second(material):
     return material.second
 
 
-def _class_of(material: types.Type) -> Any:
+def _material_class(material: types.Type) -> Any:
     return material.instance_class if isinstance(material, types.BaseNamedTuple) else None  # type: ignore[attr-defined]
 
 
-_INLINE: Any = {"forceinline": True, "fastmath": {"contract", "nsz", "arcp", "nnan", "ninf"}}
+_INLINE_OPTIONS: Any = {"forceinline": True, "fastmath": {"contract", "nsz", "arcp", "nnan", "ninf"}}
 
 
-@overload(energy_of, jit_options=_INLINE, strict=False)
+@overload(energy_of, jit_options=_INLINE_OPTIONS, strict=False)
 def _energy_of(material, i1, i2):
-    kind = _class_of(material)
+    kind = _material_class(material)
     return None if kind is None else kind.energy
 
 
-@overload(slopes_of, jit_options=_INLINE, strict=False)
+@overload(slopes_of, jit_options=_INLINE_OPTIONS, strict=False)
 def _slopes_of(material, i1, i2):
-    kind = _class_of(material)
+    kind = _material_class(material)
     return None if kind is None else kind.slopes
 
 
-@overload(curvatures_of, jit_options=_INLINE, strict=False)
+@overload(curvatures_of, jit_options=_INLINE_OPTIONS, strict=False)
 def _curvatures_of(material, i1, i2):
-    kind = _class_of(material)
+    kind = _material_class(material)
     return None if kind is None else kind.curvatures
 
 
-@overload(sees_second, jit_options=_INLINE, strict=False)
+@overload(sees_second, jit_options=_INLINE_OPTIONS, strict=False)
 def _sees_second(material):
-    kind = _class_of(material)
+    kind = _material_class(material)
     if kind is None:
         return None
     return (lambda material: True) if kind.second.fget(None) else (lambda material: False)
 
 
-@njit(**_INLINE)
+@njit(**_INLINE_OPTIONS)
 def stiffness_of(material, i1, i2):
     """A bound on the second derivative of u by the volume-preserving part of A, 1 for a neo-Hookean material."""
     u1, u2 = slopes_of(material, i1, i2)

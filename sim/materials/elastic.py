@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from morphofold.arrays import Array
-from morphofold.sim.elements.brick_kernels import J_MIN
-from morphofold.sim.elements.tet_kernels import BLEND, CRUSHED
+from morphofold.sim.elements.brick_kernels import FROZEN_BELOW_J
+from morphofold.sim.elements.tet_kernels import CRUSHED_BELOW_J, OWN_GRADIENT_SHARE
 from morphofold.sim.materials import Material
 from morphofold.sim.materials.neo_hookean import NEO_HOOKEAN
 
@@ -32,20 +32,20 @@ class Factor(NamedTuple):
 
 
 def frozen(J: Array, power: float) -> Factor:
-    """J^-power for bricks, constant below ``J_MIN``, so that the force of a crushed element stays finite."""
-    held = np.maximum(J, J_MIN)
-    value, falls = held**-power, J > J_MIN
+    """J^-power for bricks, constant below ``FROZEN_BELOW_J``, so that the force of a crushed element stays finite."""
+    held = np.maximum(J, FROZEN_BELOW_J)
+    value, falls = held**-power, J > FROZEN_BELOW_J
     return Factor(
         value, np.where(falls, -power * value / held, 0.0), np.where(falls, power * (power + 1) * value / held**2, 0.0)
     )
 
 
 def continued(J: Array, power: float) -> Factor:
-    """J^-power for tetrahedra, continued by its tangent below ``CRUSHED``: only this keeps one from collapsing."""
-    held = np.maximum(J, CRUSHED)
+    """J^-power for tetrahedra, continued by its tangent below ``CRUSHED_BELOW_J``: this keeps one from collapsing."""
+    held = np.maximum(J, CRUSHED_BELOW_J)
     value = held**-power
     slope = -power * value / held
-    falls = J > CRUSHED
+    falls = J > CRUSHED_BELOW_J
     return Factor(value + slope * (J - held), slope, np.where(falls, power * (power + 1) * value / held**2, 0.0))
 
 
@@ -158,26 +158,26 @@ def patch_energy(A: Array, w: Array, mu: Array, kappa: Array, material: Material
     Returns
     -------
     (P,) float64
-        ``BLEND sum_t w_t U(A_t) + (1 - BLEND) V U(Am) + kappa/2 V (v/V - 1)^2`` with U the :func:`isochoric_energy`,
-        V = sum w, v = sum w J, Am = sum w A / V. One pressure per patch avoids locking (de Souza Neto et al. 2005,
-        F-bar patch). The term of the mean gradient removes most of the other excess stiffness of linear tetrahedra.
-        The term of each tetrahedron keeps it from collapsing.
+        ``OWN_GRADIENT_SHARE sum_t w_t U(A_t) + (1 - OWN_GRADIENT_SHARE) V U(Am) + kappa/2 V (v/V - 1)^2`` with U the
+        :func:`isochoric_energy`, V = sum w, v = sum w J, Am = sum w A / V. One pressure per patch avoids locking (de
+        Souza Neto et al. 2005, F-bar patch). The term of the mean gradient removes most of the other excess stiffness
+        of linear tetrahedra. The term of each tetrahedron keeps it from collapsing.
     """
     V = w.sum(axis=1)
     ratio = (w * np.linalg.det(A)).sum(axis=1) / V
     own = (w * isochoric_energy(A, mu[:, None], material)).sum(axis=1)
-    common = V * isochoric_energy(_mean(A, w), mu, material)
-    return BLEND * own + (1 - BLEND) * common + 0.5 * kappa * V * (ratio - 1) ** 2
+    common = V * isochoric_energy(_volume_mean(A, w), mu, material)
+    return OWN_GRADIENT_SHARE * own + (1 - OWN_GRADIENT_SHARE) * common + 0.5 * kappa * V * (ratio - 1) ** 2
 
 
 def patch_stress(A: Array, w: Array, mu: Array, kappa: Array, material: Material = NEO_HOOKEAN) -> Array:
     """dE/dA / w of :func:`patch_energy` for each tetrahedron, (P, T, 3, 3) [Pa]."""
     ratio = (w * np.linalg.det(A)).sum(axis=1) / w.sum(axis=1)
     pressure = (kappa * (ratio - 1))[:, None, None, None]
-    common = isochoric_stress(_mean(A, w), mu, material)[:, None]
+    common = isochoric_stress(_volume_mean(A, w), mu, material)[:, None]
     own = isochoric_stress(A, mu[:, None], material)
-    return BLEND * own + (1 - BLEND) * common + pressure * cofactor(A)
+    return OWN_GRADIENT_SHARE * own + (1 - OWN_GRADIENT_SHARE) * common + pressure * cofactor(A)
 
 
-def _mean(A: Array, w: Array) -> Array:
+def _volume_mean(A: Array, w: Array) -> Array:
     return np.einsum("pt,ptij->pij", w, A) / w.sum(axis=1)[:, None, None]

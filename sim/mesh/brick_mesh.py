@@ -16,14 +16,14 @@ from skfem import MeshHex, MeshTet
 
 from morphofold.arrays import Array, Ints
 from morphofold.errors import ImpossibleBody, OutOfRange, UnknownName
-from morphofold.sim.elements.bricks import BINARY_CORNERS
+from morphofold.sim.elements.bricks import CORNERS_IN_KERNEL_ORDER
 
 #: axes along which each portion keeps only coordinates at or above zero
-PLANES = {"full": (), "half": (2,), "quarter": (1, 2), "octant": (0, 1, 2)}
+SYMMETRY_AXES = {"full": (), "half": (2,), "quarter": (1, 2), "octant": (0, 1, 2)}
 
-CORE_RATIO = 1.6  # each core layer is this much thicker than the one outside it,
-CORE_CAP = 8.0  # up to this many surface edges
-TILE = (4, 8)  # surface cells are numbered tile by tile, so that a block of 32 bricks shares most of its nodes
+CORE_LAYER_RATIO = 1.6  # each core layer is this much thicker than the one outside it,
+THICKEST_CORE_LAYER_IN_EDGES = 8.0  # up to this many surface edges
+TILE_SHAPE = (4, 8)  # surface cells are numbered tile by tile, so that a block of 32 bricks shares most of its nodes
 
 
 class Plane(NamedTuple):
@@ -83,9 +83,9 @@ class Bilayer:
         return 0.5 ** len(self.mirrored)
 
 
-def _tiles(i: Ints, j: Ints) -> Ints:
+def _tile_order(i: Ints, j: Ints) -> Ints:
     """Order that sorts cells (i, j) tile by tile."""
-    a, b = TILE
+    a, b = TILE_SHAPE
     return np.lexsort((j % b, i % a, j // b, i // a))
 
 
@@ -123,24 +123,24 @@ def _grid_quads(nu: int, nv: int) -> Ints:
     number = np.arange((nu + 1) * (nv + 1)).reshape(nu + 1, nv + 1)
     quads = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], axis=-1).reshape(-1, 4)
     i, j = np.divmod(np.arange(nu * nv), nv)
-    return quads[_tiles(i, j)]
+    return quads[_tile_order(i, j)]
 
 
 def core_layer_fractions(first: float, depth: float, edge: float) -> Array:
-    """Depths of the node layers of the core over its depth, from 0 to 1, with steps that grow by ``CORE_RATIO``.
+    """Depths of the node layers of the core over its depth, from 0 to 1, with steps that grow by ``CORE_LAYER_RATIO``.
 
-    ``first`` is the thickness of a layer of the cortex, ``depth`` that of the core [mm]; no step exceeds ``CORE_CAP``
-    surface edges.
+    ``first`` is the thickness of a layer of the cortex, ``depth`` that of the core [mm]; no step exceeds
+    ``THICKEST_CORE_LAYER_IN_EDGES`` surface edges.
     """
     step = first
     steps: list[float] = []
     while sum(steps) < depth:
-        step = min(step * CORE_RATIO, CORE_CAP * edge)
+        step = min(step * CORE_LAYER_RATIO, THICKEST_CORE_LAYER_IN_EDGES * edge)
         steps.append(step)
     return np.concatenate([[0.0], np.cumsum(steps) / sum(steps)])
 
 
-def _extrude(
+def _extrude_bricks(
     pial: Array,
     white: Array,
     base: Array,
@@ -171,7 +171,7 @@ def _extrude(
     above = quad_corner[None] + level * n_surface
     binary = np.stack([below, above], axis=-1).reshape(-1, 8)  # 4 i + 2 j + k
     t = np.empty((8, len(binary)), dtype=np.int64)
-    t[BINARY_CORNERS] = binary.T
+    t[CORNERS_IN_KERNEL_ORDER] = binary.T
     n_cortex = cortex_layers * len(quads)
     mesh = MeshHex(np.ascontiguousarray(nodes.T), t, validate=False).with_subdomains(
         {"cortex": np.arange(n_cortex), "core": np.arange(n_cortex, len(binary))}
@@ -222,9 +222,9 @@ def bilayer_ellipsoid(
     axes = np.asarray(semi_axes, dtype=np.float64)
     if n < 4 or n % 2:
         raise OutOfRange(f"n must be an even number of cells, at least 4, got {n}.")
-    if portion not in PLANES:
-        raise UnknownName(f"portion must be one of {', '.join(PLANES)}, got {portion!r}.")
-    lattice, quads = _cube_surface(n, PLANES[portion])
+    if portion not in SYMMETRY_AXES:
+        raise UnknownName(f"portion must be one of {', '.join(SYMMETRY_AXES)}, got {portion!r}.")
+    lattice, quads = _cube_surface(n, SYMMETRY_AXES[portion])
     direction = np.tan(lattice * (0.5 * np.pi / n))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     pial = direction * axes
@@ -238,9 +238,11 @@ def bilayer_ellipsoid(
             f"the hole ({hole_share:g} of the body size) must lie inside the core, which ends at {inside.min():g} of "
             f"it under a cortex of {t.max():g} mm; make the hole smaller or the cortex thinner."
         )
-    planes = tuple(Plane(axis, 0.0, 1) for axis in PLANES[portion])
+    planes = tuple(Plane(axis, 0.0, 1) for axis in SYMMETRY_AXES[portion])
     edge = 0.5 * np.pi * float(axes.max()) / n
-    return _extrude(pial, white, hole_share * pial, quads, normal, cortex_layers, edge, planes, PLANES[portion])
+    return _extrude_bricks(
+        pial, white, hole_share * pial, quads, normal, cortex_layers, edge, planes, SYMMETRY_AXES[portion]
+    )
 
 
 def bilayer_sphere(
@@ -289,7 +291,7 @@ def bilayer_patch(
     planes = (Plane(0, 0.0, 1), Plane(0, float(size[0]), -1), Plane(1, 0.0, 1), Plane(1, float(width), -1))
     edge = max(size[0] / nx, width / ny)
     white, base = pial + thickness * down, pial + depth * down
-    bilayer = _extrude(pial, white, base, quads, up, cortex_layers, edge, planes)
+    bilayer = _extrude_bricks(pial, white, base, quads, up, cortex_layers, edge, planes)
     if strip:
         bilayer.foot[:, 1] = 0.0  # the same imperfection on both sides
     return bilayer

@@ -14,10 +14,10 @@ from morphofold.errors import DoesNotApply, ImpossibleBody, NoCortex
 from morphofold.geometry import morton_codes
 from morphofold.sim.mesh.brick_mesh import Bilayer
 from morphofold.sim.mesh.streamlines import descend
-from morphofold.sim.mesh.tetmesh import FACES, TetMesh, read_tets
+from morphofold.sim.mesh.tetmesh import TET_FACES, TetMesh, read_tets
 from morphofold.sim.scene import MeshFile
 
-STRIDE = 0.25  # step towards the white surface, in mean edges of the pial surface
+STRIDE_IN_EDGES = 0.25  # step towards the white surface, in mean edges of the pial surface
 
 
 class Layers(NamedTuple):
@@ -59,19 +59,23 @@ def bilayer_from_file(geometry: MeshFile) -> Bilayer:
     name, body = geometry.file, read_tets(geometry)
     if geometry.held == "inner" and not len(body.inner):
         raise DoesNotApply(f"{name}: has no inner surface to hold (geometry.held = 'inner'); set held to 'nothing'.")
-    pial = _Sheet(body.points, body.pial)
+    pial = _DistanceToSurface(body.points, body.pial)
     thickness = geometry.cortex_thickness
-    layers = _by_depth(name, body, pial, thickness) if body.cortex is None else _by_label(name, body, body.cortex, pial)
+    layers = (
+        _layers_by_depth(name, body, pial, thickness)
+        if body.cortex is None
+        else _layers_by_label(name, body, body.cortex, pial)
+    )
 
     surface, n_cortex = np.unique(body.pial), int(layers.cortex.sum())
-    node, element = _order(body, surface, layers.cortex)
-    rank, n_surface = _inverse(node), len(surface)
+    node, element = _morton_order(body, surface, layers.cortex)
+    rank, n_surface = _inverse_permutation(node), len(surface)
     points, tets = body.points[node], rank[body.tets[element]]
-    across = np.append(_inverse(element), -1)[body.across[element]]
-    faces = tets[:, FACES][(across < 0) & (tets[:, FACES] < n_surface).all(axis=2)]
+    across = np.append(_inverse_permutation(element), -1)[body.across[element]]
+    faces = tets[:, TET_FACES][(across < 0) & (tets[:, TET_FACES] < n_surface).all(axis=2)]
     edge = np.linalg.norm(points[faces] - points[np.roll(faces, 1, axis=1)], axis=2)
     radial, level = layers.radial[node], layers.level[node]
-    white = _white(points, tets, across, radial, level, n_surface, STRIDE * float(edge.mean()))
+    white = _white_surface_matrix(points, tets, across, radial, level, n_surface, STRIDE_IN_EDGES * float(edge.mean()))
     mesh = MeshTet(np.ascontiguousarray(points.T), np.ascontiguousarray(tets.T), validate=False).with_subdomains(
         {"cortex": np.arange(n_cortex), "core": np.arange(n_cortex, len(tets))}
     )
@@ -99,7 +103,7 @@ class Nearest(NamedTuple):
     normal: Array
 
 
-class _Sheet:
+class _DistanceToSurface:
     """Distances to a surface of triangles (F, 3) over the ``points`` of a mesh.
 
     Normals at the vertices are weighted by angle, and linear in a triangle, because the gradient of the distance
@@ -145,7 +149,7 @@ class _Sheet:
         return np.unique(tets[(rough[tets] <= depth + self.reach).any(axis=1)])
 
 
-def _by_depth(name: str, body: TetMesh, pial: _Sheet, thickness: float) -> Layers:
+def _layers_by_depth(name: str, body: TetMesh, pial: _DistanceToSurface, thickness: float) -> Layers:
     """The cortex by depth: tetrahedra whose centroid is less than ``thickness`` below the pial surface."""
     points, tets = body.points, body.tets
     under = pial.measure(points, pial.nodes_above(points, tets, thickness))
@@ -161,7 +165,7 @@ def _by_depth(name: str, body: TetMesh, pial: _Sheet, thickness: float) -> Layer
             f"{name}: a cortex of {thickness:g} mm leaves no core in a body {depth.max():.3g} mm deep; reduce "
             f"geometry.cortex_thickness, {cure}"
         )
-    bare = int((~cortex & ((body.across < 0) & (depth[tets[:, FACES]] == 0).all(axis=2)).any(axis=1)).sum())
+    bare = int((~cortex & ((body.across < 0) & (depth[tets[:, TET_FACES]] == 0).all(axis=2)).any(axis=1)).sum())
     if bare:
         raise ImpossibleBody(
             f"{name}: {bare:,} tetrahedra at the pial surface have their centroid below a cortex of {thickness:g} mm; "
@@ -170,11 +174,11 @@ def _by_depth(name: str, body: TetMesh, pial: _Sheet, thickness: float) -> Layer
     return Layers(cortex, under.foot, under.normal, 1 - depth / thickness)
 
 
-def _by_label(name: str, body: TetMesh, cortex: Bools, pial: _Sheet) -> Layers:
+def _layers_by_label(name: str, body: TetMesh, cortex: Bools, pial: _DistanceToSurface) -> Layers:
     """The cortex by label; its inner boundary is where it meets other tetrahedra."""
     points, tets = body.points, body.tets
     inside = cortex[:, None] & (body.across >= 0) & ~cortex[body.across]
-    border, grey = _Sheet(points, tets[:, FACES][inside]), np.unique(tets[cortex])
+    border, grey = _DistanceToSurface(points, tets[:, TET_FACES][inside]), np.unique(tets[cortex])
     under = pial.measure(points, grey)
     if not (under.distance[grey] == 0).any():
         raise NoCortex(f"{name}: the cortex (geometry.cortex_label) is not at the outer surface; use another label.")
@@ -185,7 +189,7 @@ def _by_label(name: str, body: TetMesh, cortex: Bools, pial: _Sheet) -> Layers:
     return Layers(cortex, under.foot, under.normal, level)
 
 
-def _order(body: TetMesh, surface: Ints, cortex: Bools) -> tuple[Ints, Ints]:
+def _morton_order(body: TetMesh, surface: Ints, cortex: Bools) -> tuple[Ints, Ints]:
     """Nodes and elements along a Morton curve; those of the pial surface and of the cortex first."""
     low, size = body.points.min(axis=0), np.ptp(body.points, axis=0).max()
     below = np.ones(len(body.points), dtype=bool)
@@ -197,13 +201,13 @@ def _order(body: TetMesh, surface: Ints, cortex: Bools) -> tuple[Ints, Ints]:
     )
 
 
-def _inverse(order: Ints) -> Ints:
+def _inverse_permutation(order: Ints) -> Ints:
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
     return rank
 
 
-def _white(
+def _white_surface_matrix(
     points: Array, tets: Ints, across: Ints, radial: Array, level: Array, n_surface: int, stride: float
 ) -> sparse.csr_matrix:
     """Matrix (S, N) from nodes to the white surface: the point below each pial vertex at which the level is 0."""

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-HOPS = 200  # most tetrahedra that one step may cross
-HALVINGS = 30  # halvings of the last step: level has a kink at 0, so linear interpolation can't find it
+MOST_TETS_PER_STEP = 200  # most tetrahedra that one step may cross
+HALVINGS_OF_LAST_STEP = 30  # halvings of the last step: level has a kink at 0, so linear interpolation can't find it
 
 
 @njit(inline="always")
-def _six_volumes(a, b, c, d):
+def _six_times_volume(a, b, c, d):
     """Six times the signed volume of the tetrahedron a, b, c, d."""
     u0, u1, u2 = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     v0, v1, v2 = c[0] - a[0], c[1] - a[1], c[2] - a[2]
@@ -19,13 +19,13 @@ def _six_volumes(a, b, c, d):
 
 
 @njit(cache=True)
-def _weights(x, tet, p, w):
+def _barycentric_weights(x, tet, p, w):
     """Write barycentric weights of ``p`` in a tetrahedron into ``w`` (4,)."""
     a, b, c, d = x[tet[0]], x[tet[1]], x[tet[2]], x[tet[3]]
-    whole = _six_volumes(a, b, c, d)
-    w[0] = _six_volumes(p, b, c, d) / whole
-    w[1] = _six_volumes(a, p, c, d) / whole
-    w[2] = _six_volumes(a, b, p, d) / whole
+    whole = _six_times_volume(a, b, c, d)
+    w[0] = _six_times_volume(p, b, c, d) / whole
+    w[1] = _six_times_volume(a, p, c, d) / whole
+    w[2] = _six_times_volume(a, b, p, d) / whole
     w[3] = 1.0 - w[0] - w[1] - w[2]
 
 
@@ -33,8 +33,8 @@ def _weights(x, tet, p, w):
 def _containing_tetrahedron(x, tets, across, p, start, w):
     """The tetrahedron that contains ``p``, found from ``start`` across faces; -1 if the path leaves the mesh."""
     e = start
-    for _ in range(HOPS):
-        _weights(x, tets[e], p, w)
+    for _ in range(MOST_TETS_PER_STEP):
+        _barycentric_weights(x, tets[e], p, w)
         best, most = -1, -1e-9
         for k in range(4):
             if w[k] < most and across[e, k] >= 0:
@@ -47,7 +47,7 @@ def _containing_tetrahedron(x, tets, across, p, start, w):
 
 
 @njit(cache=True)
-def _level(tets, level, e, w):
+def _interpolate_level(tets, level, e, w):
     """The level at weights ``w`` of tetrahedron ``e``."""
     there = 0.0
     for k in range(4):
@@ -56,16 +56,16 @@ def _level(tets, level, e, w):
 
 
 @njit(cache=True)
-def _cross(x, tets, across, level, e, p, q, w):
+def _bisect_level_crossing(x, tets, across, level, e, p, q, w):
     """Bisect from ``p`` (level above 0) to ``q`` (below) for level 0; the point is written into ``q``."""
     at = np.empty(3)
     low, high, found = 0.0, 1.0, e
-    for _ in range(HALVINGS):
+    for _ in range(HALVINGS_OF_LAST_STEP):
         middle = 0.5 * (low + high)
         for r in range(3):
             at[r] = p[r] + middle * (q[r] - p[r])
         here = _containing_tetrahedron(x, tets, across, at, found, w)
-        if here >= 0 and _level(tets, level, here, w) > 0.0:
+        if here >= 0 and _interpolate_level(tets, level, here, w) > 0.0:
             low, found = middle, here
         else:
             high = middle
@@ -86,7 +86,7 @@ def descend(x, tets, across, start, radial, level, stride, steps, where, weights
     for i in range(len(start)):
         e, here = start[i], level[i]
         p[:] = x[i]
-        _weights(x, tets[e], p, w)
+        _barycentric_weights(x, tets[e], p, w)
         where[i], weights[i] = e, w
         for _ in range(steps):
             if here <= 0.0:
@@ -103,11 +103,11 @@ def descend(x, tets, across, start, radial, level, stride, steps, where, weights
             ahead = _containing_tetrahedron(x, tets, across, q, e, w)
             if ahead < 0:
                 break
-            there = _level(tets, level, ahead, w)
+            there = _interpolate_level(tets, level, ahead, w)
             if there >= here:
                 break
             if there < 0.0:
-                ahead, there = _cross(x, tets, across, level, e, p, q, w), 0.0
+                ahead, there = _bisect_level_crossing(x, tets, across, level, e, p, q, w), 0.0
             e, here = ahead, there
             p[:] = q
             where[i], weights[i] = e, w

@@ -28,10 +28,11 @@ from morphofold.io.files import decoding, looks_like_text
 from morphofold.io.vtk_blocks import check_blocks
 from morphofold.sim.scene import MOST_BRICKS, MeshFile
 
-BESIDE = ("vertex", "line", "line3", "triangle", "triangle6")  # other cells that a file may have; they are ignored
-FACES = ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))  # opposite to each corner; seen from outside
-FARTHEST = 1e6  # largest distance from the origin [mm]
-DEGENERATE = 1e-10  # a volume below this share of the cube of the longest edge counts as zero
+#: other cells that a file may have; they are ignored
+IGNORED_CELL_TYPES = ("vertex", "line", "line3", "triangle", "triangle6")
+TET_FACES = ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))  # opposite to each corner; seen from outside
+FARTHEST_POINT_MM = 1e6  # largest distance from the origin [mm]
+FLAT_VOLUME_RATIO = 1e-10  # a volume below this share of the cube of the longest edge counts as zero
 
 
 class TetMesh(NamedTuple):
@@ -71,10 +72,10 @@ def read_tets(geometry: MeshFile) -> TetMesh:
         whose surface touches itself; for a label that does not exist, or that all tetrahedra have.
     """
     name = geometry.file
-    points, tets, cortex = _read(geometry)
-    points, tets, volume = _right_handed(name, points, tets)
-    across = _neighbours(name, tets)
-    pial, inner, enclosed = _sheets(name, points, tets[:, FACES][across < 0])
+    points, tets, cortex = _read_points_and_tets(geometry)
+    points, tets, volume = _right_handed_tets(name, points, tets)
+    across = _tets_across_faces(name, tets)
+    pial, inner, enclosed = _outer_and_inner_faces(name, points, tets[:, TET_FACES][across < 0])
     if abs(volume - enclosed) > 1e-6 * volume:  # two neighbours are on the same side of their face
         raise BadMesh(
             f"{name}: tetrahedra overlap: the sum of their volumes is {volume:.6g} mm3, but their surface encloses "
@@ -83,7 +84,7 @@ def read_tets(geometry: MeshFile) -> TetMesh:
     return TetMesh(points, tets, across, pial, inner, cortex)
 
 
-class _Ending(io.BufferedReader):
+class _EndCheckedFile(io.BufferedReader):
     """A file that raises EOFError if a reader repeatedly asks for bytes beyond the end."""
 
     asked = 0
@@ -104,7 +105,7 @@ class _Ending(io.BufferedReader):
         return got
 
 
-def _meshio(path: Path) -> Any:
+def _read_with_meshio(path: Path) -> Any:
     """Read the mesh in a file. Some readers of meshio never return on a truncated file; one would unpack any size."""
     import meshio
 
@@ -120,11 +121,11 @@ def _meshio(path: Path) -> Any:
                 raise DamagedFile(f"{part.name} has no line of counts")
     if kinds[0] not in ("ansys", "mdpa", "tecplot"):
         return meshio.read(path, kinds[0] if kinds == ["gmsh"] else None)
-    with _Ending(io.FileIO(path)) as file:
+    with _EndCheckedFile(io.FileIO(path)) as file:
         return meshio.read(io.TextIOWrapper(file, "utf-8") if kinds == ["tecplot"] else file, kinds[0])
 
 
-def _read(geometry: MeshFile) -> tuple[Array, Ints, Bools | None]:
+def _read_points_and_tets(geometry: MeshFile) -> tuple[Array, Ints, Bools | None]:
     """Points (P, 3) [mm], tetrahedra (E, 4), and which of these have the label of the cortex."""
     import meshio
 
@@ -136,14 +137,14 @@ def _read(geometry: MeshFile) -> tuple[Array, Ints, Bools | None]:
         )
     quiet = contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO())
     with decoding(path, "a mesh that meshio reads"), quiet[0], quiet[1]:
-        mesh = _meshio(path)
+        mesh = _read_with_meshio(path)
         points = np.asarray(mesh.points, dtype=np.float64) * geometry.scale
         blocks = [block.data.astype(np.int64) for block in mesh.cells if block.type == "tetra"]
-    _warn_of_no_end(path)
+    _warn_of_cut_file(path)
     counts: dict[str, int] = {}
     for block in mesh.cells:
         counts[block.type] = counts.get(block.type, 0) + len(block.data)
-    others = {kind: n for kind, n in counts.items() if kind not in ("tetra", *BESIDE) and n}
+    others = {kind: n for kind, n in counts.items() if kind not in ("tetra", *IGNORED_CELL_TYPES) and n}
     if others or not counts.get("tetra"):
         listing = ", ".join(f"{n:,} {kind}" for kind, n in (others or counts).items()) or "no cells"
         raise WrongFile(
@@ -157,15 +158,17 @@ def _read(geometry: MeshFile) -> tuple[Array, Ints, Bools | None]:
         kind = NotFinite if bad else WrongShape
         raise kind(f"{name}: points need three finite coordinates; their shape is {points.shape}, {bad} not finite.")
     far = float(np.abs(points).max())
-    if far > FARTHEST:
-        raise OutOfRange(f"{name}: has points {far:.3g} mm from the origin, more than {FARTHEST:g}; check the scale.")
+    if far > FARTHEST_POINT_MM:
+        raise OutOfRange(
+            f"{name}: has points {far:.3g} mm from the origin, more than {FARTHEST_POINT_MM:g}; check the scale."
+        )
     if tets.min() < 0 or tets.max() >= len(points):
         named = f"{tets.min()} to {tets.max()}"
         raise DamagedFile(f"{name}: tetrahedra use points {named} of 0 to {len(points) - 1}. Repair the mesh.")
-    return points, tets, None if geometry.label is None else _labelled(geometry, mesh)
+    return points, tets, None if geometry.label is None else _has_cortex_label(geometry, mesh)
 
 
-def _warn_of_no_end(path: Path) -> None:
+def _warn_of_cut_file(path: Path) -> None:
     """Warn if a text file ends within a line: its last number may be cut, for example 1 instead of 162."""
     with path.open("rb") as file:
         head = file.read(1024)
@@ -177,7 +180,7 @@ def _warn_of_no_end(path: Path) -> None:
         )
 
 
-def _labelled(geometry: MeshFile, mesh: Any) -> Bools:
+def _has_cortex_label(geometry: MeshFile, mesh: Any) -> Bools:
     """Which tetrahedra have the label of the cortex."""
     name, label = geometry.file, geometry.label
     if label not in mesh.cell_data:
@@ -197,7 +200,7 @@ def _labelled(geometry: MeshFile, mesh: Any) -> Bools:
     return cortex
 
 
-def _right_handed(name: str, points: Array, tets: Ints) -> tuple[Array, Ints, float]:
+def _right_handed_tets(name: str, points: Array, tets: Ints) -> tuple[Array, Ints, float]:
     """Points in use, tetrahedra with corners in right-handed order, and their total volume [mm^3]."""
     used, tets = np.unique(tets, return_inverse=True)
     points, tets = np.ascontiguousarray(points[used]), tets.reshape(-1, 4)
@@ -205,7 +208,7 @@ def _right_handed(name: str, points: Array, tets: Ints) -> tuple[Array, Ints, fl
     volume = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) / 6
     edges = (a - b, a - c, a - d, b - c, b - d, c - d)
     longest = np.sqrt(np.max([np.einsum("ij,ij->i", edge, edge) for edge in edges], axis=0))
-    flat = np.flatnonzero(~(np.abs(volume) > DEGENERATE * longest**3))
+    flat = np.flatnonzero(~(np.abs(volume) > FLAT_VOLUME_RATIO * longest**3))
     if flat.size:
         raise BadMesh(
             f"{name}: {len(flat):,} of {len(tets):,} tetrahedra are flat; the first is {flat[0]} with volume "
@@ -214,9 +217,9 @@ def _right_handed(name: str, points: Array, tets: Ints) -> tuple[Array, Ints, fl
     return points, np.where(volume[:, None] < 0, tets[:, [1, 0, 2, 3]], tets), float(np.abs(volume).sum())
 
 
-def _neighbours(name: str, tets: Ints) -> Ints:
+def _tets_across_faces(name: str, tets: Ints) -> Ints:
     """The tetrahedron beyond each face (E, 4), as in ``TetMesh``; raises if the mesh has several parts."""
-    faces = np.sort(tets[:, FACES].reshape(-1, 3), axis=1)
+    faces = np.sort(tets[:, TET_FACES].reshape(-1, 3), axis=1)
     order = np.lexsort(faces.T)
     same = (faces[order[1:]] == faces[order[:-1]]).all(axis=1)
     if (same[1:] & same[:-1]).any():
@@ -225,7 +228,7 @@ def _neighbours(name: str, tets: Ints) -> Ints:
     left, right = order[:-1][same], order[1:][same]
     across = np.full(tets.size, -1)
     across[left], across[right] = right // 4, left // 4
-    parts, part = _parts(left // 4, right // 4, len(tets))
+    parts, part = _connected_parts(left // 4, right // 4, len(tets))
     if parts > 1:
         size = np.sort(np.bincount(part))[::-1]
         raise BadMesh(
@@ -235,7 +238,7 @@ def _neighbours(name: str, tets: Ints) -> Ints:
     return across.reshape(-1, 4)
 
 
-def _sheets(name: str, points: Array, faces: Ints) -> tuple[Ints, Ints, float]:
+def _outer_and_inner_faces(name: str, points: Array, faces: Ints) -> tuple[Ints, Ints, float]:
     """Boundary faces (F, 3) of the sheet that encloses most, and those of the others; enclosed volume [mm^3]."""
     half = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)  # half-edge 3 f + k, from corner k
     low, high = half.min(axis=1), half.max(axis=1)
@@ -246,17 +249,17 @@ def _sheets(name: str, points: Array, faces: Ints) -> tuple[Ints, Ints, float]:
     if again.any() or (half[one] != half[two][:, ::-1]).any():
         raise BadMesh(f"{name}: parts of its surface touch along {max(again.sum(), 1):,} edges. {cure}")
     following = one // 3 * 3 + (one + 1) % 3, two // 3 * 3 + (two + 1) % 3
-    fans, _ = _parts(np.concatenate([one, two]), np.concatenate([following[1], following[0]]), faces.size)
+    fans, _ = _connected_parts(np.concatenate([one, two]), np.concatenate([following[1], following[0]]), faces.size)
     pinched = fans - len(np.unique(faces))
     if pinched:
         raise BadMesh(f"{name}: parts of its surface touch at {pinched:,} points. {cure}")
-    count, sheet = _parts(one // 3, two // 3, len(faces))
+    count, sheet = _connected_parts(one // 3, two // 3, len(faces))
     a, b, c = (points[faces[:, k]] for k in range(3))
     enclosed = np.bincount(sheet, np.einsum("ij,ij->i", a, np.cross(b, c)), count)
     outer = sheet == enclosed.argmax()
     return faces[outer], faces[~outer], float(enclosed.sum()) / 6
 
 
-def _parts(one: Ints, two: Ints, size: int) -> tuple[int, Ints]:
+def _connected_parts(one: Ints, two: Ints, size: int) -> tuple[int, Ints]:
     """Number of connected parts of ``size`` items, where ``one`` and ``two`` are joined, and the part of each item."""
     return connected_components(sparse.csr_matrix((np.ones(len(one)), (one, two)), (size, size)))

@@ -66,11 +66,11 @@ def read_log(out: Path, step: int, lines: int, digest: NDArray[np.uint8]) -> lis
     with decoding(path, "the log of this run", f"Delete {out / 'checkpoint.npz'} {AND_GROW_AGAIN}."):
         kept = []
         for number, text in enumerate(existing_file(path, "log").read_text("utf-8").splitlines(), start=1):
-            line = _object(text, f"line {number}")
+            line = _json_object(text, f"line {number}")
             if not isinstance(line.get("step"), int):
                 raise DamagedFile(f"line {number} has no step")
             if line["step"] <= step:
-                _check_line(line, number)
+                _check_log_line(line, number)
                 kept.append(line)
         if len(kept) != lines:
             raise DamagedFile(f"it has {len(kept)} lines up to step {step}, needs {lines}")
@@ -79,14 +79,14 @@ def read_log(out: Path, step: int, lines: int, digest: NDArray[np.uint8]) -> lis
     return kept
 
 
-def _check_line(line: Mapping[str, Any], number: int) -> None:
+def _check_log_line(line: Mapping[str, Any], number: int) -> None:
     seconds = line.get("seconds")
     values = [line.get("growth"), line.get("elapsed"), *(seconds.values() if isinstance(seconds, dict) else [None])]
     if not all(isinstance(v, int | float) and math.isfinite(v) for v in values):
         raise DamagedFile(f"line {number} lacks growth, elapsed or seconds")
 
 
-def _object(text: str, what: str) -> dict[str, Any]:
+def _json_object(text: str, what: str) -> dict[str, Any]:
     """The JSON object in a text; raises on NaN and infinity."""
 
     def refuse(constant: str) -> None:

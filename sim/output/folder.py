@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from morphofold import __version__
 from morphofold.io import atomic_file, atomic_folder, read_cortex, write_morph, write_surface
 from morphofold.io.files import decoding
-from morphofold.io.locks import LOCK
+from morphofold.io.locks import LOCK_FILE
 from morphofold.provenance import digests
 from morphofold.sim.output.checkpoint import as_lines
 from morphofold.sim.output.inputs import check_begun, check_inputs, inputs_of, scene_digest
@@ -72,7 +72,7 @@ def is_finished(
     if folder.exists() and not folder.is_dir():
         raise FileExistsError(f"{folder}: is a file; choose a folder to write.")
     if not written.exists():
-        begun = (LOCK, "inputs.json")  # a run writes these before its scene
+        begun = (LOCK_FILE, "inputs.json")  # a run writes these before its scene
         if folder.exists() and any(p.name not in begun and not is_temporary(p) for p in folder.iterdir()):
             raise FileExistsError(f"{folder}: is not empty and holds no simulation; choose another folder to write.")
         return False

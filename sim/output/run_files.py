@@ -10,12 +10,12 @@ from pathlib import Path
 from pydantic import RootModel
 
 from morphofold.io import files_of
-from morphofold.io.folders import MARKER
+from morphofold.io.folders import MARKER_FILE
 from morphofold.io.json_files import read_json
-from morphofold.io.locks import LOCK
+from morphofold.io.locks import LOCK_FILE
 
 AND_GROW_AGAIN = "and grow the scene again from the start"
-_KEPT = (
+_RUN_FILE_NAMES = (
     "scene.toml",
     "inputs.json",
     "log.jsonl",
@@ -25,7 +25,9 @@ _KEPT = (
     "error.json",
     "stages.pvd",
 )
-_TEMPORARY = re.compile(r"\.[0-9a-f]{8}\.(" + "|".join(map(re.escape, _KEPT)) + r")|\.g\d+\.\d\d\.[0-9a-f]{8}(\.old)?")
+_TEMPORARY_NAME = re.compile(
+    r"\.[0-9a-f]{8}\.(" + "|".join(map(re.escape, _RUN_FILE_NAMES)) + r")|\.g\d+\.\d\d\.[0-9a-f]{8}(\.old)?"
+)
 
 
 class Digests(RootModel[dict[str, str]]):
@@ -38,7 +40,7 @@ def stage_folder(out: Path, g: float) -> Path:
 
 def is_temporary(path: Path) -> bool:
     """Whether a path has the temporary name of a file that a run has not finished writing."""
-    return _TEMPORARY.fullmatch(path.name) is not None
+    return _TEMPORARY_NAME.fullmatch(path.name) is not None
 
 
 def sweep(folder: Path) -> None:
@@ -55,7 +57,7 @@ def sweep(folder: Path) -> None:
 
 def files_of_run(folder: Path) -> dict[str, Path]:
     """Files that a run wrote in its folder, by their relative path."""
-    found = {name: folder / name for name in _KEPT}
+    found = {name: folder / name for name in _RUN_FILE_NAMES}
     for stage in sorted((folder / "stages").glob("g*")):
         found |= {f"stages/{stage.name}/{name}": path for name, path in files_of(stage).items()}
     return {name: path for name, path in found.items() if path.is_file()}
@@ -70,11 +72,11 @@ def clear_run(folder: Path) -> None:
         If the folder holds other files; then nothing is removed.
     """
     sweep(folder)
-    ours = {folder / name for name in (*_KEPT, LOCK)}
+    ours = {folder / name for name in (*_RUN_FILE_NAMES, LOCK_FILE)}
     for stage in (folder / "stages").glob("g*"):
         with suppress(OSError, ValueError):  # the list is damaged, or the run is older than such lists
             ours |= {stage / name for name in read_json(stage / "files.json", Digests, AND_GROW_AGAIN)}
-        ours |= {stage / "files.json", stage / MARKER, *files_of(stage).values()}
+        ours |= {stage / "files.json", stage / MARKER_FILE, *files_of(stage).values()}
     there = [path for path in folder.rglob("*") if path.is_symlink() or not path.is_dir()]
     if others := [path for path in there if path not in ours]:
         raise FileExistsError(f"{others[0]}: was not written by a run, so {folder} can't be cleared. Move it away.")

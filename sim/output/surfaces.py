@@ -10,10 +10,10 @@ from morphofold.arrays import Array
 from morphofold.sim.body import Body
 from morphofold.surface import Surface
 
-SWEEPS = 8
+MOST_SWEEPS = 8
 
 # Corner opposite to side s (from corner s to s + 1) in the triangle of that side, for diagonals 0-2 and 1-3
-_OPPOSITE = np.array([[2, 0, 0, 2], [3, 3, 1, 1]])
+_OPPOSITE_CORNER = np.array([[2, 0, 0, 2], [3, 3, 1, 1]])
 
 
 def whole_surfaces(body: Body, x: Array) -> tuple[Surface, Surface]:
@@ -52,14 +52,14 @@ def smooth_diagonals(x: Array, quads: NDArray[np.int64]) -> NDArray[np.int64]:
     same = np.flatnonzero(key.ravel()[order][1:] == key.ravel()[order][:-1])
     other[order[same]], other[order[same + 1]] = order[same + 1], order[same]
     choice = np.zeros(len(quads), dtype=np.int64)
-    _sweep(x, quads, other.reshape(-1, 4), choice, _OPPOSITE)
+    _choose_diagonals(x, quads, other.reshape(-1, 4), choice, _OPPOSITE_CORNER)
     first = np.where(choice[:, None] == 0, quads[:, [0, 1, 2]], quads[:, [0, 1, 3]])
     second = np.where(choice[:, None] == 0, quads[:, [0, 2, 3]], quads[:, [1, 2, 3]])
     return np.concatenate([first, second])
 
 
 @njit(cache=True)
-def _bend(p, q, left, right):
+def _squared_dihedral_angle(p, q, left, right):
     """Squared dihedral angle at edge pq between the triangles to its left and right, 0 if flat."""
     e = q - p
     n = np.cross(e, left - p)
@@ -69,21 +69,21 @@ def _bend(p, q, left, right):
 
 
 @njit(cache=True)
-def _sweep(x, quads, other, choice, opposite):
-    for _ in range(SWEEPS):
+def _choose_diagonals(x, quads, other, choice, opposite):
+    for _ in range(MOST_SWEEPS):
         changed = 0
         for q in range(len(quads)):
             c = quads[q]
             cost = np.zeros(2)
-            cost[0] = _bend(x[c[0]], x[c[2]], x[c[3]], x[c[1]])
-            cost[1] = _bend(x[c[1]], x[c[3]], x[c[0]], x[c[2]])
+            cost[0] = _squared_dihedral_angle(x[c[0]], x[c[2]], x[c[3]], x[c[1]])
+            cost[1] = _squared_dihedral_angle(x[c[1]], x[c[3]], x[c[0]], x[c[2]])
             for s in range(4):
                 if other[q, s] < 0:
                     continue
                 r, side = other[q, s] // 4, other[q, s] % 4
                 beyond = quads[r][opposite[choice[r], side]]
                 for d in range(2):
-                    cost[d] += _bend(x[c[s]], x[c[(s + 1) % 4]], x[c[opposite[d, s]]], x[beyond])
+                    cost[d] += _squared_dihedral_angle(x[c[s]], x[c[(s + 1) % 4]], x[c[opposite[d, s]]], x[beyond])
             best = 1 if cost[1] < cost[0] else 0
             if best != choice[q]:
                 choice[q] = best

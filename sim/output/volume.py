@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from morphofold.sim.body import Body
     from morphofold.sim.scene import Scene
 
-VOLUME, SERIES = "volume.vtu", "stages.pvd"
+VOLUME_FILE, SERIES_FILE = "volume.vtu", "stages.pvd"
 
 
 def write_volume(folder: Path, body: Body, x: Array) -> None:
@@ -26,7 +26,7 @@ def write_volume(folder: Path, body: Body, x: Array) -> None:
     """
     import meshio
 
-    from morphofold.sim.elements.bricks import BINARY_CORNERS
+    from morphofold.sim.elements.bricks import CORNERS_IN_KERNEL_ORDER
     from morphofold.sim.equilibrium.tangent import stress_of_elements
 
     element = body.elements.state()
@@ -35,7 +35,7 @@ def write_volume(folder: Path, body: Body, x: Array) -> None:
     corners = body.bilayer.mesh.t.T
     bricks = corners.shape[1] == 8
     if bricks:
-        corners = corners[:, BINARY_CORNERS[[0, 4, 6, 2, 1, 5, 7, 3]]]  # VTK's order of i, j, k
+        corners = corners[:, CORNERS_IN_KERNEL_ORDER[[0, 4, 6, 2, 1, 5, 7, 3]]]  # VTK's order of i, j, k
     meshio.Mesh(
         x,
         [("hexahedron" if bricks else "tetra", corners)],
@@ -47,7 +47,7 @@ def write_volume(folder: Path, body: Body, x: Array) -> None:
             "energy": [element["energy"]],
             "cauchy_stress": [stress_of_elements(body, x)],
         },
-    ).write(folder / VOLUME)
+    ).write(folder / VOLUME_FILE)
 
 
 def read_volume(path: Path) -> tuple[Array, Array]:
@@ -63,31 +63,31 @@ def read_volume(path: Path) -> tuple[Array, Array]:
 
 def stages_with_volume(out: Path, scene: Scene) -> list[float]:
     """Growth of the stages in a run's folder that have a volume, ascending."""
-    return [g for g in scene.stages if (stage_folder(out, g) / VOLUME).is_file()]
+    return [g for g in scene.stages if (stage_folder(out, g) / VOLUME_FILE).is_file()]
 
 
 def write_series(out: Path, scene: Scene) -> None:
     """Write ``stages.pvd`` for the stages in the folder, unless it is up to date or no stage has a volume."""
-    text = _series(out, scene)
-    if text and _there(out) != text.encode():
-        with atomic_file(out / SERIES) as temporary:
+    text = _series_text(out, scene)
+    if text and _existing_series(out) != text.encode():
+        with atomic_file(out / SERIES_FILE) as temporary:
             temporary.write_bytes(text.encode())
 
 
 def check_series(out: Path, scene: Scene) -> None:
     """Raise if ``stages.pvd`` does not match the stages in the folder; a missing file can be written again."""
-    if _there(out) not in (None, _series(out, scene).encode()):
-        raise DamagedFile(f"{out / SERIES}: is not as the run wrote it. Delete it; --resume then writes it again.")
+    if _existing_series(out) not in (None, _series_text(out, scene).encode()):
+        raise DamagedFile(f"{out / SERIES_FILE}: is not as the run wrote it. Delete it; --resume then writes it again.")
 
 
-def _there(out: Path) -> bytes | None:
-    return (out / SERIES).read_bytes() if (out / SERIES).exists() else None
+def _existing_series(out: Path) -> bytes | None:
+    return (out / SERIES_FILE).read_bytes() if (out / SERIES_FILE).exists() else None
 
 
-def _series(out: Path, scene: Scene) -> str:
+def _series_text(out: Path, scene: Scene) -> str:
     """Text of a collection of VTK files with the growth g as time; empty if there are none."""
     rows = [
-        f'    <DataSet timestep="{g!r}" part="0" file="{stage_folder(Path(), g).as_posix()}/{VOLUME}"/>\n'
+        f'    <DataSet timestep="{g!r}" part="0" file="{stage_folder(Path(), g).as_posix()}/{VOLUME_FILE}"/>\n'
         for g in stages_with_volume(out, scene)
     ]
     if not rows:

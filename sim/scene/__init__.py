@@ -35,8 +35,8 @@ __all__ = [
 
 #: accuracy level: surface edge over cortex thickness, chosen by the errors and times in docs/accuracy.md
 LEVELS = {"draft": 0.60, "standard": 0.45, "fine": 0.27}
-COARSE = 0.5  # edge over thickness above which a third element through the cortex is not worth its time
-CROSSINGS = 180.0  # of a wave through the cortex while growth rises by 1
+COARSE_EDGE_OVER_T = 0.5  # edge over thickness above which a third element through the cortex is not worth its time
+CROSSINGS_PER_UNIT_GROWTH = 180.0  # of a wave through the cortex while growth rises by 1
 SLOWEST_RATE = 1e-3  # least growth.rate
 MOST_BRICKS = 5_000_000  # about 6 GB of memory
 
@@ -55,7 +55,7 @@ class Growth(Table):
 
 def elements_through(edge_over_T: float) -> int:
     """Number of elements through the cortex for an edge over its thickness, unless a scene sets the number."""
-    return 2 if edge_over_T > COARSE else 3
+    return 2 if edge_over_T > COARSE_EDGE_OVER_T else 3
 
 
 class Accuracy(Table):
@@ -209,7 +209,7 @@ class Scene(Table):
 
     def steps_per_unit(self, crossing: float) -> float:
         """Number of steps in which growth rises by 1, if a wave crosses the cortex in ``crossing`` steps."""
-        return CROSSINGS * crossing / self.growth.rate
+        return CROSSINGS_PER_UNIT_GROWTH * crossing / self.growth.rate
 
     def without(self, *effects: str) -> Scene:
         """The same scene without some of its effects."""

@@ -14,9 +14,9 @@ from pydantic_core import InitErrorDetails
 
 from morphofold.sim.scene.tables import EffectOptions
 
-PACKAGE = "morphofold.sim.effects"
+EFFECTS_PACKAGE = "morphofold.sim.effects"
 #: order in which hooks are called, where it matters; other effects follow by name
-ORDER = (
+HOOK_ORDER = (
     "contact",
     "perturbation",
     "notch",
@@ -30,16 +30,16 @@ ORDER = (
 
 
 #: names of version 0.1 that are still read, with a note; to be removed in version 0.3
-RENAMED = {"enclosure": "skull"}
+RENAMED_EFFECTS = {"enclosure": "skull"}
 #: added by contact at symmetry planes, and by strips; a scene cannot name them
-BROUGHT = ("symmetry", "plane_strain")
+IMPLIED_EFFECTS = ("symmetry", "plane_strain")
 
 
 @cache
 def effect_names() -> tuple[str, ...]:
     """Names of all effects that a scene can use, in the order of their hooks; imports none of them."""
-    there = (module.name for module in pkgutil.iter_modules(import_module(PACKAGE).__path__))
-    return tuple(sorted((name for name in there if name not in BROUGHT), key=_place))
+    there = (module.name for module in pkgutil.iter_modules(import_module(EFFECTS_PACKAGE).__path__))
+    return tuple(sorted((name for name in there if name not in IMPLIED_EFFECTS), key=_hook_order_of))
 
 
 def effects_of(shape: str) -> dict[str, type[EffectOptions]]:
@@ -50,7 +50,7 @@ def effects_of(shape: str) -> dict[str, type[EffectOptions]]:
 
 def options_of(name: str) -> type[EffectOptions]:
     """The table of an effect, read from its file."""
-    return import_module(f"{PACKAGE}.{name}").Options
+    return import_module(f"{EFFECTS_PACKAGE}.{name}").Options
 
 
 def read_effects(tables: Any) -> Any:
@@ -59,8 +59,8 @@ def read_effects(tables: Any) -> Any:
         return tables  # pydantic refuses it
     found: dict[str, EffectOptions] = {}
     problems: list[InitErrorDetails] = []
-    for written in sorted(tables, key=lambda name: _place(str(RENAMED.get(name, name)))):
-        table, name = tables[written], RENAMED.get(written, written)
+    for written in sorted(tables, key=lambda name: _hook_order_of(str(RENAMED_EFFECTS.get(name, name)))):
+        table, name = tables[written], RENAMED_EFFECTS.get(written, written)
         if name not in effect_names() or (name != written and name in tables):
             problems.append(InitErrorDetails(type="extra_forbidden", loc=(written,), input=table))
             continue
@@ -78,5 +78,5 @@ def read_effects(tables: Any) -> Any:
     return found
 
 
-def _place(name: str) -> tuple[int, str]:
-    return (ORDER.index(name) if name in ORDER else len(ORDER), name)
+def _hook_order_of(name: str) -> tuple[int, str]:
+    return (HOOK_ORDER.index(name) if name in HOOK_ORDER else len(HOOK_ORDER), name)

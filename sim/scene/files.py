@@ -19,13 +19,13 @@ from morphofold.sim.scene.problems import Problem, Source, as_toml, blamed, expl
 
 MOST_PROBLEMS = 20  # that are reported for one scene
 #: strings, of several lines or one, and comments; an unterminated one ends where tomllib refuses it
-_STRING = re.compile(
+_STRING_OR_COMMENT = re.compile(
     r'''"""(?:[^"\\]|\\.|"{1,2}(?!"))*+"{0,5}|"(?:[^"\\\n]|\\.)*+"?|#[^\n]*'''
     r"""|'''(?:[^']|'{1,2}(?!'))*+'{0,5}|'[^'\n]*'?""",
     re.DOTALL,
 )
 #: a dotted key of more than 32 parts; tomllib would store every prefix of it
-_DEEP = re.compile(r"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){32}")
+_TOO_DEEP_KEY = re.compile(r"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){32}")
 
 
 def scene_names() -> list[str]:
@@ -50,11 +50,11 @@ def load_scene(source: str | Path | Scene, settings: Iterable[str] = ()) -> Scen
         If the file is not TOML, or contains something unknown, impossible or contradictory. The message is the first
         problem, with its line or setting; the other problems are notes of the error.
     """
-    own = Source(source.name, to_toml(source)) if isinstance(source, Scene) else _read(source)
-    keyed = [(_key_of(setting), setting) for setting in settings]
+    own = Source(source.name, to_toml(source)) if isinstance(source, Scene) else _read_source(source)
+    keyed = [(_key_of_setting(setting), setting) for setting in settings]
     try:
-        base = _base(own, None if isinstance(source, Scene) else Path(source).parent)
-        tables = _tables(own, base, keyed)
+        base = _base_scene(own, None if isinstance(source, Scene) else Path(source).parent)
+        tables = _tables_of_scene(own, base, keyed)
         try:
             return Scene.model_validate(tables)
         except ValidationError as error:
@@ -65,7 +65,7 @@ def load_scene(source: str | Path | Scene, settings: Iterable[str] = ()) -> Scen
 
     def still(fewer: Sequence[tuple[str, str]]) -> list[Problem]:
         try:
-            Scene.model_validate(_tables(own, base, fewer))
+            Scene.model_validate(_tables_of_scene(own, base, fewer))
         except ValidationError as error:
             return root_problems(error.errors())
         return []
@@ -75,7 +75,7 @@ def load_scene(source: str | Path | Scene, settings: Iterable[str] = ()) -> Scen
     raise with_notes(lines + more, kind_of(problems[0]))
 
 
-def _read(source: str | Path) -> Source:
+def _read_source(source: str | Path) -> Source:
     path = Path(source)
     if path.suffix != ".toml" and str(source) in scene_names():
         text = (resources.files("morphofold.sim") / "scenes" / f"{source}.toml").read_text("utf-8")
@@ -102,32 +102,32 @@ def _read(source: str | Path) -> Source:
         raise NotReadable(f"{path}: not a TOML file: it is not UTF-8 text.") from None
 
 
-def _parsed(source: Source) -> dict[str, Any]:
+def _parse_source(source: Source) -> dict[str, Any]:
     try:
-        return _loads(source.text)
+        return _parse_toml(source.text)
     except RecursionError:
         raise NotReadable(f"{source.where}: not a scene: lists or tables are nested too deeply.") from None
     except ValueError as error:  # a number of too many digits is not a TOMLDecodeError
         raise NotReadable(f"{source.where}: not a TOML file: {error}.") from None
 
 
-def _loads(text: str) -> dict[str, Any]:
-    if _DEEP.search(_STRING.sub("s", text)):
+def _parse_toml(text: str) -> dict[str, Any]:
+    if _TOO_DEEP_KEY.search(_STRING_OR_COMMENT.sub("s", text)):
         raise RecursionError("a key of too many parts")
     return tomllib.loads(text)
 
 
-def _base(own: Source, folder: Path | None) -> Source | None:
+def _base_scene(own: Source, folder: Path | None) -> Source | None:
     """The scene that ``like`` names: built in, or a file by its path from ``folder``."""
-    tables = _parsed(own)
+    tables = _parse_source(own)
     if "like" not in tables:
         return None
     like = tables["like"]
     if not isinstance(like, str) or not like:
         raise NotReadable(f'{own.where}: like must name a scene, such as like = "fig5" (got {as_toml(like)}).')
     try:
-        base = _read(like if folder is None or like in scene_names() else folder / like)
-        if "like" in _parsed(base):
+        base = _read_source(like if folder is None or like in scene_names() else folder / like)
+        if "like" in _parse_source(base):
             raise WrongFile("uses like itself; name the scene that it is like.")
     except FileNotFoundError as error:
         raise FileNotFoundError(f"{own.where}: like = {as_toml(like)}: {error}") from None
@@ -136,36 +136,36 @@ def _base(own: Source, folder: Path | None) -> Source | None:
     return base
 
 
-def _tables(own: Source, base: Source | None, settings: Sequence[tuple[str, str]]) -> dict[str, Any]:
+def _tables_of_scene(own: Source, base: Source | None, settings: Sequence[tuple[str, str]]) -> dict[str, Any]:
     """The tables of a scene: its own replace those of its base, the settings replace both."""
-    tables = _parsed(own)
+    tables = _parse_source(own)
     tables.pop("like", None)
     if base is not None:
         above = tables
-        tables = _over(_parsed(base), above)
-        if "final" in _table(above, "growth") and "stages" not in _table(above, "output"):
+        tables = _merge_tables(_parse_source(base), above)
+        if "final" in _table_or_empty(above, "growth") and "stages" not in _table_or_empty(above, "output"):
             _drop_late_stages(tables)
-        if "level" in _table(above, "accuracy") and "edge" not in _table(above, "accuracy"):
-            _table(tables, "accuracy").pop("edge", None)
+        if "level" in _table_or_empty(above, "accuracy") and "edge" not in _table_or_empty(above, "accuracy"):
+            _table_or_empty(tables, "accuracy").pop("edge", None)
     for key, setting in settings:
-        _put(tables, key, setting)
+        _apply_setting(tables, key, setting)
     changed = {key for key, _ in settings}
     if changed & {"growth", "growth.final"} and not changed & {"output", "output.stages"}:
         _drop_late_stages(tables)
     if "accuracy.level" in changed and not changed & {"accuracy", "accuracy.edge"}:
-        _table(tables, "accuracy").pop("edge", None)
+        _table_or_empty(tables, "accuracy").pop("edge", None)
     return tables
 
 
-def _over(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
+def _merge_tables(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
     merged = dict(below)
     for key, value in above.items():
         both = isinstance(value, dict) and isinstance(merged.get(key), dict)
-        merged[key] = _over(merged[key], value) if both else value
+        merged[key] = _merge_tables(merged[key], value) if both else value
     return merged
 
 
-def _key_of(setting: str) -> str:
+def _key_of_setting(setting: str) -> str:
     """``table.key`` of ``table.key=value``."""
     key, equals, _ = setting.partition("=")
     parts = [part.strip() for part in key.split(".")]
@@ -178,11 +178,11 @@ def _key_of(setting: str) -> str:
     return ".".join(parts)
 
 
-def _put(tables: dict[str, Any], key: str, setting: str) -> None:
+def _apply_setting(tables: dict[str, Any], key: str, setting: str) -> None:
     """Put the value of ``table.key=value`` into the tables."""
     value = setting.partition("=")[2].strip()
     try:
-        parsed = _loads(f"v = {value}")
+        parsed = _parse_toml(f"v = {value}")
     except RecursionError:
         raise NotReadable(f"setting {as_toml(setting)}: lists or tables are nested too deeply.") from None
     except ValueError:
@@ -196,7 +196,7 @@ def _put(tables: dict[str, Any], key: str, setting: str) -> None:
     table[last] = parsed["v"] if list(parsed) == ["v"] else value  # a bare word is a string
 
 
-def _table(tables: Mapping[str, Any], name: str) -> dict[str, Any]:
+def _table_or_empty(tables: Mapping[str, Any], name: str) -> dict[str, Any]:
     """The table ``name``, empty if there is none."""
     table = tables.get(name)
     return table if isinstance(table, dict) else {}
@@ -204,22 +204,22 @@ def _table(tables: Mapping[str, Any], name: str) -> dict[str, Any]:
 
 def _drop_late_stages(tables: dict[str, Any]) -> None:
     """Drop the stages that a smaller final growth no longer reaches."""
-    final, output = _table(tables, "growth").get("final"), _table(tables, "output")
+    final, output = _table_or_empty(tables, "growth").get("final"), _table_or_empty(tables, "output")
     if isinstance(final, int | float) and isinstance(output.get("stages"), list):
         output["stages"] = [g for g in output["stages"] if not isinstance(g, int | float) or g <= final]
 
 
 def to_toml(scene: Scene) -> str:
     """A scene as TOML, with every value."""
-    return _toml(scene.model_dump(exclude_none=True))
+    return _tables_as_toml(scene.model_dump(exclude_none=True))
 
 
-def _toml(tables: Mapping[str, Any], prefix: str = "") -> str:
+def _tables_as_toml(tables: Mapping[str, Any], prefix: str = "") -> str:
     lines = [f"{key} = {toml_value(v)}" for key, v in tables.items() if not isinstance(v, dict)]
     for key, v in tables.items():
         if isinstance(v, dict):
             lines.append(f"\n[{prefix}{key}]")
-            body = _toml(v, f"{prefix}{key}.")
+            body = _tables_as_toml(v, f"{prefix}{key}.")
             if body.strip():
                 lines.append(body.rstrip("\n"))
     return "\n".join(lines) + "\n"

@@ -180,7 +180,7 @@ SHAPES: dict[str, type[Layers]] = {
 }
 
 
-def _shape(table: Any) -> str:
+def _shape_of_table(table: Any) -> str:
     """Shape that a table names; a sphere by default."""
     named = table.get("shape", "sphere") if isinstance(table, dict) else getattr(table, "shape", "sphere")
     return str(named)
@@ -193,5 +193,7 @@ Geometry = Annotated[
     | Annotated[Strip, Tag("strip")]
     | Annotated[Radial, Tag("radial")]
     | Annotated[MeshFile, Tag("mesh")],
-    Discriminator(_shape, custom_error_type="shape", custom_error_message=f"must be one of {', '.join(SHAPES)}"),
+    Discriminator(
+        _shape_of_table, custom_error_type="shape", custom_error_message=f"must be one of {', '.join(SHAPES)}"
+    ),
 ]

@@ -13,22 +13,22 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from morphofold.sim.scene.tables import MaterialOptions
 
-PACKAGE = "morphofold.sim.materials"
-USUAL = "neo-hookean"
-NO_MATERIAL = ("elastic",)  # files of the package that are not materials
+MATERIALS_PACKAGE = "morphofold.sim.materials"
+DEFAULT_MATERIAL = "neo-hookean"
+FILES_WITHOUT_MATERIAL = ("elastic",)  # files of the package that are not materials
 
 
 @cache
 def material_names() -> tuple[str, ...]:
     """Names of all materials, the default one first."""
-    there = (module.name for module in pkgutil.iter_modules(import_module(PACKAGE).__path__))
-    names = (name.replace("_", "-") for name in there if name not in NO_MATERIAL)
-    return tuple(sorted(names, key=lambda name: (name != USUAL, name)))
+    there = (module.name for module in pkgutil.iter_modules(import_module(MATERIALS_PACKAGE).__path__))
+    names = (name.replace("_", "-") for name in there if name not in FILES_WITHOUT_MATERIAL)
+    return tuple(sorted(names, key=lambda name: (name != DEFAULT_MATERIAL, name)))
 
 
 def options_of(name: str) -> type[MaterialOptions]:
     """The table of a material, read from its file."""
-    return import_module(f"{PACKAGE}.{name.replace('-', '_')}").Options
+    return import_module(f"{MATERIALS_PACKAGE}.{name.replace('-', '_')}").Options
 
 
 def read_material(table: Any) -> Any:
@@ -37,12 +37,14 @@ def read_material(table: Any) -> Any:
     if isinstance(table, MaterialOptions):
         return table
     if not isinstance(table, Mapping):
-        return options_of(USUAL).model_validate(table)  # this refuses it
-    name = table.get("model", USUAL)
+        return options_of(DEFAULT_MATERIAL).model_validate(table)  # this refuses it
+    name = table.get("model", DEFAULT_MATERIAL)
     if name not in material_names():
         known = " or ".join(repr(one) for one in material_names())
         problem = InitErrorDetails(
-            type=PydanticCustomError("material", "must be {known}", {"known": known}), loc=(USUAL, "model"), input=name
+            type=PydanticCustomError("material", "must be {known}", {"known": known}),
+            loc=(DEFAULT_MATERIAL, "model"),
+            input=name,
         )
         raise ValidationError.from_exception_data("material", [problem])
     try:

@@ -19,10 +19,10 @@ def unit_of(table: type[BaseModel], name: str) -> str:
     return str(extra.get("unit", "")) if isinstance(extra, dict) else ""
 
 
-SMALLEST, LARGEST = 1e-3, 1e4  # of lengths in a scene [mm]
-Length = Annotated[float, Field(ge=SMALLEST, le=LARGEST)]
+SHORTEST_LENGTH_MM, LONGEST_LENGTH_MM = 1e-3, 1e4  # of lengths in a scene [mm]
+Length = Annotated[float, Field(ge=SHORTEST_LENGTH_MM, le=LONGEST_LENGTH_MM)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Coordinate = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
+Coordinate = Annotated[float, Field(ge=-LONGEST_LENGTH_MM, le=LONGEST_LENGTH_MM)]
 Direction = tuple[float, float, float]
 Point = tuple[Coordinate, Coordinate, Coordinate]
 

@@ -125,8 +125,8 @@ def radial_equilibrium(
     ConvergenceError
         If the path of equilibria from g = 1 could not be followed to g.
     """
-    growth = (_positive("g", g), _positive("g_core", g_core))
-    sphere = _Sphere(T_over_C, mu_ratio, law, kappa_ratio, A_over_C, 5, elements, order, g)
+    growth = (_check_positive("g", g), _check_positive("g_core", g_core))
+    sphere = _SphereMesh(T_over_C, mu_ratio, law, kappa_ratio, A_over_C, 5, elements, order, g)
     return sphere.state(sphere.grow(growth), growth, sphere.quadrature)
 
 
@@ -149,8 +149,8 @@ def unstable_modes(
     Parameters and errors are those of :func:`radial_equilibrium`. The number is that of functions of R; each has
     2 l + 1 harmonics. The radial state is stable if the number is zero for all l, spheroidal and toroidal.
     """
-    growth = (_positive("g", g), _positive("g_core", g_core))
-    sphere = _Sphere(T_over_C, mu_ratio, law, kappa_ratio, A_over_C, l, elements, order, g)
+    growth = (_check_positive("g", g), _check_positive("g_core", g_core))
+    sphere = _SphereMesh(T_over_C, mu_ratio, law, kappa_ratio, A_over_C, l, elements, order, g)
     x = sphere.grow(growth)
     if toroidal:
         return int(np.sum(eigvalsh(sphere.toroidal(x, growth)) < 0))
@@ -198,9 +198,9 @@ def critical_growth_of_degree(
     """
     if not 1 < g_max < np.inf or not 0 < step < np.inf:
         raise OutOfRange(f"g_max must be above 1 and step above 0, got g_max = {g_max}, step = {step}.")
-    g_core, graded = _positive("g_core", g_core), min(1.5, g_max)
+    g_core, graded = _check_positive("g_core", g_core), min(1.5, g_max)
     while True:
-        sphere = _Sphere(T_over_C, mu_ratio, law, kappa_ratio, A_over_C, l, elements, order, graded)
+        sphere = _SphereMesh(T_over_C, mu_ratio, law, kappa_ratio, A_over_C, l, elements, order, graded)
         g = sphere.first_instability(g_core, g_max, step)
         need = g_max if np.isnan(g) else g
         if need <= 1.2 * graded:
@@ -209,7 +209,7 @@ def critical_growth_of_degree(
 
 
 @dataclass(frozen=True)
-class _Points:
+class _ElementPoints:
     """Points in elements, with values and slopes of the shape functions there, each (shapes, E, Q)."""
 
     element: NDArray[np.int64]
@@ -219,7 +219,7 @@ class _Points:
     psi: Array
 
 
-class _Sphere:
+class _SphereMesh:
     """Mesh, shape functions and moduli of one sphere, and the matrices assembled on them.
 
     The unknowns x are the displacements w = r - R, then the pressures; a mode has U, V and pressures. The mesh is
@@ -244,22 +244,25 @@ class _Sphere:
                 raise OutOfRange(f"{name} must be a whole number of at least {least}, got {value}.")
         self.law, self.order, self.n = law, order, l * (l + 1)
         swelling = max(g, 1.0) ** (3 if law == "isotropic" else 2)
-        self.edges = {"core": _edges(A, 1 - T, l, elements), "cortex": _edges(1 - T, 1.0, l, elements, swelling)}
+        self.edges = {
+            "core": _graded_edges(A, 1 - T, l, elements),
+            "cortex": _graded_edges(1 - T, 1.0, l, elements, swelling),
+        }
         self.mesh = MeshLine(np.concatenate([self.edges["core"], self.edges["cortex"][1:]]))
         self.cortex = np.arange(self.mesh.nelements) >= len(self.edges["core"]) - 1
         self.mu = np.where(self.cortex, mu_ratio, 1.0)
         self.compliance = 1 / (kappa_ratio * self.mu)
-        self.u, self.q = (Basis(self.mesh, e, intorder=2 * order + 2) for e in _shapes(order))
+        self.u, self.q = (Basis(self.mesh, e, intorder=2 * order + 2) for e in _shape_elements(order))
         self.held = self.u.get_dofs(lambda R: np.isclose(R[0], A, rtol=0, atol=1e-12)).flatten()
         self.free = np.setdiff1d(np.arange(self.u.N), self.held)
-        self.quadrature = _Points(
+        self.quadrature = _ElementPoints(
             np.arange(self.mesh.nelements),
             np.asarray(self.u.global_coordinates())[0],
             *_shape_values(self.u.basis),
             _shape_values(self.q.basis)[0],
         )
 
-    def points(self, R: Array, layer: str) -> _Points:
+    def points(self, R: Array, layer: str) -> _ElementPoints:
         """Shape functions at given radii of one layer."""
         if layer not in LAYERS:
             raise UnknownName(f"layer must be one of {', '.join(LAYERS)}, got {layer!r}.")
@@ -272,11 +275,11 @@ class _Sphere:
         u, q = (
             [e.gbasis(self.u.mapping, X, i, tind=element) for i in range(b.Nbfun)]
             # new elements, because ElementLinePp keeps its last values if only the positions of the points change
-            for e, b in zip(_shapes(self.order), (self.u, self.q))
+            for e, b in zip(_shape_elements(self.order), (self.u, self.q))
         )
-        return _Points(element, R[:, None], *_shape_values(u), _shape_values(q)[0])
+        return _ElementPoints(element, R[:, None], *_shape_values(u), _shape_values(q)[0])
 
-    def stretches(self, x: Array, growth: Growth, at: _Points) -> tuple[Array, ...]:
+    def stretches(self, x: Array, growth: Growth, at: _ElementPoints) -> tuple[Array, ...]:
         """Radial and tangential growth (E, 1); radial and tangential elastic stretch, and pressure (E, Q)."""
         tangential = np.where(self.cortex, *growth)[at.element][:, None]
         radial = np.where(self.cortex, growth[0] if self.law == "isotropic" else 1.0, growth[1])[at.element][:, None]
@@ -286,7 +289,7 @@ class _Sphere:
         p = np.einsum("ie,ieq->eq", x[self.u.N + self.q.element_dofs[:, at.element]], at.psi)
         return radial, tangential, alpha, beta, p
 
-    def state(self, x: Array, growth: Growth, at: _Points) -> RadialState:
+    def state(self, x: Array, growth: Growth, at: _ElementPoints) -> RadialState:
         _, tangential, alpha, beta, p = self.stretches(x, growth, at)
         J = alpha * beta**2
         shear = self.mu[at.element][:, None] * J ** (-5 / 3)
@@ -373,7 +376,10 @@ class _Sphere:
     def scale(self) -> Array:
         """Cholesky factor of the norm ``int mu |Grad u|^2 + q^2 / mu dV``, which keeps eigenvalues of order one."""
         mu, one = self.mu[:, None, None, None], np.ones((len(self.mu), 1))
-        D = mu * np.diag([1, 0.5, self.n, self.n, _twist(self.n), 0]) + np.diag([0, 0, 0, 0, 0, 1]) / mu
+        D = (
+            mu * np.diag([1, 0.5, self.n, self.n, _traceless_hessian_mean(self.n), 0])
+            + np.diag([0, 0, 0, 0, 0, 1]) / mu
+        )
         return cholesky(self.quadratic(D, one, one), lower=True)
 
     def quadratic(self, D: Array, radial: Array, tangential: Array) -> Array:
@@ -429,7 +435,7 @@ class _Sphere:
         return np.concatenate([U, V, q] if n else [U, q], axis=1).transpose(2, 3, 0, 1)
 
 
-def _twist(n: int) -> float:
+def _traceless_hessian_mean(n: int) -> float:
     """Mean over the sphere of the square of the traceless part of Hess Y."""
     return n * (n - 2) / 2
 
@@ -464,7 +470,7 @@ def _second_variation(alpha: Array, beta: Array, p: Array, mu: Array, compliance
     det h_t is (tr h_t)^2/2 - n (n - 2)/2 V^2, where V stands for the fifth function.
     """
     shear, hydrostatic = _shear_and_hydrostatic(alpha, beta, p, mu)
-    zero, twist = 0 * alpha, _twist(n)
+    zero, twist = 0 * alpha, _traceless_hessian_mean(n)
     trace = np.stack([1 / alpha, 1 / beta, zero, zero, zero, zero], axis=-1)
     work = np.stack([alpha, beta, zero, zero, zero, zero], axis=-1)
     I1 = alpha**2 + 2 * beta**2
@@ -492,7 +498,7 @@ def _assemble(table: Array, D: Array, weight: Array, dofs: NDArray[np.int64]) ->
     return M
 
 
-def _edges(inner: float, outer: float, l: int, elements: int | None, swelling: float = 1.0) -> Array:
+def _graded_edges(inner: float, outer: float, l: int, elements: int | None, swelling: float = 1.0) -> Array:
     """Edges of the elements of a layer, finest at the interface and the surface.
 
     A mode of degree l decays within r/l or faster from its largest amplitude, and as a power of the deformed radius r.
@@ -512,7 +518,7 @@ def _edges(inner: float, outer: float, l: int, elements: int | None, swelling: f
     return edges
 
 
-def _shapes(order: int) -> tuple[Any, ElementDG]:
+def _shape_elements(order: int) -> tuple[Any, ElementDG]:
     """Elements of the displacement and of the pressure."""
     low = {1: ElementLineP1, 2: ElementLineP2}
     u, q = (low[k]() if k in low else ElementLinePp(k) for k in (order, order - 1))
@@ -525,7 +531,7 @@ def _shape_values(basis: Iterable[Any]) -> tuple[Array, Array]:
     return np.array([np.asarray(f) for f in fields]), np.array([f.grad[0] for f in fields])
 
 
-def _positive(name: str, value: float) -> float:
+def _check_positive(name: str, value: float) -> float:
     if not 0 < value < np.inf:
         raise OutOfRange(f"{name} must be positive and finite, got {value}.")
     return float(value)

@@ -27,25 +27,25 @@ from morphofold.sim.sphere_theory.smooth_sphere import (
     smooth_state,
 )
 
-_R15 = math.sqrt(15)
+_ROOT_15 = math.sqrt(15)
 #: Gauss collocation of three stages (Butcher 1964): order 6, A-stable, and keeps Z symmetric
-NODES = np.array([0.5 - _R15 / 10, 0.5, 0.5 + _R15 / 10])
-WEIGHTS = np.array([5 / 18, 4 / 9, 5 / 18])
-STAGES = np.array(
+COLLOCATION_NODES = np.array([0.5 - _ROOT_15 / 10, 0.5, 0.5 + _ROOT_15 / 10])
+COLLOCATION_WEIGHTS = np.array([5 / 18, 4 / 9, 5 / 18])
+COLLOCATION_MATRIX = np.array(
     [
-        [5 / 36, 2 / 9 - _R15 / 15, 5 / 36 - _R15 / 30],
-        [5 / 36 + _R15 / 24, 2 / 9, 5 / 36 - _R15 / 24],
-        [5 / 36 + _R15 / 30, 2 / 9 + _R15 / 15, 5 / 36],
+        [5 / 36, 2 / 9 - _ROOT_15 / 15, 5 / 36 - _ROOT_15 / 30],
+        [5 / 36 + _ROOT_15 / 24, 2 / 9, 5 / 36 - _ROOT_15 / 24],
+        [5 / 36 + _ROOT_15 / 30, 2 / 9 + _ROOT_15 / 15, 5 / 36],
     ]
 )
 #: fastest exponent of a mode times the step; the error of the growth is then 1e-9
-STEP = 0.25
+LARGEST_STEP_EXPONENT = 0.25
 #: least number of steps per layer
-LEAST_STEPS = 16
-#: the integration begins where a mode has decayed to exp(-DEPTH) of its value at the interface
-DEPTH = 20.0
+LEAST_STEPS_PER_LAYER = 16
+#: the integration begins where a mode has decayed to exp(-DECAY_EXPONENT) of its value at the interface
+DECAY_EXPONENT = 20.0
 #: degree at which the short-wave limit is computed: terms in 1/l are below rounding
-SHORT = 1e12
+SHORT_WAVE_DEGREE = 1e12
 
 
 def impedances(sphere: SmoothSphere, degree: float, g: float) -> tuple[Array, Array, int]:
@@ -73,10 +73,10 @@ def impedances(sphere: SmoothSphere, degree: float, g: float) -> tuple[Array, Ar
     """
     y, fields = smooth_state(sphere, g)
     free, fixed = np.eye(4)[:, :2].copy(), np.eye(4)[:, 2:].copy()
-    start = max(y[0, 0], y[0, -1] - DEPTH / degree)
-    below, poles_core = _march(fixed, degree, start, y[0, -1], y[0], fields[0], sphere.mu[0])
-    surface, poles_out = _march(fixed, degree, y[1, 0], y[1, -1], y[1], fields[1], sphere.mu[1])
-    above, poles_in = _march(free, degree, y[1, -1], y[1, 0], y[1], fields[1], sphere.mu[1])
+    start = max(y[0, 0], y[0, -1] - DECAY_EXPONENT / degree)
+    below, poles_core = _integrate_layer(fixed, degree, start, y[0, -1], y[0], fields[0], sphere.mu[0])
+    surface, poles_out = _integrate_layer(fixed, degree, y[1, 0], y[1, -1], y[1], fields[1], sphere.mu[1])
+    above, poles_in = _integrate_layer(free, degree, y[1, -1], y[1, 0], y[1], fields[1], sphere.mu[1])
     return surface, below - above, poles_core + poles_out + poles_in
 
 
@@ -86,18 +86,26 @@ def short_wave_impedances(sphere: SmoothSphere, g: float) -> tuple[Array, Array]
     None if a half-space has lost ellipticity.
     """
     fields = smooth_state(sphere, g).fields
-    surface = _half_space(fields[1, :, -1], sphere.mu[1], "rhp")
-    below, above = _half_space(fields[0, :, -1], sphere.mu[0], "rhp"), _half_space(fields[1, :, 0], sphere.mu[1], "lhp")
+    surface = _half_space_impedance(fields[1, :, -1], sphere.mu[1], "rhp")
+    below, above = (
+        _half_space_impedance(fields[0, :, -1], sphere.mu[0], "rhp"),
+        _half_space_impedance(fields[1, :, 0], sphere.mu[1], "lhp"),
+    )
     return None if surface is None or below is None or above is None else (surface, below - above)
 
 
-def _half_space(fields: Array, mu: float, side: str) -> Array | None:
+def _half_space_impedance(fields: Array, mu: float, side: str) -> Array | None:
     """Z (2, 2) of a half-space in one state for wave number 1; None if it has lost ellipticity."""
     M = np.empty((4, 4))
-    _coefficients(M, SHORT, 1.0, np.array([fields[LAMBDA_R], fields[LAMBDA_T], 0.0, mu * fields[COMPLIANCE], 1.0, 1.0]))
-    M[:2, :2] /= SHORT
-    M[2:, 2:] /= SHORT
-    M[2:, :2] /= SHORT**2
+    _fill_coefficients(
+        M,
+        SHORT_WAVE_DEGREE,
+        1.0,
+        np.array([fields[LAMBDA_R], fields[LAMBDA_T], 0.0, mu * fields[COMPLIANCE], 1.0, 1.0]),
+    )
+    M[:2, :2] /= SHORT_WAVE_DEGREE
+    M[2:, 2:] /= SHORT_WAVE_DEGREE
+    M[2:, :2] /= SHORT_WAVE_DEGREE**2
     _, basis, dying = schur(M, sort=side)
     if dying != 2:
         return None
@@ -107,7 +115,7 @@ def _half_space(fields: Array, mu: float, side: str) -> Array | None:
 
 
 @njit(cache=True)
-def _coefficients(M, n, mu, fields):
+def _fill_coefficients(M, n, mu, fields):
     """Fill M (4, 4) of d(U, v, P, Q)/dy = M (U, v, P, Q) at one point of a smooth state; n = sqrt(l (l + 1)).
 
     v = n V; P and Q are the momenta of U and v, r^2 times the tractions. E = 1/2 int L ds, s = ln r, with
@@ -148,7 +156,7 @@ def _coefficients(M, n, mu, fields):
 
 
 @njit(cache=True)
-def _interpolate(x, nodes, table, fields):
+def _interpolate_fields(x, nodes, table, fields):
     """Fields (6,) at x from a table (6, n) at Chebyshev points, barycentric (Berrut and Trefethen 2004, Eq. 5.4)."""
     last = len(nodes) - 1
     total, sign = 0.0, 1.0
@@ -169,7 +177,7 @@ def _interpolate(x, nodes, table, fields):
 
 
 @njit(cache=True)
-def _march(Y, degree, start, end, nodes, table, mu):
+def _integrate_layer(Y, degree, start, end, nodes, table, mu):
     """Integrate two solutions Y (4, 2) of (U, v, P, Q), in place, from one end of a layer to the other.
 
     Returns Z (2, 2), their (P, Q) over their (U, v) and over n, and the number of points at which it is infinite.
@@ -177,22 +185,24 @@ def _march(Y, degree, start, end, nodes, table, mu):
     n = math.sqrt(degree * (degree + 1.0))
     fields, M = np.empty(6), np.empty((3, 4, 4))
     lhs, rhs = np.empty((12, 12)), np.empty((12, 2))
-    steps = max(LEAST_STEPS, math.ceil(abs(end - start) * n * max(1.0, table[RATE].max()) / STEP))
+    steps = max(
+        LEAST_STEPS_PER_LAYER, math.ceil(abs(end - start) * n * max(1.0, table[RATE].max()) / LARGEST_STEP_EXPONENT)
+    )
     h = (end - start) / steps
     poles, before = 0, Y[0, 0] * Y[1, 1] - Y[0, 1] * Y[1, 0]
     for step in range(steps):
         for i in range(3):
-            _interpolate(start + (step + NODES[i]) * h, nodes, table, fields)
-            _coefficients(M[i], n, mu, fields)
+            _interpolate_fields(start + (step + COLLOCATION_NODES[i]) * h, nodes, table, fields)
+            _fill_coefficients(M[i], n, mu, fields)
         for i in range(3):
             for j in range(3):
-                lhs[4 * i : 4 * i + 4, 4 * j : 4 * j + 4] = -h * STAGES[i, j] * M[i]
+                lhs[4 * i : 4 * i + 4, 4 * j : 4 * j + 4] = -h * COLLOCATION_MATRIX[i, j] * M[i]
             for p in range(4):
                 lhs[4 * i + p, 4 * i + p] += 1.0
             rhs[4 * i : 4 * i + 4] = M[i] @ Y
         slope = np.linalg.solve(lhs, rhs)
         for i in range(3):
-            Y += h * WEIGHTS[i] * slope[4 * i : 4 * i + 4]
+            Y += h * COLLOCATION_WEIGHTS[i] * slope[4 * i : 4 * i + 4]
         # orthonormal columns span the same solutions; without this both would become the faster solution
         Y[:, 0] /= math.sqrt((Y[:, 0] ** 2).sum())
         Y[:, 1] -= (Y[:, 0] * Y[:, 1]).sum() * Y[:, 0]

@@ -19,9 +19,9 @@ from morphofold.errors import ImpossibleBody, OutOfRange
 from morphofold.sim.growth import check_law, volume
 
 #: Chebyshev points per layer
-POINTS = 24
+CHEBYSHEV_POINTS = 24
 #: a stretch is resolved if its last Chebyshev coefficients, over the largest, are below this; 1e-16 in ordinary cases
-UNRESOLVED = 1e-6
+UNRESOLVED_TAIL = 1e-6
 #: fields of a state, in this order
 LAMBDA_R, LAMBDA_T, PRESSURE, COMPLIANCE, RADIUS, RATE = range(6)
 
@@ -31,10 +31,10 @@ class State(NamedTuple):
 
     Attributes
     ----------
-    y : (2, POINTS) float64
+    y : (2, CHEBYSHEV_POINTS) float64
         Coordinate: logarithm of the deformed radius that the point would have if it were incompressible. All fields
         are smooth in it for any growth; as functions of R they change fast near the interface.
-    fields : (2, 6, POINTS) float64
+    fields : (2, 6, CHEBYSHEV_POINTS) float64
         Elastic stretches lambda_r and lambda_theta; the derivative h'(J) of the volumetric energy (the part of the
         mean stress that does not come from shear); the volumetric compliance 1/(J h''(J)), 0 if incompressible; the
         deformed radius r; and d ln r / dy.
@@ -131,7 +131,7 @@ def smooth_state(sphere: SmoothSphere, g: float) -> State:
     """
     c = np.cbrt(sphere.B**3 + volume(g, sphere.law) * (1 - sphere.B**3))  # Eq. (11), the core at rest
     ends = np.log([[sphere.A_over_C, sphere.B], [sphere.B, c]])
-    nodes = (1 - np.cos(np.pi * np.arange(POINTS) / (POINTS - 1))) / 2
+    nodes = (1 - np.cos(np.pi * np.arange(CHEBYSHEV_POINTS) / (CHEBYSHEV_POINTS - 1))) / 2
     y = ends[:, :1] + (ends[:, 1:] - ends[:, :1]) * nodes
     y[:, -1] = ends[:, 1]
     radial, tangential = sphere.growth(g)
@@ -139,15 +139,17 @@ def smooth_state(sphere: SmoothSphere, g: float) -> State:
     R = np.cbrt(sphere.B**3 + (r**3 - sphere.B**3) / (radial * tangential**2))
     lambda_t = r / (R * tangential)
     if np.isfinite(sphere.kappa_ratio):
-        return _state(y, _nearly_incompressible(sphere, g, y, R, r))
+        return _read_only_state(y, _compressible_fields(sphere, g, y, R, r))
     lambda_r = lambda_t**-2
     f = sphere.mu_ratio * stress_primitive(r[1] / R[1], R[1], g, sphere.law)
-    sigma_r = np.stack([np.full(POINTS, f[0] - f[-1]), f - f[-1]])
+    sigma_r = np.stack([np.full(CHEBYSHEV_POINTS, f[0] - f[-1]), f - f[-1]])
     shear = sphere.mu[:, None] * (lambda_r**2 - lambda_t**2) * 2 / 3
-    return _state(y, np.stack([lambda_r, lambda_t, sigma_r - shear, np.zeros_like(r), r, np.ones_like(r)], axis=1))
+    return _read_only_state(
+        y, np.stack([lambda_r, lambda_t, sigma_r - shear, np.zeros_like(r), r, np.ones_like(r)], axis=1)
+    )
 
 
-def _state(y: Array, fields: Array) -> State:
+def _read_only_state(y: Array, fields: Array) -> State:
     """A read-only state, because all callers of the cached function share it."""
     y.flags.writeable = fields.flags.writeable = False
     return State(y, fields)
@@ -167,7 +169,7 @@ def stress_primitive(q: Array, R: Array, g: float, law: str) -> Array:
     return 2 * ((1 - g * g) * Q + g**4 / (4 * q**4) + g * g / q)
 
 
-def _nearly_incompressible(sphere: SmoothSphere, g: float, y: Array, R: Array, r: Array) -> Array:
+def _compressible_fields(sphere: SmoothSphere, g: float, y: Array, R: Array, r: Array) -> Array:
     """Fields that solve Div P = 0 at points y with reference radius R; r is their incompressible radius.
 
     With q = r/R, w = dr/dR and x = ln R this is dq/dx = w - q and dP_r/dx = 2 (P_theta - P_r), P the first
@@ -178,7 +180,7 @@ def _nearly_incompressible(sphere: SmoothSphere, g: float, y: Array, R: Array, r
     q = r / R
     w = radial * tangential**2 / q**2
     along = w / q  # dy/dx
-    D = along[:, :, None] * np.stack([_derivative(row) for row in y])
+    D = along[:, :, None] * np.stack([_differentiation_matrix(row) for row in y])
     for path in ((1.0,), 3.0 ** np.arange(6, -1, -1)):  # directly from the incompressible state, or step by step
         found: tuple[Array, Array] | None = (q, w)
         for stiffer in path:
@@ -189,7 +191,7 @@ def _nearly_incompressible(sphere: SmoothSphere, g: float, y: Array, R: Array, r
             a, b = w / radial, q / tangential
             J = a * b * b
             kappa = sphere.kappa_ratio * sphere.mu[:, None]
-            if max(_tail(np.log(a)), _tail(np.log(b))) < UNRESOLVED:
+            if max(_chebyshev_tail(np.log(a)), _chebyshev_tail(np.log(b))) < UNRESOLVED_TAIL:
                 return np.stack([a, b, kappa * (J - 1), 1 / (kappa * J), q * R, w / q / along], axis=1)
             break
     raise ConvergenceError(
@@ -242,13 +244,13 @@ def _newton(
     return None
 
 
-def _tail(values: Array) -> float:
+def _chebyshev_tail(values: Array) -> float:
     """Larger of the last two Chebyshev coefficients of rows of values, over the largest of all or 1."""
     coefficients = np.abs(dct(values, type=1, axis=-1))
-    return float(coefficients[:, -2:].max() / max(coefficients.max(), 2.0 * POINTS))
+    return float(coefficients[:, -2:].max() / max(coefficients.max(), 2.0 * CHEBYSHEV_POINTS))
 
 
-def _derivative(x: Array) -> Array:
+def _differentiation_matrix(x: Array) -> Array:
     """Differentiation matrix on Chebyshev points (Trefethen 2000, Spectral Methods in MATLAB, ch. 6)."""
     c = np.ones(len(x))
     c[[0, -1]] = 2

@@ -138,10 +138,10 @@ def bifurcation(
     2 pi T (mu_ratio/3)^(1/3) at growth 1 + (3/mu_ratio)^(2/3) / 6.
     """
     sphere = SmoothSphere(T_over_C, mu_ratio, law, kappa_ratio, A_over_C)
-    growths = _smooth_growths(sphere, g_max)
+    growths = _growths_with_smooth_state(sphere, g_max)
     short_wave = _first_root(partial(_short_wave_stiffness, sphere), growths)
-    g_crease = _first_root(partial(_short_of_crease, sphere), growths)
-    curve = _search(partial(_critical_growth, sphere, growths), short_wave, math.ceil(12 / T_over_C))
+    g_crease = _first_root(partial(_distance_to_crease, sphere), growths)
+    curve = _search_degrees(partial(_critical_growth, sphere, growths), short_wave, math.ceil(12 / T_over_C))
     g_crit, mode = short_wave, math.inf
     if not (np.isnan(curve.g).all() or short_wave <= np.nanmin(curve.g)):
         at = int(np.nanargmin(curve.g))
@@ -180,14 +180,14 @@ def critical_growth_of_degree(sphere: SmoothSphere, degree: int, g_max: float = 
     """
     if degree < 1:
         raise OutOfRange(f"the degree of the spherical harmonic must be at least 1, got {degree}.")
-    return _critical_growth(sphere, _smooth_growths(sphere, g_max), degree)
+    return _critical_growth(sphere, _growths_with_smooth_state(sphere, g_max), degree)
 
 
 def _critical_growth(sphere: SmoothSphere, growths: list[float], degree: int, near: float = math.nan) -> float:
-    return _first_root(partial(_stiffness, sphere, degree), growths, near)
+    return _first_root(partial(_lowest_stiffness, sphere, degree), growths, near)
 
 
-def _smooth_growths(sphere: SmoothSphere, g_max: float) -> list[float]:
+def _growths_with_smooth_state(sphere: SmoothSphere, g_max: float) -> list[float]:
     """Growths at which to search for a root, as far as a smooth state exists; g - 1 rises geometrically."""
     if not (math.isfinite(g_max) and g_max > 1):
         raise OutOfRange(f"g_max is the growth at which the search ends and must be above 1, got {g_max}.")
@@ -201,7 +201,7 @@ def _smooth_growths(sphere: SmoothSphere, g_max: float) -> list[float]:
     return growths
 
 
-def _search(look: Callable[..., float], limit: float, last: int) -> Curve:
+def _search_degrees(look: Callable[..., float], limit: float, last: int) -> Curve:
     """Critical growth of degrees from 1, about 25 % apart, and of all degrees next to the lowest.
 
     The search goes on beyond ``last`` while the curve still falls and does not yet approach its limit as limit + a/l:
@@ -233,7 +233,7 @@ def _search(look: Callable[..., float], limit: float, last: int) -> Curve:
     return Curve(np.array(sorted(found)), np.array([found[degree] for degree in sorted(found)]))
 
 
-def _short_of_crease(sphere: SmoothSphere, g: float) -> float:
+def _distance_to_crease(sphere: SmoothSphere, g: float) -> float:
     """Crease criterion minus lambda_r/lambda_theta of the smooth outer surface."""
     fields = smooth_state(sphere, g).fields
     return CREASE - float(fields[1, LAMBDA_R, -1] / fields[1, LAMBDA_T, -1])
@@ -258,7 +258,7 @@ def _first_root(stiffness: Callable[[float], float], growths: list[float], near:
     return math.nan
 
 
-def _stiffness(sphere: SmoothSphere, degree: int, g: float) -> float:
+def _lowest_stiffness(sphere: SmoothSphere, degree: int, g: float) -> float:
     """Smallest eigenvalue of Z at the free surface and of its jump at the interface, mapped to (-1, 1) by atan.
 
     Both are positive as long as the sphere is stable, and vanish at the same growth. The eigenvalue at the place of the
@@ -268,7 +268,7 @@ def _stiffness(sphere: SmoothSphere, degree: int, g: float) -> float:
     if g <= 1:
         return 1.0
     surface, interface, poles = impedances(sphere, degree, g)
-    lowest = _bent(surface, interface)
+    lowest = _mapped_lowest_eigenvalue(surface, interface)
     return -2.0 if poles and lowest > 0 else lowest
 
 
@@ -292,13 +292,13 @@ def _creasing_amplitude(sphere: SmoothSphere, degree: float, g: float) -> float:
 
 
 def _short_wave_stiffness(sphere: SmoothSphere, g: float) -> float:
-    """Limit of ``_stiffness`` for l -> inf."""
+    """Limit of ``_lowest_stiffness`` for l -> inf."""
     if g <= 1:
         return 1.0
     found = short_wave_impedances(sphere, g)
-    return -2.0 if found is None else _bent(*found)
+    return -2.0 if found is None else _mapped_lowest_eigenvalue(*found)
 
 
-def _bent(surface: Array, interface: Array) -> float:
+def _mapped_lowest_eigenvalue(surface: Array, interface: Array) -> float:
     """The lower of the smallest eigenvalues, mapped to (-1, 1) by atan."""
     return 2 / math.pi * math.atan(min(np.linalg.eigvalsh(surface)[0], np.linalg.eigvalsh(interface)[0]))

@@ -7,7 +7,7 @@ from skfem import Basis, ElementHex1, ElementVector, LinearForm
 
 from morphofold.arrays import Array
 from morphofold.sim.body import Body
-from morphofold.sim.elements.bricks import GAUSS, GAUSS_WEIGHT
+from morphofold.sim.elements.bricks import GAUSS_POINTS, GAUSS_WEIGHT
 from morphofold.sim.growth import growth_tensor
 from morphofold.sim.materials.elastic import brick_energy, brick_stress
 from morphofold.studies.accuracy.points import EACH_OTHER, OURS, Point, timed
@@ -25,8 +25,8 @@ class Twin:
     def __init__(self, body: Body):
         self.body = body
         mesh = type(body.bilayer.mesh)(np.ascontiguousarray(body.X.T), body.bilayer.mesh.t)
-        self.basis = Basis(mesh, ElementVector(ElementHex1()), quadrature=(GAUSS, np.full(8, GAUSS_WEIGHT)))
-        shape = np.stack([ElementHex1().lbasis(GAUSS, i)[0] for i in range(8)])
+        self.basis = Basis(mesh, ElementVector(ElementHex1()), quadrature=(GAUSS_POINTS, np.full(8, GAUSS_WEIGHT)))
+        shape = np.stack([ElementHex1().lbasis(GAUSS_POINTS, i)[0] for i in range(8)])
         at = np.einsum("iq,iej->eqj", shape, body.bilayer.radial[mesh.t])
         stretch = np.ones(mesh.nelements)
         stretch[body.bilayer.mesh.subdomains["cortex"]] = body.growth

@@ -11,7 +11,7 @@ import numpy as np
 from morphofold.sim.build import build_bilayer, build_body
 from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.effects import build_effects
-from morphofold.sim.effects.contact import STIFFNESS, Contact
+from morphofold.sim.effects.contact import PENALTY_STIFFNESS, Contact
 from morphofold.sim.mesh.brick_mesh import Bilayer
 from morphofold.sim.scene import LEVELS, Scene, elements_through
 from morphofold.sim.scene.files import load_scene
@@ -128,7 +128,7 @@ class Setting:
         effects = build_effects(scene)
         for effect in effects:
             if isinstance(effect, Contact):
-                effect.per_mass = self.contact * STIFFNESS
+                effect.per_mass = self.contact * PENALTY_STIFFNESS
         body = build_body(scene, effects, self.bilayer())
         return Dynamics.of(scene, body, effects)
 

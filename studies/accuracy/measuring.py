@@ -16,7 +16,7 @@ import numpy as np
 
 from morphofold import geometry
 from morphofold.analysis import cortical_thickness, curvature
-from morphofold.analysis.measuring import COARSE, CURVATURE_SCALE
+from morphofold.analysis.measuring import CURVATURE_SCALE_MM, LEAST_CURVATURE_SCALE_IN_EDGES
 from morphofold.shapes import Shape, bumpy_sphere, ellipsoid, irregular_sphere, torus, with_noise
 from morphofold.studies.accuracy.peers import H, K, Peer, closest_peers, curvature_peers
 from morphofold.studies.accuracy.points import NEVER, OURS, Case, Point, Timing, timed
@@ -112,7 +112,7 @@ def curvature_over_meshes(subject: str, make: Callable[[int], Shape], levels: It
         shape = make(level)
         about = of_mesh(shape.verts, shape.faces)
         points += _fields(shape, subject, _ours, axis="mesh", **about)
-        scale = max(CURVATURE_SCALE, COARSE * about["value"])
+        scale = max(CURVATURE_SCALE_MM, LEAST_CURVATURE_SCALE_IN_EDGES * about["value"])
         points += _fields(shape, subject, partial(_ours, scale=scale), axis="mesh at 3 mm", **about)
         for peer in curvature_peers():
             if peer.reach <= 5 and len(shape.verts) <= peer.most:

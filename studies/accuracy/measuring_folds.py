@@ -11,11 +11,11 @@ from scipy.spatial import cKDTree
 
 from morphofold import geometry
 from morphofold.analysis import gyral_thickness, local_gyrification_index
-from morphofold.analysis.gyrification.local_gyrification import CLOSING
+from morphofold.analysis.gyrification.local_gyrification import CLOSING_RADIUS_MM
 from morphofold.analysis.resampling import PRESETS, Preset, resampled
 from morphofold.arrays import Array
 from morphofold.shapes import corrugated_sheet, ridged_sphere, sphere
-from morphofold.shapes.folded_ball import CELLS, HEIGHT, RADIUS, WIDTH, folded_ball
+from morphofold.shapes.folded_ball import NET_CELLS, RIDGE_HEIGHT_MM, RIDGE_WIDTH_MM, SPHERE_RADIUS_MM, folded_ball
 from morphofold.shapes.ridges import SphericalNet, from_arc, irregular_net
 from morphofold.studies.accuracy.measuring import point
 from morphofold.studies.accuracy.points import Case, Point, Timing, timed
@@ -113,7 +113,7 @@ def _axes(name: str, n: int) -> list[dict[str, Any]]:
 
 def net_over_meshes(sizes: Iterable[int]) -> list[Point]:
     """Hinges and crests of a net of ridges, on unchanged meshes and at the accuracies that resample them."""
-    net = irregular_net(CELLS, shortest=SHORTEST)
+    net = irregular_net(NET_CELLS, shortest=SHORTEST)
     points = []
     for n in sizes:
         cortex = folded_ball(n, net)
@@ -135,7 +135,7 @@ def _graph(cortex: Cortex, accuracy: Preset) -> Any:
 def net_errors(graph: Any, net: SphericalNet) -> dict[str, float]:
     """Errors of a graph, with directions compared at the radius of the crests: ``hinges`` is 1 less the F1 score within
     half a gyral width; ``hinge places`` and ``crest lines`` are median distances to the true ones over the width."""
-    crown = RADIUS + HEIGHT
+    crown = SPHERE_RADIUS_MM + RIDGE_HEIGHT_MM
     hinges = [node["position"] for _, node in graph.nodes(data=True) if node["degree"] > 2]
     if not hinges:
         return dict.fromkeys(("hinges", "hinge places", "crest lines"), 1.0)
@@ -144,9 +144,9 @@ def net_errors(graph: Any, net: SphericalNet) -> dict[str, float]:
     lines = geometry.unit(np.concatenate([line for *_, line in graph.edges(data="polyline")]))
     off = np.min([from_arc(lines, net.nodes[a], net.nodes[b])[0] for a, b in net.arcs.tolist()], axis=0)
     return {
-        "hinges": 1 - f1(at, crown * net.nodes, WIDTH / 2),
-        "hinge places": float(np.median(away)) / WIDTH,
-        "crest lines": float(np.median(off)) * crown / WIDTH,
+        "hinges": 1 - f1(at, crown * net.nodes, RIDGE_WIDTH_MM / 2),
+        "hinge places": float(np.median(away)) / RIDGE_WIDTH_MM,
+        "crest lines": float(np.median(off)) * crown / RIDGE_WIDTH_MM,
     }
 
 
@@ -162,7 +162,7 @@ def f1(found: Array, true: Array, within: float) -> float:
 
 def local_index(surface: Surface, voxels: float) -> PerVertex:
     """Local gyrification index (N,) with this number of voxels in the radius of the closing."""
-    return local_gyrification_index(surface.verts, surface.faces, voxel=CLOSING / voxels)
+    return local_gyrification_index(surface.verts, surface.faces, voxel=CLOSING_RADIUS_MM / voxels)
 
 
 def gyrification_of_sphere(voxels: Iterable[float]) -> list[Point]:
@@ -187,8 +187,8 @@ def gyrification_over_voxels(
                 error(index),
                 timing,
                 axis="voxel",
-                setting=f"{CLOSING / count:g} mm",
-                value=CLOSING / count,
+                setting=f"{CLOSING_RADIUS_MM / count:g} mm",
+                value=CLOSING_RADIUS_MM / count,
                 size=len(surface.verts),
                 preset=presets.get(count, ""),
                 against=against,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from morphofold.quantities import CATEGORICAL
+from morphofold.quantities import CATEGORICAL_COLOURS
 from morphofold.report.plots.line_plots import BLACK, legend_of_figure, line_style, new_figure
 from morphofold.studies.accuracy.bodies import PACED
 from morphofold.studies.accuracy.fronts import Halving, better_than, grouped, halving
@@ -165,11 +165,11 @@ def _curve(ax: Axes, group: Sequence[Point], words: str, style: Mapping[str, Any
 
 def _style(k: int) -> dict[str, Any]:
     return {
-        "color": CATEGORICAL[k % 7],
+        "color": CATEGORICAL_COLOURS[k % 7],
         "marker": MARKERS[k % 8],
         "markersize": 5,
         "linestyle": "none",
-        "markeredgecolor": CATEGORICAL[k % 7],
+        "markeredgecolor": CATEGORICAL_COLOURS[k % 7],
     }
 
 

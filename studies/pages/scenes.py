@@ -23,7 +23,7 @@ BEGIN, END = "<!-- tables from here -->\n", "<!-- tables to here -->\n"
 
 
 def _heading(material: str) -> str:
-    return "[material]" if material == materials.USUAL else f'[material] with model = "{material}"'
+    return "[material]" if material == materials.DEFAULT_MATERIAL else f'[material] with model = "{material}"'
 
 
 #: heading -> the table, in the order of the page

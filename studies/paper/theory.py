@@ -14,7 +14,7 @@ import numpy as np
 from morphofold import analysis
 from morphofold.errors import DoesNotApply
 from morphofold.report.plots.line_plots import BLACK, legend_below, line_style, new_figure, save, set_limits
-from morphofold.report.plots.theory_plots import LAWS, draw_critical, draw_radius, draw_stress
+from morphofold.report.plots.theory_plots import GROWTH_LAWS, draw_critical, draw_radius, draw_stress
 from morphofold.sim import theory
 from morphofold.sim.run import Simulation
 from morphofold.sim.scene import Radial, Sphere
@@ -200,7 +200,7 @@ def fig4() -> Figure:
     Limits: C/B from 1 to 1.3; from 1.2 on, isotropic growth gives no crease. g from 1 to 3.
     """
     with new_figure(7.6, 4.6, 1, 1) as (figure, ((ax,),)):
-        draw_critical(ax, fig4_rows(), LAWS)
+        draw_critical(ax, fig4_rows(), GROWTH_LAWS)
         set_limits(ax, (1, 1.3), (1, 3), "")
         legend_below(ax)
     return figure
@@ -256,6 +256,6 @@ def reproduce_fig4(folder: Path, runs: Runs) -> dict[str, Any]:
         "files": ["fig4.png", "fig4.tsv"],
         "shows": "growth at which creases can form, against the outer radius",
         "equations": "Eq. (12), isotropic; Eq. (13), tangential; criterion lambda_r/lambda_theta = 2.4, Eq. (7)",
-        "parameters": {"law": list(LAWS), "C_over_B": [1, 1.3], "g_core": 1},
+        "parameters": {"law": list(GROWTH_LAWS), "C_over_B": [1, 1.3], "g_core": 1},
         "limits": "ours, from the ranges in the text: C/B 1 to 1.3, g 1 to 3",
     }

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 
-from morphofold.comparison.hinges import CHANCE
+from morphofold.comparison.hinges import RANDOM_NET_NAME
 from morphofold.sim.theory import critical_growth
 from morphofold.studies.markdown import Row
 from morphofold.studies.paper.figures import Tables
@@ -131,7 +131,7 @@ def _fig9(tables: Tables) -> str:
     shape = next(row for row in tables["fig9-numbers.tsv"] if row["number"] == "shape")
     largest = next(row for row in tables["fig9-numbers.tsv"] if row["number"].startswith("largest angle"))
     model, *controls = tables["fig9-nearest.tsv"]
-    chance = [row for row in controls if row["source"] == CHANCE]
+    chance = [row for row in controls if row["source"] == RANDOM_NET_NAME]
     nearer = "".join(
         f", {abs(100 * (1 - model['median'] / row['median'])):.0f} % "
         f"{'nearer' if model['median'] < row['median'] else 'farther'} than hinges of a net at chance (p = "

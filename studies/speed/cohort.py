@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from morphofold.cohort.fleet import open_fleet
-from morphofold.cohort.group import GROUP, write_group
+from morphofold.cohort.group import GROUP_FOLDER, write_group
 from morphofold.cohort.participant import Participant, measure_participant, results_of
 from morphofold.cohort.running import run_tasks
 from morphofold.cohort.tasks import Outcome, TaskFolder
@@ -128,7 +128,7 @@ def measure_load(out: Path, count: int, workers: int, progress: Progress = silen
     began = time.perf_counter()
     write_group(place, results, report=group_report, progress=part_of(progress, 0.9, 0.1))
     group = time.perf_counter() - began
-    text, parquet, page = (place / GROUP / name for name in ("measures.tsv", "measures.parquet", "report.html"))
+    text, parquet, page = (place / GROUP_FOLDER / name for name in ("measures.tsv", "measures.parquet", "report.html"))
     with text.open("rb") as file:
         rows = sum(1 for _ in file) - 1
     of_subjects = sum(

@@ -15,9 +15,9 @@ from skfem import MeshTet
 from morphofold.errors import UnknownName
 from morphofold.sim.body import Body
 from morphofold.sim.build import build_body
-from morphofold.sim.dynamics import REFRESH, Dynamics
+from morphofold.sim.dynamics import STEPS_PER_MEASUREMENT, Dynamics
 from morphofold.sim.effects import build_effects
-from morphofold.sim.elements.bricks import BINARY_CORNERS
+from morphofold.sim.elements.bricks import CORNERS_IN_KERNEL_ORDER
 from morphofold.sim.mesh.brick_mesh import Bilayer, bilayer_sphere
 from morphofold.sim.scene import Scene
 from morphofold.sim.scene.effects import effect_names, options_of
@@ -72,7 +72,7 @@ def cut_bricks(bilayer: Bilayer) -> Bilayer:
     their shared quad in the same way. They form one full patch of ``elements.tets``; other meshes do not everywhere.
     """
     p = bilayer.mesh.p
-    corner = bilayer.mesh.t[BINARY_CORNERS].T.reshape(-1, 2, 2, 2)
+    corner = bilayer.mesh.t[CORNERS_IN_KERNEL_ORDER].T.reshape(-1, 2, 2, 2)
     away = np.abs(p).sum(axis=0) / np.abs(p).max(axis=0)  # smallest in the middle of a face of the cube
     nearest = away[corner[..., 0]].reshape(-1, 4).argmin(axis=1)
     corner = np.where((nearest >= 2)[:, None, None, None], corner[:, ::-1], corner)
@@ -145,7 +145,7 @@ def element_speed(body: Body, threads: Iterable[int] = (1,), seconds: float = 2.
             numba.set_num_threads(n)
             run = Dynamics(body, steps_per_unit=1e5)
             kernel = _repeat(lambda: body.elements.compute_forces(x), seconds)
-            steps = _repeat(lambda run=run: run.relax(run.state.relaxed + REFRESH), seconds)  # type: ignore[misc]
+            steps = _repeat(lambda run=run: run.relax(run.state.relaxed + STEPS_PER_MEASUREMENT), seconds)  # type: ignore[misc]
             rows.append(
                 {
                     "element": "tet" if isinstance(body.bilayer.mesh, MeshTet) else "brick",
@@ -153,7 +153,7 @@ def element_speed(body: Body, threads: Iterable[int] = (1,), seconds: float = 2.
                     "threads": n,
                     "best": millions / min(kernel),
                     "median": millions / float(np.median(kernel)),
-                    "steps": REFRESH * millions / float(np.median(steps)),
+                    "steps": STEPS_PER_MEASUREMENT * millions / float(np.median(steps)),
                 }
             )
     finally:

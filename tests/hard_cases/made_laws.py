@@ -14,7 +14,7 @@ from morphofold.sim.effects.perturbation import Perturbation
 from morphofold.sim.effects.plane_strain import PlaneStrain
 from morphofold.sim.effects.symmetry import Symmetry
 from morphofold.sim.elements import brick_kernels
-from morphofold.sim.elements.brick_kernels import WIDTH
+from morphofold.sim.elements.brick_kernels import LANES
 from morphofold.sim.elements.surface_filter import SurfaceFilter
 from morphofold.sim.mesh.brick_mesh import bilayer_patch, bilayer_sphere
 
@@ -117,9 +117,9 @@ def volume_not_grown(patch):
     grow = brick_kernels.grow
 
     def forgetful(point, point0, radial, modulus, *arguments):
-        volume = modulus[:, 2 * WIDTH :].copy()
+        volume = modulus[:, 2 * LANES :].copy()
         grow(point, point0, radial, modulus, *arguments)
-        modulus[:, 2 * WIDTH :] = volume
+        modulus[:, 2 * LANES :] = volume
 
     patch.setattr(brick_kernels, "grow", forgetful)
 

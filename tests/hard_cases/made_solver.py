@@ -16,7 +16,7 @@ from morphofold.sim.effects.contact import Contact
 from morphofold.sim.effects.perturbation import Perturbation
 from morphofold.sim.effects.symmetry import Symmetry
 from morphofold.sim.elements import brick_kernels
-from morphofold.sim.elements.brick_kernels import WIDTH
+from morphofold.sim.elements.brick_kernels import LANES
 from morphofold.sim.elements.bricks import Bricks
 from morphofold.sim.elements.surface_filter import SurfaceFilter
 from morphofold.sim.health import BOUNDS, LEAST_J, check_surface
@@ -199,7 +199,7 @@ def mass_without_pressure(patch):
 
 
 def no_filter(patch):
-    patch.setattr("morphofold.sim.body.FILTER", {4: 0.0, 3: 0.0})
+    patch.setattr("morphofold.sim.body.FILTER_STRENGTH", {4: 0.0, 3: 0.0})
 
 
 def no_waiting(patch):
@@ -223,7 +223,7 @@ def _mass_by(patch, moduli):
 
     def otherwise(self, x):
         kept = self.modulus.copy()
-        mine = self.modulus[:, :WIDTH], self.modulus[:, WIDTH : 2 * WIDTH]
+        mine = self.modulus[:, :LANES], self.modulus[:, LANES : 2 * LANES]
         for rows, other in zip(mine, moduli(*(rows.copy() for rows in mine))):
             rows[:] = other
         mass = measure(self, x)
@@ -291,7 +291,7 @@ def softer_pressure(patch):
 
     def less(self, x):
         kept = self.modulus.copy()
-        self.modulus[:, WIDTH : 2 * WIDTH] *= 0.95
+        self.modulus[:, LANES : 2 * LANES] *= 0.95
         compute(self, x)
         self.modulus[:] = kept
 

@@ -83,7 +83,7 @@ def test_cut_surfaces(known, holds):
     peers="nibabel: reads the values that are left of a curv file (measured)",
     guard="the count held against the size",
     without=lambda patch: patch.setattr(
-        freesurfer, "_is_morph", lambda head, size: head[:3] == freesurfer.QUADS and len(head) == 15
+        freesurfer, "_is_curv_file", lambda head, size: head[:3] == freesurfer.QUAD_MAGIC and len(head) == 15
     ),
 )
 def test_cut_maps(known, holds):
@@ -95,7 +95,7 @@ def test_cut_maps(known, holds):
     "tetrahedra cut before every tenth byte: VTU, VTK, Ansys, Medit",
     peers="meshio: its readers of .msh, .mdpa, .tec, .ele never end on some of these (measured)",
     guard="an end to asking beyond the end",
-    without=lambda patch: patch.setattr(tetmesh._Ending, "_seen", lambda self, got: got),
+    without=lambda patch: patch.setattr(tetmesh._EndCheckedFile, "_seen", lambda self, got: got),
 )
 def test_cut_meshes(known, holds):
     assert_sound(holds, every_tenth(known, ["ball."]), 500)
@@ -162,7 +162,7 @@ def test_texts_cut_within_a_line(known, holds):
     "tetrahedra in texts without counts (Abaqus, SU2, FLAC3D, PERMAS) cut before each of their last bytes",
     peers="meshio: reads what is left of a number (measured)",
     guard="a warning",
-    without=lambda patch: patch.setattr(tetmesh, "_warn_of_no_end", nothing),
+    without=lambda patch: patch.setattr(tetmesh, "_warn_of_cut_file", nothing),
 )
 def test_tetrahedra_cut_within_a_line(holds, tmp_path):
     import meshio
@@ -251,7 +251,7 @@ def by_name(path, head):
     "files",
     "every format under every other's name",
     guard="the first bytes decide, not the name",
-    without=lambda patch: patch.setattr("morphofold.io.surfaces._format", by_name),
+    without=lambda patch: patch.setattr("morphofold.io.surfaces._format_of_file", by_name),
 )
 def test_wrong_names(known, holds):
     wrong = {}

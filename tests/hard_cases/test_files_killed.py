@@ -97,7 +97,7 @@ def test_killed_file(holds, tmp_path):
 
 def one_at_a_time(patch):
     """As on systems that can't exchange two names."""
-    patch.setattr(folders, "_exchange", lambda one, other: False)
+    patch.setattr(folders, "_exchange_names", lambda one, other: False)
 
 
 @pytest.mark.slow
@@ -381,7 +381,7 @@ def comes_within(name, patch, out):
 @pytest.mark.parametrize("exchanges", [True, False])
 def test_foreign_folder_at_the_last_moment(holds, tmp_path, monkeypatch, exchanges):
     if not exchanges:
-        monkeypatch.setattr(folders, "_exchange", lambda one, other: False)
+        monkeypatch.setattr(folders, "_exchange_names", lambda one, other: False)
     for begin in ("empty", "ours"):
         out, told = tmp_path / begin, ""
         with atomic_folder(out) as folder:
@@ -389,7 +389,7 @@ def test_foreign_folder_at_the_last_moment(holds, tmp_path, monkeypatch, exchang
         if begin == "empty":
             shutil.rmtree(out)
         with monkeypatch.context() as patch:
-            comes_within("_move_onto", patch, out)
+            comes_within("_replace_folder", patch, out)
             try:
                 with atomic_folder(out) as folder:
                     (folder / "a.txt").write_text("ours")
@@ -404,7 +404,7 @@ def test_foreign_folder_at_the_last_moment(holds, tmp_path, monkeypatch, exchang
     "files",
     "two analyses into one new folder at once",
     guard="a folder that came meanwhile is exchanged",
-    without=lambda patch: patch.setattr(folders, "_move_onto", os.replace),
+    without=lambda patch: patch.setattr(folders, "_replace_folder", os.replace),
     fails=OSError,
 )
 def test_two_analyses(holds, tmp_path):

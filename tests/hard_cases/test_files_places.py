@@ -69,7 +69,7 @@ def denied(*args, **options):
     "files",
     "inputs that are folders or may not be read, outputs that exist or may not be written",
     guard="a folder of somebody else is not replaced",
-    without=lambda patch: patch.setattr(folders, "_ours", lambda out: True),
+    without=lambda patch: patch.setattr(folders, "_has_marker", lambda out: True),
 )
 def test_unreadable_and_read_only(holds, here, analysis, capsys, monkeypatch):
     theirs = here / "theirs"
@@ -187,7 +187,7 @@ def test_devices(holds, tmp_path):
             patch.setattr(module, "open_own", lambda path, mode, **options: open(path, mode, **options))
             for module in (locks, tasks)
         ]
-        + [patch.setattr(locks, "_is_at", lambda file, path: True)]
+        + [patch.setattr(locks, "_is_file_at", lambda file, path: True)]
     ),
     fails=(AssertionError, pytest.fail.Exception),
 )
@@ -210,7 +210,7 @@ def test_links_for_locks_and_logs(holds, here):
     "files",
     "notes of their user in a folder of results that is written anew",
     guard="what is not ours is brought",
-    without=lambda patch: patch.setattr(folders, "_bring", lambda old, new, out: None),
+    without=lambda patch: patch.setattr(folders, "_bring_user_files", lambda old, new, out: None),
     fails=(AssertionError, FileNotFoundError),
 )
 def test_notes_of_their_user(holds, here, analysis):

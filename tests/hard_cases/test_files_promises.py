@@ -28,7 +28,7 @@ from morphofold.io import (
     trimesh_files,
     vtk_files,
 )
-from morphofold.io.vtk_blocks import MAX_UNPACKED
+from morphofold.io.vtk_blocks import MOST_UNPACKED_BYTES
 from morphofold.sim.mesh import tetmesh
 from morphofold.sim.mesh.tetmesh import read_tets
 from morphofold.sim.output.checkpoint import read_arrays
@@ -55,8 +55,8 @@ def refused(holds, what, path, raw, read, *words):
 
 
 def counts_believed(patch):
-    patch.setattr(freesurfer, "_check_geometry", lambda file, path: path.stat().st_size)
-    patch.setattr(freesurfer, "_is_morph", lambda head, size: True)
+    patch.setattr(freesurfer, "_end_of_geometry", lambda file, path: path.stat().st_size)
+    patch.setattr(freesurfer, "_is_curv_file", lambda head, size: True)
     patch.setattr(freesurfer, "len", lambda things: MANY if isinstance(things, np.ndarray) else 2**40, raising=False)
 
 
@@ -90,7 +90,7 @@ polygons_promise = hard_case(
     guard="counts held against the size",
     without=lambda patch: [
         patch.setattr(module, name, lambda raw, *counts: None)
-        for module, name in ((trimesh_files, "check_counts"), (trimesh_files, "_check_ply"), (vtk_files, "_check"))
+        for module, name in ((trimesh_files, "check_counts"), (trimesh_files, "_check_ply"), (vtk_files, "_check_vtk"))
     ],
 )
 
@@ -133,7 +133,7 @@ def test_vtk_blocks(word, known, holds, tmp_path):
     words = list(struct.unpack("<4I", base64.b64decode(raw[at : at + 24])))
     words[word] = 2**31
     damaged = raw[:at] + base64.b64encode(struct.pack("<4I", *words)) + raw[at + 24 :]
-    most = MAX_UNPACKED if word == 2 else len(damaged)
+    most = MOST_UNPACKED_BYTES if word == 2 else len(damaged)
     refused(holds, f"word {word + 1}", tmp_path / "a.vtp", damaged, read_surface, str(most))
 
 
@@ -193,7 +193,7 @@ def tetrahedra(path):
 
 
 def unbounded(patch):
-    patch.setattr(gifti, "MAX_UNPACKED", 2**40)
+    patch.setattr(gifti, "MOST_UNPACKED_BYTES", 2**40)
     for module in (vtk_files, tetmesh):
         patch.setattr(module, "check_blocks", lambda raw: None)
 
@@ -251,7 +251,9 @@ def test_bombs(kind, holds, tmp_path):
     "a GIFTI array of 10¹¹ dimensions (found by fuzzing)",
     guard="six at most",
     without=lambda patch: patch.setattr(
-        gifti, "_check_sizes", lambda raw: [int("1") for _ in range(int(re.findall(rb'sionality="(\d+)', raw)[0]))]
+        gifti,
+        "_check_array_sizes",
+        lambda raw: [int("1") for _ in range(int(re.findall(rb'sionality="(\d+)', raw)[0]))],
     ),
 )
 def test_dimensions(holds, tmp_path):
@@ -263,7 +265,7 @@ def test_dimensions(holds, tmp_path):
     "files",
     "a sound map that needs more memory than there is",
     guard="a lack of memory is no damage",
-    without=lambda patch: patch.setattr(files, "_wants_memory", lambda error: False),
+    without=lambda patch: patch.setattr(files, "_is_lack_of_memory", lambda error: False),
     fails=AssertionError,
 )
 def test_little_memory(holds, tmp_path):
@@ -321,7 +323,7 @@ KEYS = st.sampled_from(["{} = 1", "[{}]", "[[{}]]", "y = {{{} = 1}}"])
 def is_taken(text):
     """Whether tomllib is given a text, which it has to understand then."""
     try:
-        return scene_file._loads(text) is not None
+        return scene_file._parse_toml(text) is not None
     except RecursionError:
         return False
 
@@ -330,7 +332,7 @@ def is_taken(text):
     "files",
     "a key of up to 2,000 parts, in quotes or not, beside comments and texts with as many dots",
     guard="strings and comments left out",
-    without=lambda patch: patch.setattr(scene_file, "_STRING", re.compile("(?!)")),
+    without=lambda patch: patch.setattr(scene_file, "_STRING_OR_COMMENT", re.compile("(?!)")),
 )
 def test_deep_keys(holds):
     right = []

@@ -95,7 +95,7 @@ def only_files(folders, stem, endings):
     "files",
     "an optional file of a subject that is a folder, a pipe or a link to nothing",
     guard="looked at, not for",
-    without=lambda patch: patch.setattr(cortices, "_find", only_files),
+    without=lambda patch: patch.setattr(cortices, "_first_existing_file", only_files),
     fails=pytest.fail.Exception,
 )
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="makes a pipe")

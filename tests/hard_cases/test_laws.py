@@ -46,7 +46,7 @@ def test_a_rigid_motion_of_the_scene_changes_nothing(law, holds):
     "a grown state turned as a whole",
     guard="no affine map wakes the filter",
     without=lambda patch: patch.setattr(
-        "morphofold.sim.elements.surface_filter._affine_free", lambda stencils, p, cell: stencils
+        "morphofold.sim.elements.surface_filter._remove_affine_part", lambda stencils, p, cell: stencils
     ),
 )
 def test_nothing_holds_a_turn(holds):

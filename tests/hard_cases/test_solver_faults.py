@@ -11,7 +11,7 @@ from hard_cases.made_solver import MESH, OCTANT, STRIP, at_rest, digest, off_the
 
 from morphofold.sim import dynamics
 from morphofold.sim.body import Body
-from morphofold.sim.dynamics import REFRESH, Dynamics, UnstableError
+from morphofold.sim.dynamics import STEPS_PER_MEASUREMENT, Dynamics, UnstableError
 from morphofold.sim.elements import brick_kernels
 from morphofold.sim.health import BOUNDS, LEAST_J
 from morphofold.studies.speed.solver import cut_bricks
@@ -34,7 +34,7 @@ def sunk(run, by):
 
 
 def forgets_the_measurement_before(patch):
-    patch.setattr(dynamics, "SCALARS", tuple(name for name in dynamics.SCALARS if name != "before_J"))
+    patch.setattr(dynamics, "STATE_SCALARS", tuple(name for name in dynamics.STATE_SCALARS if name != "before_J"))
 
 
 @hard_case(
@@ -241,7 +241,7 @@ def course(run, threads):
     numba.set_num_threads(threads)
     try:
         while run.state.step < end:
-            further = run.rate * REFRESH * run._pace()
+            further = run.rate * STEPS_PER_MEASUREMENT * run._pace()
             run.grow_to(run.state.growth + (further if run.state.growth >= 1 else -further), look)
     except UnstableError as error:
         found.append(str(error))

@@ -16,13 +16,13 @@ from morphofold.analysis.mesh_quality import checks, repair
 from morphofold.cli import analyze
 from morphofold.intersections.boxes import box_tree
 from morphofold.shapes import icosphere
-from morphofold.shapes.ridges import SOLIDS
+from morphofold.shapes.ridges import REGULAR_SOLIDS
 from morphofold.surface import Cortex, Surface
 
 
 def all_of_them(patch):
     """Vertices that no triangle uses are measured and boxed with the others."""
-    patch.setattr(repair, "_mended", lambda cortex, *_: repair.as_given(cortex))
+    patch.setattr(repair, "_build_mended", lambda cortex, *_: repair.as_given(cortex))
     patch.setattr(local_gyrification, "in_use", lambda verts, faces: (np.arange(len(verts)), verts, faces))
 
 
@@ -146,10 +146,10 @@ def test_a_piece_turned_inwards_that_is_no_cavity_is_refused(holds, tmp_path, ca
 
 def a_tree_each(patch):
     """The pieces are looked at one by one, each with a tree of all the faces."""
-    together = checks._within_others
+    together = checks._pieces_within_others
     patch.setattr(
         checks,
-        "_within_others",
+        "_pieces_within_others",
         lambda surface, piece, asked: asked[
             [len(together(surface, piece, asked[n : n + 1])) > 0 for n in range(len(asked))]
         ],
@@ -190,7 +190,7 @@ def test_many_cavities_are_told_with_few_trees_and_what_is_none_is_refused(holds
 
 
 def numbers_only(patch):
-    patch.setattr(analyze, "_formatted", lambda value, form, unit="": f"{value:{form}}{unit}")
+    patch.setattr(analyze, "_formatted_or_na", lambda value, form, unit="": f"{value:{form}}{unit}")
 
 
 @hard_case(
@@ -290,7 +290,7 @@ def test_a_medial_wall_that_splits_the_surface_leaves_two_cortices(holds, tmp_pa
     "12 vertices",
     guard="triangles wider than the region of the index are cut",
     peers="libigl crashes with fewer than six neighbours (said)",
-    without=lambda patch: patch.setattr(local_gyrification, "COARSEST", np.inf),
+    without=lambda patch: patch.setattr(local_gyrification, "LARGEST_EDGE_OVER_REGION", np.inf),
 )
 def test_the_icosahedron_is_measured_as_such(holds, tmp_path, capsys):
     verts, faces = icosphere(0)
@@ -320,7 +320,7 @@ def fitted(patch):
 
 @hard_case("surfaces", "4 vertices: no curvature can be fitted", guard="K of the indices is no fit", without=fitted)
 def test_the_tetrahedron_has_no_curvature_and_says_so(holds, tmp_path, capsys):
-    verts, faces = np.array(SOLIDS["tetrahedron"]), np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]])
+    verts, faces = np.array(REGULAR_SOLIDS["tetrahedron"]), np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]])
     m = measure(Cortex(Surface(25.0 * verts, faces, "lh.white"), Surface(30.0 * verts, faces, "lh.pial")))
     holds.equal("vertices with H", int(np.isfinite(m.maps["H"]).sum()), 0)
     holds("intrinsic curvature index, of 1", abs(m.scalars["intrinsic_curvature_index"] - 1), at_most=1e-3)

@@ -111,7 +111,7 @@ def test_every_format_holds_the_surface_to_single_precision(holds, tmp_path, kin
 
 def in_mm(patch):
     """The mesh is not asked what is fine."""
-    patch.setattr(measuring, "COARSE", 0.0)
+    patch.setattr(measuring, "LEAST_CURVATURE_SCALE_IN_EDGES", 0.0)
 
 
 @pytest.mark.parametrize("size", [1e-3, 1e3], ids=["metres", "micrometres"])

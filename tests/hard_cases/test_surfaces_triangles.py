@@ -108,7 +108,7 @@ def test_vertices_at_the_same_place_that_a_triangle_joins_change_no_measure(hold
     "surfaces",
     "300 vertices within triangles, so near an edge or a corner that others have no area",
     guard="the height of each triangle",
-    without=lambda patch: patch.setattr(defects, "THIN", 0.0),
+    without=lambda patch: patch.setattr(defects, "LEAST_HEIGHT_IN_EDGES", 0.0),
 )
 def test_triangles_of_no_area_are_told_with_their_count_and_place(holds, tmp_path, capsys, weights, each):
     """Written as float32, some have exactly none."""

@@ -81,7 +81,7 @@ def test_white_and_pial_that_do_not_belong_together_are_told(holds, tmp_path, ca
     "surfaces",
     "white and pial 1e-6 of their radius apart",
     guard="the check of the pair",
-    without=lambda patch: patch.setattr(checks, "SAME", 0.0),
+    without=lambda patch: patch.setattr(checks, "SAME_SURFACE_IN_RADII", 0.0),
 )
 def test_one_surface_given_twice_but_for_rounding_is_refused(holds, tmp_path, capsys):
     pial = clean()[0].pial
@@ -96,7 +96,7 @@ def test_one_surface_given_twice_but_for_rounding_is_refused(holds, tmp_path, ca
     "surfaces",
     "a cortex label of ten vertices",
     guard="a label that small is none",
-    without=lambda patch: patch.setattr(checks, "LABELLED", 0.0),
+    without=lambda patch: patch.setattr(checks, "LEAST_LABELLED_SHARE", 0.0),
     fails=(AssertionError, ValueError),
 )
 def test_a_cortex_label_of_ten_vertices_is_refused(holds):
@@ -256,7 +256,7 @@ def test_self_intersections_off_the_cortex_are_not_told(holds):
     "surfaces",
     "white through itself: an offset along the normals of a noisy surface",
     guard="the net is taken half way to pial",
-    without=lambda patch: patch.setattr(measuring, "CROSSED", 1.0),
+    without=lambda patch: patch.setattr(measuring, "LARGEST_CROSSED_SHARE", 1.0),
 )
 def test_hinges_of_a_cortex_whose_white_crosses_itself_are_those_of_its_ridges(holds):
     """Ridges 6 mm wide, white 2.5 mm within: crowns are gone from it, and on it alone 33 hinges of 48 are found."""
@@ -281,7 +281,7 @@ def shell(pial, depth):
 
 def nearest_of_all(patch):
     """The nearest vertex, whatever wall it is of."""
-    patch.setattr(cortical, "_nearest_triangle", lambda start, target, *_: cKDTree(target).query(start)[0])
+    patch.setattr(cortical, "_distance_to_nearest_triangle", lambda start, target, *_: cKDTree(target).query(start)[0])
 
 
 @pytest.mark.slow
@@ -420,7 +420,7 @@ def test_the_net_of_gyri_with_flat_crowns_is_that_of_their_middles(holds, tmp_pa
 
 
 def any_extremum(patch):
-    for name in ("ROUND", "SHARP", "LESS"):
+    for name in ("LEAST_CURVATURE_DIFFERENCE", "LEAST_SHARPNESS", "LEAST_CURVATURE_DROP"):
         patch.setattr(crests, name, -np.inf)
 
 

@@ -137,7 +137,7 @@ def test_thickness_errors_fall_with_the_mesh_and_agree_with_an_exact_peer():
 
 def test_a_net_found_exactly_has_no_error_and_a_hinge_too_far_off_is_none():
     net = irregular_net(6, shortest=0.2)
-    crown = measuring_folds.RADIUS + measuring_folds.HEIGHT
+    crown = measuring_folds.SPHERE_RADIUS_MM + measuring_folds.RIDGE_HEIGHT_MM
     graph = nx.MultiGraph()
     for k, node in enumerate(net.nodes):
         graph.add_node(k, position=crown * node, degree=3)

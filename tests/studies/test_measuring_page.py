@@ -13,7 +13,7 @@ from morphofold.cli import main
 from morphofold.errors import MissingPart, NoSolution
 from morphofold.geometry import is_closed
 from morphofold.report.pictures.net import LINE_COLOURS, crest_figure, crest_row
-from morphofold.shapes.folded_ball import THICKNESS, folded_ball
+from morphofold.shapes.folded_ball import CORTICAL_THICKNESS_MM, folded_ball
 from morphofold.studies.pages import measuring, section_plot
 from morphofold.studies.speed.measures import exponent, measuring_speed
 
@@ -59,7 +59,7 @@ def test_the_folded_ball_is_a_closed_cortex_of_one_thickness(ball):
     assert is_closed(cortex.faces)
     assert ball.scalars["euler_characteristic"] == 2
     assert ball.scalars["gyrification_index"] > 1.05  # folded at all
-    assert ball.scalars["mean_cortical_thickness_mm"] == pytest.approx(THICKNESS, rel=0.05)
+    assert ball.scalars["mean_cortical_thickness_mm"] == pytest.approx(CORTICAL_THICKNESS_MM, rel=0.05)
     with pytest.raises(ValueError, match=r"\b1,000\b.*\b999\b"):
         folded_ball(999)
 

@@ -12,10 +12,10 @@ from morphofold.analysis import hinges, measure
 from morphofold.comparison.hinges import compare_hinges, examples
 from morphofold.report.pictures import hinges as hinge_pictures
 from morphofold.report.pictures.hinges import (
-    PANEL,
+    PANEL_PX,
     PATCH_QUANTITY,
-    REACH,
-    TILT,
+    PATCH_RADIUS_IN_WIDTHS,
+    TILT_DEG,
     clear_examples,
     hinge_pairs,
     hinge_patch,
@@ -82,8 +82,8 @@ def test_a_patch_lies_in_the_frame_of_its_hinge(ball):
         patch = hinge_patch(ball, hinge.node, pose)
         verts = patch.surface.verts[:-2]  # the last two belong to no face
         assert np.linalg.norm(verts, axis=1).min() < 0.2  # the hinge is the origin
-        assert np.linalg.norm(verts, axis=1).max() < 1.15 * REACH
-        back = np.radians(TILT)
+        assert np.linalg.norm(verts, axis=1).max() < 1.15 * PATCH_RADIUS_IN_WIDTHS
+        back = np.radians(TILT_DEG)
         flat = verts @ np.array([[1, 0, 0], [0, np.cos(back), np.sin(back)], [0, -np.sin(back), np.cos(back)]])
         arm = np.array(hinge.arms[pose % 3].direction) * width  # a width along the arm, in the patch: (1, 0, 0)
         pial = ball.cortex.pial.verts - ball.cortex.pial.verts[hinge.vertex]
@@ -127,7 +127,7 @@ def test_pairs_are_drawn_in_columns(ball):
     assert found.shape.p == 1.0
     pairs = {match: pair_of(match, {"a": ball, "b": ball}) for match in examples(found.matches)}
     picture = hinge_pairs(pairs, ("model", "MRI"), backend="raster")
-    half, left = (picture.shape[0] - 28) // 2, picture.shape[1] - PANEL * len(pairs)
+    half, left = (picture.shape[0] - 28) // 2, picture.shape[1] - PANEL_PX * len(pairs)
     upper, lower = picture[16 : 16 + half - 30, left:], picture[16 + half : 16 + 2 * half - 30, left:]
     assert (upper != 255).mean() > 0.1
     np.testing.assert_array_equal(upper, lower)  # each hinge is its own match
@@ -143,26 +143,28 @@ def test_lettering_of_pairs_keeps_to_its_place(ball, group, others):
     patches = pair_of(match, {one: ball, other: ball})
     blank = tuple(replace(p, rgb=np.full_like(p.rgb, 255)) for p in patches)
     picture = hinge_pairs({match: patches, replace(match, hinge=12345): blank}, (group, others), backend="raster")
-    left = picture.shape[1] - 2 * PANEL
+    left = picture.shape[1] - 2 * PANEL_PX
     ink = (picture < 200).any(axis=2)
     assert ink[:, :left].any()
     assert not ink[:, left - 5 : left].any()
     assert left <= 300
-    for top in (16, 16 + PANEL + hinge_pictures.WORDS):
-        (drawn,) = draw(patches[top > 16], ["top"], PATCH_QUANTITY, (0, 1), (PANEL, PANEL), REACH, "raster")
-        np.testing.assert_array_equal(picture[top : top + PANEL - 4, left : left + PANEL], drawn[:-4])
-        captions = ink[top + PANEL : top + PANEL + hinge_pictures.WORDS, left:]
-        for edge in (0, PANEL, 2 * PANEL):
+    for top in (16, 16 + PANEL_PX + hinge_pictures.CAPTION_PX):
+        (drawn,) = draw(
+            patches[top > 16], ["top"], PATCH_QUANTITY, (0, 1), (PANEL_PX, PANEL_PX), PATCH_RADIUS_IN_WIDTHS, "raster"
+        )
+        np.testing.assert_array_equal(picture[top : top + PANEL_PX - 4, left : left + PANEL_PX], drawn[:-4])
+        captions = ink[top + PANEL_PX : top + PANEL_PX + hinge_pictures.CAPTION_PX, left:]
+        for edge in (0, PANEL_PX, 2 * PANEL_PX):
             assert not captions[:, max(edge - 5, 0) : edge + 5].any()
-        assert captions[:, :PANEL].any()
-        assert captions[:, PANEL:].any()
+        assert captions[:, :PANEL_PX].any()
+        assert captions[:, PANEL_PX:].any()
 
 
 def test_a_caption_leaves_out_what_its_row_says():
-    assert hinge_pictures._caption("S1 lh", "S1 lh", "12") == "12"
-    assert hinge_pictures._caption("S1 lh", "S1", "12, mirrored") == "lh, 12, mirrored"
-    assert hinge_pictures._caption("T = 2 mm", "model", "7") == "T = 2 mm, 7"
-    long = hinge_pictures._caption("x" * 60 + " rh", "model", "7")
+    assert hinge_pictures._hinge_caption("S1 lh", "S1 lh", "12") == "12"
+    assert hinge_pictures._hinge_caption("S1 lh", "S1", "12, mirrored") == "lh, 12, mirrored"
+    assert hinge_pictures._hinge_caption("T = 2 mm", "model", "7") == "T = 2 mm, 7"
+    long = hinge_pictures._hinge_caption("x" * 60 + " rh", "model", "7")
     assert long.startswith("xxx")
     assert long.endswith(" rh, 7")
     assert "…" in long

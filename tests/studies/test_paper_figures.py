@@ -126,7 +126,7 @@ def test_curves_mark_the_least_growth_and_the_crease_criterion(cases):
 
 
 def test_the_map_draws_wrinkles_and_creases_by_thickness(cases):
-    for ax, law in zip(theory_plots.crease_or_wrinkle(cases).axes, theory_plots.LAWS):
+    for ax, law in zip(theory_plots.crease_or_wrinkle(cases).axes, theory_plots.GROWTH_LAWS):
         crease, one, two = (np.array(line.get_data()) for line in ax.get_lines()[:3])
         mine = [c for c in cases if c.law == law]
         np.testing.assert_array_equal(one[1], [c.bifurcation.g_crit for c in mine if c.mu_ratio == 1])

@@ -14,7 +14,7 @@ from morphofold.analysis.mesh_quality.checks import cortex_label
 from morphofold.analysis.mesh_quality.defects import WARNINGS
 from morphofold.comparison.growth import GrowthCurve, matching_growth
 from morphofold.comparison.thickness import Cloud, TheoryLine
-from morphofold.quantities import RATIO, scalar_words
+from morphofold.quantities import THICKNESS_RATIO, scalar_words
 from morphofold.report.pictures.surfaces import safe_name
 from morphofold.words import number
 
@@ -51,13 +51,13 @@ CREST_COLUMNS = (
     "mean_H_per_mm",
     "region",
 )
-WARNING = "simulation"  # the note on the health of a simulation
-OF_INPUT = ("average", "cortex_mask")  # notes on surfaces that are averages, or whose cortex is not marked
+HEALTH_NOTE = "simulation"  # the note on the health of a simulation
+INPUT_NOTES = ("average", "cortex_mask")  # notes on surfaces that are averages, or whose cortex is not marked
 #: notes about a surface, not about one number
-REMARKS = (*(key for key in WARNINGS if key not in (WARNING, *OF_INPUT)), "accuracy")
-SHARES = {0.5: "Half", 0.25: "A quarter", 0.125: "One eighth"}
+SURFACE_NOTES = (*(key for key in WARNINGS if key not in (HEALTH_NOTE, *INPUT_NOTES)), "accuracy")
+PORTION_WORDS = {0.5: "Half", 0.25: "A quarter", 0.125: "One eighth"}
 Rows = list[dict[str, Any]]
-Numbers = Mapping[str, Sequence[Any]]  # of each surface, as comparison.side_by_side.numbers has them
+NumbersBySurface = Mapping[str, Sequence[Any]]  # of each surface, as comparison.side_by_side.numbers has them
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,11 +87,11 @@ class Entry:
         facts = [self.group, cortex.origin if cortex.origin != "files" else "", cortex.name, side]
         g = cortex.info.get("g")
         if g is not None and not (isinstance(g, int | float) and cortex.name.endswith(f"g{g:.2f}")):  # not twice
-            facts.append(f"growth {_word(g)}")
+            facts.append(f"growth {_value_text(g)}")
         return " · ".join(f for f in facts if f)
 
 
-def scalars(numbers: Numbers, keys: Sequence[str] = ()) -> Rows:
+def scalars(numbers: NumbersBySurface, keys: Sequence[str] = ()) -> Rows:
     """One row per scalar, or for each of ``keys``; scalars that no surface has are in ``left_out`` instead."""
     rows = []
     for key in keys or numbers:
@@ -102,9 +102,9 @@ def scalars(numbers: Numbers, keys: Sequence[str] = ()) -> Rows:
     return rows
 
 
-def verdict(numbers: Numbers, theory: Sequence[TheoryLine]) -> list[str]:
+def verdict(numbers: NumbersBySurface, theory: Sequence[TheoryLine]) -> list[str]:
     """Sentence on the ratio in linear theory, if gyral over cortical thickness and a stiffness ratio are known."""
-    if not theory or all(value is None for value in numbers[RATIO]):
+    if not theory or all(value is None for value in numbers[THICKNESS_RATIO]):
         return []
     slopes = ", ".join(f"{number(t.slope)} (stiffness ratio {t.mu_ratio:.3g})" for t in theory)
     return [f"In linear theory, the wavelength of the first wrinkles over cortical thickness is {slopes}."]
@@ -133,8 +133,8 @@ def met(entries: Sequence[Entry], growth: Sequence[GrowthCurve]) -> Rows:
 
 def left_out(entries: Sequence[Entry]) -> Rows:
     """Measures that are missing and why; each reason once, with its surfaces."""
-    rows = _notes(entries, lambda m, key: key in SCALARS and m.scalars.get(key) is None)
-    silent = [k for k in SCALARS if all(_silent(e.measures, k) for e in entries)]
+    rows = _note_rows(entries, lambda m, key: key in SCALARS and m.scalars.get(key) is None)
+    silent = [k for k in SCALARS if all(_missing_without_note(e.measures, k) for e in entries)]
     if silent:
         words = "; ".join(scalar_words(k)[0] for k in silent)
         rows.append({"label": words, "why": "No reason was recorded.", "who": ""})
@@ -143,30 +143,32 @@ def left_out(entries: Sequence[Entry]) -> Rows:
 
 def definitions(entries: Sequence[Entry]) -> Rows:
     """Notes of the measures on numbers that are there."""
-    apart = (WARNING, *OF_INPUT, *REMARKS)
-    return _notes(entries, lambda m, key: key not in apart and (key not in SCALARS or m.scalars.get(key) is not None))
+    apart = (HEALTH_NOTE, *INPUT_NOTES, *SURFACE_NOTES)
+    return _note_rows(
+        entries, lambda m, key: key not in apart and (key not in SCALARS or m.scalars.get(key) is not None)
+    )
 
 
 def warnings(entries: Sequence[Entry]) -> list[str]:
     """Health warnings of simulations: the numbers of these surfaces may be wrong."""
-    return [f"{e.name}: {e.measures.notes[WARNING]}" for e in entries if e.measures.notes.get(WARNING)]
+    return [f"{e.name}: {e.measures.notes[HEALTH_NOTE]}" for e in entries if e.measures.notes.get(HEALTH_NOTE)]
 
 
 def cautions(entries: Sequence[Entry]) -> list[str]:
     """Notes on surfaces that are averages, or whose cortex is not marked."""
     notes_by_text: dict[str, list[str]] = {}
-    for key in OF_INPUT:
+    for key in INPUT_NOTES:
         for e in entries:
             if sentences := e.measures.notes.get(key):
                 notes_by_text.setdefault(sentences, []).append(e.name)
     return [f"{', '.join(names)}: {sentences}" for sentences, names in notes_by_text.items()]
 
 
-def _silent(m: Measures, key: str) -> bool:
+def _missing_without_note(m: Measures, key: str) -> bool:
     return m.scalars.get(key) is None and key not in m.notes
 
 
-def _notes(entries: Sequence[Entry], wanted: Callable[[Measures, str], bool]) -> Rows:
+def _note_rows(entries: Sequence[Entry], wanted: Callable[[Measures, str], bool]) -> Rows:
     """The ``wanted`` notes, in the order of their scalars; one row for all scalars and surfaces with the same text."""
     scalars: dict[str, list[str]] = {}
     names: dict[str, list[str]] = {}
@@ -195,14 +197,14 @@ def remarks(entries: Sequence[Entry], shown: Sequence[Mapping[str, Any]]) -> lis
             drawn, there = number(meta["vertices"]), number(meta["all_vertices"])
             sentences.append(f"{e.name} is drawn with {drawn} of its {there} vertices; numbers are from all of them.")
         if cortex.portion != 1:
-            part = SHARES.get(cortex.portion, f"{cortex.portion:.3g}")
+            part = PORTION_WORDS.get(cortex.portion, f"{cortex.portion:.3g}")
             share = f"{part} of the closed surface of {e.name}"
             sentences.append(f"{share} was simulated, the rest is mirrored. Counts and areas are of the whole.")
         label = cortex_label(cortex)[0]
         if not label.all():
             out = number(int((~label).sum()))
             sentences.append(f"{out} of {number(cortex.n_vertices)} vertices of {e.name} are not cortex (medial wall).")
-        sentences += [f"{e.name}: {e.measures.notes[key]}" for key in REMARKS if e.measures.notes.get(key)]
+        sentences += [f"{e.name}: {e.measures.notes[key]}" for key in SURFACE_NOTES if e.measures.notes.get(key)]
     return sentences
 
 
@@ -231,25 +233,27 @@ def tables(entries: Sequence[Entry]) -> Rows:
 
 def parameters(entries: Sequence[Entry]) -> Rows:
     """Scales and options used, one row each."""
-    return _side_by_side([e.measures.parameters for e in entries])
+    return _rows_side_by_side([e.measures.parameters for e in entries])
 
 
 def facts(entries: Sequence[Entry]) -> Rows:
     """Information from the files of the surfaces."""
     cortices = [e.measures.cortex for e in entries]
-    return _side_by_side([{"origin": c.origin, "portion": c.portion, "units": c.units, **c.info} for c in cortices])
+    return _rows_side_by_side(
+        [{"origin": c.origin, "portion": c.portion, "units": c.units, **c.info} for c in cortices]
+    )
 
 
-def _side_by_side(columns: Sequence[Mapping[str, Any]]) -> Rows:
+def _rows_side_by_side(columns: Sequence[Mapping[str, Any]]) -> Rows:
     keys = dict.fromkeys(k for column in columns for k in column)
-    return [{"key": k, "values": [_word(column.get(k)) for column in columns]} for k in keys]
+    return [{"key": k, "values": [_value_text(column.get(k)) for column in columns]} for k in keys]
 
 
-def _word(value: Any) -> str:
+def _value_text(value: Any) -> str:
     if value is None or isinstance(value, str):
         return value or "–"
     if isinstance(value, int | float | np.number) and not isinstance(value, bool):
         return f"{value:.4g}".replace("-", "−")
     if isinstance(value, Mapping):
-        return ", ".join(f"{k} {_word(v)}" for k, v in value.items())
-    return ", ".join(map(_word, value)) if isinstance(value, list | tuple) else str(value)
+        return ", ".join(f"{k} {_value_text(v)}" for k, v in value.items())
+    return ", ".join(map(_value_text, value)) if isinstance(value, list | tuple) else str(value)

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from morphofold.forecasts.afterwards import PHASES, Cost, cost_beside
-from morphofold.forecasts.analysis_cost import STAGES, AnalysisCost, cost_of_analysis
+from morphofold.forecasts.afterwards import SOLVER_PHASES, Cost, cost_beside
+from morphofold.forecasts.analysis_cost import ANALYSIS_STAGES, AnalysisCost, cost_of_analysis
 from morphofold.forecasts.richardson import Estimate, estimate_beside
 from morphofold.forecasts.table import Expected, called
 from morphofold.report.pages.contents import Entry
@@ -16,7 +16,7 @@ from morphofold.words import percent, span
 if TYPE_CHECKING:
     from morphofold.timing import Stages
 
-Rows = list[tuple[str, str, str, str]]
+TimeRows = list[tuple[str, str, str, str]]
 
 
 def costs(entries: Sequence[Entry], clock: Stages | None = None) -> list[dict[str, Any]]:
@@ -29,29 +29,34 @@ def costs(entries: Sequence[Entry], clock: Stages | None = None) -> list[dict[st
         stages = [Path(file) for file in e.measures.cortex.files if Path(file).name == "stage.json"]
         cost = cost_beside(stages[0]) if stages else None
         if cost is not None:
-            found.append(_of_run(e.name, cost))
+            found.append(_entry_of_run(e.name, cost))
             _add_estimate(found[-1], estimate_beside(stages[0]))
     if clock is not None:
-        found.append(_of_analysis(cost_of_analysis([e.measures for e in entries], clock)))
+        found.append(_entry_of_analysis(cost_of_analysis([e.measures for e in entries], clock)))
     return found
 
 
-def _of_run(name: str, cost: Cost) -> dict[str, Any]:
+def _entry_of_run(name: str, cost: Cost) -> dict[str, Any]:
     """Cost of a simulation: times of each phase, then of each effect of the scene."""
     parts = []
     if cost.elements is not None:
         parts.append(f"{cost.elements:,} elements")
     if cost.steps:
         parts.append(f"{cost.steps:,} steps")
-    times = _times(cost.phases, PHASES) + _times(cost.effects, dict.fromkeys(cost.effects, "effect"))
+    times = _time_rows(cost.phases, SOLVER_PHASES) + _time_rows(cost.effects, dict.fromkeys(cost.effects, "effect"))
     times += [(name, "", "", f"effect: {where}") for name, where in cost.within.items()]
     errors = [
-        (called(name), percent(e.error), f"{percent(e.low)} to {percent(e.high)}", f"{cost.how}{_beside(e)}")
+        (
+            called(name),
+            percent(e.error),
+            f"{percent(e.low)} to {percent(e.high)}",
+            f"{cost.how}{_with_other_settings(e)}",
+        )
         for name, e in cost.errors.items()
     ]
     return {
         "title": f"The simulation of {name}",
-        "sentence": _sentence(cost, parts),
+        "sentence": _cost_sentence(cost, parts),
         "what": "Phase or effect",
         "times": times,
         "errors": errors,
@@ -60,22 +65,22 @@ def _of_run(name: str, cost: Cost) -> dict[str, Any]:
     }
 
 
-def _of_analysis(cost: AnalysisCost) -> dict[str, Any]:
+def _entry_of_analysis(cost: AnalysisCost) -> dict[str, Any]:
     errors = [(name, percent(e.error), "", f"against {e.against}") for name, e in cost.errors.items()]
     sizes = [f"{hemi} of {n:,} vertices" for hemi, n in cost.vertices.items()]
     how = f"Errors: {cost.how}."
     return {
         "title": "The analysis",
-        "sentence": _sentence(cost, [" and ".join(sizes), f"accuracy {cost.accuracy}"]),
+        "sentence": _cost_sentence(cost, [" and ".join(sizes), f"accuracy {cost.accuracy}"]),
         "what": "Stage",
-        "times": _times(cost.stages, STAGES),
+        "times": _time_rows(cost.stages, ANALYSIS_STAGES),
         "errors": errors,
         "range": "",
         "doubts": (how, *cost.doubts),
     }
 
 
-def _sentence(cost: Cost | AnalysisCost, parts: Sequence[str]) -> str:
+def _cost_sentence(cost: Cost | AnalysisCost, parts: Sequence[str]) -> str:
     threads = "" if cost.threads is None else f" by {cost.threads} thread{'s' if cost.threads > 1 else ''}"
     parts = [f"{span(cost.seconds)}{threads}, without compiling", *parts]
     if cost.memory_GiB is not None:
@@ -83,12 +88,12 @@ def _sentence(cost: Cost | AnalysisCost, parts: Sequence[str]) -> str:
     return "; ".join(parts) + "."
 
 
-def _times(taken: Mapping[str, tuple[float, float]], words: Mapping[str, str]) -> Rows:
+def _time_rows(taken: Mapping[str, tuple[float, float]], words: Mapping[str, str]) -> TimeRows:
     """Name, time, share and description."""
     return [(name, span(seconds), percent(share), words.get(name, "")) for name, (seconds, share) in taken.items()]
 
 
-def _beside(expected: Expected) -> str:
+def _with_other_settings(expected: Expected) -> str:
     return f"; other settings change it by {percent(expected.other)}" if expected.other else ""
 
 

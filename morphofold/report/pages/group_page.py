@@ -16,11 +16,11 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from morphofold.cohort.statistics import (
-    BOOTSTRAPPED,
-    FEWEST,
+    FEWEST_FOR_OUTLIERS,
     HEMIS,
+    MOST_ROBUST_FIT_POINTS,
     OUTLIER_Z,
-    ROUND_OFF,
+    RELATIVE_ROUND_OFF,
     Asymmetry,
     Outlier,
     Outliers,
@@ -35,10 +35,10 @@ from morphofold.cohort.statistics import (
     write_statistics,
 )
 from morphofold.progress import Progress, silent
-from morphofold.quantities import CATEGORICAL, RATIO, scalar_words
+from morphofold.quantities import CATEGORICAL_COLOURS, THICKNESS_RATIO, scalar_words
 from morphofold.report.pages.methods import cited, measured
 from morphofold.report.pages.templates import versions, write_page
-from morphofold.report.pictures.group import SIDES, draw_outliers
+from morphofold.report.pictures.group import SIDE_WORDS, draw_outliers
 from morphofold.report.pictures.surfaces import renderer
 from morphofold.report.plots import charts as plots
 from morphofold.report.plots.line_plots import ticks
@@ -48,24 +48,31 @@ from morphofold.words import number
 if TYPE_CHECKING:
     from morphofold.cohort.tables import Group
 
-HEADLINES = (
+HEADLINE_MEASURES = (
     "gyrification_index",
     "mean_cortical_thickness_mm",
     "median_gyral_thickness_mm",
-    RATIO,
+    THICKNESS_RATIO,
     "mean_sulcal_depth_mm",
     "area_pial_mm2",
 )
-CHARTS = (*HEADLINES, "wavelength_mm", "n_hinges")  # always visible; those of other measures are folded away
-PICTURES = 12
-ROWS = 200  # of failures, and of outliers
-REMARKS = 50  # subjects with warnings, and subjects under several names
-BEYOND = 10.0  # robust z above which charts leave values out
-FEWEST_DRAWN = 3  # values of one side that a chart needs
-LISTED = 5  # measures that a sentence lists at most
-POINTS = {"subject": "subjects", "region": "the means of regions"}  # of a plot, as the methods paragraph calls them
-STRIP, EDGE = 260.0, 12.0  # [px] width of a row of the asymmetry chart, and of its margins
-FILES = (
+OPEN_CHARTS = (
+    *HEADLINE_MEASURES,
+    "wavelength_mm",
+    "n_hinges",
+)  # always visible; those of other measures are folded away
+MOST_PICTURED_SUBJECTS = 12
+MOST_TABLE_ROWS = 200  # of failures, and of outliers
+MOST_REMARKED_SUBJECTS = 50  # subjects with warnings, and subjects under several names
+LARGEST_CHARTED_Z = 10.0  # robust z above which charts leave values out
+FEWEST_CHART_VALUES = 3  # values of one side that a chart needs
+MOST_MEASURES_LISTED = 5  # measures that a sentence lists at most
+POINT_NAMES = {
+    "subject": "subjects",
+    "region": "the means of regions",
+}  # of a plot, as the methods paragraph calls them
+STRIP_WIDTH_PX, STRIP_MARGIN_PX = 260.0, 12.0  # [px] width of a row of the asymmetry chart, and of its margins
+DATA_FILES = (
     ("measures.tsv", "every number of every subject, one per line; measures.parquet has the same"),
     ("distributions.tsv", "the distributions of this page"),
     ("asymmetry.tsv", "left against right"),
@@ -87,10 +94,10 @@ class Side:
 
     @property
     def name(self) -> str:
-        return SIDES[self.hemi].capitalize()
+        return SIDE_WORDS[self.hemi].capitalize()
 
 
-BOTH = (Side("lh", CATEGORICAL[0], "circle", ""), Side("rh", CATEGORICAL[1], "square", "7 3"))
+BOTH_SIDES = (Side("lh", CATEGORICAL_COLOURS[0], "circle", ""), Side("rh", CATEGORICAL_COLOURS[1], "square", "7 3"))
 
 
 def group_report(group: Group, folder: Path, progress: Progress = silent) -> Path:
@@ -107,16 +114,20 @@ def group_report(group: Group, folder: Path, progress: Progress = silent) -> Pat
     ]
     write_table(folder / "remarks.tsv", ("subject", "remark"), remark_rows)
     progress(0.3, "charts")
-    there = [side for k, side in enumerate(BOTH) if known(group.scalars)[:, k].any()]
-    charts = {name: chart for name in scalars if (chart := _chart(name, scalars[name], there))}
-    clouds = [_clouds(group, there, kind) for kind in ("subject", "region")]
+    there = [side for k, side in enumerate(BOTH_SIDES) if known(group.scalars)[:, k].any()]
+    charts = {name: chart for name in scalars if (chart := _histogram_chart(name, scalars[name], there))}
+    clouds = [_thickness_plot(group, there, kind) for kind in ("subject", "region")]
     progress(0.5, "pictures of outliers")
     by_subject = far.subjects
     pictures = draw_outliers(
-        [rows[0] for rows in by_subject[:PICTURES]], group.subjects, scalars, group.results, folder / "figures"
+        [rows[0] for rows in by_subject[:MOST_PICTURED_SUBJECTS]],
+        group.subjects,
+        scalars,
+        group.results,
+        folder / "figures",
     )
     progress(0.9, "page")
-    lined = [POINTS[cloud["kind"]] for cloud in clouds if any(line["fit"] for line in cloud["fits"])]
+    lined = [POINT_NAMES[cloud["kind"]] for cloud in clouds if any(line["fit"] for line in cloud["fits"])]
     sentences, references = methods(versions()[0][1], bool(sides), bool(far.looked_at or far.found), lined)
     path = write_page(
         folder / "report.html",
@@ -128,40 +139,40 @@ def group_report(group: Group, folder: Path, progress: Progress = silent) -> Pat
         beside=beside,
         p_told=p_told,
         words=scalar_words,
-        sides=SIDES,
+        sides=SIDE_WORDS,
         there=there,
         verdict=verdict(group),
         warnings=warnings(group),
         headlines=headlines(scalars, there),
         unlike=measured_differently(group),
         pooling=group.pooling,
-        charts=[charts[name] for name in CHARTS if name in charts],
-        other_charts=[chart for name, chart in charts.items() if name not in CHARTS],
+        charts=[charts[name] for name in OPEN_CHARTS if name in charts],
+        other_charts=[chart for name, chart in charts.items() if name not in OPEN_CHARTS],
         spread=spread,
         alike=alike(scalars),
         strips=strips(sides),
         sided=sided(sides),
         scatters=[cloud for cloud in clouds if cloud["plot"]],
         fitted=bool(lined),
-        outliers=far.found[:ROWS],
-        more_outliers=len(far.found) - ROWS,
+        outliers=far.found[:MOST_TABLE_ROWS],
+        more_outliers=len(far.found) - MOST_TABLE_ROWS,
         outlying=outlying(far, len(by_subject)),
         pictures=[one for one in pictures if one.data],
         others=[one for one in pictures if not one.data],
-        rows_of={rows[0].subject: rows for rows in by_subject[:PICTURES]},
+        rows_of={rows[0].subject: rows for rows in by_subject[:MOST_PICTURED_SUBJECTS]},
         far=OUTLIER_Z,
-        failures=group.failures[:ROWS],
-        more_failures=len(group.failures) - ROWS,
-        remarks=list(group.remarks.items())[:REMARKS],
+        failures=group.failures[:MOST_TABLE_ROWS],
+        more_failures=len(group.failures) - MOST_TABLE_ROWS,
+        remarks=list(group.remarks.items())[:MOST_REMARKED_SUBJECTS],
         n_remarks=len(group.remarks),
-        most_remarks=REMARKS,
-        same=group.same[:REMARKS],
+        most_remarks=MOST_REMARKED_SUBJECTS,
+        same=group.same[:MOST_REMARKED_SUBJECTS],
         n_same=len(group.same),
         methods=sentences,
         references=references,
-        files=FILES,
+        files=DATA_FILES,
         renderer=renderer(),
-        bootstrapped=BOOTSTRAPPED,
+        bootstrapped=MOST_ROBUST_FIT_POINTS,
     )
     progress(1.0, "done")
     return path
@@ -247,19 +258,24 @@ def outlying(far: Outliers, subjects: int) -> list[str]:
             "normally distributed."
         )
     if far.too_few:
-        who = "Nothing was looked for" if not (far.looked_at or far.found) else f"Left out: {_listed(far.too_few)}"
-        sentences.append(f"{who}: fewer than {FEWEST} values, too few to define the usual range.")
+        who = (
+            "Nothing was looked for"
+            if not (far.looked_at or far.found)
+            else f"Left out: {_measures_with_sides(far.too_few)}"
+        )
+        sentences.append(f"{who}: fewer than {FEWEST_FOR_OUTLIERS} values, too few to define the usual range.")
     if far.divided:
         sentences.append(
-            f"Left out: {_listed(far.divided)}: half or more of the values are the same, but over a quarter differ."
+            f"Left out: {_measures_with_sides(far.divided)}: half or more of the values are the same, but over "
+            "a quarter differ."
         )
     return sentences
 
 
-def _listed(pairs: Sequence[tuple[str, str]]) -> str:
+def _measures_with_sides(pairs: Sequence[tuple[str, str]]) -> str:
     sides: dict[str, list[str]] = {}
     for measure, hemi in pairs:
-        sides.setdefault(scalar_words(measure)[0], []).append(SIDES[hemi])
+        sides.setdefault(scalar_words(measure)[0], []).append(SIDE_WORDS[hemi])
     return "; ".join(f"{label}{'' if len(which) == 2 else f' ({which[0]})'}" for label, which in sides.items())
 
 
@@ -274,7 +290,7 @@ def sided(sides: Sequence[Asymmetry]) -> str:
         if row.sided
     ]
     what = f"The sides differ in {'; '.join(found)}" if found else "No measure differs between the sides"
-    if len(found) > LISTED:
+    if len(found) > MOST_MEASURES_LISTED:
         what = f"The sides differ in {len(found)} measures (filled dots)"
     return f"{what}, by t-tests corrected for {plural(len(tested), 'measure')} (Holm, 5 %)."
 
@@ -338,10 +354,10 @@ def headlines(scalars: Scalars, there: Sequence[Side]) -> list[dict[str, Any]]:
 
     The sides are compared, so only subjects with both sides are used, if there are any.
     """
-    paired = {name: of_both(values) for name, values in scalars.items() if name in HEADLINES}
+    paired = {name: of_both(values) for name, values in scalars.items() if name in HEADLINE_MEASURES}
     table = {(row.measure, row.hemi): row for row in distributions(paired)}
     rows = []
-    for key in HEADLINES:
+    for key in HEADLINE_MEASURES:
         cells = [table.get((key, side.hemi)) for side in there]
         if any(cells):
             label, unit = scalar_words(key)
@@ -368,31 +384,33 @@ def strips(sides: Sequence[Asymmetry]) -> dict[str, Any] | None:
     top = 1.05 * max(ends) or 1.0
 
     def place(x: float) -> float | None:
-        return EDGE + (x + top) / (2 * top) * (STRIP - 2 * EDGE) if np.isfinite(x) else None
+        return (
+            STRIP_MARGIN_PX + (x + top) / (2 * top) * (STRIP_WIDTH_PX - 2 * STRIP_MARGIN_PX) if np.isfinite(x) else None
+        )
 
     rows = [{"row": row, "at": place(row.asymmetry), "low": place(row.low), "high": place(row.high)} for row in sides]
     marks = [(place(x), percent(x) if x else "0") for x in ticks(-top, top, about=5)]
-    return {"rows": rows, "ticks": marks, "zero": place(0.0), "width": STRIP}
+    return {"rows": rows, "ticks": marks, "zero": place(0.0), "width": STRIP_WIDTH_PX}
 
 
 # --- charts
 
 
-def _chart(name: str, values: NDArray[np.float64], there: Sequence[Side]) -> Markup | None:
+def _histogram_chart(name: str, values: NDArray[np.float64], there: Sequence[Side]) -> Markup | None:
     """Histograms of left and right, without values that lie far out; the caption gives the number of these."""
     label, unit = scalar_words(name)
     held = np.isfinite(values)
-    if held.sum(axis=0).max() < FEWEST_DRAWN or are_alike(values[held]):
+    if held.sum(axis=0).max() < FEWEST_CHART_VALUES or are_alike(values[held]):
         return None
     z, _ = robust_z(values[held])
     beyond = np.zeros(values.shape, dtype=bool)
-    beyond[held] = np.isfinite(z) & (np.abs(z) > BEYOND)
+    beyond[held] = np.isfinite(z) & (np.abs(z) > LARGEST_CHARTED_Z)
     shown = np.where(beyond, np.nan, values)
-    bins = _bins(shown[np.isfinite(shown)], int(held.sum(axis=0).max()))
+    bins = _bin_edges(shown[np.isfinite(shown)], int(held.sum(axis=0).max()))
     series = [(side, shown[:, HEMIS.index(side.hemi)], np.ones(len(values))) for side in there]
     chart = plots.histograms(series, label, unit, bins, counted="subjects")
     numbers = [int(held[:, HEMIS.index(side.hemi)].sum()) for side in there]
-    caption = [f"n: {', '.join(f'{SIDES[side.hemi]} {number(n)}' for side, n in zip(there, numbers))}."]
+    caption = [f"n: {', '.join(f'{SIDE_WORDS[side.hemi]} {number(n)}' for side, n in zip(there, numbers))}."]
     caption = caption if len(set(numbers)) > 1 else []  # else the caption below all charts gives it
     caption += [f"{plural(int(beyond.sum()), 'value')} far beyond, not drawn."] if beyond.any() else []
     if chart is not None and caption:
@@ -400,7 +418,7 @@ def _chart(name: str, values: NDArray[np.float64], there: Sequence[Side]) -> Mar
     return chart
 
 
-def _bins(values: NDArray[np.float64], n: int) -> NDArray[np.float64]:
+def _bin_edges(values: NDArray[np.float64], n: int) -> NDArray[np.float64]:
     """Edges of bins that hold all values, for ``n`` values per side; between whole numbers if all values are whole."""
     most = int(np.clip(2 * np.sqrt(n), 6, 48))
     low, high = float(values.min()), float(values.max())
@@ -412,7 +430,7 @@ def _bins(values: NDArray[np.float64], n: int) -> NDArray[np.float64]:
 
 def are_alike(values: NDArray[np.float64]) -> bool:
     """Whether known values are all the same to round-off."""
-    return bool(np.ptp(values) <= ROUND_OFF * np.abs(values).max())
+    return bool(np.ptp(values) <= RELATIVE_ROUND_OFF * np.abs(values).max())
 
 
 def alike(scalars: Scalars) -> list[str]:
@@ -420,13 +438,13 @@ def alike(scalars: Scalars) -> list[str]:
     sentences = []
     for name, values in scalars.items():
         known = values[np.isfinite(values)]
-        if known.size >= FEWEST_DRAWN and are_alike(known):
+        if known.size >= FEWEST_CHART_VALUES and are_alike(known):
             label, unit = scalar_words(name)
             sentences.append(f"{label} {shown_number(name, float(np.median(known)))} {unit}".strip())
     return sentences
 
 
-def _clouds(group: Group, there: Sequence[Side], kind: str) -> dict[str, Any]:
+def _thickness_plot(group: Group, there: Sequence[Side], kind: str) -> dict[str, Any]:
     """The plot of gyral against cortical thickness over subjects or regions, with the fits."""
     of = {"subject": subject_cloud, "region": region_cloud}[kind]
     clouds = [(side, of(group, HEMIS.index(side.hemi))) for side in there]

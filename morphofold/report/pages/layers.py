@@ -14,7 +14,7 @@ from morphofold.analysis.graph.hinges import counts
 from morphofold.analysis.measures import Measures
 from morphofold.words import number
 
-Ids = NDArray[np.int64]
+VertexIds = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,18 +30,18 @@ class Net:
         and text.
     """
 
-    crests: Sequence[Ids]
+    crests: Sequence[VertexIds]
     hinges: list[dict[str, Any]]
 
 
-def net_of(measures: Measures, ids: Ids) -> Net | None:
+def net_of(measures: Measures, ids: VertexIds) -> Net | None:
     """The net of a surface, of which only the vertices ``ids`` (n,) are drawn; None if it has no graph."""
     if measures.graph is None:
         return None
     tree = cKDTree(measures.cortex.white.verts[ids])
     crests = []
     for _, _, crest in measures.graph.edges(data=True):
-        near: Ids = tree.query(crest["polyline"])[1].astype(np.int64)
+        near: VertexIds = tree.query(crest["polyline"])[1].astype(np.int64)
         near = near[np.flatnonzero(np.diff(near, prepend=-1))]  # drop consecutive repeats
         crests.append(near)
     arms: dict[int, list[dict[str, Any]]] = {}
@@ -52,14 +52,14 @@ def net_of(measures: Measures, ids: Ids) -> Net | None:
             "at": int(tree.query((row["x"], row["y"], row["z"]))[1]),
             "degree": row["degree"],
             "doubtful": not counts(row),
-            "lines": _lines(row, arms.get(row["hinge"], [])),
+            "lines": _lines_of_click_text(row, arms.get(row["hinge"], [])),
         }
         for row in measures.hinges
     ]
     return Net(crests, hinges)
 
 
-def _lines(row: dict[str, Any], arms: Sequence[dict[str, Any]]) -> list[tuple[str, str]]:
+def _lines_of_click_text(row: dict[str, Any], arms: Sequence[dict[str, Any]]) -> list[tuple[str, str]]:
     """Label and text that a click on a hinge shows."""
     angles = ", ".join(f"{number(arm['angle_deg'])}°" for arm in arms)
     lengths = ", ".join(number(arm["length_mm"]) for arm in arms)

@@ -25,7 +25,7 @@ REFERENCES = {
     "IEEE Trans. Med. Imaging 27, 161.",
 }
 
-_MATERIALS = {"neo-hookean": "neo-Hookean", "mooney-rivlin": "Mooney-Rivlin"}
+_MATERIAL_NAMES = {"neo-hookean": "neo-Hookean", "mooney-rivlin": "Mooney-Rivlin"}
 
 
 def methods(entries: Sequence[Entry], version: str, *, theory: bool) -> tuple[str, list[str]]:
@@ -33,7 +33,7 @@ def methods(entries: Sequence[Entry], version: str, *, theory: bool) -> tuple[st
 
     ``theory``: whether the page has a line of linear theory.
     """
-    sentences = [*_grown(entries), *measured([e.measures for e in entries], version)]
+    sentences = [*_growth_sentences(entries), *measured([e.measures for e in entries], version)]
     if any(e.folding is not None for e in entries):
         sentences.append(
             "The law of folding is total area times the root of thickness over exposed area to the power 5/4 (Mota and "
@@ -50,7 +50,7 @@ def cited(sentences: Sequence[str]) -> tuple[str, list[str]]:
     return text, [work for name, work in REFERENCES.items() if name in text]
 
 
-def _grown(entries: Sequence[Entry]) -> list[str]:
+def _growth_sentences(entries: Sequence[Entry]) -> list[str]:
     """One sentence for each simulated cortex."""
     sentences = []
     for e in entries:
@@ -58,7 +58,7 @@ def _grown(entries: Sequence[Entry]) -> list[str]:
         material = str(info.get("material", "neo-hookean"))
         if e.measures.cortex.origin == "simulation" and None not in (info.get(key) for key in ("g", "law", "mu_ratio")):
             sentences.append(
-                f"{e.name} was grown by finite elements: a {_MATERIALS.get(material, material)} cortex, "
+                f"{e.name} was grown by finite elements: a {_MATERIAL_NAMES.get(material, material)} cortex, "
                 f"{number(float(info['mu_ratio']))} times as stiff as its core, with {info['law']} growth to a stretch "
                 f"of {number(float(info['g']))} (after Razavi et al. 2015)."
             )
@@ -76,7 +76,7 @@ def measured(measures: Sequence[Measures], version: str) -> list[str]:
     return [
         f"White and pial surfaces were measured with morphofold {version}"
         f"{', with the same code for simulated and reconstructed cortex' * simulated}.",
-        *_copied(measures),
+        *_resampling_sentences(measures),
         f"Curvature is that of a cubic surface fitted to the vertices within {within} mm along the surface; it is "
         "positive where the surface is convex.",
         "Cortical thickness is half the sum of the distances from white to pial surface and back, each to the closest "
@@ -91,7 +91,7 @@ def measured(measures: Sequence[Measures], version: str) -> list[str]:
     ]
 
 
-def _copied(measures: Sequence[Measures]) -> list[str]:
+def _resampling_sentences(measures: Sequence[Measures]) -> list[str]:
     """Sentences on surfaces measured with more or fewer vertices (resampled), or in coarser or finer voxels."""
     sentences = []
     for kind, how in (("draft", "thinned"), ("fine", "finer")):

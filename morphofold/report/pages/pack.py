@@ -23,7 +23,7 @@ from morphofold.surface import Cortex, Faces, PerVertex, Verts
 
 DISPLAY_VERTICES = 60_000
 STAGED_VERTICES = 15_000  # of a body drawn at every stage of growth
-NAN16 = 65535
+NAN_CODE_16_BIT = 65535
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +57,7 @@ def pack(
     """
     steps = steps or {}
     shown = shown or thin(cortex)
-    writer = _Writer()
+    writer = _ArrayPacker()
     surfaces = {"pial": cortex.pial, "white": cortex.white, "inflated": cortex.inflated}
     boxes = {}
     for name, surface in surfaces.items():
@@ -89,14 +89,14 @@ def pack_stage(
     cortex: Cortex, maps: Mapping[str, PerVertex], steps: Mapping[str, float], ids: NDArray[np.int64]
 ) -> Packed:
     """Pack white and pial surface and maps (N,) of a stage of growth, at the vertices ``ids`` of the last stage."""
-    writer = _Writer()
+    writer = _ArrayPacker()
     boxes = {n: writer.positions(n, s.verts[ids]) for n, s in (("pial", cortex.pial), ("white", cortex.white))}
     ranges = {key: writer.values(f"map:{key}", values[ids], steps.get(key, 0.0)) for key, values in maps.items()}
     meta = {"g": float(cortex.info["g"]), "surfaces": boxes, "maps": ranges, "arrays": writer.arrays}
     return Packed(meta, writer.text())
 
 
-class _Writer:
+class _ArrayPacker:
     """Collects encoded arrays one after the other and keeps where each begins."""
 
     def __init__(self) -> None:
@@ -122,11 +122,11 @@ class _Writer:
     def values(self, name: str, values: np.ndarray, step: float) -> dict[str, float]:
         known = np.isfinite(values)
         low, high = (float(values[known].min()), float(values[known].max())) if known.any() else (0.0, 1.0)
-        codes = np.full(len(values), NAN16, dtype=np.uint16)
-        step = max(step, (high - low) / (NAN16 - 1)) or 1.0
+        codes = np.full(len(values), NAN_CODE_16_BIT, dtype=np.uint16)
+        step = max(step, (high - low) / (NAN_CODE_16_BIT - 1)) or 1.0
         codes[known] = np.round((values[known] - low) / step).astype(np.uint16)
         self.add(name, codes)
-        return {"low": low, "high": low + step * (NAN16 - 1)}  # limits of the codes, not of the values
+        return {"low": low, "high": low + step * (NAN_CODE_16_BIT - 1)}  # limits of the codes, not of the values
 
 
 def encode(array: np.ndarray, stride: int = 1) -> bytes:

@@ -18,16 +18,24 @@ from numpy.typing import NDArray
 
 from morphofold.analysis.graph.hinge_shapes import hinge_shapes
 from morphofold.analysis.measures import Measures
-from morphofold.comparison.growth import NUMBERS, GrowthCurve
+from morphofold.comparison.growth import DIMENSIONLESS_NUMBERS, GrowthCurve
 from morphofold.comparison.hinges import HingeComparison, compare_hinges
 from morphofold.comparison.remarks import cautions, plot_notes
 from morphofold.comparison.side_by_side import numbers, theory_lines
 from morphofold.comparison.thickness import Cloud, TheoryLine, thickness_clouds
-from morphofold.forecasts.analysis_cost import PAGE
+from morphofold.forecasts.analysis_cost import PAGE_STAGE
 from morphofold.geometry import vertex_areas
 from morphofold.progress import Progress, silent
 from morphofold.provenance import records_as_read
-from morphofold.quantities import CATEGORICAL, HEADLINES, MAIN, Quantity, common_limits, find, quantity
+from morphofold.quantities import (
+    CATEGORICAL_COLOURS,
+    HEADLINE_SCALARS,
+    MAIN_MAPS,
+    Quantity,
+    common_limits,
+    find,
+    quantity,
+)
 from morphofold.report import colours
 from morphofold.report.pages import contents
 from morphofold.report.pages.contents import Entry
@@ -39,7 +47,7 @@ from morphofold.report.pages.templates import versions, write_page
 from morphofold.report.pictures.hinges import clear_examples, hinge_pairs
 from morphofold.report.pictures.net import net_figure, net_row
 from morphofold.report.pictures.png import halved, png_bytes
-from morphofold.report.pictures.surfaces import Looks, Picture, Row, figure, renderer, safe_name
+from morphofold.report.pictures.surfaces import Picture, Row, VisibleFaces, figure, renderer, safe_name
 from morphofold.report.plots import charts
 from morphofold.surface import Surface
 
@@ -48,10 +56,10 @@ if TYPE_CHECKING:
     from morphofold.timing import Stages
 
 ANALYSIS_TITLE = "Analysis"
-SIDES = {"lh": "left", "rh": "right"}
-SCRIPTS = ("tables.js", "viewer-data.js", "viewer-layers.js", "viewer.js")
-Shown = dict[str, tuple[Quantity, tuple[float, float]]]  # map key -> quantity, limits for all surfaces
-Inputs = Sequence[Mapping[str, Any]]  # rows with path and sha256
+SIDE_WORDS = {"lh": "left", "rh": "right"}
+VIEWER_SCRIPTS = ("tables.js", "viewer-data.js", "viewer-layers.js", "viewer.js")
+ShownMaps = dict[str, tuple[Quantity, tuple[float, float]]]  # map key -> quantity, limits for all surfaces
+InputRecords = Sequence[Mapping[str, Any]]  # rows with path and sha256
 
 
 def analysis_report(
@@ -59,7 +67,7 @@ def analysis_report(
     path: str | Path,
     *,
     failed: Mapping[str, str] = {},
-    inputs: Inputs = (),
+    inputs: InputRecords = (),
     stages: Sequence[Measures] = (),
     clock: Stages | None = None,
 ) -> Path:
@@ -71,21 +79,21 @@ def analysis_report(
     the times.
     """
     if clock is not None:
-        clock.begin(PAGE)
+        clock.begin(PAGE_STAGE)
     names = [m.cortex.name for m in measures]
     unique = [n if names.count(n) == 1 else f"{n} {m.cortex.hemi}" for n, m in zip(names, measures)]
     named = dict(zip(unique, measures))
-    colours = dict(zip(unique, CATEGORICAL))
-    entries = _entries(named, colours, thickness_clouds(measures), stages={unique[0]: stages})
+    colours = dict(zip(unique, CATEGORICAL_COLOURS))
+    entries = _page_entries(named, colours, thickness_clouds(measures), stages={unique[0]: stages})
     shapes = {name: found for name, m in named.items() if (found := hinge_shapes(m)) is not None}
-    sides = " and ".join(SIDES[m.cortex.hemi] for m in measures)
+    sides = " and ".join(SIDE_WORDS[m.cortex.hemi] for m in measures)
     what = f"The {sides} hemisphere{'s' if len(measures) > 1 else ''}"
     if all(m.cortex.origin == "simulation" for m in measures):
         what = "A simulated cortex"
     lede = f"{what}, measured from white and pial surface."
     title = ", ".join(dict.fromkeys(names))
-    missing = [f"The {SIDES[hemi]} hemisphere could not be measured: {why}" for hemi, why in failed.items()]
-    return _write(
+    missing = [f"The {SIDE_WORDS[hemi]} hemisphere could not be measured: {why}" for hemi, why in failed.items()]
+    return _write_page(
         Path(path),
         ANALYSIS_TITLE,
         title,
@@ -100,15 +108,15 @@ def analysis_report(
 
 
 def comparison_report(
-    comparison: Comparison, folder: str | Path, *, inputs: Inputs = (), progress: Progress = silent
+    comparison: Comparison, folder: str | Path, *, inputs: InputRecords = (), progress: Progress = silent
 ) -> Path:
     """Write ``folder/report.html`` and ``folder/figures/`` of a comparison; ``progress`` gets share and step."""
     pairs = zip(comparison.names, comparison.measures)
     title = " beside ".join(dict.fromkeys(n.removesuffix(f" {m.cortex.hemi}") for n, m in pairs))
     lede = "Measured with the same code. All surfaces share colours, bins and axes."
     named = dict(zip(comparison.names, comparison.measures))
-    entries = _entries(named, comparison.colours, comparison.clouds, comparison.groups, comparison.stages)
-    return _write(
+    entries = _page_entries(named, comparison.colours, comparison.clouds, comparison.groups, comparison.stages)
+    return _write_page(
         Path(folder) / "report.html",
         "Comparison",
         title,
@@ -122,7 +130,7 @@ def comparison_report(
     )
 
 
-def _write(
+def _write_page(
     path: Path,
     kind: str,
     title: str,
@@ -131,35 +139,35 @@ def _write(
     theory: Sequence[TheoryLine],
     hinges: Sequence[HingeComparison],
     growth: Sequence[GrowthCurve] = (),
-    inputs: Inputs = (),
+    inputs: InputRecords = (),
     missing: Sequence[str] = (),
     progress: Progress = silent,
     clock: Stages | None = None,
 ) -> Path:
     named = {e.name: e.measures for e in entries}
     table = numbers(list(named.values()))
-    shown = _shown(entries)
+    shown = _shown_maps(entries)
     progress(0.0, "thinning surfaces")
     thinned = [
         thin(e.measures.cortex, STAGED_VERTICES if e.stages else DISPLAY_VERTICES, [m.cortex for m in e.stages])
         for e in entries
     ]
     progress(0.15, "drawing pictures")
-    pictures = _pictures(path.parent / "figures", entries, thinned, shown)
+    pictures = _write_pictures(path.parent / "figures", entries, thinned, shown)
     progress(0.65, "packing surfaces")
-    viewer, blocks = _viewer(entries, thinned, shown)
+    viewer, blocks = _viewer_data(entries, thinned, shown)
     progress(0.75, "drawing charts and hinges")
     paragraph, references = methods(entries, versions()[0][1], theory=bool(theory))
     return write_page(
         path,
         "report.html",
-        SCRIPTS,
+        VIEWER_SCRIPTS,
         kind=kind,
         title=title,
         lede=lede,
         entries=entries,
         theory=theory,
-        headlines=contents.scalars(table, HEADLINES),
+        headlines=contents.scalars(table, HEADLINE_SCALARS),
         verdict=contents.verdict(table, theory),
         scalars=contents.scalars(table),
         fits=contents.fits(entries),
@@ -175,23 +183,23 @@ def _write(
         references=references,
         parameters=contents.parameters(entries),
         facts=contents.facts(entries),
-        inputs=list(inputs) or _inputs(entries),
-        charts=_charts(entries, shown),
-        scatter=_scatter(entries, theory),
+        inputs=list(inputs) or _input_records(entries),
+        charts=_histogram_charts(entries, shown),
+        scatter=_thickness_scatter_chart(entries, theory),
         pictures=pictures,
         renderer=renderer(),
         maps=[what for what, _ in shown.values()],
-        main=MAIN,
+        main=MAIN_MAPS,
         viewer=viewer,
         blocks=blocks,
         columns={1: 1, 2: 2, 4: 2}.get(len(entries), 3),
         hinges=hinges,
-        pairs=_pairs(path.parent / "figures", hinges, named),
+        pairs=_write_hinge_pairs(path.parent / "figures", hinges, named),
         growth=growth,
         growth_charts=_growth_charts(entries, growth),
         met=contents.met(entries, growth),
-        law=_law(entries, growth),
-        ratio=_ratio(entries),
+        law=_folding_law_chart(entries, growth),
+        ratio=_thickness_ratio_chart(entries),
         folding=[(e, t) for e in entries if (t := e.folding) is not None],
         sides=len({e.measures.cortex.hemi for e in entries if e.measures.cortex.origin != "simulation"}),
         slider=any(e.stages for e in entries),
@@ -201,7 +209,7 @@ def _write(
     )
 
 
-def _entries(
+def _page_entries(
     named: Mapping[str, Measures],
     colours: Mapping[str, str],
     clouds: Sequence[Cloud],
@@ -215,48 +223,50 @@ def _entries(
         group = held.get(name, "")
         group_label = group if name not in (group, f"{group} {m.cortex.hemi}") else ""
         marker, dash = [*charts.MARKERS][k % 4], charts.DASHES[(k + k // 4) % 4]  # sixteen before one repeats
-        grown = tuple(s for s in stages.get(name, ()) if _other_stage(s, m))
+        grown = tuple(s for s in stages.get(name, ()) if _is_earlier_stage(s, m))
         entries.append(Entry(name, m, colours[name], marker, dash, cloud, group_label, grown))
     return entries
 
 
-def _other_stage(stage: Measures, m: Measures) -> bool:
+def _is_earlier_stage(stage: Measures, m: Measures) -> bool:
     """Whether ``stage`` is an earlier stage of the same body: less growth, same vertices (each stage splits quads)."""
     a, b = stage.cortex, m.cortex
     same = all(x == y for x, y in ((a.n_vertices, b.n_vertices), (a.info.get("name"), b.info.get("name"))))
     return same and "g" in a.info and "g" in b.info and float(a.info["g"]) < float(b.info["g"])
 
 
-def _inputs(entries: Sequence[Entry]) -> Inputs:
+def _input_records(entries: Sequence[Entry]) -> InputRecords:
     return records_as_read(e.measures.cortex for e in entries)
 
 
-def _having(entries: Sequence[Entry], key: str) -> list[tuple[Entry, NDArray[np.float64]]]:
+def _entries_with_map(entries: Sequence[Entry], key: str) -> list[tuple[Entry, NDArray[np.float64]]]:
     """The entries that have the map ``key`` with at least one value, each with the map."""
     found = [(e, find(e.measures.maps, key)) for e in entries]
     return [(e, a) for e, a in found if a is not None and np.isfinite(a).any()]
 
 
-def _shown(entries: Sequence[Entry]) -> Shown:
+def _shown_maps(entries: Sequence[Entry]) -> ShownMaps:
     """The maps that a page shows, main maps first, with the limits that all its surfaces share."""
-    others = {quantity(n).key for e in entries for n in e.measures.maps} - set(MAIN)
+    others = {quantity(n).key for e in entries for n in e.measures.maps} - set(MAIN_MAPS)
     shown = {}
-    for key in (*MAIN, *sorted(others)):
-        if arrays := [a for _, a in _having(entries, key)]:
+    for key in (*MAIN_MAPS, *sorted(others)):
+        if arrays := [a for _, a in _entries_with_map(entries, key)]:
             what = quantity(key, arrays)
             shown[key] = (what, common_limits(what, arrays))
     return shown
 
 
-def _viewer(entries: Sequence[Entry], thinned: Sequence[Display], shown: Shown) -> tuple[dict[str, Any], contents.Rows]:
+def _viewer_data(
+    entries: Sequence[Entry], thinned: Sequence[Display], shown: ShownMaps
+) -> tuple[dict[str, Any], contents.Rows]:
     """The JSON configuration of viewer.js, and one block of packed data per surface (and per stage)."""
     surfaces, blocks = [], []
     steps = {key: (high - low) / 2000 for key, (_, (low, high)) in shown.items()}  # finer than the colours can show
     for e, display in zip(entries, thinned):
-        maps = {key: a for key in shown for _, a in _having([e], key)}
+        maps = {key: a for key in shown for _, a in _entries_with_map([e], key)}
         cortex = e.measures.cortex
         packed = pack(cortex, maps, steps, display, net_of(e.measures, display.ids))
-        own = [key for key in MAIN if key in shown]
+        own = [key for key in MAIN_MAPS if key in shown]
         grown = [
             pack_stage(m.cortex, {key: a for key in own if (a := find(m.maps, key)) is not None}, steps, display.ids)
             for m in e.stages
@@ -279,7 +289,7 @@ def _viewer(entries: Sequence[Entry], thinned: Sequence[Display], shown: Shown) 
             "label": what.label,
             "unit": what.unit,
             "signed": what.signed,
-            "main": key in MAIN,
+            "main": key in MAIN_MAPS,
             "limits": list(limits),
         }
         for key, (what, limits) in shown.items()
@@ -288,75 +298,82 @@ def _viewer(entries: Sequence[Entry], thinned: Sequence[Display], shown: Shown) 
         "surfaces": surfaces,
         "maps": maps_shown,
         "tables": {"sequential": colours.sequential().tolist(), "diverging": colours.diverging().tolist()},
-        "missing": colours.NOT_MEASURED,
-        "bare": colours.BARE,
+        "missing": colours.NOT_MEASURED_COLOUR,
+        "bare": colours.BARE_SURFACE_COLOUR,
     }
     return config, blocks
 
 
-def _pictures(folder: Path, entries: Sequence[Entry], thinned: Sequence[Display], shown: Shown) -> list[dict[str, Any]]:
+def _write_pictures(
+    folder: Path, entries: Sequence[Entry], thinned: Sequence[Display], shown: ShownMaps
+) -> list[dict[str, Any]]:
     """Write ``folder/KEY.png`` for the main maps and the gyral net; return them at half size for the page."""
     folder.mkdir(parents=True, exist_ok=True)
     pial = {e.name: Surface(e.measures.cortex.pial.verts[d.ids], d.faces, e.name) for e, d in zip(entries, thinned)}
     ids = {e.name: d.ids for e, d in zip(entries, thinned)}
     pictures = []
-    looks: Looks = {}
+    looks: VisibleFaces = {}
     with ThreadPoolExecutor(1) as writer:  # writes one picture while the next is drawn
-        for key in (k for k in MAIN if k in shown):
+        for key in (k for k in MAIN_MAPS if k in shown):
             what, limits = shown[key]
-            rows = [Row(e.name, pial[e.name], a[ids[e.name]], e.measures.cortex.hemi) for e, a in _having(entries, key)]
+            rows = [
+                Row(e.name, pial[e.name], a[ids[e.name]], e.measures.cortex.hemi)
+                for e, a in _entries_with_map(entries, key)
+            ]
             image = figure(rows, what, limits, looks=looks)
-            pictures.append(writer.submit(_saved, folder / f"{safe_name(key)}.png", image, what.title, limits))
+            pictures.append(writer.submit(_saved_picture, folder / f"{safe_name(key)}.png", image, what.title, limits))
         if nets := [net_row(e.measures, e.name) for e in entries if e.measures.graph is not None]:
             title = "Net of gyral crests and its hinges"
-            pictures.append(writer.submit(_saved, folder / "gyral_net.png", net_figure(nets), title, None))
+            pictures.append(writer.submit(_saved_picture, folder / "gyral_net.png", net_figure(nets), title, None))
     return [picture.result() for picture in pictures]
 
 
-def _pairs(folder: Path, hinges: Sequence[HingeComparison], named: Mapping[str, Measures]) -> list[dict[str, Any]]:
+def _write_hinge_pairs(
+    folder: Path, hinges: Sequence[HingeComparison], named: Mapping[str, Measures]
+) -> list[dict[str, Any]]:
     """Write ``folder/hinges-1.png`` and so on: pairs of hinges for each two groups whose surfaces have a graph."""
     pictures = []
     for k, found in enumerate(hinges, start=1):
         if chosen := clear_examples(found.matches, named):
             image = hinge_pairs(chosen, (found.one, found.other))
             title = f"Three-hinge patterns of {found.one}, and those of {found.other} with the most similar shape"
-            pictures.append(_saved(folder / f"hinges-{k}.png", image, title, None))
+            pictures.append(_saved_picture(folder / f"hinges-{k}.png", image, title, None))
     return pictures
 
 
-def _saved(path: Path, image: Picture, title: str, limits: tuple[float, float] | None) -> dict[str, Any]:
+def _saved_picture(path: Path, image: Picture, title: str, limits: tuple[float, float] | None) -> dict[str, Any]:
     """Write a picture; return its entry for the page."""
     path.write_bytes(png_bytes(image))
     small = base64.b64encode(png_bytes(halved(image))).decode()
     return {"title": title, "file": f"{path.parent.name}/{path.name}", "data": small, "limits": limits}
 
 
-def _charts(entries: Sequence[Entry], shown: Shown) -> list[Markup]:
+def _histogram_charts(entries: Sequence[Entry], shown: ShownMaps) -> list[Markup]:
     areas = {e.name: vertex_areas(e.measures.cortex.pial.verts, e.measures.cortex.faces) for e in entries}
     found = []
-    for key in (k for k in MAIN if k in shown):
+    for key in (k for k in MAIN_MAPS if k in shown):
         what, _ = shown[key]
-        series = [(e, a, areas[e.name]) for e, a in _having(entries, key)]
+        series = [(e, a, areas[e.name]) for e, a in _entries_with_map(entries, key)]
         found.append(charts.histograms(series, what.label, what.unit))
     return [chart for chart in found if chart is not None]
 
 
 def _growth_charts(entries: Sequence[Entry], growth: Sequence[GrowthCurve]) -> list[Markup]:
     found = []
-    for key, of in NUMBERS.items() if growth else ():
+    for key, of in DIMENSIONLESS_NUMBERS.items() if growth else ():
         curves = [(c.name, c.growth, c.numbers[key]) for c in growth]
         others = [(e, value) for e in entries if (value := of(e.measures)) is not None]
         found.append(charts.growth_chart(key, curves, others))
     return [chart for chart in found if chart is not None]
 
 
-def _law(entries: Sequence[Entry], growth: Sequence[GrowthCurve]) -> Markup | None:
+def _folding_law_chart(entries: Sequence[Entry], growth: Sequence[GrowthCurve]) -> Markup | None:
     terms = [(e, t) for e in entries if (t := e.folding) is not None]
     paths = [(c.name, [t for t in c.folding if t is not None]) for c in growth]
     return charts.folding_plot(terms, [(name, path) for name, path in paths if len(path) > 1])
 
 
-def _ratio(entries: Sequence[Entry]) -> Markup | None:
+def _thickness_ratio_chart(entries: Sequence[Entry]) -> Markup | None:
     """Distribution of gyral over cortical thickness at vertices where both are known."""
     series = []
     for e in entries:
@@ -369,6 +386,6 @@ def _ratio(entries: Sequence[Entry]) -> Markup | None:
     return charts.histograms(series, "Gyral over cortical thickness", "")
 
 
-def _scatter(entries: Sequence[Entry], theory: Sequence[TheoryLine]) -> Markup | None:
+def _thickness_scatter_chart(entries: Sequence[Entry], theory: Sequence[TheoryLine]) -> Markup | None:
     lines = [(t.slope, f"linear theory at a stiffness ratio of {t.mu_ratio:.3g}") for t in theory]
     return charts.thickness_plot([(e, e.cloud) for e in entries], lines)

@@ -21,7 +21,7 @@ from morphofold.report.pictures import surfaces
 from morphofold.report.pictures.png import png_bytes
 from morphofold.report.plots.line_plots import save
 from morphofold.report.plots.phase_plots import (
-    WAVELENGTH,
+    WAVELENGTH_KEY,
     Shown,
     axis_title,
     beyond,
@@ -38,9 +38,9 @@ from morphofold.surface import Surface
 from morphofold.words import number
 
 MOST_ROWS = 400  # of the table of numbers and of the table of failures
-MOST_PIXELS = 190  # of a thumbnail
-WIDTH = 1520  # [px] of a picture of thumbnails
-SURFACES, SECTIONS = "Pial surfaces", "Sections"
+MOST_THUMBNAIL_PX = 190  # of a thumbnail
+MOSAIC_WIDTH_PX = 1520  # [px] of a picture of thumbnails
+SURFACES_TITLE, SECTIONS_TITLE = "Pial surfaces", "Sections"
 
 
 def phase_report(phases: Phases, folder: Path, progress: Progress = silent) -> Path:
@@ -50,9 +50,9 @@ def phase_report(phases: Phases, folder: Path, progress: Progress = silent) -> P
     for k, shown in enumerate(measures):
         progress(0.5 * k / len(measures), shown.label)
         if measured(phases, shown):
-            diagrams += _diagrams(phases, shown, folder / "figures")
+            diagrams += _write_diagrams(phases, shown, folder / "figures")
     progress(0.5, "surfaces")
-    pictures = _surfaces(phases, folder / "figures")
+    pictures = _write_thumbnails(phases, folder / "figures")
     failed = [run for run in phases.runs if run.reason]
     unhealthy = [run for run in phases.runs if run.warnings]
     path = write_page(
@@ -60,16 +60,16 @@ def phase_report(phases: Phases, folder: Path, progress: Progress = silent) -> P
         "phases.html",
         title=f"Sweep of {phases.grid.name}",
         axes=phases.grid.axes,
-        seeds=_seeds(phases),
+        seeds=_seeds_text(phases),
         seeds_n=len(phases.grid.seeds),
         places=phases.grid.places,
         runs=phases.runs,
         done=len(phases.runs) - len(failed),
         diagrams=diagrams,
         pictures=pictures,
-        surfaces=_what(phases),
+        surfaces=_thumbnails_title(phases),
         shown=measures,
-        rows=[_row(phases, at) for at in phases.grid.places[:MOST_ROWS]],
+        rows=[_table_row(phases, at) for at in phases.grid.places[:MOST_ROWS]],
         more=max(0, len(phases.grid.places) - MOST_ROWS),
         titles=[axis_title(phases, axis) for axis in phases.grid.axes],
         missing=missing(phases),
@@ -78,16 +78,16 @@ def phase_report(phases: Phases, folder: Path, progress: Progress = silent) -> P
         failed=failed,
         unhealthy=unhealthy,
         most=MOST_ROWS,
-        levels=_levels(phases),
-        shape=_shape(phases),
-        known=_known(phases),
+        levels=_accuracy_levels(phases),
+        shape=_geometry_shape(phases),
+        known=_theory_is_known(phases),
         final=all(axis.key != "growth.final" for axis in phases.grid.axes),
     )
     progress(1.0, "done")
     return path
 
 
-def _seeds(phases: Phases) -> str:
+def _seeds_text(phases: Phases) -> str:
     known = [str(seed) for seed in phases.grid.seeds if seed is not None]
     return f"seed{'s' if len(known) > 1 else ''} {', '.join(known)}" if known else "no imperfection, so no seeds"
 
@@ -95,7 +95,7 @@ def _seeds(phases: Phases) -> str:
 # diagrams ----------------------------------------------------------------------------------------------------
 
 
-def _diagrams(phases: Phases, shown: Shown, folder: Path) -> list[dict[str, Any]]:
+def _write_diagrams(phases: Phases, shown: Shown, folder: Path) -> list[dict[str, Any]]:
     """Write the diagrams of a measure; return an entry for each. Empty if only the seed is varied."""
     axes, found = phases.grid.axes, []
     if len(axes) == 1:
@@ -109,11 +109,11 @@ def _diagrams(phases: Phases, shown: Shown, folder: Path) -> list[dict[str, Any]
     parts = []
     for name, figure, words in found:
         save(figure, folder / name)
-        parts.append(_picture(folder / name, words))
+        parts.append(_picture_entry(folder / name, words))
     return parts
 
 
-def _picture(path: Path, words: str) -> dict[str, Any]:
+def _picture_entry(path: Path, words: str) -> dict[str, Any]:
     data = base64.b64encode(path.read_bytes()).decode()
     return {"data": data, "words": words, "file": f"{path.parent.name}/{path.name}"}
 
@@ -121,39 +121,39 @@ def _picture(path: Path, words: str) -> dict[str, Any]:
 # surfaces ----------------------------------------------------------------------------------------------------
 
 
-def _shape(phases: Phases) -> str:
+def _geometry_shape(phases: Phases) -> str:
     return phases.grid.points[0].scene.geometry.shape
 
 
-def _what(phases: Phases) -> str:
+def _thumbnails_title(phases: Phases) -> str:
     """Title of the thumbnails."""
-    return SECTIONS if _shape(phases) == "strip" else SURFACES
+    return SECTIONS_TITLE if _geometry_shape(phases) == "strip" else SURFACES_TITLE
 
 
-def _surfaces(phases: Phases, folder: Path) -> list[dict[str, Any]]:
+def _write_thumbnails(phases: Phases, folder: Path) -> list[dict[str, Any]]:
     """Write thumbnails of the first seed, pial surfaces or sections of strips: one grid per diagram, all at one
     scale."""
     first = {at: phases.at[at][0] for at in phases.grid.places}
-    view = "top" if _shape(phases) in ("patch", "strip") else "lateral"
-    extent = max((_extent(run, view) for run in first.values()), default=0.0)
+    view = "top" if _geometry_shape(phases) in ("patch", "strip") else "lateral"
+    extent = max((_surface_extent(run, view) for run in first.values()), default=0.0)
     if not extent:
         return []
     parts = []
     for k, others in enumerate(slices(phases), start=1):
         at = fixed_parameters_text(phases, others)
         path = folder / ("surfaces.png" if not others else f"surfaces-{k}.png")
-        path.write_bytes(png_bytes(_mosaic(phases, first, others, view, extent)))
-        parts.append(_picture(path, f"{_what(phases)}{f' at {at}' if at else ''}"))
+        path.write_bytes(png_bytes(_thumbnail_mosaic(phases, first, others, view, extent)))
+        parts.append(_picture_entry(path, f"{_thumbnails_title(phases)}{f' at {at}' if at else ''}"))
     return parts
 
 
-def _extent(run: RunResult, view: str) -> float:
+def _surface_extent(run: RunResult, view: str) -> float:
     """Larger side of a surface in the view [mm]; 0 for a run without a surface."""
-    surface = _drawn(run)
+    surface = _drawn_surface(run)
     return 0.0 if surface is None else float(np.ptp(surface.verts @ surfaces.camera(view, "lh").T, axis=0)[:2].max())
 
 
-def _drawn(run: RunResult) -> Surface | None:
+def _drawn_surface(run: RunResult) -> Surface | None:
     """The pial surface of a run, or the section of a strip; None if it cannot be read."""
     if run.pial is None:
         return None
@@ -183,27 +183,27 @@ def section(pial: Surface, white: Surface) -> Surface:
     return Surface(*geometry.in_use(verts, faces)[1:])
 
 
-def _mosaic(
+def _thumbnail_mosaic(
     phases: Phases, first: dict[tuple[int, ...], RunResult], others: tuple[int, ...], view: str, extent: float
 ) -> surfaces.Picture:
     """Thumbnails, with the same columns and rows as the diagram."""
     axes = phases.grid.axes[:2]
     columns, rows = ([*(len(axis.values) for axis in axes), 1, 1])[:2]
     left, head, foot, gap = 110, 44 if len(axes) > 1 else 16, 104, 10
-    side = min(MOST_PIXELS, (WIDTH - left - gap) // columns - gap)
+    side = min(MOST_THUMBNAIL_PX, (MOSAIC_WIDTH_PX - left - gap) // columns - gap)
     canvas = np.full((head + rows * (side + gap) + foot, left + columns * (side + gap) + gap, 3), 255, dtype=np.uint8)
     per_mm = 0.94 * side / extent
     plain = Quantity("", "")
     for i, j in itertools.product(range(columns), range(rows)):
         run = first[(i, j)[: len(axes)] + others]
         x, y = left + i * (side + gap), head + (rows - 1 - j) * (side + gap)
-        surface = _drawn(run)
+        surface = _drawn_surface(run)
         if surface is None:
             canvas[y : y + side, x : x + side] = 244
             words = "failed" if run.reason else "no surface"
             surfaces.write(canvas, words, (x + side / 2, y + side / 2 - 12), 15, anchor="middle", grey=90)
             continue
-        rgb = np.tile(np.array(colours.BARE, dtype=np.uint8), (len(surface.verts), 1))
+        rgb = np.tile(np.array(colours.BARE_SURFACE_COLOUR, dtype=np.uint8), (len(surface.verts), 1))
         row = surfaces.Row(run.point.name, surface, np.zeros(len(surface.verts)), rgb=rgb)
         canvas[y : y + side, x : x + side] = surfaces.draw(
             row, [view], plain, (0.0, 1.0), (side, side), side / (2 * per_mm)
@@ -228,7 +228,7 @@ def _mosaic(
 # words and numbers -------------------------------------------------------------------------------------------
 
 
-def _row(phases: Phases, at: tuple[int, ...]) -> dict[str, Any]:
+def _table_row(phases: Phases, at: tuple[int, ...]) -> dict[str, Any]:
     """One row of the table of numbers."""
     theory, final = phases.theory[at], phases.grid.scenes[at].growth.final
     cells = [cell(phases, at, shown.key) for shown in shown_of(phases)]
@@ -238,16 +238,16 @@ def _row(phases: Phases, at: tuple[int, ...]) -> dict[str, Any]:
         "final": number(final),
         "g_crit": number(theory.g_crit),
         "wavelength": number(theory.wavelength),
-        "state": _state(beyond(phases, at)),
+        "state": _folded_or_smooth(beyond(phases, at)),
         "runs": f"{cells[0].runs - cells[0].failed} of {cells[0].runs}",
     }
 
 
-def _state(above: float) -> str:
+def _folded_or_smooth(above: float) -> str:
     return "–" if math.isnan(above) else "folded" if above > 0 else "smooth"
 
 
-def _known(phases: Phases) -> bool:
+def _theory_is_known(phases: Phases) -> bool:
     """Whether theory has a result for any point."""
     return any(math.isfinite(one.g_crit) for one in phases.theory.values())
 
@@ -256,7 +256,7 @@ def theory_words(phases: Phases) -> list[str]:
     """Sentences: what the theory assumes, and where it has no result."""
     found = list(phases.theory.values())
     sentences = []
-    if _known(phases):
+    if _theory_is_known(phases):
         sentences.append(
             "Theory is linear stability of the smooth growing sphere: a cortex of even thickness on a core around a "
             "hole with a fixed wall, both with the energy of the simulation, the core not growing. Critical growth is "
@@ -287,7 +287,7 @@ def verdict(phases: Phases) -> str:
     """A sentence that compares measured wavelengths with those of theory; empty without both."""
     ratios = []
     for at in phases.grid.places:
-        measured, theory = cell(phases, at, WAVELENGTH).mean, phases.theory[at].wavelength
+        measured, theory = cell(phases, at, WAVELENGTH_KEY).mean, phases.theory[at].wavelength
         if math.isfinite(measured) and math.isfinite(theory):
             ratios.append(measured / theory)
     if not ratios:
@@ -310,7 +310,7 @@ def missing(phases: Phases) -> list[str]:
     return sentences
 
 
-def _levels(phases: Phases) -> str:
+def _accuracy_levels(phases: Phases) -> str:
     """Accuracies of the scenes of a sweep, in words."""
     levels = {scene.accuracy.level for scene in phases.grid.scenes.values() if scene.geometry.shape != "mesh"}
     return ", ".join(level for level in LEVELS if level in levels)

@@ -16,7 +16,7 @@ from markupsafe import Markup
 
 from morphofold.words import number
 
-PACKAGES = ("morphofold", "numpy", "scipy", "trimesh", "nibabel", "networkx", "numba", "pyvista")
+REPORTED_PACKAGES = ("morphofold", "numpy", "scipy", "trimesh", "nibabel", "networkx", "numba", "pyvista")
 
 
 def write_page(path: Path, template: str, scripts: Sequence[str] = (), **values: Any) -> Path:
@@ -25,7 +25,7 @@ def write_page(path: Path, template: str, scripts: Sequence[str] = (), **values:
     script = "\n".join(folder.joinpath(name).read_text(encoding="utf-8") for name in scripts)
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     page = (
-        _environment()
+        _template_environment()
         .get_template(template)
         .render(script=Markup(script), policy=f"'sha256-{digest}'" if scripts else "", versions=versions(), **values)
     )
@@ -34,7 +34,7 @@ def write_page(path: Path, template: str, scripts: Sequence[str] = (), **values:
 
 
 @cache
-def _environment() -> Environment:
+def _template_environment() -> Environment:
     """The templates of the report, all with escaping."""
     env = Environment(
         loader=PackageLoader("morphofold.report", "templates"),
@@ -57,4 +57,4 @@ def versions() -> list[tuple[str, str]]:
         except metadata.PackageNotFoundError:
             return "not installed as a package"
 
-    return [*((name, version(name)) for name in PACKAGES), ("Python", platform.python_version())]
+    return [*((name, version(name)) for name in REPORTED_PACKAGES), ("Python", platform.python_version())]

@@ -10,15 +10,15 @@ from pathlib import Path
 import numpy as np
 
 from morphofold.cohort.statistics import HEMIS, Outlier, Scalars
-from morphofold.quantities import MAP_OF, common_limits, quantity
+from morphofold.quantities import MAP_OF_SCALAR, common_limits, quantity
 from morphofold.report.pictures.png import halved, png_bytes
 from morphofold.report.pictures.surfaces import Picture, Row, figure, fitted
 from morphofold.results import read_pial
 
-SIDES = {"lh": "left", "rh": "right"}
-FOLDS = "H"  # the map for measures that have no map
-WIDTH = 860  # [pixels]
-EMBEDDED = 1_500_000  # most characters of pictures inside a page; further pictures are files only
+SIDE_WORDS = {"lh": "left", "rh": "right"}
+DEFAULT_MAP = "H"  # the map for measures that have no map
+FIGURE_WIDTH_PX = 860  # [pixels]
+MOST_EMBEDDED_CHARACTERS = 1_500_000  # most characters of pictures inside a page; further pictures are files only
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Drawn:
 
 def map_of(measure: str) -> str:
     """The map that shows a measure, or mean curvature (the folds)."""
-    return MAP_OF.get(measure, FOLDS)
+    return MAP_OF_SCALAR.get(measure, DEFAULT_MAP)
 
 
 def draw_outliers(
@@ -49,7 +49,7 @@ def draw_outliers(
     for k, one in enumerate(far, start=1):
         typical = nearest_to_median(one, subjects, scalars)
         try:
-            image = _picture(one, typical, results)
+            image = _outlier_picture(one, typical, results)
         except (OSError, ValueError) as error:
             drawn.append(Drawn(one, reason=" ".join(str(error).split())))
             continue
@@ -57,7 +57,7 @@ def draw_outliers(
         path = folder / f"outlier-{k:02}.png"
         path.write_bytes(png_bytes(image))
         data = base64.b64encode(png_bytes(halved(image))).decode()
-        held = sum(len(other.data) for other in drawn) + len(data) <= EMBEDDED
+        held = sum(len(other.data) for other in drawn) + len(data) <= MOST_EMBEDDED_CHARACTERS
         drawn.append(Drawn(one, f"{folder.name}/{path.name}", data if held else "", typical))
     return drawn
 
@@ -68,13 +68,15 @@ def nearest_to_median(one: Outlier, subjects: Sequence[str], scalars: Scalars) -
     return subjects[int(np.nanargmin(apart))]
 
 
-def _picture(one: Outlier, typical: str, results: Mapping[str, Path]) -> Picture:
+def _outlier_picture(one: Outlier, typical: str, results: Mapping[str, Path]) -> Picture:
     """Lateral and medial view of both subjects, in the same colours and at one scale."""
     key = map_of(one.measure)
     pairs = {name: read_pial(results[name], one.hemi, key) for name in (one.subject, typical)}
     rows = [
         Row(
-            fitted(name, 17, WIDTH - 60) if name == one.subject else fitted(f"{name}, at the median", 17, WIDTH - 60),
+            fitted(name, 17, FIGURE_WIDTH_PX - 60)
+            if name == one.subject
+            else fitted(f"{name}, at the median", 17, FIGURE_WIDTH_PX - 60),
             surface,
             np.full(len(surface.verts), np.nan) if values is None else values,
             one.hemi,
@@ -83,4 +85,4 @@ def _picture(one: Outlier, typical: str, results: Mapping[str, Path]) -> Picture
     ]
     known = [row.values for row in rows]
     what = quantity(key, known)
-    return figure(rows, what, common_limits(what, known), ("lateral", "medial"), WIDTH)
+    return figure(rows, what, common_limits(what, known), ("lateral", "medial"), FIGURE_WIDTH_PX)

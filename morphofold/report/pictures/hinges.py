@@ -21,14 +21,14 @@ from morphofold.report.pictures.raster import look
 from morphofold.report.pictures.surfaces import Picture, Row, draw, fitted, write
 from morphofold.surface import Faces, Surface
 
-OWN, OTHERS = "#c8102e", "#e8a5a0"  # crests of the hinge, and the others
-REACH = 2.0  # radius of a patch, in gyral widths
+OWN_CREST_COLOUR, OTHER_CREST_COLOUR = "#c8102e", "#e8a5a0"  # crests of the hinge, and the others
+PATCH_RADIUS_IN_WIDTHS = 2.0  # radius of a patch, in gyral widths
 CREST_WIDTH = 0.16  # width of a drawn crest, in gyral widths
-FINER = 2  # number of times edges are halved, for smooth lines
-TILT = 25.0  # [degrees] tilt of a patch, so that its height is visible
-PANEL, WORDS = 330, 30  # pixels
-LABEL, EDGE = 260, 10  # [pixels] most for the name of a row, and around it
-CLEAR = 0.7  # least visible share of a hinge's crests in an example
+EDGE_HALVINGS = 2  # number of times edges are halved, for smooth lines
+TILT_DEG = 25.0  # [degrees] tilt of a patch, so that its height is visible
+PANEL_PX, CAPTION_PX = 330, 30  # pixels
+LABEL_PX, MARGIN_PX = 260, 10  # [pixels] most for the name of a row, and around it
+LEAST_VISIBLE_SHARE = 0.7  # least visible share of a hinge's crests in an example
 PATCH_QUANTITY = Quantity("patch", "Patch")
 
 
@@ -72,35 +72,39 @@ def hinge_patch(measures: Measures, number: int, pose: int = 0) -> Row:
     if pose >= 3:
         frame[1] *= -1
     pial = measures.cortex.pial
-    verts = (pial.verts - pial.verts[hinge.vertex]) @ (_tipped() @ frame).T
-    kept, faces = _connected(pial.faces[(np.linalg.norm(verts, axis=1) < REACH)[pial.faces].all(axis=1)], hinge.vertex)
+    verts = (pial.verts - pial.verts[hinge.vertex]) @ (_tilt_matrix() @ frame).T
+    kept, faces = _connected_piece(
+        pial.faces[(np.linalg.norm(verts, axis=1) < PATCH_RADIUS_IN_WIDTHS)[pial.faces].all(axis=1)], hinge.vertex
+    )
     white, edge = cKDTree(measures.cortex.white.verts[kept]), graph.graph["edge"]
 
     def carried(at: int | None) -> list[NDArray[np.float64]]:
         lines = [crest["polyline"] for *_, crest in graph.edges(at, data=True)]
-        return [part for line in lines for part in _carried(line, white, verts[kept], edge)]
+        return [part for line in lines for part in _line_on_patch(line, white, verts[kept], edge)]
 
     grey = shaded(measures.maps["sulcal_depth"])[kept].astype(np.float64)
     fine, look = verts[kept], {"grey": grey}
-    for _ in range(FINER):
+    for _ in range(EDGE_HALVINGS):
         fine, faces, look = subdivide(fine, faces, vertex_attributes=look)
     rgb = np.round(look["grey"]).astype(np.uint8)
-    paint_lines(rgb, fine, carried(None), CREST_WIDTH, OTHERS)
-    paint_lines(rgb, fine, carried(number), CREST_WIDTH, OWN)
+    paint_lines(rgb, fine, carried(None), CREST_WIDTH, OTHER_CREST_COLOUR)
+    paint_lines(rgb, fine, carried(number), CREST_WIDTH, OWN_CREST_COLOUR)
     faces = faces[:, ::-1] if pose >= 3 else faces
-    bounds = REACH * np.array([[-1.0, -1, -1], [1, 1, 1]])  # without faces: they centre the picture on the hinge
+    bounds = PATCH_RADIUS_IN_WIDTHS * np.array(
+        [[-1.0, -1, -1], [1, 1, 1]]
+    )  # without faces: they centre the picture on the hinge
     fine, rgb = np.concatenate([fine, bounds]), np.concatenate([rgb, rgb[:2]])
     return Row("", Surface(fine, faces), np.full(len(fine), np.nan), "lh", rgb)
 
 
-def _connected(faces: Faces, vertex: int) -> tuple[NDArray[np.int64], Faces]:
+def _connected_piece(faces: Faces, vertex: int) -> tuple[NDArray[np.int64], Faces]:
     """The vertices that faces (M, 3) connect to ``vertex``, and the faces between them."""
     piece = geometry.components(int(faces.max()) + 1, faces)[1]
     kept, ends = np.unique(faces[piece[faces[:, 0]] == piece[vertex]], return_inverse=True)
     return kept, ends.reshape(-1, 3)
 
 
-def _carried(
+def _line_on_patch(
     line: NDArray[np.float64], white: cKDTree, verts: NDArray[np.float64], edge: float
 ) -> list[NDArray[np.float64]]:
     """The parts of a line (P, 3) within an edge [mm] of ``white`` vertices of a patch, moved to the same ``verts``.
@@ -118,8 +122,8 @@ def _carried(
     return parts
 
 
-def _tipped() -> NDArray[np.float64]:
-    c, s = np.cos(np.radians(TILT)), np.sin(np.radians(TILT))
+def _tilt_matrix() -> NDArray[np.float64]:
+    c, s = np.cos(np.radians(TILT_DEG)), np.sin(np.radians(TILT_DEG))
     return np.array([[1, 0, 0], [0, c, s], [0, -s, c]])
 
 
@@ -137,7 +141,7 @@ def clear_examples(matches: Sequence[Match], measures: Mapping[str, Measures]) -
         if measures[match.surface].graph is None or measures[match.other_surface].graph is None:
             return False
         pairs[match] = pair_of(match, measures)
-        return all(in_sight(patch) > CLEAR for patch in pairs[match])
+        return all(in_sight(patch) > LEAST_VISIBLE_SHARE for patch in pairs[match])
 
     return {match: pairs[match] for match in examples(matches, wanted=clear)}
 
@@ -145,11 +149,11 @@ def clear_examples(matches: Sequence[Match], measures: Mapping[str, Measures]) -
 def in_sight(patch: Row) -> float:
     """Visible share of a hinge's own crests in the picture of its patch."""
     faces = patch.surface.faces
-    seen = look(patch.surface.verts, faces, (PANEL, PANEL), REACH, oversample=1).face
+    seen = look(patch.surface.verts, faces, (PANEL_PX, PANEL_PX), PATCH_RADIUS_IN_WIDTHS, oversample=1).face
     shown = np.zeros(len(patch.surface.verts), dtype=bool)
     shown[faces[np.unique(seen[seen >= 0])]] = True
     assert patch.rgb is not None
-    own = (patch.rgb == rgb_of(OWN)).all(axis=1)
+    own = (patch.rgb == rgb_of(OWN_CREST_COLOUR)).all(axis=1)
     return float(shown[own].mean()) if own.any() else 0.0
 
 
@@ -160,28 +164,30 @@ def hinge_pairs(pairs: Mapping[Match, tuple[Row, Row]], rows: tuple[str, str], b
     ----------
     pairs : mapping of matches to their patches
     rows : two str
-        Labels of the rows, shortened beyond ``LABEL`` pixels.
+        Labels of the rows, shortened beyond ``LABEL_PX`` pixels.
     backend : {"pyvista", "raster"}, optional
         As for :func:`morphofold.report.pictures.surfaces.draw`.
     """
-    labels = [fitted(words, 22, LABEL, bold=True) for words in rows]
-    left, top = 2 * EDGE + max(lettering(words, 22, bold=True).shape[1] for words in labels), 16
-    canvas = np.full((top + 2 * (PANEL + WORDS) + 12, left + PANEL * len(pairs), 3), 255, dtype=np.uint8)
+    labels = [fitted(words, 22, LABEL_PX, bold=True) for words in rows]
+    left, top = 2 * MARGIN_PX + max(lettering(words, 22, bold=True).shape[1] for words in labels), 16
+    canvas = np.full((top + 2 * (PANEL_PX + CAPTION_PX) + 12, left + PANEL_PX * len(pairs), 3), 255, dtype=np.uint8)
     for k, (match, patches) in enumerate(pairs.items()):
         numbers = ((match.surface, match.hinge, 0), (match.other_surface, match.other, match.pose))
         for line, (patch, (name, number, pose)) in enumerate(zip(patches, numbers)):
-            (image,) = draw(patch, ["top"], PATCH_QUANTITY, (0, 1), (PANEL, PANEL), REACH, backend)
-            y, x = top + line * (PANEL + WORDS), left + k * PANEL
-            canvas[y : y + PANEL, x : x + PANEL] = image
-            words = _caption(name, rows[line], f"{number}" + (", mirrored" if pose >= 3 else ""))
-            write(canvas, words, (x + PANEL / 2, y + PANEL), 20, anchor="middle", grey=60)
+            (image,) = draw(
+                patch, ["top"], PATCH_QUANTITY, (0, 1), (PANEL_PX, PANEL_PX), PATCH_RADIUS_IN_WIDTHS, backend
+            )
+            y, x = top + line * (PANEL_PX + CAPTION_PX), left + k * PANEL_PX
+            canvas[y : y + PANEL_PX, x : x + PANEL_PX] = image
+            words = _hinge_caption(name, rows[line], f"{number}" + (", mirrored" if pose >= 3 else ""))
+            write(canvas, words, (x + PANEL_PX / 2, y + PANEL_PX), 20, anchor="middle", grey=60)
     for line, words in enumerate(labels):
-        write(canvas, words, (EDGE, top + line * (PANEL + WORDS) + PANEL / 2 - 20), 22, bold=True)
+        write(canvas, words, (MARGIN_PX, top + line * (PANEL_PX + CAPTION_PX) + PANEL_PX / 2 - 20), 22, bold=True)
     return canvas
 
 
-def _caption(surface: str, group: str, number: str) -> str:
+def _hinge_caption(surface: str, group: str, number: str) -> str:
     """The number of a hinge, after the name of its surface without its group, shortened to fit a panel."""
     name = surface.removeprefix(group).strip()
-    room = PANEL - 2 * EDGE - lettering(f", {number}", 20).shape[1]
+    room = PANEL_PX - 2 * MARGIN_PX - lettering(f", {number}", 20).shape[1]
     return f"{fitted(name, 20, room)}, {number}" if name else number

@@ -19,19 +19,19 @@ from morphofold.report.colours import rgb_of
 from morphofold.report.pictures.surfaces import Picture, Row, figure
 from morphofold.surface import PerVertex, Verts
 
-CREST = "#333333"
-DISC = 0.27  # radius of a hinge, in gyral widths
+CREST_COLOUR = "#333333"
+HINGE_RADIUS_IN_WIDTHS = 0.27  # radius of a hinge, in gyral widths
 #: colours of hinges by number of arms; five or more have one colour
-ARMS = {3: "#d55e00", 4: "#0072b2", 5: "#009e73"}
-CREST_EDGES = 4.0  # least scale of crest lines, in mean edges, because surfaces are noisy
+COLOUR_BY_ARMS = {3: "#d55e00", 4: "#0072b2", 5: "#009e73"}
+LEAST_CREST_SCALE_EDGES = 4.0  # least scale of crest lines, in mean edges, because surfaces are noisy
 LINE_COLOURS = {"gyral": "#d55e00", "sulcal": "#0072b2"}
-DOUBT = "#8c8c8c"  # hinges that are not counted, with any number of arms
-LEGEND = (
-    ("crest", CREST),
-    ("hinge, 3 arms", ARMS[3]),
-    ("4 arms", ARMS[4]),
-    ("5 or more", ARMS[5]),
-    ("doubtful", DOUBT),
+DOUBTFUL_COLOUR = "#8c8c8c"  # hinges that are not counted, with any number of arms
+NET_LEGEND = (
+    ("crest", CREST_COLOUR),
+    ("hinge, 3 arms", COLOUR_BY_ARMS[3]),
+    ("4 arms", COLOUR_BY_ARMS[4]),
+    ("5 or more", COLOUR_BY_ARMS[5]),
+    ("doubtful", DOUBTFUL_COLOUR),
 )
 
 
@@ -46,12 +46,17 @@ def net_row(measures: Measures, name: str) -> Row:
     verts = cortex.white.verts
     rgb = shaded(measures.maps["sulcal_depth"])
     normals, width = vertex_normals(verts, cortex.faces), graph.graph["scales"].width if graph.graph["scales"] else 0.0
-    paint_lines(rgb, verts, [crest["polyline"] for _, _, crest in graph.edges(data=True)], graph.graph["edge"], CREST)
-    tree, radius = cKDTree(verts), max(DISC * width, graph.graph["edge"])  # a dot has at least one vertex
+    paint_lines(
+        rgb, verts, [crest["polyline"] for _, _, crest in graph.edges(data=True)], graph.graph["edge"], CREST_COLOUR
+    )
+    tree, radius = (
+        cKDTree(verts),
+        max(HINGE_RADIUS_IN_WIDTHS * width, graph.graph["edge"]),
+    )  # a dot has at least one vertex
     for _, node in graph.nodes(data=True):
         if node["degree"] > 2:
             near = np.array(tree.query_ball_point(node["position"], radius), dtype=np.int64)
-            colour = ARMS[min(node["degree"], 5)] if counts(node) else DOUBT
+            colour = COLOUR_BY_ARMS[min(node["degree"], 5)] if counts(node) else DOUBTFUL_COLOUR
             rgb[near[normals[near] @ node["normal"] > 0]] = rgb_of(colour)
     return Row(name, cortex.white, np.full(len(verts), np.nan), cortex.hemi, rgb)
 
@@ -60,7 +65,7 @@ def crest_row(measures: Measures, name: str) -> Row:
     """The pial surface of measures with its crest lines, at the curvature scale, sulci darker."""
     pial = measures.cortex.pial
     edge = mean_edge_length(pial.verts, pial.faces)
-    scale = max(CREST_EDGES * edge, measures.parameters["curvature_scale_mm"])
+    scale = max(LEAST_CREST_SCALE_EDGES * edge, measures.parameters["curvature_scale_mm"])
     found = crest_lines(pial.verts, pial.faces, scale=scale)
     rgb = shaded(measures.maps["sulcal_depth"])
     for kind, colour in LINE_COLOURS.items():
@@ -72,7 +77,7 @@ def shaded(depth: PerVertex) -> colours.RGB:
     """Colours (N, 3) of the bare surface, darker with sulcal depth (N,)."""
     deep = float(np.nanquantile(depth, 0.95))
     share = np.clip(np.nan_to_num(depth / deep), 0, 1) if deep > 0 else np.zeros(len(depth))
-    return np.round(np.array(colours.BARE) * (1 - 0.35 * share)[:, None]).astype(np.uint8)
+    return np.round(np.array(colours.BARE_SURFACE_COLOUR) * (1 - 0.35 * share)[:, None]).astype(np.uint8)
 
 
 def paint_lines(rgb: colours.RGB, verts: Verts, lines: Sequence[NDArray[np.float64]], edge: float, colour: str) -> None:
@@ -84,7 +89,7 @@ def paint_lines(rgb: colours.RGB, verts: Verts, lines: Sequence[NDArray[np.float
 
 def net_figure(rows: Sequence[Row]) -> Picture:
     """Picture of rows of nets, in all views."""
-    return figure(rows, Quantity("net", "Gyral net"), (0.0, 1.0), legend=LEGEND)
+    return figure(rows, Quantity("net", "Gyral net"), (0.0, 1.0), legend=NET_LEGEND)
 
 
 def crest_figure(rows: Sequence[Row]) -> Picture:

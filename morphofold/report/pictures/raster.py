@@ -64,8 +64,12 @@ def rasterise(xyz, faces, width, height):
     return face, b0, b1
 
 
-KEY = tuple(np.array([-0.35, 0.55, 0.75]) / np.linalg.norm([-0.35, 0.55, 0.75]))  # towards the key light
-GLEAM = tuple(np.array([-0.18, 0.28, 0.94]) / np.linalg.norm([-0.18, 0.28, 0.94]))  # halfway to the viewer
+KEY_LIGHT_DIRECTION = tuple(
+    np.array([-0.35, 0.55, 0.75]) / np.linalg.norm([-0.35, 0.55, 0.75])
+)  # towards the key light
+HIGHLIGHT_DIRECTION = tuple(
+    np.array([-0.18, 0.28, 0.94]) / np.linalg.norm([-0.18, 0.28, 0.94])
+)  # halfway to the viewer
 
 
 @njit(cache=True, nogil=True)
@@ -93,8 +97,10 @@ def paint(face, b0, b1, faces, normals, colours, oversample):
             size = math.sqrt(nx * nx + ny * ny + nz * nz)
             scale = math.copysign(1.0 / max(size, 1e-12), nz)
             nx, ny, nz = nx * scale, ny * scale, nz * scale
-            key = max(nx * KEY[0] + ny * KEY[1] + nz * KEY[2], 0.0)
-            gleam = max(nx * GLEAM[0] + ny * GLEAM[1] + nz * GLEAM[2], 0.0) ** 24
+            key = max(nx * KEY_LIGHT_DIRECTION[0] + ny * KEY_LIGHT_DIRECTION[1] + nz * KEY_LIGHT_DIRECTION[2], 0.0)
+            gleam = (
+                max(nx * HIGHLIGHT_DIRECTION[0] + ny * HIGHLIGHT_DIRECTION[1] + nz * HIGHLIGHT_DIRECTION[2], 0.0) ** 24
+            )
             light = 0.26 + 0.44 * key + 0.36 * nz
             for c in range(3):
                 base = (u * colours[i, c] + v * colours[j, c] + w * colours[k, c]) / 255.0

@@ -33,7 +33,7 @@ from morphofold.surface import Surface
 Picture = NDArray[np.uint8]  # (height, width, 3)
 
 VIEWS = ("lateral", "medial", "top", "bottom")
-_PROBE = """
+_RENDERER_PROBE_CODE = """
 import vtkmodules.vtkRenderingOpenGL2
 from vtkmodules.vtkRenderingCore import vtkRenderWindow
 window = vtkRenderWindow()
@@ -42,7 +42,7 @@ window.SetSize(32, 32)
 window.Render()
 print(window.ReportCapabilities())
 """
-IN_SOFTWARE = ("llvmpipe", "softpipe", "swrast", "software", "swiftshader")
+SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swrast", "software", "swiftshader")
 
 
 @cache
@@ -51,7 +51,7 @@ def graphics() -> str:
     if sys.platform == "linux" and not os.environ.get("DISPLAY"):
         os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
     try:
-        trial = subprocess.run([sys.executable, "-c", _PROBE], capture_output=True, timeout=60, text=True)
+        trial = subprocess.run([sys.executable, "-c", _RENDERER_PROBE_CODE], capture_output=True, timeout=60, text=True)
     except (OSError, subprocess.TimeoutExpired):
         return ""
     found = re.search(r"OpenGL renderer string:\s*(\S.*)", trial.stdout) if trial.returncode == 0 else None
@@ -68,7 +68,7 @@ def renderer() -> str:
     if wanted in ("pyvista", "raster"):
         return wanted
     card = graphics().lower()
-    return "pyvista" if card and not any(word in card for word in IN_SOFTWARE) else "raster"
+    return "pyvista" if card and not any(word in card for word in SOFTWARE_RENDERERS) else "raster"
 
 
 def camera(view: str, hemi: str) -> NDArray[np.float64]:
@@ -101,7 +101,7 @@ class Row:
     rgb: NDArray[np.uint8] | None = None
 
 
-Looks = dict[tuple[Any, ...], Any]  # (surface, view) -> visible faces
+VisibleFaces = dict[tuple[Any, ...], Any]  # (surface, view) -> visible faces
 
 
 def draw(
@@ -112,7 +112,7 @@ def draw(
     size: tuple[int, int],
     half_height: float,
     backend: str | None = None,
-    looks: Looks | None = None,
+    looks: VisibleFaces | None = None,
 ) -> list[Picture]:
     """One surface from each of ``views``, as pictures (height, width, 3); ``half_height`` of a picture in mm.
 
@@ -128,7 +128,7 @@ def draw(
     normals = looks[mine]
     cameras = [camera(view, row.hemi) for view in views]
     if (backend or renderer()) == "pyvista":
-        return _pyvista(points, normals, faces, rgb, cameras, size, half_height)
+        return _draw_with_pyvista(points, normals, faces, rgb, cameras, size, half_height)
 
     def picture(turned: NDArray[np.float64]) -> Picture:
         place = (row.surface, turned.tobytes(), size, half_height)
@@ -141,7 +141,7 @@ def draw(
         return list(pool.map(picture, cameras))
 
 
-def _pyvista(points, normals, faces, rgb, cameras, size, half_height) -> list[Picture]:
+def _draw_with_pyvista(points, normals, faces, rgb, cameras, size, half_height) -> list[Picture]:
     import pyvista as pv
 
     mesh = pv.PolyData.from_regular_faces(points, faces)
@@ -186,7 +186,7 @@ def figure(
     width: int = 1520,
     backend: str | None = None,
     legend: Sequence[tuple[str, str]] = (),
-    looks: Looks | None = None,
+    looks: VisibleFaces | None = None,
 ) -> Picture:
     """Rows of surfaces from ``views``, all at one scale, with view names, ruler, and colour bar or ``legend``.
 
@@ -221,7 +221,7 @@ def figure(
     colour_bar(canvas, what, limits, (width // 2 - 180, top + 22), (360, 16))
     if any(np.isnan(row.values).any() for row in rows):
         x = width // 2 + 240
-        canvas[top + 22 : top + 38, x : x + 26] = colours.NOT_MEASURED
+        canvas[top + 22 : top + 38, x : x + 26] = colours.NOT_MEASURED_COLOUR
         write(canvas, "not measured", (x + 34, top + 19), 14, grey=80)
     return canvas
 
@@ -250,7 +250,7 @@ def colour_bar(
     write(canvas, what.title, (x + size[0] / 2, y + size[1] + 28), 14, anchor="middle", grey=60)
 
 
-_ASCII = str.maketrans({"₁": "1", "₂": "2", "\u202f": " ", "−": "-"})  # plain characters for these glyphs
+_PLAIN_CHARACTERS = str.maketrans({"₁": "1", "₂": "2", "\u202f": " ", "−": "-"})  # plain characters for these glyphs
 
 
 def write(
@@ -263,7 +263,7 @@ def write(
     grey: int = 20,
 ) -> None:
     """Write a line of text on a picture, with its top left (or top middle) at ``at``; cut off at the border."""
-    ink = lettering(text.translate(_ASCII), size, bold)
+    ink = lettering(text.translate(_PLAIN_CHARACTERS), size, bold)
     x = round(at[0] - (ink.shape[1] / 2 if anchor == "middle" else 0))
     y = round(at[1] + 1.4 * size) - ink.shape[0]  # so that the bottoms of all texts are at the same height
     left, top = max(-x, 0), max(-y, 0)
@@ -275,7 +275,7 @@ def write(
 def fitted(text: str, size: int, width: int, bold: bool = False) -> str:
     """A line of text of at most ``width`` pixels; if longer, its beginning and end with "…" between them."""
     words, kept = text, len(text)
-    while kept > 2 and lettering(words.translate(_ASCII), size, bold).shape[1] > width:
+    while kept > 2 and lettering(words.translate(_PLAIN_CHARACTERS), size, bold).shape[1] > width:
         kept -= 1
         words = text[: kept - kept // 2] + "…" + text[len(text) - kept // 2 :]
     return words

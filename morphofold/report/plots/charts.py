@@ -26,12 +26,12 @@ if TYPE_CHECKING:
 
 MARKERS = {"circle": "o", "square": "s", "triangle": "^", "diamond": "D"}  # name on pages -> matplotlib's name
 DASHES = ("", "7 3", "2 3", "9 3 2 3")
-DASHED = (0, (8, 5))
-SIZE = (430.0, 250.0)  # [px] of a chart, two side by side
-WIDE = (880.0, 430.0)
-MARGINS = (56.0, 14.0, 12.0, 38.0)  # [px] left, right, top, bottom
+THEORY_DASHES = (0, (8, 5))
+CHART_SIZE_PX = (430.0, 250.0)  # [px] of a chart, two side by side
+WIDE_CHART_SIZE_PX = (880.0, 430.0)
+MARGINS_PX = (56.0, 14.0, 12.0, 38.0)  # [px] left, right, top, bottom
 #: added to the style of all plots for pages: text set by the browser, and lengths in pixels
-IN_PAGES = {"svg.fonttype": "none", "lines.scale_dashes": False, "lines.linewidth": 1.7, **NO_FORMULAS}
+PAGE_STYLE = {"svg.fonttype": "none", "lines.scale_dashes": False, "lines.linewidth": 1.7, **NO_FORMULAS}
 NO_METADATA = dict.fromkeys(("Date", "Creator", "Format", "Type"))
 
 
@@ -103,19 +103,19 @@ class _Chart:
 
 
 @contextmanager
-def _chart(
+def _new_chart(
     title: str,
     x_label: str,
     y_label: str,
     x: tuple[float, float],
     y: tuple[float, float],
-    size: tuple[float, float] = SIZE,
-    right: float = MARGINS[1],
+    size: tuple[float, float] = CHART_SIZE_PX,
+    right: float = MARGINS_PX[1],
 ) -> Iterator[_Chart]:
     """A chart with fixed margins and given limits; ``right`` is the right margin [px]."""
     inches = 72.0  # pixels per inch in an SVG, where a point is a pixel
-    (width, height), (left, _, top, bottom) = size, MARGINS
-    style = {**IN_PAGES, "svg.hashsalt": title}  # so that no two charts share ids
+    (width, height), (left, _, top, bottom) = size, MARGINS_PX
+    style = {**PAGE_STYLE, "svg.hashsalt": title}  # so that no two charts share ids
     with new_figure(width / inches, height / inches, 1, 1, layout=None, style=style) as (figure, ((ax,),)):
         figure.subplots_adjust(left / width, bottom / height, 1 - right / width, 1 - top / height)
         figure.patch.set_visible(False)
@@ -181,7 +181,7 @@ def histograms(
     up = counted or (f"share of area per {unit}" if unit else "share of area")
     across = f"{label} [{unit}]" if unit else label
     limits = (float(edges[0]), float(edges[-1])), (0.0, 1.08 * top)
-    with _chart(f"Distribution of {label}", across, up, *limits) as chart:
+    with _new_chart(f"Distribution of {label}", across, up, *limits) as chart:
         for look, density, median in curves:
             words = f"{look.name}: median {number(median)} {unit}".strip()
             chart.ax.stairs(
@@ -213,7 +213,7 @@ def thickness_plot(
     lines: Sequence[tuple[float, str]],
     *,
     from_zero: bool = True,
-    size: tuple[float, float] = WIDE,
+    size: tuple[float, float] = WIDE_CHART_SIZE_PX,
 ) -> Markup | None:
     """Gyral against cortical thickness, every surface in one plot, with theoretical lines through the origin.
 
@@ -237,19 +237,19 @@ def thickness_plot(
     right, top = 1.12 * max(p.cortical for p in marks), 1.12 * max(max(p.gyral, p.high or 0) for p in marks)
     across, up = (0.0, right), (0.0, top)
     if not from_zero:
-        across = _around([p.cortical for p in marks])
-        up = _around([y for p in marks for y in (p.low, p.gyral, p.high) if y is not None])
+        across = _limits_around([p.cortical for p in marks])
+        up = _limits_around([y for p in marks for y in (p.low, p.gyral, p.high) if y is not None])
     labels = "Cortical thickness [mm]", "Gyral thickness [mm]"
-    with _chart("Gyral thickness against cortical thickness", *labels, across, up, size) as chart:
+    with _new_chart("Gyral thickness against cortical thickness", *labels, across, up, size) as chart:
         for slope, label in lines:
             end = min(right, top / slope)
-            chart.line([0, end], [0, end * slope], "theory", label, color=GREY, linestyle=DASHED)
+            chart.line([0, end], [0, end * slope], "theory", label, color=GREY, linestyle=THEORY_DASHES)
         for look, cloud in clouds:
             _draw_cloud(chart, look, cloud)
         return chart.svg()
 
 
-def _around(values: Sequence[float]) -> tuple[float, float]:
+def _limits_around(values: Sequence[float]) -> tuple[float, float]:
     """Limits a little outside the least and greatest value."""
     low, high = min(values), max(values)
     edge = 0.06 * (high - low) if high - low > 1e-6 * max(abs(low), abs(high)) else 0.1 * abs(high) or 1.0
@@ -296,7 +296,7 @@ def folding_plot(surfaces: Sequence[tuple[Look, Any]], paths: Sequence[tuple[str
     every = np.array([place(t) for t in [*(t for _, t in surfaces), *(t for _, path in paths for t in path)]])
     (x0, y0), (x1, y1) = (every.min(axis=0) - 0.06).tolist(), (every.max(axis=0) + 0.06).tolist()
     labels = "log\u2081\u2080 exposed area [mm²]", "log\u2081\u2080 total area × √thickness [mm² √mm]"
-    with _chart("The law of folding", *labels, (x0, x1), (y0, y1), (880.0, 400.0), right=60.0) as chart:
+    with _new_chart("The law of folding", *labels, (x0, x1), (y0, y1), (880.0, 400.0), right=60.0) as chart:
         for k in (0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5):
             ends = np.array([max(x0, (y0 - np.log10(k)) / 1.25), min(x1, (y1 - np.log10(k)) / 1.25)])
             if ends[1] - ends[0] > 0.02:
@@ -305,7 +305,7 @@ def folding_plot(surfaces: Sequence[tuple[Look, Any]], paths: Sequence[tuple[str
                 chart.ax.text(ends[1], heights[1], f" k = {k:g}", va="center")
         for name, path in paths:
             x, y = np.array([place(t) for t in path]).T
-            chart.line(x, y, "theory", name, color=GREY, linestyle=DASHED)
+            chart.line(x, y, "theory", name, color=GREY, linestyle=THEORY_DASHES)
         for look, t in surfaces:
             exposed, total = place(t)
             chart.points([exposed], [total], [f"{look.name}: k = {number(t.k)}"], look, big=True)
@@ -335,11 +335,11 @@ def growth_chart(
     g = np.concatenate([g for _, g, _ in known])
     top = 1.12 * max([float(v.max()) for _, _, v in known] + [value for _, value in others])
     across = float(g.min()) - 0.02, float(g.max()) + 0.02
-    with _chart(f"{label} over growth", "growth g", label, across, (0.0, top)) as chart:
+    with _new_chart(f"{label} over growth", "growth g", label, across, (0.0, top)) as chart:
         for look, value in others:
             chart.line(across, (value, value), "fit", **line_of(look))
         for name, at, values in known:
-            chart.line(at, values, "theory", name, color=GREY, linestyle=DASHED)
+            chart.line(at, values, "theory", name, color=GREY, linestyle=THEORY_DASHES)
             for x, y in zip(at.tolist(), values.tolist()):
                 words = f"{name}, g = {x:.2f}: {number(y)}"
                 chart.line([x], [y], "point", words, color=BLACK, marker="o", markersize=6)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from morphofold.errors import WrongFile
-from morphofold.quantities import CATEGORICAL
+from morphofold.quantities import CATEGORICAL_COLOURS
 
 if TYPE_CHECKING:  # matplotlib takes a second to import
     from matplotlib.axes import Axes
@@ -48,7 +48,7 @@ BLACK = "#1a1a1a"
 
 def save(figure: Figure, path: Path) -> None:
     """Write a figure in the format of the file ending, one of :data:`FORMATS`."""
-    with _style():
+    with _plot_style():
         figure.savefig(path, format=check_format(path)[1:], metadata=FORMATS[check_format(path)])
 
 
@@ -64,7 +64,7 @@ def check_format(path: Path) -> str:
 
 def line_style(index: int) -> dict[str, Any]:
     """Colour and dashes of one curve of several; each differs for the first six, both together for the first 36."""
-    return {"color": CATEGORICAL[index % 6], "linestyle": DASHES[(index + index // 6) % 6]}
+    return {"color": CATEGORICAL_COLOURS[index % 6], "linestyle": DASHES[(index + index // 6) % 6]}
 
 
 def set_limits(ax: Axes, x: tuple[float, float], y: tuple[float, float], title: str) -> None:
@@ -112,7 +112,7 @@ def legend_of_figure(figure: Figure, entries: Mapping[str, Mapping[str, Any]], a
 
 
 @contextmanager
-def _style(more: Mapping[str, Any] = {}) -> Iterator[None]:
+def _plot_style(more: Mapping[str, Any] = {}) -> Iterator[None]:
     """Matplotlib's defaults with ``STYLE`` and ``more``, whatever the user's settings."""
     import matplotlib.style
 
@@ -134,6 +134,6 @@ def new_figure(
     """A figure without pyplot's global state, and its axes (rows, columns); inches. ``style`` is added to ``STYLE``."""
     from matplotlib.figure import Figure
 
-    with _style(style):
+    with _plot_style(style):
         figure = Figure(figsize=(width, height), layout=layout)
         yield figure, figure.subplots(rows, columns, squeeze=False, **shared)

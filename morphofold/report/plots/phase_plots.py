@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.arrays import Array
-from morphofold.cohort.phases import HINGES_PER_AREA, OVER_FLAT, Phases
-from morphofold.quantities import CATEGORICAL, round_out
+from morphofold.cohort.phases import AREA_OVER_FLAT, HINGES_PER_AREA, Phases
+from morphofold.quantities import CATEGORICAL_COLOURS, round_out
 from morphofold.report import colours
 from morphofold.report.plots.line_plots import BLACK, GREY, NO_FORMULAS, new_figure
 from morphofold.sim.scene.tables import unit_of
@@ -44,14 +44,14 @@ class Shown:
         return f"{self.label} [{self.unit}]" if self.unit else self.label
 
 
-WAVELENGTH = "wavelength_mm"
+WAVELENGTH_KEY = "wavelength_mm"
 ROUND_OFF = 1e-3  # of the measures shown, in their units
-SHOWN = (
+SHOWN_MEASURES = (
     Shown("gyrification_index", "Gyrification index", "", 1.0),
-    Shown(WAVELENGTH, "Wavelength of folds", "mm", 0.0),
+    Shown(WAVELENGTH_KEY, "Wavelength of folds", "mm", 0.0),
     Shown(HINGES_PER_AREA, "Hinges per area", "1/1000 mm²", 0.0),
 )
-AREA_RATIO = Shown(OVER_FLAT, "Pial / flat area", "", 1.0)
+AREA_RATIO = Shown(AREA_OVER_FLAT, "Pial / flat area", "", 1.0)
 
 
 @dataclass(frozen=True)
@@ -90,8 +90,8 @@ def shown_of(phases: Phases) -> tuple[Shown, ...]:
     """
     shape = phases.grid.points[0].scene.geometry.shape
     if shape not in ("patch", "strip"):
-        return SHOWN
-    return (AREA_RATIO, *SHOWN[1:]) if shape == "patch" else (AREA_RATIO,)
+        return SHOWN_MEASURES
+    return (AREA_RATIO, *SHOWN_MEASURES[1:]) if shape == "patch" else (AREA_RATIO,)
 
 
 def measured(phases: Phases, shown: Shown) -> bool:
@@ -156,7 +156,7 @@ def diagram(phases: Phases, shown: Shown, others: GridIndex = ()) -> Figure:
             line = ax.plot([], [], color=BLACK, linestyle="--", label="final growth = theory's critical growth")[0]
             figure.legend(handles=[line], loc="outside lower center")
         _name_axes(ax, phases)
-        ax.set_title(_title(phases, shown, others), loc="left")
+        ax.set_title(_diagram_title(phases, shown, others), loc="left")
         if np.isfinite(means).any():
             _colour_bar(figure, ax, shown, limits)
     return figure
@@ -176,9 +176,9 @@ def _write_cell(ax: Axes, at: tuple[int, int], lines: list[str], rgb: NDArray[np
 def _theory_text(phases: Phases, at: GridIndex, shown: Shown) -> list[str]:
     """Theory's line in a cell: its wavelength below the measured one, its critical growth below gyrification."""
     found = phases.theory[at]
-    if shown.key == WAVELENGTH and math.isfinite(found.wavelength):
+    if shown.key == WAVELENGTH_KEY and math.isfinite(found.wavelength):
         return [f"theory {number(found.wavelength)}"]
-    if shown.key == SHOWN[0].key and math.isfinite(found.g_crit):
+    if shown.key == SHOWN_MEASURES[0].key and math.isfinite(found.g_crit):
         return [f"theory g {number(found.g_crit)}"]
     return []
 
@@ -206,8 +206,8 @@ def _draw_boundary(ax: Axes, phases: Phases, others: GridIndex) -> bool:
 
 def _name_axes(ax: Axes, phases: Phases) -> None:
     across, up = phases.grid.axes[:2]
-    ax.set_xticks(range(len(across.words)), [_short(word) for word in across.words])
-    ax.set_yticks(range(len(up.words)), [_short(word) for word in up.words])
+    ax.set_xticks(range(len(across.words)), [_shortened_word(word) for word in across.words])
+    ax.set_yticks(range(len(up.words)), [_shortened_word(word) for word in up.words])
     ax.tick_params(length=0)
     ax.set(xlabel=axis_title(phases, across), ylabel=axis_title(phases, up))
 
@@ -237,7 +237,7 @@ def curve(phases: Phases, shown: Shown) -> Figure:
     with new_figure(6.2, 3.9, 1, 1, style=NO_FORMULAS) as (figure, ((ax,),)):
         for i, at in enumerate(x):
             values = [run.measures.get(shown.key, math.nan) for run in phases.at[i,]]
-            ax.plot(np.full(len(values), at), values, "o", color=CATEGORICAL[0], markersize=5, alpha=0.6)
+            ax.plot(np.full(len(values), at), values, "o", color=CATEGORICAL_COLOURS[0], markersize=5, alpha=0.6)
             doubted = [run.measures.get(shown.key, math.nan) for run in phases.at[i,] if run.warnings]
             ax.plot(np.full(len(doubted), at), doubted, "x", color=BLACK, markersize=7)
             if failed := sum(bool(run.reason) for run in phases.at[i,]):
@@ -255,9 +255,9 @@ def curve(phases: Phases, shown: Shown) -> Figure:
         if np.isfinite(means).any():
             label = "mean over seeds" if len(phases.grid.seeds) > 1 else "measured"
             if axis.numeric or len(phases.grid.seeds) > 1:
-                ax.plot(x[order], means[order], color=CATEGORICAL[0], label=label, **style)
+                ax.plot(x[order], means[order], color=CATEGORICAL_COLOURS[0], label=label, **style)
         top = limits_of(phases, shown)[1]
-        if shown.key == WAVELENGTH:
+        if shown.key == WAVELENGTH_KEY:
             theory = np.array([phases.theory[i,].wavelength for i in range(len(x))])
             if np.isfinite(theory).any():
                 dashed = {"linestyle": "--", "marker": "."} if axis.numeric else style
@@ -269,7 +269,7 @@ def curve(phases: Phases, shown: Shown) -> Figure:
             ax.axvline(place, color=GREY, linestyle=":", label=words)
         ax.set_ylim(shown.least - 0.04 * (top - shown.least), top + 0.04 * (top - shown.least))
         if not axis.numeric:
-            ax.set_xticks(x, [_short(word) for word in axis.words])
+            ax.set_xticks(x, [_shortened_word(word) for word in axis.words])
         ax.set(xlabel=axis_title(phases, axis), ylabel=shown.title)
         ax.set_title(shown.label, loc="left")
         figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=2)
@@ -285,7 +285,7 @@ def crossings(x: Array, y: Array) -> list[float]:
     ]
 
 
-def _title(phases: Phases, shown: Shown, others: GridIndex) -> str:
+def _diagram_title(phases: Phases, shown: Shown, others: GridIndex) -> str:
     fixed = fixed_parameters_text(phases, others)
     return shown.label + (f" at {fixed}" if fixed else "")
 
@@ -305,5 +305,5 @@ def fixed_parameters_text(phases: Phases, others: GridIndex) -> str:
     return ", ".join(f"{axis.label} = {axis.words[i]}" for axis, i in zip(phases.grid.axes[2:], others))
 
 
-def _short(word: str) -> str:
+def _shortened_word(word: str) -> str:
     return word if len(word) <= 16 else f"{word[:8]}…{word[-7:]}"

@@ -30,17 +30,17 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MARK = {"color": GREY, "linestyle": "none"}
+MARK_STYLE = {"color": GREY, "linestyle": "none"}
 RADIUS_LABEL = "outer radius after growth  $c/B$"
 GROWTH_LABEL = "growth stretch of the cortex  $g$"
 CRITICAL_LABEL = "critical growth stretch  $g_\\mathrm{crit}$"
-LAWS = ("isotropic", "tangential")
-MU_RATIO = "$\\mu_\\mathrm{{cortex}}/\\mu_\\mathrm{{core}}$ = {:g}"
+GROWTH_LAWS = ("isotropic", "tangential")
+MU_RATIO_LABEL = "$\\mu_\\mathrm{{cortex}}/\\mu_\\mathrm{{core}}$ = {:g}"
 #: parameters of the paper's sphere, which titles leave out, and the format for other values
-PAPER = {
+PAPER_SPHERE = {
     "radius": (50.0, "$C$ = {:g} mm"),
     "A_over_C": (0.5, "$A/C$ = {:g}"),
-    "mu_ratio": (1.0, MU_RATIO),
+    "mu_ratio": (1.0, MU_RATIO_LABEL),
     "g_core": (1.0, "$g_\\mathrm{{core}}$ = {:g}"),
     "kappa_ratio": (np.inf, "$\\kappa/\\mu$ = {:g}"),
 }
@@ -62,9 +62,9 @@ def radius_figure(
     with new_figure(6.4, 4.4, 1, 1) as (figure, ((ax,),)):
         draw_radius(ax, rows)
         set_limits(ax, ends, around([row["c_over_B"] for row in rows], 1, 1.3, 0.1), f"$T$ = {thickness:g} mm")
-        _mark(ax, radius_rows(growth, *sphere, **options), "growth", "c_over_B")
+        _mark_requested_points(ax, radius_rows(growth, *sphere, **options), "growth", "c_over_B")
         legend_below(ax)
-        _say(figure, radius=radius, **options)
+        _title_with_parameters(figure, radius=radius, **options)
     return figure
 
 
@@ -85,12 +85,12 @@ def stress_figure(
             draw_stress(ax, [row for row in rows if row["law"] == law])
             set_limits(ax, (0, 1), limits, f"{law} growth, $g$ = {growth:g}")
             legend_below(ax)
-        _say(figure, radius=radius, **options)
+        _title_with_parameters(figure, radius=radius, **options)
     return figure
 
 
 def critical_figure(
-    C_bar: Sequence[float] = (1.3,), laws: Sequence[str] = LAWS, *, biot: bool = True, **options: Any
+    C_bar: Sequence[float] = (1.3,), laws: Sequence[str] = GROWTH_LAWS, *, biot: bool = True, **options: Any
 ) -> Figure:
     """Critical growth against C/B, as in Fig. 4, with Biot's as thin lines; options as for :func:`critical_rows`.
 
@@ -102,9 +102,9 @@ def critical_figure(
         draw_critical(ax, rows, laws, biot=biot, limits=options.get("g_core", 1.0) == 1)
         least = np.nanmin([row["g_crease"] for row in rows] + [np.inf])
         set_limits(ax, (1, right), around([least, 1.5 * least], 1, 3, 0.5), "")
-        _mark(ax, critical_rows(C_bar, laws, **options), "C_over_B", "g_crease")
+        _mark_requested_points(ax, critical_rows(C_bar, laws, **options), "C_over_B", "g_crease")
         legend_below(ax)
-        _say(figure, **options)
+        _title_with_parameters(figure, **options)
     return figure
 
 
@@ -115,7 +115,7 @@ def bifurcation_curves(cases: Sequence[Case] | None = None) -> Figure:
     those of the paper, T = 1, 2, 3 mm, C = 50 mm, mu ratio 1, 2 and 4.
     """
     cases = bifurcation_cases() if cases is None else cases
-    laws, ratios, thicknesses = _distinct(cases)
+    laws, ratios, thicknesses = _distinct_parameters(cases)
     last = max(float(case.bifurcation.curve.degree[-1]) for case in cases)
     found = [case.bifurcation for case in cases]
     top = around([g for b in found for g in (b.g_crit, b.g_crease, b.short_wave)], 1, 1.9, 0.1)
@@ -123,10 +123,12 @@ def bifurcation_curves(cases: Sequence[Case] | None = None) -> Figure:
     with new_figure(*size, len(ratios), len(laws), sharex=True, sharey=True) as (figure, axes):
         for k, mu_ratio in enumerate(ratios):
             for ax, law in zip(axes[k], laws):
-                set_limits(ax, (1, max(last, 10)), top, f"{law} growth, {MU_RATIO.format(mu_ratio)}")
+                set_limits(ax, (1, max(last, 10)), top, f"{law} growth, {MU_RATIO_LABEL.format(mu_ratio)}")
                 for i, T in enumerate(thicknesses):
-                    _draw_curve(ax, i, [c for c in cases if (c.law, c.mu_ratio, c.thickness) == (law, mu_ratio, T)])
-                _say_none(ax, [c for c in cases if (c.law, c.mu_ratio) == (law, mu_ratio)])
+                    _draw_degree_curve(
+                        ax, i, [c for c in cases if (c.law, c.mu_ratio, c.thickness) == (law, mu_ratio, T)]
+                    )
+                _note_missing_wrinkles(ax, [c for c in cases if (c.law, c.mu_ratio) == (law, mu_ratio)])
                 ax.set_xscale("log")
                 ax.xaxis.set_major_formatter("{x:g}")
                 ax.set(xlabel="degree of the spherical harmonic  $l$" if k == len(ratios) - 1 else "")
@@ -134,7 +136,10 @@ def bifurcation_curves(cases: Sequence[Case] | None = None) -> Figure:
         entries: dict[str, Any] = {
             f"$T/C$ = {T / cases[0].radius:.3g}": line_style(i) for i, T in enumerate(thicknesses)
         }
-        entries |= {"first wrinkles": {**MARK, "marker": "o"}, "crease criterion": {"color": GREY, "linewidth": 1.0}}
+        entries |= {
+            "first wrinkles": {**MARK_STYLE, "marker": "o"},
+            "crease criterion": {"color": GREY, "linewidth": 1.0},
+        }
         _legend_of_cases(figure, axes[0][0], cases, entries, ">", columns=3 if len(laws) > 1 else 2)
     return figure
 
@@ -147,7 +152,7 @@ def crease_or_wrinkle(cases: Sequence[Case] | None = None) -> Figure:
     0.2, mu ratio 1, 2 and 4.
     """
     cases = bifurcation_cases(np.linspace(0.5, 10, 20)) if cases is None else cases
-    laws, ratios, thicknesses = _distinct(cases)
+    laws, ratios, thicknesses = _distinct_parameters(cases)
     share = np.array(thicknesses) / cases[0].radius
     right = max(0.2, float(np.ceil(share.max() * 20 - 1e-9) / 20))
     top = around([case.bifurcation.g_crit for case in cases], 1, 1.8, 0.2)
@@ -161,13 +166,14 @@ def crease_or_wrinkle(cases: Sequence[Case] | None = None) -> Figure:
                 ax.plot(T, theory.critical_growth(1 / (1 - T), law), color=BLACK, linewidth=2.4)
             for i, mu_ratio in enumerate(ratios):
                 mine = [case for case in here if case.mu_ratio == mu_ratio]
-                _draw_map(ax, mine, {**line_style(i + 1), **dots}, creases=not incompressible)
+                _draw_wrinkles_by_thickness(ax, mine, {**line_style(i + 1), **dots}, creases=not incompressible)
             set_limits(ax, (0, right), top, f"{law} growth")
-            _say_none(ax, here)
+            _note_missing_wrinkles(ax, here)
             ax.set(xlabel="thickness of the cortex  $T/C$", ylabel=CRITICAL_LABEL if law == laws[0] else "")
             ax.locator_params(axis="x", nbins=5)
         entries: dict[str, Any] = {
-            f"wrinkles (theory), {MU_RATIO.format(mu)}": {**line_style(i + 1), **dots} for i, mu in enumerate(ratios)
+            f"wrinkles (theory), {MU_RATIO_LABEL.format(mu)}": {**line_style(i + 1), **dots}
+            for i, mu in enumerate(ratios)
         }
         if incompressible:
             entries = {"creases (theory), Eqs. (12) and (13)": {"color": BLACK, "linewidth": 2.4}, **entries}
@@ -178,15 +184,17 @@ def crease_or_wrinkle(cases: Sequence[Case] | None = None) -> Figure:
 
 
 def draw_radius(ax: Axes, rows: list[Row]) -> None:
-    for law, line, mine in _curves(rows, "law"):
+    for law, line, mine in _curves_by_value(rows, "law"):
         source = "Eq. (11)" if law == "isotropic" else "as Eq. (11)"
-        ax.plot(*_columns(mine, "growth", "c_over_B"), label=f"theory, {source}, {law}", **line)
+        ax.plot(*_values_of_columns(mine, "growth", "c_over_B"), label=f"theory, {source}, {law}", **line)
     ax.set(xlabel=GROWTH_LABEL, ylabel=RADIUS_LABEL)
 
 
 def draw_stress(ax: Axes, rows: list[Row]) -> None:
-    for T, line, mine in _curves(rows, "thickness_mm"):
-        ax.plot(*_columns(mine, "position", "sigma_theta_over_mu_cortex"), label=f"theory, $T$ = {T:g} mm", **line)
+    for T, line, mine in _curves_by_value(rows, "thickness_mm"):
+        ax.plot(
+            *_values_of_columns(mine, "position", "sigma_theta_over_mu_cortex"), label=f"theory, $T$ = {T:g} mm", **line
+        )
     ax.set(
         xlabel="position in the grown cortex  $(r-b)/(c-b)$",
         ylabel="tangential stress  $\\sigma_\\theta/\\mu_\\mathrm{cortex}$",
@@ -194,18 +202,18 @@ def draw_stress(ax: Axes, rows: list[Row]) -> None:
 
 
 def draw_critical(ax: Axes, rows: list[Row], laws: Sequence[str], *, biot: bool = False, limits: bool = True) -> None:
-    for law, line, mine in _curves([row for row in rows if row["law"] in laws], "law"):
+    for law, line, mine in _curves_by_value([row for row in rows if row["law"] in laws], "law"):
         equation = "Eq. (12)" if law == "isotropic" else "Eq. (13)"
-        ax.plot(*_columns(mine, "C_over_B", "g_crease"), label=f"theory, {equation}, {law}", **line)
+        ax.plot(*_values_of_columns(mine, "C_over_B", "g_crease"), label=f"theory, {equation}, {law}", **line)
         if biot:
             label, thin = f"theory, Biot's surface wrinkles, {law}", {**line, "linewidth": 1.0}
-            ax.plot(*_columns(mine, "C_over_B", "g_biot"), label=label, **thin)
+            ax.plot(*_values_of_columns(mine, "C_over_B", "g_biot"), label=label, **thin)
     ax.set(xlabel="outer radius / interface radius  $C/B$", ylabel=CRITICAL_LABEL)
     if limits:
-        _mark_limits(ax, laws)
+        _mark_paper_limits(ax, laws)
 
 
-def _mark_limits(ax: Axes, laws: Sequence[str]) -> None:
+def _mark_paper_limits(ax: Axes, laws: Sequence[str]) -> None:
     """Mark the two limits in the text of the paper: 1.34 for a thin cortex, 1.2 for isotropic growth."""
     thin = theory.CREASE ** (1 / 3)
     ax.axhline(thin, color=GREY, linewidth=0.9, zorder=1)
@@ -234,7 +242,7 @@ def _mark_limits(ax: Axes, laws: Sequence[str]) -> None:
         )
 
 
-def _draw_curve(ax: Axes, index: int, cases: Sequence[Case]) -> None:
+def _draw_degree_curve(ax: Axes, index: int, cases: Sequence[Case]) -> None:
     """Draw critical growth by degree with a mark at the first wrinkles, and the crease criterion."""
     for case in cases:
         b = case.bifurcation
@@ -246,7 +254,7 @@ def _draw_curve(ax: Axes, index: int, cases: Sequence[Case]) -> None:
         ax.plot([at], [b.g_crit], marker=mark, markersize=7, color=line_style(index)["color"], clip_on=False, zorder=3)
 
 
-def _draw_map(ax: Axes, cases: Sequence[Case], line: dict[str, Any], *, creases: bool) -> None:
+def _draw_wrinkles_by_thickness(ax: Axes, cases: Sequence[Case], line: dict[str, Any], *, creases: bool) -> None:
     """Draw wrinkles of one law and mu ratio by thickness, and creases if they depend on the mu ratio."""
     x = np.array([case.thickness / case.radius for case in cases])
     wrinkles = np.array([case.bifurcation.g_crit for case in cases])
@@ -255,28 +263,35 @@ def _draw_map(ax: Axes, cases: Sequence[Case], line: dict[str, Any], *, creases:
         ax.plot(x, [case.bifurcation.g_crease for case in cases], **{**line, "linewidth": 1.0})
     shortest = np.isinf([case.bifurcation.mode for case in cases])
     if shortest.any():
-        ax.plot(x[shortest], wrinkles[shortest], **{**MARK, "color": line["color"]}, marker="^", clip_on=False)
+        ax.plot(x[shortest], wrinkles[shortest], **{**MARK_STYLE, "color": line["color"]}, marker="^", clip_on=False)
 
 
-def _mark(ax: Axes, rows: list[Row], x: str, y: str) -> None:
+def _mark_requested_points(ax: Axes, rows: list[Row], x: str, y: str) -> None:
     """Draw dots at the requested points within the limits, unless there are more than ``MOST_DOTS``."""
-    for _, line, mine in _curves(rows, "law"):
+    for _, line, mine in _curves_by_value(rows, "law"):
         at = [row for row in mine if row[y] <= ax.get_ylim()[1] and len(mine) <= MOST_DOTS]
         if at:  # not clipped, so that dots at the ends stay whole
-            ax.plot(*_columns(at, x, y), linestyle="none", marker="o", color=line["color"], clip_on=False, zorder=3)
+            ax.plot(
+                *_values_of_columns(at, x, y),
+                linestyle="none",
+                marker="o",
+                color=line["color"],
+                clip_on=False,
+                zorder=3,
+            )
 
 
-def _curves(rows: list[Row], name: str) -> Iterator[tuple[Any, dict[str, Any], list[Row]]]:
+def _curves_by_value(rows: list[Row], name: str) -> Iterator[tuple[Any, dict[str, Any], list[Row]]]:
     """Each value of a column in order of appearance, with its line style and its rows."""
     for i, value in enumerate(dict.fromkeys(row[name] for row in rows)):
         yield value, line_style(i), [row for row in rows if row[name] == value]
 
 
-def _columns(rows: list[Row], *names: str) -> list[list[float]]:
+def _values_of_columns(rows: list[Row], *names: str) -> list[list[float]]:
     return [[row[name] for row in rows] for name in names]
 
 
-def _say_none(ax: Axes, cases: Sequence[Case]) -> None:
+def _note_missing_wrinkles(ax: Axes, cases: Sequence[Case]) -> None:
     """Write into a panel where no wrinkles were found, if there are such cases."""
     none = [case.thickness / case.radius for case in cases if np.isnan(case.bifurcation.g_crit)]
     if none:
@@ -290,19 +305,21 @@ def _legend_of_cases(
 ) -> None:
     """Draw the legend, with ``shortest`` as the mark of the shortest waves, and the title with the sphere."""
     if any(np.isinf(case.bifurcation.mode) for case in cases):
-        entries = {**entries, "shortest waves first": {**MARK, "marker": shortest}}
+        entries = {**entries, "shortest waves first": {**MARK_STYLE, "marker": shortest}}
     legend_of_figure(figure, entries, ax, columns=columns)
-    _say(figure, radius=cases[0].radius, A_over_C=cases[0].A_over_C, kappa_ratio=cases[0].kappa_ratio)
+    _title_with_parameters(figure, radius=cases[0].radius, A_over_C=cases[0].A_over_C, kappa_ratio=cases[0].kappa_ratio)
 
 
-def _say(figure: Figure, **parameters: float) -> None:
+def _title_with_parameters(figure: Figure, **parameters: float) -> None:
     """Write above all panels the parameters that differ from the paper's sphere."""
-    parts = [PAPER[name][1].format(value) for name, value in parameters.items() if value != PAPER[name][0]]
+    parts = [
+        PAPER_SPHERE[name][1].format(value) for name, value in parameters.items() if value != PAPER_SPHERE[name][0]
+    ]
     if parts:
         figure.suptitle(", ".join(parts), x=0.02, ha="left", fontsize=11)
 
 
-def _distinct(cases: Sequence[Case]) -> tuple[list[str], list[float], list[float]]:
+def _distinct_parameters(cases: Sequence[Case]) -> tuple[list[str], list[float], list[float]]:
     """Laws, mu ratios and thicknesses in order of appearance."""
     if not cases:
         raise NothingToDo("no case to draw: give at least one thickness, one mu ratio and one law.")
