@@ -177,7 +177,7 @@ def _signals_as_interrupts() -> Iterator[None]:
     counts as the interrupt: compiled code (numpy's ``tofile``) may raise one of its own in place of it.
     """
     ends = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]  # not on Windows
-    usual = {signal.SIGINT: signal.default_int_handler, **dict.fromkeys(ends, signal.SIG_DFL)}
+    usual: dict[int, Any] = {signal.SIGINT: signal.default_int_handler, **dict.fromkeys(ends, signal.SIG_DFL)}
     main_thread = threading.current_thread() is threading.main_thread()
     ours = [number for number in usual if main_thread and signal.getsignal(number) == usual[number]]
     came = []
