@@ -20,7 +20,7 @@ from morphofold.forecasts.richardson import (
     between,
     coarser,
     companions,
-    estimate_beside,
+    stored_estimate,
 )
 from morphofold.forecasts.sizes import edge_by_rule
 from morphofold.forecasts.table import STUDIED_RANGES, called
@@ -223,7 +223,7 @@ def test_an_estimate_goes_on_after_a_stop_and_is_on_the_page(tmp_path, monkeypat
     assert not [path for path in run.path.iterdir() if is_temporary(path) or path.name == "lock"]
     written = (run.path / "error.json").read_bytes()
     stage = next((run.path / "stages").glob("*/stage.json"))
-    assert estimate_beside(stage) == whole
+    assert stored_estimate(stage) == whole
     content = json.loads(written, parse_constant=pytest.fail)
     assert content["not_studied"] == ["edge", "growth"]
     assert content["pace"] == whole.pace
@@ -268,15 +268,15 @@ def test_an_estimate_goes_on_after_a_stop_and_is_on_the_page(tmp_path, monkeypat
 
     for before in ({**content, "pace": None}, {name: it for name, it in content.items() if name != "pace"}):
         (run.path / "error.json").write_text(json.dumps(before))
-        assert estimate_beside(stage) == replace(whole, pace=None)  # of a scene without a slower coarse; an early one
+        assert stored_estimate(stage) == replace(whole, pace=None)  # of a scene without a slower run; an early one
         assert not [row for row in costs([entry])[0]["errors"] if "half the pace" in row[-1]]
     (run.path / "error.json").write_text(json.dumps({**content, "pace": {"pial distance": "small"}}))
-    assert estimate_beside(stage) is None
+    assert stored_estimate(stage) is None
     (run.path / "error.json").write_bytes(written)
 
     health = run.path / "health.json"
     health.write_text(health.read_text().replace('"seconds"', '"seconds "'))  # another run's estimate isn't shown
-    assert estimate_beside(stage) is None
+    assert stored_estimate(stage) is None
 
 
 @pytest.mark.slow

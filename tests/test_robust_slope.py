@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import theilslopes
 
-from morphofold.analysis.thickness.robust_slope import line, through_regions
+from morphofold.analysis.thickness.robust_slope import robust_line, through_regions
 from morphofold.errors import NoSolution
 
 
@@ -26,7 +26,7 @@ def test_three_odd_regions_do_not_turn_the_robust_slope(rng):
     x = np.linspace(2, 3.5, 34)
     y = 4 + 2 * x + 0.1 * rng.standard_normal(34)
     y[[30, 31, 33]] += 20
-    found = line(x, y)
+    found = robust_line(x, y)
     assert found.slope > 5
     assert found.robust == pytest.approx(2, abs=0.3)
     assert found.low < 2 < found.high
@@ -38,7 +38,7 @@ def test_the_bounds_hold_the_true_slope_as_often_as_they_say():
     for seed in range(200):
         rng = np.random.default_rng(seed)
         x = rng.uniform(1.5, 3.5, 34)
-        found = line(x, 5 + 1.5 * x + rng.standard_normal(34), seed)
+        found = robust_line(x, 5 + 1.5 * x + rng.standard_normal(34), seed)
         held += found.low < 1.5 < found.high
     assert 178 <= held < 200
 
@@ -49,16 +49,16 @@ def test_too_few_or_equal_points_have_no_line():
         assert found is None
         assert f"there are {len(x)}" in note
         with pytest.raises(NoSolution, match=rf"\b3\b.* {len(x)}\.$"):
-            line(np.array(x), np.array(y))
+            robust_line(np.array(x), np.array(y))
 
 
 @pytest.mark.parametrize("n", [3, 4, 5])
 def test_few_points_have_no_bounds(n, rng):
-    found = line(np.arange(float(n)), np.arange(n) + 0.1 * rng.standard_normal(n))
+    found = robust_line(np.arange(float(n)), np.arange(n) + 0.1 * rng.standard_normal(n))
     assert found.robust == pytest.approx(1, abs=0.4)
     assert np.isnan([found.low, found.high]).all() == (n < 5)
 
 
 def test_the_same_seed_gives_the_same_bounds(rng):
     x, y = rng.uniform(1, 4, 12), rng.uniform(5, 15, 12)
-    assert line(x, y, 3) == line(x, y, 3) != line(x, y, 4)
+    assert robust_line(x, y, 3) == robust_line(x, y, 3) != robust_line(x, y, 4)

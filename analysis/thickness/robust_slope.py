@@ -35,7 +35,7 @@ class Line:
     high: float
 
 
-def line(x: Array, y: Array, seed: int = 0) -> Line:
+def robust_line(x: Array, y: Array, seed: int = 0) -> Line:
     """Line through at least three points (N,), (N,) that differ in x and in y.
 
     The robust slope is that of Theil and Sen (Sen 1968, JASA 63). Its bounds are quantiles over 2000 draws of N points
@@ -75,7 +75,7 @@ def through_regions(rows: Iterable[Mapping[str, Any]]) -> tuple[Line | None, str
     pairs = [(row["cortical_thickness_mm"], row["gyral_thickness_mm"]) for row in rows]
     x, y = np.array([p for p in pairs if None not in p], dtype=np.float64).reshape(-1, 2).T
     try:
-        found = line(x, y)
+        found = robust_line(x, y)
     except ValueError:
         return None, f"A line needs three regions with both thicknesses, and these must differ; there are {len(x)}."
     return found, (

@@ -9,7 +9,7 @@ from typing import Any, TypeGuard
 import numpy as np
 
 from morphofold.analysis.measures import Measures
-from morphofold.analysis.thickness.robust_slope import line
+from morphofold.analysis.thickness.robust_slope import robust_line
 from morphofold.arrays import Array
 from morphofold.quantities import find
 
@@ -38,9 +38,9 @@ class Fit:
     """Least-squares line of gyral on cortical thickness over ``n`` points; 95 % interval of its slope.
 
     ``robust`` is the median of the slopes of all pairs of points, its bounds from a bootstrap over the points
-    (:func:`~morphofold.analysis.thickness.robust_slope.line`), None for fewer than five; 0 if all gyral thicknesses
-    are the same, NaN if it was not computed. Both intervals assume independent points, but neighbouring regions are
-    not fully independent.
+    (:func:`~morphofold.analysis.thickness.robust_slope.robust_line`), None for fewer than five; 0 if all gyral
+    thicknesses are the same, NaN if it was not computed. Both intervals assume independent points, but neighbouring
+    regions are not fully independent.
     """
 
     slope: float
@@ -182,7 +182,7 @@ def fit_line(points: Sequence[ThicknessPoint], *, robust: bool = True) -> Fit | 
     slope = float(found.slope)
     middle: tuple[float, float | None, float | None] = (0.0, 0.0, 0.0) if robust else (float("nan"), None, None)
     if robust and np.ptp(y) > 0:
-        pairs = line(x, y)
+        pairs = robust_line(x, y)
         bounded = bool(np.isfinite([pairs.low, pairs.high]).all())
         middle = (pairs.robust, pairs.low, pairs.high) if bounded else (pairs.robust, None, None)
     return Fit(

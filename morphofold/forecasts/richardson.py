@@ -236,7 +236,7 @@ def estimate_error(run: Simulation, *, threads: int | None = None, progress: Pro
     return found
 
 
-def estimate_beside(stage: Path) -> Estimate | None:
+def stored_estimate(stage: Path) -> Estimate | None:
     """The estimate of the run that wrote a ``stage.json``; None if this run has none, or it is incomplete."""
     folder = stage.parent.parent.parent
     try:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from morphofold.analysis import Measures
-from morphofold.analysis.thickness.robust_slope import line
+from morphofold.analysis.thickness.robust_slope import robust_line
 from morphofold.report.plots.line_plots import BLACK, GREY, legend_of_figure, line_style, new_figure
 from morphofold.sim.scene import Scene
 from morphofold.sim.theory import deformed_radius
@@ -154,6 +154,6 @@ def _without_units(ax: Axes, measures: Mapping[str, Measures], styles: Mapping[s
 
 def _straight(ax: Axes, x: np.ndarray, y: np.ndarray, **style: Any) -> None:
     if len(x) > 2 and np.ptp(x) > 0 and np.ptp(y) > 0:
-        found = line(x, y)
+        found = robust_line(x, y)
         ends = np.array([x.min(), x.max()])
         ax.plot(ends, found.intercept + found.slope * ends, linewidth=1.5, **style)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from morphofold.forecasts.afterwards import SOLVER_PHASES, Cost, cost_beside
 from morphofold.forecasts.analysis_cost import ANALYSIS_STAGES, AnalysisCost, cost_of_analysis
-from morphofold.forecasts.richardson import Estimate, estimate_beside
+from morphofold.forecasts.richardson import Estimate, stored_estimate
 from morphofold.forecasts.table import Expected, called
 from morphofold.report.pages.contents import Entry
 from morphofold.words import percent, span
@@ -30,7 +30,7 @@ def costs(entries: Sequence[Entry], clock: Stages | None = None) -> list[dict[st
         cost = cost_beside(stages[0]) if stages else None
         if cost is not None:
             found.append(_entry_of_run(e.name, cost))
-            _add_estimate(found[-1], estimate_beside(stages[0]))
+            _add_estimate(found[-1], stored_estimate(stages[0]))
     if clock is not None:
         found.append(_entry_of_analysis(cost_of_analysis([e.measures for e in entries], clock)))
     return found
