@@ -62,7 +62,7 @@ def unchanged(paths: Iterable[str | Path]) -> Iterator[list[dict[str, Any]]]:
     yield before
     for old, new in zip(before, input_records(row["path"] for row in before)):
         if old != new:
-            raise OSError(f"{old['path']}: changed while it was read. Wait until the program that writes it has ended.")
+            raise OSError(f"{old['path']}: changed while it was read. Run this again when no program writes it.")
 
 
 def records_as_read(cortices: Iterable[Cortex], others: Iterable[str | Path] = ()) -> list[dict[str, Any]]:

@@ -332,7 +332,7 @@ class Dynamics:
         broken = np.flatnonzero((element["volume_ratio"] <= 0) | (element["J_max"] > elements.LARGEST_J))
         if broken.size:
             raise UnstableError(
-                f"{broken.size} of {elements.n} elements collapsed or burst at g = {self.state.growth:.3f}, "
+                f"{broken.size} of {elements.n} elements have no volume left or burst at g = {self.state.growth:.3f}, "
                 f"step {self.state.step}; the first is element {broken[0]} with v/V = "
                 f"{element['volume_ratio'][broken[0]]:.2f} and J up to {element['J_max'][broken[0]]:.2f}. Slow the "
                 "growth down (growth.rate) or refine the mesh.",

@@ -94,7 +94,7 @@ def deformed_radius(
     hole = _checked_hole_radius(A_bar, outer, core)
     R = outer if R_bar is None else np.asarray(R_bar, dtype=np.float64)
     if not np.all((R >= hole) & (R <= outer)):
-        raise OutOfRange(f"R_bar must lie between A/B = {hole.min():g} and C/B = {outer.max():g}, got {R}.")
+        raise OutOfRange(f"R_bar = R/B must lie from A_bar = {hole.min():g} to C_bar = {outer.max():g}, got {R}.")
     in_core = hole**3 + core**3 * (np.minimum(R, 1) ** 3 - hole**3)
     return np.cbrt(in_core + volume(growth, law) * (np.maximum(R, 1) ** 3 - 1))
 

@@ -243,7 +243,7 @@ def _cast_fan(
     Returns corrected lengths (S, K), NaN where not from wall to wall, uncorrected lengths (S, K), triangles hit (S, K)
     and directions (S, K, 3).
     """
-    wall = geometry.unit(samples.normal - _component_along(samples.normal, vertical))
+    wall = geometry.unit(samples.normal - _vector_component_along(samples.normal, vertical))
     ahead, across = -side * wall, np.cross(vertical, -side * wall)
     rays = np.cos(angles)[None, :, None] * ahead[:, None, :] + np.sin(angles)[None, :, None] * across[:, None, :]
     shape, flat = rays.shape[:2], rays.reshape(-1, 3)
@@ -259,7 +259,7 @@ def _cast_fan(
         far, triangle, cosine = scan.shoot(start, flat)
     far = far + step
     other = samples.triangle_normal[triangle]
-    other = geometry.unit(other - _component_along(other, spread(vertical)))
+    other = geometry.unit(other - _vector_component_along(other, spread(vertical)))
     phase = samples.triangle_phase[triangle]
     good = (side * cosine > 0.1) & (np.sum(other * spread(wall), axis=1) < -0.3)
     good &= (phase > 0.1) & (phase < 0.9) & (far < samples.longest)
@@ -290,7 +290,7 @@ def _symmetrised_vertical(
     return even
 
 
-def _component_along(a: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
+def _vector_component_along(a: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.sum(a * u, axis=1, keepdims=True) * u
 
 

@@ -346,7 +346,7 @@ def _answer_of_body(args: argparse.Namespace) -> Answer:
 
     scene = load_scene(args.body, args.settings)
     if scene.geometry.shape == "radial":
-        raise DoesNotApply(f"{scene.name}: a radial scene has no mesh. Leave out --body for its theory.")
+        raise DoesNotApply(f"{scene.name}: a radial scene has no mesh. Leave out --body: its theory needs none.")
     looks: list[float] = []
     with progress(scene.name, args.quiet) as tell:
 

@@ -169,12 +169,12 @@ def _measures_of_run(analysis: Path, geometry: Geometry) -> tuple[dict[str, floa
     if area and "n_hinges" in measures and not isinstance(geometry, Strip):
         measures[HINGES_PER_AREA] = 1000 * measures["n_hinges"] / area
     if area and isinstance(geometry, Patch | Strip):
-        measures[AREA_OVER_FLAT] = area / _flat_area(geometry, pial)
+        measures[AREA_OVER_FLAT] = area / _area_before_growth(geometry, pial)
     notes = {key: str(entry["notes"][key]) for key in SCALARS if key not in measures and key in entry["notes"]}
     return measures, notes, pial
 
 
-def _flat_area(geometry: Patch | Strip, pial: Path) -> float:
+def _area_before_growth(geometry: Patch | Strip, pial: Path) -> float:
     """Area [mm^2] of the flat piece at the start of a patch or strip; the width of a strip is that of its mesh."""
     if isinstance(geometry, Patch):
         return geometry.size[0] * geometry.size[1]

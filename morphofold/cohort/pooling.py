@@ -106,7 +106,7 @@ def commonest(counts: Mapping[MeasuringSettings, int]) -> MeasuringSettings | No
     return most if most is not None and counts[most] > LEAST_POOLED_SHARE * sum(counts.values()) else None
 
 
-def part_of(how: MeasuringSettings, parameters: Sequence[str]) -> MeasuringSettings:
+def settings_among(how: MeasuringSettings, parameters: Sequence[str]) -> MeasuringSettings:
     """The version and some parameters of the settings ``how``."""
     return tuple(how[SETTING_NAMES.index(key)] for key in ("morphofold", *parameters))
 
@@ -114,7 +114,7 @@ def part_of(how: MeasuringSettings, parameters: Sequence[str]) -> MeasuringSetti
 def _distinct_settings(hows: Sequence[MeasuringSettings], parameters: Sequence[str]) -> tuple[int, NDArray[np.int64]]:
     """Number of different settings with respect to ``parameters``, and the index (N,) of each."""
     number: dict[MeasuringSettings, int] = {}
-    kind = [number.setdefault(part_of(how, parameters), len(number)) for how in hows]
+    kind = [number.setdefault(settings_among(how, parameters), len(number)) for how in hows]
     return len(number), np.array(kind, dtype=np.int64)
 
 

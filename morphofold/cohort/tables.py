@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from morphofold.analysis.measures import PARAMETERS, SCALARS
 from morphofold.analysis.mesh_quality.defects import WARNINGS
-from morphofold.cohort.pooling import SETTING_NAMES, MeasuringSettings, Pooling, commonest, part_of, pooling
+from morphofold.cohort.pooling import SETTING_NAMES, MeasuringSettings, Pooling, commonest, pooling, settings_among
 from morphofold.cohort.tasks import Outcome, read_record
 from morphofold.errors import DamagedFile, Mismatch
 from morphofold.io import files_of
@@ -270,7 +270,7 @@ class _GroupCollector:
             for name, values in self.scalars.items():
                 values[i, side] = _float_or_nan(entry["measures"].get(name))
             self.how[i, side] = self.hows.setdefault(how, len(self.hows))
-            of[entry["hemi"]] = part_of(how, REGION_THICKNESS_SETTINGS)
+            of[entry["hemi"]] = settings_among(how, REGION_THICKNESS_SETTINGS)
             recorded = {key: entry["info"].get(key) for key in FREESURFER_VALUES}
             self.hemispheres.append(
                 {"subject": subject, "hemi": entry["hemi"], **dict(zip(SETTING_NAMES, how)), **recorded}

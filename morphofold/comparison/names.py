@@ -52,7 +52,7 @@ def grouped_names(full: HemisphereNames, groups: Mapping[str, Sequence[str]] | N
     asked = [name for names in groups.values() for name in names]
     for name in asked:
         if name not in full:
-            raise UnknownName(f"a group names {name!r}, which is not among {', '.join(full)}.")
+            raise UnknownName(f"a group has the name {name!r}, but the surfaces are {', '.join(full)}.")
         if asked.count(name) > 1:
             raise NamedTwice(f"{name!r} is in two groups; hinges can't be compared with themselves.")
     return {group: tuple(n for name in names for n in full[name]) for group, names in groups.items()}

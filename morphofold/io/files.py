@@ -42,7 +42,9 @@ def existing_file(path: StrPath, what: str = "file") -> Path:
     if path.is_dir():
         raise IsADirectoryError(f"{path}: is a folder, but a {what} is needed. Name the file in it.")
     if path.is_symlink() and not path.exists():
-        raise FileNotFoundError(f"{path}: is a link to a missing file; a {what} is needed. Fetch it, or remove it.")
+        raise FileNotFoundError(
+            f"{path}: is a link to a missing file; expected: {what}. Fetch its target, or remove the link."
+        )
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such {what}. {_folder_content_text(path)}")
     if not path.is_file():

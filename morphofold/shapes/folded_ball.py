@@ -10,7 +10,7 @@ from morphofold.shapes import even_directions, spherical_delaunay
 from morphofold.shapes.ridges import SphericalNet, irregular_net, ridged_net
 from morphofold.surface import Cortex, Surface
 
-NET_CELLS = 60  # of the net: 116 hinges, about as many as half a brain has
+RIDGE_NET_CELLS = 60  # of the net: 116 hinges, about as many as half a brain has
 RIDGE_WIDTH_MM, RIDGE_HEIGHT_MM, SPHERE_RADIUS_MM, CORTICAL_THICKNESS_MM = 9.0, 8.0, 65.0, 1.8
 
 
@@ -30,7 +30,11 @@ def folded_ball(n: int, net: SphericalNet | None = None) -> Cortex:
     verts = verts[np.lexsort((verts[:, 2], *np.round(SPHERE_RADIUS_MM * verts[:, :2].T)))]
     faces = spherical_delaunay(verts)
     pial = ridged_net(
-        net or irregular_net(NET_CELLS), (verts, faces), RIDGE_WIDTH_MM, height=RIDGE_HEIGHT_MM, radius=SPHERE_RADIUS_MM
+        net or irregular_net(RIDGE_NET_CELLS),
+        (verts, faces),
+        RIDGE_WIDTH_MM,
+        height=RIDGE_HEIGHT_MM,
+        radius=SPHERE_RADIUS_MM,
     )
     white = Surface(pial.verts - CORTICAL_THICKNESS_MM * vertex_normals(pial.verts, faces), faces)
     return Cortex(white, pial, name=f"folded ball of {n:,}")

@@ -29,7 +29,7 @@ MOST_NEWTON_ITERATIONS = 15  # most iterations of Newton's method
 MOST_TRIAL_LENGTHS = 6  # most trial lengths of a Newton step, each half of the last
 FORCE_ROUND_OFF = 1e-13  # round-off of forces, over the largest force of any element
 MOST_EIGENVALUES = 12  # most eigenvalues to compute
-EVENNESS_TOLERANCE = 1e-9  # unevenness of a level, over the surface edge, or of radii, that is round-off
+LAYER_UNEVENNESS_TOLERANCE = 1e-9  # unevenness of a level, over the surface edge, or of radii, that is round-off
 
 
 class ConvergenceError(NoState):
@@ -205,8 +205,11 @@ def even_levels(body: Body) -> sparse.csr_matrix | None:
     height = np.einsum("ij,ij->i", X, bilayer.radial)
     aside = np.linalg.norm(X - height[:, None] * bilayer.radial, axis=1)
     first = height[:: body.n_surface]
-    if count * body.n_surface != n or np.abs(height - first[level]).max() > EVENNESS_TOLERANCE * bilayer.edge:
+    if count * body.n_surface != n or np.abs(height - first[level]).max() > LAYER_UNEVENNESS_TOLERANCE * bilayer.edge:
         return None
-    if np.ptp(bilayer.radial, axis=0).max() > EVENNESS_TOLERANCE and aside.max() > EVENNESS_TOLERANCE * bilayer.edge:
+    if (
+        np.ptp(bilayer.radial, axis=0).max() > LAYER_UNEVENNESS_TOLERANCE
+        and aside.max() > LAYER_UNEVENNESS_TOLERANCE * bilayer.edge
+    ):
         return None
     return sparse.csr_matrix((bilayer.radial.ravel(), (np.arange(3 * n), np.repeat(level, 3))), shape=(3 * n, count))

@@ -18,7 +18,13 @@ from morphofold.arrays import Array
 from morphofold.errors import NoSolution, OutOfRange
 from morphofold.sim.body import Body
 from morphofold.sim.build import build_body
-from morphofold.sim.equilibrium.path import EVENNESS_TOLERANCE, ConvergenceError, Equilibrium, Stability, even_levels
+from morphofold.sim.equilibrium.path import (
+    LAYER_UNEVENNESS_TOLERANCE,
+    ConvergenceError,
+    Equilibrium,
+    Stability,
+    even_levels,
+)
 from morphofold.sim.scene import Scene, in_double
 
 __all__ = [
@@ -192,7 +198,7 @@ def _bifurcation_found(
     if np.isnan(g_crit):
         return BodyBifurcation(g_crit, rounded, mode, np.nan, np.nan, history, x)
     wave, radius = _wave_number(body, mode), np.linalg.norm(body.X[: body.n_surface], axis=1)
-    sphere = np.ptp(radius) < EVENNESS_TOLERANCE * radius.mean()
+    sphere = np.ptp(radius) < LAYER_UNEVENNESS_TOLERANCE * radius.mean()
     degree = np.sqrt((wave * radius.mean()) ** 2 + 0.25) - 0.5 if sphere else np.nan
     return BodyBifurcation(g_crit, rounded, mode, 2 * np.pi / wave, float(degree), history, x)
 

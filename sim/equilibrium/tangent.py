@@ -91,13 +91,13 @@ def points(body: Body) -> Iterator[ElementPoints]:
     elements, blocks = body.elements, body.elements.blocks
     nodes = blocks.nodes[blocks.start[:-1, None] + blocks.local].astype(np.int64)
     if isinstance(elements, Bricks):
-        yield from _points_of_bricks(elements, from_lanes(nodes, elements.n), body.mu, body.kappa)
+        yield from _gauss_points_of_bricks(elements, from_lanes(nodes, elements.n), body.mu, body.kappa)
     else:
         assert isinstance(elements, Tets)
-        yield from _points_of_patches(elements, from_lanes(nodes, len(elements.patches)), body.mu, body.kappa)
+        yield from _gauss_points_of_tet_patches(elements, from_lanes(nodes, len(elements.patches)), body.mu, body.kappa)
 
 
-def _points_of_bricks(bricks: Bricks, nodes: Ints, mu: Array, kappa: Array) -> Iterator[ElementPoints]:
+def _gauss_points_of_bricks(bricks: Bricks, nodes: Ints, mu: Array, kappa: Array) -> Iterator[ElementPoints]:
     data = from_lanes(bricks.point, bricks.n).reshape(-1, 8, POINT_ROWS)
     V = 1 / from_lanes(bricks.modulus, bricks.n)[:, 2]
     for part in _chunk_slices(bricks.n):
@@ -121,7 +121,7 @@ def _chunk_slices(n: int) -> Iterator[slice]:
     return (slice(start, start + ELEMENTS_PER_CHUNK) for start in range(0, n, ELEMENTS_PER_CHUNK))
 
 
-def _points_of_patches(tets: Tets, nodes: Ints, mu: Array, kappa: Array) -> Iterator[ElementPoints]:
+def _gauss_points_of_tet_patches(tets: Tets, nodes: Ints, mu: Array, kappa: Array) -> Iterator[ElementPoints]:
     """The points of a patch are its tetrahedra, and a last point for their mean gradient."""
     count, first = len(tets.patches), tets.patches[:, 0]
     edges = from_lanes(tets.edges, count).reshape(-1, PATCH_TETS, 3, 3)

@@ -142,7 +142,7 @@ class FolderWriter:
         """
         if inputs_of(self.scene) != self._inputs:
             name = self._inputs["geometry.file"]["file"]
-            raise OSError(f"{name}: changed while it was read. Wait until the program that writes it has ended.")
+            raise OSError(f"{name}: changed while it was read. Run this again when no program writes it.")
         if is_finished(self.out, self.scene, self.resume, self.own):
             raise FileExistsError(f"{self.out}: holds a finished run of this scene; choose another folder.")
         self.out.mkdir(parents=True, exist_ok=True)

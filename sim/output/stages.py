@@ -101,7 +101,7 @@ def check_finished(out: Path, scene: Scene) -> None:
         raise DamagedFile(f"{path}: lacks {', '.join(sorted(missing))}. Delete it {AND_GROW_AGAIN}.")
     grown = [stage.get("growth") for stage in health["stages"]]
     if grown != (stages := list(written_stages(out, scene))):
-        raise Mismatch(f"{path}: its stages are {grown}, but those of the scene {stages}. Delete it {AND_GROW_AGAIN}.")
+        raise Mismatch(f"{path}: its stages are {grown}, but the scene has {stages}. Delete it {AND_GROW_AGAIN}.")
     found = check_stages(out, scene)
     for stage in health["stages"]:
         g = stage["growth"]

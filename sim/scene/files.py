@@ -174,7 +174,9 @@ def _key_of_setting(setting: str) -> str:
             f"setting {as_toml(setting)} must have the form table.key=value, for example growth.final=1.8."
         )
     if parts == ["like"]:
-        raise DoesNotApply(f"setting {as_toml(setting)}: like is allowed only in a file; name that scene instead.")
+        raise DoesNotApply(
+            f"setting {as_toml(setting)}: 'like' is allowed only in a file; pass the scene that it names instead."
+        )
     return ".".join(parts)
 
 

@@ -15,7 +15,13 @@ from morphofold.analysis.gyrification.local_gyrification import CLOSING_RADIUS_M
 from morphofold.analysis.resampling import PRESETS, Preset, resampled
 from morphofold.arrays import Array
 from morphofold.shapes import corrugated_sheet, ridged_sphere, sphere
-from morphofold.shapes.folded_ball import NET_CELLS, RIDGE_HEIGHT_MM, RIDGE_WIDTH_MM, SPHERE_RADIUS_MM, folded_ball
+from morphofold.shapes.folded_ball import (
+    RIDGE_HEIGHT_MM,
+    RIDGE_NET_CELLS,
+    RIDGE_WIDTH_MM,
+    SPHERE_RADIUS_MM,
+    folded_ball,
+)
 from morphofold.shapes.ridges import SphericalNet, from_arc, irregular_net
 from morphofold.studies.accuracy.measuring import point
 from morphofold.studies.accuracy.points import Case, Point, Timing, timed
@@ -113,7 +119,7 @@ def _axes(name: str, n: int) -> list[dict[str, Any]]:
 
 def net_over_meshes(sizes: Iterable[int]) -> list[Point]:
     """Hinges and crests of a net of ridges, on unchanged meshes and at the accuracies that resample them."""
-    net = irregular_net(NET_CELLS, shortest=SHORTEST)
+    net = irregular_net(RIDGE_NET_CELLS, shortest=SHORTEST)
     points = []
     for n in sizes:
         cortex = folded_ball(n, net)

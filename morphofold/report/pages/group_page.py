@@ -149,7 +149,7 @@ def group_report(group: Group, folder: Path, progress: Progress = silent) -> Pat
         charts=[charts[name] for name in OPEN_CHARTS if name in charts],
         other_charts=[chart for name, chart in charts.items() if name not in OPEN_CHARTS],
         spread=spread,
-        alike=alike(scalars),
+        alike=measures_with_one_value(scalars),
         strips=strips(sides),
         sided=sided(sides),
         scatters=[cloud for cloud in clouds if cloud["plot"]],
@@ -433,7 +433,7 @@ def are_alike(values: NDArray[np.float64]) -> bool:
     return bool(np.ptp(values) <= RELATIVE_ROUND_OFF * np.abs(values).max())
 
 
-def alike(scalars: Scalars) -> list[str]:
+def measures_with_one_value(scalars: Scalars) -> list[str]:
     """Measures with the same value for all subjects and sides, which are not drawn, and that value."""
     sentences = []
     for name, values in scalars.items():
