@@ -39,7 +39,7 @@ def test_a_dry_run_writes_nothing_and_says_everything(here, capsys):
     argv = ["analyze", "--white", "in/lh.white", "--pial", "in/lh.pial", "--name", "ball", "--dry-run"]
     assert main([*argv, "--threads", "1"]) == 0
     told = capsys.readouterr().out
-    for word in ("7,000 vertices", "memory", "by 1 thread", "error of hinges", "against", "scaled by power laws"):
+    for word in ("7,000 vertices", "memory", "with 1 thread", "error of hinges", "against", "scaled by power laws"):
         assert word in told
     assert main([*argv, "--accuracy", "fine", "--no-report", "--json"]) == 0
     found = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
