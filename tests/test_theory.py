@@ -94,8 +94,8 @@ def test_radii_broadcast():
         ({"g": 1.5, "C_bar": 1.1, "law": "radial"}, UnknownName, r"\bisotropic, tangential\b.* 'radial'\.$"),
         ({"g": 1.5, "C_bar": 1.1, "g_core": -1.0}, OutOfRange, r"^g_core .* -1\.0\.$"),
         ({"g": 1.5, "C_bar": 1.1, "A_bar": 1.2}, OutOfRange, r"^A_bar .* 1\.2\.$"),
-        ({"g": 1.5, "C_bar": 1.1, "R_bar": 1.2}, OutOfRange, r"^R_bar .* C/B = 1\.1\b.* 1\.2\.$"),
-        ({"g": 1.5, "C_bar": 1.1, "R_bar": 0.1}, OutOfRange, r"^R_bar .* A/B = 0\.55\b.* 0\.1\.$"),
+        ({"g": 1.5, "C_bar": 1.1, "R_bar": 1.2}, OutOfRange, r"^R_bar .* C_bar = 1\.1\b.* 1\.2\.$"),
+        ({"g": 1.5, "C_bar": 1.1, "R_bar": 0.1}, OutOfRange, r"^R_bar .* A_bar = 0\.55\b.* 0\.1\.$"),
     ],
 )
 def test_radius_refuses_what_is_no_sphere(arguments, kind, named):
