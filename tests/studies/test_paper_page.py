@@ -166,7 +166,7 @@ def test_what_the_page_says_of_theory_is_what_the_code_gives():
     g = [b.g_crit for b in found]
     assert f"theory has {g[0]:.3f}, {g[1]:.3f} and {g[2]:.3f} for the three" in text
     crease = theory.critical_growth(50 / 48)
-    assert f"which are at {g[1]:.3f}; Eq. (12), the paper's criterion, is met at {crease:.3f}" in text
+    assert f"which are at {g[1]:.3f}. Eq. (12), the paper's criterion, is met at {crease:.3f}" in text
     waves = [b.wavelength * 50 / T for b, T in zip(found, (1, 2, 3))]
     assert f"gives {tables.film_wavelength(1, 2):.1f} T" in text
     assert f"gives {min(waves):.1f} to {max(waves):.1f} T" in text
