@@ -47,7 +47,7 @@ def hinge_sensitivity(
     list of dict
         ``length`` (its name; empty in the first row, which is the unchanged net), ``factor``, ``mm``, ``n_hinges``,
         ``n_hinges_3``, ``n_hinges_4``, ``n_ends``; ``crest_length_mm`` of the net before its curves move onto the
-        crowns, so a little less than that of ``measure``; ``kept``, the share of hinges of the unchanged net within
+        crowns, 0.6 to 0.8 % more than that of ``measure``; ``kept``, the share of hinges of the unchanged net within
         half a gyral width of a hinge of the changed net; ``old``, the share of hinges of the changed net within half a
         gyral width of a hinge of the unchanged net. Empty if the surface has no folds.
 

@@ -71,7 +71,8 @@ class Ellipsoid(Layers):
 
     @model_validator(mode="after")
     def _layers_fit(self) -> Ellipsoid:
-        _check_layers(min(self.semi_axes), self.cortex_thickness, self.hole_share * min(self.semi_axes))
+        least = min(self.semi_axes)
+        _check_layers(least, self.cortex_thickness, self.hole_share * least, self.hole_share)
         return self
 
 
@@ -158,15 +159,18 @@ class MeshFile(Layers):
         return existing_file(path, "tetrahedral mesh")
 
 
-def _check_layers(radius: float, thickness: float, hole: float) -> None:
+def _check_layers(radius: float, thickness: float, hole: float, share: float | None = None) -> None:
     if thickness >= radius:
         raise ImpossibleBody(
             f"cortex_thickness {thickness:g} leaves no core in a body of {radius:g} mm; make it smaller"
         )
     if hole >= radius - thickness:
+        core = radius - thickness
+        named = f"hole_radius {hole:g}" if share is None else f"hole_share {share:g}"
+        most = f"{core:g}" if share is None else f"{core / radius:.3g}"
         raise ImpossibleBody(
-            f"hole_radius {hole:g} is not inside the core of radius {radius - thickness:g} ({radius:g} - "
-            f"cortex_thickness {thickness:g}); make it smaller than {radius - thickness:g}"
+            f"{named} is not inside the core of radius {core:g} ({radius:g} - cortex_thickness {thickness:g}); "
+            f"make it smaller than {most}"
         )
 
 
