@@ -73,7 +73,7 @@ def records_as_read(cortices: Iterable[Cortex], others: Iterable[str | Path] = (
     return [read[file] if file in read else input_records([file])[0] for file in files]
 
 
-def shown(text: str) -> str:
+def printable(text: str) -> str:
     """Text that can be written as UTF-8; in a name that is not UTF-8, a byte such as 0xff becomes ``\\udcff``."""
     return text if text.isascii() else text.encode("utf-8", "backslashreplace").decode("utf-8")
 
@@ -85,7 +85,7 @@ def strict_json(content: Any) -> str:
 
 def _plain_json_value(value: Any) -> Any:
     if isinstance(value, str):
-        return shown(value)
+        return printable(value)
     if value is None or isinstance(value, bool | int):
         return value
     if isinstance(value, float | np.floating):
@@ -93,7 +93,7 @@ def _plain_json_value(value: Any) -> Any:
     if isinstance(value, np.generic | np.ndarray):
         return _plain_json_value(value.tolist())
     if isinstance(value, Mapping):
-        return {shown(str(k)): _plain_json_value(v) for k, v in value.items()}
+        return {printable(str(k)): _plain_json_value(v) for k, v in value.items()}
     if isinstance(value, Sequence | set | frozenset):
         return [_plain_json_value(v) for v in value]
-    return shown(str(value))
+    return printable(str(value))

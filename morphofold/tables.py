@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from morphofold.errors import DamagedFile
-from morphofold.provenance import shown
+from morphofold.provenance import printable
 
 MISSING_CELL = "n/a"
 
@@ -57,7 +57,7 @@ def cell(value: Any) -> str:
 
 @lru_cache(maxsize=4096)  # names are repeated
 def _cell_of_text(text: str) -> str:
-    text = shown(text).translate(_CONTROL_CHARACTERS)
+    text = printable(text).translate(_CONTROL_CHARACTERS)
     return f"'{text}" if _NEEDS_APOSTROPHE.match(text) else text
 
 

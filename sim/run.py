@@ -167,7 +167,11 @@ class _Run:
         self.started, self.look = working_seconds(), look
         effects = [*build_effects(scene), *effects]
         self.body = build_body(scene, effects)
-        start = None if writer.restart is None or writer.checkpoint else state_of(writer.restart, self.body, scene)
+        start = (
+            None
+            if writer.restart is None or writer.checkpoint_to_resume
+            else state_of(writer.restart, self.body, scene)
+        )
         self.dynamics = Dynamics.of(scene, self.body, effects, start)
         self.log: list[dict[str, Any]] = []
         self.checkpoint_due = time.perf_counter() + 60 * scene.output.checkpoint_minutes
@@ -265,7 +269,7 @@ class _Run:
 
     def _take_up(self) -> None:
         """Resume from a checkpoint, if that is asked for and there is one."""
-        out, path = self.writer.out, self.writer.checkpoint
+        out, path = self.writer.out, self.writer.checkpoint_to_resume
         if path is None:
             return
         mine = self._marks()

@@ -595,7 +595,7 @@ def test_numbers_of_hemispheres_measured_unlike_are_not_pooled(three, tmp_path, 
     measured(three, out)
     measured(three[:1], out, "2", options={"gyral_width_mm": 11.0})
     group = write_group(out, {one.name: one.results for one in participants(three, out)}, report=False)
-    assert group.measured == 3
+    assert group.n_measured == 3
     assert group.pooling.counts == {"graph_width_mm": {9.0: 4, 11.0: 2}}
     assert group.pooling.left_out == {"n_hinges": (2, 6)}
     pooled = statistics.measures_of(group)

@@ -6,7 +6,7 @@ import os
 
 import numpy as np
 
-from morphofold.provenance import changed_since, input_records, sha256_of, shown, strict_json
+from morphofold.provenance import changed_since, input_records, printable, sha256_of, strict_json
 from morphofold.tables import cell
 
 
@@ -22,9 +22,9 @@ def test_json_is_strict_whatever_the_values():
 
 def test_a_name_that_is_no_text_can_be_written_everywhere():
     name = os.fsdecode(b"caf\xe9 \xc3\xa9")
-    assert shown(name) == "caf\\udce9 \u00e9"
-    assert json.loads(strict_json({name: [name]})) == {shown(name): [shown(name)]}
-    for text in (strict_json({name: [name]}), cell(name), shown("\ud800")):
+    assert printable(name) == "caf\\udce9 \u00e9"
+    assert json.loads(strict_json({name: [name]})) == {printable(name): [printable(name)]}
+    for text in (strict_json({name: [name]}), cell(name), printable("\ud800")):
         text.encode("utf-8")
 
 

@@ -17,9 +17,9 @@ from morphofold.forecasts.richardson import (
     CONVERGENCE_POWERS,
     SAME_PATTERN_DISTANCE,
     Grown,
-    between,
     coarser,
     companions,
+    errors_from_runs,
     stored_estimate,
 )
 from morphofold.forecasts.sizes import edge_by_rule
@@ -45,7 +45,7 @@ def made(edge, degree=12, height=3.0, warnings=()):
 def test_an_error_that_goes_with_a_power_of_the_edge_is_found_exactly():
     power, slope = CONVERGENCE_POWERS["pial distance"], 0.02
     sphere = lambda edge: Grown(Surface(icosphere(4, 50 + slope * edge**power)[0], icosphere(4)[1]), edge, [])
-    found = between(load_scene("fig6-thick"), sphere(2.0), sphere(3.0))
+    found = errors_from_runs(load_scene("fig6-thick"), sphere(2.0), sphere(3.0))
     assert found.ratio == 1.5
     assert found.errors["gyrification index"].error == pytest.approx(0, abs=1e-9)
     assert found.errors["pial distance"].error == pytest.approx(slope * 2**power / 3, rel=0.01)  # over T = 3 mm
@@ -53,7 +53,7 @@ def test_an_error_that_goes_with_a_power_of_the_edge_is_found_exactly():
 
 def test_each_quantity_is_extrapolated_by_its_own_power():
     mine, coarse = made(2.0), made(3.0, height=2.8)
-    found = between(load_scene("fig6-thick"), mine, coarse)
+    found = errors_from_runs(load_scene("fig6-thick"), mine, coarse)
     here, there = (analysis.gyrification_index(s.pial.verts, s.pial.faces) for s in (mine, coarse))
     index, apart = found.errors["gyrification index"], found.errors["pial distance"]
     assert index.power != apart.power
@@ -65,7 +65,7 @@ def test_each_quantity_is_extrapolated_by_its_own_power():
 def test_another_pattern_gives_no_error_however_near_the_numbers_lie():
     mine = made(2.0)
     turned = Surface(mine.pial.verts * [1, -1, -1], mine.pial.faces)
-    found = between(load_scene("fig6-thick"), mine, Grown(turned, 3.0, []))
+    found = errors_from_runs(load_scene("fig6-thick"), mine, Grown(turned, 3.0, []))
     assert found.errors["gyrification index"].change == pytest.approx(0, abs=1e-12)
     assert found.errors["pial distance"].change > SAME_PATTERN_DISTANCE
     assert {e.error for e in found.errors.values()} == {None}
@@ -74,7 +74,7 @@ def test_another_pattern_gives_no_error_however_near_the_numbers_lie():
 
 
 def test_an_open_body_has_no_index():
-    found = between(load_scene("patch", ["growth.final=2"]), made(2.0), made(3.0))
+    found = errors_from_runs(load_scene("patch", ["growth.final=2"]), made(2.0), made(3.0))
     assert set(found.errors) == {"pial distance"}
     assert found.not_studied == ("shape",)
     assert len(found.doubts) == 1
@@ -83,26 +83,26 @@ def test_an_open_body_has_no_index():
 def test_what_the_pace_changes_is_told_as_it_stands():
     mine, coarse, slow = made(2.0), made(3.0, height=2.8), made(3.0, height=2.7)
     scene = load_scene("fig6-thick")
-    found = between(scene, mine, coarse, slow)
+    found = errors_from_runs(scene, mine, coarse, slow)
     here, there = (analysis.gyrification_index(s.pial.verts, s.pial.faces) for s in (coarse, slow))
     assert found.pace == {
         "gyrification index": pytest.approx((here - there) / here),
         "pial distance": distance(coarse.pial, slow.pial) / 3,
     }
-    without = between(scene, mine, coarse)
+    without = errors_from_runs(scene, mine, coarse)
     assert without.pace is None
     assert (found.errors, found.doubts) == (without.errors, without.doubts)
     for change in found.pace.values():
         assert percent(change) in found.words.removeprefix(without.words.removesuffix("."))
-    assert set(between(load_scene("patch", ["growth.final=2"]), mine, coarse, slow).pace) == {"pial distance"}
+    assert set(errors_from_runs(load_scene("patch", ["growth.final=2"]), mine, coarse, slow).pace) == {"pial distance"}
 
 
 def test_another_pattern_at_another_pace_is_doubted_and_leaves_the_error_of_the_mesh():
     coarse = made(3.0, height=2.8)
     turned = Grown(Surface(coarse.pial.verts * [1, -1, -1], coarse.pial.faces), 3.0, ["not calm"])
-    found = between(load_scene("fig6-thick"), made(2.0), coarse, turned)
+    found = errors_from_runs(load_scene("fig6-thick"), made(2.0), coarse, turned)
     assert found.pace["pial distance"] > SAME_PATTERN_DISTANCE
-    assert found.errors == between(load_scene("fig6-thick"), made(2.0), coarse).errors
+    assert found.errors == errors_from_runs(load_scene("fig6-thick"), made(2.0), coarse).errors
     ill, pattern = found.doubts
     assert "slower run isn't healthy: not calm" in ill
     assert "depend on the pace" in pattern
@@ -131,9 +131,9 @@ def test_no_slower_run_where_time_is_real_or_no_pace_is_as_slow(setting, slower)
 
 def test_a_run_or_a_coarser_one_that_is_not_healthy_is_told():
     ill = ["12 crossings"]
-    of_the_coarser = between(load_scene("fig6-thick"), made(2.0), made(3.0, warnings=ill)).doubts
+    of_the_coarser = errors_from_runs(load_scene("fig6-thick"), made(2.0), made(3.0, warnings=ill)).doubts
     assert of_the_coarser == ("The coarser run isn't healthy: 12 crossings",)
-    assert between(load_scene("fig6-thick"), made(2.0, warnings=ill), made(3.0)).words.endswith(
+    assert errors_from_runs(load_scene("fig6-thick"), made(2.0, warnings=ill), made(3.0)).words.endswith(
         "The run isn't healthy: 12 crossings"
     )
 

@@ -89,9 +89,9 @@ def run(args: argparse.Namespace) -> int:
 
 def by_shown_name(source: Path, names: Sequence[str]) -> dict[str, Path]:
     """Folders of subjects by names that can be written; bytes that are not text are escaped."""
-    from morphofold.provenance import shown
+    from morphofold.provenance import printable
 
-    found = {shown(name): source / name for name in names}
+    found = {printable(name): source / name for name in names}
     if len(found) < len(names):
         raise NamedTwice(f"{source}: two names are the same after bytes that are not text are escaped. Rename one.")
     return found
@@ -200,7 +200,7 @@ def run_group(out: Path, results: dict[str, Path], args: argparse.Namespace) -> 
         who: dict[str, dict[str, str]] = {}
         for row in group.failures:
             who.setdefault(row["subject"], {})[row["hemi"] or ""] = row["reason"]
-        answer = {"subjects": len(results), "with_results": group.measured, "failures": who}
+        answer = {"subjects": len(results), "with_results": group.n_measured, "failures": who}
         print_json({**answer, "remarks": group.pooling.sentences, "page": out / "group" / "report.html"})
     else:
         print(f"{len(results)} subjects{f', {failed} of them with failures' if failed else ''} -> {out / 'group'}")

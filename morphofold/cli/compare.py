@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
     from morphofold.cli.progress import progress
     from morphofold.comparison import compare
     from morphofold.io import refuse_foreign
-    from morphofold.provenance import shown
+    from morphofold.provenance import printable
     from morphofold.results import read_analysis, read_stages
 
     named: dict[str, str] = {}
@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
         name, equals, folder = item.partition("=")
         if not equals or not name or not folder:
             raise NotReadable(f"{item!r} must have the form NAME=DIR, for example model=fig5-analysis.")
-        name = shown(name)
+        name = printable(name)
         if name in named:
             raise NamedTwice(f"the name {name!r} is given twice; every analysis needs its own.")
         named[name] = folder
@@ -87,9 +87,9 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _by_unique_name(option: str, pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    from morphofold.provenance import shown
+    from morphofold.provenance import printable
 
-    found = {shown(name): value for name, value in pairs}
+    found = {printable(name): value for name, value in pairs}
     if len(found) < len(pairs):
         raise NamedTwice(f"{option}: a name is given twice among {', '.join(name for name, _ in pairs)}; give it once.")
     return found
@@ -99,9 +99,9 @@ def _parse_group(item: str) -> tuple[str, list[str]]:
     group, equals, names = item.partition("=")
     if not equals or not group or not all(names.split(",")):
         raise NotReadable(f"--group {item!r} must have the form GROUP=NAME,NAME, for example model=thin,thick.")
-    from morphofold.provenance import shown
+    from morphofold.provenance import printable
 
-    return group, shown(names).split(",")
+    return group, printable(names).split(",")
 
 
 def _parse_colour(item: str) -> tuple[str, str]:

@@ -81,7 +81,7 @@ class Group:
     pooling: Pooling = field(default_factory=Pooling)
 
     @property
-    def measured(self) -> int:
+    def n_measured(self) -> int:
         """Number of subjects that have at least one value."""
         return int(np.any([np.isfinite(values).any(axis=1) for values in self.scalars.values()], axis=0).sum())
 

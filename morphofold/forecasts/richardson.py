@@ -228,7 +228,7 @@ def estimate_error(run: Simulation, *, threads: int | None = None, progress: Pro
             )
         except UnstableError as error:
             raise UnstableError(f"{run.path / folder}: {error} The run itself is complete.", error.sound) from error
-    found = between(run.scene, *grown)
+    found = errors_from_runs(run.scene, *grown)
     with alone(run.path):
         sweep(run.path)  # a finished run no longer does it
         with atomic_file(run.path / ERROR_FILE) as temporary:
@@ -248,7 +248,7 @@ def stored_estimate(stage: Path) -> Estimate | None:
         return None
 
 
-def between(scene: Scene, mine: Grown, coarse: Grown, slow: Grown | None = None) -> Estimate:
+def errors_from_runs(scene: Scene, mine: Grown, coarse: Grown, slow: Grown | None = None) -> Estimate:
     """Estimate from the last stages of the run, the coarser run and, if there is one, the slower run."""
     changes = _changes_between_runs(scene, mine, coarse)
     apart, pace = changes["pial distance"], None if slow is None else _changes_between_runs(scene, coarse, slow)

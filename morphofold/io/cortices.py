@@ -26,7 +26,7 @@ from morphofold.io.files import MAX_BYTES, StrPath, existing_file
 from morphofold.io.freesurfer import read_annotation, read_aseg_stats, read_label, scanner_transform
 from morphofold.io.json_files import Amount, Count, FileWord, Number, Record, read_json
 from morphofold.io.surfaces import read_morph, read_surface
-from morphofold.provenance import shown, unchanged
+from morphofold.provenance import printable, unchanged
 from morphofold.surface import Cortex
 
 HEMIS = ("lh", "rh")
@@ -172,7 +172,7 @@ def _cortex_of_pair(white: Path, pial: Path, hemi: str | None, name: str | None)
         inner,
         outer,
         hemi or "lh",
-        shown(name or white.name),
+        printable(name or white.name),
         origin="files",
         transform=scanner_transform(inner.geometry),
         files=(str(white), str(pial)),
@@ -293,7 +293,7 @@ def _read_cortex_files(root: Path, hemi: str, files: dict[str, Path], name: str 
         white,
         pial,
         hemi,
-        shown(name or fields["name"]),
+        printable(name or fields["name"]),
         maps,
         cortex=read_label(files["label"], len(white.verts)) if "label" in files else None,
         regions=regions,

@@ -18,7 +18,7 @@ from morphofold.errors import NotReadable
 from morphofold.forecasts.analysis_cost import WRITING_STAGE
 from morphofold.io import atomic_file, atomic_folder
 from morphofold.io.json_files import Record, read_json
-from morphofold.provenance import shown, strict_json
+from morphofold.provenance import printable, strict_json
 from morphofold.quantities import column_words
 from morphofold.results.bids_hemisphere import (
     MISSING_DESCRIPTION,
@@ -202,7 +202,7 @@ def subject_place(dataset: Path, name: str) -> Path:
     refuse_other_dataset(dataset)
     place = dataset / f"sub-{label}"
     known = _json_or_empty(place / "anat" / f"{place.name}{PROVENANCE_ENDING}").get("subject", name)
-    if known != shown(name):
+    if known != printable(name):
         raise FileExistsError(f"{place}: holds {known!r}, and {name!r} becomes the same BIDS name. Pass another name.")
     return place
 

@@ -11,7 +11,7 @@ from morphofold.errors import WrongFile
 from morphofold.io import read_surface
 from morphofold.io.folders import moved_away
 from morphofold.io.json_files import file_word, read_json
-from morphofold.provenance import changed_since, records_as_read, shown
+from morphofold.provenance import changed_since, printable, records_as_read
 from morphofold.results import bids_hemisphere
 from morphofold.results.bids import read_subject
 from morphofold.results.plain import read_plain
@@ -94,7 +94,7 @@ def is_analysis_of(folder: str | Path, cortex: Cortex, parameters: Mapping[str, 
     except (OSError, ValueError):  # there is none, or it can't be used
         return False
     known = {row["path"]: row["sha256"] for row in summary["inputs"]}
-    files = {shown(row["path"]): row["sha256"] for row in records_as_read([cortex])}
+    files = {printable(row["path"]): row["sha256"] for row in records_as_read([cortex])}
     if (summary["morphofold"], summary["parameters"], known) != (morphofold.__version__, dict(parameters), files):
         return False
     written = summary.get("written", {})

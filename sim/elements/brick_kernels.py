@@ -26,11 +26,11 @@ from numba import njit, prange, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from morphofold.sim.materials import energy_of, sees_second, slopes_of, stiffness_of
+from morphofold.sim.materials import energy_of, slopes_of, stiffness_bound, uses_i2
 
 LANES = 32  # lanes per block
-POINT_ROWS = 7  # rows per Gauss point: C00 C01 C02 C11 C12 C22 1/w
-MODULUS_ROWS = 3  # rows per element: mu, kappa, 1/V
+ROWS_PER_POINT = 7  # rows per Gauss point: C00 C01 C02 C11 C12 C22 1/w
+ROWS_PER_ELEMENT = 3  # rows per element: mu, kappa, 1/V
 FROZEN_BELOW_J = 0.1  # below this volume ratio the factors J^-2/3, J^-4/3 are constant, so that they stay finite
 
 _FAST_MATH = {"contract", "nsz", "arcp", "nnan", "ninf"}
@@ -168,7 +168,7 @@ def _point_stress(d, c, mu, p, material):
         + d[8] * z[2]
     ) * c[6]
     two, third = _in_precision_of(J, 2.0), _in_precision_of(J, 1.0 / 3.0)
-    if sees_second(material):
+    if uses_i2(material):
         b = _left_cauchy_green(d, u, v, z, c[6])
         I2 = second_invariant(I1, b)
         u1, u2 = slopes_of(material, y * y * I1, y * y * y * y * I2)
@@ -448,7 +448,7 @@ def _point_state(d, c, mu, material):
         )
     )
     i2 = 3.0
-    if sees_second(material):
+    if uses_i2(material):
         i2 = y * y * y * y * second_invariant(i1 / (y * y), _left_cauchy_green(d, u, v, z, c[6]))
     energy = mu * (energy_of(material, i1, i2) + (J - 1.0) * (J - 1.0)) / c[6]
     cc = (
@@ -463,7 +463,7 @@ def _point_state(d, c, mu, material):
         + k[8] * k[8]
     )
     # |sum_a grad N_a grad N_a^T| is at most 1/3 at a Gauss point of the parent brick; cc / 3: the mean square cofactor
-    return energy, J, stiffness_of(material, i1, i2) * mu * (4.0 + i1) * (1.0 / 9.0) * cc * c[6]
+    return energy, J, stiffness_bound(material, i1, i2) * mu * (4.0 + i1) * (1.0 / 9.0) * cc * c[6]
 
 
 @njit(forceinline=True, fastmath=_FAST_MATH)
@@ -557,7 +557,7 @@ def grow(point, point0, radial, modulus, stretch, tangential):
             t = g * g - 1.0
             volume = 0.0
             for q in range(8):
-                row = q * POINT_ROWS * LANES + l
+                row = q * ROWS_PER_POINT * LANES + l
                 if tangential:
                     n = 3 * q * LANES + l
                     n0, n1, n2 = radial[b, n], radial[b, n + LANES], radial[b, n + 2 * LANES]

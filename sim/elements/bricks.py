@@ -11,7 +11,7 @@ from morphofold.arrays import Array, Bools
 from morphofold.errors import ImpossibleBody
 from morphofold.sim.elements import brick_kernels
 from morphofold.sim.elements.blocks import Blocks, from_lanes, to_lanes
-from morphofold.sim.elements.brick_kernels import LANES, POINT_ROWS
+from morphofold.sim.elements.brick_kernels import LANES, ROWS_PER_POINT
 from morphofold.sim.materials import Material
 from morphofold.sim.materials.neo_hookean import NEO_HOOKEAN
 
@@ -67,7 +67,7 @@ class Bricks:
         self.blocks = Blocks(corners, len(X))
         n_blocks = self.blocks.count
         self._grown = -(-self.n_cortex // LANES)  # leading blocks that hold cortex
-        self.point = np.empty((n_blocks, 8 * POINT_ROWS * LANES))
+        self.point = np.empty((n_blocks, 8 * ROWS_PER_POINT * LANES))
         self._radial = np.empty((self._grown, 24 * LANES)) if law == "tangential" else np.empty((0, 0))
         self.volume = np.empty(self.n)
         moved = MeshHex(np.ascontiguousarray(X.T), mesh.t, validate=False)
@@ -94,7 +94,7 @@ class Bricks:
             )
         w = det * GAUSS_WEIGHT
         C = np.einsum("ijeq,kjeq,eq->eqik", inv, inv, 4 * w)  # 4: parent brick [-1, 1]^3
-        data = np.empty((len(tind), 8, POINT_ROWS))
+        data = np.empty((len(tind), 8, ROWS_PER_POINT))
         data[..., :3], data[..., 3:5], data[..., 5] = C[..., 0, :], C[..., 1, 1:], C[..., 2, 2]
         data[..., 6] = 1 / w
         self.volume[tind] = w.sum(axis=1)

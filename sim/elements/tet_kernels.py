@@ -38,7 +38,7 @@ from morphofold.sim.elements.brick_kernels import (
     second_invariant,
     turned,
 )
-from morphofold.sim.materials import energy_of, sees_second, slopes_of, stiffness_of
+from morphofold.sim.materials import energy_of, slopes_of, stiffness_bound, uses_i2
 
 PATCH_TETS = 6  # most tetrahedra of a patch; a smaller patch repeats its first one, with zero weight
 PATCH_NODES = 8  # most nodes of a patch
@@ -187,14 +187,14 @@ def _isochoric_energy(a, material):
     )
     phi = y + (2.0 / 3.0) * y * (held - J) * per
     i1 = phi * I1
-    if sees_second(material):
+    if uses_i2(material):
         z, I2 = y * y, second_invariant(I1, _left_cauchy_green(a))
         psi = z + (4.0 / 3.0) * z * (held - J) * per
         i2 = psi * I2
         u1, u2 = slopes_of(material, i1, i2)
         f, h = 2.0 * (u1 * phi + u2 * psi * I1), 2.0 * u2 * psi
         s = -(2.0 / 3.0) * per * (u1 * y * I1 + 2.0 * u2 * z * I2)
-        return c, J, f, h, s, energy_of(material, i1, i2), stiffness_of(material, i1, i2) * i1
+        return c, J, f, h, s, energy_of(material, i1, i2), stiffness_bound(material, i1, i2) * i1
     u1, _ = slopes_of(material, i1, 3.0)
     return (
         c,
@@ -203,14 +203,14 @@ def _isochoric_energy(a, material):
         0.0,
         2.0 * u1 * (-(1.0 / 3.0)) * y * per * I1,
         energy_of(material, i1, 3.0),
-        stiffness_of(material, i1, 3.0) * i1,
+        stiffness_bound(material, i1, 3.0) * i1,
     )
 
 
 @njit(forceinline=True, fastmath=_FAST_MATH)
 def _subtract_second_invariant(P, h, a, material):
     """P - h b A; P if the material does not depend on the second invariant."""
-    if sees_second(material):
+    if uses_i2(material):
         b = _left_cauchy_green(a)
         e, g, i = turned(b, h, a[0:3]), turned(b, h, a[3:6]), turned(b, h, a[6:9])
         return (

@@ -163,14 +163,16 @@ def bifurcation_of_body(
         if found.negative:
             high = path.growth
         elif mode is not None and len(falling := _states_before_turn(np.array(seen))):
-            return _bifurcation_found(body, _growth_at_zero_eigenvalue(falling), True, mode, np.array(seen), stable.x)
+            return _describe_bifurcation(
+                body, _growth_at_zero_eigenvalue(falling), True, mode, np.array(seen), stable.x
+            )
         else:
             stable, mode = path, found.mode
         g = _next_growth(np.array(seen), stable.growth, high, stable.growth + step)
     if mode is None:
         raise NoSolution(f"the body is already unstable at g_min = {g_min:g}; choose a smaller g_min.")
     g_crit = _growth_at_zero_eigenvalue(np.array(seen)) if high < np.inf else float("nan")
-    return _bifurcation_found(body, g_crit, False, mode, np.array(seen), stable.x)
+    return _describe_bifurcation(body, g_crit, False, mode, np.array(seen), stable.x)
 
 
 def bifurcation_of_scene(
@@ -192,7 +194,7 @@ def bifurcation_of_scene(
     return bifurcation_of_body(build_body(in_double(scene)), g_max, step, g_min, look)
 
 
-def _bifurcation_found(
+def _describe_bifurcation(
     body: Body, g_crit: float, rounded: bool, mode: Array, history: Array, x: Array
 ) -> BodyBifurcation:
     if np.isnan(g_crit):

@@ -32,7 +32,7 @@ from skfem import ElementHex1
 from morphofold.arrays import Array, Ints
 from morphofold.sim.body import Body
 from morphofold.sim.elements.blocks import from_lanes
-from morphofold.sim.elements.brick_kernels import POINT_ROWS
+from morphofold.sim.elements.brick_kernels import ROWS_PER_POINT
 from morphofold.sim.elements.bricks import CORNERS_IN_KERNEL_ORDER, GAUSS_POINTS, Bricks
 from morphofold.sim.elements.tet_kernels import OWN_GRADIENT_SHARE, PATCH_NODES, PATCH_TETS
 from morphofold.sim.elements.tets import Tets
@@ -98,7 +98,7 @@ def points(body: Body) -> Iterator[ElementPoints]:
 
 
 def _gauss_points_of_bricks(bricks: Bricks, nodes: Ints, mu: Array, kappa: Array) -> Iterator[ElementPoints]:
-    data = from_lanes(bricks.point, bricks.n).reshape(-1, 8, POINT_ROWS)
+    data = from_lanes(bricks.point, bricks.n).reshape(-1, 8, ROWS_PER_POINT)
     V = 1 / from_lanes(bricks.modulus, bricks.n)[:, 2]
     for part in _chunk_slices(bricks.n):
         shear = np.repeat(mu[part, None], 8, axis=1)
@@ -226,7 +226,7 @@ def _stress_at_points(x: Array, at: ElementPoints) -> _Stress:
     I1 = np.einsum("eqri,eqri->eq", D, P) / at.w
     pressure = at.kappa * (volume @ at.bears / at.V - 1)
     one = at.power(J, 2 / 3)
-    second = at.material.second
+    second = at.material.uses_i2
     b = P @ D.swapaxes(-1, -2) / at.w[..., None, None] if second else None
     I2 = 0.5 * (I1**2 - np.einsum("eqij,eqij->eq", b, b)) if b is not None else 3.0
     two = at.power(J, 4 / 3) if second else Factor(np.array(1.0), np.array(0.0), np.array(0.0))

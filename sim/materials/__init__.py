@@ -23,7 +23,7 @@ class Material(Protocol):
     """
 
     @property
-    def second(self) -> bool:
+    def uses_i2(self) -> bool:
         """Whether u depends on i2."""
 
     def energy(self, i1: Any, i2: Any) -> Any:
@@ -54,9 +54,9 @@ def curvatures_of(material, i1, i2):
     return material.curvatures(i1, i2)
 
 
-def sees_second(material):
-    """``material.second``, for kernels."""
-    return material.second
+def uses_i2(material):
+    """``material.uses_i2``, for kernels."""
+    return material.uses_i2
 
 
 def _material_class(material: types.Type) -> Any:
@@ -84,16 +84,16 @@ def _curvatures_of(material, i1, i2):
     return None if kind is None else kind.curvatures
 
 
-@overload(sees_second, jit_options=_INLINE_OPTIONS, strict=False)
-def _sees_second(material):
+@overload(uses_i2, jit_options=_INLINE_OPTIONS, strict=False)
+def _uses_i2(material):
     kind = _material_class(material)
     if kind is None:
         return None
-    return (lambda material: True) if kind.second.fget(None) else (lambda material: False)
+    return (lambda material: True) if kind.uses_i2.fget(None) else (lambda material: False)
 
 
 @njit(**_INLINE_OPTIONS)
-def stiffness_of(material, i1, i2):
+def stiffness_bound(material, i1, i2):
     """A bound on the second derivative of u by the volume-preserving part of A, 1 for a neo-Hookean material."""
     u1, u2 = slopes_of(material, i1, i2)
     u11, u12, u22 = curvatures_of(material, i1, i2)

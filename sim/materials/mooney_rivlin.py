@@ -25,7 +25,7 @@ class MooneyRivlin(NamedTuple):
     share: float
 
     @property
-    def second(self) -> bool:
+    def uses_i2(self) -> bool:
         return True
 
     def energy(self, i1: Any, i2: Any) -> Any:

@@ -24,7 +24,7 @@ class NeoHookean(NamedTuple):
     """u = (i1 - 3) / 2."""
 
     @property
-    def second(self) -> bool:
+    def uses_i2(self) -> bool:
         return False
 
     def energy(self, i1: Any, i2: Any) -> Any:

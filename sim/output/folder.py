@@ -157,7 +157,7 @@ class FolderWriter:
         write_series(self.out, self.scene)  # the run may have been killed before it
 
     @property
-    def checkpoint(self) -> Path | None:
+    def checkpoint_to_resume(self) -> Path | None:
         """The checkpoint to resume from, if there is one."""
         path = self.out / "checkpoint.npz"
         return path if self.resume and path.exists() else None
