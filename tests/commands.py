@@ -6,14 +6,14 @@ from morphofold.cli import main
 def refused(capsys, argv, *words):
     """The line of a command that ends with 2; it says all the words and shows no traceback."""
     assert main(argv) == 2
-    told = capsys.readouterr()
-    assert told.out == ""
-    assert len(told.err.strip().splitlines()) == 1
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert len(captured.err.strip().splitlines()) == 1
     for word in words:
-        assert word in told.err
-    assert "Traceback" not in told.err
-    assert "defect" not in told.err
-    return told.err
+        assert word in captured.err
+    assert "Traceback" not in captured.err
+    assert "defect" not in captured.err
+    return captured.err
 
 
 def refused_run(capsys, *words, scene, settings):

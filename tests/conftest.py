@@ -97,9 +97,9 @@ class HardCases:
         self.file, self.rows = file, {}
 
     def pytest_runtest_logreport(self, report):
-        told = [value for name, value in report.user_properties if name.startswith("hard case")]
-        if report.when == "call" and told:
-            self.rows[report.nodeid] = {"outcome": report.outcome, "told": told}
+        records = [value for name, value in report.user_properties if name.startswith("hard case")]
+        if report.when == "call" and records:
+            self.rows[report.nodeid] = {"outcome": report.outcome, "records": records}
 
     def pytest_sessionfinish(self):
         self.file.write_text(json.dumps(dict(sorted(self.rows.items())), indent=1, ensure_ascii=False) + "\n")

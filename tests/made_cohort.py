@@ -69,5 +69,5 @@ class HereFleet:
             yield job, work(job.argument)
 
     @contextmanager
-    def reporting_deaths(self, tell):
+    def reporting_deaths(self, warn):
         yield

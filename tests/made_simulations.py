@@ -69,13 +69,13 @@ def made_simulation(
 
 
 class MadeRuns:
-    """What figures ask for: ``grow`` as given; ``told`` are the works that someone would have been told of."""
+    """What figures ask for: ``grow`` as given; ``shown`` are the works whose progress would have been shown."""
 
     def __init__(self, grow):
-        self.grow, self.told = grow, []
+        self.grow, self.shown = grow, []
 
     def showing(self, words):
-        self.told.append(words)
+        self.shown.append(words)
         return nullcontext(lambda share, text="": None)
 
 

@@ -51,12 +51,12 @@ def test_an_analysis_says_its_cost_in_a_line_a_file_and_on_its_page(here, pair, 
     assert (cost["vertices"], cost["accuracy"], cost["threads"]) == ({"lh": 7000}, "standard", 1)
     assert cost["memory_GiB"] > 0.1
     worst = max(cost["errors"], key=lambda name: cost["errors"][name]["error"])
-    told = f"expected errors up to {percent(cost['errors'][worst]['error'])} ({worst})"
-    assert line.endswith(f"{told}, by one person's hemisphere and its mesh")
+    expected = f"expected errors up to {percent(cost['errors'][worst]['error'])} ({worst})"
+    assert line.endswith(f"{expected}, by one person's hemisphere and its mesh")
     page = (here / "out" / "report.html").read_text(encoding="utf-8")
-    said = unescape(page.split("<h2>What it cost</h2>")[1].split("</section>")[0])
+    section = unescape(page.split("<h2>What it cost</h2>")[1].split("</section>")[0])
     for word in (*ANALYSIS_STAGES, "by 1 thread", "GiB", "lh of 7,000 vertices", *cost["errors"], cost["how"]):
-        assert word in said
+        assert word in section
     (longest, _), *_ = sorted(cost["stages"].items(), key=lambda item: -item[1]["seconds"])
     assert f", {longest} " in line
 
@@ -129,9 +129,9 @@ def test_errors_on_meshes_unlike_the_persons_are_doubted_whichever_hemisphere_it
     for sizes, unlike in (((n, n), ""), ((n, 2 * n), f"{2 * n:,}"), ((n, 2 * n, 3 * n), f"{2 * n:,} or {3 * n:,}")):
         for order in (sizes, sizes[::-1]):
             doubts = measured_errors([replace_count(ball, each) for each in order], accuracy).doubts
-            said = f"of a mesh of {n:,} vertices; how much they differ on one of {unlike} is not known."
+            expected = f"of a mesh of {n:,} vertices; how much they differ on one of {unlike} is not known."
             assert len(doubts) == bool(unlike)
-            assert all(doubt.endswith(said) for doubt in doubts)
+            assert all(doubt.endswith(expected) for doubt in doubts)
 
 
 @pytest.mark.parametrize("accuracy", ["draft", "standard", "fine"])

@@ -150,15 +150,15 @@ def test_a_forecast_is_within_30_percent_of_the_run(benchmark, tmp_path, level):
     scene = load_scene("fig5", [f"accuracy.level={level}"])
     found = benchmark.pedantic(forecast, (scene,), rounds=1)
     health = simulate(scene, tmp_path / "run").health
-    told = {
+    numbers = {
         "forecast_s": found.seconds,
         "run_s": health["seconds"],
         "forecast_steps": found.steps,
         "run_steps": health["steps"],
         "forecast_GiB": found.memory_GiB,
     }
-    benchmark.extra_info.update(told)
-    print(told)
+    benchmark.extra_info.update(numbers)
+    print(numbers)
     assert found.elements == health["elements"]
     assert found.steps == pytest.approx(health["steps"], rel=0.1)
     assert found.seconds == pytest.approx(health["seconds"], rel=0.3)
@@ -178,8 +178,8 @@ def test_a_forecast_is_within_30_percent_of_the_analysis(benchmark, tmp_path, na
     argv = ["analyze", sample_path(name), "--hemi", "lh", "--accuracy", accuracy, "-o", tmp_path / "out", "-q"]
     subprocess.run([sys.executable, "-m", "morphofold", *argv], check=True)
     cost = json.loads((tmp_path / "out" / "cost.json").read_text())
-    told = {"forecast_s": found.seconds_by_stage, "analysis_s": {k: v["seconds"] for k, v in cost["stages"].items()}}
-    told |= {"forecast_GiB": found.memory_GiB, "analysis_GiB": cost["memory_GiB"]}
-    benchmark.extra_info.update(told)
-    print(found.seconds, cost["seconds"], told)
+    numbers = {"forecast_s": found.seconds_by_stage, "analysis_s": {k: v["seconds"] for k, v in cost["stages"].items()}}
+    numbers |= {"forecast_GiB": found.memory_GiB, "analysis_GiB": cost["memory_GiB"]}
+    benchmark.extra_info.update(numbers)
+    print(found.seconds, cost["seconds"], numbers)
     assert found.seconds == pytest.approx(cost["seconds"], rel=0.3)

@@ -55,9 +55,9 @@ def json_of(path):
 
 def test_the_dataset_says_who_made_it_and_every_file_has_a_bids_name(written):
     _, dataset, place = written
-    said = json_of(dataset / "dataset_description.json")
-    assert (said["DatasetType"], said["GeneratedBy"][0]["Name"]) == ("derivative", "morphofold")
-    assert {"Name", "BIDSVersion"} <= set(said)
+    description = json_of(dataset / "dataset_description.json")
+    assert (description["DatasetType"], description["GeneratedBy"][0]["Name"]) == ("derivative", "morphofold")
+    assert {"Name", "BIDSVersion"} <= set(description)
     assert place == dataset / "sub-bert01"
     names = sorted(p.name for p in (place / "anat").iterdir())
     assert [n for n in names if not FILE.fullmatch(n)] == []
@@ -88,14 +88,14 @@ def test_every_column_of_every_table_is_described(written):
         with table.open(newline="") as file:
             reader = csv.DictReader(file, delimiter="\t")
             rows = list(reader)
-        said = json_of(table.with_suffix(".json"))
-        assert list(said) == list(reader.fieldnames)
+        sidecar = json_of(table.with_suffix(".json"))
+        assert list(sidecar) == list(reader.fieldnames)
         assert all(None not in row.values() and "" not in row.values() for row in rows)
-        for column in said:
+        for column in sidecar:
             assert column in COLUMN_WORDS or column in SCALAR_WORDS
             unit = {"_mm": "mm", "_mm2": "mm^2", "_mm3": "mm^3", "_per_mm": "1/mm", "_deg": "degree"}
             wanted = [u for end, u in unit.items() if column.endswith(end)]
-            assert not wanted or said[column]["Units"] == wanted[-1]
+            assert not wanted or sidecar[column]["Units"] == wanted[-1]
     assert {k for columns in COLUMNS.values() for k in columns} | set(SCALARS) <= {*COLUMN_WORDS, *SCALAR_WORDS}
     regions = (place / "anat" / "sub-bert01_desc-regions_morph.tsv").read_text()
     assert "\tn/a" in regions
@@ -112,8 +112,8 @@ def test_maps_keep_nan_and_only_curv_has_freesurfers_sign(written):
             np.testing.assert_allclose(image.darrays[0].data, values, rtol=1e-6)
             assert np.isnan(values).any()
         assert "positive in sulci" in json_of(stem.with_name(f"{stem.name}_curv.json"))["Description"]
-        said = json_of(stem.with_name(f"{stem.name}_desc-gyral_thickness.json"))
-        assert (said["Units"], said["Description"]) == ("mm", "Gyral thickness")
+        sidecar = json_of(stem.with_name(f"{stem.name}_desc-gyral_thickness.json"))
+        assert (sidecar["Units"], sidecar["Description"]) == ("mm", "Gyral thickness")
 
 
 def test_surfaces_and_hinges_are_in_scanner_coordinates_where_these_are_known(written):
@@ -144,8 +144,8 @@ def test_regions_and_mask_have_a_key_per_vertex_and_say_what_it_stands_for(writt
             image = nib.load(f"{stem}_{end}.label.gii")
             np.testing.assert_array_equal(image.darrays[0].data, labels + 1)
             assert image.labeltable.get_labels_as_dict()[0] == "???"
-            said = json_of(stem.with_name(f"{stem.name}_{end}.json"))
-            assert (dataset / said["SpatialReference"].removeprefix("bids::")).is_file()
+            sidecar = json_of(stem.with_name(f"{stem.name}_{end}.json"))
+            assert (dataset / sidecar["SpatialReference"].removeprefix("bids::")).is_file()
         with stem.with_name(f"{stem.name}_seg-aparc_dseg.tsv").open(newline="") as file:
             rows = {int(row["index"]): row for row in csv.DictReader(file, delimiter="\t")}
         table = nib.load(f"{stem}_seg-aparc_dseg.label.gii").labeltable
@@ -213,9 +213,9 @@ def test_an_analysis_reads_back_alike_from_both_layouts(both):
 def test_compare_takes_a_subject_beside_an_analysis_and_names_those_of_a_dataset(both, tmp_path, capsys):
     plain, place = both
     assert main(["compare", f"a={place}", f"b={plain}", "-o", str(tmp_path / "out"), "-q"]) == 0
-    said = json_of(tmp_path / "out" / "comparison.json")
-    assert said["names"] == ["a lh", "a rh", "b lh", "b rh"]
-    assert all(row["a lh"] == row["b lh"] for row in said["table"])
+    comparison = json_of(tmp_path / "out" / "comparison.json")
+    assert comparison["names"] == ["a lh", "a rh", "b lh", "b rh"]
+    assert all(row["a lh"] == row["b lh"] for row in comparison["table"])
     assert (tmp_path / "out" / "report.html").stat().st_size > 10_000
     assert main(["compare", f"a={place.parent}", "-o", str(tmp_path / "out2")]) == 2
     assert f" {place}." in capsys.readouterr().err
@@ -262,21 +262,21 @@ def test_a_table_that_lost_whole_lines_is_refused_where_the_number_of_rows_is_kn
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "kind", "told"),
+    ("key", "value", "kind", "expected"),
     [
         ("hemi", "xh", NotReadable, r"\bhemi: .*'xh'"),
         ("transform", np.zeros((4, 4)).tolist(), DamagedFile, r"\btransform\b"),
         ("maps", 3, NotReadable, r"\bmaps: .*\b3\b"),
     ],
 )
-def test_a_provenance_that_morphofold_did_not_write_is_refused(both, tmp_path, key, value, kind, told):
+def test_a_provenance_that_morphofold_did_not_write_is_refused(both, tmp_path, key, value, kind, expected):
     place = tmp_path / "sub-bert"
     shutil.copytree(both[1], place)
     path = place / "anat" / "sub-bert_desc-morphofold_provenance.json"
-    said = json_of(path)
-    said["surfaces"][0][key] = value
-    path.write_text(json.dumps(said))
-    with pytest.raises(kind, match=rf"sub-bert.anat.*{told}"):
+    provenance = json_of(path)
+    provenance["surfaces"][0][key] = value
+    path.write_text(json.dumps(provenance))
+    with pytest.raises(kind, match=rf"sub-bert.anat.*{expected}"):
         read_subject(place)
 
 
@@ -306,12 +306,12 @@ def validate(tmp_path):
         words = [command, str(dataset), "--format", "json"]
         done = subprocess.run(words, capture_output=True, text=True, env={**os.environ, **quiet}, check=False)
         assert done.stdout.startswith("{"), done.stderr
-        said = json.loads(done.stdout)
-        issues = [(i["severity"], i["code"], i["location"]) for i in said["issues"]["issues"]]
+        answer = json.loads(done.stdout)
+        issues = [(i["severity"], i["code"], i["location"]) for i in answer["issues"]["issues"]]
         return (
             [(code, place) for severity, code, place in issues if severity == "error"],
             {code for severity, code, _ in issues if severity != "error"},
-            said["summary"]["subjects"],
+            answer["summary"]["subjects"],
         )
 
     return run
@@ -359,10 +359,10 @@ def test_other_subjects_stay_and_the_same_one_is_replaced(tmp_path):
 def test_what_was_added_to_the_description_of_a_dataset_stays(tmp_path):
     write_dataset([made_measures()], tmp_path / "d", "anna", report=False)
     (tmp_path / "d" / ".bidsignore").write_text("*.html\nmine\n")
-    said = json_of(tmp_path / "d" / "dataset_description.json") | {"Authors": ["A. One", "B. Two"]}
-    (tmp_path / "d" / "dataset_description.json").write_text(json.dumps(said))
+    description = json_of(tmp_path / "d" / "dataset_description.json") | {"Authors": ["A. One", "B. Two"]}
+    (tmp_path / "d" / "dataset_description.json").write_text(json.dumps(description))
     write_dataset([made_measures()], tmp_path / "d", "bert", report=False)
-    assert json_of(tmp_path / "d" / "dataset_description.json") == said
+    assert json_of(tmp_path / "d" / "dataset_description.json") == description
     lines = (tmp_path / "d" / ".bidsignore").read_text().splitlines()
     assert "mine" in lines
     assert sorted(lines) == sorted({*BIDSIGNORE_LINES.splitlines(), "mine"})  # those of an older version are renewed
@@ -405,9 +405,9 @@ def test_analyze_writes_a_subject_with_its_page_into_a_dataset(tmp_path, monkeyp
     monkeypatch.chdir(tmp_path)
     argv = ["analyze", str(sample_path("simulated")), "--name", "fig5 g1.8", "--layout", "bids", "-q"]
     assert main([*argv, "-o", "d", "--json"]) == 0
-    said = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
-    assert said["subject"] == "fig5 g1.8"
-    assert said["surfaces"][0]["measures"]["n_hinges"] > 0
+    summary = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
+    assert summary["subject"] == "fig5 g1.8"
+    assert summary["surfaces"][0]["measures"]["n_hinges"] > 0
     place = tmp_path / "d" / "sub-fig5g18"
     assert (place / "report.html").stat().st_size > 10_000
     assert list((place / "figures").glob("*.png"))

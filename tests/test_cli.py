@@ -175,9 +175,9 @@ def test_compare_says_what_to_do_with_a_subject_and_with_a_foreign_one_of_bids(h
 def test_the_gyral_width_of_the_net_can_be_held(here):
     for more, width in (([], None), (["--gyral-width", "9"], 9.0)):
         assert main(["analyze", str(sample_path("simulated")), "-q", "--no-report", "-o", "out", *more]) == 0
-        told = json.loads((here / "out" / "summary.json").read_text())
-        assert told["parameters"]["gyral_width_mm"] == width
-        found = told["surfaces"][0]["parameters"]["graph_width_mm"]
+        summary = json.loads((here / "out" / "summary.json").read_text())
+        assert summary["parameters"]["gyral_width_mm"] == width
+        found = summary["surfaces"][0]["parameters"]["graph_width_mm"]
         assert (found == 9.0) == (width == 9.0)
 
 
@@ -189,13 +189,13 @@ def test_the_accuracy_is_recorded_and_standard_goes_without_saying(here, layout,
     file = "sub-a/anat/sub-a_desc-morphofold_provenance.json" if layout == "bids" else "summary.json"
     common = ["analyze", str(sample_path("simulated")), "-q", "--no-report", "--layout", layout, "--name", "a"]
     assert main([*common, "-o", "out", *([] if name == "standard" else ["--accuracy", name])]) == 0
-    told = json.loads((here / "out" / file).read_text())
-    assert told["parameters"].get("accuracy", "standard") == name
-    used = told["surfaces"][0]["parameters"]
+    content = json.loads((here / "out" / file).read_text())
+    assert content["parameters"].get("accuracy", "standard") == name
+    used = content["surfaces"][0]["parameters"]
     assert used["accuracy"] == name
-    n = told["surfaces"][0]["measures"]["n_vertices"]
+    n = content["surfaces"][0]["measures"]["n_vertices"]
     assert (used["accuracy_vertices"] > n) == (name == "fine")  # 2 to 10 thousand are split
-    assert ("accuracy" in told["surfaces"][0]["notes"]) == (name == "fine")
+    assert ("accuracy" in content["surfaces"][0]["notes"]) == (name == "fine")
 
 
 def test_an_accuracy_of_another_name_is_refused(here, capsys):
@@ -229,8 +229,8 @@ def test_compare_refuses_a_damaged_analysis(here, capsys):
 def test_compare_puts_two_analyses_side_by_side(here, capsys):
     assert main([*pair(here), "--no-report"]) == 0
     assert main(["compare", "one=out", "two=out", "--colour", "two=a0b0c0", "-q", "--json", "-o", "both"]) == 0
-    told = capsys.readouterr().out
-    content = json.loads(told[told.index("{") :], parse_constant=pytest.fail)
+    printed = capsys.readouterr().out
+    content = json.loads(printed[printed.index("{") :], parse_constant=pytest.fail)
     assert content["names"] == ["one", "two"]
     assert content["colours"]["two"] == "#a0b0c0"
     assert (here / "both" / "report.html").stat().st_size > 10_000
@@ -260,8 +260,8 @@ def test_stages_are_measured_once_and_compared_over_growth(here, capsys):
     for more in (["--hemi", "lh"], ["--mgh"], ["--wide"], ["--layout", "bids", "-o", "more"]):
         refused(capsys, ["analyze", "sim", "--stages", *more], "--stages", "INPUT", "[options-clash]")
     assert main(["compare", "a=out", "--growth", "body=grown", "-q", "--json", "-o", "both"]) == 0
-    told = capsys.readouterr().out
-    content = json.loads(told[told.index("{") :], parse_constant=pytest.fail)
+    printed = capsys.readouterr().out
+    content = json.loads(printed[printed.index("{") :], parse_constant=pytest.fail)
     assert content["growth"]["body"]["growth"] == [1.8, 2.0]
     for name, sliders in (("a", 0), ("body", 1)):  # only a body of the name can grow there
         assert main(["compare", f"{name}=grown/g2.00", "--growth", "body=grown", "-q", "-o", "both"]) == 0

@@ -42,8 +42,8 @@ def test_names_that_bids_has_no_place_for_fail_alone(here, capsys, monkeypatch):
     for name in ("sub-02sesa", "---"):  # as sub-02_ses-a is shortened; nothing left
         write_subject(here / "data" / "derivatives" / "freesurfer" / name, hemis=("lh",))
     assert main(["bids", "data", "out", "participant", "--no-report", "-q", "--json"]) == 1
-    said = json.loads(capsys.readouterr().out)
-    assert (said["subjects"], said["with_results"], set(said["failures"])) == (5, 3, {"sub-02sesa", "---"})
+    summary = json.loads(capsys.readouterr().out)
+    assert (summary["subjects"], summary["with_results"], set(summary["failures"])) == (5, 3, {"sub-02sesa", "---"})
     assert sorted(p.name for p in (here / "out").glob("sub-*")) == ["sub-01", "sub-02sesa", "sub-02sesb"]
     names = {"---", "sub-01", "sub-02_ses-a", "sub-02_ses-b", "sub-02sesa"}
     assert set(measured_before(here / "out", bids=True)) == names

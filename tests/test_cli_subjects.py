@@ -67,13 +67,13 @@ def test_a_side_that_cannot_be_measured_does_not_take_the_other_with_it(here, ca
     fault(two_sides(here / "bert"), hemi)
     more = ["--layout", "bids"] if bids else []
     assert main(["analyze", "bert", "-q", "-o", "out", "--json", *more]) == 1
-    told = capsys.readouterr()
-    summary = json.loads(told.out)
+    captured = capsys.readouterr()
+    summary = json.loads(captured.out)
     assert [entry["hemi"] for entry in summary["surfaces"]] == [other]
     assert list(summary["failed"]) == [hemi]
     reason = summary["failed"][hemi]
     assert f"bert {hemi}" in reason or f"surf/{hemi}." in reason
-    assert told.err.splitlines() == [f"{hemi} failed: {reason}"]
+    assert captured.err.splitlines() == [f"{hemi} failed: {reason}"]
     page = next((here / "out").rglob("report.html")).read_text(encoding="utf-8")
     assert html.escape(reason, quote=False).replace("'", "&#39;").replace('"', "&#34;") in page
     assert [m.cortex.hemi for m in read_analysis(here / "out" / "sub-bert" if bids else here / "out")] == [other]
@@ -82,8 +82,8 @@ def test_a_side_that_cannot_be_measured_does_not_take_the_other_with_it(here, ca
 def test_the_forecast_fails_for_the_side_that_the_analysis_fails_for(here, capsys):
     cannot_be_measured(two_sides(here / "bert"), "rh")
     assert main(["analyze", "bert", "-q", "--dry-run", "--json"]) == 1
-    told = json.loads(capsys.readouterr().out)
-    assert ([one["hemi"] for one in told["hemispheres"]], list(told["failed"])) == (["lh"], ["rh"])
+    forecast = json.loads(capsys.readouterr().out)
+    assert ([one["hemi"] for one in forecast["hemispheres"]], list(forecast["failed"])) == (["lh"], ["rh"])
     assert list(here.iterdir()) == [here / "bert"]
 
 
@@ -105,13 +105,13 @@ def test_without_repair_a_flipped_triangle_is_refused(here, command):
     argv = [command, "all/bert" if command == "analyze" else "all", "-q", "--no-report", "-o", "out"]
     assert main(argv) == 0
     place = here / "out" if command == "analyze" else here / "out" / "subjects" / "bert"
-    said = json.loads((place / "summary.json").read_text(encoding="utf-8"))
-    assert [entry["parameters"].get("repaired_flipped_triangles") for entry in said["surfaces"]] == [1, None]
-    assert "repair" not in said["parameters"]
+    summary = json.loads((place / "summary.json").read_text(encoding="utf-8"))
+    assert [entry["parameters"].get("repaired_flipped_triangles") for entry in summary["surfaces"]] == [1, None]
+    assert "repair" not in summary["parameters"]
     assert main([*argv, "--no-repair"]) == 1
-    said = json.loads((place / "summary.json").read_text(encoding="utf-8"))
-    assert list(said["failed"]) == ["lh"]
-    assert said["parameters"]["repair"] is False
+    summary = json.loads((place / "summary.json").read_text(encoding="utf-8"))
+    assert list(summary["failed"]) == ["lh"]
+    assert summary["parameters"]["repair"] is False
 
 
 def test_a_subject_with_one_hemisphere_is_measured_by_it(here):
@@ -129,9 +129,9 @@ def test_a_subject_is_found_by_name_with_both_hemispheres_and_its_medial_wall_le
     before = sorted((p, p.stat().st_mtime_ns) for p in there.rglob("*"))
     monkeypatch.setenv("SUBJECTS_DIR", str(there))
     assert main(["analyze", "-s", "bert/", "-q", "--no-report"]) == 0  # as a shell completes it
-    told = capsys.readouterr().out
-    assert "bert lh: 10,242 vertices" in told
-    assert "bert rh: 10,242 vertices" in told
+    printed = capsys.readouterr().out
+    assert "bert lh: 10,242 vertices" in printed
+    assert "bert rh: 10,242 vertices" in printed
     for m in read_analysis(here / "bert-analysis"):
         wall = ~read_label(there / "bert" / "label" / f"{m.cortex.hemi}.cortex.label", 10242)
         assert wall.sum() > 800
@@ -163,8 +163,8 @@ def test_a_subject_that_cannot_be_found_is_refused_with_those_that_are_there(her
     for name in ("anna", "bert_1", "bert_2", *(f"z{i}" for i in range(9))):
         (here / "all" / name / "surf").mkdir(parents=True)
     (here / "all" / "bert_logs").mkdir()
-    told = "bert_2, bert_1, anna, z0, z1, z2, z3, z4 and 4 "
-    refused(capsys, ["analyze", "-s", "bert_22", "--subjects-dir", "all"], "all/bert_22: ", "--subjects-dir", told)
+    names = "bert_2, bert_1, anna, z0, z1, z2, z3, z4 and 4 "
+    refused(capsys, ["analyze", "-s", "bert_22", "--subjects-dir", "all"], "all/bert_22: ", "--subjects-dir", names)
     refused(capsys, ["analyze", "-s", "all/anna", "--sd", "."], "-s 'all/anna': ", "INPUT", "[not-readable]")
     refused(capsys, ["analyze", "-s", "anna", "--sd", "all"], "lh.white")
     for more in (["all/anna"], ["--white", "a", "--pial", "b"]):

@@ -94,9 +94,9 @@ def test_parquet_says_the_same_as_text(three, tmp_path, quick):
     table = parquet.read_table(out / "group" / "measures.parquet")
     assert table.column_names == list(TIDY_COLUMNS)
     assert len(table) == len(rows)
-    for said, row in zip(table.to_pylist(), rows):
-        assert [said[k] for k in TIDY_COLUMNS[:-1]] == [row[k] for k in TIDY_COLUMNS[:-1]]
-        assert row["value"] == ("n/a" if said["value"] is None else f"{said['value']:.7g}")
+    for entry, row in zip(table.to_pylist(), rows):
+        assert [entry[k] for k in TIDY_COLUMNS[:-1]] == [row[k] for k in TIDY_COLUMNS[:-1]]
+        assert row["value"] == ("n/a" if entry["value"] is None else f"{entry['value']:.7g}")
 
 
 def test_one_bad_subject_stops_no_other(three, tmp_path, quick):
@@ -107,11 +107,11 @@ def test_one_bad_subject_stops_no_other(three, tmp_path, quick):
     assert states(found) == {"anna": "done", "ben": "done", "cleo": "failed"}
     rows = grouped(three, out)
     assert {(r["subject"], r["hemi"]) for r in rows} == {("anna", "lh"), ("anna", "rh"), ("ben", "lh")}
-    told = {(r["subject"], r["hemi"]): r["reason"] for r in failures(out)}
-    assert set(told) == {("ben", "rh"), ("cleo", "lh"), ("cleo", "rh")}
-    assert "rh.pial" in told["ben", "rh"]
-    assert "lh.white" in told["cleo", "lh"]
-    assert "rh.white" in told["cleo", "rh"]
+    reasons = {(r["subject"], r["hemi"]): r["reason"] for r in failures(out)}
+    assert set(reasons) == {("ben", "rh"), ("cleo", "lh"), ("cleo", "rh")}
+    assert "rh.pial" in reasons["ben", "rh"]
+    assert "lh.white" in reasons["cleo", "lh"]
+    assert "rh.white" in reasons["cleo", "rh"]
     log = (out / "logs" / "ben.log").read_text()
     assert "rh failed: " in log
     assert "done in" in log
@@ -157,10 +157,10 @@ def test_what_an_analysis_says_of_its_surfaces_is_an_input_too(three, tmp_path, 
     measured(three, tmp_path / "first")
     folder = tmp_path / "first" / "subjects" / "ben"  # analysed, and analysed again
     assert states(measured([folder], tmp_path / "out")) == {"ben": "done"}
-    said = json.loads((folder / "summary.json").read_text())
-    for entry in said["surfaces"]:
+    summary = json.loads((folder / "summary.json").read_text())
+    for entry in summary["surfaces"]:
         entry["units"] = "scene"
-    (folder / "summary.json").write_text(json.dumps(said))
+    (folder / "summary.json").write_text(json.dumps(summary))
     assert states(measured([folder], tmp_path / "out", "2")) == {"ben": "done"}
     (entry, _) = json.loads((tmp_path / "out" / "subjects" / "ben" / "summary.json").read_text())["surfaces"]
     assert entry["units"] == "scene"
@@ -214,9 +214,9 @@ def test_results_that_are_lost_are_measured_anew(three, tmp_path, quick):
 
 def another_number(folder, other):
     path = folder / "summary.json"
-    said = json.loads(path.read_text())
-    said["surfaces"][0]["measures"]["gyrification_index"] = 9.9
-    path.write_text(json.dumps(said))
+    summary = json.loads(path.read_text())
+    summary["surfaces"][0]["measures"]["gyrification_index"] = 9.9
+    path.write_text(json.dumps(summary))
 
 
 def exchanged(folder, other):
@@ -310,9 +310,9 @@ def test_a_folder_whose_name_is_no_text_is_a_subject_like_others(commanded, here
     (here / "subjects" / "ben").rename(here / "subjects" / "\udcff")
     (here / "subjects" / "\udcff" / "surf" / "rh.pial").unlink()
     assert commanded() == 1
-    said = json.loads(capsys.readouterr().out)
-    assert (said["subjects"], said["with_results"]) == (3, 3)
-    assert set(said["failures"]["\\udcff"]) == {"rh"}
+    summary = json.loads(capsys.readouterr().out)
+    assert (summary["subjects"], summary["with_results"]) == (3, 3)
+    assert set(summary["failures"]["\\udcff"]) == {"rh"}
     rows = [line.split("\t") for line in (here / "out/group/measures.tsv").read_text(encoding="utf-8").splitlines()]
     assert {row[0] for row in rows[1:]} == {"anna", "\\udcff", "cleo"}
     for path in (here / "out").rglob("*"):
@@ -348,10 +348,10 @@ def test_what_cannot_be_written_of_one_subject_stops_no_other(commanded, here, c
         (out / "subjects" / "ben").write_text("mine")
     for _ in range(2):  # the next run tells the same
         assert commanded() == 1
-        said = json.loads(capsys.readouterr().out)
-        assert (said["with_results"], set(said["failures"])) == (2, {name})
+        summary = json.loads(capsys.readouterr().out)
+        assert (summary["with_results"], set(summary["failures"])) == (2, {name})
         assert {row["subject"] for row in failures(out)} == {name}
-        assert [row["reason"] for row in failures(out)] == [" ".join(said["failures"][name][""].split())]
+        assert [row["reason"] for row in failures(out)] == [" ".join(summary["failures"][name][""].split())]
         with (out / "group" / "measures.tsv").open() as file:
             assert {row["subject"] for row in csv.DictReader(file, delimiter="\t")} == {"anna", "cleo"}
     assert victim.read_text() == "mine"
@@ -365,9 +365,9 @@ def test_damaged_results_are_measured_anew_and_told_until_then(three, tmp_path, 
     file = out / "subjects" / "ben" / name
     file.write_bytes(file.read_bytes()[:-40])
     assert {row["subject"] for row in grouped(three, out)} == {"anna", "cleo"}
-    (told,) = failures(out)
-    assert (told["subject"], told["hemi"]) == ("ben", "n/a")
-    assert name in told["reason"]
+    (failure,) = failures(out)
+    assert (failure["subject"], failure["hemi"]) == ("ben", "n/a")
+    assert name in failure["reason"]
     assert states(measured(three, out, "2")) == {"anna": "reused", "ben": "done", "cleo": "reused"}
     assert grouped(three, out) == whole
     assert failures(out) == []
@@ -388,9 +388,9 @@ def test_damaged_results_are_measured_anew_and_told_until_then(three, tmp_path, 
 def test_results_that_are_json_and_not_ours_are_refused(three, tmp_path, quick, key, value):
     measured(three[:1], tmp_path / "out")
     file = tmp_path / "out" / "subjects" / "anna" / "summary.json"
-    said = json.loads(file.read_text())
-    said["surfaces"][1][key] = value
-    file.write_text(json.dumps(said))
+    summary = json.loads(file.read_text())
+    summary["surfaces"][1][key] = value
+    file.write_text(json.dumps(summary))
     with pytest.raises(ValueError, match=r"anna.summary\.json: "):
         read_results(file.parent)
 
@@ -544,8 +544,8 @@ def test_a_worker_given_up_for_lost_and_the_next_one_at_its_subject_do_not_mix(t
         go.set()
         lost.join()
         following.join()
-    said = json.loads((out / "subjects" / "anna" / "summary.json").read_text())
-    assert said["parameters"]["curvature_scale_mm"] == 4.0
+    summary = json.loads((out / "subjects" / "anna" / "summary.json").read_text())
+    assert summary["parameters"]["curvature_scale_mm"] == 4.0
     assert states(measured(three[:1], out, "3", **other)) == {"anna": "reused"}
     assert sorted(os.listdir(out / "records")) == ["anna.json"]
 
@@ -657,7 +657,7 @@ def test_subjects_are_found_and_templates_left_out(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "kind", "said"),
+    ("text", "kind", "expected"),
     [
         (b"anna\nben\nanna\n", NamedTwice, " anna "),
         (b"# none\n\n", NothingToDo, ""),
@@ -665,10 +665,10 @@ def test_subjects_are_found_and_templates_left_out(tmp_path):
         (b"\xff\xfe\x00", WrongFile, "UTF-8"),
     ],
 )
-def test_lists_of_subjects_that_are_none(tmp_path, text, kind, said):
+def test_lists_of_subjects_that_are_none(tmp_path, text, kind, expected):
     file = tmp_path / "list.txt"
     file.write_bytes(text)
-    with pytest.raises(kind, match=rf"list\.txt: .*{said}"):
+    with pytest.raises(kind, match=rf"list\.txt: .*{expected}"):
         named_subjects(file)
 
 
@@ -682,7 +682,7 @@ def test_the_command_refuses_what_it_cannot_do(here, capsys):
     write_subject(here / "subjects" / "anna")
     (here / "theirs").mkdir()
     (here / "theirs" / "notes.txt").touch()
-    for words, told in (
+    for words, expected in (
         (["nowhere"], "no such folder"),
         (["subjects", "-o", "theirs"], "did not write this folder"),
         (["subjects", "-o", "subjects"], "is, or holds, the input"),
@@ -690,7 +690,7 @@ def test_the_command_refuses_what_it_cannot_do(here, capsys):
         (["subjects", "--gyral-width", "-1"], "--gyral-width -1: "),
         (["subjects", "--subjects", "none.txt"], "no such file"),
     ):
-        refused(capsys, ["cohort", *words], told)
+        refused(capsys, ["cohort", *words], expected)
     assert sorted(os.listdir(here / "theirs")) == ["notes.txt"]
     assert sorted(os.listdir(here)) == ["subjects", "theirs"]
 
@@ -727,14 +727,14 @@ def test_a_cohort_is_replaced_by_no_other_command_and_replaces_none(tmp_path):
 def test_where_there_are_no_workers_nothing_is_written(here, capsys, monkeypatch):
     write_subject(here / "subjects" / "anna")
     monkeypatch.setattr("morphofold.cohort.fleet.SCHEDULER_TIMEOUT_S", 0.2)
-    for words, told in (
+    for words, expected in (
         (["--scheduler", "tcp://127.0.0.1:9"], ("tcp://127.0.0.1:9",)),
         (["--memory", "0.001"], (" 0.0 GiB", "[too-large]")),
         (["--workers", "2", "--slurm", "2"], ("workers", "slurm", "[options-clash]")),
     ):
-        refused(capsys, ["cohort", "subjects", "-o", "out", *words], *told)
-        refused(capsys, ["sweep", "demo", "--vary", "mu_ratio=1,2", "-o", "out", *words], *told)
-        refused(capsys, ["bids", "subjects", "out", "participant", *words], *told)
+        refused(capsys, ["cohort", "subjects", "-o", "out", *words], *expected)
+        refused(capsys, ["sweep", "demo", "--vary", "mu_ratio=1,2", "-o", "out", *words], *expected)
+        refused(capsys, ["bids", "subjects", "out", "participant", *words], *expected)
     assert os.listdir(here) == ["subjects"]
 
 
@@ -745,9 +745,9 @@ def test_the_command_from_end_to_end(here, capsys):
     (here / "subjects" / "ben" / "surf" / "lh.pial").write_bytes(b"no surface")
     asked = ["cohort", "subjects", "-o", "out", "--no-report", "--workers", "1"]
     assert main(asked) == 1
-    told = capsys.readouterr()
-    assert "1 worker of 1 thread, at most" in told.err
-    assert told.out.splitlines()[-1].startswith("2 of 2 subjects have results, 1 in part -> ")
+    captured = capsys.readouterr()
+    assert "1 worker of 1 thread, at most" in captured.err
+    assert captured.out.splitlines()[-1].startswith("2 of 2 subjects have results, 1 in part -> ")
     before = contents(here / "out" / "group")
     write_subject(here / "subjects" / "ben", 1.1)
     assert main([*asked, "-q"]) == 0
@@ -756,9 +756,9 @@ def test_the_command_from_end_to_end(here, capsys):
     assert json.loads((here / "out" / "records" / "ben.json").read_text())["failures"] == {}
     (here / "subjects" / "ben" / "surf" / "lh.pial").write_bytes(b"no surface")
     assert main([*asked, "-q", "--json"]) == 1
-    said = json.loads(capsys.readouterr().out)
-    assert [said[k] for k in ("subjects", "with_results", "from_before", "failed", "in_part")] == [2, 2, 1, 0, 1]
-    assert "lh.pial" in said["failures"]["ben"]["lh"]
+    summary = json.loads(capsys.readouterr().out)
+    assert [summary[k] for k in ("subjects", "with_results", "from_before", "failed", "in_part")] == [2, 2, 1, 0, 1]
+    assert "lh.pial" in summary["failures"]["ben"]["lh"]
     assert contents(here / "out" / "group") == before
 
 
@@ -801,8 +801,8 @@ def test_killed_workers_and_a_killed_run_leave_the_same_tables(tmp_path):
     assert 0 < len(done) < 8
 
     process, _ = running(folder, out, "--workers", "2")
-    told = process.communicate()[0]
-    assert "from before" in told.splitlines()[-1]
+    output = process.communicate()[0]
+    assert "from before" in output.splitlines()[-1]
     for name, when in done.items():  # what was done is not done twice
         assert (out / "records" / name).stat().st_mtime_ns == when
     assert contents(out / "group") == contents(whole / "group")
@@ -816,9 +816,9 @@ def test_two_runs_into_one_folder_are_refused(tmp_path):
         write_subject(folder / f"sub-{i}")
     process, _ = running(folder, tmp_path / "out", "--workers", "1")
     second, _ = running(folder, tmp_path / "out", "--workers", "1")
-    told = second.communicate()[0]
+    output = second.communicate()[0]
     assert second.returncode == 2
-    assert "another run is writing here" in told
+    assert "another run is writing here" in output
     process.communicate()
     assert process.returncode == 0
 
@@ -851,7 +851,7 @@ def test_what_freesurfer_says_of_a_brain_is_in_the_table_of_hemispheres(three, t
     words = ("subject", "hemi", "morphofold", "cortex_mask", "accuracy", "annotation")
     rows = read_table(out / "group" / "hemispheres.tsv", words)
     assert [(row["subject"], row["hemi"]) for row in rows[:2]] == [("anna", "lh"), ("anna", "rh")]
-    told = [(row["etiv_mm3"], row["surface_holes"]) for row in rows[:3]]
-    assert told == [(1500000, None), (1500000, 7), (None, None)]
+    found = [(row["etiv_mm3"], row["surface_holes"]) for row in rows[:3]]
+    assert found == [(1500000, None), (1500000, 7), (None, None)]
     (three[0] / "stats" / "aseg.stats").unlink()
     assert states(measured(three, out, "2"))["anna"] == "done"  # it is an input like the surfaces

@@ -120,8 +120,8 @@ def test_differing_scales_are_said_once_with_their_values():
     assert "by 'white off pial' on model and one and by 'label' on mean" in mask
     assert compare(measured).to_dict()["cautions"] == [scale, cap, mask]
     draft = replace(measured["one"], parameters={**options["one"], "accuracy": "draft"})
-    (said,) = compare({"a": draft, "b": replace(draft, parameters={**options["one"], "accuracy": "fine"})}).cautions
-    assert said.startswith("Accuracy was draft on a and fine on b;")
+    (caution,) = compare({"a": draft, "b": replace(draft, parameters={**options["one"], "accuracy": "fine"})}).cautions
+    assert caution.startswith("Accuracy was draft on a and fine on b;")
     assert compare({"a": measured["one"], "b": measured["one"]}).cautions == ()
     assert compare({"a": measured["one"], "b": replace(measured["one"], parameters={})}).cautions == ()
 
@@ -142,9 +142,9 @@ def test_stiffness_comes_from_the_surfaces_unless_given():
     assert [t.mu_ratio for t in compare({"a": stiff, "b": soft, "c": made_measures()}).theory] == [1.0, 3.0]
     assert [t.mu_ratio for t in compare({"a": stiff}, mu_ratio=2.0).theory] == [2.0]
     assert compare({"a": made_measures()}).theory == ()  # a brain has no stiffness that is known
-    unsaid = made_measures(info={"mu_ratio": None})
-    assert [t.mu_ratio for t in compare({"a": unsaid, "b": stiff}).theory] == [3.0]
-    assert compare({"a": unsaid}).theory == ()
+    unknown = made_measures(info={"mu_ratio": None})
+    assert [t.mu_ratio for t in compare({"a": unknown, "b": stiff}).theory] == [3.0]
+    assert compare({"a": unknown}).theory == ()
     with pytest.raises(OutOfRange, match=r"\bmu_ratio\b.* 0\.0\b"):
         compare({"a": soft}, mu_ratio=0.0)
 

@@ -53,13 +53,13 @@ def test_a_family_that_obeys_the_law_has_one_k_at_every_growth():
 
 
 @pytest.mark.parametrize(
-    ("growths", "kind", "said"),
+    ("growths", "kind", "expected"),
     [
         ((1.5,), MissingPart, r"\bbody\b.*\b1\b"),
         ((1.5, None), DoesNotApply, "body"),
         ((1.5, 1.2, 1.5), NamedTwice, r"\bbody\b.*\bg = 1\.5\."),
     ],
 )
-def test_what_is_no_growth_is_refused(growths, kind, said):
-    with pytest.raises(kind, match=said):
+def test_what_is_no_growth_is_refused(growths, kind, expected):
+    with pytest.raises(kind, match=expected):
         growth_curve("body", [stage(g) for g in growths])

@@ -157,15 +157,15 @@ def test_the_average_brain_has_the_thickness_that_independent_code_found():
 
 
 @pytest.mark.parametrize(
-    ("change", "kind", "said"),
+    ("change", "kind", "expected"),
     [
         ({"mode": "nearest"}, UnknownName, r"\bmode\b.*'nearest'"),
         ({"cap": 0.0}, OutOfRange, r"\bcap\b.* 0\.0\.$"),
         ({"rings": 0}, OutOfRange, r"\brings\b.* 0\.$"),
     ],
 )
-def test_options_without_meaning_are_refused(change, kind, said):
-    with pytest.raises(kind, match=said):
+def test_options_without_meaning_are_refused(change, kind, expected):
+    with pytest.raises(kind, match=expected):
         cortical_thickness(*shell(1, 4, 5), **change)
 
 

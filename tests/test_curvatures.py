@@ -251,12 +251,12 @@ def test_few_vertices_widen_the_neighbourhood_instead_of_failing():
 
 
 @pytest.mark.parametrize(
-    ("scale", "said"),
+    ("scale", "expected"),
     [(2.0, r"\b2 .*, {:.4g}: "), (0.01, r"\b0\.01 .*, {:.4g}: "), (10.5, r"\b10\.5 .* 9\.\d.* {:.4g}\. ")],
 )
-def test_a_scale_that_the_mesh_cannot_give_is_refused(scale, said):
+def test_a_scale_that_the_mesh_cannot_give_is_refused(scale, expected):
     shape = shapes.sphere(2, 10.0)
-    with pytest.raises(OutOfRange, match=said.format(mean_edge_length(shape.verts, shape.faces))):
+    with pytest.raises(OutOfRange, match=expected.format(mean_edge_length(shape.verts, shape.faces))):
         curvature(shape.verts, shape.faces, scale)
 
 

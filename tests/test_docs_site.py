@@ -87,19 +87,19 @@ def test_every_picture_is_shown_by_a_page(picture):
 def test_the_python_of_a_page_runs_and_prints_what_the_page_says(name, tmp_path, monkeypatch):
     """One namespace for a page; a fence of text right after Python is what it prints."""
     monkeypatch.chdir(tmp_path)
-    shown, space, told = fences(name), {"__name__": "page"}, None
+    shown, space, printed = fences(name), {"__name__": "page"}, None
     write_scenes(name, tmp_path)
     for kind, text in shown:
         if kind == "python":
             out = io.StringIO()
             with contextlib.redirect_stdout(out):
                 exec(compile(text, f"{name}, after {text.splitlines()[0]!r}", "exec"), space)
-            told = out.getvalue()
-        elif kind == "text" and told is not None:
-            assert told == text, f"{name} says {text!r}, its code prints {told!r}"
-            told = None
+            printed = out.getvalue()
+        elif kind == "text" and printed is not None:
+            assert printed == text, f"{name} says {text!r}, its code prints {printed!r}"
+            printed = None
         else:
-            told = None
+            printed = None
     pyplot.close("all")
 
 
@@ -287,10 +287,10 @@ def test_the_reference_has_every_public_name():
 
 
 def test_a_person_is_folded_as_the_tutorial_says_and_the_average_has_as_many_hinges_as_peers_says():
-    said = float(re.search(r"gyrification index\s+of (\d\.\d+)", (DOCS / "tutorial-neuroimager.md").read_text())[1])
+    expected = float(re.search(r"gyrification index\s+of (\d\.\d+)", (DOCS / "tutorial-neuroimager.md").read_text())[1])
     person = mf.read_cortex(mf.sample_path("S1"), hemi="lh").pial
-    assert analysis.gyrification_index(person.verts, person.faces) == pytest.approx(said, abs=0.005)
-    said = float(re.search(r"about (\d+) hinges a hemisphere", (DOCS / "peers.md").read_text())[1])
+    assert analysis.gyrification_index(person.verts, person.faces) == pytest.approx(expected, abs=0.005)
+    expected = float(re.search(r"about (\d+) hinges a hemisphere", (DOCS / "peers.md").read_text())[1])
     for hemi in ("lh", "rh"):
         cortex = mf.read_cortex(mf.sample_path("fsaverage5"), hemi=hemi)
-        assert len(analysis.hinges(analysis.gyral_graph(cortex))) == pytest.approx(said, abs=2)
+        assert len(analysis.hinges(analysis.gyral_graph(cortex))) == pytest.approx(expected, abs=2)

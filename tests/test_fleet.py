@@ -43,13 +43,13 @@ def ends_badly(what):
 
 @pytest.mark.slow
 def test_jobs_survive_their_workers(tmp_path):
-    told = []
-    with open_fleet(workers=2, memory=1.0) as fleet, fleet.reporting_deaths(told.extend):
+    lost = []
+    with open_fleet(workers=2, memory=1.0) as fleet, fleet.reporting_deaths(lost.extend):
         assert "2 workers of 1 thread, at most 1.0 GiB each" in fleet.words
         found = dict(fleet.run(dies_once, [Job(f"job {i}", str(tmp_path)) for i in range(8)]))
     assert {job.name: outcome for job, outcome in found.items()} == {f"job {i}": "alive" for i in range(8)}
-    assert told
-    assert all(name.startswith("job ") for name in told)
+    assert lost
+    assert all(name.startswith("job ") for name in lost)
 
 
 def listening(*processes):
@@ -194,7 +194,7 @@ def test_workers_share_what_the_machine_has(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("asked", "kind", "said"),
+    ("asked", "kind", "expected"),
     [
         ({"workers": 0}, OutOfRange, r"^workers .*\b0\.$"),
         ({"threads": 0}, OutOfRange, r"^threads .*\b0\.$"),
@@ -204,8 +204,8 @@ def test_workers_share_what_the_machine_has(monkeypatch):
         ({"slurm": 4, "workers": 2}, OptionsClash, "workers.*slurm"),
     ],
 )
-def test_numbers_that_are_none_are_refused(asked, kind, said):
-    with pytest.raises(kind, match=said), open_fleet(**asked):
+def test_numbers_that_are_none_are_refused(asked, kind, expected):
+    with pytest.raises(kind, match=expected), open_fleet(**asked):
         pass
 
 

@@ -150,10 +150,10 @@ def test_a_stopped_run_that_is_damaged_is_refused_in_one_line_and_left_as_it_is(
     out = at(stopped)
     damage(out / name)
     before = contents(out)
-    told = resumed(capsys, "--resume")
-    assert f"run/{name.partition('/surf')[0].removesuffix('/volume.vtu')}" in told
+    message = resumed(capsys, "--resume")
+    assert f"run/{name.partition('/surf')[0].removesuffix('/volume.vtu')}" in message
     if name in ("checkpoint.npz", "log.jsonl") and damage is not removed:
-        assert told.endswith(" [damaged-file]\n")
+        assert message.endswith(" [damaged-file]\n")
     assert contents(out) == before
 
 
@@ -175,8 +175,8 @@ def test_no_flipped_byte_of_a_checkpoint_changes_what_is_read(stopped, tmp_path,
         else:
             assert all(np.array_equal(found[k], like[k]) for k in like)
     assert len(refused) > 150
-    for told in refused:
-        assert told.startswith(f"{tmp_path / 'c.npz'}: ")
+    for message in refused:
+        assert message.startswith(f"{tmp_path / 'c.npz'}: ")
 
 
 def test_the_cure_that_is_told_cures(finished, stopped, at, capsys):
@@ -194,8 +194,8 @@ def test_the_cure_that_is_told_cures(finished, stopped, at, capsys):
 def test_a_stage_that_is_gone_is_not_written_with_the_shape_of_a_later_growth(stopped, at, capsys):
     out = at(stopped)
     shutil.rmtree(out / "stages" / "g1.10")
-    told = resumed(capsys, "--resume")
-    assert re.search(r"\brun/stages/g1\.10: .*\brun/checkpoint\.npz\b.*\bg = 1\.\d+\b.*\[missing-part\]$", told)
+    message = resumed(capsys, "--resume")
+    assert re.search(r"\brun/stages/g1\.10: .*\brun/checkpoint\.npz\b.*\bg = 1\.\d+\b.*\[missing-part\]$", message)
     (out / "checkpoint.npz").unlink()
     assert simulate("demo", out, settings=TINY, resume=True).stages == (1.1, 1.2)
 
@@ -203,9 +203,9 @@ def test_a_stage_that_is_gone_is_not_written_with_the_shape_of_a_later_growth(st
 @pytest.mark.parametrize("damage", [cut, emptied, text, other_json, a_list])
 def test_a_finished_run_whose_health_is_damaged_is_refused(finished, at, damage, capsys):
     damage(at(finished) / "health.json")
-    told = resumed(capsys, "--resume")
+    message = resumed(capsys, "--resume")
     kind = "not-readable" if damage in (other_json, a_list) else "damaged-file"
-    assert re.search(rf"\brun/health\.json: .*\[{kind}\]$", told)
+    assert re.search(rf"\brun/health\.json: .*\[{kind}\]$", message)
 
 
 @pytest.mark.parametrize("g", ["1.10", "1.20"])
@@ -225,13 +225,13 @@ def test_a_finished_run_with_a_damaged_stage_is_refused_and_the_cure_makes_it_wh
     out = at(finished)
     stage = out / "stages" / f"g{g}"
     damage(stage / name)
-    told = resumed(capsys, "--resume")
-    assert re.search(rf"\brun/stages/g{g}\b.* run/stages/g{g} and run/health\.json\b.*--resume\b", told)
+    message = resumed(capsys, "--resume")
+    assert re.search(rf"\brun/stages/g{g}\b.* run/stages/g{g} and run/health\.json\b.*--resume\b", message)
     if (g, name) != ("1.10", "volume.vtu"):  # one is enough
         return
     shutil.rmtree(stage)
-    told = resumed(capsys, "--resume")
-    assert re.search(rf"\brun/stages/g{g}: .*\brun/health\.json\b.*\[missing-part\]$", told)
+    message = resumed(capsys, "--resume")
+    assert re.search(rf"\brun/stages/g{g}: .*\brun/health\.json\b.*\[missing-part\]$", message)
     (out / "health.json").unlink()
     simulate("demo", out, settings=TINY, resume=True)
     assert (stage / name).stat().st_size == (finished / "stages" / f"g{g}" / name).stat().st_size
@@ -242,12 +242,12 @@ def test_a_finished_run_is_that_of_its_stages(finished, at, capsys):
     health = json.loads((out / "health.json").read_text())
     health["stages"][0]["min_J"] += 0.1
     (out / "health.json").write_text(json.dumps(health))
-    told = resumed(capsys, "--resume")
-    assert re.search(r"\brun/health\.json: .*\bg = 1\.1 .*\brun/stages/g1\.10\b.*\[mismatch\]$", told)
+    message = resumed(capsys, "--resume")
+    assert re.search(r"\brun/health\.json: .*\bg = 1\.1 .*\brun/stages/g1\.10\b.*\[mismatch\]$", message)
     del health["stages"][0]
     (out / "health.json").write_text(json.dumps(health))
-    told = resumed(capsys, "--resume")
-    assert re.search(r"\brun/health\.json: .*\[1\.2\].*\[1\.1, 1\.2\].*\[mismatch\]$", told)
+    message = resumed(capsys, "--resume")
+    assert re.search(r"\brun/health\.json: .*\[1\.2\].*\[1\.1, 1\.2\].*\[mismatch\]$", message)
     shutil.copytree(out / "stages" / "g1.10", out / "stages" / "g1.15")
     (out / "health.json").unlink()
     assert re.search(r"\brun/stages/g1\.15: .*\[mismatch\]$", resumed(capsys, "--resume"))
@@ -267,20 +267,20 @@ def test_a_stage_of_before_digests_were_kept_is_read_instead(finished, at, capsy
 
 def test_a_second_run_into_a_folder_is_refused_while_the_first_goes_on(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    out, told = tmp_path / "run", []
+    out, messages = tmp_path / "run", []
 
     def second(share, text):
-        if told:
+        if messages:
             return
         (out / "scene.toml").rename(tmp_path / "scene.toml")  # as if the first had not come so far yet
-        told.extend([resumed(capsys), resumed(capsys, "--resume")])
+        messages.extend([resumed(capsys), resumed(capsys, "--resume")])
         (tmp_path / "scene.toml").rename(out / "scene.toml")
-        told.append(resumed(capsys, "--resume"))
+        messages.append(resumed(capsys, "--resume"))
         assert re.search(r"\brun: .*\bresume\b", resumed(capsys))
 
     assert simulate("demo", "run", settings=TINY, progress=second).stages == (1.1, 1.2)
-    assert len(told) == 3
-    assert all(re.search(rf"\brun: .*\b{os.getpid()}\b", line) for line in told)
+    assert len(messages) == 3
+    assert all(re.search(rf"\brun: .*\b{os.getpid()}\b", line) for line in messages)
     assert not (out / LOCK_FILE).exists()
 
 
@@ -395,9 +395,9 @@ def test_a_mesh_file_that_changed_is_refused_until_it_is_put_back(tmp_path, monk
     mesh = meshio.read("body.vtu")
     mesh.points[-1] *= 1 + 1e-9
     mesh.write("body.vtu")
-    told = resumed(capsys, "--resume", scene="mesh.toml", settings=MESH)
+    message = resumed(capsys, "--resume", scene="mesh.toml", settings=MESH)
     then, now = (hashlib.sha256(content).hexdigest()[:12] for content in (raw, (tmp_path / "body.vtu").read_bytes()))
-    assert re.search(rf"\bbody\.vtu: .*\b{then}\b.*\b{now}\b.*\[mismatch\]$", told)
+    assert re.search(rf"\bbody\.vtu: .*\b{then}\b.*\b{now}\b.*\[mismatch\]$", message)
     (tmp_path / "body.vtu").write_bytes(raw)
     kept = (out / "inputs.json").read_bytes()
     for damage in (other_json, removed):
@@ -406,8 +406,8 @@ def test_a_mesh_file_that_changed_is_refused_until_it_is_put_back(tmp_path, monk
     (out / "inputs.json").write_bytes(kept)
     assert simulate("mesh.toml", out, settings=MESH, resume=True).stages == (1.02,)
     (tmp_path / "body.vtu").unlink()
-    told = resumed(capsys, "--resume", scene="mesh.toml", settings=MESH)
-    assert "body.vtu: " in told
+    message = resumed(capsys, "--resume", scene="mesh.toml", settings=MESH)
+    assert "body.vtu: " in message
 
 
 def test_a_mesh_file_that_changes_while_the_body_is_built_of_it_is_refused(tmp_path, monkeypatch):
@@ -439,8 +439,8 @@ def test_a_run_whose_level_stood_for_another_mesh_is_refused(tmp_path, monkeypat
     began = json.loads((out / "inputs.json").read_text())
     assert began == {"accuracy": {"edge": 20.0, "elements_through_cortex": 2}}
     (out / "inputs.json").write_text(json.dumps({"accuracy": {"edge": 24.0, "elements_through_cortex": 3}}))
-    told = resumed(capsys, "--resume", settings=settings)
-    assert re.search(r"\brun: .*\b24 mm .*\b3 .*\b20 mm .*\b2\b.*\[mismatch\]$", told)
+    message = resumed(capsys, "--resume", settings=settings)
+    assert re.search(r"\brun: .*\b24 mm .*\b3 .*\b20 mm .*\b2\b.*\[mismatch\]$", message)
     other_json(out / "inputs.json")
     assert "run/inputs.json: " in resumed(capsys, "--resume", settings=settings)
 

@@ -55,9 +55,9 @@ def test_measures_give_their_terms_or_none():
 
 
 @pytest.mark.parametrize(
-    ("numbers", "said"),
+    ("numbers", "expected"),
     [((0, 1, 1), "^total .* 0"), ((1, -1, 1), "^exposed .* -1"), ((1, 1, math.nan), "^thickness .* nan")],
 )
-def test_what_is_no_area_or_thickness_is_refused(numbers, said):
-    with pytest.raises(OutOfRange, match=said):
+def test_what_is_no_area_or_thickness_is_refused(numbers, expected):
+    with pytest.raises(OutOfRange, match=expected):
         shape_terms(*numbers)

@@ -257,8 +257,8 @@ def test_edges_to_choose_from_change_the_cells_one_by_one():
 
 
 def test_spans_and_shares_in_words():
-    told = [span(s) for s in (0.04, 9.96, 119, 119.6, 280, 3599, 7500, 86399, 90000)]
-    assert told == ["0.0 s", "10 s", "119 s", "2 min", "4 min 40 s", "1 h", "2 h 5 min", "1 d", "1 d 1 h"]
+    words = [span(s) for s in (0.04, 9.96, 119, 119.6, 280, 3599, 7500, 86399, 90000)]
+    assert words == ["0.0 s", "10 s", "119 s", "2 min", "4 min 40 s", "1 h", "2 h 5 min", "1 d", "1 d 1 h"]
     assert [percent(s) for s in (0.00333, 0.021, 0.5, 1.0, 2.5)] == ["0.33 %", "2.1 %", "50 %", "100 %", "250 %"]
 
 
@@ -267,9 +267,9 @@ def test_a_dry_run_writes_nothing_and_says_everything(here, capsys):
     for setting in (*SMALL, "accuracy.edge=3.5"):
         argv += ["--set", setting]
     assert main(argv) == 0
-    told = capsys.readouterr().out
+    printed = capsys.readouterr().out
     for word in ("elements", "nodes", "steps", "GiB", "time", "error of gyrification index", "coarser than draft"):
-        assert word in told
+        assert word in printed
     assert main([*argv, "--json"]) == 0
     found = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
     assert found["elements"] == build_bilayer(load_scene("fig6-thick", [*SMALL, "accuracy.edge=3.5"])).mesh.nelements
@@ -329,7 +329,7 @@ def test_the_page_of_a_simulation_says_what_it_cost(here, capsys, plain_pictures
     monkeypatch.setattr("morphofold.forecasts.afterwards.not_studied", lambda scene, edge_over_T: ())
     assert main(["analyze", "run", "-q", "-o", "analysis"]) == 0
     page = (here / "analysis" / "report.html").read_text(encoding="utf-8")
-    said = page.split("<h2>What it cost</h2>")[1].split("</section>")[0]
+    section = page.split("<h2>What it cost</h2>")[1].split("</section>")[0]
     for word in (
         "by 1 thread",
         "GiB",
@@ -342,7 +342,7 @@ def test_the_page_of_a_simulation_says_what_it_cost(here, capsys, plain_pictures
         "gyrification index",
         "before the run, from its edge and a table",
     ):
-        assert word in said
+        assert word in section
 
 
 def test_a_forecast_is_strict_json_and_public():

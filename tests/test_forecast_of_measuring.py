@@ -38,9 +38,9 @@ def test_a_dry_run_writes_nothing_and_says_everything(here, capsys):
         write_surface(here / "in" / f"lh.{name}", getattr(ball, name))
     argv = ["analyze", "--white", "in/lh.white", "--pial", "in/lh.pial", "--name", "ball", "--dry-run"]
     assert main([*argv, "--threads", "1"]) == 0
-    told = capsys.readouterr().out
+    printed = capsys.readouterr().out
     for word in ("7,000 vertices", "memory", "with 1 thread", "error of hinges", "against", "scaled by power laws"):
-        assert word in told
+        assert word in printed
     assert main([*argv, "--accuracy", "fine", "--no-report", "--json"]) == 0
     found = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
     assert list(found["seconds_by_stage"]) == [name for name in ANALYSIS_STAGES if name != PAGE_STAGE]

@@ -58,11 +58,11 @@ def test_rotation_and_unit_change_little_and_the_seed_says_the_rest(rng):
 def test_sizes_that_the_mesh_can_not_bear_are_refused():
     shape = sphere(4)
     least = 2 * mean_edge_length(shape.verts, shape.faces)
-    for finest, coarsest, said in (
+    for finest, coarsest, expected in (
         (0.1, None, r"0\.1 to \d"),
         (None, 5.0, r"\d to 5\."),
         (20.0, 10.0, r"20 to 10\."),
         (None, np.inf, r"\d to inf\."),
     ):
-        with pytest.raises(OutOfRange, match=rf" {least:.3g} .*{said}"):
+        with pytest.raises(OutOfRange, match=rf" {least:.3g} .*{expected}"):
             fractal_dimension(shape.verts, shape.faces, finest=finest, coarsest=coarsest)

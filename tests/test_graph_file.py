@@ -98,8 +98,8 @@ def test_a_file_that_was_changed_is_refused(ridged, tmp_path, place, value):
     put(place, value)(data)
     path.write_text(json.dumps(data))
     far = place[-1] == "vertex"  # of another surface
-    told = rf".*\b{value}\b" if far else re.escape(".".join(map(str, place)))
-    with pytest.raises(Mismatch if far else NotReadable, match=rf"lh\.json: {told}"):
+    expected = rf".*\b{value}\b" if far else re.escape(".".join(map(str, place)))
+    with pytest.raises(Mismatch if far else NotReadable, match=rf"lh\.json: {expected}"):
         read_graph(path, len(surface.verts))
 
 

@@ -99,9 +99,9 @@ def test_the_page_says_how_many_of_how_many_and_their_medians(tmp_path):
 def test_the_planted_outlier_is_named_with_its_picture(tmp_path, measured, layout):
     results = {f"sub-{k:05d}": measured[layout][k == 4] for k in range(20)}
     text = text_of(with_outlier(20, 4, 7.77, results=results), tmp_path)
-    said = next(words_of(f) for f in re.findall(r"<figcaption><strong>.*?</figcaption>", text, re.S))
-    assert re.match(r"sub-00004 , left: Cortical thickness, mean 7.77 mm , median 2\.\d+, robust z \d+\.\d? ", said)
-    assert "Colours: Cortical thickness" in said
+    caption = next(words_of(f) for f in re.findall(r"<figcaption><strong>.*?</figcaption>", text, re.S))
+    assert re.match(r"sub-00004 , left: Cortical thickness, mean 7.77 mm , median 2\.\d+, robust z \d+\.\d? ", caption)
+    assert "Colours: Cortical thickness" in caption
     image = imread(tmp_path / "figures" / "outlier-01.png")
     assert image.std() > 0.02
     (data,) = re.findall(r'<img src="data:image/png;base64,([^"]+)"', text)
@@ -192,8 +192,8 @@ def test_the_greater_side_is_named(tmp_path):
 
 
 def test_simulated_bodies_are_said_to_have_no_side(tmp_path):
-    said = "5 of these are simulated: they have no side"
-    assert said in words_of(text_of(made_group(9, simulated=5), tmp_path))
+    expected = "5 of these are simulated: they have no side"
+    assert expected in words_of(text_of(made_group(9, simulated=5), tmp_path))
     assert "simulated:" not in words_of(text_of(made_group(9), tmp_path / "none"))
 
 
@@ -247,23 +247,25 @@ def test_one_side_alone_is_not_set_against_another(tmp_path):
 
 
 def test_methods_tell_of_what_the_page_has(tmp_path):
-    def said(group, name):
+    def methods_of(group, name):
         text = text_of(group, tmp_path / name)
         return re.search(r'<textarea id="methods".*?</textarea>', text, re.S).group(0)
 
     for name, group, has in (("both", made_group(12), True), ("left", left_only(12), False)):
-        assert ("Holm" in said(group, name)) is has
-    assert "through subjects and through the means of regions" in said(made_group(12), "lines")
-    assert "Iglewicz" not in said(made_group(3), "few")
-    assert "least squares through the means of regions, each" in said(made_group(2), "fewer")  # no line of two points
-    assert "least squares" not in said(failed_group(12), "none")
+        assert ("Holm" in methods_of(group, name)) is has
+    assert "through subjects and through the means of regions" in methods_of(made_group(12), "lines")
+    assert "Iglewicz" not in methods_of(made_group(3), "few")
+    assert "least squares through the means of regions, each" in methods_of(
+        made_group(2), "fewer"
+    )  # no line of two points
+    assert "least squares" not in methods_of(failed_group(12), "none")
 
 
 def test_measures_that_are_the_same_of_all_are_said_and_not_drawn(tmp_path):
     alike = np.full((12, 2), 1.75) * (1 + 1e-8 * np.arange(24).reshape(12, 2))  # but for round-off
     text = text_of(made_group(12, n_hinges=np.zeros((12, 2)), gyrification_index=alike), tmp_path)
-    said = "The same for all, and not drawn: Euler characteristic 2; Gyrification index 1.75; Hinges 0."
-    assert said in words_of(text)
+    expected = "The same for all, and not drawn: Euler characteristic 2; Gyrification index 1.75; Hinges 0."
+    assert expected in words_of(text)
     drawn = re.findall(r'aria-label="Distribution of ([^"]+)"', text)
     assert "Pial area" in drawn
     assert not {"Hinges", "Gyrification index", "Euler characteristic"} & set(drawn)

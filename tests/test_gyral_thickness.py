@@ -333,9 +333,9 @@ def test_without_embree_the_answer_is_an_error_that_says_what_to_install(monkeyp
 
 
 @pytest.mark.parametrize(
-    ("mask", "kind", "said"),
+    ("mask", "kind", "expected"),
     [(np.ones(3, bool), WrongShape, r"\bmask\b.*\(3,\).*\b162\b"), (np.zeros(162, bool), NoCortex, r"\bmask\b")],
 )
-def test_a_mask_without_meaning_is_refused(mask, kind, said):
-    with pytest.raises(kind, match=said):
+def test_a_mask_without_meaning_is_refused(mask, kind, expected):
+    with pytest.raises(kind, match=expected):
         gyral_thickness(sphere(2).surface, mask=mask)

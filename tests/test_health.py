@@ -70,11 +70,13 @@ def test_a_sound_stage_breaks_no_bound():
 
 @pytest.mark.parametrize("name", BOUNDS)
 def test_each_bound_is_told_with_its_value_and_a_cure(name):
-    told = broken_bounds({**SOUND, name: BEYOND[name]})
-    assert len(told) == 1
+    sentences = broken_bounds({**SOUND, name: BEYOND[name]})
+    assert len(sentences) == 1
     shown = BEYOND[name] if isinstance(BEYOND[name], int) else f"{BEYOND[name]:.2g}"
-    assert re.match(rf"{name} {re.escape(str(shown))} .*\bg = 1\.50 .* {re.escape(f'{BOUNDS[name][0]:g}')}:", told[0])
-    assert all(cures()[key] in told[0] for key in BOUNDS[name][1])
+    assert re.match(
+        rf"{name} {re.escape(str(shown))} .*\bg = 1\.50 .* {re.escape(f'{BOUNDS[name][0]:g}')}:", sentences[0]
+    )
+    assert all(cures()[key] in sentences[0] for key in BOUNDS[name][1])
     assert len(broken_bounds({**SOUND, name: float("nan")})) == 1
 
 
@@ -87,14 +89,14 @@ def test_a_cure_is_one_that_the_scene_takes():
     deep = {**SOUND, "deepest_crossing": 0.5}
     contact, finer = cures()["contact"], cures()["finer"]
     assert contact in broken_bounds(deep)[0]
-    (told,) = broken_bounds(deep, load_scene("fig5"))
-    assert contact not in told
-    assert finer in told
-    (told,) = broken_bounds(deep, load_scene("mesh"))
-    assert "accuracy" not in told
-    assert "geometry.file" in told
-    (told,) = broken_bounds({**SOUND, "bending": 0.5}, load_scene("mesh"))
-    assert "portion" not in told
+    (sentence,) = broken_bounds(deep, load_scene("fig5"))
+    assert contact not in sentence
+    assert finer in sentence
+    (sentence,) = broken_bounds(deep, load_scene("mesh"))
+    assert "accuracy" not in sentence
+    assert "geometry.file" in sentence
+    (sentence,) = broken_bounds({**SOUND, "bending": 0.5}, load_scene("mesh"))
+    assert "portion" not in sentence
 
 
 @pytest.mark.parametrize("name", scene_names())
@@ -241,8 +243,8 @@ def test_the_check_of_a_surface_through_itself_breaks_every_bound_that_tells_it(
     assert checked["winding_max"] == 2
     assert checked["crossings"] > 4
     assert checked["deepest_crossing"] > CROSSING_TOLERANCE
-    told = broken_bounds({**SOUND, **checked, "overlap": 0.0})
-    assert [sentence.split()[0] for sentence in told] == ["winding_max", "crossings", "deepest_crossing"]
+    sentences = broken_bounds({**SOUND, **checked, "overlap": 0.0})
+    assert [sentence.split()[0] for sentence in sentences] == ["winding_max", "crossings", "deepest_crossing"]
 
 
 def test_a_crossing_of_less_than_half_the_gap_of_contact_is_none():

@@ -28,14 +28,14 @@ def test_a_second_signal_acts_at_once():
 
 
 def test_without_a_signal_nothing_happens_and_other_threads_hold_none():
-    said = []
+    answers = []
 
     def work():
         with deferred_interrupt() as interrupted:
-            said.append(interrupted())
+            answers.append(interrupted())
 
     work()
     thread = threading.Thread(target=work)
     thread.start()
     thread.join()
-    assert said == [False, False]
+    assert answers == [False, False]

@@ -72,7 +72,7 @@ def test_a_simulation_without_a_stage_says_so(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "kind", "told"),
+    ("text", "kind", "expected"),
     [
         ("{", DamagedFile, r"stage\.json: "),
         ("[]", NotReadable, r"stage\.json: "),
@@ -80,10 +80,10 @@ def test_a_simulation_without_a_stage_says_so(tmp_path):
         ('{"portion": "1"}', NotReadable, r"stage\.json: portion: .*'1'"),
     ],
 )
-def test_a_damaged_stage_record_is_refused(tmp_path, text, kind, told):
+def test_a_damaged_stage_record_is_refused(tmp_path, text, kind, expected):
     stage = simulation(tmp_path) / "stages" / "g1.80"
     (stage / "stage.json").write_text(text)
-    with pytest.raises(kind, match=told):
+    with pytest.raises(kind, match=expected):
         read_cortex(stage)
 
 

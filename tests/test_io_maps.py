@@ -122,7 +122,7 @@ def test_the_reader_of_annotations_agrees_with_nibabel_on_fsaverage5():
 
 
 @pytest.mark.parametrize(
-    ("colours", "labels", "kind", "told"),
+    ("colours", "labels", "kind", "expected"),
     [
         ([[1, 1, 1], [1, 1, 1]], [0, 1], NamedTwice, r"a\.annot: "),
         ([[0, 0, 0], [1, 1, 1]], [0, -1], OutOfRange, r"\(0, 0, 0\)"),
@@ -130,9 +130,9 @@ def test_the_reader_of_annotations_agrees_with_nibabel_on_fsaverage5():
         ([[2, 2, 2]], [0, 0], WrongShape, r"a\.annot: 2\b.*\(1, 3\)"),
     ],
 )
-def test_regions_that_the_format_cannot_hold_are_refused(tmp_path, colours, labels, kind, told):
+def test_regions_that_the_format_cannot_hold_are_refused(tmp_path, colours, labels, kind, expected):
     regions = Regions(np.array(labels), ("a", "b"), np.array(colours, dtype=np.uint8))
-    with pytest.raises(kind, match=told):
+    with pytest.raises(kind, match=expected):
         write_annotation(tmp_path / "a.annot", regions)
     assert os.listdir(tmp_path) == []
 
@@ -181,16 +181,16 @@ def test_a_gifti_without_whole_regions_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "kind", "told"),
+    ("text", "kind", "expected"),
     [
         ("#!ascii label\n3\n0 0 0 0 0\n1 0 0 0 0\n", DamagedFile, r"a\.label: .*\b3\b.*\b2\b"),
         ("#!ascii label\n1\n42 0 0 0 0\n", Mismatch, r"\b42 to 42\b.*\b0 to 41\b"),
         ("hello\nworld\n", WrongFile, r"a\.label: .*\bhello\b"),
     ],
 )
-def test_a_label_that_does_not_fit_is_refused(tmp_path, text, kind, told):
+def test_a_label_that_does_not_fit_is_refused(tmp_path, text, kind, expected):
     (tmp_path / "a.label").write_text(text)
-    with pytest.raises(kind, match=told):
+    with pytest.raises(kind, match=expected):
         read_label(tmp_path / "a.label", 42)
 
 

@@ -49,7 +49,7 @@ def changed(content, changes):
     return json.dumps(content)
 
 
-def told(read, path):
+def refusal(read, path):
     """The refusal, which names a file or one in its folder; "" if it is read."""
     try:
         read()
@@ -96,7 +96,7 @@ def test_an_analysis_is_refused_or_compared_whatever_its_summary_holds(layout, t
     for place in leaves(content):
         for k, value in enumerate(WRONG):
             path.write_text(changed(content, [(place, value)]))
-            if told(lambda: read_analysis(folder), folder):
+            if refusal(lambda: read_analysis(folder), folder):
                 refusals += 1
                 continue
             taken.setdefault(k, []).append(place)
@@ -128,7 +128,7 @@ def test_a_stage_record_is_refused_or_read_whatever_it_holds(tmp_path):
     for place in leaves(STAGE):
         for value in WRONG:
             path.write_text(changed(STAGE, [(place, value)]))
-            if not told(lambda: read_cortex(folder), path):
+            if not refusal(lambda: read_cortex(folder), path):
                 assert not isinstance(value, bool), place
                 assert place in allowed or not isinstance(value, str), place
                 assert value not in (1e308, float("inf")), place
@@ -143,7 +143,7 @@ def test_a_stage_record_is_refused_or_read_whatever_it_holds(tmp_path):
         ("g", None),
     ):
         path.write_text(json.dumps({**STAGE, key: value}))
-        line = told(lambda: read_cortex(folder), path)
+        line = refusal(lambda: read_cortex(folder), path)
         assert key in line or "NaN" in line
     path.write_text(json.dumps({**STAGE, "mine": {"a": [1, "x", None]}}))
     assert read_cortex(folder).info["mine"] == {"a": [1, "x", None]}  # of a later version, or somebody's own
@@ -162,7 +162,7 @@ def test_a_net_is_refused_or_read_whatever_its_file_holds(tmp_path):
     for place in few:
         for value in WRONG:
             path.write_text(changed(content, [(place, value)]))
-            told(lambda: read_analysis(folder), path)
+            refusal(lambda: read_analysis(folder), path)
 
 
 class Sample(Record):
@@ -195,7 +195,7 @@ class Sample(Record):
 def test_what_is_not_as_its_schema_is_refused_with_file_and_cure(raw, tmp_path):
     path = tmp_path / "sample.json"
     path.write_bytes(raw)
-    line = told(lambda: read_json(path, Sample, "Make it anew."), path)
+    line = refusal(lambda: read_json(path, Sample, "Make it anew."), path)
     assert line.endswith("Make it anew.")
 
 

@@ -108,15 +108,15 @@ def test_maps_are_nan_off_the_cortex_and_means_leave_it_out():
     mask = cortex.pial.verts[:, 2] > -20
     white = np.where(mask[:, None], cortex.white.verts, cortex.pial.verts)  # closed medial wall
     closed = Cortex(Surface(white, cortex.faces), cortex.pial)
-    told = Cortex(Surface(white, cortex.faces), cortex.pial, cortex=cortex.pial.verts[:, 2] > 0)
-    for case, inside in ((closed, mask), (told, told.cortex)):
+    labelled = Cortex(Surface(white, cortex.faces), cortex.pial, cortex=cortex.pial.verts[:, 2] > 0)
+    for case, inside in ((closed, mask), (labelled, labelled.cortex)):
         m = measure(case)
         for name in MAPS - {"area", "gyral_thickness"}:
             assert np.array_equal(np.isfinite(m.maps[name]), inside), name
         assert np.isfinite(m.maps["area"]).all()
         assert m.parameters["cortex_vertices"] == inside.sum()
         assert m.scalars["mean_cortical_thickness_mm"] == pytest.approx(np.nanmean(m.maps["cortical_thickness"]))
-    assert measure(told).scalars["mean_cortical_thickness_mm"] == pytest.approx(3, rel=2e-3)
+    assert measure(labelled).scalars["mean_cortical_thickness_mm"] == pytest.approx(3, rel=2e-3)
 
 
 @pytest.mark.parametrize("origin", ["FreeSurfer", "simulation", "files"])
@@ -366,8 +366,8 @@ def test_a_parcellation_says_where_cortex_is_if_no_label_does(average):
     mask, word = cortex_label(without)
     assert word == "annotation"
     assert np.mean(mask == cortex.cortex) > 0.98  # FreeSurfer's own label, but for its rim
-    told = of_input(without)
-    assert "annotation" in told["cortex_mask"]
+    notes = of_input(without)
+    assert "annotation" in notes["cortex_mask"]
     labels, names = cortex.regions.labels, cortex.regions.names
     for change in (
         {"labels": np.where(cortex.pial.verts[:, 1] > -20, labels, -1)},  # two thirds of the areas
@@ -413,9 +413,9 @@ def test_notes_tell_of_foreign_units_a_missing_label_and_an_unhealthy_simulation
     assert "'cm'" in plain["curvature_scale"]
     assert "cortex_mask" in plain
     assert "simulation" not in plain
-    told = measure(shell(origin="simulation", info={"warnings": ["volume drifts", "min J 0.1"]})).notes
-    assert told["simulation"] == "volume drifts; min J 0.1"
-    assert not {"cortex_mask", "curvature_scale"} & set(told)
+    simulated = measure(shell(origin="simulation", info={"warnings": ["volume drifts", "min J 0.1"]})).notes
+    assert simulated["simulation"] == "volume drifts; min J 0.1"
+    assert not {"cortex_mask", "curvature_scale"} & set(simulated)
     labelled = measure(shell(cortex=np.ones(2562, dtype=bool))).notes
     assert "cortex_mask" not in labelled
     assert "parcellation" in labelled

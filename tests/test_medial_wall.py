@@ -42,14 +42,14 @@ def dice(one, other):
 
 
 def test_the_first_sign_that_there_is_says_where_cortex_is(average):
-    said, cortex = [], average
+    words, cortex = [], average
     for missing in ({}, {"cortex": None}, {"regions": None}, {"maps": {}}):
         cortex = replace(cortex, **missing)
         label, word = cortex_label(cortex)
-        said.append(word)
+        words.append(word)
         assert not label.all()
         assert ("cortex_mask" in of_input(cortex)) == (word != "label")
-    assert said == ["label", "annotation", "thickness", "geometry"]
+    assert words == ["label", "annotation", "thickness", "geometry"]
 
 
 def test_the_label_decides_whatever_the_geometry_and_leaves_freesurfers_subjects_as_they_were(average):
@@ -126,8 +126,8 @@ def test_a_patch_of_zeros_in_the_thickness_is_the_wall_and_scattered_zeros_are_n
     patch, few = cortex.pial.verts[:, 2] > 44, rng.random(cortex.n_vertices) < 0.02
     for given in (0.0, np.nan):
         thickness = np.where(patch, given, 3.0)
-        told = replace(cortex, maps={"thickness": thickness})
-        label, word = cortex_label(told)
+        patched = replace(cortex, maps={"thickness": thickness})
+        label, word = cortex_label(patched)
         assert word == "thickness"
         assert np.array_equal(~label, patch)
         gaps = replace(cortex, maps={"thickness": np.where(few, given, 3.0)})

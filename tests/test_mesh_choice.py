@@ -110,16 +110,16 @@ def test_what_cannot_be_had_is_refused_with_numbers(clockwork):
 
 
 @pytest.mark.parametrize(
-    ("scene", "said"),
+    ("scene", "expected"),
     [
         ("mesh", ("'mesh'", "[does-not-apply]")),
         ("radial", ("'radial'", "[does-not-apply]")),
         ("strip", ("strip", "0.5 mm", "[options-clash]")),
     ],
 )
-def test_a_scene_that_has_no_edge_to_choose_is_refused(here, capsys, scene, said):
-    refused(capsys, ["simulate", scene, "--budget", "5min"], "--budget", "accuracy.edge", *said)
-    refused(capsys, ["simulate", scene, "--error", "1%"], "--error", "accuracy.edge", *said)
+def test_a_scene_that_has_no_edge_to_choose_is_refused(here, capsys, scene, expected):
+    refused(capsys, ["simulate", scene, "--budget", "5min"], "--budget", "accuracy.edge", *expected)
+    refused(capsys, ["simulate", scene, "--error", "1%"], "--error", "accuracy.edge", *expected)
 
 
 def test_options_that_exclude_each_other_are_refused(here, capsys):
@@ -156,21 +156,21 @@ def test_the_run_records_the_edge_that_was_picked(here, capsys, monkeypatch):
     for setting in (*OCTANT, "growth.final=1.004"):
         argv += ["--set", setting]
     assert main(argv) == 0
-    told = capsys.readouterr().out
-    said = re.search(r"chose an edge of (\d\.\d\d) T \(coarser than draft\): ([\d,]+) elements", told)
+    printed = capsys.readouterr().out
+    chosen = re.search(r"chose an edge of (\d\.\d\d) T \(coarser than draft\): ([\d,]+) elements", printed)
     scene = load_scene(here / "run" / "scene.toml")
-    assert scene.accuracy.edge / 3 == pytest.approx(float(said[1]), abs=0.006)
+    assert scene.accuracy.edge / 3 == pytest.approx(float(chosen[1]), abs=0.006)
     assert scene.elements_through_cortex == 2
-    assert f"{said[2]} bricks" in told
-    assert "expected error about" in told
+    assert f"{chosen[2]} bricks" in printed
+    assert "expected error about" in printed
 
 
 def test_a_dry_run_of_a_budget_only_says_what_it_would_pick(here, capsys, clockwork):
     argv = ["simulate", "fig6-thick", "--budget", "20s", "--dry-run", "--threads", "1", "--set", OCTANT[0]]
     assert main(argv) == 0
-    told = capsys.readouterr().out
-    assert "chose an edge of" in told
-    assert "forecast" in told
+    printed = capsys.readouterr().out
+    assert "chose an edge of" in printed
+    assert "forecast" in printed
     assert list(here.iterdir()) == []
 
 

@@ -109,7 +109,7 @@ def workbench():
     return run
 
 
-def told(text, what):
+def value_after(text, what):
     """The words that follow ``what`` and a colon."""
     return re.search(rf"{re.escape(what)}:\s+(.*?)\s*$", text, re.M)[1]
 
@@ -119,22 +119,22 @@ def test_workbench_opens_the_surfaces_of_a_simulated_stage(stage, workbench):
     cortex = read_cortex(stage)
     for kind in ("white", "pial"):
         surface = getattr(cortex, kind)
-        said = workbench("-surface-information", stage / "surf" / f"lh.{kind}.surf.gii")
-        assert int(told(said, "Number of Vertices")) == len(surface.verts)
-        assert int(told(said, "Number of Triangles")) == len(surface.faces)
-        bounds = np.array([float(x) for x in re.findall(r"-?[\d.]+", told(said, "Bounds"))]).reshape(3, 2)
+        output = workbench("-surface-information", stage / "surf" / f"lh.{kind}.surf.gii")
+        assert int(value_after(output, "Number of Vertices")) == len(surface.verts)
+        assert int(value_after(output, "Number of Triangles")) == len(surface.faces)
+        bounds = np.array([float(x) for x in re.findall(r"-?[\d.]+", value_after(output, "Bounds"))]).reshape(3, 2)
         np.testing.assert_allclose(bounds, np.array([surface.verts.min(0), surface.verts.max(0)]).T, atol=1e-3)
 
 
 def test_workbench_knows_hemisphere_kind_area_and_sides_of_an_analysis(analysed, workbench, tmp_path):
     m, _, stem = analysed
     for kind, called in (("white", "GrayWhite"), ("pial", "Pial")):
-        said = workbench("-file-information", f"{stem}_{kind}.surf.gii")
-        assert told(said, "Structure") == "CortexLeft"
-        assert told(said, "Surface Type (Secondary)") == called
-        assert told(said, "Normal Vectors Correct") == "true"
+        output = workbench("-file-information", f"{stem}_{kind}.surf.gii")
+        assert value_after(output, "Structure") == "CortexLeft"
+        assert value_after(output, "Surface Type (Secondary)") == called
+        assert value_after(output, "Normal Vectors Correct") == "true"
         area = vertex_areas(getattr(m.cortex, kind).verts, m.cortex.faces).sum()
-        assert float(told(said, "Surface Area")) == pytest.approx(area, rel=1e-5)
+        assert float(value_after(output, "Surface Area")) == pytest.approx(area, rel=1e-5)
     workbench("-surface-vertex-areas", f"{stem}_white.surf.gii", tmp_path / "area.shape.gii")
     for file in (tmp_path / "area.shape.gii", f"{stem}_area.shape.gii"):  # theirs and ours
         area = float(workbench("-metric-stats", file, "-reduce", "SUM"))
@@ -146,7 +146,7 @@ def test_workbench_finds_the_statistics_of_every_map(analysed, workbench):
     assert len(m.maps) > 8
     for name, values in m.maps.items():
         file = plain / "maps" / f"lh.{name}.shape.gii"
-        assert told(workbench("-file-information", file), "Structure") == "CortexLeft"
+        assert value_after(workbench("-file-information", file), "Structure") == "CortexLeft"
         if np.isfinite(values).all():
             for reduce, want in (("MAX", values.max()), ("MIN", values.min()), ("MEAN", values.mean())):
                 found = float(workbench("-metric-stats", file, "-reduce", reduce))
@@ -159,10 +159,10 @@ def test_workbench_opens_regions_and_mask_and_counts_their_vertices(average, wor
     m, anat = average
     regions, mask = (anat / f"sub-average_hemi-R_{end}.label.gii" for end in ("seg-aparc_dseg", "desc-cortex_mask"))
     for file, key, name in ((regions, 1, m.cortex.regions.names[0]), (mask, 1, "cortex")):
-        said = workbench("-file-information", file)
-        assert (told(said, "Type"), told(said, "Structure")) == ("Label", "CortexRight")
-        assert int(told(said, "Number of Vertices")) == m.cortex.n_vertices
-        assert re.search(rf"^\s+0\s+\?\?\?\s.*\n\s+{key}\s+{name}\s", said, re.M)
+        output = workbench("-file-information", file)
+        assert (value_after(output, "Type"), value_after(output, "Structure")) == ("Label", "CortexRight")
+        assert int(value_after(output, "Number of Vertices")) == m.cortex.n_vertices
+        assert re.search(rf"^\s+0\s+\?\?\?\s.*\n\s+{key}\s+{name}\s", output, re.M)
     for file, name, inside in (
         (regions, "precuneus", m.cortex.regions.labels == m.cortex.regions.names.index("precuneus")),
         (mask, "cortex", m.cortex.cortex),
@@ -178,7 +178,7 @@ def test_workbench_finds_our_mean_thickness_within_the_cortex_label(average, wor
     known = np.isfinite(m.maps["cortical_thickness"])
     label = read_label(sample_path("fsaverage5") / "label" / "rh.cortex.label", len(known))
     assert not known[~label].any()
-    assert "CortexRight" in told(workbench("-file-information", file), "Structure")
+    assert "CortexRight" in value_after(workbench("-file-information", file), "Structure")
     assert workbench("-metric-stats", file, "-reduce", "MEAN").strip() == "nan"  # the wall is no zero
     write_gifti_map(tmp_path / "rh.roi.shape.gii", known.astype(float))
     found = float(workbench("-metric-stats", file, "-reduce", "MEAN", "-roi", tmp_path / "rh.roi.shape.gii"))

@@ -122,10 +122,10 @@ def test_the_command_says_how_to_resume_a_run_with_effects_of_ones_own(tmp_path,
     before = contents(tmp_path)
     command = ["simulate", "demo", "-o", "run", "-q", *(word for s in TINY for word in ("--set", s)), "--resume"]
     assert main(command) == 2
-    told = capsys.readouterr().err
-    assert len(told.splitlines()) == 1
-    assert "breath" in told
-    assert "effects=" in told
+    stderr = capsys.readouterr().err
+    assert len(stderr.splitlines()) == 1
+    assert "breath" in stderr
+    assert "effects=" in stderr
     assert contents(tmp_path) == before
 
 

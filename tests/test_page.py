@@ -173,11 +173,11 @@ def test_the_methods_say_what_was_done_to_which_surface(drawn):
         for hemi, mm in (("lh", 3.901), ("rh", 3.899))
     ]
     text, _, _ = drawn({"model": model, "MRI": brain})
-    said = text.split('<textarea id="methods"')[1].split("</textarea>")[0]
-    assert "within 3.9 or 9.4 mm" in said
-    assert "each 5 mm at most in some of them" in said  # the model has no bound
-    assert "model was grown by finite elements: a neo-Hookean cortex, 4.00 times as stiff" in said
-    assert said.count("Chen X, Hutchinson JW") == 1
+    methods = text.split('<textarea id="methods"')[1].split("</textarea>")[0]
+    assert "within 3.9 or 9.4 mm" in methods
+    assert "each 5 mm at most in some of them" in methods  # the model has no bound
+    assert "model was grown by finite elements: a neo-Hookean cortex, 4.00 times as stiff" in methods
+    assert methods.count("Chen X, Hutchinson JW") == 1
     alone = drawn({"MRI": brain})[0].split('<textarea id="methods"')[1].split("</textarea>")[0]
     assert "each 5 mm at most (Fischl" in alone
     assert not re.search("grown|Chen|in some", alone)
@@ -187,16 +187,18 @@ def test_the_methods_say_which_surfaces_were_thinned_or_split(drawn):
     used = {"accuracy": "draft", "accuracy_vertices": 50001, "local_gyrification_voxel_mm": 2.5}
     usual = {"accuracy": "standard", "accuracy_vertices": 642, "local_gyrification_voxel_mm": 1.25}
 
-    def said(*parameters):
+    def methods_of(*parameters):
         text, _, _ = drawn({str(k): replace(made_measures(), parameters=p) for k, p in enumerate(parameters)})
         return text.split('<textarea id="methods"')[1].split("</textarea>")[0]
 
-    assert " 50,001 vertices" in said(used)
-    assert "on voxels of 2.5 mm" in said(used)
-    both = said({**used, "accuracy": "fine", "accuracy_vertices": 2562, "local_gyrification_voxel_mm": 0.75}, usual)
+    assert " 50,001 vertices" in methods_of(used)
+    assert "on voxels of 2.5 mm" in methods_of(used)
+    both = methods_of(
+        {**used, "accuracy": "fine", "accuracy_vertices": 2562, "local_gyrification_voxel_mm": 0.75}, usual
+    )
     assert " 2,562 vertices" in both
     assert "on voxels of 0.75 or 1.25 mm" in both
-    assert not re.search("resampled|voxels", said(usual) + said({}))
+    assert not re.search("resampled|voxels", methods_of(usual) + methods_of({}))
 
 
 def test_a_simulation_that_does_not_say_its_growth_or_stiffness_has_a_page(drawn):

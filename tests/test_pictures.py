@@ -121,13 +121,13 @@ def test_a_figure_has_room_for_every_row_and_an_unknown_view_is_refused():
 
 
 def test_the_ruler_is_as_long_as_it_says(monkeypatch):
-    said = []
+    texts = []
     write = surfaces.write
-    monkeypatch.setattr(surfaces, "write", lambda c, text, *a, **k: (said.append(text), write(c, text, *a, **k)))
+    monkeypatch.setattr(surfaces, "write", lambda c, text, *a, **k: (texts.append(text), write(c, text, *a, **k)))
     verts, faces = icosphere(4, radius=20.0)
     row = surfaces.Row("", Surface(verts, faces), np.full(len(verts), np.nan), "lh")
     image = surfaces.figure([row], GREY, (0, 1), ("top",), width=900, backend="raster")
-    mm = next(float(text.split()[0]) for text in said if re.fullmatch(r"\d+ mm", text))
+    mm = next(float(text.split()[0]) for text in texts if re.fullmatch(r"\d+ mm", text))
     ball = image[72 + 30 : -112].min(axis=2) < 240  # between head and foot of the figure
     columns = np.flatnonzero(ball.any(axis=0))
     per_mm = (columns[-1] - columns[0] + 1) / 40

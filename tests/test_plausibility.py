@@ -32,7 +32,7 @@ def moved(cortex, place, which=("white", "pial")):
     return replace(cortex, **{name: replace(s, verts=place(s.verts)) for name in which if (s := getattr(cortex, name))})
 
 
-def told(cortex):
+def remark_keys(cortex):
     return OWN & (plausibility.remarks(cortex).keys() | defects.remarks(cortex, cortex_mask(cortex)).keys())
 
 
@@ -44,13 +44,13 @@ def turned(degrees):
 @pytest.mark.parametrize("name", ["fsaverage5", "S1", "simulated"])
 @pytest.mark.parametrize("size", [0.1, 0.5, 1.0])
 def test_nothing_is_said_of_people_averages_models_and_smaller_animals(name, size):
-    assert told(moved(read_cortex(sample_path(name)), lambda v: size * v)) == set()
+    assert remark_keys(moved(read_cortex(sample_path(name)), lambda v: size * v)) == set()
 
 
 @pytest.mark.parametrize("times", [2, 12])
 def test_a_hemisphere_larger_than_a_persons_is_told_and_a_simulated_one_is_not(person, times):
     large = moved(person, lambda v: times * v)
-    assert told(large) == {"size"}
+    assert remark_keys(large) == {"size"}
     area = float(re.search(r"([\d,]+) cm\^2", plausibility.remarks(large)["size"])[1].replace(",", ""))
     assert area == pytest.approx(914.7 * times**2, rel=1e-3)
     assert plausibility.remarks(replace(large, origin="simulation")) == {}
@@ -58,9 +58,9 @@ def test_a_hemisphere_larger_than_a_persons_is_told_and_a_simulated_one_is_not(p
 
 def test_a_right_hemisphere_that_is_called_left_is_told(average):
     right = read_cortex(sample_path("fsaverage5"), "rh")
-    assert told(replace(right, hemi="lh")) == {"side"} == told(replace(average, hemi="rh"))
-    assert told(right) == set()
-    assert told(moved(average, lambda v: v + [500, 0, 0])) == set()  # a frame that says nothing of sides
+    assert remark_keys(replace(right, hemi="lh")) == {"side"} == remark_keys(replace(average, hemi="rh"))
+    assert remark_keys(right) == set()
+    assert remark_keys(moved(average, lambda v: v + [500, 0, 0])) == set()  # a frame that says nothing of sides
 
 
 @pytest.mark.parametrize("labelled", [True, False])
@@ -69,14 +69,14 @@ def test_a_right_hemisphere_that_is_called_left_is_told(average):
 )
 def test_white_and_pial_that_do_not_belong_together_are_told(average, labelled, place):
     cortex = average if labelled else replace(average, cortex=None, regions=None, maps={})
-    assert told(cortex) == set()
-    assert told(moved(cortex, place, ["pial"])) == {"pair"}
+    assert remark_keys(cortex) == set()
+    assert remark_keys(moved(cortex, place, ["pial"])) == {"pair"}
 
 
 @pytest.mark.parametrize("shift", [(2, 0, 0), (0, 2, 0), (0, 0, 2), (0, 0, -2)])
 def test_a_shift_of_two_millimetres_is_told(average, person, shift):
     for cortex in (average, person):
-        assert told(moved(cortex, lambda v: v + shift, ["pial"])) == {"pair"}
+        assert remark_keys(moved(cortex, lambda v: v + shift, ["pial"])) == {"pair"}
 
 
 def test_the_shift_of_pial_is_found_and_an_uneven_thickness_is_none(average):
@@ -110,7 +110,7 @@ def test_a_cortex_label_of_a_few_vertices_is_refused_by_its_file(here, capsys, s
 
 
 def test_an_inverted_label_is_told(average):
-    assert "cortex_label" in told(replace(average, cortex=~average.cortex))
+    assert "cortex_label" in remark_keys(replace(average, cortex=~average.cortex))
     assert cortex_mask(replace(average, cortex=~average.cortex)).any()
 
 
@@ -122,9 +122,9 @@ def shell(**more):
 
 def test_a_thickness_of_other_surfaces_or_units_is_told(rng):
     own = measure(shell()).maps["cortical_thickness"]
-    for given, said in ((own, False), (1.5 * own, False), (1e3 * own, True), (rng.permutation(own), True)):
+    for given, expected in ((own, False), (1.5 * own, False), (1e3 * own, True), (rng.permutation(own), True)):
         found = measure(shell(maps={"thickness": given}))
-        assert ("thickness_unlike" in found.notes) == said
+        assert ("thickness_unlike" in found.notes) == expected
     flat = measure(shell(maps={"thickness": np.full(len(own), 3.0)}))  # one number correlates with nothing
     assert "thickness_unlike" not in flat.notes
 

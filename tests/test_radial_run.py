@@ -141,6 +141,6 @@ def test_the_command_tells_the_radius(tmp_path, capsys):
     out = tmp_path / "x"
     settings = ["--set", "growth.final=1.5", "--set", "output.stages=[]"]
     assert main(["simulate", "fig3", "-o", str(out), *settings, "-q"]) == 0
-    told = capsys.readouterr().out
-    assert told.startswith(f"{out}: 1 stages to g = 1.50, in one dimension in ")
-    assert "outer radius 54.2" in told
+    printed = capsys.readouterr().out
+    assert printed.startswith(f"{out}: 1 stages to g = 1.50, in one dimension in ")
+    assert "outer radius 54.2" in printed

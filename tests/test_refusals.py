@@ -53,10 +53,10 @@ def refused(argv, capsys, folder):
     """The one line that is said."""
     before = sorted(os.listdir(folder))
     assert main(argv) == 2
-    told = capsys.readouterr()
-    assert told.out == ""
-    assert told.err.endswith("\n")
-    line = told.err[:-1]
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.endswith("\n")
+    line = captured.err[:-1]
     assert line.isprintable()  # so neither ends a line nor steers a terminal
     assert ".." not in line.replace("...", "")
     assert "Traceback" not in line

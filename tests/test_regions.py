@@ -117,8 +117,8 @@ def test_a_region_with_little_contour_has_no_gyral_thickness():
 
 def test_the_thickness_of_a_file_is_averaged_beside_our_own():
     cortex = labelled([0, 0, 1, 1], ["front", "back"])
-    told = np.array([1.0, 2.0, np.nan, 4.0])
-    maps = {"area": np.ones(4), "cortical_thickness": np.full(4, 2.0), "thickness_file": told}
+    thickness = np.array([1.0, 2.0, np.nan, 4.0])
+    maps = {"area": np.ones(4), "cortical_thickness": np.full(4, 2.0), "thickness_file": thickness}
     assert [row["thickness_file_mm"] for row in region_table(cortex, maps)] == [1.5, 4.0]
     del maps["thickness_file"]
     assert [row["thickness_file_mm"] for row in region_table(cortex, maps)] == [None, None]

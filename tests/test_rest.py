@@ -116,15 +116,15 @@ def test_of_a_strip_in_folds_the_distance_is_not_less_than_newtons_step_and_fall
     """Nothing touches. The softest mode of these folds is stiffer than SOFT_MODE_W2: the distance is too large."""
     run = strip("growth.final=1.28")
     run.grow_to(1.28)
-    told, exact = [], []
+    estimated, exact = [], []
     for _ in range(5):
         run.relax(run.state.relaxed + int(15 * run.body.crossing))
-        told.append(run.balance.distance)
+        estimated.append(run.balance.distance)
         exact.append(exact_distance(run))
-    ratio = np.array(told) / exact
+    ratio = np.array(estimated) / exact
     assert ((ratio > 1) & (ratio < 30)).all()
     assert exact[-1] < 0.03 * exact[0]
-    assert told[-1] < 0.03 * told[0]
+    assert estimated[-1] < 0.03 * estimated[0]
 
 
 def test_a_free_beam_of_two_layers_bends_as_theory_says_at_the_default_pace():

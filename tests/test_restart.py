@@ -182,9 +182,9 @@ def refused(capsys, *words, settings=FURTHER, scene="demo"):
     ids=lambda value: value[0],
 )
 def test_another_mesh_or_a_smaller_final_growth_is_refused_with_numbers(other, here, capsys, settings, numbers):
-    told = refused(capsys, "--restart-from", str(other), settings=[*FURTHER, *settings])
+    message = refused(capsys, "--restart-from", str(other), settings=[*FURTHER, *settings])
     for number in numbers:
-        assert number in told
+        assert number in message
     assert not (here / "run").exists()
 
 
@@ -193,8 +193,8 @@ def test_another_material_with_the_wavelength_that_is_told_can_be_restarted_with
     bare = [s for s in FURTHER if "wavelength" not in s]
     simulate("demo", "other", settings=[*bare, "growth.final=1.1", "output.stages=[]"])
     stiffer = [*bare, "material.mu_ratio=2"]
-    told = refused(capsys, "--restart-from", "other", settings=stiffer)
-    wavelength = told.partition("effects.perturbation.wavelength = ")[2].partition(",")[0]
+    message = refused(capsys, "--restart-from", "other", settings=stiffer)
+    wavelength = message.partition("effects.perturbation.wavelength = ")[2].partition(",")[0]
     argv = ["simulate", "demo", "-o", "run", "-q", "--restart-from", "other"]
     settings = [*stiffer, f"effects.perturbation.wavelength={wavelength}"]
     assert main([*argv, *(word for s in settings for word in ("--set", s))]) == 0
@@ -206,12 +206,12 @@ def test_where_there_is_no_state_it_is_said(other, here, capsys):
     simulate("fig3", "radial", settings=["output.stages=[]", "growth.final=1.1"])
     simulate("demo", "bare", settings=[*TINY, "output.volume=false"])
     for name in ("radial", "bare", "bare/stages/g1.10"):
-        told = refused(capsys, "--restart-from", name)
-        assert f"{name}: " in told
-        assert "[missing-part]" in told
-    told = refused(capsys, "--restart-from", str(other), settings=[], scene="fig3")
-    assert "fig3" in told
-    assert "[does-not-apply]" in told
+        message = refused(capsys, "--restart-from", name)
+        assert f"{name}: " in message
+        assert "[missing-part]" in message
+    message = refused(capsys, "--restart-from", str(other), settings=[], scene="fig3")
+    assert "fig3" in message
+    assert "[does-not-apply]" in message
     assert not (here / "run").exists()
 
 

@@ -179,14 +179,14 @@ def test_a_finished_run_is_told_though_its_estimate_fails(tmp_path, monkeypatch,
     argv = ["simulate", "fig6-thick", "-o", "run", "-q", "--threads", "1", "--estimate", "--set", "accuracy.edge=12"]
     argv += [word for setting in SMALL if "edge" not in setting for word in ("--set", setting)]
     assert main(argv) == code
-    told = capsys.readouterr()
-    assert "1 stages to g = 1.05" in told.out
-    assert "expected error" in told.out
-    assert len(told.err.strip().splitlines()) == 1
+    captured = capsys.readouterr()
+    assert "1 stages to g = 1.05" in captured.out
+    assert "expected error" in captured.out
+    assert len(captured.err.strip().splitlines()) == 1
     assert main([*argv, "--resume", "--json"]) == code
-    told = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
-    assert told.pop("estimate") is None
-    assert told == json.loads((tmp_path / "run" / "health.json").read_text())
+    summary = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
+    assert summary.pop("estimate") is None
+    assert summary == json.loads((tmp_path / "run" / "health.json").read_text())
 
 
 def test_a_forecast_counts_the_other_runs_beside_the_run(capsys):
@@ -261,8 +261,8 @@ def test_an_estimate_goes_on_after_a_stop_and_is_on_the_page(tmp_path, monkeypat
 
     entry = SimpleNamespace(name="run", measures=SimpleNamespace(cortex=SimpleNamespace(files=[str(stage)])))
     rows = [row for row in costs([entry])[0]["errors"] if "from a coarser run" in row[-1]]
-    told = [(called(name), percent(e.error)) for name, e in whole.errors.items()]
-    assert [(name, error) for name, error, *_ in rows] == told
+    expected = [(called(name), percent(e.error)) for name, e in whole.errors.items()]
+    assert [(name, error) for name, error, *_ in rows] == expected
     rows = [row for row in costs([entry])[0]["errors"] if "half the pace" in row[-1]]
     assert [(name, change) for name, change, *_ in rows] == [(called(n), percent(c)) for n, c in whole.pace.items()]
 

@@ -236,7 +236,7 @@ def test_a_run_that_breaks_a_bound_is_not_healthy_and_says_why(tmp_path):
         health = run[kappa].health
         assert health["healthy"] == sound
         assert health["warnings"] == stage[kappa]["warnings"]
-        assert [told.split()[0] for told in health["warnings"]] == ([] if sound else ["volume_drift"])
+        assert [warning.split()[0] for warning in health["warnings"]] == ([] if sound else ["volume_drift"])
 
 
 @pytest.mark.parametrize("law", ["isotropic", "tangential"])

@@ -137,12 +137,12 @@ def test_a_cohort_is_measured_with_one_scale_and_one_width(tmp_path, monkeypatch
     assert main(argv) == 0
     assert SCALES_FILE in capsys.readouterr().err
     for name in ("a", "b"):
-        said = json.loads((tmp_path / "out" / "subjects" / name / "summary.json").read_text())
-        assert said["parameters"]["gyral_width_mm"] == 22.0
-        assert [one["parameters"]["graph_width_mm"] for one in said["surfaces"]] == [22.0, 22.0]
+        summary = json.loads((tmp_path / "out" / "subjects" / name / "summary.json").read_text())
+        assert summary["parameters"]["gyral_width_mm"] == 22.0
+        assert [one["parameters"]["graph_width_mm"] for one in summary["surfaces"]] == [22.0, 22.0]
     assert main([*argv, "--gyral-width", "9", "--curvature-scale", "30"]) == 0
-    said = json.loads((tmp_path / "out" / "subjects" / "a" / "summary.json").read_text())
-    assert [one["parameters"]["curvature_scale_mm"] for one in said["surfaces"]] == [30.0, 30.0]
+    summary = json.loads((tmp_path / "out" / "subjects" / "a" / "summary.json").read_text())
+    assert [one["parameters"]["curvature_scale_mm"] for one in summary["surfaces"]] == [30.0, 30.0]
     capsys.readouterr()
     assert main([*argv, "--gyral-width", "9", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["remarks"] == []  # all alike

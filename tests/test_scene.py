@@ -134,10 +134,10 @@ def test_a_body_from_a_file_has_the_mesh_of_the_file(setting):
 
 def test_all_problems_are_told_at_once(tmp_path):
     text = GOOD.replace("final = 1.8", 'final = 9\nlaw = "x"\nfoo = 1')
-    with pytest.raises(UnknownName, match=r"growth\.law\b.*'x'") as told:
+    with pytest.raises(UnknownName, match=r"growth\.law\b.*'x'") as caught:
         load_scene(write(tmp_path, text))
-    assert "\n" not in str(told.value)
-    assert len(told.value.__notes__) == 2
+    assert "\n" not in str(caught.value)
+    assert len(caught.value.__notes__) == 2
 
 
 def test_an_unknown_scene_is_refused_with_the_nearest_name(tmp_path):
@@ -207,10 +207,10 @@ PYDANTICS_OWN = ("Field required", "Input should", "String should", "Tuple shoul
     ],
 )
 def test_a_bad_setting_is_refused_by_name_in_one_plain_line(settings, kind, named):
-    with pytest.raises(kind, match=named) as told:
+    with pytest.raises(kind, match=named) as caught:
         load_scene("fig5", settings)
-    assert len(str(told.value).splitlines()) == 1
-    assert not any(words in str(told.value) for words in PYDANTICS_OWN)
+    assert len(str(caught.value).splitlines()) == 1
+    assert not any(words in str(caught.value) for words in PYDANTICS_OWN)
 
 
 def test_a_setting_is_not_blamed_for_what_the_file_says(tmp_path):
@@ -221,9 +221,9 @@ def test_a_setting_is_not_blamed_for_what_the_file_says(tmp_path):
 
 @pytest.mark.parametrize("text", ["x = " + "[" * 5000, 'name = "x"\ny = ' + "9" * 5000])
 def test_a_file_that_no_parser_likes_is_one_line(tmp_path, text):
-    with pytest.raises(NotReadable, match=r"mine\.toml: ") as told:
+    with pytest.raises(NotReadable, match=r"mine\.toml: ") as caught:
         load_scene(write(tmp_path, text))
-    assert len(str(told.value).splitlines()) == 1
+    assert len(str(caught.value).splitlines()) == 1
 
 
 def test_a_scene_is_like_a_built_in_one_or_a_file_beside_it(tmp_path):
@@ -264,9 +264,9 @@ def test_a_base_that_is_no_scene_is_named(tmp_path, base, kind, named):
 
 
 def test_what_is_there_but_no_file_is_named_for_what_it_is(tmp_path):
-    with pytest.raises(WrongFile, match=re.escape(f"{tmp_path}: ")) as told:
+    with pytest.raises(WrongFile, match=re.escape(f"{tmp_path}: ")) as caught:
         load_scene(tmp_path)
-    assert "scene.toml" not in str(told.value)
+    assert "scene.toml" not in str(caught.value)
     (tmp_path / "scene.toml").write_text(GOOD)
     with pytest.raises(WrongFile, match=re.escape(f"{tmp_path / 'scene.toml'}")):
         load_scene(tmp_path)
@@ -295,21 +295,21 @@ def test_the_page_of_scenes_holds_every_key_of_every_model_with_its_default():
         keys = {"name", "title"} if model is Scene else set(model.model_fields)
         assert set(rows) == keys
         for key in keys:
-            field, said = model.model_fields[key], rows[key][1].split(" | ")[-1]
+            field, default = model.model_fields[key], rows[key][1].split(" | ")[-1]
             if field.is_required():
-                assert said == "needed"
+                assert default == "needed"
             elif field.default is None:
-                assert said == "-"
+                assert default == "-"
             else:
-                said = said.strip("`").replace('"', "").replace("true", "True").replace("false", "False")
-                assert said.strip("[]") == str(field.default).strip("()")
+                default = default.strip("`").replace('"', "").replace("true", "True").replace("false", "False")
+                assert default.strip("[]") == str(field.default).strip("()")
 
 
 @in_a_checkout
 def test_the_page_of_scenes_says_which_shapes_take_which_effects_and_is_up_to_date(tmp_path):
     for shape in SHAPES:
         row = re.search(rf"^\| {shape} \| (.*) \|$", PAGE.read_text("utf-8"), re.M)[1].split(" | ")
-        assert {name for name, said in zip(effect_names(), row) if said == "yes"} == set(effects_of(shape))
+        assert {name for name, cell in zip(effect_names(), row) if cell == "yes"} == set(effects_of(shape))
     copy = tmp_path / "scenes.md"
     copy.write_text(PAGE.read_text("utf-8"), "utf-8")
     scenes.write(copy)

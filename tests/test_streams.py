@@ -156,7 +156,7 @@ class Terminal(io.StringIO):
 @pytest.mark.parametrize("stream", [Terminal, io.StringIO])
 def test_progress_of_a_name_with_brackets_and_line_ends_is_told(stream, monkeypatch):
     monkeypatch.setattr(sys, "stderr", stream())
-    with progress("[/x] a\nb [bold]") as tell:
-        tell(0.5, "[/y] c\nd")
-    told = sys.stderr.getvalue()
-    assert r"[/x] a\nb [bold]" in told
+    with progress("[/x] a\nb [bold]") as show:
+        show(0.5, "[/y] c\nd")
+    stderr = sys.stderr.getvalue()
+    assert r"[/x] a\nb [bold]" in stderr

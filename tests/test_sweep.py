@@ -97,7 +97,7 @@ def test_a_scene_without_imperfection_has_no_seed():
 
 
 @pytest.mark.parametrize(
-    ("vary", "kind", "said"),
+    ("vary", "kind", "expected"),
     [
         ("mu_ratio", NotReadable, "'mu_ratio'"),
         ("=1", NotReadable, "'=1'"),
@@ -111,11 +111,11 @@ def test_a_scene_without_imperfection_has_no_seed():
         ("size=[1,2]", UnknownName, "size: "),
     ],
 )
-def test_what_cannot_be_varied_is_refused(vary, kind, said):
-    with pytest.raises(kind, match="--vary") as told:
+def test_what_cannot_be_varied_is_refused(vary, kind, expected):
+    with pytest.raises(kind, match="--vary") as caught:
         make_grid("demo", [vary])
-    assert said in str(told.value)
-    assert len(str(told.value).splitlines()) == 1 or "\n" in vary
+    assert expected in str(caught.value)
+    assert len(str(caught.value).splitlines()) == 1 or "\n" in vary
 
 
 @pytest.mark.parametrize(
@@ -145,11 +145,11 @@ def test_seeds_of_a_scene_without_imperfection_are_refused(here, capsys):
 
 def test_all_impossible_scenes_are_named_before_anything_runs(here, capsys):
     assert main(["sweep", "demo", "--vary", "cortex_thickness=-1,3,60", "--vary", "mu_ratio=1,2,4,1e9", "-o", "x"]) == 2
-    (told,) = capsys.readouterr().err.splitlines()
-    assert "cortex_thickness--1_mu_ratio-1, cortex_thickness--1_mu_ratio-2 and 2 more: " in told
-    assert told.count("cortex_thickness 60 ") == 1
-    assert len(re.findall(r"(?<!-)\b10000\b", told)) == 1
-    assert "cortex_thickness--1_mu_ratio-1000000000, cortex_thickness-3_mu_ratio-1000000000 and 1 more" in told
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "cortex_thickness--1_mu_ratio-1, cortex_thickness--1_mu_ratio-2 and 2 more: " in line
+    assert line.count("cortex_thickness 60 ") == 1
+    assert len(re.findall(r"(?<!-)\b10000\b", line)) == 1
+    assert "cortex_thickness--1_mu_ratio-1000000000, cortex_thickness-3_mu_ratio-1000000000 and 1 more" in line
     assert not (here / "x").exists()
 
 
@@ -170,7 +170,7 @@ class Here:
         for job in jobs:
             yield job, work(job.argument)
 
-    def reporting_deaths(self, tell):
+    def reporting_deaths(self, warn):
         return nullcontext()
 
 
@@ -218,9 +218,9 @@ def test_a_sweep_measures_every_point_and_the_next_one_only_what_is_new(here, ba
     assert ball == {"grown": NAMES, "measured": NAMES}
 
     assert swept("--json") == 0
-    said = json.loads(capsys.readouterr().out)
-    assert [said[k] for k in ("runs", "with_results", "from_before", "failed")] == [4, 4, 4, 0]
-    assert said["warnings"] == said["failures"] == {}
+    summary = json.loads(capsys.readouterr().out)
+    assert [summary[k] for k in ("runs", "with_results", "from_before", "failed")] == [4, 4, 4, 0]
+    assert summary["warnings"] == summary["failures"] == {}
 
     rows = table(here / "out/group/measures.tsv")
     assert list(rows[0]) == ["run", "mu_ratio", "cortex_thickness", "seed", "measure", "value"]
@@ -290,9 +290,9 @@ def test_a_point_that_breaks_fails_alone_and_is_not_tried_again(here, ball, caps
 
     monkeypatch.setattr(morphofold.simulation, "simulate", simulate)
     assert swept() == 1
-    told = capsys.readouterr().out.splitlines()
-    assert told[0] == f"{NAMES[1]}: left its bounds at g = 1.2"
-    assert told[-1].startswith("3 of 4 runs have results, 1 failed -> ")
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == f"{NAMES[1]}: left its bounds at g = 1.2"
+    assert lines[-1].startswith("3 of 4 runs have results, 1 failed -> ")
     assert swept() == 1
     assert tried == [NAMES[1]]
     assert "3 of 4 runs have results, 3 of them from before, 1 failed" in capsys.readouterr().out
@@ -451,12 +451,12 @@ def test_memory_rises_with_the_mesh_and_is_not_known_of_a_file():
 def test_a_dry_run_writes_nothing_and_tells_of_the_largest(here, capsys):
     (here / "ball.toml").write_text(SPHERE)
     assert main(["sweep", "ball.toml", "--vary", "growth.final=1.2,1.4", "--dry-run", "-o", "out"]) == 0
-    told = capsys.readouterr().out
-    assert told.startswith("2 runs: 2 points\n")
-    assert "the largest run, growth.final-1.4: forecast" in told
+    printed = capsys.readouterr().out
+    assert printed.startswith("2 runs: 2 points\n")
+    assert "the largest run, growth.final-1.4: forecast" in printed
     assert main(["sweep", "ball.toml", "--vary", "growth.final=1.2,1.4", "--dry-run", "-o", "out", "--json"]) == 0
-    said = json.loads(capsys.readouterr().out)
-    assert (said["runs"], said["points"], said["largest"]["scene"]) == (2, 2, "growth.final-1.4")
+    summary = json.loads(capsys.readouterr().out)
+    assert (summary["runs"], summary["points"], summary["largest"]["scene"]) == (2, 2, "growth.final-1.4")
     assert not (here / "out").exists()
 
 

@@ -22,9 +22,9 @@ from morphofold.sim.sphere_theory.smooth_sphere import SmoothSphere
 def asked(capsys, *words):
     """The answer to a question as strict JSON."""
     assert main(["theory", *words, "--json"]) == 0
-    told = capsys.readouterr()
-    assert told.err == ""
-    return json.loads(told.out, parse_constant=pytest.fail)
+    captured = capsys.readouterr()
+    assert captured.err == ""
+    return json.loads(captured.out, parse_constant=pytest.fail)
 
 
 def table(capsys, *words):
@@ -38,10 +38,10 @@ def table(capsys, *words):
 def refused(capsys, *argv):
     """The one line that a refused command says."""
     assert main(list(argv)) == 2
-    told = capsys.readouterr()
-    assert told.out == ""
-    assert len(told.err.splitlines()) == 1
-    return told.err
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert len(captured.err.splitlines()) == 1
+    return captured.err
 
 
 def test_the_laws_offered_are_the_laws_there_are():
@@ -176,13 +176,13 @@ def test_numbers_come_one_by_one_or_as_a_range():
 def test_what_is_no_number_and_no_range_is_refused(capsys, word):
     kind = "out-of-range" if word in ("nan", "inf", "0") else "not-readable"
     for question in ("radius", "stress"):
-        said = refused(capsys, "theory", question, "--growth", word)
-        assert "--growth" in said
-        assert f" [{kind}]" in said
+        message = refused(capsys, "theory", question, "--growth", word)
+        assert "--growth" in message
+        assert f" [{kind}]" in message
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "expected"),
     [
         ("radius --thickness 60", r"thickness .* 0 .* 50 mm, .* 60 mm"),
         ("radius --thickness nan", r"--thickness .* 1e-06 .* 1000000, .* nan\. \[out-of-range\]"),
@@ -206,12 +206,12 @@ def test_what_is_no_number_and_no_range_is_refused(capsys, word):
         ("bifurcation --check --curve", r"--check .*--curve.*\[options-clash\]"),
     ],
 )
-def test_a_question_that_makes_no_sense_is_refused(capsys, words, said):
-    assert re.search(said, refused(capsys, "theory", *words.split()))
+def test_a_question_that_makes_no_sense_is_refused(capsys, words, expected):
+    assert re.search(expected, refused(capsys, "theory", *words.split()))
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "expected"),
     [
         ("stress --thickness 1:20:5000 --points 100", r" 1,000,000 .* 200,000 .*\[too-large\]"),
         ("bifurcation --thickness 1:20:1000 --mu-ratio 1:2:1000", r" 2,000,000 .* 200,000 .*\[too-large\]"),
@@ -220,10 +220,10 @@ def test_a_question_that_makes_no_sense_is_refused(capsys, words, said):
         ("bifurcation --mu-ratio 1:20:11 --plot it.png", r"--plot .* 10 .*--mu-ratio, .* 11\. \[too-large\]"),
     ],
 )
-def test_a_question_too_large_to_read_is_refused_before_it_is_computed(here, capsys, monkeypatch, words, said):
+def test_a_question_too_large_to_read_is_refused_before_it_is_computed(here, capsys, monkeypatch, words, expected):
     for name in ("bifurcation", "stresses"):
         monkeypatch.setattr(theory, name, pytest.fail)
-    assert re.search(said, refused(capsys, "theory", *words.split()))
+    assert re.search(expected, refused(capsys, "theory", *words.split()))
 
 
 @pytest.mark.parametrize("name", ["picture.gif", "picture", ".png", "nowhere/picture.png", "folder.png"])
@@ -257,8 +257,8 @@ def test_a_plot_that_fails_leaves_the_older_one(here, capsys, monkeypatch):
     (here / "old.png").write_bytes(b"old")
     full = OSError(28, "No space left")
     monkeypatch.setattr("morphofold.report.plots.line_plots.save", lambda *_: (_ for _ in ()).throw(full))
-    said = refused(capsys, "theory", "radius", "--plot", "old.png")
-    assert said.startswith("morphofold theory: old.png: No space left")  # not the temporary file beside it
+    message = refused(capsys, "theory", "radius", "--plot", "old.png")
+    assert message.startswith("morphofold theory: old.png: No space left")  # not the temporary file beside it
     assert {p.name: p.read_bytes() for p in here.iterdir()} == {"old.png": b"old"}
 
 
@@ -293,9 +293,9 @@ def test_a_question_that_is_not_drawn_loads_no_plotting():
 def test_check_prints_the_same_growth_by_finite_elements(capsys):
     words = ["theory", "bifurcation", "--check", "--thickness", "2", "--mu-ratio", "0.01", "2", "--json", "-q"]
     assert main(words) == 0
-    told = capsys.readouterr()
-    assert told.err == ""
-    rows = json.loads(told.out)["rows"]
+    captured = capsys.readouterr()
+    assert captured.err == ""
+    rows = json.loads(captured.out)["rows"]
     for row in rows:
         if row["degree"] == "inf":  # shortest waves first: no mesh resolves them
             assert row["g_elements"] is None
@@ -311,9 +311,9 @@ def test_check_warns_if_the_two_routes_part(capsys, monkeypatch, wrong):
     route = "morphofold.sim.sphere_theory.finite_elements.critical_growth_of_degree"
     monkeypatch.setattr(route, lambda *_, **__: wrong)
     assert main("theory bifurcation --check --thickness 2 --mu-ratio 0.01 2 -q".split()) == 0
-    told = capsys.readouterr()
-    assert "difference" in told.out
-    (line,) = told.err.splitlines()
+    captured = capsys.readouterr()
+    assert "difference" in captured.out
+    (line,) = captured.err.splitlines()
     assert re.match(r"morphofold: warning: --check: 2 of 2 .* 1e-06 ", line)
 
 
@@ -396,15 +396,15 @@ def test_an_octant_is_held_against_the_even_degrees_it_has():
     ],
 )
 def test_where_there_is_no_theory_beside_a_body_the_reason_is_told(words, reason):
-    g, degree, told = theory_tables._theory_of_scene(load_scene(words[0], words[1:]))
+    g, degree, note = theory_tables._theory_of_scene(load_scene(words[0], words[1:]))
     assert np.isnan([g, degree]).all()
-    assert reason in told
+    assert reason in note
 
 
 def test_a_strip_is_told_with_dashes_for_the_theory_and_its_progress(capsys):
     assert main(["theory", "bifurcation", *STRIP]) == 0
-    told = capsys.readouterr()
-    lines = told.out.splitlines()
+    captured = capsys.readouterr()
+    lines = captured.out.splitlines()
     start = next(i for i, line in enumerate(lines) if line.startswith(" g_crit"))
     cells, note = lines[start + 1].split(), lines[start + 2]
     assert 1.1 < float(cells[0]) < 1.3
@@ -412,27 +412,27 @@ def test_a_strip_is_told_with_dashes_for_the_theory_and_its_progress(capsys):
     assert note.startswith("[1] theory is of spheres")
     assert "left out: contact, perturbation" in " ".join(lines)
     assert max(map(len, lines)) <= 120
-    said = [
-        line for line in told.err.splitlines() if COMPILING_TEXT not in line
+    progress_lines = [
+        line for line in captured.err.splitlines() if COMPILING_TEXT not in line
     ]  # which it does where no other test has
-    assert said[0].startswith("strip:  14% after")
-    assert said[0].endswith("  stable at g = 1.05000")
+    assert progress_lines[0].startswith("strip:  14% after")
+    assert progress_lines[0].endswith("  stable at g = 1.05000")
 
 
 @pytest.mark.slow
 def test_a_body_without_a_sharp_or_without_any_bifurcation_says_so(monkeypatch):
     mode, scene = np.zeros((3, 3)), load_scene("demo", ["geometry.portion=octant", "accuracy.edge=12"])
     history = np.array([[1.05, 1.0], [3.0, 0.5]])
-    for g_crit, rounded, said in ((1.3, True, "bends into folds"), (np.nan, False, "stable up to g = 3")):
+    for g_crit, rounded, expected in ((1.3, True, "bends into folds"), (np.nan, False, "stable up to g = 3")):
         found = statics.BodyBifurcation(g_crit, rounded, mode, 20.0, 12.0, history, mode)
         monkeypatch.setattr(statics, "bifurcation_of_scene", lambda *_, found=found, **__: found)
         row = theory_tables.body_row(scene)
-        assert said in row["reason"]
+        assert expected in row["reason"]
         assert row["rounded"] == rounded
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "expected"),
     [
         ("--body radial", r" radial: .*--body\b.* \[does-not-apply\]"),
         ("--body nowhere", "'nowhere'"),
@@ -445,10 +445,10 @@ def test_a_body_without_a_sharp_or_without_any_bifurcation_says_so(monkeypatch):
         ("--set material.mu_ratio=2", r"--set .*--body\. \[options-clash\]"),
     ],
 )
-def test_a_question_about_a_body_that_makes_no_sense_is_refused(here, capsys, monkeypatch, words, said):
+def test_a_question_about_a_body_that_makes_no_sense_is_refused(here, capsys, monkeypatch, words, expected):
     monkeypatch.setattr(statics, "bifurcation_of_scene", pytest.fail)
     monkeypatch.setattr(theory, "bifurcation", pytest.fail)
-    assert re.search(said, refused(capsys, "theory", "bifurcation", *words.split()))
+    assert re.search(expected, refused(capsys, "theory", "bifurcation", *words.split()))
 
 
 def test_a_body_that_loses_its_path_ends_with_1_and_one_line(capsys, monkeypatch):

@@ -27,15 +27,15 @@ def new_kernel():
 
 
 def test_the_clock_stands_still_while_numba_compiles_and_goes_on_after():
-    kernel, told = new_kernel(), []
+    kernel, times = new_kernel(), []
     wall, work = time.perf_counter(), working_seconds()
-    with reporting_compilation(lambda: told.append(working_seconds())):
+    with reporting_compilation(lambda: times.append(working_seconds())):
         kernel(3.0)
         kernel(3)
         kernel(4.0)
     wall, work = time.perf_counter() - wall, working_seconds() - work
-    assert len(told) == 2  # for floats and for integers, the inner ones within them
-    assert told[0] <= told[1] <= told[0] + work
+    assert len(times) == 2  # for floats and for integers, the inner ones within them
+    assert times[0] <= times[1] <= times[0] + work
     assert work < 0.5 * wall  # calling three times takes microseconds, compiling far more
     before = working_seconds()
     time.sleep(0.02)
@@ -72,15 +72,15 @@ def test_stages_last_until_the_next_begins_and_what_comes_again_is_added(monkeyp
 def test_compiling_is_said_once_and_not_when_quiet(terminal, capsys, monkeypatch):
     monkeypatch.setattr(type(sys.stderr), "isatty", lambda self: terminal, raising=False)
     for quiet in (True, False):
-        with progress("scene", quiet) as tell:
+        with progress("scene", quiet) as show:
             new_kernel()(3.0)
             new_kernel()(3.0)
-            tell(0.5, "half way")
-        said = capsys.readouterr().err
+            show(0.5, "half way")
+        stderr = capsys.readouterr().err
         if not terminal:
-            assert said.count(COMPILING_TEXT) == (not quiet)
+            assert stderr.count(COMPILING_TEXT) == (not quiet)
         elif quiet:
-            assert not said
+            assert not stderr
     new_kernel()(3.0)  # nobody is told any more
     assert not capsys.readouterr().err
 
@@ -114,9 +114,9 @@ def test_peak_memory_rises_by_what_is_held_stays_when_it_is_let_go_and_is_not_th
     assert after < 0.9  # GiB; the parent holds 1
 
 
-@pytest.mark.parametrize(("platform", "told"), [("linux", 3 * 2**20), ("darwin", 3 * 2**30)])
-def test_peak_memory_knows_the_unit_of_each_system(platform, told, monkeypatch):
-    usage = SimpleNamespace(RUSAGE_SELF=0, getrusage=lambda who: SimpleNamespace(ru_maxrss=told))
+@pytest.mark.parametrize(("platform", "maxrss"), [("linux", 3 * 2**20), ("darwin", 3 * 2**30)])
+def test_peak_memory_knows_the_unit_of_each_system(platform, maxrss, monkeypatch):
+    usage = SimpleNamespace(RUSAGE_SELF=0, getrusage=lambda who: SimpleNamespace(ru_maxrss=maxrss))
     with monkeypatch.context() as patch:
         patch.setattr("morphofold.timing.Path.exists", lambda path: False)  # no /proc
         patch.setattr(sys, "platform", platform)

@@ -200,14 +200,14 @@ def test_a_click_reads_the_values_of_the_vertex_under_it(tab):
     click(tab, "panel-1")
     shown = tab.js("[...document.querySelectorAll('#panel-1 .values dd')].map(d => d.textContent)")
     labels = tab.js("[...document.querySelectorAll('#panel-1 .values dt')].map(d => d.textContent)")
-    said = dict(zip(labels, shown))
-    vertex = int(said["Vertex"])
+    values = dict(zip(labels, shown))
+    vertex = int(values["Vertex"])
     at = m.cortex.pial.verts[vertex]
     middle = (m.cortex.pial.verts.max(axis=0) + m.cortex.pial.verts.min(axis=0)) / 2
     assert at[0] < -30  # lateral side of a left hemisphere
     assert np.linalg.norm((at - middle)[1:]) < 6  # within an edge of the middle
-    assert said["Region"] == ("front", "middle", "back")[m.cortex.regions.labels[vertex]]
-    assert float(said["Cortical thickness"].split()[0]) == pytest.approx(
+    assert values["Region"] == ("front", "middle", "back")[m.cortex.regions.labels[vertex]]
+    assert float(values["Cortical thickness"].split()[0]) == pytest.approx(
         m.maps["cortical_thickness"][vertex], abs=0.006
     )
     assert tab.js("document.querySelector('#panel-1 .mark').hidden") is False
@@ -248,9 +248,9 @@ def test_a_click_on_a_hinge_reads_it(tab):
     assert "Hinge" not in click()  # not shown, not read
     tab.js("document.getElementById('hinges').click()")
     tab.frame()
-    said = click()
-    assert (said["Hinge"], said["Angles"]) == ("0, Y", "0°, 120°, 240°")
-    assert said["Arms"] == "8.00, 8.00, 8.00 mm"
+    values = click()
+    assert (values["Hinge"], values["Angles"]) == ("0, Y", "0°, 120°, 240°")
+    assert values["Arms"] == "8.00, 8.00, 8.00 mm"
     tab.js("document.getElementById('hinges').click(); document.getElementById('reset').click()")
     tab.frame()
 
@@ -402,8 +402,8 @@ def test_an_analysis_of_two_hemispheres_that_grow_is_as_quiet(tmp_path, plain_pi
         tab.js("document.querySelectorAll('#viewer .tools input, #viewer .tools button').forEach(b => b.click())")
         slide(tab, 1, "1.5")
         tab.js("document.querySelectorAll('button.sort').forEach(b => b.click())")
-        said = tab.frame()
-        assert [said[key] for key in ("viewer", "tables", "crests", "hinges")] == ["ready", "ready", "true", "true"]
+        state = tab.frame()
+        assert [state[key] for key in ("viewer", "tables", "crests", "hinges")] == ["ready", "ready", "true", "true"]
         assert_quiet(tab)
 
 

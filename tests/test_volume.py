@@ -89,10 +89,10 @@ def test_a_finished_run_with_a_damaged_series_is_refused_and_the_cure_makes_it_w
     (run / "stages.pvd").write_bytes(damage(written))
     command = ["simulate", "demo", "-o", "run", "-q", "--resume", *(word for s in TINY for word in ("--set", s))]
     assert main(command) == 2
-    told = capsys.readouterr().err
-    assert len(told.splitlines()) == 1
-    assert "run/stages.pvd: " in told
-    assert "[damaged-file]" in told
+    stderr = capsys.readouterr().err
+    assert len(stderr.splitlines()) == 1
+    assert "run/stages.pvd: " in stderr
+    assert "[damaged-file]" in stderr
     (run / "stages.pvd").unlink()
     before = (run / "health.json").stat().st_mtime_ns
     assert main(command) == 0

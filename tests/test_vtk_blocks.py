@@ -13,7 +13,7 @@ from morphofold.io.vtk_blocks import MOST_UNPACKED_BYTES, check_blocks
 from morphofold.shapes import icosphere
 
 
-def numbers_told(raw):
+def refused_numbers(raw):
     """The numbers of the refusal of a file."""
     with pytest.raises(DamagedFile) as caught:
         check_blocks(raw)
@@ -61,7 +61,7 @@ def test_more_numbers_than_the_bytes_hold_are_refused(tmp_path, appended, old):
     assert old in raw
     for many in (10**6, 2**31 - 1):
         changed = raw.replace(old, re.sub(rb"\d+", b"%d" % many, old))
-        promised, size = numbers_told(changed)
+        promised, size = refused_numbers(changed)
         assert (promised >= many, size) == (True, len(changed))
     check_blocks(raw)
 
@@ -73,7 +73,7 @@ def test_tags_in_comments_and_brackets_in_names_hide_nothing(tmp_path):
     raw = raw.replace(b"<PointData", b"<!-- <AppendedData --><PointData")
     check_blocks(raw)
     changed = raw.replace(b'NumberOfComponents="20"', b'NumberOfComponents="999999"')
-    promised, size = numbers_told(changed)
+    promised, size = refused_numbers(changed)
     assert (promised >= 42 * 999999, size) == (True, len(changed))
 
 
@@ -92,7 +92,7 @@ def test_blocks_larger_than_the_file_are_refused(tmp_path, appended, wide, word)
     else:
         at = raw.index(b"AQAAAA")  # one block
         changed = raw[:at] + with_word(raw[at:], word, size, True)
-    found, most = numbers_told(changed)
+    found, most = refused_numbers(changed)
     if word in (1, 2):  # all arrays unpacked
         assert (found >= 2**31, most) == (True, MOST_UNPACKED_BYTES)
     else:  # blocks, and the bytes of the file
@@ -121,7 +121,7 @@ HIDDEN = {  # whether data are appended, what is replaced, by what, what is told
 @pytest.mark.parametrize("how", HIDDEN)
 def test_blocks_do_not_hide(tmp_path, how):
     """VTK goes by the offset before the format, by the type and no name, by the first bracket after a tag begins."""
-    appended, old, new, told = HIDDEN[how]
+    appended, old, new, expected = HIDDEN[how]
     path = tmp_path / "a.vtp"
     written(path, appended=appended, zlib=True, wide=False)
     raw = path.read_bytes()
@@ -129,10 +129,10 @@ def test_blocks_do_not_hide(tmp_path, how):
     changed = raw[:at] + with_word(raw[at:], 3, 4, True)
     assert old in changed
     changed = changed.replace(old, new)
-    if told == ONE_BLOCK:
-        assert numbers_told(changed) == [1, len(changed)]
+    if expected == ONE_BLOCK:
+        assert refused_numbers(changed) == [1, len(changed)]
         return
-    with pytest.raises(binascii.Error if told is NO_BASE64 else DamagedFile, match=told):
+    with pytest.raises(binascii.Error if expected is NO_BASE64 else DamagedFile, match=expected):
         check_blocks(changed)
 
 
@@ -142,7 +142,7 @@ def test_numbers_in_a_point_are_times_the_points_whatever_an_array_says(tmp_path
     raw = path.read_bytes()
     many = b'NumberOfComponents="%d" NumberOfTuples="1"' % (len(raw) // 2)
     changed = raw.replace(b'NumberOfComponents="20"', many)
-    promised, size = numbers_told(changed)
+    promised, size = refused_numbers(changed)
     assert (promised >= 42 * (len(raw) // 2), size) == (True, len(changed))
 
 

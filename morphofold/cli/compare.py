@@ -65,16 +65,16 @@ def run(args: argparse.Namespace) -> int:
     grown = _by_unique_name("--growth", [_parse_growth_folder(item) for item in args.growth])
     refuse_overlap(Path(args.out), [Path(folder) for folder in [*named.values(), *grown.values()]])
     refuse_foreign(Path(args.out))  # refuses before minutes of work
-    with progress("compare", args.quiet) as tell:
+    with progress("compare", args.quiet) as show:
         measures = {}
         for i, (name, folder) in enumerate(named.items()):
-            tell(0.15 * i / len(named), f"reading {name}")
+            show(0.15 * i / len(named), f"reading {name}")
             measures[name] = read_analysis(folder)
         stages = {name: read_stages(folder) for name, folder in grown.items()}
-        tell(0.15, "comparing")
+        show(0.15, "comparing")
         comparison = compare(measures, groups=groups, growth=stages, colours=colours)
-        page = comparison.report(args.out, progress=part_of(tell, 0.25, 0.75))
-        tell(1.0, "done")
+        page = comparison.report(args.out, progress=part_of(show, 0.25, 0.75))
+        show(1.0, "done")
     if args.json:
         print_file(page.with_name("comparison.json"))
         return 0

@@ -28,26 +28,26 @@ def run(args: argparse.Namespace) -> int:
     out, started = Path(args.out), time.monotonic()
     scene = load_scene(args.scene)
     args.on_interrupt = " Run it again to go on."
-    with progress("grow   ", args.quiet) as tell:
-        simulation = simulate(scene, out / "simulation", resume=True, threads=args.threads, progress=tell)
+    with progress("grow   ", args.quiet) as show:
+        simulation = simulate(scene, out / "simulation", resume=True, threads=args.threads, progress=show)
     cortices = {
         "model": simulation.cortex(),
         "individual": read_cortex(sample_path("S1"), hemi="lh", name="S1"),
         "average": read_cortex(sample_path("fsaverage5"), hemi="lh", name="fsaverage5"),
     }
     measures = {}
-    with progress("measure", args.quiet) as tell:
+    with progress("measure", args.quiet) as show:
         for i, (name, cortex) in enumerate(cortices.items()):
-            part = part_of(tell, i / len(cortices), 1 / len(cortices), f"{name}: ")
+            part = part_of(show, i / len(cortices), 1 / len(cortices), f"{name}: ")
             measures[name] = measure(cortex, progress=part)
-        tell(1.0, "done")
-    with progress("write  ", args.quiet) as tell:
+        show(1.0, "done")
+    with progress("write  ", args.quiet) as show:
         for i, (name, m) in enumerate(measures.items()):
-            tell(i / 4, name)
+            show(i / 4, name)
             write_analysis([m], out / name)
-        tell(0.75, "comparison")
+        show(0.75, "comparison")
         page = compare(measures).report(out / "comparison")
-        tell(1.0, "done")
+        show(1.0, "done")
     for name, m in measures.items():
         print(f"{name:10}  GI {m.scalars['gyrification_index']:.2f}  {m.cortex.name}")
     print(f"{time.monotonic() - started:.0f} s -> {page}")

@@ -24,7 +24,7 @@ class ProgressCallback(Protocol):
 
 @contextmanager
 def progress(label: str, quiet: bool = False) -> Iterator[ProgressCallback]:
-    """Yield ``tell(share, text)`` with share from 0 to 1. Everything goes to standard error, names in it escaped."""
+    """Yield ``show(share, text)`` with share from 0 to 1. Everything goes to standard error, names in it escaped."""
     if quiet:
 
         def silent(share: float, text: str = "") -> None:

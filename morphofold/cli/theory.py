@@ -291,7 +291,7 @@ def _answer_of_bifurcation(args: argparse.Namespace) -> Answer:
         )
     laws = _growth_laws(args.law)
     short = len(laws) * len(args.mu_ratio) * len(args.thickness) <= 18 and not args.check
-    with progress("bifurcation", args.quiet or short) as tell:
+    with progress("bifurcation", args.quiet or short) as show:
         cases = theory_tables.bifurcation_cases(
             args.thickness,
             args.radius,
@@ -300,7 +300,7 @@ def _answer_of_bifurcation(args: argparse.Namespace) -> Answer:
             kappa_ratio=args.kappa_ratio,
             A_over_C=args.hole_ratio,
             check=args.check,
-            progress=tell,
+            progress=show,
         )
     if args.curve:
         title = "Growth at which spherical harmonics of degree l first grow on the smooth sphere"
@@ -348,12 +348,12 @@ def _answer_of_body(args: argparse.Namespace) -> Answer:
     if scene.geometry.shape == "radial":
         raise DoesNotApply(f"{scene.name}: a radial scene has no mesh. Leave out --body: its theory needs none.")
     looks: list[float] = []
-    with progress(scene.name, args.quiet) as tell:
+    with progress(scene.name, args.quiet) as show:
 
         def look(g: float, eigenvalue: float) -> None:
             looks.append(g)
             state = "stable" if eigenvalue > 0 else "unstable"
-            tell(len(looks) / (len(looks) + STATES_STILL_TO_CHECK), f"{state} at g = {g:.5f}")
+            show(len(looks) / (len(looks) + STATES_STILL_TO_CHECK), f"{state} at g = {g:.5f}")
 
         row = theory_tables.body_row(scene, look)
     title = (

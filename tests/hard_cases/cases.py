@@ -49,10 +49,10 @@ class Holds:
         self, what: str, measured: float, *, at_most: float | None = None, at_least: float | None = None, unit: str = ""
     ) -> None:
         """A number within its bounds; NaN is within none."""
-        told = [f"{sign} {limit:g}" for sign, limit in (("≥", at_least), ("≤", at_most)) if limit is not None]
-        assert told, "a bound has a limit"
+        limits = [f"{sign} {limit:g}" for sign, limit in (("≥", at_least), ("≤", at_most)) if limit is not None]
+        assert limits, "a bound has a limit"
         in_unit = lambda text: f"{text} {unit}".strip()
-        self.record({"what": what, "bound": in_unit(", ".join(told)), "measured": in_unit(f"{measured:.3g}")})
+        self.record({"what": what, "bound": in_unit(", ".join(limits)), "measured": in_unit(f"{measured:.3g}")})
         assert math.isfinite(measured), f"{what} is {measured}"
         assert at_most is None or measured <= at_most, f"{what}: {measured:g} {unit} is above {at_most:g}"
         assert at_least is None or measured >= at_least, f"{what}: {measured:g} {unit} is below {at_least:g}"
@@ -63,9 +63,9 @@ class Holds:
         self.record({"what": what, "bound": "equal", "measured": "equal" if same else "not equal"})
         assert same, f"{what}: {one!r:.200} is not {other!r:.200}"
 
-    def says(self, what: str, told: str, *words: str) -> None:
+    def says(self, what: str, message: str, *words: str) -> None:
         """A refusal or a warning that holds all the words: the place and the cure."""
-        missing = [word for word in words if word not in told]
-        self.record({"what": what, "bound": "says " + ", ".join(f"“{w}”" for w in words), "measured": told.strip()})
+        missing = [word for word in words if word not in message]
+        self.record({"what": what, "bound": "says " + ", ".join(f"“{w}”" for w in words), "measured": message.strip()})
         assert words
-        assert not missing, f"{what}: {told!r} lacks {missing}"
+        assert not missing, f"{what}: {message!r} lacks {missing}"

@@ -74,16 +74,16 @@ def _damage(raw, rng, other):
     elif kind == 6:
         here = int(rng.integers(len(other)))
         raw[at : at + 50] = other[here : here + int(rng.integers(1, 200))]
-    elif kind == 7 and (said := list(ATTRIBUTE.finditer(bytes(raw)))):
-        _attributes(raw, said, rng)
+    elif kind == 7 and (attributes := list(ATTRIBUTE.finditer(bytes(raw)))):
+        _attributes(raw, attributes, rng)
     else:
         _number(raw, at, rng)
 
 
-def _attributes(raw, said, rng):
+def _attributes(raw, attributes, rng):
     """Exchange the values of two attributes of XML, or give one that of the other, or name it so."""
-    one, other = sorted(rng.choice(len(said), 2), reverse=True)
-    one, other, how = said[one], said[other], rng.integers(3)
+    one, other = sorted(rng.choice(len(attributes), 2), reverse=True)
+    one, other, how = attributes[one], attributes[other], rng.integers(3)
     group = 1 if how == 2 else 2
     raw[slice(*one.span(group))] = other[group]
     if how == 0:
@@ -144,7 +144,7 @@ def _many(current, log, rng, whole, names, known, end, most=4000):
     resource.setrlimit(resource.RLIMIT_AS, (size + MEMORY, size + MEMORY))
     warnings.simplefilter("ignore")
     count = 0
-    with log.open("a") as told:
+    with log.open("a") as file:
         while time.monotonic() < end and count < most:
             name, other = (names[int(rng.integers(len(names)))] for _ in range(2))
             raw = damaged(whole[name], rng, whole[other])
@@ -158,10 +158,10 @@ def _many(current, log, rng, whole, names, known, end, most=4000):
             except Exception as error:
                 where = traceback.extract_tb(error.__traceback__)[-1]
                 what = f"{type(error).__name__}: {error} ({Path(where.filename).name}:{where.lineno})"
-                told.write(json.dumps({"name": name, "what": what[:400], "raw": raw.hex()}) + "\n")
-                told.flush()
+                file.write(json.dumps({"name": name, "what": what[:400], "raw": raw.hex()}) + "\n")
+                file.flush()
             if time.process_time() - begun > SLOWEST / 4:
-                told.write(json.dumps({"name": name, "what": "slow", "raw": raw.hex()}) + "\n")
+                file.write(json.dumps({"name": name, "what": "slow", "raw": raw.hex()}) + "\n")
             faulthandler.cancel_dump_traceback_later()
             known[name].path.write_bytes(whole[name])
 

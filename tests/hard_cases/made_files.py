@@ -259,14 +259,14 @@ def verdict(sample: Sample) -> str:
     try:
         sample.read()
     except (ValueError, OSError) as error:
-        told = str(error)
-        if re.search("memory|allocat", told, re.IGNORECASE):
-            raise AssertionError(f"{sample.path.name}: took all memory: {told[:300]!r}") from error
-        lines = told.splitlines()
+        message = str(error)
+        if re.search("memory|allocat", message, re.IGNORECASE):
+            raise AssertionError(f"{sample.path.name}: took all memory: {message[:300]!r}") from error
+        lines = message.splitlines()
         scene = sample.path.suffix == ".toml"  # of which each problem is told on its line
-        if isinstance(error, UnicodeError) or len(lines) > (21 if scene else 1) or len(told) > 600 * len(lines):
-            raise AssertionError(f"{sample.path.name}: no clear line: {told[:300]!r}") from error
-        return f"{told} [{error.code}]" if isinstance(error, Refusal) else told
+        if isinstance(error, UnicodeError) or len(lines) > (21 if scene else 1) or len(message) > 600 * len(lines):
+            raise AssertionError(f"{sample.path.name}: no clear line: {message[:300]!r}") from error
+        return f"{message} [{error.code}]" if isinstance(error, Refusal) else message
     return ""
 
 
@@ -327,9 +327,9 @@ def in_child(work: Callable[[], str], memory: int = MEMORY, seconds: int = SECON
             size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
             resource.setrlimit(resource.RLIMIT_AS, (size + memory, size + memory))
             resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
-            told = work()
+            output = work()
             taken = 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
-            os.write(theirs, json.dumps([told[:20_000], taken]).encode())
+            os.write(theirs, json.dumps([output[:20_000], taken]).encode())
             code = 0
         except BaseException as error:
             os.write(theirs, json.dumps([f"{type(error).__name__}: {error}"[:2000], 0]).encode())
@@ -339,11 +339,11 @@ def in_child(work: Callable[[], str], memory: int = MEMORY, seconds: int = SECON
     with os.fdopen(ours, "rb") as file:
         raw = file.read()
     _, status = os.waitpid(child, 0)
-    told, taken = json.loads(raw) if raw else ("", 0)
+    output, taken = json.loads(raw) if raw else ("", 0)
     if os.WIFSIGNALED(status):
         raise AssertionError(f"ended by {signal.Signals(os.WTERMSIG(status)).name}")
-    assert status == 0, told
-    return told, taken
+    assert status == 0, output
+    return output, taken
 
 
 def killed_at(k: int, work: Callable[[], object], *, size: int | None = None) -> bool:

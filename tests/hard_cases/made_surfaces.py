@@ -142,10 +142,10 @@ def analyzed(folder, capsys, cortex, *more, kind=""):
         write_surface(surf / f"{surface.name}{kind}", surface)
     out = folder / "out"
     status = main(["analyze", *files, "-q", "--no-report", "-o", str(out), *more])
-    told = capsys.readouterr()
-    assert "Traceback" not in told.err
+    captured = capsys.readouterr()
+    assert "Traceback" not in captured.err
     assert out.exists() == (status == 0)
     if status:
         assert status == 2
-        assert len(told.err.strip().splitlines()) == 1
-    return status, told.out + told.err
+        assert len(captured.err.strip().splitlines()) == 1
+    return status, captured.out + captured.err

@@ -23,14 +23,14 @@ def rows_of(tests):
     broken = {
         node.replace("[unguarded", "[guarded"): text
         for node, test in tests.items()
-        for text in test["told"]
+        for text in test["records"]
         if isinstance(text, str)
     }
     rows = []
     for node, test in tests.items():
         assert test["outcome"] == "passed", f"{node} did not pass: the page is made of a run in which all do"
-        told = [row for row in test["told"] if not isinstance(row, str) and not row["unguarded"]]
-        for k, row in enumerate(told):
+        records = [row for row in test["records"] if not isinstance(row, str) and not row["unguarded"]]
+        for k, row in enumerate(records):
             without = broken.get(node, "") if k == 0 else ""
             values = [row[key] for key in ("group", "case", "what", "bound", "measured", "guard")]
             rows.append(

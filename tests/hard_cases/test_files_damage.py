@@ -46,9 +46,9 @@ def every_tenth(known, names):
         raw, whole = sample.path.read_bytes(), sample.read()
         inside = range(0) if len(raw) < 5000 else range(2000, len(raw) - 1000)
         for cut in sorted({*range(0, len(raw), 10), *range(len(raw) - 1, 0, -10)[:20]} - set(inside)):
-            told = compared(sample, raw[:cut], whole)
-            found.setdefault(told, []).append((name, cut))
-            if told.startswith("Hang"):
+            outcome = compared(sample, raw[:cut], whole)
+            found.setdefault(outcome, []).append((name, cut))
+            if outcome.startswith("Hang"):
                 return found
     return found
 
@@ -143,7 +143,7 @@ def test_texts_cut_within_a_line(known, holds):
         path = sample.path.with_name(f"cut-{name}")
         for cut in range(len(raw)):
             path.write_bytes(raw[:cut])
-            with warnings.catch_warnings(record=True) as told:
+            with warnings.catch_warnings(record=True) as warnings_given:
                 warnings.simplefilter("always")
                 try:
                     got = read_surface(path)
@@ -151,8 +151,8 @@ def test_texts_cut_within_a_line(known, holds):
                     continue
             wrong = not set(map(tuple, got.faces.tolist())) <= true
             wrong |= not (got.verts == whole.verts[: len(got.verts)]).all()
-            warned += bool(told)
-            silent += wrong and not told
+            warned += bool(warnings_given)
+            silent += wrong and not warnings_given
     holds("faces or points that were not there, in silence", silent, at_most=0)
     holds("cuts warned of", warned, at_least=1)
 
@@ -175,14 +175,14 @@ def test_tetrahedra_cut_within_a_line(holds, tmp_path):
         whole, raw = body(path), path.read_bytes()
         for cut in range(len(raw) // 2, len(raw)):
             path.write_bytes(raw[:cut])
-            with warnings.catch_warnings(record=True) as told:
+            with warnings.catch_warnings(record=True) as warnings_given:
                 warnings.simplefilter("always")
                 try:
                     got = body(path)
                 except (ValueError, OSError):
                     continue
-            warned += bool(told)
-            silent += not told and raw[cut - 1 : cut] != b"\n" and not same(got, whole)
+            warned += bool(warnings_given)
+            silent += not warnings_given and raw[cut - 1 : cut] != b"\n" and not same(got, whole)
     holds("cut within a line and read as another body, in silence", silent, at_most=0)
     holds("cuts warned of", warned, at_least=1)
 

@@ -29,7 +29,7 @@ def fuzzed(seconds, seed, *words):
     peers="meshio, nibabel, VTK: hangs, ends of the process, dozens of exceptions (measured)",
 )
 def test_a_minute_of_fuzzing(holds):
-    count, findings, told = fuzzed(60, 20150901)
+    count, findings, output = fuzzed(60, 20150901)
     holds("files read", count, at_least=1000)
     holds("hangs, crashes, unclear errors", findings, at_most=0)
-    assert not findings, told
+    assert not findings, output

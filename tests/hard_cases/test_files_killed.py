@@ -134,7 +134,7 @@ def test_killed_folder(holds, tmp_path):
 def test_killed_between_two_names(holds, tmp_path, monkeypatch):
     """Between its two moves nothing is there: the reader is told where what was there is, whole."""
     one_at_a_time(monkeypatch)
-    out, kills, told, k = tmp_path / "out", 0, [], 1
+    out, kills, messages, k = tmp_path / "out", 0, [], 1
 
     def write(words):
         with atomic_folder(out) as folder:
@@ -148,17 +148,17 @@ def test_killed_between_two_names(holds, tmp_path, monkeypatch):
         if not out.exists():
             with pytest.raises(FileNotFoundError) as caught:
                 read_analysis(out)
-            told.append(str(caught.value))
-            named = re.search(r"(\.out\.\S+\.old)\b", told[-1])
-            assert named, told[-1]
+            messages.append(str(caught.value))
+            named = re.search(r"(\.out\.\S+\.old)\b", messages[-1])
+            assert named, messages[-1]
             place = tmp_path / named[1]
         words = [(place / name).read_text() for name in ("a.txt", "deep/b.txt")]
         assert words in (["old", "old"], ["new", "new"])
         os.replace(place, out)
         kills, k = kills + 1, k + 1
     holds("kills", kills, at_least=5)
-    holds("kills between the two moves", len(told), at_least=1)
-    holds.says("the reader is told", re.sub(r"\.out\.\w+", ".out.1a2b3c4d", told[0]), ".out.1a2b3c4d")
+    holds("kills between the two moves", len(messages), at_least=1)
+    holds.says("the reader is told", re.sub(r"\.out\.\w+", ".out.1a2b3c4d", messages[0]), ".out.1a2b3c4d")
 
 
 @pytest.mark.slow
@@ -268,7 +268,7 @@ def room_for(size):
     fails=(AssertionError, ValueError),
 )
 def test_full_disk(holds, tmp_path):
-    tried, told = 0, []
+    tried, refusals = 0, []
     known = writers(tmp_path)
     for name, write in known.items():
         path = tmp_path / name
@@ -280,12 +280,12 @@ def test_full_disk(holds, tmp_path):
                 try:
                     write(2)
                 except OSError as error:
-                    told.append((error.errno, tmp_path / name, Path(error.filename)))
+                    refusals.append((error.errno, tmp_path / name, Path(error.filename)))
             tried += 1
             assert state(tmp_path) == before, f"{name} is another one, full after {size} bytes"
-    holds("writes refused, share", len(told) / tried, at_least=1)
+    holds("writes refused, share", len(refusals) / tried, at_least=1)
     holds("the old one found", tried, at_least=5 * len(known))
-    aside = [told for code, path, named in told if code != errno.EFBIG or not named.is_relative_to(path)]
+    aside = [refusals for code, path, named in refusals if code != errno.EFBIG or not named.is_relative_to(path)]
     holds("refusals that name another cause, or another place than the one to write", len(aside), at_most=0)
     holds.equal("left beside", sorted(p.name for p in tmp_path.iterdir()), sorted(known))
 
@@ -312,10 +312,10 @@ def test_not_a_full_disk(holds, tmp_path, monkeypatch):
     path = tmp_path / "lh.white"
     with pytest.raises(OSError, match=re.escape(f"{path}: ")) as caught:
         write_surface(path, Surface(*icosphere(1)))
-    told = str(caught.value).replace(str(path), path.name)
+    message = str(caught.value).replace(str(path), path.name)
     holds.equal("code of the system's error", caught.value.errno, None)
-    holds.says("refusal", told, "lh.white: ")
-    holds("lines, and temporary names in them", len(told.splitlines()) + told.count("/."), at_most=1)
+    holds.says("refusal", message, "lh.white: ")
+    holds("lines, and temporary names in them", len(message.splitlines()) + message.count("/."), at_most=1)
     holds.equal("left", os.listdir(tmp_path), [])
 
 
@@ -330,10 +330,10 @@ def test_two_runs(holds, tmp_path):
     with locks.alone(tmp_path / "run"):
         try:
             grow(tmp_path / "run")
-            told = ""
+            message = ""
         except FileExistsError as error:
-            told = str(error).replace(str(tmp_path), "").replace(str(os.getpid()), "4321")
-        holds.says("the second run", told, "/run: ", "4321")
+            message = str(error).replace(str(tmp_path), "").replace(str(os.getpid()), "4321")
+        holds.says("the second run", message, "/run: ", "4321")
         holds.equal("in the folder", os.listdir(tmp_path / "run"), ["lock"])
 
 
@@ -344,15 +344,15 @@ def test_two_runs(holds, tmp_path):
     without=lambda patch: patch.setattr(folders, "refuse_foreign", lambda out, found=None: None),
 )
 def test_foreign_folder(holds, tmp_path):
-    out, told = tmp_path / "out", ""
+    out, message = tmp_path / "out", ""
     try:
         with atomic_folder(out) as folder:
             (folder / "a.txt").write_text("ours")
             out.mkdir()
             (out / "thesis.txt").write_text("theirs")
     except FileExistsError as error:
-        told = str(error).replace(str(tmp_path), "")
-    holds.says("refusal", told, "/out: ", "thesis.txt")
+        message = str(error).replace(str(tmp_path), "")
+    holds.says("refusal", message, "/out: ", "thesis.txt")
     holds.equal("in the folder", os.listdir(out), ["thesis.txt"])
 
 
@@ -383,7 +383,7 @@ def test_foreign_folder_at_the_last_moment(holds, tmp_path, monkeypatch, exchang
     if not exchanges:
         monkeypatch.setattr(folders, "_exchange_names", lambda one, other: False)
     for begin in ("empty", "ours"):
-        out, told = tmp_path / begin, ""
+        out, message = tmp_path / begin, ""
         with atomic_folder(out) as folder:
             (folder / "a.txt").write_text("old")
         if begin == "empty":
@@ -394,8 +394,8 @@ def test_foreign_folder_at_the_last_moment(holds, tmp_path, monkeypatch, exchang
                 with atomic_folder(out) as folder:
                     (folder / "a.txt").write_text("ours")
             except FileExistsError as error:
-                told = str(error)
-        holds.says("refusal", told.replace(str(tmp_path), ""), f"/{begin}: ", "thesis.txt")
+                message = str(error)
+        holds.says("refusal", message.replace(str(tmp_path), ""), f"/{begin}: ", "thesis.txt")
         holds.equal("in the folder", os.listdir(out), ["thesis.txt"])
     holds.equal("left beside", sorted(os.listdir(tmp_path)), ["empty", "ours"])
 

@@ -149,9 +149,9 @@ def test_modes(holds, anyones, tmp_path, capsys):
         ):
             with as_nobody():
                 code = main([*argv, "-q"])
-            told = capsys.readouterr().err
-            holds.says(argv[0], told.replace(str(anyones), ""), "Permission denied")
-            holds.equal("code, lines", (code, len(told.strip().splitlines())), (2, 1))
+            stderr = capsys.readouterr().err
+            holds.says(argv[0], stderr.replace(str(anyones), ""), "Permission denied")
+            holds.equal("code, lines", (code, len(stderr.strip().splitlines())), (2, 1))
     finally:
         for name in modes:
             (anyones / name).chmod(0o755)

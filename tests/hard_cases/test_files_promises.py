@@ -49,8 +49,8 @@ def known(tmp_path_factory):
 def refused(holds, what, path, raw, read, *words):
     """Within a child's means: the file is damaged, told in one line with these numbers, and little memory."""
     path.write_bytes(raw)
-    told, taken = in_child(lambda: verdict(Sample(path, lambda: read(path))))
-    holds.says(what, told.replace(str(path), path.name), path.name, *words, "[damaged-file]")
+    message, taken = in_child(lambda: verdict(Sample(path, lambda: read(path))))
+    holds.says(what, message.replace(str(path), path.name), path.name, *words, "[damaged-file]")
     holds(f"{what}: memory taken", taken / 2**20, at_most=LIGHT / 2**20, unit="MiB")
 
 
@@ -100,8 +100,8 @@ polygons_promise = hard_case(
 def test_vtp(name, known, holds, tmp_path):
     raw = known["a.vtp"].path.read_bytes()
     much = re.sub(rb'NumberOf%s="\d+"' % name.encode(), b'NumberOf%s="%d"' % (name.encode(), MANY), raw)
-    told = [] if name == "Components" else ["21474836"]  # with the others 2^31 and more
-    refused(holds, f"NumberOf{name}", tmp_path / "a.vtp", much, read_surface, *told, str(len(much)))
+    numbers = [] if name == "Components" else ["21474836"]  # with the others 2^31 and more
+    refused(holds, f"NumberOf{name}", tmp_path / "a.vtp", much, read_surface, *numbers, str(len(much)))
 
 
 @pytest.mark.parametrize(("n", "m", "size"), [(MANY, 1, 4), (3, MANY, 4), (3, 1, MANY)])
@@ -273,8 +273,8 @@ def test_little_memory(holds, tmp_path):
     path.write_bytes(b"\xff\xff\xff" + struct.pack(">3i", n, 1, 1) + bytes(4 * n))
     with pytest.raises(AssertionError) as caught:
         in_child(lambda: verdict(Sample(path, lambda: read_morph(path))), memory=2**26)
-    told = str(caught.value).replace(str(path), path.name)
-    holds.says("error", told, "MemoryError: lh.thickness: ")
+    message = str(caught.value).replace(str(path), path.name)
+    holds.says("error", message, "MemoryError: lh.thickness: ")
 
 
 @pytest.mark.slow
@@ -305,16 +305,16 @@ def test_checkpoint(n, zeros, holds, tmp_path):
 def test_scenes(holds, tmp_path):
     path = tmp_path / "a.toml"
     path.write_text(".".join(["a"] * 100_000) + " = 1\n")
-    told, taken = in_child(lambda: verdict(Sample(path, lambda: load_scene(path))))
-    holds.says("deep key", told.replace(str(path), path.name), "a.toml", "nested too deeply")
+    message, taken = in_child(lambda: verdict(Sample(path, lambda: load_scene(path))))
+    holds.says("deep key", message.replace(str(path), path.name), "a.toml", "nested too deeply")
     path.write_text(SCENE.replace("[geometry]", "".join(f"k{i} = 1\n" for i in range(20_000)) + "[geometry]"))
-    told, taken = in_child(lambda: verdict(Sample(path, lambda: load_scene(path))))
-    holds("lines told", len(told.splitlines()), at_least=1, at_most=21)
+    message, taken = in_child(lambda: verdict(Sample(path, lambda: load_scene(path))))
+    holds("lines told", len(message.splitlines()), at_least=1, at_most=21)
     holds("memory taken", taken / 2**20, at_most=MEMORY / 2**20, unit="MiB")
 
 
 PARTS = st.sampled_from(["a", "b-1", '"a b"', "'+'", '"#"', "'\"'", r'"\\"', r'"\""', '""'])
-SAID = st.sampled_from(
+OTHER_LINES = st.sampled_from(
     ["# {}", "x = 1 # '{}", 'x = "{}"', "x = '{}'", 'x = """\n{}""\n{}"""""', "x = '''\n{}''''", '# """', ""]
 )
 KEYS = st.sampled_from(["{} = 1", "[{}]", "[[{}]]", "y = {{{} = 1}}"])
@@ -338,11 +338,11 @@ def test_deep_keys(holds):
     right = []
 
     @settings(deadline=None, derandomize=True, max_examples=200, database=None)
-    @given(st.lists(PARTS, min_size=1, max_size=8), st.sampled_from([1, 8, 32, 33, 40, 2000]), SAID, KEYS)
-    def both_sides(parts, count, said, key):
+    @given(st.lists(PARTS, min_size=1, max_size=8), st.sampled_from([1, 8, 32, 33, 40, 2000]), OTHER_LINES, KEYS)
+    def both_sides(parts, count, other, key):
         deep = " . ".join((parts * count)[:count])
-        right.append(is_taken(f"{said.format(*2 * ['a.' * 40])}\n{key.format(deep)}\n") == (count <= 32))
-        assert right[-1], (said, key, count)
+        right.append(is_taken(f"{other.format(*2 * ['a.' * 40])}\n{key.format(deep)}\n") == (count <= 32))
+        assert right[-1], (other, key, count)
 
     both_sides()
     holds("keys of at most 32 parts taken, of more refused, share", sum(right) / len(right), at_least=1)
@@ -366,9 +366,9 @@ def test_json(known, holds):
         for text in changed[: 1 + (changed[1] != raw)]:
             try:
                 sample.path.write_bytes(text)
-                told = verdict(sample).replace(str(sample.path.parent), "")
+                message = verdict(sample).replace(str(sample.path.parent), "")
                 kind = "[damaged-file]" if text is changed[0] else "[not-readable]"
-                holds.says(name, told, sample.path.name, kind)
+                holds.says(name, message, sample.path.name, kind)
             finally:
                 sample.path.write_bytes(raw)
     assert json.loads(known["stage.json"].path.read_text())

@@ -46,9 +46,9 @@ def test_names(holds, here, capsys):
             ["unfold", name],
             [name],
         ):
-            code, told = main(argv), capsys.readouterr()
-            if code != 2 or told.out or not told.err[:-1].isprintable():
-                wrong.append((argv, code, told.err))
+            code, captured = main(argv), capsys.readouterr()
+            if code != 2 or captured.out or not captured.err[:-1].isprintable():
+                wrong.append((argv, code, captured.err))
     holds("refusals of more than one line, or with anything to steer by", len(wrong), at_most=0)
 
 
@@ -143,16 +143,18 @@ def test_numbers(holds, analysis):
         json_at_all = value not in ("NaN", "1e999")
         with pytest.raises(NotReadable if json_at_all else DamagedFile) as caught:
             compare({"a": read_analysis(analysis)}).to_dict()
-        told = str(caught.value).replace(str(analysis), "")
-        holds.says(f"thickness {value}", told, "summary.json", "mean_cortical_thickness_mm" if json_at_all else value)
+        message = str(caught.value).replace(str(analysis), "")
+        holds.says(
+            f"thickness {value}", message, "summary.json", "mean_cortical_thickness_mm" if json_at_all else value
+        )
     summary.unlink()
     for key, wrong in HOSTILE:
         (analysis / "stage.json").write_text(json.dumps({"g": 1.8, "portion": 1.0, key: wrong}))
         json_at_all = wrong == wrong  # NaN is none
         with pytest.raises(NotReadable if json_at_all else DamagedFile) as caught:
             read_cortex(analysis)
-        told = str(caught.value).replace(str(analysis), "")
-        holds.says(f"{key} {wrong}", told, "stage.json", key if json_at_all else "NaN")
+        message = str(caught.value).replace(str(analysis), "")
+        holds.says(f"{key} {wrong}", message, "stage.json", key if json_at_all else "NaN")
 
 
 @hard_case(

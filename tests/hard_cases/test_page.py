@@ -16,10 +16,10 @@ PAGE = HERE.parents[1] / "docs" / "hard-cases.md"
 
 
 def test_a_bound_is_kept_or_broken():
-    told = []
-    holds = Holds(told.append)
+    records = []
+    holds = Holds(records.append)
     holds("error", 0.01, at_most=0.01, unit="%")
-    assert told[-1] == {"what": "error", "bound": "≤ 0.01 %", "measured": "0.01 %"}
+    assert records[-1] == {"what": "error", "bound": "≤ 0.01 %", "measured": "0.01 %"}
     for measured in (0.02, float("nan"), float("inf")):
         with pytest.raises(AssertionError, match=rf"error\b.* {measured:g}\b"):
             holds("error", measured, at_most=0.01)
@@ -60,9 +60,9 @@ def test_what_passes_without_its_guard_too_is_a_failure(tmp_path, bound, ends):
     (tmp_path / "test_made.py").write_text(MADE.format(bound=bound))
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--import-mode=importlib", str(tmp_path)]
     environment = {**os.environ, "PYTHONPATH": str(HERE.parent)}
-    told = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, env=environment, check=False).stdout
-    assert ends in told.splitlines()[-1]
-    assert ("nothing broke without the guard (a limit)" in told) == (bound == 10)
+    output = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, env=environment, check=False).stdout
+    assert ends in output.splitlines()[-1]
+    assert ("nothing broke without the guard (a limit)" in output) == (bound == 10)
 
 
 @pytest.mark.parametrize(

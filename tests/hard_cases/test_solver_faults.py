@@ -60,13 +60,13 @@ def test_a_restart_on_the_edge(holds):
 
 
 def ends(make):
-    """How a run ends: right, told (stopped, or a bound of its health broken), or wrong and silent."""
+    """How a run ends: right, caught (stopped, or a bound of its health broken), or wrong and silent."""
     try:
         run = at_rest(make(), 1.15)
     except UnstableError:
-        return "told"
+        return "caught"
     if not run.state.record["kinetic_over_strain"] <= BOUNDS["kinetic_over_strain"][0]:
-        return "told"
+        return "caught"
     return "right" if off_the_smooth_state(run) <= MESH and run.state.record["min_J"] >= LEAST_J else "silent"
 
 
@@ -89,7 +89,7 @@ def test_a_step_too_large_is_caught(holds):
     holds.equal("at the step of the solver", found[1.0], "right")
     endings = list(found.values())
     holds("steps too large that end wrong and silent", endings.count("silent"), at_most=0)
-    holds("steps too large that are caught", endings.count("told"), at_least=3)
+    holds("steps too large that are caught", endings.count("caught"), at_least=3)
 
 
 def late(patch):
@@ -113,10 +113,10 @@ def test_a_node_that_is_no_number_stops_the_run_within_a_step(cells, holds):
     run.state.x[117, 1] = np.nan
     with pytest.raises(UnstableError) as error:
         run.grow_to(1.1)
-    told = str(error.value)
-    holds.says(f"the error, {cells}", told, "of 427 ", "growth.rate")
-    holds.equal(f"the node that it names, {cells}", re.search(r"\bnode (\d+)", told)[1], "117")
-    holds(f"steps until it stops, {cells}", float(re.search(r"step (\d+)", told)[1]) - step, at_most=1)
+    message = str(error.value)
+    holds.says(f"the error, {cells}", message, "of 427 ", "growth.rate")
+    holds.equal(f"the node that it names, {cells}", re.search(r"\bnode (\d+)", message)[1], "117")
+    holds(f"steps until it stops, {cells}", float(re.search(r"step (\d+)", message)[1]) - step, at_most=1)
     holds.equal(f"the last sound state is finite, {cells}", bool(np.isfinite(error.value.sound["x"]).all()), True)
 
 
@@ -140,7 +140,7 @@ def test_an_inverted_element_recovers_or_stops_the_run(holds):
     holds.equal("a node sunk by 1.75 layers", found[1.75], "right")
     endings = list(found.values())
     holds("depths from 1.75 to 40 layers that end wrong and silent", endings.count("silent"), at_most=0)
-    holds("depths that stop the run", endings.count("told"), at_least=1)
+    holds("depths that stop the run", endings.count("caught"), at_least=1)
 
 
 def order_of_threads(patch):

@@ -127,8 +127,8 @@ def test_degrees_of_the_graph_are_those_of_its_loops_and_components(holds, count
         graph = gyral_graph(surface)
         forest = nx.minimum_spanning_edges(graph, keys=True, data=False)
         loops = graph.number_of_edges() - sum(1 for _ in forest)
-        told = sum(data["degree"] - 2 for _, data in graph.nodes(data=True))
-        return {"broken": abs(told - 2 * (loops - nx.number_connected_components(graph)))}
+        total = sum(data["degree"] - 2 for _, data in graph.nodes(data=True))
+        return {"broken": abs(total - 2 * (loops - nx.number_connected_components(graph)))}
 
     worst = of_all(count, check, cells=st.integers(5, 14), seed=st.integers(0, 1000), noise=st.floats(0.0, 0.2))
     holds("sum(degree - 2) less 2 (loops - components)", worst["broken"], at_most=0)

@@ -42,9 +42,9 @@ def test_unused_vertices_change_no_measure_and_are_told(holds, tmp_path, capsys,
     maps = {name: values[5:] if first else values for name, values in found.maps.items()}
     hold_all(holds, replace(found, maps=maps), bent=1e-6, lines=0.01, width=1e-4)
     holds.equal("vertices without H", int(np.isnan(found.maps["H"]).sum()), 5)
-    status, told = analyzed(tmp_path, capsys, found.cortex)
+    status, printed = analyzed(tmp_path, capsys, found.cortex)
     holds.equal("exit status", status, 0)
-    holds.says("analyze", told, " 5 of 2567 ", "[mesh]")
+    holds.says("analyze", printed, " 5 of 2567 ", "[mesh]")
 
 
 @hard_case(
@@ -55,10 +55,10 @@ def test_unused_vertices_change_no_measure_and_are_told(holds, tmp_path, capsys,
 )
 def test_unused_vertices_far_away_do_not_make_the_others_seem_rounded(holds, tmp_path, capsys):
     cortex = changed(clean()[0], lambda verts: np.concatenate([verts, np.full((5, 3), 1e6)]))
-    status, told = analyzed(tmp_path, capsys, cortex)  # FreeSurfer's format has single precision
+    status, printed = analyzed(tmp_path, capsys, cortex)  # FreeSurfer's format has single precision
     holds.equal("exit status", status, 0)
-    holds.says("analyze", told, " 5 of 2567 ", "[mesh]")
-    holds.equal("told to be rounded", "float32" in told, False)
+    holds.says("analyze", printed, " 5 of 2567 ", "[mesh]")
+    holds.equal("told to be rounded", "float32" in printed, False)
 
 
 def one_mean(patch):
@@ -91,9 +91,9 @@ def test_an_island_changes_what_is_its_own_only(holds, tmp_path, capsys, at):
         "lines",
     )
     hold_all(holds, found, area=1e-3, without=own)  # 12 mm^2 of 40,000
-    status, told = analyzed(tmp_path, capsys, found.cortex)
+    status, printed = analyzed(tmp_path, capsys, found.cortex)
     holds.equal("exit status", status, 0)
-    holds.says("analyze", told, "GI n/a", " 2562, 42 ", "[mesh]")
+    holds.says("analyze", printed, "GI n/a", " 2562, 42 ", "[mesh]")
 
 
 @hard_case(
@@ -121,9 +121,9 @@ def test_the_wall_of_a_cavity_is_measured_and_told(holds, tmp_path, capsys):
         holds(f"change of {name} elsewhere", off, at_most=1e-9)
     holds.equal("hinges", found.scalars["n_hinges"], whole.scalars["n_hinges"])
     holds.equal("white is said to lie outside pial", "crossing" in found.notes, False)
-    status, told = analyzed(tmp_path, capsys, found.cortex)
+    status, printed = analyzed(tmp_path, capsys, found.cortex)
     holds.equal("exit status", status, 0)
-    holds.says("analyze", told, " 2 ", " 2562, 42 ", "(1 ")
+    holds.says("analyze", printed, " 2 ", " 2562, 42 ", "(1 ")
 
 
 @pytest.mark.parametrize(
@@ -139,9 +139,9 @@ def test_the_wall_of_a_cavity_is_measured_and_told(holds, tmp_path, capsys):
 )
 def test_a_piece_turned_inwards_that_is_no_cavity_is_refused(holds, tmp_path, capsys, at, white, pial):
     cortex = with_island(clean()[0], at, white=white, pial=pial, hollow=True)
-    status, told = analyzed(tmp_path, capsys, cortex, "--no-repair")
+    status, printed = analyzed(tmp_path, capsys, cortex, "--no-repair")
     holds.equal("exit status", status, 2)
-    holds.says("analyze", told, " 2562 of lh.white ")
+    holds.says("analyze", printed, " 2562 of lh.white ")
 
 
 def a_tree_each(patch):
@@ -184,9 +184,9 @@ def test_many_cavities_are_told_with_few_trees_and_what_is_none_is_refused(holds
         holds(f"area gained, {name}", abs(gained / true - 1), at_most=1e-9)
     holds.says("note", found.notes["mesh"], " 501 ", "(500 ")
     shrunk = lambda v: np.concatenate([v[:-12], at[0] + 0.3 * (v[-12:] - at[-1])])
-    status, told = analyzed(tmp_path, capsys, changed(holed, shrunk))
+    status, printed = analyzed(tmp_path, capsys, changed(holed, shrunk))
     holds.equal("exit status", status, 2)
-    holds.says("analyze", told, f" {holed.n_vertices - 12} of lh.white ")
+    holds.says("analyze", printed, f" {holed.n_vertices - 12} of lh.white ")
 
 
 def numbers_only(patch):
@@ -204,10 +204,10 @@ def test_a_hole_takes_the_indices_of_closed_surfaces_and_nothing_else(holds, tmp
     cortex = clean()[0]
     lowest = np.linalg.norm(cortex.pial.verts[cortex.faces], axis=2).max(axis=1).argmin()  # on no crest
     holed = changed(cortex, faces=np.delete(cortex.faces, lowest, axis=0))
-    status, told = analyzed(tmp_path, capsys, holed, kind=".vtk")
+    status, printed = analyzed(tmp_path, capsys, holed, kind=".vtk")
     holds.equal("exit status", status, 0)
     first = geometry.border_edges(holed.faces)[0, 0]
-    holds.says("analyze", told, "GI n/a", f" {first}, (", "[mesh]")
+    holds.says("analyze", printed, "GI n/a", f" {first}, (", "[mesh]")
     found = measure(holed)
     hold_all(holds, found, area=1e-3, without=("gyrification_index", "mean_local_gyrification_index"))
     holds.says("note of the index", found.notes["gyrification_index"], "has a border")
@@ -244,9 +244,9 @@ def test_half_a_surface_has_the_measures_of_half(holds, tmp_path, capsys):
         )
     hinges = sum(m.scalars["n_hinges_high"] for m in half)  # at the cut, doubtful ones too
     holds.equal("hinges of both", hinges, whole.scalars["n_hinges_high"])
-    status, told = analyzed(tmp_path, capsys, half[0].cortex)
+    status, printed = analyzed(tmp_path, capsys, half[0].cortex)
     holds.equal("exit status", status, 0)
-    holds.says("analyze", told, "GI n/a", f" {len(geometry.border_edges(half[0].cortex.faces))} ", "[mesh]")
+    holds.says("analyze", printed, "GI n/a", f" {len(geometry.border_edges(half[0].cortex.faces))} ", "[mesh]")
 
 
 def wall_of_nothing(patch):
@@ -280,9 +280,9 @@ def test_a_medial_wall_that_splits_the_surface_leaves_two_cortices(holds, tmp_pa
     loops = graph.number_of_edges() - graph.number_of_nodes()
     holds.equal("sum of degrees less 2", sum(degree - 2 for _, degree in graph.degree()), 2 * loops)
     if closed:  # two files have no label
-        status, told = analyzed(tmp_path, capsys, m.cortex)
+        status, printed = analyzed(tmp_path, capsys, m.cortex)
         holds.equal("exit status", status, 0)
-        holds.says("analyze", told, f"cortical thickness {m.scalars['mean_cortical_thickness_mm']:.2f} mm")
+        holds.says("analyze", printed, f"cortical thickness {m.scalars['mean_cortical_thickness_mm']:.2f} mm")
 
 
 @hard_case(
@@ -304,9 +304,9 @@ def test_the_icosahedron_is_measured_as_such(holds, tmp_path, capsys):
     holds("H at the corners, on a sphere", np.abs(m.maps["H"] * 50 - 1).max(), at_most=1e-9)
     holds.equal("hinges", s["n_hinges"], 0)
     holds.equal("gyral thickness", s["median_gyral_thickness_mm"], None)
-    status, told = analyzed(tmp_path, capsys, m.cortex)
+    status, printed = analyzed(tmp_path, capsys, m.cortex)
     holds.equal("exit status", status, 0)
-    holds.says("analyze", told, "12 vertices", "gyral thickness n/a")
+    holds.says("analyze", printed, "12 vertices", "gyral thickness n/a")
 
 
 def fitted(patch):
@@ -325,7 +325,7 @@ def test_the_tetrahedron_has_no_curvature_and_says_so(holds, tmp_path, capsys):
     holds.equal("vertices with H", int(np.isfinite(m.maps["H"]).sum()), 0)
     holds("intrinsic curvature index, of 1", abs(m.scalars["intrinsic_curvature_index"] - 1), at_most=1e-3)
     holds("gyrification index", abs(m.scalars["gyrification_index"] - 1), at_most=1e-12)
-    status, told = analyzed(tmp_path, capsys, m.cortex)
+    status, printed = analyzed(tmp_path, capsys, m.cortex)
     holds.equal("exit status", status, 0)
     scale = m.parameters["curvature_scale_mm"]
-    holds.says("analyze", told, "4 vertices, GI 1.00", "gyral thickness n/a", f" {scale:.3g}, ", "[curvature_scale]")
+    holds.says("analyze", printed, "4 vertices, GI 1.00", "gyral thickness n/a", f" {scale:.3g}, ", "[curvature_scale]")

@@ -48,9 +48,9 @@ def test_coordinates_rounded_far_from_the_origin_are_told(holds, tmp_path, capsy
     cortex = clean()[0]
     rounded = changed(cortex, lambda verts: (verts + FAR).astype(np.float32))
     holds.says("note", measure(rounded).notes.get("mesh", ""), " 0.062 (float32")
-    status, told = analyzed(tmp_path, capsys, rounded)
+    status, printed = analyzed(tmp_path, capsys, rounded)
     holds.equal("exit status", status, 0)
-    holds.says("analyze", told, " lh.white ", " 0.062 (float32", "[mesh]")
+    holds.says("analyze", printed, " lh.white ", " 0.062 (float32", "[mesh]")
     near = measure(changed(cortex, lambda verts: (verts + 100.0).astype(np.float32)))
     holds.equal("note, 100 mm away", near.notes.get("mesh"), None)
 
@@ -129,15 +129,15 @@ def test_another_unit_changes_lengths_only_and_is_told(holds, tmp_path, capsys, 
     found = measure(other)
     hold_all(holds, found, unit=size, bent=1e-9, lines=1e-9, without=("mean_local_gyrification_index",))
     holds.equal("local gyrification, of a ball of 15 mm", found.scalars["mean_local_gyrification_index"], None)
-    told = found.notes["curvature_scale"]
-    holds.says("note", told, f" {found.parameters['curvature_scale_mm']:.3g}, ")
-    named = re.search(r" (\S+)\.$", told)[1]
+    note = found.notes["curvature_scale"]
+    holds.says("note", note, f" {found.parameters['curvature_scale_mm']:.3g}, ")
+    named = re.search(r" (\S+)\.$", note)[1]
     radius = float(named)
     area = min(whole.scalars["area_white_mm2"], whole.scalars["area_pial_mm2"])
     holds("radius it names", abs(radius / (size * np.sqrt(area / (4 * np.pi))) - 1), at_most=5e-3)
-    status, told = analyzed(tmp_path, capsys, other)
+    status, printed = analyzed(tmp_path, capsys, other)
     holds.equal("exit status", status, 0)
-    holds.says("analyze", told, f" {named}.", "[curvature_scale]")
+    holds.says("analyze", printed, f" {named}.", "[curvature_scale]")
 
 
 def unwatched(patch):
@@ -157,7 +157,7 @@ def test_coordinates_that_are_no_numbers_are_refused(holds, value):
     verts = cortex.white.verts.copy()
     verts[77, 1] = value
     try:
-        told = refusal(replace(cortex, white=Surface(verts, cortex.faces, "lh.white")))
+        message = refusal(replace(cortex, white=Surface(verts, cortex.faces, "lh.white")))
     except ValueError as error:
-        told = str(error)
-    holds.says("refusal", told, "lh.white: 1 of 2562 ", " 77 ")
+        message = str(error)
+    holds.says("refusal", message, "lh.white: 1 of 2562 ", " 77 ")

@@ -65,9 +65,9 @@ def hold_mended(holds, tmp_path, capsys, faulty, **counts):
     numbers = {key: value for key, value in found.parameters.items() if key.startswith("repaired_")}
     holds.equal("repaired", numbers, {f"repaired_{key}": value for key, value in counts.items()})
     holds.equal("values of each map", {len(values) for values in found.maps.values()}, {faulty.n_vertices})
-    status, told = analyzed(tmp_path, capsys, faulty)
+    status, printed = analyzed(tmp_path, capsys, faulty)
     holds.equal("exit status", status, 0)
-    holds.says("analyze", told, *(f": {count}, " for count in counts.values()))
+    holds.says("analyze", printed, *(f": {count}, " for count in counts.values()))
 
 
 EPS = 1e-6
@@ -112,10 +112,10 @@ def test_vertices_at_the_same_place_that_a_triangle_joins_change_no_measure(hold
 )
 def test_triangles_of_no_area_are_told_with_their_count_and_place(holds, tmp_path, capsys, weights, each):
     """Written as float32, some have exactly none."""
-    status, told = analyzed(tmp_path, capsys, split_faces(clean()[0], weights))
+    status, printed = analyzed(tmp_path, capsys, split_faces(clean()[0], weights))
     holds.equal("exit status", status, 0)
     for name in ("lh.white", "lh.pial"):
-        holds.says("analyze", told, f"{300 * each} of 5720 ", f" {name} ", f" {5120 - 300}, {PLACE}")
+        holds.says("analyze", printed, f"{300 * each} of 5720 ", f" {name} ", f" {5120 - 300}, {PLACE}")
 
 
 def seam(cortex):
@@ -143,11 +143,11 @@ def soup(cortex):
 def test_a_torn_surface_is_refused(holds, tmp_path, capsys, tear):
     cortex = tear(clean()[0])
     torn = cortex.n_vertices - clean()[0].n_vertices
-    told = refusal(cortex, repair=False)
-    holds.says("measure", told, f": {torn} ", PLACE)
-    status, told = analyzed(tmp_path, capsys, cortex, "--no-repair")
+    message = refusal(cortex, repair=False)
+    holds.says("measure", message, f": {torn} ", PLACE)
+    status, printed = analyzed(tmp_path, capsys, cortex, "--no-repair")
     holds.equal("exit status", status, 2)
-    holds.says("analyze", told, f": {torn} ", "[bad-mesh]")
+    holds.says("analyze", printed, f": {torn} ", "[bad-mesh]")
 
 
 @hard_case(
@@ -176,11 +176,11 @@ def doubled(cortex):
 @hard_case("surfaces", "non-manifold edges: a fin, a triangle twice", guard="the check of its edges", without=unchecked)
 def test_an_edge_with_more_than_two_triangles_is_refused(holds, tmp_path, capsys, fault, edges, most):
     cortex = fault(clean()[0])
-    told = refusal(cortex, repair=False)
-    holds.says("measure", told, f": {edges} ", PLACE, f" {most}. ")
-    status, told = analyzed(tmp_path, capsys, cortex, "--no-repair", kind=".gii")
+    message = refusal(cortex, repair=False)
+    holds.says("measure", message, f": {edges} ", PLACE, f" {most}. ")
+    status, printed = analyzed(tmp_path, capsys, cortex, "--no-repair", kind=".gii")
     holds.equal("exit status", status, 2)
-    holds.says("analyze", told, f": {edges} ")
+    holds.says("analyze", printed, f": {edges} ")
 
 
 @pytest.mark.parametrize(
@@ -214,9 +214,9 @@ def test_a_pinched_edge_is_parted_and_the_surface_is_a_sphere(holds, tmp_path, c
     found = measure(faulty)
     holds.equal("Euler characteristic", found.scalars["euler_characteristic"], 2)
     holds.equal("repaired edges", found.parameters["repaired_pinched_edges"], 1)
-    status, told = analyzed(tmp_path, capsys, faulty)
+    status, printed = analyzed(tmp_path, capsys, faulty)
     holds.equal("exit status", status, 0)
-    holds.says("analyze", told, ": 1, ", "[repair]")
+    holds.says("analyze", printed, ": 1, ", "[repair]")
 
 
 def two_links_only(patch):
@@ -263,9 +263,9 @@ def test_flipped_triangles_are_refused(holds, tmp_path, capsys, count):
     same = len(run) - len(np.unique(run, axis=0))  # edges that both of their triangles run alike
     assert same == 3 if count == 1 else same > count
     holds.says("measure", refusal(turned, repair=False), f": {same} ", PLACE, "fix_winding", "[bad-mesh]")
-    status, told = analyzed(tmp_path, capsys, turned, "--no-repair", kind=".ply")
+    status, printed = analyzed(tmp_path, capsys, turned, "--no-repair", kind=".ply")
     holds.equal("exit status", status, 2)
-    holds.says("analyze", told, f": {same} ", "fix_winding", "[bad-mesh]")
+    holds.says("analyze", printed, f": {same} ", "fix_winding", "[bad-mesh]")
 
 
 @hard_case(
@@ -279,11 +279,11 @@ def test_a_piece_inside_out_is_refused(holds, tmp_path, capsys):
     n = clean()[0].n_vertices
     faces = np.where((cortex.faces >= n).all(axis=1)[:, None], cortex.faces[:, ::-1], cortex.faces)
     turned = changed(cortex, faces=faces)
-    told = refusal(turned, repair=False)
-    holds.says("measure", told, f" {n} of lh.white ", "[inside-out]")
-    status, told = analyzed(tmp_path, capsys, turned, "--no-repair")
+    message = refusal(turned, repair=False)
+    holds.says("measure", message, f" {n} of lh.white ", "[inside-out]")
+    status, printed = analyzed(tmp_path, capsys, turned, "--no-repair")
     holds.equal("exit status", status, 2)
-    holds.says("analyze", told, f" {n} of lh.white ", "[inside-out]")
+    holds.says("analyze", printed, f" {n} of lh.white ", "[inside-out]")
 
 
 @hard_case(
@@ -295,9 +295,9 @@ def test_a_piece_inside_out_is_refused(holds, tmp_path, capsys):
 def test_a_surface_inside_out_is_refused(holds, tmp_path, capsys):
     turned = changed(clean()[0], faces=clean()[0].faces[:, ::-1])
     holds.says("measure", refusal(turned, repair=False), ": lh.white ", " -", "[inside-out]")
-    status, told = analyzed(tmp_path, capsys, turned, "--no-repair")
+    status, printed = analyzed(tmp_path, capsys, turned, "--no-repair")
     holds.equal("exit status", status, 2)
-    holds.says("analyze", told, ": lh.white ", " -", "[inside-out]")
+    holds.says("analyze", printed, ": lh.white ", " -", "[inside-out]")
 
 
 @hard_case(

@@ -49,18 +49,18 @@ def silent(patch):
 def test_white_outside_pial_is_told_with_its_place(holds, tmp_path, capsys):
     crossed, there = with_white_outside(clean()[0])
     found = measure(crossed)
-    told = found.notes.get("crossing", "")
+    note = found.notes.get("crossing", "")
     first = min(there)
-    holds.says("note", told, f" {len(there)} of 2562 ", f" {first}, at (")
+    holds.says("note", note, f" {len(there)} of 2562 ", f" {first}, at (")
     far = np.ones(crossed.n_vertices, dtype=bool)
     far[np.argsort(np.linalg.norm(crossed.pial.verts - crossed.pial.verts[0], axis=1))[:60]] = False
     off = found.maps["cortical_thickness"] - clean()[1].maps["cortical_thickness"]
     holds("thickness farther off", np.abs(off[far]).max(), at_most=1e-9, unit="mm")
     of_white = ("area_white_mm2", "folding_index", "intrinsic_curvature_index", "mean_cortical_thickness_mm")
     hold_all(holds, found, without=of_white)
-    status, told = analyzed(tmp_path, capsys, crossed)
+    status, printed = analyzed(tmp_path, capsys, crossed)
     holds.equal("exit status", status, 0)
-    holds.says("analyze", told, f" {len(there)} of 2562 ", "[crossing]")
+    holds.says("analyze", printed, f" {len(there)} of 2562 ", "[crossing]")
     holds.equal("note of the clean one", clean()[1].notes.get("crossing"), None)
 
 
@@ -68,12 +68,12 @@ def test_white_outside_pial_is_told_with_its_place(holds, tmp_path, capsys):
 def test_white_and_pial_that_do_not_belong_together_are_told(holds, tmp_path, capsys):
     cortex = clean()[0]
     apart = replace(cortex, pial=Surface(cortex.pial.verts + [4.0, 0.0, 0.0], cortex.faces, "lh.pial"))
-    status, told = analyzed(tmp_path, capsys, apart)
+    status, printed = analyzed(tmp_path, capsys, apart)
     holds.equal("exit status", status, 0)
     note = measure(apart).notes.get("pair", "")
     share = float(found[1]) if (found := re.search(r"([\d.]+)%", note)) else np.nan
     holds("cortex on the wrong side", share, at_least=5, unit="%")
-    holds.equal("analyze tells of it", note in told, True)
+    holds.equal("analyze tells of it", note in printed, True)
     holds.equal("note of the clean one", clean()[1].notes.get("pair"), None)
 
 
@@ -121,9 +121,9 @@ def test_where_white_is_pial_there_is_no_cortex(holds, tmp_path, capsys):
     holds.equal("vertices without thickness", unknown, np.flatnonzero(cap).tolist())
     mean = np.mean(whole.maps["cortical_thickness"][~cap])
     holds("mean thickness", abs(found.scalars["mean_cortical_thickness_mm"] / mean - 1), at_most=0.02)
-    status, told = analyzed(tmp_path, capsys, found.cortex)
+    status, printed = analyzed(tmp_path, capsys, found.cortex)
     holds.equal("exit status", status, 0)
-    holds.says("analyze", told, f"cortical thickness {found.scalars['mean_cortical_thickness_mm']:.2f} mm")
+    holds.says("analyze", printed, f"cortical thickness {found.scalars['mean_cortical_thickness_mm']:.2f} mm")
 
 
 @hard_case(
@@ -147,18 +147,18 @@ def test_a_noisy_medial_wall_is_no_cortex(holds, tmp_path, capsys):
     holds.equal("vertices of cortex taken for it", np.count_nonzero(wall & ~cap), 0)
     mean = np.mean(whole.maps["cortical_thickness"][~cap])
     holds("mean thickness", abs(found.scalars["mean_cortical_thickness_mm"] / mean - 1), at_most=0.02)
-    status, told = analyzed(tmp_path, capsys, found.cortex)
+    status, printed = analyzed(tmp_path, capsys, found.cortex)
     holds.equal("exit status", status, 0)
-    holds.says("analyze", told, f"{np.count_nonzero(wall)} of 2,562 ")
+    holds.says("analyze", printed, f"{np.count_nonzero(wall)} of 2,562 ")
 
 
 @hard_case("surfaces", "white and pial coincide everywhere", guard="the check of the mask", without=everywhere)
 def test_one_surface_given_twice_is_refused(holds, tmp_path, capsys):
     twice = replace(clean()[0], pial=Surface(clean()[0].white.verts, clean()[0].faces, "lh.pial"))
     holds.says("measure", refusal(twice), "lh.white", "lh.pial", " 2562 ")
-    status, told = analyzed(tmp_path, capsys, twice)
+    status, printed = analyzed(tmp_path, capsys, twice)
     holds.equal("exit status", status, 2)
-    holds.says("analyze", told, " 2562 ")
+    holds.says("analyze", printed, " 2562 ")
 
 
 def as_it_stands(patch):
@@ -188,9 +188,9 @@ def test_a_thickness_file_with_gaps_changes_its_own_means_only_and_is_told(holds
         holds(f"thickness of the file, {name}", abs(rows[name]["thickness_file_mm"] - true), at_most=1e-12, unit="mm")
     nowhere = np.flatnonzero(np.isnan(found.maps["thickness_file"])).tolist()
     holds.equal("unknown in the map", nowhere, np.flatnonzero(unknown).tolist())
-    status, told = analyzed(tmp_path, capsys, whole)
+    status, printed = analyzed(tmp_path, capsys, whole)
     holds.equal("exit status", status, 0)
-    holds.says("analyze", told, " 100 of 2562 ", "(3.9%), 40 ", f" {gaps[0]}, at (", "[thickness_file]")
+    holds.says("analyze", printed, " 100 of 2562 ", "(3.9%), 40 ", f" {gaps[0]}, at (", "[thickness_file]")
     holds.equal(
         "note where it is whole",
         "thickness_file" in measure(replace(cortex, maps={"thickness": np.full(2562, 2.5)})).notes,
@@ -217,20 +217,20 @@ def test_self_intersections_are_told_with_their_count_and_place(holds, tmp_path,
     """The faces around the tip go through one other face, and cross no more."""
     cortex, f = spiked(clean()[0])
     around = int((cortex.faces == 0).sum())
-    status, told = analyzed(tmp_path, capsys, cortex)
+    status, printed = analyzed(tmp_path, capsys, cortex)
     holds.equal("exit status", status, 0)
-    holds.says("analyze", told, "lh.pial ", f": {around + 1} of 5120 ", " 1 mm", "[self_crossing]")
-    place = np.array(re.search(r" of 5120 .*?\((.*?)\)", told)[1].split(","), dtype=float)
+    holds.says("analyze", printed, "lh.pial ", f": {around + 1} of 5120 ", " 1 mm", "[self_crossing]")
+    place = np.array(re.search(r" of 5120 .*?\((.*?)\)", printed)[1].split(","), dtype=float)
     off = np.linalg.norm(place - clean()[0].pial.verts[clean()[0].faces[f]].mean(axis=0))
     holds("place it names, off the face's middle", off, at_most=1.0, unit="mm")  # the spike is less than 45° aslant
-    holds.equal("white is said to cross itself", re.search("^warning: .*lh.white", told, re.M) is not None, False)
+    holds.equal("white is said to cross itself", re.search("^warning: .*lh.white", printed, re.M) is not None, False)
     holds.equal("note of the clean one", clean()[1].notes.get("self_crossing"), None)
 
 
 def wherever(patch):
     """Crossings are told wherever they are."""
-    told = defects.self_crossings
-    patch.setattr(defects, "self_crossings", lambda cortex, mask: told(cortex, np.ones_like(mask)))
+    self_crossings = defects.self_crossings
+    patch.setattr(defects, "self_crossings", lambda cortex, mask: self_crossings(cortex, np.ones_like(mask)))
 
 
 @pytest.mark.slow
@@ -246,8 +246,8 @@ def test_self_intersections_off_the_cortex_are_not_told(holds):
     label = np.ones(cortex.n_vertices, dtype=bool)
     label[np.unique(cortex.faces[(cortex.faces == 0).any(axis=1)])] = False
     within = int(label[cortex.faces].any(axis=1).sum())
-    told = measure(replace(cortex, cortex=label.copy())).notes.get("self_crossing", "")
-    holds.says("note on the face", told, "lh.pial ", f": 1 of {within} ")
+    note = measure(replace(cortex, cortex=label.copy())).notes.get("self_crossing", "")
+    holds.says("note on the face", note, "lh.pial ", f": 1 of {within} ")
     label[cortex.faces[f]] = False
     holds.equal("note", measure(replace(cortex, cortex=label)).notes.get("self_crossing"), None)
 
@@ -301,9 +301,9 @@ def test_thickness_of_walls_that_cross_is_that_of_each_wall(holds, tmp_path, cap
     found = cortical_thickness(cortex.white, cortex.pial, cap=None)
     holds("mean thickness, of 0.5", abs(found.mean() / 0.5 - 1), at_most=0.02)
     holds("least thickness of the vertices that have passed", found[passed].min() / 0.5, at_least=0.9)
-    status, told = analyzed(tmp_path, capsys, cortex)
+    status, printed = analyzed(tmp_path, capsys, cortex)
     holds.equal("exit status", status, 0)
-    holds.says("analyze", told, "lh.white ", "; lh.pial ", "[self_crossing]")
+    holds.says("analyze", printed, "lh.white ", "; lh.pial ", "[self_crossing]")
 
 
 @pytest.mark.parametrize("by", [3.8, 4.1], ids=["0.1 mm", "0.7 mm"])
@@ -413,9 +413,9 @@ def test_the_net_of_gyri_with_flat_crowns_is_that_of_their_middles(holds, tmp_pa
     off = cKDTree(53 * NET.nodes).query(at)[0]
     holds("hinges off their place, median", np.median(off), at_most=4.0, unit="mm")  # an edge
     thicker = Surface(flat.verts * (1 + 2.5 / np.linalg.norm(flat.verts, axis=1, keepdims=True)), flat.faces, "lh.pial")
-    status, told = analyzed(tmp_path, capsys, Cortex(flat, thicker), "--json")
+    status, printed = analyzed(tmp_path, capsys, Cortex(flat, thicker), "--json")
     holds.equal("exit status", status, 0)
-    found = json.loads(told)["surfaces"][0]["measures"]
+    found = json.loads(printed)["surfaces"][0]["measures"]
     holds.equal("analyze: hinges, crests", [found["n_hinges"], found["n_crests"]], [len(NET.nodes), len(NET.arcs)])
 
 

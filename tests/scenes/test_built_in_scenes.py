@@ -16,7 +16,7 @@ def test_every_built_in_scene_grows_and_stays_healthy(name, tmp_path):
     simulation = mf.simulate(name, tmp_path / name, settings=settings)
     health = simulation.health
     balance = ("distance_over_T", "unstable_modes")  # a stage may be about to snap, and says so
-    assert [told for told in health["warnings"] if not told.startswith(balance)] == []
+    assert [warning for warning in health["warnings"] if not warning.startswith(balance)] == []
     assert sum((stage.get("distance_over_T") or 0.0) > 0.25 for stage in health["stages"]) <= 1
     assert [stage["growth"] for stage in health["stages"]] == list(simulation.stages)
     assert all(stage["crossings"] == 0 and stage["min_J"] > 0.1 for stage in health["stages"])

@@ -119,6 +119,6 @@ def test_a_point_survives_being_written_as_a_row():
 
 def test_quick_work_is_done_once_to_warm_up_and_timed_five_times():
     calls = []
-    result, told = timed(lambda: calls.append(sum(range(20_000))) or len(calls))
-    assert (result, told.repeats) == (6, 5)
-    assert told.fastest <= told.seconds <= told.slowest
+    result, times = timed(lambda: calls.append(sum(range(20_000))) or len(calls))
+    assert (result, times.repeats) == (6, 5)
+    assert times.fastest <= times.seconds <= times.slowest

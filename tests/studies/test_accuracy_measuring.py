@@ -220,9 +220,9 @@ def test_quick_work_is_repeated_after_a_warm_up_and_long_work_is_not(monkeypatch
     clock = iter(np.arange(100) * each)
     monkeypatch.setattr(timing, "working_seconds", lambda: next(clock))
     done = []
-    result, told = timing.timed(lambda: done.append(1) or "result")
+    result, times = timing.timed(lambda: done.append(1) or "result")
     assert (result, len(done)) == ("result", calls)
-    assert told == timing.Timing(*[pytest.approx(each)] * 3, max(1, calls - 1))
+    assert times == timing.Timing(*[pytest.approx(each)] * 3, max(1, calls - 1))
 
 
 def test_splitting_a_person_keeps_the_surfaces():

@@ -170,9 +170,9 @@ def test_a_peer_that_failed_is_told_and_takes_no_part(tmp_path, points):
 
 
 def test_circumstances_name_what_times_depend_on():
-    told = circumstances()
-    assert {"processor", "threads", "numba", "morphofold"} <= told.keys()
-    assert told["processor"]
+    found = circumstances()
+    assert {"processor", "threads", "numba", "morphofold"} <= found.keys()
+    assert found["processor"]
 
 
 def test_cases_of_other_code_are_done_anew(tmp_path, monkeypatch):
@@ -189,18 +189,18 @@ def test_cases_of_other_code_are_done_anew(tmp_path, monkeypatch):
 
 
 def test_progress_of_both_halves_is_one_and_never_falls(monkeypatch, tmp_path):
-    told = []
+    shares = []
 
-    def half(kept, tell):
+    def half(kept, show):
         for share in (0.0, 0.5, 1.0):
-            tell(share, "a case")
+            show(share, "a case")
         return []
 
     for name in ("_measuring", "_solver"):
         monkeypatch.setattr(study_module, name, half)
-    study_module.all_points(("solver", "measuring"), Kept(tmp_path, {}), lambda share, words: told.append(share))
-    assert told == sorted(told)
-    assert (told[0], told[-1]) == (0.0, pytest.approx(1.0))
+    study_module.all_points(("solver", "measuring"), Kept(tmp_path, {}), lambda share, words: shares.append(share))
+    assert shares == sorted(shares)
+    assert (shares[0], shares[-1]) == (0.0, pytest.approx(1.0))
 
 
 def test_dominated_points_say_by_what(points):
@@ -247,12 +247,12 @@ def test_the_error_of_standard_is_told_axis_by_axis(points):
 
 
 def test_a_forecast_is_given_the_laws(points):
-    told = expected_errors(points)["quantities"]
-    assert told["radius"]["coefficient"] == pytest.approx(0.01)
-    assert told["gyrification index"]["power"] == pytest.approx(1.5, abs=1e-3)
-    assert (told["radius"]["finest"], told["radius"]["coarsest"]) == (0.27, 1.2)
-    assert told["gyrification index"]["other"] == pytest.approx(0.05)  # layers and pace; kappa/mu is the body's own
-    assert told["radius"]["other"] == 0
+    errors = expected_errors(points)["quantities"]
+    assert errors["radius"]["coefficient"] == pytest.approx(0.01)
+    assert errors["gyrification index"]["power"] == pytest.approx(1.5, abs=1e-3)
+    assert (errors["radius"]["finest"], errors["radius"]["coarsest"]) == (0.27, 1.2)
+    assert errors["gyrification index"]["other"] == pytest.approx(0.05)  # layers and pace; kappa/mu is the body's own
+    assert errors["radius"]["other"] == 0
     assert expected_errors([p for p in points if p.half == "measuring"]) is None
 
 
@@ -327,10 +327,10 @@ def test_a_page_takes_its_parts_and_pictures_from_the_study(study, page, tmp_pat
     assert "| solver | fig6-thick, octant | radius | theory | mesh | −4.00 ± 0.00 | 2.00 ± 0.00 | 4 (4 to 4) |" in text
     assert "libigl" in text
     assert (tmp_path / "accuracy-overview.png").read_bytes() == (study / "figures" / "overview.png").read_bytes()
-    told = json.loads(table.read_text())
-    assert told["costs"] == {"a": 1}
-    assert told["errors"]["quantities"]["radius"]["power"] == pytest.approx(2)
-    assert told["errors"]["quantities"].keys() >= {"radius"}
+    written = json.loads(table.read_text())
+    assert written["costs"] == {"a": 1}
+    assert written["errors"]["quantities"]["radius"]["power"] == pytest.approx(2)
+    assert written["errors"]["quantities"].keys() >= {"radius"}
     before = text
     write_page(study, page)
     assert page.read_text() == before  # the same study gives the same page
@@ -379,8 +379,8 @@ def test_a_folder_of_something_else_is_no_study(tmp_path, page, capsys):
 def test_the_command_refuses_before_it_works(tmp_path, capsys):
     assert main(["bench", "accuracy", "-o", ""]) == 2
     assert main(["bench", "accuracy", "-o", str(tmp_path / "a"), "--halves", "brain"]) == 2
-    said = capsys.readouterr().err
-    assert re.search(r"--halves: 'brain' .* measuring, solver\. \[unknown-name\]", said)
+    stderr = capsys.readouterr().err
+    assert re.search(r"--halves: 'brain' .* measuring, solver\. \[unknown-name\]", stderr)
     (tmp_path / "b").mkdir()
     (tmp_path / "b" / "precious.txt").write_text("mine")
     assert main(["bench", "accuracy", "-o", str(tmp_path / "b")]) == 2
@@ -389,7 +389,7 @@ def test_the_command_refuses_before_it_works(tmp_path, capsys):
 
 
 def test_the_command_writes_a_study_and_does_no_case_twice(tmp_path, monkeypatch, capsys, points):
-    def some(halves, kept, tell):
+    def some(halves, kept, show):
         return [p for k, made in enumerate(points) for p in kept.points(Case(f"case-{k}", lambda made=made: [made]))]
 
     monkeypatch.setattr(study_module, "all_points", some)

@@ -230,10 +230,10 @@ def here(tmp_path, monkeypatch):
 )
 def test_bench_folds_refuses_before_it_writes(here, capsys, option, value, words):
     assert main(["bench", "folds", "-o", "out", f"{option}={value}"]) == 2
-    told = capsys.readouterr()
-    assert told.out == ""
-    assert len(told.err.splitlines()) == 1
-    assert re.search(words, told.err)
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert len(captured.err.splitlines()) == 1
+    assert re.search(words, captured.err)
     assert list(here.iterdir()) == []
 
 
@@ -270,7 +270,7 @@ def study(tmp_path_factory):
 
         return made_simulation(out / "simulations" / name, scene, settings, height=wave, warnings=["min J is low"])
 
-    def rows(simulation, tell):
+    def rows(simulation, show):
         scene = simulation.scene
         seed, level = scene.effects["perturbation"].seed, scene.accuracy.level
         body = fold(scene.name, level, seed)
@@ -375,8 +375,8 @@ def test_stages_that_are_not_folded_are_told_and_not_judged():
     radii = {("fig5", level, 0, 1.5): np.arange(4.0) for level in ("draft", "standard")}
     summary = {"parameters": {"directions": 4, "levels": ["draft", "standard"], "seeds": [0], "portion": "octant"}}
     compared = statistics.convergence_rows(rows, radii, ("draft", "standard"), 0)
-    said = fold_page.PARTS["convergence"].sentences(compared, summary)
-    assert "Between draft and standard no stage is folded on both." in said
+    sentences = fold_page.PARTS["convergence"].sentences(compared, summary)
+    assert "Between draft and standard no stage is folded on both." in sentences
     assert "2 of 2 stages of all runs are not folded yet" in fold_page.PARTS["folds"].sentences(rows, summary)
 
 
@@ -390,10 +390,10 @@ def test_bench_folds_grows_writes_prints_and_uses_again_what_it_grew(here, capsy
     argv = ["bench", "folds", "-o", "out", "--scenes", "fig6-thick", "--levels", "standard,draft", "--seeds", "0,3"]
     argv += ["--growth", "1.05,1.1", "-q"]
     assert main(argv) == 0
-    told = capsys.readouterr()
-    assert told.err == ""
-    assert "no slope.tsv: there is no line through three thicknesses: that takes fig6-thin, fig5" in told.out
-    assert re.search(r"^fig6-thick +1\.10 +draft → standard +[\d.−]+ +1\.0", told.out, re.M)
+    captured = capsys.readouterr()
+    assert captured.err == ""
+    assert "no slope.tsv: there is no line through three thicknesses: that takes fig6-thin, fig5" in captured.out
+    assert re.search(r"^fig6-thick +1\.10 +draft → standard +[\d.−]+ +1\.0", captured.out, re.M)
     runs = here / "out" / "simulations"
     names = {f"fig6-thick-octant-{run}" for run in ("draft-seed0", "draft-seed3", "standard-seed0")}
     assert {p.name for p in runs.iterdir()} == names

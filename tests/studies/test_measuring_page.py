@@ -66,9 +66,9 @@ def test_the_folded_ball_is_a_closed_cortex_of_one_thickness(ball):
 
 @pytest.mark.slow
 def test_every_stage_of_measure_is_timed_and_they_add_up():
-    told = []
-    rows = measuring_speed([1500, 1000], progress=lambda share, text: told.append((share, text)))
-    assert told == [(0.0, "1,000 vertices"), (0.5, "1,500 vertices")]
+    calls = []
+    rows = measuring_speed([1500, 1000], progress=lambda share, text: calls.append((share, text)))
+    assert calls == [(0.0, "1,000 vertices"), (0.5, "1,500 vertices")]
     asked = []
     measure(folded_ball(1000), progress=lambda share, stage: asked.append(stage))
     for n in (1000, 1500):
@@ -87,13 +87,13 @@ def test_the_exponent_is_that_of_n_log_n(power):
 @pytest.mark.parametrize("sizes", ["", "999", "10000,x", "20000000"])
 def test_sizes_that_cannot_be_are_refused_before_anything_is_timed(sizes, capsys):
     assert main(["bench", "measures", "--vertices", sizes]) == 2
-    said = capsys.readouterr().err
+    stderr = capsys.readouterr().err
     if not sizes:  # argparse's refusal has no code
-        assert " --vertices: " in said
+        assert " --vertices: " in stderr
         return
-    assert f"{sizes!r}" in said
-    assert said.startswith("morphofold bench: --vertices: ")
-    assert said.endswith(" [not-readable]\n" if "x" in sizes else " [out-of-range]\n")
+    assert f"{sizes!r}" in stderr
+    assert stderr.startswith("morphofold bench: --vertices: ")
+    assert stderr.endswith(" [not-readable]\n" if "x" in sizes else " [out-of-range]\n")
 
 
 @pytest.mark.slow
@@ -190,9 +190,9 @@ def test_a_section_shows_chords_of_the_cut_with_their_widths(ball):
 def test_a_cortex_without_a_name_and_a_single_size_are_seen_to(capsys):
     with pytest.raises(SystemExit):
         measuring.main(["page.md", "--speed", "speed.json", "S1"])
-    said = capsys.readouterr().err
-    assert "'S1'" in said
-    assert "NAME=CORTEX" in said
+    stderr = capsys.readouterr().err
+    assert "'S1'" in stderr
+    assert "NAME=CORTEX" in stderr
     (_, table) = measuring._speed([row for row in made_times() if row["vertices"] == 1000])
     assert table.splitlines()[-2] == "| all | 0.03 |  |"
 

@@ -170,9 +170,9 @@ def test_a_panel_says_where_no_wrinkles_were_found(cases):
     stable = replace(cases[0].bifurcation, g_crit=nan, mode=nan, reason="stable")
     some = [replace(cases[0], bifurcation=stable), *cases[1:]]
     for draw in (theory_plots.crease_or_wrinkle, theory_plots.bifurcation_curves):
-        said = [text.get_text() for ax in draw(some).axes for text in ax.texts]
-        assert len(said) == 1
-        assert "no wrinkles\nfound up to $g$ = 10, $T/C$ = 0.04" in said[0]
+        texts = [text.get_text() for ax in draw(some).axes for text in ax.texts]
+        assert len(texts) == 1
+        assert "no wrinkles\nfound up to $g$ = 10, $T/C$ = 0.04" in texts[0]
         assert not any(ax.texts for ax in draw(cases).axes)
 
 
@@ -226,13 +226,13 @@ def test_what_is_not_found_has_its_reason(cases):
     nan, inf = float("nan"), float("inf")
     whole = cases[0].bifurcation
     assert cases[0].row()["reason"] is None
-    for change, said in (
+    for change, reason in (
         ({"g_crit": nan, "mode": nan, "creasing_amplitude": nan, "reason": "stable"}, "stable"),
         ({"mode": inf}, "their degree has no bound"),
         ({"creasing_amplitude": nan}, "these wrinkles live on the interface: no creasing amplitude"),
         ({"g_crease": nan}, "no crease found up to g = 10, or as far as the smooth state could be followed"),
     ):
-        assert replace(cases[0], bifurcation=replace(whole, **change)).row()["reason"].endswith(said)
+        assert replace(cases[0], bifurcation=replace(whole, **change)).row()["reason"].endswith(reason)
 
 
 @pytest.mark.parametrize(
@@ -338,8 +338,8 @@ def test_an_entry_names_the_files_that_are_written(reproduced):
     folder, entries = reproduced
     for entry in entries.values():
         assert all((folder / file).is_file() for file in entry["files"])
-    told = [simulation["scene"] for simulation in entries["fig3"]["simulations"]]
-    assert told == ["fig3", "fig3-thin", "fig3-thick", "fig7-ratio1"]
+    names = [simulation["scene"] for simulation in entries["fig3"]["simulations"]]
+    assert names == ["fig3", "fig3-thin", "fig3-thick", "fig7-ratio1"]
 
 
 def test_radial_elements_of_figure_3_lie_on_the_theory(reproduced):
@@ -423,7 +423,7 @@ def test_a_figure_of_folds_has_a_picture_and_a_row_per_body_and_stage(made, tmp_
     assert {name: scene for name, (scene, _) in asked.items()} == {name: name for name in scenes}
     assert all(f"output.stages={list(folds.STAGES)}" in settings for _, settings in asked.values())
     assert entry["files"] == [f"{figure}.png", f"{figure}.tsv"]
-    assert runs.told == [f"{figure}: measure {scene}" for scene in scenes]
+    assert runs.shown == [f"{figure}: measure {scene}" for scene in scenes]
     rows = rows_of(tmp_path / f"{figure}.tsv")
     assert [(row["scene"], float(row["growth"])) for row in rows] == [
         (scene, g) for scene in scenes for g in folds.STAGES[1:]
@@ -431,9 +431,11 @@ def test_a_figure_of_folds_has_a_picture_and_a_row_per_body_and_stage(made, tmp_
     width, height = struct.unpack(">II", (tmp_path / f"{figure}.png").read_bytes()[16:24])
     assert width > 1200
     assert height > 800
-    warned = [told["warnings"] for told in entry["simulations"] if told["warnings"]]
+    warned = [simulation["warnings"] for simulation in entry["simulations"] if simulation["warnings"]]
     assert warned == ([["too hot"]] if figure == "fig6" else [])
-    assert {told["healthy"] for told in entry["simulations"]} == ({True, False} if figure == "fig6" else {True})
+    assert {simulation["healthy"] for simulation in entry["simulations"]} == (
+        {True, False} if figure == "fig6" else {True}
+    )
 
 
 def test_every_growth_that_is_shown_is_a_stage():

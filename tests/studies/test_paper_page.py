@@ -17,7 +17,7 @@ from morphofold.studies.paper.folds import FIG5, FIG6, FIG7
 from morphofold.tables import write_table
 
 PAGE = Path(__file__).parents[2] / "docs" / "figures.md"
-TOLD = {"folder": "simulations/fig5", "level": "draft", "elements": 8250, "steps": 600, "seconds": 20.4}
+SIMULATION = {"folder": "simulations/fig5", "level": "draft", "elements": 8250, "steps": 600, "seconds": 20.4}
 
 
 def fold(scene, g, T=2.0, **more):
@@ -54,7 +54,7 @@ def out(tmp_path):
         name: {
             "shows": "",
             "files": [f"{name}.png", f"{name}.tsv"],
-            "simulations": [{**TOLD, "healthy": True, "warnings": []}],
+            "simulations": [{**SIMULATION, "healthy": True, "warnings": []}],
         }
         for name in rows
     }

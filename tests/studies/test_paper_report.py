@@ -80,7 +80,7 @@ def radius(off):
     return {"fig3a.tsv": rows, "fig3b.tsv": [{"source": "finite elements, 1-D", "over_theory": 0.003}]}
 
 
-SAID = [
+SENTENCES = [
     ("fig3", radius(1e-4), ["As in the paper", "radius within 0.01 %", "stress within 0.3 %", "up to 4 % off"]),
     ("fig3", radius(0.02), ["Not as in the paper", "radius within 2 %"]),
     ("fig3", {"fig3a.tsv": [], "fig3b.tsv": []}, ["Not as in the paper", "nan"]),
@@ -132,11 +132,11 @@ SAID = [
 ]
 
 
-@pytest.mark.parametrize(("figure", "tables", "words"), SAID)
+@pytest.mark.parametrize(("figure", "tables", "words"), SENTENCES)
 def test_a_sentence_follows_the_numbers(figure, tables, words):
-    said = VERDICTS[figure](tables)
+    sentence = VERDICTS[figure](tables)
     for word in words:
-        assert word in said
+        assert word in sentence
 
 
 class Page(HTMLParser):
@@ -154,7 +154,7 @@ def test_a_page_has_each_figure_with_its_sentence_picture_and_time(tmp_path):
     rows = [{"source": "theory", "law": law, "T_over_C": T, "g_crease": g, "reason": None} for law, T, g in points]
     write_table(tmp_path / "fig4.tsv", list(rows[0]), rows)
     (tmp_path / "fig4.png").write_bytes(png_bytes(np.full((40, 60, 3), 90, dtype=np.uint8)))
-    told = {
+    simulation = {
         "folder": "simulations/x",
         "level": "draft",
         "elements": 8250,
@@ -164,7 +164,12 @@ def test_a_page_has_each_figure_with_its_sentence_picture_and_time(tmp_path):
         "warnings": ["<hot>"],
         "scene": "x",
     }
-    entry = {"files": ["fig4.png", "fig4.tsv"], "shows": "<b>creases", "seconds": 3.4, "simulations": [told, told]}
+    entry = {
+        "files": ["fig4.png", "fig4.tsv"],
+        "shows": "<b>creases",
+        "seconds": 3.4,
+        "simulations": [simulation, simulation],
+    }
     index = {"morphofold": "1", "lengths": "mm", "figures": {"fig4": json.loads(json.dumps(entry))}}
     text = write_paper_report(tmp_path, index).read_text(encoding="utf-8")
     tags = Page(text).tags

@@ -51,10 +51,10 @@ def wave(g, verts):
 def refused(capsys, *argv):
     """The one line that a refused command says."""
     assert main(list(argv)) == 2
-    told = capsys.readouterr()
-    assert told.out == ""
-    assert len(told.err.splitlines()) == 1
-    return told.err
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert len(captured.err.splitlines()) == 1
+    return captured.err
 
 
 def index_of(file):
@@ -76,7 +76,7 @@ def test_reproduce_writes_figures_tables_and_an_index(here, grown, capsys):
     assert names(here / "out") == {*files, "summary.json", "report.html", ".morphofold", "simulations"}
     assert index["morphofold"]
     assert "Eq. (12)" in index["figures"]["fig4"]["equations"]
-    assert [told["folder"] for told in index["figures"]["fig3"]["simulations"]] == [
+    assert [simulation["folder"] for simulation in index["figures"]["fig3"]["simulations"]] == [
         f"simulations/{name}" for name in ("fig3", "fig3-thin", "fig3-thick", "fig3-solid")
     ]
 
@@ -101,9 +101,9 @@ def test_a_theory_figure_grows_nothing(here, grown):
 def test_a_simulation_is_grown_once_and_stays_for_the_next_figure(here, grown, capsys):
     assert main(["reproduce", "fig5", "-o", "out", "--draft", "--threads", "1"]) == 0
     assert grown == [("out/simulations/fig5-draft", 1, "draft")]
-    told = capsys.readouterr()
-    assert "fig5: warning: fig5: a bound is broken" in told.out
-    assert "fig5-draft: 100%" in told.err
+    captured = capsys.readouterr()
+    assert "fig5: warning: fig5: a bound is broken" in captured.out
+    assert "fig5-draft: 100%" in captured.err
     assert main(["reproduce", "fig5", "fig4", "-o", "out", "--draft", "-q"]) == 0
     assert len(grown) == 1
     assert names(here / "out" / "simulations") == {"fig5-draft"}
@@ -142,10 +142,10 @@ def test_simulations_are_copied_where_files_cannot_have_two_names(here, grown, m
 
 
 def test_reproduce_refuses_a_figure_that_it_does_not_know_before_it_writes(here, capsys):
-    said = refused(capsys, "reproduce", "fig3", "fig33")
-    assert "'fig33'" in said
-    assert "fig3, fig4" in said
-    assert " [unknown-name]" in said
+    message = refused(capsys, "reproduce", "fig3", "fig33")
+    assert "'fig33'" in message
+    assert "fig3, fig4" in message
+    assert " [unknown-name]" in message
     assert list(here.iterdir()) == []
 
 
@@ -209,9 +209,9 @@ def test_reproduce_refuses_an_index_of_another_kind(here, grown, capsys, index, 
     (here / "out" / "summary.json").write_text(index)
     before = names(here / "out")
     capsys.readouterr()
-    said = refused(capsys, "reproduce", "fig3", "-o", "out", "-q")
-    assert "out/summary.json: " in said
-    assert re.search(why, said)
+    message = refused(capsys, "reproduce", "fig3", "-o", "out", "-q")
+    assert "out/summary.json: " in message
+    assert re.search(why, message)
     assert grown == []
     assert names(here / "out") == before
     assert (here / "out" / "summary.json").read_text() == index
@@ -221,9 +221,9 @@ def test_a_figure_that_was_changed_is_never_kept_as_drawn(here, capsys):
     assert main(["reproduce", "fig4", "-o", "out"]) == 0
     (here / "out" / "fig4.tsv").write_text("mine")
     capsys.readouterr()
-    said = refused(capsys, "reproduce", "fig3", "-o", "out", "-q")
-    assert "out/fig4.tsv: " in said
-    assert " [mismatch]" in said
+    message = refused(capsys, "reproduce", "fig3", "-o", "out", "-q")
+    assert "out/fig4.tsv: " in message
+    assert " [mismatch]" in message
     assert (here / "out" / "fig4.tsv").read_text() == "mine"
     assert main(["reproduce", "fig4", "-o", "out"]) == 0
     assert (here / "out" / "fig4.tsv").read_text() != "mine"
@@ -240,9 +240,9 @@ def test_two_runs_into_one_folder_never_lose_a_figure(here, capsys, monkeypatch)
     monkeypatch.setitem(paper.REPRODUCTIONS, "fig4", slowly)
     assert main(["reproduce", "fig4", "-o", "out", "-q"]) == 0
     assert codes == [2]
-    said = capsys.readouterr().err
-    assert "out: " in said or ".out.lock: " in said
-    assert f" {os.getpid()})" in said
+    stderr = capsys.readouterr().err
+    assert "out: " in stderr or ".out.lock: " in stderr
+    assert f" {os.getpid()})" in stderr
     assert {path.name for path in here.iterdir()} == {"out"}
     assert (here / "out" / "fig4.tsv").is_file()
 

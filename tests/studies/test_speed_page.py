@@ -150,10 +150,10 @@ def made_run(out, settings=(), **numbers):
         (5000, {"elements": 6.0, "contact": 1.0, "symmetry": 0.5}),
     ]
     writer.log([{"step": step, "seconds": spent} for step, spent in seconds])
-    told = {"elements": 1000, "steps": 5000, "seconds": 10.0, "seconds_by_phase": seconds[-1][1]}
+    defaults = {"elements": 1000, "steps": 5000, "seconds": 10.0, "seconds_by_phase": seconds[-1][1]}
     warnings = numbers.pop("warnings", [])
     stages = numbers.pop("stages", [{"step": 1500}, {"step": 2000}, {"step": 5000}])
-    writer.health(stages, warnings, **{**told, **numbers})
+    writer.health(stages, warnings, **{**defaults, **numbers})
     return out
 
 
@@ -233,7 +233,7 @@ def spoil(here, name, text):
 
 
 @pytest.mark.parametrize(
-    ("name", "text", "kind", "told"),
+    ("name", "text", "kind", "expected"),
     [
         ("speed.md", PAGE.replace("<!-- /runs -->", ""), MissingPart, "<!-- runs -->.*<!-- /runs -->"),
         ("speed.json", "[", DamagedFile, "JSON.*line 1 column 2"),
@@ -247,9 +247,9 @@ def spoil(here, name, text):
         ("run/log.jsonl", '{"step": 1}\n', DamagedFile, "KeyError: 'seconds'"),
     ],
 )
-def test_what_is_not_as_written_is_refused_and_the_page_stays(here, capsys, name, text, kind, told):
+def test_what_is_not_as_written_is_refused_and_the_page_stays(here, capsys, name, text, kind, expected):
     spoil(here, name, text)
-    refused(here, capsys, name, kind, told)
+    refused(here, capsys, name, kind, expected)
 
 
 @pytest.mark.parametrize("name", ["speed.md", "speed.json", "effects.json", "run/scene.toml", "run/health.json"])
@@ -263,7 +263,7 @@ def test_bytes_that_are_no_text_are_refused(here, capsys):
     refused(here, capsys, "speed.json", DamagedFile, "'utf-8'")
 
 
-def refused(here, capsys, name, kind, told):
+def refused(here, capsys, name, kind, expected):
     """One line that begins with the file's name, and the error whose text tells so much; the page stays."""
     page = here / "speed.md"
     before = page.read_text() if page.exists() else None
@@ -273,7 +273,7 @@ def refused(here, capsys, name, kind, told):
     assert out == ""
     assert err.count("\n") == 1
     assert f": {here / name}: " in err
-    with pytest.raises(kind, match=told):
+    with pytest.raises(kind, match=expected):
         write(here)
     assert (page.read_text() if page.exists() else None) == before
 
