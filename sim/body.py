@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from skfem import MeshHex
 
-from morphofold.arrays import Array
+from morphofold.arrays import Array, Bools
 from morphofold.errors import OutOfRange
-from morphofold.sim.elements.blocks import Blocks
+from morphofold.sim.elements.blocks import Rows
 from morphofold.sim.elements.surface_filter import SurfaceFilter
 from morphofold.sim.growth import check_law
 from morphofold.sim.growth import volume as det_G
@@ -19,8 +20,15 @@ from morphofold.sim.materials.neo_hookean import NEO_HOOKEAN
 from morphofold.sim.mesh.brick_mesh import Bilayer
 
 #: strength of the surface filter in units of mu times cell size, for quads and triangles
-FILTER_STRENGTH = {4: 3.0, 3: 1.0}
-MASS_SAFETY_FACTOR = 1.5  # nodal mass over the smallest that keeps a step of one stable
+FILTER_STRENGTH = {4: 2.0, 3: 1.0}
+#: stiffness over mass of the fastest wave before growth, in a step of one, in cortex and core; 4 is the limit of
+#: stability. Folds raise it by a third in the cortex, and by a half in the core; above 2.7 runs burst (docs/solver.md).
+CORTEX_WAVE, CORE_WAVE = 2.45, 1.65
+#: nodal mass over the bound that is sufficient for any element: the least in cortex and core, and the largest
+LEAST_CORTEX_MASS, LEAST_CORE_MASS, LARGEST_MASS = 0.8, 1.2, 1.5
+PIAL_MASS_OVER_CORTEX = 1.125  # the filter adds its own waves
+WAVE_ITERATIONS = 60  # of the search for the fastest wave
+MASS_STEP = 0.05  # masses are rounded up to this, so that a sphere and its octants, and a turned body, have the same
 
 
 class Elements(Protocol):
@@ -33,8 +41,9 @@ class Elements(Protocol):
     material: Material
     volume: Array  # (n,) of the reference body [mm^3]
     modulus: Array  # (block, rows * WIDTH) mu, kappa, 1/V
-    blocks: Blocks
 
+    @property
+    def blocks(self) -> Rows: ...
     def grow(self, cortex: Array, core: float = 1.0) -> None: ...
     def compute_forces(self, x: Array) -> None: ...
     def measure(self, x: Array) -> Array: ...
@@ -73,8 +82,8 @@ class Body:
         Size of a cell of the pial surface at the last measurement: the root of the mean cell area, with two triangles
         per cell [mm].
     mass : (N,) float64
-        Nodal mass with which a step of length 1 is stable: ``MASS_SAFETY_FACTOR`` times what the bounds on the
-        stiffness require.
+        Nodal mass with which a step of length 1 is stable: a factor times what the bounds on the stiffness require,
+        which are too large themselves. The cortex has less than the core, because its mass is the clock.
     thickness : float
         Thickness of the ungrown cortex: its volume over its area [mm].
     crossing : float
@@ -128,8 +137,9 @@ class Body:
         self.filter = SurfaceFilter(
             bilayer, self.X, FILTER_STRENGTH[bilayer.faces.shape[1]] * mu_cortex, self._cell_of(area)
         )
-        self.update_state(self.X)
         above = bilayer.share > 0
+        self._mass_factor = self._mass_factors(above)
+        self.update_state(self.X)
         density = self.mass[above].sum() / self.nodal_volumes()[above].sum()
         self.thickness = float(self.elements.volume[: self.elements.n_cortex].sum() / area)
         self.crossing = float(self.thickness * np.sqrt(density / mu_cortex))
@@ -137,6 +147,29 @@ class Body:
     @property
     def n_surface(self) -> int:
         return self.bilayer.n_surface
+
+    def _mass_factors(self, cortex: Bools) -> Array:
+        """Mass of each node (N,) over the bound: as little as the fastest waves of cortex and core allow."""
+        factor, bound = np.empty(len(self.X)), 0.25 * self._stiffness_bound(self.X)
+        for nodes, least, wave in ((cortex, LEAST_CORTEX_MASS, CORTEX_WAVE), (~cortex, LEAST_CORE_MASS, CORE_WAVE)):
+            needed = MASS_STEP * math.ceil(self.fastest_wave(nodes, bound) / wave / MASS_STEP)
+            factor[nodes] = min(max(needed, least), LARGEST_MASS)
+        factor[: self.n_surface] *= PIAL_MASS_OVER_CORTEX
+        return factor
+
+    def fastest_wave(self, nodes: Bools, mass: Array) -> float:
+        """Stiffness over mass of the fastest wave before growth that moves ``nodes`` (N,) alone, with ``mass`` (N,).
+
+        By power iteration, with differences of forces; from below, by less than 0.5 %. 0 if these nodes are held.
+        """
+        free, wave = self.free & nodes[:, None], 0.0
+        v = np.random.default_rng(0).standard_normal((len(self.X), 1)) * self.bilayer.radial * free
+        for _ in range(WAVE_ITERATIONS if free.any() else 0):
+            v *= 1e-4 * self.filter.cell / np.abs(v).max()
+            pull = 0.5 * (self.all_forces(self.X - v) - self.all_forces(self.X + v)) * free
+            wave = float(np.sum(v * pull) / np.sum(mass[:, None] * v * v))
+            v = pull / mass[:, None]
+        return wave
 
     def nodal_volumes(self) -> Array:
         """Reference volume of each node (N,) [mm^3]: equal parts of its elements' volumes."""
@@ -177,12 +210,17 @@ class Body:
 
     def update_state(self, x: Array) -> None:
         """Measure energies, volume ratios and stiffness of the elements at ``x``, and compute the nodal mass."""
-        self.mass = self.elements.measure(x)
         share = (1 + self.viscosity**2) ** 0.5 - self.viscosity  # part of the stable step that a lagging dashpot leaves
-        factor = 0.25 * max(MASS_SAFETY_FACTOR, 1.25 / share**2)  # a step of one is stable if K <= 4 M
-        self.mass *= factor
-        self.mass[: self.n_surface] += factor * self.filter.stiffness
+        least = 1.25 / share**2 if self.viscosity else 0.0
+        factor = 0.25 * np.maximum(self._mass_factor, least)  # a step of one is stable if K <= 4 M
+        self.mass = factor * self._stiffness_bound(x)
         self.cell = self._cell_of(surface_area(x, self.bilayer.faces))
+
+    def _stiffness_bound(self, x: Array) -> Array:
+        """Nodal sums (N,) of bounds on the stiffness of elements and surface filter at ``x``."""
+        bound = self.elements.measure(x)
+        bound[: self.n_surface] += self.filter.stiffness
+        return bound
 
     def _cell_of(self, area: float) -> float:
         faces = self.bilayer.faces

@@ -31,7 +31,9 @@ if TYPE_CHECKING:
 
 STEPS_PER_MEASUREMENT = 12  # steps between measurements of mass and energies
 STEPS_PER_INCREMENT = 3  # steps between increments of growth: no wave is so fast, so none is in resonance with them
-DAMPING_PER_CROSSING = 0.15  # velocities fall by exp(-0.15) while a wave crosses the cortex (Body.crossing)
+#: velocities fall by exp(-0.15) while a wave crosses the cortex (Body.crossing), at a stage by exp(-0.1): critical
+#: damping of the softest folds, with stiffness over mass of 0.0025 per tick^2
+DAMPING_PER_CROSSING, REST_DAMPING_PER_CROSSING = 0.15, 0.1
 KINETIC_LIMIT = 1e-3  # kinetic over strain energy above which growth slows down
 COLLAPSE_RATIO_OF_J = 0.9  # growth also slows if the smallest J falls by this factor between measurements, or below 0
 SLOWEST_PACE = 0.05  # smallest pace of growth when it slows down
@@ -41,12 +43,13 @@ SOFT_START_GROWTH = 0.02  # growth over which the pace rises to its full value, 
 FIRST_PACE = 0.1  # pace at the start
 REST_DISTANCE_OVER_T = 0.05  # distance from rest that counts as rest, over the thickness of the cortex
 #: growth goes on after so long within REST_DISTANCE_OVER_T, or after so long in total [ticks]
-REST_TICKS, PATIENCE_TICKS = 2.0, 60.0
+REST_TICKS, PATIENCE_TICKS = 2.0, 45.0
+SLENDER_PATIENCE_TICKS = 60.0  # PATIENCE_TICKS of a slender body, whose bow has further to go
 #: after little growth, patience is PATIENCE_PER_GROWTH_TICK times the ticks of growth, at least LEAST_PATIENCE_TICKS
 LEAST_PATIENCE_TICKS, PATIENCE_PER_GROWTH_TICK = 10.0, 4 / 3
 #: beyond this distance the body may be on the way to other folds: patience is MOST_PATIENCE_FACTOR times longer
 AWAY_DISTANCE_OVER_T = 0.25
-MOST_PATIENCE_FACTOR = 6.0  # largest factor on PATIENCE_TICKS where the motion is softer than that of folds
+MOST_PATIENCE_FACTOR = 8.0  # largest factor on PATIENCE_TICKS where the motion is softer than that of folds
 RINGING_W2 = 1.0  # stiffness over mass above which a motion rings and does not fold [1/tick^2]
 RING_DOWN_TICKS = 8.0  # time for which ringing is damped more [ticks]; later vibrations come from contact
 MOST_DAMPING = 0.5  # largest share of the velocity that a step removes then
@@ -97,7 +100,7 @@ def soft_start(growth: float) -> float:
 def patience(grown: float | None = None) -> float:
     """Ticks at a stage after which growth goes on, at rest or not, if no motion is softer than that of folds.
 
-    ``grown``: ticks of growth since the body last rested; None if it has not rested yet, or is slender.
+    ``grown``: ticks of growth since the body last rested; None if it has not rested yet.
     """
     return (
         PATIENCE_TICKS
@@ -194,12 +197,13 @@ class Dynamics:
     def settle(self, after: Callable[[State], None] = lambda state: None) -> bool:
         """Hold the growth until the body is at rest: within ``REST_DISTANCE_OVER_T`` for ``REST_TICKS``.
 
-        A motion slower than that of folds is damped critically, as in dynamic relaxation (Underwood 1983). At first so
-        is a motion that rings, because growth has stopped suddenly. If the body does not come to rest, growth goes on
-        after its :func:`patience`, longer by the factor by which the motion is softer than that of folds,
-        ``MOST_PATIENCE_FACTOR`` at most. Beyond ``AWAY_DISTANCE_OVER_T`` the time is ``PATIENCE_TICKS`` times
-        ``MOST_PATIENCE_FACTOR``. After little growth the patience is short, since the body lags little; but not for a
-        slender body, which bends slowly. Nothing is done if time is real.
+        Damping is less than during growth: critical for the softest folds, as in dynamic relaxation (Underwood 1983). A
+        motion slower than theirs is damped critically, too; at first so is one that rings, because growth has stopped
+        suddenly. If the body does not come to rest, growth goes on after its :func:`patience`, longer by the factor by
+        which the motion is softer than that of folds, ``MOST_PATIENCE_FACTOR`` at most. Beyond
+        ``AWAY_DISTANCE_OVER_T`` the time is ``PATIENCE_TICKS`` times ``MOST_PATIENCE_FACTOR``. After little growth the
+        patience is short, since the body lags little; but not for a slender body, which bends slowly. Nothing is done
+        if time is real.
 
         Returns
         -------
@@ -209,14 +213,17 @@ class Dynamics:
         tick, full, balance, state = self.body.crossing, self.damping, self.balance, self.state
         grown = (state.step - state.relaxed - state.rested) / tick
         while self.waits_for_balance and balance.calm < REST_TICKS * tick:
-            longest = patience(None if balance.slender or not state.rested else grown)
+            longest = SLENDER_PATIENCE_TICKS if balance.slender else patience(grown if state.rested else None)
             longest *= min(SOFT_MODE_W2 / balance.soft, MOST_PATIENCE_FACTOR)
             if balance.distance >= AWAY_DISTANCE_OVER_T * self.body.thickness:
                 longest = PATIENCE_TICKS * MOST_PATIENCE_FACTOR
             if state.relaxed >= longest * tick:
                 break
             rings = balance.w2 > RINGING_W2 / tick**2 and state.relaxed < RING_DOWN_TICKS * tick
-            if rings or 0 < balance.w2 < (0.5 * full) ** 2:
+            self.damping = min(full, REST_DAMPING_PER_CROSSING / tick)
+            if rings:  # so much damping stops folds, too: they need some time to move again
+                balance.calm = -round(tick / REST_DAMPING_PER_CROSSING)
+            if rings or 0 < balance.w2 < (0.5 * self.damping) ** 2:
                 self.damping = min(2 * math.sqrt(balance.w2), MOST_DAMPING)
             self._hold(after)
             self.damping = full

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 NUMBER_OF_RAYS = 10_000
 TOUCHING_LENGTH_SHARE = 1e-9  # segments of a ray shorter than this share of its length are ignored
 
-#: allowed depth of a self-intersection [mean edges]: half the gap at which contact begins to act
+#: allowed depth of a self-intersection [mean edges]: less than the gap at which contact begins to act
 CROSSING_TOLERANCE = 0.1
 
 #: largest values of a healthy stage, and what to change if a value is larger: keys of ``cures``

@@ -6,12 +6,14 @@ import pytest
 from morphofold.geometry import vertex_normals
 from morphofold.sim.body import Body
 from morphofold.sim.effects.contact import (
+    DEEPEST_NEAR_PAIR_IN_CELLS,
     DEEPEST_PENETRATION_SHARE,
     GAP_IN_CELLS,
     NEIGHBOUR_DISTANCE_IN_EDGES,
     PENALTY_DAMPING,
     PENALTY_STIFFNESS,
     SEARCH_RADIUS_IN_CELLS,
+    WAIT_DEPTH_IN_CELLS,
     Contact,
     find_facing,
     triangles,
@@ -38,7 +40,7 @@ def test_facing_nodes_are_those_of_brute_force():
     tri = triangles(body.bilayer.faces)
     normals = -vertex_normals(x, tri)  # inwards: the two sheets face each other
     found = np.empty(n, dtype=np.int64)
-    find_facing(x, body.X[:n], vertex_normals(body.X[:n], tri), normals, n, 4.0, 20.0, found)
+    find_facing(x, body.X[:n], vertex_normals(body.X[:n], tri), normals, n, 4.0, np.full(n, 20.0), found)
     d = np.linalg.norm(x[:, None] - x[None], axis=-1)
     reference = np.linalg.norm(body.X[:n, None] - body.X[None, :n], axis=-1)
     d[(normals @ normals.T > -0.2) | (reference < 20) | (d >= 4.0)] = np.inf
@@ -231,9 +233,9 @@ def test_a_push_is_that_of_the_lighter_side(heavy):
     assert light.any()
 
 
-@pytest.mark.parametrize(("gaps", "pace"), [(2.0, 1.0), (0.5, 1.0), (0.0, 1.0), (-1.0, 1 / 2), (-3.0, 1 / 4)])
-def test_the_pace_falls_with_the_depth_beyond_the_gap_and_is_kept_in_a_checkpoint(gaps, pace):
-    body, x = walls(gaps * GAP_IN_CELLS)
+@pytest.mark.parametrize(("depth", "pace"), [(-1.0, 1.0), (0.5, 1.0), (1.0, 1.0), (2.0, 1 / 2), (4.0, 1 / 4)])
+def test_the_pace_falls_with_the_depth_beyond_its_limit_and_is_kept_in_a_checkpoint(depth, pace):
+    body, x = walls(GAP_IN_CELLS - depth * WAIT_DEPTH_IN_CELLS)
     _, contact = pushes(body, x)
     assert contact.pace(1.5) == pytest.approx(pace)
     again = Contact()
@@ -254,7 +256,7 @@ def test_contact_is_looked_for_within_its_radius_and_ends_at_its_depth():
         assert pushes(body, x)[0].any() == pushed
 
 
-def test_neighbours_in_the_reference_are_no_contact_and_flanks_of_one_ridge_until_half_a_gap_deep():
+def test_neighbours_in_the_reference_are_no_contact_and_flanks_of_one_ridge_until_a_tenth_of_a_cell_deep():
     """Of a triangle the first corner counts, up to the diagonal of a cell aside of the node.
 
     Below zero the walls stand back to back in the reference; above, across a gap, and then they never are neighbours.
@@ -262,19 +264,29 @@ def test_neighbours_in_the_reference_are_no_contact_and_flanks_of_one_ridge_unti
     for reference, distance, pushed in (
         (-0.5, 0.5 * GAP_IN_CELLS, False),
         (-1.01 * NEIGHBOUR_DISTANCE_IN_EDGES, 0.5 * GAP_IN_CELLS, True),
-        (-2.0 * NEIGHBOUR_DISTANCE_IN_EDGES, -0.49 * GAP_IN_CELLS, True),
-        (-2.0 * NEIGHBOUR_DISTANCE_IN_EDGES, -0.51 * GAP_IN_CELLS, False),
-        (-2.51 * NEIGHBOUR_DISTANCE_IN_EDGES, -0.51 * GAP_IN_CELLS, True),
+        (-2.0 * NEIGHBOUR_DISTANCE_IN_EDGES, -0.99 * DEEPEST_NEAR_PAIR_IN_CELLS, True),
+        (-2.0 * NEIGHBOUR_DISTANCE_IN_EDGES, -1.01 * DEEPEST_NEAR_PAIR_IN_CELLS, False),
+        (-2.51 * NEIGHBOUR_DISTANCE_IN_EDGES, -1.01 * DEEPEST_NEAR_PAIR_IN_CELLS, True),
         (0.5, 0.5 * GAP_IN_CELLS, True),
-        (2.0 * NEIGHBOUR_DISTANCE_IN_EDGES, -0.51 * GAP_IN_CELLS, True),
+        (2.0 * NEIGHBOUR_DISTANCE_IN_EDGES, -1.01 * DEEPEST_NEAR_PAIR_IN_CELLS, True),
     ):
         body, x = walls(distance, reference=reference)
         middle = len(x) // 4  # away from the edges of the walls
         assert pushes(body, x)[0][middle].any() == pushed, (reference, distance)
 
 
+def test_walls_are_no_neighbours_because_edges_are_long_elsewhere():
+    """Back to back and 1.5 times the distance of neighbours apart, beside a single quad with edges of 4 mm."""
+    body, x = walls(0.5 * GAP_IN_CELLS, reference=-1.5 * NEIGHBOUR_DISTANCE_IN_EDGES)
+    n, quad = body.n_surface, np.array([[90.0, 0.0, 0.0], [90.0, 4.0, 0.0], [90.0, 4.0, 4.0], [90.0, 0.0, 4.0]])
+    body.bilayer.faces = np.concatenate([body.bilayer.faces, [n + np.arange(4)]])
+    body.X, x = np.concatenate([body.X, quad]), np.concatenate([x, quad])
+    body.mass, body.n_surface = np.append(body.mass, np.ones(4)), n + 4
+    assert pushes(body, x)[0][n // 4].any()
+
+
 def test_a_node_that_slid_off_its_triangle_by_a_cell_is_pushed_no_more():
-    """The walls overlap by the rows that are left; one cell is five gaps."""
+    """The walls overlap by the rows that are left."""
     for beyond, pushed in ((0.99, True), (1.01, False)):
         body, x = walls(0.5 * GAP_IN_CELLS, aside=8.0 + beyond)  # the first row of the upper wall lies beyond
         row = x[: len(x) // 2, 1] == 8.0 + beyond

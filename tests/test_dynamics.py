@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from morphofold.sim import dynamics
-from morphofold.sim.body import MASS_SAFETY_FACTOR, Body
+from morphofold.sim.body import Body
 from morphofold.sim.dynamics import STEPS_PER_INCREMENT, STEPS_PER_MEASUREMENT, Dynamics, UnstableError, restlessness
 from morphofold.sim.effects.contact import Contact
 from morphofold.sim.effects.perturbation import Perturbation
@@ -163,8 +163,14 @@ def test_a_smooth_body_moves_as_its_growth_asks_and_does_not_shake():
 
 
 def test_no_wave_is_as_fast_as_the_increments_of_growth():
-    """The fastest wave of a body whose mass is f = MASS_SAFETY_FACTOR times the least: 2 asin(1 / sqrt(f)) a step."""
-    assert 2 * np.arcsin(MASS_SAFETY_FACTOR**-0.5) < 2 * np.pi / STEPS_PER_INCREMENT
+    """A wave of stiffness over mass w^2 advances by 2 asin(w / 2) a step; meshes of flat, cubic and tall bricks."""
+    for n, layers in ((8, 3), (24, 2), (24, 6)):
+        body = Body(
+            bilayer_sphere(50, 3.0, 25, "octant", n, layers), mu_cortex=2, mu_core=1, kappa_ratio=50, law="isotropic"
+        )
+        fastest = body.fastest_wave(np.ones(len(body.X), dtype=bool), body.mass)
+        assert 2.0 < fastest < 2.75
+        assert 2 * np.arcsin(0.5 * fastest**0.5) < 2 * np.pi / STEPS_PER_INCREMENT
 
 
 def bulged_swing(n, layers, crossings, **options):

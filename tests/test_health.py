@@ -247,5 +247,5 @@ def test_the_check_of_a_surface_through_itself_breaks_every_bound_that_tells_it(
     assert [sentence.split()[0] for sentence in sentences] == ["winding_max", "crossings", "deepest_crossing"]
 
 
-def test_a_crossing_of_less_than_half_the_gap_of_contact_is_none():
-    assert CROSSING_TOLERANCE == 0.5 * GAP_IN_CELLS
+def test_a_crossing_that_counts_is_less_deep_than_the_gap_of_contact():
+    assert 0.5 * GAP_IN_CELLS < CROSSING_TOLERANCE < GAP_IN_CELLS

@@ -7,10 +7,9 @@ from scipy.spatial import Delaunay
 from skfem import Basis, ElementTetP1, ElementVector, LinearForm, MeshTet
 
 from morphofold.errors import BadMesh, OutOfRange, UnknownName
-from morphofold.sim.body import MASS_SAFETY_FACTOR, Body
+from morphofold.sim.body import LARGEST_MASS, Body
 from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.elements import tet_kernels
-from morphofold.sim.elements.blocks import from_lanes
 from morphofold.sim.elements.patches import cluster
 from morphofold.sim.elements.tets import Tets
 from morphofold.sim.growth import growth_tensor
@@ -277,7 +276,7 @@ def test_measured_stiffness_keeps_the_unit_step_stable(kind, kappa, rng):
     tets.grow(np.full(tets.n_cortex, 1.3))
     stretches = (1.05, [0.4, 0.8, 1.5], [0.5, 1.5, 1.4])
     for x in (*(tets.X * s for s in stretches), shaken(tets, rng, 0.05), shaken(tets, rng, 0.2)):
-        mass = 0.25 * MASS_SAFETY_FACTOR * tets.measure(x)[:, None]
+        mass = 0.25 * LARGEST_MASS * tets.measure(x)[:, None]
         v, value = rng.standard_normal(x.shape), 0.0
         for _ in range(80):
             v /= np.sqrt(np.sum(mass * v**2))
@@ -285,9 +284,7 @@ def test_measured_stiffness_keeps_the_unit_step_stable(kind, kappa, rng):
             Kv = -(forces(tets, x + h * v) - forces(tets, x - h * v)) / (2 * h)
             value = np.sum(v * Kv)
             v = Kv / mass
-        assert 4 / MASS_SAFETY_FACTOR / 4 < value < 4 / MASS_SAFETY_FACTOR, (
-            "the step is unstable, or the mass wastefully large"
-        )
+        assert 4 / LARGEST_MASS / 4 < value < 4 / LARGEST_MASS, "the step is unstable, or the mass wastefully large"
 
 
 @pytest.mark.skipif(numba.get_num_threads() < 2, reason="needs two threads")
@@ -350,8 +347,8 @@ def test_patches_do_not_depend_on_how_corners_are_ordered(rng):
 def test_corners_of_tetrahedra_are_found_among_the_nodes_of_their_patch(rng):
     tets = make_tets("scattered", rng)
     count, b = len(tets.patches), tets.blocks
-    nodes = from_lanes(b.nodes[b.start[:-1, None] + b.local], count)
-    corner = from_lanes(tets.corner, count)
+    nodes = b.from_lanes(b.nodes[b.start[:-1, None] + b.local])
+    corner = b.from_lanes(tets.corner)
     got = np.take_along_axis(nodes, corner.astype(int), axis=1).reshape(count, 6, 4)
     want = tets.mesh.t.T[np.where(tets.patches >= 0, tets.patches, tets.patches[:, :1])]
     assert (tets.patches < 0).any()

@@ -164,8 +164,11 @@ def _scaled_steps(scene: Scene, sizes: Sizes, found: Calibration) -> Steps:
 
 def _steps_across_cortex(scene: Scene, edge: float) -> float:
     """Steps in which a wave crosses the cortex, up to a factor, with surface edges of length ``edge`` [mm]."""
-    through = costs()["crossing"]["through"] * scene.elements_through_cortex**2
-    return math.sqrt(through + (scene.geometry.cortex_thickness / edge) ** 2)
+    import numpy as np
+
+    known, T = costs()["crossing"], scene.geometry.cortex_thickness
+    mass = np.interp(edge * scene.elements_through_cortex / T, known["flatness"], known["mass"])
+    return math.sqrt(mass * (known["through"] * scene.elements_through_cortex**2 + (T / edge) ** 2))
 
 
 def _seconds_by_phase(scene: Scene, sizes: Sizes, steps: Steps, found: Calibration) -> dict[str, float]:

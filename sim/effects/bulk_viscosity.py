@@ -18,8 +18,8 @@ from morphofold.errors import DoesNotApply
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect
 from morphofold.sim.elements import brick_kernels
-from morphofold.sim.elements.brick_kernels import _FAST_MATH, _LANES, _UINT, CORNER_SCALE, LANES
 from morphofold.sim.elements.bricks import Bricks
+from morphofold.sim.elements.lanes import _FAST_MATH, _LANES, _UINT, LANES, add_level, read_level
 from morphofold.sim.scene.tables import EffectOptions, key
 
 if TYPE_CHECKING:
@@ -65,40 +65,53 @@ def _width_squared(xs, l, v):
     return v * v / (16.0 * largest)  # 4 squared: a section has four times the area of the half edges
 
 
+@njit(forceinline=True, fastmath=_FAST_MATH, error_model="numpy")
+def _block_viscous_forces(now, last, m, rho, linear, quadratic, f):
+    """Forces of the viscous pressure on the corners of the bricks of a block, from positions now and a step ago."""
+    for l in range(_LANES):
+        v = brick_kernels._brick_volume(now, l)
+        rate = 1.0 - brick_kernels._brick_volume(last, l) / v
+        wave = m[l + _LANES] + (LOCAL_BULK_OVER_MU + 4.0 / 3.0) * m[l]  # rho c^2
+        size = _width_squared(now, l, v)
+        p = linear * np.sqrt(rho[l] * wave * size) * rate
+        p -= quadratic * quadratic * rho[l] * size * rate * rate if rate < 0.0 else 0.0
+        p = p if wave > 0.0 else 0.0  # lanes that only fill the last block
+        d = brick_kernels._gauss_point_jacobians(now, l)
+        q = (
+            _scaled_cofactors(p, d[0]),
+            _scaled_cofactors(p, d[1]),
+            _scaled_cofactors(p, d[2]),
+            _scaled_cofactors(p, d[3]),
+            _scaled_cofactors(p, d[4]),
+            _scaled_cofactors(p, d[5]),
+            _scaled_cofactors(p, d[6]),
+            _scaled_cofactors(p, d[7]),
+        )
+        for r in range(3):
+            brick_kernels._store_corner_values(f, l + _UINT(r) * _LANES, brick_kernels._corner_forces(q, r))
+
+
 @njit(parallel=True, cache=True, fastmath=_FAST_MATH, error_model="numpy")
-def add_viscous_forces(x, before, density, nodes, start, local, modulus, linear, quadratic, force):
+def add_viscous_forces(x, before, density, nodes, start, local, layers, modulus, linear, quadratic, force):
     """Add the forces of the viscous pressure to ``force`` (R, 3); ``before`` (N, 3): positions of the last step."""
-    for b in prange(len(local)):
-        now, last, m = np.empty(24 * LANES), np.empty(24 * LANES), modulus[b]
-        at, mine, rho = np.empty((8 * LANES, 3)), nodes[start[b] : start[b + 1]], np.empty(LANES)
-        brick_kernels.fetch(x, mine, local[b], 8, CORNER_SCALE, m, at, now)
-        brick_kernels.fetch(before, mine, local[b], 8, CORNER_SCALE, m, at, last)
-        rho[:] = 0.0
-        for c in range(8):
-            for l in range(LANES):
-                rho[l] += 0.125 * density[mine[local[b, c * LANES + l]]]
-        for l in range(_LANES):
-            v = brick_kernels._brick_volume(now, l)
-            rate = 1.0 - brick_kernels._brick_volume(last, l) / v
-            wave = m[l + _LANES] + (LOCAL_BULK_OVER_MU + 4.0 / 3.0) * m[l]  # rho c^2
-            size = _width_squared(now, l, v)
-            p = linear * np.sqrt(rho[l] * wave * size) * rate
-            p -= quadratic * quadratic * rho[l] * size * rate * rate if rate < 0.0 else 0.0
-            p = p if wave > 0.0 else 0.0  # lanes that only fill the last block
-            d = brick_kernels._gauss_point_jacobians(now, l)
-            q = (
-                _scaled_cofactors(p, d[0]),
-                _scaled_cofactors(p, d[1]),
-                _scaled_cofactors(p, d[2]),
-                _scaled_cofactors(p, d[3]),
-                _scaled_cofactors(p, d[4]),
-                _scaled_cofactors(p, d[5]),
-                _scaled_cofactors(p, d[6]),
-                _scaled_cofactors(p, d[7]),
-            )
-            for r in range(3):
-                brick_kernels._store_corner_values(now, l + _UINT(r) * _LANES, brick_kernels._corner_forces(q, r))
-        brick_kernels.deliver(now, local[b], 8, force[start[b] : start[b + 1]])
+    for g in prange(len(local)):
+        now, last, f, held = np.zeros(24 * LANES), np.zeros(24 * LANES), np.zeros(24 * LANES), np.zeros(12 * LANES)
+        at, origins, moved = np.empty((4 * LANES, 3)), np.zeros((2, 3 * LANES)), np.empty(3 * LANES)
+        mine, width, rho = local[g], (start[g + 1] - start[g]) // (layers + 1), np.empty(LANES)
+        for k in range(layers + 1):
+            level = start[g] + k * width
+            here = nodes[level : level + width]
+            read_level(x, here, mine, at, origins[0], moved, now)
+            read_level(before, here, mine, at, origins[1], moved, last)
+            if k > 0:
+                over = nodes[level - width : level]
+                rho[:] = 0.0
+                for i in range(4 * LANES):
+                    rho[i % LANES] += 0.125 * (density[here[mine[i]]] + density[over[mine[i]]])
+                _block_viscous_forces(now, last, modulus[g * layers + k - 1], rho, linear, quadratic, f)
+                add_level(f, held, mine, force[level - width : level])
+        f[:] = 0.0
+        add_level(f, held, mine, force[start[g + 1] - width : start[g + 1]])
 
 
 class Options(EffectOptions):
@@ -135,7 +148,8 @@ class BulkViscosity(Effect):
 
     def add_element_forces(self, body: Body, x, v) -> None:
         np.subtract(x, v, out=self._before)
-        b = body.elements.blocks
+        assert isinstance(body.elements, Bricks)
+        b, modulus = body.elements.blocks, body.elements.modulus
         add_viscous_forces(
             x,
             self._before,
@@ -143,7 +157,8 @@ class BulkViscosity(Effect):
             b.nodes,
             b.start,
             b.local,
-            body.elements.modulus,
+            b.layers,
+            modulus,
             self._linear,
             self._quadratic,
             b.force,

@@ -2,7 +2,7 @@
 
 For each node, find the nearest node whose surface faces it (opposed normals, far apart in the reference), then the
 nearest triangle around that node. The search is repeated when the surface has moved by a fifth of the search radius.
-Until nodes face each other within that radius, a step costs one empty loop. The penalty acts within a gap of 0.2 cell
+Until nodes face each other within that radius, a step costs one empty loop. The penalty acts within a gap of 0.14 cell
 sizes. It is scaled by nodal mass, so it never needs a smaller step.
 """
 
@@ -25,13 +25,17 @@ from morphofold.sim.scene.tables import EffectOptions
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
 
-GAP_IN_CELLS = 0.2  # contact acts below this distance, in cell sizes h
+GAP_IN_CELLS = 0.14  # contact acts below this distance, in cell sizes h
+WAIT_DEPTH_IN_CELLS = 0.2  # growth slows down if nodes are pressed deeper than this into the gap [h]
 PENALTY_STIFFNESS = 0.2  # penalty force per mass and penetration, at a step of one
 PENALTY_DAMPING = 0.25  # damping force per mass and approach speed
 SEARCH_RADIUS_IN_CELLS = 1.5  # search radius in h
 DEEPEST_PENETRATION_SHARE = 0.7  # penetrations beyond this share of the search radius are not contact
-#: pairs closer than this in the reference are neighbours, unless across a gap [largest edge]
+#: pairs closer than this in the reference are neighbours, unless across a gap [longest edge at either node]
 NEIGHBOUR_DISTANCE_IN_EDGES = 1.2
+NEAR_PAIR_IN_NEIGHBOUR_DISTANCES = 2.5  # pairs closer than this in the reference are the flanks of one ridge
+LARGEST_SLIDE_IN_CELLS = 1.0  # a node that has slid farther off its triangle does not touch it [h]
+DEEPEST_NEAR_PAIR_IN_CELLS = 0.1  # a pair near in the reference counts only until it is so deep [h]
 OPPOSED_NORMALS_COSINE = -0.2  # largest cosine between the normals of a pair
 #: triangles of a flat quad overlap: the first counts, independent of rounding in its distance
 DISTANCE_TIE_TOLERANCE = 1e-6
@@ -69,20 +73,21 @@ def _sort_into_cells(x, n_nodes, size):
 
 
 @njit(inline="always")
-def _is_neighbour(X, N, i, j, apart):
-    """Whether node j is in the neighbourhood of node i: closer than ``apart`` in the reference, and not across a gap.
+def _is_neighbour(X, N, i, j, reach, times=1.0):
+    """Whether node j is in the neighbourhood of node i: in the reference closer than ``times`` the larger ``reach`` of
+    the two, and not across a gap.
 
     A node is across a gap from i if it lies in front of i there and its normal is opposed; N (S, 3) are normals of X.
     """
     e0, e1, e2 = X[j, 0] - X[i, 0], X[j, 1] - X[i, 1], X[j, 2] - X[i, 2]
-    if e0 * e0 + e1 * e1 + e2 * e2 >= apart * apart:
+    if e0 * e0 + e1 * e1 + e2 * e2 >= (times * max(reach[i], reach[j])) ** 2:
         return False
     cosine = N[i, 0] * N[j, 0] + N[i, 1] * N[j, 1] + N[i, 2] * N[j, 2]
     return cosine > OPPOSED_NORMALS_COSINE or e0 * N[i, 0] + e1 * N[i, 1] + e2 * N[i, 2] <= 0.0
 
 
 @njit(parallel=True, cache=True)
-def find_facing(x, X, N, normals, n_nodes, radius, apart, facing):
+def find_facing(x, X, N, normals, n_nodes, radius, reach, facing):
     """Nearest node within ``radius`` with an opposed normal and outside the node's neighbourhood; -1: none."""
     cell, starts, members, shape = _sort_into_cells(x, n_nodes, radius)
     for i in prange(n_nodes):
@@ -105,14 +110,14 @@ def find_facing(x, X, N, normals, n_nodes, radius, apart, facing):
                             cosine += normals[i, r] * normals[j, r]
                         if cosine > OPPOSED_NORMALS_COSINE:
                             continue
-                        if _is_neighbour(X, N, i, j, apart):
+                        if _is_neighbour(X, N, i, j, reach):
                             continue
                         best, nearest = d, j
         facing[i] = nearest
 
 
 @njit(parallel=True, cache=True)
-def choose_triangles(x, X, N, tri, ring_first, ring, facing, apart, partner):
+def choose_triangles(x, X, N, tri, ring_first, ring, facing, reach, partner):
     """For each node, the nearest of the triangles around the node that faces it; -1: none.
 
     Triangles with a corner in the node's neighbourhood do not count.
@@ -123,9 +128,9 @@ def choose_triangles(x, X, N, tri, ring_first, ring, facing, apart, partner):
             for s in range(ring_first[facing[i]], ring_first[facing[i] + 1]):
                 t = ring[s]
                 if (
-                    _is_neighbour(X, N, i, tri[t, 0], apart)
-                    or _is_neighbour(X, N, i, tri[t, 1], apart)
-                    or _is_neighbour(X, N, i, tri[t, 2], apart)
+                    _is_neighbour(X, N, i, tri[t, 0], reach)
+                    or _is_neighbour(X, N, i, tri[t, 1], reach)
+                    or _is_neighbour(X, N, i, tri[t, 2], reach)
                 ):
                     continue
                 a, b, c = x[tri[t, 0]], x[tri[t, 1]], x[tri[t, 2]]
@@ -139,12 +144,13 @@ def choose_triangles(x, X, N, tri, ring_first, ring, facing, apart, partner):
 
 
 @njit(parallel=True, cache=True)
-def press(x, v, X, N, mass, tri, partner, gap, deepest, apart, stiffness, push, weight, depth, energy):
+def press(x, v, X, N, mass, tri, partner, h, reach, stiffness, push, weight, depth, energy):
     """Contact force of each node on its triangle: push (S, 3), barycentric weights (S, 3), depth (S,), energy (S,).
 
-    A pair closer than 2.5 ``apart`` in the reference counts only until it is half a gap deep: such pairs are the flanks
-    of one ridge, not two walls of a sulcus.
+    A pair closer than ``NEAR_PAIR_IN_NEIGHBOUR_DISTANCES`` in the reference counts only until it is
+    ``DEEPEST_NEAR_PAIR_IN_CELLS`` deep: such pairs are the flanks of one ridge, not two walls of a sulcus.
     """
+    gap, deepest = GAP_IN_CELLS * h, DEEPEST_PENETRATION_SHARE * SEARCH_RADIUS_IN_CELLS * h
     for i in prange(len(partner)):
         depth[i] = energy[i] = 0.0
         t = partner[i]
@@ -159,9 +165,11 @@ def press(x, v, X, N, mass, tri, partner, gap, deepest, apart, stiffness, push, 
         side = 0.0
         for r in range(3):
             side += (x[i, r] - wj * x[j, r] - wk * x[k, r] - wl * x[l, r]) ** 2
-        if side - distance * distance > 25.0 * gap * gap:  # slid off its triangle by a cell
+        if side - distance * distance > (LARGEST_SLIDE_IN_CELLS * h) ** 2:
             continue
-        if distance < -0.5 * gap and _is_neighbour(X, N, i, j, 2.5 * apart):
+        if distance < -DEEPEST_NEAR_PAIR_IN_CELLS * h and _is_neighbour(
+            X, N, i, j, reach, NEAR_PAIR_IN_NEIGHBOUR_DISTANCES
+        ):
             continue
         m = min(mass[i], mass[j], mass[k], mass[l])
         speed = 0.0
@@ -200,6 +208,15 @@ def triangles(faces: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.concatenate([faces[:, k] for k in ([0, 1, 2], [0, 2, 3], [0, 1, 3], [1, 2, 3])])
 
 
+def longest_edges(verts: Array, faces: NDArray[np.int64]) -> Array:
+    """Length (S,) of the longest edge of faces (F, 3 or 4) at each vertex (S, 3) [mm]."""
+    a, b = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    length, longest = np.linalg.norm(verts[a] - verts[b], axis=1), np.zeros(len(verts))
+    np.maximum.at(longest, a, length)
+    np.maximum.at(longest, b, length)
+    return longest
+
+
 class Options(EffectOptions):
     """Self-contact of the pial surface; no options."""
 
@@ -228,6 +245,7 @@ class Contact(Effect):
         n = body.n_surface
         self._tri = triangles(body.bilayer.faces)
         self._N = vertex_normals(body.X[:n], self._tri)
+        self._reach = NEIGHBOUR_DISTANCE_IN_EDGES * longest_edges(body.X[:n], body.bilayer.faces)
         around = incident_faces(n, self._tri)
         self._ring_first, self._ring = around.indptr, around.indices
         self._facing = np.full(n, -1)
@@ -246,22 +264,12 @@ class Contact(Effect):
         moved = np.max(np.abs(x[:n] - self._paired_at))
         if moved > 0.2 * radius:
             normals = vertex_normals(x[:n], self._tri)
-            find_facing(
-                x, body.X, self._N, normals, n, radius, NEIGHBOUR_DISTANCE_IN_EDGES * body.bilayer.edge, self._facing
-            )
+            find_facing(x, body.X, self._N, normals, n, radius, self._reach, self._facing)
             self._paired_at = x[:n].copy()
             self.searches += 1
         if self._facing.max() >= 0:
             choose_triangles(
-                x,
-                body.X,
-                self._N,
-                self._tri,
-                self._ring_first,
-                self._ring,
-                self._facing,
-                NEIGHBOUR_DISTANCE_IN_EDGES * body.bilayer.edge,
-                self._partner,
+                x, body.X, self._N, self._tri, self._ring_first, self._ring, self._facing, self._reach, self._partner
             )
         else:
             self._partner[:] = -1
@@ -281,9 +289,8 @@ class Contact(Effect):
             body.mass,
             self._tri,
             self._partner,
-            GAP_IN_CELLS * self._h,
-            DEEPEST_PENETRATION_SHARE * SEARCH_RADIUS_IN_CELLS * self._h,
-            NEIGHBOUR_DISTANCE_IN_EDGES * body.bilayer.edge,
+            self._h,
+            self._reach,
             self.per_mass,
             push,
             weight,
@@ -307,8 +314,8 @@ class Contact(Effect):
         return sparse.csr_matrix((entries.ravel(), places), shape=(x.size, x.size))
 
     def pace(self, g: float) -> float:
-        """Slow growth down while nodes are pressed deeper than the gap, that is, through their triangle."""
-        return min(1.0, GAP_IN_CELLS * self._h / max(float(self._depth.max()), 1e-300))
+        """Slow growth down while nodes are pressed far through their triangle."""
+        return min(1.0, WAIT_DEPTH_IN_CELLS * self._h / max(float(self._depth.max()), 1e-300))
 
     def energy(self) -> float:
         return float(self._energy.sum())

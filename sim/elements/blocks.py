@@ -1,8 +1,8 @@
-"""Elements in blocks of ``LANES`` lanes, and the sum of their forces at the nodes.
+"""Which nodes the blocks of elements read, and the sum of their forces at the nodes.
 
-A block reads the positions of its own nodes once. It sums the forces of its elements per node before it writes them:
-one row per block and node. Each node then sums its few rows in a fixed order, so the result is bitwise the same for any
-number of threads. Neighbouring elements should have close numbers.
+A block or column reads the positions of its own nodes once. It sums the forces of its elements per node before it
+writes them: one row per block and node. Each node then sums its few rows in a fixed order, so the result is bitwise the
+same for any number of threads. Neighbouring elements should have close numbers.
 """
 
 from __future__ import annotations
@@ -10,59 +10,50 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from morphofold.arrays import Array, Ints
-from morphofold.sim.elements.brick_kernels import LANES, gather, gather_scalar
+from morphofold.arrays import Array, Bools, Ints
+from morphofold.sim.elements.lanes import LANES, gather, gather_scalar
 
 
-def to_lanes(values: NDArray, n_blocks: int) -> NDArray:
-    """Reorder (E, rows) per element to (block, rows * LANES), lane fastest; the last lanes repeat the last element."""
-    padded = np.concatenate([values, np.repeat(values[-1:], n_blocks * LANES - len(values), axis=0)])
-    return np.ascontiguousarray(padded.reshape(n_blocks, LANES, -1).transpose(0, 2, 1).reshape(n_blocks, -1))
-
-
-def from_lanes(values: NDArray, n_elements: int) -> NDArray:
-    """Reorder (block, rows * LANES) back to (E, rows)."""
-    n_blocks = len(values)
-    return values.reshape(n_blocks, -1, LANES).transpose(0, 2, 1).reshape(n_blocks * LANES, -1)[:n_elements]
-
-
-class Blocks:
-    """Nodes that each block reads, and rows that it writes.
+class Rows:
+    """Elements in lanes, and the rows into which a kernel writes what they add to their nodes.
 
     Parameters
     ----------
-    corners : (E, K) int
-        Node numbers of each element.
+    element : (count, LANES) int
+        Element in each lane of each block; lanes left over repeat an element.
+    nodes : (R,) int
+        Node of each row.
     n_nodes : int
 
     Attributes
     ----------
     count : int
-        Number of blocks; the last block repeats its last element.
-    nodes, start : (R,) uint32, (count + 1,) int
-        Block b owns rows ``start[b]:start[b + 1]``; row s belongs to node ``nodes[s]``.
-    local : (count, K * LANES) uint16
-        Row of each corner within its block.
+        Number of blocks.
+    filler : (count, LANES) bool
+        Lanes that repeat an element.
     first, rows : (N + 1,) int, (R,) uint32
         Node n owns the rows ``rows[first[n]:first[n + 1]]``.
     force : (R, 3) float64
         Forces of the rows, filled by a kernel.
     """
 
-    def __init__(self, corners: Ints, n_nodes: int):
-        self.count = -(-len(corners) // LANES)
-        lanes = to_lanes(corners.astype(np.int32), self.count)
-        order = np.argsort(lanes, axis=1, kind="stable")
-        ranked = np.take_along_axis(lanes, order, axis=1)
-        new = np.ones(ranked.shape, dtype=bool)
-        new[:, 1:] = ranked[:, 1:] != ranked[:, :-1]
-        self.local = np.empty(lanes.shape, dtype=np.uint16)
-        np.put_along_axis(self.local, order, (np.cumsum(new, axis=1) - 1).astype(np.uint16), axis=1)
-        self.nodes: NDArray[np.uint32] = ranked[new].astype(np.uint32)
-        self.start = np.concatenate([[0], np.cumsum(new.sum(axis=1))])
+    def __init__(self, element: Ints, nodes: NDArray[np.integer], n_nodes: int):
+        self.element, self.count = element, len(element)
+        self.nodes: NDArray[np.uint32] = nodes.astype(np.uint32)
+        self._place = np.unique(element.ravel(), return_index=True)[1]  # first lane of each element
+        self.filler: Bools = np.ones(element.shape, dtype=bool)
+        self.filler.ravel()[self._place] = False
         self.rows = np.argsort(self.nodes, kind="stable").astype(np.uint32)
         self.first = np.concatenate([[0], np.cumsum(np.bincount(self.nodes, minlength=n_nodes))])
         self.force = np.zeros((len(self.nodes), 3))
+
+    def to_lanes(self, values: NDArray, blocks: slice | Ints = slice(None)) -> NDArray:
+        """Values (E, rows) per element as (block, rows * LANES), lane fastest, for some of the blocks."""
+        return lanes_of(values[self.element[blocks]])
+
+    def from_lanes(self, values: NDArray) -> NDArray:
+        """Values (block, rows * LANES) as (E, rows)."""
+        return values.reshape(self.count, -1, LANES).swapaxes(1, 2).reshape(self.count * LANES, -1)[self._place]
 
     def nodal_forces(self) -> Array:
         """Nodal sums (N, 3) of ``force``."""
@@ -75,3 +66,100 @@ class Blocks:
         out = np.empty(len(self.first) - 1)
         gather_scalar(values, self.first, self.rows, out)
         return out
+
+
+class Blocks(Rows):
+    """Consecutive elements in blocks.
+
+    Parameters
+    ----------
+    corners : (E, K) int
+        Node numbers of each element.
+    n_nodes : int
+
+    Attributes
+    ----------
+    nodes, start : (R,) uint32, (count + 1,) int
+        Block b owns rows ``start[b]:start[b + 1]``; row s belongs to node ``nodes[s]``.
+    local : (count, K * LANES) uint16
+        Row of each corner within its block.
+    """
+
+    def __init__(self, corners: Ints, n_nodes: int):
+        element = _consecutive(len(corners))
+        nodes, self.start, self.local = _rows_of_blocks(lanes_of(corners[element]))
+        super().__init__(element, nodes, n_nodes)
+
+
+class Columns(Rows):
+    """Bricks in columns under a surface of quads: a group of ``LANES`` quads and the bricks below them, layer by layer.
+
+    The bricks of a column share faces, so a kernel that steps down a group reads each level of nodes once, and adds up
+    what both neighbours do to a shared face before it writes that.
+
+    Parameters
+    ----------
+    corners : (E, 8) int
+        Nodes of each brick, corner 2 q + k: q is the corner of its quad, k is 1 on the upper face. The upper face of a
+        brick has the same corners, in the same order, as the lower face of the brick above it. All columns have equally
+        many bricks.
+    n_nodes : int
+
+    Attributes
+    ----------
+    layers : int
+        Block ``layers * g + k`` holds the bricks of layer k in group g.
+    nodes, start : (R,) uint32, (groups + 1,) int
+        Group g owns rows ``start[g]:start[g + 1]``, level by level with equally many rows; row s belongs to node
+        ``nodes[s]``.
+    local : (groups, 4 * LANES) uint16
+        Row, within its level, of each corner of each quad.
+    """
+
+    def __init__(self, corners: Ints, n_nodes: int):
+        brick = _bricks_by_layer(corners, n_nodes)
+        self.layers = len(brick)
+        quad = _consecutive(brick.shape[1])
+        top, start, self.local = _rows_of_blocks(lanes_of(corners[brick[0], 1::2][quad]))
+        size = np.repeat(np.diff(start), np.diff(start))
+        place = np.arange(len(top)) + self.layers * np.repeat(start[:-1], np.diff(start))
+        nodes, under = np.empty((self.layers + 1) * len(top), dtype=np.int64), np.empty(n_nodes, dtype=np.int64)
+        level = nodes[place] = top
+        for k, of_layer in enumerate(brick, 1):
+            under[corners[of_layer, 1::2]] = corners[of_layer, ::2]
+            level = nodes[place + k * size] = under[level]
+        self.start = start * (self.layers + 1)
+        super().__init__(brick.T[quad].swapaxes(1, 2).reshape(-1, LANES), nodes, n_nodes)
+
+
+def _bricks_by_layer(corners: Ints, n_nodes: int) -> Ints:
+    """The bricks (layers, columns) below each other, from the surface down; columns in the order of their bricks."""
+    upper, lower = (corners[:, k] * n_nodes + corners[:, 6 + k] for k in (1, 0))  # a face by two opposite corners
+    order = np.argsort(upper)
+    found = [np.flatnonzero(~np.isin(upper, lower))]
+    while len(found) * len(found[0]) < len(corners):
+        found.append(order[np.searchsorted(upper[order], lower[found[-1]])])
+    return np.stack(found)
+
+
+def lanes_of(values: NDArray) -> NDArray:
+    """Values (block, LANES, ...) as (block, rows * LANES), lane fastest."""
+    count = len(values)
+    return np.ascontiguousarray(values.reshape(count, LANES, -1).swapaxes(1, 2).reshape(count, -1))
+
+
+def _consecutive(n: int) -> Ints:
+    """The numbers below n as (blocks, LANES); the last is repeated."""
+    return np.minimum(np.arange(-(-n // LANES) * LANES), n - 1).reshape(-1, LANES)
+
+
+def _rows_of_blocks(lanes: NDArray) -> tuple[NDArray, Ints, NDArray[np.uint16]]:
+    """The distinct nodes in each row of ``lanes`` (count, M), one row after the other (R,); where those of each row
+    start (count + 1,); and the place of each entry among them (count, M)."""
+    order = np.argsort(lanes, axis=1, kind="stable")
+    ranked = np.take_along_axis(lanes, order, axis=1)
+    new = np.ones(ranked.shape, dtype=bool)
+    new[:, 1:] = ranked[:, 1:] != ranked[:, :-1]
+    local = np.empty(lanes.shape, dtype=np.uint16)
+    np.put_along_axis(local, order, (np.cumsum(new, axis=1) - 1).astype(np.uint16), axis=1)
+    return ranked[new], np.concatenate([[0], np.cumsum(new.sum(axis=1))]), local

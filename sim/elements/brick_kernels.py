@@ -13,31 +13,32 @@ C = w dxi/dX G^-1 G^-T (dxi/dX)^T one has w tr(A^T A) = D : D C and J = det D / 
 of C and 1/w, and any growth changes only these seven. The derivative with respect to D is f D C + s cof D, minus
 h b D C if the material depends on i2, with b = A A^T = D C D^T / w: nothing else of A is needed.
 
-Elements are stored in blocks of ``LANES`` lanes, arrays as (block, rows * LANES) with the lane fastest, so that each
-loop over lanes becomes vector instructions (with unsigned indices and constant row offsets: otherwise LLVM can't
-exclude overlap and stays scalar, six times slower). ``blocks.Blocks`` connects blocks and nodes.
+Elements are stored in lanes (:mod:`morphofold.sim.elements.lanes`), in columns of blocks from the pial surface down:
+``blocks.Columns`` connects them with the nodes.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from llvmlite import ir
-from numba import njit, prange, types
-from numba.core import cgutils
-from numba.extending import intrinsic
+from numba import njit, prange
 
+from morphofold.sim.elements.lanes import (
+    _FAST_MATH,
+    _LANES,
+    _UINT,
+    CORNER_SCALE,
+    LANES,
+    add_level,
+    prefetch,
+    read_level,
+    sum_of_node_rows,
+)
 from morphofold.sim.materials import energy_of, slopes_of, stiffness_bound, uses_i2
 
-LANES = 32  # lanes per block
 ROWS_PER_POINT = 7  # rows per Gauss point: C00 C01 C02 C11 C12 C22 1/w
-ROWS_PER_ELEMENT = 3  # rows per element: mu, kappa, 1/V
 FROZEN_BELOW_J = 0.1  # below this volume ratio the factors J^-2/3, J^-4/3 are constant, so that they stay finite
 
-_FAST_MATH = {"contract", "nsz", "arcp", "nnan", "ninf"}
-_UINT = np.uint64
-_LANES = np.uint64(LANES)
 _GAUSS_COORDINATE = 1.0 / np.sqrt(3.0)  # Gauss points along an edge are at minus and plus this
-CORNER_SCALE = 0.125  # positions and forces are scaled by this, so that _face_gauss_values needs no factors
 
 
 @njit(forceinline=True)
@@ -58,10 +59,12 @@ def _face_gauss_values(p, q, r, s):
 
 @njit(forceinline=True, fastmath=_FAST_MATH)
 def _inverse_cube_root(J):
-    """J^-1/3 to round-off for 0.1 < J < 8, without a branch: one Halley step, then three of fourth order."""
+    """J^-1/3 to round-off for 0.1 < J < 8, without a branch: one Halley step, then steps of fourth order, three in 64
+    bits and two in 32 (where the error is 1e-6 beyond J = 6).
+    """
     one, two = _in_precision_of(J, 1.0), _in_precision_of(J, 2.0)
     y = (J + two) / (two * J + one)
-    for _ in range(3):
+    for _ in range(2 if one + _in_precision_of(J, 1e-12) == one else 3):
         e = one - J * y * y * y
         y += (
             y
@@ -332,96 +335,62 @@ def _store_corner_values(f, l, n):
         f[l + _UINT(3) * _UINT(c) * _LANES] = _in_precision_of(n[c], CORNER_SCALE) * n[c]
 
 
-@intrinsic
-def _prefetch(typing_context, array, index):
-    """Prefetch the cache line of element ``index`` of a contiguous array, so that the next block's data are there."""
-
-    def code(context, builder, signature, arguments):
-        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
-        byte, word = ir.IntType(8).as_pointer(), ir.IntType(32)
-        function = cgutils.get_or_insert_function(
-            builder.module, ir.FunctionType(ir.VoidType(), [byte, word, word, word]), "llvm.prefetch.p0"
-        )
-        line = builder.bitcast(builder.gep(data, [arguments[1]]), byte)
-        builder.call(function, [line, word(0), word(3), word(1)])  # for reading, keep, data
-        return context.get_dummy_value()
-
-    return types.void(array, types.intp), code
-
-
 @njit(forceinline=True)
-def fetch(x, nodes, local, corners, scale, ahead, at, xs, near=False):
-    """Read corner positions of a block: coordinate r of corner c times ``scale`` into row 3 c + r of ``xs``.
-
-    ``near``: subtract the position of the element's first corner, for precision if ``xs`` has 32 bits. ``ahead``, the
-    data of the next block, is prefetched into the cache; ``at`` is scratch.
-    """
-    for s in range(len(nodes)):
-        n = nodes[s]
-        at[s, 0], at[s, 1], at[s, 2] = scale * x[n, 0], scale * x[n, 1], scale * x[n, 2]
-    for c in range(corners):
-        for l in range(LANES):
-            s = local[c * LANES + l]
-            i = 3 * c * LANES + l
-            if near:
-                o = local[l]
-                xs[i], xs[i + LANES], xs[i + 2 * LANES] = at[s, 0] - at[o, 0], at[s, 1] - at[o, 1], at[s, 2] - at[o, 2]
-            else:
-                xs[i], xs[i + LANES], xs[i + 2 * LANES] = at[s, 0], at[s, 1], at[s, 2]
-            _prefetch(ahead, 8 * (c * LANES + l))  # a cache line holds 8 numbers of 64 bits
-
-
-@njit(forceinline=True)
-def deliver(xs, local, corners, force):
-    """Add the forces in ``xs`` (laid out as by ``fetch``) to the rows (rows, 3) of a block."""
-    for c in range(corners):
-        for l in range(LANES):
-            s = local[c * LANES + l]
-            i = 3 * c * LANES + l
-            force[s, 0] += xs[i]
-            force[s, 1] += xs[i + LANES]
-            force[s, 2] += xs[i + 2 * LANES]
-
-
-@njit(forceinline=True)
-def deliver_scalar(values, local, corners, rows):
-    """Add one value per lane (LANES,) to the rows of its corners."""
-    for c in range(corners):
-        for l in range(LANES):
-            rows[local[c * LANES + l]] += values[l]
+def prefetch_block(data, b):
+    """Prefetch the data of block ``b``, which the next step down a column will need."""
+    ahead = data[min(b, len(data) - 1)]
+    for i in range(0, len(ahead), 64 // data.itemsize):  # a cache line holds 64 bytes
+        prefetch(ahead, i)
 
 
 @njit(parallel=True, cache=True, fastmath=_FAST_MATH, error_model="numpy")
-def element_forces(x, nodes, start, local, point, modulus, force, material):
-    """Write forces (minus the energy gradient) of the elements, summed per block and node, into ``force`` (R, 3).
+def element_forces(x, nodes, start, local, layers, point, modulus, force, material):
+    """Write forces (minus the energy gradient) of the bricks, summed per column and node, into ``force`` (R, 3).
 
-    x (N, 3); nodes, start, local: see ``Blocks``; point (block, 56 LANES); modulus (block, 3 LANES): mu, kappa, 1/V;
-    material: see ``sim.materials``. Positions and sums have 64 bits; the computation between them has the precision of
-    ``point`` and ``modulus``, 64 or 32 bits.
+    x (N, 3); nodes, start, local, layers: see ``Columns``; point (block, 56 LANES); modulus (block, 3 LANES): mu,
+    kappa, 1/V; material: see ``sim.materials``. Positions and sums have 64 bits; the computation between them has the
+    precision of ``point`` and ``modulus``, 64 or 32 bits.
     """
-    for b in prange(len(local)):
-        xs, g, m, at = np.empty(24 * LANES, point.dtype), point[b], modulus[b], np.empty((8 * LANES, 3))
-        ahead = point[min(b + 1, len(local) - 1)]
-        fetch(x, nodes[start[b] : start[b + 1]], local[b], 8, CORNER_SCALE, ahead, at, xs, point.itemsize == 4)
-        for l in range(_LANES):
-            d, c, mu = _gauss_point_jacobians(xs, l), _data_of_all_points(g, l), m[l]
-            p = m[l + _LANES] * (_brick_volume(xs, l) * m[l + _UINT(2) * _LANES] - _in_precision_of(mu, 1.0))
-            q = (
-                _point_stress(d[0], c[0], mu, p, material),
-                _point_stress(d[1], c[1], mu, p, material),
-                _point_stress(d[2], c[2], mu, p, material),
-                _point_stress(d[3], c[3], mu, p, material),
-                _point_stress(d[4], c[4], mu, p, material),
-                _point_stress(d[5], c[5], mu, p, material),
-                _point_stress(d[6], c[6], mu, p, material),
-                _point_stress(d[7], c[7], mu, p, material),
-            )
-            _store_corner_values(xs, l, _corner_forces(q, 0))
-            _store_corner_values(xs, l + _LANES, _corner_forces(q, 1))
-            _store_corner_values(xs, l + _UINT(2) * _LANES, _corner_forces(q, 2))
-        rows = force[start[b] : start[b + 1]]
-        rows[:] = 0.0
-        deliver(xs, local[b], 8, rows)
+    for g in prange(len(local)):
+        xs, f, held = (
+            np.zeros(24 * LANES, point.dtype),
+            np.zeros(24 * LANES, point.dtype),
+            np.zeros(12 * LANES, point.dtype),
+        )
+        at, origin, moved = np.empty((4 * LANES, 3)), np.zeros(3 * LANES), np.empty(3 * LANES)
+        mine, width = local[g], (start[g + 1] - start[g]) // (layers + 1)
+        force[start[g] : start[g + 1]] = 0.0
+        for k in range(layers + 1):
+            level = start[g] + k * width
+            read_level(x, nodes[level : level + width], mine, at, origin, moved, xs)
+            if k > 0:
+                b = g * layers + k - 1
+                prefetch_block(point, b + 1)
+                _block_forces(xs, point[b], modulus[b], f, material)
+                add_level(f, held, mine, force[level - width : level])
+        f[:] = 0.0
+        add_level(f, held, mine, force[start[g + 1] - width : start[g + 1]])
+
+
+@njit(fastmath=_FAST_MATH, error_model="numpy")
+def _block_forces(xs, g, m, f, material):
+    """Forces on the corners of the bricks of a block into ``f``, laid out as their positions ``xs``."""
+    for l in range(_LANES):
+        d, c, mu = _gauss_point_jacobians(xs, l), _data_of_all_points(g, l), m[l]
+        p = m[l + _LANES] * (_brick_volume(xs, l) * m[l + _UINT(2) * _LANES] - _in_precision_of(mu, 1.0))
+        q = (
+            _point_stress(d[0], c[0], mu, p, material),
+            _point_stress(d[1], c[1], mu, p, material),
+            _point_stress(d[2], c[2], mu, p, material),
+            _point_stress(d[3], c[3], mu, p, material),
+            _point_stress(d[4], c[4], mu, p, material),
+            _point_stress(d[5], c[5], mu, p, material),
+            _point_stress(d[6], c[6], mu, p, material),
+            _point_stress(d[7], c[7], mu, p, material),
+        )
+        _store_corner_values(f, l, _corner_forces(q, 0))
+        _store_corner_values(f, l + _LANES, _corner_forces(q, 1))
+        _store_corner_values(f, l + _UINT(2) * _LANES, _corner_forces(q, 2))
 
 
 @njit(forceinline=True, fastmath=_FAST_MATH)
@@ -471,8 +440,67 @@ def _sum_of_squares(n):
     return n[0] * n[0] + n[1] * n[1] + n[2] * n[2] + n[3] * n[3] + n[4] * n[4] + n[5] * n[5] + n[6] * n[6] + n[7] * n[7]
 
 
+@njit(forceinline=True, fastmath=_FAST_MATH, error_model="numpy")
+def _block_state(xs, g, m, out, bound, material):
+    """Numbers of the bricks of a block into ``out`` (4 LANES), bounds on their stiffness into ``bound`` (LANES)."""
+    for l in range(_LANES):
+        d, c, mu, kappa = _gauss_point_jacobians(xs, l), _data_of_all_points(g, l), m[l], m[l + _LANES]
+        per_volume = m[l + _UINT(2) * _LANES]
+        ratio = _brick_volume(xs, l) * per_volume
+        s = (
+            _point_state(d[0], c[0], mu, material),
+            _point_state(d[1], c[1], mu, material),
+            _point_state(d[2], c[2], mu, material),
+            _point_state(d[3], c[3], mu, material),
+            _point_state(d[4], c[4], mu, material),
+            _point_state(d[5], c[5], mu, material),
+            _point_state(d[6], c[6], mu, material),
+            _point_state(d[7], c[7], mu, material),
+        )
+        q = (
+            _cofactor(*d[0]),
+            _cofactor(*d[1]),
+            _cofactor(*d[2]),
+            _cofactor(*d[3]),
+            _cofactor(*d[4]),
+            _cofactor(*d[5]),
+            _cofactor(*d[6]),
+            _cofactor(*d[7]),
+        )
+        dv = (
+            _sum_of_squares(_corner_forces(q, 0))
+            + _sum_of_squares(_corner_forces(q, 1))
+            + _sum_of_squares(_corner_forces(q, 2))
+        )
+        out[l] = (
+            s[0][0]
+            + s[1][0]
+            + s[2][0]
+            + s[3][0]
+            + s[4][0]
+            + s[5][0]
+            + s[6][0]
+            + s[7][0]
+            + 0.5 * kappa * (ratio - 1.0) * (ratio - 1.0) / per_volume
+        )
+        out[l + _LANES] = min(s[0][1], s[1][1], s[2][1], s[3][1], s[4][1], s[5][1], s[6][1], s[7][1])
+        out[l + _UINT(2) * _LANES] = max(s[0][1], s[1][1], s[2][1], s[3][1], s[4][1], s[5][1], s[6][1], s[7][1])
+        out[l + _UINT(3) * _LANES] = ratio
+        bound[l] = (
+            CORNER_SCALE**2 * kappa * dv * per_volume
+            + s[0][2]
+            + s[1][2]
+            + s[2][2]
+            + s[3][2]
+            + s[4][2]
+            + s[5][2]
+            + s[6][2]
+            + s[7][2]
+        )
+
+
 @njit(parallel=True, cache=True, fastmath=_FAST_MATH, error_model="numpy")
-def element_state(x, nodes, start, local, point, modulus, state, stiffness, material):
+def element_state(x, nodes, start, local, layers, point, modulus, state, stiffness, material):
     """Write, per element, energy, smallest J, largest J and v/V into ``state`` (block, 4 LANES); per row, the sum of
     its elements' stiffness bounds into ``stiffness`` (R,).
 
@@ -480,126 +508,50 @@ def element_state(x, nodes, start, local, point, modulus, state, stiffness, mate
     (rank one, kappa |dv/dx|^2 / V), an estimate for the rest. The sum can be too small by a fifth in strongly deformed
     stiff elements; the safety factor on the mass covers that.
     """
-    for b in prange(len(local)):
-        xs, g, m, out = np.empty(24 * LANES), point[b], modulus[b], state[b]
-        at, bound = np.empty((8 * LANES, 3)), np.empty(LANES)
-        ahead = point[min(b + 1, len(local) - 1)]
-        fetch(x, nodes[start[b] : start[b + 1]], local[b], 8, CORNER_SCALE, ahead, at, xs)
-        for l in range(_LANES):
-            d, c, mu, kappa = _gauss_point_jacobians(xs, l), _data_of_all_points(g, l), m[l], m[l + _LANES]
-            per_volume = m[l + _UINT(2) * _LANES]
-            ratio = _brick_volume(xs, l) * per_volume
-            s = (
-                _point_state(d[0], c[0], mu, material),
-                _point_state(d[1], c[1], mu, material),
-                _point_state(d[2], c[2], mu, material),
-                _point_state(d[3], c[3], mu, material),
-                _point_state(d[4], c[4], mu, material),
-                _point_state(d[5], c[5], mu, material),
-                _point_state(d[6], c[6], mu, material),
-                _point_state(d[7], c[7], mu, material),
-            )
-            q = (
-                _cofactor(*d[0]),
-                _cofactor(*d[1]),
-                _cofactor(*d[2]),
-                _cofactor(*d[3]),
-                _cofactor(*d[4]),
-                _cofactor(*d[5]),
-                _cofactor(*d[6]),
-                _cofactor(*d[7]),
-            )
-            dv = (
-                _sum_of_squares(_corner_forces(q, 0))
-                + _sum_of_squares(_corner_forces(q, 1))
-                + _sum_of_squares(_corner_forces(q, 2))
-            )
-            out[l] = (
-                s[0][0]
-                + s[1][0]
-                + s[2][0]
-                + s[3][0]
-                + s[4][0]
-                + s[5][0]
-                + s[6][0]
-                + s[7][0]
-                + 0.5 * kappa * (ratio - 1.0) * (ratio - 1.0) / per_volume
-            )
-            out[l + _LANES] = min(s[0][1], s[1][1], s[2][1], s[3][1], s[4][1], s[5][1], s[6][1], s[7][1])
-            out[l + _UINT(2) * _LANES] = max(s[0][1], s[1][1], s[2][1], s[3][1], s[4][1], s[5][1], s[6][1], s[7][1])
-            out[l + _UINT(3) * _LANES] = ratio
-            bound[l] = (
-                CORNER_SCALE**2 * kappa * dv * per_volume
-                + s[0][2]
-                + s[1][2]
-                + s[2][2]
-                + s[3][2]
-                + s[4][2]
-                + s[5][2]
-                + s[6][2]
-                + s[7][2]
-            )
-        rows = stiffness[start[b] : start[b + 1]]
-        rows[:] = 0.0
-        deliver_scalar(bound, local[b], 8, rows)
+    for g in prange(len(local)):
+        xs, at, origin, moved = np.zeros(24 * LANES), np.empty((4 * LANES, 3)), np.zeros(3 * LANES), np.empty(3 * LANES)
+        bound = np.empty(LANES)
+        mine, width = local[g], (start[g + 1] - start[g]) // (layers + 1)
+        stiffness[start[g] : start[g + 1]] = 0.0
+        for k in range(layers + 1):
+            level = start[g] + k * width
+            read_level(x, nodes[level : level + width], mine, at, origin, moved, xs)
+            if k > 0:
+                b = g * layers + k - 1
+                _block_state(xs, point[b], modulus[b], state[b], bound, material)
+                for i in range(4 * LANES):
+                    stiffness[level - width + mine[i]] += bound[i % LANES]
+                    stiffness[level + mine[i]] += bound[i % LANES]
 
 
 @njit(parallel=True, cache=True, fastmath=_FAST_MATH)
-def grow(point, point0, radial, modulus, stretch, tangential):
-    """Compute point data and 1/V of blocks at growth ``stretch`` (block, LANES) from those at growth 1.
+def grow(point, point0, radial, modulus, stretch, blocks, tangential):
+    """Compute point data and 1/V of ``blocks`` at growth ``stretch`` (B, LANES) from those at growth 1, ``point0``.
 
     Isotropic, G = g I: C = g C0, w = g^3 w0. Tangential, G = g (I - N N) + N N with N the reference thickness
-    direction: C = C0 + (g^2 - 1) n n, w = g^2 w0, where ``radial`` (block, 24 LANES) holds n = sqrt(w0) dxi/dX N.
+    direction: C = C0 + (g^2 - 1) n n, w = g^2 w0, where ``radial`` (B, 24 LANES) holds n = sqrt(w0) dxi/dX N.
     """
-    for b in prange(len(stretch)):
+    for i in prange(len(blocks)):
+        b = blocks[i]
         for l in range(LANES):
-            g = stretch[b, l]
+            g = stretch[i, l]
             t = g * g - 1.0
             volume = 0.0
             for q in range(8):
                 row = q * ROWS_PER_POINT * LANES + l
                 if tangential:
                     n = 3 * q * LANES + l
-                    n0, n1, n2 = radial[b, n], radial[b, n + LANES], radial[b, n + 2 * LANES]
+                    n0, n1, n2 = radial[i, n], radial[i, n + LANES], radial[i, n + 2 * LANES]
                     nn = (n0 * n0, n0 * n1, n0 * n2, n1 * n1, n1 * n2, n2 * n2)
                     for k in range(6):
-                        point[b, row + k * LANES] = point0[b, row + k * LANES] + t * nn[k]
+                        point[b, row + k * LANES] = point0[i, row + k * LANES] + t * nn[k]
                 else:
                     for k in range(6):
-                        point[b, row + k * LANES] = g * point0[b, row + k * LANES]
+                        point[b, row + k * LANES] = g * point0[i, row + k * LANES]
                 det = g * g if tangential else g * g * g
-                point[b, row + 6 * LANES] = point0[b, row + 6 * LANES] / det
-                volume += det / point0[b, row + 6 * LANES]
+                point[b, row + 6 * LANES] = point0[i, row + 6 * LANES] / det
+                volume += det / point0[i, row + 6 * LANES]
             modulus[b, 2 * LANES + l] = 1.0 / volume
-
-
-@njit(forceinline=True)
-def _sum_of_node_rows(force, first, rows, n):
-    """Sum of the rows of node n, in fixed order."""
-    f0, f1, f2 = 0.0, 0.0, 0.0
-    for k in range(first[n], first[n + 1]):
-        s = rows[k]
-        f0 += force[s, 0]
-        f1 += force[s, 1]
-        f2 += force[s, 2]
-    return f0, f1, f2
-
-
-@njit(parallel=True, cache=True)
-def gather(force, first, rows, out):
-    """Nodal sums (N, 3) of the rows of ``force`` (R, 3); node n owns ``rows[first[n]:first[n + 1]]``."""
-    for n in prange(len(out)):
-        out[n, 0], out[n, 1], out[n, 2] = _sum_of_node_rows(force, first, rows, n)
-
-
-@njit(parallel=True, cache=True)
-def gather_scalar(values, first, rows, out):
-    """Nodal sums (N,) of one value per row (R,)."""
-    for n in prange(len(out)):
-        total = 0.0
-        for k in range(first[n], first[n + 1]):
-            total += values[rows[k]]
-        out[n] = total
 
 
 @njit(parallel=True, cache=True)
@@ -612,7 +564,7 @@ def advance(x, v, force, first, rows, rest, extra, mass, free, keep):
     """
     lost = 0
     for n in prange(len(x)):
-        f = _sum_of_node_rows(force, first, rows, n)
+        f = sum_of_node_rows(force, first, rows, n)
         per_mass = 1.0 / mass[n]
         for r in range(3):
             total = f[r] - rest[n, r]

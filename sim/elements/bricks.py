@@ -10,8 +10,9 @@ from skfem.refdom import RefHex
 from morphofold.arrays import Array, Bools
 from morphofold.errors import ImpossibleBody
 from morphofold.sim.elements import brick_kernels
-from morphofold.sim.elements.blocks import Blocks, from_lanes, to_lanes
-from morphofold.sim.elements.brick_kernels import LANES, ROWS_PER_POINT
+from morphofold.sim.elements.blocks import Columns, lanes_of
+from morphofold.sim.elements.brick_kernels import ROWS_PER_POINT
+from morphofold.sim.elements.lanes import LANES
 from morphofold.sim.materials import Material
 from morphofold.sim.materials.neo_hookean import NEO_HOOKEAN
 
@@ -22,7 +23,7 @@ CORNERS_IN_KERNEL_ORDER = np.argsort(RefHex.p[0] * 4 + RefHex.p[1] * 2 + RefHex.
 GAUSS_POINTS = np.stack(np.meshgrid(*[[0.5 - 0.5 / 3**0.5, 0.5 + 0.5 / 3**0.5]] * 3, indexing="ij")).reshape(3, 8)
 GAUSS_WEIGHT = 0.125
 
-BRICKS_PER_CHUNK = 1 << 16  # bricks set up at once, to limit the memory of scikit-fem's mapping
+BLOCKS_PER_CHUNK = 1 << 11  # blocks set up at once, to limit the memory of scikit-fem's mapping
 
 
 class Bricks:
@@ -31,12 +32,13 @@ class Bricks:
     Parameters
     ----------
     mesh : skfem.MeshHex
+        Layers of bricks under a surface of quads, as :class:`morphofold.sim.elements.blocks.Columns` numbers them.
     X : (N, 3) float64
         Reference positions of its nodes [mm].
     radial : (N, 3) float64
         Unit thickness direction at the nodes; tangential growth adds nothing along it.
     cortex : (E,) bool
-        The bricks of the cortex; they come first.
+        The bricks of the cortex: the first layers.
     mu, kappa : (E,) float64
         Shear modulus, and modulus of the pressure; the bulk modulus of a brick is kappa + 2 mu.
     law : {"isotropic", "tangential"}
@@ -63,34 +65,38 @@ class Bricks:
         material: Material = NEO_HOOKEAN,
     ):
         self.n, self.n_cortex, self.law, self.material = mesh.nelements, int(cortex.sum()), law, material
-        corners = mesh.t[CORNERS_IN_KERNEL_ORDER].T
-        self.blocks = Blocks(corners, len(X))
-        n_blocks = self.blocks.count
-        self._grown = -(-self.n_cortex // LANES)  # leading blocks that hold cortex
-        self.point = np.empty((n_blocks, 8 * ROWS_PER_POINT * LANES))
-        self._radial = np.empty((self._grown, 24 * LANES)) if law == "tangential" else np.empty((0, 0))
+        self.corners = mesh.t[CORNERS_IN_KERNEL_ORDER].T
+        self.blocks = b = Columns(self.corners, len(X))
+        in_cortex = cortex[b.element[:, 0]]
+        self._cortex, self._core = np.flatnonzero(in_cortex), np.flatnonzero(~in_cortex)
+        self.point = np.empty((b.count, 8 * ROWS_PER_POINT * LANES))
+        radials = np.empty((b.count if law == "tangential" else 0, 24 * LANES))
         self.volume = np.empty(self.n)
         moved = MeshHex(np.ascontiguousarray(X.T), mesh.t, validate=False)
         mapping = MappingIsoparametric(moved, ElementHex1())
-        for start in range(0, self.n, BRICKS_PER_CHUNK):
-            tind = np.arange(start, min(start + BRICKS_PER_CHUNK, self.n))
-            self._set_up(mapping, tind, radial[mesh.t[:, tind]])
-        self._point0 = self.point[: self._grown].copy()
-        moduli = to_lanes(np.column_stack([mu, kappa, 1 / self.volume]), n_blocks)
-        moduli.reshape(n_blocks, 3, LANES)[-1, :2, self.n - (n_blocks - 1) * LANES :] = 0.0
-        self.modulus = moduli
-        self._state = np.zeros((n_blocks, 4 * LANES))
-        self._stiffness = np.zeros(len(self.blocks.nodes))
+        for start in range(0, b.count, BLOCKS_PER_CHUNK):
+            self._set_up(mapping, slice(start, min(start + BLOCKS_PER_CHUNK, b.count)), radial, mesh.t, radials)
+        self._cortex0 = self.point[self._cortex]
+        self._core0: Array | None = None
+        self._radial = radials[self._cortex] if law == "tangential" else radials
+        moduli = np.column_stack([mu, kappa, 1 / self.volume])[b.element]
+        moduli[b.filler, :2] = 0.0
+        self.modulus = lanes_of(moduli)
+        self._state = np.zeros((b.count, 4 * LANES))
+        self._stiffness = np.zeros(len(b.nodes))
 
-    def _set_up(self, mapping: MappingIsoparametric, tind: NDArray[np.int64], radial: Array) -> None:
-        """Compute point data of the bricks ``tind``; ``radial`` (8, chunk, 3): directions at their corners."""
+    def _set_up(
+        self, mapping: MappingIsoparametric, blocks: slice, radial: Array, t: NDArray[np.int64], radials: Array
+    ) -> None:
+        """Compute the point data of ``blocks`` and, for tangential growth, the radial directions at their points."""
+        tind = self.blocks.element[blocks].ravel()
         inv = mapping.invDF(GAUSS_POINTS, tind)  # (3, 3, chunk, 8): dxi_i/dX_j in [0, 1]^3
         det = mapping.detDF(GAUSS_POINTS, tind)  # (chunk, 8)
         if det.min() <= 0:
-            bad = np.flatnonzero(det.min(axis=1) <= 0)
+            bad = np.unique(tind[det.min(axis=1) <= 0])
             raise ImpossibleBody(
                 f"at least {len(bad)} of {self.n:,} bricks are inside out before growth, the first is "
-                f"{tind[bad[0]]}; reduce effects.perturbation.amplitude or effects.notch.depth."
+                f"{bad[0]}; reduce effects.perturbation.amplitude or effects.notch.depth."
             )
         w = det * GAUSS_WEIGHT
         C = np.einsum("ijeq,kjeq,eq->eqik", inv, inv, 4 * w)  # 4: parent brick [-1, 1]^3
@@ -98,35 +104,24 @@ class Bricks:
         data[..., :3], data[..., 3:5], data[..., 5] = C[..., 0, :], C[..., 1, 1:], C[..., 2, 2]
         data[..., 6] = 1 / w
         self.volume[tind] = w.sum(axis=1)
-        block = slice(tind[0] // LANES, -(-(tind[-1] + 1) // LANES))
-        self.point[block] = to_lanes(data.reshape(len(tind), -1), block.stop - block.start)
-        if self.law == "tangential" and block.start < self._grown:
+        self.point[blocks] = lanes_of(data.reshape(-1, LANES, 8 * ROWS_PER_POINT))
+        if self.law == "tangential":
             shape = np.stack([ElementHex1().lbasis(GAUSS_POINTS, i)[0] for i in range(8)])
-            normal = np.einsum("iq,iej->jeq", shape, radial)
+            normal = np.einsum("iq,iej->jeq", shape, radial[t[:, tind]])
             normal /= np.linalg.norm(normal, axis=0)
             n = np.einsum("ijeq,jeq,eq->eqi", inv, normal, 2 * np.sqrt(w))
-            lanes = to_lanes(n.reshape(len(n), -1), block.stop - block.start)
-            self._radial[block] = lanes[: self._grown - block.start]
+            radials[blocks] = lanes_of(n.reshape(-1, LANES, 24))
 
     def grow(self, cortex: Array, core: float = 1.0) -> None:
         """Set the growth stretch of each brick of the cortex (n_cortex,), and the isotropic growth of the core."""
-        if core != 1.0 and len(self._point0) < self.blocks.count:  # ungrown data are kept only if the core grows
-            self._point0 = np.concatenate([self._point0, self.point[self._grown :]])
-        blocks = len(self._point0)
-        flat = np.full(blocks * LANES, core)
-        flat[: self.n_cortex] = cortex
-        stretch = flat.reshape(blocks, LANES)
-        tangential, k = self.law == "tangential", self._grown
-        brick_kernels.grow(self.point[:k], self._point0[:k], self._radial, self.modulus[:k], stretch[:k], tangential)
-        if blocks > k:
-            brick_kernels.grow(self.point[k:], self._point0[k:], self._radial[:0], self.modulus[k:], stretch[k:], False)
-            mixed = self.n_cortex % LANES
-            if tangential and mixed:  # the core's lanes in the last cortex block
-                last = slice(k - 1, k)
-                point, modulus = self.point[last].copy(), self.modulus[last].copy()
-                brick_kernels.grow(point, self._point0[last], self._radial[:0], modulus, stretch[last], False)
-                for mine, core_s in ((self.point, point), (self.modulus, modulus)):
-                    mine[k - 1].reshape(-1, LANES)[:, mixed:] = core_s.reshape(-1, LANES)[:, mixed:]
+        tangential = self.law == "tangential"
+        stretch = cortex[self.blocks.element[self._cortex]]
+        brick_kernels.grow(self.point, self._cortex0, self._radial, self.modulus, stretch, self._cortex, tangential)
+        if core != 1.0 and self._core0 is None:  # ungrown data are kept only if the core grows
+            self._core0 = self.point[self._core]
+        if self._core0 is not None:
+            stretch = np.full((len(self._core), LANES), core)
+            brick_kernels.grow(self.point, self._core0, self._radial, self.modulus, stretch, self._core, False)
 
     def make_single(self) -> None:
         """Compute forces in 32 bits from now on: ``point`` and ``modulus`` get 32 bits; positions and sums keep 64."""
@@ -135,17 +130,28 @@ class Bricks:
     def compute_forces(self, x: Array) -> None:
         """Write forces at positions ``x`` (N, 3) into ``blocks.force``."""
         b = self.blocks
-        brick_kernels.element_forces(x, b.nodes, b.start, b.local, self.point, self.modulus, b.force, self.material)
+        brick_kernels.element_forces(
+            x, b.nodes, b.start, b.local, b.layers, self.point, self.modulus, b.force, self.material
+        )
 
     def measure(self, x: Array) -> Array:
         """Measure the bricks at ``x``; returns nodal sums (N,) of a bound on their stiffness."""
         b = self.blocks
         brick_kernels.element_state(
-            x, b.nodes, b.start, b.local, self.point, self.modulus, self._state, self._stiffness, self.material
+            x,
+            b.nodes,
+            b.start,
+            b.local,
+            b.layers,
+            self.point,
+            self.modulus,
+            self._state,
+            self._stiffness,
+            self.material,
         )
         return b.nodal_sums(self._stiffness)
 
     def state(self) -> dict[str, Array]:
         """Per brick, from the last ``measure``: energy, J_min, J_max, volume_ratio; (E,) each."""
-        columns = from_lanes(self._state, self.n)
+        columns = self.blocks.from_lanes(self._state)
         return {"energy": columns[:, 0], "J_min": columns[:, 1], "J_max": columns[:, 2], "volume_ratio": columns[:, 3]}

@@ -60,12 +60,12 @@ class SurfaceFilter:
         self._even = even.indptr, even.indices, even.data
         self._odd = np.repeat(np.arange(3), [D.nnz for D in odd]), joined[0], joined[1], joined[2]
         self._X, self._u = X[:n].copy(), np.zeros((n, 3))
-        self._cell, self._strength = cell, strength
+        self.cell, self._strength = cell, strength
         self.grow(1.0)
 
     def grow(self, stretch: float) -> None:
         """Set the size of a cell for a mean ``stretch`` of growth."""
-        self._scale = self._strength * self._cell * stretch
+        self._scale = self._strength * self.cell * stretch
 
     @property
     def stiffness(self) -> Array:

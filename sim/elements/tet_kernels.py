@@ -27,17 +27,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from morphofold.sim.elements.brick_kernels import (
-    _FAST_MATH,
-    _LANES,
-    _UINT,
-    LANES,
-    _cofactor,
-    deliver,
-    fetch,
-    second_invariant,
-    turned,
-)
+from morphofold.sim.elements.brick_kernels import _cofactor, second_invariant, turned
+from morphofold.sim.elements.lanes import _FAST_MATH, _LANES, _UINT, LANES, deliver, fetch
 from morphofold.sim.materials import energy_of, slopes_of, stiffness_bound, uses_i2
 
 PATCH_TETS = 6  # most tetrahedra of a patch; a smaller patch repeats its first one, with zero weight
@@ -333,7 +324,7 @@ def patch_forces(x, nodes, start, local, corner, edges, modulus, force, material
         at, near, d = np.empty((PATCH_NODES * LANES, 3)), np.empty(24 * LANES), np.empty(54 * LANES)
         e, q, m = edges[b], np.empty(54 * LANES), modulus[b]
         ahead = edges[min(b + 1, len(local) - 1)]
-        fetch(x, nodes[start[b] : start[b + 1]], local[b], PATCH_NODES, 1.0, ahead, at, near)
+        fetch(x, nodes[start[b] : start[b + 1]], local[b], PATCH_NODES, ahead, at, near)
         _nodes_to_edges(near, corner[b], d)
         for l in range(_LANES):
             _patch_gradient(
@@ -355,8 +346,8 @@ def grow_edges(X, normal, nodes, start, local, corner, across, along, edges):
     for b in prange(len(across)):
         at, near, n = np.empty((PATCH_NODES * LANES, 3)), np.empty(24 * LANES), np.empty(24 * LANES)
         e, mine = edges[b], nodes[start[b] : start[b + 1]]
-        fetch(X, mine, local[b], PATCH_NODES, 1.0, e, at, near)
-        fetch(normal, mine, local[b], PATCH_NODES, 1.0, e, at, n)
+        fetch(X, mine, local[b], PATCH_NODES, e, at, near)
+        fetch(normal, mine, local[b], PATCH_NODES, e, at, n)
         _nodes_to_edges(near, corner[b], e)
         for t in range(PATCH_TETS):
             for l in range(LANES):
@@ -476,7 +467,7 @@ def patch_state(x, nodes, start, local, corner, edges, modulus, J, state, stiffn
         e, q, m, ratio = edges[b], np.empty(54 * LANES), modulus[b], J[b]
         sums, bound, own = np.zeros(12 * LANES), np.empty(PATCH_NODES * LANES), np.empty(PATCH_TETS * LANES)
         ahead = edges[min(b + 1, len(local) - 1)]
-        fetch(x, nodes[start[b] : start[b + 1]], local[b], PATCH_NODES, 1.0, ahead, at, near)
+        fetch(x, nodes[start[b] : start[b + 1]], local[b], PATCH_NODES, ahead, at, near)
         _nodes_to_edges(near, corner[b], d)
         for t in range(_UINT(PATCH_TETS)):
             row = _UINT(9) * t * _LANES

@@ -9,8 +9,8 @@ from skfem import MeshTet
 from morphofold.arrays import Array, Bools, Ints
 from morphofold.errors import BadMesh, OutOfRange
 from morphofold.sim.elements import tet_kernels
-from morphofold.sim.elements.blocks import Blocks, to_lanes
-from morphofold.sim.elements.brick_kernels import LANES
+from morphofold.sim.elements.blocks import Blocks, lanes_of
+from morphofold.sim.elements.lanes import LANES
 from morphofold.sim.elements.patches import cluster
 from morphofold.sim.elements.tet_kernels import PATCH_NODES, PATCH_TETS
 from morphofold.sim.growth import check_law
@@ -79,12 +79,12 @@ class Tets:
         patches = cluster(mesh, X, alike)
         self.patches = patches[np.argsort(~cortex[patches[:, 0]], kind="stable")]
         nodes, corner = _nodes_of_patches(self.patches, tets)
-        self.blocks = Blocks(nodes, len(X))
+        self.corners, self.blocks = nodes, Blocks(nodes, len(X))
         count, first = self.blocks.count, self.patches[:, 0]
-        self.corner = to_lanes(corner, count)
-        moduli = to_lanes(np.column_stack([mu[first], kappa[first], (self.patches >= 0).sum(axis=1)]), count)
-        moduli.reshape(count, 3, LANES)[-1, :2, len(first) - (count - 1) * LANES :] = 0.0
-        self.modulus = moduli
+        self.corner = self.blocks.to_lanes(corner)
+        moduli = np.column_stack([mu[first], kappa[first], (self.patches >= 0).sum(axis=1)])[self.blocks.element]
+        moduli[self.blocks.filler, :2] = 0.0
+        self.modulus = lanes_of(moduli)
 
         patch, slot = np.nonzero(self.patches >= 0)
         self._place = np.empty(self.n, dtype=np.int64)  # of each tetrahedron in (block, 6 LANES)

@@ -1,12 +1,12 @@
 """Distance of a body from rest at its present growth, estimated from its own motion, which costs little time.
 
-A damped body moves slowly in its softest modes. Such a mode, of stiffness over mass w^2, creeps at w^2 / c of its
-distance from rest per unit of time, with c the rate of damping. So a body that drifts at the speed s is c s / w^2 away
-from rest. The softness of the motion follows from Rayleigh's quotient of the displacement dx and the change da of the
-accelerations, w^2 = -dx.m da / dx.m dx. For a drift, w^2 is limited to that of the softest modes of folds
-(``SOFT_MODE_W2``), which the motion may contain, and to that of the mode in which a slender body bends
-(:func:`softest`). Compared with K^-1 f, with the exact stiffness of folded octants, the distance is right within a
-factor of three, or too large (docs/solver.md, section 3).
+A damped body moves slowly in its softest modes. A mode of stiffness over mass w^2, damped at the rate c, moves at
+c/2 - sqrt(c^2/4 - w^2) of its distance from rest per unit of time if it creeps (w < c/2), and at w of its amplitude if
+it swings. So the speed of a body says how far it is from rest. The softness of the motion follows from Rayleigh's
+quotient of the displacement dx and the change da of the accelerations, w^2 = -dx.m da / dx.m dx. For a drift, w^2 is
+limited to that of the softest modes of folds (``SOFT_MODE_W2``), which the motion may contain, and to that of the mode
+in which a slender body bends (:func:`softest`). Compared with K^-1 f, with the exact stiffness of folded octants, the
+distance is right within a factor of three, or too large (docs/solver.md, section 3).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from morphofold.arrays import Array
 if TYPE_CHECKING:
     from morphofold.sim.body import Body
 
-SOFT_MODE_W2 = 0.005  # w^2 of the softest modes of folded bodies, 0.002 to 0.01 [1/tick^2]
+SOFT_MODE_W2 = 0.004  # w^2 of the softest modes of folded bodies, 0.002 to 0.01 [1/tick^2]
 REST_SHARE_OF_DISPLACEMENT = 0.01  # a slender body counts as at rest within this share of its whole displacement
 LEAST_MOTION_TICKS = 2.0  # least time over which a motion is measured [ticks]: faster motions are vibrations
 TRIAL_DISPLACEMENT = 1e-3  # trial displacements, over the size of the body
@@ -96,7 +96,7 @@ class Balance:
             self.w2 = against / moved if moved > 0 else 0.0
             pull = abs(along) / moved if moved > 0 else 0.0
             soft = self.soft / self._tick**2
-            creeping = damping / (step - self._step[0]) / soft
+            creeping = 1 / (step - self._step[0]) / _slowest_rate(damping, soft)
             self.distance = way * max(creeping, pull / (self.w2 if self.w2 > 0 else soft))
             near = self._near if self.soft == SOFT_MODE_W2 else min(self._near, REST_SHARE_OF_DISPLACEMENT * from_X)
             self.calm = self.calm + step - self.seen if self.distance < near or self.distance == 0 else 0
@@ -119,6 +119,12 @@ class Balance:
         for key in SAVED_SCALARS:
             setattr(self, key, arrays[key].item())
         self._step, self._x, self._a = (arrays[key].copy() for key in ("step", "x", "a"))
+
+
+def _slowest_rate(damping: float, w2: float) -> float:
+    """Speed over distance from rest of a mode of stiffness over mass ``w2``: of its slower part if it is overdamped."""
+    beyond = 0.25 * damping**2 - w2
+    return 0.5 * damping - beyond**0.5 if beyond > 0 else w2**0.5
 
 
 def softest(body: Body) -> float:

@@ -31,7 +31,6 @@ from skfem import ElementHex1
 
 from morphofold.arrays import Array, Ints
 from morphofold.sim.body import Body
-from morphofold.sim.elements.blocks import from_lanes
 from morphofold.sim.elements.brick_kernels import ROWS_PER_POINT
 from morphofold.sim.elements.bricks import CORNERS_IN_KERNEL_ORDER, GAUSS_POINTS, Bricks
 from morphofold.sim.elements.tet_kernels import OWN_GRADIENT_SHARE, PATCH_NODES, PATCH_TETS
@@ -88,22 +87,21 @@ class ElementPoints(NamedTuple):
 
 def points(body: Body) -> Iterator[ElementPoints]:
     """All elements of a body at its present growth, some at a time; for tetrahedra an element is a patch."""
-    elements, blocks = body.elements, body.elements.blocks
-    nodes = blocks.nodes[blocks.start[:-1, None] + blocks.local].astype(np.int64)
+    elements = body.elements
     if isinstance(elements, Bricks):
-        yield from _gauss_points_of_bricks(elements, from_lanes(nodes, elements.n), body.mu, body.kappa)
+        yield from _gauss_points_of_bricks(elements, body.mu, body.kappa)
     else:
         assert isinstance(elements, Tets)
-        yield from _gauss_points_of_tet_patches(elements, from_lanes(nodes, len(elements.patches)), body.mu, body.kappa)
+        yield from _gauss_points_of_tet_patches(elements, body.mu, body.kappa)
 
 
-def _gauss_points_of_bricks(bricks: Bricks, nodes: Ints, mu: Array, kappa: Array) -> Iterator[ElementPoints]:
-    data = from_lanes(bricks.point, bricks.n).reshape(-1, 8, ROWS_PER_POINT)
-    V = 1 / from_lanes(bricks.modulus, bricks.n)[:, 2]
+def _gauss_points_of_bricks(bricks: Bricks, mu: Array, kappa: Array) -> Iterator[ElementPoints]:
+    data = bricks.blocks.from_lanes(bricks.point).reshape(-1, 8, ROWS_PER_POINT)
+    V = 1 / bricks.blocks.from_lanes(bricks.modulus)[:, 2]
     for part in _chunk_slices(bricks.n):
         shear = np.repeat(mu[part, None], 8, axis=1)
         yield ElementPoints(
-            nodes[part],
+            bricks.corners[part],
             BRICK_SHAPE_GRADIENTS,
             data[part, :, SYMMETRIC_INDEX],
             1 / data[part, :, 6],
@@ -121,11 +119,11 @@ def _chunk_slices(n: int) -> Iterator[slice]:
     return (slice(start, start + ELEMENTS_PER_CHUNK) for start in range(0, n, ELEMENTS_PER_CHUNK))
 
 
-def _gauss_points_of_tet_patches(tets: Tets, nodes: Ints, mu: Array, kappa: Array) -> Iterator[ElementPoints]:
+def _gauss_points_of_tet_patches(tets: Tets, mu: Array, kappa: Array) -> Iterator[ElementPoints]:
     """The points of a patch are its tetrahedra, and a last point for their mean gradient."""
     count, first = len(tets.patches), tets.patches[:, 0]
-    edges = from_lanes(tets.edges, count).reshape(-1, PATCH_TETS, 3, 3)
-    corner = from_lanes(tets.corner, count).reshape(-1, PATCH_TETS, 4).astype(np.int64)
+    edges = tets.blocks.from_lanes(tets.edges).reshape(-1, PATCH_TETS, 3, 3)
+    corner = tets.blocks.from_lanes(tets.corner).reshape(-1, PATCH_TETS, 4).astype(np.int64)
     for part in _chunk_slices(count):
         real = tets.patches[part] >= 0
         to_edges = np.linalg.inv(edges[part].swapaxes(-1, -2)) * real[..., None, None]
@@ -139,7 +137,7 @@ def _gauss_points_of_tet_patches(tets: Tets, nodes: Ints, mu: Array, kappa: Arra
         scale = np.cbrt(w)[..., None, None]  # turns A into D of metric w^(1/3) I
         share = np.column_stack([OWN_GRADIENT_SHARE * real, np.full(len(real), 1 - OWN_GRADIENT_SHARE)])
         yield ElementPoints(
-            nodes[part],
+            tets.corners[part],
             g * scale,
             scale * np.eye(3),
             w,

@@ -36,7 +36,7 @@ __all__ = [
 #: accuracy level: surface edge over cortex thickness, chosen by the errors and times in docs/accuracy.md
 LEVELS = {"draft": 0.60, "standard": 0.45, "fine": 0.27}
 COARSE_EDGE_OVER_T = 0.5  # edge over thickness above which a third element through the cortex is not worth its time
-CROSSINGS_PER_UNIT_GROWTH = 180.0  # of a wave through the cortex while growth rises by 1
+CROSSINGS_PER_UNIT_GROWTH = 138.0  # of a wave through the cortex while growth rises by 1
 SLOWEST_RATE = 1e-3  # least growth.rate
 MOST_BRICKS = 5_000_000  # about 6 GB of memory
 

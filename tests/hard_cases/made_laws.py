@@ -14,7 +14,7 @@ from morphofold.sim.effects.perturbation import Perturbation
 from morphofold.sim.effects.plane_strain import PlaneStrain
 from morphofold.sim.effects.symmetry import Symmetry
 from morphofold.sim.elements import brick_kernels
-from morphofold.sim.elements.brick_kernels import LANES
+from morphofold.sim.elements.lanes import LANES
 from morphofold.sim.elements.surface_filter import SurfaceFilter
 from morphofold.sim.mesh.brick_mesh import bilayer_patch, bilayer_sphere
 

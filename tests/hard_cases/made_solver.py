@@ -16,8 +16,8 @@ from morphofold.sim.effects.contact import Contact
 from morphofold.sim.effects.perturbation import Perturbation
 from morphofold.sim.effects.symmetry import Symmetry
 from morphofold.sim.elements import brick_kernels
-from morphofold.sim.elements.brick_kernels import LANES
 from morphofold.sim.elements.bricks import Bricks
+from morphofold.sim.elements.lanes import LANES
 from morphofold.sim.elements.surface_filter import SurfaceFilter
 from morphofold.sim.health import BOUNDS, LEAST_J, check_surface
 from morphofold.sim.mesh.brick_mesh import bilayer_patch, bilayer_sphere

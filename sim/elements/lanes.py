@@ -1,0 +1,149 @@
+"""Lanes: elements are stored in blocks of ``LANES``, arrays as (block, rows * LANES) with the lane fastest.
+
+So each loop over lanes becomes vector instructions (with unsigned indices and constant row offsets: otherwise LLVM
+can't exclude overlap and stays scalar, six times slower). This file has the parts of the kernels that know nodes:
+reading positions, adding up forces.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from llvmlite import ir
+from numba import njit, prange, types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+LANES = 32  # lanes per block
+CORNER_SCALE = 0.125  # positions and forces of bricks are scaled by this, so that their kernels need no such factors
+
+_FAST_MATH = {"contract", "nsz", "arcp", "nnan", "ninf"}
+_UINT = np.uint64
+_LANES = np.uint64(LANES)
+_FACE = np.uint64(3 * LANES)  # of one corner of the quads on one face: three coordinates
+
+
+@intrinsic
+def prefetch(typing_context, array, index):
+    """Prefetch the cache line of element ``index`` of a contiguous array, so that the next block's data are there."""
+
+    def code(context, builder, signature, arguments):
+        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+        byte, word = ir.IntType(8).as_pointer(), ir.IntType(32)
+        function = cgutils.get_or_insert_function(
+            builder.module, ir.FunctionType(ir.VoidType(), [byte, word, word, word]), "llvm.prefetch.p0"
+        )
+        line = builder.bitcast(builder.gep(data, [arguments[1]]), byte)
+        builder.call(function, [line, word(0), word(3), word(1)])  # for reading, keep, data
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp), code
+
+
+@njit(forceinline=True)
+def fetch(x, nodes, local, corners, ahead, at, xs):
+    """Read corner positions of a block: coordinate r of corner c into row 3 c + r of ``xs``.
+
+    ``ahead``, the data of the next block, is prefetched into the cache; ``at`` is scratch.
+    """
+    for s in range(len(nodes)):
+        n = nodes[s]
+        at[s, 0], at[s, 1], at[s, 2] = x[n, 0], x[n, 1], x[n, 2]
+    for c in range(corners):
+        for l in range(LANES):
+            s = local[c * LANES + l]
+            i = 3 * c * LANES + l
+            xs[i], xs[i + LANES], xs[i + 2 * LANES] = at[s, 0], at[s, 1], at[s, 2]
+            prefetch(ahead, 8 * (c * LANES + l))  # a cache line holds 8 numbers of 64 bits
+
+
+@njit(forceinline=True)
+def deliver(xs, local, corners, force):
+    """Add the forces in ``xs`` (laid out as by ``fetch``) to the rows (rows, 3) of a block."""
+    for c in range(corners):
+        for l in range(LANES):
+            s = local[c * LANES + l]
+            i = 3 * c * LANES + l
+            force[s, 0] += xs[i]
+            force[s, 1] += xs[i + LANES]
+            force[s, 2] += xs[i + 2 * LANES]
+
+
+@njit(forceinline=True)
+def read_level(x, nodes, local, at, origin, moved, xs):
+    """Step down a column of bricks: their lower face becomes the upper one, and the next level of nodes is read.
+
+    Coordinate r of corner c = 2 q + k of a brick is row 3 c + r of ``xs``; q is the corner of the quad, k is 1 on the
+    upper face. Positions are times ``CORNER_SCALE``, relative to the brick's first corner (whose rows stay 0):
+    subtracted in 64 bits, for precision if ``xs`` has 32. ``origin`` (3 LANES) holds that corner; ``at`` (rows, 3) and
+    ``moved`` (3 LANES) are scratch. ``nodes`` are those of the level, ``local`` (4 LANES): see ``Columns``.
+    """
+    for s in range(len(nodes)):
+        n = nodes[s]
+        at[s, 0], at[s, 1], at[s, 2] = CORNER_SCALE * x[n, 0], CORNER_SCALE * x[n, 1], CORNER_SCALE * x[n, 2]
+    for l in range(LANES):
+        s = local[l]
+        moved[l], moved[LANES + l], moved[2 * LANES + l] = at[s, 0], at[s, 1], at[s, 2]
+    for i in range(_FACE):
+        last, origin[i] = origin[i], moved[i]
+        moved[i] = last - moved[i]
+    for q in range(_UINT(4)):
+        low = _UINT(2) * q * _FACE
+        for i in range(_FACE):
+            xs[low + _FACE + i] = xs[low + i] + moved[i]
+    for q in range(1, 4):
+        row = 6 * q * LANES
+        for l in range(LANES):
+            s = local[q * LANES + l]
+            xs[row + l] = at[s, 0] - origin[l]
+            xs[row + LANES + l] = at[s, 1] - origin[LANES + l]
+            xs[row + 2 * LANES + l] = at[s, 2] - origin[2 * LANES + l]
+
+
+@njit(forceinline=True)
+def add_level(f, held, local, force):
+    """Add the forces on one level to its rows (rows, 3): those on the upper faces, and ``held`` from the layer above.
+
+    ``f`` is laid out as ``xs`` in :func:`read_level`; the forces on its lower faces replace ``held`` (12 LANES).
+    """
+    for q in range(_UINT(4)):
+        low, kept = _UINT(2) * q * _FACE, q * _FACE
+        for i in range(_FACE):
+            f[low + _FACE + i] += held[kept + i]
+        for i in range(_FACE):
+            held[kept + i] = f[low + i]
+    for q in range(4):
+        row = (6 * q + 3) * LANES
+        for l in range(LANES):
+            s = local[q * LANES + l]
+            force[s, 0] += f[row + l]
+            force[s, 1] += f[row + LANES + l]
+            force[s, 2] += f[row + 2 * LANES + l]
+
+
+@njit(forceinline=True)
+def sum_of_node_rows(force, first, rows, n):
+    """Sum of the rows of node n, in fixed order."""
+    f0, f1, f2 = 0.0, 0.0, 0.0
+    for k in range(first[n], first[n + 1]):
+        s = rows[k]
+        f0 += force[s, 0]
+        f1 += force[s, 1]
+        f2 += force[s, 2]
+    return f0, f1, f2
+
+
+@njit(parallel=True, cache=True)
+def gather(force, first, rows, out):
+    """Nodal sums (N, 3) of the rows of ``force`` (R, 3); node n owns ``rows[first[n]:first[n + 1]]``."""
+    for n in prange(len(out)):
+        out[n, 0], out[n, 1], out[n, 2] = sum_of_node_rows(force, first, rows, n)
+
+
+@njit(parallel=True, cache=True)
+def gather_scalar(values, first, rows, out):
+    """Nodal sums (N,) of one value per row (R,)."""
+    for n in prange(len(out)):
+        total = 0.0
+        for k in range(first[n], first[n + 1]):
+            total += values[rows[k]]
+        out[n] = total
