@@ -49,6 +49,20 @@ def test_one_element_through_the_cortex(holds):
 
 @hard_case(
     "solver",
+    "bricks ten times as wide as thick",
+    guard="the mass is that of the body's own fastest waves",
+    without=made.mass_of_cubes,
+    fails=UnstableError,
+)
+def test_flat_bricks(holds):
+    run = start(*OCTANT, "effects={}", "accuracy.edge=9.9", "accuracy.elements_through_cortex=3")
+    every = np.ones(len(run.body.X), dtype=bool)
+    holds("fastest wave, of 4", run.body.fastest_wave(every, run.body.mass), at_most=2.8)
+    healthy(holds, grown(run, 1.2))
+
+
+@hard_case(
+    "solver",
     "tetrahedra of aspect 50",
     guard="the mass is of the stiffness, not of the volume",
     without=made.mass_of_the_volume,
