@@ -22,7 +22,7 @@ from morphofold.sim.mesh.brick_mesh import Bilayer
 #: strength of the surface filter in units of mu times cell size, for quads and triangles
 FILTER_STRENGTH = {4: 2.0, 3: 1.0}
 #: stiffness over mass of the fastest wave before growth, in a step of one, in cortex and core; 4 is the limit of
-#: stability. Folds raise it by a third in the cortex, and by a half in the core; above 2.7 runs burst (docs/solver.md).
+#: stability. Folds raise it by a third in the cortex, and by a half in the core; near 3 runs burst (docs/solver.md).
 CORTEX_WAVE, CORE_WAVE = 2.45, 1.65
 #: nodal mass over the bound that is sufficient for any element: the least in cortex and core, and the largest
 LEAST_CORTEX_MASS, LEAST_CORE_MASS, LARGEST_MASS = 0.8, 1.2, 1.5
@@ -158,7 +158,9 @@ class Body:
         return factor
 
     def fastest_wave(self, nodes: Bools, mass: Array) -> float:
-        """Stiffness over mass of the fastest wave before growth that moves ``nodes`` (N,) alone, with ``mass`` (N,).
+        """Stiffness over mass of the fastest wave that moves ``nodes`` (N,) alone, with ``mass`` (N,) [1/step^2].
+
+        Of the ungrown body; a step of one is stable below 4.
 
         By power iteration, with differences of forces; from below, by less than 0.5 %. 0 if these nodes are held.
         """

@@ -281,7 +281,7 @@ def test_walls_are_no_neighbours_because_edges_are_long_elsewhere():
     n, quad = body.n_surface, np.array([[90.0, 0.0, 0.0], [90.0, 4.0, 0.0], [90.0, 4.0, 4.0], [90.0, 0.0, 4.0]])
     body.bilayer.faces = np.concatenate([body.bilayer.faces, [n + np.arange(4)]])
     body.X, x = np.concatenate([body.X, quad]), np.concatenate([x, quad])
-    body.mass, body.n_surface = np.append(body.mass, np.ones(4)), n + 4
+    body.mass, body.n_surface, body.bilayer.edge = np.append(body.mass, np.ones(4)), n + 4, 4.0
     assert pushes(body, x)[0][n // 4].any()
 
 
