@@ -7,10 +7,12 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import eigh_tridiagonal
 from skfem import MeshHex
 
 from morphofold.arrays import Array, Bools
 from morphofold.errors import OutOfRange
+from morphofold.sim.coarse_levels import CoarseLevels
 from morphofold.sim.elements.blocks import Rows
 from morphofold.sim.elements.surface_filter import SurfaceFilter
 from morphofold.sim.growth import check_law
@@ -27,7 +29,8 @@ CORTEX_WAVE, CORE_WAVE = 2.45, 1.65
 #: nodal mass over the bound that is sufficient for any element: the least in cortex and core, and the largest
 LEAST_CORTEX_MASS, LEAST_CORE_MASS, LARGEST_MASS = 0.8, 1.2, 1.5
 PIAL_MASS_OVER_CORTEX = 1.125  # the filter adds its own waves
-WAVE_ITERATIONS = 60  # of the search for the fastest wave
+FASTEST_WAVE = 2.7  # before growth, with coarse levels: they add less if it is faster
+WAVE_ITERATIONS = 20  # of the search for the fastest wave
 MASS_STEP = 0.05  # masses are rounded up to this, so that a sphere and its octants, and a turned body, have the same
 
 
@@ -84,6 +87,8 @@ class Body:
     mass : (N,) float64
         Nodal mass with which a step of length 1 is stable: a factor times what the bounds on the stiffness require,
         which are too large themselves. The cortex has less than the core, because its mass is the clock.
+    levels : CoarseLevels
+        Coarse levels, on which forces act once more; ``smooth_mass`` (N,) is the mass with which smooth motions move.
     thickness : float
         Thickness of the ungrown cortex: its volume over its area [mm].
     crossing : float
@@ -137,41 +142,70 @@ class Body:
         self.filter = SurfaceFilter(
             bilayer, self.X, FILTER_STRENGTH[bilayer.faces.shape[1]] * mu_cortex, self._cell_of(area)
         )
-        above = bilayer.share > 0
-        self._mass_factor = self._mass_factors(above)
-        self.update_state(self.X)
-        density = self.mass[above].sum() / self.nodal_volumes()[above].sum()
         self.thickness = float(self.elements.volume[: self.elements.n_cortex].sum() / area)
+        above = bilayer.share > 0
+        self._first_bound = self._bound = self._stiffness_bound(self.X)
+        self._mass_factor = self._mass_factors(above)
+        self.levels = CoarseLevels(bilayer, self.X, self.free, self.thickness)
+        self.update_state(self.X)
+        self._limit_levels()
+        density = self.smooth_mass[above].sum() / self.nodal_volumes()[above].sum()
         self.crossing = float(self.thickness * np.sqrt(density / mu_cortex))
 
     @property
     def n_surface(self) -> int:
         return self.bilayer.n_surface
 
+    @property
+    def smooth_mass(self) -> Array:
+        """Mass (N,) with which smooth motions move."""
+        return self.mass / self.levels.lightness
+
+    def kinetic_energy(self, v: Array) -> float:
+        """Kinetic energy of a smooth motion with velocities ``v`` (N, 3)."""
+        return 0.5 * float(np.sum(self.smooth_mass * np.einsum("ij,ij->i", v, v)))
+
     def _mass_factors(self, cortex: Bools) -> Array:
         """Mass of each node (N,) over the bound: as little as the fastest waves of cortex and core allow."""
-        factor, bound = np.empty(len(self.X)), 0.25 * self._stiffness_bound(self.X)
+        factor, bound = np.empty(len(self.X)), 0.25 * self._first_bound
         for nodes, least, wave in ((cortex, LEAST_CORTEX_MASS, CORTEX_WAVE), (~cortex, LEAST_CORE_MASS, CORE_WAVE)):
             needed = MASS_STEP * math.ceil(self.fastest_wave(nodes, bound) / wave / MASS_STEP)
             factor[nodes] = min(max(needed, least), LARGEST_MASS)
         factor[: self.n_surface] *= PIAL_MASS_OVER_CORTEX
         return factor
 
-    def fastest_wave(self, nodes: Bools, mass: Array) -> float:
+    def _limit_levels(self) -> None:
+        """Let the coarse levels add only so much that no wave is faster than ``FASTEST_WAVE``."""
+        every = np.ones(len(self.X), dtype=bool)
+        for factor in (1.0, 0.5, 0.5):
+            self.levels.scale(factor)
+            self.update_levels()
+            if self.levels.lightness == 1 or self.fastest_wave(every, self.mass, self.levels) <= FASTEST_WAVE:
+                return
+        self.levels.remove()
+
+    def fastest_wave(self, nodes: Bools, mass: Array, levels: CoarseLevels | None = None) -> float:
         """Stiffness over mass of the fastest wave that moves ``nodes`` (N,) alone, with ``mass`` (N,) [1/step^2].
 
-        Of the ungrown body; a step of one is stable below 4.
+        Of the ungrown body, with coarse levels if they are given; a step of one is stable below 4.
 
-        By power iteration, with differences of forces; from below, by less than 0.5 %. 0 if these nodes are held.
+        By Lanczos's method, with differences of forces; from below, by less than 0.5 %. 0 if these nodes are held.
         """
-        free, wave = self.free & nodes[:, None], 0.0
+        free = self.free & nodes[:, None]
+        if not free.any():
+            return 0.0
         v = np.random.default_rng(0).standard_normal((len(self.X), 1)) * self.bilayer.radial * free
-        for _ in range(WAVE_ITERATIONS if free.any() else 0):
-            v *= 1e-4 * self.filter.cell / np.abs(v).max()
-            pull = 0.5 * (self.all_forces(self.X - v) - self.all_forces(self.X + v)) * free
-            wave = float(np.sum(v * pull) / np.sum(mass[:, None] * v * v))
-            v = pull / mass[:, None]
-        return wave
+        before, along, across = np.zeros(v.shape), [], []
+        for _ in range(WAVE_ITERATIONS):
+            size = 1e-4 * self.filter.cell / float(np.abs(v).max())
+            pull = -self.all_forces(self.X + size * v) * free / size  # stiffness times v: X is without forces
+            length = float(np.sum(v * pull)) ** 0.5  # the inner product is that of the stiffness
+            v, pull = v / length, pull / length
+            faster = (pull / mass[:, None] if levels is None else levels.accelerations(pull, mass)) * free
+            across.append(length)
+            along.append(float(np.sum(pull * faster)))
+            before, v = v, faster - along[-1] * v - (length * before if len(along) > 1 else 0.0)
+        return float(eigh_tridiagonal(along, across[1:], eigvals_only=True)[-1])
 
     def nodal_volumes(self) -> Array:
         """Reference volume of each node (N,) [mm^3]: equal parts of its elements' volumes."""
@@ -215,8 +249,13 @@ class Body:
         share = (1 + self.viscosity**2) ** 0.5 - self.viscosity  # part of the stable step that a lagging dashpot leaves
         least = 1.25 / share**2 if self.viscosity else 0.0
         factor = 0.25 * np.maximum(self._mass_factor, least)  # a step of one is stable if K <= 4 M
-        self.mass = factor * self._stiffness_bound(x)
+        self._bound = self._stiffness_bound(x)
+        self.mass = factor * self._bound
         self.cell = self._cell_of(surface_area(x, self.bilayer.faces))
+
+    def update_levels(self, springs: Array | float = 0.0) -> None:
+        """Compute the masses of the coarse levels; ``springs``: see :meth:`CoarseLevels.update`."""
+        self.levels.update(self.mass, self._bound / self._first_bound, np.broadcast_to(springs, self.n_surface))
 
     def _stiffness_bound(self, x: Array) -> Array:
         """Nodal sums (N,) of bounds on the stiffness of elements and surface filter at ``x``."""

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
 
 STEPS_PER_MEASUREMENT = 12  # steps between measurements of mass and energies
-STEPS_PER_INCREMENT = 3  # steps between increments of growth: no wave is so fast, so none is in resonance with them
+STEPS_PER_INCREMENT = 2  # steps between increments of growth: no wave is so fast, so none is in resonance with them
 #: velocities fall by exp(-0.15) while a wave crosses the cortex (Body.crossing), at a stage by exp(-0.1): critical
 #: damping of the softest folds, with stiffness over mass of 0.0025 per tick^2
 DAMPING_PER_CROSSING, REST_DAMPING_PER_CROSSING = 0.15, 0.1
@@ -43,7 +43,7 @@ SOFT_START_GROWTH = 0.02  # growth over which the pace rises to its full value, 
 FIRST_PACE = 0.1  # pace at the start
 REST_DISTANCE_OVER_T = 0.05  # distance from rest that counts as rest, over the thickness of the cortex
 #: growth goes on after so long within REST_DISTANCE_OVER_T, or after so long in total [ticks]
-REST_TICKS, PATIENCE_TICKS = 2.0, 45.0
+REST_TICKS, PATIENCE_TICKS = 2.0, 36.0
 SLENDER_PATIENCE_TICKS = 60.0  # PATIENCE_TICKS of a slender body, whose bow has further to go
 #: after little growth, patience is PATIENCE_PER_GROWTH_TICK times the ticks of growth, at least LEAST_PATIENCE_TICKS
 LEAST_PATIENCE_TICKS, PATIENCE_PER_GROWTH_TICK = 10.0, 4 / 3
@@ -147,9 +147,9 @@ class Dynamics:
         self.state = State(body.X.copy(), np.zeros_like(body.X))
         self.balance = Balance(body.crossing, body.X, REST_DISTANCE_OVER_T * body.thickness, softest(body))
         self.seconds: dict[str, float] = defaultdict(float)
-        hooks = ("add_element_forces", "add_forces", "after_step", "pace", "refresh")
+        hooks = ("add_element_forces", "add_forces", "after_step", "pace", "refresh", "springs")
         self._with = {hook: overriding(self.effects, hook) for hook in hooks}
-        self._extra = np.zeros((body.n_surface, 3))
+        self._extra, self._forces = np.zeros((body.n_surface, 3)), np.zeros(body.X.shape)
         self._sound: dict[str, NDArray] = {}
         for effect in self.effects:
             effect.prepare(body)
@@ -298,18 +298,10 @@ class Dynamics:
                 effect.add_forces(body, state.x, state.v, self._extra)
                 watch.lap(effect.name)
             before = state.v.copy() if k == steps - 1 else state.v
-            lost = brick_kernels.advance(
-                state.x,
-                state.v,
-                blocks.force,
-                blocks.first,
-                blocks.rows,
-                body.rest,
-                self._extra,
-                body.mass,
-                body.free,
-                1.0 - self.damping,
+            brick_kernels.sum_forces(
+                blocks.force, blocks.first, blocks.rows, body.rest, self._extra, body.free, self._forces
             )
+            lost = body.levels.step(state.x, state.v, self._forces, body.mass, body.free, 1.0 - self.damping)
             watch.lap("advance")
             if lost:
                 self._lost(state.step + k + 1)
@@ -323,8 +315,13 @@ class Dynamics:
         self._measure(steps)
 
     def _lost(self, step: int) -> None:
-        """Stop at a step after which positions are NaN or infinite, and name the node at the centre of these nodes."""
-        lost = np.any(~np.isfinite(self.state.x), axis=1)
+        """Stop at a step after which positions are NaN or infinite, and name the node where that began.
+
+        It is the node at the centre of those whose forces, or else positions, are not finite.
+        """
+        lost = np.any(~np.isfinite(self._forces), axis=1)
+        if not lost.any():
+            lost = np.any(~np.isfinite(self.state.x), axis=1)
         corners, n = self.body.bilayer.mesh.t, len(lost)
         around = np.bincount(corners[:, lost[corners].all(axis=0)].ravel(), minlength=n)
         raise UnstableError(
@@ -364,7 +361,8 @@ class Dynamics:
         for effect in self._with["refresh"]:
             effect.refresh(self)
             watch.lap(effect.name)
-        kinetic = 0.5 * float(np.sum(body.mass * np.einsum("ij,ij->i", state.v, state.v)))
+        body.update_levels(sum(effect.springs(body, state.x) for effect in self._with["springs"]))
+        kinetic = body.kinetic_energy(state.v)
         state.dissipated += 2 * self.damping * kinetic * steps
         state.record = {
             "step": state.step,

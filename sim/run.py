@@ -40,7 +40,7 @@ __all__ = ["Progress", "Simulation", "simulate"]
 Look = Callable[["Dynamics"], None]
 
 RESTING_SHARE = 0.75  # share of its patience for which a body rests at a stage, about
-TICKS_PER_UNIT_GROWTH = 190.0  # ticks that growth by 1 takes; both estimate the share of the work that is done
+TICKS_PER_UNIT_GROWTH = 150.0  # ticks that growth by 1 takes; both estimate the share of the work that is done
 LOG_GROWTH_INTERVAL = 0.01  # growth between two lines of the log,
 LOG_STEP_INTERVAL = 100  # or steps
 STAGE_NUMBERS = (

@@ -107,12 +107,12 @@ def test_a_body_of_tetrahedra_is_counted_and_has_no_errors_by_the_table(tmp_path
     "extra", [(), ("growth.rate=0.5",), ('effects.ramp={shape = "smooth"}',), ("output.stages=[1.01, 1.03]",)]
 )
 def test_steps_of_a_run_before_its_folds_are_those_expected(tmp_path, extra):
-    scene = load_scene("fig6-thick", [*SMALL, "accuracy.edge=4", "growth.final=1.06", *extra])
+    scene = load_scene("fig6-thick", [*SMALL, "accuracy.edge=2", "growth.final=1.06", *extra])
     body = build_body(scene)
     expected = steps_of(scene, scene.steps_per_unit(body.crossing), body.crossing, costs())
     took = simulate(scene, tmp_path / "run", threads=1).health["steps"]
     assert expected.waiting == 0
-    assert took == pytest.approx(expected.expected, rel=0.08)  # contact and balance hardly ask for more
+    assert took == pytest.approx(expected.expected, rel=0.1)  # contact and balance hardly ask for more
 
 
 def test_a_body_that_does_not_grow_takes_the_steps_alone_in_which_that_is_seen():

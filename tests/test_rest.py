@@ -115,10 +115,11 @@ def exact_distance(run):
 def test_of_a_strip_in_folds_the_distance_is_not_less_than_newtons_step_and_falls_with_it():
     """Nothing touches. The softest mode of these folds is stiffer than SOFT_MODE_W2: the distance is too large.
 
-    While they swing through their rest, Newton's step is a moment's.
+    Before they first swing through their rest, Newton's step has no meaning.
     """
     run = strip("growth.final=1.27")
     run.grow_to(1.27)
+    run.relax(int(15 * run.body.crossing))
     estimated, exact = [], []
     for _ in range(5):
         run.relax(run.state.relaxed + int(15 * run.body.crossing))
@@ -126,7 +127,7 @@ def test_of_a_strip_in_folds_the_distance_is_not_less_than_newtons_step_and_fall
         exact.append(exact_distance(run))
     ratio = np.array(estimated) / exact
     assert ((ratio > 1) & (ratio < 60)).all()
-    assert exact[-1] < 0.03 * exact[0]
+    assert exact[-1] < 0.05 * exact[0]
     assert estimated[-1] < 0.03 * estimated[0]
 
 
@@ -156,7 +157,7 @@ def test_a_beam_rests_at_every_stage_of_a_row_however_little_it_grew_in_between(
 def test_the_softest_mode_of_a_beam_is_found_from_above_and_a_sphere_has_none_as_soft():
     body = beam(edge=1.0)
     rows = np.flatnonzero(body.free)
-    K, mass = Tangent(body).at(body.X)[rows][:, rows], sparse.diags(np.repeat(body.mass, 3)[rows])
+    K, mass = Tangent(body).at(body.X)[rows][:, rows], sparse.diags(np.repeat(body.smooth_mass, 3)[rows])
     exact = eigsh(K, 1, mass, sigma=0.0, which="LM", return_eigenvectors=False)[0] * body.crossing**2
     assert exact <= softest(body) < SOFT_MODE_W2 / 3
     body.grow(1.3)
@@ -170,7 +171,7 @@ def test_a_body_that_floats_has_motions_without_stiffness_that_are_not_its_softe
     block = bilayer_patch((20.0, 4.0), 4.0, 1.0, 1.0)
     free = dataclasses.replace(block, planes=(), held=np.array([], dtype=np.int64))
     floating = Body(free, mu_cortex=1.0, mu_core=1.0, kappa_ratio=50.0, law="isotropic")
-    K, mass = Tangent(floating).at(floating.X), np.repeat(floating.mass, 3)
+    K, mass = Tangent(floating).at(floating.X), np.repeat(floating.smooth_mass, 3)
     values = eigh(K.toarray(), np.diag(mass), eigvals_only=True, subset_by_index=[0, 8]) * floating.crossing**2
     assert np.abs(values[:6]).max() < 1e-9
     assert values[6] <= softest(floating) < 3 * values[6]
@@ -212,7 +213,7 @@ def test_growth_goes_on_at_the_full_damping_and_counts_its_rest_anew():
 
 def test_the_energy_that_damping_took_is_what_the_others_lost():
     """A block between planes, let go from a stretch: nothing else takes energy."""
-    block = bilayer_patch((2.0, 2.0), 6.0, 1.0, 1.0)
+    block = bilayer_patch((2.0, 2.0), 12.0, 1.0, 1.0)
     body = Body(block, mu_cortex=1.0, mu_core=1.0, kappa_ratio=50.0, law="isotropic")
     run = Dynamics(body, steps_per_unit=1000)
     run.state.x[:, 2] *= 1.02
@@ -249,7 +250,9 @@ def test_a_smooth_body_at_rest_has_the_stress_of_one_that_rests_far_longer():
 @pytest.mark.parametrize(("distance", "longest"), [(0.2, PATIENCE_TICKS), (0.3, PATIENCE_TICKS * MOST_PATIENCE_FACTOR)])
 def test_a_body_on_its_way_to_other_folds_has_more_patience_than_one_that_is_nearly_there(distance, longest):
     """What the gauge tells is made up here; how long growth then stands still is not."""
-    body = Body(bilayer_patch((2.0, 2.0), 6.0, 1.0, 1.0), mu_cortex=1.0, mu_core=1.0, kappa_ratio=50.0, law="isotropic")
+    body = Body(
+        bilayer_patch((2.0, 2.0), 12.0, 1.0, 1.0), mu_cortex=1.0, mu_core=1.0, kappa_ratio=50.0, law="isotropic"
+    )
     run = Dynamics(body, steps_per_unit=1000)
     run.balance.look = lambda *state: None
     run.balance.distance = distance * body.thickness

@@ -176,7 +176,7 @@ def test_a_finished_run_is_told_though_its_estimate_fails(tmp_path, monkeypatch,
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(richardson, "estimate_error", failing)
-    argv = ["simulate", "fig6-thick", "-o", "run", "-q", "--threads", "1", "--estimate", "--set", "accuracy.edge=12"]
+    argv = ["simulate", "fig6-thick", "-o", "run", "-q", "--threads", "1", "--estimate", "--set", "accuracy.edge=9"]
     argv += [word for setting in SMALL if "edge" not in setting for word in ("--set", setting)]
     assert main(argv) == code
     captured = capsys.readouterr()
@@ -210,7 +210,7 @@ def test_a_forecast_counts_the_other_runs_beside_the_run(capsys):
 
 def test_a_body_of_few_cells_has_no_coarser_one():
     few = lambda edge: load_scene("fig6-thick", [f"accuracy.edge={edge}"])
-    assert edge_by_rule(coarser(few(14))) == pytest.approx(edge_by_rule(few(14)) * 1.5)  # six cells, four
+    assert edge_by_rule(coarser(few(14))) == pytest.approx(edge_by_rule(few(14)) * 2)  # eight cells, four
     with pytest.raises(NoSolution, match=r"\bfig6-thick\b"):
         coarser(few(20))  # four, and no body has fewer
 

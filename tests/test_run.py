@@ -18,7 +18,9 @@ from morphofold.sim.dynamics import (
     REST_DISTANCE_OVER_T,
     REST_TICKS,
     STEPS_PER_MEASUREMENT,
+    patience,
 )
+from morphofold.sim.effects import build_effects
 from morphofold.sim.output.checkpoint import as_bytes, as_lines
 from morphofold.sim.run import simulate
 from morphofold.sim.scene.files import load_scene
@@ -260,14 +262,16 @@ def test_the_drift_of_a_body_that_is_not_closed_is_from_its_grown_volume(scene, 
 def test_growth_stands_still_at_every_stage_until_the_body_rests_or_for_a_time(folder):
     lines = [json.loads(line) for line in (folder / "log.jsonl").read_text().splitlines()]
     scene = load_scene("demo", SMALL)
-    tick = build_body(scene, []).crossing
-    for stage in json.loads((folder / "health.json").read_text())["stages"]:
+    tick = build_body(scene, build_effects(scene)).crossing
+    stages = json.loads((folder / "health.json").read_text())["stages"]
+    for before, stage in zip([None, *stages], stages):
+        grown = None if before is None else (stage["step"] - stage["rested_steps"] - before["step"]) / tick
         assert (
             REST_TICKS * tick
             <= stage["rested_steps"]
             <= PATIENCE_TICKS * MOST_PATIENCE_FACTOR * tick + STEPS_PER_MEASUREMENT
         )
-        assert stage["distance_over_T"] < REST_DISTANCE_OVER_T or stage["rested_steps"] >= PATIENCE_TICKS * tick
+        assert stage["distance_over_T"] < REST_DISTANCE_OVER_T or stage["rested_steps"] >= patience(grown) * tick
         growing = [line["step"] for line in lines if line["growth"] < stage["growth"]]
         assert stage["step"] - growing[-1] >= stage["rested_steps"] > 0
 

@@ -53,7 +53,7 @@ def lowest(run, count=12):
         kick[row] = h
         there, back = (forces(run.state.x + sign * kick.reshape(run.state.x.shape)) for sign in (1, -1))
         K[:, k] = (back - there) / (2 * h)
-    M = np.repeat(body.mass, 3)[rows]
+    M = np.repeat(body.smooth_mass, 3)[rows]
     return eigh(0.5 * (K + K.T), np.diag(M), eigvals_only=True, subset_by_index=[0, count]) * body.crossing**2
 
 

@@ -167,8 +167,10 @@ def _steps_across_cortex(scene: Scene, edge: float) -> float:
     import numpy as np
 
     known, T = costs()["crossing"], scene.geometry.cortex_thickness
-    mass = np.interp(edge * scene.elements_through_cortex / T, known["flatness"], known["mass"])
-    return math.sqrt(mass * (known["through"] * scene.elements_through_cortex**2 + (T / edge) ** 2))
+    layers = scene.elements_through_cortex
+    mass = np.interp(edge * layers / T, known["flatness"], known["mass"])
+    mass /= np.interp(2 * edge / T / (layers + 1), known["coarseness"], known["lightness"])
+    return math.sqrt(mass * (known["through"] * layers**2 + (T / edge) ** 2))
 
 
 def _seconds_by_phase(scene: Scene, sizes: Sizes, steps: Steps, found: Calibration) -> dict[str, float]:

@@ -108,7 +108,7 @@ def edges_between(scene: Scene, finest: float, coarsest: float) -> list[float]:
     from morphofold.sim.scene import Ellipsoid, Sphere
 
     length = max(length for length, _ in _lengths_and_cells(scene))
-    step, least = (2, 4) if isinstance(scene.geometry, Sphere | Ellipsoid) else (1, 1)
+    step, least = (4, 4) if isinstance(scene.geometry, Sphere | Ellipsoid) else (1, 1)
     first = max(least, step * math.ceil(length / coarsest / step - 1e-9))
     return [_rounded_up(length / cells) for cells in range(first, math.floor(length / finest + 1e-9) + 1, step)]
 

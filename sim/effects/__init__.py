@@ -11,6 +11,7 @@ from collections.abc import Iterable
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Protocol
 
+import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
@@ -60,6 +61,10 @@ class Effect:
     def stiffness(self, body: Body, x: Array) -> sparse.csr_matrix:
         """Stiffness (3 N, 3 N): minus the derivative of its forces, at velocity 0, for the pairs of the last step."""
         return sparse.csr_matrix((x.size, x.size))
+
+    def springs(self, body: Body, x: Array) -> Array:
+        """Stiffness over mass (S,) that its forces add at each surface node, every ``STEPS_PER_MEASUREMENT`` steps."""
+        return np.zeros(body.n_surface)
 
     def after_step(self, x: Array, v: Array) -> None:
         """Correct positions and velocities (N, 3) in place, every step."""

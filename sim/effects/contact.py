@@ -2,7 +2,7 @@
 
 For each node, find the nearest node whose surface faces it (opposed normals, far apart in the reference), then the
 nearest triangle around that node. The search is repeated when the surface has moved by a fifth of the search radius.
-Until nodes face each other within that radius, a step costs one empty loop. The penalty acts within a gap of 0.14 cell
+Until nodes face each other within that radius, a step costs one empty loop. The penalty acts within a gap of 0.17 cell
 sizes. It is scaled by nodal mass, so it never needs a smaller step.
 """
 
@@ -25,10 +25,10 @@ from morphofold.sim.scene.tables import EffectOptions
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
 
-GAP_IN_CELLS = 0.14  # contact acts below this distance, in cell sizes h
+GAP_IN_CELLS = 0.17  # contact acts below this distance, in cell sizes h
 WAIT_DEPTH_IN_CELLS = 0.2  # growth slows down if nodes are pressed deeper than this into the gap [h]
 PENALTY_STIFFNESS = 0.2  # penalty force per mass and penetration, at a step of one
-PENALTY_DAMPING = 0.25  # damping force per mass and approach speed
+PENALTY_DAMPING = 0.1  # damping force per mass and approach speed: 0.25 would be unstable on coarse levels
 SEARCH_RADIUS_IN_CELLS = 1.5  # search radius in h
 DEEPEST_PENETRATION_SHARE = 0.7  # penetrations beyond this share of the search radius are not contact
 #: pairs closer than this in the reference are neighbours, unless across a gap [longest edge at either node]
@@ -297,6 +297,12 @@ class Contact(Effect):
             depth,
             energy,
         )
+
+    def springs(self, body: Body, x: Array) -> Array:
+        """Of nodes and triangles that press: that of two walls that approach each other, with a pair at either side."""
+        pressed, springs = np.flatnonzero(self._depth > 0), np.zeros(body.n_surface)
+        springs[pressed] = springs[self._tri[self._partner[pressed]].ravel()] = 4 * self.per_mass
+        return springs
 
     def stiffness(self, body: Body, x: Array) -> sparse.csr_matrix:
         """Stiffness of the pairs that press at x, at velocity 0: a spring along the normal of each pair."""

@@ -56,6 +56,7 @@ class Inertia(Effect):
 
     def prepare(self, body: Body) -> None:
         self._mass = self._density * body.nodal_volumes()
+        body.levels.remove()
 
     def refresh(self, run) -> None:
         dt = float(np.sqrt(np.min(self._mass / run.body.mass)))  # body.mass: the smallest for a step of one

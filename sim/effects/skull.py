@@ -110,10 +110,16 @@ class Skull(Effect):
     def add_forces(self, body: Body, x: Array, v: Array, extra: Array) -> None:
         self._pressed, self._energy = press_shell(x, v, body.mass, self._semi_axes, extra)
 
+    def springs(self, body: Body, x: Array) -> Array:
+        return np.where(self._level(body, x) > 1, PENALTY_STIFFNESS, 0.0)
+
+    def _level(self, body: Body, x: Array) -> Array:
+        """1 at surface nodes (S,) on the shell, more outside."""
+        return np.sqrt(np.sum((x[: body.n_surface] / self._semi_axes) ** 2, axis=1))
+
     def stiffness(self, body: Body, x: Array) -> sparse.csr_matrix:
         """Of the nodes outside: a spring along each one's normal of the shell."""
-        n = body.n_surface
-        level = np.sqrt(np.sum((x[:n] / self._semi_axes) ** 2, axis=1))
+        n, level = body.n_surface, self._level(body, x)
         normal = x[:n] / self._semi_axes**2
         normal /= np.linalg.norm(normal, axis=1)[:, None]
         springs = PENALTY_STIFFNESS * body.mass[:n] * (level > 1)

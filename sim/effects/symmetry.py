@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from scipy import sparse
 
-from morphofold.arrays import Array
+from morphofold.arrays import Array, Bools
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect, contact
 
@@ -53,14 +53,22 @@ class Symmetry(Effect):
             self._pressed += count
             self._energy += energy
 
+    def springs(self, body: Body, x: Array) -> Array:
+        return np.where(self._presses(body, x).any(axis=1), PENALTY_STIFFNESS, 0.0)
+
     def stiffness(self, body: Body, x: Array) -> sparse.csr_matrix:
         """Stiffness of the nodes that press: a spring along the axis of their plane."""
-        springs = np.zeros((len(x), 3))
-        n = body.n_surface
-        for (axis, at, side), held in self._planes:
-            pressed = (self._gap(body) > side * (x[:n, axis] - at)) & ~held
-            springs[:n, axis] += PENALTY_STIFFNESS * body.mass[:n] * pressed
+        springs, n = np.zeros((len(x), 3)), body.n_surface
+        springs[:n] = PENALTY_STIFFNESS * body.mass[:n, None] * self._presses(body, x)
         return sparse.csr_matrix(sparse.diags(springs.ravel()))
+
+    def _presses(self, body: Body, x: Array) -> Bools:
+        """Whether a surface node presses on a plane, by axis (S, 3)."""
+        n = body.n_surface
+        presses = np.zeros((n, 3), dtype=bool)
+        for (axis, at, side), held in self._planes:
+            presses[:, axis] |= (self._gap(body) > side * (x[:n, axis] - at)) & ~held
+        return presses
 
     def _gap(self, body: Body) -> float:
         return 0.5 * contact.GAP_IN_CELLS * body.cell

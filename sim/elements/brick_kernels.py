@@ -555,26 +555,20 @@ def grow(point, point0, radial, modulus, stretch, blocks, tangential):
 
 
 @njit(parallel=True, cache=True)
-def advance(x, v, force, first, rows, rest, extra, mass, free, keep):
-    """One step of unit length: v <- keep v + f/m on the free coordinates, x <- x + v.
+def sum_forces(force, first, rows, rest, extra, free, out):
+    """Nodal forces (N, 3) on the free coordinates, 0 on the others.
 
-    ``rest`` (N, 3) is the round-off of the kernel in the reference state; it is subtracted, so that a body that does
-    not grow stays bitwise at rest. ``extra`` (S, 3) are other forces on the first S nodes: surface filter and effects.
-    ``free`` (N, 3) is True where a coordinate may move. Returns the number of coordinates that are not finite.
+    They are the sums of the rows of ``force`` (R, 3), less ``rest`` (N, 3), the round-off of the kernel in the
+    reference state, so that a body that does not grow stays bitwise at rest; plus ``extra`` (S, 3), other forces on the
+    first S nodes: surface filter and effects. ``free`` (N, 3) is True where a coordinate may move.
     """
-    lost = 0
-    for n in prange(len(x)):
+    for n in prange(len(out)):
         f = sum_of_node_rows(force, first, rows, n)
-        per_mass = 1.0 / mass[n]
         for r in range(3):
             total = f[r] - rest[n, r]
             if n < len(extra):
                 total += extra[n, r]
-            if free[n, r]:
-                v[n, r] = keep * v[n, r] + total * per_mass
-                x[n, r] += v[n, r]
-            lost += not np.isfinite(x[n, r])
-    return lost
+            out[n, r] = total if free[n, r] else 0.0
 
 
 @njit(parallel=True, cache=True)

@@ -145,7 +145,7 @@ def softest(body: Body) -> float:
     with threadpool_limits(1, user_api="blas"):  # the same order of sums for any number of threads
         for r in range(3):
             mine, own = fields * free[:, r], slice(10 * r, 10 * r + 10)
-            M[own, own], gram[own, own] = (mine * body.mass) @ mine.T, mine @ mine.T / len(X)
+            M[own, own], gram[own, own] = (mine * body.smooth_mass) @ mine.T, mine @ mine.T / len(X)
             for k, field in enumerate(mine):
                 step = np.zeros_like(X)
                 step[:, r] = TRIAL_DISPLACEMENT * size * field

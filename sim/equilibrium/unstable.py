@@ -37,7 +37,7 @@ def unstable_modes(run: Dynamics, softer_than: float = -SOFT_MODE_W2) -> int:
     pressing = sparse.csr_matrix((x.size, x.size))
     for effect in run.effects:
         pressing = pressing + effect.stiffness(body, x)
-    shift = sparse.diags(np.repeat(body.mass, 3) * softer_than / body.crossing**2)
+    shift = sparse.diags(np.repeat(body.smooth_mass, 3) * softer_than / body.crossing**2)
     matrix = sparse.csr_matrix(sparse.csr_matrix(tangent.at(x) + pressing - shift)[rows][:, rows])
     links = sparse.coo_matrix(pressing)
     beside = sparse.csr_matrix((np.ones(links.nnz), (links.row // 3, links.col // 3)), shape=(len(x), len(x)))

@@ -18,7 +18,7 @@ THIN_SHELL_T_OVER_C = 0.005  # T/C of the sphere that represents a body without 
 LARGEST_GROWTH = 4.0  # growth at which the search ends: the largest of a scene
 #: growth is slow in this range of g before and after the first wrinkles
 SLOW_GROWTH_BEFORE, SLOW_GROWTH_AFTER = 0.01, 0.02
-SLOW_PACE = 0.34  # pace there over that of growth.rate = 1, times the mu ratio: wrinkles come 0.01 late
+SLOW_PACE = 0.27  # pace there over that of growth.rate = 1, times the mu ratio: wrinkles come 0.01 late
 
 
 class Wrinkles(NamedTuple):

@@ -36,7 +36,7 @@ __all__ = [
 #: accuracy level: surface edge over cortex thickness, chosen by the errors and times in docs/accuracy.md
 LEVELS = {"draft": 0.60, "standard": 0.45, "fine": 0.27}
 COARSE_EDGE_OVER_T = 0.5  # edge over thickness above which a third element through the cortex is not worth its time
-CROSSINGS_PER_UNIT_GROWTH = 138.0  # of a wave through the cortex while growth rises by 1
+CROSSINGS_PER_UNIT_GROWTH = 110.0  # of a wave through the cortex while growth rises by 1
 SLOWEST_RATE = 1e-3  # least growth.rate
 MOST_BRICKS = 5_000_000  # about 6 GB of memory
 
@@ -184,10 +184,10 @@ class Scene(Table):
 
     @property
     def cells(self) -> int:
-        """Number of surface cells along a quarter of a great circle of a sphere or ellipsoid; it is even."""
+        """Number of surface cells along a quarter of a great circle of a sphere or ellipsoid; a multiple of 4."""
         if not isinstance(self.geometry, Sphere | Ellipsoid):
             raise DoesNotApply(f"{self.name}: cells are counted only on a sphere or an ellipsoid.")
-        return max(4, 2 * math.ceil(0.5 * self._edges_along_a_quarter(self.geometry) - 1e-9))
+        return max(4, 4 * math.ceil(0.25 * self._edges_along_a_quarter(self.geometry) - 1e-9))
 
     def _edges_along_a_quarter(self, body: Sphere | Ellipsoid) -> float:
         """Edges along a quarter of the longest great circle; infinite if the edge is too small to divide by."""

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 from hard_cases.made_solver import body_of
+from scipy.sparse.linalg import LinearOperator, cg
 from skfem import MeshHex
 
 from morphofold.sim.body import Body
@@ -45,6 +46,22 @@ def strip(length=1.0, modulus=1.0, effects=()):
     return Dynamics(body, [PlaneStrain(), Contact(), Symmetry(), *effects], steps_per_unit=180 * body.crossing)
 
 
+def momentum(body, v):
+    """Momentum (N, 3) of the nodes at velocities ``v``, with the mass of the coarse levels: that which gives v."""
+    moves = body.free.ravel()
+
+    def velocity(p):
+        full = np.zeros(v.size)
+        full[moves] = p
+        return body.levels.accelerations(full.reshape(v.shape), body.mass).ravel()[moves]
+
+    p, failed = cg(LinearOperator((moves.sum(),) * 2, velocity), v.ravel()[moves], rtol=1e-10)
+    assert not failed
+    full = np.zeros(v.size)
+    full[moves] = p
+    return full.reshape(v.shape)
+
+
 class Account(Effect):
     """Where the work of growth goes, step by step; the last of the effects.
 
@@ -59,8 +76,10 @@ class Account(Effect):
         self.growth = self.strain = self.damped = self.contact = 0.0
 
     def refresh(self, run):
-        self.damping = run.damping
-        self.kinetic = 0.5 * float(np.sum(run.body.mass[:, None] * run.state.v**2))
+        self.run, self.damping = run, run.damping
+        run.body.update_levels(sum(effect.springs(run.body, run.state.x) for effect in run.effects))
+        self.momentum = momentum(run.body, run.state.v)
+        self.kinetic = 0.5 * float(np.sum(self.momentum * run.state.v))
 
     def _energy(self, x):
         self.body.elements.measure(x)
@@ -74,7 +93,8 @@ class Account(Effect):
 
     def after_step(self, x, v):
         mean, n = 0.5 * (self.v + v), len(self.pushed)
-        self.damped += self.damping * float(np.sum(self.body.mass[:, None] * self.v * mean))
+        self.damped += self.damping * float(np.sum(self.momentum * mean))
+        self.momentum = (1 - self.damping) * self.momentum + self.run._forces
         self.contact += float(np.sum(self.pushed * mean[:n]))
         now = self._energy(x)
         self.strain += now - self.before

@@ -10,6 +10,7 @@ from skfem import MeshHex
 
 from morphofold.sim.body import Body
 from morphofold.sim.build import build_bilayer, build_body
+from morphofold.sim.coarse_levels import CoarseLevels
 from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.effects import build_effects
 from morphofold.sim.effects.contact import Contact
@@ -184,7 +185,20 @@ def facing(gap, size, noise=0.0, depth=8.0):
 
 def mass_of_cubes(patch):
     """Every body has the mass that suffices for bricks about as thick as wide."""
-    patch.setattr(Body, "fastest_wave", lambda self, nodes, mass: 0.0)
+    patch.setattr(Body, "fastest_wave", lambda *arguments: 0.0)
+
+
+def levels_without_limit(patch):
+    """Coarse levels make smooth motions as light in every body."""
+    patch.setattr(Body, "_limit_levels", Body.update_levels)
+
+
+def levels_blind_to_creases(patch):
+    """Coarse levels have the mass of their nodes, crushed or not."""
+    update = CoarseLevels.update
+    patch.setattr(
+        CoarseLevels, "update", lambda self, mass, crushed, springs: update(self, mass, np.ones(len(mass)), springs)
+    )
 
 
 def mass_of_the_first_step(patch):

@@ -239,7 +239,7 @@ def test_linear_momentum_is_conserved_without_supports(holds):
     peers="BrainGrowth: a scatter race loses forces, 20 of 60 repeats differ (measured)",
 )
 def test_a_symmetric_scene_stays_symmetric(law, holds):
-    run = sphere("half", 8, law)
+    run = sphere("half", 12, law)
     numbers = {tuple(at): i for i, at in enumerate(np.round(run.body.X, 6) + 0.0)}
     for g, bound in ((1.3, ROUND_OFF), (1.8, 1e-4)):  # smooth, and with folds, which amplify
         run.grow_to(g)

@@ -11,6 +11,7 @@ from hard_cases.made_solver import MESH, OCTANT, STRIP, at_rest, digest, off_the
 
 from morphofold.sim import dynamics
 from morphofold.sim.body import Body
+from morphofold.sim.coarse_levels import CoarseLevels
 from morphofold.sim.dynamics import STEPS_PER_MEASUREMENT, Dynamics, UnstableError
 from morphofold.sim.elements import brick_kernels
 from morphofold.sim.health import BOUNDS, LEAST_J
@@ -94,8 +95,8 @@ def test_a_step_too_large_is_caught(holds):
 
 def late(patch):
     """Positions are looked at when mass and energies are measured."""
-    advance = brick_kernels.advance
-    patch.setattr(brick_kernels, "advance", lambda *arguments: advance(*arguments) and 0)
+    step = CoarseLevels.step
+    patch.setattr(CoarseLevels, "step", lambda self, *arguments: step(self, *arguments) and 0)
 
 
 @pytest.mark.parametrize("cells", ["bricks", "tetrahedra"])
@@ -145,15 +146,15 @@ def test_an_inverted_element_recovers_or_stops_the_run(holds):
 
 def order_of_threads(patch):
     """What adds up at a node begins elsewhere with two threads, as with a shared sum."""
-    advance = brick_kernels.advance
+    sum_forces = brick_kernels.sum_forces
 
-    def turned(x, v, force, first, rows, rest, extra, mass, free, keep):
+    def turned(force, first, rows, rest, extra, free, out):
         if numba.get_num_threads() > 1:
             force[rows[first[:-1]]] -= rest  # before the other rows, not after them
             rest = np.zeros_like(rest)
-        return advance(x, v, force, first, rows, rest, extra, mass, free, keep)
+        sum_forces(force, first, rows, rest, extra, free, out)
 
-    patch.setattr(brick_kernels, "advance", turned)
+    patch.setattr(brick_kernels, "sum_forces", turned)
 
 
 STEPS = 300  # that two threads take as one does

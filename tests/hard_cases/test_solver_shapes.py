@@ -63,6 +63,33 @@ def test_flat_bricks(holds):
 
 @hard_case(
     "solver",
+    "a single layer of wide bricks, smooth motions light",
+    guard="coarse levels add no more than the fastest wave allows",
+    without=made.levels_without_limit,
+    fails=(UnstableError, AssertionError),
+)
+def test_coarse_levels_of_wide_bricks(holds):
+    run = start(*OCTANT, "effects={}", "geometry.cortex_thickness=5", "accuracy.elements_through_cortex=1")
+    every = np.ones(len(run.body.X), dtype=bool)
+    holds("fastest wave, of 4", run.body.fastest_wave(every, run.body.mass, run.body.levels), at_most=2.8)
+    healthy(holds, grown(run, 1.2))
+
+
+@hard_case(
+    "solver",
+    "deep creases, smooth motions light",
+    guard="coarse levels are heavier where elements are crushed",
+    without=made.levels_blind_to_creases,
+    fails=(UnstableError, AssertionError),
+)
+def test_coarse_levels_of_creases(holds):
+    run = start("fig6-thick", "geometry.portion=octant", "accuracy.edge=1.8", "accuracy.elements_through_cortex=3")
+    for g in (1.5, 2.0):
+        healthy(holds, grown(run, g))
+
+
+@hard_case(
+    "solver",
     "tetrahedra of aspect 50",
     guard="the mass is of the stiffness, not of the volume",
     without=made.mass_of_the_volume,

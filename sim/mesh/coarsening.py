@@ -1,0 +1,134 @@
+"""Every second vertex of a mesh of quads in both directions, and the interpolation from these to all vertices."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from scipy import sparse
+from scipy.sparse.csgraph import dijkstra
+
+from morphofold.arrays import Array, Ints
+
+
+class Halved(NamedTuple):
+    """A mesh of quads at half the resolution.
+
+    Attributes
+    ----------
+    vertices : (C,) int
+        Those of the finer mesh that are kept.
+    quads : (K, 4) int
+        Cells between them. At the rim cells of the finer mesh may be left over, which none of these covers.
+    interpolation : (n, C) csr_matrix
+        Bilinear, from the kept vertices to all. Each row sums to 1.
+    """
+
+    vertices: Ints
+    quads: Ints
+    interpolation: sparse.csr_matrix
+
+
+def halve(quads: Ints, n: int) -> Halved | None:
+    """A mesh of quads at half the resolution; None if this mesh has none.
+
+    Parameters
+    ----------
+    quads : (Q, 4) int
+        Counter-clockwise corners of a connected mesh.
+    n : int
+        Number of vertices.
+
+    Notes
+    -----
+    In each quad one corner is kept, and the opposite one becomes the centre of a coarse cell. One choice fixes those of
+    all quads, from neighbour to neighbour. They agree on a cubed sphere if a side of its faces has an even number of
+    cells. The first choice is far from vertices with three quads, so a sphere and its octants are halved alike.
+    """
+    across = _neighbours(quads, n)
+    first = _first_vertex(quads, n, across)
+    kept = np.full(len(quads), -1)
+    start = int(np.flatnonzero((quads == first).any(axis=1))[0])
+    kept[start] = int(np.flatnonzero(quads[start] == first)[0])
+    _spread(across, kept, start)
+    corner, left, centre, right = (quads[np.arange(len(quads)), (kept + turn) % 4] for turn in range(4))
+    role = np.zeros(n, dtype=np.int8)
+    role[corner], role[left], role[right], role[centre] = 1, 2, 2, 3
+    if (role[corner] != 1).any() or (role[left] != 2).any() or (role[right] != 2).any():
+        return None
+    vertices, number = np.flatnonzero(role == 1), np.cumsum(role == 1) - 1
+    row = np.concatenate([vertices, left, centre, right])
+    column = number[np.concatenate([vertices, corner, corner, corner])]
+    P = sparse.csr_matrix((np.ones(len(row)), (row, column)), shape=(n, len(vertices)))
+    P.data[:] = 1.0  # a kept vertex that two quads share counts once
+    P = sparse.csr_matrix(sparse.diags(1 / np.asarray(P.sum(axis=1)).ravel()) @ P)
+    return Halved(vertices, number[_cells_around(corner, centre, right, left)], P)
+
+
+def _neighbours(quads: Ints, n: int) -> Ints:
+    """For each edge k of each quad, from corner k to k + 1, 4 times the quad across it plus that one's edge; -1: none."""
+    a, b = quads.ravel(), np.roll(quads, -1, axis=1).ravel()
+    key, reverse = a * n + b, b * n + a
+    order = np.argsort(key)
+    place = np.minimum(np.searchsorted(key[order], reverse), len(key) - 1)
+    found = order[place]
+    return np.where(key[found] == reverse, found, -1).reshape(-1, 4)
+
+
+def _first_vertex(quads: Ints, n: int, across: Ints) -> int:
+    """The vertex farthest along edges from inner vertices with other than four quads; 0 if there are none."""
+    a, b = quads.ravel(), np.roll(quads, -1, axis=1).ravel()
+    rim = np.zeros(n, dtype=bool)
+    rim[a[across.ravel() < 0]] = rim[b[across.ravel() < 0]] = True
+    odd = np.flatnonzero((np.bincount(a, minlength=n) != 4) & ~rim)
+    if not odd.size:
+        return int(quads[0, 0])
+    edges = sparse.csr_matrix((np.ones(len(a)), (a, b)), shape=(n, n))
+    return int(np.argmax(dijkstra(edges, directed=False, unweighted=True, indices=odd, min_only=True)))
+
+
+@njit(cache=True)
+def _spread(across, kept, start):
+    """Fill ``kept`` (Q,), the corner that is kept, from quad ``start`` to all others."""
+    stack = [start]
+    while len(stack) > 0:
+        q = stack.pop()
+        for k in range(4):
+            other = across[q, k]
+            if other < 0 or kept[other // 4] >= 0:
+                continue
+            m = other % 4  # corner m + 1 of the other quad is corner k of this one, its corner m is k + 1
+            turn = (kept[q] - k) % 4
+            kept[other // 4] = (m + (1, 0, 3, 2)[turn]) % 4
+            stack.append(other // 4)
+
+
+def _cells_around(corner: Ints, centre: Ints, right: Ints, left: Ints) -> Ints:
+    """The kept vertices (K, 4) around the centres of whole coarse cells, counter-clockwise."""
+    n = int(max(corner.max(), centre.max(), right.max(), left.max())) + 1
+    key = centre * n + right  # seen from the centre, a quad begins at `right` and ends at `left`
+    order = np.argsort(key)
+    wanted = centre * n + left
+    found = order[np.minimum(np.searchsorted(key[order], wanted), len(key) - 1)]
+    following = np.where(key[found] == wanted, found, -1)
+    ring = [np.arange(len(corner))]
+    for _ in range(4):
+        ring.append(np.where(ring[-1] >= 0, following[ring[-1]], -1))
+    cells = np.stack(ring, axis=1)
+    whole = (cells >= 0).all(axis=1) & (cells[:, 4] == cells[:, 0]) & (cells[:, 0] == cells[:, :4].min(axis=1))
+    return corner[cells[whole, :4]]
+
+
+def depths_kept(depth: Array, n_cortex: int, spacing: float) -> Ints:
+    """Levels of nodes that are kept below each other: pial, white, then each at least ``spacing`` deeper, and the last.
+
+    ``depth`` (L,) is that of all levels, the first is the pial surface; level ``n_cortex`` is the white surface [mm].
+    """
+    kept = [0, n_cortex]
+    for k in range(n_cortex + 1, len(depth)):
+        if depth[k] - depth[kept[-1]] >= (1 - 1e-9) * spacing:
+            kept.append(k)
+    if kept[-1] != len(depth) - 1:
+        kept.append(len(depth) - 1)
+    return np.array(kept)
