@@ -144,7 +144,9 @@ def test_a_cortex_that_shrinks(holds):
 
 def three_times(holds):
     """A cortex three times as long."""
-    run = grown(start(*STRIP, "growth.final=3", "geometry.length=24"), 3.0)
+    run = start(*STRIP, "growth.final=3", "geometry.length=24")
+    for g in (2.0, 2.5, 3.0):
+        grown(run, g)
     healthy(holds, run, leave=["volume_drift"])  # 27 times the volume presses: see the laws
 
 
@@ -168,7 +170,13 @@ def test_growth_to_three_keeps_walls_apart(holds):
 
 
 @pytest.mark.slow
-@hard_case("solver", "growth to g = 3, no saw-teeth", guard="the filter", without=made.no_filter)
+@hard_case(
+    "solver",
+    "growth to g = 3, no saw-teeth",
+    guard="the filter",
+    without=made.no_filter,
+    fails=(AssertionError, UnstableError),
+)
 def test_growth_to_three_keeps_the_surface_smooth(holds):
     three_times(holds)
 
