@@ -1,4 +1,4 @@
-"""Numba loops of the hexahedral Q1P0 element: nodal forces, growth, stiffness bound, and the explicit step.
+"""Numba loops of the hexahedral Q1P0 element: nodal forces, growth, stiffness bound, and sums at the nodes.
 
 The element is the eight-node brick with 2x2x2 Gauss points, a pressure from the mean volume ratio of the element, and
 a weak local volumetric term: with A = F G^-1, J = det A, and w the grown volume of a point,
