@@ -67,7 +67,7 @@ def halve(quads: Ints, n: int) -> Halved | None:
 
 
 def _neighbours(quads: Ints, n: int) -> Ints:
-    """For each edge k of each quad, from corner k to k + 1, 4 times the quad across it plus that one's edge; -1: none."""
+    """For edge k of each quad, from corner k to k + 1: 4 times the quad across it plus that one's edge; -1: none."""
     a, b = quads.ravel(), np.roll(quads, -1, axis=1).ravel()
     key, reverse = a * n + b, b * n + a
     order = np.argsort(key)
