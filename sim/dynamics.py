@@ -54,7 +54,7 @@ RINGING_W2 = 1.0  # stiffness over mass above which a motion rings and does not 
 RING_DOWN_TICKS = 8.0  # time for which ringing is damped more [ticks]; later vibrations come from contact
 MOST_DAMPING = 0.5  # largest share of the velocity that a step removes then
 #: scalars of a state, beside its arrays
-STATE_SCALARS = ("step", "growth", "relaxed", "rested", "lowest_J", "before_J", "dissipated")
+STATE_SCALARS = ("step", "growth", "relaxed", "rested", "earliest_rest", "lowest_J", "before_J", "dissipated")
 
 
 class UnstableError(RuntimeError):
@@ -68,8 +68,9 @@ class UnstableError(RuntimeError):
 @dataclass
 class State:
     """State of a run: positions x (N, 3) [mm], velocities v (N, 3) [mm/step] and growth stretch; the number of steps in
-    total, at this growth, and at the end of the last rest; the smallest J of any element so far, and at the measurement
-    before the last; and the energy dissipated so far."""
+    total, at this growth, at the end of the last rest, and at this growth before an unstable state can be at rest
+    again; the smallest J of any element so far, and at the measurement before the last; and the energy dissipated so
+    far."""
 
     x: Array
     v: Array
@@ -77,6 +78,7 @@ class State:
     growth: float = 1.0
     relaxed: int = 0
     rested: int = 0
+    earliest_rest: int = 0
     lowest_J: float = 1.0
     before_J: float = 1.0
     dissipated: float = 0.0
@@ -179,7 +181,7 @@ class Dynamics:
             raise OutOfRange(f"the growth stretch must be a positive number, got {g:g}.")
         if self.state.growth == g:
             return
-        self.state.relaxed = 0
+        self.state.relaxed = self.state.earliest_rest = 0
         while self.state.growth != g:
             increment = self.rate * STEPS_PER_MEASUREMENT * self._pace()
             left = g - self.state.growth
@@ -194,7 +196,9 @@ class Dynamics:
         while self.state.relaxed < steps:
             self._hold(after)
 
-    def settle(self, after: Callable[[State], None] = lambda state: None) -> bool:
+    def settle(
+        self, after: Callable[[State], None] = lambda state: None, unstable: Callable[[], int | None] = lambda: None
+    ) -> bool:
         """Hold the growth until the body is at rest: within ``REST_DISTANCE_OVER_T`` for ``REST_TICKS``.
 
         Damping is less than during growth: critical for the softest folds, as in dynamic relaxation (Underwood 1983). A
@@ -202,8 +206,9 @@ class Dynamics:
         suddenly. If the body does not come to rest, growth goes on after its :func:`patience`, longer by the factor by
         which the motion is softer than that of folds, ``MOST_PATIENCE_FACTOR`` at most. Beyond
         ``AWAY_DISTANCE_OVER_T`` the time is ``PATIENCE_TICKS`` times ``MOST_PATIENCE_FACTOR``. After little growth the
-        patience is short, since the body lags little; but not for a slender body, which bends slowly. Nothing is done
-        if time is real.
+        patience is short, since the body lags little; but not for a slender body, which bends slowly. Near a saddle a
+        body is slow, too: if ``unstable`` (which may count its unstable modes) is not 0, growth does not go on for
+        another ``PATIENCE_TICKS``, up to ``MOST_PATIENCE_FACTOR`` times as long. Nothing is done if time is real.
 
         Returns
         -------
@@ -212,13 +217,17 @@ class Dynamics:
         """
         tick, full, balance, state = self.body.crossing, self.damping, self.balance, self.state
         grown = (state.step - state.relaxed - state.rested) / tick
-        while self.waits_for_balance and balance.calm < REST_TICKS * tick:
+        most = PATIENCE_TICKS * MOST_PATIENCE_FACTOR
+        while self.waits_for_balance:
             longest = SLENDER_PATIENCE_TICKS if balance.slender else patience(grown if state.rested else None)
             longest *= min(SOFT_MODE_W2 / balance.soft, MOST_PATIENCE_FACTOR)
             if balance.distance >= AWAY_DISTANCE_OVER_T * self.body.thickness:
-                longest = PATIENCE_TICKS * MOST_PATIENCE_FACTOR
-            if state.relaxed >= longest * tick:
-                break
+                longest = most
+            rests = balance.calm >= REST_TICKS * tick and state.relaxed >= state.earliest_rest
+            if rests or state.relaxed >= state.earliest_rest + longest * tick:
+                if state.relaxed >= most * tick or not unstable():
+                    break
+                state.earliest_rest = state.relaxed + round(PATIENCE_TICKS * tick)
             rings = balance.w2 > RINGING_W2 / tick**2 and state.relaxed < RING_DOWN_TICKS * tick
             self.damping = min(full, REST_DAMPING_PER_CROSSING / tick)
             if rings:  # so much damping stops folds, too: they need some time to move again

@@ -174,6 +174,7 @@ class _Run:
         )
         self.dynamics = Dynamics.of(scene, self.body, effects, start)
         self.log: list[dict[str, Any]] = []
+        self.counted: tuple[int, int | None] = (-1, None)  # step of the last count of unstable modes, and their number
         self.checkpoint_due = time.perf_counter() + 60 * scene.output.checkpoint_minutes
 
     def go(self) -> None:
@@ -198,7 +199,7 @@ class _Run:
         for g in written_stages(self.writer.out, self.scene):
             self.dynamics.grow_to(max(g, self.dynamics.state.growth), self._after)  # a resumed run may be beyond
             if self.dynamics.state.growth == g:
-                self.dynamics.settle(self._after)
+                self.dynamics.settle(self._after, self._unstable_modes)
             stages.append(self._write_stage(g))
         self._note()
         self.writer.log(self.log)
@@ -334,10 +335,12 @@ class _Run:
             return None
         from morphofold.sim.equilibrium.unstable import unstable_modes
 
-        try:
-            return unstable_modes(self.dynamics)
-        except (MemoryError, ZeroDivisionError):  # too large, or a mode of zero stiffness
-            return None
+        step = self.dynamics.state.step
+        if self.counted[0] != step:
+            self.counted = step, None
+            with suppress(MemoryError, ZeroDivisionError):  # too large, or a mode of zero stiffness
+                self.counted = step, unstable_modes(self.dynamics)
+        return self.counted[1]
 
     def _cortex_volume(self) -> float:
         """Present volume of the elements of the cortex [mm^3]."""
