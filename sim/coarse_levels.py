@@ -11,7 +11,7 @@ change the states in which all forces vanish.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit, prange
@@ -24,6 +24,7 @@ from morphofold.sim.mesh.coarsening import depths_kept, halve
 
 #: acceleration of a smooth motion that each level adds, over that by the nodal mass; the finest level first
 LEVEL_ACCELERATIONS = (2.0, 3.0)
+_Rows = tuple[Ints, Ints, Array, int]
 CHUNK = 256  # columns of nodes that a thread takes at once
 
 
@@ -47,16 +48,20 @@ class CoarseLevels:
     """
 
     def __init__(self, bilayer: Bilayer, X: Array, free: Bools, thickness: float):
-        self._set_up(_interpolations(bilayer, X, thickness) if isinstance(bilayer.mesh, MeshHex) else [], free)
+        bricks = isinstance(bilayer.mesh, MeshHex)
+        self._set_up(*(_interpolations(bilayer, X, thickness) if bricks else ([], _ONE_LEVEL)), free)
 
-    def _set_up(self, levels: Sequence[_Level], free: Bools) -> None:
-        self._ups = [_rows(level.between, level.across) for level in levels]
-        self._downs = [_rows(level.between.T, level.across.T) for level in levels]
+    def _set_up(self, levels: Sequence[_Level], depth: _Depth, free: Bools) -> None:
+        n = len(free) // len(depth.share)
+        self._depth = depth
+        self._across = [_rows(level.across) for level in levels]
+        self._across.append(_rows(sparse.csr_matrix((levels[-1].across.shape[1] if levels else n, 0))))
+        self._across_T = [_rows(level.across.T) for level in levels]
         self._free = [free[level.nodes] for level in levels]
         self._shares = np.array(LEVEL_ACCELERATIONS[: len(levels)])
-        self._inverse, self._values = [np.zeros(len(f)) for f in self._free], [np.zeros(f.shape) for f in self._free]
-        last = len(self._free[-1]) if levels else len(free)
-        self._ups.append(_rows(sparse.csr_matrix((1, 0)), sparse.csr_matrix((last, 0))))
+        self._inverse: list[Array] = [np.zeros(len(f)) for f in self._free]
+        self._values: list[Array] = [np.zeros(f.shape) for f in self._free]
+        self._columns = np.zeros((depth.lower[-1] + 1, 3 * n))
 
     @property
     def lightness(self) -> float:
@@ -68,8 +73,7 @@ class CoarseLevels:
 
     def remove(self) -> None:
         """Give all motions the nodal mass."""
-        n_nodes = (len(self._ups[0][0]) - 1) * (len(self._ups[0][3]) - 1)
-        self._set_up([], np.ones((n_nodes, 3), dtype=bool))
+        self._set_up([], _ONE_LEVEL, np.ones((len(self._depth.share) * (len(self._across[0][0]) - 1), 3), dtype=bool))
 
     def update(self, mass: Array, crushed: Array, springs: Array) -> None:
         """Compute the masses of the levels from those of the nodes.
@@ -85,26 +89,31 @@ class CoarseLevels:
         """
         elastic, pressed = mass * np.maximum(crushed, 1.0), np.zeros(len(mass))
         pressed[: len(springs)] = mass[: len(springs)] * springs
-        sums = np.column_stack([elastic, pressed, pressed])
-        for down, share, inverse in zip(self._downs, self._shares, self._inverse, strict=True):
-            finer, sums = sums, np.empty((len(inverse), 3))
-            _sum(down, finer, np.ones(sums.shape, dtype=bool), sums)
-            inverse[:] = share / (sums[:, 0] + share * sums[:, 1])
+        self._restrict(np.column_stack([elastic, pressed, pressed]), [np.ones(f.shape, dtype=bool) for f in self._free])
+        for values, share, inverse in zip(self._values, self._shares, self._inverse, strict=True):
+            inverse[:] = share / (values[:, 0] + share * values[:, 1])
 
     def step(self, x: Array, v: Array, forces: Array, mass: Array, free: Bools, keep: float) -> int:
         """One step of unit length: v <- keep v + a on the ``free`` coordinates, x <- x + v; all (N, 3), in place.
 
-        ``forces`` (N, 3) are 0 where a coordinate is held. Returns the number of coordinates that are not finite.
+        ``forces`` (N, 3) are 0 where a coordinate is held. Returns 0 if all
+        coordinates are finite.
         """
-        finer: Array = forces
+        self._restrict(forces, self._free)
         coarse: Array = np.zeros((0, 3))
-        for down, movable, values in zip(self._downs, self._free, self._values, strict=True):
-            _sum(down, finer, movable, values)
-            finer = values
         for k in range(len(self._values), 0, -1):
-            _accelerate(self._inverse[k - 1], self._values[k - 1], self._free[k - 1], self._ups[k], coarse)
+            _accelerate(self._inverse[k - 1], self._values[k - 1], self._free[k - 1], self._across[k], coarse)
             coarse = self._values[k - 1]
-        return _move(x, v, forces, mass, free, keep, self._ups[0], coarse)
+        return _move(x, v, forces, mass, free, keep, self._depth, self._across[0], coarse)
+
+    def _restrict(self, finest: Array, free: Sequence[Bools]) -> None:
+        """Set the values of each level to P^T times those of the finer one where ``free``, else 0."""
+        if self._values:
+            _sum_along(self._depth, finest, self._columns)
+        finer: Array = self._columns.reshape(-1, 3)
+        for across_T, movable, values in zip(self._across_T, free, self._values, strict=True):
+            _sum_across(across_T, finer, movable, values)
+            finer = values
 
     def accelerations(self, forces: Array, mass: Array) -> Array:
         """Accelerations (N, 3) by ``forces`` (N, 3) on nodes of ``mass`` (N,)."""
@@ -113,94 +122,134 @@ class CoarseLevels:
         return v
 
 
-class _Level(NamedTuple):
-    """A level: its nodes among those of the body (n,), and the interpolation from it to the finer one.
+class _Depth(NamedTuple):
+    """Interpolation along the thickness, for each level of nodes of the body: ``1 - share`` of the kept level ``upper``
+    and ``share`` of ``lower``."""
 
-    Nodes are numbered level by level, so the interpolation is the Kronecker product of that between levels of nodes
-    and that across the surface.
-    """
+    upper: Ints
+    lower: Ints
+    share: Array
+
+
+_ONE_LEVEL = _Depth(np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.int64), np.zeros(1))
+
+
+class _Level(NamedTuple):
+    """A level: its nodes among those of the body (n,), and the interpolation across the surface to the finer one."""
 
     nodes: Ints
-    between: sparse.csr_matrix
     across: sparse.csr_matrix
 
 
-def _interpolations(bilayer: Bilayer, X: Array, thickness: float) -> list[_Level]:
-    """The levels, from fine to coarse; as many as the mesh allows."""
+def _interpolations(bilayer: Bilayer, X: Array, thickness: float) -> tuple[list[_Level], _Depth]:
+    """The levels, from fine to coarse, as many as the mesh allows; and the interpolation along the thickness.
+
+    Nodes are numbered level by level, so interpolation is the Kronecker product of those along the thickness and across
+    the surface. They are applied one after the other. All coarse levels keep the same levels of nodes.
+    """
     n, quads = bilayer.n_surface, bilayer.faces
     depth = np.linalg.norm(X.reshape(-1, n, 3) - X[:n], axis=2).mean(axis=1)
     kept = depths_kept(depth, int(np.count_nonzero(bilayer.share > 0)) // n, thickness)
-    between = np.stack([np.interp(depth, depth[kept], row) for row in np.eye(len(kept))], axis=1)
+    lower = np.maximum(np.searchsorted(depth[kept], depth), 1)
+    start, end = depth[kept][lower - 1], depth[kept][lower]
+    along = _Depth(lower - 1, lower, (depth - start) / (end - start))
     vertices, levels = np.arange(n), []
     for _ in LEVEL_ACCELERATIONS:
         halved = halve(quads, len(vertices)) if len(np.unique(quads)) == len(vertices) else None
         if halved is None:
             break
         vertices, quads = vertices[halved.vertices], halved.quads
-        nodes = (kept[:, None] * n + vertices).ravel()
-        levels.append(_Level(nodes, sparse.csr_matrix(between), halved.interpolation))
-        between = np.eye(len(kept))
-    return levels
+        levels.append(_Level((kept[:, None] * n + vertices).ravel(), halved.interpolation))
+    return levels, along if levels else _ONE_LEVEL
 
 
-def _rows(between: sparse.csr_matrix, across: sparse.csr_matrix) -> tuple[Any, ...]:
-    """The rows of both factors (starts, columns, values of each), and the number of columns of ``across``."""
-    parts = [sparse.csr_matrix(factor) for factor in (between, across)]
-    return *(part for m in parts for part in (m.indptr, m.indices, m.data)), across.shape[1]
+def _rows(matrix: sparse.spmatrix) -> _Rows:
+    """Starts, columns and values of the rows of a matrix, and the number of its columns."""
+    rows = sparse.csr_matrix(matrix)
+    return rows.indptr, rows.indices, rows.data, rows.shape[1]
+
+
+@njit(parallel=True, cache=True)
+def _sum_along(depth, finest, out):
+    """out (levels, 3 n) = sums of ``finest`` (N, 3) over levels of nodes."""
+    values, n = finest.reshape(-1), out.shape[1]
+    for chunk in prange(-(-n // (3 * CHUNK))):
+        start, end = 3 * CHUNK * chunk, min(n, 3 * CHUNK * (chunk + 1))
+        out[:, start:end] = 0.0
+        for k in range(len(depth.share)):
+            of_level, share = values[k * n + start : k * n + end], depth.share[k]
+            upper, lower = out[depth.upper[k], start:end], out[depth.lower[k], start:end]
+            for i in range(end - start):
+                upper[i] += (1.0 - share) * of_level[i]
+            if share > 0:
+                for i in range(end - start):
+                    lower[i] += share * of_level[i]
 
 
 @njit(inline="always")
-def _row_times(k, c, values, product):
-    """Row of level k and column c of a product of matrices, as :func:`_rows` gives it, times ``values`` (n, 3)."""
-    first, level, weight, start, column, share, columns = product
+def _row_times(across, c, values, ahead):
+    """Row c of a matrix times the rows of ``values`` (n, 3) from ``ahead`` on."""
+    first, column, share, _ = across
     s0, s1, s2 = 0.0, 0.0, 0.0
-    for p in range(first[k], first[k + 1]):
-        w, base = weight[p], level[p] * columns
-        for q in range(start[c], start[c + 1]):
-            j, a = base + column[q], w * share[q]
-            s0 += a * values[j, 0]
-            s1 += a * values[j, 1]
-            s2 += a * values[j, 2]
+    for q in range(first[c], first[c + 1]):
+        j, w = ahead + column[q], share[q]
+        s0 += w * values[j, 0]
+        s1 += w * values[j, 1]
+        s2 += w * values[j, 2]
     return s0, s1, s2
 
 
 @njit(parallel=True, cache=True)
-def _sum(product, finer, free, out):
-    """out = D finer where ``free``, else 0, with D a product of matrices."""
-    levels, n = len(product[0]) - 1, len(product[3]) - 1
+def _sum_across(across_T, finer, free, out):
+    """out = sums of ``finer`` across the surface, level by level, where ``free``, else 0."""
+    n = len(across_T[0]) - 1
     for chunk in prange(-(-n // CHUNK)):
-        for k in range(levels):
+        for k in range(len(out) // n):
             for c in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
-                s = _row_times(k, c, finer, product)
+                s = _row_times(across_T, c, finer, k * across_T[3])
                 for r in range(3):
                     out[k * n + c, r] = s[r] if free[k * n + c, r] else 0.0
 
 
 @njit(parallel=True, cache=True)
-def _accelerate(inverse, values, free, product, coarse):
-    """values = inverse values + U coarse where ``free``, in place, with U a product of matrices."""
-    levels, n = len(product[0]) - 1, len(product[3]) - 1
+def _accelerate(inverse, values, free, across, coarse):
+    """values = inverse values + interpolation of ``coarse`` where ``free``, in place."""
+    n = len(across[0]) - 1
     for chunk in prange(-(-n // CHUNK)):
-        for k in range(levels):
+        for k in range(len(values) // n):
             for c in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
-                a, i = _row_times(k, c, coarse, product), k * n + c
+                a, i = _row_times(across, c, coarse, k * across[3]), k * n + c
                 for r in range(3):
                     if free[i, r]:
                         values[i, r] = inverse[i] * values[i, r] + a[r]
 
 
 @njit(parallel=True, cache=True)
-def _move(x, v, forces, mass, free, keep, product, coarse):
-    """v = keep v + forces / mass + U coarse where free, x = x + v; returns how many coordinates are not finite."""
-    lost, levels, n = 0, len(product[0]) - 1, len(product[3]) - 1
+def _move(x, v, forces, mass, free, keep, depth, across, coarse):
+    """v = keep v + forces / mass + interpolation of ``coarse`` where ``free``, x = x + v.
+
+    Returns 0 if all coordinates are finite.
+    """
+    lost, n, n_kept = 0, len(across[0]) - 1, depth.lower[-1] + 1
+    all_x, all_v, all_forces, all_free = x.reshape(-1), v.reshape(-1), forces.reshape(-1), free.reshape(-1)
     for chunk in prange(-(-n // CHUNK)):
-        for k in range(levels):
-            for c in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
-                a, i = _row_times(k, c, coarse, product), k * n + c
-                per_mass = 1.0 / mass[i]
-                for r in range(3):
-                    if free[i, r]:
-                        v[i, r] = keep * v[i, r] + (per_mass * forces[i, r] + a[r])
-                        x[i, r] += v[i, r]
-                    lost += not np.isfinite(x[i, r])
+        start, end = chunk * CHUNK, min(n, (chunk + 1) * CHUNK)
+        kept, per_mass = np.empty((n_kept, CHUNK, 3)), np.empty((CHUNK, 3))
+        for k in range(n_kept):
+            for c in range(start, end):
+                a = _row_times(across, c, coarse, k * across[3])
+                kept[k, c - start, 0], kept[k, c - start, 1], kept[k, c - start, 2] = a
+        bad = False
+        for k in range(len(depth.share)):
+            for c in range(end - start):
+                per_mass[c, :] = 1.0 / mass[k * n + start + c]
+            mine, share = slice(3 * (k * n + start), 3 * (k * n + end)), depth.share[k]
+            upper, lower = kept[depth.upper[k]].reshape(-1), kept[depth.lower[k]].reshape(-1)
+            X, V, F, moves, per = all_x[mine], all_v[mine], all_forces[mine], all_free[mine], per_mass.reshape(-1)
+            for i in range(3 * (end - start)):
+                a = per[i] * F[i] + ((1.0 - share) * upper[i] + share * lower[i])
+                V[i] = keep * V[i] + a if moves[i] else V[i]
+                X[i] += V[i]
+                bad |= not (X[i] - X[i] == 0.0)  # NaN and infinity: so written, the loop becomes vector instructions
+        lost += bad
     return lost
