@@ -53,7 +53,7 @@ class Rows:
 
     def from_lanes(self, values: NDArray) -> NDArray:
         """Values (block, rows * LANES) as (E, rows)."""
-        return values.reshape(self.count, -1, LANES).swapaxes(1, 2).reshape(self.count * LANES, -1)[self._place]
+        return values.reshape(self.count, -1, LANES)[self._place // LANES, :, self._place % LANES]
 
     def nodal_forces(self) -> Array:
         """Nodal sums (N, 3) of ``force``."""

@@ -532,26 +532,28 @@ def grow(point, point0, radial, modulus, stretch, blocks, tangential):
     direction: C = C0 + (g^2 - 1) n n, w = g^2 w0, where ``radial`` (B, 24 LANES) holds n = sqrt(w0) dxi/dX N.
     """
     for i in prange(len(blocks)):
-        b = blocks[i]
+        out, start, g, volume = point[blocks[i]], point0[i], stretch[i], np.zeros(LANES)
+        for q in range(8):
+            row = q * ROWS_PER_POINT * LANES
+            if tangential:
+                n = radial[i, 3 * q * LANES : 3 * (q + 1) * LANES].reshape(3, LANES)
+                k = row
+                for r in range(3):
+                    for s in range(r, 3):
+                        for l in range(LANES):
+                            out[k + l] = start[k + l] + (g[l] * g[l] - 1.0) * n[r, l] * n[s, l]
+                        k += LANES
+            else:
+                for k in range(row, row + 6 * LANES, LANES):
+                    for l in range(LANES):
+                        out[k + l] = g[l] * start[k + l]
+            row += 6 * LANES
+            for l in range(LANES):
+                det = g[l] * g[l] * (1.0 if tangential else g[l])
+                out[row + l] = start[row + l] / det
+                volume[l] += det / start[row + l]
         for l in range(LANES):
-            g = stretch[i, l]
-            t = g * g - 1.0
-            volume = 0.0
-            for q in range(8):
-                row = q * ROWS_PER_POINT * LANES + l
-                if tangential:
-                    n = 3 * q * LANES + l
-                    n0, n1, n2 = radial[i, n], radial[i, n + LANES], radial[i, n + 2 * LANES]
-                    nn = (n0 * n0, n0 * n1, n0 * n2, n1 * n1, n1 * n2, n2 * n2)
-                    for k in range(6):
-                        point[b, row + k * LANES] = point0[i, row + k * LANES] + t * nn[k]
-                else:
-                    for k in range(6):
-                        point[b, row + k * LANES] = g * point0[i, row + k * LANES]
-                det = g * g if tangential else g * g * g
-                point[b, row + 6 * LANES] = point0[i, row + 6 * LANES] / det
-                volume += det / point0[i, row + 6 * LANES]
-            modulus[b, 2 * LANES + l] = 1.0 / volume
+            modulus[blocks[i], 2 * LANES + l] = 1.0 / volume[l]
 
 
 @njit(parallel=True, cache=True)

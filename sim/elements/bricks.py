@@ -126,6 +126,7 @@ class Bricks:
     def make_single(self) -> None:
         """Compute forces in 32 bits from now on: ``point`` and ``modulus`` get 32 bits; positions and sums keep 64."""
         self.point, self.modulus = self.point.astype(np.float32), self.modulus.astype(np.float32)
+        self._cortex0, self._radial = self._cortex0.astype(np.float32), self._radial.astype(np.float32)
 
     def compute_forces(self, x: Array) -> None:
         """Write forces at positions ``x`` (N, 3) into ``blocks.force``."""
