@@ -336,10 +336,11 @@ def _store_corner_values(f, l, n):
 
 
 @njit(forceinline=True)
-def prefetch_block(data, b):
-    """Prefetch the data of block ``b``, which the next step down a column will need."""
+def prefetch_block(data, b, part):
+    """Prefetch one of three parts, 0 to 2, of the data of block ``b``: at once, they would wait for each other."""
     ahead = data[min(b, len(data) - 1)]
-    for i in range(0, len(ahead), 64 // data.itemsize):  # a cache line holds 64 bytes
+    third = len(ahead) // 3
+    for i in range(part * third, (part + 1) * third, 64 // data.itemsize):  # a cache line holds 64 bytes
         prefetch(ahead, i)
 
 
@@ -361,12 +362,13 @@ def element_forces(x, nodes, start, local, layers, point, modulus, force, materi
         mine, width = local[g], (start[g + 1] - start[g]) // (layers + 1)
         force[start[g] : start[g + 1]] = 0.0
         for k in range(layers + 1):
-            level = start[g] + k * width
+            level, b = start[g] + k * width, g * layers + k - 1
+            prefetch_block(point, b + 1, 0)
             read_level(x, nodes[level : level + width], mine, at, origin, moved, xs)
             if k > 0:
-                b = g * layers + k - 1
-                prefetch_block(point, b + 1)
+                prefetch_block(point, b + 1, 1)
                 _block_forces(xs, point[b], modulus[b], f, material)
+                prefetch_block(point, b + 2, 2)
                 add_level(f, held, mine, force[level - width : level])
         f[:] = 0.0
         add_level(f, held, mine, force[start[g + 1] - width : start[g + 1]])
@@ -514,10 +516,12 @@ def element_state(x, nodes, start, local, layers, point, modulus, state, stiffne
         mine, width = local[g], (start[g + 1] - start[g]) // (layers + 1)
         stiffness[start[g] : start[g + 1]] = 0.0
         for k in range(layers + 1):
-            level = start[g] + k * width
+            level, b = start[g] + k * width, g * layers + k - 1
+            prefetch_block(point, b + 1, 0)
             read_level(x, nodes[level : level + width], mine, at, origin, moved, xs)
             if k > 0:
-                b = g * layers + k - 1
+                prefetch_block(point, b + 1, 1)
+                prefetch_block(point, b + 1, 2)
                 _block_state(xs, point[b], modulus[b], state[b], bound, material)
                 for i in range(4 * LANES):
                     stiffness[level - width + mine[i]] += bound[i % LANES]

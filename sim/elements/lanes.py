@@ -33,7 +33,7 @@ def prefetch(typing_context, array, index):
             builder.module, ir.FunctionType(ir.VoidType(), [byte, word, word, word]), "llvm.prefetch.p0"
         )
         line = builder.bitcast(builder.gep(data, [arguments[1]]), byte)
-        builder.call(function, [line, word(0), word(3), word(1)])  # for reading, keep, data
+        builder.call(function, [line, word(0), word(2), word(1)])  # for reading, into the second-level cache, data
         return context.get_dummy_value()
 
     return types.void(array, types.intp), code
