@@ -21,7 +21,7 @@ from morphofold.arrays import Array
 from morphofold.errors import OutOfRange
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect, overriding
-from morphofold.sim.elements import brick_kernels
+from morphofold.sim.elements.lanes import sum_forces
 from morphofold.sim.equilibrium.rest import SOFT_MODE_W2, Balance, softest
 from morphofold.sim.equilibrium.wrinkles import Slow, slow_growth
 from morphofold.timing import working_seconds
@@ -307,9 +307,7 @@ class Dynamics:
                 effect.add_forces(body, state.x, state.v, self._extra)
                 watch.lap(effect.name)
             before = state.v.copy() if k == steps - 1 else state.v
-            brick_kernels.sum_forces(
-                blocks.force, blocks.first, blocks.rows, body.rest, self._extra, body.free, self._forces
-            )
+            sum_forces(blocks.force, blocks.first, blocks.rows, body.rest, self._extra, body.free, self._forces)
             lost = body.levels.step(state.x, state.v, self._forces, body.mass, body.free, 1.0 - self.damping)
             watch.lap("advance")
             if lost:

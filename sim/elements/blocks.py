@@ -31,7 +31,7 @@ class Rows:
         Number of blocks.
     filler : (count, LANES) bool
         Lanes that repeat an element.
-    first, rows : (N + 1,) int, (R,) uint32
+    first, rows : (N + 1,), (R,) uint32
         Node n owns the rows ``rows[first[n]:first[n + 1]]``.
     force : (R, 3) float64
         Forces of the rows, filled by a kernel.
@@ -44,7 +44,7 @@ class Rows:
         self.filler: Bools = np.ones(element.shape, dtype=bool)
         self.filler.ravel()[self._place] = False
         self.rows = np.argsort(self.nodes, kind="stable").astype(np.uint32)
-        self.first = np.concatenate([[0], np.cumsum(np.bincount(self.nodes, minlength=n_nodes))])
+        self.first = np.concatenate([[0], np.cumsum(np.bincount(self.nodes, minlength=n_nodes))]).astype(np.uint32)
         self.force = np.zeros((len(self.nodes), 3))
 
     def to_lanes(self, values: NDArray, blocks: slice | Ints = slice(None)) -> NDArray:

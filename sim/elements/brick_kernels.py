@@ -1,4 +1,4 @@
-"""Numba loops of the hexahedral Q1P0 element: nodal forces, growth, stiffness bound, and sums at the nodes.
+"""Numba loops of the hexahedral Q1P0 element: forces, growth, stiffness bound.
 
 The element is the eight-node brick with 2x2x2 Gauss points, a pressure from the mean volume ratio of the element, and
 a weak local volumetric term: with A = F G^-1, J = det A, and w the grown volume of a point,
@@ -31,7 +31,6 @@ from morphofold.sim.elements.lanes import (
     add_level,
     prefetch,
     read_level,
-    sum_of_node_rows,
 )
 from morphofold.sim.materials import energy_of, slopes_of, stiffness_bound, uses_i2
 
@@ -558,43 +557,3 @@ def grow(point, point0, radial, modulus, stretch, blocks, tangential):
                 volume[l] += det / start[row + l]
         for l in range(LANES):
             modulus[blocks[i], 2 * LANES + l] = 1.0 / volume[l]
-
-
-@njit(parallel=True, cache=True)
-def sum_forces(force, first, rows, rest, extra, free, out):
-    """Nodal forces (N, 3) on the free coordinates, 0 on the others.
-
-    They are the sums of the rows of ``force`` (R, 3), less ``rest`` (N, 3), the round-off of the kernel in the
-    reference state, so that a body that does not grow stays bitwise at rest; plus ``extra`` (S, 3), other forces on the
-    first S nodes: surface filter and effects. ``free`` (N, 3) is True where a coordinate may move.
-    """
-    for n in prange(len(out)):
-        f = sum_of_node_rows(force, first, rows, n)
-        for r in range(3):
-            total = f[r] - rest[n, r]
-            if n < len(extra):
-                total += extra[n, r]
-            out[n, r] = total if free[n, r] else 0.0
-
-
-@njit(parallel=True, cache=True)
-def filter_forces(start, column, value, axis, row, other, difference, x, X, scale, u, out):
-    """Compute out = -scale (B + D) u for the surface nodes; u = x - X (n, 3) is written, too.
-
-    B is a CSR matrix (start, column, value), one row per thread; D adds ``difference`` to single entries (row, other)
-    of one component, ``axis``.
-    """
-    n = len(out)
-    for i in prange(n):
-        for r in range(3):
-            u[i, r] = x[i, r] - X[i, r]
-    for i in prange(n):
-        s0, s1, s2 = 0.0, 0.0, 0.0
-        for k in range(start[i], start[i + 1]):
-            j, b = column[k], scale * value[k]
-            s0 -= b * u[j, 0]
-            s1 -= b * u[j, 1]
-            s2 -= b * u[j, 2]
-        out[i, 0], out[i, 1], out[i, 2] = s0, s1, s2
-    for k in range(len(axis)):
-        out[row[k], axis[k]] -= scale * difference[k] * u[other[k], axis[k]]

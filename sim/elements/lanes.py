@@ -140,6 +140,23 @@ def gather(force, first, rows, out):
 
 
 @njit(parallel=True, cache=True)
+def sum_forces(force, first, rows, rest, extra, free, out):
+    """Nodal forces (N, 3) on the free coordinates, 0 on the others.
+
+    They are the sums of the rows of ``force`` (R, 3), less ``rest`` (N, 3), the round-off of the kernel in the
+    reference state, so that a body that does not grow stays bitwise at rest; plus ``extra`` (S, 3), other forces on the
+    first S nodes: surface filter and effects. ``free`` (N, 3) is True where a coordinate may move.
+    """
+    for n in prange(len(out)):
+        f = sum_of_node_rows(force, first, rows, n)
+        for r in range(3):
+            total = f[r] - rest[n, r]
+            if n < len(extra):
+                total += extra[n, r]
+            out[n, r] = total if free[n, r] else 0.0
+
+
+@njit(parallel=True, cache=True)
 def gather_scalar(values, first, rows, out):
     """Nodal sums (N,) of one value per row (R,)."""
     for n in prange(len(out)):

@@ -8,11 +8,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit, prange
 from numpy.typing import NDArray
 from scipy import sparse
 
 from morphofold.arrays import Array
-from morphofold.sim.elements import brick_kernels
 from morphofold.sim.mesh.brick_mesh import Bilayer
 
 FLAT_STENCIL_RATIO = 1e-7  # singular value, over the largest, below which a stencil is flat in that direction
@@ -57,7 +57,7 @@ class SurfaceFilter:
         self._row_sum = np.max([np.asarray(abs(B).sum(axis=1)).ravel() for B in self._B], axis=0)
         odd = [sparse.coo_matrix(B - even) for B in self._B]
         joined = [np.concatenate([getattr(D, name) for D in odd]) for name in ("row", "col", "data")]
-        self._even = even.indptr, even.indices, even.data
+        self._even = even.indptr.astype(np.uint32), even.indices.astype(np.uint32), even.data
         self._odd = np.repeat(np.arange(3), [D.nnz for D in odd]), joined[0], joined[1], joined[2]
         self._X, self._u = X[:n].copy(), np.zeros((n, 3))
         self.cell, self._strength = cell, strength
@@ -75,7 +75,7 @@ class SurfaceFilter:
     def forces(self, x: Array, out: Array | None = None) -> Array:
         """Forces (S, 3) on the surface nodes at positions ``x`` (N, 3), written into ``out`` if that is given."""
         out = np.empty_like(self._X) if out is None else out
-        brick_kernels.filter_forces(*self._even, *self._odd, x, self._X, self._scale, self._u, out)
+        _filter_forces(*self._even, *self._odd, x, self._X, self._scale, self._u, out)
         return out
 
     def energy(self, x: Array) -> float:
@@ -164,3 +164,26 @@ def _remove_affine_part(stencils: _Stencils, p: Array, cell: float) -> _Stencils
             row = row - U @ (U.swapaxes(1, 2) @ row)
         value[entries] = row[..., 0]
     return found._replace(value=value)
+
+
+@njit(parallel=True, cache=True)
+def _filter_forces(start, column, value, axis, row, other, difference, x, X, scale, u, out):
+    """Compute out = -scale (B + D) u for the surface nodes; u = x - X (n, 3) is written, too.
+
+    B is a CSR matrix (start, column, value), with unsigned indices, which are twice as fast as signed ones; D adds
+    ``difference`` to single entries (row, other) of one component, ``axis``.
+    """
+    n = len(out)
+    for i in prange(n):
+        for r in range(3):
+            u[i, r] = x[i, r] - X[i, r]
+    for i in prange(n):
+        s0, s1, s2 = 0.0, 0.0, 0.0
+        for k in range(start[i], start[i + 1]):
+            j, b = column[k], value[k]
+            s0 += b * u[j, 0]
+            s1 += b * u[j, 1]
+            s2 += b * u[j, 2]
+        out[i, 0], out[i, 1], out[i, 2] = -scale * s0, -scale * s1, -scale * s2
+    for k in range(len(axis)):
+        out[row[k], axis[k]] -= scale * difference[k] * u[other[k], axis[k]]

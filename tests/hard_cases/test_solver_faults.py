@@ -13,7 +13,6 @@ from morphofold.sim import dynamics
 from morphofold.sim.body import Body
 from morphofold.sim.coarse_levels import CoarseLevels
 from morphofold.sim.dynamics import STEPS_PER_MEASUREMENT, Dynamics, UnstableError
-from morphofold.sim.elements import brick_kernels
 from morphofold.sim.health import BOUNDS, LEAST_J
 from morphofold.studies.speed.solver import cut_bricks
 
@@ -146,14 +145,14 @@ def test_an_inverted_element_recovers_or_stops_the_run(holds):
 
 def order_of_threads(patch):
     """The last bit of nodal sums is another with two threads, as where a shared sum has no fixed order."""
-    sum_forces = brick_kernels.sum_forces
+    sum_forces = dynamics.sum_forces
 
     def turned(force, first, rows, rest, extra, free, out):
         sum_forces(force, first, rows, rest, extra, free, out)
         if numba.get_num_threads() > 1:
             out[free] = np.nextafter(out[free], np.inf)
 
-    patch.setattr(brick_kernels, "sum_forces", turned)
+    patch.setattr(dynamics, "sum_forces", turned)
 
 
 STEPS = 300  # that two threads take as one does
