@@ -33,7 +33,9 @@ def add_args(parser: argparse.ArgumentParser) -> None:
         default="reproduce",
         help="folder to write; figures and simulations of an earlier run there are kept (default: reproduce)",
     )
-    parser.add_argument("--draft", action="store_true", help="simulate on coarser meshes, in about a third of the time")
+    parser.add_argument(
+        "--draft", action="store_true", help="simulate octants on coarse meshes, in a sixth of the time"
+    )
     add_threads(parser)
     parser.add_argument("--json", action="store_true", help="print summary.json")
 

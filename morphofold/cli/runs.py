@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
     from morphofold.analysis import Measures
     from morphofold.cli.progress import ProgressCallback
+    from morphofold.progress import Progress
     from morphofold.sim.run import Simulation
     from morphofold.surface import Cortex
 
+Result = TypeVar("Result")
 SIMULATIONS_FOLDER = "simulations"
 
 
@@ -21,7 +23,8 @@ class Runs:
     """Grows scenes in ``out``/simulations/NAME, each once, and continues from checkpoints.
 
     Simulations are in ``out`` itself. The folder that replaces ``out`` keeps them, so an interrupt loses none. Drafts
-    have names of their own. An invalid number of threads is refused at once, before anything is written.
+    are octants on coarser meshes and have names of their own. An invalid number of threads is refused at once, before
+    anything is written.
     """
 
     def __init__(self, out: Path, *, threads: int | None, quiet: bool, draft: bool = False):
@@ -29,16 +32,20 @@ class Runs:
 
         check_threads(threads)
         self._out, self._draft, self._threads, self._quiet = out, draft, threads, quiet
-        self._measured: dict[str, Measures] = {}
+        self._done: dict[str, Any] = {}
         self.seconds_growing = 0.0
 
     def grow(self, name: str, scene: str, settings: Sequence[str]) -> Simulation:
         from morphofold.sim.dynamics import UnstableError
+        from morphofold.sim.scene import Sphere
+        from morphofold.sim.scene.files import load_scene
         from morphofold.simulation import simulate
 
         begin(self._out)
         if self._draft:
-            name, settings = f"{name}-draft", [*settings, "accuracy.level=draft"]
+            name, settings = f"{name}-octant-draft", [*settings, "accuracy.level=draft"]
+            if isinstance(load_scene(scene, settings).geometry, Sphere):
+                settings = [*settings, "geometry.portion=octant"]
         begun = time.perf_counter()
         with self.showing(name) as show:
             try:
@@ -58,10 +65,13 @@ class Runs:
     def measure(self, name: str, cortex: Cortex) -> Measures:
         from morphofold.analysis import measure
 
-        if name not in self._measured:
-            with self.showing(f"measure {name}") as show:
-                self._measured[name] = measure(cortex, progress=show)
-        return self._measured[name]
+        return self.once(f"measure {name}", lambda show: measure(cortex, progress=show))
+
+    def once(self, words: str, work: Callable[[Progress], Result]) -> Result:
+        if words not in self._done:
+            with self.showing(words) as show:
+                self._done[words] = work(show)
+        return self._done[words]
 
     def showing(self, words: str) -> AbstractContextManager[ProgressCallback]:
         from morphofold.cli.progress import progress

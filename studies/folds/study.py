@@ -10,6 +10,7 @@ import platform
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -194,8 +195,8 @@ def run_study(study: Study, folder: Path, runs: Runs) -> dict[str, Any]:
     simulations = []
     for k, run in enumerate(plan, start=1):
         simulation = runs.grow(run.name, run.source, run.settings)
-        with runs.showing(f"measure {run.name} ({k} of {len(plan)})") as show:
-            rows += [_of_run(run, simulation, row) for row in fold_rows(simulation, show)]
+        words = f"measure {run.name} ({k} of {len(plan)})"
+        rows += [_of_run(run, simulation, row) for row in runs.once(words, partial(fold_rows, simulation))]
         if run.seed == study.seeds[0]:
             radii |= {
                 (run.scene, run.level, run.seed, g): outer_radius(simulation.cortex(g).pial, along)

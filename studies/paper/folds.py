@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -102,8 +103,7 @@ def _write(
     (folder / f"{name}.png").write_bytes(png_bytes(picture(panels, DISPLACEMENT, limits, titles)))
     rows: list[Row] = []
     for simulation in simulations:
-        with runs.showing(f"{name}: measure {simulation.scene.name}") as show:
-            rows += fold_rows(simulation, show)
+        rows += runs.once(f"measure the folds of {simulation.scene.name}", partial(fold_rows, simulation))
     write_table(folder / f"{name}.tsv", list(rows[0]), rows)
     return {
         "files": [f"{name}.png", f"{name}.tsv"],

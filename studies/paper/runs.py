@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from contextlib import AbstractContextManager
-from typing import Any, Protocol
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol, TypeVar
 
 from morphofold.analysis import Measures
 from morphofold.progress import Progress
 from morphofold.sim.run import Simulation
 from morphofold.surface import Cortex
+
+Result = TypeVar("Result")
 
 
 class Runs(Protocol):
@@ -21,8 +22,9 @@ class Runs(Protocol):
     def measure(self, name: str, cortex: Cortex) -> Measures:
         """All measures of a cortex, under its own name; measures of a name that was measured before are reused."""
 
-    def showing(self, words: str) -> AbstractContextManager[Progress]:
-        """Reports the progress of the work that ``words`` name: the share done, 0 to 1, and a short text."""
+    def once(self, words: str, work: Callable[[Progress], Result]) -> Result:
+        """The result of the work that ``words`` name, done once for all figures. The work gets a callable for its
+        progress: the share done, 0 to 1, and a short text."""
 
 
 def run_record(simulation: Simulation) -> dict[str, Any]:

@@ -100,14 +100,14 @@ def test_a_theory_figure_grows_nothing(here, grown):
 @pytest.mark.slow
 def test_a_simulation_is_grown_once_and_stays_for_the_next_figure(here, grown, capsys):
     assert main(["reproduce", "fig5", "-o", "out", "--draft", "--threads", "1"]) == 0
-    assert grown == [("out/simulations/fig5-draft", 1, "draft")]
+    assert grown == [("out/simulations/fig5-octant-draft", 1, "draft")]
     captured = capsys.readouterr()
     assert "fig5: warning: fig5: a bound is broken" in captured.out
-    assert "fig5-draft: 100%" in captured.err
+    assert "fig5-octant-draft: 100%" in captured.err
     assert main(["reproduce", "fig5", "fig4", "-o", "out", "--draft", "-q"]) == 0
     assert len(grown) == 1
-    assert names(here / "out" / "simulations") == {"fig5-draft"}
-    assert (here / "out" / "simulations" / "fig5-draft" / "stages" / "g2.00" / "surf" / "lh.pial").is_file()
+    assert names(here / "out" / "simulations") == {"fig5-octant-draft"}
+    assert (here / "out" / "simulations" / "fig5-octant-draft" / "stages" / "g2.00" / "surf" / "lh.pial").is_file()
     assert main(["reproduce", "fig5", "-o", "out", "-q"]) == 0
     assert grown[1:] == [("out/simulations/fig5", None, "standard")]
 
