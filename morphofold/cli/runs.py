@@ -65,7 +65,8 @@ class Runs:
     def measure(self, name: str, cortex: Cortex) -> Measures:
         from morphofold.analysis import measure
 
-        return self.once(f"measure {name}", lambda show: measure(cortex, progress=show))
+        accuracy = "draft" if self._draft else "standard"
+        return self.once(f"measure {name}", lambda show: measure(cortex, accuracy=accuracy, progress=show))
 
     def once(self, words: str, work: Callable[[Progress], Result]) -> Result:
         if words not in self._done:
