@@ -149,14 +149,15 @@ def _fig9(tables: Tables) -> str:
 
 
 def _folded(rows: Sequence[Row]) -> list[Row]:
-    """The rows with all numbers of a folded surface."""
-    needed = ("wavelength_mm", "gyral_thickness_mm", "sulci", "height_skewness")
+    """The rows of a folded surface; just after the onset its gyri may have no width yet."""
+    needed = ("wavelength_mm", "sulci", "height_skewness")
     return [row for row in rows if all(row[key] is not None for key in needed)]
 
 
 def _by_body(rows: Sequence[Row], key: str) -> list[list[Row]]:
-    """The folded rows of each body, ordered by a number of the body."""
-    return [[row for row in _folded(rows) if row[key] == value] for value in sorted({row[key] for row in rows})]
+    """The rows of each body whose gyri have a width, ordered by a number of the body."""
+    wide = [row for row in _folded(rows) if row["gyral_thickness_mm"] is not None]
+    return [[row for row in wide if row[key] == value] for value in sorted({row[key] for row in rows})]
 
 
 def _falls(values: Sequence[float]) -> bool:

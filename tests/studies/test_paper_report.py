@@ -97,6 +97,7 @@ SENTENCES = [
     ("fig7", soft_to_stiff((-1, -0.5, -0.2), first_contact_g=1.3), ["touch 0.10, 0.10 and 0.10 of growth after"]),
     ("fig7", soft_to_stiff((-1, -0.5, -0.2), first_contact_g=None), ["come first at small ratios."]),
     ("fig7", soft_to_stiff((-1, -0.5, -0.2), theory_g=1.5), ["not all before the creases of Eq. (12) at 1.43"]),
+    ("fig7", soft_to_stiff((-1, -0.5, -0.2), gyral_thickness_mm=None), ["As in the paper"]),
     ("fig7", soft_to_stiff((-1, -1.5, -0.2)), ["Not as in the paper"]),
     ("fig7", {"fig7.tsv": [fold(mu=2.0, scene="fig5", g=FIRST["fig5"])]}, [UNFOLDED]),
     (
