@@ -97,8 +97,7 @@ class CoarseLevels:
     def step(self, x: Array, v: Array, forces: Array, mass: Array, free: Bools, keep: float) -> int:
         """One step of unit length: v <- keep v + a on the ``free`` coordinates, x <- x + v; all (N, 3), in place.
 
-        ``forces`` (N, 3) are 0 where a coordinate is held. Returns 0 if all
-        coordinates are finite.
+        ``forces`` (N, 3) are 0 where a coordinate is held. Returns 0 if all coordinates are finite.
         """
         self._restrict(forces, self._free)
         coarse: Array = np.zeros((0, 3))

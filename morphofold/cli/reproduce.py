@@ -33,9 +33,7 @@ def add_args(parser: argparse.ArgumentParser) -> None:
         default="reproduce",
         help="folder to write; figures and simulations of an earlier run there are kept (default: reproduce)",
     )
-    parser.add_argument(
-        "--draft", action="store_true", help="simulate octants on coarse meshes, in a sixth of the time"
-    )
+    parser.add_argument("--draft", action="store_true", help="octants on coarser meshes: four minutes on two cores")
     add_threads(parser)
     parser.add_argument("--json", action="store_true", help="print summary.json")
 

@@ -124,7 +124,7 @@ class Bricks:
             brick_kernels.grow(self.point, self._core0, self._radial, self.modulus, stretch, self._core, False)
 
     def make_single(self) -> None:
-        """Compute forces in 32 bits from now on: ``point`` and ``modulus`` get 32 bits; positions and sums keep 64."""
+        """Compute forces in 32 bits from now on: points and moduli get 32 bits; positions and sums keep 64."""
         self.point, self.modulus = self.point.astype(np.float32), self.modulus.astype(np.float32)
         self._cortex0, self._radial = self._cortex0.astype(np.float32), self._radial.astype(np.float32)
 

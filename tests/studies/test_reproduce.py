@@ -8,6 +8,7 @@ import pytest
 from made_simulations import harmonic, made_simulation, settle
 
 from morphofold.cli import main
+from morphofold.cli.runs import Runs
 from morphofold.sim.output.folder import Simulation
 from morphofold.sim.scene.files import load_scene
 from morphofold.studies import paper
@@ -36,7 +37,8 @@ def grown(monkeypatch):
         scene = load_scene(scene, settings)
         if (out / "health.json").exists():
             return Simulation(out, scene)
-        calls.append((out.relative_to(out.parents[2]).as_posix(), threads, scene.accuracy.level))
+        portion = getattr(scene.geometry, "portion", None)
+        calls.append((out.relative_to(out.parents[2]).as_posix(), threads, scene.accuracy.level, portion))
         progress(1.0, "done")
         return made_simulation(out, scene, height=wave, warnings=["a bound is broken"])
 
@@ -100,7 +102,7 @@ def test_a_theory_figure_grows_nothing(here, grown):
 @pytest.mark.slow
 def test_a_simulation_is_grown_once_and_stays_for_the_next_figure(here, grown, capsys):
     assert main(["reproduce", "fig5", "-o", "out", "--draft", "--threads", "1"]) == 0
-    assert grown == [("out/simulations/fig5-octant-draft", 1, "draft")]
+    assert grown == [("out/simulations/fig5-octant-draft", 1, "draft", "octant")]
     captured = capsys.readouterr()
     assert "fig5: warning: fig5: a bound is broken" in captured.out
     assert "fig5-octant-draft: 100%" in captured.err
@@ -109,7 +111,17 @@ def test_a_simulation_is_grown_once_and_stays_for_the_next_figure(here, grown, c
     assert names(here / "out" / "simulations") == {"fig5-octant-draft"}
     assert (here / "out" / "simulations" / "fig5-octant-draft" / "stages" / "g2.00" / "surf" / "lh.pial").is_file()
     assert main(["reproduce", "fig5", "-o", "out", "-q"]) == 0
-    assert grown[1:] == [("out/simulations/fig5", None, "standard")]
+    assert grown[1:] == [("out/simulations/fig5", None, "standard", "half")]
+
+
+@pytest.mark.parametrize(("draft", "accuracy"), [(True, "draft"), (False, "standard")])
+def test_a_cortex_is_measured_once_and_a_draft_at_draft_accuracy(draft, accuracy, tmp_path, monkeypatch):
+    calls = []
+    monkeypatch.setattr("morphofold.analysis.measure", lambda cortex, **options: calls.append((cortex, options)))
+    runs = Runs(tmp_path, threads=1, quiet=True, draft=draft)
+    for _ in range(2):
+        runs.measure("one", "cortex")
+    assert [(cortex, options["accuracy"]) for cortex, options in calls] == [("cortex", accuracy)]
 
 
 def test_an_interrupt_keeps_simulations_and_figures_that_were_there(here, grown, capsys, monkeypatch):
