@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 from pathlib import Path
 
-__version__ = "0.2.0"
+__version__ = "0.3.0"
 
 # In a checkout the rooms sim/, analysis/ and studies/ lie beside this folder. The tracked symlinks already lead
 # there; this line covers checkouts without symlinks. It never fires in an installed wheel.

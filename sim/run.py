@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold import __version__
-from morphofold.errors import DamagedFile, DoesNotApply, Mismatch
+from morphofold.errors import DamagedFile, DoesNotApply
 from morphofold.io.files import decoding
 from morphofold.io.locks import alone
 from morphofold.progress import Progress, silent
 from morphofold.sim.effects import own_effects
 from morphofold.sim.interrupt import deferred_interrupt
-from morphofold.sim.output.checkpoint import as_bytes, as_lines, read_arrays, read_log
+from morphofold.sim.output.checkpoint import as_bytes, as_lines, check_marks, read_arrays, read_log
 from morphofold.sim.output.folder import Describe, FolderWriter, Simulation, is_finished
 from morphofold.sim.output.inputs import scene_digest, written_stages
 from morphofold.sim.output.run_files import AND_GROW_AGAIN
@@ -274,10 +274,8 @@ class _Run:
         if path is None:
             return
         mine = self._marks()
+        check_marks(path, mine)
         arrays = read_arrays(path, {**self.dynamics.save(), **mine})
-        for name, what in (("scene", "another scene or mesh"), ("version", "another version of morphofold")):
-            if not np.array_equal(arrays[name], mine[name]):
-                raise Mismatch(f"{path}: belongs to a run with {what}. Delete it {AND_GROW_AGAIN}.")
         check_mesh(path, arrays["reference"], self.body.X, self.scene)  # own effects may give the body another shape
         growth, final = arrays["growth"].item(), self.scene.growth.final
         with decoding(path, "a checkpoint of this run", f"Delete it {AND_GROW_AGAIN}."):

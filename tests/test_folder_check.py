@@ -323,8 +323,9 @@ def test_a_checkpoint_that_does_not_say_its_run_is_not_gone_on_from(stopped, at,
     assert "checkpoint.npz" in resumed(capsys, "--resume")
 
 
-def test_a_checkpoint_of_another_version_is_not_gone_on_from(stopped, at, capsys, monkeypatch):
-    at(stopped)
+@pytest.mark.parametrize("arrays", [{}, {"earliest_rest": None}, {"of_another_version": np.zeros(3)}])
+def test_a_checkpoint_of_another_version_is_not_gone_on_from(stopped, at, capsys, monkeypatch, arrays):
+    checkpoint(**arrays)(at(stopped) / "checkpoint.npz")
     monkeypatch.setattr("morphofold.sim.run.__version__", "0.0.0")
     assert re.search(r"\brun/checkpoint\.npz: .*\[mismatch\]$", resumed(capsys, "--resume"))
 

@@ -12,9 +12,28 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from morphofold.errors import DamagedFile
+from morphofold.errors import DamagedFile, Mismatch
 from morphofold.io.files import decoding, existing_file
 from morphofold.sim.output.run_files import AND_GROW_AGAIN
+
+#: what differs if these arrays of a checkpoint do
+MARKS = {"scene": "another scene or mesh", "version": "another version of morphofold"}
+
+
+def check_marks(path: Path, mine: Mapping[str, NDArray]) -> None:
+    """Refuse a checkpoint of another scene, mesh or version: its arrays may be others than `read_arrays` expects.
+
+    Raises
+    ------
+    Mismatch
+        If ``scene`` or ``version`` of ``mine`` is another in the file.
+    """
+    with decoding(path, "a checkpoint of this run", f"Delete it {AND_GROW_AGAIN}."):
+        with np.load(existing_file(path, "checkpoint"), allow_pickle=False) as file:
+            small = {name for name in file.files if file.zip.getinfo(f"{name}.npy").file_size < 4096}
+            others = [name for name in MARKS if name in small and not np.array_equal(file[name], mine[name])]
+    if others:
+        raise Mismatch(f"{path}: belongs to a run with {MARKS[others[0]]}. Delete it {AND_GROW_AGAIN}.")
 
 
 def read_arrays(path: Path, like: Mapping[str, NDArray]) -> dict[str, NDArray]:
