@@ -29,7 +29,7 @@ RISE = 3.0  # the difference counts as rising when it is this many times its min
 PURE = 30.0  # almost only its growing part is left when it is this many times its minimum
 STEADY = 1e-3  # the onset is constant if it moves by less growth between two pairs,
 PAIRS = 8  # of which there are at most so many
-CREEP = 1.0  # share of the velocity that is lost over as many steps as a wrinkle has edges
+CREEP = 1.0  # share of the velocity that is lost over as many steps as a wave needs to cross a wrinkle, about
 
 
 @dataclass(frozen=True)
@@ -120,8 +120,9 @@ class _Twins:
         effects = build_effects(self.scene)
         body = build_body(self.scene, effects, self._bilayer)
         wrinkle = DEFAULT_WAVELENGTH_OVER_T * self.scene.geometry.cortex_thickness
+        damping = CREEP * body.bilayer.edge / wrinkle * body.levels.lightness**0.5  # light waves are fast
         # one step per unit of growth would be far too fast, but each call of grow_to makes only one increment
-        return Dynamics(body, effects, steps_per_unit=1.0, damping=CREEP * body.bilayer.edge / wrinkle)
+        return Dynamics(body, effects, steps_per_unit=1.0, damping=damping)
 
     def grow(self, g: float) -> None:
         """Grow from the start, or from the last saved growth, to ``g``; both runs continue from there."""
