@@ -49,7 +49,7 @@ def add_args(parser: argparse.ArgumentParser) -> None:
         (
             "--estimate",
             None,
-            "afterwards grow a coarser run in DIR/coarser, in about a third of the time, and estimate the error from "
+            "afterwards grow a coarser run in DIR/coarser, in two fifths of the time, and estimate the error from "
             "both; then the coarser run at half the pace in DIR/slower, in about half of the time, to show what the "
             "pace changes",
         ),

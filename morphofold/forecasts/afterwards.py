@@ -13,7 +13,7 @@ from morphofold.words import percent
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
 
-REST_OF_RUN = "rest"
+OTHER = "other"
 SecondsAndShares = Mapping[str, tuple[float, float]]  # name -> seconds, and share of all
 
 #: phases of the solver's clock that belong to no effect, and what they do
@@ -25,7 +25,7 @@ SOLVER_PHASES = {
     "grow": "growth of the elements",
     "filter": "forces of the surface filter",
     "radial": "equilibria in one dimension",
-    REST_OF_RUN: "building the body; checks, maps and files of the stages; log and checkpoints",
+    OTHER: "building the body; checks, maps and files of the stages; log and checkpoints",
 }
 
 
@@ -38,7 +38,7 @@ class Cost:
     seconds : float
         Wall time without compiling.
     phases, effects : mapping
-        Name to seconds and to their share of all. ``phases`` has ``"rest"``, too; ``effects`` has the effects with a
+        Name to seconds and to their share of all. ``phases`` has ``"other"``, too; ``effects`` has the effects with a
         phase of their own, which ``phases`` leaves out.
     within : mapping
         Effects without a phase of their own, and where their time is counted, in words.
@@ -74,7 +74,7 @@ def cost_of(health: Mapping[str, Any], scene: Scene) -> Cost:
     """Cost of a run from its ``health.json`` and scene. Fields that an earlier version did not write are None."""
     seconds, by_phase = float(health["seconds"]), dict(health.get("seconds_by_phase", {}))
     if by_phase:
-        by_phase[REST_OF_RUN] = max(0.0, seconds - sum(by_phase.values()))
+        by_phase[OTHER] = max(0.0, seconds - sum(by_phase.values()))
     shared = shares(dict(sorted(by_phase.items(), key=lambda item: -item[1])), seconds)
     called = health.get("effects", list(scene.called_effects))
     edge = health.get("surface_edge_mm")

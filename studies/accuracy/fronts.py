@@ -112,6 +112,13 @@ def law(x: ArrayLike, y: ArrayLike) -> Law:
     )
 
 
+def constant(x: ArrayLike, y: ArrayLike) -> Law:
+    """The law of power 0 through points x, y (n,), positive: the geometric mean of y."""
+    logarithms = np.log(np.asarray(y, dtype=np.float64))
+    scatter = float(np.std(logarithms, ddof=1))
+    return Law(float(np.exp(logarithms.mean())), 0.0, 0.0, scatter, len(logarithms), float(np.min(x)), float(np.max(x)))
+
+
 @dataclass(frozen=True)
 class Halving:
     """How many times longer half the error takes, with its 95 % interval."""

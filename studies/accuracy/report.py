@@ -12,6 +12,7 @@ from morphofold.provenance import strict_json
 from morphofold.report.plots.line_plots import save
 from morphofold.studies.accuracy.bodies import SUBJECT
 from morphofold.studies.accuracy.folds import MESH, STAGES, WITH_A_LIMIT
+from morphofold.studies.accuracy.fronts import constant
 from morphofold.studies.accuracy.measuring_person import COARSE
 from morphofold.studies.accuracy.plots import HEADLINES, front_figure, overview
 from morphofold.studies.accuracy.points import Point
@@ -100,8 +101,9 @@ def expected_errors(points: Sequence[Point]) -> dict[str, Any] | None:
     """Laws of the error with the edge over the thickness of the cortex, as a forecast reads them; None if the solver
     has none.
 
-    ``coefficient * (edge / T)^power`` is the relative error of a quantity that is due to the mesh; ``spread`` is the
-    standard deviation of its logarithm; ``finest`` and ``coarsest`` are the studied edges over T. ``other`` is the
+    ``coefficient * (edge / T)^power`` is the relative error of a quantity that is due to the mesh; the power is 0 where
+    the fitted one is negative, because a finer mesh has no larger error but by chance. ``spread`` is the standard
+    deviation of its logarithm; ``finest`` and ``coarsest`` are the studied edges over T. ``other`` is the
     root of the sum of squares of the errors of ``standard`` along the other axes with a limit, without kappa/mu, which
     is a property of the body. ``measuring`` is for the analysis: see :func:`measuring_errors`.
     """
@@ -115,6 +117,7 @@ def expected_errors(points: Sequence[Point]) -> dict[str, Any] | None:
         if known and (half, subject, axis) == ("solver", SUBJECT, "mesh"):
             error = laws_of(group)[1]
             if error is not None:
+                error = error if error.power > 0 else constant([p.value for p in group], [p.error for p in group])
                 quantities[quantity.removesuffix(", g = 2")] = {
                     "coefficient": error.coefficient,
                     "power": error.power,

@@ -92,7 +92,7 @@ def whole_run(folder: Path) -> Row:
         if not 0 < seconds < math.inf:
             raise DamagedFile(f"{file}: a run of {seconds:g} s has no speed. {cure}")
         shares = {phase: spent / seconds for phase, spent in phases.items()}
-        shares["rest"] = 1 - sum(shares.values())
+        shares["other"] = 1 - sum(shares.values())
         row = {
             "scene": scene.name,
             "level": scene.accuracy.level if scene.accuracy.edge is None else f"edge {scene.accuracy.edge:g} mm",
@@ -240,16 +240,16 @@ def _runs(rows: Sequence[Row]) -> list[str]:
                 number(row["memory"], "{:.2f}"),
             ]
         )
-    phases = list(dict.fromkeys(phase for row in rows for phase in row["shares"] if phase != "rest"))
+    phases = list(dict.fromkeys(phase for row in rows for phase in row["shares"] if phase != "other"))
     shares = [
-        [row["scene"], row["level"], *(_percent(row["shares"].get(phase)) for phase in (*phases, "rest"))]
+        [row["scene"], row["level"], *(_percent(row["shares"].get(phase)) for phase in (*phases, "other"))]
         for row in rows
     ]
     return [
         table(heads, lines),
         "The share of contact is that of the time of all steps after the last stage but one, including mirror images.",
         "Shares of the wall time; the rest is set-up, and checking and writing of stages:",
-        table(["scene", "level", *phases, "rest"], shares),
+        table(["scene", "level", *phases, "other"], shares),
         _say_health(rows),
     ]
 

@@ -256,6 +256,14 @@ def test_a_forecast_is_given_the_laws(points):
     assert expected_errors([p for p in points if p.half == "measuring"]) is None
 
 
+def test_a_forecast_gives_no_larger_error_to_a_finer_mesh(points):
+    rising = [replace(p, error=0.001 / p.value) if p.quantity == "radius" else p for p in points]
+    law = expected_errors(rising)["quantities"]["radius"]
+    assert law["power"] == 0
+    edges = np.array([p.value for p in rising if p.quantity == "radius"])
+    assert law["coefficient"] == pytest.approx(np.exp(np.mean(np.log(0.001 / edges))))
+
+
 def test_a_forecast_of_an_analysis_is_given_the_errors_of_the_persons_presets(points):
     made = next(p for p in points if p.half == "measuring")
     person = lambda preset, quantity, error, subject="S1", n=150_000: replace(

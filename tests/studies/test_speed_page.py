@@ -177,7 +177,7 @@ def test_the_numbers_of_a_whole_run_follow_from_its_health_and_log(here):
     assert (row["scene"], row["portion"], row["elements"], row["kind"]) == ("demo", "half", 1000, "bricks")
     assert row["level"] == "edge 1.97 mm"
     assert row["millions"] == pytest.approx(0.5)  # 1,000 x 5,000 / 10 s
-    assert row["shares"] == pytest.approx({"elements": 0.6, "contact": 0.1, "symmetry": 0.05, "rest": 0.25})
+    assert row["shares"] == pytest.approx({"elements": 0.6, "contact": 0.1, "symmetry": 0.05, "other": 0.25})
     assert row["last_contact"] == pytest.approx(1 / 3)  # steps 2,000 to 5,000: 1 s of 3 s
     assert (row["threads"], row["memory"], row["healthy"]) == (2, 0.75, True)
 
@@ -212,7 +212,7 @@ def test_the_page_holds_what_was_measured_and_its_own_words(here):
     assert "| contact | −0.002 | −0.1 % |" in text
     run = "| demo | edge 1.97 mm | half | 1,000 bricks | 5,000 | 2 | 10.0 | 0.50 | 0.25 | 33.3 % | 0.75 |"
     assert run in text
-    assert "| scene | level | elements | contact | symmetry | rest |" in text
+    assert "| scene | level | elements | contact | symmetry | other |" in text
     assert "| demo | edge 1.97 mm | 60.0 % | 10.0 % | 5.0 % | 25.0 % |" in text
     assert "1 of 2 runs are healthy; not: demo (edge 1.97 mm)." in text
     assert "stale" not in text
