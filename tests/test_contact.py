@@ -302,3 +302,18 @@ def test_the_pairing_is_renewed_once_the_surface_has_moved_by_a_fifth_of_the_rad
     for moved, searches in ((0.0, 1), (0.19, 1), (0.21, 2), (0.35, 2)):
         contact.refresh(standing(body, x + [0, 0, moved * SEARCH_RADIUS_IN_CELLS]))
         assert contact.record()["searches"] == searches
+
+
+def test_a_wall_that_slides_by_a_cell_between_measurements_is_pushed_like_one_that_was_always_there():
+    """Growth moves a wall by up to a cell in the twelve steps between two calls of refresh."""
+    body, x = walls(0.5 * GAP_IN_CELLS)
+    slid = walls(0.5 * GAP_IN_CELLS, aside=1.5)[1]
+    contact = Contact()
+    contact.prepare(body)
+    contact.refresh(standing(body, x))
+    for step in range(12):
+        extra = np.zeros((body.n_surface, 3))
+        contact.add_forces(body, x + min(step / 8, 1.0) * (slid - x), np.zeros_like(x), extra)
+    fresh = pushes(body, slid)[0]
+    assert np.abs(fresh).max() > 0
+    np.testing.assert_allclose(extra, fresh, atol=1e-12 * np.abs(fresh).max())

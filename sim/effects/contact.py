@@ -1,7 +1,8 @@
 """Self-contact of the pial surface: nodes against triangles.
 
 For each node, find the nearest node whose surface faces it (opposed normals, far apart in the reference), then the
-nearest triangle around that node. The search is repeated when the surface has moved by a fifth of the search radius.
+nearest triangle around that node. Triangles are chosen again every third step, and the search is repeated when the
+surface has moved by a fifth of the search radius.
 Until nodes face each other within that radius, a step costs one empty loop. The penalty acts within a gap of 0.17 cell
 sizes. It is scaled by nodal mass, so it never needs a smaller step.
 """
@@ -30,6 +31,7 @@ WAIT_DEPTH_IN_CELLS = 0.2  # growth slows down if nodes are pressed deeper than 
 PENALTY_STIFFNESS = 0.2  # penalty force per mass and penetration, at a step of one
 PENALTY_DAMPING = 0.1  # damping force per mass and approach speed: 0.25 would be unstable on coarse levels
 SEARCH_RADIUS_IN_CELLS = 1.5  # search radius in h
+STEPS_PER_PAIRING = 3  # a wall moves by up to a cell in twelve steps: nodes would slip past the triangles of then
 DEEPEST_PENETRATION_SHARE = 0.7  # penetrations beyond this share of the search radius are not contact
 #: pairs closer than this in the reference are neighbours, unless across a gap [longest edge at either node]
 NEIGHBOUR_DISTANCE_IN_EDGES = 1.2
@@ -122,12 +124,17 @@ def choose_triangles(x, X, N, tri, ring_first, ring, facing, reach, partner):
 
     Triangles with a corner in the node's neighbourhood do not count.
     """
+    # beyond this, no corner of a triangle around the facing node is a neighbour: corners are two edges away at most
+    far = (1.0 + 2.0 / NEIGHBOUR_DISTANCE_IN_EDGES) * reach.max()
     for i in prange(len(facing)):
         best, nearest = 1e300, -1
         if facing[i] >= 0:
+            apart = 0.0
+            for r in range(3):
+                apart += (X[facing[i], r] - X[i, r]) ** 2
             for s in range(ring_first[facing[i]], ring_first[facing[i] + 1]):
                 t = ring[s]
-                if (
+                if apart < far * far and (
                     _is_neighbour(X, N, i, tri[t, 0], reach)
                     or _is_neighbour(X, N, i, tri[t, 1], reach)
                     or _is_neighbour(X, N, i, tri[t, 2], reach)
@@ -253,13 +260,16 @@ class Contact(Effect):
         self._paired_at = np.full((n, 3), np.inf)
         self._push, self._weight = np.zeros((n, 3)), np.zeros((n, 3))
         self._depth, self._energy = np.zeros(n), np.zeros(n)
-        self._h = body.cell
+        self._h, self._age = body.cell, 0
         self.searches = 0
 
     def refresh(self, run) -> None:
-        body, x = run.body, run.state.x
+        self._h, self._age = run.body.cell, 0
+        self._pair(run.body, run.state.x)
+
+    def _pair(self, body: Body, x: Array) -> None:
+        """Find the triangle that each node may touch; search for facing nodes again if the surface has moved."""
         n = body.n_surface
-        self._h = body.cell
         radius = SEARCH_RADIUS_IN_CELLS * self._h
         moved = np.max(np.abs(x[:n] - self._paired_at))
         if moved > 0.2 * radius:
@@ -276,6 +286,10 @@ class Contact(Effect):
             self._depth[:] = self._energy[:] = 0.0
 
     def add_forces(self, body: Body, x: Array, v: Array, extra: Array) -> None:
+        if self._age == STEPS_PER_PAIRING:
+            self._age = 0
+            self._pair(body, x)
+        self._age += 1
         if self._partner.max() >= 0:
             self._press(body, x, v, self._push, self._weight, self._depth, self._energy)
             add_pushes(self._tri, self._partner, self._push, self._weight, self._depth, extra)
@@ -300,7 +314,7 @@ class Contact(Effect):
 
     def springs(self, body: Body, x: Array) -> Array:
         """Of nodes and triangles that press: that of two walls that approach each other, with a pair at either side."""
-        pressed, springs = np.flatnonzero(self._depth > 0), np.zeros(body.n_surface)
+        pressed, springs = np.flatnonzero((self._depth > 0) & (self._partner >= 0)), np.zeros(body.n_surface)
         springs[pressed] = springs[self._tri[self._partner[pressed]].ravel()] = 4 * self.per_mass
         return springs
 
