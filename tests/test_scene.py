@@ -339,14 +339,6 @@ def test_every_text_a_scene_can_hold_comes_back_from_its_toml(text):
         assert written["geometry"]["file"] == text
 
 
-def test_an_effect_of_an_old_name_is_read_with_a_note():
-    with pytest.warns(FutureWarning, match=r"effects\.enclosure.*effects\.skull"):
-        old = load_scene("fig5", ["effects.enclosure.gap=13"])
-    assert old == load_scene("fig5", ["effects.skull.gap=13"])
-    with pytest.raises(UnknownName, match=r"effects\.enclosure"):
-        load_scene("skull", ["effects.enclosure.gap=13"])
-
-
 def test_a_hole_of_an_ellipsoid_that_is_too_large_is_refused_by_its_own_key():
     with pytest.raises(ImpossibleBody, match=r"\bhole_share 0\.99\b.*\b0\.95\.$"):
         load_scene(

@@ -37,8 +37,8 @@ Solver: radius, stress and onset against theory, folds against the finest mesh o
 through the cortex, kappa/mu, pace (alone, and with the mesh), stiffness of contact, kind of element and precision.
 Analysis: shapes with known answers, a real hemisphere against its own refinement, and the other programs that are
 installed (extra bench).
-Takes about an hour on two idle cores. Cases that were done on the same machine are used again, so an interrupted study
-continues.
+Takes about forty minutes on two idle cores. Cases that were done on the same machine are used again, so an interrupted
+study continues.
 Writes points.tsv, laws.tsv, presets.tsv, budget.tsv, peers.tsv, figures/ and summary.json.
 """
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pkgutil
-import warnings
 from collections.abc import Mapping
 from functools import cache
 from importlib import import_module
@@ -28,9 +27,6 @@ HOOK_ORDER = (
     "bulk_viscosity",
 )
 
-
-#: names of version 0.1 that are still read, with a note; to be removed in version 0.3
-RENAMED_EFFECTS = {"enclosure": "skull"}
 #: added by contact at symmetry planes, and by strips; a scene cannot name them
 IMPLIED_EFFECTS = ("symmetry", "plane_strain")
 
@@ -59,18 +55,15 @@ def read_effects(tables: Any) -> Any:
         return tables  # pydantic refuses it
     found: dict[str, EffectOptions] = {}
     problems: list[InitErrorDetails] = []
-    for written in sorted(tables, key=lambda name: _hook_order_of(str(RENAMED_EFFECTS.get(name, name)))):
-        table, name = tables[written], RENAMED_EFFECTS.get(written, written)
-        if name not in effect_names() or (name != written and name in tables):
-            problems.append(InitErrorDetails(type="extra_forbidden", loc=(written,), input=table))
+    for name in sorted(tables, key=lambda name: _hook_order_of(str(name))):
+        if name not in effect_names():
+            problems.append(InitErrorDetails(type="extra_forbidden", loc=(name,), input=tables[name]))
             continue
-        if name != written:
-            warnings.warn(f"effects.{written} is called effects.{name} now; write that.", FutureWarning, stacklevel=2)
         try:
-            found[name] = options_of(name).model_validate(table)
+            found[name] = options_of(name).model_validate(tables[name])
         except ValidationError as error:
             problems += [
-                InitErrorDetails(type=e["type"], loc=(written, *e["loc"]), input=e["input"], ctx=e.get("ctx", {}))
+                InitErrorDetails(type=e["type"], loc=(name, *e["loc"]), input=e["input"], ctx=e.get("ctx", {}))
                 for e in error.errors()
             ]
     if problems:
