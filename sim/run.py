@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold import __version__
+from morphofold.arrays import Array
 from morphofold.errors import DamagedFile, DoesNotApply
 from morphofold.io.files import decoding
 from morphofold.io.locks import alone
@@ -309,7 +311,7 @@ class _Run:
             "rested_steps": state.relaxed,
             "unstable_modes": self._unstable_modes(),
             **check_surface(pial, closed),
-            "bending": bending(whole_surfaces(body, body.X)[1].verts, pial.verts) if closed else None,
+            "bending": bending(self._first_pial, pial.verts) if closed else None,
             "volume_drift": abs(found / grown - 1),
             "mean_radius_mm": float(np.linalg.norm(pial.verts, axis=1).mean()) if closed else None,
         }
@@ -324,6 +326,13 @@ class _Run:
             beside=self._write_volume,
         )
         return numbers
+
+    @cached_property
+    def _first_pial(self) -> Array:
+        """Positions (S, 3) of the whole pial surface before growth [mm]."""
+        from morphofold.sim.output.surfaces import whole_surfaces
+
+        return whole_surfaces(self.body, self.body.X)[1].verts
 
     def _unstable_modes(self) -> int | None:
         """Unstable modes of the present state, if asked for or by default in a strip; None if they can't be counted."""

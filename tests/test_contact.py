@@ -89,6 +89,30 @@ def test_contact_keeps_momentum_and_angular_momentum():
     assert np.abs(torque).max() < 1e-3 * np.linalg.norm(np.cross(x[: len(extra)], extra), axis=1).sum()
 
 
+def test_a_node_in_a_valley_is_held_by_both_of_its_walls():
+    """Whichever of their triangles it touches at the moment."""
+    contact, x, _ = two_sheets(distance=0.4)
+    body = make_body()
+    body.update_state(body.X)
+    middle = np.linalg.norm(x[: body.n_surface, :2], axis=1) + 1e3 * (contact._depth == 0)
+    node = int(np.argmin(middle))
+    other = contact._facing[node]
+    lower = np.sign(x[:, 2]) == np.sign(x[other, 2])
+    x[lower, 2] += 0.2 * np.sign(x[node, 2]) * np.abs(x[lower, 0] - x[other, 0])
+    around = contact._ring[contact._ring_first[other] : contact._ring_first[other + 1]]
+    left, right = (
+        next(t for t in around if (side * (x[contact._tri[t], 0] - x[other, 0])).max() < 1e-9) for side in (1, -1)
+    )
+    held = []
+    for triangle in (left, right):
+        contact._partner[:] = -1
+        contact._partner[node] = triangle
+        held.append(contact.stiffness(body, x)[3 * node : 3 * node + 3, 3 * node : 3 * node + 3].toarray())
+    np.testing.assert_allclose(held[0], held[1], atol=0.05 * held[0].max())
+    softer, stiffer = np.linalg.eigvalsh(held[0])[1:]
+    assert softer > 0.03 * stiffer  # across the valley: 0.2^2 by its slopes, 0 by one of them
+
+
 def test_contact_energy_is_that_of_its_springs_and_ends_with_them():
     contact, x, _ = two_sheets(distance=0.4)
     springs = 0.5 * np.linalg.norm(contact._push, axis=1) * contact._depth  # at rest, force = stiffness times depth

@@ -9,15 +9,15 @@ sizes. It is scaled by nodal mass, so it never needs a smaller step.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 from scipy import sparse
 
-from morphofold.arrays import Array
-from morphofold.geometry import incident_faces, vertex_normals
+from morphofold.arrays import Array, Ints
+from morphofold.geometry import incident_faces, unit, vertex_normals
 from morphofold.geometry.kernels import area_vector, nearest_weights
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect
@@ -39,6 +39,8 @@ NEAR_PAIR_IN_NEIGHBOUR_DISTANCES = 2.5  # pairs closer than this in the referenc
 LARGEST_SLIDE_IN_CELLS = 1.0  # a node that has slid farther off its triangle does not touch it [h]
 DEEPEST_NEAR_PAIR_IN_CELLS = 0.1  # a pair near in the reference counts only until it is so deep [h]
 OPPOSED_NORMALS_COSINE = -0.2  # largest cosine between the normals of a pair
+BESIDE_IN_CELLS = 0.05  # a triangle this much farther away than the one that a node touches may touch it next [h]
+SAME_SLOPE_COSINE = 0.9999  # cosine between the normals of triangles above which they are one wall
 #: triangles of a flat quad overlap: the first counts, independent of rounding in its distance
 DISTANCE_TIE_TOLERANCE = 1e-6
 
@@ -236,6 +238,15 @@ def build(options: Options, scene: Scene) -> Contact:
     return Contact()
 
 
+class _Pairs(NamedTuple):
+    """Node and triangle (P,), normal of the triangle and barycentric weights of the foot (P, 3)."""
+
+    node: Ints
+    triangle: Ints
+    normal: Array
+    weight: Array
+
+
 class Contact(Effect):
     """Self-contact of the surface nodes; the docstring of the module gives the rules.
 
@@ -319,19 +330,48 @@ class Contact(Effect):
         return springs
 
     def stiffness(self, body: Body, x: Array) -> sparse.csr_matrix:
-        """Stiffness of the pairs that press at x, at velocity 0: a spring along the normal of each pair."""
+        """Stiffness of the pairs that press at x, at velocity 0: a spring along the normal of each pair.
+
+        A node at an edge touches now this and now that triangle. So half of its stiffness is that of triangles of other
+        slopes beside its own.
+        """
         push, share, depth = np.zeros_like(self._push), np.zeros_like(self._weight), np.zeros_like(self._depth)
         self._press(body, x, np.zeros_like(x), push, share, depth, np.zeros_like(depth))
-        node = np.flatnonzero(depth > 0)
-        corners = self._tri[self._partner[node]]
-        nodes, weight = np.column_stack([node, corners]), np.column_stack([np.ones(len(node)), -share[node]])
-        normal = push[node] / np.linalg.norm(push[node], axis=1)[:, None]
+        pressed = np.flatnonzero(depth > 0)
+        if not pressed.size:
+            return sparse.csr_matrix((x.size, x.size))
+        normal = unit(push[pressed])
+        beside = self._pairs_beside(x, pressed, normal)
+        node = np.concatenate([pressed, beside.node])
+        nodes = np.column_stack([node, self._tri[np.concatenate([self._partner[pressed], beside.triangle])]])
+        normal = np.concatenate([normal, beside.normal])
+        weight = np.column_stack([np.ones(len(node)), -np.concatenate([share[pressed], beside.weight])])
+        others = np.bincount(beside.node, minlength=body.n_surface)[node]
+        shares = np.where(others == 0, 1.0, 0.5 / np.where(np.arange(len(node)) < len(pressed), 1, others))
         along = (weight[:, :, None] * normal[:, None, :]).reshape(-1, 12)
-        springs = self.per_mass * body.mass[nodes].min(axis=1)
+        springs = self.per_mass * shares * body.mass[nodes].min(axis=1)
         entries = springs[:, None, None] * along[:, :, None] * along[:, None, :]
         at = (3 * nodes[:, :, None] + np.arange(3)).reshape(-1, 12)
         places = np.repeat(at, 12, axis=1).ravel(), np.tile(at, (1, 12)).ravel()
         return sparse.csr_matrix((entries.ravel(), places), shape=(x.size, x.size))
+
+    def _pairs_beside(self, x: Array, node: Ints, normal: Array) -> _Pairs:
+        """Triangles of another slope that are as near to a pressed ``node`` (P,) as its own with ``normal`` (P, 3)."""
+        from trimesh.triangles import closest_point, points_to_barycentric
+
+        first = self._ring_first[self._facing[node]]
+        count = self._ring_first[self._facing[node] + 1] - first
+        of = np.repeat(np.arange(len(node)), count)
+        triangle = self._ring[np.arange(len(of)) + (first + count - np.cumsum(count))[of]]
+        own = x[self._tri[self._partner[node]]]
+        away = np.linalg.norm(closest_point(own, x[node]) - x[node], axis=1)
+        corners = x[self._tri[triangle]]
+        normals = unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+        foot = closest_point(corners, x[node[of]])
+        near = np.linalg.norm(foot - x[node[of]], axis=1) < away[of] + BESIDE_IN_CELLS * self._h
+        near &= np.einsum("pr,pr->p", normals, x[node[of]] - corners[:, 0]) < GAP_IN_CELLS * self._h
+        near &= np.einsum("pr,pr->p", normals, normal[of]) < SAME_SLOPE_COSINE
+        return _Pairs(node[of[near]], triangle[near], normals[near], points_to_barycentric(corners[near], foot[near]))
 
     def pace(self, g: float) -> float:
         """Slow growth down while nodes are pressed far through their triangle."""

@@ -52,8 +52,10 @@ class Rows:
         return lanes_of(values[self.element[blocks]])
 
     def from_lanes(self, values: NDArray) -> NDArray:
-        """Values (block, rows * LANES) as (E, rows)."""
-        return values.reshape(self.count, -1, LANES)[self._place // LANES, :, self._place % LANES]
+        """Values (block, rows * LANES) as (E, rows), a row's values side by side in memory."""
+        block, lane = np.divmod(self._place, LANES)
+        first = block * values.shape[1] + lane
+        return np.stack([values.ravel().take(first + row) for row in range(0, values.shape[1], LANES)]).T
 
     def nodal_forces(self) -> Array:
         """Nodal sums (N, 3) of ``force``."""
