@@ -1,4 +1,4 @@
-"""Every built-in scene, grown at draft accuracy: minutes, so marked slow."""
+"""Every built-in scene, most of them grown at draft accuracy: minutes, so marked slow."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,9 @@ from morphofold.sim.scene.files import load_scene, scene_names
 @pytest.mark.slow
 @pytest.mark.parametrize("name", scene_names())
 def test_every_built_in_scene_grows_and_stays_healthy(name, tmp_path):
-    settings = [] if name in ("mesh", "crease") else ["accuracy.level=draft"]  # a file's mesh, and that of a crease
+    # a file's mesh, that of a crease, and a body that crosses itself at draft (by 0.14 edges in two of 500 folds)
+    as_it_is = name in ("mesh", "crease", "fig6-thin-tangential")
+    settings = [] if as_it_is else ["accuracy.level=draft"]
     simulation = mf.simulate(name, tmp_path / name, settings=settings)
     health = simulation.health
     snaps = "distance_over_T"  # a stage may be about to snap, and says so
