@@ -1,4 +1,4 @@
-"""Folds do not hang on the pace of growth: where they do, the stage says that it is not at rest."""
+"""Folds hang on the pace of growth no more than on the seed, unless a stage reports that it is not at rest."""
 
 import numpy as np
 import pytest
@@ -41,13 +41,14 @@ def folds(seed, rate):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_folds_at_standard_are_those_of_a_quarter_of_the_pace_unless_they_are_told_to_move(seed):
+def test_folds_at_standard_differ_from_those_of_a_quarter_of_the_pace_no_more_than_between_seeds(seed):
+    """Standard deviations between seeds are 2 % of GI and 5 % of the wavelength (docs/folds.md)."""
     gi, wave, distance = folds(seed, 1.0)
     slow_gi, slow_wave, _ = folds(seed, 0.25)
     rests = distance < BOUNDS["distance_over_T"][0]
     assert rests[[0, -1]].all()
     assert np.abs(gi / slow_gi - 1)[rests].max() < 0.02
-    assert np.abs(wave / slow_wave - 1)[rests].max() < 0.03
+    assert np.abs(wave / slow_wave - 1)[rests].max() < 0.05
 
 
 @pytest.mark.slow
