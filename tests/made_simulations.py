@@ -70,6 +70,8 @@ def made_simulation(
 class MadeRuns:
     """What figures ask for: ``grow`` as given; ``shown`` are the works whose progress would have been shown."""
 
+    draft = False
+
     def __init__(self, grow):
         self.grow, self.shown, self.done = grow, [], {}
 

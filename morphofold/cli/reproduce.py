@@ -33,7 +33,11 @@ def add_args(parser: argparse.ArgumentParser) -> None:
         default="reproduce",
         help="folder to write; figures and simulations of an earlier run there are kept (default: reproduce)",
     )
-    parser.add_argument("--draft", action="store_true", help="octants on coarser meshes: four minutes on two cores")
+    parser.add_argument(
+        "--draft",
+        action="store_true",
+        help="octants on coarser meshes, tables of the growths that are drawn: three minutes on two cores",
+    )
     add_threads(parser)
     parser.add_argument("--json", action="store_true", help="print summary.json")
 

@@ -31,7 +31,7 @@ class Runs:
         from morphofold.threads import check_threads
 
         check_threads(threads)
-        self._out, self._draft, self._threads, self._quiet = out, draft, threads, quiet
+        self._out, self.draft, self._threads, self._quiet = out, draft, threads, quiet
         self._done: dict[str, Any] = {}
         self.seconds_growing = 0.0
 
@@ -42,7 +42,7 @@ class Runs:
         from morphofold.simulation import simulate
 
         begin(self._out)
-        if self._draft:
+        if self.draft:
             name, settings = f"{name}-octant-draft", [*settings, "accuracy.level=draft"]
             if isinstance(load_scene(scene, settings).geometry, Sphere):
                 settings = [*settings, "geometry.portion=octant"]
@@ -65,7 +65,7 @@ class Runs:
     def measure(self, name: str, cortex: Cortex) -> Measures:
         from morphofold.analysis import measure
 
-        accuracy = "draft" if self._draft else "standard"
+        accuracy = "draft" if self.draft else "standard"
         return self.once(f"measure {name}", lambda show: measure(cortex, accuracy=accuracy, progress=show))
 
     def once(self, words: str, work: Callable[[Progress], Result]) -> Result:

@@ -28,8 +28,8 @@ def unstable_modes(run: Dynamics, softer_than: float = -SOFT_MODE_W2) -> int:
     Notes
     -----
     Contact is included with the pairs that press now, those beside them, and the stiffness of its penalty; the rotation
-    of its forces with the surface is left out. The time is that of 200 (strips) to 1,500 steps (octants). Memory grows as the number of
-    nodes on the surface, times its logarithm, times the square of the number of nodes below each.
+    of its forces with the surface is left out. The time is that of 200 (strips) to 1,500 steps (octants). Memory grows
+    as the number of nodes on the surface, times its logarithm, times the square of the number of nodes below each.
     """
     body, x = run.body, run.state.x
     rows = np.flatnonzero(body.free)

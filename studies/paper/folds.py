@@ -86,7 +86,14 @@ def _columns(name: str, folder: Path, runs: Runs, columns: Sequence[Column]) -> 
 
 
 def grown(scene: str, runs: Runs) -> Simulation:
-    return runs.grow(scene, scene, [f"output.stages={list(STAGES)}", "output.volume=false"])
+    stages = drawn_stages(scene) if runs.draft else STAGES
+    return runs.grow(scene, scene, [f"output.stages={list(stages)}", "output.volume=false"])
+
+
+def drawn_stages(scene: str) -> tuple[float, ...]:
+    """The growths of a scene's pictures, and 1, in ascending order."""
+    drawn = {g for column in (*FIG6, *FIG7) if column.scene == scene for g in column.growth}
+    return tuple(sorted({1.0, *drawn, *(g for row in FIG5 for g in row if scene == "fig5")}))
 
 
 def _write(

@@ -14,7 +14,12 @@ Result = TypeVar("Result")
 
 
 class Runs(Protocol):
-    """What figures need: simulations, measures, and reports of progress."""
+    """What figures need: simulations, measures, and reports of progress.
+
+    ``draft``: bodies are octants on coarser meshes, with the stages that are drawn and no others.
+    """
+
+    draft: bool
 
     def grow(self, name: str, scene: str, settings: Sequence[str]) -> Simulation:
         """The simulation of a built-in scene with changed settings, under its own name; grown if needed."""

@@ -442,11 +442,21 @@ def test_a_figure_of_folds_has_a_picture_and_a_row_per_body_and_stage(made, tmp_
     )
 
 
+def test_a_draft_grows_only_to_what_is_drawn(made, monkeypatch):
+    asked, runs = made
+    monkeypatch.setattr(folds, "STAGES", (1.0, 1.25, 1.5, 1.75, 2.0))
+    runs.draft = True
+    folds.grown("fig6-thin", runs)
+    assert "output.stages=[1.0, 1.5, 2.0]" in asked["fig6-thin"][1]
+
+
 def test_every_growth_that_is_shown_is_a_stage():
     shown = [g for row in folds.FIG5 for g in row]
     shown += [g for column in (*folds.FIG6, *folds.FIG7) for g in column.growth]
     assert set(shown) <= set(folds.STAGES)
     assert folds.STAGES[0] == 1
+    assert folds.drawn_stages("fig6-thin") == (1, 1.25, 1.6, 2)
+    assert set(folds.drawn_stages("fig5")) == {1, *(g for row in folds.FIG5 for g in row)}
 
 
 @pytest.mark.parametrize("twin", ["fig6-normal", "fig7-ratio2"])
