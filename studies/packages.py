@@ -25,7 +25,7 @@ PACKAGES = {
 FLOORS = (
     ("ground",),
     ("io",),
-    ("intersections", "shapes"),
+    ("intersections", "shapes", "unfolding"),
     ("sim", "analysis"),
     ("simulation",),
     ("comparison", "forecasts", "results"),
@@ -56,6 +56,7 @@ HOLDS = {
     "io": "files in and out",
     "intersections": "exact tests",
     "shapes": "known answers",
+    "unfolding": "smooth bodies",
     "sim": "scene, mesh, elements, effects, run, health, theory",
     "analysis": "curvature, crests, hinges, thickness, gyrification",
     "simulation": "grow a scene, measure its stages",

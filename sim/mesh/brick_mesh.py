@@ -118,6 +118,16 @@ def _cube_surface(n: int, axes: tuple[int, ...]) -> tuple[Ints, Ints]:
     return used[order], rank[inverse].reshape(-1, 4)
 
 
+def cube_directions(n: int, axes: tuple[int, ...] = ()) -> tuple[Array, Ints]:
+    """Directions (S, 3) and quads (Q, 4) of a cubed sphere with ``n`` cells along an edge of the cube, an even number.
+
+    Angles between the lines of a face are equal. Where coordinates along one of the ``axes`` are negative, it is cut.
+    """
+    lattice, quads = _cube_surface(n, axes)
+    direction = np.tan(lattice * (0.5 * np.pi / n))
+    return direction / np.linalg.norm(direction, axis=1, keepdims=True), quads
+
+
 def _grid_quads(nu: int, nv: int) -> Ints:
     """Quads (nu nv, 4) of a grid of (nu + 1) (nv + 1) points, tile by tile, counter-clockwise in (u, v)."""
     number = np.arange((nu + 1) * (nv + 1)).reshape(nu + 1, nv + 1)
@@ -152,17 +162,31 @@ def _extrude_bricks(
     mirrored: tuple[int, ...] = (),
 ) -> Bilayer:
     """Layers of bricks between three surfaces (S, 3) with the same quads; the base is held."""
-    n_surface = len(pial)
-    thickness = np.linalg.norm(pial - white, axis=1)
-    depth = np.linalg.norm(white - base, axis=1)
-    shares = core_layer_fractions(float(thickness.mean()) / cortex_layers, float(depth.mean()), edge)[1:]
+    thickness, depth = (float(np.linalg.norm(a - b, axis=1).mean()) for a, b in ((pial, white), (white, base)))
+    shares = core_layer_fractions(thickness / cortex_layers, depth, edge)[1:]
     cortex = [pial + (k / cortex_layers) * (white - pial) for k in range(cortex_layers)]
     levels = np.stack([*cortex, white, *(white + s * (base - white) for s in shares)])
-    n_layers = len(levels) - 1
-    nodes = levels.reshape(-1, 3)
     for plane in planes:  # exactly on the plane, so that mirrored parts join
-        on_plane = np.abs(nodes[:, plane.axis] - plane.at) < 1e-9 * edge
-        nodes[on_plane, plane.axis] = plane.at
+        on_plane = np.abs(levels[..., plane.axis] - plane.at) < 1e-9 * edge
+        levels[on_plane, plane.axis] = plane.at
+    return layered_bricks(levels, quads, normal, cortex_layers, edge, planes, mirrored)
+
+
+def layered_bricks(
+    levels: Array,
+    quads: Ints,
+    normal: Array,
+    cortex_layers: int,
+    edge: float,
+    planes: tuple[Plane, ...] = (),
+    mirrored: tuple[int, ...] = (),
+) -> Bilayer:
+    """Bricks between levels (L + 1, S, 3) of nodes with the same quads, the pial surface first; the last is held.
+
+    ``normal`` (S, 3) is the thickness direction of each column.
+    """
+    n_layers, n_surface = len(levels) - 1, levels.shape[1]
+    nodes, pial = levels.reshape(-1, 3), levels[0]
 
     # corner (i, j, k): (i, j) along the quad, k outwards; then reordered as in skfem's reference brick
     quad_corner = quads[:, [0, 3, 1, 2]]  # (i, j) = 00, 01, 10, 11
@@ -224,9 +248,7 @@ def bilayer_ellipsoid(
         raise OutOfRange(f"n must be an even number of cells, at least 4, got {n}.")
     if portion not in SYMMETRY_AXES:
         raise UnknownName(f"portion must be one of {', '.join(SYMMETRY_AXES)}, got {portion!r}.")
-    lattice, quads = _cube_surface(n, SYMMETRY_AXES[portion])
-    direction = np.tan(lattice * (0.5 * np.pi / n))
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    direction, quads = cube_directions(n, SYMMETRY_AXES[portion])
     pial = direction * axes
     normal = direction / axes
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)

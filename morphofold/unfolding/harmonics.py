@@ -1,0 +1,166 @@
+"""Expansions of functions on the unit sphere in real spherical harmonics, with exact derivatives.
+
+The harmonics are orthonormal, without the phase (-1)^m. Y_lm is number l^2 + l + m of its expansion. They are evaluated
+in Cartesian form, Q_lm(z) times Re or Im of (x + i y)^m, which is regular at the poles.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numba import njit, prange
+from scipy import sparse
+from scipy.linalg import cho_factor, cho_solve
+
+from morphofold.arrays import Array, Ints
+from morphofold.errors import WrongShape
+
+POINTS_AT_ONCE = 8192  # bounds the memory of the harmonics at many points
+
+
+@njit(parallel=True, cache=True)
+def _harmonics(s, degree, out):
+    """All harmonics up to ``degree`` at the points s (P, 3) of the unit sphere; out (P, (degree + 1)^2)."""
+    for p in prange(len(s)):
+        x, y, z = s[p, 0], s[p, 1], s[p, 2]
+        real, imaginary, sectoral = 1.0, 0.0, 0.5 / math.sqrt(math.pi)  # of (x + i y)^m, and Q_mm
+        for m in range(degree + 1):
+            before, q = 0.0, sectoral * (1.0 if m == 0 else math.sqrt(2.0))
+            for l in range(m, degree + 1):
+                centre = l * l + l
+                out[p, centre + m] = q * real
+                if m > 0:
+                    out[p, centre - m] = q * imaginary
+                # Q_(l+1)m = a (z Q_lm - b Q_(l-1)m)
+                a = math.sqrt((4.0 * (l + 1) ** 2 - 1.0) / ((l + 1.0) ** 2 - m * m))
+                b = math.sqrt((l * l - m * m) / (4.0 * l * l - 1.0)) if l > m else 0.0
+                before, q = q, a * (z * q - b * before)
+            real, imaginary = x * real - y * imaginary, x * imaginary + y * real
+            sectoral *= math.sqrt((2.0 * m + 3.0) / (2.0 * m + 2.0))
+
+
+def harmonics(s: Array, degree: int) -> Array:
+    """Values (P, (degree + 1)^2) of all harmonics up to ``degree`` at points ``s`` (P, 3) of the unit sphere."""
+    out = np.empty((len(s), (degree + 1) ** 2))
+    _harmonics(np.ascontiguousarray(s, dtype=np.float64), degree, out)
+    return out
+
+
+def degrees(degree: int) -> Ints:
+    """The l of each harmonic up to ``degree``: ((degree + 1)^2,)."""
+    return np.repeat(np.arange(degree + 1), 2 * np.arange(degree + 1) + 1)
+
+
+@dataclass(frozen=True, eq=False)
+class Expansion:
+    """A function on the unit sphere with values of any number of components.
+
+    Attributes
+    ----------
+    coefficients : ((L + 1)^2, components) float64
+    """
+
+    coefficients: Array
+
+    @property
+    def degree(self) -> int:
+        return math.isqrt(len(self.coefficients)) - 1
+
+    def __call__(self, s: Array) -> Array:
+        """Values (P, components) at points ``s`` (P, 3) of the unit sphere."""
+        parts = np.array_split(s, 1 + len(s) // POINTS_AT_ONCE)
+        return np.concatenate([harmonics(part, self.degree) @ self.coefficients for part in parts])
+
+    def smoothed(self, level: float) -> Expansion:
+        """After heat has flowed on the sphere for the time ``level``: Y_lm falls by exp(-l (l + 1) level)."""
+        l = degrees(self.degree)
+        return replace(self, coefficients=np.exp(-level * l * (l + 1))[:, None] * self.coefficients)
+
+    def gradient(self) -> Expansion:
+        """Gradient on the sphere of the solid function: the sum of r^l times the terms of degree l.
+
+        Along the sphere its derivatives are those of this function. Components (c, r), c slowest, are the derivatives
+        of component c along axis r. The derivatives of r^l Y_lm are solid harmonics of degree l - 1.
+        """
+        if self.degree == 0:
+            return replace(self, coefficients=np.zeros((1, 3 * self.coefficients.shape[1])))
+        along = [derivative @ self.coefficients for derivative in _derivatives(self.degree)]
+        return replace(self, coefficients=np.stack(along, axis=2).reshape(self.degree**2, -1))
+
+
+def fit(s: Array, values: Array, weights: Array, degree: int, penalty: float = 0.0) -> Expansion:
+    """The expansion up to ``degree`` nearest to ``values`` (P, components) at points ``s`` (P, 3) of the unit sphere.
+
+    Parameters
+    ----------
+    weights : (P,) float64
+        Of the squared differences: the share of the sphere of each point.
+    penalty : float
+        Of the squared coefficients, times l (l + 1): 0 for the nearest expansion, more for a smoother one.
+
+    Raises
+    ------
+    WrongShape
+        If the points do not determine the coefficients.
+    """
+    n = (degree + 1) ** 2
+    normal, right = np.zeros((n, n)), np.zeros((n, values.shape[1]))
+    for start in range(0, len(s), POINTS_AT_ONCE):
+        part = slice(start, start + POINTS_AT_ONCE)
+        Y = harmonics(s[part], degree)
+        weighted = Y * weights[part, None]
+        normal += Y.T @ weighted
+        right += weighted.T @ values[part]
+    l = degrees(degree)
+    normal[np.arange(n), np.arange(n)] += penalty * l * (l + 1) * float(np.sum(weights)) / (4 * np.pi)
+    try:
+        return Expansion(cho_solve(cho_factor(normal), right))
+    except np.linalg.LinAlgError:
+        raise WrongShape(
+            f"{len(s):,} points do not determine an expansion of degree {degree}, which has {n} coefficients; use a "
+            "finer surface."
+        ) from None
+
+
+def _derivatives(degree: int) -> list[sparse.csr_matrix]:
+    """Matrices (degree^2, (degree + 1)^2) from coefficients of a solid function to those of its x, y, z derivatives.
+
+    With Z = Q_lm (x + i y)^m: (d_x - i d_y) Z_lm = A Z_(l-1)(m-1), (d_x + i d_y) Z_lm = -B Z_(l-1)(m+1) and
+    d_z Z_lm = C Z_(l-1)m.
+    """
+    entries: list[list[tuple[int, int, float]]] = [[], [], []]
+    root2 = math.sqrt(2.0)
+
+    def add(axis: int, l: int, m: int, to: int, value: float) -> None:
+        if value and abs(to) < l:
+            entries[axis].append(((l - 1) * l + to, l * l + l + m, value))
+
+    for l in range(1, degree + 1):
+        scale = (2 * l + 1) / (2 * l - 1)
+        for m in range(l + 1):
+            A, B, C = (
+                math.sqrt(scale * product)
+                for product in ((l + m) * (l + m - 1), (l - m) * (l - m - 1), (l - m) * (l + m))
+            )
+            add(2, l, m, m, C)
+            if m == 0:
+                add(0, l, 0, 1, -B / root2)
+                add(1, l, 0, -1, -B / root2)
+                continue
+            add(2, l, -m, -m, C)
+            add(0, l, m, m + 1, -B / 2)
+            add(0, l, -m, -m - 1, -B / 2)
+            add(1, l, m, -m - 1, -B / 2)
+            add(1, l, -m, m + 1, B / 2)
+            lower = root2 if m == 1 else 1.0
+            add(0, l, m, m - 1, lower * A / 2)
+            add(1, l, -m, m - 1, lower * A / 2)
+            if m > 1:
+                add(0, l, -m, 1 - m, A / 2)
+                add(1, l, m, 1 - m, -A / 2)
+    shape = (degree**2, (degree + 1) ** 2)
+    return [
+        sparse.csr_matrix((list(v), (list(i), list(j))), shape) for i, j, v in (zip(*e, strict=True) for e in entries)
+    ]

@@ -1,0 +1,155 @@
+"""Unfold a cortex: from its folded surface and its sphere to a smooth one with the same vertices."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from morphofold.arrays import Array
+from morphofold.errors import BadMesh, Mismatch, OpenSurface, OutOfRange
+from morphofold.geometry import euler_characteristic, face_areas, face_vectors, is_closed, used, vertex_areas
+from morphofold.surface import Surface
+from morphofold.unfolding.harmonics import fit
+from morphofold.unfolding.smooth_surface import DEGREE, LEVELS, SmoothSurface
+
+MOST_TURNED_SHARE = 0.01  # of the area of a sphere that may lie in triangles that are inside out
+MIRRORED_SHARE = 0.9  # of the area of a sphere inside out beyond which all its faces run the other way
+SPHERE_AREA_TOLERANCE = 0.05  # relative difference between the area of a sphere and 4 pi
+LEAST_VERTICES_PER_HARMONIC = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Unfolding:
+    """A folded surface and the smooth surface that it unfolds to.
+
+    Attributes
+    ----------
+    folded : Surface
+        As it was given [mm].
+    points : (N, 3) float64
+        Point of the unit sphere of each vertex.
+    surface : SmoothSurface
+        Smooth surface, about the centre of its area on the sphere, scaled so that its area is 4 pi radius^2.
+    radius : float
+        Radius of the sphere with its area [mm].
+    scale : float
+        Lengths of the smooth surface over those of the folded one when its area was measured: 1 if it was not scaled.
+    level : float
+        Time w of the heat flow on the unit sphere.
+    """
+
+    folded: Surface
+    points: Array
+    surface: SmoothSurface
+    radius: float
+    scale: float
+    level: float
+
+    def smooth(self) -> Surface:
+        """The smooth surface with the vertices and faces of the folded one [mm]."""
+        return Surface(self.surface(self.points), self.folded.faces, name=f"{self.folded.name} unfolded")
+
+    def area_ratio(self) -> Array:
+        """Area of the folded surface around each vertex (N,) over that of the smooth one, over the ratio of the totals.
+
+        NaN at vertices that no face uses.
+        """
+        folded, smooth = (vertex_areas(surface.verts, surface.faces) for surface in (self.folded, self.smooth()))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return (folded / folded.sum()) / (smooth / smooth.sum())
+
+
+def unfold(
+    folded: Surface, sphere: Surface, level: float = 0.03, *, radius: float | None = None, degree: int = DEGREE
+) -> Unfolding:
+    """Unfold a closed surface by heat flow on its sphere.
+
+    Parameters
+    ----------
+    folded : Surface
+        White surface of a hemisphere, or any closed surface of one piece [mm].
+    sphere : Surface
+        The same vertices and faces on a sphere about the origin, of any radius: FreeSurfer's ``?h.sphere``.
+    level : float
+        Time w of the heat flow on the unit sphere: 0.02 keeps hints of the largest sulci, 0.08 nothing but the shape of
+        the hemisphere.
+    radius : float, optional
+        Of the sphere with the area of the smooth surface [mm]; by default the smooth surface is not scaled.
+    degree : int
+        Largest degree of the spherical harmonics.
+
+    Raises
+    ------
+    OutOfRange
+        If ``level`` or ``radius`` is out of range.
+    OpenSurface, Mismatch, BadMesh
+        If the surface is not closed and of one piece, or the sphere is not one of the same mesh.
+    """
+    if not LEVELS[0] <= level <= LEVELS[1]:
+        raise OutOfRange(f"level must be {LEVELS[0]:g} to {LEVELS[1]:g}, got {level:g}.")
+    if radius is not None and not 0 < radius < np.inf:
+        raise OutOfRange(f"radius must be positive, got {radius:g}.")
+    points = points_on_sphere(folded, sphere)
+    n_used = int(used(len(points), folded.faces).sum())
+    if n_used < LEAST_VERTICES_PER_HARMONIC * (degree + 1) ** 2:
+        raise BadMesh(
+            f"{folded.name}: {n_used:,} vertices are too few for {(degree + 1) ** 2} harmonics (degree {degree}); use "
+            f"a surface with at least {LEAST_VERTICES_PER_HARMONIC * (degree + 1) ** 2:,}."
+        )
+    shape = fit(points, folded.verts, vertex_areas(points, folded.faces), degree).smoothed(level)
+    shape.coefficients[0] = 0.0
+    surface = SmoothSurface(shape)
+    present = surface_radius(surface)
+    scale = 1.0 if radius is None else radius / present
+    return Unfolding(folded, points, surface.scaled(scale), scale * present, scale, level)
+
+
+def surface_radius(surface: SmoothSurface) -> float:
+    """Radius of the sphere with the area of a smooth surface [mm], by Gauss quadrature on the sphere."""
+    s, weights = quadrature(3 * surface.shape.degree)
+    return float(np.sqrt(weights @ surface.frame(s).stretch / (4 * np.pi)))
+
+
+def quadrature(degree: int) -> tuple[Array, Array]:
+    """Points (P, 3) and weights (P,) on the unit sphere that integrate harmonics up to ``degree`` exactly."""
+    z, weight = np.polynomial.legendre.leggauss(degree // 2 + 1)
+    angle = 2 * np.pi * np.arange(degree + 1) / (degree + 1)
+    ring = np.sqrt(1 - z**2)[:, None]
+    s = np.stack([ring * np.cos(angle), ring * np.sin(angle), np.broadcast_to(z[:, None], (len(z), len(angle)))], -1)
+    return s.reshape(-1, 3), np.repeat(weight * 2 * np.pi / len(angle), len(angle))
+
+
+def points_on_sphere(folded: Surface, sphere: Surface) -> Array:
+    """Points (N, 3) of the unit sphere of the vertices of a closed surface; raises as :func:`unfold`."""
+    if len(sphere.verts) != len(folded.verts) or not np.array_equal(
+        np.sort(sphere.faces, axis=1), np.sort(folded.faces, axis=1)
+    ):
+        raise Mismatch(
+            f"{sphere.name} has {len(sphere.verts):,} vertices and {len(sphere.faces):,} faces, {folded.name} "
+            f"{len(folded.verts):,} and {len(folded.faces):,}, or the faces differ: it is the sphere of another "
+            "surface. Take it from the same subject."
+        )
+    if not is_closed(folded.faces) or euler_characteristic(folded.faces) != 2:
+        raise OpenSurface(
+            f"{folded.name}: is not a closed surface of one piece without handles (Euler characteristic "
+            f"{euler_characteristic(folded.faces)}, not 2, or edges without two faces). Repair it first."
+        )
+    length = np.linalg.norm(sphere.verts, axis=1)
+    mean = float(length[used(len(length), folded.faces)].mean())
+    if length.min() < 0.5 * mean or length.max() > 1.5 * mean:
+        raise BadMesh(
+            f"{sphere.name}: its vertices lie {length.min():.3g} to {length.max():.3g} mm from the origin, so it is no "
+            "sphere. Take ?h.sphere or ?h.sphere.reg."
+        )
+    s = sphere.verts / length[:, None]
+    areas = face_areas(s, folded.faces)
+    turned = float(areas[np.einsum("fi,fi->f", face_vectors(s, folded.faces), s[folded.faces[:, 0]]) < 0].sum())
+    if turned > MIRRORED_SHARE * areas.sum():
+        raise BadMesh(f"{sphere.name}: its faces run clockwise seen from outside. Reverse those of sphere and surface.")
+    if turned > MOST_TURNED_SHARE * areas.sum() or abs(areas.sum() / (4 * np.pi) - 1) > SPHERE_AREA_TOLERANCE:
+        raise BadMesh(
+            f"{sphere.name}: covers the sphere {areas.sum() / (4 * np.pi):.3g} times instead of once, with "
+            f"{100 * turned / areas.sum():.2g} % of its area inside out. Take ?h.sphere or ?h.sphere.reg."
+        )
+    return np.ascontiguousarray(s)
