@@ -18,6 +18,7 @@ CALLS = {
     ("cohort",): ["nowhere"],
     ("bids",): ["nowhere", "out", "participant"],
     ("sweep",): ["nowhere", "--vary", "mu_ratio=1,2"],
+    ("unfold",): ["nowhere"],
     ("theory", "radius"): ["--radius=-1"],
     ("theory", "stress"): ["--radius=-1"],
     ("theory", "critical"): ["--ratio=-1"],

@@ -21,6 +21,7 @@ COMMANDS = {
     "simulate": "grow a scene into folds",
     "analyze": "measure a FreeSurfer subject, a simulation, or a pair of files",
     "compare": "put analyses side by side",
+    "unfold": "unfold a cortex to a smooth surface with the same vertices",
     "cohort": "measure many subjects on several workers, and write tables and a page of the group",
     "bids": "the same as cohort for a BIDS dataset, called like a BIDS-App",
     "sweep": "grow a scene with many values and seeds, and draw phase diagrams with the lines of theory",

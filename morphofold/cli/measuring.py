@@ -38,19 +38,20 @@ def add_measuring_args(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_side_args(parser: argparse.ArgumentParser, who: str) -> None:
-    """--hemi and --annot."""
+def add_side_args(parser: argparse.ArgumentParser, who: str, *, parcellation: bool = True) -> None:
+    """--hemi, and --annot if regions are measured."""
     parser.add_argument(
         "--hemi",
         metavar="{lh,rh,both}",
         type=_hemisphere_of_spelling,
         help=f"left, right or both (default: the hemispheres of {who})",
     )
-    parser.add_argument(
-        "--annot",
-        metavar="NAME",
-        help="parcellation, label/?h.NAME.annot, such as aparc.a2009s (default: aparc, if it exists)",
-    )
+    if parcellation:
+        parser.add_argument(
+            "--annot",
+            metavar="NAME",
+            help="parcellation, label/?h.NAME.annot, such as aparc.a2009s (default: aparc, if it exists)",
+        )
 
 
 def _hemisphere_of_spelling(word: str) -> str:

@@ -15,13 +15,13 @@ from morphofold.sim.mesh.brick_mesh import Bilayer, core_layer_fractions, cube_d
 from morphofold.sim.mesh.core_nodes import CoreMoves, core_moves, scaled_jacobians, straight_columns
 from morphofold.sim.mesh.even_cells import even_cells, shifted
 from morphofold.unfolding.harmonics import Expansion
+from morphofold.unfolding.numbers import LEAST_RADIUS_OVER_T
 from morphofold.unfolding.smooth_surface import SmoothSurface
 from morphofold.unfolding.unfold import surface_radius
 
 CORE_CELLS = 16  # along an edge of the cube, of the mesh on which the nodes of the core are moved
 HOLE_LEVEL = 0.3  # of heat flow: the hole has the shape of a smoother body
 LEAST_GAP_OVER_T = 2.0  # between the hole and the white surface, over the thickness of the cortex
-LEAST_RADIUS_OVER_T = 1.3  # of a convex bend of the pial surface: the white surface below would fold
 LEAST_SCALED_JACOBIAN_OF_CORTEX, LEAST_SCALED_JACOBIAN_OF_CORE = 0.3, 0.1
 
 

@@ -1,0 +1,75 @@
+"""Unfold a cortex to a smooth surface with the same vertices, by heat flow on its sphere: the body that it would have
+grown from, and where its area comes from."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from morphofold.cli import add_options
+from morphofold.cli.measuring import add_side_args
+from morphofold.cli.streams import print_file
+
+
+def add_args(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("input", metavar="INPUT", help="folder of a FreeSurfer subject, with surf/?h.sphere")
+    add_side_args(parser, "INPUT", parcellation=False)
+    parser.add_argument(
+        "--level",
+        type=float,
+        metavar="W",
+        default=0.03,
+        help="time of the heat flow on the unit sphere, 0.005 to 0.3; 0.02 keeps hints of the largest sulci, 0.08 only "
+        "the shape of the hemisphere (default: 0.03)",
+    )
+    parser.add_argument(
+        "--radius",
+        type=float,
+        metavar="MM",
+        help="scale the smooth surface to the area of this sphere (default: as is)",
+    )
+    add_options(
+        parser,
+        ("--surface", "NAME", "folded surface, surf/?h.NAME (default: white)"),
+        ("--sphere", "NAME", "its sphere, surf/?h.NAME (default: sphere)"),
+        ("-o --out", "DIR", "folder to write (default: NAME-unfolded here)"),
+        ("--json", None, "print summary.json"),
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    from morphofold.cli.paths import refuse_overlap, writable_name
+    from morphofold.cli.progress import progress
+    from morphofold.io import refuse_foreign
+    from morphofold.io.cortices import hemispheres
+    from morphofold.io.folded import read_folded
+    from morphofold.report.pages.unfold_page import unfold_report
+    from morphofold.results.unfolding import Unfolded, write_unfolding
+    from morphofold.unfolding.unfold import unfold
+
+    source = Path(args.input)
+    hemis = ("lh", "rh") if args.hemi == "both" else (args.hemi,) if args.hemi else hemispheres(source)
+    names = {"surface": args.surface or "white", "sphere": args.sphere or "sphere"}
+    with progress("unfold", args.quiet) as show:
+        show(0.0, "reading")
+        read = [read_folded(source, hemi, **names) for hemi in hemis]
+        out = Path(args.out or f"{writable_name(read[0].name)}-unfolded")
+        refuse_overlap(out, [source])
+        refuse_foreign(out)
+        unfolded = []
+        for k, one in enumerate(read):
+            show(0.2 + 0.4 * k / len(read), f"{one.hemi}: heat flow")
+            unfolded.append(Unfolded(one, unfold(one.surface, one.sphere, args.level, radius=args.radius)))
+        show(0.6, "writing")
+        summary = write_unfolding(unfolded, out, unfold_report)
+        show(1.0, "done")
+    if args.json:
+        print_file(out / "summary.json")
+        return 0
+    for row in summary["hemispheres"]:
+        print(
+            f"{summary['name']} {row['hemi']}: {row['folded_area_mm2']:,.0f} mm2 folded, {row['area_mm2']:,.0f} mm2 "
+            f"smooth; a cortex of up to {row['thickest_cortex_mm']:.2g} mm fits"
+        )
+    print(f"-> {out / 'report.html'}")
+    return 0

@@ -1,0 +1,105 @@
+"""``morphofold unfold``: the files that it writes, what they hold, and what it refuses."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from morphofold.cli import main
+from morphofold.geometry import vertex_areas
+from morphofold.io import read_morph, read_surface, sample_path
+from morphofold.io.folded import read_folded
+from morphofold.tables import read_table
+from morphofold.unfolding.unfold import unfold
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MORPHOFOLD_RENDERER", "raster")
+    return tmp_path
+
+
+@pytest.fixture
+def subject(here):
+    """A copy of the sample with the files that unfolding reads."""
+    source = sample_path("fsaverage5")
+    for place, names in (("surf", ("white", "sphere")), ("label", ("aparc.annot", "cortex.label"))):
+        (here / "subject" / place).mkdir(parents=True)
+        for name in names:
+            shutil.copy(source / place / f"lh.{name}", here / "subject" / place)
+    return here / "subject"
+
+
+def test_an_unfolding_has_surfaces_maps_tables_and_a_page(subject, capsys):
+    assert main(["unfold", "subject", "-o", "out", "--level", "0.05", "--radius", "50", "-q"]) == 0
+    out = subject.parent / "out"
+    assert {str(p.relative_to(out)) for p in out.rglob("*") if p.is_file()} == {
+        *(f"surf/lh.{name}" for name in ("smooth", "sphere", "area_ratio")),
+        *("unfold.tsv", "regions.tsv", "report.html", "figures/area_ratio.png", "summary.json", ".morphofold"),
+    }
+    white, sphere = (read_surface(subject / "surf" / f"lh.{name}") for name in ("white", "sphere"))
+    found = unfold(white, sphere, 0.05, radius=50)
+    smooth = read_surface(out / "surf" / "lh.smooth")
+    np.testing.assert_allclose(smooth.verts, found.smooth().verts, atol=1e-4)
+    np.testing.assert_array_equal(smooth.faces, white.faces)
+    np.testing.assert_allclose(read_morph(out / "surf" / "lh.area_ratio"), found.area_ratio(), rtol=1e-6)
+    assert np.linalg.norm(read_surface(out / "surf" / "lh.sphere").verts, axis=1) == pytest.approx(100, abs=1e-4)
+    (row,) = read_table(out / "unfold.tsv", ["hemi"])
+    assert row["radius_mm"] == pytest.approx(50)
+    assert row["area_mm2"] == pytest.approx(vertex_areas(smooth.verts, smooth.faces).sum(), rel=1e-6)
+    assert row["thickest_cortex_mm"] == pytest.approx(row["least_convex_radius_mm"] / 1.3, rel=1e-6)
+    assert row["crossings"] == 0
+    summary = json.loads((out / "summary.json").read_text())
+    assert set(summary["hemispheres"][0]) == set(summary["columns"])
+    assert {record["path"].rpartition("/")[2] for record in summary["inputs"]} == {
+        *("lh.white", "lh.sphere", "lh.aparc.annot", "lh.cortex.label")
+    }
+    assert f"{row['folded_area_mm2']:,.0f} mm2" in capsys.readouterr().out
+
+
+def test_shares_of_regions_sum_to_the_whole(subject):
+    assert main(["unfold", "subject", "-o", "out", "-q"]) == 0
+    rows = read_table(subject.parent / "out" / "regions.tsv", ["hemi", "region"])
+    regions = read_folded(subject, "lh").regions
+    outside = (regions.labels < 0).any()
+    for column in ("folded_percent", "smooth_percent"):
+        total = sum(row[column] for row in rows)
+        assert total == pytest.approx(100, abs=1e-3) if not outside else total < 100
+    for row in rows:
+        assert row["area_ratio"] == pytest.approx(row["folded_percent"] / row["smooth_percent"], rel=1e-5)
+
+
+def test_both_hemispheres_of_the_sample(here):
+    assert main(["unfold", str(sample_path("fsaverage5")), "-o", "out", "-q", "--json"]) == 0
+    assert [row["hemi"] for row in read_table(here / "out" / "unfold.tsv", ["hemi"])] == ["lh", "rh"]
+
+
+def test_the_same_subject_gives_the_same_bytes(subject):
+    for out in ("one", "two"):
+        assert main(["unfold", "subject", "-o", out, "-q"]) == 0
+    for file in (subject.parent / "one").rglob("*"):
+        if file.is_file():
+            assert file.read_bytes() == (subject.parent / "two" / file.relative_to(subject.parent / "one")).read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("spoil", "options", "word"),
+    [
+        (lambda s: (s / "surf" / "lh.sphere").unlink(), (), "lh.sphere"),
+        (lambda s: shutil.copy(s / "surf" / "lh.white", s / "surf" / "lh.sphere"), (), "from the origin"),
+        (lambda s: (s / "surf" / "lh.white").write_bytes(b"nothing"), (), "lh.white"),
+        (lambda s: None, ("--level", "5"), "level"),
+        (lambda s: None, ("--radius", "-2"), "radius"),
+        (lambda s: None, ("-o", "subject"), "subject"),
+    ],
+)
+def test_bad_input_is_refused_in_one_line_and_nothing_is_written(subject, capsys, spoil, options, word):
+    spoil(subject)
+    before = sorted(subject.parent.rglob("*"))
+    assert main(["unfold", "subject", "-o", "out", "-q", *options]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert word in error
+    assert sorted(subject.parent.rglob("*")) == before
