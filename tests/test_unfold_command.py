@@ -6,10 +6,12 @@ import shutil
 import numpy as np
 import pytest
 
+from morphofold import shapes
 from morphofold.cli import main
 from morphofold.geometry import vertex_areas
-from morphofold.io import read_morph, read_surface, sample_path
+from morphofold.io import read_morph, read_surface, sample_path, write_surface
 from morphofold.io.folded import read_folded
+from morphofold.surface import Surface
 from morphofold.tables import read_table
 from morphofold.unfolding.unfold import unfold
 
@@ -71,6 +73,17 @@ def test_shares_of_regions_sum_to_the_whole(subject):
         assert row["area_ratio"] == pytest.approx(row["folded_percent"] / row["smooth_percent"], rel=1e-5)
 
 
+def test_a_closed_surface_without_a_sphere_gets_one(here):
+    verts, faces = shapes.icosphere(4)
+    write_surface("egg.off", Surface(verts * [3.0, 2.0, 2.0], faces))
+    assert main(["unfold", "egg.off", "-o", "out", "-q", "--level", "0.01"]) == 0
+    assert not (here / "out" / "regions.tsv").exists()
+    np.testing.assert_allclose(np.linalg.norm(read_surface("out/surf/lh.sphere").verts, axis=1), 100, atol=1e-4)
+    smooth = read_surface("out/surf/lh.smooth")
+    size = np.ptp(smooth.verts, axis=0)
+    assert size[0] / size[1] == pytest.approx(1.5, rel=0.05)
+
+
 def test_both_hemispheres_of_the_sample(here):
     assert main(["unfold", str(sample_path("fsaverage5")), "-o", "out", "-q", "--json"]) == 0
     assert [row["hemi"] for row in read_table(here / "out" / "unfold.tsv", ["hemi"])] == ["lh", "rh"]
@@ -87,7 +100,8 @@ def test_the_same_subject_gives_the_same_bytes(subject):
 @pytest.mark.parametrize(
     ("spoil", "options", "word"),
     [
-        (lambda s: (s / "surf" / "lh.sphere").unlink(), (), "lh.sphere"),
+        (lambda s: None, ("--sphere", "sphere.reg"), "lh.sphere.reg"),
+        (lambda s: (s / "surf" / "lh.white").unlink(), (), "lh.white"),
         (lambda s: shutil.copy(s / "surf" / "lh.white", s / "surf" / "lh.sphere"), (), "from the origin"),
         (lambda s: (s / "surf" / "lh.white").write_bytes(b"nothing"), (), "lh.white"),
         (lambda s: None, ("--level", "5"), "level"),

@@ -9,10 +9,13 @@ from pathlib import Path
 from morphofold.cli import add_options
 from morphofold.cli.measuring import add_side_args
 from morphofold.cli.streams import print_file
+from morphofold.progress import part_of
 
 
 def add_args(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("input", metavar="INPUT", help="folder of a FreeSurfer subject, with surf/?h.sphere")
+    parser.add_argument(
+        "input", metavar="INPUT", help="folder of a FreeSurfer subject, or a file with a closed surface"
+    )
     add_side_args(parser, "INPUT", parcellation=False)
     parser.add_argument(
         "--level",
@@ -31,7 +34,12 @@ def add_args(parser: argparse.ArgumentParser) -> None:
     add_options(
         parser,
         ("--surface", "NAME", "folded surface, surf/?h.NAME (default: white)"),
-        ("--sphere", "NAME", "its sphere, surf/?h.NAME (default: sphere)"),
+        (
+            "--sphere",
+            "NAME",
+            "its sphere, surf/?h.NAME, or a file if INPUT is one (default: sphere; where there is none, one is made, "
+            "which takes two minutes for 150,000 vertices)",
+        ),
         ("-o --out", "DIR", "folder to write (default: NAME-unfolded here)"),
         ("--json", None, "print summary.json"),
     )
@@ -41,25 +49,28 @@ def run(args: argparse.Namespace) -> int:
     from morphofold.cli.paths import refuse_overlap, writable_name
     from morphofold.cli.progress import progress
     from morphofold.io import refuse_foreign
-    from morphofold.io.cortices import hemispheres
+    from morphofold.io.cortices import hemispheres, side_named
     from morphofold.io.folded import read_folded
     from morphofold.report.pages.unfold_page import unfold_report
     from morphofold.results.unfolding import Unfolded, write_unfolding
+    from morphofold.unfolding.spheres import sphere_of
     from morphofold.unfolding.unfold import unfold
 
     source = Path(args.input)
-    hemis = ("lh", "rh") if args.hemi == "both" else (args.hemi,) if args.hemi else hemispheres(source)
-    names = {"surface": args.surface or "white", "sphere": args.sphere or "sphere"}
+    found = hemispheres(source) if source.is_dir() else (side_named(source.name) or "lh",)
+    hemis = ("lh", "rh") if args.hemi == "both" else (args.hemi,) if args.hemi else found
     with progress("unfold", args.quiet) as show:
         show(0.0, "reading")
-        read = [read_folded(source, hemi, **names) for hemi in hemis]
+        read = [read_folded(source, hemi, surface=args.surface, sphere=args.sphere) for hemi in hemis]
         out = Path(args.out or f"{writable_name(read[0].name)}-unfolded")
         refuse_overlap(out, [source])
         refuse_foreign(out)
         unfolded = []
         for k, one in enumerate(read):
-            show(0.2 + 0.4 * k / len(read), f"{one.hemi}: heat flow")
-            unfolded.append(Unfolded(one, unfold(one.surface, one.sphere, args.level, radius=args.radius)))
+            share = part_of(show, 0.1 + 0.5 * k / len(read), 0.5 / len(read), f"{one.hemi}: ")
+            share(0.0, "heat flow")
+            sphere = one.sphere or sphere_of(one.surface, share)
+            unfolded.append(Unfolded(one, unfold(one.surface, sphere, args.level, radius=args.radius)))
         show(0.6, "writing")
         summary = write_unfolding(unfolded, out, unfold_report)
         show(1.0, "done")

@@ -1,7 +1,8 @@
-"""Read a folded surface with its sphere, regions and cortex label: what unfolding needs of a FreeSurfer subject."""
+"""Read a folded surface with its sphere, regions and cortex label: what unfolding needs of a subject or a file."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -23,8 +24,10 @@ class Folded(NamedTuple):
     Attributes
     ----------
     name, hemi : str
-    surface, sphere : Surface
-        Vertex i of one belongs to vertex i of the other [mm].
+    surface : Surface
+        [mm]
+    sphere : Surface or None
+        Its vertex i belongs to vertex i of the surface.
     regions : Regions or None
     cortex : (N,) bool or None
         True where the vertex is cortex.
@@ -35,14 +38,17 @@ class Folded(NamedTuple):
     name: str
     hemi: str
     surface: Surface
-    sphere: Surface
+    sphere: Surface | None
     regions: Regions | None
     cortex: NDArray[np.bool_] | None
     inputs: tuple[Mapping[str, Any], ...]
 
 
-def read_folded(path: StrPath, hemi: str, *, surface: str = "white", sphere: str = "sphere") -> Folded:
-    """Read ``surf/?h.SURFACE`` and ``surf/?h.SPHERE`` of a subject, and the regions and cortex label if they exist.
+def read_folded(path: StrPath, hemi: str, *, surface: str | None = None, sphere: str | None = None) -> Folded:
+    """Read ``surf/?h.SURFACE`` (white) and ``surf/?h.SPHERE`` of a subject, and regions and cortex label if they exist.
+
+    Unless a sphere is named, ``surf/?h.sphere`` is read if it exists. ``path`` may also be a file of a closed surface,
+    and ``sphere`` then the file of its sphere.
 
     Raises
     ------
@@ -51,20 +57,24 @@ def read_folded(path: StrPath, hemi: str, *, surface: str = "white", sphere: str
     ValueError
         If a file is damaged, or belongs to another subject.
     """
-    root = Path(path)
-    if not root.is_dir():
-        existing_file(root, "folder of a FreeSurfer subject")
-        raise NotADirectoryError(f"{root}: is a file. Name the folder of its subject, which has surf/{hemi}.{sphere}.")
-    files = {name: existing_file(root / "surf" / f"{hemi}.{name}", "surface") for name in (surface, sphere)}
+    root, there = Path(path), Path(path).is_dir()
+    place = root / "surf"
+    files = {"surface": existing_file(place / f"{hemi}.{surface or 'white'}" if there else root, "surface")}
+    if sphere is not None or (there and os.path.lexists(place / f"{hemi}.sphere")):
+        files["sphere"] = existing_file(
+            place / f"{hemi}.{sphere or 'sphere'}" if there else Path(sphere or ""), "sphere"
+        )
     beside = {name: root / "label" / f"{hemi}.{name}" for name in ("aparc.annot", "cortex.label")}
     files |= {name: file for name, file in beside.items() if file.is_file()}
     with unchanged(files.values()) as records:
-        folded, round_ = read_surface(files[surface]), read_surface(files[sphere])
+        folded = read_surface(files["surface"])
+        round_ = read_surface(files["sphere"]) if "sphere" in files else None
         regions = read_annotation(files["aparc.annot"]) if "aparc.annot" in files else None
         cortex = read_label(files["cortex.label"], len(folded.verts)) if "cortex.label" in files else None
     if regions is not None and len(regions.labels) != len(folded.verts):
         raise Mismatch(
-            f"{files['aparc.annot']} has {len(regions.labels):,} vertices, {files[surface]} {len(folded.verts):,}: it "
-            "belongs to another subject. Take it from the same subject, or leave it out."
+            f"{files['aparc.annot']} has {len(regions.labels):,} vertices, {files['surface']} {len(folded.verts):,}: "
+            "it belongs to another subject. Take it from the same subject, or leave it out."
         )
-    return Folded(printable(root.resolve().name), hemi, folded, round_, regions, cortex, tuple(records))
+    name = root.resolve().name if there else root.name
+    return Folded(printable(name), hemi, folded, round_, regions, cortex, tuple(records))

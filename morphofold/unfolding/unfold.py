@@ -120,6 +120,15 @@ def quadrature(degree: int) -> tuple[Array, Array]:
     return s.reshape(-1, 3), np.repeat(weight * 2 * np.pi / len(angle), len(angle))
 
 
+def check_closed(surface: Surface) -> None:
+    """Raise ``OpenSurface`` unless a surface is closed, of one piece and without handles."""
+    if not is_closed(surface.faces) or euler_characteristic(surface.faces) != 2:
+        raise OpenSurface(
+            f"{surface.name}: is not a closed surface of one piece without handles (Euler characteristic "
+            f"{euler_characteristic(surface.faces)}, not 2, or edges without two faces). Repair it first."
+        )
+
+
 def points_on_sphere(folded: Surface, sphere: Surface) -> Array:
     """Points (N, 3) of the unit sphere of the vertices of a closed surface; raises as :func:`unfold`."""
     if len(sphere.verts) != len(folded.verts) or not np.array_equal(
@@ -130,11 +139,7 @@ def points_on_sphere(folded: Surface, sphere: Surface) -> Array:
             f"{len(folded.verts):,} and {len(folded.faces):,}, or the faces differ: it is the sphere of another "
             "surface. Take it from the same subject."
         )
-    if not is_closed(folded.faces) or euler_characteristic(folded.faces) != 2:
-        raise OpenSurface(
-            f"{folded.name}: is not a closed surface of one piece without handles (Euler characteristic "
-            f"{euler_characteristic(folded.faces)}, not 2, or edges without two faces). Repair it first."
-        )
+    check_closed(folded)
     length = np.linalg.norm(sphere.verts, axis=1)
     mean = float(length[used(len(length), folded.faces)].mean())
     if length.min() < 0.5 * mean or length.max() > 1.5 * mean:

@@ -1,0 +1,114 @@
+"""A sphere for a closed surface that has none: conformal flow to a sphere, then areas evened out.
+
+The flow is that of Kazhdan, Solomon and Ben-Chen (2012), (M_t + dt L_0) x_(t+1) = M_t x_t, with the cotangent stiffness
+L_0 of the first surface and the lumped mass M_t of the present one. It ends at a conformal map, in which what sticks
+out is tiny. So points are then moved along the gradient of a potential until each part of the sphere has its share of
+the area.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import cg
+
+from morphofold.arrays import Array
+from morphofold.errors import BadMesh, NoSolution
+from morphofold.geometry import cotangent_laplacian, face_areas, face_vectors, unit, vertex_areas
+from morphofold.progress import Progress, silent
+from morphofold.surface import Faces, Surface
+from morphofold.unfolding.harmonics import Expansion, degrees, fit
+from morphofold.unfolding.unfold import check_closed
+
+FLOW_STEP = 0.2  # dt, for a surface with the area of the unit sphere
+MOST_FLOW_STEPS = 60
+ROUND = 0.01  # standard deviation of radii over their mean at which the flow ends,
+ROUND_ENOUGH, STANDSTILL = 0.1, 0.98  # or below which it ends once a step makes it no smaller than this factor
+COTANGENTS = (0.02, 20.0)  # smallest and largest: slivers would turn over
+SOLVED = 1e-6  # relative residual of a step
+EVEN_DEGREE, EVEN_STEP, LARGEST_MOVE, MOST_EVEN_STEPS = 16, 0.2, 0.05, 100
+EVEN = 0.05  # rms of the smooth part of the logarithm of area ratios at which evening ends
+MOST_TURNED_SHARE = 1e-3  # of the area of the sphere in faces that are turned over
+
+
+def sphere_of(surface: Surface, progress: Progress = silent) -> Surface:
+    """The unit sphere of a closed surface, with the same vertices and faces.
+
+    Parameters
+    ----------
+    surface : Surface
+    progress : callable
+        Called with the share done (0 to 1) and a line of text. A hemisphere of 150,000 vertices takes two minutes.
+
+    Raises
+    ------
+    OpenSurface
+        If the surface is not closed and of one piece without handles.
+    NoSolution
+        If the flow does not become round.
+    BadMesh
+        If faces turn over on the way.
+    """
+    check_closed(surface)
+    s = _even(surface, _round(surface, progress), progress)
+    turned = np.einsum("fi,fi->f", face_vectors(s, surface.faces), s[surface.faces[:, 0]]) <= 0
+    share = float(face_areas(s, surface.faces)[turned].sum() / (4 * np.pi))
+    if share > MOST_TURNED_SHARE:
+        raise BadMesh(
+            f"{surface.name}: {int(turned.sum()):,} faces ({100 * share:.2g} % of the sphere) turn over on the way to "
+            "a sphere. Make its triangles more even, or give a sphere."
+        )
+    return Surface(s, surface.faces, name=f"sphere of {surface.name}")
+
+
+def _round(surface: Surface, progress: Progress) -> Array:
+    """Points (N, 3) of the unit sphere by conformal flow."""
+    faces = surface.faces
+    x = _of_unit_sphere_area(surface.coordinates, faces)
+    stiffness = cotangent_laplacian(x, faces, clip=COTANGENTS)
+    first = spread = _spread(x)
+    for _ in range(MOST_FLOW_STEPS):
+        mass = np.maximum(vertex_areas(x, faces), 1e-12)
+        matrix = sparse.csr_matrix(sparse.diags(mass) + FLOW_STEP * stiffness)
+        scaling = sparse.diags(1 / matrix.diagonal())
+        solved = [cg(matrix, mass * column, x0=column, rtol=SOLVED, M=scaling)[0] for column in x.T]
+        x = _of_unit_sphere_area(np.column_stack(solved), faces)
+        before, spread = spread, _spread(x)
+        if spread < ROUND or STANDSTILL * before < spread < ROUND_ENOUGH:
+            return unit(x)
+        done = np.log(first / spread) / np.log(first / ROUND)
+        progress(float(np.clip(0.8 * done, 0.0, 0.8)), f"conformal flow, radii within {100 * spread:.2g} %")
+    raise NoSolution(
+        f"{surface.name}: its radii still differ by {100 * spread:.2g} % after {MOST_FLOW_STEPS} steps of conformal "
+        "flow. Give a sphere."
+    )
+
+
+def _of_unit_sphere_area(x: Array, faces: Faces) -> Array:
+    """The surface about the centre of its area, scaled to the area of the unit sphere."""
+    centred = x - np.average(x, axis=0, weights=vertex_areas(x, faces))
+    return np.asarray(centred / np.sqrt(face_areas(centred, faces).sum() / (4 * np.pi)))
+
+
+def _spread(x: Array) -> float:
+    radius = np.linalg.norm(x, axis=1)
+    return float(radius.std() / radius.mean())
+
+
+def _even(surface: Surface, s: Array, progress: Progress) -> Array:
+    """Move points along the gradient of the potential whose Laplacian is the smooth part of the log of area ratios."""
+    faces, l = surface.faces, degrees(EVEN_DEGREE)[1:, None]
+    target = vertex_areas(surface.verts, faces)
+    for k in range(MOST_EVEN_STEPS):
+        present = vertex_areas(s, faces)
+        ratio = np.log(np.maximum(target / target.sum(), 1e-12) / np.maximum(present / present.sum(), 1e-12))
+        excess = fit(s, ratio[:, None], present, EVEN_DEGREE, 1e-4).coefficients[1:]
+        uneven = float(np.sqrt(np.sum(excess**2) / (4 * np.pi)))
+        progress(0.8 + 0.2 * k / MOST_EVEN_STEPS, f"evening areas, off by {100 * uneven:.2g} %")
+        if uneven < EVEN:
+            break
+        potential = Expansion(np.vstack([[0.0], -excess / (l * (l + 1))]))
+        move = EVEN_STEP * potential.gradient()(s)
+        move -= np.einsum("pi,pi->p", move, s)[:, None] * s
+        s = unit(s + move * min(1.0, LARGEST_MOVE / float(np.linalg.norm(move, axis=1).max())))
+    return s
