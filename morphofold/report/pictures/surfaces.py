@@ -33,6 +33,7 @@ from morphofold.surface import Surface
 Picture = NDArray[np.uint8]  # (height, width, 3)
 
 VIEWS = ("lateral", "medial", "top", "bottom")
+MOST_PX_PER_MM, LARGEST_VIEW_PX = 6.0, 400
 _RENDERER_PROBE_CODE = """
 import vtkmodules.vtkRenderingOpenGL2
 from vtkmodules.vtkRenderingCore import vtkRenderWindow
@@ -194,7 +195,8 @@ def figure(
     """
     extent = np.array([[np.ptp(r.surface.verts @ camera(v, r.hemi).T, axis=0)[:2] for v in views] for r in rows])
     gap, edge, head, foot, label = 24, 20, 72, 112, 30
-    per_mm = min((width - 2 * edge - gap * len(views)) / extent[:, :, 0].max(axis=0).sum(), 6.0)
+    most = max(MOST_PX_PER_MM, LARGEST_VIEW_PX / extent.max())  # small bodies are enlarged
+    per_mm = min((width - 2 * edge - gap * len(views)) / extent[:, :, 0].max(axis=0).sum(), most)
     columns = np.ceil(per_mm * extent[:, :, 0].max(axis=0)).astype(int) + gap
     lines = np.ceil(per_mm * extent[:, :, 1].max(axis=1)).astype(int) + gap
     canvas = np.full((head + int(lines.sum()) + len(rows) * label + foot, width, 3), 255, dtype=np.uint8)
@@ -228,7 +230,7 @@ def figure(
 
 def ruler(canvas: Picture, px_per_mm: float, at: tuple[int, int]) -> None:
     """Draw a scale bar of a round length, with its top left at ``at``."""
-    mm = max((m for m in (1, 2, 5, 10, 20, 50, 100) if m * px_per_mm <= 160), default=1)
+    mm = max((m for m in (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100) if m * px_per_mm <= 160), default=0.1)
     end = at[0] + round(mm * px_per_mm)
     canvas[at[1] : at[1] + 3, at[0] : end] = 60
     write(canvas, f"{mm} mm", ((at[0] + end) / 2, at[1] + 6), 14, anchor="middle", grey=60)
