@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -34,7 +35,7 @@ class Unfolding:
     radius : float
         Radius of the sphere with its area [mm].
     scale : float
-        Lengths of the smooth surface over those of the folded one when its area was measured: 1 if it was not scaled.
+        Factor by which the smooth surface was scaled; 1 if no radius was asked for.
     level : float
         Time w of the heat flow on the unit sphere.
     """
@@ -48,6 +49,10 @@ class Unfolding:
 
     def smooth(self) -> Surface:
         """The smooth surface with the vertices and faces of the folded one [mm]."""
+        return self._smooth
+
+    @cached_property
+    def _smooth(self) -> Surface:
         return Surface(self.surface(self.points), self.folded.faces, name=f"{self.folded.name} unfolded")
 
     def area_ratio(self) -> Array:
