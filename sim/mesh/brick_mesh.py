@@ -6,7 +6,8 @@ between four symmetry planes. A strip is a patch one brick deep, in plane strain
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -14,9 +15,10 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 from skfem import MeshHex, MeshTet
 
-from morphofold.arrays import Array, Ints
+from morphofold.arrays import Array, Bools, Ints
 from morphofold.errors import ImpossibleBody, OutOfRange, UnknownName
 from morphofold.sim.elements.bricks import CORNERS_IN_KERNEL_ORDER
+from morphofold.surface import Regions
 
 #: axes along which each portion keeps only coordinates at or above zero
 SYMMETRY_AXES = {"full": (), "half": (2,), "quarter": (1, 2), "octant": (0, 1, 2)}
@@ -58,6 +60,16 @@ class Bilayer:
         Axes at whose planes (coordinate 0) the body is mirrored to the closed whole.
     edge : float
         Largest edge of the pial surface [mm].
+    sphere : (S, 3) float64, optional
+        Point of the unit sphere of each pial vertex, if the body has a sphere.
+    growing : (N,) float64, optional
+        Share of the growth of the cortex at each node; 1 everywhere if not given.
+    regions : Regions, optional
+        Of the pial vertices.
+    cortex : (S,) bool, optional
+        Where a pial vertex is cortex: False on the medial wall.
+    point_data : mapping of str to (N,) float64
+        Maps that came with the mesh, by name.
     """
 
     mesh: MeshHex | MeshTet
@@ -71,6 +83,11 @@ class Bilayer:
     planes: tuple[Plane, ...]
     mirrored: tuple[int, ...]
     edge: float
+    sphere: Array | None = None
+    growing: Array | None = None
+    regions: Regions | None = None
+    cortex: Bools | None = None
+    point_data: Mapping[str, Array] = field(default_factory=dict)
 
     @property
     def closed(self) -> bool:
