@@ -194,4 +194,5 @@ def _with_surfaces(cortex: Cortex, white: NDArray[Any], pial: NDArray[Any], face
         cortex=checks.cortex_mask(cortex)[source],
         regions=None,
         inflated=None,
+        sphere=None,
     )

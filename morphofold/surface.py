@@ -203,6 +203,8 @@ class Cortex:
     regions : Regions, optional
     inflated : Surface, optional
         For display only.
+    sphere : Surface, optional
+        FreeSurfer's ``?h.sphere``: by it a grown cortex is compared with the person's own.
     origin : str
         ``"FreeSurfer"``, ``"simulation"`` or ``"files"``.
     units : str
@@ -234,6 +236,7 @@ class Cortex:
     cortex: NDArray[np.bool_] | None = field(default=None, repr=False)
     regions: Regions | None = field(default=None, repr=False)
     inflated: Surface | None = field(default=None, repr=False)
+    sphere: Surface | None = field(default=None, repr=False)
     origin: str = "files"
     units: str = "mm"
     transform: NDArray[np.float64] | None = field(default=None, repr=False)
@@ -267,8 +270,9 @@ class Cortex:
         per_vertex = {**self.maps, **({} if self.cortex is None else {"cortex label": self.cortex})}
         if self.regions is not None:
             per_vertex["regions"] = self.regions.labels
-        if self.inflated is not None:
-            per_vertex["inflated"] = self.inflated.verts[:, 0]
+        for name in ("inflated", "sphere"):
+            if (surface := getattr(self, name)) is not None:
+                per_vertex[name] = surface.verts[:, 0]
         for name, values in per_vertex.items():
             if np.shape(values) != (n_white,):
                 raise WrongShape(

@@ -134,6 +134,8 @@ class Body:
         self.free = ~self.on_plane
         self.free[bilayer.held] = False
         self.pattern: float | Array = 1.0
+        if bilayer.growing is not None:
+            self.pattern = bilayer.growing[mesh.t[:, : elements.n_cortex]].mean(axis=0)
         self.core_share = 0.0
         self.growth = 1.0
         self.viscosity = 0.0

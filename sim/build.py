@@ -11,7 +11,7 @@ from morphofold.errors import DoesNotApply
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect
 from morphofold.sim.mesh.brick_mesh import Bilayer, bilayer_ellipsoid, bilayer_patch, spot_factors
-from morphofold.sim.scene import Ellipsoid, MeshFile, Patch, Scene, Sphere, Strip
+from morphofold.sim.scene import Ellipsoid, MeshFile, Patch, Scene, Sphere, Strip, UnfoldedCortex
 
 
 def build_bilayer(scene: Scene) -> Bilayer:
@@ -29,6 +29,10 @@ def build_bilayer(scene: Scene) -> Bilayer:
         return bilayer_patch(geometry.size, geometry.depth, geometry.cortex_thickness, scene.edge, layers)
     if isinstance(geometry, Strip):
         return bilayer_patch((geometry.length, 0.0), geometry.depth, geometry.cortex_thickness, scene.edge, layers)
+    if isinstance(geometry, UnfoldedCortex):
+        from morphofold.sim.mesh.unfolded_cortex import bilayer_of_cortex
+
+        return bilayer_of_cortex(geometry, scene.cells, layers)
     if isinstance(geometry, MeshFile):
         from morphofold.sim.mesh.from_file import bilayer_from_file
 

@@ -293,7 +293,7 @@ class _Run:
     def _write_stage(self, g: float) -> dict[str, Any]:
         """Write surfaces, maps and volume of the present state; returns its numbers for health.json."""
         from morphofold.sim.health import bending, broken_bounds, check_surface, enclosed_volume
-        from morphofold.sim.output.surfaces import whole_surfaces
+        from morphofold.sim.output.surfaces import whole_surfaces, write_labels
 
         before = self.writer.health_of(g)
         if before is not None:  # written before a stop
@@ -304,6 +304,11 @@ class _Run:
         grown = float(np.sum(body.grown_volumes())) / body.bilayer.portion
         between = closed and body.bilayer.faces.shape[1] == 4  # the white surface cuts through tetrahedra
         found = enclosed_volume(pial) - enclosed_volume(white) if between else self._cortex_volume()
+
+        def write_beside(folder: Path) -> None:
+            write_labels(folder, body, white)
+            self._write_volume(folder)
+
         numbers = {
             "growth": g,
             **{name: state.record[name] for name in STAGE_NUMBERS},
@@ -323,7 +328,7 @@ class _Run:
             reference_radius=float(np.linalg.norm(body.X[: body.n_surface], axis=1).mean()),
             numbers=numbers,
             warnings=broken_bounds(numbers, self.scene),
-            beside=self._write_volume,
+            beside=write_beside,
         )
         return numbers
 

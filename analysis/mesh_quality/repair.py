@@ -91,7 +91,7 @@ class Mended:
         if self.cortex is self.of:
             return measures
         faces = self.source[self.cortex.faces]
-        given = {name: getattr(self.of, name) for name in ("white", "pial", "inflated")}
+        given = {name: getattr(self.of, name) for name in ("white", "pial", "inflated", "sphere")}
         surfaces = {name: surface and replace(surface, faces=faces) for name, surface in given.items()}
         maps = {name: values[self.place] for name, values in measures.maps.items()}
         maps["area"] = np.bincount(self.source, measures.maps["area"], self.of.n_vertices).astype(np.float64)
@@ -271,5 +271,6 @@ def _build_mended(cortex: Cortex, faces: Faces, at: Ints, owner: Ints, done: Rep
         cortex=None if cortex.cortex is None else np.asarray(cortex.cortex)[source],
         regions=None if cortex.regions is None else replace(cortex.regions, labels=cortex.regions.labels[source]),
         inflated=None,
+        sphere=None,
     )
     return Mended(cortex, there, number[at], source, done)

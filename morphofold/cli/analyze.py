@@ -104,7 +104,7 @@ def run(args: argparse.Namespace) -> int:
         measures = _results_of_hemispheres(works, failed)
         show(0.8, "writing")
         clock.begin(READING_STAGE)
-        stages = [] if args.no_report else [read_cortex(place, hemi="lh") for place in _stage_folders(args.input)]
+        stages = [] if args.no_report else [read_cortex(place) for place in _stage_folders(args.input)]
         asked = {"hemi": args.hemi, "name": args.name, **options}
         _write_results(measures, out, called, args, failed=failed, parameters=asked, stages=stages, clock=clock)
         show(1.0, "done")
@@ -302,7 +302,7 @@ def _analyse_stages(args: argparse.Namespace, options: Mapping[str, Any]) -> int
         for i, place in enumerate(places):
             clock = Stages()
             clock.begin(READING_STAGE)
-            cortex = read_cortex(place, hemi="lh", name=args.name)
+            cortex = read_cortex(place, name=args.name)
             share = part_of(show, i / len(places), 1 / len(places), f"{place.name} ")
             asked = {"hemi": None, "name": args.name, **options}
             if is_analysis_of(out / place.name, cortex, asked):

@@ -152,8 +152,10 @@ def read_run(out: Path, point: SweepPoint, outcome: Outcome | None = None) -> Ru
     reason = "" if there else " ".join(failures.values()) or "failed; the reason is in its log"
     if there:
         try:
-            files = ("analysis/summary.json", "analysis/regions.tsv", "analysis/surf/lh.pial", "simulation/health.json")
-            refuse_changed(record, {name: folder / name for name in files})
+            hemi = getattr(point.scene.geometry, "hemi", "lh")
+            files = ("summary.json", "regions.tsv", f"surf/{hemi}.pial")
+            names = (*(f"analysis/{name}" for name in files), "simulation/health.json")
+            refuse_changed(record, {name: folder / name for name in names})
             measures, notes, pial = _measures_of_run(folder / "analysis", point.scene.geometry)
             return RunResult(point, "", measures, notes, warnings, numbers, pial)
         except (OSError, ValueError, IndexError) as error:
@@ -163,7 +165,8 @@ def read_run(out: Path, point: SweepPoint, outcome: Outcome | None = None) -> Ru
 
 def _measures_of_run(analysis: Path, geometry: Geometry) -> tuple[dict[str, float], dict[str, str], Path]:
     """Measures of a run, reasons for missing ones, and its pial surface."""
-    entry, pial = read_results(analysis).entries[0], analysis / "surf" / "lh.pial"
+    entry = read_results(analysis).entries[0]
+    pial = analysis / "surf" / f"{entry['hemi']}.pial"
     measures = {key: float(value) for key in SCALARS if isinstance(value := entry["measures"].get(key), int | float)}
     area = measures.get("area_pial_mm2")
     if area and "n_hinges" in measures and not isinstance(geometry, Strip):

@@ -13,7 +13,7 @@ from morphofold.io import atomic_file, files_of, remove_folder
 from morphofold.results.summary import DrawPage
 from morphofold.sim.output.inputs import inputs_of
 from morphofold.sim.output.run_files import clear_run, files_of_run
-from morphofold.sim.scene import Ellipsoid, MeshFile, Radial, Scene, Sphere
+from morphofold.sim.scene import Ellipsoid, MeshFile, Radial, Scene, Sphere, UnfoldedCortex
 from morphofold.sim.scene.files import to_toml
 from morphofold.words import in_one_line
 
@@ -176,7 +176,7 @@ def memory_of_run(scene: Scene, accuracy: str, report: bool) -> float:
         return memory_of_analysis([2562], accuracy=accuracy, report=report)
     if isinstance(geometry, Sphere):
         deep = geometry.radius - geometry.hole_radius
-    elif isinstance(geometry, Ellipsoid):
+    elif isinstance(geometry, Ellipsoid | UnfoldedCortex):
         deep = min(geometry.semi_axes) * (1 - geometry.hole_share)
     else:
         deep = geometry.depth

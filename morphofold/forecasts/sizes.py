@@ -63,12 +63,12 @@ def edge_by_rule(scene: Scene) -> float:
 
 
 def _lengths_and_cells(scene: Scene) -> list[tuple[float, int]]:
-    """Lengths of a patch or strip, or of a quarter of the longest circle [mm], and the number of cells along each."""
-    from morphofold.sim.scene import Ellipsoid, Patch, Sphere, Strip
+    """Lengths of a patch or strip, or of an edge of the cube of a cubed sphere [mm], and the number of cells along each."""
+    from morphofold.sim.scene import Ellipsoid, Patch, Sphere, Strip, UnfoldedCortex
 
     geometry = scene.geometry
-    if isinstance(geometry, Sphere | Ellipsoid):
-        return [(0.5 * math.pi * max(geometry.semi_axes), scene.cells)]
+    if isinstance(geometry, Sphere | Ellipsoid | UnfoldedCortex):
+        return [(geometry.quarter, scene.cells)]
     if not isinstance(geometry, Patch | Strip):
         raise DoesNotApply(f"{scene.name}: a {geometry.shape} scene is not made of bricks.")
     lengths = geometry.size if isinstance(geometry, Patch) else (geometry.length,)
@@ -84,11 +84,11 @@ def sizes_by_rule(scene: Scene, layers: Layers) -> Sizes:
         For a shape that isn't made of bricks.
     """
     from morphofold.sim.mesh.brick_mesh import SYMMETRY_AXES, core_layer_fractions
-    from morphofold.sim.scene import Ellipsoid, Sphere
+    from morphofold.sim.scene import Ellipsoid, Sphere, UnfoldedCortex
 
     geometry, through, edge = scene.geometry, scene.elements_through_cortex, edge_by_rule(scene)
-    if isinstance(geometry, Sphere | Ellipsoid):
-        n, cuts = scene.cells, len(SYMMETRY_AXES[geometry.portion])
+    if isinstance(geometry, Sphere | Ellipsoid | UnfoldedCortex):
+        n, cuts = scene.cells, len(SYMMETRY_AXES[getattr(geometry, "portion", "full")])
         quads, rim = 6 * n * n // 2**cuts, (0, 4 * n, 4 * n, 3 * n)[cuts]
         surface = quads + (rim // 2 + 1 if cuts else 2)  # Euler: a disc of quads, or a closed surface
         whole = 6 * n * n + 2
@@ -105,10 +105,10 @@ def edges_between(scene: Scene, finest: float, coarsest: float) -> list[float]:
 
     Rounded up in the fourth digit, which does not change the number of cells.
     """
-    from morphofold.sim.scene import Ellipsoid, Sphere
+    from morphofold.sim.scene import Patch, Strip
 
     length = max(length for length, _ in _lengths_and_cells(scene))
-    step, least = (4, 4) if isinstance(scene.geometry, Sphere | Ellipsoid) else (1, 1)
+    step, least = (1, 1) if isinstance(scene.geometry, Patch | Strip) else (4, 4)
     first = max(least, step * math.ceil(length / coarsest / step - 1e-9))
     return [_rounded_up(length / cells) for cells in range(first, math.floor(length / finest + 1e-9) + 1, step)]
 

@@ -16,6 +16,7 @@ from morphofold.io.freesurfer import (
     read_label,
     scanner_transform,
     write_annotation,
+    write_label,
 )
 from morphofold.io.samples import sample_path
 from morphofold.io.surfaces import read_morph, read_surface, write_gifti_map, write_morph, write_surface
@@ -38,6 +39,7 @@ __all__ = [
     "scanner_transform",
     "write_annotation",
     "write_gifti_map",
+    "write_label",
     "write_morph",
     "write_surface",
 ]

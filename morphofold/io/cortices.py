@@ -47,6 +47,14 @@ class StageHealth(Record):
     mean_radius_mm: Amount | None = None
 
 
+class GrownFrom(Record):
+    """The person whose unfolded cortex grew: SHA-256 of the files by content, and the level of unfolding."""
+
+    subject: str
+    sha256: dict[str, str]
+    unfold: Annotated[float, Field(gt=0, le=1)]
+
+
 class StageRecord(Record):
     """``stage.json``: the record of a stage by ``simulate``, the ``info`` of an analysis; all keys may be missing."""
 
@@ -63,6 +71,7 @@ class StageRecord(Record):
     health: StageHealth = StageHealth()
     warnings: list[str] = []
     vertices_without_value_written_as_0: dict[str, Count] = {}
+    grown_from: GrownFrom | None = None
 
 
 class SurfaceRecord(Record):
@@ -100,7 +109,7 @@ def read_cortex(
         ``label/lh.aparc.annot``), a pair of surfaces (``lh.white.surf.gii``), a simulation (its last stage is read),
         or one stage of a simulation (``OUT/stages/g1.80``).
     hemi : {"lh", "rh"}, optional
-        By default ``"lh"``, or the hemisphere in the names of ``white`` and ``pial``.
+        By default ``"lh"``, or that of a simulation, or the hemisphere in the names of ``white`` and ``pial``.
     white, pial : str or path, optional
         Two files instead of a folder, in any format that ``read_surface`` reads.
     surfaces : two names
@@ -144,7 +153,9 @@ def read_cortex(
         raise NotADirectoryError(f"{path}: is a file. Name its folder, or two files as white and pial.")
     if not path.is_dir():
         existing_file(path, "folder with a cortex")  # raises, and lists close names
-    return _cortex_of_folder(_last_stage(path), hemi or "lh", tuple(surfaces), annotation, name)
+    root = _last_stage(path)
+    hemi = hemi or (hemispheres(root)[0] if os.path.lexists(root / "stage.json") else "lh")
+    return _cortex_of_folder(root, hemi, tuple(surfaces), annotation, name)
 
 
 def hemispheres(folder: Path) -> tuple[str, ...]:
@@ -223,8 +234,8 @@ def cortex_files(
     root = _last_stage(Path(path))
     stage = root / "stage.json"
     staged = os.path.lexists(stage)
-    if staged and hemi == "rh":
-        raise DoesNotApply(f"{root}: is a simulated stage, which has one closed surface named lh. Request lh.")
+    if staged and hemi not in (there := hemispheres(root)):
+        raise DoesNotApply(f"{root}: is a simulated stage of {there[0]}, and has no {hemi}. Request {there[0]}.")
     found = {what: _required_surface(root, f"{hemi}.{s}") for what, s in zip(("white", "pial"), surfaces)}
 
     def add(what: str, place: str, stem: str, endings: tuple[str, ...] = ("",)) -> None:
@@ -233,7 +244,8 @@ def cortex_files(
 
     for name in MAP_NAMES:
         add(name, "surf", f"{hemi}.{name}", _MAP_ENDINGS)
-    add("inflated", "surf", f"{hemi}.inflated", SURFACE_ENDINGS)
+    for name in ("inflated", "sphere"):
+        add(name, "surf", f"{hemi}.{name}", SURFACE_ENDINGS)
     if annotation is None and not staged and os.path.lexists(root / "summary.json"):
         annotation = _measured_surface_fields(root / "summary.json", hemi)["annotation"]
     for stem in ("aparc",) if annotation is None else (f"aparc.{annotation}", annotation):
@@ -279,7 +291,7 @@ def _read_cortex_files(root: Path, hemi: str, files: dict[str, Path], name: str 
         return found
 
     maps = {kind: fitting(kind, read_morph) for kind in MAP_NAMES if kind in files}
-    inflated = fitting("inflated", read_surface, lambda surface: len(surface.verts))
+    inflated, sphere = (fitting(name, read_surface, lambda found: len(found.verts)) for name in ("inflated", "sphere"))
     regions = fitting("annotation", read_annotation, lambda regions: len(regions.labels))
     found = "FreeSurfer" if inner.suffix not in (".gii", ".gz") else "files"
     info = read_aseg_stats(files["stats"], hemi) if "stats" in files else {}
@@ -298,6 +310,7 @@ def _read_cortex_files(root: Path, hemi: str, files: dict[str, Path], name: str 
         cortex=read_label(files["label"], len(white.verts)) if "label" in files else None,
         regions=regions,
         inflated=inflated,
+        sphere=sphere,
         origin=fields["origin"],
         units=str(fields.get("units", "mm")),
         transform=scanner_transform(white.geometry),

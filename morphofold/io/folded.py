@@ -57,15 +57,7 @@ def read_folded(path: StrPath, hemi: str, *, surface: str | None = None, sphere:
     ValueError
         If a file is damaged, or belongs to another subject.
     """
-    root, there = Path(path), Path(path).is_dir()
-    place = root / "surf"
-    files = {"surface": existing_file(place / f"{hemi}.{surface or 'white'}" if there else root, "surface")}
-    if sphere is not None or (there and os.path.lexists(place / f"{hemi}.sphere")):
-        files["sphere"] = existing_file(
-            place / f"{hemi}.{sphere or 'sphere'}" if there else Path(sphere or ""), "sphere"
-        )
-    beside = {name: root / "label" / f"{hemi}.{name}" for name in ("aparc.annot", "cortex.label")}
-    files |= {name: file for name, file in beside.items() if file.is_file()}
+    files = folded_files(path, hemi, surface=surface, sphere=sphere)
     with unchanged(files.values()) as records:
         folded = read_surface(files["surface"])
         round_ = read_surface(files["sphere"]) if "sphere" in files else None
@@ -76,5 +68,19 @@ def read_folded(path: StrPath, hemi: str, *, surface: str | None = None, sphere:
             f"{files['aparc.annot']} has {len(regions.labels):,} vertices, {files['surface']} {len(folded.verts):,}: "
             "it belongs to another subject. Take it from the same subject, or leave it out."
         )
-    name = root.resolve().name if there else root.name
+    root = Path(path)
+    name = root.resolve().name if root.is_dir() else root.name
     return Folded(printable(name), hemi, folded, round_, regions, cortex, tuple(records))
+
+
+def folded_files(path: StrPath, hemi: str, *, surface: str | None = None, sphere: str | None = None) -> dict[str, Path]:
+    """The files that :func:`read_folded` reads, by content; raises if a surface does not exist."""
+    root, there = Path(path), Path(path).is_dir()
+    place = root / "surf"
+    files = {"surface": existing_file(place / f"{hemi}.{surface or 'white'}" if there else root, "surface")}
+    if sphere is not None or (there and os.path.lexists(place / f"{hemi}.sphere")):
+        files["sphere"] = existing_file(
+            place / f"{hemi}.{sphere or 'sphere'}" if there else Path(sphere or ""), "sphere"
+        )
+    beside = {name: root / "label" / f"{hemi}.{name}" for name in ("aparc.annot", "cortex.label")}
+    return files | {name: file for name, file in beside.items() if file.is_file()}

@@ -289,6 +289,14 @@ def read_label(path: StrPath, n: int) -> NDArray[np.bool_]:
     return mask
 
 
+def write_label(path: StrPath, mask: NDArray[np.bool_], verts: Verts) -> None:
+    """Write a FreeSurfer label of the vertices where ``mask`` (N,) is True, with their positions ``verts`` (N, 3)."""
+    vertices = np.flatnonzero(mask)
+    lines = [f"#!ascii label cortex, written by morphofold\n{len(vertices)}\n"]
+    lines += [f"{i}  {x:.3f}  {y:.3f}  {z:.3f} 0.0\n" for i, (x, y, z) in zip(vertices, verts[vertices])]
+    Path(path).write_text("".join(lines), encoding="ascii")
+
+
 MOST_STATS_BYTES = 2**18  # of aseg.stats that are read; FreeSurfer writes about 10 kB
 _KEY_OF_ASEG_MEASURE = {"EstimatedTotalIntraCranialVol": "etiv_mm3", "{hemi}SurfaceHoles": "surface_holes"}
 

@@ -31,6 +31,7 @@ _SURFACE_METADATA = {  # names as in Connectome Workbench
     "white": {"GeometricType": "Anatomical", "AnatomicalStructureSecondary": "GrayWhite"},
     "pial": {"GeometricType": "Anatomical", "AnatomicalStructureSecondary": "Pial"},
     "inflated": {"GeometricType": "Inflated"},
+    "sphere": {"GeometricType": "Spherical"},
 }
 MOST_UNPACKED_BYTES = 2**28  # bytes: 7 million vertices and their faces; nibabel holds several copies of them
 _CONVERT_AGAIN = "Convert it again from its source, e.g. with mris_convert or wb_command."
@@ -169,7 +170,8 @@ def write_gifti_surface(path: StrPath, surface: Surface, hemi: str | None = None
 
     Coordinates stay unchanged. As with ``mris_convert``, coordinates in FreeSurfer's surface frame stay in that frame,
     and ``C_RAS`` of the footer gives the shift to the scanner's frame. With ``scanner`` the file is marked as in the
-    scanner's frame; such a surface has no footer. The end of the file name gives the kind: white, pial or inflated.
+    scanner's frame; such a surface has no footer. The end of the file name gives the kind: white, pial, inflated or
+    sphere.
     """
     from nibabel import nifti1
     from nibabel.gifti import GiftiCoordSystem, GiftiDataArray

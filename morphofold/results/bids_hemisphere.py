@@ -24,7 +24,7 @@ from morphofold.results.summary import REANALYSE_ADVICE, check_size, measures_of
 from morphofold.surface import PerVertex, Regions, Surface, Verts
 from morphofold.tables import write_table
 
-SURFACES_NOT_MOVED = ("inflated",)  # surfaces without a place in the scanner
+SURFACES_NOT_MOVED = ("inflated", "sphere")  # surfaces without a place in the scanner
 BIDS_HEMISPHERES = {"lh": "L", "rh": "R"}
 MAP_ENDINGS = {  # a map's name -> the end of its file's name
     "H": "curv",

@@ -24,6 +24,7 @@ from morphofold.io import (
     read_surface,
     write_annotation,
     write_gifti_map,
+    write_label,
     write_morph,
     write_surface,
 )
@@ -155,7 +156,7 @@ def _write_hemisphere(m: Measures, folder: Path, mgh: bool) -> None:
     if cortex.regions is not None:
         write_annotation(folder / "label" / f"{hemi}.{file_word(cortex.regions.name)}.annot", cortex.regions)
     if cortex.cortex is not None:
-        _write_cortex_label(folder / "label" / f"{hemi}.cortex.label", cortex)
+        write_label(folder / "label" / f"{hemi}.cortex.label", cortex.cortex, cortex.white.verts)
     for name, values in m.maps.items():
         path = folder / "maps" / f"{hemi}.{file_word(name)}"
         write_gifti_map(Path(f"{path}.shape.gii"), values, nan=np.nan, hemi=hemi)
@@ -164,14 +165,6 @@ def _write_hemisphere(m: Measures, folder: Path, mgh: bool) -> None:
     if m.graph is not None:
         (folder / "graph").mkdir(exist_ok=True)
         write_graph(folder / "graph" / f"{hemi}.json", m.graph)
-
-
-def _write_cortex_label(path: Path, cortex: Cortex) -> None:
-    assert cortex.cortex is not None
-    vertices = np.flatnonzero(cortex.cortex)
-    lines = [f"#!ascii label cortex, written by morphofold\n{len(vertices)}\n"]
-    lines += [f"{i}  {x:.3f}  {y:.3f}  {z:.3f} 0.0\n" for i, (x, y, z) in zip(vertices, cortex.white.verts[vertices])]
-    path.write_text("".join(lines), encoding="ascii")
 
 
 def read_plain(folder: Path) -> list[Measures]:

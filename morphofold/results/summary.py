@@ -118,6 +118,7 @@ class SurfaceSummary(SurfaceRecord):
     maps: list[FileWord]
     came_with: list[FileWord]
     inflated: bool
+    sphere: bool = False
     cortex_label: bool
     graph: bool
     annotation: FileWord | None
@@ -241,6 +242,7 @@ def _surface_entry(m: Measures) -> dict[str, Any]:
         "maps": sorted(m.maps),
         "came_with": sorted(cortex.maps),
         "inflated": cortex.inflated is not None,
+        "sphere": cortex.sphere is not None,
         "cortex_label": cortex.cortex is not None,
         "graph": m.graph is not None,
         "annotation": None if cortex.regions is None else file_word(cortex.regions.name),
@@ -297,6 +299,7 @@ def measures_of(
             mask(n) if entry["cortex_label"] else None,
             None if entry["annotation"] is None else regions(entry["annotation"], n),
             surface("inflated") if entry["inflated"] else None,
+            surface("sphere") if entry.get("sphere") else None,
             origin=str(entry["origin"]),
             units=str(entry["units"]),
             transform=None if entry["transform"] is None else np.array(entry["transform"], dtype=np.float64),
@@ -326,7 +329,7 @@ def sized_map(path: Path, n: int) -> PerVertex:
 
 def surfaces_of(cortex: Cortex) -> dict[str, Surface]:
     """Surfaces of a cortex, by the names of their files."""
-    kinds = {"white": cortex.white, "pial": cortex.pial, "inflated": cortex.inflated}
+    kinds = {"white": cortex.white, "pial": cortex.pial, "inflated": cortex.inflated, "sphere": cortex.sphere}
     return {kind: surface for kind, surface in kinds.items() if surface is not None}
 
 

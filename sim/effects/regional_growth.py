@@ -42,4 +42,4 @@ class RegionalGrowth(Effect):
 
     def prepare(self, body: Body) -> None:
         corners = body.bilayer.mesh.t[:, : body.elements.n_cortex]
-        body.pattern = spot_factors(body.bilayer.foot[corners].mean(axis=0), self._spots)
+        body.pattern = body.pattern * spot_factors(body.bilayer.foot[corners].mean(axis=0), self._spots)

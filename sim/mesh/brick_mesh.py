@@ -7,7 +7,7 @@ between four symmetry planes. A strip is a patch one brick deep, in plane strain
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -60,6 +60,8 @@ class Bilayer:
         Axes at whose planes (coordinate 0) the body is mirrored to the closed whole.
     edge : float
         Largest edge of the pial surface [mm].
+    hemi : {"lh", "rh"}
+        By which its surfaces are named.
     sphere : (S, 3) float64, optional
         Point of the unit sphere of each pial vertex, if the body has a sphere.
     growing : (N,) float64, optional
@@ -83,6 +85,7 @@ class Bilayer:
     planes: tuple[Plane, ...]
     mirrored: tuple[int, ...]
     edge: float
+    hemi: str = "lh"
     sphere: Array | None = None
     growing: Array | None = None
     regions: Regions | None = None
@@ -279,9 +282,10 @@ def bilayer_ellipsoid(
         )
     planes = tuple(Plane(axis, 0.0, 1) for axis in SYMMETRY_AXES[portion])
     edge = 0.5 * np.pi * float(axes.max()) / n
-    return _extrude_bricks(
+    bilayer = _extrude_bricks(
         pial, white, hole_share * pial, quads, normal, cortex_layers, edge, planes, SYMMETRY_AXES[portion]
     )
+    return replace(bilayer, sphere=direction)
 
 
 def bilayer_sphere(

@@ -65,7 +65,7 @@ class SmoothBody:
         cortex = layers.pial + (np.arange(cortex_layers) / cortex_layers)[:, None, None] * (layers.white - layers.pial)
         levels = np.concatenate([cortex, core])
         _check_shapes(levels, quads, cortex_layers)
-        bilayer = layered_bricks(levels, quads, layers.normal, cortex_layers, layers.edge)
+        bilayer = replace(layered_bricks(levels, quads, layers.normal, cortex_layers, layers.edge), sphere=s)
         if held is None:
             return bilayer
         columns = np.flatnonzero(held(s)) + len(s) * np.arange(len(levels))[:, None]

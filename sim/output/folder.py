@@ -141,7 +141,7 @@ class FolderWriter:
             If the scene's mesh file changed while the body was built from it.
         """
         if inputs_of(self.scene) != self._inputs:
-            name = self._inputs["geometry.file"]["file"]
+            name = next(given[key] for given in self._inputs.values() for key in ("file", "subject") if key in given)
             raise OSError(f"{name}: changed while it was read. Run this again when no program writes it.")
         if is_finished(self.out, self.scene, self.resume, self.own):
             raise FileExistsError(f"{self.out}: holds a finished run of this scene; choose another folder.")
@@ -220,7 +220,10 @@ class FolderWriter:
             "warnings": warnings,
             "scene_sha256": scene_digest(self.out),
         }
-        cortex = Cortex(white, pial, name=scene.name, origin="simulation", portion=portion, info=info)
+        if "geometry.subject" in self._inputs:
+            info["grown_from"] = {**self._inputs["geometry.subject"], "unfold": scene.geometry.unfold}
+        hemi = pial.name[:2]
+        cortex = Cortex(white, pial, hemi, scene.name, origin="simulation", portion=portion, info=info)
         maps = self._describe(cortex)
         missing = {name: int(np.isnan(values).sum()) for name, values in maps.items() if np.isnan(values).any()}
         if missing:
@@ -231,7 +234,7 @@ class FolderWriter:
                 write_surface(temporary / "surf" / surface.name, surface)
                 write_surface(temporary / "surf" / f"{surface.name}.surf.gii", surface)  # for Connectome Workbench
             for name, values in maps.items():
-                write_morph(temporary / "surf" / f"lh.{name}", values, nan=0.0)
+                write_morph(temporary / "surf" / f"{hemi}.{name}", values, nan=0.0)
             beside(temporary)
             _write_json(temporary / "stage.json", info)
             _write_json(temporary / "files.json", digests(temporary))

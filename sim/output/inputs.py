@@ -14,7 +14,7 @@ from morphofold.errors import DamagedFile, Mismatch
 from morphofold.io.json_files import Count, Length, Record, read_json
 from morphofold.provenance import sha256_of
 from morphofold.sim.output.run_files import AND_GROW_AGAIN
-from morphofold.sim.scene import MeshFile, Radial, Scene
+from morphofold.sim.scene import MeshFile, Radial, Scene, UnfoldedCortex
 
 
 class MeshBytes(Record):
@@ -23,6 +23,13 @@ class MeshBytes(Record):
     file: str
     sha256: str
     bytes: Count
+
+
+class SubjectBytes(Record):
+    """The files of the subject whose cortex grows: SHA-256 by content."""
+
+    subject: str
+    sha256: dict[str, str]
 
 
 class MeshSize(Record):
@@ -42,9 +49,10 @@ class Restart(Record):
 
 
 class Inputs(Record):
-    """``inputs.json``: one of the first two is given; ``effects`` are the names of the caller's own effects."""
+    """``inputs.json``: a mesh file, or a mesh size, and a subject if there is one; ``effects`` are the names of the caller's own effects."""
 
     geometry: Annotated[MeshBytes | None, Field(alias="geometry.file")] = None
+    subject: Annotated[SubjectBytes | None, Field(alias="geometry.subject")] = None
     accuracy: MeshSize | None = None
     effects: list[str] = []
     restart: Restart | None = None
@@ -54,7 +62,8 @@ def inputs_of(scene: Scene) -> dict[str, dict[str, Any]]:
     """The mesh of a scene as it is now: the scene only names a file or a level.
 
     ``{"geometry.file": {"file", "sha256", "bytes"}}`` for a mesh file; ``{"accuracy": {"edge",
-    "elements_through_cortex"}}`` for bricks, the mesh that the level stands for [mm]; nothing in one dimension.
+    "elements_through_cortex"}}`` for bricks, the mesh that the level stands for [mm], and ``{"geometry.subject":
+    {"subject", "sha256"}}`` if they are a subject's; nothing in one dimension.
 
     Raises
     ------
@@ -64,21 +73,38 @@ def inputs_of(scene: Scene) -> dict[str, dict[str, Any]]:
     if isinstance(scene.geometry, Radial):
         return {}
     if not isinstance(scene.geometry, MeshFile):
-        return {"accuracy": {"edge": scene.edge, "elements_through_cortex": scene.elements_through_cortex}}
+        size = {"accuracy": {"edge": scene.edge, "elements_through_cortex": scene.elements_through_cortex}}
+        return {**size, **_subject_of(scene)}
     path = scene.geometry.path()
     return {"geometry.file": {"file": scene.geometry.file, "sha256": sha256_of(path), "bytes": path.stat().st_size}}
 
 
 def check_inputs(folder: Path, scene: Scene) -> None:
     """Raise unless the mesh of a scene is that with which the run in ``folder`` began; a file byte for byte."""
-    now = inputs_of(scene)
-    if not now:
-        return
-    ((what, mine),) = now.items()
+    for what, mine in inputs_of(scene).items():
+        _check_input(folder, scene, what, mine)
+
+
+def _subject_of(scene: Scene) -> dict[str, dict[str, Any]]:
+    if not isinstance(scene.geometry, UnfoldedCortex):
+        return {}
+    from morphofold.sim.mesh.unfolded_cortex import files_of_cortex
+
+    digests = {what: sha256_of(path) for what, path in files_of_cortex(scene.geometry).items()}
+    return {"geometry.subject": {"subject": scene.geometry.subject, "sha256": digests}}
+
+
+def _check_input(folder: Path, scene: Scene, what: str, mine: dict[str, Any]) -> None:
     path = folder / "inputs.json"
     began = read_json(path, Inputs, f"Delete {folder} {AND_GROW_AGAIN}, or choose another folder.").get(what)
     if began is None:
         raise DamagedFile(f"{path}: has no {what}. Delete {folder} {AND_GROW_AGAIN}, or choose another folder.")
+    if what == "geometry.subject" and began != mine:
+        changed = sorted(name for name in mine["sha256"] if began["sha256"].get(name) != mine["sha256"][name])
+        raise Mismatch(
+            f"{mine['subject']}: its {' and '.join(changed) or 'files'} changed since the run in {folder} began. "
+            "Restore the old files, or choose another folder."
+        )
     if what == "accuracy" and began != mine:
         raise Mismatch(
             f"{folder}: its run began with edges of {began['edge']:g} mm and {began['elements_through_cortex']} "

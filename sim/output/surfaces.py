@@ -2,18 +2,31 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from morphofold.arrays import Array
+from morphofold.arrays import Array, Ints
+from morphofold.io import write_annotation, write_label, write_surface
 from morphofold.sim.body import Body
 from morphofold.surface import Surface
 
 MOST_SWEEPS = 8
+SPHERE_RADIUS_MM = 100.0  # of the spheres that FreeSurfer writes
 
 # Corner opposite to side s (from corner s to s + 1) in the triangle of that side, for diagonals 0-2 and 1-3
 _OPPOSITE_CORNER = np.array([[2, 0, 0, 2], [3, 3, 1, 1]])
+
+
+class Whole(NamedTuple):
+    """Vertices of the closed surfaces: the pial node of each (V,), and the signs of its coordinates (V, 3)."""
+
+    node: Ints
+    sign: Array
 
 
 def whole_surfaces(body: Body, x: Array) -> tuple[Surface, Surface]:
@@ -25,18 +38,42 @@ def whole_surfaces(body: Body, x: Array) -> tuple[Surface, Surface]:
     """
     bilayer, n = body.bilayer, body.n_surface
     faces = bilayer.faces if bilayer.faces.shape[1] == 3 else smooth_diagonals(x[:n], bilayer.faces)
-    pial, white = x[:n], np.asarray(bilayer.white @ x)
-    seam = body.on_plane[:n]
-    for axis in bilayer.mirrored:
-        count = len(pial)
+    whole, faces = _whole(body, faces)
+    white, pial = (part[whole.node] * whole.sign for part in (np.asarray(bilayer.white @ x), x[:n]))
+    return tuple(Surface(part, faces, name=f"{bilayer.hemi}.{name}") for part, name in ((white, "white"), (pial, "pial")))
+
+
+def _whole(body: Body, faces: NDArray[np.int64]) -> tuple[Whole, NDArray[np.int64]]:
+    """The vertices of the whole surfaces, and their faces, from those of the part that is simulated."""
+    seam = body.on_plane[: body.n_surface]
+    whole = Whole(np.arange(body.n_surface), np.ones((body.n_surface, 3)))
+    for axis in body.bilayer.mirrored:
+        count = len(whole.node)
         image = np.arange(count)
-        off = np.flatnonzero(~seam[:, axis])
+        off = np.flatnonzero(~seam[whole.node, axis])
         image[off] = count + np.arange(len(off))
-        sign = np.where(np.arange(3) == axis, -1.0, 1.0)
-        pial, white = np.concatenate([pial, pial[off] * sign]), np.concatenate([white, white[off] * sign])
+        flipped = whole.sign[off] * np.where(np.arange(3) == axis, -1.0, 1.0)
+        whole = Whole(np.concatenate([whole.node, whole.node[off]]), np.concatenate([whole.sign, flipped]))
         faces = np.concatenate([faces, image[faces][:, ::-1]])
-        seam = np.concatenate([seam, seam[off]])
-    return Surface(white, faces, name="lh.white"), Surface(pial, faces, name="lh.pial")
+    return whole, faces
+
+
+def write_labels(folder: Path, body: Body, white: Surface) -> None:
+    """Write what is known of the vertices of a stage with the surface ``white``: ``surf/?h.sphere``,
+    ``label/?h.aparc.annot``, ``label/?h.cortex.label``."""
+    bilayer, hemi = body.bilayer, body.bilayer.hemi
+    whole, _ = _whole(body, bilayer.faces)
+    if bilayer.sphere is not None:
+        points = SPHERE_RADIUS_MM * bilayer.sphere[whole.node] * whole.sign
+        write_surface(folder / "surf" / f"{hemi}.sphere", Surface(points, white.faces, name=f"{hemi}.sphere"))
+    if bilayer.regions is None and bilayer.cortex is None:
+        return
+    (folder / "label").mkdir()
+    if bilayer.regions is not None:
+        regions = replace(bilayer.regions, labels=bilayer.regions.labels[whole.node])
+        write_annotation(folder / "label" / f"{hemi}.aparc.annot", regions)
+    if bilayer.cortex is not None:
+        write_label(folder / "label" / f"{hemi}.cortex.label", bilayer.cortex[whole.node], white.verts)
 
 
 def smooth_diagonals(x: Array, quads: NDArray[np.int64]) -> NDArray[np.int64]:

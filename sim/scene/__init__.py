@@ -9,7 +9,17 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from morphofold.errors import DoesNotApply, NamedTwice, OutOfRange, TooLarge
 from morphofold.sim.scene.effects import read_effects
-from morphofold.sim.scene.geometries import SHAPES, Ellipsoid, Geometry, MeshFile, Patch, Radial, Sphere, Strip
+from morphofold.sim.scene.geometries import (
+    SHAPES,
+    Ellipsoid,
+    Geometry,
+    MeshFile,
+    Patch,
+    Radial,
+    Sphere,
+    Strip,
+    UnfoldedCortex,
+)
 from morphofold.sim.scene.materials import read_material
 from morphofold.sim.scene.tables import Positive, Spot, Table, key
 
@@ -29,6 +39,7 @@ __all__ = [
     "Sphere",
     "Spot",
     "Strip",
+    "UnfoldedCortex",
     "elements_through",
     "in_double",
 ]
@@ -184,22 +195,19 @@ class Scene(Table):
 
     @property
     def cells(self) -> int:
-        """Number of surface cells along a quarter of a great circle of a sphere or ellipsoid; a multiple of 4."""
-        if not isinstance(self.geometry, Sphere | Ellipsoid):
-            raise DoesNotApply(f"{self.name}: cells are counted only on a sphere or an ellipsoid.")
-        return max(4, 4 * math.ceil(0.25 * self._edges_along_a_quarter(self.geometry) - 1e-9))
-
-    def _edges_along_a_quarter(self, body: Sphere | Ellipsoid) -> float:
-        """Edges along a quarter of the longest great circle; infinite if the edge is too small to divide by."""
-        return 0.5 * math.pi * max(body.semi_axes) / self.edge
+        """Number of surface cells along an edge of the cube of a cubed sphere; a multiple of 4."""
+        if not isinstance(self.geometry, Sphere | Ellipsoid | UnfoldedCortex):
+            raise DoesNotApply(f"{self.name}: cells are counted only on a sphere, an ellipsoid or a cortex.")
+        return max(4, 4 * math.ceil(0.25 * self.geometry.quarter / self.edge - 1e-9))
 
     @property
     def bricks(self) -> float:
         """Approximate number of bricks of the body; 0 if morphofold does not mesh it with bricks."""
         geometry, layers = self.geometry, self.elements_through_cortex + 8
-        if isinstance(geometry, Sphere | Ellipsoid):
-            share = {"full": 1.0, "half": 0.5, "quarter": 0.25, "octant": 0.125}[geometry.portion]
-            along = max(4.0, self._edges_along_a_quarter(geometry))
+        if isinstance(geometry, Sphere | Ellipsoid | UnfoldedCortex):
+            portion = getattr(geometry, "portion", "full")
+            share = {"full": 1.0, "half": 0.5, "quarter": 0.25, "octant": 0.125}[portion]
+            along = max(4.0, geometry.quarter / self.edge)
             return 6 * along * along * share * layers
         if isinstance(geometry, Patch):
             return (geometry.size[0] / self.edge) * (geometry.size[1] / self.edge) * layers

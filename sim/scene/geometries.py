@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -9,7 +10,9 @@ from typing import Annotated, Any, Literal
 from pydantic import Discriminator, Tag, model_validator
 
 from morphofold.errors import ImpossibleBody
-from morphofold.sim.scene.tables import Direction, Length, Spot, Table, key
+from morphofold.sim.scene.tables import Direction, Length, SphereMap, Spot, Table, key
+
+LONGEST_OVER_MEAN_EDGE = 1.34  # of the cells on an unfolded cortex (mesh/even_cells.py)
 
 # keys that several bodies share
 Radius = Annotated[Length, key("radius of the outer (pial) surface", "mm")]
@@ -52,6 +55,11 @@ class Sphere(Layers):
         return (self.radius, self.radius, self.radius)
 
     @property
+    def quarter(self) -> float:
+        """Length of a quarter of the longest circle on the pial surface [mm]."""
+        return 0.5 * math.pi * self.radius
+
+    @property
     def hole_share(self) -> float:
         """Size of the hole over that of the outer surface."""
         return self.hole_radius / self.radius
@@ -68,6 +76,11 @@ class Ellipsoid(Layers):
     hole_share: Annotated[float, key("size of the hole over that of the outer surface", gt=0, lt=1)] = 0.5
     portion: Portion = "half"
     thickness_spots: ThicknessSpots = ()
+
+    @property
+    def quarter(self) -> float:
+        """Length of a quarter of a circle of the longest semi-axis [mm]."""
+        return 0.5 * math.pi * max(self.semi_axes)
 
     @model_validator(mode="after")
     def _layers_fit(self) -> Ellipsoid:
@@ -149,14 +162,89 @@ class MeshFile(Layers):
         FileNotFoundError, ValueError
             If there is neither, or if it is not a file.
         """
-        from morphofold.io import sample_path
         from morphofold.io.files import existing_file
 
-        path = Path(self.file)
-        if not path.exists():
-            with suppress(FileNotFoundError):
-                path = sample_path(self.file)
-        return existing_file(path, "tetrahedral mesh")
+        return existing_file(path_or_sample(self.file), "tetrahedral mesh")
+
+
+class UnfoldedCortex(Layers):
+    """A person's cortex before it folded: its white surface, unfolded by heat flow on its sphere, with a cortex under it.
+
+    Lengths are those of a body whose pial surface has the area of a sphere of ``radius``. ``held`` names the part that
+    is held fixed: the wall of the hole, and by default the medial wall, which does not grow either.
+    """
+
+    cortex_thickness: Annotated[
+        Length, key("mean thickness of the cortex before growth; `morphofold unfold` shows the thickest that fits", "mm")
+    ] = 2.5
+    shape: Annotated[Literal["cortex"], key("type of body")]
+    subject: Annotated[
+        str,
+        key(
+            "folder of a FreeSurfer subject, or a file with a closed surface: a path, or one of data_samples",
+            min_length=1,
+        ),
+    ]
+    hemi: Annotated[Literal["lh", "rh"], key("hemisphere, of a subject or of the file")] = "lh"
+    surface: Annotated[str, key("folded surface of a subject, `surf/?h.NAME`", min_length=1)] = "white"
+    sphere: Annotated[
+        str | None,
+        key(
+            "its sphere, `surf/?h.NAME`, or a file if `subject` is one; by default `?h.sphere`, or one is made, which "
+            "takes two minutes for 150,000 vertices"
+        ),
+    ] = None
+    unfold: Annotated[
+        float, key("time of the heat flow on the unit sphere; larger is smoother", ge=0.005, le=0.3)
+    ] = 0.03
+    radius: Annotated[Length, key("of the sphere with the area of the pial surface before growth", "mm")] = 50.0
+    thickness_map: Annotated[
+        SphereMap | None, key("map whose values, over their mean, multiply `cortex_thickness`; at least 0.6, at most 1.5")
+    ] = None
+    hole_share: Annotated[float, key("size of the hole over that of the body", ge=0.05, le=0.6)] = 0.25
+    held: Annotated[
+        Literal["medial wall", "hole"],
+        key("part that is held fixed: the wall of the hole, alone or with the medial wall, which does not grow then"),
+    ] = "medial wall"
+
+    @model_validator(mode="after")
+    def _layers_fit(self) -> UnfoldedCortex:
+        _check_layers(self.radius, self.cortex_thickness, self.hole_share * self.radius, self.hole_share)
+        return self
+
+    @property
+    def semi_axes(self) -> Direction:
+        """Of the sphere of the same area [mm]."""
+        return (self.radius, self.radius, self.radius)
+
+    @property
+    def quarter(self) -> float:
+        """Length of the longest edge times the number of cells along an edge of the cube [mm]."""
+        return LONGEST_OVER_MEAN_EDGE * math.sqrt(4 * math.pi / 6) * self.radius
+
+    def place(self) -> Path:
+        """Path of the subject: the one named, or else the sample of that name.
+
+        Raises
+        ------
+        FileNotFoundError
+            If there is neither.
+        """
+        from morphofold.io.files import existing_file
+
+        place = path_or_sample(self.subject)
+        return place if place.is_dir() else existing_file(place, "folder of a subject or closed surface")
+
+
+def path_or_sample(name: str) -> Path:
+    """The path itself, or if there is nothing the sample of that name, if there is one."""
+    from morphofold.io import sample_path
+
+    path = Path(name)
+    if not path.exists():
+        with suppress(FileNotFoundError):
+            return sample_path(name)
+    return path
 
 
 def _check_layers(radius: float, thickness: float, hole: float, share: float | None = None) -> None:
@@ -180,6 +268,7 @@ SHAPES: dict[str, type[Layers]] = {
     "patch": Patch,
     "strip": Strip,
     "radial": Radial,
+    "cortex": UnfoldedCortex,
     "mesh": MeshFile,
 }
 
@@ -196,6 +285,7 @@ Geometry = Annotated[
     | Annotated[Patch, Tag("patch")]
     | Annotated[Strip, Tag("strip")]
     | Annotated[Radial, Tag("radial")]
+    | Annotated[UnfoldedCortex, Tag("cortex")]
     | Annotated[MeshFile, Tag("mesh")],
     Discriminator(
         _shape_of_table, custom_error_type="shape", custom_error_message=f"must be one of {', '.join(SHAPES)}"

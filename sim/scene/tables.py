@@ -41,6 +41,23 @@ class Spot(Table):
     factor: Annotated[float, key("factor at the centre", gt=0, le=4)]
 
 
+class SphereMap(Table):
+    """A map with a value for each vertex of a sphere; a smooth one is used, of its spherical harmonics up to ``degree``."""
+
+    file: Annotated[
+        str,
+        key(
+            "FreeSurfer or GIFTI file: a path, or one of data_samples; of a subject also a name, `thickness` is "
+            "`surf/?h.thickness`",
+            min_length=1,
+        ),
+    ]
+    sphere: Annotated[
+        str | None, key("sphere of its vertices, registered to that of the body; by default that of the subject")
+    ] = None
+    degree: Annotated[int, key("largest degree of the harmonics: 16 shows what is wider than a tenth of the body", ge=0, le=40)] = 16
+
+
 class MaterialOptions(Table):
     """The table ``[material]`` of a scene, and what the rest of the package needs to know about the material.
 
@@ -85,7 +102,7 @@ class EffectOptions(Table):
         Options, as TOML, that work for a sphere of 50 mm and an octant of it; it is timed with these.
     """
 
-    shapes: ClassVar[tuple[str, ...]] = ("sphere", "ellipsoid", "patch", "strip", "mesh")
+    shapes: ClassVar[tuple[str, ...]] = ("sphere", "ellipsoid", "patch", "strip", "cortex", "mesh")
     theory: ClassVar[bool] = False
     errors_known: ClassVar[bool] = False
     real_time: ClassVar[bool] = False
