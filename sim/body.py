@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any, Protocol
 
 import numpy as np
@@ -70,6 +71,8 @@ class Body:
         Reference positions if they differ from the mesh's (a perturbed body) [mm].
     material : Material
         Material of both layers, each with its own moduli; neo-Hookean by default.
+    stiffness : float or (E,) float64
+        Factor on the moduli of each element.
     single : bool
         Compute the forces of bricks in 32 bits (docs/solver.md, "Single precision"); tetrahedra always use 64.
 
@@ -77,6 +80,8 @@ class Body:
     ----------
     pattern : float or (n_cortex,) float64
         Share of the growth g - 1 of each element of the cortex; 1 unless an effect sets it.
+    changing : list of callable
+        Factors on ``pattern`` that depend on growth: each returns (n_cortex,) at a growth g.
     core_share : float
         Share of the growth of the core, which is isotropic; 0 unless an effect sets it.
     viscosity : float
@@ -107,6 +112,7 @@ class Body:
         X: Array | None = None,
         single: bool = False,
         material: Material = NEO_HOOKEAN,
+        stiffness: Array | float = 1.0,
     ):
         check_law(law)
         if not kappa_ratio > 2:
@@ -117,7 +123,7 @@ class Body:
         self.X: Array = np.ascontiguousarray(mesh.p.T if X is None else X, dtype=np.float64)
         cortex = np.zeros(mesh.nelements, dtype=bool)
         cortex[mesh.subdomains["cortex"]] = True
-        self.mu = np.where(cortex, mu_cortex, mu_core)
+        self.mu = np.where(cortex, mu_cortex, mu_core) * stiffness
         kind: Any
         if isinstance(mesh, MeshHex):
             from morphofold.sim.elements.bricks import Bricks as kind
@@ -136,6 +142,7 @@ class Body:
         self.pattern: float | Array = 1.0
         if bilayer.growing is not None:
             self.pattern = bilayer.growing[mesh.t[:, : elements.n_cortex]].mean(axis=0)
+        self.changing: list[Callable[[float], Array]] = []
         self.core_share = 0.0
         self.growth = 1.0
         self.viscosity = 0.0
@@ -229,7 +236,10 @@ class Body:
 
     def _stretch(self, g: float) -> Array:
         """Growth stretch of each element of the cortex."""
-        return np.broadcast_to(1 + (g - 1) * np.asarray(self.pattern), self.elements.n_cortex)
+        pattern = np.asarray(self.pattern)
+        for factor in self.changing:
+            pattern = pattern * factor(g)
+        return np.broadcast_to(1 + (g - 1) * pattern, self.elements.n_cortex)
 
     def grown_volumes(self) -> Array:
         """Volume of each element of the cortex after free growth: its reference volume times det G [mm^3]."""

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from morphofold.errors import DoesNotApply
+from morphofold.geometry import unit
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect
 from morphofold.sim.mesh.brick_mesh import Bilayer, bilayer_ellipsoid, bilayer_patch, spot_factors
@@ -18,12 +19,8 @@ def build_bilayer(scene: Scene) -> Bilayer:
     """The mesh of a scene's body; raises ``DoesNotApply`` if it has none (a radial scene)."""
     geometry, layers = scene.geometry, scene.elements_through_cortex
     if isinstance(geometry, Sphere | Ellipsoid):
-        thickness: Any = geometry.cortex_thickness
-        if geometry.thickness_spots:
-            spots = [(spot.centre, spot.radius, spot.factor) for spot in geometry.thickness_spots]
-            thickness = lambda pial: geometry.cortex_thickness * spot_factors(pial, spots)
         return bilayer_ellipsoid(
-            geometry.semi_axes, thickness, geometry.hole_share, geometry.portion, scene.cells, layers
+            geometry.semi_axes, _thickness(geometry), geometry.hole_share, geometry.portion, scene.cells, layers
         )
     if isinstance(geometry, Patch):
         return bilayer_patch(geometry.size, geometry.depth, geometry.cortex_thickness, scene.edge, layers)
@@ -40,12 +37,25 @@ def build_bilayer(scene: Scene) -> Bilayer:
     raise DoesNotApply(f"{scene.name}: a {geometry.shape} scene has no mesh.")
 
 
+def _thickness(geometry: Sphere | Ellipsoid) -> Any:
+    """Thickness of the cortex [mm], or a function of it (S,) at pial points (S, 3)."""
+    spots = [(spot.centre, spot.radius, spot.factor) for spot in geometry.thickness_spots]
+    if geometry.thickness_map is None:
+        return (lambda pial: geometry.cortex_thickness * spot_factors(pial, spots)) if spots else geometry.cortex_thickness
+    from morphofold.sim.mesh.sphere_maps import thickness_factor
+
+    factor = thickness_factor(geometry.thickness_map, geometry)
+    direction = lambda pial: unit(pial / np.array(geometry.semi_axes))
+    return lambda pial: geometry.cortex_thickness * factor(direction(pial)) * spot_factors(pial, spots)
+
+
 def build_body(scene: Scene, effects: Sequence[Effect] = (), bilayer: Bilayer | None = None) -> Body:
     """The body of a scene at rest, in the shape that the effects give it; on ``bilayer`` if that is given."""
     bilayer = build_bilayer(scene) if bilayer is None else bilayer
-    X = np.ascontiguousarray(bilayer.mesh.p.T)
+    X, stiffness = np.ascontiguousarray(bilayer.mesh.p.T), np.ones(bilayer.mesh.nelements)
     for effect in effects:
         X = effect.reshape(bilayer, X)
+        stiffness = stiffness * effect.moduli(bilayer)
     material = scene.material
     return Body(
         bilayer,
@@ -56,4 +66,5 @@ def build_body(scene: Scene, effects: Sequence[Effect] = (), bilayer: Bilayer | 
         X=X,
         single=scene.accuracy.precision == "single",
         material=material.build(),
+        stiffness=stiffness,
     )

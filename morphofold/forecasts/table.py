@@ -94,7 +94,7 @@ def not_studied(scene: Scene, edge_over_T: float) -> tuple[str, ...]:
     """
     geometry, (finest, coarsest) = scene.geometry, studied()
     found = {
-        "shape": geometry.shape != "sphere" or bool(getattr(geometry, "thickness_spots", ())),
+        "shape": geometry.shape != "sphere" or bool(geometry.thickness_spots or geometry.thickness_map),
         "law": scene.growth.law != "isotropic",
         "material": not scene.material.errors_known,
         "effects": not all(options.errors_known for options in scene.effects.values()),

@@ -46,6 +46,10 @@ class Effect:
         """Reference positions (N, 3), before the body is built."""
         return X
 
+    def moduli(self, bilayer: Bilayer) -> Array | float:
+        """Factor on the moduli of each element (E,), before the body is built."""
+        return 1.0
+
     def prepare(self, body: Body) -> None:
         """Called once, when the body is built."""
 

@@ -198,7 +198,7 @@ def even_levels(body: Body) -> sparse.csr_matrix | None:
     flat body), and growth is uniform.
     """
     bilayer, X = body.bilayer, body.X
-    if np.ptp(body.pattern) > 0:
+    if np.ptp(body.pattern) > 0 or body.changing:
         return None
     n, count = len(X), -(-len(X) // body.n_surface)
     level = np.arange(n) // body.n_surface

@@ -2,30 +2,31 @@
 
 from __future__ import annotations
 
-import re
-from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from morphofold.arrays import Array, Bools
-from morphofold.errors import Mismatch, MissingPart, NotFinite
+from morphofold.errors import Mismatch, MissingPart, NotFinite, OutOfRange
 from morphofold.geometry import vertex_areas
 from morphofold.io import read_morph, read_surface
 from morphofold.io.files import existing_file
-from morphofold.sim.scene.geometries import path_or_sample
+from morphofold.sim.scene import UnfoldedCortex
+from morphofold.sim.scene.geometries import map_file, path_or_sample
 from morphofold.sim.scene.tables import SphereMap
 from morphofold.unfolding.harmonics import Expansion, fit
 
 PENALTY = 1e-3  # of the harmonics of a map, times l (l + 1): it bounds them where a map has no values
+THINNEST, THICKEST = 0.6, 1.5  # of a cortex with a thickness map, over its mean
 
 
 class SmoothMap(NamedTuple):
-    """A map on the unit sphere: harmonics, and the range of the values that they were fitted to."""
+    """A map on the unit sphere: harmonics, the range of the values that they were fitted to, and their mean."""
 
     shape: Expansion
     least: float
     most: float
+    mean: float
 
     def __call__(self, s: Array) -> Array:
         """Values (P,) at points (P, 3) of the unit sphere, within the range of the map."""
@@ -33,59 +34,59 @@ class SmoothMap(NamedTuple):
 
 
 class Vertices(NamedTuple):
-    """The vertices of a subject: points (N, 3) of the unit sphere, their shares of it (N,), where they are cortex (N,),
-    and the folder with its surfaces and maps, if it has one."""
+    """Vertices of a sphere: points (N, 3) of the unit sphere, and areas (N,) that weight them; 0 where they are not
+    cortex."""
 
     points: Array
     areas: Array
-    cortex: Bools
-    folder: Path | None
-    hemi: str
 
 
-def map_file(table: SphereMap, folder: Path | None, hemi: str) -> Path:
-    """The file of a map; ``folder`` is that of a subject, if there is one."""
-    if folder is not None and re.fullmatch(r"[\w.-]+", table.file):
-        own = folder / "surf" / f"{hemi}.{table.file}"
-        if own.is_file():
-            return own
-    return existing_file(path_or_sample(table.file), "map")
-
-
-def smooth_map(table: SphereMap, own: Vertices | None) -> SmoothMap:
+def read_map(table: SphereMap, geometry: Any) -> SmoothMap:
     """Read a map and smooth it.
-
-    Parameters
-    ----------
-    table : SphereMap
-    own : Vertices or None
-        Those of the subject of the body, on whose sphere the map is unless it names another.
 
     Raises
     ------
     MissingPart
-        If the body has no subject, and the map names no sphere.
+        If the map names no sphere, and the body is not made of a subject with one.
     Mismatch, NotFinite
         If the map does not fit its sphere, or has no values.
     """
-    file = map_file(table, own and own.folder, own.hemi if own else "lh")
-    values = read_morph(file)
+    file = map_file(table, geometry)
     if table.sphere is not None:
-        sphere = read_surface(path_or_sample(table.sphere))
-        length = np.linalg.norm(sphere.verts, axis=1, keepdims=True)
-        points, use = sphere.verts / np.maximum(length, 1e-300), np.ones(len(length), dtype=bool)
-        areas, name = vertex_areas(points, sphere.faces), table.sphere
-    elif own is not None:
-        points, areas, use, name = own.points, own.areas, own.cortex, "the subject"
+        sphere, name = read_surface(existing_file(path_or_sample(table.sphere), "sphere")), table.sphere
+        points = sphere.verts / np.maximum(np.linalg.norm(sphere.verts, axis=1, keepdims=True), 1e-300)
+        vertices = Vertices(points, vertex_areas(points, sphere.faces))
+    elif isinstance(geometry, UnfoldedCortex):
+        from morphofold.sim.mesh.unfolded_cortex import subject_of_cortex
+
+        vertices, name = subject_of_cortex(geometry).vertices(), f"the surface of {geometry.subject}"
     else:
         raise MissingPart(f"{file}: is a map on a sphere, but names none. Add sphere = FILE to its table.")
-    if len(values) != len(points):
+    values = read_morph(file)
+    if len(values) != len(vertices.points):
         raise Mismatch(
-            f"{file} has {len(values):,} values, {name} {len(points):,} vertices: they do not belong together."
+            f"{file}: has {len(values):,} values, {name} {len(vertices.points):,} vertices: they do not belong together."
         )
-    use = use & np.isfinite(values)
+    return smooth_map(values, vertices, table.degree, str(file))
+
+
+def smooth_map(values: Array, vertices: Vertices, degree: int, name: str) -> SmoothMap:
+    """The harmonics of values (N,) up to ``degree``; values that are not finite do not count."""
+    weights = np.where(np.isfinite(values), vertices.areas, 0.0)
+    use = weights > 0
     if not use.any():
-        raise NotFinite(f"{file}: has no finite value where the cortex is.")
-    weights = np.where(use, areas, 0.0)
-    shape = fit(points, np.where(use, values, 0.0)[:, None], weights, table.degree, PENALTY)
-    return SmoothMap(shape, float(values[use].min()), float(values[use].max()))
+        raise NotFinite(f"{name}: has no finite value where the cortex is.")
+    known = np.where(use, values, 0.0)
+    shape = fit(vertices.points, known[:, None], weights, degree, PENALTY)
+    return SmoothMap(shape, float(known[use].min()), float(known[use].max()), float(np.average(known, weights=weights)))
+
+
+def thickness_factor(table: SphereMap, geometry: Any) -> SmoothMap:
+    """Factor on the thickness of the cortex by a map: 1 in the mean, ``THINNEST`` to ``THICKEST``."""
+    found = read_map(table, geometry)
+    if not (found.mean > 0 and found.least >= 0):
+        raise OutOfRange(
+            f"{table.file}: is {found.least:.3g} to {found.most:.3g} where the cortex is; a thickness must be positive."
+        )
+    shape = Expansion(found.shape.coefficients / found.mean)
+    return SmoothMap(shape, max(found.least / found.mean, THINNEST), min(found.most / found.mean, THICKEST), 1.0)

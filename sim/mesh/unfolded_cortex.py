@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -12,21 +12,21 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from morphofold.arrays import Array, Bools, Ints
-from morphofold.errors import MissingPart, OutOfRange
+from morphofold.errors import MissingPart
 from morphofold.geometry import vertex_areas
 from morphofold.io.folded import Folded, folded_files, read_folded
 from morphofold.provenance import sha256_of
 from morphofold.sim.mesh.brick_mesh import Bilayer
 from morphofold.sim.mesh.smooth_body import SmoothBody, smooth_body
-from morphofold.sim.mesh.sphere_maps import Vertices, map_file, smooth_map
-from morphofold.sim.scene.geometries import UnfoldedCortex, path_or_sample
+from morphofold.sim.mesh.sphere_maps import Vertices, thickness_factor
+from morphofold.sim.scene.geometries import UnfoldedCortex, map_files
 from morphofold.unfolding.spheres import sphere_of
 from morphofold.unfolding.unfold import Unfolding, unfold
 
 #: names of regions that are not cortex
 WALL_NAMES = ("unknown", "medial_wall", "medialwall", "corpuscallosum", "???")
 FADE_OVER_RADIUS = 0.12  # distance from the medial wall at which the cortex grows fully, over the radius of the body
-THINNEST, THICKEST = 0.6, 1.5  # of a cortex with a thickness map, over its mean
+_OF_THE_BODY_ONLY = {"held": "hole", "thickness_map": None, "cortex_thickness": 1.0, "hole_share": 0.25}
 
 
 class Subject(NamedTuple):
@@ -36,21 +36,15 @@ class Subject(NamedTuple):
     unfolding: Unfolding
     cortex: Bools
 
-    def vertices(self, folder: Path | None) -> Vertices:
-        points = self.unfolding.points
-        areas = vertex_areas(points, self.folded.surface.faces)
-        return Vertices(points, areas, self.cortex, folder, self.folded.hemi)
+    def vertices(self) -> Vertices:
+        """Its vertices on the sphere, weighted by the area of the smooth surface."""
+        smooth = self.unfolding.smooth()
+        return Vertices(self.unfolding.points, vertex_areas(smooth.verts, smooth.faces) * self.cortex)
 
 
 def files_of_cortex(geometry: UnfoldedCortex) -> dict[str, Path]:
-    """All files that the body of a scene is made of, by content."""
-    place = geometry.place()
-    files = dict(folded_files(place, geometry.hemi, surface=geometry.surface, sphere=geometry.sphere))
-    if geometry.thickness_map is not None:
-        files["thickness_map"] = map_file(geometry.thickness_map, place if place.is_dir() else None, geometry.hemi)
-        if geometry.thickness_map.sphere is not None:
-            files["sphere of thickness_map"] = path_or_sample(geometry.thickness_map.sphere)
-    return files
+    """The files of the subject, by content."""
+    return folded_files(geometry.place(), geometry.hemi, surface=geometry.surface, sphere=geometry.sphere)
 
 
 def bilayer_of_cortex(geometry: UnfoldedCortex, n: int, cortex_layers: int) -> Bilayer:
@@ -65,9 +59,10 @@ def bilayer_of_cortex(geometry: UnfoldedCortex, n: int, cortex_layers: int) -> B
     FileNotFoundError, ValueError
         If the subject cannot be read or unfolded, has no medial wall to hold, or the cortex does not fit.
     """
-    digests = _digests(geometry)
-    subject = subject_of_cortex(geometry)
-    body = _smooth_body(geometry.model_copy(update={"held": "hole"}), digests)
+    subject, files = subject_of_cortex(geometry), files_of_cortex(geometry)
+    if geometry.thickness_map is not None:
+        files |= map_files(geometry.thickness_map, geometry, "thickness_map")
+    body = _smooth_body(geometry.model_copy(update={"held": "hole"}), _digests(files))
     wall = geometry.held == "medial wall"
     if wall and subject.cortex.all():
         raise MissingPart(
@@ -92,12 +87,11 @@ def bilayer_of_cortex(geometry: UnfoldedCortex, n: int, cortex_layers: int) -> B
 
 def subject_of_cortex(geometry: UnfoldedCortex) -> Subject:
     """The hemisphere that a body is made of, as it was read, and what it unfolds to."""
-    plain = geometry.model_copy(update={"held": "hole", "thickness_map": None, "cortex_thickness": 1.0})
-    return _subject(plain, _digests(plain))
+    return _subject(geometry.model_copy(update=_OF_THE_BODY_ONLY), _digests(files_of_cortex(geometry)))
 
 
-def _digests(geometry: UnfoldedCortex) -> tuple[str, ...]:
-    return tuple(sha256_of(path) for path in files_of_cortex(geometry).values())
+def _digests(files: Mapping[str, Path]) -> tuple[str, ...]:
+    return tuple(sha256_of(path) for path in files.values())
 
 
 @lru_cache(maxsize=2)
@@ -110,25 +104,11 @@ def _subject(geometry: UnfoldedCortex, digests: tuple[str, ...]) -> Subject:
 
 @lru_cache(maxsize=2)
 def _smooth_body(geometry: UnfoldedCortex, digests: tuple[str, ...]) -> SmoothBody:
-    subject, T = subject_of_cortex(geometry), geometry.cortex_thickness
-    thickness = T if geometry.thickness_map is None else _mapped_thickness(geometry, subject)
-    return smooth_body(subject.unfolding.surface, thickness, T, geometry.hole_share)
-
-
-def _mapped_thickness(geometry: UnfoldedCortex, subject: Subject) -> Callable[[Array], Array]:
-    """Thickness of the cortex [mm] by a map, with the mean ``cortex_thickness`` over the area of the smooth cortex."""
-    assert geometry.thickness_map is not None
-    place = geometry.place()
-    found = smooth_map(geometry.thickness_map, subject.vertices(place if place.is_dir() else None))
-    smooth = subject.unfolding.smooth()
-    weights = vertex_areas(smooth.verts, smooth.faces) * subject.cortex
-    mean = float(np.average(found(subject.unfolding.points), weights=weights))
-    if not (mean > 0 and found.least >= 0):
-        raise OutOfRange(
-            f"{geometry.thickness_map.file}: is {found.least:.3g} to {found.most:.3g} where the cortex is; a "
-            "thickness must be positive."
-        )
-    return lambda s: geometry.cortex_thickness * np.clip(found(s) / mean, THINNEST, THICKEST)
+    surface, T = subject_of_cortex(geometry).unfolding.surface, geometry.cortex_thickness
+    if geometry.thickness_map is None:
+        return smooth_body(surface, T, T, geometry.hole_share)
+    factor = thickness_factor(geometry.thickness_map, geometry)
+    return smooth_body(surface, lambda s: T * factor(s), T, geometry.hole_share)
 
 
 def _cortex(folded: Folded) -> Bools:

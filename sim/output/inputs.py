@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -32,6 +32,12 @@ class SubjectBytes(Record):
     sha256: dict[str, str]
 
 
+class MapBytes(Record):
+    """The maps that a scene names: SHA-256 by content."""
+
+    sha256: dict[str, str]
+
+
 class MeshSize(Record):
     """Mesh size that a level of accuracy stood for."""
 
@@ -53,6 +59,7 @@ class Inputs(Record):
 
     geometry: Annotated[MeshBytes | None, Field(alias="geometry.file")] = None
     subject: Annotated[SubjectBytes | None, Field(alias="geometry.subject")] = None
+    maps: MapBytes | None = None
     accuracy: MeshSize | None = None
     effects: list[str] = []
     restart: Restart | None = None
@@ -63,7 +70,8 @@ def inputs_of(scene: Scene) -> dict[str, dict[str, Any]]:
 
     ``{"geometry.file": {"file", "sha256", "bytes"}}`` for a mesh file; ``{"accuracy": {"edge",
     "elements_through_cortex"}}`` for bricks, the mesh that the level stands for [mm], and ``{"geometry.subject":
-    {"subject", "sha256"}}`` if they are a subject's; nothing in one dimension.
+    {"subject", "sha256"}}`` if they are a subject's; ``{"maps": {"sha256"}}`` if there are maps; nothing in one
+    dimension.
 
     Raises
     ------
@@ -74,9 +82,10 @@ def inputs_of(scene: Scene) -> dict[str, dict[str, Any]]:
         return {}
     if not isinstance(scene.geometry, MeshFile):
         size = {"accuracy": {"edge": scene.edge, "elements_through_cortex": scene.elements_through_cortex}}
-        return {**size, **_subject_of(scene)}
+        return {**size, **_subject_of(scene), **_maps_of(scene)}
     path = scene.geometry.path()
-    return {"geometry.file": {"file": scene.geometry.file, "sha256": sha256_of(path), "bytes": path.stat().st_size}}
+    file = {"file": scene.geometry.file, "sha256": sha256_of(path), "bytes": path.stat().st_size}
+    return {"geometry.file": file, **_maps_of(scene)}
 
 
 def check_inputs(folder: Path, scene: Scene) -> None:
@@ -90,8 +99,15 @@ def _subject_of(scene: Scene) -> dict[str, dict[str, Any]]:
         return {}
     from morphofold.sim.mesh.unfolded_cortex import files_of_cortex
 
-    digests = {what: sha256_of(path) for what, path in files_of_cortex(scene.geometry).items()}
-    return {"geometry.subject": {"subject": scene.geometry.subject, "sha256": digests}}
+    return {"geometry.subject": {"subject": scene.geometry.subject, "sha256": _digests(files_of_cortex(scene.geometry))}}
+
+
+def _maps_of(scene: Scene) -> dict[str, dict[str, Any]]:
+    return {"maps": {"sha256": _digests(files)}} if (files := scene.map_files) else {}
+
+
+def _digests(files: Mapping[str, Path]) -> dict[str, str]:
+    return {what: sha256_of(path) for what, path in files.items()}
 
 
 def _check_input(folder: Path, scene: Scene, what: str, mine: dict[str, Any]) -> None:
@@ -99,10 +115,10 @@ def _check_input(folder: Path, scene: Scene, what: str, mine: dict[str, Any]) ->
     began = read_json(path, Inputs, f"Delete {folder} {AND_GROW_AGAIN}, or choose another folder.").get(what)
     if began is None:
         raise DamagedFile(f"{path}: has no {what}. Delete {folder} {AND_GROW_AGAIN}, or choose another folder.")
-    if what == "geometry.subject" and began != mine:
+    if what in ("geometry.subject", "maps") and began != mine:
         changed = sorted(name for name in mine["sha256"] if began["sha256"].get(name) != mine["sha256"][name])
         raise Mismatch(
-            f"{mine['subject']}: its {' and '.join(changed) or 'files'} changed since the run in {folder} began. "
+            f"{mine.get('subject', 'maps')}: {' and '.join(changed) or 'a file'} changed since the run in {folder} began. "
             "Restore the old files, or choose another folder."
         )
     if what == "accuracy" and began != mine:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
@@ -19,6 +20,7 @@ from morphofold.sim.scene.geometries import (
     Sphere,
     Strip,
     UnfoldedCortex,
+    map_files,
 )
 from morphofold.sim.scene.materials import read_material
 from morphofold.sim.scene.tables import Positive, Spot, Table, key
@@ -229,8 +231,8 @@ class Scene(Table):
         """Why the theory of the growing sphere does not apply to this scene; empty if it applies."""
         if not isinstance(self.geometry, Sphere | Radial):
             return f"theory is of spheres only; this is of shape {self.geometry.shape}"
-        if getattr(self.geometry, "thickness_spots", ()):
-            return "theory assumes a cortex of one thickness; this one has thickness spots"
+        if getattr(self.geometry, "thickness_spots", ()) or getattr(self.geometry, "thickness_map", None):
+            return "theory assumes a cortex of one thickness; this one has thickness spots or a map"
         if not self.material.theory:
             return "theory assumes a neo-Hookean material"
         unknown = [name for name, options in self.effects.items() if not options.theory]
@@ -240,6 +242,16 @@ class Scene(Table):
     def real_time(self) -> bool:
         """Whether an effect makes time real, so that growth does not wait for equilibrium."""
         return any(options.real_time for options in self.effects.values())
+
+    @property
+    def map_files(self) -> dict[str, Path]:
+        """Files of maps that the scene names, by content."""
+        found: dict[str, Path] = {}
+        if getattr(self.geometry, "thickness_map", None) is not None:
+            found |= map_files(self.geometry.thickness_map, self.geometry, "thickness_map")
+        for options in self.effects.values():
+            found |= options.files(self)
+        return found
 
     @property
     def called_effects(self) -> dict[str, Any]:

@@ -21,6 +21,8 @@ HOOK_ORDER = (
     "notch",
     "core_growth",
     "regional_growth",
+    "growth_map",
+    "stiffness_map",
     "ramp",
     "skull",
     "inertia",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -21,6 +22,10 @@ Depth = Annotated[Length, key("depth of cortex and core together; the base is he
 Portion = Annotated[
     Literal["full", "half", "quarter", "octant"],
     key("simulated part, cut by symmetry planes; output is mirrored to the whole body"),
+]
+ThicknessMap = Annotated[
+    SphereMap | None,
+    key("map whose values, over their mean, multiply `cortex_thickness`; the factor is kept within 0.6 and 1.5"),
 ]
 ThicknessSpots = Annotated[
     tuple[Spot, ...], key("regions of another thickness; their factors multiply `cortex_thickness`", strict=False)
@@ -44,6 +49,7 @@ class Sphere(Layers):
     hole_radius: HoleRadius = 25.0
     portion: Portion = "half"
     thickness_spots: ThicknessSpots = ()
+    thickness_map: ThicknessMap = None
 
     @model_validator(mode="after")
     def _layers_fit(self) -> Sphere:
@@ -76,6 +82,7 @@ class Ellipsoid(Layers):
     hole_share: Annotated[float, key("size of the hole over that of the outer surface", gt=0, lt=1)] = 0.5
     portion: Portion = "half"
     thickness_spots: ThicknessSpots = ()
+    thickness_map: ThicknessMap = None
 
     @property
     def quarter(self) -> float:
@@ -198,9 +205,7 @@ class UnfoldedCortex(Layers):
         float, key("time of the heat flow on the unit sphere; larger is smoother", ge=0.005, le=0.3)
     ] = 0.03
     radius: Annotated[Length, key("of the sphere with the area of the pial surface before growth", "mm")] = 50.0
-    thickness_map: Annotated[
-        SphereMap | None, key("map whose values, over their mean, multiply `cortex_thickness`; at least 0.6, at most 1.5")
-    ] = None
+    thickness_map: ThicknessMap = None
     hole_share: Annotated[float, key("size of the hole over that of the body", ge=0.05, le=0.6)] = 0.25
     held: Annotated[
         Literal["medial wall", "hole"],
@@ -245,6 +250,25 @@ def path_or_sample(name: str) -> Path:
         with suppress(FileNotFoundError):
             return sample_path(name)
     return path
+
+
+def map_files(table: SphereMap, geometry: Any, name: str) -> dict[str, Path]:
+    """The files of a map, by content; ``geometry`` is that of the scene."""
+    from morphofold.io.files import existing_file
+
+    spheres = {} if table.sphere is None else {f"sphere of {name}": existing_file(path_or_sample(table.sphere), "sphere")}
+    return {name: map_file(table, geometry), **spheres}
+
+
+def map_file(table: SphereMap, geometry: Any) -> Path:
+    """The file of a map: that of the subject, ``surf/?h.NAME``, or a path, or a sample."""
+    from morphofold.io.files import existing_file
+
+    if isinstance(geometry, UnfoldedCortex) and re.fullmatch(r"[\w.-]+", table.file):
+        own = geometry.place() / "surf" / f"{geometry.hemi}.{table.file}"
+        if own.is_file():
+            return own
+    return existing_file(path_or_sample(table.file), "map")
 
 
 def _check_layers(radius: float, thickness: float, hole: float, share: float | None = None) -> None:

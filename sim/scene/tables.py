@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -109,6 +110,10 @@ class EffectOptions(Table):
     at_onset: ClassVar[bool] = True
     counted: ClassVar[str] = ""
     example: ClassVar[str] = "{}"
+
+    def files(self, scene: Any) -> dict[str, Path]:
+        """The files that it reads, by content."""
+        return {}
 
     def check(self, scene: Any) -> None:
         """Raise ``ValueError`` if it does not fit the rest of the ``Scene``."""

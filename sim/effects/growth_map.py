@@ -1,0 +1,103 @@
+"""Growth by a map: the cortex grows more or less from place to place, as a file says."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+
+from morphofold.arrays import Array
+from morphofold.errors import DoesNotApply, OutOfRange
+from morphofold.shapes import even_directions
+from morphofold.sim.body import Body
+from morphofold.sim.effects import Effect
+from morphofold.sim.mesh.maps_at_nodes import MapAtNodes
+from morphofold.sim.scene.tables import EffectOptions, SphereMap, key
+
+if TYPE_CHECKING:
+    from morphofold.sim.scene import Scene
+
+LARGEST_FACTOR = 8.0
+PLACES = 2000  # on the sphere at which a map is looked at
+
+
+class Options(SphereMap, EffectOptions):
+    """A map of the growth. ``values = "factor"``: of the factor on the growth g - 1.
+
+    ``values = "area ratio"``: of the area of the cortex at the final growth, over its area before, up to a factor; the
+    mean over the body is that of uniform growth. With ``file = "area_ratio"`` it is the subject's own: the area of the
+    folded surface over that of the unfolded one. A place that has less area than before does not grow.
+
+    ``curve``: points (g, weight); between them the weight is linear. 0 is uniform growth, 1 is that of the map, which
+    is the default at any g.
+    """
+
+    shapes = ("sphere", "ellipsoid", "cortex", "mesh")
+    counted = "within grow"
+    example = '{file = "fsaverage5/surf/lh.thickness", sphere = "fsaverage5/surf/lh.sphere", curve = [[1, 0], [2, 0.2]]}'
+
+    values: Annotated[
+        Literal["factor", "area ratio"],
+        key("what the map gives: the factor on the growth g - 1, or the final area over the first, up to a factor"),
+    ] = "factor"
+    curve: Annotated[
+        tuple[Annotated[tuple[float, Annotated[float, Field(ge=0, le=1)]], Field(strict=False)], ...],
+        key("points (g, weight of the map): 0 is uniform growth, 1, the default, that of the map", strict=False),
+    ] = ()
+
+    def check(self, scene: Scene) -> None:
+        growths = [g for g, _ in self.curve]
+        if sorted(set(growths)) != growths:
+            raise OutOfRange("effects.growth_map.curve: growths must rise from point to point")
+        if self.values == "area ratio" and scene.growth.final == 1:
+            raise DoesNotApply("effects.growth_map: a map of area ratios needs growth: growth.final is 1")
+
+    def files(self, scene: Scene) -> dict[str, Path]:
+        return MapAtNodes(self, scene.geometry, "growth_map").files
+
+    def first_wrinkles(self, growth: float, scene: Scene) -> float:
+        """Growth g at which the place that grows most reaches ``growth``."""
+        found = MapAtNodes(self, scene.geometry, "growth_map")
+        if found.on_sphere is None:
+            return growth
+        factor = GrowthMap(found, self, scene).factors(found.on_sphere(even_directions(PLACES)))
+        weight = float(np.interp(growth, *zip(*self.curve))) if self.curve else 1.0
+        return 1 + (growth - 1) / max(1.0, 1 + weight * (float(factor.max()) - 1))
+
+
+def build(options: Options, scene: Scene) -> GrowthMap:
+    return GrowthMap(MapAtNodes(options, scene.geometry, "growth_map"), options, scene)
+
+
+class GrowthMap(Effect):
+    """Multiplies the growth g - 1 of each element of the cortex by a factor from a map, whose weight may change."""
+
+    name = "growth_map"
+
+    def __init__(self, found: MapAtNodes, options: Options, scene: Scene):
+        self._map, self._curve = found, options.curve
+        self._final = scene.growth.final if options.values == "area ratio" else None
+        self._name = options.file
+
+    def factors(self, values: Array) -> Array:
+        """Factors on the growth from values of the map, which are ratios of areas or factors themselves."""
+        if self._final is not None:
+            stretch = self._final * np.sqrt(np.maximum(values, 0) / self._map.mean)
+            values = np.maximum((stretch - 1) / (self._final - 1), 0.0)
+        if not (np.isfinite(values).all() and values.min() >= 0 and values.max() <= LARGEST_FACTOR):
+            raise OutOfRange(
+                f"{self._name}: makes factors of {np.nanmin(values):.3g} to {np.nanmax(values):.3g} on the growth g - 1; "
+                f"they must be 0 to {LARGEST_FACTOR:g}."
+            )
+        return values
+
+    def prepare(self, body: Body) -> None:
+        corners = body.bilayer.mesh.t[:, : body.elements.n_cortex]
+        factor = self.factors(self._map.at(body.bilayer))[corners].mean(axis=0)
+        if not self._curve:
+            body.pattern = body.pattern * factor
+            return
+        growths, weights = zip(*self._curve)
+        body.changing.append(lambda g: 1 + float(np.interp(g, growths, weights)) * (factor - 1))

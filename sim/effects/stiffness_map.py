@@ -1,0 +1,55 @@
+"""Stiffness by a map: the cortex is stiffer or softer from place to place, as a file says."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from morphofold.arrays import Array
+from morphofold.errors import OutOfRange
+from morphofold.sim.effects import Effect
+from morphofold.sim.mesh.brick_mesh import Bilayer
+from morphofold.sim.mesh.maps_at_nodes import MapAtNodes
+from morphofold.sim.scene.tables import EffectOptions, SphereMap
+
+if TYPE_CHECKING:
+    from morphofold.sim.scene import Scene
+
+LEAST_FACTOR, LARGEST_FACTOR = 0.1, 10.0
+
+
+class Options(SphereMap, EffectOptions):
+    """A map of factors on the moduli of the cortex, 0.1 to 10."""
+
+    shapes = ("sphere", "ellipsoid", "cortex", "mesh")
+    counted = "once, when the body is built"
+    example = '{file = "fsaverage5/surf/lh.thickness", sphere = "fsaverage5/surf/lh.sphere"}'
+
+    def files(self, scene: Scene) -> dict[str, Path]:
+        return MapAtNodes(self, scene.geometry, "stiffness_map").files
+
+
+def build(options: Options, scene: Scene) -> StiffnessMap:
+    return StiffnessMap(MapAtNodes(options, scene.geometry, "stiffness_map"), options.file)
+
+
+class StiffnessMap(Effect):
+    """Multiplies the moduli of each element of the cortex by a factor from a map."""
+
+    name = "stiffness_map"
+
+    def __init__(self, found: MapAtNodes, name: str):
+        self._map, self._name = found, name
+
+    def moduli(self, bilayer: Bilayer) -> Array:
+        mesh, values = bilayer.mesh, self._map.at(bilayer)
+        factor, cortex = np.ones(mesh.nelements), mesh.subdomains["cortex"]
+        factor[cortex] = values[mesh.t[:, cortex]].mean(axis=0)
+        if not (factor.min() >= LEAST_FACTOR and factor.max() <= LARGEST_FACTOR):
+            raise OutOfRange(
+                f"{self._name}: makes the cortex {np.nanmin(factor):.3g} to {np.nanmax(factor):.3g} times as stiff; "
+                f"factors must be {LEAST_FACTOR:g} to {LARGEST_FACTOR:g}."
+            )
+        return factor
