@@ -136,7 +136,8 @@ class Columns(Rows):
 
 def _bricks_by_layer(corners: Ints, n_nodes: int) -> Ints:
     """The bricks (layers, columns) below each other, from the surface down; columns in the order of their bricks."""
-    upper, lower = (corners[:, k] * n_nodes + corners[:, 6 + k] for k in (1, 0))  # a face by two opposite corners
+    wide = corners.astype(np.int64)  # scikit-fem numbers nodes in 32 bits: their products would overflow
+    upper, lower = (wide[:, k] * n_nodes + wide[:, 6 + k] for k in (1, 0))  # a face by two opposite corners
     order = np.argsort(upper)
     found = [np.flatnonzero(~np.isin(upper, lower))]
     while len(found) * len(found[0]) < len(corners):

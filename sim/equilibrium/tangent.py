@@ -161,7 +161,7 @@ class Tangent:
 
     def __init__(self, body: Body):
         self.body = body
-        nodes = np.concatenate([part.nodes for part in points(body)])
+        nodes = np.concatenate([part.nodes for part in points(body)]).astype(np.int64)  # products of 32 bits overflow
         n, k = len(body.X), nodes.shape[1]
         inside = (np.repeat(nodes, k, axis=1) * n + np.tile(nodes, (1, k))).ravel()
         wide = [self._filter(axis) for axis in range(3)]
