@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from morphofold.arrays import Array
 from morphofold.sim.body import Body
+from morphofold.sim.mesh.mirroring import mirror
 from morphofold.surface import Surface
 
 MOST_SWEEPS = 8
@@ -19,24 +20,15 @@ _OPPOSITE_CORNER = np.array([[2, 0, 0, 2], [3, 3, 1, 1]])
 def whole_surfaces(body: Body, x: Array) -> tuple[Surface, Surface]:
     """Closed white and pial surfaces of the body at positions ``x`` (N, 3), with the same faces [mm].
 
-    A part of a sphere is mirrored at its symmetry planes; both halves share the nodes on a plane. Each quad is split
+    A part of a body is mirrored at its symmetry planes; both halves share the nodes on a plane. Each quad is split
     along the diagonal that bends the pial surface least (see :func:`smooth_diagonals`). A fixed diagonal would make
     saw-teeth on walls that run along the other diagonal.
     """
     bilayer, n = body.bilayer, body.n_surface
     faces = bilayer.faces if bilayer.faces.shape[1] == 3 else smooth_diagonals(x[:n], bilayer.faces)
-    pial, white = x[:n], np.asarray(bilayer.white @ x)
-    seam = body.on_plane[:n]
-    for axis in bilayer.mirrored:
-        count = len(pial)
-        image = np.arange(count)
-        off = np.flatnonzero(~seam[:, axis])
-        image[off] = count + np.arange(len(off))
-        sign = np.where(np.arange(3) == axis, -1.0, 1.0)
-        pial, white = np.concatenate([pial, pial[off] * sign]), np.concatenate([white, white[off] * sign])
-        faces = np.concatenate([faces, image[faces][:, ::-1]])
-        seam = np.concatenate([seam, seam[off]])
-    return Surface(white, faces, name="lh.white"), Surface(pial, faces, name="lh.pial")
+    whole = mirror(faces, body.on_plane[:n], [plane for plane in bilayer.planes if plane.axis in bilayer.mirrored])
+    white, pial = (whole.positions(part) for part in (np.asarray(bilayer.white @ x), x[:n]))
+    return Surface(white, whole.faces, name="lh.white"), Surface(pial, whole.faces, name="lh.pial")
 
 
 def smooth_diagonals(x: Array, quads: NDArray[np.int64]) -> NDArray[np.int64]:
