@@ -16,7 +16,7 @@ from morphofold.errors import (
     WrongShape,
 )
 from morphofold.shapes import icosphere
-from morphofold.sim.mesh import tetmesh
+from morphofold.sim.mesh import tet_files
 from morphofold.sim.mesh.from_file import bilayer_from_file
 from morphofold.sim.mesh.streamlines import _containing_tetrahedron, descend
 from morphofold.sim.mesh.tetmesh import read_tets
@@ -368,7 +368,7 @@ def test_files_that_hold_no_tetrahedra_are_refused(tmp_path, monkeypatch):
     write(tmp_path / "far.vtu", np.where(points == points.max(), 1e200, points), tets)
     for name, kind, named in (
         ("hex.vtu", WrongFile, r"\b1 hexahedron\b"),
-        ("tri.vtu", WrongFile, r"\b1,680 triangle\b"),
+        ("tri.vtu", WrongFile, r"\b1,680 triangles\b"),
         ("cut.vtu", ValueError, r"cut\.vtu: "),
         ("a.stuff", WrongFile, r"'\.stuff'"),
         ("far.vtu", OutOfRange, r"\b1e\+200 mm\b.*\b1e\+06\b"),
@@ -377,6 +377,6 @@ def test_files_that_hold_no_tetrahedra_are_refused(tmp_path, monkeypatch):
             bilayer(tmp_path / name)
     with pytest.raises(FileNotFoundError, match=r"\bb\.vtu: "):
         bilayer(tmp_path / "b.vtu")
-    monkeypatch.setattr(tetmesh, "MOST_BRICKS", 1000)
+    monkeypatch.setattr(tet_files, "MOST_BRICKS", 1000)
     with pytest.raises(TooLarge, match=r"\b1,680\b.*\b1,000\b"):
         bilayer(tmp_path / "a.vtu")

@@ -237,8 +237,8 @@ class Scene(Table):
     def called_effects(self) -> dict[str, Any]:
         """Options of the effects that run, by name: those of the scene, and those that the geometry adds."""
         called: dict[str, Any] = dict(self.effects)
-        planes = isinstance(self.geometry, Patch | Strip) or getattr(self.geometry, "portion", "full") != "full"
-        if planes and "contact" in called:
+        part = getattr(self.geometry, "portion", "full") != "full" or getattr(self.geometry, "symmetry", ())
+        if (part or isinstance(self.geometry, Patch | Strip)) and "contact" in called:
             called["symmetry"] = None
         if isinstance(self.geometry, Strip):
             called["plane_strain"] = None
