@@ -1,6 +1,7 @@
 import meshio
 import numpy as np
 import pytest
+from made_octants import HOLE, R, T, tets_between
 from skfem import MeshTet
 
 from morphofold.errors import (
@@ -21,21 +22,6 @@ from morphofold.sim.mesh.from_file import bilayer_from_file
 from morphofold.sim.mesh.streamlines import _containing_tetrahedron, descend
 from morphofold.sim.mesh.tetmesh import read_tets
 from morphofold.sim.scene import MeshFile
-
-R, HOLE, T = 50.0, 25.0, 6.0
-
-
-def tets_between(spheres, faces):
-    """Points and conforming tetrahedra of layers of prisms between surfaces (L, S, 3) with the same faces."""
-    a, b, c = np.sort(faces, axis=1).T  # each prism is cut by the order of its columns
-    S, tets = len(spheres[0]), []
-    for k in range(len(spheres) - 1):
-        o, u = k * S, (k + 1) * S
-        tets += [
-            np.stack(t, axis=1)
-            for t in ((o + a, o + b, o + c, u + c), (o + a, o + b, u + b, u + c), (o + a, u + a, u + b, u + c))
-        ]
-    return np.concatenate(spheres), np.concatenate(tets)
 
 
 def shell(level=3, stretch=(1.0, 1.0, 1.0), thickness=T):

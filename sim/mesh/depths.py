@@ -11,7 +11,7 @@ from morphofold.arrays import Array, Bools, Ints
 
 
 class Nearest(NamedTuple):
-    """For points (P, 3): distance to a sheet (P,), its nearest point and normal there (P, 3), value of its map there."""
+    """For points (P, 3): distance to a sheet (P,), nearest point and normal there (P, 3), value of a map there."""
 
     distance: Array
     foot: Array

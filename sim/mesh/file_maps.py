@@ -1,4 +1,4 @@
-"""What maps and labels of a file of tetrahedra say: the nodes that are held, the thickness of the cortex, its regions."""
+"""What maps and labels of a file of tetrahedra say: held nodes, thickness of the cortex, regions."""
 
 from __future__ import annotations
 

@@ -118,7 +118,8 @@ def read_tets(geometry: MeshFile) -> TetMesh:
     in_plane = body.in_plane(boundary)
     rest = boundary[~in_plane]
     whole = mirror(rest, body.on_plane, planes)
-    outer, enclosed = _outer_sheet(name, whole.positions(points), whole.faces)
+    called = f"{name} (mirrored)" if planes else name
+    outer, enclosed = _outer_sheet(called, whole.positions(points), whole.faces)
     filled = 2 ** len(planes) * float(np.abs(_six_volumes(points, tets)).sum()) / 6
     if abs(filled - enclosed) > 1e-6 * filled:  # two neighbours are on the same side of their face
         raise BadMesh(
@@ -150,8 +151,8 @@ def _labelled_faces(geometry: MeshFile, body: TetMesh, faces: Ints, sheet: Ints)
         )
     if not (~cut & (sheet == PIAL)).any():
         raise NoCortex(
-            f"{name}: all {cut.sum():,} faces of the outer surface are cut (geometry.{key}), so there is no cortex; give "
-            "fewer labels."
+            f"{name}: all {cut.sum():,} faces of the outer surface are cut (geometry.{key}), so there is no cortex; "
+            "give fewer labels."
         )
     return cut
 
