@@ -1,6 +1,7 @@
 import meshio
 import numpy as np
 import pytest
+import pyvista
 from made_octants import HOLE, R, T, tets_between
 from skfem import MeshTet
 
@@ -16,12 +17,14 @@ from morphofold.errors import (
     WrongFile,
     WrongShape,
 )
+from morphofold.io import write_surface
 from morphofold.shapes import icosphere
 from morphofold.sim.mesh import tet_files
 from morphofold.sim.mesh.from_file import bilayer_from_file
 from morphofold.sim.mesh.streamlines import _containing_tetrahedron, descend
 from morphofold.sim.mesh.tetmesh import read_tets
 from morphofold.sim.scene import MeshFile
+from morphofold.surface import Surface
 
 
 def shell(level=3, stretch=(1.0, 1.0, 1.0), thickness=T):
@@ -366,3 +369,16 @@ def test_files_that_hold_no_tetrahedra_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(tet_files, "MOST_BRICKS", 1000)
     with pytest.raises(TooLarge, match=r"\b1,680\b.*\b1,000\b"):
         bilayer(tmp_path / "a.vtu")
+
+
+@pytest.mark.parametrize("name", ["lh.white", "a.gii", "a.stl", "a.ply", "a.obj", "a.off", "a.vtk", "a.vtp", "a.vtu"])
+def test_a_surface_is_refused_and_the_shape_and_the_command_for_it_are_named(tmp_path, name):
+    write_surface(tmp_path / name, Surface(*icosphere(1)))
+    with pytest.raises(WrongFile, match=rf"{name}: .*geometry\.shape = 'cortex'.*\bsubject\b.*`morphofold unfold`"):
+        bilayer(tmp_path / name)
+
+
+def test_polygons_of_vtk_are_a_surface_though_they_end_like_a_mesh(tmp_path):
+    pyvista.Sphere().save(tmp_path / "a.vtk")
+    with pytest.raises(WrongFile, match=r"geometry\.shape = 'cortex'"):
+        bilayer(tmp_path / "a.vtk")

@@ -125,9 +125,10 @@ def read_tet_file(geometry: MeshFile) -> TetFile:
 
     name = geometry.file
     path = geometry.path()
-    if not path.name.lower().endswith(tuple(meshio.extension_to_filetypes)):
-        if is_surface(path):
-            raise WrongFile(_is_surface_text(name))
+    readable = path.name.lower().endswith(tuple(meshio.extension_to_filetypes))
+    if _holds_polygons(path) if readable else is_surface(path):
+        raise WrongFile(_is_surface_text(name))
+    if not readable:
         raise WrongFile(
             f"{name}: meshio can't read files that end in {path.suffix!r}; convert it, for example to .vtu."
         )
@@ -164,6 +165,12 @@ def read_tet_file(geometry: MeshFile) -> TetFile:
         named = f"{tets.min()} to {tets.max()}"
         raise DamagedFile(f"{name}: tetrahedra use points {named} of 0 to {len(points) - 1}. Repair the mesh.")
     return TetFile(name, points, tets, mesh)
+
+
+def _holds_polygons(path: Path) -> bool:
+    """Whether a file is VTK's format of surfaces, whose name ends like that of its meshes."""
+    with path.open("rb") as file:
+        return b"DATASET POLYDATA" in file.read(1024)
 
 
 def _is_surface_text(name: str, holds: str = "") -> str:
