@@ -18,25 +18,22 @@ class Whole(NamedTuple):
     ----------
     faces : (F, k) int
         Images have the reverse order of corners.
-    origin : (V,) int
-        The vertex of the part of which each is the image; ``values[origin]`` are its values.
-    flipped : (V, 3) bool
-        Axes along which it is mirrored.
-    planes : tuple of Plane
+    node : (V,) int
+        The vertex of the part of which each is the image; ``values[node]`` are its values.
+    sign : (V, 3) float64
+        -1 along the axes at whose planes it is mirrored, else 1.
+    shift : (3,) float64
+        Twice the coordinates of the planes [mm].
     """
 
     faces: Ints
-    origin: Ints
-    flipped: Bools
-    planes: tuple[Plane, ...]
+    node: Ints
+    sign: Array
+    shift: Array
 
     def positions(self, x: Array) -> Array:
         """Positions (V, 3) of the whole from those of the part [mm]."""
-        found = x[self.origin]
-        for plane in self.planes:
-            there = self.flipped[:, plane.axis]
-            found[there, plane.axis] = 2 * plane.at - found[there, plane.axis]
-        return found
+        return x[self.node] * self.sign + np.where(self.sign < 0, self.shift, 0.0)
 
 
 def mirror(faces: Ints, on_plane: Bools, planes: Sequence[Plane]) -> Whole:
@@ -44,13 +41,14 @@ def mirror(faces: Ints, on_plane: Bools, planes: Sequence[Plane]) -> Whole:
 
     ``on_plane`` (N, 3): whether a vertex of the part lies on the plane of each axis.
     """
-    origin, flipped = np.arange(len(on_plane)), np.zeros(on_plane.shape, dtype=bool)
-    for axis, _, _ in planes:
-        off = np.flatnonzero(~on_plane[origin, axis])
-        image = np.arange(len(origin))
-        image[off] = len(origin) + np.arange(len(off))
-        across = flipped[off]
-        across[:, axis] = True
-        origin, flipped = np.concatenate([origin, origin[off]]), np.concatenate([flipped, across])
+    node, sign, shift = np.arange(len(on_plane)), np.ones(on_plane.shape), np.zeros(3)
+    for axis, at, _ in planes:
+        off = np.flatnonzero(~on_plane[node, axis])
+        image = np.arange(len(node))
+        image[off] = len(node) + np.arange(len(off))
+        flipped = sign[off]
+        flipped[:, axis] = -1
+        node, sign = np.concatenate([node, node[off]]), np.concatenate([sign, flipped])
         faces = np.concatenate([faces, image[faces][:, ::-1]])
-    return Whole(faces, origin, flipped, tuple(planes))
+        shift[axis] = 2 * at
+    return Whole(faces, node, sign, shift)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from morphofold.arrays import Array
 from morphofold.sim.body import Body
-from morphofold.sim.mesh.mirroring import mirror
+from morphofold.sim.mesh.mirroring import Whole, mirror
 from morphofold.surface import Surface
 
 MOST_SWEEPS = 8
@@ -26,9 +26,15 @@ def whole_surfaces(body: Body, x: Array) -> tuple[Surface, Surface]:
     """
     bilayer, n = body.bilayer, body.n_surface
     faces = bilayer.faces if bilayer.faces.shape[1] == 3 else smooth_diagonals(x[:n], bilayer.faces)
-    whole = mirror(faces, body.on_plane[:n], [plane for plane in bilayer.planes if plane.axis in bilayer.mirrored])
+    whole = _whole(body, faces)
     white, pial = (whole.positions(part) for part in (np.asarray(bilayer.white @ x), x[:n]))
     return Surface(white, whole.faces, name="lh.white"), Surface(pial, whole.faces, name="lh.pial")
+
+
+def _whole(body: Body, faces: NDArray[np.int64]) -> Whole:
+    """The vertices and faces of the whole surfaces, from faces of the part that is simulated."""
+    planes = [plane for plane in body.bilayer.planes if plane.axis in body.bilayer.mirrored]
+    return mirror(faces, body.on_plane[: body.n_surface], planes)
 
 
 def smooth_diagonals(x: Array, quads: NDArray[np.int64]) -> NDArray[np.int64]:
