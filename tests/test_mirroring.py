@@ -168,6 +168,19 @@ def test_axes_are_x_y_and_z_each_once():
             load_scene("mesh", [f"geometry.symmetry={letters}"])
 
 
+def test_a_label_of_the_cortex_goes_with_planes(tmp_path):
+    points, tets = octant()
+    layer = (np.arange(len(tets)) < 3 * len(tets) / 7).astype(np.int64)  # three of seven layers
+    path = written(tmp_path / "a.vtu", points, tets, cell_data={"layer": layer})
+    cut = ("x", "y", "z")
+    by_label, by_depth = bilayer(path, symmetry=cut, label="layer"), bilayer(path, symmetry=cut)
+    assert np.array_equal(by_label.mesh.t, by_depth.mesh.t)
+    np.testing.assert_allclose(by_label.share, by_depth.share, atol=0.05)
+    whites = [b.white @ b.mesh.p.T for b in (by_label, by_depth)]
+    assert np.linalg.norm(whites[0] - whites[1], axis=1).max() < 0.05 * T
+    assert np.array_equal(whites[0] == 0, by_label.mesh.p.T[: by_label.n_surface] == 0)  # exactly in the planes
+
+
 def box():
     """A box of 10 x 10 x 10 mm with a core, flat at all ends."""
     from skfem import MeshTet
