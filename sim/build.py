@@ -41,7 +41,9 @@ def _thickness(geometry: Sphere | Ellipsoid) -> Any:
     """Thickness of the cortex [mm], or a function of it (S,) at pial points (S, 3)."""
     spots = [(spot.centre, spot.radius, spot.factor) for spot in geometry.thickness_spots]
     if geometry.thickness_map is None:
-        return (lambda pial: geometry.cortex_thickness * spot_factors(pial, spots)) if spots else geometry.cortex_thickness
+        return (
+            (lambda pial: geometry.cortex_thickness * spot_factors(pial, spots)) if spots else geometry.cortex_thickness
+        )
     from morphofold.sim.mesh.sphere_maps import thickness_factor
 
     factor = thickness_factor(geometry.thickness_map, geometry)

@@ -1,6 +1,8 @@
 import meshio
 import numpy as np
 import pytest
+import pyvista
+from made_octants import HOLE, R, T, tets_between
 from skfem import MeshTet
 
 from morphofold.errors import (
@@ -15,27 +17,14 @@ from morphofold.errors import (
     WrongFile,
     WrongShape,
 )
+from morphofold.io import write_surface
 from morphofold.shapes import icosphere
-from morphofold.sim.mesh import tetmesh
+from morphofold.sim.mesh import tet_files
 from morphofold.sim.mesh.from_file import bilayer_from_file
 from morphofold.sim.mesh.streamlines import _containing_tetrahedron, descend
 from morphofold.sim.mesh.tetmesh import read_tets
 from morphofold.sim.scene import MeshFile
-
-R, HOLE, T = 50.0, 25.0, 6.0
-
-
-def tets_between(spheres, faces):
-    """Points and conforming tetrahedra of layers of prisms between surfaces (L, S, 3) with the same faces."""
-    a, b, c = np.sort(faces, axis=1).T  # each prism is cut by the order of its columns
-    S, tets = len(spheres[0]), []
-    for k in range(len(spheres) - 1):
-        o, u = k * S, (k + 1) * S
-        tets += [
-            np.stack(t, axis=1)
-            for t in ((o + a, o + b, o + c, u + c), (o + a, o + b, u + b, u + c), (o + a, u + a, u + b, u + c))
-        ]
-    return np.concatenate(spheres), np.concatenate(tets)
+from morphofold.surface import Surface
 
 
 def shell(level=3, stretch=(1.0, 1.0, 1.0), thickness=T):
@@ -368,7 +357,7 @@ def test_files_that_hold_no_tetrahedra_are_refused(tmp_path, monkeypatch):
     write(tmp_path / "far.vtu", np.where(points == points.max(), 1e200, points), tets)
     for name, kind, named in (
         ("hex.vtu", WrongFile, r"\b1 hexahedron\b"),
-        ("tri.vtu", WrongFile, r"\b1,680 triangle\b"),
+        ("tri.vtu", WrongFile, r"\b1,680 triangles\b"),
         ("cut.vtu", ValueError, r"cut\.vtu: "),
         ("a.stuff", WrongFile, r"'\.stuff'"),
         ("far.vtu", OutOfRange, r"\b1e\+200 mm\b.*\b1e\+06\b"),
@@ -377,6 +366,19 @@ def test_files_that_hold_no_tetrahedra_are_refused(tmp_path, monkeypatch):
             bilayer(tmp_path / name)
     with pytest.raises(FileNotFoundError, match=r"\bb\.vtu: "):
         bilayer(tmp_path / "b.vtu")
-    monkeypatch.setattr(tetmesh, "MOST_BRICKS", 1000)
+    monkeypatch.setattr(tet_files, "MOST_BRICKS", 1000)
     with pytest.raises(TooLarge, match=r"\b1,680\b.*\b1,000\b"):
         bilayer(tmp_path / "a.vtu")
+
+
+@pytest.mark.parametrize("name", ["lh.white", "a.gii", "a.stl", "a.ply", "a.obj", "a.off", "a.vtk", "a.vtp", "a.vtu"])
+def test_a_surface_is_refused_and_the_shape_and_the_command_for_it_are_named(tmp_path, name):
+    write_surface(tmp_path / name, Surface(*icosphere(1)))
+    with pytest.raises(WrongFile, match=rf"{name}: .*geometry\.shape = 'cortex'.*\bsubject\b.*`morphofold unfold`"):
+        bilayer(tmp_path / name)
+
+
+def test_polygons_of_vtk_are_a_surface_though_they_end_like_a_mesh(tmp_path):
+    pyvista.Sphere().save(tmp_path / "a.vtk")
+    with pytest.raises(WrongFile, match=r"geometry\.shape = 'cortex'"):
+        bilayer(tmp_path / "a.vtk")

@@ -77,6 +77,12 @@ def _format_of_file(path: Path, head: bytes) -> Format | None:
     return next(by_head, None) or next(by_name, None)
 
 
+def is_surface(path: Path) -> bool:
+    """Whether a file has the first bytes, or the name, of a surface format."""
+    with path.open("rb") as file:
+        return _format_of_file(path, file.read(1024)) is not None
+
+
 def _known_formats_text() -> str:
     return listed([one.name for one in FORMATS])
 

@@ -36,7 +36,9 @@ class Options(SphereMap, EffectOptions):
 
     shapes = ("sphere", "ellipsoid", "cortex", "mesh")
     counted = "within grow"
-    example = '{file = "fsaverage5/surf/lh.thickness", sphere = "fsaverage5/surf/lh.sphere", curve = [[1, 0], [2, 0.2]]}'
+    example = (
+        '{file = "fsaverage5/surf/lh.thickness", sphere = "fsaverage5/surf/lh.sphere", curve = [[1, 0], [2, 0.2]]}'
+    )
 
     values: Annotated[
         Literal["factor", "area ratio"],

@@ -57,7 +57,7 @@ class Bilayer:
         Nodes that never move.
     planes : tuple of Plane
     mirrored : tuple of int
-        Axes at whose planes (coordinate 0) the body is mirrored to the closed whole.
+        Axes at whose planes the body is mirrored to the closed whole.
     edge : float
         Largest edge of the pial surface [mm].
     hemi : {"lh", "rh"}

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from morphofold.arrays import Array, Bools
+from morphofold.arrays import Array
 from morphofold.errors import Mismatch, MissingPart, NotFinite, OutOfRange
 from morphofold.geometry import vertex_areas
 from morphofold.io import read_morph, read_surface

@@ -1,38 +1,30 @@
-"""Tetrahedra from a file that meshio reads, checked to be one body: neighbours, outer surface, inner surfaces."""
+"""Tetrahedra from a file, checked to be one body: neighbours, symmetry planes, outer and inner surfaces."""
 
 from __future__ import annotations
 
-import contextlib
-import io
-import warnings
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from morphofold.arrays import Array, Bools, Ints
-from morphofold.errors import (
-    BadMesh,
-    DamagedFile,
-    NoCortex,
-    NotFinite,
-    OutOfRange,
-    TooLarge,
-    UnknownName,
-    WrongFile,
-    WrongShape,
-)
-from morphofold.io.files import decoding, looks_like_text
-from morphofold.io.vtk_blocks import check_blocks
-from morphofold.sim.scene import MOST_BRICKS, MeshFile
+from morphofold.errors import BadMesh, DoesNotApply, ImpossibleBody, NoCortex
+from morphofold.sim.mesh.brick_mesh import Plane
+from morphofold.sim.mesh.mirroring import mirror
+from morphofold.sim.mesh.tet_files import TetFile, counted, read_tet_file
+from morphofold.sim.scene import MeshFile
 
-#: other cells that a file may have; they are ignored
-IGNORED_CELL_TYPES = ("vertex", "line", "line3", "triangle", "triangle6")
 TET_FACES = ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))  # opposite to each corner; seen from outside
-FARTHEST_POINT_MM = 1e6  # largest distance from the origin [mm]
 FLAT_VOLUME_RATIO = 1e-10  # a volume below this share of the cube of the longest edge counts as zero
+#: distance from a symmetry plane, over the size of the body, within which a point lies on it: round-off of 32 bits
+PLANE_TOLERANCE = 1e-6
+SMALLER_CUT = 0.5  # a flat end with less than this share of the other's area is no second cut
+
+#: what a face of a tetrahedron is: between two of them; of the outer surface; of a part of it that is no cortex; of an
+#: inner surface; in a symmetry plane
+INSIDE, PIAL, CUT, INNER, IN_PLANE = range(5)
 
 
 class TetMesh(NamedTuple):
@@ -41,23 +33,62 @@ class TetMesh(NamedTuple):
     Attributes
     ----------
     points : (N, 3) float64
-        Points [mm], all in use.
+        Points [mm], all in use; exactly on the symmetry planes if near.
     tets : (E, 4) int
         Corners in right-handed order.
     across : (E, 4) int
         The tetrahedron beyond the face opposite to each corner, -1 at the boundary.
-    pial, inner : (F, 3), (H, 3) int
-        Faces of the outer surface and of inner surfaces, counter-clockwise seen from outside of the material.
+    kind : (E, 4) int8
+        What this face is: ``INSIDE``, ``PIAL``, ``CUT``, ``INNER`` or ``IN_PLANE``.
+    planes : tuple of Plane
+        Symmetry planes, at most one per axis.
     cortex : (E,) bool, optional
         Which tetrahedra have the label of the cortex.
+    file : TetFile
+        Content of the file; its tetrahedra have the same order.
+    used : (N,) int
+        The points of the file.
     """
 
     points: Array
     tets: Ints
     across: Ints
-    pial: Ints
-    inner: Ints
+    kind: NDArray[np.int8]
+    planes: tuple[Plane, ...]
     cortex: Bools | None
+    file: TetFile
+    used: Ints
+
+    def faces(self, *kinds: int) -> Ints:
+        """Faces (F, 3) of some kinds, counter-clockwise seen from outside of the material."""
+        return self.tets[:, TET_FACES][np.isin(self.kind, kinds)]
+
+    @property
+    def pial(self) -> Ints:
+        """Faces (F, 3) of the outer surface that are cortex."""
+        return self.faces(PIAL)
+
+    @property
+    def inner(self) -> Ints:
+        """Faces (F, 3) of all inner surfaces."""
+        return self.faces(INNER)
+
+    @property
+    def on_plane(self) -> Bools:
+        """Whether a point lies on the symmetry plane of each axis (N, 3)."""
+        found = np.zeros(self.points.shape, dtype=bool)
+        for axis, at, _ in self.planes:
+            found[:, axis] = self.points[:, axis] == at
+        return found
+
+    def in_plane(self, faces: Ints) -> Bools:
+        """Which faces (F, 3) lie in a symmetry plane (F,)."""
+        return np.any(np.all(self.on_plane[faces], axis=1), axis=1)
+
+    def nodes(self, points: Ints) -> Ints:
+        """Numbers of the file's points in this mesh, of any shape; -1 where no tetrahedron uses the point."""
+        at = np.minimum(np.searchsorted(self.used, points), len(self.used) - 1)
+        return np.where(self.used[at] == points, at, -1)
 
 
 def read_tets(geometry: MeshFile) -> TetMesh:
@@ -69,143 +100,118 @@ def read_tets(geometry: MeshFile) -> TetMesh:
         If there is neither a file nor a sample of that name.
     ValueError
         For a file that is damaged, too large, or has other cells; for a body of several parts, with flat tetrahedra, or
-        whose surface touches itself; for a label that does not exist, or that all tetrahedra have.
+        whose surface touches itself; for a label that does not exist, or that all tetrahedra have; for an axis along
+        which the body is not cut flat.
     """
-    name = geometry.file
-    points, tets, cortex = _read_points_and_tets(geometry)
-    points, tets, volume = _right_handed_tets(name, points, tets)
+    file = read_tet_file(geometry)
+    name = file.name
+    cortex = None if geometry.label is None else _has_cortex_label(geometry, file)
+    used, tets = np.unique(file.tets, return_inverse=True)
+    points, tets = _right_handed_tets(name, np.ascontiguousarray(file.points[used]), tets.reshape(-1, 4))
     across = _tets_across_faces(name, tets)
-    pial, inner, enclosed = _outer_and_inner_faces(name, points, tets[:, TET_FACES][across < 0])
-    if abs(volume - enclosed) > 1e-6 * volume:  # two neighbours are on the same side of their face
+    boundary = tets[:, TET_FACES][across < 0]
+    planes = _symmetry_planes(geometry, points, boundary)
+    for axis, at, _ in planes:
+        points[_near(points, axis, at), axis] = at
+    kind = np.full(tets.shape, INSIDE, dtype=np.int8)
+    body = TetMesh(points, tets, across, kind, planes, cortex, file, used)
+    in_plane = body.in_plane(boundary)
+    rest = boundary[~in_plane]
+    whole = mirror(rest, body.on_plane, planes)
+    called = f"{name} (mirrored)" if planes else name
+    outer, enclosed = _outer_sheet(called, whole.positions(points), whole.faces)
+    filled = 2 ** len(planes) * float(np.abs(_six_volumes(points, tets)).sum()) / 6
+    if abs(filled - enclosed) > 1e-6 * filled:  # two neighbours are on the same side of their face
         raise BadMesh(
-            f"{name}: tetrahedra overlap: the sum of their volumes is {volume:.6g} mm3, but their surface encloses "
+            f"{name}: tetrahedra overlap: the sum of their volumes is {filled:.6g} mm3, but their surface encloses "
             f"{enclosed:.6g}. Repair the mesh."
         )
-    return TetMesh(points, tets, across, pial, inner, cortex)
+    sheet = np.where(outer[: len(rest)], PIAL, INNER)
+    if geometry.cut_facets:
+        sheet[_labelled_faces(geometry, body, rest, sheet)] = CUT
+    of_boundary = np.full(len(boundary), IN_PLANE)
+    of_boundary[~in_plane] = sheet
+    kind[across < 0] = of_boundary
+    return body
 
 
-class _EndCheckedFile(io.BufferedReader):
-    """A file that raises EOFError if a reader repeatedly asks for bytes beyond the end."""
-
-    asked = 0
-
-    def read(self, size: int | None = -1, /) -> bytes:
-        return self._seen(super().read(size))
-
-    def read1(self, size: int = -1, /) -> bytes:
-        return self._seen(super().read1(size))
-
-    def readline(self, size: int | None = -1, /) -> bytes:
-        return self._seen(super().readline(size))
-
-    def _seen(self, got: bytes) -> bytes:
-        self.asked = 0 if got else self.asked + 1
-        if self.asked > 99:
-            raise EOFError("it ends too early")
-        return got
-
-
-def _read_with_meshio(path: Path) -> Any:
-    """Read the mesh in a file. Some readers of meshio never return on a truncated file; one would unpack any size."""
-    import meshio
-
-    kinds = meshio.extension_to_filetypes.get(path.suffix.lower(), [""])
-    if kinds == ["vtu"]:
-        check_blocks(path.read_bytes())
-    if "ansys" in kinds:  # meshio reads every .msh as ansys first
-        with path.open("rb") as file:
-            kinds = ["gmsh"] if b"$MeshFormat" in file.read(4096) else ["ansys"]
-    if kinds == ["tetgen"]:
-        for part in (path.with_suffix(".node"), path.with_suffix(".ele")):
-            if not any(line.strip() and not line.startswith(b"#") for line in part.read_bytes().splitlines()):
-                raise DamagedFile(f"{part.name} has no line of counts")
-    if kinds[0] not in ("ansys", "mdpa", "tecplot"):
-        return meshio.read(path, kinds[0] if kinds == ["gmsh"] else None)
-    with _EndCheckedFile(io.FileIO(path)) as file:
-        return meshio.read(io.TextIOWrapper(file, "utf-8") if kinds == ["tecplot"] else file, kinds[0])
-
-
-def _read_points_and_tets(geometry: MeshFile) -> tuple[Array, Ints, Bools | None]:
-    """Points (P, 3) [mm], tetrahedra (E, 4), and which of these have the label of the cortex."""
-    import meshio
-
-    name = geometry.file
-    path = geometry.path()
-    if not path.name.lower().endswith(tuple(meshio.extension_to_filetypes)):
-        raise WrongFile(
-            f"{name}: meshio can't read files that end in {path.suffix!r}; convert it, for example to .vtu."
+def _labelled_faces(geometry: MeshFile, body: TetMesh, faces: Ints, sheet: Ints) -> Bools:
+    """Which faces (F, 3) of the boundary have a label of ``cut_facets``; those in symmetry planes may have it, too."""
+    name, key = geometry.file, "cut_facets"
+    found = body.nodes(body.file.labelled_triangles(str(geometry.facets), geometry.cut_facets, key))
+    rows = np.unique(np.sort(found[~(body.in_plane(found) & (found >= 0).all(axis=1))], axis=1), axis=0)
+    joined = np.concatenate([rows, np.sort(faces, axis=1)])
+    number = np.unique(joined, axis=0, return_inverse=True)[1].ravel()
+    cut = np.isin(number[len(rows) :], number[: len(rows)])
+    inside = len(rows) - int((cut & (sheet == PIAL)).sum())
+    if inside:
+        raise DoesNotApply(
+            f"{name}: {inside:,} of {len(rows):,} triangles of geometry.{key} are not faces of the outer surface; give "
+            "labels of the outer surface only."
         )
-    quiet = contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO())
-    with decoding(path, "a mesh that meshio reads"), quiet[0], quiet[1]:
-        mesh = _read_with_meshio(path)
-        points = np.asarray(mesh.points, dtype=np.float64) * geometry.scale
-        blocks = [block.data.astype(np.int64) for block in mesh.cells if block.type == "tetra"]
-    _warn_of_cut_file(path)
-    counts: dict[str, int] = {}
-    for block in mesh.cells:
-        counts[block.type] = counts.get(block.type, 0) + len(block.data)
-    others = {kind: n for kind, n in counts.items() if kind not in ("tetra", *IGNORED_CELL_TYPES) and n}
-    if others or not counts.get("tetra"):
-        listing = ", ".join(f"{n:,} {kind}" for kind, n in (others or counts).items()) or "no cells"
-        raise WrongFile(
-            f"{name}: must hold linear tetrahedra (tetra) but holds {listing}; split the cells or mesh it again."
+    if not (~cut & (sheet == PIAL)).any():
+        raise NoCortex(
+            f"{name}: all {cut.sum():,} faces of the outer surface are cut (geometry.{key}), so there is no cortex; "
+            "give fewer labels."
         )
-    tets = np.concatenate(blocks)
-    if len(tets) > MOST_BRICKS:
-        raise TooLarge(f"{name}: has {len(tets):,} tetrahedra, more than {MOST_BRICKS:,}; coarsen the mesh.")
-    if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
-        bad = int((~np.isfinite(points)).any(axis=-1).sum())
-        kind = NotFinite if bad else WrongShape
-        raise kind(f"{name}: points need three finite coordinates; their shape is {points.shape}, {bad} not finite.")
-    far = float(np.abs(points).max())
-    if far > FARTHEST_POINT_MM:
-        raise OutOfRange(
-            f"{name}: has points {far:.3g} mm from the origin, more than {FARTHEST_POINT_MM:g}; check the scale."
-        )
-    if tets.min() < 0 or tets.max() >= len(points):
-        named = f"{tets.min()} to {tets.max()}"
-        raise DamagedFile(f"{name}: tetrahedra use points {named} of 0 to {len(points) - 1}. Repair the mesh.")
-    return points, tets, None if geometry.label is None else _has_cortex_label(geometry, mesh)
+    return cut
 
 
-def _warn_of_cut_file(path: Path) -> None:
-    """Warn if a text file ends within a line: its last number may be cut, for example 1 instead of 162."""
-    with path.open("rb") as file:
-        head = file.read(1024)
-        file.seek(max(path.stat().st_size - 64, 0))
-        end = file.read()
-    if looks_like_text(head) and looks_like_text(end) and not (end[-1:].isspace() or end.endswith(b">")):
-        warnings.warn(
-            f"{path}: its last line has no line end; if the file is cut, its last number is wrong.", stacklevel=4
-        )
+def _near(points: Array, axis: int, at: float) -> Bools:
+    """Points (N,) that lie within round-off of a plane."""
+    return np.abs(points[:, axis] - at) <= PLANE_TOLERANCE * float(np.ptp(points, axis=0).max())
 
 
-def _has_cortex_label(geometry: MeshFile, mesh: Any) -> Bools:
+def _symmetry_planes(geometry: MeshFile, points: Array, faces: Ints) -> tuple[Plane, ...]:
+    """The planes in which the body is cut flat, from its boundary (F, 3): one end along each axis of ``symmetry``."""
+    planes = []
+    normal = np.cross(points[faces[:, 1]] - points[faces[:, 0]], points[faces[:, 2]] - points[faces[:, 0]])
+    area = 0.5 * np.linalg.norm(normal, axis=1)
+    for letter in geometry.symmetry:
+        axis = "xyz".index(letter)
+        x = points[:, axis]
+        ends = [Plane(axis, float(x.min()), 1), Plane(axis, float(x.max()), -1)]
+        low, high = (float(area[_near(points, axis, end.at)[faces].all(axis=1)].sum()) for end in ends)
+        where = f"{letter} = {ends[0].at:.6g} and {ends[1].at:.6g} mm"
+        if not max(low, high) > 0:
+            raise ImpossibleBody(
+                f"{geometry.file}: is not cut flat along {letter} (geometry.symmetry): no face of its boundary lies at "
+                f"{where}. Leave {letter} out, or cut the body there."
+            )
+        if min(low, high) >= SMALLER_CUT * max(low, high):
+            raise ImpossibleBody(
+                f"{geometry.file}: is flat at both ends along {letter} (geometry.symmetry): {low:.4g} and {high:.4g} "
+                f"mm2 at {where}. Only one end can be a symmetry plane; leave {letter} out, or cut the body at one end."
+            )
+        end = ends[0] if low > high else ends[1]
+        at = float(np.median(x[_near(points, axis, end.at)]))
+        planes.append(end._replace(at=at))
+    return tuple(planes)
+
+
+def _has_cortex_label(geometry: MeshFile, file: TetFile) -> Bools:
     """Which tetrahedra have the label of the cortex."""
-    name, label = geometry.file, geometry.label
-    if label not in mesh.cell_data:
-        there = ", ".join(mesh.cell_data) or "none"
-        raise UnknownName(f"{name}: has no cell data {label!r} (geometry.label); it has: {there}.")
-    values = np.concatenate([v for v, block in zip(mesh.cell_data[label], mesh.cells) if block.type == "tetra"])
-    if values.ndim != 1:
-        raise WrongShape(f"{name}: cell data {label!r} have shape {values.shape}; give one number per cell.")
-    cortex = values == geometry.cortex_label
+    name, label = geometry.file, str(geometry.label)
+    values = file.cell_values(label, "label")
+    cortex = np.asarray(values == geometry.cortex_label)
     if cortex.all() or not cortex.any():
-        kinds, n = np.unique(values, return_counts=True)
-        listing = ", ".join(f"{kind:g} ({count:,})" for kind, count in list(zip(kinds, n))[:8])
         raise NoCortex(
             f"{name}: needs tetrahedra with {label} = {geometry.cortex_label} (geometry.cortex_label) and others for "
-            f"the core; it has {listing}."
+            f"the core; it has {counted(values)}."
         )
     return cortex
 
 
-def _right_handed_tets(name: str, points: Array, tets: Ints) -> tuple[Array, Ints, float]:
-    """Points in use, tetrahedra with corners in right-handed order, and their total volume [mm^3]."""
-    used, tets = np.unique(tets, return_inverse=True)
-    points, tets = np.ascontiguousarray(points[used]), tets.reshape(-1, 4)
+def _six_volumes(points: Array, tets: Ints) -> Array:
+    """Six times the signed volume of each tetrahedron (E,) [mm^3]."""
     a, b, c, d = (points[tets[:, k]] for k in range(4))
-    volume = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) / 6
+    return np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a)
+
+
+def _right_handed_tets(name: str, points: Array, tets: Ints) -> tuple[Array, Ints]:
+    """Points, and tetrahedra with corners in right-handed order."""
+    volume = _six_volumes(points, tets) / 6
+    a, b, c, d = (points[tets[:, k]] for k in range(4))
     edges = (a - b, a - c, a - d, b - c, b - d, c - d)
     longest = np.sqrt(np.max([np.einsum("ij,ij->i", edge, edge) for edge in edges], axis=0))
     flat = np.flatnonzero(~(np.abs(volume) > FLAT_VOLUME_RATIO * longest**3))
@@ -214,7 +220,7 @@ def _right_handed_tets(name: str, points: Array, tets: Ints) -> tuple[Array, Int
             f"{name}: {len(flat):,} of {len(tets):,} tetrahedra are flat; the first is {flat[0]} with volume "
             f"{volume[flat[0]]:.2g} mm3 and longest edge {longest[flat[0]]:.3g} mm. Repair the mesh."
         )
-    return points, np.where(volume[:, None] < 0, tets[:, [1, 0, 2, 3]], tets), float(np.abs(volume).sum())
+    return points, np.where(volume[:, None] < 0, tets[:, [1, 0, 2, 3]], tets)
 
 
 def _tets_across_faces(name: str, tets: Ints) -> Ints:
@@ -238,8 +244,8 @@ def _tets_across_faces(name: str, tets: Ints) -> Ints:
     return across.reshape(-1, 4)
 
 
-def _outer_and_inner_faces(name: str, points: Array, faces: Ints) -> tuple[Ints, Ints, float]:
-    """Boundary faces (F, 3) of the sheet that encloses most, and those of the others; enclosed volume [mm^3]."""
+def _outer_sheet(name: str, points: Array, faces: Ints) -> tuple[Bools, float]:
+    """Which boundary faces (F, 3) are of the sheet that encloses most (F,); volume enclosed by all sheets [mm^3]."""
     half = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)  # half-edge 3 f + k, from corner k
     low, high = half.min(axis=1), half.max(axis=1)
     order = np.lexsort((high, low))  # each edge has an even number of half-edges
@@ -256,8 +262,7 @@ def _outer_and_inner_faces(name: str, points: Array, faces: Ints) -> tuple[Ints,
     count, sheet = _connected_parts(one // 3, two // 3, len(faces))
     a, b, c = (points[faces[:, k]] for k in range(3))
     enclosed = np.bincount(sheet, np.einsum("ij,ij->i", a, np.cross(b, c)), count)
-    outer = sheet == enclosed.argmax()
-    return faces[outer], faces[~outer], float(enclosed.sum()) / 6
+    return sheet == enclosed.argmax(), float(enclosed.sum()) / 6
 
 
 def _connected_parts(one: Ints, two: Ints, size: int) -> tuple[int, Ints]:

@@ -99,7 +99,9 @@ def _subject_of(scene: Scene) -> dict[str, dict[str, Any]]:
         return {}
     from morphofold.sim.mesh.unfolded_cortex import files_of_cortex
 
-    return {"geometry.subject": {"subject": scene.geometry.subject, "sha256": _digests(files_of_cortex(scene.geometry))}}
+    return {
+        "geometry.subject": {"subject": scene.geometry.subject, "sha256": _digests(files_of_cortex(scene.geometry))}
+    }
 
 
 def _maps_of(scene: Scene) -> dict[str, dict[str, Any]]:

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from morphofold.arrays import Array, Ints
+from morphofold.arrays import Array
 from morphofold.io import write_annotation, write_label, write_surface
 from morphofold.sim.body import Body
+from morphofold.sim.mesh.mirroring import Whole, mirror
 from morphofold.surface import Surface
 
 MOST_SWEEPS = 8
@@ -22,47 +22,32 @@ SPHERE_RADIUS_MM = 100.0  # of the spheres that FreeSurfer writes
 _OPPOSITE_CORNER = np.array([[2, 0, 0, 2], [3, 3, 1, 1]])
 
 
-class Whole(NamedTuple):
-    """Vertices of the closed surfaces: the pial node of each (V,), and the signs of its coordinates (V, 3)."""
-
-    node: Ints
-    sign: Array
-
-
 def whole_surfaces(body: Body, x: Array) -> tuple[Surface, Surface]:
     """Closed white and pial surfaces of the body at positions ``x`` (N, 3), with the same faces [mm].
 
-    A part of a sphere is mirrored at its symmetry planes; both halves share the nodes on a plane. Each quad is split
+    A part of a body is mirrored at its symmetry planes; both halves share the nodes on a plane. Each quad is split
     along the diagonal that bends the pial surface least (see :func:`smooth_diagonals`). A fixed diagonal would make
     saw-teeth on walls that run along the other diagonal.
     """
     bilayer, n = body.bilayer, body.n_surface
     faces = bilayer.faces if bilayer.faces.shape[1] == 3 else smooth_diagonals(x[:n], bilayer.faces)
-    whole, faces = _whole(body, faces)
-    white, pial = (part[whole.node] * whole.sign for part in (np.asarray(bilayer.white @ x), x[:n]))
-    return tuple(Surface(part, faces, name=f"{bilayer.hemi}.{name}") for part, name in ((white, "white"), (pial, "pial")))
+    whole = _whole(body, faces)
+    white, pial = (whole.positions(part) for part in (np.asarray(bilayer.white @ x), x[:n]))
+    hemi = bilayer.hemi
+    return Surface(white, whole.faces, name=f"{hemi}.white"), Surface(pial, whole.faces, name=f"{hemi}.pial")
 
 
-def _whole(body: Body, faces: NDArray[np.int64]) -> tuple[Whole, NDArray[np.int64]]:
-    """The vertices of the whole surfaces, and their faces, from those of the part that is simulated."""
-    seam = body.on_plane[: body.n_surface]
-    whole = Whole(np.arange(body.n_surface), np.ones((body.n_surface, 3)))
-    for axis in body.bilayer.mirrored:
-        count = len(whole.node)
-        image = np.arange(count)
-        off = np.flatnonzero(~seam[whole.node, axis])
-        image[off] = count + np.arange(len(off))
-        flipped = whole.sign[off] * np.where(np.arange(3) == axis, -1.0, 1.0)
-        whole = Whole(np.concatenate([whole.node, whole.node[off]]), np.concatenate([whole.sign, flipped]))
-        faces = np.concatenate([faces, image[faces][:, ::-1]])
-    return whole, faces
+def _whole(body: Body, faces: NDArray[np.int64]) -> Whole:
+    """The vertices and faces of the whole surfaces, from faces of the part that is simulated."""
+    planes = [plane for plane in body.bilayer.planes if plane.axis in body.bilayer.mirrored]
+    return mirror(faces, body.on_plane[: body.n_surface], planes)
 
 
 def write_labels(folder: Path, body: Body, white: Surface) -> None:
     """Write what is known of the vertices of a stage with the surface ``white``: ``surf/?h.sphere``,
     ``label/?h.aparc.annot``, ``label/?h.cortex.label``."""
     bilayer, hemi = body.bilayer, body.bilayer.hemi
-    whole, _ = _whole(body, bilayer.faces)
+    whole = _whole(body, bilayer.faces)
     if bilayer.sphere is not None:
         points = SPHERE_RADIUS_MM * bilayer.sphere[whole.node] * whole.sign
         write_surface(folder / "surf" / f"{hemi}.sphere", Surface(points, white.faces, name=f"{hemi}.sphere"))

@@ -23,7 +23,7 @@ from morphofold.sim.scene.geometries import (
     map_files,
 )
 from morphofold.sim.scene.materials import read_material
-from morphofold.sim.scene.tables import Positive, Spot, Table, key
+from morphofold.sim.scene.tables import Positive, SphereMap, Spot, Table, key
 
 __all__ = [
     "LEVELS",
@@ -247,8 +247,8 @@ class Scene(Table):
     def map_files(self) -> dict[str, Path]:
         """Files of maps that the scene names, by content."""
         found: dict[str, Path] = {}
-        if getattr(self.geometry, "thickness_map", None) is not None:
-            found |= map_files(self.geometry.thickness_map, self.geometry, "thickness_map")
+        if isinstance(table := getattr(self.geometry, "thickness_map", None), SphereMap):
+            found |= map_files(table, self.geometry, "thickness_map")
         for options in self.effects.values():
             found |= options.files(self)
         return found
@@ -257,8 +257,8 @@ class Scene(Table):
     def called_effects(self) -> dict[str, Any]:
         """Options of the effects that run, by name: those of the scene, and those that the geometry adds."""
         called: dict[str, Any] = dict(self.effects)
-        planes = isinstance(self.geometry, Patch | Strip) or getattr(self.geometry, "portion", "full") != "full"
-        if planes and "contact" in called:
+        part = getattr(self.geometry, "portion", "full") != "full" or getattr(self.geometry, "symmetry", ())
+        if (part or isinstance(self.geometry, Patch | Strip)) and "contact" in called:
             called["symmetry"] = None
         if isinstance(self.geometry, Strip):
             called["plane_strain"] = None

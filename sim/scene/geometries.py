@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Tag, model_validator
 
-from morphofold.errors import ImpossibleBody
+from morphofold.errors import ImpossibleBody, NamedTwice, OptionsClash
 from morphofold.sim.scene.tables import Direction, Length, SphereMap, Spot, Table, key
 
 LONGEST_OVER_MEAN_EDGE = 1.34  # of the cells on an unfolded cortex (mesh/even_cells.py)
@@ -141,8 +141,9 @@ class MeshFile(Layers):
     """Any body of tetrahedra, from a ``file`` that meshio reads; its lengths times ``scale`` are mm.
 
     The cortex is the part less than ``cortex_thickness`` below the outer surface, or the tetrahedra whose cell data
-    ``label`` have the value ``cortex_label``. ``held`` names the part that is held fixed: an ``inner`` surface (a
-    ventricle), or ``nothing``.
+    ``label`` have the value ``cortex_label``. ``held`` names the part that is held fixed: all ``inner`` surfaces
+    (ventricles), or ``nothing``; ``held_facets`` and ``held_map`` hold more. Where the body is cut flat, it can be
+    mirrored (``symmetry``). Maps are point data of the file, labels of facets are cell data of its triangles.
     """
 
     cortex_thickness: Annotated[
@@ -158,8 +159,39 @@ class MeshFile(Layers):
     ] = None
     cortex_label: Annotated[int, key("value of `label` in the cortex")] = 1
     held: Annotated[
-        Literal["inner", "nothing"], key("part that is held fixed: the inner surface (a ventricle), or nothing")
+        Literal["inner", "nothing"], key("part that is held fixed: all inner surfaces (ventricles), or nothing")
     ] = "nothing"
+    held_map: Annotated[str | None, key("point data that are not 0 where nodes are held, too")] = None
+    symmetry: Annotated[
+        tuple[Literal["x", "y", "z"], ...],
+        key("axes along which one end of the body is a flat cut; output is mirrored there", strict=False),
+    ] = ()
+    facets: Annotated[str | None, key("cell data that label the triangles of the file")] = None
+    held_facets: Annotated[
+        tuple[int, ...], key("labels in `facets` of triangles whose nodes are held, too", strict=False)
+    ] = ()
+    cut_facets: Annotated[
+        tuple[int, ...], key("labels in `facets` of parts of the outer surface that are no cortex", strict=False)
+    ] = ()
+    thickness_map: Annotated[str | None, key("point data that multiply `cortex_thickness` at the pial nodes")] = None
+    regions: Annotated[
+        str | None, key("point data, or cell data of tetrahedra, that label regions of the pial surface; 0 is none")
+    ] = None
+
+    @model_validator(mode="after")
+    def _keys_fit(self) -> MeshFile:
+        labelled = [name for name in ("held_facets", "cut_facets") if getattr(self, name)]
+        if bool(labelled) != (self.facets is not None):
+            raise OptionsClash(
+                f"{labelled[0]} needs facets, the name of the cell data that label triangles; add it"
+                if labelled
+                else "facets is used only by held_facets and cut_facets; add one of these, or leave it out"
+            )
+        if self.thickness_map is not None and self.label is not None:
+            raise OptionsClash("thickness_map does not apply with a label, which defines the cortex; leave out one")
+        if len(set(self.symmetry)) < len(self.symmetry):
+            raise NamedTwice("symmetry names an axis twice; name each once")
+        return self
 
     def path(self) -> Path:
         """Path of the file: the one named, or else the sample of that name.
@@ -182,7 +214,8 @@ class UnfoldedCortex(Layers):
     """
 
     cortex_thickness: Annotated[
-        Length, key("mean thickness of the cortex before growth; `morphofold unfold` shows the thickest that fits", "mm")
+        Length,
+        key("mean thickness of the cortex before growth; `morphofold unfold` shows the thickest that fits", "mm"),
     ] = 2.5
     shape: Annotated[Literal["cortex"], key("type of body")]
     subject: Annotated[
@@ -201,9 +234,9 @@ class UnfoldedCortex(Layers):
             "takes two minutes for 150,000 vertices"
         ),
     ] = None
-    unfold: Annotated[
-        float, key("time of the heat flow on the unit sphere; larger is smoother", ge=0.005, le=0.3)
-    ] = 0.03
+    unfold: Annotated[float, key("time of the heat flow on the unit sphere; larger is smoother", ge=0.005, le=0.3)] = (
+        0.03
+    )
     radius: Annotated[Length, key("of the sphere with the area of the pial surface before growth", "mm")] = 50.0
     thickness_map: ThicknessMap = None
     hole_share: Annotated[float, key("size of the hole over that of the body", ge=0.05, le=0.6)] = 0.25
@@ -256,7 +289,9 @@ def map_files(table: SphereMap, geometry: Any, name: str) -> dict[str, Path]:
     """The files of a map, by content; ``geometry`` is that of the scene."""
     from morphofold.io.files import existing_file
 
-    spheres = {} if table.sphere is None else {f"sphere of {name}": existing_file(path_or_sample(table.sphere), "sphere")}
+    spheres = (
+        {} if table.sphere is None else {f"sphere of {name}": existing_file(path_or_sample(table.sphere), "sphere")}
+    )
     return {name: map_file(table, geometry), **spheres}
 
 

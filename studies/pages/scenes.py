@@ -109,7 +109,10 @@ def _kind_and_range(schema: Mapping[str, Any]) -> tuple[str, str]:
         count = "one or more" if schema.get("minItems") else ""
         if "prefixItems" in items:
             return "list of points", count
-        return ("list of spots", count) if "$ref" in items else ("list of numbers", _kind_and_range(items)[1])
+        if "$ref" in items:
+            return "list of spots", count
+        kind, span = _kind_and_range(items)
+        return ("list of texts" if kind == "text" else "list of numbers"), span
     if schema["type"] == "string":
         least, most = schema.get("minLength", 0), schema.get("maxLength")
         return "text", f"{least} to {most} characters" if most else f"{least} character or more" if least else ""

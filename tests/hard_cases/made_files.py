@@ -184,7 +184,13 @@ def _meshes(folder, add):
     tets = np.column_stack([faces, np.full(len(faces), len(verts))])
     for name in MESHES:
         meshio.Mesh(points, [("tetra", tets)]).write(folder / name)
-        add(name, lambda path: read_tets(MeshFile(shape="mesh", file=str(path), cortex_thickness=3.0)))
+        add(name, _tets_and_maps)
+
+
+def _tets_and_maps(path):
+    """A body, and the maps of its nodes, without the object of meshio, which equals only itself."""
+    body = read_tets(MeshFile(shape="mesh", file=str(path), cortex_thickness=3.0))
+    return body._replace(file=None), body.file.point_maps()
 
 
 SCENE = """\

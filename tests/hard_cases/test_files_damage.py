@@ -15,7 +15,8 @@ from made_surfaces import FORMATS
 
 from morphofold.io import freesurfer, gifti, read_surface, surfaces, trimesh_files, vtk_files
 from morphofold.results import summary
-from morphofold.sim.mesh import tetmesh
+from morphofold.sim.mesh import tet_files
+from morphofold.sim.mesh.tetmesh import read_tets
 from morphofold.sim.output import checkpoint, stages
 from morphofold.sim.scene import MeshFile
 
@@ -95,7 +96,7 @@ def test_cut_maps(known, holds):
     "tetrahedra cut before every tenth byte: VTU, VTK, Ansys, Medit",
     peers="meshio: its readers of .msh, .mdpa, .tec, .ele never end on some of these (measured)",
     guard="an end to asking beyond the end",
-    without=lambda patch: patch.setattr(tetmesh._EndCheckedFile, "_seen", lambda self, got: got),
+    without=lambda patch: patch.setattr(tet_files._EndCheckedFile, "_seen", lambda self, got: got),
 )
 def test_cut_meshes(known, holds):
     assert_sound(holds, every_tenth(known, ["ball."]), 500)
@@ -162,7 +163,7 @@ def test_texts_cut_within_a_line(known, holds):
     "tetrahedra in texts without counts (Abaqus, SU2, FLAC3D, PERMAS) cut before each of their last bytes",
     peers="meshio: reads what is left of a number (measured)",
     guard="a warning",
-    without=lambda patch: patch.setattr(tetmesh, "_warn_of_cut_file", nothing),
+    without=lambda patch: patch.setattr(tet_files, "_warn_of_cut_file", nothing),
 )
 def test_tetrahedra_cut_within_a_line(holds, tmp_path):
     import meshio
@@ -188,7 +189,7 @@ def test_tetrahedra_cut_within_a_line(holds, tmp_path):
 
 
 def body(path):
-    found = tetmesh.read_tets(MeshFile(shape="mesh", file=str(path), cortex_thickness=3.0))
+    found = read_tets(MeshFile(shape="mesh", file=str(path), cortex_thickness=3.0))
     return found.points, found.tets
 
 
@@ -197,7 +198,7 @@ def unguarded_libraries(patch):
     def as_it_comes(*args):
         yield
 
-    for module in (freesurfer, gifti, trimesh_files, vtk_files, tetmesh, checkpoint, stages):
+    for module in (freesurfer, gifti, trimesh_files, vtk_files, tet_files, checkpoint, stages):
         patch.setattr(module, "decoding", as_it_comes)
 
 

@@ -29,7 +29,7 @@ from morphofold.io import (
     vtk_files,
 )
 from morphofold.io.vtk_blocks import MOST_UNPACKED_BYTES
-from morphofold.sim.mesh import tetmesh
+from morphofold.sim.mesh import tet_files
 from morphofold.sim.mesh.tetmesh import read_tets
 from morphofold.sim.output.checkpoint import read_arrays
 from morphofold.sim.scene import MeshFile
@@ -194,7 +194,7 @@ def tetrahedra(path):
 
 def unbounded(patch):
     patch.setattr(gifti, "MOST_UNPACKED_BYTES", 2**40)
-    for module in (vtk_files, tetmesh):
+    for module in (vtk_files, tet_files):
         patch.setattr(module, "check_blocks", lambda raw: None)
 
 

@@ -1,0 +1,233 @@
+"""A file of tetrahedra that meshio reads: points, tetrahedra, and the values and labels that it holds for them."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphofold.arrays import Array, Ints
+from morphofold.errors import (
+    DamagedFile,
+    MissingPart,
+    NotFinite,
+    OutOfRange,
+    TooLarge,
+    UnknownName,
+    WrongFile,
+    WrongShape,
+)
+from morphofold.io.files import decoding, looks_like_text
+from morphofold.io.surfaces import is_surface
+from morphofold.io.vtk_blocks import check_blocks
+from morphofold.sim.scene import MOST_BRICKS, MeshFile
+
+#: other cells that a file may have; of these only triangles are used, and only for their labels
+OTHER_CELL_TYPES = ("vertex", "line", "line3", "triangle", "triangle6")
+FARTHEST_POINT_MM = 1e6  # largest distance from the origin [mm]
+MOST_NAMES = 8  # names or values that a message lists
+
+
+class TetFile(NamedTuple):
+    """Content of a file of tetrahedra.
+
+    Attributes
+    ----------
+    name : str
+        For messages.
+    points : (P, 3) float64
+        All points of the file [mm].
+    tets : (E, 4) int
+    mesh : meshio.Mesh
+        What meshio read.
+    """
+
+    name: str
+    points: Array
+    tets: Ints
+    mesh: Any
+
+    def point_maps(self) -> dict[str, Array]:
+        """All point data with one real number per point, (P,) float64 each, by name."""
+        found = {}
+        for name, data in self.mesh.point_data.items():
+            values = np.asarray(data)
+            values = values[:, 0] if values.ndim == 2 and values.shape[1] == 1 else values
+            if values.ndim == 1 and values.dtype.kind in "biuf":
+                found[str(name)] = values.astype(np.float64)
+        return found
+
+    def point_map(self, name: str, key: str) -> Array:
+        """Values (P,) of the point data that a key of the scene names."""
+        maps = self.point_maps()
+        if name not in maps:
+            raise UnknownName(
+                f"{self.name}: has no point data {name!r} with one number per point (geometry.{key}); it has: "
+                f"{_listed(maps)}."
+            )
+        return maps[name]
+
+    def cell_values(self, name: str, key: str, kind: str = "tetra") -> NDArray[np.generic]:
+        """One value per cell of a kind, (E,), from the cell data that a key of the scene names."""
+        if name not in self.mesh.cell_data:
+            there = _listed(self.mesh.cell_data)
+            raise UnknownName(f"{self.name}: has no cell data {name!r} (geometry.{key}); it has: {there}.")
+        parts = [v for v, block in zip(self.mesh.cell_data[name], self.mesh.cells) if block.type == kind]
+        values = np.concatenate(parts) if parts else np.empty(0)
+        if values.ndim != 1:
+            raise WrongShape(f"{self.name}: cell data {name!r} have shape {values.shape}; give one number per cell.")
+        return values
+
+    def labelled_triangles(self, name: str, labels: Sequence[int], key: str) -> Ints:
+        """Corners (F, 3) of the triangles whose cell data ``name`` have one of the ``labels`` of a key of the scene."""
+        triangles = [block.data for block in self.mesh.cells if block.type == "triangle"]
+        if not sum(map(len, triangles)):
+            raise MissingPart(
+                f"{self.name}: has no triangles, so none has a label of geometry.{key}; write the labelled triangles "
+                "of the surface into the file, too."
+            )
+        values = self.cell_values(name, "facets", "triangle")
+        for label in labels:
+            if not (values == label).any():
+                raise UnknownName(
+                    f"{self.name}: no triangle has {name} = {label} (geometry.{key}); it has {counted(values)}."
+                )
+        return np.concatenate(triangles).astype(np.int64)[np.isin(values, labels)]
+
+
+def counted(values: NDArray[np.generic]) -> str:
+    """The first values with their numbers, for messages."""
+    kinds, n = np.unique(values, return_counts=True)
+    return ", ".join(f"{kind:g} ({count:,})" for kind, count in list(zip(kinds, n))[:MOST_NAMES])
+
+
+def _listed(names: Any) -> str:
+    return ", ".join(map(str, list(names)[:MOST_NAMES])) or "none"
+
+
+def read_tet_file(geometry: MeshFile) -> TetFile:
+    """Read the file of a geometry, and check points and corners.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is neither a file nor a sample of that name.
+    ValueError
+        For a file that is damaged, too large, a surface, or has other cells than tetrahedra.
+    """
+    import meshio
+
+    name = geometry.file
+    path = geometry.path()
+    readable = path.name.lower().endswith(tuple(meshio.extension_to_filetypes))
+    if _holds_polygons(path) if readable else is_surface(path):
+        raise WrongFile(_is_surface_text(name))
+    if not readable:
+        raise WrongFile(
+            f"{name}: meshio can't read files that end in {path.suffix!r}; convert it, for example to .vtu."
+        )
+    quiet = contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO())
+    with decoding(path, "a mesh that meshio reads"), quiet[0], quiet[1]:
+        mesh = _read_with_meshio(path)
+        points = np.asarray(mesh.points, dtype=np.float64) * geometry.scale
+        blocks = [block.data.astype(np.int64) for block in mesh.cells if block.type == "tetra"]
+    _warn_of_cut_file(path)
+    counts: dict[str, int] = {}
+    for block in mesh.cells:
+        counts[block.type] = counts.get(block.type, 0) + len(block.data)
+    others = {kind: n for kind, n in counts.items() if kind not in ("tetra", *OTHER_CELL_TYPES) and n}
+    if others or not counts.get("tetra"):
+        if counts.get("triangle") and not others:
+            raise WrongFile(_is_surface_text(name, f"{counts['triangle']:,} triangles and "))
+        listing = ", ".join(f"{n:,} {kind}" for kind, n in (others or counts).items()) or "no cells"
+        raise WrongFile(
+            f"{name}: must hold linear tetrahedra (tetra) but holds {listing}; split the cells or mesh it again."
+        )
+    tets = np.concatenate(blocks)
+    if len(tets) > MOST_BRICKS:
+        raise TooLarge(f"{name}: has {len(tets):,} tetrahedra, more than {MOST_BRICKS:,}; coarsen the mesh.")
+    if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
+        bad = int((~np.isfinite(points)).any(axis=-1).sum())
+        kind = NotFinite if bad else WrongShape
+        raise kind(f"{name}: points need three finite coordinates; their shape is {points.shape}, {bad} not finite.")
+    far = float(np.abs(points).max())
+    if far > FARTHEST_POINT_MM:
+        raise OutOfRange(
+            f"{name}: has points {far:.3g} mm from the origin, more than {FARTHEST_POINT_MM:g}; check the scale."
+        )
+    if tets.min() < 0 or tets.max() >= len(points):
+        named = f"{tets.min()} to {tets.max()}"
+        raise DamagedFile(f"{name}: tetrahedra use points {named} of 0 to {len(points) - 1}. Repair the mesh.")
+    return TetFile(name, points, tets, mesh)
+
+
+def _holds_polygons(path: Path) -> bool:
+    """Whether a file is VTK's format of surfaces, whose name ends like that of its meshes."""
+    with path.open("rb") as file:
+        return b"DATASET POLYDATA" in file.read(1024)
+
+
+def _is_surface_text(name: str, holds: str = "") -> str:
+    return (
+        f"{name}: is a surface, with {holds}no tetrahedra. A cortex grows with geometry.shape = 'cortex', whose key is "
+        "subject; `morphofold unfold` makes a smooth surface to fill with tetrahedra."
+    )
+
+
+class _EndCheckedFile(io.BufferedReader):
+    """A file that raises EOFError if a reader repeatedly asks for bytes beyond the end."""
+
+    asked = 0
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        return self._seen(super().read(size))
+
+    def read1(self, size: int = -1, /) -> bytes:
+        return self._seen(super().read1(size))
+
+    def readline(self, size: int | None = -1, /) -> bytes:
+        return self._seen(super().readline(size))
+
+    def _seen(self, got: bytes) -> bytes:
+        self.asked = 0 if got else self.asked + 1
+        if self.asked > 99:
+            raise EOFError("it ends too early")
+        return got
+
+
+def _read_with_meshio(path: Path) -> Any:
+    """Read the mesh in a file. Some readers of meshio never return on a truncated file; one would unpack any size."""
+    import meshio
+
+    kinds = meshio.extension_to_filetypes.get(path.suffix.lower(), [""])
+    if kinds == ["vtu"]:
+        check_blocks(path.read_bytes())
+    if "ansys" in kinds:  # meshio reads every .msh as ansys first
+        with path.open("rb") as file:
+            kinds = ["gmsh"] if b"$MeshFormat" in file.read(4096) else ["ansys"]
+    if kinds == ["tetgen"]:
+        for part in (path.with_suffix(".node"), path.with_suffix(".ele")):
+            if not any(line.strip() and not line.startswith(b"#") for line in part.read_bytes().splitlines()):
+                raise DamagedFile(f"{part.name} has no line of counts")
+    if kinds[0] not in ("ansys", "mdpa", "tecplot"):
+        return meshio.read(path, kinds[0] if kinds == ["gmsh"] else None)
+    with _EndCheckedFile(io.FileIO(path)) as file:
+        return meshio.read(io.TextIOWrapper(file, "utf-8") if kinds == ["tecplot"] else file, kinds[0])
+
+
+def _warn_of_cut_file(path: Path) -> None:
+    """Warn if a text file ends within a line: its last number may be cut, for example 1 instead of 162."""
+    with path.open("rb") as file:
+        head = file.read(1024)
+        file.seek(max(path.stat().st_size - 64, 0))
+        end = file.read()
+    if looks_like_text(head) and looks_like_text(end) and not (end[-1:].isspace() or end.endswith(b">")):
+        warnings.warn(
+            f"{path}: its last line has no line end; if the file is cut, its last number is wrong.", stacklevel=4
+        )
