@@ -526,6 +526,7 @@ edge = 19.7
 [output]
 volume = false
 """
+MAP = 'file = "fsaverage5/surf/lh.area"\nsphere = "fsaverage5/surf/lh.sphere"\ndegree = 2'
 ALONE = {
     "none": "",
     "contact": "[effects.contact]",
@@ -533,6 +534,8 @@ ALONE = {
     "notch": "[effects.notch]\nat = [[50.0, 0.0, 0.0]]",
     "core_growth": "[effects.core_growth]\nfinal = 1.02",
     "regional_growth": "[effects.regional_growth]\nspots = [{centre = [50.0, 0.0, 0.0], radius = 30.0, factor = 0.5}]",
+    "growth_map": f"[effects.growth_map]\n{MAP}",
+    "stiffness_map": f"[effects.stiffness_map]\n{MAP}",
     "ramp": '[effects.ramp]\nshape = "smooth"',
     "skull": "[effects.skull]\ngap = 5.0",
     "inertia": "[effects.inertia]\nduration = 50.0",

@@ -63,7 +63,7 @@ def edge_by_rule(scene: Scene) -> float:
 
 
 def _lengths_and_cells(scene: Scene) -> list[tuple[float, int]]:
-    """Lengths of a patch or strip, or of an edge of the cube of a cubed sphere [mm], and the number of cells along each."""
+    """Lengths of a patch or strip, or of an edge of the cube of a cubed sphere [mm], and the cells along each."""
     from morphofold.sim.scene import Ellipsoid, Patch, Sphere, Strip, UnfoldedCortex
 
     geometry = scene.geometry

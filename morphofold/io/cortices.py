@@ -234,8 +234,8 @@ def cortex_files(
     root = _last_stage(Path(path))
     stage = root / "stage.json"
     staged = os.path.lexists(stage)
-    if staged and hemi not in (there := hemispheres(root)):
-        raise DoesNotApply(f"{root}: is a simulated stage of {there[0]}, and has no {hemi}. Request {there[0]}.")
+    if staged and hemi not in (sides := hemispheres(root)):
+        raise DoesNotApply(f"{root}: is a simulated stage of {sides[0]}, and has no {hemi}. Request {sides[0]}.")
     found = {what: _required_surface(root, f"{hemi}.{s}") for what, s in zip(("white", "pial"), surfaces)}
 
     def add(what: str, place: str, stem: str, endings: tuple[str, ...] = ("",)) -> None:
@@ -244,8 +244,8 @@ def cortex_files(
 
     for name in MAP_NAMES:
         add(name, "surf", f"{hemi}.{name}", _MAP_ENDINGS)
-    for name in ("inflated", "sphere"):
-        add(name, "surf", f"{hemi}.{name}", SURFACE_ENDINGS)
+    for kind in ("inflated", "sphere"):
+        add(kind, "surf", f"{hemi}.{kind}", SURFACE_ENDINGS)
     if annotation is None and not staged and os.path.lexists(root / "summary.json"):
         annotation = _measured_surface_fields(root / "summary.json", hemi)["annotation"]
     for stem in ("aparc",) if annotation is None else (f"aparc.{annotation}", annotation):

@@ -65,8 +65,13 @@ class Options(SphereMap, EffectOptions):
         if found.on_sphere is None:
             return growth
         factor = GrowthMap(found, self, scene).factors(found.on_sphere(even_directions(PLACES)))
-        weight = float(np.interp(growth, *zip(*self.curve))) if self.curve else 1.0
-        return 1 + (growth - 1) / max(1.0, 1 + weight * (float(factor.max()) - 1))
+        return 1 + (growth - 1) / max(1.0, 1 + self.weight(growth) * (float(factor.max()) - 1))
+
+    def weight(self, g: float) -> float:
+        """Weight of the map at growth g."""
+        if not self.curve:
+            return 1.0
+        return float(np.interp(g, [at for at, _ in self.curve], [weight for _, weight in self.curve]))
 
 
 def build(options: Options, scene: Scene) -> GrowthMap:
@@ -79,9 +84,8 @@ class GrowthMap(Effect):
     name = "growth_map"
 
     def __init__(self, found: MapAtNodes, options: Options, scene: Scene):
-        self._map, self._curve = found, options.curve
+        self._map, self._options = found, options
         self._final = scene.growth.final if options.values == "area ratio" else None
-        self._name = options.file
 
     def factors(self, values: Array) -> Array:
         """Factors on the growth from values of the map, which are ratios of areas or factors themselves."""
@@ -90,16 +94,15 @@ class GrowthMap(Effect):
             values = np.maximum((stretch - 1) / (self._final - 1), 0.0)
         if not (np.isfinite(values).all() and values.min() >= 0 and values.max() <= LARGEST_FACTOR):
             raise OutOfRange(
-                f"{self._name}: makes factors of {np.nanmin(values):.3g} to {np.nanmax(values):.3g} on the growth g - 1; "
-                f"they must be 0 to {LARGEST_FACTOR:g}."
+                f"{self._options.file}: makes factors of {np.nanmin(values):.3g} to {np.nanmax(values):.3g} on the "
+                f"growth; they must be 0 to {LARGEST_FACTOR:g}."
             )
         return values
 
     def prepare(self, body: Body) -> None:
         corners = body.bilayer.mesh.t[:, : body.elements.n_cortex]
         factor = self.factors(self._map.at(body.bilayer))[corners].mean(axis=0)
-        if not self._curve:
+        if self._options.curve:
+            body.changing.append(lambda g: 1 + self._options.weight(g) * (factor - 1))
+        else:
             body.pattern = body.pattern * factor
-            return
-        growths, weights = zip(*self._curve)
-        body.changing.append(lambda g: 1 + float(np.interp(g, growths, weights)) * (factor - 1))

@@ -12,6 +12,7 @@ from morphofold.arrays import Array
 from morphofold.errors import MissingPart, NotFinite, UnknownName
 from morphofold.sim.mesh.brick_mesh import Bilayer
 from morphofold.sim.mesh.sphere_maps import SmoothMap, read_map, smooth_map
+from morphofold.sim.mesh.subject import subject_of_cortex
 from morphofold.sim.scene import MeshFile, UnfoldedCortex
 from morphofold.sim.scene.geometries import map_files
 from morphofold.sim.scene.tables import SphereMap
@@ -52,8 +53,6 @@ class MapAtNodes:
             return None
         if not self._own_areas:
             return read_map(self._table, self._geometry)
-        from morphofold.sim.mesh.unfolded_cortex import subject_of_cortex
-
         subject = subject_of_cortex(self._geometry)
         return smooth_map(subject.unfolding.area_ratio(), subject.vertices(), self._table.degree, AREA_RATIO)
 

@@ -11,6 +11,7 @@ from morphofold.errors import Mismatch, MissingPart, NotFinite, OutOfRange
 from morphofold.geometry import vertex_areas
 from morphofold.io import read_morph, read_surface
 from morphofold.io.files import existing_file
+from morphofold.sim.mesh.subject import Vertices, subject_of_cortex
 from morphofold.sim.scene import UnfoldedCortex
 from morphofold.sim.scene.geometries import map_file, path_or_sample
 from morphofold.sim.scene.tables import SphereMap
@@ -33,14 +34,6 @@ class SmoothMap(NamedTuple):
         return np.clip(self.shape(s)[:, 0], self.least, self.most)
 
 
-class Vertices(NamedTuple):
-    """Vertices of a sphere: points (N, 3) of the unit sphere, and areas (N,) that weight them; 0 where they are not
-    cortex."""
-
-    points: Array
-    areas: Array
-
-
 def read_map(table: SphereMap, geometry: Any) -> SmoothMap:
     """Read a map and smooth it.
 
@@ -57,15 +50,14 @@ def read_map(table: SphereMap, geometry: Any) -> SmoothMap:
         points = sphere.verts / np.maximum(np.linalg.norm(sphere.verts, axis=1, keepdims=True), 1e-300)
         vertices = Vertices(points, vertex_areas(points, sphere.faces))
     elif isinstance(geometry, UnfoldedCortex):
-        from morphofold.sim.mesh.unfolded_cortex import subject_of_cortex
-
         vertices, name = subject_of_cortex(geometry).vertices(), f"the surface of {geometry.subject}"
     else:
         raise MissingPart(f"{file}: is a map on a sphere, but names none. Add sphere = FILE to its table.")
     values = read_morph(file)
     if len(values) != len(vertices.points):
         raise Mismatch(
-            f"{file}: has {len(values):,} values, {name} {len(vertices.points):,} vertices: they do not belong together."
+            f"{file}: has {len(values):,} values, {name} {len(vertices.points):,} vertices: they do not belong "
+            "together."
         )
     return smooth_map(values, vertices, table.degree, str(file))
 

@@ -24,7 +24,7 @@ from morphofold.sim.output.inputs import check_begun, check_inputs, inputs_of, s
 from morphofold.sim.output.run_files import AND_GROW_AGAIN, is_temporary, stage_folder, sweep
 from morphofold.sim.output.stages import check_finished, check_stages, read_health, read_stage
 from morphofold.sim.output.volume import check_series, write_series
-from morphofold.sim.scene import Scene
+from morphofold.sim.scene import Scene, UnfoldedCortex
 from morphofold.sim.scene.effects import effect_names
 from morphofold.sim.scene.files import load_scene, to_toml
 from morphofold.surface import Cortex, Surface
@@ -220,7 +220,7 @@ class FolderWriter:
             "warnings": warnings,
             "scene_sha256": scene_digest(self.out),
         }
-        if "geometry.subject" in self._inputs:
+        if isinstance(scene.geometry, UnfoldedCortex):
             info["grown_from"] = {**self._inputs["geometry.subject"], "unfold": scene.geometry.unfold}
         hemi = pial.name[:2]
         cortex = Cortex(white, pial, hemi, scene.name, origin="simulation", portion=portion, info=info)

@@ -55,7 +55,8 @@ class Restart(Record):
 
 
 class Inputs(Record):
-    """``inputs.json``: a mesh file, or a mesh size, and a subject if there is one; ``effects`` are the names of the caller's own effects."""
+    """``inputs.json``: a mesh file or a mesh size, a subject and maps if there are any; ``effects`` are the names of
+    the caller's own effects."""
 
     geometry: Annotated[MeshBytes | None, Field(alias="geometry.file")] = None
     subject: Annotated[SubjectBytes | None, Field(alias="geometry.subject")] = None
@@ -97,10 +98,10 @@ def check_inputs(folder: Path, scene: Scene) -> None:
 def _subject_of(scene: Scene) -> dict[str, dict[str, Any]]:
     if not isinstance(scene.geometry, UnfoldedCortex):
         return {}
-    from morphofold.sim.mesh.unfolded_cortex import files_of_cortex
+    from morphofold.sim.mesh.subject import files_of_subject
 
     return {
-        "geometry.subject": {"subject": scene.geometry.subject, "sha256": _digests(files_of_cortex(scene.geometry))}
+        "geometry.subject": {"subject": scene.geometry.subject, "sha256": _digests(files_of_subject(scene.geometry))}
     }
 
 
@@ -120,8 +121,8 @@ def _check_input(folder: Path, scene: Scene, what: str, mine: dict[str, Any]) ->
     if what in ("geometry.subject", "maps") and began != mine:
         changed = sorted(name for name in mine["sha256"] if began["sha256"].get(name) != mine["sha256"][name])
         raise Mismatch(
-            f"{mine.get('subject', 'maps')}: {' and '.join(changed) or 'a file'} changed since the run in {folder} began. "
-            "Restore the old files, or choose another folder."
+            f"{mine.get('subject', 'maps')}: {' and '.join(changed) or 'a file'} changed since the run in {folder} "
+            "began. Restore the old files, or choose another folder."
         )
     if what == "accuracy" and began != mine:
         raise Mismatch(

@@ -207,7 +207,7 @@ class MeshFile(Layers):
 
 
 class UnfoldedCortex(Layers):
-    """A person's cortex before it folded: its white surface, unfolded by heat flow on its sphere, with a cortex under it.
+    """A person's cortex before it folded: the white surface, unfolded by heat flow on its sphere.
 
     Lengths are those of a body whose pial surface has the area of a sphere of ``radius``. ``held`` names the part that
     is held fixed: the wall of the hole, and by default the medial wall, which does not grow either.

@@ -43,7 +43,7 @@ class Spot(Table):
 
 
 class SphereMap(Table):
-    """A map with a value for each vertex of a sphere; a smooth one is used, of its spherical harmonics up to ``degree``."""
+    """A map with a value for each vertex of a sphere, smoothed by spherical harmonics up to ``degree``."""
 
     file: Annotated[
         str,

@@ -16,7 +16,7 @@ from morphofold.errors import MissingPart
 from morphofold.sim import scene
 from morphofold.sim.scene import materials
 from morphofold.sim.scene.effects import effect_names, effects_of, options_of
-from morphofold.sim.scene.tables import Spot, unit_of
+from morphofold.sim.scene.tables import SphereMap, Spot, unit_of
 from morphofold.studies.markdown import write_texts
 
 BEGIN, END = "<!-- tables from here -->\n", "<!-- tables to here -->\n"
@@ -31,6 +31,7 @@ TABLES: dict[str, type[BaseModel]] = {
     "At the top": scene.Scene,
     **{f'[geometry] with shape = "{name}"': model for name, model in scene.SHAPES.items()},
     "An item of thickness_spots or spots": Spot,
+    "A map: thickness_map of a sphere, an ellipsoid or a cortex": SphereMap,
     **{_heading(name): materials.options_of(name) for name in materials.material_names()},
     "[growth]": scene.Growth,
     **{f"[effects.{name}]": options_of(name) for name in effect_names()},
@@ -102,6 +103,8 @@ def _kind_and_range(schema: Mapping[str, Any]) -> tuple[str, str]:
     """Type and range of a value, from its JSON schema."""
     if "const" in schema or "enum" in schema:
         return "text", ", ".join(f'`"{word}"`' for word in schema.get("enum", [schema.get("const")]))
+    if "$ref" in schema:
+        return "map", ""
     if schema["type"] == "array":
         if "prefixItems" in schema:
             return f"{len(schema['prefixItems'])} numbers", _kind_and_range(schema["prefixItems"][0])[1]
