@@ -1,0 +1,1 @@
+"""What growth explains of a person's folds: experiments on unfolded hemispheres."""

@@ -1,0 +1,156 @@
+"""Fig. 8 of Razavi et al. (2015) as an experiment: the same body, with its own thickness map and with an even cortex.
+
+Both bodies of a pair have the same mesh directions, imperfection and mean thickness. So what differs between them is
+what the map does: in each parcel of the sphere, the gyral width of one over that of the other, against the thickness of
+one over that of the other before growth. Even bodies of two seeds give the control: their widths differ too, but the
+map has no part in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from morphofold.geometry import unit
+from morphofold.io import read_cortex, write_annotation, write_label, write_morph, write_surface
+from morphofold.io.samples import sample_path
+from morphofold.sim.mesh.sphere_maps import thickness_factor
+from morphofold.sim.run import Simulation
+from morphofold.studies.paper.runs import Runs
+from morphofold.studies.person.parcels import (
+    PARCELS,
+    Widths,
+    cortex_weights,
+    gyral_widths,
+    parcel_means,
+    parcel_of,
+    rotations,
+)
+from morphofold.studies.person.slopes import Slope, paired_slope, spin_p
+from morphofold.surface import Surface
+
+SCENE = "hemisphere"
+SETTINGS = ("geometry.unfold=0.06", "growth.final=1.8", "output.stages=[]", "output.volume=false")
+MAP = "geometry.thickness_map={file='thickness'}"
+KINDS = {"even": (), "map": (MAP,)}
+SPINS = 2000
+
+
+class Hemisphere(NamedTuple):
+    """A hemisphere of a subject: ``folder`` is a path or a sample."""
+
+    subject: str
+    folder: str
+    hemi: str
+
+    @property
+    def name(self) -> str:
+        return f"{self.subject}-{self.hemi}"
+
+
+def hemispheres(folders: Sequence[str]) -> list[Hemisphere]:
+    """Left and right hemispheres of subjects with a white surface and a thickness."""
+    found = []
+    for folder in folders:
+        place = Path(folder) if Path(folder).exists() else sample_path(folder)
+        for hemi in ("lh", "rh"):
+            if all((place / "surf" / f"{hemi}.{name}").is_file() for name in ("white", "thickness")):
+                found.append(Hemisphere(Path(folder).name, folder, hemi))
+    return found
+
+
+def grow_pair(hemisphere: Hemisphere, seed: int, runs: Runs) -> dict[str, Simulation]:
+    """The body with an even cortex and the one with the map."""
+    settings = (
+        *SETTINGS,
+        f"geometry.subject={hemisphere.folder}",
+        f"geometry.hemi={hemisphere.hemi}",
+        f"effects.perturbation.seed={seed}",
+    )
+    return {
+        kind: runs.grow(f"{hemisphere.name}-{kind}-seed{seed}", SCENE, [*settings, *more])
+        for kind, more in KINDS.items()
+    }
+
+
+def pair_rows(hemisphere: Hemisphere, seed: int, runs: Runs) -> list[dict[str, Any]]:
+    """One row per parcel: gyral widths of both bodies [mm], and the thickness factor of the map before growth."""
+    grown = grow_pair(hemisphere, seed, runs)
+    widths: dict[str, Widths] = {}
+    for kind, simulation in grown.items():
+        name = f"gyral widths of {simulation.path.name}"
+        widths[kind] = runs.once(name, lambda show, simulation=simulation: gyral_widths(simulation.cortex()))
+    factor = thickness_factors(grown["map"])
+    return [
+        {
+            "subject": hemisphere.subject,
+            "hemi": hemisphere.hemi,
+            "seed": seed,
+            "parcel": k,
+            "thickness_factor": factor[k],
+            "width_even_mm": widths["even"].of_parcel[k],
+            "width_map_mm": widths["map"].of_parcel[k],
+        }
+        for k in range(PARCELS)
+    ]
+
+
+def thickness_factors(grown: Simulation, turn: np.ndarray | None = None) -> np.ndarray:
+    """Mean thickness of each parcel (PARCELS,) before growth over the mean of the body; the map may be turned first."""
+    cortex, geometry = grown.cortex(), grown.scene.geometry
+    assert cortex.sphere is not None
+    points = unit(cortex.sphere.verts)
+    factor = thickness_factor(geometry.thickness_map, geometry)  # type: ignore[union-attr, arg-type]
+    values = factor(points if turn is None else np.ascontiguousarray(points @ turn.T))
+    return parcel_means(values, parcel_of(points), cortex_weights(cortex))
+
+
+def slope_rows(
+    hemisphere: Hemisphere, seeds: Sequence[int], rows: Sequence[dict[str, Any]], runs: Runs
+) -> list[dict[str, Any]]:
+    """Slopes of log width on log thickness: of each seed's pair, of each control, and of the means over seeds."""
+    column = lambda name, seed: np.array([row[name] for row in rows if row["seed"] == seed])
+    thickness = np.log(column("thickness_factor", seeds[0]))
+    even, mapped = (np.log([column(f"width_{kind}_mm", seed) for seed in seeds]) for kind in KINDS)
+    head = {"subject": hemisphere.subject, "hemi": hemisphere.hemi}
+    found = []
+    for k, seed in enumerate(seeds):
+        other = (k + 1) % len(seeds)
+        found.append({**head, "kind": "pair", "seed": seed, **paired_slope(thickness, mapped[k] - even[k])._asdict()})
+        if other != k:
+            control = paired_slope(thickness, even[other] - even[k])
+            found.append({**head, "kind": "control", "seed": seed, **control._asdict()})
+    grown = grow_pair(hemisphere, seeds[0], runs)["map"]
+    spun = np.log([thickness_factors(grown, turn) for turn in rotations(SPINS, 0)])
+    with np.errstate(all="ignore"):
+        mean = np.nanmean(mapped - even, axis=0)
+    whole: Slope = paired_slope(thickness, mean)
+    found.append({**head, "kind": "mean of seeds", "seed": "", **whole._asdict(), "spin_p": spin_p(spun, mean, whole)})
+    return found
+
+
+def prepare(source: str, out: str) -> None:
+    """Write what the experiment needs of a subject with white and pial surfaces only: label of the cortex, thickness.
+
+    The medial wall is where white and pial nearly meet; the thickness is FreeSurfer's.
+    """
+    from morphofold.analysis import cortical_thickness
+    from morphofold.analysis.mesh_quality.medial_wall import wall_of_geometry
+    from morphofold.unfolding.spheres import sphere_of
+
+    for hemi in ("lh", "rh"):
+        cortex, place = read_cortex(source, hemi), Path(out)
+        for name in ("surf", "label"):
+            (place / name).mkdir(parents=True, exist_ok=True)
+        mask = ~wall_of_geometry(cortex)
+        points = 100 * sphere_of(cortex.white).verts
+        write_surface(place / "surf" / f"{hemi}.white", cortex.white)
+        write_surface(place / "surf" / f"{hemi}.pial", cortex.pial)
+        write_surface(place / "surf" / f"{hemi}.sphere", Surface(points, cortex.faces))
+        write_morph(place / "surf" / f"{hemi}.thickness", cortical_thickness(cortex.white, cortex.pial), nan=0.0)
+        write_label(place / "label" / f"{hemi}.cortex.label", mask, cortex.white.verts)
+        if cortex.regions is not None:
+            write_annotation(place / "label" / f"{hemi}.aparc.annot", cortex.regions)

@@ -1,0 +1,61 @@
+"""Parcels of about equal area on a sphere, for surfaces with and without a parcellation of their own."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from morphofold.analysis.thickness.gyral import GyralThickness, gyral_thickness, weighted_quantile
+from morphofold.arrays import Array, Ints
+from morphofold.geometry import unit, vertex_areas
+from morphofold.shapes import even_directions
+from morphofold.surface import Cortex
+
+PARCELS = 40  # on the whole sphere: as large as regions of a usual parcellation
+LEAST_CONTOUR_IN_WIDTHS = 2.0  # as in tables of regions: less is a single fold
+
+
+def parcel_of(points: Array) -> Ints:
+    """Number of the parcel of points (P, 3) of the unit sphere."""
+    return np.asarray(cKDTree(even_directions(PARCELS)).query(points)[1])
+
+
+class Widths(NamedTuple):
+    """Gyral width of each parcel (PARCELS,) [mm], NaN where there are too few folds; its median over the surface."""
+
+    of_parcel: Array
+    median: float
+
+
+def gyral_widths(cortex: Cortex) -> Widths:
+    """Median gyral width by parcel of a surface with a sphere, without its medial wall."""
+    assert cortex.sphere is not None
+    found: GyralThickness = gyral_thickness(cortex)
+    points = unit(cortex.sphere.verts)[cortex.faces[found.triangle]].mean(axis=1)
+    parcel, widths = parcel_of(points), np.full(PARCELS, np.nan)
+    for k in range(PARCELS):
+        inside = (parcel == k) & np.isfinite(found.width)
+        if found.weight[inside].sum() >= LEAST_CONTOUR_IN_WIDTHS * found.median:
+            widths[k] = weighted_quantile(found.width[inside], found.weight[inside], 0.5)
+    return Widths(widths, found.median)
+
+
+def parcel_means(values: Array, parcel: Ints, weights: Array) -> Array:
+    """Weighted mean (PARCELS,) of values (P,) by parcel; NaN where there is no weight."""
+    total = np.bincount(parcel, weights, PARCELS)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.bincount(parcel, weights * values, PARCELS) / total
+
+
+def cortex_weights(cortex: Cortex) -> Array:
+    """Area (N,) [mm^2] of the white surface around each vertex; 0 outside of the cortex label."""
+    area = vertex_areas(cortex.white.verts, cortex.faces)
+    return area if cortex.cortex is None else area * cortex.cortex
+
+
+def rotations(count: int, seed: int) -> list[Array]:
+    """Random rotations (3, 3), evenly distributed."""
+    return list(Rotation.random(count, random_state=np.random.default_rng(seed)).as_matrix())
