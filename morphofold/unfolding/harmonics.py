@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numba import njit, prange
@@ -20,8 +21,16 @@ from morphofold.errors import WrongShape
 POINTS_AT_ONCE = 8192  # bounds the memory of the harmonics at many points
 
 
+@lru_cache(maxsize=8)
+def _recurrence(degree: int) -> tuple[Array, Array]:
+    """Factors a, b (degree + 1, degree + 1) by l and m in Q_(l+1)m = a (z Q_lm - b Q_(l-1)m)."""
+    l, m = np.arange(degree + 1)[:, None], np.minimum(np.arange(degree + 1), np.arange(degree + 1)[:, None])
+    a = np.sqrt((4.0 * (l + 1) ** 2 - 1) / ((l + 1) ** 2 - m * m))
+    return a, np.sqrt((l * l - m * m) / np.maximum(4.0 * l * l - 1, 1.0))
+
+
 @njit(parallel=True, cache=True)
-def _harmonics(s, degree, out):
+def _harmonics(s, degree, a, b, out):
     """All harmonics up to ``degree`` at the points s (P, 3) of the unit sphere; out (P, (degree + 1)^2)."""
     for p in prange(len(s)):
         x, y, z = s[p, 0], s[p, 1], s[p, 2]
@@ -33,10 +42,7 @@ def _harmonics(s, degree, out):
                 out[p, centre + m] = q * real
                 if m > 0:
                     out[p, centre - m] = q * imaginary
-                # Q_(l+1)m = a (z Q_lm - b Q_(l-1)m)
-                a = math.sqrt((4.0 * (l + 1) ** 2 - 1.0) / ((l + 1.0) ** 2 - m * m))
-                b = math.sqrt((l * l - m * m) / (4.0 * l * l - 1.0)) if l > m else 0.0
-                before, q = q, a * (z * q - b * before)
+                before, q = q, a[l, m] * (z * q - b[l, m] * before)
             real, imaginary = x * real - y * imaginary, x * imaginary + y * real
             sectoral *= math.sqrt((2.0 * m + 3.0) / (2.0 * m + 2.0))
 
@@ -44,7 +50,7 @@ def _harmonics(s, degree, out):
 def harmonics(s: Array, degree: int) -> Array:
     """Values (P, (degree + 1)^2) of all harmonics up to ``degree`` at points ``s`` (P, 3) of the unit sphere."""
     out = np.empty((len(s), (degree + 1) ** 2))
-    _harmonics(np.ascontiguousarray(s, dtype=np.float64), degree, out)
+    _harmonics(np.ascontiguousarray(s, dtype=np.float64), degree, *_recurrence(degree), out)
     return out
 
 

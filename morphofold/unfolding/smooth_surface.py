@@ -61,9 +61,12 @@ class SmoothSurface:
         return self.shape(s)
 
     @cached_property
-    def _slopes(self) -> tuple[Expansion, Expansion]:
+    def _with_slopes(self) -> Expansion:
+        """Position, its 9 first and its 27 second derivatives, so that harmonics are evaluated once for all of them."""
         first = self.shape.gradient()
-        return first, first.gradient()
+        parts = [expansion.coefficients for expansion in (self.shape, first, first.gradient())]
+        rows = len(parts[0])
+        return Expansion(np.hstack([np.pad(part, ((0, rows - len(part)), (0, 0))) for part in parts]))
 
     def frame(self, s: Array) -> Frame:
         """Position, normal, stretch of area, and principal curvatures at points ``s`` (P, 3) of the unit sphere.
@@ -71,8 +74,8 @@ class SmoothSurface:
         Along a great circle with unit tangent t the solid function F of :meth:`Expansion.gradient` gives X' = F' t and
         X'' = t F'' t - F' s.
         """
-        slopes, bends = self._slopes
-        F1, F2 = slopes(s).reshape(-1, 3, 3), bends(s).reshape(-1, 3, 3, 3)
+        position, F1, F2 = np.split(self._with_slopes(s), (3, 12), axis=1)
+        F1, F2 = F1.reshape(-1, 3, 3), F2.reshape(-1, 3, 3, 3)
         t = tangents(s)
         along = np.einsum("pcr,pkr->pkc", F1, t)
         normal = np.cross(along[:, 0], along[:, 1])
@@ -86,7 +89,7 @@ class SmoothSurface:
         mean, gauss = 0.5 * np.trace(turn, axis1=1, axis2=2), np.linalg.det(turn)
         half = np.sqrt(np.maximum(mean**2 - gauss, 0.0))
         curvature = np.column_stack([mean - half, mean + half])
-        return Frame(self.shape(s), normal, stretch, curvature, along, turn @ along)
+        return Frame(position, normal, stretch, curvature, along, turn @ along)
 
     def scaled(self, factor: float) -> SmoothSurface:
         """The surface with all lengths times ``factor``."""
