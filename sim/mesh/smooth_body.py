@@ -16,8 +16,8 @@ from morphofold.sim.mesh.core_nodes import CoreMoves, core_moves, scaled_jacobia
 from morphofold.sim.mesh.even_cells import even_cells, shifted
 from morphofold.unfolding.harmonics import Expansion
 from morphofold.unfolding.numbers import LEAST_RADIUS_OVER_T
-from morphofold.unfolding.smooth_surface import SmoothSurface
-from morphofold.unfolding.unfold import surface_radius
+from morphofold.unfolding.smooth_surface import Frame, SmoothSurface
+from morphofold.unfolding.unfold import quadrature, surface_radius
 
 CORE_CELLS = 16  # along an edge of the cube, of the mesh on which the nodes of the core are moved
 HOLE_LEVEL = 0.3  # of heat flow: the hole has the shape of a smoother body
@@ -93,6 +93,16 @@ def _layers(
     cortex_layers: int,
 ) -> _Layers:
     frame = surface.frame(s)
+    T = _fitting_thickness(frame, thickness, s)
+    white, base = frame.position - T[:, None] * frame.normal, hole(s)
+    edge = float(np.linalg.norm(frame.position[quads] - frame.position[np.roll(quads, -1, axis=1)], axis=2).max())
+    depth = float(np.linalg.norm(white - base, axis=1).mean())
+    fractions = core_layer_fractions(float(T.mean()) / cortex_layers, depth, edge)
+    return _Layers(frame.position, white, base, frame.normal, edge, fractions)
+
+
+def _fitting_thickness(frame: Frame, thickness: float | Callable[[Array], Array], s: Array) -> Array:
+    """Thickness (S,) [mm] at points ``s`` (S, 3); raises where the surface bends too sharply for it."""
     T = np.broadcast_to(thickness(s) if callable(thickness) else thickness, len(s))
     least = 1 / np.maximum(frame.curvature[:, 1], 1e-300)
     if (least < LEAST_RADIUS_OVER_T * T).any():
@@ -102,11 +112,7 @@ def _layers(
             f"the radius must be at least {LEAST_RADIUS_OVER_T:g} times the thickness. Make the cortex thinner or the "
             "surface smoother."
         )
-    white, base = frame.position - T[:, None] * frame.normal, hole(s)
-    edge = float(np.linalg.norm(frame.position[quads] - frame.position[np.roll(quads, -1, axis=1)], axis=2).max())
-    depth = float(np.linalg.norm(white - base, axis=1).mean())
-    fractions = core_layer_fractions(float(T.mean()) / cortex_layers, depth, edge)
-    return _Layers(frame.position, white, base, frame.normal, edge, fractions)
+    return T
 
 
 def smooth_body(
@@ -130,6 +136,8 @@ def smooth_body(
     ImpossibleBody
         If the surface bends too sharply for the cortex, or the hole comes too near to it.
     """
+    places = quadrature(3 * surface.shape.degree)[0]
+    _fitting_thickness(surface.frame(places), thickness, places)  # before the searches, which take some seconds
     shift = even_cells(surface, mean_thickness)
     directions, quads = cube_directions(CORE_CELLS)
     s = shifted(directions, shift)

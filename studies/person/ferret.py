@@ -1,0 +1,66 @@
+"""A ferret's brain: gyrification against area of published simulated stages, beside bodies grown from the first.
+
+The surfaces are those of Choi and others (2025, eLife reviewed preprint 107141), Apache-2.0; this package has none of
+them. Both axes are shares of the area of the convex hull of the first surface, so units cancel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from morphofold.geometry import face_areas
+from morphofold.io import read_surface
+from morphofold.studies.paper.runs import Runs
+from morphofold.surface import Surface
+
+SETTINGS = (
+    "geometry.held=hole",
+    "geometry.unfold=0.01",
+    "geometry.cortex_thickness=2.5",
+    "growth.final=1.6",
+    "output.stages=[1.1, 1.2, 1.3, 1.4, 1.5]",
+    "output.volume=false",
+)
+LEVELS = ("draft", "standard")
+
+
+def published(files: Sequence[Path]) -> list[dict[str, Any]]:
+    """Area over the hull of the first surface, and gyrification, of surfaces in the order of their growth."""
+    surfaces = [read_surface(file) for file in files]
+    first = _hull_area(surfaces[0])
+    return [{"kind": "published", "level": "", "seed": "", "growth": "", **_numbers(s, first)} for s in surfaces]
+
+
+def grown(first: Path, seeds: Sequence[int], runs: Runs) -> list[dict[str, Any]]:
+    """The same of stages that are grown from the first surface, on two meshes, with several imperfections."""
+    rows, hull = [], _hull_area(read_surface(first))
+    for level in LEVELS:
+        for seed in seeds:
+            settings = (f"geometry.subject={first}", f"accuracy.level={level}", f"effects.perturbation.seed={seed}")
+            run = runs.grow(f"ferret-{level}-seed{seed}", "hemisphere", [*SETTINGS, *settings])
+            for g in run.stages:
+                pial = run.cortex(g).pial
+                head = {"kind": "grown", "level": level, "seed": seed, "growth": g}
+                rows.append({**head, **_numbers(pial, hull * _scale(run) ** 2)})
+    return rows
+
+
+def _scale(run: Any) -> float:
+    """Lengths of a run over those of the file: its body is scaled to the area of a sphere of the scene's radius."""
+    from morphofold.sim.mesh.subject import subject_of_cortex
+
+    return subject_of_cortex(run.scene.geometry).unfolding.scale
+
+
+def _numbers(surface: Surface, first_hull: float) -> dict[str, float]:
+    area = float(face_areas(surface.verts, surface.faces).sum())
+    return {"area_over_first_hull": area / first_hull, "gyrification_index": area / _hull_area(surface)}
+
+
+def _hull_area(surface: Surface) -> float:
+    return float(ConvexHull(np.asarray(surface.verts)).area)

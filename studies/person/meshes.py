@@ -1,0 +1,60 @@
+"""What accuracy costs on a hemisphere: the same body on several meshes, with the errors against the finest."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from morphofold.analysis import gyrification_index
+from morphofold.analysis.relief import relief
+from morphofold.analysis.thickness.gyral import gyral_thickness
+from morphofold.comparison.distance import distance
+from morphofold.geometry import equal_area_radius, unit
+from morphofold.shapes import even_directions
+from morphofold.sim.run import Simulation
+from morphofold.studies.paper.runs import Runs
+
+SCENE = "hemisphere"
+PLACES = 10_000  # on the sphere, where heights of two bodies are compared
+FOLD_SCALE_OVER_RADIUS = 0.2  # of the relief
+
+
+def rows(levels: Sequence[str], thicknesses: Sequence[float], growth: float, runs: Runs) -> list[dict[str, Any]]:
+    """Cost, folds, and differences from the last level, for each thickness [mm] of the cortex; levels from coarse to
+    fine."""
+    found = []
+    for T in thicknesses:
+        settings = (f"geometry.cortex_thickness={T}", f"growth.final={growth}", "output.stages=[]")
+        grown = [runs.grow(f"T{T:g}-{level}", SCENE, [*settings, f"accuracy.level={level}"]) for level in levels]
+        found += [{"thickness_mm": T, "level": level, **_numbers(run, grown[-1])} for level, run in zip(levels, grown)]
+    return found
+
+
+def _numbers(run: Simulation, finest: Simulation) -> dict[str, Any]:
+    health, cortex, other = run.health, run.cortex(), finest.cortex()
+    return {
+        "bricks": health["elements"],
+        "steps": health["steps"],
+        "seconds": health["seconds"],
+        "threads": health["threads"],
+        "healthy": health["healthy"],
+        "gyrification_index": gyrification_index(cortex.pial.verts, cortex.faces),
+        "gyral_width_mm": gyral_thickness(cortex).median,
+        "distance_over_T": distance(cortex.pial, other.pial) / run.scene.geometry.cortex_thickness,
+        "height_correlation": height_correlation(cortex, other),
+    }
+
+
+def height_correlation(one: Any, other: Any) -> float:
+    """Correlation of the heights of folds of two bodies with one sphere, over even places of the cortex."""
+    places, values, cortical = even_directions(PLACES), [], np.ones(PLACES, dtype=bool)
+    for cortex in (one, other):
+        verts = np.asarray(cortex.pial.verts)
+        height = relief(verts, cortex.faces, FOLD_SCALE_OVER_RADIUS * equal_area_radius(verts, cortex.faces)).height
+        vertex = cKDTree(unit(cortex.sphere.verts)).query(places)[1]
+        values.append(height[vertex])
+        cortical &= True if cortex.cortex is None else cortex.cortex[vertex]
+    return float(np.corrcoef(values[0][cortical], values[1][cortical])[0, 1])
