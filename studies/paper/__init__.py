@@ -10,10 +10,11 @@ from morphofold.studies.paper.compare import reproduce_fig8, reproduce_fig9
 from morphofold.studies.paper.folds import reproduce_fig5, reproduce_fig6, reproduce_fig7
 from morphofold.studies.paper.runs import Runs
 from morphofold.studies.paper.theory import reproduce_fig3, reproduce_fig4
+from morphofold.studies.person.figure import reproduce_pairs
 
 #: figure of the paper -> function that writes its files into a folder and returns their entry for an index; it
 #: requests the simulations that it needs
-REPRODUCTIONS: dict[str, Callable[[Path, Runs], dict[str, Any]]] = {
+REPRODUCTIONS: dict[str, Callable[..., dict[str, Any]]] = {
     "fig3": reproduce_fig3,
     "fig4": reproduce_fig4,
     "fig5": reproduce_fig5,
@@ -21,4 +22,5 @@ REPRODUCTIONS: dict[str, Callable[[Path, Runs], dict[str, Any]]] = {
     "fig7": reproduce_fig7,
     "fig8": reproduce_fig8,
     "fig9": reproduce_fig9,
+    "fig8-grown": reproduce_pairs,
 }

@@ -15,7 +15,7 @@ from morphofold.studies.paper.theory import ONE_D, THREE_D
 Tables = dict[str, list[Row]]
 
 #: columns of the figures' tables that stay text
-WORDS = (*markdown.WORDS, "surface", "other_surface", "points", "kind")
+WORDS = (*markdown.WORDS, "surface", "other_surface", "points", "kind", "subject", "hemi")
 #: heads of the table of folds -> the column of the table of the figure, and the format of its numbers
 FOLDS = {
     "g": ("growth", "{:.2f}"),
@@ -247,6 +247,29 @@ def _fig4(tables: Tables) -> list[Image | Table]:
     return [Image("fig4", "growth at which the surface can crease, over the radii, both laws")]
 
 
+def _fig8_grown(tables: Tables) -> list[Image | Table]:
+    columns = {
+        "hemisphere": ("hemisphere", ""),
+        "kind": ("kind", ""),
+        "parcels or pairs": ("n", "{:.0f}"),
+        "slope": ("slope", "{:.2f}"),
+        "standard error": ("standard_error", "{:.2f}"),
+        "95 % from": ("low", "{:.2f}"),
+        "to": ("high", "{:.2f}"),
+        "r": ("r", "{:.2f}"),
+        "p by rotations": ("spin_p", "{:.4f}"),
+    }
+    rows = [
+        {**row, "hemisphere": f"{row['subject']} {row['hemi'] or ''}".strip()}
+        for row in tables["fig8-grown.tsv"]
+        if row["kind"] == "mean of seeds" or row["subject"] == "all"
+    ]
+    return [
+        Image("fig8-grown", "change of gyral width against change of thickness, and slopes of all pairs and controls"),
+        Table(list(columns), cells(rows, dict(columns.values()))),
+    ]
+
+
 #: figure -> its pictures and tables, from its tables by file name
 PARTS: dict[str, Callable[[Tables], list[Image | Table]]] = {
     "fig3": _fig3,
@@ -256,4 +279,5 @@ PARTS: dict[str, Callable[[Tables], list[Image | Table]]] = {
     "fig7": _fig7,
     "fig8": _fig8,
     "fig9": _fig9,
+    "fig8-grown": _fig8_grown,
 }

@@ -160,6 +160,23 @@ def _by_body(rows: Sequence[Row], key: str) -> list[list[Row]]:
     return [[row for row in wide if row[key] == value] for value in sorted({row[key] for row in rows})]
 
 
+def _fig8_grown(tables: Tables) -> str:
+    pair, control = (
+        next(row for row in tables["fig8-grown.tsv"] if (row["subject"], row["kind"]) == ("all", kind))
+        for kind in ("pair", "control")
+    )
+    thicker = pair["low"] is not None and pair["low"] > 0 and pair["low"] > (control["slope"] or 0)
+    return (
+        f"{_as(thicker)} in the paper, a thicker cortex makes wider gyri: width goes with thickness to the power "
+        f"{pair['slope']:.2f} ({_bounds(pair)}); between seeds, where only chance differs, {control['slope']:.2f} "
+        f"({_bounds(control)})."
+    )
+
+
+def _bounds(row: Row) -> str:
+    return "one pair" if row["low"] is None else f"{row['low']:.2f} to {row['high']:.2f}"
+
+
 def _falls(values: Sequence[float]) -> bool:
     return all(b < a for a, b in pairwise(values))
 
@@ -186,4 +203,5 @@ VERDICTS: dict[str, Callable[[Tables], str]] = {
     "fig7": _fig7,
     "fig8": _fig8,
     "fig9": _fig9,
+    "fig8-grown": _fig8_grown,
 }

@@ -9,6 +9,7 @@ map has no part in it.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,6 +18,7 @@ import numpy as np
 from morphofold.geometry import unit
 from morphofold.io import read_cortex, write_annotation, write_label, write_morph, write_surface
 from morphofold.io.samples import sample_path
+from morphofold.progress import Progress
 from morphofold.sim.mesh.sphere_maps import thickness_factor
 from morphofold.sim.run import Simulation
 from morphofold.studies.paper.runs import Runs
@@ -82,7 +84,7 @@ def pair_rows(hemisphere: Hemisphere, seed: int, runs: Runs) -> list[dict[str, A
     widths: dict[str, Widths] = {}
     for kind, simulation in grown.items():
         name = f"gyral widths of {simulation.path.name}"
-        widths[kind] = runs.once(name, lambda show, simulation=simulation: gyral_widths(simulation.cortex()))
+        widths[kind] = runs.once(name, partial(_widths, simulation))
     factor = thickness_factors(grown["map"])
     return [
         {
@@ -96,6 +98,10 @@ def pair_rows(hemisphere: Hemisphere, seed: int, runs: Runs) -> list[dict[str, A
         }
         for k in range(PARCELS)
     ]
+
+
+def _widths(simulation: Simulation, show: Progress) -> Widths:
+    return gyral_widths(simulation.cortex())
 
 
 def thickness_factors(grown: Simulation, turn: np.ndarray | None = None) -> np.ndarray:
@@ -112,7 +118,10 @@ def slope_rows(
     hemisphere: Hemisphere, seeds: Sequence[int], rows: Sequence[dict[str, Any]], runs: Runs
 ) -> list[dict[str, Any]]:
     """Slopes of log width on log thickness: of each seed's pair, of each control, and of the means over seeds."""
-    column = lambda name, seed: np.array([row[name] for row in rows if row["seed"] == seed])
+
+    def column(name: str, seed: int) -> np.ndarray:
+        return np.array([row[name] for row in rows if row["seed"] == seed], dtype=float)
+
     thickness = np.log(column("thickness_factor", seeds[0]))
     even, mapped = (np.log([column(f"width_{kind}_mm", seed) for seed in seeds]) for kind in KINDS)
     head = {"subject": hemisphere.subject, "hemi": hemisphere.hemi}

@@ -1,0 +1,108 @@
+"""The figure of the experiment of Fig. 8: changes of width against thickness, and slopes of all pairs and controls."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from morphofold.quantities import CATEGORICAL_COLOURS
+from morphofold.report.plots.line_plots import BLACK, GREY, legend_of_figure, new_figure, save
+from morphofold.studies.paper.runs import Runs, run_record
+from morphofold.studies.person.pairs import SPINS, grow_pair, hemispheres, pair_rows, slope_rows
+from morphofold.studies.person.slopes import interval
+from morphofold.tables import write_table
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+SAMPLE = "fsaverage5"
+SEEDS, DRAFT_SEEDS = (0, 1, 2, 3, 4), (0, 1)
+FILES = ("fig8-grown.png", "fig8-grown.tsv", "fig8-grown-parcels.tsv")
+COLUMNS = {
+    "kind": "pair: with the map against even, one seed; control: even, next seed against this one; mean of seeds: of "
+    "the changes of all pairs of a hemisphere; all: mean over the pairs, or controls, of all hemispheres",
+    "slope": "of the logarithm of gyral width on that of thickness before growth, least squares over parcels",
+    "standard_error": "parcels taken as independent, which neighbours are not",
+    "spin_p": f"share of {SPINS} rotations of the map with a slope at least as far from 0",
+    "low": "95 % bounds over pairs, by Student's t; high is the other",
+}
+
+
+def reproduce_pairs(folder: Path, runs: Runs, subjects: Sequence[str] = (SAMPLE,)) -> dict[str, Any]:
+    """Write the figure and its tables into ``folder``; returns their entry for an index."""
+    seeds = DRAFT_SEEDS if runs.draft else SEEDS
+    found = hemispheres(subjects)[: 1 if runs.draft else None]
+    parcels, slopes = [], []
+    for hemisphere in found:
+        rows = [row for seed in seeds for row in pair_rows(hemisphere, seed, runs)]
+        parcels += rows
+        slopes += slope_rows(hemisphere, seeds, rows, runs)
+    slopes += [_over_all(slopes, kind) for kind in ("pair", "control")]
+    write_table(folder / FILES[1], ("subject", "hemi", "kind", "seed", "n", "slope"), slopes)
+    write_table(folder / FILES[2], tuple(parcels[0]), parcels)
+    save(pairs_figure(parcels, slopes), folder / FILES[0])
+    grown = [run for hemisphere in found for seed in seeds for run in grow_pair(hemisphere, seed, runs).values()]
+    return {
+        "shows": "gyral width against thickness by experiment: hemispheres with an even cortex, and with their own map",
+        "files": list(FILES),
+        "columns": COLUMNS,
+        "parameters": {"subjects": [one.name for one in found], "seeds": list(seeds)},
+        "simulations": [run_record(run) for run in grown],
+    }
+
+
+def _over_all(slopes: Sequence[dict[str, Any]], kind: str) -> dict[str, Any]:
+    found = interval([row["slope"] for row in slopes if row["kind"] == kind])
+    head = {"subject": "all", "hemi": "", "kind": kind, "seed": "", "n": found.n}
+    return {**head, "slope": found.mean, "low": found.low, "high": found.high}
+
+
+def pairs_figure(parcels: Sequence[dict[str, Any]], slopes: Sequence[dict[str, Any]]) -> Figure:
+    """Left: change of width against thickness, mean over seeds, a point per parcel. Right: slopes of all pairs."""
+    names = list(dict.fromkeys((row["subject"], row["hemi"]) for row in parcels))
+    colours = {name: CATEGORICAL_COLOURS[k % 6] for k, name in enumerate(names)}
+    with new_figure(10.5, 4.9, 1, 2) as (figure, axes):
+        for name in names:
+            mine = [row for row in parcels if (row["subject"], row["hemi"]) == name]
+            line = next(r for r in slopes if (r["subject"], r["hemi"], r["kind"]) == (*name, "mean of seeds"))
+            _draw_parcels(axes[0][0], mine, line, colours[name])
+        axes[0][0].set(xlabel="thickness before growth, with the map over even", ylabel="gyral width, map over even")
+        _draw_slopes(axes[0][1], slopes, names, colours)
+        entries: dict[str, Any] = {
+            " ".join(name): {"color": colours[name], "marker": "o", "linestyle": "-"} for name in names
+        }
+        legend_of_figure(figure, entries, axes[0][0], min(len(names), 4))
+    return figure
+
+
+def _draw_parcels(ax: Axes, rows: Sequence[dict[str, Any]], line: dict[str, Any], colour: Any) -> None:
+    number = 1 + max(row["parcel"] for row in rows)
+    change = np.array([row["width_map_mm"] / row["width_even_mm"] for row in rows], dtype=float).reshape(-1, number)
+    factor = np.array([row["thickness_factor"] for row in rows], dtype=float).reshape(-1, number)[0]
+    known = np.isfinite(change).any(axis=0) & np.isfinite(factor)
+    with np.errstate(all="ignore"):
+        mean = np.exp(np.nanmean(np.log(change[:, known]), axis=0))
+    ax.scatter(factor[known], mean, s=18, color=colour, alpha=0.75)
+    x = np.array([factor[known].min(), factor[known].max()])
+    centre = np.exp(np.mean(np.log(factor[known]))), np.exp(np.mean(np.log(mean)))
+    ax.plot(x, centre[1] * (x / centre[0]) ** line["slope"], color=colour)
+    ax.axhline(1, color=GREY, linewidth=0.8)
+
+
+def _draw_slopes(ax: Axes, slopes: Sequence[dict[str, Any]], names: Sequence[Any], colours: dict[Any, Any]) -> None:
+    for place, kind in enumerate(("pair", "control")):
+        for name in names:
+            mine = [r["slope"] for r in slopes if (r["subject"], r["hemi"], r["kind"]) == (*name, kind)]
+            at = place + 0.09 * (names.index(name) - 0.5 * (len(names) - 1))
+            ax.scatter(np.full(len(mine), at), mine, s=22, color=colours[name], alpha=0.8)
+        every = next(r for r in slopes if (r["subject"], r["kind"]) == ("all", kind))
+        if np.isfinite(every["low"]):
+            ax.plot([place + 0.32] * 2, [every["low"], every["high"]], color=BLACK)
+        ax.plot([place + 0.32], [every["slope"]], "s", color=BLACK)
+    ax.axhline(0, color=GREY, linewidth=0.8)
+    ax.set(xlim=(-0.5, 1.6), ylabel="slope of log width on log thickness")
+    ax.set_xticks([0, 1], ["map against even,\nsame seed", "even against even,\nother seed"])
