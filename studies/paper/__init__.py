@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 from morphofold.studies.paper.compare import reproduce_fig8, reproduce_fig9
 from morphofold.studies.paper.folds import reproduce_fig5, reproduce_fig6, reproduce_fig7
-from morphofold.studies.paper.runs import Runs
 from morphofold.studies.paper.theory import reproduce_fig3, reproduce_fig4
 from morphofold.studies.person.figure import reproduce_pairs
 
