@@ -260,7 +260,7 @@ def _fig8_grown(tables: Tables) -> list[Image | Table]:
         "p by rotations": ("spin_p", "{:.4f}"),
     }
     rows = [
-        {**row, "hemisphere": f"{row['subject']} {row['hemi'] or ''}".strip()}
+        {**row, "hemisphere": f"{row['subject']} {row['hemi']}"}
         for row in tables["fig8-grown.tsv"]
         if row["kind"] == "mean of seeds" or row["subject"] == "all"
     ]

@@ -33,7 +33,7 @@ def published(files: Sequence[Path]) -> list[dict[str, Any]]:
     """Area over the hull of the first surface, and gyrification, of surfaces in the order of their growth."""
     surfaces = [read_surface(file) for file in files]
     first = _hull_area(surfaces[0])
-    return [{"kind": "published", "level": "", "seed": "", "growth": "", **_numbers(s, first)} for s in surfaces]
+    return [{"kind": "published", "level": None, "seed": None, "growth": None, **_numbers(s, first)} for s in surfaces]
 
 
 def grown(first: Path, seeds: Sequence[int], runs: Runs) -> list[dict[str, Any]]:

@@ -57,7 +57,7 @@ def reproduce_pairs(folder: Path, runs: Runs, subjects: Sequence[str] = (SAMPLE,
 
 def _over_all(slopes: Sequence[dict[str, Any]], kind: str) -> dict[str, Any]:
     found = interval([row["slope"] for row in slopes if row["kind"] == kind])
-    head = {"subject": "all", "hemi": "", "kind": kind, "seed": "", "n": found.n}
+    head = {"subject": "all", "hemi": "both", "kind": kind, "seed": None, "n": found.n}
     return {**head, "slope": found.mean, "low": found.low, "high": found.high}
 
 

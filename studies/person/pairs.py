@@ -14,23 +14,17 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from morphofold.geometry import unit
 from morphofold.io import read_cortex, write_annotation, write_label, write_morph, write_surface
 from morphofold.io.samples import sample_path
 from morphofold.progress import Progress
+from morphofold.shapes import even_directions
 from morphofold.sim.mesh.sphere_maps import thickness_factor
 from morphofold.sim.run import Simulation
 from morphofold.studies.paper.runs import Runs
-from morphofold.studies.person.parcels import (
-    PARCELS,
-    Widths,
-    cortex_weights,
-    gyral_widths,
-    parcel_means,
-    parcel_of,
-    rotations,
-)
+from morphofold.studies.person.parcels import PARCELS, Widths, gyral_widths, parcel_means, parcel_of, rotations
 from morphofold.studies.person.slopes import Slope, paired_slope, spin_p
 from morphofold.surface import Surface
 
@@ -38,7 +32,7 @@ SCENE = "hemisphere"
 SETTINGS = ("geometry.unfold=0.06", "growth.final=1.8", "output.stages=[]", "output.volume=false")
 MAP = "geometry.thickness_map={file='thickness'}"
 KINDS = {"even": (), "map": (MAP,)}
-SPINS = 2000
+SPINS, PLACES = 2000, 5000
 
 
 class Hemisphere(NamedTuple):
@@ -85,7 +79,7 @@ def pair_rows(hemisphere: Hemisphere, seed: int, runs: Runs) -> list[dict[str, A
     for kind, simulation in grown.items():
         name = f"gyral widths of {simulation.path.name}"
         widths[kind] = runs.once(name, partial(_widths, simulation))
-    factor = thickness_factors(grown["map"])
+    (factor,) = thickness_factors(grown["map"])
     return [
         {
             "subject": hemisphere.subject,
@@ -104,14 +98,20 @@ def _widths(simulation: Simulation, show: Progress) -> Widths:
     return gyral_widths(simulation.cortex())
 
 
-def thickness_factors(grown: Simulation, turn: np.ndarray | None = None) -> np.ndarray:
-    """Mean thickness of each parcel (PARCELS,) before growth over the mean of the body; the map may be turned first."""
+def thickness_factors(grown: Simulation, turns: Sequence[np.ndarray] = (np.eye(3),)) -> np.ndarray:
+    """Mean thickness of each parcel before growth over the mean of the body, (turns, PARCELS); the map is turned first.
+
+    Parcels have the same weights for all turns: even places on the sphere, where the body is cortex.
+    """
     cortex, geometry = grown.cortex(), grown.scene.geometry
     assert cortex.sphere is not None
-    points = unit(cortex.sphere.verts)
+    places = even_directions(PLACES)
+    if cortex.cortex is not None:
+        places = places[cortex.cortex[cKDTree(unit(cortex.sphere.verts)).query(places)[1]]]
     factor = thickness_factor(geometry.thickness_map, geometry)  # type: ignore[union-attr, arg-type]
-    values = factor(points if turn is None else np.ascontiguousarray(points @ turn.T))
-    return parcel_means(values, parcel_of(points), cortex_weights(cortex))
+    parcel, weights = parcel_of(places), np.ones(len(places))
+    turned = (np.ascontiguousarray(places @ turn.T) for turn in turns)
+    return np.array([parcel_means(factor(points), parcel, weights) for points in turned])
 
 
 def slope_rows(
@@ -133,11 +133,13 @@ def slope_rows(
             control = paired_slope(thickness, even[other] - even[k])
             found.append({**head, "kind": "control", "seed": seed, **control._asdict()})
     grown = grow_pair(hemisphere, seeds[0], runs)["map"]
-    spun = np.log([thickness_factors(grown, turn) for turn in rotations(SPINS, 0)])
+    spun = np.log(thickness_factors(grown, rotations(SPINS, 0)))
     with np.errstate(all="ignore"):
         mean = np.nanmean(mapped - even, axis=0)
     whole: Slope = paired_slope(thickness, mean)
-    found.append({**head, "kind": "mean of seeds", "seed": "", **whole._asdict(), "spin_p": spin_p(spun, mean, whole)})
+    found.append(
+        {**head, "kind": "mean of seeds", "seed": None, **whole._asdict(), "spin_p": spin_p(spun, mean, whole)}
+    )
     return found
 
 

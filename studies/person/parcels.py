@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from morphofold.analysis.thickness.gyral import GyralThickness, gyral_thickness, weighted_quantile
 from morphofold.arrays import Array, Ints
-from morphofold.geometry import unit, vertex_areas
+from morphofold.geometry import unit
 from morphofold.shapes import even_directions
 from morphofold.surface import Cortex
 
@@ -48,12 +48,6 @@ def parcel_means(values: Array, parcel: Ints, weights: Array) -> Array:
     total = np.bincount(parcel, weights, PARCELS)
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.bincount(parcel, weights * values, PARCELS) / total
-
-
-def cortex_weights(cortex: Cortex) -> Array:
-    """Area (N,) [mm^2] of the white surface around each vertex; 0 outside of the cortex label."""
-    area = vertex_areas(cortex.white.verts, cortex.faces)
-    return area if cortex.cortex is None else area * cortex.cortex
 
 
 def rotations(count: int, seed: int) -> list[Array]:
