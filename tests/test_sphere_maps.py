@@ -100,6 +100,14 @@ def test_a_thickness_map_is_kept_within_its_bounds(tmp_path, template):
     assert thickness.max() == pytest.approx(4 * 1.5)
 
 
+def test_a_thickness_of_0_is_no_value(tmp_path, template):
+    factor = template(lambda s: np.where(s[:, 2] > 0.8, 0.0, 2.5))
+    text = BALL.replace("octant", "full").replace("cortex_thickness", f"thickness_map = {factor}\ncortex_thickness")
+    bilayer = build_bilayer(scene_at(tmp_path, text))
+    X = bilayer.mesh.p.T
+    np.testing.assert_allclose(np.linalg.norm(X[: bilayer.n_surface] - bilayer.white @ X, axis=1), 4.0)
+
+
 def test_a_map_of_factors_multiplies_the_growth(tmp_path, template):
     factor = template(lambda s: 1 + 0.5 * s[:, 2])
     body = prepared_body(scene_at(tmp_path, f"{BALL}{GROWTH}[effects]\ngrowth_map = {factor}\n"))

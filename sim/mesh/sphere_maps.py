@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from morphofold.arrays import Array
-from morphofold.errors import Mismatch, MissingPart, NotFinite, OutOfRange
+from morphofold.errors import Mismatch, MissingPart, NotFinite
 from morphofold.geometry import vertex_areas
 from morphofold.io import read_morph, read_surface
 from morphofold.io.files import existing_file
@@ -34,8 +34,8 @@ class SmoothMap(NamedTuple):
         return np.clip(self.shape(s)[:, 0], self.least, self.most)
 
 
-def read_map(table: SphereMap, geometry: Any) -> SmoothMap:
-    """Read a map and smooth it.
+def read_map(table: SphereMap, geometry: Any, *, positive: bool = False) -> SmoothMap:
+    """Read a map and smooth it; with ``positive``, values of 0 and less do not count (FreeSurfer's for no value).
 
     Raises
     ------
@@ -59,7 +59,7 @@ def read_map(table: SphereMap, geometry: Any) -> SmoothMap:
             f"{file}: has {len(values):,} values, {name} {len(vertices.points):,} vertices: they do not belong "
             "together."
         )
-    return smooth_map(values, vertices, table.degree, str(file))
+    return smooth_map(np.where(values > 0, values, np.nan) if positive else values, vertices, table.degree, str(file))
 
 
 def smooth_map(values: Array, vertices: Vertices, degree: int, name: str) -> SmoothMap:
@@ -75,10 +75,6 @@ def smooth_map(values: Array, vertices: Vertices, degree: int, name: str) -> Smo
 
 def thickness_factor(table: SphereMap, geometry: Any) -> SmoothMap:
     """Factor on the thickness of the cortex by a map: 1 in the mean, ``THINNEST`` to ``THICKEST``."""
-    found = read_map(table, geometry)
-    if not (found.mean > 0 and found.least >= 0):
-        raise OutOfRange(
-            f"{table.file}: is {found.least:.3g} to {found.most:.3g} where the cortex is; a thickness must be positive."
-        )
+    found = read_map(table, geometry, positive=True)
     shape = Expansion(found.shape.coefficients / found.mean)
     return SmoothMap(shape, max(found.least / found.mean, THINNEST), min(found.most / found.mean, THICKEST), 1.0)
