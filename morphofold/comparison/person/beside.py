@@ -1,0 +1,207 @@
+"""Compare a cortex with the folds of the person it grew from, and both with the smooth body as control."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from morphofold.analysis.measures import Measures
+from morphofold.arrays import Array, Ints
+from morphofold.comparison.person.agreement import agreement_of_axes, agreement_of_classes, classes, weighted_median
+from morphofold.comparison.person.axes import fold_axes, forwardness, smooth_axes
+from morphofold.comparison.person.bodies import Bodies, Body, bodies_of
+from morphofold.comparison.person.regions import (
+    REGION_MEASURES,
+    Fields,
+    correlations,
+    mean_field,
+    region_fields,
+    region_numbers,
+)
+from morphofold.comparison.person.results import Agreement, PersonComparison, RegionAgreement
+from morphofold.comparison.person.spins import SPINS, NearestTable, Statistic, Tested, holm, rotations, spun, tested
+from morphofold.geometry import mean_edge_length
+from morphofold.quantities import RELIEF
+
+KEYS = [measure.key for measure in REGION_MEASURES]
+
+
+class _Question(NamedTuple):
+    """An agreement: its statistic gives the number of the grown body, then those of the maps of the smooth one."""
+
+    what: str
+    statistic: Statistic
+    controls: tuple[str, ...]
+
+
+class _Regions(NamedTuple):
+    """Regions of a pair: numbers (K, R) of the three bodies, and fields of grown and smooth body."""
+
+    person: Array
+    smooth: Array
+    grown: Array
+    fields: tuple[Fields, Fields]
+
+
+def compare_with_person(
+    person: Measures,
+    grown: Measures,
+    level: float,
+    *,
+    names: tuple[str, str] = ("person", "grown"),
+    spins: int = SPINS,
+    seed: int = 0,
+) -> PersonComparison:
+    """Compare a grown cortex with the person it grew from.
+
+    Parameters
+    ----------
+    person, grown : Measures
+        Of cortices with a sphere, on which both have points.
+    level : float
+        At which the person was unfolded.
+    names : (str, str)
+    spins : int
+        Number of rotations of the person's sphere.
+    seed : int
+
+    Raises
+    ------
+    ValueError
+        As :func:`morphofold.comparison.person.bodies.bodies_of`.
+
+    Notes
+    -----
+    Agreements are taken at the vertices of the grown cortex, weighted by the area of the smooth body, without the
+    medial walls of both. The control of an agreement is the map of the smooth body that agrees best.
+    """
+    bodies = bodies_of(person, grown, level)
+    axes, forward = _question_of_axes(bodies)
+    questions = [*_questions_of_classes(bodies), axes]
+    statistics = [question.statistic for question in questions]
+    regions = _regions(bodies)
+    if regions is not None:
+        assert bodies.labels is not None
+        statistics.append(correlations(regions.person, *regions.fields, bodies.labels, bodies.weights, KEYS))
+
+    def numbers(nearest: Ints, turn: Array) -> Array:
+        return np.concatenate([statistic(nearest, turn) for statistic in statistics])
+
+    found = numbers(bodies.to_grown.nearest, np.eye(3))
+    null = spun(numbers, bodies.grown.points, NearestTable(bodies.person.points), rotations(spins, seed))
+    agreements, first = [], 0
+    for question in questions:
+        best = first + 1 + int(found[first + 1 : first + 1 + len(question.controls)].argmax())
+        one = tested(float(found[first]), null[:, first], float(found[best]), null[:, best])
+        agreements.append(Agreement(question.what, one, question.controls[best - first - 1]))
+        first += 1 + len(question.controls)
+    return PersonComparison(
+        *names,
+        person.cortex.hemi,
+        level,
+        bodies.grown.scale,
+        spins,
+        tuple(agreements),
+        forward,
+        () if regions is None else _region_agreements(regions, found[first:], null[:, first:], grown),
+        () if regions is None else _region_rows(bodies, regions),
+        bodies,
+    )
+
+
+def _questions_of_classes(bodies: Bodies) -> list[_Question]:
+    """Agreements of sulci and gyri by depth and by curvature.
+
+    Both maps of the smooth body are controls of both, so that growth does not win by another measure of the same folds.
+    """
+    weights, person, grown = bodies.weights, bodies.person, bodies.grown
+    smooth = [classes(bodies.smooth_maps[key], weights) for key in (RELIEF, "H")]
+    found = []
+    for what, theirs, mine in (
+        ("depth", person.height, grown.height),
+        ("curvature", person.curvature, grown.curvature),
+    ):
+        carried = bodies.to_grown.labels(theirs)
+        known = np.isfinite(carried) & (weights > 0)
+        reference = np.nan_to_num(np.sign(theirs - weighted_median(carried[known], weights[known])))
+        statistic = agreement_of_classes([classes(mine, weights), *smooth], reference, weights)
+        found.append(_Question(what, statistic, (RELIEF, "H")))
+    return found
+
+
+def _question_of_axes(bodies: Bodies) -> tuple[_Question, dict[str, float]]:
+    """Agreement of fold axes, and the mean cos 2a of each body with the front-back axis."""
+    person, grown = (_axes(body) for body in (bodies.person, bodies.grown))
+    at = bodies.grown.points
+    along, strength = smooth_axes(bodies.smooth, at)
+    smooth = along, strength * bodies.grown.cortex
+    statistic = agreement_of_axes([grown, smooth], person, bodies.weights, at)
+    forward = {
+        "person": forwardness(*person, bodies.smooth, bodies.person.points, bodies.person_areas),
+        "smooth": forwardness(*smooth, bodies.smooth, at, bodies.areas),
+        "grown": forwardness(*grown, bodies.smooth, at, bodies.areas),
+    }
+    return _Question("axes", statistic, ("axes",)), forward
+
+
+def _axes(body: Body) -> tuple[Array, Array]:
+    """Fold axes at the scale at which curvature was measured."""
+    pial = body.pial
+    scale = body.measures.parameters.get("curvature_scale_mm") or 3 * mean_edge_length(pial.verts, pial.faces)
+    return fold_axes(pial, body.points, float(scale), body.cortex)
+
+
+def _regions(bodies: Bodies) -> _Regions | None:
+    regions = bodies.person.measures.cortex.regions
+    if regions is None or bodies.labels is None:
+        return None
+    count, person, grown = len(regions.names), bodies.person, bodies.grown
+    in_person = region_fields(person.measures, bodies.person_areas, person.cortex, 1.0)
+    in_grown = region_fields(grown.measures, bodies.areas, grown.cortex, grown.scale)
+    maps = {"gyrification_index": "local_gyrification_index", "sulcal_depth_mm": "sulcal_depth"}
+    means = {key: mean_field(bodies.smooth_maps.get(name), bodies.weights) for key, name in maps.items()}
+    in_smooth = {key: field for key, field in means.items() if field is not None}
+    there = np.where(grown.cortex, bodies.to_grown.labels(bodies.labels), -1)
+    return _Regions(
+        region_numbers(bodies.labels, count, in_person, KEYS),
+        region_numbers(there, count, in_smooth, KEYS),
+        region_numbers(there, count, in_grown, KEYS),
+        (in_grown, in_smooth),
+    )
+
+
+def _region_agreements(regions: _Regions, found: Array, null: Array, grown: Measures) -> tuple[RegionAgreement, ...]:
+    """Correlations over regions of the measures that person and grown body have; Holm's correction is over these."""
+    source = (grown.cortex.info.get("grown_from") or {}).get("sha256", {})
+    given = {"cortical_thickness_mm"} if "thickness_map" in source else set()
+    rows: list[tuple[str, Tested, int]] = []
+    for k, key in enumerate(KEYS):
+        if np.isfinite(found[k]):
+            c = k + len(KEYS)
+            n = int((np.isfinite(regions.person[k]) & np.isfinite(regions.grown[k])).sum())
+            rows.append((key, tested(float(found[k]), null[:, k], float(found[c]), null[:, c]), n))
+    asked = [one.p for key, one, _ in rows if key not in given]
+    corrected = iter(holm(asked))
+    return tuple(
+        RegionAgreement(key, one, n, one.p if key in given else next(corrected), key in given) for key, one, n in rows
+    )
+
+
+def _region_rows(bodies: Bodies, regions: _Regions) -> tuple[dict[str, Any], ...]:
+    """A row for each region of the person that has vertices: each measure of person, smooth and grown body."""
+    known = bodies.person.measures.cortex.regions
+    assert known is not None and bodies.labels is not None
+    size = np.bincount(bodies.labels[bodies.labels >= 0], minlength=len(known.names))
+    kinds = {"person": regions.person, "smooth": regions.smooth, "grown": regions.grown}
+    return tuple(
+        {"hemi": bodies.person.measures.cortex.hemi, "region": name}
+        | {
+            f"{kind}_{measure.key}": float(values[k, r]) if np.isfinite(values[k, r]) else None
+            for k, measure in enumerate(REGION_MEASURES)
+            for kind, values in kinds.items()
+            if kind != "smooth" or measure.smooth
+        }
+        for r, name in enumerate(known.names)
+        if size[r]
+    )
