@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from morphofold.analysis.measures import Measures
+from morphofold.analysis.multiple_tests import holm
 from morphofold.arrays import Array, Ints
-from morphofold.comparison.person.agreement import agreement_of_axes, agreement_of_classes, classes, weighted_median
+from morphofold.comparison.person.agreement import agreement_of_axes, agreement_of_classes, classes
 from morphofold.comparison.person.axes import fold_axes, forwardness, smooth_axes
 from morphofold.comparison.person.bodies import Bodies, Body, bodies_of
+from morphofold.comparison.person.pairs import find_pairs
 from morphofold.comparison.person.regions import (
     REGION_MEASURES,
     Fields,
@@ -20,10 +23,13 @@ from morphofold.comparison.person.regions import (
     region_numbers,
 )
 from morphofold.comparison.person.results import Agreement, PersonComparison, RegionAgreement
-from morphofold.comparison.person.spins import SPINS, NearestTable, Statistic, Tested, holm, rotations, spun, tested
+from morphofold.comparison.person.spins import SPINS, NearestTable, Statistic, Tested, rotations, spun, tested
+from morphofold.errors import Refusal
 from morphofold.geometry import mean_edge_length
 from morphofold.quantities import RELIEF
+from morphofold.words import number
 
+LIKE_SIZES = (0.8, 1.25)  # of a grown cortex over the person's, within which maps in mm are compared as they are
 KEYS = [measure.key for measure in REGION_MEASURES]
 
 
@@ -42,6 +48,28 @@ class _Regions(NamedTuple):
     smooth: Array
     grown: Array
     fields: tuple[Fields, Fields]
+
+
+def beside_people(
+    named: Mapping[str, Measures], *, spins: int = SPINS, seed: int = 0
+) -> tuple[tuple[PersonComparison, ...], tuple[str, ...]]:
+    """Each cortex that grew from a person who is also there, beside that person; and remarks, as on who is missing."""
+    pairs, remarks = find_pairs(named)
+    found = []
+    for person, grown, level in pairs:
+        try:
+            one = compare_with_person(named[person], named[grown], level, names=(person, grown), spins=spins, seed=seed)
+        except Refusal as error:
+            remarks.append(f"{grown} is not compared with the folds of {person}, from which it grew: {error}")
+            continue
+        found.append(one)
+        if not LIKE_SIZES[0] <= one.scale <= LIKE_SIZES[1]:
+            remarks.append(
+                f"The hull of {grown} has the area of {person}'s only if its lengths are multiplied by "
+                f"{number(one.scale, 2)}, but curvature and local gyrification were measured at the same scales in mm. "
+                "Grow it with a radius multiplied by that."
+            )
+    return tuple(found), tuple(remarks)
 
 
 def compare_with_person(
@@ -122,9 +150,7 @@ def _questions_of_classes(bodies: Bodies) -> list[_Question]:
         ("depth", person.height, grown.height),
         ("curvature", person.curvature, grown.curvature),
     ):
-        carried = bodies.to_grown.labels(theirs)
-        known = np.isfinite(carried) & (weights > 0)
-        reference = np.nan_to_num(np.sign(theirs - weighted_median(carried[known], weights[known])))
+        reference = classes(theirs, bodies.person_areas)
         statistic = agreement_of_classes([classes(mine, weights), *smooth], reference, weights)
         found.append(_Question(what, statistic, (RELIEF, "H")))
     return found
@@ -181,8 +207,7 @@ def _region_agreements(regions: _Regions, found: Array, null: Array, grown: Meas
             c = k + len(KEYS)
             n = int((np.isfinite(regions.person[k]) & np.isfinite(regions.grown[k])).sum())
             rows.append((key, tested(float(found[k]), null[:, k], float(found[c]), null[:, c]), n))
-    asked = [one.p for key, one, _ in rows if key not in given]
-    corrected = iter(holm(asked))
+    corrected = iter(holm(np.array([one.p for key, one, _ in rows if key not in given])).tolist())
     return tuple(
         RegionAgreement(key, one, n, one.p if key in given else next(corrected), key in given) for key, one, n in rows
     )

@@ -14,6 +14,7 @@ from morphofold.analysis.measures import Measures
 from morphofold.analysis.mesh_quality.checks import cortex_mask, is_no_cortex
 from morphofold.analysis.relief import height_and_vertical
 from morphofold.arrays import Array, Bools, Ints
+from morphofold.comparison.person.agreement import weighted_median
 from morphofold.comparison.person.carrying import Carrier, carrier
 from morphofold.errors import MissingPart, Refusal, UnlikeSurfaces
 from morphofold.geometry import vertex_areas
@@ -39,7 +40,8 @@ class Body:
     scale : float
         Factor of its lengths, so that its convex hull has the area of the person's.
     height : (N,) float64
-        Height above the smoothed surface [mm of the person], NaN off the cortex.
+        Height above the surface smoothed over 10 mm, minus its median over the area of the smooth body [mm of the
+        person]: positive on gyri, negative in sulci, NaN off the cortex.
     curvature : (N,) float64
         Mean curvature of its pial surface as measured [1/mm], NaN off the cortex.
     """
@@ -107,7 +109,7 @@ class Bodies:
         """
         surface, voxel = self.surface, self.person.measures.parameters.get("local_gyrification_voxel_mm")
         found = {
-            RELIEF: height_and_vertical(surface.verts, surface.faces, RELIEF_SCALE_MM)[0],
+            RELIEF: self._centred_height(surface),
             "H": self.smooth.frame(self.grown.points).curvature.mean(axis=1),
             "sulcal_depth": sulcal_depth(surface.verts, surface.faces),
         }
@@ -118,6 +120,10 @@ class Bodies:
         except Refusal:
             pass
         return {name: np.where(self.grown.cortex, values, np.nan) for name, values in found.items()}
+
+    def _centred_height(self, surface: Surface) -> Array:
+        height, _ = height_and_vertical(surface.verts, surface.faces, RELIEF_SCALE_MM)
+        return _centred(np.where(self.grown.cortex, height, np.nan), self.areas)
 
     def smooth_measures(self, name: str) -> Measures:
         """The smooth body as a cortex with maps, for pictures: white and pial are the same surface."""
@@ -182,7 +188,17 @@ def bodies_of(person: Measures, grown: Measures, level: float) -> Bodies:
     smooth = unfolded.surface(other.points)
     factor = float(np.sqrt(size / hull(smooth, grown.cortex.faces).area))
     there, back = (carrier(a.points, a.pial.faces, b.points) for a, b in ((one, other), (other, one)))
+    one, other = (
+        replace(b, height=_centred(b.height, vertex_areas(unfolded.surface(b.points), b.pial.faces)))
+        for b in (one, other)
+    )
     return Bodies(one, other, unfolded.surface.scaled(factor), there, back)
+
+
+def _centred(height: Array, areas: Array) -> Array:
+    """Heights (N,) minus their median by area (N,); NaN stays."""
+    known = np.isfinite(height)
+    return height - weighted_median(height[known], areas[known]) if known.any() else height
 
 
 def _body(m: Measures, size: float) -> Body:

@@ -17,7 +17,7 @@ from morphofold.geometry import vertex_areas
 from morphofold.quantities import find
 
 LEAST_REGIONS = 5  # for a correlation
-LEAST_KEPT_SHARE = 0.5  # of the area of a region that must be cortex after a spin
+LEAST_KEPT_SHARE = 0.5  # of the points of a region that must be cortex after a spin
 
 
 class Ratio(NamedTuple):
@@ -159,8 +159,8 @@ def correlations(
     Returns
     -------
     function of (nearest, turn) to (2 K,) float64
-        First those with the grown body, then those with the smooth one. Regions that keep less than half of their area
-        on the cortex are left out, as in a spin onto the medial wall. Grown and smooth have the same regions.
+        First those with the grown body, then those with the smooth one. Regions with less than half of their
+        points on the cortex are left out, as in a spin onto the medial wall. Grown and smooth have the same regions.
     """
     count = person.shape[1]
 

@@ -11,12 +11,13 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
+from threadpoolctl import threadpool_limits
 
 from morphofold.arrays import Array, Ints
 
@@ -63,7 +64,9 @@ class NearestTable:
         row, axis = np.arange(len(points)), np.abs(points).argmax(axis=1)
         most = points[row, axis]
         u, v = (points[row, (axis + k) % 3] / np.abs(most) for k in (1, 2))
-        i, j = (np.minimum(((np.arctan(x) * (4 / np.pi) + 1) * (self.n / 2)).astype(np.int64), self.n - 1) for x in (u, v))
+        i, j = (
+            np.minimum(((np.arctan(x) * (4 / np.pi) + 1) * (self.n / 2)).astype(np.int64), self.n - 1) for x in (u, v)
+        )
         return self.vertex[((2 * axis + (most < 0)) * self.n + j) * self.n + i]
 
 
@@ -107,9 +110,11 @@ class Tested:
 def spun(statistic: Statistic, points: Array, table: NearestTable, turns: Array) -> Array:
     """A statistic (T, K) under T rotations (T, 3, 3) of the source below the target points (N, 3).
 
-    Under the rotation R the target point s lies over the source point R^T s.
+    Under the rotation R the target point s lies over the source point R^T s. Sums run in one thread: they are short,
+    and the same on every machine.
     """
-    return np.stack([statistic(table(points @ turn), turn) for turn in turns])
+    with threadpool_limits(1, "blas"):
+        return np.stack([statistic(table(points @ turn), turn) for turn in turns])
 
 
 def tested(value: float, null: Array, control: float | None = None, control_null: Array | None = None) -> Tested:
@@ -151,12 +156,3 @@ def tested(value: float, null: Array, control: float | None = None, control_null
 def p_value(value: float, null: Array) -> float:
     """(1 + values under spins at least as large) / (1 + spins); 1 for a number that is NaN."""
     return float((1 + np.count_nonzero(null >= value - ROUND_OFF)) / (1 + len(null))) if np.isfinite(value) else 1.0
-
-
-def holm(p: Sequence[float]) -> list[float]:
-    """p-values corrected for their number by Holm's method (1979)."""
-    order, corrected, most = np.argsort(p), np.empty(len(p)), 0.0
-    for rank, k in enumerate(order):
-        most = max(most, min(1.0, (len(p) - rank) * p[k]))
-        corrected[k] = most
-    return corrected.tolist()
