@@ -89,7 +89,9 @@ class Comparison:
     def report(self, out: str | Path, *, progress: Progress = silent) -> Path:
         """Write ``out/`` completely or not at all: report.html, figures/*.png, comparison.json, comparison.tsv.
 
-        With ``people`` also person.tsv, person_regions.tsv and carried/. Returns the path of the page. ``progress`` is called with the share done, 0 to 1, and what is being drawn.
+        With ``people`` also person.tsv, person_regions.tsv and carried/.
+
+        Returns the path of the page. ``progress`` is called with the share done, 0 to 1, and what is being drawn.
         """
         import morphofold
         from morphofold.comparison.person.files import write_people

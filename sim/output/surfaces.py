@@ -40,9 +40,7 @@ def whole_surfaces(body: Body, x: Array) -> tuple[Surface, Surface]:
     faces = bilayer.faces if bilayer.faces.shape[1] == 3 else smooth_diagonals(x[:n], bilayer.faces)
     whole, faces = _whole(body, faces)
     white, pial = (part[whole.node] * whole.sign for part in (np.asarray(bilayer.white @ x), x[:n]))
-    return tuple(
-        Surface(part, faces, name=f"{bilayer.hemi}.{name}") for part, name in ((white, "white"), (pial, "pial"))
-    )
+    return tuple(Surface(part, faces, name=f"{bilayer.hemi}.{name}") for part, name in ((white, "white"), (pial, "pial")))
 
 
 def _whole(body: Body, faces: NDArray[np.int64]) -> tuple[Whole, NDArray[np.int64]]:

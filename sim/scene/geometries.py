@@ -175,8 +175,7 @@ class UnfoldedCortex(Layers):
     """
 
     cortex_thickness: Annotated[
-        Length,
-        key("mean thickness of the cortex before growth; `morphofold unfold` shows the thickest that fits", "mm"),
+        Length, key("mean thickness of the cortex before growth; `morphofold unfold` shows the thickest that fits", "mm")
     ] = 2.5
     shape: Annotated[Literal["cortex"], key("type of body")]
     subject: Annotated[
@@ -195,13 +194,12 @@ class UnfoldedCortex(Layers):
             "takes two minutes for 150,000 vertices"
         ),
     ] = None
-    unfold: Annotated[float, key("time of the heat flow on the unit sphere; larger is smoother", ge=0.005, le=0.3)] = (
-        0.03
-    )
+    unfold: Annotated[
+        float, key("time of the heat flow on the unit sphere; larger is smoother", ge=0.005, le=0.3)
+    ] = 0.03
     radius: Annotated[Length, key("of the sphere with the area of the pial surface before growth", "mm")] = 50.0
     thickness_map: Annotated[
-        SphereMap | None,
-        key("map whose values, over their mean, multiply `cortex_thickness`; at least 0.6, at most 1.5"),
+        SphereMap | None, key("map whose values, over their mean, multiply `cortex_thickness`; at least 0.6, at most 1.5")
     ] = None
     hole_share: Annotated[float, key("size of the hole over that of the body", ge=0.05, le=0.6)] = 0.25
     held: Annotated[

@@ -55,9 +55,7 @@ class SphereMap(Table):
     sphere: Annotated[
         str | None, key("sphere of its vertices, registered to that of the body; by default that of the subject")
     ] = None
-    degree: Annotated[
-        int, key("largest degree of the harmonics: 16 shows what is wider than a tenth of the body", ge=0, le=40)
-    ] = 16
+    degree: Annotated[int, key("largest degree of the harmonics: 16 shows what is wider than a tenth of the body", ge=0, le=40)] = 16
 
 
 class MaterialOptions(Table):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from morphofold.analysis.curvatures import curvature
-from morphofold.arrays import Array
+from morphofold.arrays import Array, Bools
 from morphofold.geometry import face_areas, unit
 from morphofold.surface import Faces, Surface
 from morphofold.unfolding.smooth_surface import SmoothSurface, tangents
@@ -13,7 +13,7 @@ from morphofold.unfolding.smooth_surface import SmoothSurface, tangents
 FORWARD = np.array([0.0, 1.0, 0.0])  # to the front of the head, in the coordinates of FreeSurfer
 
 
-def fold_axes(surface: Surface, points: Array, scale: float, cortex: Array) -> tuple[Array, Array]:
+def fold_axes(surface: Surface, points: Array, scale: float, cortex: Bools) -> tuple[Array, Array]:
     """Fold axes of a surface on its sphere.
 
     Parameters

@@ -23,7 +23,7 @@ from morphofold.comparison.person.regions import (
     region_numbers,
 )
 from morphofold.comparison.person.results import Agreement, PersonComparison, RegionAgreement
-from morphofold.comparison.person.spins import SPINS, NearestTable, Statistic, Tested, rotations, spun, tested
+from morphofold.comparison.person.spins import SPINS, NearestTable, Statistic, Tested, beside_null, rotations, spun
 from morphofold.errors import Refusal
 from morphofold.geometry import mean_edge_length
 from morphofold.quantities import RELIEF
@@ -121,7 +121,7 @@ def compare_with_person(
     agreements, first = [], 0
     for question in questions:
         best = first + 1 + int(found[first + 1 : first + 1 + len(question.controls)].argmax())
-        one = tested(float(found[first]), null[:, first], float(found[best]), null[:, best])
+        one = beside_null(float(found[first]), null[:, first], float(found[best]), null[:, best])
         agreements.append(Agreement(question.what, one, question.controls[best - first - 1]))
         first += 1 + len(question.controls)
     return PersonComparison(
@@ -206,7 +206,7 @@ def _region_agreements(regions: _Regions, found: Array, null: Array, grown: Meas
         if np.isfinite(found[k]):
             c = k + len(KEYS)
             n = int((np.isfinite(regions.person[k]) & np.isfinite(regions.grown[k])).sum())
-            rows.append((key, tested(float(found[k]), null[:, k], float(found[c]), null[:, c]), n))
+            rows.append((key, beside_null(float(found[k]), null[:, k], float(found[c]), null[:, c]), n))
     corrected = iter(holm(np.array([one.p for key, one, _ in rows if key not in given])).tolist())
     return tuple(
         RegionAgreement(key, one, n, one.p if key in given else next(corrected), key in given) for key, one, n in rows
@@ -216,7 +216,8 @@ def _region_agreements(regions: _Regions, found: Array, null: Array, grown: Meas
 def _region_rows(bodies: Bodies, regions: _Regions) -> tuple[dict[str, Any], ...]:
     """A row for each region of the person that has vertices: each measure of person, smooth and grown body."""
     known = bodies.person.measures.cortex.regions
-    assert known is not None and bodies.labels is not None
+    assert known is not None
+    assert bodies.labels is not None
     size = np.bincount(bodies.labels[bodies.labels >= 0], minlength=len(known.names))
     kinds = {"person": regions.person, "smooth": regions.smooth, "grown": regions.grown}
     return tuple(

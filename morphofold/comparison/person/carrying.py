@@ -83,7 +83,7 @@ def carrier(points: Array, faces: Faces, to: Array) -> Carrier:
 
 
 def _place(points: Array, faces: Faces, candidates: Ints, to: Array, part: slice, corners: Any, shares: Any) -> None:
-    """Fill ``corners`` and ``shares`` of the points that lie in one of their candidate triangles (P, C), -1 for none."""
+    """Fill ``corners`` and ``shares`` of points that lie in one of their candidate triangles (P, C), -1 for none."""
     a, b, c = np.moveaxis(points[faces[candidates]], 2, 0)
     q = np.broadcast_to(to[:, None], a.shape)
     w = np.stack([np.einsum("pci,pci->pc", q, np.cross(*side)) for side in ((b, c), (c, a), (a, b))], axis=2)

@@ -37,8 +37,8 @@ def find_pairs(named: Mapping[str, Measures]) -> tuple[list[Pair], list[str]]:
         if not people:
             remarks.append(
                 f"{name} grew from {m.cortex.hemi} of {source['subject']}, but no compared analysis is of the surface "
-                f"that it grew from (SHA-256 {str(wanted)[:12]}). Analyze that subject and add it, to see its own folds "
-                "beside the grown ones."
+                f"that it grew from (SHA-256 {str(wanted)[:12]}). Analyze that subject and add it, to see its own "
+                "folds beside the grown ones."
             )
     return pairs, remarks
 

@@ -77,10 +77,10 @@ def region_fields(m: Measures, smooth_area: Array, cortex: Bools, scale: float) 
     Returns
     -------
     dict
-        ``gyrification_index`` and ``sulcal_depth_mm`` are means over pial area, ``cortical_thickness_mm`` over vertices,
-        as in the table of regions; ``gyral_thickness_mm`` is the median over vertices. ``hinges_per_cm2`` counts hinges
-        without doubtful ones per area midway between white and pial; ``area_expansion`` is this area over that of the
-        smooth body, 1 for the whole cortex.
+        ``gyrification_index`` and ``sulcal_depth_mm`` are means over pial area, ``cortical_thickness_mm`` is one over
+        vertices, as in the table of regions; ``gyral_thickness_mm`` is the median over vertices. ``hinges_per_cm2``
+        counts hinges without doubtful ones per area midway between white and pial; ``area_expansion`` is this area over
+        that of the smooth body, 1 for the whole cortex.
     """
     c = m.cortex
     white, pial = (vertex_areas(s.verts, c.faces) * cortex for s in (c.white, c.pial))

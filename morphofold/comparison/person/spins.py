@@ -117,7 +117,7 @@ def spun(statistic: Statistic, points: Array, table: NearestTable, turns: Array)
         return np.stack([statistic(table(points @ turn), turn) for turn in turns])
 
 
-def tested(value: float, null: Array, control: float | None = None, control_null: Array | None = None) -> Tested:
+def beside_null(value: float, null: Array, control: float | None = None, control_null: Array | None = None) -> Tested:
     """Set a number beside its values (T,) under spins, and beside a control and its values under the same spins.
 
     Notes

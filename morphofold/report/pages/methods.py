@@ -10,8 +10,8 @@ from morphofold.words import number
 
 #: references, by the form in which the paragraph cites them
 REFERENCES = {
-    "Alexander-Bloch et al. 2018": "Alexander-Bloch AF et al. (2018). On testing for spatial correspondence between maps "
-    "of human brain structure and function. NeuroImage 178, 540.",
+    "Alexander-Bloch et al. 2018": "Alexander-Bloch AF et al. (2018). On testing for spatial correspondence between "
+    "maps of human brain structure and function. NeuroImage 178, 540.",
     "Chen and Hutchinson 2004": "Chen X, Hutchinson JW (2004). Herringbone buckling patterns of compressed thin films "
     "on compliant substrates. J. Appl. Mech. 71, 597.",
     "Fischl and Dale 2000": "Fischl B, Dale AM (2000). Measuring the thickness of the human cerebral cortex from "

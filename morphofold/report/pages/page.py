@@ -162,9 +162,9 @@ def _write_page(
         thin(e.measures.cortex, STAGED_VERTICES if e.stages else DISPLAY_VERTICES, [m.cortex for m in e.stages])
         for e in panels
     ]
-    measured = [(e, d) for e, d in zip(panels, thinned) if e.name in named]
+    own = [d for e, d in zip(panels, thinned) if e.name in named]
     progress(0.15, "drawing pictures")
-    pictures = _write_pictures(path.parent / "figures", *zip(*measured), shown)
+    pictures = _write_pictures(path.parent / "figures", entries, own, shown)
     progress(0.65, "packing surfaces")
     viewer, blocks = _viewer_data(panels, thinned, shown)
     drawn = [meta for e, meta in zip(panels, viewer["surfaces"]) if e.name in named]
@@ -261,7 +261,7 @@ def _entries_with_map(entries: Sequence[Entry], key: str) -> list[tuple[Entry, N
 
 
 def _shown_maps(entries: Sequence[Entry]) -> ShownMaps:
-    """The maps that a page shows, heights (if there are any) and main maps first, with the limits that all its surfaces share."""
+    """The maps that a page shows, heights of folds and main maps first, with the limits that all its surfaces share."""
     others = {quantity(n).key for e in entries for n in e.measures.maps} - {RELIEF, *MAIN_MAPS}
     shown = {}
     for key in (RELIEF, *MAIN_MAPS, *sorted(others)):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -89,7 +89,7 @@ def person_parts(people: Sequence[PersonComparison], entries: Sequence[Entry], f
     return parts
 
 
-def _agreement_row(row: Any) -> Mapping[str, Any]:
+def _agreement_row(row: Any) -> dict[str, Any]:
     label, unit = AGREEMENT_WORDS[row.what]
     return {"label": label, "unit": unit, "control_map": CONTROL_WORDS[row.control_map], **_row(row)}
 

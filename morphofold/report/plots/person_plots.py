@@ -45,8 +45,8 @@ def region_plot(
         CHART_SIZE_PX,
     ) as chart:
         for row in smooth:
-            words = f"{row['region']}: {number(row[s_of])} before growth, {number(row[x_of])} {person.name}"
-            chart.line([row[x_of]], [row[s_of]], "point", words, color=GREY, marker="o", markersize=5, fillstyle="none")
+            text = f"{row['region']}: {number(row[s_of])} before growth, {number(row[x_of])} {person.name}"
+            chart.line([row[x_of]], [row[s_of]], "point", text, color=GREY, marker="o", markersize=5, fillstyle="none")
         words = [
             f"{row['region']}: {number(row[y_of])} {grown.name}, {number(row[x_of])} {person.name}" for row in known
         ]
