@@ -154,7 +154,7 @@ def _write_page(
 ) -> Path:
     named = {e.name: e.measures for e in entries}
     table = numbers(list(named.values()))
-    panels = with_smooth_bodies(entries, people)
+    panels, person_of = with_smooth_bodies(entries, people)
     shown = _shown_maps(panels)
     main = [key for key in (RELIEF, *MAIN_MAPS) if key in shown]
     progress(0.0, "thinning surfaces")
@@ -166,7 +166,7 @@ def _write_page(
     progress(0.15, "drawing pictures")
     pictures = _write_pictures(path.parent / "figures", entries, own, shown)
     progress(0.65, "packing surfaces")
-    viewer, blocks = _viewer_data(panels, thinned, shown)
+    viewer, blocks = _viewer_data(panels, thinned, shown, person_of)
     drawn = [meta for e, meta in zip(panels, viewer["surfaces"]) if e.name in named]
     progress(0.75, "drawing charts and hinges")
     spins = people[0].spins if people else 0
@@ -272,15 +272,18 @@ def _shown_maps(entries: Sequence[Entry]) -> ShownMaps:
 
 
 def _viewer_data(
-    entries: Sequence[Entry], thinned: Sequence[Display], shown: ShownMaps
+    entries: Sequence[Entry], thinned: Sequence[Display], shown: ShownMaps, person_of: Mapping[str, str] = {}
 ) -> tuple[dict[str, Any], contents.Rows]:
-    """The JSON configuration of viewer.js, and one block of packed data per surface (and per stage)."""
+    """The JSON configuration of viewer.js, and one block of packed data per surface (and per stage).
+
+    ``person_of`` has the person of each surface that has points on that person's sphere.
+    """
     surfaces, blocks = [], []
     steps = {key: (high - low) / 2000 for key, (_, (low, high)) in shown.items()}  # finer than the colours can show
     for e, display in zip(entries, thinned):
         maps = {key: a for key in shown for _, a in _entries_with_map([e], key)}
         cortex = e.measures.cortex
-        packed = pack(cortex, maps, steps, display, net_of(e.measures, display.ids))
+        packed = pack(cortex, maps, steps, display, net_of(e.measures, display.ids), person_of.get(e.name))
         own = [key for key in MAIN_MAPS if key in shown]
         grown = [
             pack_stage(m.cortex, {key: a for key in own if (a := find(m.maps, key)) is not None}, steps, display.ids)

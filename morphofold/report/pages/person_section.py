@@ -44,9 +44,15 @@ class PersonPart:
     file: str
 
 
-def with_smooth_bodies(entries: Sequence[Entry], people: Sequence[PersonComparison]) -> list[Entry]:
-    """The entries with the map of heights, and the smooth body before the first cortex that grew from it."""
+def with_smooth_bodies(
+    entries: Sequence[Entry], people: Sequence[PersonComparison]
+) -> tuple[list[Entry], dict[str, str]]:
+    """The panels of the viewer: entries with heights, and the smooth body before the first cortex that grew from it.
+
+    Also the person of each panel that has points on a person's sphere, by its name.
+    """
     heights = {name: body for p in people for name, body in ((p.person, p.bodies.person), (p.grown, p.bodies.grown))}
+    person_of = {name: p.person for p in people for name in (p.grown, p.person)}
     first = {(p.person, p.level): p for p in reversed(people)}
     before = {p.grown: p for p in first.values()}
     several = len({level for _, level in first}) > 1
@@ -56,8 +62,9 @@ def with_smooth_bodies(entries: Sequence[Entry], people: Sequence[PersonComparis
             p = before[e.name]
             name = f"smooth body of {p.person}" + (f", level {p.level:g}" if several else "")
             found.append(Entry(name, p.bodies.smooth_measures(name), SMOOTH_COLOUR, "diamond", "", Cloud("whole", ())))
+            person_of[name] = p.person
         found.append(replace(e, measures=heights[e.name].with_height()) if e.name in heights else e)
-    return found
+    return found, person_of
 
 
 def person_parts(people: Sequence[PersonComparison], entries: Sequence[Entry], folder: Path) -> list[PersonPart]:
