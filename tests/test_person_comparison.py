@@ -44,6 +44,7 @@ def test_a_body_that_is_the_person_agrees_everywhere_and_more_than_the_smooth_on
         assert row.tested.control < 0.9
         assert row.tested.low > 0
         assert row.verdict == "above control"
+        assert row.tested.control < row.deepened.control < 1
     assert beside_itself.scale == pytest.approx(1)
     assert beside_itself.verdict == "above control"
     for row in beside_itself.correlations:
@@ -93,6 +94,17 @@ def test_a_body_that_has_not_grown_is_no_better_than_its_control(person):
     depth = found.agreements[0].tested
     assert depth.value <= depth.control + 1e-9
     assert {row.verdict for row in found.agreements} == {"none"}
+
+
+def test_a_body_whose_dents_are_only_deepened_is_above_the_smooth_one_and_no_result(person):
+    bodies = bodies_of(person, person, LEVEL)
+    deep = Surface(bodies.deepened(bodies.grown.points), person.cortex.faces)
+    grown = measures_of(replace(person.cortex, white=Surface(0.95 * deep.verts, deep.faces), pial=deep))
+    depth, bent, axes = compare_with_person(person, grown, LEVEL, spins=SPINS).agreements
+    assert depth.tested.value > depth.tested.control + 0.02
+    assert depth.deepened.value <= depth.deepened.control + 1e-9
+    assert (axes.verdict, bent.verdict) == ("deepened", "deepened")
+    assert depth.verdict in ("deepened", "none")
 
 
 def test_results_are_the_same_again_and_plain_json(person, beside_itself):

@@ -94,7 +94,7 @@ def run(args: argparse.Namespace) -> int:
         depth = found.agreements[0].tested
         print(
             f"sulci and gyri of {found.grown} as those of {found.person}: {depth.value:.3f} of the area, before growth "
-            f"{depth.control:.3f}: {found.verdict}"
+            f"{depth.control:.3f}, with its dents deepened {found.agreements[0].deepened.control:.3f}: {found.verdict}"
         )
     print(f"-> {page}")
     return 0

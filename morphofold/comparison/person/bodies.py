@@ -20,10 +20,12 @@ from morphofold.errors import MissingPart, Refusal, UnlikeSurfaces
 from morphofold.geometry import vertex_areas
 from morphofold.quantities import RELIEF
 from morphofold.surface import Cortex, Surface
+from morphofold.unfolding.harmonics import Expansion, degrees
 from morphofold.unfolding.smooth_surface import SmoothSurface
 from morphofold.unfolding.unfold import points_on_sphere, unfold
 
 RELIEF_SCALE_MM = 10.0  # of the height above the smoothed surface, on the person; as for an adult brain
+DEEPENED_FROM = 30.0  # l (l + 1) at which the amplitude of a dent is doubled
 DEFAULT_VOXEL_MM = 1.25  # of local gyrification, where an analysis does not record it
 
 
@@ -103,27 +105,43 @@ class Bodies:
 
     @cached_property
     def smooth_maps(self) -> dict[str, Array]:
-        """Maps of the smooth body at the grown vertices, those of the analysis and the height; NaN off the cortex.
+        """Maps of the smooth body at the grown vertices, as :meth:`_maps_of`."""
+        return self._maps_of(self.smooth)
+
+    @cached_property
+    def deepened_maps(self) -> dict[str, Array]:
+        """Those of the smooth body with its dents deepened."""
+        return self._maps_of(self.deepened)
+
+    @cached_property
+    def deepened(self) -> SmoothSurface:
+        """The smooth body with its dents deepened, the more the shorter they are, as folding does.
+
+        Its harmonics of degree l are multiplied by ``1 + (l (l + 1) / 30)^2``: by 2 at l = 5, 14 at 10, 65 at 15. It
+        has nothing of the person that the smooth body doesn't have.
+        """
+        l = degrees(self.smooth.shape.degree)
+        gain = 1 + (l * (l + 1) / DEEPENED_FROM) ** 2
+        return SmoothSurface(Expansion(gain[:, None] * self.smooth.shape.coefficients))
+
+    def _maps_of(self, body: SmoothSurface) -> dict[str, Array]:
+        """Maps as those of an analysis, and the height, at the grown vertices; NaN off the cortex.
 
         Curvature is exact. Local gyrification is left out where the body does not allow it.
         """
-        surface, voxel = self.surface, self.person.measures.parameters.get("local_gyrification_voxel_mm")
+        surface, cortex = Surface(body(self.grown.points), self.grown.pial.faces), self.grown.cortex
+        height, _ = height_and_vertical(surface.verts, surface.faces, RELIEF_SCALE_MM)
         found = {
-            RELIEF: self._centred_height(surface),
-            "H": self.smooth.frame(self.grown.points).curvature.mean(axis=1),
+            RELIEF: _centred(np.where(cortex, height, np.nan), self.areas),
+            "H": body.frame(self.grown.points).curvature.mean(axis=1),
             "sulcal_depth": sulcal_depth(surface.verts, surface.faces),
         }
+        voxel = self.person.measures.parameters.get("local_gyrification_voxel_mm") or DEFAULT_VOXEL_MM
         try:
-            found["local_gyrification_index"] = local_gyrification_index(
-                surface.verts, surface.faces, voxel=voxel or DEFAULT_VOXEL_MM
-            )
+            found["local_gyrification_index"] = local_gyrification_index(surface.verts, surface.faces, voxel=voxel)
         except Refusal:
             pass
-        return {name: np.where(self.grown.cortex, values, np.nan) for name, values in found.items()}
-
-    def _centred_height(self, surface: Surface) -> Array:
-        height, _ = height_and_vertical(surface.verts, surface.faces, RELIEF_SCALE_MM)
-        return _centred(np.where(self.grown.cortex, height, np.nan), self.areas)
+        return {name: np.where(cortex, values, np.nan) for name, values in found.items()}
 
     def smooth_measures(self, name: str) -> Measures:
         """The smooth body as a cortex with maps, for pictures: white and pial are the same surface."""

@@ -142,15 +142,16 @@ def spearman(x: Array, y: Array) -> float:
 
 
 def correlations(
-    person: Array, grown: Fields, smooth: Fields, labels: Ints, weights: Array, keys: Sequence[str]
+    person: Array, bodies: Sequence[Fields], labels: Ints, weights: Array, keys: Sequence[str]
 ) -> Statistic:
-    """Rank correlations over regions of the person with the grown and with the smooth body, under spins of labels.
+    """Rank correlations over regions of the person with each of several bodies, under spins of the labels.
 
     Parameters
     ----------
     person : (K, R) float64
         Numbers of the person's regions.
-    grown, smooth : mapping of key to field at the P target points
+    bodies : sequence of mappings of key to field at the P target points
+        Those that have a measure get the same regions.
     labels : (N,) int64
         Regions of the person's vertices.
     weights : (P,) float64
@@ -158,9 +159,9 @@ def correlations(
 
     Returns
     -------
-    function of (nearest, turn) to (2 K,) float64
-        First those with the grown body, then those with the smooth one. Regions with less than half of their
-        points on the cortex are left out, as in a spin onto the medial wall. Grown and smooth have the same regions.
+    function of (nearest, turn) to (bodies * K,) float64
+        Those of the first body first. Regions with less than half of their points on the cortex are left out, as in a
+        spin onto the medial wall.
     """
     count = person.shape[1]
 
@@ -170,10 +171,10 @@ def correlations(
         on_cortex = np.bincount(there[(there >= 0) & (weights > 0)], minlength=count)
         kept = np.where((points > 0) & (on_cortex >= LEAST_KEPT_SHARE * points), 0.0, np.nan)
         there = np.where(weights > 0, there, -1)
-        g, s = (region_numbers(there, count, fields, keys) + kept for fields in (grown, smooth))
-        for mine, other in zip(g, s):
-            if np.isfinite(other).any():
-                mine[~np.isfinite(other)] = other[~np.isfinite(mine)] = np.nan
-        return np.array([spearman(x, y) for bodies in (g, s) for x, y in zip(person, bodies)])
+        found = np.stack([region_numbers(there, count, fields, keys) for fields in bodies]) + kept
+        has = np.isfinite(found).any(axis=2, keepdims=True)
+        unshared = (~np.isfinite(found) & has).any(axis=0)
+        found[:, unshared] = np.nan
+        return np.array([spearman(x, y) for body in found for x, y in zip(person, body)])
 
     return statistic

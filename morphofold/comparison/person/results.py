@@ -14,24 +14,28 @@ from morphofold.comparison.person.spins import LEVEL_OF_SIGNIFICANCE, Tested
 from morphofold.quantities import RELIEF
 
 CARRIED_MAPS = ("H", "cortical_thickness", "gyral_thickness", "sulcal_depth", "local_gyrification_index", RELIEF)
-ABOVE_CONTROL, ABOVE_SPINS, GIVEN, NONE = "above control", "above spins", "given", "none"  # verdicts
+#: verdicts
+ABOVE_CONTROL, ABOVE_SPINS, DEEPENED, GIVEN, NONE = "above control", "above spins", "deepened", "given", "none"
 
 
 @dataclass(frozen=True)
 class Agreement:
     """An agreement over the cortex: ``depth`` and ``curvature`` are shares of area, ``axes`` is a mean cos 2 delta.
 
-    ``control_map`` is the map of the smooth body that agrees best with the person.
+    ``tested`` has the smooth body as control, ``deepened`` the smooth body with its dents deepened. ``control_map`` and
+    ``deepened_map`` are the maps of these that agree best with the person.
     """
 
     what: str
     tested: Tested
     control_map: str
+    deepened: Tested
+    deepened_map: str
 
     @property
     def verdict(self) -> str:
-        """``"above control"`` or ``"none"``."""
-        return ABOVE_CONTROL if self.tested.beats else NONE
+        """``"above control"``; ``"deepened"`` if it is no better than deepened dents of the smooth body; ``"none"``."""
+        return _verdict(self.tested, self.deepened)
 
 
 @dataclass(frozen=True)
@@ -43,19 +47,26 @@ class RegionAgreement:
 
     what: str
     tested: Tested
+    deepened: Tested
     n: int
     p_corrected: float
     given: bool = False
 
     @property
     def verdict(self) -> str:
-        """``"above control"``, ``"above spins"`` where the smooth body can't have the measure, ``"given"`` or
-        ``"none"``."""
+        """As of an :class:`Agreement`; also ``"above spins"`` where the smooth body can't have the measure, and
+        ``"given"``."""
         if self.given:
             return GIVEN
-        if not (self.tested.beats and self.p_corrected < LEVEL_OF_SIGNIFICANCE):
-            return NONE
-        return ABOVE_SPINS if self.tested.difference is None else ABOVE_CONTROL
+        return _verdict(self.tested, self.deepened) if self.p_corrected < LEVEL_OF_SIGNIFICANCE else NONE
+
+
+def _verdict(tested: Tested, deepened: Tested) -> str:
+    if not tested.beats:
+        return NONE
+    if tested.difference is None:
+        return ABOVE_SPINS
+    return ABOVE_CONTROL if deepened.beats else DEEPENED
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,6 +138,10 @@ class PersonComparison:
                 "what": row.what,
                 **asdict(row.tested),
                 "control_map": getattr(row, "control_map", None),
+                "deepened": row.deepened.control,
+                "deepened_map": getattr(row, "deepened_map", None),
+                "deepened_difference": row.deepened.difference,
+                "deepened_p": row.deepened.difference_p,
                 "n_regions": getattr(row, "n", None),
                 "p_corrected": getattr(row, "p_corrected", None),
                 "verdict": row.verdict,

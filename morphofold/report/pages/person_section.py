@@ -27,7 +27,11 @@ AGREEMENT_WORDS = {
     "axes": ("Directions of folds", "mean cos 2δ"),
 }
 CONTROL_WORDS = {RELIEF: "by height", "H": "by curvature", "axes": ""}
-VERDICT_WORDS = {"above control": "more than before growth", "above spins": "more than by chance"}
+VERDICT_WORDS = {
+    "above control": "more than unfolding left",
+    "deepened": "no more than deepened dents",
+    "above spins": "more than by chance",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,11 +102,12 @@ def person_parts(people: Sequence[PersonComparison], entries: Sequence[Entry], f
 
 def _agreement_row(row: Any) -> dict[str, Any]:
     label, unit = AGREEMENT_WORDS[row.what]
-    return {"label": label, "unit": unit, "control_map": CONTROL_WORDS[row.control_map], **_row(row)}
+    by = {"control_map": CONTROL_WORDS[row.control_map], "deepened_map": CONTROL_WORDS[row.deepened_map]}
+    return {"label": label, "unit": unit, **by, **_row(row)}
 
 
 def _row(row: Any) -> dict[str, Any]:
-    return {"row": row, "t": row.tested, "verdict": VERDICT_WORDS.get(row.verdict, row.verdict)}
+    return {"row": row, "t": row.tested, "d": row.deepened, "verdict": VERDICT_WORDS.get(row.verdict, row.verdict)}
 
 
 def _picture(found: PersonComparison) -> Any:
