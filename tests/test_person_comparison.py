@@ -13,6 +13,7 @@ from morphofold.comparison.person.beside import compare_with_person
 from morphofold.comparison.person.bodies import bodies_of
 from morphofold.comparison.person.pairs import Pair, find_pairs
 from morphofold.errors import MissingPart, OutOfRange, UnlikeSurfaces
+from morphofold.results import read_analysis, write_analysis
 from morphofold.shapes import icosphere
 from morphofold.surface import Surface
 from morphofold.tables import read_table
@@ -227,3 +228,15 @@ def test_a_page_without_a_pair_has_no_section_on_people(folds, person, tmp_path,
         "figures",
         "report.html",
     }
+
+
+def test_a_pair_is_known_again_from_analyses_on_disk(folds, person, tmp_path):
+    grown = made_person(folds[1], name="grown", grown_from=source())
+    named = {}
+    for name, m in (("P", person), ("G", grown)):
+        write_analysis([m], tmp_path / name)
+        (named[name],) = read_analysis(tmp_path / name)
+    assert find_pairs(named) == ([Pair("P", "G", LEVEL)], [])
+    (found,) = compare(named, spins=9).people
+    here = compare_with_person(person, grown, LEVEL, spins=9)
+    assert found.agreements[0].tested.value == pytest.approx(here.agreements[0].tested.value, abs=2e-3)  # float32
