@@ -56,13 +56,18 @@ def relief(verts: Verts, faces: Faces, scale: float, window: float | None = None
     ``height = (x - x') . u`` and ``phase = (highest - height) / (highest - lowest)``.
     """
     window = 1.5 * scale if window is None else window
-    smooth = implicit_smoothing(verts, faces, scale, rounds=2)
-    vertical = geometry.vertex_normals(smooth, faces)
-    height = np.sum((verts - smooth) * vertical, axis=1)
+    height, vertical = height_and_vertical(verts, faces, scale)
     lowest, highest = windowed_range(verts, faces, height, window)
     amplitude = highest - lowest
     phase = np.divide(highest - height, amplitude, out=np.full(len(verts), np.nan), where=amplitude > 0)
     return Relief(height, vertical, amplitude, phase, float(scale), float(window))
+
+
+def height_and_vertical(verts: Verts, faces: Faces, scale: float) -> tuple[PerVertex, NDArray[np.float64]]:
+    """``height`` (N,) [mm] and ``vertical`` (N, 3) of :func:`relief` alone, which need no window."""
+    smooth = implicit_smoothing(verts, faces, scale, rounds=2)
+    vertical = geometry.vertex_normals(smooth, faces)
+    return np.sum((verts - smooth) * vertical, axis=1), vertical
 
 
 def implicit_smoothing(verts: Verts, faces: Faces, scale: float, *, rounds: int = 2, rtol: float = 1e-3) -> Verts:

@@ -24,6 +24,9 @@ class Quantity:
         return f"{self.label} [{self.unit}]" if self.unit else self.label
 
 
+#: height above the smoothed surface about its median, a map that compare makes of a person and of what grew from it
+RELIEF = "relief_height"
+
 QUANTITIES = (
     Quantity("H", "Mean curvature H", "1/mm", True, (-0.3, 0.3), ("mean_curvature", "H_per_mm")),
     Quantity("cortical_thickness", "Cortical thickness", "mm", False, (1, 5), ("cortical_thickness_mm",)),
@@ -36,6 +39,7 @@ QUANTITIES = (
     Quantity("curvedness", "Curvedness", "1/mm", False, (0.0, 0.6)),
     Quantity("shape_index", "Shape index", "", True, (-1.0, 1.0)),
     Quantity("area", "Vertex area on white", "mm²", False, None, ("area_mm2",)),
+    Quantity(RELIEF, "Height of folds", "mm", True, (-8.0, 8.0)),
 )
 # Blue, vermilion and green of Okabe and Ito's palette, then plum, brown, sky and black: all seven stay apart for
 # protanopes and deuteranopes, too.
@@ -78,6 +82,8 @@ SCALAR_WORDS = {
     "surface_holes": ("Holes of the surface that FreeSurfer repaired", ""),
     "mean_cortical_thickness_area_weighted_mm": ("Cortical thickness, mean by area", "mm"),
     THICKNESS_RATIO: ("Gyral / cortical thickness", ""),
+    "hinges_per_cm2": ("Hinges per area", "1/cm²"),
+    "area_expansion": ("Area expansion", ""),
     CREST_THICKNESS_RATIO: ("Gyral / cortical at crests", ""),
 }
 #: the map from which a scalar is computed, if there is one

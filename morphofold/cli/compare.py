@@ -40,6 +40,14 @@ def add_args(parser: argparse.ArgumentParser) -> None:
         default=[],
         help="colour of an analysis or a group, as 0072b2; once per colour (default: one per group)",
     )
+    parser.add_argument(
+        "--spins",
+        type=int,
+        metavar="N",
+        default=500,
+        help="rotations of the sphere that test a cortex against the folds of the person it grew from, if both are "
+        "compared (default: 500)",
+    )
     parser.add_argument("--json", action="store_true", help="print comparison.json")
 
 
@@ -72,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
             measures[name] = read_analysis(folder)
         stages = {name: read_stages(folder) for name, folder in grown.items()}
         show(0.15, "comparing")
-        comparison = compare(measures, groups=groups, growth=stages, colours=colours)
+        comparison = compare(measures, groups=groups, growth=stages, colours=colours, spins=args.spins)
         page = comparison.report(args.out, progress=part_of(show, 0.25, 0.75))
         show(1.0, "done")
     if args.json:
@@ -82,6 +90,12 @@ def run(args: argparse.Namespace) -> int:
         if row["measure"] in ("gyrification_index", "mean_cortical_thickness_mm", "median_gyral_thickness_mm"):
             values = ", ".join(f"{n} {'n/a' if row[n] is None else f'{row[n]:.2f}'}" for n in comparison.names)
             print(f"{row['measure']}: {values}")
+    for found in comparison.people:
+        depth = found.agreements[0].tested
+        print(
+            f"sulci and gyri of {found.grown} as those of {found.person}: {depth.value:.3f} of the area, before growth "
+            f"{depth.control:.3f}, with its dents deepened {found.agreements[0].deepened.control:.3f}: {found.verdict}"
+        )
     print(f"-> {page}")
     return 0
 

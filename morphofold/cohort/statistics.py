@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.analysis.measures import SLOPE_SCALARS
+from morphofold.analysis.multiple_tests import holm
 from morphofold.cohort.tables import HEMIS, Group
 from morphofold.comparison.thickness import Cloud, ThicknessPoint, bins, fit_line
 from morphofold.quantities import THICKNESS_RATIO
@@ -177,15 +178,6 @@ def _asymmetry_statistics(name: str, values: NDArray[np.float64]) -> Asymmetry:
     effect = mean / sd if sd > RELATIVE_ROUND_OFF else nan
     p = float(2 * stats.t.sf(abs(effect) * np.sqrt(n), n - 1))
     return Asymmetry(name, n, mean, mean - half, mean + half, sd, effect, p)
-
-
-def holm(p: NDArray[np.float64]) -> NDArray[np.float64]:
-    """p-values (N,) corrected for their number by Holm's step-down method; NaN (no test) stays NaN."""
-    corrected = np.full(len(p), np.nan)
-    order = np.argsort(p, kind="stable")  # NaN last
-    order = order[np.isfinite(p[order])]
-    corrected[order] = np.minimum(np.maximum.accumulate(np.arange(len(order), 0, -1) * p[order]), 1.0)
-    return corrected
 
 
 def outliers(subjects: Sequence[str], scalars: Scalars) -> Outliers:

@@ -4,6 +4,8 @@ Simulations and brains are treated the same. ``cortex.origin`` and ``cortex.info
 ``info["mu_ratio"]``, if there is one, gives the theoretical line.
 """
 
+from morphofold.comparison.person.beside import compare_with_person
+from morphofold.comparison.person.results import PersonComparison
 from morphofold.comparison.side_by_side import Comparison, compare
 from morphofold.comparison.thickness import (
     Cloud,
@@ -19,9 +21,11 @@ __all__ = [
     "Cloud",
     "Comparison",
     "Fit",
+    "PersonComparison",
     "TheoryLine",
     "ThicknessPoint",
     "compare",
+    "compare_with_person",
     "fit_line",
     "thickness_cloud",
     "wrinkling_wavelength",

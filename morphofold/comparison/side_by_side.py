@@ -19,6 +19,9 @@ from morphofold.analysis.measures import SCALARS, Measures
 from morphofold.comparison.growth import GrowthCurve, growth_curve, matching_growth
 from morphofold.comparison.hinges import HingeComparison, compare_hinges
 from morphofold.comparison.names import colours_of, grouped_names, named_surfaces
+from morphofold.comparison.person.beside import beside_people
+from morphofold.comparison.person.results import PersonComparison
+from morphofold.comparison.person.spins import SPINS
 from morphofold.comparison.remarks import cautions, notes, plot_notes
 from morphofold.comparison.thickness import Cloud, TheoryLine, thickness_clouds, thickness_ratios, wrinkling_wavelength
 from morphofold.errors import OutOfRange
@@ -39,7 +42,8 @@ class Comparison:
     ``colours`` has the colour of each name, such as "#0072b2": its own if one was given, else that of its group.
     ``hinges`` compares the three-hinge patterns of every two groups. ``folding`` has the terms of the law of folding,
     None for a surface that isn't closed. ``growth`` has numbers of bodies as they grow, ``stages`` the measures they
-    are from. ``notes`` list what was left out, ``cautions`` the scales and options that differ between surfaces.
+    are from. ``people`` has a comparison for each cortex that grew from a person who is compared, too. ``notes`` list
+    what was left out, ``cautions`` the scales and options that differ between surfaces.
     """
 
     names: tuple[str, ...]
@@ -53,6 +57,7 @@ class Comparison:
     folding: tuple[ShapeTerms | None, ...] = field(default=(), repr=False)
     growth: tuple[GrowthCurve, ...] = field(default=(), repr=False)
     stages: Mapping[str, tuple[Measures, ...]] = field(default_factory=dict, repr=False)
+    people: tuple[PersonComparison, ...] = field(default=(), repr=False)
     notes: tuple[str, ...] = field(default=(), repr=False)
     cautions: tuple[str, ...] = field(default=(), repr=False)
 
@@ -70,6 +75,7 @@ class Comparison:
             "folding": {n: None if t is None else asdict(t) for n, t in zip(self.names, self.folding)},
             "notes": list(self.notes),
             "cautions": list(self.cautions),
+            **({"people": [found.to_dict() for found in self.people]} if self.people else {}),
         }
 
     def _met(self, curve: GrowthCurve) -> dict[str, Any]:
@@ -83,9 +89,12 @@ class Comparison:
     def report(self, out: str | Path, *, progress: Progress = silent) -> Path:
         """Write ``out/`` completely or not at all: report.html, figures/*.png, comparison.json, comparison.tsv.
 
+        With ``people`` also person.tsv, person_regions.tsv and carried/.
+
         Returns the path of the page. ``progress`` is called with the share done, 0 to 1, and what is being drawn.
         """
         import morphofold
+        from morphofold.comparison.person.files import write_people
         from morphofold.io import atomic_folder
         from morphofold.provenance import strict_json
         from morphofold.report.pages.page import comparison_report
@@ -95,6 +104,7 @@ class Comparison:
             content = {"morphofold": morphofold.__version__, **self.to_dict()}
             (folder / "comparison.json").write_text(strict_json(content), encoding="utf-8")
             write_table(folder / "comparison.tsv", ("measure", *self.names), self.table)
+            write_people(self.people, folder)
         return Path(out) / "report.html"
 
 
@@ -105,6 +115,7 @@ def compare(
     groups: Mapping[str, Sequence[str]] | None = None,
     growth: Mapping[str, Sequence[Measures]] | None = None,
     colours: Mapping[str, str] | None = None,
+    spins: int = SPINS,
     seed: int = 0,
 ) -> Comparison:
     """Put the measures of several cortices side by side.
@@ -124,8 +135,10 @@ def compare(
         mesh, the page shows it growing.
     colours : mapping of a name or group to a colour such as "#0072b2", optional
         A colour of a name overrides that of its group; None: one for each group.
+    spins : int
+        Rotations of the sphere, if a cortex grew from a person who is compared, too.
     seed : int
-        Of permutations.
+        Of permutations and rotations.
 
     Returns
     -------
@@ -138,10 +151,13 @@ def compare(
         unknown name or one of another group, stages have no growth, or a colour or its name can't be used.
     """
     check_kind(surfaces, Mapping, "compare: surfaces")
+    if spins < 1:
+        raise OutOfRange(f"spins must be 1 or more, got {spins}.")
     named, full = named_surfaces(surfaces)
     grouped = grouped_names(full, groups)
     shapes = {name: found for name, m in named.items() if (found := hinge_shapes(m)) is not None}
     clouds = thickness_clouds(list(named.values()))
+    people, remarks = beside_people(named, spins=spins, seed=seed)
     return Comparison(
         names=tuple(named),
         measures=tuple(named.values()),
@@ -156,8 +172,9 @@ def compare(
         folding=tuple(shape_terms_of(m) for m in named.values()),
         stages={name: tuple(stages) for name, stages in (growth or {}).items()},
         growth=tuple(growth_curve(name, stages) for name, stages in (growth or {}).items()),
+        people=people,
         notes=(*notes(named), *plot_notes(named, clouds)),
-        cautions=tuple(cautions(named)),
+        cautions=(*cautions(named), *remarks),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -250,6 +251,8 @@ def _rows_side_by_side(columns: Sequence[Mapping[str, Any]]) -> Rows:
 
 
 def _value_text(value: Any) -> str:
+    if isinstance(value, str) and re.fullmatch("[0-9a-f]{64}", value):
+        return f"{value[:12]}…"  # a digest, whole in the JSON beside the page: columns shall not be as wide
     if value is None or isinstance(value, str):
         return value or "–"
     if isinstance(value, int | float | np.number) and not isinstance(value, bool):

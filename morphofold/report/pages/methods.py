@@ -10,6 +10,8 @@ from morphofold.words import number
 
 #: references, by the form in which the paragraph cites them
 REFERENCES = {
+    "Alexander-Bloch et al. 2018": "Alexander-Bloch AF et al. (2018). On testing for spatial correspondence between "
+    "maps of human brain structure and function. NeuroImage 178, 540.",
     "Chen and Hutchinson 2004": "Chen X, Hutchinson JW (2004). Herringbone buckling patterns of compressed thin films "
     "on compliant substrates. J. Appl. Mech. 71, 597.",
     "Fischl and Dale 2000": "Fischl B, Dale AM (2000). Measuring the thickness of the human cerebral cortex from "
@@ -28,10 +30,11 @@ REFERENCES = {
 _MATERIAL_NAMES = {"neo-hookean": "neo-Hookean", "mooney-rivlin": "Mooney-Rivlin"}
 
 
-def methods(entries: Sequence[Entry], version: str, *, theory: bool) -> tuple[str, list[str]]:
+def methods(entries: Sequence[Entry], version: str, *, theory: bool, spins: int = 0) -> tuple[str, list[str]]:
     """The methods as one paragraph, with this version of morphofold, and the references that it cites.
 
-    ``theory``: whether the page has a line of linear theory.
+    ``theory``: whether the page has a line of linear theory. ``spins``: rotations by which grown cortices were tested
+    against the people that they grew from, 0 if none was.
     """
     sentences = [*_growth_sentences(entries), *measured([e.measures for e in entries], version)]
     if any(e.folding is not None for e in entries):
@@ -41,6 +44,12 @@ def methods(entries: Sequence[Entry], version: str, *, theory: bool) -> tuple[st
         )
     if theory:
         sentences.append("The wavelength of the first wrinkles is that of a stiff film (Chen and Hutchinson 2004).")
+    if spins:
+        sentences.append(
+            "A cortex that grew from a person's unfolded surface was compared with the person's own at the same points "
+            f"of the person's sphere, tested by {spins} random rotations of it (Alexander-Bloch et al. 2018), with the "
+            "smooth body before growth as control; p-values of measures of regions are corrected (Holm 1979)."
+        )
     return cited(sentences)
 
 

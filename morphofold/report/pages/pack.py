@@ -17,7 +17,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from morphofold.geometry import morton_codes
+from morphofold.geometry import morton_codes, unit
 from morphofold.report.pages.layers import Net
 from morphofold.surface import Cortex, Faces, PerVertex, Verts
 
@@ -49,11 +49,14 @@ def pack(
     steps: Mapping[str, float] | None = None,
     shown: Display | None = None,
     net: Net | None = None,
+    person: str | None = None,
 ) -> Packed:
     """Pack the pial, white and (if any) inflated surface of a cortex, and maps (N,), for the viewer.
 
     ``steps`` gives the coarsest step allowed for a map, which makes the data smaller; without it, a map has 16 bits
     over its range. ``shown`` is the result of ``thin`` for the cortex; None: thinned here. ``net`` is drawn over it.
+    With ``person``, the points on the sphere are packed, too: a click on one surface also marks this point on the
+    others of the same person.
     """
     steps = steps or {}
     shown = shown or thin(cortex)
@@ -68,6 +71,10 @@ def pack(
     ranges = {key: writer.values(f"map:{key}", values[shown.ids], steps.get(key, 0.0)) for key, values in maps.items()}
     if cortex.regions is not None:
         writer.add("regions", (cortex.regions.labels[shown.ids] + 1).astype(np.uint16))
+    sphere = None
+    if person is not None and cortex.sphere is not None:
+        points = unit(cortex.sphere.verts[shown.ids])
+        sphere = {"person": person, **writer.positions("sphere", points)}
     if net is not None:
         writer.add("crest-ids", np.concatenate([np.empty(0, np.uint32), *net.crests]).astype(np.uint32))
         writer.add("crest-ends", np.cumsum([len(line) for line in net.crests]).astype(np.uint32))
@@ -79,6 +86,7 @@ def pack(
         "surfaces": boxes,
         "maps": ranges,
         "arrays": writer.arrays,
+        **({} if sphere is None else {"sphere": sphere}),
         "net": None if net is None else {"hinges": net.hinges},
         "regions": ["no region", *cortex.regions.names] if cortex.regions is not None else None,
     }

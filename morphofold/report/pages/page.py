@@ -20,6 +20,7 @@ from morphofold.analysis.graph.hinge_shapes import hinge_shapes
 from morphofold.analysis.measures import Measures
 from morphofold.comparison.growth import DIMENSIONLESS_NUMBERS, GrowthCurve
 from morphofold.comparison.hinges import HingeComparison, compare_hinges
+from morphofold.comparison.person.results import PersonComparison
 from morphofold.comparison.remarks import cautions, plot_notes
 from morphofold.comparison.side_by_side import numbers, theory_lines
 from morphofold.comparison.thickness import Cloud, TheoryLine, thickness_clouds
@@ -31,6 +32,7 @@ from morphofold.quantities import (
     CATEGORICAL_COLOURS,
     HEADLINE_SCALARS,
     MAIN_MAPS,
+    RELIEF,
     Quantity,
     common_limits,
     find,
@@ -43,6 +45,7 @@ from morphofold.report.pages.costs import costs
 from morphofold.report.pages.layers import net_of
 from morphofold.report.pages.methods import methods
 from morphofold.report.pages.pack import DISPLAY_VERTICES, STAGED_VERTICES, Display, pack, pack_stage, thin
+from morphofold.report.pages.person_section import person_parts, with_smooth_bodies
 from morphofold.report.pages.templates import versions, write_page
 from morphofold.report.pictures.hinges import clear_examples, hinge_pairs
 from morphofold.report.pictures.net import net_figure, net_row
@@ -102,6 +105,7 @@ def analysis_report(
         theory_lines(named),
         compare_hinges(shapes, {name: [name] for name in named}),
         inputs=inputs,
+        doubts=cautions(named),
         missing=missing,
         clock=clock,
     )
@@ -126,6 +130,8 @@ def comparison_report(
         comparison.hinges,
         comparison.growth,
         inputs,
+        people=comparison.people,
+        doubts=comparison.cautions,
         progress=progress,
     )
 
@@ -141,23 +147,30 @@ def _write_page(
     growth: Sequence[GrowthCurve] = (),
     inputs: InputRecords = (),
     missing: Sequence[str] = (),
+    people: Sequence[PersonComparison] = (),
+    doubts: Sequence[str] = (),
     progress: Progress = silent,
     clock: Stages | None = None,
 ) -> Path:
     named = {e.name: e.measures for e in entries}
     table = numbers(list(named.values()))
-    shown = _shown_maps(entries)
+    panels, person_of = with_smooth_bodies(entries, people)
+    shown = _shown_maps(panels)
+    main = [key for key in (RELIEF, *MAIN_MAPS) if key in shown]
     progress(0.0, "thinning surfaces")
     thinned = [
         thin(e.measures.cortex, STAGED_VERTICES if e.stages else DISPLAY_VERTICES, [m.cortex for m in e.stages])
-        for e in entries
+        for e in panels
     ]
+    own = [d for e, d in zip(panels, thinned) if e.name in named]
     progress(0.15, "drawing pictures")
-    pictures = _write_pictures(path.parent / "figures", entries, thinned, shown)
+    pictures = _write_pictures(path.parent / "figures", entries, own, shown)
     progress(0.65, "packing surfaces")
-    viewer, blocks = _viewer_data(entries, thinned, shown)
+    viewer, blocks = _viewer_data(panels, thinned, shown, person_of)
+    drawn = [meta for e, meta in zip(panels, viewer["surfaces"]) if e.name in named]
     progress(0.75, "drawing charts and hinges")
-    paragraph, references = methods(entries, versions()[0][1], theory=bool(theory))
+    spins = people[0].spins if people else 0
+    paragraph, references = methods(entries, versions()[0][1], theory=bool(theory), spins=spins)
     return write_page(
         path,
         "report.html",
@@ -174,10 +187,10 @@ def _write_page(
         left_out=contents.left_out(entries),
         definitions=contents.definitions(entries),
         warnings=[*missing, *contents.warnings(entries)],
-        cautions=[*contents.cautions(entries), *cautions(named)],
+        cautions=[*contents.cautions(entries), *doubts],
         plot_notes=plot_notes(named, [e.cloud for e in entries]),
         bins=any(e.cloud.bins for e in entries),
-        remarks=contents.remarks(entries, viewer["surfaces"]),
+        remarks=contents.remarks(entries, drawn),
         tables=contents.tables(entries),
         methods=paragraph,
         references=references,
@@ -189,10 +202,12 @@ def _write_page(
         pictures=pictures,
         renderer=renderer(),
         maps=[what for what, _ in shown.values()],
-        main=MAIN_MAPS,
+        main=main,
+        panels=panels,
+        people=person_parts(people, entries, path.parent / "figures"),
         viewer=viewer,
         blocks=blocks,
-        columns={1: 1, 2: 2, 4: 2}.get(len(entries), 3),
+        columns={1: 1, 2: 2, 4: 2}.get(len(panels), 3),
         hinges=hinges,
         pairs=_write_hinge_pairs(path.parent / "figures", hinges, named),
         growth=growth,
@@ -246,10 +261,10 @@ def _entries_with_map(entries: Sequence[Entry], key: str) -> list[tuple[Entry, N
 
 
 def _shown_maps(entries: Sequence[Entry]) -> ShownMaps:
-    """The maps that a page shows, main maps first, with the limits that all its surfaces share."""
-    others = {quantity(n).key for e in entries for n in e.measures.maps} - set(MAIN_MAPS)
+    """The maps that a page shows, heights of folds and main maps first, with the limits that all its surfaces share."""
+    others = {quantity(n).key for e in entries for n in e.measures.maps} - {RELIEF, *MAIN_MAPS}
     shown = {}
-    for key in (*MAIN_MAPS, *sorted(others)):
+    for key in (RELIEF, *MAIN_MAPS, *sorted(others)):
         if arrays := [a for _, a in _entries_with_map(entries, key)]:
             what = quantity(key, arrays)
             shown[key] = (what, common_limits(what, arrays))
@@ -257,15 +272,18 @@ def _shown_maps(entries: Sequence[Entry]) -> ShownMaps:
 
 
 def _viewer_data(
-    entries: Sequence[Entry], thinned: Sequence[Display], shown: ShownMaps
+    entries: Sequence[Entry], thinned: Sequence[Display], shown: ShownMaps, person_of: Mapping[str, str] = {}
 ) -> tuple[dict[str, Any], contents.Rows]:
-    """The JSON configuration of viewer.js, and one block of packed data per surface (and per stage)."""
+    """The JSON configuration of viewer.js, and one block of packed data per surface (and per stage).
+
+    ``person_of`` has the person of each surface that has points on that person's sphere.
+    """
     surfaces, blocks = [], []
     steps = {key: (high - low) / 2000 for key, (_, (low, high)) in shown.items()}  # finer than the colours can show
     for e, display in zip(entries, thinned):
         maps = {key: a for key in shown for _, a in _entries_with_map([e], key)}
         cortex = e.measures.cortex
-        packed = pack(cortex, maps, steps, display, net_of(e.measures, display.ids))
+        packed = pack(cortex, maps, steps, display, net_of(e.measures, display.ids), person_of.get(e.name))
         own = [key for key in MAIN_MAPS if key in shown]
         grown = [
             pack_stage(m.cortex, {key: a for key in own if (a := find(m.maps, key)) is not None}, steps, display.ids)

@@ -49,7 +49,7 @@ class Look(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class _Chart:
+class Chart:
     """Axes in pixels, and the texts that marks show under the pointer."""
 
     figure: Figure
@@ -103,7 +103,7 @@ class _Chart:
 
 
 @contextmanager
-def _new_chart(
+def new_chart(
     title: str,
     x_label: str,
     y_label: str,
@@ -111,7 +111,7 @@ def _new_chart(
     y: tuple[float, float],
     size: tuple[float, float] = CHART_SIZE_PX,
     right: float = MARGINS_PX[1],
-) -> Iterator[_Chart]:
+) -> Iterator[Chart]:
     """A chart with fixed margins and given limits; ``right`` is the right margin [px]."""
     inches = 72.0  # pixels per inch in an SVG, where a point is a pixel
     (width, height), (left, _, top, bottom) = size, MARGINS_PX
@@ -125,7 +125,7 @@ def _new_chart(
             axis.set_ticks(at, [f"{t:.6g}".replace("-", "−") for t in at])
         ax.set(xlim=x, ylim=y, xlabel=x_label, ylabel=y_label)
         ax.yaxis.set_label_coords(14 / width, (height + bottom - top) / 2 / height, figure.transFigure)
-        yield _Chart(figure, ax, size, title)
+        yield Chart(figure, ax, size, title)
 
 
 def line_of(look: Look) -> dict[str, Any]:
@@ -181,7 +181,7 @@ def histograms(
     up = counted or (f"share of area per {unit}" if unit else "share of area")
     across = f"{label} [{unit}]" if unit else label
     limits = (float(edges[0]), float(edges[-1])), (0.0, 1.08 * top)
-    with _new_chart(f"Distribution of {label}", across, up, *limits) as chart:
+    with new_chart(f"Distribution of {label}", across, up, *limits) as chart:
         for look, density, median in curves:
             words = f"{look.name}: median {number(median)} {unit}".strip()
             chart.ax.stairs(
@@ -237,10 +237,10 @@ def thickness_plot(
     right, top = 1.12 * max(p.cortical for p in marks), 1.12 * max(max(p.gyral, p.high or 0) for p in marks)
     across, up = (0.0, right), (0.0, top)
     if not from_zero:
-        across = _limits_around([p.cortical for p in marks])
-        up = _limits_around([y for p in marks for y in (p.low, p.gyral, p.high) if y is not None])
+        across = limits_around([p.cortical for p in marks])
+        up = limits_around([y for p in marks for y in (p.low, p.gyral, p.high) if y is not None])
     labels = "Cortical thickness [mm]", "Gyral thickness [mm]"
-    with _new_chart("Gyral thickness against cortical thickness", *labels, across, up, size) as chart:
+    with new_chart("Gyral thickness against cortical thickness", *labels, across, up, size) as chart:
         for slope, label in lines:
             end = min(right, top / slope)
             chart.line([0, end], [0, end * slope], "theory", label, color=GREY, linestyle=THEORY_DASHES)
@@ -249,14 +249,14 @@ def thickness_plot(
         return chart.svg()
 
 
-def _limits_around(values: Sequence[float]) -> tuple[float, float]:
+def limits_around(values: Sequence[float]) -> tuple[float, float]:
     """Limits a little outside the least and greatest value."""
     low, high = min(values), max(values)
     edge = 0.06 * (high - low) if high - low > 1e-6 * max(abs(low), abs(high)) else 0.1 * abs(high) or 1.0
     return low - edge, high + edge
 
 
-def _draw_cloud(chart: _Chart, look: Look, cloud: Cloud) -> None:
+def _draw_cloud(chart: Chart, look: Look, cloud: Cloud) -> None:
     """Draw bins as crossed bars (median and quartiles), the fit, and the points."""
     for p in cloud.bins:
         bar: dict[str, Any] = {"color": look.colour, "linewidth": 1.4, "alpha": 0.75}
@@ -296,7 +296,7 @@ def folding_plot(surfaces: Sequence[tuple[Look, Any]], paths: Sequence[tuple[str
     every = np.array([place(t) for t in [*(t for _, t in surfaces), *(t for _, path in paths for t in path)]])
     (x0, y0), (x1, y1) = (every.min(axis=0) - 0.06).tolist(), (every.max(axis=0) + 0.06).tolist()
     labels = "log\u2081\u2080 exposed area [mm²]", "log\u2081\u2080 total area × √thickness [mm² √mm]"
-    with _new_chart("The law of folding", *labels, (x0, x1), (y0, y1), (880.0, 400.0), right=60.0) as chart:
+    with new_chart("The law of folding", *labels, (x0, x1), (y0, y1), (880.0, 400.0), right=60.0) as chart:
         for k in (0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5):
             ends = np.array([max(x0, (y0 - np.log10(k)) / 1.25), min(x1, (y1 - np.log10(k)) / 1.25)])
             if ends[1] - ends[0] > 0.02:
@@ -335,7 +335,7 @@ def growth_chart(
     g = np.concatenate([g for _, g, _ in known])
     top = 1.12 * max([float(v.max()) for _, _, v in known] + [value for _, value in others])
     across = float(g.min()) - 0.02, float(g.max()) + 0.02
-    with _new_chart(f"{label} over growth", "growth g", label, across, (0.0, top)) as chart:
+    with new_chart(f"{label} over growth", "growth g", label, across, (0.0, top)) as chart:
         for look, value in others:
             chart.line(across, (value, value), "fit", **line_of(look))
         for name, at, values in known:

@@ -87,7 +87,7 @@ async function load(meta, index) {
   gl.bindVertexArray(null);
   const stages = (meta.stages || []).map((stage, k) => ({ g: stage.g, meta: stage, block: "data-" + index + "-" + k }));
   return { meta, faces, now: final, final, stages: [...stages, final].sort((a, b) => a.g - b.g),
-    ids: get("ids"), regions: meta.regions && get("regions"),
+    ids: get("ids"), regions: meta.regions && get("regions"), sphere: meta.sphere && toMm(get("sphere"), meta.sphere),
     box: $("panel-" + index), R: null, picked: -1, hinge: null, net: netOf(meta, get), elements: buffer(faces, gl.ELEMENT_ARRAY_BUFFER) };
 }
 function unpacked(meta, get) {                 // surfaces and maps of one stage of growth, each decoded when it is first used
@@ -244,6 +244,19 @@ function pick(panel, px, py) {
   describe(panel);
   redraw();
 }
+function follow(panel) {                       // mark the same point on the other surfaces of the same person
+  for (const other of panel.sphere && panel.picked >= 0 ? panels : []) {
+    if (other === panel || !other.sphere || other.meta.sphere.person !== panel.meta.sphere.person) continue;
+    const p = panel.sphere.subarray(3 * panel.picked, 3 * panel.picked + 3), q = other.sphere;
+    let most = -2;
+    for (let i = 0; i < q.length; i += 3) {
+      const cosine = p[0] * q[i] + p[1] * q[i + 1] + p[2] * q[i + 2];
+      if (cosine > most) { most = cosine; other.picked = i / 3; }
+    }
+    other.hinge = null;
+    describe(other);
+  }
+}
 const hingesShown = (panel) => state.hinges && panel.net && panel.now === panel.final;
 function step(panel, by) {                     // to the next visible hinge, from the middle of the panel outwards, then from the start again
   if (!hingesShown(panel)) return;
@@ -345,6 +358,7 @@ stage.addEventListener("pointerup", (e) => {
   if (drag && drag.moved < 4 && drag.panel) {
     const r = drag.panel.box.getBoundingClientRect();
     pick(drag.panel, e.clientX - r.left, e.clientY - r.top);
+    follow(drag.panel);
   }
   drag = null;
 });

@@ -1,0 +1,231 @@
+"""Person, smooth body and grown cortex on one sphere: their points, sizes, areas and maps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from morphofold.analysis.gyrification.depth import sulcal_depth
+from morphofold.analysis.gyrification.hull import hull
+from morphofold.analysis.gyrification.local_gyrification import local_gyrification_index
+from morphofold.analysis.measures import Measures
+from morphofold.analysis.mesh_quality.checks import cortex_mask, is_no_cortex
+from morphofold.analysis.relief import height_and_vertical
+from morphofold.arrays import Array, Bools, Ints
+from morphofold.comparison.person.agreement import weighted_median
+from morphofold.comparison.person.carrying import Carrier, carrier
+from morphofold.errors import MissingPart, Refusal, UnlikeSurfaces
+from morphofold.geometry import vertex_areas
+from morphofold.quantities import RELIEF
+from morphofold.surface import Cortex, Surface
+from morphofold.unfolding.harmonics import Expansion, degrees
+from morphofold.unfolding.smooth_surface import SmoothSurface
+from morphofold.unfolding.unfold import points_on_sphere, unfold
+
+RELIEF_SCALE_MM = 10.0  # of the height above the smoothed surface, on the person; as for an adult brain
+DEEPENED_FROM = 30.0  # l (l + 1) at which the amplitude of a dent is doubled
+DEFAULT_VOXEL_MM = 1.25  # of local gyrification, where an analysis does not record it
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A measured cortex on the sphere.
+
+    Attributes
+    ----------
+    measures : Measures
+    points : (N, 3) float64
+        Vertices on the unit sphere.
+    cortex : (N,) bool
+    scale : float
+        Factor of its lengths, so that its convex hull has the area of the person's.
+    height : (N,) float64
+        Height above the surface smoothed over 10 mm, minus its median over the area of the smooth body [mm of the
+        person]: positive on gyri, negative in sulci, NaN off the cortex.
+    curvature : (N,) float64
+        Mean curvature of its pial surface as measured [1/mm], NaN off the cortex.
+    """
+
+    measures: Measures
+    points: Array = field(repr=False)
+    cortex: Bools = field(repr=False)
+    scale: float
+    height: Array = field(repr=False)
+    curvature: Array = field(repr=False)
+
+    @property
+    def pial(self) -> Surface:
+        return self.measures.cortex.pial
+
+    def with_height(self) -> Measures:
+        """The measures with the map of heights, for pictures."""
+        return replace(self.measures, maps={**self.measures.maps, RELIEF: self.height})
+
+
+@dataclass(frozen=True, eq=False)
+class Bodies:
+    """A person, the cortex that grew from it, and the smooth body between them at the grown vertices.
+
+    Attributes
+    ----------
+    person, grown : Body
+    smooth : SmoothSurface
+        The body before it grew, its hull scaled to the area of the person's.
+    to_grown, to_person : Carrier
+        From the person's vertices to the grown ones, and back.
+    """
+
+    person: Body
+    grown: Body
+    smooth: SmoothSurface = field(repr=False)
+    to_grown: Carrier = field(repr=False)
+    to_person: Carrier = field(repr=False)
+
+    @cached_property
+    def surface(self) -> Surface:
+        """The smooth body at the grown vertices."""
+        return Surface(self.smooth(self.grown.points), self.grown.pial.faces, "smooth body")
+
+    @cached_property
+    def areas(self) -> Array:
+        """Area of the smooth body (P,) [mm^2] around each grown vertex."""
+        return vertex_areas(self.surface.verts, self.surface.faces)
+
+    @cached_property
+    def weights(self) -> Array:
+        """These areas, 0 off the cortex of the grown body."""
+        return self.areas * self.grown.cortex
+
+    @cached_property
+    def person_areas(self) -> Array:
+        """Area of the smooth body (N,) [mm^2] around each vertex of the person."""
+        return vertex_areas(self.smooth(self.person.points), self.person.pial.faces)
+
+    @cached_property
+    def smooth_maps(self) -> dict[str, Array]:
+        """Maps of the smooth body at the grown vertices, as :meth:`_maps_of`."""
+        return self._maps_of(self.smooth)
+
+    @cached_property
+    def deepened_maps(self) -> dict[str, Array]:
+        """Those of the smooth body with its dents deepened."""
+        return self._maps_of(self.deepened)
+
+    @cached_property
+    def deepened(self) -> SmoothSurface:
+        """The smooth body with its dents deepened, the more the shorter they are, as folding does.
+
+        Its harmonics of degree l are multiplied by ``1 + (l (l + 1) / 30)^2``: by 2 at l = 5, 14 at 10, 65 at 15. It
+        has nothing of the person that the smooth body doesn't have.
+        """
+        l = degrees(self.smooth.shape.degree)
+        gain = 1 + (l * (l + 1) / DEEPENED_FROM) ** 2
+        return SmoothSurface(Expansion(gain[:, None] * self.smooth.shape.coefficients))
+
+    def _maps_of(self, body: SmoothSurface) -> dict[str, Array]:
+        """Maps as those of an analysis, and the height, at the grown vertices; NaN off the cortex.
+
+        Curvature is exact. Local gyrification is left out where the body does not allow it.
+        """
+        surface, cortex = Surface(body(self.grown.points), self.grown.pial.faces), self.grown.cortex
+        height, _ = height_and_vertical(surface.verts, surface.faces, RELIEF_SCALE_MM)
+        found = {
+            RELIEF: _centred(np.where(cortex, height, np.nan), self.areas),
+            "H": body.frame(self.grown.points).curvature.mean(axis=1),
+            "sulcal_depth": sulcal_depth(surface.verts, surface.faces),
+        }
+        voxel = self.person.measures.parameters.get("local_gyrification_voxel_mm") or DEFAULT_VOXEL_MM
+        try:
+            found["local_gyrification_index"] = local_gyrification_index(surface.verts, surface.faces, voxel=voxel)
+        except Refusal:
+            pass
+        return {name: np.where(cortex, values, np.nan) for name, values in found.items()}
+
+    def smooth_measures(self, name: str) -> Measures:
+        """The smooth body as a cortex with maps, for pictures: white and pial are the same surface."""
+        c = self.grown.measures.cortex
+        here = Surface(self.surface.verts, self.surface.faces, name)
+        cortex = Cortex(here, here, c.hemi, name, cortex=self.grown.cortex, regions=c.regions, sphere=c.sphere)
+        return Measures(cortex, {}, self.smooth_maps)
+
+    @cached_property
+    def labels(self) -> Ints | None:
+        """The person's regions (N,), -1 off the cortex and where there is none; None without regions."""
+        regions = self.person.measures.cortex.regions
+        if regions is None:
+            return None
+        other = [k for k, name in enumerate(regions.names) if is_no_cortex(name)]
+        inside = self.person.cortex & ~np.isin(regions.labels, other)
+        return np.where(inside, regions.labels, -1)
+
+
+def bodies_of(person: Measures, grown: Measures, level: float) -> Bodies:
+    """Place a person and a cortex that grew from it on the person's sphere.
+
+    Parameters
+    ----------
+    person, grown : Measures
+        Of cortices with a sphere.
+    level : float
+        At which the person was unfolded.
+
+    Raises
+    ------
+    MissingPart
+        If one has no sphere or no map of mean curvature.
+    UnlikeSurfaces
+        If they are of two hemispheres.
+    OutOfRange, OpenSurface, Mismatch, BadMesh
+        As :func:`morphofold.unfolding.unfold.unfold`.
+
+    Notes
+    -----
+    Lengths are compared at convex hulls of equal area. Hulls, because the total area of a surface is part of what is
+    compared: at equal area a body with few folds would be drawn larger than a person's brain.
+    """
+    for m in (person, grown):
+        c = m.cortex
+        if c.sphere is None:
+            raise MissingPart(
+                f"{c.called}: the analysis has no {c.hemi}.sphere, so its vertices can't be found on the other cortex. "
+                f"Put surf/{c.hemi}.sphere into the subject, and analyze it again."
+            )
+        if "H" not in m.maps:
+            raise MissingPart(f"{c.called}: has no map of mean curvature (H). Analyze it again.")
+    if person.cortex.hemi != grown.cortex.hemi:
+        raise UnlikeSurfaces(
+            f"{person.cortex.called} and {grown.cortex.called} are two hemispheres. Compare a cortex with the one it "
+            "grew from."
+        )
+    assert person.cortex.sphere is not None
+    unfolded = unfold(person.cortex.white, person.cortex.sphere, level)
+    size = hull(person.cortex.pial.verts, person.cortex.faces).area
+    one, other = (_body(m, size) for m in (person, grown))
+    smooth = unfolded.surface(other.points)
+    factor = float(np.sqrt(size / hull(smooth, grown.cortex.faces).area))
+    there, back = (carrier(a.points, a.pial.faces, b.points) for a, b in ((one, other), (other, one)))
+    one, other = (
+        replace(b, height=_centred(b.height, vertex_areas(unfolded.surface(b.points), b.pial.faces)))
+        for b in (one, other)
+    )
+    return Bodies(one, other, unfolded.surface.scaled(factor), there, back)
+
+
+def _centred(height: Array, areas: Array) -> Array:
+    """Heights (N,) minus their median by area (N,); NaN stays."""
+    known = np.isfinite(height)
+    return height - weighted_median(height[known], areas[known]) if known.any() else height
+
+
+def _body(m: Measures, size: float) -> Body:
+    """A measured cortex, to be scaled to a hull of the area ``size`` [mm^2]."""
+    c = m.cortex
+    assert c.sphere is not None
+    points, cortex = points_on_sphere(c.pial, c.sphere), cortex_mask(c)
+    scale = float(np.sqrt(size / hull(c.pial.verts, c.faces).area))
+    height, _ = height_and_vertical(c.pial.verts, c.faces, RELIEF_SCALE_MM / scale)
+    return Body(
+        m, points, cortex, scale, np.where(cortex, scale * height, np.nan), np.where(cortex, m.maps["H"], np.nan)
+    )

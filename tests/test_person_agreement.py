@@ -1,0 +1,198 @@
+"""Agreements of folds and their tests by spins: known answers, and the rate of false positives."""
+
+import numpy as np
+import pytest
+from made_people import random_folds, values
+from scipy.stats import spearmanr
+from threadpoolctl import threadpool_limits
+
+from morphofold.comparison.person.agreement import agreement_of_axes, agreement_of_classes, classes, weighted_median
+from morphofold.comparison.person.axes import fold_axes, forwardness, pulled_back, smooth_axes
+from morphofold.comparison.person.regions import Median, Ratio, region_numbers, spearman
+from morphofold.comparison.person.spins import NearestTable, beside_null, rotations, spun
+from morphofold.geometry import unit, vertex_areas
+from morphofold.shapes import icosphere
+from morphofold.surface import Surface
+from morphofold.unfolding.harmonics import fit
+from morphofold.unfolding.smooth_surface import SmoothSurface, tangents
+
+TRIALS, TURNS = 300, 99
+
+
+@pytest.fixture(scope="module")
+def ball():
+    points, faces = icosphere(3)
+    return points, faces, vertex_areas(points, faces)
+
+
+def itself(points):
+    return np.arange(len(points)), np.eye(3)
+
+
+def test_the_median_divides_the_weight_in_halves_and_is_no_value():
+    assert weighted_median(np.array([3.0, 1.0, 2.0, 4.0]), np.ones(4)) == 2.5
+    assert weighted_median(np.array([0.0, 10.0, 20.0]), np.array([1.0, 1.0, 8.0])) == 20.0
+    values, weights = np.random.default_rng(1).random((2, 999))
+    low = weights[values < weighted_median(values, weights)].sum()
+    assert low == pytest.approx(weights.sum() / 2, abs=1.0)
+
+
+def test_classes_of_a_map_and_of_one_without_spread():
+    np.testing.assert_array_equal(classes(np.array([1.0, 2, 3, 4, np.nan]), np.ones(5)), [-1, -1, 1, 1, 0])
+    np.testing.assert_array_equal(classes(np.ones(4), np.ones(4)), np.zeros(4))
+
+
+def test_a_map_agrees_with_itself_and_not_with_its_opposite(ball, rng):
+    points, _, areas = ball
+    one, other = (classes(values(random_folds(rng), points), areas) for _ in range(2))
+    share = agreement_of_classes([one, -one, other], one, areas)(*itself(points))
+    np.testing.assert_allclose(share[:2], [1, 0], atol=1e-12)
+    assert 0.3 < share[2] < 0.7
+    assert agreement_of_classes([one], 0 * one, areas)(*itself(points))[0] == 0.5  # nothing is known
+
+
+def test_vertices_without_a_class_in_one_body_are_left_out_for_all(ball, rng):
+    points, _, areas = ball
+    person = classes(values(random_folds(rng), points), areas)
+    wall = points[:, 0] > 0.5
+    body = np.where(wall, 0, person)
+    other = np.where(wall, -person, person)  # wrong only where the first is unknown
+    np.testing.assert_allclose(agreement_of_classes([body, other], person, areas)(*itself(points)), 1, atol=1e-12)
+
+
+def test_the_null_of_balanced_maps_is_a_half(ball, rng):
+    points, _, areas = ball
+    one, other = (classes(values(random_folds(rng), points), areas) for _ in range(2))
+    null = spun(agreement_of_classes([one], other, areas), points, NearestTable(points), rotations(300))[:, 0]
+    assert null.mean() == pytest.approx(0.5, abs=4 * null.std() / np.sqrt(300))
+    assert 0.005 < null.std() < 0.1
+
+
+def difference_of(ball, turned, body, person, grown):
+    """p of the agreement of grown with person, and p of what it has above the smooth body."""
+    points, _, areas = ball
+    of = lambda folds: classes(values(folds, points), areas)
+    statistic = agreement_of_classes([of(grown), of(body)], of(person), areas)
+    found, null = statistic(*itself(points)), np.stack([statistic(near, None) for near in turned])
+    one = beside_null(found[0], null[:, 0], found[1], null[:, 1])
+    return one.p, one.difference_p
+
+
+def rates(ball, rng, make):
+    points = ball[0]
+    table = NearestTable(points)
+    turned = [table(points @ turn) for turn in rotations(TURNS, 5)]
+    with threadpool_limits(1):
+        found = np.array([difference_of(ball, turned, *make(rng)) for _ in range(TRIALS)])
+    return (found <= 0.05).mean(axis=0)
+
+
+def test_five_of_a_hundred_pairs_of_random_maps_are_significant(ball, rng):
+    """And of differences from a third; the standard error is 1.3 %."""
+    by_chance = rates(ball, rng, lambda rng: [random_folds(rng, 3) for _ in range(3)])
+    assert (np.abs(by_chance - 0.05) < 0.04).all()
+
+
+def test_growth_that_only_keeps_what_unfolding_left_is_not_significant(ball, rng):
+    """Person and grown body share the smooth body, and have folds of their own: agreement is certain, and no result."""
+
+    def make(rng):
+        body = random_folds(rng, 1, 4)
+        return body, body + random_folds(rng, 5), 3 * body + random_folds(rng, 5)
+
+    agreement, difference = rates(ball, rng, make)
+    assert agreement > 0.95
+    assert difference <= 0.05
+
+
+def test_growth_that_finds_the_folds_of_the_person_is_significant(ball, rng):
+    def make(rng):
+        body, folds = random_folds(rng, 1, 4), random_folds(rng, 5)
+        return body, body + 2 * folds, body + 2 * folds + random_folds(rng, 5)
+
+    assert rates(ball, rng, make)[1] > 0.95
+
+
+def test_a_number_without_control_or_without_value():
+    null = np.array([0.1, 0.2, 0.3, np.nan])
+    plain = beside_null(0.25, null)
+    assert (plain.p, plain.control, plain.difference) == (0.5, None, None)  # one of three, and itself
+    assert beside_null(float("nan"), null).p == 1
+    assert not beside_null(float("nan"), null).beats
+    both = beside_null(0.9, np.linspace(0, 0.5, 99), 0.9, np.linspace(0, 0.5, 99))
+    assert (both.p, both.difference, both.difference_p, both.beats) == (0.01, 0.0, 1.0, False)
+
+
+def test_a_turned_field_of_axes_agrees_with_itself(ball):
+    points, _, areas = ball
+    north = tangents(points)[:, 0]
+    (turn,) = rotations(1, 8)
+    table, ones = NearestTable(icosphere(6)[0]), np.ones(len(points))
+    fine = icosphere(6)[0]
+    of = lambda s: (field := np.cross(s, [0.0, 0, 1])) / np.linalg.norm(field, axis=1, keepdims=True).clip(1e-12)
+    body = of(points @ turn) @ turn.T
+    statistic = agreement_of_axes([(body, ones), (north, ones)], (of(fine), np.ones(len(fine))), areas, points)
+    near = table(points @ turn)
+    assert statistic(near, turn)[0] > 0.995
+    across = np.cross(points, body)
+    assert agreement_of_axes([(across, ones)], (of(fine), np.ones(len(fine))), areas, points)(near, turn)[0] < -0.995
+
+
+def test_directions_along_an_ellipsoid_are_pulled_back_to_its_sphere(rng):
+    points, faces = icosphere(5)
+    axes = np.array([30.0, 60.0, 40.0])
+    on_sphere = tangents(points)[:, 0]
+    back = pulled_back(on_sphere * axes, points * axes, faces, points)  # the image of a tangent under the linear map
+    assert np.abs(np.sum(back * on_sphere, axis=1)).min() > 0.999
+
+
+def test_fold_axes_run_along_ridges_and_along_the_grooves_between_them():
+    """Twelve ridges around the x axis on a sphere: folds are circles of equal x."""
+    points, faces = icosphere(5)
+    wave = np.cos(12 * np.arcsin(points[:, 0]))
+    surface = Surface(40 * (1 + 0.03 * wave)[:, None] * points, faces)
+    axes, strength = fold_axes(surface, points, 4.0, np.ones(len(points), dtype=bool))
+    across = unit(np.array([1.0, 0, 0]) - points[:, :1] * points)
+    for part in (wave > 0.8, wave < -0.8):
+        sides = part & (np.abs(points[:, 0]) < 0.9)
+        assert np.abs(np.sum(axes * across, axis=1))[sides].max() < 0.15
+        assert strength[sides].min() > 0.2
+
+
+def test_the_smooth_axes_of_a_long_ellipsoid_run_to_the_front():
+    points = icosphere(4)[0]
+    surface = SmoothSurface(fit(points, points * [30.0, 90.0, 30.0], np.ones(len(points)), 3))
+    axes, strength = smooth_axes(surface, points)
+    sides = np.abs(points[:, 1]) < 0.5
+    assert strength[sides].min() > 0.5
+    assert forwardness(axes, strength, surface, points, sides.astype(float)) > 0.99
+    turned = np.cross(points, axes)
+    assert forwardness(turned, strength, surface, points, sides.astype(float)) < -0.95
+
+
+def test_exact_axes_are_those_of_the_mesh():
+    points, faces = icosphere(5)
+    surface = SmoothSurface(fit(points, points * [30.0, 60.0, 40.0], np.ones(len(points)), 3))
+    one, clear = smooth_axes(surface, points)
+    other, _ = fold_axes(Surface(surface(points), faces), points, 6.0, np.ones(len(points), dtype=bool))
+    cosine = np.abs(np.sum(one * other, axis=1))[clear > 0.2]
+    assert np.percentile(cosine, 2) > 0.99
+
+
+def test_numbers_of_regions_are_ratios_and_medians():
+    labels = np.array([0, 0, 0, 1, 1, -1, 3])
+    fields = {"a": Ratio(np.arange(7.0), np.ones(7)), "b": Median(np.array([5.0, 1, 3, 4, 2, 9, np.nan]))}
+    found = region_numbers(labels, 4, fields, ["a", "b", "c"])
+    np.testing.assert_allclose(found[0], [1, 3.5, np.nan, 6])
+    np.testing.assert_allclose(found[1], [3, 3, np.nan, np.nan])
+    assert np.isnan(found[2]).all()
+
+
+def test_rank_correlation_is_that_of_scipy_over_known_regions(rng):
+    x, y = rng.integers(0, 8, (2, 30)).astype(float)  # with ties
+    assert spearman(x, y) == pytest.approx(spearmanr(x, y).statistic)
+    x[3] = y[5] = np.nan
+    both = np.isfinite(x + y)
+    assert spearman(x, y) == pytest.approx(spearmanr(x[both], y[both]).statistic)
+    assert np.isnan(spearman(x[:4], y[:4]))
+    assert np.isnan(spearman(np.ones(9), np.arange(9.0)))
