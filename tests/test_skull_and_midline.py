@@ -1,0 +1,251 @@
+"""The walls around a hemisphere: a skull around the hull of any body, with a gap that may grow, and the midline."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numba
+import numpy as np
+import pytest
+
+from morphofold.errors import DoesNotApply, ImpossibleBody
+from morphofold.sim.body import Body
+from morphofold.sim.dynamics import Dynamics
+from morphofold.sim.effects import build_effects, contact
+from morphofold.sim.effects.midline import Midline
+from morphofold.sim.effects.skull import HullSkull, Skull, grown_volume, grown_volume_of
+from morphofold.sim.mesh.brick_mesh import bilayer_ellipsoid
+from morphofold.sim.rigid_planes import PENALTY_DAMPING, PENALTY_STIFFNESS, medial_plane
+from morphofold.sim.scene.files import load_scene
+from morphofold.sim.shells import EllipsoidShell
+
+AXES = np.array([30.0, 50.0, 40.0])
+
+
+def bilayer(axes=AXES, n=8, portion="full", **parts):
+    return replace(bilayer_ellipsoid(axes, 3.0, 0.4, portion, n, 2), **parts)
+
+
+def body_of(mesh, law="tangential"):
+    return Body(mesh, mu_cortex=1.0, mu_core=1.0, kappa_ratio=50.0, law=law)
+
+
+def forces(effect, body, x, v=None):
+    extra = np.zeros((body.n_surface, 3))
+    effect.add_forces(body, x, np.zeros_like(x) if v is None else v, extra)
+    return extra
+
+
+# --- the skull
+
+
+def test_a_sphere_in_the_shell_of_its_hull_lies_as_in_the_analytic_one():
+    radii, energies = [], []
+    for skull in (Skull(EllipsoidShell(np.full(3, 50.0)), lambda g: 1.0), HullSkull(lambda g: 1.0, 1.0)):
+        body = body_of(bilayer(np.full(3, 50.0), 16, "octant"), "isotropic")
+        run = Dynamics(body, [skull], steps_per_unit=1500)
+        run.grow_to(1.15)
+        run.relax(300)
+        radii.append(np.linalg.norm(run.state.x[: body.n_surface], axis=1))
+        energies.append(skull.energy())
+        assert skull.record()["pressed"] == body.n_surface
+    assert radii[0].max() > 51
+    hollow = body.bilayer.edge**2 / 4 / 50  # between the corners of the mesh the hull is inside of the sphere
+    np.testing.assert_allclose(radii[1], radii[0], atol=1.5 * hollow)
+    assert energies[1] == pytest.approx(energies[0], rel=0.35)
+
+
+def test_the_hull_of_a_part_is_that_of_the_whole_body(rng):
+    depths = []
+    for portion in ("full", "octant"):
+        skull, body = HullSkull(lambda g: 2.0, 1.0), body_of(bilayer(portion=portion))
+        skull.prepare(body)
+        x = 1.1 * AXES * np.abs(rng.standard_normal((50, 3)))
+        depths.append(skull._measure(body, np.array([[33.0, 1.0, 1.0], [1.0, 40.0, 30.0]]), 2)[0])
+        assert np.isfinite(skull._measure(body, x, 50)[0]).all()
+    np.testing.assert_allclose(*depths, atol=1e-9)
+
+
+def test_the_gap_of_a_scene_grows_linearly():
+    scene = load_scene("ellipsoid", ["growth.final=1.4", "effects.skull={gap = 4.5, gap_final = 12.5}"])
+    (skull,) = (effect for effect in build_effects(scene) if effect.name == "skull")
+    for g, gap in ((1.0, 4.5), (1.1, 6.5), (1.4, 12.5)):
+        body = SimpleNamespace(mass=np.ones(3), growth=g)
+        for beyond, pressed in ((gap - 0.01, 0), (gap + 0.01, 3)):
+            x, extra = np.diag(np.array([60.0, 45.0, 40.0]) + beyond), np.zeros((3, 3))
+            skull.add_forces(body, x, np.zeros_like(x), extra)
+            assert skull.record()["pressed"] == pressed
+
+
+def test_a_body_follows_a_skull_that_grows():
+    body, gap = body_of(bilayer(np.full(3, 50.0), 8, "octant"), "isotropic"), lambda g: 0.2 + 6 * (g - 1)
+    skull = Skull(EllipsoidShell(np.full(3, 50.0)), gap)
+    run, outside = Dynamics(body, [skull], steps_per_unit=1500), []
+
+    def look(state):
+        beyond = np.linalg.norm(state.x[: body.n_surface], axis=1) - 50 - gap(state.growth)
+        outside.append((beyond.max(), skull.record()["pressed"]))
+
+    run.grow_to(1.2, look)
+    beyond, pressed = np.array(outside).T
+    assert beyond.max() < 0.05 * body.cell
+    assert pressed[-1] == body.n_surface
+    assert np.linalg.norm(run.state.x[: body.n_surface], axis=1).min() > 51
+
+
+@pytest.mark.parametrize("law", ["isotropic", "tangential"])
+@pytest.mark.parametrize("portion", ["full", "octant"])
+def test_the_volume_of_a_grown_body_is_that_of_its_layers(law, portion):
+    settings = ["geometry.radius=50", "geometry.cortex_thickness=3", "geometry.hole_radius=20", f"growth.law={law}"]
+    scene = load_scene("demo", [*settings, "effects={core_growth={final = 1.1}}", "growth.final=1.5"])
+    body = body_of(bilayer(np.full(3, 50.0), 24, portion), law)
+    body.core_share = 0.1 / 0.5
+    for g in (1.0, 1.2, 1.5):
+        assert grown_volume_of(body)(g) == pytest.approx(grown_volume(scene, np.full(3, 50.0), g), rel=0.01)
+
+
+def room_for(body, g):
+    """Gap [mm] of the ball that holds what the grown body fills, around the ball of the body's own volume."""
+    fills = grown_volume_of(body)
+    return (fills(g) / (4 / 3 * np.pi)) ** (1 / 3) - (fills(1.0) / (4 / 3 * np.pi)) ** (1 / 3)
+
+
+@pytest.mark.parametrize("grows", [1.0, 0.5])
+def test_a_hull_without_room_for_the_grown_body_is_refused(grows):
+    """The share of the growth at each node counts: a medial wall does not grow."""
+    mesh = bilayer(np.full(3, 50.0), 16)
+    mesh = replace(mesh, growing=np.full(len(mesh.share), grows))
+    body = body_of(mesh)
+    room = room_for(body, 1.5)
+    assert 0 < room < 6
+    HullSkull(lambda g: room + 0.1, 1.5).prepare(body)
+    with pytest.raises(ImpossibleBody, match=r"\bg = 1\.5\b") as refused:
+        HullSkull(lambda g: room - 0.1, 1.5).prepare(body)
+    assert float(str(refused.value).split(" mm, or")[0].split()[-1]) == pytest.approx(room, abs=0.1)
+    HullSkull(lambda g: room + 0.1 + 10 * (1.5 - g), 1.5).prepare(body)
+    with pytest.raises(ImpossibleBody):  # wide at first, narrow at last
+        HullSkull(lambda g: room - 0.1 + 10 * (1.5 - g), 1.5).prepare(body)
+
+
+def test_a_midline_takes_its_part_of_the_room():
+    body = body_of(bilayer(n=12))
+    room = room_for(body, 1.5)
+    HullSkull(lambda g: 1.3 * room, 1.5).prepare(body)
+    HullSkull(lambda g: 1.3 * room, 1.5, gap_of_midline=1.3 * room).prepare(body)
+    with pytest.raises(ImpossibleBody):
+        HullSkull(lambda g: 1.3 * room, 1.5, gap_of_midline=-0.3 * AXES[0]).prepare(body)
+
+
+def test_a_skull_of_a_scene_knows_its_midline():
+    scene = load_scene("hemisphere", ["effects.skull.gap=9", "effects.midline.gap=0.75"])
+    skull, midline = build_effects(scene)[-2:]
+    assert (skull.name, midline.name) == ("skull", "midline")
+    assert (skull._gap(1.0), skull._gap(1.9), skull._gap_of_midline) == (9.0, 9.0, 0.75)
+
+
+@pytest.mark.parametrize(
+    ("scene", "settings"),
+    [
+        ("demo", ["effects.midline={}"]),
+        ("ellipsoid", ["effects.midline={}"]),
+        ("mesh", ["effects.midline={}"]),
+        ("patch", ["effects.skull={}"]),
+        ("skull", ["growth.final=1", "output.stages=[]", "effects.skull.gap_final=3"]),
+    ],
+)
+def test_walls_that_do_not_apply_are_refused(scene, settings):
+    with pytest.raises(DoesNotApply):
+        load_scene(scene, settings)
+
+
+# --- the midline
+
+
+@pytest.mark.parametrize(("hemi", "side"), [("lh", 1), ("rh", -1)])
+def test_the_midline_lies_its_gap_beside_the_medial_side(hemi, side):
+    body = body_of(bilayer(hemi=hemi))
+    plane = medial_plane(body.bilayer, 0.5)
+    assert (plane.axis, plane.side) == (0, -side)
+    assert plane.at == pytest.approx(side * (AXES[0] + 0.5))
+    midline = Midline(0.5)
+    midline.prepare(body)
+    for beyond, pressed in ((0.49, False), (0.51, True)):
+        force = forces(midline, body, body.X + [side * beyond, 0, 0])
+        assert np.any(force) == pressed == (midline.record()["pressed"] > 0) == (midline.energy() > 0)
+        assert (side * force[:, 0] <= 0).all()
+        assert not force[:, 1:].any()  # no friction
+
+
+def test_the_midline_leaves_held_nodes_alone():
+    mesh = bilayer()
+    held = np.flatnonzero(mesh.mesh.p[0, : mesh.n_surface] > 20)
+    body = body_of(replace(mesh, held=np.union1d(mesh.held, held)))
+    midline = Midline(0.0)
+    midline.prepare(body)
+    force = forces(midline, body, body.X + [15.0, 0, 0])
+    assert not force[held].any()
+    assert force[body.X[: body.n_surface, 0].argsort()[-len(held) - 1]].any()
+
+
+def test_a_node_presses_on_a_plane_as_on_its_mirror_image():
+    assert pytest.approx(4 * contact.PENALTY_STIFFNESS) == PENALTY_STIFFNESS
+    assert pytest.approx(4 * contact.PENALTY_DAMPING) == PENALTY_DAMPING
+
+
+def test_a_body_that_grows_does_not_cross_its_midline():
+    most = []
+    for effects in ([Midline(0.3)], []):
+        body = body_of(bilayer(n=12), "isotropic")
+        run, beyond = Dynamics(body, effects, steps_per_unit=1500), []
+        at = medial_plane(body.bilayer, 0.3).at
+        run.grow_to(1.25, lambda state: beyond.append(state.x[: body.n_surface, 0].max() - at))
+        most.append(max(beyond))
+    assert most[0] < 0.03 * body.cell
+    assert most[1] > 0.25 * body.cell
+
+
+# --- both
+
+
+def walls():
+    return [HullSkull(lambda g: 0.2 + 6 * (g - 1), 1.0), Midline(0.1)]
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_the_force_of_a_wall_is_the_slope_of_its_energy(which, rng):
+    """Taylor test: what is left of the first order falls with the square of the step."""
+    body, wall = body_of(bilayer()), walls()[which]
+    wall.prepare(body)
+    x = 1.05 * body.X + 0.1 * rng.standard_normal(body.X.shape)
+    way = rng.standard_normal(x.shape)
+    slope = -np.sum(forces(wall, body, x) * way[: body.n_surface])
+    first = wall.energy()
+    assert first > 0
+    steps, rest = 2.0 ** -np.arange(10, 16), []
+    for h in steps:
+        forces(wall, body, x + h * way)
+        rest.append(abs(wall.energy() - first - h * slope))
+    assert np.polyfit(np.log(steps), np.log(rest), 1)[0] == pytest.approx(2, abs=0.1)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_run_between_walls_resumes_with_the_same_bytes(threads):
+    if threads > numba.config.NUMBA_NUM_THREADS:
+        pytest.skip("one thread")
+    before = numba.get_num_threads()
+    try:
+        numba.set_num_threads(1)
+        whole, begun = (Dynamics(body_of(bilayer(), "isotropic"), walls(), steps_per_unit=1000) for _ in range(2))
+        whole.grow_to(1.06)
+        whole.grow_to(1.12)
+        numba.set_num_threads(threads)
+        begun.grow_to(1.06)
+        resumed = Dynamics(body_of(bilayer(), "isotropic"), walls(), steps_per_unit=1000)
+        resumed.load(begun.save())
+        resumed.grow_to(1.12)
+        runs = [whole, resumed]
+        records = [run.state.record["effects"] for run in runs]
+        assert records[0] == records[1]
+        assert all(record["pressed"] > 0 for record in records[0].values())
+        np.testing.assert_array_equal(runs[0].state.x, runs[1].state.x)
+    finally:
+        numba.set_num_threads(before)
