@@ -1,8 +1,8 @@
 """Rigid shells at a distance from the body's first surface: how deep a node is outside, and what the shell holds.
 
 Two classes have the same methods. An ellipsoid, and a sphere, has a formula. Around any other body the shell lies at a
-distance from the convex hull of the pial surface: a skull bridges the hollows of a brain and does not follow the surface
-into the Sylvian fossa. Outside of a convex body the distance is smooth (its normals are unique, and they turn
+distance from the convex hull of the pial surface: a skull bridges the hollows of a brain and does not follow its
+surface into the Sylvian fossa. Outside of a convex body the distance is smooth (normals are unique, and they turn
 continuously at any distance above 0), and the shell of any gap is a level surface of it.
 """
 
@@ -51,8 +51,8 @@ class EllipsoidShell:
 class HullShell:
     """Shells around the convex hull of points (P, 3): level surfaces of the distance from it.
 
-    Exact distances from the triangles of the hull, on a grid, are interpolated trilinearly; normals are the gradients of
-    the interpolant, so that a force is exactly the slope of its energy. Where the shell has the radii R1 and R2 and the
+    Exact distances from the triangles of the hull, on a grid, are interpolated trilinearly; normals are the gradients
+    of the interpolant, so that a force is exactly the slope of its energy. Where the shell has the radii R1 and R2 and the
     spacing is h, the interpolated distance is too large by h^2 (1/R1 + 1/R2) / 8 at most, and never too small: distance
     is convex. Outside of the grid the distance to the grid is added.
 
@@ -107,8 +107,8 @@ def _squared_distance_from_box(p, box):
 def distances_from_hull(at, verts, faces, planes, bounds, order, deepest):
     """Distance (P,) of points (P, 3) from a convex surface, negative inside, where ``deepest`` may stand for more.
 
-    ``planes`` (M, 4) are those of the triangles, as of ``ConvexHull``. The distance at the point before, and that between
-    the two, bound the search. A point outside is above the plane of at least one of the nearest triangles.
+    ``planes`` (M, 4) are those of the triangles, as of ``ConvexHull``. The distance at the point before, and that
+    between the two, bound the search. A point outside is above the plane of at least one of the nearest triangles.
     """
     values, leaves = np.empty(len(at)), len(bounds) // 2
     for i in range(len(at)):
@@ -128,7 +128,9 @@ def distances_from_hull(at, verts, faces, planes, bounds, order, deepest):
                 for f in order[first : first + TRIANGLES_PER_LEAF]:
                     n = planes[f]
                     outside |= n[0] * p[0] + n[1] * p[1] + n[2] * p[2] + n[3] > 0.0
-                    best = min(best, distance_from_triangle(p, verts[faces[f, 0]], verts[faces[f, 1]], verts[faces[f, 2]]))
+                    best = min(
+                        best, distance_from_triangle(p, verts[faces[f, 0]], verts[faces[f, 1]], verts[faces[f, 2]])
+                    )
             k = following(k)
         values[i] = best if outside else -best
     return values

@@ -11,6 +11,8 @@ from skfem import Basis, ElementHex1, ElementVector, LinearForm, MeshHex
 
 from morphofold.errors import DoesNotApply, ImpossibleBody, OutOfRange
 from morphofold.intersections.intersection import self_intersections
+from morphofold.io import write_surface
+from morphofold.shapes import icosphere
 from morphofold.sim.body import Body
 from morphofold.sim.dynamics import STEPS_PER_MEASUREMENT, Dynamics
 from morphofold.sim.effects import build_effects
@@ -31,6 +33,7 @@ from morphofold.sim.output.surfaces import whole_surfaces
 from morphofold.sim.scene.files import load_scene
 from morphofold.sim.shells import EllipsoidShell
 from morphofold.sim.sphere_theory.finite_elements import radial_equilibrium
+from morphofold.surface import Surface
 
 
 def sphere(n=8, **options):
@@ -554,10 +557,30 @@ OF_THE_SHAPE = {  # effects that the geometry brings along
         {"plane_strain"},
     ),
 }
+#: an ellipsoid as the cortex of a person, with a search for even cells that ends at once
+OF_A_CORTEX = {
+    "midline": """
+name = "plain"
+[geometry]
+shape = "cortex"
+subject = "lh.white"
+sphere = "lh.sphere"
+held = "hole"
+[growth]
+final = 1.04
+[effects.midline]
+[accuracy]
+edge = 19.7
+[output]
+volume = false
+"""
+}
 #: grows each scene in a process that has loaded no effect, or has forgotten those of the scene before
 EACH_ALONE = """
 import json, sys
+from morphofold.sim.mesh import even_cells
 from morphofold.sim.run import simulate
+even_cells.ITERATIONS = 1
 for name in sys.argv[1:]:
     simulate(f"{name}.toml", name, threads=1)
     effects = [m for m in sys.modules if m.startswith("morphofold.sim.effects.")]
@@ -570,6 +593,10 @@ for name in sys.argv[1:]:
 def test_an_effect_is_loaded_and_run_if_and_only_if_its_scene_calls_for_it(tmp_path):
     scenes = {name: (PLAIN.replace("PORTION", "full") + table, {name} - {"none"}) for name, table in ALONE.items()}
     scenes |= OF_THE_SHAPE
+    scenes |= {name: (text, {name}) for name, text in OF_A_CORTEX.items()}
+    verts, faces = icosphere(4)
+    for name, axes in (("white", [30.0, 45.0, 40.0]), ("sphere", [100.0, 100.0, 100.0])):
+        write_surface(tmp_path / f"lh.{name}", Surface(verts * axes, faces, name=f"lh.{name}"))
     for name, (text, _) in scenes.items():
         (tmp_path / f"{name}.toml").write_text(text)
     subprocess.run([sys.executable, "-c", EACH_ALONE, *scenes], cwd=tmp_path, check=True)
@@ -590,4 +617,4 @@ def test_the_effects_tested_alone_are_all_there_are():
     from importlib.resources import files
 
     there = {p.name.removesuffix(".py") for p in (files("morphofold.sim") / "effects").iterdir() if p.name[0] != "_"}
-    assert there == {*ALONE, *OF_THE_SHAPE} - {"none"}
+    assert there == {*ALONE, *OF_THE_SHAPE, *OF_A_CORTEX} - {"none"}

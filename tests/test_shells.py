@@ -1,5 +1,7 @@
 """Shells around bodies: exact distances of boxes, balls and ellipsoids, their volumes, and the order of the grid."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -47,8 +49,8 @@ def test_the_distance_from_a_box_is_exact_over_its_faces_and_within_its_bound_el
 
 @pytest.mark.parametrize("axes", [np.full(3, 50.0), AXES])
 def test_the_error_of_the_distance_from_a_smooth_body_falls_with_the_square_of_the_spacing(axes, rng):
-    """The hull of 31,000 points lies up to 0.006 mm inside of the body."""
-    points = cube_directions(72)[0] * axes
+    """The hull of 13,800 points lies up to 0.014 mm inside of the body."""
+    points = cube_directions(48)[0] * axes
     gap, spacing, error, turned = 6.0, [], [], []
     x, exact = beside(axes, gap, rng)
     for least in (0.0, 4.0, 8.0):
@@ -58,7 +60,7 @@ def test_the_error_of_the_distance_from_a_smooth_body_falls_with_the_square_of_t
         error.append(np.abs(depth).max())
         turned.append(np.linalg.norm(normal - exact, axis=1).max())
     radius = axes.min() ** 2 / axes.max() + gap  # the least radius of the shell
-    assert (np.array(error) < np.square(spacing) / (4 * radius) + 0.007).all()
+    assert (np.array(error) < np.square(spacing) / (4 * radius) + 0.014).all()
     assert np.polyfit(np.log(spacing), np.log(error), 1)[0] == pytest.approx(2, abs=0.35)
     assert error[0] < 0.05
     assert (np.array(turned) < 1.5 * np.array(spacing) / radius).all()
@@ -66,16 +68,17 @@ def test_the_error_of_the_distance_from_a_smooth_body_falls_with_the_square_of_t
 
 def test_a_shell_bridges_a_hollow():
     """A ball with a dent under the plane z = 40: over the dent the distance is that from the plane."""
-    points = 50 * cube_directions(48)[0]
+    angle = np.linspace(0, 2 * np.pi, 200, endpoint=False)
+    rim = np.column_stack([30 * np.cos(angle), 30 * np.sin(angle), np.full(200, 40.0)])
+    points = np.vstack([50 * cube_directions(24)[0], rim])
     dented = points * np.where(points[:, 2] > 40, 0.7, 1.0)[:, None]
-    top = points[points[:, 2] <= 40, 2].max()
-    shell = HullShell(dented, 10.0)
+    shell = HullShell(dented, 8.0)
     depth, normal = measured(shell, np.array([[0.0, 0.0, 45.0], [3.0, -2.0, 47.0]]))
-    np.testing.assert_allclose(depth, np.array([45.0, 47.0]) - top, atol=1e-6)
+    np.testing.assert_allclose(depth, [5.0, 7.0], atol=1e-6)
     np.testing.assert_allclose(normal, [[0, 0, 1], [0, 0, 1]], atol=1e-6)
     elsewhere = 1.08 * points[points[:, 2] < 0]
-    whole = HullShell(points, 10.0)
-    np.testing.assert_allclose(measured(shell, elsewhere)[0], measured(whole, elsewhere)[0], atol=0.03)
+    whole = HullShell(points, 8.0)
+    np.testing.assert_allclose(measured(shell, elsewhere)[0], measured(whole, elsewhere)[0], atol=0.05)
 
 
 def test_shells_hold_what_steiner_says():
@@ -106,7 +109,7 @@ def test_outside_of_its_grid_a_shell_is_as_far_as_the_grid_is_and_more(rng):
 def test_a_wider_gap_makes_nodes_less_deep(shell, rng):
     x = rng.standard_normal((200, 3)) * AXES
     depths = [measured(shell, x, gap)[0] for gap in (0.0, 1.0, 4.0)]
-    for narrow, wide in zip(depths, depths[1:]):
+    for narrow, wide in pairwise(depths):
         assert (wide[narrow > 0] < narrow[narrow > 0]).all()
 
 

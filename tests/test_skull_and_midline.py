@@ -13,10 +13,10 @@ from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.effects import build_effects, contact
 from morphofold.sim.effects.midline import Midline
 from morphofold.sim.effects.skull import HullSkull, Skull, grown_volume, grown_volume_of
-from morphofold.sim.mesh.brick_mesh import bilayer_ellipsoid
+from morphofold.sim.mesh.brick_mesh import bilayer_ellipsoid, cube_directions
 from morphofold.sim.rigid_planes import PENALTY_DAMPING, PENALTY_STIFFNESS, medial_plane
 from morphofold.sim.scene.files import load_scene
-from morphofold.sim.shells import EllipsoidShell
+from morphofold.sim.shells import EllipsoidShell, HullShell
 
 AXES = np.array([30.0, 50.0, 40.0])
 
@@ -38,20 +38,20 @@ def forces(effect, body, x, v=None):
 # --- the skull
 
 
-def test_a_sphere_in_the_shell_of_its_hull_lies_as_in_the_analytic_one():
+def test_a_sphere_in_the_shell_of_a_hull_lies_as_in_the_analytic_one():
+    ball = 50 * cube_directions(48)[0]
     radii, energies = [], []
-    for skull in (Skull(EllipsoidShell(np.full(3, 50.0)), lambda g: 1.0), HullSkull(lambda g: 1.0, 1.0)):
-        body = body_of(bilayer(np.full(3, 50.0), 16, "octant"), "isotropic")
-        run = Dynamics(body, [skull], steps_per_unit=1500)
+    for shell in (EllipsoidShell(np.full(3, 50.0)), HullShell(ball, 1.0)):
+        body, skull = body_of(bilayer(np.full(3, 50.0), 12, "octant"), "isotropic"), Skull(shell, lambda g: 1.0)
+        run = Dynamics(body, [skull], steps_per_unit=1000)
         run.grow_to(1.15)
-        run.relax(300)
+        run.relax(200)
         radii.append(np.linalg.norm(run.state.x[: body.n_surface], axis=1))
         energies.append(skull.energy())
         assert skull.record()["pressed"] == body.n_surface
-    assert radii[0].max() > 51
-    hollow = body.bilayer.edge**2 / 4 / 50  # between the corners of the mesh the hull is inside of the sphere
-    np.testing.assert_allclose(radii[1], radii[0], atol=1.5 * hollow)
-    assert energies[1] == pytest.approx(energies[0], rel=0.35)
+    assert radii[0].min() > 51
+    np.testing.assert_allclose(radii[1], radii[0], atol=0.05)
+    assert energies[1] == pytest.approx(energies[0], rel=0.25)
 
 
 def test_the_hull_of_a_part_is_that_of_the_whole_body(rng):
@@ -79,7 +79,7 @@ def test_the_gap_of_a_scene_grows_linearly():
 def test_a_body_follows_a_skull_that_grows():
     body, gap = body_of(bilayer(np.full(3, 50.0), 8, "octant"), "isotropic"), lambda g: 0.2 + 6 * (g - 1)
     skull = Skull(EllipsoidShell(np.full(3, 50.0)), gap)
-    run, outside = Dynamics(body, [skull], steps_per_unit=1500), []
+    run, outside = Dynamics(body, [skull], steps_per_unit=1000), []
 
     def look(state):
         beyond = np.linalg.norm(state.x[: body.n_surface], axis=1) - 50 - gap(state.growth)
@@ -112,7 +112,7 @@ def room_for(body, g):
 @pytest.mark.parametrize("grows", [1.0, 0.5])
 def test_a_hull_without_room_for_the_grown_body_is_refused(grows):
     """The share of the growth at each node counts: a medial wall does not grow."""
-    mesh = bilayer(np.full(3, 50.0), 16)
+    mesh = bilayer(np.full(3, 50.0), 12)
     mesh = replace(mesh, growing=np.full(len(mesh.share), grows))
     body = body_of(mesh)
     room = room_for(body, 1.5)
@@ -192,15 +192,17 @@ def test_a_node_presses_on_a_plane_as_on_its_mirror_image():
 
 
 def test_a_body_that_grows_does_not_cross_its_midline():
-    most = []
-    for effects in ([Midline(0.3)], []):
-        body = body_of(bilayer(n=12), "isotropic")
-        run, beyond = Dynamics(body, effects, steps_per_unit=1500), []
+    """The largest distance beyond the plane at any measurement, with the midline and without."""
+
+    def farthest(effects):
+        body, beyond = body_of(bilayer(), "isotropic"), []
         at = medial_plane(body.bilayer, 0.3).at
+        run = Dynamics(body, effects, steps_per_unit=1000)
         run.grow_to(1.25, lambda state: beyond.append(state.x[: body.n_surface, 0].max() - at))
-        most.append(max(beyond))
-    assert most[0] < 0.03 * body.cell
-    assert most[1] > 0.25 * body.cell
+        return max(beyond) / body.cell
+
+    assert farthest([Midline(0.3)]) < 0.03
+    assert farthest([]) > 0.15
 
 
 # --- both

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from numba import njit
+from pydantic import Field
 from scipy import sparse
 from scipy.optimize import brentq
 
@@ -23,6 +24,8 @@ from morphofold.sim.shells import EllipsoidShell, HullShell, Shell
 
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
+
+Gap = Annotated[float, Field(ge=0, le=LONGEST_LENGTH_MM)]
 
 PENALTY_STIFFNESS, PENALTY_DAMPING = 0.1, 0.5  # as in contact: force per mass and depth, per mass and speed
 CHECKS = 32  # growths at which the body must fit
@@ -61,18 +64,11 @@ class Options(EffectOptions):
     at_onset = False
     example = "{gap = 13}"
 
-    gap: Annotated[
-        float,
-        key(
-            "between the body at first and a rigid shell around it; the grown body must fit",
-            "mm",
-            ge=0,
-            le=LONGEST_LENGTH_MM,
-        ),
-    ] = 2.0
+    gap: Annotated[Gap, key("between the body at first and a rigid shell around it; the grown body must fit", "mm")] = (
+        2.0
+    )
     gap_final: Annotated[
-        Annotated[float, key("", ge=0, le=LONGEST_LENGTH_MM)] | None,
-        key("the gap at the final growth, to which it changes linearly with growth; by default it does not change", "mm"),
+        Gap | None, key("gap at the final growth; it changes linearly with growth, or by default does not change", "mm")
     ] = None
 
     def check(self, scene: Scene) -> None:
@@ -109,7 +105,7 @@ def grown_volume(scene: Scene, axes: Array, g: float) -> float:
 
 
 def grown_volume_of(body: Body) -> Callable[[float], float]:
-    """Volume [mm^3] within the pial surface of an incompressible body at a growth: its elements, grown, and its hole."""
+    """Volume [mm^3] within the pial surface of an incompressible body at a growth: of its elements and its hole."""
     from morphofold.sim.health import enclosed_volume
     from morphofold.sim.output.surfaces import whole_surfaces
 
