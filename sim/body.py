@@ -242,7 +242,7 @@ class Body:
         return np.broadcast_to(1 + (g - 1) * pattern, self.elements.n_cortex)
 
     def grown_volumes(self, g: float | None = None) -> Array:
-        """Volume (n_cortex,) after free growth to ``g``, by default the present one: the first one times det G [mm^3]."""
+        """Volume (n_cortex,) after free growth, to ``g`` or the present one: the first one times det G [mm^3]."""
         stretch = self._stretch(self.growth if g is None else g)
         return self.elements.volume[: self.elements.n_cortex] * det_G(stretch, self.law)
 

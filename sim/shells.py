@@ -52,9 +52,9 @@ class HullShell:
     """Shells around the convex hull of points (P, 3): level surfaces of the distance from it.
 
     Exact distances from the triangles of the hull, on a grid, are interpolated trilinearly; normals are the gradients
-    of the interpolant, so that a force is exactly the slope of its energy. Where the shell has the radii R1 and R2 and the
-    spacing is h, the interpolated distance is too large by h^2 (1/R1 + 1/R2) / 8 at most, and never too small: distance
-    is convex. Outside of the grid the distance to the grid is added.
+    of the interpolant, so that a force is exactly the slope of its energy. Distance is convex, so that its interpolant
+    is never too small. Where the spacing is h and the shell has the radii R1 and R2, it is too large by about
+    h^2 (1/R1 + 1/R2) / 8 at most. Outside of the grid the distance to the grid is added.
 
     Parameters
     ----------

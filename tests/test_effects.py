@@ -7,12 +7,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from made_subjects import scene_of, write_subject
 from skfem import Basis, ElementHex1, ElementVector, LinearForm, MeshHex
 
 from morphofold.errors import DoesNotApply, ImpossibleBody, OutOfRange
 from morphofold.intersections.intersection import self_intersections
-from morphofold.io import write_surface
-from morphofold.shapes import icosphere
 from morphofold.sim.body import Body
 from morphofold.sim.dynamics import STEPS_PER_MEASUREMENT, Dynamics
 from morphofold.sim.effects import build_effects
@@ -33,7 +32,6 @@ from morphofold.sim.output.surfaces import whole_surfaces
 from morphofold.sim.scene.files import load_scene
 from morphofold.sim.shells import EllipsoidShell
 from morphofold.sim.sphere_theory.finite_elements import radial_equilibrium
-from morphofold.surface import Surface
 
 
 def sphere(n=8, **options):
@@ -557,24 +555,6 @@ OF_THE_SHAPE = {  # effects that the geometry brings along
         {"plane_strain"},
     ),
 }
-#: an ellipsoid as the cortex of a person, with a search for even cells that ends at once
-OF_A_CORTEX = {
-    "midline": """
-name = "plain"
-[geometry]
-shape = "cortex"
-subject = "lh.white"
-sphere = "lh.sphere"
-held = "hole"
-[growth]
-final = 1.04
-[effects.midline]
-[accuracy]
-edge = 19.7
-[output]
-volume = false
-"""
-}
 #: grows each scene in a process that has loaded no effect, or has forgotten those of the scene before
 EACH_ALONE = """
 import json, sys
@@ -593,10 +573,7 @@ for name in sys.argv[1:]:
 def test_an_effect_is_loaded_and_run_if_and_only_if_its_scene_calls_for_it(tmp_path):
     scenes = {name: (PLAIN.replace("PORTION", "full") + table, {name} - {"none"}) for name, table in ALONE.items()}
     scenes |= OF_THE_SHAPE
-    scenes |= {name: (text, {name}) for name, text in OF_A_CORTEX.items()}
-    verts, faces = icosphere(4)
-    for name, axes in (("white", [30.0, 45.0, 40.0]), ("sphere", [100.0, 100.0, 100.0])):
-        write_surface(tmp_path / f"lh.{name}", Surface(verts * axes, faces, name=f"lh.{name}"))
+    scenes["midline"] = scene_of(write_subject(tmp_path / "bert"), "[effects.midline]"), {"midline"}
     for name, (text, _) in scenes.items():
         (tmp_path / f"{name}.toml").write_text(text)
     subprocess.run([sys.executable, "-c", EACH_ALONE, *scenes], cwd=tmp_path, check=True)
@@ -617,4 +594,4 @@ def test_the_effects_tested_alone_are_all_there_are():
     from importlib.resources import files
 
     there = {p.name.removesuffix(".py") for p in (files("morphofold.sim") / "effects").iterdir() if p.name[0] != "_"}
-    assert there == {*ALONE, *OF_THE_SHAPE, *OF_A_CORTEX} - {"none"}
+    assert there == {*ALONE, *OF_THE_SHAPE, "midline"} - {"none"}

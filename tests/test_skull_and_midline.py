@@ -6,13 +6,19 @@ from types import SimpleNamespace
 import numba
 import numpy as np
 import pytest
+from made_subjects import scene_of, write_subject
+from scipy.spatial import ConvexHull
 
+import morphofold as mf
+from morphofold.analysis import gyrification_index
 from morphofold.errors import DoesNotApply, ImpossibleBody
 from morphofold.sim.body import Body
 from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.effects import build_effects, contact
 from morphofold.sim.effects.midline import Midline
 from morphofold.sim.effects.skull import HullSkull, Skull, grown_volume, grown_volume_of
+from morphofold.sim.health import enclosed_volume
+from morphofold.sim.mesh import core_nodes, even_cells, smooth_body
 from morphofold.sim.mesh.brick_mesh import bilayer_ellipsoid, cube_directions
 from morphofold.sim.rigid_planes import PENALTY_DAMPING, PENALTY_STIFFNESS, medial_plane
 from morphofold.sim.scene.files import load_scene
@@ -251,3 +257,74 @@ def test_a_run_between_walls_resumes_with_the_same_bytes(threads):
         np.testing.assert_array_equal(runs[0].state.x, runs[1].state.x)
     finally:
         numba.set_num_threads(before)
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """Searches on coarse lattices."""
+    for name, value in {"CELLS": 8, "DEGREE": 4, "ITERATIONS": 5}.items():
+        monkeypatch.setattr(even_cells, name, value)
+    monkeypatch.setattr(smooth_body, "CORE_CELLS", 8)
+    monkeypatch.setattr(core_nodes, "DEGREE", 4)
+
+
+def hemisphere(tmp_path, hemi, *walls):
+    """A scene of an ellipsoid as one hemisphere of a subject."""
+    subject, file = write_subject(tmp_path / "bert", hemi), tmp_path / "own.toml"
+    file.write_text(scene_of(subject, *walls, geometry=f'hemi = "{hemi}"', growth="final = 1.2"))
+    return load_scene(file)
+
+
+@pytest.mark.parametrize("hemi", ["lh", "rh"])
+def test_a_hemisphere_grows_between_its_walls(tmp_path, quick, hemi):
+    """The medial wall does not grow, so it stays where it is; the rest presses on both walls and stays within."""
+    skull, side = "[effects.skull]\ngap = 0.2\ngap_final = 3.5", 1 if hemi == "lh" else -1
+    scene = hemisphere(tmp_path, hemi, skull, "[effects.midline]\ngap = 0.1", "[effects.contact]")
+    last = []
+    run = mf.simulate(scene, tmp_path / "run", after=lambda run: last.append((run.state.x, run.body)))
+    x, body = last[-1]
+    n = body.n_surface
+    plane = medial_plane(body.bilayer, 0.1)
+    assert plane.at == pytest.approx(0.1 * side + side * (side * body.X[:n, 0]).max(), abs=0.01)
+    assert (side * (x[:n, 0] - plane.at)).max() < 0.03 * body.cell
+    out, normal = np.zeros(n), np.zeros((n, 3))
+    HullShell(body.X[:n], 3.5).measure(x, 3.5, out, normal)
+    assert -0.5 < out.max() < 0.03 * body.cell
+    assert set(run.health["effects"]) == {"skull", "midline", "contact"}
+
+
+def test_a_hemisphere_without_room_is_refused_before_anything_is_written(tmp_path, quick):
+    scene = hemisphere(tmp_path, "lh", "[effects.skull]\ngap = 1.0")
+    with pytest.raises(ImpossibleBody):
+        mf.simulate(scene, tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+# --- what the walls are for
+
+
+def flare(cortex):
+    """Area of the convex hull over that of the sphere of the same volume as the body: 1 for a sphere.
+
+    Folds do not change it; a body that flares like a leaf has a hull that is large for its volume.
+    """
+    pial = cortex.pial
+    return ConvexHull(pial.verts).area / (36 * np.pi * enclosed_volume(pial) ** 2) ** (1 / 3)
+
+
+@pytest.mark.slow
+def test_between_its_walls_a_thick_hemisphere_folds_and_without_them_it_flares(tmp_path):
+    """A cortex of 0.07 of the radius that grows along the surface by 1.75, on 54,000 bricks, a little coarser than
+    draft."""
+    found = {}
+    for name, settings in (("free", ["effects={contact={}, perturbation={}}"]), ("walls", [])):
+        run = mf.simulate("hemisphere-thick", tmp_path / name, settings=["accuracy.edge=3.0", *settings])
+        cortex = run.cortex()
+        found[name] = flare(cortex), gyrification_index(cortex.pial.verts, cortex.faces), run.health["stages"][-1]
+    first = 1.18  # the flare of the body before it grows
+    assert found["free"][0] > 1.25 * first
+    assert found["walls"][0] < 1.08 * first
+    assert found["free"][1] < 1.25
+    assert found["walls"][1] > 1.45
+    assert found["free"][2]["bending"] > 2 * found["walls"][2]["bending"]
+    assert all(stage["crossings"] == 0 for _, _, stage in found.values())
