@@ -241,9 +241,10 @@ class Body:
             pattern = pattern * factor(g)
         return np.broadcast_to(1 + (g - 1) * pattern, self.elements.n_cortex)
 
-    def grown_volumes(self) -> Array:
-        """Volume of each element of the cortex after free growth: its reference volume times det G [mm^3]."""
-        return self.elements.volume[: self.elements.n_cortex] * det_G(self._stretch(self.growth), self.law)
+    def grown_volumes(self, g: float | None = None) -> Array:
+        """Volume (n_cortex,) after free growth, to ``g`` or the present one: the first one times det G [mm^3]."""
+        stretch = self._stretch(self.growth if g is None else g)
+        return self.elements.volume[: self.elements.n_cortex] * det_G(stretch, self.law)
 
     def forces(self, x: Array) -> Array:
         """Nodal forces (N, 3) of the elements at positions ``x``: minus the energy gradient."""

@@ -57,6 +57,9 @@ def cures(scene: Scene | None = None) -> dict[str, str]:
     if scene.real_time:
         found["slower"] = "slow the growth down (effects.inertia.duration)"
         del found["stages"]
+    if scene.geometry.shape == "cortex":
+        walls = [f"[effects.{name}]" for name in ("skull", "midline") if name not in scene.effects]
+        found["hold"] = f"add {' and '.join(walls)}" if walls else "use a thinner cortex (geometry.cortex_thickness)"
     if scene.geometry.shape == "mesh":
         found["finer"] = "use a finer mesh (geometry.file)"
         found["hold"] = "hold the inner surface (geometry.held)"

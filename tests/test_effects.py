@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from made_subjects import scene_of, write_subject
 from skfem import Basis, ElementHex1, ElementVector, LinearForm, MeshHex
 
 from morphofold.errors import DoesNotApply, ImpossibleBody, OutOfRange
@@ -22,13 +23,14 @@ from morphofold.sim.effects.perturbation import SURFACE_OVER_SPACE_WAVELENGTH, P
 from morphofold.sim.effects.plane_strain import PlaneStrain
 from morphofold.sim.effects.ramp import RATE_BY_SHAPE, Ramp
 from morphofold.sim.effects.regional_growth import RegionalGrowth
-from morphofold.sim.effects.skull import PENALTY_STIFFNESS, Skull, press_shell
+from morphofold.sim.effects.skull import PENALTY_STIFFNESS, Skull
 from morphofold.sim.effects.symmetry import Symmetry
 from morphofold.sim.elements.bricks import CORNERS_IN_KERNEL_ORDER
 from morphofold.sim.equilibrium.wrinkles import first_wrinkles
 from morphofold.sim.mesh.brick_mesh import bilayer_patch, bilayer_sphere
 from morphofold.sim.output.surfaces import whole_surfaces
 from morphofold.sim.scene.files import load_scene
+from morphofold.sim.shells import EllipsoidShell
 from morphofold.sim.sphere_theory.finite_elements import radial_equilibrium
 
 
@@ -194,13 +196,21 @@ def test_a_ramp_ends_at_its_stages_too():
 # --- skull
 
 
+def pushed(axes, x, v=None, mass=1.0, g=1.0):
+    """Forces (S, 3) of an ellipsoidal skull on nodes, how many it presses, and its energy."""
+    shell, extra = Skull(EllipsoidShell(axes)), np.zeros_like(x)
+    body = SimpleNamespace(mass=np.broadcast_to(mass, len(x)), growth=g)
+    shell.add_forces(body, x, np.zeros_like(x) if v is None else v, extra)
+    return extra, shell.record()["pressed"], shell.energy()
+
+
 def test_a_skull_pushes_back_what_is_outside_along_its_normal(rng):
     axes = np.array([60.0, 45.0, 40.0])
     direction = rng.standard_normal((200, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     x = np.where(np.arange(200)[:, None] % 2, 1.01, 0.99) * direction * axes
-    mass, extra = rng.uniform(1, 2, 200), np.zeros((200, 3))
-    count, energy = press_shell(x, np.zeros_like(x), mass, axes, extra)
+    mass = rng.uniform(1, 2, 200)
+    extra, count, energy = pushed(axes, x, mass=mass)
     assert count == 100
     assert not extra[::2].any()
     normal = (x / axes**2) / np.linalg.norm(x / axes**2, axis=1, keepdims=True)
@@ -213,22 +223,18 @@ def test_a_skull_pushes_back_what_is_outside_along_its_normal(rng):
 
 
 def test_the_force_of_a_spherical_skull_is_the_slope_of_its_energy(rng):
-    axes, mass = np.full(3, 50.0), np.ones(40)
+    axes = np.full(3, 50.0)
     x = rng.standard_normal((40, 3))
     x *= (rng.uniform(49, 53, 40) / np.linalg.norm(x, axis=1))[:, None]
-    extra, way = np.zeros((40, 3)), rng.standard_normal((40, 3))
-    press_shell(x, np.zeros_like(x), mass, axes, extra)
-    up, down = (press_shell(x + s * way, np.zeros_like(x), mass, axes, np.zeros((40, 3)))[1] for s in (1e-5, -1e-5))
+    way = rng.standard_normal((40, 3))
+    extra, _, _ = pushed(axes, x)
+    up, down = (pushed(axes, x + s * way)[2] for s in (1e-5, -1e-5))
     assert (up - down) / 2e-5 == pytest.approx(-np.sum(extra * way), rel=1e-6)
 
 
 def test_a_skull_damps_what_moves_out_and_never_attracts():
-    x, mass = np.array([[51.0, 0.0, 0.0]]), np.ones(1)
-    pushes = []
-    for speed in (0.0, 0.1, -10.0):
-        extra = np.zeros((1, 3))
-        press_shell(x, np.array([[speed, 0.3, 0.0]]), mass, np.full(3, 50.0), extra)
-        pushes.append(extra[0, 0])
+    x = np.array([[51.0, 0.0, 0.0]])
+    pushes = [pushed(np.full(3, 50.0), x, np.array([[v, 0.3, 0.0]]))[0][0, 0] for v in (0.0, 0.1, -10.0)]
     assert pushes[1] < pushes[0] < 0
     assert pushes[2] == 0
 
@@ -251,7 +257,7 @@ def test_a_skull_without_room_for_the_grown_body_is_refused(settings, fills):
 def test_the_skull_of_a_scene_stands_its_gap_outside_the_body():
     scene = load_scene("ellipsoid", ["growth.final=1.2", "effects.skull.gap=4.5"])
     (shell,) = (effect for effect in build_effects(scene) if effect.name == "skull")
-    body = SimpleNamespace(mass=np.ones(3))
+    body = SimpleNamespace(mass=np.ones(3), growth=1.1)
     for beyond, pressed in ((4.49, 0), (4.51, 3)):
         x, extra = np.diag(np.array([60.0, 45.0, 40.0]) + beyond), np.zeros((3, 3))
         shell.add_forces(body, x, np.zeros_like(x), extra)
@@ -260,7 +266,7 @@ def test_the_skull_of_a_scene_stands_its_gap_outside_the_body():
 
 def test_a_cortex_that_grows_against_a_skull_stays_in_it():
     body = sphere(12)
-    shell = Skull(np.full(3, 51.0))
+    shell = Skull(EllipsoidShell(np.full(3, 51.0)))
     run = Dynamics(body, [shell], steps_per_unit=1500)
     run.grow_to(1.05)
     assert shell.energy() == 0.0
@@ -552,7 +558,9 @@ OF_THE_SHAPE = {  # effects that the geometry brings along
 #: grows each scene in a process that has loaded no effect, or has forgotten those of the scene before
 EACH_ALONE = """
 import json, sys
+from morphofold.sim.mesh import even_cells
 from morphofold.sim.run import simulate
+even_cells.ITERATIONS = 1
 for name in sys.argv[1:]:
     simulate(f"{name}.toml", name, threads=1)
     effects = [m for m in sys.modules if m.startswith("morphofold.sim.effects.")]
@@ -565,6 +573,7 @@ for name in sys.argv[1:]:
 def test_an_effect_is_loaded_and_run_if_and_only_if_its_scene_calls_for_it(tmp_path):
     scenes = {name: (PLAIN.replace("PORTION", "full") + table, {name} - {"none"}) for name, table in ALONE.items()}
     scenes |= OF_THE_SHAPE
+    scenes["midline"] = scene_of(write_subject(tmp_path / "bert"), "[effects.midline]"), {"midline"}
     for name, (text, _) in scenes.items():
         (tmp_path / f"{name}.toml").write_text(text)
     subprocess.run([sys.executable, "-c", EACH_ALONE, *scenes], cwd=tmp_path, check=True)
@@ -585,4 +594,4 @@ def test_the_effects_tested_alone_are_all_there_are():
     from importlib.resources import files
 
     there = {p.name.removesuffix(".py") for p in (files("morphofold.sim") / "effects").iterdir() if p.name[0] != "_"}
-    assert there == {*ALONE, *OF_THE_SHAPE} - {"none"}
+    assert there == {*ALONE, *OF_THE_SHAPE, "midline"} - {"none"}

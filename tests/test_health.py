@@ -95,8 +95,10 @@ def test_a_cure_is_one_that_the_scene_takes():
     (sentence,) = broken_bounds(deep, load_scene("mesh"))
     assert "accuracy" not in sentence
     assert "geometry.file" in sentence
-    (sentence,) = broken_bounds({**SOUND, "bending": 0.5}, load_scene("mesh"))
-    assert "portion" not in sentence
+    for name, cure in (("mesh", "held"), ("hemisphere", "effects.midline"), ("hemisphere-thick", "cortex_thickness")):
+        (sentence,) = broken_bounds({**SOUND, "bending": 0.5}, load_scene(name))
+        assert "portion" not in sentence
+        assert cure in sentence
 
 
 @pytest.mark.parametrize("name", scene_names())

@@ -9,11 +9,13 @@ from morphofold.sim.body import Body
 from morphofold.sim.build import build_body
 from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.effects import build_effects
-from morphofold.sim.effects.skull import Skull
+from morphofold.sim.effects.midline import Midline
+from morphofold.sim.effects.skull import HullSkull, Skull
 from morphofold.sim.effects.symmetry import Symmetry
 from morphofold.sim.equilibrium.unstable import unstable_modes
 from morphofold.sim.mesh.brick_mesh import bilayer_sphere
 from morphofold.sim.scene.files import load_scene
+from morphofold.sim.shells import EllipsoidShell
 
 
 def grown(scene, settings, g):
@@ -110,10 +112,26 @@ def pressed_by_planes():
 
 def pressed_by_shell():
     _, body, _ = pressed_by_planes()
-    return Skull(np.array([50.0, 50.0, 52.0])), body, 1.03 * body.X
+    return Skull(EllipsoidShell(np.array([50.0, 50.0, 52.0]))), body, 1.03 * body.X
 
 
-@pytest.mark.parametrize("pressed", [pressed_by_contact, pressed_by_planes, pressed_by_shell])
+def pressed_by_hull():
+    _, body, _ = pressed_by_planes()
+    skull = HullSkull(lambda g: 1.0, 1.0)
+    skull.prepare(body)
+    return skull, body, 1.05 * body.X
+
+
+def pressed_by_midline():
+    body = Body(bilayer_sphere(50, 3, 25, "full", 8), mu_cortex=2.0, mu_core=1.0, kappa_ratio=50.0, law="isotropic")
+    midline = Midline(0.5)
+    midline.prepare(body)
+    return midline, body, 1.05 * body.X
+
+
+@pytest.mark.parametrize(
+    "pressed", [pressed_by_contact, pressed_by_planes, pressed_by_shell, pressed_by_hull, pressed_by_midline]
+)
 def test_the_stiffness_of_what_presses_is_that_of_its_forces(pressed):
     """Along the forces themselves; that the normals turn, which is left out, is a tenth of it there."""
     effect, body, x = pressed()

@@ -1,128 +1,198 @@
-"""A rigid skull: a shell of the body's first shape, which the pial surface cannot leave."""
+"""A rigid skull: a shell around the body's first shape, which the pial surface cannot leave."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from numba import njit
+from pydantic import Field
 from scipy import sparse
 from scipy.optimize import brentq
 
 from morphofold.arrays import Array
-from morphofold.errors import ImpossibleBody
+from morphofold.errors import DoesNotApply, ImpossibleBody
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect
 from morphofold.sim.growth import volume
+from morphofold.sim.mesh.brick_mesh import Plane
+from morphofold.sim.rigid_planes import medial_plane
 from morphofold.sim.scene.geometries import Ellipsoid, Sphere
 from morphofold.sim.scene.tables import LONGEST_LENGTH_MM, EffectOptions, key
+from morphofold.sim.shells import EllipsoidShell, HullShell, Shell
 
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
 
+Gap = Annotated[float, Field(ge=0, le=LONGEST_LENGTH_MM)]
+
 PENALTY_STIFFNESS, PENALTY_DAMPING = 0.1, 0.5  # as in contact: force per mass and depth, per mass and speed
+CHECKS = 32  # growths at which the body must fit
+MOST_CELLS = 16  # of the grid of a wide gap, along it
 
 
 @njit(cache=True)
-def press_shell(x, v, mass, semi_axes, extra):
-    """Push the surface nodes outside the ellipsoid back in; returns how many, and their energy.
-
-    The depth is taken along the gradient of the level function |x / a| - 1: exact on a sphere, first order otherwise.
-    """
+def press_shell(v, mass, depth, normal, extra):
+    """Push the surface nodes that are outside, by ``depth`` (S,), back along ``normal`` (S, 3); returns how many, and
+    their energy."""
     count, energy = 0, 0.0
     for i in range(len(extra)):
-        level, slope = 0.0, 0.0
-        for r in range(3):
-            level += (x[i, r] / semi_axes[r]) ** 2
-            slope += (x[i, r] / semi_axes[r] ** 2) ** 2
-        level, slope = np.sqrt(level), np.sqrt(slope)
-        if level <= 1.0:
+        if depth[i] <= 0.0:
             continue
-        depth, speed = (level - 1.0) * level / slope, 0.0
+        speed = 0.0
         for r in range(3):
-            speed += v[i, r] * x[i, r] / semi_axes[r] ** 2 / slope
-        force = mass[i] * (PENALTY_STIFFNESS * depth + PENALTY_DAMPING * speed)
+            speed += v[i, r] * normal[i, r]
+        force = mass[i] * (PENALTY_STIFFNESS * depth[i] + PENALTY_DAMPING * speed)
         if force > 0.0:
             for r in range(3):
-                extra[i, r] -= force * x[i, r] / semi_axes[r] ** 2 / slope
+                extra[i, r] -= force * normal[i, r]
             count += 1
-            energy += 0.5 * mass[i] * PENALTY_STIFFNESS * depth * depth
+            energy += 0.5 * mass[i] * PENALTY_STIFFNESS * depth[i] * depth[i]
     return count, energy
 
 
 class Options(EffectOptions):
-    """A rigid shell around the body, of the shape of its first surface, ``gap`` [mm] outside of it."""
+    """A rigid shell around the body, of the shape of its first surface, ``gap`` [mm] outside of it.
 
-    shapes = ("sphere", "ellipsoid")
+    Around a sphere or an ellipsoid it is an ellipsoid. Around a cortex or a mesh it is at this distance from the convex
+    hull of the surface, so that it bridges hollows. With ``gap_final`` the gap changes linearly with the growth of the
+    cortex, as a skull grows.
+    """
+
+    shapes = ("sphere", "ellipsoid", "cortex", "mesh")
     at_onset = False
     example = "{gap = 13}"
 
-    gap: Annotated[
-        float,
-        key(
-            "between the body at first and a rigid shell around it; the grown body must fit",
-            "mm",
-            ge=0,
-            le=LONGEST_LENGTH_MM,
-        ),
-    ] = 2.0
+    gap: Annotated[Gap, key("between the body at first and a rigid shell around it; the grown body must fit", "mm")] = (
+        2.0
+    )
+    gap_final: Annotated[
+        Gap | None, key("gap at the final growth; it changes linearly with growth, or by default does not change", "mm")
+    ] = None
+
+    def check(self, scene: Scene) -> None:
+        if self.gap_final is not None and scene.growth.final == 1:
+            raise DoesNotApply("effects.skull.gap_final needs growth: growth.final is 1")
+
+    def gap_at(self, g: float, scene: Scene) -> float:
+        """Gap [mm] at growth g of the cortex."""
+        if self.gap_final is None:
+            return self.gap
+        return self.gap + (self.gap_final - self.gap) * (g - 1) / (scene.growth.final - 1)
 
 
 def build(options: Options, scene: Scene) -> Skull:
-    assert isinstance(scene.geometry, Sphere | Ellipsoid)
-    axes = np.array(scene.geometry.semi_axes)
-    fills, holds = grown_volume(scene, axes), 4 / 3 * np.pi * float(np.prod(axes + options.gap))
-    if fills > holds:
-        room = brentq(lambda gap: 4 / 3 * np.pi * float(np.prod(axes + gap)) - fills, 0, 10 * axes.max())
-        raise ImpossibleBody(
-            f"effects.skull: at g = {scene.growth.final:g} the body fills {fills:,.0f} mm3, the skull holds "
-            f"{holds:,.0f}; make gap more than {room:.3g} mm, or growth.final smaller."
-        )
-    return Skull(axes + options.gap)
+    gap = lambda g: options.gap_at(g, scene)
+    final, geometry = scene.growth.final, scene.geometry
+    if isinstance(geometry, Sphere | Ellipsoid):
+        shell = EllipsoidShell(np.array(geometry.semi_axes))
+        check_room(lambda g: grown_volume(scene, shell.semi_axes, g), shell.volume, gap, final)
+        return Skull(shell, gap)
+    midline = scene.effects.get("midline")
+    return HullSkull(gap, final, None if midline is None else midline.gap)
 
 
-def grown_volume(scene: Scene, axes: Array) -> float:
-    """Volume [mm^3] within the pial surface of an incompressible body at its final growth, spots and regions aside."""
+def grown_volume(scene: Scene, axes: Array, g: float) -> float:
+    """Volume [mm^3] within the pial surface of an incompressible ellipsoid at growth g, spots and regions aside."""
     whole, inside = 4 / 3 * np.pi * np.prod(axes), 4 / 3 * np.pi * np.prod(axes - scene.geometry.cortex_thickness)
-    core = scene.effects["core_growth"].final if "core_growth" in scene.effects else 1.0
+    core = 1 + (g - 1) * scene.effects["core_growth"].share(scene) if "core_growth" in scene.effects else 1.0
     geometry = scene.geometry
     assert isinstance(geometry, Sphere | Ellipsoid)
     hollow = geometry.hole_share**3 * whole
-    swelling = volume(scene.growth.final, scene.growth.law)
+    swelling = volume(g, scene.growth.law)
     return float(swelling * (whole - inside) + core**3 * (inside - hollow) + hollow)
 
 
-class Skull(Effect):
-    """An ellipsoid that the surface nodes stay inside of, without friction.
+def grown_volume_of(body: Body) -> Callable[[float], float]:
+    """Volume [mm^3] within the pial surface of an incompressible body at a growth: of its elements and its hole."""
+    from morphofold.sim.health import enclosed_volume
+    from morphofold.sim.output.surfaces import whole_surfaces
+
+    portion, first, n = body.bilayer.portion, body.elements.volume, body.elements.n_cortex
+    hollow = enclosed_volume(whole_surfaces(body, body.X)[1]) - float(first.sum()) / portion
+    core = lambda g: (1 + (g - 1) * body.core_share) ** 3 * first[n:].sum()
+    return lambda g: float(body.grown_volumes(g).sum() + core(g)) / portion + hollow
+
+
+def check_room(
+    fills: Callable[[float], float],
+    holds: Callable[[float], float],
+    gap: Callable[[float], float],
+    final: float,
+    reaching: Callable[[float], Callable[[float], float]] | None = None,
+) -> None:
+    """Check that the body fits in the skull at any growth up to the final one.
 
     Parameters
     ----------
-    semi_axes : (3,) float64
-        Of the skull [mm].
+    fills, gap : callable
+        Volume of the body [mm^3] and gap [mm] at a growth g.
+    holds : callable
+        Volume [mm^3] that a shell holds, at a gap [mm].
+    final : float
+    reaching : callable, optional
+        Returns ``holds`` for gaps up to the one that is given; by default ``holds`` is valid for any.
+
+    Raises
+    ------
+    ImpossibleBody
+    """
+    g = max(np.linspace(1, final, CHECKS + 1)[1:], key=lambda g: fills(g) - holds(gap(g)))
+    needs, has = fills(g), holds(gap(g))
+    if final == 1 or needs <= has:
+        return
+    reach = 2 * (3 * needs / (4 * np.pi)) ** (1 / 3)  # half a ball of this radius has room enough
+    room = _gap_that_holds(needs, reach, holds if reaching is None else reaching(reach))
+    if reaching is not None:
+        room = _gap_that_holds(needs, 1.2 * room, reaching(1.2 * room))
+    raise ImpossibleBody(
+        f"effects.skull: at g = {g:g} the body fills {needs:,.0f} mm3, the skull holds {has:,.0f}; make the gap there "
+        f"more than {room:.3g} mm, or growth.final smaller."
+    )
+
+
+def _gap_that_holds(needs: float, most: float, holds: Callable[[float], float]) -> float:
+    """Gap [mm], up to ``most``, of the shell that holds the volume ``needs``."""
+    if not holds(0) < needs < holds(most):
+        return most
+    return float(brentq(lambda gap: holds(gap) - needs, 0, most, xtol=1e-6 * most))
+
+
+class Skull(Effect):
+    """A shell that the surface nodes stay inside of, without friction.
+
+    Parameters
+    ----------
+    shell : Shell
+    gap : callable
+        Distance [mm] of the shell from the body's first surface at a growth g of the cortex.
     """
 
     name = "skull"
 
-    def __init__(self, semi_axes: Array):
-        self._semi_axes = np.asarray(semi_axes, dtype=np.float64)
+    def __init__(self, shell: Shell, gap: Callable[[float], float] = lambda g: 0.0):
+        self._shell, self._gap = shell, gap
         self._pressed, self._energy = 0, 0.0
 
+    def _measure(self, body: Body, x: Array, n: int) -> tuple[Array, Array]:
+        """Depth (S,) of the surface nodes outside of the shell, and its normals (S, 3)."""
+        depth, normal = np.zeros(n), np.zeros((n, 3))
+        self._shell.measure(x, self._gap(body.growth), depth, normal)
+        return depth, normal
+
     def add_forces(self, body: Body, x: Array, v: Array, extra: Array) -> None:
-        self._pressed, self._energy = press_shell(x, v, body.mass, self._semi_axes, extra)
+        depth, normal = self._measure(body, x, len(extra))
+        self._pressed, self._energy = press_shell(v, body.mass, depth, normal, extra)
 
     def springs(self, body: Body, x: Array) -> Array:
-        return np.where(self._level(body, x) > 1, PENALTY_STIFFNESS, 0.0)
-
-    def _level(self, body: Body, x: Array) -> Array:
-        """1 at surface nodes (S,) on the shell, more outside."""
-        return np.sqrt(np.sum((x[: body.n_surface] / self._semi_axes) ** 2, axis=1))
+        return np.where(self._measure(body, x, body.n_surface)[0] > 0, PENALTY_STIFFNESS, 0.0)
 
     def stiffness(self, body: Body, x: Array) -> sparse.csr_matrix:
         """Of the nodes outside: a spring along each one's normal of the shell."""
-        n, level = body.n_surface, self._level(body, x)
-        normal = x[:n] / self._semi_axes**2
-        normal /= np.linalg.norm(normal, axis=1)[:, None]
-        springs = PENALTY_STIFFNESS * body.mass[:n] * (level > 1)
+        n = body.n_surface
+        depth, normal = self._measure(body, x, n)
+        springs = PENALTY_STIFFNESS * body.mass[:n] * (depth > 0)
         blocks = springs[:, None, None] * normal[:, :, None] * normal[:, None, :]
         diagonal = sparse.bsr_matrix((blocks, np.arange(n), np.arange(n + 1)), shape=(3 * n, 3 * n))
         return sparse.csr_matrix(sparse.block_diag([diagonal, sparse.csr_matrix((x.size - 3 * n, x.size - 3 * n))]))
@@ -132,3 +202,47 @@ class Skull(Effect):
 
     def record(self) -> dict[str, Any]:
         return {"pressed": self._pressed}
+
+
+class HullSkull(Skull):
+    """A skull at a distance from the convex hull of the first surface of any body, beside a midline if there is one.
+
+    Parameters
+    ----------
+    gap : callable
+        As of :class:`Skull`.
+    final : float
+        Final growth of the cortex.
+    gap_of_midline : float, optional
+        [mm]
+
+    Raises
+    ------
+    ImpossibleBody
+        By ``prepare``, if the grown body has no room in the skull, on its side of the midline.
+    """
+
+    def __init__(self, gap: Callable[[float], float], final: float, gap_of_midline: float | None = None):
+        self._gap, self._final, self._gap_of_midline = gap, final, gap_of_midline
+        self._pressed, self._energy = 0, 0.0
+
+    def prepare(self, body: Body) -> None:
+        from morphofold.sim.output.surfaces import whole_surfaces
+
+        bilayer = body.bilayer
+        plane = None if self._gap_of_midline is None else medial_plane(bilayer, self._gap_of_midline)
+        first = whole_surfaces(body, np.ascontiguousarray(bilayer.mesh.p.T))[1].verts
+        self._shell = shell = HullShell(first, max(self._gap(1.0), self._gap(self._final)))
+        check_room(
+            grown_volume_of(body),
+            lambda gap: shell.volume(gap, plane),
+            self._gap,
+            self._final,
+            lambda most: _holding(first, most, plane),
+        )
+
+
+def _holding(first: Array, most: float, plane: Plane | None) -> Callable[[float], float]:
+    """Volume [mm^3] of shells with gaps up to ``most``; the wider, the less exact."""
+    shell = HullShell(first, most, least_spacing=most / MOST_CELLS)
+    return lambda gap: shell.volume(gap, plane)

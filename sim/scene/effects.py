@@ -25,6 +25,7 @@ HOOK_ORDER = (
     "stiffness_map",
     "ramp",
     "skull",
+    "midline",
     "inertia",
     "bulk_viscosity",
 )

@@ -20,7 +20,7 @@ from morphofold.sim.effects import build_effects
 from morphofold.sim.elements.bricks import CORNERS_IN_KERNEL_ORDER
 from morphofold.sim.mesh.brick_mesh import Bilayer, bilayer_sphere
 from morphofold.sim.scene import Scene
-from morphofold.sim.scene.effects import effect_names, options_of
+from morphofold.sim.scene.effects import effects_of, options_of
 from morphofold.sim.scene.files import load_scene
 
 FOLDED = 1.7  # growth at which contact is active
@@ -175,7 +175,7 @@ def effect_costs(threads: int = 1, seconds: float = 2.0) -> list[dict[str, Any]]
         bare = _per_step([], 1.05, seconds)
         whole = sum(bare.values())
         rows = [{"effect": "none", "ms": whole, "share": 1.0}]
-        for name in effect_names():
+        for name in effects_of("sphere"):
             added = _per_step([name], 1.05, seconds)
             ms = added.get(name, 0.0) + added.get("grow", 0.0) - bare.get("grow", 0.0)
             rows.append({"effect": name, "ms": ms, "share": ms / whole})

@@ -9,7 +9,7 @@ from morphofold.errors import DamagedFile, MissingPart, NothingToDo, UnknownName
 from morphofold.sim.effects import build_effects
 from morphofold.sim.mesh.brick_mesh import bilayer_sphere
 from morphofold.sim.output.folder import FolderWriter
-from morphofold.sim.scene.effects import effect_names
+from morphofold.sim.scene.effects import effects_of
 from morphofold.sim.scene.files import load_scene
 from morphofold.studies.speed import page as speed_page
 from morphofold.studies.speed import solver
@@ -129,7 +129,7 @@ def test_bench_speed_times_both_elements_and_says_that_peers_are_quoted(capsys, 
     assert all(peer.design not in measured and f"{peer.ms:>10} {peer.millions:>20}" in quoted for peer in PEERS)
 
 
-@pytest.mark.parametrize("name", effect_names())
+@pytest.mark.parametrize("name", effects_of("sphere"))
 def test_the_scene_in_which_an_effect_is_timed_has_it_and_no_other(name):
     scene = solver.effect_scene([name])
     assert tuple(scene.effects) == (name,)

@@ -1,0 +1,186 @@
+"""Rigid shells at a distance from the body's first surface: how deep a node is outside, and what the shell holds.
+
+Two classes have the same methods. An ellipsoid, and a sphere, has a formula. Around any other body the shell lies at a
+distance from the convex hull of the pial surface: a skull bridges the hollows of a brain and does not follow its
+surface into the Sylvian fossa. Outside of a convex body the distance is smooth (normals are unique, and they turn
+continuously at any distance above 0), and the shell of any gap is a level surface of it.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numba import njit
+from scipy.spatial import ConvexHull
+
+from morphofold.arrays import Array
+from morphofold.geometry.kernels import distance_from_triangle
+from morphofold.intersections.boxes import TRIANGLES_PER_LEAF, box_tree, following
+from morphofold.sim.mesh.brick_mesh import Plane
+
+SPACING_SHARE = 1 / 24  # spacing of the grid over the radius of the ball of the hull's volume
+MARGIN_IN_CELLS = 3.0  # of the grid around the widest shell
+
+
+class Shell(Protocol):
+    """A family of shells: one at each ``gap`` [mm] from the first surface."""
+
+    def measure(self, x: Array, gap: float, depth: Array, normal: Array) -> None:
+        """Depth (S,) [mm] of the first S of the nodes ``x`` (N, 3) outside of the shell, 0 or less inside, and outward
+        normals (S, 3), where they are outside."""
+
+
+class EllipsoidShell:
+    """Ellipsoids whose semi-axes are those of the first surface (3,) plus the gap [mm].
+
+    The depth is taken along the gradient of the level function |x / a| - 1: exact on a sphere, first order otherwise.
+    """
+
+    def __init__(self, semi_axes: Array):
+        self.semi_axes = np.asarray(semi_axes, dtype=np.float64)
+
+    def measure(self, x: Array, gap: float, depth: Array, normal: Array) -> None:
+        beyond_ellipsoid(x, self.semi_axes + gap, depth, normal)
+
+    def volume(self, gap: float) -> float:
+        """Volume inside of the shell [mm^3]."""
+        return 4 / 3 * np.pi * float(np.prod(self.semi_axes + gap))
+
+
+class HullShell:
+    """Shells around the convex hull of points (P, 3): level surfaces of the distance from it.
+
+    Exact distances from the triangles of the hull, on a grid, are interpolated trilinearly; normals are the gradients
+    of the interpolant, so that a force is exactly the slope of its energy. Distance is convex, so that its interpolant
+    is never too small. Where the spacing is h and the shell has the radii R1 and R2, it is too large by about
+    h^2 (1/R1 + 1/R2) / 8 at most. Outside of the grid the distance to the grid is added.
+
+    Parameters
+    ----------
+    points : (P, 3) float64
+        [mm]
+    reach : float
+        Largest gap of a shell [mm].
+    least_spacing : float
+        Of the grid [mm]; it is ``SPACING_SHARE`` of the radius of the ball with the volume of the hull, unless that is
+        less.
+    """
+
+    def __init__(self, points: Array, reach: float, least_spacing: float = 0.0):
+        hull = ConvexHull(points)
+        radius = float(3 * hull.volume / (4 * np.pi)) ** (1 / 3)
+        self.spacing = max(SPACING_SHARE * radius, least_spacing)
+        margin = reach + MARGIN_IN_CELLS * self.spacing
+        self.origin = points.min(axis=0) - margin
+        size = np.ceil((points.max(axis=0) + margin - self.origin) / self.spacing).astype(int) + 1
+        axes = [self.origin[r] + self.spacing * np.arange(size[r]) for r in range(3)]
+        at = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+        faces = hull.simplices.astype(np.int64)
+        tree = box_tree(points, faces)
+        deepest = MARGIN_IN_CELLS * self.spacing
+        values = distances_from_hull(at, points, faces, hull.equations, tree.bounds, tree.order, deepest)
+        self.values = values.reshape(size)
+
+    def measure(self, x: Array, gap: float, depth: Array, normal: Array) -> None:
+        beyond_level(x, self.values, self.origin, self.spacing, gap, depth, normal)
+
+    def volume(self, gap: float, plane: Plane | None = None) -> float:
+        """Volume inside of the shell [mm^3], on the body's side of a plane if one is given."""
+        inside = np.clip(0.5 + (gap - self.values) / self.spacing, 0, 1)
+        if plane is not None:
+            at = self.origin[plane.axis] + self.spacing * np.arange(self.values.shape[plane.axis])
+            beside = np.clip(0.5 + plane.side * (at - plane.at) / self.spacing, 0, 1)
+            inside *= np.expand_dims(beside, [axis for axis in range(3) if axis != plane.axis])
+        return float(inside.sum()) * self.spacing**3
+
+
+@njit(inline="always")
+def _squared_distance_from_box(p, box):
+    total = 0.0
+    for r in range(3):
+        total += max(box[r] - p[r], p[r] - box[3 + r], 0.0) ** 2
+    return total
+
+
+@njit(cache=True)
+def distances_from_hull(at, verts, faces, planes, bounds, order, deepest):
+    """Distance (P,) of points (P, 3) from a convex surface, negative inside, where ``deepest`` may stand for more.
+
+    ``planes`` (M, 4) are those of the triangles, as of ``ConvexHull``. The distance at the point before, and that
+    between the two, bound the search. A point outside is above the plane of at least one of the nearest triangles.
+    """
+    values, leaves = np.empty(len(at)), len(bounds) // 2
+    for i in range(len(at)):
+        p, best, outside = at[i], np.inf, False
+        if i > 0:
+            step = np.sqrt((p[0] - at[i - 1, 0]) ** 2 + (p[1] - at[i - 1, 1]) ** 2 + (p[2] - at[i - 1, 2]) ** 2)
+            best = (1.0 + 1e-9) * (abs(values[i - 1]) + step)
+            if values[i - 1] <= -step:  # then this one is inside, too
+                best = min(best, deepest)
+        k = 1
+        while k > 0:
+            if _squared_distance_from_box(p, bounds[k]) <= best * best:
+                if k < leaves:
+                    k *= 2
+                    continue
+                first = TRIANGLES_PER_LEAF * (k - leaves)
+                for f in order[first : first + TRIANGLES_PER_LEAF]:
+                    n = planes[f]
+                    outside |= n[0] * p[0] + n[1] * p[1] + n[2] * p[2] + n[3] > 0.0
+                    best = min(
+                        best, distance_from_triangle(p, verts[faces[f, 0]], verts[faces[f, 1]], verts[faces[f, 2]])
+                    )
+            k = following(k)
+        values[i] = best if outside else -best
+    return values
+
+
+@njit(cache=True)
+def beyond_ellipsoid(x, semi_axes, depth, normal):
+    """Depth outside of an ellipsoid, and its normal there."""
+    for i in range(len(depth)):
+        level, slope = 0.0, 0.0
+        for r in range(3):
+            level += (x[i, r] / semi_axes[r]) ** 2
+            slope += (x[i, r] / semi_axes[r] ** 2) ** 2
+        level, slope = np.sqrt(level), np.sqrt(slope)
+        depth[i] = 0.0
+        if level <= 1.0:
+            continue
+        depth[i] = (level - 1.0) * level / slope
+        for r in range(3):
+            normal[i, r] = x[i, r] / semi_axes[r] ** 2 / slope
+
+
+@njit(cache=True)
+def beyond_level(x, values, origin, spacing, gap, depth, normal):
+    """Depth outside of a level surface of a distance on a grid, and the gradient of the distance."""
+    cell, part, out = np.empty(3, dtype=np.int64), np.empty(3), np.empty(3)
+    for i in range(len(depth)):
+        away = 0.0
+        for r in range(3):
+            at = (x[i, r] - origin[r]) / spacing
+            inside = min(max(at, 0.0), values.shape[r] - 1.0)
+            cell[r] = min(int(inside), values.shape[r] - 2)
+            part[r] = inside - cell[r]
+            out[r] = (at - inside) * spacing
+            away += out[r] ** 2
+        away, level = np.sqrt(away), 0.0
+        for r in range(3):
+            normal[i, r] = 0.0
+        for a in range(2):
+            p = part[0] if a else 1.0 - part[0]
+            for b in range(2):
+                q = part[1] if b else 1.0 - part[1]
+                for c in range(2):
+                    s = part[2] if c else 1.0 - part[2]
+                    value = values[cell[0] + a, cell[1] + b, cell[2] + c]
+                    level += p * q * s * value
+                    normal[i, 0] += (2 * a - 1) * q * s * value / spacing
+                    normal[i, 1] += (2 * b - 1) * p * s * value / spacing
+                    normal[i, 2] += (2 * c - 1) * p * q * value / spacing
+        for r in range(3):
+            if out[r] != 0.0:
+                normal[i, r] = out[r] / away
+        depth[i] = level + away - gap
