@@ -21,7 +21,7 @@ LEAST_FACTOR, LARGEST_FACTOR = 0.1, 10.0
 
 
 class Options(SphereMap, EffectOptions):
-    """A map of factors on the moduli of the cortex, 0.1 to 10."""
+    """A map of factors on the moduli of the cortex, 0.1 to 10; on a sphere, 0 and less are no values."""
 
     shapes = ("sphere", "ellipsoid", "cortex", "mesh")
     counted = "once, when the body is built"
@@ -32,7 +32,7 @@ class Options(SphereMap, EffectOptions):
 
 
 def build(options: Options, scene: Scene) -> StiffnessMap:
-    return StiffnessMap(MapAtNodes(options, scene.geometry, "stiffness_map"), options.file)
+    return StiffnessMap(MapAtNodes(options, scene.geometry, "stiffness_map", positive=True), options.file)
 
 
 class StiffnessMap(Effect):

@@ -30,10 +30,12 @@ class MapAtNodes:
         That of the scene.
     name : str
         Of the table, for messages.
+    positive : bool
+        Whether values of 0 and less on a sphere are no values.
     """
 
-    def __init__(self, table: SphereMap, geometry: Any, name: str):
-        self._table, self._geometry, self._name = table, geometry, name
+    def __init__(self, table: SphereMap, geometry: Any, name: str, *, positive: bool = False):
+        self._table, self._geometry, self._name, self._positive = table, geometry, name, positive
 
     @property
     def _own_areas(self) -> bool:
@@ -52,7 +54,7 @@ class MapAtNodes:
         if isinstance(self._geometry, MeshFile):
             return None
         if not self._own_areas:
-            return read_map(self._table, self._geometry)
+            return read_map(self._table, self._geometry, positive=self._positive)
         subject = subject_of_cortex(self._geometry)
         return smooth_map(subject.unfolding.area_ratio(), subject.vertices(), self._table.degree, AREA_RATIO)
 

@@ -33,7 +33,7 @@ from morphofold.studies.folds.statistics import (
 )
 from morphofold.studies.folds.tables import COLUMNS, Row, fold_rows
 from morphofold.studies.indexes import write_tables
-from morphofold.studies.paper.runs import Runs, run_record
+from morphofold.studies.runs import Runs, run_record
 
 PORTIONS = ("full", "half", "quarter", "octant")
 LARGEST_GROWTH = 4.0

@@ -27,8 +27,8 @@ from morphofold.report.pictures.png import png_bytes
 from morphofold.report.pictures.surfaces import Picture, Row, figure
 from morphofold.report.plots.line_plots import GREY, legend_of_figure, line_style, new_figure, save
 from morphofold.studies.paper.folds import grown
-from morphofold.studies.paper.runs import Runs, run_record
 from morphofold.studies.paper.thickness_plots import MARKED, SHORT, crest_points, region_points, thickness_figure, whole
+from morphofold.studies.runs import Runs, run_record
 from morphofold.tables import write_table
 
 if TYPE_CHECKING:

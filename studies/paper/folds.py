@@ -16,7 +16,7 @@ from morphofold.report.pictures.png import png_bytes
 from morphofold.sim.run import Simulation
 from morphofold.studies.folds.pictures import DISPLACEMENT, Panel, displaced, picture, row_limits
 from morphofold.studies.folds.tables import COLUMNS, Row, fold_rows
-from morphofold.studies.paper.runs import Runs, run_record
+from morphofold.studies.runs import Runs, run_record
 from morphofold.tables import write_table
 
 #: growths at which all folds are written; 1 is the reference of displacement and height

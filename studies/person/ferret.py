@@ -15,7 +15,7 @@ from scipy.spatial import ConvexHull
 
 from morphofold.geometry import face_areas
 from morphofold.io import read_surface
-from morphofold.studies.paper.runs import Runs
+from morphofold.studies.runs import Runs
 from morphofold.surface import Surface
 
 SETTINGS = (

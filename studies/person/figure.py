@@ -10,9 +10,9 @@ import numpy as np
 
 from morphofold.quantities import CATEGORICAL_COLOURS
 from morphofold.report.plots.line_plots import BLACK, GREY, legend_of_figure, new_figure, save
-from morphofold.studies.paper.runs import Runs, run_record
 from morphofold.studies.person.pairs import SPINS, grow_pair, hemispheres, pair_rows, slope_rows
 from morphofold.studies.person.slopes import interval
+from morphofold.studies.runs import Runs, run_record
 from morphofold.tables import write_table
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from morphofold.comparison.distance import distance
 from morphofold.geometry import equal_area_radius, unit
 from morphofold.shapes import even_directions
 from morphofold.sim.run import Simulation
-from morphofold.studies.paper.runs import Runs
+from morphofold.studies.runs import Runs
 
 SCENE = "hemisphere"
 PLACES = 10_000  # on the sphere, where heights of two bodies are compared
