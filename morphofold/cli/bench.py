@@ -22,6 +22,7 @@ BENCHMARK_SUMMARIES = {
     "cohort": "what many subjects cost in addition to their measuring: small made-up subjects, on local workers",
     "folds": "agreement of folds between meshes and between seeds; wavelength against cortical thickness",
     "accuracy": "what accuracy costs in time: error against seconds, for many settings and for other programs",
+    "hemisphere": "cost and folds of an unfolded hemisphere on several meshes; a ferret beside published stages",
 }
 FOLDING_SCENES = ("fig5", "fig6-thin", "fig6-thick", "fig7-ratio1", "fig7-ratio4")
 CASES_FOLDER = "cases"  # of an accuracy study, in its folder
@@ -53,6 +54,7 @@ KEPT_RESULTS_HELP = {
     "cohort": "made-up subjects there are kept",
     "folds": "simulations of an earlier study there are kept",
     "accuracy": "cases of an earlier study there are kept",
+    "hemisphere": "simulations of an earlier study there are kept",
 }
 #: question, option, metavar of its list, default, and help text
 LIST_OPTIONS = (
@@ -83,6 +85,27 @@ LIST_OPTIONS = (
     ("folds", "--portion", "PORTION", "octant", "part of the sphere: octant, quarter, half or full (default: octant)"),
     ("folds", "--growth", "G", "1.3,1.5,1.75,2.0", "stretches at which folds are measured (default: 1.3,1.5,1.75,2.0)"),
     (
+        "hemisphere",
+        "--levels",
+        "LEVELS",
+        "draft,standard,fine",
+        "levels of accuracy, from coarse to fine (default: draft,standard,fine; fine takes an hour)",
+    ),
+    (
+        "hemisphere",
+        "--thickness",
+        "MM,MM",
+        "2.5,3,4",
+        "thicknesses of the cortex at a radius of 50 mm (default: 2.5,3,4)",
+    ),
+    (
+        "hemisphere",
+        "--ferret",
+        "FILES",
+        "",
+        "published surfaces of a growing ferret's brain, separated by commas, the first one of which grows",
+    ),
+    (
         "accuracy",
         "--halves",
         "HALVES",
@@ -103,7 +126,7 @@ def add_args(parser: argparse.ArgumentParser) -> None:
     for name, option, metavar, default, words in LIST_OPTIONS:
         parsers[name].add_argument(option, metavar=metavar, default=default, help=words)
     for name, sub in parsers.items():
-        if name in ("measures", "folds", "accuracy"):
+        if name in ("measures", "folds", "accuracy", "hemisphere"):
             add_threads(sub)
         printed = "summary.json" if name in KEPT_RESULTS_HELP else "as JSON"
         sub.add_argument("--json", action="store_true", help=f"print {printed}")
@@ -118,6 +141,7 @@ def run(args: argparse.Namespace) -> int:
         "cohort": _time_cohort,
         "folds": _run_folds_study,
         "accuracy": _run_accuracy_study,
+        "hemisphere": _run_hemisphere_study,
     }
     as_json, lines = kinds[args.what](args)
     print(as_json.rstrip() if args.json else "\n".join(lines))
@@ -151,6 +175,28 @@ def _run_folds_study(args: argparse.Namespace) -> JsonAndLines:
         f"-> {out / 'summary.json'}",
     ]
     return (out / "summary.json").read_text(encoding="utf-8"), lines
+
+
+def _run_hemisphere_study(args: argparse.Namespace) -> JsonAndLines:
+    from morphofold.cli.runs import Runs
+    from morphofold.io import atomic_folder
+    from morphofold.io.files import existing_file
+    from morphofold.provenance import strict_json
+    from morphofold.sim.scene import LEVELS
+    from morphofold.studies.person.study import run_study
+
+    levels, thicknesses = _parsed_list("--levels", args.levels, str), _parsed_list("--thickness", args.thickness, float)
+    if not set(levels) <= set(LEVELS):
+        raise UnknownName(f"--levels: {args.levels!r} is unknown; there are {', '.join(LEVELS)}.")
+    surfaces = [existing_file(path, "surface") for path in _parsed_list("--ferret", args.ferret, str)]
+    out = Path(args.out)
+    runs = Runs(out, threads=args.threads, quiet=args.quiet)
+    args.on_interrupt = " Run it again to go on."
+    with atomic_folder(out) as folder:
+        files = run_study(levels, thicknesses, surfaces, folder, runs)
+        (folder / "summary.json").write_text(strict_json({"files": files}), encoding="utf-8")
+    tables = [(out / name).read_text(encoding="utf-8") for name in files if name.endswith(".tsv")]
+    return (out / "summary.json").read_text(encoding="utf-8"), [*tables, f"-> {out / 'summary.json'}"]
 
 
 def _run_accuracy_study(args: argparse.Namespace) -> JsonAndLines:

@@ -64,3 +64,15 @@ def _numbers(surface: Surface, first_hull: float) -> dict[str, float]:
 
 def _hull_area(surface: Surface) -> float:
     return float(ConvexHull(np.asarray(surface.verts)).area)
+
+
+def at_area(rows: Sequence[dict[str, Any]], area: float) -> list[float]:
+    """Gyrification of each grown body where it has this area over the first hull, of those that reach it."""
+    found = []
+    for key in dict.fromkeys((row["level"], row["seed"]) for row in rows if row["kind"] == "grown"):
+        mine = [row for row in rows if (row["level"], row["seed"]) == key]
+        x, y = (np.array([row[name] for row in mine]) for name in ("area_over_first_hull", "gyrification_index"))
+        order = np.argsort(x)
+        if x.min() <= area <= x.max():
+            found.append(float(np.interp(area, x[order], y[order])))
+    return found
