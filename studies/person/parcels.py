@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
-from scipy.spatial.transform import Rotation
 
 from morphofold.analysis.thickness.gyral import GyralThickness, gyral_thickness, weighted_quantile
 from morphofold.arrays import Array, Ints
@@ -48,8 +47,3 @@ def parcel_means(values: Array, parcel: Ints, weights: Array) -> Array:
     total = np.bincount(parcel, weights, PARCELS)
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.bincount(parcel, weights * values, PARCELS) / total
-
-
-def rotations(count: int, seed: int) -> list[Array]:
-    """Random rotations (3, 3), evenly distributed."""
-    return list(Rotation.random(count, random_state=np.random.default_rng(seed)).as_matrix())

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from morphofold.comparison.person.spins import rotations
 from morphofold.geometry import unit
 from morphofold.io import sample_path
 from morphofold.shapes import even_directions, icosphere
@@ -59,7 +60,7 @@ def field_of(coefficients, points):
 def test_rotations_call_about_one_in_twenty_unrelated_maps_significant(rng):
     """Regression would call a third of them so: parcels of smooth maps are not independent."""
     places, small, by_regression = even_directions(40), 0, 0
-    turned = [places @ turn.T for turn in parcels.rotations(200, 1)]
+    turned = [places @ turn.T for turn in rotations(200, 1)]
     for _ in range(200):
         thickness, width = rng.standard_normal((2, 6))
         found = paired_slope(field_of(thickness, places), field_of(width, places))
@@ -73,7 +74,7 @@ def test_rotations_call_about_one_in_twenty_unrelated_maps_significant(rng):
 def test_a_map_that_makes_the_widths_is_found_by_rotations(rng):
     places, coefficients = even_directions(40), rng.standard_normal(6)
     thickness = field_of(coefficients, places)
-    spun = np.array([field_of(coefficients, places @ turn.T) for turn in parcels.rotations(200, 0)])
+    spun = np.array([field_of(coefficients, places @ turn.T) for turn in rotations(200, 0)])
     width = EXPONENT * thickness + 0.01 * rng.standard_normal(40)
     assert spin_p(spun, width, paired_slope(thickness, width)) < 0.02
 
