@@ -24,7 +24,7 @@ from morphofold.progress import Progress
 from morphofold.shapes import even_directions
 from morphofold.sim.mesh.sphere_maps import thickness_factor
 from morphofold.sim.run import Simulation
-from morphofold.studies.person.parcels import PARCELS, Widths, gyral_widths, parcel_means, parcel_of, rotations
+from morphofold.studies.person.parcels import PARCELS, Widths, gyral_widths, parcel_means, parcel_of
 from morphofold.studies.person.slopes import Slope, paired_slope, spin_p
 from morphofold.studies.runs import Runs
 from morphofold.surface import Surface
