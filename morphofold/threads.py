@@ -4,9 +4,14 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
+from functools import cache
+from typing import TYPE_CHECKING, Any
 
 from morphofold.errors import OutOfRange
+
+if TYPE_CHECKING:
+    from threadpoolctl import ThreadpoolController
 
 #: blocks into which kernels divide their work, each with its own scratch; independent of the number of threads
 BLOCKS = 64
@@ -55,3 +60,18 @@ def _most_threads() -> int:
 
     most: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
     return most
+
+
+@cache
+def _controller() -> ThreadpoolController:
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
+
+
+def one_blas_thread() -> AbstractContextManager[Any]:
+    """Context in which NumPy and SciPy compute products of matrices in one thread: sums of several differ in last bits.
+
+    Both must be imported before it is first used.
+    """
+    return _controller().limit(limits=1, user_api="blas")

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.special import sph_harm_y
+from threadpoolctl import threadpool_limits
 
 from morphofold.errors import WrongShape
 from morphofold.unfolding.harmonics import Expansion, degrees, fit, harmonics
@@ -55,3 +56,15 @@ def test_heat_flow_lets_each_degree_decay_at_its_own_rate(rng):
 def test_too_few_points_are_refused(points):
     with pytest.raises(WrongShape):
         fit(points[:20], points[:20], np.ones(20), 6)
+
+
+def test_fits_and_values_have_the_same_bits_for_any_number_of_threads(rng):
+    s = rng.standard_normal((20_000, 3))
+    s /= np.linalg.norm(s, axis=1, keepdims=True)
+    found = []
+    for threads in (1, 2):
+        with threadpool_limits(threads, "blas"):
+            shape = fit(s, s**2, np.ones(len(s)), 20)
+            found.append((shape.coefficients, shape(s)))
+    for one, other in zip(*found):
+        np.testing.assert_array_equal(one, other)

@@ -26,7 +26,7 @@ def test_fsaverage5_has_the_known_counts_areas_and_thickness(hemi, white, pial, 
     assert {"unknown", "corpuscallosum", "precentral"} <= set(c.regions.names)
     precentral = c.regions.labels == c.regions.names.index("precentral")
     assert t[precentral].mean() == pytest.approx({"lh": 2.445, "rh": 2.432}[hemi], abs=5e-4)
-    assert len(c.files) == 9
+    assert len(c.files) == 10
 
 
 def test_the_individual_hemisphere_has_the_known_counts_and_areas():

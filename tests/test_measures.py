@@ -281,6 +281,7 @@ def test_vertices_that_no_triangle_uses_change_no_number():
         white=white,
         pial=pial,
         inflated=None,
+        sphere=None,
         maps={name: twice(values) for name, values in cortex.maps.items()},
         cortex=twice(cortex.cortex),
         regions=replace(cortex.regions, labels=twice(cortex.regions.labels)),

@@ -17,6 +17,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from morphofold.arrays import Array, Ints
 from morphofold.errors import WrongShape
+from morphofold.threads import one_blas_thread
 
 POINTS_AT_ONCE = 8192  # bounds the memory of the harmonics at many points
 
@@ -77,7 +78,8 @@ class Expansion:
     def __call__(self, s: Array) -> Array:
         """Values (P, components) at points ``s`` (P, 3) of the unit sphere."""
         parts = np.array_split(s, 1 + len(s) // POINTS_AT_ONCE)
-        return np.concatenate([harmonics(part, self.degree) @ self.coefficients for part in parts])
+        with one_blas_thread():
+            return np.concatenate([harmonics(part, self.degree) @ self.coefficients for part in parts])
 
     def smoothed(self, level: float) -> Expansion:
         """After heat has flowed on the sphere for the time ``level``: Y_lm falls by exp(-l (l + 1) level)."""
@@ -111,6 +113,11 @@ def fit(s: Array, values: Array, weights: Array, degree: int, penalty: float = 0
     WrongShape
         If the points do not determine the coefficients.
     """
+    with one_blas_thread():
+        return _fit(s, values, weights, degree, penalty)
+
+
+def _fit(s: Array, values: Array, weights: Array, degree: int, penalty: float) -> Expansion:
     n = (degree + 1) ** 2
     normal, right = np.zeros((n, n)), np.zeros((n, values.shape[1]))
     for start in range(0, len(s), POINTS_AT_ONCE):

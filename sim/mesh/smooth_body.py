@@ -14,6 +14,7 @@ from morphofold.errors import ImpossibleBody
 from morphofold.sim.mesh.brick_mesh import Bilayer, core_layer_fractions, cube_directions, layered_bricks
 from morphofold.sim.mesh.core_nodes import CoreMoves, core_moves, scaled_jacobians, straight_columns
 from morphofold.sim.mesh.even_cells import even_cells, shifted
+from morphofold.threads import one_blas_thread
 from morphofold.unfolding.harmonics import Expansion
 from morphofold.unfolding.numbers import LEAST_RADIUS_OVER_T
 from morphofold.unfolding.smooth_surface import Frame, SmoothSurface
@@ -136,6 +137,13 @@ def smooth_body(
     ImpossibleBody
         If the surface bends too sharply for the cortex, or the hole comes too near to it.
     """
+    with one_blas_thread():
+        return _prepared_body(surface, thickness, mean_thickness, hole_share)
+
+
+def _prepared_body(
+    surface: SmoothSurface, thickness: float | Callable[[Array], Array], mean_thickness: float, hole_share: float
+) -> SmoothBody:
     places = quadrature(3 * surface.shape.degree)[0]
     _fitting_thickness(surface.frame(places), thickness, places)  # before the searches, which take some seconds
     shift = even_cells(surface, mean_thickness)

@@ -134,7 +134,7 @@ def slope_rows(
             control = paired_slope(thickness, even[other] - even[k])
             found.append({**head, "kind": "control", "seed": seed, **control._asdict()})
     grown = grow_pair(hemisphere, seeds[0], runs)["map"]
-    spun = np.log(thickness_factors(grown, rotations(SPINS, 0)))
+    spun = np.log(thickness_factors(grown, list(rotations(SPINS, 0))))
     with np.errstate(all="ignore"):
         mean = np.nanmean(mapped - even, axis=0)
     whole: Slope = paired_slope(thickness, mean)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
+from morphofold.cli.reproduce import NOT_IN_ALL
 from morphofold.errors import MissingPart
 from morphofold.report.pictures.png import png_bytes
 from morphofold.sim import theory
@@ -145,9 +146,13 @@ def test_a_page_without_marks_is_refused_and_stays_as_it_was(out, page, broken):
 # docs/figures.md ---------------------------------------------------------------------------------------------
 
 
-def test_the_page_of_the_docs_has_a_place_for_every_figure():
-    text = PAGE.read_text(encoding="utf-8")
-    for name in set(figures.PARTS) - {"fig4"}:
+@pytest.mark.parametrize(
+    ("page", "names"),
+    [(PAGE, set(figures.PARTS) - {"fig4", *NOT_IN_ALL}), (PAGE.with_name("hemisphere.md"), NOT_IN_ALL)],
+)
+def test_the_pages_of_the_docs_have_a_place_for_every_figure(page, names):
+    text = page.read_text(encoding="utf-8")
+    for name in names:
         assert text.count(f"<!-- {name} -->") == text.count(f"<!-- /{name} -->") == 1
         assert any(PAGE.parent.glob(f"{name}*.png"))  # test_docs.py follows each link
 
