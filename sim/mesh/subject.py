@@ -57,7 +57,7 @@ def digests_of(files: Mapping[str, Path]) -> tuple[str, ...]:
     return tuple(sha256_of(path) for path in files.values())
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=8)
 def _subject(geometry: UnfoldedCortex, digests: tuple[str, ...]) -> Subject:
     """The subject of a geometry; ``digests`` are those of its files, so that a changed file is read again."""
     folded = read_folded(geometry.place(), geometry.hemi, surface=geometry.surface, sphere=geometry.sphere)

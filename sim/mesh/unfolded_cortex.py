@@ -58,7 +58,7 @@ def bilayer_of_cortex(geometry: UnfoldedCortex, n: int, cortex_layers: int) -> B
     )
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=8)
 def _smooth_body(geometry: UnfoldedCortex, digests: tuple[str, ...]) -> SmoothBody:
     surface, T = subject_of_cortex(geometry).unfolding.surface, geometry.cortex_thickness
     if geometry.thickness_map is None:
