@@ -103,3 +103,17 @@ class HardCases:
 
     def pytest_sessionfinish(self):
         self.file.write_text(json.dumps(dict(sorted(self.rows.items())), indent=1, ensure_ascii=False) + "\n")
+
+
+@pytest.fixture
+def quick_searches(monkeypatch):
+    """Bodies under smooth surfaces, with searches for even cells and good bricks on coarse lattices."""
+    from morphofold.sim.mesh import core_nodes, even_cells, smooth_body, unfolded_cortex
+
+    for name, value in {"CELLS": 8, "DEGREE": 4, "ITERATIONS": 15}.items():
+        monkeypatch.setattr(even_cells, name, value)
+    monkeypatch.setattr(smooth_body, "CORE_CELLS", 8)
+    monkeypatch.setattr(core_nodes, "DEGREE", 4)
+    unfolded_cortex._smooth_body.cache_clear()
+    yield
+    unfolded_cortex._smooth_body.cache_clear()

@@ -18,7 +18,6 @@ from morphofold.sim.effects import build_effects, contact
 from morphofold.sim.effects.midline import Midline
 from morphofold.sim.effects.skull import HullSkull, Skull, grown_volume, grown_volume_of
 from morphofold.sim.health import enclosed_volume
-from morphofold.sim.mesh import core_nodes, even_cells, smooth_body
 from morphofold.sim.mesh.brick_mesh import bilayer_ellipsoid, cube_directions
 from morphofold.sim.rigid_planes import PENALTY_DAMPING, PENALTY_STIFFNESS, medial_plane
 from morphofold.sim.scene.files import load_scene
@@ -259,15 +258,6 @@ def test_a_run_between_walls_resumes_with_the_same_bytes(threads):
         numba.set_num_threads(before)
 
 
-@pytest.fixture
-def quick(monkeypatch):
-    """Searches on coarse lattices."""
-    for name, value in {"CELLS": 8, "DEGREE": 4, "ITERATIONS": 5}.items():
-        monkeypatch.setattr(even_cells, name, value)
-    monkeypatch.setattr(smooth_body, "CORE_CELLS", 8)
-    monkeypatch.setattr(core_nodes, "DEGREE", 4)
-
-
 def hemisphere(tmp_path, hemi, *walls):
     """A scene of an ellipsoid as one hemisphere of a subject."""
     subject, file = write_subject(tmp_path / "bert", hemi), tmp_path / "own.toml"
@@ -276,7 +266,7 @@ def hemisphere(tmp_path, hemi, *walls):
 
 
 @pytest.mark.parametrize("hemi", ["lh", "rh"])
-def test_a_hemisphere_grows_between_its_walls(tmp_path, quick, hemi):
+def test_a_hemisphere_grows_between_its_walls(tmp_path, quick_searches, hemi):
     """The medial wall does not grow, so it stays where it is; the rest presses on both walls and stays within."""
     skull, side = "[effects.skull]\ngap = 0.2\ngap_final = 3.5", 1 if hemi == "lh" else -1
     scene = hemisphere(tmp_path, hemi, skull, "[effects.midline]\ngap = 0.1", "[effects.contact]")
@@ -293,7 +283,7 @@ def test_a_hemisphere_grows_between_its_walls(tmp_path, quick, hemi):
     assert set(run.health["effects"]) == {"skull", "midline", "contact"}
 
 
-def test_a_hemisphere_without_room_is_refused_before_anything_is_written(tmp_path, quick):
+def test_a_hemisphere_without_room_is_refused_before_anything_is_written(tmp_path, quick_searches):
     scene = hemisphere(tmp_path, "lh", "[effects.skull]\ngap = 1.0")
     with pytest.raises(ImpossibleBody):
         mf.simulate(scene, tmp_path / "run")

@@ -17,15 +17,6 @@ T, LAYERS = 2.5, 3
 
 
 @pytest.fixture
-def quick(monkeypatch):
-    """Searches on coarse lattices."""
-    for name, value in {"CELLS": 8, "DEGREE": 6, "ITERATIONS": 30}.items():
-        monkeypatch.setattr(even_cells, name, value)
-    monkeypatch.setattr(smooth_body, "CORE_CELLS", 8)
-    monkeypatch.setattr(core_nodes, "DEGREE", 6)
-
-
-@pytest.fixture
 def ellipsoid():
     s, _ = cube_directions(16)
     return SmoothSurface(fit(s, s * AXES, np.ones(len(s)), 3))
@@ -40,7 +31,7 @@ def edges_of(bilayer):
     return np.linalg.norm(pial[bilayer.faces] - pial[np.roll(bilayer.faces, -1, axis=1)], axis=2)
 
 
-def test_layers_of_an_ellipsoid_lie_along_its_exact_normals(quick, ellipsoid):
+def test_layers_of_an_ellipsoid_lie_along_its_exact_normals(quick_searches, ellipsoid):
     bilayer = smooth_body.smooth_body(ellipsoid, T, T, 0.25).bricks(12, LAYERS)
     levels = levels_of(bilayer)
     pial = levels[0]
@@ -55,7 +46,7 @@ def test_layers_of_an_ellipsoid_lie_along_its_exact_normals(quick, ellipsoid):
     assert set(bilayer.held) == set(range(bilayer.mesh.nvertices - bilayer.n_surface, bilayer.mesh.nvertices))
 
 
-def test_cells_of_an_ellipsoid_are_evener_than_those_of_straight_directions(quick, ellipsoid):
+def test_cells_of_an_ellipsoid_are_evener_than_those_of_straight_directions(quick_searches, ellipsoid):
     directions, quads = cube_directions(16)
     unevenness = []
     for s in (directions, even_cells.shifted(directions, even_cells.even_cells(ellipsoid, T))):
@@ -96,14 +87,14 @@ def test_scaled_jacobians_are_1_for_right_angles_and_negative_inside_out():
     assert scaled_jacobians(levels, quads) == pytest.approx(0.5**0.5)
 
 
-def test_a_finer_mesh_keeps_the_points_of_the_coarser_one(quick, ellipsoid):
+def test_a_finer_mesh_keeps_the_points_of_the_coarser_one(quick_searches, ellipsoid):
     body = smooth_body.smooth_body(ellipsoid, T, T, 0.25)
     coarse, fine = (body.points(cube_directions(n)[0]) for n in (6, 12))
     distance = np.linalg.norm(coarse[:, None] - fine[None], axis=2).min(axis=1)
     assert distance.max() < 1e-12
 
 
-def test_columns_under_a_mark_are_held_at_all_levels(quick, ellipsoid):
+def test_columns_under_a_mark_are_held_at_all_levels(quick_searches, ellipsoid):
     body = smooth_body.smooth_body(ellipsoid, T, T, 0.25)
     bilayer = body.bricks(8, LAYERS, held=lambda s: s[:, 0] > 0.9)
     held = np.zeros(bilayer.mesh.nvertices, dtype=bool)
@@ -114,7 +105,7 @@ def test_columns_under_a_mark_are_held_at_all_levels(quick, ellipsoid):
     assert held.reshape(-1, bilayer.n_surface)[-1].all()
 
 
-def test_a_cortex_too_thick_for_its_bends_or_its_hole_is_refused(quick, ellipsoid):
+def test_a_cortex_too_thick_for_its_bends_or_its_hole_is_refused(quick_searches, ellipsoid):
     with pytest.raises(ImpossibleBody, match="radius"):
         smooth_body.smooth_body(ellipsoid, 25.0, 25.0, 0.3)
     with pytest.raises(ImpossibleBody, match="hole"):

@@ -11,7 +11,6 @@ from morphofold.shapes import icosphere
 from morphofold.sim.build import build_bilayer, build_body
 from morphofold.sim.effects import build_effects
 from morphofold.sim.equilibrium.wrinkles import first_wrinkles
-from morphofold.sim.mesh import core_nodes, even_cells, smooth_body
 from morphofold.sim.mesh.sphere_maps import smooth_map
 from morphofold.sim.mesh.subject import Vertices
 from morphofold.sim.scene.files import load_scene
@@ -21,14 +20,7 @@ from morphofold.surface import Surface
 BALL = 'name = "ball"\n[geometry]\nportion = "octant"\ncortex_thickness = 4.0\n[accuracy]\nedge = 13.0\n'
 GROWTH = "[growth]\nfinal = 2.0\n"
 
-
-@pytest.fixture(autouse=True)
-def quick(monkeypatch):
-    """Searches on coarse lattices."""
-    for name, value in {"CELLS": 8, "DEGREE": 4, "ITERATIONS": 15}.items():
-        monkeypatch.setattr(even_cells, name, value)
-    monkeypatch.setattr(smooth_body, "CORE_CELLS", 8)
-    monkeypatch.setattr(core_nodes, "DEGREE", 4)
+pytestmark = pytest.mark.usefixtures("quick_searches")
 
 
 @pytest.fixture

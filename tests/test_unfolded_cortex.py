@@ -14,21 +14,13 @@ from morphofold.geometry import unit
 from morphofold.io import read_annotation, read_label, read_surface, write_surface
 from morphofold.shapes import icosphere
 from morphofold.sim.build import build_bilayer, build_body
-from morphofold.sim.mesh import core_nodes, even_cells, smooth_body, unfolded_cortex
+from morphofold.sim.mesh import unfolded_cortex
 from morphofold.sim.scene.files import load_scene
 from morphofold.surface import Surface
 
 T = 4.0
 
-
-@pytest.fixture(autouse=True)
-def quick(monkeypatch):
-    """Searches on coarse lattices."""
-    for name, value in {"CELLS": 8, "DEGREE": 4, "ITERATIONS": 15}.items():
-        monkeypatch.setattr(even_cells, name, value)
-    monkeypatch.setattr(smooth_body, "CORE_CELLS", 8)
-    monkeypatch.setattr(core_nodes, "DEGREE", 4)
-    unfolded_cortex._smooth_body.cache_clear()
+pytestmark = pytest.mark.usefixtures("quick_searches")
 
 
 @pytest.fixture
