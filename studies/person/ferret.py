@@ -20,10 +20,10 @@ from morphofold.surface import Surface
 
 SETTINGS = (
     "geometry.held=hole",
-    "geometry.unfold=0.01",
-    "geometry.cortex_thickness=2.5",
-    "growth.final=1.6",
-    "output.stages=[1.1, 1.2, 1.3, 1.4, 1.5]",
+    "geometry.unfold=0.02",
+    "geometry.cortex_thickness=4.0",
+    "growth.final=1.5",
+    "output.stages=[1.1, 1.2, 1.3, 1.4]",
     "output.volume=false",
 )
 LEVELS = ("draft", "standard")
