@@ -31,7 +31,7 @@ CALLS = {
     ("bench", "cohort"): ["-o", "out", "--subjects=0"],
     ("bench", "folds"): ["-o", "out", "--scenes=nowhere"],
     ("bench", "accuracy"): ["-o", "out", "--halves=none"],
-    ("bench", "hemisphere"): ["-o", "out", "--levels=none"],
+    ("bench", "hemisphere"): ["-o", "out", "--levels=coarse"],
 }
 ODD = "a\nb\r\x1b[31m\u202e\u2028"
 WRONG = ["", "\0", "nowhere", ODD, "\udcff", "nan", "-1", "1e400", "9" * 30, "x" * 300, "."]

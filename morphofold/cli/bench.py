@@ -89,7 +89,7 @@ LIST_OPTIONS = (
         "--levels",
         "LEVELS",
         "draft,standard,fine",
-        "levels of accuracy, from coarse to fine (default: draft,standard,fine; fine takes an hour)",
+        "levels of accuracy, from coarse to fine, or none (default: draft,standard,fine; fine takes an hour)",
     ),
     (
         "hemisphere",
@@ -185,7 +185,8 @@ def _run_hemisphere_study(args: argparse.Namespace) -> JsonAndLines:
     from morphofold.sim.scene import LEVELS
     from morphofold.studies.person.study import run_study
 
-    levels, thicknesses = _parsed_list("--levels", args.levels, str), _parsed_list("--thickness", args.thickness, float)
+    levels = () if args.levels == "none" else _parsed_list("--levels", args.levels, str)
+    thicknesses = _parsed_list("--thickness", args.thickness, float)
     if not set(levels) <= set(LEVELS):
         raise UnknownName(f"--levels: {args.levels!r} is unknown; there are {', '.join(LEVELS)}.")
     surfaces = [existing_file(path, "surface") for path in _parsed_list("--ferret", args.ferret, str)]
