@@ -165,16 +165,15 @@ def _fig8_grown(tables: Tables) -> str:
         next(row for row in tables["fig8-grown.tsv"] if (row["subject"], row["kind"]) == ("all", kind))
         for kind in ("pair", "control")
     )
-    thicker = pair["low"] is not None and pair["low"] > 0 and pair["low"] > (control["slope"] or 0)
-    return (
+    thicker = pair["low"] is not None and pair["low"] > 0 and pair["slope"] > (control["high"] or 0)
+    bounds = "one pair" if pair["low"] is None else f"{pair['low']:.2f} to {pair['high']:.2f}"
+    text = (
         f"{_as(thicker)} in the paper, a thicker cortex makes wider gyri: width goes with thickness to the power "
-        f"{pair['slope']:.2f} ({_bounds(pair)}); between seeds, where only chance differs, {control['slope']:.2f} "
-        f"({_bounds(control)})."
+        f"{pair['slope']:.2f} ({bounds})."
     )
-
-
-def _bounds(row: Row) -> str:
-    return "one pair" if row["low"] is None else f"{row['low']:.2f} to {row['high']:.2f}"
+    if control["high"] is None:
+        return text
+    return f"{text} Of two seeds, which differ by chance alone, 95 % have powers below {control['high']:.2f}."
 
 
 def _falls(values: Sequence[float]) -> bool:

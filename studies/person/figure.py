@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SAMPLE = "fsaverage5"
+NORMAL_95 = 1.96  # of a normal deviate, standard deviations that hold 95 %
 SEEDS, DRAFT_SEEDS = (0, 1, 2, 3, 4), (0, 1)
 FILES = ("fig8-grown.png", "fig8-grown.tsv", "fig8-grown-parcels.tsv")
 COLUMNS = {
@@ -28,7 +29,8 @@ COLUMNS = {
     "slope": "of the logarithm of gyral width on that of thickness before growth, least squares over parcels",
     "standard_error": "parcels taken as independent, which neighbours are not",
     "spin_p": f"share of {SPINS} rotations of the map with a slope at least as far from 0",
-    "low": "95 % bounds over pairs, by Student's t; high is the other",
+    "low": "of all pairs: 95 % bounds of the mean, by Student's t; of all controls: bounds about 0 that hold 95 % of "
+    "single controls, by their root mean square; high is the other",
 }
 
 
@@ -41,7 +43,7 @@ def reproduce_pairs(folder: Path, runs: Runs, subjects: Sequence[str] = (SAMPLE,
         rows = [row for seed in seeds for row in pair_rows(hemisphere, seed, runs)]
         parcels += rows
         slopes += slope_rows(hemisphere, seeds, rows, runs)
-    slopes += [_over_all(slopes, kind) for kind in ("pair", "control")]
+    slopes += [_over_pairs(slopes), _over_controls(slopes)]
     write_table(folder / FILES[1], ("subject", "hemi", "kind", "seed", "n", "slope"), slopes)
     write_table(folder / FILES[2], tuple(parcels[0]), parcels)
     save(pairs_figure(parcels, slopes), folder / FILES[0])
@@ -55,10 +57,18 @@ def reproduce_pairs(folder: Path, runs: Runs, subjects: Sequence[str] = (SAMPLE,
     }
 
 
-def _over_all(slopes: Sequence[dict[str, Any]], kind: str) -> dict[str, Any]:
-    found = interval([row["slope"] for row in slopes if row["kind"] == kind])
-    head = {"subject": "all", "hemi": "both", "kind": kind, "seed": None, "n": found.n}
+def _over_pairs(slopes: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    found = interval([row["slope"] for row in slopes if row["kind"] == "pair"])
+    head = {"subject": "all", "hemi": "both", "kind": "pair", "seed": None, "n": found.n}
     return {**head, "slope": found.mean, "low": found.low, "high": found.high}
+
+
+def _over_controls(slopes: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Which of two seeds comes first is arbitrary, so the mean of controls says nothing; their spread does."""
+    found = np.array([row["slope"] for row in slopes if row["kind"] == "control" and np.isfinite(row["slope"])])
+    spread = NORMAL_95 * float(np.sqrt(np.mean(found**2))) if len(found) else np.nan
+    head = {"subject": "all", "hemi": "both", "kind": "control", "seed": None, "n": len(found)}
+    return {**head, "slope": 0.0, "low": -spread, "high": spread}
 
 
 def pairs_figure(parcels: Sequence[dict[str, Any]], slopes: Sequence[dict[str, Any]]) -> Figure:
