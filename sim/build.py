@@ -27,7 +27,7 @@ def build_bilayer(scene: Scene) -> Bilayer:
     if isinstance(geometry, Strip):
         return bilayer_patch((geometry.length, 0.0), geometry.depth, geometry.cortex_thickness, scene.edge, layers)
     if isinstance(geometry, UnfoldedCortex):
-        from morphofold.sim.mesh.unfolded_cortex import bilayer_of_cortex
+        from morphofold.sim.hemisphere.unfolded_cortex import bilayer_of_cortex
 
         return bilayer_of_cortex(geometry, scene.cells, layers)
     if isinstance(geometry, MeshFile):
@@ -44,7 +44,7 @@ def _thickness(geometry: Sphere | Ellipsoid) -> Any:
         return (
             (lambda pial: geometry.cortex_thickness * spot_factors(pial, spots)) if spots else geometry.cortex_thickness
         )
-    from morphofold.sim.mesh.sphere_maps import thickness_factor
+    from morphofold.sim.hemisphere.sphere_maps import thickness_factor
 
     factor = thickness_factor(geometry.thickness_map, geometry)
     direction = lambda pial: unit(pial / np.array(geometry.semi_axes))

@@ -108,7 +108,7 @@ class HardCases:
 @pytest.fixture
 def quick_searches(monkeypatch):
     """Bodies under smooth surfaces, with searches for even cells and good bricks on coarse lattices."""
-    from morphofold.sim.mesh import core_nodes, even_cells, smooth_body, unfolded_cortex
+    from morphofold.sim.hemisphere import core_nodes, even_cells, smooth_body, unfolded_cortex
 
     for name, value in {"CELLS": 8, "DEGREE": 4, "ITERATIONS": 15}.items():
         monkeypatch.setattr(even_cells, name, value)

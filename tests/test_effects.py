@@ -558,7 +558,7 @@ OF_THE_SHAPE = {  # effects that the geometry brings along
 #: grows each scene in a process that has loaded no effect, or has forgotten those of the scene before
 EACH_ALONE = """
 import json, sys
-from morphofold.sim.mesh import even_cells
+from morphofold.sim.hemisphere import even_cells
 from morphofold.sim.run import simulate
 even_cells.ITERATIONS = 1
 for name in sys.argv[1:]:

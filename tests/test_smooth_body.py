@@ -5,9 +5,9 @@ import pytest
 
 from morphofold.errors import ImpossibleBody
 from morphofold.io import read_surface, sample_path
-from morphofold.sim.mesh import core_nodes, even_cells, smooth_body
+from morphofold.sim.hemisphere import core_nodes, even_cells, smooth_body
+from morphofold.sim.hemisphere.core_nodes import scaled_jacobians
 from morphofold.sim.mesh.brick_mesh import cube_directions
-from morphofold.sim.mesh.core_nodes import scaled_jacobians
 from morphofold.unfolding.harmonics import fit
 from morphofold.unfolding.smooth_surface import SmoothSurface
 from morphofold.unfolding.unfold import unfold

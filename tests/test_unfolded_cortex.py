@@ -14,7 +14,7 @@ from morphofold.geometry import unit
 from morphofold.io import read_annotation, read_label, read_surface, write_surface
 from morphofold.shapes import icosphere
 from morphofold.sim.build import build_bilayer, build_body
-from morphofold.sim.mesh import unfolded_cortex
+from morphofold.sim.hemisphere import unfolded_cortex
 from morphofold.sim.scene.files import load_scene
 from morphofold.surface import Surface
 

@@ -98,7 +98,7 @@ def check_inputs(folder: Path, scene: Scene) -> None:
 def _subject_of(scene: Scene) -> dict[str, dict[str, Any]]:
     if not isinstance(scene.geometry, UnfoldedCortex):
         return {}
-    from morphofold.sim.mesh.subject import files_of_subject
+    from morphofold.sim.hemisphere.subject import files_of_subject
 
     return {
         "geometry.subject": {"subject": scene.geometry.subject, "sha256": _digests(files_of_subject(scene.geometry))}

@@ -22,7 +22,7 @@ from morphofold.io import read_cortex, write_annotation, write_label, write_morp
 from morphofold.io.samples import sample_path
 from morphofold.progress import Progress
 from morphofold.shapes import even_directions
-from morphofold.sim.mesh.sphere_maps import thickness_factor
+from morphofold.sim.hemisphere.sphere_maps import thickness_factor
 from morphofold.sim.run import Simulation
 from morphofold.studies.person.parcels import PARCELS, Widths, gyral_widths, parcel_means, parcel_of
 from morphofold.studies.person.slopes import Slope, paired_slope, spin_p

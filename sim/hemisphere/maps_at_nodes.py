@@ -10,9 +10,9 @@ import numpy as np
 
 from morphofold.arrays import Array
 from morphofold.errors import MissingPart, NotFinite, UnknownName
+from morphofold.sim.hemisphere.sphere_maps import SmoothMap, read_map, smooth_map
+from morphofold.sim.hemisphere.subject import subject_of_cortex
 from morphofold.sim.mesh.brick_mesh import Bilayer
-from morphofold.sim.mesh.sphere_maps import SmoothMap, read_map, smooth_map
-from morphofold.sim.mesh.subject import subject_of_cortex
 from morphofold.sim.scene import MeshFile, UnfoldedCortex
 from morphofold.sim.scene.geometries import map_files
 from morphofold.sim.scene.tables import SphereMap

@@ -11,10 +11,10 @@ from scipy.spatial import cKDTree
 
 from morphofold.arrays import Array, Bools, Ints
 from morphofold.errors import MissingPart
+from morphofold.sim.hemisphere.smooth_body import SmoothBody, smooth_body
+from morphofold.sim.hemisphere.sphere_maps import thickness_factor
+from morphofold.sim.hemisphere.subject import Subject, digests_of, files_of_subject, subject_of_cortex
 from morphofold.sim.mesh.brick_mesh import Bilayer
-from morphofold.sim.mesh.smooth_body import SmoothBody, smooth_body
-from morphofold.sim.mesh.sphere_maps import thickness_factor
-from morphofold.sim.mesh.subject import Subject, digests_of, files_of_subject, subject_of_cortex
 from morphofold.sim.scene.geometries import UnfoldedCortex, map_files
 
 FADE_OVER_RADIUS = 0.12  # distance from the medial wall at which the cortex grows fully, over the radius of the body

@@ -11,9 +11,9 @@ from scipy.spatial import cKDTree
 
 from morphofold.arrays import Array, Bools, Ints
 from morphofold.errors import ImpossibleBody
+from morphofold.sim.hemisphere.core_nodes import CoreMoves, core_moves, scaled_jacobians, straight_columns
+from morphofold.sim.hemisphere.even_cells import even_cells, shifted
 from morphofold.sim.mesh.brick_mesh import Bilayer, core_layer_fractions, cube_directions, layered_bricks
-from morphofold.sim.mesh.core_nodes import CoreMoves, core_moves, scaled_jacobians, straight_columns
-from morphofold.sim.mesh.even_cells import even_cells, shifted
 from morphofold.threads import one_blas_thread
 from morphofold.unfolding.harmonics import Expansion
 from morphofold.unfolding.numbers import LEAST_RADIUS_OVER_T

@@ -11,7 +11,7 @@ from morphofold.errors import Mismatch, MissingPart, NotFinite
 from morphofold.geometry import vertex_areas
 from morphofold.io import read_morph, read_surface
 from morphofold.io.files import existing_file
-from morphofold.sim.mesh.subject import Vertices, subject_of_cortex
+from morphofold.sim.hemisphere.subject import Vertices, subject_of_cortex
 from morphofold.sim.scene import UnfoldedCortex
 from morphofold.sim.scene.geometries import map_file, path_or_sample
 from morphofold.sim.scene.tables import SphereMap

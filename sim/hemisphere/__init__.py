@@ -1,0 +1,1 @@
+"""A person's unfolded hemisphere as a body of bricks, and maps on spheres."""
