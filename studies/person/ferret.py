@@ -22,8 +22,8 @@ SETTINGS = (
     "geometry.held=hole",
     "geometry.unfold=0.02",
     "geometry.cortex_thickness=4.0",
-    "growth.final=1.5",
-    "output.stages=[1.1, 1.2, 1.3, 1.4]",
+    "growth.final=2.0",
+    "output.stages=[1.2, 1.4, 1.5, 1.6, 1.7, 1.8, 1.9]",
     "output.volume=false",
 )
 LEVELS = ("draft", "standard")
