@@ -102,8 +102,9 @@ LIST_OPTIONS = (
         "hemisphere",
         "--ferret",
         "FILES",
-        "",
-        "published surfaces of a growing ferret's brain, separated by commas, the first one of which grows",
+        "none",
+        "published surfaces of a growing ferret's brain, separated by commas, the first one of which grows "
+        "(default: none)",
     ),
     (
         "accuracy",
@@ -189,7 +190,8 @@ def _run_hemisphere_study(args: argparse.Namespace) -> JsonAndLines:
     thicknesses = _parsed_list("--thickness", args.thickness, float)
     if not set(levels) <= set(LEVELS):
         raise UnknownName(f"--levels: {args.levels!r} is unknown; there are {', '.join(LEVELS)}.")
-    surfaces = [existing_file(path, "surface") for path in _parsed_list("--ferret", args.ferret, str)]
+    named = () if args.ferret == "none" else _parsed_list("--ferret", args.ferret, str)
+    surfaces = [existing_file(path, "surface") for path in named]
     out = Path(args.out)
     runs = Runs(out, threads=args.threads, quiet=args.quiet)
     args.on_interrupt = " Run it again to go on."
