@@ -12,6 +12,7 @@ from morphofold.errors import BadMesh, ImpossibleBody, Mismatch, MissingPart, Op
 from morphofold.forecasts.sizes import layers_of, sizes_by_rule, sizes_of
 from morphofold.geometry import unit
 from morphofold.io import read_annotation, read_label, read_surface, write_surface
+from morphofold.io.cortices import hemispheres
 from morphofold.shapes import icosphere
 from morphofold.sim.build import build_bilayer, build_body
 from morphofold.sim.hemisphere import unfolded_cortex
@@ -125,6 +126,8 @@ def test_a_stage_is_a_subject_of_its_own_hemisphere_and_knows_the_person(tmp_pat
     assert {path.name for path in surf.iterdir()} == {f"{hemi}.{name}" for name in names}
     cortex = run.cortex()
     assert cortex.hemi == hemi
+    assert hemispheres(run.path) == (hemi,)
+    assert mf.read_cortex(run.path).hemi == hemi
     points = cortex.sphere.verts / 100
     np.testing.assert_allclose(np.linalg.norm(points, axis=1), 1, rtol=1e-6)
     np.testing.assert_array_equal(

@@ -159,7 +159,9 @@ def read_cortex(
 
 
 def hemispheres(folder: Path) -> tuple[str, ...]:
-    """Hemispheres with white or pial in ``folder`` or its surf/; ("lh",) if none: then the reader raises the error."""
+    """Hemispheres with white or pial in ``folder`` or its surf/, or in the last stage of a simulation; ("lh",) if none:
+    then the reader raises the error."""
+    folder = _last_stage(folder) if (folder / "stages").is_dir() else folder
     place = folder / "surf" if (folder / "surf").is_dir() else folder
     files = {p.name for p in place.glob("?h.*")} if place.is_dir() else set()
     names = {hemi: {f"{hemi}.{kind}{end}" for kind in ("white", "pial") for end in SURFACE_ENDINGS} for hemi in HEMIS}
