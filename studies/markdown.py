@@ -67,12 +67,31 @@ def cells(rows: Iterable[Row], columns: Mapping[str, str]) -> list[list[str]]:
     return [[number(row[name], how) if how else row[name] for name, how in columns.items()] for row in rows]
 
 
+MOST_LISTED = 12  # simulations of a figure that are listed one by one
+
+
 def health(simulations: Sequence[dict[str, Any]]) -> str:
-    """A line per simulation of an index, with its warnings."""
+    """A line per simulation of an index, with its warnings; of many, one line and those that are not healthy."""
+    if len(simulations) > MOST_LISTED:
+        return _health_of_many(simulations)
     lines = []
     for entry in simulations:
         size = f"{entry['elements']:,} bricks, {entry['steps']:,} steps, " if entry["elements"] else ""
         state = "healthy" if entry["healthy"] else "**not healthy**: " + "; ".join(entry["warnings"])
-        name = entry["folder"].rpartition("/")[2]
-        lines.append(f"- `{name}`, {entry['level']}: {size}{entry['seconds']:.0f} s, {state}")
+        lines.append(f"- `{_name(entry)}`, {entry['level']}: {size}{entry['seconds']:.0f} s, {state}")
     return "\n".join(lines)
+
+
+def _health_of_many(simulations: Sequence[dict[str, Any]]) -> str:
+    sizes, steps = ([entry[name] for entry in simulations] for name in ("elements", "steps"))
+    ill = [entry for entry in simulations if not entry["healthy"]]
+    reasons = ["; ".join(warning.partition(":")[0] for warning in entry["warnings"]) for entry in ill]
+    head = (
+        f"{len(simulations)} simulations, {simulations[0]['level']}: {min(sizes):,} to {max(sizes):,} bricks, "
+        f"{min(steps):,} to {max(steps):,} steps; {len(simulations) - len(ill)} are healthy."
+    )
+    return "\n".join([head, *([""] if ill else []), *(f"- `{_name(e)}`: {why}" for e, why in zip(ill, reasons))])
+
+
+def _name(entry: dict[str, Any]) -> str:
+    return str(entry["folder"]).rpartition("/")[2]

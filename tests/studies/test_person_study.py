@@ -13,7 +13,7 @@ from morphofold.geometry import unit
 from morphofold.io import sample_path
 from morphofold.shapes import even_directions, icosphere
 from morphofold.sim.scene.files import load_scene
-from morphofold.studies.markdown import read_rows
+from morphofold.studies.markdown import health, read_rows
 from morphofold.studies.paper.figures import PARTS, WORDS, Image, read_tables
 from morphofold.studies.paper.verdicts import VERDICTS
 from morphofold.studies.person import ferret, figure, meshes, pairs, parcels
@@ -208,3 +208,14 @@ def test_heights_of_a_body_agree_with_themselves_on_a_finer_mesh_and_not_with_ot
 
     assert meshes.height_correlation(body(5, 9.0), body(6, 9.0)) > 0.98
     assert abs(meshes.height_correlation(body(5, 9.0), body(5, 13.0))) < 0.3
+
+
+def test_of_many_simulations_a_page_lists_those_that_are_not_healthy():
+    one = {"folder": "simulations/a", "level": "draft", "elements": 10, "steps": 20, "seconds": 1.0, "healthy": True}
+    ill = {**one, "folder": "simulations/b", "healthy": False, "warnings": ["crossings 4 exceeds 0: refine the mesh"]}
+    every = [{**one, "warnings": []}] * 13 + [ill]
+    lines = health(every).splitlines()
+    assert "14 simulations" in lines[0]
+    assert "13 are healthy" in lines[0]
+    assert [line for line in lines[1:] if line] == ["- `b`: crossings 4 exceeds 0"]
+    assert len(health(every[:12]).splitlines()) == 12
