@@ -20,6 +20,7 @@ from morphofold.surface import Surface
 
 SETTINGS = (
     "geometry.held=hole",
+    "material.mu_ratio=1.0",
     "geometry.unfold=0.02",
     "geometry.cortex_thickness=4.0",
     "growth.final=2.0",

@@ -30,7 +30,13 @@ from morphofold.studies.runs import Runs
 from morphofold.surface import Surface
 
 SCENE = "hemisphere"
-SETTINGS = ("geometry.unfold=0.06", "growth.final=1.8", "output.stages=[]", "output.volume=false")
+SETTINGS = (
+    "geometry.unfold=0.06",
+    "material.mu_ratio=1.0",
+    "growth.final=1.8",
+    "output.stages=[]",
+    "output.volume=false",
+)
 MAP = "geometry.thickness_map={file='thickness'}"
 KINDS = {"even": (), "map": (MAP,)}
 SPINS, PLACES = 2000, 5000
