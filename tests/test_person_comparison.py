@@ -116,9 +116,14 @@ def test_results_are_the_same_again_and_plain_json(person, beside_itself):
 
 
 def test_a_thickness_that_was_given_is_no_result(person):
-    given = replace(person, cortex=replace(person.cortex, info={"grown_from": source(thickness_map="digest of a map")}))
+    of_map = {**source(), "maps": ["thickness_map", "growth_map", "stiffness_map"]}
+    given = replace(person, cortex=replace(person.cortex, info={"grown_from": of_map}))
     rows = compare_with_person(person, given, LEVEL, spins=SPINS).correlations
-    assert {row.what: row.verdict for row in rows}["cortical_thickness_mm"] == "given"
+    verdicts = {row.what: row.verdict for row in rows}
+    assert {what for what, verdict in verdicts.items() if verdict == "given"} == {
+        "cortical_thickness_mm",
+        "area_expansion",
+    }
 
 
 def test_without_regions_there_is_no_table_of_them(folds):

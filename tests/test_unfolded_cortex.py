@@ -146,6 +146,14 @@ def test_a_stage_is_a_subject_of_its_own_hemisphere_and_knows_the_person(tmp_pat
     np.testing.assert_allclose(cortex.pial.verts[wall], first.mesh.p.T[: first.n_surface][wall], atol=1e-5)
 
 
+def test_a_stage_knows_which_maps_its_body_was_given(tmp_path):
+    subject = write_subject(tmp_path / "bert", thickness=lambda s: 2.5 + 0.2 * s[:, 2])
+    maps = 'thickness_map = {file = "thickness"}'
+    growth = "[effects.growth_map]\nfile = 'area_ratio'\nvalues = 'area ratio'"
+    run = grow(tmp_path, scene_of(subject, growth, geometry=maps))
+    assert run.cortex().info["grown_from"]["maps"] == ["thickness_map", "growth_map"]
+
+
 def write_pial(subject, hemi):
     white = read_surface(subject / "surf" / f"{hemi}.white")
     write_surface(subject / "surf" / f"{hemi}.pial", Surface(1.1 * white.verts, white.faces))

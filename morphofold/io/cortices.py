@@ -48,11 +48,13 @@ class StageHealth(Record):
 
 
 class GrownFrom(Record):
-    """The person whose unfolded cortex grew: SHA-256 of the files by content, and the level of unfolding."""
+    """The person whose unfolded cortex grew: SHA-256 of the files by content, the level of unfolding, and which maps it
+    was given."""
 
     subject: str
     sha256: dict[str, str]
     unfold: Annotated[float, Field(gt=0, le=1)]
+    maps: list[str] = []
 
 
 class StageRecord(Record):

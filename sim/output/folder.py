@@ -221,7 +221,9 @@ class FolderWriter:
             "scene_sha256": scene_digest(self.out),
         }
         if isinstance(scene.geometry, UnfoldedCortex):
-            info["grown_from"] = {**self._inputs["geometry.subject"], "unfold": scene.geometry.unfold}
+            given = ["thickness_map"] if scene.geometry.thickness_map else []
+            given += [name for name in scene.effects if name in ("growth_map", "stiffness_map")]
+            info["grown_from"] = {**self._inputs["geometry.subject"], "unfold": scene.geometry.unfold, "maps": given}
         hemi = pial.name[:2]
         cortex = Cortex(white, pial, hemi, scene.name, origin="simulation", portion=portion, info=info)
         maps = self._describe(cortex)

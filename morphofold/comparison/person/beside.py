@@ -214,10 +214,14 @@ def _smooth_fields(maps: Mapping[str, Array], weights: Array) -> Fields:
     return {key: field for key, field in found.items() if field is not None}
 
 
+#: map that a body was given -> measure of regions that it has from it
+GIVEN_BY = {"thickness_map": "cortical_thickness_mm", "growth_map": "area_expansion"}
+
+
 def _region_agreements(regions: _Regions, found: Array, null: Array, grown: Measures) -> tuple[RegionAgreement, ...]:
     """Correlations over regions of the measures that person and grown body have; Holm's correction is over these."""
-    source = (grown.cortex.info.get("grown_from") or {}).get("sha256", {})
-    given = {"cortical_thickness_mm"} if "thickness_map" in source else set()
+    maps = (grown.cortex.info.get("grown_from") or {}).get("maps", [])
+    given = {GIVEN_BY[name] for name in maps if name in GIVEN_BY}
     rows: list[tuple[str, Tested, Tested, int]] = []
     for k, key in enumerate(KEYS):
         if np.isfinite(found[k]):
