@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from morphofold.cli import add_questions, add_shared, add_threads
-from morphofold.errors import NotReadable, OutOfRange, UnknownName
+from morphofold.errors import NothingToDo, NotReadable, OutOfRange, UnknownName
 
 BENCHMARK_SUMMARIES = {
     "speed": "element-steps per second on this machine, bricks and tetrahedra",
@@ -192,6 +192,8 @@ def _run_hemisphere_study(args: argparse.Namespace) -> JsonAndLines:
         raise UnknownName(f"--levels: {args.levels!r} is unknown; there are {', '.join(LEVELS)}.")
     named = () if args.ferret == "none" else _parsed_list("--ferret", args.ferret, str)
     surfaces = [existing_file(path, "surface") for path in named]
+    if not (levels and thicknesses) and not surfaces:
+        raise NothingToDo("nothing is grown. Give --levels and --thickness, or --ferret.")
     out = Path(args.out)
     runs = Runs(out, threads=args.threads, quiet=args.quiet)
     args.on_interrupt = " Run it again to go on."

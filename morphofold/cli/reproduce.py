@@ -9,7 +9,7 @@ from pathlib import Path
 
 from morphofold.cli import add_threads
 from morphofold.cli.streams import print_file
-from morphofold.errors import UnknownName
+from morphofold.errors import OptionsClash, UnknownName
 
 #: figure -> what it shows; report/paper.py draws them
 FIGURES = {
@@ -59,6 +59,8 @@ def run(args: argparse.Namespace) -> int:
     for name in figures:
         if name not in FIGURES:
             raise UnknownName(f"{name!r} is not a figure that can be reproduced; there are {', '.join(FIGURES)}.")
+    if args.subject and GROWN not in figures:
+        raise OptionsClash(f"--subject is for {GROWN}, which is not drawn. Name it, or leave --subject out.")
     from morphofold import __version__
     from morphofold.cli.runs import Runs
     from morphofold.io import atomic_folder, refuse_foreign

@@ -17,13 +17,14 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from morphofold.comparison.person.spins import rotations
+from morphofold.errors import MissingPart
 from morphofold.geometry import unit
 from morphofold.io import read_cortex, write_annotation, write_label, write_morph, write_surface
-from morphofold.io.samples import sample_path
 from morphofold.progress import Progress
 from morphofold.shapes import even_directions
 from morphofold.sim.hemisphere.sphere_maps import thickness_factor
 from morphofold.sim.run import Simulation
+from morphofold.sim.scene.geometries import path_or_sample
 from morphofold.studies.person.parcels import PARCELS, Widths, gyral_widths, parcel_means, parcel_of
 from morphofold.studies.person.slopes import Slope, paired_slope, spin_p
 from morphofold.studies.runs import Runs
@@ -55,13 +56,20 @@ class Hemisphere(NamedTuple):
 
 
 def hemispheres(folders: Sequence[str]) -> list[Hemisphere]:
-    """Left and right hemispheres of subjects with a white surface and a thickness."""
+    """Left and right hemispheres of subjects with a white surface and a thickness; raises if one has neither."""
     found = []
     for folder in folders:
-        place = Path(folder) if Path(folder).exists() else sample_path(folder)
-        for hemi in ("lh", "rh"):
-            if all((place / "surf" / f"{hemi}.{name}").is_file() for name in ("white", "thickness")):
-                found.append(Hemisphere(Path(folder).name, folder, hemi))
+        place = path_or_sample(folder)
+        there = [
+            hemi
+            for hemi in ("lh", "rh")
+            if all((place / "surf" / f"{hemi}.{name}").is_file() for name in ("white", "thickness"))
+        ]
+        if not there:
+            raise MissingPart(
+                f"{folder}: has no hemisphere with surf/?h.white and surf/?h.thickness. Name a FreeSurfer subject."
+            )
+        found += [Hemisphere(Path(folder).resolve().name, folder, hemi) for hemi in there]
     return found
 
 

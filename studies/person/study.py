@@ -47,7 +47,7 @@ def run_study(
     """Grow what is asked for and write meshes.tsv and, with published surfaces of a ferret, ferret.tsv and ferret.png
     into ``folder``; returns the names of these files."""
     files = []
-    if levels:
+    if levels and thicknesses:
         rows = meshes.rows(levels, thicknesses, GROWTH, runs)
         write_table(folder / "meshes.tsv", tuple(rows[0]), rows)
         files.append("meshes.tsv")

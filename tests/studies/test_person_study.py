@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from morphofold.comparison.person.spins import rotations
+from morphofold.errors import MissingPart
 from morphofold.geometry import unit
 from morphofold.io import sample_path
 from morphofold.shapes import even_directions, icosphere
@@ -160,7 +161,9 @@ def test_pairs_differ_in_the_map_alone():
 def test_hemispheres_are_those_with_a_white_surface_and_a_thickness():
     found = pairs.hemispheres(["fsaverage5", str(sample_path("fsaverage5"))])
     assert [one.name for one in found] == ["fsaverage5-lh", "fsaverage5-rh"] * 2
-    assert pairs.hemispheres(["S1"]) == []
+    for other in ("S1", "nobody"):
+        with pytest.raises(MissingPart):
+            pairs.hemispheres(["fsaverage5", other])
 
 
 def test_the_experiment_finds_the_exponent_that_was_put_in_and_draws_it(widths, tmp_path):
