@@ -28,7 +28,8 @@ class Options(SphereMap, EffectOptions):
 
     ``values = "area ratio"``: of the area of the cortex at the final growth, over its area before, up to a factor; the
     mean over the body is that of uniform growth. With ``file = "area_ratio"`` it is the subject's own: the area of the
-    folded surface over that of the unfolded one. A place that has less area than before does not grow.
+    folded surface over that of the unfolded one. Point data of a mesh are ratios as they are, whatever their mean. A
+    place that has less area than before does not grow.
 
     ``curve``: points (g, weight); between them the weight is linear. 0 is uniform growth, 1 is that of the map, which
     is the default at any g.

@@ -67,12 +67,15 @@ class MapAtNodes:
         """Values at the nodes (N,): the same at all depths, unless they are point data."""
         if self.on_sphere is not None:
             if bilayer.sphere is None:
-                raise MissingPart(f"{self._table.file}: is a map on a sphere, but this body has none.")
+                raise MissingPart(f"{self._table.file}: is a map on a sphere, but this body has none. Leave it out.")
             return np.tile(self.on_sphere(bilayer.sphere), len(bilayer.share) // bilayer.n_surface)
         values = bilayer.point_data.get(self._table.file)
         if values is None:
             known = ", ".join(sorted(bilayer.point_data)) or "none"
             raise UnknownName(f"{self._name}: the mesh has no point data {self._table.file!r}; it has {known}.")
         if not np.isfinite(values).all():
-            raise NotFinite(f"{self._name}: {self._table.file!r} has values that are not finite.")
+            raise NotFinite(
+                f"{self._name}: {self._table.file!r} is not finite at {int((~np.isfinite(values)).sum()):,} of "
+                f"{len(values):,} nodes. Give every node a number."
+            )
         return values

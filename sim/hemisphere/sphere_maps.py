@@ -56,8 +56,8 @@ def read_map(table: SphereMap, geometry: Any, *, positive: bool = False) -> Smoo
     values = read_morph(file)
     if len(values) != len(vertices.points):
         raise Mismatch(
-            f"{file}: has {len(values):,} values, {name} {len(vertices.points):,} vertices: they do not belong "
-            "together."
+            f"{file}: has {len(values):,} values, {name} {len(vertices.points):,} vertices: name the sphere "
+            "of the map as sphere in its table."
         )
     return smooth_map(np.where(values > 0, values, np.nan) if positive else values, vertices, table.degree, str(file))
 
@@ -67,7 +67,10 @@ def smooth_map(values: Array, vertices: Vertices, degree: int, name: str) -> Smo
     weights = np.where(np.isfinite(values), vertices.areas, 0.0)
     use = weights > 0
     if not use.any():
-        raise NotFinite(f"{name}: has no finite value where the cortex is.")
+        raise NotFinite(
+            f"{name}: none of its {len(values):,} values counts where the cortex is (finite, and positive if it is a "
+            "thickness or a stiffness). Name another map."
+        )
     known = np.where(use, values, 0.0)
     shape = fit(vertices.points, known[:, None], weights, degree, PENALTY)
     return SmoothMap(shape, float(known[use].min()), float(known[use].max()), float(np.average(known, weights=weights)))
