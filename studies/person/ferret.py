@@ -15,12 +15,13 @@ from scipy.spatial import ConvexHull
 
 from morphofold.geometry import face_areas
 from morphofold.io import read_surface
+from morphofold.studies.person import ONE_MODULUS
 from morphofold.studies.runs import Runs
 from morphofold.surface import Surface
 
 SETTINGS = (
     "geometry.held=hole",
-    "material.mu_ratio=1.0",
+    *ONE_MODULUS,
     "geometry.unfold=0.02",
     "geometry.cortex_thickness=4.0",
     "growth.final=2.0",

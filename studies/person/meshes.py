@@ -15,6 +15,7 @@ from morphofold.comparison.distance import distance
 from morphofold.geometry import equal_area_radius, unit
 from morphofold.shapes import even_directions
 from morphofold.sim.run import Simulation
+from morphofold.studies.person import ONE_MODULUS
 from morphofold.studies.runs import Runs
 
 SCENE = "hemisphere"
@@ -29,7 +30,7 @@ def rows(levels: Sequence[str], thicknesses: Sequence[float], growth: float, run
     for T in thicknesses:
         settings = (
             f"geometry.cortex_thickness={T}",
-            "material.mu_ratio=1.0",
+            *ONE_MODULUS,
             f"growth.final={growth}",
             "output.stages=[]",
         )

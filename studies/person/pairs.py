@@ -25,6 +25,7 @@ from morphofold.shapes import even_directions
 from morphofold.sim.hemisphere.sphere_maps import thickness_factor
 from morphofold.sim.run import Simulation
 from morphofold.sim.scene.geometries import path_or_sample
+from morphofold.studies.person import ONE_MODULUS
 from morphofold.studies.person.parcels import PARCELS, Widths, gyral_widths, parcel_means, parcel_of
 from morphofold.studies.person.slopes import Slope, paired_slope, spin_p
 from morphofold.studies.runs import Runs
@@ -33,7 +34,7 @@ from morphofold.surface import Surface
 SCENE = "hemisphere"
 SETTINGS = (
     "geometry.unfold=0.06",
-    "material.mu_ratio=1.0",
+    *ONE_MODULUS,
     "growth.final=1.8",
     "output.stages=[]",
     "output.volume=false",
