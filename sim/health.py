@@ -31,8 +31,8 @@ BOUNDS: dict[str, tuple[float | int, tuple[str, ...]]] = {
     "kinetic_over_strain": (1e-2, ("slower",)),
     "overlap": (2e-3, ("contact", "finer")),
     "winding_max": (1, ("contact", "slower")),
-    "crossings": (0, ("contact", "finer")),
-    "deepest_crossing": (CROSSING_TOLERANCE, ("contact", "slower", "finer")),
+    "crossings": (0, ("contact", "corners", "finer")),
+    "deepest_crossing": (CROSSING_TOLERANCE, ("contact", "corners", "slower", "finer")),
     "volume_drift": (3e-2, ("slower", "kappa", "finer")),
     "bending": (0.1, ("hold",)),
     "unstable_modes": (0, ("slower", "stages")),
@@ -46,6 +46,7 @@ def cures(scene: Scene | None = None) -> dict[str, str]:
         "slower": "slow the growth down (growth.rate)",
         "stages": "let the body rest more often (output.stages)",
         "contact": "add [effects.contact]",
+        "corners": "add [effects.corner_barrier]",
         "finer": "refine the mesh (accuracy.level)",
         "kappa": "raise material.kappa_ratio",
         "hold": "cut the body by symmetry planes (geometry.portion)",
@@ -54,6 +55,8 @@ def cures(scene: Scene | None = None) -> dict[str, str]:
         return found
     if "contact" in scene.effects:
         del found["contact"]
+    if "corner_barrier" in scene.effects or "contact" in found or scene.geometry.shape == "mesh":
+        del found["corners"]
     if scene.real_time:
         found["slower"] = "slow the growth down (effects.inertia.duration)"
         del found["stages"]

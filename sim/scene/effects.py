@@ -17,6 +17,7 @@ EFFECTS_PACKAGE = "morphofold.sim.effects"
 #: order in which hooks are called, where it matters; other effects follow by name
 HOOK_ORDER = (
     "contact",
+    "corner_barrier",
     "perturbation",
     "notch",
     "core_growth",

@@ -14,6 +14,7 @@ from morphofold.sim.coarse_levels import CoarseLevels
 from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.effects import build_effects
 from morphofold.sim.effects.contact import Contact
+from morphofold.sim.effects.corner_barrier import CornerBarrier
 from morphofold.sim.effects.perturbation import Perturbation
 from morphofold.sim.effects.symmetry import Symmetry
 from morphofold.sim.elements import brick_kernels
@@ -229,6 +230,10 @@ def no_waiting(patch):
 
 def no_contact(patch):
     patch.setattr(Contact, "add_forces", lambda self, body, x, v, extra: None)
+
+
+def no_corner_barrier(patch):
+    patch.setattr(CornerBarrier, "add_element_forces", lambda self, body, x, v: None)
 
 
 def mass_of_the_core(patch):

@@ -194,6 +194,20 @@ def test_walls_nearer_than_an_edge(holds):
     holds("lowest J", run.state.lowest_J, at_least=LEAST_J)
 
 
+@pytest.mark.slow
+@hard_case(
+    "solver",
+    "sulci of a hemisphere that crease within one brick",
+    guard="the barrier at the corners of pial bricks",
+    without=made.no_corner_barrier,
+)
+def test_creases_within_one_brick(holds):
+    settings = "material.mu_ratio=1", "effects.corner_barrier={}", "effects.perturbation.seed=0"
+    run = grown(start("hemisphere", *settings), 1.8)
+    holds("corners that press", run.state.record["effects"]["corner_barrier"]["corners"], at_least=100)
+    healthy(holds, run)
+
+
 @hard_case(
     "solver",
     "a whole sphere without planes folds as its octant",
