@@ -28,12 +28,7 @@ def rows(levels: Sequence[str], thicknesses: Sequence[float], growth: float, run
     fine."""
     found = []
     for T in thicknesses:
-        settings = (
-            f"geometry.cortex_thickness={T}",
-            *ONE_MODULUS,
-            f"growth.final={growth}",
-            "output.stages=[]",
-        )
+        settings = (f"geometry.cortex_thickness={T}", *ONE_MODULUS, f"growth.final={growth}", "output.stages=[]")
         grown = [runs.grow(f"T{T:g}-{level}", SCENE, [*settings, f"accuracy.level={level}"]) for level in levels]
         found += [{"thickness_mm": T, "level": level, **_numbers(run, grown[-1])} for level, run in zip(levels, grown)]
     return found

@@ -32,13 +32,7 @@ from morphofold.studies.runs import Runs
 from morphofold.surface import Surface
 
 SCENE = "hemisphere"
-SETTINGS = (
-    "geometry.unfold=0.06",
-    *ONE_MODULUS,
-    "growth.final=1.8",
-    "output.stages=[]",
-    "output.volume=false",
-)
+SETTINGS = ("geometry.unfold=0.06", *ONE_MODULUS, "growth.final=1.8", "output.stages=[]", "output.volume=false")
 MAP = "geometry.thickness_map={file='thickness'}"
 KINDS = {"even": (), "map": (MAP,)}
 SPINS, PLACES = 2000, 5000
