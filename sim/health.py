@@ -61,7 +61,8 @@ def cures(scene: Scene | None = None) -> dict[str, str]:
         found["slower"] = "slow the growth down (effects.inertia.duration)"
         del found["stages"]
     if scene.geometry.shape == "cortex":
-        walls = [f"[effects.{name}]" for name in ("skull", "midline") if name not in scene.effects]
+        around = ("skull", "midline") if scene.geometry.held == "medial wall" else ("skull",)
+        walls = [f"[effects.{name}]" for name in around if name not in scene.effects]
         found["hold"] = f"add {' and '.join(walls)}" if walls else "use a thinner cortex (geometry.cortex_thickness)"
     if scene.geometry.shape == "mesh":
         found["finer"] = "use a finer mesh (geometry.file)"

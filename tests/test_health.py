@@ -99,6 +99,15 @@ def test_a_cure_is_one_that_the_scene_takes():
         (sentence,) = broken_bounds({**SOUND, "bending": 0.5}, load_scene(name))
         assert "portion" not in sentence
         assert cure in sentence
+    (sentence,) = broken_bounds({**SOUND, "bending": 0.5}, load_scene("hemisphere", ["geometry.held=hole"]))
+    assert "midline" not in sentence  # the surface has no medial wall
+
+
+def test_the_barrier_at_corners_is_advised_where_contact_is_there_and_bricks_are():
+    advice = lambda scene, *settings: " ".join(broken_bounds({**SOUND, "crossings": 3}, load_scene(scene, settings)))
+    assert "corner_barrier" in advice("hemisphere")
+    assert "corner_barrier" not in advice("hemisphere", "effects.corner_barrier={}")
+    assert "corner_barrier" not in advice("mesh")
 
 
 @pytest.mark.parametrize("name", scene_names())
