@@ -89,7 +89,7 @@ LIST_OPTIONS = (
         "--levels",
         "LEVELS",
         "draft,standard,fine",
-        "levels of accuracy, from coarse to fine, or none (default: draft,standard,fine; fine takes an hour)",
+        "levels of accuracy, from coarse to fine, or none (default: draft,standard,fine; all three take half an hour)",
     ),
     (
         "hemisphere",
