@@ -38,7 +38,8 @@ class Options(SphereMap, EffectOptions):
     shapes = ("sphere", "ellipsoid", "cortex", "mesh")
     counted = "within grow"
     example = (
-        '{file = "fsaverage5/surf/lh.thickness", sphere = "fsaverage5/surf/lh.sphere", curve = [[1, 0], [2, 0.2]]}'
+        '{file = "fsaverage5/surf/lh.area", sphere = "fsaverage5/surf/lh.sphere", values = "area ratio", '
+        "curve = [[1, 0], [2, 0.2]]}"
     )
 
     values: Annotated[

@@ -7,6 +7,7 @@ import pytest
 from morphofold.cli import main
 from morphofold.errors import DamagedFile, MissingPart, NothingToDo, UnknownName, WrongFile
 from morphofold.sim.effects import build_effects
+from morphofold.sim.equilibrium.wrinkles import slow_growth
 from morphofold.sim.mesh.brick_mesh import bilayer_sphere
 from morphofold.sim.output.folder import FolderWriter
 from morphofold.sim.scene.effects import effects_of
@@ -134,6 +135,7 @@ def test_the_scene_in_which_an_effect_is_timed_has_it_and_no_other(name):
     scene = solver.effect_scene([name])
     assert tuple(scene.effects) == (name,)
     assert name in {effect.name for effect in build_effects(scene)}  # and is not refused
+    assert slow_growth(scene) is None or slow_growth(scene).pace > 0  # nor when its pace is chosen
 
 
 # the page ---------------------------------------------------------------------------------------------------
