@@ -536,6 +536,7 @@ MAP = 'file = "fsaverage5/surf/lh.area"\nsphere = "fsaverage5/surf/lh.sphere"\nd
 ALONE = {
     "none": "",
     "contact": "[effects.contact]",
+    "corner_barrier": "[effects.corner_barrier]",
     "perturbation": "[effects.perturbation]",
     "notch": "[effects.notch]\nat = [[50.0, 0.0, 0.0]]",
     "core_growth": "[effects.core_growth]\nfinal = 1.02",

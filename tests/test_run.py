@@ -299,7 +299,7 @@ def test_an_effect_that_is_not_named_is_not_even_imported(tmp_path):
     done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
     health = json.loads((tmp_path / "plain" / "health.json").read_text())
-    assert health["effects_left_out"][:2] == ["contact", "perturbation"]
+    assert {"contact", "perturbation"} < set(health["effects_left_out"])
     assert "contact" not in health["seconds_by_phase"]
 
 
