@@ -97,7 +97,6 @@ class Options(EffectOptions):
 
     shapes = ("sphere", "ellipsoid", "patch", "strip", "cortex")
     theory = True
-    errors_known = True
     at_onset = False
 
 
