@@ -33,49 +33,6 @@ STRENGTH = 80.0  # stiffness against J over mu: a crease of one modulus presses 
 
 
 @njit(parallel=True, cache=True)
-def add_corner_forces(x, nodes, start, local, layers, volume, mu, force, energy):
-    """Add the forces of the barrier to the rows (R, 3) of the two upper levels of nodes; energy (groups,).
-
-    ``volume`` (groups, 4, LANES) is that of the grown corners, ``mu`` (groups, LANES); 0: a lane left over. The rest is
-    of ``blocks.Columns``.
-    """
-    for g in prange(len(local)):
-        top = start[g]
-        below = top + (start[g + 1] - top) // (layers + 1)
-        energy[g] = 0.0
-        for l in range(LANES):
-            if mu[g, l] == 0.0:
-                continue
-            for q in range(4):
-                own = local[g, q * LANES + l]
-                one, other = local[g, (q ^ 2) * LANES + l], local[g, (q ^ 1) * LANES + l]
-                a, b = 1.0 - (q & 2), 1.0 - 2 * (q & 1)  # the sense in which its edges run
-                n, i, j, k = nodes[top + own], nodes[top + one], nodes[top + other], nodes[below + own]
-                u0, u1, u2 = a * (x[i, 0] - x[n, 0]), a * (x[i, 1] - x[n, 1]), a * (x[i, 2] - x[n, 2])
-                v0, v1, v2 = b * (x[j, 0] - x[n, 0]), b * (x[j, 1] - x[n, 1]), b * (x[j, 2] - x[n, 2])
-                w0, w1, w2 = x[n, 0] - x[k, 0], x[n, 1] - x[k, 1], x[n, 2] - x[k, 2]
-                c0, c1, c2 = u1 * v2 - u2 * v1, u2 * v0 - u0 * v2, u0 * v1 - u1 * v0
-                lack = LEAST_J - (c0 * w0 + c1 * w1 + c2 * w2) / volume[g, q, l]
-                if lack <= 0.0:
-                    continue
-                p = STRENGTH * mu[g, l] * lack / 8.0
-                energy[g] += 0.5 * p * lack * volume[g, q, l]
-                a, b = a * p, b * p
-                a0, a1, a2 = a * (v1 * w2 - v2 * w1), a * (v2 * w0 - v0 * w2), a * (v0 * w1 - v1 * w0)
-                b0, b1, b2 = b * (w1 * u2 - w2 * u1), b * (w2 * u0 - w0 * u2), b * (w0 * u1 - w1 * u0)
-                c0, c1, c2 = p * c0, p * c1, p * c2
-                for s, f0, f1, f2 in (
-                    (top + one, a0, a1, a2),
-                    (top + other, b0, b1, b2),
-                    (below + own, -c0, -c1, -c2),
-                    (top + own, c0 - a0 - b0, c1 - a1 - b1, c2 - a2 - b2),
-                ):
-                    force[s, 0] += f0
-                    force[s, 1] += f1
-                    force[s, 2] += f2
-
-
-@njit(parallel=True, cache=True)
 def corner_volumes(x, nodes, sense, out):
     """Volume (groups, 4, LANES) that the three edges of each corner span; ``nodes`` (groups, 4, LANES, 4)."""
     for g in prange(len(nodes)):
@@ -105,9 +62,11 @@ def build(options: Options, scene: Scene) -> CornerBarrier:
 
 
 class _Pressed(NamedTuple):
-    """The corners that the barrier acts on: nodes (K, 4); edges (K, 3, 3), and which nodes they join (K, 3, 4); the
-    gradient of J by the nodes (K, 4, 3); the modulus against J [N mm] and LEAST_J - J (K,), and grown volume (K,)."""
+    """The corners that the barrier acts on: rows of forces and nodes (K, 4); edges (K, 3, 3) [mm], and which nodes they
+    join (K, 3, 4); the gradient of J by the nodes (K, 4, 3) [1/mm]; the modulus against J (K,), of mu times mm^3;
+    LEAST_J - J (K,); grown volume (K,) [mm^3]."""
 
+    rows: Ints
     nodes: Ints
     edges: Array
     joins: Array
@@ -118,7 +77,13 @@ class _Pressed(NamedTuple):
 
 
 class CornerBarrier(Effect):
-    """The barrier; see the module for its energy."""
+    """The barrier; see the module for its energy. It is our own.
+
+    Raises
+    ------
+    DoesNotApply, ImpossibleBody
+        By ``prepare``, if the body has tetrahedra, or corners that are inside out before growth.
+    """
 
     name = "corner_barrier"
 
@@ -128,15 +93,16 @@ class CornerBarrier(Effect):
         b = body.elements.blocks
         row = (b.start[:-1, None] + b.local).reshape(-1, 4, LANES)
         level = np.diff(b.start)[:, None, None] // (b.layers + 1)
-        own, below, q = b.nodes[row], b.nodes[row + level], np.arange(4)
-        #: nodes (groups, 4, LANES, 4) of each corner: itself, along either side of the quad, below
-        self._nodes: Ints = np.stack([own, own[:, q ^ 2], own[:, q ^ 1], below], axis=-1).astype(np.int64)
+        q = np.arange(4)
+        #: rows of forces and nodes (groups, 4, LANES, 4) of each corner: its own, along both sides of the quad, below
+        self._rows: Ints = np.stack([row, row[:, q ^ 2], row[:, q ^ 1], row + level], axis=-1)
+        self._nodes: Ints = b.nodes[self._rows].astype(np.int64)
         self._joins = np.zeros((4, 3, 4))  # edges of a corner from its nodes: along i, along j, towards the surface
         self._joins[:, 0, 1], self._joins[:, 1, 2], self._joins[:, 2, 0] = 1 - (q & 2), 1 - 2 * (q & 1), 1.0
         self._joins[:, :2, 0], self._joins[:, 2, 3] = -self._joins[:, [0, 1], [1, 2]], -1.0
         self._brick, filler = b.element[:: b.layers], b.filler[:: b.layers]
         self._mu = np.where(filler, 0.0, body.mu[self._brick])
-        self._real = np.broadcast_to(~filler[:, None], own.shape)
+        self._real = np.broadcast_to(~filler[:, None], row.shape)
         self._first = self._volumes(body.X)
         inside_out = self._nodes[self._real & (self._first <= 0)]
         if len(inside_out):
@@ -144,7 +110,7 @@ class CornerBarrier(Effect):
                 f"effects.corner_barrier: {len(inside_out)} corners of pial bricks are inside out before growth, the "
                 f"first at node {inside_out[0, 0]}. Use a finer mesh (accuracy.level), or leave the effect out."
             )
-        self._energy = np.zeros(len(b.local))
+        self._energy = 0.0
         self._measure(body, body.X)
 
     def refresh(self, run: Running) -> None:
@@ -162,9 +128,10 @@ class CornerBarrier(Effect):
         return volumes
 
     def add_element_forces(self, body: Body, x: Array, v: Array) -> None:
-        assert isinstance(body.elements, Bricks)
-        b = body.elements.blocks
-        add_corner_forces(x, b.nodes, b.start, b.local, b.layers, self._volume, self._mu, b.force, self._energy)
+        p = self._pressed(x)
+        push = p.modulus * p.lack
+        self._energy = 0.5 * float(np.sum(push * p.lack))
+        np.add.at(body.elements.blocks.force, p.rows, push[:, None, None] * p.gradient)
 
     def _pressed(self, x: Array) -> _Pressed:
         lack = LEAST_J - self._volumes(x) / self._volume
@@ -173,7 +140,7 @@ class CornerBarrier(Effect):
         edges, modulus = joins @ x[nodes], STRENGTH / 8 * self._mu[at[0], at[2]] * volume
         cofactors = np.cross(edges[:, [1, 2, 0]], edges[:, [2, 0, 1]])
         gradient = joins.swapaxes(1, 2) @ cofactors / volume[:, None, None]
-        return _Pressed(nodes, edges, joins, gradient, modulus, lack[at], volume)
+        return _Pressed(self._rows[at], nodes, edges, joins, gradient, modulus, lack[at], volume)
 
     def stiffness(self, body: Body, x: Array) -> sparse.csr_matrix:
         p = self._pressed(x)
@@ -197,7 +164,7 @@ class CornerBarrier(Effect):
         return (springs / body.mass)[: body.n_surface]
 
     def energy(self) -> float:
-        return float(self._energy.sum())
+        return self._energy
 
     def record(self) -> dict[str, Any]:
         return {"corners": int(np.count_nonzero(self._J < LEAST_J)), "lowest_J": float(self._J.min())}
