@@ -129,13 +129,16 @@ class CornerBarrier(Effect):
 
     def add_element_forces(self, body: Body, x: Array, v: Array) -> None:
         p = self._pressed(x)
+        self._energy = 0.0
+        if not len(p.nodes):
+            return
         push = p.modulus * p.lack
         self._energy = 0.5 * float(np.sum(push * p.lack))
         np.add.at(body.elements.blocks.force, p.rows, push[:, None, None] * p.gradient)
 
     def _pressed(self, x: Array) -> _Pressed:
         lack = LEAST_J - self._volumes(x) / self._volume
-        at = np.nonzero(self._real & (lack > 0))
+        at = np.nonzero((lack > 0) & self._real) if lack.max() > 0 else (np.empty(0, dtype=np.int64),) * 3
         nodes, joins, volume = self._nodes[at], self._joins[at[1]], self._volume[at]
         edges, modulus = joins @ x[nodes], STRENGTH / 8 * self._mu[at[0], at[2]] * volume
         cofactors = np.cross(edges[:, [1, 2, 0]], edges[:, [2, 0, 1]])
