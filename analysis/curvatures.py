@@ -6,13 +6,13 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numba import njit, prange
 from numpy.typing import NDArray
 
 from morphofold.errors import OutOfRange
 from morphofold.geometry import adjacency, equal_area_radius, mean_edge_length, unit, vertex_normals
+from morphofold.kernels import kernel, reading
 from morphofold.surface import Faces, PerVertex, Verts, check_mesh
-from morphofold.threads import BLOCKS
+from morphofold.threads import in_blocks
 
 DEFAULT_SCALE_IN_EDGES = 3.0  # the default scale, in mean edges
 MOST_FIT_POINTS = 128  # most points in a fit, taken evenly from more: further points cost time and add little
@@ -137,8 +137,12 @@ def curvature(verts: Verts, faces: Faces, scale: float | None = None) -> Curvatu
     normals = vertex_normals(verts, faces, "max")
     lost = ~normals.any(axis=1)  # only triangles without area: use the neighbours' direction
     if lost.any():
+        normals = normals.copy()
         normals[lost] = unit(ring[lost] @ normals)
-    k1, k2, d1, d2, fitted, e1, e2 = _fit_curvatures(verts, normals, ring.indptr, ring.indices, float(scale))
+    k1, k2, e1, e2 = np.full((4, len(verts)), np.nan)
+    d1, d2, fitted = np.full((3, len(verts), 3), np.nan)
+    fit = map(reading, (verts, normals, ring.indptr, ring.indices))
+    in_blocks(_fit_curvatures, len(verts), *fit, float(scale), k1, k2, d1, d2, fitted, e1, e2)
     return Curvature(k1, k2, d1, d2, fitted, e1, e2, float(scale))
 
 
@@ -166,52 +170,42 @@ def check_scale(verts: Verts, faces: Faces, scale: float) -> None:
         )
 
 
-@njit(cache=True, parallel=True)
-def _fit_curvatures(verts, normals, indptr, indices, scale):
-    """k1, k2 (N,) [1/length]; d1, d2 and the fitted normal (N, 3); e1, e2 (N,) [1/length^2]."""
-    n = len(verts)
-    k1, k2 = np.full(n, np.nan), np.full(n, np.nan)
-    d1, d2, out = np.full((n, 3), np.nan), np.full((n, 3), np.nan), np.full((n, 3), np.nan)
-    e1, e2 = np.full(n, np.nan), np.full(n, np.nan)
-    for block in prange(BLOCKS):
-        seen = np.full(n, -1, np.int32)
-        stamp = 0
-        queue = np.empty(n, np.int32)
-        A = np.empty((10, 10))
-        b = np.empty(10)
-        m = np.empty(10)
-        frame = np.empty((3, 3))
-        for i in range(block * n // BLOCKS, (block + 1) * n // BLOCKS):
-            if indptr[i] == indptr[i + 1]:
-                continue
-            radius, order = scale, 0
-            _tangent_frame(normals[i], frame)
-            for trial in range(MOST_ENLARGEMENTS + 1):
-                if trial > 0:
-                    radius *= ENLARGEMENT_FACTOR
-                stamp += 1
-                count = _collect_neighbourhood(i, verts, normals, indptr, indices, radius, seen, stamp, queue)
-                if count >= LEAST_CUBIC_FIT_POINTS or trial == MOST_ENLARGEMENTS:
-                    _normal_equations(i, verts, normals, queue, count, radius, frame, 1.0, 1.0, A, b, m)
-                    order = _solve_cholesky(A, b, 10 if count >= LEAST_CUBIC_FIT_POINTS else 6)
-                    if order == 10:
-                        break
-            if order < 6:
-                continue
+@kernel
+def _fit_curvatures(start, stop, verts, normals, indptr, indices, scale, k1, k2, d1, d2, out, e1, e2):
+    """Write k1, k2 (N,) [1/length]; d1, d2 and the fitted normal (N, 3); e1, e2 (N,) [1/length^2]."""
+    seen, queue = np.zeros(len(verts), np.int32), np.empty(len(verts), np.int32)
+    stamp = 0
+    A, b, m, frame = np.empty((10, 10)), np.empty(10), np.empty(10), np.empty((3, 3))
+    for i in range(start, stop):
+        if indptr[i] == indptr[i + 1]:
+            continue
+        radius, order, count = scale, 0, 0
+        _tangent_frame(normals[i], frame)
+        for trial in range(MOST_ENLARGEMENTS + 1):
+            if trial > 0:
+                radius *= ENLARGEMENT_FACTOR
+            stamp += 1
+            count = _collect_neighbourhood(i, verts, normals, indptr, indices, radius, seen, stamp, queue)
+            if count >= LEAST_CUBIC_FIT_POINTS or trial == MOST_ENLARGEMENTS:
+                _normal_equations(i, verts, normals, queue, count, radius, frame, 1.0, 1.0, A, b, m)
+                order = _solve_cholesky(A, b, 10 if count >= LEAST_CUBIC_FIT_POINTS else 6)
+                if order == 10:
+                    break
+        if order < 6:
+            continue
+        _principal_curvatures(i, b, radius, frame, k1, k2, d1, d2, out)
+        for k in range(3):  # again, in the frame of the first fit
+            frame[0, k], frame[1, k], frame[2, k] = d1[i, k], d2[i, k], out[i, k]
+        _normal_equations(i, verts, normals, queue, count, radius, frame, k1[i], k2[i], A, b, m)
+        order = _solve_cholesky(A, b, order)
+        if order >= 6:
             _principal_curvatures(i, b, radius, frame, k1, k2, d1, d2, out)
-            for k in range(3):  # again, in the frame of the first fit
-                frame[0, k], frame[1, k], frame[2, k] = d1[i, k], d2[i, k], out[i, k]
-            _normal_equations(i, verts, normals, queue, count, radius, frame, k1[i], k2[i], A, b, m)
-            order = _solve_cholesky(A, b, order)
-            if order >= 6:
-                _principal_curvatures(i, b, radius, frame, k1, k2, d1, d2, out)
-            if order == 10:
-                e1[i] = _extremality(b, radius, frame, d1[i])
-                e2[i] = _extremality(b, radius, frame, d2[i])
-    return k1, k2, d1, d2, out, e1, e2
+        if order == 10:
+            e1[i] = _extremality(b, radius, frame, d1[i])
+            e2[i] = _extremality(b, radius, frame, d2[i])
 
 
-@njit(cache=True)
+@kernel
 def _collect_neighbourhood(i, verts, normals, indptr, indices, radius, seen, stamp, queue):
     """Fill ``queue`` with vertices within ``radius`` that face like vertex i and connect to it through such ones."""
     x, y, z = verts[i, 0], verts[i, 1], verts[i, 2]
@@ -237,7 +231,7 @@ def _collect_neighbourhood(i, verts, normals, indptr, indices, radius, seen, sta
     return last
 
 
-@njit(cache=True)
+@kernel
 def _tangent_frame(normal, frame):
     """Rows: two tangents and the normal."""
     nx, ny, nz = normal[0], normal[1], normal[2]
@@ -257,7 +251,7 @@ def _tangent_frame(normal, frame):
     frame[2, 0], frame[2, 1], frame[2, 2] = nx, ny, nz
 
 
-@njit(cache=True)
+@kernel
 def _normal_equations(i, verts, normals, queue, count, radius, frame, bend_u, bend_v, A, b, m):
     """Weighted least squares of the heights over the tangent plane with ten monomials, lengths in radii.
 
@@ -296,7 +290,7 @@ def _normal_equations(i, verts, normals, queue, count, radius, frame, bend_u, be
                 A[r, c] += wr * m[c]
 
 
-@njit(cache=True)
+@kernel
 def _solve_cholesky(A, b, order):
     """Solve A x = b in place by Cholesky for the leading ``order`` unknowns: 10, or 6 if those are not determined.
 
@@ -330,7 +324,7 @@ def _solve_cholesky(A, b, order):
     return order
 
 
-@njit(cache=True)
+@kernel
 def _principal_curvatures(i, a, radius, frame, k1, k2, d1, d2, out):
     """Principal curvatures of the graph h(u, v) at the origin, from its first and second derivatives."""
     p, q = a[1], a[2]
@@ -353,7 +347,7 @@ def _principal_curvatures(i, a, radius, frame, k1, k2, d1, d2, out):
         out[i, k] = (frame[2, k] - p * frame[0, k] - q * frame[1, k]) / D
 
 
-@njit(cache=True)
+@kernel
 def _extremality(a, radius, frame, along):
     """Derivative, along a direction, of the curvature of the normal section of h(u, v) in that direction."""
     u = along[0] * frame[0, 0] + along[1] * frame[0, 1] + along[2] * frame[0, 2]

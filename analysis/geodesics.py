@@ -5,12 +5,12 @@ from __future__ import annotations
 import heapq
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy import sparse
 
 from morphofold import geometry
 from morphofold.arrays import Ints
+from morphofold.kernels import kernel
 from morphofold.surface import Faces, PerVertex, Verts
 
 
@@ -63,7 +63,7 @@ def cheapest_path(
     return path
 
 
-@njit(cache=True)
+@kernel
 def _shorten_path_lengths(indptr, indices, lengths, way, sources, within):
     heap = [(0.0, np.int64(-1))]
     heap.pop()
@@ -82,7 +82,7 @@ def _shorten_path_lengths(indptr, indices, lengths, way, sources, within):
                 heapq.heappush(heap, (way[w], w))
 
 
-@njit(cache=True)
+@kernel
 def _cheapest_path_vertices(indptr, indices, lengths, cost, start, goals, within):
     n = len(cost)
     best, before = np.full(n, np.inf), np.full(n, -1, np.int64)

@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numba import njit, prange
 from numpy.typing import NDArray
-from scipy import sparse
 
 from morphofold import geometry
-from morphofold.analysis.conjugate_gradients import solve
+from morphofold.analysis.diffusion import diffusion
 from morphofold.errors import OutOfRange
+from morphofold.kernels import kernel, reading
 from morphofold.surface import Faces, PerVertex, Verts
+from morphofold.threads import beside
 
 # length of edge paths over straight distance, mean over directions in a triangle grid
 EDGE_PATH_DETOUR = 2 * 3**0.5 / np.pi
@@ -74,9 +74,8 @@ def implicit_smoothing(verts: Verts, faces: Faces, scale: float, *, rounds: int 
     """Solve ``(M + scale^2 L) x' = M x`` ``rounds`` times: features much shorter than ``scale`` [mm] vanish.
 
     M are the vertex areas and L the cotangent Laplacian with cotangents clipped to [0, 3], both of the *given* surface.
-    A sphere of radius r shrinks by ``1 / (1 + 2 (scale / r)^2)`` in each round. The solver is conjugate gradients with
-    Jacobi preconditioner, started from x. ``rtol`` is relative to the first residual, so the position and size of the
-    surface do not matter. Returns (N, 3).
+    A sphere of radius r shrinks by ``1 / (1 + 2 (scale / r)^2)`` in each round. The solver starts from x, and ``rtol``
+    is relative to the first residual, so the position and size of the surface do not matter. Returns (N, 3).
 
     Raises
     ------
@@ -98,12 +97,9 @@ def diffused(verts: Verts, faces: Faces, values: NDArray[np.float64], scale: flo
 def _diffuse_implicitly(
     verts: Verts, faces: Faces, values: NDArray[np.float64], scale: float, rounds: int, rtol: float
 ) -> NDArray[np.float64]:
-    mass = geometry.vertex_areas(verts, faces)
-    stiffness = scale**2 * geometry.cotangent_laplacian(verts, faces, clip=COTANGENT_BOUNDS)
-    matrix = (sparse.dia_array((mass[None, :], [0]), shape=stiffness.shape) + stiffness).tocsr()
-    x = np.array(values)
+    solver, x = diffusion(verts, faces, COTANGENT_BOUNDS), np.array(values)
     for _ in range(rounds):
-        x += solve(matrix, mass[:, None] * x - matrix @ x, np.zeros_like(x), rtol)
+        x += solver.solve(scale**2, -(scale**2) * (solver.stiffness @ x), np.zeros_like(x), rtol)
     return x
 
 
@@ -114,28 +110,25 @@ def windowed_range(verts: Verts, faces: Faces, values: PerVertex, radius: float)
     triangles.
     """
     graph = geometry.edge_graph(verts, faces)
-    both = np.stack([-values, values])
-    order = np.argsort(-both, axis=1, kind="stable")
-    highest = _windowed_maxima(graph.indptr, graph.indices, graph.data, both, order, EDGE_PATH_DETOUR * radius)
-    return -highest[0], highest[1]
+    steps = tuple(map(reading, (graph.indptr, graph.indices, graph.data)))
+
+    def highest(values: PerVertex) -> PerVertex:
+        order = np.argsort(-values, kind="stable")
+        found: PerVertex = _windowed_maximum(*steps, reading(values), reading(order), EDGE_PATH_DETOUR * radius)
+        return found
+
+    low, high = beside(lambda: highest(-values), lambda: highest(values))
+    return -low, high
 
 
-@njit(cache=True, parallel=True)
-def _windowed_maxima(indptr, indices, lengths, fields, orders, radius):
-    results = np.empty_like(fields)
-    for k in prange(len(fields)):
-        results[k] = _windowed_maximum(indptr, indices, lengths, fields[k], orders[k], radius)
-    return results
-
-
-@njit(cache=True)
+@kernel
 def _windowed_maximum(indptr, indices, lengths, values, order, radius):
     # Highest source first: the first source to reach a vertex gives its maximum. A later source need not go beyond a
     # vertex that an earlier one reached by a path that is not longer. It ends when all vertices are reached.
     # Paths are shortened until none can be (a queue, not a heap: it saves a third of the total time).
     n = len(values)
     result, near = np.empty(n), np.full(n, np.inf)
-    queue, queued = np.empty(n, np.int64), np.zeros(n, np.bool_)
+    queue, queued = np.empty(n, np.int32), np.zeros(n, np.bool_)
     missing = n
     for s in order:
         if near[s] == np.inf:
@@ -146,11 +139,11 @@ def _windowed_maximum(indptr, indices, lengths, values, order, radius):
         at, waiting = 0, 1
         while waiting > 0:
             v = queue[at]
-            at = (at + 1) % n
+            at = at + 1 if at + 1 < n else 0
             waiting -= 1
-            queued[v] = False
+            queued[v], here = False, near[v]
             for e in range(indptr[v], indptr[v + 1]):
-                w, way = indices[e], near[v] + lengths[e]
+                w, way = indices[e], here + lengths[e]
                 if way <= radius and way < near[w]:
                     if near[w] == np.inf:
                         result[w] = values[s]
@@ -158,7 +151,7 @@ def _windowed_maximum(indptr, indices, lengths, values, order, radius):
                     near[w] = way
                     if not queued[w]:
                         queued[w] = True
-                        queue[(at + waiting) % n] = w
+                        queue[at + waiting if at + waiting < n else at + waiting - n] = w
                         waiting += 1
         if missing == 0:
             break

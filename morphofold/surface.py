@@ -132,11 +132,8 @@ class Surface:
     def __post_init__(self) -> None:
         verts, faces = (_as_array(values) for values in (self.verts, self.faces))
         _check_indexed(verts, faces, self.name)
-        verts = np.array(verts, dtype=np.float64, order="C")
-        faces = np.array(faces, dtype=np.int64, order="C")
-        verts.flags.writeable = faces.flags.writeable = False
-        object.__setattr__(self, "verts", verts)
-        object.__setattr__(self, "faces", faces)
+        object.__setattr__(self, "verts", _read_only(verts, np.float64))
+        object.__setattr__(self, "faces", _read_only(faces, np.int64))
 
     @property
     def coordinates(self) -> Verts:
@@ -145,6 +142,22 @@ class Surface:
 
     def __repr__(self) -> str:
         return f"Surface({self.name!r}, {len(self.verts):,} vertices, {len(self.faces):,} faces)"
+
+
+def _same_triangles(faces: Faces, other: Faces) -> bool:
+    """Whether triangle i has the same three corners in both, in any order."""
+    if faces.shape != other.shape:
+        return False
+    return np.array_equal(faces, other) or np.array_equal(np.sort(faces, axis=1), np.sort(other, axis=1))
+
+
+def _read_only(values: np.ndarray, kind: type) -> np.ndarray:
+    """A read-only copy in C order; the array itself if it can not change, so that surfaces share their triangles."""
+    if values.dtype == kind and values.flags.c_contiguous and not values.flags.writeable and values.base is None:
+        return values
+    values = np.array(values, dtype=kind, order="C")
+    values.flags.writeable = False
+    return values
 
 
 def _with_corner_order(faces: Faces, other: Faces) -> Faces:
@@ -256,17 +269,15 @@ class Cortex:
                 f"{self.name}: white ({self.white.name}) has {n_white} vertices and pial ({self.pial.name}) has "
                 f"{n_pial}; vertex i of one must belong to vertex i of the other. Were they taken from two subjects?"
             )
-        if np.shape(self.white.faces) != np.shape(self.pial.faces) or not np.array_equal(
-            np.sort(self.white.faces, axis=1), np.sort(self.pial.faces, axis=1)
-        ):
+        if not _same_triangles(self.white.faces, self.pial.faces):
             raise UnlikeSurfaces(
                 f"{self.name}: white ({self.white.name}) and pial ({self.pial.name}) have {n_white} vertices each "
                 "but different faces, so vertices cannot be matched. Take both from one reconstruction."
             )
-        if not np.array_equal(self.white.faces, self.pial.faces):
-            object.__setattr__(
-                self, "pial", replace(self.pial, faces=_with_corner_order(self.white.faces, self.pial.faces))
-            )
+        if self.white.faces is not self.pial.faces:
+            faces = _with_corner_order(self.white.faces, self.pial.faces)
+            shared = self.white.faces if np.array_equal(self.white.faces, faces) else faces
+            object.__setattr__(self, "pial", replace(self.pial, faces=shared))
         per_vertex = {**self.maps, **({} if self.cortex is None else {"cortex label": self.cortex})}
         if self.regions is not None:
             per_vertex["regions"] = self.regions.labels

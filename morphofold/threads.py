@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
 from functools import cache
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 from morphofold.errors import OutOfRange
@@ -60,6 +62,40 @@ def _most_threads() -> int:
 
     most: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
     return most
+
+
+def in_blocks(kernel: Callable[..., Any], n: int, *arguments: Any) -> None:
+    """Call ``kernel(start, stop, *arguments)`` for blocks that make up 0 to ``n``, on all threads.
+
+    The kernel writes to rows ``start`` to ``stop`` of some of its arguments, and only to these, so the result is the
+    same for any number of threads. It must release Python's lock, as :func:`morphofold.kernels.kernel` lets it.
+    """
+    import numba
+
+    cuts = [b * n // BLOCKS for b in range(BLOCKS + 1)]
+    blocks = [(start, stop) for start, stop in pairwise(cuts) if stop > start]
+    if not blocks:
+        return
+    kernel(*blocks[0], *arguments)  # compiles
+    if (threads := numba.get_num_threads()) == 1:
+        for start, stop in blocks[1:]:
+            kernel(start, stop, *arguments)
+        return
+    with ThreadPoolExecutor(threads) as pool:
+        for done in [pool.submit(kernel, start, stop, *arguments) for start, stop in blocks[1:]]:
+            done.result()
+
+
+def beside(*tasks: Callable[[], Any]) -> list[Any]:
+    """The results of functions without arguments that run beside each other, each with its share of the threads."""
+    import numba
+
+    threads = numba.get_num_threads()
+    if threads == 1:
+        return [task() for task in tasks]
+    share = max(1, threads // len(tasks))
+    with ThreadPoolExecutor(min(threads, len(tasks)), initializer=numba.set_num_threads, initargs=(share,)) as pool:
+        return [done.result() for done in [pool.submit(task) for task in tasks]]
 
 
 @cache

@@ -20,6 +20,7 @@ from scipy import sparse
 from skfem import MeshHex
 
 from morphofold.arrays import Array, Bools, Ints
+from morphofold.kernels import kernel
 from morphofold.sim.mesh.brick_mesh import Bilayer
 from morphofold.sim.mesh.coarsening import depths_kept, halve
 
@@ -172,7 +173,7 @@ def _rows(matrix: sparse.spmatrix) -> _Rows:
     return rows.indptr.astype(np.uint32), rows.indices.astype(np.uint32), rows.data, np.uint64(rows.shape[1])
 
 
-@njit(parallel=True, cache=True)
+@kernel(parallel=True)
 def _sum_along(depth, finest, out):
     """out (levels, 3 n) = sums of ``finest`` (N, 3) over levels of nodes."""
     values, n = finest.reshape(-1), out.shape[1]
@@ -202,7 +203,7 @@ def _row_times(across, c, values, ahead):
     return s0, s1, s2
 
 
-@njit(parallel=True, cache=True)
+@kernel(parallel=True)
 def _sum_across(across_T, finer, free, out):
     """out = sums of ``finer`` across the surface, level by level, where ``free``, else 0."""
     n = len(across_T[0]) - 1
@@ -214,7 +215,7 @@ def _sum_across(across_T, finer, free, out):
                     out[k * n + c, r] = s[r] if free[k * n + c, r] else 0.0
 
 
-@njit(parallel=True, cache=True)
+@kernel(parallel=True)
 def _accelerate(inverse, values, free, across, coarse):
     """values = inverse values + interpolation of ``coarse`` where ``free``, in place."""
     n = len(across[0]) - 1
@@ -227,7 +228,7 @@ def _accelerate(inverse, values, free, across, coarse):
                         values[i, r] = inverse[i] * values[i, r] + a[r]
 
 
-@njit(parallel=True, cache=True)
+@kernel(parallel=True)
 def _move(x, v, forces, mass, free, keep, depth, across, coarse):
     """v = keep v + forces / mass + interpolation of ``coarse`` where ``free``, x = x + v.
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
 from morphofold.arrays import Array
 from morphofold.errors import InsideOut, OpenSurface
 from morphofold.intersections.boxes import box_tree
 from morphofold.intersections.intersection import self_intersections
 from morphofold.intersections.rays import ray_hits
+from morphofold.kernels import kernel
 from morphofold.shapes import even_directions
 from morphofold.sim.dynamics import AWAY_DISTANCE_OVER_T, restlessness
 from morphofold.surface import Surface
@@ -192,7 +193,7 @@ def broken_bounds(stage: dict[str, Any], scene: Scene | None = None) -> list[str
     return sentences
 
 
-@njit(parallel=True, cache=True)
+@kernel(parallel=True)
 def _cover_along_rays(verts, faces, bounds, order, directions):
     """Length of each ray inside twice or more, and once or more; largest winding number, and that at its origin."""
     rays = len(directions)
@@ -208,7 +209,7 @@ def _cover_along_rays(verts, faces, bounds, order, directions):
     return twice, once, most, centre
 
 
-@njit(cache=True)
+@kernel
 def _covered_lengths(at, sign):
     """Length of a ray inside twice or more, inside once or more, and the largest winding number, from outside in."""
     order = np.argsort(at)

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from scipy import sparse
 
 from morphofold.arrays import Array, Bools
+from morphofold.kernels import kernel
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect
 from morphofold.sim.mesh.brick_mesh import Bilayer, Plane
@@ -24,7 +24,7 @@ def medial_plane(bilayer: Bilayer, gap: float) -> Plane:
     return Plane(0, float(x.max()) + gap, -1) if bilayer.hemi == "lh" else Plane(0, float(x.min()) - gap, 1)
 
 
-@njit(cache=True)
+@kernel
 def press_plane(x, v, mass, held, axis, at, side, gap, extra):
     """Push surface nodes away from the plane, except those that it holds (``held`` (S,)); returns count and energy."""
     count, energy = 0, 0.0

@@ -17,6 +17,7 @@ from scipy.spatial import ConvexHull
 from morphofold.arrays import Array
 from morphofold.geometry.kernels import distance_from_triangle
 from morphofold.intersections.boxes import TRIANGLES_PER_LEAF, box_tree, following
+from morphofold.kernels import kernel
 from morphofold.sim.mesh.brick_mesh import Plane
 
 SPACING_SHARE = 1 / 24  # spacing of the grid over the radius of the ball of the hull's volume
@@ -103,7 +104,7 @@ def _squared_distance_from_box(p, box):
     return total
 
 
-@njit(cache=True)
+@kernel
 def distances_from_hull(at, verts, faces, planes, bounds, order, deepest):
     """Distance (P,) of points (P, 3) from a convex surface, negative inside, where ``deepest`` may stand for more.
 
@@ -136,7 +137,7 @@ def distances_from_hull(at, verts, faces, planes, bounds, order, deepest):
     return values
 
 
-@njit(cache=True)
+@kernel
 def beyond_ellipsoid(x, semi_axes, depth, normal):
     """Depth outside of an ellipsoid, and its normal there."""
     for i in range(len(depth)):
@@ -153,7 +154,7 @@ def beyond_ellipsoid(x, semi_axes, depth, normal):
             normal[i, r] = x[i, r] / semi_axes[r] ** 2 / slope
 
 
-@njit(cache=True)
+@kernel
 def beyond_level(x, values, origin, spacing, gap, depth, normal):
     """Depth outside of a level surface of a distance on a grid, and the gradient of the distance."""
     cell, part, out = np.empty(3, dtype=np.int64), np.empty(3), np.empty(3)

@@ -164,10 +164,10 @@ def test_edges_are_kept_only_of_faces_that_cannot_change_and_as_long_as_these_li
     fixed = shapes.sphere(1).surface
     assert edges(fixed.faces) is edges(fixed.faces)
     np.testing.assert_array_equal(edges(fixed.faces), before)
-    key = id(fixed.faces)
-    assert key in geometry._EDGES_OF_FACES_ID
+    key = (id(fixed.faces),)
+    assert key in geometry.edges_and_counts.results
     del fixed
-    assert key not in geometry._EDGES_OF_FACES_ID
+    assert key not in geometry.edges_and_counts.results
 
 
 def test_adjacency_is_that_of_the_edges_and_pieces_are_told_apart():

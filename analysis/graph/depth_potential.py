@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from morphofold import geometry
-from morphofold.analysis.conjugate_gradients import solve
+from morphofold.analysis.diffusion import diffusion
 from morphofold.analysis.graph.watershed import Watershed
 from morphofold.errors import OutOfRange
 from morphofold.surface import Faces, PerVertex, Verts, check_mesh
+from morphofold.threads import beside
 
 COTANGENT_BOUNDS = (-5.0, 20.0)  # bounds: in needle triangles cotangents have no limit
 SOLVER_TOLERANCE = 1e-4  # 0.003 mm in a brain
@@ -56,8 +57,8 @@ class SurfaceOperators:
         ends, twice = self.pairs.ravel(), np.repeat(self.lengths, 2)
         count = np.maximum(np.bincount(ends, minlength=len(verts)), 1)
         self.local_edges = np.bincount(ends, twice, len(verts)) / count
-        self._stiffness = geometry.cotangent_laplacian(verts, faces, clip=COTANGENT_BOUNDS)
-        self._mass = geometry.vertex_areas(verts, faces)
+        self._diffusion = diffusion(verts, faces, COTANGENT_BOUNDS)
+        self._stiffness, self._mass = self._diffusion.stiffness, self._diffusion.mass
         self.area = float(self._mass.sum())
         self._piece = geometry.components(len(verts), faces)[1]
         self._bent = 0.5 * np.sum((self._stiffness @ verts) * self.normals, axis=1)  # integral of H at each vertex
@@ -72,10 +73,10 @@ class SurfaceOperators:
         A measure is defined also at vertices without area, and its sum does not change. The solver begins at ``start``
         and ends at a residual of ``rtol``.
         """
-        matrix = self._matrix(0.5 * max(scale, self.edge) ** 2 / HEAT_STEPS)
-        density = solve(matrix, measure, start, rtol)
+        time = 0.5 * max(scale, self.edge) ** 2 / HEAT_STEPS
+        density = self._diffusion.solve(time, measure, start, rtol)
         for _ in range(HEAT_STEPS - 1):
-            density = solve(matrix, self._mass * density, density, rtol)
+            density = self._diffusion.solve(time, self._mass * density, density, rtol)
         return density
 
     def depth_potential(self, reach: float, scale: float) -> PerVertex:
@@ -86,7 +87,7 @@ class SurfaceOperators:
         wider than a few ``reach`` [mm] count as the shape of the body.
         """
         right = 2 * reach**2 * (self._bent - self._mass * self._mean_curvatures())
-        return self.smooth(solve(self._matrix(reach**2), right, np.zeros(len(right)), SOLVER_TOLERANCE), scale)
+        return self.smooth(self._diffusion.solve(reach**2, right, np.zeros(len(right)), SOLVER_TOLERANCE), scale)
 
     def mean_curvature(self, scale: float) -> PerVertex:
         """Mean curvature H (N,) [1/mm] at the vertices, smoothed over ``scale`` [mm]; only its sign is used."""
@@ -100,10 +101,6 @@ class SurfaceOperators:
         mean: PerVertex = np.divide(bent, area, out=np.zeros_like(bent), where=area > 0)[of]
         return mean
 
-    def _matrix(self, time: float) -> sparse.csr_array:
-        mass = sparse.dia_array((self._mass[None, :], [0]), shape=self._stiffness.shape)
-        return (time * self._stiffness + mass).tocsr()
-
     def gyral_width(self, inside: NDArray[np.bool_] | None = None) -> float:
         """Width of the gyri [mm] from inflection to inflection across the crests, used as a scale for the graph.
 
@@ -112,7 +109,9 @@ class SurfaceOperators:
         gyral *thickness*. NaN if there are no crests. ``inside`` (N,): vertices to use.
         """
         scale = max(FIRST_SCALE_PER_ROOT_AREA * self.area**0.5, self.edge)
-        D, H = self.depth_potential(FIRST_REACH_IN_SCALES * scale, scale), self.mean_curvature(scale)
+        D, H = beside(
+            lambda: self.depth_potential(FIRST_REACH_IN_SCALES * scale, scale), lambda: self.mean_curvature(scale)
+        )
         basin = Watershed(self.pairs, self.lengths, D).basins(persistence(D, FIRST_PERSISTENCE_IN_SCALES * scale))
         crest = np.unique(self.pairs[basin[self.pairs[:, 0]] != basin[self.pairs[:, 1]]])
         crest = crest[(D[crest] > 0) & (H[crest] > 0)]

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
@@ -16,6 +15,7 @@ from morphofold.analysis.graph.net import Net, resampled
 from morphofold.analysis.graph.refine import refine, upright
 from morphofold.geometry import incident_faces
 from morphofold.geometry.kernels import closest_in_triangle
+from morphofold.kernels import kernel
 from morphofold.surface import Cortex, Faces, Surface, Verts
 
 if TYPE_CHECKING:
@@ -162,7 +162,7 @@ class ClosestPoints:
         return places, nearest
 
 
-@njit(cache=True)
+@kernel
 def _closest_surface_points(points, nearest, verts, faces, indptr, indices):
     places = verts[nearest]
     for i in range(len(points)):

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from morphofold.arrays import Array, Ints
-from morphofold.geometry import arc_length, edges_of_faces, symmetric
+from morphofold.geometry import arc_length, edges_of_faces, norms, symmetric
 from morphofold.surface import Faces, Verts
 
 
@@ -35,7 +35,7 @@ class Arc:
     @points.setter
     def points(self, points: Array) -> None:
         self._points = points
-        self.length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+        self.length = float(norms(points[1:] - points[:-1]).sum())
 
     def turned(self) -> Arc:
         return Arc(self.b, self.a, self.points[::-1], self.blind)

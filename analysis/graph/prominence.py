@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from morphofold import geometry
 from morphofold.errors import NotFinite, OutOfRange, WrongShape
+from morphofold.kernels import kernel
 from morphofold.surface import Faces, PerVertex
 
 
@@ -61,7 +61,7 @@ def prominent_peaks(faces: Faces, values: PerVertex, least: float) -> NDArray[np
     return peaks[np.argsort(-prominence[peaks], kind="stable")]
 
 
-@njit(cache=True)
+@kernel
 def _find_tree_root(parent, i):
     while parent[i] != i:
         parent[i] = parent[parent[i]]
@@ -69,7 +69,7 @@ def _find_tree_root(parent, i):
     return i
 
 
-@njit(cache=True)
+@kernel
 def _prominence(indptr, indices, values, order):
     """Prominence of each vertex (N,): inf for the highest vertex of a piece, -1 where there is no peak.
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit, prange
 from scipy.spatial import cKDTree
 
 from morphofold.analysis.curvatures import _collect_neighbourhood
@@ -13,8 +12,9 @@ from morphofold.analysis.graph.depth_potential import SurfaceOperators
 from morphofold.analysis.graph.net import Net, moved, resampled, smoothed
 from morphofold.arrays import Array
 from morphofold.geometry import adjacency, arc_length
+from morphofold.kernels import kernel, reading
 from morphofold.surface import PerVertex
-from morphofold.threads import BLOCKS
+from morphofold.threads import in_blocks
 
 ROUNDS = 3
 FIT_RADIUS_IN_EDGES = 1.6  # radius in edges within which there are enough vertices for a fit
@@ -71,18 +71,9 @@ def _move_curves_onto_crown(net, operators, D, ring, tree, radius, width):
         sizes.append(len(p))
     p, t = np.concatenate(points), np.concatenate(ahead)
     nearest = tree.query(p)[1]
-    shift = _shifts_onto_crown(
-        p,
-        t,
-        nearest,
-        operators.verts,
-        operators.normals,
-        ring.indptr,
-        ring.indices,
-        D,
-        radius[nearest],
-        LARGEST_MOVE_IN_WIDTHS * width,
-    )
+    shift = np.zeros_like(p)
+    fit = (p, t, nearest, operators.verts, operators.normals, ring.indptr, ring.indices, D, radius[nearest])
+    in_blocks(_shift_onto_crown, len(p), *map(reading, fit), LARGEST_MOVE_IN_WIDTHS * width, shift)
     p = p + np.where(np.concatenate(free)[:, None], shift, 0.0)
     for arc, new in zip(net.arcs.values(), np.split(p, np.cumsum(sizes)[:-1])):
         ring_ = arc.a == arc.b and degree[arc.a] == 2
@@ -172,52 +163,49 @@ def _with_straight_start(line, width):
     return line
 
 
-@njit(cache=True, parallel=True)
-def _shifts_onto_crown(points, ahead, nearest, verts, normals, indptr, indices, D, radii, farthest):
-    """Shift (P, 3) of each point across its curve to the top of ``D ~ a + b s + c s^2 + e u`` (s across, u along),
-    fitted within ``radii`` (P,); 0 where the fit has no top."""
-    n = len(points)
-    shift = np.zeros((n, 3))
-    for block in prange(BLOCKS):
-        seen, queue = np.full(len(verts), -1, np.int32), np.empty(len(verts), np.int32)
-        A, f, m = np.empty((4, 4)), np.empty(4), np.empty(4)
-        stamp = 0
-        for i in range(block * n // BLOCKS, (block + 1) * n // BLOCKS):
-            v, radius = nearest[i], radii[i]
-            stamp += 1
-            count = _collect_neighbourhood(v, verts, normals, indptr, indices, 1.5 * radius, seen, stamp, queue)
-            n0, n1, n2 = normals[v, 0], normals[v, 1], normals[v, 2]
-            t0, t1, t2 = ahead[i, 0], ahead[i, 1], ahead[i, 2]
-            dot = t0 * n0 + t1 * n1 + t2 * n2
-            t0, t1, t2 = t0 - dot * n0, t1 - dot * n1, t2 - dot * n2
-            length = math.sqrt(t0 * t0 + t1 * t1 + t2 * t2)
-            if length == 0.0:
+@kernel
+def _shift_onto_crown(start, stop, points, ahead, nearest, verts, normals, indptr, indices, D, radii, farthest, shift):
+    """Write the shift (P, 3) of each point across its curve to the top of ``D ~ a + b s + c s^2 + e u`` (s across, u
+    along), fitted within ``radii`` (P,); where the fit has no top nothing is written."""
+    seen, queue = np.zeros(len(verts), np.int32), np.empty(len(verts), np.int32)
+    A, f, m = np.empty((4, 4)), np.empty(4), np.empty(4)
+    stamp = 0
+    for i in range(start, stop):
+        v, radius = nearest[i], radii[i]
+        stamp += 1
+        count = _collect_neighbourhood(v, verts, normals, indptr, indices, 1.5 * radius, seen, stamp, queue)
+        n0, n1, n2 = normals[v, 0], normals[v, 1], normals[v, 2]
+        t0, t1, t2 = ahead[i, 0], ahead[i, 1], ahead[i, 2]
+        dot = t0 * n0 + t1 * n1 + t2 * n2
+        t0, t1, t2 = t0 - dot * n0, t1 - dot * n1, t2 - dot * n2
+        length = math.sqrt(t0 * t0 + t1 * t1 + t2 * t2)
+        if length == 0.0:
+            continue
+        t0, t1, t2 = t0 / length, t1 / length, t2 / length
+        s0, s1, s2 = n1 * t2 - n2 * t1, n2 * t0 - n0 * t2, n0 * t1 - n1 * t0
+        for r in range(4):
+            f[r] = 0.0
+            for c in range(4):
+                A[r, c] = 0.0
+        for q in range(count):
+            w = queue[q]
+            x, y, z = verts[w, 0] - points[i, 0], verts[w, 1] - points[i, 1], verts[w, 2] - points[i, 2]
+            s, u = (x * s0 + y * s1 + z * s2) / radius, (x * t0 + y * t1 + z * t2) / radius
+            weight = 1.0 - (x * x + y * y + z * z) / radius**2
+            if weight <= 0.0:
                 continue
-            t0, t1, t2 = t0 / length, t1 / length, t2 / length
-            s0, s1, s2 = n1 * t2 - n2 * t1, n2 * t0 - n0 * t2, n0 * t1 - n1 * t0
-            A[:], f[:] = 0.0, 0.0
-            for q in range(count):
-                w = queue[q]
-                x, y, z = verts[w, 0] - points[i, 0], verts[w, 1] - points[i, 1], verts[w, 2] - points[i, 2]
-                s, u = (x * s0 + y * s1 + z * s2) / radius, (x * t0 + y * t1 + z * t2) / radius
-                weight = 1.0 - (x * x + y * y + z * z) / radius**2
-                if weight <= 0.0:
-                    continue
-                m[0], m[1], m[2], m[3] = 1.0, s, s * s, u
-                for r in range(4):
-                    f[r] += weight * m[r] * (D[w] - D[v])
-                    for c in range(4):
-                        A[r, c] += weight * m[r] * m[c]
-            if not _solve_by_elimination(A, f):
-                continue
-            if f[2] < 0.0:
-                step = -0.5 * f[1] / f[2] * radius
-                step = min(max(step, -farthest), farthest)
-                shift[i, 0], shift[i, 1], shift[i, 2] = step * s0, step * s1, step * s2
-    return shift
+            m[0], m[1], m[2], m[3] = 1.0, s, s * s, u
+            for r in range(4):
+                f[r] += weight * m[r] * (D[w] - D[v])
+                for c in range(4):
+                    A[r, c] += weight * m[r] * m[c]
+        if _solve_by_elimination(A, f) and f[2] < 0.0:
+            step = -0.5 * f[1] / f[2] * radius
+            step = min(max(step, -farthest), farthest)
+            shift[i, 0], shift[i, 1], shift[i, 2] = step * s0, step * s1, step * s2
 
 
-@njit(cache=True)
+@kernel
 def _solve_by_elimination(A, f):
     """Solve A x = f in place by elimination for a positive semidefinite A; False if it is singular."""
     n = len(f)

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from morphofold.analysis.graph.prominence import _find_tree_root
 from morphofold.arrays import Ints
 from morphofold.geometry import connected, symmetric
+from morphofold.kernels import kernel
 from morphofold.surface import PerVertex
 
 
@@ -66,7 +66,7 @@ class Watershed:
         return connected(len(self.lowest), self.joins[self.heights < persistence])
 
 
-@njit(cache=True)
+@kernel
 def _basins_by_descent(values, order, indptr, indices, lengths):
     """Basin (N,) of each vertex and the lowest vertex of each basin (B,); ``order``: vertices from the lowest up."""
     n = len(values)
@@ -91,7 +91,7 @@ def _basins_by_descent(values, order, indptr, indices, lengths):
     return basin, lowest[:count].copy()
 
 
-@njit(cache=True)
+@kernel
 def _join_basins(ends, passes, deepest):
     """Kruskal's forest over passes from the lowest up: pairs of basins (J, 2) that join, and their persistence (J,)."""
     parent, low = np.arange(len(deepest)), deepest.copy()

@@ -5,16 +5,17 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from morphofold import geometry
 from morphofold.analysis.geodesics import path_graph, shorten
 from morphofold.analysis.gyrification.hull import hull
 from morphofold.errors import OptionsClash, OutOfRange, UnknownName
 from morphofold.geometry import mean_edge_length
+from morphofold.kernels import kernel, reading
 from morphofold.surface import Faces, PerVertex, Verts, check_mesh
-from morphofold.threads import BLOCKS
+from morphofold.threads import in_blocks
 
 PLANES_PER_BUNDLE = 16  # planes that are skipped together
 
@@ -63,9 +64,11 @@ def sulcal_depth(verts: Verts, faces: Faces, mode: str = "hull", *, touching: fl
     planes = hull(verts, faces).equations  # n . x + d <= 0 inside; coplanar triangles repeat theirs
     _, first = np.unique(np.round(planes, 12), axis=0, return_index=True)
     depth = np.full(len(verts), np.nan)
-    used = np.unique(faces)
+    used = np.flatnonzero(geometry.used(len(verts), faces))
     size, points, bundled = _bundle_planes(np.asarray(verts[used], dtype=np.float64), planes[first])
-    depth[used] = size * _distance_to_planes(points, bundled)
+    inside = np.empty(len(used))
+    in_blocks(_distance_to_planes, len(used), *map(reading, (points, *bundled)), inside)
+    depth[used] = size * inside
     return depth if mode == "hull" else _geodesic_depth(verts, faces, depth, touching)
 
 
@@ -105,29 +108,22 @@ class _BundledPlanes(NamedTuple):
     reach: NDArray[np.float64]
 
 
-@njit(cache=True, parallel=True)
-def _distance_to_planes(points, planes):
-    """Least distance (N,) from points inside to the planes, 0 where round-off puts a point outside."""
-    n, depth = len(points), np.empty(len(points))
-    for block in prange(BLOCKS):
-        nearest = 0  # of the previous point, so a good first guess
-        for i in range(block * n // BLOCKS, (block + 1) * n // BLOCKS):
-            x, y, z = points[i]
-            far = np.sqrt(x * x + y * y + z * z + 1.0)
-            p = planes.each[nearest]
-            highest = p[0] * x + p[1] * y + p[2] * z + p[3]
-            for a in range(len(planes.middle)):
-                c = planes.middle[a]
-                if c[0] * x + c[1] * y + c[2] * z + c[3] + planes.reach[a] * far <= highest:
-                    continue  # none of these can be nearer
-                for b in range(a * PLANES_PER_BUNDLE, (a + 1) * PLANES_PER_BUNDLE):
-                    c = planes.centre[b]
-                    if c[0] * x + c[1] * y + c[2] * z + c[3] + planes.spread[b] * far <= highest:
-                        continue
-                    for k in range(b * PLANES_PER_BUNDLE, (b + 1) * PLANES_PER_BUNDLE):
-                        p = planes.each[k]
-                        here = p[0] * x + p[1] * y + p[2] * z + p[3]
-                        if here > highest:
-                            highest, nearest = here, k
-            depth[i] = max(-highest, 0.0)
-    return depth
+@kernel
+def _distance_to_planes(start, stop, points, each, centre, spread, middle, reach, depth):
+    """Write the least distance (N,) from points inside to the planes, 0 where round-off puts a point outside."""
+    nearest = 0  # of the previous point, so a good first guess
+    for i in range(start, stop):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        far = np.sqrt(x * x + y * y + z * z + 1.0)
+        highest = each[nearest, 0] * x + each[nearest, 1] * y + each[nearest, 2] * z + each[nearest, 3]
+        for a in range(len(middle)):
+            if middle[a, 0] * x + middle[a, 1] * y + middle[a, 2] * z + middle[a, 3] + reach[a] * far <= highest:
+                continue  # none of these can be nearer
+            for b in range(a * PLANES_PER_BUNDLE, (a + 1) * PLANES_PER_BUNDLE):
+                if centre[b, 0] * x + centre[b, 1] * y + centre[b, 2] * z + centre[b, 3] + spread[b] * far <= highest:
+                    continue
+                for k in range(b * PLANES_PER_BUNDLE, (b + 1) * PLANES_PER_BUNDLE):
+                    here = each[k, 0] * x + each[k, 1] * y + each[k, 2] * z + each[k, 3]
+                    if here > highest:
+                        highest, nearest = here, k
+        depth[i] = max(-highest, 0.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from morphofold import geometry
 from morphofold.analysis.graph.depth_potential import SurfaceOperators
 from morphofold.errors import OutOfRange
 from morphofold.surface import Faces, PerVertex, Verts, check_mesh
+from morphofold.threads import beside
 
 SAME_PLACE_IN_EDGES = 0.02  # mean edges: vertices joined by a shorter edge count as one place, and share their measures
 HEAT_FLOW_TOLERANCE = 1e-10  # of the heat flow: it is small because the root of H^2 - K counts, which is 0 on a sphere
@@ -76,9 +78,11 @@ def folding_indices(verts: Verts, faces: Faces, scale: float) -> FoldingIndices:
     normals = geometry.unit(_sums_by_place(operators.normals, place)[place])
     bent = 0.5 * np.sum(area_gradients(verts, faces) * normals, axis=1)
     share = 1 / np.bincount(place)
-    K, H = (
-        operators.spread((_sums_by_place(measure, place) * share)[place], scale, none, HEAT_FLOW_TOLERANCE)
-        for measure in (angle_defects(verts, faces), bent)
+    K, H = beside(
+        *(
+            partial(operators.spread, (_sums_by_place(measure, place) * share)[place], scale, none, HEAT_FLOW_TOLERANCE)
+            for measure in (angle_defects(verts, faces), bent)
+        )
     )
     H = np.abs(H)
     half = np.sqrt(np.maximum(H**2 - K, 0))

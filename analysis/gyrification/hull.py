@@ -6,7 +6,8 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from morphofold.errors import BadMesh
-from morphofold.geometry import face_areas
+from morphofold.geometry import face_areas, used
+from morphofold.kept import kept
 from morphofold.surface import Faces, Verts, check_mesh
 
 
@@ -42,10 +43,11 @@ def gyrification_index(verts: Verts, faces: Faces) -> float:
     return float(face_areas(verts, faces).sum() / hull(verts, faces).area)
 
 
+@kept
 def hull(verts: Verts, faces: Faces) -> ConvexHull:
     """Convex hull of the vertices that faces use, from scipy."""
     try:
-        return ConvexHull(verts[np.unique(faces)])
+        return ConvexHull(verts[used(len(verts), faces)])
     except QhullError as error:
         raise BadMesh(
             f"the {len(np.unique(faces))} vertices in use span no volume, because they lie (nearly) in one plane, so "

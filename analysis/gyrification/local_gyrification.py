@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage, signal
@@ -13,6 +15,7 @@ from morphofold.arrays import Array
 from morphofold.errors import OpenSurface, OutOfRange, TooLarge
 from morphofold.geometry import face_areas, in_use, is_closed, mean_edge_length, split, vertex_areas
 from morphofold.surface import Faces, PerVertex, Verts, check_mesh
+from morphofold.threads import beside
 
 CLOSING_RADIUS_MM, REGION_RADIUS_MM = 15.0, 25.0  # [mm], of Schaer and others 2008
 VOXELS_PER_CLOSING_RADIUS = 12.0  # per radius of the closing, by default
@@ -20,6 +23,7 @@ BINS_PER_REGION_RADIUS = 12.0  # per radius of the region
 LARGEST_EDGE_OVER_REGION = 0.4  # mean edge over the radius of the region, above which triangles are split into four
 SMOOTHING_IN_VOXELS = 1.0  # standard deviation in voxels for smoothing the distances, whose steps change the area
 MOST_VOXELS = 3e8  # voxels
+VERTICES_PER_LEAF = 64  # of the envelope in the tree of nearest vertices, which are far from the bottom of a sulcus
 
 
 def local_gyrification_index(
@@ -81,14 +85,18 @@ def local_gyrification_index(
     bin_ = region / BINS_PER_REGION_RADIUS
     low = np.minimum(verts.min(axis=0), points.min(axis=0)) - region
     shape = np.ceil((np.maximum(verts.max(axis=0), points.max(axis=0)) + region - low) / bin_).astype(int)
-    folded = _area_within_radius(verts, vertex_areas(verts, faces), low, shape, bin_, region)
-    smooth = _area_within_radius(
-        points[triangles].mean(axis=1), face_areas(points, triangles), low, shape, bin_, region
+    folded, smooth = beside(
+        *(
+            partial(_area_within_radius, *areas, low, shape, bin_, region)
+            for areas in (
+                (verts, vertex_areas(verts, faces)),
+                (points[triangles].mean(axis=1), face_areas(points, triangles)),
+            )
+        )
     )
     ratio = _values_at_points(folded, points, low, bin_) / _values_at_points(smooth, points, low, bin_)
-    index[used] = ratio[
-        cKDTree(points).query(verts[: len(used)])[1]
-    ]  # after splitting, the original vertices come first
+    near = cKDTree(points, leafsize=VERTICES_PER_LEAF).query(verts[: len(used)], workers=numba.get_num_threads())[1]
+    index[used] = ratio[near]  # after splitting, the original vertices come first
     return index
 
 

@@ -10,11 +10,11 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from morphofold import geometry
 from morphofold.errors import DoesNotApply, NotFinite, OutOfRange, WrongShape
+from morphofold.kernels import kernel
 from morphofold.surface import Faces, PerVertex, Verts, check_mesh
 
 SHORTEST_WAVE_IN_EDGES = 4  # least length of the shortest wave in mesh edges
@@ -135,7 +135,7 @@ def _vertex_solid_angles(direction: Verts, faces: Faces) -> PerVertex:
     return np.bincount(faces.ravel(), np.repeat(angle / 3, 3), len(direction)).astype(np.float64)
 
 
-@njit(cache=True)
+@kernel
 def _power_by_degree(direction, f, last):
     """sum_m |sum_i f_i Y_lm(direction_i)|^2 for l = 0 to last (last + 1,); f (N,) carries the weights."""
     n = len(f)

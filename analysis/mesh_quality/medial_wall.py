@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 from scipy.sparse import csgraph
 
 from morphofold import geometry
-from morphofold.surface import Cortex
+from morphofold.kept import kept
+from morphofold.surface import Cortex, Faces, Verts
 
 # of the median distance of white and pial: below it a vertex is not cortex (0.5 mm in adults)
 WALL_DISTANCE_OVER_MEDIAN = 0.2
@@ -20,7 +21,7 @@ def wall_of_thickness(cortex: Cortex) -> NDArray[np.bool_]:
     given = cortex.maps.get("thickness")
     if given is None:
         return np.zeros(cortex.n_vertices, dtype=bool)
-    return _wall_patches(cortex, ~(np.asarray(given) > 0))
+    return _wall_patches(cortex.white.verts, cortex.faces, ~(np.asarray(given) > 0))
 
 
 def wall_of_geometry(cortex: Cortex) -> NDArray[np.bool_]:
@@ -31,21 +32,25 @@ def wall_of_geometry(cortex: Cortex) -> NDArray[np.bool_]:
     between the two surfaces, and without the average it would tear the patch. The bound is relative: it is the same in
     any unit, and a cortex that is thin everywhere has no wall.
     """
-    step = cortex.pial.verts - cortex.white.verts
-    ring = geometry.adjacency(cortex.n_vertices, cortex.faces).astype(np.float64)
+    return _wall_between(cortex.white.verts, cortex.pial.verts, cortex.faces)
+
+
+@kept
+def _wall_between(white: Verts, pial: Verts, faces: Faces) -> NDArray[np.bool_]:
+    step = pial - white
+    ring = geometry.adjacency(len(white), faces).astype(np.float64)
     mean = (step + ring @ step) / (1 + np.diff(ring.indptr))[:, None]
-    return _wall_patches(
-        cortex, np.linalg.norm(mean, axis=1) < WALL_DISTANCE_OVER_MEDIAN * np.median(np.linalg.norm(step, axis=1))
-    )
+    thin = geometry.norms(mean) < WALL_DISTANCE_OVER_MEDIAN * np.median(geometry.norms(step))
+    return _wall_patches(white, faces, thin)
 
 
-def _wall_patches(cortex: Cortex, thin: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _wall_patches(white: Verts, faces: Faces, thin: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """The thin vertices in connected patches as large as a wall; none if these cover too much of the surface."""
     at = np.flatnonzero(thin)
-    area = geometry.vertex_areas(cortex.white.verts, cortex.faces)
-    joined = geometry.adjacency(cortex.n_vertices, cortex.faces)[at][:, at]
+    area = geometry.vertex_areas(white, faces)
+    joined = geometry.adjacency(len(white), faces)[at][:, at]
     _, patch = csgraph.connected_components(joined, directed=False)
     large = np.bincount(patch, area[at]) >= LEAST_PATCH_SHARE * area.sum()
-    found = np.zeros(cortex.n_vertices, dtype=bool)
+    found = np.zeros(len(white), dtype=bool)
     found[at[large[patch]]] = True
     return found & (area[found].sum() <= LARGEST_WALL_SHARE * area.sum())

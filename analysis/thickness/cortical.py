@@ -5,13 +5,18 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit, prange
 
 from morphofold import geometry
+from morphofold.arrays import Array
 from morphofold.errors import OutOfRange, UnknownName, UnlikeSurfaces
 from morphofold.geometry.kernels import closest_in_triangle
+from morphofold.kept import kept
+from morphofold.kernels import kernel, reading
 from morphofold.surface import Faces, PerVertex, Surface, Verts, check_kind
-from morphofold.threads import BLOCKS
+from morphofold.threads import in_blocks
+
+LEAST_RELIABLE_AREA = 1e-5  # of a triangle, over its squared radius: rounding may turn the normal of a thinner one
+DISC_MARGIN = 1e-6  # relative margin, safe against rounding, of the squared distance of the disc around a triangle
 
 
 def cortical_thickness(
@@ -78,118 +83,147 @@ def cortical_thickness(
             "reconstruction."
         )
     faces, normals = pial.faces, geometry.vertex_normals(pial.verts, pial.faces, weights="sine")
-    ring, incident = geometry.adjacency(len(pial.verts), faces), geometry.incident_faces(len(pial.verts), faces)
     limit = math.inf if cap is None else float(cap)
     total = np.zeros(len(pial.verts))
     for start, target, side in ((white.verts, pial.verts, 1.0), (pial.verts, white.verts, -1.0)):
-        near = (start, target, normals, side, ring.indptr, ring.indices)
         if mode == "freesurfer":
-            way = _distance_to_nearest_vertex(*near, rings)
+            way = _distance_to_nearest_vertex(start, target, faces, normals, side, rings)
         else:
-            margin = geometry.mean_edge_length(target, faces)
-            way = _distance_to_nearest_triangle(
-                *near, faces, incident.indptr, incident.indices, margin, _longest_edges(target, faces)
-            )
+            way = _distance_to_nearest_triangle(start, target, faces, normals, side)
         total += np.minimum(way, limit)
-    total[np.diff(ring.indptr) == 0] = np.nan
+    total[~geometry.used(len(total), faces)] = np.nan
     return total / 2
 
 
-@njit(cache=True, parallel=True)
-def _distance_to_nearest_vertex(start, target, normals, side, indptr, indices, rings):
-    """Distance [mm] from each start vertex to the nearest admissible target vertex within k rings, (N,)."""
-    n = len(start)
-    way = np.empty(n)
-    for block in prange(BLOCKS):
-        seen = np.full(n, -1)
-        queue = np.empty(n, np.int64)
-        for i in range(block * n // BLOCKS, (block + 1) * n // BLOCKS):
-            px, py, pz = start[i, 0], start[i, 1], start[i, 2]
-            nx, ny, nz = normals[i, 0], normals[i, 1], normals[i, 2]
-            best = (target[i, 0] - px) ** 2 + (target[i, 1] - py) ** 2 + (target[i, 2] - pz) ** 2
-            queue[0], seen[i] = i, i
-            first, last = 0, 1
-            for _ in range(rings):
-                end = last
-                for q in range(first, end):
-                    for e in range(indptr[queue[q]], indptr[queue[q] + 1]):
-                        v = indices[e]
-                        if seen[v] == i:
-                            continue
-                        seen[v] = i
-                        queue[last] = v
-                        last += 1
-                        dx, dy, dz = target[v, 0] - px, target[v, 1] - py, target[v, 2] - pz
-                        far = dx * dx + dy * dy + dz * dz
-                        if (
-                            far < best
-                            and side * (dx * nx + dy * ny + dz * nz) >= 0
-                            and normals[v, 0] * nx + normals[v, 1] * ny + normals[v, 2] * nz >= 0
-                        ):
-                            best = far
-                first = end
-            way[i] = math.sqrt(best)
+def _distance_to_nearest_vertex(
+    start: Verts, target: Verts, faces: Faces, normals: Verts, side: float, rings: int
+) -> PerVertex:
+    """Distance [mm] from each start vertex to the nearest admissible target vertex within so many rings, (N,)."""
+    ring, way = geometry.adjacency(len(target), faces), np.empty(len(target))
+    near = map(reading, (start, target, normals, ring.indptr, ring.indices))
+    in_blocks(_search_vertices, len(way), *near, side, rings, way)
     return way
 
 
-@njit(cache=True, parallel=True)
-def _distance_to_nearest_triangle(
-    start, target, normals, side, indptr, indices, faces, fptr, findices, margin, longest
-):
+@kept
+def _distance_to_nearest_triangle(start: Verts, target: Verts, faces: Faces, normals: Verts, side: float) -> PerVertex:
     """Distance [mm] from each start vertex to the nearest admissible target triangle near its partner, (N,)."""
-    n = len(start)
-    way = np.empty(n)
-    for block in prange(BLOCKS):
-        seen = np.full(n, -1)
-        tested = np.full(len(faces), -1)
-        queue = np.empty(n, np.int64)
-        for i in range(block * n // BLOCKS, (block + 1) * n // BLOCKS):
-            px, py, pz = start[i, 0], start[i, 1], start[i, 2]
-            nx, ny, nz = normals[i, 0], normals[i, 1], normals[i, 2]
-            best = (target[i, 0] - px) ** 2 + (target[i, 1] - py) ** 2 + (target[i, 2] - pz) ** 2
-            reach = (math.sqrt(best) + margin) ** 2 if best > 0 else -1.0
-            queue[0], seen[i] = i, i
-            at, last = 0, 1
-            while at < last and best > 0:
-                v = queue[at]
-                at += 1
-                away = (target[v, 0] - px) ** 2 + (target[v, 1] - py) ** 2 + (target[v, 2] - pz) ** 2
-                beyond = math.sqrt(away) > math.sqrt(best) + longest[v]  # all its triangles are farther
-                for e in range(fptr[v], fptr[v] if beyond else fptr[v + 1]):
-                    f = findices[e]
-                    if tested[f] == i:
-                        continue
-                    tested[f] = i
-                    a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
-                    s, t = closest_in_triangle((px, py, pz), target[a], target[b], target[c])
-                    r = 1.0 - s - t
-                    dx = r * target[a, 0] + s * target[b, 0] + t * target[c, 0] - px
-                    dy = r * target[a, 1] + s * target[b, 1] + t * target[c, 1] - py
-                    dz = r * target[a, 2] + s * target[b, 2] + t * target[c, 2] - pz
-                    far = dx * dx + dy * dy + dz * dz
-                    if far >= best or side * (dx * nx + dy * ny + dz * nz) < 0:
-                        continue
-                    facing = (
-                        (r * normals[a, 0] + s * normals[b, 0] + t * normals[c, 0]) * nx
-                        + (r * normals[a, 1] + s * normals[b, 1] + t * normals[c, 1]) * ny
-                        + (r * normals[a, 2] + s * normals[b, 2] + t * normals[c, 2]) * nz
-                    )
-                    if facing >= 0:
-                        best = far
-                for e in range(indptr[v], indptr[v + 1]):
-                    w = indices[e]
-                    if seen[w] != i:
-                        seen[w] = i
-                        if (target[w, 0] - px) ** 2 + (target[w, 1] - py) ** 2 + (target[w, 2] - pz) ** 2 <= reach:
-                            queue[last] = w
-                            last += 1
-            way[i] = math.sqrt(best)
+    ring, around = geometry.adjacency(len(target), faces), geometry.incident_faces(len(target), faces)
+    way, reach = np.empty(len(target)), np.linalg.norm(target - start, axis=1)
+    reach += (reach > 0) * geometry.mean_edge_length(target, faces)
+    near = (start, target, normals, ring.indptr, ring.indices, faces, around.indptr, around.indices)
+    in_blocks(
+        _search_triangles, len(way), *map(reading, (*near, _discs_around_triangles(target, faces), reach)), side, way
+    )
     return way
 
 
-def _longest_edges(verts: Verts, faces: Faces) -> PerVertex:
-    """Length of the longest edge (N,) at each vertex [mm]; 0 where there is none."""
-    longest, length = np.zeros(len(verts)), geometry.edge_lengths(verts, faces)
-    for end in geometry.edges(faces).T:
-        np.maximum.at(longest, end, length)
-    return longest
+def _discs_around_triangles(verts: Verts, faces: Faces) -> Array:
+    """Middle of each triangle [mm], its unit normal, and the distance of its farthest corner from the middle (M, 7).
+
+    The normal of a needle or cap, which rounding may turn, is zero.
+    """
+    corner = verts[faces]
+    middle = corner.mean(axis=1)
+    radius = np.linalg.norm(corner - middle[:, None], axis=2).max(axis=1)
+    normal = geometry.face_vectors(verts, faces)
+    area = np.linalg.norm(normal, axis=1)
+    reliable = area > LEAST_RELIABLE_AREA * radius**2
+    normal *= np.divide(1, area, out=np.zeros_like(area), where=reliable)[:, None]
+    return np.column_stack([middle, normal, radius])
+
+
+@kernel
+def _search_vertices(begin, end, start, target, normals, indptr, indices, side, rings, way):
+    """Write the distance [mm] from each start vertex to the nearest admissible target vertex within so many rings."""
+    seen, queue = np.zeros(len(target), np.int32), np.empty(len(target), np.int32)
+    for i in range(begin, end):
+        px, py, pz = start[i, 0], start[i, 1], start[i, 2]
+        nx, ny, nz = normals[i, 0], normals[i, 1], normals[i, 2]
+        best = (target[i, 0] - px) ** 2 + (target[i, 1] - py) ** 2 + (target[i, 2] - pz) ** 2
+        queue[0], seen[i] = i, i + 1
+        first, last = 0, 1
+        for _ in range(rings):
+            stop = last
+            for q in range(first, stop):
+                for e in range(indptr[queue[q]], indptr[queue[q] + 1]):
+                    v = indices[e]
+                    if seen[v] == i + 1:
+                        continue
+                    seen[v] = i + 1
+                    queue[last] = v
+                    last += 1
+                    dx, dy, dz = target[v, 0] - px, target[v, 1] - py, target[v, 2] - pz
+                    far = dx * dx + dy * dy + dz * dz
+                    if (
+                        far < best
+                        and side * (dx * nx + dy * ny + dz * nz) >= 0
+                        and normals[v, 0] * nx + normals[v, 1] * ny + normals[v, 2] * nz >= 0
+                    ):
+                        best = far
+            first = stop
+        way[i] = math.sqrt(best)
+
+
+@kernel
+def _search_triangles(
+    begin, end, start, target, normals, indptr, indices, faces, fptr, findices, discs, reach, side, way
+):
+    """Write the distance [mm] from each start vertex to the nearest admissible target triangle near its partner.
+
+    The vertices within ``reach`` (N,) are found first, and the triangles at the nearest of them are tested first. Most
+    others then lie farther than the best so far: each is within a disc, whose distance is cheap.
+    """
+    seen, tested = np.zeros(len(target), np.int32), np.zeros(len(faces), np.int32)
+    queue = np.empty(len(target), np.int32)
+    for i in range(begin, end):
+        px, py, pz = start[i, 0], start[i, 1], start[i, 2]
+        nx, ny, nz = normals[i, 0], normals[i, 1], normals[i, 2]
+        best = (target[i, 0] - px) ** 2 + (target[i, 1] - py) ** 2 + (target[i, 2] - pz) ** 2
+        limit, least, nearest = reach[i] * reach[i], best, 0
+        queue[0], seen[i] = i, i + 1
+        at, last = 0, 1
+        while at < last and best > 0:
+            v = queue[at]
+            at += 1
+            for e in range(indptr[v], indptr[v + 1]):
+                w = indices[e]
+                if seen[w] != i + 1:
+                    seen[w] = i + 1
+                    far = (target[w, 0] - px) ** 2 + (target[w, 1] - py) ** 2 + (target[w, 2] - pz) ** 2
+                    if far <= limit:
+                        queue[last] = w
+                        if far < least:
+                            least, nearest = far, last
+                        last += 1
+        queue[0], queue[nearest] = queue[nearest], queue[0]
+        for q in range(last if best > 0 else 0):
+            v = queue[q]
+            for e in range(fptr[v], fptr[v + 1]):
+                f = findices[e]
+                if tested[f] == i + 1:
+                    continue
+                tested[f] = i + 1
+                dx, dy, dz = px - discs[f, 0], py - discs[f, 1], pz - discs[f, 2]
+                height = dx * discs[f, 3] + dy * discs[f, 4] + dz * discs[f, 5]
+                height *= height
+                beside = math.sqrt(max(dx * dx + dy * dy + dz * dz - height, 0.0)) - discs[f, 6]
+                if (height + max(beside, 0.0) ** 2) * (1.0 - DISC_MARGIN) > best:
+                    continue
+                a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+                s, t = closest_in_triangle((px, py, pz), target[a], target[b], target[c])
+                r = 1.0 - s - t
+                dx = r * target[a, 0] + s * target[b, 0] + t * target[c, 0] - px
+                dy = r * target[a, 1] + s * target[b, 1] + t * target[c, 1] - py
+                dz = r * target[a, 2] + s * target[b, 2] + t * target[c, 2] - pz
+                far = dx * dx + dy * dy + dz * dz
+                if far >= best or side * (dx * nx + dy * ny + dz * nz) < 0:
+                    continue
+                facing = (
+                    (r * normals[a, 0] + s * normals[b, 0] + t * normals[c, 0]) * nx
+                    + (r * normals[a, 1] + s * normals[b, 1] + t * normals[c, 1]) * ny
+                    + (r * normals[a, 2] + s * normals[b, 2] + t * normals[c, 2]) * nz
+                )
+                if facing >= 0:
+                    best = far
+        way[i] = math.sqrt(best)

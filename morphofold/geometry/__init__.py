@@ -7,17 +7,17 @@ All sums run in the order of the faces, so results do not depend on the number o
 
 from __future__ import annotations
 
-import weakref
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse import csgraph
 
 from morphofold.errors import OutOfRange, UnknownName
 from morphofold.geometry.kernels import area_vector, morton
+from morphofold.kept import kept
+from morphofold.kernels import kernel, reading
 from morphofold.surface import Faces, PerVertex, Verts, check_arrays
 
 Vectors = NDArray[np.float64]  # (N, 3) or (M, 3)
@@ -31,10 +31,10 @@ def face_vectors(verts: Verts, faces: Faces) -> Vectors:
     check_arrays(verts, faces)
     if faces.size and not 0 <= faces.min() <= faces.max() < len(verts):  # compiled code would read beyond the array
         raise OutOfRange(f"faces name a vertex outside 0..{len(verts) - 1}: {faces.min()} to {faces.max()}.")
-    return np.asarray(_area_vectors(verts, faces)) / 2
+    return np.asarray(_area_vectors(reading(verts), reading(faces))) / 2
 
 
-@njit(cache=True)
+@kernel
 def _area_vectors(verts, faces):
     # The same as np.cross, twenty times as fast: only the result is written.
     found = np.empty((len(faces), 3))
@@ -43,9 +43,10 @@ def _area_vectors(verts, faces):
     return found
 
 
+@kept
 def face_areas(verts: Verts, faces: Faces) -> NDArray[np.float64]:
     """Areas (M,) [mm^2]."""
-    return np.linalg.norm(face_vectors(verts, faces), axis=1)
+    return norms(face_vectors(verts, faces))
 
 
 def equal_area_radius(verts: Verts, faces: Faces) -> float:
@@ -60,10 +61,11 @@ def face_normals(verts: Verts, faces: Faces) -> Vectors:
 
 def unit(vectors: Vectors) -> Vectors:
     """Vectors scaled to unit length; a zero vector stays zero."""
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    length = norms(vectors)[:, None]
     return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
 
 
+@kept
 def vertex_areas(verts: Verts, faces: Faces) -> PerVertex:
     """A third of the area of the incident triangles (N,) [mm^2], as in FreeSurfer's ``?h.area`` of the white surface.
 
@@ -73,6 +75,7 @@ def vertex_areas(verts: Verts, faces: Faces) -> PerVertex:
     return np.bincount(faces.ravel(), third, len(verts)).astype(np.float64)
 
 
+@kept
 def vertex_normals(verts: Verts, faces: Faces, weights: str = "area") -> Vectors:
     """Unit vertex normals (N, 3): sums of the normals of the incident triangles, weighted at the corner.
 
@@ -87,25 +90,35 @@ def vertex_normals(verts: Verts, faces: Faces, weights: str = "area") -> Vectors
         ahead, back = sides(verts, faces)
         if weights == "angle":
             doubled = np.linalg.norm(vector, axis=1)[:, None]
-            angle = np.arctan2(doubled, np.sum(ahead * back, axis=2))  # atan2, not acos: also exact for slivers
+            angle = np.arctan2(
+                doubled, np.einsum("mkr,mkr->mk", ahead, back)
+            )  # not acos: also exact for slivers
             share = np.divide(angle, doubled, out=np.zeros_like(angle), where=doubled > 0)
         else:
-            lengths = np.linalg.norm(ahead, axis=2) * np.linalg.norm(back, axis=2)
+            side = np.sqrt(np.einsum("mkr,mkr->mk", ahead, ahead))  # back is the side ahead of the corner before
+            lengths = side * side[:, [2, 0, 1]]
             share = np.divide(1, lengths, out=np.zeros_like(lengths), where=lengths > 0)
             share = share if weights == "sine" else share**2
     else:
         raise UnknownName(f"weights must be 'area', 'angle', 'sine' or 'max', got {weights!r}.")
-    return unit(_sum_corners(vector, share, faces, len(verts)))
+    return unit(_sum_corners(reading(vector), reading(share), reading(faces), len(verts)))
+
+
+def norms(vectors: Vectors) -> NDArray[np.float64]:
+    """Lengths (N,) of vectors (N, 3)."""
+    return np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
 
 
 def sides(verts: Verts, faces: Faces) -> tuple[Vectors, Vectors]:
     """Vectors from each corner of a triangle to the next and to the previous one [mm], (M, 3 corners, 3) each."""
     corner = verts[faces]
-    ahead = np.roll(corner, -1, axis=1) - corner
-    return ahead, -np.roll(ahead, 1, axis=1)
+    ahead = np.empty_like(corner)
+    np.subtract(corner[:, 1:], corner[:, :2], out=ahead[:, :2])
+    np.subtract(corner[:, 0], corner[:, 2], out=ahead[:, 2])
+    return ahead, -ahead[:, [2, 0, 1]]
 
 
-@njit(cache=True)
+@kernel
 def _sum_corners(vectors, share, faces, n):
     """For each vertex (n, 3) the sum of the vectors (M, 3) of its triangles, times the share (M, 3) of the corner."""
     total = np.zeros((n, 3))
@@ -125,8 +138,8 @@ def used(n: int, faces: Faces) -> NDArray[np.bool_]:
 
 def in_use(verts: Verts, faces: Faces) -> tuple[NDArray[np.int64], Verts, Faces]:
     """Numbers (U,) of the vertices that faces use, these vertices (U, 3), and the faces (M, 3) among them."""
-    used, renamed = np.unique(faces, return_inverse=True)
-    return used, verts[used], renamed.reshape(-1, 3)
+    there = used(len(verts), faces)
+    return np.flatnonzero(there), verts[there], (np.cumsum(there) - 1)[faces]
 
 
 def edges(faces: Faces) -> NDArray[np.int64]:
@@ -134,29 +147,14 @@ def edges(faces: Faces) -> NDArray[np.int64]:
     return edges_and_counts(faces)[0]
 
 
-#: edges and counts by the id of read-only faces, as in a Surface, while these exist (never make them writeable)
-_EDGES_OF_FACES_ID: dict[int, tuple[NDArray[np.int64], NDArray[np.int64]]] = {}
-
-
+@kept
 def edges_and_counts(faces: Faces) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """``edges``, and the number of triangles at each (E,)."""
-    if faces.flags.writeable or faces.base is not None:  # a view changes with its base
-        return _find_edges(faces)
-    if id(faces) not in _EDGES_OF_FACES_ID:
-        _EDGES_OF_FACES_ID[id(faces)] = _find_edges(faces)
-        weakref.finalize(faces, _EDGES_OF_FACES_ID.pop, id(faces), None).atexit = False
-    return _EDGES_OF_FACES_ID[id(faces)]
-
-
-def _find_edges(faces: Faces) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)  # n^2 needs more
     low, high = pairs.min(axis=1), pairs.max(axis=1)
     base = int(faces.max()) + 1
     key, count = np.unique(low * base + high, return_counts=True)
-    found = np.stack([key // base, key % base], axis=1), count
-    for array in found:
-        array.flags.writeable = False
-    return found
+    return np.stack([key // base, key % base], axis=1), count
 
 
 def border_edges(faces: Faces) -> NDArray[np.int64]:
@@ -165,6 +163,7 @@ def border_edges(faces: Faces) -> NDArray[np.int64]:
     return pair[count == 1]
 
 
+@kept
 def edges_of_faces(faces: Faces) -> NDArray[np.int64]:
     """Index in ``edges`` of the side of each triangle from each corner to the next (M, 3)."""
     pair, base = edges(faces), int(faces.max()) + 1
@@ -174,10 +173,11 @@ def edges_of_faces(faces: Faces) -> NDArray[np.int64]:
     return np.searchsorted(pair[:, 0] * base + pair[:, 1], key)  # ascending, as edges are
 
 
+@kept
 def edge_lengths(verts: Verts, faces: Faces) -> NDArray[np.float64]:
     """Lengths (E,) of ``edges`` [mm]."""
     pair = edges(faces)
-    return np.linalg.norm(verts[pair[:, 0]] - verts[pair[:, 1]], axis=1)
+    return norms(verts[pair[:, 0]] - verts[pair[:, 1]])
 
 
 def mean_edge_length(verts: Verts, faces: Faces) -> float:
@@ -203,6 +203,7 @@ def split(verts: Verts, faces: Faces) -> tuple[Verts, Faces]:
     )
 
 
+@kept
 def adjacency(n: int, faces: Faces) -> sparse.csr_array:
     """(n, n) boolean CSR; ``indptr`` and ``indices`` list each vertex's neighbours in ascending order."""
     pair = edges(faces)
@@ -211,8 +212,8 @@ def adjacency(n: int, faces: Faces) -> sparse.csr_array:
 
 def symmetric(n: int, pairs: NDArray[np.int64], values: NDArray[Any]) -> sparse.csr_array:
     """(n, n) CSR of values (E,) at the positions ``pairs`` (E, 2) and mirrored; ``indices`` ascend in each row."""
-    (i, j), twice = pairs.T, np.concatenate([values, values])
-    matrix = sparse.csr_array((twice, (np.concatenate([i, j]), np.concatenate([j, i]))), shape=(n, n))
+    (i, j), twice = pairs.T.astype(np.int32), np.concatenate([values, values])
+    matrix = sparse.csr_array((twice, (np.concatenate([j, i]), np.concatenate([i, j]))), shape=(n, n))  # in order
     matrix.sort_indices()
     return matrix
 
@@ -222,15 +223,17 @@ def edge_graph(verts: Verts, faces: Faces) -> sparse.csr_array:
     return symmetric(len(verts), edges(faces), np.maximum(edge_lengths(verts, faces), 1e-300))
 
 
+@kept
 def incident_faces(n: int, faces: Faces) -> sparse.csr_array:
     """(n, M) boolean CSR; ``indptr`` and ``indices`` list the faces of each vertex in ascending order."""
-    which = np.repeat(np.arange(len(faces)), 3)
+    which = np.repeat(np.arange(len(faces), dtype=np.int32), 3)
     ones = np.ones(len(which), dtype=np.bool_)
-    matrix = sparse.csr_array((ones, (faces.ravel(), which)), shape=(n, len(faces)))
+    matrix = sparse.csr_array((ones, (faces.ravel().astype(np.int32), which)), shape=(n, len(faces)))
     matrix.sort_indices()
     return matrix
 
 
+@kept
 def cotangent_laplacian(verts: Verts, faces: Faces, *, clip: tuple[float, float] | None = None) -> sparse.csr_array:
     """Stiffness matrix L (N, N) of linear elements: symmetric, rows sum to zero, ``x @ L @ x >= 0``.
 
@@ -240,14 +243,14 @@ def cotangent_laplacian(verts: Verts, faces: Faces, *, clip: tuple[float, float]
     """
     ahead, back = sides(verts, faces)
     doubled = 2 * face_areas(verts, faces)[:, None]
-    dots = np.sum(ahead * back, axis=2)
+    dots = np.einsum("mkr,mkr->mk", ahead, back)
     cot = np.divide(dots, doubled, out=np.zeros_like(dots), where=doubled > 0)
     if clip is not None:
         cot = np.clip(cot, *clip)
-    i, j = np.roll(faces, -1, axis=1).ravel(), np.roll(faces, -2, axis=1).ravel()  # the edge facing each corner
-    half, n = cot.ravel() / 2, len(verts)
-    off = sparse.coo_array((-np.r_[half, half], (np.r_[i, j], np.r_[j, i])), shape=(n, n)).tocsr()
-    return (off - sparse.dia_array((off.sum(axis=1)[None, :], [0]), shape=(n, n))).tocsr()
+    n, facing = len(verts), edges_of_faces(faces)[:, [1, 2, 0]]  # the edge facing each corner
+    half = np.bincount(facing.ravel(), cot.ravel() / 2, len(edges(faces)))
+    total = sum(np.bincount(ends, half, n) for ends in edges(faces).T)
+    return (symmetric(n, edges(faces), -half) + sparse.dia_array((total[None, :], [0]), shape=(n, n))).tocsr()
 
 
 def euler_characteristic(faces: Faces) -> int:
@@ -256,11 +259,13 @@ def euler_characteristic(faces: Faces) -> int:
     return len(np.unique(faces)) - len(edges(faces)) + len(faces)
 
 
+@kept
 def is_closed(faces: Faces) -> bool:
     """True if exactly two faces meet at every edge."""
     return bool((edges_and_counts(faces)[1] == 2).all())
 
 
+@kept
 def components(n: int, faces: Faces) -> tuple[int, NDArray[np.int64]]:
     """Number of connected pieces, and the piece (n,) of each vertex; -1 if no face uses the vertex."""
     label = connected(n, edges(faces))
@@ -278,7 +283,9 @@ def connected(n: int, pairs: NDArray[np.int64]) -> NDArray[np.int64]:
 
 def arc_length(points: Vectors) -> NDArray[np.float64]:
     """Length (P,) [mm] along a polyline from the first of its points (P, 3) to each of them."""
-    return np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
+    along = np.zeros(len(points))
+    np.cumsum(norms(points[1:] - points[:-1]), out=along[1:])
+    return along
 
 
 def morton_codes(points: NDArray[np.float64], bits: int = 20) -> NDArray[np.int64]:

@@ -9,24 +9,26 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from morphofold.kernels import kernel
 
-@njit(cache=True)
+
+@kernel
 def less(a, b):
     """a - b."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
-@njit(cache=True)
+@kernel
 def dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@njit(cache=True)
+@kernel
 def cross(a, b):
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@njit(cache=True)
+@kernel
 def area_vector(a, b, c):
     """Normal of the triangle abc, outward if it is counter-clockwise; its length is twice the area."""
     return cross(less(b, a), less(c, a))
@@ -64,7 +66,7 @@ def _clamp(x):
     return min(max(x, 0.0), 1.0)
 
 
-@njit(cache=True)
+@kernel
 def closest_in_triangle(p, a, b, c):
     """Barycentric coordinates (of b, of c) of the point of triangle abc nearest to p, also for needle triangles."""
     u, v, w = less(b, a), less(c, a), less(p, a)
@@ -89,7 +91,7 @@ def closest_in_triangle(p, a, b, c):
     return bs, bt
 
 
-@njit(cache=True)
+@kernel
 def distance_from_triangle(p, a, b, c):
     """Distance of p from the triangle abc: from its plane if p lies over it (exactly 0 on it), else from a side."""
     n, over, nearest = area_vector(a, b, c), True, np.inf
@@ -103,7 +105,7 @@ def distance_from_triangle(p, a, b, c):
     return abs(dot(less(p, a), n)) / square**0.5 if over and square > 0.0 else nearest**0.5
 
 
-@njit(cache=True)
+@kernel
 def morton(unit, bits):
     """As ``morphofold.geometry.morton_codes``."""
     code, cells = np.zeros(len(unit), dtype=np.int64), 2**bits

@@ -23,6 +23,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from morphofold.geometry import morton_codes
+from morphofold.kernels import kernel
 
 TRIANGLES_PER_LEAF = 4  # triangles in a leaf
 
@@ -55,7 +56,7 @@ def box_tree(verts: NDArray[np.float64], faces: NDArray[np.int64]) -> BoxTree:
     return BoxTree(_tree_bounds(single, order, leaves), order, single)
 
 
-@njit(cache=True)
+@kernel
 def _triangle_boxes(verts, faces, pad):
     boxes = np.empty((len(faces), 6))
     for f in range(len(faces)):
@@ -65,7 +66,7 @@ def _triangle_boxes(verts, faces, pad):
     return boxes
 
 
-@njit(cache=True)
+@kernel
 def _tree_bounds(single, order, leaves):
     bounds = np.empty((2 * leaves, 6))
     bounds[:, :3], bounds[:, 3:] = np.inf, -np.inf  # meets nothing

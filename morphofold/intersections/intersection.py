@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 from numpy.typing import NDArray
 
 from morphofold import geometry
@@ -19,6 +19,7 @@ from morphofold.geometry.kernels import area_vector, cross, distance_from_triang
 from morphofold.intersections.boxes import TRIANGLES_PER_LEAF, BoxTree, box_tree, following, meets
 from morphofold.intersections.rays import ray_hits
 from morphofold.intersections.signs import plane_sign, side
+from morphofold.kernels import kernel
 from morphofold.surface import Surface
 
 Indices = NDArray[np.int64]
@@ -147,7 +148,7 @@ def _crossings(verts: Array, faces: Indices, edges: Indices, tree: BoxTree) -> t
     return edges[number[order]], face[order]
 
 
-@njit(parallel=True, cache=True)
+@kernel(parallel=True)
 def _count_crossings(verts, faces, edges, bounds, order, single):
     count = np.empty(len(edges), dtype=np.int64)
     for e in prange(len(edges)):
@@ -155,14 +156,14 @@ def _count_crossings(verts, faces, edges, bounds, order, single):
     return count
 
 
-@njit(parallel=True, cache=True)
+@kernel(parallel=True)
 def _fill_crossings(verts, faces, edges, bounds, order, single, first, face):
     for e in prange(len(edges)):
         if first[e + 1] > first[e]:
             _crossed_faces(verts, faces, bounds, order, single, edges[e], face[first[e] : first[e + 1]])
 
 
-@njit(cache=True)
+@kernel
 def _crossed_faces(verts, faces, bounds, order, single, edge, found):
     """Write the faces that an edge crosses to ``found``, as many as fit; returns their number."""
     p, q = edge
@@ -185,7 +186,7 @@ def _crossed_faces(verts, faces, bounds, order, single, edge, found):
     return n
 
 
-@njit(cache=True)
+@kernel
 def _edge_crosses_triangle(verts, p, q, tri):
     """Whether the edge pq crosses a triangle with which it shares no vertex."""
     i, j, k = tri
@@ -198,7 +199,7 @@ def _edge_crosses_triangle(verts, p, q, tri):
     return turn != 0 and side(verts, p, q, j, k) == turn and side(verts, p, q, k, i) == turn
 
 
-@njit(cache=True)
+@kernel
 def _measure_crossings(verts, faces, first, ring, edge, face, point, depth):
     """Write point (K, 3) and depth (K,) of crossings; ``ring[first[i] : first[i + 1]]`` are the faces at vertex i."""
     for e in range(len(edge)):
@@ -216,7 +217,7 @@ def _measure_crossings(verts, faces, first, ring, edge, face, point, depth):
         depth[e] = reach
 
 
-@njit(cache=True)
+@kernel
 def _distance_to_exit(verts, faces, first, ring, edge, f, k, point, along):
     """Distance of a crossing from corner k of face f, or from the side that begins there, if the edge can exit there.
 
@@ -246,13 +247,13 @@ def _distance_to_exit(verts, faces, first, ring, edge, f, k, point, along):
     return distance
 
 
-@njit(cache=True)
+@kernel
 def _is_on_another_wall(n, normal):
     """Whether a triangle of area vector ``n`` belongs to another wall than a vertex with unit normal ``normal``."""
     return dot(n, normal) < ANOTHER_WALL_COSINE * dot(n, n) ** 0.5
 
 
-@njit(cache=True)
+@kernel
 def _zero_unreliable_normals(verts, faces, normals):
     """Set vertex normals (N, 3) to zero where a face around the vertex is turned too far from the normal."""
     turned = np.zeros(len(verts), dtype=np.bool_)
@@ -265,7 +266,7 @@ def _zero_unreliable_normals(verts, faces, normals):
             normals[i, r] = 0.0
 
 
-@njit(parallel=True, cache=True)
+@kernel(parallel=True)
 def _depth_behind_walls(verts, faces, normals, bounds, order, single, radius):
     """Distance (N,) of each vertex from the facing wall that it has passed, 0 if none, within ``radius``."""
     behind, none = np.zeros(len(verts)), np.empty(0)
@@ -279,7 +280,7 @@ def _depth_behind_walls(verts, faces, normals, bounds, order, single, radius):
     return behind
 
 
-@njit(cache=True)
+@kernel
 def _distance_to_wall_behind(verts, faces, normal, bounds, order, single, i, radius):
     """Distance of vertex i from the nearest face of another wall that does not have i in front; else inf."""
     nearest = np.inf

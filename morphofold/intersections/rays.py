@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from morphofold.geometry.kernels import cross, dot, less
 from morphofold.intersections.boxes import TRIANGLES_PER_LEAF, following, meets_ray
 from morphofold.intersections.signs import TIE_BREAKING_DIRECTION, plane_sign
+from morphofold.kernels import kernel
 
 
-@njit(cache=True)
+@kernel
 def ray_hits(verts, faces, bounds, order, origin, direction, at, sign):
     """Where and in which direction a ray crosses a surface: exact, also through edges and vertices.
 
@@ -51,7 +51,7 @@ def ray_hits(verts, faces, bounds, order, origin, direction, at, sign):
     return n, winding
 
 
-@njit(cache=True)
+@kernel
 def ray_winding(verts, faces, origin, direction):
     """The winding as from ``ray_hits``, for few faces: each face is tested, so no tree is needed."""
     winding = 0
@@ -61,7 +61,7 @@ def ray_winding(verts, faces, origin, direction):
     return winding
 
 
-@njit(cache=True)
+@kernel
 def _ray_sign(a, b, c, origin, direction):
     """1 if the ray leaves through the front of the triangle abc, -1 if it enters, 0 if it misses."""
     turn = _edge_sign(a, b, origin, direction)
@@ -70,14 +70,14 @@ def _ray_sign(a, b, c, origin, direction):
     return turn if plane_sign(a, b, c, origin, 1.0) == -turn else 0
 
 
-@njit(cache=True)
+@kernel
 def _edge_sign(a, b, origin, direction):
     """The side of the line along a ray on which the edge ab passes."""
     sign = plane_sign(a, b, origin, direction, 0.0)
     return sign if sign != 0 else plane_sign(a, b, origin, np.array(TIE_BREAKING_DIRECTION), 0.0)
 
 
-@njit(cache=True)
+@kernel
 def _ray_distance(a, b, c, origin, direction):
     """Distance along the ray to the point where it meets a triangle; the point is always in the triangle."""
     u, v, w = less(a, origin), less(b, origin), less(c, origin)

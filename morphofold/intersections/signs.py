@@ -18,7 +18,8 @@ Geom. 18, 305 (1997). H. Edelsbrunner, E. P. Muecke, Simulation of simplicity. A
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from morphofold.kernels import kernel
 
 #: direction of the displacements that decide ties: no plane of a mesh contains it, except by chance
 TIE_BREAKING_DIRECTION = (0.5319718735123841, 0.3247217563401897, 0.7818417265489173)
@@ -30,7 +31,7 @@ _SPLITTING_FACTOR = 2.0**27 + 1
 _CYCLIC_ORDERS = ((0, 1, 2), (1, 2, 0), (2, 0, 1))
 
 
-@njit(cache=True)
+@kernel
 def plane_sign(a, b, c, d, weight):
     """Exact sign, 1, -1 or 0, of (d - weight a) . ((b - a) x (c - a)).
 
@@ -50,14 +51,14 @@ def plane_sign(a, b, c, d, weight):
     return _exact_sign(a, b, c, d, weight)
 
 
-@njit(cache=True)
+@kernel
 def side(verts, i, j, k, p):
     """Sign of vertex p against the triangle ijk: 1 in front, -1 behind; 0 only if all four lie on one line."""
     sign = plane_sign(verts[i], verts[j], verts[k], verts[p], 1.0)
     return sign if sign != 0 else _displaced_sign(verts, i, j, k, p)
 
 
-@njit(cache=True)
+@kernel
 def _displaced_sign(verts, i, j, k, p):
     """Sign of a determinant that is zero, once the vertex of lowest index that can change it is displaced.
 
@@ -76,7 +77,7 @@ def _displaced_sign(verts, i, j, k, p):
     return found
 
 
-@njit(cache=True)
+@kernel
 def _exact_sign(a, b, c, d, weight):
     """The 24 products of three coordinates (18 if weight is 0), summed without error."""
     rows = np.empty((4, 3))
@@ -94,7 +95,7 @@ def _exact_sign(a, b, c, d, weight):
     return 0 if n == 0 else (1 if total[n - 1] > 0 else -1)  # the last component is larger than all others together
 
 
-@njit(cache=True)
+@kernel
 def _add_product(total, n, x, y, z):
     """Add x y z to the expansion ``total[:n]``; returns its new length."""
     high, low = _two_product(x, y)
@@ -105,7 +106,7 @@ def _add_product(total, n, x, y, z):
     return n
 
 
-@njit(cache=True)
+@kernel
 def _add_to_expansion(total, n, x):
     """Grow-expansion without zeros: add x to components of rising magnitude that don't overlap."""
     m = 0
@@ -123,7 +124,7 @@ def _add_to_expansion(total, n, x):
     return m
 
 
-@njit(cache=True)
+@kernel
 def _two_product(x, y):
     """x y as a rounded product and its error."""
     p = x * y

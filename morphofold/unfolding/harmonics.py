@@ -11,12 +11,13 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 from scipy import sparse
 from scipy.linalg import cho_factor, cho_solve
 
 from morphofold.arrays import Array, Ints
 from morphofold.errors import WrongShape
+from morphofold.kernels import kernel
 from morphofold.threads import one_blas_thread
 
 POINTS_AT_ONCE = 8192  # bounds the memory of the harmonics at many points
@@ -30,7 +31,7 @@ def _recurrence(degree: int) -> tuple[Array, Array]:
     return a, np.sqrt((l * l - m * m) / np.maximum(4.0 * l * l - 1, 1.0))
 
 
-@njit(parallel=True, cache=True)
+@kernel(parallel=True)
 def _harmonics(s, degree, a, b, out):
     """All harmonics up to ``degree`` at the points s (P, 3) of the unit sphere; out (P, (degree + 1)^2)."""
     for p in prange(len(s)):

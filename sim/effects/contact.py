@@ -19,6 +19,7 @@ from scipy import sparse
 from morphofold.arrays import Array, Ints
 from morphofold.geometry import incident_faces, unit, vertex_normals
 from morphofold.geometry.kernels import area_vector, nearest_weights
+from morphofold.kernels import kernel
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect
 from morphofold.sim.scene.tables import EffectOptions
@@ -54,7 +55,7 @@ def _unit_normal(a, b, c):
     return n0 / length, n1 / length, n2 / length
 
 
-@njit(cache=True)
+@kernel
 def _sort_into_cells(x, n_nodes, size):
     """Counting sort of the nodes into cubic cells: (cell of each node, starts, members, shape, origin)."""
     low, high = np.empty(3), np.empty(3)
@@ -90,7 +91,7 @@ def _is_neighbour(X, N, i, j, reach, times=1.0):
     return cosine > OPPOSED_NORMALS_COSINE or e0 * N[i, 0] + e1 * N[i, 1] + e2 * N[i, 2] <= 0.0
 
 
-@njit(parallel=True, cache=True)
+@kernel(parallel=True)
 def find_facing(x, X, N, normals, n_nodes, radius, reach, facing):
     """Nearest node within ``radius`` with an opposed normal and outside the node's neighbourhood; -1: none."""
     cell, starts, members, shape = _sort_into_cells(x, n_nodes, radius)
@@ -120,7 +121,7 @@ def find_facing(x, X, N, normals, n_nodes, radius, reach, facing):
         facing[i] = nearest
 
 
-@njit(parallel=True, cache=True)
+@kernel(parallel=True)
 def choose_triangles(x, X, N, tri, ring_first, ring, facing, reach, partner):
     """For each node, the nearest of the triangles around the node that faces it; -1: none.
 
@@ -152,7 +153,7 @@ def choose_triangles(x, X, N, tri, ring_first, ring, facing, reach, partner):
         partner[i] = nearest
 
 
-@njit(parallel=True, cache=True)
+@kernel(parallel=True)
 def press(x, v, X, N, mass, tri, partner, h, reach, stiffness, push, weight, depth, energy):
     """Contact force of each node on its triangle: push (S, 3), barycentric weights (S, 3), depth (S,), energy (S,).
 
@@ -194,7 +195,7 @@ def press(x, v, X, N, mass, tri, partner, h, reach, stiffness, push, weight, dep
         weight[i, 0], weight[i, 1], weight[i, 2] = wj, wk, wl
 
 
-@njit(cache=True)
+@kernel
 def add_pushes(tri, partner, push, weight, depth, extra):
     """Add the action on nodes and the reaction on their triangles; serial, so that the order of the sum is fixed."""
     for i in range(len(partner)):

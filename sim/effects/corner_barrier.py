@@ -14,11 +14,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 from scipy import sparse
 
 from morphofold.arrays import Array, Ints
 from morphofold.errors import DoesNotApply, ImpossibleBody
+from morphofold.kernels import kernel
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect, Running
 from morphofold.sim.elements.bricks import Bricks
@@ -32,7 +33,7 @@ LEAST_J = 0.2  # the barrier acts below it
 STRENGTH = 80.0  # stiffness against J over mu: a crease of one modulus presses with about 8 mu
 
 
-@njit(parallel=True, cache=True)
+@kernel(parallel=True)
 def corner_volumes(x, nodes, sense, out):
     """Volume (groups, 4, LANES) that the three edges of each corner span; ``nodes`` (groups, 4, LANES, 4)."""
     for g in prange(len(nodes)):

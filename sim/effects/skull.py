@@ -6,13 +6,13 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-from numba import njit
 from pydantic import Field
 from scipy import sparse
 from scipy.optimize import brentq
 
 from morphofold.arrays import Array
 from morphofold.errors import DoesNotApply, ImpossibleBody
+from morphofold.kernels import kernel
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect
 from morphofold.sim.growth import volume
@@ -32,7 +32,7 @@ CHECKS = 32  # growths at which the body must fit
 MOST_CELLS = 16  # of the grid of a wide gap, along it
 
 
-@njit(cache=True)
+@kernel
 def press_shell(v, mass, depth, normal, extra):
     """Push the surface nodes that are outside, by ``depth`` (S,), back along ``normal`` (S, 3); returns how many, and
     their energy."""

@@ -22,6 +22,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
+from morphofold.kernels import kernel
 from morphofold.sim.elements.lanes import (
     _FAST_MATH,
     _LANES,
@@ -343,7 +344,7 @@ def prefetch_block(data, b, part):
         prefetch(ahead, i)
 
 
-@njit(parallel=True, cache=True, fastmath=_FAST_MATH, error_model="numpy")
+@kernel(parallel=True, fastmath=_FAST_MATH, error_model="numpy")
 def element_forces(x, nodes, start, local, layers, point, modulus, force, material):
     """Write forces (minus the energy gradient) of the bricks, summed per column and node, into ``force`` (R, 3).
 
@@ -500,7 +501,7 @@ def _block_state(xs, g, m, out, bound, material):
         )
 
 
-@njit(parallel=True, cache=True, fastmath=_FAST_MATH, error_model="numpy")
+@kernel(parallel=True, fastmath=_FAST_MATH, error_model="numpy")
 def element_state(x, nodes, start, local, layers, point, modulus, state, stiffness, material):
     """Write, per element, energy, smallest J, largest J and v/V into ``state`` (block, 4 LANES); per row, the sum of
     its elements' stiffness bounds into ``stiffness`` (R,).
@@ -527,7 +528,7 @@ def element_state(x, nodes, start, local, layers, point, modulus, state, stiffne
                     stiffness[level + mine[i]] += bound[i % LANES]
 
 
-@njit(parallel=True, cache=True, fastmath=_FAST_MATH)
+@kernel(parallel=True, fastmath=_FAST_MATH)
 def grow(point, point0, radial, modulus, stretch, blocks, tangential):
     """Compute point data and 1/V of ``blocks`` at growth ``stretch`` (B, LANES) from those at growth 1, ``point0``.
 

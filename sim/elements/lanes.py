@@ -13,6 +13,8 @@ from numba import njit, prange, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+from morphofold.kernels import kernel
+
 LANES = 32  # lanes per block
 CORNER_SCALE = 0.125  # positions and forces of bricks are scaled by this, so that their kernels need no such factors
 
@@ -132,14 +134,14 @@ def sum_of_node_rows(force, first, rows, n):
     return f0, f1, f2
 
 
-@njit(parallel=True, cache=True)
+@kernel(parallel=True)
 def gather(force, first, rows, out):
     """Nodal sums (N, 3) of the rows of ``force`` (R, 3); node n owns ``rows[first[n]:first[n + 1]]``."""
     for n in prange(len(out)):
         out[n, 0], out[n, 1], out[n, 2] = sum_of_node_rows(force, first, rows, n)
 
 
-@njit(parallel=True, cache=True)
+@kernel(parallel=True)
 def sum_forces(force, first, rows, rest, extra, free, out):
     """Nodal forces (N, 3) on the free coordinates, 0 on the others.
 
@@ -156,7 +158,7 @@ def sum_forces(force, first, rows, rest, extra, free, out):
             out[n, r] = total if free[n, r] else 0.0
 
 
-@njit(parallel=True, cache=True)
+@kernel(parallel=True)
 def gather_scalar(values, first, rows, out):
     """Nodal sums (N,) of one value per row (R,)."""
     for n in prange(len(out)):

@@ -11,10 +11,10 @@ from __future__ import annotations
 import heapq
 
 import numpy as np
-from numba import njit
 from skfem import MeshTet
 
 from morphofold.arrays import Array, Ints
+from morphofold.kernels import kernel
 from morphofold.sim.elements.tet_kernels import PATCH_NODES, PATCH_TETS
 
 
@@ -68,7 +68,7 @@ def _ring_patches(mesh: MeshTet, X: Array, material: Ints) -> tuple[Ints, int]:
     return np.where(ring, np.cumsum(ring) - 1, -1)[longest], int(ring.sum())
 
 
-@njit(cache=True)
+@kernel
 def _free_neighbours(across, patch):
     """For each tetrahedron, the number of its neighbours without a patch."""
     free = np.zeros(len(across), np.int64)
@@ -79,7 +79,7 @@ def _free_neighbours(across, patch):
     return free
 
 
-@njit(cache=True)
+@kernel
 def _shared_corner_count(nodes, count, tet):
     """Number of corners of ``tet`` among the first ``count`` of ``nodes``."""
     known = 0
@@ -89,7 +89,7 @@ def _shared_corner_count(nodes, count, tet):
     return known
 
 
-@njit(cache=True)
+@kernel
 def _best_neighbour(tets, across, centre, patch, free, members, size, nodes, count):
     """The neighbour by which a patch should grow, or -1."""
     best, score = -1, (0, 0, 0.0, 0)
@@ -111,7 +111,7 @@ def _best_neighbour(tets, across, centre, patch, free, members, size, nodes, cou
     return best
 
 
-@njit(cache=True)
+@kernel
 def _grow_patches(tets, across, centre, patch, count):
     """Assign a patch to each tetrahedron without one, numbered from ``count``; returns the number of patches."""
     free = _free_neighbours(across, patch)

@@ -8,11 +8,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 from numpy.typing import NDArray
 from scipy import sparse
 
 from morphofold.arrays import Array
+from morphofold.kernels import kernel
 from morphofold.sim.mesh.brick_mesh import Bilayer
 
 FLAT_STENCIL_RATIO = 1e-7  # singular value, over the largest, below which a stencil is flat in that direction
@@ -166,7 +167,7 @@ def _remove_affine_part(stencils: _Stencils, p: Array, cell: float) -> _Stencils
     return found._replace(value=value)
 
 
-@njit(parallel=True, cache=True)
+@kernel(parallel=True)
 def _filter_forces(start, column, value, axis, row, other, difference, x, X, scale, u, out):
     """Compute out = -scale (B + D) u for the surface nodes; u = x - X (n, 3) is written, too.
 

@@ -27,6 +27,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
+from morphofold.kernels import kernel
 from morphofold.sim.elements.brick_kernels import _cofactor, second_invariant, turned
 from morphofold.sim.elements.lanes import _FAST_MATH, _LANES, _UINT, LANES, deliver, fetch
 from morphofold.sim.materials import energy_of, slopes_of, stiffness_bound, uses_i2
@@ -312,7 +313,7 @@ def _patch_gradient(d, e, m, q, l, material):
     _tet_gradient(q, i, a5, k5, mean, p, OWN_GRADIENT_SHARE * mu, r5 * sixth, material)
 
 
-@njit(parallel=True, cache=True, fastmath=_FAST_MATH, error_model="numpy")
+@kernel(parallel=True, fastmath=_FAST_MATH, error_model="numpy")
 def patch_forces(x, nodes, start, local, corner, edges, modulus, force, material):
     """Write forces (minus the energy gradient) of the patches, summed per block and node, into ``force`` (R, 3).
 
@@ -336,7 +337,7 @@ def patch_forces(x, nodes, start, local, corner, edges, modulus, force, material
         deliver(near, local[b], PATCH_NODES, rows)
 
 
-@njit(parallel=True, cache=True)
+@kernel(parallel=True)
 def grow_edges(X, normal, nodes, start, local, corner, across, along, edges):
     """Compute the edges of the leading blocks after free growth: G (X_i - X_0), from reference positions X (N, 3).
 
@@ -454,7 +455,7 @@ def _measure_patch(sums, near, m, l, state, bound, material):
     bound[l + _UINT(6) * _LANES], bound[l + _UINT(7) * _LANES] = s * n6, s * n7
 
 
-@njit(parallel=True, cache=True, fastmath=_FAST_MATH, error_model="numpy")
+@kernel(parallel=True, fastmath=_FAST_MATH, error_model="numpy")
 def patch_state(x, nodes, start, local, corner, edges, modulus, J, state, stiffness, material):
     """Write J of each tetrahedron (block, 6 LANES); per patch, its volume ratio and energy into ``state`` (block, 2
     LANES); per row, the sum of a bound on the stiffness of its patches into ``stiffness`` (R,).

@@ -14,11 +14,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from morphofold.arrays import Array
+from morphofold.kernels import kernel
 
 if TYPE_CHECKING:
     from morphofold.sim.body import Body
@@ -166,7 +166,7 @@ def softest(body: Body) -> float:
     return float(np.min(w2 * body.crossing**2, where=bends, initial=np.inf))
 
 
-@njit(cache=True)
+@kernel
 def _displacement_products(x, x0, a, a0, X, mass):
     """dx.m dx, -dx.m da and dx.m a, with dx = x - x0 and da = a - a0; rms over the nodes of dx and of x - X."""
     moved, against, along, way, from_X = 0.0, 0.0, 0.0, 0.0, 0.0

@@ -29,13 +29,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from scipy import sparse
 from scipy.linalg import blas, lapack
 from scipy.sparse import csgraph
 from threadpoolctl import threadpool_limits
 
 from morphofold.arrays import Array, Ints
+from morphofold.kernels import kernel
 
 MOST_LEAF_NODES = 60  # number of nodes up to which a set is not halved any more
 CUT_SHARES = (0.42, 0.46, 0.5, 0.54, 0.58)  # shares of the nodes on one side of a cut that are tried
@@ -222,7 +222,7 @@ class Factor:
         return x
 
 
-@njit(cache=True)
+@kernel
 def _extend_add(F, S, at):
     """F[at, at] += S."""
     for i in range(len(at)):

@@ -25,11 +25,11 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from scipy import sparse
 from skfem import ElementHex1
 
 from morphofold.arrays import Array, Ints
+from morphofold.kernels import kernel
 from morphofold.sim.body import Body
 from morphofold.sim.elements.brick_kernels import ROWS_PER_POINT
 from morphofold.sim.elements.bricks import CORNERS_IN_KERNEL_ORDER, GAUSS_POINTS, Bricks
@@ -346,7 +346,7 @@ def _cross_matrices(v: Array) -> Array:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
-@njit(cache=True)
+@kernel
 def _add_blocks(matrices, place, blocks):
     """Add the 3x3 blocks of element matrices (e, K, 3, K, 3) to ``blocks`` (B, 3, 3) at ``place`` (e, K, K)."""
     for e in range(len(matrices)):

@@ -12,11 +12,11 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import minimize
 
 from morphofold.arrays import Array, Ints
+from morphofold.kernels import kernel
 from morphofold.unfolding.harmonics import Expansion, fit
 
 #: searches one after the other: power of f, eps, and iterations
@@ -75,7 +75,7 @@ def scaled_jacobians(levels: Array, quads: Ints) -> Array:
     return out
 
 
-@njit(cache=True)
+@kernel
 def _corner(levels, quads, k, q, c, top, u, v, w):
     """Edges u, v along the surface and w outwards at a corner of brick (k, q); returns its level and vertices."""
     level, other = k + 1 - top, k + top  # levels are numbered from outside in
@@ -88,12 +88,12 @@ def _corner(levels, quads, k, q, c, top, u, v, w):
     return level, other, o, i, j, side
 
 
-@njit(cache=True)
+@kernel
 def _determinant(u, v, w):
     return (u[1] * v[2] - u[2] * v[1]) * w[0] + (u[2] * v[0] - u[0] * v[2]) * w[1] + (u[0] * v[1] - u[1] * v[0]) * w[2]
 
 
-@njit(cache=True)
+@kernel
 def _sum_misshape(levels, quads, sizes, heights, power, eps, slope):
     """Sum of f^power over all corners; writes its derivatives by ``levels`` to ``slope``."""
     total = 0.0
@@ -128,7 +128,7 @@ def _sum_misshape(levels, quads, sizes, heights, power, eps, slope):
     return total
 
 
-@njit(cache=True)
+@kernel
 def _scaled_jacobians(levels, quads, out):
     u, v, w = np.empty(3), np.empty(3), np.empty(3)
     for k in range(len(levels) - 1):

@@ -8,11 +8,11 @@ lattice, so meshes can be refined.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from scipy.optimize import minimize
 
 from morphofold.arrays import Array, Ints
 from morphofold.geometry import unit
+from morphofold.kernels import kernel
 from morphofold.sim.mesh.brick_mesh import cube_directions
 from morphofold.unfolding.harmonics import Expansion, harmonics
 from morphofold.unfolding.smooth_surface import SmoothSurface, tangents
@@ -71,7 +71,7 @@ class _Search:
         return float(np.log(total)) / power, (self._harmonics.T @ by_moved / (total * power)).ravel()
 
 
-@njit(cache=True)
+@kernel
 def _sum_edges_and_corners(outer, inner, normal, quads, power, by_outer, by_inner, by_normal):
     """Sum of edges (of ``outer``) and corners (of both surfaces) over what is aimed at, to the 2 ``power``-th.
 

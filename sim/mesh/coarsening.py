@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from scipy import sparse
 from scipy.sparse.csgraph import dijkstra
 
 from morphofold.arrays import Array, Ints
+from morphofold.kernels import kernel
 
 
 class Halved(NamedTuple):
@@ -88,7 +88,7 @@ def _first_vertex(quads: Ints, n: int, across: Ints) -> int:
     return int(np.argmax(dijkstra(edges, directed=False, unweighted=True, indices=odd, min_only=True)))
 
 
-@njit(cache=True)
+@kernel
 def _spread(across, kept, start):
     """Fill ``kept`` (Q,), the corner that is kept, from quad ``start`` to all others."""
     stack = [start]

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from morphofold.kernels import kernel
+
 MOST_TETS_PER_STEP = 200  # most tetrahedra that one step may cross
 HALVINGS_OF_LAST_STEP = 30  # halvings of the last step: level has a kink at 0, so linear interpolation can't find it
 
@@ -18,7 +20,7 @@ def _six_times_volume(a, b, c, d):
     return u0 * (v1 * w2 - v2 * w1) - u1 * (v0 * w2 - v2 * w0) + u2 * (v0 * w1 - v1 * w0)
 
 
-@njit(cache=True)
+@kernel
 def _barycentric_weights(x, tet, p, w):
     """Write barycentric weights of ``p`` in a tetrahedron into ``w`` (4,)."""
     a, b, c, d = x[tet[0]], x[tet[1]], x[tet[2]], x[tet[3]]
@@ -29,7 +31,7 @@ def _barycentric_weights(x, tet, p, w):
     w[3] = 1.0 - w[0] - w[1] - w[2]
 
 
-@njit(cache=True)
+@kernel
 def _containing_tetrahedron(x, tets, across, p, start, w):
     """The tetrahedron that contains ``p``, found from ``start`` across faces; -1 if the path leaves the mesh."""
     e = start
@@ -46,7 +48,7 @@ def _containing_tetrahedron(x, tets, across, p, start, w):
     return -1
 
 
-@njit(cache=True)
+@kernel
 def _interpolate_level(tets, level, e, w):
     """The level at weights ``w`` of tetrahedron ``e``."""
     there = 0.0
@@ -55,7 +57,7 @@ def _interpolate_level(tets, level, e, w):
     return there
 
 
-@njit(cache=True)
+@kernel
 def _bisect_level_crossing(x, tets, across, level, e, p, q, w):
     """Bisect from ``p`` (level above 0) to ``q`` (below) for level 0; the point is written into ``q``."""
     at = np.empty(3)
@@ -74,7 +76,7 @@ def _bisect_level_crossing(x, tets, across, level, e, p, q, w):
     return _containing_tetrahedron(x, tets, across, q, found, w)
 
 
-@njit(cache=True)
+@kernel
 def descend(x, tets, across, start, radial, level, stride, steps, where, weights):
     """Follow minus ``radial`` from each node i to where ``level`` becomes 0, or is smallest inside the mesh.
 

@@ -6,11 +6,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from morphofold.arrays import Array
 from morphofold.io import write_annotation, write_label, write_surface
+from morphofold.kernels import kernel
 from morphofold.sim.body import Body
 from morphofold.sim.mesh.mirroring import Whole, mirror
 from morphofold.surface import Surface
@@ -80,7 +80,7 @@ def smooth_diagonals(x: Array, quads: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.concatenate([first, second])
 
 
-@njit(cache=True)
+@kernel
 def _squared_dihedral_angle(p, q, left, right):
     """Squared dihedral angle at edge pq between the triangles to its left and right, 0 if flat."""
     e = q - p
@@ -90,7 +90,7 @@ def _squared_dihedral_angle(p, q, left, right):
     return np.arctan2(sine, np.dot(n, m)) ** 2
 
 
-@njit(cache=True)
+@kernel
 def _choose_diagonals(x, quads, other, choice, opposite):
     for _ in range(MOST_SWEEPS):
         changed = 0

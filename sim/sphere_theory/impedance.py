@@ -12,10 +12,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from scipy.linalg import schur
 
 from morphofold.arrays import Array
+from morphofold.kernels import kernel
 from morphofold.sim.sphere_theory.smooth_sphere import (
     COMPLIANCE,
     LAMBDA_R,
@@ -114,7 +114,7 @@ def _half_space_impedance(fields: Array, mu: float, side: str) -> Array | None:
     return (Z + Z.T) / 2 - fields[PRESSURE] * np.array([[0.0, 1.0], [1.0, 0.0]])
 
 
-@njit(cache=True)
+@kernel
 def _fill_coefficients(M, n, mu, fields):
     """Fill M (4, 4) of d(U, v, P, Q)/dy = M (U, v, P, Q) at one point of a smooth state; n = sqrt(l (l + 1)).
 
@@ -155,7 +155,7 @@ def _fill_coefficients(M, n, mu, fields):
             M[i, j] *= rate
 
 
-@njit(cache=True)
+@kernel
 def _interpolate_fields(x, nodes, table, fields):
     """Fields (6,) at x from a table (6, n) at Chebyshev points, barycentric (Berrut and Trefethen 2004, Eq. 5.4)."""
     last = len(nodes) - 1
@@ -176,7 +176,7 @@ def _interpolate_fields(x, nodes, table, fields):
     fields /= total
 
 
-@njit(cache=True)
+@kernel
 def _integrate_layer(Y, degree, start, end, nodes, table, mu):
     """Integrate two solutions Y (4, 2) of (U, v, P, Q), in place, from one end of a layer to the other.
 

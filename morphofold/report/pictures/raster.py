@@ -10,11 +10,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from morphofold.kernels import kernel
 
-@njit(cache=True, nogil=True)
+
+@kernel
 def rasterise(xyz, faces, width, height):
     """The nearest triangle at each pixel.
 
@@ -72,7 +73,7 @@ HIGHLIGHT_DIRECTION = tuple(
 )  # halfway to the viewer
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def paint(face, b0, b1, faces, normals, colours, oversample):
     """Colours (height, width, 3) of the result of ``rasterise``, lit as in the viewer; white where there is no face.
 

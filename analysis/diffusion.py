@@ -1,0 +1,247 @@
+"""Implicit diffusion on a surface: ``(M + t L) x = b`` for any t, in a time proportional to the number of vertices.
+
+Conjugate gradients with a multigrid preconditioner of smoothed aggregation (Vanek, Mandel, Brezina 1996, Computing 56).
+The coarse levels belong to L alone, so one hierarchy serves every t.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from morphofold import geometry
+from morphofold.arrays import Array
+from morphofold.errors import WrongShape
+from morphofold.kept import kept
+from morphofold.kernels import kernel, reading
+from morphofold.surface import Faces, Verts
+from morphofold.threads import beside
+
+MOST_ITERATIONS = 300
+LEAST_STRENGTH = 0.08  # of a coupling between neighbours, relative to their diagonals, to join them in an aggregate
+PROLONGATION_SMOOTHING = 2 / 3  # of a Jacobi step
+MOST_COARSEST = 60  # vertices of the coarsest level
+COARSEST_SWEEPS = 4  # Gauss-Seidel sweeps there, forward and back
+
+
+class Diffusion:
+    """Solves ``(M + t L) x = b`` with the vertex areas M (N,) [mm^2] and a stiffness L (N, N) whose rows sum to zero.
+
+    A vertex without area and neighbours keeps its start value.
+
+    Attributes
+    ----------
+    mass, stiffness : (N,) float64, (N, N) csr_array
+    """
+
+    def __init__(self, mass: Array, stiffness: sparse.csr_array):
+        self.mass, self.stiffness = mass, stiffness
+        levels, across = [stiffness], []
+        while levels[-1].shape[0] > MOST_COARSEST:
+            P = _prolongation(levels[-1])
+            if P.shape[1] > 0.7 * P.shape[0]:  # only vertices without strong neighbours are left
+                break
+            across.append(P)
+            levels.append((P.T @ (levels[-1] @ P)).tocsr())
+        masses = [mass]
+        for P in across:
+            masses.append(np.maximum(P.T @ masses[-1], 0.0))
+        parts = [(sparse.tril(level, -1, "csr"), sparse.triu(level, 1, "csr")) for level in levels]
+        ptr, col, off = _joined([below + above for below, above in parts])
+        self._levels = (
+            np.cumsum([0, *map(len, masses)]),
+            ptr,
+            ptr[:-1] + np.concatenate([np.diff(below.indptr) for below, _ in parts]).astype(np.int32),
+            col,
+            off,
+            np.concatenate([level.diagonal() for level in levels]),
+            np.concatenate(masses),
+            *_joined([*across, sparse.csr_array((len(masses[-1]), 0))]),
+        )
+
+    def solve(self, time: float, right: Array, x: Array, rtol: float) -> Array:
+        """Solve ``(M + time L) x = right``.
+
+        Parameters
+        ----------
+        time : float
+            [mm^2].
+        right, x : (N,) or (N, K) float64
+            The iteration starts at ``x``, which is not changed.
+        rtol : float
+            Norm of the residual at the end, relative to ``right``, in each column.
+
+        Raises
+        ------
+        WrongShape
+            If ``right`` or ``x`` has another shape.
+        RuntimeError
+            If that takes more than 300 iterations. The mesh is then too irregular.
+        """
+        if np.shape(right) != np.shape(x) or np.ndim(x) not in (1, 2) or len(x) != len(self.mass):
+            raise WrongShape(
+                f"right {np.shape(right)} and x {np.shape(x)} must be (N,) or (N, K), N = {len(self.mass)}."
+            )
+        columns = [(np.array(b), np.array(y)) for b, y in zip(np.atleast_2d(right.T), np.atleast_2d(x.T), strict=True)]
+        levels = tuple(map(reading, self._levels))
+        tasks = [partial(_iterate, *levels, float(time), reading(b), y, rtol, MOST_ITERATIONS) for b, y in columns]
+        if not all(count >= 0 for count in beside(*tasks)):
+            raise RuntimeError(
+                f"conjugate gradients did not converge in {MOST_ITERATIONS} iterations on {len(x)} vertices; the mesh "
+                "has extreme triangles. Remesh it, or use a shorter scale."
+            )
+        return np.stack([y for _, y in columns], axis=-1).reshape(np.shape(x))
+
+
+@kept
+def diffusion(verts: Verts, faces: Faces, clip: tuple[float, float]) -> Diffusion:
+    """Diffusion on a surface, with the cotangents of its Laplacian bounded by ``clip``."""
+    return Diffusion(geometry.vertex_areas(verts, faces), geometry.cotangent_laplacian(verts, faces, clip=clip))
+
+
+def _joined(matrices: list[sparse.csr_array]) -> tuple[NDArray[np.int32], NDArray[np.int32], Array]:
+    """Row starts, columns and values of matrices below each other, each with columns of its own from 0."""
+    counts = np.concatenate([np.diff(matrix.indptr) for matrix in matrices])
+    return (
+        np.cumsum(np.concatenate([[0], counts]), dtype=np.int32),
+        np.concatenate([matrix.indices for matrix in matrices]).astype(np.int32),
+        np.concatenate([matrix.data for matrix in matrices]).astype(np.float64),
+    )
+
+
+def _prolongation(L: sparse.csr_array) -> sparse.csr_array:
+    """From aggregates to the vertices of L: the constant on each aggregate, smoothed by a Jacobi step."""
+    diagonal = L.diagonal()
+    scale = np.sqrt(np.maximum(diagonal, 0.0))
+    row = np.repeat(np.arange(len(diagonal)), np.diff(L.indptr))
+    strong = np.abs(L.data) > LEAST_STRENGTH * scale[row] * scale[L.indices]
+    aggregate = _aggregates(*map(reading, (L.indptr.astype(np.int32), L.indices.astype(np.int32), strong)))
+    member = np.flatnonzero(aggregate >= 0)
+    shape = (len(diagonal), int(aggregate.max(initial=-1)) + 1)
+    tentative = sparse.csr_array((np.ones(len(member)), (member, aggregate[member])), shape=shape)
+    step = np.divide(PROLONGATION_SMOOTHING, diagonal, out=np.zeros_like(diagonal), where=diagonal > 0)
+    return (tentative - sparse.diags_array(step) @ (L @ tentative)).tocsr()
+
+
+@kernel
+def _aggregates(indptr, indices, strong):
+    """Aggregate (N,) of each vertex, from 0; -1 where it has no strong neighbour."""
+    n = len(indptr) - 1
+    found, count = np.full(n, -1, np.int64), 0
+    for i in range(n):  # a vertex and all its neighbours, if none of them is taken
+        free, some = found[i] < 0, False
+        for e in range(indptr[i], indptr[i + 1]):
+            if strong[e] and indices[e] != i:
+                some = True
+                free = free and found[indices[e]] < 0
+        if free and some:
+            for e in range(indptr[i], indptr[i + 1]):
+                if strong[e]:
+                    found[indices[e]] = count
+            found[i] = count
+            count += 1
+    for i in range(n):  # the rest joins a neighbour that was taken then
+        if found[i] < 0:
+            for e in range(indptr[i], indptr[i + 1]):
+                if strong[e] and indices[e] != i and found[indices[e]] >= 0:
+                    found[i] = -2 - found[indices[e]]
+                    break
+    for i in range(n):
+        if found[i] < -1:
+            found[i] = -2 - found[i]
+    return found
+
+
+@kernel
+def _iterate(first, ptr, above, col, off, diag, mass, pptr, pcol, pval, time, right, x, rtol, most):
+    """Iterate x (N,) in place; returns the number of iterations, -1 if there would be more than ``most``.
+
+    ``above``: where the columns behind the diagonal begin in each row.
+    """
+    n, size = first[1], first[-1]
+    r, p, q, z, b = np.empty(n), np.zeros(n), np.empty(n), np.empty(size), np.empty(size)
+    hold, free = np.empty(size), np.empty(size)  # the diagonal of the matrix and its inverse; 0 where nothing holds
+    for i in range(size):
+        hold[i] = mass[i] + time * diag[i]
+        free[i] = 1.0 / hold[i] if hold[i] > 0.0 else 0.0
+    goal, rr, rz = 0.0, 0.0, 1.0
+    for i in range(n):
+        total = 0.0
+        for e in range(ptr[i], ptr[i + 1]):
+            total += off[e] * x[col[e]]
+        r[i] = right[i] - hold[i] * x[i] - time * total if hold[i] > 0.0 else 0.0
+        goal += right[i] * right[i]
+        rr += r[i] * r[i]
+    goal *= rtol * rtol
+    for k in range(most + 1):
+        if rr <= goal:
+            return k
+        for i in range(n):
+            b[i] = r[i]
+        _cycle(first, ptr, above, col, off, free, pptr, pcol, pval, time, b, z)
+        old, rz = rz, 0.0
+        for i in range(n):
+            rz += r[i] * z[i]
+        beta, pq = rz / old if k > 0 else 0.0, 0.0
+        for i in range(n):
+            p[i] = z[i] + beta * p[i]
+        for i in range(n):
+            total = 0.0
+            for e in range(ptr[i], ptr[i + 1]):
+                total += off[e] * p[col[e]]
+            q[i] = hold[i] * p[i] + time * total
+            pq += p[i] * q[i]
+        alpha, rr = rz / pq, 0.0
+        for i in range(n):
+            x[i] += alpha * p[i]
+            r[i] -= alpha * q[i]
+            rr += r[i] * r[i]
+    return -1
+
+
+@kernel
+def _cycle(first, ptr, above, col, off, free, pptr, pcol, pval, time, b, z):
+    """One V cycle for the right side ``b`` on the finest level, from 0: ``z``. Both have room for all levels."""
+    last = len(first) - 2
+    for level in range(last):
+        low, high = first[level], first[level + 1]
+        here, coarse = z[low:high], b[high : first[level + 2]]
+        for i in range(low, high):  # forward Gauss-Seidel, from 0: what is behind the diagonal does not count
+            total = 0.0
+            for e in range(ptr[i], above[i]):
+                total += off[e] * here[col[e]]
+            z[i] = (b[i] - time * total) * free[i]
+        for c in range(len(coarse)):
+            coarse[c] = 0.0
+        for i in range(low, high):  # its residual is what is behind the diagonal
+            total = 0.0
+            for e in range(above[i], ptr[i + 1]):
+                total += off[e] * here[col[e]]
+            for e in range(pptr[i], pptr[i + 1]):
+                coarse[pcol[e]] -= pval[e] * time * total
+    for i in range(first[last], first[last + 1]):
+        z[i] = 0.0
+    for sweep in range(2 * COARSEST_SWEEPS):
+        _relax(first[last], first[last + 1], 1 - 2 * (sweep % 2), ptr, col, off, free, time, b, z)
+    for level in range(last - 1, -1, -1):
+        low, high = first[level], first[level + 1]
+        coarser = z[high : first[level + 2]]
+        for i in range(low, high):
+            for e in range(pptr[i], pptr[i + 1]):
+                z[i] += pval[e] * coarser[pcol[e]]
+        _relax(low, high, -1, ptr, col, off, free, time, b, z)
+
+
+@kernel
+def _relax(low, high, step, ptr, col, off, free, time, b, z):
+    """A Gauss-Seidel sweep over the vertices of a level, forward (step 1) or back (-1)."""
+    here = z[low:high]
+    for k in range(high - low):
+        i = low + k if step > 0 else high - 1 - k
+        total = 0.0
+        for e in range(ptr[i], ptr[i + 1]):
+            total += off[e] * here[col[e]]
+        z[i] = (b[i] - time * total) * free[i]
