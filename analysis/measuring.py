@@ -19,6 +19,7 @@ from morphofold.analysis.maps import each_map
 from morphofold.analysis.measures import SCALARS, SLOPE_SCALARS, Measures
 from morphofold.analysis.mesh_quality import checks, defects, plausibility
 from morphofold.analysis.mesh_quality import repair as mending
+from morphofold.analysis.steps import Steps
 from morphofold.analysis.thickness.gyral import GyralThickness
 from morphofold.analysis.thickness.robust_slope import Line, through_regions
 from morphofold.progress import Progress, silent
@@ -27,6 +28,8 @@ from morphofold.surface import Cortex, PerVertex, check_kind
 if TYPE_CHECKING:
     import networkx as nx
     from numpy.typing import NDArray
+
+    from morphofold.timing import Stages
 
 CURVATURE_SCALE_MM = 3.0  # [mm], unless the mesh is too coarse for it
 LEAST_CURVATURE_SCALE_IN_EDGES = 2.5  # least curvature scale in mean edges
@@ -47,6 +50,7 @@ def measure(
     accuracy: str = "standard",
     repair: bool = True,
     progress: Progress | None = None,
+    clock: Stages | None = None,
 ) -> Measures:
     """All measures of one cortex, by the same code for simulated and real surfaces.
 
@@ -74,7 +78,9 @@ def measure(
         Whether to repair flipped triangles, pinched edges, torn seams and similar defects before measuring. The note
         ``repair`` and the parameters ``repaired_...`` record it. If False, such surfaces are refused.
     progress : callable, optional
-        Called with the share of steps done, 0 to 1, and the name of the step that begins.
+        Called with the share of the work done, 0 to 1, and the name of the step that begins, from several threads.
+    clock : Stages, optional
+        The seconds of the steps are added to it.
 
     Returns
     -------
@@ -110,54 +116,61 @@ def measure(
     """
     check_kind(cortex, Cortex, "measure: cortex")
     progress = progress or silent
-    work = _Measurement(accuracy)
-    progress(0.0, "areas")
-    work.begin(cortex, repair)
-    progress(0.05, "cortical thickness")
-    work.cortical_thickness(thickness_cap)
-    progress(0.3, "curvature")
-    work.curvature(curvature_scale)
-    progress(0.5, "gyral thickness")
-    work.gyral_thickness(gyral or {})
-    progress(0.7, "gyral graph")
-    work.gyral_graph(gyral_width)
-    progress(0.9, "local gyrification")
-    work.local_gyrification()
-    progress(0.95, "regions")
-    found = work.measures(thickness_cap)
+    work, steps = _Measurement(accuracy), Steps(progress, clock)
+    steps.run([("areas", 0.1, lambda: work.begin(cortex, repair)), ("cortical thickness", 0.0, work.resample)])
+    steps.run(
+        [
+            ("cortical thickness", 0.1, lambda: work.cortical_thickness(thickness_cap)),
+            ("gyral thickness", 0.2, lambda: work.gyral_thickness(gyral or {})),
+        ],
+        [("areas", 0.02, work.self_crossings), ("gyral graph", 0.25, lambda: work.gyral_graph(gyral_width))],
+        [("curvature", 0.1, lambda: work.folding(curvature_scale))],
+        [("curvature", 0.1, lambda: work.curvature(curvature_scale))],
+        [("local gyrification", 0.1, work.local_gyrification)],
+        [("areas", 0.02, work.depth)],
+    )
+    found: list[Measures] = []
+    steps.run([("regions", 0.01, lambda: found.append(work.measures(thickness_cap)))])
     progress(1.0, "done")
-    return found
+    return found[0]
+
+
+class _Part:
+    """Maps, numbers and notes that one step of a measurement finds."""
+
+    def __init__(self) -> None:
+        self.maps: dict[str, PerVertex] = {}
+        self.scalars: dict[str, float | int | None] = {}
+        self.notes: dict[str, str] = {}
 
 
 class _Measurement:
-    """The measurement of one cortex: its maps, numbers and notes so far, with a method for each step."""
+    """The measurement of one cortex, with a method for each step; a step may run beside those that it does not need."""
 
     def __init__(self, accuracy: str):
         self.accuracy, self._chosen = accuracy, resampling.accuracy_of(accuracy)
-        self.maps: dict[str, PerVertex] = {}
-        self.scalars: dict[str, float | int | None] = dict.fromkeys(SCALARS)
-        self.notes: dict[str, str] = {}
+        names = ("begin", "depth", "thickness", "curvature", "folding", "gyral thickness", "gyral graph", "local")
+        self._parts = {name: _Part() for name in names}
 
-    def _put(self, name: str, values: PerVertex) -> PerVertex:
+    def _put(self, part: _Part, name: str, values: PerVertex) -> PerVertex:
         """Store a map, NaN outside the cortex."""
-        self.maps[name] = np.where(self.mask, values, np.nan)
-        return self.maps[name]
+        part.maps[name] = np.where(self.mask, values, np.nan)
+        return part.maps[name]
 
     def begin(self, given: Cortex, repair: bool) -> None:
-        """Repair and check the surfaces; mask, areas, volumes, and the maps that need the surfaces alone."""
+        """Repair and check the surfaces; mask, areas and volumes."""
+        part = self._parts["begin"]
         self.mended = mending.measurable(given, repair=repair)
         self.cortex = cortex = self.mended.cortex
         self.mask = mask = checks.cortex_mask(cortex)
-        self.notes |= notes.of_input(cortex) | self.mended.notes | defects.remarks(cortex, mask, self.mended.of)
-        self.notes |= plausibility.remarks(cortex)
-        crossing, self.crossed = defects.self_crossings(cortex, mask)
-        self.notes |= crossing
+        part.notes |= notes.of_input(cortex) | self.mended.notes | defects.remarks(cortex, mask, self.mended.of)
+        part.notes |= plausibility.remarks(cortex)
         faces = cortex.faces
         self.closed, self.pieces = geometry.is_closed(faces), geometry.components(cortex.n_vertices, faces)[0]
         self.euler = geometry.euler_characteristic(faces)
         self.area_white, self.area_pial = (geometry.vertex_areas(s.verts, faces) for s in (cortex.white, cortex.pial))
-        self.maps["area"] = self.area_white
-        self.scalars.update(
+        part.maps["area"] = self.area_white
+        part.scalars.update(
             n_vertices=cortex.n_vertices,
             euler_characteristic=self.euler,
             area_pial_mm2=float(self.area_pial.sum()),
@@ -166,94 +179,111 @@ class _Measurement:
         )
         if self.closed:
             for surface, name in ((cortex.white, "white"), (cortex.pial, "pial")):
-                self.scalars[f"volume_{name}_mm3"] = checks.volume(surface)
-        self.notes |= notes.of_volumes(self.closed)
-        for name, values in each_map().items():
-            self._put(name, values(cortex))
-        self.scalars["mean_sulcal_depth_mm"] = _mean_or_none(self.maps["sulcal_depth"], self.area_pial)
-        self._gyrification()
+                part.scalars[f"volume_{name}_mm3"] = checks.volume(surface)
+        part.notes |= notes.of_volumes(self.closed)
 
-    def _gyrification(self) -> None:
+    def resample(self) -> None:
+        """The mesh on which thicknesses and the gyral net are measured."""
+        self.copy = resampling.resampled(self.cortex, self._chosen)
+
+    def depth(self) -> None:
+        """Maps that need the surfaces alone, and the gyrification index."""
+        part, pial = self._parts["depth"], self.cortex.pial
+        for name, values in each_map().items():
+            self._put(part, name, values(self.cortex))
+        part.scalars["mean_sulcal_depth_mm"] = _mean_or_none(part.maps["sulcal_depth"], self.area_pial)
         if self.closed and self.pieces == 1:
-            pial = self.cortex.pial
-            self.scalars["gyrification_index"] = hull.gyrification_index(pial.verts, pial.faces)
-        self.notes |= notes.of_gyrification(self.closed, self.pieces)
+            part.scalars["gyrification_index"] = hull.gyrification_index(pial.verts, pial.faces)
+        part.notes |= notes.of_gyrification(self.closed, self.pieces)
+
+    def self_crossings(self) -> None:
+        found, self.crossed = defects.self_crossings(self.cortex, self.mask)
+        self._parts["gyral graph"].notes |= found
 
     def cortical_thickness(self, cap: float | None) -> None:
-        cortex = self.cortex
-        self.copy = resampling.resampled(cortex, self._chosen)
-        thickness = self._put("cortical_thickness", self.copy.cortical_thickness(mode="surface", cap=cap))
-        self.scalars["mean_cortical_thickness_mm"] = _mean_or_none(thickness)
+        cortex, part = self.cortex, self._parts["thickness"]
+        thickness = self._put(part, "cortical_thickness", self.copy.cortical_thickness(mode="surface", cap=cap))
+        part.scalars["mean_cortical_thickness_mm"] = _mean_or_none(thickness)
         weights = self.area_white + self.area_pial
-        self.scalars["mean_cortical_thickness_area_weighted_mm"] = _mean_or_none(thickness, weights)
-        self.notes |= plausibility.at_cap(thickness, cap)
+        part.scalars["mean_cortical_thickness_area_weighted_mm"] = _mean_or_none(thickness, weights)
+        part.notes |= plausibility.at_cap(thickness, cap)
         if "thickness" in cortex.maps:
-            self.maps["thickness_file"], gaps = defects.given_thickness(cortex, self.mask)
-            self.notes |= gaps | plausibility.against_file(self.maps["thickness_file"], thickness)
-        self.notes |= notes.of_thickness(cap, "thickness" in cortex.maps)
+            part.maps["thickness_file"], gaps = defects.given_thickness(cortex, self.mask)
+            part.notes |= gaps | plausibility.against_file(part.maps["thickness_file"], thickness)
+        part.notes |= notes.of_thickness(cap, "thickness" in cortex.maps)
 
     def curvature(self, wanted: float | None) -> None:
-        """Curvature of pial, and the folding indices of white."""
-        cortex = self.cortex
-        scale, remark = scale_of_curvature(cortex, wanted)
-        bent = curvature(cortex.pial.verts, cortex.faces, scale)
+        """Curvature of pial."""
+        part = self._parts["curvature"]
+        self.curvature_scale, remark = scale_of_curvature(self.cortex, wanted)
+        bent = curvature(self.cortex.pial.verts, self.cortex.faces, self.curvature_scale)
         for name in ("H", "K", "k1", "k2", "shape_index", "curvedness"):
-            self._put(name, getattr(bent, name))
-        smooth = scale if wanted is not None else scale_of_folding(cortex, scale)
-        folding = folding_indices(cortex.white.verts, cortex.faces, smooth)
-        self.scalars.update(
-            folding_index=folding.folding_index, intrinsic_curvature_index=folding.intrinsic_curvature_index
-        )
-        self.notes |= notes.of_folding(smooth, folding, self.closed, self.euler)
+            self._put(part, name, getattr(bent, name))
         if remark:
-            self.notes["curvature_scale"] = remark
-        self.scales = scale, smooth
+            part.notes["curvature_scale"] = remark
+
+    def folding(self, wanted: float | None) -> None:
+        """Folding indices of white."""
+        part, scale = self._parts["folding"], scale_of_curvature(self.cortex, wanted)[0]
+        self.folding_scale = scale if wanted is not None else scale_of_folding(self.cortex, scale)
+        found = folding_indices(self.cortex.white.verts, self.cortex.faces, self.folding_scale)
+        part.scalars.update(
+            folding_index=found.folding_index, intrinsic_curvature_index=found.intrinsic_curvature_index
+        )
+        part.notes |= notes.of_folding(self.folding_scale, found, self.closed, self.euler)
 
     def gyral_thickness(self, options: Mapping[str, Any]) -> None:
+        part = self._parts["gyral thickness"]
         self.across = across = self.copy.gyral_thickness(**options)
-        self._put("gyral_thickness", across.per_vertex)
-        self.scalars.update(
+        self._put(part, "gyral_thickness", across.per_vertex)
+        part.scalars.update(
             median_gyral_thickness_mm=_finite_or_none(across.median), wavelength_mm=_finite_or_none(across.wavelength)
         )
-        self.notes |= notes.of_gyral_thickness(across)
+        part.notes |= notes.of_gyral_thickness(across)
 
     def gyral_graph(self, width: float | None) -> None:
+        """Crests and hinges; after ``self_crossings``."""
         self.graph = self.copy.gyral_graph(width, midway=self.crossed > LARGEST_CROSSED_SHARE)
-        self.scalars["spectral_wavelength_mm"] = _finite_or_none(self.graph.graph["wavelength"])
-        self.notes |= notes.of_gyral_graph(self.graph, self.across)
+        wavelength = _finite_or_none(self.graph.graph["wavelength"])
+        self._parts["gyral graph"].scalars["spectral_wavelength_mm"] = wavelength
 
     def local_gyrification(self) -> None:
+        part = self._parts["local"]
         local, unfit = _local_gyrification_or_reason(self.cortex, self.closed, self.pieces, self._chosen.voxels)
         if local is not None:
-            local = self._put("local_gyrification_index", local)
-            self.scalars["mean_local_gyrification_index"] = _mean_or_none(local, self.area_pial)
-        self.notes |= notes.of_local_gyrification(unfit)
-        self.notes |= notes.of_accuracy(self.accuracy, self.cortex.n_vertices, self.copy.cortex.n_vertices)
+            local = self._put(part, "local_gyrification_index", local)
+            part.scalars["mean_local_gyrification_index"] = _mean_or_none(local, self.area_pial)
+        part.notes |= notes.of_local_gyrification(unfit)
 
     def measures(self, cap: float | None) -> Measures:
         """All results, with the tables of regions, crests and hinges, at the vertices that were given."""
-        rows = regions.region_table(self.cortex, self.maps, self.across, self.graph)
-        tables = gyral_tables(self.cortex, self.graph, self.maps)
+        maps: dict[str, PerVertex] = {}
+        scalars: dict[str, float | int | None] = dict.fromkeys(SCALARS)
+        said: dict[str, str] = {}
+        for part in self._parts.values():
+            maps, scalars, said = maps | part.maps, scalars | part.scalars, said | part.notes
+        said |= notes.of_gyral_graph(self.graph, self.across)
+        said |= notes.of_accuracy(self.accuracy, self.cortex.n_vertices, self.copy.cortex.n_vertices)
+        rows = regions.region_table(self.cortex, maps, self.across, self.graph)
+        tables = gyral_tables(self.cortex, self.graph, maps)
         fitted, why = through_regions(rows)
-        scalars = {**self.scalars, **tables.scalars, **dict(zip(SLOPE_SCALARS, _slope_scalars(fitted)))}
-        definitions = {
-            **self.notes,
-            **(notes.of_regions() if rows else {}),
-            **dict.fromkeys(SLOPE_SCALARS, why if rows else notes.NO_REGIONS_NOTE),
-        }
-        parameters = _recorded_parameters(self.cortex, self.mask, self.scales, cap, self.across, self.graph)
+        scalars |= {**tables.scalars, **dict(zip(SLOPE_SCALARS, _slope_scalars(fitted)))}
+        said |= notes.of_regions() if rows else {}
+        said |= dict.fromkeys(SLOPE_SCALARS, why if rows else notes.NO_REGIONS_NOTE)
+        scales = self.curvature_scale, self.folding_scale
+        parameters = _recorded_parameters(self.cortex, self.mask, scales, cap, self.across, self.graph)
         parameters |= resampling.parameters(self.accuracy, self.copy) | self.mended.numbers
         return self.mended.back(
             Measures(
                 self.cortex,
                 scalars,
-                self.maps,
+                maps,
                 rows,
                 tables.crests,
                 tables.hinges,
                 tables.arms,
                 parameters,
-                definitions,
+                said,
                 self.graph,
             )
         )

@@ -95,7 +95,12 @@ def beside(*tasks: Callable[[], Any]) -> list[Any]:
         return [task() for task in tasks]
     share = max(1, threads // len(tasks))
     with ThreadPoolExecutor(min(threads, len(tasks)), initializer=numba.set_num_threads, initargs=(share,)) as pool:
-        return [done.result() for done in [pool.submit(task) for task in tasks]]
+        begun = [pool.submit(task) for task in tasks]
+        try:
+            return [done.result() for done in begun]
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)  # those that run are waited for
+            raise
 
 
 @cache

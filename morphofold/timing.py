@@ -69,14 +69,12 @@ class Stages:
     def end(self) -> None:
         """End the current stage; no other begins."""
         if self._name:
-            self.seconds[self._name] = self.seconds.get(self._name, 0.0) + working_seconds() - self._since
+            self.add(self._name, working_seconds() - self._since)
         self._name = ""
 
-    def at(self, share: float, what: str) -> None:
-        """A progress function for ``measure``: begin stage ``what``, or with a share of 1 only end the one before."""
-        self.end()
-        if share < 1:
-            self.begin(what)
+    def add(self, name: str, seconds: float) -> None:
+        """Add to the time of a stage that was timed elsewhere."""
+        self.seconds[name] = self.seconds.get(name, 0.0) + seconds
 
 
 def peak_memory() -> float | None:

@@ -90,9 +90,7 @@ def vertex_normals(verts: Verts, faces: Faces, weights: str = "area") -> Vectors
         ahead, back = sides(verts, faces)
         if weights == "angle":
             doubled = np.linalg.norm(vector, axis=1)[:, None]
-            angle = np.arctan2(
-                doubled, np.einsum("mkr,mkr->mk", ahead, back)
-            )  # not acos: also exact for slivers
+            angle = np.arctan2(doubled, np.einsum("mkr,mkr->mk", ahead, back))  # not acos: also exact for slivers
             share = np.divide(angle, doubled, out=np.zeros_like(angle), where=doubled > 0)
         else:
             side = np.sqrt(np.einsum("mkr,mkr->mk", ahead, ahead))  # back is the side ahead of the corner before
