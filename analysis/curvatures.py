@@ -20,6 +20,8 @@ LEAST_CUBIC_FIT_POINTS = 14  # points needed for the ten coefficients; with fewe
 LEAST_NORMAL_COSINE = 0.2  # cosine below which a neighbour's normal belongs to another wall
 ENLARGEMENT_FACTOR = 1.4  # factor on the radius where there are too few points, at most MOST_ENLARGEMENTS times
 MOST_ENLARGEMENTS = 5
+# powers of u and v in the ten monomials
+U_POWERS, V_POWERS = (0, 1, 0, 2, 1, 0, 3, 2, 1, 0), (0, 0, 1, 0, 1, 2, 0, 1, 2, 3)
 SMALLEST_RELATIVE_PIVOT = 1e-4  # smallest Cholesky pivot, relative to its diagonal, that counts as determined
 
 
@@ -175,7 +177,7 @@ def _fit_curvatures(start, stop, verts, normals, indptr, indices, scale, k1, k2,
     """Write k1, k2 (N,) [1/length]; d1, d2 and the fitted normal (N, 3); e1, e2 (N,) [1/length^2]."""
     seen, queue = np.zeros(len(verts), np.int32), np.empty(len(verts), np.int32)
     stamp = 0
-    A, b, m, frame = np.empty((10, 10)), np.empty(10), np.empty(10), np.empty((3, 3))
+    A, b, m, frame = np.empty((10, 10)), np.empty(10), np.empty((7, 7)), np.empty((3, 3))
     for i in range(start, stop):
         if indptr[i] == indptr[i + 1]:
             continue
@@ -255,12 +257,14 @@ def _tangent_frame(normal, frame):
 def _normal_equations(i, verts, normals, queue, count, radius, frame, bend_u, bend_v, A, b, m):
     """Weighted least squares of the heights over the tangent plane with ten monomials, lengths in radii.
 
-    Points move outwards along the gradient of ``bend_u u^2 + bend_v v^2``; radially if the two are equal.
+    Points move outwards along the gradient of ``bend_u u^2 + bend_v v^2``; radially if the two are equal. Of the matrix
+    only the weighted moments ``m[i, j]`` of ``u^i v^j`` are summed, which are its 28 different entries.
     """
+    for p in range(7):
+        for j in range(7 - p):
+            m[p, j] = 0.0
     for r in range(10):
         b[r] = 0.0
-        for c in range(10):
-            A[r, c] = 0.0
     fitted = min(count, MOST_FIT_POINTS)
     for q in range(fitted):
         w = queue[q * count // fitted]
@@ -280,14 +284,28 @@ def _normal_equations(i, verts, normals, queue, count, radius, frame, bend_u, be
             u, v = u + step * gu, v + step * gv
         facing = normals[w, 0] * frame[2, 0] + normals[w, 1] * frame[2, 1] + normals[w, 2] * frame[2, 2]
         weight = max(facing, 0.0) * (1.0 - far)
-        m[0], m[1], m[2] = 1.0, u, v
-        m[3], m[4], m[5] = u * u, u * v, v * v
-        m[6], m[7], m[8], m[9] = u * m[3], u * m[4], v * m[4], v * m[5]
-        for r in range(10):
-            wr = weight * m[r]
-            b[r] += wr * h
-            for c in range(r + 1):
-                A[r, c] += wr * m[c]
+        term = weight
+        for p in range(7):
+            part = term
+            for j in range(7 - p):
+                m[p, j] += part
+                part *= v
+            term *= u
+        wh = weight * h
+        wu, wv, wuu, wuv, wvv = wh * u, wh * v, wh * u * u, wh * u * v, wh * v * v
+        b[0] += wh
+        b[1] += wu
+        b[2] += wv
+        b[3] += wuu
+        b[4] += wuv
+        b[5] += wvv
+        b[6] += wuu * u
+        b[7] += wuu * v
+        b[8] += wvv * u
+        b[9] += wvv * v
+    for r in range(10):
+        for c in range(r + 1):
+            A[r, c] = m[U_POWERS[r] + U_POWERS[c], V_POWERS[r] + V_POWERS[c]]
 
 
 @kernel

@@ -45,7 +45,7 @@ def brute_force_with_ties(verts, faces):
 
 def crossings(verts, faces):
     """Every crossing with ties decided, those of depth zero included."""
-    edge, face = _crossings(verts, faces, geometry.edges(faces).copy(), box_tree(verts, faces))
+    edge, face = _crossings(verts, faces, box_tree(verts, faces))
     rows = np.column_stack([edge, face]).tolist()
     assert rows == sorted(rows)
     assert len({*map(tuple, rows)}) == len(rows)

@@ -94,9 +94,9 @@ def folding_indices(verts: Verts, faces: Faces, scale: float) -> FoldingIndices:
 
 def angle_defects(verts: Verts, faces: Faces) -> PerVertex:
     """2 pi less the angles at each vertex (N,) [rad], the integral of K there; 0 on a border and without a face."""
-    ahead, back = geometry.sides(verts, faces)
-    angle = np.arctan2(np.linalg.norm(np.cross(ahead, back), axis=2), np.sum(ahead * back, axis=2))
-    known = ahead.any(axis=2) & back.any(axis=2)
+    vector, products, squares = geometry.triangles(verts, faces)
+    angle = np.arctan2(geometry.norms(vector)[:, None], products)
+    known = (squares > 0) & (squares[:, [2, 0, 1]] > 0)
     rest = (np.pi - angle.sum(axis=1)) / np.maximum(
         3 - known.sum(axis=1), 1
     )  # at an edge of zero length: the remaining angle

@@ -23,7 +23,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from morphofold.geometry import morton_codes
-from morphofold.kernels import kernel
+from morphofold.kernels import kernel, reading
 
 TRIANGLES_PER_LEAF = 4  # triangles in a leaf
 
@@ -46,14 +46,14 @@ class BoxTree(NamedTuple):
 
 def box_tree(verts: NDArray[np.float64], faces: NDArray[np.int64]) -> BoxTree:
     """Tree of the boxes of the triangles ``faces`` (M, 3) of ``verts`` (N, 3) [mm]."""
-    single = _triangle_boxes(verts, faces, _BOX_MARGIN * np.abs(verts).max())
+    single = _triangle_boxes(reading(verts), reading(faces), _BOX_MARGIN * np.abs(verts).max())
     low, high = single[:, :3].min(axis=0), single[:, 3:].max(axis=0)
     middle = (single[:, :3] + single[:, 3:]) / 2
     order = np.argsort(morton_codes((middle - low) / max((high - low).max(), 1e-300)), kind="stable")
     leaves = 1
     while leaves * TRIANGLES_PER_LEAF < len(faces):
         leaves *= 2
-    return BoxTree(_tree_bounds(single, order, leaves), order, single)
+    return BoxTree(_tree_bounds(reading(single), reading(order), leaves), order, single)
 
 
 @kernel
@@ -69,7 +69,9 @@ def _triangle_boxes(verts, faces, pad):
 @kernel
 def _tree_bounds(single, order, leaves):
     bounds = np.empty((2 * leaves, 6))
-    bounds[:, :3], bounds[:, 3:] = np.inf, -np.inf  # meets nothing
+    for k in range(2 * leaves):
+        for r in range(3):
+            bounds[k, r], bounds[k, 3 + r] = np.inf, -np.inf  # meets nothing
     for k in range(len(order)):
         _widen_box(bounds[leaves + k // TRIANGLES_PER_LEAF], single[order[k]])
     for k in range(leaves - 1, 0, -1):

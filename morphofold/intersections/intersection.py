@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numba import prange
 from numpy.typing import NDArray
 
 from morphofold import geometry
@@ -19,13 +18,16 @@ from morphofold.geometry.kernels import area_vector, cross, distance_from_triang
 from morphofold.intersections.boxes import TRIANGLES_PER_LEAF, BoxTree, box_tree, following, meets
 from morphofold.intersections.rays import ray_hits
 from morphofold.intersections.signs import plane_sign, side
-from morphofold.kernels import kernel
+from morphofold.kernels import kernel, reading
 from morphofold.surface import Surface
+from morphofold.threads import in_blocks
 
 Indices = NDArray[np.int64]
 
 # a face belongs to another wall than a vertex if the cosine of their normals is less than this
 ANOTHER_WALL_COSINE = 0.5
+# product of three lengths, times this, is more than the rounding of their determinant
+SURE_OF_SIDE = 1e-13
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,73 +125,111 @@ def self_intersections(surface: Surface, *, vertices: bool = True) -> Intersecti
     than an edge are not listed, but those nearer to the rim are. A vertex on a fold so sharp that a face around it is
     turned by more than 60 degrees has no front, and is not tested.
     """
-    verts, faces = surface.verts.copy(), surface.faces.copy()  # writable, as all arrays here: compiled once
-    edges, mean_edge = geometry.edges(surface.faces).copy(), geometry.mean_edge_length(verts, surface.faces)
+    verts, faces = surface.verts, surface.faces
+    mean_edge = geometry.mean_edge_length(verts, faces)
     tree, around = box_tree(verts, faces), geometry.incident_faces(len(verts), faces)
-    edge, face = _crossings(verts, faces, edges, tree)
+    edge, face = _crossings(verts, faces, tree)
     point, depth = np.empty((len(edge), 3)), np.empty(len(edge))
-    _measure_crossings(verts, faces, around.indptr, around.indices, edge, face, point, depth)
+    if len(edge):
+        here = (verts, faces, around.indptr, around.indices, edge, face)
+        _measure_crossings(*map(reading, here), point, depth)
     kept, behind = depth > 0, np.zeros(len(verts))
     if vertices and geometry.is_closed(surface.faces):
-        normals = geometry.vertex_normals(verts, faces)
-        _zero_unreliable_normals(verts, faces, normals)
-        behind = _depth_behind_walls(verts, faces, normals, *tree, mean_edge)
+        normals = geometry.vertex_normals(verts, faces).copy()
+        _zero_unreliable_normals(reading(verts), reading(faces), normals)
+        walls = map(reading, (verts, faces, normals, *tree))
+        in_blocks(_depth_behind_walls, len(verts), *walls, mean_edge, behind)
     vertex = np.flatnonzero(behind > 0)
     return Intersections(edge[kept], face[kept], point[kept], depth[kept], vertex, behind[vertex], mean_edge)
 
 
-def _crossings(verts: Array, faces: Indices, edges: Indices, tree: BoxTree) -> tuple[Indices, Indices]:
+def _crossings(verts: Array, faces: Indices, tree: BoxTree) -> tuple[Indices, Indices]:
     """Edge (K, 2) and face (K,) of each crossing, by edge and then face."""
-    first = np.concatenate([[0], np.cumsum(_count_crossings(verts, faces, edges, *tree))])
-    face = np.empty(first[-1], dtype=np.int64)
-    _fill_crossings(verts, faces, edges, *tree, first, face)
-    number = np.repeat(np.arange(len(edges)), np.diff(first))
-    order = np.lexsort([face, number])
-    return edges[number[order]], face[order]
-
-
-@kernel(parallel=True)
-def _count_crossings(verts, faces, edges, bounds, order, single):
-    count = np.empty(len(edges), dtype=np.int64)
-    for e in prange(len(edges)):
-        count[e] = _crossed_faces(verts, faces, bounds, order, single, edges[e], np.empty(0, dtype=np.int64))
-    return count
-
-
-@kernel(parallel=True)
-def _fill_crossings(verts, faces, edges, bounds, order, single, first, face):
-    for e in prange(len(edges)):
-        if first[e + 1] > first[e]:
-            _crossed_faces(verts, faces, bounds, order, single, edges[e], face[first[e] : first[e + 1]])
+    leaves, none = -(-len(faces) // TRIANGLES_PER_LEAF), np.empty((0, 3), dtype=np.int64)
+    surface, first = tuple(map(reading, (verts, faces, *tree))), np.zeros(leaves + 1, dtype=np.int64)
+    in_blocks(_find_crossings, leaves, *surface, first, none)
+    first = np.cumsum(first)
+    found = np.empty((first[-1], 3), dtype=np.int64)
+    if len(found):
+        in_blocks(_find_crossings, leaves, *surface, first, found)
+    found = np.unique(found, axis=0)  # an edge of two triangles is found with both
+    return found[:, :2], found[:, 2]
 
 
 @kernel
-def _crossed_faces(verts, faces, bounds, order, single, edge, found):
-    """Write the faces that an edge crosses to ``found``, as many as fit; returns their number."""
-    p, q = edge
-    box = np.empty(6)
-    for r in range(3):
-        box[r], box[3 + r] = min(verts[p, r], verts[q, r]), max(verts[p, r], verts[q, r])
-    n, k, leaves = 0, 1, len(bounds) // 2
-    while k > 0:
-        if meets(bounds[k], box):
-            if k < leaves:
-                k *= 2
-                continue
-            for s in range(TRIANGLES_PER_LEAF * (k - leaves), min(TRIANGLES_PER_LEAF * (k - leaves + 1), len(order))):
-                f = order[s]
-                if meets(single[f], box) and _edge_crosses_triangle(verts, p, q, faces[f]):
-                    if n < len(found):
-                        found[n] = f
-                    n += 1
-        k = following(k)
+def _find_crossings(start, stop, verts, faces, bounds, order, single, first, found):
+    """Crossings between the triangles of a leaf and those of the same and of later leaves.
+
+    Write their number for each leaf to ``first[leaf + 1]`` if there is no room in ``found``, else the crossings (two
+    ends of the edge, and the face) from ``found[first[leaf]]`` on.
+    """
+    leaves = len(bounds) // 2
+    for leaf in range(start, stop):
+        if len(found) > 0 and first[leaf + 1] == first[leaf]:
+            continue
+        n, k = first[leaf] if len(found) > 0 else 0, leaves + leaf
+        begin, end = TRIANGLES_PER_LEAF * leaf, min(TRIANGLES_PER_LEAF * (leaf + 1), len(order))
+        while k > 0:
+            if meets(bounds[k], bounds[leaves + leaf]):
+                if k < leaves:
+                    k *= 2
+                    continue
+                last = min(TRIANGLES_PER_LEAF * (k - leaves + 1), len(order))
+                for s in range(begin, end):
+                    for t in range(max(s + 1, TRIANGLES_PER_LEAF * (k - leaves)), last):
+                        if meets(single[order[s]], single[order[t]]):
+                            n += _crossings_of_pair(verts, faces, order[s], order[t], found, n)
+            k = following(k)
+        if len(found) == 0:
+            first[leaf + 1] = n
+
+
+@kernel
+def _crossings_of_pair(verts, faces, f, g, found, at):
+    """Number of edges of two triangles that cross the other one; they are written from ``found[at]`` on, if it has
+    room."""
+    shared = 0
+    for a in range(3):
+        for b in range(3):
+            shared += faces[f, a] == faces[g, b]
+    if shared >= 2 or _is_on_one_side(verts, faces, f, g) or _is_on_one_side(verts, faces, g, f):
+        return 0
+    n = 0
+    for turn in range(2):
+        one, other = (f, g) if turn == 0 else (g, f)
+        for k in range(3):
+            p, q = faces[one, k], faces[one, (k + 1) % 3]
+            p, q = min(p, q), max(p, q)
+            if _edge_crosses_triangle(verts, p, q, faces[other]):
+                if len(found) > 0:
+                    found[at + n, 0], found[at + n, 1], found[at + n, 2] = p, q, other
+                n += 1
     return n
+
+
+@kernel
+def _is_on_one_side(verts, faces, f, g):
+    """Whether all vertices of face g that are not in face f are clearly on one side of its plane."""
+    i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
+    x, y, z = verts[i, 0], verts[i, 1], verts[i, 2]
+    a0, a1, a2 = verts[j, 0] - x, verts[j, 1] - y, verts[j, 2] - z
+    b0, b1, b2 = verts[k, 0] - x, verts[k, 1] - y, verts[k, 2] - z
+    n0, n1, n2 = a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
+    rounding = SURE_OF_SIDE * (abs(a0) + abs(a1) + abs(a2)) * (abs(b0) + abs(b1) + abs(b2))
+    least, most = np.inf, -np.inf
+    for r in range(3):
+        v = faces[g, r]
+        if v != i and v != j and v != k:
+            d0, d1, d2 = verts[v, 0] - x, verts[v, 1] - y, verts[v, 2] - z
+            height, unsure = n0 * d0 + n1 * d1 + n2 * d2, rounding * (abs(d0) + abs(d1) + abs(d2))
+            least, most = min(least, height - unsure), max(most, height + unsure)
+    return least > 0.0 or most < 0.0
 
 
 @kernel
 def _edge_crosses_triangle(verts, p, q, tri):
     """Whether the edge pq crosses a triangle with which it shares no vertex."""
-    i, j, k = tri
+    i, j, k = tri[0], tri[1], tri[2]
     if p == i or p == j or p == k or q == i or q == j or q == k:
         return False
     before = side(verts, i, j, k, p)
@@ -266,18 +306,16 @@ def _zero_unreliable_normals(verts, faces, normals):
             normals[i, r] = 0.0
 
 
-@kernel(parallel=True)
-def _depth_behind_walls(verts, faces, normals, bounds, order, single, radius):
-    """Distance (N,) of each vertex from the facing wall that it has passed, 0 if none, within ``radius``."""
-    behind, none = np.zeros(len(verts)), np.empty(0)
-    for i in prange(len(verts)):
+@kernel
+def _depth_behind_walls(start, stop, verts, faces, normals, bounds, order, single, radius, behind):
+    """Write the distance (N,) of each vertex from the facing wall that it has passed, if any, within ``radius``."""
+    none = np.empty(0)
+    for i in range(start, stop):
         if dot(normals[i], normals[i]) == 0.0:
             continue
-        own = np.int64(i)  # prange has another integer type: compiled once
-        distance = _distance_to_wall_behind(verts, faces, normals[i], bounds, order, single, own, radius)
+        distance = _distance_to_wall_behind(verts, faces, normals[i], bounds, order, single, i, radius)
         if distance < radius and ray_hits(verts, faces, bounds, order, verts[i], normals[i], none, none)[1] > 0:
             behind[i] = distance
-    return behind
 
 
 @kernel
