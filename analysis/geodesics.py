@@ -10,7 +10,7 @@ from scipy import sparse
 
 from morphofold import geometry
 from morphofold.arrays import Ints
-from morphofold.kernels import kernel
+from morphofold.kernels import kernel, reading
 from morphofold.surface import Faces, PerVertex, Verts
 
 
@@ -48,7 +48,7 @@ def shorten(graph: sparse.csr_array, way: PerVertex, sources: Ints, within: NDAr
     It visits only vertices whose path gets shorter: on 152,893 vertices 20 more sources take 0.015 s. A new run of
     scipy's ``dijkstra`` takes 0.16 s.
     """
-    _shorten_path_lengths(graph.indptr, graph.indices, graph.data, way, sources, within)
+    _shorten_path_lengths(*map(reading, (graph.indptr, graph.indices, graph.data)), way, reading(sources), within)
 
 
 def cheapest_path(
@@ -59,27 +59,35 @@ def cheapest_path(
     The path runs through the vertices ``within`` (N,); it is empty if there is none. scipy's ``dijkstra`` does not stop
     at a goal: with many goals it takes 0.12 s on 152,893 vertices, and this function 0.00004 s.
     """
-    path: Ints = _cheapest_path_vertices(graph.indptr, graph.indices, graph.data, cost, start, goals, within)
+    steps = map(reading, (graph.indptr, graph.indices, graph.data, cost))
+    path: Ints = _cheapest_path_vertices(*steps, start, goals, within)
     return path
 
 
 @kernel
 def _shorten_path_lengths(indptr, indices, lengths, way, sources, within):
-    heap = [(0.0, np.int64(-1))]
-    heap.pop()
+    # Paths are shortened until none can be, by a queue: compiled in a third of the time of a heap.
+    n = len(way)
+    queue, queued = np.empty(n, np.int64), np.zeros(n, np.bool_)
+    at, waiting = 0, 0
     for s in sources:
         if way[s] > 0:
             way[s] = 0.0
-            heapq.heappush(heap, (0.0, s))
-    while len(heap) > 0:
-        far, v = heapq.heappop(heap)
-        if far > way[v]:
-            continue
+            queue[waiting], queued[s] = s, True
+            waiting += 1
+    while waiting > 0:
+        v = queue[at]
+        at = at + 1 if at + 1 < n else 0
+        waiting -= 1
+        queued[v] = False
         for e in range(indptr[v], indptr[v + 1]):
-            w = np.int64(indices[e])
-            if within[w] and far + lengths[e] < way[w]:
-                way[w] = far + lengths[e]
-                heapq.heappush(heap, (way[w], w))
+            w = indices[e]
+            if within[w] and way[v] + lengths[e] < way[w]:
+                way[w] = way[v] + lengths[e]
+                if not queued[w]:
+                    queued[w] = True
+                    queue[at + waiting if at + waiting < n else at + waiting - n] = w
+                    waiting += 1
 
 
 @kernel

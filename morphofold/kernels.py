@@ -20,6 +20,7 @@ from numba.core.dispatcher import Dispatcher
 from numpy.typing import NDArray
 
 KEPT_VERSIONS = 4  # of each module, in the folder of compiled kernels
+_OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 _CONSTANTS = (bool, int, float, str, tuple)
 
 
@@ -35,7 +36,7 @@ def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     """
     if function is None:
         return functools.partial(kernel, **options)
-    options = {"nogil": True, "error_model": "numpy", **options}
+    options = {**_OPTIONS, **options}
     if _folder() is None:
         return numba.njit(**options)(function)
     before = getattr(config, "CACHE_LOCATOR_CLASSES", "")

@@ -14,8 +14,8 @@ from morphofold.analysis.graph.depth_potential import persistence
 from morphofold.analysis.graph.net import Net, resampled
 from morphofold.analysis.graph.refine import refine, upright
 from morphofold.geometry import incident_faces
-from morphofold.geometry.kernels import closest_in_triangle
-from morphofold.kernels import kernel
+from morphofold.geometry.kernels import closest_in_triangle, corners, dot, less, position
+from morphofold.kernels import kernel, reading
 from morphofold.surface import Cortex, Faces, Surface, Verts
 
 if TYPE_CHECKING:
@@ -156,22 +156,26 @@ class ClosestPoints:
     def of(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Nearest places (P, 3) on the triangles around the nearest vertices, and these vertices (P,)."""
         nearest = self._tree.query(points)[1]
-        places = _closest_surface_points(
-            points, nearest, self._verts, self._faces, self._around.indptr, self._around.indices
-        )
+        near = (points, nearest, self._verts, self._faces, self._around.indptr, self._around.indices)
+        places = _closest_surface_points(*map(reading, near))
         return places, nearest
 
 
 @kernel
 def _closest_surface_points(points, nearest, verts, faces, indptr, indices):
-    places = verts[nearest]
+    places = np.empty((len(points), 3))
     for i in range(len(points)):
-        p, best = points[i], np.inf
+        p, best = position(points, i), np.inf
+        for k in range(3):
+            places[i, k] = verts[nearest[i], k]
         for e in range(indptr[nearest[i]], indptr[nearest[i] + 1]):
-            a, b, c = faces[indices[e]]
-            s, t = closest_in_triangle(p, verts[a], verts[b], verts[c])
-            place = (1 - s - t) * verts[a] + s * verts[b] + t * verts[c]
-            far = np.sum((place - p) ** 2)
-            if far < best:
-                best, places[i] = far, place
+            f = indices[e]
+            a, b, c = corners(verts, faces, f)
+            s, t = closest_in_triangle(p, a, b, c)
+            r = 1 - s - t
+            place = r * a[0] + s * b[0] + t * c[0], r * a[1] + s * b[1] + t * c[1], r * a[2] + s * b[2] + t * c[2]
+            away = less(place, p)
+            if dot(away, away) < best:
+                best = dot(away, away)
+                places[i, 0], places[i, 1], places[i, 2] = place
     return places

@@ -9,7 +9,7 @@ import numpy as np
 from morphofold import geometry
 from morphofold.arrays import Array
 from morphofold.errors import OutOfRange, UnknownName, UnlikeSurfaces
-from morphofold.geometry.kernels import closest_in_triangle
+from morphofold.geometry.kernels import closest_in_triangle, position
 from morphofold.kept import kept
 from morphofold.kernels import kernel, reading
 from morphofold.surface import Faces, PerVertex, Surface, Verts, check_kind
@@ -211,7 +211,7 @@ def _search_triangles(
                 if (height + max(beside, 0.0) ** 2) * (1.0 - DISC_MARGIN) > best:
                     continue
                 a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
-                s, t = closest_in_triangle((px, py, pz), target[a], target[b], target[c])
+                s, t = closest_in_triangle((px, py, pz), position(target, a), position(target, b), position(target, c))
                 r = 1.0 - s - t
                 dx = r * target[a, 0] + s * target[b, 0] + t * target[c, 0] - px
                 dy = r * target[a, 1] + s * target[b, 1] + t * target[c, 1] - py

@@ -15,7 +15,7 @@ from scipy import sparse
 from scipy.sparse import csgraph
 
 from morphofold.errors import OutOfRange, UnknownName
-from morphofold.geometry.kernels import area_vector, dot, less, morton
+from morphofold.geometry.kernels import corners, cross, dot, less, morton
 from morphofold.kept import kept
 from morphofold.kernels import kernel, reading
 from morphofold.surface import Faces, PerVertex, Verts, check_arrays
@@ -48,11 +48,11 @@ def triangles(verts: Verts, faces: Faces) -> tuple[Vectors, Vectors, Vectors]:
 
 @kernel
 def _measure_triangles(verts, faces):
-    normals, products, squares = np.empty((3, len(faces), 3))
+    normals, products, squares = np.empty((len(faces), 3)), np.empty((len(faces), 3)), np.empty((len(faces), 3))
     for t in range(len(faces)):
-        a, b, c = verts[faces[t, 0]], verts[faces[t, 1]], verts[faces[t, 2]]
+        a, b, c = corners(verts, faces, t)
         ab, bc, ca = less(b, a), less(c, b), less(a, c)
-        normals[t, 0], normals[t, 1], normals[t, 2] = area_vector(a, b, c)
+        normals[t, 0], normals[t, 1], normals[t, 2] = cross(ab, less(c, a))
         products[t, 0], products[t, 1], products[t, 2] = -dot(ab, ca), -dot(bc, ab), -dot(ca, bc)
         squares[t, 0], squares[t, 1], squares[t, 2] = dot(ab, ab), dot(bc, bc), dot(ca, ca)
     return normals, products, squares

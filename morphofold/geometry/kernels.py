@@ -12,6 +12,18 @@ from numba import njit
 from morphofold.kernels import kernel
 
 
+@njit(inline="always")
+def position(points, i):
+    """Point i of an array (P, 3)."""
+    return points[i, 0], points[i, 1], points[i, 2]
+
+
+@njit(inline="always")
+def corners(verts, faces, f):
+    """The three corners of face f."""
+    return position(verts, faces[f, 0]), position(verts, faces[f, 1]), position(verts, faces[f, 2])
+
+
 @kernel
 def less(a, b):
     """a - b."""

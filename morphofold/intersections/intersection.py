@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from morphofold import geometry
 from morphofold.arrays import Array
-from morphofold.geometry.kernels import area_vector, cross, distance_from_triangle, dot, less
+from morphofold.geometry.kernels import area_vector, corners, cross, distance_from_triangle, dot, less, position
 from morphofold.intersections.boxes import TRIANGLES_PER_LEAF, BoxTree, box_tree, following, meets
 from morphofold.intersections.rays import ray_hits
-from morphofold.intersections.signs import plane_sign, side
+from morphofold.intersections.signs import clear_sign, plane_sign, side
 from morphofold.kernels import kernel, reading
 from morphofold.surface import Surface
 from morphofold.threads import in_blocks
@@ -26,8 +26,6 @@ Indices = NDArray[np.int64]
 
 # a face belongs to another wall than a vertex if the cosine of their normals is less than this
 ANOTHER_WALL_COSINE = 0.5
-# product of three lengths, times this, is more than the rounding of their determinant
-SURE_OF_SIDE = 1e-13
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,29 +143,30 @@ def self_intersections(surface: Surface, *, vertices: bool = True) -> Intersecti
 
 def _crossings(verts: Array, faces: Indices, tree: BoxTree) -> tuple[Indices, Indices]:
     """Edge (K, 2) and face (K,) of each crossing, by edge and then face."""
-    leaves, none = -(-len(faces) // TRIANGLES_PER_LEAF), np.empty((0, 3), dtype=np.int64)
+    leaves, none = -(-len(faces) // TRIANGLES_PER_LEAF), np.empty((0, 2), dtype=np.int64)
     surface, first = tuple(map(reading, (verts, faces, *tree))), np.zeros(leaves + 1, dtype=np.int64)
-    in_blocks(_find_crossings, leaves, *surface, first, none)
+    in_blocks(_find_close_pairs, leaves, *surface, first, none)
     first = np.cumsum(first)
-    found = np.empty((first[-1], 3), dtype=np.int64)
-    if len(found):
-        in_blocks(_find_crossings, leaves, *surface, first, found)
+    pairs, found = np.empty((first[-1], 2), dtype=np.int64), np.empty((0, 3), dtype=np.int64)
+    if len(pairs):
+        in_blocks(_find_close_pairs, leaves, *surface, first, pairs)
+        found = _crossings_of_pairs(*surface[:2], reading(pairs))
     found = np.unique(found, axis=0)  # an edge of two triangles is found with both
     return found[:, :2], found[:, 2]
 
 
 @kernel
-def _find_crossings(start, stop, verts, faces, bounds, order, single, first, found):
-    """Crossings between the triangles of a leaf and those of the same and of later leaves.
+def _find_close_pairs(start, stop, verts, faces, bounds, order, single, first, pairs):
+    """Pairs of triangles, one of them of a leaf and the other of the same or a later leaf, that may cross each other.
 
-    Write their number for each leaf to ``first[leaf + 1]`` if there is no room in ``found``, else the crossings (two
-    ends of the edge, and the face) from ``found[first[leaf]]`` on.
+    Write their number for each leaf to ``first[leaf + 1]`` if there is no room in ``pairs``, else the pairs from
+    ``pairs[first[leaf]]`` on.
     """
     leaves = len(bounds) // 2
     for leaf in range(start, stop):
-        if len(found) > 0 and first[leaf + 1] == first[leaf]:
+        if len(pairs) > 0 and first[leaf + 1] == first[leaf]:
             continue
-        n, k = first[leaf] if len(found) > 0 else 0, leaves + leaf
+        n, k = first[leaf] if len(pairs) > 0 else 0, leaves + leaf
         begin, end = TRIANGLES_PER_LEAF * leaf, min(TRIANGLES_PER_LEAF * (leaf + 1), len(order))
         while k > 0:
             if meets(bounds[k], bounds[leaves + leaf]):
@@ -177,53 +176,78 @@ def _find_crossings(start, stop, verts, faces, bounds, order, single, first, fou
                 last = min(TRIANGLES_PER_LEAF * (k - leaves + 1), len(order))
                 for s in range(begin, end):
                     for t in range(max(s + 1, TRIANGLES_PER_LEAF * (k - leaves)), last):
-                        if meets(single[order[s]], single[order[t]]):
-                            n += _crossings_of_pair(verts, faces, order[s], order[t], found, n)
+                        if meets(single[order[s]], single[order[t]]) and _may_cross(verts, faces, order[s], order[t]):
+                            if len(pairs) > 0:
+                                pairs[n, 0], pairs[n, 1] = order[s], order[t]
+                            n += 1
             k = following(k)
-        if len(found) == 0:
+        if len(pairs) == 0:
             first[leaf + 1] = n
 
 
 @kernel
-def _crossings_of_pair(verts, faces, f, g, found, at):
-    """Number of edges of two triangles that cross the other one; they are written from ``found[at]`` on, if it has
-    room."""
+def _may_cross(verts, faces, f, g):
+    """False for triangles of which rounding can not hide a crossing: neither has an edge that crosses the other."""
     shared = 0
     for a in range(3):
         for b in range(3):
             shared += faces[f, a] == faces[g, b]
-    if shared >= 2 or _is_on_one_side(verts, faces, f, g) or _is_on_one_side(verts, faces, g, f):
-        return 0
-    n = 0
+    if shared >= 2:
+        return False
     for turn in range(2):
         one, other = (f, g) if turn == 0 else (g, f)
-        for k in range(3):
-            p, q = faces[one, k], faces[one, (k + 1) % 3]
-            p, q = min(p, q), max(p, q)
-            if _edge_crosses_triangle(verts, p, q, faces[other]):
-                if len(found) > 0:
-                    found[at + n, 0], found[at + n, 1], found[at + n, 2] = p, q, other
-                n += 1
-    return n
+        if _is_on_one_side(verts, faces, one, other):
+            return False
+    for turn in range(2):
+        one, other = (f, g) if turn == 0 else (g, f)
+        i, j, k = faces[other, 0], faces[other, 1], faces[other, 2]
+        for e in range(3):
+            p, q = faces[one, e], faces[one, (e + 1) % 3]
+            if p == i or p == j or p == k or q == i or q == j or q == k:
+                continue
+            if _clear_side(verts, i, j, k, p) * _clear_side(verts, i, j, k, q) > 0:
+                continue
+            a, b, c = _clear_side(verts, p, q, i, j), _clear_side(verts, p, q, j, k), _clear_side(verts, p, q, k, i)
+            if a * b >= 0 and b * c >= 0 and c * a >= 0:
+                return True
+    return False
+
+
+@kernel
+def _clear_side(verts, i, j, k, p):
+    """Side of the triangle ijk on which vertex p lies, 1 or -1; 0 if rounding might change it."""
+    return clear_sign(position(verts, i), position(verts, j), position(verts, k), position(verts, p), 1.0)
 
 
 @kernel
 def _is_on_one_side(verts, faces, f, g):
     """Whether all vertices of face g that are not in face f are clearly on one side of its plane."""
     i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
-    x, y, z = verts[i, 0], verts[i, 1], verts[i, 2]
-    a0, a1, a2 = verts[j, 0] - x, verts[j, 1] - y, verts[j, 2] - z
-    b0, b1, b2 = verts[k, 0] - x, verts[k, 1] - y, verts[k, 2] - z
-    n0, n1, n2 = a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
-    rounding = SURE_OF_SIDE * (abs(a0) + abs(a1) + abs(a2)) * (abs(b0) + abs(b1) + abs(b2))
-    least, most = np.inf, -np.inf
+    side_before = 0
     for r in range(3):
         v = faces[g, r]
         if v != i and v != j and v != k:
-            d0, d1, d2 = verts[v, 0] - x, verts[v, 1] - y, verts[v, 2] - z
-            height, unsure = n0 * d0 + n1 * d1 + n2 * d2, rounding * (abs(d0) + abs(d1) + abs(d2))
-            least, most = min(least, height - unsure), max(most, height + unsure)
-    return least > 0.0 or most < 0.0
+            here = _clear_side(verts, i, j, k, v)
+            if here == 0 or here == -side_before:
+                return False
+            side_before = here
+    return True
+
+
+@kernel
+def _crossings_of_pairs(verts, faces, pairs):
+    """Edges of triangles that cross the other triangle of their pair (K, 3): the two ends, and the other triangle."""
+    found, n = np.empty((6 * len(pairs), 3), dtype=np.int64), 0
+    for m in range(len(pairs)):
+        for turn in range(2):
+            one, other = pairs[m, turn], pairs[m, 1 - turn]
+            for k in range(3):
+                p, q = faces[one, k], faces[one, (k + 1) % 3]
+                p, q = min(p, q), max(p, q)
+                if _edge_crosses_triangle(verts, p, q, faces[other]):
+                    found[n, 0], found[n, 1], found[n, 2] = p, q, other
+                    n += 1
+    return found[:n]
 
 
 @kernel
@@ -243,8 +267,8 @@ def _edge_crosses_triangle(verts, p, q, tri):
 def _measure_crossings(verts, faces, first, ring, edge, face, point, depth):
     """Write point (K, 3) and depth (K,) of crossings; ``ring[first[i] : first[i + 1]]`` are the faces at vertex i."""
     for e in range(len(edge)):
-        p, q, tri = verts[edge[e, 0]], verts[edge[e, 1]], faces[face[e]]
-        a, b, c = verts[tri[0]], verts[tri[1]], verts[tri[2]]
+        p, q, tri = position(verts, edge[e, 0]), position(verts, edge[e, 1]), faces[face[e]]
+        a, b, c = position(verts, tri[0]), position(verts, tri[1]), position(verts, tri[2])
         n, along = area_vector(a, b, c), less(q, p)
         length = max(dot(n, n) ** 0.5, 1e-300)
         before, after = abs(dot(less(p, a), n)) / length, abs(dot(less(q, a), n)) / length
@@ -253,7 +277,9 @@ def _measure_crossings(verts, faces, first, ring, edge, face, point, depth):
             point[e, r] = p[r] + share * along[r]
         reach = 0.0 if plane_sign(a, b, c, p, 1.0) == 0 or plane_sign(a, b, c, q, 1.0) == 0 else min(before, after)
         for k in range(3):
-            reach = min(reach, _distance_to_exit(verts, faces, first, ring, edge[e], face[e], k, point[e], along))
+            reach = min(
+                reach, _distance_to_exit(verts, faces, first, ring, edge[e], face[e], k, position(point, e), along)
+            )
         depth[e] = reach
 
 
@@ -264,25 +290,25 @@ def _distance_to_exit(verts, faces, first, ring, edge, f, k, point, along):
     It can if the surface, seen along the edge, shows its other side next to f, or ends.
     """
     i, j, h = faces[f, k], faces[f, (k + 1) % 3], faces[f, (k + 2) % 3]
-    p, q = verts[edge[0]], verts[edge[1]]
-    facing = dot(along, area_vector(verts[i], verts[j], verts[h]))
+    p, q = position(verts, edge[0]), position(verts, edge[1])
+    facing = dot(along, area_vector(position(verts, i), position(verts, j), position(verts, h)))
     over_corner, open_side, over_side = False, True, False
     for s in range(first[i], first[i + 1]):
         a, b, c = faces[ring[s]]
         if ring[s] != f:
-            turned = facing * dot(along, area_vector(verts[a], verts[b], verts[c])) <= 0.0
+            turned = facing * dot(along, area_vector(position(verts, a), position(verts, b), position(verts, c))) <= 0.0
             over_corner |= turned
             if a == j or b == j or c == j:
                 open_side = False
                 over_side |= turned
-    away, side_line = less(point, verts[i]), less(verts[j], verts[i])
-    on_side = plane_sign(p, q, verts[i], verts[j], 1.0) == 0
+    away, side_line = less(point, position(verts, i)), less(position(verts, j), position(verts, i))
+    on_side = plane_sign(p, q, position(verts, i), position(verts, j), 1.0) == 0
     distance = np.inf
     if open_side or over_side:
         offset = cross(side_line, away)
         distance = 0.0 if on_side else (dot(offset, offset) / max(dot(side_line, side_line), 1e-300)) ** 0.5
     if over_corner:
-        on_corner = on_side and plane_sign(p, q, verts[h], verts[i], 1.0) == 0
+        on_corner = on_side and plane_sign(p, q, position(verts, h), position(verts, i), 1.0) == 0
         distance = min(distance, 0.0 if on_corner else dot(away, away) ** 0.5)
     return distance
 
@@ -298,9 +324,9 @@ def _zero_unreliable_normals(verts, faces, normals):
     """Set vertex normals (N, 3) to zero where a face around the vertex is turned too far from the normal."""
     turned = np.zeros(len(verts), dtype=np.bool_)
     for f in range(len(faces)):
-        n = area_vector(verts[faces[f, 0]], verts[faces[f, 1]], verts[faces[f, 2]])
+        n = area_vector(*corners(verts, faces, f))
         for k in range(3):
-            turned[faces[f, k]] |= _is_on_another_wall(n, normals[faces[f, k]])
+            turned[faces[f, k]] |= _is_on_another_wall(n, position(normals, faces[f, k]))
     for i in np.flatnonzero(turned):
         for r in range(3):
             normals[i, r] = 0.0
@@ -311,10 +337,13 @@ def _depth_behind_walls(start, stop, verts, faces, normals, bounds, order, singl
     """Write the distance (N,) of each vertex from the facing wall that it has passed, if any, within ``radius``."""
     none = np.empty(0)
     for i in range(start, stop):
-        if dot(normals[i], normals[i]) == 0.0:
+        if dot(position(normals, i), position(normals, i)) == 0.0:
             continue
-        distance = _distance_to_wall_behind(verts, faces, normals[i], bounds, order, single, i, radius)
-        if distance < radius and ray_hits(verts, faces, bounds, order, verts[i], normals[i], none, none)[1] > 0:
+        distance = _distance_to_wall_behind(verts, faces, position(normals, i), bounds, order, single, i, radius)
+        if (
+            distance < radius
+            and ray_hits(verts, faces, bounds, order, position(verts, i), position(normals, i), none, none)[1] > 0
+        ):
             behind[i] = distance
 
 
@@ -335,8 +364,11 @@ def _distance_to_wall_behind(verts, faces, normal, bounds, order, single, i, rad
                 f = order[s]
                 if faces[f, 0] == i or faces[f, 1] == i or faces[f, 2] == i or not meets(single[f], box):
                     continue
-                a, b, c = verts[faces[f, 0]], verts[faces[f, 1]], verts[faces[f, 2]]
-                if _is_on_another_wall(area_vector(a, b, c), normal) and plane_sign(a, b, c, verts[i], 1.0) <= 0:
-                    nearest = min(nearest, distance_from_triangle(verts[i], a, b, c))
+                a, b, c = corners(verts, faces, f)
+                if (
+                    _is_on_another_wall(area_vector(a, b, c), normal)
+                    and plane_sign(a, b, c, position(verts, i), 1.0) <= 0
+                ):
+                    nearest = min(nearest, distance_from_triangle(position(verts, i), a, b, c))
         k = following(k)
     return nearest

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from morphofold.geometry.kernels import cross, dot, less
+from morphofold.geometry.kernels import corners, cross, dot, less
 from morphofold.intersections.boxes import TRIANGLES_PER_LEAF, following, meets_ray
 from morphofold.intersections.signs import TIE_BREAKING_DIRECTION, plane_sign
 from morphofold.kernels import kernel
@@ -31,20 +29,21 @@ def ray_hits(verts, faces, bounds, order, origin, direction, at, sign):
     hits, winding : int
         How many hits there are, and the sum of their signs: the winding number at the origin of a closed surface.
     """
+    start, way = (origin[0], origin[1], origin[2]), (direction[0], direction[1], direction[2])
     n, winding = 0, 0
     k, leaves = 1, len(bounds) // 2
     while k > 0:
-        if meets_ray(bounds[k], origin, direction):
+        if meets_ray(bounds[k], start, way):
             if k < leaves:
                 k *= 2
                 continue
             for s in range(TRIANGLES_PER_LEAF * (k - leaves), min(TRIANGLES_PER_LEAF * (k - leaves + 1), len(order))):
-                i, j, l = faces[order[s]]
-                a, b, c = verts[i], verts[j], verts[l]
-                hit = _ray_sign(a, b, c, origin, direction)
+                f = order[s]
+                a, b, c = corners(verts, faces, f)
+                hit = _ray_sign(a, b, c, start, way)
                 if hit != 0:
                     if n < len(at):
-                        at[n], sign[n] = _ray_distance(a, b, c, origin, direction), hit
+                        at[n], sign[n] = _ray_distance(a, b, c, start, way), hit
                     n += 1
                     winding += hit
         k = following(k)
@@ -54,10 +53,11 @@ def ray_hits(verts, faces, bounds, order, origin, direction, at, sign):
 @kernel
 def ray_winding(verts, faces, origin, direction):
     """The winding as from ``ray_hits``, for few faces: each face is tested, so no tree is needed."""
+    start, way = (origin[0], origin[1], origin[2]), (direction[0], direction[1], direction[2])
     winding = 0
     for f in range(len(faces)):
-        i, j, l = faces[f]
-        winding += _ray_sign(verts[i], verts[j], verts[l], origin, direction)
+        a, b, c = corners(verts, faces, f)
+        winding += _ray_sign(a, b, c, start, way)
     return winding
 
 
@@ -74,7 +74,7 @@ def _ray_sign(a, b, c, origin, direction):
 def _edge_sign(a, b, origin, direction):
     """The side of the line along a ray on which the edge ab passes."""
     sign = plane_sign(a, b, origin, direction, 0.0)
-    return sign if sign != 0 else plane_sign(a, b, origin, np.array(TIE_BREAKING_DIRECTION), 0.0)
+    return sign if sign != 0 else plane_sign(a, b, origin, TIE_BREAKING_DIRECTION, 0.0)
 
 
 @kernel

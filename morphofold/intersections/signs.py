@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from morphofold.geometry.kernels import position
 from morphofold.kernels import kernel
 
 #: direction of the displacements that decide ties: no plane of a mesh contains it, except by chance
@@ -35,9 +36,17 @@ _CYCLIC_ORDERS = ((0, 1, 2), (1, 2, 0), (2, 0, 1))
 def plane_sign(a, b, c, d, weight):
     """Exact sign, 1, -1 or 0, of (d - weight a) . ((b - a) x (c - a)).
 
-    With weight 1, d is a point: 1 means in front of the plane of abc, where abc appears counter-clockwise. With weight
-    0, d is a direction. The sign is minus that of the determinant of the rows (a, 1), (b, 1), (c, 1), (d, weight).
+    All four are tuples of three. With weight 1, d is a point: 1 means in front of the plane of abc, where abc appears
+    counter-clockwise. With weight 0, d is a direction. The sign is minus that of the determinant of the rows (a, 1),
+    (b, 1), (c, 1), (d, weight).
     """
+    sign = clear_sign(a, b, c, d, weight)
+    return sign if sign != 0 else _exact_sign(a, b, c, d, weight)
+
+
+@kernel
+def clear_sign(a, b, c, d, weight):
+    """The sign of :func:`plane_sign` if that is beyond the rounding of the determinant, else 0."""
     a0, a1, a2 = a[0] - c[0], a[1] - c[1], a[2] - c[2]
     b0, b1, b2 = b[0] - c[0], b[1] - c[1], b[2] - c[2]
     d0, d1, d2 = d[0] - weight * c[0], d[1] - weight * c[1], d[2] - weight * c[2]
@@ -48,13 +57,13 @@ def plane_sign(a, b, c, d, weight):
         return 1
     if -det > _DETERMINANT_ERROR_BOUND * permanent:
         return -1
-    return _exact_sign(a, b, c, d, weight)
+    return 0
 
 
 @kernel
 def side(verts, i, j, k, p):
     """Sign of vertex p against the triangle ijk: 1 in front, -1 behind; 0 only if all four lie on one line."""
-    sign = plane_sign(verts[i], verts[j], verts[k], verts[p], 1.0)
+    sign = plane_sign(position(verts, i), position(verts, j), position(verts, k), position(verts, p), 1.0)
     return sign if sign != 0 else _displaced_sign(verts, i, j, k, p)
 
 
@@ -66,12 +75,11 @@ def _displaced_sign(verts, i, j, k, p):
     are equal and contribute nothing, so nothing else is neglected.
     """
     rows = (i, j, k, p)
-    aside = np.array(TIE_BREAKING_DIRECTION)
     found, lowest = 0, max(i, j, k, p) + 1
     for r in range(4):
         x, y, z = rows[0 if r > 0 else 1], rows[1 if r > 1 else 2], rows[2 if r > 2 else 3]
         if rows[r] < lowest:
-            sign = plane_sign(verts[x], verts[y], verts[z], aside, 0.0)
+            sign = plane_sign(position(verts, x), position(verts, y), position(verts, z), TIE_BREAKING_DIRECTION, 0.0)
             if sign != 0:
                 found, lowest = (sign if r % 2 == 1 else -sign), rows[r]  # row r was moved after the others
     return found
