@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import schur
 
 from morphofold.arrays import Array
-from morphofold.kernels import kernel
+from morphofold.kernels import kernel, reading
 from morphofold.sim.sphere_theory.smooth_sphere import (
     COMPLIANCE,
     LAMBDA_R,
@@ -74,9 +74,10 @@ def impedances(sphere: SmoothSphere, degree: float, g: float) -> tuple[Array, Ar
     y, fields = smooth_state(sphere, g)
     free, fixed = np.eye(4)[:, :2].copy(), np.eye(4)[:, 2:].copy()
     start = max(y[0, 0], y[0, -1] - DECAY_EXPONENT / degree)
-    below, poles_core = _integrate_layer(fixed, degree, start, y[0, -1], y[0], fields[0], sphere.mu[0])
-    surface, poles_out = _integrate_layer(fixed, degree, y[1, 0], y[1, -1], y[1], fields[1], sphere.mu[1])
-    above, poles_in = _integrate_layer(free, degree, y[1, -1], y[1, 0], y[1], fields[1], sphere.mu[1])
+    core, cortex = ((float(degree), reading(y[k]), reading(fields[k]), float(sphere.mu[k])) for k in range(2))
+    below, poles_core = _integrate_layer(fixed, start, y[0, -1], *core)
+    surface, poles_out = _integrate_layer(fixed, y[1, 0], y[1, -1], *cortex)
+    above, poles_in = _integrate_layer(free, y[1, -1], y[1, 0], *cortex)
     return surface, below - above, poles_core + poles_out + poles_in
 
 
@@ -160,11 +161,13 @@ def _interpolate_fields(x, nodes, table, fields):
     """Fields (6,) at x from a table (6, n) at Chebyshev points, barycentric (Berrut and Trefethen 2004, Eq. 5.4)."""
     last = len(nodes) - 1
     total, sign = 0.0, 1.0
-    fields[:] = 0.0
+    for i in range(len(fields)):
+        fields[i] = 0.0
     for k in range(last + 1):
         distance = x - nodes[k]
         if distance == 0.0:
-            fields[:] = table[:, k]
+            for i in range(len(fields)):
+                fields[i] = table[i, k]
             return
         weight = sign / distance
         if k == 0 or k == last:
@@ -173,11 +176,40 @@ def _interpolate_fields(x, nodes, table, fields):
         total += weight
         for i in range(len(fields)):
             fields[i] += weight * table[i, k]
-    fields /= total
+    for i in range(len(fields)):
+        fields[i] /= total
 
 
 @kernel
-def _integrate_layer(Y, degree, start, end, nodes, table, mu):
+def _solve(A, b):
+    """Solve A x = b for two columns b (n, 2), in place, by elimination with the largest pivot of each column."""
+    n = len(A)
+    for k in range(n):
+        top = k
+        for i in range(k + 1, n):
+            if abs(A[i, k]) > abs(A[top, k]):
+                top = i
+        if top != k:
+            for j in range(k, n):
+                A[k, j], A[top, j] = A[top, j], A[k, j]
+            for c in range(2):
+                b[k, c], b[top, c] = b[top, c], b[k, c]
+        for i in range(k + 1, n):
+            share = A[i, k] / A[k, k]
+            if share != 0.0:
+                for j in range(k + 1, n):
+                    A[i, j] -= share * A[k, j]
+                for c in range(2):
+                    b[i, c] -= share * b[k, c]
+    for k in range(n - 1, -1, -1):
+        for c in range(2):
+            for j in range(k + 1, n):
+                b[k, c] -= A[k, j] * b[j, c]
+            b[k, c] /= A[k, k]
+
+
+@kernel
+def _integrate_layer(Y, start, end, degree, nodes, table, mu):
     """Integrate two solutions Y (4, 2) of (U, v, P, Q), in place, from one end of a layer to the other.
 
     Returns Z (2, 2), their (P, Q) over their (U, v) and over n, and the number of points at which it is infinite.
@@ -185,9 +217,10 @@ def _integrate_layer(Y, degree, start, end, nodes, table, mu):
     n = math.sqrt(degree * (degree + 1.0))
     fields, M = np.empty(6), np.empty((3, 4, 4))
     lhs, rhs = np.empty((12, 12)), np.empty((12, 2))
-    steps = max(
-        LEAST_STEPS_PER_LAYER, math.ceil(abs(end - start) * n * max(1.0, table[RATE].max()) / LARGEST_STEP_EXPONENT)
-    )
+    rate = 1.0
+    for k in range(len(nodes)):
+        rate = max(rate, table[RATE, k])
+    steps = max(LEAST_STEPS_PER_LAYER, math.ceil(abs(end - start) * n * rate / LARGEST_STEP_EXPONENT))
     h = (end - start) / steps
     poles, before = 0, Y[0, 0] * Y[1, 1] - Y[0, 1] * Y[1, 0]
     for step in range(steps):
@@ -195,24 +228,36 @@ def _integrate_layer(Y, degree, start, end, nodes, table, mu):
             _interpolate_fields(start + (step + COLLOCATION_NODES[i]) * h, nodes, table, fields)
             _fill_coefficients(M[i], n, mu, fields)
         for i in range(3):
-            for j in range(3):
-                lhs[4 * i : 4 * i + 4, 4 * j : 4 * j + 4] = -h * COLLOCATION_MATRIX[i, j] * M[i]
             for p in range(4):
+                for j in range(3):
+                    for q in range(4):
+                        lhs[4 * i + p, 4 * j + q] = -h * COLLOCATION_MATRIX[i, j] * M[i, p, q]
                 lhs[4 * i + p, 4 * i + p] += 1.0
-            rhs[4 * i : 4 * i + 4] = M[i] @ Y
-        slope = np.linalg.solve(lhs, rhs)
-        for i in range(3):
-            Y += h * COLLOCATION_WEIGHTS[i] * slope[4 * i : 4 * i + 4]
+                for c in range(2):
+                    rhs[4 * i + p, c] = 0.0
+                    for q in range(4):
+                        rhs[4 * i + p, c] += M[i, p, q] * Y[q, c]
+        _solve(lhs, rhs)
         # orthonormal columns span the same solutions; without this both would become the faster solution
-        Y[:, 0] /= math.sqrt((Y[:, 0] ** 2).sum())
-        Y[:, 1] -= (Y[:, 0] * Y[:, 1]).sum() * Y[:, 0]
-        Y[:, 1] /= math.sqrt((Y[:, 1] ** 2).sum())
+        one, both, two = 0.0, 0.0, 0.0
+        for p in range(4):
+            for c in range(2):
+                for i in range(3):
+                    Y[p, c] += h * COLLOCATION_WEIGHTS[i] * rhs[4 * i + p, c]
+            one += Y[p, 0] * Y[p, 0]
+            both += Y[p, 0] * Y[p, 1]
+        for p in range(4):
+            Y[p, 1] -= both / one * Y[p, 0]
+            Y[p, 0] /= math.sqrt(one)
+            two += Y[p, 1] * Y[p, 1]
+        for p in range(4):
+            Y[p, 1] /= math.sqrt(two)
         now = Y[0, 0] * Y[1, 1] - Y[0, 1] * Y[1, 0]
         if now * before < 0.0:
             poles += 1
         before = now
     Z = np.empty((2, 2))
-    Z[0, 0] = (Y[2, 0] * Y[1, 1] - Y[2, 1] * Y[1, 0]) / before
-    Z[0, 1] = Z[1, 0] = (Y[2, 1] * Y[0, 0] - Y[2, 0] * Y[0, 1]) / before
-    Z[1, 1] = (Y[3, 1] * Y[0, 0] - Y[3, 0] * Y[0, 1]) / before
-    return Z / n, poles
+    Z[0, 0] = (Y[2, 0] * Y[1, 1] - Y[2, 1] * Y[1, 0]) / before / n
+    Z[0, 1] = Z[1, 0] = (Y[2, 1] * Y[0, 0] - Y[2, 0] * Y[0, 1]) / before / n
+    Z[1, 1] = (Y[3, 1] * Y[0, 0] - Y[3, 0] * Y[0, 1]) / before / n
+    return Z, poles
