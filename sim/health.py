@@ -5,17 +5,18 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numba import prange
 
 from morphofold.arrays import Array
 from morphofold.errors import InsideOut, OpenSurface
+from morphofold.geometry.kernels import position
 from morphofold.intersections.boxes import box_tree
 from morphofold.intersections.intersection import self_intersections
 from morphofold.intersections.rays import ray_hits
-from morphofold.kernels import kernel
+from morphofold.kernels import kernel, reading
 from morphofold.shapes import even_directions
 from morphofold.sim.dynamics import AWAY_DISTANCE_OVER_T, restlessness
 from morphofold.surface import Surface
+from morphofold.threads import in_blocks
 
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
@@ -118,9 +119,11 @@ def cover(surface: Surface, rays: int = NUMBER_OF_RAYS) -> Cover:
     ValueError
         If the surface has a hole (the winding number at the centroid differs between rays), or nothing is inside.
     """
-    verts, faces = surface.verts - surface.verts.mean(axis=0), surface.faces.copy()
-    tree = box_tree(verts, faces)
-    twice, once, most, centre = _cover_along_rays(verts, faces, tree.bounds, tree.order, even_directions(rays))
+    verts, faces = surface.verts - surface.verts.mean(axis=0), surface.faces
+    tree, (twice, once), winding = box_tree(verts, faces), np.zeros((2, rays)), np.zeros((rays, 2), dtype=np.int64)
+    rays_through = map(reading, (verts, faces, tree.bounds, tree.order, even_directions(rays)))
+    in_blocks(_cover_along_rays, rays, *rays_through, twice, once, winding)
+    most, centre = winding.T
     if (centre != centre[0]).any():
         raise OpenSurface(
             f"{surface.name}: is not closed: its winding number at the centroid is {centre.min()} to {centre.max()}, "
@@ -193,32 +196,29 @@ def broken_bounds(stage: dict[str, Any], scene: Scene | None = None) -> list[str
     return sentences
 
 
-@kernel(parallel=True)
-def _cover_along_rays(verts, faces, bounds, order, directions):
-    """Length of each ray inside twice or more, and once or more; largest winding number, and that at its origin."""
-    rays = len(directions)
-    twice, once = np.zeros(rays), np.zeros(rays)
-    most, centre = np.zeros(rays, dtype=np.int64), np.zeros(rays, dtype=np.int64)
-    for r in prange(rays):
-        at, sign = np.empty(64), np.empty(64)
-        hits, centre[r] = ray_hits(verts, faces, bounds, order, np.zeros(3), directions[r], at, sign)
+@kernel
+def _cover_along_rays(start, stop, verts, faces, bounds, order, directions, twice, once, winding):
+    """Write the length of each ray inside twice or more, and once or more; the largest winding number, and that at its
+    origin (R, 2)."""
+    at, sign = np.empty(64), np.empty(64)
+    origin = (0.0, 0.0, 0.0)
+    for r in range(start, stop):
+        direction = position(directions, r)
+        hits, winding[r, 1] = ray_hits(verts, faces, bounds, order, origin, direction, at, sign)
         if hits > len(at):
             at, sign = np.empty(hits), np.empty(hits)
-            ray_hits(verts, faces, bounds, order, np.zeros(3), directions[r], at, sign)
-        twice[r], once[r], most[r] = _covered_lengths(at[:hits], sign[:hits])
-    return twice, once, most, centre
-
-
-@kernel
-def _covered_lengths(at, sign):
-    """Length of a ray inside twice or more, inside once or more, and the largest winding number, from outside in."""
-    order = np.argsort(at)
-    twice, once, most, winding = 0.0, 0.0, 0, 0
-    for k in range(len(at) - 1, -1, -1):
-        winding += int(sign[order[k]])
-        length = at[order[k]] - (at[order[k - 1]] if k > 0 else 0.0)
-        if length > TOUCHING_LENGTH_SHARE * at[order[-1]]:
-            most = max(most, winding)
-            once += length if winding >= 1 else 0.0
-            twice += length if winding >= 2 else 0.0
-    return twice, once, most
+            ray_hits(verts, faces, bounds, order, origin, direction, at, sign)
+        for k in range(1, hits):  # sorted outwards
+            for m in range(k, 0, -1):
+                if at[m - 1] <= at[m]:
+                    break
+                at[m - 1], at[m] = at[m], at[m - 1]
+                sign[m - 1], sign[m] = sign[m], sign[m - 1]
+        turns = 0
+        for k in range(hits - 1, -1, -1):
+            turns += int(sign[k])
+            length = at[k] - (at[k - 1] if k > 0 else 0.0)
+            if length > TOUCHING_LENGTH_SHARE * at[hits - 1]:
+                winding[r, 0] = max(winding[r, 0], turns)
+                once[r] += length if turns >= 1 else 0.0
+                twice[r] += length if turns >= 2 else 0.0

@@ -11,6 +11,7 @@ from morphofold.arrays import Ints
 from morphofold.errors import InsideOut, NoCortex, UnlikeSurfaces
 from morphofold.intersections.boxes import box_tree
 from morphofold.intersections.rays import ray_hits, ray_winding
+from morphofold.kernels import reading
 from morphofold.surface import Cortex, Faces, Surface, Verts
 
 # within names of regions, without spaces and _
@@ -136,16 +137,16 @@ def _pieces_within_others(surface: Surface, piece: NDArray[np.int64], asked: NDA
     """
     if len(asked) == 0:
         return asked
-    verts, faces = surface.verts.copy(), surface.faces.copy()  # writable, as compiled code needs
+    verts, faces = surface.verts, surface.faces
     of_face = piece[faces[:, 0]]
     by_piece, begin = np.argsort(of_face, kind="stable"), np.concatenate([[0], np.cumsum(np.bincount(of_face))])
-    tree, up, none = box_tree(verts, faces), np.array([0.0, 0.0, 1.0]), np.empty(0)
+    tree, up, none = box_tree(verts, faces), (0.0, 0.0, 1.0), np.empty(0)
     rest = []
     for k in asked:
         own = faces[by_piece[begin[k] : begin[k + 1]]]
-        start = verts[own[0, 0]]
-        whole = ray_hits(verts, faces, tree.bounds, tree.order, start, up, none, none)[1]
-        rest.append(whole - ray_winding(verts, own, start, up))
+        start = tuple(verts[own[0, 0]].tolist())
+        whole = ray_hits(*map(reading, (verts, faces, tree.bounds, tree.order)), start, up, none, none)[1]
+        rest.append(whole - ray_winding(reading(verts), reading(own), start, up))
     return asked[np.array(rest) > 0]
 
 

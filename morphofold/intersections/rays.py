@@ -19,7 +19,7 @@ def ray_hits(verts, faces, bounds, order, origin, direction, at, sign):
     ----------
     verts, faces, bounds, order
         The surface and its tree of boxes.
-    origin, direction : (3,) float64
+    origin, direction : tuple of three float
         Unit direction.
     at, sign : (S,) float64
         Output: distance [mm] and sign of each hit, 1 outwards and -1 inwards, unsorted, as many as fit.
@@ -29,21 +29,20 @@ def ray_hits(verts, faces, bounds, order, origin, direction, at, sign):
     hits, winding : int
         How many hits there are, and the sum of their signs: the winding number at the origin of a closed surface.
     """
-    start, way = (origin[0], origin[1], origin[2]), (direction[0], direction[1], direction[2])
     n, winding = 0, 0
     k, leaves = 1, len(bounds) // 2
     while k > 0:
-        if meets_ray(bounds[k], start, way):
+        if meets_ray(bounds[k], origin, direction):
             if k < leaves:
                 k *= 2
                 continue
             for s in range(TRIANGLES_PER_LEAF * (k - leaves), min(TRIANGLES_PER_LEAF * (k - leaves + 1), len(order))):
                 f = order[s]
                 a, b, c = corners(verts, faces, f)
-                hit = _ray_sign(a, b, c, start, way)
+                hit = _ray_sign(a, b, c, origin, direction)
                 if hit != 0:
                     if n < len(at):
-                        at[n], sign[n] = _ray_distance(a, b, c, start, way), hit
+                        at[n], sign[n] = _ray_distance(a, b, c, origin, direction), hit
                     n += 1
                     winding += hit
         k = following(k)
@@ -53,11 +52,10 @@ def ray_hits(verts, faces, bounds, order, origin, direction, at, sign):
 @kernel
 def ray_winding(verts, faces, origin, direction):
     """The winding as from ``ray_hits``, for few faces: each face is tested, so no tree is needed."""
-    start, way = (origin[0], origin[1], origin[2]), (direction[0], direction[1], direction[2])
     winding = 0
     for f in range(len(faces)):
         a, b, c = corners(verts, faces, f)
-        winding += _ray_sign(a, b, c, start, way)
+        winding += _ray_sign(a, b, c, origin, direction)
     return winding
 
 

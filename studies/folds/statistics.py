@@ -15,6 +15,7 @@ from morphofold.arrays import Array
 from morphofold.errors import OpenSurface
 from morphofold.intersections.boxes import box_tree
 from morphofold.intersections.rays import ray_hits
+from morphofold.kernels import reading
 from morphofold.studies.folds.tables import Row
 from morphofold.surface import Surface
 
@@ -55,19 +56,19 @@ def outer_radius(surface: Surface, along: Array) -> Array:
     OpenSurface
         If a ray has no hit: the surface has a hole, or does not enclose the origin.
     """
-    verts, faces, origin = surface.verts.copy(), surface.faces.copy(), np.zeros(3)
-    tree = box_tree(verts, faces)
+    tree, origin = box_tree(surface.verts, surface.faces), (0.0, 0.0, 0.0)
+    there = tuple(map(reading, (surface.verts, surface.faces, tree.bounds, tree.order)))
     at, sign = np.empty(HITS), np.empty(HITS)
     radius = np.empty(len(along))
-    for k, direction in enumerate(np.ascontiguousarray(along, dtype=np.float64)):
-        hits, _ = ray_hits(verts, faces, tree.bounds, tree.order, origin, direction, at, sign)
+    for k, direction in enumerate(map(tuple, np.asarray(along, dtype=np.float64).tolist())):
+        hits, _ = ray_hits(*there, origin, direction, at, sign)
         if hits > len(at):
             at, sign = np.empty(hits), np.empty(hits)
-            ray_hits(verts, faces, tree.bounds, tree.order, origin, direction, at, sign)
+            ray_hits(*there, origin, direction, at, sign)
         if hits == 0:
             raise OpenSurface(
-                f"{surface.name}: has no hit along direction {direction.round(4).tolist()} from the origin; close its "
-                "holes, and centre it."
+                f"{surface.name}: has no hit along direction {np.round(direction, 4).tolist()} from the origin; close "
+                "its holes, and centre it."
             )
         radius[k] = at[:hits].max()
     return radius
