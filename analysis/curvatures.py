@@ -143,8 +143,7 @@ def curvature(verts: Verts, faces: Faces, scale: float | None = None) -> Curvatu
         normals[lost] = unit(ring[lost] @ normals)
     k1, k2, e1, e2 = np.full((4, len(verts)), np.nan)
     d1, d2, fitted = np.full((3, len(verts), 3), np.nan)
-    fit = map(reading, (verts, normals, ring.indptr, ring.indices))
-    in_blocks(_fit_curvatures, len(verts), *fit, float(scale), k1, k2, d1, d2, fitted, e1, e2)
+    in_blocks(_fit_curvatures, len(verts), *reading(verts, normals, ring), float(scale), k1, k2, d1, d2, fitted, e1, e2)
     return Curvature(k1, k2, d1, d2, fitted, e1, e2, float(scale))
 
 

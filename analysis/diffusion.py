@@ -54,7 +54,7 @@ class Diffusion:
         self._levels = (
             np.cumsum([0, *map(len, masses)]),
             ptr,
-            ptr[:-1] + np.concatenate([np.diff(below.indptr) for below, _ in parts]).astype(np.int32),
+            ptr[:-1] + np.concatenate([np.diff(below.indptr) for below, _ in parts]).astype(np.uint32),
             col,
             off,
             np.concatenate([level.diagonal() for level in levels]),
@@ -85,9 +85,9 @@ class Diffusion:
             raise WrongShape(
                 f"right {np.shape(right)} and x {np.shape(x)} must be (N,) or (N, K), N = {len(self.mass)}."
             )
-        columns = [(np.array(b), np.array(y)) for b, y in zip(np.atleast_2d(right.T), np.atleast_2d(x.T), strict=True)]
-        levels = tuple(map(reading, self._levels))
-        tasks = [partial(_iterate, *levels, float(time), reading(b), y, rtol, MOST_ITERATIONS) for b, y in columns]
+        columns = [(*reading(b), np.array(y)) for b, y in zip(np.atleast_2d(right.T), np.atleast_2d(x.T), strict=True)]
+        levels = reading(*self._levels)
+        tasks = [partial(_iterate, *levels, float(time), b, y, rtol, MOST_ITERATIONS) for b, y in columns]
         if not all(count >= 0 for count in beside(*tasks)):
             raise RuntimeError(
                 f"conjugate gradients did not converge in {MOST_ITERATIONS} iterations on {len(x)} vertices; the mesh "
@@ -102,12 +102,12 @@ def diffusion(verts: Verts, faces: Faces, clip: tuple[float, float]) -> Diffusio
     return Diffusion(geometry.vertex_areas(verts, faces), geometry.cotangent_laplacian(verts, faces, clip=clip))
 
 
-def _joined(matrices: list[sparse.csr_array]) -> tuple[NDArray[np.int32], NDArray[np.int32], Array]:
+def _joined(matrices: list[sparse.csr_array]) -> tuple[NDArray[np.uint32], NDArray[np.uint32], Array]:
     """Row starts, columns and values of matrices below each other, each with columns of its own from 0."""
     counts = np.concatenate([np.diff(matrix.indptr) for matrix in matrices])
     return (
-        np.cumsum(np.concatenate([[0], counts]), dtype=np.int32),
-        np.concatenate([matrix.indices for matrix in matrices]).astype(np.int32),
+        np.cumsum(np.concatenate([[0], counts]), dtype=np.uint32),
+        np.concatenate([matrix.indices for matrix in matrices]).astype(np.uint32),
         np.concatenate([matrix.data for matrix in matrices]).astype(np.float64),
     )
 
@@ -116,9 +116,7 @@ def _prolongation(L: sparse.csr_array) -> sparse.csr_array:
     """From aggregates to the vertices of L: the constant on each aggregate, smoothed by a Jacobi step."""
     diagonal = L.diagonal()
     scale = np.sqrt(np.maximum(diagonal, 0.0))
-    row = np.repeat(np.arange(len(diagonal)), np.diff(L.indptr))
-    strong = np.abs(L.data) > LEAST_STRENGTH * scale[row] * scale[L.indices]
-    aggregate = _aggregates(*map(reading, (L.indptr.astype(np.int32), L.indices.astype(np.int32), strong)))
+    aggregate = _aggregates(*reading(L, scale))
     member = np.flatnonzero(aggregate >= 0)
     shape = (len(diagonal), int(aggregate.max(initial=-1)) + 1)
     tentative = sparse.csr_array((np.ones(len(member)), (member, aggregate[member])), shape=shape)
@@ -127,27 +125,28 @@ def _prolongation(L: sparse.csr_array) -> sparse.csr_array:
 
 
 @kernel
-def _aggregates(indptr, indices, strong):
+def _aggregates(indptr, indices, values, scale):
     """Aggregate (N,) of each vertex, from 0; -1 where it has no strong neighbour."""
-    n = len(indptr) - 1
+    n = len(scale)
     found, count = np.full(n, -1, np.int64), 0
-    for i in range(n):  # a vertex and all its neighbours, if none of them is taken
+    for i in range(n):  # a vertex and all its strong neighbours, if none of them is taken
         free, some = found[i] < 0, False
         for e in range(indptr[i], indptr[i + 1]):
-            if strong[e] and indices[e] != i:
-                some = True
-                free = free and found[indices[e]] < 0
+            j = indices[e]
+            if j != i and abs(values[e]) > LEAST_STRENGTH * scale[i] * scale[j]:
+                some, free = True, free and found[j] < 0
         if free and some:
             for e in range(indptr[i], indptr[i + 1]):
-                if strong[e]:
+                if abs(values[e]) > LEAST_STRENGTH * scale[i] * scale[indices[e]]:
                     found[indices[e]] = count
             found[i] = count
             count += 1
     for i in range(n):  # the rest joins a neighbour that was taken then
         if found[i] < 0:
             for e in range(indptr[i], indptr[i + 1]):
-                if strong[e] and indices[e] != i and found[indices[e]] >= 0:
-                    found[i] = -2 - found[indices[e]]
+                j = indices[e]
+                if j != i and abs(values[e]) > LEAST_STRENGTH * scale[i] * scale[j] and found[j] >= 0:
+                    found[i] = -2 - found[j]
                     break
     for i in range(n):
         if found[i] < -1:

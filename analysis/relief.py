@@ -110,11 +110,10 @@ def windowed_range(verts: Verts, faces: Faces, values: PerVertex, radius: float)
     triangles.
     """
     graph = geometry.edge_graph(verts, faces)
-    steps = tuple(map(reading, (graph.indptr, graph.indices, graph.data)))
 
     def highest(values: PerVertex) -> PerVertex:
         order = np.argsort(-values, kind="stable")
-        found: PerVertex = _windowed_maximum(*steps, reading(values), reading(order), EDGE_PATH_DETOUR * radius)
+        found: PerVertex = _windowed_maximum(*reading(graph, values, order), EDGE_PATH_DETOUR * radius)
         return found
 
     low, high = beside(lambda: highest(-values), lambda: highest(values))

@@ -5,12 +5,14 @@ from __future__ import annotations
 import functools
 import weakref
 from collections.abc import Callable, Hashable
+from threading import Lock
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 from scipy import sparse
 
-P, R = ParamSpec("P"), TypeVar("R")
+P = ParamSpec("P")
+R = TypeVar("R")
 
 
 def kept(function: Callable[P, R]) -> Callable[P, R]:
@@ -20,6 +22,7 @@ def kept(function: Callable[P, R]) -> Callable[P, R]:
     them writable again.) For other arrays the function is called each time. The arrays of a kept result are read-only.
     """
     results: dict[tuple[Hashable, ...], R] = {}
+    locks: dict[tuple[Hashable, ...], Lock] = {}
 
     @functools.wraps(function)
     def call(*given: P.args, **options: P.kwargs) -> R:
@@ -29,9 +32,12 @@ def kept(function: Callable[P, R]) -> Callable[P, R]:
             return function(*given, **options)
         key = tuple(id(value) if isinstance(value, np.ndarray) else value for value in named)
         if key not in results:
-            results[key] = _frozen(function(*given, **options))
-            for array in arrays:
-                weakref.finalize(array, results.pop, key, None).atexit = False
+            with locks.setdefault(key, Lock()):  # one thread computes it, others wait for it
+                if key not in results:
+                    results[key] = _frozen(function(*given, **options))
+                    for array in arrays:
+                        weakref.finalize(array, results.pop, key, None).atexit = False
+            locks.pop(key, None)
         return results[key]
 
     call.results = results  # type: ignore[attr-defined]

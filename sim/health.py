@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from morphofold.arrays import Array
+from morphofold.arrays import Array, Ints
 from morphofold.errors import InsideOut, OpenSurface
 from morphofold.geometry.kernels import position
 from morphofold.intersections.boxes import box_tree
@@ -15,7 +15,7 @@ from morphofold.intersections.rays import ray_hits
 from morphofold.kernels import kernel, reading
 from morphofold.shapes import even_directions
 from morphofold.sim.dynamics import AWAY_DISTANCE_OVER_T, restlessness
-from morphofold.surface import Surface
+from morphofold.surface import Faces, Surface
 from morphofold.threads import in_blocks
 
 if TYPE_CHECKING:
@@ -119,11 +119,9 @@ def cover(surface: Surface, rays: int = NUMBER_OF_RAYS) -> Cover:
     ValueError
         If the surface has a hole (the winding number at the centroid differs between rays), or nothing is inside.
     """
-    verts, faces = surface.verts - surface.verts.mean(axis=0), surface.faces
-    tree, (twice, once), winding = box_tree(verts, faces), np.zeros((2, rays)), np.zeros((rays, 2), dtype=np.int64)
-    rays_through = map(reading, (verts, faces, tree.bounds, tree.order, even_directions(rays)))
-    in_blocks(_cover_along_rays, rays, *rays_through, twice, once, winding)
-    most, centre = winding.T
+    twice, once, most, centre = _along_rays(
+        surface.verts - surface.verts.mean(axis=0), surface.faces, even_directions(rays)
+    )
     if (centre != centre[0]).any():
         raise OpenSurface(
             f"{surface.name}: is not closed: its winding number at the centroid is {centre.min()} to {centre.max()}, "
@@ -135,6 +133,16 @@ def cover(surface: Surface, rays: int = NUMBER_OF_RAYS) -> Cover:
             "outside they must run counter-clockwise."
         )
     return Cover(float(twice.sum() / once.sum()), int(most.max()))
+
+
+def _along_rays(verts: Array, faces: Faces, directions: Array) -> tuple[Array, Array, Ints, Ints]:
+    """Length of each ray from the origin inside twice or more, and once or more; largest winding number, and that at
+    the origin, (R,) each."""
+    tree, (twice, once) = box_tree(verts, faces), np.zeros((2, len(directions)))
+    winding = np.zeros((len(directions), 2), dtype=np.int64)
+    through = reading(verts, faces, tree.bounds, tree.order, directions)
+    in_blocks(_cover_along_rays, len(directions), *through, twice, once, winding)
+    return twice, once, *winding.T
 
 
 def _format_value(value: float | int) -> str:
@@ -198,8 +206,7 @@ def broken_bounds(stage: dict[str, Any], scene: Scene | None = None) -> list[str
 
 @kernel
 def _cover_along_rays(start, stop, verts, faces, bounds, order, directions, twice, once, winding):
-    """Write the length of each ray inside twice or more, and once or more; the largest winding number, and that at its
-    origin (R, 2)."""
+    """As ``_along_rays``; the winding numbers are (R, 2)."""
     at, sign = np.empty(64), np.empty(64)
     origin = (0.0, 0.0, 0.0)
     for r in range(start, stop):

@@ -43,6 +43,8 @@ GROUND = (
     "provenance",
     "tables",
     "timing",
+    "kept",
+    "kernels",
     "threads",
     "progress",
     "words",

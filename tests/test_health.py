@@ -6,14 +6,13 @@ import pytest
 from made_folds import joined, pressed_sphere
 
 from morphofold.errors import InsideOut, OpenSurface
-from morphofold.intersections.boxes import box_tree
 from morphofold.shapes import bumpy_sphere, even_directions, icosphere
 from morphofold.sim.effects.contact import GAP_IN_CELLS
 from morphofold.sim.health import (
     BOUNDS,
     CROSSING_TOLERANCE,
     LEAST_J,
-    _cover_along_rays,
+    _along_rays,
     bending,
     broken_bounds,
     check_surface,
@@ -44,9 +43,7 @@ CUBE_FACES = np.concatenate([SQUARES[:, [0, 1, 2]], SQUARES[:, [0, 2, 3]]])
 
 def along_rays(surface, directions):
     """The kernel, about the origin."""
-    verts, faces = surface.verts.copy(), surface.faces.copy()
-    tree = box_tree(verts, faces)
-    return _cover_along_rays(verts, faces, tree.bounds, tree.order, directions)
+    return _along_rays(surface.verts, surface.faces, directions)
 
 
 def brute_force(verts, faces, direction):

@@ -59,9 +59,9 @@ def test_stages_last_until_the_next_begins_and_what_comes_again_is_added(monkeyp
     monkeypatch.setattr("morphofold.timing.working_seconds", lambda: next(now))
     clock = Stages()
     clock.begin("reading")  # 0 to 1
-    clock.at(0.0, "areas")  # 1 to 3
-    clock.at(0.5, "curvature")  # 3 to 7
-    clock.at(1.0, "done")
+    clock.begin("areas")  # 1 to 3
+    clock.begin("curvature")  # 3 to 7
+    clock.end()
     clock.end()
     clock.begin("reading")  # 20 to 28; what lies between is nobody's
     clock.end()

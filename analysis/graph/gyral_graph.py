@@ -156,8 +156,7 @@ class ClosestPoints:
     def of(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Nearest places (P, 3) on the triangles around the nearest vertices, and these vertices (P,)."""
         nearest = self._tree.query(points)[1]
-        near = (points, nearest, self._verts, self._faces, self._around.indptr, self._around.indices)
-        places = _closest_surface_points(*map(reading, near))
+        places = _closest_surface_points(*reading(points, nearest, self._verts, self._faces, self._around))
         return places, nearest
 
 

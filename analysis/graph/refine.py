@@ -72,8 +72,8 @@ def _move_curves_onto_crown(net, operators, D, ring, tree, radius, width):
     p, t = np.concatenate(points), np.concatenate(ahead)
     nearest = tree.query(p)[1]
     shift = np.zeros_like(p)
-    fit = (p, t, nearest, operators.verts, operators.normals, ring.indptr, ring.indices, D, radius[nearest])
-    in_blocks(_shift_onto_crown, len(p), *map(reading, fit), LARGEST_MOVE_IN_WIDTHS * width, shift)
+    fit = reading(p, t, nearest, operators.verts, operators.normals, ring, D, radius[nearest])
+    in_blocks(_shift_onto_crown, len(p), *fit, LARGEST_MOVE_IN_WIDTHS * width, shift)
     p = p + np.where(np.concatenate(free)[:, None], shift, 0.0)
     for arc, new in zip(net.arcs.values(), np.split(p, np.cumsum(sizes)[:-1])):
         ring_ = arc.a == arc.b and degree[arc.a] == 2

@@ -39,16 +39,12 @@ class Watershed:
     def __init__(self, pairs: Ints, lengths: NDArray[np.float64], values: PerVertex):
         graph = symmetric(len(values), pairs, lengths)
         order = np.argsort(values, kind="stable")
-        self.finest, self.lowest = _basins_by_descent(
-            *map(reading, (values, order, graph.indptr, graph.indices, graph.data))
-        )
+        self.finest, self.lowest = _basins_by_descent(*reading(values, order, graph))
         ends = self.finest[pairs]
         crossing = np.flatnonzero(ends[:, 0] != ends[:, 1])
         passes = values[pairs[crossing]].max(axis=1)
         flood = np.argsort(passes, kind="stable")
-        self.joins, self.heights = _join_basins(
-            *map(reading, (ends[crossing[flood]], passes[flood], values[self.lowest]))
-        )
+        self.joins, self.heights = _join_basins(*reading(ends[crossing[flood]], passes[flood], values[self.lowest]))
 
     def basins(self, persistence: float) -> Ints:
         """Basin (N,) of each vertex, numbered from 0, after basins of less persistence are joined to a neighbour."""

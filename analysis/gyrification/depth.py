@@ -67,7 +67,7 @@ def sulcal_depth(verts: Verts, faces: Faces, mode: str = "hull", *, touching: fl
     used = np.flatnonzero(geometry.used(len(verts), faces))
     size, points, bundled = _bundle_planes(np.asarray(verts[used], dtype=np.float64), planes[first])
     inside = np.empty(len(used))
-    in_blocks(_distance_to_planes, len(used), *map(reading, (points, *bundled)), inside)
+    in_blocks(_distance_to_planes, len(used), *reading(points, *bundled), inside)
     depth[used] = size * inside
     return depth if mode == "hull" else _geodesic_depth(verts, faces, depth, touching)
 

@@ -85,14 +85,10 @@ def local_gyrification_index(
     bin_ = region / BINS_PER_REGION_RADIUS
     low = np.minimum(verts.min(axis=0), points.min(axis=0)) - region
     shape = np.ceil((np.maximum(verts.max(axis=0), points.max(axis=0)) + region - low) / bin_).astype(int)
+    middles, areas = points[triangles].mean(axis=1), face_areas(points, triangles)
     folded, smooth = beside(
-        *(
-            partial(_area_within_radius, *areas, low, shape, bin_, region)
-            for areas in (
-                (verts, vertex_areas(verts, faces)),
-                (points[triangles].mean(axis=1), face_areas(points, triangles)),
-            )
-        )
+        partial(_area_within_radius, verts, vertex_areas(verts, faces), low, shape, bin_, region),
+        partial(_area_within_radius, middles, areas, low, shape, bin_, region),
     )
     ratio = _values_at_points(folded, points, low, bin_) / _values_at_points(smooth, points, low, bin_)
     near = cKDTree(points, leafsize=VERTICES_PER_LEAF).query(verts[: len(used)], workers=numba.get_num_threads())[1]

@@ -145,8 +145,8 @@ def _pieces_within_others(surface: Surface, piece: NDArray[np.int64], asked: NDA
     for k in asked:
         own = faces[by_piece[begin[k] : begin[k + 1]]]
         start = tuple(verts[own[0, 0]].tolist())
-        whole = ray_hits(*map(reading, (verts, faces, tree.bounds, tree.order)), start, up, none, none)[1]
-        rest.append(whole - ray_winding(reading(verts), reading(own), start, up))
+        whole = ray_hits(*reading(verts, faces, tree.bounds, tree.order), start, up, none, none)[1]
+        rest.append(whole - ray_winding(*reading(verts, own), start, up))
     return asked[np.array(rest) > 0]
 
 

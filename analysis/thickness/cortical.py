@@ -100,8 +100,7 @@ def _distance_to_nearest_vertex(
 ) -> PerVertex:
     """Distance [mm] from each start vertex to the nearest admissible target vertex within so many rings, (N,)."""
     ring, way = geometry.adjacency(len(target), faces), np.empty(len(target))
-    near = map(reading, (start, target, normals, ring.indptr, ring.indices))
-    in_blocks(_search_vertices, len(way), *near, side, rings, way)
+    in_blocks(_search_vertices, len(way), *reading(start, target, normals, ring), side, rings, way)
     return way
 
 
@@ -111,10 +110,8 @@ def _distance_to_nearest_triangle(start: Verts, target: Verts, faces: Faces, nor
     ring, around = geometry.adjacency(len(target), faces), geometry.incident_faces(len(target), faces)
     way, reach = np.empty(len(target)), np.linalg.norm(target - start, axis=1)
     reach += (reach > 0) * geometry.mean_edge_length(target, faces)
-    near = (start, target, normals, ring.indptr, ring.indices, faces, around.indptr, around.indices)
-    in_blocks(
-        _search_triangles, len(way), *map(reading, (*near, _discs_around_triangles(target, faces), reach)), side, way
-    )
+    near = reading(start, target, normals, ring, faces, around, _discs_around_triangles(target, faces), reach)
+    in_blocks(_search_triangles, len(way), *near, side, way)
     return way
 
 

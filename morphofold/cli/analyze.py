@@ -74,6 +74,7 @@ def add_args(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    from morphofold.cli.compiling import compiling_beside
     from morphofold.cli.progress import progress
     from morphofold.forecasts.analysis_cost import READING_STAGE
     from morphofold.io import read_cortex
@@ -96,7 +97,7 @@ def run(args: argparse.Namespace) -> int:
     called, out = _name_and_folder(cortices, args)
     if args.dry_run:
         return _dry_run(cortices, failed, clock.seconds[READING_STAGE], args)
-    with progress(cortices[0].name, args.quiet) as show:
+    with progress(cortices[0].name, args.quiet) as show, compiling_beside(args.threads):
         works = {}
         for i, cortex in enumerate(cortices):
             share = part_of(show, 0.8 * i / len(cortices), 0.8 / len(cortices), f"{cortex.hemi} ")
@@ -319,11 +320,7 @@ def _measure_cortex(cortex: Cortex, options: Mapping[str, Any], progress: Progre
     from morphofold.analysis.measuring import measure
     from morphofold.cohort.measuring import keywords_of
 
-    def show(share: float, what: str) -> None:
-        clock.at(share, what)
-        progress(share, what)
-
-    return measure(cortex, **keywords_of(options), progress=show)
+    return measure(cortex, **keywords_of(options), progress=progress, clock=clock)
 
 
 def _stage_folders(folder: str | None) -> list[Path]:

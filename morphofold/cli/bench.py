@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from morphofold.cli import add_questions, add_shared, add_threads
-from morphofold.errors import NothingToDo, NotReadable, OutOfRange, UnknownName
+from morphofold.errors import NothingToDo, NotReadable, OptionsClash, OutOfRange, UnknownName
 
 BENCHMARK_SUMMARIES = {
     "speed": "element-steps per second on this machine, bricks and tetrahedra",
@@ -126,6 +126,15 @@ def add_args(parser: argparse.ArgumentParser) -> None:
         parsers[name].add_argument("-o", "--out", metavar="DIR", required=True, help=f"folder to write; {what}")
     for name, option, metavar, default, words in LIST_OPTIONS:
         parsers[name].add_argument(option, metavar=metavar, default=default, help=words)
+    parsers["measures"].add_argument(
+        "--against",
+        metavar="PYTHON",
+        help="time every measure against that of another version, in turn: the python of an environment that has it; "
+        "with one size in --vertices",
+    )
+    parsers["measures"].add_argument(
+        "--repeats", type=int, default=5, metavar="N", help="pairs of --against for each measure (default: 5)"
+    )
     for name, sub in parsers.items():
         if name in ("measures", "folds", "accuracy", "hemisphere"):
             add_threads(sub)
@@ -306,6 +315,10 @@ def _time_measures(args: argparse.Namespace) -> JsonAndLines:
     if not sizes or not 1000 <= sizes[0] <= sizes[-1] <= 10_000_000:
         raise OutOfRange(f"--vertices: sizes lie between 1,000 and 10,000,000, got {args.vertices!r}.")
     set_threads(args.threads)
+    if args.against is not None:
+        if len(sizes) != 1:
+            raise OptionsClash("--against compares two installations at one size: name it with --vertices.")
+        return _time_pairs(args, sizes[0])
     with progress("measure", args.quiet) as show:
         rows = measuring_speed(sizes, show)
     whole = [row for row in rows if row["stage"] == "all"]
@@ -322,6 +335,20 @@ def _time_measures(args: argparse.Namespace) -> JsonAndLines:
         f"{'memory, GiB':20}" + "".join(f"{row['memory_GiB'] or math.nan:12.2f}" for row in whole),
     ]
     return json.dumps(rows, indent=1), lines
+
+
+def _time_pairs(args: argparse.Namespace, size: int) -> JsonAndLines:
+    from morphofold.cli.progress import progress
+    from morphofold.shapes.folded_ball import folded_ball
+    from morphofold.studies.speed.paired import paired_speed, text_table
+
+    if args.repeats < 1:
+        raise OutOfRange(f"--repeats must be 1 or more, got {args.repeats}.")
+    with progress("measure", args.quiet) as show:
+        rows = paired_speed(
+            folded_ball(size), Path(args.against), repeats=args.repeats, threads=args.threads, progress=show
+        )
+    return json.dumps(rows, indent=1), text_table(rows)
 
 
 def _time_effects(args: argparse.Namespace) -> JsonAndLines:

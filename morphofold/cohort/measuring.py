@@ -21,11 +21,10 @@ def measure_as_asked(cortex: Cortex, options: Mapping[str, Any], clock: Stages, 
         scale = curvature_scale(cortex, common)
 
     def show(share: float, what: str) -> None:
-        clock.at(share, what)
         if share < 1:
             say(what)
 
-    return measure(cortex, **{**keywords_of(options), "curvature_scale": scale}, progress=show)
+    return measure(cortex, **{**keywords_of(options), "curvature_scale": scale}, progress=show, clock=clock)
 
 
 def keywords_of(options: Mapping[str, Any]) -> dict[str, Any]:

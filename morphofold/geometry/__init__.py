@@ -41,7 +41,7 @@ def triangles(verts: Verts, faces: Faces) -> tuple[Vectors, Vectors, Vectors]:
     if faces.size and not 0 <= faces.min() <= faces.max() < len(verts):  # compiled code would read beyond the array
         raise OutOfRange(f"faces name a vertex outside 0..{len(verts) - 1}: {faces.min()} to {faces.max()}.")
     found: tuple[Vectors, Vectors, Vectors] = _measure_triangles(
-        reading(np.asarray(verts, dtype=np.float64)), reading(np.asarray(faces, dtype=np.int64))
+        *reading(np.asarray(verts, dtype=np.float64), np.asarray(faces, dtype=np.int64))
     )
     return found
 
@@ -53,7 +53,8 @@ def _measure_triangles(verts, faces):
         a, b, c = corners(verts, faces, t)
         ab, bc, ca = less(b, a), less(c, b), less(a, c)
         normals[t, 0], normals[t, 1], normals[t, 2] = cross(ab, less(c, a))
-        products[t, 0], products[t, 1], products[t, 2] = -dot(ab, ca), -dot(bc, ab), -dot(ca, bc)
+        # 0.0 less the product, not minus it: at a side of no length -0.0 would be the angle pi
+        products[t, 0], products[t, 1], products[t, 2] = 0.0 - dot(ab, ca), 0.0 - dot(bc, ab), 0.0 - dot(ca, bc)
         squares[t, 0], squares[t, 1], squares[t, 2] = dot(ab, ab), dot(bc, bc), dot(ca, ca)
     return normals, products, squares
 
@@ -111,7 +112,7 @@ def vertex_normals(verts: Verts, faces: Faces, weights: str = "area") -> Vectors
         share = np.divide(1, lengths, out=np.zeros_like(lengths), where=lengths > 0)
     else:
         raise UnknownName(f"weights must be 'area', 'angle', 'sine' or 'max', got {weights!r}.")
-    return unit(_sum_corners(reading(vector), reading(share), reading(faces), len(verts)))
+    return unit(_sum_corners(*reading(vector, share, faces), len(verts)))
 
 
 def norms(vectors: Vectors) -> NDArray[np.float64]:
@@ -258,7 +259,7 @@ def cotangent_laplacian(verts: Verts, faces: Faces, *, clip: tuple[float, float]
         cot = np.clip(cot, *clip)
     n, facing = len(verts), edges_of_faces(faces)[:, [1, 2, 0]]  # the edge facing each corner
     half = np.bincount(facing.ravel(), cot.ravel() / 2, len(edges(faces)))
-    total = sum(np.bincount(ends, half, n) for ends in edges(faces).T)
+    total = np.bincount(edges(faces).ravel(), np.repeat(half, 2), n)
     return (symmetric(n, edges(faces), -half) + sparse.dia_array((total[None, :], [0]), shape=(n, n))).tocsr()
 
 
@@ -299,5 +300,5 @@ def arc_length(points: Vectors) -> NDArray[np.float64]:
 
 def morton_codes(points: NDArray[np.float64], bits: int = 20) -> NDArray[np.int64]:
     """Position (P,) along a Morton curve of points (P, 3) in the unit cube: ``bits`` of each axis, 20 at most."""
-    found: NDArray[np.int64] = morton(reading(points), bits)
+    found: NDArray[np.int64] = morton(*reading(points), bits)
     return found

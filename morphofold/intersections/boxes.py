@@ -46,14 +46,14 @@ class BoxTree(NamedTuple):
 
 def box_tree(verts: NDArray[np.float64], faces: NDArray[np.int64]) -> BoxTree:
     """Tree of the boxes of the triangles ``faces`` (M, 3) of ``verts`` (N, 3) [mm]."""
-    single = _triangle_boxes(reading(verts), reading(faces), _BOX_MARGIN * np.abs(verts).max())
+    single = _triangle_boxes(*reading(verts, faces), _BOX_MARGIN * np.abs(verts).max())
     low, high = single[:, :3].min(axis=0), single[:, 3:].max(axis=0)
     middle = (single[:, :3] + single[:, 3:]) / 2
     order = np.argsort(morton_codes((middle - low) / max((high - low).max(), 1e-300)), kind="stable")
     leaves = 1
     while leaves * TRIANGLES_PER_LEAF < len(faces):
         leaves *= 2
-    return BoxTree(_tree_bounds(reading(single), reading(order), leaves), order, single)
+    return BoxTree(_tree_bounds(*reading(single, order), leaves), order, single)
 
 
 @kernel

@@ -129,28 +129,34 @@ def self_intersections(surface: Surface, *, vertices: bool = True) -> Intersecti
     edge, face = _crossings(verts, faces, tree)
     point, depth = np.empty((len(edge), 3)), np.empty(len(edge))
     if len(edge):
-        here = (verts, faces, around.indptr, around.indices, edge, face)
-        _measure_crossings(*map(reading, here), point, depth)
+        _measure_crossings(*reading(verts, faces, around, edge, face), point, depth)
     kept, behind = depth > 0, np.zeros(len(verts))
     if vertices and geometry.is_closed(surface.faces):
-        normals = geometry.vertex_normals(verts, faces).copy()
-        _zero_unreliable_normals(reading(verts), reading(faces), normals)
-        walls = map(reading, (verts, faces, normals, *tree))
-        in_blocks(_depth_behind_walls, len(verts), *walls, mean_edge, behind)
+        normals = _reliable_normals(verts, faces)
+        in_blocks(_depth_behind_walls, len(verts), *reading(verts, faces, normals, *tree), mean_edge, behind)
     vertex = np.flatnonzero(behind > 0)
     return Intersections(edge[kept], face[kept], point[kept], depth[kept], vertex, behind[vertex], mean_edge)
+
+
+def _reliable_normals(verts: Array, faces: Indices) -> Array:
+    """Unit vertex normals (N, 3); zero where a face around the vertex is turned too far from the normal."""
+    normals, vector = geometry.vertex_normals(verts, faces).copy(), geometry.face_vectors(verts, faces)
+    least = ANOTHER_WALL_COSINE * geometry.norms(vector)
+    for corner in faces.T:
+        normals[corner[np.einsum("ij,ij->i", vector, normals[corner]) < least]] = 0.0
+    return normals
 
 
 def _crossings(verts: Array, faces: Indices, tree: BoxTree) -> tuple[Indices, Indices]:
     """Edge (K, 2) and face (K,) of each crossing, by edge and then face."""
     leaves, none = -(-len(faces) // TRIANGLES_PER_LEAF), np.empty((0, 2), dtype=np.int64)
-    surface, first = tuple(map(reading, (verts, faces, *tree))), np.zeros(leaves + 1, dtype=np.int64)
+    surface, first = reading(verts, faces, *tree), np.zeros(leaves + 1, dtype=np.int64)
     in_blocks(_find_close_pairs, leaves, *surface, first, none)
     first = np.cumsum(first)
     pairs, found = np.empty((first[-1], 2), dtype=np.int64), np.empty((0, 3), dtype=np.int64)
     if len(pairs):
         in_blocks(_find_close_pairs, leaves, *surface, first, pairs)
-        found = _crossings_of_pairs(*surface[:2], reading(pairs))
+        found = _crossings_of_pairs(*surface[:2], *reading(pairs))
     found = np.unique(found, axis=0)  # an edge of two triangles is found with both
     return found[:, :2], found[:, 2]
 
@@ -317,19 +323,6 @@ def _distance_to_exit(verts, faces, first, ring, edge, f, k, point, along):
 def _is_on_another_wall(n, normal):
     """Whether a triangle of area vector ``n`` belongs to another wall than a vertex with unit normal ``normal``."""
     return dot(n, normal) < ANOTHER_WALL_COSINE * dot(n, n) ** 0.5
-
-
-@kernel
-def _zero_unreliable_normals(verts, faces, normals):
-    """Set vertex normals (N, 3) to zero where a face around the vertex is turned too far from the normal."""
-    turned = np.zeros(len(verts), dtype=np.bool_)
-    for f in range(len(faces)):
-        n = area_vector(*corners(verts, faces, f))
-        for k in range(3):
-            turned[faces[f, k]] |= _is_on_another_wall(n, position(normals, faces[f, k]))
-    for i in np.flatnonzero(turned):
-        for r in range(3):
-            normals[i, r] = 0.0
 
 
 @kernel

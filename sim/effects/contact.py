@@ -58,19 +58,22 @@ def _unit_normal(a, b, c):
 @kernel
 def _sort_into_cells(x, n_nodes, size):
     """Counting sort of the nodes into cubic cells: (cell of each node, starts, members, shape, origin)."""
-    low, high = np.empty(3), np.empty(3)
+    low, shape = np.empty(3), np.empty(3, dtype=np.int64)
     for r in range(3):
-        low[r], high[r] = x[:n_nodes, r].min(), x[:n_nodes, r].max()
-    shape = ((high - low) / size).astype(np.int64) + 1
+        least, most = x[0, r], x[0, r]
+        for i in range(n_nodes):
+            least, most = min(least, x[i, r]), max(most, x[i, r])
+        low[r], shape[r] = least, int((most - least) / size) + 1
     cell = np.empty(n_nodes, dtype=np.int64)
     starts = np.zeros(shape[0] * shape[1] * shape[2] + 1, dtype=np.int64)
     for i in range(n_nodes):
-        k = ((x[i] - low) / size).astype(np.int64)
-        cell[i] = (k[0] * shape[1] + k[1]) * shape[2] + k[2]
+        cell[i] = 0
+        for r in range(3):
+            cell[i] = cell[i] * shape[r] + int((x[i, r] - low[r]) / size)
         starts[cell[i] + 1] += 1
     for c in range(len(starts) - 1):
         starts[c + 1] += starts[c]
-    fill, members = starts[:-1].copy(), np.empty(n_nodes, dtype=np.int64)
+    fill, members = starts.copy(), np.empty(n_nodes, dtype=np.int64)
     for i in range(n_nodes):
         members[fill[cell[i]]] = i
         fill[cell[i]] += 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.arrays import Array
+from morphofold.geometry.kernels import cross, dot, less, position
 from morphofold.io import write_annotation, write_label, write_surface
 from morphofold.kernels import kernel
 from morphofold.sim.body import Body
@@ -83,29 +85,30 @@ def smooth_diagonals(x: Array, quads: NDArray[np.int64]) -> NDArray[np.int64]:
 @kernel
 def _squared_dihedral_angle(p, q, left, right):
     """Squared dihedral angle at edge pq between the triangles to its left and right, 0 if flat."""
-    e = q - p
-    n = np.cross(e, left - p)
-    m = np.cross(right - p, e)
-    sine = np.dot(np.cross(n, m), e) / np.sqrt(np.dot(e, e))
-    return np.arctan2(sine, np.dot(n, m)) ** 2
+    e = less(q, p)
+    n, m = cross(e, less(left, p)), cross(less(right, p), e)
+    return math.atan2(dot(cross(n, m), e) / math.sqrt(dot(e, e)), dot(n, m)) ** 2
 
 
 @kernel
 def _choose_diagonals(x, quads, other, choice, opposite):
+    cost = np.empty(2)
     for _ in range(MOST_SWEEPS):
         changed = 0
         for q in range(len(quads)):
             c = quads[q]
-            cost = np.zeros(2)
-            cost[0] = _squared_dihedral_angle(x[c[0]], x[c[2]], x[c[3]], x[c[1]])
-            cost[1] = _squared_dihedral_angle(x[c[1]], x[c[3]], x[c[0]], x[c[2]])
+            p0, p1, p2, p3 = position(x, c[0]), position(x, c[1]), position(x, c[2]), position(x, c[3])
+            cost[0], cost[1] = _squared_dihedral_angle(p0, p2, p3, p1), _squared_dihedral_angle(p1, p3, p0, p2)
             for s in range(4):
                 if other[q, s] < 0:
                     continue
                 r, side = other[q, s] // 4, other[q, s] % 4
                 beyond = quads[r][opposite[choice[r], side]]
                 for d in range(2):
-                    cost[d] += _squared_dihedral_angle(x[c[s]], x[c[(s + 1) % 4]], x[c[opposite[d, s]]], x[beyond])
+                    one, after, across = c[s], c[(s + 1) % 4], c[opposite[d, s]]
+                    cost[d] += _squared_dihedral_angle(
+                        position(x, one), position(x, after), position(x, across), position(x, beyond)
+                    )
             best = 1 if cost[1] < cost[0] else 0
             if best != choice[q]:
                 choice[q] = best

@@ -74,7 +74,7 @@ def impedances(sphere: SmoothSphere, degree: float, g: float) -> tuple[Array, Ar
     y, fields = smooth_state(sphere, g)
     free, fixed = np.eye(4)[:, :2].copy(), np.eye(4)[:, 2:].copy()
     start = max(y[0, 0], y[0, -1] - DECAY_EXPONENT / degree)
-    core, cortex = ((float(degree), reading(y[k]), reading(fields[k]), float(sphere.mu[k])) for k in range(2))
+    core, cortex = (reading(float(degree), y[k], fields[k], float(sphere.mu[k])) for k in range(2))
     below, poles_core = _integrate_layer(fixed, start, y[0, -1], *core)
     surface, poles_out = _integrate_layer(fixed, y[1, 0], y[1, -1], *cortex)
     above, poles_in = _integrate_layer(free, y[1, -1], y[1, 0], *cortex)

@@ -97,7 +97,7 @@ def staged(cortex: Cortex, accuracy: str = "standard") -> tuple[Measures, dict[s
     rows: list[dict[str, float]] = []
     while not rows or (len(rows) < 3 and rows[0]["all measures"] < 2 * LONG):
         clock = Stages()
-        found = measure(cortex, accuracy=accuracy, progress=clock.at)
+        found = measure(cortex, accuracy=accuracy, clock=clock)
         rows.append({**clock.seconds, "all measures": sum(clock.seconds.values())})
     columns = {what: [row[what] for row in rows] for what in rows[0]}
     return found, {what: Timing.of(column) for what, column in columns.items()}

@@ -57,7 +57,7 @@ def outer_radius(surface: Surface, along: Array) -> Array:
         If a ray has no hit: the surface has a hole, or does not enclose the origin.
     """
     tree, origin = box_tree(surface.verts, surface.faces), (0.0, 0.0, 0.0)
-    there = tuple(map(reading, (surface.verts, surface.faces, tree.bounds, tree.order)))
+    there = reading(surface.verts, surface.faces, tree.bounds, tree.order)
     at, sign = np.empty(HITS), np.empty(HITS)
     radius = np.empty(len(along))
     for k, direction in enumerate(map(tuple, np.asarray(along, dtype=np.float64).tolist())):

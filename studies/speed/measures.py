@@ -36,7 +36,7 @@ def measuring_speed(sizes: Sequence[int], progress: Progress = silent) -> list[d
         progress(k / len(sizes), f"{n:,} vertices")
         cortex = folded_ball(n)
         clock = Stages()
-        measure(cortex, progress=clock.at)
+        measure(cortex, clock=clock)
         common = {"vertices": n, "threads": numba.get_num_threads()}
         rows += [{**common, "stage": stage, "seconds": seconds} for stage, seconds in clock.seconds.items()]
         rows.append({**common, "stage": "all", "seconds": sum(clock.seconds.values()), "memory_GiB": peak_memory()})

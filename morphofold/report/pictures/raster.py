@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from morphofold.kernels import kernel
+from morphofold.kernels import kernel, reading
 
 
 @kernel
@@ -75,10 +75,10 @@ HIGHLIGHT_DIRECTION = tuple(
 
 @kernel
 def paint(face, b0, b1, faces, normals, colours, oversample):
-    """Colours (height, width, 3) of the result of ``rasterise``, lit as in the viewer; white where there is no face.
+    """Brightness (height, width, 3) of the result of ``rasterise``, lit as in the viewer; white where there is no face.
 
     There is a key light from the upper left, a fill light from the viewer and a small specular term. Open surfaces show
-    their inside. The picture is ``oversample`` times smaller in each direction than ``face``; each pixel is a mean.
+    their inside. The picture is ``oversample`` times smaller in each direction than ``face``; each pixel is a sum.
     """
     height, width = face.shape[0] // oversample, face.shape[1] // oversample
     image = np.zeros((height, width, 3))
@@ -106,7 +106,7 @@ def paint(face, b0, b1, faces, normals, colours, oversample):
             for c in range(3):
                 base = (u * colours[i, c] + v * colours[j, c] + w * colours[k, c]) / 255.0
                 image[y // oversample, x // oversample, c] += min(base * light + 0.06 * gleam, 1.0)
-    return np.round(image * (255.0 / oversample**2)).astype(np.uint8)
+    return image
 
 
 def look(
@@ -132,8 +132,7 @@ def look(
     width, height = size[0] * oversample, size[1] * oversample
     per_mm = height / (2 * half_height)
     xyz = np.stack([width / 2 + per_mm * points[:, 0], height / 2 - per_mm * points[:, 1], points[:, 2]], axis=1)
-    faces = np.ascontiguousarray(faces)
-    face, b0, b1 = rasterise(xyz, faces, width, height)
+    face, b0, b1 = rasterise(*reading(xyz, faces), width, height)
     return Seen(face, b0, b1, faces, oversample)
 
 
@@ -149,4 +148,5 @@ class Seen:
 
     def coloured(self, normals: NDArray[np.float64], colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Picture (height, width, 3) on white, from unit normals (N, 3) in the camera's axes and colours (N, 3)."""
-        return paint(self.face, self.b0, self.b1, self.faces, np.ascontiguousarray(normals), colours, self.oversample)
+        image = paint(*reading(self.face, self.b0, self.b1, self.faces, normals, colours), self.oversample)
+        return np.round(image * (255.0 / self.oversample**2)).astype(np.uint8)

@@ -1,0 +1,172 @@
+"""Measures of this installation against those of another one: the same surfaces, in turn, as ratios with their spread."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from morphofold.errors import MissingPart, WrongFile
+from morphofold.progress import Progress, silent
+from morphofold.surface import Cortex
+
+#: what is timed, by public functions that every version since 0.2 has
+CASES = (
+    "all",
+    "cortical thickness",
+    "curvature",
+    "folding indices",
+    "gyral thickness",
+    "gyral graph",
+    "local gyrification",
+    "sulcal depth",
+)
+#: reads a case a line, and answers with its seconds on a cortex that is new each time; the first one compiles
+WORKER = """
+import json, sys, time
+import numpy as np
+import morphofold as mf
+from morphofold import analysis
+from morphofold.surface import Cortex, Surface
+from morphofold.threads import set_threads
+set_threads(int(sys.argv[2]) or None)
+given = np.load(sys.argv[1])
+run = {
+    "all": lambda c: mf.measure(c),
+    "cortical thickness": lambda c: analysis.cortical_thickness(c.white, c.pial),
+    "curvature": lambda c: analysis.curvature(c.pial.verts, c.faces, float(given["scale"])),
+    "folding indices": lambda c: analysis.folding_indices(c.white.verts, c.faces, float(given["scale"])),
+    "gyral thickness": lambda c: analysis.gyral_thickness(c),
+    "gyral graph": lambda c: analysis.gyral_graph(c),
+    "local gyrification": lambda c: analysis.local_gyrification_index(c.pial.verts, c.faces),
+    "sulcal depth": lambda c: analysis.sulcal_depth(c.pial.verts, c.faces),
+}
+print(json.dumps(getattr(mf, "__version__", "")), flush=True)
+for line in sys.stdin:
+    faces = given["faces"].copy()
+    cortex = Cortex(Surface(given["white"], faces), Surface(given["pial"], faces), name="timed")
+    began = time.perf_counter()
+    run[line.strip()](cortex)
+    print(json.dumps(time.perf_counter() - began), flush=True)
+"""
+
+
+def paired_speed(
+    cortex: Cortex,
+    other: Path,
+    *,
+    scale: float = 3.0,
+    repeats: int = 5,
+    threads: int | None = None,
+    progress: Progress = silent,
+) -> list[dict[str, Any]]:
+    """Seconds of each measure by this installation and another one, in turn, and their ratios.
+
+    Parameters
+    ----------
+    cortex : Cortex
+    other : Path
+        Interpreter of an environment in which another version of morphofold is installed.
+    scale : float
+        Of curvature and folding indices [mm].
+    repeats : int
+        Pairs for each measure, after one of each that compiles; the order changes from pair to pair.
+    threads : int, optional
+        Of both; None: all cores.
+
+    Returns
+    -------
+    list of dict
+        For each of ``CASES``: ``case``, ``vertices``, ``repeats``, median ``seconds`` of this and ``other_seconds``,
+        and ``ratio``, the median over pairs of the seconds of this over those of the other one, with ``low`` and
+        ``high``, its quartiles.
+
+    Raises
+    ------
+    MissingPart
+        If there is no such interpreter.
+    WrongFile
+        If it can not measure; the message ends with the last line of its error.
+    """
+    if not other.exists():
+        raise MissingPart(f"{other}: no such file. Name the python of an environment with another morphofold.")
+    rows: list[dict[str, Any]] = []
+    with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
+        file = Path(folder) / "cortex.npz"
+        np.savez(file, white=cortex.white.verts, pial=cortex.pial.verts, faces=cortex.faces, scale=scale)
+        workers = [stack.enter_context(_worker(python, file, threads)) for python in (Path(sys.executable), other)]
+        for k, case in enumerate(CASES):
+            seconds = []
+            for turn in range(1 + repeats):
+                progress((k + turn / (1 + repeats)) / len(CASES), case)
+                pair = {side: _ask(workers[side], case, other) for side in ((0, 1) if turn % 2 else (1, 0))}
+                seconds.append((pair[0], pair[1]))
+            ours, theirs = np.array(seconds[1:]).T
+            low, ratio, high = np.percentile(ours / theirs, [25, 50, 75])
+            rows.append(
+                {
+                    "case": case,
+                    "vertices": cortex.n_vertices,
+                    "repeats": repeats,
+                    "seconds": float(np.median(ours)),
+                    "other_seconds": float(np.median(theirs)),
+                    "ratio": float(ratio),
+                    "low": float(low),
+                    "high": float(high),
+                }
+            )
+    return rows
+
+
+@contextmanager
+def _worker(python: Path, file: Path, threads: int | None) -> Iterator[subprocess.Popen[str]]:
+    worker = subprocess.Popen(
+        [str(python), "-c", WORKER, str(file), str(threads or 0)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=file.parent,
+    )
+    try:
+        _answer(worker, python)
+        yield worker
+    finally:
+        worker.kill()
+        worker.communicate()
+
+
+def _ask(worker: subprocess.Popen[str], case: str, python: Path) -> float:
+    assert worker.stdin is not None
+    worker.stdin.write(f"{case}\n")
+    worker.stdin.flush()
+    return float(_answer(worker, python))
+
+
+def _answer(worker: subprocess.Popen[str], python: Path) -> Any:
+    assert worker.stdout is not None
+    assert worker.stderr is not None
+    line = worker.stdout.readline()
+    if not line:
+        why = (worker.stderr.read().strip().splitlines() or ["it stopped"])[-1]
+        raise WrongFile(f"{python}: can not measure with it: {why}. Name a python that has morphofold 0.2 or newer.")
+    return json.loads(line)
+
+
+def text_table(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """Lines of a text table of the pairs."""
+    return [
+        f"seconds here and there, {rows[0]['repeats']} pairs in turn, {rows[0]['vertices']:,} vertices",
+        f"{'measure':20}{'here':>9}{'there':>9}{'ratio':>9}  quartiles",
+        *(
+            f"{r['case']:20}{r['seconds']:9.2f}{r['other_seconds']:9.2f}{r['ratio']:9.2f}  {r['low']:.2f} to {r['high']:.2f}"
+            for r in rows
+        ),
+    ]

@@ -1,0 +1,102 @@
+"""Work on several threads."""
+
+import threading
+import time
+
+import numba
+import numpy as np
+import pytest
+
+from morphofold.analysis.steps import Steps
+from morphofold.kept import kept
+from morphofold.kernels import kernel
+from morphofold.threads import BLOCKS, beside, in_blocks, using_threads
+from morphofold.timing import Stages
+
+two_threads = pytest.mark.skipif(numba.get_num_threads() < 2, reason="needs two threads")
+
+
+@kernel
+def count(start, stop, add, times):
+    for i in range(start, stop):
+        times[i] += add
+
+
+@pytest.mark.parametrize("threads", [1, pytest.param(2, marks=two_threads)])
+@pytest.mark.parametrize("n", [0, 1, BLOCKS - 1, BLOCKS + 1, 1000])
+def test_blocks_cover_every_row_once(threads, n):
+    times = np.zeros(n)
+    with using_threads(threads):
+        in_blocks(count, n, 1.0, times)
+    assert (times == 1).all()
+
+
+@pytest.mark.parametrize("threads", [1, pytest.param(2, marks=two_threads)])
+def test_results_come_in_the_order_of_the_tasks(threads):
+    with using_threads(threads):
+        assert beside(lambda: time.sleep(0.05) or "slow", lambda: "fast", lambda: "last") == ["slow", "fast", "last"]
+
+
+@two_threads
+def test_tasks_share_the_threads():
+    with using_threads(2):
+        assert beside(*[numba.get_num_threads] * 3) == [1, 1, 1]
+        assert len(set(beside(*[lambda: time.sleep(0.05) or threading.get_ident()] * 2))) == 2
+        assert numba.get_num_threads() == 2
+
+
+@pytest.mark.parametrize("threads", [1, pytest.param(2, marks=two_threads)])
+def test_an_error_of_a_task_comes_out_and_tasks_that_wait_are_not_begun(threads):
+    begun = []
+
+    def fail():
+        raise ValueError("this one")
+
+    with using_threads(threads), pytest.raises(ValueError, match="this one"):
+        beside(fail, lambda: time.sleep(0.1), *[lambda: time.sleep(0.1) or begun.append(1)] * 20)
+    assert len(begun) < 3
+
+
+@pytest.mark.parametrize("threads", [1, pytest.param(2, marks=two_threads)])
+def test_seconds_of_steps_beside_each_other_add_up_to_the_time_that_passed(threads):
+    clock, seen, began = Stages(), [], time.perf_counter()
+    with using_threads(threads):
+        steps = Steps(lambda share, name: seen.append((name, share)), clock)
+        steps.run([("first", 0.2, lambda: time.sleep(0.02))])
+        steps.run(
+            [("long", 0.3, lambda: time.sleep(0.06)), ("short", 0.1, lambda: time.sleep(0.02))],
+            [("long", 0.4, lambda: time.sleep(0.06))],
+        )
+    passed = time.perf_counter() - began
+    assert sum(clock.seconds.values()) == pytest.approx(passed, abs=0.02)
+    assert list(clock.seconds) == ["first", "long", "short"]
+    assert clock.seconds["long"] > clock.seconds["short"]
+    assert seen[:2] == [("first", 0.0), ("long", 0.2)]
+    assert sorted(name for name, _ in seen) == ["first", "long", "long", "short"]
+    assert [share for _, share in seen] == sorted(share for _, share in seen)
+
+
+def test_results_of_arrays_that_can_not_change_are_kept_as_long_as_these_live():
+    calls = []
+
+    @kept
+    def doubled(array, times=2):
+        calls.append(times)
+        return array * times, array[:1]
+
+    array = np.arange(3.0)
+    doubled(array)
+    doubled(array)
+    assert calls == [2, 2]
+    array.flags.writeable = False
+    first = doubled(array)
+    assert doubled(array) is first
+    assert doubled(array, times=3) is not first
+    assert calls == [2, 2, 2, 3]
+    assert not any(part.flags.writeable for part in first)
+    assert first[1].base is None
+    view = array[:2]
+    assert doubled(view) is not doubled(view)
+    assert len(doubled.results) == 2
+    del array, view, first
+    assert len(doubled.results) == 0
