@@ -1,4 +1,4 @@
-"""Measures of this installation against those of another one: the same surfaces, in turn, as ratios with their spread."""
+"""Measures by this installation and by another one: the same surface, in turn; ratios with their spread."""
 
 from __future__ import annotations
 
@@ -22,7 +22,6 @@ CASES = (
     "all",
     "cortical thickness",
     "curvature",
-    "folding indices",
     "gyral thickness",
     "gyral graph",
     "local gyrification",
@@ -42,7 +41,6 @@ run = {
     "all": lambda c: mf.measure(c),
     "cortical thickness": lambda c: analysis.cortical_thickness(c.white, c.pial),
     "curvature": lambda c: analysis.curvature(c.pial.verts, c.faces, float(given["scale"])),
-    "folding indices": lambda c: analysis.folding_indices(c.white.verts, c.faces, float(given["scale"])),
     "gyral thickness": lambda c: analysis.gyral_thickness(c),
     "gyral graph": lambda c: analysis.gyral_graph(c),
     "local gyrification": lambda c: analysis.local_gyrification_index(c.pial.verts, c.faces),
@@ -75,7 +73,7 @@ def paired_speed(
     other : Path
         Interpreter of an environment in which another version of morphofold is installed.
     scale : float
-        Of curvature and folding indices [mm].
+        Of curvature [mm].
     repeats : int
         Pairs for each measure, after one of each that compiles; the order changes from pair to pair.
     threads : int, optional
@@ -166,7 +164,8 @@ def text_table(rows: Sequence[dict[str, Any]]) -> list[str]:
         f"seconds here and there, {rows[0]['repeats']} pairs in turn, {rows[0]['vertices']:,} vertices",
         f"{'measure':20}{'here':>9}{'there':>9}{'ratio':>9}  quartiles",
         *(
-            f"{r['case']:20}{r['seconds']:9.2f}{r['other_seconds']:9.2f}{r['ratio']:9.2f}  {r['low']:.2f} to {r['high']:.2f}"
+            f"{r['case']:20}{r['seconds']:9.2f}{r['other_seconds']:9.2f}{r['ratio']:9.2f}  "
+            f"{r['low']:.2f} to {r['high']:.2f}"
             for r in rows
         ),
     ]
