@@ -124,7 +124,7 @@ class Resampled:
 
 def resampled(cortex: Cortex, accuracy: Preset) -> Resampled:
     """The cortex thinned or split according to ``accuracy``; unchanged if its number of vertices is within bounds."""
-    n = len(np.unique(cortex.faces))
+    n = np.count_nonzero(geometry.used(cortex.n_vertices, cortex.faces))
     if accuracy.most and n > accuracy.most:
         return _thinned_cortex(cortex, accuracy.most / n)
     every = np.arange(cortex.n_vertices)

@@ -13,9 +13,9 @@ from scipy import sparse
 from morphofold import geometry
 from morphofold.analysis.diffusion import diffusion
 from morphofold.analysis.graph.watershed import Watershed
+from morphofold.arrays import Array
 from morphofold.errors import OutOfRange
 from morphofold.surface import Faces, PerVertex, Verts, check_mesh
-from morphofold.threads import beside
 
 COTANGENT_BOUNDS = (-5.0, 20.0)  # bounds: in needle triangles cotangents have no limit
 SOLVER_TOLERANCE = 1e-4  # 0.003 mm in a brain
@@ -67,16 +67,16 @@ class SurfaceOperators:
         """Heat flow of values (N,) with a kernel of standard deviation ``scale`` [mm], at least a mean edge."""
         return self.spread(self._mass * values, scale, values, SOLVER_TOLERANCE)
 
-    def spread(self, measure: PerVertex, scale: float, start: PerVertex, rtol: float) -> PerVertex:
-        """Density (N,) of a measure (the integral (N,) of a quantity at each vertex) after heat flow.
+    def spread(self, measure: Array, scale: float, start: Array, rtol: float) -> Array:
+        """Density of a measure (the integral of a quantity at each vertex) after heat flow; (N,) or (N, K) of several.
 
         A measure is defined also at vertices without area, and its sum does not change. The solver begins at ``start``
         and ends at a residual of ``rtol``.
         """
-        time = 0.5 * max(scale, self.edge) ** 2 / HEAT_STEPS
+        time, mass = 0.5 * max(scale, self.edge) ** 2 / HEAT_STEPS, self._mass
         density = self._diffusion.solve(time, measure, start, rtol)
         for _ in range(HEAT_STEPS - 1):
-            density = self._diffusion.solve(time, self._mass * density, density, rtol)
+            density = self._diffusion.solve(time, (mass * density.T).T, density, rtol)
         return density
 
     def depth_potential(self, reach: float, scale: float) -> PerVertex:
@@ -86,13 +86,23 @@ class SurfaceOperators:
         depth potential of Boucher, Whitesides, Evans 2009 (Medical Image Analysis 13), with the opposite sign. Folds
         wider than a few ``reach`` [mm] count as the shape of the body.
         """
-        right = 2 * reach**2 * (self._bent - self._mass * self._mean_curvatures())
-        return self.smooth(self._diffusion.solve(reach**2, right, np.zeros(len(right)), SOLVER_TOLERANCE), scale)
+        return self.depth_and_curvature(reach, scale)[0]
 
     def mean_curvature(self, scale: float) -> PerVertex:
         """Mean curvature H (N,) [1/mm] at the vertices, smoothed over ``scale`` [mm]; only its sign is used."""
-        bent = np.divide(self._bent, self._mass, out=np.zeros_like(self._bent), where=self._mass > 0)
-        return self.smooth(bent, scale)
+        return self.smooth(self._curvatures(), scale)
+
+    def depth_and_curvature(self, reach: float, scale: float) -> tuple[PerVertex, PerVertex]:
+        """``depth_potential`` and ``mean_curvature``, smoothed together, in two thirds of the time."""
+        right = 2 * reach**2 * (self._bent - self._mass * self._mean_curvatures())
+        D = self._diffusion.solve(reach**2, right, np.zeros(len(right)), SOLVER_TOLERANCE)
+        both = np.column_stack([D, self._curvatures()])
+        D, H = self.spread((self._mass * both.T).T, scale, both, SOLVER_TOLERANCE).T.copy()
+        return D, H
+
+    def _curvatures(self) -> PerVertex:
+        """Mean curvature (N,) [1/mm], not smoothed; 0 at vertices without area."""
+        return np.divide(self._bent, self._mass, out=np.zeros_like(self._bent), where=self._mass > 0)
 
     def _mean_curvatures(self) -> PerVertex:
         """Mean curvature averaged over the piece of each vertex (N,) [1/mm]; 0 where no face uses the vertex."""
@@ -109,9 +119,7 @@ class SurfaceOperators:
         gyral *thickness*. NaN if there are no crests. ``inside`` (N,): vertices to use.
         """
         scale = max(FIRST_SCALE_PER_ROOT_AREA * self.area**0.5, self.edge)
-        D, H = beside(
-            lambda: self.depth_potential(FIRST_REACH_IN_SCALES * scale, scale), lambda: self.mean_curvature(scale)
-        )
+        D, H = self.depth_and_curvature(FIRST_REACH_IN_SCALES * scale, scale)
         basin = Watershed(self.pairs, self.lengths, D).basins(persistence(D, FIRST_PERSISTENCE_IN_SCALES * scale))
         crest = np.unique(self.pairs[basin[self.pairs[:, 0]] != basin[self.pairs[:, 1]]])
         crest = crest[(D[crest] > 0) & (H[crest] > 0)]

@@ -50,7 +50,7 @@ def prominent_peaks(faces: Faces, values: PerVertex, least: float) -> NDArray[np
         raise OutOfRange(f"least must be a prominence of 0 or more, got {least}.")
     if len(values) <= faces.max():
         raise WrongShape(f"faces name vertex {faces.max()}, but there are {len(values)} values.")
-    used = np.unique(faces)
+    used = np.flatnonzero(geometry.used(len(values), faces))
     if not np.isfinite(values[used]).all():
         missing = np.count_nonzero(~np.isfinite(values[used]))
         raise NotFinite(f"{missing} of {len(used)} vertices have no finite height. Remove their faces.")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +12,6 @@ from morphofold import geometry
 from morphofold.analysis.graph.depth_potential import SurfaceOperators
 from morphofold.errors import OutOfRange
 from morphofold.surface import Faces, PerVertex, Verts, check_mesh
-from morphofold.threads import beside
 
 SAME_PLACE_IN_EDGES = 0.02  # mean edges: vertices joined by a shorter edge count as one place, and share their measures
 HEAT_FLOW_TOLERANCE = 1e-10  # of the heat flow: it is small because the root of H^2 - K counts, which is 0 on a sphere
@@ -73,17 +71,13 @@ def folding_indices(verts: Verts, faces: Faces, scale: float) -> FoldingIndices:
     check_mesh(verts, faces)
     if not (math.isfinite(scale) and scale > 0):
         raise OutOfRange(f"scale must be a positive length in the unit of the mesh, got {scale!r}.")
-    operators, none = SurfaceOperators(verts, faces), np.zeros(len(verts))
+    operators = SurfaceOperators(verts, faces)
     place = _place_numbers(operators)
     normals = geometry.unit(_sums_by_place(operators.normals, place)[place])
     bent = 0.5 * np.sum(area_gradients(verts, faces) * normals, axis=1)
     share = 1 / np.bincount(place)
-    K, H = beside(
-        *(
-            partial(operators.spread, (_sums_by_place(measure, place) * share)[place], scale, none, HEAT_FLOW_TOLERANCE)
-            for measure in (angle_defects(verts, faces), bent)
-        )
-    )
+    both = _sums_by_place(np.column_stack([angle_defects(verts, faces), bent]), place)
+    K, H = operators.spread((both * share[:, None])[place], scale, np.zeros((len(verts), 2)), HEAT_FLOW_TOLERANCE).T
     H = np.abs(H)
     half = np.sqrt(np.maximum(H**2 - K, 0))
     share = geometry.vertex_areas(verts, faces) / (4 * np.pi)
@@ -131,7 +125,5 @@ def _place_numbers(operators: SurfaceOperators) -> NDArray[np.int64]:
 
 
 def _sums_by_place(values: NDArray[np.float64], place: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Sums of values (N,) or (N, 3) over the vertices of each place."""
-    total = np.zeros((int(place.max()) + 1, *values.shape[1:]))
-    np.add.at(total, place, values)
-    return total
+    """Sums of values (N, K) over the vertices of each place."""
+    return np.stack([np.bincount(place, column) for column in values.T], axis=-1)

@@ -62,7 +62,8 @@ def _contour_at_scale(
     total = float(length.sum())
     wavelength = 8 * math.pi * size**2 / total if total > 0 else math.nan
     reason = ""
-    if len(np.unique(geometry.border_edges(surface.faces))) == len(np.unique(surface.faces)):
+    border, used = geometry.border_edges(surface.faces), geometry.used(len(surface.verts), surface.faces)
+    if len(border) and len(np.unique(border)) == np.count_nonzero(used):
         reason = "no wavelength of a band one row of triangles wide: all its vertices lie on its border"
     elif high < LEAST_AMPLITUDE_OVER_SCALE * scale:
         reason = (

@@ -266,7 +266,7 @@ def cotangent_laplacian(verts: Verts, faces: Faces, *, clip: tuple[float, float]
 def euler_characteristic(faces: Faces) -> int:
     """V - E + F over the vertices that faces use; 2 for a sphere, 0 for a torus."""
     check_arrays(faces, faces)
-    return len(np.unique(faces)) - len(edges(faces)) + len(faces)
+    return int(np.count_nonzero(used(int(faces.max()) + 1, faces))) - len(edges(faces)) + len(faces)
 
 
 @kept
