@@ -20,7 +20,7 @@ def path_graph(verts: Verts, faces: Faces) -> sparse.csr_array:
     """
     half = np.concatenate([faces[:, [0, 1, 2]], faces[:, [1, 2, 0]], faces[:, [2, 0, 1]]])  # edge, far corner
     key = geometry.edges_of_faces(faces).T.ravel()
-    order = np.argsort(key, kind="stable")
+    order = geometry.grouped(key, int(key.max()) + 1)
     paired = key[order[1:]] == key[order[:-1]]
     one, two = half[order[:-1][paired]], half[order[1:][paired]]
     base = verts[one[:, 0]]

@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from morphofold import geometry
-from morphofold.analysis import notes, regions, resampling
+from morphofold.analysis import notes, regions, relief, resampling
 from morphofold.analysis.curvatures import check_scale, curvature, largest_scale
+from morphofold.analysis.diffusion import diffusion
+from morphofold.analysis.graph import depth_potential
 from morphofold.analysis.graph.tables import gyral_tables
 from morphofold.analysis.gyrification import hull
 from morphofold.analysis.gyrification.folding import folding_indices
@@ -117,7 +119,10 @@ def measure(
     check_kind(cortex, Cortex, "measure: cortex")
     progress = progress or silent
     work, steps = _Measurement(accuracy), Steps(progress, clock)
-    steps.run([("areas", 0.1, lambda: work.begin(cortex, repair)), ("cortical thickness", 0.0, work.resample)])
+    steps.run(
+        [("areas", 0.1, lambda: work.begin(cortex, repair)), ("cortical thickness", 0.0, work.resample)],
+        [("areas", 0.0, lambda: _prepare(cortex))],
+    )
     steps.run(
         [
             ("cortical thickness", 0.1, lambda: work.cortical_thickness(thickness_cap)),
@@ -133,6 +138,14 @@ def measure(
     steps.run([("regions", 0.01, lambda: found.append(work.measures(thickness_cap)))])
     progress(1.0, "done")
     return found[0]
+
+
+def _prepare(cortex: Cortex) -> None:
+    """Compute what several steps need of the surfaces, beside the checks; it is kept with them."""
+    for surface, clip in ((cortex.white, depth_potential.COTANGENT_BOUNDS), (cortex.pial, relief.COTANGENT_BOUNDS)):
+        diffusion(surface.verts, surface.faces, clip)
+        geometry.vertex_normals(surface.verts, surface.faces)
+    geometry.incident_faces(cortex.n_vertices, cortex.faces)
 
 
 class _Part:

@@ -62,7 +62,7 @@ def reading(*values: Any) -> tuple[Any, ...]:
 
 def _read_only(value: Any) -> tuple[Any, ...]:
     if isinstance(value, sparse.csr_array):
-        rows = value.indptr.astype(np.uint32), value.indices.astype(np.uint32)
+        rows = [part.astype(np.int32, copy=False).view(np.uint32) for part in (value.indptr, value.indices)]
         return reading(*rows) if value.dtype == bool else reading(*rows, value.data)
     if not isinstance(value, np.ndarray):
         return (value,)
