@@ -9,6 +9,7 @@ from __future__ import annotations
 import base64
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -53,6 +54,7 @@ from morphofold.report.pictures.png import halved, png_bytes
 from morphofold.report.pictures.surfaces import Picture, Row, VisibleFaces, figure, renderer, safe_name
 from morphofold.report.plots import charts
 from morphofold.surface import Surface
+from morphofold.threads import beside
 
 if TYPE_CHECKING:
     from morphofold.comparison import Comparison
@@ -158,17 +160,24 @@ def _write_page(
     shown = _shown_maps(panels)
     main = [key for key in (RELIEF, *MAIN_MAPS) if key in shown]
     progress(0.0, "thinning surfaces")
-    thinned = [
-        thin(e.measures.cortex, STAGED_VERTICES if e.stages else DISPLAY_VERTICES, [m.cortex for m in e.stages])
-        for e in panels
-    ]
+    thinned = beside(
+        *(
+            partial(
+                thin, e.measures.cortex, STAGED_VERTICES if e.stages else DISPLAY_VERTICES, [m.cortex for m in e.stages]
+            )
+            for e in panels
+        )
+    )
     own = [d for e, d in zip(panels, thinned) if e.name in named]
     progress(0.15, "drawing pictures")
-    pictures = _write_pictures(path.parent / "figures", entries, own, shown)
-    progress(0.65, "packing surfaces")
-    viewer, blocks = _viewer_data(panels, thinned, shown, person_of)
+    pictures, (viewer, blocks), pairs, charts = beside(
+        lambda: _write_pictures(path.parent / "figures", entries, own, shown),
+        lambda: _viewer_data(panels, thinned, shown, person_of),
+        lambda: _write_hinge_pairs(path.parent / "figures", hinges, named),
+        lambda: _histogram_charts(entries, shown),
+    )
     drawn = [meta for e, meta in zip(panels, viewer["surfaces"]) if e.name in named]
-    progress(0.75, "drawing charts and hinges")
+    progress(0.8, "drawing charts")
     spins = people[0].spins if people else 0
     paragraph, references = methods(entries, versions()[0][1], theory=bool(theory), spins=spins)
     return write_page(
@@ -197,7 +206,7 @@ def _write_page(
         parameters=contents.parameters(entries),
         facts=contents.facts(entries),
         inputs=list(inputs) or _input_records(entries),
-        charts=_histogram_charts(entries, shown),
+        charts=charts,
         scatter=_thickness_scatter_chart(entries, theory),
         pictures=pictures,
         renderer=renderer(),
@@ -209,7 +218,7 @@ def _write_page(
         blocks=blocks,
         columns={1: 1, 2: 2, 4: 2}.get(len(panels), 3),
         hinges=hinges,
-        pairs=_write_hinge_pairs(path.parent / "figures", hinges, named),
+        pairs=pairs,
         growth=growth,
         growth_charts=_growth_charts(entries, growth),
         met=contents.met(entries, growth),

@@ -83,8 +83,8 @@ def shaded(depth: PerVertex) -> colours.RGB:
 def paint_lines(rgb: colours.RGB, verts: Verts, lines: Sequence[NDArray[np.float64]], edge: float, colour: str) -> None:
     """Colour the vertices within about half an ``edge`` [mm] of lines (P, 3)."""
     if lines:
-        points = np.concatenate([resampled(line, 0.3 * edge) for line in lines])
-        rgb[cKDTree(points).query(verts)[0] < 0.55 * edge] = rgb_of(colour)
+        points, reach = np.concatenate([resampled(line, 0.3 * edge) for line in lines]), 0.55 * edge
+        rgb[cKDTree(points).query(verts, distance_upper_bound=reach)[0] < reach] = rgb_of(colour)
 
 
 def net_figure(rows: Sequence[Row]) -> Picture:

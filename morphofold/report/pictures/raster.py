@@ -12,11 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from morphofold.geometry import is_closed
 from morphofold.kernels import kernel, reading
 
 
 @kernel
-def rasterise(xyz, faces, width, height):
+def rasterise(xyz, faces, width, height, closed):
     """The nearest triangle at each pixel.
 
     Parameters
@@ -25,6 +26,8 @@ def rasterise(xyz, faces, width, height):
         Pixel column, pixel row (0 at the top) and height towards the viewer of each vertex.
     faces : (M, 3) int64
     width, height : int
+    closed : bool
+        Whether the surface is closed and its faces are counter-clockwise seen from outside.
 
     Returns
     -------
@@ -42,7 +45,7 @@ def rasterise(xyz, faces, width, height):
         bx, by, bz = xyz[j, 0], xyz[j, 1], xyz[j, 2]
         cx, cy, cz = xyz[k, 0], xyz[k, 1], xyz[k, 2]
         twice = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-        if twice == 0.0:
+        if twice == 0.0 or (closed and twice > 0.0):  # on a closed surface, those turned away lie behind others
             continue
         first_x = max(math.ceil(min(ax, bx, cx) - 0.5), 0)
         last_x = min(math.floor(max(ax, bx, cx) - 0.5), width - 1)
@@ -132,7 +135,7 @@ def look(
     width, height = size[0] * oversample, size[1] * oversample
     per_mm = height / (2 * half_height)
     xyz = np.stack([width / 2 + per_mm * points[:, 0], height / 2 - per_mm * points[:, 1], points[:, 2]], axis=1)
-    face, b0, b1 = rasterise(*reading(xyz, faces), width, height)
+    face, b0, b1 = rasterise(*reading(xyz, faces), width, height, is_closed(faces))
     return Seen(face, b0, b1, faces, oversample)
 
 
