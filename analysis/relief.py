@@ -70,7 +70,7 @@ def height_and_vertical(verts: Verts, faces: Faces, scale: float) -> tuple[PerVe
     return np.sum((verts - smooth) * vertical, axis=1), vertical
 
 
-def implicit_smoothing(verts: Verts, faces: Faces, scale: float, *, rounds: int = 2, rtol: float = 1e-3) -> Verts:
+def implicit_smoothing(verts: Verts, faces: Faces, scale: float, *, rounds: int = 2, rtol: float = 1e-4) -> Verts:
     """Solve ``(M + scale^2 L) x' = M x`` ``rounds`` times: features much shorter than ``scale`` [mm] vanish.
 
     M are the vertex areas and L the cotangent Laplacian with cotangents clipped to [0, 3], both of the *given* surface.
@@ -91,7 +91,7 @@ def implicit_smoothing(verts: Verts, faces: Faces, scale: float, *, rounds: int 
 
 def diffused(verts: Verts, faces: Faces, values: NDArray[np.float64], scale: float) -> NDArray[np.float64]:
     """Three fields (N, 3) on the surface, smoothed once over ``scale`` [mm] as in :func:`implicit_smoothing`."""
-    return _diffuse_implicitly(verts, faces, values, scale, 1, 1e-3)
+    return _diffuse_implicitly(verts, faces, values, scale, 1, 1e-4)
 
 
 def _diffuse_implicitly(
