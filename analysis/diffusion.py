@@ -168,7 +168,8 @@ def _iterate(first, ptr, above, col, off, diag, mass, pptr, pcol, pval, time, ri
     columns behind the diagonal begin in each row.
     """
     n, size = first[1], first[-1]
-    r, p, q, z, b = np.empty((n, 2)), np.zeros((n, 2)), np.empty((n, 2)), np.empty((size, 2)), np.empty((size, 2))
+    p, q, z, b = np.zeros((n, 2)), np.empty((n, 2)), np.empty((size, 2)), np.empty((size, 2))
+    r = b[:n]  # the residual is the right side of the cycle
     hold, free = np.empty(size), np.empty(size)  # the diagonal of the matrix and its inverse; 0 where nothing holds
     for i in range(size):
         hold[i] = mass[i] + time * diag[i]
@@ -187,8 +188,6 @@ def _iterate(first, ptr, above, col, off, diag, mass, pptr, pcol, pval, time, ri
     for count in range(most + 1):
         if rr[0] <= goal[0] and rr[1] <= goal[1]:
             return count
-        for i in range(n):
-            b[i, 0], b[i, 1] = r[i, 0], r[i, 1]
         _cycle(first, ptr, above, col, off, free, pptr, pcol, pval, time, b, z)
         u, v = 0.0, 0.0
         for i in range(n):
