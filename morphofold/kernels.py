@@ -7,7 +7,6 @@ import hashlib
 import os
 import shutil
 import sys
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from types import FunctionType
@@ -19,6 +18,8 @@ from numba.core import caching, config
 from numba.core.dispatcher import Dispatcher
 from numpy.typing import NDArray
 from scipy import sparse
+
+from morphofold import kernel_files
 
 KEPT_VERSIONS = 4  # of each module, in the folder of compiled kernels
 _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
@@ -38,7 +39,7 @@ def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     if function is None:
         return functools.partial(kernel, **options)
     options = {**_OPTIONS, **options}
-    if _folder() is None:
+    if kernel_files.folder() is None:
         return numba.njit(**options)(function)
     before = getattr(config, "CACHE_LOCATOR_CLASSES", "")
     config.CACHE_LOCATOR_CLASSES = (  # type: ignore[attr-defined]
@@ -71,20 +72,14 @@ def _read_only(value: Any) -> tuple[Any, ...]:
     return (view,)
 
 
-def is_kept(module: str) -> bool:
-    """Whether kernels of a module were compiled before, by this or another process."""
-    folder = _folder()
-    return folder is not None and any((folder / f"{module}-{_stamp(module)[:16]}").glob("*.nbc"))
-
-
 class KernelFolder(caching._CacheLocator):  # type: ignore[misc]
     """Where numba keeps the code of a kernel: a folder for each content of its module and of all that it calls."""
 
     def __init__(self, function: FunctionType):
         self._line, self._stamp = function.__code__.co_firstlineno, _stamp(function.__module__)
-        folder = _folder()
+        folder, file = kernel_files.folder(), function.__code__.co_filename
         assert folder is not None  # else there is no cache
-        self._path = folder / f"{function.__module__}-{self._stamp[:16]}"
+        self._path = folder / f"{kernel_files.name(function.__module__, file)}-{self._stamp[:12]}"
 
     def get_cache_path(self) -> str:
         """The folder."""
@@ -96,8 +91,7 @@ class KernelFolder(caching._CacheLocator):  # type: ignore[misc]
             os.utime(self._path)
             return
         self._path.mkdir(parents=True, exist_ok=True)
-        name = self._path.name.rpartition("-")[0]
-        same = [other for other in self._path.parent.glob(f"{name}-*") if other.name.rpartition("-")[0] == name]
+        same = self._path.parent.glob(f"{self._path.name.split('-')[0]}-*")
         for old in sorted(same, key=_time_of_use)[:-KEPT_VERSIONS]:
             shutil.rmtree(old, ignore_errors=True)
 
@@ -113,23 +107,6 @@ class KernelFolder(caching._CacheLocator):  # type: ignore[misc]
     def from_function(cls, py_func: FunctionType, py_file: str) -> KernelFolder:
         """As numba asks for it."""
         return cls(py_func)
-
-
-@functools.cache
-def _folder() -> Path | None:
-    """The first folder for compiled kernels that can be written."""
-    usual = {"win32": os.environ.get("LOCALAPPDATA", "~/AppData/Local"), "darwin": "~/Library/Caches"}
-    user = usual.get(sys.platform, os.environ.get("XDG_CACHE_HOME") or "~/.cache")
-    wanted = config.CACHE_DIR  # type: ignore[attr-defined]
-    for place in (wanted or user, Path(__file__).parent / "__pycache__"):
-        folder = Path(place).expanduser() / f"morphofold-numba-{numba.__version__}"
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            tempfile.TemporaryFile(dir=folder).close()
-        except (OSError, RuntimeError):  # RuntimeError: no home
-            continue
-        return folder
-    return None
 
 
 @functools.cache

@@ -45,6 +45,7 @@ GROUND = (
     "timing",
     "kept",
     "kernels",
+    "kernel_files",
     "threads",
     "progress",
     "words",

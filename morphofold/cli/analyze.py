@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from morphofold.cli import add_options, add_threads
+from morphofold.cli.compiling import compiling_beside
 from morphofold.cli.measuring import add_measuring_args, add_side_args, measuring_options
 from morphofold.cli.streams import one_line, print_file, print_json
 from morphofold.errors import MissingPart, OptionsClash, Refusal
@@ -74,7 +75,11 @@ def add_args(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from morphofold.cli.compiling import compiling_beside
+    with compiling_beside(args.threads):
+        return _analyze(args)
+
+
+def _analyze(args: argparse.Namespace) -> int:
     from morphofold.cli.progress import progress
     from morphofold.forecasts.analysis_cost import READING_STAGE
     from morphofold.io import read_cortex
@@ -97,7 +102,7 @@ def run(args: argparse.Namespace) -> int:
     called, out = _name_and_folder(cortices, args)
     if args.dry_run:
         return _dry_run(cortices, failed, clock.seconds[READING_STAGE], args)
-    with progress(cortices[0].name, args.quiet) as show, compiling_beside(args.threads):
+    with progress(cortices[0].name, args.quiet) as show:
         works = {}
         for i, cortex in enumerate(cortices):
             share = part_of(show, 0.8 * i / len(cortices), 0.8 / len(cortices), f"{cortex.hemi} ")

@@ -12,10 +12,9 @@ from contextlib import contextmanager
 @contextmanager
 def compiling_beside(threads: int | None) -> Iterator[None]:
     """While the block runs, compile the kernels of measuring, unless they are kept from before or one core is used."""
-    from morphofold.analysis import diffusion
-    from morphofold.kernels import is_kept
+    from morphofold.kernel_files import is_kept
 
-    if threads == 1 or os.cpu_count() == 1 or is_kept(diffusion.__name__):
+    if threads == 1 or os.cpu_count() == 1 or is_kept("morphofold.analysis.diffusion"):
         yield
         return
     none = subprocess.DEVNULL
