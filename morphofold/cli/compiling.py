@@ -27,21 +27,27 @@ def compiling_beside(threads: int | None) -> Iterator[None]:
 
 
 def main() -> None:
-    """Compile the kernels of measuring, those first that ``measure`` needs late."""
+    """Compile the kernels of measuring, those first that take longest and that ``measure`` does not need at once."""
     import numpy as np
 
-    from morphofold.analysis import curvature, folding_indices, gyral_graph
+    from morphofold.analysis.curvatures import curvature
+    from morphofold.analysis.diffusion import diffusion
+    from morphofold.analysis.graph.depth_potential import COTANGENT_BOUNDS
+    from morphofold.analysis.graph.gyral_graph import gyral_graph
+    from morphofold.shapes import bumpy_sphere
+    from morphofold.surface import Cortex, Surface
+
+    pial = bumpy_sphere(3, radius=40.0)
+    solver = diffusion(pial.verts, pial.faces, COTANGENT_BOUNDS)
+    solver.solve(1.0, solver.mass, solver.mass, 1e-3)
+    curvature(pial.verts, pial.faces)
+    gyral_graph(Surface(pial.verts, pial.faces))
+
     from morphofold.analysis.measuring import measure
     from morphofold.report.pictures import raster
-    from morphofold.shapes.folded_ball import folded_ball
 
-    ball = folded_ball(1000)
-    verts, faces = ball.pial.verts, ball.faces
-    folding_indices(verts, faces, 20.0)
-    curvature(verts, faces)
-    gyral_graph(ball)
-    raster.look(verts, faces, (8, 8), 60.0).coloured(verts, np.zeros((len(verts), 3), dtype=np.uint8))
-    measure(ball)
+    raster.look(pial.verts, pial.faces, (8, 8), 60.0).coloured(pial.verts, np.zeros(pial.verts.shape, dtype=np.uint8))
+    measure(Cortex(Surface(0.92 * pial.verts, pial.faces), Surface(pial.verts, pial.faces)))
 
 
 if __name__ == "__main__":
