@@ -135,6 +135,11 @@ def add_args(parser: argparse.ArgumentParser) -> None:
     parsers["measures"].add_argument(
         "--repeats", type=int, default=5, metavar="N", help="pairs of --against for each measure (default: 5)"
     )
+    parsers["measures"].add_argument(
+        "--peers",
+        action="store_true",
+        help="race the other programs that are installed (extra bench; Connectome Workbench), on 163,842 vertices",
+    )
     for name, sub in parsers.items():
         if name in ("measures", "folds", "accuracy", "hemisphere"):
             add_threads(sub)
@@ -315,6 +320,10 @@ def _time_measures(args: argparse.Namespace) -> JsonAndLines:
     if not sizes or not 1000 <= sizes[0] <= sizes[-1] <= 10_000_000:
         raise OutOfRange(f"--vertices: sizes lie between 1,000 and 10,000,000, got {args.vertices!r}.")
     set_threads(args.threads)
+    if args.peers:
+        if args.against is not None:
+            raise OptionsClash("--peers and --against are two benchmarks: ask for one.")
+        return _race_peers(args)
     if args.against is not None:
         if len(sizes) != 1:
             raise OptionsClash("--against compares two installations at one size: name it with --vertices.")
@@ -348,6 +357,15 @@ def _time_pairs(args: argparse.Namespace, size: int) -> JsonAndLines:
         rows = paired_speed(
             folded_ball(size), Path(args.against), repeats=args.repeats, threads=args.threads, progress=show
         )
+    return json.dumps(rows, indent=1), text_table(rows)
+
+
+def _race_peers(args: argparse.Namespace) -> JsonAndLines:
+    from morphofold.cli.progress import progress
+    from morphofold.studies.speed.race import race, text_table
+
+    with progress("race", args.quiet) as show:
+        rows = race(repeats=max(args.repeats, 1), progress=show)
     return json.dumps(rows, indent=1), text_table(rows)
 
 
