@@ -32,12 +32,14 @@ def kept(function: Callable[P, R]) -> Callable[P, R]:
             return function(*given, **options)
         key = tuple(id(value) if isinstance(value, np.ndarray) else value for value in named)
         if key not in results:
-            with locks.setdefault(key, Lock()):  # one thread computes it, others wait for it
-                if key not in results:
-                    results[key] = _frozen(function(*given, **options))
-                    for array in arrays:
-                        weakref.finalize(array, results.pop, key, None).atexit = False
-            locks.pop(key, None)
+            try:
+                with locks.setdefault(key, Lock()):  # one thread computes it, others wait for it
+                    if key not in results:
+                        results[key] = _frozen(function(*given, **options))
+                        for array in arrays:
+                            weakref.finalize(array, results.pop, key, None).atexit = False
+            finally:
+                locks.pop(key, None)
         return results[key]
 
     call.results = results  # type: ignore[attr-defined]

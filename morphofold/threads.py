@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
-from functools import cache
+from functools import cache, partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -82,8 +82,7 @@ def in_blocks(kernel: Callable[..., Any], n: int, *arguments: Any) -> None:
             kernel(start, stop, *arguments)
         return
     with ThreadPoolExecutor(threads) as pool:
-        for done in [pool.submit(kernel, start, stop, *arguments) for start, stop in blocks[1:]]:
-            done.result()
+        _results(pool, [partial(kernel, start, stop, *arguments) for start, stop in blocks[1:]])
 
 
 def beside(*tasks: Callable[[], Any]) -> list[Any]:
@@ -95,12 +94,17 @@ def beside(*tasks: Callable[[], Any]) -> list[Any]:
         return [task() for task in tasks]
     share = max(1, threads // len(tasks))
     with ThreadPoolExecutor(min(threads, len(tasks)), initializer=numba.set_num_threads, initargs=(share,)) as pool:
-        begun = [pool.submit(task) for task in tasks]
-        try:
-            return [done.result() for done in begun]
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)  # those that run are waited for
-            raise
+        return _results(pool, tasks)
+
+
+def _results(pool: ThreadPoolExecutor, tasks: Sequence[Callable[[], Any]]) -> list[Any]:
+    """Results in the order of the tasks; after an error or Ctrl-C no further one begins."""
+    begun = [pool.submit(task) for task in tasks]
+    try:
+        return [done.result() for done in begun]
+    except BaseException:
+        pool.shutdown(wait=False, cancel_futures=True)  # those that run are waited for
+        raise
 
 
 @cache

@@ -25,6 +25,7 @@ from morphofold.analysis.graph.watershed import Watershed
 from morphofold.analysis.mesh_quality import checks
 from morphofold.errors import OptionsClash, OutOfRange
 from morphofold.surface import Cortex, PerVertex, Surface, check_kind
+from morphofold.threads import beside
 
 EQUAL_DISTANCE_TOLERANCE = 1e-6  # relative: distances that are the same up to rounding
 STRONG_CREST_QUANTILE = 0.9  # quantile of strength, over the length of the net, taken as that of a true crest,
@@ -121,8 +122,14 @@ class CrestNetBuilder:
 
     def fields(self, scales: GyralScales) -> Fields:
         operators = self.operators
-        D, H = operators.depth_and_curvature(scales.reach, scales.smoothing)
-        return Fields(D, D - operators.smooth(D, scales.width), H, Watershed(operators.pairs, operators.lengths, D))
+
+        def found() -> Fields:
+            D, H = operators.depth_and_curvature(scales.reach, scales.smoothing)
+            return Fields(D, D - operators.smooth(D, scales.width), H, Watershed(operators.pairs, operators.lengths, D))
+
+        fields: Fields
+        fields, _ = beside(found, lambda: self.path_lengths)  # which the net needs next
+        return fields
 
     def net(self, fields: Fields, scales: GyralScales) -> Net:
         """Steps 1 to 4 of :func:`morphofold.analysis.gyral_graph`."""

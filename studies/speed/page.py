@@ -55,8 +55,8 @@ def write_page(page: Path, speed: Path, effects: Path, simulations: Sequence[Pat
     text = _text(page, "Create the page with its marks.")
     rows = [whole_run(folder) for folder in simulations]
     parts = {
-        "elements": _elements(_rows(speed, "speed", *SPEED)),
-        "effects": _effects(_rows(effects, "effects", *EFFECTS), effects),
+        "elements": _elements(read_rows(speed, "speed", *SPEED)),
+        "effects": _effects(read_rows(effects, "effects", *EFFECTS), effects),
         "runs": _runs(rows),
     }
     write_texts({page: renewed(page, text, parts)})
@@ -146,7 +146,7 @@ def _text(path: Path, cure: str) -> str:
         raise DamagedFile(f"{path}: is not text ({error}). {cure}") from None
 
 
-def _rows(path: Path, command: str, words: Sequence[str], positive: Sequence[str]) -> list[Row]:
+def read_rows(path: Path, command: str, words: Sequence[str], positive: Sequence[str]) -> list[Row]:
     """Rows that ``bench`` printed as JSON, checked against the command."""
     cure = f"Write it again: morphofold bench {command} --json > {path.name}"
     try:

@@ -1,0 +1,108 @@
+"""The generated parts of docs/speed.md on measuring: seconds of each step by size, pairs of versions, and peers.
+
+``python -m morphofold.studies.speed.measuring_page PAGE --measures FILE --pairs FILE --peers FILE`` writes them after
+the marks ``<!-- measures -->``, ``<!-- pairs -->`` and ``<!-- peers -->`` of the Markdown page PAGE, and the picture
+``speed-measures.png`` beside it. The files hold the output of ``morphofold bench measures --json``, of the same with
+``--against PYTHON``, and with ``--peers``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from morphofold.studies.markdown import Row, cells, renewed, table, write_texts
+from morphofold.studies.speed.measures import exponent
+from morphofold.studies.speed.page import read_rows
+
+PICTURE = "speed-measures.png"
+
+
+def write_page(page: Path, measures: Path, pairs: Path, peers: Path) -> None:
+    """Update the marked parts of ``page``, and its picture.
+
+    Raises
+    ------
+    FileNotFoundError, ValueError
+        If a file is missing or has other content, or the page lacks marks. The page is then unchanged.
+    """
+    steps = read_rows(measures, "measures", ("stage",), ("vertices", "seconds", "threads"))
+    paired = read_rows(pairs, "measures --against PYTHON", ("case",), ("seconds", "other_seconds", "ratio"))
+    raced = read_rows(peers, "measures --peers", ("quantity", "program"), ("seconds", "error"))
+    parts = {"measures": _steps(steps), "pairs": _pairs(paired), "peers": _peers(raced)}
+    write_texts({page: renewed(page, page.read_text(encoding="utf-8"), parts)})
+    draw(steps, page.parent / PICTURE)
+
+
+def _steps(rows: Sequence[Row]) -> list[str]:
+    sizes = sorted({row["vertices"] for row in rows})
+    lines = []
+    for name in dict.fromkeys(row["stage"] for row in rows):
+        seconds = [f"{row['seconds']:.2f}" for row in rows if row["stage"] == name]
+        lines.append([name, *seconds, f"{exponent(rows, name):.2f}" if len(sizes) > 1 else "–"])
+    memory = [f"{row['memory_GiB']:.2f}" for row in rows if row.get("memory_GiB")]
+    return [
+        f"Seconds with {rows[0]['threads']} threads. Steps run beside each other; their times add up to the time that "
+        "passed. The last column is the power p for which the time grows as (n log n)^p:",
+        table(["step", *(f"{n:,}" for n in sizes), "p"], [*lines, ["peak memory, GiB", *memory, "–"]]),
+        f"![Seconds of each step over the number of vertices, and lines proportional to n log n]({PICTURE})",
+    ]
+
+
+def _pairs(rows: Sequence[Row]) -> list[str]:
+    heads = ["measure", "here, s", "there, s", "ratio", "quartiles"]
+    columns = {"case": "", "seconds": "{:.2f}", "other_seconds": "{:.2f}", "ratio": "{:.2f}", "spread": ""}
+    spread = [{**row, "spread": f"{row['low']:.2f} to {row['high']:.2f}"} for row in rows]
+    return [
+        f"{rows[0]['repeats']} pairs for each measure, {rows[0]['vertices']:,} vertices:",
+        table(heads, cells(spread, columns)),
+    ]
+
+
+def _peers(rows: Sequence[Row]) -> list[str]:
+    columns = {"quantity": "", "program": "", "seconds": "{:.2f}", "error": "{:.2%}"}
+    return [
+        f"{rows[0]['vertices']:,} vertices; the error is the area-weighted rms over that of the exact values:",
+        table(["quantity", "program", "seconds", "error"], cells(rows, columns)),
+    ]
+
+
+def draw(rows: Sequence[Row], path: Path) -> None:
+    """Picture of the seconds of each step over the number of vertices, with n log n through each at about 160,000."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8, 5), layout="constrained")
+    axes = figure.add_subplot()
+    for name in dict.fromkeys(row["stage"] for row in rows):
+        mine = sorted((row["vertices"], row["seconds"]) for row in rows if row["stage"] == name)
+        n, seconds = np.array(mine).T
+        (line,) = axes.loglog(n, seconds, "o-", label=name, lw=2.5 if name == "all" else 1.2)
+        middle = int(np.abs(n - 160_000).argmin())
+        axes.loglog(n, seconds[middle] * n * np.log(n) / (n[middle] * np.log(n[middle])), ":", color=line.get_color())
+    axes.set(xlabel="vertices", ylabel="seconds", title="Measuring a folded ball (dotted: n log n)")
+    axes.legend(frameon=False, fontsize=8)
+    axes.grid(alpha=0.3)
+    figure.savefig(path, dpi=120)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Write the page; 0 done, 2 bad input."""
+    parser = argparse.ArgumentParser(prog="python -m morphofold.studies.speed.measuring_page", description=__doc__)
+    parser.add_argument("page", type=Path, metavar="PAGE")
+    for name in ("measures", "pairs", "peers"):
+        parser.add_argument(f"--{name}", type=Path, metavar="FILE", required=True)
+    args = parser.parse_args(argv)
+    try:
+        write_page(args.page, args.measures, args.pairs, args.peers)
+    except (ValueError, OSError) as error:
+        print(f"measuring_page: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
