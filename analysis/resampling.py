@@ -20,6 +20,7 @@ from morphofold.analysis.thickness.gyral import GyralThickness, gyral_thickness
 from morphofold.arrays import Ints
 from morphofold.errors import UnknownName
 from morphofold.surface import Cortex, Faces, PerVertex, Surface
+from morphofold.threads import SIMPLIFYING
 
 if TYPE_CHECKING:
     import networkx as nx
@@ -153,8 +154,9 @@ def _thinned_cortex(cortex: Cortex, keep: float) -> Resampled:
 
     faces, middle = cortex.faces.astype(np.int32), cortex.pial.verts.mean(axis=0)
     white, pial = ((s.verts - middle).astype(np.float32) for s in (cortex.white, cortex.pial))
-    *_, collapses = simplify((white + pial) / 2, faces, 1.0 - keep, return_collapses=True, preserve_border=True)
-    (inner, fewer, place), (outer, *_) = (replay_simplification(verts, faces, collapses) for verts in (white, pial))
+    with SIMPLIFYING:
+        *_, collapses = simplify((white + pial) / 2, faces, 1.0 - keep, return_collapses=True, preserve_border=True)
+        (inner, fewer, place), (outer, *_) = (replay_simplification(verts, faces, collapses) for verts in (white, pial))
     place = place.astype(np.int64)
     used = np.flatnonzero(place >= 0)
     away = np.linalg.norm(((white + pial) - (inner + outer)[place])[used], axis=1)

@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
 from functools import cache, partial
 from itertools import pairwise
+from threading import Lock
 from typing import TYPE_CHECKING, Any
 
 from morphofold.errors import OutOfRange
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
 
 #: blocks into which kernels divide their work, each with its own scratch; independent of the number of threads
 BLOCKS = 64
+#: fast_simplification has global state: only one surface is simplified at a time
+SIMPLIFYING = Lock()
 
 
 def set_threads(threads: int | None) -> None:

@@ -2,14 +2,18 @@
 
 import threading
 import time
+from functools import partial
 
 import numba
 import numpy as np
 import pytest
 
+from morphofold.analysis.resampling import Preset, resampled
 from morphofold.analysis.steps import Steps
 from morphofold.kept import kept
 from morphofold.kernels import kernel
+from morphofold.report.pages.pack import thin
+from morphofold.shapes.folded_ball import folded_ball
 from morphofold.threads import BLOCKS, beside, in_blocks, using_threads
 from morphofold.timing import Stages
 
@@ -100,3 +104,16 @@ def test_results_of_arrays_that_can_not_change_are_kept_as_long_as_these_live():
     assert len(doubled.results) == 2
     del array, view, first
     assert len(doubled.results) == 0
+
+
+@two_threads
+@pytest.mark.parametrize(
+    "work", [partial(thin, max_vertices=2000), lambda cortex: resampled(cortex, Preset(2000, 0, 6.0)).cortex]
+)
+def test_surfaces_that_are_simplified_beside_each_other_are_those_of_one_at_a_time(work):
+    """The library that does it has global state."""
+    balls = [folded_ball(n) for n in (20_000, 25_000, 30_000)]
+    alone = [work(ball).faces for ball in balls]
+    with using_threads(2):
+        for one, found in zip(alone, beside(*(partial(work, ball) for ball in balls)), strict=True):
+            np.testing.assert_array_equal(found.faces, one)

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from morphofold.geometry import morton_codes, unit
 from morphofold.report.pages.layers import Net
 from morphofold.surface import Cortex, Faces, PerVertex, Verts
+from morphofold.threads import SIMPLIFYING
 
 DISPLAY_VERTICES = 60_000
 STAGED_VERTICES = 15_000  # of a body drawn at every stage of growth
@@ -194,7 +195,8 @@ def _decimated(middle: Verts, faces: Faces, keep: float) -> tuple[NDArray[np.int
     from fast_simplification import simplify
     from scipy.spatial import cKDTree
 
-    points, triangles = simplify(middle, faces.astype(np.int32), 1.0 - keep)
+    with SIMPLIFYING:
+        points, triangles = simplify(middle, faces.astype(np.int32), 1.0 - keep)
     _, near = cKDTree(middle).query(points, k=12, workers=numba.get_num_threads())
     chosen = distinct(near)
     ids, place = np.unique(chosen, return_inverse=True)
