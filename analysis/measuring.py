@@ -10,7 +10,7 @@ import numpy as np
 
 from morphofold import geometry
 from morphofold.analysis import notes, regions, relief, resampling
-from morphofold.analysis.curvatures import check_scale, curvature, largest_scale
+from morphofold.analysis.curvatures import curvature
 from morphofold.analysis.diffusion import diffusion
 from morphofold.analysis.graph import depth_potential
 from morphofold.analysis.graph.tables import gyral_tables
@@ -21,6 +21,7 @@ from morphofold.analysis.maps import each_map
 from morphofold.analysis.measures import SCALARS, SLOPE_SCALARS, Measures
 from morphofold.analysis.mesh_quality import checks, defects, plausibility
 from morphofold.analysis.mesh_quality import repair as mending
+from morphofold.analysis.scales import scale_of_curvature, scale_of_folding
 from morphofold.analysis.steps import Steps
 from morphofold.analysis.thickness.gyral import GyralThickness
 from morphofold.analysis.thickness.robust_slope import Line, through_regions
@@ -33,11 +34,6 @@ if TYPE_CHECKING:
 
     from morphofold.timing import Stages
 
-CURVATURE_SCALE_MM = 3.0  # [mm], unless the mesh is too coarse for it
-LEAST_CURVATURE_SCALE_IN_EDGES = 2.5  # least curvature scale in mean edges
-LEAST_FOLDING_SCALE_IN_EDGES = 1.5  # least smoothing of the folding indices in mean edges
-# of the radius of the sphere of equal area, above which the curvature scale gives a note
-LARGEST_SCALE_OVER_RADIUS = 0.1
 # share of crossed triangles of white, above which the net is taken midway to pial; a person has 0.00003
 LARGEST_CROSSED_SHARE = 0.01
 
@@ -325,49 +321,6 @@ def _recorded_parameters(
         "gyral_coverage": _finite_or_none(across.coverage),
         **({f"graph_{name}_mm": value for name, value in asdict(scales).items()} if scales else {}),
     }
-
-
-def scale_of_curvature(cortex: Cortex, wanted: float | None = None) -> tuple[float, str]:
-    """The curvature scale [mm], and a note on it or on the unit of length; empty if there is nothing to note.
-
-    Raises
-    ------
-    ValueError
-        If the scale does not fit the mesh.
-    """
-    surfaces = (cortex.white, cortex.pial)
-    edge = max(geometry.mean_edge_length(s.verts, cortex.faces) for s in surfaces)
-    size = min(geometry.equal_area_radius(s.verts, cortex.faces) for s in surfaces)
-    usual = _usual_curvature_scale(size)
-    most = min(largest_scale(s.verts, cortex.faces) for s in surfaces)
-    scale = min(max(usual, LEAST_CURVATURE_SCALE_IN_EDGES * edge), most) if wanted is None else float(wanted)
-    for surface in surfaces:
-        check_scale(surface.verts, cortex.faces, scale)
-    say = (
-        f"curvature is fitted within {scale:.3g}, mean edge {edge:.3g}, radius of the sphere of equal area {size:.3g}."
-    )
-    if cortex.units != "mm":
-        return scale, f"Lengths are in {cortex.units!r}, not in mm as the names of the measures suggest; {say}"
-    if wanted is None and (
-        CURVATURE_SCALE_MM > LARGEST_SCALE_OVER_RADIUS * size
-        or LEAST_CURVATURE_SCALE_IN_EDGES * edge > 10 * CURVATURE_SCALE_MM
-    ):
-        return scale, f"The coordinates do not look like millimetres of a human brain; {say}"
-    return scale, ""
-
-
-def scale_of_folding(cortex: Cortex, scale: float) -> float:
-    """Scale of the folding indices [mm]: 3, or 1.5 mean edges of white if that is more; at most the curvature scale."""
-    verts, faces = cortex.white.verts, cortex.faces
-    size = geometry.equal_area_radius(verts, faces)
-    return min(
-        scale, max(_usual_curvature_scale(size), LEAST_FOLDING_SCALE_IN_EDGES * geometry.mean_edge_length(verts, faces))
-    )
-
-
-def _usual_curvature_scale(size: float) -> float:
-    """Curvature scale of a body with the equal-area radius ``size``; 0 where it can only follow from the mesh."""
-    return CURVATURE_SCALE_MM if CURVATURE_SCALE_MM < size / 2 else 0.0
 
 
 def _local_gyrification_or_reason(

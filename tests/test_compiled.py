@@ -9,6 +9,7 @@ import pytest
 from scipy import sparse
 
 from morphofold import kernel_files, kernels
+from morphofold.cli import compiling
 from morphofold.kernels import kernel, reading
 
 COUNT = """
@@ -137,3 +138,37 @@ for one in gc.get_objects():
 def test_no_kernel_of_measuring_is_compiled_twice():
     done = subprocess.run([sys.executable, "-c", ONE_KIND], capture_output=True, text=True, check=True)
     assert done.stdout == ""
+
+
+@pytest.mark.parametrize(
+    ("threads", "cores", "kept", "writable", "children"),
+    [
+        (None, 2, False, True, 1),
+        (1, 2, False, True, 0),
+        (None, 1, False, True, 0),
+        (2, 8, True, True, 0),
+        (2, 8, False, False, 0),
+    ],
+    ids=["fresh", "one thread", "one core", "kept", "nowhere to keep it"],
+)
+def test_a_second_process_compiles_only_where_it_helps(monkeypatch, tmp_path, threads, cores, kept, writable, children):
+    monkeypatch.setattr(compiling.os, "cpu_count", lambda: cores)
+    monkeypatch.setattr(kernel_files, "folder", lambda: tmp_path if writable else None)
+    monkeypatch.setattr(kernel_files, "is_kept", lambda module: kept)
+    started, popen = [], subprocess.Popen
+
+    def sleeping(command, **options):
+        started.append(popen([sys.executable, "-c", "import time; time.sleep(60)"], **options))
+        return started[-1]
+
+    monkeypatch.setattr(compiling.subprocess, "Popen", sleeping)
+    with pytest.raises(KeyError), compiling.compiling_beside(threads):
+        assert [one.poll() for one in started] == [None] * children
+        raise KeyError("the command failed")
+    assert len(started) == children
+    assert all(one.poll() is not None for one in started)
+
+
+def test_the_second_process_compiles_what_measuring_needs():
+    compiling.main()
+    assert kernel_files.is_kept("morphofold.analysis.diffusion")

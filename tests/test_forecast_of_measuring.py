@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from commands import refused
 
-from morphofold.analysis.measuring import scale_of_curvature
 from morphofold.analysis.resampling import PRESETS, resampled
+from morphofold.analysis.scales import scale_of_curvature
 from morphofold.cli import main
 from morphofold.errors import NothingToDo, UnknownName
 from morphofold.forecasts import forecast_analysis

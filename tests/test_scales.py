@@ -9,7 +9,8 @@ import pytest
 from commands import refused
 from made_cohort import HereFleet, participants, quick_measure, write_subject
 
-from morphofold.analysis.measuring import measure, scale_of_curvature
+from morphofold.analysis.measuring import measure
+from morphofold.analysis.scales import scale_of_curvature
 from morphofold.cli import main
 from morphofold.cohort import scales
 from morphofold.cohort.measuring import curvature_scale

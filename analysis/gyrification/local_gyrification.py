@@ -104,21 +104,12 @@ def envelope(verts: Verts, faces: Faces, closing: float, voxel: float) -> tuple[
     pad = math.ceil(closing / voxel) + 3
     inside = np.pad(solid.point_data["mask"].reshape(solid.dimensions, order="F") > 0, pad)
     # distances are between voxel centres; the surface lies half a voxel from the centres on both sides
-    dilated = _squared_distances(~inside) <= (closing / voxel + 0.5) ** 2
-    depth = (np.sqrt(_squared_distances(dilated)) - 0.5) * voxel
+    dilated = ndimage.distance_transform_edt(~inside) <= closing / voxel + 0.5
+    depth = (ndimage.distance_transform_edt(dilated) - 0.5) * voxel
     grid = pyvista.ImageData(dimensions=depth.shape, spacing=3 * (voxel,), origin=np.array(solid.origin) - pad * voxel)
     grid.point_data["depth"] = ndimage.gaussian_filter(depth, SMOOTHING_IN_VOXELS).ravel(order="F")
     found = grid.contour([closing], scalars="depth").triangulate()
     return np.asarray(found.points, dtype=np.float64), np.asarray(found.regular_faces, dtype=np.int64)
-
-
-def _squared_distances(inside: NDArray[np.bool_]) -> NDArray[np.int32]:
-    """Squared distance of each voxel, in voxels, from the nearest one that is not inside."""
-    nearest = ndimage.distance_transform_edt(inside, return_distances=False, return_indices=True)
-    total = np.zeros(inside.shape, dtype=np.int32)  # in whole numbers: scipy's own distances take twice as long
-    for found, here in zip(nearest, np.ogrid[tuple(map(slice, inside.shape))]):
-        total += (found - here.astype(np.int32)) ** 2
-    return total
 
 
 def _area_within_radius(

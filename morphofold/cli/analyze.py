@@ -232,8 +232,8 @@ def _formatted_or_na(value: float | None, form: str, unit: str = "") -> str:
 
 
 def _dry_run(cortices: list[Cortex], failed: dict[str, str], reading: float, args: argparse.Namespace) -> int:
-    from morphofold.analysis.measuring import scale_of_curvature
     from morphofold.analysis.mesh_quality.repair import measurable
+    from morphofold.analysis.scales import scale_of_curvature
     from morphofold.forecasts import forecast_analysis
     from morphofold.forecasts.printed import analysis_forecast_table
 

@@ -193,7 +193,7 @@ def _resampled_vertices(cortex: Cortex, chosen: Preset) -> int:
 
 def _curvature_time_ratio(cortex: Cortex, wanted: float | None) -> float:
     """Time of curvature at the wanted scale over that at the usual one; raises if the scale does not fit."""
-    from morphofold.analysis.measuring import scale_of_curvature
+    from morphofold.analysis.scales import scale_of_curvature
 
     scale, usual = (scale_of_curvature(cortex, one)[0] for one in (wanted, None))
     return (scale / usual) ** CURVATURE_TIME_POWER

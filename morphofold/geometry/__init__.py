@@ -120,15 +120,6 @@ def norms(vectors: Vectors) -> NDArray[np.float64]:
     return np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
 
 
-def sides(verts: Verts, faces: Faces) -> tuple[Vectors, Vectors]:
-    """Vectors from each corner of a triangle to the next and to the previous one [mm], (M, 3 corners, 3) each."""
-    corner = verts[faces]
-    ahead = np.empty_like(corner)
-    np.subtract(corner[:, 1:], corner[:, :2], out=ahead[:, :2])
-    np.subtract(corner[:, 0], corner[:, 2], out=ahead[:, 2])
-    return ahead, -ahead[:, [2, 0, 1]]
-
-
 @kernel
 def _sum_corners(vectors, share, faces, n):
     """For each vertex (n, 3) the sum of the vectors (M, 3) of its triangles, times the share (M, 3) of the corner."""
@@ -230,7 +221,7 @@ def symmetric(n: int, pairs: NDArray[np.int64], values: NDArray[Any]) -> sparse.
 
 
 def grouped(keys: NDArray[np.int64], n: int) -> NDArray[np.int64]:
-    """The order of a stable sort by keys (K,) from 0 to n - 1, by counting: a fifth of the time of ``argsort``."""
+    """The order of a stable sort by keys (K,) from 0 to n - 1, by counting: two fifths of the time of ``argsort``."""
     which = np.arange(len(keys), dtype=np.int32)
     rows = sparse.coo_array((which, (keys.astype(np.int32), which)), shape=(n, len(keys)))
     return rows.tocsr().data.astype(np.int64)

@@ -92,7 +92,7 @@ def _block_viscous_forces(now, last, m, rho, linear, quadratic, f):
             brick_kernels._store_corner_values(f, l + _UINT(r) * _LANES, brick_kernels._corner_forces(q, r))
 
 
-@kernel(parallel=True, fastmath=_FAST_MATH, error_model="numpy")
+@kernel(parallel=True, fastmath=_FAST_MATH)
 def add_viscous_forces(x, before, density, nodes, start, local, layers, modulus, linear, quadratic, force):
     """Add the forces of the viscous pressure to ``force`` (R, 3); ``before`` (N, 3): positions of the last step."""
     for g in prange(len(local)):

@@ -344,7 +344,7 @@ def prefetch_block(data, b, part):
         prefetch(ahead, i)
 
 
-@kernel(parallel=True, fastmath=_FAST_MATH, error_model="numpy")
+@kernel(parallel=True, fastmath=_FAST_MATH)
 def element_forces(x, nodes, start, local, layers, point, modulus, force, material):
     """Write forces (minus the energy gradient) of the bricks, summed per column and node, into ``force`` (R, 3).
 
@@ -501,7 +501,7 @@ def _block_state(xs, g, m, out, bound, material):
         )
 
 
-@kernel(parallel=True, fastmath=_FAST_MATH, error_model="numpy")
+@kernel(parallel=True, fastmath=_FAST_MATH)
 def element_state(x, nodes, start, local, layers, point, modulus, state, stiffness, material):
     """Write, per element, energy, smallest J, largest J and v/V into ``state`` (block, 4 LANES); per row, the sum of
     its elements' stiffness bounds into ``stiffness`` (R,).

@@ -313,7 +313,7 @@ def _patch_gradient(d, e, m, q, l, material):
     _tet_gradient(q, i, a5, k5, mean, p, OWN_GRADIENT_SHARE * mu, r5 * sixth, material)
 
 
-@kernel(parallel=True, fastmath=_FAST_MATH, error_model="numpy")
+@kernel(parallel=True, fastmath=_FAST_MATH)
 def patch_forces(x, nodes, start, local, corner, edges, modulus, force, material):
     """Write forces (minus the energy gradient) of the patches, summed per block and node, into ``force`` (R, 3).
 
@@ -455,7 +455,7 @@ def _measure_patch(sums, near, m, l, state, bound, material):
     bound[l + _UINT(6) * _LANES], bound[l + _UINT(7) * _LANES] = s * n6, s * n7
 
 
-@kernel(parallel=True, fastmath=_FAST_MATH, error_model="numpy")
+@kernel(parallel=True, fastmath=_FAST_MATH)
 def patch_state(x, nodes, start, local, corner, edges, modulus, J, state, stiffness, material):
     """Write J of each tetrahedron (block, 6 LANES); per patch, its volume ratio and energy into ``state`` (block, 2
     LANES); per row, the sum of a bound on the stiffness of its patches into ``stiffness`` (R,).

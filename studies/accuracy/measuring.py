@@ -16,7 +16,7 @@ import numpy as np
 
 from morphofold import geometry
 from morphofold.analysis import cortical_thickness, curvature
-from morphofold.analysis.measuring import CURVATURE_SCALE_MM, LEAST_CURVATURE_SCALE_IN_EDGES
+from morphofold.analysis.scales import CURVATURE_SCALE_MM, LEAST_CURVATURE_SCALE_IN_EDGES
 from morphofold.shapes import Shape, bumpy_sphere, ellipsoid, irregular_sphere, torus, with_noise
 from morphofold.studies.accuracy.peers import H, K, Peer, closest_peers, curvature_peers
 from morphofold.studies.accuracy.points import NEVER, OURS, Case, Point, Timing, timed

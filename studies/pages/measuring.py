@@ -1,16 +1,14 @@
-"""Pictures and generated parts of docs/measures: every measure on several surfaces, their times, and how the number
-of hinges depends on the lengths of the method. The cut through folds shows the first surface.
+"""Pictures and the generated part of docs/measures: every measure on several surfaces, and how the number of hinges
+depends on the lengths of the method. The cut through folds shows the first surface.
 
-``python -m morphofold.studies.pages.measuring FOLDER --speed FILE NAME=CORTEX...`` draws them into the folder of pages
-and writes tables after the marks ``<!-- speed -->`` of its index.md and ``<!-- sensitivity -->`` of its gyral-net.md,
-up to the end marks. FILE holds the output of ``morphofold bench measures --json``; a CORTEX is anything that
+``python -m morphofold.studies.pages.measuring FOLDER NAME=CORTEX...`` draws them into the folder of pages and writes a
+table after the mark ``<!-- sensitivity -->`` of its gyral-net.md, up to the end mark. A CORTEX is anything that
 ``morphofold.read_cortex`` reads, or S1, the sample.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -26,10 +24,9 @@ from morphofold.quantities import Quantity, quantity
 from morphofold.report.pictures.net import crest_figure, crest_row, net_figure, net_row
 from morphofold.report.pictures.png import halved, png_bytes
 from morphofold.report.pictures.surfaces import Picture, Row, figure
-from morphofold.report.plots.line_plots import BLACK, legend_of_figure, line_style, new_figure, save, set_limits
+from morphofold.report.plots.line_plots import legend_of_figure, line_style, new_figure, save, set_limits
 from morphofold.studies.markdown import cells, number, renewed, table, write_texts
 from morphofold.studies.pages.section_plot import section_figure
-from morphofold.studies.speed.measures import exponent
 from morphofold.surface import Surface
 
 if TYPE_CHECKING:
@@ -49,30 +46,23 @@ PHASE = Quantity(
 )
 
 
-def write_pages(folder: Path, speed: Path, measured: dict[str, Measures]) -> None:
-    """Update pictures, plots and the marked parts of the pages in ``folder``.
+def write_pages(folder: Path, measured: dict[str, Measures]) -> None:
+    """Update pictures, plots and the marked part of gyral-net.md in ``folder``.
 
     Raises
     ------
     FileNotFoundError
-        If a file is missing.
+        If the page is missing.
     MissingPart
-        If a page lacks one pair of marks for its part. Then nothing is changed.
+        If the page lacks one pair of marks. Then nothing is changed.
     """
-    times: list[dict[str, Any]] = json.loads(speed.read_text(encoding="utf-8"))
     hinges = {name: hinge_sensitivity(m.cortex) for name, m in measured.items()}
-    pages = {
-        folder / page: renewed(folder / page, (folder / page).read_text(encoding="utf-8"), parts)
-        for page, parts in (
-            ("index.md", {"speed": _speed(times)}),
-            ("gyral-net.md", {"sensitivity": _sensitivity(hinges)}),
-        )
-    }
+    page = folder / "gyral-net.md"
+    text = renewed(page, page.read_text(encoding="utf-8"), {"sensitivity": _sensitivity(hinges)})
     for name, picture in pictures(measured).items():
         with atomic_file(folder / f"{name}.png") as temporary:
             temporary.write_bytes(png_bytes(halved(picture)))
     plots = {
-        "speed": speed_figure(times),
         "sensitivity": sensitivity_figure(hinges),
         "fractal-dimension": fractal_figure({name: m.cortex.pial for name, m in measured.items()}),
     }
@@ -81,7 +71,7 @@ def write_pages(folder: Path, speed: Path, measured: dict[str, Measures]) -> Non
     for name, plot in plots.items():
         with atomic_file(folder / f"{name}.png") as temporary:
             save(plot, temporary)
-    write_texts(pages)
+    write_texts({page: text})
 
 
 def pictures(measured: dict[str, Measures]) -> dict[str, Picture]:
@@ -109,24 +99,6 @@ def _phase_row(m: Measures, name: str) -> Row:
     words = f"{name}: {ways[0]} from fundus to fundus, {ways[1]} in the spectrum of the depth potential"
     values = np.where(np.isfinite(m.maps["gyral_thickness"]), 1 - 2 * phase, np.nan)
     return Row(words, m.cortex.white, values, m.cortex.hemi)
-
-
-def speed_figure(rows: Sequence[dict[str, Any]]) -> Figure:
-    """Seconds of each stage against the number of vertices, compared with n log n."""
-    n = np.array([row["vertices"] for row in rows if row["stage"] == "all"], dtype=np.float64)
-    whole = np.array([row["seconds"] for row in rows if row["stage"] == "all"])
-    with new_figure(6.4, 4.8, 1, 1) as (plot, ((ax,),)):
-        entries: dict[str, Any] = {"all": {"color": BLACK, "marker": "o", "markersize": 4}}
-        stages = [stage for stage in dict.fromkeys(row["stage"] for row in rows) if stage != "all"]
-        entries |= {stage: line_style(k) for k, stage in enumerate(stages)}
-        for stage, style in entries.items():
-            ax.plot(n, [row["seconds"] for row in rows if row["stage"] == stage], **style)
-        middle = len(n) // 2
-        entries["n log n"] = {"color": "#bbbbbb", "linewidth": 5, "zorder": 0}
-        ax.plot(n, whole[middle] * n * np.log(n) / (n[middle] * np.log(n[middle])), **entries["n log n"])
-        ax.set(xscale="log", yscale="log", xlabel="vertices", ylabel="seconds")
-        legend_of_figure(plot, entries, ax, columns=3)
-    return plot
 
 
 def sensitivity_figure(hinges: dict[str, list[dict[str, Any]]]) -> Figure:
@@ -167,21 +139,6 @@ def fractal_figure(surfaces: dict[str, Surface]) -> Figure:
     return plot
 
 
-def _speed(rows: Sequence[dict[str, Any]]) -> list[str]:
-    whole = [row for row in rows if row["stage"] == "all"]
-    lines = [
-        [
-            stage,
-            *(f"{r['seconds']:.2f}" for r in rows if r["stage"] == stage),
-            f"{exponent(rows, stage):.2f}" if len(whole) > 1 else "",
-        ]
-        for stage in dict.fromkeys(row["stage"] for row in rows)
-    ]
-    memory = ["memory, GiB", *(number(row["memory_GiB"], "{:.2f}") for row in whole), ""]
-    heads = ["seconds", *(f"{row['vertices']:,} vertices" for row in whole), "power of n log n"]
-    return [f"With {whole[0]['threads']} threads:", table(heads, [*lines, memory])]
-
-
 def _sensitivity(hinges: dict[str, list[dict[str, Any]]]) -> list[str]:
     heads = ["surface", "length", "times", "mm", "hinges", "three arms", "four arms", "crests, mm", "kept"]
     columns = {
@@ -213,7 +170,6 @@ def main(words: Sequence[str]) -> int:
 
     parser = argparse.ArgumentParser(prog="python -m morphofold.studies.pages.measuring")
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--speed", type=Path, required=True)
     parser.add_argument("cortices", nargs="+", metavar="NAME=CORTEX")
     asked = parser.parse_args(words)
     measured = {}
@@ -222,7 +178,7 @@ def main(words: Sequence[str]) -> int:
         if not name:
             parser.error(f"{word!r} has no name; write it as NAME=CORTEX.")
         measured[name] = mf.measure(mf.read_cortex(sample_path("S1") if path == "S1" else path, hemi="lh"))
-    write_pages(asked.folder, asked.speed, measured)
+    write_pages(asked.folder, measured)
     return 0
 
 

@@ -12,12 +12,18 @@ import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from morphofold.io import atomic_file
+from morphofold.report.plots.line_plots import BLACK, legend_of_figure, line_style, new_figure, save
 from morphofold.studies.markdown import Row, cells, renewed, table, write_texts
 from morphofold.studies.speed.measures import exponent
 from morphofold.studies.speed.page import read_rows
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 PICTURE = "speed-measures.png"
 
@@ -35,7 +41,8 @@ def write_page(page: Path, measures: Path, pairs: Path, peers: Path) -> None:
     raced = read_rows(peers, "measures --peers", ("quantity", "program"), ("seconds", "error"))
     parts = {"measures": _steps(steps), "pairs": _pairs(paired), "peers": _peers(raced)}
     write_texts({page: renewed(page, page.read_text(encoding="utf-8"), parts)})
-    draw(steps, page.parent / PICTURE)
+    with atomic_file(page.parent / PICTURE) as temporary:
+        save(speed_figure(steps), temporary)
 
 
 def _steps(rows: Sequence[Row]) -> list[str]:
@@ -49,7 +56,7 @@ def _steps(rows: Sequence[Row]) -> list[str]:
         f"Seconds with {rows[0]['threads']} threads. Steps run beside each other; their times add up to the time that "
         "passed. The last column is the power p for which the time grows as (n log n)^p:",
         table(["step", *(f"{n:,}" for n in sizes), "p"], [*lines, ["peak memory, GiB", *memory, "–"]]),
-        f"![Seconds of each step over the number of vertices, and lines proportional to n log n]({PICTURE})",
+        f"![Seconds of each step over the number of vertices, and a line proportional to n log n]({PICTURE})",
     ]
 
 
@@ -71,22 +78,22 @@ def _peers(rows: Sequence[Row]) -> list[str]:
     ]
 
 
-def draw(rows: Sequence[Row], path: Path) -> None:
-    """Picture of the seconds of each step over the number of vertices, with n log n through each at about 160,000."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(8, 5), layout="constrained")
-    axes = figure.add_subplot()
-    for name in dict.fromkeys(row["stage"] for row in rows):
-        mine = sorted((row["vertices"], row["seconds"]) for row in rows if row["stage"] == name)
-        n, seconds = np.array(mine).T
-        (line,) = axes.loglog(n, seconds, "o-", label=name, lw=2.5 if name == "all" else 1.2)
-        middle = int(np.abs(n - 160_000).argmin())
-        axes.loglog(n, seconds[middle] * n * np.log(n) / (n[middle] * np.log(n[middle])), ":", color=line.get_color())
-    axes.set(xlabel="vertices", ylabel="seconds", title="Measuring a folded ball (dotted: n log n)")
-    axes.legend(frameon=False, fontsize=8)
-    axes.grid(alpha=0.3)
-    figure.savefig(path, dpi=120)
+def speed_figure(rows: Sequence[Row]) -> Figure:
+    """Seconds of each stage against the number of vertices, compared with n log n."""
+    n = np.array([row["vertices"] for row in rows if row["stage"] == "all"], dtype=np.float64)
+    whole = np.array([row["seconds"] for row in rows if row["stage"] == "all"])
+    with new_figure(6.4, 4.8, 1, 1) as (plot, ((ax,),)):
+        entries: dict[str, Any] = {"all": {"color": BLACK, "marker": "o", "markersize": 4}}
+        stages = [stage for stage in dict.fromkeys(row["stage"] for row in rows) if stage != "all"]
+        entries |= {stage: line_style(k) for k, stage in enumerate(stages)}
+        for stage, style in entries.items():
+            ax.plot(n, [row["seconds"] for row in rows if row["stage"] == stage], **style)
+        middle = len(n) // 2
+        entries["n log n"] = {"color": "#bbbbbb", "linewidth": 5, "zorder": 0}
+        ax.plot(n, whole[middle] * n * np.log(n) / (n[middle] * np.log(n[middle])), **entries["n log n"])
+        ax.set(xscale="log", yscale="log", xlabel="vertices", ylabel="seconds")
+        legend_of_figure(plot, entries, ax, columns=3)
+    return plot
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -9,7 +9,7 @@ from hard_cases.cases import hard_case
 from hard_cases.made_surfaces import analyzed, changed, clean, hold_all, refusal
 from made_surfaces import FORMATS
 
-from morphofold.analysis import measure, measuring
+from morphofold.analysis import measure, scales
 from morphofold.analysis.mesh_quality import defects
 from morphofold.analysis.thickness import rays
 from morphofold.io import read_cortex, read_surface, write_surface
@@ -111,7 +111,7 @@ def test_every_format_holds_the_surface_to_single_precision(holds, tmp_path, kin
 
 def in_mm(patch):
     """The mesh is not asked what is fine."""
-    patch.setattr(measuring, "LEAST_CURVATURE_SCALE_IN_EDGES", 0.0)
+    patch.setattr(scales, "LEAST_CURVATURE_SCALE_IN_EDGES", 0.0)
 
 
 @pytest.mark.parametrize("size", [1e-3, 1e3], ids=["metres", "micrometres"])

@@ -39,9 +39,9 @@ def of_no_area(patch):
     """Cotangents of triangles without area as the formula has them: 1/0."""
 
     def laplacian(verts, faces, **_):
-        ahead, back = geometry.sides(verts, faces)
+        vector, products, _ = geometry.triangles(verts, faces)
         with np.errstate(all="ignore"):
-            cot = np.sum(ahead * back, axis=2) / (2 * geometry.face_areas(verts, faces)[:, None])
+            cot = products / np.linalg.norm(vector, axis=1)[:, None]
         i, j, n = np.roll(faces, -1, axis=1).ravel(), np.roll(faces, -2, axis=1).ravel(), len(verts)
         half = sparse.coo_array((-cot.ravel() / 2, (i, j)), shape=(n, n))
         both = (half + half.T).tocsr()

@@ -1,6 +1,5 @@
-"""What the measures cost, and the page that shows it: numbers go where they belong, whoever made them."""
+"""The pages of the measures: pictures, and numbers that go where they belong, whoever made them."""
 
-import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -9,27 +8,16 @@ import numpy as np
 import pytest
 
 from morphofold.analysis import gyral_thickness, measure
-from morphofold.cli import main
 from morphofold.errors import MissingPart, NoSolution
 from morphofold.geometry import is_closed
 from morphofold.report.pictures.net import LINE_COLOURS, crest_figure, crest_row
 from morphofold.shapes.folded_ball import CORTICAL_THICKNESS_MM, folded_ball
 from morphofold.studies.pages import measuring, section_plot
-from morphofold.studies.speed.measures import exponent, measuring_speed
 
 
 @pytest.fixture(scope="module")
 def ball():
     return measure(folded_ball(4000))
-
-
-def made_times(power=1.0):
-    return [
-        {"vertices": n, "threads": 2, "stage": stage, "seconds": share * (n * np.log(n)) ** power}
-        | ({"memory_GiB": 0.5} if stage == "all" else {})
-        for n in (1000, 10_000, 100_000)
-        for stage, share in (("areas", 1e-6), ("curvature", 3e-6), ("all", 4e-6))
-    ]
 
 
 def made_hinges():
@@ -65,49 +53,6 @@ def test_the_folded_ball_is_a_closed_cortex_of_one_thickness(ball):
 
 
 @pytest.mark.slow
-def test_every_stage_of_measure_is_timed_and_they_add_up():
-    calls = []
-    rows = measuring_speed([1500, 1000], progress=lambda share, text: calls.append((share, text)))
-    assert calls == [(0.0, "1,000 vertices"), (0.5, "1,500 vertices")]
-    asked = []
-    measure(folded_ball(1000), progress=lambda share, stage: asked.append(stage))
-    for n in (1000, 1500):
-        mine = {row["stage"]: row["seconds"] for row in rows if row["vertices"] == n}
-        assert list(mine) == [*asked[:-1], "all"]
-        assert sum(mine.values()) == pytest.approx(2 * mine["all"])
-        assert min(mine.values()) > 0
-
-
-@pytest.mark.parametrize("power", [0.5, 1.0, 1.5])
-def test_the_exponent_is_that_of_n_log_n(power):
-    assert exponent(made_times(power)) == pytest.approx(power)
-    assert exponent(made_times(power), "areas") == pytest.approx(power)
-
-
-@pytest.mark.parametrize("sizes", ["", "999", "10000,x", "20000000"])
-def test_sizes_that_cannot_be_are_refused_before_anything_is_timed(sizes, capsys):
-    assert main(["bench", "measures", "--vertices", sizes]) == 2
-    stderr = capsys.readouterr().err
-    if not sizes:  # argparse's refusal has no code
-        assert " --vertices: " in stderr
-        return
-    assert f"{sizes!r}" in stderr
-    assert stderr.startswith("morphofold bench: --vertices: ")
-    assert stderr.endswith(" [not-readable]\n" if "x" in sizes else " [out-of-range]\n")
-
-
-@pytest.mark.slow
-def test_the_command_prints_a_line_per_stage_or_rows(capsys):
-    assert main(["bench", "measures", "--vertices", "1000,1200", "-q", "--json"]) == 0
-    rows = json.loads(capsys.readouterr().out)
-    assert {row["vertices"] for row in rows} == {1000, 1200}
-    assert main(["bench", "measures", "--vertices", "1000", "-q"]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert lines[1].split() == ["stage", "1,000", "power"]
-    assert [line[:20].strip() for line in lines[2:]] == [*dict.fromkeys(row["stage"] for row in rows), "memory, GiB"]
-
-
-@pytest.mark.slow
 def test_crest_lines_have_the_colours_of_their_kind(ball):
     row = crest_row(ball, "ball")
     for colour in LINE_COLOURS.values():
@@ -121,29 +66,20 @@ def test_crest_lines_have_the_colours_of_their_kind(ball):
 
 
 def made_pages(folder, **texts):
-    """A folder of pages with marks, and a file of times beside it."""
+    """A folder of pages with marks."""
     folder.mkdir()
-    for name, text in {
-        "index": "# By hand\n<!-- speed -->\n<!-- /speed -->\n",
-        "gyral_net": "<!-- sensitivity -->\nold\n<!-- /sensitivity -->\n",
-        **texts,
-    }.items():
+    for name, text in {"gyral_net": "# By hand\n<!-- sensitivity -->\nold\n<!-- /sensitivity -->\n", **texts}.items():
         (folder / f"{name.replace('_', '-')}.md").write_text(text)
-    speed = folder.with_suffix(".json")
-    speed.write_text(json.dumps(made_times()))
-    return folder, speed
+    return folder
 
 
 @pytest.mark.slow
 def test_the_pages_get_their_tables_and_every_picture(ball, tmp_path, monkeypatch):
     monkeypatch.setattr(measuring, "hinge_sensitivity", lambda cortex: made_hinges())
-    folder, speed = made_pages(tmp_path / "pages")
-    measuring.write_pages(folder, speed, {"ball": ball})
-    text = (folder / "index.md").read_text()
-    assert text.startswith("# By hand\n")
-    assert "| seconds | 1,000 vertices | 10,000 vertices | 100,000 vertices | power of n log n |" in text
-    assert "| all | 0.03 | 0.37 | 4.61 | 1.00 |" in text
+    folder = made_pages(tmp_path / "pages")
+    measuring.write_pages(folder, {"ball": ball})
     text = (folder / "gyral-net.md").read_text()
+    assert text.startswith("# By hand\n")
     assert "old" not in text
     assert "| ball | as they are | 1 | – | 20 | 19 | 1 | 812 | 1.00 |" in text
     assert "| ball | merge | 2 | 4.00 | 10 | 19 | 1 | 812 | 0.75 |" in text
@@ -156,13 +92,12 @@ def test_the_pages_get_their_tables_and_every_picture(ball, tmp_path, monkeypatc
         "gyral-thickness",
         "crest-lines",
         "gyral-net",
-        "speed",
         "sensitivity",
         "wavelength",
         "fractal-dimension",
         "section",
     }
-    assert {path.name for path in folder.iterdir()} == {"index.md", "gyral-net.md", *(f"{name}.png" for name in names)}
+    assert {path.name for path in folder.iterdir()} == {"gyral-net.md", *(f"{name}.png" for name in names)}
 
 
 @pytest.mark.slow
@@ -187,23 +122,21 @@ def test_a_section_shows_chords_of_the_cut_with_their_widths(ball):
         section_plot.section_figure(ball.cortex, replace(gyri, partner=np.full_like(gyri.partner, np.nan)))
 
 
-def test_a_cortex_without_a_name_and_a_single_size_are_seen_to(capsys):
+def test_a_cortex_without_a_name_is_refused(capsys):
     with pytest.raises(SystemExit):
-        measuring.main(["page.md", "--speed", "speed.json", "S1"])
+        measuring.main(["docs/measures", "S1"])
     stderr = capsys.readouterr().err
     assert "'S1'" in stderr
     assert "NAME=CORTEX" in stderr
-    (_, table) = measuring._speed([row for row in made_times() if row["vertices"] == 1000])
-    assert table.splitlines()[-2] == "| all | 0.03 |  |"
 
 
 @pytest.mark.slow
-def test_pages_of_which_one_has_no_marks_stay_as_they_are(ball, tmp_path, monkeypatch):
+def test_a_page_without_marks_stays_as_it_is(ball, tmp_path, monkeypatch):
     monkeypatch.setattr(measuring, "hinge_sensitivity", lambda cortex: made_hinges())
-    folder, speed = made_pages(tmp_path / "pages", gyral_net="none\n")
+    folder = made_pages(tmp_path / "pages", gyral_net="none\n")
     before = {path: path.read_text() for path in folder.iterdir()}
     with pytest.raises(MissingPart, match=r"gyral-net\.md: .*<!-- sensitivity -->"):
-        measuring.write_pages(folder, speed, {"ball": ball})
+        measuring.write_pages(folder, {"ball": ball})
     assert {path: path.read_text() for path in folder.iterdir()} == before
 
 

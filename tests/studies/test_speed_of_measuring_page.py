@@ -1,9 +1,14 @@
-"""The parts of docs/speed.md on measuring."""
+"""What measuring costs: seconds of each step, and the parts of docs/speed.md that show them."""
 
 import json
 
+import numpy as np
 import pytest
 
+from morphofold.analysis import measure
+from morphofold.cli import main as morphofold
+from morphofold.shapes.folded_ball import folded_ball
+from morphofold.studies.speed.measures import exponent, measuring_speed
 from morphofold.studies.speed.measuring_page import PICTURE, main
 
 PAGE = "# Speed\n\n" + "\n\n".join(f"<!-- {p} -->\nstale\n<!-- /{p} -->" for p in ("measures", "pairs", "peers")) + "\n"
@@ -53,3 +58,55 @@ def test_what_can_not_be_used_changes_nothing(damage, files, tmp_path, capsys):
     assert damage in capsys.readouterr().err
     assert (tmp_path / "speed.md").read_text() == before
     assert not (tmp_path / PICTURE).exists()
+
+
+def made_times(power=1.0):
+    return [
+        {"vertices": n, "threads": 2, "stage": stage, "seconds": share * (n * np.log(n)) ** power}
+        | ({"memory_GiB": 0.5} if stage == "all" else {})
+        for n in (1000, 10_000, 100_000)
+        for stage, share in (("areas", 1e-6), ("curvature", 3e-6), ("all", 4e-6))
+    ]
+
+
+@pytest.mark.slow
+def test_every_stage_of_measure_is_timed_and_they_add_up():
+    calls = []
+    rows = measuring_speed([1500, 1000], progress=lambda share, text: calls.append((share, text)))
+    assert calls == [(0.0, "1,000 vertices"), (0.5, "1,500 vertices")]
+    asked = []
+    measure(folded_ball(1000), progress=lambda share, stage: asked.append(stage))
+    for n in (1000, 1500):
+        mine = {row["stage"]: row["seconds"] for row in rows if row["vertices"] == n}
+        assert list(mine) == [*asked[:-1], "all"]
+        assert sum(mine.values()) == pytest.approx(2 * mine["all"])
+        assert min(mine.values()) > 0
+
+
+@pytest.mark.parametrize("power", [0.5, 1.0, 1.5])
+def test_the_exponent_is_that_of_n_log_n(power):
+    assert exponent(made_times(power)) == pytest.approx(power)
+    assert exponent(made_times(power), "areas") == pytest.approx(power)
+
+
+@pytest.mark.parametrize("sizes", ["", "999", "10000,x", "20000000"])
+def test_sizes_that_cannot_be_are_refused_before_anything_is_timed(sizes, capsys):
+    assert morphofold(["bench", "measures", "--vertices", sizes]) == 2
+    stderr = capsys.readouterr().err
+    if not sizes:  # argparse's refusal has no code
+        assert " --vertices: " in stderr
+        return
+    assert f"{sizes!r}" in stderr
+    assert stderr.startswith("morphofold bench: --vertices: ")
+    assert stderr.endswith(" [not-readable]\n" if "x" in sizes else " [out-of-range]\n")
+
+
+@pytest.mark.slow
+def test_the_command_prints_a_line_per_stage_or_rows(capsys):
+    assert morphofold(["bench", "measures", "--vertices", "1000,1200", "-q", "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert {row["vertices"] for row in rows} == {1000, 1200}
+    assert morphofold(["bench", "measures", "--vertices", "1000", "-q"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[1].split() == ["stage", "1,000", "power"]
+    assert [line[:20].strip() for line in lines[2:]] == [*dict.fromkeys(row["stage"] for row in rows), "memory, GiB"]

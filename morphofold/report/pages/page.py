@@ -165,7 +165,7 @@ def _write_page(
     ]
     own = [d for e, d in zip(panels, thinned) if e.name in named]
     progress(0.15, "drawing pictures")
-    pictures, (viewer, blocks), pairs, charts = beside(
+    pictures, (viewer, blocks), pairs, histograms = beside(
         lambda: _write_pictures(path.parent / "figures", entries, own, shown),
         lambda: _viewer_data(panels, thinned, shown, person_of),
         lambda: _write_hinge_pairs(path.parent / "figures", hinges, named),
@@ -201,7 +201,7 @@ def _write_page(
         parameters=contents.parameters(entries),
         facts=contents.facts(entries),
         inputs=list(inputs) or _input_records(entries),
-        charts=charts,
+        charts=histograms,
         scatter=_thickness_scatter_chart(entries, theory),
         pictures=pictures,
         renderer=renderer(),
