@@ -16,6 +16,8 @@ from morphofold.threads import beside
 
 # length of edge paths over straight distance, mean over directions in a triangle grid
 EDGE_PATH_DETOUR = 2 * 3**0.5 / np.pi
+# of the radius of a window: on meshes with shorter edges than this, windows are exact to half of it
+WINDOW_TOLERANCE = 0.03
 # on the pial surface of a person one cotangent in eight is negative and the largest is 1200
 COTANGENT_BOUNDS = (0.0, 3.0)
 
@@ -107,13 +109,17 @@ def windowed_range(verts: Verts, faces: Faces, values: PerVertex, radius: float)
     """The least and the largest value within ``radius`` [mm] along the surface, (N,) each: grey erosion and dilation.
 
     The distance is the shortest path along edges divided by 1.10, the mean detour of such paths on equilateral
-    triangles.
+    triangles. Where edges are shorter than 3 % of the radius, it holds to 1.5 %: a vertex is then reached 33 times at
+    most, so the time grows as the number of vertices.
     """
-    graph = geometry.edge_graph(verts, faces)
+    graph, reach = geometry.edge_graph(verts, faces), EDGE_PATH_DETOUR * radius
+    gain = WINDOW_TOLERANCE * reach
+    if gain < geometry.mean_edge_length(verts, faces):
+        gain = 0.0
 
     def highest(values: PerVertex) -> PerVertex:
         order = np.argsort(-values, kind="stable")
-        found: PerVertex = _windowed_maximum(*reading(graph, values, order), EDGE_PATH_DETOUR * radius)
+        found: PerVertex = _windowed_maximum(*reading(graph, values, order), reach + gain / 2, gain)
         return found
 
     low, high = beside(lambda: highest(-values), lambda: highest(values))
@@ -121,9 +127,9 @@ def windowed_range(verts: Verts, faces: Faces, values: PerVertex, radius: float)
 
 
 @kernel
-def _windowed_maximum(indptr, indices, lengths, values, order, radius):
-    # Highest source first: the first source to reach a vertex gives its maximum. A later source need not go beyond a
-    # vertex that an earlier one reached by a path that is not longer. It ends when all vertices are reached.
+def _windowed_maximum(indptr, indices, lengths, values, order, radius, gain):
+    # Highest source first: the first source to reach a vertex gives its maximum. A later source does not go beyond a
+    # vertex that it does not reach by a path that is shorter by ``gain``. It ends when all vertices are reached.
     # Paths are shortened until none can be (a queue, not a heap: it saves a third of the total time).
     n = len(values)
     result, near = np.empty(n), np.full(n, np.inf)

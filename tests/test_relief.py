@@ -9,8 +9,15 @@ from scipy.sparse import csgraph
 from scipy.sparse.linalg import spsolve
 
 from morphofold import geometry
-from morphofold.analysis.relief import COTANGENT_BOUNDS, EDGE_PATH_DETOUR, implicit_smoothing, relief, windowed_range
-from morphofold.geometry import edge_graph
+from morphofold.analysis.relief import (
+    COTANGENT_BOUNDS,
+    EDGE_PATH_DETOUR,
+    WINDOW_TOLERANCE,
+    implicit_smoothing,
+    relief,
+    windowed_range,
+)
+from morphofold.geometry import edge_graph, mean_edge_length
 from morphofold.io import read_cortex
 from morphofold.shapes import icosphere, irregular_sphere
 
@@ -41,15 +48,32 @@ def test_smoothing_does_not_know_where_the_surface_lies():
     )
 
 
+def ranges_within(verts, faces, values, radius):
+    near = csgraph.dijkstra(edge_graph(verts, faces)) <= radius * EDGE_PATH_DETOUR
+    return np.where(near, values, np.inf).min(axis=1), np.where(near, values, -np.inf).max(axis=1)
+
+
 def test_windows_hold_the_least_and_the_largest_within_their_distance(rng):
     verts, faces = irregular_sphere(3, radius=50.0, rng=rng)
     values = rng.normal(size=len(verts))
     values[:40] = values[40]  # ties
-    distance = csgraph.dijkstra(edge_graph(verts, faces))
-    near = distance <= 13.0 * EDGE_PATH_DETOUR
     low, high = windowed_range(verts, faces, values, 13.0)
-    np.testing.assert_array_equal(high, np.where(near, values, -np.inf).max(axis=1))
-    np.testing.assert_array_equal(low, np.where(near, values, np.inf).min(axis=1))
+    least, most = ranges_within(verts, faces, values, 13.0)
+    np.testing.assert_array_equal(high, most)
+    np.testing.assert_array_equal(low, least)
+
+
+def test_windows_on_fine_meshes_are_exact_to_a_small_share_of_their_radius(rng):
+    verts, faces = irregular_sphere(4, radius=50.0, rng=rng)
+    values = verts @ [0.02, 0.03, 0.01] + rng.normal(size=len(verts))
+    radius = 1.01 * mean_edge_length(verts, faces) / WINDOW_TOLERANCE / EDGE_PATH_DETOUR
+    low, high = windowed_range(verts, faces, values, radius)
+    assert np.any(high != ranges_within(verts, faces, values, radius)[1])  # else this tests nothing
+    least, most = ranges_within(verts, faces, values, (1 + 0.51 * WINDOW_TOLERANCE) * radius)
+    assert np.all((high <= most) & (low >= least))
+    for shorter, share in ((WINDOW_TOLERANCE, 1.0), (WINDOW_TOLERANCE / 2, 0.98)):
+        least, most = ranges_within(verts, faces, values, (1 - shorter) * radius)
+        assert np.mean((high >= most) & (low <= least)) >= share
 
 
 def test_edge_paths_are_longer_than_the_straight_way_by_the_factor_that_windows_use():

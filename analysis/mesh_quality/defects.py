@@ -153,14 +153,13 @@ def remarks(cortex: Cortex, mask: NDArray[np.bool_], given: Cortex | None = None
                 f"is {step / edge:.0%} of the mean edge, so the curvature shows the rounding. Move the surface to the "
                 "origin before you write it."
             )
-        corner = surface.verts[surface.faces]
-        longest = np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2).max(axis=1)
+        longest = np.sqrt(geometry.triangles(verts, surface.faces)[2].max(axis=1))
         height = 2 * geometry.face_areas(surface.verts, surface.faces) / np.maximum(longest, 1e-300)
         if len(thin := np.flatnonzero(height < LEAST_HEIGHT_IN_EDGES * edge)):
             problems.append(
                 f"{len(thin)} of {len(surface.faces)} triangles of {surface.name} are needles or caps of almost zero "
-                f"area; the first is triangle {thin[0]}, at {checks.place_of(corner[thin[0], 0])}. The measures here "
-                "allow them; other tools may not."
+                f"area; the first is triangle {thin[0]}, at {checks.place_of(verts[surface.faces[thin[0], 0]])}. "
+                "The measures here allow them; other tools may not."
             )
     notes = {"mesh": " ".join(problems)} if problems else {}
     if len(crossed := np.flatnonzero(mask & checks.outside(cortex))):
@@ -177,7 +176,7 @@ def remarks(cortex: Cortex, mask: NDArray[np.bool_], given: Cortex | None = None
     elif geometry.is_closed(cortex.faces):
         moved = checks.shift(cortex, mask)
         far = float(np.linalg.norm(moved))
-        apart = float(np.median(np.linalg.norm(cortex.pial.verts - cortex.white.verts, axis=1)[mask]))
+        apart = float(np.median(geometry.norms(cortex.pial.verts - cortex.white.verts)[mask]))
         if far > LARGEST_SHIFT_OVER_DISTANCE * apart:
             notes["pair"] = (
                 f"Pial as a whole is shifted from white by about {far:.2g} {cortex.units}, by "

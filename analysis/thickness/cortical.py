@@ -108,7 +108,7 @@ def _distance_to_nearest_vertex(
 def _distance_to_nearest_triangle(start: Verts, target: Verts, faces: Faces, normals: Verts, side: float) -> PerVertex:
     """Distance [mm] from each start vertex to the nearest admissible target triangle near its partner, (N,)."""
     ring, around = geometry.adjacency(len(target), faces), geometry.incident_faces(len(target), faces)
-    way, reach = np.empty(len(target)), np.linalg.norm(target - start, axis=1)
+    way, reach = np.empty(len(target)), geometry.norms(target - start)
     reach += (reach > 0) * geometry.mean_edge_length(target, faces)
     near = reading(start, target, normals, ring, faces, around, _discs_around_triangles(target, faces), reach)
     in_blocks(_search_triangles, len(way), *near, side, way)
@@ -120,13 +120,12 @@ def _discs_around_triangles(verts: Verts, faces: Faces) -> Array:
 
     The normal of a needle or cap, which rounding may turn, is zero.
     """
-    corner = verts[faces]
-    middle = corner.mean(axis=1)
-    radius = np.linalg.norm(corner - middle[:, None], axis=2).max(axis=1)
-    normal = geometry.face_vectors(verts, faces)
-    area = np.linalg.norm(normal, axis=1)
+    corners = [verts[corner] for corner in faces.T]
+    middle = (corners[0] + corners[1] + corners[2]) / 3
+    radius = np.maximum.reduce([geometry.norms(corner - middle) for corner in corners])
+    normal, area = geometry.face_vectors(verts, faces), geometry.face_areas(verts, faces)
     reliable = area > LEAST_RELIABLE_AREA * radius**2
-    normal *= np.divide(1, area, out=np.zeros_like(area), where=reliable)[:, None]
+    normal = normal * np.divide(1, area, out=np.zeros_like(area), where=reliable)[:, None]
     return np.column_stack([middle, normal, radius])
 
 

@@ -23,6 +23,7 @@ from morphofold.surface import Faces, PerVertex, Verts, check_arrays
 Vectors = NDArray[np.float64]  # (N, 3) or (M, 3)
 
 
+@kept
 def face_vectors(verts: Verts, faces: Faces) -> Vectors:
     """Vector areas (M, 3) [mm^2]: along the outward normal, as long as the triangle's area.
 
