@@ -95,7 +95,9 @@ def thickness_clouds(surfaces: Sequence[Measures]) -> tuple[Cloud, ...]:
     """
     clouds = tuple(thickness_cloud(m) for m in surfaces)
     if any(cloud.kind == "crest" for cloud in clouds):
-        clouds = tuple(thickness_cloud(m, by=("crest",)) for m in surfaces)
+        clouds = tuple(
+            cloud if cloud.kind == "crest" else thickness_cloud(m, by=("crest",)) for m, cloud in zip(surfaces, clouds)
+        )
     return clouds
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import base64
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -159,10 +160,14 @@ def _write_page(
     shown = _shown_maps(panels)
     main = [key for key in (RELIEF, *MAIN_MAPS) if key in shown]
     progress(0.0, "thinning surfaces")
-    thinned = [
-        thin(e.measures.cortex, STAGED_VERTICES if e.stages else DISPLAY_VERTICES, [m.cortex for m in e.stages])
-        for e in panels
-    ]
+    thinned = beside(
+        *(
+            partial(
+                thin, e.measures.cortex, STAGED_VERTICES if e.stages else DISPLAY_VERTICES, [m.cortex for m in e.stages]
+            )
+            for e in panels
+        )
+    )
     own = [d for e, d in zip(panels, thinned) if e.name in named]
     progress(0.15, "drawing pictures")
     pictures, (viewer, blocks), pairs, histograms = beside(

@@ -74,13 +74,15 @@ def hinge_patch(measures: Measures, number: int, pose: int = 0) -> Row:
     pial = measures.cortex.pial
     verts = (pial.verts - pial.verts[hinge.vertex]) @ (_tilt_matrix() @ frame).T
     kept, faces = _connected_piece(
-        pial.faces[(np.linalg.norm(verts, axis=1) < PATCH_RADIUS_IN_WIDTHS)[pial.faces].all(axis=1)], hinge.vertex
+        pial.faces[(geometry.norms(verts) < PATCH_RADIUS_IN_WIDTHS)[pial.faces].all(axis=1)], hinge.vertex
     )
-    white, edge = cKDTree(measures.cortex.white.verts[kept]), graph.graph["edge"]
+    white, edge = measures.cortex.white.verts, graph.graph["edge"]
+    tree, reach = cKDTree(white[kept]), edge + geometry.norms(white[kept] - white[hinge.vertex]).max()
 
     def carried(at: int | None) -> list[NDArray[np.float64]]:
         lines = [crest["polyline"] for *_, crest in graph.edges(at, data=True)]
-        return [part for line in lines for part in _line_on_patch(line, white, verts[kept], edge)]
+        near = _lines_near(lines, white[hinge.vertex], reach)
+        return [part for line in near for part in _line_on_patch(line, tree, verts[kept], edge)]
 
     grey = shaded(measures.maps["sulcal_depth"])[kept].astype(np.float64)
     fine, look = verts[kept], {"grey": grey}
@@ -102,6 +104,13 @@ def _connected_piece(faces: Faces, vertex: int) -> tuple[NDArray[np.int64], Face
     piece = geometry.components(int(faces.max()) + 1, faces)[1]
     kept, ends = np.unique(faces[piece[faces[:, 0]] == piece[vertex]], return_inverse=True)
     return kept, ends.reshape(-1, 3)
+
+
+def _lines_near(lines: list[NDArray[np.float64]], at: NDArray[np.float64], reach: float) -> list[NDArray[np.float64]]:
+    """The lines (P, 3) with a point within ``reach`` [mm] of a point (3,)."""
+    near = geometry.norms(np.concatenate(lines) - at) <= reach
+    first = np.cumsum([0, *map(len, lines)])[:-1]
+    return [line for line, some in zip(lines, np.logical_or.reduceat(near, first)) if some]
 
 
 def _line_on_patch(
