@@ -30,9 +30,7 @@ class Steps:
         began, spent = working_seconds(), dict.fromkeys((name for chain in chains for name, *_ in chain), 0.0)
         beside(*(partial(self._follow, chain, spent) for chain in chains))
         if self._clock is not None:
-            passed, total = working_seconds() - began, sum(spent.values())
-            for name, seconds in spent.items():
-                self._clock.add(name, seconds * passed / total if total > 0 else 0.0)
+            self._clock.divide(working_seconds() - began, spent)
 
     def _follow(self, chain: Sequence[Step], spent: dict[str, float]) -> None:
         for name, share, step in chain:

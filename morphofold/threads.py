@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
 from functools import cache, partial
 from itertools import pairwise
-from threading import Lock
+from threading import Event, Lock, current_thread, main_thread
 from typing import TYPE_CHECKING, Any
 
 from morphofold.errors import OutOfRange
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 BLOCKS = 64
 #: fast_simplification has global state: only one surface is simplified at a time
 SIMPLIFYING = Lock()
+_interrupted = Event()  # by Ctrl-C: tasks in other threads begin nothing further
 
 
 def set_threads(threads: int | None) -> None:
@@ -92,6 +93,10 @@ def beside(*tasks: Callable[[], Any]) -> list[Any]:
     """The results of functions without arguments that run beside each other, each with its share of the threads."""
     import numba
 
+    if current_thread() is main_thread():
+        _interrupted.clear()
+    elif _interrupted.is_set():
+        raise CancelledError
     threads = numba.get_num_threads()
     if threads == 1:
         return [task() for task in tasks]
@@ -100,12 +105,21 @@ def beside(*tasks: Callable[[], Any]) -> list[Any]:
         return _results(pool, tasks)
 
 
+def together(tasks: int, threads: int | None = None) -> bool:
+    """Whether so many large tasks, as the hemispheres of a brain, run beside each other: if each has two threads."""
+    import numba
+
+    return 1 < tasks <= (threads or numba.get_num_threads()) // 2
+
+
 def _results(pool: ThreadPoolExecutor, tasks: Sequence[Callable[[], Any]]) -> list[Any]:
     """Results in the order of the tasks; after an error or Ctrl-C no further one begins."""
     begun = [pool.submit(task) for task in tasks]
     try:
         return [done.result() for done in begun]
-    except BaseException:
+    except BaseException as error:
+        if not isinstance(error, Exception):
+            _interrupted.set()
         pool.shutdown(wait=False, cancel_futures=True)  # those that run are waited for
         raise
 

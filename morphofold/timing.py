@@ -5,9 +5,10 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 from numba.core import event
@@ -59,7 +60,7 @@ class Stages:
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}
-        self._name, self._since = "", 0.0
+        self._name, self._since, self._lock = "", 0.0, Lock()
 
     def begin(self, name: str) -> None:
         """Begin stage ``name``, and end the one before; a repeated stage adds to its time."""
@@ -74,7 +75,14 @@ class Stages:
 
     def add(self, name: str, seconds: float) -> None:
         """Add to the time of a stage that was timed elsewhere."""
-        self.seconds[name] = self.seconds.get(name, 0.0) + seconds
+        with self._lock:
+            self.seconds[name] = self.seconds.get(name, 0.0) + seconds
+
+    def divide(self, seconds: float, spent: Mapping[str, float]) -> None:
+        """Divide ``seconds`` [s] among stages that ran beside each other, in proportion to what each has ``spent``."""
+        total = sum(spent.values())
+        for name, own in spent.items():
+            self.add(name, seconds * own / total if total > 0 else 0.0)
 
 
 def peak_memory() -> float | None:

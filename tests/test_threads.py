@@ -1,5 +1,6 @@
 """Work on several threads."""
 
+import signal
 import threading
 import time
 from functools import partial
@@ -14,7 +15,7 @@ from morphofold.kept import kept
 from morphofold.kernels import kernel
 from morphofold.report.pages.pack import thin
 from morphofold.shapes.folded_ball import folded_ball
-from morphofold.threads import BLOCKS, beside, in_blocks, using_threads
+from morphofold.threads import BLOCKS, beside, in_blocks, together, using_threads
 from morphofold.timing import Stages
 
 two_threads = pytest.mark.skipif(numba.get_num_threads() < 2, reason="needs two threads")
@@ -59,6 +60,28 @@ def test_an_error_of_a_task_comes_out_and_tasks_that_wait_are_not_begun(threads)
     with using_threads(threads), pytest.raises(ValueError, match="this one"):
         beside(fail, lambda: time.sleep(0.1), *[lambda: time.sleep(0.1) or begun.append(1)] * 20)
     assert len(begun) < 3
+
+
+@two_threads
+def test_after_ctrl_c_tasks_in_other_threads_begin_nothing_further():
+    steps = []
+
+    def many_steps():
+        for _ in range(100):
+            beside(lambda: time.sleep(0.02))
+            steps.append(1)
+
+    with using_threads(2):
+        threading.Timer(0.1, signal.pthread_kill, (threading.main_thread().ident, signal.SIGINT)).start()
+        with pytest.raises(KeyboardInterrupt):
+            beside(many_steps, many_steps)
+        assert 0 < len(steps) < 100
+        assert beside(lambda: 1, lambda: beside(lambda: 2)) == [1, [2]]
+
+
+@pytest.mark.parametrize(("tasks", "threads", "beside_each_other"), [(1, 8, False), (2, 3, False), (2, 4, True)])
+def test_large_tasks_run_beside_each_other_where_each_has_two_threads(tasks, threads, beside_each_other):
+    assert together(tasks, threads) == beside_each_other
 
 
 @pytest.mark.parametrize("threads", [1, pytest.param(2, marks=two_threads)])

@@ -117,7 +117,8 @@ def _squared_distances(inside: NDArray[np.bool_]) -> NDArray[np.int32]:
     """Squared distance [voxels^2] of each voxel to the nearest one that is not inside."""
     nearest = ndimage.distance_transform_edt(inside, return_distances=False, return_indices=True)
     found = np.zeros(inside.shape, np.int32)  # in place: scipy's distances take twice the time
-    for away, own in zip(nearest, np.indices(inside.shape, np.int32, sparse=True)):
+    grid: tuple[NDArray[np.int32], ...] = np.indices(inside.shape, np.int32, sparse=True)
+    for away, own in zip(nearest, grid):
         away -= own
         away *= away
         found += away

@@ -14,7 +14,7 @@ from morphofold.cli.compiling import compiling_beside
 from morphofold.cli.measuring import add_measuring_args, add_side_args, measuring_options
 from morphofold.cli.streams import one_line, print_file, print_json
 from morphofold.errors import MissingPart, OptionsClash, Refusal
-from morphofold.progress import Progress, part_of
+from morphofold.progress import Progress, part_of, parts_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -85,7 +85,7 @@ def _analyze(args: argparse.Namespace) -> int:
     from morphofold.io import read_cortex
     from morphofold.results import check_wide
     from morphofold.threads import set_threads
-    from morphofold.timing import Stages
+    from morphofold.timing import Stages, working_seconds
 
     set_threads(args.threads)
     options = measuring_options(args)
@@ -103,11 +103,11 @@ def _analyze(args: argparse.Namespace) -> int:
     if args.dry_run:
         return _dry_run(cortices, failed, clock.seconds[READING_STAGE], args)
     with progress(cortices[0].name, args.quiet) as show:
-        works = {}
-        for i, cortex in enumerate(cortices):
-            share = part_of(show, 0.8 * i / len(cortices), 0.8 / len(cortices), f"{cortex.hemi} ")
-            works[cortex.hemi] = partial(_measure_cortex, cortex, options, share, clock)
+        shares = parts_of(part_of(show, 0.0, 0.8), [f"{cortex.hemi} " for cortex in cortices])
+        began, spent = working_seconds(), Stages()
+        works = {c.hemi: partial(_measure_cortex, c, options, share, spent) for c, share in zip(cortices, shares)}
         measures = _results_of_hemispheres(works, failed)
+        clock.divide(working_seconds() - began, spent.seconds)
         show(0.8, "writing")
         clock.begin(READING_STAGE)
         stages = [] if args.no_report else [read_cortex(place) for place in _stage_folders(args.input)]
@@ -185,19 +185,29 @@ def _print_measured(measures: list[Measures], out: Path, clock: Stages, args: ar
 
 
 def _results_of_hemispheres(works: Mapping[str, Callable[[], T]], failed: dict[str, str]) -> list[T]:
-    """Return the results of the hemispheres; reasons of failures are added to ``failed``. Raises if all fail."""
-    found = []
-    for hemi, work in works.items():
-        try:
-            found.append(work())
-        except HEMISPHERE_ERRORS as error:
-            failed[hemi], last = " ".join(str(error).split()), error
-    if not found and len(failed) == 1:
-        raise last
-    if not found:
-        kind = type(last) if isinstance(last, Refusal) else ValueError
+    """Return the results of the hemispheres; reasons of failures are added to ``failed``. Raises if all fail.
+
+    With four threads or more they are worked on beside each other.
+    """
+    from morphofold.threads import beside, together
+
+    tasks = [partial(_result_or_error, work) for work in works.values()]
+    ends = dict(zip(works, beside(*tasks) if together(len(tasks)) else [task() for task in tasks]))
+    wrong = {hemi: end for hemi, end in ends.items() if isinstance(end, Exception)}
+    failed |= {hemi: " ".join(str(error).split()) for hemi, error in wrong.items()}
+    for error in wrong.values() if len(wrong) == len(works) else ():
+        if len(failed) == 1:
+            raise error
+        kind = type(error) if isinstance(error, Refusal) else ValueError
         raise kind(" ".join(f"{hemi} failed: {why}" for hemi, why in failed.items()))
-    return found
+    return [end for end in ends.values() if not isinstance(end, Exception)]
+
+
+def _result_or_error(work: Callable[[], T]) -> T | Exception:
+    try:
+        return work()
+    except HEMISPHERE_ERRORS as error:
+        return error
 
 
 def _print_failed(failed: Mapping[str, str]) -> int:

@@ -12,6 +12,7 @@ from morphofold.forecasts.analysis_cost import PAGE_STAGE, READING_STAGE, WRITIN
 from morphofold.forecasts.calibration import BUSY_MACHINE_RATIO
 from morphofold.forecasts.sizes import GiB
 from morphofold.forecasts.table import Measured, costs, measured_errors
+from morphofold.threads import together
 
 if TYPE_CHECKING:
     from morphofold.analysis.resampling import Preset
@@ -148,7 +149,7 @@ def forecast_analysis(
         seconds / (1 + spread),
         seconds * (1 + spread),
         taken,
-        _peak_memory_GiB(sizes, chosen, report),
+        _peak_memory_GiB(sizes, chosen, report, together(len(sizes), threads)),
         threads,
         expected.errors,
         {
@@ -241,10 +242,11 @@ def memory_of_analysis(vertices: Sequence[int], *, accuracy: str = "standard", r
     return _peak_memory_GiB([(n, 4 * n if n < chosen.least else n) for n in vertices], chosen, report)
 
 
-def _peak_memory_GiB(sizes: Sequence[tuple[int, int]], chosen: Preset, report: bool) -> float:
-    """Most memory [GiB] of a whole process that does only the analysis."""
+def _peak_memory_GiB(sizes: Sequence[tuple[int, int]], chosen: Preset, report: bool, beside: bool = False) -> float:
+    """Most memory [GiB] of a process that does only the analysis, of hemispheres after or ``beside`` each other."""
     memory, total = costs()["analysis"]["memory"], sum(n for n, _ in sizes)
-    most = memory["kept_per_vertex"] * total + memory["per_vertex"] * max(max(size) for size in sizes)
-    measuring: float = memory["process"] + (most + memory["per_voxel"] * chosen.voxels**3) / GiB
+    hard = [memory["per_vertex"] * max(size) + memory["per_voxel"] * chosen.voxels**3 for size in sizes]
+    most = memory["kept_per_vertex"] * total + (sum(hard) if beside else max(hard))
+    measuring: float = memory["process"] + most / GiB
     page = memory["page"] + memory["page_per_hemisphere"] * len(sizes) + memory["page_per_vertex"] * total / GiB
     return max(measuring, page) if report else measuring
