@@ -16,7 +16,7 @@ from morphofold.threads import beside
 
 # length of edge paths over straight distance, mean over directions in a triangle grid
 EDGE_PATH_DETOUR = 2 * 3**0.5 / np.pi
-# of the radius of a window: on meshes with shorter edges than this, windows are exact to half of it
+# of the radius of a window, and its accuracy on meshes with shorter edges than this; others are exact
 WINDOW_TOLERANCE = 0.03
 # on the pial surface of a person one cotangent in eight is negative and the largest is 1200
 COTANGENT_BOUNDS = (0.0, 3.0)
@@ -109,8 +109,8 @@ def windowed_range(verts: Verts, faces: Faces, values: PerVertex, radius: float)
     """The least and the largest value within ``radius`` [mm] along the surface, (N,) each: grey erosion and dilation.
 
     The distance is the shortest path along edges divided by 1.10, the mean detour of such paths on equilateral
-    triangles. Where edges are shorter than 3 % of the radius, it holds to 1.5 %: a vertex is then reached 33 times at
-    most, so the time grows as the number of vertices.
+    triangles. Where edges are shorter than 3 % of the radius, the radius holds to 3 % at 98 % of the vertices. There,
+    each source that reaches a vertex after another is nearer by 3 %, so the time grows as the number of vertices.
     """
     graph, reach = geometry.edge_graph(verts, faces), EDGE_PATH_DETOUR * radius
     gain = WINDOW_TOLERANCE * reach
@@ -129,17 +129,18 @@ def windowed_range(verts: Verts, faces: Faces, values: PerVertex, radius: float)
 @kernel
 def _windowed_maximum(indptr, indices, lengths, values, order, radius, gain):
     # Highest source first: the first source to reach a vertex gives its maximum. A later source does not go beyond a
-    # vertex that it does not reach by a path that is shorter by ``gain``. It ends when all vertices are reached.
+    # vertex that it does not reach by a path shorter than an earlier one's, by ``gain``. It ends when all vertices are
+    # reached.
     # Paths are shortened until none can be (a queue, not a heap: it saves a third of the total time).
     n = len(values)
-    result, near = np.empty(n), np.full(n, np.inf)
+    result, near, source = np.empty(n), np.full(n, np.inf), np.full(n, -1, np.int32)
     queue, queued = np.empty(n, np.int32), np.zeros(n, np.bool_)
     missing = n
     for s in order:
         if near[s] == np.inf:
             result[s] = values[s]
             missing -= 1
-        near[s] = 0.0
+        near[s], source[s] = 0.0, s
         queue[0] = s
         at, waiting = 0, 1
         while waiting > 0:
@@ -149,11 +150,11 @@ def _windowed_maximum(indptr, indices, lengths, values, order, radius, gain):
             queued[v], here = False, near[v]
             for e in range(indptr[v], indptr[v + 1]):
                 w, way = indices[e], here + lengths[e]
-                if way <= radius and way < near[w]:
+                if way <= radius and way < near[w] and (way < near[w] - gain or source[w] == s):
                     if near[w] == np.inf:
                         result[w] = values[s]
                         missing -= 1
-                    near[w] = way
+                    near[w], source[w] = way, s
                     if not queued[w]:
                         queued[w] = True
                         queue[at + waiting if at + waiting < n else at + waiting - n] = w

@@ -63,17 +63,16 @@ def test_windows_hold_the_least_and_the_largest_within_their_distance(rng):
     np.testing.assert_array_equal(low, least)
 
 
-def test_windows_on_fine_meshes_are_exact_to_a_small_share_of_their_radius(rng):
-    verts, faces = irregular_sphere(4, radius=50.0, rng=rng)
-    values = verts @ [0.02, 0.03, 0.01] + rng.normal(size=len(verts))
+def test_windows_on_fine_meshes_hold_their_radius_to_their_tolerance(rng):
+    verts, faces = irregular_sphere(5, radius=50.0, rng=rng)
+    values = np.sin(verts @ [0.2, 0.1, 0.15]) + verts @ [0.002, 0.004, 0.006]  # many maxima, near the edges of windows
     radius = 1.01 * mean_edge_length(verts, faces) / WINDOW_TOLERANCE / EDGE_PATH_DETOUR
     low, high = windowed_range(verts, faces, values, radius)
-    assert np.any(high != ranges_within(verts, faces, values, radius)[1])  # else this tests nothing
     least, most = ranges_within(verts, faces, values, (1 + 0.51 * WINDOW_TOLERANCE) * radius)
     assert np.all((high <= most) & (low >= least))
-    for shorter, share in ((WINDOW_TOLERANCE, 1.0), (WINDOW_TOLERANCE / 2, 0.98)):
-        least, most = ranges_within(verts, faces, values, (1 - shorter) * radius)
-        assert np.mean((high >= most) & (low <= least)) >= share
+    assert np.any((high < most) | (low > least))  # else it is exact
+    least, most = ranges_within(verts, faces, values, (1 - WINDOW_TOLERANCE) * radius)
+    assert np.mean((high >= most) & (low <= least)) > 0.98
 
 
 def test_edge_paths_are_longer_than_the_straight_way_by_the_factor_that_windows_use():
