@@ -53,7 +53,7 @@ from morphofold.report.pictures.net import net_figure, net_row
 from morphofold.report.pictures.png import halved, png_bytes
 from morphofold.report.pictures.surfaces import Picture, Row, VisibleFaces, figure, renderer, safe_name
 from morphofold.report.plots import charts
-from morphofold.surface import Surface
+from morphofold.surface import Cortex, Surface
 from morphofold.threads import beside
 
 if TYPE_CHECKING:
@@ -89,8 +89,14 @@ def analysis_report(
     unique = [n if names.count(n) == 1 else f"{n} {m.cortex.hemi}" for n, m in zip(names, measures)]
     named = dict(zip(unique, measures))
     colours = dict(zip(unique, CATEGORICAL_COLOURS))
-    entries = _page_entries(named, colours, thickness_clouds(measures), stages={unique[0]: stages})
     shapes = {name: found for name, m in named.items() if (found := hinge_shapes(m)) is not None}
+    grown = [[s.cortex for s in stages if _is_earlier_stage(s, m)] if m is measures[0] else [] for m in measures]
+    clouds, hinges, thinned = beside(
+        lambda: thickness_clouds(measures),
+        lambda: compare_hinges(shapes, {name: [name] for name in named}),
+        lambda: beside(*(partial(_thinned, m.cortex, earlier) for m, earlier in zip(measures, grown))),
+    )
+    entries = _page_entries(named, colours, clouds, stages={unique[0]: stages})
     sides = " and ".join(SIDE_WORDS[m.cortex.hemi] for m in measures)
     what = f"The {sides} hemisphere{'s' if len(measures) > 1 else ''}"
     if all(m.cortex.origin == "simulation" for m in measures):
@@ -105,10 +111,11 @@ def analysis_report(
         lede,
         entries,
         theory_lines(named),
-        compare_hinges(shapes, {name: [name] for name in named}),
+        hinges,
         inputs=inputs,
         doubts=cautions(named),
         missing=missing,
+        thinned=thinned,
         clock=clock,
     )
 
@@ -151,6 +158,7 @@ def _write_page(
     missing: Sequence[str] = (),
     people: Sequence[PersonComparison] = (),
     doubts: Sequence[str] = (),
+    thinned: Sequence[Display] = (),
     progress: Progress = silent,
     clock: Stages | None = None,
 ) -> Path:
@@ -160,14 +168,7 @@ def _write_page(
     shown = _shown_maps(panels)
     main = [key for key in (RELIEF, *MAIN_MAPS) if key in shown]
     progress(0.0, "thinning surfaces")
-    thinned = beside(
-        *(
-            partial(
-                thin, e.measures.cortex, STAGED_VERTICES if e.stages else DISPLAY_VERTICES, [m.cortex for m in e.stages]
-            )
-            for e in panels
-        )
-    )
+    thinned = thinned or beside(*(partial(_thinned, e.measures.cortex, [m.cortex for m in e.stages]) for e in panels))
     own = [d for e, d in zip(panels, thinned) if e.name in named]
     progress(0.15, "drawing pictures")
     pictures, (viewer, blocks), pairs, histograms = beside(
@@ -231,6 +232,10 @@ def _write_page(
         inflated=any(e.measures.cortex.inflated is not None for e in entries),
         costs=costs(entries, clock) if kind == ANALYSIS_TITLE else [],
     )
+
+
+def _thinned(cortex: Cortex, stages: Sequence[Cortex]) -> Display:
+    return thin(cortex, STAGED_VERTICES if stages else DISPLAY_VERTICES, stages)
 
 
 def _page_entries(

@@ -73,9 +73,9 @@ def hinge_patch(measures: Measures, number: int, pose: int = 0) -> Row:
         frame[1] *= -1
     pial = measures.cortex.pial
     verts = (pial.verts - pial.verts[hinge.vertex]) @ (_tilt_matrix() @ frame).T
-    kept, faces = _connected_piece(
-        pial.faces[(geometry.norms(verts) < PATCH_RADIUS_IN_WIDTHS)[pial.faces].all(axis=1)], hinge.vertex
-    )
+    near = geometry.norms(verts) < PATCH_RADIUS_IN_WIDTHS
+    first, second, third = pial.faces.T
+    kept, faces = _connected_piece(pial.faces[near[first] & near[second] & near[third]], hinge.vertex)
     white, edge = measures.cortex.white.verts, graph.graph["edge"]
     tree, reach = cKDTree(white[kept]), edge + geometry.norms(white[kept] - white[hinge.vertex]).max()
 
