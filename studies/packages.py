@@ -25,7 +25,7 @@ PACKAGES = {
 FLOORS = (
     ("ground",),
     ("io",),
-    ("intersections", "shapes", "unfolding"),
+    ("intersections", "shapes", "unfolding", "spheres"),
     ("sim", "analysis"),
     ("simulation",),
     ("comparison", "forecasts", "results"),
@@ -60,6 +60,7 @@ HOLDS = {
     "intersections": "exact tests",
     "shapes": "known answers",
     "unfolding": "smooth bodies",
+    "spheres": "registered surfaces",
     "sim": "scene, mesh, elements, effects, run, health, theory",
     "analysis": "curvature, crests, hinges, thickness, gyrification",
     "simulation": "grow a scene, measure its stages",

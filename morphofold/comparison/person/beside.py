@@ -199,7 +199,7 @@ def _regions(bodies: Bodies) -> _Regions | None:
     in_smooth, in_deepened = (
         _smooth_fields(maps, bodies.weights) for maps in (bodies.smooth_maps, bodies.deepened_maps)
     )
-    there = np.where(grown.cortex, bodies.to_grown.labels(bodies.labels), -1)
+    there = np.where(grown.cortex, bodies.to_grown.of_nearest(bodies.labels), -1)
     return _Regions(
         region_numbers(bodies.labels, count, in_person, KEYS),
         region_numbers(there, count, in_smooth, KEYS),

@@ -15,10 +15,10 @@ from morphofold.analysis.mesh_quality.checks import cortex_mask, is_no_cortex
 from morphofold.analysis.relief import height_and_vertical
 from morphofold.arrays import Array, Bools, Ints
 from morphofold.comparison.person.agreement import weighted_median
-from morphofold.comparison.person.carrying import Carrier, carrier
 from morphofold.errors import MissingPart, Refusal, UnlikeSurfaces
 from morphofold.geometry import vertex_areas
 from morphofold.quantities import RELIEF
+from morphofold.spheres.places import Places, places
 from morphofold.surface import Cortex, Surface
 from morphofold.unfolding.harmonics import Expansion, degrees
 from morphofold.unfolding.smooth_surface import SmoothSurface
@@ -73,15 +73,15 @@ class Bodies:
     person, grown : Body
     smooth : SmoothSurface
         The body before it grew, its hull scaled to the area of the person's.
-    to_grown, to_person : Carrier
+    to_grown, to_person : Places
         From the person's vertices to the grown ones, and back.
     """
 
     person: Body
     grown: Body
     smooth: SmoothSurface = field(repr=False)
-    to_grown: Carrier = field(repr=False)
-    to_person: Carrier = field(repr=False)
+    to_grown: Places = field(repr=False)
+    to_person: Places = field(repr=False)
 
     @cached_property
     def surface(self) -> Surface:
@@ -205,7 +205,7 @@ def bodies_of(person: Measures, grown: Measures, level: float) -> Bodies:
     one, other = (_body(m, size) for m in (person, grown))
     smooth = unfolded.surface(other.points)
     factor = float(np.sqrt(size / hull(smooth, grown.cortex.faces).area))
-    there, back = (carrier(a.points, a.pial.faces, b.points) for a, b in ((one, other), (other, one)))
+    there, back = (places(a.points, a.pial.faces, b.points) for a, b in ((one, other), (other, one)))
     one, other = (
         replace(b, height=_centred(b.height, vertex_areas(unfolded.surface(b.points), b.pial.faces)))
         for b in (one, other)

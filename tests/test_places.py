@@ -1,29 +1,29 @@
-"""Values and labels carried between meshes of one sphere."""
+"""Values carried between meshes of one sphere, and rotations of it."""
 
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from morphofold.comparison.person.carrying import carrier
 from morphofold.comparison.person.spins import NearestTable, rotations
 from morphofold.io import read_surface, sample_path
 from morphofold.shapes import icosphere, irregular_sphere
+from morphofold.spheres.places import places
 
 
 def test_a_sphere_carried_onto_itself_is_exact(rng):
     points, faces = icosphere(3)
-    found = carrier(points, faces, points)
+    found = places(points, faces, points)
     values = rng.standard_normal(len(points))
     np.testing.assert_array_equal(found.nearest, np.arange(len(points)))
     np.testing.assert_allclose(found.values(values), values, atol=1e-12)
-    np.testing.assert_array_equal(found.labels(np.arange(len(points))), np.arange(len(points)))
+    np.testing.assert_array_equal(found.of_nearest(np.arange(len(points))), np.arange(len(points)))
 
 
 def test_the_crumpled_sphere_of_a_template_carried_onto_itself_is_exact(rng):
     sphere = read_surface(sample_path("fsaverage5/surf/lh.sphere"))
     points = sphere.verts / np.linalg.norm(sphere.verts, axis=1, keepdims=True)
     values = rng.standard_normal(len(points))
-    np.testing.assert_allclose(carrier(points, sphere.faces, points).values(values), values, atol=1e-9)
+    np.testing.assert_allclose(places(points, sphere.faces, points).values(values), values, atol=1e-9)
 
 
 def test_a_smooth_function_is_carried_with_second_order_both_ways():
@@ -32,8 +32,8 @@ def test_a_smooth_function_is_carried_with_second_order_both_ways():
     errors = []
     for level in (3, 4):
         here = icosphere(level)
-        errors.append(np.abs(carrier(*here, there[0]).values(of(here[0])) - of(there[0])).max())
-        back = carrier(*there, here[0]).values(of(there[0]))
+        errors.append(np.abs(places(*here, there[0]).values(of(here[0])) - of(there[0])).max())
+        back = places(*there, here[0]).values(of(there[0]))
         assert np.abs(back - of(here[0])).max() < 0.02
     assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.35)
     assert errors[1] < 3e-3
@@ -43,7 +43,7 @@ def test_a_value_beside_a_missing_one_is_that_of_the_nearest_vertex(rng):
     points, faces = icosphere(2)
     to = rng.standard_normal((200, 3))
     to /= np.linalg.norm(to, axis=1, keepdims=True)
-    found, values = carrier(points, faces, to), np.arange(len(points), dtype=float)
+    found, values = places(points, faces, to), np.arange(len(points), dtype=float)
     values[7] = np.nan
     beside = (found.corners == 7).any(axis=1)
     assert beside.any()

@@ -1,0 +1,1 @@
+"""Maps of one surface at the vertices of another, through spheres on which both are registered."""
