@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from morphofold.analysis.measures import Measures
     from morphofold.analysis.measuring import measure
     from morphofold.analysis.regions import gray_volumes, region_table, wide_table
+    from morphofold.analysis.smoothing import smooth
     from morphofold.analysis.thickness.cortical import cortical_thickness
     from morphofold.geometry import euler_characteristic, vertex_areas, vertex_normals
 
@@ -70,6 +71,7 @@ _PUBLIC = {
     "region_table": "analysis.regions",
     "wide_table": "analysis.regions",
     "shape_terms": "analysis.gyrification.folding_law",
+    "smooth": "analysis.smoothing",
     "sulcal_depth": "analysis.gyrification.depth",
     "vertex_areas": "geometry",
     "vertex_normals": "geometry",
@@ -107,6 +109,7 @@ __all__ = [
     "prominent_peaks",
     "region_table",
     "shape_terms",
+    "smooth",
     "sulcal_depth",
     "vertex_areas",
     "vertex_normals",
