@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from morphofold.cli.measuring import add_measuring_args, add_side_args, measuring_options
 from morphofold.cli.streams import one_line, print_json
-from morphofold.errors import NamedTwice
+from morphofold.errors import NamedTwice, OptionsClash
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from morphofold.cohort.fleet import Fleet
     from morphofold.cohort.participant import Participant
+    from morphofold.cohort.space import Template
     from morphofold.cohort.tables import Group
     from morphofold.cohort.tasks import Outcome
 
@@ -38,6 +39,14 @@ def add_args(parser: argparse.ArgumentParser) -> None:
         choices=["plain", "bids"],
         default="plain",
         help="layout of the subjects; bids: DIR is a BIDS dataset",
+    )
+    parser.add_argument(
+        "--space",
+        metavar="TEMPLATE",
+        help="bring maps over to a template by ?h.sphere.reg: fsaverage5, or the folder of another",
+    )
+    parser.add_argument(
+        "--smooth", metavar="MM", type=float, help="with --space: smooth them on it, full width at half maximum"
     )
     add_group_args(parser)
 
@@ -76,15 +85,21 @@ def add_worker_args(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from morphofold.cli.paths import refuse_overlap
+    from morphofold.cohort.space import template
     from morphofold.cohort.subjects import find_subjects, named_subjects
 
     source, out = Path(args.subjects_dir).absolute(), Path(args.out)
     found, templates = find_subjects(source)
     names = found if args.subjects is None else named_subjects(Path(args.subjects))
     refuse_overlap(out, [source])
+    if args.smooth is not None and args.space is None:
+        raise OptionsClash(
+            "--smooth smooths maps on a template, but none is named. Pass --space fsaverage5 or a folder."
+        )
+    on = None if args.space is None else template(args.space, args.smooth)
     if templates and args.subjects is None:
         print_note(f"left out: {', '.join(templates)} (templates; --subjects can include them)", args.quiet)
-    return run_cohort(by_shown_name(source, names), out, args)
+    return run_cohort(by_shown_name(source, names), out, args, on=on)
 
 
 def by_shown_name(source: Path, names: Sequence[str]) -> dict[str, Path]:
@@ -104,8 +119,12 @@ def run_cohort(
     *,
     group: bool = True,
     everyone: dict[str, Path] | None = None,
+    on: Template | None = None,
 ) -> int:
-    """Measure subjects and, if ``group``, write their group; the scales are those of ``everyone``."""
+    """Measure subjects and, if ``group``, write their group; the scales are those of ``everyone``.
+
+    With a template, ``on``, also bring their maps over to it.
+    """
     import secrets
     from contextlib import ExitStack
     from dataclasses import replace
@@ -153,13 +172,49 @@ def run_cohort(
                     fleet, measure_participant, possible, show, lambda text: print_note(text, args.quiet)
                 )
             outcomes += [failed(one.place, reasons[one.name]) for one in subjects if one.name in reasons]
+            mapped = [] if on is None else map_on_template(fleet, on, possible, out, args)
         if group:
             with progress("group ", args.quiet) as show:
                 found = write_group(out, places, outcomes, report=group_report, progress=show)
             print_not_pooled(found, args.quiet)
             more["remarks"] = found.pooling.sentences
     page = out / "group" / "report.html" if group else out
-    return ended(outcomes, "subject", page, as_json=args.json, **more)
+    if on is not None:
+        more["mapped"] = {one.name: dict(one.failures) for one in mapped}
+        print_mapped(mapped, on, out, args)
+    code = ended(outcomes, "subject", page, as_json=args.json, **more)
+    return max(code, int(any(one.failures for one in mapped)))
+
+
+def map_on_template(
+    fleet: Fleet, on: Template, subjects: Sequence[Participant], out: Path, args: argparse.Namespace
+) -> list[Outcome]:
+    """Bring the maps of measured subjects over to a template, and write one array for each map."""
+    from morphofold.cli.progress import progress
+    from morphofold.cohort.running import run_tasks
+    from morphofold.cohort.space import SPACES, Mapped, map_participant, write_space
+    from morphofold.cohort.tasks import TaskFolder
+
+    place = out / SPACES / on.place
+    tasks = [
+        Mapped(one.name, one.folder, one.place, str(one.results), TaskFolder(str(place), one.name, one.place.run), on)
+        for one in subjects
+    ]
+    with progress(on.name, args.quiet) as show:
+        found = run_tasks(fleet, map_participant, tasks, show, lambda text: print_note(text, args.quiet))
+        write_space(place, on, tasks)
+    return found
+
+
+def print_mapped(mapped: Sequence[Outcome], on: Template, out: Path, args: argparse.Namespace) -> None:
+    """Print which hemispheres have no maps on the template, and why, and where the arrays are."""
+    from morphofold.cohort.space import SPACES
+
+    missing = [(one.name, part, why) for one in mapped for part, why in one.failures.items()]
+    for name, part, why in missing[:5]:
+        print_note(f"{' '.join(filter(None, (name, part)))} is not on {on.name}: {why}", args.quiet)
+    there = sum(one.state != "failed" for one in mapped)
+    print_note(f"{there} of {len(mapped)} subjects on {on.name} -> {out / SPACES / on.place / 'group'}", args.quiet)
 
 
 def fleet_asked(args: argparse.Namespace, need: float) -> AbstractContextManager[Fleet]:
@@ -250,11 +305,12 @@ def _results_folder_or_reason(out: Path, name: str, *, bids: bool) -> tuple[Path
 def begin_cohort(out: Path, *, bids: bool) -> None:
     """Make the folder of a cohort, or use an existing one."""
     from morphofold.cohort.scales import SCALES_FILE
+    from morphofold.cohort.space import SPACES
     from morphofold.io import begin_collection
     from morphofold.results.bids import begin_dataset
 
     if bids:
-        begin_dataset(out, ignoring=("group", "logs", "records", "lock", SCALES_FILE))
+        begin_dataset(out, ignoring=("group", "logs", "records", "lock", SPACES, SCALES_FILE))
     else:
         begin_collection(out, "cohort")
 

@@ -324,6 +324,25 @@ def _read_cortex_files(root: Path, hemi: str, files: dict[str, Path], name: str 
     )
 
 
+def registered_sphere(path: StrPath, hemi: str) -> Path:
+    """The sphere of a folder on which its surfaces are registered to others: ``surf/?h.sphere.reg``, as a FreeSurfer or
+    GIFTI file.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is none.
+    """
+    root = Path(path)
+    file = _first_existing_file((root / "surf", root), f"{hemi}.sphere.reg", SURFACE_ENDINGS)
+    if file is None:
+        raise FileNotFoundError(
+            f"{root}: has no surf/{hemi}.sphere.reg, by which maps come over to a template. FreeSurfer's recon-all "
+            "(-surfreg) or mris_register writes it."
+        )
+    return existing_file(file, "registered sphere")
+
+
 def _first_existing_file(folders: Sequence[Path], stem: str, endings: tuple[str, ...]) -> Path | None:
     return next((f for folder in folders for e in endings if os.path.lexists(f := folder / f"{stem}{e}")), None)
 

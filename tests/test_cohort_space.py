@@ -1,0 +1,189 @@
+"""Maps of a cohort on a template."""
+
+import csv
+import json
+from contextlib import nullcontext
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from commands import refused
+from made_cohort import HereFleet, participants, quick_measure, write_subject
+
+from morphofold.cli import main
+from morphofold.cohort.participant import measure_participant
+from morphofold.cohort.running import run_tasks
+from morphofold.cohort.space import Mapped, map_participant, template, write_space
+from morphofold.cohort.tasks import TaskFolder
+from morphofold.errors import MissingPart, OutOfRange
+from morphofold.geometry import vertex_areas
+from morphofold.io import read_surface, write_label, write_surface
+from morphofold.shapes import icosphere
+from morphofold.surface import Surface
+
+NAMES = ("anna", "ben", "cleo")
+
+
+def measure_with_maps(cortex, **options):
+    """In place of ``measure``: the area of each vertex, the direction in which it lies, and a hole in the south."""
+    found, verts = quick_measure(cortex, **options), cortex.white.verts
+    x, z = (verts / np.linalg.norm(verts, axis=1, keepdims=True)).T[[0, 2]]
+    maps = {"area": vertex_areas(verts, cortex.faces), "x": x, "north": np.where(z > -0.5, 1.0, np.nan)}
+    return replace(found, maps={**found.maps, **maps})
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    monkeypatch.setattr("morphofold.analysis.measuring.measure", measure_with_maps)
+
+
+def write_sphere(folder, hemi="lh", level=3):
+    write_surface(folder / "surf" / f"{hemi}.sphere.reg", Surface(*icosphere(level, radius=100.0)))
+
+
+@pytest.fixture
+def three(tmp_path):
+    """Subjects of 642 vertices a hemisphere; ben has no registered sphere of the right one."""
+    folders = [write_subject(tmp_path / "subjects" / name, 1 + i / 10, level=3) for i, name in enumerate(NAMES)]
+    for folder in folders:
+        write_sphere(folder)
+        if folder.name != "ben":
+            write_sphere(folder, "rh")
+    return folders
+
+
+@pytest.fixture
+def small(tmp_path):
+    """The folder of a template of 162 vertices."""
+    folder = tmp_path / "small"
+    (folder / "surf").mkdir(parents=True)
+    (folder / "label").mkdir()
+    for hemi in ("lh", "rh"):
+        ball = Surface(*icosphere(2, radius=100.0))
+        for kind in ("sphere", "white", "pial"):
+            write_surface(folder / "surf" / f"{hemi}.{kind}", ball)
+        write_label(folder / "label" / f"{hemi}.cortex.label", ball.verts[:, 2] > -50, ball.verts)
+    return folder
+
+
+def mapped(folders, out, on, run="1"):
+    people = participants(folders, out, run)
+    measured = run_tasks(HereFleet(), measure_participant, people)
+    assert all(one.state != "failed" for one in measured)
+    place = out / "spaces" / on.place
+    tasks = [
+        Mapped(one.name, one.folder, one.place, str(one.results), TaskFolder(str(place), one.name, run), on)
+        for one in people
+    ]
+    outcomes = {one.name: one for one in run_tasks(HereFleet(), map_participant, tasks)}
+    shapes = write_space(place, on, tasks)
+    return outcomes, shapes, place / "group"
+
+
+def test_each_map_is_one_array_of_all_subjects_in_order(quick, three, small, tmp_path):
+    outcomes, shapes, group = mapped(three, tmp_path / "out", template(str(small)))
+    assert {name: one.state for name, one in outcomes.items()} == dict.fromkeys(NAMES, "done")
+    assert set(shapes) == {f"{hemi}.{name}" for hemi in ("lh", "rh") for name in ("H", "area", "x", "north")}
+    assert set(shapes.values()) == {(3, 162)}
+    with (group / "participants.tsv").open(newline="") as file:
+        rows = list(csv.DictReader(file, delimiter="\t"))
+    assert [(row["participant_id"], row["lh"], row["rh"]) for row in rows] == [
+        ("anna", "1", "1"),
+        ("ben", "1", "0"),
+        ("cleo", "1", "1"),
+    ]
+    H = np.load(group / "lh.H.npy")
+    assert H.dtype == np.float32
+    radii = [np.linalg.norm(read_surface(folder / "surf" / "lh.pial").verts, axis=1).mean() for folder in three]
+    np.testing.assert_allclose(H, np.repeat(1 / np.array(radii)[:, None], 162, axis=1), rtol=1e-5)
+    sphere = icosphere(2)[0]
+    np.testing.assert_allclose(np.load(group / "lh.x.npy"), np.tile(sphere[:, 0], (3, 1)), atol=0.15)
+
+
+def test_areas_keep_their_sum(quick, three, small, tmp_path):
+    *_, group = mapped(three, tmp_path / "out", template(str(small)))
+    for folder, row in zip(three, np.load(group / "lh.area.npy")):
+        white = read_surface(folder / "surf" / "lh.white")
+        assert row.sum() == pytest.approx(vertex_areas(white.verts, white.faces).sum(), rel=1e-5)
+
+
+def test_a_subject_has_no_value_where_it_was_not_measured(quick, three, small, tmp_path):
+    *_, group = mapped(three, tmp_path / "out", template(str(small)))
+    north, z = np.load(group / "lh.north.npy"), icosphere(2)[0][:, 2]
+    assert np.isnan(north[:, z < -0.7]).all()
+    np.testing.assert_allclose(north[:, z > -0.2], 1.0, rtol=1e-6)
+
+
+@pytest.mark.parametrize("wrong", ["missing", "another mesh"])
+def test_a_hemisphere_without_its_registered_sphere_fails_alone(quick, three, small, tmp_path, wrong):
+    if wrong == "another mesh":
+        write_sphere(three[1], "rh", level=4)
+    outcomes, _, group = mapped(three, tmp_path / "out", template(str(small)))
+    assert {name: list(one.failures) for name, one in outcomes.items()} == {"anna": [], "ben": ["rh"], "cleo": []}
+    assert np.isnan(np.load(group / "rh.H.npy")).all(axis=1).tolist() == [False, True, False]
+    assert np.isfinite(np.load(group / "lh.H.npy")).all()
+
+
+def test_it_is_done_once_and_again_where_a_sphere_has_changed(quick, three, small, tmp_path):
+    on, out = template(str(small)), tmp_path / "out"
+    *_, group = mapped(three, out, on)
+    before = {file.name: file.read_bytes() for file in group.glob("*.*")}
+    outcomes, *_ = mapped(three, out, on, run="2")
+    assert {one.state for one in outcomes.values()} == {"reused"}
+    assert {file.name: file.read_bytes() for file in group.glob("*.*")} == before
+    write_sphere(three[1], "rh")
+    outcomes, *_ = mapped(three, out, on, run="3")
+    assert {name: one.state for name, one in outcomes.items()} == {"anna": "reused", "ben": "done", "cleo": "reused"}
+    assert np.isfinite(np.load(group / "rh.H.npy")).all()
+
+
+def test_maps_are_smoothed_on_the_template_except_areas(quick, three, small, tmp_path):
+    plain, broad = template(str(small)), template(str(small), 150.0)
+    assert (plain.place, broad.place) == ("small", "small-fwhm150")
+    *_, group = mapped(three, tmp_path / "out", plain)
+    *_, smoothed = mapped(three, tmp_path / "out", broad)
+    np.testing.assert_array_equal(np.load(group / "lh.area.npy"), np.load(smoothed / "lh.area.npy"))
+    np.testing.assert_allclose(np.load(group / "lh.H.npy"), np.load(smoothed / "lh.H.npy"), rtol=1e-5)
+    ratio = np.load(smoothed / "lh.x.npy").std() / np.load(group / "lh.x.npy").std()
+    assert ratio == pytest.approx(
+        np.exp(-(150.0**2) / (8 * np.log(2)) / 100.0**2), abs=0.05
+    )  # degree 1: l (l + 1) / 2 = 1
+    assert json.loads((smoothed / "space.json").read_text())["smoothing_fwhm_mm"] == 150.0
+
+
+def test_the_template_comes_with_the_arrays(quick, three, small, tmp_path):
+    *_, group = mapped(three, tmp_path / "out", template(str(small)))
+    assert sorted(file.name for file in (group / "surf").iterdir()) == sorted(
+        f"{hemi}.{kind}" for hemi in ("lh", "rh") for kind in ("pial", "sphere", "white")
+    )
+    assert len(list((group / "label").iterdir())) == 2
+
+
+def test_a_template_without_a_sphere_is_refused(tmp_path, small):
+    for hemi in ("lh", "rh"):
+        (small / "surf" / f"{hemi}.sphere").unlink()
+    with pytest.raises(MissingPart):
+        template(str(small)).sphere("lh")
+    with pytest.raises(OutOfRange):
+        template("fsaverage5", -1.0)
+
+
+def test_the_command_brings_maps_over(quick, three, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("morphofold.cohort.fleet.open_fleet", lambda **options: nullcontext(HereFleet()))
+    out = tmp_path / "study"
+    code = main(
+        ["cohort", str(tmp_path / "subjects"), "-o", str(out), "--no-report", "--space", "fsaverage5", "--json"]
+    )
+    found = json.loads(capsys.readouterr().out)
+    assert code == 1  # ben rh
+    assert {name: list(why) for name, why in found["mapped"].items()} == {"anna": [], "ben": ["rh"], "cleo": []}
+    assert np.load(out / "spaces" / "fsaverage5" / "group" / "lh.x.npy").shape == (3, 10242)
+
+
+@pytest.mark.parametrize(
+    "argv", [["--smooth", "10"], ["--space", "nowhere"], ["--space", "fsaverage5", "--smooth", "0"]]
+)
+def test_what_makes_no_sense_is_refused_before_anything_is_written(three, tmp_path, capsys, argv):
+    out = tmp_path / "study"
+    refused(capsys, ["cohort", str(tmp_path / "subjects"), "-o", str(out), *argv])
+    assert not out.exists()
