@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from morphofold.analysis.measuring import measure
     from morphofold.analysis.regions import gray_volumes, region_table, wide_table
     from morphofold.analysis.smoothing import smooth
+    from morphofold.analysis.spins import SpinTest, spin_test
     from morphofold.analysis.thickness.cortical import cortical_thickness
     from morphofold.geometry import euler_characteristic, vertex_areas, vertex_normals
 
@@ -51,6 +52,7 @@ _PUBLIC = {
     "Measures": "analysis.measures",
     "ShapeTerms": "analysis.gyrification.folding_law",
     "Spectrum": "analysis.gyrification.power_spectrum",
+    "SpinTest": "analysis.spins",
     "cortical_thickness": "analysis.thickness.cortical",
     "crest_lines": "analysis.crests",
     "curvature": "analysis.curvatures",
@@ -72,6 +74,7 @@ _PUBLIC = {
     "wide_table": "analysis.regions",
     "shape_terms": "analysis.gyrification.folding_law",
     "smooth": "analysis.smoothing",
+    "spin_test": "analysis.spins",
     "sulcal_depth": "analysis.gyrification.depth",
     "vertex_areas": "geometry",
     "vertex_normals": "geometry",
@@ -90,6 +93,7 @@ __all__ = [
     "Measures",
     "ShapeTerms",
     "Spectrum",
+    "SpinTest",
     "cortical_thickness",
     "crest_lines",
     "curvature",
@@ -110,6 +114,7 @@ __all__ = [
     "region_table",
     "shape_terms",
     "smooth",
+    "spin_test",
     "sulcal_depth",
     "vertex_areas",
     "vertex_normals",

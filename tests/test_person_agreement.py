@@ -9,9 +9,10 @@ from threadpoolctl import threadpool_limits
 from morphofold.comparison.person.agreement import agreement_of_axes, agreement_of_classes, classes, weighted_median
 from morphofold.comparison.person.axes import fold_axes, forwardness, pulled_back, smooth_axes
 from morphofold.comparison.person.regions import Median, Ratio, region_numbers, spearman
-from morphofold.comparison.person.spins import NearestTable, beside_null, rotations, spun
+from morphofold.comparison.person.spins import beside_null, spun
 from morphofold.geometry import unit, vertex_areas
 from morphofold.shapes import icosphere
+from morphofold.spheres.spins import NearestTable, rotations
 from morphofold.surface import Surface
 from morphofold.unfolding.harmonics import fit
 from morphofold.unfolding.smooth_surface import SmoothSurface, tangents

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from morphofold.comparison.person.spins import NearestTable, rotations
 from morphofold.io import read_surface, sample_path
 from morphofold.shapes import icosphere, irregular_sphere
 from morphofold.spheres.places import places
+from morphofold.spheres.spins import NearestTable, rotations
 
 
 def test_a_sphere_carried_onto_itself_is_exact(rng):

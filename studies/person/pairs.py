@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from morphofold.comparison.person.spins import rotations
 from morphofold.errors import MissingPart
 from morphofold.geometry import unit
 from morphofold.io import read_cortex, write_annotation, write_label, write_morph, write_surface
@@ -25,6 +24,7 @@ from morphofold.shapes import even_directions
 from morphofold.sim.hemisphere.sphere_maps import thickness_factor
 from morphofold.sim.run import Simulation
 from morphofold.sim.scene.geometries import path_or_sample
+from morphofold.spheres.spins import rotations
 from morphofold.studies.person import ONE_MODULUS
 from morphofold.studies.person.parcels import PARCELS, Widths, gyral_widths, parcel_means, parcel_of
 from morphofold.studies.person.slopes import Slope, paired_slope, spin_p

@@ -23,10 +23,11 @@ from morphofold.comparison.person.regions import (
     region_numbers,
 )
 from morphofold.comparison.person.results import Agreement, PersonComparison, RegionAgreement
-from morphofold.comparison.person.spins import SPINS, NearestTable, Statistic, Tested, beside_null, rotations, spun
+from morphofold.comparison.person.spins import SPINS, Statistic, Tested, beside_null, spun
 from morphofold.errors import Refusal
 from morphofold.geometry import mean_edge_length
 from morphofold.quantities import RELIEF
+from morphofold.spheres.spins import NearestTable, rotations
 from morphofold.words import number
 
 LIKE_SIZES = (0.8, 1.25)  # of a grown cortex over the person's, within which maps in mm are compared as they are

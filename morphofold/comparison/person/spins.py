@@ -15,59 +15,17 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial import cKDTree
-from scipy.spatial.transform import Rotation
 from threadpoolctl import threadpool_limits
 
 from morphofold.arrays import Array, Ints
+from morphofold.spheres.spins import NearestTable
 
-CELLS_PER_VERTEX = 8
 SPINS = 500
 LEVEL_OF_SIGNIFICANCE = 0.05
 ROUND_OFF = 1e-12
 
 #: numbers (K,) from the source vertex (N,) at each target point and the rotation (3, 3) that took it there
 Statistic = Callable[[Ints, Array], Array]
-
-
-def rotations(count: int, seed: int = 0) -> Array:
-    """Rotations (count, 3, 3), uniformly distributed: unit quaternions of normal deviates."""
-    return Rotation.from_quat(np.random.default_rng(seed).standard_normal((count, 4))).as_matrix()
-
-
-class NearestTable:
-    """The vertex near a point of the unit sphere, from a table: for many rotations, faster than a search.
-
-    The sphere is divided into cells, ``CELLS_PER_VERTEX`` for each vertex, by squares on the sides of a cube. A point
-    gets the vertex nearest to the middle of its cell, so it is off by less than the diagonal of a cell.
-
-    Parameters
-    ----------
-    points : (N, 3) float64
-        Vertices on the unit sphere.
-    """
-
-    def __init__(self, points: Array):
-        self.n = int(np.ceil(np.sqrt(CELLS_PER_VERTEX * len(points) / 6)))
-        at = np.tan(np.pi / 4 * ((np.arange(self.n) + 0.5) / self.n * 2 - 1))
-        v, u = np.meshgrid(at, at, indexing="ij")
-        middles = np.empty((6, self.n, self.n, 3))
-        for side in range(6):
-            axis, sign = side // 2, 1.0 - 2 * (side % 2)
-            middles[side, ..., axis] = sign
-            middles[side, ..., (axis + 1) % 3], middles[side, ..., (axis + 2) % 3] = u, v
-        middles /= np.linalg.norm(middles, axis=-1, keepdims=True)
-        self.vertex = cKDTree(points).query(middles.reshape(-1, 3))[1].astype(np.int64)
-
-    def __call__(self, points: Array) -> Ints:
-        """Vertices (P,) near points (P, 3) of the unit sphere."""
-        row, axis = np.arange(len(points)), np.abs(points).argmax(axis=1)
-        most = points[row, axis]
-        u, v = (points[row, (axis + k) % 3] / np.abs(most) for k in (1, 2))
-        i, j = (
-            np.minimum(((np.arctan(x) * (4 / np.pi) + 1) * (self.n / 2)).astype(np.int64), self.n - 1) for x in (u, v)
-        )
-        return self.vertex[((2 * axis + (most < 0)) * self.n + j) * self.n + i]
 
 
 @dataclass(frozen=True)

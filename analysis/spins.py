@@ -1,0 +1,178 @@
+"""Spin test: whether two maps of one hemisphere are more alike than smooth maps are by chance."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import rankdata
+
+from morphofold.arrays import Array
+from morphofold.errors import DoesNotApply, OutOfRange, UnknownName, WrongShape
+from morphofold.geometry import adjacency
+from morphofold.kernels import kernel, reading
+from morphofold.spheres.spins import NearestTable, rotations
+from morphofold.surface import Surface
+from morphofold.threads import in_blocks
+from morphofold.unfolding.unfold import points_on_sphere
+
+LEAST_VERTICES = 10  # that both maps know, for a correlation
+ROUND_OFF = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class SpinTest:
+    """A correlation beside its values under random rotations.
+
+    Attributes
+    ----------
+    value : float
+        Correlation of the two maps.
+    p : float
+        Two-sided: (1 + spins with a correlation at least as strong) / (1 + spins).
+    p_greater : float
+        One-sided, for a positive correlation.
+    null : (S,) float64
+        Correlations under the spins; NaN where a spin leaves fewer than ten vertices that both maps know.
+    """
+
+    value: float
+    p: float
+    p_greater: float
+    null: Array = field(repr=False)
+
+
+def spin_test(
+    x: Array,
+    y: Array,
+    sphere: Surface,
+    *,
+    spins: int = 1000,
+    seed: int = 0,
+    method: str = "pearson",
+    inside: NDArray[np.bool_] | None = None,
+) -> SpinTest:
+    """Correlation of two maps, tested against rotations of one of them.
+
+    Neighbouring values of a map are alike, so a hemisphere has far fewer independent values than vertices, and the p
+    value of the correlation itself is far too small. A rotation keeps how smooth a map is, and breaks its place.
+
+    Parameters
+    ----------
+    x, y : (N,) float64
+        Maps at the vertices of one hemisphere; NaN where unknown (on the medial wall).
+    sphere : Surface
+        ``?h.sphere`` of the hemisphere, or ``?h.sphere.reg`` of a template.
+    spins : int
+        Number of random rotations.
+    seed : int
+    method : {"pearson", "spearman"}
+        Spearman's correlation is that of the ranks over each whole map.
+    inside : (N,) bool, optional
+        Vertices that count, such as the cortex; None: where both are known.
+
+    Returns
+    -------
+    SpinTest
+
+    Raises
+    ------
+    ValueError
+        If the maps have another length than the sphere, know too few vertices in common, or are constant; if ``sphere``
+        is none, ``spins`` is not positive, or the method is unknown.
+
+    Notes
+    -----
+    The test is that of Alexander-Bloch and others 2018 (NeuroImage 178): under each rotation a vertex gets the value of
+    x at the vertex nearest to where it comes from. Values that come from the medial wall are left out of that
+    correlation. The nearest vertex is found from a table and by walking to nearer neighbours, which is exact on a
+    Delaunay mesh such as FreeSurfer's templates.
+    """
+    points = points_on_sphere(sphere, sphere)
+    for values in (x, y):
+        if np.shape(values) != (len(points),):
+            raise WrongShape(f"a map has shape {np.shape(values)}, the sphere has {len(points)} vertices.")
+    if not isinstance(spins, int | np.integer) or spins < 1:
+        raise OutOfRange(f"spins must be a positive number, got {spins!r}.")
+    if method not in ("pearson", "spearman"):
+        raise UnknownName(f"method must be 'pearson' or 'spearman', got {method!r}.")
+    mask = np.ones(len(points), dtype=bool) if inside is None else np.asarray(inside, dtype=bool)
+    first, second = (_prepared(np.where(mask, values, np.nan), method) for values in (x, y))
+    known = np.isfinite(first) & np.isfinite(second)
+    if known.sum() < LEAST_VERTICES or not (np.ptp(first[known]) > 0 and np.ptp(second[known]) > 0):
+        raise DoesNotApply(
+            f"the maps have {known.sum()} vertices in common, and both must vary there; {LEAST_VERTICES} are needed."
+        )
+    turns = np.concatenate([np.eye(3)[None], rotations(spins, seed)])
+    table, found = NearestTable(points), np.empty(len(turns))
+    ring = adjacency(len(points), sphere.faces)
+    in_blocks(_correlations, len(turns), *reading(points, turns, table.vertex, ring, first, second), table.n, found)
+    value, null = float(found[0]), found[1:]
+    counted = null[np.isfinite(null)]
+    return SpinTest(value, _p(np.abs(counted), abs(value)), _p(counted, value), null)
+
+
+def _prepared(values: Array, method: str) -> Array:
+    """Values, or ranks of the known ones, less their mean, over their standard deviation."""
+    known = np.isfinite(values)
+    found = np.full(len(values), np.nan)
+    found[known] = rankdata(values[known]) if method == "spearman" else values[known]
+    if known.any() and (spread := float(np.std(found[known]))) > 0:
+        found = (found - found[known].mean()) / spread
+    return found
+
+
+def _p(null: Array, value: float) -> float:
+    return float((1 + np.count_nonzero(null >= value - ROUND_OFF)) / (1 + len(null)))
+
+
+@kernel
+def _correlations(start, stop, points, turns, near, indptr, indices, x, y, n, found):
+    """Write the correlation (T,) of x, under each rotation (T, 3, 3), with y."""
+    for t in range(start, stop):
+        count, sx, sy, sxx, syy, sxy = 0, 0.0, 0.0, 0.0, 0.0, 0.0
+        v = 0
+        for i in range(len(points)):
+            if not math.isfinite(y[i]):
+                continue
+            a, b, c = points[i, 0], points[i, 1], points[i, 2]
+            p0 = a * turns[t, 0, 0] + b * turns[t, 1, 0] + c * turns[t, 2, 0]
+            p1 = a * turns[t, 0, 1] + b * turns[t, 1, 1] + c * turns[t, 2, 1]
+            p2 = a * turns[t, 0, 2] + b * turns[t, 1, 2] + c * turns[t, 2, 2]
+            v = near[_cell(p0, p1, p2, n)]
+            best = p0 * points[v, 0] + p1 * points[v, 1] + p2 * points[v, 2]
+            nearer = True
+            while nearer:  # walk to nearer neighbours
+                nearer = False
+                for e in range(indptr[v], indptr[v + 1]):
+                    w = indices[e]
+                    here = p0 * points[w, 0] + p1 * points[w, 1] + p2 * points[w, 2]
+                    if here > best:
+                        best, v, nearer = here, w, True
+                        break
+            if math.isfinite(x[v]):
+                count += 1
+                sx, sy = sx + x[v], sy + y[i]
+                sxx, syy, sxy = sxx + x[v] * x[v], syy + y[i] * y[i], sxy + x[v] * y[i]
+        found[t] = np.nan
+        if count >= LEAST_VERTICES:
+            xx, yy, xy = sxx - sx * sx / count, syy - sy * sy / count, sxy - sx * sy / count
+            if xx > 0.0 and yy > 0.0:
+                found[t] = xy / math.sqrt(xx * yy)
+
+
+@kernel
+def _cell(p0, p1, p2, n):
+    """Number of the cell of ``NearestTable`` in which a point of the unit sphere lies."""
+    a0, a1, a2 = abs(p0), abs(p1), abs(p2)
+    if a0 >= a1 and a0 >= a2:
+        axis, most, u, v = 0, p0, p1, p2
+    elif a1 >= a2:
+        axis, most, u, v = 1, p1, p2, p0
+    else:
+        axis, most, u, v = 2, p2, p0, p1
+    i = min(int((math.atan(u / abs(most)) * (4 / np.pi) + 1) * (n / 2)), n - 1)
+    j = min(int((math.atan(v / abs(most)) * (4 / np.pi) + 1) * (n / 2)), n - 1)
+    return ((2 * axis + (1 if most < 0 else 0)) * n + j) * n + i
