@@ -16,7 +16,7 @@ MANY = 1_000_000
 
 def in_32_bits(patch):
     """Edges are numbered by products of vertices, which a million do not fit into 32 bits."""
-    found = geometry._find_edges
+    found = geometry.edges_and_counts
 
     def wrapped(faces):
         pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int32)
@@ -25,7 +25,7 @@ def in_32_bits(patch):
         edges = np.stack([key // base, key % base], axis=1).astype(np.int64), count
         return edges if base > 50_000 else found(faces)
 
-    patch.setattr(geometry, "_find_edges", wrapped)
+    patch.setattr(geometry, "edges_and_counts", wrapped)
 
 
 @pytest.mark.slow
