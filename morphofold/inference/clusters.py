@@ -31,6 +31,11 @@ class Mesh:
         ring = adjacency(len(self.areas), faces)
         self.links = ring.indptr.astype(np.int64), ring.indices.astype(np.int64)
 
+    @property
+    def arrays(self) -> tuple[Ints, Ints, Array]:
+        """Starts of the neighbours of each vertex, neighbours, areas: as kernels take them."""
+        return (*self.links, self.areas)
+
 
 def tfce(values: Array, mesh: Mesh) -> Array:
     """Threshold-free cluster enhancement of a map (N,): ``int_0^t e(h)^E h^H dh`` at a vertex of value t.
@@ -45,9 +50,10 @@ def tfce(values: Array, mesh: Mesh) -> Array:
     """
     found = np.zeros(len(mesh.areas))
     _check(values, mesh)
+    known = np.nan_to_num(values)
+    order = np.argsort(-np.abs(known), kind="stable")
     for sign in (1.0, -1.0):
-        height = np.maximum(sign * np.nan_to_num(values), 0.0)
-        found += sign * _enhanced(*reading(height, np.argsort(-height, kind="stable"), *mesh.links, mesh.areas))
+        found += sign * enhanced(*reading(sign * known, order, *mesh.arrays))
     return found
 
 
@@ -62,7 +68,7 @@ def clusters(values: Array, threshold: float, mesh: Mesh) -> tuple[Ints, Array]:
         Area of each [mm^2].
     """
     _check(values, mesh)
-    cluster: Ints = _components(*reading(np.nan_to_num(values, nan=-np.inf) > threshold, *mesh.links))
+    cluster: Ints = components(*reading(np.nan_to_num(values, nan=-np.inf) > threshold, *mesh.links))
     inside = cluster >= 0
     return cluster, np.bincount(cluster[inside], mesh.areas[inside]).astype(np.float64)
 
@@ -73,7 +79,8 @@ def _check(values: Array, mesh: Mesh) -> None:
 
 
 @kernel
-def _components(above, indptr, indices):
+def components(above, indptr, indices):
+    """Number of the connected part (N,) of each vertex that is ``above``; -1 for others."""
     n = len(above)
     found, queue, count = np.full(n, -1, np.int64), np.empty(n, np.int64), 0
     for s in range(n):
@@ -115,8 +122,8 @@ def _root(parent, more, v):
 
 
 @kernel
-def _enhanced(height, order, indptr, indices, areas):
-    """TFCE (N,) of heights that are not negative; ``order`` from the highest down.
+def enhanced(height, order, indptr, indices, areas):
+    """TFCE (N,) of heights, 0 where they are not positive; ``order`` from the highest down, others anywhere.
 
     ``more`` of a root is the integral of its cluster so far; of other vertices, what they have more than their parent.
     """
@@ -127,7 +134,7 @@ def _enhanced(height, order, indptr, indices, areas):
     for v in order:
         h = height[v]
         if h <= 0.0:
-            break
+            continue
         seen[v] = True
         for e in range(indptr[v], indptr[v + 1]):
             if not seen[indices[e]]:
@@ -150,7 +157,7 @@ def _enhanced(height, order, indptr, indices, areas):
     found = np.zeros(n)
     for v in order:
         if height[v] <= 0.0:
-            break
+            continue
         root = _root(parent, more, v)
         last = extent[root] ** EXTENT_POWER * level[root] ** (HEIGHT_POWER + 1) / (HEIGHT_POWER + 1)
         found[v] = more[root] + last + (more[v] if v != root else 0.0)

@@ -1,0 +1,159 @@
+"""Linear models at every vertex, tested by permutations over the whole surface."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from morphofold.analysis import smooth
+from morphofold.errors import DoesNotApply, OutOfRange, WrongShape
+from morphofold.geometry import vertex_areas
+from morphofold.inference.clusters import Mesh
+from morphofold.inference.permutations import Model, exchanges, infer
+from morphofold.shapes import icosphere
+from morphofold.threads import using_threads
+
+VERTS, FACES = icosphere(3, radius=50.0)
+MESH = Mesh(FACES, vertex_areas(VERTS, FACES))
+
+
+def study(subjects, seed, fwhm=20.0):
+    """Smooth noise of standard deviation 1, age, sex, and a design with intercept, age and sex."""
+    random = np.random.default_rng(seed)
+    noise = smooth(VERTS, FACES, random.standard_normal((len(VERTS), subjects)), fwhm).T
+    age, sex = random.uniform(20, 80, subjects), random.integers(0, 2, subjects).astype(float)
+    return noise / noise.std(), age, np.column_stack([np.ones(subjects), age, sex])
+
+
+def refitted(maps, design, contrast):
+    """t of a contrast by least squares, written out."""
+    coefficients = np.linalg.lstsq(design, maps, rcond=None)[0]
+    errors = maps - design @ coefficients
+    df = len(design) - design.shape[1]
+    spread = contrast @ np.linalg.inv(design.T @ design) @ contrast
+    return contrast @ coefficients / np.sqrt(spread * (errors**2).sum(axis=0) / df), contrast @ coefficients
+
+
+CONTRASTS = [np.array([0.0, 1, 0]), np.array([0.0, 0, 1]), np.array([0.0, 1, -2]), np.array([1.0, 30, 0])]
+
+
+@pytest.mark.parametrize("contrast", CONTRASTS, ids=["age", "sex", "both", "mean at 30"])
+def test_t_and_effect_are_those_of_least_squares(contrast):
+    maps, age, design = study(20, 1)
+    maps = maps + 0.02 * age[:, None]
+    found = infer(maps, design, contrast, MESH, permutations=1)
+    t, effect = refitted(maps, design, contrast)
+    np.testing.assert_allclose(found.t, t, atol=1e-9)
+    np.testing.assert_allclose(found.effect, effect, atol=1e-11)
+    np.testing.assert_allclose(found.p, 2 * stats.t.sf(np.abs(t), 17), rtol=1e-6)
+    assert found.df == 17
+
+
+@pytest.mark.parametrize("contrast", CONTRASTS, ids=["age", "sex", "both", "mean at 30"])
+@pytest.mark.parametrize("flip", [False, True])
+def test_an_exchange_is_a_fit_to_exchanged_residuals(contrast, flip):
+    maps, _, design = study(20, 1)
+    model = Model(design, contrast)
+    residuals = model.residuals(maps)
+    shuffled = exchanges(20, 4, 0, flip=flip)
+    for one, t in zip(shuffled, model.t(residuals, shuffled)):
+        rows, signs = one.T
+        np.testing.assert_allclose(
+            t, refitted(signs[:, None] * residuals[rows.astype(int)], design, contrast)[0], atol=1e-9
+        )
+
+
+def test_exchanges_keep_to_their_blocks():
+    blocks = np.array([3, 1, 1, 3, 3, 2, 2, 1])
+    for rows in exchanges(8, 50, 0, blocks=blocks)[..., 0].astype(int):
+        np.testing.assert_array_equal(blocks[rows], blocks)
+        assert sorted(rows) == list(range(8))
+    signs = exchanges(8, 50, 0, flip=True, blocks=blocks)[..., 1]
+    for block in (1, 2, 3):
+        assert (np.ptp(signs[:, blocks == block], axis=1) == 0).all()
+    assert len(np.unique(exchanges(8, 50, 0, flip=True)[..., 1], axis=0)) > 40
+
+
+def test_null_studies_are_significant_in_one_of_twenty():
+    """120 studies of 12 subjects whose maps depend on sex but not on age."""
+    found = []
+    for seed in range(120):
+        maps, _, design = study(12, seed)
+        maps = maps + 0.5 * design[:, 2:]
+        one = infer(maps, design, np.array([0.0, 1, 0]), MESH, permutations=59, seed=seed, forming_p=0.02)
+        smallest = [np.nanmin(one.p_height), np.nanmin(one.p_tfce), min((c["p"] for c in one.clusters), default=1.0)]
+        found.append(np.array(smallest) <= 0.05)
+    wrong = np.sum(found, axis=0)  # 6 are expected; 1 to 13 hold 99 % of such counts
+    assert (wrong >= 1).all()
+    assert (wrong <= 13).all()
+    uncorrected = infer(*study(12, 0)[::2], np.array([0.0, 1, 0]), MESH, permutations=1).p
+    assert np.nanmin(uncorrected) < 0.05  # without correction nearly every study would be
+
+
+def test_a_planted_effect_is_found_where_it_is():
+    maps, age, design = study(40, 3)
+    patch = VERTS[:, 2] > 35
+    maps = maps + 0.07 * patch * (age[:, None] - 50)
+    found = infer(maps, design, np.array([0.0, 1, 0]), MESH, permutations=199)
+    inside = VERTS[:, 2] > 40
+    assert (found.p_tfce[inside] <= 0.05).mean() > 0.95
+    assert (found.p_height[inside] <= 0.05).mean() > 0.8
+    far = VERTS[:, 2] < 15
+    assert (found.p_tfce[far] <= 0.05).mean() < 0.02
+    np.testing.assert_allclose(found.effect[inside].mean(), 0.07, atol=0.01)
+    largest = found.clusters[0]
+    assert largest["p"] == 1 / 200
+    assert patch[largest["peak"]]
+    assert largest["area_mm2"] == pytest.approx(MESH.areas[patch].sum(), rel=0.3)
+    assert (found.cluster[inside] == 0).mean() > 0.95
+    negative = infer(-maps, design, np.array([0.0, 1, 0]), MESH, permutations=199)
+    np.testing.assert_array_equal(negative.p_tfce, found.p_tfce)
+    np.testing.assert_allclose(negative.t, -found.t)
+
+
+def test_a_mean_that_differs_from_zero_is_found_by_flipping_signs():
+    maps, *_ = study(16, 4)
+    patch = VERTS[:, 0] > 30
+    found = infer(maps + 2.0 * patch, np.ones((16, 1)), np.ones(1), MESH, permutations=199, flip=True)
+    np.testing.assert_allclose(found.t, stats.ttest_1samp(maps + 2.0 * patch, 0).statistic, rtol=1e-9)
+    assert (found.p_tfce[VERTS[:, 0] > 35] <= 0.05).all()
+    assert (found.p_tfce[VERTS[:, 0] < 10] <= 0.05).mean() < 0.02
+
+
+def test_vertices_that_a_subject_does_not_know_are_not_tested():
+    maps, _, design = study(20, 1)
+    maps[3, :50] = np.nan
+    found = infer(maps, design, np.array([0.0, 1, 0]), MESH, permutations=19)
+    for values in (found.t, found.effect, found.p, found.p_height, found.p_tfce):
+        assert np.isnan(values[:50]).all()
+        assert np.isfinite(values[50:]).all()
+
+
+def test_the_same_seed_gives_the_same_bytes_with_any_number_of_threads():
+    maps, _, design = study(20, 1)
+    found = []
+    for threads in (1, None):
+        with using_threads(threads):
+            found.append(infer(maps, design, np.array([0.0, 1, 0]), MESH, permutations=100, seed=5))
+    for name in ("t", "p_height", "p_tfce", "null_height", "null_area", "null_tfce"):
+        np.testing.assert_array_equal(getattr(found[0], name), getattr(found[1], name))
+
+
+def test_bad_designs_are_refused():
+    maps, age, design = study(20, 1)
+    one = np.array([0.0, 1, 0])
+    for error, X, c in (
+        (DoesNotApply, design, np.zeros(3)),
+        (DoesNotApply, np.column_stack([design[:, :2], np.full(20, 5.0)]), one),
+        (DoesNotApply, np.column_stack([design[:, :2], 2 * age]), one),
+        (WrongShape, design, np.ones(2)),
+        (WrongShape, design[:-1], one),
+    ):
+        with pytest.raises(error):
+            infer(maps, X, c, MESH, permutations=1)
+    with pytest.raises(DoesNotApply):
+        infer(maps[:3], design[[0, 1, 2]], one, MESH, permutations=1)
+    with pytest.raises(DoesNotApply):
+        infer(np.full_like(maps, np.nan), design, one, MESH, permutations=1)
+    for options in ({"permutations": 0}, {"forming_p": 0.0}):
+        with pytest.raises(OutOfRange):
+            infer(maps, design, one, MESH, **options)
