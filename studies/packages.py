@@ -129,7 +129,15 @@ def draw(path: Path) -> None:
             x, y = 1.5 + k * width, 0.1 + 0.68 * level
             shade = {"sim": "#fde3cf", "analysis": "#d6e8f7"}.get(name, "#f2f2f2")
             axes.add_patch(_box(x, y, width, shade))
-            axes.text(x + width / 2, y + 0.36, name, ha="center", va="center", weight="bold", size=11)
+            axes.text(
+                x + width / 2,
+                y + 0.36,
+                name,
+                ha="center",
+                va="center",
+                weight="bold",
+                size=11 if len(floor) < 4 else 9.5,
+            )
             held = HOLDS[name] if len(floor) < 3 or len(HOLDS[name]) < 24 else ""
             axes.text(x + width / 2, y + 0.16, held, ha="center", va="center", size=7.5, color="#444444")
             axes.text(x + width - 0.09, y + 0.44, f"{sizes[name]:,}", ha="right", va="center", size=7, color="#888888")

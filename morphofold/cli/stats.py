@@ -1,0 +1,98 @@
+"""Test a linear model at every vertex of the maps that `cohort --space` wrote. P values are corrected for the whole
+cortex by permutations: of single vertices, of clusters, and by threshold-free cluster enhancement."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from morphofold.cli import add_options, add_threads
+from morphofold.cli.streams import print_json
+
+if TYPE_CHECKING:
+    from morphofold.inference.study import Result
+
+
+def add_args(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("study", metavar="STUDY", help="folder that cohort --space wrote")
+    parser.add_argument(
+        "--model",
+        metavar="MODEL",
+        required=True,
+        help="map and regressors, columns of the participants: 'gyral_thickness ~ age + sex'; '~ 1' is the mean",
+    )
+    parser.add_argument(
+        "--contrast",
+        metavar="C",
+        required=True,
+        help="what is tested: a regressor (age), weights of columns ('group[T.b] - group[T.c]'), or 1, the intercept",
+    )
+    add_options(
+        parser,
+        ("--participants", "FILE", "table with a row for each participant_id (default: STUDY/participants.tsv)"),
+        ("--space", "NAME", "folder in STUDY/spaces (default: the only one)"),
+    )
+    parser.add_argument("--hemi", choices=["lh", "rh", "both"], default="both", help="hemispheres (default: both)")
+    parser.add_argument("--permutations", type=int, metavar="N", default=1000, help="(default: 1000)")
+    parser.add_argument("--seed", type=int, metavar="N", default=0, help="of the permutations (default: 0)")
+    parser.add_argument("-o", "--out", metavar="DIR", default="stats", help="folder to write (default: stats)")
+    add_threads(parser)
+    parser.add_argument("--json", action="store_true", help="print summary.json")
+
+
+def run(args: argparse.Namespace) -> int:
+    from morphofold.cli.paths import refuse_overlap
+    from morphofold.cli.progress import progress
+    from morphofold.inference.study import find_space, fit_study, summary, write_result
+    from morphofold.io import refuse_foreign
+    from morphofold.threads import set_threads
+
+    set_threads(args.threads)
+    space = find_space(args.study, args.space)
+    participants = Path(args.participants or Path(args.study) / "participants.tsv")
+    refuse_overlap(Path(args.out), [space.folder])
+    refuse_foreign(Path(args.out))
+    hemis = ("lh", "rh") if args.hemi == "both" else (args.hemi,)
+    with progress("stats", args.quiet) as show:
+        found = fit_study(
+            space,
+            participants,
+            args.model,
+            args.contrast,
+            hemis=hemis,
+            permutations=args.permutations,
+            seed=args.seed,
+            progress=show,
+        )
+        write_result(found, args.out, [participants])
+    if args.json:
+        print_json(summary(found, [participants]))
+    else:
+        _print_result(found, Path(args.out))
+    return 0
+
+
+def _print_result(found: Result, out: Path) -> None:
+    from morphofold.inference.study import cluster_rows, summary
+
+    said = summary(found)
+    subjects, vertices = len(found.design.subjects), said["vertices"]
+    print(
+        f"{found.map} ~ {found.formula}, {found.contrast}: {subjects} subjects, {vertices['tested']:,} of "
+        f"{vertices['all']:,} vertices, {found.inference.df} degrees of freedom"
+    )
+    for reason, names in said["left_out"].items():
+        if names:
+            print(f"left out ({reason}): {', '.join(names[:5])}{' ...' * (len(names) > 5)}")
+    areas = said["significant_area_mm2"]
+    print(
+        f"corrected p <= 0.05: {areas['p_tfce']:.0f} mm2 by TFCE (smallest p {said['smallest_p']['p_tfce']:.3g}), "
+        f"{areas['p_height']:.0f} mm2 by height ({said['smallest_p']['p_height']:.3g})"
+    )
+    for row in [row for row in cluster_rows(found) if row["p"] <= 0.05][:5]:
+        print(
+            f"cluster {row['cluster']}, {row['hemi']} {row['region'] or ''}: {row['area_mm2']:.0f} mm2, effect "
+            f"{row['effect']:.3g}, t {row['t']:.2f}, p {row['p']:.3g}"
+        )
+    print(f"-> {out}")

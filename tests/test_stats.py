@@ -1,0 +1,170 @@
+"""``morphofold stats``: a model at every vertex of a study's maps on a template."""
+
+import json
+
+import numpy as np
+import pytest
+from commands import refused
+
+from morphofold.analysis import smooth
+from morphofold.cli import main
+from morphofold.errors import MissingPart, UnknownName
+from morphofold.inference.study import cluster_rows, find_space, fit_study, write_result
+from morphofold.io import read_morph, write_annotation, write_label, write_surface
+from morphofold.io.gifti import read_gifti_map
+from morphofold.shapes import icosphere
+from morphofold.surface import Regions, Surface
+from morphofold.tables import read_table, write_table
+
+VERTS, FACES = icosphere(3, radius=50.0)
+SUBJECTS = [f"s{k:02}" for k in range(24)]
+NORTH = VERTS[:, 2] > 30
+
+
+@pytest.fixture
+def study(tmp_path):
+    """24 subjects on a ball of 642 vertices: age thins the north of the left side by 0.05 mm a year. s05 has no right
+    side, and s07 no age; the south is no cortex."""
+    folder = tmp_path / "study" / "spaces" / "ball" / "group"
+    random = np.random.default_rng(1)
+    age = random.uniform(20, 80, len(SUBJECTS))
+    for place in ("surf", "label"):
+        (folder / place).mkdir(parents=True)
+    for hemi in ("lh", "rh"):
+        write_surface(folder / "surf" / f"{hemi}.white", Surface(VERTS, FACES))
+        write_label(folder / "label" / f"{hemi}.cortex.label", VERTS[:, 2] > -40, VERTS)
+        regions = Regions(
+            (VERTS[:, 2] > 0).astype(int), ("south", "north"), np.array([[9, 9, 9], [99, 9, 9]], np.uint8)
+        )
+        write_annotation(folder / "label" / f"{hemi}.aparc.annot", regions)
+        maps = 0.5 * smooth(VERTS, FACES, random.standard_normal((len(VERTS), len(SUBJECTS))), 15.0).T
+        maps += 2.5 - 0.05 * (hemi == "lh") * np.outer(age - 50, NORTH)
+        if hemi == "rh":
+            maps[5] = np.nan
+        np.save(folder / f"{hemi}.cortical_thickness.npy", maps.astype(np.float32))
+        np.save(folder / f"{hemi}.area.npy", np.full((len(SUBJECTS), len(VERTS)), 2.0, dtype=np.float32))
+    rows = [{"participant_id": name, "lh": 1, "rh": int(name != "s05")} for name in SUBJECTS]
+    write_table(folder / "participants.tsv", ("participant_id", "lh", "rh"), rows)
+    (folder / "space.json").write_text("{}")
+    people = [{"participant_id": n, "age": None if n == "s07" else a, "site": 1} for n, a in zip(SUBJECTS, age)]
+    write_table(tmp_path / "study" / "participants.tsv", ("participant_id", "age", "site"), people)
+    return tmp_path / "study"
+
+
+def fitted(study, **options):
+    space = find_space(study)
+    return fit_study(space, study / "participants.tsv", "cortical_thickness ~ age", "age", permutations=199, **options)
+
+
+def test_an_effect_is_found_on_its_side_and_in_its_place(study):
+    found = fitted(study)
+    assert found.design.left_out == ("s07",)
+    assert found.without_maps == ("s05",)
+    assert found.inference.df == 20
+    n = len(VERTS)
+    significant = found.inference.p_tfce <= 0.05
+    assert significant[:n][VERTS[:, 2] > 35].mean() > 0.95
+    assert significant[:n][VERTS[:, 2] < 15].mean() < 0.02
+    assert significant[n:].mean() < 0.02
+    np.testing.assert_allclose(found.inference.effect[:n][NORTH].mean(), -0.05, atol=0.01)
+    off = VERTS[:, 2] <= -40
+    assert np.isnan(found.inference.t[:n][off]).all()
+    assert (found.counts[:n][off] == 0).all()
+    assert (found.counts[:n][~off] == 22).all()
+
+
+def test_one_hemisphere_keeps_the_subjects_of_the_other(study):
+    found = fitted(study, hemis=("lh",))
+    assert found.without_maps == ()
+    assert len(found.design.subjects) == 23
+    assert len(found.inference.t) == len(VERTS)
+
+
+def test_the_first_cluster_has_its_peak_area_and_region(study):
+    row = cluster_rows(fitted(study))[0]
+    assert (row["hemi"], row["cluster"], row["region"], row["p"]) == ("lh", 1, "north", 1 / 200)
+    assert NORTH[row["peak"]]
+    np.testing.assert_allclose([row["x"], row["y"], row["z"]], VERTS[row["peak"]], atol=1e-4)
+    assert row["t"] < -4
+    assert row["area_mm2"] == pytest.approx(2.0 * NORTH.sum(), rel=0.3)  # areas are those of the subjects
+
+
+def test_results_are_maps_a_table_and_a_summary(study, tmp_path):
+    found = fitted(study)
+    out = write_result(found, tmp_path / "out", [study / "participants.tsv"])
+    n, said = len(VERTS), json.loads((out / "summary.json").read_text())
+    effect = read_gifti_map(out / "maps" / "rh.effect.shape.gii")
+    np.testing.assert_allclose(effect, found.inference.effect[n:], rtol=1e-5)
+    p = read_morph(out / "maps" / "lh.p_tfce")
+    np.testing.assert_allclose(p, np.nan_to_num(found.inference.p_tfce[:n], nan=1.0), rtol=1e-6)
+    cluster = read_morph(out / "maps" / "lh.cluster").astype(int)
+    rows = read_table(out / "clusters.tsv", words=("hemi", "region"))
+    assert (cluster == 1).sum() * 2.0 == pytest.approx(rows[0]["area_mm2"])
+    assert said["vertices"] == {"all": 2 * n, "tested": int(np.isfinite(found.inference.t).sum())}
+    assert said["left_out"] == {"value missing": ["s07"], "no maps": ["s05"]}
+    assert said["smallest_p"]["p_tfce"] == 1 / 200
+    again = write_result(fitted(study), tmp_path / "again", [study / "participants.tsv"])
+    for file in out.rglob("*.*"):
+        assert file.read_bytes() == (again / file.relative_to(out)).read_bytes(), file
+
+
+def test_the_command_prints_what_it_found(study, tmp_path, capsys):
+    argv = [
+        "stats",
+        str(study),
+        "--model",
+        "cortical_thickness ~ age",
+        "--contrast",
+        "age",
+        "--permutations",
+        "99",
+        "-q",
+    ]
+    assert main([*argv, "-o", str(tmp_path / "age")]) == 0
+    assert "lh north" in capsys.readouterr().out
+    assert main([*argv, "-o", str(tmp_path / "age"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["permutations"] == 99
+    mean = ["--model", "cortical_thickness ~ 1", "--contrast", "1"]
+    assert (
+        main(["stats", str(study), *mean, "--hemi", "rh", "-o", str(tmp_path / "mean"), "-q", "--permutations", "9"])
+        == 0
+    )
+    said = json.loads((tmp_path / "mean" / "summary.json").read_text())
+    assert (said["exchanged"], said["hemispheres"], len(said["subjects"])) == ("signs", ["rh"], 23)
+
+
+@pytest.mark.parametrize(
+    ("model", "contrast", "word"),
+    [
+        ("age", "age", "unknown-name"),
+        ("height ~ age", "age", "cortical_thickness"),
+        ("cortical_thickness ~ height", "height", "age, site"),
+        ("cortical_thickness ~ age", "sex", "Intercept, age"),
+        ("cortical_thickness ~ site", "site", "does-not-apply"),
+        ("cortical_thickness ~ age + I(2 * age)", "age", "does-not-apply"),
+        ("cortical_thickness ~ bs(age, df=22)", "1", "does-not-apply"),
+    ],
+)
+def test_what_can_not_be_tested_is_refused(study, tmp_path, capsys, model, contrast, word):
+    out = tmp_path / "out"
+    refused(capsys, ["stats", str(study), "--model", model, "--contrast", contrast, "-o", str(out), "-q"], word)
+    assert not out.exists()
+
+
+def test_a_study_without_one_space_is_refused(study, tmp_path):
+    with pytest.raises(FileNotFoundError):
+        find_space(tmp_path)
+    with pytest.raises(FileNotFoundError):
+        find_space(study, "fsaverage6")
+    (study / "spaces" / "other" / "group").mkdir(parents=True)
+    (study / "spaces" / "other" / "group" / "space.json").write_text("{}")
+    with pytest.raises(UnknownName):
+        find_space(study)
+    assert find_space(study, "ball").subjects == tuple(SUBJECTS)
+
+
+def test_a_subject_without_a_row_is_refused(study):
+    table = study / "participants.tsv"
+    table.write_text("".join(line for line in table.read_text().splitlines(True) if not line.startswith("s03")))
+    with pytest.raises(MissingPart, match="s03"):
+        fitted(study)
