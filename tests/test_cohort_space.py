@@ -160,10 +160,14 @@ def test_the_template_comes_with_the_arrays(quick, three, small, tmp_path):
 
 
 def test_a_template_without_a_sphere_is_refused(tmp_path, small):
-    for hemi in ("lh", "rh"):
-        (small / "surf" / f"{hemi}.sphere").unlink()
+    (small / "surf" / "rh.sphere").unlink()
+    (small / "surf" / "lh.white").unlink()
+    assert template(str(small)).has_sphere("lh")
     with pytest.raises(MissingPart):
-        template(str(small)).sphere("lh")
+        template(str(small), 10.0)
+    (small / "surf" / "lh.sphere").unlink()
+    with pytest.raises(MissingPart):
+        template(str(small))
     with pytest.raises(OutOfRange):
         template("fsaverage5", -1.0)
 

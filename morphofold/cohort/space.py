@@ -57,6 +57,14 @@ class Template:
         except FileNotFoundError:
             return self.surface(hemi, "sphere")
 
+    def has_sphere(self, hemi: str) -> bool:
+        """Whether it has that hemisphere."""
+        try:
+            self.sphere(hemi)
+        except MissingPart:
+            return False
+        return True
+
     def surface(self, hemi: str, kind: str) -> Path:
         """The file of one of its surfaces; raises if there is none."""
         places = (Path(self.folder) / "surf" / f"{hemi}.{kind}{ending}" for ending in SURFACE_ENDINGS)
@@ -73,13 +81,19 @@ def template(name: str, fwhm: float | None = None) -> Template:
     ------
     FileNotFoundError
         If there is neither.
-    OutOfRange
-        If ``fwhm`` is not a positive length.
+    ValueError
+        If ``fwhm`` is not a positive length, or the folder has no sphere, or no white surface to smooth along.
     """
     if fwhm is not None and not (np.isfinite(fwhm) and fwhm > 0):
         raise OutOfRange(f"smoothing must be a positive width in mm, got {fwhm!r}.")
     folder = Path(name).absolute() if Path(name).is_dir() else sample_path(name)
-    return Template(folder.name, str(folder), fwhm)
+    found = Template(folder.name, str(folder), fwhm)
+    hemis = [hemi for hemi in HEMIS if found.has_sphere(hemi)]
+    if not hemis:
+        found.sphere(HEMIS[0])  # raises
+    for hemi in hemis if fwhm is not None else ():
+        found.surface(hemi, "white")
+    return found
 
 
 @dataclass(frozen=True)
@@ -163,7 +177,7 @@ def _bring_over(subject: Mapped, say: Say) -> dict[str, str]:
     subject.maps.parent.mkdir(parents=True, exist_ok=True)
     with atomic_folder(subject.maps) as folder:
         for hemi, maps in found.items():
-            np.savez(folder / f"{hemi}.npz", allow_pickle=False, **{k: v.astype(np.float32) for k, v in maps.items()})
+            np.savez(folder / f"{hemi}.npz", **{name: values.astype(np.float32) for name, values in maps.items()})
     return failures
 
 
