@@ -12,6 +12,8 @@ from morphofold.errors import MissingPart, UnknownName
 from morphofold.inference.study import cluster_rows, find_space, fit_study, write_result
 from morphofold.io import read_morph, write_annotation, write_label, write_surface
 from morphofold.io.gifti import read_gifti_map
+from morphofold.report.pages.stats_page import stats_report
+from morphofold.report.pictures.png import read_png
 from morphofold.shapes import icosphere
 from morphofold.surface import Regions, Surface
 from morphofold.tables import read_table, write_table
@@ -122,14 +124,35 @@ def test_the_command_prints_what_it_found(study, tmp_path, capsys):
     ]
     assert main([*argv, "-o", str(tmp_path / "age")]) == 0
     assert "lh north" in capsys.readouterr().out
+    assert sorted(file.stem for file in (tmp_path / "age" / "figures").iterdir()) == [
+        "effect",
+        "p_height",
+        "p_tfce",
+        "subjects",
+    ]
     assert main([*argv, "-o", str(tmp_path / "age"), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["permutations"] == 99
     mean = ["--model", "cortical_thickness ~ 1", "--contrast", "1"]
     assert (
-        main(["stats", str(study), *mean, "--hemi", "rh", "-o", str(tmp_path / "mean"), "-q", "--permutations", "9"])
+        main(
+            [
+                "stats",
+                str(study),
+                *mean,
+                "--hemi",
+                "rh",
+                "-o",
+                str(tmp_path / "mean"),
+                "-q",
+                "--permutations",
+                "9",
+                "--no-report",
+            ]
+        )
         == 0
     )
     said = json.loads((tmp_path / "mean" / "summary.json").read_text())
+    assert not (tmp_path / "mean" / "report.html").exists()
     assert (said["exchanged"], said["hemispheres"], len(said["subjects"])) == ("signs", ["rh"], 23)
 
 
@@ -168,3 +191,18 @@ def test_a_subject_without_a_row_is_refused(study):
     table.write_text("".join(line for line in table.read_text().splitlines(True) if not line.startswith("s03")))
     with pytest.raises(MissingPart, match="s03"):
         fitted(study)
+
+
+def test_the_page_has_the_clusters_and_escapes_names(study, tmp_path):
+    table = study / "participants.tsv"
+    table.write_text(table.read_text().replace("s05\t", "<b>s05\t"))
+    people = study / "spaces" / "ball" / "group" / "participants.tsv"
+    people.write_text(people.read_text().replace("s05\t", "<b>s05\t"))
+    out = write_result(fitted(study), tmp_path / "out", report=stats_report)
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert "<td>north</td>" in page
+    assert "&lt;b&gt;s05" in page
+    assert "<b>s05" not in page
+    assert "<script" not in page
+    for file in (out / "figures").iterdir():
+        assert read_png(file).std() > 10

@@ -37,6 +37,7 @@ def add_args(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--permutations", type=int, metavar="N", default=1000, help="(default: 1000)")
     parser.add_argument("--seed", type=int, metavar="N", default=0, help="of the permutations (default: 0)")
     parser.add_argument("-o", "--out", metavar="DIR", default="stats", help="folder to write (default: stats)")
+    add_options(parser, ("--no-report", None, "tables and maps only, no page or pictures"))
     add_threads(parser)
     parser.add_argument("--json", action="store_true", help="print summary.json")
 
@@ -46,6 +47,7 @@ def run(args: argparse.Namespace) -> int:
     from morphofold.cli.progress import progress
     from morphofold.inference.study import find_space, fit_study, summary, write_result
     from morphofold.io import refuse_foreign
+    from morphofold.report.pages.stats_page import stats_report
     from morphofold.threads import set_threads
 
     set_threads(args.threads)
@@ -65,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
             seed=args.seed,
             progress=show,
         )
-        write_result(found, args.out, [participants])
+        write_result(found, args.out, [participants], report=None if args.no_report else stats_report)
     if args.json:
         print_json(summary(found, [participants]))
     else:
@@ -95,4 +97,5 @@ def _print_result(found: Result, out: Path) -> None:
             f"cluster {row['cluster']}, {row['hemi']} {row['region'] or ''}: {row['area_mm2']:.0f} mm2, effect "
             f"{row['effect']:.3g}, t {row['t']:.2f}, p {row['p']:.3g}"
         )
-    print(f"-> {out}")
+    page = out / "report.html"
+    print(f"-> {page if page.is_file() else out}")

@@ -177,7 +177,8 @@ def _bring_over(subject: Mapped, say: Say) -> dict[str, str]:
     subject.maps.parent.mkdir(parents=True, exist_ok=True)
     with atomic_folder(subject.maps) as folder:
         for hemi, maps in found.items():
-            np.savez(folder / f"{hemi}.npz", **{name: values.astype(np.float32) for name, values in maps.items()})
+            single: dict[str, Any] = {name: values.astype(np.float32) for name, values in maps.items()}
+            np.savez(folder / f"{hemi}.npz", **single)
     return failures
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,8 @@ from morphofold.surface import Surface
 from morphofold.tables import read_table, write_table
 
 HEMIS = ("lh", "rh")
+#: draws the page of a result with its summary into a folder
+DrawStats = Callable[["Result", Mapping[str, Any], Path], object]
 CLUSTER_COLUMNS = ("hemi", "cluster", "peak", "x", "y", "z", "region", "area_mm2", "effect", "t", "p")
 MAPS = ("effect", "t", "p", "p_height", "p_tfce", "cluster", "subjects")
 
@@ -227,11 +229,14 @@ def cluster_rows(result: Result) -> list[dict[str, Any]]:
     return sorted(rows, key=lambda row: row["cluster"])
 
 
-def write_result(result: Result, out: str | Path, inputs: Sequence[str | Path] = ()) -> Path:
-    """Write maps, the table of clusters and summary.json, completely or not at all.
+def write_result(
+    result: Result, out: str | Path, inputs: Sequence[str | Path] = (), report: DrawStats | None = None
+) -> Path:
+    """Write maps, the table of clusters, summary.json and a page, completely or not at all.
 
     ``maps/?h.NAME.shape.gii`` and the same in FreeSurfer's format: ``effect``, ``t``, ``p`` (of the vertex alone),
-    ``p_height`` and ``p_tfce`` (corrected), ``cluster`` (number, 0: none), ``subjects`` (with a value).
+    ``p_height`` and ``p_tfce`` (corrected), ``cluster`` (number, 0: none), ``subjects`` (with a value). The page is
+    drawn by ``report``: :func:`morphofold.report.pages.stats_page.stats_report`.
     """
     found = result.inference
     maps = {name: getattr(found, name) for name in MAPS[:5]}
@@ -243,7 +248,10 @@ def write_result(result: Result, out: str | Path, inputs: Sequence[str | Path] =
                 write_gifti_map(folder / "maps" / f"{hemi}.{name}.shape.gii", part, nan=np.nan, hemi=hemi)
                 write_morph(folder / "maps" / f"{hemi}.{name}", part, nan=1.0 if name.startswith("p") else 0.0)
         write_table(folder / "clusters.tsv", CLUSTER_COLUMNS, cluster_rows(result))
-        (folder / "summary.json").write_text(strict_json(summary(result, inputs)), encoding="utf-8")
+        said = summary(result, inputs)
+        (folder / "summary.json").write_text(strict_json(said), encoding="utf-8")
+        if report is not None:
+            report(result, said, folder)
     return Path(out)
 
 
