@@ -182,6 +182,10 @@ def test_the_command_brings_maps_over(quick, three, tmp_path, capsys, monkeypatc
     assert code == 1  # ben rh
     assert {name: list(why) for name, why in found["mapped"].items()} == {"anna": [], "ben": ["rh"], "cleo": []}
     assert np.load(out / "spaces" / "fsaverage5" / "group" / "lh.x.npy").shape == (3, 10242)
+    assert (
+        main(["cohort", str(tmp_path / "subjects"), "-o", str(out), "--no-report", "--space", "fsaverage5", "-q"]) == 1
+    )
+    assert "ben rh" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

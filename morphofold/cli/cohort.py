@@ -211,10 +211,12 @@ def print_mapped(mapped: Sequence[Outcome], on: Template, out: Path, args: argpa
     from morphofold.cohort.space import SPACES
 
     missing = [(one.name, part, why) for one in mapped for part, why in one.failures.items()]
+    if args.json:
+        return
     for name, part, why in missing[:5]:
-        print_note(f"{' '.join(filter(None, (name, part)))} is not on {on.name}: {why}", args.quiet)
+        print(one_line(f"{' '.join(filter(None, (name, part)))} is not on {on.name}: {why}"))
     there = sum(one.state != "failed" for one in mapped)
-    print_note(f"{there} of {len(mapped)} subjects on {on.name} -> {out / SPACES / on.place / 'group'}", args.quiet)
+    print(f"{there} of {len(mapped)} subjects on {on.name} -> {out / SPACES / on.place / 'group'}")
 
 
 def fleet_asked(args: argparse.Namespace, need: float) -> AbstractContextManager[Fleet]:
