@@ -86,6 +86,15 @@ def test_what_makes_no_model_is_refused(table, error, formula, contrast):
         design(NAMES, table, formula, contrast)
 
 
+def test_blocks_are_the_values_of_a_column(table):
+    found = design(NAMES, table, "sex", "sex", blocks="group")
+    np.testing.assert_array_equal(found.blocks, [0, 1, 2, 0, 1, 2])
+    with pytest.raises(DoesNotApply):
+        design(NAMES, table, "sex", "sex", blocks="age")
+    with pytest.raises(UnknownName):
+        design(NAMES, table, "sex", "sex", blocks="family")
+
+
 def test_a_subject_without_a_row_is_refused(table):
     with pytest.raises(MissingPart, match="07"):
         design([*NAMES, "sub-07"], table, "age", "age")

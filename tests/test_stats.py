@@ -82,6 +82,20 @@ def test_one_hemisphere_keeps_the_subjects_of_the_other(study):
     assert len(found.inference.t) == len(VERTS)
 
 
+def test_subjects_of_different_blocks_are_not_exchanged(study):
+    """Age is the block's, so exchanging within blocks changes nothing, and nothing can be found."""
+    table = study / "participants.tsv"
+    head, *lines = table.read_text().splitlines()
+    cells = [line.split("\t") for line in lines]
+    for k, row in enumerate(cells):
+        row[1], row[2] = str(20 + 10 * (k % 4)), f"site{k % 4}"
+    table.write_text("\n".join(["\t".join(row) for row in [head.split("\t"), *cells]]) + "\n")
+    found = fitted(study, blocks="site")
+    assert found.design.blocks.tolist() == [int(row[2][-1]) for row in cells if row[0] != "s05"]
+    np.testing.assert_allclose(found.inference.null_height, np.nanmax(np.abs(found.inference.t)), rtol=1e-6)
+    assert np.nanmin(found.inference.p_height) == 1.0
+
+
 def test_the_first_cluster_has_its_peak_area_and_region(study):
     row = cluster_rows(fitted(study))[0]
     assert (row["hemi"], row["cluster"], row["region"], row["p"]) == ("lh", 1, "north", 1 / 200)

@@ -31,6 +31,11 @@ def add_args(parser: argparse.ArgumentParser) -> None:
     add_options(
         parser,
         ("--participants", "FILE", "table with a row for each participant_id (default: STUDY/participants.tsv)"),
+        (
+            "--blocks",
+            "COLUMN",
+            "exchange subjects only within equal values of a column: site, family, person (default: all)",
+        ),
         ("--space", "NAME", "folder in STUDY/spaces (default: the only one)"),
     )
     parser.add_argument("--hemi", choices=["lh", "rh", "both"], default="both", help="hemispheres (default: both)")
@@ -62,6 +67,7 @@ def run(args: argparse.Namespace) -> int:
             participants,
             args.model,
             args.contrast,
+            blocks=args.blocks,
             hemis=hemis,
             permutations=args.permutations,
             seed=args.seed,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from morphofold.arrays import Array
+from morphofold.arrays import Array, Ints
 from morphofold.errors import DamagedFile, DoesNotApply, MissingPart, NamedTwice, UnknownName, WrongFile
 
 if TYPE_CHECKING:
@@ -35,6 +35,8 @@ class Design:
     contrast : (K,) float64
     flip : bool
         Whether the model has an intercept alone, so that signs are exchanged instead of subjects.
+    blocks : (S,) int64 or None
+        Number of the block within which each subject may be exchanged; None: all with all.
     """
 
     subjects: tuple[str, ...]
@@ -43,6 +45,7 @@ class Design:
     matrix: Array
     contrast: Array
     flip: bool
+    blocks: Ints | None = None
 
 
 def read_participants(path: str | Path) -> pd.DataFrame:
@@ -90,7 +93,9 @@ def plain_name(subject: str) -> str:
     return str(subject).removeprefix("sub-")
 
 
-def design(subjects: Sequence[str], participants: pd.DataFrame, formula: str, contrast: str) -> Design:
+def design(
+    subjects: Sequence[str], participants: pd.DataFrame, formula: str, contrast: str, blocks: str | None = None
+) -> Design:
     """The design of a formula for some subjects.
 
     Parameters
@@ -104,12 +109,14 @@ def design(subjects: Sequence[str], participants: pd.DataFrame, formula: str, co
     contrast : str
         A column of the design (``"age"``, ``"sex[T.M]"``), a variable with one column (``"sex"``), ``"1"`` for the
         intercept, or weights of columns (``"group[T.b] - group[T.c]"``).
+    blocks : str, optional
+        Column whose values mark blocks.
 
     Raises
     ------
     ValueError
         If a subject has no row, the formula or the contrast cannot be read or names a column that does not exist, a
-        regressor is constant, or all subjects miss a value.
+        regressor is constant, all subjects miss a value, or every subject is a block of its own.
     """
     import formulaic
 
@@ -124,7 +131,7 @@ def design(subjects: Sequence[str], participants: pd.DataFrame, formula: str, co
         model = formulaic.Formula(formula)
         if not isinstance(model, formulaic.SimpleFormula):
             raise UnknownName(f"{formula!r}: the model has two sides. Give the regressors alone, such as 'age + sex'.")
-        needed = sorted(map(str, model.required_variables))
+        needed = sorted({*map(str, model.required_variables), *([blocks] if blocks else [])})
         if unknown := [name for name in needed if name not in rows]:
             raise UnknownName(f"{_some(unknown)}: no such column of participants; they are {', '.join(rows.columns)}.")
         complete = rows[needed].notna().all(axis=1).to_numpy() if needed else np.ones(len(rows), dtype=bool)
@@ -136,6 +143,11 @@ def design(subjects: Sequence[str], participants: pd.DataFrame, formula: str, co
     columns = tuple(map(str, matrix.columns))
     values = np.asarray(matrix, dtype=np.float64)
     _refuse_constant(values, columns)
+    block = None
+    if blocks is not None:
+        names_of_blocks, block = np.unique(rows[blocks][complete].astype(str).to_numpy(), return_inverse=True)
+        if len(names_of_blocks) == len(values):
+            raise DoesNotApply(f"{blocks} differs for every subject, so none can be exchanged within its block.")
     return Design(
         subjects=tuple(one for one, there in zip(subjects, complete) if there),
         left_out=tuple(one for one, there in zip(subjects, complete) if not there),
@@ -143,6 +155,7 @@ def design(subjects: Sequence[str], participants: pd.DataFrame, formula: str, co
         matrix=values,
         contrast=_weights(contrast, columns, matrix.model_spec, formula),
         flip=len(columns) == 1 and columns[0] in INTERCEPTS,
+        blocks=block,
     )
 
 

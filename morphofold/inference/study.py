@@ -126,6 +126,7 @@ def fit_study(
     model: str,
     contrast: str,
     *,
+    blocks: str | None = None,
     hemis: Sequence[str] = HEMIS,
     permutations: int = 1000,
     seed: int = 0,
@@ -142,6 +143,8 @@ def fit_study(
         Such as ``"gyral_thickness ~ age + sex"``.
     contrast : str
         As for :func:`morphofold.inference.design.design`.
+    blocks : str, optional
+        Column of the participants within whose values subjects are exchanged.
     hemis : sequence of {"lh", "rh"}
     permutations, seed : int
     progress : callable
@@ -159,7 +162,7 @@ def fit_study(
     present = [subject for subject, there in zip(space.subjects, has_all) if there]
     if not present:
         raise MissingPart(f"{space.folder}: no subject has maps of {' and '.join(hemis)}.")
-    chosen = design(present, read_participants(participants), formula, contrast)
+    chosen = design(present, read_participants(participants), formula, contrast, blocks)
     row = {subject: k for k, subject in enumerate(space.subjects)}
     rows = np.array([row[subject] for subject in chosen.subjects])
     values = np.concatenate([np.asarray(maps[hemi])[rows] for hemi in hemis], axis=1)
@@ -174,6 +177,7 @@ def fit_study(
         permutations=permutations,
         seed=seed,
         flip=chosen.flip,
+        blocks=chosen.blocks,
         progress=progress,
     )
     left = tuple(subject for subject, there in zip(space.subjects, has_all) if not there)
@@ -275,6 +279,7 @@ def summary(result: Result, inputs: Sequence[str | Path] = ()) -> dict[str, Any]
         "permutations": result.permutations,
         "seed": result.seed,
         "exchanged": "signs" if chosen.flip else "subjects",
+        "blocks": None if chosen.blocks is None else int(chosen.blocks.max()) + 1,
         "cluster_forming_t": found.threshold,
         "vertices": {"all": len(tested), "tested": int(tested.sum())},
         "smallest_p": {name: float(np.nanmin(getattr(found, name))) for name in ("p", "p_height", "p_tfce")},
