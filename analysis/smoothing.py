@@ -20,7 +20,15 @@ TOLERANCE = 1e-6  # of a stage
 LEAST_SHARE = 1e-3  # of a kernel that lies on known values, below which there is no value
 
 
-def smooth(verts: Verts, faces: Faces, values: Array, fwhm: float, inside: NDArray[np.bool_] | None = None) -> Array:
+def smooth(
+    verts: Verts,
+    faces: Faces,
+    values: Array,
+    fwhm: float,
+    inside: NDArray[np.bool_] | None = None,
+    *,
+    fill: float | None = None,
+) -> Array:
     """Smooth maps by heat flow along the surface.
 
     Parameters
@@ -33,12 +41,14 @@ def smooth(verts: Verts, faces: Faces, values: Array, fwhm: float, inside: NDArr
         Full width at half maximum of the kernel [mm]; 2.355 of its standard deviations.
     inside : (N,) bool, optional
         Vertices to smooth, such as the cortex; None: all.
+    fill : float, optional
+        Give a value also where it is unknown, inside, if at least this share of the kernel lies on known values.
 
     Returns
     -------
     array like ``values``
-        NaN outside, and where a value is unknown. Values from outside, or unknown ones, have no influence: the kernel
-        is divided by its share on known values.
+        NaN outside, and where a value is unknown and not filled. Values from outside, or unknown ones, have no
+        influence: the kernel is divided by its share on known values.
 
     Raises
     ------
@@ -57,12 +67,14 @@ def smooth(verts: Verts, faces: Faces, values: Array, fwhm: float, inside: NDArr
     if np.ndim(values) not in (1, 2) or len(values) != len(verts):
         raise WrongShape(f"values must be ({len(verts)},) or ({len(verts)}, K), got {np.shape(values)}.")
     maps = np.asarray(values, dtype=np.float64).reshape(len(verts), -1)
-    known = np.isfinite(maps) if inside is None else np.isfinite(maps) & np.asarray(inside, dtype=bool)[:, None]
+    there = np.ones((len(verts), 1), dtype=bool) if inside is None else np.asarray(inside, dtype=bool)[:, None]
+    known = np.isfinite(maps) & there
     held, which = np.unique(known, axis=1, return_inverse=True)  # maps with the same known vertices share their weights
     both = _flow(verts, faces, np.concatenate([np.where(known, maps, 0.0), held.astype(np.float64)], axis=1), fwhm)
     total, share = both[:, : maps.shape[1]], both[:, maps.shape[1] :][:, which.ravel()]
     found = np.full(maps.shape, np.nan)
-    np.divide(total, share, out=found, where=known & (share > LEAST_SHARE))
+    filled = np.zeros_like(known) if fill is None else there & (share >= max(fill, LEAST_SHARE))
+    np.divide(total, share, out=found, where=(known & (share > LEAST_SHARE)) | filled)
     return found.reshape(np.shape(values))
 
 

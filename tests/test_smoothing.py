@@ -81,6 +81,20 @@ def test_what_lies_outside_has_no_influence(rng):
     assert np.isnan(found[gaps]).all()
 
 
+def test_holes_are_filled_where_half_of_the_kernel_is_known():
+    verts, faces = icosphere(5, radius=RADIUS)
+    z = verts[:, 2]
+    inside = z > -60
+    hole = (z > 99.7) | (z < 0)
+    found = smooth(verts, faces, np.where(hole, np.nan, 2.0), 20.0, inside, fill=0.5)
+    np.testing.assert_allclose(found[z > 99.7], 2.0, rtol=1e-4)  # within 8 mm of the pole
+    assert np.isnan(found[z < -8]).all()
+    assert np.isfinite(found[(z < 99) & (z > 0)]).all()
+    assert np.isnan(smooth(verts, faces, np.where(hole, np.nan, 2.0), 20.0, inside)[hole]).all()
+    everywhere = smooth(verts, faces, np.where(hole, np.nan, 2.0), 20.0, inside, fill=0.0)
+    assert np.isnan(everywhere[~inside]).all()
+
+
 def test_several_maps_are_smoothed_as_each_alone(rng):
     verts, faces = icosphere(4, radius=RADIUS)
     maps = rng.standard_normal((len(verts), 3))

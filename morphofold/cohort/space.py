@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from morphofold.arrays import Array
 from morphofold.cohort.tasks import INPUT_ERRORS, Outcome, Say, TaskFolder, digest, perform, read_record
 from morphofold.errors import Mismatch, MissingPart, OutOfRange
-from morphofold.io import atomic_folder, files_of, read_surface, sample_path
+from morphofold.io import atomic_folder, files_of, read_label, read_surface, sample_path
 from morphofold.io.cortices import SURFACE_ENDINGS, registered_sphere
 from morphofold.provenance import sha256_of, strict_json
 from morphofold.tables import write_table
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
 HEMIS = ("lh", "rh")
 SPACES = "spaces"  # folder of a cohort, with a folder for each template
+LEAST_SHARE_TO_FILL = 0.5  # of a smoothing kernel on known values, from which on a hole in the cortex is filled
 SUMMED_MAPS = ("area",)  # maps of amounts, whose sum matters; of others the mean
 TEMPLATE_SURFACES = ("white", "pial", "inflated", "sphere", "sphere.reg")
 
@@ -56,6 +58,11 @@ class Template:
             return registered_sphere(self.folder, hemi)
         except FileNotFoundError:
             return self.surface(hemi, "sphere")
+
+    def cortex(self, hemi: str, n: int) -> NDArray[np.bool_] | None:
+        """Its cortex (n,), by ``label/?h.cortex.label``; None if it has none."""
+        file = Path(self.folder) / "label" / f"{hemi}.cortex.label"
+        return read_label(file, n) if file.is_file() else None
 
     def has_sphere(self, hemi: str) -> bool:
         """Whether it has that hemisphere."""
@@ -196,7 +203,8 @@ def maps_on_template(m: Measures, sphere: str | Path, on: Template) -> dict[str,
     -------
     dict
         Means over the white area around each vertex; of ``area`` the sum [mm^2]. NaN where less than half of a mean is
-        known, and where ``on`` smooths outside the template's cortex. Areas are not smoothed.
+        known. Smoothing closes holes within the template's cortex, where half of the kernel is known, and leaves NaN
+        outside it. Areas are not smoothed.
 
     Raises
     ------
@@ -221,7 +229,10 @@ def maps_on_template(m: Measures, sphere: str | Path, on: Template) -> dict[str,
     means = [name for name in found if name not in SUMMED_MAPS]
     if on.fwhm is not None and means:
         white = read_surface(on.surface(cortex.hemi, "white"))
-        smoothed = smooth(white.verts, white.faces, np.column_stack([found[name] for name in means]), on.fwhm)
+        inside = on.cortex(cortex.hemi, len(white.verts))
+        fill = None if inside is None else LEAST_SHARE_TO_FILL
+        both = np.column_stack([found[name] for name in means])
+        smoothed = smooth(white.verts, white.faces, both, on.fwhm, inside, fill=fill)
         found |= dict(zip(means, smoothed.T))
     return found
 
