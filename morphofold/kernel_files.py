@@ -38,4 +38,7 @@ def is_kept(module: str) -> bool:
     place, spec = folder(), find_spec(module)
     if place is None or spec is None or spec.origin is None:
         return False
-    return any(place.glob(f"{name(module, spec.origin)}*/*.nbc"))
+    try:
+        return any(place.glob(f"{name(module, spec.origin)}*/*.nbc"))
+    except OSError:  # it may be written but not listed
+        return False

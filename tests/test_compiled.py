@@ -89,6 +89,15 @@ def test_where_nothing_can_be_written_each_process_compiles_for_itself(monkeypat
     assert not kernel_files.is_kept("morphofold.geometry")
 
 
+def test_a_folder_that_can_not_be_listed_holds_nothing(monkeypatch, tmp_path):
+    def shut(self, pattern):
+        raise PermissionError(13, "Permission denied", str(self))
+
+    monkeypatch.setattr(kernel_files, "folder", lambda: tmp_path)
+    monkeypatch.setattr(kernel_files.Path, "glob", shut)
+    assert not kernel_files.is_kept("morphofold.geometry")
+
+
 def test_two_processes_that_compile_at_once_do_not_disturb_each_other(folder, tmp_path):
     keep = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
     at_once = [
