@@ -133,7 +133,6 @@ def _correlations(start, stop, points, turns, near, indptr, indices, x, y, n, fo
     """Write the correlation (T,) of x, under each rotation (T, 3, 3), with y."""
     for t in range(start, stop):
         count, sx, sy, sxx, syy, sxy = 0, 0.0, 0.0, 0.0, 0.0, 0.0
-        v = 0
         for i in range(len(points)):
             if not math.isfinite(y[i]):
                 continue

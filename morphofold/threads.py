@@ -90,7 +90,10 @@ def in_blocks(kernel: Callable[..., Any], n: int, *arguments: Any) -> None:
 
 
 def beside(*tasks: Callable[[], Any]) -> list[Any]:
-    """The results of functions without arguments that run beside each other, each with its share of the threads."""
+    """The results of functions without arguments that run beside each other, each with its share of the threads.
+
+    The first error of a task is raised. In other threads than the main one ``CancelledError`` after Ctrl-C.
+    """
     import numba
 
     if current_thread() is main_thread():

@@ -137,6 +137,22 @@ def test_it_is_done_once_and_again_where_a_sphere_has_changed(quick, three, smal
     assert np.isfinite(np.load(group / "rh.H.npy")).all()
 
 
+def test_a_template_of_one_side_maps_that_side(quick, three, small, tmp_path):
+    for kind in ("sphere", "white", "pial"):
+        (small / "surf" / f"rh.{kind}").unlink()
+    outcomes, shapes, _ = mapped(three, tmp_path / "out", template(str(small)))
+    assert {name: list(one.failures) for name, one in outcomes.items()} == {name: ["rh"] for name in NAMES}
+    assert {name.split(".")[0] for name in shapes} == {"lh"}
+
+
+def test_smoothed_maps_are_made_again_where_the_template_has_changed(quick, three, small, tmp_path):
+    on = template(str(small), 50.0)
+    mapped(three, tmp_path / "out", on)
+    write_surface(small / "surf" / "lh.white", Surface(*icosphere(2, radius=90.0)))
+    outcomes, *_ = mapped(three, tmp_path / "out", on, run="2")
+    assert {one.state for one in outcomes.values()} == {"done"}
+
+
 def test_maps_are_smoothed_on_the_template_except_areas(quick, three, small, tmp_path):
     plain, broad = template(str(small)), template(str(small), 150.0)
     assert (plain.place, broad.place) == ("small", "small-fwhm150")

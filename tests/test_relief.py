@@ -70,9 +70,9 @@ def test_windows_on_fine_meshes_hold_their_radius_to_their_tolerance(rng):
     values = np.sin(verts @ [0.2, 0.1, 0.15]) + verts @ [0.002, 0.004, 0.006]  # many maxima, near the edges of windows
     radius = 1.01 * mean_edge_length(verts, faces) / WINDOW_TOLERANCE / EDGE_PATH_DETOUR
     low, high = (found[::20] for found in windowed_range(verts, faces, values, radius))
-    least, most = ranges_within(verts, faces, values, (1 + 0.51 * WINDOW_TOLERANCE) * radius, step=20)
+    least, most = ranges_within(verts, faces, values, (1 + 0.5 * WINDOW_TOLERANCE) * radius * (1 + 1e-12), step=20)
     assert np.all((high <= most) & (low >= least))
-    assert np.any((high < most) | (low > least))  # else it is exact
+    assert np.any((high < most) | (low > least))  # else later sources went on where they were hardly nearer
     least, most = ranges_within(verts, faces, values, (1 - WINDOW_TOLERANCE) * radius, step=20)
     assert np.mean((high >= most) & (low <= least)) > 0.98
 

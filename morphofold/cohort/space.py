@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -71,6 +71,16 @@ class Template:
         except MissingPart:
             return False
         return True
+
+    def digests(self) -> dict[str, Any]:
+        """Digests of the files on which maps depend, or why there is none, and the smoothing."""
+        found: dict[str, Any] = {"fwhm": self.fwhm}
+        for hemi in HEMIS:
+            found[hemi] = [_digest_or_reason(self.sphere, hemi)]
+            if self.fwhm is not None:
+                label = Path(self.folder) / "label" / f"{hemi}.cortex.label"
+                found[hemi] += [_digest_or_reason(self.surface, hemi, "white"), _digest_or_reason(Path, label)]
+        return found
 
     def surface(self, hemi: str, kind: str) -> Path:
         """The file of one of its surfaces; raises if there is none."""
@@ -147,10 +157,8 @@ def map_participant(subject: Mapped) -> Outcome:
     def key() -> str:
         if not measured.get("results"):
             raise FileNotFoundError(f"{subject.name}: has no measures, so no maps.")
-        spheres = {hemi: _digest_or_reason(subject, hemi) for hemi in hemis}
-        shape = subject.template
-        own = {hemi: sha256_of(shape.sphere(hemi)) for hemi in hemis}
-        return digest({"measured": files, "spheres": spheres, "template": own, "fwhm": shape.fwhm})
+        spheres = {hemi: _digest_or_reason(registered_sphere, subject.folder, hemi) for hemi in hemis}
+        return digest({"measured": files, "spheres": spheres, "template": subject.template.digests()})
 
     return perform(
         subject.place,
@@ -161,9 +169,9 @@ def map_participant(subject: Mapped) -> Outcome:
     )
 
 
-def _digest_or_reason(subject: Mapped, hemi: str) -> str:
+def _digest_or_reason(find: Callable[..., Path], *what: str | Path) -> str:
     try:
-        return sha256_of(registered_sphere(subject.folder, hemi))
+        return sha256_of(find(*what))
     except INPUT_ERRORS as error:
         return str(error)
 
