@@ -13,8 +13,9 @@ from made_cohort import HereFleet, participants, quick_measure, write_subject
 from morphofold.cli import main
 from morphofold.cohort.participant import measure_participant
 from morphofold.cohort.running import run_tasks
-from morphofold.cohort.space import Mapped, map_participant, template, write_space
+from morphofold.cohort.space import Mapped, map_participant, write_space
 from morphofold.cohort.tasks import TaskFolder
+from morphofold.cohort.templates import template
 from morphofold.errors import MissingPart, OutOfRange
 from morphofold.geometry import vertex_areas
 from morphofold.io import read_surface, write_label, write_surface

@@ -9,7 +9,8 @@ from commands import refused
 from morphofold.analysis import smooth
 from morphofold.cli import main
 from morphofold.errors import MissingPart, UnknownName
-from morphofold.inference.study import cluster_rows, find_space, fit_study, write_result
+from morphofold.inference.spaces import find_space
+from morphofold.inference.study import cluster_rows, fit_study, write_result
 from morphofold.io import read_morph, write_annotation, write_label, write_surface
 from morphofold.io.gifti import read_gifti_map
 from morphofold.report.pages.stats_page import stats_report

@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 
     from morphofold.cohort.fleet import Fleet
     from morphofold.cohort.participant import Participant
-    from morphofold.cohort.space import Template
     from morphofold.cohort.tables import Group
     from morphofold.cohort.tasks import Outcome
+    from morphofold.cohort.templates import Template
 
 
 SUBJECTS_READ_FOR_MEMORY = 3  # subjects, to find the memory that one takes
@@ -47,6 +47,11 @@ def add_args(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--smooth", metavar="MM", type=float, help="with --space: smooth them on it, full width at half maximum"
+    )
+    parser.add_argument(
+        "--xhemi",
+        action="store_true",
+        help="with --space: both hemispheres on the left of a symmetric template, by FreeSurfer's surfreg --xhemi",
     )
     add_group_args(parser)
 
@@ -85,18 +90,17 @@ def add_worker_args(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from morphofold.cli.paths import refuse_overlap
-    from morphofold.cohort.space import template
     from morphofold.cohort.subjects import find_subjects, named_subjects
+    from morphofold.cohort.templates import template
 
     source, out = Path(args.subjects_dir).absolute(), Path(args.out)
     found, templates = find_subjects(source)
     names = found if args.subjects is None else named_subjects(Path(args.subjects))
     refuse_overlap(out, [source])
-    if args.smooth is not None and args.space is None:
-        raise OptionsClash(
-            "--smooth smooths maps on a template, but none is named. Pass --space fsaverage5 or a folder."
-        )
-    on = None if args.space is None else template(args.space, args.smooth)
+    for option, value in (("--smooth", args.smooth), ("--xhemi", args.xhemi or None)):
+        if value is not None and args.space is None:
+            raise OptionsClash(f"{option} is for maps on a template, but none is named. Pass --space and its folder.")
+    on = None if args.space is None else template(args.space, args.smooth, xhemi=args.xhemi)
     if templates and args.subjects is None:
         print_note(f"left out: {', '.join(templates)} (templates; --subjects can include them)", args.quiet)
     return run_cohort(by_shown_name(source, names), out, args, on=on)

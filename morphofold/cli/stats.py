@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from morphofold.cli import add_options, add_threads
 from morphofold.cli.streams import print_json
+from morphofold.errors import OptionsClash
 
 if TYPE_CHECKING:
     from morphofold.inference.study import Result
@@ -36,9 +37,15 @@ def add_args(parser: argparse.ArgumentParser) -> None:
             "COLUMN",
             "exchange subjects only within equal values of a column: site, family, person (default: all)",
         ),
+        ("--whole-blocks", None, "exchange blocks as wholes, for regressors that are the same within a block"),
         ("--space", "NAME", "folder in STUDY/spaces (default: the only one)"),
     )
     parser.add_argument("--hemi", choices=["lh", "rh", "both"], default="both", help="hemispheres (default: both)")
+    parser.add_argument(
+        "--asymmetry",
+        choices=["difference", "index"],
+        help="test left - right, or 2 (left - right) / (left + right), on a symmetric template",
+    )
     parser.add_argument("--permutations", type=int, metavar="N", default=1000, help="(default: 1000)")
     parser.add_argument("--seed", type=int, metavar="N", default=0, help="of the permutations (default: 0)")
     parser.add_argument("-o", "--out", metavar="DIR", default="stats", help="folder to write (default: stats)")
@@ -50,11 +57,14 @@ def add_args(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     from morphofold.cli.paths import refuse_overlap
     from morphofold.cli.progress import progress
-    from morphofold.inference.study import find_space, fit_study, summary, write_result
+    from morphofold.inference.spaces import find_space
+    from morphofold.inference.study import fit_study, summary, write_result
     from morphofold.io import refuse_foreign
     from morphofold.report.pages.stats_page import stats_report
     from morphofold.threads import set_threads
 
+    if args.whole_blocks and args.blocks is None:
+        raise OptionsClash("--whole-blocks needs the column that names the blocks. Pass --blocks COLUMN, too.")
     set_threads(args.threads)
     space = find_space(args.study, args.space)
     participants = Path(args.participants or Path(args.study) / "participants.tsv")
@@ -68,7 +78,9 @@ def run(args: argparse.Namespace) -> int:
             args.model,
             args.contrast,
             blocks=args.blocks,
+            whole=args.whole_blocks,
             hemis=hemis,
+            asymmetry=args.asymmetry,
             permutations=args.permutations,
             seed=args.seed,
             progress=show,
@@ -87,7 +99,7 @@ def _print_result(found: Result, out: Path) -> None:
     said = summary(found)
     subjects, vertices = len(found.design.subjects), said["vertices"]
     print(
-        f"{found.map} ~ {found.formula}, {found.contrast}: {subjects} subjects, {vertices['tested']:,} of "
+        f"{found.shown} ~ {found.formula}, {found.contrast}: {subjects} subjects, {vertices['tested']:,} of "
         f"{vertices['all']:,} vertices, {found.inference.df} degrees of freedom"
     )
     for reason, names in said["left_out"].items():

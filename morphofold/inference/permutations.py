@@ -133,23 +133,40 @@ class Model:
         )
 
 
-def exchanges(subjects: int, count: int, seed: int, *, flip: bool = False, blocks: Ints | None = None) -> Array:
+def exchanges(
+    subjects: int, count: int, seed: int, *, flip: bool = False, blocks: Ints | None = None, whole: bool = False
+) -> Array:
     """Random exchanges (count, subjects, 2): the subject that comes to each place, and its sign.
 
     ``flip``: signs are random and subjects stay, for a model with an intercept alone. ``blocks`` (subjects,): subjects
-    are exchanged within blocks only, or each block has one sign.
+    are exchanged within blocks only, or each block has one sign. ``whole``: blocks change places with blocks of their
+    size, and subjects keep their order within them.
+
+    Raises
+    ------
+    DoesNotApply
+        If nothing can be exchanged: every block has one subject, or no two blocks have the same size.
     """
     random = np.random.default_rng(seed)
     names, block = np.unique(np.zeros(subjects, dtype=np.int64) if blocks is None else blocks, return_inverse=True)
+    members = [np.flatnonzero(block == b) for b in range(len(names))]
+    sizes = np.array([len(inside) for inside in members])
+    alike = [[members[b] for b in np.flatnonzero(sizes == size)] for size in np.unique(sizes)] if whole else []
+    if not flip and max(map(len, alike if whole else members)) < 2:
+        what = "no two blocks have the same size" if whole else "every block has one subject"
+        raise DoesNotApply(f"nothing can be exchanged among {len(names)} blocks: {what}.")
     found = np.empty((count, subjects, 2))
     for k in range(count):
         rows, signs = np.arange(subjects), np.ones(subjects)
         if flip:
             signs = random.choice([-1.0, 1.0], subjects if blocks is None else len(names))
             signs = signs if blocks is None else signs[block]
+        elif whole:
+            for same in alike:
+                for place, one in zip(same, random.permutation(len(same))):
+                    rows[place] = same[one]
         else:
-            for b in range(len(names)):
-                inside = np.flatnonzero(block == b)
+            for inside in members:
                 rows[inside] = random.permutation(inside)
         found[k] = np.column_stack([rows, signs])
     return found
@@ -165,6 +182,7 @@ def infer(
     seed: int = 0,
     flip: bool = False,
     blocks: Ints | None = None,
+    whole: bool = False,
     forming_p: float = FORMING_P,
     progress: Progress = silent,
 ) -> Inference:
@@ -183,6 +201,8 @@ def infer(
         Exchange signs instead of subjects, for a model with an intercept alone, or differences of pairs.
     blocks : (S,) int64, optional
         Subjects are exchanged within blocks only (repeated measures).
+    whole : bool
+        Exchange blocks as wholes, each with one of its size.
     forming_p : float
         Two-sided p at the height above which clusters are formed.
     progress : callable
@@ -218,7 +238,7 @@ def infer(
         own = np.column_stack([np.arange(len(Y), dtype=np.float64), np.ones(len(Y))])[None]
         t, effect = np.full((2, len(known)), np.nan)
         t[known], effect[known] = model.t(residuals, own)[0], model.effect(residuals)
-        shuffled = exchanges(len(Y), permutations, seed, flip=flip, blocks=blocks)
+        shuffled = exchanges(len(Y), permutations, seed, flip=flip, blocks=blocks, whole=whole)
         null = _null(lambda part: model.t(residuals, part), shuffled, known, threshold, mesh, progress)
     cluster, rows = _cluster_table(t, effect, threshold, mesh, null[:, 1])
     return Inference(
