@@ -52,15 +52,17 @@ class Overlap:
     rows : list of dict
         With ``COLUMNS``: a row for each region, and one for each hemisphere. ``amount`` is the mean of the subjects,
         ``density`` that for each cm^2.
-    density, p : mapping of hemisphere to (N,) float
-        Hinges [1/cm^2] or length of crests [mm/cm^2] of a subject, smoothed, NaN outside the cortex; and the share of
-        rotations with a density that is anywhere as far from what is expected there, in either direction.
+    density, chance, p : mapping of hemisphere to (N,) float
+        Hinges [1/cm^2] or length of crests [mm/cm^2] of a subject, smoothed, NaN outside the cortex; the mean of that
+        under rotations; and the share of rotations with a density that is anywhere as far from its mean, in either
+        direction.
     """
 
     kind: str
     radius: float
     rows: list[dict[str, Any]]
     density: Mapping[str, Array]
+    chance: Mapping[str, Array]
     p: Mapping[str, Array]
 
 
@@ -135,6 +137,7 @@ def overlap(
             radius,
             _rows(kind, k, sides),
             {hemi: densities[0, k] for hemi, densities in smoothed.items()},
+            {hemi: densities[1:, k].mean(axis=0) for hemi, densities in smoothed.items()},
             {hemi: of_kinds[k] for hemi, of_kinds in p.items()},
         )
         for k, kind in enumerate(KINDS)

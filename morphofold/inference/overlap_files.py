@@ -30,12 +30,13 @@ def write_overlap(
     """Write what hinges and crests of a study have in common, completely or not at all.
 
     ``overlap.tsv`` has the rows of each :class:`Overlap`; ``maps/?h.hinge_density.shape.gii`` [1/cm^2] and
-    ``?h.crest_density`` [mm/cm^2] the densities, ``..._p`` their corrected p, each also in FreeSurfer's format.
+    ``?h.crest_density`` [mm/cm^2] the densities, ``..._chance`` what is expected by chance, and ``..._p`` the corrected
+    p; each also in FreeSurfer's format.
     """
     with atomic_folder(out) as folder:
         (folder / "maps").mkdir()
         for one in found:
-            for ending, maps, unknown in (("", one.density, 0.0), ("_p", one.p, 1.0)):
+            for ending, maps, unknown in (("", one.density, 0.0), ("_chance", one.chance, 0.0), ("_p", one.p, 1.0)):
                 for hemi, values in maps.items():
                     file = folder / "maps" / f"{hemi}.{DENSITY_MAPS[one.kind]}{ending}"
                     side = space.side(hemi)

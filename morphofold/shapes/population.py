@@ -15,6 +15,7 @@ from morphofold.io import atomic_folder, read_surface, sample_path, write_surfac
 from morphofold.progress import Progress, silent
 from morphofold.surface import Surface
 from morphofold.tables import write_table
+from morphofold.threads import one_blas_thread
 
 HEMIS = ("lh", "rh")
 LABELS = ("cortex.label", "aparc.annot")
@@ -68,7 +69,8 @@ def random_field(points: Array, length: float, random: np.random.Generator, colu
     """
     waves = random.standard_normal((WAVES, 3)) / length
     phases, heights = random.uniform(0, 2 * math.pi, WAVES), random.standard_normal((WAVES, columns))
-    found: Array = np.cos(points @ waves.T + phases) @ heights * math.sqrt(2 / WAVES)
+    with one_blas_thread():
+        found: Array = np.cos(points @ waves.T + phases) @ heights * math.sqrt(2 / WAVES)
     return found
 
 

@@ -30,11 +30,14 @@ def overlap_report(space: Space, found: Sequence[Overlap], summary: Mapping[str,
         density = Quantity(DENSITY_MAPS[one.kind], f"{words} per area", UNITS[one.kind])
         text = f"Of a subject, smoothed over {summary['density_fwhm_mm']:g} mm."
         pictures.append(picture(space, folder, density, one.density, (0.0, largest), text))
-        shown = {hemi: np.where(p <= SIGNIFICANT, -np.log10(p), np.nan) for hemi, p in one.p.items()}
+        shown = {
+            hemi: np.where(p <= SIGNIFICANT, -np.log10(p) * np.sign(one.density[hemi] - one.chance[hemi]), np.nan)
+            for hemi, p in one.p.items()
+        }
         most = float(-np.log10(1 / (1 + summary["rotations"])))
-        unlike = Quantity(f"{DENSITY_MAPS[one.kind]}_p", f"{words} per area unlike chance, −log₁₀ p")
-        text = f"More or fewer than the cortex there would have by chance. Grey: corrected p above {SIGNIFICANT}."
-        pictures.append(picture(space, folder, unlike, shown, (0.0, most), text))
+        unlike = Quantity(f"{DENSITY_MAPS[one.kind]}_p", f"{words} unlike chance, −log₁₀ p", signed=True)
+        text = f"Positive: more than chance, negative: fewer. Grey: corrected p above {SIGNIFICANT}."
+        pictures.append(picture(space, folder, unlike, shown, (-most, most), text))
     return write_page(
         folder / "report.html",
         "overlap.html",
