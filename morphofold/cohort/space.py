@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.arrays import Array
+from morphofold.cohort.covariates import NO_COVARIATES, Covariates
 from morphofold.cohort.tasks import INPUT_ERRORS, Outcome, Say, TaskFolder, digest, perform, read_record
 from morphofold.errors import Mismatch, MissingPart, OutOfRange
 from morphofold.io import atomic_folder, files_of, read_label, read_surface, sample_path
@@ -245,16 +246,19 @@ def maps_on_template(m: Measures, sphere: str | Path, on: Template) -> dict[str,
     return found
 
 
-def write_space(out: Path, on: Template, subjects: Sequence[Mapped]) -> dict[str, tuple[int, int]]:
+def write_space(
+    out: Path, on: Template, subjects: Sequence[Mapped], covariates: Covariates = NO_COVARIATES
+) -> dict[str, tuple[int, int]]:
     """Write ``out/group``: for each map and hemisphere one array of all subjects, completely or not at all.
 
     ``?h.MAP.npy`` is float32 (subjects, vertices), NaN where a subject has no value; ``participants.tsv`` has the
-    subjects in the order of the rows, with 1 where a hemisphere has maps; ``surf`` and ``label`` are the template's.
+    subjects in the order of the rows, their covariates, and 1 where a hemisphere has maps; ``surf`` and ``label`` are
+    the template's.
     Returns the shape of each array by its name.
     """
     with atomic_folder(out / "group") as folder:
         shapes = {}
-        rows: list[dict[str, Any]] = [{"participant_id": one.name} for one in subjects]
+        rows: list[dict[str, Any]] = [{"participant_id": one.name, **covariates.of(one.name)} for one in subjects]
         for hemi in HEMIS:
             files = [one.maps / f"{hemi}.npz" for one in subjects]
             for row, file in zip(rows, files):
@@ -268,7 +272,7 @@ def write_space(out: Path, on: Template, subjects: Sequence[Mapped]) -> dict[str
                     array[k] = _map_in(file, name, n)
                 array.flush()
                 del array
-        write_table(folder / "participants.tsv", ("participant_id", *HEMIS), rows)
+        write_table(folder / "participants.tsv", ("participant_id", *covariates.columns, *HEMIS), rows)
         _copy_template(on, folder)
         content = {"template": on.name, "smoothing_fwhm_mm": on.fwhm, "summed": list(SUMMED_MAPS), "arrays": shapes}
         (folder / "space.json").write_text(strict_json(content), encoding="utf-8")

@@ -41,11 +41,14 @@ class Space:
         In the order of the rows.
     hemis : mapping of hemisphere to (S,) bool
         Which subjects have maps of it.
+    covariates : tuple of str
+        Columns of the participants that ``cohort`` knew, such as age.
     """
 
     folder: Path
     subjects: tuple[str, ...]
     hemis: Mapping[str, Any]
+    covariates: tuple[str, ...] = ()
 
     def surface(self, hemi: str, kind: str = "white") -> Surface:
         """A surface of the template."""
@@ -82,7 +85,8 @@ def find_space(study: str | Path, name: str | None = None) -> Space:
     folder = spaces / (name or there[0]) / "group"
     rows = read_table(folder / "participants.tsv", words=("participant_id",), numbers=HEMIS)
     hemis = {hemi: np.array([row[hemi] == 1 for row in rows]) for hemi in HEMIS}
-    return Space(folder, tuple(row["participant_id"] for row in rows), hemis)
+    covariates = tuple(name for name in (rows[0] if rows else ()) if name not in ("participant_id", *HEMIS))
+    return Space(folder, tuple(row["participant_id"] for row in rows), hemis, covariates)
 
 
 @dataclass(frozen=True, eq=False)
