@@ -254,8 +254,11 @@ def _hemisphere_readers(args: argparse.Namespace) -> dict[str, Callable[[], Cort
     """Functions that read each requested hemisphere, from INPUT or from --white and --pial."""
     from morphofold.io import read_cortex
     from morphofold.io.cortices import hemispheres, side_named
+    from morphofold.spheres.parcellation import read_parcellated
 
     if args.input is None:
+        if args.annot_from is not None:
+            raise OptionsClash("--annot-from needs a subject as INPUT, which has surf/?h.sphere.reg.")
         if args.hemi not in ("lh", "rh") and not any(side_named(Path(p).name) for p in (args.white, args.pial)):
             raise OptionsClash(
                 f"{args.white}: neither its name nor that of --pial shows the hemisphere. Pass --hemi lh or rh."
@@ -266,7 +269,13 @@ def _hemisphere_readers(args: argparse.Namespace) -> dict[str, Callable[[], Cort
         }
     named = ("lh", "rh") if args.hemi == "both" else (args.hemi,)
     hemis = named if args.hemi else hemispheres(Path(args.input))
-    one = partial(read_cortex, args.input, name=args.name or args.subject, annotation=args.annot)
+    one = partial(
+        read_parcellated,
+        args.input,
+        name=args.name or args.subject,
+        annotation=args.annot,
+        annotation_from=args.annot_from,
+    )
     return {hemi: partial(one, hemi=hemi) for hemi in hemis}
 
 
@@ -332,10 +341,10 @@ def _analyse_stages(args: argparse.Namespace, options: Mapping[str, Any]) -> int
     from morphofold.timing import Stages
 
     others = (args.json, args.mgh, args.wide, args.dry_run, args.into_subject)
-    if args.input is None or args.hemi or args.annot or any(others) or args.layout != "plain":
+    if args.input is None or args.hemi or args.annot or args.annot_from or any(others) or args.layout != "plain":
         raise OptionsClash(
-            "--stages needs a simulation folder as INPUT, and can't be used with --hemi, --annot, --json, --mgh, "
-            "--wide, --dry-run, --into-subject or another layout."
+            "--stages needs a simulation folder as INPUT, and can't be used with --hemi, --annot, --annot-from, "
+            "--json, --mgh, --wide, --dry-run, --into-subject or another layout."
         )
     folder = Path(args.input)
     places = sorted((folder / "stages").glob("g*"))

@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 from morphofold.arrays import Array
 from morphofold.cohort.covariates import NO_COVARIATES, Covariates
 from morphofold.cohort.tasks import INPUT_ERRORS, Outcome, Say, TaskFolder, digest, perform, read_record
-from morphofold.errors import Mismatch, MissingPart, OutOfRange
-from morphofold.io import atomic_folder, files_of, read_label, read_surface, sample_path
+from morphofold.errors import MissingPart, OutOfRange
+from morphofold.io import atomic_folder, files_of, read_label, read_surface
 from morphofold.io.cortices import SURFACE_ENDINGS, registered_sphere
 from morphofold.provenance import sha256_of, strict_json
+from morphofold.spheres.templates import read_own_sphere, template_folder, template_sphere, template_surface
 from morphofold.tables import write_table
 from morphofold.words import in_one_line
 
@@ -55,10 +56,7 @@ class Template:
 
     def sphere(self, hemi: str) -> Path:
         """The file of its sphere."""
-        try:
-            return registered_sphere(self.folder, hemi)
-        except FileNotFoundError:
-            return self.surface(hemi, "sphere")
+        return template_sphere(self.folder, hemi)
 
     def cortex(self, hemi: str, n: int) -> NDArray[np.bool_] | None:
         """Its cortex (n,), by ``label/?h.cortex.label``; None if it has none."""
@@ -85,11 +83,7 @@ class Template:
 
     def surface(self, hemi: str, kind: str) -> Path:
         """The file of one of its surfaces; raises if there is none."""
-        places = (Path(self.folder) / "surf" / f"{hemi}.{kind}{ending}" for ending in SURFACE_ENDINGS)
-        found = next((file for file in places if file.is_file()), None)
-        if found is None:
-            raise MissingPart(f"{self.folder}: has no surf/{hemi}.{kind}, which a template needs.")
-        return found
+        return template_surface(self.folder, hemi, kind)
 
 
 def template(name: str, fwhm: float | None = None) -> Template:
@@ -104,7 +98,7 @@ def template(name: str, fwhm: float | None = None) -> Template:
     """
     if fwhm is not None and not (np.isfinite(fwhm) and fwhm > 0):
         raise OutOfRange(f"smoothing must be a positive width in mm, got {fwhm!r}.")
-    folder = Path(name).absolute() if Path(name).is_dir() else sample_path(name)
+    folder = template_folder(name)
     found = Template(folder.name, str(folder), fwhm)
     hemis = [hemi for hemi in HEMIS if found.has_sphere(hemi)]
     if not hemis:
@@ -224,12 +218,8 @@ def maps_on_template(m: Measures, sphere: str | Path, on: Template) -> dict[str,
     from morphofold.geometry import vertex_areas
     from morphofold.spheres.resampling import Resampling
 
-    own, there, cortex = read_surface(sphere), read_surface(on.sphere(m.cortex.hemi)), m.cortex
-    if own.verts.shape != cortex.white.verts.shape:
-        raise Mismatch(
-            f"{sphere}: has {len(own.verts):,} vertices, {cortex.called} has {cortex.n_vertices:,}: it is the sphere "
-            "of another mesh. Take it from the same reconstruction."
-        )
+    cortex = m.cortex
+    own, there = read_own_sphere(sphere, cortex), read_surface(on.sphere(cortex.hemi))
     resampling, areas = Resampling(own, there), vertex_areas(cortex.white.verts, cortex.faces)
     found = {
         name: resampling.sums(values) if name in SUMMED_MAPS else resampling.means(values, areas)
