@@ -12,7 +12,7 @@ from morphofold.cli.streams import print_json
 from morphofold.errors import OptionsClash
 
 if TYPE_CHECKING:
-    from morphofold.inference.study import Result
+    from morphofold.inference.study import Result, Space
 
 
 def add_args(parser: argparse.ArgumentParser) -> None:
@@ -31,7 +31,11 @@ def add_args(parser: argparse.ArgumentParser) -> None:
     )
     add_options(
         parser,
-        ("--participants", "FILE", "table with a row for each participant_id (default: STUDY/participants.tsv)"),
+        (
+            "--participants",
+            "FILE",
+            "table with a row for each participant_id (default: STUDY/participants.tsv, else that of cohort)",
+        ),
         (
             "--blocks",
             "COLUMN",
@@ -67,7 +71,7 @@ def run(args: argparse.Namespace) -> int:
         raise OptionsClash("--whole-blocks needs the column that names the blocks. Pass --blocks COLUMN, too.")
     set_threads(args.threads)
     space = find_space(args.study, args.space)
-    participants = Path(args.participants or Path(args.study) / "participants.tsv")
+    participants = _participants(args, space)
     refuse_overlap(Path(args.out), [space.folder])
     refuse_foreign(Path(args.out))
     hemis = ("lh", "rh") if args.hemi == "both" else (args.hemi,)
@@ -91,6 +95,14 @@ def run(args: argparse.Namespace) -> int:
     else:
         _print_result(found, Path(args.out))
     return 0
+
+
+def _participants(args: argparse.Namespace, space: Space) -> Path:
+    """The table of participants: the one given, that of the study, or the one that cohort wrote with its maps."""
+    usual, of_maps = Path(args.study) / "participants.tsv", space.folder / "participants.tsv"
+    if args.participants is not None:
+        return Path(args.participants)
+    return of_maps if space.covariates and not usual.is_file() else usual
 
 
 def _print_result(found: Result, out: Path) -> None:

@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from morphofold.arrays import Array
+from morphofold.cohort.covariates import NO_COVARIATES, Covariates
 from morphofold.cohort.tasks import INPUT_ERRORS, Outcome, Say, TaskFolder, digest, perform, read_record
 from morphofold.cohort.templates import HEMIS, TEMPLATE_SURFACES, Template, digest_or_reason
-from morphofold.errors import Mismatch
 from morphofold.io import atomic_folder, files_of, read_surface
 from morphofold.io.cortices import SURFACE_ENDINGS
 from morphofold.provenance import strict_json
+from morphofold.spheres.templates import read_own_sphere
 from morphofold.tables import write_table
 from morphofold.words import in_one_line
 
@@ -147,12 +148,8 @@ def maps_on_template(m: Measures, sphere: str | Path, on: Template) -> dict[str,
     from morphofold.geometry import vertex_areas
     from morphofold.spheres.resampling import Resampling
 
-    own, there, cortex = read_surface(sphere), read_surface(on.sphere(m.cortex.hemi)), m.cortex
-    if own.verts.shape != cortex.white.verts.shape:
-        raise Mismatch(
-            f"{sphere}: has {len(own.verts):,} vertices, {cortex.called} has {cortex.n_vertices:,}: it is the sphere "
-            "of another mesh. Take it from the same reconstruction."
-        )
+    cortex = m.cortex
+    own, there = read_own_sphere(sphere, cortex), read_surface(on.sphere(cortex.hemi))
     resampling, areas = Resampling(own, there), vertex_areas(cortex.white.verts, cortex.faces)
     maps = {**m.maps, **({} if m.graph is None else landmark_maps(cortex, m.graph))}
     found = {}
@@ -186,17 +183,20 @@ def _smoothed(maps: Mapping[str, Array], on: Template, hemi: str) -> dict[str, A
     return {name: found[name] for name in means} | densities
 
 
-def write_space(out: Path, on: Template, subjects: Sequence[Mapped]) -> dict[str, tuple[int, int]]:
+def write_space(
+    out: Path, on: Template, subjects: Sequence[Mapped], covariates: Covariates = NO_COVARIATES
+) -> dict[str, tuple[int, int]]:
     """Write ``out/group``: for each map and hemisphere one array of all subjects, completely or not at all.
 
     ``?h.MAP.npy`` is float32 (subjects, vertices), NaN where a subject has no value; ``participants.tsv`` has the
-    subjects in the order of the rows, with 1 where a hemisphere has maps; ``surf`` and ``label`` are the template's.
+    subjects in the order of the rows, their covariates, and 1 where a hemisphere has maps; ``surf`` and ``label`` are
+    the template's.
     Returns the shape of each array by its name.
     """
     with atomic_folder(out / "group") as folder:
         shapes: dict[str, tuple[int, int]] = {}
         widths: list[float] = []
-        rows: list[dict[str, Any]] = [{"participant_id": one.name} for one in subjects]
+        rows: list[dict[str, Any]] = [{"participant_id": one.name, **covariates.of(one.name)} for one in subjects]
         for hemi in HEMIS:
             files = [one.maps / f"{hemi}.npz" for one in subjects]
             for row, file in zip(rows, files):
@@ -211,7 +211,7 @@ def write_space(out: Path, on: Template, subjects: Sequence[Mapped]) -> dict[str
                     array[k] = _map_in(file, name, n)
                 array.flush()
                 del array
-        write_table(folder / "participants.tsv", ("participant_id", *HEMIS), rows)
+        write_table(folder / "participants.tsv", ("participant_id", *covariates.columns, *HEMIS), rows)
         _copy_template(on, folder)
         content = {
             "template": on.name,

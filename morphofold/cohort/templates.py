@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from morphofold.cohort.tasks import INPUT_ERRORS
 from morphofold.errors import MissingPart, OutOfRange
-from morphofold.io import read_label, read_surface, sample_path
-from morphofold.io.cortices import SURFACE_ENDINGS, registered_sphere
+from morphofold.io import read_label, read_surface
+from morphofold.io.cortices import registered_sphere
 from morphofold.provenance import sha256_of
+from morphofold.spheres.templates import template_folder, template_sphere, template_surface
 
 HEMIS = ("lh", "rh")
 SYMMETRY_TOLERANCE = 1e-4  # of the radius, between a vertex of the left sphere and the mirrored one of the right
@@ -67,10 +68,7 @@ class Template:
 
     def sphere(self, hemi: str) -> Path:
         """The file of its sphere."""
-        try:
-            return registered_sphere(self.folder, self.side(hemi))
-        except FileNotFoundError:
-            return self.surface(hemi, "sphere")
+        return template_sphere(self.folder, self.side(hemi))
 
     def cortex(self, hemi: str, n: int) -> NDArray[np.bool_] | None:
         """Its cortex (n,), by ``label/?h.cortex.label``; None if it has none."""
@@ -101,12 +99,7 @@ class Template:
 
     def surface(self, hemi: str, kind: str) -> Path:
         """The file of one of its surfaces; raises if there is none."""
-        name = f"{self.side(hemi)}.{kind}"
-        places = (Path(self.folder) / "surf" / f"{name}{ending}" for ending in SURFACE_ENDINGS)
-        found = next((file for file in places if file.is_file()), None)
-        if found is None:
-            raise MissingPart(f"{self.folder}: has no surf/{name}, which a template needs.")
-        return found
+        return template_surface(self.folder, self.side(hemi), kind)
 
 
 def template(name: str, fwhm: float | None = None, *, xhemi: bool = False) -> Template:
@@ -121,7 +114,7 @@ def template(name: str, fwhm: float | None = None, *, xhemi: bool = False) -> Te
     """
     if fwhm is not None and not (np.isfinite(fwhm) and fwhm > 0):
         raise OutOfRange(f"smoothing must be a positive width in mm, got {fwhm!r}.")
-    folder = Path(name).absolute() if Path(name).is_dir() else sample_path(name)
+    folder = template_folder(name)
     found = Template(folder.name, str(folder), fwhm, xhemi)
     hemis = [hemi for hemi in HEMIS if found.has_sphere(hemi)]
     if not hemis:

@@ -47,12 +47,15 @@ class Space:
     hemis : mapping of hemisphere to (S,) bool
         Which subjects have maps of it.
     about : SpaceRecord
+    covariates : tuple of str
+        Columns of the participants that ``cohort`` knew, such as age.
     """
 
     folder: Path
     subjects: tuple[str, ...]
     hemis: Mapping[str, NDArray[np.bool_]]
     about: SpaceRecord
+    covariates: tuple[str, ...] = ()
 
     def side(self, hemi: str) -> str:
         """The template's hemisphere that the maps of one are on."""
@@ -111,7 +114,8 @@ def find_space(study: str | Path, name: str | None = None) -> Space:
     rows = read_table(folder / "participants.tsv", words=("participant_id",), numbers=HEMIS)
     hemis = {hemi: np.array([row[hemi] == 1 for row in rows]) for hemi in HEMIS}
     about = SpaceRecord(**read_json(folder / "space.json", SpaceRecord, "Run cohort --space again."))
-    return Space(folder, tuple(row["participant_id"] for row in rows), hemis, about)
+    covariates = tuple(name for name in (rows[0] if rows else ()) if name not in ("participant_id", *HEMIS))
+    return Space(folder, tuple(row["participant_id"] for row in rows), hemis, about, covariates)
 
 
 def mesh_of(space: Space, hemis: Sequence[str], rows: Ints) -> Mesh:

@@ -127,8 +127,8 @@ def read_cortex(
     Cortex
         ``maps`` holds thickness, curv, sulc and area, if they exist, as in the files (FreeSurfer's sign).
         ``transform`` maps surface to scanner coordinates if the footer of the white surface is valid. For a simulation,
-        ``portion`` and ``info`` come from ``stage.json``. For a FreeSurfer subject, ``info`` holds ``etiv_mm3`` and
-        ``surface_holes`` from ``stats/aseg.stats``.
+        ``portion`` and ``info`` come from ``stage.json``. For a FreeSurfer subject, ``info`` holds the intracranial and
+        other volumes of ``stats/aseg.stats``.
 
     Raises
     ------
