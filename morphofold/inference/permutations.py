@@ -172,6 +172,38 @@ def exchanges(
     return found
 
 
+@dataclass(frozen=True, eq=False)
+class Null:
+    """All exchanges (P, S, 2) of a model's residuals (S, n) at the n known vertices of a mesh."""
+
+    model: Model
+    residuals: Array
+    known: NDArray[np.bool_]
+    mesh: Mesh
+    threshold: float
+    exchanges: Array
+
+    def largest(self, first: int, last: int, progress: Progress = silent) -> Array:
+        """Of each exchange from ``first`` to ``last`` (last - first, 3): the largest abs(t), the area of the largest
+        cluster, and the largest TFCE."""
+        found = np.empty((last - first, 3))
+        for start in range(first, last, PERMUTATIONS_AT_ONCE):
+            stop = min(start + PERMUTATIONS_AT_ONCE, last)
+            t = np.zeros((stop - start, len(self.known)))
+            with one_blas_thread():
+                t[:, self.known] = self.model.t(self.residuals, self.exchanges[start:stop])
+            order = np.argsort(-np.abs(t), axis=1, kind="stable")
+            out = found[start - first : stop - first]
+            in_blocks(_largest, len(t), *reading(t, order, *self.mesh.arrays), self.threshold, out)
+            progress((stop - first) / (last - first), f"{stop} of {len(self.exchanges)} permutations")
+        return found
+
+
+def here(null: Null, progress: Progress) -> Array:
+    """The largest statistics of all exchanges (P, 3), computed on this machine."""
+    return null.largest(0, len(null.exchanges), progress)
+
+
 def infer(
     maps: Array,
     design: Array,
@@ -184,6 +216,7 @@ def infer(
     blocks: Ints | None = None,
     whole: bool = False,
     forming_p: float = FORMING_P,
+    largest: Callable[[Null, Progress], Array] = here,
     progress: Progress = silent,
 ) -> Inference:
     """Test a contrast of a linear model at every vertex, corrected for the whole surface by permutations.
@@ -205,6 +238,8 @@ def infer(
         Exchange blocks as wholes, each with one of its size.
     forming_p : float
         Two-sided p at the height above which clusters are formed.
+    largest : callable
+        Where the exchanges are computed: :func:`here`, or :func:`morphofold.cohort.permuting.on_workers`.
     progress : callable
 
     Returns
@@ -238,8 +273,8 @@ def infer(
         own = np.column_stack([np.arange(len(Y), dtype=np.float64), np.ones(len(Y))])[None]
         t, effect = np.full((2, len(known)), np.nan)
         t[known], effect[known] = model.t(residuals, own)[0], model.effect(residuals)
-        shuffled = exchanges(len(Y), permutations, seed, flip=flip, blocks=blocks, whole=whole)
-        null = _null(lambda part: model.t(residuals, part), shuffled, known, threshold, mesh, progress)
+    shuffled = exchanges(len(Y), permutations, seed, flip=flip, blocks=blocks, whole=whole)
+    null = largest(Null(model, residuals, known, mesh, threshold, shuffled), progress)
     cluster, rows = _cluster_table(t, effect, threshold, mesh, null[:, 1])
     return Inference(
         effect=effect,
@@ -255,26 +290,6 @@ def infer(
         null_area=null[:, 1],
         null_tfce=null[:, 2],
     )
-
-
-def _null(
-    t_of: Callable[[Array], Array],
-    shuffled: Array,
-    known: NDArray[np.bool_],
-    threshold: float,
-    mesh: Mesh,
-    progress: Progress,
-) -> Array:
-    """Of each exchange (P, 3): the largest abs(t), the area of the largest cluster, and the largest TFCE."""
-    found = np.empty((len(shuffled), 3))
-    for start in range(0, len(shuffled), PERMUTATIONS_AT_ONCE):
-        part = slice(start, min(start + PERMUTATIONS_AT_ONCE, len(shuffled)))
-        t = np.zeros((part.stop - start, len(known)))
-        t[:, known] = t_of(shuffled[part])
-        order = np.argsort(-np.abs(t), axis=1, kind="stable")
-        in_blocks(_largest, len(t), *reading(t, order, *mesh.arrays), threshold, found[part])
-        progress(part.stop / len(shuffled), f"{part.stop} of {len(shuffled)} permutations")
-    return found
 
 
 @kernel
