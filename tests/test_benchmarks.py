@@ -17,10 +17,13 @@ from morphofold import analysis, forecast, simulate
 from morphofold.comparison import compare
 from morphofold.forecasts import forecast_analysis
 from morphofold.forecasts.analysis_cost import READING_STAGE
-from morphofold.io import read_cortex, sample_path
+from morphofold.inference.clusters import Mesh
+from morphofold.inference.permutations import infer
+from morphofold.inference.rotated import Landmarks, common_by_chance
+from morphofold.io import read_cortex, read_surface, sample_path
 from morphofold.report import analysis_report
 from morphofold.results import read_analysis, write_analysis
-from morphofold.shapes import irregular_sphere
+from morphofold.shapes import even_directions, irregular_sphere, spherical_delaunay
 from morphofold.shapes.folded_ball import folded_ball
 from morphofold.sim import theory
 from morphofold.sim.body import Body
@@ -29,7 +32,10 @@ from morphofold.sim.effects.contact import Contact
 from morphofold.sim.mesh.brick_mesh import bilayer_sphere
 from morphofold.sim.scene.files import load_scene
 from morphofold.sim.sphere_theory.smooth_sphere import smooth_state
+from morphofold.spheres.resampling import Resampling
+from morphofold.surface import Surface
 from morphofold.timing import Stages
+from morphofold.unfolding.unfold import points_on_sphere
 
 
 @pytest.fixture(params=[1, 2])
@@ -122,6 +128,49 @@ def test_the_first_picture_of_a_page_of_two_large_hemispheres(benchmark, tmp_pat
         assert tab.frame()["viewer"] == "ready"
         assert np.ptp(tab.pixels(), axis=1).max() > 20  # colours
     assert benchmark.stats.stats.min < 2
+
+
+@pytest.fixture(scope="module")
+def fifty():
+    """Smooth maps of 50 subjects on the left hemisphere of fsaverage5, its mesh, and a design with age."""
+    folder = sample_path("fsaverage5") / "surf"
+    white, random = read_surface(folder / "lh.white"), np.random.default_rng(0)
+    maps = analysis.smooth(white.verts, white.faces, random.standard_normal((len(white.verts), 50)), 10.0).T
+    mesh = Mesh(white.faces, analysis.vertex_areas(white.verts, white.faces))
+    return maps, mesh, np.column_stack([np.ones(50), random.standard_normal(50)])
+
+
+def test_a_thousand_permutations_of_fifty_subjects(benchmark, fifty):
+    """Goal: a minute on two cores."""
+    maps, mesh, design = fifty
+    benchmark(infer, maps, design, np.array([0.0, 1.0]), mesh, permutations=1000)
+
+
+def test_a_thousand_spins(benchmark, fifty):
+    """Goal: a tenth of the time of a search at every rotation, 4.7 s."""
+    sphere = read_surface(sample_path("fsaverage5") / "surf" / "lh.sphere")
+    benchmark(analysis.spin_test, *fifty[0][:2], sphere)
+
+
+def test_smoothing_fifty_maps(benchmark, fifty):
+    white = read_surface(sample_path("fsaverage5") / "surf" / "lh.white")
+    benchmark(analysis.smooth, white.verts, white.faces, fifty[0].T, 10.0)
+
+
+def test_hundred_rotations_of_fifty_subjects(benchmark, fifty):
+    maps, mesh, _ = fifty
+    points = points_on_sphere(*[read_surface(sample_path("fsaverage5") / "surf" / "lh.sphere")] * 2)
+    hinges = (maps > 2.5 * maps.std()).astype(np.float64)
+    marks = Landmarks(hinges[None], maps[None] > 0, points, mesh.areas / mesh.areas.sum(), mesh.areas)
+    benchmark(common_by_chance, marks, 100, 0)
+
+
+def test_resampling_a_subject(benchmark, fifty):
+    """160,000 vertices to fsaverage5, with the search for places."""
+    own = Surface(even_directions(160_000), spherical_delaunay(even_directions(160_000)))
+    template = read_surface(sample_path("fsaverage5") / "surf" / "lh.sphere")
+    areas = analysis.vertex_areas(own.verts, own.faces)
+    benchmark(lambda: Resampling(own, template).means(own.verts[:, 0], areas))
 
 
 @pytest.mark.parametrize("kappa_ratio", [math.inf, 50.0])

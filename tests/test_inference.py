@@ -48,6 +48,15 @@ def test_t_and_effect_are_those_of_least_squares(contrast):
     assert found.df == 17
 
 
+def test_r_is_the_partial_correlation():
+    """Of what is left of map and age after intercept and sex are taken out of both."""
+    maps, age, design = study(12, 5)
+    found = infer(maps, design, CONTRASTS[0], MESH, permutations=1)
+    others = design[:, [0, 2]]
+    left = [x - others @ np.linalg.lstsq(others, x, rcond=None)[0] for x in (age, maps[:, 7])]
+    assert found.r[7] == pytest.approx(np.corrcoef(*left)[0, 1], rel=1e-9)
+
+
 @pytest.mark.parametrize("contrast", CONTRASTS, ids=["age", "sex", "both", "mean at 30"])
 @pytest.mark.parametrize("flip", [False, True])
 def test_an_exchange_is_a_fit_to_exchanged_residuals(contrast, flip):

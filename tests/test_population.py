@@ -68,9 +68,10 @@ def test_the_same_seed_gives_the_same_bytes_whatever_the_number(tmp_path):
     assert (few / name).read_bytes() == (more / name).read_bytes() != (other / name).read_bytes()
 
 
-def test_no_subjects_are_refused(tmp_path):
+@pytest.mark.parametrize(("subjects", "seed"), [(0, 0), (-1, 0), (10_001, 0), (1, -1)])
+def test_no_subjects_too_many_or_a_negative_seed_are_refused(tmp_path, subjects, seed):
     with pytest.raises(OutOfRange):
-        write_population(tmp_path / "made", 0)
+        write_population(tmp_path / "made", subjects, seed=seed)
     assert not (tmp_path / "made").exists()
 
 

@@ -1,4 +1,5 @@
-"""The complete work once: grow a folded cortex, measure it and two real hemispheres, write the comparison."""
+"""The complete work once: grow a folded cortex, measure it and two real hemispheres, write the comparison. With
+--subjects, make a folder of subjects for trying cohort, stats and overlap."""
 
 from __future__ import annotations
 
@@ -13,6 +14,13 @@ from morphofold.progress import part_of
 def add_args(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--out", metavar="DIR", default="demo", help="folder to write (default: demo)")
     parser.add_argument("--scene", default="demo", help="scene to grow (default: demo)")
+    parser.add_argument(
+        "--subjects",
+        type=int,
+        metavar="N",
+        help="write N made subjects into DIR instead, whose left cortex thins with age, for trying cohort and stats",
+    )
+    parser.add_argument("--seed", type=int, metavar="N", default=0, help="of the made subjects (default: 0)")
     add_threads(parser)
 
 
@@ -26,6 +34,8 @@ def run(args: argparse.Namespace) -> int:
     from morphofold.sim.scene.files import load_scene
     from morphofold.simulation import simulate
 
+    if args.subjects is not None:
+        return write_subjects(args)
     out, started = Path(args.out), time.monotonic()
     scene = load_scene(args.scene)
     args.on_interrupt = " Run it again to go on."
@@ -52,4 +62,15 @@ def run(args: argparse.Namespace) -> int:
     for name, m in measures.items():
         print(f"{name:10}  GI {m.scalars['gyrification_index']:.2f}  {m.cortex.name}")
     print(f"{time.monotonic() - started:.0f} s -> {page}")
+    return 0
+
+
+def write_subjects(args: argparse.Namespace) -> int:
+    """Write a folder of made subjects."""
+    from morphofold.cli.progress import progress
+    from morphofold.shapes.population import write_population
+
+    with progress("subjects", args.quiet) as show:
+        write_population(args.out, args.subjects, seed=args.seed, progress=show)
+    print(f"{args.subjects} made subjects -> {args.out}")
     return 0

@@ -48,6 +48,8 @@ class Inference:
         is at least as large), the largest first.
     null_height, null_area, null_tfce : (P,) float64
         The largest of each permutation.
+    r : (N,) float64
+        Size of the effect without a unit: t / sqrt(t^2 + df), the partial correlation of the map with what is tested.
     """
 
     effect: Array = field(repr=False)
@@ -62,6 +64,10 @@ class Inference:
     null_height: Array = field(repr=False)
     null_area: Array = field(repr=False)
     null_tfce: Array = field(repr=False)
+
+    @property
+    def r(self) -> Array:
+        return self.t / np.sqrt(self.t**2 + self.df)
 
 
 class Model:

@@ -23,8 +23,8 @@ from morphofold.tables import write_table
 
 #: draws the page of a result with its summary into a folder
 DrawStats = Callable[["Result", Mapping[str, Any], Path], object]
-CLUSTER_COLUMNS = ("hemi", "cluster", "peak", "x", "y", "z", "region", "area_mm2", "effect", "t", "p")
-MAPS = ("effect", "t", "p", "p_height", "p_tfce", "cluster", "subjects")
+CLUSTER_COLUMNS = ("hemi", "cluster", "peak", "x", "y", "z", "region", "area_mm2", "effect", "t", "r", "p")
+MAPS = ("effect", "t", "r", "p", "p_height", "p_tfce", "cluster", "subjects")
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,9 +187,9 @@ def cluster_rows(result: Result) -> list[dict[str, Any]]:
             x, y, z = white.verts[vertex].tolist()
             label = -1 if regions is None else int(regions.labels[vertex])
             region = None if regions is None or label < 0 else regions.names[label]
-            rows.append(
-                {"hemi": hemi, "cluster": k + 1, **one, "peak": vertex, "x": x, "y": y, "z": z, "region": region}
-            )
+            r = float(result.inference.r[one["peak"]])
+            place = {"peak": vertex, "x": x, "y": y, "z": z, "region": region}
+            rows.append({"hemi": hemi, "cluster": k + 1, **one, "r": r, **place})
         first += len(white.verts)
     return sorted(rows, key=lambda row: row["cluster"])
 
@@ -199,12 +199,12 @@ def write_result(
 ) -> Path:
     """Write maps, the table of clusters, summary.json and a page, completely or not at all.
 
-    ``maps/?h.NAME.shape.gii`` and the same in FreeSurfer's format: ``effect``, ``t``, ``p`` (of the vertex alone),
-    ``p_height`` and ``p_tfce`` (corrected), ``cluster`` (number, 0: none), ``subjects`` (with a value). The page is
-    drawn by ``report``: :func:`morphofold.report.pages.stats_page.stats_report`.
+    ``maps/?h.NAME.shape.gii`` and the same in FreeSurfer's format: ``effect``, ``t``, ``r``, ``p`` (of the vertex
+    alone), ``p_height`` and ``p_tfce`` (corrected), ``cluster`` (number, 0: none), ``subjects`` (with a value). The
+    page is drawn by ``report``: :func:`morphofold.report.pages.stats_page.stats_report`.
     """
     found = result.inference
-    maps = {name: getattr(found, name) for name in MAPS[:5]}
+    maps = {name: getattr(found, name) for name in MAPS[:6]}
     maps |= {"cluster": (found.cluster + 1).astype(np.float64), "subjects": result.counts.astype(np.float64)}
     with atomic_folder(out) as folder:
         (folder / "maps").mkdir()

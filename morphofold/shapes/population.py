@@ -21,6 +21,7 @@ HEMIS = ("lh", "rh")
 LABELS = ("cortex.label", "aparc.annot")
 WAVES = 256  # in a random field
 AGES = (20.0, 80.0)
+MOST_SUBJECTS = 10_000  # 3 MB each
 EFFECT_CENTRE = (-0.24, 0.25, 0.94)  # on the unit sphere of the left hemisphere: in the precentral gyrus
 
 
@@ -101,15 +102,17 @@ def write_population(
     Raises
     ------
     OutOfRange
-        If ``subjects`` is not positive.
+        If ``subjects`` is not 1 to 10,000, or the seed is negative.
 
     Notes
     -----
     Each subject is the template, stretched along its axes and bent by a smooth field; pial is moved along the line from
     white. So every subject has the template's folds: the differences between people's folding patterns are missing.
     """
-    if subjects < 1:
-        raise OutOfRange(f"a population needs at least 1 subject, got {subjects}.")
+    if not 1 <= subjects <= MOST_SUBJECTS:
+        raise OutOfRange(f"a population has 1 to {MOST_SUBJECTS:,} subjects, got {subjects}.")
+    if seed < 0:
+        raise OutOfRange(f"the seed must not be negative, got {seed}.")
     like = like or Population()
     root = Path(template) if Path(template).is_dir() else sample_path(template)
     shapes = {

@@ -35,7 +35,7 @@ def overlap_report(space: Space, found: Sequence[Overlap], summary: Mapping[str,
             for hemi, p in one.p.items()
         }
         most = float(-np.log10(1 / (1 + summary["rotations"])))
-        unlike = Quantity(f"{DENSITY_MAPS[one.kind]}_p", f"{words} unlike chance, −log₁₀ p", signed=True)
+        unlike = Quantity(f"{DENSITY_MAPS[one.kind]}_p", f"{words} unlike chance, −log10 p", signed=True)
         text = f"Positive: more than chance, negative: fewer. Grey: corrected p above {SIGNIFICANT}."
         pictures.append(picture(space, folder, unlike, shown, (-most, most), text))
     return write_page(

@@ -18,11 +18,11 @@ CLUSTERS_SHOWN = 20
 
 
 def stats_report(result: Result, summary: Mapping[str, Any], folder: Path) -> Path:
-    """Write ``folder/report.html`` and ``folder/figures/``: ``effect.png``, ``p_tfce.png``, ``p_height.png`` and
-    ``subjects.png``; returns the path of the page."""
+    """Write ``folder/report.html`` and ``folder/figures/``: effect, r, p_tfce, p_height and subjects; returns the path
+    of the page."""
     (folder / "figures").mkdir()
     found, unit = result.inference, quantity(result.map).unit
-    largest = float(np.nanpercentile(np.abs(found.effect), 98)) or 1.0
+    largest = float(np.nanpercentile(np.abs(found.effect), 99.5)) or 1.0
     pictures = [
         picture(
             result.space,
@@ -35,6 +35,16 @@ def stats_report(result: Result, summary: Mapping[str, Any], folder: Path) -> Pa
             f"The contrast {result.contrast} of the coefficients, per unit of the regressor.",
         )
     ]
+    pictures.append(
+        picture(
+            result.space,
+            folder,
+            Quantity("r", "Partial correlation", signed=True),
+            split(result, found.r),
+            (-1.0, 1.0),
+            "The size of the effect without a unit: t / sqrt(t² + degrees of freedom).",
+        )
+    )
     for key, words in (
         ("p_tfce", "by threshold-free cluster enhancement"),
         ("p_height", "of single vertices, by height"),
@@ -46,7 +56,7 @@ def stats_report(result: Result, summary: Mapping[str, Any], folder: Path) -> Pa
             picture(
                 result.space,
                 folder,
-                Quantity(key, "−log₁₀ p, with the sign of the effect", signed=True),
+                Quantity(key, "−log10 p, with the sign of the effect", signed=True),
                 split(result, shown),
                 (-most, most),
                 f"Corrected for the whole cortex, {words}. Grey: p above {SIGNIFICANT}, or not tested.",
