@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from morphofold.display import html_of, plot
 from morphofold.surface import Cortex, PerVertex
 
 if TYPE_CHECKING:
     import networkx as nx
+    from PIL.Image import Image
 
 SLOPE_SCALARS = (
     "gyral_to_cortical_slope",
@@ -115,6 +117,41 @@ class Measures:
     parameters: Mapping[str, Any] = field(default_factory=dict, repr=False)
     notes: Mapping[str, str] = field(default_factory=dict, repr=False)
     graph: nx.MultiGraph | None = field(default=None, repr=False)
+
+    def plot(
+        self,
+        name: str,
+        *,
+        surface: str = "pial",
+        views: str | Sequence[str] = ("lateral", "medial"),
+        limits: tuple[float, float] | None = None,
+    ) -> Image:
+        """Picture of one map on a surface, with ruler and colour bar; vertices without a value are gray.
+
+        Parameters
+        ----------
+        name : str
+            A name of ``maps``.
+        surface : {"pial", "white", "inflated"}
+        views : str or sequence of str
+            Any of ``"lateral"``, ``"medial"``, ``"top"``, ``"bottom"`` and ``"front"``.
+        limits : (float, float), optional
+            Values at the ends of the colours; None: those of the report.
+
+        Returns
+        -------
+        PIL.Image.Image
+            A notebook shows it; ``.save("thickness.png")`` writes it.
+
+        Raises
+        ------
+        ValueError
+            If there is no such map (the message lists the maps), surface or view, or ``limits`` are no interval.
+        """
+        return plot(self, name, surface, views, limits)
+
+    def _repr_html_(self) -> str:
+        return html_of(self)
 
     def __repr__(self) -> str:
         known = sum(value is not None for value in self.scalars.values())
