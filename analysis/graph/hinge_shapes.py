@@ -54,6 +54,9 @@ class HingeShapes:
     width: float
     per_area: float
 
+    def __repr__(self) -> str:
+        return f"HingeShapes({len(self)} hinges with three arms, gyral width {self.width:.3g} mm)"
+
     def __len__(self) -> int:
         return len(self.hinge)
 

@@ -47,6 +47,9 @@ class Space:
     subjects: tuple[str, ...]
     hemis: Mapping[str, Any]
 
+    def __repr__(self) -> str:
+        return f"Space({str(self.folder)!r}, {len(self.subjects)} subjects, {' and '.join(self.hemis)})"
+
     def surface(self, hemi: str, kind: str = "white") -> Surface:
         """A surface of the template."""
         return read_surface(self.folder / "surf" / f"{hemi}.{kind}")
@@ -118,6 +121,10 @@ class Result:
     without_maps: tuple[str, ...]
     seed: int
     permutations: int
+
+    def __repr__(self) -> str:
+        subjects = len(self.design.subjects)
+        return f"Result of {self.map} ~ {self.formula}, {self.contrast}: {subjects} subjects, {self.inference!r}"
 
 
 def fit_study(
