@@ -23,7 +23,10 @@ if TYPE_CHECKING:
     from morphofold.surface import Cortex
     from morphofold.timing import Stages
 
-
+EXAMPLES = (
+    "morphofold analyze subjects/bert -o bert",
+    "morphofold analyze --white lh.white.surf.gii --pial lh.pial.surf.gii --hemi lh -o mine",
+)
 HEMISPHERE_ERRORS = (ValueError, TypeError, OSError)  # errors of one hemisphere; the other one is still measured
 T = TypeVar("T")
 

@@ -13,6 +13,8 @@ from morphofold.cli.streams import print_json
 if TYPE_CHECKING:
     from morphofold.inference.study import Result
 
+EXAMPLES = ('morphofold stats study --model "gyral_thickness ~ age + sex" --contrast age -o age',)
+
 
 def add_args(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("study", metavar="STUDY", help="folder that cohort --space wrote")
