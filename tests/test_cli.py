@@ -18,6 +18,7 @@ from morphofold.cli import COMMANDS, main, parser
 from morphofold.cli.command_pages import subcommands
 from morphofold.cli.paths import writable_name
 from morphofold.io import sample_path, write_surface
+from morphofold.results import read_analysis
 from morphofold.shapes import icosphere
 from morphofold.sim.scene.files import load_scene
 from morphofold.surface import Surface
@@ -41,6 +42,28 @@ def test_analyze_measures_a_pair_of_files(here, capsys):
     assert measures["mean_cortical_thickness_mm"] == pytest.approx(2.0, rel=0.02)
     assert measures["gyrification_index"] == pytest.approx(1.0, abs=0.01)
     assert measures["median_gyral_thickness_mm"] is None  # a sphere has no gyri
+
+
+def test_only_some_measures_are_written_and_compared(here, capsys):
+    assert main([*pair(here), "--no-report", "--only", "mean_cortical_thickness_mm,cortical_thickness"]) == 0
+    assert "mean_cortical_thickness_mm 2.0" in capsys.readouterr().out
+    (row,) = read_table(here / "out" / "surfaces.tsv", ("hemi",))
+    assert row["mean_cortical_thickness_mm"] == pytest.approx(2.0, rel=0.02)
+    assert row["gyrification_index"] is None
+    assert {path.name for path in (here / "out" / "maps").glob("lh.*")} == {
+        "lh.cortical_thickness",
+        "lh.cortical_thickness.shape.gii",
+    }
+    (read,) = read_analysis(here / "out")
+    assert read.parameters["only"] == ["mean_cortical_thickness_mm", "cortical_thickness"]
+    assert main(["compare", "a=out", "b=out", "-q", "-o", "both"]) == 0
+
+
+def test_only_of_an_unknown_name_writes_nothing(here, capsys):
+    line = refused(capsys, [*pair(here), "--only", "gyral_thicknes"], "'gyral_thicknes'", "[unknown-name]")
+    assert "gyral_thickness" in line
+    refused(capsys, [*pair(here), "--only", "H", "--dry-run"], "--only", "[options-clash]")
+    assert not (here / "out").exists()
 
 
 @pytest.mark.parametrize(("word", "hemi"), [("LH", "lh"), ("L", "lh"), ("left", "lh"), ("Right", "rh"), ("rh", "rh")])
