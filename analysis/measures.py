@@ -102,9 +102,10 @@ class Measures:
     """The result of the analysis of one cortex.
 
     ``scalars`` holds every name of ``SCALARS``. A value that cannot be computed is None, and ``notes`` gives the reason
-    under the same name. Of a part (``parameters["only"]``) values that were not asked for are None, too. ``maps`` are per-vertex arrays (N,), NaN where undefined, positive where convex. ``regions``,
-    ``crests``, ``hinges`` and ``arms`` are tables with one dict per row. ``parameters`` are the scales and options
-    used. ``graph`` is the gyral graph; None for measures read from a folder of an older version.
+    under the same name. If only a part was measured (``parameters["only"]``), all other values are None. ``maps`` are
+    per-vertex arrays (N,), NaN where undefined, positive where convex. ``regions``, ``crests``, ``hinges`` and ``arms``
+    are tables with one dict per row. ``parameters`` are the scales and options used. ``graph`` is the gyral graph; None
+    for measures read from a folder of an older version, or of a part that does not need it.
     """
 
     cortex: Cortex
