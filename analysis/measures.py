@@ -6,11 +6,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from morphofold.analysis.frames import COLUMNS, FREESURFER_VALUES, frame
 from morphofold.display import html_of, plot
+from morphofold.errors import UnknownName
 from morphofold.surface import Cortex, PerVertex
 
 if TYPE_CHECKING:
     import networkx as nx
+    import pandas as pd
     from PIL.Image import Image
 
 SLOPE_SCALARS = (
@@ -47,6 +50,11 @@ SCALARS = (
     "volume_pial_mm3",
     "mean_cortical_thickness_area_weighted_mm",
 )
+#: columns of each table as a DataFrame
+FRAMES: Mapping[str, tuple[str, ...]] = {
+    "scalars": ("name", "hemi", *SCALARS, *FREESURFER_VALUES),
+    **{table: ("name", *columns) for table, columns in COLUMNS.items()},
+}
 #: parameters that numbers depend on besides the surfaces, and that may differ between two cortices
 PARAMETERS = (
     "folding_scale_mm",
@@ -160,3 +168,37 @@ class Measures:
             f"Measures of {self.cortex!r}: {known} scalars, {len(self.maps)} maps, {len(self.regions)} regions, "
             f"{len(self.hinges)} hinges, {len(self.notes)} notes"
         )
+
+    def to_frame(self, table: str = "scalars") -> pd.DataFrame:
+        """A table as a pandas DataFrame.
+
+        Parameters
+        ----------
+        table : {"scalars", "regions", "crests", "hinges", "arms"}
+            ``"scalars"`` has one row: the numbers of ``scalars``, and FreeSurfer's own from ``stats/aseg.stats``.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Columns, units and types as in docs/tables.md, also where there is no row. They begin with ``name`` and
+            ``hemi``, so that frames of several subjects can be concatenated. Whole numbers are ``Int64``, lengths and
+            other numbers ``float64``, words ``string``; a value that cannot be computed is missing.
+
+        Raises
+        ------
+        UnknownName
+            If there is no such table.
+
+        Examples
+        --------
+        >>> import morphofold as mf
+        >>> cortex = mf.read_cortex(mf.sample_path("fsaverage5"))
+        >>> regions = mf.measure(cortex, accuracy="draft").to_frame("regions")
+        >>> regions["gyral_thickness_mm"].median() > regions["cortical_thickness_mm"].median()
+        True
+        """
+        if table not in FRAMES:
+            raise UnknownName(f"{table!r}: no such table; they are {', '.join(FRAMES)}.")
+        rows = [{**self.cortex.info, **self.scalars}] if table == "scalars" else getattr(self, table)
+        here = {"name": self.cortex.name, "hemi": self.cortex.hemi}
+        return frame([{**row, **here} for row in rows], FRAMES[table])

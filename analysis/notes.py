@@ -85,13 +85,18 @@ def of_gyral_graph(graph: nx.MultiGraph, gyral_thickness: float) -> Notes:
 def of_input(cortex: Cortex) -> Notes:
     """Notes on an average brain, on missing files, and the health warnings of a simulation."""
     notes = {}
-    subjects = [Path(file).resolve().parent.parent.name for file in cortex.files]
+    subjects = [Path(file).resolve().parent.parent.name for file in cortex.files[:2]]  # white and pial
     if average := next((name for name in subjects if name.startswith(AVERAGE_BRAINS)), ""):
         notes["average"] = (
             f"{average} is an average of many brains. Folds that differ between people are smoothed away, so its "
             "gyrification, hinges and gyral thickness are those of no person."
         )
     notes |= _of_cortex_mask(cortex)
+    if cortex.regions is not None and (template := cortex.info.get("annotation_from")):
+        notes["annotation_from"] = (
+            f"The subject has no parcellation of its own: {cortex.regions.name} was carried over from the template "
+            f"{template} through {cortex.hemi}.sphere.reg. Borders of regions are those of the template."
+        )
     if warnings := cortex.info.get("warnings"):
         notes["simulation"] = "; ".join(map(str, warnings))
     return notes

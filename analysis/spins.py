@@ -13,7 +13,7 @@ from morphofold.arrays import Array
 from morphofold.errors import DoesNotApply, OutOfRange, UnknownName, WrongShape
 from morphofold.geometry import adjacency
 from morphofold.kernels import kernel, reading
-from morphofold.spheres.spins import NearestTable, rotations
+from morphofold.spheres.spins import NearestTable, cell_of, rotations
 from morphofold.surface import Surface
 from morphofold.threads import in_blocks
 from morphofold.unfolding.unfold import points_on_sphere
@@ -143,7 +143,7 @@ def _correlations(start, stop, points, turns, near, indptr, indices, x, y, n, fo
             p0 = a * turns[t, 0, 0] + b * turns[t, 1, 0] + c * turns[t, 2, 0]
             p1 = a * turns[t, 0, 1] + b * turns[t, 1, 1] + c * turns[t, 2, 1]
             p2 = a * turns[t, 0, 2] + b * turns[t, 1, 2] + c * turns[t, 2, 2]
-            v = near[_cell(p0, p1, p2, n)]
+            v = near[cell_of(p0, p1, p2, n)]
             best = p0 * points[v, 0] + p1 * points[v, 1] + p2 * points[v, 2]
             nearer = True
             while nearer:  # walk to nearer neighbours
@@ -163,18 +163,3 @@ def _correlations(start, stop, points, turns, near, indptr, indices, x, y, n, fo
             xx, yy, xy = sxx - sx * sx / count, syy - sy * sy / count, sxy - sx * sy / count
             if xx > 0.0 and yy > 0.0:
                 found[t] = xy / math.sqrt(xx * yy)
-
-
-@kernel
-def _cell(p0, p1, p2, n):
-    """Number of the cell of ``NearestTable`` in which a point of the unit sphere lies."""
-    a0, a1, a2 = abs(p0), abs(p1), abs(p2)
-    if a0 >= a1 and a0 >= a2:
-        axis, most, u, v = 0, p0, p1, p2
-    elif a1 >= a2:
-        axis, most, u, v = 1, p1, p2, p0
-    else:
-        axis, most, u, v = 2, p2, p0, p1
-    i = min(int((math.atan(u / abs(most)) * (4 / np.pi) + 1) * (n / 2)), n - 1)
-    j = min(int((math.atan(v / abs(most)) * (4 / np.pi) + 1) * (n / 2)), n - 1)
-    return ((2 * axis + (1 if most < 0 else 0)) * n + j) * n + i

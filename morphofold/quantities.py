@@ -80,6 +80,13 @@ SCALAR_WORDS = {
     "volume_pial_mm3": ("Volume within the pial surface", "mm³"),
     "etiv_mm3": ("Intracranial volume, estimated by FreeSurfer", "mm³"),
     "surface_holes": ("Holes of the surface that FreeSurfer repaired", ""),
+    "freesurfer_cortex_mm3": ("Cortical gray matter of the hemisphere, by FreeSurfer", "mm³"),
+    "freesurfer_white_matter_mm3": ("Cerebral white matter of the hemisphere, by FreeSurfer", "mm³"),
+    "freesurfer_total_gray_mm3": ("Gray matter of the brain, by FreeSurfer", "mm³"),
+    "freesurfer_subcortical_gray_mm3": ("Subcortical gray matter of the brain, by FreeSurfer", "mm³"),
+    "freesurfer_supratentorial_mm3": ("Supratentorial volume, by FreeSurfer", "mm³"),
+    "freesurfer_brain_mm3": ("Brain with ventricles (BrainSeg), by FreeSurfer", "mm³"),
+    "freesurfer_brain_without_ventricles_mm3": ("Brain without ventricles (BrainSegNotVent), by FreeSurfer", "mm³"),
     "mean_cortical_thickness_area_weighted_mm": ("Cortical thickness, mean by area", "mm"),
     THICKNESS_RATIO: ("Gyral / cortical thickness", ""),
     "hinges_per_cm2": ("Hinges per area", "1/cm²"),
@@ -103,6 +110,7 @@ MAP_OF_SCALAR = {
 }
 #: meaning of the columns of tables, where SCALAR_WORDS and the name of the column are not enough
 COLUMN_WORDS = {
+    "name": "Name of the subject",
     "hemi": "Hemisphere, lh (left) or rh (right)",
     "region": "Region of the parcellation",
     "n_vertices": "Number of vertices",

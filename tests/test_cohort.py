@@ -273,7 +273,7 @@ def test_a_file_of_its_user_stays_beside_results_and_is_no_change_of_them(three,
 
 def test_inputs_that_change_while_they_are_measured_are_no_result(three, tmp_path, quick, monkeypatch):
     """They were exchanged after the key was taken of them: the record would be of the old, the numbers of the new."""
-    out, read, other = tmp_path / "out", participant.read_cortex, write_subject(tmp_path / "other", 1.3)
+    out, read, other = tmp_path / "out", participant.read_parcellated, write_subject(tmp_path / "other", 1.3)
 
     def late(folder, *args, **options):
         if folder.endswith("ben"):
@@ -281,7 +281,7 @@ def test_inputs_that_change_while_they_are_measured_are_no_result(three, tmp_pat
         return read(folder, *args, **options)
 
     with monkeypatch.context() as patch:
-        patch.setattr(participant, "read_cortex", late)
+        patch.setattr(participant, "read_parcellated", late)
         found = measured(three, out)
     assert states(found) == {"anna": "done", "ben": "failed", "cleo": "done"}
     assert "lh.pial" in found["ben"].failures[""]

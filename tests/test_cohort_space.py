@@ -10,15 +10,19 @@ import pytest
 from commands import refused
 from made_cohort import HereFleet, participants, quick_measure, write_subject
 
+from morphofold.analysis import gyral_graph
+from morphofold.analysis.graph.landmarks import amounts
 from morphofold.cli import main
 from morphofold.cohort.participant import measure_participant
 from morphofold.cohort.running import run_tasks
-from morphofold.cohort.space import Mapped, map_participant, template, write_space
+from morphofold.cohort.space import Mapped, map_participant, maps_on_template, write_space
 from morphofold.cohort.tasks import TaskFolder
+from morphofold.cohort.templates import template
 from morphofold.errors import MissingPart, OutOfRange
 from morphofold.geometry import vertex_areas
 from morphofold.io import read_surface, write_label, write_surface
 from morphofold.shapes import icosphere
+from morphofold.shapes.folded_ball import folded_ball
 from morphofold.surface import Surface
 
 NAMES = ("anna", "ben", "cleo")
@@ -216,3 +220,59 @@ def test_what_makes_no_sense_is_refused_before_anything_is_written(three, tmp_pa
     out = tmp_path / "study"
     refused(capsys, ["cohort", str(tmp_path / "subjects"), "-o", str(out), *argv])
     assert not out.exists()
+
+
+def write_mirrored(three, level=3):
+    """Spheres of subjects for a symmetric template named ``small``: the right one is mirrored."""
+    verts, faces = icosphere(level, radius=100.0)
+    for folder in three:
+        write_surface(folder / "surf" / "lh.small.sphere.reg", Surface(verts, faces))
+        (folder / "xhemi" / "surf").mkdir(parents=True)
+        write_surface(folder / "xhemi" / "surf" / "lh.small.sphere.reg", Surface(verts * (-1, 1, 1), faces[:, ::-1]))
+
+
+def test_both_hemispheres_come_to_the_left_of_a_symmetric_template(quick, three, small, tmp_path):
+    write_mirrored(three)
+    *_, group = mapped(three, tmp_path / "out", template(str(small), xhemi=True))
+    assert group.parent.name == "small-xhemi"
+    left, right = np.load(group / "lh.x.npy"), np.load(group / "rh.x.npy")
+    np.testing.assert_allclose(left, np.tile(icosphere(2)[0][:, 0], (3, 1)), atol=0.15)
+    np.testing.assert_allclose(right, -left, atol=0.02)  # these subjects have the same shape on both sides
+    assert not (group / "surf" / "rh.white").exists()
+    about = json.loads((group / "space.json").read_text())
+    assert about["one_side"]
+    assert about["symmetric"]
+
+
+def test_a_subject_without_mirrored_spheres_fails_alone(quick, three, small, tmp_path):
+    write_mirrored(three[:2])
+    outcomes, *_ = mapped(three, tmp_path / "out", template(str(small), xhemi=True))
+    assert outcomes["cleo"].state == "failed" or set(outcomes["cleo"].failures) == {"lh", "rh"}
+    assert not outcomes["anna"].failures
+
+
+def test_a_template_is_symmetric_where_its_spheres_are_mirrored(small):
+    on = template(str(small))
+    assert not on.is_symmetric()  # the two sides are the same, not mirrored
+    left = read_surface(small / "surf" / "lh.sphere")
+    write_surface(small / "surf" / "rh.sphere", Surface(left.verts * (-1, 1, 1), left.faces[:, ::-1]))
+    assert on.is_symmetric()
+
+
+def test_hinges_and_crests_keep_their_number_and_length(small, tmp_path):
+    cortex = folded_ball(10_000)
+    graph = gyral_graph(cortex)
+    unit = cortex.pial.verts / np.linalg.norm(cortex.pial.verts, axis=1, keepdims=True)
+    write_surface(tmp_path / "lh.sphere.reg", Surface(100 * unit, cortex.faces))
+    m = replace(
+        quick_measure(cortex), cortex=cortex, graph=graph, maps={"area": vertex_areas(cortex.white.verts, cortex.faces)}
+    )
+    own = amounts(graph, cortex.n_vertices)
+    plain = maps_on_template(m, tmp_path / "lh.sphere.reg", template(str(small)))
+    for name, amount in own.items():
+        assert plain[name].sum() == pytest.approx(amount.sum(), rel=1e-12)
+    assert np.nanmin(plain["hinge_distance"]) >= 0
+    smoothed = maps_on_template(m, tmp_path / "lh.sphere.reg", template(str(small), 100.0))
+    inside = np.isfinite(smoothed["hinge_density"])
+    whole = 100 * own["hinges"].sum() / m.maps["area"].sum()
+    assert np.median(smoothed["hinge_density"][inside]) == pytest.approx(whole, rel=0.2)

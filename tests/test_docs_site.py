@@ -34,7 +34,7 @@ RUN = [
     "docs/extending.md",
     *(
         pytest.param(page, marks=pytest.mark.slow)
-        for page in ("docs/tutorial-neuroimager.md", "docs/tutorial-mechanician.md")
+        for page in ("docs/tables.md", "docs/tutorial-neuroimager.md", "docs/tutorial-mechanician.md")
     ),
 ]
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.S | re.M)

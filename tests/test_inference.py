@@ -73,6 +73,23 @@ def test_exchanges_keep_to_their_blocks():
     assert len(np.unique(exchanges(8, 50, 0, flip=True)[..., 1], axis=0)) > 40
 
 
+def test_whole_blocks_change_places_with_blocks_of_their_size():
+    blocks = np.array([0, 0, 1, 2, 2, 3, 4, 4])
+    found = exchanges(8, 200, 0, blocks=blocks, whole=True)[..., 0].astype(int)
+    for rows in found:
+        assert sorted(rows) == list(range(8))
+        pairs = [tuple(rows[blocks == b]) for b in (0, 2, 4)]
+        assert set(pairs) == {(0, 1), (3, 4), (6, 7)}  # in their order
+        assert {rows[2], rows[5]} == {2, 5}
+    assert len({tuple(rows) for rows in found}) == 12  # 3! times 2!
+
+
+@pytest.mark.parametrize(("blocks", "whole"), [(np.arange(5), False), (np.array([0, 0, 1, 1, 1]), True)])
+def test_blocks_that_leave_nothing_to_exchange_are_refused(blocks, whole):
+    with pytest.raises(DoesNotApply):
+        exchanges(5, 10, 0, blocks=blocks, whole=whole)
+
+
 def test_null_studies_are_significant_in_one_of_twenty():
     """120 studies of 12 subjects whose maps depend on sex but not on age."""
     found = []

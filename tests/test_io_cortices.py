@@ -252,6 +252,29 @@ def test_intracranial_volume_and_holes_of_each_side_are_read(bert):
         assert str(bert / "stats" / "aseg.stats") in cortex.files  # so that its digest is recorded
 
 
+def test_the_volumes_of_a_hemisphere_and_of_the_brain_are_read_under_names_of_their_own(bert):
+    names = (
+        "lhCortex",
+        "rhCortex",
+        "Cortex",
+        "lhCerebralWhiteMatter",
+        "TotalGray",
+        "SubCortGray",
+        "BrainSegNotVentSurf",
+    )
+    names += ("SupraTentorial", "SupraTentorialNotVent", "BrainSeg", "BrainSegNotVent")
+    lines = [f"# Measure {name}, {name}Vol, Some words, {k}000.5, mm^3" for k, name in enumerate(names)]
+    assert read_cortex(with_stats(bert, "\n".join(lines)), "lh").info == {
+        "freesurfer_cortex_mm3": 0.5,
+        "freesurfer_white_matter_mm3": 3000.5,
+        "freesurfer_total_gray_mm3": 4000.5,
+        "freesurfer_subcortical_gray_mm3": 5000.5,
+        "freesurfer_supratentorial_mm3": 7000.5,
+        "freesurfer_brain_mm3": 9000.5,
+        "freesurfer_brain_without_ventricles_mm3": 10000.5,
+    }
+
+
 @pytest.mark.parametrize(
     ("content", "known"),
     [

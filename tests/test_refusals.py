@@ -16,6 +16,7 @@ CALLS = {
     ("analyze",): ["nowhere"],
     ("compare",): ["a=nowhere"],
     ("cohort",): ["nowhere"],
+    ("overlap",): ["nowhere"],
     ("stats",): ["nowhere", "--model", "H ~ age", "--contrast", "age"],
     ("bids",): ["nowhere", "out", "participant"],
     ("sweep",): ["nowhere", "--vary", "mu_ratio=1,2"],

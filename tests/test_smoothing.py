@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from morphofold.analysis import smooth
+from morphofold.analysis import smooth, smoothing
 from morphofold.analysis.smoothing import FWHM_PER_DEVIATION
 from morphofold.errors import OutOfRange, WrongShape
 from morphofold.geometry import mean_edge_length, vertex_areas
@@ -102,6 +102,15 @@ def test_several_maps_are_smoothed_as_each_alone(rng):
     both = smooth(verts, faces, maps, 20.0)
     for k in range(3):
         np.testing.assert_allclose(both[:, k], smooth(verts, faces, maps[:, k], 20.0), atol=1e-5)
+
+
+def test_steps_on_an_uneven_mesh_agree_with_the_series(rng, monkeypatch):
+    verts, faces = icosphere(5, radius=RADIUS)
+    maps = rng.standard_normal(len(verts))
+    series = smooth(verts, faces, maps, 20.0)
+    monkeypatch.setattr(smoothing, "MOST_TERMS", 0)
+    steps = smooth(verts, faces, maps, 20.0)
+    assert 0 < np.abs(steps - series).max() < 0.005 * np.abs(series).max()
 
 
 def test_bad_options_are_refused():

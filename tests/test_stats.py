@@ -10,7 +10,8 @@ from commands import refused
 from morphofold.analysis import smooth
 from morphofold.cli import main
 from morphofold.errors import MissingPart, UnknownName
-from morphofold.inference.study import cluster_rows, find_space, fit_study, write_result
+from morphofold.inference.spaces import find_space
+from morphofold.inference.study import cluster_rows, fit_study, write_result
 from morphofold.io import read_morph, write_annotation, write_label, write_surface
 from morphofold.io.gifti import read_gifti_map
 from morphofold.report.pages.stats_page import stats_report
@@ -231,3 +232,20 @@ def test_the_page_has_the_clusters_and_escapes_names(study, tmp_path):
     assert "<script" not in page
     for file in (out / "figures").iterdir():
         assert read_png(file).std() > 10
+
+
+def test_without_a_table_of_the_study_that_of_cohort_beside_the_maps_is_taken(study, capsys, tmp_path):
+    argv = ["stats", str(study), "--model", "cortical_thickness ~ age", "--contrast", "age", "--permutations", "9"]
+    argv += ["--no-report", "-q", "--json", "-o", str(tmp_path / "age")]
+    table, of_maps = study / "participants.tsv", study / "spaces" / "ball" / "group" / "participants.tsv"
+    ages = {row["participant_id"]: row["age"] for row in read_table(table, ("participant_id",))}
+    table.unlink()
+    refused(capsys, argv, str(table))
+    rows = read_table(of_maps, ("participant_id",))
+    write_table(
+        of_maps, ("participant_id", "age", "lh", "rh"), [{**row, "age": ages[row["participant_id"]]} for row in rows]
+    )
+    assert main(argv) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["inputs"][0]["path"] == str(of_maps)
+    assert said["left_out"]["value missing"] == ["s07"]

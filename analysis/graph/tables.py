@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.analysis.graph.hinges import LEAST_STRICT_CONFIDENCE, as_rows, counts, hinges
+from morphofold.analysis.graph.landmarks import amounts
 from morphofold.surface import Cortex, PerVertex
 
 if TYPE_CHECKING:
@@ -89,20 +90,12 @@ def region_columns(cortex: Cortex, graph: nx.MultiGraph) -> dict[str, tuple[int,
     """For each region the number of its hinges without doubtful ones, and the length of the crests in it [mm]."""
     if cortex.regions is None:
         return {}
-    labels = cortex.regions.labels
-    count = {name: 0 for name in cortex.regions.names}
-    length = dict.fromkeys(cortex.regions.names, 0.0)
-    for _, node in graph.nodes(data=True):
-        if node["degree"] > 2 and counts(node) and labels[node["vertex"]] >= 0:
-            count[cortex.regions.names[labels[node["vertex"]]]] += 1
-    for *_, crest in graph.edges(data=True):
-        steps = np.linalg.norm(np.diff(crest["polyline"], axis=0), axis=1)
-        share = crest["length"] / steps.sum() if steps.sum() > 0 else 0.0
-        for end in (crest["vertices"][:-1], crest["vertices"][1:]):  # half of each step to the region of each end
-            known = labels[end] >= 0
-            for label in np.unique(labels[end][known]).tolist():
-                length[cortex.regions.names[label]] += 0.5 * share * float(steps[labels[end] == label].sum())
-    return {name: (count[name], length[name]) for name in cortex.regions.names}
+    known = np.flatnonzero(cortex.regions.labels >= 0)
+    sums = [
+        np.bincount(cortex.regions.labels[known], amount[known], minlength=len(cortex.regions.names)).tolist()
+        for amount in amounts(graph, cortex.n_vertices).values()
+    ]
+    return {name: (int(count), length) for name, count, length in zip(cortex.regions.names, *sums)}
 
 
 def _mean_or_none(mean: Any, values: PerVertex | None, at: NDArray[np.int64]) -> float | None:

@@ -23,6 +23,7 @@ COMMANDS = {
     "compare": "put analyses side by side",
     "unfold": "unfold a cortex to a smooth surface with the same vertices",
     "cohort": "measure many subjects on several workers, and write tables and a page of the group",
+    "overlap": "where subjects have hinges and crests, and how many they share, against chance",
     "stats": "test a model of age, sex and so on at every vertex of a cohort's maps on a template",
     "bids": "the same as cohort for a BIDS dataset, called like a BIDS-App",
     "sweep": "grow a scene with many values and seeds, and draw phase diagrams with the lines of theory",

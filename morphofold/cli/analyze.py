@@ -76,7 +76,16 @@ def add_args(parser: argparse.ArgumentParser) -> None:
         default="plain",
         help="bids: DIR is a BIDS derivatives dataset; sub-NAME is added to it, or replaced in it",
     )
-    add_options(parser, ("-o --out", "DIR", "folder to write (default: NAME-analysis here)"))
+    add_options(
+        parser,
+        ("-o --out", "DIR", "folder to write (default: NAME-analysis here)"),
+        (
+            "--into-subject",
+            None,
+            "also write surf/?h.gyral_thickness, surf/?h.pial_lgi and stats/?h.aparc.gyral.stats into the FreeSurfer "
+            "subject; files that morphofold did not write are kept",
+        ),
+    )
     add_threads(parser)
     add_options(
         parser, ("--json", None, "print summary.json (in BIDS the provenance file), or the forecast of --dry-run")
@@ -103,6 +112,7 @@ def _analyze(args: argparse.Namespace) -> int:
     if args.stages:
         return _analyse_stages(args, options)
     _refuse_clashes(args)
+    subject = _subject_to_write(args)
     clock, failed = Stages(), dict[str, str]()
     clock.begin(READING_STAGE)
     cortices = _results_of_hemispheres(_hemisphere_readers(args), failed)
@@ -128,13 +138,36 @@ def _analyze(args: argparse.Namespace) -> int:
         show(1.0, "done")
     code = _print_failed(failed)
     _print_measured(measures, out, clock, args)
+    if subject is not None:
+        _write_into_subject(measures, subject, args)
     return code
+
+
+def _subject_to_write(args: argparse.Namespace) -> Path | None:
+    """The folder of the subject for --into-subject; raises if nothing can be written there."""
+    from morphofold.results import check_subject
+
+    if not args.into_subject:
+        return None
+    if args.input is None or args.dry_run:
+        raise OptionsClash("--into-subject needs a FreeSurfer subject as INPUT, and can't be used with --dry-run.")
+    return check_subject(args.input)
+
+
+def _write_into_subject(measures: list[Measures], subject: Path, args: argparse.Namespace) -> None:
+    from morphofold.results import write_into_subject
+
+    written, kept = write_into_subject(measures, subject)
+    where = sys.stderr if args.json else sys.stdout
+    print(one_line(f"into {subject}: {', '.join(written) or 'nothing'}"), file=where)
+    if kept:
+        print(one_line(f"kept, because morphofold did not write them: {', '.join(kept)}"), file=where)
 
 
 def _refuse_clashes(args: argparse.Namespace) -> None:
     """Raise for options that can't be used with --layout bids, or with --only."""
-    if args.only is not None and args.dry_run:
-        raise OptionsClash("--dry-run predicts a whole analysis, and --only asks for a part. Leave out one of the two.")
+    if args.only is not None and (args.dry_run or args.into_subject):
+        raise OptionsClash("--only asks for a part, but --dry-run and --into-subject need the whole. Leave out one.")
     if args.layout == "bids" and args.out is None:
         raise OptionsClash("--layout bids adds a subject to a dataset, but no dataset is named. Pass -o DATASET.")
     if args.layout == "bids" and (args.mgh or args.wide):
@@ -239,8 +272,11 @@ def _hemisphere_readers(args: argparse.Namespace) -> dict[str, Callable[[], Cort
     """Functions that read each requested hemisphere, from INPUT or from --white and --pial."""
     from morphofold.io import read_cortex
     from morphofold.io.cortices import hemispheres, side_named
+    from morphofold.spheres.parcellation import read_parcellated
 
     if args.input is None:
+        if args.annot_from is not None:
+            raise OptionsClash("--annot-from needs a subject as INPUT, which has surf/?h.sphere.reg.")
         if args.hemi not in ("lh", "rh") and not any(side_named(Path(p).name) for p in (args.white, args.pial)):
             raise OptionsClash(
                 f"{args.white}: neither its name nor that of --pial shows the hemisphere. Pass --hemi lh or rh."
@@ -251,7 +287,13 @@ def _hemisphere_readers(args: argparse.Namespace) -> dict[str, Callable[[], Cort
         }
     named = ("lh", "rh") if args.hemi == "both" else (args.hemi,)
     hemis = named if args.hemi else hemispheres(Path(args.input))
-    one = partial(read_cortex, args.input, name=args.name or args.subject, annotation=args.annot)
+    one = partial(
+        read_parcellated,
+        args.input,
+        name=args.name or args.subject,
+        annotation=args.annot,
+        annotation_from=args.annot_from,
+    )
     return {hemi: partial(one, hemi=hemi) for hemi in hemis}
 
 
@@ -316,11 +358,11 @@ def _analyse_stages(args: argparse.Namespace, options: Mapping[str, Any]) -> int
     from morphofold.results import is_analysis_of, write_analysis
     from morphofold.timing import Stages
 
-    others = (args.json, args.mgh, args.wide, args.dry_run, args.only is not None)
-    if args.input is None or args.hemi or args.annot or any(others) or args.layout != "plain":
+    others = (args.json, args.mgh, args.wide, args.dry_run, args.into_subject, args.only is not None)
+    if args.input is None or args.hemi or args.annot or args.annot_from or any(others) or args.layout != "plain":
         raise OptionsClash(
-            "--stages needs a simulation folder as INPUT, and can't be used with --hemi, --annot, --json, --mgh, "
-            "--wide, --dry-run, --only or another layout."
+            "--stages needs a simulation folder as INPUT, and can't be used with --hemi, --annot, --annot-from, "
+            "--json, --mgh, --wide, --dry-run, --into-subject, --only or another layout."
         )
     folder = Path(args.input)
     places = sorted((folder / "stages").glob("g*"))

@@ -6,7 +6,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from morphofold.cli.cohort import add_group_args
+from morphofold.cli.cohort import add_group_args, add_participants_arg
 from morphofold.cli.measuring import add_side_args
 
 EXAMPLES = (
@@ -30,6 +30,7 @@ def add_args(parser: argparse.ArgumentParser) -> None:
         "or BIDS_DIR itself)",
     )
     add_side_args(parser, "each subject")
+    add_participants_arg(parser, "BIDS_DIR")
     add_group_args(parser)
     parser.set_defaults(layout="bids")
 
@@ -37,10 +38,13 @@ def add_args(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     from morphofold.cli.cohort import measured_before, run_cohort, run_group
     from morphofold.cli.paths import refuse_overlap
+    from morphofold.cohort.covariates import find_covariates
+    from morphofold.cohort.tables import TAKEN_COLUMNS
 
     out = Path(args.output_dir)
     if args.level == "group":
-        return run_group(out, measured_before(out, bids=True), args)
+        results = measured_before(out, bids=True)
+        return run_group(out, results, args, find_covariates(args.participants, [Path(args.bids_dir)], TAKEN_COLUMNS))
     source = _subjects_folder(args)
     refuse_overlap(out, [source])
     everyone = _participant_folders(source, [])

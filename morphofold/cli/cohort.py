@@ -17,11 +17,12 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from contextlib import AbstractContextManager
 
+    from morphofold.cohort.covariates import Covariates
     from morphofold.cohort.fleet import Fleet
     from morphofold.cohort.participant import Participant
-    from morphofold.cohort.space import Template
     from morphofold.cohort.tables import Group
     from morphofold.cohort.tasks import Outcome
+    from morphofold.cohort.templates import Template
 
 EXAMPLES = (
     "morphofold cohort $SUBJECTS_DIR -o study",
@@ -51,7 +52,23 @@ def add_args(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--smooth", metavar="MM", type=float, help="with --space: smooth them on it, full width at half maximum"
     )
+    parser.add_argument(
+        "--xhemi",
+        action="store_true",
+        help="with --space: both hemispheres on the left of a symmetric template, by FreeSurfer's surfreg --xhemi",
+    )
+    add_participants_arg(parser, "SUBJECTS_DIR")
     add_group_args(parser)
+
+
+def add_participants_arg(parser: argparse.ArgumentParser, place: str) -> None:
+    """--participants, by default participants.tsv in the folder ``place``."""
+    parser.add_argument(
+        "--participants",
+        metavar="FILE",
+        help="table with a row for each participant_id, whose columns (age, sex) the tables of the group repeat "
+        f"(default: {place}/participants.tsv, if it exists)",
+    )
 
 
 def add_group_args(parser: argparse.ArgumentParser, one: str = "subject", all: str = "the group") -> None:
@@ -88,21 +105,23 @@ def add_worker_args(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from morphofold.cli.paths import refuse_overlap
-    from morphofold.cohort.space import template
+    from morphofold.cohort.covariates import find_covariates
     from morphofold.cohort.subjects import find_subjects, named_subjects
+    from morphofold.cohort.tables import TAKEN_COLUMNS
+    from morphofold.cohort.templates import template
 
     source, out = Path(args.subjects_dir).absolute(), Path(args.out)
     found, templates = find_subjects(source)
     names = found if args.subjects is None else named_subjects(Path(args.subjects))
     refuse_overlap(out, [source])
-    if args.smooth is not None and args.space is None:
-        raise OptionsClash(
-            "--smooth smooths maps on a template, but none is named. Pass --space fsaverage5 or a folder."
-        )
-    on = None if args.space is None else template(args.space, args.smooth)
+    for option, value in (("--smooth", args.smooth), ("--xhemi", args.xhemi or None)):
+        if value is not None and args.space is None:
+            raise OptionsClash(f"{option} is for maps on a template, but none is named. Pass --space and its folder.")
+    on = None if args.space is None else template(args.space, args.smooth, xhemi=args.xhemi)
     if templates and args.subjects is None:
         print_note(f"left out: {', '.join(templates)} (templates; --subjects can include them)", args.quiet)
-    return run_cohort(by_shown_name(source, names), out, args, on=on)
+    covariates = find_covariates(args.participants, [source], TAKEN_COLUMNS)
+    return run_cohort(by_shown_name(source, names), out, args, on=on, covariates=covariates)
 
 
 def by_shown_name(source: Path, names: Sequence[str]) -> dict[str, Path]:
@@ -123,16 +142,18 @@ def run_cohort(
     group: bool = True,
     everyone: dict[str, Path] | None = None,
     on: Template | None = None,
+    covariates: Covariates | None = None,
 ) -> int:
     """Measure subjects and, if ``group``, write their group; the scales are those of ``everyone``.
 
-    With a template, ``on``, also bring their maps over to it.
+    With a template, ``on``, also bring their maps over to it. ``covariates`` are those of the subjects, for the tables.
     """
     import secrets
     from contextlib import ExitStack
     from dataclasses import replace
 
     from morphofold.cli.progress import progress
+    from morphofold.cohort.covariates import NO_COVARIATES
     from morphofold.cohort.group import write_group
     from morphofold.cohort.participant import Participant, measure_participant
     from morphofold.cohort.running import failed, run_tasks
@@ -146,6 +167,7 @@ def run_cohort(
     hemis = ("lh", "rh") if args.hemi == "both" else (args.hemi,) if args.hemi else ()
     bids, run_id = args.layout == "bids", secrets.token_hex(4)
     report: Any = False if args.no_report else analysis_report
+    covariates = covariates or NO_COVARIATES
     out, more = out.absolute(), dict[str, Any]()
     subjects, looked_at = (
         [
@@ -175,10 +197,10 @@ def run_cohort(
                     fleet, measure_participant, possible, show, lambda text: print_note(text, args.quiet)
                 )
             outcomes += [failed(one.place, reasons[one.name]) for one in subjects if one.name in reasons]
-            mapped = [] if on is None else map_on_template(fleet, on, possible, out, args)
+            mapped = [] if on is None else map_on_template(fleet, on, possible, out, args, covariates)
         if group:
             with progress("group ", args.quiet) as show:
-                found = write_group(out, places, outcomes, report=group_report, progress=show)
+                found = write_group(out, places, outcomes, report=group_report, progress=show, covariates=covariates)
             print_not_pooled(found, args.quiet)
             more["remarks"] = found.pooling.sentences
     page = out / "group" / "report.html" if group else out
@@ -190,7 +212,12 @@ def run_cohort(
 
 
 def map_on_template(
-    fleet: Fleet, on: Template, subjects: Sequence[Participant], out: Path, args: argparse.Namespace
+    fleet: Fleet,
+    on: Template,
+    subjects: Sequence[Participant],
+    out: Path,
+    args: argparse.Namespace,
+    covariates: Covariates,
 ) -> list[Outcome]:
     """Bring the maps of measured subjects over to a template, and write one array for each map."""
     from morphofold.cli.progress import progress
@@ -205,7 +232,7 @@ def map_on_template(
     ]
     with progress(on.name, args.quiet) as show:
         found = run_tasks(fleet, map_participant, tasks, show, lambda text: print_note(text, args.quiet))
-        write_space(place, on, tasks)
+        write_space(place, on, tasks, covariates)
     return found
 
 
@@ -245,7 +272,7 @@ def measured_before(out: Path, *, bids: bool) -> dict[str, Path]:
     return {name: _results_folder_or_reason(out, name, bids=bids)[0] for name in names}
 
 
-def run_group(out: Path, results: dict[str, Path], args: argparse.Namespace) -> int:
+def run_group(out: Path, results: dict[str, Path], args: argparse.Namespace, covariates: Covariates) -> int:
     """Write the group of subjects that were measured before."""
     from morphofold.cli.progress import progress
     from morphofold.cohort.group import write_group
@@ -253,7 +280,7 @@ def run_group(out: Path, results: dict[str, Path], args: argparse.Namespace) -> 
     from morphofold.report.pages.group_page import group_report
 
     with alone(out), progress("group ", args.quiet) as show:
-        group = write_group(out, results, report=group_report, progress=show)
+        group = write_group(out, results, report=group_report, progress=show, covariates=covariates)
     print_not_pooled(group, args.quiet)
     failed = len({row["subject"] for row in group.failures})
     if args.json:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import Any
 
 from morphofold.errors import OutOfRange
@@ -39,7 +40,7 @@ def add_measuring_args(parser: argparse.ArgumentParser) -> None:
 
 
 def add_side_args(parser: argparse.ArgumentParser, who: str, *, parcellation: bool = True) -> None:
-    """--hemi, and --annot if regions are measured."""
+    """--hemi, and --annot and --annot-from if regions are measured."""
     parser.add_argument(
         "--hemi",
         metavar="{lh,rh,both}",
@@ -51,6 +52,12 @@ def add_side_args(parser: argparse.ArgumentParser, who: str, *, parcellation: bo
             "--annot",
             metavar="NAME",
             help="parcellation, label/?h.NAME.annot, such as aparc.a2009s (default: aparc, if it exists)",
+        )
+        parser.add_argument(
+            "--annot-from",
+            metavar="TEMPLATE",
+            help="without that file, carry the parcellation over from a template by ?h.sphere.reg: fsaverage5, or the "
+            "folder of another",
         )
 
 
@@ -72,4 +79,15 @@ def measuring_options(args: argparse.Namespace) -> dict[str, Any]:
     asked |= {} if args.thickness_cap is None else {"thickness_cap_mm": args.thickness_cap}
     asked |= {} if args.accuracy == "standard" else {"accuracy": args.accuracy}
     asked |= {} if args.repair else {"repair": False}
-    return asked if getattr(args, "annot", None) is None else {**asked, "annotation": args.annot}
+    asked |= {} if getattr(args, "annot", None) is None else {"annotation": args.annot}
+    return asked | _template_option(args)
+
+
+def _template_option(args: argparse.Namespace) -> dict[str, Any]:
+    """The template of --annot-from: the name of a sample, or the path of a folder; raises if it has no parcellation."""
+    from morphofold.spheres.parcellation import check_template
+
+    if getattr(args, "annot_from", None) is None:
+        return {}
+    folder = check_template(args.annot_from, args.annot)
+    return {"annotation_from": str(folder) if Path(args.annot_from).is_dir() else args.annot_from}

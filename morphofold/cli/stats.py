@@ -4,14 +4,20 @@ cortex by permutations: of single vertices, of clusters, and by threshold-free c
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from morphofold.cli import add_options, add_threads
 from morphofold.cli.streams import print_json
+from morphofold.errors import OptionsClash
 
 if TYPE_CHECKING:
-    from morphofold.inference.study import Result
+    from morphofold.arrays import Array
+    from morphofold.inference.permutations import Null
+    from morphofold.inference.study import Result, Space
+    from morphofold.progress import Progress
 
 EXAMPLES = ('morphofold stats study --model "gyral_thickness ~ age + sex" --contrast age -o age',)
 
@@ -32,47 +38,67 @@ def add_args(parser: argparse.ArgumentParser) -> None:
     )
     add_options(
         parser,
-        ("--participants", "FILE", "table with a row for each participant_id (default: STUDY/participants.tsv)"),
+        (
+            "--participants",
+            "FILE",
+            "table with a row for each participant_id (default: STUDY/participants.tsv, else that of cohort)",
+        ),
         (
             "--blocks",
             "COLUMN",
             "exchange subjects only within equal values of a column: site, family, person (default: all)",
         ),
+        ("--whole-blocks", None, "exchange blocks as wholes, for regressors that are the same within a block"),
         ("--space", "NAME", "folder in STUDY/spaces (default: the only one)"),
     )
     parser.add_argument("--hemi", choices=["lh", "rh", "both"], default="both", help="hemispheres (default: both)")
+    parser.add_argument(
+        "--asymmetry",
+        choices=["difference", "index"],
+        help="test left - right, or 2 (left - right) / (left + right), on a symmetric template",
+    )
     parser.add_argument("--permutations", type=int, metavar="N", default=1000, help="(default: 1000)")
     parser.add_argument("--seed", type=int, metavar="N", default=0, help="of the permutations (default: 0)")
     parser.add_argument("-o", "--out", metavar="DIR", default="stats", help="folder to write (default: stats)")
     add_options(parser, ("--no-report", None, "tables and maps only, no page or pictures"))
     add_threads(parser)
+    add_options(parser, ("--scheduler", "ADDRESS", "permute on a running Dask cluster, such as tcp://host:8786"))
+    parser.add_argument(
+        "--slurm", type=int, metavar="N", help="ask SLURM for N jobs, as described in ~/.config/dask/jobqueue.yaml"
+    )
     parser.add_argument("--json", action="store_true", help="print summary.json")
 
 
 def run(args: argparse.Namespace) -> int:
     from morphofold.cli.paths import refuse_overlap
     from morphofold.cli.progress import progress
-    from morphofold.inference.study import find_space, fit_study, summary, write_result
+    from morphofold.inference.spaces import find_space
+    from morphofold.inference.study import fit_study, summary, write_result
     from morphofold.io import refuse_foreign
     from morphofold.report.pages.stats_page import stats_report
     from morphofold.threads import set_threads
 
+    if args.whole_blocks and args.blocks is None:
+        raise OptionsClash("--whole-blocks needs the column that names the blocks. Pass --blocks COLUMN, too.")
     set_threads(args.threads)
     space = find_space(args.study, args.space)
-    participants = Path(args.participants or Path(args.study) / "participants.tsv")
+    participants = _participants(args, space)
     refuse_overlap(Path(args.out), [space.folder])
     refuse_foreign(Path(args.out))
     hemis = ("lh", "rh") if args.hemi == "both" else (args.hemi,)
-    with progress("stats", args.quiet) as show:
+    with _permuting(args) as largest, progress("stats", args.quiet) as show:
         found = fit_study(
             space,
             participants,
             args.model,
             args.contrast,
             blocks=args.blocks,
+            whole=args.whole_blocks,
             hemis=hemis,
+            asymmetry=args.asymmetry,
             permutations=args.permutations,
             seed=args.seed,
+            largest=largest,
             progress=show,
         )
         write_result(found, args.out, [participants], report=None if args.no_report else stats_report)
@@ -83,13 +109,36 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
+def _participants(args: argparse.Namespace, space: Space) -> Path:
+    """The table of participants: the one given, that of the study, or the one that cohort wrote with its maps."""
+    usual, of_maps = Path(args.study) / "participants.tsv", space.folder / "participants.tsv"
+    if args.participants is not None:
+        return Path(args.participants)
+    return of_maps if space.covariates and not usual.is_file() else usual
+
+
+@contextmanager
+def _permuting(args: argparse.Namespace) -> Iterator[Callable[[Null, Progress], Array]]:
+    """Where permutations are computed: here, or on the workers that were asked for."""
+    from morphofold.inference.permutations import here
+
+    if args.scheduler is None and args.slurm is None:
+        yield here
+        return
+    from morphofold.cohort.fleet import open_fleet
+    from morphofold.cohort.permuting import on_workers
+
+    with open_fleet(scheduler=args.scheduler, slurm=args.slurm) as fleet:
+        yield on_workers(fleet, Path(args.study).absolute())
+
+
 def _print_result(found: Result, out: Path) -> None:
     from morphofold.inference.study import cluster_rows, summary
 
     said = summary(found)
     subjects, vertices = len(found.design.subjects), said["vertices"]
     print(
-        f"{found.map} ~ {found.formula}, {found.contrast}: {subjects} subjects, {vertices['tested']:,} of "
+        f"{found.shown} ~ {found.formula}, {found.contrast}: {subjects} subjects, {vertices['tested']:,} of "
         f"{vertices['all']:,} vertices, {found.inference.df} degrees of freedom"
     )
     for reason, names in said["left_out"].items():

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Literal
 
+from morphofold.cohort.covariates import NO_COVARIATES, Covariates
 from morphofold.cohort.tables import Group, write_tables
 from morphofold.cohort.tasks import Outcome
 from morphofold.io import atomic_folder
@@ -22,9 +23,10 @@ def write_group(
     *,
     report: DrawReport | Literal[False] = False,
     progress: Progress = silent,
+    covariates: Covariates = NO_COVARIATES,
 ) -> Group:
-    """Write ``out/group`` completely or not at all: measures.tsv, measures.parquet, failures.tsv, and report.html if
-    there is a ``report``.
+    """Write ``out/group`` completely or not at all: the tables of :func:`morphofold.cohort.tables.write_tables`, and
+    report.html if there is a ``report``.
 
     Parameters
     ----------
@@ -38,10 +40,12 @@ def write_group(
         Draws the page of a group into a folder: :func:`morphofold.report.pages.group_page.group_report`.
     progress : callable
         Called with the share done and the current step.
+    covariates : Covariates
+        Of the subjects, for the tables.
     """
     by_name = {one.name: one for one in outcomes}
     with atomic_folder(out / GROUP_FOLDER) as folder:
-        group = write_tables(folder, out, results, by_name, lambda share: progress(0.7 * share, "tables"))
+        group = write_tables(folder, out, results, by_name, lambda share: progress(0.7 * share, "tables"), covariates)
         if report:
             report(group, folder, part_of(progress, 0.7, 0.3))
     progress(1.0, "done")

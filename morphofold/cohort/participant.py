@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any, Literal
 from morphofold.cohort.measuring import measure_as_asked
 from morphofold.cohort.tasks import INPUT_ERRORS, Outcome, Say, TaskFolder, digest, perform
 from morphofold.io import files_of, remove_folder
-from morphofold.io.cortices import cortex_files, hemispheres, read_cortex
+from morphofold.io.cortices import cortex_files, hemispheres
 from morphofold.provenance import sha256_of
 from morphofold.results.summary import DrawPage
+from morphofold.spheres.parcellation import carried_files, read_parcellated
 from morphofold.words import in_one_line
 
 if TYPE_CHECKING:
@@ -37,8 +38,8 @@ class Participant:
     report : callable or False
         Draws its own page and pictures, as for :func:`morphofold.results.write_analysis`.
     options : mapping
-        ``curvature_scale_mm``, ``gyral_width_mm``, ``thickness_cap_mm`` [mm], ``accuracy``, ``repair`` and
-        ``annotation``, as for ``analyze``.
+        ``curvature_scale_mm``, ``gyral_width_mm``, ``thickness_cap_mm`` [mm], ``accuracy``, ``repair``, ``annotation``
+        and ``annotation_from``, as for ``analyze``.
     """
 
     name: str
@@ -99,11 +100,18 @@ def _hemispheres_of_subject(subject: Participant) -> tuple[str, ...]:
 def _hemisphere_files(subject: Participant, hemi: str) -> dict[str, Path]:
     """All files read for a hemisphere; none if a surface is missing."""
     try:
-        found = cortex_files(subject.folder, hemi, annotation=subject.options.get("annotation"))
+        annotation, template = _parcellation_asked(subject)
+        carried = carried_files(subject.folder, hemi, template, annotation)
+        found = cortex_files(subject.folder, hemi, annotation=None if carried else annotation) | carried
     except INPUT_ERRORS:
         return {}  # reading it reports why
     summary_file = Path(subject.folder) / "summary.json"  # of a folder written by analyze
     return {**found, "summary": summary_file} if summary_file.is_file() else found
+
+
+def _parcellation_asked(subject: Participant) -> tuple[str | None, str | None]:
+    """The name of the parcellation, and the template that it is carried over from where it is missing."""
+    return subject.options.get("annotation"), subject.options.get("annotation_from")
 
 
 def _incomplete_hemisphere_files(subject: Participant, hemi: str) -> list[str]:
@@ -155,7 +163,8 @@ def _measure_hemisphere(subject: Participant, hemi: str, say: Say, clock: Stages
 
     say(f"{hemi} reading")
     clock.begin(READING_STAGE)
-    cortex = read_cortex(subject.folder, hemi, name=subject.name, annotation=subject.options.get("annotation"))
+    annotation, template = _parcellation_asked(subject)
+    cortex = read_parcellated(subject.folder, hemi, name=subject.name, annotation=annotation, annotation_from=template)
     for row in cortex.inputs:
         if seen.get(row["path"]) != row["sha256"]:
             raise OSError(f"{row['path']}: changed while it was measured. Run it again.")

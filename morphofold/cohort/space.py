@@ -3,114 +3,34 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from morphofold.arrays import Array
+from morphofold.cohort.covariates import NO_COVARIATES, Covariates
 from morphofold.cohort.tasks import INPUT_ERRORS, Outcome, Say, TaskFolder, digest, perform, read_record
-from morphofold.errors import Mismatch, MissingPart, OutOfRange
-from morphofold.io import atomic_folder, files_of, read_label, read_surface, sample_path
-from morphofold.io.cortices import SURFACE_ENDINGS, registered_sphere
-from morphofold.provenance import sha256_of, strict_json
+from morphofold.cohort.templates import HEMIS, TEMPLATE_SURFACES, Template, digest_or_reason
+from morphofold.io import atomic_folder, files_of, read_surface
+from morphofold.io.cortices import SURFACE_ENDINGS
+from morphofold.provenance import strict_json
+from morphofold.spheres.templates import read_own_sphere
 from morphofold.tables import write_table
 from morphofold.words import in_one_line
 
 if TYPE_CHECKING:
     from morphofold.analysis.measures import Measures
 
-HEMIS = ("lh", "rh")
 SPACES = "spaces"  # folder of a cohort, with a folder for each template
 LEAST_SHARE_TO_FILL = 0.5  # of a smoothing kernel on known values, from which on a hole in the cortex is filled
-SUMMED_MAPS = ("area",)  # maps of amounts, whose sum matters; of others the mean
-TEMPLATE_SURFACES = ("white", "pial", "inflated", "sphere", "sphere.reg")
-
-
-@dataclass(frozen=True)
-class Template:
-    """A template, and how maps are smoothed on it.
-
-    Attributes
-    ----------
-    name : str
-    folder : str
-        With ``surf/?h.sphere.reg`` or, of a template that others are registered to, ``surf/?h.sphere``.
-    fwhm : float or None
-        Full width at half maximum [mm] of the smoothing along its white surface.
-    """
-
-    name: str
-    folder: str
-    fwhm: float | None = None
-
-    @property
-    def place(self) -> str:
-        """Name of the folder for maps on it."""
-        return self.name if self.fwhm is None else f"{self.name}-fwhm{self.fwhm:g}"
-
-    def sphere(self, hemi: str) -> Path:
-        """The file of its sphere."""
-        try:
-            return registered_sphere(self.folder, hemi)
-        except FileNotFoundError:
-            return self.surface(hemi, "sphere")
-
-    def cortex(self, hemi: str, n: int) -> NDArray[np.bool_] | None:
-        """Its cortex (n,), by ``label/?h.cortex.label``; None if it has none."""
-        file = Path(self.folder) / "label" / f"{hemi}.cortex.label"
-        return read_label(file, n) if file.is_file() else None
-
-    def has_sphere(self, hemi: str) -> bool:
-        """Whether it has that hemisphere."""
-        try:
-            self.sphere(hemi)
-        except MissingPart:
-            return False
-        return True
-
-    def digests(self) -> dict[str, Any]:
-        """Digests of the files on which maps depend, or why there is none, and the smoothing."""
-        found: dict[str, Any] = {"fwhm": self.fwhm}
-        for hemi in HEMIS:
-            found[hemi] = [_digest_or_reason(self.sphere, hemi)]
-            if self.fwhm is not None:
-                label = Path(self.folder) / "label" / f"{hemi}.cortex.label"
-                found[hemi] += [_digest_or_reason(self.surface, hemi, "white"), _digest_or_reason(Path, label)]
-        return found
-
-    def surface(self, hemi: str, kind: str) -> Path:
-        """The file of one of its surfaces; raises if there is none."""
-        places = (Path(self.folder) / "surf" / f"{hemi}.{kind}{ending}" for ending in SURFACE_ENDINGS)
-        found = next((file for file in places if file.is_file()), None)
-        if found is None:
-            raise MissingPart(f"{self.folder}: has no surf/{hemi}.{kind}, which a template needs.")
-        return found
-
-
-def template(name: str, fwhm: float | None = None) -> Template:
-    """The template of a name: a folder, or a sample such as ``"fsaverage5"``.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is neither.
-    ValueError
-        If ``fwhm`` is not a positive length, or the folder has no sphere, or no white surface to smooth along.
-    """
-    if fwhm is not None and not (np.isfinite(fwhm) and fwhm > 0):
-        raise OutOfRange(f"smoothing must be a positive width in mm, got {fwhm!r}.")
-    folder = Path(name).absolute() if Path(name).is_dir() else sample_path(name)
-    found = Template(folder.name, str(folder), fwhm)
-    hemis = [hemi for hemi in HEMIS if found.has_sphere(hemi)]
-    if not hemis:
-        found.sphere(HEMIS[0])  # raises
-    for hemi in hemis if fwhm is not None else ():
-        found.surface(hemi, "white")
-    return found
+SUMMED_MAPS = ("area", "hinges", "crest_length")  # maps of amounts, whose sum matters; of others the mean
+DISTANCES = ("hinge_distance", "crest_distance")  # interpolated, since a mean is longer near where they are 0
+DENSITIES = {"hinge_density": "hinges", "crest_density": "crest_length"}  # of amounts, for each cm2 of white surface
+MM2_PER_CM2 = 100.0
+WIDTH = "graph_width_mm"
 
 
 @dataclass(frozen=True)
@@ -157,7 +77,7 @@ def map_participant(subject: Mapped) -> Outcome:
     def key() -> str:
         if not measured.get("results"):
             raise FileNotFoundError(f"{subject.name}: has no measures, so no maps.")
-        spheres = {hemi: _digest_or_reason(registered_sphere, subject.folder, hemi) for hemi in hemis}
+        spheres = {hemi: digest_or_reason(subject.template.registration, subject.folder, hemi) for hemi in hemis}
         return digest({"measured": files, "spheres": spheres, "template": subject.template.digests()})
 
     return perform(
@@ -169,13 +89,6 @@ def map_participant(subject: Mapped) -> Outcome:
     )
 
 
-def _digest_or_reason(find: Callable[..., Path], *what: str | Path) -> str:
-    try:
-        return sha256_of(find(*what))
-    except INPUT_ERRORS as error:
-        return str(error)
-
-
 def _bring_over(subject: Mapped, say: Say) -> dict[str, str]:
     """Write the maps of the hemispheres that can come over; return the failures of the others."""
     from morphofold.results import read_analysis
@@ -185,7 +98,9 @@ def _bring_over(subject: Mapped, say: Say) -> dict[str, str]:
         hemi = m.cortex.hemi
         say(f"{hemi} resampling")
         try:
-            found[hemi] = maps_on_template(m, registered_sphere(subject.folder, hemi), subject.template)
+            found[hemi] = _widths_of(m) | maps_on_template(
+                m, subject.template.registration(subject.folder, hemi), subject.template
+            )
         except INPUT_ERRORS as error:
             failures[hemi] = in_one_line(error)
             say(f"{hemi} failed: {failures[hemi]}")
@@ -195,6 +110,12 @@ def _bring_over(subject: Mapped, say: Say) -> dict[str, str]:
             single: dict[str, Any] = {name: values.astype(np.float32) for name, values in maps.items()}
             np.savez(folder / f"{hemi}.npz", **single)
     return failures
+
+
+def _widths_of(m: Measures) -> dict[str, Array]:
+    """The gyral width of the net [mm] as an array () beside the maps; nothing if there are no folds."""
+    width = m.parameters.get(WIDTH)
+    return {} if width is None else {WIDTH: np.asarray(width, dtype=np.float64)}
 
 
 def maps_on_template(m: Measures, sphere: str | Path, on: Template) -> dict[str, Array]:
@@ -210,55 +131,77 @@ def maps_on_template(m: Measures, sphere: str | Path, on: Template) -> dict[str,
     Returns
     -------
     dict
-        Means over the white area around each vertex; of ``area`` the sum [mm^2]. NaN where less than half of a mean is
-        known. Smoothing closes holes within the template's cortex, where half of the kernel is known, and leaves NaN
-        outside it. Areas are not smoothed.
+        Means over the white area around each vertex, NaN where less than half of a mean is known. Sums: ``area`` [mm2],
+        and of the gyral graph ``hinges`` and ``crest_length`` [mm]. Interpolated: ``hinge_distance`` and
+        ``crest_distance`` [mm] (:func:`~morphofold.analysis.graph.landmarks.landmark_maps`).
+
+        Smoothing closes holes within the template's cortex, where half of the kernel is known, and leaves NaN outside
+        it. Sums and distances are not smoothed; smoothed sums over smoothed area are ``hinge_density`` [1/cm2] and
+        ``crest_density`` [mm/cm2].
 
     Raises
     ------
     ValueError, OSError
         If the sphere is that of another mesh, or is no sphere, or the template lacks a surface.
     """
-    from morphofold.analysis.smoothing import smooth
+    from morphofold.analysis.graph.landmarks import landmark_maps
     from morphofold.geometry import vertex_areas
     from morphofold.spheres.resampling import Resampling
 
-    own, there, cortex = read_surface(sphere), read_surface(on.sphere(m.cortex.hemi)), m.cortex
-    if own.verts.shape != cortex.white.verts.shape:
-        raise Mismatch(
-            f"{sphere}: has {len(own.verts):,} vertices, {cortex.called} has {cortex.n_vertices:,}: it is the sphere "
-            "of another mesh. Take it from the same reconstruction."
-        )
+    cortex = m.cortex
+    own, there = read_own_sphere(sphere, cortex), read_surface(on.sphere(cortex.hemi))
     resampling, areas = Resampling(own, there), vertex_areas(cortex.white.verts, cortex.faces)
-    found = {
-        name: resampling.sums(values) if name in SUMMED_MAPS else resampling.means(values, areas)
-        for name, values in m.maps.items()
+    maps = {**m.maps, **({} if m.graph is None else landmark_maps(cortex, m.graph))}
+    found = {}
+    for name, values in maps.items():
+        if name in SUMMED_MAPS:
+            found[name] = resampling.sums(values)
+        else:
+            found[name] = resampling.values(values) if name in DISTANCES else resampling.means(values, areas)
+    return found if on.fwhm is None else found | _smoothed(found, on, cortex.hemi)
+
+
+def _smoothed(maps: Mapping[str, Array], on: Template, hemi: str) -> dict[str, Array]:
+    """The smoothed maps, and densities."""
+    from morphofold.analysis.smoothing import smooth
+    from morphofold.geometry import vertex_areas
+
+    assert on.fwhm is not None
+    white = read_surface(on.surface(hemi, "white"))
+    around, inside = vertex_areas(white.verts, white.faces), on.cortex(hemi, len(white.verts))
+    means = {name: values for name, values in maps.items() if name not in (*SUMMED_MAPS, *DISTANCES)}
+    spread = {name: maps[name] / around for name in SUMMED_MAPS if name in maps}  # for each mm2 of the template
+    columns = np.column_stack([*means.values(), *spread.values()])
+    fill = None if inside is None else LEAST_SHARE_TO_FILL
+    smoothed = smooth(white.verts, white.faces, columns, on.fwhm, inside, fill=fill).T
+    found = dict(zip([*means, *spread], smoothed))
+    densities = {
+        density: MM2_PER_CM2 * np.divide(found[name], found["area"])
+        for density, name in DENSITIES.items()
+        if {name, "area"} <= spread.keys()
     }
-    means = [name for name in found if name not in SUMMED_MAPS]
-    if on.fwhm is not None and means:
-        white = read_surface(on.surface(cortex.hemi, "white"))
-        inside = on.cortex(cortex.hemi, len(white.verts))
-        fill = None if inside is None else LEAST_SHARE_TO_FILL
-        both = np.column_stack([found[name] for name in means])
-        smoothed = smooth(white.verts, white.faces, both, on.fwhm, inside, fill=fill)
-        found |= dict(zip(means, smoothed.T))
-    return found
+    return {name: found[name] for name in means} | densities
 
 
-def write_space(out: Path, on: Template, subjects: Sequence[Mapped]) -> dict[str, tuple[int, int]]:
+def write_space(
+    out: Path, on: Template, subjects: Sequence[Mapped], covariates: Covariates = NO_COVARIATES
+) -> dict[str, tuple[int, int]]:
     """Write ``out/group``: for each map and hemisphere one array of all subjects, completely or not at all.
 
     ``?h.MAP.npy`` is float32 (subjects, vertices), NaN where a subject has no value; ``participants.tsv`` has the
-    subjects in the order of the rows, with 1 where a hemisphere has maps; ``surf`` and ``label`` are the template's.
+    subjects in the order of the rows, their covariates, and 1 where a hemisphere has maps; ``surf`` and ``label`` are
+    the template's.
     Returns the shape of each array by its name.
     """
     with atomic_folder(out / "group") as folder:
-        shapes = {}
-        rows: list[dict[str, Any]] = [{"participant_id": one.name} for one in subjects]
+        shapes: dict[str, tuple[int, int]] = {}
+        widths: list[float] = []
+        rows: list[dict[str, Any]] = [{"participant_id": one.name, **covariates.of(one.name)} for one in subjects]
         for hemi in HEMIS:
             files = [one.maps / f"{hemi}.npz" for one in subjects]
             for row, file in zip(rows, files):
                 row[hemi] = int(file.is_file())
+            widths += [float(_map_in(file, WIDTH, 1)) for file in files if _has(file, WIDTH)]
             for name, n in _maps_of(files).items():
                 shapes[f"{hemi}.{name}"] = len(subjects), n
                 array = np.lib.format.open_memmap(
@@ -268,9 +211,17 @@ def write_space(out: Path, on: Template, subjects: Sequence[Mapped]) -> dict[str
                     array[k] = _map_in(file, name, n)
                 array.flush()
                 del array
-        write_table(folder / "participants.tsv", ("participant_id", *HEMIS), rows)
+        write_table(folder / "participants.tsv", ("participant_id", *covariates.columns, *HEMIS), rows)
         _copy_template(on, folder)
-        content = {"template": on.name, "smoothing_fwhm_mm": on.fwhm, "summed": list(SUMMED_MAPS), "arrays": shapes}
+        content = {
+            "template": on.name,
+            "smoothing_fwhm_mm": on.fwhm,
+            "summed": list(SUMMED_MAPS),
+            "one_side": on.xhemi,
+            "symmetric": on.is_symmetric(),
+            WIDTH: float(np.median(widths)) if widths else None,
+            "arrays": shapes,
+        }
         (folder / "space.json").write_text(strict_json(content), encoding="utf-8")
     return shapes
 
@@ -281,8 +232,15 @@ def _maps_of(files: Sequence[Path]) -> Mapping[str, int]:
     for file in files:
         if file.is_file():
             with np.load(file) as maps:
-                found |= {name: len(maps[name]) for name in maps.files if name not in found}
+                found |= {name: len(maps[name]) for name in maps.files if name not in found and name != WIDTH}
     return dict(sorted(found.items()))
+
+
+def _has(file: Path, name: str) -> bool:
+    if not file.is_file():
+        return False
+    with np.load(file) as maps:
+        return name in maps.files
 
 
 def _map_in(file: Path, name: str, n: int) -> Array:
@@ -297,11 +255,11 @@ def _copy_template(on: Template, folder: Path) -> None:
     """Copy the template's surfaces and labels, so that the arrays can be drawn without it."""
     for place in ("surf", "label"):
         (folder / place).mkdir()
-    for hemi in HEMIS:
+    for hemi in ("lh",) if on.xhemi else HEMIS:
         files = [
             Path(on.folder) / "surf" / f"{hemi}.{kind}{end}" for kind in TEMPLATE_SURFACES for end in SURFACE_ENDINGS
         ]
-        files += [Path(on.folder) / "label" / f"{hemi}.{name}" for name in ("cortex.label", "aparc.annot")]
+        files += [on.label(hemi, name) for name in ("cortex.label", "aparc.annot")]
         for file in files:
             if file.is_file():
                 shutil.copyfile(file, folder / file.parent.name / file.name)

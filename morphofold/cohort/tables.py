@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from morphofold.analysis.measures import PARAMETERS, SCALARS
 from morphofold.analysis.mesh_quality.defects import WARNINGS
+from morphofold.cohort.covariates import NO_COVARIATES, Covariates
 from morphofold.cohort.pooling import SETTING_NAMES, MeasuringSettings, Pooling, commonest, pooling, settings_among
 from morphofold.cohort.tasks import Outcome, read_record
 from morphofold.errors import DamagedFile, Mismatch
@@ -37,7 +38,10 @@ HEMISPHERE_COLUMNS = (
     *SETTING_NAMES,
     *FREESURFER_VALUES,
 )  # how each was measured, and FreeSurfer's values for it
+SURFACE_COLUMNS = ("subject", "hemi", *SCALARS, *FREESURFER_VALUES)
 FAILURE_COLUMNS = ("subject", "hemi", "reason", "log")
+#: names that no covariate may have
+TAKEN_COLUMNS = {*HEMISPHERE_COLUMNS, *SURFACE_COLUMNS, *FAILURE_COLUMNS, *HEMIS}
 SUBJECTS_PER_BATCH = 200  # subjects whose rows are in memory at once
 
 TidyRow = tuple[str, str, str, str, float | None]
@@ -191,8 +195,9 @@ def write_tables(
     results: Mapping[str, Path],
     outcomes: Mapping[str, Outcome] | None = None,
     progress: Callable[[float], None] = lambda share: None,
+    covariates: Covariates = NO_COVARIATES,
 ) -> Group:
-    """Write measures.tsv, measures.parquet, hemispheres.tsv and failures.tsv of a group.
+    """Write measures.tsv, measures.parquet, surfaces.tsv, hemispheres.tsv and failures.tsv of a group.
 
     Parameters
     ----------
@@ -206,6 +211,8 @@ def write_tables(
         Outcomes of subjects measured in this run; for others, the records are used.
     progress : callable
         Called with the share done.
+    covariates : Covariates
+        Columns after the subject in all tables but measures.tsv, which has many rows for each.
     """
     gathered = _GroupCollector(len(results))
     failures: list[dict[str, Any]] = []
@@ -233,8 +240,13 @@ def write_tables(
                 rows.clear()
                 progress(i / len(results))
         writer.write(rows)
-    write_table(folder / "failures.tsv", FAILURE_COLUMNS, failures)
-    write_table(folder / "hemispheres.tsv", HEMISPHERE_COLUMNS, gathered.hemispheres)
+    for name, columns, lines in (
+        ("failures", FAILURE_COLUMNS, failures),
+        ("hemispheres", HEMISPHERE_COLUMNS, gathered.hemispheres),
+        ("surfaces", SURFACE_COLUMNS, gathered.scalar_rows),
+    ):
+        known = [{**covariates.of(row["subject"]), **row} for row in lines]
+        write_table(folder / f"{name}.tsv", (columns[0], *covariates.columns, *columns[1:]), known)
     return gathered.group(tuple(sorted(results)), failures, results)
 
 
@@ -261,6 +273,7 @@ class _GroupCollector:
         self.hows: dict[MeasuringSettings, int] = {}
         self.how = np.full((count, 2), -1)
         self.hemispheres: list[dict[str, Any]] = []
+        self.scalar_rows: list[dict[str, Any]] = []
 
     def add(self, i: int, subject: str, found: SubjectResults) -> None:
         of = {}
@@ -272,9 +285,9 @@ class _GroupCollector:
             self.how[i, side] = self.hows.setdefault(how, len(self.hows))
             of[entry["hemi"]] = settings_among(how, REGION_THICKNESS_SETTINGS)
             recorded = {key: entry["info"].get(key) for key in FREESURFER_VALUES}
-            self.hemispheres.append(
-                {"subject": subject, "hemi": entry["hemi"], **dict(zip(SETTING_NAMES, how)), **recorded}
-            )
+            who = {"subject": subject, "hemi": entry["hemi"]}
+            self.hemispheres.append({**who, **dict(zip(SETTING_NAMES, how)), **recorded})
+            self.scalar_rows.append({**who, **{name: entry["measures"].get(name) for name in SCALARS}, **recorded})
             texts = [f"{entry['hemi']}: {entry['notes'][key]}" for key in WARNINGS if entry["notes"].get(key)]
             if texts:
                 self.remarks.setdefault(subject, []).extend(texts)

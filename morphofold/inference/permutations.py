@@ -144,26 +144,75 @@ class Model:
         )
 
 
-def exchanges(subjects: int, count: int, seed: int, *, flip: bool = False, blocks: Ints | None = None) -> Array:
+def exchanges(
+    subjects: int, count: int, seed: int, *, flip: bool = False, blocks: Ints | None = None, whole: bool = False
+) -> Array:
     """Random exchanges (count, subjects, 2): the subject that comes to each place, and its sign.
 
     ``flip``: signs are random and subjects stay, for a model with an intercept alone. ``blocks`` (subjects,): subjects
-    are exchanged within blocks only, or each block has one sign.
+    are exchanged within blocks only, or each block has one sign. ``whole``: blocks change places with blocks of their
+    size, and subjects keep their order within them.
+
+    Raises
+    ------
+    DoesNotApply
+        If nothing can be exchanged: every block has one subject, or no two blocks have the same size.
     """
     random = np.random.default_rng(seed)
     names, block = np.unique(np.zeros(subjects, dtype=np.int64) if blocks is None else blocks, return_inverse=True)
+    members = [np.flatnonzero(block == b) for b in range(len(names))]
+    sizes = np.array([len(inside) for inside in members])
+    alike = [[members[b] for b in np.flatnonzero(sizes == size)] for size in np.unique(sizes)] if whole else []
+    if not flip and max(map(len, alike if whole else members)) < 2:
+        what = "no two blocks have the same size" if whole else "every block has one subject"
+        raise DoesNotApply(f"nothing can be exchanged among {len(names)} blocks: {what}.")
     found = np.empty((count, subjects, 2))
     for k in range(count):
         rows, signs = np.arange(subjects), np.ones(subjects)
         if flip:
             signs = random.choice([-1.0, 1.0], subjects if blocks is None else len(names))
             signs = signs if blocks is None else signs[block]
+        elif whole:
+            for same in alike:
+                for place, one in zip(same, random.permutation(len(same))):
+                    rows[place] = same[one]
         else:
-            for b in range(len(names)):
-                inside = np.flatnonzero(block == b)
+            for inside in members:
                 rows[inside] = random.permutation(inside)
         found[k] = np.column_stack([rows, signs])
     return found
+
+
+@dataclass(frozen=True, eq=False)
+class Null:
+    """All exchanges (P, S, 2) of a model's residuals (S, n) at the n known vertices of a mesh."""
+
+    model: Model
+    residuals: Array
+    known: NDArray[np.bool_]
+    mesh: Mesh
+    threshold: float
+    exchanges: Array
+
+    def largest(self, first: int, last: int, progress: Progress = silent) -> Array:
+        """Of each exchange from ``first`` to ``last`` (last - first, 3): the largest abs(t), the area of the largest
+        cluster, and the largest TFCE."""
+        found = np.empty((last - first, 3))
+        for start in range(first, last, PERMUTATIONS_AT_ONCE):
+            stop = min(start + PERMUTATIONS_AT_ONCE, last)
+            t = np.zeros((stop - start, len(self.known)))
+            with one_blas_thread():
+                t[:, self.known] = self.model.t(self.residuals, self.exchanges[start:stop])
+            order = np.argsort(-np.abs(t), axis=1, kind="stable")
+            out = found[start - first : stop - first]
+            in_blocks(_largest, len(t), *reading(t, order, *self.mesh.arrays), self.threshold, out)
+            progress((stop - first) / (last - first), f"{stop} of {len(self.exchanges)} permutations")
+        return found
+
+
+def here(null: Null, progress: Progress) -> Array:
+    """The largest statistics of all exchanges (P, 3), computed on this machine."""
+    return null.largest(0, len(null.exchanges), progress)
 
 
 def infer(
@@ -176,7 +225,9 @@ def infer(
     seed: int = 0,
     flip: bool = False,
     blocks: Ints | None = None,
+    whole: bool = False,
     forming_p: float = FORMING_P,
+    largest: Callable[[Null, Progress], Array] = here,
     progress: Progress = silent,
 ) -> Inference:
     """Test a contrast of a linear model at every vertex, corrected for the whole surface by permutations.
@@ -194,8 +245,12 @@ def infer(
         Exchange signs instead of subjects, for a model with an intercept alone, or differences of pairs.
     blocks : (S,) int64, optional
         Subjects are exchanged within blocks only (repeated measures).
+    whole : bool
+        Exchange blocks as wholes, each with one of its size.
     forming_p : float
         Two-sided p at the height above which clusters are formed.
+    largest : callable
+        Where the exchanges are computed: :func:`here`, or :func:`morphofold.cohort.permuting.on_workers`.
     progress : callable
 
     Returns
@@ -229,8 +284,8 @@ def infer(
         own = np.column_stack([np.arange(len(Y), dtype=np.float64), np.ones(len(Y))])[None]
         t, effect = np.full((2, len(known)), np.nan)
         t[known], effect[known] = model.t(residuals, own)[0], model.effect(residuals)
-        shuffled = exchanges(len(Y), permutations, seed, flip=flip, blocks=blocks)
-        null = _null(lambda part: model.t(residuals, part), shuffled, known, threshold, mesh, progress)
+    shuffled = exchanges(len(Y), permutations, seed, flip=flip, blocks=blocks, whole=whole)
+    null = largest(Null(model, residuals, known, mesh, threshold, shuffled), progress)
     cluster, rows = _cluster_table(t, effect, threshold, mesh, null[:, 1])
     return Inference(
         effect=effect,
@@ -246,26 +301,6 @@ def infer(
         null_area=null[:, 1],
         null_tfce=null[:, 2],
     )
-
-
-def _null(
-    t_of: Callable[[Array], Array],
-    shuffled: Array,
-    known: NDArray[np.bool_],
-    threshold: float,
-    mesh: Mesh,
-    progress: Progress,
-) -> Array:
-    """Of each exchange (P, 3): the largest abs(t), the area of the largest cluster, and the largest TFCE."""
-    found = np.empty((len(shuffled), 3))
-    for start in range(0, len(shuffled), PERMUTATIONS_AT_ONCE):
-        part = slice(start, min(start + PERMUTATIONS_AT_ONCE, len(shuffled)))
-        t = np.zeros((part.stop - start, len(known)))
-        t[:, known] = t_of(shuffled[part])
-        order = np.argsort(-np.abs(t), axis=1, kind="stable")
-        in_blocks(_largest, len(t), *reading(t, order, *mesh.arrays), threshold, found[part])
-        progress(part.stop / len(shuffled), f"{part.stop} of {len(shuffled)} permutations")
-    return found
 
 
 @kernel

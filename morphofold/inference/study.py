@@ -11,81 +11,20 @@ import numpy as np
 
 from morphofold import __version__
 from morphofold.arrays import Array, Ints
-from morphofold.errors import MissingPart, UnknownName
-from morphofold.geometry import vertex_areas
+from morphofold.errors import DoesNotApply, MissingPart, UnknownName
 from morphofold.inference.clusters import Mesh
 from morphofold.inference.design import Design, design, read_participants
-from morphofold.inference.permutations import Inference, infer
-from morphofold.io import atomic_folder, read_annotation, read_label, read_surface, write_gifti_map, write_morph
+from morphofold.inference.permutations import Inference, Null, here, infer
+from morphofold.inference.spaces import HEMIS, Space, mesh_of
+from morphofold.io import atomic_folder, write_gifti_map, write_morph
 from morphofold.progress import Progress, silent
 from morphofold.provenance import input_records, strict_json
-from morphofold.surface import Surface
-from morphofold.tables import read_table, write_table
+from morphofold.tables import write_table
 
-HEMIS = ("lh", "rh")
 #: draws the page of a result with its summary into a folder
 DrawStats = Callable[["Result", Mapping[str, Any], Path], object]
 CLUSTER_COLUMNS = ("hemi", "cluster", "peak", "x", "y", "z", "region", "area_mm2", "effect", "t", "p")
 MAPS = ("effect", "t", "p", "p_height", "p_tfce", "cluster", "subjects")
-
-
-@dataclass(frozen=True, eq=False)
-class Space:
-    """Maps of a study on a template.
-
-    Attributes
-    ----------
-    folder : Path
-        That ``cohort --space`` wrote: ``spaces/TEMPLATE/group``.
-    subjects : tuple of str
-        In the order of the rows.
-    hemis : mapping of hemisphere to (S,) bool
-        Which subjects have maps of it.
-    """
-
-    folder: Path
-    subjects: tuple[str, ...]
-    hemis: Mapping[str, Any]
-
-    def __repr__(self) -> str:
-        return f"Space({str(self.folder)!r}, {len(self.subjects)} subjects, {' and '.join(self.hemis)})"
-
-    def surface(self, hemi: str, kind: str = "white") -> Surface:
-        """A surface of the template."""
-        return read_surface(self.folder / "surf" / f"{hemi}.{kind}")
-
-    def map(self, hemi: str, name: str) -> Array:
-        """A map (S, N) of all subjects; raises if there is none."""
-        file = self.folder / f"{hemi}.{name}.npy"
-        if not file.is_file():
-            there = sorted({path.name.split(".")[1] for path in self.folder.glob("?h.*.npy")})
-            raise UnknownName(f"{name!r}: no such map in {self.folder}; they are {', '.join(there)}.")
-        return np.load(file, mmap_mode="r")
-
-
-def find_space(study: str | Path, name: str | None = None) -> Space:
-    """The space of a study: the one of that name, or the only one.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is none.
-    ValueError
-        If there are several and none is named, or it is damaged.
-    """
-    spaces = Path(study) / "spaces"
-    there = sorted(path.parent.parent.name for path in spaces.glob("*/group/space.json"))
-    if not there or (name is not None and name not in there):
-        what = "no maps on a template" if name is None else f"no maps on {name}; there are {', '.join(there) or 'none'}"
-        raise FileNotFoundError(
-            f"{study}: has {what}. Run: morphofold cohort SUBJECTS_DIR -o {study} --space fsaverage5"
-        )
-    if name is None and len(there) > 1:
-        raise UnknownName(f"{study}: has maps in several spaces: {', '.join(there)}. Name one with --space.")
-    folder = spaces / (name or there[0]) / "group"
-    rows = read_table(folder / "participants.tsv", words=("participant_id",), numbers=HEMIS)
-    hemis = {hemi: np.array([row[hemi] == 1 for row in rows]) for hemi in HEMIS}
-    return Space(folder, tuple(row["participant_id"] for row in rows), hemis)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,6 +46,8 @@ class Result:
     without_maps : tuple of str
         Subjects left out because a hemisphere has no maps.
     seed, permutations : int
+    asymmetry : str or None
+        ``"difference"`` or ``"index"`` if the map is that of left and right.
     """
 
     space: Space
@@ -121,10 +62,16 @@ class Result:
     without_maps: tuple[str, ...]
     seed: int
     permutations: int
+    asymmetry: str | None = None
+
+    @property
+    def shown(self) -> str:
+        """What was tested, in words."""
+        return {"difference": "left − right of ", "index": "asymmetry of ", None: ""}[self.asymmetry] + self.map
 
     def __repr__(self) -> str:
         subjects = len(self.design.subjects)
-        return f"Result of {self.map} ~ {self.formula}, {self.contrast}: {subjects} subjects, {self.inference!r}"
+        return f"Result of {self.shown} ~ {self.formula}, {self.contrast}: {subjects} subjects, {self.inference!r}"
 
 
 def fit_study(
@@ -134,9 +81,12 @@ def fit_study(
     contrast: str,
     *,
     blocks: str | None = None,
+    whole: bool = False,
     hemis: Sequence[str] = HEMIS,
+    asymmetry: str | None = None,
     permutations: int = 1000,
     seed: int = 0,
+    largest: Callable[[Null, Progress], Array] = here,
     progress: Progress = silent,
 ) -> Result:
     """Test ``MAP ~ REGRESSORS`` at every vertex; p values hold for all hemispheres together.
@@ -152,8 +102,14 @@ def fit_study(
         As for :func:`morphofold.inference.design.design`.
     blocks : str, optional
         Column of the participants within whose values subjects are exchanged.
+    whole : bool
+        Exchange blocks as wholes instead, each with one of its size: for regressors that are the same within a block.
     hemis : sequence of {"lh", "rh"}
+    asymmetry : {"difference", "index"}, optional
+        Test left - right, or 2 (left - right) / (left + right), instead of ``hemis``; on a symmetric template.
     permutations, seed : int
+    largest : callable
+        As for :func:`morphofold.inference.permutations.infer`.
     progress : callable
 
     Raises
@@ -164,18 +120,20 @@ def fit_study(
     name, tilde, formula = (part.strip() for part in model.partition("~"))
     if not (tilde and name and formula):
         raise UnknownName(f"{model!r}: name a map and regressors, such as 'gyral_thickness ~ age + sex'.")
-    maps = {hemi: space.map(hemi, name) for hemi in hemis}
-    has_all = np.all([space.hemis[hemi] for hemi in hemis], axis=0)
+    if asymmetry is not None:
+        _check_symmetric(space, asymmetry)
+    needed, tested = (HEMIS, ("lh",)) if asymmetry else (tuple(hemis), tuple(hemis))
+    maps = {hemi: space.map(hemi, name) for hemi in needed}
+    has_all = np.all([space.hemis[hemi] for hemi in needed], axis=0)
     present = [subject for subject, there in zip(space.subjects, has_all) if there]
     if not present:
-        raise MissingPart(f"{space.folder}: no subject has maps of {' and '.join(hemis)}.")
+        raise MissingPart(f"{space.folder}: no subject has maps of {' and '.join(needed)}.")
     chosen = design(present, read_participants(participants), formula, contrast, blocks)
     row = {subject: k for k, subject in enumerate(space.subjects)}
     rows = np.array([row[subject] for subject in chosen.subjects])
-    values = np.concatenate([np.asarray(maps[hemi])[rows] for hemi in hemis], axis=1)
-    mesh = _mesh(space, hemis, rows)
-    cortex = np.concatenate([_cortex(space, hemi) for hemi in hemis])
-    values = np.where(cortex, values, np.nan)
+    sides = [np.where(space.cortex(hemi), np.asarray(maps[hemi])[rows], np.nan) for hemi in needed]
+    values = np.concatenate(sides, axis=1) if asymmetry is None else _asymmetry(asymmetry, *sides)
+    mesh = mesh_of(space, tested, rows)
     found = infer(
         values,
         chosen.matrix,
@@ -185,32 +143,33 @@ def fit_study(
         seed=seed,
         flip=chosen.flip,
         blocks=chosen.blocks,
+        whole=whole,
+        largest=largest,
         progress=progress,
     )
     left = tuple(subject for subject, there in zip(space.subjects, has_all) if not there)
     counts = np.isfinite(values).sum(axis=0)
-    return Result(space, name, formula, contrast, tuple(hemis), chosen, found, mesh, counts, left, seed, permutations)
+    return Result(
+        space, name, formula, contrast, tested, chosen, found, mesh, counts, left, seed, permutations, asymmetry
+    )
 
 
-def _mesh(space: Space, hemis: Sequence[str], rows: Ints) -> Mesh:
-    """The hemispheres as one mesh, with the mean area that subjects have at each vertex; else the template's."""
-    faces, areas, n = [], [], 0
-    for hemi in hemis:
-        white = space.surface(hemi)
-        try:
-            area = np.nanmean(np.asarray(space.map(hemi, "area"))[rows], axis=0)
-        except UnknownName:
-            area = vertex_areas(white.verts, white.faces)
-        faces.append(white.faces + n)
-        areas.append(np.nan_to_num(area))
-        n += len(white.verts)
-    return Mesh(np.concatenate(faces), np.concatenate(areas))
+def _check_symmetric(space: Space, asymmetry: str) -> None:
+    if asymmetry not in ("difference", "index"):
+        raise UnknownName(f"asymmetry must be 'difference' or 'index', got {asymmetry!r}.")
+    if not space.about.symmetric:
+        raise DoesNotApply(
+            f"{space.folder}: left and right vertices of its template do not belong together. Bring maps over to "
+            "a symmetric one: cohort --space FOLDER --xhemi for fsaverage_sym, or a template of mirrored spheres."
+        )
 
 
-def _cortex(space: Space, hemi: str) -> Any:
-    """The template's cortex (N,) bool; everywhere if it has no label."""
-    n, file = len(space.surface(hemi).verts), space.folder / "label" / f"{hemi}.cortex.label"
-    return read_label(file, n) if file.is_file() else np.ones(n, dtype=bool)
+def _asymmetry(kind: str, left: Array, right: Array) -> Array:
+    """left - right (S, N), or that over their mean; NaN where their mean is not positive."""
+    if kind == "difference":
+        return left - right
+    mean = 0.5 * (left.astype(np.float64) + right)
+    return np.divide(left - right, mean, out=np.full(mean.shape, np.nan), where=mean > 0)
 
 
 def split(result: Result, values: Array) -> dict[str, Array]:
@@ -224,8 +183,7 @@ def cluster_rows(result: Result) -> list[dict[str, Any]]:
     rows, first = [], 0
     for hemi in result.hemis:
         white = result.space.surface(hemi)
-        file = result.space.folder / "label" / f"{hemi}.aparc.annot"
-        regions = read_annotation(file) if file.is_file() else None
+        regions = result.space.regions(hemi)
         for k, one in enumerate(result.inference.clusters):
             vertex = one["peak"] - first
             if not 0 <= vertex < len(white.verts):
@@ -275,6 +233,7 @@ def summary(result: Result, inputs: Sequence[str | Path] = ()) -> dict[str, Any]
         "inputs": input_records(inputs),
         "space": result.space.folder.parent.name,
         "map": result.map,
+        "asymmetry": result.asymmetry,
         "model": result.formula,
         "contrast": result.contrast,
         "columns": list(chosen.columns),

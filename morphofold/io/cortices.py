@@ -127,8 +127,8 @@ def read_cortex(
     Cortex
         ``maps`` holds thickness, curv, sulc and area, if they exist, as in the files (FreeSurfer's sign).
         ``transform`` maps surface to scanner coordinates if the footer of the white surface is valid. For a simulation,
-        ``portion`` and ``info`` come from ``stage.json``. For a FreeSurfer subject, ``info`` holds ``etiv_mm3`` and
-        ``surface_holes`` from ``stats/aseg.stats``.
+        ``portion`` and ``info`` come from ``stage.json``. For a FreeSurfer subject, ``info`` holds the intracranial and
+        other volumes of ``stats/aseg.stats``.
 
     Raises
     ------
@@ -324,9 +324,14 @@ def _read_cortex_files(root: Path, hemi: str, files: dict[str, Path], name: str 
     )
 
 
-def registered_sphere(path: StrPath, hemi: str) -> Path:
-    """The sphere of a folder on which its surfaces are registered to others: ``surf/?h.sphere.reg``, as a FreeSurfer or
-    GIFTI file.
+def registered_sphere(
+    path: StrPath,
+    hemi: str,
+    name: str = "sphere.reg",
+    writer: str = "FreeSurfer's recon-all (-surfreg) or mris_register writes it.",
+) -> Path:
+    """The sphere of a folder on which its surfaces are registered to others: ``surf/?h.sphere.reg``, or another name,
+    as a FreeSurfer or GIFTI file. ``writer`` says in the error what writes it.
 
     Raises
     ------
@@ -334,12 +339,9 @@ def registered_sphere(path: StrPath, hemi: str) -> Path:
         If there is none.
     """
     root = Path(path)
-    file = _first_existing_file((root / "surf", root), f"{hemi}.sphere.reg", SURFACE_ENDINGS)
+    file = _first_existing_file((root / "surf", root), f"{hemi}.{name}", SURFACE_ENDINGS)
     if file is None:
-        raise FileNotFoundError(
-            f"{root}: has no surf/{hemi}.sphere.reg, by which maps come over to a template. FreeSurfer's recon-all "
-            "(-surfreg) or mris_register writes it."
-        )
+        raise FileNotFoundError(f"{root}: has no surf/{hemi}.{name}, by which maps come over to a template. {writer}")
     return existing_file(file, "registered sphere")
 
 

@@ -298,7 +298,19 @@ def write_label(path: StrPath, mask: NDArray[np.bool_], verts: Verts) -> None:
 
 
 MOST_STATS_BYTES = 2**18  # of aseg.stats that are read; FreeSurfer writes about 10 kB
-_KEY_OF_ASEG_MEASURE = {"EstimatedTotalIntraCranialVol": "etiv_mm3", "{hemi}SurfaceHoles": "surface_holes"}
+#: values of aseg.stats that are read, by the first word of their ``# Measure`` line; {hemi}: of that hemisphere
+_KEY_OF_ASEG_MEASURE = {
+    "EstimatedTotalIntraCranialVol": "etiv_mm3",
+    "{hemi}SurfaceHoles": "surface_holes",
+    "{hemi}Cortex": "freesurfer_cortex_mm3",
+    "{hemi}CerebralWhiteMatter": "freesurfer_white_matter_mm3",
+    "{hemi}CorticalWhiteMatter": "freesurfer_white_matter_mm3",  # its name before version 6
+    "TotalGray": "freesurfer_total_gray_mm3",
+    "SubCortGray": "freesurfer_subcortical_gray_mm3",
+    "SupraTentorial": "freesurfer_supratentorial_mm3",
+    "BrainSeg": "freesurfer_brain_mm3",
+    "BrainSegNotVent": "freesurfer_brain_without_ventricles_mm3",
+}
 
 
 def read_aseg_stats(path: StrPath, hemi: str) -> dict[str, float | int]:
@@ -307,9 +319,11 @@ def read_aseg_stats(path: StrPath, hemi: str) -> dict[str, float | int]:
     Returns
     -------
     dict
-        ``etiv_mm3``, the estimated intracranial volume [mm^3], and ``surface_holes``, the holes in the surface of
-        ``hemi`` before FreeSurfer repaired its topology; its Euler characteristic was 2 less twice that number. A
-        value that the file does not give as a number from 0 to 1e12 is left out.
+        ``etiv_mm3``, the estimated intracranial volume [mm^3]; ``surface_holes``, the holes in the surface of ``hemi``
+        before FreeSurfer repaired its topology (its Euler characteristic was 2 less twice that number); and volumes
+        [mm^3]: ``freesurfer_cortex_mm3`` and ``freesurfer_white_matter_mm3`` of ``hemi``; of the brain
+        ``freesurfer_total_gray_mm3``, ``_subcortical_gray_mm3``, ``_supratentorial_mm3``, ``_brain_mm3`` (BrainSeg) and
+        ``_brain_without_ventricles_mm3``. A value that the file does not give as a number from 0 to 1e12 is left out.
     """
     with Path(path).open("rb") as file:
         lines = file.read(MOST_STATS_BYTES).decode("utf-8", errors="replace").splitlines()

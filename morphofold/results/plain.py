@@ -31,6 +31,7 @@ from morphofold.io import (
 from morphofold.io.json_files import file_word, read_json
 from morphofold.provenance import digests
 from morphofold.results.graph_file import read_graph, write_graph
+from morphofold.results.gyral_stats import stats_name, write_gyral_stats
 from morphofold.results.summary import (
     COLUMNS,
     REANALYSE_ADVICE,
@@ -145,7 +146,7 @@ def write_analysis(
 
 
 def _write_hemisphere(m: Measures, folder: Path, mgh: bool) -> None:
-    """Write surfaces, labels, maps and gyral graph of one hemisphere."""
+    """Write surfaces, labels, maps, stats and gyral graph of one hemisphere."""
     cortex, hemi = m.cortex, m.cortex.hemi
     for kind, surface in surfaces_of(cortex).items():
         write_surface(folder / "surf" / f"{hemi}.{kind}", surface)
@@ -162,6 +163,9 @@ def _write_hemisphere(m: Measures, folder: Path, mgh: bool) -> None:
         write_gifti_map(Path(f"{path}.shape.gii"), values, nan=np.nan, hemi=hemi)
         for end in ("", ".mgh") if mgh else ("",):
             write_morph(Path(f"{path}{end}"), values, nan=0.0)
+    if m.regions:
+        (folder / "stats").mkdir(exist_ok=True)
+        write_gyral_stats(folder / "stats" / stats_name(m), m)
     if m.graph is not None:
         (folder / "graph").mkdir(exist_ok=True)
         write_graph(folder / "graph" / f"{hemi}.json", m.graph)

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, field_validator
 
+from morphofold.analysis.frames import COLUMNS, FREESURFER_VALUES, TEXT_COLUMNS
 from morphofold.analysis.measures import SCALARS, SLOPE_SCALARS, Measures
-from morphofold.analysis.regions import COLUMNS as REGION_COLUMNS
 from morphofold.errors import Mismatch, MissingPart, NamedTwice, NothingToDo, OptionsClash, OutOfRange
 from morphofold.forecasts.analysis_cost import cost_of_analysis
 from morphofold.io import read_morph
@@ -30,56 +30,7 @@ if TYPE_CHECKING:
 #: draws the page of an analysis: called as ``page(measures, path, failed=, inputs=, stages=, clock=)``
 DrawPage = Callable[..., object]
 
-COLUMNS = {
-    "regions": REGION_COLUMNS,
-    "crests": (
-        "hemi",
-        "crest",
-        "from_hinge",
-        "to_hinge",
-        "length_mm",
-        "gyral_thickness_mm",
-        "cortical_thickness_mm",
-        "mean_H_per_mm",
-        "region",
-        "altitude_mm",
-        "strength_mm",
-        "blind",
-    ),
-    "hinges": (
-        "hemi",
-        "hinge",
-        "x",
-        "y",
-        "z",
-        "degree",
-        "shape",
-        "min_angle_deg",
-        "max_angle_deg",
-        "region",
-        "vertex",
-        "mean_arm_length_mm",
-        "persistence_mm",
-        "blind",
-        "confidence",
-    ),
-    "arms": (
-        "hemi",
-        "hinge",
-        "arm",
-        "angle_deg",
-        "length_mm",
-        "curvature_per_mm",
-        "to_hinge",
-        "altitude_mm",
-        "lowest_altitude_mm",
-        "blind",
-        "crest",
-    ),
-}
-FREESURFER_VALUES = ("etiv_mm3", "surface_holes")  # from Cortex.info: FreeSurfer's values, not measured here
 SCALAR_COLUMNS = ("hemi", *SCALARS, *FREESURFER_VALUES)  # columns of the table of scalars
-TEXT_COLUMNS = {"hemi", "region", "shape"}  # columns that stay text even where the text looks like a number
 REANALYSE_ADVICE = "Analyze again."
 SIGNED_SCALARS = ("euler_characteristic", *SLOPE_SCALARS)  # scalars that may be negative
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from morphofold.arrays import Array, Ints
+from morphofold.kernels import kernel
 
 CELLS_PER_VERTEX = 8
 
@@ -49,3 +52,18 @@ class NearestTable:
             np.minimum(((np.arctan(x) * (4 / np.pi) + 1) * (self.n / 2)).astype(np.int64), self.n - 1) for x in (u, v)
         )
         return self.vertex[((2 * axis + (most < 0)) * self.n + j) * self.n + i]
+
+
+@kernel
+def cell_of(p0, p1, p2, n):
+    """Number of the cell of ``NearestTable`` in which a point of the unit sphere lies."""
+    a0, a1, a2 = abs(p0), abs(p1), abs(p2)
+    if a0 >= a1 and a0 >= a2:
+        axis, most, u, v = 0, p0, p1, p2
+    elif a1 >= a2:
+        axis, most, u, v = 1, p1, p2, p0
+    else:
+        axis, most, u, v = 2, p2, p0, p1
+    i = min(int((math.atan(u / abs(most)) * (4 / np.pi) + 1) * (n / 2)), n - 1)
+    j = min(int((math.atan(v / abs(most)) * (4 / np.pi) + 1) * (n / 2)), n - 1)
+    return ((2 * axis + (1 if most < 0 else 0)) * n + j) * n + i

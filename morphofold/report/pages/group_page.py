@@ -74,6 +74,7 @@ POINT_NAMES = {
 STRIP_WIDTH_PX, STRIP_MARGIN_PX = 260.0, 12.0  # [px] width of a row of the asymmetry chart, and of its margins
 DATA_FILES = (
     ("measures.tsv", "every number of every subject, one per line; measures.parquet has the same"),
+    ("surfaces.tsv", "one line for each subject and hemisphere, with all numbers of the whole hemisphere"),
     ("distributions.tsv", "the distributions of this page"),
     ("asymmetry.tsv", "left against right"),
     ("outliers.tsv", "all outliers"),

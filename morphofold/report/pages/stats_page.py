@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-import base64
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from morphofold.arrays import Array
-from morphofold.errors import MissingPart
 from morphofold.inference.study import Result, cluster_rows, split
 from morphofold.quantities import Quantity, quantity
+from morphofold.report.pages.space_pictures import SIDES, picture
 from morphofold.report.pages.templates import write_page
-from morphofold.report.pictures.png import halved, png_bytes
-from morphofold.report.pictures.surfaces import Row, figure
-from morphofold.surface import Surface
 
-SIDES = {"lh": "left", "rh": "right"}
 SIGNIFICANT = 0.05
 CLUSTERS_SHOWN = 20
 
@@ -30,13 +24,13 @@ def stats_report(result: Result, summary: Mapping[str, Any], folder: Path) -> Pa
     found, unit = result.inference, quantity(result.map).unit
     largest = float(np.nanpercentile(np.abs(found.effect), 98)) or 1.0
     pictures = [
-        _picture(
-            result,
+        picture(
+            result.space,
             folder,
             Quantity(
                 "effect", f"Effect of {result.contrast} on {quantity(result.map).label.lower()}", unit, signed=True
             ),
-            found.effect,
+            split(result, found.effect),
             (-largest, largest),
             f"The contrast {result.contrast} of the coefficients, per unit of the regressor.",
         )
@@ -49,22 +43,22 @@ def stats_report(result: Result, summary: Mapping[str, Any], folder: Path) -> Pa
         shown = np.where(p <= SIGNIFICANT, -np.log10(p) * np.sign(found.t), np.nan)
         most = float(-np.log10(1 / (1 + result.permutations)))
         pictures.append(
-            _picture(
-                result,
+            picture(
+                result.space,
                 folder,
                 Quantity(key, "−log₁₀ p, with the sign of the effect", signed=True),
-                shown,
+                split(result, shown),
                 (-most, most),
                 f"Corrected for the whole cortex, {words}. Grey: p above {SIGNIFICANT}, or not tested.",
             )
         )
     counts = result.counts.astype(np.float64)
     pictures.append(
-        _picture(
-            result,
+        picture(
+            result.space,
             folder,
             Quantity("subjects", "Subjects with a value"),
-            counts,
+            split(result, counts),
             (0.0, float(len(result.design.subjects))),
             "Only vertices where all subjects have a value are tested.",
         )
@@ -72,7 +66,7 @@ def stats_report(result: Result, summary: Mapping[str, Any], folder: Path) -> Pa
     return write_page(
         folder / "report.html",
         "stats.html",
-        title=f"{result.map} ~ {result.formula}",
+        title=f"{result.shown} ~ {result.formula}",
         result=result,
         summary=summary,
         unit=unit,
@@ -81,24 +75,3 @@ def stats_report(result: Result, summary: Mapping[str, Any], folder: Path) -> Pa
         sides=SIDES,
         smallest=1 / (1 + result.permutations),
     )
-
-
-def _picture(
-    result: Result, folder: Path, what: Quantity, values: Array, limits: tuple[float, float], words: str
-) -> dict[str, Any]:
-    """Write a picture of values (N,) on the template; return its entry for the page."""
-    rows: Sequence[Row] = [
-        Row(f"{SIDES[hemi]} hemisphere", _shown_surface(result, hemi), part, hemi)
-        for hemi, part in split(result, values).items()
-    ]
-    image = figure(rows, what, limits)
-    (folder / "figures" / f"{what.key}.png").write_bytes(png_bytes(image))
-    small = base64.b64encode(png_bytes(halved(image))).decode()
-    return {"key": what.key, "title": what.title, "words": words, "data": small}
-
-
-def _shown_surface(result: Result, hemi: str) -> Surface:
-    try:
-        return result.space.surface(hemi, "inflated")
-    except (FileNotFoundError, MissingPart):
-        return result.space.surface(hemi)

@@ -111,10 +111,11 @@ def new_chart(
     y: tuple[float, float],
     size: tuple[float, float] = CHART_SIZE_PX,
     right: float = MARGINS_PX[1],
+    left: float = MARGINS_PX[0],
 ) -> Iterator[Chart]:
-    """A chart with fixed margins and given limits; ``right`` is the right margin [px]."""
+    """A chart with given limits and margins ``right`` and ``left`` [px]."""
     inches = 72.0  # pixels per inch in an SVG, where a point is a pixel
-    (width, height), (left, _, top, bottom) = size, MARGINS_PX
+    (width, height), (_, _, top, bottom) = size, MARGINS_PX
     style = {**PAGE_STYLE, "svg.hashsalt": title}  # so that no two charts share ids
     with new_figure(width / inches, height / inches, 1, 1, layout=None, style=style) as (figure, ((ax,),)):
         figure.subplots_adjust(left / width, bottom / height, 1 - right / width, 1 - top / height)

@@ -1,0 +1,69 @@
+"""Covariates of subjects, such as age and sex: the columns of participants.tsv, for the tables of a group."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from morphofold.errors import NamedTwice
+from morphofold.inference.design import plain_name, read_participants
+
+PARTICIPANTS_FILE = "participants.tsv"
+BIDS_PREFIX = "sub-"
+
+
+@dataclass(frozen=True)
+class Covariates:
+    """Columns of participants.tsv, and a row of values for each subject, whose name has no ``sub-``."""
+
+    columns: tuple[str, ...] = ()
+    rows: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+    def of(self, subject: str) -> dict[str, Any]:
+        """Values of a subject, None where there is none; a session ``sub-01_ses-2`` has those of ``sub-01``."""
+        name = plain_name(subject)
+        if name not in self.rows and subject.startswith(BIDS_PREFIX):
+            name = name.partition("_")[0]
+        row = self.rows.get(name, {})
+        return {column: row.get(column) for column in self.columns}
+
+
+NO_COVARIATES = Covariates()
+
+
+def find_covariates(given: str | None, folders: Iterable[Path], taken: Iterable[str]) -> Covariates:
+    """Covariates from the file ``given``, else from the first of ``folders`` with a participants.tsv, else none.
+
+    Raises
+    ------
+    FileNotFoundError
+        If the file given does not exist.
+    ValueError
+        If it is not a table of participants, names a subject twice, or a column has one of the names ``taken``.
+    """
+    there = [folder / PARTICIPANTS_FILE for folder in folders if (folder / PARTICIPANTS_FILE).is_file()]
+    files = [Path(given)] if given is not None else there
+    return read_covariates(files[0], taken) if files else NO_COVARIATES
+
+
+def read_covariates(path: Path, taken: Iterable[str] = ()) -> Covariates:
+    """Covariates from a table of participants; raises as :func:`find_covariates`.
+
+    A column is of whole numbers, of numbers or of text, as all its values are.
+    """
+    table = read_participants(path).convert_dtypes()  # whole numbers stay whole where some are missing
+    if twice := sorted({*table.columns} & {*taken}):
+        raise NamedTwice(
+            f"{path}: the column {twice[0]} has the name of a column of the group's tables. Rename it, or give another "
+            "table with --participants."
+        )
+    values = table.astype(object).where(table.notna(), None)
+    rows = {str(name): {column: _plain(row[column]) for column in table.columns} for name, row in values.iterrows()}
+    return Covariates(tuple(map(str, table.columns)), rows)
+
+
+def _plain(value: Any) -> Any:
+    """Truth values as the words True and False: in tables they would be 1 and 0."""
+    return str(value) if isinstance(value, bool) else value

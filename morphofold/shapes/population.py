@@ -1,0 +1,164 @@
+"""A made population: a template deformed by random smooth fields, with an effect of age planted in it."""
+
+from __future__ import annotations
+
+import math
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from morphofold.arrays import Array
+from morphofold.errors import OutOfRange
+from morphofold.io import atomic_folder, read_surface, sample_path, write_surface
+from morphofold.progress import Progress, silent
+from morphofold.surface import Surface
+from morphofold.tables import write_table
+from morphofold.threads import one_blas_thread
+
+HEMIS = ("lh", "rh")
+LABELS = ("cortex.label", "aparc.annot")
+WAVES = 256  # in a random field
+AGES = (20.0, 80.0)
+EFFECT_CENTRE = (-0.24, 0.25, 0.94)  # on the unit sphere of the left hemisphere: in the precentral gyrus
+
+
+@dataclass(frozen=True)
+class Population:
+    """How the subjects of a made population differ.
+
+    Attributes
+    ----------
+    thinning : float
+        Cortical thickness that the left hemisphere loses in a year at the centre of the effect [mm]; 0: no effect.
+    extent : float
+        Standard deviation of the effect's Gaussian on the sphere [degrees].
+    size : float
+        Relative standard deviation of the length of each axis.
+    bend, bend_length : float
+        Standard deviation of the displacement of both surfaces [mm], and its correlation length [degrees].
+    thickness, thickness_length : float
+        Relative standard deviation of cortical thickness, and its correlation length [degrees].
+    registration : float
+        Standard deviation of the error of the registered sphere, in each direction [degrees].
+    """
+
+    thinning: float = 0.02
+    extent: float = 12.0
+    size: float = 0.04
+    bend: float = 1.5
+    bend_length: float = 25.0
+    thickness: float = 0.05
+    thickness_length: float = 10.0
+    registration: float = 0.6
+
+    def effect(self, points: Array, hemi: str) -> Array:
+        """Change of cortical thickness in a year (N,) [mm] at points (N, 3) of the unit sphere."""
+        centre = np.array(EFFECT_CENTRE) / np.linalg.norm(EFFECT_CENTRE)
+        angle = np.degrees(np.arccos(np.clip(points @ centre, -1, 1)))
+        found: Array = -self.thinning * (hemi == "lh") * np.exp(-((angle / self.extent) ** 2) / 2)
+        return found
+
+
+def random_field(points: Array, length: float, random: np.random.Generator, columns: int = 1) -> Array:
+    """Normal random fields (N, columns) of variance 1 at points (N, 3) of the unit sphere.
+
+    Their covariance is exp(-d^2 / 2 length^2) of the distance d through the sphere: sums of waves with normal wave
+    vectors (Rahimi, Recht 2007). They are functions of the place, so a mesh and its refinement have the same field.
+    """
+    waves = random.standard_normal((WAVES, 3)) / length
+    phases, heights = random.uniform(0, 2 * math.pi, WAVES), random.standard_normal((WAVES, columns))
+    with one_blas_thread():
+        found: Array = np.cos(points @ waves.T + phases) @ heights * math.sqrt(2 / WAVES)
+    return found
+
+
+def write_population(
+    out: str | Path,
+    subjects: int = 30,
+    *,
+    template: str | Path = "fsaverage5",
+    seed: int = 0,
+    like: Population | None = None,
+    progress: Progress = silent,
+) -> Path:
+    """Write a folder of made FreeSurfer subjects with ``participants.tsv``: age and sex at random.
+
+    Parameters
+    ----------
+    out : str or path
+        Folder to write, completely or not at all.
+    subjects : int
+    template : str or path
+        A sample or a folder with both hemispheres' white, pial and sphere.
+    seed : int
+    like : Population, optional
+        How they differ; None: as people roughly do, with a loss of thickness in the left precentral gyrus that is as
+        fast as in a disease.
+    progress : callable
+
+    Raises
+    ------
+    OutOfRange
+        If ``subjects`` is not positive.
+
+    Notes
+    -----
+    Each subject is the template, stretched along its axes and bent by a smooth field; pial is moved along the line from
+    white. So every subject has the template's folds: the differences between people's folding patterns are missing.
+    """
+    if subjects < 1:
+        raise OutOfRange(f"a population needs at least 1 subject, got {subjects}.")
+    like = like or Population()
+    root = Path(template) if Path(template).is_dir() else sample_path(template)
+    shapes = {
+        hemi: {kind: read_surface(root / "surf" / f"{hemi}.{kind}") for kind in ("white", "pial", "sphere")}
+        for hemi in HEMIS
+    }
+    digits, rows = len(str(subjects)), []
+    with atomic_folder(out) as folder:
+        for k in range(subjects):
+            random = np.random.default_rng([seed, k])
+            name = f"sub-{k + 1:0{max(digits, 2)}d}"
+            age, sex = round(float(random.uniform(*AGES)), 1), str(random.choice(["F", "M"]))
+            stretch = 1 + like.size * random.standard_normal(3)
+            for hemi in HEMIS:
+                made = _deformed(shapes[hemi], hemi, age - sum(AGES) / 2, stretch, like, random)
+                _write_hemisphere(folder / name, hemi, made, root)
+            rows.append({"participant_id": name, "age": age, "sex": sex})
+            progress((k + 1) / subjects, name)
+        write_table(folder / "participants.tsv", ("participant_id", "age", "sex"), rows)
+    return Path(out)
+
+
+def _deformed(
+    shapes: dict[str, Surface], hemi: str, years: float, stretch: Array, like: Population, random: np.random.Generator
+) -> dict[str, Surface]:
+    """White, pial and registered sphere of one subject; ``years`` from the middle age."""
+    white, pial, sphere = shapes["white"], shapes["pial"], shapes["sphere"]
+    points = sphere.verts / np.linalg.norm(sphere.verts, axis=1, keepdims=True)
+    thick = np.linalg.norm(pial.verts - white.verts, axis=1)
+    more = like.thickness * random_field(points, math.radians(like.thickness_length), random)[:, 0]
+    more += np.divide(years * like.effect(points, hemi), thick, out=np.zeros_like(thick), where=thick > 0)
+    moved = like.bend * random_field(points, math.radians(like.bend_length), random, 3)
+    error = math.radians(like.registration) * random_field(points, math.radians(like.bend_length), random, 3)
+    turned = points + error
+    turned *= np.linalg.norm(sphere.verts, axis=1, keepdims=True) / np.linalg.norm(turned, axis=1, keepdims=True)
+    outer = white.verts + np.maximum(1 + more, 0.0)[:, None] * (pial.verts - white.verts)
+    return {
+        "white": Surface(white.verts * stretch + moved, white.faces),
+        "pial": Surface(outer * stretch + moved, white.faces),
+        "sphere.reg": Surface(turned, white.faces),
+    }
+
+
+def _write_hemisphere(folder: Path, hemi: str, made: dict[str, Surface], template: Path) -> None:
+    for place in ("surf", "label"):
+        (folder / place).mkdir(parents=True, exist_ok=True)
+    for kind, surface in made.items():
+        write_surface(folder / "surf" / f"{hemi}.{kind}", surface)
+    for label in LABELS:
+        file = template / "label" / f"{hemi}.{label}"
+        if file.is_file():
+            shutil.copyfile(file, folder / "label" / file.name)

@@ -1,0 +1,150 @@
+"""A parcellation carried over from a template to a subject that has none, through their registered spheres."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from morphofold.errors import MissingPart
+from morphofold.geometry import vertex_areas
+from morphofold.io import read_annotation, read_cortex, read_surface
+from morphofold.io.cortices import cortex_files, registered_sphere
+from morphofold.io.files import StrPath
+from morphofold.io.json_files import file_word
+from morphofold.provenance import unchanged
+from morphofold.spheres.resampling import Resampling
+from morphofold.spheres.templates import read_own_sphere, template_folder, template_sphere, template_surface
+from morphofold.surface import Cortex, Regions
+
+DEFAULT_ANNOTATION = "aparc"
+HEMIS = ("lh", "rh")
+
+
+def check_template(template: StrPath, annotation: str | None = None) -> Path:
+    """The folder of a template that has spheres and a parcellation.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such folder and no such sample.
+    ValueError
+        If it has no sphere or no such parcellation of any hemisphere, or its name can't be part of a file's name.
+    """
+    folder = template_folder(template)
+    file_word(folder.name)
+    there = [hemi for hemi in HEMIS if _annotation_file(folder, hemi, annotation) is not None]
+    if not there:
+        _required_annotation(folder, HEMIS[0], annotation)  # raises
+    template_sphere(folder, there[0])
+    return folder
+
+
+def carried_files(
+    folder: StrPath, hemi: str, template: StrPath | None, annotation: str | None = None
+) -> dict[str, Path]:
+    """The files by which a subject gets the parcellation of a template; none if it has its own, or without a template.
+
+    Raises
+    ------
+    OSError, ValueError
+        If the subject lacks a surface or ``?h.sphere.reg``, or the template its sphere, white surface or parcellation.
+    """
+    if template is None or _has_annotation(folder, hemi, annotation):
+        return {}
+    place = template_folder(template)
+    return {
+        "registered sphere": registered_sphere(folder, hemi),
+        "sphere of the template": template_sphere(place, hemi),
+        "white of the template": template_surface(place, hemi, "white"),
+        "annotation of the template": _required_annotation(place, hemi, annotation),
+    }
+
+
+def read_parcellated(
+    folder: StrPath,
+    hemi: str,
+    *,
+    name: str | None = None,
+    annotation: str | None = None,
+    annotation_from: StrPath | None = None,
+) -> Cortex:
+    """Read a cortex as :func:`morphofold.read_cortex` does; one without the annotation gets that of a template.
+
+    Parameters
+    ----------
+    folder : str or path
+        A FreeSurfer subject.
+    hemi : {"lh", "rh"}
+    name, annotation : str, optional
+        As for :func:`morphofold.read_cortex`.
+    annotation_from : str or path, optional
+        The folder of a template, or a sample such as ``"fsaverage5"``.
+
+    Returns
+    -------
+    Cortex
+        If they came over, ``regions`` have the name of annotation and template (``aparc.fsaverage5``), and
+        ``info["annotation_from"]`` is the template's.
+
+    Raises
+    ------
+    OSError, ValueError
+        As :func:`morphofold.read_cortex` and :func:`carried_files`; or if a sphere is that of another mesh, or no
+        sphere.
+    """
+    files = carried_files(folder, hemi, annotation_from, annotation)
+    if not files:
+        return read_cortex(folder, hemi, name=name, annotation=annotation)
+    assert annotation_from is not None
+    cortex = read_cortex(folder, hemi, name=name)
+    with unchanged(files.values()) as records:
+        regions = carried_regions(cortex, files)
+    called = template_folder(annotation_from).name
+    return replace(
+        cortex,
+        regions=replace(regions, name=f"{regions.name}.{called}"),
+        info={**cortex.info, "annotation_from": called},
+        files=(*cortex.files, *map(str, files.values())),
+        inputs=(*cortex.inputs, *records),
+    )
+
+
+def carried_regions(cortex: Cortex, files: Mapping[str, Path]) -> Regions:
+    """The regions of a template at the vertices of a cortex, by :func:`carried_files`.
+
+    A vertex gets the label with the largest share of area around it, or where the subject's mesh is finer, with the
+    largest barycentric weight in the template's triangle; see :meth:`Resampling.labels`.
+    """
+    there = read_surface(files["sphere of the template"])
+    white = read_surface(files["white of the template"])
+    regions = read_annotation(files["annotation of the template"])
+    resampling = Resampling(there, read_own_sphere(files["registered sphere"], cortex))
+    return replace(regions, labels=resampling.labels(regions.labels, vertex_areas(white.verts, white.faces)))
+
+
+def _has_annotation(folder: StrPath, hemi: str, annotation: str | None) -> bool:
+    usual = cortex_files(folder, hemi)  # a missing surface is reported as such
+    if annotation is None:
+        return "annotation" in usual
+    try:
+        return "annotation" in cortex_files(folder, hemi, annotation=annotation)
+    except FileNotFoundError:
+        return False
+
+
+def _annotation_file(folder: Path, hemi: str, annotation: str | None) -> Path | None:
+    stems = (DEFAULT_ANNOTATION,) if annotation is None else (f"{DEFAULT_ANNOTATION}.{annotation}", annotation)
+    places = (folder / "label" / f"{hemi}.{stem}.annot" for stem in stems)
+    return next((file for file in places if file.is_file()), None)
+
+
+def _required_annotation(folder: Path, hemi: str, annotation: str | None) -> Path:
+    found = _annotation_file(folder, hemi, annotation)
+    if found is None:
+        there = sorted(file.name for file in (folder / "label").glob("*.annot"))
+        raise MissingPart(
+            f"{folder}: has no label/{hemi}.{annotation or DEFAULT_ANNOTATION}.annot to carry over; its annotations "
+            f"are {', '.join(there) or 'none'}."
+        )
+    return found

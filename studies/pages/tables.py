@@ -1,0 +1,33 @@
+"""The tables of docs/tables.md: every column of the tables of an analysis, with its unit and type.
+
+``python -m morphofold.studies.pages.tables docs/tables.md`` writes them between the marks of that page.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from morphofold.analysis.frames import column_type
+from morphofold.analysis.measures import FRAMES
+from morphofold.quantities import column_words
+from morphofold.studies.markdown import renewed, table, write_texts
+
+
+def columns(name: str) -> str:
+    """A row for each column of a table, as a DataFrame has them."""
+    rows = []
+    for column in FRAMES[name]:
+        meaning, unit = column_words(column)
+        rows.append((f"`{column}`", column_type(column), unit, meaning))
+    return table(("column", "type", "unit", "meaning"), rows)
+
+
+def write(page: Path) -> None:
+    """Put the tables between the marks of ``page``; raises as :func:`morphofold.studies.markdown.renewed`."""
+    parts = {name: [columns(name)] for name in FRAMES}
+    write_texts({page: renewed(page, page.read_text(encoding="utf-8"), parts)})
+
+
+if __name__ == "__main__":
+    write(Path(sys.argv[1]))

@@ -1,0 +1,131 @@
+"""Hinges and crests that the subjects of a study share."""
+
+import json
+
+import numpy as np
+import pytest
+from commands import refused
+from made_spaces import FACES, RADIUS, VERTS, write_space
+
+from morphofold.cli import main
+from morphofold.errors import DoesNotApply, OutOfRange
+from morphofold.geometry import vertex_areas
+from morphofold.inference.overlap import COLUMNS, WHOLE, overlap
+from morphofold.inference.spaces import find_space
+from morphofold.io.gifti import read_gifti_map
+from morphofold.report.pictures.png import read_png
+from morphofold.tables import read_table
+
+CORTEX = VERTS[:, 2] > -40
+SUBJECTS, HINGES = 6, 10
+
+
+def maps_of(places, hemi="lh"):
+    """Maps of subjects with a hinge at vertices (S, H); a crest of 2 mm at each."""
+    hinges = np.zeros((len(places), len(VERTS)))
+    for row, at in zip(hinges, places):
+        row[at] = 1.0
+    unit = VERTS / RADIUS
+    away = np.array([RADIUS * np.arccos(np.clip(unit @ unit[at].T, -1, 1)).min(axis=1) for at in places])
+    areas = np.tile(vertex_areas(VERTS, FACES), (len(places), 1))
+    maps = {"hinges": hinges, "crest_length": 2 * hinges, "hinge_distance": away, "crest_distance": away, "area": areas}
+    return {f"{hemi}.{name}": values for name, values in maps.items()}
+
+
+@pytest.fixture
+def alike(tmp_path):
+    """Six subjects who share five hinges in the north; five more are anywhere."""
+    random = np.random.default_rng(0)
+    north, anywhere = np.flatnonzero(VERTS[:, 2] > 30), np.flatnonzero(CORTEX)
+    same = random.choice(north, 5, replace=False)
+    places = [np.unique(np.r_[same, random.choice(anywhere, 5, replace=False)]) for _ in range(SUBJECTS)]
+    write_space(tmp_path / "study", maps_of(places), graph_width_mm=8.0)
+    return tmp_path / "study", places
+
+
+def row_of(found, region=WHOLE):
+    return next(row for row in found.rows if row["region"] == region)
+
+
+def test_the_share_is_that_of_all_pairs_counted_one_by_one(alike):
+    study, places = alike
+    hinges, crests = overlap(find_space(study), hemis=["lh"], spins=20)
+    assert hinges.radius == 4.0
+    unit = VERTS / RADIUS
+    pairs = [
+        np.mean([(RADIUS * np.arccos(np.clip(unit[i] @ unit[b].T, -1, 1)) <= 4.0).any() for i in a]) * len(a)
+        for a in places
+        for b in places
+        if a is not b
+    ]
+    expected = sum(pairs) / (SUBJECTS - 1) / sum(map(len, places))
+    assert row_of(hinges)["share"] == pytest.approx(expected, rel=1e-6)
+    assert row_of(crests)["share"] == pytest.approx(expected, rel=1e-6)
+    assert row_of(hinges)["amount"] == pytest.approx(sum(map(len, places)) / SUBJECTS, rel=1e-6)
+    assert row_of(crests)["amount"] == pytest.approx(2 * row_of(hinges)["amount"], rel=1e-6)
+    regions = [row_of(hinges, region)["amount"] for region in ("north", "south")]
+    assert sum(regions) == pytest.approx(row_of(hinges)["amount"])
+
+
+def test_what_is_shared_stands_out_where_it_is(alike):
+    study, _ = alike
+    hinges, _ = overlap(find_space(study), hemis=["lh"], spins=199)
+    north, south = row_of(hinges, "north"), row_of(hinges, "south")
+    assert north["p"] == pytest.approx(1 / 200)
+    assert north["p_corrected"] <= 0.01
+    assert south["p_corrected"] > 0.05
+    assert north["chance_low"] < north["chance"] < north["chance_high"] < north["share"]
+    density, p = hinges.density["lh"], hinges.p["lh"]
+    assert np.isnan(density[~CORTEX]).all()
+    areas = vertex_areas(VERTS, FACES)
+    assert areas[CORTEX] @ density[CORTEX] / 100 == pytest.approx(row_of(hinges)["amount"], rel=0.05)
+    assert VERTS[np.nanargmin(p), 2] > 0
+    assert np.nanmin(p) <= 0.05
+
+
+def test_subjects_who_share_nothing_do_not_stand_out(tmp_path, rng):
+    places = [rng.choice(np.flatnonzero(CORTEX), HINGES, replace=False) for _ in range(SUBJECTS)]
+    write_space(tmp_path / "study", maps_of(places), graph_width_mm=8.0)
+    hinges, _ = overlap(find_space(tmp_path / "study"), hemis=["lh"], spins=99, seed=1)
+    assert row_of(hinges)["p"] > 0.01
+    assert np.nanmin(hinges.p["lh"]) > 0.01
+
+
+def test_a_single_subject_or_an_unknown_width_is_refused(tmp_path, rng):
+    places = [rng.choice(len(VERTS), HINGES) for _ in range(2)]
+    write_space(tmp_path / "one", maps_of(places[:1]), graph_width_mm=8.0)
+    write_space(tmp_path / "two", maps_of(places))
+    with pytest.raises(DoesNotApply):
+        overlap(find_space(tmp_path / "one"), hemis=["lh"])
+    with pytest.raises(DoesNotApply):
+        overlap(find_space(tmp_path / "two"), hemis=["lh"])
+    for wrong in ({"radius": 0.0}, {"radius": np.nan}, {"radius": 3.0, "fwhm": 0.0}, {"radius": 3.0, "spins": 0}):
+        with pytest.raises(OutOfRange):
+            overlap(find_space(tmp_path / "two"), hemis=["lh"], **wrong)
+
+
+def test_the_command_writes_table_maps_and_page(alike, tmp_path, capsys):
+    study, _ = alike
+    out = tmp_path / "shared"
+    words = ["overlap", str(study), "--hemi", "lh", "--rotations", "39", "-o", str(out), "-q"]
+    assert main([*words, "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["radius_mm"] == 4.0
+    assert said["rotations"] == 39
+    rows = read_table(out / "overlap.tsv", words=("hemi", "kind", "region"))
+    assert tuple(rows[0]) == COLUMNS
+    assert [row["region"] for row in rows] == 2 * ["south", "north", WHOLE]
+    for name in ("hinge_density", "crest_density"):
+        p = read_gifti_map(out / "maps" / f"lh.{name}_p.shape.gii")
+        assert np.nanmin(p) >= 1 / 40
+        assert read_png(out / "figures" / f"{name}.png").any()
+    assert "<svg" in (out / "report.html").read_text()
+    assert main([*words, "--no-report"]) == 0
+    assert not (out / "report.html").exists()
+
+
+def test_a_study_without_hinges_on_the_template_is_refused_and_nothing_is_written(tmp_path, capsys):
+    write_space(tmp_path / "study", {"lh.H": np.zeros((3, len(VERTS)))}, graph_width_mm=8.0)
+    out = tmp_path / "shared"
+    refused(capsys, ["overlap", str(tmp_path / "study"), "--hemi", "lh", "-o", str(out)], "hinges")
+    assert not out.exists()

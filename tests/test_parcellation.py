@@ -1,0 +1,182 @@
+"""A parcellation carried over from a template to subjects that have none."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+from commands import refused
+from made_cohort import HereFleet, participants, quick_measure, write_subject
+
+from morphofold.cli import main
+from morphofold.cohort.participant import measure_participant
+from morphofold.cohort.running import run_tasks
+from morphofold.cohort.tables import read_results
+from morphofold.errors import Mismatch, MissingPart
+from morphofold.io import read_annotation, read_cortex, read_surface, sample_path, write_annotation, write_surface
+from morphofold.shapes import icosphere
+from morphofold.spheres.parcellation import check_template, read_parcellated
+from morphofold.surface import Regions, Surface
+
+AVERAGE = sample_path("fsaverage5")
+
+
+def write_sphere(folder, hemi="lh", level=2):
+    write_surface(folder / "surf" / f"{hemi}.sphere.reg", Surface(*icosphere(level, radius=100.0)))
+
+
+@pytest.fixture
+def bert(tmp_path):
+    """A subject of 162 vertices a hemisphere, with registered spheres and no parcellation."""
+    folder = write_subject(tmp_path / "all" / "bert")
+    shutil.rmtree(folder / "label")
+    for hemi in ("lh", "rh"):
+        write_sphere(folder, hemi)
+    return folder
+
+
+@pytest.fixture
+def halves(tmp_path):
+    """A template of 642 vertices with two parcellations: a south and a north, and all one."""
+    folder = tmp_path / "halves"
+    verts, faces = icosphere(3, radius=100.0)
+    for place in ("surf", "label"):
+        (folder / place).mkdir(parents=True)
+    colours = np.array([[9, 9, 9], [99, 9, 9]], np.uint8)
+    for hemi in ("lh", "rh"):
+        for kind in ("sphere.reg", "white"):
+            write_surface(folder / "surf" / f"{hemi}.{kind}", Surface(verts, faces))
+        for name, labels in (("aparc", (verts[:, 2] > 0).astype(int)), ("aparc.whole", np.zeros(len(verts), int))):
+            write_annotation(folder / "label" / f"{hemi}.{name}.annot", Regions(labels, ("south", "north"), colours))
+    return folder
+
+
+def test_a_template_onto_itself_is_exact(tmp_path):
+    shutil.copytree(AVERAGE, tmp_path / "same")
+    for hemi in ("lh", "rh"):
+        (tmp_path / "same" / "label" / f"{hemi}.aparc.annot").unlink()
+        shutil.copy(AVERAGE / "surf" / f"{hemi}.sphere", tmp_path / "same" / "surf" / f"{hemi}.sphere.reg")
+        found = read_parcellated(tmp_path / "same", hemi, annotation_from="fsaverage5")
+        own = read_annotation(AVERAGE / "label" / f"{hemi}.aparc.annot")
+        np.testing.assert_array_equal(found.regions.labels, own.labels)
+        assert found.regions.names == own.names
+        assert found.regions.name == "aparc.fsaverage5"
+        assert found.info["annotation_from"] == "fsaverage5"
+
+
+def test_on_a_finer_mesh_only_vertices_between_two_regions_are_in_doubt(tmp_path):
+    sphere = read_surface(AVERAGE / "surf" / "lh.sphere")
+    own = read_annotation(AVERAGE / "label" / "lh.aparc.annot").labels
+    ends, faces = split(sphere.faces, len(sphere.verts))
+    finer = np.concatenate([sphere.verts, sphere.verts[ends].mean(axis=1)])
+    finer *= 100 / np.linalg.norm(finer, axis=1, keepdims=True)
+    (tmp_path / "finer" / "surf").mkdir(parents=True)
+    for name, radius in (("white", 0.5), ("pial", 0.6), ("sphere.reg", 1.0)):
+        write_surface(tmp_path / "finer" / "surf" / f"lh.{name}", Surface(radius * finer, faces))
+    found = read_parcellated(tmp_path / "finer", "lh", annotation_from="fsaverage5").regions.labels
+    n = len(own)
+    np.testing.assert_array_equal(found[:n], own)
+    between = own[ends]
+    alike = between[:, 0] == between[:, 1]
+    np.testing.assert_array_equal(found[n:][alike], between[alike, 0])
+    assert (found[n:][:, None] == between).any(axis=1).all()
+    assert 0 < (~alike).sum() < 0.1 * len(alike)
+
+
+def split(faces, n):
+    """Ends (E, 2) of the edges, and triangles of a mesh with a vertex n + e in the middle of edge e."""
+    sides = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    ends, number = np.unique(sides, axis=0, return_inverse=True)
+    ab, bc, ca = n + number.reshape(3, -1)
+    a, b, c = faces.T
+    parts = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
+    return ends, np.concatenate([np.column_stack(part) for part in parts])
+
+
+def test_a_coarser_mesh_gets_the_label_of_most_area(bert, halves):
+    found = read_parcellated(bert, "lh", annotation_from=halves).regions.labels
+    z = icosphere(2)[0][:, 2]
+    np.testing.assert_array_equal(found[np.abs(z) > 0.1], (z > 0)[np.abs(z) > 0.1])
+
+
+def test_a_subject_with_a_parcellation_keeps_its_own(bert, halves):
+    write_subject(bert)
+    own, found = read_cortex(bert), read_parcellated(bert, "lh", annotation_from=halves)
+    np.testing.assert_array_equal(found.regions.labels, own.regions.labels)
+    assert (found.regions.name, found.files, found.info) == ("aparc", own.files, own.info)
+
+
+def test_the_parcellation_that_is_named_is_carried_where_only_another_is_there(bert, halves):
+    write_subject(bert)
+    found = read_parcellated(bert, "lh", annotation="whole", annotation_from=halves)
+    assert found.regions.name == "aparc.whole.halves"
+    assert not found.regions.labels.any()
+
+
+def test_what_does_not_fit_is_refused(bert, halves, tmp_path):
+    write_sphere(bert, level=3)
+    with pytest.raises(Mismatch, match="642 vertices"):
+        read_parcellated(bert, "lh", annotation_from=halves)
+    (bert / "surf" / "lh.sphere.reg").unlink()
+    with pytest.raises(FileNotFoundError, match=r"lh\.sphere\.reg"):
+        read_parcellated(bert, "lh", annotation_from=halves)
+    with pytest.raises(MissingPart, match=r"rh\.aparc\.whole\.annot"):
+        check_template(halves, "a2009s")
+    with pytest.raises(FileNotFoundError, match="fsaverage5"):
+        check_template(tmp_path / "nowhere")
+    for hemi in ("lh", "rh"):
+        (halves / "surf" / f"{hemi}.sphere.reg").unlink()
+    with pytest.raises(MissingPart, match=r"lh\.sphere"):
+        check_template(halves)
+
+
+def test_an_analysis_says_from_where_its_regions_are(bert, halves, here):
+    assert main(["analyze", str(bert), "-q", "--no-report", "--annot-from", str(halves), "-o", "out"]) == 0
+    summary = json.loads((here / "out" / "summary.json").read_text(encoding="utf-8"))
+    digests = {row["path"]: row["sha256"] for row in summary["inputs"]}
+    for entry in summary["surfaces"]:
+        hemi = entry["hemi"]
+        assert "template halves" in entry["notes"]["annotation_from"]
+        assert (entry["annotation"], entry["info"]["annotation_from"]) == ("aparc.halves", "halves")
+        assert digests[str(halves / "label" / f"{hemi}.aparc.annot")]
+        assert digests[str(bert / "surf" / f"{hemi}.sphere.reg")]
+        assert (here / "out" / "label" / f"{hemi}.aparc.halves.annot").is_file()
+        assert (here / "out" / "stats" / f"{hemi}.aparc.halves.gyral.stats").is_file()
+        assert "average" not in entry["notes"]
+    assert read_cortex(here / "out").regions.name == "aparc.halves"
+    assert main(["analyze", str(bert), "-q", "--no-report", "--annot-from", "fsaverage5", "-o", "out"]) == 0
+    (entry, _) = json.loads((here / "out" / "summary.json").read_text(encoding="utf-8"))["surfaces"]
+    assert "average" not in entry["notes"]  # the template is one, and not the subject
+
+
+def test_in_a_cohort_it_is_an_input_like_others(bert, halves, tmp_path, monkeypatch):
+    monkeypatch.setattr("morphofold.analysis.measuring.measure", quick_measure)
+    own, out = write_subject(tmp_path / "all" / "anna"), tmp_path / "out"
+
+    def measured(run):
+        people = participants([own, bert], out, run, options={"annotation_from": str(halves)})
+        return [one.state for one in run_tasks(HereFleet(), measure_participant, people)]
+
+    assert measured("1") == ["done", "done"]
+    names = [read_results(out / "subjects" / name).hows[0][-1] for name in ("anna", "bert")]
+    assert names == ["aparc", "aparc.halves"]  # so that they are not pooled
+    assert measured("2") == ["reused", "reused"]
+    shutil.copy(halves / "label" / "lh.aparc.whole.annot", halves / "label" / "lh.aparc.annot")
+    assert measured("3") == ["reused", "done"]
+    write_subject(bert)  # now it has one
+    assert measured("4") == ["reused", "done"]
+    assert read_results(out / "subjects" / "bert").hows[0][-1] == "aparc"
+
+
+@pytest.mark.parametrize("command", ["analyze", "cohort"])
+def test_a_template_that_has_none_is_refused_before_anything_is_measured(command, bert, here, capsys, monkeypatch):
+    monkeypatch.setattr("morphofold.analysis.measuring.measure", lambda *a, **k: pytest.fail("was measured"))
+    place = str(bert if command == "analyze" else bert.parent)
+    for template, word in (("nowhere", "nowhere: "), ("S1", "lh.aparc.annot"), (str(bert), "lh.aparc.annot")):
+        refused(capsys, [command, place, "-q", "-o", "out", "--annot-from", template], word)
+    assert not (here / "out").exists()
+
+
+def test_two_files_have_no_registered_sphere(bert, capsys):
+    pair = ["--white", str(bert / "surf" / "lh.white"), "--pial", str(bert / "surf" / "lh.pial")]
+    refused(capsys, ["analyze", *pair, "--annot-from", "fsaverage5", "-q"], "--annot-from", "[options-clash]")
