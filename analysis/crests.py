@@ -57,6 +57,10 @@ class CrestLines:
     lines: list[CrestLine] = field(repr=False)
     scale: float
 
+    def __repr__(self) -> str:
+        kinds = [f"{len(self.of_kind(kind))} {kind} lines, {self.length(kind):.0f} mm" for kind in ("gyral", "sulcal")]
+        return f"CrestLines({'; '.join(kinds)}; scale {self.scale:.3g} mm)"
+
     def of_kind(self, kind: str) -> list[CrestLine]:
         return [line for line in self.lines if line.kind == kind]
 

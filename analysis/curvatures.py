@@ -44,6 +44,9 @@ class Curvature:
     e2: PerVertex = field(repr=False)
     scale: float
 
+    def __repr__(self) -> str:
+        return f"Curvature({len(self.normals):,} vertices, neighbourhoods of {self.scale:.3g} mm)"
+
     @property
     def H(self) -> PerVertex:
         """Mean curvature (k1 + k2) / 2 (N,) [1/length]; 1/r on a sphere."""

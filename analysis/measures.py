@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from morphofold.analysis.frames import COLUMNS, FREESURFER_VALUES, frame
+from morphofold.display import html_of, plot
 from morphofold.errors import UnknownName
 from morphofold.surface import Cortex, PerVertex
 
 if TYPE_CHECKING:
     import networkx as nx
     import pandas as pd
+    from PIL.Image import Image
 
 SLOPE_SCALARS = (
     "gyral_to_cortical_slope",
@@ -108,9 +110,10 @@ class Measures:
     """The result of the analysis of one cortex.
 
     ``scalars`` holds every name of ``SCALARS``. A value that cannot be computed is None, and ``notes`` gives the reason
-    under the same name. ``maps`` are per-vertex arrays (N,), NaN where undefined, positive where convex. ``regions``,
-    ``crests``, ``hinges`` and ``arms`` are tables with one dict per row. ``parameters`` are the scales and options
-    used. ``graph`` is the gyral graph; None for measures read from a folder of an older version.
+    under the same name. If only a part was measured (``parameters["only"]``), all other values are None. ``maps`` are
+    per-vertex arrays (N,), NaN where undefined, positive where convex. ``regions``, ``crests``, ``hinges`` and ``arms``
+    are tables with one dict per row. ``parameters`` are the scales and options used. ``graph`` is the gyral graph; None
+    for measures read from a folder of an older version, or of a part that does not need it.
     """
 
     cortex: Cortex
@@ -123,6 +126,41 @@ class Measures:
     parameters: Mapping[str, Any] = field(default_factory=dict, repr=False)
     notes: Mapping[str, str] = field(default_factory=dict, repr=False)
     graph: nx.MultiGraph | None = field(default=None, repr=False)
+
+    def plot(
+        self,
+        name: str,
+        *,
+        surface: str = "pial",
+        views: str | Sequence[str] = ("lateral", "medial"),
+        limits: tuple[float, float] | None = None,
+    ) -> Image:
+        """Picture of one map on a surface, with ruler and colour bar; vertices without a value are gray.
+
+        Parameters
+        ----------
+        name : str
+            A name of ``maps``.
+        surface : {"pial", "white", "inflated"}
+        views : str or sequence of str
+            Any of ``"lateral"``, ``"medial"``, ``"top"``, ``"bottom"`` and ``"front"``.
+        limits : (float, float), optional
+            Values at the ends of the colours; None: those of the report.
+
+        Returns
+        -------
+        PIL.Image.Image
+            A notebook shows it; ``.save("thickness.png")`` writes it.
+
+        Raises
+        ------
+        ValueError
+            If there is no such map (the message lists the maps), surface or view, or ``limits`` are no interval.
+        """
+        return plot(self, name, surface, views, limits)
+
+    def _repr_html_(self) -> str:
+        return html_of(self)
 
     def __repr__(self) -> str:
         known = sum(value is not None for value in self.scalars.values())

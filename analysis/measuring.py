@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
@@ -10,10 +10,11 @@ import numpy as np
 
 from morphofold import geometry
 from morphofold.analysis import notes, regions, relief, resampling
+from morphofold.analysis.asked import CURVATURE_MAPS, Asked, asked
 from morphofold.analysis.curvatures import curvature
 from morphofold.analysis.diffusion import diffusion
 from morphofold.analysis.graph import depth_potential
-from morphofold.analysis.graph.tables import gyral_tables
+from morphofold.analysis.graph.tables import GyralTables, gyral_tables
 from morphofold.analysis.gyrification import hull
 from morphofold.analysis.gyrification.folding import folding_indices
 from morphofold.analysis.gyrification.local_gyrification import CLOSING_RADIUS_MM, local_gyrification_index
@@ -30,17 +31,18 @@ from morphofold.surface import Cortex, PerVertex, check_kind
 
 if TYPE_CHECKING:
     import networkx as nx
-    from numpy.typing import NDArray
 
     from morphofold.timing import Stages
 
 # share of crossed triangles of white, above which the net is taken midway to pial; a person has 0.00003
 LARGEST_CROSSED_SHARE = 0.01
+OFF_PIAL = "white off pial"  # part of every cortex mask: where white and pial coincide is no cortex
 
 
 def measure(
     cortex: Cortex,
     *,
+    only: Sequence[str] | None = None,
     curvature_scale: float | None = None,
     gyral: Mapping[str, Any] | None = None,
     gyral_width: float | None = None,
@@ -56,6 +58,9 @@ def measure(
     ----------
     cortex : Cortex
         White and pial surface [mm]. Its mask, regions and maps are used where it has them.
+    only : sequence of str, optional
+        Scalars, maps and tables (``regions``, ``crests``, ``hinges``, ``arms``) to measure, such as
+        ``["gyral_thickness"]``; None: all. Takes only the time that these need, and gives the same numbers.
     curvature_scale : float, optional
         Radius of the neighbourhoods for curvature, and smoothing length for the folding indices [mm]. None: 3, but at
         least 2.5 mean edges of either surface, and at least 1.5 for the indices. Pass one number to compare surfaces of
@@ -87,6 +92,8 @@ def measure(
         ``cortical_thickness``, ``gyral_thickness``; and ``thickness_file`` if the cortex came with a thickness, also
         NaN where that is 0. All maps but ``area`` are NaN outside the cortex mask.
 
+        With ``only``, other scalars are None, other maps and tables are left out, and the note ``only`` says so.
+
         ``notes`` gives the definition of each scalar whose name is not enough, and the reason where a scalar is None.
         It also holds warnings on the input: ``repair`` (what was repaired), ``mesh`` (unused vertices, pieces,
         borders), ``crossing`` (white outside pial), ``pair`` (so much of it that the two are hardly of one cortex),
@@ -97,11 +104,11 @@ def measure(
     Raises
     ------
     ValueError
-        If ``accuracy`` is none of the three. If a defect is not or cannot be repaired: an edge has more than two
-        triangles, triangles are flipped or torn apart, or a closed surface or a piece of it is inside out. If white
-        encloses more than pial, lies outside it on most of an open piece, or coincides with it up to rounding. If the
-        two are of different cortices, the cortex label holds less than 1 % of the vertices, no vertex is cortex, the
-        surfaces lie in a plane, or ``curvature_scale`` does not fit the mesh.
+        If ``only`` is empty or has an unknown name, or ``accuracy`` is none of the three. If a defect is not or cannot
+        be repaired: an edge has more than two triangles, triangles are flipped or torn apart, or a closed surface or a
+        piece of it is inside out. If white encloses more than pial, lies outside it on most of an open piece, or
+        coincides with it up to rounding. If the two are of different cortices, the cortex label holds less than 1 % of
+        the vertices, no vertex is cortex, the surfaces lie in a plane, or ``curvature_scale`` does not fit the mesh.
 
     Notes
     -----
@@ -113,33 +120,46 @@ def measure(
     surface with a border, or of several pieces, has no gyrification index.
     """
     check_kind(cortex, Cortex, "measure: cortex")
-    progress = progress or silent
-    work, steps = _Measurement(accuracy), Steps(progress, clock)
-    steps.run(
-        [("areas", 0.1, lambda: work.begin(cortex, repair)), ("cortical thickness", 0.0, work.resample)],
-        [("areas", 0.0, lambda: _prepare(cortex))],
-    )
-    steps.run(
-        [
-            ("cortical thickness", 0.1, lambda: work.cortical_thickness(thickness_cap)),
-            ("gyral thickness", 0.2, lambda: work.gyral_thickness(gyral or {})),
-        ],
-        [("areas", 0.02, work.self_crossings), ("gyral graph", 0.25, lambda: work.gyral_graph(gyral_width))],
-        [("curvature", 0.1, lambda: work.folding(curvature_scale))],
-        [("curvature", 0.1, lambda: work.curvature(curvature_scale))],
-        [("local gyrification", 0.1, work.local_gyrification)],
-        [("areas", 0.02, work.depth)],
-    )
-    found: list[Measures] = []
-    steps.run([("regions", 0.01, lambda: found.append(work.measures(thickness_cap)))])
+    progress, wanted = progress or silent, asked(cortex, only)
+    work, found = _Measurement(accuracy, wanted), list[Measures]()
+    phases = [
+        wanted.chains(
+            [
+                ("surfaces", "areas", 0.1, lambda: work.begin(cortex, repair)),
+                ("resampling", "cortical thickness", 0.0, work.resample),
+            ],
+            [("resampling", "areas", 0.0, lambda: _prepare(cortex, wanted))],
+        ),
+        wanted.chains(
+            [
+                ("cortical thickness", "cortical thickness", 0.1, lambda: work.cortical_thickness(thickness_cap)),
+                ("gyral thickness", "gyral thickness", 0.2, lambda: work.gyral_thickness(gyral or {})),
+            ],
+            [
+                ("gyral graph", "areas", 0.02, work.self_crossings),
+                ("gyral graph", "gyral graph", 0.25, lambda: work.gyral_graph(gyral_width)),
+            ],
+            [("folding", "curvature", 0.1, lambda: work.folding(curvature_scale))],
+            [("curvature", "curvature", 0.1, lambda: work.curvature(curvature_scale))],
+            [("local gyrification", "local gyrification", 0.1, work.local_gyrification)],
+            [("depth", "areas", 0.02, work.depth), ("hull", "areas", 0.0, work.hull)],
+        ),
+        wanted.chains([("surfaces", "regions", 0.01, lambda: found.append(work.measures(thickness_cap)))]),
+    ]
+    whole = sum(share for chains in phases for chain in chains for _, share, _ in chain)
+    steps = Steps(progress, clock, whole)
+    for chains in phases:
+        steps.run(*chains)
     progress(1.0, "done")
     return found[0]
 
 
-def _prepare(cortex: Cortex) -> None:
+def _prepare(cortex: Cortex, wanted: Asked) -> None:
     """Compute what several steps need of the surfaces, beside the checks; it is kept with them."""
-    for surface, clip in ((cortex.white, depth_potential.COTANGENT_BOUNDS), (cortex.pial, relief.COTANGENT_BOUNDS)):
-        diffusion(surface.verts, surface.faces, clip)
+    white, pial = (cortex.white, depth_potential.COTANGENT_BOUNDS), (cortex.pial, relief.COTANGENT_BOUNDS)
+    for (surface, clip), step in ((white, "gyral graph"), (pial, "gyral thickness")):
+        if step in wanted.steps:
+            diffusion(surface.verts, surface.faces, clip)
         geometry.vertex_normals(surface.verts, surface.faces)
     geometry.incident_faces(cortex.n_vertices, cortex.faces)
 
@@ -156,8 +176,11 @@ class _Part:
 class _Measurement:
     """The measurement of one cortex, with a method for each step; a step may run beside those that it does not need."""
 
-    def __init__(self, accuracy: str):
-        self.accuracy, self._chosen = accuracy, resampling.accuracy_of(accuracy)
+    def __init__(self, accuracy: str, wanted: Asked):
+        self.accuracy, self._chosen, self._wanted = accuracy, resampling.accuracy_of(accuracy), wanted
+        self.across: GyralThickness | None = None
+        self.graph: nx.MultiGraph | None = None
+        self.curvature_scale, self.folding_scale = np.nan, np.nan
         names = ("begin", "depth", "thickness", "curvature", "folding", "gyral thickness", "gyral graph", "local")
         self._parts = {name: _Part() for name in names}
 
@@ -171,6 +194,7 @@ class _Measurement:
         part = self._parts["begin"]
         self.mended = mending.measurable(given, repair=repair)
         self.cortex = cortex = self.mended.cortex
+        self.copy = resampling.as_given(cortex)
         self.mask = mask = checks.cortex_mask(cortex)
         part.notes |= notes.of_input(cortex) | self.mended.notes | defects.remarks(cortex, mask, self.mended.of)
         part.notes |= plausibility.remarks(cortex)
@@ -196,11 +220,16 @@ class _Measurement:
         self.copy = resampling.resampled(self.cortex, self._chosen)
 
     def depth(self) -> None:
-        """Maps that need the surfaces alone, and the gyrification index."""
-        part, pial = self._parts["depth"], self.cortex.pial
+        """Maps that need the surfaces alone."""
+        part = self._parts["depth"]
         for name, values in each_map().items():
             self._put(part, name, values(self.cortex))
         part.scalars["mean_sulcal_depth_mm"] = _mean_or_none(part.maps["sulcal_depth"], self.area_pial)
+        part.notes |= notes.of_depth()
+
+    def hull(self) -> None:
+        """The gyrification index."""
+        part, pial = self._parts["depth"], self.cortex.pial
         if self.closed and self.pieces == 1:
             part.scalars["gyrification_index"] = hull.gyrification_index(pial.verts, pial.faces)
         part.notes |= notes.of_gyrification(self.closed, self.pieces)
@@ -226,7 +255,7 @@ class _Measurement:
         part = self._parts["curvature"]
         self.curvature_scale, remark = scale_of_curvature(self.cortex, wanted)
         bent = curvature(self.cortex.pial.verts, self.cortex.faces, self.curvature_scale)
-        for name in ("H", "K", "k1", "k2", "shape_index", "curvedness"):
+        for name in CURVATURE_MAPS:
             self._put(part, name, getattr(bent, name))
         if remark:
             part.notes["curvature_scale"] = remark
@@ -271,56 +300,56 @@ class _Measurement:
         said: dict[str, str] = {}
         for part in self._parts.values():
             maps, scalars, said = maps | part.maps, scalars | part.scalars, said | part.notes
-        said |= notes.of_gyral_graph(self.graph, self.across)
+        rows, tables = self._regions(maps), GyralTables([], [], [], {})
+        if self.graph is not None:
+            tables = gyral_tables(self.cortex, self.graph, maps)
+            scalars |= tables.scalars
+            said |= notes.of_gyral_graph(self.graph, self.across.median if self.across else np.nan)
         said |= notes.of_accuracy(self.accuracy, self.cortex.n_vertices, self.copy.cortex.n_vertices)
-        rows = regions.region_table(self.cortex, maps, self.across, self.graph)
-        tables = gyral_tables(self.cortex, self.graph, maps)
-        fitted, why = through_regions(rows)
-        scalars |= {**tables.scalars, **dict(zip(SLOPE_SCALARS, _slope_scalars(fitted)))}
         said |= notes.of_regions() if rows else {}
-        said |= dict.fromkeys(SLOPE_SCALARS, why if rows else notes.NO_REGIONS_NOTE)
-        scales = self.curvature_scale, self.folding_scale
-        parameters = _recorded_parameters(self.cortex, self.mask, scales, cap, self.across, self.graph)
-        parameters |= resampling.parameters(self.accuracy, self.copy) | self.mended.numbers
-        return self.mended.back(
-            Measures(
-                self.cortex,
-                scalars,
-                maps,
-                rows,
-                tables.crests,
-                tables.hinges,
-                tables.arms,
-                parameters,
-                said,
-                self.graph,
-            )
+        if "slopes" in self._wanted.steps:
+            fitted, why = through_regions(rows)
+            scalars |= dict(zip(SLOPE_SCALARS, _slope_scalars(fitted)))
+            said |= dict.fromkeys(SLOPE_SCALARS, why if rows else notes.NO_REGIONS_NOTE)
+        whole = Measures(
+            self.cortex,
+            scalars,
+            maps,
+            rows,
+            tables.crests,
+            tables.hinges,
+            tables.arms,
+            self._parameters(cap) | self.mended.numbers,
+            said,
+            self.graph,
         )
+        return self._wanted.part_of(self.mended.back(whole))
 
+    def _regions(self, maps: Mapping[str, PerVertex]) -> list[dict[str, Any]]:
+        if not self._wanted.steps & {"regions", "slopes"}:
+            return []
+        return regions.region_table(self.cortex, maps, self.across, self.graph)
 
-def _recorded_parameters(
-    cortex: Cortex,
-    mask: NDArray[np.bool_],
-    scales_of: tuple[float, float],
-    cap: float | None,
-    across: GyralThickness,
-    graph: nx.MultiGraph,
-) -> dict[str, Any]:
-    """Scales and options on which the numbers depend."""
-    scales = graph.graph["scales"]
-    return {
-        "curvature_scale_mm": scales_of[0],
-        "folding_scale_mm": scales_of[1],
-        "curvature_map_surface": "pial",
-        "folding_index_surface": "white",
-        "cortical_thickness_mode": "surface",
-        "cortical_thickness_cap_mm": cap,
-        "cortex_mask": ", and ".join(filter(None, (checks.cortex_label(cortex)[1], "white off pial"))),
-        "cortex_vertices": int(np.count_nonzero(mask)),
-        "gyral_scale_mm": _finite_or_none(across.scale),
-        "gyral_coverage": _finite_or_none(across.coverage),
-        **({f"graph_{name}_mm": value for name, value in asdict(scales).items()} if scales else {}),
-    }
+    def _parameters(self, cap: float | None) -> dict[str, Any]:
+        """Scales and options of the steps that ran."""
+        across, scales = self.across, self.graph and self.graph.graph["scales"]
+        of_steps = [
+            ("curvature", "curvature_scale_mm", self.curvature_scale),
+            ("folding", "folding_scale_mm", self.folding_scale),
+            ("curvature", "curvature_map_surface", "pial"),
+            ("folding", "folding_index_surface", "white"),
+            ("cortical thickness", "cortical_thickness_mode", "surface"),
+            ("cortical thickness", "cortical_thickness_cap_mm", cap),
+            ("surfaces", "cortex_mask", ", and ".join(filter(None, (checks.cortex_label(self.cortex)[1], OFF_PIAL)))),
+            ("surfaces", "cortex_vertices", int(np.count_nonzero(self.mask))),
+            ("gyral thickness", "gyral_scale_mm", across and _finite_or_none(across.scale)),
+            ("gyral thickness", "gyral_coverage", across and _finite_or_none(across.coverage)),
+            *(("gyral graph", f"graph_{name}_mm", value) for name, value in (asdict(scales) if scales else {}).items()),
+            ("surfaces", "accuracy", self.accuracy),
+            ("surfaces", "accuracy_vertices", self.copy.cortex.n_vertices),
+            ("local gyrification", "local_gyrification_voxel_mm", CLOSING_RADIUS_MM / self._chosen.voxels),
+        ]
+        return {name: value for step, name, value in of_steps if step in self._wanted.steps}
 
 
 def _local_gyrification_or_reason(

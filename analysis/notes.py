@@ -32,10 +32,11 @@ HINGE_SCALARS = ("n_hinges", "n_hinges_3", "n_hinges_4", "n_hinges_low", "n_hing
 GRAPH_SCALARS = (*HINGE_SCALARS, "n_crests", "crest_length_mm")
 
 
-def of_gyral_graph(graph: nx.MultiGraph, across: GyralThickness) -> Notes:
+def of_gyral_graph(graph: nx.MultiGraph, gyral_thickness: float) -> Notes:
     """Notes on how crests and hinges were found, and on whether the mesh is fine enough for them.
 
-    Adds the note ``gyral_width`` if the gyri of the net are not of the size that ``across`` has measured.
+    Adds the note ``gyral_width`` if the gyri of the net do not have the size of ``gyral_thickness`` [mm], the median;
+    NaN if it is not known.
     """
     scales, surface = graph.graph["scales"], graph.graph["surface"]
     if scales is None:
@@ -61,10 +62,10 @@ def of_gyral_graph(graph: nx.MultiGraph, across: GyralThickness) -> Notes:
         "arms point almost the same way, or a pit or spur is just large enough). n_hinges_low leaves out those below "
         f"{LEAST_STRICT_CONFIDENCE:g}, n_hinges_high none. The table and the net contain all of them."
     )
-    ratio = scales.width / across.median
+    ratio = scales.width / gyral_thickness
     apart = {
         "gyral_width": f"The gyral width of the net, {scales.width:.2f} mm, is {ratio:.2f} of the gyral thickness, "
-        f"{across.median:.2f} mm; {USUAL_WIDTH_RATIO:g} is usual. Hinges and crests are in doubt. Check the white "
+        f"{gyral_thickness:.2f} mm; {USUAL_WIDTH_RATIO:g} is usual. Hinges and crests are in doubt. Check the white "
         "surface, or set the width (--gyral-width)."
     }
     odd = (
@@ -159,8 +160,11 @@ def of_folding(scale: float, folding: FoldingIndices, closed: bool, euler: int) 
     return dict.fromkeys(("folding_index", "intrinsic_curvature_index"), text)
 
 
+def of_depth() -> Notes:
+    return {"mean_sulcal_depth_mm": "Distance to the convex hull, averaged over the pial area of the cortex."}
+
+
 def of_gyrification(closed: bool, pieces: int) -> Notes:
-    depth = "Distance to the convex hull, averaged over the pial area of the cortex."
     if closed and pieces == 1:
         index = "Area of the whole pial surface divided by the area of its convex hull."
     else:
@@ -169,7 +173,7 @@ def of_gyrification(closed: bool, pieces: int) -> Notes:
             f"The pial surface {what}, so the area of its convex hull is not the area that it would have unfolded. "
             "Sulcal depth is still the distance to that hull."
         )
-    return {"mean_sulcal_depth_mm": depth, "gyrification_index": index}
+    return {"gyrification_index": index}
 
 
 def of_local_gyrification(unfit: str) -> Notes:

@@ -128,20 +128,13 @@ def resampled(cortex: Cortex, accuracy: Preset) -> Resampled:
     n = np.count_nonzero(geometry.used(cortex.n_vertices, cortex.faces))
     if accuracy.most and n > accuracy.most:
         return _thinned_cortex(cortex, accuracy.most / n)
+    return _split_triangles(as_given(cortex)) if n < accuracy.least else as_given(cortex)
+
+
+def as_given(cortex: Cortex) -> Resampled:
+    """The cortex as it is."""
     every = np.arange(cortex.n_vertices)
-    same = Resampled(cortex, cortex, every, every, np.arange(len(cortex.faces)))
-    return _split_triangles(same) if n < accuracy.least else same
-
-
-def parameters(name: str, copy: Resampled) -> dict[str, Any]:
-    """Parameters to record: the name of the accuracy, and the size of the resampled cortex ``copy``."""
-    from morphofold.analysis.gyrification.local_gyrification import CLOSING_RADIUS_MM
-
-    return {
-        "accuracy": name,
-        "accuracy_vertices": copy.cortex.n_vertices,
-        "local_gyrification_voxel_mm": CLOSING_RADIUS_MM / accuracy_of(name).voxels,
-    }
+    return Resampled(cortex, cortex, every, every, np.arange(len(cortex.faces)))
 
 
 def _thinned_cortex(cortex: Cortex, keep: float) -> Resampled:

@@ -43,6 +43,9 @@ class SpinTest:
     p_greater: float
     null: Array = field(repr=False)
 
+    def __repr__(self) -> str:
+        return f"SpinTest({self.value:.3g}, p {self.p:.3g}, one-sided {self.p_greater:.3g}, {len(self.null):,} spins)"
+
 
 def spin_test(
     x: Array,

@@ -5,22 +5,28 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from morphofold.errors import BadMesh, NotFinite, OutOfRange, UnknownName, UnlikeSurfaces, WrongShape
+from morphofold.display import html_of
+from morphofold.errors import BadMesh, MissingPart, NotFinite, OutOfRange, UnknownName, UnlikeSurfaces, WrongShape
+
+if TYPE_CHECKING:
+    import pyvista
+    import trimesh
 
 Verts = NDArray[np.float64]  # (N, 3), mm
 Faces = NDArray[np.int64]  # (M, 3), 0-based, counter-clockwise seen from outside
 PerVertex = NDArray[np.float64]  # (N,)
-
+SURFACES = ("white", "pial", "inflated", "sphere")  # of a Cortex
 
 #: how to get an object that a function needs
 _HOW_TO_GET = {
     "Surface": "Read one with morphofold.read_surface(path), or make one with Surface(verts, faces).",
-    "Cortex": "Read one with morphofold.read_cortex(path), or make one with Cortex(white, pial).",
+    "Cortex": "Read one with morphofold.read_cortex(path), or make one with Cortex(white, pial) or "
+    "Cortex.from_arrays(white, pial, faces).",
     "Measures": "Make them with morphofold.measure(cortex).",
     "Mapping": 'Name each: {"model": measures, "MRI": others}.',
     "MultiGraph": "Make one with morphofold.analysis.gyral_graph(cortex).",
@@ -140,6 +146,36 @@ class Surface:
         """A writable copy of the vertex positions (N, 3) [mm]."""
         return self.verts.copy()
 
+    def to_trimesh(self, maps: Mapping[str, np.ndarray] | None = None) -> trimesh.Trimesh:
+        """A copy as ``trimesh.Trimesh``: the same vertices and faces in the same order.
+
+        ``maps``, by name, become its ``vertex_attributes`` (N, ...).
+        """
+        import trimesh
+
+        attributes: Any = self._copies(maps)
+        return trimesh.Trimesh(self.coordinates, self.faces.copy(), process=False, vertex_attributes=attributes)
+
+    def to_pyvista(self, maps: Mapping[str, np.ndarray] | None = None) -> pyvista.PolyData:
+        """A copy as ``pyvista.PolyData``: the same vertices and faces in the same order.
+
+        ``maps``, by name, become its ``point_data`` (N, ...), as in ``surface.to_pyvista(measures.maps)``.
+        """
+        import pyvista
+
+        mesh = pyvista.PolyData.from_regular_faces(self.coordinates, self.faces.astype(int))
+        mesh.point_data.update(self._copies(maps))
+        return mesh
+
+    def _copies(self, maps: Mapping[str, np.ndarray] | None) -> dict[str, np.ndarray]:
+        copies = {name: np.array(values) for name, values in (maps or {}).items()}
+        for name, values in copies.items():
+            if values.shape[:1] != (len(self.verts),):
+                raise WrongShape(
+                    f"{self.name}: map {name} has shape {values.shape}, the surface has {len(self.verts)} vertices."
+                )
+        return copies
+
     def __repr__(self) -> str:
         return f"Surface({self.name!r}, {len(self.verts):,} vertices, {len(self.faces):,} faces)"
 
@@ -219,7 +255,7 @@ class Cortex:
     sphere : Surface, optional
         FreeSurfer's ``?h.sphere``: by it a grown cortex is compared with the person's own.
     origin : str
-        ``"FreeSurfer"``, ``"simulation"`` or ``"files"``.
+        ``"FreeSurfer"``, ``"simulation"``, ``"files"`` or ``"arrays"``.
     units : str
         Unit of length; ``"mm"``.
     transform : (4, 4) float64, optional
@@ -295,6 +331,53 @@ class Cortex:
                     f"{self.name}: {name} has {len(infinite)} infinite values, the first at vertex {infinite[0]}. Put "
                     "NaN where a value is unknown."
                 )
+
+    @classmethod
+    def from_arrays(cls, white: Verts, pial: Verts, faces: Faces, *, hemi: str = "lh", **fields: Any) -> Cortex:
+        """A cortex from the vertices of both surfaces, (N, 3) [mm], and their common faces, (M, 3).
+
+        ``fields`` are other parameters of the class: ``name``, ``maps``, ``cortex``, ``regions``, ...
+
+        Examples
+        --------
+        >>> from morphofold.shapes import icosphere
+        >>> verts, faces = icosphere(4)
+        >>> Cortex.from_arrays(47 * verts, 50 * verts, faces, name="shell")
+        Cortex('shell', lh, 2,562 vertices, from arrays)
+        """
+        inner = Surface(white, faces, f"{hemi}.white")
+        outer = Surface(pial, inner.faces, f"{hemi}.pial")
+        return cls(inner, outer, hemi=hemi, **{"origin": "arrays", **fields})
+
+    def surface(self, name: str = "pial") -> Surface:
+        """The surface of that name: ``"white"``, ``"pial"``, ``"inflated"`` or ``"sphere"``.
+
+        Raises
+        ------
+        ValueError
+            If there is no surface of that name, or this cortex has none.
+        """
+        if name not in SURFACES:
+            raise UnknownName(f"{self.called}: surface must be one of {', '.join(SURFACES)}; got {name!r}.")
+        found: Surface | None = getattr(self, name)
+        if found is None:
+            has = [other for other in SURFACES if getattr(self, other) is not None]
+            raise MissingPart(f"{self.called}: has no surface {name}, only {', '.join(has)}.")
+        return found
+
+    def to_trimesh(self, surface: str = "pial") -> trimesh.Trimesh:
+        """A surface as ``trimesh.Trimesh``, with the maps that came with the cortex as ``vertex_attributes``."""
+        return self.surface(surface).to_trimesh(self.maps)
+
+    def to_pyvista(self, surface: str = "pial") -> pyvista.PolyData:
+        """A surface as ``pyvista.PolyData``, with the maps that came with the cortex as ``point_data``.
+
+        For what was measured, ``cortex.pial.to_pyvista(measures.maps)``.
+        """
+        return self.surface(surface).to_pyvista(self.maps)
+
+    def _repr_html_(self) -> str:
+        return html_of(self)
 
     def __repr__(self) -> str:
         return f"Cortex({self.name!r}, {self.hemi}, {self.n_vertices:,} vertices, from {self.origin})"

@@ -161,6 +161,9 @@ class Body:
         density = self.smooth_mass[above].sum() / self.nodal_volumes()[above].sum()
         self.crossing = float(self.thickness * np.sqrt(density / mu_cortex))
 
+    def __repr__(self) -> str:
+        return f"Body({len(self.X):,} nodes, {self.n_surface:,} on the pial surface, cortex {self.thickness:.3g} mm)"
+
     @property
     def n_surface(self) -> int:
         return self.bilayer.n_surface

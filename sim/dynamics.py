@@ -160,6 +160,10 @@ class Dynamics:
             body.grow(start.growth)
         self._measure()
 
+    def __repr__(self) -> str:
+        effects = ", ".join(effect.name for effect in self.effects) or "no effects"
+        return f"Dynamics({self.body!r}, {effects}, at growth {self.state.growth:.4g})"
+
     @classmethod
     def of(cls, scene: Scene, body: Body, effects: Sequence[Effect] = (), start: State | None = None) -> Dynamics:
         """The dynamics of a scene's body at the growth rate of the scene."""

@@ -50,10 +50,14 @@ GROUND = (
     "progress",
     "words",
     "errors",
+    "display",
 )
 APART = {"sim", "analysis"}  # they meet in a Cortex
-#: the one arrow that runs back up: Comparison.report() calls the page
-EXCEPTION = ("morphofold.comparison.side_by_side", "morphofold.report.pages.page")
+#: the arrows that run back up: Comparison.report() calls the page, and notebooks show what ``report`` draws
+EXCEPTIONS = {
+    ("morphofold.comparison.side_by_side", "morphofold.report.pages.page"),
+    ("morphofold.display", "morphofold.report.notebook"),
+}
 HOLDS = {
     "ground": "Surface, Cortex, geometry of triangles, names and units, errors",
     "io": "files in and out",

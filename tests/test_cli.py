@@ -1,11 +1,13 @@
 import errno
 import json
 import os
+import shlex
 import shutil
 import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,12 +15,16 @@ from commands import refused
 
 from morphofold.analysis.measures import SCALARS
 from morphofold.cli import COMMANDS, main, parser
+from morphofold.cli.command_pages import subcommands
 from morphofold.cli.paths import writable_name
 from morphofold.io import sample_path, write_surface
+from morphofold.results import read_analysis
 from morphofold.shapes import icosphere
 from morphofold.sim.scene.files import load_scene
 from morphofold.surface import Surface
 from morphofold.tables import read_table
+
+DOCS = Path(__file__).resolve().parent.parent / "docs"
 
 
 def pair(folder, levels=(3, 3)):
@@ -36,6 +42,28 @@ def test_analyze_measures_a_pair_of_files(here, capsys):
     assert measures["mean_cortical_thickness_mm"] == pytest.approx(2.0, rel=0.02)
     assert measures["gyrification_index"] == pytest.approx(1.0, abs=0.01)
     assert measures["median_gyral_thickness_mm"] is None  # a sphere has no gyri
+
+
+def test_only_some_measures_are_written_and_compared(here, capsys):
+    assert main([*pair(here), "--no-report", "--only", "mean_cortical_thickness_mm,cortical_thickness"]) == 0
+    assert "mean_cortical_thickness_mm 2.0" in capsys.readouterr().out
+    (row,) = read_table(here / "out" / "surfaces.tsv", ("hemi",))
+    assert row["mean_cortical_thickness_mm"] == pytest.approx(2.0, rel=0.02)
+    assert row["gyrification_index"] is None
+    assert {path.name for path in (here / "out" / "maps").glob("lh.*")} == {
+        "lh.cortical_thickness",
+        "lh.cortical_thickness.shape.gii",
+    }
+    (read,) = read_analysis(here / "out")
+    assert read.parameters["only"] == ["mean_cortical_thickness_mm", "cortical_thickness"]
+    assert main(["compare", "a=out", "b=out", "-q", "-o", "both"]) == 0
+
+
+def test_only_of_an_unknown_name_writes_nothing(here, capsys):
+    line = refused(capsys, [*pair(here), "--only", "gyral_thicknes"], "'gyral_thicknes'", "[unknown-name]")
+    assert "gyral_thickness" in line
+    refused(capsys, [*pair(here), "--only", "H", "--dry-run"], "--only", "[options-clash]")
+    assert not (here / "out").exists()
 
 
 @pytest.mark.parametrize(("word", "hemi"), [("LH", "lh"), ("L", "lh"), ("left", "lh"), ("Right", "rh"), ("rh", "rh")])
@@ -357,6 +385,30 @@ def test_every_command_has_help_and_unknown_ones_exit_2(capsys):
         assert main([name, "--help"]) == 0
     capsys.readouterr()
     refused(capsys, ["unfold"], "unfold")
+
+
+def every_parser():
+    """The parser of the command line, and all below it, by what is typed."""
+    top = parser()
+    below = {sub.prog: sub for sub in subcommands(top).values()}
+    questions = {sub.prog: sub for command in below.values() for sub in subcommands(command).values()}
+    return {top.prog: top, **below, **questions}
+
+
+def test_help_begins_with_examples_that_are_understood_and_on_the_page_of_the_command():
+    top = parser()
+    for prog, one in every_parser().items():
+        lines = one.format_help().splitlines()
+        shown = [line.strip() for line in lines[1 : lines.index("")]]
+        assert lines[0].startswith("Example")
+        assert shown == list(one.examples)
+        assert shown
+        for line in shown:
+            top.parse_args(shlex.split(line)[1:])  # leaves the test with what is wrong
+            assert line.startswith(prog)
+            page = DOCS / "commands" / f"{line.split()[1]}.md"
+            if page.exists():
+                assert line in " ".join(page.read_text(encoding="utf-8").replace("\\\n", " ").split())
 
 
 def test_interrupt_ends_with_130_and_keeps_the_checkpoint(here):

@@ -1,7 +1,6 @@
 """The gyral graph on spheres with ridges along known nets: every hinge and crest, no other, where they are."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -181,10 +180,10 @@ def test_scales_are_checked():
 def test_a_net_of_another_size_than_the_gyri_is_remarked_on():
     """The width of a person's net is 0.7 of the gyral thickness; beyond half and twice of that it is told."""
     graph = gyral_graph(ridged_net(regular_net("cube"), 4, 12.0), width=7.0)
-    found = [notes.of_gyral_graph(graph, SimpleNamespace(median=t)).keys() for t in (4.9, 5.1, 19.9, 20.1)]
+    found = [notes.of_gyral_graph(graph, t).keys() for t in (4.9, 5.1, 19.9, 20.1)]
     assert ["gyral_width" in keys for keys in found] == [True, False, False, True]
     assert "gyral_width" in defects.WARNINGS
-    assert "gyral_width" not in notes.of_gyral_graph(graph, SimpleNamespace(median=np.nan))
+    assert "gyral_width" not in notes.of_gyral_graph(graph, np.nan)
 
 
 @pytest.mark.slow

@@ -1,6 +1,7 @@
 """``morphofold stats``: a model at every vertex of a study's maps on a template."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -76,6 +77,16 @@ def test_an_effect_is_found_on_its_side_and_in_its_place(study):
     assert (found.counts[:n][~off] == 22).all()
 
 
+def test_results_say_what_they_are_in_a_line_without_arrays(study):
+    found = fit_study(find_space(study), study / "participants.tsv", "cortical_thickness ~ age", "age", permutations=20)
+    for what in (found, found.space, found.design, found.inference, found.mesh):
+        assert re.match(rf"{type(what).__name__}\b", repr(what))
+        assert "array" not in repr(what)
+        assert len(repr(what)) < 300
+    assert "cortical_thickness ~ age" in repr(found)
+    assert f"{len(found.design.subjects)} subjects" in repr(found)
+
+
 def test_one_hemisphere_keeps_the_subjects_of_the_other(study):
     found = fitted(study, hemis=("lh",))
     assert found.without_maps == ()
@@ -143,6 +154,7 @@ def test_the_command_prints_what_it_found(study, tmp_path, capsys):
         "effect",
         "p_height",
         "p_tfce",
+        "r",
         "subjects",
     ]
     assert main([*argv, "-o", str(tmp_path / "age"), "--json"]) == 0

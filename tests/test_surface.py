@@ -6,7 +6,9 @@ import re
 import numpy as np
 import pytest
 
-from morphofold.errors import BadMesh, NotFinite, OutOfRange, UnknownName, UnlikeSurfaces, WrongShape
+from morphofold.analysis.mesh_quality import checks
+from morphofold.errors import BadMesh, MissingPart, NotFinite, OutOfRange, UnknownName, UnlikeSurfaces, WrongShape
+from morphofold.geometry import face_areas
 from morphofold.shapes import icosphere
 from morphofold.surface import Cortex, Regions, Surface, check_mesh
 
@@ -221,3 +223,73 @@ def test_coordinates_can_be_turned_and_changed_and_the_surface_stays(ball):
     np.testing.assert_allclose(turned[:, 1], surface.verts[:, 0], atol=1e-12)
     surface.coordinates[:] = 0
     assert np.array_equal(surface.verts, ball[0])
+
+
+# --- arrays in, and copies for other libraries out
+
+
+@pytest.fixture
+def rough_cortex(rng):
+    """A cortex without symmetry, with two maps, one of them with a gap, and a triangle that names a vertex twice."""
+    verts, faces = icosphere(3, radius=40.0)
+    verts = verts + rng.standard_normal(verts.shape)
+    faces = np.concatenate([faces, [[0, 0, 1]]])
+    gap = rng.standard_normal(len(verts))
+    gap[7] = np.nan
+    return Cortex.from_arrays(0.9 * verts, verts, faces, hemi="rh", name="rough", maps={"gap": gap, "x": verts[:, 0]})
+
+
+def test_arrays_make_the_same_cortex_as_surfaces(rough_cortex):
+    white, pial = rough_cortex.white, rough_cortex.pial
+    assert (white.name, pial.name, rough_cortex.hemi, rough_cortex.origin) == ("rh.white", "rh.pial", "rh", "arrays")
+    assert np.array_equal(white.verts, 0.9 * pial.verts)
+    assert white.faces is pial.faces
+    with pytest.raises(UnlikeSurfaces):
+        Cortex.from_arrays(white.verts[:-1], pial.verts, white.faces[(white.faces < 600).all(axis=1)])
+
+
+@pytest.mark.parametrize("name", ["white", "pial"])
+@pytest.mark.parametrize("to", ["to_trimesh", "to_pyvista"])
+def test_copies_for_other_libraries_hold_the_same_numbers_in_the_same_order(rough_cortex, name, to):
+    surface, copy = getattr(rough_cortex, name), getattr(rough_cortex, to)(name)
+    verts, faces, maps = (
+        (copy.vertices, copy.faces, copy.vertex_attributes)
+        if to == "to_trimesh"
+        else (copy.points, copy.regular_faces, copy.point_data)
+    )
+    assert np.array_equal(verts, surface.verts)
+    assert verts.dtype == np.float64
+    assert np.array_equal(faces, surface.faces)
+    assert {key: maps[key].tobytes() for key in maps} == {k: v.tobytes() for k, v in rough_cortex.maps.items()}
+    back = Surface(np.array(verts), np.array(faces))
+    assert np.array_equal(back.verts, surface.verts)
+
+
+def test_other_libraries_find_our_volume_and_area(rough_cortex):
+    surface = rough_cortex.pial
+    volume, area = checks.volume(surface), face_areas(surface.verts, surface.faces).sum()
+    mesh, poly = surface.to_trimesh(), surface.to_pyvista()
+    assert [mesh.volume, poly.volume] == pytest.approx([volume, volume], rel=1e-12)
+    assert [mesh.area, poly.area] == pytest.approx([area, area], rel=1e-12)
+
+
+def test_a_copy_can_be_changed_and_the_surface_stays(rough_cortex):
+    before = rough_cortex.pial.verts.copy()
+    mesh, poly = rough_cortex.to_trimesh(), rough_cortex.to_pyvista()
+    mesh.vertices *= 2
+    mesh.faces[0] = [3, 4, 5]
+    poly.points[:] = 0
+    poly.point_data["x"][:] = 0
+    assert np.array_equal(rough_cortex.pial.verts, before)
+    assert np.array_equal(rough_cortex.maps["x"], before[:, 0])
+    assert rough_cortex.faces[0].tolist() != [3, 4, 5]
+
+
+def test_a_map_of_another_length_and_a_surface_that_is_not_there_are_refused(rough_cortex):
+    for to in (rough_cortex.pial.to_trimesh, rough_cortex.pial.to_pyvista):
+        with pytest.raises(WrongShape, match="641"):
+            to({"short": np.zeros(641)})
+    with pytest.raises(MissingPart, match="white, pial"):
+        rough_cortex.to_trimesh("inflated")
+    with pytest.raises(UnknownName, match="inflated"):
+        rough_cortex.to_pyvista("middle")

@@ -54,6 +54,9 @@ class HingeShapes:
     width: float
     per_area: float
 
+    def __repr__(self) -> str:
+        return f"HingeShapes({len(self)} hinges with three arms, gyral width {self.width:.3g} mm)"
+
     def __len__(self) -> int:
         return len(self.hinge)
 
@@ -79,7 +82,7 @@ def hinge_shapes(measures: Measures) -> HingeShapes | None:
     Returns
     -------
     HingeShapes or None
-        None if the cortex has no gyral graph.
+        None if the cortex has no gyral graph, or was measured without its tables or areas.
 
     Raises
     ------
@@ -90,7 +93,8 @@ def hinge_shapes(measures: Measures) -> HingeShapes | None:
 
     check_kind(measures, Measures, "hinge_shapes: measures")
     width, area = measures.parameters.get("graph_width_mm"), measures.maps.get("area")
-    if not width or area is None:
+    only = measures.parameters.get("only", ("crests", "hinges", "arms"))
+    if not width or area is None or not {"crests", "hinges", "arms"} <= set(only):
         return None
     if any("crest" not in row for row in measures.arms):
         raise MissingPart(f"{measures.cortex.name}: the table of arms does not name their crests. Analyze it again.")

@@ -36,7 +36,8 @@ def gyral_tables(cortex: Cortex, graph: nx.MultiGraph, maps: Mapping[str, PerVer
     graph : networkx.MultiGraph
         From :func:`morphofold.analysis.gyral_graph` of that cortex.
     maps : mapping of str to (N,) float64
-        ``gyral_thickness``, ``cortical_thickness`` [mm] and ``H`` [1/mm]; NaN where undefined.
+        ``gyral_thickness``, ``cortical_thickness`` [mm] and ``H`` [1/mm]; NaN where undefined. If a map is missing, its
+        column of the crests is None.
 
     Returns
     -------
@@ -56,9 +57,9 @@ def gyral_tables(cortex: Cortex, graph: nx.MultiGraph, maps: Mapping[str, PerVer
                 "from_hinge": a,
                 "to_hinge": b,
                 "length_mm": crest["length"],
-                "gyral_thickness_mm": _mean_or_none(np.median, maps["gyral_thickness"][at]),
-                "cortical_thickness_mm": _mean_or_none(np.mean, maps["cortical_thickness"][at]),
-                "mean_H_per_mm": _mean_or_none(np.mean, maps["H"][at]),
+                "gyral_thickness_mm": _mean_or_none(np.median, maps.get("gyral_thickness"), at),
+                "cortical_thickness_mm": _mean_or_none(np.mean, maps.get("cortical_thickness"), at),
+                "mean_H_per_mm": _mean_or_none(np.mean, maps.get("H"), at),
                 "region": _most_common_region(cortex, at),
                 "altitude_mm": crest["altitude"],
                 "strength_mm": crest["strength"],
@@ -97,8 +98,10 @@ def region_columns(cortex: Cortex, graph: nx.MultiGraph) -> dict[str, tuple[int,
     return {name: (int(count), length) for name, count, length in zip(cortex.regions.names, *sums)}
 
 
-def _mean_or_none(mean: Any, values: PerVertex) -> float | None:
-    known = values[np.isfinite(values)]
+def _mean_or_none(mean: Any, values: PerVertex | None, at: NDArray[np.int64]) -> float | None:
+    if values is None:
+        return None
+    known = values[at][np.isfinite(values[at])]
     return float(mean(known)) if len(known) else None
 
 

@@ -40,6 +40,9 @@ class Spectrum:
     rms: float
     radius: float
 
+    def __repr__(self) -> str:
+        return f"Spectrum(degrees 0 to {len(self.power) - 1}, rms {self.rms:.3g} mm, radius {self.radius:.3g} mm)"
+
     @property
     def share(self) -> float:
         """Share of ``rms ** 2`` in the degrees up to L; well below 1 if there are finer waves. NaN for a constant."""

@@ -88,6 +88,12 @@ class GyralThickness:
     relief: Relief = field(repr=False)
     reason: str = ""
 
+    def __repr__(self) -> str:
+        if self.reason:
+            return f"GyralThickness(no median: {self.reason})"
+        middle = f"median {self.median:.3g} mm, quartiles {self.lower:.3g} to {self.upper:.3g} mm"
+        return f"GyralThickness({middle}, {len(self.width):,} samples, {self.coverage:.0%} of the contour)"
+
     def median_where(self, vertices: NDArray[np.bool_], faces: NDArray[np.int64]) -> float:
         """Length-weighted median of the samples with two corners or more in the region (N,) bool; NaN if none."""
         inside = self._within(vertices, faces)

@@ -34,8 +34,15 @@ COMMANDS = {
 }
 
 
+#: of the overview of all commands
+EXAMPLES = ("morphofold demo -o demo", "morphofold analyze subjects/bert -o bert")
+
+
 class Parser(argparse.ArgumentParser):
-    """Reports errors in one line, and refuses empty values: an empty path would mean the current folder."""
+    """Help begins with ``examples``. Errors are one line, and empty values are refused: an empty path would mean the
+    current folder."""
+
+    examples: Sequence[str] = ()
 
     def __init__(self, *args: Any, **options: Any):
         super().__init__(*args, **options)
@@ -45,6 +52,11 @@ class Parser(argparse.ArgumentParser):
         commands = super().add_subparsers(**options)
         commands.type = str  # the parser of the subcommand checks for empty values
         return commands
+
+    def format_help(self) -> str:
+        title = "Examples" if len(self.examples) > 1 else "Example"
+        shown = "\n".join([f"{title}:", *(f"  {example}" for example in self.examples), "", ""])
+        return (shown if self.examples else "") + super().format_help()
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"{self.prog}: error: {one_line(message.rstrip('.'))}. See {self.prog} --help.\n")
@@ -66,10 +78,12 @@ def parser() -> argparse.ArgumentParser:
         formatter_class=RichHelpFormatter,
     )
     top.add_argument("--version", action="version", version=f"morphofold {__version__}")
+    top.examples = EXAMPLES
     commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for name, words in COMMANDS.items():
         module = importlib.import_module(f"morphofold.cli.{name}")
         sub = commands.add_parser(name, help=words, description=module.__doc__, formatter_class=RichHelpFormatter)
+        sub.examples = module.EXAMPLES
         module.add_args(sub)
         add_shared(sub, default=False)
         sub.set_defaults(run=module.run)
@@ -101,12 +115,11 @@ def add_threads(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--threads", type=int, metavar="N", help="threads (default: all cores)")
 
 
-def add_questions(
-    parser: argparse.ArgumentParser, words: Mapping[str, str], more: Mapping[str, str]
-) -> dict[str, argparse.ArgumentParser]:
-    """Return a parser for each WHAT of a command; ``more`` is appended to the description of each."""
+def add_questions(parser: Parser, words: Mapping[str, str], more: Mapping[str, str]) -> dict[str, Parser]:
+    """Return a parser for each WHAT of a command, with its own of the command's examples; ``more`` is appended to the
+    description of each."""
     questions = parser.add_subparsers(dest="what", metavar="WHAT", required=True)
-    return {
+    found = {
         name: questions.add_parser(
             name,
             help=choices,
@@ -115,6 +128,9 @@ def add_questions(
         )
         for name, choices in words.items()
     }
+    for name, sub in found.items():
+        sub.examples = [example for example in parser.examples if example.split()[2] == name]
+    return found
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -23,7 +23,10 @@ if TYPE_CHECKING:
     from morphofold.surface import Cortex
     from morphofold.timing import Stages
 
-
+EXAMPLES = (
+    "morphofold analyze subjects/bert -o bert",
+    "morphofold analyze --white lh.white.surf.gii --pial lh.pial.surf.gii --hemi lh -o mine",
+)
 HEMISPHERE_ERRORS = (ValueError, TypeError, OSError)  # errors of one hemisphere; the other one is still measured
 T = TypeVar("T")
 
@@ -57,6 +60,12 @@ def add_args(parser: argparse.ArgumentParser) -> None:
             "measure every stage of a simulation, each into its own folder in DIR, for compare --growth; no pages. "
             "Stages that an earlier run measured from the same files are kept",
         ),
+        (
+            "--only",
+            "NAMES",
+            "scalars, maps and tables to measure, in the time that these need, such as gyral_thickness,n_hinges "
+            "(default: all)",
+        ),
         ("--no-report", None, "tables and maps only, no page or pictures"),
         ("--mgh", None, "also write maps as MGH (FreeSurfer's own format and GIFTI are always written); plain layout"),
         ("--wide", None, "also write regions_wide.tsv: one row, a column per region and measure; plain layout"),
@@ -89,6 +98,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _analyze(args: argparse.Namespace) -> int:
+    from morphofold.analysis.asked import asked as check_asked
     from morphofold.cli.progress import progress
     from morphofold.forecasts.analysis_cost import READING_STAGE
     from morphofold.io import read_cortex
@@ -97,16 +107,18 @@ def _analyze(args: argparse.Namespace) -> int:
     from morphofold.timing import Stages, working_seconds
 
     set_threads(args.threads)
-    options = measuring_options(args)
+    options = measuring_options(args) | ({} if args.only is None else {"only": args.only.split(",")})
     _set_input_folder(args)
     if args.stages:
         return _analyse_stages(args, options)
-    _refuse_layout_clashes(args)
+    _refuse_clashes(args)
     subject = _subject_to_write(args)
     clock, failed = Stages(), dict[str, str]()
     clock.begin(READING_STAGE)
     cortices = _results_of_hemispheres(_hemisphere_readers(args), failed)
     clock.end()
+    for cortex in cortices:
+        check_asked(cortex, options.get("only"))
     if args.wide:
         check_wide(cortices)
     called, out = _name_and_folder(cortices, args)
@@ -152,8 +164,10 @@ def _write_into_subject(measures: list[Measures], subject: Path, args: argparse.
         print(one_line(f"kept, because morphofold did not write them: {', '.join(kept)}"), file=where)
 
 
-def _refuse_layout_clashes(args: argparse.Namespace) -> None:
-    """Raise for options that can't be used with --layout bids."""
+def _refuse_clashes(args: argparse.Namespace) -> None:
+    """Raise for options that can't be used with --layout bids, or with --only."""
+    if args.only is not None and (args.dry_run or args.into_subject):
+        raise OptionsClash("--only asks for a part, but --dry-run and --into-subject need the whole. Leave out one.")
     if args.layout == "bids" and args.out is None:
         raise OptionsClash("--layout bids adds a subject to a dataset, but no dataset is named. Pass -o DATASET.")
     if args.layout == "bids" and (args.mgh or args.wide):
@@ -201,20 +215,24 @@ def _print_measured(measures: list[Measures], out: Path, clock: Stages, args: ar
         print_file(summary)
         return
     for m in measures:
-        s = m.scalars
-        index = _formatted_or_na(s["gyrification_index"], ".2f")
-        thickness = _formatted_or_na(s["mean_cortical_thickness_mm"], ".2f", " mm")
-        print(
-            one_line(
-                f"{m.cortex.name} {m.cortex.hemi}: {s['n_vertices']:,} vertices, GI {index}, cortical thickness "
-                f"{thickness}, gyral thickness {_formatted_or_na(s['median_gyral_thickness_mm'], '.1f', ' mm')}"
-            )
-        )
+        print(one_line(f"{m.cortex.called}: {_main_numbers(m)}"))
         for key in WARNINGS:
             if key in m.notes:
                 print(one_line(f"warning: {m.notes[key]} [{key}]"))
     print(analysis_cost_line(cost_of_analysis(measures, clock)))
     print(f"-> {summary if args.no_report else out / 'report.html'}")
+
+
+def _main_numbers(m: Measures) -> str:
+    """The numbers of the line of a hemisphere; those asked for, if only a part was measured."""
+    if "only" in m.parameters:
+        from morphofold.words import number
+
+        return ", ".join(f"{k} {number(m.scalars[k])}" if k in m.scalars else k for k in m.parameters["only"])
+    index = _formatted_or_na(m.scalars["gyrification_index"], ".2f")
+    thickness = _formatted_or_na(m.scalars["mean_cortical_thickness_mm"], ".2f", " mm")
+    gyral = _formatted_or_na(m.scalars["median_gyral_thickness_mm"], ".1f", " mm")
+    return f"{m.scalars['n_vertices']:,} vertices, GI {index}, cortical thickness {thickness}, gyral thickness {gyral}"
 
 
 def _results_of_hemispheres(works: Mapping[str, Callable[[], T]], failed: dict[str, str]) -> list[T]:
@@ -340,11 +358,11 @@ def _analyse_stages(args: argparse.Namespace, options: Mapping[str, Any]) -> int
     from morphofold.results import is_analysis_of, write_analysis
     from morphofold.timing import Stages
 
-    others = (args.json, args.mgh, args.wide, args.dry_run, args.into_subject)
+    others = (args.json, args.mgh, args.wide, args.dry_run, args.into_subject, args.only is not None)
     if args.input is None or args.hemi or args.annot or args.annot_from or any(others) or args.layout != "plain":
         raise OptionsClash(
             "--stages needs a simulation folder as INPUT, and can't be used with --hemi, --annot, --annot-from, "
-            "--json, --mgh, --wide, --dry-run, --into-subject or another layout."
+            "--json, --mgh, --wide, --dry-run, --into-subject, --only or another layout."
         )
     folder = Path(args.input)
     places = sorted((folder / "stages").glob("g*"))

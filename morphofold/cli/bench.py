@@ -12,9 +12,18 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from morphofold.cli import add_questions, add_shared, add_threads
+from morphofold.cli import Parser, add_questions, add_shared, add_threads
 from morphofold.errors import NothingToDo, NotReadable, OptionsClash, OutOfRange, UnknownName
 
+EXAMPLES = (
+    "morphofold bench speed",
+    "morphofold bench effects",
+    "morphofold bench measures --vertices 10000,40000",
+    "morphofold bench cohort --subjects 20 --workers 1,2 -o load",
+    "morphofold bench folds --scenes fig5 --levels draft,standard --seeds 0,1 -o folds",
+    "morphofold bench accuracy --halves measuring -o accuracy",
+    "morphofold bench hemisphere -o hemisphere",
+)
 BENCHMARK_SUMMARIES = {
     "speed": "element-steps per second on this machine, bricks and tetrahedra",
     "effects": "what each effect adds to a step on this machine",
@@ -118,7 +127,7 @@ LIST_OPTIONS = (
 JsonAndLines = tuple[str, list[str]]
 
 
-def add_args(parser: argparse.ArgumentParser) -> None:
+def add_args(parser: Parser) -> None:
     parsers = add_questions(parser, BENCHMARK_SUMMARIES, LONGER_HELP)
     for name in ("speed", "effects"):
         parsers[name].add_argument("--seconds", type=float, default=2.0, metavar="S", help="time per case (default: 2)")

@@ -9,6 +9,10 @@ from pathlib import Path
 from morphofold.cli.cohort import add_group_args, add_participants_arg
 from morphofold.cli.measuring import add_side_args
 
+EXAMPLES = (
+    "morphofold bids data data/derivatives/morphofold participant --participant-label 01 02",
+    "morphofold bids data data/derivatives/morphofold group",
+)
 FREESURFER_FOLDERS = ("derivatives/freesurfer", "sourcedata/freesurfer", ".")
 
 

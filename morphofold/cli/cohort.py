@@ -24,7 +24,10 @@ if TYPE_CHECKING:
     from morphofold.cohort.tasks import Outcome
     from morphofold.cohort.templates import Template
 
-
+EXAMPLES = (
+    "morphofold cohort $SUBJECTS_DIR -o study",
+    "morphofold cohort $SUBJECTS_DIR -o study --space fsaverage5 --smooth 10",
+)
 SUBJECTS_READ_FOR_MEMORY = 3  # subjects, to find the memory that one takes
 
 

@@ -10,6 +10,8 @@ from morphofold.cli.streams import print_file
 from morphofold.errors import NamedTwice, NotReadable
 from morphofold.progress import part_of
 
+EXAMPLES = ("morphofold compare model=fig5-analysis MRI=average -o both",)
+
 
 def add_args(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(

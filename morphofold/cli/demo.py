@@ -10,6 +10,8 @@ from pathlib import Path
 from morphofold.cli import add_threads
 from morphofold.progress import part_of
 
+EXAMPLES = ("morphofold demo -o demo",)
+
 
 def add_args(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--out", metavar="DIR", default="demo", help="folder to write (default: demo)")

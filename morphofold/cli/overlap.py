@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
     from morphofold.inference.overlap import Overlap
 
+EXAMPLES = ("morphofold overlap study -o shared",)
+
 
 def add_args(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("study", metavar="STUDY", help="folder that cohort --space wrote")

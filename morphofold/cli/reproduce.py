@@ -11,6 +11,7 @@ from morphofold.cli import add_threads
 from morphofold.cli.streams import print_file
 from morphofold.errors import OptionsClash, UnknownName
 
+EXAMPLES = ("morphofold reproduce fig3 fig4 -o theory", "morphofold reproduce all -o reproduce --draft")
 #: figure -> what it shows; report/paper.py draws them
 FIGURES = {
     "fig3": "outer radius against growth, tangential stress through the cortex (theory and finite elements)",

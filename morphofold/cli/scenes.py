@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
 
+EXAMPLES = ("morphofold scenes", "morphofold scenes fig5")
 SCENE_KINDS = ("Figures of the paper", "The same, growing along the surface only", "Spheres", "Other bodies")
 TABLE_HEADINGS = ("name", "shape", "cortex", "mu ratio", "growth", "to", "effects")
 

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from morphofold.sim.run import Simulation
     from morphofold.sim.scene import Scene
 
+EXAMPLES = ("morphofold simulate fig5 -o fig5", "morphofold simulate fig5 -o fig5 --resume")
+
 
 def add_args(parser: argparse.ArgumentParser) -> None:
     add_scene(parser)

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from morphofold.inference.study import Result, Space
     from morphofold.progress import Progress
 
+EXAMPLES = ('morphofold stats study --model "gyral_thickness ~ age + sex" --contrast age -o age',)
+
 
 def add_args(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("study", metavar="STUDY", help="folder that cohort --space wrote")

@@ -21,6 +21,11 @@ if TYPE_CHECKING:
     from morphofold.cohort.sweep import Run
     from morphofold.sim.scene import Scene
 
+EXAMPLES = (
+    "morphofold sweep demo --vary cortex_thickness=2,3,4 --vary mu_ratio=1,2,4 --seeds 3 --dry-run",
+    "morphofold sweep demo --vary cortex_thickness=2,3,4 --vary mu_ratio=1,2,4 --seeds 3 -o phases",
+)
+
 
 def add_args(parser: argparse.ArgumentParser) -> None:
     add_scene(parser)

@@ -16,13 +16,19 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from morphofold.cli import add_options, add_questions, add_settings, add_shared
+from morphofold.cli import Parser, add_options, add_questions, add_settings, add_shared
 from morphofold.cli.streams import print_json
 from morphofold.errors import DoesNotApply, NotReadable, OptionsClash, OutOfRange, TooLarge
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+EXAMPLES = (
+    "morphofold theory radius",
+    "morphofold theory stress --plot stress.png",
+    "morphofold theory critical",
+    "morphofold theory bifurcation --thickness 1:3:5 --mu-ratio 1 2 4 --law isotropic",
+)
 GROWTH_LAWS = ("isotropic", "tangential")
 #: values in one FROM:TO:COUNT
 MOST_RANGE_VALUES = 10_000
@@ -154,7 +160,7 @@ class Answer(NamedTuple):
     changed: Mapping[str, tuple[str, str]] = {}
 
 
-def add_args(parser: argparse.ArgumentParser) -> None:
+def add_args(parser: Parser) -> None:
     for what, sub in add_questions(parser, QUESTION_SUMMARIES, {"bifurcation": BIFURCATION_HELP}).items():
         question = QUESTIONS[what]
         size = sub.add_mutually_exclusive_group() if what == "critical" else sub

@@ -11,6 +11,8 @@ from morphofold.cli.measuring import add_side_args
 from morphofold.cli.streams import print_file
 from morphofold.progress import part_of
 
+EXAMPLES = ("morphofold unfold $SUBJECTS_DIR/bert -o bert-unfolded",)
+
 
 def add_args(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(

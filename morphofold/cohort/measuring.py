@@ -35,6 +35,7 @@ def keywords_of(options: Mapping[str, Any]) -> dict[str, Any]:
         "thickness_cap": options.get("thickness_cap_mm"),
         "accuracy": options.get("accuracy", "standard"),
         "repair": options.get("repair", True),
+        "only": options.get("only"),
     }
 
 

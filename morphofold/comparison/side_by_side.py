@@ -24,6 +24,7 @@ from morphofold.comparison.person.results import PersonComparison
 from morphofold.comparison.person.spins import SPINS
 from morphofold.comparison.remarks import cautions, notes, plot_notes
 from morphofold.comparison.thickness import Cloud, TheoryLine, thickness_clouds, thickness_ratios, wrinkling_wavelength
+from morphofold.display import html_of
 from morphofold.errors import OutOfRange
 from morphofold.progress import Progress, silent
 from morphofold.quantities import CREST_THICKNESS_RATIO, THICKNESS_RATIO
@@ -60,6 +61,13 @@ class Comparison:
     people: tuple[PersonComparison, ...] = field(default=(), repr=False)
     notes: tuple[str, ...] = field(default=(), repr=False)
     cautions: tuple[str, ...] = field(default=(), repr=False)
+
+    def __repr__(self) -> str:
+        names = ", ".join(map(repr, self.names))
+        return f"Comparison({names}; {len(self.groups)} groups, {len(self.people)} compared with their person)"
+
+    def _repr_html_(self) -> str:
+        return html_of(self)
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but the maps, as plain values for JSON."""

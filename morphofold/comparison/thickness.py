@@ -69,6 +69,10 @@ class Cloud:
     bins: tuple[ThicknessPoint, ...] = ()
     fit: Fit | None = None
 
+    def __repr__(self) -> str:
+        slope = f"slope {self.fit.slope:.3g}" if self.fit else "no line"
+        return f"Cloud({len(self.points)} points, one for each {self.kind}; {slope})"
+
 
 @dataclass(frozen=True)
 class TheoryLine:

@@ -11,6 +11,7 @@ from morphofold.forecasts.calibration import BUSY_MACHINE_RATIO, Calibration, ca
 from morphofold.forecasts.sizes import Sizes, memory_GiB, sizes_by_rule
 from morphofold.forecasts.steps import Steps, steps_of
 from morphofold.forecasts.table import Expected, costs, doubts, expected_errors, larger, not_studied, table, unstudied
+from morphofold.words import span
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -75,6 +76,11 @@ class Forecast:
     not_studied: tuple[str, ...]
     how: Mapping[str, str]
     doubts: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        size = f"{self.elements:,} elements, {self.steps:,} steps"
+        price = f"{span(self.seconds)}, {self.memory_GiB:.2g} GiB on {self.threads} threads"
+        return f"Forecast({self.scene!r}, {self.setting}: {size}, {price})"
 
     @property
     def headline(self) -> tuple[str, Expected] | None:

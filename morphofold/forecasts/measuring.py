@@ -13,6 +13,7 @@ from morphofold.forecasts.calibration import BUSY_MACHINE_RATIO
 from morphofold.forecasts.sizes import GiB
 from morphofold.forecasts.table import Measured, costs, measured_errors
 from morphofold.threads import together
+from morphofold.words import span
 
 if TYPE_CHECKING:
     from morphofold.analysis.resampling import Preset
@@ -76,6 +77,10 @@ class AnalysisForecast:
     errors: Mapping[str, Measured]
     how: Mapping[str, str]
     doubts: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        price = f"{span(self.seconds)}, {self.memory_GiB:.2g} GiB on {self.threads} threads"
+        return f"AnalysisForecast({self.name!r}, {self.accuracy}: {len(self.hemispheres)} hemispheres, {price})"
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values, for JSON."""

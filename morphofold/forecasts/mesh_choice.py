@@ -26,6 +26,9 @@ class MeshChoice:
     scene: Scene
     forecast: Forecast
 
+    def __repr__(self) -> str:
+        return f"MeshChoice({self.scene.name!r}: {self.words})"
+
     @property
     def words(self) -> str:
         """The choice, in a line."""

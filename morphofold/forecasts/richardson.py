@@ -84,6 +84,9 @@ class Estimate:
     not_studied: tuple[str, ...] = ()
     pace: Mapping[str, Amount] | None = None
 
+    def __repr__(self) -> str:
+        return f"Estimate({self.words})"
+
     @property
     def words(self) -> str:
         """All errors in a line, and reasons to doubt them."""

@@ -31,6 +31,9 @@ class Mesh:
         ring = adjacency(len(self.areas), faces)
         self.links = ring.indptr.astype(np.int64), ring.indices.astype(np.int64)
 
+    def __repr__(self) -> str:
+        return f"Mesh({len(self.areas):,} vertices, {self.areas.sum():.0f} mm2)"
+
     @property
     def arrays(self) -> tuple[Ints, Ints, Array]:
         """Starts of the neighbours of each vertex, neighbours, areas: as kernels take them."""

@@ -47,6 +47,10 @@ class Design:
     flip: bool
     blocks: Ints | None = None
 
+    def __repr__(self) -> str:
+        columns = ", ".join(self.columns)
+        return f"Design({len(self.subjects)} subjects, {len(self.left_out)} left out; columns {columns})"
+
 
 def read_participants(path: str | Path) -> pd.DataFrame:
     """Read participants.tsv (BIDS) or a .csv file: a row for each subject, found by ``participant_id``.

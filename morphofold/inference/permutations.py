@@ -69,6 +69,14 @@ class Inference:
     def r(self) -> Array:
         return self.t / np.sqrt(self.t**2 + self.df)
 
+    def __repr__(self) -> str:
+        tested = np.count_nonzero(np.isfinite(self.p))
+        smallest = float(np.nanmin(self.p_tfce)) if tested else np.nan
+        vertices = f"{tested:,} of {len(self.p):,} vertices tested"
+        return (
+            f"Inference({vertices}, df {self.df}, smallest corrected p {smallest:.3g}, {len(self.clusters)} clusters)"
+        )
+
 
 class Model:
     """Ordinary least squares of maps on a design, for one contrast; factorised once for all vertices.
@@ -108,6 +116,9 @@ class Model:
         self._length = float(np.linalg.norm(tested))
         self._tested = tested / self._length
         self.df = subjects - columns
+
+    def __repr__(self) -> str:
+        return f"Model({len(self._tested)} subjects, {self.df} degrees of freedom)"
 
     def residuals(self, maps: Array) -> Array:
         """Maps (S, N) less what the columns explain that are not tested."""

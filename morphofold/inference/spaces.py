@@ -57,6 +57,9 @@ class Space:
     about: SpaceRecord
     covariates: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        return f"Space({str(self.folder)!r}, {len(self.subjects)} subjects, {' and '.join(self.hemis)})"
+
     def side(self, hemi: str) -> str:
         """The template's hemisphere that the maps of one are on."""
         return "lh" if self.about.one_side else hemi

@@ -69,6 +69,10 @@ class Result:
         """What was tested, in words."""
         return {"difference": "left − right of ", "index": "asymmetry of ", None: ""}[self.asymmetry] + self.map
 
+    def __repr__(self) -> str:
+        subjects = len(self.design.subjects)
+        return f"Result of {self.shown} ~ {self.formula}, {self.contrast}: {subjects} subjects, {self.inference!r}"
+
 
 def fit_study(
     space: Space,

@@ -40,6 +40,9 @@ class Places:
     corners: Ints
     shares: Array
 
+    def __repr__(self) -> str:
+        return f"Places({len(self.nearest):,} points)"
+
     def of_nearest(self, values: NDArray[T]) -> NDArray[T]:
         """Labels, or any values (N, ...), of the nearest vertex: (P, ...)."""
         return values[self.nearest]

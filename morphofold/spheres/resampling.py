@@ -47,6 +47,9 @@ class Resampling:
         self._source, self._target = source, target
         self._from, self._to = (points_on_sphere(sphere, sphere) for sphere in (source, target))
 
+    def __repr__(self) -> str:
+        return f"Resampling({len(self._source.verts):,} to {len(self._target.verts):,} vertices)"
+
     @cached_property
     def places(self) -> Places:
         """Places of the target's vertices in the source's triangles."""

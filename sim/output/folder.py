@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold import __version__
+from morphofold.display import html_of
 from morphofold.io import atomic_file, atomic_folder, read_cortex, write_morph, write_surface
 from morphofold.io.files import decoding
 from morphofold.io.locks import LOCK_FILE
@@ -38,6 +39,13 @@ class Simulation:
 
     path: Path
     scene: Scene
+
+    def __repr__(self) -> str:
+        shape, final = self.scene.geometry.shape, self.scene.growth.final
+        return f"Simulation({str(self.path)!r}, scene {self.scene.name!r}, {shape}, growth to {final:g})"
+
+    def _repr_html_(self) -> str:
+        return html_of(self)
 
     @property
     def stages(self) -> tuple[float, ...]:

@@ -122,7 +122,7 @@ def annotation(measures: Measures) -> Picture:
     cortex = measures.cortex
     if cortex.regions is None:
         raise MissingPart(f"{cortex.name}: has no regions, so no gyrus can be marked. Use a cortex with an annotation.")
-    rgb = shaded(measures.maps["sulcal_depth"])
+    rgb = shaded(measures)
     for name, colour in MARKED.items():
         inside = cortex.regions.labels == cortex.regions.names.index(name)
         rgb[inside] = np.round(0.35 * rgb[inside] + 0.65 * np.array(rgb_of(colour))).astype(np.uint8)

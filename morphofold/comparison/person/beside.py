@@ -24,11 +24,11 @@ from morphofold.comparison.person.regions import (
 )
 from morphofold.comparison.person.results import Agreement, PersonComparison, RegionAgreement
 from morphofold.comparison.person.spins import SPINS, Statistic, Tested, beside_null, spun
-from morphofold.errors import Refusal
+from morphofold.errors import MissingPart, Refusal
 from morphofold.geometry import mean_edge_length
 from morphofold.quantities import RELIEF
 from morphofold.spheres.spins import NearestTable, rotations
-from morphofold.words import number
+from morphofold.words import listed, number
 
 LIKE_SIZES = (0.8, 1.25)  # of a grown cortex over the person's, within which maps in mm are compared as they are
 CONTROLS = (RELIEF, "H")  # maps of a smooth body that are controls of both agreements of sulci and gyri
@@ -100,7 +100,7 @@ def compare_with_person(
     Raises
     ------
     ValueError
-        As :func:`morphofold.comparison.person.bodies.bodies_of`.
+        If one was measured in part (``only``), and as :func:`morphofold.comparison.person.bodies.bodies_of`.
 
     Notes
     -----
@@ -110,6 +110,9 @@ def compare_with_person(
     on 0.84 of the area, that of the smooth body itself on 0.76, so what beats only the latter is no more than what
     unfolding left.
     """
+    for name, m in zip(names, (person, grown)):
+        if "only" in m.parameters:
+            raise MissingPart(f"{name}: was measured in part, only {listed(m.parameters['only'])}. Measure it whole.")
     bodies = bodies_of(person, grown, level)
     axes, forward = _question_of_axes(bodies)
     questions = [*_questions_of_classes(bodies), axes]

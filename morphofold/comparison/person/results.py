@@ -107,6 +107,10 @@ class PersonComparison:
     regions: tuple[dict[str, Any], ...] = field(repr=False)
     bodies: Bodies = field(repr=False)
 
+    def __repr__(self) -> str:
+        found = ", ".join(f"{one.what} {one.tested.value:.2f} ({one.verdict})" for one in self.agreements)
+        return f"PersonComparison({self.grown!r} beside {self.person!r}, {self.hemi}: {found})"
+
     @property
     def verdict(self) -> str:
         """That of sulci and gyri by depth, the question that is asked first."""

@@ -24,13 +24,15 @@ def write_page(path: Path, template: str, scripts: Sequence[str] = (), **values:
     folder = resources.files("morphofold.report").joinpath("templates")
     script = "\n".join(folder.joinpath(name).read_text(encoding="utf-8") for name in scripts)
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    page = (
-        _template_environment()
-        .get_template(template)
-        .render(script=Markup(script), policy=f"'sha256-{digest}'" if scripts else "", versions=versions(), **values)
-    )
+    policy = f"'sha256-{digest}'" if scripts else ""
+    page = render(template, script=Markup(script), policy=policy, versions=versions(), **values)
     path.write_text(page, encoding="utf-8", errors="backslashreplace")
     return path
+
+
+def render(template: str, **values: Any) -> str:
+    """HTML of a template with ``values``."""
+    return _template_environment().get_template(template).render(**values)
 
 
 @cache

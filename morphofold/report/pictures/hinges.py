@@ -84,7 +84,7 @@ def hinge_patch(measures: Measures, number: int, pose: int = 0) -> Row:
         near = _lines_near(lines, white[hinge.vertex], reach)
         return [part for line in near for part in _line_on_patch(line, tree, verts[kept], edge)]
 
-    grey = shaded(measures.maps["sulcal_depth"])[kept].astype(np.float64)
+    grey = shaded(measures)[kept].astype(np.float64)
     fine, look = verts[kept], {"grey": grey}
     for _ in range(EDGE_HALVINGS):
         fine, faces, look = subdivide(fine, faces, vertex_attributes=look)

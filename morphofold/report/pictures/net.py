@@ -17,7 +17,7 @@ from morphofold.quantities import Quantity
 from morphofold.report import colours
 from morphofold.report.colours import rgb_of
 from morphofold.report.pictures.surfaces import Picture, Row, figure
-from morphofold.surface import PerVertex, Verts
+from morphofold.surface import Verts
 
 CREST_COLOUR = "#333333"
 HINGE_RADIUS_IN_WIDTHS = 0.27  # radius of a hinge, in gyral widths
@@ -44,7 +44,7 @@ def net_row(measures: Measures, name: str) -> Row:
     if graph is None:
         raise MissingPart(f"{name}: has no gyral graph, because the analysis is older. Measure the cortex again.")
     verts = cortex.white.verts
-    rgb = shaded(measures.maps["sulcal_depth"])
+    rgb = shaded(measures)
     normals, width = vertex_normals(verts, cortex.faces), graph.graph["scales"].width if graph.graph["scales"] else 0.0
     paint_lines(
         rgb, verts, [crest["polyline"] for _, _, crest in graph.edges(data=True)], graph.graph["edge"], CREST_COLOUR
@@ -67,14 +67,15 @@ def crest_row(measures: Measures, name: str) -> Row:
     edge = mean_edge_length(pial.verts, pial.faces)
     scale = max(LEAST_CREST_SCALE_EDGES * edge, measures.parameters["curvature_scale_mm"])
     found = crest_lines(pial.verts, pial.faces, scale=scale)
-    rgb = shaded(measures.maps["sulcal_depth"])
+    rgb = shaded(measures)
     for kind, colour in LINE_COLOURS.items():
         paint_lines(rgb, pial.verts, [line.points for line in found.of_kind(kind)], edge, colour)
     return Row(name, pial, np.full(len(pial.verts), np.nan), measures.cortex.hemi, rgb)
 
 
-def shaded(depth: PerVertex) -> colours.RGB:
-    """Colours (N, 3) of the bare surface, darker with sulcal depth (N,)."""
+def shaded(measures: Measures) -> colours.RGB:
+    """Colours (N, 3) of the bare surface, darker with sulcal depth where that was measured."""
+    depth = measures.maps.get("sulcal_depth", np.zeros(measures.cortex.n_vertices))
     deep = float(np.nanquantile(depth, 0.95))
     share = np.clip(np.nan_to_num(depth / deep), 0, 1) if deep > 0 else np.zeros(len(depth))
     return np.round(np.array(colours.BARE_SURFACE_COLOUR) * (1 - 0.35 * share)[:, None]).astype(np.uint8)

@@ -42,6 +42,11 @@ def halved(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.minimum(np.round(total / 16) * 4, 255).astype(np.uint8)
 
 
+def in_steps_of_four(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """A picture in steps of four, which the eye can't see: two thirds of the bytes."""
+    return np.minimum((image.astype(np.uint16) + 2) // 4 * 4, 255).astype(np.uint8)
+
+
 def read_png(path: Path) -> NDArray[np.uint8]:
     """The picture (height, width, 3) of a PNG file."""
     with Image.open(path) as image:
