@@ -12,6 +12,7 @@ from morphofold.analysis.measures import SCALARS
 from morphofold.comparison import compare, compare_with_person
 from morphofold.errors import MissingPart, NothingToDo, UnknownName
 from morphofold.io import read_cortex, sample_path
+from morphofold.report.pages.methods import measured
 from morphofold.results import read_analysis, write_analysis
 from morphofold.shapes import icosphere
 from morphofold.shapes.folded_ball import folded_ball
@@ -160,3 +161,9 @@ def test_a_part_is_written_read_and_compared(tmp_path):
     assert row["n_hinges"][1] > 0
     assert hinge_shapes(part) is None  # only their number was asked for
     assert both.report(tmp_path / "page").is_file()
+
+
+def test_the_methods_of_a_page_name_only_what_was_measured(cortex):
+    sentences = " ".join(measured([measure(cortex, only=["cortical_thickness"])], "0"))
+    assert "Cortical thickness" in sentences
+    assert not any(word in sentences for word in ("Gyral thickness", "Curvature", "gyrification", "depth"))

@@ -75,28 +75,49 @@ def _growth_sentences(entries: Sequence[Entry]) -> list[str]:
 
 
 def measured(measures: Sequence[Measures], version: str) -> list[str]:
-    """Sentences on how white and pial surfaces were measured; without measures, only what holds for all."""
+    """Sentences on how white and pial surfaces were measured; without measures, only what holds for all.
+
+    What no surface has, because only a part was asked for, is left out.
+    """
     scales = sorted(float(mm) for m in measures if (mm := m.parameters.get("curvature_scale_mm")))
     within = " or ".join(dict.fromkeys(number(mm, 2) for mm in scales)) or "a few"
     caps = {m.parameters.get("cortical_thickness_cap_mm") for m in measures}
     bounds = " or ".join(f"{cap:g}" for cap in sorted(cap for cap in caps if cap))
     where = " in some of them" if None in caps else ""
     simulated = {m.cortex.origin == "simulation" for m in measures} == {True, False}
+    there = {name for m in measures for name in (*m.maps, *(k for k, v in m.scalars.items() if v is not None))}
+    sentences = {
+        ("H", "K", "k1", "k2", "shape_index", "curvedness"): (
+            f"Curvature is that of a cubic surface fitted to the vertices within {within} mm along the surface; it is "
+            "positive where the surface is convex."
+        ),
+        ("cortical_thickness", "mean_cortical_thickness_mm", "mean_cortical_thickness_area_weighted_mm"): (
+            "Cortical thickness is half the sum of the distances from white to pial surface and back, each to the "
+            "closest point that lies outward (inward) and faces the same way"
+            f"{f', each {bounds} mm at most{where}' * bool(bounds)} (Fischl and Dale 2000)."
+        ),
+        ("gyral_thickness", "median_gyral_thickness_mm"): (
+            "Gyral thickness is the length of the horizontal chord through a gyrus, from wall to wall, at half the "
+            "height of the fold."
+        ),
+        ("n_hinges", "n_crests", "crest_length_mm"): (
+            "The gyral net is the net of crests, and a hinge is a point where three or more crests meet (after Razavi "
+            "et al. 2015)."
+        ),
+        ("gyrification_index",): (
+            "The gyrification index is the area of the pial surface over that of its convex hull."
+        ),
+        ("local_gyrification_index", "mean_local_gyrification_index"): (
+            "The local gyrification index is the area within 25 mm over that of the closing by a ball of 15 mm (Schaer "
+            "et al. 2008)."
+        ),
+        ("sulcal_depth", "mean_sulcal_depth_mm"): "Sulcal depth is the distance to the convex hull.",
+    }
     return [
         f"White and pial surfaces were measured with morphofold {version}"
         f"{', with the same code for simulated and reconstructed cortex' * simulated}.",
         *_resampling_sentences(measures),
-        f"Curvature is that of a cubic surface fitted to the vertices within {within} mm along the surface; it is "
-        "positive where the surface is convex.",
-        "Cortical thickness is half the sum of the distances from white to pial surface and back, each to the closest "
-        f"point that lies outward (inward) and faces the same way{f', each {bounds} mm at most{where}' * bool(bounds)} "
-        "(Fischl and Dale 2000).",
-        "Gyral thickness is the length of the horizontal chord through a gyrus, from wall to wall, at half the height "
-        "of the fold. The gyral net is the net of crests, and a hinge is a point where three or more crests meet "
-        "(after Razavi et al. 2015).",
-        "The gyrification index is the area of the pial surface over that of its convex hull. The local gyrification "
-        "index is the area within 25 mm over that of the closing by a ball of 15 mm (Schaer et al. 2008).",
-        "Sulcal depth is the distance to the convex hull.",
+        *(text for names, text in sentences.items() if not there or there & set(names)),
     ]
 
 
