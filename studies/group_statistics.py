@@ -52,11 +52,9 @@ class Bench:
         found = smooth(self.white.verts, self.white.faces, maps, width, self.cortex).T
         return found / np.nanstd(found)
 
-    def smallest(
-        self, maps: Array, design: Array, contrast: Array, seed: int, *, flip: bool
-    ) -> tuple[Array, NDArray[np.bool_]]:
+    def smallest(self, maps: Array, design: Array, contrast: Array, seed: int) -> tuple[Array, NDArray[np.bool_]]:
         """Smallest corrected p by height, clusters and TFCE (3,), and where p of TFCE is at the level (N,)."""
-        found = infer(maps, design, contrast, self.mesh, permutations=PERMUTATIONS, seed=seed, flip=flip)
+        found = infer(maps, design, contrast, self.mesh, permutations=PERMUTATIONS, seed=seed)
         cluster = min((row["p"] for row in found.clusters), default=1.0)
         smallest = np.array([np.nanmin(found.p_height), cluster, np.nanmin(found.p_tfce)])
         return smallest, found.p_tfce <= LEVEL
@@ -79,7 +77,7 @@ def false_positives(bench: Bench, studies: int) -> Iterator[list[str]]:
                 maps, design = bench.noise(SUBJECTS, width, random), people(SUBJECTS, random)
                 maps += 0.0 if flip else 0.5 * design[:, 2:]  # sex has an effect, age has none
                 design, contrast = (design[:, :1], np.ones(1)) if flip else (design, np.array([0.0, 1, 0]))
-                hits += bench.smallest(maps, design, contrast, k, flip=flip)[0] <= LEVEL
+                hits += bench.smallest(maps, design, contrast, k)[0] <= LEVEL
                 print(f"\r{words}, {width:g} mm: {k + 1} of {studies}", end="", file=sys.stderr)
             yield [words, f"{width:g}", *(share_with_interval(int(n), studies) for n in hits)]
 
@@ -94,7 +92,7 @@ def power(bench: Bench, studies: int) -> Iterator[list[str]]:
                 maps, design = bench.noise(subjects, WIDTHS_MM[0], random), people(subjects, random)
                 slope = correlation / np.sqrt(1 - correlation**2)
                 maps += slope * np.outer(design[:, 1], bench.patch)
-                smallest, found = bench.smallest(maps, design, np.array([0.0, 1, 0]), k, flip=False)
+                smallest, found = bench.smallest(maps, design, np.array([0.0, 1, 0]), k)
                 hits += smallest <= LEVEL
                 inside += found[bench.patch].mean() / studies
                 print(f"\r{subjects}, r {correlation}: {k + 1} of {studies}", end="", file=sys.stderr)

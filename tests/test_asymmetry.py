@@ -7,7 +7,7 @@ from made_spaces import VERTS, write_space
 
 from morphofold.errors import DoesNotApply, UnknownName
 from morphofold.inference.spaces import find_space
-from morphofold.inference.study import fit_study
+from morphofold.inference.study import fit_study, summary
 from morphofold.tables import write_table
 
 NORTH = VERTS[:, 2] > 20
@@ -42,7 +42,7 @@ def fitted(sides, model="cortical_thickness ~ 1", contrast="1", **options):
 def test_the_difference_of_left_and_right_is_tested_within_subjects(sides):
     found = fitted(sides, asymmetry="difference")
     assert found.hemis == ("lh",)
-    assert found.design.flip
+    assert found.inference.flipped
     p = found.inference.p_height
     assert (p[NORTH] <= 0.05).all()
     assert (p[CORTEX & ~NORTH] <= 0.05).mean() <= 0.01
@@ -100,11 +100,21 @@ def test_repeated_measures_are_exchanged_within_a_person(visits):
 def test_what_is_the_same_in_a_block_is_tested_by_exchanging_whole_blocks(visits):
     whole = fitted(visits, "cortical_thickness ~ age", "age", blocks="person", whole=True, hemis=["lh"])
     assert len(np.unique(whole.inference.null_height)) > 100
-    within = fitted(visits, "cortical_thickness ~ age", "age", blocks="person", hemis=["lh"])
-    np.testing.assert_allclose(within.inference.null_height, within.inference.null_height[0])  # nothing changes
+    with pytest.raises(DoesNotApply):  # no exchange within a person changes it
+        fitted(visits, "cortical_thickness ~ age", "age", blocks="person", hemis=["lh"])
+    with pytest.raises(DoesNotApply):  # no exchange of persons changes what differs within them
+        fitted(visits, "cortical_thickness ~ visit", "visit", blocks="person", whole=True, hemis=["lh"])
+    assert summary(whole)["exchanged"] == "blocks"
 
 
 def test_whole_blocks_without_a_column_are_refused(visits, capsys, tmp_path):
     argv = ["stats", str(visits[0]), "--model", "cortical_thickness ~ age", "--contrast", "age", "--whole-blocks"]
     refused(capsys, [*argv, "-o", str(tmp_path / "out")], "--blocks")
+    refused(capsys, [*argv[:-1], "--asymmetry", "index", "--hemi", "rh", "-o", str(tmp_path / "out")], "--hemi")
     assert not (tmp_path / "out").exists()
+
+
+def test_the_mean_asymmetry_is_tested_by_signs_whatever_the_covariates(sides):
+    found = fitted(sides, "cortical_thickness ~ center(age)", "1", asymmetry="difference")
+    assert found.inference.flipped
+    assert (found.inference.p_height[NORTH] <= 0.05).all()

@@ -184,12 +184,13 @@ def test_the_template_comes_with_the_arrays(quick, three, small, tmp_path):
     assert len(list((group / "label").iterdir())) == 2
 
 
-def test_a_template_without_a_sphere_is_refused(tmp_path, small):
+def test_a_template_without_sphere_or_white_is_refused(small):
     (small / "surf" / "rh.sphere").unlink()
-    (small / "surf" / "lh.white").unlink()
     assert template(str(small)).has_sphere("lh")
+    (small / "surf" / "lh.white").rename(small / "surf" / "lh.no")
     with pytest.raises(MissingPart):
-        template(str(small), 10.0)
+        template(str(small))
+    (small / "surf" / "lh.no").rename(small / "surf" / "lh.white")
     (small / "surf" / "lh.sphere").unlink()
     with pytest.raises(MissingPart):
         template(str(small))

@@ -139,10 +139,41 @@ def test_a_planted_effect_is_found_where_it_is():
 def test_a_mean_that_differs_from_zero_is_found_by_flipping_signs():
     maps, *_ = study(16, 4)
     patch = VERTS[:, 0] > 30
-    found = infer(maps + 2.0 * patch, np.ones((16, 1)), np.ones(1), MESH, permutations=199, flip=True)
+    found = infer(maps + 2.0 * patch, np.ones((16, 1)), np.ones(1), MESH, permutations=199)
     np.testing.assert_allclose(found.t, stats.ttest_1samp(maps + 2.0 * patch, 0).statistic, rtol=1e-9)
     assert (found.p_tfce[VERTS[:, 0] > 35] <= 0.05).all()
     assert (found.p_tfce[VERTS[:, 0] < 10] <= 0.05).mean() < 0.02
+
+
+@pytest.mark.parametrize(
+    ("contrast", "flipped"),
+    [([1.0, 0, 0], True), ([0.0, 1, 0], False), ([0, 0, 1.0], False), ([1.0, 50, 0], True)],
+    ids=["intercept", "age", "sex", "mean at 50"],
+)
+def test_means_are_tested_by_signs(contrast, flipped):
+    maps, _, design = study(12, 3)
+    assert infer(maps, design, np.array(contrast), MESH, permutations=5).flipped is flipped
+
+
+def test_the_mean_of_one_group_is_tested_by_signs_and_the_difference_by_exchange():
+    maps, _, _ = study(12, 3)
+    groups = np.repeat(np.eye(2), 6, axis=0)
+    assert infer(maps, groups, np.array([1.0, 0]), MESH, permutations=5).flipped
+    assert not infer(maps, groups, np.array([1.0, -1]), MESH, permutations=5).flipped
+
+
+def test_a_large_mean_beside_a_covariate_is_found_and_none_is_not():
+    """Exchanging subjects would give p = 1 for the first."""
+    random = np.random.default_rng(4)
+    design = np.column_stack([np.ones(20), random.standard_normal(20)])
+    design[:, 1] -= design[:, 1].mean()
+    found = infer(study(20, 5)[0] + 3.0, design, np.array([1.0, 0]), MESH, permutations=199)
+    assert (found.p_height <= 0.05).all()
+    hits = sum(
+        np.nanmin(infer(study(12, seed)[0], design[:12], np.array([1.0, 0]), MESH, permutations=99).p_height) <= 0.05
+        for seed in range(60)
+    )
+    assert hits <= 9  # 3 expected; more than 9: once in a thousand
 
 
 def test_vertices_that_a_subject_does_not_know_are_not_tested():

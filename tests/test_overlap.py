@@ -91,6 +91,28 @@ def test_subjects_who_share_nothing_do_not_stand_out(tmp_path, rng):
     assert np.nanmin(hinges.p["lh"]) > 0.01
 
 
+def test_noise_has_no_density_unlike_chance_with_few_rotations(tmp_path):
+    """20 studies of which 1 should have a corrected p of the density at 1 / 20, the least there can be."""
+    random, found = np.random.default_rng(8), 0
+    for study in range(20):
+        places = [random.choice(np.flatnonzero(CORTEX), HINGES, replace=False) for _ in range(4)]
+        write_space(tmp_path / f"{study}", maps_of(places), graph_width_mm=8.0)
+        hinges, _ = overlap(find_space(tmp_path / f"{study}"), hemis=["lh"], spins=19, seed=study)
+        found += np.nanmin(hinges.p["lh"]) <= 0.05
+    assert found <= 5  # more: once in three hundred
+
+
+def test_subjects_without_a_gyral_graph_are_left_out(tmp_path, rng):
+    places = [rng.choice(np.flatnonzero(CORTEX), HINGES, replace=False) for _ in range(4)]
+    maps = maps_of(places)
+    for name in ("hinges", "crest_length", "hinge_distance", "crest_distance"):
+        maps[f"lh.{name}"][1] = np.nan
+    write_space(tmp_path / "study", maps, graph_width_mm=8.0)
+    hinges, _ = overlap(find_space(tmp_path / "study"), hemis=["lh"], spins=5)
+    assert row_of(hinges)["subjects"] == 3
+    assert row_of(hinges)["amount"] == HINGES
+
+
 def test_a_single_subject_or_an_unknown_width_is_refused(tmp_path, rng):
     places = [rng.choice(len(VERTS), HINGES) for _ in range(2)]
     write_space(tmp_path / "one", maps_of(places[:1]), graph_width_mm=8.0)
@@ -99,9 +121,11 @@ def test_a_single_subject_or_an_unknown_width_is_refused(tmp_path, rng):
         overlap(find_space(tmp_path / "one"), hemis=["lh"])
     with pytest.raises(DoesNotApply):
         overlap(find_space(tmp_path / "two"), hemis=["lh"])
-    for wrong in ({"radius": 0.0}, {"radius": np.nan}, {"radius": 3.0, "fwhm": 0.0}, {"radius": 3.0, "spins": 0}):
+    wrong = [{"radius": x} for x in (0.0, np.nan, -1.0)]
+    wrong += [{"radius": 3.0, **one} for one in ({"fwhm": 0.0}, {"fwhm": np.inf}, {"spins": 0}, {"seed": -1})]
+    for options in wrong:
         with pytest.raises(OutOfRange):
-            overlap(find_space(tmp_path / "two"), hemis=["lh"], **wrong)
+            overlap(find_space(tmp_path / "two"), hemis=["lh"], **options)
 
 
 def test_the_command_writes_table_maps_and_page(alike, tmp_path, capsys):

@@ -28,7 +28,11 @@ def random_places(random, subjects, hinges):
 
 
 def share(sums):
-    return sums[..., 1, :].sum(axis=-1) / sums[..., 0, :].sum(axis=-1)
+    return sums[..., 1, :].sum(axis=-1) / sums[..., 2, :].sum(axis=-1)
+
+
+def turned(marks, spins, seed):
+    return np.concatenate(list(common_by_chance(marks, spins, seed)))
 
 
 def test_subjects_with_the_same_places_share_all_and_with_opposite_ones_nothing(rng):
@@ -47,7 +51,7 @@ def test_chance_is_the_share_of_the_sphere_that_is_near():
     """One hinge each: another is within an angle r by chance in (1 - cos r) / 2 of all rotations."""
     north = np.array([[0.0, 0.0, 1.0]])
     marks = landmarks(np.stack([north] * 4), 0.5)
-    found = share(common_by_chance(marks, 4000, 0))
+    found = share(turned(marks, 4000, 0))
     near = ON_SPHERE[marks.near[0, 0]].sum() / ON_SPHERE.sum()
     assert near == pytest.approx((1 - np.cos(0.5)) / 2, rel=0.1)
     assert found.mean() == pytest.approx(near, rel=0.1)
@@ -56,27 +60,31 @@ def test_chance_is_the_share_of_the_sphere_that_is_near():
 def test_every_subject_keeps_its_amount_in_the_cortex(rng):
     areas = np.where(VERTS[:, 2] > -0.6, ON_SPHERE, 0.0)
     marks = landmarks(random_places(rng, 5, 30), 0.1, areas)
-    turned = common_by_chance(marks, 50, 1)
-    np.testing.assert_allclose(turned[:, 0, 0].sum(axis=1), marks.amounts.sum(), rtol=1e-5)
-    assert not turned[..., areas == 0].any()
+    found = turned(marks, 50, 1)
+    np.testing.assert_allclose(found[:, 0, 0].sum(axis=1), marks.amounts.sum(), rtol=1e-5)
+    assert not found[..., areas == 0].any()
 
 
 def test_by_chance_density_follows_the_area_of_the_cortex_not_that_of_the_sphere(rng):
     areas = ON_SPHERE * np.where(VERTS[:, 0] > 0, 3.0, 1.0)
     marks = landmarks(random_places(rng, 6, 40), 0.1, areas)
-    amounts = common_by_chance(marks, 400, 2)[:, 0, 0].sum(axis=0)
+    amounts = turned(marks, 400, 2)[:, 0, 0].sum(axis=0)
     wide = VERTS[:, 0] > 0
     assert amounts[wide].sum() / amounts.sum() == pytest.approx(areas[wide].sum() / areas.sum(), abs=0.012)
     assert areas[wide].sum() / areas.sum() > 0.7
 
 
-def test_p_is_even_for_subjects_that_have_nothing_in_common():
+@pytest.mark.parametrize("wall", [-1.1, -0.6], ids=["no wall", "a wall"])
+def test_p_is_even_for_subjects_that_have_nothing_in_common(wall):
     """60 studies of 6 independent subjects: the rank of the study's share among its rotations is uniform."""
     random = np.random.default_rng(3)
+    areas = np.where(VERTS[:, 2] > wall, ON_SPHERE, 0.0)
     ranks = []
     for study in range(60):
-        marks = landmarks(random_places(random, 6, 12), 0.3)
-        null = share(common_by_chance(marks, 99, study))[:, 0]
+        places = random_places(random, 6, 60)
+        inside = [of_one[of_one[:, 2] > wall + 0.05][:25] for of_one in places]
+        marks = landmarks(inside, 0.2, areas)
+        null = share(turned(marks, 99, study))[:, 0]
         ranks.append((np.sum(null >= share(common(marks))[0]) + 1) / 100)
     assert 0 <= np.sum(np.array(ranks) <= 0.1) <= 14  # 6 expected; above 14: once in a thousand
     assert 16 <= np.sum(np.array(ranks) <= 0.5) <= 44
@@ -87,10 +95,10 @@ def test_kinds_are_turned_together_and_threads_change_nothing(rng):
     from morphofold.threads import set_threads
 
     marks = landmarks(random_places(rng, 4, 10), 0.2, kinds=2)
-    found = common_by_chance(marks, 30, 5)
+    found = turned(marks, 30, 5)
     np.testing.assert_array_equal(found[:, 0], found[:, 1])
     set_threads(1)
     try:
-        np.testing.assert_array_equal(common_by_chance(marks, 30, 5), found)
+        np.testing.assert_array_equal(turned(marks, 30, 5), found)
     finally:
         set_threads(None)

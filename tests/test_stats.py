@@ -9,7 +9,7 @@ from commands import refused
 
 from morphofold.analysis import smooth
 from morphofold.cli import main
-from morphofold.errors import MissingPart, UnknownName
+from morphofold.errors import DoesNotApply, MissingPart, UnknownName
 from morphofold.inference.spaces import find_space
 from morphofold.inference.study import cluster_rows, fit_study, write_result
 from morphofold.io import read_morph, write_annotation, write_label, write_surface
@@ -95,17 +95,15 @@ def test_one_hemisphere_keeps_the_subjects_of_the_other(study):
 
 
 def test_subjects_of_different_blocks_are_not_exchanged(study):
-    """Age is the block's, so exchanging within blocks changes nothing, and nothing can be found."""
+    """Age is the site's, so exchanging within sites changes nothing, and nothing could be found."""
     table = study / "participants.tsv"
     head, *lines = table.read_text().splitlines()
     cells = [line.split("\t") for line in lines]
     for k, row in enumerate(cells):
         row[1], row[2] = str(20 + 10 * (k % 4)), f"site{k % 4}"
     table.write_text("\n".join(["\t".join(row) for row in [head.split("\t"), *cells]]) + "\n")
-    found = fitted(study, blocks="site")
-    assert found.design.blocks.tolist() == [int(row[2][-1]) for row in cells if row[0] != "s05"]
-    np.testing.assert_allclose(found.inference.null_height, np.nanmax(np.abs(found.inference.t)), rtol=1e-6)
-    assert np.nanmin(found.inference.p_height) == 1.0
+    with pytest.raises(DoesNotApply):
+        fitted(study, blocks="site")
 
 
 def test_the_first_cluster_has_its_peak_area_and_region(study):
@@ -250,3 +248,12 @@ def test_without_a_table_of_the_study_that_of_cohort_beside_the_maps_is_taken(st
     said = json.loads(capsys.readouterr().out)
     assert said["inputs"][0]["path"] == str(of_maps)
     assert said["left_out"]["value missing"] == ["s07"]
+
+
+def test_a_template_in_gifti_is_read(study):
+    """As fs_LR is."""
+    group = study / "spaces" / "ball" / "group"
+    for hemi in ("lh", "rh"):
+        (group / "surf" / f"{hemi}.white").unlink()
+        write_surface(group / "surf" / f"{hemi}.white.surf.gii", Surface(VERTS, FACES))
+    assert len(fitted(study).inference.t) == 2 * len(VERTS)

@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 from morphofold.cli import add_threads
+from morphofold.errors import OptionsClash
 from morphofold.progress import part_of
 
 EXAMPLES = ("morphofold demo -o demo",)
@@ -15,14 +16,14 @@ EXAMPLES = ("morphofold demo -o demo",)
 
 def add_args(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--out", metavar="DIR", default="demo", help="folder to write (default: demo)")
-    parser.add_argument("--scene", default="demo", help="scene to grow (default: demo)")
+    parser.add_argument("--scene", help="scene to grow (default: demo)")
     parser.add_argument(
         "--subjects",
         type=int,
         metavar="N",
         help="write N made subjects into DIR instead, whose left cortex thins with age, for trying cohort and stats",
     )
-    parser.add_argument("--seed", type=int, metavar="N", default=0, help="of the made subjects (default: 0)")
+    parser.add_argument("--seed", type=int, metavar="N", help="of the made subjects (default: 0)")
     add_threads(parser)
 
 
@@ -36,10 +37,14 @@ def run(args: argparse.Namespace) -> int:
     from morphofold.sim.scene.files import load_scene
     from morphofold.simulation import simulate
 
+    if args.subjects is not None and args.scene is not None:
+        raise OptionsClash("--subjects makes subjects and grows no scene. Leave out --scene.")
+    if args.subjects is None and args.seed is not None:
+        raise OptionsClash("--seed is that of made subjects. Pass --subjects, too, or leave it out.")
     if args.subjects is not None:
         return write_subjects(args)
     out, started = Path(args.out), time.monotonic()
-    scene = load_scene(args.scene)
+    scene = load_scene(args.scene or "demo")
     args.on_interrupt = " Run it again to go on."
     with progress("grow   ", args.quiet) as show, compiling_beside(args.threads):
         simulation = simulate(scene, out / "simulation", resume=True, threads=args.threads, progress=show)
@@ -73,6 +78,6 @@ def write_subjects(args: argparse.Namespace) -> int:
     from morphofold.shapes.population import write_population
 
     with progress("subjects", args.quiet) as show:
-        write_population(args.out, args.subjects, seed=args.seed, progress=show)
+        write_population(args.out, args.subjects, seed=args.seed or 0, progress=show)
     print(f"{args.subjects} made subjects -> {args.out}")
     return 0

@@ -51,7 +51,7 @@ def add_args(parser: argparse.ArgumentParser) -> None:
         ("--whole-blocks", None, "exchange blocks as wholes, for regressors that are the same within a block"),
         ("--space", "NAME", "folder in STUDY/spaces (default: the only one)"),
     )
-    parser.add_argument("--hemi", choices=["lh", "rh", "both"], default="both", help="hemispheres (default: both)")
+    parser.add_argument("--hemi", choices=["lh", "rh", "both"], help="hemispheres (default: both)")
     parser.add_argument(
         "--asymmetry",
         choices=["difference", "index"],
@@ -80,12 +80,14 @@ def run(args: argparse.Namespace) -> int:
 
     if args.whole_blocks and args.blocks is None:
         raise OptionsClash("--whole-blocks needs the column that names the blocks. Pass --blocks COLUMN, too.")
+    if args.asymmetry and args.hemi:
+        raise OptionsClash("--asymmetry compares both hemispheres. Leave out --hemi.")
     set_threads(args.threads)
     space = find_space(args.study, args.space)
     participants = _participants(args, space)
     refuse_overlap(Path(args.out), [space.folder])
     refuse_foreign(Path(args.out))
-    hemis = ("lh", "rh") if args.hemi == "both" else (args.hemi,)
+    hemis = (args.hemi,) if args.hemi in ("lh", "rh") else ("lh", "rh")
     with _permuting(args) as largest, progress("stats", args.quiet) as show:
         found = fit_study(
             space,

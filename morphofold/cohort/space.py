@@ -201,16 +201,7 @@ def write_space(
             files = [one.maps / f"{hemi}.npz" for one in subjects]
             for row, file in zip(rows, files):
                 row[hemi] = int(file.is_file())
-            widths += [float(_map_in(file, WIDTH, 1)) for file in files if _has(file, WIDTH)]
-            for name, n in _maps_of(files).items():
-                shapes[f"{hemi}.{name}"] = len(subjects), n
-                array = np.lib.format.open_memmap(
-                    folder / f"{hemi}.{name}.npy", mode="w+", dtype=np.float32, shape=(len(subjects), n)
-                )
-                for k, file in enumerate(files):
-                    array[k] = _map_in(file, name, n)
-                array.flush()
-                del array
+            shapes |= _write_arrays(folder, hemi, files, widths)
         write_table(folder / "participants.tsv", ("participant_id", *covariates.columns, *HEMIS), rows)
         _copy_template(on, folder)
         content = {
@@ -226,29 +217,26 @@ def write_space(
     return shapes
 
 
-def _maps_of(files: Sequence[Path]) -> Mapping[str, int]:
-    """The maps that any of these files has, and their number of vertices."""
-    found: dict[str, int] = {}
-    for file in files:
-        if file.is_file():
-            with np.load(file) as maps:
-                found |= {name: len(maps[name]) for name in maps.files if name not in found and name != WIDTH}
-    return dict(sorted(found.items()))
-
-
-def _has(file: Path, name: str) -> bool:
-    if not file.is_file():
-        return False
-    with np.load(file) as maps:
-        return name in maps.files
-
-
-def _map_in(file: Path, name: str, n: int) -> Array:
-    if file.is_file():
+def _write_arrays(folder: Path, hemi: str, files: Sequence[Path], widths: list[float]) -> dict[str, tuple[int, int]]:
+    """Write ``HEMI.MAP.npy`` of all maps in the subjects' files; append their gyral widths; return the shapes."""
+    arrays: dict[str, Any] = {}
+    for k, file in enumerate(files):
+        if not file.is_file():
+            continue
         with np.load(file) as maps:
-            if name in maps.files:
-                return np.asarray(maps[name])
-    return np.full(n, np.nan)
+            for name in maps.files:
+                values = maps[name]
+                if name == WIDTH:
+                    widths.append(float(values))
+                    continue
+                if name not in arrays:
+                    shape, place = (len(files), len(values)), folder / f"{hemi}.{name}.npy"
+                    arrays[name] = np.lib.format.open_memmap(place, mode="w+", dtype=np.float32, shape=shape)
+                    arrays[name][:] = np.nan
+                arrays[name][k] = values
+    for array in arrays.values():
+        array.flush()
+    return {f"{hemi}.{name}": arrays[name].shape for name in sorted(arrays)}
 
 
 def _copy_template(on: Template, folder: Path) -> None:

@@ -110,7 +110,7 @@ def template(name: str, fwhm: float | None = None, *, xhemi: bool = False) -> Te
     FileNotFoundError
         If there is neither.
     ValueError
-        If ``fwhm`` is not a positive length, or the folder has no sphere, or no white surface to smooth along.
+        If ``fwhm`` is not a positive length, or the folder has no sphere, or no white surface.
     """
     if fwhm is not None and not (np.isfinite(fwhm) and fwhm > 0):
         raise OutOfRange(f"smoothing must be a positive width in mm, got {fwhm!r}.")
@@ -119,8 +119,8 @@ def template(name: str, fwhm: float | None = None, *, xhemi: bool = False) -> Te
     hemis = [hemi for hemi in HEMIS if found.has_sphere(hemi)]
     if not hemis:
         found.sphere(HEMIS[0])  # raises
-    for hemi in hemis if fwhm is not None else ():
-        found.surface(hemi, "white")
+    for hemi in hemis:
+        found.surface(hemi, "white")  # which statistics need, too
     return found
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from morphofold.arrays import Array, Ints
-from morphofold.errors import DamagedFile, DoesNotApply, MissingPart, NamedTwice, UnknownName, WrongFile
+from morphofold.errors import DamagedFile, DoesNotApply, MissingPart, NamedTwice, NotFinite, UnknownName, WrongFile
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -33,8 +33,6 @@ class Design:
     columns : tuple of str
     matrix : (S, K) float64
     contrast : (K,) float64
-    flip : bool
-        Whether the model has an intercept alone, so that signs are exchanged instead of subjects.
     blocks : (S,) int64 or None
         Number of the block within which each subject may be exchanged; None: all with all.
     """
@@ -44,7 +42,6 @@ class Design:
     columns: tuple[str, ...]
     matrix: Array
     contrast: Array
-    flip: bool
     blocks: Ints | None = None
 
     def __repr__(self) -> str:
@@ -85,7 +82,14 @@ def read_participants(path: str | Path) -> pd.DataFrame:
             f"{path}: has no column {IDENTIFIER}; its columns are {', '.join(map(str, table.columns))}. Is it "
             "separated by tabs, as BIDS asks?"
         )
-    table[IDENTIFIER] = table[IDENTIFIER].fillna("").map(plain_name)
+    with path.open(encoding="utf-8-sig") as file:
+        heads = file.readline().rstrip("\r\n").split("," if path.suffix == ".csv" else "\t")
+    if again := sorted({name for name in heads if heads.count(name) > 1}):
+        raise NamedTwice(f"{path}: has two columns {_some(again)}. Rename one, or leave it out.")
+    if table[IDENTIFIER].isna().any():
+        row = int(np.flatnonzero(table[IDENTIFIER].isna())[0]) + 2
+        raise DamagedFile(f"{path}: line {row} has no {IDENTIFIER}. Fill it in, or remove the line.")
+    table[IDENTIFIER] = table[IDENTIFIER].map(plain_name)
     twice = sorted(table[IDENTIFIER][table[IDENTIFIER].duplicated()].unique())
     if twice:
         raise NamedTwice(f"{path}: has two rows of {_some(twice)}. Leave one row for each subject.")
@@ -120,7 +124,7 @@ def design(
     ------
     ValueError
         If a subject has no row, the formula or the contrast cannot be read or names a column that does not exist, a
-        regressor is constant, all subjects miss a value, or every subject is a block of its own.
+        regressor is constant or infinite, or all subjects miss a value.
     """
     import formulaic
 
@@ -147,18 +151,17 @@ def design(
     columns = tuple(map(str, matrix.columns))
     values = np.asarray(matrix, dtype=np.float64)
     _refuse_constant(values, columns)
+    if wild := [name for name, column in zip(columns, values.T) if not np.isfinite(column).all()]:
+        raise NotFinite(f"{_some(wild)}: has infinite values. Put n/a where a value is unknown.")
     block = None
     if blocks is not None:
-        names_of_blocks, block = np.unique(rows[blocks][complete].astype(str).to_numpy(), return_inverse=True)
-        if len(names_of_blocks) == len(values):
-            raise DoesNotApply(f"{blocks} differs for every subject, so none can be exchanged within its block.")
+        block = np.unique(rows[blocks][complete].astype(str).to_numpy(), return_inverse=True)[1]
     return Design(
         subjects=tuple(one for one, there in zip(subjects, complete) if there),
         left_out=tuple(one for one, there in zip(subjects, complete) if not there),
         columns=columns,
         matrix=values,
         contrast=_weights(contrast, columns, matrix.model_spec, formula),
-        flip=len(columns) == 1 and columns[0] in INTERCEPTS,
         blocks=block,
     )
 

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 import numpy as np
 
 from morphofold.analysis.mesh_quality.checks import is_no_cortex
 from morphofold.analysis.smoothing import smooth
-from morphofold.arrays import Array, Ints
+from morphofold.arrays import Array
 from morphofold.errors import DoesNotApply, OutOfRange
 from morphofold.geometry import vertex_areas
+from morphofold.inference.permutations import share_above
 from morphofold.inference.rotated import Landmarks, common, common_by_chance
 from morphofold.inference.spaces import HEMIS, Space, areas_of
 from morphofold.progress import Progress, part_of, silent
@@ -23,7 +25,6 @@ WHOLE = "hemisphere"
 DENSITY_FWHM_MM = 10.0
 MM2_PER_CM2 = 100.0
 MOST_COLUMNS = 200  # maps that are smoothed at once
-ROUND_OFF = 1e-9
 COLUMNS = (
     "hemi",
     "kind",
@@ -68,18 +69,20 @@ class Overlap:
 
 @dataclass(frozen=True, eq=False)
 class _Side:
-    """One hemisphere: what is common (1 + T, K, 2, N), as it is and then rotated; areas (N,) and regions (N,)."""
+    """One hemisphere: what is common by region (1 + T, K, 3, R + 1), as it is and then rotated, and its densities.
+
+    The last region is the whole. ``density`` and ``chance`` (K, N) are smoothed; ``away`` (K, N), and the largest of
+    each rotation, ``largest`` (T, K), are distances from the mean of all [standard deviations].
+    """
 
     subjects: int
-    found: Array
-    areas: Array
-    labels: Ints
     names: tuple[str, ...]
-
-    def by_region(self, values: Array) -> Array:
-        """Sums of values (..., N) over each region, and over all vertices: (..., R + 1)."""
-        inside = np.equal.outer(self.labels, np.arange(len(self.names))).astype(np.float64)
-        return values @ np.column_stack([inside, np.ones(len(inside))])
+    by_region: Array
+    areas: Array
+    density: Array
+    chance: Array
+    away: Array
+    largest: Array
 
 
 def overlap(
@@ -115,7 +118,7 @@ def overlap(
         Of hinges, then of crests. ``share`` is the share of the hinges in a region, or of the length of crests, over
         all ordered pairs of subjects; ``chance``, ``chance_low`` and ``chance_high`` are its mean and the middle 95 %
         under rotations, ``p`` the share of rotations with at least that share. ``p_corrected`` holds for all rows of a
-        kind: by the largest distance from chance, in standard deviations of that row.
+        kind: by how far shares are above the mean, in standard deviations of that row.
 
     Raises
     ------
@@ -123,22 +126,25 @@ def overlap(
         If the study has no such maps, fewer than two subjects or no gyral width, or a number is not positive.
     """
     radius = _radius(space, radius)
-    if not (fwhm > 0 and spins >= 1):
-        raise OutOfRange(f"fwhm and the number of rotations must be positive, got {fwhm!r} and {spins!r}.")
-    sides, smoothed = {}, {}
+    if not (np.isfinite(fwhm) and fwhm > 0 and spins >= 1 and seed >= 0):
+        raise OutOfRange(
+            f"the smoothing and the number of rotations must be positive and the seed not negative, got {fwhm!r}, "
+            f"{spins!r} and {seed!r}."
+        )
+    marks = {hemi: _landmarks(space, hemi, radius) for hemi in hemis}  # refuses before the rotations
+    sides = {}
     for k, hemi in enumerate(hemis):
         show = part_of(progress, k / len(hemis), 1 / len(hemis), f"{hemi}: ")
-        sides[hemi] = _side(space, hemi, radius, spins, seed + k, part_of(show, 0.0, 0.7, ""))
-        smoothed[hemi] = _densities(space, hemi, sides[hemi], fwhm, part_of(show, 0.7, 0.3, ""))
-    p = _density_p(smoothed)
+        sides[hemi] = _side(space, hemi, marks.pop(hemi), fwhm, spins, seed + k, show)
+    largest = np.max([side.largest for side in sides.values()], axis=0)
     return [
         Overlap(
             kind,
             radius,
             _rows(kind, k, sides),
-            {hemi: densities[0, k] for hemi, densities in smoothed.items()},
-            {hemi: densities[1:, k].mean(axis=0) for hemi, densities in smoothed.items()},
-            {hemi: of_kinds[k] for hemi, of_kinds in p.items()},
+            {hemi: side.density[k] for hemi, side in sides.items()},
+            {hemi: side.chance[k] for hemi, side in sides.items()},
+            {hemi: share_above(side.away[k], largest[:, k]) for hemi, side in sides.items()},
         )
         for k, kind in enumerate(KINDS)
     ]
@@ -154,75 +160,78 @@ def _radius(space: Space, radius: float | None) -> float:
     return radius
 
 
-def _side(space: Space, hemi: str, radius: float, spins: int, seed: int, progress: Progress) -> _Side:
-    rows = np.flatnonzero(space.hemis[hemi])
-    if len(rows) < 2:
-        raise DoesNotApply(f"{space.folder}: {len(rows)} subjects have maps of {hemi}; two are needed to compare them.")
+def _landmarks(space: Space, hemi: str, radius: float) -> Landmarks:
+    there = np.flatnonzero(space.hemis[hemi])
+    _refuse_few(space, hemi, len(there))
     amounts, far = (
-        np.stack([np.asarray(space.map(hemi, names[k]), dtype=np.float64)[rows] for names in KINDS.values()])
+        np.stack([np.asarray(space.map(hemi, names[k]), dtype=np.float64)[there] for names in KINDS.values()])
         for k in (0, 1)
     )
+    known = np.isfinite(amounts).any(axis=2).all(axis=0)  # a subject measured without its gyral graph has none
+    _refuse_few(space, hemi, int(known.sum()))
     sphere, cortex = space.sphere(hemi), space.cortex(hemi)
     points = points_on_sphere(sphere, sphere)
-    marks = Landmarks(
-        np.where(cortex, np.nan_to_num(amounts), 0.0),
-        far <= radius,
+    return Landmarks(
+        np.where(cortex, np.nan_to_num(amounts[:, known]), 0.0),
+        far[:, known] <= radius,
         points,
         vertex_areas(points, sphere.faces),
-        np.where(cortex, areas_of(space, hemi, rows), 0.0),
+        np.where(cortex, areas_of(space, hemi, there[known]), 0.0),
     )
-    found = np.concatenate([common(marks)[None], common_by_chance(marks, spins, seed, progress)])
-    return _Side(len(rows), found, marks.areas, *_labels(space, hemi))
 
 
-def _labels(space: Space, hemi: str) -> tuple[Ints, tuple[str, ...]]:
-    """Number of the region (N,) at each vertex, -1: none; and the names of the regions."""
+def _refuse_few(space: Space, hemi: str, count: int) -> None:
+    if count < 2:
+        other = "rh" if hemi == "lh" else "lh"
+        advice = f" Pass --hemi {other}." if space.hemis[other].sum() > 1 else ""
+        raise DoesNotApply(
+            f"{space.folder}: {count} subjects have hinges and crests of {hemi}; two are needed.{advice}"
+        )
+
+
+def _side(space: Space, hemi: str, marks: Landmarks, fwhm: float, spins: int, seed: int, progress: Progress) -> _Side:
+    inside, names = _regions(space, hemi)
+    K, subjects, N = marks.amounts.shape
+    sums = []
+    counts: Array = np.empty((1 + spins, K, N), dtype=np.float32)
+    turned = common_by_chance(marks, spins, seed, part_of(progress, 0.0, 0.7, ""))
+    start = 0
+    for found in chain([common(marks)[None]], turned):
+        sums.append(found @ inside)
+        counts[start : start + len(found)] = found[:, :, 0]
+        start += len(found)
+    densities = _densities(space, hemi, counts, marks.areas * subjects, fwhm, part_of(progress, 0.7, 0.3, ""))
+    spread = densities.std(axis=0)
+    away = np.abs(densities - densities.mean(axis=0)) / np.where(spread > 0, spread, 1.0)
+    largest = np.nanmax(away[1:], axis=2)
+    chance = densities[1:].mean(axis=0)
+    areas = marks.areas @ inside
+    return _Side(subjects, names, np.concatenate(sums), areas, densities[0], chance, away[0], largest)
+
+
+def _regions(space: Space, hemi: str) -> tuple[Array, tuple[str, ...]]:
+    """Which vertices are in each region, and in the last column all (N, R + 1); the names of the regions."""
     regions, cortex = space.regions(hemi), space.cortex(hemi)
-    labels, names = np.full(len(cortex), -1), list[str]()
+    columns, names = [], []
     for k, name in enumerate(() if regions is None else regions.names):
         if regions is not None and not is_no_cortex(name):
-            labels[cortex & (regions.labels == k)] = len(names)
+            columns.append(cortex & (regions.labels == k))
             names.append(name)
-    return labels, tuple(names)
+    return np.column_stack([*columns, np.ones(len(cortex))]).astype(np.float64), tuple(names)
 
 
-def _densities(space: Space, hemi: str, side: _Side, fwhm: float, progress: Progress) -> Array:
-    """Smoothed densities (1 + T, K, N) of a subject, for each cm^2; NaN outside the cortex."""
+def _densities(space: Space, hemi: str, counts: Array, areas: Array, fwhm: float, progress: Progress) -> Array:
+    """Smoothed counts over smoothed areas (1 + T, K, N), for each cm^2; NaN outside the cortex."""
     white, cortex = space.surface(hemi), space.cortex(hemi)
     around = vertex_areas(white.verts, white.faces)[:, None]
-    area = smooth(white.verts, white.faces, side.areas[:, None] / around, fwhm, cortex, fill=0.0)
-    columns = side.found[:, :, 0].reshape(-1, len(cortex))
-    smoothed: Array = np.empty(columns.shape, dtype=np.float32)
+    area = smooth(white.verts, white.faces, areas[:, None] / around, fwhm, cortex, fill=0.0)
+    columns = counts.reshape(-1, len(cortex))
     for start in range(0, len(columns), MOST_COLUMNS):
         part = slice(start, start + MOST_COLUMNS)
         spread = smooth(white.verts, white.faces, columns[part].T / around, fwhm, cortex, fill=0.0)
-        smoothed[part] = (MM2_PER_CM2 / side.subjects * spread / area).T
+        columns[part] = (MM2_PER_CM2 * spread / area).T
         progress(min(1.0, part.stop / len(columns)), "smoothing")
-    return smoothed.reshape(len(side.found), len(KINDS), -1)
-
-
-def _density_p(smoothed: Mapping[str, Array]) -> dict[str, Array]:
-    """Corrected p (K, N) by hemisphere, over all of them, of densities (1 + T, K, N), the study's and rotated ones."""
-    away = {}
-    for hemi, maps in smoothed.items():
-        spread = maps[1:].std(axis=0)
-        away[hemi] = np.divide(np.abs(maps - maps[1:].mean(axis=0)), spread, out=np.zeros_like(maps), where=spread > 0)
-    largest = np.max([one[1:].max(axis=2) for one in away.values()], axis=0)  # (T, K)
-    return {
-        hemi: np.stack(
-            [
-                np.where(np.isfinite(smoothed[hemi][0, k]), _above(one[0, k], largest[:, k]), np.nan)
-                for k in range(len(KINDS))
-            ]
-        )
-        for hemi, one in away.items()
-    }
-
-
-def _above(values: Array, null: Array) -> Array:
-    """Share of the null (T,) that is at least as large as each value, the value itself among them."""
-    above = len(null) - np.searchsorted(np.sort(null), values - ROUND_OFF * np.abs(values), side="left")
-    return (1 + above) / (1 + len(null))
+    return columns.reshape(counts.shape)
 
 
 def _rows(kind: str, k: int, sides: Mapping[str, _Side]) -> list[dict[str, Any]]:
@@ -235,24 +244,24 @@ def _rows(kind: str, k: int, sides: Mapping[str, _Side]) -> list[dict[str, Any]]
     if scores:
         largest = np.max([score[1:] for _, score in scores], axis=0)
         for row, score in scores:
-            row["p_corrected"] = float(_above(score[:1], largest)[0])
+            row["p_corrected"] = float(share_above(score[:1], largest)[0])
     return rows
 
 
 def _rows_of_side(kind: str, k: int, hemi: str, side: _Side) -> Iterator[tuple[dict[str, Any], Array | None]]:
-    """Each row with how far its share, and each rotated one (1 + T,), are from chance [standard deviations]."""
-    amounts, shared = (side.by_region(side.found[:, k, i]) for i in (0, 1))  # (1 + T, R + 1)
-    shares = np.divide(shared, amounts, out=np.full(shared.shape, np.nan), where=amounts > 0)
-    for r, (region, area) in enumerate(zip((*side.names, WHOLE), side.by_region(side.areas))):
-        amount, share, chance = float(amounts[0, r]) / side.subjects, shares[0, r], shares[1:, r]
+    """Each row with how far its share, and each rotated one (1 + T,), are above the mean [standard deviations]."""
+    amounts, shared, compared = np.moveaxis(side.by_region[:, k], 1, 0)  # (1 + T, R + 1)
+    shares = np.divide(shared, compared, out=np.full(shared.shape, np.nan), where=compared > 0)
+    for r, (region, area) in enumerate(zip((*side.names, WHOLE), side.areas)):
+        amount, share = float(amounts[0, r]) / side.subjects, shares[:, r]
         row: dict[str, Any] = {"hemi": hemi, "kind": kind, "region": region, "subjects": side.subjects}
         row |= {"amount": amount, "density": MM2_PER_CM2 * amount / area if area > 0 else None}
-        known = chance[np.isfinite(chance)]
-        if not (np.isfinite(share) and len(known)):
+        chance = share[1:][np.isfinite(share[1:])]
+        if not (np.isfinite(share[0]) and len(chance)):
             yield row, None
             continue
-        low, high = np.percentile(known, (2.5, 97.5))
-        row |= {"share": float(share), "chance": float(known.mean()), "chance_low": low, "chance_high": high}
-        row["p"] = float(_above(np.array([share]), known)[0])
-        all_of = np.nan_to_num(np.append(share, chance), nan=float(known.mean()))
-        yield row, (all_of - known.mean()) / known.std() if known.std() > 0 else None
+        low, high = np.percentile(chance, (2.5, 97.5))
+        row |= {"share": float(share[0]), "chance": float(chance.mean()), "chance_low": low, "chance_high": high}
+        row["p"] = float(share_above(share[:1], chance)[0])
+        mean, spread = float(np.nanmean(share)), float(np.nanstd(share))
+        yield row, (np.nan_to_num(share, nan=mean) - mean) / spread if spread > 0 else None

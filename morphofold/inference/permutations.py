@@ -20,6 +20,7 @@ from morphofold.threads import in_blocks, one_blas_thread
 FORMING_P = 0.001  # two-sided p of the height above which clusters are formed
 PERMUTATIONS_AT_ONCE = 64  # bounds the memory
 ROUND_OFF = 1e-9  # relative
+CONSTANT = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +34,8 @@ class Inference:
     t : (N,) float64
     df : int
         Degrees of freedom.
+    flipped : bool
+        Whether signs were changed, because a mean is tested; else subjects or blocks were exchanged.
     p : (N,) float64
         Two-sided, of one vertex alone, if errors are normal.
     p_height : (N,) float64
@@ -55,6 +58,7 @@ class Inference:
     effect: Array = field(repr=False)
     t: Array = field(repr=False)
     df: int
+    flipped: bool
     p: Array = field(repr=False)
     p_height: Array = field(repr=False)
     p_tfce: Array = field(repr=False)
@@ -120,6 +124,16 @@ class Model:
     def __repr__(self) -> str:
         return f"Model({len(self._tested)} subjects, {self.df} degrees of freedom)"
 
+    @property
+    def tests_a_mean(self) -> bool:
+        """Whether what is tested is left of a constant map, so that exchanging subjects could not tell it from none."""
+        return bool(np.abs(self.residuals(np.ones(len(self._tested)))).max() > CONSTANT)
+
+    def changes(self, exchanges: Array) -> bool:
+        """Whether an exchange (P, S, 2) changes what is tested, but for its sign."""
+        turned = self._tested[exchanges[..., 0].astype(np.int64)] * exchanges[..., 1]
+        return bool((np.abs(turned @ self._tested) < 1 - CONSTANT).any())
+
     def residuals(self, maps: Array) -> Array:
         """Maps (S, N) less what the columns explain that are not tested."""
         return maps - self._nuisance @ (self._nuisance.T @ maps)
@@ -155,7 +169,7 @@ def exchanges(
 ) -> Array:
     """Random exchanges (count, subjects, 2): the subject that comes to each place, and its sign.
 
-    ``flip``: signs are random and subjects stay, for a model with an intercept alone. ``blocks`` (subjects,): subjects
+    ``flip``: signs are random and subjects stay, where a mean is tested. ``blocks`` (subjects,): subjects
     are exchanged within blocks only, or each block has one sign. ``whole``: blocks change places with blocks of their
     size, and subjects keep their order within them.
 
@@ -229,7 +243,6 @@ def infer(
     *,
     permutations: int = 1000,
     seed: int = 0,
-    flip: bool = False,
     blocks: Ints | None = None,
     whole: bool = False,
     forming_p: float = FORMING_P,
@@ -247,8 +260,6 @@ def infer(
         Of the N vertices.
     permutations : int
     seed : int
-    flip : bool
-        Exchange signs instead of subjects, for a model with an intercept alone, or differences of pairs.
     blocks : (S,) int64, optional
         Subjects are exchanged within blocks only (repeated measures).
     whole : bool
@@ -275,12 +286,19 @@ def infer(
     (Winkler and others 2014, NeuroImage 92): residuals of the columns that are not tested are exchanged, and the whole
     model is fitted to them again. The largest statistic of each exchange over the surface gives p values that hold for
     all vertices together.
+
+    A mean, such as the intercept of covariates about their mean, or one group's, is tested by signs instead: each
+    subject, or block, has its residuals times 1 or -1, since exchanging subjects leaves a mean as it is. It is a mean
+    if the other columns can't make a constant.
     """
     model, Y = Model(design, contrast), np.asarray(maps, dtype=np.float64)
     if Y.ndim != 2 or Y.shape != (len(design), len(mesh.areas)):
         raise WrongShape(f"maps {Y.shape} must be ({len(design)}, {len(mesh.areas)}): subjects and vertices.")
-    if permutations < 1 or not 0 < forming_p < 1:
-        raise OutOfRange(f"permutations must be positive and forming_p within 0 to 1, got {permutations}, {forming_p}.")
+    if permutations < 1 or not 0 < forming_p < 1 or seed < 0:
+        raise OutOfRange(
+            "permutations must be positive, forming_p within 0 to 1 and the seed not negative, got "
+            f"{permutations}, {forming_p} and {seed}."
+        )
     known: NDArray[np.bool_] = np.asarray(np.isfinite(Y).all(axis=0))
     if not known.any():
         raise DoesNotApply("no vertex has a value in all subjects. Leave out subjects without maps.")
@@ -290,16 +308,22 @@ def infer(
         own = np.column_stack([np.arange(len(Y), dtype=np.float64), np.ones(len(Y))])[None]
         t, effect = np.full((2, len(known)), np.nan)
         t[known], effect[known] = model.t(residuals, own)[0], model.effect(residuals)
-    shuffled = exchanges(len(Y), permutations, seed, flip=flip, blocks=blocks, whole=whole)
+    shuffled = exchanges(len(Y), permutations, seed, flip=model.tests_a_mean, blocks=blocks, whole=whole)
+    if not model.changes(shuffled):
+        raise DoesNotApply(
+            "no exchange changes what is tested: it is the same within every block, so exchange whole blocks "
+            "(--whole-blocks); or it differs only within blocks, so don't."
+        )
     null = largest(Null(model, residuals, known, mesh, threshold, shuffled), progress)
     cluster, rows = _cluster_table(t, effect, threshold, mesh, null[:, 1])
     return Inference(
         effect=effect,
         t=t,
         df=model.df,
+        flipped=model.tests_a_mean,
         p=2 * stats.t.sf(np.abs(t), model.df),
-        p_height=_corrected(np.abs(t), null[:, 0]),
-        p_tfce=_corrected(np.where(known, np.abs(tfce(t, mesh)), np.nan), null[:, 2]),
+        p_height=share_above(np.abs(t), null[:, 0]),
+        p_tfce=share_above(np.where(known, np.abs(tfce(t, mesh)), np.nan), null[:, 2]),
         threshold=threshold,
         cluster=cluster,
         clusters=rows,
@@ -326,9 +350,9 @@ def _largest(start, stop, t, order, indptr, indices, areas, threshold, found):
                 found[k, 1] = max(found[k, 1], size.max())
 
 
-def _corrected(values: Array, null: Array) -> Array:
-    """Share of permutations (P,) whose largest value is at least as large (N,), the map itself among them."""
-    above = len(null) - np.searchsorted(np.sort(null), values * (1 - ROUND_OFF), side="left")
+def share_above(values: Array, null: Array) -> Array:
+    """p (N,): the share of the null (P,) that is at least as large, the value itself among them; NaN stays NaN."""
+    above = len(null) - np.searchsorted(np.sort(null), values - ROUND_OFF * np.abs(values), side="left")
     return np.where(np.isfinite(values), (1 + above) / (1 + len(null)), np.nan)
 
 
@@ -341,7 +365,7 @@ def _cluster_table(
         for k, area in enumerate(areas):
             inside = np.flatnonzero(cluster == k)
             peak = int(inside[np.argmax(sign * t[inside])])
-            p = float(_corrected(np.array([area]), null)[0])
+            p = float(share_above(np.array([area]), null)[0])
             rows.append(({"peak": peak, "t": t[peak], "effect": effect[peak], "area_mm2": area, "p": p}, inside))
     rows.sort(key=lambda row: -row[0]["area_mm2"])
     for k, (_, inside) in enumerate(rows):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,49 +41,53 @@ class Landmarks:
 
 
 def common(marks: Landmarks) -> Array:
-    """What the subjects have and share as they are: (K, 2, N).
+    """What the subjects have and share as they are: (K, 3, N).
 
     The first is the sum of all subjects' amounts at each vertex. The second is the part of it that another subject has
-    within the radius, the mean over the other subjects.
+    within the radius, the mean over the other subjects. The third is the part of the first with which the second is
+    compared: all of it, unless no other subject has cortex there.
     """
+    S = marks.amounts.shape[1]
     others = marks.near.sum(axis=1, keepdims=True) - marks.near
-    shared = marks.amounts * others / max(marks.amounts.shape[1] - 1, 1)
-    return np.stack([marks.amounts.sum(axis=1), shared.sum(axis=1)], axis=1)
+    have, shared = marks.amounts.sum(axis=1), (marks.amounts * others / max(S - 1, 1)).sum(axis=1)
+    return np.stack([have, shared, have if S > 1 else np.zeros_like(have)], axis=1)
 
 
-def common_by_chance(marks: Landmarks, spins: int, seed: int, progress: Progress = silent) -> Array:
-    """The same under random rotations, (spins, K, 2, N) float32; each subject is turned by a rotation of its own.
+def common_by_chance(marks: Landmarks, spins: int, seed: int, progress: Progress = silent) -> Iterator[Array]:
+    """The same under random rotations, a few at a time: (T, K, 3, N); each subject is turned by a rotation of its own.
 
     Notes
     -----
     A vertex gets what lies under it after the rotation, for each area of the sphere, times its area on the cortex; then
     a subject's amounts are divided by their sum and multiplied by what it has. So by chance amounts are spread over
-    the cortex in proportion to its area, and neither the medial wall nor the distortion of the sphere changes them.
+    the cortex in proportion to its area. They are compared with the subjects whose cortex comes to lie there, not with
+    those whose medial wall does. So neither the wall nor the distortion of the sphere changes the share.
     """
     table, (K, S, N) = NearestTable(marks.points), marks.amounts.shape
     dense = np.divide(marks.amounts, marks.on_sphere, out=np.zeros((K, S, N)), where=marks.on_sphere > 0)
     total = marks.amounts.sum(axis=2)
-    found: Array = np.zeros((spins, K, 2, N), dtype=np.float32)
     turns = rotations(spins * S, seed).reshape(spins, S, 3, 3)
     for start in range(0, spins, ROTATIONS_AT_ONCE):
-        part = slice(start, min(start + ROTATIONS_AT_ONCE, spins))
-        given = reading(marks.points, table.vertex, dense, marks.near, marks.areas, total, turns[part])
-        in_blocks(_turned, part.stop - part.start, *given, table.n, found[part])
-        progress(part.stop / spins, f"{part.stop} of {spins} rotations")
-    return found
+        part = turns[start : start + ROTATIONS_AT_ONCE]
+        found = np.zeros((len(part), K, 3, N))
+        given = reading(marks.points, table.vertex, dense, marks.near, marks.areas, total, part)
+        in_blocks(_turned, len(part), *given, table.n, found)
+        progress((start + len(part)) / spins, f"{start + len(part)} of {spins} rotations")
+        yield found
 
 
 @kernel
 def _turned(start, stop, points, vertex, dense, near, areas, total, turns, n, sums):
-    """Write (T, K, 2, N): all subjects' amounts after rotations (T, S, 3, 3), and what of them is shared."""
+    """Write what is common (T, K, 3, N) after rotations (T, S, 3, 3)."""
     K, S, N = dense.shape
     under = np.empty((S, N), np.int64)
     for t in range(start, stop):
+        compared, others = np.zeros(N), np.zeros((K, N))  # subjects with cortex there, and of these with one near
         for s in range(S):
             turn = turns[t, s]
             for i in range(N):
                 a, b, c = points[i, 0], points[i, 1], points[i, 2]
-                under[s, i] = vertex[
+                u = vertex[
                     cell_of(
                         turn[0, 0] * a + turn[0, 1] * b + turn[0, 2] * c,
                         turn[1, 0] * a + turn[1, 1] * b + turn[1, 2] * c,
@@ -90,21 +95,23 @@ def _turned(start, stop, points, vertex, dense, near, areas, total, turns, n, su
                         n,
                     )
                 ]
+                under[s, i] = u
+                if areas[u] > 0.0:
+                    compared[i] += 1.0
+                    for k in range(K):
+                        others[k, i] += 1.0 if near[k, s, u] else 0.0
         for k in range(K):
-            others = np.zeros(N)
-            for s in range(S):
-                for i in range(N):
-                    others[i] += 1.0 if near[k, s, under[s, i]] else 0.0
             for s in range(S):
                 whole = 0.0
                 for i in range(N):
                     whole += dense[k, s, under[s, i]] * areas[i]
-                if whole == 0.0:
-                    continue
-                share = total[k, s] / whole
+                share = total[k, s] / whole if whole > 0.0 else 0.0
                 for i in range(N):
                     u = under[s, i]
                     amount = dense[k, s, u] * areas[i] * share
                     if amount > 0.0:
                         sums[t, k, 0, i] += amount
-                        sums[t, k, 1, i] += amount * (others[i] - (1.0 if near[k, s, u] else 0.0)) / max(S - 1, 1)
+                        if compared[i] > 1.0:
+                            own = 1.0 if near[k, s, u] else 0.0
+                            sums[t, k, 1, i] += amount * (others[k, i] - own) / (compared[i] - 1.0)
+                            sums[t, k, 2, i] += amount

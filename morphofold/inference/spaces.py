@@ -16,6 +16,7 @@ from morphofold.geometry import vertex_areas
 from morphofold.inference.clusters import Mesh
 from morphofold.io import read_annotation, read_label, read_surface
 from morphofold.io.json_files import Amount, Record, read_json
+from morphofold.spheres.templates import template_sphere, template_surface
 from morphofold.surface import Regions, Surface
 from morphofold.tables import read_table
 
@@ -66,14 +67,11 @@ class Space:
 
     def surface(self, hemi: str, kind: str = "white") -> Surface:
         """A surface of the template."""
-        return read_surface(self.folder / "surf" / f"{self.side(hemi)}.{kind}")
+        return read_surface(template_surface(self.folder, self.side(hemi), kind))
 
     def sphere(self, hemi: str) -> Surface:
         """The template's registered sphere."""
-        try:
-            return self.surface(hemi, "sphere.reg")
-        except FileNotFoundError:
-            return self.surface(hemi, "sphere")
+        return read_surface(template_sphere(self.folder, self.side(hemi)))
 
     def cortex(self, hemi: str) -> NDArray[np.bool_]:
         """The template's cortex (N,); everywhere if it has no label."""

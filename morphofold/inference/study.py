@@ -15,7 +15,7 @@ from morphofold.errors import DoesNotApply, MissingPart, UnknownName
 from morphofold.inference.clusters import Mesh
 from morphofold.inference.design import Design, design, read_participants
 from morphofold.inference.permutations import Inference, Null, here, infer
-from morphofold.inference.spaces import HEMIS, Space, mesh_of
+from morphofold.inference.spaces import HEMIS, Space, areas_of, mesh_of
 from morphofold.io import atomic_folder, write_gifti_map, write_morph
 from morphofold.progress import Progress, silent
 from morphofold.provenance import input_records, strict_json
@@ -48,6 +48,8 @@ class Result:
     seed, permutations : int
     asymmetry : str or None
         ``"difference"`` or ``"index"`` if the map is that of left and right.
+    whole : bool
+        Whether blocks were exchanged as wholes.
     """
 
     space: Space
@@ -63,6 +65,7 @@ class Result:
     seed: int
     permutations: int
     asymmetry: str | None = None
+    whole: bool = False
 
     @property
     def shown(self) -> str:
@@ -127,13 +130,19 @@ def fit_study(
     has_all = np.all([space.hemis[hemi] for hemi in needed], axis=0)
     present = [subject for subject, there in zip(space.subjects, has_all) if there]
     if not present:
-        raise MissingPart(f"{space.folder}: no subject has maps of {' and '.join(needed)}.")
+        raise MissingPart(
+            f"{space.folder}: of {len(space.subjects)} subjects in participants.tsv none has maps of "
+            f"{' and '.join(needed)}."
+        )
     chosen = design(present, read_participants(participants), formula, contrast, blocks)
     row = {subject: k for k, subject in enumerate(space.subjects)}
     rows = np.array([row[subject] for subject in chosen.subjects])
     sides = [np.where(space.cortex(hemi), np.asarray(maps[hemi])[rows], np.nan) for hemi in needed]
     values = np.concatenate(sides, axis=1) if asymmetry is None else _asymmetry(asymmetry, *sides)
     mesh = mesh_of(space, tested, rows)
+    if asymmetry is not None:  # areas of both sides count alike
+        areas = np.mean([areas_of(space, hemi, rows) for hemi in HEMIS], axis=0)
+        mesh = Mesh(space.surface("lh").faces, areas)
     found = infer(
         values,
         chosen.matrix,
@@ -141,7 +150,6 @@ def fit_study(
         mesh,
         permutations=permutations,
         seed=seed,
-        flip=chosen.flip,
         blocks=chosen.blocks,
         whole=whole,
         largest=largest,
@@ -150,7 +158,7 @@ def fit_study(
     left = tuple(subject for subject, there in zip(space.subjects, has_all) if not there)
     counts = np.isfinite(values).sum(axis=0)
     return Result(
-        space, name, formula, contrast, tested, chosen, found, mesh, counts, left, seed, permutations, asymmetry
+        space, name, formula, contrast, tested, chosen, found, mesh, counts, left, seed, permutations, asymmetry, whole
     )
 
 
@@ -214,7 +222,9 @@ def write_result(
         (folder / "maps").mkdir()
         for name, values in maps.items():
             for hemi, part in split(result, values).items():
-                write_gifti_map(folder / "maps" / f"{hemi}.{name}.shape.gii", part, nan=np.nan, hemi=hemi)
+                write_gifti_map(
+                    folder / "maps" / f"{hemi}.{name}.shape.gii", part, nan=np.nan, hemi=result.space.side(hemi)
+                )
                 write_morph(folder / "maps" / f"{hemi}.{name}", part, nan=1.0 if name.startswith("p") else 0.0)
         write_table(folder / "clusters.tsv", CLUSTER_COLUMNS, cluster_rows(result))
         said = summary(result, inputs)
@@ -244,7 +254,7 @@ def summary(result: Result, inputs: Sequence[str | Path] = ()) -> dict[str, Any]
         "df": found.df,
         "permutations": result.permutations,
         "seed": result.seed,
-        "exchanged": "signs" if chosen.flip else "subjects",
+        "exchanged": "signs" if found.flipped else "blocks" if result.whole else "subjects",
         "blocks": None if chosen.blocks is None else int(chosen.blocks.max()) + 1,
         "cluster_forming_t": found.threshold,
         "vertices": {"all": len(tested), "tested": int(tested.sum())},

@@ -85,7 +85,7 @@ def _head(m: Measures) -> list[str]:
         "anatomy_type surface",
         f"subjectname {' '.join(printable(cortex.name).split())}",
         f"hemi {cortex.hemi}",
-        f"AnnotationFile ../label/{stats_name(m).replace('.gyral.stats', '.annot')}",
+        *_annotation_line(m),
         *(f"Measure {words}, {value:.10g}, {unit}" for words, value, unit in measures if value is not None),
         f"NTableCols {len(STATS_COLUMNS)}",
     ]
@@ -93,6 +93,13 @@ def _head(m: Measures) -> list[str]:
         lines += [f"TableCol {k:2d} {what}" for what in (f"ColHeader {heading}", f"FieldName {words}", f"Units {unit}")]
     lines.append(f"ColHeaders {' '.join(heading for heading, *_ in STATS_COLUMNS)}")
     return [f"# {line}".rstrip() for line in lines]
+
+
+def _annotation_line(m: Measures) -> list[str]:
+    """The file of the parcellation; none if it was carried over from a template."""
+    if "annotation_from" in m.cortex.info:
+        return []
+    return [f"AnnotationFile ../label/{stats_name(m).replace('.gyral.stats', '.annot')}"]
 
 
 def _rows(m: Measures) -> list[str]:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from morphofold.arrays import Array
+from morphofold.errors import MissingPart
 from morphofold.inference.spaces import Space
 from morphofold.quantities import Quantity
 from morphofold.report.pictures.png import halved, png_bytes
@@ -34,5 +35,5 @@ def picture(
 def _shown_surface(space: Space, hemi: str) -> Surface:
     try:
         return space.surface(hemi, "inflated")
-    except FileNotFoundError:
+    except MissingPart:
         return space.surface(hemi)

@@ -21,15 +21,13 @@ def stats_report(result: Result, summary: Mapping[str, Any], folder: Path) -> Pa
     """Write ``folder/report.html`` and ``folder/figures/``: effect, r, p_tfce, p_height and subjects; returns the path
     of the page."""
     (folder / "figures").mkdir()
-    found, unit = result.inference, quantity(result.map).unit
+    found, unit = result.inference, "" if result.asymmetry == "index" else quantity(result.map).unit
     largest = float(np.nanpercentile(np.abs(found.effect), 99.5)) or 1.0
     pictures = [
         picture(
             result.space,
             folder,
-            Quantity(
-                "effect", f"Effect of {result.contrast} on {quantity(result.map).label.lower()}", unit, signed=True
-            ),
+            Quantity("effect", f"Effect of {result.contrast} on {_map_words(result)}", unit, signed=True),
             split(result, found.effect),
             (-largest, largest),
             f"The contrast {result.contrast} of the coefficients, per unit of the regressor.",
@@ -59,7 +57,7 @@ def stats_report(result: Result, summary: Mapping[str, Any], folder: Path) -> Pa
                 Quantity(key, "−log10 p, with the sign of the effect", signed=True),
                 split(result, shown),
                 (-most, most),
-                f"Corrected for the whole cortex, {words}. Grey: p above {SIGNIFICANT}, or not tested.",
+                f"Corrected for all vertices that are tested, {words}. Grey: p above {SIGNIFICANT}, or not tested.",
             )
         )
     counts = result.counts.astype(np.float64)
@@ -85,3 +83,8 @@ def stats_report(result: Result, summary: Mapping[str, Any], folder: Path) -> Pa
         sides=SIDES,
         smallest=1 / (1 + result.permutations),
     )
+
+
+def _map_words(result: Result) -> str:
+    words = quantity(result.map).label.lower()
+    return {None: words, "difference": f"{words}, left − right", "index": f"asymmetry of {words}"}[result.asymmetry]
