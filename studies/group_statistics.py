@@ -1,7 +1,7 @@
 """False positives and power of ``morphofold stats``, measured on made studies, and the table of them on a page.
 
 ``python -m morphofold.studies.group_statistics docs/group-statistics.md`` writes the tables between the marks ``rates``
-and ``power``. With 1,000 studies of each kind it takes half an hour on two cores.
+and ``power``. It takes half an hour on two cores.
 """
 
 from __future__ import annotations
@@ -110,8 +110,8 @@ def share_with_interval(hits: int, n: int) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("page", type=Path)
-    parser.add_argument("--studies", type=int, default=1000)
-    parser.add_argument("--power-studies", type=int, default=100)
+    parser.add_argument("--studies", type=int, default=400)
+    parser.add_argument("--power-studies", type=int, default=60)
     args = parser.parse_args()
     bench = Bench()
     rates = table(["tested", "smoothness [mm]", *KINDS], list(false_positives(bench, args.studies)))

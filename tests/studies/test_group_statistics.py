@@ -1,0 +1,53 @@
+"""False positives and power of group statistics, on made studies."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from morphofold.studies.group_statistics import Bench, false_positives, people, power, share_with_interval
+
+PAGE = Path(__file__).parent.parent.parent / "docs" / "group-statistics.md"
+
+
+def test_the_interval_of_a_share_is_the_exact_one():
+    assert share_with_interval(0, 20) == "0.0 % (0.0 to 16.8)"  # tables of Clopper and Pearson
+    assert share_with_interval(5, 20) == "25.0 % (8.7 to 49.1)"
+    assert share_with_interval(20, 20) == "100.0 % (83.2 to 100.0)"
+
+
+def test_noise_has_variance_one_and_lies_on_the_cortex():
+    bench = Bench()
+    maps = bench.noise(4, 10.0, np.random.default_rng(0))
+    assert np.nanstd(maps) == pytest.approx(1.0)
+    np.testing.assert_array_equal(np.isfinite(maps).all(axis=0), bench.cortex)
+    assert 0 < bench.patch.sum() < 0.1 * bench.cortex.sum()
+
+
+def test_a_study_of_each_kind_gives_its_rows(monkeypatch):
+    monkeypatch.setattr("morphofold.studies.group_statistics.GROUPS", (10,))
+    monkeypatch.setattr("morphofold.studies.group_statistics.CORRELATIONS", (0.95,))
+    monkeypatch.setattr("morphofold.studies.group_statistics.PERMUTATIONS", 39)
+    bench = Bench()
+    assert [row[:2] for row in false_positives(bench, 1)] == [
+        ["age, with sex", "10"],
+        ["age, with sex", "20"],
+        ["mean", "10"],
+        ["mean", "20"],
+    ]
+    (row,) = power(bench, 1)
+    assert row[:2] == ["10", "0.95"]
+    assert row[4] == "100 %"  # TFCE finds an effect of 90 % of the variance
+    assert np.linalg.matrix_rank(people(10, np.random.default_rng(0))) == 3
+
+
+@pytest.mark.skipif(not PAGE.is_file(), reason="needs a checkout")
+def test_no_rate_of_the_page_differs_from_five_percent():
+    """Each table is there, and 5 % lies in the interval of every rate."""
+    text = PAGE.read_text(encoding="utf-8")
+    rates = re.search(r"<!-- rates -->(.*)<!-- /rates -->", text, re.DOTALL)[1]
+    intervals = re.findall(r"\(([\d.]+) to ([\d.]+)\)", rates)
+    assert len(intervals) == 12
+    assert all(float(low) <= 5 <= float(high) for low, high in intervals)
+    assert re.search(r"<!-- power -->(.*)<!-- /power -->", text, re.DOTALL)[1].count("\n| ") == 11
