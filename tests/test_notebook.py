@@ -166,3 +166,12 @@ def test_a_plot_that_can_not_be_drawn_is_refused():
     for limits in ((1, 1), (2, 1), (0, np.inf), (0, 1, 2)):
         with pytest.raises(OutOfRange):
             m.plot("H", limits=limits)
+
+
+def test_a_class_of_the_users_own_shows_what_its_parent_does():
+    class Mine(Cortex):
+        pass
+
+    parent = made_cortex("lh", name="bump")
+    mine = Mine(parent.white, parent.pial, name="bump")
+    assert table(mine._repr_html_())["Vertices"] == ["642"]

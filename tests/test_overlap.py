@@ -15,6 +15,7 @@ from morphofold.inference.spaces import find_space
 from morphofold.io.gifti import read_gifti_map
 from morphofold.report.pictures.png import read_png
 from morphofold.tables import read_table
+from morphofold.threads import using_threads
 
 CORTEX = VERTS[:, 2] > -40
 SUBJECTS, HINGES = 6, 10
@@ -89,6 +90,15 @@ def test_subjects_who_share_nothing_do_not_stand_out(tmp_path, rng):
     hinges, _ = overlap(find_space(tmp_path / "study"), hemis=["lh"], spins=99, seed=1)
     assert row_of(hinges)["p"] > 0.01
     assert np.nanmin(hinges.p["lh"]) > 0.01
+
+
+def test_threads_do_not_change_the_numbers(alike):
+    found = []
+    for threads in (1, 2):
+        with using_threads(threads):
+            found.append(overlap(find_space(alike[0]), hemis=["lh"], spins=30))
+    assert [one.rows for one in found[0]] == [one.rows for one in found[1]]
+    np.testing.assert_array_equal(found[0][0].p["lh"], found[1][0].p["lh"])
 
 
 def test_noise_has_no_density_unlike_chance_with_few_rotations(tmp_path):

@@ -18,6 +18,7 @@ from morphofold.inference.permutations import share_above
 from morphofold.inference.rotated import Landmarks, common, common_by_chance
 from morphofold.inference.spaces import HEMIS, Space, areas_of
 from morphofold.progress import Progress, part_of, silent
+from morphofold.threads import one_blas_thread
 from morphofold.unfolding.unfold import points_on_sphere
 
 KINDS = {"hinges": ("hinges", "hinge_distance"), "crests": ("crest_length", "crest_distance")}  # amount, distance
@@ -197,7 +198,8 @@ def _side(space: Space, hemi: str, marks: Landmarks, fwhm: float, spins: int, se
     turned = common_by_chance(marks, spins, seed, part_of(progress, 0.0, 0.7, ""))
     start = 0
     for found in chain([common(marks)[None]], turned):
-        sums.append(found @ inside)
+        with one_blas_thread():  # for the same bytes with any number
+            sums.append(found @ inside)
         counts[start : start + len(found)] = found[:, :, 0]
         start += len(found)
     densities = _densities(space, hemi, counts, marks.areas * subjects, fwhm, part_of(progress, 0.7, 0.3, ""))

@@ -52,7 +52,8 @@ def html_of(shown: Any) -> str:
 
     A surface without extent, or a folder whose stages can't be read, gives the reason in place of the picture.
     """
-    card: Card = _CARDS[type(shown).__name__](shown)
+    kind = next(kind.__name__ for kind in type(shown).__mro__ if kind.__name__ in _CARDS)
+    card: Card = _CARDS[kind](shown)
     picture, reason = "", card.reason
     if card.tiles:
         try:
