@@ -13,7 +13,7 @@ from morphofold.errors import NothingToDo, UnknownName
 from morphofold.surface import Cortex
 from morphofold.words import listed
 
-TABLES = ("regions", "crests", "hinges", "arms")
+TABLES = ("regions", "crests", "hinges", "arms", "shapes")
 CURVATURE_MAPS = ("H", "K", "k1", "k2", "shape_index", "curvedness")
 GIVEN_THICKNESS = "thickness_file"  # a map only of a cortex that came with a thickness
 #: step -> the scalars, maps and tables that it makes
@@ -44,6 +44,7 @@ MAKES: Mapping[str, tuple[str, ...]] = {
     "crests": ("crests",),
     "slopes": SLOPE_SCALARS,
     "regions": ("regions",),
+    "shapes": ("shapes",),
 }
 #: step -> the steps that it uses; all use "surfaces"
 NEEDS: Mapping[str, tuple[str, ...]] = {
@@ -52,6 +53,7 @@ NEEDS: Mapping[str, tuple[str, ...]] = {
     "gyral graph": ("resampling",),
     "crests": ("gyral graph", "cortical thickness", "gyral thickness", "curvature"),
     "slopes": ("cortical thickness", "gyral thickness"),
+    "shapes": ("cortical thickness", "curvature", "depth"),
     "regions": ("gyral graph", "cortical thickness", "gyral thickness", "curvature", "local gyrification"),
 }
 

@@ -56,6 +56,7 @@ COLUMNS = {
         "blind",
         "crest",
     ),
+    "shapes": ("hemi", "by", "part", "n_vertices", "area_mid_mm2", "thickness_mm", "thickness_sd_mm", "column_mm"),
 }
 #: FreeSurfer's own numbers in ``Cortex.info``, from ``stats/aseg.stats``: not measured here
 FREESURFER_VALUES = (
@@ -69,7 +70,7 @@ FREESURFER_VALUES = (
     "freesurfer_brain_mm3",
     "freesurfer_brain_without_ventricles_mm3",
 )
-TEXT_COLUMNS = {"name", "hemi", "region", "shape"}  # text even where it looks like a number
+TEXT_COLUMNS = {"name", "hemi", "region", "shape", "by", "part"}  # text even where it looks like a number
 WHOLE_NUMBERS = {  # and those that begin with n_
     "euler_characteristic",
     "surface_holes",

@@ -111,9 +111,10 @@ class Measures:
 
     ``scalars`` holds every name of ``SCALARS``. A value that cannot be computed is None, and ``notes`` gives the reason
     under the same name. If only a part was measured (``parameters["only"]``), all other values are None. ``maps`` are
-    per-vertex arrays (N,), NaN where undefined, positive where convex. ``regions``, ``crests``, ``hinges`` and ``arms``
-    are tables with one dict per row. ``parameters`` are the scales and options used. ``graph`` is the gyral graph; None
-    for measures read from a folder of an older version, or of a part that does not need it.
+    per-vertex arrays (N,), NaN where undefined, positive where convex. ``regions``, ``crests``, ``hinges``, ``arms``
+    and ``shapes`` (cortical thickness by shape and depth) are tables with one dict per row. ``parameters`` are the
+    scales and options used. ``graph`` is the gyral graph; None for measures read from a folder of an older version, or
+    of a part that does not need it.
     """
 
     cortex: Cortex
@@ -123,6 +124,7 @@ class Measures:
     crests: list[dict[str, Any]] = field(default_factory=list, repr=False)
     hinges: list[dict[str, Any]] = field(default_factory=list, repr=False)
     arms: list[dict[str, Any]] = field(default_factory=list, repr=False)
+    shapes: list[dict[str, Any]] = field(default_factory=list, repr=False, kw_only=True)
     parameters: Mapping[str, Any] = field(default_factory=dict, repr=False)
     notes: Mapping[str, str] = field(default_factory=dict, repr=False)
     graph: nx.MultiGraph | None = field(default=None, repr=False)
@@ -174,7 +176,7 @@ class Measures:
 
         Parameters
         ----------
-        table : {"scalars", "regions", "crests", "hinges", "arms"}
+        table : {"scalars", "regions", "crests", "hinges", "arms", "shapes"}
             ``"scalars"`` has one row: the numbers of ``scalars``, and FreeSurfer's own from ``stats/aseg.stats``.
 
         Returns

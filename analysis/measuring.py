@@ -24,6 +24,7 @@ from morphofold.analysis.mesh_quality import checks, defects, plausibility
 from morphofold.analysis.mesh_quality import repair as mending
 from morphofold.analysis.scales import scale_of_curvature, scale_of_folding
 from morphofold.analysis.steps import Steps
+from morphofold.analysis.thickness.by_shape import thickness_by_shape
 from morphofold.analysis.thickness.gyral import GyralThickness
 from morphofold.analysis.thickness.robust_slope import Line, through_regions
 from morphofold.progress import Progress, silent
@@ -322,6 +323,7 @@ class _Measurement:
             self._parameters(cap) | self.mended.numbers,
             said,
             self.graph,
+            shapes=thickness_by_shape(self.cortex, maps) if "shapes" in self._wanted.steps else [],
         )
         return self._wanted.part_of(self.mended.back(whole))
 

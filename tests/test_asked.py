@@ -85,7 +85,8 @@ def test_the_reason_for_an_empty_map_stays():
         ("gyrification_index", {"surfaces", "hull"}),
         ("gyral_thickness", {"surfaces", "resampling", "gyral thickness"}),
         ("n_hinges", {"surfaces", "resampling", "gyral graph"}),
-        ("regions", set(MAKES) - {"depth", "hull", "folding", "crests", "slopes"} | {"resampling"}),
+        ("regions", set(MAKES) - {"depth", "hull", "folding", "crests", "slopes", "shapes"} | {"resampling"}),
+        ("shapes", {"surfaces", "depth", "curvature", "cortical thickness", "resampling", "shapes"}),
     ],
 )
 def test_only_the_steps_that_a_name_needs_run(cortex, name, steps):

@@ -106,7 +106,7 @@ def _areas(cortex: Cortex) -> dict[str, float]:
 
 def _of_measures(m: Measures) -> Card:
     key = _map_to_show([m])
-    tables = {name: len(getattr(m, name)) for name in ("regions", "crests", "hinges", "arms")}
+    tables = {name: len(getattr(m, name)) for name in ("regions", "crests", "hinges", "arms", "shapes")}
     known = {name: m.scalars.get(name) for name in ("n_vertices", *HEADLINE_SCALARS, "n_hinges", "wavelength_mm")}
     return Card(
         f"Measures of {m.cortex.name}, {SIDES[m.cortex.hemi]}",

@@ -203,8 +203,10 @@ def _surface_entry(m: Measures) -> dict[str, Any]:
 
 def read_tables(summary: Mapping[str, Any], files: Mapping[str, Path]) -> dict[str, list[dict[str, Any]]]:
     """Read the tables of an analysis, by name, each with the number of rows in its summary."""
-    tables = {}
+    tables: dict[str, list[dict[str, Any]]] = {name: [] for name in COLUMNS if name not in summary["rows"]}
     for name, file in files.items():
+        if name in tables:  # of a version without this table
+            continue
         rows = tables[name] = read_table(
             file, TEXT_COLUMNS, summary["rows"].get(name), numbers=set(COLUMNS[name]) - TEXT_COLUMNS
         )
@@ -268,6 +270,7 @@ def measures_of(
         parameters=dict(entry["parameters"]),
         notes=dict(entry["notes"]),
         graph=graph(n) if entry["graph"] else None,
+        shapes=own["shapes"],
     )
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from morphofold.analysis.frames import COLUMNS
 from morphofold.analysis.gyrification.folding_law import ShapeTerms, shape_terms_of
 from morphofold.analysis.measures import SCALARS, Measures
 from morphofold.analysis.mesh_quality.checks import cortex_label
@@ -210,9 +211,10 @@ def remarks(entries: Sequence[Entry], shown: Sequence[Mapping[str, Any]]) -> lis
 
 
 def tables(entries: Sequence[Entry]) -> Rows:
-    """Tables of regions, hinges and crests of every surface that has them: title, column headings, values."""
+    """Tables of every surface that has them: title, column headings, values."""
     found = []
     for title, name, columns in (
+        ("Thickness by shape and depth", "shapes", COLUMNS["shapes"]),
         ("Regions", "regions", REGION_COLUMNS),
         ("Hinges", "hinges", HINGE_COLUMNS),
         ("Crests", "crests", CREST_COLUMNS),

@@ -1,0 +1,105 @@
+"""Where a growing cortex is thick: crowns against fundi over growth, for both growth laws and several stiffness ratios.
+
+``python -m morphofold.studies.crowns FOLDER docs/measures/cortical-thickness.md`` grows what is missing in the folder,
+writes the table of the page between its marks ``crowns``, and ``docs/crowns.png``. It takes eight minutes on two cores.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from morphofold.analysis import measure
+from morphofold.io import atomic_file, read_cortex, sample_path
+from morphofold.report.plots.line_plots import GREY, legend_of_figure, line_style, new_figure, save, set_limits
+from morphofold.sim.dynamics import UnstableError
+from morphofold.sim.output.folder import Simulation
+from morphofold.sim.scene.files import load_scene
+from morphofold.simulation import simulate
+from morphofold.studies.markdown import between_marks, number, table
+from morphofold.surface import Cortex
+
+LAWS = ("isotropic", "tangential")
+RATIOS = (0.5, 1.0, 2.0, 4.0, 10.0)
+STAGES = (1.4, 1.5, 1.6, 1.8, 2.0)
+SHOWN_STAGES = (1.5, 2.0)  # in the table
+PEOPLE = {"S1, a person": "S1", "fsaverage5, an average": "fsaverage5"}
+PARTS = ("crown", "wall", "fundus", "convex", "saddle", "concave")
+HEADS = ("surface", "g", *PARTS, "crown / fundus", "by columns")
+
+Thickness = Mapping[str, tuple[float, float]]  # part -> by closest points and by columns [mm]
+
+
+def grown(folder: Path, law: str, ratio: float) -> Simulation:
+    """An octant of Fig. 5 with this law and ratio; what was written of it, if it can't be grown to the end."""
+    settings = [f"growth.law={law}", f"material.mu_ratio={ratio:g}", "geometry.portion=octant", "output.volume=false"]
+    scene = load_scene("fig5", [*settings, f"output.stages=[{', '.join(map(str, STAGES))}]"])
+    out = folder / f"{law}-{ratio:g}"
+    try:
+        return simulate(scene, out, resume=True)
+    except UnstableError as error:  # crushed in its furrows
+        print(f"{out.name}: {error}", file=sys.stderr)
+        return Simulation(out, scene)
+
+
+def thickness(cortex: Cortex) -> Thickness:
+    """Mean thickness of each part."""
+    rows = measure(cortex, only=["shapes"]).shapes
+    known = {row["part"]: row for row in rows}
+    return {part: (_or_nan(known[part]["thickness_mm"]), _or_nan(known[part]["column_mm"])) for part in PARTS}
+
+
+def _or_nan(value: float | None) -> float:
+    return np.nan if value is None else value
+
+
+def over(found: Thickness, how: int) -> float:
+    """Crown over fundus, by closest points (0) or columns (1)."""
+    return found["crown"][how] / found["fundus"][how]
+
+
+def line_of(name: str, growth: str, found: Thickness) -> list[str]:
+    """A row of the table."""
+    values = [number(found[part][0], "{:.2f}") for part in PARTS]
+    return [name, growth, *values, *(number(over(found, how), "{:.2f}") for how in (0, 1))]
+
+
+def draw(path: Path, models: Mapping[tuple[str, float], Mapping[float, Thickness]], person: Thickness) -> None:
+    """Crown over fundus against growth; a panel for each law, a line for each ratio, and a person's."""
+    with new_figure(9.0, 4.2, 1, len(LAWS), sharey=True) as (figure, ((*axes,),)):
+        for ax, law in zip(axes, LAWS):
+            set_limits(ax, (STAGES[0], STAGES[-1]), (0.9, 2.0), f"{law} growth")
+            ax.axhline(1.0, color=GREY, linewidth=0.8)
+            ax.axhline(over(person, 0), color=GREY, linestyle=(0, (2, 2)))
+            ax.set(xlabel="growth g")
+            for k, ratio in enumerate(RATIOS):
+                stages = models[law, ratio]
+                ax.plot(list(stages), [over(found, 0) for found in stages.values()], marker="o", **line_style(k))
+        axes[0].set(ylabel="thickness, crown / fundus")
+        entries = {f"ratio {ratio:g}": line_style(k) for k, ratio in enumerate(RATIOS)}
+        legend_of_figure(figure, {**entries, "a person (S1)": {"color": GREY, "linestyle": (0, (2, 2))}}, axes[0], 6)
+        save(figure, path)
+
+
+def main(folder: Path, page: Path) -> None:
+    people = {words: thickness(read_cortex(sample_path(name), hemi="lh")) for words, name in PEOPLE.items()}
+    rows = [line_of(words, "", found) for words, found in people.items()]
+    models: dict[tuple[str, float], dict[float, Thickness]] = {}
+    for law in LAWS:
+        for ratio in RATIOS:
+            run = grown(folder, law, ratio)
+            there = [g for g in STAGES if any(abs(g - stage) < 1e-9 for stage in run.stages)]
+            models[law, ratio] = {g: thickness(run.cortex(g)) for g in there}
+            shown: Sequence[float] = [g for g in SHOWN_STAGES if g in there]
+            rows += [line_of(f"{law}, {ratio:g}", f"{g:g}", models[law, ratio][g]) for g in shown]
+    draw(page.parent.parent / "crowns.png", models, people["S1, a person"])
+    text = between_marks(page.read_text("utf-8"), "crowns", [table(HEADS, rows)], page)
+    with atomic_file(page) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), Path(sys.argv[2]))
