@@ -20,8 +20,8 @@ def test_a_body_that_bursts_gives_the_stages_before(tmp_path, monkeypatch):
     run = made_simulation(tmp_path / "isotropic-2", "fig5", ["output.stages=[1.2, 1.4]"])
 
     def burst(scene, out, resume):
-        raise UnstableError("burst")
+        raise UnstableError("burst", {})
 
     monkeypatch.setattr(crowns, "simulate", burst)
     found = crowns.grown(tmp_path, "isotropic", 2.0)
-    assert found.stages == run.stages == (1.2, 1.4)
+    assert found.stages == run.stages == (1.2, 1.4, 2.0)
