@@ -106,6 +106,13 @@ class Equilibrium:
         self.body.grow(g)
         return here
 
+    def relaxed(self) -> Array:
+        """The equilibrium (N, 3) nearest to the positions given, at the present growth, by Newton's method.
+
+        Raises ``FloatingPointError`` if it is not found.
+        """
+        return self._newton(self.x)
+
     def _next(self, g: float) -> Equilibrium:
         path = copy(self)
         x = self.x

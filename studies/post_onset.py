@@ -1,0 +1,167 @@
+"""What follows the onset of folding on a flat strip: do folds grow from nothing, or jump?
+
+``python -m morphofold.studies.post_onset docs/theory.md`` writes the table between the marks ``post-onset`` of the
+page, and ``docs/theory-post-onset.png``. It takes eight minutes on two cores.
+
+The body is half a wave of a strip in plane strain, between symmetry planes. The height of its crest above the smooth
+state is imposed, and the growth is sought at which no force is needed to hold it there. So states are found whether
+they are stable or not, and without noise. Near the onset this growth is g_crit + c (a / T)^2 for the height a. With
+c > 0 folds grow gradually from the onset and vanish there again (supercritical). With c < 0 folded states exist below
+it: folds jump at the onset, and stay when growth goes back a little (subcritical, with hysteresis).
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from morphofold.arrays import Array, Ints
+from morphofold.io import atomic_file
+from morphofold.report.plots.line_plots import GREY, legend_of_figure, line_style, new_figure, save, set_limits
+from morphofold.sim.body import Body
+from morphofold.sim.equilibrium.path import Equilibrium, even_levels
+from morphofold.sim.equilibrium.statics import bifurcation_of_body
+from morphofold.sim.mesh.brick_mesh import bilayer_patch
+from morphofold.studies.markdown import between_marks, number, table
+
+LAWS = ("isotropic", "tangential")
+RATIOS = (0.5, 0.7, 1.0, 2.0, 4.0)
+LAYERS, LAYERS_OF_SEARCH = 10, 4  # of elements through the cortex
+HEIGHTS = (0.02, 0.04, 0.06, 0.08, 0.12, 0.16, 0.2, 0.3, 0.4)  # of the crest, over T
+DEPTH, KAPPA_RATIO = 10.0, 50.0  # of the strip, over T; and of both layers
+STEP_OF_SEARCH = 0.4
+HALF_WAVES = np.arange(1.8, 5.8, STEP_OF_SEARCH)  # over T: the first that is better than the next is near the critical
+MOST_SECANTS, GROWTH_PRECISION = 12, 1e-8
+FITTED = 3  # heights to which the coefficient is fitted
+
+
+@dataclass(frozen=True, eq=False)
+class Branch:
+    """Folded states beside the smooth one.
+
+    Attributes
+    ----------
+    g_crit : float
+        Growth at which the smooth state of this mesh becomes unstable.
+    heights, growth : (M,) float64
+        Imposed height of the crest over T, and the growth at which it needs no force; fewer than asked for if the
+        next state was not found.
+    x : (N, 3) float64
+        The last state.
+    """
+
+    g_crit: float
+    heights: Array
+    growth: Array
+    x: Array
+
+    @property
+    def coefficient(self) -> float:
+        """c of g_crit + c (a / T)^2, extrapolated to a = 0 from the lowest heights."""
+        squares = self.heights[:FITTED] ** 2
+        slopes = (self.growth[:FITTED] - self.g_crit) / squares
+        return float(np.polyfit(squares, slopes, 1)[1] if len(slopes) > 1 else slopes[0])
+
+
+def strip(law: str, ratio: float, half_wave: float, layers: int) -> Body:
+    """Half a wave of a strip with T = 1."""
+    bilayer = bilayer_patch((half_wave, 0.0), DEPTH, 1.0, 1.0 / layers, layers)
+    return Body(bilayer, mu_cortex=ratio, mu_core=1.0, kappa_ratio=KAPPA_RATIO, law=law)
+
+
+def critical_half_wave(law: str, ratio: float) -> float:
+    """The half wave, over T, that becomes unstable first; a strip twice as long would have two of them."""
+
+    def onset(half_wave: float) -> float:
+        return bifurcation_of_body(strip(law, ratio, half_wave, LAYERS_OF_SEARCH), 3.0, 0.1).g_crit
+
+    here, last = onset(HALF_WAVES[0]), HALF_WAVES[-1]
+    for half_wave in HALF_WAVES[1:]:
+        before, here = here, onset(half_wave)
+        if here > before:
+            last = half_wave
+            break
+    bounds = (last - 2 * STEP_OF_SEARCH, last)
+    return float(minimize_scalar(onset, bounds=bounds, method="bounded", options={"xatol": 0.02}).x)
+
+
+def branch(body: Body, heights: Sequence[float] = HEIGHTS) -> Branch:
+    """Folded states with these heights of the crest, until one is not found."""
+    found = bifurcation_of_body(body, 3.0, 0.05)
+    up = found.mode[: body.n_surface, 2]
+    crest = np.flatnonzero(np.isclose(body.X[: body.n_surface, 0], body.X[np.abs(up).argmax(), 0]))
+    shape = found.mode * np.sign(up[np.abs(up).argmax()])  # displacement for each height
+    free, g, growth, x = body.free.copy(), found.g_crit, list[float](), found.x
+    for a in heights:
+        try:
+            g, x, shape = _free_growth(body, crest, a, shape, g)
+        except FloatingPointError:
+            break
+        finally:
+            body.free[:] = free
+        growth.append(g)
+    return Branch(found.g_crit, np.array(heights[: len(growth)]), np.array(growth), x)
+
+
+def _free_growth(body: Body, crest: Ints, a: float, shape: Array, g: float) -> tuple[float, Array, Array]:
+    """The growth at which the crest stays at height ``a`` by itself, by the secant method; its state, and the change of
+    positions for each height."""
+    before: tuple[float, float] | None = None
+    for _ in range(MOST_SECANTS):
+        body.free[crest, 2] = True
+        body.grow(1.0)
+        smooth = Equilibrium(body, body.X, even_levels(body)).grown(g).x
+        body.free[crest, 2] = False
+        start = smooth + a * shape
+        start[crest, 2] = smooth[crest, 2] + a
+        held = Equilibrium(body, start)
+        x = held.relaxed()
+        force = float(body.all_forces(x)[crest, 2].sum())
+        if before is not None and abs(g - before[0]) < GROWTH_PRECISION:
+            return g, x, (x - smooth) / a
+        step = 1e-4 if before is None else -force * (g - before[0]) / (force - before[1])
+        before, g = (g, force), g + step
+    raise FloatingPointError("the secant method has not converged")
+
+
+def draw(path: Path, branches: dict[tuple[str, float], Branch]) -> None:
+    """Height of the crest against growth less the critical one; a panel for each law, a line for each ratio."""
+    with new_figure(9.0, 4.2, 1, len(LAWS), sharey=True) as (figure, ((*axes,),)):
+        for ax, law in zip(axes, LAWS):
+            set_limits(ax, (-0.004, 0.008), (0.0, 0.42), f"{law} growth")
+            ax.axvline(0.0, color=GREY, linewidth=0.8)
+            ax.set(xlabel="growth beyond the onset, g − g_crit")
+            for k, ratio in enumerate(RATIOS):
+                one = branches[law, ratio]
+                growth = np.append(0.0, one.growth - one.g_crit)
+                ax.plot(growth, np.append(0.0, one.heights), marker="o", markersize=4, **line_style(k))
+        axes[0].set(ylabel="height of the crest / T")
+        legend_of_figure(figure, {f"ratio {ratio:g}": line_style(k) for k, ratio in enumerate(RATIOS)}, axes[0], 5)
+        save(figure, path)
+
+
+def main(page: Path) -> None:
+    branches, rows = {}, []
+    for law in LAWS:
+        for ratio in RATIOS:
+            half = critical_half_wave(law, ratio)
+            branches[law, ratio] = one = branch(strip(law, ratio, half, LAYERS))
+            c, last = one.coefficient, (one.heights[-1], one.growth[-1] - one.g_crit)
+            kind = "supercritical" if c > 0 else "subcritical"
+            numbers = [number(2 * half, "{:.1f}"), number(one.g_crit, "{:.4f}"), number(c, "{:.3f}")]
+            rows.append([law, f"{ratio:g}", *numbers, kind, number(last[0], "{:g}"), number(last[1], "{:.4f}")])
+            print(*rows[-1], file=sys.stderr)
+    draw(page.parent / "theory-post-onset.png", branches)
+    heads = ("law", "ratio", "wavelength / T", "g_crit", "c", "", "highest crest found / T", "its g − g_crit")
+    text = between_marks(page.read_text("utf-8"), "post-onset", [table(heads, rows)], page)
+    with atomic_file(page) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

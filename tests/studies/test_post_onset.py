@@ -1,0 +1,45 @@
+"""Folded states beside the smooth one of a strip."""
+
+import numpy as np
+import pytest
+
+from morphofold.sim.equilibrium.path import Equilibrium
+from morphofold.studies.post_onset import branch, strip
+
+HEIGHTS = (0.04, 0.08, 0.12)
+
+
+@pytest.fixture(scope="module", params=[0.5, 4.0], ids=["soft", "stiff"])
+def found(request):
+    half_wave = {0.5: 3.6, 4.0: 4.75}[request.param]
+    body = strip("isotropic", request.param, half_wave, 3)
+    heights = HEIGHTS[:1] if request.param < 1 else HEIGHTS
+    return request.param, body, branch(body, heights)
+
+
+def test_nothing_holds_a_folded_state(found):
+    """All forces at free nodes vanish, also at the crest whose height was imposed."""
+    _, body, states = found
+    body.grow(states.growth[-1])
+    forces = body.all_forces(states.x)[body.free]
+    assert np.abs(forces).max() < 1e-6 * np.abs(body.elements.blocks.force).max()
+    assert np.ptp(states.x[: body.n_surface, 2]) > states.heights[-1]  # the trough goes down, too
+
+
+def test_a_stiff_cortex_folds_beyond_the_critical_growth_and_a_soft_one_below(found):
+    ratio, _, states = found
+    beyond = states.growth - states.g_crit
+    assert (np.sign(beyond) == (1 if ratio > 1 else -1)).all()
+
+
+def test_growth_beyond_the_onset_goes_with_the_square_of_the_height(found):
+    ratio, _, states = found
+    if ratio > 1:
+        np.testing.assert_allclose((states.growth - states.g_crit) / states.heights**2, states.coefficient, rtol=0.05)
+
+
+def test_the_stiff_folded_state_is_stable_and_the_soft_one_is_not(found):
+    ratio, body, states = found
+    body.grow(states.growth[-1])
+    negative = Equilibrium(body, states.x).stability().negative
+    assert negative == (0 if ratio > 1 else 1)
