@@ -123,6 +123,11 @@ def test_subjects_without_a_gyral_graph_are_left_out(tmp_path, rng):
     assert row_of(hinges)["amount"] == HINGES
 
 
+def test_a_study_of_one_side_says_which_to_ask_for(alike):
+    with pytest.raises(DoesNotApply, match="--hemi lh"):
+        overlap(find_space(alike[0]), spins=5)
+
+
 def test_a_single_subject_or_an_unknown_width_is_refused(tmp_path, rng):
     places = [rng.choice(len(VERTS), HINGES) for _ in range(2)]
     write_space(tmp_path / "one", maps_of(places[:1]), graph_width_mm=8.0)
