@@ -24,6 +24,12 @@ if TYPE_CHECKING:
     from morphofold.analysis.graph.hinges import Arm, Hinge, hinges
     from morphofold.analysis.graph.prominence import prominent_peaks
     from morphofold.analysis.graph.sensitivity import hinge_sensitivity
+    from morphofold.analysis.gyrification.across_scales import (
+        AtScale,
+        LawAcrossScales,
+        across_scales,
+        law_across_scales,
+    )
     from morphofold.analysis.gyrification.depth import sulcal_depth
     from morphofold.analysis.gyrification.folding import FoldingIndices, folding_indices
     from morphofold.analysis.gyrification.folding_law import ShapeTerms, shape_terms
@@ -41,6 +47,7 @@ if TYPE_CHECKING:
 
 _PUBLIC = {
     "Arm": "analysis.graph.hinges",
+    "AtScale": "analysis.gyrification.across_scales",
     "CrestLine": "analysis.crests",
     "CrestLines": "analysis.crests",
     "Curvature": "analysis.curvatures",
@@ -49,10 +56,12 @@ _PUBLIC = {
     "GyralThickness": "analysis.thickness.gyral",
     "Hinge": "analysis.graph.hinges",
     "HingeShapes": "analysis.graph.hinge_shapes",
+    "LawAcrossScales": "analysis.gyrification.across_scales",
     "Measures": "analysis.measures",
     "ShapeTerms": "analysis.gyrification.folding_law",
     "Spectrum": "analysis.gyrification.power_spectrum",
     "SpinTest": "analysis.spins",
+    "across_scales": "analysis.gyrification.across_scales",
     "cortical_thickness": "analysis.thickness.cortical",
     "crest_lines": "analysis.crests",
     "curvature": "analysis.curvatures",
@@ -65,6 +74,7 @@ _PUBLIC = {
     "hinge_sensitivity": "analysis.graph.sensitivity",
     "hinge_shapes": "analysis.graph.hinge_shapes",
     "hinges": "analysis.graph.hinges",
+    "law_across_scales": "analysis.gyrification.across_scales",
     "local_gyrification_index": "analysis.gyrification.local_gyrification",
     "measure": "analysis.measuring",
     "power_spectrum": "analysis.gyrification.power_spectrum",
@@ -82,6 +92,7 @@ _PUBLIC = {
 }
 __all__ = [
     "Arm",
+    "AtScale",
     "CrestLine",
     "CrestLines",
     "Curvature",
@@ -90,10 +101,12 @@ __all__ = [
     "GyralThickness",
     "Hinge",
     "HingeShapes",
+    "LawAcrossScales",
     "Measures",
     "ShapeTerms",
     "Spectrum",
     "SpinTest",
+    "across_scales",
     "cortical_thickness",
     "crest_lines",
     "curvature",
@@ -107,6 +120,7 @@ __all__ = [
     "hinge_sensitivity",
     "hinge_shapes",
     "hinges",
+    "law_across_scales",
     "local_gyrification_index",
     "measure",
     "power_spectrum",
