@@ -1,7 +1,8 @@
 """Where a growing cortex is thick: crowns against fundi over growth, for both growth laws and several stiffness ratios.
 
 ``python -m morphofold.studies.crowns FOLDER docs/measures/cortical-thickness.md`` grows what is missing in the folder,
-writes the table of the page between its marks ``crowns``, and ``docs/crowns.png``. It takes eight minutes on two cores.
+writes the table of the page between its marks ``crowns``, and ``docs/crowns.png`` and ``docs/crowns-curvature.png``. It
+takes ten minutes on two cores.
 """
 
 from __future__ import annotations
@@ -12,7 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from morphofold.analysis import measure
+from morphofold.analysis import curvature, measure
+from morphofold.analysis.scales import scale_of_curvature
+from morphofold.arrays import Array
 from morphofold.io import atomic_file, read_cortex, sample_path
 from morphofold.report.plots.line_plots import GREY, legend_of_figure, line_style, new_figure, save, set_limits
 from morphofold.sim.dynamics import UnstableError
@@ -27,6 +30,9 @@ RATIOS = (0.5, 1.0, 2.0, 4.0, 10.0)
 STAGES = (1.4, 1.5, 1.6, 1.8, 2.0)
 SHOWN_STAGES = (1.5, 2.0)  # in the table
 PEOPLE = {"S1, a person": "S1", "fsaverage5, an average": "fsaverage5"}
+CURVED_AT = 1.5  # growth at which thickness is drawn over curvature
+BENDS = np.linspace(-0.8, 0.8, 17)  # edges of the bins of mean curvature times mean thickness
+FEWEST = 50  # vertices in a bin that is drawn
 PARTS = ("crown", "wall", "fundus", "convex", "saddle", "concave")
 HEADS = ("surface", "g", *PARTS, "crown / fundus", "by columns")
 
@@ -61,6 +67,20 @@ def over(found: Thickness, how: int) -> float:
     return found["crown"][how] / found["fundus"][how]
 
 
+def over_curvature(cortex: Cortex) -> Array:
+    """Mean thickness over that of the cortex, in each bin of the mean curvature of the surface midway between white and
+    pial, ``BENDS``; NaN where there are few vertices."""
+    found = measure(cortex, only=["cortical_thickness"])
+    thickness = found.maps["cortical_thickness"]
+    middle = 0.5 * (cortex.white.verts + cortex.pial.verts)
+    scale, _ = scale_of_curvature(cortex, None)
+    known, whole = np.isfinite(thickness), float(np.nanmean(thickness))
+    bend = curvature(middle, cortex.faces, scale).H[known] * whole
+    count, _ = np.histogram(bend, BENDS)
+    total, _ = np.histogram(bend, BENDS, weights=thickness[known])
+    return np.where(count >= FEWEST, total / np.maximum(count, 1) / whole, np.nan)
+
+
 def line_of(name: str, growth: str, found: Thickness) -> list[str]:
     """A row of the table."""
     values = [number(found[part][0], "{:.2f}") for part in PARTS]
@@ -84,18 +104,40 @@ def draw(path: Path, models: Mapping[tuple[str, float], Mapping[float, Thickness
         save(figure, path)
 
 
+def draw_curvature(path: Path, models: Mapping[tuple[str, float], Array], person: Array) -> None:
+    """Thickness over its mean against mean curvature; a panel for each law, a line for each ratio, and a person's."""
+    middles = 0.5 * (BENDS[1:] + BENDS[:-1])
+    with new_figure(9.0, 4.2, 1, len(LAWS), sharey=True) as (figure, ((*axes,),)):
+        for ax, law in zip(axes, LAWS):
+            set_limits(ax, (BENDS[0], BENDS[-1]), (0.5, 1.4), f"{law} growth, g = {CURVED_AT:g}")
+            ax.plot(middles, person, color=GREY, linestyle=(0, (2, 2)))
+            ax.set(xlabel="mean curvature × mean thickness")
+            for k, ratio in enumerate(RATIOS):
+                if (law, ratio) in models:
+                    ax.plot(middles, models[law, ratio], **line_style(k))
+        axes[0].set(ylabel="thickness / its mean")
+        entries = {f"ratio {ratio:g}": line_style(k) for k, ratio in enumerate(RATIOS)}
+        legend_of_figure(figure, {**entries, "a person (S1)": {"color": GREY, "linestyle": (0, (2, 2))}}, axes[0], 6)
+        save(figure, path)
+
+
 def main(folder: Path, page: Path) -> None:
     people = {words: thickness(read_cortex(sample_path(name), hemi="lh")) for words, name in PEOPLE.items()}
     rows = [line_of(words, "", found) for words, found in people.items()]
     models: dict[tuple[str, float], dict[float, Thickness]] = {}
+    curved: dict[tuple[str, float], Array] = {}
     for law in LAWS:
         for ratio in RATIOS:
             run = grown(folder, law, ratio)
             there = [g for g in STAGES if any(abs(g - stage) < 1e-9 for stage in run.stages)]
             models[law, ratio] = {g: thickness(run.cortex(g)) for g in there}
+            if CURVED_AT in there:
+                curved[law, ratio] = over_curvature(run.cortex(CURVED_AT))
             shown: Sequence[float] = [g for g in SHOWN_STAGES if g in there]
             rows += [line_of(f"{law}, {ratio:g}", f"{g:g}", models[law, ratio][g]) for g in shown]
     draw(page.parent.parent / "crowns.png", models, people["S1, a person"])
+    person = over_curvature(read_cortex(sample_path("S1"), hemi="lh"))
+    draw_curvature(page.parent.parent / "crowns-curvature.png", curved, person)
     text = between_marks(page.read_text("utf-8"), "crowns", [table(HEADS, rows)], page)
     with atomic_file(page) as temporary:
         temporary.write_text(text, encoding="utf-8")

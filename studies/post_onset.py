@@ -1,13 +1,16 @@
 """What follows the onset of folding on a flat strip: do folds grow from nothing, or jump?
 
 ``python -m morphofold.studies.post_onset docs/theory.md`` writes the table between the marks ``post-onset`` of the
-page, and ``docs/theory-post-onset.png``. It takes eight minutes on two cores.
+page, and ``docs/theory-post-onset.png`` and ``docs/theory-hysteresis.png``. It takes twenty minutes on two cores.
 
 The body is half a wave of a strip in plane strain, between symmetry planes. The height of its crest above the smooth
 state is imposed, and the growth is sought at which no force is needed to hold it there. So states are found whether
 they are stable or not, and without noise. Near the onset this growth is g_crit + c (a / T)^2 for the height a. With
 c > 0 folds grow gradually from the onset and vanish there again (supercritical). With c < 0 folded states exist below
 it: folds jump at the onset, and stay when growth goes back a little (subcritical, with hysteresis).
+
+Deep folds, whose walls touch, are found as at home: the strip grows and shrinks again in small steps, by the explicit
+solver with contact, from a cosine of a thousandth of T.
 """
 
 from __future__ import annotations
@@ -24,10 +27,15 @@ from morphofold.arrays import Array, Ints
 from morphofold.io import atomic_file
 from morphofold.report.plots.line_plots import GREY, legend_of_figure, line_style, new_figure, save, set_limits
 from morphofold.sim.body import Body
+from morphofold.sim.dynamics import Dynamics, UnstableError
+from morphofold.sim.effects.contact import Contact
+from morphofold.sim.effects.plane_strain import PlaneStrain
+from morphofold.sim.effects.symmetry import Symmetry
 from morphofold.sim.equilibrium.path import Equilibrium, even_levels
 from morphofold.sim.equilibrium.statics import bifurcation_of_body
 from morphofold.sim.mesh.brick_mesh import bilayer_patch
 from morphofold.studies.markdown import between_marks, number, table
+from morphofold.threads import set_threads
 
 LAWS = ("isotropic", "tangential")
 RATIOS = (0.5, 0.7, 1.0, 2.0, 4.0)
@@ -37,7 +45,25 @@ DEPTH, KAPPA_RATIO = 10.0, 50.0  # of the strip, over T; and of both layers
 STEP_OF_SEARCH = 0.4
 HALF_WAVES = np.arange(1.8, 5.8, STEP_OF_SEARCH)  # over T: the first that is better than the next is near the critical
 MOST_SECANTS, GROWTH_PRECISION = 12, 1e-8
+#: of the loop: growth beyond the onset, up and back
+BEYOND = np.round(np.arange(-0.12, 0.0501, 0.005), 3)
+COSINE = 1e-3  # height over T of the cosine in the reference shape of the loop
+STEPS_PER_UNIT = 120.0  # of growth, over the time in which a wave crosses the cortex
+TICKS_BETWEEN, STILL, MOST_WAITS = 20.0, 1e-3, 60  # at rest: the height changes by less than this, over T, in so many
+FOLD = 0.5  # height of crest over trough from which it counts as a fold, over T
 FITTED = 3  # heights to which the coefficient is fitted
+HEADS = (
+    "law",
+    "ratio",
+    "wavelength / T",
+    "g_crit",
+    "c",
+    "",
+    "highest crest found / T",
+    "its g − g_crit",
+    "folds from g − g_crit",
+    "back, until",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,6 +155,71 @@ def _free_growth(body: Body, crest: Ints, a: float, shape: Array, g: float) -> t
     raise FloatingPointError("the secant method has not converged")
 
 
+@dataclass(frozen=True, eq=False)
+class Loop:
+    """Height of crest over trough, over T, at g_crit + ``BEYOND``: growing (up), then shrinking (down). NaN where the
+    run burst."""
+
+    up: Array
+    down: Array
+
+    @property
+    def folds_at(self) -> float:
+        """The first growth beyond the onset at which there is a fold on the way up."""
+        return float(BEYOND[self.up > FOLD][:1].min(initial=np.inf))
+
+    @property
+    def flat_at(self) -> float:
+        """The growth below which there is none on the way down."""
+        return float(BEYOND[self.down > FOLD][:1].min(initial=np.inf))
+
+
+def loop(law: str, ratio: float, half_wave: float, g_crit: float, layers: int = LAYERS) -> Loop:
+    """Grow half a wave of a strip beyond the onset and back, with contact."""
+    bilayer = bilayer_patch((half_wave, 0.0), DEPTH, 1.0, 1.0 / layers, layers)
+    X, wave = np.ascontiguousarray(bilayer.mesh.p.T), np.pi / half_wave
+    X[:, 2] += COSINE * np.cos(wave * X[:, 0]) * np.exp(wave * X[:, 2]) * (X[:, 2] > -DEPTH)
+    body = Body(bilayer, mu_cortex=ratio, mu_core=1.0, kappa_ratio=KAPPA_RATIO, law=law, X=X)
+    run = Dynamics(body, [Contact(), Symmetry(), PlaneStrain()], steps_per_unit=STEPS_PER_UNIT * body.crossing)
+    heights = np.full((2, len(BEYOND)), np.nan)
+    order = [(0, k) for k in range(len(BEYOND))] + [(1, k) for k in reversed(range(len(BEYOND)))]
+    try:
+        for way, k in order:
+            run.grow_to(g_crit + BEYOND[k])
+            heights[way, k] = _height_at_rest(run)
+    except UnstableError as error:
+        print(f"{law} {ratio:g}: {error}", file=sys.stderr)
+    return Loop(*heights)
+
+
+def _height_at_rest(run: Dynamics) -> float:
+    """Height of crest over trough when it no longer changes."""
+    height = np.inf
+    for _ in range(MOST_WAITS):
+        run.relax(run.state.relaxed + round(TICKS_BETWEEN * run.body.crossing))
+        before, height = height, float(np.ptp(run.state.x[: run.body.n_surface, 2]))
+        if abs(height - before) < STILL:
+            break
+    return height
+
+
+def draw_loops(path: Path, loops: dict[tuple[str, float], Loop]) -> None:
+    """Height of crest over trough against growth less the critical one, up and down."""
+    with new_figure(9.0, 4.2, 1, len(LAWS), sharey=True) as (figure, ((*axes,),)):
+        for ax, law in zip(axes, LAWS):
+            set_limits(ax, (BEYOND[0], BEYOND[-1]), (0.0, 3.2), f"{law} growth")
+            ax.axvline(0.0, color=GREY, linewidth=0.8)
+            ax.set(xlabel="growth beyond the onset, g − g_crit")
+            for k, ratio in enumerate(RATIOS):
+                colour = line_style(k)["color"]
+                ax.plot(BEYOND, loops[law, ratio].up, color=colour)
+                ax.plot(BEYOND, loops[law, ratio].down, color=colour, linestyle=(0, (2, 1.5)))
+        axes[0].set(ylabel="crest over trough / T")
+        entries = {f"ratio {ratio:g}": {"color": line_style(k)["color"]} for k, ratio in enumerate(RATIOS)}
+        legend_of_figure(figure, {**entries, "back": {"color": GREY, "linestyle": (0, (2, 1.5))}}, axes[0], 6)
+        save(figure, path)
+
+
 def draw(path: Path, branches: dict[tuple[str, float], Branch]) -> None:
     """Height of the crest against growth less the critical one; a panel for each law, a line for each ratio."""
     with new_figure(9.0, 4.2, 1, len(LAWS), sharey=True) as (figure, ((*axes,),)):
@@ -146,19 +237,22 @@ def draw(path: Path, branches: dict[tuple[str, float], Branch]) -> None:
 
 
 def main(page: Path) -> None:
-    branches, rows = {}, []
+    set_threads(1)  # the bodies are small
+    branches, loops, rows = {}, {}, []
     for law in LAWS:
         for ratio in RATIOS:
             half = critical_half_wave(law, ratio)
             branches[law, ratio] = one = branch(strip(law, ratio, half, LAYERS))
             c, last = one.coefficient, (one.heights[-1], one.growth[-1] - one.g_crit)
             kind = "supercritical" if c > 0 else "subcritical"
+            loops[law, ratio] = found = loop(law, ratio, half, one.g_crit)
+            ends = [number(value, "{:.3f}") for value in (found.folds_at, found.flat_at)]
             numbers = [number(2 * half, "{:.1f}"), number(one.g_crit, "{:.4f}"), number(c, "{:.3f}")]
-            rows.append([law, f"{ratio:g}", *numbers, kind, number(last[0], "{:g}"), number(last[1], "{:.4f}")])
+            rows.append([law, f"{ratio:g}", *numbers, kind, number(last[0], "{:g}"), number(last[1], "{:.4f}"), *ends])
             print(*rows[-1], file=sys.stderr)
     draw(page.parent / "theory-post-onset.png", branches)
-    heads = ("law", "ratio", "wavelength / T", "g_crit", "c", "", "highest crest found / T", "its g − g_crit")
-    text = between_marks(page.read_text("utf-8"), "post-onset", [table(heads, rows)], page)
+    draw_loops(page.parent / "theory-hysteresis.png", loops)
+    text = between_marks(page.read_text("utf-8"), "post-onset", [table(HEADS, rows)], page)
     with atomic_file(page) as temporary:
         temporary.write_text(text, encoding="utf-8")
 

@@ -24,8 +24,9 @@ FINEST_OVER_T, SCALE_RATIO, SCALES = 0.4, 2**0.5, 7  # of the default scales: th
 VOXELS_PER_SCALE = 3.0
 POINTS_PER_VOXEL = 1.4  # along the edges of a triangle
 VOXELS_AROUND = 1.75  # beyond the level, to which distances are computed
+MARGIN = 5  # voxels around the surface
 THINNED_IN_VOXELS = 0.4  # of points closer than this one is kept
-MOST_VOXELS = 3e8
+MOST_VOXELS = 1e8
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,8 @@ def across_scales(cortex: Cortex, scales: Sequence[float] | None = None) -> list
     cortex : Cortex
         Closed white and pial surface [mm].
     scales : sequence of float, optional
-        Lengths [mm]; 0 is the cortex as it is. None: 0, and from 0.4 to 3.2 cortical thicknesses in steps of sqrt(2).
+        Lengths [mm]; 0 is the cortex as it is. None: 0, and from 0.4 to 3.2 cortical thicknesses in steps of sqrt(2),
+        without those that need too many voxels.
 
     Returns
     -------
@@ -77,7 +79,7 @@ def across_scales(cortex: Cortex, scales: Sequence[float] | None = None) -> list
     Raises
     ------
     ValueError
-        If a surface is not one closed piece; or a scale is negative or not finite, or needs more than 3e8 voxels.
+        If a surface is not one closed piece; or a scale is negative or not finite, or needs more than 1e8 voxels.
 
     Notes
     -----
@@ -94,7 +96,8 @@ def across_scales(cortex: Cortex, scales: Sequence[float] | None = None) -> list
             raise OpenSurface(f"{cortex.called}: {name} is not one closed piece, so nothing is inside it. Close it.")
     now = _as_it_is(cortex)
     if scales is None:
-        scales = [0.0, *(FINEST_OVER_T * now.thickness * SCALE_RATIO ** np.arange(SCALES))]
+        those = FINEST_OVER_T * now.thickness * SCALE_RATIO ** np.arange(SCALES)
+        scales = [0.0, *(scale for scale in those if np.prod(_grid(cortex.pial, scale)) <= MOST_VOXELS)]
     if wrong := [scale for scale in scales if not (math.isfinite(scale) and scale >= 0)]:
         raise OutOfRange(f"a scale must be 0 or a length in mm, got {wrong[0]!r}.")
     found = ((float(scale), _at(cortex, scale) if scale else now) for scale in scales)
@@ -141,16 +144,15 @@ def _moved(surface: Surface, scale: float, outward: bool) -> Any:
     """The surface moved by half a ``scale``, as a ``pyvista.PolyData``: the level of the distance from it."""
     import pyvista
 
-    voxel = scale / VOXELS_PER_SCALE
-    level = 0.5 * VOXELS_PER_SCALE  # [voxels], like all that follows
-    margin = math.ceil(level + VOXELS_AROUND) + 1
-    low = surface.verts.min(axis=0) - margin * voxel
-    shape = np.ceil(np.ptp(surface.verts, axis=0) / voxel).astype(int) + 2 * margin + 1
-    if np.prod(shape.astype(float)) > MOST_VOXELS:
+    voxel, level = scale / VOXELS_PER_SCALE, 0.5 * VOXELS_PER_SCALE  # the level in voxels, like all that follows
+    count = np.prod(_grid(surface, scale))
+    if count > MOST_VOXELS:
         raise TooLarge(
-            f"a scale of {scale:g} mm needs {np.prod(shape.astype(float)):.1e} voxels for a body of "
+            f"a scale of {scale:g} mm needs {count:.1e} voxels for a body of "
             f"{np.ptp(surface.verts, axis=0).max():.0f} mm; choose a larger one. Are the coordinates in mm?"
         )
+    low = surface.verts.min(axis=0) - MARGIN * voxel
+    shape = _grid(surface, scale).astype(int)
     grid = pyvista.ImageData(dimensions=shape, spacing=3 * (voxel,), origin=low)
     solid = _polydata(surface).voxelize_binary_mask(reference_volume=grid).point_data["mask"]
     points = _points(surface, voxel)
@@ -167,6 +169,11 @@ def _moved(surface: Surface, scale: float, outward: bool) -> Any:
     if outward and found.n_points:
         found = found.connectivity("largest")  # without enclosed hollows
     return found.triangulate() if found.n_points else found
+
+
+def _grid(surface: Surface, scale: float) -> Array:
+    """Number of voxels (3,) around a surface along x, y and z, as float64, since their product may be large."""
+    return np.ceil(np.ptp(surface.verts, axis=0) / scale * VOXELS_PER_SCALE) + 2 * MARGIN + 1
 
 
 def _polydata(surface: Surface) -> Any:

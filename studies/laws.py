@@ -1,0 +1,205 @@
+"""Models and brains on the folding law: across species, through growth, and across scales.
+
+``python -m morphofold.studies.laws FOLDER docs/laws.md`` grows what is missing in the folder, and writes the tables of
+the page between its marks ``growth`` and ``scales``, and ``docs/laws-species.png``, ``docs/laws-growth.png``. It takes
+half an hour on two cores.
+"""
+
+from __future__ import annotations
+
+import csv
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy import stats
+
+from morphofold.analysis import AtScale, across_scales, law_across_scales
+from morphofold.analysis.gyrification.folding_law import ShapeTerms
+from morphofold.analysis.mesh_quality.checks import volume
+from morphofold.arrays import Array
+from morphofold.geometry import face_areas
+from morphofold.io import atomic_file, read_cortex, sample_path
+from morphofold.report.plots.line_plots import BLACK, GREY, legend_of_figure, line_style, new_figure, save, set_limits
+from morphofold.shapes import icosphere
+from morphofold.sim.output.folder import Simulation
+from morphofold.sim.scene.files import load_scene
+from morphofold.simulation import simulate
+from morphofold.studies.markdown import between_marks, number, table
+from morphofold.surface import Cortex, Surface
+
+BODIES = {
+    f"T = {words}, {law}": f"fig6-{name}{ending}"
+    for law, ending in (("isotropic", ""), ("tangential", "-tangential"))
+    for name, words in (("thin", "1 mm"), ("normal", "2 mm"), ("thick", "3 mm"))
+}
+GROWTHS = tuple(round(1 + k / 10, 1) for k in range(11))
+SCALED_AT = 2.0  # growth at which bodies are measured across scales
+PEOPLE = {"S1, a person": ("S1", "lh"), "fsaverage5, an average": ("fsaverage5", "lh")}
+SHELL = (48.0, 50.5)  # radii [mm]
+GROWTH_HEADS = ("body", *(f"{g:g}" for g in GROWTHS[::2]), "in the range of mammals from", "to")
+SCALES_HEADS = ("surface", "K", "least K", "largest K", "slope", "interval", "exponent", "interval")
+
+
+@dataclass(frozen=True)
+class Species:
+    """Published mammals: exposed area [mm^2] and ``total area T^(1/2)`` [mm^2.5]; areas [mm^2] and volumes [mm^3] of
+    primates; the mean of K over the mammals and its standard deviation."""
+
+    exposed: Array
+    folded: Array
+    primate_area: Array
+    primate_volume: Array
+    mean_k: float
+    sd_k: float
+
+
+@dataclass(frozen=True)
+class Body:
+    """A body through growth: its terms at each growth, volumes within its pial surface [mm^3], and its scales."""
+
+    growths: Sequence[float]
+    terms: Sequence[ShapeTerms]
+    volumes: Sequence[float]
+    scales: Sequence[AtScale]
+
+
+def species() -> Species:
+    """The numbers of ``data_samples/species``."""
+
+    def columns(name: str, *keys: str) -> list[Array]:
+        with (sample_path("species") / name).open(encoding="utf-8", newline="") as file:
+            rows = list(csv.DictReader(file, delimiter="\t"))
+        return [np.array([float(row[key]) for row in rows]) for key in keys]
+
+    total, index, thickness = columns("mammals.tsv", "area_mm2", "folding_index", "thickness_mm")
+    area, volume = columns("primates.tsv", "area_mm2", "volume_mm3")
+    folded, exposed = total * np.sqrt(thickness), total / index
+    k = np.log10(folded) - 1.25 * np.log10(exposed)
+    return Species(exposed, folded, area, volume, float(k.mean()), float(k.std(ddof=1)))
+
+
+def grown(folder: Path, name: str) -> Simulation:
+    """An octant of a built-in scene, at every growth of ``GROWTHS``."""
+    stages = f"output.stages=[{', '.join(map(str, GROWTHS))}]"
+    scene = load_scene(name, ["geometry.portion=octant", "output.volume=false", stages])
+    return simulate(scene, folder / name, resume=True)
+
+
+def measured(run: Simulation) -> Body:
+    cortices = [run.cortex(g) for g in GROWTHS]
+    terms = [across_scales(cortex, [0.0])[0].terms for cortex in cortices]
+    scales = across_scales(run.cortex(SCALED_AT))
+    return Body(GROWTHS, terms, [volume(cortex.pial) for cortex in cortices], scales)
+
+
+def shell() -> Cortex:
+    verts, faces = icosphere(6)
+    return Cortex(Surface(SHELL[0] * verts, faces), Surface(SHELL[1] * verts, faces))
+
+
+def growth_row(name: str, body: Body, known: Species) -> list[str]:
+    """K at some growths, and where it is within two standard deviations of the mammals."""
+    k = np.array([terms.log_k for terms in body.terms])
+    at = np.linspace(body.growths[0], body.growths[-1], 1001)
+    inside = at[np.abs(np.interp(at, body.growths, k) - known.mean_k) <= 2 * known.sd_k]
+    ends = ("-", "-") if not inside.size else (f"{inside[0]:.2f}", f"{inside[-1]:.2f}" if inside[-1] < at[-1] else "-")
+    return [name, *(number(value, "{:.2f}") for value in k[::2]), *ends]
+
+
+def scales_row(name: str, rows: Sequence[AtScale]) -> list[str]:
+    law, k = law_across_scales(rows), [row.terms.log_k for row in rows]
+    return [
+        name,
+        *(number(value, "{:.2f}") for value in (k[0], min(k), max(k), law.slope)),
+        f"{law.slope_low:.2f} to {law.slope_high:.2f}",
+        number(law.exponent, "{:.2f}"),
+        f"{law.exponent_low:.2f} to {law.exponent_high:.2f}".replace("-", "−"),
+    ]
+
+
+def draw_species(path: Path, known: Species, bodies: Mapping[str, Body], people: Mapping[str, Cortex]) -> None:
+    """Left: the law of 57 mammals; right: area against volume of 65 primates; each with bodies through growth."""
+    with new_figure(11.0, 5.2, 1, 2) as (figure, ((left, right),)):
+        set_limits(left, (30, 3e5), (10, 3e6), "57 mammals")
+        set_limits(right, (500, 2e6), (400, 4e5), "65 primates")
+        left.set(xscale="log", yscale="log", xlabel="exposed area [mm²]", ylabel="total area × T^½ [mm^2.5]")
+        right.set(xscale="log", yscale="log", xlabel="volume [mm³]", ylabel="total area [mm²]")
+        left.scatter(known.exposed, known.folded, s=14, color=GREY)
+        right.scatter(known.primate_volume, known.primate_area, s=14, color=GREY)
+        line = stats.linregress(np.log10(known.exposed), np.log10(known.folded))
+        ends = np.array([30.0, 3e5])
+        left.plot(ends, 10**line.intercept * ends**line.slope, color=GREY, linewidth=0.8)
+        left.plot(ends, 10**known.mean_k * ends**1.25, color=BLACK, linewidth=0.8)
+        entries: dict[str, dict] = {
+            "published": {"color": GREY, "marker": "o", "linestyle": "none", "markersize": 4},
+            "law, slope 5/4": {"color": BLACK, "linewidth": 0.8},
+        }
+        for k, (name, body) in enumerate(bodies.items()):
+            entries[name] = line_style(k)
+            left.plot(
+                [terms.exposed for terms in body.terms],
+                [terms.total * terms.thickness**0.5 for terms in body.terms],
+                **line_style(k),
+            )
+            right.plot(body.volumes, [terms.total for terms in body.terms], **line_style(k))
+        for marker, (name, cortex) in zip("*P", people.items()):
+            style = {"color": BLACK, "marker": marker, "linestyle": "none", "markersize": 9}
+            terms = across_scales(cortex, [0.0])[0].terms
+            left.plot(terms.exposed, terms.total * terms.thickness**0.5, **style)
+            right.plot(volume(cortex.pial), float(face_areas(cortex.pial.verts, cortex.faces).sum()), **style)
+            entries[name] = style
+        legend_of_figure(figure, entries, left, 4)
+        save(figure, path)
+
+
+def draw_growth(
+    path: Path, known: Species, bodies: Mapping[str, Body], others: Mapping[str, Sequence[AtScale]]
+) -> None:
+    """K against growth (left) and against the scale over T (right); the band is that of the mammals."""
+    with new_figure(11.0, 5.2, 1, 2, sharey=True) as (figure, ((left, right),)):
+        set_limits(left, (GROWTHS[0], GROWTHS[-1]), (-1.2, -0.35), "through growth")
+        set_limits(right, (0.0, 3.3), (-1.2, -0.35), f"across scales, bodies at g = {SCALED_AT:g}")
+        left.set(xlabel="growth g", ylabel="K")
+        right.set(xlabel="scale / cortical thickness")
+        for ax in (left, right):
+            ax.axhspan(known.mean_k - 2 * known.sd_k, known.mean_k + 2 * known.sd_k, color="#e9e9e4", zorder=0)
+            ax.axhline(known.mean_k, color=GREY, linewidth=0.8)
+        entries: dict[str, dict] = {}
+        lines = {name: (body.scales, line_style(k)) for k, (name, body) in enumerate(bodies.items())}
+        marks = [{"color": BLACK, "marker": marker, "markersize": 6} for marker in "*Po"]
+        lines |= {name: (rows, style) for (name, rows), style in zip(others.items(), marks)}
+        for name, (rows, style) in lines.items():
+            entries[name] = style
+            thickness = rows[0].terms.thickness
+            right.plot([row.scale / thickness for row in rows], [row.terms.log_k for row in rows], **style)
+            if name in bodies:
+                left.plot(bodies[name].growths, [terms.log_k for terms in bodies[name].terms], **style)
+        legend_of_figure(figure, entries, left, 3)
+        save(figure, path)
+
+
+def main(folder: Path, page: Path) -> None:
+    known = species()
+    people = {words: read_cortex(sample_path(name), hemi=hemi) for words, (name, hemi) in PEOPLE.items()}
+    others = {**people, f"shell of {SHELL[1] - SHELL[0]:g} mm": shell()}
+    bodies = {}
+    for words, name in BODIES.items():
+        bodies[words] = measured(grown(folder, name))
+        print(words, file=sys.stderr, flush=True)
+    scales = {words: across_scales(cortex) for words, cortex in others.items()}
+    draw_species(page.parent / "laws-species.png", known, bodies, people)
+    draw_growth(page.parent / "laws-growth.png", known, bodies, scales)
+    of_growth = [growth_row(words, body, known) for words, body in bodies.items()]
+    of_scales = [scales_row(words, rows) for words, rows in scales.items()]
+    of_scales += [scales_row(f"{words}, g = {SCALED_AT:g}", body.scales) for words, body in bodies.items()]
+    text = between_marks(page.read_text("utf-8"), "growth", [table(GROWTH_HEADS, of_growth)], page)
+    text = between_marks(text, "scales", [table(SCALES_HEADS, of_scales)], page)
+    with atomic_file(page) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), Path(sys.argv[2]))

@@ -1,0 +1,155 @@
+"""How far apart are deep folds? The wavelength of least energy of a strip, far beyond the onset, with contact.
+
+``python -m morphofold.studies.spacing docs/theory.md`` writes the table between the marks ``spacing`` of the page, and
+``docs/theory-spacing.png``. It takes half an hour on two cores.
+
+The body is half a wave of a strip in plane strain, between symmetry planes that its walls touch. Each half wave grows
+by itself from a small cosine in its reference shape and comes to rest at each growth. Of all half waves, the best one
+has the least energy for each length of the strip before growth. It is the spacing that a long strip would have if its
+folds could move freely.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from morphofold.arrays import Array
+from morphofold.io import atomic_file
+from morphofold.report.plots.line_plots import GREY, legend_of_figure, line_style, new_figure, save, set_limits
+from morphofold.sim.body import Body, surface_area
+from morphofold.sim.dynamics import Dynamics, UnstableError
+from morphofold.sim.effects.contact import Contact
+from morphofold.sim.effects.plane_strain import PlaneStrain
+from morphofold.sim.effects.symmetry import Symmetry
+from morphofold.sim.mesh.brick_mesh import bilayer_patch
+from morphofold.studies.markdown import between_marks, number, table
+from morphofold.threads import set_threads
+
+LAWS = ("isotropic", "tangential")
+RATIOS = (0.7, 1.0, 2.0, 4.0)
+GROWTHS = (1.3, 1.4, 1.6, 1.8, 2.0, 2.2, 2.5)
+HALF_WAVES = np.arange(1.5, 7.1, 0.5)  # over T before growth
+LAYERS, DEPTH, KAPPA_RATIO = 8, 20.0, 50.0  # elements through the cortex; depth over T; of both layers
+STEPS_PER_UNIT = 60.0  # of growth, over the time in which a wave crosses the cortex
+COSINE = 0.02  # height of the cosine in the reference shape, over T
+HEADS = (
+    "law",
+    "ratio",
+    "g",
+    "best wavelength / T",
+    "nearly as good",
+    "over the thickness now",
+    "fold height / T",
+    "crown / fundus",
+    "wall / fundus",
+)
+NEARLY = 0.01  # energy over the least that counts as nearly as good
+
+
+@dataclass(frozen=True)
+class State:
+    """A half wave at rest: energy for each area before growth, height of its fold, thickness of its cortex now (area
+    of its section over mean length), and the lengths of the columns on its crown and in its fundus, and of the longest
+    between."""
+
+    energy: float
+    height: float
+    thickness: float
+    crown: float
+    fundus: float
+    wall: float
+
+
+def grow(law: str, ratio: float, half_wave: float) -> dict[float, State]:
+    """The states of one half wave (over T, which is 1) at each of ``GROWTHS``, as far as it gets."""
+    bilayer = bilayer_patch((half_wave, 0.0), DEPTH, 1.0, 1.0 / LAYERS, LAYERS)
+    X = np.ascontiguousarray(bilayer.mesh.p.T)
+    wave = np.pi / half_wave
+    X[:, 2] += COSINE * np.cos(wave * X[:, 0]) * np.exp(wave * X[:, 2]) * (X[:, 2] > -DEPTH)
+    body = Body(bilayer, mu_cortex=ratio, mu_core=1.0, kappa_ratio=KAPPA_RATIO, law=law, X=X)
+    run = Dynamics(body, [Contact(), Symmetry(), PlaneStrain()], steps_per_unit=STEPS_PER_UNIT * body.crossing)
+    width = float(X[:, 1].max())
+    found: dict[float, State] = {}
+    for g in GROWTHS:
+        try:
+            run.grow_to(g)
+            run.settle()
+        except UnstableError as error:
+            print(f"{law} {ratio:g}, half wave {half_wave:g}: {error}", file=sys.stderr)
+            break
+        x, record = run.state.x, run.state.record
+        volume = body.grown_volumes(g).sum()  # nearly: the material is nearly incompressible
+        pial, white = (surface_area(x[start:], body.bilayer.faces) for start in (0, LAYERS * body.n_surface))
+        energy = record["strain_energy"] + sum(effect["energy"] for effect in record["effects"].values())
+        height = float(np.ptp(x[: body.n_surface, 2]))
+        length = np.linalg.norm(x[: body.n_surface] - x[LAYERS * body.n_surface :][: body.n_surface], axis=1)
+        crown, fundus = (float(length[X[: body.n_surface, 0] == at].mean()) for at in (0.0, half_wave))
+        thickness = 2 * float(volume) / (pial + white)
+        found[g] = State(energy / (half_wave * width), height, thickness, crown, fundus, float(length.max()))
+    return found
+
+
+def best_wave(energies: Array) -> tuple[int, float]:
+    """The half wave of least energy: its number, and its value from a parabola through it and its neighbours."""
+    k = int(np.nanargmin(energies))
+    around = slice(k - 1, k + 2)
+    if k in (0, len(energies) - 1) or np.isnan(energies[around]).any():
+        return k, float("nan")
+    a, b, _ = np.polyfit(HALF_WAVES[around], energies[around], 2)
+    return k, float(-b / (2 * a))
+
+
+def main(page: Path) -> None:
+    set_threads(1)  # the bodies are small
+    rows, spacings = [], dict[tuple[str, float], dict[float, tuple[float, float]]]()
+    for law in LAWS:
+        for ratio in RATIOS:
+            states = [grow(law, ratio, float(half)) for half in HALF_WAVES]
+            spacings[law, ratio] = best = {}
+            for g in GROWTHS:
+                energies = np.array([state[g].energy if g in state else np.nan for state in states])
+                heights = [state[g].height for state in states if g in state]
+                if np.isnan(energies).all() or max(heights) < 1:
+                    continue  # not folded yet
+                k, half = best_wave(energies)
+                near = 2 * HALF_WAVES[energies <= (1 + NEARLY) * np.nanmin(energies)]
+                state = states[k][g]
+                best[g] = 2 * half, 2 * half / state.thickness
+                numbers = [number(value, "{:.1f}") for value in (best[g][1], state.height)]
+                numbers += [number(value / state.fundus, "{:.2f}") for value in (state.crown, state.wall)]
+                waves = [number(best[g][0], "{:.1f}"), f"{near.min():g} to {near.max():g}"]
+                rows.append([law, f"{ratio:g}", f"{g:g}", *waves, *numbers])
+                print(*rows[-1], sep="\t", file=sys.stderr, flush=True)
+    draw(page.parent / "theory-spacing.png", spacings)
+    text = between_marks(page.read_text("utf-8"), "spacing", [table(HEADS, rows)], page)
+    with atomic_file(page) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def draw(path: Path, spacings: Mapping[tuple[str, float], Mapping[float, tuple[float, float]]]) -> None:
+    """Best wavelength against growth, over the thickness before growth and now; lines for ratios and laws."""
+    with new_figure(9.0, 4.2, 1, 2) as (figure, ((*axes,),)):
+        for ax, over, top in zip(axes, ("before growth", "now"), (16.0, 12.0)):
+            set_limits(ax, (GROWTHS[0], GROWTHS[-1]), (0.0, top), f"over the thickness {over}")
+            ax.set(xlabel="growth g")
+        axes[1].axhline(4.0, color=GREY, linewidth=0.8)
+        axes[0].set(ylabel="wavelength of least energy")
+        entries = {}
+        for row, law in enumerate(LAWS):
+            for k, ratio in enumerate(RATIOS):
+                style = {**line_style(k), "marker": "os"[row], "markersize": 5, "fillstyle": ("full", "none")[row]}
+                entries[f"{law}, {ratio:g}"] = style
+                for column, ax in enumerate(axes):
+                    best = spacings[law, ratio]
+                    ax.plot(list(best), [pair[column] for pair in best.values()], **style)
+        legend_of_figure(figure, entries, axes[0], 4)
+        save(figure, path)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
