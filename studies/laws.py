@@ -105,7 +105,11 @@ def growth_row(name: str, body: Body, known: Species) -> list[str]:
     k = np.array([terms.log_k for terms in body.terms])
     at = np.linspace(body.growths[0], body.growths[-1], 1001)
     inside = at[np.abs(np.interp(at, body.growths, k) - known.mean_k) <= 2 * known.sd_k]
-    ends = ("-", "-") if not inside.size else (f"{inside[0]:.2f}", f"{inside[-1]:.2f}" if inside[-1] < at[-1] else "-")
+    ends = (
+        ("–", "–")
+        if not inside.size
+        else (f"{inside[0]:.2f}", "the end" if inside[-1] == at[-1] else f"{inside[-1]:.2f}")
+    )
     return [name, *(number(value, "{:.2f}") for value in k[::2]), *ends]
 
 

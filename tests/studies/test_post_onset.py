@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from morphofold.sim.equilibrium.path import Equilibrium
+from morphofold.studies import post_onset
 from morphofold.studies.post_onset import branch, strip
+from morphofold.threads import using_threads
 
 HEIGHTS = (0.04, 0.08, 0.12)
 
@@ -43,3 +45,18 @@ def test_the_stiff_folded_state_is_stable_and_the_soft_one_is_not(found):
     body.grow(states.growth[-1])
     negative = Equilibrium(body, states.x).stability().negative
     assert negative == (0 if ratio > 1 else 1)
+
+
+@pytest.mark.parametrize(("ratio", "half_wave", "stays"), [(0.5, 3.6, True), (4.0, 4.75, False)])
+def test_folds_of_a_soft_cortex_stay_when_growth_goes_back(ratio, half_wave, stays, monkeypatch):
+    """At 0.02 below the growth at which a flat strip folds, one that has been folded is still folded, or is not."""
+    monkeypatch.setattr(post_onset, "BEYOND", np.array([-0.02, 0.06]))
+    g_crit = branch(strip("isotropic", ratio, half_wave, 4), ()).g_crit
+    with using_threads(1):
+        found = post_onset.loop("isotropic", ratio, half_wave, g_crit, 4)
+    assert found.up[0] < 0.2
+    assert found.up[1] > 1
+    assert found.down[1] == pytest.approx(found.up[1], abs=0.01)
+    assert (found.down[0] > 1) == stays
+    assert found.folds_at == 0.06
+    assert found.flat_at == (-0.02 if stays else 0.06)

@@ -1,0 +1,60 @@
+"""Models and brains on the folding law."""
+
+import numpy as np
+import pytest
+from made_simulations import made_simulation
+from scipy import stats
+
+from morphofold.analysis import AtScale
+from morphofold.analysis.gyrification.folding_law import shape_terms
+from morphofold.studies import laws
+
+
+def body_of(k):
+    """A body whose K goes from the first to the second number of ``k`` in eleven steps."""
+    terms = [shape_terms(10**value * 1e4**1.25, 1e4, 1.0) for value in np.linspace(*k, len(laws.GROWTHS))]
+    return laws.Body(laws.GROWTHS, terms, [1e5] * len(terms), [])
+
+
+def test_the_published_mammals_have_the_published_slope():
+    known = laws.species()
+    line = stats.linregress(np.log10(known.exposed), np.log10(known.folded))
+    assert len(known.exposed) == 57
+    assert len(known.primate_area) == 65
+    assert line.slope == pytest.approx(1.325, abs=1e-3)
+    assert line.stderr == pytest.approx(0.009, abs=1e-3)
+    assert (known.mean_k, known.sd_k) == (pytest.approx(-0.552, abs=1e-3), pytest.approx(0.086, abs=1e-3))
+
+
+def test_the_growths_at_which_a_body_is_among_the_mammals():
+    known = laws.species()
+    low, high = known.mean_k - 2 * known.sd_k, known.mean_k + 2 * known.sd_k
+    assert laws.growth_row("a", body_of((low - 0.3, high - 0.01)), known)[-2:] == [
+        f"{1 + 0.3 / (high - low + 0.29):.2f}",
+        "the end",
+    ]
+    assert laws.growth_row("a", body_of((low, high + 0.1)), known)[-1] == f"{1 + (high - low) / (high - low + 0.1):.2f}"
+    assert laws.growth_row("a", body_of((-2.0, -1.5)), known)[-2:] == ["–", "–"]
+
+
+def test_a_row_across_scales_has_the_slope_and_the_exponent_of_its_law():
+    """Bodies with A_total T^(1/2) proportional to A_exposed^(5/4) at every scale."""
+    rows = [AtScale(s, shape_terms(2 * 1e4**1.25 / (1 + s) ** 0.5, 1e4, 1 + s)) for s in (1.0, 2.0, 4.0, 8.0)]
+    row = laws.scales_row("a", rows)
+    assert row[4] == "1.25"
+    assert row[6] == "−0.50"
+
+
+def test_the_shell_has_its_thickness():
+    cortex = laws.shell()
+    assert np.linalg.norm(cortex.pial.verts - cortex.white.verts, axis=1) == pytest.approx(2.5)
+
+
+def test_pictures_are_drawn_from_simulations(tmp_path, monkeypatch):
+    monkeypatch.setattr(laws, "GROWTHS", (1.2, 1.4, 2.0))
+    run = made_simulation(tmp_path / "run", "fig5", ["output.stages=[1.2, 1.4]"])
+    body = laws.measured(run)
+    assert [terms.total for terms in body.terms] == sorted(terms.total for terms in body.terms)
+    laws.draw_species(tmp_path / "a.png", laws.species(), {"body": body}, {})
+    laws.draw_growth(tmp_path / "b.png", laws.species(), {"body": body}, {"again": body.scales})
+    assert all((tmp_path / name).stat().st_size > 10_000 for name in ("a.png", "b.png"))
