@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 #: share of the stress that may relax in one step of the growth of the core, and from one measurement to the next:
 #: the cortex grows more slowly if need be
 MOST_RELAXED_AT_ONCE, MOST_RELAXED = 0.25, 0.5
-FASTEST_RELAXATION = 2000.0  # largest relaxation of stress per unit of growth: its runs take some hundred times as long
+FASTEST_RELAXATION = 2000.0  # largest relaxation of stress per unit of growth: its runs take some ten times as long
 
 
 class Options(EffectOptions):
@@ -50,8 +50,7 @@ class Options(EffectOptions):
     example = "{rate = 0.2}"
 
     rate: Annotated[
-        float,
-        key("growth strain of the core under a stress of one shear modulus, while g rises by 1", gt=0, le=1000),
+        float, key("growth strain of the core under a stress of one shear modulus, while g rises by 1", gt=0, le=1000)
     ] = 0.2
     volume: Annotated[bool, key("whether the volume of the core follows its pressure, not its shape alone")] = True
 
@@ -59,12 +58,15 @@ class Options(EffectOptions):
         if scene.growth.final == 1:
             raise DoesNotApply("effects.stress_growth needs a cortex that grows: growth.final is 1")
         if "core_growth" in scene.effects:
-            raise DoesNotApply("effects.stress_growth and effects.core_growth both set the growth of the core; remove one")
+            raise DoesNotApply(
+                "effects.stress_growth and effects.core_growth both set the growth of the core; remove one"
+            )
         relaxation = _relaxation(self.rate, self.volume, scene.material.kappa_ratio)
         if relaxation > FASTEST_RELAXATION:
             raise OutOfRange(
-                f"effects.stress_growth.rate = {self.rate:g} relaxes stress by a factor of e {relaxation:.0f} times while "
-                f"g rises by 1, more than {FASTEST_RELAXATION:g}; reduce it, or set effects.stress_growth.volume = false"
+                f"effects.stress_growth.rate = {self.rate:g} relaxes stress by a factor of e {relaxation:.0f} times "
+                f"while g rises by 1, more than {FASTEST_RELAXATION:g}; reduce it, or set "
+                "effects.stress_growth.volume = false"
             )
 
 

@@ -107,7 +107,7 @@ def _columns(G):
 
 @njit(fastmath=_FAST_MATH, error_model="numpy")
 def _grow_brick(now, first, point, m, l, G, rate, volume, material):
-    """Grow the brick in lane ``l`` of a block; ``now`` and ``first``: corners deformed and before growth, in eighths."""
+    """Grow the brick in lane ``l`` of a block; ``now``, ``first``: corners deformed and before growth, in eighths."""
     d, d0 = brick_kernels._gauss_point_jacobians(now, l), brick_kernels._gauss_point_jacobians(first, l)
     c, mu, per_volume = brick_kernels._data_of_all_points(point, l), m[l], m[l + _UINT(2) * _LANES]
     p = m[l + _LANES] * (brick_kernels._brick_volume(now, l) * per_volume - 1.0)
@@ -141,7 +141,12 @@ def grow_bricks(
     ``brick_kernels.element_forces``.
     """
     for g in prange(len(local)):
-        now, first, at, origin = np.zeros(24 * LANES), np.zeros(24 * LANES), np.empty((4 * LANES, 3)), np.zeros(3 * LANES)
+        now, first, at, origin = (
+            np.zeros(24 * LANES),
+            np.zeros(24 * LANES),
+            np.empty((4 * LANES, 3)),
+            np.zeros(3 * LANES),
+        )
         origin0, moved = np.zeros(3 * LANES), np.empty(3 * LANES)
         width = (start[g + 1] - start[g]) // (layers + 1)
         for k in range(layers + 1):

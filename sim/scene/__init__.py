@@ -58,8 +58,8 @@ MOST_BRICKS = 5_000_000  # about 6 GB of memory
 class Growth(Table):
     """Growth law and final growth stretch of the cortex; ``rate``: pace over the default pace.
 
-    ``thickness``: points (g, factor), linear in between: growth stretch along the thickness at growth g. The law must be
-    tangential, which without them has 1; points with factor = g make it isotropic. A cortex that thins has factors
+    ``thickness``: points (g, factor), linear in between: growth stretch along the thickness at growth g. The law must
+    be tangential, which without them has 1; points with factor = g make it isotropic. A cortex that thins has factors
     below 1. Before growth the factor is 1.
     """
 
