@@ -141,7 +141,7 @@ class Bricks:
         x, X : (N, 3) float64
             Positions, deformed and before growth [mm].
         G : (n_core, 3, 3) float64
-            Growth tensors; each becomes exp(L) G, to second order in L = ``rate`` M / mu, with its mean Mandel stress M.
+            Growth tensors; each becomes exp(L) G, to second order in L = ``rate`` M / mu; M is its mean Mandel stress.
         rate : float
             0 to set the bricks to G as it is.
         volume : bool
