@@ -43,6 +43,7 @@ WAVELENGTHS = (3.0, 40.0)  # over T, in which first folds are sought
 #: long strips: length, height of noise, and bricks through the cortex; their rates (at ratio 1) and seeds
 LONG, NOISE, LAYERS_OF_LONG, WAVELENGTHS_OF_NOISE = 64.0, 0.002, 3, (2.5, 40.0)
 RATES_OF_LONG, SEEDS = (0.0, 10.0, 100.0), (1, 2, 3)
+END_OF_NOISE = 1.3149  # growth at which theory of noise ends: an elastic core loses its stability at 1.3150
 
 
 @dataclass(frozen=True)
@@ -175,34 +176,34 @@ def in_half_waves(ratio: float, rate: float, near: float, layers: int = LAYERS, 
     return Folds(float(c - b**2 / (4 * a)), float(near * STEP_OF_WAVELENGTH ** (-b / (2 * a))))
 
 
-def noise_of_strip() -> tuple[Array, Array]:
-    """Wave numbers (M,) times T that fit into a long strip, and which of them the noise has."""
+def noise_of_strip(seed: int) -> tuple[Array, Array]:
+    """Wave numbers (M,) times T that fit into a long strip, and the heights of the noise (M,), over T."""
     m = np.arange(1, 1 + int(2 * LONG / WAVELENGTHS_OF_NOISE[0]))
-    return np.pi / LONG * m, 2 * LONG / m <= WAVELENGTHS_OF_NOISE[1]
+    noisy = 2 * LONG / m <= WAVELENGTHS_OF_NOISE[1]
+    height = np.random.default_rng(seed).standard_normal(len(m)) * noisy * NOISE / noisy.sum() ** 0.5
+    return np.pi / LONG * m, height
 
 
-def folds_of_noise(growth: Array, power: Array) -> Folds:
-    """First folds from the power (states, M) of all waves of a strip, by its mean wave number."""
-    waves, total = noise_of_strip()[0], power.sum(axis=1)
+def folds_of_noise(growth: Array, power: Array, waves: Array) -> Folds:
+    """First folds from the power (states, M) of all waves (M,) of a strip, by its mean wave number."""
+    total = power.sum(axis=1)
     g = reached(growth, total**0.5, AMPLIFIED * NOISE)
     return Folds(g, float(2 * np.pi / np.interp(g, growth, power @ waves / total)))
 
 
-def noise_in_theory(rate: float) -> Folds:
-    """First folds that theory expects of a long strip with noise."""
-    waves, noisy = noise_of_strip()
-    growth = np.arange(1 + 5 * STEP_OF_THEORY, 1.3 if rate else 1.313, STEP_OF_THEORY)
-    height = heights(1.0, rate, waves, growth) * noisy * NOISE / noisy.sum() ** 0.5
-    return folds_of_noise(growth, height**2)
+def noise_in_theory(rate: float, seed: int) -> Folds:
+    """First folds of a long strip with noise in theory."""
+    waves, height = noise_of_strip(seed)
+    growth = np.arange(1 + 5 * STEP_OF_THEORY, END_OF_NOISE, STEP_OF_THEORY)
+    return folds_of_noise(growth, (heights(1.0, rate, waves, growth) * height) ** 2, waves)
 
 
 def in_long_strip(rate: float, seed: int) -> Folds:
     """First folds of a long strip with noise."""
-    waves, noisy = noise_of_strip()
-    height = np.random.default_rng(seed).standard_normal(len(waves)) * noisy * NOISE / noisy.sum() ** 0.5
+    waves, height = noise_of_strip(seed)
     edge, goal = 1 / LAYERS_OF_LONG, AMPLIFIED * NOISE
     growth, found = spectra(1.0, rate, LONG, height, LAYERS_OF_LONG, edge, goal)
-    return folds_of_noise(growth, found**2)
+    return folds_of_noise(growth, found**2, waves)
 
 
 def draw(path: Path, folds: dict[tuple[float, float], tuple[Folds, Folds]], long: dict[float, list[Folds]]) -> None:
@@ -250,13 +251,14 @@ def main(page: Path) -> None:
                 if ratio == 1 and rate in long:
                     values = interval([getattr(one, value) for one in long[rate]])
                     row.append(" ".join(map(how.format, values)).replace(" ", " ± "))
-                    row.append(how.format(getattr(noise_in_theory(rate), value)))
+                    same = [getattr(noise_in_theory(rate, seed), value) for seed in SEEDS]
+                    row.append(" ".join(map(how.format, interval(same))).replace(" ", " ± "))
                 else:
                     row += ["–", "–"]
             rows.append(row)
             print(*row, sep="  ", file=sys.stderr, flush=True)
     draw(page.parent / "theory-stress-growth.png", folds, long)
-    of = ("theory", "simulated", "noise, simulated", "noise, theory")
+    of = ("theory", "simulated", "noise, simulated", "same noise, theory")
     heads = ("ratio", "rate", *(f"{what}: {one}" for what in ("wavelength / T", "g") for one in of))
     text = between_marks(page.read_text("utf-8"), "stress-growth", [table(heads, rows)], page)
     with atomic_file(page) as temporary:
