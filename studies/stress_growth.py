@@ -180,8 +180,8 @@ def noise_of_strip(seed: int) -> tuple[Array, Array]:
     """Wave numbers (M,) times T that fit into a long strip, and the heights of the noise (M,), over T."""
     m = np.arange(1, 1 + int(2 * LONG / WAVELENGTHS_OF_NOISE[0]))
     noisy = 2 * LONG / m <= WAVELENGTHS_OF_NOISE[1]
-    height = np.random.default_rng(seed).standard_normal(len(m)) * noisy * NOISE / noisy.sum() ** 0.5
-    return np.pi / LONG * m, height
+    height: Array = np.random.default_rng(seed).standard_normal(len(m)) * noisy * (NOISE / noisy.sum() ** 0.5)
+    return np.pi / LONG * m.astype(np.float64), height
 
 
 def folds_of_noise(growth: Array, power: Array, waves: Array) -> Folds:

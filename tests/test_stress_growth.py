@@ -116,6 +116,18 @@ def test_growth_at_one_go_is_taken_in_steps_that_keep_it_stable():
     np.testing.assert_allclose(effect.G[3], want, atol=0.01)
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_step_that_is_far_too_long_still_gives_a_tensor_of_growth(kind):
+    body, G = block(kind), unit_tensors(block(kind))
+    x = 0.8 * body.X
+    for rate in (0.1, 0.3):  # 1 + L has a negative determinant
+        assert np.linalg.det(np.eye(3) + rate * mandel(0.8 * np.eye(3), np.eye(3), NEO_HOOKEAN)) < 0
+        body.elements.grow_by_stress(body.X, body.X, unit_tensors(body), 0.0)
+        G[:] = np.eye(3)
+        body.elements.grow_by_stress(x, body.X, G, rate)
+        assert np.linalg.det(G).min() > 0
+
+
 def test_the_tensor_does_not_depend_on_how_the_body_is_turned(rng):
     body = octant()
     x = body.X + 0.3 * rng.standard_normal(body.X.shape)
