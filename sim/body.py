@@ -48,7 +48,10 @@ class Elements(Protocol):
 
     @property
     def blocks(self) -> Rows: ...
-    def grow(self, cortex: Array, core: float = 1.0) -> None: ...
+    @property
+    def core_volumes(self) -> Array: ...
+    def grow(self, cortex: Array, core: float = 1.0, thickness: float = 1.0) -> None: ...
+    def grow_by_stress(self, x: Array, X: Array, G: Array, rate: float, volume: bool = True) -> None: ...
     def compute_forces(self, x: Array) -> None: ...
     def measure(self, x: Array) -> Array: ...
     def state(self) -> dict[str, Array]: ...
@@ -73,6 +76,8 @@ class Body:
         Material of both layers, each with its own moduli; neo-Hookean by default.
     stiffness : float or (E,) float64
         Factor on the moduli of each element.
+    thickening : callable
+        Growth stretch along the thickness at a growth g, if the law is tangential; 1 by default.
     single : bool
         Compute the forces of bricks in 32 bits (docs/solver.md, "Single precision"); tetrahedra always use 64.
 
@@ -113,11 +118,12 @@ class Body:
         single: bool = False,
         material: Material = NEO_HOOKEAN,
         stiffness: Array | float = 1.0,
+        thickening: Callable[[float], float] = lambda g: 1.0,
     ):
         check_law(law)
         if not kappa_ratio > 2:
             raise OutOfRange(f"kappa_ratio must be more than 2, got {kappa_ratio:g}.")
-        self.bilayer, self.law = bilayer, law
+        self.bilayer, self.law, self.thickening = bilayer, law, thickening
         mesh = bilayer.mesh
         self.single = single and isinstance(mesh, MeshHex)
         self.X: Array = np.ascontiguousarray(mesh.p.T if X is None else X, dtype=np.float64)
@@ -228,7 +234,7 @@ class Body:
     def grow(self, g: float) -> None:
         """Set the growth stretch of the cortex to ``g``, weighted by ``pattern``; the core grows by ``core_share``."""
         stretch = self._stretch(g)
-        self.elements.grow(stretch, 1 + (g - 1) * self.core_share)
+        self.elements.grow(stretch, 1 + (g - 1) * self.core_share, self.thickening(g))
         self.filter.grow(float(np.mean(stretch)))
         self.growth = g
 
@@ -246,8 +252,9 @@ class Body:
 
     def grown_volumes(self, g: float | None = None) -> Array:
         """Volume (n_cortex,) after free growth, to ``g`` or the present one: the first one times det G [mm^3]."""
-        stretch = self._stretch(self.growth if g is None else g)
-        return self.elements.volume[: self.elements.n_cortex] * det_G(stretch, self.law)
+        g = self.growth if g is None else g
+        grown = self.elements.volume[: self.elements.n_cortex] * det_G(self._stretch(g), self.law)
+        return grown * self.thickening(g)
 
     def forces(self, x: Array) -> Array:
         """Nodal forces (N, 3) of the elements at positions ``x``: minus the energy gradient."""

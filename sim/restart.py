@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from morphofold.arrays import Array
-from morphofold.errors import DamagedFile, Mismatch, MissingPart, OutOfRange
+from morphofold.errors import DamagedFile, DoesNotApply, Mismatch, MissingPart, OutOfRange
 from morphofold.io.files import decoding, existing_file
 from morphofold.provenance import sha256_of
 from morphofold.sim.output.inputs import begun_with, scene_digest
@@ -48,6 +48,11 @@ def restart_of(out: Path, scene: Scene, place: str | Path | None) -> dict[str, A
         raise FileNotFoundError(f"{place}: is not the folder of a run or of a stage. Name one to restart from.")
     with decoding(run / "scene.toml", "a scene as a run writes it"):
         other = load_scene(run / "scene.toml")
+    for name in (name for one in (scene, other) for name, options in one.effects.items() if options.history):
+        raise DoesNotApply(
+            f"{place}: with effects.{name} a run can't begin at the state of another one, because that does not hold "
+            "the growth of the core. Let it grow from the start."
+        )
     stages = {g: stage_folder(run, g) for g in stages_with_volume(run, other)}
     found = [(g, folder / VOLUME_FILE) for g, folder in stages.items() if place in (run, folder)]
     if place == run and (run / "checkpoint.npz").is_file():

@@ -29,6 +29,7 @@ ALONE = {
     "perturbation": "[effects.perturbation]",
     "notch": "[effects.notch]\nat = [[50.0, 0.0, 0.0]]",
     "core_growth": "[effects.core_growth]\nfinal = 1.02",
+    "stress_growth": "[effects.stress_growth]",
     "regional_growth": "[effects.regional_growth]\nspots = [{centre = [50.0, 0.0, 0.0], radius = 30.0, factor = 0.5}]",
     "growth_map": f"[effects.growth_map]\n{MAP}",
     "stiffness_map": f"[effects.stiffness_map]\n{MAP}",

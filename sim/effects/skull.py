@@ -100,7 +100,7 @@ def grown_volume(scene: Scene, axes: Array, g: float) -> float:
     geometry = scene.geometry
     assert isinstance(geometry, Sphere | Ellipsoid)
     hollow = geometry.hole_share**3 * whole
-    swelling = volume(g, scene.growth.law)
+    swelling = volume(g, scene.growth.law) * scene.growth.thickening(g)
     return float(swelling * (whole - inside) + core**3 * (inside - hollow) + hollow)
 
 

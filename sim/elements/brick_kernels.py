@@ -529,11 +529,12 @@ def element_state(x, nodes, start, local, layers, point, modulus, state, stiffne
 
 
 @kernel(parallel=True, fastmath=_FAST_MATH)
-def grow(point, point0, radial, modulus, stretch, blocks, tangential):
+def grow(point, point0, radial, modulus, stretch, blocks, tangential, scale):
     """Compute point data and 1/V of ``blocks`` at growth ``stretch`` (B, LANES) from those at growth 1, ``point0``.
 
     Isotropic, G = g I: C = g C0, w = g^3 w0. Tangential, G = g (I - N N) + N N with N the reference thickness
-    direction: C = C0 + (g^2 - 1) n n, w = g^2 w0, where ``radial`` (B, 24 LANES) holds n = sqrt(w0) dxi/dX N.
+    direction: C = C0 + (g^2 - 1) n n, w = g^2 w0, where ``radial`` (B, 24 LANES) holds n = sqrt(w0) dxi/dX N. Then G is
+    multiplied by ``scale``.
     """
     for i in prange(len(blocks)):
         out, start, g, volume = point[blocks[i]], point0[i], stretch[i], np.zeros(LANES)
@@ -556,5 +557,10 @@ def grow(point, point0, radial, modulus, stretch, blocks, tangential):
                 det = g[l] * g[l] * (1.0 if tangential else g[l])
                 out[row + l] = start[row + l] / det
                 volume[l] += det / start[row + l]
+            if scale != 1.0:
+                for k in range(row - 6 * LANES, row):
+                    out[k] *= scale
+                for k in range(row, row + LANES):
+                    out[k] /= scale**3
         for l in range(LANES):
-            modulus[blocks[i], 2 * LANES + l] = 1.0 / volume[l]
+            modulus[blocks[i], 2 * LANES + l] = scale**-3 / volume[l]

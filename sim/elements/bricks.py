@@ -9,7 +9,7 @@ from skfem.refdom import RefHex
 
 from morphofold.arrays import Array, Bools
 from morphofold.errors import ImpossibleBody
-from morphofold.sim.elements import brick_kernels
+from morphofold.sim.elements import brick_kernels, growth_by_stress
 from morphofold.sim.elements.blocks import Columns, lanes_of
 from morphofold.sim.elements.brick_kernels import ROWS_PER_POINT
 from morphofold.sim.elements.lanes import LANES
@@ -112,16 +112,59 @@ class Bricks:
             n = np.einsum("ijeq,jeq,eq->eqi", inv, normal, 2 * np.sqrt(w))
             radials[blocks] = lanes_of(n.reshape(-1, LANES, 24))
 
-    def grow(self, cortex: Array, core: float = 1.0) -> None:
-        """Set the growth stretch of each brick of the cortex (n_cortex,), and the isotropic growth of the core."""
+    def grow(self, cortex: Array, core: float = 1.0, thickness: float = 1.0) -> None:
+        """Set the growth stretch of each brick of the cortex (n_cortex,), and the isotropic growth of the core.
+
+        ``thickness``: growth stretch along the thickness, if the law is tangential.
+        """
         tangential = self.law == "tangential"
-        stretch = cortex[self.blocks.element[self._cortex]]
-        brick_kernels.grow(self.point, self._cortex0, self._radial, self.modulus, stretch, self._cortex, tangential)
+        stretch = cortex[self.blocks.element[self._cortex]] / thickness
+        brick_kernels.grow(
+            self.point, self._cortex0, self._radial, self.modulus, stretch, self._cortex, tangential, thickness
+        )
         if core != 1.0 and self._core0 is None:  # ungrown data are kept only if the core grows
             self._core0 = self.point[self._core]
         if self._core0 is not None:
             stretch = np.full((len(self._core), LANES), core)
-            brick_kernels.grow(self.point, self._core0, self._radial, self.modulus, stretch, self._core, False)
+            brick_kernels.grow(self.point, self._core0, self._radial, self.modulus, stretch, self._core, False, 1.0)
+
+    @property
+    def core_volumes(self) -> Array:
+        """Reference volume of each part of the core that has a growth tensor of its own: its bricks [mm^3]."""
+        return self.volume[self.n_cortex :]
+
+    def grow_by_stress(self, x: Array, X: Array, G: Array, rate: float, volume: bool = True) -> None:
+        """Let the bricks of the core grow by their stress, and set them to their growth tensors.
+
+        Parameters
+        ----------
+        x, X : (N, 3) float64
+            Positions, deformed and before growth [mm].
+        G : (n_core, 3, 3) float64
+            Growth tensors; each becomes exp(L) G, to second order in L = ``rate`` M / mu; M is its mean Mandel stress.
+        rate : float
+            0 to set the bricks to G as it is.
+        volume : bool
+            Whether the volume grows too; if not, L is without its trace.
+        """
+        b, cortex_layers = self.blocks, len(self._cortex) // len(self.blocks.local)
+        growth_by_stress.grow_bricks(
+            x,
+            X,
+            b.nodes,
+            b.start,
+            b.local,
+            b.layers,
+            cortex_layers,
+            b.element,
+            self.n_cortex,
+            self.point,
+            self.modulus,
+            G,
+            rate,
+            volume,
+            self.material,
+        )
 
     def make_single(self) -> None:
         """Compute forces in 32 bits from now on: points and moduli get 32 bits; positions and sums keep 64."""

@@ -8,7 +8,7 @@ from skfem import MeshTet
 
 from morphofold.arrays import Array, Bools, Ints
 from morphofold.errors import BadMesh, OutOfRange
-from morphofold.sim.elements import tet_kernels
+from morphofold.sim.elements import growth_by_stress, tet_kernels
 from morphofold.sim.elements.blocks import Blocks, lanes_of
 from morphofold.sim.elements.lanes import LANES
 from morphofold.sim.elements.patches import cluster
@@ -93,24 +93,59 @@ class Tets:
         self._share = np.empty(self.n)  # of the patch's volume
         self._share[mine] = self.volume[mine] / np.bincount(patch, self.volume[mine])[patch]
         self._cortex = self._place[np.flatnonzero(cortex)]
-        self._grown = -(-int(cortex[first].sum()) // LANES)  # leading blocks that hold cortex
+        self._n_cortex_patches = int(cortex[first].sum())
+        self._grown = -(-self._n_cortex_patches // LANES)  # leading blocks that hold cortex; the last may hold core too
+        self._core_lanes = np.tile(np.arange(LANES) >= (self._n_cortex_patches - 1) % LANES + 1, 9 * PATCH_TETS)
         self._X, self._radial, self._core = X, radial, np.nan
         self.edges = np.empty((count, 9 * PATCH_TETS * LANES))
         self.grow(np.ones(self.n_cortex))
         self._J, self._state = np.zeros((count, PATCH_TETS * LANES)), np.zeros((count, 2 * LANES))
         self._stiffness = np.zeros(len(self.blocks.nodes))
 
-    def grow(self, cortex: Array, core: float = 1.0) -> None:
-        """Set the growth stretch of each tetrahedron of the cortex (n_cortex,), and isotropic growth of the core."""
+    def grow(self, cortex: Array, core: float = 1.0, thickness: float = 1.0) -> None:
+        """Set the growth stretch of each tetrahedron of the cortex (n_cortex,), and isotropic growth of the core.
+
+        ``thickness``: growth stretch along the thickness, if the law is tangential.
+        """
         if not (np.min(cortex, initial=core) > 0 and np.max(cortex, initial=core) < np.inf):
             raise OutOfRange(f"growth stretches must be positive and finite, got {cortex} and {core:g} in the core.")
-        b, count = self.blocks, self.blocks.count if core != self._core else self._grown
+        same_core = core == self._core
+        b, count = self.blocks, self._grown if same_core else self.blocks.count
+        last = slice(count - 1, count) if same_core else slice(0)
+        before = self.edges[last].copy()
         across = np.full((count, PATCH_TETS * LANES), core)
         along = across.copy()
         across.ravel()[self._cortex] = cortex
-        along.ravel()[self._cortex] = 1.0 if self.law == "tangential" else cortex
+        along.ravel()[self._cortex] = thickness if self.law == "tangential" else cortex
         tet_kernels.grow_edges(self._X, self._radial, b.nodes, b.start, b.local, self.corner, across, along, self.edges)
+        self.edges[last] = np.where(self._core_lanes, before, self.edges[last])  # they may have grown by stress
         self._core = core
+
+    @property
+    def core_volumes(self) -> Array:
+        """Reference volume of each part of the core that has a growth tensor of its own: its patches [mm^3]."""
+        of_core = self.patches[self._n_cortex_patches :]
+        return np.where(of_core >= 0, self.volume[of_core], 0.0).sum(axis=1)
+
+    def grow_by_stress(self, x: Array, X: Array, G: Array, rate: float, volume: bool = True) -> None:
+        """Let the patches of the core grow by their stress: as :meth:`.bricks.Bricks.grow_by_stress`."""
+        b = self.blocks
+        growth_by_stress.grow_patches(
+            x,
+            X,
+            b.nodes,
+            b.start,
+            b.local,
+            self.corner,
+            b.element,
+            self._n_cortex_patches,
+            self.edges,
+            self.modulus,
+            G,
+            rate,
+            volume,
+            self.material,
+        )
 
     def compute_forces(self, x: Array) -> None:
         """Write forces at positions ``x`` (N, 3) into ``blocks.force``."""

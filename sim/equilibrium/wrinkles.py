@@ -41,7 +41,8 @@ def first_wrinkles(scene: Scene) -> Wrinkles:
     """First wrinkles where the cortex grows most, by the theory of a sphere as large as the body.
 
     A body without a size is replaced by a sphere with a thin cortex (``THIN_SHELL_T_OVER_C``). The sphere is
-    incompressible, of even thickness: :func:`morphofold.sim.theory.bifurcation`.
+    incompressible, of even thickness: :func:`morphofold.sim.theory.bifurcation`. If growth changes the thickness
+    (``growth.thickness``), so it does the wavelength, as in a flat cortex.
     """
     geometry = scene.geometry
     axes = getattr(geometry, "semi_axes", None)
@@ -53,7 +54,7 @@ def first_wrinkles(scene: Scene) -> Wrinkles:
     growth = found.growth
     for options in scene.effects.values():
         growth = options.first_wrinkles(growth, scene)
-    return Wrinkles(growth, found.wavelength_over_T)
+    return Wrinkles(growth, found.wavelength_over_T * scene.growth.thickening(growth))
 
 
 def slow_growth(scene: Scene) -> Slow | None:

@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
 from morphofold.errors import DoesNotApply, NamedTwice, OutOfRange, TooLarge
@@ -55,7 +56,12 @@ MOST_BRICKS = 5_000_000  # about 6 GB of memory
 
 
 class Growth(Table):
-    """Growth law and final growth stretch of the cortex; ``rate``: pace over the default pace."""
+    """Growth law and final growth stretch of the cortex; ``rate``: pace over the default pace.
+
+    ``thickness``: points (g, factor), linear in between: growth stretch along the thickness at growth g. The law must
+    be tangential, which without them has 1; points with factor = g make it isotropic. A cortex that thins has factors
+    below 1. Before growth the factor is 1.
+    """
 
     law: Annotated[Literal["isotropic", "tangential"], key("growth in all directions, or along the surface only")] = (
         "isotropic"
@@ -64,6 +70,27 @@ class Growth(Table):
     rate: Annotated[
         float, key("pace over the default pace; slower is closer to equilibrium", ge=SLOWEST_RATE, le=4)
     ] = 1.0
+    thickness: Annotated[
+        tuple[Annotated[tuple[float, Annotated[float, Field(ge=0.25, le=4)]], Field(strict=False)], ...],
+        key("points (g, growth stretch along the thickness), for tangential growth", strict=False),
+    ] = ()
+
+    @model_validator(mode="after")
+    def _thickness_is_a_curve(self) -> Growth:
+        growths = [g for g, _ in self.thickness]
+        if growths and self.law != "tangential":
+            raise DoesNotApply('growth.thickness needs growth.law = "tangential"; isotropic growth sets the thickness')
+        if sorted(set(growths)) != growths:
+            raise OutOfRange("growth.thickness: growths must rise from point to point")
+        if self.thickening(1.0) != 1:
+            raise OutOfRange("growth.thickness: the factor must be 1 before growth, at g = 1")
+        return self
+
+    def thickening(self, g: float) -> float:
+        """Growth stretch along the thickness at growth g, beside that of an isotropic law."""
+        if not self.thickness or math.isnan(g):
+            return 1.0
+        return float(np.interp(g, [at for at, _ in self.thickness], [factor for _, factor in self.thickness]))
 
 
 def elements_through(edge_over_T: float) -> int:
@@ -153,6 +180,8 @@ class Scene(Table):
             raise DoesNotApply(
                 "material.model does not apply with geometry.shape = 'radial', which is always neo-Hookean; remove it"
             )
+        if shape == "radial" and self.growth.thickness:
+            raise DoesNotApply("growth.thickness does not apply with geometry.shape = 'radial'; remove it")
         if shape == "mesh" and self.accuracy != Accuracy():
             raise DoesNotApply(
                 "accuracy does not apply with geometry.shape = 'mesh': the file gives the mesh; remove it"
@@ -235,6 +264,8 @@ class Scene(Table):
             return "theory assumes a cortex of one thickness; this one has thickness spots or a map"
         if not self.material.theory:
             return "theory assumes a neo-Hookean material"
+        if self.growth.thickness:
+            return "theory does not include growth.thickness"
         unknown = [name for name, options in self.effects.items() if not options.theory]
         return f"theory does not include {unknown[0]}" if unknown else ""
 

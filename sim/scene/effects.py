@@ -21,6 +21,7 @@ HOOK_ORDER = (
     "perturbation",
     "notch",
     "core_growth",
+    "stress_growth",
     "regional_growth",
     "growth_map",
     "stiffness_map",

@@ -99,6 +99,8 @@ class EffectOptions(Table):
         Whether time is real, so that growth does not wait for equilibrium.
     at_onset : bool
         Whether it acts on a smooth body, so that the growth at which folds begin depends on it.
+    history : bool
+        Whether a state depends on how it was reached, so that a run can't begin at the state of another run.
     counted : str
         Name under which its time is counted, if not its own.
     example : str
@@ -110,6 +112,7 @@ class EffectOptions(Table):
     errors_known: ClassVar[bool] = False
     real_time: ClassVar[bool] = False
     at_onset: ClassVar[bool] = True
+    history: ClassVar[bool] = False
     counted: ClassVar[str] = ""
     example: ClassVar[str] = "{}"
 

@@ -1,0 +1,148 @@
+"""The core grows where it is under stress (Bayly and others 2013, Phys. Biol. 10, 016005), a part at a time.
+
+Each brick of the core, or patch of tetrahedra, has a growth tensor G. While the cortex grows by dg,
+
+    dG G^-1 = rate M / mu |dg|,
+
+with M the mean Mandel stress of the part, A^T dW/dA, over its grown volume, and mu its shear modulus. For small strain
+M is the Cauchy stress. So tension lengthens the core, pressure shortens it, and stress relaxes like that of a Maxwell
+solid: shear by exp(-2 rate dg), pressure by exp(-3 rate (kappa/mu) dg). The paper has a growth that follows stress;
+this law for a solid of three dimensions, and its unit, are ours. Time is counted in growth of the cortex, so that only
+the ratio of both rates matters. Without growth nothing relaxes.
+
+Growth of the core costs energy, or sets it free, at fixed positions. What it takes from the stored energy is recorded,
+so that stored, kinetic, dissipated and released energy add up to the work of the growing cortex.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphofold.arrays import Array
+from morphofold.errors import DoesNotApply, OutOfRange
+from morphofold.sim.body import Body
+from morphofold.sim.effects import Effect
+from morphofold.sim.scene.tables import EffectOptions, key
+
+if TYPE_CHECKING:
+    from morphofold.sim.scene import Scene
+
+#: share of the stress that may relax in one step of the growth of the core, and from one measurement to the next:
+#: the cortex grows more slowly if need be
+MOST_RELAXED_AT_ONCE, MOST_RELAXED = 0.25, 0.5
+FASTEST_RELAXATION = 2000.0  # largest relaxation of stress per unit of growth: its runs take some ten times as long
+
+
+class Options(EffectOptions):
+    """The core grows in proportion to its stress, while the cortex grows.
+
+    With ``volume = false`` it keeps its volume and only its shape follows. Relaxation of pressure needs small steps: if
+    ``volume = true``, growth slows down above a ``rate`` of about 0.3, and above ``rate`` times kappa / mu of 670 it is
+    refused.
+    """
+
+    counted = "stress_growth"
+    history = True
+    example = "{rate = 0.2}"
+
+    rate: Annotated[
+        float, key("growth strain of the core under a stress of one shear modulus, while g rises by 1", gt=0, le=1000)
+    ] = 0.2
+    volume: Annotated[bool, key("whether the volume of the core follows its pressure, not its shape alone")] = True
+
+    def check(self, scene: Scene) -> None:
+        if scene.growth.final == 1:
+            raise DoesNotApply("effects.stress_growth needs a cortex that grows: growth.final is 1")
+        if "core_growth" in scene.effects:
+            raise DoesNotApply(
+                "effects.stress_growth and effects.core_growth both set the growth of the core; remove one"
+            )
+        relaxation = _relaxation(self.rate, self.volume, scene.material.kappa_ratio)
+        if relaxation > FASTEST_RELAXATION:
+            raise OutOfRange(
+                f"effects.stress_growth.rate = {self.rate:g} relaxes stress by a factor of e {relaxation:.0f} times "
+                f"while g rises by 1, more than {FASTEST_RELAXATION:g}; reduce it, or set "
+                "effects.stress_growth.volume = false"
+            )
+
+
+def _relaxation(rate: float, volume: bool, kappa_ratio: float) -> float:
+    """Fastest relaxation of stress per unit of growth: of pressure, or of shear if the volume does not follow."""
+    return rate * (max(2.0, 3.0 * kappa_ratio) if volume else 2.0)
+
+
+def build(options: Options, scene: Scene) -> StressGrowth:
+    return StressGrowth(options.rate, options.volume)
+
+
+class StressGrowth(Effect):
+    """Growth of the core by its stress; ``rate`` and ``volume`` as in :class:`Options`.
+
+    Attributes
+    ----------
+    G : (n_core, 3, 3) float64
+        Growth tensors of the parts of the core: its bricks, or patches of tetrahedra.
+    released : float
+        Energy that their growth has taken from the stored energy, at fixed positions.
+    """
+
+    name = "stress_growth"
+
+    def __init__(self, rate: float, volume: bool = True):
+        self._rate, self._volume = rate, volume
+        self.released = 0.0
+
+    def prepare(self, body: Body) -> None:
+        self._body, self._volumes = body, body.elements.core_volumes
+        self.G = np.tile(np.eye(3), (len(self._volumes), 1, 1))
+        self._grown_at, self._due, self._slower = body.growth, False, 1.0
+        kappa_ratio = float(np.max(body.kappa / body.mu)) + body.elements.LOCAL
+        self._relaxation = _relaxation(self._rate, self._volume, kappa_ratio)
+
+    def refresh(self, run) -> None:
+        from morphofold.sim.dynamics import STEPS_PER_MEASUREMENT
+
+        self._due = True
+        self._slower = min(1.0, MOST_RELAXED / (self._relaxation * run.rate * STEPS_PER_MEASUREMENT))
+
+    def add_element_forces(self, body: Body, x: Array, v: Array) -> None:
+        """Once after each measurement, before which all is saved, let the core grow; its forces change in a step."""
+        passed, due, self._due = abs(body.growth - self._grown_at), self._due, False
+        if due and passed:
+            before = self._stored(x)
+            steps = math.ceil(passed * self._relaxation / MOST_RELAXED_AT_ONCE)
+            for _ in range(steps):
+                body.elements.grow_by_stress(x, body.X, self.G, self._rate * passed / steps, self._volume)
+            self.released += before - self._stored(x)
+            self._grown_at = body.growth
+
+    def _stored(self, x: Array) -> float:
+        self._body.elements.measure(x)
+        return float(self._body.elements.state()["energy"].sum())
+
+    def pace(self, g: float) -> float:
+        return self._slower
+
+    def record(self) -> dict[str, Any]:
+        """Energy that growth of the core took from the stored one; norm of G - 1, the largest and the mean by volume;
+        and volume of the core over that before growth."""
+        strain = np.linalg.norm(self.G - np.eye(3), axis=(1, 2))
+        det = np.einsum("ei,ei->e", self.G[:, 0], np.cross(self.G[:, 1], self.G[:, 2]))
+        return {
+            "released_energy": self.released,
+            "largest_growth_strain": float(strain.max(initial=0.0)),
+            "mean_growth_strain": float(np.average(strain, weights=self._volumes)),
+            "core_volume_ratio": float(np.average(det, weights=self._volumes)),
+        }
+
+    def save(self) -> dict[str, NDArray]:
+        return {"G": self.G.copy(), "grown_at": np.array(self._grown_at), "released": np.array(self.released)}
+
+    def load(self, arrays: dict[str, NDArray]) -> None:
+        self.G = arrays["G"].copy()
+        self._grown_at, self.released = float(arrays["grown_at"]), float(arrays["released"])
+        self._body.elements.grow_by_stress(self._body.X, self._body.X, self.G, 0.0, self._volume)

@@ -1,0 +1,269 @@
+"""The wavelength of folds on a core that grows by its stress, on a flat strip, against linear theory.
+
+``python -m morphofold.studies.stress_growth docs/theory.md`` writes the table between the marks ``stress-growth`` of
+the page, and ``docs/theory-stress-growth.png``. It takes half an hour on two cores.
+
+The cortex grows tangentially by g; the core keeps its volume and grows in shape by ``rate`` times its stress
+(``effects.stress_growth`` with ``volume = false``). The pial surface is uneven from the start by waves, which growth
+amplifies: first folds are the wave that is the first to be ``AMPLIFIED`` times as high as before growth. It is found
+from half a wave at a time, between symmetry planes, and in long strips with noise of all wavelengths.
+
+Theory (:func:`heights`) is linear in the height and exact otherwise: a layer of finite strain, incompressible and
+neo-Hookean, on a half-space that is a Maxwell solid. It has no free number.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.fft import dct
+from scipy.stats import t as student
+
+from morphofold.arrays import Array
+from morphofold.io import atomic_file
+from morphofold.report.plots.line_plots import legend_of_figure, line_style, new_figure, save
+from morphofold.sim.body import Body
+from morphofold.sim.equilibrium.path import Equilibrium
+from morphofold.sim.mesh.brick_mesh import bilayer_patch
+from morphofold.studies.markdown import between_marks, number, table
+
+RATIOS = (1.0, 4.0)
+RATES = (0.0, 1.0, 10.0, 30.0, 100.0, 300.0)
+AMPLIFIED = 25.0
+DEPTH, KAPPA_RATIO = 15.0, 50.0  # of the strip, over T; of both layers
+LAYERS, CELLS = 4, 16  # bricks through the cortex, and along half a wave
+HEIGHT = 1e-4  # of half a wave before growth, over T
+STEP_OF_WAVELENGTH = 1.12  # from one half wave to the next
+LARGEST_STEP, RATE_OF_LARGEST_STEP = 0.004, 20.0  # of growth in simulations; smaller for larger rates
+STEP_OF_THEORY, LARGEST_GROWTH = 2e-4, 1.6
+WAVELENGTHS = (3.0, 40.0)  # over T, in which first folds are sought
+#: long strips: length, height of noise, and bricks through the cortex; their rates (at ratio 1) and seeds
+LONG, NOISE, LAYERS_OF_LONG, WAVELENGTHS_OF_NOISE = 64.0, 0.002, 3, (2.5, 40.0)
+RATES_OF_LONG, SEEDS = (0.0, 10.0, 100.0), (1, 2, 3)
+END_OF_NOISE = 1.3149  # growth at which theory of noise ends: an elastic core loses its stability at 1.3150
+
+
+@dataclass(frozen=True)
+class Folds:
+    """First folds: growth, and wavelength over T."""
+
+    growth: float
+    wavelength: float
+
+
+def reached(growth: Array, height: Array, goal: float) -> float:
+    """Growth at which a rising height first reaches the goal; NaN if it does not."""
+    after = int(np.argmax(height >= goal))
+    if not height[after] >= goal:
+        return np.nan
+    pair = slice(after - 1, after + 1)
+    return float(np.interp(np.log(goal), np.log(height[pair]), growth[pair]))
+
+
+# --- theory
+
+
+def layer(g: float, k: Array) -> tuple[Array, Array, Array, Array]:
+    """A grown layer of T = 1 and mu = 1, held at its sides: its response to waves of number k (K,).
+
+    Returns
+    -------
+    force, by_noise : (K, 2, 2), (K, 2) float64
+        Force on the layer's lower face, along and up, that holds it there at a displacement of 1, and at 0 but with
+        noise of height 1 before growth on its upper face.
+    lift, lift_by_noise : (K, 2), (K,) float64
+        Height of the upper face in these states.
+
+    Notes
+    -----
+    The stretches are 1/g, 1/g, g^2 (incompressible), the thickness is g^2. With the height W(z) cos kx and the motion
+    along x U sin kx, U = -W'/k, Biot's equation (d^2/dz^2 - k^2)(b3 d^2/dz^2 - b1 k^2) W = 0, b_i the squares of the
+    stretches, has solutions exp(k z), exp(k z / g^3) and their mirror images. Tractions, with no stress along z before:
+    b3 (U' - k W) and 2 b3 W' - p, with k p = b1 k^2 U - b3 U''. On the upper face, the compression b1 - b3 acts on the
+    slope of the noise, which is stretched to g^2.
+    """
+    b1, b3, top = g**-2.0, g**4.0, g**2.0
+    q = k[:, None] * np.array([1.0, -1.0, g**-3.0, -(g**-3.0)])
+
+    def rows(z: float) -> tuple[Array, Array]:
+        """Displacements and tractions (K, 2, 4) at z of each solution, scaled to 1 where it is largest."""
+        e, n = np.exp(q * z - np.maximum(q * top, 0)), k[:, None]
+        U = -q / n * e
+        along, up = b3 * (q * U - n * e), 2 * b3 * q * e - (b1 * n * U - b3 * q**2 * U / n)
+        return np.stack([U, e], axis=1), np.stack([along, up], axis=1)
+
+    (low, pull_low), (high, pull_high) = rows(0.0), rows(top)
+    system = np.concatenate([pull_high, low], axis=1)
+    given = np.zeros((len(k), 4, 3))
+    given[:, 2, 0] = given[:, 3, 1] = 1.0
+    given[:, 0, 2] = -k * (b1 - b3) * top
+    found = np.linalg.solve(system, given)
+    force, lift = -pull_low @ found, (high @ found)[:, 1]
+    return force[..., :2], force[..., 2], lift[:, :2], lift[:, 2] + top
+
+
+def heights(ratio: float, rate: float, k: Array, growth: Array) -> Array:
+    """Height (states, K) of the pial surface for noise of height 1, at growths that rise from 1 in equal steps.
+
+    The core resists with q, 2 mu k of its displacement u if it is elastic (incompressible half-space, bonded). With
+    growth of its shape dq/dg + 2 rate q = 2 mu k du/dg, by the trapezoidal rule; q is minus the force on the layer.
+    """
+    out = np.empty((len(growth), len(k)))
+    u, held, half = np.zeros((len(k), 2)), np.zeros((len(k), 2)), rate * (growth[1] - growth[0])
+    core = 2 * k[:, None] / ratio
+    for i, g in enumerate(growth):
+        force, by_noise, lift, lift_by_noise = layer(g, k)
+        system = (1 + half) * force + core[..., None] * np.eye(2)
+        with np.errstate(over="ignore", invalid="ignore"):  # long after first folds
+            known = core * u - (1 - half) * held - (1 + half) * by_noise
+            u = np.linalg.solve(system, known[..., None])[..., 0]
+            held = -np.einsum("kij,kj->ki", force, u) - by_noise
+            out[i] = np.einsum("ki,ki->k", lift, u) + lift_by_noise
+    return out
+
+
+def in_theory(ratio: float, rate: float) -> Folds:
+    """First folds of theory."""
+    wavelengths = np.geomspace(*WAVELENGTHS, 400)
+    growth = np.arange(1 + 5 * STEP_OF_THEORY, LARGEST_GROWTH, STEP_OF_THEORY)
+    found = heights(ratio, rate, 2 * np.pi / wavelengths, growth)
+    at = np.array([reached(growth, np.abs(height), AMPLIFIED) for height in found.T])
+    first = int(np.nanargmin(at))
+    return Folds(float(at[first]), float(wavelengths[first]))
+
+
+# --- simulation
+
+
+def spectra(
+    ratio: float, rate: float, length: float, height: Array, layers: int, edge: float, goal: float
+) -> tuple[Array, Array]:
+    """Growth (states,) and heights (states, M) of cos(m pi x / length), m = 1 to M, until their rms reaches the goal.
+
+    ``height`` (M,): of the waves of the pial surface before growth. Equilibria follow each other, the core grows in
+    between.
+    """
+    bilayer = bilayer_patch((length, 0.0), DEPTH, 1.0, edge, layers)
+    X = np.ascontiguousarray(bilayer.mesh.p.T)
+    waves = np.pi / length * np.arange(1, 1 + len(height))
+    X[:, 2] += bilayer.share * (np.cos(X[:, :1] * waves) @ height)
+    body = Body(bilayer, mu_cortex=ratio, mu_core=1.0, kappa_ratio=KAPPA_RATIO, law="tangential", X=X)
+    G = np.tile(np.eye(3), (len(body.elements.core_volumes), 1, 1))
+    near = np.flatnonzero(bilayer.mesh.p[1, : body.n_surface] == 0)
+    near = near[np.argsort(bilayer.mesh.p[0, near])]
+    step = LARGEST_STEP / max(1.0, rate / RATE_OF_LARGEST_STEP)
+    state, growth, found = Equilibrium(body, X), [1.0], [height]
+    while (found[-1] ** 2).sum() < goal**2 and growth[-1] < LARGEST_GROWTH:
+        state = state.grown(growth[-1] + step)
+        body.elements.grow_by_stress(state.x, X, G, rate * step, volume=False)
+        z = state.x[near, 2]
+        growth.append(state.growth)
+        found.append((dct(z - z.mean(), type=1) / (len(z) - 1))[1 : 1 + len(height)])
+    return np.array(growth), np.array(found)
+
+
+def in_half_waves(ratio: float, rate: float, near: float, layers: int = LAYERS, cells: int = CELLS) -> Folds:
+    """First folds from half a wave of three lengths around ``near``: the vertex of the parabola through them."""
+    wavelengths, at = near * np.array([1 / STEP_OF_WAVELENGTH, 1.0, STEP_OF_WAVELENGTH]), []
+    for half in wavelengths / 2:
+        goal = AMPLIFIED * HEIGHT
+        growth, found = spectra(ratio, rate, half, np.array([HEIGHT]), layers, half / cells, goal)
+        at.append(reached(growth, np.abs(found[:, 0]), goal))
+    a, b, c = np.polyfit([-1.0, 0.0, 1.0], at, 2)
+    return Folds(float(c - b**2 / (4 * a)), float(near * STEP_OF_WAVELENGTH ** (-b / (2 * a))))
+
+
+def noise_of_strip(seed: int) -> tuple[Array, Array]:
+    """Wave numbers (M,) times T that fit into a long strip, and the heights of the noise (M,), over T."""
+    m = np.arange(1, 1 + int(2 * LONG / WAVELENGTHS_OF_NOISE[0]))
+    noisy = 2 * LONG / m <= WAVELENGTHS_OF_NOISE[1]
+    height: Array = np.random.default_rng(seed).standard_normal(len(m)) * noisy * (NOISE / noisy.sum() ** 0.5)
+    return np.pi / LONG * m.astype(np.float64), height
+
+
+def folds_of_noise(growth: Array, power: Array, waves: Array) -> Folds:
+    """First folds from the power (states, M) of all waves (M,) of a strip, by its mean wave number."""
+    total = power.sum(axis=1)
+    g = reached(growth, total**0.5, AMPLIFIED * NOISE)
+    return Folds(g, float(2 * np.pi / np.interp(g, growth, power @ waves / total)))
+
+
+def noise_in_theory(rate: float, seed: int) -> Folds:
+    """First folds of a long strip with noise in theory."""
+    waves, height = noise_of_strip(seed)
+    growth = np.arange(1 + 5 * STEP_OF_THEORY, END_OF_NOISE, STEP_OF_THEORY)
+    return folds_of_noise(growth, (heights(1.0, rate, waves, growth) * height) ** 2, waves)
+
+
+def in_long_strip(rate: float, seed: int) -> Folds:
+    """First folds of a long strip with noise."""
+    waves, height = noise_of_strip(seed)
+    edge, goal = 1 / LAYERS_OF_LONG, AMPLIFIED * NOISE
+    growth, found = spectra(1.0, rate, LONG, height, LAYERS_OF_LONG, edge, goal)
+    return folds_of_noise(growth, found**2, waves)
+
+
+def draw(path: Path, folds: dict[tuple[float, float], tuple[Folds, Folds]], long: dict[float, list[Folds]]) -> None:
+    """Wavelength and growth of first folds against the rate: lines of theory, points of simulations."""
+    rates = np.geomspace(0.3, 1000, 15)
+    with new_figure(9.0, 4.2, 1, 2) as (figure, ((*axes,),)):
+        for k, ratio in enumerate(RATIOS):
+            theory = [in_theory(ratio, rate) for rate in rates]
+            for ax, value in zip(axes, ("wavelength", "growth")):
+                ax.plot(rates, [getattr(f, value) for f in theory], **line_style(k))
+                for rate in RATES[1:]:
+                    marker = {"marker": "o", "markersize": 4, "color": line_style(k)["color"]}
+                    ax.plot(rate, getattr(folds[ratio, rate][1], value), **marker)
+        for rate, found in long.items():
+            for ax, value in zip(axes, ("wavelength", "growth")):
+                if rate:
+                    ax.plot([rate] * len(found), [getattr(f, value) for f in found], "x", color=line_style(0)["color"])
+        for ax, name in zip(axes, ("wavelength / T", "growth g")):
+            ax.set(xscale="log", xlabel="rate of growth of the core", ylabel=f"{name} of first folds")
+        axes[0].set(
+            yscale="log", ylim=(5, 20), yticks=[5, 6, 8, 10, 15, 20], yticklabels=["5", "6", "8", "10", "15", "20"]
+        )
+        axes[0].minorticks_off()
+        legend_of_figure(figure, {f"ratio {ratio:g}": line_style(k) for k, ratio in enumerate(RATIOS)}, axes[0], 2)
+        save(figure, path)
+
+
+def interval(values: list[float]) -> tuple[float, float]:
+    """Mean, and half the 95 % interval of it."""
+    return float(np.mean(values)), float(
+        student.ppf(0.975, len(values) - 1) * np.std(values, ddof=1) / len(values) ** 0.5
+    )
+
+
+def main(page: Path) -> None:
+    folds, rows = {}, []
+    long = {rate: [in_long_strip(rate, seed) for seed in SEEDS] for rate in RATES_OF_LONG}
+    for ratio in RATIOS:
+        for rate in RATES:
+            theory = in_theory(ratio, rate)
+            folds[ratio, rate] = theory, in_half_waves(ratio, rate, theory.wavelength)
+            row = [f"{ratio:g}", f"{rate:g}"]
+            for value, how in (("wavelength", "{:.2f}"), ("growth", "{:.4f}")):
+                row += [number(getattr(one, value), how) for one in folds[ratio, rate]]
+                if ratio == 1 and rate in long:
+                    values = interval([getattr(one, value) for one in long[rate]])
+                    row.append(" ".join(map(how.format, values)).replace(" ", " ± "))
+                    same = [getattr(noise_in_theory(rate, seed), value) for seed in SEEDS]
+                    row.append(" ".join(map(how.format, interval(same))).replace(" ", " ± "))
+                else:
+                    row += ["–", "–"]
+            rows.append(row)
+            print(*row, sep="  ", file=sys.stderr, flush=True)
+    draw(page.parent / "theory-stress-growth.png", folds, long)
+    of = ("theory", "simulated", "noise, simulated", "same noise, theory")
+    heads = ("ratio", "rate", *(f"{what}: {one}" for what in ("wavelength / T", "g") for one in of))
+    text = between_marks(page.read_text("utf-8"), "stress-growth", [table(heads, rows)], page)
+    with atomic_file(page) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
