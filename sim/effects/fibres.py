@@ -19,12 +19,11 @@ which is at most V b_c b_e d k mu / g_f I in any state.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from numba import prange
 from numpy.typing import ArrayLike
-from pydantic import Field
 from scipy import sparse
 from skfem import Basis, ElementHex1, ElementTetP1, MeshHex, MeshTet
 
@@ -63,9 +62,8 @@ class Options(EffectOptions):
     density: Annotated[float, key("density outside of the bundles", ge=0, le=20)] = 1.0
     bundles: Annotated[tuple[Bundle, ...], key("where fibres are denser", strict=False)] = ()
     direction: Annotated[
-        Literal["radial"] | Annotated[Direction, Field(strict=False)],
-        key('before growth: along the thickness, `"radial"`, or along one vector everywhere'),
-    ] = "radial"
+        Direction | None, key("vector along which all fibres run before growth; by default the thickness", strict=False)
+    ] = None
     growth: Annotated[float, key("growth stretch of the fibres at the final growth of the cortex", gt=0.5, le=4)] = 1.0
     buckle: Annotated[bool, key("fibres shorter than their grown length bear nothing: they pull and never push")] = (
         False
@@ -74,8 +72,8 @@ class Options(EffectOptions):
     def check(self, scene: Scene) -> None:
         if self.density == 0 and not self.bundles:
             raise DoesNotApply("effects.fibres: there are none; give a density above 0, or bundles")
-        if self.direction != "radial" and not np.any(self.direction):
-            raise OutOfRange("effects.fibres.direction: a vector must not be 0 along all axes")
+        if self.direction is not None and not any(self.direction):
+            raise OutOfRange("effects.fibres.direction must not be 0 along all axes")
         if self.growth != 1 and scene.growth.final == 1:
             raise DoesNotApply("effects.fibres.growth needs a cortex that grows: growth.final is 1")
 
@@ -89,7 +87,7 @@ def build(options: Options, scene: Scene) -> Fibres:
         options.stiffness,
         options.density,
         [(bundle.centre, bundle.radius, bundle.density) for bundle in options.bundles],
-        None if options.direction == "radial" else options.direction,
+        options.direction,
         options.share(scene),
         options.buckle,
     )
@@ -146,7 +144,7 @@ class Fibres(Effect):
         self._direction, self._share, self._buckle = direction, share, buckle
 
     def prepare(self, body: Body) -> None:
-        core = np.arange(body.elements.n_cortex, body.elements.n)
+        core = np.asarray(body.bilayer.mesh.subdomains["core"])
         density = self._densities(body.bilayer.foot[body.bilayer.mesh.t[:, core]].mean(axis=0))
         self.elements, self.density = core[density > 0], density[density > 0]
         modulus = self._modulus * self.density * body.mu[self.elements]
@@ -218,7 +216,7 @@ class Fibres(Effect):
             if not added.any():
                 apart = np.linalg.norm(foot - np.asarray(centre), axis=1).min()
                 raise OutOfRange(
-                    f"effects.fibres.bundles: nothing lies within {radius:g} mm of {list(np.asarray(centre))}; the "
+                    f"effects.fibres.bundles: nothing lies within {radius:g} mm of {np.asarray(centre).tolist()}; the "
                     f"nearest element is below a point {apart:.3g} mm away. Give a point of the outer surface that is "
                     "simulated (geometry.portion), or a larger radius."
                 )

@@ -1,0 +1,200 @@
+"""Do gyri and hinges follow dense bundles of fibres? Growing, stiff and contracting bundles in spheres, many seeds.
+
+``python -m morphofold.studies.fibres FOLDER docs/laws.md`` grows and measures what is missing in the folder, writes the
+table of the page between its marks ``fibres``, and ``docs/laws-fibres.png``. A run takes three quarters of a minute on
+one core; there are ten of each kind.
+
+Each seed has its own imperfection and its own places of the bundles: evenly spread, then turned at random. What lies
+over bundles is compared with what lies over the same bundles turned at random, a thousand times.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from morphofold.analysis import measure
+from morphofold.analysis.graph.landmarks import amounts
+from morphofold.arrays import Array
+from morphofold.io import atomic_file
+from morphofold.report.plots.line_plots import GREY, line_style, new_figure, save, set_limits
+from morphofold.shapes import even_directions
+from morphofold.sim.scene.files import load_scene
+from morphofold.simulation import simulate
+from morphofold.spheres.spins import rotations
+from morphofold.studies.markdown import between_marks, number, table
+from morphofold.surface import Cortex
+
+SEEDS = range(12)
+BUNDLES, RADIUS_MM, BODY_MM = 20, 10.0, 50.0  # and radius of the body
+NEAR = np.cos(0.5 * RADIUS_MM / BODY_MM)  # over a bundle: where it has at least half of its density
+PLACES, ROTATIONS, RESAMPLES = 4000, 1000, 10_000
+BODY = ("geometry.portion=full", "growth.final=1.6", "output.stages=[]", "output.volume=false")
+QUANTITIES = ("hinges", "crests", "depth")
+
+
+class Kind(NamedTuple):
+    """Fibres of one kind: its folder, its words, and the keys of its table; no keys: no fibres."""
+
+    name: str
+    words: str
+    keys: Mapping[str, float | bool] | None
+
+
+KINDS = (
+    Kind("none", "no fibres", None),
+    Kind("growing-10", "grow by 1.3, modulus 10", {"stiffness": 10.0, "growth": 1.3}),
+    Kind("growing-2", "grow by 1.3, modulus 2", {"stiffness": 2.0, "growth": 1.3}),
+    Kind("growing-half", "grow by 1.3, modulus 0.5", {"stiffness": 0.5, "growth": 1.3}),
+    Kind("slow-10", "grow by 1.1, modulus 10", {"stiffness": 10.0, "growth": 1.1}),
+    Kind("slow-2", "grow by 1.1, modulus 2", {"stiffness": 2.0, "growth": 1.1}),
+    Kind("still-10", "do not grow, modulus 10", {"stiffness": 10.0}),
+    Kind("still-50", "do not grow, modulus 50", {"stiffness": 50.0}),
+    Kind("pulling-10", "do not grow, only pull, modulus 10", {"stiffness": 10.0, "buckle": True}),
+    Kind("shrinking-10", "shorten to 0.9, modulus 10", {"stiffness": 10.0, "growth": 0.9}),
+)
+
+
+class Found(NamedTuple):
+    """One run: share of hinges and of crest length over bundles and mean sulcal depth there [mm], as they are and then
+    with the bundles turned (1 + ROTATIONS,); and its number of hinges."""
+
+    hinges: Array
+    crests: Array
+    depth: Array
+    n_hinges: int
+
+
+def bundles(seed: int) -> Array:
+    """Unit directions (BUNDLES, 3) of the bundles of a seed."""
+    return even_directions(BUNDLES) @ rotations(1, seed)[0].T
+
+
+def grown(folder: Path, kind: Kind, seed: int) -> Cortex:
+    """The sphere of a seed with fibres of this kind, at its final growth."""
+    settings = [*BODY, f"effects.perturbation.seed={seed}"]
+    if kind.keys is not None:
+        places = [{"centre": (BODY_MM * at).round(6).tolist(), "radius": RADIUS_MM} for at in bundles(seed)]
+        keys = {"density": 0.0, **kind.keys, "bundles": places}
+        settings.append(f"effects.fibres={_toml(keys)}")
+    return simulate(load_scene("demo", settings), folder / f"{kind.name}-{seed}", resume=True, threads=1).cortex()
+
+
+def _toml(value: object) -> str:
+    """A value as inline TOML."""
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{name} = {_toml(part)}" for name, part in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_toml, value)) + "]"
+    return json.dumps(value)
+
+
+def measured(folder: Path, kind: Kind, seed: int) -> Found:
+    """What lies over the bundles of a run; kept in the folder."""
+    kept = folder / f"{kind.name}-{seed}.npz"
+    if not kept.exists():
+        found = over_bundles(grown(folder, kind, seed), bundles(seed), seed)
+        with atomic_file(kept) as temporary, temporary.open("wb") as file:
+            np.savez(file, **found._asdict())
+    with np.load(kept) as arrays:
+        return Found(*(arrays[name] for name in QUANTITIES), int(arrays["n_hinges"]))
+
+
+def over_bundles(cortex: Cortex, at: Array, seed: int) -> Found:
+    """What lies over bundles at unit directions ``at`` (B, 3), and over the same turned at random.
+
+    By the places of the vertices before growth, so that bundles have the same share of the body before and after.
+    """
+    assert cortex.sphere is not None
+    measures = measure(cortex, only=["hinges", "crests", "sulcal_depth"])
+    assert measures.graph is not None
+    points = cortex.sphere.verts / np.linalg.norm(cortex.sphere.verts, axis=1, keepdims=True)
+    landmarks = amounts(measures.graph, len(points))
+    depth = measures.maps["sulcal_depth"][cKDTree(points).query(even_directions(PLACES))[1]]
+    turns = np.concatenate([np.eye(3)[None], rotations(ROTATIONS, seed)])
+    turned = [at @ turn.T for turn in turns]
+    near = lambda places: np.stack([(places @ bundle.T).max(axis=1) >= NEAR for bundle in turned])
+    shares = []
+    for name in ("hinges", "crest_length"):
+        there = np.flatnonzero(landmarks[name])
+        shares.append(near(points[there]) @ landmarks[name][there] / landmarks[name].sum())
+    over = near(even_directions(PLACES))
+    return Found(*shares, over @ depth / over.sum(axis=1), int(landmarks["hinges"].sum()))
+
+
+def summary(found: Sequence[Found], name: str) -> dict[str, float]:
+    """Mean over seeds of a quantity over bundles, that by chance, the middle 95 % of the mean less chance over
+    resampled seeds, and the share of rotations that are at least as far from their mean."""
+    values = np.stack([getattr(one, name) for one in found])  # (seeds, 1 + rotations)
+    chance = values[:, 1:].mean(axis=1)
+    away = values[:, 0] - chance
+    chosen = np.random.default_rng(0).integers(len(away), size=(RESAMPLES, len(away)))
+    low, high = np.percentile(away[chosen].mean(axis=1), (2.5, 97.5))
+    by_chance = (values[:, 1:] - chance[:, None]).mean(axis=0)
+    p = (1 + np.count_nonzero(np.abs(by_chance) >= abs(away.mean()))) / (1 + len(by_chance))
+    return {"mean": values[:, 0].mean(), "chance": chance.mean(), "low": low, "high": high, "p": p}
+
+
+def row_of(kind: Kind, found: Sequence[Found]) -> list[str]:
+    """A row of the table."""
+    row = [kind.words, f"{len(found)}", f"{sum(one.n_hinges for one in found)}"]
+    for name in QUANTITIES:
+        one, scale, how = (
+            summary(found, name),
+            (1 if name == "depth" else 100),
+            ("{:.2f}" if name == "depth" else "{:.1f}"),
+        )
+        span = f"{number(scale * one['low'], how)} to {number(scale * one['high'], how)}"
+        row += [number(scale * one["mean"], how), number(scale * one["chance"], how), span, number(one["p"], "{:.3f}")]
+    return row
+
+
+def draw(path: Path, found: Mapping[str, Sequence[Found]]) -> None:
+    """What lies over bundles less chance: a panel for each quantity, a row for each kind, a point for each seed."""
+    labels = {"hinges": "hinges [%]", "crests": "crest length [%]", "depth": "sulcal depth [mm]"}
+    with new_figure(9.5, 3.8, 1, len(QUANTITIES), sharey=True) as (figure, ((*axes,),)):
+        for ax, name in zip(axes, QUANTITIES):
+            scale = 1 if name == "depth" else 100
+            ax.axvline(0.0, color=GREY, linewidth=0.8)
+            for k, kind in enumerate(KINDS):
+                values = np.stack([getattr(one, name) for one in found[kind.name]])
+                away, one = scale * (values[:, 0] - values[:, 1:].mean(axis=1)), summary(found[kind.name], name)
+                ax.plot(away, np.full(len(away), -k), ".", color=GREY, markersize=4)
+                ax.plot([scale * one["low"], scale * one["high"]], [-k, -k], **line_style(0), linewidth=3)
+                ax.plot(away.mean(), -k, marker="o", **line_style(0))
+            most = {"hinges": 30.0, "crests": 15.0, "depth": 4.0}[name]
+            set_limits(ax, (-most, most), (0.5 - len(KINDS), 0.5), labels[name] + " over bundles, less chance")
+        axes[0].set_yticks([-k for k in range(len(KINDS))], [kind.words for kind in KINDS])
+        save(figure, path)
+
+
+def main(folder: Path, page: Path) -> None:
+    found: dict[str, list[Found]] = {kind.name: [] for kind in KINDS}
+    for seed in SEEDS:
+        for kind in KINDS:
+            found[kind.name].append(measured(folder, kind, seed))
+            print(
+                kind.name,
+                seed,
+                *(f"{summary(found[kind.name], name)['mean']:.3f}" for name in QUANTITIES),
+                file=sys.stderr,
+            )
+    draw(page.parent / "laws-fibres.png", found)
+    heads = ["bundles", "runs", "hinges"]
+    for name in ("hinges over bundles, %", "crest length, %", "sulcal depth, mm"):
+        heads += [name, "by chance", "more than chance, 95 %", "p"]
+    text = between_marks(
+        page.read_text("utf-8"), "fibres", [table(heads, [row_of(k, found[k.name]) for k in KINDS])], page
+    )
+    with atomic_file(page) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), Path(sys.argv[2]))
