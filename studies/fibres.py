@@ -103,7 +103,7 @@ def measured(folder: Path, kind: Kind, seed: int) -> Found:
         with atomic_file(kept) as temporary, temporary.open("wb") as file:
             np.savez(file, **found._asdict())
     with np.load(kept) as arrays:
-        return Found(*(arrays[name] for name in QUANTITIES), int(arrays["n_hinges"]))
+        return Found(arrays["hinges"], arrays["crests"], arrays["depth"], int(arrays["n_hinges"]))
 
 
 def over_bundles(cortex: Cortex, at: Array, seed: int) -> Found:
@@ -117,15 +117,21 @@ def over_bundles(cortex: Cortex, at: Array, seed: int) -> Found:
     points = cortex.sphere.verts / np.linalg.norm(cortex.sphere.verts, axis=1, keepdims=True)
     landmarks = amounts(measures.graph, len(points))
     depth = measures.maps["sulcal_depth"][cKDTree(points).query(even_directions(PLACES))[1]]
-    turns = np.concatenate([np.eye(3)[None], rotations(ROTATIONS, seed)])
-    turned = [at @ turn.T for turn in turns]
+    others = rotations(ROTATIONS, seed + len(SEEDS))  # not the one that placed the bundles
+    turned = [at, *(at @ turn.T for turn in others)]
     near = lambda places: np.stack([(places @ bundle.T).max(axis=1) >= NEAR for bundle in turned])
-    shares = []
-    for name in ("hinges", "crest_length"):
-        there = np.flatnonzero(landmarks[name])
-        shares.append(near(points[there]) @ landmarks[name][there] / landmarks[name].sum())
     over = near(even_directions(PLACES))
-    return Found(*shares, over @ depth / over.sum(axis=1), int(landmarks["hinges"].sum()))
+
+    def share(amount: Array) -> Array:
+        there = np.flatnonzero(amount)
+        return near(points[there]) @ amount[there] / amount.sum()
+
+    return Found(
+        share(landmarks["hinges"]),
+        share(landmarks["crest_length"]),
+        over @ depth / over.sum(axis=1),
+        int(landmarks["hinges"].sum()),
+    )
 
 
 def summary(found: Sequence[Found], name: str) -> dict[str, float]:
