@@ -17,13 +17,15 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from scipy import stats
 from scipy.spatial import cKDTree
 
 from morphofold.analysis import measure
 from morphofold.analysis.graph.landmarks import amounts
 from morphofold.arrays import Array
+from morphofold.inference.permutations import share_above
 from morphofold.io import atomic_file
-from morphofold.report.plots.line_plots import GREY, line_style, new_figure, save, set_limits
+from morphofold.report.plots.line_plots import GREY, new_figure, save, set_limits
 from morphofold.shapes import even_directions
 from morphofold.sim.scene.files import load_scene
 from morphofold.simulation import simulate
@@ -31,12 +33,14 @@ from morphofold.spheres.spins import rotations
 from morphofold.studies.markdown import between_marks, number, table
 from morphofold.surface import Cortex
 
-SEEDS = range(12)
+SEEDS = range(10)
 BUNDLES, RADIUS_MM, BODY_MM = 20, 10.0, 50.0  # and radius of the body
 NEAR = np.cos(0.5 * RADIUS_MM / BODY_MM)  # over a bundle: where it has at least half of its density
-PLACES, ROTATIONS, RESAMPLES = 4000, 1000, 10_000
+PLACES, ROTATIONS = 4000, 1000
 BODY = ("geometry.portion=full", "growth.final=1.6", "output.stages=[]", "output.volume=false")
-QUANTITIES = ("hinges", "crests", "depth")
+#: of a run: factor to the unit of the table, and format
+QUANTITIES = {"hinges": (100.0, "{:.1f}"), "crests": (100.0, "{:.1f}"), "depth": (1.0, "{:.2f}")}
+HEADS = ("hinges over bundles, %", "crest length, %", "sulcal depth, mm")
 
 
 class Kind(NamedTuple):
@@ -135,47 +139,41 @@ def over_bundles(cortex: Cortex, at: Array, seed: int) -> Found:
 
 
 def summary(found: Sequence[Found], name: str) -> dict[str, float]:
-    """Mean over seeds of a quantity over bundles, that by chance, the middle 95 % of the mean less chance over
-    resampled seeds, and the share of rotations that are at least as far from their mean."""
+    """A quantity over bundles, in the mean of the seeds, and by chance; ``low`` to ``high``: 95 % interval of their
+    difference, from the spread between seeds (Student's t); ``p``: share of rotations that are as far from chance."""
     values = np.stack([getattr(one, name) for one in found])  # (seeds, 1 + rotations)
-    chance = values[:, 1:].mean(axis=1)
-    away = values[:, 0] - chance
-    chosen = np.random.default_rng(0).integers(len(away), size=(RESAMPLES, len(away)))
-    low, high = np.percentile(away[chosen].mean(axis=1), (2.5, 97.5))
-    by_chance = (values[:, 1:] - chance[:, None]).mean(axis=0)
-    p = (1 + np.count_nonzero(np.abs(by_chance) >= abs(away.mean()))) / (1 + len(by_chance))
-    return {"mean": values[:, 0].mean(), "chance": chance.mean(), "low": low, "high": high, "p": p}
+    chance = values[:, 1:].mean(axis=1, keepdims=True)
+    away = values - chance
+    mean, spread = away[:, 0].mean(), away[:, 0].std(ddof=1) / np.sqrt(len(away))
+    half = stats.t.ppf(0.975, len(away) - 1) * spread
+    p = float(share_above(np.abs(away[:, 0].mean(keepdims=True)), np.abs(away[:, 1:].mean(axis=0)))[0])
+    return {"mean": values[:, 0].mean(), "chance": chance.mean(), "low": mean - half, "high": mean + half, "p": p}
 
 
 def row_of(kind: Kind, found: Sequence[Found]) -> list[str]:
     """A row of the table."""
     row = [kind.words, f"{len(found)}", f"{sum(one.n_hinges for one in found)}"]
-    for name in QUANTITIES:
-        one, scale, how = (
-            summary(found, name),
-            (1 if name == "depth" else 100),
-            ("{:.2f}" if name == "depth" else "{:.1f}"),
-        )
-        span = f"{number(scale * one['low'], how)} to {number(scale * one['high'], how)}"
-        row += [number(scale * one["mean"], how), number(scale * one["chance"], how), span, number(one["p"], "{:.3f}")]
+    for name, (scale, how) in QUANTITIES.items():
+        one = {key: scale * value if key != "p" else value for key, value in summary(found, name).items()}
+        span = f"{number(one['low'], how)} to {number(one['high'], how)}"
+        row += [number(one["mean"], how), span, number(one["p"], "{:.3f}")]
     return row
 
 
 def draw(path: Path, found: Mapping[str, Sequence[Found]]) -> None:
-    """What lies over bundles less chance: a panel for each quantity, a row for each kind, a point for each seed."""
-    labels = {"hinges": "hinges [%]", "crests": "crest length [%]", "depth": "sulcal depth [mm]"}
-    with new_figure(9.5, 3.8, 1, len(QUANTITIES), sharey=True) as (figure, ((*axes,),)):
-        for ax, name in zip(axes, QUANTITIES):
-            scale = 1 if name == "depth" else 100
-            ax.axvline(0.0, color=GREY, linewidth=0.8)
+    """What lies over bundles less chance: a panel for each quantity, a row for each kind, a small point for a seed."""
+    with new_figure(9.5, 4.2, 1, len(QUANTITIES), sharey=True) as (figure, ((*axes,),)):
+        for ax, name, head, most in zip(axes, QUANTITIES, HEADS, (16.0, 6.0, 5.0)):
+            scale = QUANTITIES[name][0]
             for k, kind in enumerate(KINDS):
-                values = np.stack([getattr(one, name) for one in found[kind.name]])
-                away, one = scale * (values[:, 0] - values[:, 1:].mean(axis=1)), summary(found[kind.name], name)
+                values = scale * np.stack([getattr(one, name) for one in found[kind.name]])
+                away, one = values[:, 0] - values[:, 1:].mean(axis=1), summary(found[kind.name], name)
                 ax.plot(away, np.full(len(away), -k), ".", color=GREY, markersize=4)
-                ax.plot([scale * one["low"], scale * one["high"]], [-k, -k], **line_style(0), linewidth=3)
-                ax.plot(away.mean(), -k, marker="o", **line_style(0))
-            most = {"hinges": 30.0, "crests": 15.0, "depth": 4.0}[name]
-            set_limits(ax, (-most, most), (0.5 - len(KINDS), 0.5), labels[name] + " over bundles, less chance")
+                ax.plot([scale * one["low"], scale * one["high"]], [-k, -k], linewidth=2, color="C0")
+                ax.plot(away.mean(), -k, "o", color="C0")
+            set_limits(ax, (-most, most), (0.5 - len(KINDS), 0.5), "")
+            ax.axvline(0.0, color=GREY, linewidth=0.8)
+            ax.set(xlabel=f"{head}, less chance")
         axes[0].set_yticks([-k for k in range(len(KINDS))], [kind.words for kind in KINDS])
         save(figure, path)
 
@@ -185,19 +183,13 @@ def main(folder: Path, page: Path) -> None:
     for seed in SEEDS:
         for kind in KINDS:
             found[kind.name].append(measured(folder, kind, seed))
-            print(
-                kind.name,
-                seed,
-                *(f"{summary(found[kind.name], name)['mean']:.3f}" for name in QUANTITIES),
-                file=sys.stderr,
-            )
+            print(kind.name, seed, found[kind.name][-1].n_hinges, file=sys.stderr)
     draw(page.parent / "laws-fibres.png", found)
-    heads = ["bundles", "runs", "hinges"]
-    for name in ("hinges over bundles, %", "crest length, %", "sulcal depth, mm"):
-        heads += [name, "by chance", "more than chance, 95 %", "p"]
-    text = between_marks(
-        page.read_text("utf-8"), "fibres", [table(heads, [row_of(k, found[k.name]) for k in KINDS])], page
-    )
+    heads = ["fibres", "runs", "hinges"]
+    for head in HEADS:
+        heads += [head, "less chance, 95 %", "p"]
+    rows = table(heads, [row_of(kind, found[kind.name]) for kind in KINDS])
+    text = between_marks(page.read_text("utf-8"), "fibres", [rows], page)
     with atomic_file(page) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
