@@ -187,7 +187,7 @@ class Fibres(Effect):
         tense = self._stretch / self._grown - 1
         if self._buckle:
             tense = np.maximum(tense, 0.0)
-        return 0.5 * self._grown * float(self._full @ tense**2)
+        return 0.5 * self._grown * float((self._full * tense**2).sum())
 
     def record(self) -> dict[str, float]:
         """Growth stretch of the fibres; largest and smallest stretch l, and its mean weighted by density."""
@@ -196,7 +196,7 @@ class Fibres(Effect):
             "growth": self._grown,
             "largest_stretch": float(self._stretch.max()),
             "smallest_stretch": float(self._stretch.min()),
-            "mean_stretch": float(self._stretch @ weight / weight.sum()),
+            "mean_stretch": float((self._stretch * weight).sum() / weight.sum()),
         }
 
     def _growth(self, g: float) -> float:
