@@ -40,7 +40,7 @@ PLACES, ROTATIONS = 4000, 999
 BODY = ("geometry.portion=full", "growth.final=1.6", "output.stages=[]", "output.volume=false")
 #: of a run: factor to the unit of the table, and format
 QUANTITIES = {"hinges": (100.0, "{:.1f}"), "crests": (100.0, "{:.1f}"), "depth": (1.0, "{:.2f}")}
-HEADS = ("hinges over bundles, %", "crest length, %", "sulcal depth, mm")
+HEADS = ("hinges, %", "crest length, %", "sulcal depth, mm")
 
 
 class Kind(NamedTuple):
@@ -170,10 +170,10 @@ def draw(path: Path, found: Mapping[str, Sequence[Found]]) -> None:
                 away, one = values[:, 0] - values[:, 1:].mean(axis=1), summary(found[kind.name], name)
                 ax.plot(away, np.full(len(away), -k), ".", color=GREY, markersize=4)
                 ax.plot([scale * one["low"], scale * one["high"]], [-k, -k], linewidth=2, color="C0")
-                ax.plot(away.mean(), -k, "o", color="C0")
-            set_limits(ax, (-most, most), (0.5 - len(KINDS), 0.5), "")
+                ax.plot(away.mean(), -k, "o", color="C0", markersize=5)
+            set_limits(ax, (-most, most), (0.5 - len(KINDS), 0.5), head)
             ax.axvline(0.0, color=GREY, linewidth=0.8)
-            ax.set(xlabel=f"{head}, less chance")
+            ax.set(xlabel="over bundles, less chance")
         axes[0].set_yticks([-k for k in range(len(KINDS))], [kind.words for kind in KINDS])
         save(figure, path)
 
