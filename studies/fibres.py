@@ -187,7 +187,7 @@ def main(folder: Path, page: Path) -> None:
     draw(page.parent / "laws-fibres.png", found)
     heads = ["fibres", "runs", "hinges"]
     for head in HEADS:
-        heads += [head, "less chance, 95 %", "p"]
+        heads += [f"over bundles: {head}", "less chance, 95 %", "p"]
     rows = table(heads, [row_of(kind, found[kind.name]) for kind in KINDS])
     text = between_marks(page.read_text("utf-8"), "fibres", [rows], page)
     with atomic_file(page) as temporary:
