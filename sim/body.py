@@ -89,6 +89,8 @@ class Body:
         Factors on ``pattern`` that depend on growth: each returns (n_cortex,) at a growth g.
     core_share : float
         Share of the growth of the core, which is isotropic; 0 unless an effect sets it.
+    added_stiffness : list of callable
+        Bounds on the stiffness that effects add inside the body: each returns nodal sums (N,) at a growth g.
     viscosity : float
         Damping ratio of the fastest waves for which the mass is computed; 0 unless an effect sets it.
     cell : float
@@ -149,6 +151,7 @@ class Body:
         if bilayer.growing is not None:
             self.pattern = bilayer.growing[mesh.t[:, : elements.n_cortex]].mean(axis=0)
         self.changing: list[Callable[[float], Array]] = []
+        self.added_stiffness: list[Callable[[float], Array]] = []
         self.core_share = 0.0
         self.growth = 1.0
         self.viscosity = 0.0
@@ -281,9 +284,11 @@ class Body:
         self.levels.update(self.mass, self._bound / self._first_bound, np.broadcast_to(springs, self.n_surface))
 
     def _stiffness_bound(self, x: Array) -> Array:
-        """Nodal sums (N,) of bounds on the stiffness of elements and surface filter at ``x``."""
+        """Nodal sums (N,) of bounds on the stiffness of elements, surface filter and effects at ``x``."""
         bound = self.elements.measure(x)
         bound[: self.n_surface] += self.filter.stiffness
+        for added in self.added_stiffness:
+            bound += added(self.growth)
         return bound
 
     def _cell_of(self, area: float) -> float:

@@ -37,6 +37,7 @@ ALONE = {
     "skull": "[effects.skull]\ngap = 5.0",
     "inertia": "[effects.inertia]\nduration = 50.0",
     "bulk_viscosity": "[effects.bulk_viscosity]",
+    "fibres": "[effects.fibres]",
 }
 OF_THE_SHAPE = {  # effects that the geometry brings along
     "symmetry": (PLAIN.replace("PORTION", "octant") + ALONE["contact"], {"contact", "symmetry"}),

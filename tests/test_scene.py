@@ -322,7 +322,7 @@ def test_the_page_of_scenes_says_which_shapes_take_which_effects_and_is_up_to_da
 @in_a_checkout
 def test_the_scenes_of_the_page_are_scenes(tmp_path):
     texts = re.findall(r"```toml\n(.*?)```", PAGE.read_text("utf-8"), re.S)
-    assert len(texts) == 9
+    assert len(texts) == 10
     for text in texts:
         load_scene(write(tmp_path, text if "name =" in text else f'name = "x"\n{text}'))
 

@@ -14,6 +14,7 @@ from pydantic import BaseModel
 
 from morphofold.errors import MissingPart
 from morphofold.sim import scene
+from morphofold.sim.effects.fibres import Bundle
 from morphofold.sim.scene import materials
 from morphofold.sim.scene.effects import effect_names, effects_of, options_of
 from morphofold.sim.scene.tables import SphereMap, Spot, unit_of
@@ -35,6 +36,7 @@ TABLES: dict[str, type[BaseModel]] = {
     **{_heading(name): materials.options_of(name) for name in materials.material_names()},
     "[growth]": scene.Growth,
     **{f"[effects.{name}]": options_of(name) for name in effect_names()},
+    "An item of bundles of [effects.fibres]": Bundle,
     "[accuracy]": scene.Accuracy,
     "[output]": scene.Output,
 }
@@ -113,7 +115,7 @@ def _kind_and_range(schema: Mapping[str, Any]) -> tuple[str, str]:
         if "prefixItems" in items:
             return "list of points", count
         if "$ref" in items:
-            return "list of spots", count
+            return f"list of {items['$ref'].rpartition('/')[2].lower()}s", count
         kind, span = _kind_and_range(items)
         return ("list of texts" if kind == "text" else "list of numbers"), span
     if schema["type"] == "string":

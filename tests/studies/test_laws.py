@@ -52,6 +52,7 @@ def test_the_shell_has_its_thickness():
 
 def test_pictures_are_drawn_from_simulations(tmp_path, monkeypatch):
     monkeypatch.setattr(laws, "GROWTHS", (1.2, 1.4, 2.0))
+    monkeypatch.setattr("morphofold.analysis.gyrification.across_scales.FINEST_OVER_T", 2.0)  # quick
     run = made_simulation(tmp_path / "run", "fig5", ["output.stages=[1.2, 1.4]"])
     body = laws.measured(run)
     assert [terms.total for terms in body.terms] == sorted(terms.total for terms in body.terms)

@@ -1,0 +1,198 @@
+"""Do gyri and hinges follow dense bundles of fibres? Growing, stiff and contracting bundles in spheres, many seeds.
+
+``python -m morphofold.studies.fibres FOLDER docs/laws.md`` grows and measures what is missing in the folder, writes the
+table of the page between its marks ``fibres``, and ``docs/laws-fibres.png``. A run takes a quarter of a minute on one
+core; there are ten of each kind.
+
+Each seed has its own imperfection and its own places of the bundles: evenly spread, then turned at random. What lies
+over bundles is compared with what lies over the same bundles turned at random, 999 times.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from scipy import stats
+from scipy.spatial import cKDTree
+
+from morphofold.analysis import measure
+from morphofold.analysis.graph.landmarks import amounts
+from morphofold.arrays import Array
+from morphofold.inference.permutations import share_above
+from morphofold.io import atomic_file
+from morphofold.report.plots.line_plots import GREY, new_figure, save, set_limits
+from morphofold.shapes import even_directions
+from morphofold.sim.scene.files import load_scene
+from morphofold.simulation import simulate
+from morphofold.spheres.spins import rotations
+from morphofold.studies.markdown import between_marks, number, table
+from morphofold.surface import Cortex
+
+SEEDS = range(10)
+BUNDLES, RADIUS_MM, BODY_MM = 20, 10.0, 50.0  # and radius of the body
+NEAR = np.cos(0.5 * RADIUS_MM / BODY_MM)  # over a bundle: where it has at least half of its density
+PLACES, ROTATIONS = 4000, 999
+BODY = ("geometry.portion=full", "growth.final=1.6", "output.stages=[]", "output.volume=false")
+#: of a run: factor to the unit of the table, and format
+QUANTITIES = {"hinges": (100.0, "{:.1f}"), "crests": (100.0, "{:.1f}"), "depth": (1.0, "{:.2f}")}
+HEADS = ("hinges, %", "crest length, %", "sulcal depth, mm")
+
+
+class Kind(NamedTuple):
+    """Fibres of one kind: its folder, its words, and the keys of its table; no keys: no fibres."""
+
+    name: str
+    words: str
+    keys: Mapping[str, float | bool] | None
+
+
+KINDS = (
+    Kind("none", "no fibres", None),
+    Kind("growing-10", "grow by 1.3, modulus 10", {"stiffness": 10.0, "growth": 1.3}),
+    Kind("growing-2", "grow by 1.3, modulus 2", {"stiffness": 2.0, "growth": 1.3}),
+    Kind("growing-half", "grow by 1.3, modulus 0.5", {"stiffness": 0.5, "growth": 1.3}),
+    Kind("slow-10", "grow by 1.1, modulus 10", {"stiffness": 10.0, "growth": 1.1}),
+    Kind("slow-2", "grow by 1.1, modulus 2", {"stiffness": 2.0, "growth": 1.1}),
+    Kind("still-10", "do not grow, modulus 10", {"stiffness": 10.0}),
+    Kind("still-50", "do not grow, modulus 50", {"stiffness": 50.0}),
+    Kind("pulling-10", "do not grow, only pull, modulus 10", {"stiffness": 10.0, "buckle": True}),
+    Kind("shrinking-10", "shorten to 0.9, modulus 10", {"stiffness": 10.0, "growth": 0.9}),
+)
+
+
+class Found(NamedTuple):
+    """One run: share of hinges and of crest length over bundles and mean sulcal depth there [mm], as they are and then
+    with the bundles turned (1 + ROTATIONS,); and its number of hinges."""
+
+    hinges: Array
+    crests: Array
+    depth: Array
+    n_hinges: int
+
+
+def bundles(seed: int) -> Array:
+    """Unit directions (BUNDLES, 3) of the bundles of a seed."""
+    return even_directions(BUNDLES) @ rotations(1, seed)[0].T
+
+
+def grown(folder: Path, kind: Kind, seed: int) -> Cortex:
+    """The sphere of a seed with fibres of this kind, at its final growth."""
+    settings = [*BODY, f"effects.perturbation.seed={seed}"]
+    if kind.keys is not None:
+        places = [{"centre": (BODY_MM * at).round(6).tolist(), "radius": RADIUS_MM} for at in bundles(seed)]
+        keys = {"density": 0.0, **kind.keys, "bundles": places}
+        settings.append(f"effects.fibres={_toml(keys)}")
+    return simulate(load_scene("demo", settings), folder / f"{kind.name}-{seed}", resume=True, threads=1).cortex()
+
+
+def _toml(value: object) -> str:
+    """A value as inline TOML."""
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{name} = {_toml(part)}" for name, part in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_toml, value)) + "]"
+    return json.dumps(value)
+
+
+def measured(folder: Path, kind: Kind, seed: int) -> Found:
+    """What lies over the bundles of a run; kept in the folder."""
+    kept = folder / f"{kind.name}-{seed}.npz"
+    if not kept.exists():
+        found = over_bundles(grown(folder, kind, seed), bundles(seed), seed)
+        with atomic_file(kept) as temporary, temporary.open("wb") as file:
+            np.savez(file, **found._asdict())
+    with np.load(kept) as arrays:
+        return Found(arrays["hinges"], arrays["crests"], arrays["depth"], int(arrays["n_hinges"]))
+
+
+def over_bundles(cortex: Cortex, at: Array, seed: int) -> Found:
+    """What lies over bundles at unit directions ``at`` (B, 3), and over the same turned at random.
+
+    By the places of the vertices before growth, so that bundles have the same share of the body before and after.
+    """
+    assert cortex.sphere is not None
+    measures = measure(cortex, only=["hinges", "crests", "sulcal_depth"])
+    assert measures.graph is not None
+    points = cortex.sphere.verts / np.linalg.norm(cortex.sphere.verts, axis=1, keepdims=True)
+    landmarks = amounts(measures.graph, len(points))
+    depth = measures.maps["sulcal_depth"][cKDTree(points).query(even_directions(PLACES))[1]]
+    others = rotations(1 + ROTATIONS, seed)[1:]  # the first placed the bundles
+    turned = [at, *(at @ turn.T for turn in others)]
+    near = lambda places: np.stack([(places @ bundle.T).max(axis=1) >= NEAR for bundle in turned])
+    over = near(even_directions(PLACES))
+
+    def share(amount: Array) -> Array:
+        there = np.flatnonzero(amount)
+        return near(points[there]) @ amount[there] / amount.sum()
+
+    return Found(
+        share(landmarks["hinges"]),
+        share(landmarks["crest_length"]),
+        over @ depth / over.sum(axis=1),
+        int(landmarks["hinges"].sum()),
+    )
+
+
+def summary(found: Sequence[Found], name: str) -> dict[str, float]:
+    """A quantity over bundles, in the mean of the seeds, and by chance; ``low`` to ``high``: 95 % interval of their
+    difference, from the spread between seeds (Student's t); ``p``: share of rotations that are as far from chance."""
+    values = np.stack([getattr(one, name) for one in found])  # (seeds, 1 + rotations)
+    chance = values[:, 1:].mean(axis=1, keepdims=True)
+    away = values - chance
+    mean, spread = away[:, 0].mean(), away[:, 0].std(ddof=1) / np.sqrt(len(away))
+    half = stats.t.ppf(0.975, len(away) - 1) * spread
+    p = float(share_above(np.abs(away[:, 0].mean(keepdims=True)), np.abs(away[:, 1:].mean(axis=0)))[0])
+    return {"mean": values[:, 0].mean(), "chance": chance.mean(), "low": mean - half, "high": mean + half, "p": p}
+
+
+def row_of(kind: Kind, found: Sequence[Found]) -> list[str]:
+    """A row of the table."""
+    row = [kind.words, f"{len(found)}", f"{sum(one.n_hinges for one in found)}"]
+    for name, (scale, how) in QUANTITIES.items():
+        one = {key: scale * value if key != "p" else value for key, value in summary(found, name).items()}
+        span = f"{number(one['low'], how)} to {number(one['high'], how)}"
+        row += [number(one["mean"], how), span, number(one["p"], "{:.3f}")]
+    return row
+
+
+def draw(path: Path, found: Mapping[str, Sequence[Found]]) -> None:
+    """What lies over bundles less chance: a panel for each quantity, a row for each kind, a small point for a seed."""
+    with new_figure(9.5, 4.2, 1, len(QUANTITIES), sharey=True) as (figure, ((*axes,),)):
+        for ax, name, head, most in zip(axes, QUANTITIES, HEADS, (16.0, 6.0, 5.0)):
+            scale = QUANTITIES[name][0]
+            for k, kind in enumerate(KINDS):
+                values = scale * np.stack([getattr(one, name) for one in found[kind.name]])
+                away, one = values[:, 0] - values[:, 1:].mean(axis=1), summary(found[kind.name], name)
+                ax.plot(away, np.full(len(away), -k), ".", color=GREY, markersize=4)
+                ax.plot([scale * one["low"], scale * one["high"]], [-k, -k], linewidth=2, color="C0")
+                ax.plot(away.mean(), -k, "o", color="C0", markersize=5)
+            set_limits(ax, (-most, most), (0.5 - len(KINDS), 0.5), head)
+            ax.axvline(0.0, color=GREY, linewidth=0.8)
+            ax.set(xlabel="over bundles, less chance")
+        axes[0].set_yticks([-k for k in range(len(KINDS))], [kind.words for kind in KINDS])
+        save(figure, path)
+
+
+def main(folder: Path, page: Path) -> None:
+    found: dict[str, list[Found]] = {kind.name: [] for kind in KINDS}
+    for seed in SEEDS:
+        for kind in KINDS:
+            found[kind.name].append(measured(folder, kind, seed))
+            print(kind.name, seed, found[kind.name][-1].n_hinges, file=sys.stderr)
+    draw(page.parent / "laws-fibres.png", found)
+    heads = ["fibres", "runs", "hinges"]
+    for head in HEADS:
+        heads += [f"over bundles: {head}", "less chance, 95 %", "p"]
+    rows = table(heads, [row_of(kind, found[kind.name]) for kind in KINDS])
+    text = between_marks(page.read_text("utf-8"), "fibres", [rows], page)
+    with atomic_file(page) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), Path(sys.argv[2]))
