@@ -1,8 +1,8 @@
 """Models and brains on the folding law: across species, through growth, and across scales.
 
 ``python -m morphofold.studies.laws FOLDER docs/laws.md`` grows what is missing in the folder, and writes the tables of
-the page between its marks ``growth`` and ``scales``, and ``docs/laws-species.png``, ``docs/laws-growth.png``. It takes
-half an hour on two cores.
+the page between its marks ``growth``, ``scales`` and ``spacing``, and ``docs/laws-species.png``,
+``docs/laws-growth.png``. It takes half an hour on two cores.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from scipy import stats
 
-from morphofold.analysis import AtScale, across_scales, law_across_scales
+from morphofold.analysis import AtScale, across_scales, law_across_scales, measure
 from morphofold.analysis.gyrification.folding_law import ShapeTerms
 from morphofold.analysis.mesh_quality.checks import volume
 from morphofold.arrays import Array
@@ -37,10 +37,12 @@ BODIES = {
 }
 GROWTHS = tuple(round(1 + k / 10, 1) for k in range(11))
 SCALED_AT = 2.0  # growth at which bodies are measured across scales
+SPACED_AT = (1.6, 2.0)  # growths at which the spacing of gyri is measured
 PEOPLE = {"S1, a person": ("S1", "lh"), "fsaverage5, an average": ("fsaverage5", "lh")}
 SHELL = (48.0, 50.5)  # radii [mm]
 GROWTH_HEADS = ("body", *(f"{g:g}" for g in GROWTHS[::2]), "in the range of mammals from", "to")
 SCALES_HEADS = ("surface", "K", "least K", "largest K", "slope", "interval", "exponent", "interval")
+SPACING_HEADS = ("surface", "g", "spacing, mm", "over the thickness before growth", "over the thickness now")
 
 
 @dataclass(frozen=True)
@@ -98,6 +100,27 @@ def measured(run: Simulation) -> Body:
 def shell() -> Cortex:
     verts, faces = icosphere(6)
     return Cortex(Surface(SHELL[0] * verts, faces), Surface(SHELL[1] * verts, faces))
+
+
+def spacing(cortex: Cortex) -> float:
+    """Straight distance between neighbouring gyri [mm]: twice the exposed area over the length of all crests.
+
+    It is the distance of opposite sides in a net of equal hexagons.
+    """
+    names = ("area_pial_mm2", "gyrification_index", "crest_length_mm")
+    found = measure(cortex, only=names).scalars
+    area, index, length = (float(found[name] or np.nan) for name in names)
+    return 2 * area / index / length
+
+
+def spacing_rows(name: str, cortices: Mapping[str, Cortex], before: float | None) -> list[list[str]]:
+    """The spacing at each growth, over the thickness ``before`` growth [mm], if that is known, and now."""
+    rows = []
+    for g, cortex in cortices.items():
+        apart, now = spacing(cortex), across_scales(cortex, [0.0])[0].terms.thickness
+        over = None if before is None else apart / before
+        rows.append([name, g, *(number(value, "{:.1f}") for value in (apart, over, apart / now))])
+    return rows
 
 
 def growth_row(name: str, body: Body, known: Species) -> list[str]:
@@ -189,9 +212,12 @@ def main(folder: Path, page: Path) -> None:
     known = species()
     people = {words: read_cortex(sample_path(name), hemi=hemi) for words, (name, hemi) in PEOPLE.items()}
     others = {**people, f"shell of {SHELL[1] - SHELL[0]:g} mm": shell()}
-    bodies = {}
+    bodies, of_spacing = {}, list[list[str]]()
     for words, name in BODIES.items():
-        bodies[words] = measured(grown(folder, name))
+        run = grown(folder, name)
+        bodies[words] = measured(run)
+        folded = {f"{g:g}": run.cortex(g) for g in SPACED_AT}
+        of_spacing += spacing_rows(words, folded, run.scene.geometry.cortex_thickness)
         print(words, file=sys.stderr, flush=True)
     scales = {words: across_scales(cortex) for words, cortex in others.items()}
     draw_species(page.parent / "laws-species.png", known, bodies, people)
@@ -201,6 +227,9 @@ def main(folder: Path, page: Path) -> None:
     of_scales += [scales_row(f"{words}, g = {SCALED_AT:g}", body.scales) for words, body in bodies.items()]
     text = between_marks(page.read_text("utf-8"), "growth", [table(GROWTH_HEADS, of_growth)], page)
     text = between_marks(text, "scales", [table(SCALES_HEADS, of_scales)], page)
+    for words, cortex in people.items():
+        of_spacing += spacing_rows(words, {"": cortex}, None)
+    text = between_marks(text, "spacing", [table(SPACING_HEADS, of_spacing)], page)
     with atomic_file(page) as temporary:
         temporary.write_text(text, encoding="utf-8")
 

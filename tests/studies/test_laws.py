@@ -7,6 +7,9 @@ from scipy import stats
 
 from morphofold.analysis import AtScale
 from morphofold.analysis.gyrification.folding_law import shape_terms
+from morphofold.analysis.gyrification.hull import hull
+from morphofold.shapes.folded_ball import folded_ball
+from morphofold.shapes.ridges import regular_net
 from morphofold.studies import laws
 
 
@@ -59,3 +62,14 @@ def test_pictures_are_drawn_from_simulations(tmp_path, monkeypatch):
     laws.draw_species(tmp_path / "a.png", laws.species(), {"body": body}, {})
     laws.draw_growth(tmp_path / "b.png", laws.species(), {"body": body}, {"again": body.scales})
     assert all((tmp_path / name).stat().st_size > 10_000 for name in ("a.png", "b.png"))
+
+
+def test_the_spacing_of_a_net_of_known_length():
+    """Ridges along the edges of a dodecahedron: twice the exposed area over the length of their crests."""
+    net = regular_net("dodecahedron")
+    cortex = folded_ball(20_000, net)
+    crest = np.linalg.norm(cortex.pial.verts, axis=1).max()
+    exact = 2 * hull(cortex.pial.verts, cortex.faces).area / (crest * net.lengths.sum())
+    assert laws.spacing(cortex) == pytest.approx(exact, rel=0.05)
+    (row,) = laws.spacing_rows("ball", {"": cortex}, 10.0)
+    assert float(row[3]) == pytest.approx(exact / 10, rel=0.06)
