@@ -17,9 +17,11 @@ import numpy as np
 from scipy import stats
 
 from morphofold.analysis import AtScale, across_scales, law_across_scales, measure
+from morphofold.analysis.gyrification.across_scales import LEAST_FOLDING
 from morphofold.analysis.gyrification.folding_law import ShapeTerms
 from morphofold.analysis.mesh_quality.checks import volume
 from morphofold.arrays import Array
+from morphofold.errors import OutOfRange
 from morphofold.geometry import face_areas
 from morphofold.io import atomic_file, read_cortex, sample_path
 from morphofold.report.plots.line_plots import BLACK, GREY, legend_of_figure, line_style, new_figure, save, set_limits
@@ -41,7 +43,17 @@ SPACED_AT = (1.6, 2.0)  # growths at which the spacing of gyri is measured
 PEOPLE = {"S1, a person": ("S1", "lh"), "fsaverage5, an average": ("fsaverage5", "lh")}
 SHELL = (48.0, 50.5)  # radii [mm]
 GROWTH_HEADS = ("body", *(f"{g:g}" for g in GROWTHS[::2]), "in the range of mammals from", "to")
-SCALES_HEADS = ("surface", "K", "least K", "largest K", "slope", "interval", "exponent", "interval")
+SCALES_HEADS = (
+    "surface",
+    "K",
+    "least K",
+    "largest K",
+    "folds up to, thicknesses",
+    "slope",
+    "interval",
+    "exponent",
+    "interval",
+)
 SPACING_HEADS = ("surface", "g", "spacing, mm", "over the thickness before growth", "over the thickness now")
 
 
@@ -137,14 +149,17 @@ def growth_row(name: str, body: Body, known: Species) -> list[str]:
 
 
 def scales_row(name: str, rows: Sequence[AtScale]) -> list[str]:
-    law, k = law_across_scales(rows), [row.terms.log_k for row in rows]
-    return [
-        name,
-        *(number(value, "{:.2f}") for value in (k[0], min(k), max(k), law.slope)),
-        f"{law.slope_low:.2f} to {law.slope_high:.2f}",
-        number(law.exponent, "{:.2f}"),
-        f"{law.exponent_low:.2f} to {law.exponent_high:.2f}".replace("-", "−"),
-    ]
+    k = [row.terms.log_k for row in rows]
+    cells = [name, *(number(value, "{:.2f}") for value in (k[0], min(k), max(k)))]
+    try:
+        law = law_across_scales(rows)
+    except OutOfRange:  # too few scales with folds
+        return [*cells, *5 * ["–"]]
+    slopes = [number(value, "{:.2f}") for value in (law.slope, law.slope_low, law.slope_high)]
+    exponents = [number(value, "{:.2f}") for value in (law.exponent, law.exponent_low, law.exponent_high)]
+    with_folds = [row.scale for row in rows if row.terms.total >= LEAST_FOLDING * row.terms.exposed]
+    until = number(max(with_folds) / rows[0].terms.thickness, "{:.1f}")
+    return [*cells, until, slopes[0], " to ".join(slopes[1:]), exponents[0], " to ".join(exponents[1:])]
 
 
 def draw_species(path: Path, known: Species, bodies: Mapping[str, Body], people: Mapping[str, Cortex]) -> None:

@@ -208,6 +208,7 @@ def draw_loops(path: Path, loops: dict[tuple[str, float], Loop]) -> None:
     with new_figure(9.0, 4.2, 1, len(LAWS), sharey=True) as (figure, ((*axes,),)):
         for ax, law in zip(axes, LAWS):
             set_limits(ax, (BEYOND[0], BEYOND[-1]), (0.0, 3.2), f"{law} growth")
+            ax.set_xticks([-0.1, -0.05, 0.0, 0.05])
             ax.axvline(0.0, color=GREY, linewidth=0.8)
             ax.set(xlabel="growth beyond the onset, g − g_crit")
             for k, ratio in enumerate(RATIOS):

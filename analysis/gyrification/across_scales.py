@@ -20,13 +20,14 @@ from morphofold.geometry import components, face_areas, is_closed
 from morphofold.kernels import kernel
 from morphofold.surface import Cortex, Surface, Verts, check_kind
 
-FINEST_OVER_T, SCALE_RATIO, SCALES = 0.4, 2**0.5, 7  # of the default scales: the first over the thickness
+FINEST_OVER_T, SCALE_RATIO, SCALES = 0.2, 2**0.5, 9  # of the default scales: the first over the thickness
 VOXELS_PER_SCALE = 3.0
 POINTS_PER_VOXEL = 1.4  # along the edges of a triangle
 VOXELS_AROUND = 1.75  # beyond the level, to which distances are computed
 MARGIN = 5  # voxels around the surface
 THINNED_IN_VOXELS = 0.4  # of points closer than this one is kept
-MOST_VOXELS = 1e8
+MOST_VOXELS = 1.5e8
+LEAST_FOLDING = 1.1  # total over exposed area of a surface that still has folds
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,7 @@ def across_scales(cortex: Cortex, scales: Sequence[float] | None = None) -> list
     cortex : Cortex
         Closed white and pial surface [mm].
     scales : sequence of float, optional
-        Lengths [mm]; 0 is the cortex as it is. None: 0, and from 0.4 to 3.2 cortical thicknesses in steps of sqrt(2),
+        Lengths [mm]; 0 is the cortex as it is. None: 0, and from 0.2 to 3.2 cortical thicknesses in steps of sqrt(2),
         without those that need too many voxels.
 
     Returns
@@ -79,7 +80,7 @@ def across_scales(cortex: Cortex, scales: Sequence[float] | None = None) -> list
     Raises
     ------
     ValueError
-        If a surface is not one closed piece; or a scale is negative or not finite, or needs more than 1e8 voxels.
+        If a surface is not one closed piece; or a scale is negative or not finite, or needs more than 1.5e8 voxels.
 
     Notes
     -----
@@ -104,12 +105,18 @@ def across_scales(cortex: Cortex, scales: Sequence[float] | None = None) -> list
     return [AtScale(scale, terms) for scale, terms in found if terms is not None]
 
 
-def law_across_scales(rows: Sequence[AtScale]) -> LawAcrossScales:
-    """The folding law over the ``rows`` of :func:`across_scales`; raises ``OutOfRange`` if fewer than three have a
-    scale that is not 0."""
-    used = [row for row in rows if row.scale > 0]
+def law_across_scales(rows: Sequence[AtScale], least_folding: float = LEAST_FOLDING) -> LawAcrossScales:
+    """The folding law over the ``rows`` of :func:`across_scales`, as far as there are folds.
+
+    Used are the scales that are not 0 and at which total over exposed area is at least ``least_folding``. Raises
+    ``OutOfRange`` if these are fewer than three.
+    """
+    used = [row for row in rows if row.scale > 0 and row.terms.total >= least_folding * row.terms.exposed]
     if len(used) < 3:
-        raise OutOfRange(f"the law across scales needs three scales that are not 0, got {len(used)}.")
+        raise OutOfRange(
+            f"the law across scales needs three scales with folds, total over exposed area at least {least_folding:g}; "
+            f"got {len(used)} of {len(rows)}. Measure at more scales, or smaller ones."
+        )
     scale = np.log([row.scale for row in used])
     total, exposed, thickness = np.log([(row.terms.total, row.terms.exposed, row.terms.thickness) for row in used]).T
     slope = _slope(exposed - 2 * scale, total + thickness / 2 - 2.5 * scale)

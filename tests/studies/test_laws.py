@@ -42,10 +42,15 @@ def test_the_growths_at_which_a_body_is_among_the_mammals():
 
 def test_a_row_across_scales_has_the_slope_and_the_exponent_of_its_law():
     """Bodies with A_total T^(1/2) proportional to A_exposed^(5/4) at every scale."""
-    rows = [AtScale(s, shape_terms(2 * 1e4**1.25 / (1 + s) ** 0.5, 1e4, 1 + s)) for s in (1.0, 2.0, 4.0, 8.0)]
+    rows = [AtScale(s, shape_terms(1e4**1.25 / (1 + s) ** 0.5, 1e3, 1 + s)) for s in (1.0, 2.0, 4.0, 8.0)]
     row = laws.scales_row("a", rows)
-    assert row[4] == "1.25"
-    assert row[6] == "−0.50"
+    assert row[5] == "1.25"
+    assert row[7] == "−0.50"
+
+
+def test_a_body_without_folds_has_no_law_across_scales():
+    rows = [AtScale(s, shape_terms(1e4, 1e4, 1 + s)) for s in (0.0, 1.0, 2.0, 4.0, 8.0)]
+    assert laws.scales_row("a", rows)[4:] == 5 * ["–"]
 
 
 def test_the_shell_has_its_thickness():
@@ -55,7 +60,7 @@ def test_the_shell_has_its_thickness():
 
 def test_pictures_are_drawn_from_simulations(tmp_path, monkeypatch):
     monkeypatch.setattr(laws, "GROWTHS", (1.2, 1.4, 2.0))
-    monkeypatch.setattr("morphofold.analysis.gyrification.across_scales.FINEST_OVER_T", 2.0)  # quick
+    monkeypatch.setattr("morphofold.analysis.gyrification.across_scales.FINEST_OVER_T", 1.0)  # quick
     run = made_simulation(tmp_path / "run", "fig5", ["output.stages=[1.2, 1.4]"])
     body = laws.measured(run)
     assert [terms.total for terms in body.terms] == sorted(terms.total for terms in body.terms)
