@@ -12,7 +12,7 @@ from scipy.linalg import eigh_tridiagonal
 from skfem import MeshHex
 
 from morphofold.arrays import Array, Bools
-from morphofold.errors import OutOfRange
+from morphofold.errors import DoesNotApply, OutOfRange
 from morphofold.sim.coarse_levels import CoarseLevels
 from morphofold.sim.elements.blocks import Rows
 from morphofold.sim.elements.surface_filter import SurfaceFilter
@@ -50,7 +50,7 @@ class Elements(Protocol):
     def blocks(self) -> Rows: ...
     @property
     def core_volumes(self) -> Array: ...
-    def grow(self, cortex: Array, core: float = 1.0, thickness: float = 1.0) -> None: ...
+    def grow(self, cortex: Array, core: float = 1.0, thickness: Array | None = None) -> None: ...
     def grow_by_stress(self, x: Array, X: Array, G: Array, rate: float, volume: bool = True) -> None: ...
     def compute_forces(self, x: Array) -> None: ...
     def measure(self, x: Array) -> Array: ...
@@ -76,8 +76,9 @@ class Body:
         Material of both layers, each with its own moduli; neo-Hookean by default.
     stiffness : float or (E,) float64
         Factor on the moduli of each element.
-    thickening : callable
-        Growth stretch along the thickness at a growth g, if the law is tangential; 1 by default.
+    thickening : callable, optional
+        Growth stretch along the thickness (n_cortex,) from that along the surface (n_cortex,), for tangential growth; 1
+        by default.
     single : bool
         Compute the forces of bricks in 32 bits (docs/solver.md, "Single precision"); tetrahedra always use 64.
 
@@ -120,11 +121,13 @@ class Body:
         single: bool = False,
         material: Material = NEO_HOOKEAN,
         stiffness: Array | float = 1.0,
-        thickening: Callable[[float], float] = lambda g: 1.0,
+        thickening: Callable[[Array], Array] | None = None,
     ):
         check_law(law)
         if not kappa_ratio > 2:
             raise OutOfRange(f"kappa_ratio must be more than 2, got {kappa_ratio:g}.")
+        if thickening is not None and law != "tangential":
+            raise DoesNotApply(f"thickening applies to tangential growth only; the law is {law}.")
         self.bilayer, self.law, self.thickening = bilayer, law, thickening
         mesh = bilayer.mesh
         self.single = single and isinstance(mesh, MeshHex)
@@ -237,7 +240,8 @@ class Body:
     def grow(self, g: float) -> None:
         """Set the growth stretch of the cortex to ``g``, weighted by ``pattern``; the core grows by ``core_share``."""
         stretch = self._stretch(g)
-        self.elements.grow(stretch, 1 + (g - 1) * self.core_share, self.thickening(g))
+        thickness = None if self.thickening is None else self.thickening(stretch)
+        self.elements.grow(stretch, 1 + (g - 1) * self.core_share, thickness)
         self.filter.grow(float(np.mean(stretch)))
         self.growth = g
 
@@ -256,8 +260,9 @@ class Body:
     def grown_volumes(self, g: float | None = None) -> Array:
         """Volume (n_cortex,) after free growth, to ``g`` or the present one: the first one times det G [mm^3]."""
         g = self.growth if g is None else g
-        grown = self.elements.volume[: self.elements.n_cortex] * det_G(self._stretch(g), self.law)
-        return grown * self.thickening(g)
+        stretch = self._stretch(g)
+        grown = self.elements.volume[: self.elements.n_cortex] * det_G(stretch, self.law)
+        return grown if self.thickening is None else grown * self.thickening(stretch)
 
     def forces(self, x: Array) -> Array:
         """Nodal forces (N, 3) of the elements at positions ``x``: minus the energy gradient."""

@@ -69,5 +69,5 @@ def build_body(scene: Scene, effects: Sequence[Effect] = (), bilayer: Bilayer | 
         single=scene.accuracy.precision == "single",
         material=material.build(),
         stiffness=stiffness,
-        thickening=scene.growth.thickening,
+        thickening=scene.growth.thickening if scene.growth.thickness else None,
     )

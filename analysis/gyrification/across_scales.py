@@ -84,12 +84,12 @@ def across_scales(cortex: Cortex, scales: Sequence[float] | None = None) -> list
 
     Notes
     -----
-    At the scale L, every ball of diameter L that touches gray matter is gray: the pial surface moves outward and the
+    At the scale L, every ball of diameter L centred in gray matter is gray: the pial surface moves outward and the
     white surface inward by L/2, so sulci and gyral blades narrower than L merge. Wang and others 2024 (eLife 92080)
     coarse-grain on a grid of cubes. With balls the result depends neither on a grid nor on the direction, but numbers
     need not be theirs. The total area is that of the outer surface alone, without enclosed hollows; exposed is its
-    convex hull; thickness is the volume between both surfaces over their mean area. Areas of a sphere are within 0.3 %
-    up to scales of a quarter of its radius.
+    convex hull; thickness is the volume between both surfaces over their mean area. Areas of a sphere are too small
+    by up to 0.4 % at scales up to a quarter of its radius.
     """
     check_kind(cortex, Cortex, "across_scales: cortex")
     for name, surface in (("white", cortex.white), ("pial", cortex.pial)):

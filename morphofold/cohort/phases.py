@@ -137,7 +137,7 @@ def theory_by_place(fleet: Fleet, grid: Grid, show: Progress = silent) -> dict[t
 
 def _theory_parameters(scene: Scene) -> str:
     """Text of everything in a scene that theory depends on."""
-    return repr((scene.geometry, scene.material, scene.growth.law, tuple(scene.effects)))
+    return repr((scene.geometry, scene.material, scene.growth.law, scene.growth.thickness, tuple(scene.effects)))
 
 
 # results -----------------------------------------------------------------------------------------------------

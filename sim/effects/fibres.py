@@ -18,6 +18,7 @@ which is at most V b_c b_e d k mu / g_f I in any state.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated
 
@@ -72,8 +73,10 @@ class Options(EffectOptions):
     def check(self, scene: Scene) -> None:
         if self.density == 0 and not self.bundles:
             raise DoesNotApply("effects.fibres: there are none; give a density above 0, or bundles")
-        if self.direction is not None and not any(self.direction):
-            raise OutOfRange("effects.fibres.direction must not be 0 along all axes")
+        if self.direction is not None and not 1e-6 < math.hypot(*self.direction) < 1e6:
+            raise OutOfRange(
+                f"effects.fibres.direction must have a length between 1e-6 and 1e6, got {list(self.direction)}"
+            )
         if self.growth != 1 and scene.growth.final == 1:
             raise DoesNotApply("effects.fibres.growth needs a cortex that grows: growth.final is 1")
 

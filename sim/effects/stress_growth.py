@@ -34,15 +34,19 @@ if TYPE_CHECKING:
 #: share of the stress that may relax in one step of the growth of the core, and from one measurement to the next:
 #: the cortex grows more slowly if need be
 MOST_RELAXED_AT_ONCE, MOST_RELAXED = 0.25, 0.5
-FASTEST_RELAXATION = 2000.0  # largest relaxation of stress per unit of growth: its runs take some ten times as long
+FASTEST_RELAXATION = (
+    2000.0  # largest relaxation of stress per unit of growth: such runs take ten to fifty times as long
+)
 
 
 class Options(EffectOptions):
     """The core grows in proportion to its stress, while the cortex grows.
 
     With ``volume = false`` it keeps its volume and only its shape follows. Relaxation of pressure needs small steps: if
-    ``volume = true``, growth slows down above a ``rate`` of about 0.3, and above ``rate`` times kappa / mu of 670 it is
-    refused.
+    ``volume = true``, growth slows down above a ``rate`` of 0.25 to 1, depending on the body, and above ``rate`` times
+    kappa / mu of 670 it is refused. A core that yields folds sooner and in longer waves than an elastic one
+    (docs/theory.md, section 7); the imperfection, and the growth at which a run slows down for first folds, are those of
+    the elastic one.
     """
 
     counted = "stress_growth"
@@ -110,7 +114,7 @@ class StressGrowth(Effect):
         self._slower = min(1.0, MOST_RELAXED / (self._relaxation * run.rate * STEPS_PER_MEASUREMENT))
 
     def add_element_forces(self, body: Body, x: Array, v: Array) -> None:
-        """Once after each measurement, before which all is saved, let the core grow; its forces change in a step."""
+        """In the first step after a measurement the core grows; its new G acts from the next step on."""
         passed, due, self._due = abs(body.growth - self._grown_at), self._due, False
         if due and passed:
             before = self._stored(x)

@@ -529,15 +529,17 @@ def element_state(x, nodes, start, local, layers, point, modulus, state, stiffne
 
 
 @kernel(parallel=True, fastmath=_FAST_MATH)
-def grow(point, point0, radial, modulus, stretch, blocks, tangential, scale):
+def grow(point, point0, radial, modulus, stretch, blocks, tangential, thickness):
     """Compute point data and 1/V of ``blocks`` at growth ``stretch`` (B, LANES) from those at growth 1, ``point0``.
 
     Isotropic, G = g I: C = g C0, w = g^3 w0. Tangential, G = g (I - N N) + N N with N the reference thickness
-    direction: C = C0 + (g^2 - 1) n n, w = g^2 w0, where ``radial`` (B, 24 LANES) holds n = sqrt(w0) dxi/dX N. Then G is
-    multiplied by ``scale``.
+    direction: C = C0 + (g^2 - 1) n n, w = g^2 w0, where ``radial`` (B, 24 LANES) holds n = sqrt(w0) dxi/dX N. With a
+    stretch h along the thickness too, ``thickness`` (B, LANES) or (0, LANES), G is h times that with g / h for g.
     """
     for i in prange(len(blocks)):
-        out, start, g, volume = point[blocks[i]], point0[i], stretch[i], np.zeros(LANES)
+        out, start, volume, thickens = point[blocks[i]], point0[i], np.zeros(LANES), len(thickness) > 0
+        h = thickness[i] if thickens else np.ones(LANES)
+        g = stretch[i] / h
         for q in range(8):
             row = q * ROWS_PER_POINT * LANES
             if tangential:
@@ -554,13 +556,12 @@ def grow(point, point0, radial, modulus, stretch, blocks, tangential, scale):
                         out[k + l] = g[l] * start[k + l]
             row += 6 * LANES
             for l in range(LANES):
-                det = g[l] * g[l] * (1.0 if tangential else g[l])
+                det = g[l] * g[l] * (1.0 if tangential else g[l]) * (h[l] * h[l] * h[l])
                 out[row + l] = start[row + l] / det
                 volume[l] += det / start[row + l]
-            if scale != 1.0:
-                for k in range(row - 6 * LANES, row):
-                    out[k] *= scale
-                for k in range(row, row + LANES):
-                    out[k] /= scale**3
+            if thickens:
+                for k in range(row - 6 * LANES, row, LANES):
+                    for l in range(LANES):
+                        out[k + l] *= h[l]
         for l in range(LANES):
-            modulus[blocks[i], 2 * LANES + l] = scale**-3 / volume[l]
+            modulus[blocks[i], 2 * LANES + l] = 1.0 / volume[l]

@@ -112,21 +112,22 @@ class Bricks:
             n = np.einsum("ijeq,jeq,eq->eqi", inv, normal, 2 * np.sqrt(w))
             radials[blocks] = lanes_of(n.reshape(-1, LANES, 24))
 
-    def grow(self, cortex: Array, core: float = 1.0, thickness: float = 1.0) -> None:
+    def grow(self, cortex: Array, core: float = 1.0, thickness: Array | None = None) -> None:
         """Set the growth stretch of each brick of the cortex (n_cortex,), and the isotropic growth of the core.
 
-        ``thickness``: growth stretch along the thickness, if the law is tangential.
+        ``thickness`` (n_cortex,): growth stretch along the thickness, if the law is tangential; 1 by default.
         """
-        tangential = self.law == "tangential"
-        stretch = cortex[self.blocks.element[self._cortex]] / thickness
+        tangential, none = self.law == "tangential", np.empty((0, LANES))
+        stretch = cortex[self.blocks.element[self._cortex]]
+        along = none if thickness is None else thickness[self.blocks.element[self._cortex]]
         brick_kernels.grow(
-            self.point, self._cortex0, self._radial, self.modulus, stretch, self._cortex, tangential, thickness
+            self.point, self._cortex0, self._radial, self.modulus, stretch, self._cortex, tangential, along
         )
         if core != 1.0 and self._core0 is None:  # ungrown data are kept only if the core grows
             self._core0 = self.point[self._core]
         if self._core0 is not None:
             stretch = np.full((len(self._core), LANES), core)
-            brick_kernels.grow(self.point, self._core0, self._radial, self.modulus, stretch, self._core, False, 1.0)
+            brick_kernels.grow(self.point, self._core0, self._radial, self.modulus, stretch, self._core, False, none)
 
     @property
     def core_volumes(self) -> Array:

@@ -102,10 +102,10 @@ class Tets:
         self._J, self._state = np.zeros((count, PATCH_TETS * LANES)), np.zeros((count, 2 * LANES))
         self._stiffness = np.zeros(len(self.blocks.nodes))
 
-    def grow(self, cortex: Array, core: float = 1.0, thickness: float = 1.0) -> None:
+    def grow(self, cortex: Array, core: float = 1.0, thickness: Array | None = None) -> None:
         """Set the growth stretch of each tetrahedron of the cortex (n_cortex,), and isotropic growth of the core.
 
-        ``thickness``: growth stretch along the thickness, if the law is tangential.
+        ``thickness`` (n_cortex,): growth stretch along the thickness, if the law is tangential; 1 by default.
         """
         if not (np.min(cortex, initial=core) > 0 and np.max(cortex, initial=core) < np.inf):
             raise OutOfRange(f"growth stretches must be positive and finite, got {cortex} and {core:g} in the core.")
@@ -116,7 +116,10 @@ class Tets:
         across = np.full((count, PATCH_TETS * LANES), core)
         along = across.copy()
         across.ravel()[self._cortex] = cortex
-        along.ravel()[self._cortex] = thickness if self.law == "tangential" else cortex
+        if self.law == "tangential":
+            along.ravel()[self._cortex] = 1.0 if thickness is None else thickness
+        else:
+            along.ravel()[self._cortex] = cortex
         tet_kernels.grow_edges(self._X, self._radial, b.nodes, b.start, b.local, self.corner, across, along, self.edges)
         self.edges[last] = np.where(self._core_lanes, before, self.edges[last])  # they may have grown by stress
         self._core = core

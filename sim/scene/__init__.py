@@ -58,9 +58,9 @@ MOST_BRICKS = 5_000_000  # about 6 GB of memory
 class Growth(Table):
     """Growth law and final growth stretch of the cortex; ``rate``: pace over the default pace.
 
-    ``thickness``: points (g, factor), linear in between: growth stretch along the thickness at growth g. The law must
-    be tangential, which without them has 1; points with factor = g make it isotropic. A cortex that thins has factors
-    below 1. Before growth the factor is 1.
+    ``thickness``: points (g, factor), linear in between: growth stretch along the thickness where the cortex has grown
+    by g along the surface. The law must be tangential, which without them has 1; points with factor = g make it
+    isotropic. A cortex that thins has factors below 1. Before growth the factor is 1.
     """
 
     law: Annotated[Literal["isotropic", "tangential"], key("growth in all directions, or along the surface only")] = (
@@ -86,11 +86,13 @@ class Growth(Table):
             raise OutOfRange("growth.thickness: the factor must be 1 before growth, at g = 1")
         return self
 
-    def thickening(self, g: float) -> float:
-        """Growth stretch along the thickness at growth g, beside that of an isotropic law."""
-        if not self.thickness or math.isnan(g):
+    def thickening(self, g: Any) -> Any:
+        """Growth stretch along the thickness at growth g, a float or an array, beside that of an isotropic law; 1 at
+        NaN."""
+        if not self.thickness:
             return 1.0
-        return float(np.interp(g, [at for at, _ in self.thickness], [factor for _, factor in self.thickness]))
+        found = np.interp(g, [at for at, _ in self.thickness], [factor for _, factor in self.thickness])
+        return np.where(np.isnan(g), 1.0, found)[()]
 
 
 def elements_through(edge_over_T: float) -> int:
