@@ -50,7 +50,7 @@ def restart_of(out: Path, scene: Scene, place: str | Path | None) -> dict[str, A
         other = load_scene(run / "scene.toml")
     for name in (name for one in (scene, other) for name, options in one.effects.items() if options.history):
         raise DoesNotApply(
-            f"{place}: with effects.{name} a run can't begin at the state of another one, because that does not hold "
+            f"{place}: with effects.{name} a run can't begin at the state of another one, whose files do not hold "
             "the growth of the core. Let it grow from the start."
         )
     stages = {g: stage_folder(run, g) for g in stages_with_volume(run, other)}

@@ -48,10 +48,12 @@ SCALES_HEADS = (
     "K",
     "least K",
     "largest K",
+    "slope, all scales",
+    "exponent, all",
     "folds up to, thicknesses",
-    "slope",
+    "slope, with folds",
     "interval",
-    "exponent",
+    "exponent, with folds",
     "interval",
 )
 SPACING_HEADS = ("surface", "g", "spacing, mm", "over the thickness before growth", "over the thickness now")
@@ -149,8 +151,10 @@ def growth_row(name: str, body: Body, known: Species) -> list[str]:
 
 
 def scales_row(name: str, rows: Sequence[AtScale]) -> list[str]:
-    k = [row.terms.log_k for row in rows]
-    cells = [name, *(number(value, "{:.2f}") for value in (k[0], min(k), max(k)))]
+    """K, and the law over all scales and over those at which there are folds."""
+    k, every = [row.terms.log_k for row in rows], law_across_scales(rows, least_folding=0.0)
+    numbers = (k[0], min(k), max(k), every.slope, every.exponent)
+    cells = [name, *(number(value, "{:.2f}") for value in numbers)]
     try:
         law = law_across_scales(rows)
     except OutOfRange:  # too few scales with folds

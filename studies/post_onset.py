@@ -94,10 +94,17 @@ class Branch:
         return float(np.polyfit(squares, slopes, 1)[1] if len(slopes) > 1 else slopes[0])
 
 
-def strip(law: str, ratio: float, half_wave: float, layers: int) -> Body:
-    """Half a wave of a strip with T = 1."""
-    bilayer = bilayer_patch((half_wave, 0.0), DEPTH, 1.0, 1.0 / layers, layers)
-    return Body(bilayer, mu_cortex=ratio, mu_core=1.0, kappa_ratio=KAPPA_RATIO, law=law)
+def strip(law: str, ratio: float, half_wave: float, layers: int, *, depth: float = DEPTH, cosine: float = 0.0) -> Body:
+    """Half a wave of a strip with T = 1; its reference shape has a crest at x = 0 of height ``cosine``."""
+    bilayer = bilayer_patch((half_wave, 0.0), depth, 1.0, 1.0 / layers, layers)
+    X, wave = np.ascontiguousarray(bilayer.mesh.p.T), np.pi / half_wave
+    X[:, 2] += cosine * np.cos(wave * X[:, 0]) * np.exp(wave * X[:, 2]) * (X[:, 2] > -depth)
+    return Body(bilayer, mu_cortex=ratio, mu_core=1.0, kappa_ratio=KAPPA_RATIO, law=law, X=X)
+
+
+def growing(body: Body, steps_per_unit: float) -> Dynamics:
+    """The strip in the explicit solver, with contact; ``steps_per_unit`` in steps per crossing of the cortex."""
+    return Dynamics(body, [Contact(), Symmetry(), PlaneStrain()], steps_per_unit=steps_per_unit * body.crossing)
 
 
 def critical_half_wave(law: str, ratio: float) -> float:
@@ -165,22 +172,21 @@ class Loop:
 
     @property
     def folds_at(self) -> float:
-        """The first growth beyond the onset at which there is a fold on the way up."""
-        return float(BEYOND[self.up > FOLD][:1].min(initial=np.inf))
+        """The first growth beyond the onset at which there is a fold on the way up; NaN if there is none."""
+        folded = np.flatnonzero(self.up > FOLD)
+        return float(BEYOND[folded[0]]) if len(folded) else float("nan")
 
     @property
     def flat_at(self) -> float:
-        """The growth below which there is none on the way down."""
-        return float(BEYOND[self.down > FOLD][:1].min(initial=np.inf))
+        """The last growth at which there is one on the way down; NaN if it is there to the end, or the run burst."""
+        folded = np.flatnonzero(self.down > FOLD)
+        known = len(folded) and folded[0] > 0 and np.isfinite(self.down[folded[0] - 1])
+        return float(BEYOND[folded[0]]) if known else float("nan")
 
 
 def loop(law: str, ratio: float, half_wave: float, g_crit: float, layers: int = LAYERS) -> Loop:
     """Grow half a wave of a strip beyond the onset and back, with contact."""
-    bilayer = bilayer_patch((half_wave, 0.0), DEPTH, 1.0, 1.0 / layers, layers)
-    X, wave = np.ascontiguousarray(bilayer.mesh.p.T), np.pi / half_wave
-    X[:, 2] += COSINE * np.cos(wave * X[:, 0]) * np.exp(wave * X[:, 2]) * (X[:, 2] > -DEPTH)
-    body = Body(bilayer, mu_cortex=ratio, mu_core=1.0, kappa_ratio=KAPPA_RATIO, law=law, X=X)
-    run = Dynamics(body, [Contact(), Symmetry(), PlaneStrain()], steps_per_unit=STEPS_PER_UNIT * body.crossing)
+    run = growing(strip(law, ratio, half_wave, layers, cosine=COSINE), STEPS_PER_UNIT)
     heights = np.full((2, len(BEYOND)), np.nan)
     order = [(0, k) for k in range(len(BEYOND))] + [(1, k) for k in reversed(range(len(BEYOND)))]
     try:

@@ -4,7 +4,8 @@
 ``docs/theory-spacing.png``. It takes fifteen minutes on one core.
 
 The body is half a wave of a strip in plane strain, between symmetry planes that its walls touch. Each half wave grows
-by itself from a small cosine in its reference shape and comes to rest at each growth. Of all half waves, the best one
+by itself from a small cosine in its reference shape and comes to rest at each growth, until it splits into shorter
+waves. Of all half waves, the best one
 has the least energy for each length of the strip before growth. It is the spacing that a long strip would have if its
 folds could move freely.
 """
@@ -17,24 +18,23 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.signal import find_peaks
 
 from morphofold.arrays import Array
 from morphofold.io import atomic_file
 from morphofold.report.plots.line_plots import GREY, legend_of_figure, line_style, new_figure, save, set_limits
-from morphofold.sim.body import Body, surface_area
-from morphofold.sim.dynamics import Dynamics, UnstableError
-from morphofold.sim.effects.contact import Contact
-from morphofold.sim.effects.plane_strain import PlaneStrain
-from morphofold.sim.effects.symmetry import Symmetry
-from morphofold.sim.mesh.brick_mesh import bilayer_patch
+from morphofold.sim.body import surface_area
+from morphofold.sim.dynamics import UnstableError
 from morphofold.studies.markdown import between_marks, number, table
+from morphofold.studies.post_onset import growing, strip
 from morphofold.threads import set_threads
 
 LAWS = ("isotropic", "tangential")
 RATIOS = (0.7, 1.0, 2.0, 4.0)
 GROWTHS = (1.3, 1.4, 1.6, 1.8, 2.0, 2.2, 2.5)
 HALF_WAVES = np.arange(1.5, 7.1, 0.5)  # over T before growth
-LAYERS, DEPTH, KAPPA_RATIO = 8, 20.0, 50.0  # elements through the cortex; depth over T; of both layers
+LAYERS, DEPTH = 8, 20.0  # elements through the cortex; depth over T
+SPLIT = 0.2  # height over T from which a further crest or trough counts
 STEPS_PER_UNIT = 60.0  # of growth, over the time in which a wave crosses the cortex
 COSINE = 0.02  # height of the cosine in the reference shape, over T
 HEADS = (
@@ -66,13 +66,10 @@ class State:
 
 
 def grow(law: str, ratio: float, half_wave: float) -> dict[float, State]:
-    """The states of one half wave (over T, which is 1) at each of ``GROWTHS``, as far as it gets."""
-    bilayer = bilayer_patch((half_wave, 0.0), DEPTH, 1.0, 1.0 / LAYERS, LAYERS)
-    X = np.ascontiguousarray(bilayer.mesh.p.T)
-    wave = np.pi / half_wave
-    X[:, 2] += COSINE * np.cos(wave * X[:, 0]) * np.exp(wave * X[:, 2]) * (X[:, 2] > -DEPTH)
-    body = Body(bilayer, mu_cortex=ratio, mu_core=1.0, kappa_ratio=KAPPA_RATIO, law=law, X=X)
-    run = Dynamics(body, [Contact(), Symmetry(), PlaneStrain()], steps_per_unit=STEPS_PER_UNIT * body.crossing)
+    """The states of one half wave (over T, which is 1) at each of ``GROWTHS``, until it splits into shorter waves or
+    bursts."""
+    body = strip(law, ratio, half_wave, LAYERS, depth=DEPTH, cosine=COSINE)
+    run, X = growing(body, STEPS_PER_UNIT), body.X
     width = float(X[:, 1].max())
     found: dict[float, State] = {}
     for g in GROWTHS:
@@ -83,6 +80,11 @@ def grow(law: str, ratio: float, half_wave: float) -> dict[float, State]:
             print(f"{law} {ratio:g}, half wave {half_wave:g}: {error}", file=sys.stderr)
             break
         x, record = run.state.x, run.state.record
+        line = x[: body.n_surface, 2][np.lexsort((X[: body.n_surface, 0], X[: body.n_surface, 1]))][
+            : body.n_surface // 2
+        ]
+        if any(len(find_peaks(sign * line, prominence=SPLIT)[0]) for sign in (1, -1)):
+            break  # it has split into shorter waves
         volume = body.grown_volumes(g).sum()  # nearly: the material is nearly incompressible
         pial, white = (surface_area(x[start:], body.bilayer.faces) for start in (0, LAYERS * body.n_surface))
         energy = record["strain_energy"] + sum(effect["energy"] for effect in record["effects"].values())

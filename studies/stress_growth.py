@@ -15,6 +15,7 @@ neo-Hookean, on a half-space that is a Maxwell solid. It has no free number.
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -231,11 +232,11 @@ def draw(path: Path, folds: dict[tuple[float, float], tuple[Folds, Folds]], long
         save(figure, path)
 
 
-def interval(values: list[float]) -> tuple[float, float]:
-    """Mean, and half the 95 % interval of it."""
-    return float(np.mean(values)), float(
-        student.ppf(0.975, len(values) - 1) * np.std(values, ddof=1) / len(values) ** 0.5
-    )
+def with_interval(values: Sequence[float], how: str) -> str:
+    """Mean and half its 95 % interval, as text; without it if the steps of growth are too coarse to show a spread."""
+    half = float(student.ppf(0.975, len(values) - 1) * np.std(values, ddof=1) / len(values) ** 0.5)
+    mean = how.format(np.mean(values))
+    return mean if float(how.format(half)) == 0 else f"{mean} ± {how.format(half)}"
 
 
 def main(page: Path) -> None:
@@ -249,10 +250,8 @@ def main(page: Path) -> None:
             for value, how in (("wavelength", "{:.2f}"), ("growth", "{:.4f}")):
                 row += [number(getattr(one, value), how) for one in folds[ratio, rate]]
                 if ratio == 1 and rate in long:
-                    values = interval([getattr(one, value) for one in long[rate]])
-                    row.append(" ".join(map(how.format, values)).replace(" ", " ± "))
-                    same = [getattr(noise_in_theory(rate, seed), value) for seed in SEEDS]
-                    row.append(" ".join(map(how.format, interval(same))).replace(" ", " ± "))
+                    same = [noise_in_theory(rate, seed) for seed in SEEDS]
+                    row += [with_interval([getattr(one, value) for one in ones], how) for ones in (long[rate], same)]
                 else:
                     row += ["–", "–"]
             rows.append(row)

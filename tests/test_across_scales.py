@@ -1,5 +1,6 @@
 """A cortex across scales: a shell and a self-similar surface, whose areas are known at every scale, and refusals."""
 
+import numba
 import numpy as np
 import pytest
 import pyvista
@@ -15,7 +16,7 @@ SCALES = (0.0, 2.0, 3.0, 5.0, 8.0)
 
 
 def shell(inner=30.0, outer=33.0, turn=None):
-    verts, faces = icosphere(5)
+    verts, faces = icosphere(4)
     verts = verts if turn is None else verts @ turn
     return Cortex(Surface(inner * verts, faces), Surface(outer * verts, faces))
 
@@ -25,7 +26,7 @@ def test_a_shell_has_the_areas_and_the_thickness_of_the_moved_spheres():
     assert [row.scale for row in rows] == list(SCALES)
     for row in rows:
         outer, inner = 33.0 + row.scale / 2, 30.0 - row.scale / 2
-        assert row.terms.total == pytest.approx(4 * np.pi * outer**2, rel=4e-3)
+        assert row.terms.total == pytest.approx(4 * np.pi * outer**2, rel=6e-3)
         assert row.terms.exposed == pytest.approx(row.terms.total, rel=1e-3)
         exact = 2 / 3 * (outer**3 - inner**3) / (outer**2 + inner**2)
         assert row.terms.thickness == pytest.approx(exact, rel=8e-3)
@@ -111,6 +112,7 @@ def test_the_default_scales_are_multiples_of_the_thickness():
     assert np.diff(np.log(scales[1:])) == pytest.approx(0.5 * np.log(2))
 
 
+@pytest.mark.skipif(numba.get_num_threads() < 2, reason="needs two threads")
 def test_the_number_of_threads_changes_nothing():
     with using_threads(1):
         one = across_scales(shell(), [3.0])

@@ -45,8 +45,8 @@ class Options(EffectOptions):
     With ``volume = false`` it keeps its volume and only its shape follows. Relaxation of pressure needs small steps: if
     ``volume = true``, growth slows down above a ``rate`` of 0.25 to 1, depending on the body, and above ``rate`` times
     kappa / mu of 670 it is refused. A core that yields folds sooner and in longer waves than an elastic one
-    (docs/theory.md, section 7); the imperfection, and the growth at which a run slows down for first folds, are those of
-    the elastic one.
+    (docs/theory.md, section 7). The imperfection, and the growth at which a run slows down for first folds, are those
+    of the elastic one.
     """
 
     counted = "stress_growth"

@@ -5,8 +5,8 @@ of a brick, the grown edges of a tetrahedron) and D = dx/dxi, A = D H^-1, so
 
     sum_q w_q A^T dW/dA = H^-T Q H^T,    Q = sum_q D^T dE/dD,
 
-with E the energy of the element. Over its grown volume V this is the mean Mandel stress M, minus what G does work
-against. For an isotropic material it is symmetric at a point; of the mean the symmetric part is taken.
+with E the energy of the element. Over its grown volume V this is the mean Mandel stress M. For an isotropic material
+it is symmetric at a point; of the mean the symmetric part is taken.
 """
 
 from __future__ import annotations

@@ -42,7 +42,7 @@ def first_wrinkles(scene: Scene) -> Wrinkles:
 
     A body without a size is replaced by a sphere with a thin cortex (``THIN_SHELL_T_OVER_C``). The sphere is
     incompressible, of even thickness: :func:`morphofold.sim.theory.bifurcation`. If growth changes the thickness
-    (``growth.thickness``), so it does the wavelength, as in a flat cortex.
+    (``growth.thickness``), it changes the wavelength in proportion, as in a flat cortex.
     """
     geometry = scene.geometry
     axes = getattr(geometry, "semi_axes", None)
