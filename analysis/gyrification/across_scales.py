@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from morphofold.errors import OpenSurface, OutOfRange, TooLarge
 from morphofold.geometry import components, face_areas, is_closed
 from morphofold.kernels import kernel
 from morphofold.surface import Cortex, Surface, Verts, check_kind
+from morphofold.threads import beside
 
 FINEST_OVER_T, SCALE_RATIO, SCALES = 0.2, 2**0.5, 9  # of the default scales: the first over the thickness
 VOXELS_PER_SCALE = 3.0
@@ -86,10 +88,11 @@ def across_scales(cortex: Cortex, scales: Sequence[float] | None = None) -> list
     -----
     At the scale L, every ball of diameter L centred in gray matter is gray: the pial surface moves outward and the
     white surface inward by L/2, so sulci and gyral blades narrower than L merge. Wang and others 2024 (eLife 92080)
-    coarse-grain on a grid of cubes. With balls the result depends neither on a grid nor on the direction, but numbers
+    coarse-grain on a grid of cubes. With balls no direction counts more than another, but numbers
     need not be theirs. The total area is that of the outer surface alone, without enclosed hollows; exposed is its
     convex hull; thickness is the volume between both surfaces over their mean area. Areas of a sphere are too small
-    by up to 0.4 % at scales up to a quarter of its radius.
+    by up to 0.4 % at scales up to a quarter of its radius; those of a folded surface depend by 0.6 % on where the grid
+    of distances lies. A hemisphere of 150,000 vertices takes a minute on two cores.
     """
     check_kind(cortex, Cortex, "across_scales: cortex")
     for name, surface in (("white", cortex.white), ("pial", cortex.pial)):
@@ -140,7 +143,7 @@ def _as_it_is(cortex: Cortex) -> ShapeTerms:
 
 def _at(cortex: Cortex, scale: float) -> ShapeTerms | None:
     """The shape terms at a scale [mm]; None if no white matter is left."""
-    outer, inner = _moved(cortex.pial, scale, outward=True), _moved(cortex.white, scale, outward=False)
+    outer, inner = beside(partial(_moved, cortex.pial, scale, True), partial(_moved, cortex.white, scale, False))
     if inner.n_points == 0:
         return None
     exposed = float(ConvexHull(np.asarray(outer.points, dtype=np.float64)).area)
@@ -172,10 +175,8 @@ def _moved(surface: Surface, scale: float, outward: bool) -> Any:
     squared = squared.ravel(order="F")
     squared[(solid > 0) == outward] = 0.0
     grid.point_data["distance"] = np.sqrt(squared)
-    found = grid.contour([level], scalars="distance", method="flying_edges")
-    if outward and found.n_points:
-        found = found.connectivity("largest")  # without enclosed hollows
-    return found.triangulate() if found.n_points else found
+    found = grid.contour([level], "distance", compute_normals=False, compute_scalars=False, method="flying_edges")
+    return found.connectivity("largest") if outward and found.n_points else found  # without enclosed hollows
 
 
 def _grid(surface: Surface, scale: float) -> Array:
