@@ -60,7 +60,7 @@ def measure(
     cortex : Cortex
         White and pial surface [mm]. Its mask, regions and maps are used where it has them.
     only : sequence of str, optional
-        Scalars, maps and tables (``regions``, ``crests``, ``hinges``, ``arms``) to measure, such as
+        Scalars, maps and tables (``regions``, ``crests``, ``hinges``, ``arms``, ``shapes``) to measure, such as
         ``["gyral_thickness"]``; None: all. Takes only the time that these need, and gives the same numbers.
     curvature_scale : float, optional
         Radius of the neighbourhoods for curvature, and smoothing length for the folding indices [mm]. None: 3, but at

@@ -42,7 +42,7 @@ SCALED_AT = 2.0  # growth at which bodies are measured across scales
 SPACED_AT = (1.6, 2.0)  # growths at which the spacing of gyri is measured
 PEOPLE = {"S1, a person": ("S1", "lh"), "fsaverage5, an average": ("fsaverage5", "lh")}
 SHELL = (48.0, 50.5)  # radii [mm]
-GROWTH_HEADS = ("body", *(f"{g:g}" for g in GROWTHS[::2]), "in the range of mammals from", "to")
+GROWTH_HEADS = ("body", *(f"{g:g}" for g in GROWTHS[::2]), "in the range of mammals from", "to", "slope at the end")
 SCALES_HEADS = (
     "surface",
     "K",
@@ -138,7 +138,8 @@ def spacing_rows(name: str, cortices: Mapping[str, Cortex], before: float | None
 
 
 def growth_row(name: str, body: Body, known: Species) -> list[str]:
-    """K at some growths, and where it is within two standard deviations of the mammals."""
+    """K at some growths, where it is within two standard deviations of the mammals, and how fast log (A_total
+    T^(1/2)) rises with log A_exposed at the end."""
     k = np.array([terms.log_k for terms in body.terms])
     at = np.linspace(body.growths[0], body.growths[-1], 1001)
     inside = at[np.abs(np.interp(at, body.growths, k) - known.mean_k) <= 2 * known.sd_k]
@@ -147,7 +148,9 @@ def growth_row(name: str, body: Body, known: Species) -> list[str]:
         if not inside.size
         else (f"{inside[0]:.2f}", "the end" if inside[-1] == at[-1] else f"{inside[-1]:.2f}")
     )
-    return [name, *(number(value, "{:.2f}") for value in k[::2]), *ends]
+    a, b = body.terms[-3], body.terms[-1]
+    rise = np.log(b.total / a.total * (b.thickness / a.thickness) ** 0.5) / np.log(b.exposed / a.exposed)
+    return [name, *(number(value, "{:.2f}") for value in k[::2]), *ends, number(float(rise), "{:.1f}")]
 
 
 def scales_row(name: str, rows: Sequence[AtScale]) -> list[str]:

@@ -23,7 +23,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
-from numba import prange
+from numba import njit, prange
 from numpy.typing import ArrayLike
 from scipy import sparse
 from skfem import Basis, ElementHex1, ElementTetP1, MeshHex, MeshTet
@@ -271,16 +271,23 @@ def _arrays(matrix: sparse.csr_matrix) -> tuple[Ints, Ints, Array]:
     return matrix.indptr, matrix.indices, matrix.data
 
 
+@njit(inline="always")
+def _row_times(start, column, value, vectors, row):
+    """A row of a sparse matrix times vectors (M, 3), in fixed order."""
+    f0, f1, f2 = 0.0, 0.0, 0.0
+    for k in range(start[row], start[row + 1]):
+        b, c = value[k], column[k]
+        f0 += b * vectors[c, 0]
+        f1 += b * vectors[c, 1]
+        f2 += b * vectors[c, 2]
+    return f0, f1, f2
+
+
 @kernel(parallel=True)
 def pull_fibres(start, node, slope, x, first, full, growth, buckle, stretch, pull):
     """Stretch (F,), and d k mu V (l / g_f - 1) n (F, 3), at positions ``x`` (N, 3); ``full`` is d k mu V."""
     for e in prange(len(first)):
-        f0, f1, f2 = 0.0, 0.0, 0.0
-        for k in range(start[e], start[e + 1]):
-            b, c = slope[k], node[k]
-            f0 += b * x[c, 0]
-            f1 += b * x[c, 1]
-            f2 += b * x[c, 2]
+        f0, f1, f2 = _row_times(start, node, slope, x, e)
         length = np.sqrt(f0 * f0 + f1 * f1 + f2 * f2)
         stretch[e] = length / first[e]
         tense = stretch[e] / growth - 1.0
@@ -292,12 +299,7 @@ def pull_fibres(start, node, slope, x, first, full, growth, buckle, stretch, pul
 def add_pulls(start, element, slope, pull, row, force):
     """Add the forces of the fibres to a row of ``force`` (R, 3) of each node: sums in fixed order."""
     for c in prange(len(row)):
-        f0, f1, f2 = 0.0, 0.0, 0.0
-        for k in range(start[c], start[c + 1]):
-            b, e = slope[k], element[k]
-            f0 += b * pull[e, 0]
-            f1 += b * pull[e, 1]
-            f2 += b * pull[e, 2]
+        f0, f1, f2 = _row_times(start, element, slope, pull, c)
         if start[c + 1] > start[c]:
             s = row[c]
             force[s, 0] -= f0

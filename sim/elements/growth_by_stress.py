@@ -20,43 +20,19 @@ from morphofold.sim.elements.lanes import _FAST_MATH, _LANES, _UINT, LANES, fetc
 from morphofold.sim.elements.tet_kernels import (
     PATCH_NODES,
     PATCH_TETS,
+    _linear_combination,
     _nodes_to_edges,
     _patch_gradient,
     _read_matrix,
     _write_matrix,
+    product,
 )
-
-
-@njit
-def _product(a, b):
-    """The matrix a b; both have nine numbers, column by column."""
-    return (
-        a[0] * b[0] + a[3] * b[1] + a[6] * b[2],
-        a[1] * b[0] + a[4] * b[1] + a[7] * b[2],
-        a[2] * b[0] + a[5] * b[1] + a[8] * b[2],
-        a[0] * b[3] + a[3] * b[4] + a[6] * b[5],
-        a[1] * b[3] + a[4] * b[4] + a[7] * b[5],
-        a[2] * b[3] + a[5] * b[4] + a[8] * b[5],
-        a[0] * b[6] + a[3] * b[7] + a[6] * b[8],
-        a[1] * b[6] + a[4] * b[7] + a[7] * b[8],
-        a[2] * b[6] + a[5] * b[7] + a[8] * b[8],
-    )
 
 
 @njit
 def _sum(a, b, s):
     """a + s b."""
-    return (
-        a[0] + s * b[0],
-        a[1] + s * b[1],
-        a[2] + s * b[2],
-        a[3] + s * b[3],
-        a[4] + s * b[4],
-        a[5] + s * b[5],
-        a[6] + s * b[6],
-        a[7] + s * b[7],
-        a[8] + s * b[8],
-    )
+    return _linear_combination(1.0, a, s, b)
 
 
 @njit
@@ -78,7 +54,7 @@ _ONE = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 def _turned_into_grown(Q, H):
     """H^-T Q H^T."""
     k = brick_kernels._cofactor(*H)
-    return _sum(_ZERO, _product(_product(k, Q), _transposed(H)), 1.0 / (H[0] * k[0] + H[1] * k[1] + H[2] * k[2]))
+    return _sum(_ZERO, product(product(k, Q), _transposed(H)), 1.0 / (H[0] * k[0] + H[1] * k[1] + H[2] * k[2]))
 
 
 @njit
@@ -91,10 +67,10 @@ def _grow(G, M, strain, volume):
     L = _sum(_ZERO, _sum(M, _transposed(M), 1.0), 0.5 * strain)
     if not volume:
         L = _sum(L, _ONE, -(L[0] + L[4] + L[8]) / 3.0)
-    factor = _sum(_sum(_ONE, L, 1.0), _product(L, L), 0.5)
+    factor = _sum(_sum(_ONE, L, 1.0), product(L, L), 0.5)
     if not volume:
         factor = _sum(_ZERO, factor, _det(factor) ** (-1.0 / 3.0))
-    new = _product(factor, _columns(G))
+    new = product(factor, _columns(G))
     for r in range(3):
         for s in range(3):
             G[r, s] = new[3 * s + r]
@@ -113,12 +89,12 @@ def _grow_brick(now, first, point, m, l, G, rate, volume, material):
     p = m[l + _LANES] * (brick_kernels._brick_volume(now, l) * per_volume - 1.0)
     Q, middle = _ZERO, _ZERO
     for q in range(8):
-        Q = _sum(Q, _product(_transposed(d[q]), brick_kernels._point_stress(d[q], c[q], mu, p, material)), 1.0)
+        Q = _sum(Q, product(_transposed(d[q]), brick_kernels._point_stress(d[q], c[q], mu, p, material)), 1.0)
         middle = _sum(middle, d0[q], 0.125)
-    _grow(G, _turned_into_grown(Q, _product(_columns(G), middle)), rate * per_volume / mu, volume)
+    _grow(G, _turned_into_grown(Q, product(_columns(G), middle)), rate * per_volume / mu, volume)
     grown = 0.0
     for q in range(8):
-        H = _product(_columns(G), d0[q])
+        H = product(_columns(G), d0[q])
         k = brick_kernels._cofactor(*H)
         w = H[0] * k[0] + H[1] * k[1] + H[2] * k[2]
         row = l + _UINT(q * brick_kernels.ROWS_PER_POINT) * _LANES
@@ -183,10 +159,10 @@ def grow_patches(x, X, nodes, start, local, corner, element, n_cortex, edges, mo
             M, grown, mine_G = _ZERO, 0.0, G[element[b, l] - n_cortex]
             for t in range(_UINT(PATCH_TETS)):
                 row = _UINT(9) * t * _LANES + l
-                H, Q = _read_matrix(e, row), _product(_transposed(_read_matrix(d, row)), _read_matrix(q, row))
+                H, Q = _read_matrix(e, row), product(_transposed(_read_matrix(d, row)), _read_matrix(q, row))
                 if m[l + _UINT(2) * _LANES] > t:  # a patch of fewer tetrahedra repeats its first one
                     M, grown = _sum(M, _turned_into_grown(Q, H), 1.0), grown + _det(H) / 6.0
             _grow(mine_G, M, rate / (grown * m[l]), volume)
             for t in range(_UINT(PATCH_TETS)):
                 row = _UINT(9) * t * _LANES + l
-                _write_matrix(e, row, _product(_columns(mine_G), _read_matrix(d0, row)))
+                _write_matrix(e, row, product(_columns(mine_G), _read_matrix(d0, row)))

@@ -236,8 +236,8 @@ def _linear_combination(f, a, s, c):
 
 
 @njit(forceinline=True, fastmath=_FAST_MATH)
-def _gradient_by_edges(P, k):
-    """P k: six times the gradient with respect to the edges, from the stress dW/dA per grown volume."""
+def product(P, k):
+    """The matrix P k; both have nine numbers, column by column."""
     return (
         P[0] * k[0] + P[3] * k[1] + P[6] * k[2],
         P[1] * k[0] + P[4] * k[1] + P[7] * k[2],
@@ -264,7 +264,7 @@ def _tet_gradient(q, l, a, k, mean, p, mu, weight, material):
     P = _subtract_second_invariant(
         _linear_combination(weight * mu * f, a, weight * (mu * s + p), c), weight * mu * h, a, material
     )
-    _write_matrix(q, l, _gradient_by_edges(_linear_combination(1.0, P, weight, mean), k))
+    _write_matrix(q, l, product(_linear_combination(1.0, P, weight, mean), k))
 
 
 @njit(forceinline=True, fastmath=_FAST_MATH)
@@ -413,7 +413,7 @@ def _measure_tet(d, e, mu, real, material):
     held = max(J, CRUSHED_BELOW_J)
     stiffness = (2.0 / 3.0) * mu * stiff / (w * held * held)
     w *= real
-    dv = _linear_combination(real * (1.0 / 6.0), _gradient_by_edges(c, k), 0.0, k)
+    dv = _linear_combination(real * (1.0 / 6.0), product(c, k), 0.0, k)
     return J, w, OWN_GRADIENT_SHARE * mu * w * energy, _linear_combination(w, a, 0.0, c), dv, stiffness
 
 

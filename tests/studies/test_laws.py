@@ -14,8 +14,9 @@ from morphofold.studies import laws
 
 
 def body_of(k):
-    """A body whose K goes from the first to the second number of ``k`` in eleven steps."""
-    terms = [shape_terms(10**value * 1e4**1.25, 1e4, 1.0) for value in np.linspace(*k, len(laws.GROWTHS))]
+    """A body whose K goes from the first to the second number of ``k`` in eleven steps, its exposed area by 10 %."""
+    exposed = np.geomspace(1e4, 1.1e4, len(laws.GROWTHS))
+    terms = [shape_terms(10**K * e**1.25, e, 1.0) for K, e in zip(np.linspace(*k, len(laws.GROWTHS)), exposed)]
     return laws.Body(laws.GROWTHS, terms, [1e5] * len(terms), [])
 
 
@@ -32,12 +33,18 @@ def test_the_published_mammals_have_the_published_slope():
 def test_the_growths_at_which_a_body_is_among_the_mammals():
     known = laws.species()
     low, high = known.mean_k - 2 * known.sd_k, known.mean_k + 2 * known.sd_k
-    assert laws.growth_row("a", body_of((low - 0.3, high - 0.01)), known)[-2:] == [
+    assert laws.growth_row("a", body_of((low - 0.3, high - 0.01)), known)[-3:-1] == [
         f"{1 + 0.3 / (high - low + 0.29):.2f}",
         "the end",
     ]
-    assert laws.growth_row("a", body_of((low, high + 0.1)), known)[-1] == f"{1 + (high - low) / (high - low + 0.1):.2f}"
-    assert laws.growth_row("a", body_of((-2.0, -1.5)), known)[-2:] == ["–", "–"]
+    assert laws.growth_row("a", body_of((low, high + 0.1)), known)[-2] == f"{1 + (high - low) / (high - low + 0.1):.2f}"
+    assert laws.growth_row("a", body_of((-2.0, -1.5)), known)[-3:-1] == ["–", "–"]
+
+
+def test_along_the_law_the_slope_is_its_own():
+    assert laws.growth_row("a", body_of((-0.5, -0.5)), laws.species())[-1] == "1.2"  # 5/4
+    rise = 1.25 + 0.1 * np.log(10) / np.log(1.1)
+    assert laws.growth_row("a", body_of((-0.6, -0.5)), laws.species())[-1] == f"{rise:.1f}"
 
 
 def test_a_row_across_scales_has_the_slope_and_the_exponent_of_its_law():

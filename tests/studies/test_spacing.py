@@ -50,6 +50,13 @@ def test_a_fold_has_less_energy_than_the_flat_strip_and_a_thicker_crown(coarse, 
     assert state.wall >= state.crown
 
 
+def test_a_half_wave_that_splits_has_no_further_states(coarse, monkeypatch):
+    """Under tangential growth at ratio 1 one of 4.5 T splits after g = 1.4, and one of 2.5 T does not."""
+    monkeypatch.setattr(spacing, "GROWTHS", (1.4, 1.6))
+    assert list(spacing.grow("tangential", 1.0, 4.5)) == [1.4]
+    assert list(spacing.grow("tangential", 1.0, 2.5)) == [1.4, 1.6]
+
+
 def test_the_best_wave_is_the_bottom_of_the_parabola():
     energies = 3 + (spacing.HALF_WAVES - 4.2) ** 2
     k, half = spacing.best_wave(energies)
