@@ -1,54 +1,44 @@
-"""``@kernel``: functions that numba compiles when they are first called, and where their machine code is kept."""
+"""``@kernel``: functions that numba compiles when they are first called, and the cache of their machine code."""
 
 from __future__ import annotations
 
 import functools
 import hashlib
-import os
-import shutil
+import io
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from types import FunctionType
-from typing import Any
+from types import CodeType, FunctionType, ModuleType
+from typing import Any, BinaryIO
 
 import numba
 import numpy as np
-from numba.core import caching, config
-from numba.core.dispatcher import Dispatcher
+from numba.core import caching, types
 from numpy.typing import NDArray
 from scipy import sparse
 
-from morphofold import kernel_files
-
-KEPT_VERSIONS = 4  # of each module, in the folder of compiled kernels
 _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
-_CONSTANTS = (bool, int, float, str, tuple)
+_CONSTANTS = (bool, int, float, str, tuple, np.generic)
 
 
 def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
-    """Decorate a function that numba compiles when it is first called; its machine code is kept for other processes.
+    """Decorate a function that numba compiles when it is first called; its machine code is cached for other processes.
 
     A kernel releases Python's lock, so threads run kernels beside each other. It divides by zero without an error, as
     NumPy does. ``options`` are those of ``numba.njit``.
 
-    The code is kept in the folder ``NUMBA_CACHE_DIR``, else in the user's folder for caches, else beside the source:
-    the first of them that can be written. It is found again by the contents of the source, so other installations and
-    environments with the same source use it too. If no folder can be written, every process compiles for itself.
+    The code is where numba caches code: in the folder ``NUMBA_CACHE_DIR``, else in ``__pycache__`` beside the source,
+    else in the user's folder for caches. If none of them can be written, every process compiles for itself. It is
+    compiled again if its source has changed, or that of anything that it calls, and if its file is damaged.
     """
     if function is None:
         return functools.partial(kernel, **options)
-    options = {**_OPTIONS, **options}
-    if kernel_files.folder() is None:
-        return numba.njit(**options)(function)
-    before = getattr(config, "CACHE_LOCATOR_CLASSES", "")
-    config.CACHE_LOCATOR_CLASSES = (  # type: ignore[attr-defined]
-        f"{__name__}.{KernelFolder.__name__}"  # numba before 0.62 keeps code beside the source
-    )
-    try:
-        return numba.njit(cache=True, **options)(function)
-    finally:
-        config.CACHE_LOCATOR_CLASSES = before  # type: ignore[attr-defined]
+    dispatcher = numba.njit(**{**_OPTIONS, **options})(function)
+    if Path(function.__code__.co_filename).is_file():  # not a cell of a notebook, whose other cells may have changed
+        with suppress(RuntimeError):  # no folder can be written
+            dispatcher._cache = _Cache(function)
+    return dispatcher
 
 
 def reading(*values: Any) -> tuple[Any, ...]:
@@ -72,61 +62,84 @@ def _read_only(value: Any) -> tuple[Any, ...]:
     return (view,)
 
 
-class KernelFolder(caching._CacheLocator):  # type: ignore[misc]
-    """Where numba keeps the code of a kernel: a folder for each content of its module and of all that it calls."""
+class _Cache(caching.FunctionCache):  # type: ignore[misc]
+    """numba's cache of a function, which no damaged file, full disk or changed callee misleads."""
 
-    def __init__(self, function: FunctionType):
-        self._line, self._stamp = function.__code__.co_firstlineno, _stamp(function.__module__)
-        folder, file = kernel_files.folder(), function.__code__.co_filename
-        assert folder is not None  # else there is no cache
-        self._path = folder / f"{kernel_files.name(function.__module__, file)}-{self._stamp[:12]}"
+    def __init__(self, function: Any):
+        super().__init__(function)
+        stamp = self._impl.locator.get_source_stamp(), sorted(_called(function, set()))
+        self._cache_file = _Files(self._cache_path, self._impl.filename_base, stamp)
 
-    def get_cache_path(self) -> str:
-        """The folder."""
-        return str(self._path)
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        try:
+            return super().load_overload(sig, target_context)
+        except (OSError, AttributeError, ImportError):  # unreadable, or of a material that is gone: compile
+            with suppress(OSError):
+                self.flush()
+            return None
 
-    def ensure_cache_path(self) -> None:
-        """Make the folder; of the module, the folders that were not used for longest are removed."""
-        if self._path.is_dir():
-            os.utime(self._path)
-            return
-        self._path.mkdir(parents=True, exist_ok=True)
-        same = self._path.parent.glob(f"{self._path.name.split('-')[0]}-*")
-        for old in sorted(same, key=_time_of_use)[:-KEPT_VERSIONS]:
-            shutil.rmtree(old, ignore_errors=True)
+    def save_overload(self, sig: Any, data: Any) -> None:
+        with suppress(OSError):  # a full disk must not stop the work
+            super().save_overload(sig, data)
 
-    def get_source_stamp(self) -> str:
-        """A hash of the source."""
-        return self._stamp
+    def _index_key(self, sig: Any, codegen: Any) -> Any:
+        """Of a material the source, too: numba knows only the name of its class."""
+        classes: list[Any] = [
+            each.instance_class for each in sig if isinstance(each, types.NamedUniTuple | types.NamedTuple)
+        ]
+        sources = tuple(_digest(getattr(sys.modules[each.__module__], "__file__", "")) for each in classes)
+        return super()._index_key(sig, codegen), sources
 
-    def get_disambiguator(self) -> str:
-        """The line of the kernel."""
-        return str(self._line)
 
-    @classmethod
-    def from_function(cls, py_func: FunctionType, py_file: str) -> KernelFolder:
-        """As numba asks for it."""
-        return cls(py_func)
+class _Files(caching.IndexDataCacheFile):  # type: ignore[misc]
+    """numba's files, each with a checksum at its end, which unpickling passes over."""
+
+    def save(self, key: Any, data: Any) -> None:
+        super().save(key, (key, data))
+
+    def load(self, key: Any) -> Any:
+        """The data, unless two processes wrote to the same file at once and it is of another key."""
+        found = super().load(key)
+        return found[1] if found is not None and found[0] == key else None
+
+    def _load_index(self) -> Any:
+        if Path(self._index_path).exists():
+            _check(self._index_path)
+        return super()._load_index()
+
+    def _load_data(self, name: str) -> Any:
+        _check(self._data_path(name))
+        return super()._load_data(name)
+
+    @contextmanager
+    def _open_for_write(self, filepath: str) -> Iterator[BinaryIO]:
+        with super()._open_for_write(filepath) as file:
+            yield (content := io.BytesIO())
+            file.write(content.getvalue() + hashlib.sha256(content.getvalue()).digest())
+
+
+def _check(path: str) -> None:
+    content = Path(path).read_bytes()
+    if hashlib.sha256(content[:-32]).digest() != content[-32:]:
+        raise OSError(f"{path} is damaged.")
+
+
+def _called(function: FunctionType, seen: set[FunctionType]) -> Iterator[str]:
+    """Constants that a function uses, and of all that it calls, directly or not: the contents of their files."""
+    seen.add(function)
+    code = function.__code__
+    names = {name for part in (code, *code.co_consts) if isinstance(part, CodeType) for name in part.co_names}
+    scopes = [function.__globals__]
+    scopes += [vars(each) for name in names if isinstance(each := scopes[0].get(name), ModuleType)]
+    for name, value in [(name, scope[name]) for scope in scopes for name in names & scope.keys()]:
+        value = getattr(value, "__wrapped__", value)  # of a kernel or an intrinsic
+        if isinstance(value, FunctionType) and value not in seen:
+            yield _digest(value.__code__.co_filename)
+            yield from _called(value, seen)
+        elif isinstance(value, _CONSTANTS):
+            yield f"{name}={value!r}"
 
 
 @functools.cache
-def _stamp(module: str) -> str:
-    """Hash of the source of a module, of its constants from elsewhere, and of the modules whose kernels it calls."""
-    source = sys.modules[module]
-    found = hashlib.sha256(Path(str(source.__file__)).read_bytes())
-    others = set()
-    for name, value in sorted(vars(source).items()):
-        if isinstance(value, Dispatcher):
-            others.add(value.py_func.__module__)
-        elif isinstance(value, _CONSTANTS) and not name.startswith("__"):
-            found.update(f"{name}={value!r}".encode())
-    for other in sorted(others - {module}):
-        found.update(_stamp(other).encode())
-    return found.hexdigest()
-
-
-def _time_of_use(folder: Path) -> float:
-    try:
-        return folder.stat().st_mtime
-    except OSError:  # another process has just removed it
-        return 0.0
+def _digest(file: str) -> str:
+    return hashlib.sha256(Path(file).read_bytes()).hexdigest() if Path(file).is_file() else ""

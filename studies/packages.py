@@ -45,7 +45,6 @@ GROUND = (
     "timing",
     "kept",
     "kernels",
-    "kernel_files",
     "threads",
     "progress",
     "words",

@@ -1,16 +1,17 @@
-"""Compiled kernels: where their code is kept, when it is used again, and for how many kinds of arguments."""
+"""Compiled kernels: when their cached code is used again, and for how many kinds of arguments."""
 
 import os
+import resource
 import subprocess
 import sys
+from functools import partial
 
 import numpy as np
 import pytest
 from scipy import sparse
 
-from morphofold import kernel_files, kernels
-from morphofold.cli import compiling
-from morphofold.kernels import kernel, reading
+from morphofold import kernels
+from morphofold.kernels import reading
 
 COUNT = """
 import sys
@@ -21,91 +22,160 @@ class Listener(event.Listener):
     on_end = lambda self, one: None
 event.register("numba:compile", Listener())
 import outer
-print(outer.twice_and(3.0), len(compiled))
+print(outer.result(3.0, outer.Law(2.0)), len(compiled))
 """
-INNER = """
+SOURCES = {
+    "deep": """
+from numba import njit
+@njit
+def most(x):
+    return x + 1
+""",
+    "inner": """
+import deep
 from morphofold.kernels import kernel
 ADDED = 1.0
 @kernel
 def more(x):
-    return x + ADDED
-"""
-OUTER = """
+    return deep.most(x) - 1 + ADDED
+""",
+    "constants": """
+SHIFT = 0.0
+""",
+    "law": """
+from typing import NamedTuple
+class Law(NamedTuple):
+    factor: float
+    def energy(self, x, y):
+        return self.factor * x + y
+""",
+    "outer": """
+from constants import SHIFT
 from inner import more
+from law import Law
 from morphofold.kernels import kernel
+from morphofold.sim.materials import energy_of
 @kernel
-def twice_and(x):
-    return 2 * more(x)
-"""
+def result(x, material):
+    return energy_of(material, more(x), SHIFT)
+""",
+}
 
 
-def result_and_compiled(folder, cache):
+def result_and_compiled(folder, limit=None, **environment):
     """What the kernel of a folder gives in a new process, and how many functions were compiled for it."""
-    keep = {**os.environ, "NUMBA_CACHE_DIR": str(cache), "PYTHONDONTWRITEBYTECODE": "1"}
     done = subprocess.run(
-        [sys.executable, "-c", COUNT], cwd=folder, env=keep, capture_output=True, text=True, check=True
+        [sys.executable, "-c", COUNT],
+        cwd=folder,
+        env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1", **environment},
+        capture_output=True,
+        text=True,
+        check=True,
+        preexec_fn=limit,
     )
     value, count = done.stdout.split()
     return float(value), int(count)
 
 
 @pytest.fixture
-def folder(tmp_path):
+def folder(tmp_path, monkeypatch):
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
     here = tmp_path / "here"
     here.mkdir()
-    (here / "inner.py").write_text(INNER)
-    (here / "outer.py").write_text(OUTER)
+    for name, source in SOURCES.items():
+        (here / f"{name}.py").write_text(source)
     return here
 
 
-def test_code_is_kept_for_other_processes_and_other_installations(folder, tmp_path):
-    assert result_and_compiled(folder, tmp_path / "cache") == (8.0, 2)
-    assert result_and_compiled(folder, tmp_path / "cache") == (8.0, 0)
-    there = tmp_path / "elsewhere"
-    folder.rename(there)
-    assert result_and_compiled(there, tmp_path / "cache") == (8.0, 0)
+@pytest.mark.parametrize("place", ["beside the source", "in a folder"])
+def test_code_is_cached_for_other_processes(folder, tmp_path, place):
+    environment = {} if place == "beside the source" else {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    value, compiled = result_and_compiled(folder, **environment)
+    assert (value, compiled > 0) == (8.0, True)
+    assert result_and_compiled(folder, **environment) == (8.0, 0)
+    assert list((tmp_path / "cache" if environment else folder / "__pycache__").rglob("*.nbc"))
 
 
-@pytest.mark.parametrize("change", ["1.0", "return x +"])
-def test_a_kernel_is_compiled_again_when_one_that_it_calls_has_changed(change, folder, tmp_path):
-    assert result_and_compiled(folder, tmp_path / "cache")[0] == 8.0
-    (folder / "inner.py").write_text(INNER.replace(change, {"1.0": "5.0"}.get(change, "return 5 * x +")))
-    assert result_and_compiled(folder, tmp_path / "cache") == ({"1.0": 16.0}.get(change, 32.0), 2)
+@pytest.mark.parametrize(
+    ("file", "before", "after", "value"),
+    [
+        ("inner", "ADDED = 1.0", "ADDED = 5.0", 16.0),
+        ("inner", "- 1 + ADDED", "+ ADDED", 10.0),
+        ("deep", "x + 1", "x + 3", 12.0),
+        ("constants", "0.0", "0.5", 8.5),
+        ("law", "self.factor * x", "3 * x", 12.0),
+    ],
+)
+def test_a_kernel_is_compiled_again_when_what_it_takes_from_elsewhere_has_changed(folder, file, before, after, value):
+    assert result_and_compiled(folder)[0] == 8.0
+    (folder / f"{file}.py").write_text(SOURCES[file].replace(before, after))
+    assert result_and_compiled(folder)[0] == value
+    assert result_and_compiled(folder) == (value, 0)
 
 
-def test_few_versions_of_a_module_are_kept(folder, tmp_path):
-    for added in range(kernels.KEPT_VERSIONS + 3):
-        (folder / "inner.py").write_text(INNER.replace("1.0", f"{added}.0"))
-        assert result_and_compiled(folder, tmp_path / "cache") == (2.0 * (3 + added), 2)
-    (place,) = (tmp_path / "cache").iterdir()
-    kept = [one.name.split("-")[0] for one in place.iterdir()]
-    assert sorted(set(kept)) == ["inner", "outer"]
-    assert kept.count("inner") == kernels.KEPT_VERSIONS
+def test_code_for_a_material_that_is_gone_does_not_disturb(folder):
+    assert result_and_compiled(folder)[0] == 8.0
+    (folder / "law.py").write_text(SOURCES["law"].replace("class Law", "class Other") + "Law = Other\n")
+    assert result_and_compiled(folder)[0] == 8.0
+    assert result_and_compiled(folder) == (8.0, 0)
 
 
-def test_where_nothing_can_be_written_each_process_compiles_for_itself(monkeypatch):
-    monkeypatch.setattr(kernel_files, "folder", lambda: None)
-    assert kernel(lambda x: x + 1)(2.0) == 3.0
-    assert not kernel_files.is_kept("morphofold.geometry")
+def flipped(content, at):
+    return bytes(byte ^ (255 if i == int(at * len(content)) else 0) for i, byte in enumerate(content))
 
 
-def test_a_folder_that_can_not_be_listed_holds_nothing(monkeypatch, tmp_path):
-    def shut(self, pattern):
-        raise PermissionError(13, "Permission denied", str(self))
+@pytest.mark.parametrize("kind", ["nbi", "nbc"])
+@pytest.mark.parametrize(
+    "damaged",
+    [
+        *(lambda content: b"", lambda content: content[: len(content) // 2], lambda content: bytes(len(content))),
+        *(partial(flipped, at=at) for at in (0.1, 0.5, 0.9)),
+    ],
+    ids=["empty", "cut", "zeros", "flipped early", "flipped in the middle", "flipped late"],
+)
+def test_a_damaged_file_is_replaced(folder, kind, damaged):
+    assert result_and_compiled(folder)[0] == 8.0
+    files = list(folder.glob(f"__pycache__/*.{kind}"))
+    assert files
+    for file in files:
+        file.write_bytes(damaged(file.read_bytes()))
+    value, compiled = result_and_compiled(folder)
+    assert (value, compiled > 0) == (8.0, True)
+    assert result_and_compiled(folder) == (8.0, 0)
 
-    monkeypatch.setattr(kernel_files, "folder", lambda: tmp_path)
-    monkeypatch.setattr(kernel_files.Path, "glob", shut)
-    assert not kernel_files.is_kept("morphofold.geometry")
+
+def test_on_a_full_disk_each_process_compiles_for_itself(folder):
+    full = partial(resource.setrlimit, resource.RLIMIT_FSIZE, (0, 0))  # files can be made and hold nothing
+    for _ in range(2):
+        value, compiled = result_and_compiled(folder, full)
+        assert (value, compiled > 0) == (8.0, True)
 
 
-def test_two_processes_that_compile_at_once_do_not_disturb_each_other(folder, tmp_path):
-    keep = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+def test_where_nothing_can_be_written_each_process_compiles_for_itself(folder):
+    (folder / "__pycache__").touch()
+    nowhere = dict.fromkeys(("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "HOME"), str(folder / "constants.py"))
+    for _ in range(2):
+        value, compiled = result_and_compiled(folder, **nowhere)
+        assert (value, compiled > 0) == (8.0, True)
+
+
+def test_two_processes_that_compile_at_once_do_not_disturb_each_other(folder):
     at_once = [
-        subprocess.Popen([sys.executable, "-c", COUNT], cwd=folder, env=keep, stdout=subprocess.PIPE, text=True)
-        for _ in range(3)
+        subprocess.Popen([sys.executable, "-c", COUNT], cwd=folder, stdout=subprocess.PIPE, text=True) for _ in range(3)
     ]
     assert {one.communicate()[0].split()[0] for one in at_once} == {"8.0"}
-    assert result_and_compiled(folder, tmp_path / "cache") == (8.0, 0)
+    assert result_and_compiled(folder) == (8.0, 0)
+
+
+def test_code_of_other_arguments_in_the_file_of_a_kernel_is_not_used(tmp_path):
+    """Two processes that write at once may leave the index of one and the code of the other."""
+    one, other = (kernels._Files(str(tmp_path / name), "kernel", "stamp") for name in ("one", "other"))
+    for files, key, data in ((one, "int32", "code of int32"), (other, "int64", "code of int64")):
+        (tmp_path / files._cache_path).mkdir()
+        files.save(key, data)
+    assert one.load("int32") == "code of int32"
+    (tmp_path / "other" / "kernel.1.nbc").replace(tmp_path / "one" / "kernel.1.nbc")
+    assert one.load("int32") is None
 
 
 def test_arrays_are_read_as_one_kind():
@@ -127,6 +197,7 @@ def test_arrays_are_read_as_one_kind():
 
 ONE_KIND = """
 import gc
+from numba import types
 from numba.core.dispatcher import Dispatcher
 from morphofold.analysis.measuring import measure
 from morphofold.intersections.intersection import self_intersections
@@ -139,45 +210,12 @@ measure(Cortex(*loose), accuracy="fine")
 self_intersections(ball.pial)
 for one in gc.get_objects():
     if isinstance(one, Dispatcher) and one.py_func.__module__.startswith("morphofold."):
-        if len(one.overloads) > 1:
-            print(one.py_func.__module__, one.py_func.__name__, len(one.overloads))
+        kinds = {tuple(map(types.unliteral, signature)) for signature in one.overloads}
+        if len(kinds) > 1:
+            print(one.py_func.__module__, one.py_func.__name__, kinds)
 """
 
 
 def test_no_kernel_of_measuring_is_compiled_twice():
     done = subprocess.run([sys.executable, "-c", ONE_KIND], capture_output=True, text=True, check=True)
     assert done.stdout == ""
-
-
-@pytest.mark.parametrize(
-    ("threads", "cores", "kept", "writable", "children"),
-    [
-        (None, 2, False, True, 1),
-        (1, 2, False, True, 0),
-        (None, 1, False, True, 0),
-        (2, 8, True, True, 0),
-        (2, 8, False, False, 0),
-    ],
-    ids=["fresh", "one thread", "one core", "kept", "nowhere to keep it"],
-)
-def test_a_second_process_compiles_only_where_it_helps(monkeypatch, tmp_path, threads, cores, kept, writable, children):
-    monkeypatch.setattr(compiling.os, "cpu_count", lambda: cores)
-    monkeypatch.setattr(kernel_files, "folder", lambda: tmp_path if writable else None)
-    monkeypatch.setattr(kernel_files, "is_kept", lambda module: kept)
-    started, popen = [], subprocess.Popen
-
-    def sleeping(command, **options):
-        started.append(popen([sys.executable, "-c", "import time; time.sleep(60)"], **options))
-        return started[-1]
-
-    monkeypatch.setattr(compiling.subprocess, "Popen", sleeping)
-    with pytest.raises(KeyError), compiling.compiling_beside(threads):
-        assert [one.poll() for one in started] == [None] * children
-        raise KeyError("the command failed")
-    assert len(started) == children
-    assert all(one.poll() is not None for one in started)
-
-
-def test_the_second_process_compiles_what_measuring_needs():
-    compiling.main()
-    assert kernel_files.is_kept("morphofold.analysis.diffusion")

@@ -206,15 +206,3 @@ def test_lengths_that_no_cortex_has_are_refused(here, capsys, words):
     assert main(["analyze", subject, "--hemi", "lh", "-o", "out", "--no-report", "-q", *words]) == 2
     assert len(capsys.readouterr().err.splitlines()) == 1
     assert not (here / "out").exists()
-
-
-def test_where_compiled_code_can_not_be_kept_a_folder_is_asked_for(here, capsys, monkeypatch):
-    def imported(args):
-        from numba import njit
-        from numba.core.caching import CacheImpl
-
-        monkeypatch.setattr(CacheImpl, "_locator_classes", [])  # as in a container that can't be written
-        njit(cache=True)(lambda: 0)
-
-    monkeypatch.setattr("morphofold.cli.scenes.run", imported)
-    assert "NUMBA_CACHE_DIR" in refused(["scenes"], capsys, here)

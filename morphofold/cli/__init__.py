@@ -179,11 +179,6 @@ def _run_command(args: argparse.Namespace) -> int:
             raise
         if type(error).__name__ in ("UnstableError", "ConvergenceError"):  # not imported, so that --help is fast
             return _print_failure(args.command, error, 1)
-        if isinstance(error, RuntimeError) and "no locator available" in str(error):  # numba's message about its cache
-            places = "neither the installed package nor the home folder is writable"
-            return _print_failure(
-                args.command, f"compiled code can't be cached: {places}. Set NUMBA_CACHE_DIR to a folder.", 2
-            )
         return _print_failure(args.command, f"{type(error).__name__}: {error} (a defect; --debug shows where)", 1)
 
 

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from morphofold.cli import add_options, add_threads
-from morphofold.cli.compiling import compiling_beside
 from morphofold.cli.measuring import add_measuring_args, add_side_args, measuring_options
 from morphofold.cli.streams import one_line, print_file, print_json
 from morphofold.errors import MissingPart, OptionsClash, Refusal
@@ -93,11 +92,6 @@ def add_args(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    with compiling_beside(args.threads):
-        return _analyze(args)
-
-
-def _analyze(args: argparse.Namespace) -> int:
     from morphofold.analysis.asked import asked as check_asked
     from morphofold.cli.progress import progress
     from morphofold.forecasts.analysis_cost import READING_STAGE

@@ -29,7 +29,6 @@ def add_args(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from morphofold.analysis.measuring import measure
-    from morphofold.cli.compiling import compiling_beside
     from morphofold.cli.progress import progress
     from morphofold.comparison import compare
     from morphofold.io import read_cortex, sample_path
@@ -46,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
     out, started = Path(args.out), time.monotonic()
     scene = load_scene(args.scene or "demo")
     args.on_interrupt = " Run it again to go on."
-    with progress("grow   ", args.quiet) as show, compiling_beside(args.threads):
+    with progress("grow   ", args.quiet) as show:
         simulation = simulate(scene, out / "simulation", resume=True, threads=args.threads, progress=show)
     cortices = {
         "model": simulation.cortex(),

@@ -140,17 +140,20 @@ def test_modes(holds, anyones, tmp_path, capsys):
             (anyones / name).chmod(mode)
         at = lambda *names: [str(anyones / name) for name in names]
         pair = [*at("shut.white"), *at("lh.pial")]
-        for argv in (
-            ["analyze", "--white", pair[0], "--pial", pair[1], "--hemi", "lh", "-o", str(tmp_path / "new")],
-            ["analyze", *at("closed")],
-            ["analyze", *at("analysis"), "-o", *at("fixed/new")],
-            ["simulate", "radial", "-o", *at("fixed/new")],
-            ["compare", "a=" + at("closed")[0]],
+        for place, argv in (
+            (
+                "/shut.white",
+                ["analyze", "--white", pair[0], "--pial", pair[1], "--hemi", "lh", "-o", str(tmp_path / "new")],
+            ),
+            ("/closed", ["analyze", *at("closed")]),
+            ("/fixed/new", ["analyze", *at("analysis"), "-o", *at("fixed/new")]),
+            ("/fixed/new", ["simulate", "radial", "-o", *at("fixed/new")]),
+            ("/closed", ["compare", "a=" + at("closed")[0]]),
         ):
             with as_nobody():
                 code = main([*argv, "-q"])
             stderr = capsys.readouterr().err
-            holds.says(argv[0], stderr.replace(str(anyones), ""), "Permission denied")
+            holds.says(argv[0], stderr.replace(str(anyones), ""), place, "Permission denied")
             holds.equal("code, lines", (code, len(stderr.strip().splitlines())), (2, 1))
     finally:
         for name in modes:
