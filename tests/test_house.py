@@ -1,7 +1,9 @@
 """The plan of the code: imports between packages, what ships, and what a bare import costs."""
 
 import ast
+import importlib.metadata
 import importlib.util
+import os
 import subprocess
 import sys
 import tomllib
@@ -79,6 +81,19 @@ def test_both_paths_to_a_package_lead_to_the_same_files(name):
     if not Path(package.__file__).is_relative_to(ROOT):
         pytest.skip("morphofold is installed elsewhere")
     assert Path(package.__file__).samefile(ROOT / name / "__init__.py")
+
+
+@in_a_checkout
+def test_scripts_beside_a_checkout_find_the_package(tmp_path):
+    """Python takes any folder of that name for the package, unless there is a better one later on its path."""
+    if "morphofold" not in (d.name for d in importlib.metadata.distributions()):
+        pytest.skip("morphofold is not installed")
+    (tmp_path / "morphofold").symlink_to(ROOT, target_is_directory=True)
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    code = (
+        "import morphofold as mf; assert mf.read_cortex(mf.sample_path('S1'), hemi='lh').n_verts; import morphofold.sim"
+    )
+    subprocess.run([sys.executable, "-c", code], cwd=tmp_path, env=environment, check=True)
 
 
 def test_type_checkers_are_told_that_the_package_is_typed():
