@@ -90,9 +90,7 @@ def test_scripts_beside_a_checkout_find_the_package(tmp_path):
         pytest.skip("morphofold is not installed")
     (tmp_path / "morphofold").symlink_to(ROOT, target_is_directory=True)
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    code = (
-        "import morphofold as mf; assert mf.read_cortex(mf.sample_path('S1'), hemi='lh').n_verts; import morphofold.sim"
-    )
+    code = "import morphofold as mf; mf.read_cortex(mf.sample_path('S1'), hemi='lh'); import morphofold.sim"
     subprocess.run([sys.executable, "-c", code], cwd=tmp_path, env=environment, check=True)
 
 
