@@ -67,7 +67,8 @@ def refused(argv, capsys, folder):
     assert line.isprintable()  # so neither ends a line nor steers a terminal
     assert ".." not in line.replace("...", "")
     assert "Traceback" not in line
-    assert line.endswith("]") and line.rpartition("[")[2][:-1] in CODES
+    assert line.endswith("]")
+    assert line.rpartition("[")[2][:-1] in CODES
     assert sorted(os.listdir(folder)) == before
     return line
 
