@@ -109,15 +109,23 @@ def test_a_slope_is_one_only_where_its_interval_leaves_out_zero():
 
 def test_differing_scales_are_said_once_with_their_values():
     options = {
-        "model": {"curvature_scale_mm": 9.51, "cortical_thickness_cap_mm": None, "cortex_mask": "white off pial"},
-        "one": {"curvature_scale_mm": 3.0, "cortical_thickness_cap_mm": None, "cortex_mask": "white off pial"},
+        "model": {
+            "curvature_scale_mm": 9.51,
+            "cortical_thickness_cap_mm": None,
+            "cortex_mask": "where white and pial differ",
+        },
+        "one": {
+            "curvature_scale_mm": 3.0,
+            "cortical_thickness_cap_mm": None,
+            "cortex_mask": "where white and pial differ",
+        },
         "mean": {"curvature_scale_mm": 3.0, "cortical_thickness_cap_mm": 5.0, "cortex_mask": "label"},
     }
     measured = {name: replace(made_measures(), parameters=p) for name, p in options.items()}
     scale, cap, mask = compare(measured).cautions
     assert scale.startswith("Curvature was taken within 9.5 mm on model and 3.0 mm on one and mean;")
     assert "capped nowhere on model and one and at 5 mm on mean" in cap
-    assert "by 'white off pial' on model and one and by 'label' on mean" in mask
+    assert "by 'where white and pial differ' on model and one and by 'label' on mean" in mask
     assert compare(measured).to_dict()["cautions"] == [scale, cap, mask]
     draft = replace(measured["one"], parameters={**options["one"], "accuracy": "draft"})
     (caution,) = compare({"a": draft, "b": replace(draft, parameters={**options["one"], "accuracy": "fine"})}).cautions

@@ -186,13 +186,29 @@ def test_the_methods_say_what_was_done_to_which_surface(drawn):
     ]
     text, _, _ = drawn({"model": model, "MRI": brain})
     methods = text.split('<textarea id="methods"')[1].split("</textarea>")[0]
-    assert "within 3.9 or 9.4 mm" in methods
+    assert "within 3.90 or 9.40 mm" in methods
     assert "each 5 mm at most in some of them" in methods  # the model has no bound
     assert "model was grown by finite elements: a neo-Hookean cortex, 4.00 times as stiff" in methods
     assert methods.count("Chen X, Hutchinson JW") == 1
     alone = drawn({"MRI": brain})[0].split('<textarea id="methods"')[1].split("</textarea>")[0]
     assert "each 5 mm at most (Fischl" in alone
     assert not re.search("grown|Chen|in some", alone)
+
+
+@pytest.mark.parametrize(
+    ("mask", "said"),
+    [("label, where white and pial differ", "?h.cortex.label"), ("where white and pial differ", "every vertex")],
+)
+def test_the_methods_name_atlas_template_cortex_and_crown_width(drawn, mask, said):
+    m = replace(made_measures(), parameters={"cortex_mask": mask, "graph_width_mm": 7.089})
+    regions = replace(m.cortex.regions, name="aparc.a2009s.fsaverage6")
+    carried = replace(m, cortex=replace(m.cortex, regions=regions, info={"annotation_from": "fsaverage6"}))
+    carried.scalars["n_hinges"] = 7
+    methods = drawn([carried])[0].split('<textarea id="methods"')[1].split("</textarea>")[0]
+    assert "aparc.a2009s (Destrieux et al. 2010), carried over from the template fsaverage6" in methods
+    assert methods.count("Destrieux C") == 1
+    assert said in methods
+    assert "7.09 mm" in methods
 
 
 def test_the_methods_say_which_surfaces_were_thinned_or_split(drawn):
