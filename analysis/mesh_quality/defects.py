@@ -59,7 +59,7 @@ WARNINGS = {
         "Compare curvature only at equal scales (--curvature-scale).",
     ),
     "gyral_width": (
-        "The gyral width of the net does not match the gyral thickness.",
+        "The crown width of the white surface does not match the gyral thickness.",
         "Check the white surface, or set --gyral-width.",
     ),
     "average": ("The surface is an average of many brains.", "Measure the subjects, not their average."),
