@@ -125,7 +125,7 @@ def comparison_report(
 ) -> Path:
     """Write ``folder/report.html`` and ``folder/figures/`` of a comparison; ``progress`` gets share and step."""
     pairs = zip(comparison.names, comparison.measures)
-    title = " beside ".join(dict.fromkeys(n.removesuffix(f" {m.cortex.hemi}") for n, m in pairs))
+    title = ", ".join(dict.fromkeys(n.removesuffix(f" {m.cortex.hemi}") for n, m in pairs))
     lede = "Measured with the same code. All surfaces share colours, bins and axes."
     named = dict(zip(comparison.names, comparison.measures))
     entries = _page_entries(named, comparison.colours, comparison.clouds, comparison.groups, comparison.stages)
