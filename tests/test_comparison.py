@@ -269,4 +269,4 @@ def test_growth_is_drawn_with_the_growths_at_which_a_body_is_like_a_brain(tmp_pa
     assert "&lt;body&gt;, g = 1.50: 2.00" in text
     assert "<td>&lt;body&gt;</td><td>1.75</td>" in text
     assert "<body>," not in text
-    assert "Growth beside morphology" not in compare({"brain": brain}).report(tmp_path / "out").read_text()
+    assert "over growth" not in compare({"brain": brain}).report(tmp_path / "out").read_text()

@@ -60,8 +60,7 @@ class Parser(argparse.ArgumentParser):
         return (shown if self.examples else "") + super().format_help()
 
     def error(self, message: str) -> NoReturn:
-        line = f"{self.prog}: error: {one_line(message.rstrip('.'))}. See {self.prog} --help."
-        self.exit(2, f"{line} [{BadUsage.code}]\n")
+        raise BadUsage(f"{message.rstrip('.')}. See {self.prog} --help.")
 
 
 def _non_empty_text(text: str) -> str:
@@ -143,8 +142,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     with standard_streams():
         try:
             args = parser().parse_args(argv)
-        except SystemExit as end:  # after --help, --version or an error
+        except SystemExit as end:  # after --help or --version
             return int(end.code or 0)
+        except BadUsage as error:
+            return _print_failure("", error, 2, error)
         except OSError as error:  # --help can't be written
             return _print_failure("", f"standard output: {error.strerror}.", 2, error)
         return _run_command(args)

@@ -273,7 +273,8 @@ def _value_text(value: Any) -> str:
     if value is None or isinstance(value, str):
         return value or "–"
     if isinstance(value, int | float | np.number) and not isinstance(value, bool):
-        return number(value) if abs(value) >= 1e4 else f"{value:.4g}".replace("-", "−")
+        x = float(value)
+        return number(x) if abs(x) >= 1e4 else f"{x:.4g}".replace("-", "−")
     if isinstance(value, Mapping):
         return ", ".join(f"{k} {_value_text(v)}" for k, v in value.items())
     return ", ".join(map(_value_text, value)) if isinstance(value, list | tuple) else str(value)
