@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 # share of crossed triangles of white, above which the net is taken midway to pial; a person has 0.00003
 LARGEST_CROSSED_SHARE = 0.01
-OFF_PIAL = "white off pial"  # part of every cortex mask: where white and pial coincide is no cortex
+APART = "where white and pial differ"  # part of every cortex mask
 
 
 def measure(
@@ -342,7 +342,7 @@ class _Measurement:
             ("folding", "folding_index_surface", "white"),
             ("cortical thickness", "cortical_thickness_mode", "surface"),
             ("cortical thickness", "cortical_thickness_cap_mm", cap),
-            ("surfaces", "cortex_mask", ", and ".join(filter(None, (checks.cortex_label(self.cortex)[1], OFF_PIAL)))),
+            ("surfaces", "cortex_mask", ", ".join(filter(None, (checks.cortex_label(self.cortex)[1], APART)))),
             ("surfaces", "cortex_vertices", int(np.count_nonzero(self.mask))),
             ("gyral thickness", "gyral_scale_mm", across and _finite_or_none(across.scale)),
             ("gyral thickness", "gyral_coverage", across and _finite_or_none(across.coverage)),

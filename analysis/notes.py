@@ -43,15 +43,16 @@ def of_gyral_graph(graph: nx.MultiGraph, gyral_thickness: float) -> Notes:
         why = f"{surface} has no gyri: no crest separates two basins of its depth potential."
         return dict.fromkeys((*GRAPH_SCALARS, "spectral_wavelength_mm"), why)
     text = (
-        f"Net of crests on {surface}, gyral width {scales.width:.2f} mm (inflection to inflection). Pits with a "
-        f"persistence below {scales.persistence:.2f} mm are joined, hinges closer than {scales.merge:.2f} mm are "
-        f"merged, and spurs shorter than {scales.prune:.2f} mm are removed. The number of hinges depends on these "
-        "lengths: hinge_sensitivity gives the changes."
+        f"Net of crests on {surface}, crown width {scales.width:.2f} mm (over the crown from inflection to inflection; "
+        "gyral thickness is from wall to wall of pial). Sulcal pits that are less than "
+        f"{scales.persistence:.2f} mm below the pass to a deeper one are joined to it, hinges closer than "
+        f"{scales.merge:.2f} mm are merged, and spurs shorter than {scales.prune:.2f} mm are removed. The number of "
+        "hinges depends on these lengths: hinge_sensitivity gives the changes."
     )
     edge = graph.graph["edge"]
     if edge > scales.width / LEAST_WIDTH_IN_EDGES:
         text += (
-            f" The mean edge, {edge:.2f} mm, is more than 1/{LEAST_WIDTH_IN_EDGES:g} of the gyral width: a finer mesh "
+            f" The mean edge, {edge:.2f} mm, is more than 1/{LEAST_WIDTH_IN_EDGES:g} of the crown width: a finer mesh "
             "may give other hinges."
         )
     sure = [node["confidence"] for _, node in graph.nodes(data=True) if node["degree"] > 2]
@@ -64,7 +65,7 @@ def of_gyral_graph(graph: nx.MultiGraph, gyral_thickness: float) -> Notes:
     )
     ratio = scales.width / gyral_thickness
     apart = {
-        "gyral_width": f"The gyral width of the net, {scales.width:.2f} mm, is {ratio:.2f} of the gyral thickness, "
+        "gyral_width": f"The crown width, {scales.width:.2f} mm, is {ratio:.2f} of the gyral thickness, "
         f"{gyral_thickness:.2f} mm; {USUAL_WIDTH_RATIO:g} is usual. Hinges and crests are in doubt. Check the white "
         "surface, or set the width (--gyral-width)."
     }
@@ -220,6 +221,6 @@ def of_accuracy(accuracy: str, vertices: int, measured: int) -> Notes:
 def of_regions() -> Notes:
     return {
         "regions": "NumVert, area and thickness are computed as in mris_anatomical_stats. A region whose measured "
-        "contour is shorter than two gyral widths has no gyral thickness. gyrification_index is the local index, "
+        "contour is shorter than twice the gyral thickness has none. gyrification_index is the local index, "
         "averaged over the pial area of the region."
     }

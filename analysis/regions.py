@@ -41,7 +41,7 @@ FREESURFER_NAMES = {
     "cortical_thickness_mm": "thickness",
     "cortical_thickness_sd_mm": "thicknessstd",
 }
-LEAST_CONTOUR_IN_WIDTHS = 2.0  # in median gyral widths: about 20 mm on an adult brain, one fold
+LEAST_CONTOUR_IN_WIDTHS = 2.0  # in multiples of the median gyral thickness: about 20 mm on an adult brain, one fold
 
 
 def region_table(
@@ -72,7 +72,7 @@ def region_table(
         white areas. ``cortical_thickness_mm`` and ``_sd_mm`` are the mean and standard deviation (over n, not n - 1)
         of the vertices that have a thickness, not weighted by area. All these are computed as in
         ``mris_anatomical_stats``. ``gyral_thickness_mm`` is the median. With ``gyral`` it is given only where the
-        contour of the samples (``gyral_contour_mm``) is at least two gyral widths long: less is a single fold.
+        contour of the samples (``gyral_contour_mm``) is at least twice the median gyral thickness: less is one fold.
         ``thickness_file_mm`` is the mean of the thickness from the file. ``gray_volume_mm3`` sums :func:`gray_volumes`
         over the vertices in the cortex label. ``mean_H_per_mm`` is the mean of H over pial area, convex positive. It
         is *not* FreeSurfer's MeanCurv, which is the mean of absolute values on white. ``gyrification_index`` is the

@@ -2,12 +2,27 @@
 
 All are ``ValueError``. The error line of a command ends with the code in brackets, ``[open-surface]``; in Python it is
 ``error.code``, or the class to catch. Files that are missing, exist already or can't be read raise Python's own
-``FileNotFoundError``, ``FileExistsError`` and the like; values of a wrong type raise ``TypeError``.
+``FileNotFoundError``, ``FileExistsError`` and the like; values of a wrong type raise ``TypeError``. Commands print the
+codes of ``PYTHON_CODES`` for these.
 """
 
 from __future__ import annotations
 
+import errno
 import re
+
+DISK_FULL_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # only from writes; Python doesn't name the file
+#: codes of Python's own errors that commands print, subclasses first (docs/messages.md)
+PYTHON_CODES: dict[type[Exception], str] = {
+    FileNotFoundError: "no-such-file",
+    FileExistsError: "exists-already",
+    IsADirectoryError: "is-a-folder",
+    NotADirectoryError: "not-a-folder",
+    PermissionError: "no-permission",
+    OSError: "input-output",
+    MemoryError: "no-memory",
+    TypeError: "wrong-type",
+}
 
 
 class Refusal(ValueError):
@@ -18,6 +33,15 @@ class Refusal(ValueError):
 
     def __init_subclass__(cls) -> None:
         cls.code = re.sub(r"(?<=[a-z])(?=[A-Z])", "-", cls.__name__).lower()
+
+
+def code_of(error: BaseException) -> str:
+    """Code of an error; that of ``Refusal`` for one that has none of its own."""
+    if isinstance(error, Refusal):
+        return error.code
+    if isinstance(error, OSError) and error.errno in DISK_FULL_ERRORS:
+        return "disk-full"
+    return next((code for kind, code in PYTHON_CODES.items() if isinstance(error, kind)), Refusal.code)
 
 
 # --- numbers and arrays
@@ -60,6 +84,12 @@ class NamedTwice(Refusal):
     """A name, value or seed is given twice, but each may be given only once."""
 
     cure = "Give it once, or use another name for the second one."
+
+
+class BadUsage(Refusal):
+    """A command or option is unknown, an argument is missing, or a value is not one of the choices."""
+
+    cure = "See --help of the command."
 
 
 class NotReadable(Refusal):

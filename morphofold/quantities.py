@@ -136,7 +136,7 @@ COLUMN_WORDS = {
     "length_mm": "Length along the crest",
     "altitude_mm": "Depth potential along the crest, high on crowns, median",
     "lowest_altitude_mm": "Depth potential along the crest, high on crowns, least",
-    "strength_mm": "Depth potential minus itself smoothed over a gyral width, median along the crest",
+    "strength_mm": "Depth potential minus itself smoothed over a crown width, median along the crest",
     "blind": "1 if it belongs to a dead-end gyrus, or is a hinge only because of dead-end gyri; else 0",
     "x": "Position, first coordinate",
     "y": "Position, second coordinate",
@@ -148,7 +148,7 @@ COLUMN_WORDS = {
     "vertex": "Number of the vertex at which the hinge lies, from 0",
     "mean_arm_length_mm": "Mean length of the arms",
     "confidence": "Confidence of the hinge, 0 to 1; below 0.25 it is doubtful, and not counted",
-    "persistence_mm": "Threshold on the persistence of pits of the depth potential up to which the node is a hinge",
+    "persistence_mm": "Least depth of pits of sulci, below the pass to a deeper one, up to which the node is a hinge",
     "angle_deg": "Angle to the next arm, counter-clockwise seen from outside",
     "curvature_per_mm": "Mean geodesic curvature of the crest, without sign",
 }

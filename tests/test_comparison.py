@@ -109,15 +109,23 @@ def test_a_slope_is_one_only_where_its_interval_leaves_out_zero():
 
 def test_differing_scales_are_said_once_with_their_values():
     options = {
-        "model": {"curvature_scale_mm": 9.51, "cortical_thickness_cap_mm": None, "cortex_mask": "white off pial"},
-        "one": {"curvature_scale_mm": 3.0, "cortical_thickness_cap_mm": None, "cortex_mask": "white off pial"},
+        "model": {
+            "curvature_scale_mm": 9.51,
+            "cortical_thickness_cap_mm": None,
+            "cortex_mask": "where white and pial differ",
+        },
+        "one": {
+            "curvature_scale_mm": 3.0,
+            "cortical_thickness_cap_mm": None,
+            "cortex_mask": "where white and pial differ",
+        },
         "mean": {"curvature_scale_mm": 3.0, "cortical_thickness_cap_mm": 5.0, "cortex_mask": "label"},
     }
     measured = {name: replace(made_measures(), parameters=p) for name, p in options.items()}
     scale, cap, mask = compare(measured).cautions
     assert scale.startswith("Curvature was taken within 9.5 mm on model and 3.0 mm on one and mean;")
     assert "capped nowhere on model and one and at 5 mm on mean" in cap
-    assert "by 'white off pial' on model and one and by 'label' on mean" in mask
+    assert "by 'where white and pial differ' on model and one and by 'label' on mean" in mask
     assert compare(measured).to_dict()["cautions"] == [scale, cap, mask]
     draft = replace(measured["one"], parameters={**options["one"], "accuracy": "draft"})
     (caution,) = compare({"a": draft, "b": replace(draft, parameters={**options["one"], "accuracy": "fine"})}).cautions
@@ -256,9 +264,9 @@ def test_growth_is_drawn_with_the_growths_at_which_a_body_is_like_a_brain(tmp_pa
     found = compare({"brain": brain}, growth={"<body>": stages})
     assert found.to_dict()["growth"]["<body>"]["as"]["brain"]["gyrification index"] == pytest.approx([1.75])
     text = found.report(tmp_path / "out").read_text(encoding="utf-8")
-    assert "<h2>Growth beside morphology</h2>" in text
+    assert "<td>1.75</td>" in text
     assert 'aria-label="gyrification index over growth"' in text
     assert "&lt;body&gt;, g = 1.50: 2.00" in text
     assert "<td>&lt;body&gt;</td><td>1.75</td>" in text
     assert "<body>," not in text
-    assert "Growth beside morphology" not in compare({"brain": brain}).report(tmp_path / "out").read_text()
+    assert "over growth" not in compare({"brain": brain}).report(tmp_path / "out").read_text()

@@ -21,7 +21,7 @@ def test_every_two_groups_are_compared_in_their_order_and_empty_ones_left_out(rn
     assert (found.one, found.other) == ("model", "MRI")
     assert (found.shape.n, found.shape.m) == (12, 6)
     assert found.surfaces == (2, 1)  # of unequal groups the page says so
-    assert [c.source for c in found.controls] == ["model", "MRI itself", "net at chance"]
+    assert [c.source for c in found.controls] == ["model", "MRI itself", "random net"]
     assert [c.n for c in found.controls][:2] == [12, 6]
     assert len(compare_hinges(known, {name: [name] for name in "abc"})) == 3
 

@@ -261,6 +261,19 @@ def test_methods_tell_of_what_the_page_has(tmp_path):
     assert "least squares" not in methods_of(failed_group(12), "none")
 
 
+def test_methods_have_the_scales_and_the_atlas_of_the_group(tmp_path):
+    used = {"origin": "FreeSurfer", "n_vertices": 642, "annotation": "aparc", "annotation_from": None}
+    used |= {"curvature_scale_mm": 8.16, "cortex_mask": "label, where white and pial differ"}
+    settings = [{**used, "graph_width_mm": width} for width in (7.0, 7.5, 8.0, 9.25)]
+    group = replace(made_group(12), settings=settings)
+    group.scalars["n_hinges"][:] = 100
+    text = re.search(r'<textarea id="methods".*?</textarea>', text_of(group, tmp_path), re.S).group(0)
+    assert "within 8.16 mm" in text
+    assert "(7.00 to 9.25 mm)" in text
+    assert "Desikan" in text
+    assert "?h.cortex.label" in text
+
+
 def test_measures_that_are_the_same_of_all_are_said_and_not_drawn(tmp_path):
     alike = np.full((12, 2), 1.75) * (1 + 1e-8 * np.arange(24).reshape(12, 2))  # but for round-off
     text = text_of(made_group(12, n_hinges=np.zeros((12, 2)), gyrification_index=alike), tmp_path)

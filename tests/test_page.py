@@ -186,13 +186,29 @@ def test_the_methods_say_what_was_done_to_which_surface(drawn):
     ]
     text, _, _ = drawn({"model": model, "MRI": brain})
     methods = text.split('<textarea id="methods"')[1].split("</textarea>")[0]
-    assert "within 3.9 or 9.4 mm" in methods
+    assert "within 3.90 or 9.40 mm" in methods
     assert "each 5 mm at most in some of them" in methods  # the model has no bound
     assert "model was grown by finite elements: a neo-Hookean cortex, 4.00 times as stiff" in methods
     assert methods.count("Chen X, Hutchinson JW") == 1
     alone = drawn({"MRI": brain})[0].split('<textarea id="methods"')[1].split("</textarea>")[0]
     assert "each 5 mm at most (Fischl" in alone
     assert not re.search("grown|Chen|in some", alone)
+
+
+@pytest.mark.parametrize(
+    ("mask", "said"),
+    [("label, where white and pial differ", "?h.cortex.label"), ("where white and pial differ", "every vertex")],
+)
+def test_the_methods_name_atlas_template_cortex_and_crown_width(drawn, mask, said):
+    m = replace(made_measures(), parameters={"cortex_mask": mask, "graph_width_mm": 7.089})
+    regions = replace(m.cortex.regions, name="aparc.a2009s.fsaverage6")
+    carried = replace(m, cortex=replace(m.cortex, regions=regions, info={"annotation_from": "fsaverage6"}))
+    carried.scalars["n_hinges"] = 7
+    methods = drawn([carried])[0].split('<textarea id="methods"')[1].split("</textarea>")[0]
+    assert "aparc.a2009s (Destrieux et al. 2010), carried over from the template fsaverage6" in methods
+    assert methods.count("Destrieux C") == 1
+    assert said in methods
+    assert "7.09 mm" in methods
 
 
 def test_the_methods_say_which_surfaces_were_thinned_or_split(drawn):
@@ -238,18 +254,50 @@ def test_the_share_that_was_simulated_is_a_word_where_there_is_one(drawn, portio
 
 def test_warnings_cautions_and_remarks_stand_where_they_are_seen(drawn):
     model, other = made_measures(origin="simulation"), made_measures("rh", regions=False)
-    model.notes.update(simulation="the energy grew.", curvature_scale="mesh is coarse.", n_crests="none here.")
-    other.notes.update(cortex_mask="no cortex label.", average="of no person.")
+    verts = model.cortex.white.verts
+    x, y, z = verts[17]
+    model.notes.update(
+        simulation="the energy grew.",
+        curvature_scale=f"mesh is coarse at ({x:.6g}, {y:.6g}, {z:.6g}).",
+        n_crests="none here.",
+    )
+    other.notes.update(cortex_mask="label was lost.", average="of no person.")
     text, _, _ = drawn({"model": model, "MRI": replace(other, parameters={"curvature_scale_mm": 9.5})})
     top, rest = text.split('<section id="viewer"')
     remarks, below = rest.split("Gyral thickness against cortical thickness</h2>")
-    assert re.search(r'class="warning".*model: the energy grew\.', top)
+    rows = re.findall(r'<tr class="(\w+)"><th scope="row">\1</th>.*?<code>(\w+)</code>.*?</tr>', top)
+    assert rows == [
+        ("severe", "simulation"),
+        ("check", "cortex_mask"),
+        ("check", "curvature_scale"),
+        ("note", "average"),
+    ]
+    assert re.findall(r'data-panel="(\d+)" data-vertex="\d+">vertex (\d+)<', top) == [("0", "17")]
     assert re.search(r'class="caution".*within 3.0 mm on model and 9.5 mm on MRI', top)
-    assert "model: mesh is coarse. " in remarks
-    assert re.search(r'class="caution".*MRI: of no person\.</li><li>MRI: no cortex label\.', top)
+    assert "mesh is coarse" not in remarks
     assert "MRI: no regions, so one point" in below
-    for once in ("the energy grew", "mesh is coarse", "no cortex label", "of no person", "no regions, so", "none here"):
+    for once in ("the energy grew", "mesh is coarse", "label was lost", "of no person", "no regions, so", "none here"):
         assert text.count(once) == 1
+
+
+def test_the_surface_shown_first_is_inflated_if_every_surface_has_it(drawn):
+    first = lambda measures: re.search(r'name="surface" value="(\w+)" checked', drawn(measures)[0])[1]
+    both, folded = [made_measures("lh"), made_measures("rh")], made_measures(origin="simulation")
+    folded = replace(folded, cortex=replace(folded.cortex, inflated=None))
+    assert first(both) == "inflated"
+    assert first([folded]) == "pial"
+    assert first({"a": both, "model": folded}) == "pial"  # beside each other in one shape
+
+
+def test_numbers_of_freesurfer_are_measures_with_units(drawn):
+    text = drawn([made_measures(info={"etiv_mm3": 1149123.4, "surface_holes": 23, "voxels": 2e6})])[0]
+    row = lambda key: re.search(
+        rf'data-v="{key}">.*?<td class="unit" data-v="([^"]*)">.*?<td data-v="([^"]*)">(.*?)</td>', text
+    )
+    assert row("etiv_mm3").groups() == ("mm³", "1149123.4", "1\u202f149\u202f123")
+    assert row("surface_holes").groups() == ("", "23", "23")
+    assert text.count("etiv_mm3") == 2  # its row and its key; not among the facts, too
+    assert "e+0" not in re.sub(r"<script.*?</script>", "", text, flags=re.S)
 
 
 def test_a_fit_not_different_from_none_is_called_so(drawn):

@@ -37,7 +37,11 @@ def test_hemispheres_measured_alike_are_pooled_whole():
         ("folding_scale_mm", 3.9, {"folding_index", "intrinsic_curvature_index"}),
         ("graph_width_mm", 10.4, {"n_hinges", "n_crests", "crest_length_mm"}),
         ("cortical_thickness_cap_mm", None, {"mean_cortical_thickness_mm", "gyral_to_cortical_slope"}),
-        ("cortex_mask", "white off pial", {"mean_sulcal_depth_mm", "n_hinges", "wavelength_mm", "gray_volume_mm3"}),
+        (
+            "cortex_mask",
+            "where white and pial differ",
+            {"mean_sulcal_depth_mm", "n_hinges", "wavelength_mm", "gray_volume_mm3"},
+        ),
         ("annotation", "aparc.a2009s", {"gyral_to_cortical_r"}),
         ("morphofold", "0.9", set(SCALARS)),
     ],

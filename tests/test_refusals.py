@@ -1,12 +1,14 @@
 """Whatever a command is given that it can't take: exit code 2, one line on standard error, nothing written."""
 
 import argparse
+import errno
 import os
 from pathlib import Path
 
 import pytest
 
 from morphofold.cli import main, parser
+from morphofold.errors import PYTHON_CODES, Refusal
 from morphofold.io import sample_path
 
 #: a call of every command that is refused for what it names, so that none begins to work
@@ -35,6 +37,7 @@ CALLS = {
     ("bench", "accuracy"): ["-o", "out", "--halves=none"],
     ("bench", "hemisphere"): ["-o", "out", "--levels=coarse"],
 }
+CODES = {*PYTHON_CODES.values(), "disk-full", *(kind.code for kind in Refusal.__subclasses__())}
 ODD = "a\nb\r\x1b[31m\u202e\u2028"
 WRONG = ["", "\0", "nowhere", ODD, "\udcff", "nan", "-1", "1e400", "9" * 30, "x" * 300, "."]
 
@@ -64,6 +67,8 @@ def refused(argv, capsys, folder):
     assert line.isprintable()  # so neither ends a line nor steers a terminal
     assert ".." not in line.replace("...", "")
     assert "Traceback" not in line
+    assert line.endswith("]")
+    assert line.rpartition("[")[2][:-1] in CODES
     assert sorted(os.listdir(folder)) == before
     return line
 
@@ -119,6 +124,65 @@ def test_what_no_folder_can_be_made_in_is_refused_before_anything_is_measured(ab
     for argv in (["analyze", "made"], ["reproduce", "fig4"], ["bench", "cohort", "--subjects", "1", "--workers", "1"]):
         refused([*argv, "-q", "-o", f"{above}/out"], capsys, here)
     assert above.partition("/")[0] in refused(["compare", "a=nowhere", "-q", "-o", f"{above}/out"], capsys, here)
+
+
+@pytest.mark.parametrize(
+    ("code", "argv"),
+    [
+        ("bad-usage", ["analyze", "--no-such-option"]),
+        ("bad-usage", ["unfold"]),
+        ("bad-usage", ["theory", "nothing"]),
+        ("bad-usage", ["analyze", "made", "--threads", "two"]),
+        ("no-such-file", ["analyze", "nowhere"]),
+        ("no-such-file", ["analyze", "-s", "nobody", "--subjects-dir", "."]),
+        ("no-such-file", ["analyze", "-s", "nobody", "--subjects-dir", "nowhere"]),
+        ("no-such-file", ["analyze", "--white", "lh.white", "--pial", "lh.pial"]),
+        ("no-such-file", ["simulate", "nowhere"]),
+        ("no-such-file", ["cohort", "nowhere"]),
+        ("not-a-folder", ["analyze", "a-file"]),
+        ("not-a-folder", ["cohort", "a-file"]),
+        ("is-a-folder", ["analyze", "--hemi", "lh", "--white", "made", "--pial", "made"]),
+        ("exists-already", ["analyze", "made", "-o", "a-file"]),
+        ("exists-already", ["compare", "a=made", "-o", "a-file"]),
+    ],
+    ids=lambda part: " ".join(part) if isinstance(part, list) else "",
+)
+def test_missing_and_misplaced_files_and_wrong_usage_have_codes(code, argv, here, capsys, made):
+    (here / "a-file").write_text("mine")
+    assert refused(argv, capsys, here).endswith(f"[{code}]")
+
+
+@pytest.mark.parametrize(
+    ("number", "code"),
+    [
+        (errno.ENOSPC, "disk-full"),
+        (errno.EACCES, "no-permission"),
+        (errno.EROFS, "input-output"),
+        (errno.ENAMETOOLONG, "input-output"),
+    ],
+)
+def test_errors_of_the_system_have_codes(number, code, here, capsys, monkeypatch):
+    def fail(args):
+        raise OSError(number, os.strerror(number), "place")
+
+    monkeypatch.setattr("morphofold.cli.scenes.run", fail)
+    line = refused(["scenes"], capsys, here)
+    assert line.endswith(f"[{code}]")
+    assert "place: " in line
+
+
+def test_hemispheres_that_fail_together_keep_the_code_of_their_error(here, capsys, made):
+    surf = here / "made" / "surf"
+    (surf / "lh.pial").unlink()
+    (surf / "rh.white").write_bytes((surf / "lh.white").read_bytes())
+    assert refused(["analyze", "made", "--hemi", "both"], capsys, here).endswith("[no-such-file]")
+
+
+def test_a_missing_folder_names_the_folder_that_it_lists(here, capsys):
+    (here / "known").mkdir()
+    (here / ".hidden").write_text("")
+    line = refused(["analyze", "nowhere"], capsys, here)
+    assert f"{here} contains known." in line
 
 
 LONG = "x" * 5000

@@ -317,6 +317,25 @@ def test_a_panel_says_where_it_shows_another_stage_or_surface_than_its_name_or_t
     tab.frame()
 
 
+def test_a_warning_leads_to_its_vertex(tmp_path, plain_pictures):
+    left, right = made_measures("lh"), made_measures("rh")
+    x, y, z = right.cortex.pial.verts[100]
+    right.notes["self_crossing"] = f"crossed at ({x:.6g}, {y:.6g}, {z:.6g})."
+    page = analysis_report([left, right], tmp_path / "report.html")
+    with opened(page, tmp_path / "profile", "viewer") as tab:
+        assert tab.frame()["surface"] == "inflated"
+        tab.js("document.querySelector('input[name=side][value=lh]').click()")  # the other hemisphere
+        tab.js("document.querySelector('[data-vertex]').click()")
+        assert tab.frame()["view"] == "free"
+        mark = tab.js("document.querySelector('#panel-1 .mark').getBoundingClientRect().toJSON()")
+        middle = (mark["x"] + mark["width"] / 2, mark["y"] + mark["height"] / 2)
+        assert middle == pytest.approx(tab.middle_of("panel-1"), abs=1.5)
+        assert tab.js("document.querySelector('#panel-1 .mark').hidden") is False
+        assert tab.js("document.querySelector('#panel-1 .values dd').textContent") == "100"
+        assert tab.js("document.querySelector('#panel-0 .mark').hidden") is True
+        assert_quiet(tab)
+
+
 def test_enter_reads_what_is_shown_and_a_click_beside_the_brain_nothing(tab):
     read = "[...document.querySelectorAll('#panel-1 .values dt')].map(d => d.textContent)"
     tab.js("document.getElementById('hinges').click(); document.querySelector('input[name=side][value=rh]').click()")

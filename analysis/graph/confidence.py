@@ -33,7 +33,7 @@ def label_hinges(graph: nx.MultiGraph, D: PerVertex, least: float) -> None:
 
     - the height of the lowest point of its arms above the bottom of the sulci (quantile 0.05 of D), divided by the
       height of the crests (the median along the net): an arm over a buried bridge, or through a sulcus, is low;
-    - the distance between its two closest arms at one gyral width from the hinge, divided by that width,
+    - the distance between its two closest arms at one crown width from the hinge, divided by that width,
       ``2 sin(angle / 2)``: two gyri cannot be closer than their width;
     - its persistence divided by ``least``, less 1;
     - the length of its shortest arm with a free end divided by ``prune``, the length below which the arm would be

@@ -34,7 +34,7 @@ LEAST_STRENGTH_SHARE = 0.15  # and the share of it below which a crest is droppe
 
 @dataclass(frozen=True)
 class GyralScales:
-    """The lengths of a gyral graph [mm]; :meth:`of_width` derives them from the gyral width.
+    """The lengths of a gyral graph [mm]; :meth:`of_width` derives them from the crown width.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class GyralScales:
 
     @classmethod
     def of_width(cls, width: float) -> GyralScales:
-        """The lengths for a gyral width: 1.5, 0.2, 0.25, 0.5, 1 and 1.5 widths."""
+        """The lengths for a crown width: 1.5, 0.2, 0.25, 0.5, 1 and 1.5 widths."""
         return cls(
             width, REACH_IN_WIDTHS * width, SMOOTHING_IN_WIDTHS * width, 0.25 * width, 0.5 * width, width, 1.5 * width
         )
@@ -72,7 +72,7 @@ class GyralScales:
 
 @dataclass(frozen=True, eq=False)
 class Fields:
-    """Depth potential ``D`` (N,) [mm]; ``band`` (N,) [mm], D less D smoothed over a gyral width; mean curvature ``H``
+    """Depth potential ``D`` (N,) [mm]; ``band`` (N,) [mm], D less D smoothed over a crown width; mean curvature ``H``
     (N,) [1/mm]; ``flood``, the basins of D."""
 
     D: PerVertex = field(repr=False)
@@ -115,7 +115,7 @@ class CrestNetBuilder:
         least, most = 0.1 * self.operators.edge, 10 * self.operators.area**0.5
         if not least <= scales.width <= most:
             raise OutOfRange(
-                f"{self.sheet.name}: a gyral width of {scales.width:.4g} does not fit a surface with a mean edge of "
+                f"{self.sheet.name}: a crown width of {scales.width:.4g} does not fit a surface with a mean edge of "
                 f"{self.operators.edge:.4g}. Pass a width of {least:.4g} to {most:.4g}."
             )
         return scales

@@ -24,7 +24,7 @@ HEAT_STEPS = 3  # implicit Euler steps of one heat flow
 FIRST_SCALE_PER_ROOT_AREA = 0.007
 # reach of the depth potential and persistence of its basins, in units of that scale
 FIRST_REACH_IN_SCALES, FIRST_PERSISTENCE_IN_SCALES = 7.0, 0.7
-REACH_IN_WIDTHS, SMOOTHING_IN_WIDTHS = 1.5, 0.2  # reach and smoothing of the depth potential, in gyral widths
+REACH_IN_WIDTHS, SMOOTHING_IN_WIDTHS = 1.5, 0.2  # reach and smoothing of the depth potential, in crown widths
 LARGEST_PERSISTENCE_SHARE = 0.2  # of the range of the depth potential: the largest persistence that is used
 LOW_QUANTILE, HIGH_QUANTILE = 0.05, 0.98  # quantiles that define this range
 
@@ -157,7 +157,7 @@ def wavelength(verts: Verts, faces: Faces, width: float | None = None) -> float:
     verts, faces : (N, 3) float64, (M, 3) int64
         Closed surface, or one with a natural border [mm].
     width : float, optional
-        Gyral width [mm]. It sets the reach and smoothing of the depth potential as in
+        Crown width [mm]. It sets the reach and smoothing of the depth potential as in
         :func:`morphofold.analysis.gyral_graph`. None: measured.
 
     Returns

@@ -33,7 +33,7 @@ def gyral_graph(
         For a cortex, the mask and the white surface are used, because white has sharp crowns and open sulci. A Surface
         must be closed, or have a natural border.
     width : float, optional
-        Gyral width [mm]; None: measured (:meth:`SurfaceOperators.gyral_width`). Pass a number to compare meshes of one
+        Crown width [mm]; None: measured (:meth:`SurfaceOperators.gyral_width`). Pass a number to compare meshes of one
         brain.
     scales : GyralScales, optional
         All lengths, instead of ``width``.
@@ -57,7 +57,7 @@ def gyral_graph(
           and ``length`` [mm];
         - ``altitude``, the median, and ``lowest``, the least depth potential along it [mm], and ``strength`` [mm];
         - ``curvature``, the mean absolute geodesic curvature [1/mm]: the turns of the curve within the surface in steps
-          of half a gyral width, divided by its length;
+          of half a crown width, divided by its length;
         - ``blind``, True for a dead-end gyrus, and ``number`` from 0.
 
         ``graph.graph`` has ``scales`` (a ``GyralScales`` or None), ``surface``, ``edge`` [mm] and ``wavelength`` [mm],

@@ -36,15 +36,15 @@ class HingeShapes:
         Hinge numbers in the table of hinges.
     features : (K, 3, 4) float64
         For each arm, counter-clockwise seen from outside: the angle to the next arm [rad]; the natural logarithm of its
-        length over the gyral width; its mean geodesic curvature, and the mean curvature of the crown along it, both
-        times the gyral width. Each feature spreads by 0.3 to 0.5 over the hinges of a brain, so none outweighs the
+        length over the crown width; its mean geodesic curvature, and the mean curvature of the crown along it, both
+        times the crown width. Each feature spreads by 0.3 to 0.5 over the hinges of a brain, so none outweighs the
         others in a sum.
     kinds : (K,) str
         ``Y``, ``T`` or ``V``, see :class:`morphofold.analysis.Hinge`.
     width : float
-        Gyral width of the surface [mm].
+        Crown width of the surface [mm].
     per_area : float
-        Number of all hinges with three arms or more that are not doubtful, per square of the gyral width, on the white
+        Number of all hinges with three arms or more that are not doubtful, per square of the crown width, on the white
         surface of the cortex.
     """
 
@@ -55,7 +55,7 @@ class HingeShapes:
     per_area: float
 
     def __repr__(self) -> str:
-        return f"HingeShapes({len(self)} hinges with three arms, gyral width {self.width:.3g} mm)"
+        return f"HingeShapes({len(self)} hinges with three arms, crown width {self.width:.3g} mm)"
 
     def __len__(self) -> int:
         return len(self.hinge)
@@ -250,10 +250,10 @@ def random_net(hinges: int, *, shortest: float, per_area: float, seed: int = 0) 
     hinges : int
         Approximate number of hinges of the net.
     shortest : float
-        Least length of arms in gyral widths. A gyral graph merges the two hinges of a shorter arm into one hinge with
+        Least length of arms in crown widths. A gyral graph merges the two hinges of a shorter arm into one hinge with
         four arms, so both are left out.
     per_area : float
-        Hinges with any number of arms per square of the gyral width; it sets the scale.
+        Hinges with any number of arms per square of the crown width; it sets the scale.
     seed : int
         Seed of the random points.
 
@@ -290,7 +290,7 @@ def random_net(hinges: int, *, shortest: float, per_area: float, seed: int = 0) 
 
 
 def _width_of_density(lengths: Array, nodes: int, shortest: float, per_area: float) -> float:
-    """Gyral width [rad] at which ``nodes``, less one for each arc that is too short, have the density ``per_area``."""
+    """Crown width [rad] at which ``nodes``, less one for each arc that is too short, have the density ``per_area``."""
     left = nodes
     for _ in range(100):
         width = float(np.sqrt(per_area * 4 * np.pi / left))

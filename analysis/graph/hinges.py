@@ -119,7 +119,7 @@ def hinges(graph: nx.MultiGraph) -> list[Hinge]:
     Returns
     -------
     list of Hinge
-        The direction of an arm points to the mean of its crest between 0.5 and 1.5 gyral widths from the hinge (at most
+        The direction of an arm points to the mean of its crest between 0.5 and 1.5 crown widths from the hinge (at most
         60 % of its length), in the tangent plane.
     """
     import networkx as nx

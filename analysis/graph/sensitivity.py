@@ -48,8 +48,8 @@ def hinge_sensitivity(
         ``length`` (its name; empty in the first row, which is the unchanged net), ``factor``, ``mm``, ``n_hinges``,
         ``n_hinges_3``, ``n_hinges_4``, ``n_ends``; ``crest_length_mm`` of the net before its curves move onto the
         crowns, 0.6 to 0.8 % more than that of ``measure``; ``kept``, the share of hinges of the unchanged net within
-        half a gyral width of a hinge of the changed net; ``old``, the share of hinges of the changed net within half a
-        gyral width of a hinge of the unchanged net. Empty if the surface has no folds.
+        half a crown width of a hinge of the changed net; ``old``, the share of hinges of the changed net within half a
+        crown width of a hinge of the unchanged net. Empty if the surface has no folds.
 
     Raises
     ------
@@ -94,7 +94,7 @@ def _sensitivity_row(name: str, factor: float, mm: float, net: Net, base: Net, s
 
 
 def _share_of_hinges_near(one: Net, other: Net, scales: GyralScales) -> float:
-    """Share of the hinges of one net within half a gyral width of a hinge of the other; NaN if there are none."""
+    """Share of the hinges of one net within half a crown width of a hinge of the other; NaN if there are none."""
     place = [
         np.array([net.nodes[node].at for node, degree in net.degrees().items() if degree > 2]).reshape(-1, 3)
         for net in (one, other)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -241,3 +243,10 @@ def place_of(point: NDArray[np.float64]) -> str:
     """Coordinates (3,) as text for messages."""
     x, y, z = np.round(point, 6) + 0.0  # no -0, and no 1e-17 on a plane of symmetry
     return f"({x:.6g}, {y:.6g}, {z:.6g})"
+
+
+def vertices_at(text: str, cortex: Cortex) -> list[int]:
+    """Vertices nearest to the places in a text, which :func:`place_of` wrote, on white or pial."""
+    points = np.array(re.findall(r"\(([-+\d.e]+), ([-+\d.e]+), ([-+\d.e]+)\)", text), dtype=np.float64)
+    both = np.concatenate([cortex.white.verts, cortex.pial.verts])
+    return [int(((both - point) ** 2).sum(axis=1).argmin()) % cortex.n_vertices for point in points]

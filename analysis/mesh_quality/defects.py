@@ -59,10 +59,14 @@ WARNINGS = {
         "Compare curvature only at equal scales (--curvature-scale).",
     ),
     "gyral_width": (
-        "The gyral width of the net does not match the gyral thickness.",
+        "The crown width of the white surface does not match the gyral thickness.",
         "Check the white surface, or set --gyral-width.",
     ),
+    "average": ("The surface is an average of many brains.", "Measure the subjects, not their average."),
 }
+#: warnings that put all numbers of a surface in doubt, and those that put none in doubt; the others are about some
+SEVERE_WARNINGS = ("simulation", "size", "pair", "side", "thickness_unlike", "cortex_label")
+SLIGHT_WARNINGS = ("parcellation", "average")
 LEAST_HEIGHT_IN_EDGES = 1e-4  # of the mean edge: height below which a triangle is a needle or a cap
 LARGEST_OUTSIDE_SHARE = 0.01  # share of the cortex outside pial; in people at most 0.0002
 # shift of pial over the distance between white and pial; in people 0.07, after a shift of 2 mm 0.56
@@ -179,9 +183,9 @@ def remarks(cortex: Cortex, mask: NDArray[np.bool_], given: Cortex | None = None
         apart = float(np.median(geometry.norms(cortex.pial.verts - cortex.white.verts)[mask]))
         if far > LARGEST_SHIFT_OVER_DISTANCE * apart:
             notes["pair"] = (
-                f"Pial as a whole is shifted from white by about {far:.2g} {cortex.units}, by "
-                f"{checks.place_of(moved)}; the two are {apart:.2g} apart. Take both from one reconstruction, in one "
-                "coordinate frame."
+                f"Pial as a whole is shifted from white by about {far:.2g} {cortex.units} "
+                f"({' '.join(f'{x:+.2g}' for x in moved)}); the two are {apart:.2g} apart. Take both from one "
+                "reconstruction, in one coordinate frame."
             )
     return notes
 

@@ -14,6 +14,7 @@ from typing import Any, NoReturn
 
 from morphofold import __version__
 from morphofold.cli.streams import one_line, standard_streams
+from morphofold.errors import DISK_FULL_ERRORS, BadUsage, code_of
 
 #: subcommand -> its line in the overview
 COMMANDS = {
@@ -59,7 +60,7 @@ class Parser(argparse.ArgumentParser):
         return (shown if self.examples else "") + super().format_help()
 
     def error(self, message: str) -> NoReturn:
-        self.exit(2, f"{self.prog}: error: {one_line(message.rstrip('.'))}. See {self.prog} --help.\n")
+        raise BadUsage(f"{message.rstrip('.')}. See {self.prog} --help.")
 
 
 def _non_empty_text(text: str) -> str:
@@ -141,10 +142,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     with standard_streams():
         try:
             args = parser().parse_args(argv)
-        except SystemExit as end:  # after --help, --version or an error
+        except SystemExit as end:  # after --help or --version
             return int(end.code or 0)
+        except BadUsage as error:
+            return _print_failure("", error, 2, error)
         except OSError as error:  # --help can't be written
-            return _print_failure("", f"standard output: {error.strerror}.", 2)
+            return _print_failure("", f"standard output: {error.strerror}.", 2, error)
         return _run_command(args)
 
 
@@ -166,14 +169,15 @@ def _run_command(args: argparse.Namespace) -> int:
             raise
         if isinstance(error, OSError) and error.errno is not None:  # the system's message, not ours
             where = f"{error.filename}: " if error.filename is not None else ""
-            return _print_failure(args.command, f"{where}{error.strerror}. Name another file or folder.", 2)
-        return _print_failure(args.command, error, 2)
+            cure = "Free space" if error.errno in DISK_FULL_ERRORS else "Name another file or folder"
+            return _print_failure(args.command, f"{where}{error.strerror}. {cure}.", 2, error)
+        return _print_failure(args.command, error, 2, error)
     except MemoryError as error:
         if args.debug:
             raise
         line = str(error) or "memory did not suffice"  # numpy gives the amount
         more = "" if line.endswith(".") else ". Close other programs, or ask for less."
-        return _print_failure(args.command, f"{line}{more}", 2)
+        return _print_failure(args.command, f"{line}{more}", 2, error)
     except Exception as error:
         if args.debug:
             raise
@@ -220,9 +224,10 @@ def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
     print(f"morphofold: warning: {one_line(str(message))}", file=sys.stderr)
 
 
-def _print_failure(command: str, error: object, code: int) -> int:
-    line = one_line(" ".join([str(error).strip(), *getattr(error, "__notes__", ())])) or type(error).__name__
-    if kind := getattr(error, "code", None):
-        line += f" [{kind}]"
+def _print_failure(command: str, text: object, status: int, refused: BaseException | None = None) -> int:
+    """Print the text of an error, and the code of a refusal; return the exit code."""
+    line = one_line(" ".join([str(text).strip(), *getattr(text, "__notes__", ())])) or type(text).__name__
+    if refused is not None:
+        line += f" [{code_of(refused)}]"
     print(f"morphofold {command}".strip() + f": {line}", file=sys.stderr)
-    return code
+    return status

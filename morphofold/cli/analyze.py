@@ -243,7 +243,7 @@ def _results_of_hemispheres(works: Mapping[str, Callable[[], T]], failed: dict[s
     for error in wrong.values() if len(wrong) == len(works) else ():
         if len(failed) == 1:
             raise error
-        kind = type(error) if isinstance(error, Refusal) else ValueError
+        kind = type(error) if isinstance(error, Refusal | OSError) else Refusal
         raise kind(" ".join(f"{hemi} failed: {why}" for hemi, why in failed.items()))
     return [end for end in ends.values() if not isinstance(end, Exception)]
 

@@ -1,5 +1,5 @@
 """Measure every subject of a folder on several workers, and write tables and a page of the group. All subjects are
-measured with the same curvature scale and the same gyral width. Run it again to measure subjects that are missing or
+measured with the same curvature scale and the same crown width. Run it again to measure subjects that are missing or
 have changed. Exit code 1: some subjects have no measures; failures.tsv gives the reasons."""
 
 from __future__ import annotations

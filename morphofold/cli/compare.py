@@ -59,6 +59,7 @@ def run(args: argparse.Namespace) -> int:
     from morphofold.comparison import compare
     from morphofold.io import refuse_foreign
     from morphofold.provenance import printable
+    from morphofold.report.pages.person_section import VERDICT_WORDS
     from morphofold.results import read_analysis, read_stages
 
     named: dict[str, str] = {}
@@ -95,8 +96,9 @@ def run(args: argparse.Namespace) -> int:
     for found in comparison.people:
         depth = found.agreements[0].tested
         print(
-            f"sulci and gyri of {found.grown} as those of {found.person}: {depth.value:.3f} of the area, before growth "
-            f"{depth.control:.3f}, with its dents deepened {found.agreements[0].deepened.control:.3f}: {found.verdict}"
+            f"{found.grown} has gyri and sulci where {found.person} has them on {depth.value:.3f} of the area, before "
+            f"growth {depth.control:.3f}, with deepened sulci {found.agreements[0].deepened.control:.3f}: "
+            f"{VERDICT_WORDS.get(found.verdict, found.verdict)}"
         )
     print(f"-> {page}")
     return 0

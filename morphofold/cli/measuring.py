@@ -11,8 +11,8 @@ from morphofold.errors import OutOfRange
 LENGTH_OPTIONS = {
     "--curvature-scale": "radius of the neighbourhoods for curvature (default: 3, more on coarse meshes; "
     "in a group, one for all)",
-    "--gyral-width": "width to which the lengths of the gyral graph are proportional; set it to compare hinges of "
-    "several meshes (default: from each surface; in a group, their median)",
+    "--gyral-width": "crown width, to which the lengths of the gyral graph are proportional; set it to compare hinges "
+    "of several meshes (default: from each surface; in a group, their median)",
     "--thickness-cap": "upper bound of cortical thickness; FreeSurfer's is 5 (default: none)",
 }
 SHORTEST_LENGTH, LONGEST_LENGTH = 1e-9, 1e9  # limits of a plausible length, in any unit

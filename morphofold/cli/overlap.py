@@ -25,7 +25,7 @@ def add_args(parser: argparse.ArgumentParser) -> None:
         "--radius",
         type=float,
         metavar="MM",
-        help="a hinge is shared if the other subject has one within this distance (default: half the gyral width)",
+        help="a hinge is shared if the other subject has one within this distance (default: half the crown width)",
     )
     parser.add_argument(
         "--density", type=float, metavar="MM", default=10.0, help="smoothing of the densities (default: 10)"

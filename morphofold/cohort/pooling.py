@@ -18,7 +18,7 @@ MOST_VALUES_LISTED = 4  # values that a sentence lists at most
 SETTING_LABELS = {
     "morphofold": "version of morphofold",
     "folding_scale_mm": "scale of the folding indices [mm]",
-    "graph_width_mm": "gyral width of the net [mm]",
+    "graph_width_mm": "crown width, the scale of the net [mm]",
     "cortical_thickness_cap_mm": "bound on cortical thickness [mm]",
     "cortex_mask": "cortex marked by",
     "accuracy": "accuracy",

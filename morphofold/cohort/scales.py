@@ -37,7 +37,7 @@ class Scales(Record):
 
     @property
     def words(self) -> str:
-        width = "" if self.gyral_width_mm is None else f", gyral width of the net {self.gyral_width_mm:g} mm"
+        width = "" if self.gyral_width_mm is None else f", crown width {self.gyral_width_mm:g} mm"
         return f"one curvature scale for all, {self.curvature_scale_mm:g} mm{width} ({SCALES_FILE})"
 
 
@@ -45,7 +45,7 @@ def scales_of(out: Path, fleet: Fleet, subjects: Sequence[Participant], progress
     """The scales of a cohort: those chosen by its first run; if there are none, they are chosen now and kept.
 
     The curvature scale is the coarsest that ``measure`` would use for any mesh, except meshes more than twice as coarse
-    as the median, so it suits all other meshes. The gyral width is the median, so one unusual subject does not set it.
+    as the median, so it suits all other meshes. The crown width is the median, so one unusual subject does not set it.
     Both are from 50 subjects at most. None if no subject can be read.
 
     Raises
@@ -79,7 +79,7 @@ def scales_of(out: Path, fleet: Fleet, subjects: Sequence[Participant], progress
 
 
 def look(subject: Participant) -> list[tuple[float, float]]:
-    """Curvature scale and gyral width [mm] of the hemispheres of a subject that can be read; NaN without gyri."""
+    """Curvature scale and crown width [mm] of the hemispheres of a subject that can be read; NaN without gyri."""
     from morphofold.analysis.graph.crest_net import CrestNetBuilder
     from morphofold.analysis.scales import scale_of_curvature
 

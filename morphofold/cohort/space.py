@@ -113,7 +113,7 @@ def _bring_over(subject: Mapped, say: Say) -> dict[str, str]:
 
 
 def _widths_of(m: Measures) -> dict[str, Array]:
-    """The gyral width of the net [mm] as an array () beside the maps; nothing if there are no folds."""
+    """The crown width of the net [mm] as an array () beside the maps; nothing if there are no folds."""
     width = m.parameters.get(WIDTH)
     return {} if width is None else {WIDTH: np.asarray(width, dtype=np.float64)}
 
@@ -218,7 +218,7 @@ def write_space(
 
 
 def _write_arrays(folder: Path, hemi: str, files: Sequence[Path], widths: list[float]) -> dict[str, tuple[int, int]]:
-    """Write ``HEMI.MAP.npy`` of all maps in the subjects' files; append their gyral widths; return the shapes."""
+    """Write ``HEMI.MAP.npy`` of all maps in the subjects' files; append their crown widths; return the shapes."""
     arrays: dict[str, Any] = {}
     for k, file in enumerate(files):
         if not file.is_file():

@@ -72,6 +72,8 @@ class Group:
         Number of simulated hemispheres; these have no side and are counted on the side that their files name.
     pooling : Pooling
         Which values are of hemispheres measured in the same way, and may be pooled.
+    settings : list of dict
+        How each hemisphere was measured, for the methods paragraph.
     """
 
     subjects: tuple[str, ...]
@@ -83,6 +85,7 @@ class Group:
     same: list[list[str]] = field(default_factory=list)
     simulated: int = 0
     pooling: Pooling = field(default_factory=Pooling)
+    settings: list[dict[str, Any]] = field(default_factory=list)
 
     @property
     def n_measured(self) -> int:
@@ -119,7 +122,7 @@ def read_results(folder: Path) -> SubjectResults:
     content = read_json(path, Summary, REANALYSE_ADVICE)
     surfaces = {Path(row["path"]).name: row["sha256"] for row in content["inputs"]}
     wanted = sorted(f"{name} {sha}" for name, sha in surfaces.items() if "white" in name or "pial" in name)
-    keys = ("hemi", "origin", "measures", "notes", "info")
+    keys = ("hemi", "origin", "measures", "notes", "info", "parameters", "annotation")
     entries = [{key: entry[key] for key in keys} for entry in content["surfaces"]]
     hows = [_settings_of_hemisphere(content["morphofold"], entry) for entry in content["surfaces"]]
     regions = read_table(table, TEXT_COLUMNS, content["rows"].get("regions"), numbers=REGION_MEASURES)
@@ -274,6 +277,7 @@ class _GroupCollector:
         self.how = np.full((count, 2), -1)
         self.hemispheres: list[dict[str, Any]] = []
         self.scalar_rows: list[dict[str, Any]] = []
+        self.settings: list[dict[str, Any]] = []
 
     def add(self, i: int, subject: str, found: SubjectResults) -> None:
         of = {}
@@ -284,6 +288,9 @@ class _GroupCollector:
                 values[i, side] = _float_or_nan(entry["measures"].get(name))
             self.how[i, side] = self.hows.setdefault(how, len(self.hows))
             of[entry["hemi"]] = settings_among(how, REGION_THICKNESS_SETTINGS)
+            used = {"n_vertices": entry["measures"].get("n_vertices"), **entry["parameters"]}
+            used |= {"origin": entry["origin"], "annotation": entry["annotation"]}
+            self.settings.append({**used, "annotation_from": entry["info"].get("annotation_from")})
             recorded = {key: entry["info"].get(key) for key in FREESURFER_VALUES}
             who = {"subject": subject, "hemi": entry["hemi"]}
             self.hemispheres.append({**who, **dict(zip(SETTING_NAMES, how)), **recorded})
@@ -309,9 +316,8 @@ class _GroupCollector:
             regions[name] = np.stack([number, mean, spread], axis=-1)
         same = [names for key, names in self.surfaces.items() if key and len(names) > 1]
         pooled = pooling(tuple(self.hows), self.how, self.scalars)
-        return Group(
-            subjects, self.scalars, regions, failures, self.remarks, dict(results), same, self.simulated, pooled
-        )
+        found = (self.scalars, regions, failures, self.remarks, dict(results), same, self.simulated, pooled)
+        return Group(subjects, *found, self.settings)
 
 
 def _zero_sums() -> NDArray[np.float64]:

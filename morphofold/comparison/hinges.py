@@ -20,13 +20,13 @@ from morphofold.analysis.graph.hinge_shapes import (
 from morphofold.arrays import Array
 
 SHORTEST_ARM_IN_WIDTHS = (
-    0.5  # shortest arm of a random net, in gyral widths: a gyral graph merges hinges that are nearer
+    0.5  # shortest arm of a random net, in crown widths: a gyral graph merges hinges that are nearer
 )
 MOST_HINGES_PER_AREA = (
-    0.7  # hinges per square of the gyral width: with more, not all arms can be as long as SHORTEST_ARM_IN_WIDTHS
+    0.7  # hinges per square of the crown width: with more, not all arms can be as long as SHORTEST_ARM_IN_WIDTHS
 )
 RANDOM_NET_HINGES = 2000
-RANDOM_NET_NAME = "net at chance"
+RANDOM_NET_NAME = "random net"
 PERMUTATIONS = 999
 
 
@@ -80,7 +80,7 @@ class HingeComparison:
     ``surfaces`` are the numbers of surfaces. ``shape`` compares the distributions of whole shapes, ``numbers`` those of
     single numbers. ``matches`` has one entry per hinge of ``one``, the nearest first. ``controls`` are the first group,
     the second group itself (each hinge left out in turn), and a random net, if one with as many hinges per square of
-    the gyral width exists.
+    the crown width exists.
     """
 
     one: str

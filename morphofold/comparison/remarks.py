@@ -26,7 +26,7 @@ PARAMETER_CAUTIONS: Mapping[str, tuple[Callable[[Any], str], str]] = {
     ),
     "graph_width_mm": (
         _text_in_mm,
-        "Gyral graphs have a gyral width of {}; compare their hinges per square of that width.",
+        "Gyral graphs are scaled by a crown width of {}; compare their hinges per square of that width.",
     ),
     "accuracy": (str, "Accuracy was {}; hinges and local gyrification of coarse meshes depend on it."),
     "cortex_mask": (

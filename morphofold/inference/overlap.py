@@ -105,7 +105,7 @@ def overlap(
         writes.
     radius : float, optional
         A subject has a hinge at a place if one is within this distance along its own white surface [mm]. None: half of
-        the median gyral width of the study.
+        the median crown width of the study.
     fwhm : float
         Smoothing of the density [mm].
     hemis : sequence of {"lh", "rh"}
@@ -124,7 +124,7 @@ def overlap(
     Raises
     ------
     ValueError
-        If the study has no such maps, fewer than two subjects or no gyral width, or a number is not positive.
+        If the study has no such maps, fewer than two subjects or no crown width, or a number is not positive.
     """
     radius = _radius(space, radius)
     if not (np.isfinite(fwhm) and fwhm > 0 and spins >= 1 and seed >= 0):
@@ -154,7 +154,7 @@ def overlap(
 def _radius(space: Space, radius: float | None) -> float:
     if radius is None:
         if space.about.graph_width_mm is None:
-            raise DoesNotApply(f"{space.folder}: no gyral width is known. Pass a radius in mm.")
+            raise DoesNotApply(f"{space.folder}: no crown width is known. Pass a radius in mm.")
         radius = 0.5 * space.about.graph_width_mm
     if not (np.isfinite(radius) and radius > 0):
         raise OutOfRange(f"the radius must be a positive length in mm, got {radius!r}.")

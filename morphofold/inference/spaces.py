@@ -25,7 +25,7 @@ HEMIS = ("lh", "rh")
 
 class SpaceRecord(Record):
     """``space.json``: whether both hemispheres are on the template's left one, whether vertex i of one belongs to
-    vertex i of the other, and the median gyral width of the subjects [mm]."""
+    vertex i of the other, and the median crown width of the subjects [mm]."""
 
     model_config = ConfigDict(frozen=True)
 

@@ -257,7 +257,7 @@ def cortex_files(
     if annotation is not None and "annotation" not in found:
         there = sorted(file.name for place in (root / "label", root) for file in place.glob(f"{hemi}.*.annot"))
         raise FileNotFoundError(
-            f"{root}: has no label/{hemi}.{annotation}.annot; its annotations are {', '.join(there) or 'none'}. "
+            f"{root}: has no label/{hemi}.{annotation}.annot; it has {', '.join(there) or 'no annotation'}. "
             "Name one as aparc.a2009s, without hemisphere and ending."
         )
     add("label", "label", f"{hemi}.cortex.label")

@@ -16,12 +16,11 @@ from typing import IO, Any
 from xml.etree.ElementTree import ParseError
 from xml.parsers.expat import ExpatError, errors
 
-from morphofold.errors import DamagedFile, TooLarge, WrongFile
+from morphofold.errors import DISK_FULL_ERRORS, DamagedFile, TooLarge, WrongFile
 
 MAX_BYTES = 2 * 2**30  # far above any cortex (a 1 mm hemisphere has 6 MB); small enough for a laptop
 MOST_UNPACKED_PER_BYTE = 2000  # bytes of arrays per byte of a file, twice what zlib can reach
 
-_DISK_FULL_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # only from writes; Python doesn't name the file
 _EXPAT_NO_MEMORY = errors.codes[errors.XML_ERROR_NO_MEMORY]
 _GROWTH_TEST_BYTES = 2**20  # bytes; a file that was cut because the disk is full can't grow by so many
 
@@ -63,14 +62,13 @@ def _folder_content_text(path: Path) -> str:
         while not folder.parent.is_dir():
             folder = folder.parent
         return f"There is no {folder.name} in {folder.parent.absolute()}."
-    names = sorted(p.name for p in folder.iterdir())
+    names = sorted(p.name for p in folder.iterdir() if p.name[0] != ".")
     side = path.name[:3] if path.name[:3] in ("lh.", "rh.") else ""  # the other hemisphere is not a misspelling
     close = difflib.get_close_matches(path.name, [n for n in names if n.startswith(side)], n=4, cutoff=0.7)
     if close:
-        return f"Similar names in that folder: {', '.join(close)}."
-    if names:
-        return f"That folder holds {', '.join(names[:6])}{f' and {len(names) - 6} more' if len(names) > 6 else ''}."
-    return "That folder is empty."
+        return f"Similar names in {folder.absolute()}: {', '.join(close)}."
+    more = f" and {len(names) - 6} more" if len(names) > 6 else ""
+    return f"{folder.absolute()} contains {', '.join(names[:6]) or 'no files'}{more}."
 
 
 @contextmanager
@@ -205,7 +203,7 @@ def naming(path: Path, temporary: Path) -> Iterator[None]:
         yield
     except OSError as error:
         by_name = isinstance(error.filename, (str, bytes, os.PathLike))
-        if error.errno is None or not (by_name or error.errno in _DISK_FULL_ERRORS):
+        if error.errno is None or not (by_name or error.errno in DISK_FULL_ERRORS):
             raise
         ours = Path(os.path.abspath(temporary))
         named = Path(os.path.abspath(os.fsdecode(error.filename))) if by_name else ours

@@ -30,7 +30,7 @@ STATS_COLUMNS = (
 )
 REMARKS = (
     "ThickAvg and ThickStd are gyral thickness (from wall to wall of a gyrus) and not cortical thickness.",
-    "nan: not known. A region with less contour than two gyral widths has no gyral thickness; curvature by",
+    "nan: not known. A region with less contour than twice the gyral thickness has no gyral thickness; curvature by",
     "FreeSurfer's fit is in FreeSurfer's own stats of the same parcellation.",
 )
 

@@ -140,7 +140,7 @@ def _graph(cortex: Cortex, accuracy: Preset) -> Any:
 
 def net_errors(graph: Any, net: SphericalNet) -> dict[str, float]:
     """Errors of a graph, with directions compared at the radius of the crests: ``hinges`` is 1 less the F1 score within
-    half a gyral width; ``hinge places`` and ``crest lines`` are median distances to the true ones over the width."""
+    half a crown width; ``hinge places`` and ``crest lines`` are median distances to the true ones over the width."""
     crown = SPHERE_RADIUS_MM + RIDGE_HEIGHT_MM
     hinges = [node["position"] for _, node in graph.nodes(data=True) if node["degree"] > 2]
     if not hinges:

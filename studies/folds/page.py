@@ -26,7 +26,7 @@ NAMES = {
     "gyri": "the number of gyri",
     "sulci": "the number of sulci",
     "wavelength_mm": "the wavelength",
-    "gyral_thickness_mm": "the gyral width",
+    "gyral_thickness_mm": "the gyral thickness",
 }
 NEW_PAGE = """# How far simulated folds can be trusted
 
@@ -109,7 +109,7 @@ def _folds(rows: Sequence[Row], summary: Summary) -> Cells:
         "wavelength, mm",
         "over T",
         "theory, over T",
-        "gyral width, mm",
+        "gyral thickness, mm",
         "cortex, mm",
     ]
     how = ("{:.2f}", "{:.2f}", "{:.0f}", "{:.0f}", "{:.1f}", "{:.2f}", "{:.2f}", "{:.1f}", "{:.2f}")

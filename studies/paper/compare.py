@@ -98,7 +98,7 @@ def reproduce_fig9(folder: Path, runs: Runs) -> dict[str, Any]:
         "files": ["fig9a.png", "fig9b.png", *tables],
         "columns": {
             "distance": "root mean square difference of angles [rad], logarithms of lengths, curvatures and "
-            "sharpness in gyral widths; pose 3 or more: mirrored",
+            "sharpness in crown widths; pose 3 or more: mirrored",
             "p": "in fig9-nearest.tsv for the difference of medians, in fig9-numbers.tsv for the distributions",
         },
         "parameters": PARAMETERS,
@@ -208,7 +208,7 @@ def hinge_tables(
 
 
 def shape_figure(shapes: Mapping[str, HingeShapes], models: Sequence[str], people: Sequence[str]) -> Figure:
-    """Cumulative distributions of the numbers of hinge shapes, for each surface and for a net at chance."""
+    """Cumulative distributions of the numbers of hinge shapes, for each surface and for a random net."""
     net = net_at_chance([shapes[name] for name in people])
     assert net is not None  # the hinges of a person are not so dense
     chance = HingeShapes(np.arange(len(net)), net, np.full(len(net), "Y"), 1.0, 1.0).numbers()
@@ -219,9 +219,9 @@ def shape_figure(shapes: Mapping[str, HingeShapes], models: Sequence[str], peopl
             entries[name] = {**line_style(k), "linewidth": 2.6 if name in people else 1.5}
             for ax, key in zip(axes[0], keys):
                 _cumulative(ax, shapes[name].numbers()[key], entries[name])
-        entries["net at chance"] = {"color": GREY, "linewidth": 1.2}
+        entries["random net"] = {"color": GREY, "linewidth": 1.2}
         for ax, key in zip(axes[0], keys):
-            _cumulative(ax, chance[key], entries["net at chance"])
+            _cumulative(ax, chance[key], entries["random net"])
             ax.set(xlabel=key)
         axes[0][0].set(ylabel="share of hinges below", ylim=(0, 1))
         legend_of_figure(plot, entries, axes[0][0], columns=6)

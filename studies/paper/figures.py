@@ -26,7 +26,7 @@ FOLDS = {
     "gyri": ("gyri", "{:.0f}"),
     "degree": ("degree", "{:.1f}"),
     "wavelength, mm": ("wavelength_mm", "{:.1f}"),
-    "gyral width, mm": ("gyral_thickness_mm", "{:.1f}"),
+    "gyral thickness, mm": ("gyral_thickness_mm", "{:.1f}"),
     "cortex, mm": ("cortical_thickness_mm", "{:.2f}"),
     "crossings": ("crossings", "{:.0f}"),
 }
@@ -165,7 +165,7 @@ def _fig9(tables: Tables) -> list[Image | Table]:
         Image("fig9a", "three-hinge patterns of models, above those of a person"),
         Image("fig9b", "distributions of the numbers of hinge shapes"),
         Table(
-            ["surface", "hinges", "with three arms", "gyral width, mm", "per width²", "per cm²", *medians],
+            ["surface", "hinges", "with three arms", "crown width, mm", "per width²", "per cm²", *medians],
             cells(surfaces, dense),
         ),
         Table(
@@ -237,7 +237,7 @@ def _slopes(rows: Sequence[Row], columns: Sequence[Column]) -> Table:
         fit("wavelength, last picture", "wavelength_mm", -1),
         fit("wavelength of the first wrinkles, theory", "theory_wavelength_mm", 0),
         fit("wavelength by the film formula", "film_wavelength_mm", 0),
-        fit("gyral width, last picture", "gyral_thickness_mm", -1),
+        fit("gyral thickness, last picture", "gyral_thickness_mm", -1),
         fit("rms height, last picture", "height_rms_mm", -1),
     ]
     return Table(["on cortical thickness T", "slope, mm/mm", "standard error", "at T = 0, mm", "r"], lines)
@@ -265,7 +265,9 @@ def _fig8_grown(tables: Tables) -> list[Image | Table]:
         if row["kind"] == "mean of seeds" or row["subject"] == "all"
     ]
     return [
-        Image("fig8-grown", "change of gyral width against change of thickness, and slopes of all pairs and controls"),
+        Image(
+            "fig8-grown", "change of gyral thickness against change of thickness, and slopes of all pairs and controls"
+        ),
         Table(list(columns), cells(rows, dict(columns.values()))),
     ]
 

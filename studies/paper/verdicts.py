@@ -134,7 +134,7 @@ def _fig9(tables: Tables) -> str:
     chance = [row for row in controls if row["source"] == RANDOM_NET_NAME]
     nearer = "".join(
         f", {abs(100 * (1 - model['median'] / row['median'])):.0f} % "
-        f"{'nearer' if model['median'] < row['median'] else 'farther'} than hinges of a net at chance (p = "
+        f"{'nearer' if model['median'] < row['median'] else 'farther'} than hinges of a random net (p = "
         f"{row['p']:.2g})"
         for row in chance
     )

@@ -26,7 +26,7 @@ FILES = ("fig8-grown.png", "fig8-grown.tsv", "fig8-grown-parcels.tsv")
 COLUMNS = {
     "kind": "pair: with the map against even, one seed; control: even, next seed against this one; mean of seeds: of "
     "the changes of all pairs of a hemisphere; all: mean over the pairs, or controls, of all hemispheres",
-    "slope": "of the logarithm of gyral width on that of thickness before growth, least squares over parcels",
+    "slope": "of the logarithm of gyral thickness on that of thickness before growth, least squares over parcels",
     "standard_error": "parcels taken as independent, which neighbours are not",
     "spin_p": f"share of {SPINS} rotations of the map with a slope at least as far from 0",
     "low": "of all pairs: 95 % bounds of the mean, by Student's t; of all controls: bounds about 0 that hold 95 % of "
@@ -49,7 +49,7 @@ def reproduce_pairs(folder: Path, runs: Runs, subjects: Sequence[str] = (SAMPLE,
     save(pairs_figure(parcels, slopes), folder / FILES[0])
     grown = [run for hemisphere in found for seed in seeds for run in grow_pair(hemisphere, seed, runs).values()]
     return {
-        "shows": "gyral width against thickness by experiment: hemispheres with an even cortex, and with their own map",
+        "shows": "gyral thickness against thickness by experiment: hemispheres with an even cortex, or their own map",
         "files": list(FILES),
         "columns": COLUMNS,
         "parameters": {"subjects": [one.name for one in found], "seeds": list(seeds)},
@@ -80,7 +80,9 @@ def pairs_figure(parcels: Sequence[dict[str, Any]], slopes: Sequence[dict[str, A
             mine = [row for row in parcels if (row["subject"], row["hemi"]) == name]
             line = next(r for r in slopes if (r["subject"], r["hemi"], r["kind"]) == (*name, "mean of seeds"))
             _draw_parcels(axes[0][0], mine, line, colours[name])
-        axes[0][0].set(xlabel="thickness before growth, with the map over even", ylabel="gyral width, map over even")
+        axes[0][0].set(
+            xlabel="thickness before growth, with the map over even", ylabel="gyral thickness, map over even"
+        )
         _draw_slopes(axes[0][1], slopes, names, colours)
         entries: dict[str, Any] = {
             " ".join(name): {"color": colours[name], "marker": "o", "linestyle": "-"} for name in names

@@ -1,9 +1,9 @@
 """Fig. 8 of Razavi et al. (2015) as an experiment: the same body, with its own thickness map and with an even cortex.
 
 Both bodies of a pair have the same mesh directions, imperfection and mean thickness. So what differs between them is
-what the map does: in each parcel of the sphere, the gyral width of one over that of the other, against the thickness of
-one over that of the other before growth. Even bodies of two seeds give the control: their widths differ too, but the
-map has no part in it.
+what the map does: in each parcel of the sphere, the gyral thickness of one over that of the other, against the
+thickness of one over that of the other before growth. Even bodies of two seeds give the control: their widths differ
+too, but the map has no part in it.
 """
 
 from __future__ import annotations
@@ -83,11 +83,11 @@ def grow_pair(hemisphere: Hemisphere, seed: int, runs: Runs) -> dict[str, Simula
 
 
 def pair_rows(hemisphere: Hemisphere, seed: int, runs: Runs) -> list[dict[str, Any]]:
-    """One row per parcel: gyral widths of both bodies [mm], and the thickness factor of the map before growth."""
+    """One row per parcel: gyral thicknesss of both bodies [mm], and the thickness factor of the map before growth."""
     grown = grow_pair(hemisphere, seed, runs)
     widths: dict[str, Widths] = {}
     for kind, simulation in grown.items():
-        name = f"gyral widths of {simulation.path.name}"
+        name = f"gyral thicknesss of {simulation.path.name}"
         widths[kind] = runs.once(name, partial(_widths, simulation))
     (factor,) = thickness_factors(grown["map"])
     return [

@@ -23,14 +23,14 @@ def parcel_of(points: Array) -> Ints:
 
 
 class Widths(NamedTuple):
-    """Gyral width of each parcel (PARCELS,) [mm], NaN where there are too few folds; its median over the surface."""
+    """Gyral thickness of each parcel (PARCELS,) [mm], NaN where folds are too few; its median over the surface."""
 
     of_parcel: Array
     median: float
 
 
 def gyral_widths(cortex: Cortex) -> Widths:
-    """Median gyral width by parcel of a surface with a sphere, without its medial wall."""
+    """Median gyral thickness by parcel of a surface with a sphere, without its medial wall."""
     assert cortex.sphere is not None
     found: GyralThickness = gyral_thickness(cortex)
     points = unit(cortex.sphere.verts)[cortex.faces[found.triangle]].mean(axis=1)

@@ -34,7 +34,7 @@ MESH_COLUMNS = {
     "seconds": ("seconds", "{:.0f}"),
     "threads": ("threads", "{:.0f}"),
     "GI": ("gyrification_index", "{:.3f}"),
-    "gyral width, mm": ("gyral_width_mm", "{:.2f}"),
+    "gyral thickness, mm": ("gyral_width_mm", "{:.2f}"),
     "distance, T": ("distance_over_T", "{:.2f}"),
     "correlation of heights": ("height_correlation", "{:.2f}"),
     "healthy": ("healthy", "{:.0f}"),

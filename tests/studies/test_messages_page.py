@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from morphofold.errors import Refusal
+from morphofold.errors import PYTHON_CODES, Refusal
 from morphofold.sim.health import BOUNDS
 from morphofold.studies.pages.messages import HEALTH, write
 
@@ -23,6 +23,12 @@ def test_every_kind_of_refusal_has_a_code_a_cause_and_a_cure():
     kinds = Refusal.__subclasses__()
     assert len({kind.code for kind in kinds}) == len(kinds)
     assert all(kind.__doc__ and kind.cure and kind.code.islower() and " " not in kind.code for kind in kinds)
+
+
+@pytest.mark.skipif(not PAGE.is_file(), reason="needs a checkout")
+def test_every_code_of_pythons_own_errors_is_explained():
+    page = PAGE.read_text(encoding="utf-8")
+    assert all(f"| `{code}` |" in page for code in (*PYTHON_CODES.values(), "disk-full"))
 
 
 def test_every_bound_of_health_is_explained():

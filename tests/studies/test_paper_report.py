@@ -67,7 +67,7 @@ def hinges(model, itself, chance, p):
         {"number": "shape", "energy": 0.05, "p": p, "median": None, "other_median": None},
         {"number": "largest angle, degrees", "energy": None, "p": p, "median": 190.0, "other_median": 170.0},
     ]
-    sources = {"model": model, "MRI itself": itself, "net at chance": chance}
+    sources = {"model": model, "MRI itself": itself, "random net": chance}
     nearest = [{"source": name, "median": m, "n": 9.0, "p": p} for name, m in sources.items()]
     return {"fig9-numbers.tsv": numbers, "fig9-nearest.tsv": nearest}
 

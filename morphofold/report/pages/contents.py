@@ -8,14 +8,16 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from morphofold.analysis.frames import COLUMNS
+from morphofold.analysis.frames import COLUMNS, FREESURFER_VALUES
 from morphofold.analysis.gyrification.folding_law import ShapeTerms, shape_terms_of
 from morphofold.analysis.measures import SCALARS, Measures
-from morphofold.analysis.mesh_quality.checks import cortex_label
-from morphofold.analysis.mesh_quality.defects import WARNINGS
+from morphofold.analysis.mesh_quality.checks import cortex_label, vertices_at
+from morphofold.analysis.mesh_quality.defects import SEVERE_WARNINGS, SLIGHT_WARNINGS, WARNINGS
 from morphofold.comparison.growth import GrowthCurve, matching_growth
 from morphofold.comparison.thickness import Cloud, TheoryLine
+from morphofold.geometry import norms
 from morphofold.quantities import THICKNESS_RATIO, scalar_words
 from morphofold.report.pictures.surfaces import safe_name
 from morphofold.words import number
@@ -53,10 +55,8 @@ CREST_COLUMNS = (
     "mean_H_per_mm",
     "region",
 )
-HEALTH_NOTE = "simulation"  # the note on the health of a simulation
-INPUT_NOTES = ("average", "cortex_mask")  # notes on surfaces that are averages, or whose cortex is not marked
-#: notes about a surface, not about one number
-SURFACE_NOTES = (*(key for key in WARNINGS if key not in (HEALTH_NOTE, *INPUT_NOTES)), "accuracy")
+ACCURACY_NOTE = "accuracy"  # it and the warnings are about a surface, not about one number
+LEVELS = ("severe", "check", "note")  # of warnings
 PORTION_WORDS = {0.5: "Half", 0.25: "A quarter", 0.125: "One eighth"}
 Rows = list[dict[str, Any]]
 NumbersBySurface = Mapping[str, Sequence[Any]]  # of each surface, as comparison.side_by_side.numbers has them
@@ -104,6 +104,11 @@ def scalars(numbers: NumbersBySurface, keys: Sequence[str] = ()) -> Rows:
     return rows
 
 
+def freesurfer_values(entries: Sequence[Entry]) -> NumbersBySurface:
+    """FreeSurfer's own numbers of the surfaces, None where there is none."""
+    return {key: [e.measures.cortex.info.get(key) for e in entries] for key in FREESURFER_VALUES}
+
+
 def verdict(numbers: NumbersBySurface, theory: Sequence[TheoryLine]) -> list[str]:
     """Sentence on the ratio in linear theory, if gyral over cortical thickness and a stiffness ratio are known."""
     if not theory or all(value is None for value in numbers[THICKNESS_RATIO]):
@@ -145,25 +150,32 @@ def left_out(entries: Sequence[Entry]) -> Rows:
 
 def definitions(entries: Sequence[Entry]) -> Rows:
     """Notes of the measures on numbers that are there."""
-    apart = (HEALTH_NOTE, *INPUT_NOTES, *SURFACE_NOTES)
+    apart = (*WARNINGS, ACCURACY_NOTE)
     return _note_rows(
         entries, lambda m, key: key not in apart and (key not in SCALARS or m.scalars.get(key) is not None)
     )
 
 
-def warnings(entries: Sequence[Entry]) -> list[str]:
-    """Health warnings of simulations: the numbers of these surfaces may be wrong."""
-    return [f"{e.name}: {e.measures.notes[HEALTH_NOTE]}" for e in entries if e.measures.notes.get(HEALTH_NOTE)]
+def warnings(entries: Sequence[Entry], shown: Mapping[str, tuple[int, NDArray[np.int64]]]) -> Rows:
+    """Warnings on the surfaces, the most severe first, with the vertices that they name.
+
+    ``shown`` has the panel of each surface, by its name, and the vertices that are drawn there.
+    """
+    rows = []
+    for key, (cause, _) in WARNINGS.items():
+        for e in (e for e in entries if e.measures.notes.get(key)):
+            panel, ids = shown[e.name]
+            text, white = e.measures.notes[key], e.measures.cortex.white.verts
+            places = [
+                {"vertex": vertex, "panel": panel, "drawn": int(norms(white[ids] - white[vertex]).argmin())}
+                for vertex in vertices_at(text, e.measures.cortex)
+            ]
+            rows.append({"entry": e, "code": key, "cause": cause, "text": text, "places": places, "level": _level(key)})
+    return sorted(rows, key=lambda row: LEVELS.index(row["level"]))
 
 
-def cautions(entries: Sequence[Entry]) -> list[str]:
-    """Notes on surfaces that are averages, or whose cortex is not marked."""
-    notes_by_text: dict[str, list[str]] = {}
-    for key in INPUT_NOTES:
-        for e in entries:
-            if sentences := e.measures.notes.get(key):
-                notes_by_text.setdefault(sentences, []).append(e.name)
-    return [f"{', '.join(names)}: {sentences}" for sentences, names in notes_by_text.items()]
+def _level(warning: str) -> str:
+    return LEVELS[0 if warning in SEVERE_WARNINGS else 2 if warning in SLIGHT_WARNINGS else 1]
 
 
 def _missing_without_note(m: Measures, key: str) -> bool:
@@ -206,7 +218,8 @@ def remarks(entries: Sequence[Entry], shown: Sequence[Mapping[str, Any]]) -> lis
         if not label.all():
             out = number(int((~label).sum()))
             sentences.append(f"{out} of {number(cortex.n_vertices)} vertices of {e.name} are not cortex (medial wall).")
-        sentences += [f"{e.name}: {e.measures.notes[key]}" for key in SURFACE_NOTES if e.measures.notes.get(key)]
+        if accuracy := e.measures.notes.get(ACCURACY_NOTE):
+            sentences.append(f"{e.name}: {accuracy}")
     return sentences
 
 
@@ -241,10 +254,12 @@ def parameters(entries: Sequence[Entry]) -> Rows:
 
 def facts(entries: Sequence[Entry]) -> Rows:
     """Information from the files of the surfaces."""
-    cortices = [e.measures.cortex for e in entries]
-    return _rows_side_by_side(
-        [{"origin": c.origin, "portion": c.portion, "units": c.units, **c.info} for c in cortices]
-    )
+    columns = []
+    for e in entries:
+        c = e.measures.cortex
+        known = {key: value for key, value in c.info.items() if key not in FREESURFER_VALUES}
+        columns.append({"origin": c.origin, "portion": c.portion, "units": c.units, **known})
+    return _rows_side_by_side(columns)
 
 
 def _rows_side_by_side(columns: Sequence[Mapping[str, Any]]) -> Rows:
@@ -258,7 +273,8 @@ def _value_text(value: Any) -> str:
     if value is None or isinstance(value, str):
         return value or "–"
     if isinstance(value, int | float | np.number) and not isinstance(value, bool):
-        return f"{value:.4g}".replace("-", "−")
+        x = float(value)
+        return number(x) if abs(x) >= 1e4 else f"{x:.4g}".replace("-", "−")
     if isinstance(value, Mapping):
         return ", ".join(f"{k} {_value_text(v)}" for k, v in value.items())
     return ", ".join(map(_value_text, value)) if isinstance(value, list | tuple) else str(value)

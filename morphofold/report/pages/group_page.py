@@ -36,7 +36,7 @@ from morphofold.cohort.statistics import (
 )
 from morphofold.progress import Progress, silent
 from morphofold.quantities import CATEGORICAL_COLOURS, THICKNESS_RATIO, scalar_words
-from morphofold.report.pages.methods import cited, measured
+from morphofold.report.pages.methods import paragraph
 from morphofold.report.pages.templates import versions, write_page
 from morphofold.report.pictures.group import SIDE_WORDS, draw_outliers
 from morphofold.report.pictures.surfaces import renderer
@@ -129,7 +129,7 @@ def group_report(group: Group, folder: Path, progress: Progress = silent) -> Pat
     )
     progress(0.9, "page")
     lined = [POINT_NAMES[cloud["kind"]] for cloud in clouds if any(line["fit"] for line in cloud["fits"])]
-    sentences, references = methods(versions()[0][1], bool(sides), bool(far.looked_at or far.found), lined)
+    sentences, references = methods(group, versions()[0][1], bool(sides), bool(far.looked_at or far.found), lined)
     path = write_page(
         folder / "report.html",
         "group.html",
@@ -296,31 +296,17 @@ def sided(sides: Sequence[Asymmetry]) -> str:
     return f"{what}, by t-tests corrected for {plural(len(tested), 'measure')} (Holm, 5 %)."
 
 
-def methods(version: str, sides: bool = True, far: bool = True, clouds: Sequence[str] = ()) -> tuple[str, list[str]]:
+def methods(
+    group: Group, version: str, sides: bool = True, far: bool = True, clouds: Sequence[str] = ()
+) -> tuple[str, list[str]]:
     """A methods paragraph for a paper, and the references that it cites.
 
     It covers what the page has: ``sides`` (left against right), ``far`` (outliers), and fits through ``clouds`` of
     gyral against cortical thickness.
     """
-    sentences = [*measured([], version), "Distributions over the group use one value per subject and side."]
-    if sides:
-        sentences.append(
-            "Asymmetry is 2 (L - R) / (L + R) for each subject with both sides. It is given as mean, 95 % interval "
-            "by Student's t and the paired effect size d_z (mean over standard deviation). The t-tests against 0 were "
-            "corrected over all measures (Holm 1979)."
-        )
-    if far:
-        sentences.append(
-            "Outliers are values whose robust z, 0.6745 times the distance from the median over the median absolute "
-            f"deviation of their measure and side, is above {OUTLIER_Z:g} in size (Iglewicz and Hoaglin 1993)."
-        )
-    if clouds:
-        through = " and through ".join(clouds)
-        sentences.append(
-            f"Gyral was compared with cortical thickness by least squares through {through}, each side separately "
-            "(after Razavi et al. 2015)."
-        )
-    return cited(sentences)
+    there = {name for name, values in group.scalars.items() if np.isfinite(values).any()}
+    has = {"sides": sides, "far": far, "clouds": clouds, "outlier_z": OUTLIER_Z}
+    return paragraph(group.settings, there, version, group=has)
 
 
 # --- numbers

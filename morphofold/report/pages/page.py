@@ -125,7 +125,7 @@ def comparison_report(
 ) -> Path:
     """Write ``folder/report.html`` and ``folder/figures/`` of a comparison; ``progress`` gets share and step."""
     pairs = zip(comparison.names, comparison.measures)
-    title = " beside ".join(dict.fromkeys(n.removesuffix(f" {m.cortex.hemi}") for n, m in pairs))
+    title = ", ".join(dict.fromkeys(n.removesuffix(f" {m.cortex.hemi}") for n, m in pairs))
     lede = "Measured with the same code. All surfaces share colours, bins and axes."
     named = dict(zip(comparison.names, comparison.measures))
     entries = _page_entries(named, comparison.colours, comparison.clouds, comparison.groups, comparison.stages)
@@ -192,12 +192,13 @@ def _write_page(
         theory=theory,
         headlines=contents.scalars(table, HEADLINE_SCALARS),
         verdict=contents.verdict(table, theory),
-        scalars=contents.scalars(table),
+        scalars=contents.scalars({**table, **contents.freesurfer_values(entries)}),
         fits=contents.fits(entries),
         left_out=contents.left_out(entries),
         definitions=contents.definitions(entries),
-        warnings=[*missing, *contents.warnings(entries)],
-        cautions=[*contents.cautions(entries), *doubts],
+        missing=missing,
+        warnings=contents.warnings(entries, {e.name: (k, d.ids) for k, (e, d) in enumerate(zip(panels, thinned))}),
+        cautions=doubts,
         plot_notes=plot_notes(named, [e.cloud for e in entries]),
         bins=any(e.cloud.bins for e in entries),
         remarks=contents.remarks(entries, drawn),
@@ -230,8 +231,14 @@ def _write_page(
         slider=any(e.stages for e in entries),
         nets=any(e.measures.graph is not None for e in entries),
         inflated=any(e.measures.cortex.inflated is not None for e in entries),
+        drawn=_drawn_surface(panels),
         costs=costs(entries, clock) if kind == ANALYSIS_TITLE else [],
     )
+
+
+def _drawn_surface(entries: Sequence[Entry]) -> str:
+    """The surface that a page shows first, and in pictures: inflated, where sulci are seen, if every surface has it."""
+    return "inflated" if all(e.measures.cortex.inflated is not None and not e.stages for e in entries) else "pial"
 
 
 def _thinned(cortex: Cortex, stages: Sequence[Cortex]) -> Display:
@@ -341,7 +348,9 @@ def _write_pictures(
 ) -> list[dict[str, Any]]:
     """Write ``folder/KEY.png`` for the main maps and the gyral net; return them at half size for the page."""
     folder.mkdir(parents=True, exist_ok=True)
-    pial = {e.name: Surface(e.measures.cortex.pial.verts[d.ids], d.faces, e.name) for e, d in zip(entries, thinned)}
+    which = _drawn_surface(entries)
+    verts = {e.name: getattr(e.measures.cortex, which).verts for e in entries}
+    drawn = {e.name: Surface(verts[e.name][d.ids], d.faces, e.name) for e, d in zip(entries, thinned)}
     ids = {e.name: d.ids for e, d in zip(entries, thinned)}
     pictures = []
     looks: VisibleFaces = {}
@@ -349,7 +358,7 @@ def _write_pictures(
         for key in (k for k in MAIN_MAPS if k in shown):
             what, limits = shown[key]
             rows = [
-                Row(e.name, pial[e.name], a[ids[e.name]], e.measures.cortex.hemi)
+                Row(e.name, drawn[e.name], a[ids[e.name]], e.measures.cortex.hemi)
                 for e, a in _entries_with_map(entries, key)
             ]
             image = figure(rows, what, limits, looks=looks)

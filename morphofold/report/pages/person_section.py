@@ -29,7 +29,7 @@ AGREEMENT_WORDS = {
 CONTROL_WORDS = {RELIEF: "by height", "H": "by curvature", "axes": ""}
 VERDICT_WORDS = {
     "above control": "more than unfolding left",
-    "deepened": "no more than deepened dents",
+    "deepened": "no more than deepened sulci",
     "above spins": "more than by chance",
 }
 

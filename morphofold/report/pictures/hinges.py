@@ -22,8 +22,8 @@ from morphofold.report.pictures.surfaces import Picture, Row, draw, fitted, writ
 from morphofold.surface import Faces, Surface
 
 OWN_CREST_COLOUR, OTHER_CREST_COLOUR = "#c8102e", "#e8a5a0"  # crests of the hinge, and the others
-PATCH_RADIUS_IN_WIDTHS = 2.0  # radius of a patch, in gyral widths
-CREST_WIDTH = 0.16  # width of a drawn crest, in gyral widths
+PATCH_RADIUS_IN_WIDTHS = 2.0  # radius of a patch, in crown widths
+CREST_WIDTH = 0.16  # width of a drawn crest, in crown widths
 EDGE_HALVINGS = 2  # number of times edges are halved, for smooth lines
 TILT_DEG = 25.0  # [degrees] tilt of a patch, so that its height is visible
 PANEL_PX, CAPTION_PX = 330, 30  # pixels
@@ -33,7 +33,7 @@ PATCH_QUANTITY = Quantity("patch", "Patch")
 
 
 def hinge_patch(measures: Measures, number: int, pose: int = 0) -> Row:
-    """The connected pial surface within two gyral widths of a hinge, in gyral widths.
+    """The connected pial surface within two crown widths of a hinge, in crown widths.
 
     The hinge's own crests are red, others pale. Crests run on the white surface; they are drawn at the same vertices of
     the pial surface.

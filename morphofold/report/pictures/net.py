@@ -20,7 +20,7 @@ from morphofold.report.pictures.surfaces import Picture, Row, figure
 from morphofold.surface import Verts
 
 CREST_COLOUR = "#333333"
-HINGE_RADIUS_IN_WIDTHS = 0.27  # radius of a hinge, in gyral widths
+HINGE_RADIUS_IN_WIDTHS = 0.27  # radius of a hinge, in crown widths
 #: colours of hinges by number of arms; five or more have one colour
 COLOUR_BY_ARMS = {3: "#d55e00", 4: "#0072b2", 5: "#009e73"}
 LEAST_CREST_SCALE_EDGES = 4.0  # least scale of crest lines, in mean edges, because surfaces are noisy

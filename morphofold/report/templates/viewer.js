@@ -29,7 +29,7 @@ function turn(R, about, angle) {            // rotate the object about a screen 
   }
   return out;
 }
-const state = { map: config.maps[0] ? config.maps[0].key : "", surface: "pial", zoom: 1, pan: [0, 0], fit: false, view: "lateral",
+const state = { map: config.maps[0] ? config.maps[0].key : "", surface: document.querySelector("input[name=surface]:checked").value, zoom: 1, pan: [0, 0], fit: false, view: "lateral",
   crests: false, hinges: false, side: "both", g: Infinity };
 const limits = Object.fromEntries(config.maps.map((m) => [m.key, m.limits.slice()]));
 
@@ -257,6 +257,22 @@ function follow(panel) {                       // mark the same point on the oth
     describe(other);
   }
 }
+function goTo(panel, i) {                      // turn a vertex to the viewer, mark it in the middle of its panel, and read its values
+  if (panel.box.hidden) document.querySelector("input[name=side][value=both]").click();
+  reset();
+  const n = normalsOf(panel, shapeOf(panel)).subarray(3 * i, 3 * i + 3), flat = Math.hypot(n[0], n[1]);
+  const right = flat > 0.1 ? [-n[1] / flat, n[0] / flat, 0] : [1, 0, 0];
+  rotate(0, 0);
+  panel.R = [...right, n[1] * right[2] - n[2] * right[1], n[2] * right[0] - n[0] * right[2], n[0] * right[1] - n[1] * right[0], ...n];
+  state.zoom = 3;
+  panel.picked = i;
+  const { w, h, perPx } = frame(panel), [x, y] = project(panel, i, perPx);
+  state.pan = [w / 2 - x, y - h / 2];
+  describe(panel);
+  follow(panel);
+  stage.scrollIntoView({ block: "nearest" });
+  redraw();
+}
 const hingesShown = (panel) => state.hinges && panel.net && panel.now === panel.final;
 function step(panel, by) {                     // to the next visible hinge, from the middle of the panel outwards, then from the start again
   if (!hingesShown(panel)) return;
@@ -380,6 +396,7 @@ stage.addEventListener("keydown", (e) => {
   if (act) { e.preventDefault(); act(); }
 });
 for (const b of document.querySelectorAll("[data-look]")) b.addEventListener("click", () => look(b.dataset.look));
+for (const b of document.querySelectorAll("[data-vertex]")) b.addEventListener("click", () => goTo(panels[b.dataset.panel], Number(b.dataset.vertex)));
 $("reset").addEventListener("click", reset);
 $("zoom-in").addEventListener("click", () => zoom(1.25));
 $("zoom-out").addEventListener("click", () => zoom(0.8));
