@@ -246,7 +246,8 @@ def place_of(point: NDArray[np.float64]) -> str:
 
 
 def vertices_at(text: str, cortex: Cortex) -> list[int]:
-    """Vertices nearest to the places in a text, which :func:`place_of` wrote, on white or pial."""
+    """Vertices nearest to the places in a text, which :func:`place_of` wrote, on white or pial; each once."""
     points = np.array(re.findall(r"\(([-+\d.e]+), ([-+\d.e]+), ([-+\d.e]+)\)", text), dtype=np.float64)
     both = np.concatenate([cortex.white.verts, cortex.pial.verts])
-    return [int(((both - point) ** 2).sum(axis=1).argmin()) % cortex.n_vertices for point in points]
+    nearest = (int(((both - point) ** 2).sum(axis=1).argmin()) % cortex.n_vertices for point in points)
+    return list(dict.fromkeys(nearest))
