@@ -37,9 +37,9 @@ def add_args(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from morphofold.cli.cohort import measured_before, run_cohort, run_group
-    from morphofold.cli.paths import refuse_overlap
     from morphofold.cohort.covariates import find_covariates
     from morphofold.cohort.tables import TAKEN_COLUMNS
+    from morphofold.io.folders import refuse_overlap
 
     out = Path(args.output_dir)
     if args.level == "group":

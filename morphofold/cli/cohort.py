@@ -104,11 +104,11 @@ def add_worker_args(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from morphofold.cli.paths import refuse_overlap
     from morphofold.cohort.covariates import find_covariates
     from morphofold.cohort.subjects import find_subjects, named_subjects
     from morphofold.cohort.tables import TAKEN_COLUMNS
     from morphofold.cohort.templates import template
+    from morphofold.io.folders import refuse_overlap
 
     source, out = Path(args.subjects_dir).absolute(), Path(args.out)
     found, templates = find_subjects(source)

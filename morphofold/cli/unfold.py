@@ -48,7 +48,7 @@ def add_args(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from morphofold.cli.paths import refuse_overlap, writable_name
+    from morphofold.cli.paths import writable_name
     from morphofold.cli.progress import progress
     from morphofold.io import refuse_foreign
     from morphofold.io.cortices import hemispheres, side_named
@@ -65,8 +65,7 @@ def run(args: argparse.Namespace) -> int:
         show(0.0, "reading")
         read = [read_folded(source, hemi, surface=args.surface, sphere=args.sphere) for hemi in hemis]
         out = Path(args.out or f"{writable_name(read[0].name)}-unfolded")
-        refuse_overlap(out, [source])
-        refuse_foreign(out)
+        refuse_foreign(out, [source])
         unfolded = []
         for k, one in enumerate(read):
             share = part_of(show, 0.1 + 0.5 * k / len(read), 0.5 / len(read), f"{one.hemi}: ")

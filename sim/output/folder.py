@@ -18,6 +18,7 @@ from morphofold import __version__
 from morphofold.display import html_of
 from morphofold.io import atomic_file, atomic_folder, read_cortex, write_morph, write_surface
 from morphofold.io.files import decoding
+from morphofold.io.folders import refuse_overlap
 from morphofold.io.locks import LOCK_FILE
 from morphofold.provenance import digests
 from morphofold.sim.output.checkpoint import as_lines
@@ -76,6 +77,7 @@ def is_finished(
     ValueError
         If the scene's mesh file has changed since the run began, or a finished run is damaged.
     """
+    refuse_overlap(folder)
     written = folder / "scene.toml"
     if folder.exists() and not folder.is_dir():
         raise FileExistsError(f"{folder}: is a file; choose a folder to write.")
