@@ -254,6 +254,8 @@ class Cortex:
         For display only.
     sphere : Surface, optional
         FreeSurfer's ``?h.sphere``: by it a grown cortex is compared with the person's own.
+    registered : Surface, optional
+        FreeSurfer's ``?h.sphere.reg``: without a cortex label, that of fsaverage5 comes over by it.
     origin : str
         ``"FreeSurfer"``, ``"simulation"``, ``"files"`` or ``"arrays"``.
     units : str
@@ -286,6 +288,7 @@ class Cortex:
     regions: Regions | None = field(default=None, repr=False)
     inflated: Surface | None = field(default=None, repr=False)
     sphere: Surface | None = field(default=None, repr=False)
+    registered: Surface | None = field(default=None, repr=False)
     origin: str = "files"
     units: str = "mm"
     transform: NDArray[np.float64] | None = field(default=None, repr=False)
@@ -317,7 +320,7 @@ class Cortex:
         per_vertex = {**self.maps, **({} if self.cortex is None else {"cortex label": self.cortex})}
         if self.regions is not None:
             per_vertex["regions"] = self.regions.labels
-        for name in ("inflated", "sphere"):
+        for name in ("inflated", "sphere", "registered"):
             if (surface := getattr(self, name)) is not None:
                 per_vertex[name] = surface.verts[:, 0]
         for name, values in per_vertex.items():

@@ -212,6 +212,26 @@ def test_a_subject_that_cannot_grow_is_refused_and_nothing_is_written(tmp_path, 
     assert not (tmp_path / "run").exists()
 
 
+def test_a_medial_wall_that_nothing_marks_is_refused_before_a_sphere_is_made(tmp_path, subject, monkeypatch):
+    no_labels(subject)
+    (subject / "surf" / "lh.sphere").unlink()
+    monkeypatch.setattr(
+        "morphofold.sim.hemisphere.subject.sphere_of", lambda surface: pytest.fail("was unfolded before")
+    )
+    with pytest.raises(MissingPart):
+        grow(tmp_path, scene_of(subject))
+
+
+def test_the_cortex_of_a_template_is_held_where_the_subject_has_no_label(tmp_path, subject):
+    no_labels(subject)
+    write_surface(subject / "surf" / "lh.sphere.reg", read_surface(subject / "surf" / "lh.sphere"))
+    run = grow(tmp_path, scene_of(subject, growth="final = 1.0"))
+    info = json.loads((next((run.path / "stages").glob("g*")) / "stage.json").read_text())
+    assert info["grown_from"]["cortex_mask"] == "template"
+    cortex = run.cortex().cortex
+    assert 0.85 < (True if cortex is None else cortex.mean()) < 0.97  # of fsaverage5 0.91
+
+
 def test_a_cortex_that_does_not_fit_is_refused(tmp_path, subject):
     text = scene_of(subject).replace("cortex_thickness = 4.0", "cortex_thickness = 24.0")
     with pytest.raises(ImpossibleBody):

@@ -201,8 +201,8 @@ def _write_results(measures: list[Measures], out: Path, called: str, args: argpa
 
 def _print_measured(measures: list[Measures], out: Path, clock: Stages, args: argparse.Namespace) -> None:
     """Print the summary as JSON; or a line per hemisphere, its warnings, and the cost."""
-    from morphofold.analysis.mesh_quality.defects import WARNINGS
     from morphofold.forecasts.analysis_cost import analysis_cost_line, cost_of_analysis
+    from morphofold.mesh_quality.defects import WARNINGS
 
     bids = args.layout == "bids"
     summary = out / (f"anat/{out.name}_desc-morphofold_provenance.json" if bids else "summary.json")
@@ -297,10 +297,10 @@ def _formatted_or_na(value: float | None, form: str, unit: str = "") -> str:
 
 
 def _dry_run(cortices: list[Cortex], failed: dict[str, str], reading: float, args: argparse.Namespace) -> int:
-    from morphofold.analysis.mesh_quality.repair import measurable
     from morphofold.analysis.scales import scale_of_curvature
     from morphofold.forecasts import forecast_analysis
     from morphofold.forecasts.printed import analysis_forecast_table
+    from morphofold.mesh_quality.repair import measurable
 
     def checked(cortex: Cortex) -> Cortex:
         mended = measurable(cortex, repair=args.repair).cortex

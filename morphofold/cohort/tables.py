@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.analysis.measures import PARAMETERS, SCALARS
-from morphofold.analysis.mesh_quality.defects import WARNINGS
+from morphofold.mesh_quality.defects import WARNINGS
 from morphofold.cohort.covariates import NO_COVARIATES, Covariates
 from morphofold.cohort.pooling import SETTING_NAMES, MeasuringSettings, Pooling, commonest, pooling, settings_among
 from morphofold.cohort.tasks import Outcome, read_record

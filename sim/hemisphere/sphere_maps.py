@@ -16,6 +16,7 @@ from morphofold.sim.scene import UnfoldedCortex
 from morphofold.sim.scene.geometries import map_file, path_or_sample
 from morphofold.sim.scene.tables import SphereMap
 from morphofold.unfolding.harmonics import Expansion, fit
+from morphofold.unfolding.unfold import points_on_sphere
 
 PENALTY = 1e-3  # of the harmonics of a map, times l (l + 1): it bounds them where a map has no values
 THINNEST, THICKEST = 0.6, 1.5  # of a cortex with a thickness map, over its mean
@@ -47,7 +48,7 @@ def read_map(table: SphereMap, geometry: Any, *, positive: bool = False) -> Smoo
     file = map_file(table, geometry)
     if table.sphere is not None:
         sphere, name = read_surface(existing_file(path_or_sample(table.sphere), "sphere")), table.sphere
-        points = sphere.verts / np.maximum(np.linalg.norm(sphere.verts, axis=1, keepdims=True), 1e-300)
+        points = points_on_sphere(sphere, sphere)
         vertices = Vertices(points, vertex_areas(points, sphere.faces))
     elif isinstance(geometry, UnfoldedCortex):
         vertices, name = subject_of_cortex(geometry).vertices(), f"the surface of {geometry.subject}"

@@ -233,7 +233,14 @@ class FolderWriter:
         if isinstance(scene.geometry, UnfoldedCortex):
             given = ["thickness_map"] if scene.geometry.thickness_map else []
             given += [name for name in scene.effects if name in ("growth_map", "stiffness_map")]
-            info["grown_from"] = {**self._inputs["geometry.subject"], "unfold": scene.geometry.unfold, "maps": given}
+            from morphofold.sim.hemisphere.subject import subject_of_cortex
+
+            info["grown_from"] = {
+                **self._inputs["geometry.subject"],
+                "unfold": scene.geometry.unfold,
+                "maps": given,
+                "cortex_mask": subject_of_cortex(scene.geometry).marked_by,
+            }
         hemi = pial.name[:2]
         cortex = Cortex(white, pial, hemi, scene.name, origin="simulation", portion=portion, info=info)
         maps = self._describe(cortex)

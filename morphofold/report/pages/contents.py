@@ -12,10 +12,10 @@ import numpy as np
 from morphofold.analysis.frames import COLUMNS
 from morphofold.analysis.gyrification.folding_law import ShapeTerms, shape_terms_of
 from morphofold.analysis.measures import SCALARS, Measures
-from morphofold.analysis.mesh_quality.checks import cortex_label
-from morphofold.analysis.mesh_quality.defects import WARNINGS
 from morphofold.comparison.growth import GrowthCurve, matching_growth
 from morphofold.comparison.thickness import Cloud, TheoryLine
+from morphofold.mesh_quality.checks import cortex_label
+from morphofold.mesh_quality.defects import WARNINGS
 from morphofold.quantities import THICKNESS_RATIO, scalar_words
 from morphofold.report.pictures.surfaces import safe_name
 from morphofold.words import number

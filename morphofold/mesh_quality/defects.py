@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold import geometry
-from morphofold.analysis.mesh_quality import checks
 from morphofold.errors import BadMesh
 from morphofold.intersections.intersection import self_intersections
+from morphofold.mesh_quality import checks
 from morphofold.surface import Cortex, PerVertex, check_mesh
 
 #: notes that commands also print as warnings, by code: cause and cure (docs/messages.md)
