@@ -24,9 +24,10 @@ from morphofold.cohort import participant, statistics, tables, tasks
 from morphofold.cohort.fleet import Lost
 from morphofold.cohort.group import write_group
 from morphofold.cohort.running import run_tasks
-from morphofold.cohort.subjects import find_subjects, folder_of, named_subjects, person_and_session
+from morphofold.cohort.subjects import find_subjects, folder_of, named_subjects
 from morphofold.cohort.tables import TIDY_COLUMNS, read_results
 from morphofold.errors import NamedTwice, NothingToDo, NotReadable, WrongFile
+from morphofold.inference.sessions import person_and_session
 from morphofold.io import atomic_folder, begin_collection, write_annotation, write_morph
 from morphofold.results import read_analysis
 from morphofold.surface import Regions

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from morphofold.cohort.subjects import LONG, person_and_session
 from morphofold.errors import NamedTwice
 from morphofold.inference.design import plain_name, read_participants
+from morphofold.inference.sessions import LONG, person_and_session
 
 PARTICIPANTS_FILE = "participants.tsv"
 PERSON = "person"

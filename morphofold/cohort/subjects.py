@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from morphofold.errors import NamedTwice, NothingToDo, NotReadable, WrongFile
+from morphofold.inference.sessions import LONG
 
 SUBJECT_FOLDERS = ("surf", "mri", "scripts", "stats", "label")  # folders; a FreeSurfer subject has at least one
 TEMPLATE_SUBJECTS = (
@@ -18,23 +18,7 @@ TEMPLATE_SUBJECTS = (
 )  # folders that FreeSurfer puts beside subjects
 
 
-LONG = ".long."  # in the name of a longitudinal run of recon-all, TIMEPOINT.long.BASE
 TIME_POINTS = "base-tps"  # the file of a base template of longitudinal runs, with the names of its time points
-#: PERSON_SESSION, as sub-01_ses-2 and anna_tp2
-SESSION = re.compile(r"(.+?)[_.-]+(ses-[A-Za-z0-9]+.*|(?:session|ses|timepoint|time|tp|visit|wave)[_-]?\d.*)", re.I)
-
-
-def person_and_session(subject: str) -> tuple[str, str]:
-    """The person that a subject is a scan of, by its name, and the session; the subject itself and "" without sessions.
-
-    ``anna_ses1.long.anna``, a longitudinal run of FreeSurfer, is of its base: anna, ses1. ``sub-01_ses-2`` is sub-01,
-    ses-2.
-    """
-    visit, long, base = subject.partition(LONG)
-    if long and base:
-        return base, visit.removeprefix(base).lstrip("_.-") or visit
-    named = SESSION.fullmatch(subject)
-    return (named[1], named[2]) if named else (subject, "")
 
 
 def find_subjects(folder: Path) -> tuple[list[str], dict[str, str]]:

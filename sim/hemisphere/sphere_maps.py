@@ -51,10 +51,13 @@ def read_map(table: SphereMap, geometry: Any, *, positive: bool = False) -> Smoo
         points = points_on_sphere(sphere, sphere)
         vertices = Vertices(points, vertex_areas(points, sphere.faces))
     elif isinstance(geometry, UnfoldedCortex):
-        vertices, name = subject_of_cortex(geometry).vertices(), f"the surface of {geometry.subject}"
+        subject = subject_of_cortex(geometry)
+        vertices, name = subject.vertices(), f"the surface of {geometry.subject}"
     else:
         raise MissingPart(f"{file}: is a map on a sphere, but names none. Add sphere = FILE to its table.")
     values = read_morph(file)
+    if table.sphere is None and len(values) == subject.mended.of.n_vertices:
+        values = values[subject.mended.source]
     if len(values) != len(vertices.points):
         raise Mismatch(
             f"{file}: has {len(values):,} values, {name} {len(vertices.points):,} vertices: name the sphere "
