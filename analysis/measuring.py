@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,13 +20,13 @@ from morphofold.analysis.gyrification.folding import folding_indices
 from morphofold.analysis.gyrification.local_gyrification import CLOSING_RADIUS_MM, local_gyrification_index
 from morphofold.analysis.maps import each_map
 from morphofold.analysis.measures import SCALARS, SLOPE_SCALARS, Measures
-from morphofold.analysis.mesh_quality import checks, defects, plausibility
-from morphofold.analysis.mesh_quality import repair as mending
 from morphofold.analysis.scales import scale_of_curvature, scale_of_folding
 from morphofold.analysis.steps import Steps
 from morphofold.analysis.thickness.by_shape import thickness_by_shape
 from morphofold.analysis.thickness.gyral import GyralThickness
 from morphofold.analysis.thickness.robust_slope import Line, through_regions
+from morphofold.mesh_quality import checks, defects, plausibility
+from morphofold.mesh_quality import repair as mending
 from morphofold.progress import Progress, silent
 from morphofold.surface import Cortex, PerVertex, check_kind
 
@@ -325,7 +325,7 @@ class _Measurement:
             self.graph,
             shapes=thickness_by_shape(self.cortex, maps) if "shapes" in self._wanted.steps else [],
         )
-        return self._wanted.part_of(self.mended.back(whole))
+        return self._wanted.part_of(_at_given_vertices(whole, self.mended))
 
     def _regions(self, maps: Mapping[str, PerVertex]) -> list[dict[str, Any]]:
         if not self._wanted.steps & {"regions", "slopes"}:
@@ -352,6 +352,31 @@ class _Measurement:
             ("local gyrification", "local_gyrification_voxel_mm", CLOSING_RADIUS_MM / self._chosen.voxels),
         ]
         return {name: value for step, name, value in of_steps if step in self._wanted.steps}
+
+
+def _at_given_vertices(measures: Measures, mend: mending.Mended) -> Measures:
+    """The measures of a repaired cortex at the given vertices, so that maps fit the files that were read.
+
+    A vertex that was joined with another has the values of that one, and a vertex that was left out has none. A
+    vertex that was separated has the values of the sheet with most of its triangles. For areas, a joined vertex has
+    0 and a separated vertex has the sum, so totals stay the same. The triangles are the repaired ones. Those that
+    pinched an edge do so again, because separating them needs vertices that the files do not have.
+    """
+    if mend.cortex is mend.of:
+        return measures
+    faces = mend.source[mend.cortex.faces]
+    given = {name: getattr(mend.of, name) for name in ("white", "pial", "inflated", "sphere")}
+    surfaces = {name: surface and replace(surface, faces=faces) for name, surface in given.items()}
+    maps = {name: values[mend.place] for name, values in measures.maps.items()}
+    maps["area"] = np.bincount(mend.source, measures.maps["area"], mend.of.n_vertices).astype(np.float64)
+    maps = {name: np.where(mend.place < 0, np.nan, values) for name, values in maps.items()}
+    if measures.graph is not None:
+        for _, node in measures.graph.nodes(data=True):
+            node["vertex"] = int(mend.source[node["vertex"]])
+        for *_, crest in measures.graph.edges(data=True):
+            crest["vertices"] = mend.source[crest["vertices"]]
+    hinges = [{**row, "vertex": int(mend.source[row["vertex"]])} for row in measures.hinges]
+    return replace(measures, cortex=replace(mend.of, **surfaces), maps=maps, hinges=hinges)
 
 
 def _local_gyrification_or_reason(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from morphofold.analysis.graph.hinges import LEAST_CONFIDENCE, LEAST_STRICT_CONFIDENCE
-from morphofold.analysis.mesh_quality.checks import cortex_label
+from morphofold.mesh_quality.checks import cortex_label
 from morphofold.surface import Cortex
 
 if TYPE_CHECKING:
@@ -92,7 +92,7 @@ def of_input(cortex: Cortex) -> Notes:
             f"{average} is an average of many brains. Folds that differ between people are smoothed away, so its "
             "gyrification, hinges and gyral thickness are those of no person."
         )
-    notes |= _of_cortex_mask(cortex)
+    notes |= of_cortex_mask(cortex)
     if cortex.regions is not None and (template := cortex.info.get("annotation_from")):
         notes["annotation_from"] = (
             f"The subject has no parcellation of its own: {cortex.regions.name} was carried over from the template "
@@ -103,7 +103,7 @@ def of_input(cortex: Cortex) -> Notes:
     return notes
 
 
-def _of_cortex_mask(cortex: Cortex) -> Notes:
+def of_cortex_mask(cortex: Cortex) -> Notes:
     """Notes on how the medial wall was found without a cortex label, and on a missing parcellation."""
     if cortex.origin == "simulation":
         return {}
@@ -114,6 +114,7 @@ def _of_cortex_mask(cortex: Cortex) -> Notes:
     met = np.count_nonzero(np.all(cortex.white.verts == cortex.pial.verts, axis=1))
     how = {
         "annotation": f"cortex is what the annotation's regions cover; this leaves out {out}.",
+        "template": f"cortex is where fsaverage5 is, carried over by {cortex.hemi}.sphere.reg; this leaves out {out}.",
         "thickness": f"the medial wall is where their thickness file is 0; this leaves out {out}.",
         "geometry": f"the medial wall is where white and pial nearly meet; this leaves out {out}.",
         "": "every vertex counts as cortex, because white and pial nearly meet on no patch as large as a medial wall"

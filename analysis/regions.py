@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from morphofold.analysis.graph.tables import region_columns
-from morphofold.analysis.mesh_quality.checks import is_no_cortex
 from morphofold.errors import WrongShape
 from morphofold.geometry import vertex_areas
+from morphofold.mesh_quality.checks import is_no_cortex
 from morphofold.surface import Cortex, PerVertex, check_kind
 
 if TYPE_CHECKING:

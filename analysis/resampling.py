@@ -14,11 +14,11 @@ from scipy.spatial import cKDTree
 
 from morphofold import geometry
 from morphofold.analysis.graph.gyral_graph import ClosestPoints, gyral_graph
-from morphofold.analysis.mesh_quality import checks
 from morphofold.analysis.thickness.cortical import cortical_thickness
 from morphofold.analysis.thickness.gyral import GyralThickness, gyral_thickness
 from morphofold.arrays import Ints
 from morphofold.errors import UnknownName
+from morphofold.mesh_quality import checks
 from morphofold.surface import Cortex, Faces, PerVertex, Surface
 from morphofold.threads import SIMPLIFYING
 

@@ -170,6 +170,18 @@ class OpenSurface(Refusal):
     cure = "Close its holes, or leave out the measure."
 
 
+class SeveralPieces(Refusal):
+    """A surface is in several pieces, but only one piece can be unfolded."""
+
+    cure = "Give each piece a file of its own; small pieces beside a large one are left out by themselves."
+
+
+class Handles(Refusal):
+    """A closed surface has handles, like a torus, so it does not unfold to a sphere."""
+
+    cure = "Cut the handles first, as FreeSurfer's mris_fix_topology does."
+
+
 class BadMesh(Refusal):
     """Triangles or tetrahedra form no valid surface or body: they branch, are torn, flipped or flat, or overlap."""
 

@@ -21,6 +21,7 @@ Verts = NDArray[np.float64]  # (N, 3), mm
 Faces = NDArray[np.int64]  # (M, 3), 0-based, counter-clockwise seen from outside
 PerVertex = NDArray[np.float64]  # (N,)
 SURFACES = ("white", "pial", "inflated", "sphere")  # of a Cortex
+LARGEST_UNKNOWN_SHARE = 0.01  # of the triangles, at vertices that are NaN: more are no mistake at a border
 
 #: how to get an object that a function needs
 _HOW_TO_GET = {
@@ -66,6 +67,7 @@ def check_mesh(verts: np.ndarray, faces: np.ndarray, name: str = "surface") -> N
     measures that cannot handle them raise their own errors.
     """
     _check_indexed(verts, faces, name)
+    _check_finite(verts, name)
     flat = np.flatnonzero((faces[:, 0] == faces[:, 1]) | (faces[:, 1] == faces[:, 2]) | (faces[:, 2] == faces[:, 0]))
     if flat.size:
         raise BadMesh(
@@ -86,12 +88,6 @@ def _check_indexed(verts: np.ndarray, faces: np.ndarray, name: str) -> None:
         raise WrongShape(f"{name}: faces must have shape (M, 3) with M > 0, got {faces.shape}.")
     if not np.issubdtype(faces.dtype, np.integer):
         raise TypeError(f"{name}: faces must be integers, got dtype {faces.dtype}.")
-    wild = np.flatnonzero(~np.isfinite(verts).all(axis=1))
-    if wild.size:
-        raise NotFinite(
-            f"{name}: {wild.size} of {len(verts)} vertices are not finite; the first is vertex {wild[0]} = "
-            f"{verts[wild[0]].tolist()}. The file is damaged, or the step that wrote it failed."
-        )
     bad = np.flatnonzero(((faces < 0) | (faces >= len(verts))).any(axis=1))
     if bad.size:
         raise OutOfRange(
@@ -99,6 +95,30 @@ def _check_indexed(verts: np.ndarray, faces: np.ndarray, name: str) -> None:
             f"the first is face {bad[0]} = {faces[bad[0]].tolist()}. "
             "Were the indices 1-based? Then pass faces - 1."
         )
+
+
+def _check_finite(verts: np.ndarray, name: str) -> None:
+    wild = np.flatnonzero(~np.isfinite(verts).all(axis=1))
+    if wild.size:
+        raise NotFinite(
+            f"{name}: {wild.size} of {len(verts)} vertices are not finite; the first is vertex {wild[0]} = "
+            f"{verts[wild[0]].tolist()}. The file is damaged, or the step that wrote it failed. (NaN is allowed at a "
+            f"border, in at most {LARGEST_UNKNOWN_SHARE:.0%} of the triangles.)"
+        )
+
+
+def _without_unknown(verts: Verts, faces: Faces) -> tuple[Verts, Faces, int]:
+    """Vertices that are NaN put into the middle, the triangles without these, and how many they are.
+
+    All stay as they are if these triangles are too many, or the surface is closed: then a hole would open.
+    """
+    unknown = np.asarray(np.isnan(verts).any(axis=1))
+    known = ~np.asarray(unknown[faces].any(axis=1))
+    sides = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+    closed = (np.unique(sides, axis=0, return_counts=True)[1] > 1).all()
+    if closed or known.mean() < 1 - LARGEST_UNKNOWN_SHARE:
+        return verts, faces, 0
+    return np.where(unknown[:, None], np.nanmean(verts, axis=0), verts), faces[known], int(unknown.sum())
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +138,9 @@ class Surface:
         Name in errors and tables, e.g. ``"lh.pial"``.
     geometry : mapping, optional
         FreeSurfer's volume-geometry footer as nibabel reads it (with ``cras``), kept for writing.
+    unknown : int
+        Number of vertices that were NaN. At most 1 % of the triangles of a surface with a border are left out for
+        these; the vertices lie in the middle then, and no triangle uses them.
 
     Raises
     ------
@@ -134,10 +157,15 @@ class Surface:
     faces: Faces
     name: str = "surface"
     geometry: Mapping[str, Any] | None = field(default=None, repr=False)
+    unknown: int = 0
 
     def __post_init__(self) -> None:
         verts, faces = (_as_array(values) for values in (self.verts, self.faces))
         _check_indexed(verts, faces, self.name)
+        if np.isnan(verts).any():
+            verts, faces, unknown = _without_unknown(verts, faces)
+            object.__setattr__(self, "unknown", unknown)
+        _check_finite(verts, self.name)
         object.__setattr__(self, "verts", _read_only(verts, np.float64))
         object.__setattr__(self, "faces", _read_only(faces, np.int64))
 
@@ -254,6 +282,8 @@ class Cortex:
         For display only.
     sphere : Surface, optional
         FreeSurfer's ``?h.sphere``: by it a grown cortex is compared with the person's own.
+    registered : Surface, optional
+        FreeSurfer's ``?h.sphere.reg``: without a cortex label, that of fsaverage5 comes over by it.
     origin : str
         ``"FreeSurfer"``, ``"simulation"``, ``"files"`` or ``"arrays"``.
     units : str
@@ -286,6 +316,7 @@ class Cortex:
     regions: Regions | None = field(default=None, repr=False)
     inflated: Surface | None = field(default=None, repr=False)
     sphere: Surface | None = field(default=None, repr=False)
+    registered: Surface | None = field(default=None, repr=False)
     origin: str = "files"
     units: str = "mm"
     transform: NDArray[np.float64] | None = field(default=None, repr=False)
@@ -305,6 +336,8 @@ class Cortex:
                 f"{self.name}: white ({self.white.name}) has {n_white} vertices and pial ({self.pial.name}) has "
                 f"{n_pial}; vertex i of one must belong to vertex i of the other. Were they taken from two subjects?"
             )
+        if self.white.unknown or self.pial.unknown:
+            self._leave_out_unknown()
         if not _same_triangles(self.white.faces, self.pial.faces):
             raise UnlikeSurfaces(
                 f"{self.name}: white ({self.white.name}) and pial ({self.pial.name}) have {n_white} vertices each "
@@ -317,7 +350,7 @@ class Cortex:
         per_vertex = {**self.maps, **({} if self.cortex is None else {"cortex label": self.cortex})}
         if self.regions is not None:
             per_vertex["regions"] = self.regions.labels
-        for name in ("inflated", "sphere"):
+        for name in ("inflated", "sphere", "registered"):
             if (surface := getattr(self, name)) is not None:
                 per_vertex[name] = surface.verts[:, 0]
         for name, values in per_vertex.items():
@@ -331,6 +364,15 @@ class Cortex:
                     f"{self.name}: {name} has {len(infinite)} infinite values, the first at vertex {infinite[0]}. Put "
                     "NaN where a value is unknown."
                 )
+
+    def _leave_out_unknown(self) -> None:
+        """Leave out the triangles of one surface at vertices that no triangle of the other uses."""
+        used = np.zeros((2, len(self.white.verts)), dtype=bool)
+        used[0, self.white.faces] = used[1, self.pial.faces] = True
+        for name in ("white", "pial"):
+            surface = getattr(self, name)
+            inside = np.asarray((used[0] & used[1])[surface.faces].all(axis=1))
+            object.__setattr__(self, name, replace(surface, faces=surface.faces[inside]))
 
     @classmethod
     def from_arrays(cls, white: Verts, pial: Verts, faces: Faces, *, hemi: str = "lh", **fields: Any) -> Cortex:

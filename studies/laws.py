@@ -19,11 +19,11 @@ from scipy import stats
 from morphofold.analysis import AtScale, across_scales, law_across_scales, measure
 from morphofold.analysis.gyrification.across_scales import LEAST_FOLDING
 from morphofold.analysis.gyrification.folding_law import ShapeTerms
-from morphofold.analysis.mesh_quality.checks import volume
 from morphofold.arrays import Array
 from morphofold.errors import OutOfRange
 from morphofold.geometry import face_areas
 from morphofold.io import atomic_file, read_cortex, sample_path
+from morphofold.mesh_quality.checks import volume
 from morphofold.report.plots.line_plots import BLACK, GREY, legend_of_figure, line_style, new_figure, save, set_limits
 from morphofold.shapes import icosphere
 from morphofold.sim.output.folder import Simulation

@@ -25,7 +25,7 @@ PACKAGES = {
 FLOORS = (
     ("ground",),
     ("io",),
-    ("intersections", "shapes", "unfolding", "spheres"),
+    ("intersections", "shapes", "unfolding", "spheres", "mesh_quality"),
     ("sim", "analysis"),
     ("simulation",),
     ("comparison", "forecasts", "results", "inference"),
@@ -64,6 +64,7 @@ HOLDS = {
     "shapes": "known answers",
     "unfolding": "smooth bodies",
     "spheres": "registered surfaces",
+    "mesh_quality": "checks and repair",
     "sim": "scene, mesh, elements, effects, run, health, theory",
     "analysis": "curvature, crests, hinges, thickness, gyrification",
     "simulation": "grow a scene, measure its stages",

@@ -2,11 +2,13 @@
 
 import html
 import json
+import shlex
 import shutil
 
 import numpy as np
 import pytest
 from commands import refused
+from made_spaces import write_space
 
 from morphofold.cli import main
 from morphofold.io import read_label, read_surface, sample_path, write_surface
@@ -21,6 +23,38 @@ def subjects(folder, *names):
     for name in names:
         shutil.copytree(sample_path("fsaverage5"), folder / name)
     return folder
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "analyze bert/surf/.. -o {}",
+        "unfold bert -o {}",
+        "unfold bert/surf/lh.white -o {}",
+        "compare a=bert -o {}",
+        "cohort others -o {}",
+        "cohort others -o {} --layout bids",
+        "bids others {} participant --fs-subjects-dir others",
+        "sweep demo --seeds 2 -o {}",
+        "stats study --model 'H ~ 1' --contrast 1 -o {}",
+        "overlap study -o {}",
+        "simulate demo -o {}",
+        "demo -o {}",
+        "demo --subjects 2 -o {}",
+        "reproduce fig3 -o {}",
+        "bench cohort --subjects 2 -o {}",
+        "theory radius --plot {}.png",
+    ],
+)
+@pytest.mark.parametrize("place", ["bert/surf/x", "bert/x", "link/surf/x"])
+def test_no_command_writes_into_a_subject(here, capsys, words, place):
+    two_sides(here / "bert")
+    two_sides(here / "others" / "anna")
+    (here / "link").symlink_to("bert")
+    write_space(here / "study", {"lh.H": np.ones((4, 642))})
+    before = sorted(here.rglob("*"))
+    refused(capsys, shlex.split(words.format(place)), "x", "[options-clash]")
+    assert sorted(here.rglob("*")) == before
 
 
 def two_sides(folder):
@@ -181,5 +215,5 @@ def test_an_analysis_is_refused_inside_its_subject_before_anything_is_measured(h
     for out in ("all/bert/morphofold", "all/bert/surf"):
         refused(capsys, ["analyze", "-s", "bert", "--sd", "all", "-q", "-o", out], "all/bert")
     monkeypatch.chdir(there)
-    refused(capsys, ["analyze", "-s", "bert", "--sd", "..", "-q"], "bert-analysis ", "bert/surf/lh.")
+    refused(capsys, ["analyze", "-s", "bert", "--sd", "..", "-q"], "bert-analysis: ", "[options-clash]")
     assert sorted(there.rglob("*")) == before

@@ -24,9 +24,10 @@ from morphofold.cohort import participant, statistics, tables, tasks
 from morphofold.cohort.fleet import Lost
 from morphofold.cohort.group import write_group
 from morphofold.cohort.running import run_tasks
-from morphofold.cohort.subjects import find_subjects, named_subjects
+from morphofold.cohort.subjects import find_subjects, folder_of, named_subjects
 from morphofold.cohort.tables import TIDY_COLUMNS, read_results
 from morphofold.errors import NamedTwice, NothingToDo, NotReadable, WrongFile
+from morphofold.inference.sessions import person_and_session
 from morphofold.io import atomic_folder, begin_collection, write_annotation, write_morph
 from morphofold.results import read_analysis
 from morphofold.surface import Regions
@@ -649,11 +650,98 @@ def test_subjects_are_found_and_templates_left_out(tmp_path):
     (tmp_path / "half" / "mri").mkdir(parents=True)  # FreeSurfer stopped in it
     (tmp_path / "notes").mkdir()
     (tmp_path / "table.csv").touch()
-    assert find_subjects(tmp_path) == (["anna", "half"], ["fsaverage5"])
+    (tmp_path / "fsaverage").symlink_to("anna")
+    (tmp_path / "lh.EC_average").symlink_to("anna")
+    templates = dict.fromkeys(("fsaverage", "fsaverage5", "lh.EC_average"), "template")
+    assert find_subjects(tmp_path) == (["anna", "half"], templates)
     with pytest.raises(NothingToDo, match="notes"):
         find_subjects(tmp_path / "notes")
     with pytest.raises(FileNotFoundError, match="none"):
         find_subjects(tmp_path / "none")
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("anna", ("anna", "")),
+        ("anna_ses1.long.anna", ("anna", "ses1")),
+        ("scan7.long.anna_base", ("anna_base", "scan7")),
+        ("sub-01_ses-2.long.sub-01", ("sub-01", "ses-2")),
+        ("sub-01_ses-pre", ("sub-01", "ses-pre")),
+        ("anna_tp2", ("anna", "tp2")),
+        ("anna.visit_03", ("anna", "visit_03")),
+        ("smith_tpatel", ("smith_tpatel", "")),
+        ("sub-01", ("sub-01", "")),
+    ],
+)
+def test_the_person_and_the_session_by_a_name(name, expected):
+    assert person_and_session(name) == expected
+
+
+def test_of_longitudinal_runs_bases_and_other_runs_of_their_time_points_are_left_out(tmp_path):
+    names = ("anna", "anna_1", "anna_2", "anna_1.long.anna", "ben", "ben_base", "ben_1", "ben_2", "sub-03_ses-1")
+    for name in names:
+        (tmp_path / name / "surf").mkdir(parents=True)
+    (tmp_path / "anna" / "base-tps").write_text("anna_1\nanna_2\n")  # the longitudinal run of anna_2 is missing
+    (tmp_path / "ben_base" / "base-tps").write_text("ben_1\nben_2\n")  # ben has none yet
+    for name in ("sub-04/ses-1", "sub-04/ses-2", "sub-05"):
+        (tmp_path / name / "surf").mkdir(parents=True)
+    found, left_out = find_subjects(tmp_path)
+    assert found == [
+        *("anna_1.long.anna", "ben", "ben_1", "ben_2", "sub-03_ses-1", "sub-05", "sub-04_ses-1", "sub-04_ses-2")
+    ]
+    assert {k: v.split()[0] for k, v in left_out.items()} == {
+        **{"anna": "base", "anna_1": "cross-sectional", "anna_2": "cross-sectional", "ben_base": "base"}
+    }
+    assert folder_of(tmp_path, "sub-04_ses-2") == tmp_path / "sub-04" / "ses-2"
+    assert folder_of(tmp_path, "sub-03_ses-1") == tmp_path / "sub-03_ses-1"
+
+
+def test_a_person_with_several_sessions_counts_once(commanded, here, capsys):
+    for k, size in ((1, 1.5), (2, 1.7)):
+        write_subject(here / "subjects" / f"dora_ses{k}.long.dora", size)
+        write_subject(here / "subjects" / f"dora_ses{k}", 5.0)
+    write_subject(here / "subjects" / "dora", 5.0)
+    assert commanded("--curvature-scale", "8", "--gyral-width", "9") == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert set(answer["left_out"]) == {"dora", "dora_ses1", "dora_ses2"}
+    assert len(answer["remarks"]) == 1
+    group = here / "out" / "group"
+    rows = read_table(group / "surfaces.tsv", ("subject", "person", "session", "hemi"))
+    assert {(row["person"], row["session"]) for row in rows} == {
+        *((name, None) for name in ("anna", "ben", "cleo")),
+        *(("dora", session) for session in ("ses1", "ses2")),
+    }
+    spread = {(r["measure"], r["hemi"]): r for r in read_table(group / "distributions.tsv", ("measure", "hemi"))}
+    thickness = spread["mean_cortical_thickness_mm", "lh"]
+    assert thickness["n"] == 4
+    one = [
+        np.mean([r["mean_cortical_thickness_mm"] for r in rows if (r["person"], r["hemi"]) == (who, "lh")])
+        for who in ("anna", "ben", "cleo", "dora")
+    ]
+    assert thickness["mean"] == pytest.approx(np.mean(one), rel=1e-5)
+    assert thickness["sd"] == pytest.approx(np.std(one, ddof=1), rel=1e-5)
+
+
+def test_regions_of_a_person_with_several_sessions_count_once(three, tmp_path, quick):
+    names = {"anna": "dora_ses1.long.dora", "cleo": "dora_ses2.long.dora"}
+    folders = [f.rename(f.with_name(names[f.name])) if f.name in names else f for f in three]
+    measured(folders, tmp_path / "out")
+    results = {one.name: one.results for one in participants(folders, tmp_path / "out")}
+    group = write_group(tmp_path / "out", results, report=False)
+    means = [
+        [
+            float(r["value"])
+            for r in grouped(folders, tmp_path / "out")
+            if (r["hemi"], r["region"], r["measure"]) == ("lh", "front", "cortical_thickness_mm")
+            and r["subject"].startswith(who)
+        ]
+        for who in ("ben", "dora")
+    ]
+    n, mean, sd = group.regions["front"][0, 0]
+    assert n == 2
+    assert mean == pytest.approx(np.mean([np.mean(m) for m in means]), rel=1e-6)
+    assert sd == pytest.approx(np.std([np.mean(m) for m in means]), rel=1e-4)
 
 
 @pytest.mark.parametrize(

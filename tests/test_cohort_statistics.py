@@ -34,6 +34,16 @@ def test_one_value_has_no_standard_deviation_and_none_no_distribution():
     assert none == []
 
 
+def test_the_median_is_over_persons_and_each_session_is_searched():
+    """Ten scans of one person do not move the median of nine others; the odd scan among them is found."""
+    values, number = np.r_[np.arange(9.0), np.full(9, 100.0), 130.0], np.r_[np.arange(9), np.full(10, 9)]
+    names = [f"s{k}" for k in range(19)]
+    found = outliers(names, {"a": np.column_stack([values, np.full(19, NAN)])}, number)
+    assert {row.subject for row in found.found} == {f"s{k}" for k in range(9, 19)}
+    assert {row.median for row in found.found} == {4.5}  # of 0 to 8 and 103
+    assert not outliers(names, {"a": np.column_stack([values, np.full(19, NAN)])}).found
+
+
 # --- left and right
 
 

@@ -55,6 +55,15 @@ def test_numbers_words_and_what_is_missing_have_their_types(people):
     assert found.of("nobody") == NOTHING
 
 
+def test_a_longitudinal_run_has_those_of_its_time_point_and_a_column_tells_the_person(tmp_path):
+    (tmp_path / "t.tsv").write_text("participant_id\tage\tperson\nanna_1\t30\teve\nben\t40\tn/a\n")
+    found = read_covariates(tmp_path / "t.tsv").of_sessions(["anna_1.long.anna"])
+    assert found.columns == ("person", "session", "age")
+    assert found.of("anna_1.long.anna") == {"person": "eve", "session": "1", "age": 30}
+    assert [found.person(name) for name in ("anna_1.long.anna", "ben_1.long.ben", "zoe")] == ["eve", "ben", "zoe"]
+    assert NO_COVARIATES.of_sessions(["anna", "ben"]) is NO_COVARIATES
+
+
 def test_a_session_has_the_covariates_of_its_person_unless_it_has_a_row(tmp_path):
     (tmp_path / "t.tsv").write_text("participant_id\tage\nsub-01\t30\nsub-02_ses-b\t41\nsub-02\t40\n")
     found = read_covariates(tmp_path / "t.tsv")

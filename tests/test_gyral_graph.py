@@ -13,9 +13,9 @@ from morphofold.analysis import notes
 from morphofold.analysis.graph.crest_net import GyralScales
 from morphofold.analysis.graph.gyral_graph import gyral_graph
 from morphofold.analysis.graph.hinges import hinges
-from morphofold.analysis.mesh_quality import defects
 from morphofold.errors import OptionsClash, OutOfRange
 from morphofold.io import read_cortex, sample_path
+from morphofold.mesh_quality import defects
 from morphofold.shapes import icosphere, sphere
 from morphofold.shapes.ridges import SphericalNet, irregular_net, regular_net, ridged_net
 from morphofold.surface import Surface

@@ -11,7 +11,6 @@ from scipy.spatial import cKDTree
 
 from morphofold.analysis import cortical_thickness, gyral_thickness
 from morphofold.analysis.graph.depth_potential import SurfaceOperators
-from morphofold.analysis.mesh_quality.checks import cortex_mask
 from morphofold.analysis.thickness import gyral as chords
 from morphofold.analysis.thickness.gyral import weighted_quantile
 from morphofold.analysis.thickness.mid_height import mid_height_contour
@@ -19,6 +18,7 @@ from morphofold.analysis.thickness.rays import RayCaster
 from morphofold.errors import NoCortex, WrongShape
 from morphofold.geometry import mean_edge_length
 from morphofold.io import read_cortex, sample_path
+from morphofold.mesh_quality.checks import cortex_mask
 from morphofold.shapes import corrugated_sheet, ellipsoid, icosphere, ridged_sphere, sphere, with_noise
 from morphofold.surface import Cortex, Surface
 

@@ -11,11 +11,11 @@ import pytest
 from morphofold import shapes
 from morphofold.analysis import folding_indices, measure, vertex_areas, wavelength
 from morphofold.analysis.measures import SCALARS
-from morphofold.analysis.mesh_quality.checks import check_pair, cortex_label, is_no_cortex
 from morphofold.analysis.notes import of_input
 from morphofold.errors import BadMesh, InsideOut, NoCortex, UnlikeSurfaces
 from morphofold.geometry import split
 from morphofold.io import read_cortex, sample_path
+from morphofold.mesh_quality.checks import check_pair, cortex_label, is_no_cortex
 from morphofold.surface import Cortex, Surface
 
 MAPS = {

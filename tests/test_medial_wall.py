@@ -1,5 +1,6 @@
 """Which vertices are cortex, by the first sign of the medial wall that there is, on fsaverage5 and on spheres."""
 
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -7,10 +8,11 @@ import pytest
 
 from morphofold import shapes
 from morphofold.analysis import measure
-from morphofold.analysis.mesh_quality.checks import cortex_label, cortex_mask
-from morphofold.analysis.mesh_quality.medial_wall import wall_of_geometry, wall_of_thickness
 from morphofold.analysis.notes import of_input
 from morphofold.io import read_cortex, sample_path
+from morphofold.mesh_quality.checks import cortex_label, cortex_mask
+from morphofold.mesh_quality.medial_wall import wall_of_geometry, wall_of_thickness
+from morphofold.mesh_quality.repair import measurable
 from morphofold.surface import Cortex, Surface
 
 NOISE = 0.1  # mm, of every coordinate
@@ -56,6 +58,39 @@ def test_the_label_decides_whatever_the_geometry_and_leaves_freesurfers_subjects
     apart = np.any(average.white.verts != average.pial.verts, axis=1)
     assert np.array_equal(cortex_mask(average), average.cortex & apart)
     assert cortex_mask(average).sum() == 9354
+
+
+@pytest.mark.parametrize("hemi", ["lh", "rh"])
+def test_the_label_of_the_template_comes_over_by_the_registered_sphere(hemi):
+    """fsaverage5 gets its own label back, and a coarser mesh of the same sphere the label of its vertices."""
+    cortex = read_cortex(sample_path("fsaverage5"), hemi)
+    bare = replace(cortex, cortex=None, regions=None, registered=cortex.sphere)
+    label, word = cortex_label(bare)
+    assert word == "template"
+    assert np.array_equal(label, cortex.cortex)
+    assert "cortex_mask" in of_input(bare)
+    one, other = measurable(bare), measurable(cortex)
+    assert np.array_equal(cortex_mask(one.cortex), cortex_mask(other.cortex))
+    assert cortex_label(one.cortex)[1] == "template"
+
+
+def test_a_sphere_registered_to_another_template_carries_no_label(average):
+    turned = replace(average.sphere, verts=average.sphere.verts @ np.diag([-1.0, -1.0, 1.0]))
+    bare = replace(average, cortex=None, regions=None, maps={}, registered=turned)
+    assert cortex_label(bare)[1] == "geometry"
+    assert np.array_equal(cortex_label(bare)[0], ~wall_of_geometry(bare))
+
+
+def test_the_registered_sphere_is_read_where_there_is_no_label(tmp_path):
+    shutil.copytree(sample_path("fsaverage5"), tmp_path / "bert")
+    shutil.copy(tmp_path / "bert" / "surf" / "rh.sphere", tmp_path / "bert" / "surf" / "rh.sphere.reg")
+    assert read_cortex(tmp_path / "bert", "rh").registered is None
+    own = read_cortex(tmp_path / "bert", "rh").cortex
+    for name in ("rh.cortex.label", "rh.aparc.annot"):
+        (tmp_path / "bert" / "label" / name).unlink()
+    cortex = read_cortex(tmp_path / "bert", "rh")
+    assert any(file.endswith("rh.sphere.reg") for file in cortex.files)
+    assert np.array_equal(cortex_label(cortex)[0], own)
 
 
 @pytest.mark.parametrize("hemi", ["lh", "rh"])

@@ -9,10 +9,10 @@ from commands import refused
 
 from morphofold import shapes
 from morphofold.analysis import measure
-from morphofold.analysis.mesh_quality import checks, defects, plausibility
-from morphofold.analysis.mesh_quality.checks import check_pair, cortex_mask
 from morphofold.errors import UnlikeSurfaces
 from morphofold.io import read_cortex, sample_path, write_surface
+from morphofold.mesh_quality import checks, defects, plausibility
+from morphofold.mesh_quality.checks import check_pair, cortex_mask
 from morphofold.surface import Cortex, Surface
 
 OWN = {"size", "side", "pair", "cortex_label", "thickness_cap", "thickness_unlike"}

@@ -10,10 +10,10 @@ from scipy.spatial import cKDTree
 
 from morphofold import geometry
 from morphofold.analysis import measure
-from morphofold.analysis.mesh_quality import checks
-from morphofold.analysis.mesh_quality.repair import measurable, mended
 from morphofold.errors import BadMesh, InsideOut
 from morphofold.io import read_cortex, sample_path
+from morphofold.mesh_quality import checks
+from morphofold.mesh_quality.repair import measurable, mended
 from morphofold.shapes import icosphere
 from morphofold.surface import Cortex, Regions, Surface
 
@@ -211,9 +211,9 @@ def test_a_pinch_is_told_and_what_is_measured_has_the_input_s_vertices():
 
 @pytest.mark.parametrize("hollow", [False, True])
 def test_a_second_piece_is_no_debris(hollow):
-    """A small one that touches nothing stays, an island or the wall of a cavity; a flipped triangle in it turns."""
+    """An island with 1 % of the area stays, and so does the smallest cavity; a flipped triangle in it turns."""
     cortex = clean()[0]
-    two = with_island(cortex, (0.0, 0.0, 0.0), white=2.0 if hollow else 1.0, pial=1.0 if hollow else 2.0, hollow=hollow)
+    two = with_island(cortex, (0.0, 0.0, 0.0), white=2.0 if hollow else 4.0, pial=1.0 if hollow else 5.0, hollow=hollow)
     faces = two.faces.copy()
     faces[-1] = faces[-1, ::-1]
     mend = measurable(changed(two, faces=faces))
@@ -229,6 +229,21 @@ def test_of_spheres_that_touch_only_a_tiny_one_is_debris(radius, pieces):
     mend = measurable(welded(two, [(100, clean()[0].n_vertices)]))
     assert geometry.components(mend.cortex.n_vertices, mend.cortex.faces)[0] == pieces
     assert mend.numbers.get("repaired_debris_triangles", 0) == (len(faces) if pieces == 1 else 0)
+
+
+@pytest.mark.parametrize("reverse", [False, True])
+@pytest.mark.parametrize("open_", [False, True])
+def test_a_speck_beside_the_cortex_is_left_out_and_changes_no_number(reverse, open_):
+    cortex = clean()[0]
+    two = with_island(cortex, (70.0, 0.0, 0.0), white=1.5, pial=2.0)
+    n = len(cortex.faces)
+    speck = two.faces[n + 5 * open_ :]
+    speck = speck[:, ::-1] if reverse else speck
+    mend = measurable(changed(two, faces=np.concatenate([cortex.faces, speck])))
+    assert mend.numbers == {"repaired_debris_triangles": len(speck)}
+    assert mend.cortex.n_vertices == cortex.n_vertices
+    assert np.array_equal(mend.cortex.pial.verts, cortex.pial.verts)
+    assert (mend.place[cortex.n_vertices :] == -1).all()
 
 
 def test_a_surface_with_one_side_is_refused_with_the_reason():
@@ -293,9 +308,7 @@ def test_a_closed_piece_that_is_inside_out_is_turned_beside_an_open_one():
     np.testing.assert_array_equal(mend.source[mend.cortex.faces[: len(open_piece)]], open_piece)
     assert (
         checks.signed_volumes(
-            mend.cortex.white.verts,
-            mend.cortex.faces[len(open_piece) :],
-            np.zeros(mend.cortex.n_vertices, dtype=np.int64),
+            mend.cortex.white.verts, mend.cortex.faces[len(open_piece) :], np.zeros(len(ball), dtype=np.int64)
         )[0]
         > 0
     )

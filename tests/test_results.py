@@ -176,11 +176,11 @@ def subject(tmp_path):
     return tmp_path / "all" / "bert", replace(made, cortex=replace(made.cortex, files=read.files))
 
 
-@pytest.mark.parametrize(("out", "how"), [(".", "is"), ("..", "holds"), ("surf/..", "is"), ("new/deep", "lies in")])
-def test_an_analysis_is_not_written_over_into_or_around_its_input(subject, out, how):
+@pytest.mark.parametrize("out", [".", "..", "surf/..", "new/deep", "surf/new"])
+def test_an_analysis_is_not_written_over_into_or_around_its_input(subject, out):
     folder, measures = subject
     before = sorted(folder.parent.rglob("*"))
-    with pytest.raises(OptionsClash, match=rf"^{re.escape(str(folder / out))} {how} .*{re.escape(str(folder))}/"):
+    with pytest.raises(OptionsClash, match=f"^{re.escape(str(folder / out))}: "):
         write_analysis([measures], folder / out, report=False)
     assert sorted(folder.parent.rglob("*")) == before
 

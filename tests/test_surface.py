@@ -6,9 +6,10 @@ import re
 import numpy as np
 import pytest
 
-from morphofold.analysis.mesh_quality import checks
+from morphofold import geometry
 from morphofold.errors import BadMesh, MissingPart, NotFinite, OutOfRange, UnknownName, UnlikeSurfaces, WrongShape
 from morphofold.geometry import face_areas
+from morphofold.mesh_quality import checks
 from morphofold.shapes import icosphere
 from morphofold.surface import Cortex, Regions, Surface, check_mesh
 
@@ -22,6 +23,41 @@ def cortex(**changes):
     verts, faces = icosphere(1, radius=10.0)
     parts = {"white": Surface(verts, faces, "lh.white"), "pial": Surface(verts * 1.2, faces, "lh.pial")}
     return Cortex(**{**parts, **changes})
+
+
+def open_shell(level=4):
+    verts, faces = icosphere(level)
+    return verts, faces[verts[faces][:, :, 2].min(axis=1) > -0.6]
+
+
+@pytest.mark.parametrize("only", ["white", "pial", "other vertices", "same vertices"])
+def test_a_few_vertices_that_are_nan_at_a_border_are_left_out_with_their_triangles(only):
+    verts, faces = open_shell()
+    border = np.unique(geometry.border_edges(faces))
+    gone = {"white": (border[:4], []), "pial": ([], border[:4]), "other vertices": (border[:3], border[2:5])}
+    inner, outer = gone.get(only, (border[:4], border[:4]))
+    white, pial = 47 * verts, 50 * verts
+    white[inner], pial[outer] = np.nan, np.nan
+    cortex = (
+        Cortex.from_arrays(white, pial, faces)
+        if only == "white"
+        else Cortex(*(Surface(v, faces) for v in (white, pial)))
+    )
+    left = faces[~np.isin(faces, np.union1d(inner, outer).astype(int)).any(axis=1)]
+    assert 0.99 * len(faces) <= len(left) < len(faces)
+    assert np.array_equal(cortex.faces, left)
+    assert np.isfinite(cortex.white.verts).all()
+    assert (cortex.white.unknown, cortex.pial.unknown) == (len(inner), len(outer))
+
+
+@pytest.mark.parametrize("case", ["closed", "many", "infinite"])
+def test_nan_elsewhere_is_refused(case):
+    verts, faces = icosphere(4) if case == "closed" else open_shell()
+    verts = verts.copy()
+    border = np.unique(geometry.border_edges(faces)) if case != "closed" else [7]
+    verts[border if case == "many" else border[:1]] = np.inf if case == "infinite" else np.nan
+    with pytest.raises(NotFinite):
+        Surface(verts, faces)
 
 
 def test_a_sound_mesh_is_accepted(ball):

@@ -5,12 +5,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from morphofold import shapes
-from morphofold.errors import BadMesh, Mismatch, OpenSurface, OutOfRange
+from morphofold.errors import BadMesh, Handles, Mismatch, OpenSurface, OutOfRange, SeveralPieces
 from morphofold.geometry import face_areas, vertex_areas
 from morphofold.io import read_surface, sample_path
 from morphofold.surface import Surface
 from morphofold.unfolding.harmonics import fit
 from morphofold.unfolding.smooth_surface import SmoothSurface, tangents
+from morphofold.unfolding.spheres import sphere_of
 from morphofold.unfolding.unfold import quadrature, unfold
 
 AXES = np.array([60.0, 45.0, 40.0])
@@ -129,6 +130,53 @@ def test_what_is_not_the_sphere_of_the_surface_is_refused(sphere, average):
     folded_over[:, 0] = np.abs(folded_over[:, 0])
     with pytest.raises(BadMesh, match="inside out"):
         unfold(white, Surface(folded_over, white.faces, name="half a sphere"))
+
+
+def made(name):
+    """Surfaces that do not unfold, and why."""
+    verts, faces = shapes.icosphere(4)
+    if name == "torus":
+        verts, faces = torus(40, 20)
+    if name == "two equal":
+        verts, faces = np.concatenate([verts, verts + [3.0, 0, 0]]), np.concatenate([faces, faces + len(verts)])
+    if name == "open":
+        faces = faces[1:]
+    shape = {"flat": [40, 40, 0], "line": [40, 0, 0], "point": [0, 0, 0], "nearly flat": [40, 40, 1e-3]}
+    return Surface(verts * shape.get(name, [40, 30, 30]) + [1.0, 2.0, 3.0], faces, name=name)
+
+
+def torus(n, m):
+    u, v = (g.ravel() for g in np.meshgrid(np.arange(n), np.arange(m), indexing="ij"))
+    a, b = 2 * np.pi * u / n, 2 * np.pi * v / m
+    verts = np.column_stack([(2 + np.cos(b)) * np.cos(a), (2 + np.cos(b)) * np.sin(a), np.sin(b)])
+    at = lambda i, j: (i % n) * m + j % m
+    one = np.column_stack([at(u, v), at(u + 1, v), at(u + 1, v + 1)])
+    return verts, np.concatenate([one, np.column_stack([at(u, v), at(u + 1, v + 1), at(u, v + 1)])])
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [
+        ("open", OpenSurface),
+        ("torus", Handles),
+        ("two equal", SeveralPieces),
+        *((name, BadMesh) for name in ("flat", "line", "point", "nearly flat")),
+    ],
+)
+def test_what_does_not_unfold_is_refused_with_its_own_code(name, kind):
+    surface = made(name)
+    directions = surface.verts - [1.0, 2.0, 3.0]
+    sphere = Surface(directions / np.maximum(np.linalg.norm(directions, axis=1, keepdims=True), 1e-9), surface.faces)
+    for work in (lambda: unfold(surface, sphere), lambda: sphere_of(surface)):
+        with pytest.raises(kind) as caught:
+            work()
+        assert type(caught.value) is kind
+
+
+@pytest.mark.parametrize("spoil", [lambda v: 0 * v, lambda v: v * (v[:, 2:] > 0), lambda v: np.eye(3)[[0]] + 0 * v])
+def test_a_sphere_of_zeros_or_of_one_point_is_none(sphere, spoil):
+    with pytest.raises(BadMesh):
+        unfold(ellipsoid(sphere), Surface(spoil(sphere.verts), sphere.faces, name="zeros"))
 
 
 def test_torn_and_coarse_surfaces_are_refused(average):

@@ -97,6 +97,78 @@ def test_the_same_subject_gives_the_same_bytes(subject):
             assert file.read_bytes() == (subject.parent / "two" / file.relative_to(subject.parent / "one")).read_bytes()
 
 
+def test_a_level_out_of_range_is_refused_before_a_sphere_is_made(here, capsys, monkeypatch):
+    write_surface("egg.off", Surface(shapes.icosphere(4)[0] * [3.0, 2.0, 2.0], shapes.icosphere(4)[1]))
+    monkeypatch.setattr("morphofold.unfolding.spheres.sphere_of", lambda *_: pytest.fail("was made before"))
+    assert main(["unfold", "egg.off", "-o", "out", "-q", "--level", "7"]) == 2
+    assert "[out-of-range]" in capsys.readouterr().err
+
+
+def with_island(path, place, radius, reverse=False):
+    """A surface with a ball beside it, in the same file."""
+    surface, (verts, faces) = read_surface(path), shapes.icosphere(2)
+    faces = (faces[:, ::-1] if reverse else faces) + len(surface.verts)
+    both = np.concatenate([surface.verts, radius * verts + place]), np.concatenate([surface.faces, faces])
+    write_surface(path, Surface(*both))
+
+
+@pytest.mark.parametrize("reverse", [False, True])
+def test_a_speck_is_left_out_and_changes_no_number(subject, reverse):
+    (subject / "label" / "lh.cortex.label").rename(subject / "label" / "other")
+    (subject / "label" / "lh.aparc.annot").unlink()
+    assert main(["unfold", "subject", "-o", "one", "-q"]) == 0
+    with_island(subject / "surf" / "lh.white", [150.0, 0, 0], 2.0, reverse)
+    with_island(subject / "surf" / "lh.sphere", [0.0, 0, 0], 100.0, reverse)
+    assert main(["unfold", "subject", "-o", "two", "-q"]) == 0
+    one, two = (json.loads((subject.parent / name / "summary.json").read_text()) for name in ("one", "two"))
+    assert one["hemispheres"] == two["hemispheres"]
+    assert "repair" in two["notes"]["lh"]
+    assert "repair" not in one["notes"]["lh"]
+    n = 10242
+    ratio, before = (read_morph(subject.parent / name / "surf" / "lh.area_ratio") for name in ("two", "one"))
+    assert len(before) == n < len(ratio)  # at the vertices of the file
+    np.testing.assert_array_equal(ratio[:n], before)
+    assert (ratio[n:] == 0).all()
+    smooth, before = (read_surface(subject.parent / name / "surf" / "lh.smooth") for name in ("two", "one"))
+    np.testing.assert_array_equal(smooth.verts[:n], before.verts)
+    np.testing.assert_array_equal(smooth.faces, before.faces)
+
+
+def test_what_marks_the_cortex_is_told(subject):
+    source = sample_path("fsaverage5")
+    for name in ("pial", "thickness"):
+        shutil.copy(source / "surf" / f"lh.{name}", subject / "surf")
+    shutil.copy(source / "surf" / "lh.sphere", subject / "surf" / "lh.sphere.reg")
+    marks = ("label/lh.cortex.label", "label/lh.aparc.annot", "surf/lh.sphere.reg", "surf/lh.thickness", "surf/lh.pial")
+    words = []
+    for k, gone in enumerate(marks):
+        assert main(["unfold", "subject", "-o", f"out{k}", "-q"]) == 0
+        summary = json.loads((subject.parent / f"out{k}" / "summary.json").read_text())
+        words.append(summary["cortex_mask"]["lh"])
+        assert ("cortex_mask" in summary["notes"]["lh"]) == (k > 0)
+        (subject / gone).unlink()
+    assert words == ["label", "annotation", "template", "thickness", "geometry"]
+
+
+@pytest.mark.parametrize(
+    ("spoil", "code"),
+    [
+        (lambda s: with_island(s / "surf" / "lh.white", [200.0, 0, 0], 20.0), "several-pieces"),
+        (lambda s: write_surface(s / "surf" / "lh.white", cut(read_surface(s / "surf" / "lh.white"))), "open-surface"),
+    ],
+)
+def test_pieces_and_borders_have_codes_of_their_own(subject, capsys, spoil, code):
+    spoil(subject)
+    for place in ("surf/lh.sphere", "label/lh.aparc.annot", "label/lh.cortex.label"):
+        (subject / place).unlink()
+    assert main(["unfold", "subject", "-o", "out", "-q"]) == 2
+    assert f"[{code}]" in capsys.readouterr().err
+
+
+def cut(surface):
+    return Surface(surface.verts, surface.faces[:-1])
+
+
 @pytest.mark.parametrize(
     ("spoil", "options", "word"),
     [

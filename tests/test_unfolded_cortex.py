@@ -11,7 +11,7 @@ from morphofold.cli import main
 from morphofold.errors import BadMesh, ImpossibleBody, Mismatch, MissingPart, OpenSurface
 from morphofold.forecasts.sizes import layers_of, sizes_by_rule, sizes_of
 from morphofold.geometry import unit
-from morphofold.io import read_annotation, read_label, read_surface, write_surface
+from morphofold.io import read_annotation, read_label, read_surface, write_morph, write_surface
 from morphofold.io.cortices import hemispheres
 from morphofold.shapes import icosphere
 from morphofold.sim.build import build_bilayer, build_body
@@ -210,6 +210,42 @@ def test_a_subject_that_cannot_grow_is_refused_and_nothing_is_written(tmp_path, 
     with pytest.raises(error):
         grow(tmp_path, scene_of(subject, geometry=geometry))
     assert not (tmp_path / "run").exists()
+
+
+def test_a_medial_wall_that_nothing_marks_is_refused_before_a_sphere_is_made(tmp_path, subject, monkeypatch):
+    no_labels(subject)
+    (subject / "surf" / "lh.sphere").unlink()
+    monkeypatch.setattr(
+        "morphofold.sim.hemisphere.subject.sphere_of", lambda surface: pytest.fail("was unfolded before")
+    )
+    with pytest.raises(MissingPart):
+        grow(tmp_path, scene_of(subject))
+
+
+def test_the_cortex_of_a_template_is_held_where_the_subject_has_no_label(tmp_path, subject):
+    no_labels(subject)
+    write_surface(subject / "surf" / "lh.sphere.reg", read_surface(subject / "surf" / "lh.sphere"))
+    run = grow(tmp_path, scene_of(subject, growth="final = 1.0"))
+    info = json.loads((next((run.path / "stages").glob("g*")) / "stage.json").read_text())
+    assert info["grown_from"]["cortex_mask"] == "template"
+    cortex = run.cortex().cortex
+    assert 0.85 < (True if cortex is None else cortex.mean()) < 0.97  # of fsaverage5 0.91
+
+
+def test_a_speck_beside_the_subject_changes_nothing_of_its_body(tmp_path, subject):
+    scene = lambda: scene_at(tmp_path, scene_of(subject, geometry='thickness_map = {file = "thickness"}'))
+    write_morph(subject / "surf" / "lh.thickness", 2 + cortex_of(icosphere(4)[0]))
+    one, (verts, faces) = build_bilayer(scene()), icosphere(1)
+    for name, place, radius in (("white", [100.0, 0, 0], 1.5), ("sphere", [0.0, 0, 0], 100.0)):
+        surface = read_surface(subject / "surf" / f"lh.{name}")
+        both = np.concatenate([surface.faces, faces + len(surface.verts)])
+        moved = np.concatenate([surface.verts, radius * verts + place])
+        write_surface(subject / "surf" / f"lh.{name}", Surface(moved, both))
+    (subject / "label" / "lh.aparc.annot").unlink()
+    write_morph(subject / "surf" / "lh.thickness", np.r_[2.0 + cortex_of(icosphere(4)[0]), np.full(len(verts), 9.0)])
+    other = build_bilayer(scene())
+    np.testing.assert_array_equal(other.mesh.p, one.mesh.p)
+    np.testing.assert_array_equal(other.growing, one.growing)
 
 
 def test_a_cortex_that_does_not_fit_is_refused(tmp_path, subject):

@@ -22,8 +22,8 @@ from morphofold.analysis.graph.depth_potential import (
 from morphofold.analysis.graph.net import Net, borders, smoothed
 from morphofold.analysis.graph.refine import refine
 from morphofold.analysis.graph.watershed import Watershed
-from morphofold.analysis.mesh_quality import checks
 from morphofold.errors import OptionsClash, OutOfRange
+from morphofold.mesh_quality import checks
 from morphofold.surface import Cortex, PerVertex, Surface, check_kind
 from morphofold.threads import beside
 

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from scipy.sparse import csgraph
 
 from morphofold import geometry
-from morphofold.analysis.mesh_quality.checks import cortex_mask
 from morphofold.analysis.relief import Relief
 from morphofold.analysis.thickness.cortical import cortical_thickness
 from morphofold.analysis.thickness.mid_height import Contour, mid_height_contour
 from morphofold.analysis.thickness.rays import RayCaster
 from morphofold.errors import NoCortex, WrongShape
+from morphofold.mesh_quality.checks import cortex_mask
 from morphofold.surface import Cortex, PerVertex, Surface, check_kind
 
 LEAST_COVERAGE = 0.2  # of the mid-height contour, below which no median is given

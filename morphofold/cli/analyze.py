@@ -170,20 +170,15 @@ def _refuse_clashes(args: argparse.Namespace) -> None:
 
 def _name_and_folder(cortices: list[Cortex], args: argparse.Namespace) -> tuple[str, Path]:
     """Name of the results, and the folder they go to; raises if the folder is not ours or holds an input."""
-    from morphofold.cli.paths import refuse_overlap, writable_name
+    from morphofold.cli.paths import writable_name
     from morphofold.io import refuse_foreign
-    from morphofold.results import refuse_place_of_inputs, subject_place
+    from morphofold.results import subject_place
 
     bids = args.layout == "bids"
     folder = cortices[0].name if bids or not args.input else Path(args.input).resolve().name
     called = args.name or args.subject or folder
     out = subject_place(Path(args.out), called) if bids else Path(args.out or f"{writable_name(called)}-analysis")
-    files = [file for cortex in cortices for file in cortex.files]
-    read = {Path(file).parent for file in files}
-    read |= {folder.parent for folder in read if folder.name == "surf"}
-    refuse_overlap(out, read if args.input is None else {*read, Path(args.input)})
-    refuse_place_of_inputs(out, files)
-    refuse_foreign(out)
+    refuse_foreign(out, [file for cortex in cortices for file in cortex.files] + [args.input] * bool(args.input))
     return called, out
 
 
@@ -200,8 +195,8 @@ def _write_results(measures: list[Measures], out: Path, called: str, args: argpa
 
 def _print_measured(measures: list[Measures], out: Path, clock: Stages, args: argparse.Namespace) -> None:
     """Print the summary as JSON; or a line per hemisphere, its warnings, and the cost."""
-    from morphofold.analysis.mesh_quality.defects import WARNINGS
     from morphofold.forecasts.analysis_cost import analysis_cost_line, cost_of_analysis
+    from morphofold.mesh_quality.defects import WARNINGS
 
     bids = args.layout == "bids"
     summary = out / (f"anat/{out.name}_desc-morphofold_provenance.json" if bids else "summary.json")
@@ -296,10 +291,10 @@ def _formatted_or_na(value: float | None, form: str, unit: str = "") -> str:
 
 
 def _dry_run(cortices: list[Cortex], failed: dict[str, str], reading: float, args: argparse.Namespace) -> int:
-    from morphofold.analysis.mesh_quality.repair import measurable
     from morphofold.analysis.scales import scale_of_curvature
     from morphofold.forecasts import forecast_analysis
     from morphofold.forecasts.printed import analysis_forecast_table
+    from morphofold.mesh_quality.repair import measurable
 
     def checked(cortex: Cortex) -> Cortex:
         mended = measurable(cortex, repair=args.repair).cortex
@@ -344,11 +339,12 @@ def _set_input_folder(args: argparse.Namespace) -> None:
 
 def _analyse_stages(args: argparse.Namespace, options: Mapping[str, Any]) -> int:
     """Analyse all stages of a simulation; existing analyses are kept."""
-    from morphofold.cli.paths import refuse_overlap, writable_name
+    from morphofold.cli.paths import writable_name
     from morphofold.cli.progress import progress
     from morphofold.cli.runs import begin
     from morphofold.forecasts.analysis_cost import READING_STAGE
     from morphofold.io import read_cortex
+    from morphofold.io.folders import refuse_overlap
     from morphofold.results import is_analysis_of, write_analysis
     from morphofold.timing import Stages
 

@@ -37,9 +37,9 @@ def add_args(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from morphofold.cli.cohort import measured_before, run_cohort, run_group
-    from morphofold.cli.paths import refuse_overlap
     from morphofold.cohort.covariates import find_covariates
     from morphofold.cohort.tables import TAKEN_COLUMNS
+    from morphofold.io.folders import refuse_overlap
 
     out = Path(args.output_dir)
     if args.level == "group":
@@ -59,7 +59,7 @@ def _subjects_folder(args: argparse.Namespace) -> Path:
     if not folder.is_dir():
         raise FileNotFoundError(f"{folder}: no such dataset.")
     for place in FREESURFER_FOLDERS:
-        if any(folder.joinpath(place).glob("*/surf")):
+        if any(any(folder.joinpath(place).glob(found)) for found in ("*/surf", "sub-*/ses-*/surf")):
             return folder / place
     raise FileNotFoundError(
         f"{folder}: there are no FreeSurfer subjects in {', '.join(FREESURFER_FOLDERS)}. Pass their folder with "
@@ -74,7 +74,7 @@ def _participant_folders(source: Path, labels: list[str]) -> dict[str, Path]:
 
     names, _ = find_subjects(source)
     found = {
-        label: [n for n in names if n == label or n.partition("_")[0] == label]
+        label: [n for n in names if label in (n, n.partition(".long.")[0], n.partition("_")[0])]
         for label in map(_with_sub_prefix, labels)
     }
     missing = [label for label, its in found.items() if not its]

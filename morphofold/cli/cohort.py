@@ -14,7 +14,7 @@ from morphofold.cli.streams import one_line, print_json
 from morphofold.errors import NamedTwice, OptionsClash
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
     from contextlib import AbstractContextManager
 
     from morphofold.cohort.covariates import Covariates
@@ -104,31 +104,33 @@ def add_worker_args(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from morphofold.cli.paths import refuse_overlap
     from morphofold.cohort.covariates import find_covariates
-    from morphofold.cohort.subjects import find_subjects, named_subjects
+    from morphofold.cohort.subjects import find_subjects, left_out_words, named_subjects
     from morphofold.cohort.tables import TAKEN_COLUMNS
     from morphofold.cohort.templates import template
+    from morphofold.io.folders import refuse_overlap
 
     source, out = Path(args.subjects_dir).absolute(), Path(args.out)
-    found, templates = find_subjects(source)
-    names = found if args.subjects is None else named_subjects(Path(args.subjects))
+    found, left_out = find_subjects(source)
+    if args.subjects is not None:
+        found, left_out = named_subjects(Path(args.subjects)), {}
     refuse_overlap(out, [source])
     for option, value in (("--smooth", args.smooth), ("--xhemi", args.xhemi or None)):
         if value is not None and args.space is None:
             raise OptionsClash(f"{option} is for maps on a template, but none is named. Pass --space and its folder.")
     on = None if args.space is None else template(args.space, args.smooth, xhemi=args.xhemi)
-    if templates and args.subjects is None:
-        print_note(f"left out: {', '.join(templates)} (templates; --subjects can include them)", args.quiet)
+    if left_out:
+        print_note(f"left out: {left_out_words(left_out)}", args.quiet)
     covariates = find_covariates(args.participants, [source], TAKEN_COLUMNS)
-    return run_cohort(by_shown_name(source, names), out, args, on=on, covariates=covariates)
+    return run_cohort(by_shown_name(source, found), out, args, on=on, covariates=covariates, left_out=left_out)
 
 
 def by_shown_name(source: Path, names: Sequence[str]) -> dict[str, Path]:
     """Folders of subjects by names that can be written; bytes that are not text are escaped."""
+    from morphofold.cohort.subjects import folder_of
     from morphofold.provenance import printable
 
-    found = {printable(name): source / name for name in names}
+    found = {printable(name): folder_of(source, name) for name in names}
     if len(found) < len(names):
         raise NamedTwice(f"{source}: two names are the same after bytes that are not text are escaped. Rename one.")
     return found
@@ -143,10 +145,12 @@ def run_cohort(
     everyone: dict[str, Path] | None = None,
     on: Template | None = None,
     covariates: Covariates | None = None,
+    left_out: Mapping[str, str] | None = None,
 ) -> int:
     """Measure subjects and, if ``group``, write their group; the scales are those of ``everyone``.
 
-    With a template, ``on``, also bring their maps over to it. ``covariates`` are those of the subjects, for the tables.
+    With a template, ``on``, also bring their maps over to it. ``covariates`` are those of the subjects, for the tables;
+    ``left_out`` are names in their folder, with reasons.
     """
     import secrets
     from contextlib import ExitStack
@@ -167,8 +171,8 @@ def run_cohort(
     hemis = ("lh", "rh") if args.hemi == "both" else (args.hemi,) if args.hemi else ()
     bids, run_id = args.layout == "bids", secrets.token_hex(4)
     report: Any = False if args.no_report else analysis_report
-    covariates = covariates or NO_COVARIATES
-    out, more = out.absolute(), dict[str, Any]()
+    covariates = (covariates or NO_COVARIATES).of_sessions(folders)
+    out, more = out.absolute(), dict[str, Any](left_out=dict(left_out or {}))
     subjects, looked_at = (
         [
             Participant(name, str(folder), TaskFolder(str(out), name, run_id), hemis, bids, report, options)
@@ -202,7 +206,7 @@ def run_cohort(
             with progress("group ", args.quiet) as show:
                 found = write_group(out, places, outcomes, report=group_report, progress=show, covariates=covariates)
             print_not_pooled(found, args.quiet)
-            more["remarks"] = found.pooling.sentences
+            more["remarks"] = found.remarks_on_group
     page = out / "group" / "report.html" if group else out
     if on is not None:
         more["mapped"] = {one.name: dict(one.failures) for one in mapped}
@@ -280,6 +284,7 @@ def run_group(out: Path, results: dict[str, Path], args: argparse.Namespace, cov
     from morphofold.report.pages.group_page import group_report
 
     with alone(out), progress("group ", args.quiet) as show:
+        covariates = covariates.of_sessions(results)
         group = write_group(out, results, report=group_report, progress=show, covariates=covariates)
     print_not_pooled(group, args.quiet)
     failed = len({row["subject"] for row in group.failures})
@@ -288,7 +293,7 @@ def run_group(out: Path, results: dict[str, Path], args: argparse.Namespace, cov
         for row in group.failures:
             who.setdefault(row["subject"], {})[row["hemi"] or ""] = row["reason"]
         answer = {"subjects": len(results), "with_results": group.n_measured, "failures": who}
-        print_json({**answer, "remarks": group.pooling.sentences, "page": out / "group" / "report.html"})
+        print_json({**answer, "remarks": group.remarks_on_group, "page": out / "group" / "report.html"})
     else:
         print(f"{len(results)} subjects{f', {failed} of them with failures' if failed else ''} -> {out / 'group'}")
     return 1 if failed else 0
@@ -367,7 +372,9 @@ def memory_needed(subjects: Sequence[Participant], accuracy: str, report: bool) 
 
 
 def print_not_pooled(group: Group, quiet: bool) -> None:
-    """Print what in a group was not measured in the same way, and is not pooled."""
+    """Print how many persons there are if there are fewer than subjects, and what was not measured in the same way."""
+    if group.persons_words:
+        print_note(group.persons_words, quiet)
     if answer := group.pooling.sentences:
         few = len(group.pooling.left_out)
         print_note(

@@ -54,7 +54,6 @@ def add_args(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from morphofold.cli.paths import refuse_overlap
     from morphofold.cli.progress import progress
     from morphofold.comparison import compare
     from morphofold.io import refuse_foreign
@@ -74,8 +73,7 @@ def run(args: argparse.Namespace) -> int:
     groups = _by_unique_name("--group", [_parse_group(item) for item in args.group]) or None
     colours = _by_unique_name("--colour", [_parse_colour(item) for item in args.colour])
     grown = _by_unique_name("--growth", [_parse_growth_folder(item) for item in args.growth])
-    refuse_overlap(Path(args.out), [Path(folder) for folder in [*named.values(), *grown.values()]])
-    refuse_foreign(Path(args.out))  # refuses before minutes of work
+    refuse_foreign(Path(args.out), [*named.values(), *grown.values()])  # refuses before minutes of work
     with progress("compare", args.quiet) as show:
         measures = {}
         for i, (name, folder) in enumerate(named.items()):

@@ -40,7 +40,6 @@ def add_args(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from morphofold.cli.paths import refuse_overlap
     from morphofold.cli.progress import progress
     from morphofold.inference.overlap import overlap
     from morphofold.inference.overlap_files import overlap_summary, write_overlap
@@ -51,8 +50,7 @@ def run(args: argparse.Namespace) -> int:
 
     set_threads(args.threads)
     space, out = find_space(args.study, args.space), Path(args.out)
-    refuse_overlap(out, [space.folder])
-    refuse_foreign(out)
+    refuse_foreign(out, [space.folder])
     hemis = ("lh", "rh") if args.hemi == "both" else (args.hemi,)
     with progress("overlap", args.quiet) as show:
         found = overlap(

@@ -1,25 +1,13 @@
-"""Folders that commands may write, and folders of FreeSurfer subjects by name."""
+"""Names of folders that commands write, and folders of FreeSurfer subjects by name."""
 
 from __future__ import annotations
 
 import difflib
 import os
-from collections.abc import Iterable
 from pathlib import Path
 from unicodedata import category
 
 from morphofold.errors import NotReadable, OptionsClash
-
-
-def refuse_overlap(out: Path, inputs: Iterable[Path]) -> None:
-    """Raise ``OptionsClash`` if writing ``out`` would replace a folder that the command reads, or one that holds it."""
-    target = Path(os.path.realpath(out))  # resolve() raises at a link to itself
-    for source in inputs:
-        place = Path(os.path.realpath(source))
-        if target == place or target in place.parents:
-            raise OptionsClash(
-                f"{out}: is, or holds, the input {source}; writing there would replace it. Name another -o."
-            )
 
 
 def writable_name(name: str) -> str:

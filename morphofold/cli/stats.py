@@ -70,7 +70,6 @@ def add_args(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from morphofold.cli.paths import refuse_overlap
     from morphofold.cli.progress import progress
     from morphofold.inference.spaces import find_space
     from morphofold.inference.study import fit_study, summary, write_result
@@ -85,8 +84,7 @@ def run(args: argparse.Namespace) -> int:
     set_threads(args.threads)
     space = find_space(args.study, args.space)
     participants = _participants(args, space)
-    refuse_overlap(Path(args.out), [space.folder])
-    refuse_foreign(Path(args.out))
+    refuse_foreign(Path(args.out), [space.folder])
     hemis = (args.hemi,) if args.hemi in ("lh", "rh") else ("lh", "rh")
     with _permuting(args) as largest, progress("stats", args.quiet) as show:
         found = fit_study(

@@ -198,6 +198,7 @@ def _add_bifurcation_options(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     from morphofold import __version__
     from morphofold.io.files import check_place
+    from morphofold.io.folders import refuse_overlap
     from morphofold.report.plots.line_plots import check_format
 
     body = vars(args).get("body") is not None
@@ -207,6 +208,7 @@ def run(args: argparse.Namespace) -> int:
     if plot is not None:  # refuses before anything is computed
         check_format(plot)
         check_place(plot)
+        refuse_overlap(plot)
     if not body:
         _parse_numeric_options(args)
         _refuse_large_answers(args)

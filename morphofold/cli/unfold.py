@@ -8,7 +8,7 @@ from pathlib import Path
 
 from morphofold.cli import add_options
 from morphofold.cli.measuring import add_side_args
-from morphofold.cli.streams import print_file
+from morphofold.cli.streams import one_line, print_file
 from morphofold.progress import part_of
 
 EXAMPLES = ("morphofold unfold $SUBJECTS_DIR/bert -o bert-unfolded",)
@@ -48,31 +48,34 @@ def add_args(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from morphofold.cli.paths import refuse_overlap, writable_name
+    from morphofold.cli.paths import writable_name
     from morphofold.cli.progress import progress
     from morphofold.io import refuse_foreign
     from morphofold.io.cortices import hemispheres, side_named
     from morphofold.io.folded import read_folded
+    from morphofold.mesh_quality.repair import unfoldable
     from morphofold.report.pages.unfold_page import unfold_report
     from morphofold.results.unfolding import Unfolded, write_unfolding
     from morphofold.unfolding.spheres import sphere_of
-    from morphofold.unfolding.unfold import unfold
+    from morphofold.unfolding.unfold import check_options, unfold
 
+    check_options(args.level, args.radius)
     source = Path(args.input)
     found = hemispheres(source) if source.is_dir() else (side_named(source.name) or "lh",)
     hemis = ("lh", "rh") if args.hemi == "both" else (args.hemi,) if args.hemi else found
     with progress("unfold", args.quiet) as show:
         show(0.0, "reading")
-        read = [read_folded(source, hemi, surface=args.surface, sphere=args.sphere) for hemi in hemis]
-        out = Path(args.out or f"{writable_name(read[0].name)}-unfolded")
-        refuse_overlap(out, [source])
-        refuse_foreign(out)
+        read = [unfoldable(read_folded(source, hemi, surface=args.surface, sphere=args.sphere)) for hemi in hemis]
+        out = Path(args.out or f"{writable_name(read[0].cortex.name)}-unfolded")
+        refuse_foreign(out, [source])
         unfolded = []
         for k, one in enumerate(read):
-            share = part_of(show, 0.1 + 0.5 * k / len(read), 0.5 / len(read), f"{one.hemi}: ")
+            white, sphere = one.cortex.white, one.cortex.sphere
+            share = part_of(show, 0.1 + 0.5 * k / len(read), 0.5 / len(read), f"{one.cortex.hemi}: ")
             share(0.0, "heat flow")
-            sphere = one.sphere or sphere_of(one.surface, share)
-            unfolded.append(Unfolded(one, unfold(one.surface, sphere, args.level, radius=args.radius)))
+            unfolded.append(
+                Unfolded(one, unfold(white, sphere or sphere_of(white, share), args.level, radius=args.radius))
+            )
         show(0.6, "writing")
         summary = write_unfolding(unfolded, out, unfold_report)
         show(1.0, "done")
@@ -84,5 +87,7 @@ def run(args: argparse.Namespace) -> int:
             f"{summary['name']} {row['hemi']}: {row['folded_area_mm2']:,.0f} mm2 folded, {row['area_mm2']:,.0f} mm2 "
             f"smooth; a cortex of up to {row['thickest_cortex_mm']:.2g} mm fits"
         )
+        for key, note in summary["notes"][row["hemi"]].items():
+            print(one_line(f"warning: {note} [{key}]"))
     print(f"-> {out / 'report.html'}")
     return 0

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from morphofold.errors import NamedTwice
 from morphofold.inference.design import plain_name, read_participants
+from morphofold.inference.sessions import LONG, person_and_session
 
 PARTICIPANTS_FILE = "participants.tsv"
-BIDS_PREFIX = "sub-"
+PERSON = "person"
 
 
 @dataclass(frozen=True)
@@ -22,12 +23,24 @@ class Covariates:
     rows: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     def of(self, subject: str) -> dict[str, Any]:
-        """Values of a subject, None where there is none; a session ``sub-01_ses-2`` has those of ``sub-01``."""
-        name = plain_name(subject)
-        if name not in self.rows and subject.startswith(BIDS_PREFIX):
-            name = name.partition("_")[0]
-        row = self.rows.get(name, {})
-        return {column: row.get(column) for column in self.columns}
+        """Values of a subject, None where there is none; a session ``sub-01_ses-2`` has those of ``sub-01``, and a
+        longitudinal run those of its time point."""
+        person, session = person_and_session(subject)
+        names = [plain_name(name) for name in (subject, subject.partition(LONG)[0], person)]
+        row = next((self.rows[name] for name in names if name in self.rows), {})
+        return {
+            column: row.get(column, {PERSON: person, "session": session or None}.get(column)) for column in self.columns
+        }
+
+    def person(self, subject: str) -> str:
+        """The person of a subject: by the column ``person``, else by its name."""
+        return str(self.of(subject).get(PERSON) or person_and_session(subject)[0])
+
+    def of_sessions(self, subjects: Iterable[str]) -> Covariates:
+        """These, with the columns ``person`` and ``session`` if some subjects are sessions of a person."""
+        if not any(person_and_session(subject)[1] for subject in subjects):
+            return self
+        return replace(self, columns=tuple(dict.fromkeys((PERSON, "session", *self.columns))))
 
 
 NO_COVARIATES = Covariates()

@@ -1,6 +1,6 @@
 """Statistics of a group: distributions, left against right, outliers, and gyral against cortical thickness.
 
-A subject counts once for each of its names. Subjects are assumed to be independent of each other.
+A person counts once, with the mean of its sessions. Persons are assumed to be independent of each other.
 """
 
 from __future__ import annotations
@@ -138,6 +138,20 @@ def measures_of(group: Group) -> Scalars:
     return {**scalars, THICKNESS_RATIO: ratio}
 
 
+def by_person(group: Group, scalars: Scalars) -> Scalars:
+    """Means over the sessions of each person: arrays (persons, 2) of arrays (subjects, 2)."""
+    return {name: _means(values, group.person_numbers[1]) for name, values in scalars.items()}
+
+
+def _means(values: NDArray[np.float64], number: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Means (P, ...) of the finite values (S, ...) with the same number; NaN where there are none."""
+    known = np.isfinite(values)
+    sums, counts = np.zeros((2, number.max(initial=-1) + 1, *values.shape[1:]))
+    np.add.at(sums, number, np.where(known, values, 0.0))
+    np.add.at(counts, number, known)
+    return np.divide(sums, counts, out=np.full_like(sums, np.nan), where=counts > 0)
+
+
 def distributions(scalars: Scalars) -> list[Distribution]:
     """Distributions of every measure and side with a value, in the order of the measures, left first."""
     found = []
@@ -180,8 +194,10 @@ def _asymmetry_statistics(name: str, values: NDArray[np.float64]) -> Asymmetry:
     return Asymmetry(name, n, mean, mean - half, mean + half, sd, effect, p)
 
 
-def outliers(subjects: Sequence[str], scalars: Scalars) -> Outliers:
-    """Values far from the median of their measure and side.
+def outliers(subjects: Sequence[str], scalars: Scalars, number: NDArray[np.int64] | None = None) -> Outliers:
+    """Values (subjects, 2) far from the median of their measure and side; ``number`` (subjects,) is that of the person.
+
+    Median and deviation are over persons, of the mean of their sessions, but each session is searched.
 
     ``robust_z = 0.6745 (x - median) / MAD`` with the median absolute deviation; above 3.5 in size it is an outlier
     (Iglewicz and Hoaglin 1993). MAD of counts is at least half a count. If MAD of another measure is 0 to round-off,
@@ -190,15 +206,18 @@ def outliers(subjects: Sequence[str], scalars: Scalars) -> Outliers:
     """
     found: dict[int, list[Outlier]] = {}
     too_few, divided, looked_at = [], [], 0
+    number = np.arange(len(subjects)) if number is None else number
     for measure, values in scalars.items():
         if measure in BOUNDS:
             continue
         for hemi, side in zip(HEMIS, values.T):
             known = np.flatnonzero(np.isfinite(side))
-            if known.size < FEWEST_FOR_OUTLIERS:
+            people = _means(side, number)
+            people = people[np.isfinite(people)]
+            if people.size < FEWEST_FOR_OUTLIERS:
                 too_few += [(measure, hemi)] if known.size else []
                 continue
-            z, median = robust_z(side[known], LEAST_MAD_OF_COUNTS if measure.startswith(COUNT_PREFIX) else 0.0)
+            z, median = robust_z(side[known], LEAST_MAD_OF_COUNTS if measure.startswith(COUNT_PREFIX) else 0.0, people)
             if np.isinf(z).mean() > LARGEST_OUTLIER_SHARE:
                 divided.append((measure, hemi))
                 continue
@@ -212,12 +231,16 @@ def outliers(subjects: Sequence[str], scalars: Scalars) -> Outliers:
     return Outliers(tuple(row for k in ranked for row in found[k]), looked_at, tuple(too_few), tuple(divided))
 
 
-def robust_z(values: NDArray[np.float64], least: float = 0.0) -> tuple[NDArray[np.float64], float]:
-    """Robust z (N,) and median of known values (N,), with MAD at least ``least``; 0 or signed infinity if MAD is 0 to
-    round-off."""
-    median = float(np.median(values))
+def robust_z(
+    values: NDArray[np.float64], least: float = 0.0, among: NDArray[np.float64] | None = None
+) -> tuple[NDArray[np.float64], float]:
+    """Robust z (N,) of known values (N,), and the median of the values ``among`` which they are; by default their own.
+
+    MAD is at least ``least``; 0 or signed infinity if MAD is 0 to round-off."""
+    among = values if among is None else among
+    median = float(np.median(among))
     apart = values - median
-    mad = max(float(np.median(np.abs(apart))), least)
+    mad = max(float(np.median(np.abs(among - median))), least)
     alike = RELATIVE_ROUND_OFF * abs(median)
     if mad > alike:
         return NORMAL_MAD_OVER_SD * apart / mad, median
@@ -225,16 +248,16 @@ def robust_z(values: NDArray[np.float64], least: float = 0.0) -> tuple[NDArray[n
 
 
 def subject_cloud(group: Group, side: int) -> Cloud:
-    """Median gyral against mean cortical thickness of the subjects on one side (0 left, 1 right), and the fit.
+    """Median gyral against mean cortical thickness of the persons on one side (0 left, 1 right), and the fit.
 
     More than 400 subjects are also put into bins of equal counts by cortical thickness, with medians and quartiles. The
     fit is always through the subjects.
     """
-    scalars = measures_of(group)
+    scalars = by_person(group, measures_of(group))
     cortical = scalars["mean_cortical_thickness_mm"][:, side]
     gyral = scalars["median_gyral_thickness_mm"][:, side]
     both = np.flatnonzero(np.isfinite(cortical) & np.isfinite(gyral))
-    points = tuple(ThicknessPoint(float(cortical[k]), float(gyral[k]), group.subjects[k]) for k in both)
+    points = tuple(ThicknessPoint(float(cortical[k]), float(gyral[k]), group.person_numbers[0][k]) for k in both)
     fit = fit_line(points, robust=len(points) <= MOST_ROBUST_FIT_POINTS)
     if len(points) <= MOST_POINTS_DRAWN:
         return Cloud("subject", points, (), fit)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from morphofold.errors import NamedTwice, NothingToDo, NotReadable, WrongFile
+from morphofold.inference.sessions import LONG
 
 SUBJECT_FOLDERS = ("surf", "mri", "scripts", "stats", "label")  # folders; a FreeSurfer subject has at least one
 TEMPLATE_SUBJECTS = (
@@ -17,11 +18,16 @@ TEMPLATE_SUBJECTS = (
 )  # folders that FreeSurfer puts beside subjects
 
 
-def find_subjects(folder: Path) -> tuple[list[str], list[str]]:
-    """Names of the subjects in a folder, and names of the templates that were left out, both sorted.
+TIME_POINTS = "base-tps"  # the file of a base template of longitudinal runs, with the names of its time points
+
+
+def find_subjects(folder: Path) -> tuple[list[str], dict[str, str]]:
+    """Names of the subjects in a folder, sorted, and why other names were left out.
 
     A subject is a folder with one of the folders that FreeSurfer makes, or with surfaces of its own (``lh.white``,
-    ``lh.white.surf.gii``). A folder without surfaces is a subject too, and fails later.
+    ``lh.white.surf.gii``). A folder without surfaces is a subject too, and fails later. ``sub-01/ses-2`` is the subject
+    ``sub-01_ses-2``. Left out are templates, the base templates of longitudinal runs, and runs of time points that
+    also have a longitudinal run.
 
     Raises
     ------
@@ -34,13 +40,40 @@ def find_subjects(folder: Path) -> tuple[list[str], list[str]]:
         raise FileNotFoundError(f"{folder}: no such folder. Give the folder that contains the subjects.")
     if not folder.is_dir():
         raise NotADirectoryError(f"{folder}: is a file. Give the folder that contains the subjects.")
-    there = sorted(p.name for p in folder.iterdir() if not p.name.startswith(".") and _is_subject(p))
-    templates = [name for name in there if name.startswith(TEMPLATE_SUBJECTS)]
-    found = [name for name in there if name not in templates]
+    places = [p for p in folder.iterdir() if not p.name.startswith(".")]
+    there = sorted(p.name for p in places if _is_subject(p))
+    nested = [s for p in places if p.name not in there for s in p.glob("ses-*") if p.name.startswith("sub-")]
+    there += sorted(f"{session.parent.name}_{session.name}" for session in nested if _is_subject(session))
+    left_out = dict.fromkeys((name for name in there if name.startswith(TEMPLATE_SUBJECTS)), "template")
+    for visit, long, base in (name.partition(LONG) for name in there):
+        if long:
+            points = [visit, *_time_points(folder / base)]
+            left_out |= {base: "base template"} | dict.fromkeys(points, "cross-sectional run")
+        elif (folder / visit / TIME_POINTS).is_file():
+            left_out.setdefault(visit, "base template")
+    found = [name for name in there if name not in left_out]
+    left_out = {name: why for name, why in sorted(left_out.items()) if name in there}
     if not found:
-        more = f" except the templates {', '.join(templates)}, which --subjects can list" if templates else ""
+        more = f" except {left_out_words(left_out)}" if left_out else ""
         raise NothingToDo(f"{folder}: contains no subject{more}. A subject has surf/lh.white and surf/lh.pial.")
-    return found, templates
+    return found, left_out
+
+
+def left_out_words(left_out: Mapping[str, str]) -> str:
+    """What was left out of a folder, for messages."""
+    names = ", ".join(f"{name} ({why})" for name, why in left_out.items())
+    return f"{names}; --subjects can include them"
+
+
+def folder_of(source: Path, subject: str) -> Path:
+    """Folder of a subject, or of a session, in a folder of subjects."""
+    nested = source / subject.replace("_ses-", "/ses-", 1)
+    return nested if nested.is_dir() else source / subject
+
+
+def _time_points(base: Path) -> list[str]:
+    file = base / TIME_POINTS
+    return file.read_text(encoding="utf-8", errors="replace").split() if file.is_file() else []
 
 
 def _is_subject(path: Path) -> bool:

@@ -6,6 +6,7 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import IO, Any
 
@@ -13,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.analysis.measures import PARAMETERS, SCALARS
-from morphofold.analysis.mesh_quality.defects import WARNINGS
 from morphofold.cohort.covariates import NO_COVARIATES, Covariates
 from morphofold.cohort.pooling import SETTING_NAMES, MeasuringSettings, Pooling, commonest, pooling, settings_among
 from morphofold.cohort.tasks import Outcome, read_record
 from morphofold.errors import DamagedFile, Mismatch
 from morphofold.io import files_of
 from morphofold.io.json_files import read_json
+from morphofold.mesh_quality.defects import WARNINGS
 from morphofold.provenance import changed_since
 from morphofold.results import COLUMNS
 from morphofold.results.bids import PROVENANCE_ENDING
@@ -55,11 +56,13 @@ class Group:
     ----------
     subjects : tuple of str
         All requested subjects, including failed ones.
+    persons : tuple of str
+        The person of each subject; of one with several sessions, several subjects.
     scalars : mapping of measure to (subjects, 2) float64
         Left and right, NaN where there is none.
     regions : mapping of region to (2, 2, 3) float64
         For left and right, cortical and gyral thickness: number of subjects that have both, and mean and standard
-        deviation over these [mm].
+        deviation over these [mm]; a person with several sessions counts once.
     failures : list of dict
         Rows of failures.tsv.
     remarks : mapping of subject to sentences
@@ -86,6 +89,25 @@ class Group:
     simulated: int = 0
     pooling: Pooling = field(default_factory=Pooling)
     settings: list[dict[str, Any]] = field(default_factory=list)
+    persons: tuple[str, ...] = ()
+
+    @cached_property
+    def person_numbers(self) -> tuple[tuple[str, ...], NDArray[np.int64]]:
+        """Names of the persons (P,), and the number of the person of each subject (S,)."""
+        names, numbers = np.unique(self.persons or self.subjects, return_inverse=True)
+        return tuple(names.tolist()), numbers
+
+    @property
+    def persons_words(self) -> str:
+        """Sentence on how persons count, if some have several sessions."""
+        n = len(self.person_numbers[0])
+        if n == len(self.subjects):
+            return ""
+        return f"{len(self.subjects)} scans of {n} persons: each person counts once, with the mean of the scans."
+
+    @property
+    def remarks_on_group(self) -> list[str]:
+        return [*filter(None, [self.persons_words]), *self.pooling.sentences]
 
     @property
     def n_measured(self) -> int:
@@ -220,8 +242,10 @@ def write_tables(
     gathered = _GroupCollector(len(results))
     failures: list[dict[str, Any]] = []
     rows: list[TidyRow] = []
+    subjects = sorted(results, key=lambda subject: (covariates.person(subject), subject))
     with closing(TidyWriter(folder, {**dict.fromkeys(TIDY_COLUMNS[:-1], str), TIDY_COLUMNS[-1]: float})) as writer:
-        for i, (subject, place) in enumerate(sorted(results.items())):
+        for i, subject in enumerate(subjects):
+            place = results[subject]
             record = read_record(out / "records" / f"{subject}.json")
             outcome = None if outcomes is None else outcomes.get(subject)
             missing, there = what_became(record, outcome, "not measured yet. Run the cohort again.")
@@ -233,7 +257,7 @@ def write_tables(
                     missing[""] = f"{in_one_line(error)} Run the cohort again."
                 else:
                     rows += tidy_rows(subject, found)
-                    gathered.add(i, subject, found)
+                    gathered.add(i, subject, found, covariates.person(subject))
             failures += [
                 {"subject": subject, "hemi": hemi or None, "reason": why, "log": f"logs/{subject}.log"}
                 for hemi, why in sorted(missing.items())
@@ -250,7 +274,8 @@ def write_tables(
     ):
         known = [{**covariates.of(row["subject"]), **row} for row in lines]
         write_table(folder / f"{name}.tsv", (columns[0], *covariates.columns, *columns[1:]), known)
-    return gathered.group(tuple(sorted(results)), failures, results)
+    persons = tuple(map(covariates.person, subjects))
+    return gathered.group(tuple(subjects), persons, failures, results)
 
 
 def what_became(record: Mapping[str, Any], outcome: Outcome | None, unknown: str) -> tuple[dict[str, str], bool]:
@@ -269,6 +294,9 @@ class _GroupCollector:
         self.regions: dict[MeasuringSettings, dict[str, NDArray[np.float64]]] = defaultdict(
             lambda: defaultdict(_zero_sums)
         )
+        #: of the present person: cortical and gyral thickness of each session, by settings, region and side
+        self.pairs: dict[tuple[MeasuringSettings, str, int], list[NDArray[np.float64]]] = defaultdict(list)
+        self.person = ""
         self.counts: Counter[MeasuringSettings] = Counter()  # hemispheres with regions, by the same settings
         self.remarks: dict[str, list[str]] = {}
         self.surfaces: dict[str, list[str]] = {}
@@ -279,7 +307,10 @@ class _GroupCollector:
         self.scalar_rows: list[dict[str, Any]] = []
         self.settings: list[dict[str, Any]] = []
 
-    def add(self, i: int, subject: str, found: SubjectResults) -> None:
+    def add(self, i: int, subject: str, found: SubjectResults, person: str) -> None:
+        if person != self.person:
+            self._add_regions()
+            self.person = person
         of = {}
         for entry, how in zip(found.entries, found.hows):
             side = HEMIS.index(entry["hemi"])
@@ -302,11 +333,24 @@ class _GroupCollector:
         for row in found.regions:
             pair = np.array([_float_or_nan(row[f"{kind}_thickness_mm"]) for kind in ("cortical", "gyral")])
             if np.isfinite(pair).all():
-                sums = self.regions[of[row["hemi"]]][row["region"]]
-                sums[HEMIS.index(row["hemi"])] += np.column_stack([np.ones(2), pair, pair**2])
+                self.pairs[of[row["hemi"]], row["region"], HEMIS.index(row["hemi"])].append(pair)
         self.surfaces.setdefault(found.surfaces, []).append(subject)
 
-    def group(self, subjects: tuple[str, ...], failures: list[dict[str, Any]], results: Mapping[str, Path]) -> Group:
+    def _add_regions(self) -> None:
+        """Add the means of the sessions of a person to the sums."""
+        for (how, region, side), pairs in self.pairs.items():
+            mean = np.mean(pairs, axis=0)
+            self.regions[how][region][side] += np.column_stack([np.ones(2), mean, mean**2])
+        self.pairs.clear()
+
+    def group(
+        self,
+        subjects: tuple[str, ...],
+        persons: tuple[str, ...],
+        failures: list[dict[str, Any]],
+        results: Mapping[str, Path],
+    ) -> Group:
+        self._add_regions()
         regions, how = {}, commonest(self.counts)
         for name, sums in sorted(self.regions[how].items() if how else ()):
             number = sums[..., 0]
@@ -317,7 +361,7 @@ class _GroupCollector:
         same = [names for key, names in self.surfaces.items() if key and len(names) > 1]
         pooled = pooling(tuple(self.hows), self.how, self.scalars)
         found = (self.scalars, regions, failures, self.remarks, dict(results), same, self.simulated, pooled)
-        return Group(subjects, *found, self.settings)
+        return Group(subjects, *found, self.settings, persons)
 
 
 def _zero_sums() -> NDArray[np.float64]:

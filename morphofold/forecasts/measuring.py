@@ -124,8 +124,8 @@ def forecast_analysis(
         If there is no cortex, the accuracy is unknown, the number of threads is invalid, or a cortex can't be measured:
         for all reasons for which the measuring would refuse it, except a surface without volume.
     """
-    from morphofold.analysis.mesh_quality.repair import measurable
     from morphofold.analysis.resampling import accuracy_of
+    from morphofold.mesh_quality.repair import measurable
 
     if not cortices:
         raise NothingToDo("there is no cortex to forecast. Pass at least one.")

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from morphofold.analysis.mesh_quality.checks import is_no_cortex
 from morphofold.analysis.smoothing import smooth
 from morphofold.arrays import Array
 from morphofold.errors import DoesNotApply, OutOfRange
@@ -17,6 +16,7 @@ from morphofold.geometry import vertex_areas
 from morphofold.inference.permutations import share_above
 from morphofold.inference.rotated import Landmarks, common, common_by_chance
 from morphofold.inference.spaces import HEMIS, Space, areas_of
+from morphofold.mesh_quality.checks import is_no_cortex
 from morphofold.progress import Progress, part_of, silent
 from morphofold.threads import one_blas_thread
 from morphofold.unfolding.unfold import points_on_sphere

@@ -48,13 +48,14 @@ class StageHealth(Record):
 
 
 class GrownFrom(Record):
-    """The person whose unfolded cortex grew: SHA-256 of the files by content, the level of unfolding, and which maps it
-    was given."""
+    """The person whose unfolded cortex grew: SHA-256 of the files by content, the level of unfolding, which maps it was
+    given, and what marked its cortex."""
 
     subject: str
     sha256: dict[str, str]
     unfold: Annotated[float, Field(gt=0, le=1)]
     maps: list[str] = []
+    cortex_mask: str = ""
 
 
 class StageRecord(Record):
@@ -261,6 +262,8 @@ def cortex_files(
             "Name one as aparc.a2009s, without hemisphere and ending."
         )
     add("label", "label", f"{hemi}.cortex.label")
+    if "label" not in found:
+        add("registered", "surf", f"{hemi}.sphere.reg", SURFACE_ENDINGS)
     if (stats := root / "stats" / "aseg.stats").is_file() and stats.stat().st_size:  # no measure depends on it
         found["stats"] = stats
     return {**found, "stage": existing_file(stage, "stage record")} if staged else found
@@ -273,12 +276,12 @@ def _cortex_of_folder(
         raise WrongShape(f"{root}: surfaces must name an inner and an outer surface, got {surfaces}.")
     files = cortex_files(root, hemi, surfaces=surfaces, annotation=annotation)
     with _recording_inputs(list(files.values())) as records:
-        cortex = _read_cortex_files(root, hemi, files, name)
+        cortex = read_cortex_files(root, hemi, files, name)
     return replace(cortex, inputs=tuple(records))
 
 
-def _read_cortex_files(root: Path, hemi: str, files: dict[str, Path], name: str | None) -> Cortex:
-    """The cortex that the files of a folder hold."""
+def read_cortex_files(root: Path, hemi: str, files: dict[str, Path], name: str | None = None) -> Cortex:
+    """The cortex that files hold, by content as in :func:`cortex_files`; ``root`` is their folder."""
     inner = files["white"]
     white, pial = read_surface(inner), read_surface(files["pial"])
 
@@ -296,6 +299,7 @@ def _read_cortex_files(root: Path, hemi: str, files: dict[str, Path], name: str 
 
     maps = {kind: fitting(kind, read_morph) for kind in MAP_NAMES if kind in files}
     inflated, sphere = (fitting(name, read_surface, lambda found: len(found.verts)) for name in ("inflated", "sphere"))
+    registered = read_surface(files["registered"]) if "registered" in files else None
     regions = fitting("annotation", read_annotation, lambda regions: len(regions.labels))
     found = "FreeSurfer" if inner.suffix not in (".gii", ".gz") else "files"
     info = read_aseg_stats(files["stats"], hemi) if "stats" in files else {}
@@ -315,6 +319,7 @@ def _read_cortex_files(root: Path, hemi: str, files: dict[str, Path], name: str 
         regions=regions,
         inflated=inflated,
         sphere=sphere,
+        registered=registered if registered and len(registered.verts) == len(white.verts) else None,
         origin=fields["origin"],
         units=str(fields.get("units", "mm")),
         transform=scanner_transform(white.geometry),

@@ -8,10 +8,11 @@ import os
 import secrets
 import shutil
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from morphofold.errors import OptionsClash
 from morphofold.io.files import StrPath, atomic_file, check_above, naming
 
 MARKER_FILE = ".morphofold"  # in every folder that atomic_folder wrote; lists the files that it wrote and may replace
@@ -216,11 +217,29 @@ def _exchange_names(one: Path, other: Path) -> bool:
         return False
 
 
-def refuse_foreign(out: Path, *, found: Path | None = None) -> None:
-    """Raise ``FileExistsError`` if ``out`` is a file, or a folder with content that morphofold did not write.
+def refuse_overlap(out: Path, inputs: Iterable[StrPath] = ()) -> None:
+    """Raise ``OptionsClash`` if ``out`` is or holds an input, or lies in a subject: a folder with surfaces in surf/."""
+    target = Path(os.path.realpath(out))  # resolve() raises at a link to itself
+    for source in inputs:
+        place = Path(os.path.realpath(source))
+        if place.exists() and (target == place or target in place.parents):
+            raise OptionsClash(
+                f"{out}: is, or holds, the input {source}; writing there would replace it. Name another -o."
+            )
+    for folder in target.parents:
+        if any((folder / "surf").glob("[lr]h.*")):
+            raise OptionsClash(
+                f"{out}: lies in {folder}, a subject with surfaces in surf/, which stays as it is. Name another -o."
+            )
+
+
+def refuse_foreign(out: Path, inputs: Iterable[StrPath] = (), *, found: Path | None = None) -> None:
+    """Raise ``FileExistsError`` if ``out`` is a file, or a folder with content that morphofold did not write; and as
+    :func:`refuse_overlap`.
 
     ``found`` is the path that it was moved to; by default it was not moved.
     """
+    refuse_overlap(out, inputs)
     found = found or out
     if os.path.islink(os.path.realpath(found)):
         raise FileExistsError(f"{out}: is a link to itself; name a folder to write.")

@@ -4,7 +4,7 @@ from morphofold.results.bids import subject_place, write_dataset
 from morphofold.results.into_subject import check_subject, write_into_subject
 from morphofold.results.plain import check_wide, write_analysis
 from morphofold.results.reading import is_analysis_of, read_analysis, read_pial, read_stages
-from morphofold.results.summary import COLUMNS, refuse_place_of_inputs
+from morphofold.results.summary import COLUMNS
 
 __all__ = [
     "COLUMNS",
@@ -14,7 +14,6 @@ __all__ = [
     "read_analysis",
     "read_pial",
     "read_stages",
-    "refuse_place_of_inputs",
     "subject_place",
     "write_analysis",
     "write_dataset",

@@ -11,8 +11,8 @@ import numpy as np
 
 from morphofold import __version__
 from morphofold.analysis.measures import Measures
-from morphofold.analysis.mesh_quality.checks import cortex_label
 from morphofold.geometry import vertex_areas
+from morphofold.mesh_quality.checks import cortex_label
 from morphofold.provenance import printable
 
 #: columns: heading, its words in the file, unit, format

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -12,10 +11,11 @@ from pydantic import Field, field_validator
 
 from morphofold.analysis.frames import COLUMNS, FREESURFER_VALUES, TEXT_COLUMNS
 from morphofold.analysis.measures import SCALARS, SLOPE_SCALARS, Measures
-from morphofold.errors import Mismatch, MissingPart, NamedTwice, NothingToDo, OptionsClash, OutOfRange
+from morphofold.errors import Mismatch, MissingPart, NamedTwice, NothingToDo, OutOfRange
 from morphofold.forecasts.analysis_cost import cost_of_analysis
 from morphofold.io import read_morph
 from morphofold.io.cortices import SurfaceRecord
+from morphofold.io.folders import refuse_overlap
 from morphofold.io.json_files import Amount, Count, FileWord, Number, Record, file_word
 from morphofold.provenance import records_as_read, strict_json
 from morphofold.surface import Cortex, PerVertex, Regions, Surface
@@ -109,24 +109,8 @@ def checked_inputs(
             "Write each subject to a folder of its own."
         )
     records = records_as_read((m.cortex for m in measures), inputs)
-    refuse_place_of_inputs(Path(out), (row["path"] for row in records))
+    refuse_overlap(Path(out), (row["path"] for row in records))
     return records
-
-
-def refuse_place_of_inputs(out: Path, files: Iterable[str]) -> None:
-    """Raise if ``out`` is or holds the folder of an input file, or lies in the subject whose surf/ holds it."""
-    there = Path(os.path.realpath(out))  # resolve() raises at a link to itself
-    for file in map(Path, files):
-        if not file.is_file():  # nothing can be lost
-            continue
-        folder = file.parent.resolve()
-        subject = folder.parent if folder.name in ("surf", "label") else None
-        place = subject or folder
-        if place.is_relative_to(there) or (subject is not None and there.is_relative_to(subject)):
-            how = "is" if there == place else "holds" if place.is_relative_to(there) else "lies in"
-            raise OptionsClash(
-                f"{out} {how} the folder of the input {file}, so the analysis must go to another folder."
-            )
 
 
 def summary_of(

@@ -9,10 +9,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from morphofold import __version__
+from morphofold.analysis.notes import of_cortex_mask
 from morphofold.io import atomic_folder, write_morph, write_surface
-from morphofold.io.folded import Folded
+from morphofold.mesh_quality.checks import cortex_label
+from morphofold.mesh_quality.repair import Mended
 from morphofold.provenance import strict_json
-from morphofold.surface import Surface
+from morphofold.surface import Cortex, Surface
 from morphofold.tables import write_table
 from morphofold.unfolding.numbers import COLUMNS, region_rows, unfolding_numbers
 from morphofold.unfolding.unfold import Unfolding
@@ -28,10 +30,20 @@ REGION_COLUMNS = {
 
 
 class Unfolded(NamedTuple):
-    """A hemisphere as it was read, and as it was unfolded."""
+    """A hemisphere as it was read and repaired, and as it was unfolded."""
 
-    folded: Folded
+    mended: Mended
     found: Unfolding
+
+    @property
+    def cortex(self) -> Cortex:
+        return self.mended.cortex
+
+    def at_given_vertices(self, values: np.ndarray, unknown: float) -> np.ndarray:
+        """Values at the vertices of the file; ``unknown`` at those that were left out."""
+        place = self.mended.place
+        left_out = (place < 0).reshape(-1, *[1] * (values.ndim - 1))
+        return np.where(left_out, unknown, values[place])
 
 
 DrawPage = Callable[[Sequence[Unfolded], Sequence[Mapping[str, Any]], Sequence[Mapping[str, Any]], Path], object]
@@ -49,28 +61,31 @@ def write_unfolding(unfolded: Sequence[Unfolded], out: str | Path, draw: DrawPag
     draw : callable
         Writes the page and its pictures: :func:`morphofold.report.pages.unfold_page.unfold_report`.
     """
-    rows = [{"hemi": one.folded.hemi, **unfolding_numbers(one.found)} for one in unfolded]
+    rows = [{"hemi": one.cortex.hemi, **unfolding_numbers(one.found)} for one in unfolded]
     regions = [
-        {"hemi": one.folded.hemi, **row}
+        {"hemi": one.cortex.hemi, **row}
         for one in unfolded
-        if one.folded.regions is not None
-        for row in region_rows(one.found, one.folded.regions)
+        if one.cortex.regions is not None
+        for row in region_rows(one.found, one.cortex.regions)
     ]
     summary = {
         "morphofold": __version__,
-        "name": unfolded[0].folded.name,
+        "name": unfolded[0].cortex.name,
         "hemispheres": rows,
         "columns": COLUMNS,
-        "inputs": [record for one in unfolded for record in one.folded.inputs],
+        "cortex_mask": {one.cortex.hemi: cortex_label(one.cortex)[1] for one in unfolded},
+        "notes": {one.cortex.hemi: one.mended.notes | of_cortex_mask(one.cortex) for one in unfolded},
+        "inputs": [record for one in unfolded for record in one.cortex.inputs],
     }
     with atomic_folder(out) as folder:
         (folder / "surf").mkdir()
         for one in unfolded:
-            place, faces = folder / "surf" / one.folded.hemi, one.found.folded.faces
-            sphere = Surface(SPHERE_RADIUS_MM * one.found.points, faces, name=f"{one.folded.hemi}.sphere")
-            write_surface(f"{place}.smooth", one.found.smooth())
-            write_surface(f"{place}.sphere", sphere)
-            write_morph(f"{place}.area_ratio", one.found.area_ratio(), nan=0.0)
+            hemi, faces = one.cortex.hemi, one.mended.source[one.cortex.faces]
+            for name, verts in (("smooth", one.found.smooth().verts), ("sphere", SPHERE_RADIUS_MM * one.found.points)):
+                surface = Surface(one.at_given_vertices(verts, 0.0), faces, name=f"{hemi}.{name}")
+                write_surface(folder / "surf" / surface.name, surface)
+            ratio = one.at_given_vertices(one.found.area_ratio(), np.nan)
+            write_morph(folder / "surf" / f"{hemi}.area_ratio", ratio, nan=0.0)
         write_table(folder / "unfold.tsv", list(COLUMNS), rows)
         if regions:
             write_table(folder / "regions.tsv", list(REGION_COLUMNS), regions)
@@ -80,8 +95,7 @@ def write_unfolding(unfolded: Sequence[Unfolded], out: str | Path, draw: DrawPag
 
 
 def log_ratio(one: Unfolded) -> np.ndarray:
-    """Logarithm to base 2 of the ratio of areas (N,); NaN outside of the cortex label."""
+    """Logarithm to base 2 of the ratio of areas (N,) of the repaired surface; NaN outside of the cortex."""
     ratio = one.found.area_ratio()
     with np.errstate(divide="ignore", invalid="ignore"):
-        values = np.where(ratio > 0, np.log2(ratio), np.nan)
-    return values if one.folded.cortex is None else np.where(one.folded.cortex, values, np.nan)
+        return np.where((ratio > 0) & cortex_label(one.cortex)[0], np.log2(ratio), np.nan)

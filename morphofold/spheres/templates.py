@@ -1,14 +1,22 @@
-"""Templates to which subjects are registered by ``?h.sphere.reg``: their folders and files."""
+"""Templates to which subjects are registered by ``?h.sphere.reg``: their folders and files, and the packaged label."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
+from morphofold.arrays import Bools
 from morphofold.errors import Mismatch, MissingPart
-from morphofold.io import read_surface, sample_path
+from morphofold.geometry import vertex_areas
+from morphofold.io import read_label, read_surface, sample_path
 from morphofold.io.cortices import SURFACE_ENDINGS, registered_sphere
 from morphofold.io.files import StrPath
-from morphofold.surface import Cortex, Surface
+from morphofold.kept import kept
+from morphofold.spheres.resampling import Resampling
+from morphofold.surface import Cortex, Faces, Surface, Verts
+
+LABELLED_TEMPLATE = "fsaverage5"  # the sample whose cortex label is carried over
 
 
 def template_folder(name: StrPath) -> Path:
@@ -42,3 +50,22 @@ def read_own_sphere(path: StrPath, cortex: Cortex) -> Surface:
             "of another mesh. Take it from the same reconstruction."
         )
     return sphere
+
+
+def carried_cortex(registered: Surface, hemi: str) -> Bools:
+    """True (N,) where the label of ``LABELLED_TEMPLATE`` says cortex, at the vertices of a sphere registered to it.
+
+    A vertex has the label with the largest share of area around it; see :meth:`Resampling.labels`. Raises
+    ``ValueError`` if the sphere is none.
+    """
+    return _carried_cortex(registered.verts, registered.faces, hemi)
+
+
+@kept
+def _carried_cortex(verts: Verts, faces: Faces, hemi: str) -> Bools:
+    folder = sample_path(LABELLED_TEMPLATE)
+    white = read_surface(template_surface(folder, hemi, "white"))
+    label = read_label(folder / "label" / f"{hemi}.cortex.label", len(white.verts))
+    sphere = Surface(verts, faces, name=f"{hemi}.sphere.reg")
+    resampling = Resampling(read_surface(template_sphere(folder, hemi)), sphere)
+    return resampling.labels(label.astype(np.int64), vertex_areas(white.verts, white.faces)) > 0

@@ -42,8 +42,8 @@ def sphere_of(surface: Surface, progress: Progress = silent) -> Surface:
 
     Raises
     ------
-    OpenSurface
-        If the surface is not closed and of one piece without handles.
+    SeveralPieces, OpenSurface, Handles, BadMesh
+        If the surface is not closed and of one piece without handles, or flat.
     NoSolution
         If the flow does not become round.
     BadMesh

@@ -8,8 +8,16 @@ from functools import cached_property
 import numpy as np
 
 from morphofold.arrays import Array
-from morphofold.errors import BadMesh, Mismatch, OpenSurface, OutOfRange
-from morphofold.geometry import euler_characteristic, face_areas, face_vectors, is_closed, used, vertex_areas
+from morphofold.errors import BadMesh, Handles, Mismatch, OpenSurface, OutOfRange, SeveralPieces
+from morphofold.geometry import (
+    components,
+    edges_and_counts,
+    euler_characteristic,
+    face_areas,
+    face_vectors,
+    used,
+    vertex_areas,
+)
 from morphofold.surface import Surface
 from morphofold.unfolding.harmonics import fit
 from morphofold.unfolding.smooth_surface import DEGREE, LEVELS, SmoothSurface
@@ -17,6 +25,7 @@ from morphofold.unfolding.smooth_surface import DEGREE, LEVELS, SmoothSurface
 MOST_TURNED_SHARE = 0.01  # of the area of a sphere that may lie in triangles that are inside out
 MIRRORED_SHARE = 0.9  # of the area of a sphere inside out beyond which all its faces run the other way
 SPHERE_AREA_TOLERANCE = 0.05  # relative difference between the area of a sphere and 4 pi
+LEAST_DEPTH = 1e-3  # of the least standard deviation of vertices along an axis, over the largest: else they are flat
 LEAST_VERTICES_PER_HARMONIC = 4
 
 
@@ -88,13 +97,12 @@ def unfold(
     ------
     OutOfRange
         If ``level`` or ``radius`` is out of range.
-    OpenSurface, Mismatch, BadMesh
-        If the surface is not closed and of one piece, or the sphere is not one of the same mesh.
+    SeveralPieces, OpenSurface, Handles, BadMesh
+        If the surface is not closed, of one piece and without handles, or flat.
+    Mismatch, BadMesh
+        If the sphere is that of another mesh, or no sphere.
     """
-    if not LEVELS[0] <= level <= LEVELS[1]:
-        raise OutOfRange(f"level must be {LEVELS[0]:g} to {LEVELS[1]:g}, got {level:g}.")
-    if radius is not None and not 0 < radius < np.inf:
-        raise OutOfRange(f"radius must be positive, got {radius:g}.")
+    check_options(level, radius)
     points = points_on_sphere(folded, sphere)
     n_used = int(used(len(points), folded.faces).sum())
     if n_used < LEAST_VERTICES_PER_HARMONIC * (degree + 1) ** 2:
@@ -108,6 +116,14 @@ def unfold(
     present = surface_radius(surface)
     scale = 1.0 if radius is None else radius / present
     return Unfolding(folded, points, surface.scaled(scale), scale * present, scale, level)
+
+
+def check_options(level: float, radius: float | None) -> None:
+    """Raise ``OutOfRange`` as :func:`unfold`, before a sphere is made."""
+    if not LEVELS[0] <= level <= LEVELS[1]:
+        raise OutOfRange(f"level must be {LEVELS[0]:g} to {LEVELS[1]:g}, got {level:g}.")
+    if radius is not None and not 0 < radius < np.inf:
+        raise OutOfRange(f"radius must be positive, got {radius:g}.")
 
 
 def surface_radius(surface: SmoothSurface) -> float:
@@ -126,16 +142,35 @@ def quadrature(degree: int) -> tuple[Array, Array]:
 
 
 def check_closed(surface: Surface) -> None:
-    """Raise ``OpenSurface`` unless a surface is closed, of one piece and without handles."""
-    if not is_closed(surface.faces) or euler_characteristic(surface.faces) != 2:
+    """Raise unless a surface is closed, of one piece, without handles, and not flat; as :func:`unfold`."""
+    verts, faces, pieces = surface.verts, surface.faces, components(len(surface.verts), surface.faces)[1]
+    if pieces.max() > 0:
+        sizes = np.sort(np.bincount(pieces[pieces >= 0]))[::-1].tolist()
+        raise SeveralPieces(
+            f"{surface.name}: is in {len(sizes)} pieces, of {', '.join(map(str, sizes[:3]))} vertices. Only one piece "
+            "unfolds to a sphere: give each a file of its own."
+        )
+    pair, count = edges_and_counts(faces)
+    if len(wrong := pair[count != 2]):
         raise OpenSurface(
-            f"{surface.name}: is not a closed surface of one piece without handles (Euler characteristic "
-            f"{euler_characteristic(surface.faces)}, not 2, or edges without two faces). Repair it first."
+            f"{surface.name}: {len(wrong)} edges have one triangle or more than two, not two; the first joins vertices "
+            f"{wrong[0, 0]} and {wrong[0, 1]}. Only a closed surface unfolds to a sphere: close its holes."
+        )
+    if (handles := 1 - euler_characteristic(faces) / 2) > 0:
+        raise Handles(
+            f"{surface.name}: has {handles:g} handles (Euler characteristic {euler_characteristic(faces)}, not 2), so "
+            "it does not unfold to a sphere. Cut them first, as FreeSurfer's mris_fix_topology does."
+        )
+    spread = np.sqrt(np.maximum(np.linalg.eigvalsh(np.cov(verts[pieces >= 0].T)), 0.0))
+    if not spread[0] > LEAST_DEPTH * spread[2]:
+        raise BadMesh(
+            f"{surface.name}: its vertices lie in a plane, on a line or at a point: their standard deviations along "
+            f"three axes are {spread[0]:.3g}, {spread[1]:.3g} and {spread[2]:.3g}. Write the surface again."
         )
 
 
-def points_on_sphere(folded: Surface, sphere: Surface) -> Array:
-    """Points (N, 3) of the unit sphere of the vertices of a closed surface; raises as :func:`unfold`."""
+def check_same_mesh(folded: Surface, sphere: Surface) -> None:
+    """Raise ``Mismatch`` unless a sphere has the vertices and faces of a surface."""
     if len(sphere.verts) != len(folded.verts) or not np.array_equal(
         np.sort(sphere.faces, axis=1), np.sort(folded.faces, axis=1)
     ):
@@ -144,10 +179,15 @@ def points_on_sphere(folded: Surface, sphere: Surface) -> Array:
             f"{len(folded.verts):,} and {len(folded.faces):,}, or the faces differ: it is the sphere of another "
             "surface. Take it from the same subject."
         )
+
+
+def points_on_sphere(folded: Surface, sphere: Surface) -> Array:
+    """Points (N, 3) of the unit sphere of the vertices of a closed surface; raises as :func:`unfold`."""
+    check_same_mesh(folded, sphere)
     check_closed(folded)
     length = np.linalg.norm(sphere.verts, axis=1)
     mean = float(length[used(len(length), folded.faces)].mean())
-    if length.min() < 0.5 * mean or length.max() > 1.5 * mean:
+    if not 0 < 0.5 * mean <= length.min() <= length.max() <= 1.5 * mean:
         raise BadMesh(
             f"{sphere.name}: its vertices lie {length.min():.3g} to {length.max():.3g} mm from the origin, so it is no "
             "sphere. Take ?h.sphere or ?h.sphere.reg."
@@ -160,6 +200,6 @@ def points_on_sphere(folded: Surface, sphere: Surface) -> Array:
     if turned > MOST_TURNED_SHARE * areas.sum() or abs(areas.sum() / (4 * np.pi) - 1) > SPHERE_AREA_TOLERANCE:
         raise BadMesh(
             f"{sphere.name}: covers the sphere {areas.sum() / (4 * np.pi):.3g} times instead of once, with "
-            f"{100 * turned / areas.sum():.2g} % of its area inside out. Take ?h.sphere or ?h.sphere.reg."
+            f"{100 * turned / max(areas.sum(), 1e-300):.2g} % of its area inside out. Take ?h.sphere or ?h.sphere.reg."
         )
     return np.ascontiguousarray(s)

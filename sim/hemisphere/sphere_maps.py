@@ -16,6 +16,7 @@ from morphofold.sim.scene import UnfoldedCortex
 from morphofold.sim.scene.geometries import map_file, path_or_sample
 from morphofold.sim.scene.tables import SphereMap
 from morphofold.unfolding.harmonics import Expansion, fit
+from morphofold.unfolding.unfold import points_on_sphere
 
 PENALTY = 1e-3  # of the harmonics of a map, times l (l + 1): it bounds them where a map has no values
 THINNEST, THICKEST = 0.6, 1.5  # of a cortex with a thickness map, over its mean
@@ -47,13 +48,16 @@ def read_map(table: SphereMap, geometry: Any, *, positive: bool = False) -> Smoo
     file = map_file(table, geometry)
     if table.sphere is not None:
         sphere, name = read_surface(existing_file(path_or_sample(table.sphere), "sphere")), table.sphere
-        points = sphere.verts / np.maximum(np.linalg.norm(sphere.verts, axis=1, keepdims=True), 1e-300)
+        points = points_on_sphere(sphere, sphere)
         vertices = Vertices(points, vertex_areas(points, sphere.faces))
     elif isinstance(geometry, UnfoldedCortex):
-        vertices, name = subject_of_cortex(geometry).vertices(), f"the surface of {geometry.subject}"
+        subject = subject_of_cortex(geometry)
+        vertices, name = subject.vertices(), f"the surface of {geometry.subject}"
     else:
         raise MissingPart(f"{file}: is a map on a sphere, but names none. Add sphere = FILE to its table.")
     values = read_morph(file)
+    if table.sphere is None and len(values) == subject.mended.of.n_vertices:
+        values = values[subject.mended.source]
     if len(values) != len(vertices.points):
         raise Mismatch(
             f"{file}: has {len(values):,} values, {name} {len(vertices.points):,} vertices: name the sphere "

@@ -10,7 +10,6 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from morphofold.arrays import Array, Bools, Ints
-from morphofold.errors import MissingPart
 from morphofold.sim.hemisphere.smooth_body import SmoothBody, smooth_body
 from morphofold.sim.hemisphere.sphere_maps import thickness_factor
 from morphofold.sim.hemisphere.subject import Subject, digests_of, files_of_subject, subject_of_cortex
@@ -37,16 +36,11 @@ def bilayer_of_cortex(geometry: UnfoldedCortex, n: int, cortex_layers: int) -> B
         files |= map_files(geometry.thickness_map, geometry, "thickness_map")
     body = _smooth_body(geometry.model_copy(update={"held": "hole"}), digests_of(files))
     wall = geometry.held == "medial wall"
-    if wall and subject.cortex.all():
-        raise MissingPart(
-            f"{geometry.subject}: has no medial wall: neither label/{geometry.hemi}.cortex.label nor "
-            f"{geometry.hemi}.aparc.annot marks one. Add the label, or set geometry.held = 'hole'."
-        )
     tree = cKDTree(subject.unfolding.points)
     nearest: Callable[[Array], Ints] = lambda s: tree.query(s)[1]
     bilayer = body.bricks(n, cortex_layers, (lambda s: ~subject.cortex[nearest(s)]) if wall else None)
     assert bilayer.sphere is not None
-    vertex, regions = nearest(bilayer.sphere), subject.folded.regions
+    vertex, regions = nearest(bilayer.sphere), subject.mended.cortex.regions
     cortex = subject.cortex[vertex]
     growing = _growing(subject, cortex, bilayer, FADE_OVER_RADIUS * geometry.radius) if wall else None
     return replace(

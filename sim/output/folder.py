@@ -18,6 +18,7 @@ from morphofold import __version__
 from morphofold.display import html_of
 from morphofold.io import atomic_file, atomic_folder, read_cortex, write_morph, write_surface
 from morphofold.io.files import decoding
+from morphofold.io.folders import refuse_overlap
 from morphofold.io.locks import LOCK_FILE
 from morphofold.provenance import digests
 from morphofold.sim.output.checkpoint import as_lines
@@ -76,6 +77,7 @@ def is_finished(
     ValueError
         If the scene's mesh file has changed since the run began, or a finished run is damaged.
     """
+    refuse_overlap(folder)
     written = folder / "scene.toml"
     if folder.exists() and not folder.is_dir():
         raise FileExistsError(f"{folder}: is a file; choose a folder to write.")
@@ -231,7 +233,14 @@ class FolderWriter:
         if isinstance(scene.geometry, UnfoldedCortex):
             given = ["thickness_map"] if scene.geometry.thickness_map else []
             given += [name for name in scene.effects if name in ("growth_map", "stiffness_map")]
-            info["grown_from"] = {**self._inputs["geometry.subject"], "unfold": scene.geometry.unfold, "maps": given}
+            from morphofold.sim.hemisphere.subject import subject_of_cortex
+
+            info["grown_from"] = {
+                **self._inputs["geometry.subject"],
+                "unfold": scene.geometry.unfold,
+                "maps": given,
+                "cortex_mask": subject_of_cortex(scene.geometry).marked_by,
+            }
         hemi = pial.name[:2]
         cortex = Cortex(white, pial, hemi, scene.name, origin="simulation", portion=portion, info=info)
         maps = self._describe(cortex)

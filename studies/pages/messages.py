@@ -8,8 +8,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from morphofold.analysis.mesh_quality.defects import WARNINGS
 from morphofold.errors import Refusal
+from morphofold.mesh_quality.defects import WARNINGS
 from morphofold.sim.health import BOUNDS, LEAST_J, cures
 from morphofold.studies.markdown import renewed, table, write_texts
 

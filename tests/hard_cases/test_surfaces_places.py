@@ -10,9 +10,9 @@ from hard_cases.made_surfaces import analyzed, changed, clean, hold_all, refusal
 from made_surfaces import FORMATS
 
 from morphofold.analysis import measure, scales
-from morphofold.analysis.mesh_quality import defects
 from morphofold.analysis.thickness import rays
 from morphofold.io import read_cortex, read_surface, write_surface
+from morphofold.mesh_quality import defects
 from morphofold.surface import Surface
 
 FAR = 1e6

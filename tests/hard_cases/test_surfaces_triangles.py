@@ -11,7 +11,7 @@ from scipy import sparse
 from morphofold import geometry
 from morphofold.analysis import curvatures, measure, measuring
 from morphofold.analysis.graph import net
-from morphofold.analysis.mesh_quality import checks, defects, repair
+from morphofold.mesh_quality import checks, defects, repair
 
 PLACE = "at ("
 

@@ -25,11 +25,11 @@ from morphofold.analysis import (
 )
 from morphofold.analysis import curvatures as bending
 from morphofold.analysis.graph.depth_potential import SurfaceOperators
-from morphofold.analysis.mesh_quality import checks, defects
 from morphofold.analysis.thickness import cortical, gyral, rays
 from morphofold.geometry import face_normals, mean_edge_length
 from morphofold.intersections.intersection import self_intersections
 from morphofold.io import read_cortex, sample_path
+from morphofold.mesh_quality import checks, defects
 from morphofold.shapes.ridges import irregular_net, ridged_net
 from morphofold.sim.health import enclosed_volume
 from morphofold.surface import Cortex, Regions, Surface

@@ -11,12 +11,12 @@ from morphofold.analysis.gyrification.depth import sulcal_depth
 from morphofold.analysis.gyrification.hull import hull
 from morphofold.analysis.gyrification.local_gyrification import local_gyrification_index
 from morphofold.analysis.measures import Measures
-from morphofold.analysis.mesh_quality.checks import cortex_mask, is_no_cortex
 from morphofold.analysis.relief import height_and_vertical
 from morphofold.arrays import Array, Bools, Ints
 from morphofold.comparison.person.agreement import weighted_median
 from morphofold.errors import MissingPart, Refusal, UnlikeSurfaces
 from morphofold.geometry import vertex_areas
+from morphofold.mesh_quality.checks import cortex_mask, is_no_cortex
 from morphofold.quantities import RELIEF
 from morphofold.spheres.places import Places, places
 from morphofold.surface import Cortex, Surface

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from morphofold.analysis.frames import COLUMNS, FREESURFER_VALUES
 from morphofold.analysis.gyrification.folding_law import ShapeTerms, shape_terms_of
 from morphofold.analysis.measures import SCALARS, Measures
-from morphofold.analysis.mesh_quality.checks import cortex_label, vertices_at
-from morphofold.analysis.mesh_quality.defects import SEVERE_WARNINGS, SLIGHT_WARNINGS, WARNINGS
 from morphofold.comparison.growth import GrowthCurve, matching_growth
 from morphofold.comparison.thickness import Cloud, TheoryLine
 from morphofold.geometry import norms
+from morphofold.mesh_quality.checks import cortex_label, vertices_at
+from morphofold.mesh_quality.defects import SEVERE_WARNINGS, SLIGHT_WARNINGS, WARNINGS
 from morphofold.quantities import THICKNESS_RATIO, scalar_words
 from morphofold.report.pictures.surfaces import safe_name
 from morphofold.words import number

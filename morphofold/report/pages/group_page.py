@@ -26,6 +26,7 @@ from morphofold.cohort.statistics import (
     Outliers,
     Scalars,
     asymmetry,
+    by_person,
     distributions,
     measures_of,
     outliers,
@@ -107,8 +108,9 @@ def group_report(group: Group, folder: Path, progress: Progress = silent) -> Pat
     ``progress`` gets the share done and the current step. The same group and results give the same bytes.
     """
     progress(0.0, "statistics")
-    scalars = measures_of(group)
-    spread, sides, far = distributions(scalars), asymmetry(scalars), outliers(group.subjects, scalars)
+    of_sessions = measures_of(group)
+    scalars, far = by_person(group, of_sessions), outliers(group.subjects, of_sessions, group.person_numbers[1])
+    spread, sides = distributions(scalars), asymmetry(scalars)
     write_statistics(folder, spread, sides, far.found)
     remark_rows = [
         {"subject": name, "remark": sentences} for name, remarks in group.remarks.items() for sentences in remarks
@@ -123,7 +125,7 @@ def group_report(group: Group, folder: Path, progress: Progress = silent) -> Pat
     pictures = draw_outliers(
         [rows[0] for rows in by_subject[:MOST_PICTURED_SUBJECTS]],
         group.subjects,
-        scalars,
+        of_sessions,
         group.results,
         folder / "figures",
     )
@@ -209,7 +211,7 @@ def verdict(group: Group) -> str:
         sentences += (
             f" {simulated} of these are simulated: they have no side and are counted on the side that their files name."
         )
-    return sentences
+    return f"{sentences} {group.persons_words}".rstrip()
 
 
 def warnings(group: Group) -> list[Markup]:

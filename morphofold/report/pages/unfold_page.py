@@ -24,7 +24,7 @@ def unfold_report(
     (folder / "figures").mkdir()
     drawn = []
     for one in unfolded:
-        values, hemi = log_ratio(one), one.folded.hemi
+        values, hemi = log_ratio(one), one.cortex.hemi
         drawn.append(Row(f"{SIDES[hemi]}, {one.found.folded.name}", one.found.folded, values, hemi))
         drawn.append(Row(f"{SIDES[hemi]}, unfolded", one.found.smooth(), values, hemi))
     assert AREA_RATIO.limits is not None
@@ -33,10 +33,10 @@ def unfold_report(
     return write_page(
         folder / "report.html",
         "unfold.html",
-        title=unfolded[0].folded.name,
+        title=unfolded[0].cortex.name,
         rows=[{**row, "side": SIDES[row["hemi"]]} for row in rows],
         regions=sorted(regions, key=lambda row: -row["area_ratio"]),
         sides=SIDES,
         picture=base64.b64encode(png_bytes(halved(image))).decode(),
-        inputs=[record for one in unfolded for record in one.folded.inputs],
+        inputs=[record for one in unfolded for record in one.cortex.inputs],
     )

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold import geometry
-from morphofold.analysis.mesh_quality import checks
 from morphofold.errors import BadMesh
 from morphofold.intersections.intersection import self_intersections
+from morphofold.mesh_quality import checks
 from morphofold.surface import Cortex, PerVertex, check_mesh
 
 #: notes that commands also print as warnings, by code: cause and cure (docs/messages.md)
@@ -136,6 +136,7 @@ def remarks(cortex: Cortex, mask: NDArray[np.bool_], given: Cortex | None = None
             f"{unused} of {whole.n_vertices} vertices belong to no triangle and have no values. Vertex numbers in "
             "other notes do not count them."
         )
+    problems += [f"{s.unknown} vertices of {s.name} are NaN." for s in (whole.white, whole.pial) if s.unknown]
     if pieces > 1:
         sizes = np.sort(np.bincount(piece[piece >= 0]))[::-1].tolist()
         most = ", ".join(map(str, sizes[:3])) + (", ..." if pieces > 3 else "")

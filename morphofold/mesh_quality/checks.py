@@ -3,23 +3,27 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from morphofold import geometry
-from morphofold.analysis.mesh_quality.medial_wall import wall_of_geometry, wall_of_thickness
 from morphofold.arrays import Ints
 from morphofold.errors import InsideOut, NoCortex, UnlikeSurfaces
 from morphofold.intersections.boxes import box_tree
 from morphofold.intersections.rays import ray_hits, ray_winding
 from morphofold.kernels import reading
+from morphofold.mesh_quality.medial_wall import wall_of_geometry, wall_of_thickness
+from morphofold.spheres.templates import carried_cortex
 from morphofold.surface import Cortex, Faces, Surface, Verts
 
 # within names of regions, without spaces and _
 NAMES_OUTSIDE_CORTEX = ("unknown", "corpuscallosum", "medialwall", "???")
 # of the vertices, in regions of cortex: least share for an annotation to define the cortex
 LEAST_PARCELLATED_SHARE = 0.75
+
+LARGEST_SHARE_OF_WALL = 0.5  # of the wall that geometry finds, in the cortex of a template; fsaverage has 0.003
 
 # of the radius of the sphere of equal area: at larger distances pial must lie along the normals of white
 FAR_APART_IN_RADII = 0.05
@@ -35,23 +39,35 @@ def cortex_label(cortex: Cortex) -> tuple[NDArray[np.bool_], str]:
 
     ``"label"``: the cortex label that came with the surfaces. ``"annotation"``: all regions that are not
     ``NAMES_OUTSIDE_CORTEX``, if they cover three quarters of the vertices but not all. A parcellation does; a map of a
-    few areas does not. ``"thickness"``: all but large patches where the thickness that came with the surfaces is 0.
+    few areas does not. ``"template"``: where fsaverage5 is cortex, carried over by the registered sphere, unless half
+    of the wall that geometry finds is cortex there: then the sphere is registered to something else.
+    ``"thickness"``: all but large patches where the thickness that came with the surfaces is 0.
     ``"geometry"``: all but large patches where white and pial nearly meet
-    (:mod:`~morphofold.analysis.mesh_quality.medial_wall`). Otherwise, and for a simulated body without a label, all
+    (:mod:`~morphofold.mesh_quality.medial_wall`). Otherwise, and for a simulated body without a label, all
     vertices are cortex and the word is "".
     """
     if cortex.cortex is not None:
-        return np.asarray(cortex.cortex, dtype=bool), "label"
+        return np.asarray(cortex.cortex, dtype=bool), cortex.info.get("cortex_from", "label")
     if cortex.regions is not None:
         other = [k for k, name in enumerate(cortex.regions.names) if is_no_cortex(name)]
         covered = (cortex.regions.labels >= 0) & ~np.isin(cortex.regions.labels, other)
         if LEAST_PARCELLATED_SHARE <= covered.mean() < 1:
             return covered, "annotation"
+    if cortex.registered is not None:
+        carried, wall = carried_cortex(cortex.registered, cortex.hemi), wall_of_geometry(cortex)
+        if np.count_nonzero(wall & carried) <= LARGEST_SHARE_OF_WALL * np.count_nonzero(wall):
+            return carried, "template"
     if cortex.origin != "simulation":
         for word, wall_of in (("thickness", wall_of_thickness), ("geometry", wall_of_geometry)):
             if (wall := wall_of(cortex)).any():
                 return ~wall, word
     return np.ones(cortex.n_vertices, dtype=bool), ""
+
+
+def labelled(cortex: Cortex) -> Cortex:
+    """The cortex with the label of a template, if it has one only by this: a repair may leave vertices out."""
+    label, word = cortex_label(cortex)
+    return replace(cortex, cortex=label, info={**cortex.info, "cortex_from": word}) if word == "template" else cortex
 
 
 def is_no_cortex(region: str) -> bool:
@@ -103,7 +119,8 @@ def check_surfaces(cortex: Cortex) -> None:
 def check_sides(cortex: Cortex) -> None:
     """Refuse closed surfaces that are inside out or swapped. The walls of a cavity may face inwards."""
     pieces, piece = geometry.components(cortex.n_vertices, cortex.faces)
-    inner, outer = (signed_volumes(s.verts, cortex.faces, piece) for s in (cortex.white, cortex.pial))
+    of_face = piece[cortex.faces[:, 0]]
+    inner, outer = (signed_volumes(s.verts, cortex.faces, of_face) for s in (cortex.white, cortex.pial))
     hollow = cavities(cortex)
     for surface, volumes in ((cortex.white, inner), (cortex.pial, outer)):
         for k in np.setdiff1d(np.flatnonzero(volumes < 0), hollow)[:1].tolist():
@@ -125,7 +142,8 @@ def cavities(cortex: Cortex) -> list[int]:
     Their faces point inwards on both surfaces, and white lies around pial: the outward direction is into the cavity.
     """
     piece = geometry.components(cortex.n_vertices, cortex.faces)[1]
-    inner, outer = (signed_volumes(s.verts, cortex.faces, piece) for s in (cortex.white, cortex.pial))
+    of_face = piece[cortex.faces[:, 0]]
+    inner, outer = (signed_volumes(s.verts, cortex.faces, of_face) for s in (cortex.white, cortex.pial))
     hollow = np.flatnonzero((inner < outer) & (outer < 0))
     for surface in (cortex.white, cortex.pial):
         hollow = _pieces_within_others(surface, piece, hollow)
@@ -229,14 +247,14 @@ def border_duplicates(cortex: Cortex, faces: Faces) -> tuple[Ints, Ints]:
 
 def volume(surface: Surface) -> float:
     """Volume [mm^3] that a closed surface encloses, without its cavities; negative if it is inside out."""
-    return float(signed_volumes(surface.verts, surface.faces, np.zeros(len(surface.verts), dtype=np.int64)).sum())
+    return float(signed_volumes(surface.verts, surface.faces, np.zeros(len(surface.faces), dtype=np.int64)).sum())
 
 
 def signed_volumes(verts: Verts, faces: Faces, piece: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Signed volume [mm^3] inside each closed piece, positive if faces are counter-clockwise seen from outside."""
+    """Signed volume [mm^3] in each closed ``piece`` (M,) of faces, positive if these face outwards."""
     middle = verts[faces[:, 0]] - verts[faces[0, 0]]  # a corner is as good: the triangle has one height over the origin
     of_face = np.einsum("ij,ij->i", middle, geometry.face_vectors(verts, faces)) / 3
-    return np.bincount(piece[faces[:, 0]], of_face).astype(np.float64)
+    return np.bincount(piece, of_face).astype(np.float64)
 
 
 def place_of(point: NDArray[np.float64]) -> str:

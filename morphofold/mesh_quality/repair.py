@@ -1,30 +1,27 @@
-"""Repair of triangle defects that have exactly one cure, on white and pial together before they are measured.
+"""Repair of triangle defects that have exactly one cure, on all surfaces of a cortex before it is measured or unfolded.
 
 These are flipped triangles (on one surface or both), pieces that are inside out, edges that more than two triangles
-share, torn seams, and triangles that occur twice or name a vertex twice. Other defects stay, and ``defects`` refuses
-them.
+share, torn seams, specks beside the cortex, and triangles that occur twice or name a vertex twice. Other defects stay,
+and ``defects`` refuses them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from morphofold import geometry
-from morphofold.analysis.mesh_quality import checks, defects
-from morphofold.analysis.mesh_quality.orientation import Sides, after, against, joined_sides, sheets
 from morphofold.arrays import Bools, Ints
-from morphofold.surface import Cortex, Faces, Verts
-
-if TYPE_CHECKING:
-    from morphofold.analysis.measures import Measures
+from morphofold.mesh_quality import checks, defects
+from morphofold.mesh_quality.orientation import Sides, after, against, joined_sides, sheets
+from morphofold.surface import Cortex, Faces
+from morphofold.unfolding.unfold import check_same_mesh
 
 RepairCounts = dict[str, tuple[int, int]]
 
-LARGEST_DEBRIS_SHARE = 0.005  # of the pial area: a piece that is cut off when sheets are separated is left out below it
+LARGEST_DEBRIS_SHARE = 0.005  # of the pial area of the largest piece: smaller pieces are left out
 REPAIR_TEXTS = {  # what is repaired, by the name of its count
     "repaired_unlike_triangles": "triangles of pial reversed to match those of white",
     "repaired_flat_triangles": "triangles removed that name a vertex twice",
@@ -32,7 +29,7 @@ REPAIR_TEXTS = {  # what is repaired, by the name of its count
     "repaired_double_triangles": "triangles removed that occur twice",
     "repaired_pinched_edges": "edges separated that more than two triangles shared",
     "repaired_pinched_vertices": "vertices separated at which sheets touched",
-    "repaired_debris_triangles": "triangles removed of small pieces that the separation cut off",
+    "repaired_debris_triangles": "triangles removed of small pieces beside the cortex",
     "repaired_flipped_triangles": "flipped triangles reversed",
 }
 
@@ -80,43 +77,37 @@ class Mended:
         more = " Vertex numbers in other notes do not count the vertices that were left out." if fewer else ""
         return {"repair": f"The surfaces were repaired; {'; '.join(lines)}.{more}"}
 
-    def back(self, measures: Measures) -> Measures:
-        """The measures at the given vertices, so that maps fit the files that were read.
-
-        A vertex that was joined with another has the values of that one, and a vertex that was left out has none. A
-        vertex that was separated has the values of the sheet with most of its triangles. For areas, a joined vertex has
-        0 and a separated vertex has the sum, so totals stay the same. The triangles are the repaired ones. Those that
-        pinched an edge do so again, because separating them needs vertices that the files do not have.
-        """
-        if self.cortex is self.of:
-            return measures
-        faces = self.source[self.cortex.faces]
-        given = {name: getattr(self.of, name) for name in ("white", "pial", "inflated", "sphere")}
-        surfaces = {name: surface and replace(surface, faces=faces) for name, surface in given.items()}
-        maps = {name: values[self.place] for name, values in measures.maps.items()}
-        maps["area"] = np.bincount(self.source, measures.maps["area"], self.of.n_vertices).astype(np.float64)
-        maps = {name: np.where(self.place < 0, np.nan, values) for name, values in maps.items()}
-        if measures.graph is not None:
-            for _, node in measures.graph.nodes(data=True):
-                node["vertex"] = int(self.source[node["vertex"]])
-            for *_, crest in measures.graph.edges(data=True):
-                crest["vertices"] = self.source[crest["vertices"]]
-        hinges = [{**row, "vertex": int(self.source[row["vertex"]])} for row in measures.hinges]
-        return replace(measures, cortex=replace(self.of, **surfaces), maps=maps, hinges=hinges)
-
 
 def measurable(cortex: Cortex, *, repair: bool = True) -> Mended:
     """The cortex, repaired unless ``repair`` is False, without vertices that no triangle uses.
 
     Raises ``ValueError`` if it still cannot be measured.
     """
+    cortex = checks.labelled(cortex)
     mend = mended(cortex) if repair else as_given(cortex)
     checks.cortex_mask(mend.cortex)
     defects.check_edges(mend.cortex, mend.why_not)
     checks.check_surfaces(mend.cortex)
-    if mend.cortex is mend.of and not geometry.used(cortex.n_vertices, cortex.faces).all():
-        return _build_mended(cortex, cortex.faces, mend.place, mend.source, {})
-    return mend
+    return _without_unused(mend)
+
+
+def unfoldable(cortex: Cortex) -> Mended:
+    """As :func:`measurable`, for a cortex of which white alone is known, with its sphere if it has one.
+
+    Raises ``ValueError`` if its triangles form no surface, or its sphere is that of another one. Whether it is closed
+    and of one piece is seen when it is unfolded.
+    """
+    if cortex.sphere is not None:
+        check_same_mesh(cortex.white, cortex.sphere)
+    mend = mended(checks.labelled(cortex))
+    defects.check_edges(mend.cortex, mend.why_not)
+    return _without_unused(mend)
+
+
+def _without_unused(mend: Mended) -> Mended:
+    if mend.cortex is not mend.of or geometry.used(mend.of.n_vertices, mend.of.faces).all():
+        return mend
+    return _build_mended(mend.of, mend.of.faces, mend.place, mend.source, {})
 
 
 def as_given(cortex: Cortex, why_not: str = "") -> Mended:
@@ -130,7 +121,7 @@ def mended(cortex: Cortex) -> Mended:
 
     First, vertices on a border that have the same position on white and on pial are joined, and triangles that name a
     vertex twice or occur twice are removed. Then sheets of surface that share an edge or a vertex are separated (see
-    :func:`~morphofold.analysis.mesh_quality.orientation.joined_sides`): each gets its own vertices at the same
+    :func:`~morphofold.mesh_quality.orientation.joined_sides`): each gets its own vertices at the same
     position. If that cuts off a small piece (``LARGEST_DEBRIS_SHARE``), the piece is left out. Last, triangles are
     reversed to match the majority of their piece, and closed pieces that are inside out, with white within pial, are
     reversed as a whole. Needles and caps stay: the measures allow them.
@@ -207,7 +198,9 @@ def _duplicate_triangles(faces: Faces) -> Bools:
 def _separate_sheets(faces: Faces, sides: Sides, cortex: Cortex, done: RepairCounts) -> tuple[Bools, Faces, Ints]:
     """Triangles (M,) to keep, triangles with a vertex for each sheet, and the given vertex (N + K,) of each vertex."""
     n, corner = cortex.n_vertices, faces.ravel()
-    keep, owner = np.ones(len(faces), dtype=bool), np.arange(n)
+    keep, owner = ~_debris_triangles(faces, sides, cortex), np.arange(n)
+    if not keep.all():
+        done["repaired_debris_triangles"] = int((~keep).sum()), int(faces[~keep][0, 0])
     fan = sides.fan
     if fan.max() + 1 == np.count_nonzero(np.bincount(corner)):  # as many fans as vertices
         return keep, faces, owner
@@ -222,9 +215,6 @@ def _separate_sheets(faces: Faces, sides: Sides, cortex: Cortex, done: RepairCou
         done["repaired_pinched_edges"] = len(np.unique(pairs, axis=1).T), int(pairs[0, 0])
     if len(touching):
         done["repaired_pinched_vertices"] = len(touching), int(touching[0])
-    keep = ~_debris_triangles(faces, sheets(faces, sides.joined), shared, cortex.pial.verts)
-    if not keep.all():
-        done["repaired_debris_triangles"] = int((~keep).sum()), int(faces[~keep][0, 0])
     part = np.repeat(keep, 3) & shared[corner]  # corners that may get another vertex
     names, first, size = np.unique(fan[part], return_index=True, return_counts=True)
     vertex = corner[part][first]
@@ -236,41 +226,41 @@ def _separate_sheets(faces: Faces, sides: Sides, cortex: Cortex, done: RepairCou
     return keep, split.reshape(-1, 3), np.concatenate([owner, vertex[order[other]]])
 
 
-def _debris_triangles(faces: Faces, piece: Ints, shared: Bools, verts: Verts) -> Bools:
-    """Triangles (M,) of small pieces that only shared vertices joined to a larger one."""
-    body = geometry.components(len(verts), faces)[1][faces[:, 0]]
-    area = np.bincount(piece, geometry.face_areas(verts, faces))
-    largest = np.zeros(int(body.max()) + 1)
-    np.maximum.at(largest, body, area[piece])
-    hung = np.zeros(len(area), dtype=bool)
-    hung[piece[shared[faces].any(axis=1)]] = True
-    return hung[piece] & (area[piece] < np.minimum(LARGEST_DEBRIS_SHARE * area.sum(), largest[body]))
+def _debris_triangles(faces: Faces, sides: Sides, cortex: Cortex) -> Bools:
+    """Triangles (M,) of pieces much smaller than the largest one. Walls of cavities are none: they face inwards."""
+    piece = sheets(faces, sides.joined)
+    area = np.bincount(piece, geometry.face_areas(cortex.pial.verts, faces))
+    inner, outer = (checks.signed_volumes(s.verts, faces, piece) for s in (cortex.white, cortex.pial))
+    hollow = (inner < outer) & (outer < 0)
+    hollow[piece[sides.border // 3]] = False
+    return ((area < LARGEST_DEBRIS_SHARE * area.max()) & ~hollow)[piece]
 
 
 def _inside_out_triangles(cortex: Cortex, faces: Faces, owner: Ints, joined: Ints) -> Bools:
     """Triangles (M,) of closed pieces where white has a negative volume and pial's is not larger."""
-    piece = geometry.components(len(owner), faces)[1]
+    piece = geometry.components(len(owner), faces)[1][faces[:, 0]]
     inner, outer = (checks.signed_volumes(s.verts[owner], faces, piece) for s in (cortex.white, cortex.pial))
     wrong: Bools = (outer <= inner) & (inner < 0)  # in walls of cavities pial's is larger
     alone = np.ones(faces.size, dtype=bool)
     alone[joined] = False
-    wrong[piece[faces.ravel()[alone]]] = False  # a piece with a border encloses no volume
-    return wrong[piece[faces[:, 0]]]
+    wrong[piece[np.flatnonzero(alone) // 3]] = False  # a piece with a border encloses no volume
+    return wrong[piece]
 
 
 def _build_mended(cortex: Cortex, faces: Faces, at: Ints, owner: Ints, done: RepairCounts) -> Mended:
     """The cortex with these faces, without the vertices that none of them uses."""
     gone = ~geometry.used(len(owner), faces)
     source, number = owner[~gone], np.where(gone, -1, np.cumsum(~gone) - 1)
-    white, pial = (replace(s, verts=s.verts[source], faces=number[faces]) for s in (cortex.white, cortex.pial))
-    there = replace(
+    there = lambda surface: replace(surface, verts=surface.verts[source], faces=number[faces])
+    found = replace(
         cortex,
-        white=white,
-        pial=pial,
+        white=there(cortex.white),
+        pial=there(cortex.pial),
         maps={name: np.asarray(v)[source] for name, v in cortex.maps.items()},
         cortex=None if cortex.cortex is None else np.asarray(cortex.cortex)[source],
         regions=None if cortex.regions is None else replace(cortex.regions, labels=cortex.regions.labels[source]),
         inflated=None,
-        sphere=None,
+        sphere=cortex.sphere and there(cortex.sphere),
+        registered=None,
     )
-    return Mended(cortex, there, number[at], source, done)
+    return Mended(cortex, found, number[at], source, done)
