@@ -2,12 +2,10 @@
 
 import json
 import re
-from contextlib import nullcontext
 
 import numpy as np
 import pytest
 from commands import refused
-from made_cohort import HereFleet
 
 from morphofold.analysis import smooth
 from morphofold.cli import main
@@ -259,19 +257,3 @@ def test_a_template_in_gifti_is_read(study):
         (group / "surf" / f"{hemi}.white").unlink()
         write_surface(group / "surf" / f"{hemi}.white.surf.gii", Surface(VERTS, FACES))
     assert len(fitted(study).inference.t) == 2 * len(VERTS)
-
-
-def test_a_cluster_of_workers_gives_the_same_files(study, tmp_path, monkeypatch):
-    asked = []
-
-    def open_fleet(**options):
-        asked.append(options)
-        return nullcontext(HereFleet())
-
-    monkeypatch.setattr("morphofold.cohort.fleet.open_fleet", open_fleet)
-    argv = ["stats", str(study), "--model", "cortical_thickness ~ age", "--contrast", "age", "--permutations", "99"]
-    assert main([*argv, "--no-report", "-q", "-o", str(tmp_path / "here")]) == 0
-    assert main([*argv, "--no-report", "-q", "-o", str(tmp_path / "there"), "--scheduler", "tcp://host:8786"]) == 0
-    assert asked == [{"scheduler": "tcp://host:8786", "slurm": None}]
-    for file in ("clusters.tsv", "summary.json", "maps/lh.p_tfce"):
-        assert (tmp_path / "here" / file).read_bytes() == (tmp_path / "there" / file).read_bytes()

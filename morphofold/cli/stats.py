@@ -4,8 +4,6 @@ cortex by permutations: of single vertices, of clusters, and by threshold-free c
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,10 +12,7 @@ from morphofold.cli.streams import print_json
 from morphofold.errors import OptionsClash
 
 if TYPE_CHECKING:
-    from morphofold.arrays import Array
-    from morphofold.inference.permutations import Null
     from morphofold.inference.study import Result, Space
-    from morphofold.progress import Progress
 
 EXAMPLES = ('morphofold stats study --model "gyral_thickness ~ age + sex" --contrast age -o age',)
 
@@ -62,10 +57,6 @@ def add_args(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--out", metavar="DIR", default="stats", help="folder to write (default: stats)")
     add_options(parser, ("--no-report", None, "tables and maps only, no page or pictures"))
     add_threads(parser)
-    add_options(parser, ("--scheduler", "ADDRESS", "permute on a running Dask cluster, such as tcp://host:8786"))
-    parser.add_argument(
-        "--slurm", type=int, metavar="N", help="ask SLURM for N jobs, as described in ~/.config/dask/jobqueue.yaml"
-    )
     parser.add_argument("--json", action="store_true", help="print summary.json")
 
 
@@ -88,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
     refuse_overlap(Path(args.out), [space.folder])
     refuse_foreign(Path(args.out))
     hemis = (args.hemi,) if args.hemi in ("lh", "rh") else ("lh", "rh")
-    with _permuting(args) as largest, progress("stats", args.quiet) as show:
+    with progress("stats", args.quiet) as show:
         found = fit_study(
             space,
             participants,
@@ -100,7 +91,6 @@ def run(args: argparse.Namespace) -> int:
             asymmetry=args.asymmetry,
             permutations=args.permutations,
             seed=args.seed,
-            largest=largest,
             progress=show,
         )
         write_result(found, args.out, [participants], report=None if args.no_report else stats_report)
@@ -117,21 +107,6 @@ def _participants(args: argparse.Namespace, space: Space) -> Path:
     if args.participants is not None:
         return Path(args.participants)
     return of_maps if space.covariates and not usual.is_file() else usual
-
-
-@contextmanager
-def _permuting(args: argparse.Namespace) -> Iterator[Callable[[Null, Progress], Array]]:
-    """Where permutations are computed: here, or on the workers that were asked for."""
-    from morphofold.inference.permutations import here
-
-    if args.scheduler is None and args.slurm is None:
-        yield here
-        return
-    from morphofold.cohort.fleet import open_fleet
-    from morphofold.cohort.permuting import on_workers
-
-    with open_fleet(scheduler=args.scheduler, slurm=args.slurm) as fleet:
-        yield on_workers(fleet, Path(args.study).absolute())
 
 
 def _print_result(found: Result, out: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -203,36 +202,27 @@ def exchanges(
     return found
 
 
-@dataclass(frozen=True, eq=False)
-class Null:
-    """All exchanges (P, S, 2) of a model's residuals (S, n) at the n known vertices of a mesh."""
-
-    model: Model
-    residuals: Array
-    known: NDArray[np.bool_]
-    mesh: Mesh
-    threshold: float
-    exchanges: Array
-
-    def largest(self, first: int, last: int, progress: Progress = silent) -> Array:
-        """Of each exchange from ``first`` to ``last`` (last - first, 3): the largest abs(t), the area of the largest
-        cluster, and the largest TFCE."""
-        found = np.empty((last - first, 3))
-        for start in range(first, last, PERMUTATIONS_AT_ONCE):
-            stop = min(start + PERMUTATIONS_AT_ONCE, last)
-            t = np.zeros((stop - start, len(self.known)))
-            with one_blas_thread():
-                t[:, self.known] = self.model.t(self.residuals, self.exchanges[start:stop])
-            order = np.argsort(-np.abs(t), axis=1, kind="stable")
-            out = found[start - first : stop - first]
-            in_blocks(_largest, len(t), *reading(t, order, *self.mesh.arrays), self.threshold, out)
-            progress((stop - first) / (last - first), f"{stop} of {len(self.exchanges)} permutations")
-        return found
-
-
-def here(null: Null, progress: Progress) -> Array:
-    """The largest statistics of all exchanges (P, 3), computed on this machine."""
-    return null.largest(0, len(null.exchanges), progress)
+def largest(
+    model: Model,
+    residuals: Array,
+    known: NDArray[np.bool_],
+    mesh: Mesh,
+    threshold: float,
+    shuffled: Array,
+    progress: Progress = silent,
+) -> Array:
+    """Of each exchange (P, S, 2) of a model's residuals (S, n) at the n known vertices of a mesh: the largest abs(t),
+    the area of the largest cluster, and the largest TFCE (P, 3)."""
+    found = np.empty((len(shuffled), 3))
+    for start in range(0, len(shuffled), PERMUTATIONS_AT_ONCE):
+        stop = min(start + PERMUTATIONS_AT_ONCE, len(shuffled))
+        t = np.zeros((stop - start, len(known)))
+        with one_blas_thread():
+            t[:, known] = model.t(residuals, shuffled[start:stop])
+        order = np.argsort(-np.abs(t), axis=1, kind="stable")
+        in_blocks(_largest, len(t), *reading(t, order, *mesh.arrays), threshold, found[start:stop])
+        progress(stop / len(shuffled), f"{stop} of {len(shuffled)} permutations")
+    return found
 
 
 def infer(
@@ -246,7 +236,6 @@ def infer(
     blocks: Ints | None = None,
     whole: bool = False,
     forming_p: float = FORMING_P,
-    largest: Callable[[Null, Progress], Array] = here,
     progress: Progress = silent,
 ) -> Inference:
     """Test a contrast of a linear model at every vertex, corrected for the whole surface by permutations.
@@ -266,8 +255,6 @@ def infer(
         Exchange blocks as wholes, each with one of its size.
     forming_p : float
         Two-sided p at the height above which clusters are formed.
-    largest : callable
-        Where the exchanges are computed: :func:`here`, or :func:`morphofold.cohort.permuting.on_workers`.
     progress : callable
 
     Returns
@@ -314,7 +301,7 @@ def infer(
             "no exchange changes what is tested: it is the same within every block, so exchange whole blocks "
             "(--whole-blocks); or it differs only within blocks, so don't."
         )
-    null = largest(Null(model, residuals, known, mesh, threshold, shuffled), progress)
+    null = largest(model, residuals, known, mesh, threshold, shuffled, progress)
     cluster, rows = _cluster_table(t, effect, threshold, mesh, null[:, 1])
     return Inference(
         effect=effect,

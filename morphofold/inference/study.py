@@ -14,7 +14,7 @@ from morphofold.arrays import Array, Ints
 from morphofold.errors import DoesNotApply, MissingPart, UnknownName
 from morphofold.inference.clusters import Mesh
 from morphofold.inference.design import Design, design, read_participants
-from morphofold.inference.permutations import Inference, Null, here, infer
+from morphofold.inference.permutations import Inference, infer
 from morphofold.inference.spaces import HEMIS, Space, areas_of, mesh_of
 from morphofold.io import atomic_folder, write_gifti_map, write_morph
 from morphofold.progress import Progress, silent
@@ -89,7 +89,6 @@ def fit_study(
     asymmetry: str | None = None,
     permutations: int = 1000,
     seed: int = 0,
-    largest: Callable[[Null, Progress], Array] = here,
     progress: Progress = silent,
 ) -> Result:
     """Test ``MAP ~ REGRESSORS`` at every vertex; p values hold for all hemispheres together.
@@ -111,8 +110,6 @@ def fit_study(
     asymmetry : {"difference", "index"}, optional
         Test left - right, or 2 (left - right) / (left + right), instead of ``hemis``; on a symmetric template.
     permutations, seed : int
-    largest : callable
-        As for :func:`morphofold.inference.permutations.infer`.
     progress : callable
 
     Raises
@@ -152,7 +149,6 @@ def fit_study(
         seed=seed,
         blocks=chosen.blocks,
         whole=whole,
-        largest=largest,
         progress=progress,
     )
     left = tuple(subject for subject, there in zip(space.subjects, has_all) if not there)
