@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from morphofold.errors import NamedTwice
-from morphofold.inference.design import plain_name, read_participants
+from morphofold.inference.design import person_of, plain_name, read_participants
 
 PARTICIPANTS_FILE = "participants.tsv"
-BIDS_PREFIX = "sub-"
 
 
 @dataclass(frozen=True)
@@ -24,9 +23,7 @@ class Covariates:
     def of(self, subject: str) -> dict[str, Any]:
         """Values of a subject, None where there is none; a session ``sub-01_ses-2`` has those of ``sub-01``."""
         name = plain_name(subject)
-        if name not in self.rows and subject.startswith(BIDS_PREFIX):
-            name = name.partition("_")[0]
-        row = self.rows.get(name, {})
+        row = self.rows.get(name) or self.rows.get(person_of(subject), {})
         return {column: row.get(column) for column in self.columns}
 
 
