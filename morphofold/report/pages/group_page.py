@@ -307,7 +307,7 @@ def methods(version: str, sides: bool = True, far: bool = True, clouds: Sequence
         sentences.append(
             "Asymmetry is 2 (L - R) / (L + R) for each subject with both sides. It is given as mean, 95 % interval "
             "by Student's t and the paired effect size d_z (mean over standard deviation). The t-tests against 0 were "
-            "corrected over all measures (Holm 1979)."
+            "corrected over the measures tested (Holm 1979)."
         )
     if far:
         sentences.append(
