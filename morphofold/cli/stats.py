@@ -41,9 +41,10 @@ def add_args(parser: argparse.ArgumentParser) -> None:
         (
             "--blocks",
             "COLUMN",
-            "exchange subjects only within equal values of a column: site, family, person (default: all)",
+            "exchange subjects only within equal values of a column: site, family (default: person, if names show it)",
         ),
         ("--whole-blocks", None, "exchange blocks as wholes, for regressors that are the same within a block"),
+        ("--variance-groups", "COLUMN", "groups that may differ in residual variance: Welch's t, and changes of sign"),
         ("--space", "NAME", "folder in STUDY/spaces (default: the only one)"),
     )
     parser.add_argument("--hemi", choices=["lh", "rh", "both"], help="hemispheres (default: both)")
@@ -87,6 +88,7 @@ def run(args: argparse.Namespace) -> int:
             args.contrast,
             blocks=args.blocks,
             whole=args.whole_blocks,
+            variance_groups=args.variance_groups,
             hemis=hemis,
             asymmetry=args.asymmetry,
             permutations=args.permutations,
@@ -121,6 +123,8 @@ def _print_result(found: Result, out: Path) -> None:
     for reason, names in said["left_out"].items():
         if names:
             print(f"left out ({reason}): {', '.join(names[:5])}{' ...' * (len(names) > 5)}")
+    for remark in said["remarks"]:
+        print(f"remark: {remark}")
     areas = said["significant_area_mm2"]
     print(
         f"corrected p <= 0.05: {areas['p_tfce']:.0f} mm2 by TFCE (smallest p {said['smallest_p']['p_tfce']:.3g}), "
