@@ -5,6 +5,8 @@ from __future__ import annotations
 import ast
 import re
 
+import numpy as np
+
 from morphofold.errors import NotReadable
 
 CALLS = ("C", "log", "sqrt", "exp", "center", "scale", "poly", "bs", "cr")
@@ -25,10 +27,14 @@ def columns_of(formula: str) -> tuple[set[str], set[str]]:
     quoted = _QUOTED.findall(formula)
     plain, names, factors = _QUOTED.sub(lambda _: " quoted_ ", formula), set[str](), set[str]()
 
+    def number(node: ast.expr) -> float:
+        value = node.value if isinstance(node, ast.Constant) else None
+        return value if isinstance(value, int | float) else np.inf
+
     def terms(node: ast.expr, call: str = "") -> int:
         """Number of terms, at most; ``call``: the call whose argument the node is, where + is arithmetic."""
         match node:
-            case ast.Constant(value) if isinstance(value, int | float) and abs(value) < LARGEST_NUMBER:
+            case ast.Constant() if number(node) < LARGEST_NUMBER:
                 return 1
             case ast.Name(name):
                 names.add(name := quoted.pop(0) if name == "quoted_" else name)
@@ -44,7 +50,7 @@ def columns_of(formula: str) -> tuple[set[str], set[str]]:
                 return (1 + terms(left, call)) * (1 + terms(right, call))
             case ast.Call(ast.Name(name), [inside, *sizes], options) if name in CALLS:
                 sizes += [option.value for option in options]
-                if all(isinstance(size, ast.Constant) and size.value <= LARGEST_ARGUMENT for size in sizes):
+                if all(number(size) <= LARGEST_ARGUMENT for size in sizes):
                     return terms(inside, name)
         raise SyntaxError
 
@@ -52,7 +58,7 @@ def columns_of(formula: str) -> tuple[set[str], set[str]]:
         python = " ".join(plain.split()).replace(":", "@").replace("^", "**")
         if _CHARACTERS.fullmatch(plain) and terms(ast.parse(python, mode="eval").body) <= MOST_TERMS:
             return names, factors
-    except (SyntaxError, TypeError, IndexError, RecursionError, MemoryError):  # of Python's parser, or raised above
+    except (SyntaxError, IndexError, RecursionError, MemoryError):  # of Python's parser, or raised above
         pass
     raise NotReadable(
         f"{formula!r}: can't be read as a model. Write columns (in backquotes, if a name has more than letters, digits "

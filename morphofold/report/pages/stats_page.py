@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from morphofold.arrays import Array
 from morphofold.inference.design import INTERCEPTS
 from morphofold.inference.permutations import Model
 from morphofold.inference.study import Result, cluster_rows, split
@@ -33,7 +34,7 @@ def stats_report(result: Result, summary: Mapping[str, Any], folder: Path) -> Pa
     correlation = "The size of the effect without a unit: t / sqrt(t² + degrees of freedom)."
     counted = "Only vertices where all subjects have a value are tested."
     largest = float(np.nanmax(np.abs(found.effect))) or 1.0
-    shown = [
+    shown: list[tuple[Quantity, Array, tuple[float, float], str]] = [
         (what, found.effect, (-largest, largest), contrast),
         (Quantity("r", "Partial correlation", signed=True), found.r, (-1.0, 1.0), correlation),
     ]
@@ -44,7 +45,7 @@ def stats_report(result: Result, summary: Mapping[str, Any], folder: Path) -> Pa
         values = np.where(p <= SIGNIFICANT, -np.log10(p) * np.sign(found.t), np.nan)
         shown.append((log_p, values, (-most, most), said))
     shown.append((Quantity("subjects", "Subjects with a value"), result.counts.astype(np.float64), (0.0, n), counted))
-    pictures = [picture(result.space, folder, one, split(result, values), *more) for one, values, *more in shown]
+    pictures = [picture(result.space, folder, of, split(result, v), ends, said) for of, v, ends, said in shown]
     return write_page(
         folder / "report.html",
         "stats.html",
