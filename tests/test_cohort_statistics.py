@@ -96,6 +96,16 @@ def test_holm_is_that_of_a_worked_example():
     assert statistics.holm(np.array([0.9, 0.8])).max() == 1
 
 
+def test_other_forms_of_a_measure_are_not_tested_again(rng):
+    """They would make the corrected p of all others larger."""
+    values = {name: 10 + rng.standard_normal((12, 2)) + [0.4, 0] for name in ("n_hinges", "gyrification_index")}
+    again = {name: values["n_hinges"] for name in ("n_hinges_low", "n_hinges_high", "n_hinges_3", "n_hinges_4")}
+    few, many = asymmetry(values), asymmetry({**values, **again})
+    assert [row.p_holm for row in many[:2]] == [row.p_holm for row in few]
+    assert np.isnan([row.p_holm for row in many[2:]]).all()
+    assert all(row.asymmetry == many[0].asymmetry and not row.sided for row in many[2:])
+
+
 def test_only_subjects_with_both_sides_count_and_only_positive_quantities():
     values = sides([3, 1], [NAN, 1], [2, NAN], [0, 0], [1, 3])
     measures = ("n_hinges", "gyral_to_cortical_slope", "euler_characteristic")

@@ -1,10 +1,12 @@
 """Designs of linear models from a table of participants and a formula."""
 
+import gzip
+
 import numpy as np
 import pytest
 
-from morphofold.errors import DamagedFile, DoesNotApply, MissingPart, NamedTwice, NotFinite, UnknownName, WrongFile
-from morphofold.inference.design import design, read_participants
+from morphofold.errors import DamagedFile, MissingPart, NamedTwice, NotFinite, NotReadable, UnknownName, WrongFile
+from morphofold.inference.design import design, person_of, read_participants
 
 TABLE = """participant_id\tage\tsex\tgroup\tsite
 sub-01\t20\tF\ta\t1
@@ -69,14 +71,16 @@ def test_the_mean_alone_is_tested_by_signs(table):
     ("error", "formula", "contrast"),
     [
         (UnknownName, "height", "height"),
-        (UnknownName, "age +* (", "age"),
+        (NotReadable, "age +* (", "age"),
+        (UnknownName, "log(sex)", "1"),
+        (UnknownName, "bs(age, df=2)", "1"),
+        (NotFinite, "log(age - 50)", "1"),
         (UnknownName, "age", "sex"),
         (UnknownName, "group", "group"),
         (UnknownName, "age", ""),
         (UnknownName, "age", "age - age"),
-        (UnknownName, "age ~ sex", "sex"),
-        (DoesNotApply, "site", "site"),
-        (UnknownName, "__import__('os').getcwd()", "1"),
+        (NotReadable, "age ~ sex", "sex"),
+        (NotReadable, "__import__('os').getcwd()", "1"),
     ],
 )
 def test_what_makes_no_model_is_refused(table, error, formula, contrast):
@@ -137,3 +141,169 @@ def test_a_table_that_says_a_thing_twice_or_not_at_all_is_refused(tmp_path, text
 def test_infinite_values_are_refused(table):
     with pytest.raises(NotFinite):
         design(NAMES, table.assign(age=[1.0, 2, 3, 4, 5, np.inf]), "age", "age")
+
+
+@pytest.mark.parametrize(
+    "contrast",
+    [
+        "age = 3",
+        "age + 1",
+        "1 + 30 * age",
+        "nan * age",
+        "inf * age",
+        "1e400 * age",
+        "age / 0",
+        "0 * age / 0",
+        "age * age",
+    ]
+    + [
+        "1e300 * age * 1e300",
+        "age * 1000000000000",
+        "age / 1000000000000",
+        "age, sex",
+        "age == 0",
+        "age - age",
+        "2",
+        "(",
+    ]
+    + ["[age)", "`age` {1}", "-" * 5000 + "age", "(" * 5000 + "age", "9" * 5000 + " * age", "log(age)"],
+)
+def test_a_contrast_is_a_sum_of_columns_against_zero(table, contrast):
+    with pytest.raises(UnknownName):
+        design(NAMES, table, "age + sex", contrast)
+
+
+@pytest.mark.parametrize(("contrast", "weights"), [("age = 0", [0, 1]), ("Intercept + 30 * age", [1, 30])])
+def test_weights_are_numbers(table, contrast, weights):
+    np.testing.assert_array_equal(design(NAMES, table, "age", contrast).contrast, weights)
+
+
+def test_names_like_code_are_names(table, tmp_path, monkeypatch):
+    """Of columns and of levels; nothing of them is run."""
+    monkeypatch.chdir(tmp_path)
+    code = "open('made', 'w').close()"
+    like = table.rename(columns={"age": code, "sex": "open(made, w)"}).assign(group=[code, "A", code, "A", "A", code])
+    with pytest.raises(NotReadable):
+        design(NAMES, like, f"`{code}`", "1")
+    found = design(NAMES, like, "`open(made, w)` + group", f"group[T.{code}]")
+    assert found.columns == ("Intercept", "open(made, w)[T.M]", f"group[T.{code}]")
+    np.testing.assert_array_equal(found.contrast, [0, 0, 1])
+    with pytest.raises(UnknownName):
+        design(NAMES, like, "group", code)
+    assert not (tmp_path / "made").exists()
+
+
+def test_a_column_may_have_the_name_of_a_function(table):
+    np.testing.assert_array_equal(
+        design(NAMES, table.assign(log=table.age), "log", "log").matrix[:, 1], [20, 30, 40, 50.5, 60]
+    )
+    with pytest.raises(UnknownName):
+        design(NAMES, table.assign(log=table.age), "log + log(age)", "log")
+
+
+# --- values that are wrong
+
+
+def test_a_typo_does_not_make_a_factor_of_numbers(tmp_path):
+    (tmp_path / "people.tsv").write_text(TABLE.replace("50.5", "5O.5"))
+    table = read_participants(tmp_path / "people.tsv")
+    with pytest.raises(DamagedFile, match=r"sub-04|04"):
+        design(NAMES, table, "age", "age")
+    with pytest.raises(DamagedFile):
+        design(NAMES, table, "sex + log(age)", "sex")
+    assert design(NAMES, table, "sex", "sex").left_out == ()  # of a column that the model does not need
+    others = [name for name in NAMES if "4" not in name]
+    np.testing.assert_array_equal(design(others, table, "age", "age").matrix[:, 1], [20, 30, 40, 60])
+    assert len(design(NAMES, table, "C(age)", "1").columns) == 5  # names, if that is meant
+
+
+AGES = [21, 25, 31, 38, 44, 52, 57, 63, 70, 78]
+
+
+@pytest.mark.parametrize(
+    ("ages", "remarks"),
+    [
+        (AGES, 0),
+        ([*AGES, 99], 0),
+        ([*AGES, -999], 1),
+        ([*AGES, -9999, -9999], 1),
+        ([*AGES, 9999], 1),
+        ([*AGES, 999.0], 1),
+        ([*AGES, -1], 1),
+        ([age - 50 for age in AGES], 0),
+        ([age / 10 - 2.5 for age in AGES], 0),
+        ([0, 1] * 8, 0),
+        ([-1, 1] * 8, 0),
+        ([0] * 15 + [1], 0),
+    ],
+)
+def test_codes_of_unknown_numbers_are_remarked(table, ages, remarks):
+    names = [f"p{k}" for k in range(len(ages))]
+    people = table.iloc[:0].reindex(names).assign(age=ages)
+    assert len(design(names, people, "age", "age").remarks) == remarks
+
+
+@pytest.mark.parametrize("encode", [gzip.compress, lambda text: text.decode().encode("utf-16")], ids=["gzip", "utf-16"])
+def test_a_table_that_is_no_utf8_text_is_refused(tmp_path, encode):
+    (tmp_path / "p.tsv.gz").write_bytes(encode(TABLE.encode()))
+    with pytest.raises(DamagedFile):
+        read_participants(tmp_path / "p.tsv.gz")
+
+
+# --- sessions
+
+
+@pytest.mark.parametrize(
+    ("subject", "person"),
+    [
+        ("sub-01", "01"),
+        ("sub-01_ses-1", "01"),
+        ("01_ses-pre", "01"),
+        ("anna_ses1", "anna"),
+        ("anna_visit2", "anna"),
+        ("anna_V2", "anna"),
+        ("anna_ses1.long.anna", "anna"),
+        ("x.long.sub-01_ses-1", "01"),
+        ("002_S_0413", "002_S_0413"),
+        ("study_time", "study_time"),
+        ("patient_v", "patient_v"),
+        ("site1_p2", "site1_p2"),
+    ],
+)
+def test_a_name_shows_the_person_of_a_session(subject, person):
+    assert person_of(subject) == person
+
+
+def sessions(table, **columns):
+    """Four people, twice each."""
+    names = [f"sub-{k}_ses-{s}" for k in range(4) for s in (1, 2)]
+    return names, table.iloc[:0].reindex([name[4:] for name in names]).assign(**columns)
+
+
+def test_sessions_of_a_person_are_a_block(table):
+    names, people = sessions(table, age=[20.5, 20.5, 31, 31, 47, 47, 60, 60], site=[1, 2] * 4)
+    between, within = design(names, people, "age", "age"), design(names, people, "site + age", "site")
+    for found in (between, within):
+        np.testing.assert_array_equal(found.blocks, [0, 0, 1, 1, 2, 2, 3, 3])
+        assert len(found.remarks) == 1
+    assert between.whole
+    assert not within.whole
+    own = design(names, people, "age", "age", blocks="site")
+    np.testing.assert_array_equal(own.blocks, [0, 1] * 4)
+    assert own.remarks == ()
+
+
+def test_a_session_without_a_row_has_that_of_its_person(table):
+    found = design(["sub-01_ses-1", "sub-01_ses-2", "02", "03"], table, "age", "age")
+    np.testing.assert_array_equal(found.matrix[:, 1], [20, 20, 30, 40])
+    np.testing.assert_array_equal(found.blocks, [0, 0, 1, 2])
+
+
+def test_rows_that_repeat_are_remarked(table):
+    names = [f"p{k}" for k in range(24)]
+    people = table.iloc[:0].reindex(names)
+    ages = np.repeat([20.5, 25, 31, 38, 44, 52, 57, 63], 3)
+    assert len(design(names, people.assign(age=ages), "age", "age").remarks) == 1
+    assert design(names, people.assign(age=np.arange(24)), "age", "age").remarks == ()
+    assert design(names, people.assign(sex=["F", "M"] * 12), "sex", "sex").remarks == ()
+    assert design(names, people.assign(age=[*ages[:-1], 64]), "age", "age").remarks == ()

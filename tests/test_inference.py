@@ -8,7 +8,8 @@ from morphofold.analysis import smooth
 from morphofold.errors import DoesNotApply, OutOfRange, WrongShape
 from morphofold.geometry import vertex_areas
 from morphofold.inference.clusters import Mesh
-from morphofold.inference.permutations import Model, exchanges, infer
+from morphofold.inference.permutations import Model, exchanges, infer, possible_exchanges
+from morphofold.inference.variances import variance_trend
 from morphofold.shapes import icosphere
 from morphofold.threads import using_threads
 
@@ -214,3 +215,134 @@ def test_bad_designs_are_refused():
     for options in ({"permutations": 0}, {"forming_p": 0.0}):
         with pytest.raises(OutOfRange):
             infer(maps, design, one, MESH, **options)
+
+
+# --- unequal variances
+
+
+def two_groups(sizes, spreads, seed):
+    """Smooth noise of two groups with their own standard deviations, and the design of intercept and group."""
+    group = np.repeat([0, 1], sizes)
+    maps = study(len(group), seed)[0] * np.repeat(spreads, sizes)[:, None]
+    return maps, np.column_stack([np.ones(len(group)), group]), group
+
+
+DIFFERENCE = np.array([0.0, 1])
+
+
+def test_t_of_two_variance_groups_is_that_of_welch():
+    maps, design, group = two_groups((6, 14), (3.0, 1.0), 1)
+    found = infer(maps, design, DIFFERENCE, MESH, permutations=1, groups=group)
+    welch = stats.ttest_ind(maps[group == 1], maps[group == 0], equal_var=False)
+    np.testing.assert_allclose(found.t, welch.statistic, rtol=1e-9)
+    np.testing.assert_allclose(found.degrees, welch.df, rtol=1e-9)
+    np.testing.assert_allclose(found.p, welch.pvalue, rtol=1e-7)
+    interval = welch.confidence_interval(0.95)
+    np.testing.assert_allclose(found.effect - found.half_width, interval.low, rtol=1e-8)
+    np.testing.assert_allclose(found.effect + found.half_width, interval.high, rtol=1e-8)
+    assert found.flipped
+
+
+def test_the_interval_of_one_variance_is_that_of_least_squares():
+    maps, _, design = study(15, 3)
+    found = infer(maps, design, CONTRASTS[0], MESH, permutations=1)
+    t, effect = refitted(maps, design, CONTRASTS[0])
+    np.testing.assert_allclose(found.half_width, np.abs(effect / t) * stats.t.ppf(0.975, 12), rtol=1e-8)
+
+
+def test_changed_signs_with_variance_groups_are_a_fit_to_changed_residuals():
+    """Written out: the effect by least squares, over its standard error from the residual variance of each group."""
+    maps, _, design = study(18, 2)
+    group, contrast = np.repeat([0, 1, 2], 6), np.array([0.0, 1, 0])
+    model = Model(design, contrast, group)
+    residuals, changed = model.residuals(maps), exchanges(18, 5, 1, flip=True)
+    weights = design @ np.linalg.inv(design.T @ design) @ contrast  # of the subjects in the effect
+    free = 1 - np.diag(design @ np.linalg.pinv(design))
+    for (_, signs), t in zip(changed.transpose(0, 2, 1), model.t(residuals, changed)):
+        data = signs[:, None] * residuals
+        errors = data - design @ np.linalg.lstsq(design, data, rcond=None)[0]
+        variance = sum(
+            (errors[group == g] ** 2).sum(axis=0) / free[group == g].sum() * (weights[group == g] ** 2).sum()
+            for g in range(3)
+        )
+        np.testing.assert_allclose(t, weights @ data / np.sqrt(variance), atol=1e-9)
+
+
+def test_one_variance_group_is_no_group():
+    maps, _, design = study(12, 2)
+    one = infer(maps, design, CONTRASTS[0], MESH, permutations=1, groups=np.zeros(12, dtype=int))
+    none = infer(maps, design, CONTRASTS[0], MESH, permutations=1)
+    np.testing.assert_allclose(one.t, none.t, rtol=1e-9)
+    np.testing.assert_allclose(one.p, none.p, rtol=1e-7)
+
+
+def test_a_variance_group_that_leaves_no_residuals_is_refused():
+    maps, design, _ = two_groups((6, 6), (1.0, 1.0), 1)
+    with pytest.raises(DoesNotApply):
+        infer(maps, design, DIFFERENCE, MESH, permutations=1, groups=np.array([0] * 11 + [1]))
+
+
+def test_a_small_group_that_varies_more_needs_variance_groups():
+    """40 studies without an effect: nearly all are significant without, 2 are expected with."""
+    hits = np.zeros(2, dtype=int)
+    for seed in range(40):
+        maps, design, group = two_groups((6, 24), (3.0, 1.0), seed)
+        for k, groups in enumerate((None, group)):
+            found = infer(maps, design, DIFFERENCE, MESH, permutations=39, seed=seed, groups=groups)
+            hits[k] += np.nanmin(found.p_height) <= 0.05
+    assert hits[0] >= 30
+    assert hits[1] <= 8  # binomial of 5 %: more than 7 once in 5,000
+
+
+def test_a_trend_of_the_variance_is_found_and_none_is_not():
+    alarms = {1.0: 0, 3.0: 0}
+    for seed in range(100):
+        for spread in alarms:
+            maps, design, _ = two_groups((10, 14), (1.0, spread), seed)
+            model = Model(design, DIFFERENCE)
+            ratio, p = variance_trend(model.errors(model.residuals(maps)), model.freedom, model.regressor)
+            alarms[spread] += p < 0.01
+            assert ratio >= 1
+    assert alarms[1.0] <= 6  # 1 expected; more than 6 once in 10,000
+    assert alarms[3.0] == 100
+
+
+def test_the_ratio_of_variances_is_that_of_the_data():
+    random, age = np.random.default_rng(0), np.linspace(0, 1, 200)
+    errors = random.standard_normal((200, 4000)) * np.exp(age)[:, None]
+    ratio, p = variance_trend(errors, np.ones(200), age)
+    assert ratio == pytest.approx(np.exp(2), rel=0.03)
+    assert p < 1e-100
+    assert np.isnan(variance_trend(errors, np.ones(200), np.ones(200))).all()
+
+
+# --- how many exchanges there are
+
+
+@pytest.mark.parametrize(
+    ("options", "count"),
+    [
+        ({}, 40320),
+        ({"flip": True}, 256),
+        ({"blocks": np.array([0, 0, 0, 1, 1, 1, 2, 2])}, 72),
+        ({"blocks": np.array([0, 0, 1, 2, 2, 3, 4, 4]), "whole": True}, 12),
+        ({"blocks": np.array([0, 0, 1, 2, 2, 3, 4, 4]), "flip": True}, 32),
+    ],
+)
+def test_exchanges_are_counted(options, count):
+    assert possible_exchanges(8, **{"flip": False, **options}) == count
+    if count < 100:
+        found = exchanges(8, 4000, 0, **options)
+        assert len(np.unique(found, axis=0)) == count
+
+
+def test_four_subjects_have_24_exchanges_and_no_smaller_p():
+    maps, age, _ = study(4, 0)
+    design = np.column_stack([np.ones(4), age])
+    found = infer(0.01 * maps + age[:, None], design, DIFFERENCE, MESH, permutations=999)
+    assert found.possible == 24
+    assert found.least_p == pytest.approx(1 / 24, abs=4 * np.sqrt(1 / 24 / 999))
+    assert found.p_height.min() == found.least_p
+    groups = infer(maps, np.column_stack([np.ones(8), np.repeat([0, 1], 4)])[[0, 1, 6, 7]], DIFFERENCE, MESH)
+    assert groups.least_p == pytest.approx(1 / 3, abs=0.06)  # 2 of 6 ways to divide four into pairs
+    assert infer(study(20, 1)[0], study(20, 1)[2], CONTRASTS[0], MESH, permutations=99).least_p == 0.01

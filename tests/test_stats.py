@@ -2,25 +2,24 @@
 
 import json
 import re
-from contextlib import nullcontext
 
 import numpy as np
 import pytest
 from commands import refused
-from made_cohort import HereFleet
 
 from morphofold.analysis import smooth
 from morphofold.cli import main
 from morphofold.errors import DoesNotApply, MissingPart, UnknownName
 from morphofold.inference.spaces import find_space
-from morphofold.inference.study import cluster_rows, fit_study, write_result
+from morphofold.inference.study import cluster_rows, fit_study, summary, write_result
 from morphofold.io import read_morph, write_annotation, write_label, write_surface
 from morphofold.io.gifti import read_gifti_map
-from morphofold.report.pages.stats_page import stats_report
+from morphofold.report.pages.stats_page import effect_unit, stats_report
 from morphofold.report.pictures.png import read_png
 from morphofold.shapes import icosphere
 from morphofold.surface import Regions, Surface
 from morphofold.tables import read_table, write_table
+from morphofold.words import number
 
 VERTS, FACES = icosphere(3, radius=50.0)
 SUBJECTS = [f"s{k:02}" for k in range(24)]
@@ -191,7 +190,9 @@ def test_the_command_prints_what_it_found(study, tmp_path, capsys):
         ("cortical_thickness ~ height", "height", "age, site"),
         ("cortical_thickness ~ age", "sex", "Intercept, age"),
         ("cortical_thickness ~ site", "site", "does-not-apply"),
-        ("cortical_thickness ~ age + I(2 * age)", "age", "does-not-apply"),
+        ("cortical_thickness ~ age + scale(age)", "age", "does-not-apply"),
+        ("cortical_thickness ~ {open('x', 'w')}", "1", "not-readable"),
+        ("cortical_thickness ~ age", "age = 3", "unknown-name"),
         ("cortical_thickness ~ bs(age, df=22)", "1", "does-not-apply"),
     ],
 )
@@ -235,6 +236,112 @@ def test_the_page_has_the_clusters_and_escapes_names(study, tmp_path):
         assert read_png(file).std() > 10
 
 
+def test_the_page_shows_unit_peak_design_and_interval(study, tmp_path, monkeypatch):
+    drawn = {}
+    monkeypatch.setattr(
+        "morphofold.report.pages.stats_page.picture",
+        lambda space, folder, what, maps, limits, words: drawn.update({what.key: (what, maps, limits)}) or {},
+    )
+    found = fitted(study)
+    page = (write_result(found, tmp_path / "out", report=stats_report) / "report.html").read_text(encoding="utf-8")
+    what, maps, limits = drawn["effect"]
+    assert what.unit == "mm per year"
+    assert limits[1] == -limits[0] == max(np.nanmax(np.abs(values)) for values in maps.values())
+    chart = page[page.index('<svg class="chart"') : page.index("</svg>", page.index('<svg class="chart"'))]
+    assert all(f"{name}:" in chart for name in found.design.subjects)
+    assert "s07:" not in chart
+    peak = found.inference.clusters[0]["peak"]
+    half = found.inference.half_width[peak]
+    low, high = (number(found.inference.effect[peak] + sign * half) for sign in (-1, 1))
+    assert f"<td>{low} to {high}</td>" in page
+    for name in found.design.columns:
+        assert f'<th scope="row">{name}</th>' in page
+
+
+@pytest.mark.parametrize(
+    ("model", "contrast", "unit"),
+    [
+        ("age", "age", "mm per year"),
+        ("center(age)", "center(age)", "mm per year"),
+        ("center(age)", "1", "mm"),
+        ("age + sex", "sex", "mm"),
+        ("age", "Intercept + 30 * age", "mm"),
+        ("age + iq", "iq", "mm per unit of iq"),
+        ("age * sex", "age:sex", "mm per unit of age:sex[T.M]"),
+    ],
+)
+def test_the_unit_of_an_effect_is_that_of_the_map_for_each_of_the_regressor(study, model, contrast, unit):
+    rows = [
+        {"participant_id": name, "age": 20 + k * k, "sex": "FM"[k % 2], "iq": 100 + 7 * (k % 5)}
+        for k, name in enumerate(SUBJECTS)
+    ]
+    write_table(study / "participants.tsv", ("participant_id", "age", "sex", "iq"), rows)
+    found = fit_study(
+        find_space(study), study / "participants.tsv", f"cortical_thickness ~ {model}", contrast, permutations=1
+    )
+    assert effect_unit(found) == unit
+
+
+def renamed(study, names, **columns):
+    """The study with other names of subjects and columns of participants."""
+    of_maps = study / "spaces" / "ball" / "group" / "participants.tsv"
+    rows = [{**row, "participant_id": name} for row, name in zip(read_table(of_maps, ("participant_id",)), names)]
+    write_table(of_maps, ("participant_id", "lh", "rh"), rows)
+    people = [
+        {"participant_id": name} | {key: values[k] for key, values in columns.items()} for k, name in enumerate(names)
+    ]
+    write_table(study / "participants.tsv", ("participant_id", *columns), people)
+
+
+def test_sessions_of_a_person_are_exchanged_with_the_person(study):
+    """What is the same in all sessions of a person by whole persons, what is not within them, and both say so."""
+    persons = [f"p{k // 3}" for k in range(24)]
+    names = [f"sub-{person}_ses-{k % 3}" for k, person in enumerate(persons)]
+    random = np.random.default_rng(2)
+    age, visit = np.repeat(random.uniform(20, 80, 8), 3).round(1).tolist(), [k % 3 for k in range(24)]
+    renamed(study, names, age=age, visit=visit, person=persons)
+    for model, contrast, whole in (("age", "age", True), ("age + visit", "visit", False)):
+        model = f"cortical_thickness ~ {model}"
+        table = study / "participants.tsv"
+        usual, own = (
+            fit_study(find_space(study), table, model, contrast, permutations=50, hemis=("lh",), **options)
+            for options in ({}, {"blocks": "person", "whole": whole})
+        )
+        np.testing.assert_array_equal(usual.inference.p_tfce, own.inference.p_tfce)
+        assert summary(usual)["exchanged"] == ("blocks" if whole else "subjects")
+        assert summary(usual)["blocks"] == 8
+        assert len(usual.design.remarks) == 1
+        assert own.design.remarks == ()
+
+
+def test_few_exchanges_and_unequal_variances_are_remarked(study, capsys, tmp_path):
+    space, table = find_space(study), study / "participants.tsv"
+    assert fitted(study).remarks == []
+    people = read_table(table, ("participant_id",))
+    write_table(
+        table,
+        ("participant_id", "age"),
+        [{**row, "age": row["age"] if k < 4 else None} for k, row in enumerate(people)],
+    )
+    few = fit_study(space, table, "cortical_thickness ~ age", "age", hemis=("lh",), permutations=199)
+    assert few.inference.possible == 24
+    assert len(few.remarks) == 1
+    group = [{"participant_id": name, "group": "ab"[k % 2]} for k, name in enumerate(SUBJECTS)]
+    write_table(table, ("participant_id", "group"), group)
+    file = space.folder / "lh.cortical_thickness.npy"
+    maps = np.load(file)
+    maps[::2] += 3 * (maps[::2] - maps[::2].mean(axis=0))
+    np.save(file, maps)
+    argv = ["stats", str(study), "--model", "cortical_thickness ~ group", "--contrast", "group", "--hemi", "lh"]
+    argv += ["--permutations", "99", "-q", "--json", "-o", str(tmp_path / "out")]
+    assert main(argv) == 0
+    plain = json.loads(capsys.readouterr().out)
+    assert (len(plain["remarks"]), plain["exchanged"], plain["variance_groups"]) == (1, "subjects", None)
+    assert main([*argv, "--variance-groups", "group"]) == 0
+    grouped = json.loads(capsys.readouterr().out)
+    assert (grouped["remarks"], grouped["exchanged"], grouped["variance_groups"]) == ([], "signs", 2)
+
+
 def test_without_a_table_of_the_study_that_of_cohort_beside_the_maps_is_taken(study, capsys, tmp_path):
     argv = ["stats", str(study), "--model", "cortical_thickness ~ age", "--contrast", "age", "--permutations", "9"]
     argv += ["--no-report", "-q", "--json", "-o", str(tmp_path / "age")]
@@ -259,19 +366,3 @@ def test_a_template_in_gifti_is_read(study):
         (group / "surf" / f"{hemi}.white").unlink()
         write_surface(group / "surf" / f"{hemi}.white.surf.gii", Surface(VERTS, FACES))
     assert len(fitted(study).inference.t) == 2 * len(VERTS)
-
-
-def test_a_cluster_of_workers_gives_the_same_files(study, tmp_path, monkeypatch):
-    asked = []
-
-    def open_fleet(**options):
-        asked.append(options)
-        return nullcontext(HereFleet())
-
-    monkeypatch.setattr("morphofold.cohort.fleet.open_fleet", open_fleet)
-    argv = ["stats", str(study), "--model", "cortical_thickness ~ age", "--contrast", "age", "--permutations", "99"]
-    assert main([*argv, "--no-report", "-q", "-o", str(tmp_path / "here")]) == 0
-    assert main([*argv, "--no-report", "-q", "-o", str(tmp_path / "there"), "--scheduler", "tcp://host:8786"]) == 0
-    assert asked == [{"scheduler": "tcp://host:8786", "slurm": None}]
-    for file in ("clusters.tsv", "summary.json", "maps/lh.p_tfce"):
-        assert (tmp_path / "here" / file).read_bytes() == (tmp_path / "there" / file).read_bytes()

@@ -4,8 +4,6 @@ cortex by permutations: of single vertices, of clusters, and by threshold-free c
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,10 +12,7 @@ from morphofold.cli.streams import print_json
 from morphofold.errors import OptionsClash
 
 if TYPE_CHECKING:
-    from morphofold.arrays import Array
-    from morphofold.inference.permutations import Null
     from morphofold.inference.study import Result, Space
-    from morphofold.progress import Progress
 
 EXAMPLES = ('morphofold stats study --model "gyral_thickness ~ age + sex" --contrast age -o age',)
 
@@ -46,9 +41,10 @@ def add_args(parser: argparse.ArgumentParser) -> None:
         (
             "--blocks",
             "COLUMN",
-            "exchange subjects only within equal values of a column: site, family, person (default: all)",
+            "exchange subjects only within equal values of a column: site, family (default: person, if names show it)",
         ),
         ("--whole-blocks", None, "exchange blocks as wholes, for regressors that are the same within a block"),
+        ("--variance-groups", "COLUMN", "groups that may differ in residual variance: Welch's t, and changes of sign"),
         ("--space", "NAME", "folder in STUDY/spaces (default: the only one)"),
     )
     parser.add_argument("--hemi", choices=["lh", "rh", "both"], help="hemispheres (default: both)")
@@ -62,10 +58,6 @@ def add_args(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--out", metavar="DIR", default="stats", help="folder to write (default: stats)")
     add_options(parser, ("--no-report", None, "tables and maps only, no page or pictures"))
     add_threads(parser)
-    add_options(parser, ("--scheduler", "ADDRESS", "permute on a running Dask cluster, such as tcp://host:8786"))
-    parser.add_argument(
-        "--slurm", type=int, metavar="N", help="ask SLURM for N jobs, as described in ~/.config/dask/jobqueue.yaml"
-    )
     parser.add_argument("--json", action="store_true", help="print summary.json")
 
 
@@ -86,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
     participants = _participants(args, space)
     refuse_foreign(Path(args.out), [space.folder])
     hemis = (args.hemi,) if args.hemi in ("lh", "rh") else ("lh", "rh")
-    with _permuting(args) as largest, progress("stats", args.quiet) as show:
+    with progress("stats", args.quiet) as show:
         found = fit_study(
             space,
             participants,
@@ -94,11 +86,11 @@ def run(args: argparse.Namespace) -> int:
             args.contrast,
             blocks=args.blocks,
             whole=args.whole_blocks,
+            variance_groups=args.variance_groups,
             hemis=hemis,
             asymmetry=args.asymmetry,
             permutations=args.permutations,
             seed=args.seed,
-            largest=largest,
             progress=show,
         )
         write_result(found, args.out, [participants], report=None if args.no_report else stats_report)
@@ -117,21 +109,6 @@ def _participants(args: argparse.Namespace, space: Space) -> Path:
     return of_maps if space.covariates and not usual.is_file() else usual
 
 
-@contextmanager
-def _permuting(args: argparse.Namespace) -> Iterator[Callable[[Null, Progress], Array]]:
-    """Where permutations are computed: here, or on the workers that were asked for."""
-    from morphofold.inference.permutations import here
-
-    if args.scheduler is None and args.slurm is None:
-        yield here
-        return
-    from morphofold.cohort.fleet import open_fleet
-    from morphofold.cohort.permuting import on_workers
-
-    with open_fleet(scheduler=args.scheduler, slurm=args.slurm) as fleet:
-        yield on_workers(fleet, Path(args.study).absolute())
-
-
 def _print_result(found: Result, out: Path) -> None:
     from morphofold.inference.study import cluster_rows, summary
 
@@ -144,6 +121,8 @@ def _print_result(found: Result, out: Path) -> None:
     for reason, names in said["left_out"].items():
         if names:
             print(f"left out ({reason}): {', '.join(names[:5])}{' ...' * (len(names) > 5)}")
+    for remark in said["remarks"]:
+        print(f"remark: {remark}")
     areas = said["significant_area_mm2"]
     print(
         f"corrected p <= 0.05: {areas['p_tfce']:.0f} mm2 by TFCE (smallest p {said['smallest_p']['p_tfce']:.3g}), "

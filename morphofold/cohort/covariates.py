@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from morphofold.errors import NamedTwice
-from morphofold.inference.design import plain_name, read_participants
-from morphofold.inference.sessions import LONG, person_and_session
+from morphofold.inference.design import PERSON, names_of_row, read_participants
+from morphofold.inference.sessions import person_and_session
 
 PARTICIPANTS_FILE = "participants.tsv"
-PERSON = "person"
 
 
 @dataclass(frozen=True)
@@ -26,8 +25,7 @@ class Covariates:
         """Values of a subject, None where there is none; a session ``sub-01_ses-2`` has those of ``sub-01``, and a
         longitudinal run those of its time point."""
         person, session = person_and_session(subject)
-        names = [plain_name(name) for name in (subject, subject.partition(LONG)[0], person)]
-        row = next((self.rows[name] for name in names if name in self.rows), {})
+        row = next((self.rows[name] for name in names_of_row(subject) if name in self.rows), {})
         return {
             column: row.get(column, {PERSON: person, "session": session or None}.get(column)) for column in self.columns
         }

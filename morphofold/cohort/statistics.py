@@ -34,6 +34,11 @@ MOST_ROBUST_FIT_POINTS = 1000  # most points for the robust slope, which compare
 BOUNDS = ("gyral_to_cortical_slope_low", "gyral_to_cortical_slope_high")  # bounds of another measure
 #: measures of the mesh, and measures that may be negative or near 0: their asymmetry is meaningless
 NO_ASYMMETRY_MEASURES = ("n_vertices", "euler_characteristic", *SLOPE_SCALARS)
+#: parts, bounds and other forms of a measure that is tested: not tested again, which would make p of all larger
+REPEATING_MEASURES = (
+    *("n_hinges_3", "n_hinges_4", "n_hinges_low", "n_hinges_high"),
+    *("mean_cortical_thickness_area_weighted_mm", "spectral_wavelength_mm"),
+)
 
 Scalars = Mapping[str, NDArray[np.float64]]  # measure -> (subjects, 2): left and right, NaN where there is none
 
@@ -60,8 +65,8 @@ class Asymmetry:
 
     ``asymmetry`` is its mean, positive where the left is greater. ``low`` and ``high`` are its 95 % interval (Student's
     t) for this measure alone. ``effect_size`` is Cohen's d_z, mean over standard deviation of the paired values.
-    ``p_holm`` is p of a t-test against 0, corrected over all measures of the table (Holm 1979). NaN for one subject, or
-    if all values are the same to round-off.
+    ``p_holm`` is p of a t-test against 0, corrected over the measures that are tested (Holm 1979). NaN for one subject,
+    if all values are the same to round-off, or for a part or another form of a measure that is tested.
     """
 
     measure: str
@@ -169,7 +174,7 @@ def asymmetry(scalars: Scalars) -> list[Asymmetry]:
     sides."""
     pairs = {name: _asymmetry_indices(values) for name, values in scalars.items() if name not in NO_ASYMMETRY_MEASURES}
     found = [_asymmetry_statistics(name, values) for name, values in pairs.items() if values.size]
-    corrected = holm(np.array([one.p_holm for one in found]))
+    corrected = holm(np.array([np.nan if one.measure in REPEATING_MEASURES else one.p_holm for one in found]))
     return [replace(one, p_holm=float(p)) for one, p in zip(found, corrected)]
 
 

@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import io
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from morphofold.arrays import Array, Ints
 from morphofold.errors import DamagedFile, DoesNotApply, MissingPart, NamedTwice, NotFinite, UnknownName, WrongFile
+from morphofold.inference.formula import columns_of
+from morphofold.inference.sessions import LONG, person_and_session
 
 if TYPE_CHECKING:
     import pandas as pd
 
+PERSON = "person"  # a column that names the person of each session
 IDENTIFIER = "participant_id"  # the first column, as BIDS has it
 MISSING = ("n/a", "NA", "NaN", "nan", "")
 INTERCEPTS = ("1", "Intercept", "intercept")
+#: that formulaic raises for formulas and contrasts without a meaning
+NO_MEANING = (SyntaxError, ValueError, TypeError, AttributeError, LookupError, ArithmeticError, RuntimeError)
+LARGEST_WEIGHT = 1e9  # of a contrast; the smallest is its inverse
+FAR_OUT, MOST_CODES = 30, 0.2  # median absolute deviations from the median; share of the values
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +43,12 @@ class Design:
     contrast : (K,) float64
     blocks : (S,) int64 or None
         Number of the block within which each subject may be exchanged; None: all with all.
+    whole : bool
+        Whether the blocks are persons whose names show sessions, and what is tested is the same in all of a person's.
+    variance_groups : (S,) int64 or None
+        Number of the group whose residual variance each subject has; None: all have the same.
+    remarks : tuple of str
+        Sentences about values that look wrong.
     """
 
     subjects: tuple[str, ...]
@@ -43,6 +57,9 @@ class Design:
     matrix: Array
     contrast: Array
     blocks: Ints | None = None
+    whole: bool = False
+    variance_groups: Ints | None = None
+    remarks: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         columns = ", ".join(self.columns)
@@ -66,24 +83,21 @@ def read_participants(path: str | Path) -> pd.DataFrame:
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file. Give a table of the subjects, such as participants.tsv.")
+    separator = "," if path.suffix == ".csv" else "\t"
     try:
+        text = path.read_text(encoding="utf-8-sig")
         table = pd.read_csv(
-            path,
-            sep="," if path.suffix == ".csv" else "\t",
-            dtype={IDENTIFIER: str},
-            na_values=list(MISSING),
-            keep_default_na=False,
-            encoding="utf-8-sig",
+            io.StringIO(text), sep=separator, dtype={IDENTIFIER: str}, na_values=list(MISSING), keep_default_na=False
         )
     except (UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
-        raise DamagedFile(f"{path}: is no table of tab-separated text: {' '.join(str(error).split())}.") from None
+        words = " ".join(str(error).split())
+        raise DamagedFile(f"{path}: is no table of tab-separated UTF-8 text, or compressed: {words}.") from None
     if IDENTIFIER not in table:
         raise WrongFile(
             f"{path}: has no column {IDENTIFIER}; its columns are {', '.join(map(str, table.columns))}. Is it "
             "separated by tabs, as BIDS asks?"
         )
-    with path.open(encoding="utf-8-sig") as file:
-        heads = file.readline().rstrip("\r\n").split("," if path.suffix == ".csv" else "\t")
+    heads = text.partition("\n")[0].rstrip("\r").split(separator)
     if again := sorted({name for name in heads if heads.count(name) > 1}):
         raise NamedTwice(f"{path}: has two columns {_some(again)}. Rename one, or leave it out.")
     if table[IDENTIFIER].isna().any():
@@ -101,14 +115,30 @@ def plain_name(subject: str) -> str:
     return str(subject).removeprefix("sub-")
 
 
+def person_of(subject: str) -> str:
+    """The plain name of the person that a subject is a scan of, by its name: 01 of ``sub-01_ses-2``."""
+    return plain_name(person_and_session(str(subject))[0])
+
+
+def names_of_row(subject: str) -> list[str]:
+    """Plain names of the rows that hold for a subject, the first first: its own, its time point's, its person's."""
+    return [plain_name(subject), plain_name(subject.partition(LONG)[0]), person_of(subject)]
+
+
 def design(
-    subjects: Sequence[str], participants: pd.DataFrame, formula: str, contrast: str, blocks: str | None = None
+    subjects: Sequence[str],
+    participants: pd.DataFrame,
+    formula: str,
+    contrast: str,
+    blocks: str | None = None,
+    variance_groups: str | None = None,
 ) -> Design:
     """The design of a formula for some subjects.
 
     Parameters
     ----------
     subjects : sequence of str
+        A session without a row has that of its person.
     participants : DataFrame
         Of :func:`read_participants`.
     formula : str
@@ -116,63 +146,129 @@ def design(
         not a number is a factor, whose levels are compared with the first in alphabetical order.
     contrast : str
         A column of the design (``"age"``, ``"sex[T.M]"``), a variable with one column (``"sex"``), ``"1"`` for the
-        intercept, or weights of columns (``"group[T.b] - group[T.c]"``).
+        intercept, or weights of columns (``"group[T.b] - group[T.c]"``). It is tested against 0.
     blocks : str, optional
-        Column whose values mark blocks.
+        Column whose values mark blocks; without it, sessions of one person are a block.
+    variance_groups : str, optional
+        Column whose values mark groups that may differ in residual variance.
 
     Raises
     ------
     ValueError
         If a subject has no row, the formula or the contrast cannot be read or names a column that does not exist, a
-        regressor is constant or infinite, or all subjects miss a value.
+        few values of a column of numbers are not numbers, a regressor is constant or infinite, or all subjects miss a
+        value.
     """
     import formulaic
 
-    names = [plain_name(subject) for subject in subjects]
+    rows_of = [names_of_row(one) for one in subjects]
+    names = [next((name for name in each if name in participants.index), each[0]) for each in rows_of]
     if missing := sorted(set(names) - set(participants.index)):
         raise MissingPart(
             f"the table of participants has no row of {_some(missing)}. Add what is missing, or leave these subjects "
             "out."
         )
-    rows = participants.loc[names]
+    everybody = participants.loc[names].reset_index(drop=True)
+    named, factors = columns_of(formula)
+    needed = sorted({*named, *filter(None, (blocks, variance_groups))})
+    if unknown := [name for name in needed if name not in everybody]:
+        raise UnknownName(f"{_some(unknown)}: no such column of participants; they are {', '.join(everybody.columns)}.")
+    rows = _with_numbers(everybody[needed], sorted(named - factors), names)
+    complete = rows.notna().all(axis=1).to_numpy()
+    if not complete.any():
+        raise DoesNotApply(f"no subject has all values of {_some(needed)}.")
+    rows, kept = rows[complete], tuple(one for one, there in zip(subjects, complete) if there)
     try:
-        model = formulaic.Formula(formula)
-        if not isinstance(model, formulaic.SimpleFormula):
-            raise UnknownName(f"{formula!r}: the model has two sides. Give the regressors alone, such as 'age + sex'.")
-        needed = sorted({*map(str, model.required_variables), *([blocks] if blocks else [])})
-        if unknown := [name for name in needed if name not in rows]:
-            raise UnknownName(f"{_some(unknown)}: no such column of participants; they are {', '.join(rows.columns)}.")
-        complete = rows[needed].notna().all(axis=1).to_numpy() if needed else np.ones(len(rows), dtype=bool)
-        if not complete.any():
-            raise DoesNotApply(f"no subject has all values of {_some(needed)}.")
-        matrix = model.get_model_matrix(rows[complete], context={})
-    except (formulaic.errors.FormulaicError, SyntaxError) as error:
+        with np.errstate(all="ignore"):  # what is not finite is refused below
+            matrix = formulaic.Formula(formula).get_model_matrix(rows, context={"sqrt": np.sqrt}, na_action="ignore")
+    except (formulaic.errors.FormulaicError, *NO_MEANING) as error:
         raise UnknownName(f"{formula!r}: can't be read as a model: {_first_line(error)}") from None
     columns = tuple(map(str, matrix.columns))
     values = np.asarray(matrix, dtype=np.float64)
-    _refuse_constant(values, columns)
     if wild := [name for name, column in zip(columns, values.T) if not np.isfinite(column).all()]:
-        raise NotFinite(f"{_some(wild)}: has infinite values. Put n/a where a value is unknown.")
-    block = None
-    if blocks is not None:
-        block = np.unique(rows[blocks][complete].astype(str).to_numpy(), return_inverse=True)[1]
+        raise NotFinite(f"{_some(wild)}: is not finite for all subjects. Put n/a where a value is unknown.")
+    weights = _weights(contrast, columns, matrix.model_spec, formula)
+    block, whole = None if blocks is None else _numbered(rows[blocks]), False
+    remarks = [text for name in sorted(named) for text in _codes(name, rows[name], kept)]
+    persons = _numbered(_persons(kept, everybody[complete]))
+    first, times = np.unique(persons, return_index=True, return_counts=True)[1:]
+    if blocks is None and times.max() > 1:
+        block, whole = persons, bool(np.allclose(values @ weights, (values @ weights)[first[persons]], atol=0))
+        how = "persons are exchanged as wholes" if whole else "sessions are exchanged within persons"
+        remarks.append(
+            f"names show {len(kept)} sessions of {len(first)} persons, so {how}. --blocks COLUMN changes this."
+        )
+    elif blocks is None and (repeats := _repeats(values)):
+        remarks.append(
+            f"every row of the design is there {repeats} times. If these are sessions of one person, name a column of "
+            "persons with --blocks."
+        )
     return Design(
-        subjects=tuple(one for one, there in zip(subjects, complete) if there),
+        subjects=kept,
         left_out=tuple(one for one, there in zip(subjects, complete) if not there),
         columns=columns,
         matrix=values,
-        contrast=_weights(contrast, columns, matrix.model_spec, formula),
+        contrast=weights,
         blocks=block,
+        whole=whole,
+        variance_groups=None if variance_groups is None else _numbered(rows[variance_groups]),
+        remarks=tuple(remarks),
     )
 
 
-def _refuse_constant(values: Array, columns: tuple[str, ...]) -> None:
-    for name, column in zip(columns, values.T):
-        if name not in INTERCEPTS and np.ptp(column) == 0:
-            raise DoesNotApply(f"{name} is {column[0]:g} for all {len(values)} subjects, so it explains nothing.")
+def _persons(subjects: Sequence[str], rows: pd.DataFrame) -> list[str]:
+    """The person of each subject: by the column ``person``, else by the name."""
+    known = rows.get(PERSON, [None] * len(subjects))
+    return [
+        person_of(name) if person is None or person != person else str(person) for name, person in zip(subjects, known)
+    ]
 
 
-def _weights(contrast: str, columns: tuple[str, ...], spec: object, formula: str) -> Array:
+def _numbered(names: Iterable[object]) -> Ints:
+    """The number (S,) of each name in the order of the names."""
+    return np.unique([str(name) for name in names], return_inverse=True)[1]
+
+
+def _with_numbers(rows: pd.DataFrame, names: Sequence[str], subjects: Sequence[str]) -> pd.DataFrame:
+    """Rows whose columns ``names`` are numbers if all their values are; raises if only a few are not."""
+    import pandas as pd
+
+    for name in names:
+        numbers = pd.to_numeric(rows[name], errors="coerce")
+        wrong = np.flatnonzero(rows[name].notna() & numbers.isna())
+        if not len(wrong):
+            rows = rows.assign(**{name: numbers})
+        elif 2 * len(wrong) < rows[name].notna().sum():
+            raise DamagedFile(
+                f"{name}: {rows[name][wrong[0]]!r} of {subjects[wrong[0]]} is not a number, as most values are. "
+                f"Correct it, put n/a if it is unknown, or write C({name}) if the values are names."
+            )
+    return rows
+
+
+def _codes(name: str, values: pd.Series[Any], subjects: Sequence[str]) -> Iterator[str]:
+    """A sentence if numbers look like codes of unknown ones: -999 of an age, say.
+
+    They are far out, by the median absolute deviation, or a few whole negative ones among others.
+    """
+    if values.dtype.kind in "fiu":
+        known = values.to_numpy(dtype=np.float64)
+        away = np.abs(known - np.median(known))
+        few = np.mean(known < 0) < MOST_CODES
+        odd = (away > FAR_OUT * np.median(away)) & (np.median(away) > 0) | (known < 0) & (known % 1 == 0) & few
+        if odd.any():
+            found = [f"{value:g} of {subject}" for value, subject in zip(known[odd], np.array(subjects)[odd])]
+            yield f"{name}: {_some(found)}. Put n/a, if this is a code of an unknown value."
+
+
+def _repeats(values: Array) -> int:
+    """How many times each row of a design with a regressor of five values or more is there, if all are as often."""
+    counts = np.unique(values, axis=0, return_counts=True)[1]
+    many = max((len(np.unique(column)) for column in values.T), default=0) >= 5
+    return int(counts[0]) if many and counts.min() == counts.max() > 1 else 0
+
+
+def _weights(contrast: str, columns: tuple[str, ...], spec: Any, formula: str) -> Array:
     """Weights (K,) of a contrast."""
     import formulaic
 
@@ -184,16 +280,17 @@ def _weights(contrast: str, columns: tuple[str, ...], spec: object, formula: str
     if wanted in columns:
         return np.array([float(name == wanted) for name in columns])
     try:
-        found = np.asarray(spec.get_linear_constraints(contrast).constraint_matrix, dtype=np.float64)  # type: ignore[attr-defined]
-    except Exception as error:
-        if not isinstance(error, formulaic.errors.FormulaicError | ValueError | KeyError):
-            raise
-        found = np.empty((0, len(columns)))
-    if found.shape != (1, len(columns)) or not found.any():
-        raise UnknownName(
-            f"contrast {contrast!r} is none of the model {formula!r}; its columns are {', '.join(columns)}."
-        )
-    return found[0]
+        found = spec.get_linear_constraints(contrast)
+        weights, size = np.asarray(found.constraint_matrix, np.float64), np.abs(found.constraint_matrix)
+        usual = ((size == 0) | (size > 1 / LARGEST_WEIGHT) & (size < LARGEST_WEIGHT)).all()
+        if weights.shape == (1, len(columns)) and usual and weights.any() and not found.constraint_values.any():
+            return weights[0]
+    except (formulaic.errors.FormulaicError, *NO_MEANING):
+        pass
+    raise UnknownName(
+        f"contrast {contrast!r}: must be a column of the model {formula!r} or a sum of columns times numbers, and is "
+        f"tested against 0. The columns are {', '.join(columns)}."
+    )
 
 
 def _some(names: Sequence[str]) -> str:

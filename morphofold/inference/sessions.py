@@ -6,7 +6,9 @@ import re
 
 LONG = ".long."  # in the name of a longitudinal run of recon-all, TIMEPOINT.long.BASE
 #: PERSON_SESSION, as sub-01_ses-2 and anna_tp2
-SESSION = re.compile(r"(.+?)[_.-]+(ses-[A-Za-z0-9]+.*|(?:session|ses|timepoint|time|tp|visit|wave)[_-]?\d.*)", re.I)
+SESSION = re.compile(
+    r"(.+?)[_.-]+(ses-[A-Za-z0-9]+.*|(?:session|ses|timepoint|time|tp|visit|wave|v)[_-]?\d.*)", re.IGNORECASE
+)
 
 
 def person_and_session(subject: str) -> tuple[str, str]:
@@ -17,6 +19,6 @@ def person_and_session(subject: str) -> tuple[str, str]:
     """
     visit, long, base = subject.partition(LONG)
     if long and base:
-        return base, visit.removeprefix(base).lstrip("_.-") or visit
+        return person_and_session(base)[0], visit.removeprefix(base).lstrip("_.-") or visit
     named = SESSION.fullmatch(subject)
     return (named[1], named[2]) if named else (subject, "")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import ConfigDict
 
 from morphofold.arrays import Array, Ints
-from morphofold.errors import UnknownName
+from morphofold.errors import DamagedFile, MissingPart, UnknownName
 from morphofold.geometry import vertex_areas
 from morphofold.inference.clusters import Mesh
 from morphofold.io import read_annotation, read_label, read_surface
@@ -21,6 +21,8 @@ from morphofold.surface import Regions, Surface
 from morphofold.tables import read_table
 
 HEMIS = ("lh", "rh")
+PARTICIPANTS = "participants.tsv"
+AGAIN = "Run cohort --space again."
 
 
 class SpaceRecord(Record):
@@ -86,10 +88,22 @@ class Space:
     def map(self, hemi: str, name: str) -> Array:
         """A map (S, N) of all subjects; raises if there is none."""
         file = self.folder / f"{hemi}.{name}.npy"
+        there = {path.name.partition(".")[2].removesuffix(".npy") for path in self.folder.glob("?h.*.npy")}
+        if name not in there:
+            raise UnknownName(f"{name!r}: no such map in {self.folder}; they are {', '.join(sorted(there))}.")
         if not file.is_file():
-            there = sorted({path.name.split(".")[1] for path in self.folder.glob("?h.*.npy")})
-            raise UnknownName(f"{name!r}: no such map in {self.folder}; they are {', '.join(there)}.")
-        return np.load(file, mmap_mode="r")
+            raise MissingPart(f"{file}: is missing, though the other side has this map. {AGAIN}")
+        shape = len(self.subjects), len(self.surface(hemi).verts)
+        try:
+            values = np.load(file, mmap_mode="r")
+        except (ValueError, EOFError):  # numpy advises to allow pickles
+            values = None
+        if getattr(values, "shape", None) != shape or values.dtype.kind not in "fiu":
+            raise DamagedFile(
+                f"{file}: is no array of numbers of shape {shape}, the rows of {self.folder / PARTICIPANTS} and the "
+                f"vertices of the template. {AGAIN}"
+            )
+        return values
 
 
 def find_space(study: str | Path, name: str | None = None) -> Space:
@@ -112,11 +126,14 @@ def find_space(study: str | Path, name: str | None = None) -> Space:
     if name is None and len(there) > 1:
         raise UnknownName(f"{study}: has maps in several spaces: {', '.join(there)}. Name one with --space.")
     folder = spaces / (name or there[0]) / "group"
-    rows = read_table(folder / "participants.tsv", words=("participant_id",), numbers=HEMIS)
+    rows = read_table(folder / PARTICIPANTS, words=("participant_id",), numbers=HEMIS)
+    names = tuple(row.get("participant_id", "") for row in rows)
+    if not rows or len({*names}) < len(rows) or not rows[0].keys() >= {*HEMIS}:
+        raise DamagedFile(f"{folder / PARTICIPANTS}: lacks rows, a column or names, or has a name twice. {AGAIN}")
     hemis = {hemi: np.array([row[hemi] == 1 for row in rows]) for hemi in HEMIS}
-    about = SpaceRecord(**read_json(folder / "space.json", SpaceRecord, "Run cohort --space again."))
-    covariates = tuple(name for name in (rows[0] if rows else ()) if name not in ("participant_id", *HEMIS))
-    return Space(folder, tuple(row["participant_id"] for row in rows), hemis, about, covariates)
+    about = SpaceRecord(**read_json(folder / "space.json", SpaceRecord, AGAIN))
+    covariates = tuple(name for name in rows[0] if name not in ("participant_id", *HEMIS))
+    return Space(folder, names, hemis, about, covariates)
 
 
 def mesh_of(space: Space, hemis: Sequence[str], rows: Ints) -> Mesh:

@@ -14,7 +14,7 @@ from morphofold.arrays import Array, Ints
 from morphofold.errors import DoesNotApply, MissingPart, UnknownName
 from morphofold.inference.clusters import Mesh
 from morphofold.inference.design import Design, design, read_participants
-from morphofold.inference.permutations import Inference, Null, here, infer
+from morphofold.inference.permutations import Inference, infer
 from morphofold.inference.spaces import HEMIS, Space, areas_of, mesh_of
 from morphofold.io import atomic_folder, write_gifti_map, write_morph
 from morphofold.progress import Progress, silent
@@ -24,6 +24,9 @@ from morphofold.tables import write_table
 #: draws the page of a result with its summary into a folder
 DrawStats = Callable[["Result", Mapping[str, Any], Path], object]
 CLUSTER_COLUMNS = ("hemi", "cluster", "peak", "x", "y", "z", "region", "area_mm2", "effect", "t", "r", "p")
+FEWEST_EXCHANGES, LEAST_P_REMARKED = 1000, 0.01
+#: p and ratio of residual variances from which a remark says that they depend on what is tested
+VARIANCE_P, VARIANCE_RATIO = 0.01, 1.5
 MAPS = ("effect", "t", "r", "p", "p_height", "p_tfce", "cluster", "subjects")
 
 
@@ -72,6 +75,24 @@ class Result:
         """What was tested, in words."""
         return {"difference": "left − right of ", "index": "asymmetry of ", None: ""}[self.asymmetry] + self.map
 
+    @property
+    def remarks(self) -> list[str]:
+        """Sentences about what may make the p values wrong."""
+        found, said = self.inference, list(self.design.remarks)
+        unchanged = round(found.least_p * (1 + self.permutations)) - 1
+        few = found.possible < max(self.permutations, FEWEST_EXCHANGES)
+        if few or (unchanged > 2 and found.least_p > LEAST_P_REMARKED):
+            share = f"{unchanged / self.permutations:.1%} of the exchanges leave what is tested as it is"
+            what = f"only {found.possible} exchanges exist" if few else share
+            said.append(f"{what}: no corrected p can be below {found.least_p:.2g}.")
+        if not found.flipped and found.variance_p < VARIANCE_P and found.variance_ratio > VARIANCE_RATIO:
+            said.append(
+                f"the residual variance depends on {self.contrast} (up to {found.variance_ratio:.2g} times as large, p "
+                f"{found.variance_p:.1g}), so corrected p may be far too small or too large. Name a column of groups "
+                "with like variance: --variance-groups COLUMN."
+            )
+        return said
+
     def __repr__(self) -> str:
         subjects = len(self.design.subjects)
         return f"Result of {self.shown} ~ {self.formula}, {self.contrast}: {subjects} subjects, {self.inference!r}"
@@ -85,11 +106,11 @@ def fit_study(
     *,
     blocks: str | None = None,
     whole: bool = False,
+    variance_groups: str | None = None,
     hemis: Sequence[str] = HEMIS,
     asymmetry: str | None = None,
     permutations: int = 1000,
     seed: int = 0,
-    largest: Callable[[Null, Progress], Array] = here,
     progress: Progress = silent,
 ) -> Result:
     """Test ``MAP ~ REGRESSORS`` at every vertex; p values hold for all hemispheres together.
@@ -107,12 +128,13 @@ def fit_study(
         Column of the participants within whose values subjects are exchanged.
     whole : bool
         Exchange blocks as wholes instead, each with one of its size: for regressors that are the same within a block.
+        Without ``blocks``, sessions of a person are a block, as a whole if what is tested is the same within persons.
+    variance_groups : str, optional
+        Column of the participants whose values mark groups that differ in residual variance.
     hemis : sequence of {"lh", "rh"}
     asymmetry : {"difference", "index"}, optional
         Test left - right, or 2 (left - right) / (left + right), instead of ``hemis``; on a symmetric template.
     permutations, seed : int
-    largest : callable
-        As for :func:`morphofold.inference.permutations.infer`.
     progress : callable
 
     Raises
@@ -134,7 +156,8 @@ def fit_study(
             f"{space.folder}: of {len(space.subjects)} subjects in participants.tsv none has maps of "
             f"{' and '.join(needed)}."
         )
-    chosen = design(present, read_participants(participants), formula, contrast, blocks)
+    chosen = design(present, read_participants(participants), formula, contrast, blocks, variance_groups)
+    whole = whole or chosen.whole
     row = {subject: k for k, subject in enumerate(space.subjects)}
     rows = np.array([row[subject] for subject in chosen.subjects])
     sides = [np.where(space.cortex(hemi), np.asarray(maps[hemi])[rows], np.nan) for hemi in needed]
@@ -152,7 +175,7 @@ def fit_study(
         seed=seed,
         blocks=chosen.blocks,
         whole=whole,
-        largest=largest,
+        groups=chosen.variance_groups,
         progress=progress,
     )
     left = tuple(subject for subject, there in zip(space.subjects, has_all) if not there)
@@ -256,6 +279,8 @@ def summary(result: Result, inputs: Sequence[str | Path] = ()) -> dict[str, Any]
         "seed": result.seed,
         "exchanged": "signs" if found.flipped else "blocks" if result.whole else "subjects",
         "blocks": None if chosen.blocks is None else int(chosen.blocks.max()) + 1,
+        "variance_groups": None if chosen.variance_groups is None else int(chosen.variance_groups.max()) + 1,
+        "remarks": result.remarks,
         "cluster_forming_t": found.threshold,
         "vertices": {"all": len(tested), "tested": int(tested.sum())},
         "smallest_p": {name: float(np.nanmin(getattr(found, name))) for name in ("p", "p_height", "p_tfce")},

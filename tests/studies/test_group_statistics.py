@@ -6,7 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from morphofold.studies.group_statistics import Bench, false_positives, people, power, share_with_interval
+from morphofold.studies.group_statistics import (
+    UNEQUAL,
+    Ball,
+    Bench,
+    false_positives,
+    people,
+    power,
+    share_with_interval,
+    unequal_variances,
+)
 
 PAGE = Path(__file__).parent.parent.parent / "docs" / "group-statistics.md"
 
@@ -51,3 +60,30 @@ def test_no_rate_of_the_page_differs_from_five_percent():
     assert len(intervals) == 12
     assert all(float(low) <= 5 <= float(high) for low, high in intervals)
     assert re.search(r"<!-- power -->(.*)<!-- /power -->", text, re.DOTALL)[1].count("\n| ") == 11
+
+
+def test_rates_of_unequal_variances_have_their_rows(monkeypatch):
+    monkeypatch.setattr("morphofold.studies.group_statistics.PERMUTATIONS", 39)
+    rows = list(unequal_variances(Ball(), 4))
+    assert [row[:2] for row in rows] == [[words, how] for words in UNEQUAL for how in ("no", "yes")]
+    found = {(row[0], row[1]): row for row in rows}
+    assert found["6 with sd 3, 24 with sd 1", "no"][2].startswith("100.0 %")
+    assert found["6 with sd 3, 24 with sd 1", "no"][5] == "100 %"
+
+
+@pytest.mark.skipif(not PAGE.is_file(), reason="needs a checkout")
+def test_variance_groups_keep_rates_near_five_percent():
+    """On the page: none above 14 % with groups, and far more or fewer without where they are unequal."""
+    text = PAGE.read_text(encoding="utf-8")
+    lines = re.search(r"<!-- variances -->(.*)<!-- /variances -->", text, re.DOTALL)[1].splitlines()
+    rates = {tuple(cells[:2]): [float(c.split(" %")[0]) for c in cells[2:5]] for cells in map(cells_of, lines) if cells}
+    assert len(rates) == 2 * len(UNEQUAL)
+    for words in UNEQUAL:
+        assert max(rates[words, "yes"]) < 14
+    assert min(rates["6 with sd 3, 24 with sd 1", "no"]) > 80
+    assert max(rates["6 with sd 1, 24 with sd 3", "no"]) < 2
+
+
+def cells_of(line):
+    """Cells of a row of a table with a rate; none of other lines."""
+    return [cell.strip() for cell in line.strip("| ").split("|")] if "%" in line else []
