@@ -1,20 +1,37 @@
-"""VTK file formats: VTK and VTU through meshio, VTP and polygon data through pyvista."""
+"""VTK file formats: XML (VTP, VTU) and legacy polygon data are read here, other legacy files through meshio.
+
+VTK itself ends the process on some damaged files, so it reads none; it only writes VTP.
+"""
 
 from __future__ import annotations
 
+import base64
 import importlib
+import io
+import lzma
 import os
 import re
+import xml.etree.ElementTree as ET
+import zlib
+from collections.abc import Collection
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from morphofold.errors import DamagedFile, WrongFile
 from morphofold.io.files import atomic_file, decoding, write_and_look
-from morphofold.io.formats import Format, SurfaceContent, check_counts, silent_log, warn_of_no_end
-from morphofold.io.vtk_blocks import check_blocks
+from morphofold.io.formats import Format, SurfaceContent, check_counts, warn_of_no_end
 from morphofold.surface import Surface
+
+MOST_UNPACKED_BYTES = 2**29  # bytes of all arrays of a file together
+_COMPRESSORS = {"vtkZLibDataCompressor": zlib.decompressobj, "vtkLZMADataCompressor": lzma.LZMADecompressor}
+_HEAD = re.compile(rb"# vtk[^\n]*\n[^\n]*\n\s*(ASCII|BINARY)\s+DATASET\s+POLYDATA\b", re.IGNORECASE)
+_TYPES = {"float": ">f4", "double": ">f8", "long": ">i8", "vtktypeint64": ">i8", "int": ">i4", "vtkidtype": ">i4"}
+
+Numbers = NDArray[Any]
 
 
 def read_unstructured(kind: str, path: Path) -> SurfaceContent:
@@ -24,8 +41,8 @@ def read_unstructured(kind: str, path: Path) -> SurfaceContent:
     """
     with decoding(path, f"a surface in {kind.upper()} format"):
         raw = path.read_bytes()
-        _check_vtk(raw)
-        mesh = importlib.import_module(f"meshio.{kind}").read(os.fspath(path))
+        check_counts(raw)
+        mesh = read_grid(raw) if kind == "vtu" else importlib.import_module("meshio.vtk").read(os.fspath(path))
         cells = {block.type: len(block.data) for block in mesh.cells if block.type not in ("vertex", "line")}
         if not cells.get("triangle"):
             raise WrongFile(f"it holds {cells or 'no cells'} and no triangles; extract its surface first")
@@ -39,29 +56,150 @@ def read_unstructured(kind: str, path: Path) -> SurfaceContent:
 
 def read_polygons(path: Path) -> SurfaceContent:
     """Vertices and triangles of VTK polygon data (``.vtp``, or a ``.vtk`` with ``DATASET POLYDATA``)."""
-    import pyvista
-
-    errors = pyvista.VtkErrorCatcher(raise_errors=True, send_to_logging=False)  # VTK itself only prints errors
-    with decoding(path, "a surface in VTK format"), silent_log(), pyvista.vtk_verbosity("off"), errors:
+    with decoding(path, "a surface in VTK format"):
         raw = path.read_bytes()
-        _check_vtk(raw)
-        mesh = pyvista.get_reader(path, force_ext=".vtk" if raw.startswith(b"# vtk") else ".vtp").read()
-        if not isinstance(mesh, pyvista.PolyData) or mesh.n_points == 0 or mesh.GetNumberOfPolys() == 0:
+        legacy = raw.startswith(b"# vtk")
+        verts, corners, ends = _legacy_polygons(raw) if legacy else _xml_polygons(raw)
+        if not len(ends):
             raise DamagedFile("it holds no triangles, or is truncated")
-        if not mesh.is_all_triangles:
+        if not np.array_equal(ends, 3 * np.arange(1, len(ends) + 1)):
             raise WrongFile("it holds faces that are not triangles; triangulate it first")
-        verts, faces = np.array(mesh.points, dtype=np.float64), mesh.regular_faces.astype(np.int64)
+        faces = corners[: 3 * len(ends)].reshape(len(ends), 3).astype(np.int64)
     warn_of_no_end(path, raw)
-    return verts, faces, None
+    return verts.astype(np.float64), faces, None
 
 
-def _check_vtk(raw: bytes) -> None:
+def read_grid(raw: bytes) -> Any:
+    """The ``meshio.Mesh`` in the bytes of a VTU file; of damaged ones, any exception, which ``decoding`` explains."""
+    import meshio
+    from meshio._vtk_common import vtk_cells_from_data
+
+    piece = _piece(raw, ("Points", "Cells", "PointData", "CellData"))
+    cells = (piece["Cells"][name] for name in ("connectivity", "offsets", "types"))
+    blocks, of_blocks = vtk_cells_from_data(*cells, piece.get("CellData", {}))
+    return meshio.Mesh(piece["Points"][""], blocks, piece.get("PointData"), of_blocks)
+
+
+def _xml_polygons(raw: bytes) -> tuple[Numbers, Numbers, Numbers]:
+    """Points (N, 3), corners of all polygons, and where each polygon ends among them."""
+    piece = _piece(raw, ("Points", "Polys", "Strips"))
+    if len(piece.get("Strips", {}).get("offsets", ())):
+        raise WrongFile("it holds strips of triangles; triangulate it first")
+    return piece["Points"][""], piece["Polys"]["connectivity"], piece["Polys"]["offsets"]
+
+
+def _piece(raw: bytes, sections: Collection[str]) -> dict[str, dict[str, Numbers]]:
+    """The arrays of VTK's XML, by element and name; that of the element Points has the name ""."""
+    head, end = re.search(rb"<AppendedData[^>]*>\s*_", raw), raw.rfind(b"</AppendedData>")
+    appended = b"" if head is None else raw[head.end() : end]  # raw bytes, which are no XML, or text
+    root = ET.fromstring(raw if head is None else raw[: head.end()] + raw[end:])
+    pieces = list(root.iter("Piece"))
+    if len(pieces) != 1:
+        raise WrongFile(f"it has {len(pieces)} pieces; merge them into one")
+    decoder = _Decoder(root, appended, head is not None and b"raw" in head[0])
+    found: dict[str, dict[str, Numbers]] = {}
+    for section in (element for element in pieces[0] if element.tag in sections):
+        arrays = found[section.tag] = {}
+        for array in section.iter("DataArray"):
+            width = int(array.get("NumberOfComponents") or 1)
+            values = decoder.numbers(array)
+            arrays["" if section.tag == "Points" else array.get("Name", "")] = (
+                values if width == 1 else values.reshape(-1, width)
+            )
+        count, key = pieces[0].get(f"NumberOf{section.tag}"), "" if section.tag == "Points" else "offsets"
+        if count is not None and len(arrays.get(key, ())) != int(count):
+            raise DamagedFile(f"its header declares {count} {section.tag}, but it has {len(arrays.get(key, ()))}")
+    return found
+
+
+class _Decoder:
+    """Reads the arrays of VTK's XML: text, or base64 or bytes in their element or appended, compressed or not."""
+
+    def __init__(self, root: ET.Element, appended: bytes, is_raw: bool) -> None:
+        self.appended, self.is_raw, self.left = appended, is_raw, MOST_UNPACKED_BYTES
+        self.compressor = root.get("compressor")
+        if self.compressor not in (None, *_COMPRESSORS):
+            raise WrongFile(f"it is compressed by {self.compressor}; save it with zlib, or uncompressed")
+        self.order = ">" if root.get("byte_order") == "BigEndian" else "<"
+        self.word = np.dtype(f"{self.order}u{8 if root.get('header_type') == 'UInt64' else 4}")
+
+    def numbers(self, array: ET.Element) -> Numbers:
+        kind, form, text = np.dtype(array.get("type", "").lower()), array.get("format", "ascii"), array.text or ""
+        if form == "ascii":
+            return np.array(text.split(), dtype=str).astype(kind)
+        inline = form != "appended"
+        data = "".join(text.split()).encode() if inline else self.appended[int(array.get("offset", "")) :]
+        unpacked = self._unpacked(data, self.is_raw and not inline)
+        return np.frombuffer(unpacked, kind.newbyteorder(self.order)).astype(kind)
+
+    def _unpacked(self, data: bytes, is_raw: bool) -> bytes:
+        def part(at: int, size: int) -> tuple[bytes, int]:
+            """Bytes that were encoded together, and where they end in the file."""
+            end = at + (size if is_raw else 4 * -(-size // 3))
+            found = data[at:end] if is_raw else base64.b64decode(data[at:end], validate=True)
+            if len(found) < size:
+                raise DamagedFile(f"an array declares {size} bytes, but has {len(found)}")
+            return found[:size], end
+
+        def words(count: int) -> tuple[list[int], int]:
+            head, end = part(0, count * self.word.itemsize)
+            return np.frombuffer(head, self.word).tolist(), end
+
+        if self.compressor is None:
+            (size,), end = words(1)
+            if is_raw or data[end - 1 : end] == b"=":
+                return part(end, size)[0]
+            return part(0, self.word.itemsize + size)[0][self.word.itemsize :]
+        blocks, each, last = words(3)[0]
+        sizes, end = words(3 + blocks)
+        self.left -= max(blocks * each, last)
+        if self.left < 0:
+            raise DamagedFile(f"its arrays unpack to more than {MOST_UNPACKED_BYTES} bytes")
+        packed = io.BytesIO(part(end, sum(sizes[3:]))[0])
+        start = _COMPRESSORS[self.compressor]
+        return b"".join(start().decompress(packed.read(size), max(each, last, 1)) for size in sizes[3:])
+
+
+def _legacy_polygons(raw: bytes) -> tuple[Numbers, Numbers, Numbers]:
+    """As :func:`_xml_polygons`, for a legacy file: text or binary, with the polygons of version 5 or of older ones."""
     check_counts(raw)
-    if raw.startswith(b"# vtk"):
-        return
-    if not (b"<VTKFile" in raw and raw.rstrip().endswith(b"</VTKFile>")):
-        raise DamagedFile("it does not reach from <VTKFile> to </VTKFile>")
-    check_blocks(raw)
+    head = _HEAD.match(raw)
+    at = 0 if head is None else head.end()
+
+    def find(pattern: bytes) -> tuple[bytes, ...]:
+        """Words of the next line of this pattern; the next numbers begin after it."""
+        nonlocal at
+        line = re.compile(rb"\s%b[ \t]*\r?\n" % pattern, re.IGNORECASE).search(raw, at)
+        if head is None or line is None:
+            raise DamagedFile(f"it has no {pattern[:8].decode()}")
+        at = line.end()
+        return line.groups()
+
+    def numbers(count: int, kind: bytes) -> Numbers:
+        nonlocal at
+        dtype = np.dtype(_TYPES[kind.decode().lower()])
+        if head is not None and head[1].upper() == b"ASCII":
+            found = np.array(raw[at:].split(maxsplit=count)[:count], dtype=bytes).astype(dtype)
+            if len(found) < count:
+                raise DamagedFile(f"its header declares {count} numbers, but it has {len(found)}")
+            return found
+        found = np.frombuffer(raw, dtype, count, at)
+        at += found.nbytes - 1  # the next line begins with white space
+        return found
+
+    n, kind = find(rb"POINTS\s+(\d+)\s+(\w+)")
+    points = numbers(3 * int(n), kind).reshape(-1, 3)
+    if re.compile(rb"\n\s*TRIANGLE_STRIPS\s").search(raw, at):
+        raise WrongFile("it holds strips of triangles; triangulate it first")
+    n, size = map(int, find(rb"POLYGONS\s+(\d+)\s+(\d+)"))
+    if raw[at : at + 7].upper() != b"OFFSETS":  # each polygon is its number of corners, and then these
+        table = numbers(size, b"int")
+        if size != 4 * n or (table[::4] != 3).any():
+            raise WrongFile("it holds faces that are not triangles; triangulate it first")
+        return points, table.reshape(n, 4)[:, 1:].ravel(), 3 * np.arange(1, n + 1)
+    at -= 1
+    ends = numbers(n, *find(rb"OFFSETS\s+(\w+)"))[1:]
+    return points, numbers(size, *find(rb"CONNECTIVITY\s+(\w+)")), ends
 
 
 def write_unstructured(kind: str, path: Path, surface: Surface) -> None:

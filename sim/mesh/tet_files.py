@@ -25,7 +25,7 @@ from morphofold.errors import (
 )
 from morphofold.io.files import decoding, looks_like_text
 from morphofold.io.surfaces import is_surface
-from morphofold.io.vtk_blocks import check_blocks
+from morphofold.io.vtk_files import read_grid
 from morphofold.sim.scene import MOST_BRICKS, MeshFile
 
 #: other cells that a file may have; of these only triangles are used, and only for their labels
@@ -207,7 +207,7 @@ def _read_with_meshio(path: Path) -> Any:
 
     kinds = meshio.extension_to_filetypes.get(path.suffix.lower(), [""])
     if kinds == ["vtu"]:
-        check_blocks(path.read_bytes())
+        return read_grid(path.read_bytes())
     if "ansys" in kinds:  # meshio reads every .msh as ansys first
         with path.open("rb") as file:
             kinds = ["gmsh"] if b"$MeshFormat" in file.read(4096) else ["ansys"]
