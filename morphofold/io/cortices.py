@@ -22,7 +22,7 @@ from morphofold.errors import (
     WrongFile,
     WrongShape,
 )
-from morphofold.io.files import MAX_BYTES, StrPath, existing_file
+from morphofold.io.files import MAX_BYTES, StrPath, existing_file, side_named
 from morphofold.io.freesurfer import read_annotation, read_aseg_stats, read_label, scanner_transform
 from morphofold.io.json_files import Amount, Count, FileWord, Number, Record, read_json
 from morphofold.io.surfaces import read_morph, read_surface
@@ -200,14 +200,6 @@ def _recording_inputs(files: Sequence[Path]) -> AbstractContextManager[list[dict
     return unchanged(file for file in files if file.is_file() and file.stat().st_size <= MAX_BYTES)
 
 
-def side_named(name: str) -> str | None:
-    """Hemisphere in the name of a file: ``lh.white``, ``sub-01_hemi-R_white.surf.gii``, ``100307.R.white...``."""
-    if name[:3] in ("lh.", "rh."):
-        return name[:2]
-    letter = re.search(r"(?:^|_)hemi-([LR])(?=[_.])|\.([LR])\.", name)
-    return {"L": "lh", "R": "rh"}[letter[1] or letter[2]] if letter else None
-
-
 def _last_stage(path: Path) -> Path:
     """The folder itself, or the last stage if it is a simulation."""
     stages = path / "stages"
@@ -351,17 +343,13 @@ def _first_existing_file(folders: Sequence[Path], stem: str, endings: tuple[str,
 
 def _required_surface(root: Path, stem: str) -> Path:
     found = _first_existing_file((root / "surf", root), stem, SURFACE_ENDINGS)
-    if found is None:
-        place = root / "surf" if (root / "surf").is_dir() else root
-        try:
-            existing_file(place / stem, "surface")
-        except FileNotFoundError as error:
-            raise FileNotFoundError(
-                f"{error} Also tried: {stem}.surf.gii, {stem}.gii. A cortex is a FreeSurfer subject (with "
-                "surf/lh.white and surf/lh.pial), a simulation, or a pair given as white and pial."
-            ) from None
-    assert found is not None
-    return found
+    try:
+        return existing_file(found or (root / "surf" if (root / "surf").is_dir() else root) / stem, "surface")
+    except FileNotFoundError as error:
+        raise FileNotFoundError(
+            f"{error} Also tried: {stem}.surf.gii, {stem}.gii. A cortex is a FreeSurfer subject (with "
+            "surf/lh.white and surf/lh.pial), a simulation, or a pair given as white and pial."
+        ) from None
 
 
 def _simulation_name(root: Path, info: dict[str, Any]) -> str:

@@ -83,4 +83,4 @@ def folded_files(path: StrPath, hemi: str, *, surface: str | None = None, sphere
             place / f"{hemi}.{sphere or 'sphere'}" if there else Path(sphere or ""), "sphere"
         )
     beside = {name: root / "label" / f"{hemi}.{name}" for name in ("aparc.annot", "cortex.label")}
-    return files | {name: file for name, file in beside.items() if file.is_file()}
+    return files | {name: existing_file(file, name) for name, file in beside.items() if os.path.lexists(file)}

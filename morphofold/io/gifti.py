@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.errors import DamagedFile, OutOfRange, WrongFile
-from morphofold.io.files import StrPath, atomic_file, decoding, existing_file
+from morphofold.io.files import StrPath, atomic_file, decoding, existing_file, side_named
 from morphofold.io.formats import Format
 from morphofold.surface import Faces, PerVertex, Regions, Surface, Verts
 
@@ -222,7 +222,7 @@ def write_gifti_regions(path: StrPath, regions: Regions, hemi: str | None = None
 
 
 def _structure_metadata(path: StrPath, hemi: str | None) -> dict[str, str]:
-    hemi = hemi or Path(path).name[:2]
+    hemi = hemi or side_named(Path(path).name)
     return {"AnatomicalStructurePrimary": _STRUCTURE_OF_HEMI[hemi]} if hemi in _STRUCTURE_OF_HEMI else {}
 
 

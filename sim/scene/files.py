@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import json
+import os
 import re
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
@@ -14,6 +15,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from morphofold.errors import DoesNotApply, NotReadable, UnknownName, WrongFile
+from morphofold.io.files import existing_file
 from morphofold.sim.scene import SHAPES, Scene
 from morphofold.sim.scene.problems import Problem, Source, as_toml, blamed, explain, kind_of, root_problems, with_notes
 
@@ -86,9 +88,9 @@ def _read_source(source: str | Path) -> Source:
         inside = path / "scene.toml"
         more = f"name {inside}" if inside.is_file() else "name a TOML file or a built-in scene"
         raise WrongFile(f"{path}: is a folder, not a scene; {more}.")
-    if path.exists() and not path.is_file():
-        raise WrongFile(f"{path}: is a device or a pipe, not a scene; name a TOML file or a built-in scene.")
-    if not path.is_file():
+    if os.path.lexists(path):
+        existing_file(path, "TOML file of a scene")
+    else:
         close = difflib.get_close_matches(str(source), scene_names(), n=1)
         hint = f" Did you mean {close[0]}?" if close else f" Built-in scenes: {', '.join(scene_names())}."
         raise FileNotFoundError(f"no scene file or built-in scene {str(source)!r}.{hint}")
