@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import errno
+import gzip
 import math
 import os
 import re
@@ -132,6 +133,17 @@ def _folder_content_text(path: Path) -> str:
     if names:
         return f"That folder holds {', '.join(names[:6])}{f' and {len(names) - 6} more' if len(names) > 6 else ''}."
     return "That folder is empty."
+
+
+def unpacked(path: Path, most: int = 2**28) -> bytes:
+    """The bytes of a file, decompressed if they are gzip's; raises ``DamagedFile`` if these are more than ``most``."""
+    raw = path.read_bytes()
+    if raw.startswith(b"\x1f\x8b"):
+        with gzip.open(path) as file:
+            raw = file.read(most + 1)
+        if len(raw) > most:
+            raise DamagedFile(f"it unpacks to more than {most / 2**20:g} MiB")
+    return raw
 
 
 @contextmanager

@@ -14,7 +14,7 @@ from morphofold.errors import Mismatch
 from morphofold.io.files import StrPath, existing_file
 from morphofold.io.freesurfer import read_annotation, read_label
 from morphofold.io.surfaces import read_surface
-from morphofold.provenance import printable, unchanged
+from morphofold.provenance import clean_name, unchanged
 from morphofold.surface import Regions, Surface
 
 
@@ -70,7 +70,7 @@ def read_folded(path: StrPath, hemi: str, *, surface: str | None = None, sphere:
         )
     root = Path(path)
     name = root.resolve().name if root.is_dir() else root.name
-    return Folded(printable(name), hemi, folded, round_, regions, cortex, tuple(records))
+    return Folded(clean_name(name), hemi, folded, round_, regions, cortex, tuple(records))
 
 
 def folded_files(path: StrPath, hemi: str, *, surface: str | None = None, sphere: str | None = None) -> dict[str, Path]:

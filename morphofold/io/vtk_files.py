@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from morphofold.errors import DamagedFile, WrongFile
 from morphofold.io.files import atomic_file, decoding, write_and_look
-from morphofold.io.formats import Format, SurfaceContent, check_counts, warn_of_no_end
+from morphofold.io.formats import Format, SurfaceContent, check_counts, from_words, warn_of_no_end
 from morphofold.surface import Surface
 
 MOST_UNPACKED_BYTES = 2**29  # bytes of all arrays of a file together
@@ -126,7 +126,7 @@ class _Decoder:
     def numbers(self, array: ET.Element) -> Numbers:
         kind, form, text = np.dtype(array.get("type", "").lower()), array.get("format", "ascii"), array.text or ""
         if form == "ascii":
-            return np.array(text.split(), dtype=str).astype(kind)
+            return from_words(text.split(), kind)
         inline = form != "appended"
         data = "".join(text.split()).encode() if inline else self.appended[int(array.get("offset", "")) :]
         unpacked = self._unpacked(data, self.is_raw and not inline)
@@ -179,7 +179,7 @@ def _legacy_polygons(raw: bytes) -> tuple[Numbers, Numbers, Numbers]:
         nonlocal at
         dtype = np.dtype(_TYPES[kind.decode().lower()])
         if head is not None and head[1].upper() == b"ASCII":
-            found = np.array(raw[at:].split(maxsplit=count)[:count], dtype=bytes).astype(dtype)
+            found = from_words(raw[at:].split(maxsplit=count)[:count], dtype)
             if len(found) < count:
                 raise DamagedFile(f"its header declares {count} numbers, but it has {len(found)}")
             return found
