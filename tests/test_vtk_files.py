@@ -99,6 +99,13 @@ def test_a_length_that_is_encoded_with_its_numbers_is_read(tmp_path):
     assert read_surface(tmp_path / "a.vtp").faces.tolist() == [[0, 1, 2]]
 
 
+def test_sections_without_arrays_are_empty(tmp_path):
+    written(tmp_path / "a.vtp", mode="Ascii")
+    text = re.sub(r"<(Strips|Lines|Verts)>.*?</\1>", r"<\1></\1>", (tmp_path / "a.vtp").read_text(), flags=re.DOTALL)
+    (tmp_path / "a.vtp").write_text(text)
+    is_the_sphere(tmp_path / "a.vtp")
+
+
 def test_a_compressor_that_is_not_known_is_named(tmp_path):
     written(tmp_path / "a.vtp", compressor="LZ4")
     with pytest.raises(WrongFile, match="vtkLZ4DataCompressor"):

@@ -67,7 +67,7 @@ def read_geometry(path: Path) -> tuple[Verts, Faces, Mapping[str, Any] | None]:
         first = at + 3 * np.dtype(kind).itemsize * n
         end = first + corners * per_corner * m
         if n <= 0 or m <= 0 or end > len(raw):
-            raise DamagedFile(f"{n} vertices and {m} faces need {end} bytes; it has {len(raw)}")
+            raise DamagedFile(f"its header gives {n} vertices and {m} faces, which need {end} bytes; it has {len(raw)}")
         verts = np.frombuffer(raw[at:first], kind).reshape(-1, 3).astype(np.float64)
         faces = np.frombuffer(raw[first:end], "u1").reshape(m, corners, per_corner) @ _WEIGHTS[-per_corner:]
         if corners == 4:

@@ -76,7 +76,7 @@ def read_gifti_regions(path: Path, name: str = "regions") -> Regions:
     if len(arrays) != 1 or arrays[0].intent != "label" or arrays[0].values.ndim != 1:
         raise WrongFile(f"{path}: holds {_array_intents_text(arrays)}; regions are one array with one key per vertex.")
     with decoding(path, "a GIFTI label file", _CONVERT_AGAIN):  # keys may be too large for an integer
-        table = {int(label.get("Key") or label.get("Index", "")): label for label in labels}
+        table = {int(label.get("Key") or label.get("Index") or ""): label for label in labels}
         keys = np.array(sorted(table.keys() - {0}), dtype=np.int64)
         shades = [[float(table[k].get(c) or 0) for c in ("Red", "Green", "Blue")] for k in keys.tolist()]
     values = np.asarray(arrays[0].values, dtype=np.int64)

@@ -27,7 +27,10 @@ from morphofold.io.formats import Format, SurfaceContent, check_counts, from_wor
 from morphofold.surface import Surface
 
 MOST_UNPACKED_BYTES = 2**29  # bytes of all arrays of a file together
-_COMPRESSORS = {"vtkZLibDataCompressor": zlib.decompressobj, "vtkLZMADataCompressor": lzma.LZMADecompressor}
+_COMPRESSORS: dict[str | None, Any] = {
+    "vtkZLibDataCompressor": zlib.decompressobj,
+    "vtkLZMADataCompressor": lzma.LZMADecompressor,
+}
 _HEAD = re.compile(rb"# vtk[^\n]*\n[^\n]*\n\s*(ASCII|BINARY)\s+DATASET\s+POLYDATA\b", re.IGNORECASE)
 _TYPES = {"float": ">f4", "double": ">f8", "long": ">i8", "vtktypeint64": ">i8", "int": ">i4", "vtkidtype": ">i4"}
 
@@ -77,7 +80,7 @@ def read_grid(raw: bytes) -> Any:
     piece = _piece(raw, ("Points", "Cells", "PointData", "CellData"))
     cells = (piece["Cells"][name] for name in ("connectivity", "offsets", "types"))
     blocks, of_blocks = vtk_cells_from_data(*cells, piece.get("CellData", {}))
-    return meshio.Mesh(piece["Points"][""], blocks, piece.get("PointData"), of_blocks)
+    return meshio.Mesh(piece["Points"]["offsets"], blocks, piece.get("PointData"), of_blocks)
 
 
 def _xml_polygons(raw: bytes) -> tuple[Numbers, Numbers, Numbers]:
@@ -85,11 +88,11 @@ def _xml_polygons(raw: bytes) -> tuple[Numbers, Numbers, Numbers]:
     piece = _piece(raw, ("Points", "Polys", "Strips"))
     if len(piece.get("Strips", {}).get("offsets", ())):
         raise WrongFile("it holds strips of triangles; triangulate it first")
-    return piece["Points"][""], piece["Polys"]["connectivity"], piece["Polys"]["offsets"]
+    return piece["Points"]["offsets"], piece["Polys"]["connectivity"], piece["Polys"]["offsets"]
 
 
 def _piece(raw: bytes, sections: Collection[str]) -> dict[str, dict[str, Numbers]]:
-    """The arrays of VTK's XML, by element and name; that of the element Points has the name ""."""
+    """The arrays of VTK's XML, by element and name; that of the element Points is called offsets, too."""
     head, end = re.search(rb"<AppendedData[^>]*>\s*_", raw), raw.rfind(b"</AppendedData>")
     appended = b"" if head is None else raw[head.end() : end]  # raw bytes, which are no XML, or text
     root = ET.fromstring(raw if head is None else raw[: head.end()] + raw[end:])
@@ -101,14 +104,12 @@ def _piece(raw: bytes, sections: Collection[str]) -> dict[str, dict[str, Numbers
     for section in (element for element in pieces[0] if element.tag in sections):
         arrays = found[section.tag] = {}
         for array in section.iter("DataArray"):
-            width = int(array.get("NumberOfComponents") or 1)
-            values = decoder.numbers(array)
-            arrays["" if section.tag == "Points" else array.get("Name", "")] = (
-                values if width == 1 else values.reshape(-1, width)
-            )
-        count, key = pieces[0].get(f"NumberOf{section.tag}"), "" if section.tag == "Points" else "offsets"
-        if count is not None and len(arrays.get(key, ())) != int(count):
-            raise DamagedFile(f"its header declares {count} {section.tag}, but it has {len(arrays.get(key, ()))}")
+            values, width = decoder.numbers(array), int(array.get("NumberOfComponents") or 1)
+            name = "offsets" if section.tag == "Points" else array.get("Name", "")
+            arrays[name] = values.reshape(-1, width) if width > 1 else values
+        count, there = pieces[0].get(f"NumberOf{section.tag}"), len(arrays.get("offsets", ()))
+        if count is not None and there != int(count):
+            raise DamagedFile(f"its header declares {count} {section.tag}, but it has {there}")
     return found
 
 
@@ -130,7 +131,7 @@ class _Decoder:
         inline = form != "appended"
         data = "".join(text.split()).encode() if inline else self.appended[int(array.get("offset", "")) :]
         unpacked = self._unpacked(data, self.is_raw and not inline)
-        return np.frombuffer(unpacked, kind.newbyteorder(self.order)).astype(kind)
+        return np.frombuffer(unpacked, f"{self.order}{kind.str[1:]}").astype(kind)
 
     def _unpacked(self, data: bytes, is_raw: bool) -> bytes:
         def part(at: int, size: int) -> tuple[bytes, int]:
@@ -191,14 +192,14 @@ def _legacy_polygons(raw: bytes) -> tuple[Numbers, Numbers, Numbers]:
     points = numbers(3 * int(n), kind).reshape(-1, 3)
     if re.compile(rb"\n\s*TRIANGLE_STRIPS\s").search(raw, at):
         raise WrongFile("it holds strips of triangles; triangulate it first")
-    n, size = map(int, find(rb"POLYGONS\s+(\d+)\s+(\d+)"))
+    m, size = map(int, find(rb"POLYGONS\s+(\d+)\s+(\d+)"))
     if raw[at : at + 7].upper() != b"OFFSETS":  # each polygon is its number of corners, and then these
         table = numbers(size, b"int")
-        if size != 4 * n or (table[::4] != 3).any():
+        if size != 4 * m or (table[::4] != 3).any():
             raise WrongFile("it holds faces that are not triangles; triangulate it first")
-        return points, table.reshape(n, 4)[:, 1:].ravel(), 3 * np.arange(1, n + 1)
+        return points, table.reshape(m, 4)[:, 1:].ravel(), 3 * np.arange(1, m + 1)
     at -= 1
-    ends = numbers(n, *find(rb"OFFSETS\s+(\w+)"))[1:]
+    ends = numbers(m, *find(rb"OFFSETS\s+(\w+)"))[1:]
     return points, numbers(size, *find(rb"CONNECTIVITY\s+(\w+)")), ends
 
 

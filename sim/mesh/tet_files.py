@@ -233,7 +233,7 @@ def _read_neutral(raw: bytes) -> Any:
     """
     import meshio
 
-    lines, tables = [line.split() for line in raw.splitlines() if line.strip()], []
+    lines, tables = [line.split() for line in raw.splitlines() if line.strip()], list[NDArray[Any]]()
     while lines and len(tables) < 3:
         n = int(b" ".join(lines[0]))
         words = [word for row in lines[1 : n + 1] for word in row]
