@@ -169,6 +169,23 @@ def test_a_block_never_unpacks_to_more_than_it_declares(tmp_path):
     assert (got.verts.shape, float(np.abs(got.verts).max())) == ((42, 3), 0.0)
 
 
+@pytest.mark.parametrize("name", ["a.vtk", "a.vtu"])
+@pytest.mark.parametrize(("cells", "taken"), [("line", True), ("tetra", True), ("quad", False), (None, False)])
+def test_a_grid_is_read_if_its_faces_are_triangles(tmp_path, name, cells, taken):
+    """A legacy file holds nothing else than triangles; VTU may have points, lines and tetrahedra beside them."""
+    import meshio
+
+    verts, faces = icosphere(1, radius=3.0)
+    corners = {"line": [[0, 1]], "tetra": [[0, 1, 2, 3]], "quad": [[0, 1, 2, 3]]}
+    blocks = [("tetra", corners["tetra"])] if cells is None else [(cells, corners[cells]), ("triangle", faces)]
+    meshio.Mesh(verts, blocks).write(tmp_path / name)
+    if taken and name == "a.vtu":
+        is_the_sphere(tmp_path / name)
+        return
+    with pytest.raises(WrongFile):
+        read_surface(tmp_path / name)
+
+
 @pytest.mark.parametrize("name", ["42.vtk", "51.vtk", "a.vtp", "a.vtu"])
 def test_damage_ends_in_a_surface_or_a_refusal(tmp_path, name):
     """One byte changed at any place, or the file cut there. A header of another version is one of the changes."""

@@ -1,7 +1,4 @@
-"""VTK file formats: XML (VTP, VTU) and legacy polygon data are read here, other legacy files through meshio.
-
-VTK itself ends the process on some damaged files, so it reads none; it only writes VTP.
-"""
+"""VTK file formats: VTP, VTU and legacy files. VTK itself ends the process on damaged ones: it only writes VTP."""
 
 from __future__ import annotations
 
@@ -9,12 +6,10 @@ import base64
 import importlib
 import io
 import lzma
-import os
 import re
 import xml.etree.ElementTree as ET
 import zlib
 from collections.abc import Collection
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -31,40 +26,22 @@ _COMPRESSORS: dict[str | None, Any] = {
     "vtkZLibDataCompressor": zlib.decompressobj,
     "vtkLZMADataCompressor": lzma.LZMADecompressor,
 }
-_HEAD = re.compile(rb"# vtk[^\n]*\n[^\n]*\n\s*(ASCII|BINARY)\s+DATASET\s+POLYDATA\b", re.IGNORECASE)
+_HEAD = re.compile(rb"# vtk[^\n]*\n[^\n]*\n\s*(ASCII|BINARY)\s+DATASET\s+(POLYDATA|UNSTRUCTURED_GRID)\b", re.I)
 _TYPES = {"float": ">f4", "double": ">f8", "long": ">i8", "vtktypeint64": ">i8", "int": ">i4", "vtkidtype": ">i4"}
 
 Numbers = NDArray[Any]
 
 
-def read_unstructured(kind: str, path: Path) -> SurfaceContent:
-    """Vertices and triangles of an unstructured ``vtk`` or ``vtu`` file; lines and points are left out.
+def read(path: Path) -> SurfaceContent:
+    """Vertices and triangles of VTK polygons, or of an unstructured grid without its lines, points and tetrahedra.
 
     Raises ``WrongFile`` if the file has faces other than triangles, or no triangles.
     """
-    with decoding(path, f"a surface in {kind.upper()} format"):
-        raw = path.read_bytes()
-        check_counts(raw)
-        mesh = read_grid(raw) if kind == "vtu" else importlib.import_module("meshio.vtk").read(os.fspath(path))
-        cells = {block.type: len(block.data) for block in mesh.cells if block.type not in ("vertex", "line")}
-        if not cells.get("triangle"):
-            raise WrongFile(f"it holds {cells or 'no cells'} and no triangles; extract its surface first")
-        flat = {k: n for k, n in cells.items() if k != "triangle" and k.startswith(("tri", "quad", "poly"))}
-        if flat:
-            raise WrongFile(f"it holds {flat} as well as {cells['triangle']} triangles; triangulate it first")
-        verts, faces = mesh.points, mesh.get_cells_type("triangle").astype(np.int64)
-    warn_of_no_end(path, raw)
-    return verts, faces, None
-
-
-def read_polygons(path: Path) -> SurfaceContent:
-    """Vertices and triangles of VTK polygon data (``.vtp``, or a ``.vtk`` with ``DATASET POLYDATA``)."""
     with decoding(path, "a surface in VTK format"):
         raw = path.read_bytes()
-        legacy = raw.startswith(b"# vtk")
-        verts, corners, ends = _legacy_polygons(raw) if legacy else _xml_polygons(raw)
+        verts, corners, ends = _legacy_faces(raw) if raw.startswith(b"# vtk") else _xml_faces(raw)
         if not len(ends):
-            raise DamagedFile("it holds no triangles, or is truncated")
+            raise WrongFile("it holds no triangles; extract its surface first")
         if not np.array_equal(ends, 3 * np.arange(1, len(ends) + 1)):
             raise WrongFile("it holds faces that are not triangles; triangulate it first")
         faces = corners[: 3 * len(ends)].reshape(len(ends), 3).astype(np.int64)
@@ -83,12 +60,19 @@ def read_grid(raw: bytes) -> Any:
     return meshio.Mesh(piece["Points"]["offsets"], blocks, piece.get("PointData"), of_blocks)
 
 
-def _xml_polygons(raw: bytes) -> tuple[Numbers, Numbers, Numbers]:
-    """Points (N, 3), corners of all polygons, and where each polygon ends among them."""
-    piece = _piece(raw, ("Points", "Polys", "Strips"))
+def _xml_faces(raw: bytes) -> tuple[Numbers, Numbers, Numbers]:
+    """Points (N, 3), corners of all faces, and where each face ends among them."""
+    piece = _piece(raw, ("Points", "Polys", "Strips", "Cells"))
     if len(piece.get("Strips", {}).get("offsets", ())):
         raise WrongFile("it holds strips of triangles; triangulate it first")
-    return piece["Points"]["offsets"], piece["Polys"]["connectivity"], piece["Polys"]["offsets"]
+    faces = piece.get("Polys") or piece["Cells"]
+    corners, ends = faces["connectivity"], faces["offsets"]
+    if "types" in faces:
+        if not set(faces["types"].tolist()) <= {1, 3, 5, 10}:  # points, lines, triangles, tetrahedra
+            raise WrongFile("it holds faces that are not triangles; triangulate it first")
+        corners = corners[ends[faces["types"] == 5, None] - [3, 2, 1]].ravel()
+        ends = np.arange(3, len(corners) + 1, 3)
+    return piece["Points"]["offsets"], corners, ends
 
 
 def _piece(raw: bytes, sections: Collection[str]) -> dict[str, dict[str, Numbers]]:
@@ -161,8 +145,8 @@ class _Decoder:
         return b"".join(start().decompress(packed.read(size), max(each, last, 1)) for size in sizes[3:])
 
 
-def _legacy_polygons(raw: bytes) -> tuple[Numbers, Numbers, Numbers]:
-    """As :func:`_xml_polygons`, for a legacy file: text or binary, with the polygons of version 5 or of older ones."""
+def _legacy_faces(raw: bytes) -> tuple[Numbers, Numbers, Numbers]:
+    """As :func:`_xml_faces`, for a legacy file: text or binary, with the layout of version 5 or that of older ones."""
     check_counts(raw)
     head = _HEAD.match(raw)
     at = 0 if head is None else head.end()
@@ -192,27 +176,34 @@ def _legacy_polygons(raw: bytes) -> tuple[Numbers, Numbers, Numbers]:
     points = numbers(3 * int(n), kind).reshape(-1, 3)
     if re.compile(rb"\n\s*TRIANGLE_STRIPS\s").search(raw, at):
         raise WrongFile("it holds strips of triangles; triangulate it first")
-    m, size = map(int, find(rb"POLYGONS\s+(\d+)\s+(\d+)"))
-    if raw[at : at + 7].upper() != b"OFFSETS":  # each polygon is its number of corners, and then these
+    m, size = map(int, find(rb"(?:POLYGONS|CELLS)\s+(\d+)\s+(\d+)"))
+    if raw[at : at + 7].upper() == b"OFFSETS":
+        at -= 1
+        ends = numbers(m, *find(rb"OFFSETS\s+(\w+)"))[1:]
+        corners = numbers(size, *find(rb"CONNECTIVITY\s+(\w+)"))
+    else:  # each face is its number of corners, and then these
         table = numbers(size, b"int")
         if size != 4 * m or (table[::4] != 3).any():
             raise WrongFile("it holds faces that are not triangles; triangulate it first")
-        return points, table.reshape(m, 4)[:, 1:].ravel(), 3 * np.arange(1, m + 1)
-    at -= 1
-    ends = numbers(m, *find(rb"OFFSETS\s+(\w+)"))[1:]
-    return points, numbers(size, *find(rb"CONNECTIVITY\s+(\w+)")), ends
+        corners, ends = table.reshape(m, 4)[:, 1:].ravel(), np.arange(3, 3 * m + 1, 3)
+    is_grid = head is not None and head[2].upper() != b"POLYDATA"
+    if is_grid and (numbers(int(find(rb"CELL_TYPES\s+(\d+)")[0]), b"int") != 5).any():
+        raise WrongFile("it holds other cells than triangles; extract its surface first")
+    return points, corners, ends
 
 
-def write_unstructured(kind: str, path: Path, surface: Surface) -> None:
+def write(path: Path, surface: Surface) -> None:
+    """Write a surface as VTK or VTU, or as VTP in float32, by the ending of the path."""
     import meshio
 
+    if path.suffix.lower() == ".vtp":
+        return _write_polygons(path, surface)
+    to_file = importlib.import_module(f"meshio.{path.suffix[1:].lower()}").write
     mesh = meshio.Mesh(surface.verts, [("triangle", surface.faces)])
-    write = importlib.import_module(f"meshio.{kind}").write
-    write_and_look(path, lambda name: write(name, mesh), partial(read_unstructured, kind))
+    return write_and_look(path, lambda name: to_file(name, mesh), read)
 
 
-def write_polygons(path: Path, surface: Surface) -> None:
-    """Write a surface as VTP in float32."""
+def _write_polygons(path: Path, surface: Surface) -> None:
     import pyvista
     from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
 
@@ -225,12 +216,5 @@ def write_polygons(path: Path, surface: Surface) -> None:
         temporary.write_text(writer.GetOutputString(), encoding="ascii")
 
 
-_POLYGONS_START = rb"""[^#]*<VTKFile [^>]*type=["']PolyData|# vtk.*?DATASET +POLYDATA"""
-_UNSTRUCTURED_START = rb"""[^#]*<VTKFile [^>]*type=["']UnstructuredGrid"""
-FORMATS = (
-    Format("VTP", (".vtp",), read_polygons, write_polygons, re.compile(_POLYGONS_START, re.DOTALL)),
-    *(
-        Format(kind.upper(), (f".{kind}",), partial(read_unstructured, kind), partial(write_unstructured, kind), begins)
-        for kind, begins in (("vtu", re.compile(_UNSTRUCTURED_START, re.DOTALL)), ("vtk", re.compile(rb"# vtk")))
-    ),
-)
+_ENDINGS = (".vtk", ".vtp", ".vtu")
+FORMATS = (Format("VTK (.vtk, .vtp, .vtu)", _ENDINGS, read, write, re.compile(rb"# vtk|[^#]*<VTKFile ")),)
