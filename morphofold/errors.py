@@ -149,6 +149,12 @@ class WrongFile(Refusal):
     cure = "Give the file that the message asks for, or convert it."
 
 
+class NotFetched(Refusal):
+    """A file is only a pointer to its content, which DataLad, git-annex or git-lfs has not fetched."""
+
+    cure = "Fetch it, with the command in the message."
+
+
 class Mismatch(Refusal):
     """Files or folders do not belong together: they are from two subjects, runs or versions, or have changed since."""
 

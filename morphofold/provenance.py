@@ -8,8 +8,12 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from unicodedata import category
 
 import numpy as np
+
+#: categories of characters that end a line, control a terminal, or can't be printed
+_UNPRINTABLE_CATEGORIES = ("Cc", "Cf", "Cs", "Zl", "Zp")
 
 if TYPE_CHECKING:
     from morphofold.surface import Cortex
@@ -76,6 +80,13 @@ def records_as_read(cortices: Iterable[Cortex], others: Iterable[str | Path] = (
 def printable(text: str) -> str:
     """Text that can be written as UTF-8; in a name that is not UTF-8, a byte such as 0xff becomes ``\\udcff``."""
     return text if text.isascii() else text.encode("utf-8", "backslashreplace").decode("utf-8")
+
+
+def clean_name(text: str) -> str:
+    """A name from a file in one line: characters that end a line or control a terminal are escaped as in Python."""
+    return "".join(
+        c.encode("unicode_escape").decode("ascii") if category(c) in _UNPRINTABLE_CATEGORIES else c for c in text
+    )
 
 
 def strict_json(content: Any) -> str:

@@ -175,8 +175,8 @@ print(made.material.build(), made.beyond_theory)
 found = analysis.measure(folded_ball(1000)).maps["surface_ratio"]
 print(quantity("surface_ratio").label, found.min() > 0.5)
 ball = folded_ball(1000).pial
-write_surface("ball.asc", ball)
-again = read_surface("ball.asc")
+write_surface("ball.tri", ball)
+again = read_surface("ball.tri")
 print(np.array_equal(again.verts, ball.verts), np.array_equal(again.faces, ball.faces))
 print(analysis.__file__, [effect.name for effect in effects])
 """

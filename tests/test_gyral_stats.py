@@ -9,8 +9,9 @@ from made_measures import REGIONS, made_measures
 
 from morphofold.analysis.regions import region_table
 from morphofold.geometry import vertex_areas
+from morphofold.io import read_annotation, write_annotation
 from morphofold.results import read_analysis, write_analysis
-from morphofold.results.gyral_stats import write_gyral_stats
+from morphofold.results.gyral_stats import stats_name, write_gyral_stats
 from morphofold.surface import Regions
 
 #: position in a row of what --meas asks for, from the source of aparcstats2table
@@ -124,3 +125,21 @@ def test_an_analysis_has_the_stats_of_its_parcellation_and_the_same_again_from_i
         np.testing.assert_allclose(list(first.values()), list(second.values()), atol=2e-3, rtol=1e-6)
     write_analysis([made_measures(regions=False)], tmp_path / "none")
     assert not (tmp_path / "none" / "stats").exists()
+
+
+def test_names_of_an_annotation_control_no_terminal(tmp_path):
+    m = made()
+    regions = m.cortex.regions
+    names = ("a\x1b[31m\nb", *regions.names[1:])
+    write_annotation(tmp_path / "lh.x\x1b[2J.annot", replace(regions, names=names))
+    cortex = replace(m.cortex, regions=read_annotation(tmp_path / "lh.x\x1b[2J.annot"))
+    m = replace(m, cortex=cortex, regions=region_table(cortex, m.maps))
+    write_gyral_stats(tmp_path / stats_name(m), m)
+    text = (tmp_path / stats_name(m)).read_text(encoding="utf-8")
+    assert all(line.isprintable() for line in [stats_name(m), *text.split("\n")])
+    assert len(read_stats(tmp_path / stats_name(m), "area")) == len(read_stats_of(made(), tmp_path))
+
+
+def read_stats_of(m, folder):
+    write_gyral_stats(folder / "known.stats", m)
+    return read_stats(folder / "known.stats", "area")

@@ -94,7 +94,7 @@ def test_a_volume_mesh_without_triangles_is_refused(tmp_path):
     import meshio
 
     meshio.Mesh(np.eye(4, 3), [("tetra", [[0, 1, 2, 3]])]).write(tmp_path / "a.vtu")
-    with pytest.raises(WrongFile, match=r"a\.vtu: .*'tetra': 1\b"):
+    with pytest.raises(WrongFile, match=r"a\.vtu: "):
         read_surface(tmp_path / "a.vtu")
 
 

@@ -189,3 +189,11 @@ def test_bad_input_is_refused_in_one_line_and_nothing_is_written(subject, capsys
     assert error.count("\n") == 1
     assert word in error
     assert sorted(subject.parent.rglob("*")) == before
+
+
+def test_what_it_prints_is_one_line_for_each_thing(here, capsys):
+    verts, faces = shapes.icosphere(4, radius=50.0)
+    write_surface(here / "a\x1b[31m\nb.ply", Surface(verts, faces))
+    assert main(["unfold", "a\x1b[31m\nb.ply", "-o", "o\nut", "--hemi", "lh", "-q"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert (len(lines), all(line.isprintable() for line in lines)) == (2, True)

@@ -51,7 +51,8 @@ def run(args: argparse.Namespace) -> int:
     from morphofold.cli.paths import writable_name
     from morphofold.cli.progress import progress
     from morphofold.io import refuse_foreign
-    from morphofold.io.cortices import hemispheres, side_named
+    from morphofold.io.cortices import hemispheres
+    from morphofold.io.files import side_named
     from morphofold.io.folded import read_folded
     from morphofold.mesh_quality.repair import unfoldable
     from morphofold.report.pages.unfold_page import unfold_report
@@ -83,11 +84,12 @@ def run(args: argparse.Namespace) -> int:
         print_file(out / "summary.json")
         return 0
     for row in summary["hemispheres"]:
-        print(
+        line = (
             f"{summary['name']} {row['hemi']}: {row['folded_area_mm2']:,.0f} mm2 folded, {row['area_mm2']:,.0f} mm2 "
             f"smooth; a cortex of up to {row['thickest_cortex_mm']:.2g} mm fits"
         )
+        print(one_line(line))
         for key, note in summary["notes"][row["hemi"]].items():
             print(one_line(f"warning: {note} [{key}]"))
-    print(f"-> {out / 'report.html'}")
+    print(one_line(f"-> {out / 'report.html'}"))
     return 0

@@ -10,6 +10,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from morphofold.errors import (
@@ -22,17 +24,19 @@ from morphofold.errors import (
     WrongFile,
     WrongShape,
 )
-from morphofold.io.files import MAX_BYTES, StrPath, existing_file
+from morphofold.io.files import MAX_BYTES, StrPath, existing_file, side_named
 from morphofold.io.freesurfer import read_annotation, read_aseg_stats, read_label, scanner_transform
+from morphofold.io.gifti import read_gifti_regions
 from morphofold.io.json_files import Amount, Count, FileWord, Number, Record, read_json
+from morphofold.io.map_signs import in_freesurfer_signs
 from morphofold.io.surfaces import read_morph, read_surface
-from morphofold.provenance import printable, unchanged
-from morphofold.surface import Cortex
+from morphofold.provenance import clean_name, unchanged
+from morphofold.surface import Cortex, Regions
 
 HEMIS = ("lh", "rh")
 MAP_NAMES = ("thickness", "curv", "sulc", "area")
-SURFACE_ENDINGS = ("", ".surf.gii", ".gii", ".surf.gii.gz")
-_MAP_ENDINGS = ("", ".shape.gii", ".gii")
+SURFACE_ENDINGS = ("", ".surf.gii", ".gii", ".surf.gii.gz", ".asc")
+_MAP_ENDINGS = ("", ".shape.gii", ".gii", ".mgh", ".mgz")
 
 _PositiveSize = Annotated[float, Field(ge=1e-6, le=1e6)]
 
@@ -126,7 +130,8 @@ def read_cortex(
     Returns
     -------
     Cortex
-        ``maps`` holds thickness, curv, sulc and area, if they exist, as in the files (FreeSurfer's sign).
+        ``maps`` holds thickness, curv, sulc and area, if they exist, as in the files, but always in FreeSurfer's sign:
+        a map of the opposite one is reversed, with a warning.
         ``transform`` maps surface to scanner coordinates if the footer of the white surface is valid. For a simulation,
         ``portion`` and ``info`` come from ``stage.json``. For a FreeSurfer subject, ``info`` holds the intracranial and
         other volumes of ``stats/aseg.stats``.
@@ -188,7 +193,7 @@ def _cortex_of_pair(white: Path, pial: Path, hemi: str | None, name: str | None)
         inner,
         outer,
         hemi or "lh",
-        printable(name or white.name),
+        clean_name(name or white.name),
         origin="files",
         transform=scanner_transform(inner.geometry),
         files=(str(white), str(pial)),
@@ -199,14 +204,6 @@ def _cortex_of_pair(white: Path, pial: Path, hemi: str | None, name: str | None)
 def _recording_inputs(files: Sequence[Path]) -> AbstractContextManager[list[dict[str, Any]]]:
     """Context for reading: records of the bytes that are read. Files that no reader accepts are not scanned before."""
     return unchanged(file for file in files if file.is_file() and file.stat().st_size <= MAX_BYTES)
-
-
-def side_named(name: str) -> str | None:
-    """Hemisphere in the name of a file: ``lh.white``, ``sub-01_hemi-R_white.surf.gii``, ``100307.R.white...``."""
-    if name[:3] in ("lh.", "rh."):
-        return name[:2]
-    letter = re.search(r"(?:^|_)hemi-([LR])(?=[_.])|\.([LR])\.", name)
-    return {"L": "lh", "R": "rh"}[letter[1] or letter[2]] if letter else None
 
 
 def _last_stage(path: Path) -> Path:
@@ -244,7 +241,8 @@ def cortex_files(
     found = {what: _required_surface(root, f"{hemi}.{s}") for what, s in zip(("white", "pial"), surfaces)}
 
     def add(what: str, place: str, stem: str, endings: tuple[str, ...] = ("",)) -> None:
-        file = _first_existing_file((root / place,) if (root / place).is_dir() else (root,), stem, endings)
+        places = [folder for folder in (root / place, root / "surf") if folder.is_dir()]
+        file = _first_existing_file(places or [root], stem, endings)
         found.update({} if file is None else {what: existing_file(file, what)})
 
     for name in MAP_NAMES:
@@ -254,14 +252,15 @@ def cortex_files(
     if annotation is None and not staged and os.path.lexists(root / "summary.json"):
         annotation = _measured_surface_fields(root / "summary.json", hemi)["annotation"]
     for stem in ("aparc",) if annotation is None else (f"aparc.{annotation}", annotation):
-        add("annotation", "label", f"{hemi}.{stem}.annot")
+        add("annotation", "label", f"{hemi}.{stem}", (".annot", ".label.gii"))
     if annotation is not None and "annotation" not in found:
         there = sorted(file.name for place in (root / "label", root) for file in place.glob(f"{hemi}.*.annot"))
         raise FileNotFoundError(
             f"{root}: has no label/{hemi}.{annotation}.annot; it has {', '.join(there) or 'no annotation'}. "
             "Name one as aparc.a2009s, without hemisphere and ending."
         )
-    add("label", "label", f"{hemi}.cortex.label")
+    for stem in (f"{hemi}.atlasroi.shape.gii", f"{hemi}.cortex.label"):  # HCP's, and FreeSurfer's, which goes first
+        add("label", "label", stem)
     if "label" not in found:
         add("registered", "surf", f"{hemi}.sphere.reg", SURFACE_ENDINGS)
     if (stats := root / "stats" / "aseg.stats").is_file() and stats.stat().st_size:  # no measure depends on it
@@ -298,9 +297,11 @@ def read_cortex_files(root: Path, hemi: str, files: dict[str, Path], name: str |
         return found
 
     maps = {kind: fitting(kind, read_morph) for kind in MAP_NAMES if kind in files}
+    maps = maps if "stage" in files else in_freesurfer_signs(maps, white, files)
     inflated, sphere = (fitting(name, read_surface, lambda found: len(found.verts)) for name in ("inflated", "sphere"))
     registered = read_surface(files["registered"]) if "registered" in files else None
-    regions = fitting("annotation", read_annotation, lambda regions: len(regions.labels))
+    regions = fitting("annotation", _read_regions, lambda regions: len(regions.labels))
+    mask = fitting("label", lambda file: _read_mask(file, len(white.verts)))
     found = "FreeSurfer" if inner.suffix not in (".gii", ".gz") else "files"
     info = read_aseg_stats(files["stats"], hemi) if "stats" in files else {}
     fields: dict[str, Any] = {"origin": found, "name": root.resolve().name, "info": info}
@@ -313,9 +314,9 @@ def read_cortex_files(root: Path, hemi: str, files: dict[str, Path], name: str |
         white,
         pial,
         hemi,
-        printable(name or fields["name"]),
+        clean_name(name or fields["name"]),
         maps,
-        cortex=read_label(files["label"], len(white.verts)) if "label" in files else None,
+        cortex=mask,
         regions=regions,
         inflated=inflated,
         sphere=sphere,
@@ -356,17 +357,22 @@ def _first_existing_file(folders: Sequence[Path], stem: str, endings: tuple[str,
 
 def _required_surface(root: Path, stem: str) -> Path:
     found = _first_existing_file((root / "surf", root), stem, SURFACE_ENDINGS)
-    if found is None:
-        place = root / "surf" if (root / "surf").is_dir() else root
-        try:
-            existing_file(place / stem, "surface")
-        except FileNotFoundError as error:
-            raise FileNotFoundError(
-                f"{error} Also tried: {stem}.surf.gii, {stem}.gii. A cortex is a FreeSurfer subject (with "
-                "surf/lh.white and surf/lh.pial), a simulation, or a pair given as white and pial."
-            ) from None
-    assert found is not None
-    return found
+    try:
+        return existing_file(found or (root / "surf" if (root / "surf").is_dir() else root) / stem, "surface")
+    except FileNotFoundError as error:
+        raise FileNotFoundError(
+            f"{error} Also tried: {stem}.surf.gii, {stem}.gii. A cortex is a FreeSurfer subject (with "
+            "surf/lh.white and surf/lh.pial), a simulation, or a pair given as white and pial."
+        ) from None
+
+
+def _read_regions(path: Path) -> Regions:
+    is_label = path.name.endswith(".label.gii")
+    return read_gifti_regions(path, clean_name(path.name[3:-10])) if is_label else read_annotation(path)
+
+
+def _read_mask(path: Path, n: int) -> NDArray[np.bool_]:
+    return read_morph(path) > 0 if path.name.endswith(".gii") else read_label(path, n)
 
 
 def _simulation_name(root: Path, info: dict[str, Any]) -> str:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import difflib
 import errno
+import gzip
 import math
 import os
+import re
 import secrets
 import stat
 import warnings
@@ -16,7 +18,7 @@ from typing import IO, Any
 from xml.etree.ElementTree import ParseError
 from xml.parsers.expat import ExpatError, errors
 
-from morphofold.errors import DISK_FULL_ERRORS, DamagedFile, TooLarge, WrongFile
+from morphofold.errors import DISK_FULL_ERRORS, DamagedFile, NotFetched, TooLarge, WrongFile
 
 MAX_BYTES = 2 * 2**30  # far above any cortex (a 1 mm hemisphere has 6 MB); small enough for a laptop
 MOST_UNPACKED_PER_BYTE = 2000  # bytes of arrays per byte of a file, twice what zlib can reach
@@ -24,7 +26,31 @@ MOST_UNPACKED_PER_BYTE = 2000  # bytes of arrays per byte of a file, twice what 
 _EXPAT_NO_MEMORY = errors.codes[errors.XML_ERROR_NO_MEMORY]
 _GROWTH_TEST_BYTES = 2**20  # bytes; a file that was cut because the disk is full can't grow by so many
 
+#: what git-annex or git-lfs puts in place of a file that is not fetched, and the command that fetches it
+_POINTERS = {
+    re.compile(rb"[./][^\0\n]*annex/objects/[^\0\n]+\n?$"): "datalad get {}",
+    re.compile(rb"version https://git-lfs\.github\.com/spec/"): "git lfs pull",
+}
+_MOST_POINTER_BYTES = 2**15  # git-annex's bound
+#: spellings of a side in a file name: lh.white, hemi-L, hemi-left, _left_, 100307.L.white, sub_Lwhite
+_SIDES = {
+    side: re.compile(rf"(?<![A-Za-z0-9])(?:{c}(?:white|pial|hemi)?|(?i:{side}|{word}|hemi-{c}))(?![A-Za-z0-9])")
+    for side, c, word in (("lh", "L", "left"), ("rh", "R", "right"))
+}
+_OTHER_ENTITIES = re.compile(r"(?:^|_)(?:sub|ses|acq|run|rec|space|tpl|atlas|desc|label)-[^_.]*")
+
 StrPath = str | os.PathLike[str]
+
+
+def side_named(name: str) -> str | None:
+    """The hemisphere that the name of a file tells in any usual spelling; None if it tells none, or both.
+
+    These are the words ``lh``, ``left``, ``hemi-L`` and ``hemi-left`` in any case, and ``L`` or ``Lwhite``. Words end
+    where letters and digits do, or before a capital. Other BIDS entities (``sub-R``) do not count.
+    """
+    name = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", _OTHER_ENTITIES.sub("", name))
+    found = [side for side, spelling in _SIDES.items() if spelling.search(name)]
+    return found[0] if len(found) == 1 else None
 
 
 def existing_file(path: StrPath, what: str = "file") -> Path:
@@ -34,12 +60,15 @@ def existing_file(path: StrPath, what: str = "file") -> Path:
     ------
     FileNotFoundError
         It does not exist; similar names in the same folder are listed.
+    NotFetched
+        DataLad, git-annex or git-lfs has left only a pointer to it.
     IsADirectoryError, ValueError
         It is a folder, a device, empty, or too large.
     """
-    path = Path(path)
+    path = _behind_lost_link(Path(path))
     if path.is_dir():
         raise IsADirectoryError(f"{path}: is a folder, but a {what} is needed. Name the file in it.")
+    check_fetched(path)
     if path.is_symlink() and not path.exists():
         raise FileNotFoundError(
             f"{path}: is a link to a missing file; expected: {what}. Fetch its target, or remove the link."
@@ -56,6 +85,39 @@ def existing_file(path: StrPath, what: str = "file") -> Path:
     return path
 
 
+def check_fetched(path: Path) -> None:
+    """Raise ``NotFetched`` if DataLad, git-annex or git-lfs has left only a pointer in place of a file."""
+    pointer = _content_if_small(path)
+    for start, command in _POINTERS.items():
+        if start.match(pointer):
+            raise NotFetched(f"{path}: was not fetched, only a pointer to it is here. Run `{command.format(path)}`.")
+
+
+def _content_if_small(path: Path) -> bytes:
+    """Where a link to nothing leads, or the bytes of a small file; else nothing."""
+    if path.is_symlink() and not path.exists():
+        return os.fsencode(Path(os.path.realpath(path)).as_posix())
+    return path.read_bytes() if path.is_file() and path.stat().st_size <= _MOST_POINTER_BYTES else b""
+
+
+def _behind_lost_link(path: Path) -> Path:
+    """The file of FreeSurfer's link ``?h.pial``, with a warning, if a copy lost the link; any other path as it is.
+
+    FreeSurfer 7 and 8 write ``?h.pial.T1``, or ``.T2`` or ``.FLAIR`` if these refine it, and make the link. A copy may
+    have nothing, an empty file, a small file with the name, or a link to nothing.
+    """
+    if path.name not in ("lh.pial", "rh.pial") or (path.is_file() and path.stat().st_size > _MOST_POINTER_BYTES):
+        return path
+    left = _content_if_small(path).replace(b"\0", b"")  # Cygwin writes the name in UTF-16
+    files = [path.with_name(f"{path.name}.{kind}") for kind in ("T2", "FLAIR", "T1")]
+    files.sort(key=lambda file: file.name.encode() not in left)
+    found = next((file for file in files if file.is_file()), None)
+    if found is None or (left and files[0].name.encode() not in left):
+        return path
+    warnings.warn(f"{path}: FreeSurfer's link is lost here, so {found.name} beside it is read.", stacklevel=3)
+    return found
+
+
 def _folder_content_text(path: Path) -> str:
     folder = path.parent
     if not folder.is_dir():
@@ -69,6 +131,17 @@ def _folder_content_text(path: Path) -> str:
         return f"Similar names in {folder.absolute()}: {', '.join(close)}."
     more = f" and {len(names) - 6} more" if len(names) > 6 else ""
     return f"{folder.absolute()} contains {', '.join(names[:6]) or 'no files'}{more}."
+
+
+def unpacked(path: Path, most: int = 2**28) -> bytes:
+    """The bytes of a file, decompressed if they are gzip's; raises ``DamagedFile`` if these are more than ``most``."""
+    raw = path.read_bytes()
+    if raw.startswith(b"\x1f\x8b"):
+        with gzip.open(path) as file:
+            raw = file.read(most + 1)
+        if len(raw) > most:
+            raise DamagedFile(f"it unpacks to more than {most / 2**20:g} MiB")
+    return raw
 
 
 @contextmanager

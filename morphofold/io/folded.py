@@ -52,7 +52,7 @@ def folded_files(path: StrPath, hemi: str, *, surface: str | None = None, sphere
             place / f"{hemi}.{sphere or 'sphere'}" if there else Path(sphere or ""), "sphere"
         )
     beside = {name: root / "label" / f"{hemi}.{name}" for name in ("aparc.annot", "cortex.label")}
-    files |= {name: file for name, file in beside.items() if file.is_file()}
+    files |= {name: existing_file(file, name) for name, file in beside.items() if os.path.lexists(file)}
     if "cortex.label" not in files:
         signs = {"registered": "sphere.reg", **(dict(zip(SIGNS, SIGNS)) if kind == WHITE else {})}
         files |= {what: file for what, name in signs.items() if (file := place / f"{hemi}.{name}").is_file()}

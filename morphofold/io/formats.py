@@ -5,11 +5,14 @@ from __future__ import annotations
 import logging
 import re
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
 
 from morphofold.errors import DamagedFile
 from morphofold.io.files import looks_like_text
@@ -35,7 +38,7 @@ class Format:
         Endings of its file names, in lower case. They decide if the first bytes do not identify a format.
     read : callable
         Reads vertices, faces and the volume geometry, or None for the latter; raises ``ValueError`` for a damaged file.
-    write : callable
+    write : callable, optional
         Writes a surface to a path, completely or not at all.
     begins : pattern, optional
         Matches the start of its files, within their first 1024 bytes.
@@ -44,7 +47,7 @@ class Format:
     name: str
     endings: tuple[str, ...]
     read: Callable[[Path], SurfaceContent]
-    write: Callable[[Path, Surface], None]
+    write: Callable[[Path, Surface], None] | None = None
     begins: re.Pattern[bytes] | None = None
 
     def starts(self, head: bytes) -> bool:
@@ -52,6 +55,11 @@ class Format:
 
     def named(self, name: str) -> bool:
         return name.lower().endswith(self.endings)
+
+
+def from_words(words: Sequence[bytes | str], kind: DTypeLike) -> NDArray[Any]:
+    """Numbers in text; an array of strings would take the memory of the longest for each."""
+    return np.fromiter(map(float if np.dtype(kind).kind == "f" else int, words), dtype=kind, count=len(words))
 
 
 @contextmanager

@@ -7,25 +7,34 @@ so that a truncated file is reported as truncated.
 from __future__ import annotations
 
 import io
+import math
 import os
+import re
 import struct
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from morphofold.errors import DamagedFile, Mismatch, NamedTwice, OutOfRange, WrongFile, WrongShape
-from morphofold.io.files import StrPath, beginning, decoding, existing_file, looks_like_text, write_and_look
+from morphofold.io.files import StrPath, beginning, decoding, existing_file, looks_like_text, unpacked, write_and_look
 from morphofold.io.formats import Format
 from morphofold.io.json_files import LARGEST_NUMBER
+from morphofold.provenance import clean_name
 from morphofold.surface import Faces, PerVertex, Regions, Surface, Verts
 
 TRIANGLE_MAGIC, QUAD_MAGIC, QUAD_FLOAT_MAGIC = b"\xff\xff\xfe", b"\xff\xff\xff", b"\xff\xff\xfd"
 _SURFACE_SUFFIXES = (".white", ".pial", ".inflated", ".sphere", ".orig", ".smoothwm", ".mid", "")
 _CREATED_BY = "created by morphofold"  # nibabel's default writes the name of the user and the date
 _COPY_AGAIN = "Copy it again from its source."
+#: kind of coordinates, bytes of a corner, corners of a face; the oldest have hundredths
+_LAYOUTS = {TRIANGLE_MAGIC: (">f4", 4, 3), QUAD_MAGIC: (">i2", 3, 4), QUAD_FLOAT_MAGIC: (">f4", 3, 4)}
+_WEIGHTS = 256 ** np.arange(3, -1, -1)  # of the bytes of a whole number
+_FOOTER_KEYS = ("valid", "filename", "volume", "voxelsize", "xras", "yras", "zras", "cras")
+_FOOTER = re.compile("".join(rf"{key}\s*=(.*)\n" for key in _FOOTER_KEYS).encode())
+_MGH_TYPES, _MGH_HEAD = {0: ">u1", 1: ">i4", 3: ">f4", 4: ">i2"}, 284  # by their number; bytes before the values
 
 
 # surfaces -------------------------------------------------------------------------------------------------
@@ -39,59 +48,50 @@ def is_geometry(head: bytes) -> bool:
 def read_geometry(path: Path) -> tuple[Verts, Faces, Mapping[str, Any] | None]:
     """Vertices (N, 3) [mm], faces (M, 3) and the volume-geometry footer of a FreeSurfer surface.
 
-    Old quadrangle surfaces are returned as triangles. The footer is None if the file has none.
+    Old quadrangle surfaces are returned as triangles: a quadrangle is cut as by nibabel, and one with two equal corners
+    is one triangle. The footer is None if the file has none.
     """
-    import nibabel.freesurfer as fs
-
-    with path.open("rb") as file:
-        size, end = path.stat().st_size, _end_of_geometry(file, path)
-        file.seek(end)
-        tail = file.read(4096)
-    footer = tail.startswith((struct.pack(">3i", 2, 0, 20), struct.pack(">i", 20)))
-    if footer and b"\ncras" not in tail:
-        raise DamagedFile(f"{path}: is truncated inside its volume-geometry footer, at byte {size}. {_COPY_AGAIN}")
-    with decoding(path, "a FreeSurfer surface"):
-        if footer:
-            verts, faces, geometry = fs.read_geometry(os.fspath(path), read_metadata=True)
-            _check_footer(geometry)
-        else:
-            (verts, faces), geometry = fs.read_geometry(os.fspath(path)), None
-    return verts, faces, geometry
-
-
-def _end_of_geometry(file: BinaryIO, path: Path) -> int:
-    """Byte at which vertices and faces end; the file must reach it."""
-    magic, size = file.read(3), path.stat().st_size
-    if magic == TRIANGLE_MAGIC:
-        file.readline(), file.readline()  # "created by ...", empty line
-        head = file.read(8)
-        n, m = struct.unpack(">2i", head) if len(head) == 8 else (0, 0)
-        need = file.tell() + 12 * n + 12 * m
-        kind = "triangles"
-    else:
-        head = file.read(6)
-        if magic == QUAD_MAGIC and _is_curv_file(magic + head + file.read(6), size):
-            (n,) = struct.unpack(">i", head[:4])
-            raise WrongFile(
-                f"{path}: holds one value for each of {n} vertices, not a surface. Name a surface such as lh.white."
-            )
-        n, m = int.from_bytes(head[:3], "big"), int.from_bytes(head[3:], "big")
-        need = 9 + (6 if magic == QUAD_MAGIC else 12) * n + 12 * m
-        kind = "quadrangles"
-    if n <= 0 or m <= 0:
-        raise DamagedFile(f"{path}: its header gives {n} vertices and {m} {kind}, so it is damaged. {_COPY_AGAIN}")
-    if need > size:
-        raise DamagedFile(
-            f"{path}: is truncated or damaged: {n} vertices and {m} {kind} need {need} bytes; it has {size}. "
-            f"{_COPY_AGAIN}"
+    raw = path.read_bytes()
+    if _is_curv_file(raw[:15], len(raw)):
+        (n,) = struct.unpack(">i", raw[3:7])
+        raise WrongFile(
+            f"{path}: holds one value for each of {n} vertices, not a surface. Name a surface such as lh.white."
         )
-    return need
+    with decoding(path, "a FreeSurfer surface", _COPY_AGAIN):
+        kind, per_corner, corners = _LAYOUTS[raw[:3]]
+        if corners == 3:
+            at = raw.index(b"\n", raw.index(b"\n") + 1) + 9  # after "created by ...", an empty line and two counts
+            n, m = struct.unpack(">2i", raw[at - 8 : at])
+        else:
+            at, n, m = 9, int.from_bytes(raw[3:6], "big"), int.from_bytes(raw[6:9], "big")
+        first = at + 3 * np.dtype(kind).itemsize * n
+        end = first + corners * per_corner * m
+        if n <= 0 or m <= 0 or end > len(raw):
+            raise DamagedFile(f"its header gives {n} vertices and {m} faces, which need {end} bytes; it has {len(raw)}")
+        verts = np.frombuffer(raw[at:first], kind).reshape(-1, 3).astype(np.float64)
+        faces = np.frombuffer(raw[first:end], "u1").reshape(m, corners, per_corner) @ _WEIGHTS[-per_corner:]
+        if corners == 4:
+            even = (faces[:, 0] % 2 == 0)[:, None, None]
+            faces = np.where(even, faces[:, [[0, 1, 3], [2, 3, 1]]], faces[:, [[0, 1, 2], [0, 2, 3]]]).reshape(-1, 3)
+            faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
+        return verts if kind == ">f4" else verts / 100, faces, _footer(raw[end : end + 4096], len(raw))
 
 
-def _check_footer(geometry: Mapping[str, Any]) -> None:
-    for key in ("xras", "yras", "zras", "cras"):
-        if np.shape(geometry[key]) != (3,) or not np.isfinite(geometry[key]).all():
-            raise DamagedFile(f"{key} in the volume-geometry footer is not three numbers")
+def _footer(tail: bytes, size: int) -> Mapping[str, Any] | None:
+    """The volume geometry in the bytes after the faces, with the keys of nibabel; None if there is none."""
+    head = struct.pack(">3i", 2, 0, 20)
+    start = 12 if tail.startswith(head) else 4 if tail.startswith(head[8:]) else 0
+    if not start and not (tail and head.startswith(tail)):
+        return None
+    found = _FOOTER.match(tail, start)
+    if found is None:
+        raise DamagedFile(f"it is truncated inside its volume-geometry footer, at byte {size}")
+    valid, filename, *texts = (text.decode("utf-8", "replace").strip() for text in found.groups())
+    numbers = [np.array(text.split(), dtype=np.float64) for text in texts]
+    if valid.startswith("1") and not all(x.shape == (3,) and np.isfinite(x).all() for x in numbers):
+        raise DamagedFile("its volume-geometry footer does not have three numbers in each row")
+    first = {"head": np.frombuffer(tail[:start], ">i4"), "valid": valid, "filename": filename}
+    return {**first, "volume": numbers[0].astype(int), **dict(zip(_FOOTER_KEYS[3:], numbers[1:]))}
 
 
 def write_geometry(path: StrPath, surface: Surface) -> None:
@@ -158,8 +158,24 @@ def write_mgh(path: StrPath, values: NDArray[np.float32]) -> None:
     """Write checked values (N,) as MGH, a volume of N x 1 x 1 voxels, as FreeSurfer stores surface overlays."""
     from nibabel.freesurfer.mghformat import MGHImage
 
-    image = MGHImage(values.reshape(-1, 1, 1), np.eye(4))
-    write_and_look(path, image.to_filename, lambda there: MGHImage.from_filename(os.fspath(there)).get_fdata())
+    write_and_look(path, MGHImage(values.reshape(-1, 1, 1), np.eye(4)).to_filename, read_mgh)
+
+
+def is_mgh(path: Path, head: bytes) -> bool:
+    """Whether a file is MGH by its first bytes, or MGZ by its name."""
+    return head.startswith(b"\0\0\0\1") or path.name.lower().endswith((".mgh", ".mgz", ".mgh.gz"))
+
+
+def read_mgh(path: Path) -> PerVertex:
+    """Values (N,) of an MGH or MGZ file of N values along one of its dimensions."""
+    with decoding(path, "an MGH map", _COPY_AGAIN):
+        raw = unpacked(path)
+        version, *shape, kind = struct.unpack_from(">6i", raw)
+        if version != 1 or min(shape) < 1:
+            raise DamagedFile(f"its header gives version {version} and {shape} values")
+        if max(shape) != math.prod(shape):
+            raise WrongFile(f"it holds {' x '.join(map(str, shape))} values, not one of each vertex")
+        return np.frombuffer(raw, _MGH_TYPES[kind], max(shape), _MGH_HEAD).astype(np.float64)
 
 
 def flip_curvature_sign(values: ArrayLike) -> PerVertex:
@@ -216,7 +232,7 @@ def _colour_table(file: io.BytesIO) -> tuple[list[str], NDArray[np.int64]]:
         raw = file.read(max(length, 0))
         if length < 0 or len(raw) < length:
             raise DamagedFile("its colour table is truncated")
-        return raw.split(b"\0")[0].decode("utf-8", "replace")
+        return clean_name(raw.split(b"\0")[0].decode("utf-8", "replace"))
 
     if not file.read(4).endswith(b"\1"):
         raise DamagedFile("it has no colour table, so its regions have no names")
@@ -242,7 +258,7 @@ def _colour_table(file: io.BytesIO) -> tuple[list[str], NDArray[np.int64]]:
 
 
 def _annotation_name(path: Path) -> str:
-    name = path.name.removesuffix(".annot")
+    name = clean_name(path.name.removesuffix(".annot"))
     return name[3:] if name[:3] in ("lh.", "rh.") else name
 
 

@@ -1,7 +1,7 @@
-"""GIFTI surfaces, per-vertex maps and regions, through nibabel.
+"""GIFTI surfaces, per-vertex maps and regions; nibabel writes them.
 
-GIFTI compresses its arrays, so the size of a file does not give its unpacked size. Each array is first unpacked with a
-bound, and its size is compared with that in its header.
+GIFTI compresses its arrays, so the size of a file does not give its unpacked size. Each array is unpacked to no more
+than its header gives.
 """
 
 from __future__ import annotations
@@ -14,16 +14,16 @@ import re
 import xml.etree.ElementTree as ET
 import zlib
 from collections.abc import Mapping
-from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.errors import DamagedFile, OutOfRange, WrongFile
-from morphofold.io.files import StrPath, atomic_file, decoding, existing_file
-from morphofold.io.formats import Format
+from morphofold.io.files import StrPath, atomic_file, decoding, existing_file, side_named, unpacked
+from morphofold.io.formats import Format, from_words
+from morphofold.provenance import clean_name
 from morphofold.surface import Faces, PerVertex, Regions, Surface, Verts
 
 _STRUCTURE_OF_HEMI = {"lh": "CortexLeft", "rh": "CortexRight"}
@@ -33,7 +33,7 @@ _SURFACE_METADATA = {  # names as in Connectome Workbench
     "inflated": {"GeometricType": "Inflated"},
     "sphere": {"GeometricType": "Spherical"},
 }
-MOST_UNPACKED_BYTES = 2**28  # bytes: 7 million vertices and their faces; nibabel holds several copies of them
+MOST_UNPACKED_BYTES = 2**28  # bytes: 7 million vertices and their faces
 _CONVERT_AGAIN = "Convert it again from its source, e.g. with mris_convert or wb_command."
 
 
@@ -42,27 +42,24 @@ def read_gifti_surface(path: Path) -> tuple[Verts, Faces, Mapping[str, Any] | No
 
     The geometry is None for a surface marked as in the scanner's frame: its ``C_RAS`` would move the surface twice.
     """
-    from nibabel import nifti1
-
-    image = _load_image(path, "a GIFTI surface")
-    points = image.get_arrays_from_intent("NIFTI_INTENT_POINTSET")
-    triangles = image.get_arrays_from_intent("NIFTI_INTENT_TRIANGLE")
+    arrays = _read(path, "a GIFTI surface")[0]
+    points, triangles = ([a for a in arrays if a.intent == intent] for intent in ("pointset", "triangle"))
     if len(points) != 1 or len(triangles) != 1:
         raise WrongFile(
             f"{path}: holds {len(points)} arrays of points and {len(triangles)} of triangles, not one of each. "
-            f"It holds {_array_intents_text(image)}; pass a .surf.gii."
+            f"It holds {_array_intents_text(arrays)}; pass a .surf.gii."
         )
-    there = points[0].coordsys is not None and points[0].coordsys.dataspace == nifti1.xform_codes["scanner"]
-    return points[0].data, triangles[0].data, None if there else _volume_geometry(points[0].meta)
+    there = points[0].element.findtext("CoordinateSystemTransformMatrix/DataSpace", "").strip()
+    geometry = None if there == "NIFTI_XFORM_SCANNER_ANAT" else _volume_geometry(points[0].element)
+    return points[0].values, triangles[0].values, geometry
 
 
 def read_gifti_map(path: Path) -> PerVertex:
     """Values (N,) of a GIFTI with a single per-vertex array (``.shape.gii``, ``.func.gii``)."""
-    image = _load_image(path, "a GIFTI map")
-    values = [a.data for a in image.darrays if np.ndim(np.squeeze(a.data)) == 1]
-    if len(image.darrays) != 1 or len(values) != 1:
-        raise WrongFile(f"{path}: holds {_array_intents_text(image)}; a map has one array with one value per vertex.")
-    return np.asarray(values[0], dtype=np.float64).reshape(-1)
+    arrays = _read(path, "a GIFTI map")[0]
+    if len(arrays) != 1 or np.squeeze(arrays[0].values).ndim != 1:
+        raise WrongFile(f"{path}: holds {_array_intents_text(arrays)}; a map has one array with one value per vertex.")
+    return np.asarray(arrays[0].values, dtype=np.float64).reshape(-1)
 
 
 def read_gifti_regions(path: Path, name: str = "regions") -> Regions:
@@ -75,71 +72,86 @@ def read_gifti_regions(path: Path, name: str = "regions") -> Regions:
     ValueError
         If it is damaged, does not hold exactly one array of keys, or its table lacks a key.
     """
-    image = _load_image(existing_file(path, "label file"), "a GIFTI label file")
-    arrays = image.get_arrays_from_intent("NIFTI_INTENT_LABEL")
-    if len(arrays) != 1 or len(image.darrays) != 1 or np.ndim(arrays[0].data) != 1:
-        raise WrongFile(f"{path}: holds {_array_intents_text(image)}; regions are one array with one key per vertex.")
-    table = {label.key: label for label in image.labeltable.labels if label.key != 0}
+    arrays, labels = _read(existing_file(path, "label file"), "a GIFTI label file")
+    if len(arrays) != 1 or arrays[0].intent != "label" or arrays[0].values.ndim != 1:
+        raise WrongFile(f"{path}: holds {_array_intents_text(arrays)}; regions are one array with one key per vertex.")
     with decoding(path, "a GIFTI label file", _CONVERT_AGAIN):  # keys may be too large for an integer
-        keys, values = np.array(sorted(table), dtype=np.int64), np.asarray(arrays[0].data, dtype=np.int64)
+        table = {int(label.get("Key") or label.get("Index") or ""): label for label in labels}
+        keys = np.array(sorted(table.keys() - {0}), dtype=np.int64)
+        shades = [[float(table[k].get(c) or 0) for c in ("Red", "Green", "Blue")] for k in keys.tolist()]
+    values = np.asarray(arrays[0].values, dtype=np.int64)
     missing = np.setdiff1d(values, [0, *keys])
     if missing.size:
         raise DamagedFile(
             f"{path}: its label table lacks {len(missing)} of the keys, the first is {missing[0]}. {_CONVERT_AGAIN}"
         )
-    shades = [[x or 0.0 for x in (table[k].red, table[k].green, table[k].blue)] for k in keys]
     colours = np.array(shades, dtype=np.float64).reshape(-1, 3)
-    names = tuple(getattr(table[k], "label", None) or "" for k in keys)  # nibabel leaves it out if it is empty
-    labels = np.where(values == 0, -1, np.searchsorted(keys, values))
-    return Regions(labels, names, np.round(255 * colours.clip(0, 1)).astype(np.uint8), name)
+    names = tuple(clean_name((table[k].text or "").strip()) for k in keys.tolist())
+    indices = np.where(values == 0, -1, np.searchsorted(keys, values))
+    return Regions(indices, names, np.round(255 * colours.clip(0, 1)).astype(np.uint8), name)
 
 
-def _load_image(path: Path, what: str) -> Any:
-    from nibabel.gifti import GiftiImage
+class _GiftiArray(NamedTuple):
+    """An array, its intent in lower case, such as ``pointset``, and its element."""
 
+    intent: str
+    values: NDArray[Any]
+    element: ET.Element
+
+
+def _read(path: Path, what: str) -> tuple[list[_GiftiArray], list[ET.Element]]:
+    """The arrays of a file, and the labels of its table."""
     with decoding(path, what, _CONVERT_AGAIN):
-        raw = path.read_bytes()
-        if raw[:2] == b"\x1f\x8b":
-            with gzip.open(path) as file:
-                raw = file.read(MOST_UNPACKED_BYTES + 1)
-            if len(raw) > MOST_UNPACKED_BYTES:
-                raise DamagedFile(f"it unpacks to more than {MOST_UNPACKED_BYTES / 2**20:g} MiB")
-        _check_array_sizes(raw)
-        # from memory: so an array in an external file, which could be any file, is refused
-        return GiftiImage.from_bytes(raw)
+        root = ET.fromstring(unpacked(path, MOST_UNPACKED_BYTES))
+        arrays, left = [], MOST_UNPACKED_BYTES
+        for element in root.iter("DataArray"):
+            arrays.append(_read_array(element, path.parent, left))
+            left -= arrays[-1].values.nbytes
+        return arrays, list(root.iter("Label"))
 
 
-def _check_array_sizes(raw: bytes) -> None:
-    """Raise unless every compressed array unpacks to the size that its attributes give."""
-    from nibabel.gifti.util import gifti_encoding_codes
-    from nibabel.nifti1 import data_type_codes
+def _read_array(element: ET.Element, folder: Path, most: int) -> _GiftiArray:
+    n = int(element.get("Dimensionality", "1"))
+    if not 1 <= n <= 6:
+        raise DamagedFile(f"an array has {n} dimensions; GIFTI allows 1 to 6")
+    dims = [int(element.get(f"Dim{i}", "1")) for i in range(n)]
+    shape = " x ".join(map(str, dims))
+    kind = np.dtype(element.get("DataType", "").removeprefix("NIFTI_TYPE_").lower())
+    size = math.prod(dims) * kind.itemsize
+    if min(dims) <= 0 or size > most:
+        raise DamagedFile(f"an array of {shape} values is empty or too large")
+    encoding, text = element.get("Encoding", ""), element.findtext("Data") or ""
+    if encoding == "ASCII":
+        data = from_words(text.split(), kind).tobytes()
+    elif encoding == "ExternalFileBinary":
+        data = _external(folder, element.get("ExternalFileName", ""), int(element.get("ExternalFileOffset") or 0), size)
+    elif encoding in ("Base64Binary", "GZipBase64Binary"):
+        data = base64.b64decode(text)
+        data = zlib.decompressobj().decompress(data, size + 1) if encoding.startswith("GZip") else data
+    else:
+        raise DamagedFile(f"an array has the unknown encoding {encoding[:40]!r}")
+    if len(data) != size:
+        more = "more" if len(data) > size else len(data)
+        raise DamagedFile(f"an array of {shape} values needs {size} bytes, but it unpacks to {more}")
+    order: Any = "C"
+    if encoding != "ASCII":  # whose numbers are those of this computer, row by row, as nibabel writes them
+        kind = kind.newbyteorder(">" if element.get("Endian") == "BigEndian" else "<")
+        order = "F" if element.get("ArrayIndexingOrder") == "ColumnMajorOrder" else "C"
+    values = np.frombuffer(data, kind).reshape(dims, order=order)
+    return _GiftiArray(element.get("Intent", "").removeprefix("NIFTI_INTENT_").lower(), values, element)
 
-    left = MOST_UNPACKED_BYTES
-    for _, element in ET.iterparse(BytesIO(raw)):
-        if element.tag != "DataArray":
-            continue
-        n = int(element.get("Dimensionality", "1"))
-        if not 1 <= n <= 6:
-            raise DamagedFile(f"an array has {n} dimensions; GIFTI allows 1 to 6")
-        dims = [int(element.get(f"Dim{i}", "1")) for i in range(n)]
-        shape = " x ".join(map(str, dims))
-        size = math.prod(dims) * np.dtype(data_type_codes.dtype[element.get("DataType", "")]).itemsize  # type: ignore[call-overload]
-        left -= size
-        if min(dims) <= 0 or left < 0:
-            raise DamagedFile(f"an array of {shape} values is empty or too large")
-        if gifti_encoding_codes.label[element.get("Encoding", "")] == "B64GZ":
-            packed = base64.b64decode(element.findtext("Data") or "")
-            unpacked = len(zlib.decompressobj().decompress(packed, size + 1))
-            if unpacked != size:
-                more = "more" if unpacked > size else unpacked
-                raise DamagedFile(f"an array of {shape} values needs {size} bytes, but it unpacks to {more}")
-        element.clear()
+
+def _external(folder: Path, name: str, at: int, size: int) -> bytes:
+    """Bytes of a file beside the GIFTI file, where SPM and CAT12 keep arrays; any other file is refused."""
+    if not re.fullmatch(r"[^/\\:\0]+", name) or (folder / name).is_symlink():
+        raise WrongFile(f"it keeps an array in {name!r}, but only a file beside it, which is no link, is read")
+    with existing_file(folder / name, "file of arrays").open("rb") as file:
+        file.seek(at)
+        return file.read(size)
 
 
-def _array_intents_text(image: Any) -> str:
-    from nibabel.nifti1 import intent_codes
-
-    names = [f"{intent_codes.label[a.intent]} {np.shape(a.data)}" for a in image.darrays]
+def _array_intents_text(arrays: list[_GiftiArray]) -> str:
+    names = [f"{a.intent} {a.values.shape}" for a in arrays]
     return ", ".join(names[:4]) + (" ..." if len(names) > 4 else "") if names else "no arrays"
 
 
@@ -153,8 +165,9 @@ _FOOTER_KEYS = {
 }
 
 
-def _volume_geometry(meta: Mapping[str, str]) -> Mapping[str, Any] | None:
+def _volume_geometry(element: ET.Element) -> Mapping[str, Any] | None:
     """FreeSurfer's footer from the ``VolGeom...`` entries of mris_convert; None unless all exist."""
+    meta = {(md.findtext("Name") or "").strip(): (md.findtext("Value") or "").strip() for md in element.iter("MD")}
     try:
         found = {k: np.array([float(meta[f"VolGeom{n}"]) for n in names]) for k, names in _FOOTER_KEYS.items()}
     except (KeyError, ValueError):
@@ -222,7 +235,7 @@ def write_gifti_regions(path: StrPath, regions: Regions, hemi: str | None = None
 
 
 def _structure_metadata(path: StrPath, hemi: str | None) -> dict[str, str]:
-    hemi = hemi or Path(path).name[:2]
+    hemi = hemi or side_named(Path(path).name)
     return {"AnatomicalStructurePrimary": _STRUCTURE_OF_HEMI[hemi]} if hemi in _STRUCTURE_OF_HEMI else {}
 
 

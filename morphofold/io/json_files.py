@@ -10,7 +10,7 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from morphofold.errors import DamagedFile, NotReadable, TooLarge
-from morphofold.io.files import existing_file
+from morphofold.io.files import check_fetched, existing_file
 
 MOST_JSON_BYTES = 64 * 2**20  # bytes; the gyral graph of a hemisphere of a million vertices needs a tenth of it
 LARGEST_NUMBER = 1e12  # largest number of a surface: beyond it, squares and sums lose their meaning
@@ -47,6 +47,7 @@ def read_json(path: Path, schema: type[BaseModel], cure: str, *, most: int = MOS
         If the file does not exist, or a value in it is of another type, NaN, infinite or out of range; the message
         names the file and the key, and ends with the cure.
     """
+    check_fetched(path)
     if not path.exists():
         raise FileNotFoundError(f"{path}: is missing. {cure}")
     if not path.is_file():

@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from morphofold.errors import NotFinite, WrongFile, WrongShape
-from morphofold.io import freesurfer, gifti
-from morphofold.io.files import StrPath, beginning, existing_file
+from morphofold.io import freesurfer, gifti, text_files
+from morphofold.io.files import StrPath, beginning, existing_file, looks_like_text
 from morphofold.io.formats import Format, SurfaceContent
 from morphofold.surface import PerVertex, Surface, check_mesh
 from morphofold.words import listed
 
 #: modules with ``FORMATS``, in the order in which they are tried; FreeSurfer names are the least specific
-FORMAT_MODULES = ("trimesh_files", "vtk_files", "gifti", "freesurfer")
+FORMAT_MODULES = ("trimesh_files", "vtk_files", "text_files", "gifti", "freesurfer")
 FORMATS: tuple[Format, ...] = tuple(
     one for name in FORMAT_MODULES for one in import_module(f"morphofold.io.{name}").FORMATS
 )
@@ -29,8 +29,8 @@ def read_surface(path: StrPath) -> Surface:
     Parameters
     ----------
     path : str or path
-        FreeSurfer (any name), GIFTI, PLY, STL, OBJ, OFF, GLB, VTK, VTP or VTU. The first bytes of the file decide;
-        its ending only if they do not identify a format (OBJ, binary STL).
+        FreeSurfer (any name, binary or text), GIFTI, PLY, STL, OBJ of Wavefront or MNI, OFF, GLB, VTK, VTP or VTU. The
+        first bytes of the file decide; its ending only if they do not identify a format (Wavefront's OBJ, binary STL).
 
     Returns
     -------
@@ -112,16 +112,18 @@ def write_surface(path: StrPath, surface: Surface) -> None:
     FreeSurfer, GIFTI, PLY, STL, GLB and VTP hold float32, so coordinates are rounded to it (6e-8 relative).
     """
     path = Path(path)
-    found = next((one for one in FORMATS if one.named(path.name)), None)
-    if found is None:
+    write = next((one.write for one in FORMATS if one.write and one.named(path.name)), None)
+    if write is None:
         raise WrongFile(
             f"{path}: no format has the ending {path.suffix.lower()!r}. The known formats are {_known_formats_text()}."
         )
-    found.write(path, surface)
+    write(path, surface)
 
 
 def read_morph(path: StrPath) -> PerVertex:
-    """Values (N,) float64 of a per-vertex map, FreeSurfer ("curv" format) or GIFTI, as in the file.
+    """Values (N,) float64 of a per-vertex map, as in the file: FreeSurfer ("curv", MGH, MGZ), GIFTI, or a text.
+
+    A text has one number a line, or what ``mris_convert -c`` writes: vertex, x, y, z and value.
 
     FreeSurfer's sign stays: ``?h.curv`` and ``?h.sulc`` are positive in sulci; ``flip_curvature_sign`` reverses it.
     NaN stays; all functions that take a map treat it as an unknown value.
@@ -134,7 +136,14 @@ def read_morph(path: StrPath) -> PerVertex:
     path = existing_file(path, "per-vertex map")
     with path.open("rb") as file:
         head = file.read(1024)
-    values = gifti.read_gifti_map(path) if is_gifti(path, head) else freesurfer.read_curv(path)
+    if is_gifti(path, head):
+        values = gifti.read_gifti_map(path)
+    elif freesurfer.is_mgh(path, head):
+        values = freesurfer.read_mgh(path)
+    elif looks_like_text(head) and text_files.NUMBER_FIRST.match(head):
+        values = text_files.read_map(path)
+    else:
+        values = freesurfer.read_curv(path)
     _refuse_infinite(path, values)
     return values
 

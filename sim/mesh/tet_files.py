@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
-import warnings
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -23,9 +23,10 @@ from morphofold.errors import (
     WrongFile,
     WrongShape,
 )
-from morphofold.io.files import decoding, looks_like_text
+from morphofold.io.files import decoding
+from morphofold.io.formats import from_words, warn_of_no_end
 from morphofold.io.surfaces import is_surface
-from morphofold.io.vtk_blocks import check_blocks
+from morphofold.io.vtk_files import read_grid
 from morphofold.sim.scene import MOST_BRICKS, MeshFile
 
 #: other cells that a file may have; of these only triangles are used, and only for their labels
@@ -134,10 +135,10 @@ def read_tet_file(geometry: MeshFile) -> TetFile:
         )
     quiet = contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO())
     with decoding(path, "a mesh that meshio reads"), quiet[0], quiet[1]:
-        mesh = _read_with_meshio(path)
+        mesh = _read_mesh(path)
         points = np.asarray(mesh.points, dtype=np.float64) * geometry.scale
         blocks = [block.data.astype(np.int64) for block in mesh.cells if block.type == "tetra"]
-    _warn_of_cut_file(path)
+    warn_of_no_end(path, path.read_bytes())
     counts: dict[str, int] = {}
     for block in mesh.cells:
         counts[block.type] = counts.get(block.type, 0) + len(block.data)
@@ -201,16 +202,19 @@ class _EndCheckedFile(io.BufferedReader):
         return got
 
 
-def _read_with_meshio(path: Path) -> Any:
-    """Read the mesh in a file. Some readers of meshio never return on a truncated file; one would unpack any size."""
+def _read_mesh(path: Path) -> Any:
+    """Read the mesh in a file: by meshio, some of whose readers never return on a truncated file, or here."""
     import meshio
 
     kinds = meshio.extension_to_filetypes.get(path.suffix.lower(), [""])
+    with path.open("rb") as file:
+        head = file.read(4096)
     if kinds == ["vtu"]:
-        check_blocks(path.read_bytes())
+        return read_grid(path.read_bytes())
+    if kinds == ["medit"] and re.match(rb"\s*\d+\s*\n", head):
+        return _read_neutral(path.read_bytes())
     if "ansys" in kinds:  # meshio reads every .msh as ansys first
-        with path.open("rb") as file:
-            kinds = ["gmsh"] if b"$MeshFormat" in file.read(4096) else ["ansys"]
+        kinds = ["gmsh"] if b"$MeshFormat" in head else ["ansys"]
     if kinds == ["tetgen"]:
         for part in (path.with_suffix(".node"), path.with_suffix(".ele")):
             if not any(line.strip() and not line.startswith(b"#") for line in part.read_bytes().splitlines()):
@@ -221,13 +225,23 @@ def _read_with_meshio(path: Path) -> Any:
         return meshio.read(io.TextIOWrapper(file, "utf-8") if kinds == ["tecplot"] else file, kinds[0])
 
 
-def _warn_of_cut_file(path: Path) -> None:
-    """Warn if a text file ends within a line: its last number may be cut, for example 1 instead of 162."""
-    with path.open("rb") as file:
-        head = file.read(1024)
-        file.seek(max(path.stat().st_size - 64, 0))
-        end = file.read()
-    if looks_like_text(head) and looks_like_text(end) and not (end[-1:].isspace() or end.endswith(b">")):
-        warnings.warn(
-            f"{path}: its last line has no line end; if the file is cut, its last number is wrong.", stacklevel=4
-        )
+def _read_neutral(raw: bytes) -> Any:
+    """The mesh in Netgen's neutral format, that of the folding codes of Tallinen and BrainGrowth, as ``meshio.Mesh``.
+
+    Counts and rows of points, tetrahedra and, if any, triangles; before their corners, which count from 1, cells may
+    have a label, here the cell data ``label``.
+    """
+    import meshio
+
+    lines, tables = [line.split() for line in raw.splitlines() if line.strip()], list[NDArray[Any]]()
+    while lines and len(tables) < 3:
+        n = int(b" ".join(lines[0]))
+        words = [word for row in lines[1 : n + 1] for word in row]
+        tables.append(from_words(words, np.int64 if tables else np.float64).reshape(n, len(words) // max(n, 1)))
+        lines = lines[n + 1 :]
+    points, *cells = tables
+    if lines or points.shape[1] != 3 or any(a.size and a.shape[1] - c not in (0, 1) for a, c in zip(cells, (4, 3))):
+        raise DamagedFile("it does not hold the points, tetrahedra and triangles that its counts give")
+    blocks = [(kind, a[:, -n:] - 1) for kind, a, n in zip(("tetra", "triangle"), cells, (4, 3)) if a.size]
+    labels = [a[:, 0] if a.shape[1] > n else np.ones(len(a), int) for a, n in zip(cells, (4, 3)) if a.size]
+    return meshio.Mesh(points, blocks, cell_data={"label": labels})

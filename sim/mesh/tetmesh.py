@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import NamedTuple
 
 import numpy as np
@@ -219,6 +220,10 @@ def _right_handed_tets(name: str, points: Array, tets: Ints) -> tuple[Array, Int
         raise BadMesh(
             f"{name}: {len(flat):,} of {len(tets):,} tetrahedra are flat; the first is {flat[0]} with volume "
             f"{volume[flat[0]]:.2g} mm3 and longest edge {longest[flat[0]]:.3g} mm. Repair the mesh."
+        )
+    if (volume < 0).all():  # mixed orders are usual
+        warnings.warn(
+            f"{name}: all {len(tets):,} tetrahedra were turned inwards; their corners were reordered.", stacklevel=2
         )
     return points, np.where(volume[:, None] < 0, tets[:, [1, 0, 2, 3]], tets)
 

@@ -10,6 +10,7 @@ import numpy as np
 from morphofold.arrays import Array
 from morphofold.errors import DamagedFile
 from morphofold.io import atomic_file
+from morphofold.io.vtk_files import read_grid
 from morphofold.sim.output.run_files import stage_folder
 
 if TYPE_CHECKING:
@@ -53,12 +54,7 @@ def write_volume(folder: Path, body: Body, x: Array) -> None:
 
 def read_volume(path: Path) -> tuple[Array, Array]:
     """Reference and deformed positions X, x (N, 3) [mm] of a ``volume.vtu``, bitwise as they were written."""
-    import meshio
-
-    from morphofold.io.vtk_blocks import check_blocks
-
-    check_blocks(path.read_bytes())
-    mesh = meshio.read(path)
+    mesh = read_grid(path.read_bytes())
     return np.asarray(mesh.point_data["reference"]), np.asarray(mesh.points)
 
 

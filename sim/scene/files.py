@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import difflib
 import json
+import os
 import re
 import tomllib
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
@@ -14,7 +16,9 @@ from typing import Any
 from pydantic import ValidationError
 
 from morphofold.errors import DoesNotApply, NotReadable, UnknownName, WrongFile
+from morphofold.io.files import existing_file
 from morphofold.sim.scene import SHAPES, Scene
+from morphofold.sim.scene.geometries import path_or_sample
 from morphofold.sim.scene.problems import Problem, Source, as_toml, blamed, explain, kind_of, root_problems, with_notes
 
 MOST_PROBLEMS = 20  # that are reported for one scene
@@ -37,10 +41,10 @@ def scene_names() -> list[str]:
 def load_scene(source: str | Path | Scene, settings: Iterable[str] = ()) -> Scene:
     """A scene from a built-in name, a TOML file or a ``Scene``, changed by ``table.key=value`` settings.
 
-    A file can name another scene with ``like``: a built-in one, or a file by its path from the folder of this file. The
-    values of this file replace those of that scene. If a file or a setting changes ``growth.final`` but not
-    ``output.stages``, stages beyond it are dropped. If it sets ``accuracy.level`` but not ``accuracy.edge``, the edge
-    is dropped, because it would overrule the level.
+    A file can name another scene with ``like``: a built-in one, or a file. The values of this file replace those of
+    that scene. Files are named by their paths from the folder of the file that names them, in settings from the working
+    folder. If a file or a setting changes ``growth.final`` but not ``output.stages``, stages beyond it are dropped. If
+    it sets ``accuracy.level`` but not ``accuracy.edge``, the edge is dropped, because it would overrule the level.
 
     Raises
     ------
@@ -86,9 +90,9 @@ def _read_source(source: str | Path) -> Source:
         inside = path / "scene.toml"
         more = f"name {inside}" if inside.is_file() else "name a TOML file or a built-in scene"
         raise WrongFile(f"{path}: is a folder, not a scene; {more}.")
-    if path.exists() and not path.is_file():
-        raise WrongFile(f"{path}: is a device or a pipe, not a scene; name a TOML file or a built-in scene.")
-    if not path.is_file():
+    if os.path.lexists(path):
+        existing_file(path, "TOML file of a scene")
+    else:
         close = difflib.get_close_matches(str(source), scene_names(), n=1)
         hint = f" Did you mean {close[0]}?" if close else f" Built-in scenes: {', '.join(scene_names())}."
         raise FileNotFoundError(f"no scene file or built-in scene {str(source)!r}.{hint}")
@@ -138,11 +142,11 @@ def _base_scene(own: Source, folder: Path | None) -> Source | None:
 
 def _tables_of_scene(own: Source, base: Source | None, settings: Sequence[tuple[str, str]]) -> dict[str, Any]:
     """The tables of a scene: its own replace those of its base, the settings replace both."""
-    tables = _parse_source(own)
+    tables = _with_paths(_parse_source(own), Path(own.where).parent)
     tables.pop("like", None)
     if base is not None:
         above = tables
-        tables = _merge_tables(_parse_source(base), above)
+        tables = _merge_tables(_with_paths(_parse_source(base), Path(base.where).parent), above)
         if "final" in _table_or_empty(above, "growth") and "stages" not in _table_or_empty(above, "output"):
             _drop_late_stages(tables)
         if "level" in _table_or_empty(above, "accuracy") and "edge" not in _table_or_empty(above, "accuracy"):
@@ -154,7 +158,36 @@ def _tables_of_scene(own: Source, base: Source | None, settings: Sequence[tuple[
         _drop_late_stages(tables)
     if "accuracy.level" in changed and not changed & {"accuracy", "accuracy.edge"}:
         _table_or_empty(tables, "accuracy").pop("edge", None)
-    return tables
+    return _with_paths(tables, Path())  # those of settings are from the working folder
+
+
+def _with_paths(tables: dict[str, Any], folder: Path, within: str = "") -> dict[str, Any]:
+    """The tables with the absolute path of each file that they name by its path from ``folder``.
+
+    A file that exists only by its path from the working folder, the rule up to version 0.3, is taken with a warning.
+    Samples, and a subject's maps and spheres, keep their names.
+    """
+    found = dict(tables)
+    for key, value in tables.items():
+        if isinstance(value, dict):
+            found[key] = _with_paths(value, folder, key)
+        if key not in ("file", "subject", "sphere") or not isinstance(value, str):
+            continue
+        place, other = folder / value, path_or_sample(value)
+        if key != "subject" and re.fullmatch(r"[\w-]+", value) and not os.path.lexists(place):
+            continue  # the name of a map or a sphere
+        if not os.path.lexists(place) and other.exists():
+            if other != Path(value):
+                continue
+            warnings.warn(
+                f"{within}.{key} = {value!r}: is found from the working folder, not from {folder}, the folder of its "
+                "scene. Later versions will not read it: give its path from the scene.",
+                stacklevel=2,
+            )
+            place = other
+        if os.path.lexists(place) or (within == "geometry" and key != "sphere"):
+            found[key] = os.path.abspath(place)
+    return found
 
 
 def _merge_tables(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:

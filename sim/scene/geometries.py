@@ -138,7 +138,8 @@ class Radial(Layers):
 
 
 class MeshFile(Layers):
-    """Any body of tetrahedra, from a ``file`` that meshio reads; its lengths times ``scale`` are mm.
+    """Any body of tetrahedra, from a ``file`` that meshio reads, or in the text format of the folding codes of Tallinen
+    and BrainGrowth (cell data ``label``); its lengths times ``scale`` are mm.
 
     The cortex is the part less than ``cortex_thickness`` below the outer surface, or the tetrahedra whose cell data
     ``label`` have the value ``cortex_label``. ``held`` names the part that is held fixed: all ``inner`` surfaces
@@ -151,7 +152,11 @@ class MeshFile(Layers):
     ] = 2.0
     shape: Annotated[Literal["mesh"], key("type of body")]
     file: Annotated[
-        str, key("file of tetrahedra in any format that meshio reads: a path, or one of data_samples", min_length=1)
+        str,
+        key(
+            "file of tetrahedra that meshio reads, or of a folding code: a path from the scene, or one of data_samples",
+            min_length=1,
+        ),
     ]
     scale: Annotated[float, key("factor from the lengths of the file to mm", ge=1e-6, le=1e6)] = 1.0
     label: Annotated[
@@ -221,7 +226,7 @@ class UnfoldedCortex(Layers):
     subject: Annotated[
         str,
         key(
-            "folder of a FreeSurfer subject, or a file with a closed surface: a path, or one of data_samples",
+            "folder of a FreeSurfer subject, or file of a closed surface: a path from the scene, or a sample",
             min_length=1,
         ),
     ]

@@ -48,8 +48,8 @@ class SphereMap(Table):
     file: Annotated[
         str,
         key(
-            "FreeSurfer or GIFTI file: a path, or one of data_samples; of a subject also a name, `thickness` is "
-            "`surf/?h.thickness`",
+            "FreeSurfer, GIFTI or text file: a path from the scene, or one of data_samples; of a subject also a name, "
+            "`thickness` is `surf/?h.thickness`",
             min_length=1,
         ),
     ]

@@ -163,7 +163,7 @@ def test_texts_cut_within_a_line(known, holds):
     "tetrahedra in texts without counts (Abaqus, SU2, FLAC3D, PERMAS) cut before each of their last bytes",
     peers="meshio: reads what is left of a number (measured)",
     guard="a warning",
-    without=lambda patch: patch.setattr(tet_files, "_warn_of_cut_file", nothing),
+    without=lambda patch: patch.setattr(tet_files, "warn_of_no_end", nothing),
 )
 def test_tetrahedra_cut_within_a_line(holds, tmp_path):
     import meshio
