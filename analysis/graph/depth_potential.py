@@ -18,7 +18,7 @@ from morphofold.errors import OutOfRange
 from morphofold.surface import Faces, PerVertex, Verts, check_mesh
 
 COTANGENT_BOUNDS = (-5.0, 20.0)  # bounds: in needle triangles cotangents have no limit
-SOLVER_TOLERANCE = 1e-5  # 0.0003 mm in a brain
+SOLVER_TOLERANCE = 1e-7  # 0.000003 mm in a brain
 HEAT_STEPS = 3  # implicit Euler steps of one heat flow
 # of the root of the area: scale at which the width is measured, 2 mm for a hemisphere
 FIRST_SCALE_PER_ROOT_AREA = 0.007

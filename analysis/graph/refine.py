@@ -117,11 +117,9 @@ def _move_junctions(net, operators, tree, width):
         degree_a, degree_b = len(ends[arc.a]), len(ends[arc.b])
         p = arc.points.copy()
         p[0], p[-1] = net.nodes[arc.a].at, net.nodes[arc.b].at
-        if degree_a > 2:
-            p = _with_straight_start(p, width)
-        if degree_b > 2:
-            p = _with_straight_start(p[::-1], width)[::-1]
-        arc.points = p
+        one = _with_straight_start(p, width) if degree_a > 2 else p
+        other = _with_straight_start(p[::-1], width)[::-1] if degree_b > 2 else p
+        arc.points = one + (other - p)  # both of p, so that neither end comes first
 
 
 def upright(operators: SurfaceOperators, tree: cKDTree, at: Array, width: float) -> Array:
