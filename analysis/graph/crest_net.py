@@ -125,7 +125,7 @@ class CrestNetBuilder:
 
         def found() -> Fields:
             D, H = operators.depth_and_curvature(scales.reach, scales.smoothing)
-            return Fields(D, D - operators.smooth(D, scales.width), H, Watershed(operators.pairs, operators.lengths, D))
+            return Fields(D, D - operators.smooth(D, scales.width), H, operators.watershed(D))
 
         fields: Fields
         fields, _ = beside(found, lambda: self.path_lengths)  # which the net needs next
