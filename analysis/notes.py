@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from morphofold.analysis.graph.hinges import LEAST_CONFIDENCE, LEAST_STRICT_CONFIDENCE
-from morphofold.analysis.mesh_quality.checks import cortex_label
+from morphofold.analysis.mesh_quality.checks import cortex_label, off_pial
 from morphofold.surface import Cortex
 
 if TYPE_CHECKING:
@@ -110,7 +110,7 @@ def _of_cortex_mask(cortex: Cortex) -> Notes:
     if word == "label":
         return {} if cortex.regions else {"parcellation": NO_REGIONS_NOTE}
     out = f"{np.count_nonzero(~label):,} of {cortex.n_vertices:,} vertices"
-    met = np.count_nonzero(np.all(cortex.white.verts == cortex.pial.verts, axis=1))
+    met = np.count_nonzero(~off_pial(cortex))
     how = {
         "annotation": f"cortex is what the annotation's regions cover; this leaves out {out}.",
         "thickness": f"the medial wall is where their thickness file is 0; this leaves out {out}.",

@@ -13,7 +13,8 @@ from morphofold.geometry import connected, symmetric
 from morphofold.kernels import kernel, reading
 from morphofold.surface import PerVertex
 
-EQUAL_SLOPE_TOLERANCE = 1e-4  # relative: slopes that are the same up to the error of the solver
+# slopes (relative) and passes (of the range of values) that are the same up to the error of the solver
+EQUAL_SLOPE_TOLERANCE, EQUAL_PASS_TOLERANCE = 1e-4, 1e-5
 
 class Watershed:
     """Basins of a function by steepest descent. Basins of low persistence can be joined.
@@ -25,8 +26,8 @@ class Watershed:
     values : (N,) float64
         The function; equal values are ordered by vertex number.
     side : (N,) float64
-        Any other function. Where two ways down are equally steep, as on a plane of symmetry, it decides: the higher
-        one is taken.
+        Any other function. It decides where two ways down are equally steep, or two passes equally high, as on the two
+        sides of a plane of symmetry.
 
     Attributes
     ----------
@@ -47,7 +48,8 @@ class Watershed:
         ends = self.finest[pairs]
         crossing = np.flatnonzero(ends[:, 0] != ends[:, 1])
         passes = values[pairs[crossing]].max(axis=1)
-        flood = np.argsort(passes, kind="stable")
+        equal = np.round(passes / max(EQUAL_PASS_TOLERANCE * np.ptp(values), 1e-300))
+        flood = np.lexsort((side[pairs[crossing]].max(axis=1), equal))
         self.joins, self.heights = _join_basins(*reading(ends[crossing[flood]], passes[flood], values[self.lowest]))
 
     def basins(self, persistence: float) -> Ints:
