@@ -1,4 +1,4 @@
-"""Changes of a cortex that change nothing that is measured, and what its measures make of them."""
+"""Changes of a cortex that change nothing that is measured."""
 
 from dataclasses import replace
 
@@ -8,7 +8,6 @@ from morphofold.surface import Regions
 
 NOISE, SHIFT = 1e-9, 1e6  # [mm]; far from the origin doubles are 1e-10 apart
 CHANGES = ("noise", "shift", "mirror", "numbers")
-TABLES = ("regions", "crests", "hinges", "arms", "shapes")
 
 
 def changed(cortex, change, seed=0):
@@ -59,13 +58,3 @@ def changed(cortex, change, seed=0):
         sphere=None,
     )
     return new, np.argsort(order), back
-
-
-def map_moves(one, other, place):
-    """Of each map, how far each vertex (N,) moved; inf where a number became NaN or the reverse."""
-    moves = {}
-    for name, values in one.maps.items():
-        there = other.maps[name][place]
-        known = np.isfinite(values), np.isfinite(there)
-        moves[name] = np.where(known[0] != known[1], np.inf, np.where(known[0], np.abs(there - values), 0.0))
-    return moves
