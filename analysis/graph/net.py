@@ -100,7 +100,7 @@ class Net:
 
     def merge(self, distance: float, loop: float) -> None:
         """Contract arcs shorter than ``distance`` between two junctions, the shortest first; drop loops shorter than
-        ``loop`` [mm], the shortest first. A merged junction lies at the mean of all junctions that it was merged from."""
+        ``loop`` [mm]. A merged junction lies at the mean of all junctions that it was merged from."""
         while True:
             degree = self.degrees()
             loops = [

@@ -16,6 +16,7 @@ from morphofold.surface import PerVertex
 # slopes (relative) and passes (of the range of values) that are the same up to the error of the solver
 EQUAL_SLOPE_TOLERANCE, EQUAL_PASS_TOLERANCE = 1e-4, 1e-5
 
+
 class Watershed:
     """Basins of a function by steepest descent. Basins of low persistence can be joined.
 

@@ -73,7 +73,9 @@ def local_gyrification_index(
             raise OutOfRange(f"{name} must be a positive length in mm, got {length!r}.")
     index = np.full(len(verts), np.nan)
     used, verts, faces = in_use(verts, faces)
-    verts = verts - (verts.min(axis=0) + verts.max(axis=0)) / 2  # grids have their middle at 0: a mirror changes nothing
+    verts = (
+        verts - (verts.min(axis=0) + verts.max(axis=0)) / 2
+    )  # grids have their middle at 0: a mirror changes nothing
     size = np.ptp(verts, axis=0) + 2 * closing
     if np.prod(size / voxel) > MOST_VOXELS:
         raise TooLarge(
@@ -115,7 +117,7 @@ def envelope(verts: Verts, faces: Faces, closing: float, voxel: float) -> tuple[
 
 
 def _odd_sizes(points: Array, margin: float, step: float) -> NDArray[np.int64]:
-    """Numbers (3,) of cells, ``step`` wide, that hold points (P, 3) and a margin on both sides if the middle is at 0."""
+    """Numbers (3,) of cells, ``step`` wide, that hold points (P, 3) and a margin if their middle is at 0."""
     return 2 * np.ceil((np.abs(points).max(axis=0) + margin) / step).astype(np.int64) + 1
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from morphofold.analysis import Measures, hinge_shapes
 from morphofold.analysis.graph.hinge_shapes import HingeShapes
 from morphofold.comparison import ThicknessPoint, fit_line
-from morphofold.comparison.hinges import HingeComparison, compare_hinges, net_at_chance
+from morphofold.comparison.hinges import RANDOM_NET_NAME, HingeComparison, compare_hinges, net_at_chance
 from morphofold.comparison.thickness import thickness_ratios
 from morphofold.errors import MissingPart
 from morphofold.io import read_cortex, sample_path
@@ -99,7 +99,9 @@ def reproduce_fig9(folder: Path, runs: Runs) -> dict[str, Any]:
         "columns": {
             "distance": "root mean square difference of angles [rad], logarithms of lengths, curvatures and "
             "sharpness in gyral widths; pose 3 or more: mirrored",
-            "p": "in fig9-nearest.tsv for the difference of medians, in fig9-numbers.tsv for the distributions",
+            "to_other": "median distance from hinges of the source to the nearest on MRI, from_other that from MRI to "
+            "the nearest of the source; by angles and lengths, n hinges on either side",
+            "p": "of the energy distance, with hinges as units",
         },
         "parameters": PARAMETERS,
         "simulations": [run_record(simulation) for simulation in simulations],
@@ -202,13 +204,15 @@ def hinge_tables(
     }
     return {
         "fig9-surfaces.tsv": dense,
-        "fig9-numbers.tsv": [whole_shape, *({**asdict(row), "energy": None} for row in found.numbers)],
-        "fig9-nearest.tsv": [asdict(control) for control in found.controls],
+        "fig9-numbers.tsv": [whole_shape, *({**asdict(row), "energy": None, "p": None} for row in found.numbers)],
+        "fig9-nearest.tsv": [
+            {**asdict(control), "verdict": None if k else found.verdict} for k, control in enumerate(found.controls)
+        ],
     }
 
 
 def shape_figure(shapes: Mapping[str, HingeShapes], models: Sequence[str], people: Sequence[str]) -> Figure:
-    """Cumulative distributions of the numbers of hinge shapes, for each surface and for a net at chance."""
+    """Cumulative distributions of the numbers of hinge shapes, for each surface and for a random net."""
     net = net_at_chance([shapes[name] for name in people])
     assert net is not None  # the hinges of a person are not so dense
     chance = HingeShapes(np.arange(len(net)), net, np.full(len(net), "Y"), 1.0, 1.0).numbers()
@@ -219,9 +223,9 @@ def shape_figure(shapes: Mapping[str, HingeShapes], models: Sequence[str], peopl
             entries[name] = {**line_style(k), "linewidth": 2.6 if name in people else 1.5}
             for ax, key in zip(axes[0], keys):
                 _cumulative(ax, shapes[name].numbers()[key], entries[name])
-        entries["net at chance"] = {"color": GREY, "linewidth": 1.2}
+        entries[RANDOM_NET_NAME] = {"color": GREY, "linewidth": 1.2}
         for ax, key in zip(axes[0], keys):
-            _cumulative(ax, chance[key], entries["net at chance"])
+            _cumulative(ax, chance[key], entries[RANDOM_NET_NAME])
             ax.set(xlabel=key)
         axes[0][0].set(ylabel="share of hinges below", ylim=(0, 1))
         legend_of_figure(plot, entries, axes[0][0], columns=6)

@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 
-from morphofold.comparison.hinges import RANDOM_NET_NAME
 from morphofold.sim.theory import critical_growth
 from morphofold.studies.markdown import Row
 from morphofold.studies.paper.figures import Tables
@@ -130,18 +129,10 @@ def _fig8(tables: Tables) -> str:
 def _fig9(tables: Tables) -> str:
     shape = next(row for row in tables["fig9-numbers.tsv"] if row["number"] == "shape")
     largest = next(row for row in tables["fig9-numbers.tsv"] if row["number"].startswith("largest angle"))
-    model, *controls = tables["fig9-nearest.tsv"]
-    chance = [row for row in controls if row["source"] == RANDOM_NET_NAME]
-    nearer = "".join(
-        f", {abs(100 * (1 - model['median'] / row['median'])):.0f} % "
-        f"{'nearer' if model['median'] < row['median'] else 'farther'} than hinges of a net at chance (p = "
-        f"{row['p']:.2g})"
-        for row in chance
-    )
-    own = "".join(f"; a hinge of {row['source']} has {row['median']:.3f}" for row in controls if row not in chance)
+    model, itself, *_ = tables["fig9-nearest.tsv"]
     return (
-        f"The hinge of a person nearest to a hinge of a model is {model['median']:.3f} away (median, by angles and "
-        f"lengths){nearer}{own}. The paper calls such pairs counterparts. The distributions of the shapes "
+        f"{model['verdict']} For other hinges of the person it is {itself['to_other']:.3f} and "
+        f"{itself['from_other']:.3f}. The paper calls such pairs counterparts. The distributions of the shapes "
         f"{'differ' if shape['p'] < 0.05 else 'do not differ significantly'} (energy distance {shape['energy']:.3f}, "
         f"p = {shape['p']:.2g}); the largest angle is {largest['median']:.0f}° in models, "
         f"{largest['other_median']:.0f}° in the person."
