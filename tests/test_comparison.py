@@ -107,6 +107,20 @@ def test_a_slope_is_one_only_where_its_interval_leaves_out_zero():
     assert fit_line([ThicknessPoint(x, -2 * x + 0.1 * (x % 2), "") for x in range(6)]).sloped
 
 
+def test_a_few_wide_crests_do_not_make_a_slope(rng):
+    """Forty crests without a trend and two very wide ones where the cortex is thickest."""
+    x, y = np.append(rng.uniform(2, 3, 40), [3.2, 3.3]), np.append(rng.normal(8, 0.5, 40), [20, 22])
+    fit = fit_line([ThicknessPoint(a, b, "") for a, b in zip(x, y)])
+    assert fit.slope > 2.5
+    assert fit.slope_low > 0
+    assert fit.slope_without_few == pytest.approx(np.polyfit(x[:40], y[:40], 1)[0])
+    assert abs(fit.slope_without_few) < 1
+    assert abs(fit.robust) < 1
+    assert not fit.sloped
+    np.testing.assert_allclose(np.median(y - fit.at(x)), 0, atol=1e-12)  # the line drawn is the robust one
+    np.testing.assert_allclose(np.diff(fit.at(np.array([2.0, 3.0]))), fit.robust)
+
+
 def test_differing_scales_are_said_once_with_their_values():
     options = {
         "model": {"curvature_scale_mm": 9.51, "cortical_thickness_cap_mm": None, "cortex_mask": "white off pial"},

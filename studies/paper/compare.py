@@ -42,20 +42,22 @@ SAMPLES = {"fsaverage5": ("lh", "rh"), "S1": ("lh",)}
 FITS = (
     "points",
     "n",
-    "slope",
-    "slope_low",
-    "slope_high",
     "robust_slope",
     "robust_low",
     "robust_high",
+    "slope",
+    "slope_low",
+    "slope_high",
+    "slope_without_few",
     "intercept_mm",
     "r",
 )
 COLUMNS = {
     "n": "regions, crests or bodies",
-    "slope": "gyral on cortical thickness [mm/mm], least squares; slope_low and slope_high are its 95 % bounds",
-    "robust_slope": "median over pairs of points, with bounds from a bootstrap over the points (at least five); "
-    "both pairs of bounds treat points as independent",
+    "robust_slope": "gyral on cortical thickness [mm/mm], median over pairs of points, with 95 % bounds from a "
+    "bootstrap over the points (at least five); both pairs of bounds treat points as independent",
+    "slope": "least squares; slope_low and slope_high are its 95 % bounds, slope_without_few is without the twentieth "
+    "of the points that change it most",
     "gyral_over_cortical": "median gyral over mean cortical thickness of the surface",
     "gyral_over_cortical_at_crests": "median over its crests of gyral over cortical thickness",
 }
@@ -160,12 +162,13 @@ def _fit(surface: str, words: str, points: np.ndarray, m: Measures | None) -> di
     if fit is None or np.ptp(y) == 0:
         return row
     return row | {
-        "slope": fit.slope,
-        "slope_low": fit.slope_low,
-        "slope_high": fit.slope_high,
         "robust_slope": fit.robust,
         "robust_low": fit.robust_low,
         "robust_high": fit.robust_high,
+        "slope": fit.slope,
+        "slope_low": fit.slope_low,
+        "slope_high": fit.slope_high,
+        "slope_without_few": fit.slope_without_few,
         "intercept_mm": fit.intercept,
         "r": fit.r,
     }

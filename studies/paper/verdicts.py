@@ -118,11 +118,12 @@ def _fig8(tables: Tables) -> str:
     return (
         f"{_as(bodies['slope'] > 0)} in the paper, gyri are wider in bodies with a thicker cortex: W = "
         f"{bodies['slope']:.2f} t {start} mm. Over regions of the average brain, two hemispheres with two thicknesses "
-        f"each, the slope is positive in {sum(r['slope'] > 0 for r in regions)} of {len(regions)} fits by least "
-        f"squares, in {sum(r['robust_slope'] > 0 for r in regions)} by medians, and above 0 with 95 % confidence in "
-        f"{sum(r['slope_low'] > 0 for r in regions)}. At their crests, gyri are {ratios[1][0]} times as wide as the "
-        f"cortex is thick in the models, {ratios[1][1]} times in a person; over all the cortex {ratios[0][0]} "
-        f"and {ratios[0][1]} times."
+        f"each, the robust slope is positive in {sum(r['robust_slope'] > 0 for r in regions)} of {len(regions)} fits, "
+        f"above 0 with 95 % confidence in {_above_0(regions)} (by least squares "
+        f"{sum(r['slope'] > 0 for r in regions)} and {sum(r['slope_low'] > 0 for r in regions)}). From crest to crest "
+        f"of one surface it is above 0 with 95 % confidence in {_above_0(crests)} of {len(crests)}. At their crests, "
+        f"gyri are {ratios[1][0]} times as wide as the cortex is thick in the models, {ratios[1][1]} times in a "
+        f"person; over all the cortex {ratios[0][0]} and {ratios[0][1]} times."
     )
 
 
@@ -165,6 +166,11 @@ def _fig8_grown(tables: Tables) -> str:
     if control["high"] is None:
         return text
     return f"{text} Of two seeds, which differ by chance alone, 95 % have powers below {control['high']:.2f}."
+
+
+def _above_0(rows: Sequence[Row]) -> int:
+    """Number of fits whose robust slope is above 0 with 95 % confidence."""
+    return sum(row["robust_low"] is not None and row["robust_low"] > 0 for row in rows)
 
 
 def _falls(values: Sequence[float]) -> bool:
