@@ -103,13 +103,9 @@ class Net:
         ``loop`` [mm]. A merged junction lies at the mean of all junctions that it was merged from."""
         while True:
             degree = self.degrees()
-            loops = [
-                (arc.length, n)
-                for n, arc in self.arcs.items()
-                if arc.a == arc.b and arc.length < loop and degree[arc.a] > 2
-            ]
+            loops = [n for n, arc in self.arcs.items() if arc.a == arc.b and arc.length < loop and degree[arc.a] > 2]
             if loops:
-                self.drop(min(loops)[1])
+                self.drop(min(loops, key=lambda n: self.arcs[n].length))
                 continue
             short = [
                 (arc.length, n)

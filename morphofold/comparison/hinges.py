@@ -194,12 +194,15 @@ def _compare_with_chance(
         return controls, None, ""
     size = min(len(a), len(net), MOST_TESTED_HINGES)
     both = np.concatenate([rng.permutation(far[name])[:size] for name in (one, RANDOM_NET_NAME)])
-    if len(theirs) < LEAST_SURFACES_AS_UNITS:
-        return controls, _p_of_divisions(both[:, rng.permutation(len(b))[:MOST_TESTED_HINGES]], rng), "hinges"
-    parts = np.split(both, np.cumsum([len(s) for s in theirs.values()])[:-1], axis=1)
-    apart = np.array([_difference(part) for part in parts if part.shape[1]])
-    means = rng.choice([-1.0, 1.0], size=(PERMUTATIONS, len(apart))) @ apart
-    return controls, _share_as_large(means, apart.sum()), "surfaces"
+    units = "hinges" if len(theirs) < LEAST_SURFACES_AS_UNITS else "surfaces"
+    if units == "hinges":
+        found, drawn = _difference(both), np.array([_difference(rng.permutation(both)) for _ in range(PERMUTATIONS)])
+    else:
+        parts = np.split(both, np.cumsum([len(s) for s in theirs.values()])[:-1], axis=1)
+        apart = np.array([_difference(part) for part in parts if part.shape[1]])
+        found, drawn = float(apart.sum()), rng.choice([-1.0, 1.0], size=(PERMUTATIONS, len(apart))) @ apart
+    as_large = int(np.count_nonzero(np.abs(drawn) >= abs(found) - 1e-12))
+    return controls, (1 + as_large) / (1 + PERMUTATIONS), units
 
 
 def _median_distances(distance: Array) -> Array:
@@ -211,16 +214,6 @@ def _difference(distance: Array) -> float:
     """Sum of both medians for the first half of the rows, less that for the second."""
     half = len(distance) // 2
     return float((_median_distances(distance[:half]) - _median_distances(distance[half:])).sum())
-
-
-def _p_of_divisions(distance: Array, rng: np.random.Generator) -> float:
-    """How often a random division of the rows into halves differs at least as much as the given one."""
-    drawn = np.array([_difference(rng.permutation(distance)) for _ in range(PERMUTATIONS)])
-    return _share_as_large(drawn, _difference(distance))
-
-
-def _share_as_large(drawn: Array, found: float) -> float:
-    return float(1 + np.count_nonzero(np.abs(drawn) >= abs(found) - 1e-12)) / (1 + len(drawn))
 
 
 def net_at_chance(shapes: Sequence[HingeShapes], *, seed: int = 0) -> Array | None:

@@ -222,7 +222,6 @@ def _slope_without_few(x: Array, y: Array, slope: float) -> float | None:
     if len(x) < LEAST_POINTS_FOR_BOUNDS:
         return None
     away = x - x.mean()
-    share = away**2 / (away @ away)
-    pull = away * (y - y.mean() - slope * away) / np.maximum(1 - 1 / len(x) - share, 1e-12)
-    stay = np.argsort(np.abs(pull), kind="stable")[: len(x) - max(len(x) // 20, 1)]
+    pull = np.abs(away * (y - y.mean() - slope * away))
+    stay = np.argsort(pull, kind="stable")[: len(x) - max(len(x) // 20, 1)]
     return float(np.polyfit(x[stay], y[stay], 1)[0]) if np.ptp(x[stay]) > 0 else None
