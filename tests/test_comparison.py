@@ -79,12 +79,14 @@ def test_mirror_images_are_remarked_on():
     assert any("a: a part was simulated" in note for note in compare({"a": made_measures(portion=0.125)}).notes)
 
 
-def test_regions_of_one_surface_are_not_set_beside_crests_of_another():
+def test_a_surface_with_regions_has_points_of_regions_whatever_the_others_have():
     model, brain = made_measures(regions=False), made_measures("rh")
     for m in (model, brain):
         m.crests.append({"crest": 0, "cortical_thickness_mm": 2.0, "gyral_thickness_mm": 5.0})
-    assert [c.kind for c in compare({"model": model, "MRI": brain}).clouds] == ["crest", "crest"]
-    assert [c.kind for c in compare({"one": brain, "two": made_measures()}).clouds] == ["region", "region"]
+    both, alike = compare({"model": model, "MRI": brain}), compare({"one": brain, "two": made_measures()})
+    assert [c.kind for c in both.clouds] == ["crest", "region"]
+    assert [c.kind for c in alike.clouds] == ["region", "region"]
+    assert len(both.notes) == len(alike.notes) + 1  # points of two kinds
 
 
 @pytest.mark.slow

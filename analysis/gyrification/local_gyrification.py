@@ -87,7 +87,7 @@ def local_gyrification_index(
     points, triangles = envelope(verts, faces, closing, voxel)
     bin_ = region / BINS_PER_REGION_RADIUS
     shape = _odd_sizes(np.concatenate([verts, points]), region, bin_)
-    low = -0.5 * shape * bin_
+    low: Array = -0.5 * bin_ * shape
     middles, areas = points[triangles].mean(axis=1), face_areas(points, triangles)
     folded, smooth = beside(
         partial(_area_within_radius, verts, vertex_areas(verts, faces), low, shape, bin_, region),
@@ -105,7 +105,9 @@ def envelope(verts: Verts, faces: Faces, closing: float, voxel: float) -> tuple[
     import pyvista
 
     shape = _odd_sizes(verts, closing + 3 * voxel, voxel)
-    grid = pyvista.ImageData(dimensions=shape, spacing=3 * (voxel,), origin=-0.5 * (shape - 1) * voxel)
+    grid = pyvista.ImageData(
+        dimensions=shape.tolist(), spacing=3 * (voxel,), origin=(-0.5 * voxel * (shape - 1)).tolist()
+    )
     solid = pyvista.PolyData.from_regular_faces(verts, faces.astype(int)).voxelize_binary_mask(reference_volume=grid)
     inside = solid.point_data["mask"].reshape(shape, order="F") > 0
     # distances are between voxel centres; the surface lies half a voxel from the centres on both sides

@@ -188,8 +188,8 @@ def _compare_with_chance(
         order = rng.permutation(len(b))
         for name, d in far.items():
             drawn = order[n : 2 * n] if name == itself else rng.choice(len(d), n, replace=False)
-            total[name] += _median_distances(d[np.ix_(drawn, order[:n])])
-    controls = tuple(Control(name, *(medians / DRAWS).tolist(), n) for name, medians in total.items())
+            total[name] += _median_distances(d[np.ix_(drawn, order[:n])]) / DRAWS
+    controls = tuple(Control(name, float(to), float(back), n) for name, (to, back) in total.items())
     if net is None:
         return controls, None, ""
     size = min(len(a), len(net), MOST_TESTED_HINGES)

@@ -105,33 +105,24 @@ def wrinkling_wavelength(mu_ratio: float) -> TheoryLine:
 
 
 def thickness_clouds(surfaces: Sequence[Measures]) -> tuple[Cloud, ...]:
-    """Gyral against cortical thickness of several surfaces, each as in :func:`thickness_cloud`.
-
-    Regions are not compared with crests: if a surface has only crests, points are crests for all surfaces.
-    """
-    clouds = tuple(thickness_cloud(m) for m in surfaces)
-    if any(cloud.kind == "crest" for cloud in clouds):
-        clouds = tuple(
-            cloud if cloud.kind == "crest" else thickness_cloud(m, by=("crest",)) for m, cloud in zip(surfaces, clouds)
-        )
-    return clouds
+    """Gyral against cortical thickness of several surfaces, each as in :func:`thickness_cloud`."""
+    return tuple(map(thickness_cloud, surfaces))
 
 
-def thickness_cloud(measures: Measures, by: Sequence[str] = ("region", "crest")) -> Cloud:
+def thickness_cloud(measures: Measures) -> Cloud:
     """Gyral against cortical thickness of one surface.
 
     One point per region if there are regions with both thicknesses; else one per crest; else one for the whole
     surface (median gyral, mean cortical thickness). Crests whose cortex is less than half as thick as the surface's are
-    left out: they lie on a medial wall that was not marked. ``by``: which of regions and crests are tried. Without
-    regions, bins of vertices with equal counts by cortical thickness show the spread (median and quartiles). The line
-    is fitted to at least three regions or crests, never to bins: their vertices are not independent.
+    left out: they lie on a medial wall that was not marked. Without regions, bins of vertices with equal counts by
+    cortical thickness show the spread (median and quartiles). The line is fitted to at least three regions or crests,
+    never to bins: their vertices are not independent.
     """
     thinnest = 0.5 * (measures.scalars.get("mean_cortical_thickness_mm") or 0.0)
-    rows_of = {"region": measures.regions, "crest": measures.crests}
-    for kind in by:
+    for kind, rows in (("region", measures.regions), ("crest", measures.crests)):
         points = tuple(
             ThicknessPoint(float(thick), float(wide), str(row.get(kind, kind)))
-            for wide, thick, row in _rows_with_both_thicknesses(rows_of[kind])
+            for wide, thick, row in _rows_with_both_thicknesses(rows)
             if kind == "region" or thick >= thinnest
         )
         if points:
