@@ -160,7 +160,8 @@ def _trace_lines(
     lacks = _curvature_drop_beside(verts, faces, k, points, np.where(share < 0.5, low, high), along, height, beside)
     links = links.reshape(-1, 2)
     graph = symmetric(len(points), links, np.ones(len(links), dtype=np.int8))
-    for path in paths(graph, np.zeros(0, dtype=np.int64)):  # no junctions: an edge has two triangles
+    none = np.zeros(0, dtype=np.int64)  # no junctions: an edge has two triangles
+    for path in paths(graph, none, np.arange(len(points))):
         line = points[path]
         steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
         length = float(steps.sum())

@@ -15,7 +15,6 @@ from morphofold.surface import Faces, PerVertex, Verts, check_mesh
 from morphofold.threads import in_blocks
 
 DEFAULT_SCALE_IN_EDGES = 3.0  # the default scale, in mean edges
-MOST_FIT_POINTS = 128  # most points in a fit, taken evenly from more: further points cost time and add little
 LEAST_CUBIC_FIT_POINTS = 14  # points needed for the ten coefficients; with fewer the neighbourhood grows
 LEAST_NORMAL_COSINE = 0.2  # cosine below which a neighbour's normal belongs to another wall
 ENLARGEMENT_FACTOR = 1.4  # factor on the radius where there are too few points, at most MOST_ENLARGEMENTS times
@@ -102,8 +101,7 @@ def curvature(verts: Verts, faces: Faces, scale: float | None = None) -> Curvatu
     The neighbourhood of a vertex is found by walking along edges, over vertices within ``scale`` that face the same way
     (normals less than 78 degrees apart). So the opposite wall of a closed sulcus is excluded. A cubic polynomial is
     fitted to the heights over the tangent plane. It has constant and linear terms, so it is not forced through the
-    vertex or into the frame. The weights are ``(1 - d^2/scale^2) n.n_i``. At most 128 points are used, evenly in the
-    order of the walk; beyond that number, at about six edges, the result depends a little on the numbering of vertices.
+    vertex or into the frame. The weights are ``(1 - d^2/scale^2) n.n_i``.
     Curvatures and directions follow from the first and second fundamental form of the fit at the vertex.
 
     A point of height h is not placed at its projection x. It is moved outwards along the unit gradient g of the surface
@@ -267,9 +265,8 @@ def _normal_equations(i, verts, normals, queue, count, radius, frame, bend_u, be
             m[p, j] = 0.0
     for r in range(10):
         b[r] = 0.0
-    fitted = min(count, MOST_FIT_POINTS)
-    for q in range(fitted):
-        w = queue[q * count // fitted]
+    for q in range(count):
+        w = queue[q]
         x, y, z = verts[w, 0] - verts[i, 0], verts[w, 1] - verts[i, 1], verts[w, 2] - verts[i, 2]
         x, y, z = x / radius, y / radius, z / radius
         u = frame[0, 0] * x + frame[0, 1] * y + frame[0, 2] * z

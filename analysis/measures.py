@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from PIL.Image import Image
 
 SLOPE_SCALARS = (
-    "gyral_to_cortical_slope",
-    "gyral_to_cortical_r",
     "gyral_to_cortical_slope_robust",
     "gyral_to_cortical_slope_low",
     "gyral_to_cortical_slope_high",
+    "gyral_to_cortical_slope",
+    "gyral_to_cortical_r",
 )
 SCALARS = (
     "n_vertices",

@@ -408,7 +408,7 @@ def _slope_scalars(fitted: Line | None) -> list[float | None]:
     """Values of the scalars in ``SLOPE_SCALARS``; the bounds are None where there are too few regions for them."""
     if fitted is None:
         return [None] * len(SLOPE_SCALARS)
-    return [_finite_or_none(value) for value in (fitted.slope, fitted.r, fitted.robust, fitted.low, fitted.high)]
+    return [_finite_or_none(value) for value in (fitted.robust, fitted.low, fitted.high, fitted.slope, fitted.r)]
 
 
 def _finite_or_none(value: float) -> float | None:

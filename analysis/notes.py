@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from morphofold.analysis.graph.hinges import LEAST_CONFIDENCE, LEAST_STRICT_CONFIDENCE
-from morphofold.mesh_quality.checks import cortex_label
+from morphofold.mesh_quality.checks import cortex_label, off_pial
 from morphofold.surface import Cortex
 
 if TYPE_CHECKING:
@@ -24,9 +24,9 @@ NO_REGIONS_NOTE = (
     "and no line fitted through regions."
 )
 AVERAGE_BRAINS = ("fsaverage", "cvs_avg")  # names of the averages that come with FreeSurfer
-# gyral width over gyral thickness in people, and the factor beyond which it is noted
+# crown width over gyral thickness in people, and the factor beyond which it is noted
 USUAL_WIDTH_RATIO, LARGEST_RATIO_FACTOR = 0.7, 2.0
-LEAST_WIDTH_IN_EDGES = 4.0  # gyral width in mean edges, below which the mesh is noted as coarse
+LEAST_WIDTH_IN_EDGES = 4.0  # crown width in mean edges, below which the mesh is noted as coarse
 
 HINGE_SCALARS = ("n_hinges", "n_hinges_3", "n_hinges_4", "n_hinges_low", "n_hinges_high")
 GRAPH_SCALARS = (*HINGE_SCALARS, "n_crests", "crest_length_mm")
@@ -111,7 +111,7 @@ def of_cortex_mask(cortex: Cortex) -> Notes:
     if word == "label":
         return {} if cortex.regions else {"parcellation": NO_REGIONS_NOTE}
     out = f"{np.count_nonzero(~label):,} of {cortex.n_vertices:,} vertices"
-    met = np.count_nonzero(np.all(cortex.white.verts == cortex.pial.verts, axis=1))
+    met = np.count_nonzero(~off_pial(cortex))
     how = {
         "annotation": f"cortex is what the annotation's regions cover; this leaves out {out}.",
         "template": f"cortex is where fsaverage5 is, carried over by {cortex.hemi}.sphere.reg; this leaves out {out}.",

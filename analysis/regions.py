@@ -9,7 +9,7 @@ import numpy as np
 
 from morphofold.analysis.graph.tables import region_columns
 from morphofold.errors import WrongShape
-from morphofold.geometry import vertex_areas
+from morphofold.geometry import face_vectors, vertex_areas
 from morphofold.mesh_quality.checks import is_no_cortex
 from morphofold.surface import Cortex, PerVertex, check_kind
 
@@ -131,11 +131,12 @@ def gray_volumes(cortex: Cortex) -> PerVertex:
 
     Notes
     -----
-    The definition is FreeSurfer's since version 6 (``MRISvolumeTH3``, after Winkler and others 2018 [1]_): each
-    truncated wedge is split into three tetrahedra that share a pial corner, and their absolute volumes are summed. The
-    sides of a wedge are not flat. Sums therefore differ a little from the volume between the surfaces, and depend on
-    the corner at which the triangles of a file begin: by 0.1 % on fsaverage5, and by 1 % in single regions. Between
-    concentric spheres they are exact.
+    The wedge between a triangle on white and that on pial is what the triangle sweeps if each corner moves along a
+    straight line: ``mean step . (a_white + 4 a_mid + a_pial) / 6`` with vector areas a. Neighbours share the sides, so
+    that between closed surfaces the sum is the volume of pial less that of white, where no wedge is inverted; of those
+    the absolute value counts. FreeSurfer since version 6 (``MRISvolumeTH3``, after Winkler and others 2018 [1]_) splits
+    the same wedge into three tetrahedra, whose sum depends on the corner at which the triangle begins: by 0.1 % on
+    fsaverage5, and by up to 8 % in single regions.
 
     References
     ----------
@@ -143,12 +144,11 @@ def gray_volumes(cortex: Cortex) -> PerVertex:
        thickness as a replacement for the analysis of the volume of the cerebral cortex. Cereb. Cortex 28, 738 (2018).
     """
     check_kind(cortex, Cortex, "gray_volumes: cortex")
-    white, pial = cortex.white.verts[cortex.faces], cortex.pial.verts[cortex.faces]  # (M, 3 corners, 3)
-    origin = pial[:, 0]
-    a, b, c = (white[:, k] - origin for k in range(3))
-    B, C = (pial[:, k] - origin for k in (1, 2))
-    six = sum(np.abs(np.einsum("ij,ij->i", u, np.cross(v, w))) for u, v, w in ((a, b, c), (B, C, b), (C, c, b)))
-    return np.bincount(cortex.faces.ravel(), np.repeat(six / 18, 3), cortex.n_vertices).astype(np.float64)
+    white, pial, faces = cortex.white.verts, cortex.pial.verts, cortex.faces
+    between = ((1, white), (4, (white + pial) / 2), (1, pial))
+    swept = sum(share * face_vectors(verts, faces) for share, verts in between)
+    wedge = np.abs(np.sum((pial - white)[faces].mean(axis=1) * swept, axis=1)) / 6
+    return np.bincount(faces.ravel(), np.repeat(wedge / 3, 3), cortex.n_vertices).astype(np.float64)
 
 
 def wide_table(subjects: Mapping[str, Iterable[Mapping[str, Any]]]) -> list[dict[str, Any]]:

@@ -72,7 +72,7 @@ def height_and_vertical(verts: Verts, faces: Faces, scale: float) -> tuple[PerVe
     return np.sum((verts - smooth) * vertical, axis=1), vertical
 
 
-def implicit_smoothing(verts: Verts, faces: Faces, scale: float, *, rounds: int = 2, rtol: float = 1e-4) -> Verts:
+def implicit_smoothing(verts: Verts, faces: Faces, scale: float, *, rounds: int = 2, rtol: float = 1e-6) -> Verts:
     """Solve ``(M + scale^2 L) x' = M x`` ``rounds`` times: features much shorter than ``scale`` [mm] vanish.
 
     M are the vertex areas and L the cotangent Laplacian with cotangents clipped to [0, 3], both of the *given* surface.

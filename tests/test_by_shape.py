@@ -46,6 +46,15 @@ def test_crown_wall_and_fundus_have_their_shares_of_the_area_in_the_order_of_dep
         assert row["thickness_sd_mm"] == pytest.approx(100 * (high - low) / np.sqrt(12), rel=0.02)
 
 
+def test_vertices_of_equal_depth_stay_together(rng):
+    """Half of the body lies on its hull; which vertices are its crown must not depend on their numbers."""
+    depth = np.maximum(-50 * VERTS[:, 2], 0.0) + rng.uniform(0, 1e-9, len(VERTS))
+    rows = thickness_by_shape(SHELL, {"cortical_thickness": np.ones(len(VERTS)), "sulcal_depth": depth})
+    assert row_of(rows, "crown")["n_vertices"] == np.count_nonzero(depth < 1e-6)
+    none = thickness_by_shape(SHELL, {"cortical_thickness": np.full(len(VERTS), np.nan), "sulcal_depth": depth})
+    assert [row["n_vertices"] for row in none] == [0, 0, 0]
+
+
 def test_unknown_values_have_no_weight():
     depth = 50 - 50 * VERTS[:, 2]
     thickness = np.where(VERTS[:, 0] > 0, np.nan, 2.0)

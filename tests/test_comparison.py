@@ -79,12 +79,14 @@ def test_mirror_images_are_remarked_on():
     assert any("a: a part was simulated" in note for note in compare({"a": made_measures(portion=0.125)}).notes)
 
 
-def test_regions_of_one_surface_are_not_set_beside_crests_of_another():
+def test_a_surface_with_regions_has_points_of_regions_whatever_the_others_have():
     model, brain = made_measures(regions=False), made_measures("rh")
     for m in (model, brain):
         m.crests.append({"crest": 0, "cortical_thickness_mm": 2.0, "gyral_thickness_mm": 5.0})
-    assert [c.kind for c in compare({"model": model, "MRI": brain}).clouds] == ["crest", "crest"]
-    assert [c.kind for c in compare({"one": brain, "two": made_measures()}).clouds] == ["region", "region"]
+    both, alike = compare({"model": model, "MRI": brain}), compare({"one": brain, "two": made_measures()})
+    assert [c.kind for c in both.clouds] == ["crest", "region"]
+    assert [c.kind for c in alike.clouds] == ["region", "region"]
+    assert len(both.notes) == len(alike.notes) + 1  # points of two kinds
 
 
 @pytest.mark.slow
@@ -105,6 +107,20 @@ def test_a_slope_is_one_only_where_its_interval_leaves_out_zero():
         assert fit.sloped is sloped
         assert (fit.slope_low * fit.slope_high > 0) is sloped
     assert fit_line([ThicknessPoint(x, -2 * x + 0.1 * (x % 2), "") for x in range(6)]).sloped
+
+
+def test_a_few_wide_crests_do_not_make_a_slope(rng):
+    """Forty crests without a trend and two very wide ones where the cortex is thickest."""
+    x, y = np.append(rng.uniform(2, 3, 40), [3.2, 3.3]), np.append(rng.normal(8, 0.5, 40), [20, 22])
+    fit = fit_line([ThicknessPoint(a, b, "") for a, b in zip(x, y)])
+    assert fit.slope > 2.5
+    assert fit.slope_low > 0
+    assert fit.slope_without_few == pytest.approx(np.polyfit(x[:40], y[:40], 1)[0])
+    assert abs(fit.slope_without_few) < 1
+    assert abs(fit.robust) < 1
+    assert not fit.sloped
+    np.testing.assert_allclose(np.median(y - fit.at(x)), 0, atol=1e-12)  # the line drawn is the robust one
+    np.testing.assert_allclose(np.diff(fit.at(np.array([2.0, 3.0]))), fit.robust)
 
 
 def test_differing_scales_are_said_once_with_their_values():

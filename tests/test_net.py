@@ -131,7 +131,7 @@ def test_borders_of_voronoi_cells_are_their_net(cells):
         seeds /= np.linalg.norm(seeds, axis=1, keepdims=True)
     verts, faces = icosphere(5)
     basin = np.argmax(verts @ seeds.T, axis=1).astype(np.int64)
-    net = borders(verts, faces, edges(faces), basin, basin)
+    net = borders(verts, faces, edges(faces), basin, basin, verts[:, 2])
     degrees, loops, parts = counted(consistent(net))
     used = len(set(basin.tolist()))
     assert used == cells
@@ -147,10 +147,10 @@ def test_borders_of_voronoi_cells_are_their_net(cells):
 def test_a_border_without_junctions_is_a_loop_and_on_an_open_surface_ends_at_its_rim():
     verts, faces = icosphere(3)
     half = (verts[:, 2] > 0.1).astype(np.int64)
-    assert counted(borders(verts, faces, edges(faces), half, half)) == ([2], 1, 1)
+    assert counted(borders(verts, faces, edges(faces), half, half, verts[:, 2])) == ([2], 1, 1)
     open_ = cylinder(n_around=24, n_along=9)
     side = (open_.verts[:, 0] > 0.3).astype(np.int64)
-    net = borders(open_.verts, open_.faces, edges(open_.faces), side, side)
+    net = borders(open_.verts, open_.faces, edges(open_.faces), side, side, open_.verts[:, 2])
     assert counted(net) == ([1, 1, 1, 1], 0, 2)
     assert all(node.cut for node in net.nodes.values())
 
@@ -159,7 +159,7 @@ def test_regular_borders_make_regular_nets():
     dual = regular_net("octahedron")
     verts, faces = icosphere(4)
     basin = np.argmax(verts @ dual.nodes.T, axis=1).astype(np.int64)
-    degrees, loops, parts = counted(borders(verts, faces, edges(faces), basin, basin))
+    degrees, loops, parts = counted(borders(verts, faces, edges(faces), basin, basin, verts[:, 2]))
     assert (degrees, loops, parts) == ([3] * 8, 5, 1)  # the cube
 
 

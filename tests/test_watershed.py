@@ -45,7 +45,7 @@ def test_basins_are_those_of_a_flood(rng, persistence):
     verts, faces = icosphere(3)
     values = np.sin(5 * verts[:, 0]) + np.cos(4 * verts[:, 1]) + 0.2 * rng.standard_normal(len(verts))
     pairs = edges(faces)
-    found = Watershed(pairs, np.ones(len(pairs)), values).basins(persistence)
+    found = Watershed(pairs, np.ones(len(pairs)), values, values).basins(persistence)
     truth = flooded(pairs, values, persistence)
     assert len({*zip(found.tolist(), truth.tolist())}) == len(set(found.tolist())) == len(set(truth.tolist()))
     assert set(found.tolist()) == set(range(found.max() + 1))
@@ -56,7 +56,7 @@ def test_every_basin_has_one_lowest_vertex_and_lasts_as_long_as_it_is_deep():
     verts, faces = icosphere(4)
     away = [np.linalg.norm(verts - pole, axis=1) for pole in ([0, 0, 1], [0, 0, -1])]
     values = -1.0 * np.exp(-((away[0] / 0.6) ** 2)) - 0.4 * np.exp(-((away[1] / 0.6) ** 2))
-    found = Watershed(edges(faces), np.ones(len(edges(faces))), values)
+    found = Watershed(edges(faces), np.ones(len(edges(faces))), values, values)
     deep = found.heights > 0.05
     assert deep.sum() == 1
     assert found.heights[deep][0] == pytest.approx(0.4, abs=0.01)

@@ -27,7 +27,7 @@ from morphofold.mesh_quality import checks
 from morphofold.surface import Cortex, PerVertex, Surface, check_kind
 from morphofold.threads import beside
 
-EQUAL_DISTANCE_TOLERANCE = 1e-6  # relative: distances that are the same up to rounding
+EQUAL_DISTANCE_TOLERANCE = 1e-2  # relative: where a border of basins crosses an edge, both ends are as near as that
 STRONG_CREST_QUANTILE = 0.9  # quantile of strength, over the length of the net, taken as that of a true crest,
 LEAST_STRENGTH_SHARE = 0.15  # and the share of it below which a crest is dropped
 
@@ -125,7 +125,7 @@ class CrestNetBuilder:
 
         def found() -> Fields:
             D, H = operators.depth_and_curvature(scales.reach, scales.smoothing)
-            return Fields(D, D - operators.smooth(D, scales.width), H, Watershed(operators.pairs, operators.lengths, D))
+            return Fields(D, D - operators.smooth(D, scales.width), H, operators.watershed(D))
 
         fields: Fields
         fields, _ = beside(found, lambda: self.path_lengths)  # which the net needs next
@@ -135,7 +135,7 @@ class CrestNetBuilder:
         """Steps 1 to 4 of :func:`morphofold.analysis.gyral_graph`."""
         operators, width = self.operators, scales.width
         basin = fields.flood.basins(persistence(fields.D, scales.persistence))
-        net = borders(operators.verts, operators.faces, operators.pairs, basin, fields.flood.finest)
+        net = borders(operators.verts, operators.faces, operators.pairs, basin, fields.flood.finest, fields.D)
         if self.masked:
             net.keep(lambda points: np.all(self.inside[_nearest_vertices(self.tree, points)], axis=1))
         least = _drop_weak_crests(net, fields.band, self.tree)

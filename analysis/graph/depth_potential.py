@@ -18,12 +18,13 @@ from morphofold.errors import OutOfRange
 from morphofold.surface import Faces, PerVertex, Verts, check_mesh
 
 COTANGENT_BOUNDS = (-5.0, 20.0)  # bounds: in needle triangles cotangents have no limit
-SOLVER_TOLERANCE = 1e-5  # 0.0003 mm in a brain
+SOLVER_TOLERANCE = 1e-7  # 0.000003 mm in a brain
 HEAT_STEPS = 3  # implicit Euler steps of one heat flow
 # of the root of the area: scale at which the width is measured, 2 mm for a hemisphere
 FIRST_SCALE_PER_ROOT_AREA = 0.007
 # reach of the depth potential and persistence of its basins, in units of that scale
 FIRST_REACH_IN_SCALES, FIRST_PERSISTENCE_IN_SCALES = 7.0, 0.7
+TIE_DIRECTION = np.array([0.0, 0.6, 0.8])  # (3,), not along an axis of x, in which hemispheres are mirrored
 REACH_IN_WIDTHS, SMOOTHING_IN_WIDTHS = 1.5, 0.2  # reach and smoothing of the depth potential, in crown widths
 LARGEST_PERSISTENCE_SHARE = 0.2  # of the range of the depth potential: the largest persistence that is used
 LOW_QUANTILE, HIGH_QUANTILE = 0.05, 0.98  # quantiles that define this range
@@ -111,6 +112,11 @@ class SurfaceOperators:
         mean: PerVertex = np.divide(bent, area, out=np.zeros_like(bent), where=area > 0)[of]
         return mean
 
+    def watershed(self, D: PerVertex) -> Watershed:
+        """Basins of a depth potential. On the planes of symmetry of simulated bodies the side with the larger y and z
+        is taken, which a mirrored hemisphere shares."""
+        return Watershed(self.pairs, self.lengths, D, self.verts @ TIE_DIRECTION)
+
     def gyral_width(self, inside: NDArray[np.bool_] | None = None) -> float:
         """Width of the gyri [mm] from inflection to inflection across the crests, used as a scale for the graph.
 
@@ -120,7 +126,7 @@ class SurfaceOperators:
         """
         scale = max(FIRST_SCALE_PER_ROOT_AREA * self.area**0.5, self.edge)
         D, H = self.depth_and_curvature(FIRST_REACH_IN_SCALES * scale, scale)
-        basin = Watershed(self.pairs, self.lengths, D).basins(persistence(D, FIRST_PERSISTENCE_IN_SCALES * scale))
+        basin = self.watershed(D).basins(persistence(D, FIRST_PERSISTENCE_IN_SCALES * scale))
         crest = np.unique(self.pairs[basin[self.pairs[:, 0]] != basin[self.pairs[:, 1]]])
         crest = crest[(D[crest] > 0) & (H[crest] > 0)]
         if inside is not None:

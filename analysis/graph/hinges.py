@@ -154,21 +154,8 @@ def hinge_at(graph: nx.MultiGraph, node: int) -> Hinge:
     arms = []
     for number, (k, turn) in enumerate(zip(order, turns)):
         direction, to, crest = found[k]
-        arms.append(
-            Arm(
-                node,
-                number,
-                to,
-                crest["number"],
-                turn,
-                crest["length"],
-                crest["curvature"],
-                crest["altitude"],
-                crest["lowest"],
-                crest["blind"],
-                tuple(direction.tolist()),
-            )
-        )
+        along = (crest[key] for key in ("length", "curvature", "altitude", "lowest", "blind"))
+        arms.append(Arm(node, number, to, crest["number"], turn, *along, tuple(direction.tolist())))
     seeing = sum(not arm.blind for arm in arms)
     return Hinge(
         node,

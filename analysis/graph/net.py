@@ -10,7 +10,9 @@ from scipy import sparse
 
 from morphofold.arrays import Array, Ints
 from morphofold.geometry import arc_length, edges_of_faces, norms, symmetric
-from morphofold.surface import Faces, Verts
+from morphofold.surface import Faces, PerVertex, Verts
+
+OFF_MIDPOINT = 1e-3  # of an edge: how far from its midpoint a border between basins crosses it
 
 
 class Node:
@@ -103,7 +105,7 @@ class Net:
             degree = self.degrees()
             loops = [n for n, arc in self.arcs.items() if arc.a == arc.b and arc.length < loop and degree[arc.a] > 2]
             if loops:
-                self.drop(loops[0])
+                self.drop(min(loops, key=lambda n: self.arcs[n].length))
                 continue
             short = [
                 (arc.length, n)
@@ -201,7 +203,7 @@ def smoothed(points: Array, deviation: float) -> Array:
     return np.stack([np.convolve(padded[:, k], weights / weights.sum(), "valid") for k in range(3)], axis=1)
 
 
-def borders(verts: Verts, faces: Faces, pairs: Ints, basin: Ints, finest: Ints) -> Net:
+def borders(verts: Verts, faces: Faces, pairs: Ints, basin: Ints, finest: Ints, height: PerVertex) -> Net:
     """The net of the borders between basins. It is connected by construction; junctions are where three basins meet.
 
     Parameters
@@ -210,13 +212,15 @@ def borders(verts: Verts, faces: Faces, pairs: Ints, basin: Ints, finest: Ints) 
         Surface and its edges in ascending order.
     basin, finest : (N,) int64
         Basin of each vertex, and its finest basin, which junctions record.
+    height : (N,) float64
+        What the basins are of. It decides where points would be equal up to rounding.
 
     Returns
     -------
     Net
-        A curve runs through the midpoints of edges whose ends are in different basins. A junction lies in a triangle
-        with three basins. A border without a junction is a loop from one of its points. Curves end at the border of the
-        surface.
+        A curve runs through the midpoints of edges whose ends are in different basins, a thousandth of the edge nearer
+        to the higher end, so that one vertex is the nearest. A junction lies in a triangle with three basins. A border
+        without a junction is a loop from its highest point. Curves end at the border of the surface.
     """
     ends = basin[pairs]
     crossed = np.flatnonzero(ends[:, 0] != ends[:, 1])
@@ -226,13 +230,16 @@ def borders(verts: Verts, faces: Faces, pairs: Ints, basin: Ints, finest: Ints) 
     count = (side >= 0).sum(axis=1)
     two, three = np.flatnonzero(count == 2), np.flatnonzero(count == 3)
     junction = len(crossed) + np.arange(len(three))
-    points = np.concatenate([verts[pairs[crossed]].mean(axis=1), verts[faces[three]].mean(axis=1)])
+    ends = pairs[crossed]
+    share = 0.5 + OFF_MIDPOINT * np.sign(height[ends[:, 1]] - height[ends[:, 0]])
+    middle = verts[ends[:, 0]] + share[:, None] * (verts[ends[:, 1]] - verts[ends[:, 0]])
+    points = np.concatenate([middle, verts[faces[three]].mean(axis=1)])
     links = np.concatenate(
         [side[two][side[two] >= 0].reshape(-1, 2), np.column_stack([np.repeat(junction, 3), side[three].ravel()])]
     )
     graph = symmetric(len(points), links, np.ones(len(links), dtype=np.int8))
     net, name = Net(), {}
-    for path in paths(graph, junction):
+    for path in paths(graph, junction, np.argsort(-height[ends].sum(axis=1), kind="stable")):
         for end in (path[0], path[-1]):
             if end not in name:
                 inside = end >= len(crossed)
@@ -243,8 +250,9 @@ def borders(verts: Verts, faces: Faces, pairs: Ints, basin: Ints, finest: Ints) 
     return net
 
 
-def paths(graph: sparse.csr_array, junction: Ints) -> Iterator[list[int]]:
-    """Chains between junctions or borders of the surface, and rings; each occurs once.
+def paths(graph: sparse.csr_array, junction: Ints, first_of_rings: Ints) -> Iterator[list[int]]:
+    """Chains between junctions or borders of the surface, and rings, each once; a ring begins at the first of its
+    points in the given order.
 
     A point with more than two neighbours, on an edge with more than two triangles, is also a junction.
     """
@@ -268,7 +276,7 @@ def paths(graph: sparse.csr_array, junction: Ints) -> Iterator[list[int]]:
             path = walk(start, k)
             seen.update(path[1:-1])
             yield path
-    for start in range(len(first) - 1):
+    for start in first_of_rings.tolist():
         if start not in ends and start not in seen and first[start] < first[start + 1]:
             path = walk(start, near[first[start]])
             seen.update(path)

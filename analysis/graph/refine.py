@@ -7,7 +7,7 @@ import math
 import numpy as np
 from scipy.spatial import cKDTree
 
-from morphofold.analysis.curvatures import _collect_neighbourhood
+from morphofold.analysis.curvatures import _collect_neighbourhood, _solve_cholesky
 from morphofold.analysis.graph.depth_potential import SurfaceOperators
 from morphofold.analysis.graph.net import Net, moved, resampled, smoothed
 from morphofold.arrays import Array
@@ -117,11 +117,9 @@ def _move_junctions(net, operators, tree, width):
         degree_a, degree_b = len(ends[arc.a]), len(ends[arc.b])
         p = arc.points.copy()
         p[0], p[-1] = net.nodes[arc.a].at, net.nodes[arc.b].at
-        if degree_a > 2:
-            p = _with_straight_start(p, width)
-        if degree_b > 2:
-            p = _with_straight_start(p[::-1], width)[::-1]
-        arc.points = p
+        one = _with_straight_start(p, width) if degree_a > 2 else p
+        other = _with_straight_start(p[::-1], width)[::-1] if degree_b > 2 else p
+        arc.points = one + (other - p)  # both of p, so that neither end comes first
 
 
 def upright(operators: SurfaceOperators, tree: cKDTree, at: Array, width: float) -> Array:
@@ -199,26 +197,7 @@ def _shift_onto_crown(start, stop, points, ahead, nearest, verts, normals, indpt
                 f[r] += weight * m[r] * (D[w] - D[v])
                 for c in range(4):
                     A[r, c] += weight * m[r] * m[c]
-        if _solve_by_elimination(A, f) and f[2] < 0.0:
+        if _solve_cholesky(A, f, 4) == 4 and f[2] < 0.0:
             step = -0.5 * f[1] / f[2] * radius
             step = min(max(step, -farthest), farthest)
             shift[i, 0], shift[i, 1], shift[i, 2] = step * s0, step * s1, step * s2
-
-
-@kernel
-def _solve_by_elimination(A, f):
-    """Solve A x = f in place by elimination for a positive semidefinite A; False if it is singular."""
-    n = len(f)
-    for k in range(n):
-        if A[k, k] <= 1e-9 * A[0, 0] or not A[k, k] > 0.0:
-            return False
-        for r in range(k + 1, n):
-            factor = A[r, k] / A[k, k]
-            for c in range(k, n):
-                A[r, c] -= factor * A[k, c]
-            f[r] -= factor * f[k]
-    for k in range(n - 1, -1, -1):
-        for c in range(k + 1, n):
-            f[k] -= A[k, c] * f[c]
-        f[k] /= A[k, k]
-    return True

@@ -13,6 +13,9 @@ from morphofold.geometry import connected, symmetric
 from morphofold.kernels import kernel, reading
 from morphofold.surface import PerVertex
 
+# slopes (relative) and passes (of the range of values) that are the same up to the error of the solver
+EQUAL_SLOPE_TOLERANCE, EQUAL_PASS_TOLERANCE = 1e-4, 1e-5
+
 
 class Watershed:
     """Basins of a function by steepest descent. Basins of low persistence can be joined.
@@ -23,6 +26,9 @@ class Watershed:
         Edges of the surface and their lengths.
     values : (N,) float64
         The function; equal values are ordered by vertex number.
+    side : (N,) float64
+        Any other function. It decides where two ways down are equally steep, or two passes equally high, as on the two
+        sides of a plane of symmetry.
 
     Attributes
     ----------
@@ -36,14 +42,15 @@ class Watershed:
         2002).
     """
 
-    def __init__(self, pairs: Ints, lengths: NDArray[np.float64], values: PerVertex):
+    def __init__(self, pairs: Ints, lengths: NDArray[np.float64], values: PerVertex, side: PerVertex):
         graph = symmetric(len(values), pairs, lengths)
         order = np.argsort(values, kind="stable")
-        self.finest, self.lowest = _basins_by_descent(*reading(values, order, graph))
+        self.finest, self.lowest = _basins_by_descent(*reading(values, order, side, graph))
         ends = self.finest[pairs]
         crossing = np.flatnonzero(ends[:, 0] != ends[:, 1])
         passes = values[pairs[crossing]].max(axis=1)
-        flood = np.argsort(passes, kind="stable")
+        equal = np.round(passes / max(EQUAL_PASS_TOLERANCE * np.ptp(values), 1e-300))
+        flood = np.lexsort((side[pairs[crossing]].max(axis=1), equal))
         self.joins, self.heights = _join_basins(*reading(ends[crossing[flood]], passes[flood], values[self.lowest]))
 
     def basins(self, persistence: float) -> Ints:
@@ -67,7 +74,7 @@ class Watershed:
 
 
 @kernel
-def _basins_by_descent(values, order, indptr, indices, lengths):
+def _basins_by_descent(values, order, side, indptr, indices, lengths):
     """Basin (N,) of each vertex and the lowest vertex of each basin (B,); ``order``: vertices from the lowest up."""
     n = len(values)
     rank, basin, lowest = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64)
@@ -81,7 +88,9 @@ def _basins_by_descent(values, order, indptr, indices, lengths):
             w = indices[e]
             if rank[w] < k:
                 slope = (values[v] - values[w]) / max(lengths[e], 1e-300)
-                if down < 0 or slope > steepest:
+                if down >= 0 and abs(slope - steepest) <= EQUAL_SLOPE_TOLERANCE * steepest:
+                    down = w if side[w] > side[down] else down
+                elif down < 0 or slope > steepest:
                     steepest, down = slope, w
         if down < 0:
             basin[v], lowest[count] = count, v

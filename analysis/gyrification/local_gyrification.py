@@ -73,6 +73,9 @@ def local_gyrification_index(
             raise OutOfRange(f"{name} must be a positive length in mm, got {length!r}.")
     index = np.full(len(verts), np.nan)
     used, verts, faces = in_use(verts, faces)
+    verts = (
+        verts - (verts.min(axis=0) + verts.max(axis=0)) / 2
+    )  # grids have their middle at 0: a mirror changes nothing
     size = np.ptp(verts, axis=0) + 2 * closing
     if np.prod(size / voxel) > MOST_VOXELS:
         raise TooLarge(
@@ -83,8 +86,8 @@ def local_gyrification_index(
         verts, faces = split(verts, faces)
     points, triangles = envelope(verts, faces, closing, voxel)
     bin_ = region / BINS_PER_REGION_RADIUS
-    low = np.minimum(verts.min(axis=0), points.min(axis=0)) - region
-    shape = np.ceil((np.maximum(verts.max(axis=0), points.max(axis=0)) + region - low) / bin_).astype(int)
+    shape = _odd_sizes(np.concatenate([verts, points]), region, bin_)
+    low: Array = -0.5 * bin_ * shape
     middles, areas = points[triangles].mean(axis=1), face_areas(points, triangles)
     folded, smooth = beside(
         partial(_area_within_radius, verts, vertex_areas(verts, faces), low, shape, bin_, region),
@@ -98,19 +101,26 @@ def local_gyrification_index(
 
 
 def envelope(verts: Verts, faces: Faces, closing: float, voxel: float) -> tuple[Verts, Faces]:
-    """Surface of the morphological closing of the inside by a ball of radius ``closing`` [mm]."""
+    """Surface of the morphological closing of the inside by a ball of radius ``closing`` [mm]; 0 is a voxel centre."""
     import pyvista
 
-    solid = pyvista.PolyData.from_regular_faces(verts, faces.astype(int)).voxelize_binary_mask(spacing=3 * (voxel,))
-    pad = math.ceil(closing / voxel) + 3
-    inside = np.pad(solid.point_data["mask"].reshape(solid.dimensions, order="F") > 0, pad)
+    shape = _odd_sizes(verts, closing + 3 * voxel, voxel)
+    grid = pyvista.ImageData(
+        dimensions=shape.tolist(), spacing=3 * (voxel,), origin=(-0.5 * voxel * (shape - 1)).tolist()
+    )
+    solid = pyvista.PolyData.from_regular_faces(verts, faces.astype(int)).voxelize_binary_mask(reference_volume=grid)
+    inside = solid.point_data["mask"].reshape(shape, order="F") > 0
     # distances are between voxel centres; the surface lies half a voxel from the centres on both sides
     dilated = _squared_distances(~inside) <= (closing / voxel + 0.5) ** 2
     depth = (np.sqrt(_squared_distances(dilated)) - 0.5) * voxel
-    grid = pyvista.ImageData(dimensions=depth.shape, spacing=3 * (voxel,), origin=np.array(solid.origin) - pad * voxel)
     grid.point_data["depth"] = ndimage.gaussian_filter(depth, SMOOTHING_IN_VOXELS).ravel(order="F")
     found = grid.contour([closing], scalars="depth").triangulate()
     return np.asarray(found.points, dtype=np.float64), np.asarray(found.regular_faces, dtype=np.int64)
+
+
+def _odd_sizes(points: Array, margin: float, step: float) -> NDArray[np.int64]:
+    """Numbers (3,) of cells, ``step`` wide, that hold points (P, 3) and a margin if their middle is at 0."""
+    return 2 * np.ceil((np.abs(points).max(axis=0) + margin) / step).astype(np.int64) + 1
 
 
 def _squared_distances(inside: NDArray[np.bool_]) -> NDArray[np.int32]:
@@ -129,7 +139,11 @@ def _area_within_radius(
     points: Array, areas: Array, low: Array, shape: NDArray[np.int64], bin_: float, radius: float
 ) -> Array:
     """Area within ``radius`` of the centre of each bin of a grid."""
-    total, _ = np.histogramdd(points, bins=shape, range=[(a, a + n * bin_) for a, n in zip(low, shape)], weights=areas)
+    first = np.floor(places := (points - low) / bin_ - 0.5)
+    total = np.zeros(shape)
+    for corner in np.ndindex(2, 2, 2):  # each area is divided among eight bins, so that it moves steadily
+        share = np.prod(np.where(corner, places - first, 1 - (places - first)), axis=1)
+        np.add.at(total, tuple((first + corner).astype(np.int64).T), share * areas)
     reach = math.ceil(radius / bin_)
     steps = np.arange(-reach, reach + 1) * bin_
     far = np.sqrt(sum(np.meshgrid(*3 * [steps**2], indexing="ij")))

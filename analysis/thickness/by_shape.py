@@ -14,6 +14,7 @@ from morphofold.surface import Cortex, PerVertex, check_kind
 RIDGE = 0.5  # shape index of a ridge, and less than 0 of a groove: there one principal curvature is 0
 #: shares of the area of the cortex in the order of depth: the shallowest, the middle and the deepest part
 DEPTHS = {"crown": (0.0, 0.15), "wall": (0.35, 0.65), "fundus": (0.85, 1.0)}
+EQUAL_DEPTH_TOLERANCE = 1e-6  # of the range of depth
 
 
 def thickness_by_shape(cortex: Cortex, maps: Mapping[str, PerVertex]) -> list[dict[str, Any]]:
@@ -40,7 +41,8 @@ def thickness_by_shape(cortex: Cortex, maps: Mapping[str, PerVertex]) -> list[di
     Convex, concave: both principal curvatures are positive, or negative; a shape index above 1/2, or below -1/2
     (Koenderink, van Doorn 1992). A surface parallel to pial, such as the one midway to white, has the same parts, since
     an offset changes the size of principal curvatures and not their sign. Crown, wall and fundus are 15, 30 and 15 % of
-    the cortex by area, in the order of sulcal depth: its first part, its middle and its last.
+    the cortex by area, in the order of sulcal depth: its first part, its middle and its last. Vertices of equal depth,
+    as on a convex body, are all in a part or all outside.
     """
     check_kind(cortex, Cortex, "thickness_by_shape: cortex")
     thickness = maps["cortical_thickness"]
@@ -78,7 +80,9 @@ def _parts(
         share = np.cumsum(area[order]) - 0.5 * area[order]
         share /= max(float(area[order].sum()), np.finfo(float).tiny)
         found: dict[str, NDArray[np.bool_]] = {}
+        same = EQUAL_DEPTH_TOLERANCE * np.ptp(depth[some]) if len(some) else 0.0
         for part, (low, high) in DEPTHS.items():
-            found[part] = np.zeros(len(area), dtype=bool)
-            found[part][order[(share >= low) & (share <= high)]] = True
+            ends = depth[order[(share >= low) & (share <= high)]]
+            least, most = ends.min(initial=np.inf) - same, ends.max(initial=-np.inf) + same
+            found[part] = known & (depth >= least) & (depth <= most)
         yield "depth", found

@@ -301,12 +301,14 @@ def _vector_component_along(a: NDArray[np.float64], u: NDArray[np.float64]) -> N
 
 
 def _median_of_rows(lengths: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Median of each row if it has at least two values, else NaN; and the column whose value is nearest to it."""
-    enough = np.isfinite(lengths).sum(axis=1) >= 2
-    median = np.full(len(lengths), np.nan)
-    median[enough] = np.nanmedian(lengths[enough], axis=1)
-    away = np.where(np.isfinite(lengths), np.abs(lengths - np.where(enough, median, 0)[:, None]), np.inf)
-    return median, away.argmin(axis=1)
+    """Median of each row if it has at least two values, else NaN; and its column, of two the one with the shorter.
+
+    The median of an even number of values is midway between two: without this rule rounding would choose the column.
+    """
+    known, row = np.isfinite(lengths).sum(axis=1), np.arange(len(lengths))
+    order = np.argsort(lengths, axis=1, kind="stable")  # NaN last
+    low, high = order[row, np.maximum(known - 1, 0) // 2], order[row, known // 2 % lengths.shape[1]]
+    return np.where(known >= 2, (lengths[row, low] + lengths[row, high]) / 2, np.nan), low
 
 
 def _measure_chords(

@@ -27,7 +27,10 @@ MOST_HINGES_PER_AREA = (
 )
 RANDOM_NET_HINGES = 2000
 RANDOM_NET_NAME = "random net"
-PERMUTATIONS = 999
+PERMUTATIONS, DRAWS = 999, 100
+MOST_TESTED_HINGES = 300  # hinges of a group and of the random net in the test of the two
+LEAST_SURFACES_AS_UNITS = 6  # with fewer, signs alone never reach a p-value below 0.05
+SIGNIFICANCE = 0.05
 
 
 @dataclass(frozen=True)
@@ -50,27 +53,31 @@ class Match:
 
 @dataclass(frozen=True)
 class NumberRow:
-    """One number of hinge shapes in two groups: medians, and the Kolmogorov-Smirnov distance of the distributions."""
+    """One number of hinge shapes in two groups: medians, and the Kolmogorov-Smirnov distance of the distributions.
+
+    There is no p-value: hinges of one surface are neighbours, so they are no sample of independent values.
+    """
 
     number: str
     median: float
     other_median: float
     ks: float
-    p: float
 
 
 @dataclass(frozen=True)
 class Control:
-    """Distances from hinges of some source to the nearest hinge of the second group, by angles and lengths of arms.
+    """How near in shape, by angles and lengths of arms, the hinges of some source are to those of the second group.
 
-    ``median`` is that of the distances. ``p`` compares it with the median of the first group: how often a random
-    division of both sets of distances differs as much in its medians; 1 for the first group itself.
+    ``to_other`` is the median distance from a hinge of the source to the nearest of the second group, ``from_other``
+    that from a hinge of the second group to the nearest of the source: a single common shape has a small first number
+    and a large second one. Both are means over random draws of ``n`` hinges on either side, the same ``n`` for all
+    sources.
     """
 
     source: str
-    median: float
+    to_other: float
+    from_other: float
     n: int
-    p: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,8 +86,10 @@ class HingeComparison:
 
     ``surfaces`` are the numbers of surfaces. ``shape`` compares the distributions of whole shapes, ``numbers`` those of
     single numbers. ``matches`` has one entry per hinge of ``one``, the nearest first. ``controls`` are the first group,
-    the second group itself (each hinge left out in turn), and a random net, if one with as many hinges per square of
-    the crown width exists.
+    other hinges of the second group, and a random net, if one with as many hinges per square of the crown width exists.
+    ``p`` is that of the difference between the first group and the random net, over both directions, and None without
+    one. Its ``units`` are the surfaces of the second group (random signs), or hinges where there are fewer than six
+    surfaces (random divisions of the hinges of the first group and of the net).
     """
 
     one: str
@@ -89,7 +98,30 @@ class HingeComparison:
     shape: TwoSample
     numbers: tuple[NumberRow, ...]
     controls: tuple[Control, ...]
+    p: float | None
+    units: str
     matches: tuple[Match, ...] = field(repr=False)
+
+    @property
+    def closer(self) -> bool:
+        """Whether hinges of ``one`` are nearer to those of ``other`` than hinges of the random net, in both directions
+        and with p < 0.05."""
+        first, chance = self.controls[0], self.controls[-1]
+        nearer = first.to_other < chance.to_other and first.from_other < chance.from_other
+        return self.p is not None and nearer and self.p < SIGNIFICANCE
+
+    @property
+    def verdict(self) -> str:
+        """One sentence on ``closer``; empty without a random net."""
+        if self.p is None:
+            return ""
+        first, chance = self.controls[0], self.controls[-1]
+        return (
+            f"The hinge shapes of {self.one} are {'closer' if self.closer else 'no closer'} to those of {self.other} "
+            f"than the hinge shapes of a random net: from {self.one} to {self.other} the median distance is "
+            f"{first.to_other:.3f} (random net {chance.to_other:.3f}), from {self.other} to {self.one} "
+            f"{first.from_other:.3f} ({chance.from_other:.3f}), p = {self.p:.2g} with {self.units} as units."
+        )
 
 
 def compare_hinges(
@@ -125,7 +157,7 @@ def _compare_groups(
         (len(mine), len(theirs)),
         two_sample(across, len(a), permutations=PERMUTATIONS, seed=seed),
         _compare_numbers(mine, theirs),
-        _control_distances(one, other, a, b, theirs, seed),
+        *_compare_with_chance(one, other, a, theirs, seed),
         _nearest_matches(a, b, mine, theirs),
     )
 
@@ -137,26 +169,51 @@ def _compare_numbers(mine: Mapping[str, HingeShapes], theirs: Mapping[str, Hinge
     ours, other = ([s.numbers() for s in group.values()] for group in (mine, theirs))
     for key in ours[0]:
         x, y = (np.concatenate([numbers[key] for numbers in group]) for group in (ours, other))
-        found = stats.ks_2samp(x, y)
-        medians = float(np.median(x)), float(np.median(y))
-        rows.append(NumberRow(key, *medians, float(found.statistic), float(found.pvalue)))
+        ks = float(stats.ks_2samp(x, y).statistic)
+        rows.append(NumberRow(key, float(np.median(x)), float(np.median(y)), ks))
     return tuple(rows)
 
 
-def _control_distances(
-    one: str, other: str, a: Array, b: Array, theirs: Mapping[str, HingeShapes], seed: int
-) -> tuple[Control, ...]:
-    within, _ = shape_distance(b, b, of=PLANAR_NET_FEATURES)
-    np.fill_diagonal(within, np.inf)
-    nearest = {one: shape_distance(a, b, of=PLANAR_NET_FEATURES)[0].min(axis=1), f"{other} itself": within.min(axis=1)}
+def _compare_with_chance(
+    one: str, other: str, a: Array, theirs: Mapping[str, HingeShapes], seed: int
+) -> tuple[tuple[Control, ...], float | None, str]:
+    """Controls of the first group with features ``a``; p-value of its difference from chance, and the units of that."""
+    b, rng, itself = together(list(theirs.values())), np.random.default_rng(seed), f"{other} itself"
     net = net_at_chance([s for s in theirs.values() if len(s)], seed=seed)
-    if net is not None:
-        nearest[RANDOM_NET_NAME] = shape_distance(net, b, of=PLANAR_NET_FEATURES)[0].min(axis=1)
-    first = nearest[one]
-    return tuple(
-        Control(name, float(np.median(d)), len(d), 1.0 if d is first else median_difference(first, d, seed=seed))
-        for name, d in nearest.items()
-    )
+    sources = {one: a, itself: b} | ({} if net is None else {RANDOM_NET_NAME: net})
+    far = {name: shape_distance(source, b, of=PLANAR_NET_FEATURES)[0] for name, source in sources.items()}
+    n = min(len(b) // 2, *(len(source) for source in sources.values()))
+    total = {name: np.zeros(2) for name in sources}
+    for _ in range(DRAWS):
+        order = rng.permutation(len(b))
+        for name, d in far.items():
+            drawn = order[n : 2 * n] if name == itself else rng.choice(len(d), n, replace=False)
+            total[name] += _median_distances(d[np.ix_(drawn, order[:n])]) / DRAWS
+    controls = tuple(Control(name, float(to), float(back), n) for name, (to, back) in total.items())
+    if net is None:
+        return controls, None, ""
+    size = min(len(a), len(net), MOST_TESTED_HINGES)
+    both = np.concatenate([rng.permutation(far[name])[:size] for name in (one, RANDOM_NET_NAME)])
+    units = "hinges" if len(theirs) < LEAST_SURFACES_AS_UNITS else "surfaces"
+    if units == "hinges":
+        found, drawn = _difference(both), np.array([_difference(rng.permutation(both)) for _ in range(PERMUTATIONS)])
+    else:
+        parts = np.split(both, np.cumsum([len(s) for s in theirs.values()])[:-1], axis=1)
+        apart = np.array([_difference(part) for part in parts if part.shape[1]])
+        found, drawn = float(apart.sum()), rng.choice([-1.0, 1.0], size=(PERMUTATIONS, len(apart))) @ apart
+    as_large = int(np.count_nonzero(np.abs(drawn) >= abs(found) - 1e-12))
+    return controls, (1 + as_large) / (1 + PERMUTATIONS), units
+
+
+def _median_distances(distance: Array) -> Array:
+    """Medians of the least distance in each row and in each column."""
+    return np.array([np.median(distance.min(axis=1)), np.median(distance.min(axis=0))])
+
+
+def _difference(distance: Array) -> float:
+    """Sum of both medians for the first half of the rows, less that for the second."""
+    half = len(distance) // 2
+    return float((_median_distances(distance[:half]) - _median_distances(distance[half:])).sum())
 
 
 def net_at_chance(shapes: Sequence[HingeShapes], *, seed: int = 0) -> Array | None:
@@ -165,19 +222,6 @@ def net_at_chance(shapes: Sequence[HingeShapes], *, seed: int = 0) -> Array | No
     if not 0 < per_area < MOST_HINGES_PER_AREA:
         return None
     return random_net(RANDOM_NET_HINGES, shortest=SHORTEST_ARM_IN_WIDTHS, per_area=per_area, seed=seed)
-
-
-def median_difference(x: Array, y: Array, *, permutations: int = PERMUTATIONS, seed: int = 0) -> float:
-    """p-value of the difference of the medians of two samples (N,) and (M,), from random divisions, two-sided."""
-    pooled, n = np.concatenate([x, y]), len(x)
-    rng = np.random.default_rng(seed)
-
-    def difference(values: Array) -> float:
-        return abs(float(np.median(values[:n]) - np.median(values[n:])))
-
-    found = difference(pooled)
-    as_much = sum(difference(rng.permutation(pooled)) >= found - 1e-12 for _ in range(permutations))
-    return (1 + as_much) / (1 + permutations)
 
 
 def _nearest_matches(

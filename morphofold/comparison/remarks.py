@@ -67,11 +67,9 @@ def plot_notes(named: Mapping[str, Measures], clouds: Sequence[Cloud]) -> list[s
         for name, _, cloud in plotted
         if not cloud.points
     ]
-    if crests := [name for name, m, cloud in plotted if cloud.kind == "crest" and m.regions]:
-        sentences.append(
-            f"{listed(crests)}: points are crests here, because not every surface has regions; slopes over regions are "
-            "under All measures."
-        )
+    if len(kinds := {cloud.kind for cloud in clouds} & {"region", "crest"}) == 2:
+        of = (f"{listed([n for n, _, c in plotted if c.kind == kind])} are {kind}s" for kind in sorted(kinds))
+        sentences.append(f"Points of {' and of '.join(of)}: compare their lines, not the points.")
     if mirrored := [name for name, m in named.items() if m.cortex.portion != 1]:
         sentences.append(
             f"{listed(mirrored)}: a part was simulated and the rest is its mirror image. Intervals and p count the "

@@ -78,7 +78,7 @@ class Comparison:
             "theory": [asdict(line) for line in self.theory],
             "groups": {group: list(names) for group, names in self.groups.items()},
             "colours": dict(self.colours),
-            "hinges": [asdict(found) for found in self.hinges],
+            "hinges": [{**asdict(found), "verdict": found.verdict} for found in self.hinges],
             "growth": {c.name: self._met(c) for c in self.growth},
             "folding": {n: None if t is None else asdict(t) for n, t in zip(self.names, self.folding)},
             "notes": list(self.notes),

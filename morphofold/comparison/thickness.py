@@ -9,7 +9,7 @@ from typing import Any, TypeGuard
 import numpy as np
 
 from morphofold.analysis.measures import Measures
-from morphofold.analysis.thickness.robust_slope import robust_line
+from morphofold.analysis.thickness.robust_slope import LEAST_POINTS, LEAST_POINTS_FOR_BOUNDS, robust_line
 from morphofold.arrays import Array
 from morphofold.quantities import find
 
@@ -35,29 +35,41 @@ class ThicknessPoint:
 
 @dataclass(frozen=True)
 class Fit:
-    """Least-squares line of gyral on cortical thickness over ``n`` points; 95 % interval of its slope.
+    """Line of gyral on cortical thickness over ``n`` points, robust and by least squares.
 
-    ``robust`` is the median of the slopes of all pairs of points, its bounds from a bootstrap over the points
-    (:func:`~morphofold.analysis.thickness.robust_slope.robust_line`), None for fewer than five; 0 if all gyral
-    thicknesses are the same, NaN if it was not computed. Both intervals assume independent points, but neighbouring
-    regions are not fully independent.
+    ``robust`` is the median of the slopes of all pairs of points, with a 95 % interval from a bootstrap over the points
+    (:func:`~morphofold.analysis.thickness.robust_slope.robust_line`; None for fewer than five); 0 if all gyral
+    thicknesses are the same, NaN if it was not computed. ``slope`` is from least squares, with its 95 % interval;
+    ``slope_without_few`` is the same without the twentieth of the points (at least one) that change it most, None for
+    fewer than five points. Where the two differ, few points make the slope. Intervals assume independent points, but
+    neighbouring regions are not fully independent.
     """
 
+    robust: float
+    robust_low: float | None
+    robust_high: float | None
+    robust_intercept: float
     slope: float
     slope_low: float
     slope_high: float
+    slope_without_few: float | None
     intercept: float
     r: float
     p: float
     n: int
-    robust: float
-    robust_low: float | None
-    robust_high: float | None
 
     @property
     def sloped(self) -> bool:
-        """Whether the interval of the slope excludes 0."""
-        return not self.slope_low <= 0 <= self.slope_high
+        """Whether the interval of the robust slope excludes 0; of that of least squares if there is none."""
+        low, high = self.robust_low, self.robust_high
+        low, high = (self.slope_low, self.slope_high) if low is None or high is None else (low, high)
+        return not low <= 0 <= high
+
+    def at(self, cortical: Array) -> Array:
+        """Gyral thickness [mm] of the robust line, else of that by least squares, at cortical thicknesses (P,) [mm]."""
+        known = np.isfinite(self.robust)
+        slope, start = (self.robust, self.robust_intercept) if known else (self.slope, self.intercept)
+        return start + slope * cortical
 
 
 @dataclass(frozen=True)
@@ -93,33 +105,24 @@ def wrinkling_wavelength(mu_ratio: float) -> TheoryLine:
 
 
 def thickness_clouds(surfaces: Sequence[Measures]) -> tuple[Cloud, ...]:
-    """Gyral against cortical thickness of several surfaces, each as in :func:`thickness_cloud`.
-
-    Regions are not compared with crests: if a surface has only crests, points are crests for all surfaces.
-    """
-    clouds = tuple(thickness_cloud(m) for m in surfaces)
-    if any(cloud.kind == "crest" for cloud in clouds):
-        clouds = tuple(
-            cloud if cloud.kind == "crest" else thickness_cloud(m, by=("crest",)) for m, cloud in zip(surfaces, clouds)
-        )
-    return clouds
+    """Gyral against cortical thickness of several surfaces, each as in :func:`thickness_cloud`."""
+    return tuple(map(thickness_cloud, surfaces))
 
 
-def thickness_cloud(measures: Measures, by: Sequence[str] = ("region", "crest")) -> Cloud:
+def thickness_cloud(measures: Measures) -> Cloud:
     """Gyral against cortical thickness of one surface.
 
     One point per region if there are regions with both thicknesses; else one per crest; else one for the whole
     surface (median gyral, mean cortical thickness). Crests whose cortex is less than half as thick as the surface's are
-    left out: they lie on a medial wall that was not marked. ``by``: which of regions and crests are tried. Without
-    regions, bins of vertices with equal counts by cortical thickness show the spread (median and quartiles). The line
-    is fitted to at least three regions or crests, never to bins: their vertices are not independent.
+    left out: they lie on a medial wall that was not marked. Without regions, bins of vertices with equal counts by
+    cortical thickness show the spread (median and quartiles). The line is fitted to at least three regions or crests,
+    never to bins: their vertices are not independent.
     """
     thinnest = 0.5 * (measures.scalars.get("mean_cortical_thickness_mm") or 0.0)
-    rows_of = {"region": measures.regions, "crest": measures.crests}
-    for kind in by:
+    for kind, rows in (("region", measures.regions), ("crest", measures.crests)):
         points = tuple(
             ThicknessPoint(float(thick), float(wide), str(row.get(kind, kind)))
-            for wide, thick, row in _rows_with_both_thicknesses(rows_of[kind])
+            for wide, thick, row in _rows_with_both_thicknesses(rows)
             if kind == "region" or thick >= thinnest
         )
         if points:
@@ -174,14 +177,14 @@ def bins(cortical: Array, gyral: Array, count: int, what: str) -> tuple[Thicknes
 
 
 def fit_line(points: Sequence[ThicknessPoint], *, robust: bool = True) -> Fit | None:
-    """Least squares of gyral on cortical thickness; None for fewer than three points or no spread in x.
+    """Lines of gyral on cortical thickness; None for fewer than three points or no spread in x.
 
     ``robust``: also the median of slopes, whose time and memory grow as the square of the points; else it is NaN.
     """
     from scipy import stats
 
     x, y = np.array([p.cortical for p in points]), np.array([p.gyral for p in points])
-    if len(points) < 3 or np.ptp(x) == 0:
+    if len(points) < LEAST_POINTS or np.ptp(x) == 0:
         return None
     found = stats.linregress(x, y)
     half = float(stats.t.ppf(0.975, len(points) - 2) * found.stderr)
@@ -192,12 +195,24 @@ def fit_line(points: Sequence[ThicknessPoint], *, robust: bool = True) -> Fit | 
         bounded = bool(np.isfinite([pairs.low, pairs.high]).all())
         middle = (pairs.robust, pairs.low, pairs.high) if bounded else (pairs.robust, None, None)
     return Fit(
+        *middle,
+        float(np.median(y - middle[0] * x)),
         slope,
         slope - half,
         slope + half,
+        _slope_without_few(x, y, slope),
         float(found.intercept),
         float(found.rvalue),
         float(found.pvalue),
         len(points),
-        *middle,
     )
+
+
+def _slope_without_few(x: Array, y: Array, slope: float) -> float | None:
+    """Slope of least squares without the twentieth of the points, at least one, that each change it most."""
+    if len(x) < LEAST_POINTS_FOR_BOUNDS:
+        return None
+    away = x - x.mean()
+    pull = np.abs(away * (y - y.mean() - slope * away))
+    stay = np.argsort(pull, kind="stable")[: len(x) - max(len(x) // 20, 1)]
+    return float(np.polyfit(x[stay], y[stay], 1)[0]) if np.ptp(x[stay]) > 0 else None

@@ -28,6 +28,7 @@ LARGEST_SHARE_OF_WALL = 0.5  # of the wall that geometry finds, in the cortex of
 # of the radius of the sphere of equal area: at larger distances pial must lie along the normals of white
 FAR_APART_IN_RADII = 0.05
 SAME_SURFACE_IN_RADII = 1e-3  # of that radius: closer surfaces count as the same; the thinnest cortices have 0.01
+SAME_POINT_SHARE = 1e-7  # of the largest distance from white to pial: less is rounding
 LEAST_LABELLED_SHARE = 0.01  # of the vertices: a cortex label that holds fewer is refused
 LARGEST_OUTSIDE_SHARE = 0.5  # of a piece with a border, outside pial: more than mistakes of reconstruction
 # mean cosine to the normal that is then required; any cortex has 0.8 or more, however thick and folded
@@ -84,7 +85,7 @@ def cortex_mask(cortex: Cortex) -> NDArray[np.bool_]:
     ValueError
         If white and pial are the same surface, or no vertex is cortex.
     """
-    off = np.any(cortex.white.verts != cortex.pial.verts, axis=1)
+    off = off_pial(cortex)
     if not off.any():
         raise UnlikeSurfaces(
             f"{cortex.called}: white ({cortex.white.name}) and pial ({cortex.pial.name}) are the same surface at all "
@@ -106,6 +107,12 @@ def cortex_mask(cortex: Cortex) -> NDArray[np.bool_]:
             "Check the label, or leave it out."
         )
     return mask
+
+
+def off_pial(cortex: Cortex) -> NDArray[np.bool_]:
+    """True (N,) where white and pial are not the same point up to rounding."""
+    apart = geometry.norms(cortex.pial.verts - cortex.white.verts)
+    return apart > SAME_POINT_SHARE * apart.max()
 
 
 def check_surfaces(cortex: Cortex) -> None:

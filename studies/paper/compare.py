@@ -15,7 +15,7 @@ import numpy as np
 from morphofold.analysis import Measures, hinge_shapes
 from morphofold.analysis.graph.hinge_shapes import HingeShapes
 from morphofold.comparison import ThicknessPoint, fit_line
-from morphofold.comparison.hinges import HingeComparison, compare_hinges, net_at_chance
+from morphofold.comparison.hinges import RANDOM_NET_NAME, HingeComparison, compare_hinges, net_at_chance
 from morphofold.comparison.thickness import thickness_ratios
 from morphofold.errors import MissingPart
 from morphofold.io import read_cortex, sample_path
@@ -42,20 +42,22 @@ SAMPLES = {"fsaverage5": ("lh", "rh"), "S1": ("lh",)}
 FITS = (
     "points",
     "n",
-    "slope",
-    "slope_low",
-    "slope_high",
     "robust_slope",
     "robust_low",
     "robust_high",
+    "slope",
+    "slope_low",
+    "slope_high",
+    "slope_without_few",
     "intercept_mm",
     "r",
 )
 COLUMNS = {
     "n": "regions, crests or bodies",
-    "slope": "gyral on cortical thickness [mm/mm], least squares; slope_low and slope_high are its 95 % bounds",
-    "robust_slope": "median over pairs of points, with bounds from a bootstrap over the points (at least five); "
-    "both pairs of bounds treat points as independent",
+    "robust_slope": "gyral on cortical thickness [mm/mm], median over pairs of points, with 95 % bounds from a "
+    "bootstrap over the points (at least five); both pairs of bounds treat points as independent",
+    "slope": "least squares; slope_low and slope_high are its 95 % bounds, slope_without_few is without the twentieth "
+    "of the points that change it most",
     "gyral_over_cortical": "median gyral over mean cortical thickness of the surface",
     "gyral_over_cortical_at_crests": "median over its crests of gyral over cortical thickness",
 }
@@ -99,7 +101,9 @@ def reproduce_fig9(folder: Path, runs: Runs) -> dict[str, Any]:
         "columns": {
             "distance": "root mean square difference of angles [rad], logarithms of lengths, curvatures and "
             "sharpness in crown widths; pose 3 or more: mirrored",
-            "p": "in fig9-nearest.tsv for the difference of medians, in fig9-numbers.tsv for the distributions",
+            "to_other": "median distance from hinges of the source to the nearest on MRI, from_other that from MRI to "
+            "the nearest of the source; by angles and lengths, n hinges on either side",
+            "p": "of the energy distance, with hinges as units",
         },
         "parameters": PARAMETERS,
         "simulations": [run_record(simulation) for simulation in simulations],
@@ -158,12 +162,13 @@ def _fit(surface: str, words: str, points: np.ndarray, m: Measures | None) -> di
     if fit is None or np.ptp(y) == 0:
         return row
     return row | {
-        "slope": fit.slope,
-        "slope_low": fit.slope_low,
-        "slope_high": fit.slope_high,
         "robust_slope": fit.robust,
         "robust_low": fit.robust_low,
         "robust_high": fit.robust_high,
+        "slope": fit.slope,
+        "slope_low": fit.slope_low,
+        "slope_high": fit.slope_high,
+        "slope_without_few": fit.slope_without_few,
         "intercept_mm": fit.intercept,
         "r": fit.r,
     }
@@ -202,8 +207,10 @@ def hinge_tables(
     }
     return {
         "fig9-surfaces.tsv": dense,
-        "fig9-numbers.tsv": [whole_shape, *({**asdict(row), "energy": None} for row in found.numbers)],
-        "fig9-nearest.tsv": [asdict(control) for control in found.controls],
+        "fig9-numbers.tsv": [whole_shape, *({**asdict(row), "energy": None, "p": None} for row in found.numbers)],
+        "fig9-nearest.tsv": [
+            {**asdict(control), "verdict": None if k else found.verdict} for k, control in enumerate(found.controls)
+        ],
     }
 
 
@@ -219,9 +226,9 @@ def shape_figure(shapes: Mapping[str, HingeShapes], models: Sequence[str], peopl
             entries[name] = {**line_style(k), "linewidth": 2.6 if name in people else 1.5}
             for ax, key in zip(axes[0], keys):
                 _cumulative(ax, shapes[name].numbers()[key], entries[name])
-        entries["random net"] = {"color": GREY, "linewidth": 1.2}
+        entries[RANDOM_NET_NAME] = {"color": GREY, "linewidth": 1.2}
         for ax, key in zip(axes[0], keys):
-            _cumulative(ax, chance[key], entries["random net"])
+            _cumulative(ax, chance[key], entries[RANDOM_NET_NAME])
             ax.set(xlabel=key)
         axes[0][0].set(ylabel="share of hinges below", ylim=(0, 1))
         legend_of_figure(plot, entries, axes[0][0], columns=6)

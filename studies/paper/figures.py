@@ -15,7 +15,7 @@ from morphofold.studies.paper.theory import ONE_D, THREE_D
 Tables = dict[str, list[Row]]
 
 #: columns of the figures' tables that stay text
-WORDS = (*markdown.WORDS, "surface", "other_surface", "points", "kind", "subject", "hemi")
+WORDS = (*markdown.WORDS, "surface", "other_surface", "points", "kind", "subject", "hemi", "verdict")
 #: heads of the table of folds -> the column of the table of the figure, and the format of its numbers
 FOLDS = {
     "g": ("growth", "{:.2f}"),
@@ -111,12 +111,13 @@ def _fig8(tables: Tables) -> list[Image | Table]:
         "surface": "",
         "points": "",
         "n": "{:.0f}",
-        "slope": "{:.2f}",
-        "slope_low": "{:.2f}",
-        "slope_high": "{:.2f}",
         "robust_slope": "{:.2f}",
         "robust_low": "{:.2f}",
         "robust_high": "{:.2f}",
+        "slope": "{:.2f}",
+        "slope_low": "{:.2f}",
+        "slope_high": "{:.2f}",
+        "slope_without_few": "{:.2f}",
         "intercept_mm": "{:.1f}",
         "r": "{:.2f}",
         "gyral_over_cortical": "{:.2f}",
@@ -126,12 +127,13 @@ def _fig8(tables: Tables) -> list[Image | Table]:
         "surface",
         "points",
         "n",
-        "slope",
-        "from",
-        "to",
         "robust slope",
         "from",
         "to",
+        "least squares",
+        "from",
+        "to",
+        "without few",
         "at 0, mm",
         "r",
         "W / t",
@@ -157,10 +159,7 @@ def _fig9(tables: Tables) -> list[Image | Table]:
         **dict.fromkeys(medians, "{:.3g}"),
     }
     numbers = {"number": "", **dict.fromkeys(("median", "other_median", "ks", "energy", "p"), "{:.3g}")}
-    nearest = [
-        [row["source"], f"{row['n']:.0f}", f"{row['median']:.3f}", f"{row['p']:.3g}"]
-        for row in tables["fig9-nearest.tsv"]
-    ]
+    nearest = {"source": "", "n": "{:.0f}", "to_other": "{:.3f}", "from_other": "{:.3f}"}
     return [
         Image("fig9a", "three-hinge patterns of models, above those of a person"),
         Image("fig9b", "distributions of the numbers of hinge shapes"),
@@ -172,7 +171,10 @@ def _fig9(tables: Tables) -> list[Image | Table]:
             ["number", "models", "MRI", "Kolmogorov-Smirnov", "energy distance", "p"],
             cells(tables["fig9-numbers.tsv"], numbers),
         ),
-        Table(["hinges of", "n", "distance to the nearest on MRI, median", "p, against the models'"], nearest),
+        Table(
+            ["hinges of", "on either side", "distance to the nearest on MRI, median", "from MRI to the nearest"],
+            cells(tables["fig9-nearest.tsv"], nearest),
+        ),
     ]
 
 

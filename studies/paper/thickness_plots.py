@@ -156,4 +156,4 @@ def _straight(ax: Axes, x: np.ndarray, y: np.ndarray, **style: Any) -> None:
     if len(x) > 2 and np.ptp(x) > 0 and np.ptp(y) > 0:
         found = robust_line(x, y)
         ends = np.array([x.min(), x.max()])
-        ax.plot(ends, found.intercept + found.slope * ends, linewidth=1.5, **style)
+        ax.plot(ends, np.median(y - found.robust * x) + found.robust * ends, linewidth=1.5, **style)

@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 
-from morphofold.comparison.hinges import RANDOM_NET_NAME
 from morphofold.sim.theory import critical_growth
 from morphofold.studies.markdown import Row
 from morphofold.studies.paper.figures import Tables
@@ -119,29 +118,22 @@ def _fig8(tables: Tables) -> str:
     return (
         f"{_as(bodies['slope'] > 0)} in the paper, gyri are wider in bodies with a thicker cortex: W = "
         f"{bodies['slope']:.2f} t {start} mm. Over regions of the average brain, two hemispheres with two thicknesses "
-        f"each, the slope is positive in {sum(r['slope'] > 0 for r in regions)} of {len(regions)} fits by least "
-        f"squares, in {sum(r['robust_slope'] > 0 for r in regions)} by medians, and above 0 with 95 % confidence in "
-        f"{sum(r['slope_low'] > 0 for r in regions)}. At their crests, gyri are {ratios[1][0]} times as wide as the "
-        f"cortex is thick in the models, {ratios[1][1]} times in a person; over all the cortex {ratios[0][0]} "
-        f"and {ratios[0][1]} times."
+        f"each, the robust slope is positive in {sum(r['robust_slope'] > 0 for r in regions)} of {len(regions)} fits, "
+        f"above 0 with 95 % confidence in {_above_0(regions)} (by least squares "
+        f"{sum(r['slope'] > 0 for r in regions)} and {sum(r['slope_low'] > 0 for r in regions)}). From crest to crest "
+        f"of one surface it is above 0 with 95 % confidence in {_above_0(crests)} of {len(crests)}. At their crests, "
+        f"gyri are {ratios[1][0]} times as wide as the cortex is thick in the models, {ratios[1][1]} times in a "
+        f"person; over all the cortex {ratios[0][0]} and {ratios[0][1]} times."
     )
 
 
 def _fig9(tables: Tables) -> str:
     shape = next(row for row in tables["fig9-numbers.tsv"] if row["number"] == "shape")
     largest = next(row for row in tables["fig9-numbers.tsv"] if row["number"].startswith("largest angle"))
-    model, *controls = tables["fig9-nearest.tsv"]
-    chance = [row for row in controls if row["source"] == RANDOM_NET_NAME]
-    nearer = "".join(
-        f", {abs(100 * (1 - model['median'] / row['median'])):.0f} % "
-        f"{'nearer' if model['median'] < row['median'] else 'farther'} than hinges of a random net (p = "
-        f"{row['p']:.2g})"
-        for row in chance
-    )
-    own = "".join(f"; a hinge of {row['source']} has {row['median']:.3f}" for row in controls if row not in chance)
+    model, itself, *_ = tables["fig9-nearest.tsv"]
     return (
-        f"The hinge of a person nearest to a hinge of a model is {model['median']:.3f} away (median, by angles and "
-        f"lengths){nearer}{own}. The paper calls such pairs counterparts. The distributions of the shapes "
+        f"{model['verdict']} For other hinges of the person it is {itself['to_other']:.3f} and "
+        f"{itself['from_other']:.3f}. The paper calls such pairs counterparts. The distributions of the shapes "
         f"{'differ' if shape['p'] < 0.05 else 'do not differ significantly'} (energy distance {shape['energy']:.3f}, "
         f"p = {shape['p']:.2g}); the largest angle is {largest['median']:.0f}° in models, "
         f"{largest['other_median']:.0f}° in the person."
@@ -174,6 +166,11 @@ def _fig8_grown(tables: Tables) -> str:
     if control["high"] is None:
         return text
     return f"{text} Of two seeds, which differ by chance alone, 95 % have powers below {control['high']:.2f}."
+
+
+def _above_0(rows: Sequence[Row]) -> int:
+    """Number of fits whose robust slope is above 0 with 95 % confidence."""
+    return sum(row["robust_low"] is not None and row["robust_low"] > 0 for row in rows)
 
 
 def _falls(values: Sequence[float]) -> bool:

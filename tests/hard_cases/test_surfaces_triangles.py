@@ -237,7 +237,7 @@ def two_links_only(patch):
 def test_the_net_of_a_branching_surface_does_not_run_in_circles(holds):
     i, j = np.array([0, 1, 2, 3, 0]), np.array([1, 2, 3, 0, 4])  # a ring of four, and a way to it
     graph = sparse.csr_array((np.ones(10), (np.r_[i, j], np.r_[j, i])), shape=(5, 5))
-    found = [sorted({path[0], path[-1]}) for path in net.paths(graph, np.zeros(0, dtype=np.int64))]
+    found = [sorted({path[0], path[-1]}) for path in net.paths(graph, np.zeros(0, dtype=np.int64), np.arange(5))]
     holds.equal("ends of its chains", sorted(found), [[0], [0, 4]])
 
 

@@ -45,7 +45,7 @@ def soft_to_stiff(skewness, **more):
     return {"fig7.tsv": [fold(scene="fig5", g=2.0), *({**row, **more} for row in rows[::-1])]}
 
 
-def line(points, surface="a", slope=1.0, low=-1.0, ratio=2.5, crests=2.9, robust=-1.0):
+def line(points, surface="a", slope=1.0, low=-1.0, ratio=2.5, crests=2.9, robust=-1.0, least=None):
     return {
         "surface": surface,
         "points": points,
@@ -55,6 +55,7 @@ def line(points, surface="a", slope=1.0, low=-1.0, ratio=2.5, crests=2.9, robust
         "gyral_over_cortical": ratio,
         "gyral_over_cortical_at_crests": crests,
         "robust_slope": robust,
+        "robust_low": least,
     }
 
 
@@ -62,13 +63,15 @@ def bodies(**more):
     return {"fig6.tsv": [fold(T, g=g, **more) for T in (1.0, 2.0, 3.0) for g in (1.5, 2.0)]}
 
 
-def hinges(model, itself, chance, p):
+def hinges(verdict, p):
     numbers = [
         {"number": "shape", "energy": 0.05, "p": p, "median": None, "other_median": None},
-        {"number": "largest angle, degrees", "energy": None, "p": p, "median": 190.0, "other_median": 170.0},
+        {"number": "largest angle, degrees", "energy": None, "p": None, "median": 190.0, "other_median": 170.0},
     ]
-    sources = {"model": model, "MRI itself": itself, "random net": chance}
-    nearest = [{"source": name, "median": m, "n": 9.0, "p": p} for name, m in sources.items()]
+    nearest = [
+        {"source": name, "to_other": near, "from_other": near + 0.05, "n": 9.0, "verdict": verdict}
+        for name, near in {"model": 0.18, "MRI itself": 0.19, "random net": 0.2}.items()
+    ]
     return {"fig9-numbers.tsv": numbers, "fig9-nearest.tsv": nearest}
 
 
@@ -104,7 +107,7 @@ SENTENCES = [
         "fig8",
         {
             "fig8.tsv": [
-                line("regions, x", low=0.5),
+                line("regions, x", low=0.5, robust=1.0, least=0.2),
                 line("regions, y"),
                 line("bodies", slope=2.5),
                 line("crests", "T = 1 mm"),
@@ -114,9 +117,9 @@ SENTENCES = [
         [
             "As in the paper",
             "W = 2.50 t − 0.2 mm",
-            "in 2 of 2 fits",
-            "in 0 by medians",
-            "confidence in 1",
+            "in 1 of 2 fits",
+            "confidence in 1 (by least squares 2 and 1)",
+            "confidence in 0 of 2",
             "2.9 times as wide",
             "2.8 times in a person",
             "2.5 and 3.9 times",
@@ -128,8 +131,8 @@ SENTENCES = [
         ["Not as in the paper"],
     ),
     ("fig8", {"fig8.tsv": [line("bodies"), line("crests", "T = 1 mm", crests=None)]}, [UNFOLDED]),
-    ("fig9", hinges(0.18, 0.19, 0.20, 0.001), ["10 % nearer", "(p = 0.001)", "MRI itself has 0.190", "shapes differ"]),
-    ("fig9", hinges(0.3, 0.19, 0.20, 0.4), ["50 % farther", "do not differ significantly", "190°", "170°"]),
+    ("fig9", hinges("No closer.", 0.001), ["No closer.", "0.190 and 0.240", "shapes differ"]),
+    ("fig9", hinges("Closer.", 0.4), ["Closer.", "do not differ significantly", "190°", "170°"]),
 ]
 
 

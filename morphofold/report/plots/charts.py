@@ -268,7 +268,7 @@ def _draw_cloud(chart: Chart, look: Look, cloud: Cloud) -> None:
         ends = np.array([min(marks), max(marks)])
         faint: dict[str, Any] = {} if cloud.fit.sloped else {"linewidth": 1.0, "alpha": 0.45}
         kind = "fit" if cloud.fit.sloped else "fit faint"
-        chart.line(ends, cloud.fit.intercept + cloud.fit.slope * ends, kind, **line_of(look), **faint)
+        chart.line(ends, cloud.fit.at(ends), kind, **line_of(look), **faint)
     if cloud.points:
         words = [f"{look.name}, {p.label}: {number(p.gyral)} mm at {number(p.cortical)} mm" for p in cloud.points]
         x, y = ([getattr(p, key) for p in cloud.points] for key in ("cortical", "gyral"))

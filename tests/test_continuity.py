@@ -1,0 +1,57 @@
+"""The law of continuity: what changes nothing of a cortex moves none of its maps and tables."""
+
+import numpy as np
+import pytest
+from made_changes import CHANGES, changed
+from scipy.spatial import cKDTree
+
+from morphofold.analysis import measure
+from morphofold.io import read_cortex, sample_path
+
+# largest change at any vertex, of the 90th percentile of a map: curvature is fitted, and solvers stop at 1e-6
+MAP_BOUND = 1e-5
+# contours of voxels are not mirrored triangle by triangle
+MIRRORED_LOCAL_GYRIFICATION_BOUND = 2e-3
+HINGE_BOUND_MM = 1e-4
+TABLE_BOUND = 2e-3  # relative, of an angle, a curvature or a strength; lengths and thicknesses: 1e-5
+NUMBERING = {"hinge", "crest", "from_hinge", "to_hinge", "arm", "vertex", "x", "y", "z"}
+SMOOTH = {"length_mm", "gyral_thickness_mm", "cortical_thickness_mm", "area_mm2", "gray_volume_mm3", "thickness_mm"}
+
+
+@pytest.fixture(scope="module", params=["fsaverage5", "simulated"])
+def before(request):
+    cortex = read_cortex(sample_path(request.param), hemi="lh")
+    return cortex, measure(cortex, accuracy="draft")
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_what_changes_nothing_moves_no_map_and_no_row(before, change):
+    cortex, one = before
+    new, place, back = changed(cortex, change)
+    other = measure(new, accuracy="draft")
+    for name, values in one.maps.items():
+        voxels = change == "mirror" and name == "local_gyrification_index"
+        bound = (MIRRORED_LOCAL_GYRIFICATION_BOUND if voxels else MAP_BOUND) * np.nanpercentile(np.abs(values), 90)
+        np.testing.assert_allclose(other.maps[name][place], values, rtol=0, atol=bound, err_msg=name)
+    assert [k for k, v in other.scalars.items() if v is None] == [k for k, v in one.scalars.items() if v is None]
+    for name, value in ((k, v) for k, v in one.scalars.items() if v is not None):
+        assert other.scalars[name] == pytest.approx(value, rel=1e-4, abs=1e-9), name
+    for name in ("regions", "crests", "hinges", "arms", "shapes"):
+        assert_same_rows(getattr(one, name), getattr(other, name), name)
+    at, there = (np.array([[row[k] for k in "xyz"] for row in m.hinges]) for m in (one, other))
+    away, which = cKDTree(back(there)).query(at)
+    assert away.max() < HINGE_BOUND_MM
+    assert [other.hinges[k]["shape"] for k in which] == [row["shape"] for row in one.hinges]
+
+
+def assert_same_rows(one, other, name):
+    """Columns of two tables as sets, because rows are in the order of positions."""
+    assert len(other) == len(one), name
+    for key in {key for row in one for key in row} - NUMBERING:
+        mine, theirs = ([row.get(key) for row in rows] for rows in (one, other))
+        if any(isinstance(value, str) for value in mine):
+            assert sorted(map(str, theirs)) == sorted(map(str, mine)), (name, key)
+        else:
+            a, b = (np.sort(np.array(values, dtype=np.float64)) for values in (mine, theirs))
+            bound = 1e-5 if key in SMOOTH else TABLE_BOUND
+            np.testing.assert_allclose(b, a, rtol=bound, atol=1e-6 * np.nanmax(np.abs(a), initial=0), err_msg=key)
