@@ -154,8 +154,8 @@ def hinge_at(graph: nx.MultiGraph, node: int) -> Hinge:
     arms = []
     for number, (k, turn) in enumerate(zip(order, turns)):
         direction, to, crest = found[k]
-        along = (crest[key] for key in ("length", "curvature", "altitude", "lowest", "blind"))
-        arms.append(Arm(node, number, to, crest["number"], turn, *along, tuple(direction.tolist())))
+        along = {key: crest[key] for key in ("length", "curvature", "altitude", "lowest", "blind")}
+        arms.append(Arm(node, number, to, crest["number"], turn, direction=tuple(direction.tolist()), **along))
     seeing = sum(not arm.blind for arm in arms)
     return Hinge(
         node,

@@ -87,7 +87,7 @@ def local_gyrification_index(
     points, triangles = envelope(verts, faces, closing, voxel)
     bin_ = region / BINS_PER_REGION_RADIUS
     shape = _odd_sizes(np.concatenate([verts, points]), region, bin_)
-    low: Array = -0.5 * bin_ * shape
+    low = np.multiply(-0.5 * bin_, shape, dtype=np.float64)
     middles, areas = points[triangles].mean(axis=1), face_areas(points, triangles)
     folded, smooth = beside(
         partial(_area_within_radius, verts, vertex_areas(verts, faces), low, shape, bin_, region),
@@ -143,7 +143,8 @@ def _area_within_radius(
     total = np.zeros(shape)
     for corner in np.ndindex(2, 2, 2):  # each area is divided among eight bins, so that it moves steadily
         share = np.prod(np.where(corner, places - first, 1 - (places - first)), axis=1)
-        np.add.at(total, tuple((first + corner).astype(np.int64).T), share * areas)
+        at = np.ravel_multi_index((first + corner).astype(np.int64).T, shape)
+        np.add.at(total.reshape(-1), at, share * areas)
     reach = math.ceil(radius / bin_)
     steps = np.arange(-reach, reach + 1) * bin_
     far = np.sqrt(sum(np.meshgrid(*3 * [steps**2], indexing="ij")))
