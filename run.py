@@ -13,7 +13,7 @@ ROOT = Path(__file__).resolve().parent
 BIN = ROOT / ".venv" / ("Scripts" if os.name == "nt" else "bin")
 SOURCES = [ROOT / name for name in ("pyproject.toml", "constraints.txt", "run.py")]
 
-ALL = "[test,docs,bench,slurm]"
+ALL = "[test,docs,bench]"
 EXTRAS = {"setup": "", "demo": "", "docs": "[docs]", "test": ALL, "accuracy": ALL}  # that a task needs
 SIZES = {"": 400, "[docs]": 430, ALL: 550}  # MB to load; each holds those before
 TASKS = {

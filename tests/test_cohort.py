@@ -818,7 +818,6 @@ def test_where_there_are_no_workers_nothing_is_written(here, capsys, monkeypatch
     for words, expected in (
         (["--scheduler", "tcp://127.0.0.1:9"], ("tcp://127.0.0.1:9",)),
         (["--memory", "0.001"], (" 0.0 GiB", "[too-large]")),
-        (["--workers", "2", "--slurm", "2"], ("workers", "slurm", "[options-clash]")),
     ):
         refused(capsys, ["cohort", "subjects", "-o", "out", *words], *expected)
         refused(capsys, ["sweep", "demo", "--vary", "mu_ratio=1,2", "-o", "out", *words], *expected)

@@ -201,7 +201,6 @@ def test_workers_share_what_the_machine_has(monkeypatch):
         ({"memory": -1.0}, OutOfRange, r"^memory .* -1\.$"),
         ({"memory": float("nan")}, OutOfRange, r"^memory .* nan\.$"),
         ({"scheduler": "tcp://127.0.0.1:1", "workers": 2}, OptionsClash, "scheduler.*workers"),
-        ({"slurm": 4, "workers": 2}, OptionsClash, "workers.*slurm"),
     ],
 )
 def test_numbers_that_are_none_are_refused(asked, kind, expected):
@@ -245,16 +244,3 @@ def test_what_its_machine_is_to_blame_for_is_no_defect():
     assert not died
     assert "No space left on device: 'anna.log'" in lost.reason
     assert "defect" not in lost.reason
-
-
-def test_slurm_jobs_ask_for_what_was_said():
-    pytest.importorskip("dask_jobqueue", reason="needs the extra slurm")
-    from morphofold.cohort.fleet import _slurm_cluster
-
-    with _slurm_cluster(2, 4.0) as cluster:
-        script = cluster.job_script()
-    assert "#SBATCH --cpus-per-task=2" in script
-    assert "#SBATCH --mem=4G" in script
-    assert "export NUMBA_NUM_THREADS=2" in script
-    assert "export MALLOC_TRIM_THRESHOLD_=268435456" in script
-    assert "--nthreads 1" in script  # the last of the two counts

@@ -98,9 +98,6 @@ def add_worker_args(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--scheduler", metavar="ADDRESS", help="address of a running Dask cluster, such as tcp://host:8786"
     )
-    parser.add_argument(
-        "--slurm", type=int, metavar="N", help="ask SLURM for N jobs, as described in ~/.config/dask/jobqueue.yaml"
-    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -258,12 +255,7 @@ def fleet_asked(args: argparse.Namespace, need: float) -> AbstractContextManager
     from morphofold.cohort.fleet import open_fleet
 
     return open_fleet(
-        workers=args.workers,
-        threads=args.threads,
-        memory=args.memory,
-        scheduler=args.scheduler,
-        slurm=args.slurm,
-        need=need,
+        workers=args.workers, threads=args.threads, memory=args.memory, scheduler=args.scheduler, need=need
     )
 
 

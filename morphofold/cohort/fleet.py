@@ -1,4 +1,4 @@
-"""Jobs on Dask: on workers started for them, on a running cluster, or on SLURM.
+"""Jobs on Dask: on workers started for them, or on a running cluster.
 
 A job is a call of one function with plain arguments. If a worker dies, its job starts again on another worker. A job
 whose workers died three times is put last and tried once more alone, so that no other job is lost with it.
@@ -145,7 +145,6 @@ def open_fleet(
     threads: int = 1,
     memory: float | None = None,
     scheduler: str | None = None,
-    slurm: int | None = None,
     need: float = 0.0,
 ) -> Iterator[Fleet]:
     """Workers for the duration of a ``with`` block.
@@ -161,8 +160,6 @@ def open_fleet(
         machine.
     scheduler : str, optional
         Address of a running Dask scheduler, ``"tcp://host:8786"``; its workers are used as they are.
-    slurm : int, optional
-        Number of SLURM jobs to request, as described in the user's ``jobqueue.yaml``.
     need : float
         Expected peak memory of a job [GiB]; 0 if not known.
 
@@ -172,8 +169,6 @@ def open_fleet(
 
     Raises
     ------
-    ImportError
-        If SLURM is requested and dask-jobqueue is not installed.
     ValueError
         If a number is invalid, or a job needs more memory than a worker may use.
     ConnectionError
@@ -182,7 +177,7 @@ def open_fleet(
     import dask
     from distributed import Client
 
-    _check_arguments(workers, threads, memory, scheduler, slurm)
+    _check_arguments(workers, threads, memory, scheduler)
     settings = {
         "distributed.scheduler.allowed-failures": MOST_WORKER_DEATHS - 1,
         "distributed.scheduler.worker-saturation": 1.0,
@@ -210,12 +205,6 @@ def open_fleet(
             bounds = {round(worker["memory_limit"] / GiB, 1) for worker in known if worker["memory_limit"]}
             bound = " or ".join(f"{x:g} GiB" for x in sorted(bounds)) or "the memory of its machine"
             words = f"{len(known)} workers at {scheduler}, {bound} each"
-        elif slurm is not None:
-            cluster = stack.enter_context(_slurm_cluster(threads, memory))
-            cluster.scale(jobs=slurm)
-            client = stack.enter_context(Client(cluster))
-            bound = "the memory that its SLURM job requests" if memory is None else f"{memory:g} GiB"
-            words = f"{slurm} SLURM jobs requested, {bound} each"
         else:
             count, each = _workers_and_memory(workers, threads, memory, need)
             cluster = stack.enter_context(_local_cluster(count, each))
@@ -274,18 +263,14 @@ def _refuse_other_versions(client: Any) -> None:
         )
 
 
-def _check_arguments(
-    workers: int | None, threads: int, memory: float | None, scheduler: str | None, slurm: int | None
-) -> None:
-    for name, value in (("workers", workers), ("threads", threads), ("slurm", slurm)):
+def _check_arguments(workers: int | None, threads: int, memory: float | None, scheduler: str | None) -> None:
+    for name, value in (("workers", workers), ("threads", threads)):
         if value is not None and value < 1:
             raise OutOfRange(f"{name} must be 1 or more, got {value}.")
     if memory is not None and not 0 < memory < float("inf"):
         raise OutOfRange(f"memory must be a positive number of GiB, got {memory:g}.")
-    if scheduler is not None and (slurm is not None or workers is not None or memory is not None):
-        raise OptionsClash("a running scheduler has its own workers. Leave out workers, memory and slurm.")
-    if slurm is not None and workers is not None:
-        raise OptionsClash("workers are for this machine, slurm is a number of SLURM jobs. Give only one of them.")
+    if scheduler is not None and (workers is not None or memory is not None):
+        raise OptionsClash("a running scheduler has its own workers. Leave out workers and memory.")
 
 
 def _workers_and_memory(workers: int | None, threads: int, memory: float | None, need: float) -> tuple[int, float]:
@@ -319,29 +304,6 @@ def _local_cluster(workers: int, memory: float) -> Any:
         scheduler_kwargs={"dashboard": False, "dashboard_address": LOOPBACK_ADDRESS},
         silence_logs=logging.CRITICAL,  # one job per worker: its kernels use the threads
     )
-
-
-def _slurm_cluster(threads: int, memory: float | None) -> Any:
-    try:
-        from dask_jobqueue import SLURMCluster
-    except ImportError:
-        raise ImportError("workers on SLURM need the package dask-jobqueue: pip install dask-jobqueue.") from None
-    import dask
-
-    options = dask.config.get("jobqueue.slurm.scheduler-options", None) or {}
-    given: dict[str, Any] = {} if memory is None else {"memory": f"{memory:g}GiB"}
-    prologue = [f"export {name}={value}" for name, value in _worker_environment(threads).items()]
-    try:
-        return SLURMCluster(
-            cores=threads,
-            processes=1,
-            job_script_prologue=prologue,
-            worker_extra_args=["--nthreads", "1", "--no-dashboard", "--dashboard-address", LOOPBACK_ADDRESS],
-            scheduler_options={**options, "dashboard": False, "dashboard_address": LOOPBACK_ADDRESS},
-            **given,
-        )
-    except ValueError as error:
-        raise OptionsClash(f"jobqueue.yaml: {error} Pass --memory, or set it there.") from error
 
 
 @contextmanager
