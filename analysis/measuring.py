@@ -29,6 +29,7 @@ from morphofold.analysis.thickness.gyral import GyralThickness
 from morphofold.analysis.thickness.robust_slope import Line, through_regions
 from morphofold.progress import Progress, silent
 from morphofold.surface import Cortex, PerVertex, check_kind
+from morphofold.threads import one_blas_thread
 
 if TYPE_CHECKING:
     import networkx as nx
@@ -40,6 +41,7 @@ LARGEST_CROSSED_SHARE = 0.01
 OFF_PIAL = "white off pial"  # part of every cortex mask: where white and pial coincide is no cortex
 
 
+@one_blas_thread()
 def measure(
     cortex: Cortex,
     *,

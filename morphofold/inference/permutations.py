@@ -214,6 +214,7 @@ class Null:
     threshold: float
     exchanges: Array
 
+    @one_blas_thread()
     def largest(self, first: int, last: int, progress: Progress = silent) -> Array:
         """Of each exchange from ``first`` to ``last`` (last - first, 3): the largest abs(t), the area of the largest
         cluster, and the largest TFCE."""
@@ -221,8 +222,7 @@ class Null:
         for start in range(first, last, PERMUTATIONS_AT_ONCE):
             stop = min(start + PERMUTATIONS_AT_ONCE, last)
             t = np.zeros((stop - start, len(self.known)))
-            with one_blas_thread():
-                t[:, self.known] = self.model.t(self.residuals, self.exchanges[start:stop])
+            t[:, self.known] = self.model.t(self.residuals, self.exchanges[start:stop])
             order = np.argsort(-np.abs(t), axis=1, kind="stable")
             out = found[start - first : stop - first]
             in_blocks(_largest, len(t), *reading(t, order, *self.mesh.arrays), self.threshold, out)
@@ -235,6 +235,7 @@ def here(null: Null, progress: Progress) -> Array:
     return null.largest(0, len(null.exchanges), progress)
 
 
+@one_blas_thread()
 def infer(
     maps: Array,
     design: Array,
@@ -303,11 +304,10 @@ def infer(
     if not known.any():
         raise DoesNotApply("no vertex has a value in all subjects. Leave out subjects without maps.")
     threshold = float(stats.t.isf(forming_p / 2, model.df))
-    with one_blas_thread():
-        residuals = model.residuals(Y[:, known])
-        own = np.column_stack([np.arange(len(Y), dtype=np.float64), np.ones(len(Y))])[None]
-        t, effect = np.full((2, len(known)), np.nan)
-        t[known], effect[known] = model.t(residuals, own)[0], model.effect(residuals)
+    residuals = model.residuals(Y[:, known])
+    own = np.column_stack([np.arange(len(Y), dtype=np.float64), np.ones(len(Y))])[None]
+    t, effect = np.full((2, len(known)), np.nan)
+    t[known], effect[known] = model.t(residuals, own)[0], model.effect(residuals)
     shuffled = exchanges(len(Y), permutations, seed, flip=model.tests_a_mean, blocks=blocks, whole=whole)
     if not model.changes(shuffled):
         raise DoesNotApply(

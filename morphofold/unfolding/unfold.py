@@ -11,6 +11,7 @@ from morphofold.arrays import Array
 from morphofold.errors import BadMesh, Mismatch, OpenSurface, OutOfRange
 from morphofold.geometry import euler_characteristic, face_areas, face_vectors, is_closed, used, vertex_areas
 from morphofold.surface import Surface
+from morphofold.threads import one_blas_thread
 from morphofold.unfolding.harmonics import fit
 from morphofold.unfolding.smooth_surface import DEGREE, LEVELS, SmoothSurface
 
@@ -65,6 +66,7 @@ class Unfolding:
             return (folded / folded.sum()) / (smooth / smooth.sum())
 
 
+@one_blas_thread()
 def unfold(
     folded: Surface, sphere: Surface, level: float = 0.03, *, radius: float | None = None, degree: int = DEGREE
 ) -> Unfolding:
