@@ -29,6 +29,7 @@ from morphofold.mesh_quality import checks, defects, plausibility
 from morphofold.mesh_quality import repair as mending
 from morphofold.progress import Progress, silent
 from morphofold.surface import Cortex, PerVertex, check_kind
+from morphofold.threads import one_blas_thread
 
 if TYPE_CHECKING:
     import networkx as nx
@@ -40,6 +41,7 @@ LARGEST_CROSSED_SHARE = 0.01
 APART = "where white and pial differ"  # part of every cortex mask
 
 
+@one_blas_thread()
 def measure(
     cortex: Cortex,
     *,

@@ -18,6 +18,8 @@ from numba.core import caching, types
 from numpy.typing import NDArray
 from scipy import sparse
 
+import morphofold.threads  # noqa: F401  (how numba's threads wait is set before they start)
+
 _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 _CONSTANTS = (bool, int, float, str, tuple, np.generic)
 

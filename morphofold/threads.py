@@ -1,30 +1,41 @@
-"""How many threads the kernels use."""
+"""How many threads numba and BLAS use, and how work is divided among them."""
 
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, ThreadPoolExecutor
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache, partial
 from itertools import pairwise
+from pathlib import Path
 from threading import Event, Lock, current_thread, main_thread
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from threadpoolctl import ThreadpoolController
 
 from morphofold.errors import OutOfRange
 
-if TYPE_CHECKING:
-    from threadpoolctl import ThreadpoolController
+# Threads of numba that wait for others sleep. By default they spin, and on a machine with other work, where the others
+# wait for a core, a step of a strip took 27 times as long. Read when numba starts its threads.
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
+#: environment variables that libraries of BLAS read when they are loaded
+BLAS_VARIABLES = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS", "OMP_NUM_THREADS")
 #: blocks into which kernels divide their work, each with its own scratch; independent of the number of threads
 BLOCKS = 64
+LEAST_SECONDS_FOR_THREADS = 0.005  # of work, which starting the threads of a pool takes a tenth of
+CPU_QUOTA = Path("/sys/fs/cgroup/cpu.max")  # of a container or a batch job: microseconds, in a period of microseconds
 #: fast_simplification has global state: only one surface is simplified at a time
 SIMPLIFYING = Lock()
 _interrupted = Event()  # by Ctrl-C: tasks in other threads begin nothing further
 
 
 def set_threads(threads: int | None) -> None:
-    """Let numba kernels use ``threads`` threads; None: all cores. Results are bitwise the same for any number.
+    """Let numba kernels use ``threads`` threads; None: all cores that this process may use.
+
+    Results are bitwise the same for any number.
 
     Raises
     ------
@@ -34,7 +45,7 @@ def set_threads(threads: int | None) -> None:
     import numba
 
     check_threads(threads)
-    numba.set_num_threads(_most_threads() if threads is None else threads)
+    numba.set_num_threads(_usable_cores() if threads is None else threads)
 
 
 @contextmanager
@@ -68,8 +79,17 @@ def _most_threads() -> int:
     return most
 
 
+def _usable_cores() -> int:
+    """Cores that the system gives to this process: numba asks for its affinity, and here for its quota."""
+    most = _most_threads()
+    with suppress(OSError, ValueError):  # no such quota, or "max"
+        quota, period = map(int, CPU_QUOTA.read_text(encoding="ascii").split())
+        most = max(1, min(most, quota // period))
+    return most
+
+
 def in_blocks(kernel: Callable[..., Any], n: int, *arguments: Any) -> None:
-    """Call ``kernel(start, stop, *arguments)`` for blocks that make up 0 to ``n``, on all threads.
+    """Call ``kernel(start, stop, *arguments)`` for blocks that make up 0 to ``n``, on all threads if that pays.
 
     The kernel writes to rows ``start`` to ``stop`` of some of its arguments, and only to these, so the result is the
     same for any number of threads. It must release Python's lock, as :func:`morphofold.kernels.kernel` lets it.
@@ -80,8 +100,10 @@ def in_blocks(kernel: Callable[..., Any], n: int, *arguments: Any) -> None:
     blocks = [(start, stop) for start, stop in pairwise(cuts) if stop > start]
     if not blocks:
         return
+    began = time.perf_counter()
     kernel(*blocks[0], *arguments)  # compiles
-    if (threads := numba.get_num_threads()) == 1:
+    seconds = len(blocks) * (time.perf_counter() - began)
+    if (threads := numba.get_num_threads()) == 1 or seconds < LEAST_SECONDS_FOR_THREADS:
         for start, stop in blocks[1:]:
             kernel(start, stop, *arguments)
         return
@@ -129,14 +151,17 @@ def _results(pool: ThreadPoolExecutor, tasks: Sequence[Callable[[], Any]]) -> li
 
 @cache
 def _controller() -> ThreadpoolController:
-    from threadpoolctl import ThreadpoolController
+    import scipy.linalg  # noqa: F401  (its BLAS is another one than NumPy's)
 
     return ThreadpoolController()
 
 
-def one_blas_thread() -> AbstractContextManager[Any]:
-    """Context in which NumPy and SciPy compute products of matrices in one thread: sums of several differ in last bits.
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Context, and decorator of functions, in which NumPy and SciPy compute products of matrices in one thread.
 
-    Both must be imported before it is first used.
+    Sums of several differ in last bits, and for vectors and matrices as ours several take longer: threads of BLAS spin
+    while they wait. The number that the process used before is restored.
     """
-    return _controller().limit(limits=1, user_api="blas")
+    with _controller().limit(limits=1, user_api="blas"):
+        yield

@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,11 +25,13 @@ from morphofold.sim.effects import Effect, overriding
 from morphofold.sim.elements.lanes import sum_forces
 from morphofold.sim.equilibrium.rest import SOFT_MODE_W2, Balance, softest
 from morphofold.sim.equilibrium.wrinkles import Slow, slow_growth
+from morphofold.threads import using_threads
 from morphofold.timing import working_seconds
 
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
 
+NODES_PER_THREAD = 5000  # for fewer nodes a thread costs more than it saves: a step has some ten parallel loops
 STEPS_PER_MEASUREMENT = 12  # steps between measurements of mass and energies
 STEPS_PER_INCREMENT = 2  # steps between increments of growth: no wave is so fast, so none is in resonance with them
 #: velocities fall by exp(-0.15) while a wave crosses the cortex (Body.crossing), at a stage by exp(-0.1): critical
@@ -164,6 +167,11 @@ class Dynamics:
         effects = ", ".join(effect.name for effect in self.effects) or "no effects"
         return f"Dynamics({self.body!r}, {effects}, at growth {self.state.growth:.4g})"
 
+    @property
+    def threads(self) -> int:
+        """Number of threads of a step: those of numba, or fewer for a small body."""
+        return min(numba.get_num_threads(), 1 + len(self.body.X) // NODES_PER_THREAD)
+
     @classmethod
     def of(cls, scene: Scene, body: Body, effects: Sequence[Effect] = (), start: State | None = None) -> Dynamics:
         """The dynamics of a scene's body at the growth rate of the scene."""
@@ -289,6 +297,10 @@ class Dynamics:
 
     def _run(self, steps: int, growth: float | None = None) -> None:
         """Take steps, towards another growth if one is given, and measure."""
+        with using_threads(self.threads):
+            self._take(steps, growth)
+
+    def _take(self, steps: int, growth: float | None) -> None:
         body, state, seconds = self.body, self.state, self.seconds
         blocks = body.elements.blocks
         start = state.growth

@@ -30,7 +30,7 @@ from morphofold.sim.output.volume import write_series, write_volume
 from morphofold.sim.restart import check_mesh, restart_of, state_of
 from morphofold.sim.scene import Radial, Scene, Strip
 from morphofold.sim.scene.files import load_scene
-from morphofold.threads import set_threads
+from morphofold.threads import one_blas_thread, using_threads
 from morphofold.timing import peak_memory, working_seconds
 
 if TYPE_CHECKING:
@@ -56,6 +56,7 @@ STAGE_NUMBERS = (
 )
 
 
+@one_blas_thread()
 def simulate(
     source: str | Path | Scene,
     out: str | Path | None = None,
@@ -125,8 +126,7 @@ def simulate(
         raise DoesNotApply(
             f"{scene.name}: a radial scene has no steps. Leave out the options effects, after, restart_from."
         )
-    with deferred_interrupt() as interrupted:
-        set_threads(threads)
+    with deferred_interrupt() as interrupted, using_threads(threads):
         if is_finished(folder, scene, resume, names, restart_from):
             with suppress(OSError):  # a folder that is not writable goes without
                 write_series(folder, scene)
@@ -193,8 +193,6 @@ class _Run:
             raise
 
     def _grow(self) -> None:
-        import numba
-
         from morphofold.sim.health import broken_bounds
 
         stages = []
@@ -215,7 +213,7 @@ class _Run:
             steps=self.dynamics.state.step,
             seconds=round(self._elapsed(), 2),
             seconds_by_phase={k: round(v, 3) for k, v in self.dynamics.seconds.items()},
-            threads=numba.get_num_threads(),
+            threads=self.dynamics.threads,
             peak_memory_GiB=peak_memory(),
         )
         (self.writer.out / "checkpoint.npz").unlink(missing_ok=True)

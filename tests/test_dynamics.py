@@ -9,6 +9,7 @@ from morphofold.sim.effects.contact import Contact
 from morphofold.sim.effects.perturbation import Perturbation
 from morphofold.sim.effects.symmetry import Symmetry
 from morphofold.sim.mesh.brick_mesh import bilayer_sphere
+from morphofold.threads import using_threads
 
 
 def make_run(
@@ -92,6 +93,19 @@ def test_a_folded_run_is_bitwise_the_same_for_one_and_two_threads():
         assert max(pairs) > 0  # contact took part
         results.append(run.state.x.copy())
     assert np.array_equal(*results)
+
+
+@pytest.mark.skipif(numba.get_num_threads() < 2, reason="needs two threads")
+def test_a_small_body_steps_in_one_thread(monkeypatch):
+    run, seen = make_run(n=6), []
+    monkeypatch.setattr(run.body, "grow", lambda g: seen.append(numba.get_num_threads()))
+    for nodes, threads in ((dynamics.NODES_PER_THREAD, 1), (len(run.body.X), 2)):
+        monkeypatch.setattr(dynamics, "NODES_PER_THREAD", nodes)
+        with using_threads(2):
+            run.grow_to(run.state.growth + 1e-4)
+            assert numba.get_num_threads() == 2
+        assert set(seen) == {threads}
+        seen.clear()
 
 
 def test_a_run_taken_up_from_a_checkpoint_ends_bitwise_the_same():

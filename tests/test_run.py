@@ -6,7 +6,6 @@ import sys
 import time
 
 import meshio
-import numba
 import numpy as np
 import pytest
 
@@ -59,7 +58,7 @@ def test_a_simulation_folder_holds_what_was_promised(folder):
     health = json.loads((folder / "health.json").read_text())
     assert health["effects"] == ["contact", "perturbation", "symmetry"]
     assert set(health["seconds_by_phase"]) >= {"elements", "contact"}
-    assert health["threads"] == numba.get_num_threads()
+    assert health["threads"] == 1  # of a body so small
     assert 0 < health["peak_memory_GiB"] <= peak_memory()
     assert not (folder / "checkpoint.npz").exists()
     assert not [p for p in folder.rglob(".*") if p.name != ".morphofold"]  # no temporary files are left

@@ -1,6 +1,9 @@
 """Work on several threads."""
 
+import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 from functools import partial
@@ -8,17 +11,25 @@ from functools import partial
 import numba
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
+from morphofold import threads as threads_module
+from morphofold.analysis.measuring import measure
 from morphofold.analysis.resampling import Preset, resampled
 from morphofold.analysis.steps import Steps
 from morphofold.kept import kept
 from morphofold.kernels import kernel
 from morphofold.report.pages.pack import thin
+from morphofold.shapes import bumpy_sphere
 from morphofold.shapes.folded_ball import folded_ball
+from morphofold.sim.run import simulate
+from morphofold.surface import Surface
 from morphofold.threads import BLOCKS, beside, in_blocks, together, using_threads
 from morphofold.timing import Stages
+from morphofold.unfolding.spheres import sphere_of
 
-two_threads = pytest.mark.skipif(numba.get_num_threads() < 2, reason="needs two threads")
+MOST = numba.get_num_threads()
+two_threads = pytest.mark.skipif(MOST < 2, reason="needs two threads")
 
 
 @kernel
@@ -29,11 +40,84 @@ def count(start, stop, add, times):
 
 @pytest.mark.parametrize("threads", [1, pytest.param(2, marks=two_threads)])
 @pytest.mark.parametrize("n", [0, 1, BLOCKS - 1, BLOCKS + 1, 1000])
-def test_blocks_cover_every_row_once(threads, n):
+def test_blocks_cover_every_row_once(threads, n, monkeypatch):
+    monkeypatch.setattr(threads_module, "LEAST_SECONDS_FOR_THREADS", 0.0)
     times = np.zeros(n)
     with using_threads(threads):
         in_blocks(count, n, 1.0, times)
     assert (times == 1).all()
+
+
+@two_threads
+@pytest.mark.parametrize(("least", "several"), [(0.0, True), (1000.0, False)])
+def test_little_work_is_done_in_one_thread(least, several, monkeypatch):
+    monkeypatch.setattr(threads_module, "LEAST_SECONDS_FOR_THREADS", least)
+    seen = set()
+    with using_threads(2):
+        in_blocks(lambda start, stop: seen.add(threading.get_ident()), BLOCKS)
+    assert (seen != {threading.get_ident()}) == several
+
+
+@pytest.mark.parametrize(
+    ("written", "cores"), [("150000 100000", 1), ("10 100000", 1), ("max 100000", MOST), (None, MOST)]
+)
+def test_by_default_threads_are_as_many_as_the_quota_of_a_container_allows(written, cores, tmp_path, monkeypatch):
+    monkeypatch.setattr(threads_module, "CPU_QUOTA", tmp_path / "cpu.max")
+    if written:
+        (tmp_path / "cpu.max").write_text(written)
+    with using_threads(None) as threads:
+        assert threads == cores
+
+
+def blas_threads():
+    return {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
+
+
+@pytest.fixture
+def two_blas_threads():
+    with threadpool_limits(2, "blas"):
+        if blas_threads() != {2}:
+            pytest.skip("BLAS has one thread")
+        yield
+
+
+def unfold_sphere(progress):
+    sphere = bumpy_sphere(3)
+    sphere_of(Surface(sphere.verts, sphere.faces), progress)
+
+
+def grow(progress):
+    simulate("demo", settings=["accuracy.edge=8", "growth.final=1.01"], progress=progress)
+
+
+@pytest.mark.parametrize(
+    "work",
+    [lambda progress: measure(folded_ball(3000), progress=progress), unfold_sphere, grow],
+    ids=["measure", "unfold", "grow"],
+)
+def test_public_functions_compute_with_one_blas_thread_and_restore_what_was(work, two_blas_threads, here):
+    seen = set()
+    work(lambda share, text: seen.update(blas_threads()))
+    assert seen == {1}
+    assert blas_threads() == {2}
+
+
+ENVIRONMENT = """
+import os
+from morphofold.cli import main
+main(["theory", "radius"])
+from threadpoolctl import threadpool_info
+print(os.environ["OMP_WAIT_POLICY"], {one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas"})
+"""
+
+
+def test_commands_compute_with_one_blas_thread_and_waiting_threads_sleep():
+    names = (*threads_module.BLAS_VARIABLES, "OMP_WAIT_POLICY")
+    environment = {name: value for name, value in os.environ.items() if name not in names}
+    done = subprocess.run(
+        [sys.executable, "-c", ENVIRONMENT], env=environment, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.splitlines()[-1] == "PASSIVE {1}"
 
 
 @pytest.mark.parametrize("threads", [1, pytest.param(2, marks=two_threads)])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import os
 import signal
 import sys
 import threading
@@ -15,6 +16,7 @@ from typing import Any, NoReturn
 from morphofold import __version__
 from morphofold.cli.streams import one_line, standard_streams
 from morphofold.errors import DISK_FULL_ERRORS, BadUsage, code_of
+from morphofold.threads import BLAS_VARIABLES
 
 #: subcommand -> its line in the overview
 COMMANDS = {
@@ -139,6 +141,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     If nobody reads the output any more, the work is still done, and the exit code stays the same.
     """
+    for name in BLAS_VARIABLES:  # NumPy is not imported yet
+        os.environ.setdefault(name, "1")
     with standard_streams():
         try:
             args = parser().parse_args(argv)

@@ -35,7 +35,9 @@ def run(args: argparse.Namespace) -> int:
     from morphofold.results import write_analysis
     from morphofold.sim.scene.files import load_scene
     from morphofold.simulation import simulate
+    from morphofold.threads import set_threads
 
+    set_threads(args.threads)
     if args.subjects is not None and args.scene is not None:
         raise OptionsClash("--subjects makes subjects and grows no scene. Leave out --scene.")
     if args.subjects is None and args.seed is not None:

@@ -28,9 +28,9 @@ class Runs:
     """
 
     def __init__(self, out: Path, *, threads: int | None, quiet: bool, draft: bool = False):
-        from morphofold.threads import check_threads
+        from morphofold.threads import set_threads
 
-        check_threads(threads)
+        set_threads(threads)
         self._out, self.draft, self._threads, self._quiet = out, draft, threads, quiet
         self._done: dict[str, Any] = {}
         self.seconds_growing = 0.0

@@ -17,6 +17,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from morphofold.errors import Mismatch, MissingPart, OptionsClash, OutOfRange, TooLarge
+from morphofold.threads import BLAS_VARIABLES
 from morphofold.words import in_one_line
 
 GiB = 2**30
@@ -215,7 +216,6 @@ def open_fleet(
         yield Fleet(client, words, bound)
 
 
-THREAD_VARIABLES = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 #: settings of glibc [bytes]: with Dask's own, every large array is returned to the system at once, and a sixth of a
 #: worker's time is lost on getting pages again; these keep a quarter of a GiB at most
 ALLOCATOR_VARIABLES = {"MALLOC_TRIM_THRESHOLD_": str(2**28), "MALLOC_MMAP_THRESHOLD_": str(2**25)}
@@ -223,7 +223,7 @@ ALLOCATOR_VARIABLES = {"MALLOC_TRIM_THRESHOLD_": str(2**28), "MALLOC_MMAP_THRESH
 
 def _worker_environment(threads: int) -> dict[str, str]:
     """Environment of a worker from its start, because libraries read it only once."""
-    return {name: str(threads) for name in THREAD_VARIABLES} | ALLOCATOR_VARIABLES
+    return {"NUMBA_NUM_THREADS": str(threads)} | dict.fromkeys(BLAS_VARIABLES, "1") | ALLOCATOR_VARIABLES
 
 
 #: by default, every Dask process wakes 50 times a second to check for delays, and workers profile themselves 100 times
@@ -312,7 +312,7 @@ def _restored_environment() -> Iterator[None]:
 
     Variables in the environment override Dask's settings for workers, and Dask leaves its own values here.
     """
-    names = (*THREAD_VARIABLES, *ALLOCATOR_VARIABLES)
+    names = _worker_environment(1)
     before = {name: os.environ.pop(name) for name in names if name in os.environ}
     try:
         yield

@@ -76,12 +76,13 @@ def calibrate(scene: Scene, costs: Mapping[str, Any], threads: int | None = None
     from morphofold.threads import using_threads
     from morphofold.timing import working_seconds
 
-    with using_threads(threads) as threads:
+    with using_threads(threads):
         small = reduced(scene)
         started = working_seconds()
         effects = build_effects(small)
         body = build_body(small, effects)
         run = Dynamics.of(small, body, effects)
+        used = run.threads
         setting_up = working_seconds() - started
         phases, fastest, slowest = _time_steps(run)
         slowness = slowness_of_stages(costs)
@@ -98,7 +99,7 @@ def calibrate(scene: Scene, costs: Mapping[str, Any], threads: int | None = None
         slowest,
         setting_up,
         slowness,
-        threads,
+        used,
     )
 
 

@@ -190,6 +190,7 @@ def _refuse_few(space: Space, hemi: str, count: int) -> None:
         )
 
 
+@one_blas_thread()
 def _side(space: Space, hemi: str, marks: Landmarks, fwhm: float, spins: int, seed: int, progress: Progress) -> _Side:
     inside, names = _regions(space, hemi)
     K, subjects, N = marks.amounts.shape
@@ -198,8 +199,7 @@ def _side(space: Space, hemi: str, marks: Landmarks, fwhm: float, spins: int, se
     turned = common_by_chance(marks, spins, seed, part_of(progress, 0.0, 0.7, ""))
     start = 0
     for found in chain([common(marks)[None]], turned):
-        with one_blas_thread():  # for the same bytes with any number
-            sums.append(found @ inside)
+        sums.append(found @ inside)
         counts[start : start + len(found)] = found[:, :, 0]
         start += len(found)
     densities = _densities(space, hemi, counts, marks.areas * subjects, fwhm, part_of(progress, 0.7, 0.3, ""))

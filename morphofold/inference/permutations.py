@@ -311,6 +311,7 @@ def largest(t_of: Callable[[Array], Array], shuffled: Array, mesh: Mesh, thresho
     return found
 
 
+@one_blas_thread()
 def infer(
     maps: Array,
     design: Array,
@@ -382,10 +383,9 @@ def infer(
     threshold = float(stats.t.isf(forming_p / 2, model.df))
     own = np.column_stack([np.arange(len(Y), dtype=np.float64), np.ones(len(Y))])[None]
     t, effect, degrees = np.full((3, len(known)), np.nan)
-    with one_blas_thread():
-        residuals = model.residuals(Y[:, known])
-        t[known], effect[known] = model.t(residuals, own)[0], model.effect(residuals)
-        degrees[known] = model.degrees(residuals, own)
+    residuals = model.residuals(Y[:, known])
+    t[known], effect[known] = model.t(residuals, own)[0], model.effect(residuals)
+    degrees[known] = model.degrees(residuals, own)
     flip = model.tests_a_mean or groups is not None
     shuffled = exchanges(len(Y), permutations, seed, flip=flip, blocks=blocks, whole=whole)
     if (unchanged := model.unchanged(shuffled)) == permutations:
@@ -396,8 +396,7 @@ def infer(
 
     def t_of(part: Array) -> Array:
         found = np.zeros((len(part), len(known)))
-        with one_blas_thread():
-            found[:, known] = model.t(residuals, part)
+        found[:, known] = model.t(residuals, part)
         return found
 
     null = largest(t_of, shuffled, mesh, threshold, progress)

@@ -62,6 +62,7 @@ class Population:
         return found
 
 
+@one_blas_thread()
 def random_field(points: Array, length: float, random: np.random.Generator, columns: int = 1) -> Array:
     """Normal random fields (N, columns) of variance 1 at points (N, 3) of the unit sphere.
 
@@ -70,8 +71,7 @@ def random_field(points: Array, length: float, random: np.random.Generator, colu
     """
     waves = random.standard_normal((WAVES, 3)) / length
     phases, heights = random.uniform(0, 2 * math.pi, WAVES), random.standard_normal((WAVES, columns))
-    with one_blas_thread():
-        found: Array = np.cos(points @ waves.T + phases) @ heights * math.sqrt(2 / WAVES)
+    found: Array = np.cos(points @ waves.T + phases) @ heights * math.sqrt(2 / WAVES)
     return found
 
 

@@ -76,11 +76,11 @@ class Expansion:
     def degree(self) -> int:
         return math.isqrt(len(self.coefficients)) - 1
 
+    @one_blas_thread()
     def __call__(self, s: Array) -> Array:
         """Values (P, components) at points ``s`` (P, 3) of the unit sphere."""
         parts = np.array_split(s, 1 + len(s) // POINTS_AT_ONCE)
-        with one_blas_thread():
-            return np.concatenate([harmonics(part, self.degree) @ self.coefficients for part in parts])
+        return np.concatenate([harmonics(part, self.degree) @ self.coefficients for part in parts])
 
     def smoothed(self, level: float) -> Expansion:
         """After heat has flowed on the sphere for the time ``level``: Y_lm falls by exp(-l (l + 1) level)."""
@@ -99,6 +99,7 @@ class Expansion:
         return replace(self, coefficients=np.stack(along, axis=2).reshape(self.degree**2, -1))
 
 
+@one_blas_thread()
 def fit(s: Array, values: Array, weights: Array, degree: int, penalty: float = 0.0) -> Expansion:
     """The expansion up to ``degree`` nearest to ``values`` (P, components) at points ``s`` (P, 3) of the unit sphere.
 
@@ -114,11 +115,6 @@ def fit(s: Array, values: Array, weights: Array, degree: int, penalty: float = 0
     WrongShape
         If the points do not determine the coefficients.
     """
-    with one_blas_thread():
-        return _fit(s, values, weights, degree, penalty)
-
-
-def _fit(s: Array, values: Array, weights: Array, degree: int, penalty: float) -> Expansion:
     n = (degree + 1) ** 2
     normal, right = np.zeros((n, n)), np.zeros((n, values.shape[1]))
     for start in range(0, len(s), POINTS_AT_ONCE):

@@ -17,6 +17,7 @@ from morphofold.errors import BadMesh, NoSolution
 from morphofold.geometry import cotangent_laplacian, face_areas, face_vectors, unit, vertex_areas
 from morphofold.progress import Progress, silent
 from morphofold.surface import Faces, Surface
+from morphofold.threads import one_blas_thread
 from morphofold.unfolding.harmonics import Expansion, degrees, fit
 from morphofold.unfolding.unfold import check_closed
 
@@ -31,6 +32,7 @@ EVEN = 0.05  # rms of the smooth part of the logarithm of area ratios at which e
 MOST_TURNED_SHARE = 1e-3  # of the area of the sphere in faces that are turned over
 
 
+@one_blas_thread()
 def sphere_of(surface: Surface, progress: Progress = silent) -> Surface:
     """The unit sphere of a closed surface, with the same vertices and faces.
 

@@ -19,6 +19,7 @@ from morphofold.geometry import (
     vertex_areas,
 )
 from morphofold.surface import Surface
+from morphofold.threads import one_blas_thread
 from morphofold.unfolding.harmonics import fit
 from morphofold.unfolding.smooth_surface import DEGREE, LEVELS, SmoothSurface
 
@@ -74,6 +75,7 @@ class Unfolding:
             return (folded / folded.sum()) / (smooth / smooth.sum())
 
 
+@one_blas_thread()
 def unfold(
     folded: Surface, sphere: Surface, level: float = 0.03, *, radius: float | None = None, degree: int = DEGREE
 ) -> Unfolding:

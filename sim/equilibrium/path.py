@@ -19,6 +19,7 @@ from morphofold.sim.body import Body
 from morphofold.sim.equilibrium.sparse_factor import Dissection, Factor
 from morphofold.sim.equilibrium.tangent import Tangent
 from morphofold.sim.sphere_theory.smooth_sphere import ConvergenceError as NoState
+from morphofold.threads import one_blas_thread
 
 SMALLEST_INCREMENT = 1e-4  # smallest increment of growth: below it the search ends
 LONGEST_EXTRAPOLATION = 5.0  # largest extrapolation of the path, over the last increment
@@ -86,6 +87,7 @@ class Equilibrium:
             moving = levels[self._rows]
             self._levels = sparse.csr_matrix(moving[:, np.flatnonzero(moving.getnnz(axis=0))])
 
+    @one_blas_thread()
     def grown(self, g: float) -> Equilibrium:
         """The equilibrium at growth ``g`` of the cortex; increments halve when Newton's method fails."""
         here, step = self, g - self.growth
@@ -106,6 +108,7 @@ class Equilibrium:
         self.body.grow(g)
         return here
 
+    @one_blas_thread()
     def relaxed(self) -> Array:
         """The equilibrium (N, 3) nearest to the positions given, at the present growth, by Newton's method.
 
@@ -175,6 +178,7 @@ class Equilibrium:
         self._factor.append(Factor(self._dissection, stiffness))
         return self._factor[0]
 
+    @one_blas_thread()
     def stability(self) -> Stability:
         """Stability of this equilibrium."""
         stiffness = self._stiffness(self.x)

@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
 from morphofold.arrays import Array
 from morphofold.kernels import kernel
+from morphofold.threads import one_blas_thread
 
 if TYPE_CHECKING:
     from morphofold.sim.body import Body
@@ -127,6 +127,7 @@ def _slowest_rate(damping: float, w2: float) -> float:
     return 0.5 * damping - beyond**0.5 if beyond > 0 else w2**0.5
 
 
+@one_blas_thread()
 def softest(body: Body) -> float:
     """Stiffness over mass [1/tick^2] of the softest mode by which growth bends a body as a whole; inf if none does.
 
@@ -142,24 +143,23 @@ def softest(body: Body) -> float:
     fields = np.stack([np.ones(len(at)), *at.T, *(at[:, r] * at[:, s] for r in range(3) for s in range(r, 3))])
     K, M, gram = np.zeros((3, 30, 30))
     body.grow(1.0)
-    with threadpool_limits(1, user_api="blas"):  # the same order of sums for any number of threads
-        for r in range(3):
-            mine, own = fields * free[:, r], slice(10 * r, 10 * r + 10)
-            M[own, own], gram[own, own] = (mine * body.smooth_mass) @ mine.T, mine @ mine.T / len(X)
-            for k, field in enumerate(mine):
-                step = np.zeros_like(X)
-                step[:, r] = TRIAL_DISPLACEMENT * size * field
-                pull = (body.all_forces(X - step) - body.all_forces(X + step)) / (2 * TRIAL_DISPLACEMENT * size)
-                K[10 * r + k] = (fields @ (pull * free)).T.ravel()
-        body.grow(1.0 + TRIAL_DISPLACEMENT)
-        load = (fields @ (body.forces(X) * free)).T.ravel() / TRIAL_DISPLACEMENT
-        heavy, basis = np.linalg.eigh(M)
-        basis = basis[:, heavy > 1e-10 * heavy[-1]] / np.sqrt(heavy[heavy > 1e-10 * heavy[-1]])
-        w2, modes = np.linalg.eigh(basis.T @ (K + K.T) @ basis / 2)
-        modes = basis @ modes
-        bends = w2 * body.crossing**2 > RIGID_MODE_W2
-        moved = modes * np.divide(modes.T @ load, w2, out=np.zeros_like(w2), where=bends)
-        bends &= np.sqrt(np.einsum("ik,ij,jk->k", moved, gram, moved)) > body.thickness
+    for r in range(3):
+        mine, own = fields * free[:, r], slice(10 * r, 10 * r + 10)
+        M[own, own], gram[own, own] = (mine * body.smooth_mass) @ mine.T, mine @ mine.T / len(X)
+        for k, field in enumerate(mine):
+            step = np.zeros_like(X)
+            step[:, r] = TRIAL_DISPLACEMENT * size * field
+            pull = (body.all_forces(X - step) - body.all_forces(X + step)) / (2 * TRIAL_DISPLACEMENT * size)
+            K[10 * r + k] = (fields @ (pull * free)).T.ravel()
+    body.grow(1.0 + TRIAL_DISPLACEMENT)
+    load = (fields @ (body.forces(X) * free)).T.ravel() / TRIAL_DISPLACEMENT
+    heavy, basis = np.linalg.eigh(M)
+    basis = basis[:, heavy > 1e-10 * heavy[-1]] / np.sqrt(heavy[heavy > 1e-10 * heavy[-1]])
+    w2, modes = np.linalg.eigh(basis.T @ (K + K.T) @ basis / 2)
+    modes = basis @ modes
+    bends = w2 * body.crossing**2 > RIGID_MODE_W2
+    moved = modes * np.divide(modes.T @ load, w2, out=np.zeros_like(w2), where=bends)
+    bends &= np.sqrt(np.einsum("ik,ij,jk->k", moved, gram, moved)) > body.thickness
     body.grow(growth)
     if growth == 1:
         body.find_rest()

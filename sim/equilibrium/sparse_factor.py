@@ -32,10 +32,10 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import blas, lapack
 from scipy.sparse import csgraph
-from threadpoolctl import threadpool_limits
 
 from morphofold.arrays import Array, Ints
 from morphofold.kernels import kernel
+from morphofold.threads import one_blas_thread
 
 MOST_LEAF_NODES = 60  # number of nodes up to which a set is not halved any more
 CUT_SHARES = (0.42, 0.46, 0.5, 0.54, 0.58)  # shares of the nodes on one side of a cut that are tried
@@ -184,11 +184,11 @@ class Factor:
         If a front is singular.
     """
 
+    @one_blas_thread()
     def __init__(self, dissection: Dissection, matrix: sparse.csr_matrix):
         self._dissection = dissection
         self._pivots: list[_FactorisedFront] = []
-        with threadpool_limits(1, user_api="blas"):  # fronts are small: threads slow them down
-            self._eliminate(matrix)
+        self._eliminate(matrix)
         self.negative = sum(pivot.negative for pivot in self._pivots)
 
     def _eliminate(self, matrix: sparse.csr_matrix) -> None:

@@ -116,6 +116,7 @@ def _fitting_thickness(frame: Frame, thickness: float | Callable[[Array], Array]
     return T
 
 
+@one_blas_thread()
 def smooth_body(
     surface: SmoothSurface, thickness: float | Callable[[Array], Array], mean_thickness: float, hole_share: float
 ) -> SmoothBody:
@@ -137,13 +138,6 @@ def smooth_body(
     ImpossibleBody
         If the surface bends too sharply for the cortex, or the hole comes too near to it.
     """
-    with one_blas_thread():
-        return _prepared_body(surface, thickness, mean_thickness, hole_share)
-
-
-def _prepared_body(
-    surface: SmoothSurface, thickness: float | Callable[[Array], Array], mean_thickness: float, hole_share: float
-) -> SmoothBody:
     places = quadrature(3 * surface.shape.degree)[0]
     _fitting_thickness(surface.frame(places), thickness, places)  # before the searches, which take some seconds
     shift = even_cells(surface, mean_thickness)

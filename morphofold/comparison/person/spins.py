@@ -15,10 +15,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from morphofold.arrays import Array, Ints
 from morphofold.spheres.spins import NearestTable
+from morphofold.threads import one_blas_thread
 
 SPINS = 500
 LEVEL_OF_SIGNIFICANCE = 0.05
@@ -65,14 +65,14 @@ class Tested:
         )
 
 
+@one_blas_thread()
 def spun(statistic: Statistic, points: Array, table: NearestTable, turns: Array) -> Array:
     """A statistic (T, K) under T rotations (T, 3, 3) of the source below the target points (N, 3).
 
     Under the rotation R the target point s lies over the source point R^T s. Sums run in one thread: they are short,
     and the same on every machine.
     """
-    with threadpool_limits(1, "blas"):
-        return np.stack([statistic(table(points @ turn), turn) for turn in turns])
+    return np.stack([statistic(table(points @ turn), turn) for turn in turns])
 
 
 def beside_null(value: float, null: Array, control: float | None = None, control_null: Array | None = None) -> Tested:
