@@ -34,9 +34,8 @@ if TYPE_CHECKING:
 MOST_RELAXED = 0.5
 #: ticks in which growth rises by 1, at least, where the volume follows pressure: faster growth makes pressure swing
 LEAST_TICKS_PER_UNIT = 220.0
-FASTEST_RELAXATION = (
-    2000.0  # largest relaxation of stress per unit of growth: such runs take ten to fifty times as long
-)
+#: largest relaxation of stress per unit of growth: such runs take ten to fifty times as long
+FASTEST_RELAXATION = 2000.0
 
 
 class Options(EffectOptions):

@@ -54,7 +54,7 @@ CREST_COLUMNS = (
     "region",
 )
 HEALTH_NOTE = "simulation"  # the note on the health of a simulation
-INPUT_NOTES = ("average", "cortex_mask")  # notes on surfaces that are averages, or whose cortex is not marked
+INPUT_NOTES = ("average", "cortex_mask", "rest")  # averages, a cortex that is not marked, a stage not at rest
 #: notes about a surface, not about one number
 SURFACE_NOTES = (*(key for key in WARNINGS if key not in (HEALTH_NOTE, *INPUT_NOTES)), "accuracy")
 PORTION_WORDS = {0.5: "Half", 0.25: "A quarter", 0.125: "One eighth"}
@@ -157,7 +157,7 @@ def warnings(entries: Sequence[Entry]) -> list[str]:
 
 
 def cautions(entries: Sequence[Entry]) -> list[str]:
-    """Notes on surfaces that are averages, or whose cortex is not marked."""
+    """Notes on surfaces that are averages, whose cortex is not marked, or that were not at rest."""
     notes_by_text: dict[str, list[str]] = {}
     for key in INPUT_NOTES:
         for e in entries:
