@@ -84,7 +84,7 @@ def of_gyral_graph(graph: nx.MultiGraph, gyral_thickness: float) -> Notes:
 
 
 def of_input(cortex: Cortex) -> Notes:
-    """Notes on an average brain, on missing files, and the health warnings of a simulation."""
+    """Notes on an average brain, on missing files, and on the health and rest of a simulation."""
     notes = {}
     subjects = [Path(file).resolve().parent.parent.name for file in cortex.files[:2]]  # white and pial
     if average := next((name for name in subjects if name.startswith(AVERAGE_BRAINS)), ""):
@@ -100,6 +100,9 @@ def of_input(cortex: Cortex) -> Notes:
         )
     if warnings := cortex.info.get("warnings"):
         notes["simulation"] = "; ".join(map(str, warnings))
+    stage = cortex.info.get("health", {})
+    if stage.get("at_rest") is False:
+        notes["rest"] = f"Not at rest: about {stage['distance_over_T']:.2f} T away, and may still change its folds."
     return notes
 
 

@@ -222,10 +222,15 @@ class Dynamics:
         body is slow, too: if ``unstable`` (which may count its unstable modes) is not 0, growth does not go on for
         another ``PATIENCE_TICKS``, up to ``MOST_PATIENCE_FACTOR`` times as long. Nothing is done if time is real.
 
+        A body that seems to rest may leave a saddle. So, unless its first wrinkles are still to come, it moves on for
+        as long as its :func:`patience`, and is then restored; it is at rest if it has moved by less than
+        ``REST_DISTANCE_OVER_T``. The ``distance_over_T`` of the record is then no less than that; if the body does not
+        seem to rest, it is ``balance.left``.
+
         Returns
         -------
         bool
-            Whether the body is at rest.
+            Whether the body is at rest; ``at_rest`` in the record.
         """
         tick, full, balance, state = self.body.crossing, self.damping, self.balance, self.state
         grown = (state.step - state.relaxed - state.rested) / tick
@@ -249,7 +254,20 @@ class Dynamics:
             self._hold(after)
             self.damping = full
         state.rested = state.step
-        return balance.calm >= REST_TICKS * tick
+        if not self.waits_for_balance:
+            return False
+        at_rest = balance.calm >= REST_TICKS * tick
+        distance = balance.distance if at_rest else balance.left
+        if at_rest and not (self.slow and state.growth < self.slow.start):
+            before, self.damping = self.save(), min(full, REST_DAMPING_PER_CROSSING / tick)
+            self.relax(state.relaxed + round(patience(grown) * tick))
+            moved = self.state.x - before["x"]
+            self.load(before)
+            self.damping = full
+            distance = max(distance, float(np.mean(np.sum(moved**2, axis=1)) ** 0.5))
+            at_rest = bool(distance < REST_DISTANCE_OVER_T * self.body.thickness)
+        self.state.record |= {"distance_over_T": distance / self.body.thickness, "at_rest": at_rest}
+        return at_rest
 
     def _hold(self, after: Callable[[State], None]) -> None:
         self._run(STEPS_PER_MEASUREMENT)
@@ -394,6 +412,7 @@ class Dynamics:
             "kinetic_energy": kinetic,
             "kinetic_over_strain": kinetic / strain if strain > 0 else 0.0,
             "distance_over_T": self.balance.distance / body.thickness if self.waits_for_balance else None,
+            "at_rest": None,
             "dissipated_energy": state.dissipated,
             "min_J": min_J,
             "max_J": float(element["J_max"].max()),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ from morphofold.intersections.rays import ray_hits
 from morphofold.kernels import kernel, reading
 from morphofold.shapes import even_directions
 from morphofold.sim.dynamics import AWAY_DISTANCE_OVER_T, restlessness
+from morphofold.sim.equilibrium.rest import MOST_SLOWNESS
 from morphofold.surface import Faces, Surface
 from morphofold.threads import in_blocks
 
@@ -29,7 +31,8 @@ CROSSING_TOLERANCE = 0.1
 
 #: largest values of a healthy stage, and what to change if a value is larger: keys of ``cures``
 BOUNDS: dict[str, tuple[float | int, tuple[str, ...]]] = {
-    "distance_over_T": (AWAY_DISTANCE_OVER_T, ("slower", "stages")),
+    "distance_over_T": (MOST_SLOWNESS * AWAY_DISTANCE_OVER_T, ("slower", "stages")),
+    "cell_over_T": (0.8, ("finer",)),  # meshes that were compared with finer ones have 0.77 at most (docs/accuracy.md)
     "kinetic_over_strain": (1e-2, ("slower",)),
     "overlap": (2e-3, ("contact", "finer")),
     "winding_max": (1, ("contact", "slower")),
@@ -176,6 +179,12 @@ def bending(X: Array, x: Array) -> float:
     square -= affine @ np.linalg.lstsq(affine, square, rcond=None)[0]
     bent = square @ np.linalg.lstsq(square, x - x.mean(axis=0), rcond=None)[0]
     return float(np.sqrt(np.sum(bent**2) / np.sum((x - x.mean(axis=0)) ** 2)))
+
+
+def not_at_rest(stages: Sequence[Mapping[str, Any]]) -> list[str]:
+    """One text, if any of the stages is known not to be at rest: which, and how far from it."""
+    away = [f"{s['growth']:.2f} ({s['distance_over_T']:.2f} T)" for s in stages if s.get("at_rest") is False]
+    return [f"not at rest at g = {', '.join(away)}"] if away else []
 
 
 def broken_bounds(stage: dict[str, Any], scene: Scene | None = None) -> list[str]:

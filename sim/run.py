@@ -52,6 +52,7 @@ STAGE_NUMBERS = (
     "kinetic_over_strain",
     "dissipated_energy",
     "distance_over_T",
+    "at_rest",
     "min_J",
 )
 
@@ -200,8 +201,8 @@ class _Run:
             self.dynamics.grow_to(max(g, self.dynamics.state.growth), self._after)  # a resumed run may be beyond
             if self.dynamics.state.growth == g:
                 self.dynamics.settle(self._after, self._unstable_modes)
+                self._note()
             stages.append(self._write_stage(g))
-        self._note()
         self.writer.log(self.log)
         body = self.body
         self.writer.health(
@@ -314,6 +315,7 @@ class _Run:
             "rested_steps": state.relaxed,
             "unstable_modes": self._unstable_modes(),
             **check_surface(pial, closed),
+            "cell_over_T": self._cell_over_T(g),
             "bending": bending(self._first_pial, pial.verts) if closed else None,
             "volume_drift": abs(found / grown - 1),
             "mean_radius_mm": float(np.linalg.norm(pial.verts, axis=1).mean()) if closed else None,
@@ -351,6 +353,19 @@ class _Run:
             with suppress(MemoryError, ZeroDivisionError):  # too large, or a mode of zero stiffness
                 self.counted = step, unstable_modes(self.dynamics)
         return self.counted[1]
+
+    def _cell_over_T(self, g: float) -> float | None:
+        """Largest edge of the ungrown pial surface or height of a brick of the cortex, over T.
+
+        None before first wrinkles, because a smooth body is right on any mesh, and for tetrahedra, whose meshes have
+        not been compared.
+        """
+        from morphofold.sim.equilibrium.wrinkles import first_wrinkles
+
+        body, faces = self.body, self.body.bilayer.faces
+        if faces.shape[1] == 3 or g <= first_wrinkles(self.scene).growth:
+            return None
+        return max(body.bilayer.edge / body.thickness, len(faces) / body.elements.n_cortex)
 
     def _cortex_volume(self) -> float:
         """Present volume of the elements of the cortex [mm^3]."""

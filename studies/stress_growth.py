@@ -159,7 +159,8 @@ def spectra(
     state, growth, found = Equilibrium(body, X), [1.0], [height]
     while (found[-1] ** 2).sum() < goal**2 and growth[-1] < LARGEST_GROWTH:
         state = state.grown(growth[-1] + step)
-        body.elements.grow_by_stress(state.x, X, G, rate * step, volume=False)
+        while_held = -0.5 * np.log1p(-2 * rate * step)  # the next equilibrium restores the stress that relaxes
+        body.elements.grow_by_stress(state.x, X, G, while_held, volume=False)
         z = state.x[near, 2]
         growth.append(state.growth)
         found.append((dct(z - z.mean(), type=1) / (len(z) - 1))[1 : 1 + len(height)])

@@ -18,6 +18,7 @@ from morphofold.sim.health import (
     check_surface,
     cover,
     cures,
+    not_at_rest,
 )
 from morphofold.sim.scene.effects import effect_names
 from morphofold.sim.scene.files import load_scene, scene_names
@@ -79,6 +80,14 @@ def test_each_bound_is_told_with_its_value_and_a_cure(name):
 
 def test_a_number_that_a_stage_does_not_have_is_not_judged():
     assert broken_bounds({**SOUND, "unstable_modes": None}) == []
+
+
+def test_stages_that_are_not_at_rest_are_told_and_others_are_not():
+    stages = [{"growth": 1.5, "at_rest": at_rest, "distance_over_T": 0.3} for at_rest in (True, None)]
+    assert not_at_rest([*stages, SOUND]) == []
+    (text,) = not_at_rest([*stages, {"growth": 1.75, "at_rest": False, "distance_over_T": 0.4}])
+    assert "1.75 (0.40 T)" in text
+    assert "1.50" not in text
 
 
 def test_a_cure_is_one_that_the_scene_takes():

@@ -20,6 +20,7 @@ from morphofold.sim.dynamics import (
     patience,
 )
 from morphofold.sim.effects import build_effects
+from morphofold.sim.health import BOUNDS, broken_bounds
 from morphofold.sim.output.checkpoint import as_bytes, as_lines
 from morphofold.sim.run import simulate
 from morphofold.sim.scene.files import load_scene
@@ -238,6 +239,20 @@ def test_a_run_that_breaks_a_bound_is_not_healthy_and_says_why(tmp_path):
         assert health["healthy"] == sound
         assert health["warnings"] == stage[kappa]["warnings"]
         assert [warning.split()[0] for warning in health["warnings"]] == ([] if sound else ["volume_drift"])
+
+
+def test_a_mesh_too_coarse_for_its_folds_is_not_healthy_but_a_smooth_body_on_it_is(tmp_path):
+    """Edges of 1.2 T, or one brick through the cortex; first wrinkles are expected at 1.23."""
+    for name, settings, sound in (
+        ("edges", ["accuracy.edge=3.6"], False),
+        ("height", ["accuracy.edge=2.1", "accuracy.elements_through_cortex=1"], False),
+        ("both", ["accuracy.edge=2.1", "accuracy.elements_through_cortex=2"], True),
+    ):
+        run = ["geometry.portion=octant", "growth.final=1.25", "output.stages=[1.2]", "growth.rate=4", *settings]
+        smooth, folded = simulate("fig6-thick", tmp_path / name, settings=run).health["stages"]
+        assert smooth["cell_over_T"] is None
+        assert (folded["cell_over_T"] <= BOUNDS["cell_over_T"][0]) == sound
+        assert (not any("cell_over_T" in line for line in broken_bounds(folded))) == sound
 
 
 @pytest.mark.parametrize("law", ["isotropic", "tangential"])

@@ -168,14 +168,16 @@ def _dry_run(scene: Scene, chosen: MeshChoice | None, args: argparse.Namespace) 
 
 
 def _run_summary(scene: Scene, health: Mapping[str, Any]) -> str:
+    from morphofold.sim.health import not_at_rest
+
     last, shape = health["stages"][-1], scene.geometry.shape
     if shape == "radial":
         return (
             f"in one dimension in {health['seconds']:.1f} s; outer radius {last['mean_radius_mm']:.2f} mm, "
             f"min J {last['min_J']:.3f}"
         )
+    states = ["healthy" if health["healthy"] else "NOT healthy", *not_at_rest(health["stages"])]
     return (
         f"{health['elements']:,} {'tetrahedra' if shape == 'mesh' else 'bricks'}, {health['steps']:,} steps in "
-        f"{health['seconds']:.0f} s; min J {last['min_J']:.2f}, {last['crossings']} crossings, "
-        f"{'healthy' if health['healthy'] else 'NOT healthy'}"
+        f"{health['seconds']:.0f} s; min J {last['min_J']:.2f}, {last['crossings']} crossings, {', '.join(states)}"
     )

@@ -17,6 +17,10 @@ WARNINGS = {
         "The stage breaks bounds of health. The warning begins with their names.",
         "See the table of bounds below.",
     ),
+    "rest": (
+        "The stage is not at rest: its folds may still change.",
+        "Let growth rise more slowly, or add stages before this one.",
+    ),
     "repair": (
         "Defects of the mesh were repaired, so triangles or vertices differ from those in the file.",
         "Check the places that the warning names. With --no-repair such a mesh is refused.",

@@ -16,7 +16,6 @@ so that stored, kinetic, dissipated and released energy add up to the work of th
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -31,22 +30,22 @@ from morphofold.sim.scene.tables import EffectOptions, key
 if TYPE_CHECKING:
     from morphofold.sim.scene import Scene
 
-#: share of the stress that may relax in one step of the growth of the core, and from one measurement to the next:
-#: the cortex grows more slowly if need be
-MOST_RELAXED_AT_ONCE, MOST_RELAXED = 0.25, 0.5
-FASTEST_RELAXATION = (
-    2000.0  # largest relaxation of stress per unit of growth: such runs take ten to fifty times as long
-)
+#: relaxation of stress between two measurements, beyond which the cortex grows more slowly
+MOST_RELAXED = 0.5
+#: ticks in which growth rises by 1, at least, where the volume follows pressure: faster growth makes pressure swing
+LEAST_TICKS_PER_UNIT = 220.0
+#: largest relaxation of stress per unit of growth: such runs take ten to fifty times as long
+FASTEST_RELAXATION = 2000.0
 
 
 class Options(EffectOptions):
     """The core grows in proportion to its stress, while the cortex grows.
 
-    With ``volume = false`` it keeps its volume and only its shape follows. Relaxation of pressure needs small steps: if
-    ``volume = true``, growth slows down above a ``rate`` of 0.25 to 1, depending on the body, and above ``rate`` times
-    kappa / mu of 670 it is refused. A core that yields folds sooner and in longer waves than an elastic one
-    (docs/theory.md, section 7). The imperfection, and the growth at which a run slows down for first folds, are those
-    of the elastic one.
+    With ``volume = false`` it keeps its volume and only its shape follows. With ``volume = true`` its pressure relaxes
+    too: growth takes twice as long as otherwise, more above a ``rate`` of 0.5 to 0.9, depending on the body, and above
+    ``rate`` times kappa / mu of 670 it is refused. A core that yields folds sooner and in longer waves than an elastic
+    one (docs/theory.md, section 7). The imperfection, and the growth at which a run slows down for first folds, are
+    those of the elastic one.
     """
 
     counted = "stress_growth"
@@ -103,26 +102,27 @@ class StressGrowth(Effect):
     def prepare(self, body: Body) -> None:
         self._body, self._volumes = body, body.elements.core_volumes
         self.G = np.tile(np.eye(3), (len(self._volumes), 1, 1))
-        self._grown_at, self._due, self._slower = body.growth, False, 1.0
+        self._grown_at, self._steps, self._slower = body.growth, 0, 1.0
         kappa_ratio = float(np.max(body.kappa / body.mu)) + body.elements.LOCAL
         self._relaxation = _relaxation(self._rate, self._volume, kappa_ratio)
 
     def refresh(self, run) -> None:
         from morphofold.sim.dynamics import STEPS_PER_MEASUREMENT
 
-        self._due = True
-        self._slower = min(1.0, MOST_RELAXED / (self._relaxation * run.rate * STEPS_PER_MEASUREMENT))
+        self._grown_at, self._steps = run.body.growth, 0
+        fastest = MOST_RELAXED / (self._relaxation * STEPS_PER_MEASUREMENT)
+        if self._volume and run.waits_for_balance:
+            fastest = min(fastest, 1 / (LEAST_TICKS_PER_UNIT * run.body.crossing))
+        self._slower = min(1.0, fastest / run.rate)
 
     def add_element_forces(self, body: Body, x: Array, v: Array) -> None:
-        """In the first step after a measurement the core grows; its new G acts from the next step on."""
-        passed, due, self._due = abs(body.growth - self._grown_at), self._due, False
-        if due and passed:
+        """In the middle between two measurements the core grows for all of that time; G acts from the next step on."""
+        self._steps += 1
+        if self._steps == 7 and body.growth != self._grown_at:
+            passed = 1.5 * abs(body.growth - self._grown_at)  # growth rises in every second step: now by 8 of 12
             before = self._stored(x)
-            steps = math.ceil(passed * self._relaxation / MOST_RELAXED_AT_ONCE)
-            for _ in range(steps):
-                body.elements.grow_by_stress(x, body.X, self.G, self._rate * passed / steps, self._volume)
+            body.elements.grow_by_stress(x, body.X, self.G, self._rate * passed, self._volume)
             self.released += before - self._stored(x)
-            self._grown_at = body.growth
 
     def _stored(self, x: Array) -> float:
         self._body.elements.measure(x)
@@ -144,9 +144,9 @@ class StressGrowth(Effect):
         }
 
     def save(self) -> dict[str, NDArray]:
-        return {"G": self.G.copy(), "grown_at": np.array(self._grown_at), "released": np.array(self.released)}
+        return {"G": self.G.copy(), "released": np.array(self.released)}
 
     def load(self, arrays: dict[str, NDArray]) -> None:
         self.G = arrays["G"].copy()
-        self._grown_at, self.released = float(arrays["grown_at"]), float(arrays["released"])
+        self.released = float(arrays["released"])
         self._body.elements.grow_by_stress(self._body.X, self._body.X, self.G, 0.0, self._volume)

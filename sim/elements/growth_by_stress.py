@@ -11,6 +11,8 @@ it is symmetric at a point; of the mean the symmetric part is taken.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import njit, prange
 
@@ -58,15 +60,24 @@ def _turned_into_grown(Q, H):
 
 
 @njit
-def _grow(G, M, strain, volume):
-    """Replace G (3, 3) by (1 + L + L^2/2) G, with L = ``strain`` times the symmetric part of M, nine numbers.
+def _mean_decay(decay):
+    """Mean of exp(-t) for t from 0 to ``decay``."""
+    return -math.expm1(-decay) / decay if decay > 0.0 else 1.0
 
-    The factor is the exponential of L to second order; it is positive definite for any L. Without ``volume``, L has no
-    trace and the factor has the determinant 1.
+
+@njit
+def _grow(G, M, per_mu, rate, kappa, volume):
+    """Replace G (3, 3) by (1 + L + L^2/2) G, with L = ``rate`` times the mean of M / mu while it relaxes.
+
+    M: nine numbers, of which the symmetric part is taken; ``per_mu`` M is the mean stress before, over mu. At fixed
+    positions small shear stress falls by exp(-2 rate), pressure by exp(-3 rate kappa), with kappa over mu. So small
+    growth is exact however fast stress relaxes. The factor is the exponential of L to second order; it is positive
+    definite for any L. Without ``volume``, L has no trace and the factor has the determinant 1.
     """
-    L = _sum(_ZERO, _sum(M, _transposed(M), 1.0), 0.5 * strain)
-    if not volume:
-        L = _sum(L, _ONE, -(L[0] + L[4] + L[8]) / 3.0)
+    shear = _mean_decay(2.0 * rate)
+    L = _sum(_ZERO, _sum(M, _transposed(M), 1.0), 0.5 * per_mu * rate * shear)
+    share = _mean_decay(3.0 * rate * kappa) / shear - 1.0 if volume else -1.0
+    L = _sum(L, _ONE, share * (L[0] + L[4] + L[8]) / 3.0)
     factor = _sum(_sum(_ONE, L, 1.0), product(L, L), 0.5)
     if not volume:
         factor = _sum(_ZERO, factor, _det(factor) ** (-1.0 / 3.0))
@@ -91,7 +102,8 @@ def _grow_brick(now, first, point, m, l, G, rate, volume, material):
     for q in range(8):
         Q = _sum(Q, product(_transposed(d[q]), brick_kernels._point_stress(d[q], c[q], mu, p, material)), 1.0)
         middle = _sum(middle, d0[q], 0.125)
-    _grow(G, _turned_into_grown(Q, product(_columns(G), middle)), rate * per_volume / mu, volume)
+    kappa = m[l + _LANES] / mu + 2.0  # with the local term
+    _grow(G, _turned_into_grown(Q, product(_columns(G), middle)), per_volume / mu, rate, kappa, volume)
     grown = 0.0
     for q in range(8):
         H = product(_columns(G), d0[q])
@@ -162,7 +174,7 @@ def grow_patches(x, X, nodes, start, local, corner, element, n_cortex, edges, mo
                 H, Q = _read_matrix(e, row), product(_transposed(_read_matrix(d, row)), _read_matrix(q, row))
                 if m[l + _UINT(2) * _LANES] > t:  # a patch of fewer tetrahedra repeats its first one
                     M, grown = _sum(M, _turned_into_grown(Q, H), 1.0), grown + _det(H) / 6.0
-            _grow(mine_G, M, rate / (grown * m[l]), volume)
+            _grow(mine_G, M, 1.0 / (grown * m[l]), rate, m[l + _LANES] / m[l], volume)
             for t in range(_UINT(PATCH_TETS)):
                 row = _UINT(9) * t * _LANES + l
                 _write_matrix(e, row, product(_columns(mine_G), _read_matrix(d0, row)))

@@ -26,9 +26,11 @@ if TYPE_CHECKING:
 SOFT_MODE_W2 = 0.004  # w^2 of the softest modes of folded bodies, 0.002 to 0.01 [1/tick^2]
 REST_SHARE_OF_DISPLACEMENT = 0.01  # a slender body counts as at rest within this share of its whole displacement
 LEAST_MOTION_TICKS = 2.0  # least time over which a motion is measured [ticks]: faster motions are vibrations
+#: the distance is larger by the factor by which it falls more slowly than assumed, averaged over so long; most factor
+TREND_TICKS, MOST_SLOWNESS = 6.0, 3.0
 TRIAL_DISPLACEMENT = 1e-3  # trial displacements, over the size of the body
 RIGID_MODE_W2 = 1e-6  # stiffness over mass, per tick^2, below which a mode is that of a floating body
-SAVED_SCALARS = ("w2", "distance", "calm", "seen")
+SAVED_SCALARS = ("w2", "distance", "left", "mean", "calm", "seen")
 
 
 class Balance:
@@ -56,6 +58,11 @@ class Balance:
         from rest, 0 if nothing moves and before ``LEAST_MOTION_TICKS``.
     distance : float
         Distance from rest, rms over the nodes [mm]; 0 before ``LEAST_MOTION_TICKS``.
+    left : float
+        The same, larger by the factor by which ``distance`` falls more slowly than that of the softest mode would:
+        near a saddle, and where modes are softer than assumed [mm].
+    mean : float
+        Mean of ``distance`` since growth stopped, with weights that fall in ``TREND_TICKS`` [mm].
     calm : int
         Number of steps for which the body has been at rest.
     seen : int
@@ -66,7 +73,7 @@ class Balance:
         self._tick, self._X, self._near = tick, X, near
         self.slender = softest < SOFT_MODE_W2
         self._softest = min(softest, SOFT_MODE_W2)
-        self.w2, self.distance, self.calm, self.seen = 0.0, 0.0, 0, 0
+        self.w2, self.distance, self.left, self.mean, self.calm, self.seen = 0.0, 0.0, 0.0, 0.0, 0, 0
         self._step = np.full(2, -1)  # steps of two earlier states, the older first; -1: none
         self._x, self._a = np.zeros((2, *X.shape)), np.zeros((2, *X.shape))  # their positions and accelerations
 
@@ -96,8 +103,13 @@ class Balance:
             self.w2 = against / moved if moved > 0 else 0.0
             pull = abs(along) / moved if moved > 0 else 0.0
             soft = self.soft / self._tick**2
-            creeping = 1 / (step - self._step[0]) / _slowest_rate(damping, soft)
+            slowest, trend = _slowest_rate(damping, soft), TREND_TICKS * self._tick
+            creeping = 1 / (step - self._step[0]) / slowest
             self.distance = way * max(creeping, pull / (self.w2 if self.w2 > 0 else soft))
+            share = min(1.0, (step - self.seen) / trend) if self.mean else 1.0
+            self.mean += share * (self.distance - self.mean)
+            falls = (1 - self.distance / self.mean) / trend if self.mean else slowest
+            self.left = self.distance * min(MOST_SLOWNESS, max(1.0, slowest / max(falls, 1e-9)))
             near = self._near if self.soft == SOFT_MODE_W2 else min(self._near, REST_SHARE_OF_DISPLACEMENT * from_X)
             self.calm = self.calm + step - self.seen if self.distance < near or self.distance == 0 else 0
         k = 0 if self._step[0] < 0 else 1
@@ -107,7 +119,7 @@ class Balance:
 
     def forget(self) -> None:
         """Discard the motion so far, because growth has stopped."""
-        self._step[:], self.w2, self.calm = -1, 0.0, 0
+        self._step[:], self.w2, self.mean, self.calm = -1, 0.0, 0.0, 0
 
     def save(self) -> dict[str, NDArray[np.generic]]:
         """Arrays for a checkpoint; ``load`` restores them."""

@@ -16,6 +16,7 @@ from morphofold.studies.markdown import renewed, table, write_texts
 #: meaning of the numbers that decide on health
 HEALTH = {
     "distance_over_T": "distance of the surface from equilibrium, in thicknesses of the cortex",
+    "cell_over_T": "largest edge or height of a brick of the cortex, in thicknesses of the cortex, once wrinkled",
     "kinetic_over_strain": "kinetic over strain energy",
     "overlap": "share of the enclosed length of rays that the surface covers twice",
     "winding_max": "largest number of times that the surface winds around a point inside it",

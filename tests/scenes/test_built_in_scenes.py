@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import morphofold as mf
+from morphofold.sim.health import BOUNDS
 from morphofold.sim.scene import LEVELS, SHAPES
 from morphofold.sim.scene.effects import effect_names
 from morphofold.sim.scene.files import load_scene, scene_names
@@ -19,7 +20,7 @@ def test_every_built_in_scene_grows_and_stays_healthy(name, tmp_path):
     health = simulation.health
     snaps = "distance_over_T"  # a stage may be about to snap, and says so
     assert [warning for warning in health["warnings"] if not warning.startswith(snaps)] == []
-    assert sum((stage.get("distance_over_T") or 0.0) > 0.25 for stage in health["stages"]) <= 1
+    assert sum((stage.get("distance_over_T") or 0.0) > BOUNDS["distance_over_T"][0] for stage in health["stages"]) <= 1
     assert [stage["growth"] for stage in health["stages"]] == list(simulation.stages)
     assert all(stage["crossings"] == 0 and stage["min_J"] > 0.1 for stage in health["stages"])
     shape = simulation.scene.geometry.shape
