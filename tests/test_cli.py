@@ -411,7 +411,7 @@ def test_help_begins_with_examples_that_are_understood_and_on_the_page_of_the_co
                 assert line in " ".join(page.read_text(encoding="utf-8").replace("\\\n", " ").split())
 
 
-def test_interrupt_ends_with_130_and_keeps_the_checkpoint(here):
+def test_interrupt_ends_with_130_and_keeps_the_checkpoint(here, usual_signals):
     # a real SIGINT to a real process
     small = ["geometry.portion=octant", "growth.final=1.3", "growth.rate=0.1", "accuracy.edge=4.91"]
     small.append("output.stages=[]")
@@ -456,7 +456,7 @@ def test_ctrl_c_inside_a_compiled_kernel_is_an_interrupt(monkeypatch, capsys):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_stopped_analysis_leaves_nothing_behind(here, number):
+def test_a_stopped_analysis_leaves_nothing_behind(here, number, usual_signals):
     argv = pair(here, levels=(5, 5))
     before = sorted(here.iterdir())
     process = subprocess.Popen([sys.executable, "-m", "morphofold", *argv], stderr=subprocess.PIPE, text=True)
@@ -476,7 +476,7 @@ def test_a_reader_that_has_seen_enough_is_no_error():
     assert done.stderr == ""
 
 
-def test_an_error_of_compiled_code_in_place_of_an_interrupt_is_the_interrupt(capsys, monkeypatch):
+def test_an_error_of_compiled_code_in_place_of_an_interrupt_is_the_interrupt(capsys, monkeypatch, usual_signals):
     """numpy's ``tofile`` raises a TypeError of its own where a signal ends its look at the file."""
 
     def run(args):
