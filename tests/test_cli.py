@@ -455,6 +455,13 @@ def test_ctrl_c_inside_a_compiled_kernel_is_an_interrupt(monkeypatch, capsys):
     assert capsys.readouterr().err == "morphofold scenes: interrupted.\n"
 
 
+def test_a_package_that_can_not_be_imported_is_no_bad_input(here, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "embreex.mesh_construction", None)
+    assert main([*pair(here), "-q"]) == 1
+    assert len(capsys.readouterr().err.splitlines()) == 1
+    assert not (here / "out").exists()
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_stopped_analysis_leaves_nothing_behind(here, number, usual_signals):
     argv = pair(here, levels=(5, 5))
