@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 from pathlib import Path
 
 if "PYTEST_XDIST_WORKER" in os.environ:  # several processes share the cores: before numpy is imported
@@ -27,6 +28,21 @@ def here(tmp_path, monkeypatch):
 def rng():
     """A fresh random generator with a fixed seed."""
     return np.random.default_rng(20150901)
+
+
+@pytest.fixture
+def usual_signals():
+    """Signals that nohup, or a shell without job control, ignores act, also in processes that the test starts.
+
+    So does Ctrl-C where dask-jobqueue, when it was imported, set a handler of its own.
+    """
+    usual = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
+    if hasattr(signal, "SIGHUP"):  # not on Windows
+        usual[signal.SIGHUP] = signal.SIG_DFL
+    before = {number: signal.signal(number, handler) for number, handler in usual.items()}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
 
 @pytest.fixture(scope="module")

@@ -407,7 +407,7 @@ def test_help_begins_with_examples_that_are_understood_and_on_the_page_of_the_co
                 assert line in " ".join(page.read_text(encoding="utf-8").replace("\\\n", " ").split())
 
 
-def test_interrupt_ends_with_130_and_keeps_the_checkpoint(here):
+def test_interrupt_ends_with_130_and_keeps_the_checkpoint(here, usual_signals):
     # a real SIGINT to a real process
     small = ["geometry.portion=octant", "growth.final=1.3", "growth.rate=0.1", "accuracy.edge=4.91"]
     small.append("output.stages=[]")
@@ -451,8 +451,15 @@ def test_ctrl_c_inside_a_compiled_kernel_is_an_interrupt(monkeypatch, capsys):
     assert capsys.readouterr().err == "morphofold scenes: interrupted.\n"
 
 
+def test_a_package_that_can_not_be_imported_is_no_bad_input(here, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "embreex.mesh_construction", None)
+    assert main([*pair(here), "-q"]) == 1
+    assert len(capsys.readouterr().err.splitlines()) == 1
+    assert not (here / "out").exists()
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_stopped_analysis_leaves_nothing_behind(here, number):
+def test_a_stopped_analysis_leaves_nothing_behind(here, number, usual_signals):
     argv = pair(here, levels=(5, 5))
     before = sorted(here.iterdir())
     process = subprocess.Popen([sys.executable, "-m", "morphofold", *argv], stderr=subprocess.PIPE, text=True)
@@ -472,7 +479,7 @@ def test_a_reader_that_has_seen_enough_is_no_error():
     assert done.stderr == ""
 
 
-def test_an_error_of_compiled_code_in_place_of_an_interrupt_is_the_interrupt(capsys, monkeypatch):
+def test_an_error_of_compiled_code_in_place_of_an_interrupt_is_the_interrupt(capsys, monkeypatch, usual_signals):
     """numpy's ``tofile`` raises a TypeError of its own where a signal ends its look at the file."""
 
     def run(args):

@@ -512,7 +512,7 @@ def test_every_name_that_a_run_writes_under_is_known_to_the_sweep(tmp_path, monk
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_when_the_run_is_finished_stops_what_follows(tmp_path, monkeypatch, number, capsys):
+def test_a_signal_when_the_run_is_finished_stops_what_follows(tmp_path, monkeypatch, number, capsys, usual_signals):
     from morphofold.sim.output.folder import FolderWriter
 
     monkeypatch.chdir(tmp_path)

@@ -102,6 +102,11 @@ def test_importing_morphofold_loads_none_of_its_dependencies():
     assert loaded_by("import morphofold") == ""
 
 
+def test_measuring_loads_no_package_that_few_measures_need():
+    heavy = ("scipy.signal", "scipy.stats", "scipy.optimize", "networkx", "pandas", "pyvista", "matplotlib", "nibabel")
+    assert loaded_by("import morphofold.analysis.measuring", heavy) == ""
+
+
 def test_help_loads_no_heavy_package():
     cli = importlib.import_module("morphofold.cli") if importlib.util.find_spec("morphofold.cli") else None
     if not hasattr(cli, "main"):
@@ -115,8 +120,7 @@ assert main(["--help"]) == 0
     )
 
 
-def loaded_by(code):
-    heavy = ("numpy", "scipy", "pyvista", "trimesh", "numba", "skfem", "nibabel", "pydantic", "meshio")
+def loaded_by(code, heavy=("numpy", "scipy", "pyvista", "trimesh", "numba", "skfem", "nibabel", "pydantic", "meshio")):
     tail = f"\nimport sys; print('LOADED', *[m for m in {heavy!r} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code + tail], capture_output=True, text=True, check=True)
     return done.stdout.rpartition("LOADED")[2].strip()

@@ -6,6 +6,8 @@ import pytest
 
 from morphofold.sim.interrupt import deferred_interrupt
 
+pytestmark = pytest.mark.usefixtures("usual_signals")
+
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_is_held_until_the_work_can_stop(number):

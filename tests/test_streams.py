@@ -102,7 +102,7 @@ SIMULATE = [
 
 @needs_shell
 @pytest.mark.parametrize("number", ["SIGHUP", "SIGTERM"])
-def test_a_signal_ends_a_run_with_its_checkpoint_kept_and_nothing_half_written(number, tmp_path):
+def test_a_signal_ends_a_run_with_its_checkpoint_kept_and_nothing_half_written(number, tmp_path, usual_signals):
     run = started(SIMULATE, tmp_path)
     run.send_signal(getattr(signal, number))
     assert run.wait(60) == 130
@@ -113,7 +113,7 @@ def test_a_signal_ends_a_run_with_its_checkpoint_kept_and_nothing_half_written(n
 
 
 @needs_shell
-def test_two_hang_ups_at_once_are_one(tmp_path):
+def test_two_hang_ups_at_once_are_one(tmp_path, usual_signals):
     """A terminal tells its processes, and its shell does: neither may end the tidying up of the other."""
     run = started(SIMULATE, tmp_path)
     for _ in range(2):
@@ -134,7 +134,7 @@ def test_under_nohup_a_hang_up_is_nothing(tmp_path):
 
 
 @needs_shell
-def test_an_analysis_that_is_hung_up_leaves_nothing(tmp_path):
+def test_an_analysis_that_is_hung_up_leaves_nothing(tmp_path, usual_signals):
     from morphofold.io import sample_path
 
     argv = [sys.executable, "-m", "morphofold", "analyze", str(sample_path("fsaverage5")), "-o", "out", "--hemi", "lh"]

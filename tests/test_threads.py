@@ -146,16 +146,8 @@ def test_an_error_of_a_task_comes_out_and_tasks_that_wait_are_not_begun(threads)
     assert len(begun) < 3
 
 
-@pytest.fixture
-def default_interrupt():
-    """Python's own handler of Ctrl-C: dask-jobqueue sets another when it is imported."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
-
-
 @two_threads
-def test_after_ctrl_c_tasks_in_other_threads_begin_nothing_further(default_interrupt):
+def test_after_ctrl_c_tasks_in_other_threads_begin_nothing_further(usual_signals):
     steps = []
 
     def many_steps():

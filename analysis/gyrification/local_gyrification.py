@@ -8,7 +8,7 @@ from functools import partial
 import numba
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage, signal
+from scipy import fft, ndimage
 from scipy.spatial import cKDTree
 
 from morphofold.arrays import Array
@@ -149,7 +149,9 @@ def _area_within_radius(
     steps = np.arange(-reach, reach + 1) * bin_
     far = np.sqrt(sum(np.meshgrid(*3 * [steps**2], indexing="ij")))
     ball = np.clip((radius - far) / bin_ + 0.5, 0, 1)
-    return signal.fftconvolve(total, ball, mode="same")
+    padded = [fft.next_fast_len(n + 2 * reach, real=True) for n in total.shape]
+    spread: Array = fft.irfftn(fft.rfftn(total, padded) * fft.rfftn(ball, padded), padded)
+    return spread[tuple(slice(reach, reach + n) for n in total.shape)]
 
 
 def _values_at_points(values: Array, points: Array, low: Array, bin_: float) -> Array:

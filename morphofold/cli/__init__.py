@@ -168,7 +168,7 @@ def _run_command(args: argparse.Namespace) -> int:
         if isinstance(error, SystemError) and not isinstance(error.__cause__, KeyboardInterrupt):
             raise
         return _print_failure(args.command, f"interrupted.{getattr(args, 'on_interrupt', '')}", 130)
-    except (ValueError, TypeError, OSError, ImportError) as error:
+    except (ValueError, TypeError, OSError) as error:
         if args.debug:
             raise
         if isinstance(error, OSError) and error.errno is not None:  # the system's message, not ours
@@ -185,7 +185,8 @@ def _run_command(args: argparse.Namespace) -> int:
     except Exception as error:
         if args.debug:
             raise
-        if type(error).__name__ in ("UnstableError", "ConvergenceError"):  # not imported, so that --help is fast
+        known = "UnstableError", "ConvergenceError"  # not imported, so that --help is fast
+        if isinstance(error, ImportError) or type(error).__name__ in known:
             return _print_failure(args.command, error, 1)
         return _print_failure(args.command, f"{type(error).__name__}: {error} (a defect; --debug shows where)", 1)
 
