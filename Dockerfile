@@ -1,4 +1,5 @@
-# morphofold as a BIDS-App: docker run IMAGE BIDS_DIR OUTPUT_DIR {participant,group}; other commands by --entrypoint morphofold.
+# morphofold as a BIDS-App: docker run IMAGE BIDS_DIR OUTPUT_DIR {participant,group}; other commands by
+# docker run --entrypoint container.sh IMAGE morphofold analyze SUBJECT.
 # Apptainer builds the same image: apptainer build morphofold.sif docker-archive:morphofold.tar
 FROM python:3.13-slim
 
@@ -9,10 +10,12 @@ RUN apt-get update \
 COPY . /source
 RUN pip install --no-cache-dir -c /source/constraints.txt /source && rm -rf /source
 
-# Containers are read-only on clusters, and their users have no home: what numba compiles goes to /tmp, or where you mount a folder.
-ENV NUMBA_CACHE_DIR=/tmp/morphofold-compiled \
-    MPLCONFIGDIR=/tmp/morphofold-matplotlib \
-    MORPHOFOLD_RENDERER=raster \
+ENV MORPHOFOLD_RENDERER=raster \
     PYTHONUNBUFFERED=1
 
-ENTRYPOINT ["morphofold", "bids"]
+# Compiles all kernels once, by growing and measuring a cortex.
+COPY container.sh /usr/local/bin/
+RUN mkdir /opt/morphofold \
+    && container.sh sh -c 'morphofold demo -q -o /tmp/demo && cp -r "$NUMBA_CACHE_DIR/../." /opt/morphofold && rm -rf /tmp/demo'
+
+ENTRYPOINT ["container.sh", "morphofold", "bids"]

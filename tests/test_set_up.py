@@ -1,8 +1,10 @@
-"""run.py: what it sets up anew, and with which Python."""
+"""What a set-up does: run.py in a checkout, and the first script of a container."""
 
 import importlib.util
 import os
+import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -65,3 +67,39 @@ def test_an_activated_venv_sets_up_with_the_python_it_was_made_from(task, monkey
     task.set_up("")
     assert task.called[0][0] == "/usr/bin/outer"
     assert "/usr/bin/outer" in task.called[1]
+
+
+@pytest.fixture
+def contained(tmp_path):
+    """Runs a command as in a container whose compiled code is one file."""
+    (tmp_path / "image" / "compiled").mkdir(parents=True)
+    (tmp_path / "image" / "compiled" / "kernel.nbc").write_text("code\n")
+    script = tmp_path / "container.sh"
+    script.write_text((FILE.parent / "container.sh").read_text().replace("/opt/morphofold", str(tmp_path / "image")))
+    (tmp_path / "tmp").mkdir()
+
+    def run(command, scratch=tmp_path / "tmp"):
+        argv = ["sh", str(script), "sh", "-c", command]
+        return subprocess.run(argv, env={**os.environ, "TMPDIR": str(scratch)}, capture_output=True, text=True)
+
+    return run
+
+
+needs_gnu = pytest.mark.skipif(sys.platform != "linux", reason="runs in a container of Linux")
+
+
+@needs_gnu
+def test_a_container_compiles_into_a_folder_of_its_own_that_goes_with_it(contained, tmp_path):
+    done = contained('cd "$NUMBA_CACHE_DIR" && cat kernel.nbc; stat -c %a ..; touch new; exit 3')
+    assert (done.stdout.split(), done.returncode) == (["code", "700"], 3)
+    until = time.monotonic() + 60
+    while list((tmp_path / "tmp").iterdir()) and time.monotonic() < until:
+        time.sleep(0.05)
+    assert list((tmp_path / "tmp").iterdir()) == []
+    assert [one.name for one in (tmp_path / "image" / "compiled").iterdir()] == ["kernel.nbc"]
+
+
+@needs_gnu
+def test_a_container_without_a_temporary_folder_works(contained, tmp_path):
+    done = contained('echo "works${NUMBA_CACHE_DIR-}"', tmp_path / "none")
+    assert (done.stdout, done.returncode) == ("works\n", 0)
