@@ -106,7 +106,7 @@ def test_of_six_surfaces_each_is_one_unit(rng):
 
 @pytest.mark.parametrize("surfaces", [1, 8])
 def test_the_test_against_chance_has_its_level(monkeypatch, surfaces):
-    """Groups that are themselves from the random net, whose hinges are the same for all surfaces they are compared with."""
+    """Groups from the random net itself, whose hinges are the same for all surfaces."""
     ps = []
     monkeypatch.setattr(hinges, "PERMUTATIONS", 99)
     monkeypatch.setattr(hinges, "DRAWS", 2)

@@ -158,9 +158,7 @@ class Model:
             )
         if subjects <= columns:
             raise DoesNotApply(f"{subjects} subjects can't determine {columns} columns and an error. Add subjects.")
-        others = (
-            X / size @ np.linalg.svd((c / size)[None])[2][1:].T
-        )  # the columns' combinations that the contrast does not weigh
+        others = X / size @ np.linalg.svd((c / size)[None])[2][1:].T  # what the contrast does not weigh of the columns
         self._nuisance = np.linalg.qr(others)[0]
         self.regressor: Array = X @ c / (c @ c)
         tested = self.regressor - self._nuisance @ (self._nuisance.T @ self.regressor)

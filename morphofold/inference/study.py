@@ -97,8 +97,8 @@ class Result:
             fewest = min(len(np.unique(units[groups == g])) for g in np.unique(groups))
             if fewest < FEWEST_OF_VARIANCE_GROUP:
                 said.append(
-                    f"a variance group has only {fewest} subjects or blocks: with less than {FEWEST_OF_VARIANCE_GROUP}, "
-                    "corrected p may be far too small. Merge it with another group."
+                    f"a variance group has only {fewest} subjects or blocks, so corrected p may be far too small. "
+                    f"Merge it with another group to have {FEWEST_OF_VARIANCE_GROUP} or more."
                 )
         return said
 
