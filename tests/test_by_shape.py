@@ -83,3 +83,9 @@ def test_measured_parts_of_a_folded_ball_cover_its_cortex():
     assert row_of(m.shapes, "crown")["n_vertices"] > 0
     frame = m.to_frame("shapes")
     assert frame["thickness_mm"].between(1.0, 2.5).all()
+
+
+def test_parts_of_a_convex_body_are_not_chosen_by_rounding():
+    depth = np.random.default_rng(0).uniform(0, 1e-10, len(VERTS))
+    rows = thickness_by_shape(SHELL, {"cortical_thickness": np.full(len(VERTS), 2.0), "sulcal_depth": depth})
+    assert {row["n_vertices"] for row in rows} == {len(VERTS)}

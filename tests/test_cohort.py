@@ -671,6 +671,10 @@ def test_subjects_are_found_and_templates_left_out(tmp_path):
         ("anna_tp2", ("anna", "tp2")),
         ("anna.visit_03", ("anna", "visit_03")),
         ("smith_tpatel", ("smith_tpatel", "")),
+        ("sub-v01", ("sub-v01", "")),
+        ("sub-v01_ses-2", ("sub-v01", "ses-2")),
+        ("study_v2_007", ("study_v2_007", "")),
+        ("sub-01_ses-1.long.sub-01_base", ("sub-01", "ses-1")),
         ("sub-01", ("sub-01", "")),
     ],
 )

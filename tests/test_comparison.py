@@ -109,6 +109,14 @@ def test_a_slope_is_one_only_where_its_interval_leaves_out_zero():
     assert fit_line([ThicknessPoint(x, -2 * x + 0.1 * (x % 2), "") for x in range(6)]).sloped
 
 
+def test_a_point_on_its_own_far_away_is_one_that_changes_a_slope():
+    """It draws the line to itself, so that its residual is small."""
+    x, y = np.array([2.0, 2.1, 2.2, 2.3, 2.4, 9.0]), np.array([1.0, 1.1, 1.0, 1.1, 1.0, 9.0])
+    fit = fit_line([ThicknessPoint(a, b, "") for a, b in zip(x, y)])
+    assert fit.slope_without_few == pytest.approx(np.polyfit(x[:5], y[:5], 1)[0], abs=1e-12)
+    assert fit_line([ThicknessPoint(a, b, "") for a, b in zip([2.0] * 5 + [9.0], y)]).slope_without_few is None
+
+
 def test_a_few_wide_crests_do_not_make_a_slope(rng):
     """Forty crests without a trend and two very wide ones where the cortex is thickest."""
     x, y = np.append(rng.uniform(2, 3, 40), [3.2, 3.3]), np.append(rng.normal(8, 0.5, 40), [20, 22])

@@ -104,16 +104,17 @@ def test_of_six_surfaces_each_is_one_unit(rng):
     assert found.closer
 
 
-def test_the_test_against_chance_has_its_level(monkeypatch):
-    """Groups that are themselves from the random net."""
+@pytest.mark.parametrize("surfaces", [1, 8])
+def test_the_test_against_chance_has_its_level(monkeypatch, surfaces):
+    """Groups from the random net itself, whose hinges are the same for all surfaces."""
     ps = []
     monkeypatch.setattr(hinges, "PERMUTATIONS", 99)
     monkeypatch.setattr(hinges, "DRAWS", 2)
     for k in range(40):
         rng = np.random.default_rng(k)
-        law = shapes(made(30, rng))
-        net = np.nan_to_num(rng.permutation(net_at_chance([law], seed=1000 + k))[:30])
-        (found,) = compare_hinges({"m": shapes(net), "s": law}, {"net": ["m"], "MRI": ["s"]}, seed=k)
+        law = {f"s{n}": shapes(made(30, rng)) for n in range(surfaces)}
+        net = np.nan_to_num(rng.permutation(net_at_chance(list(law.values()), seed=1000 + k))[:30])
+        (found,) = compare_hinges({"m": shapes(net), **law}, {"net": ["m"], "MRI": list(law)}, seed=k)
         ps.append(found.p)
     assert 0.35 < np.mean(ps) < 0.65
     assert np.mean(np.array(ps) < 0.1) < 0.25

@@ -6,7 +6,10 @@ from made_changes import CHANGES, changed
 from scipy.spatial import cKDTree
 
 from morphofold.analysis import measure
+from morphofold.geometry import vertex_normals
 from morphofold.io import read_cortex, sample_path
+from morphofold.shapes import icosphere
+from morphofold.surface import Cortex, Surface
 
 # largest change at any vertex, of the 90th percentile of a map: curvature is fitted, and solvers stop at 1e-6
 MAP_BOUND = 1e-5
@@ -42,6 +45,16 @@ def test_what_changes_nothing_moves_no_map_and_no_row(before, change):
     away, which = cKDTree(back(there)).query(at)
     assert away.max() < HINGE_BOUND_MM
     assert [other.hinges[k]["shape"] for k in which] == [row["shape"] for row in one.hinges]
+
+
+def test_noise_moves_no_arm_of_a_body_with_three_planes_of_symmetry():
+    verts, faces = icosphere(4)
+    bumps = np.cos(6 * verts).prod(axis=1)
+    verts = verts * (50 + 3 * bumps + 2 * np.cos(14 * verts[:, 2]))[:, None]
+    cortex = Cortex(Surface(verts - 2 * vertex_normals(verts, faces), faces), Surface(verts, faces))
+    one, other = (measure(c, accuracy="draft").arms for c in (cortex, changed(cortex, "noise")[0]))
+    angles = [np.sort([row["angle_deg"] for row in rows]) for rows in (one, other)]
+    np.testing.assert_allclose(*angles, rtol=TABLE_BOUND)
 
 
 def assert_same_rows(one, other, name):

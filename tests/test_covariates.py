@@ -64,6 +64,12 @@ def test_a_longitudinal_run_has_those_of_its_time_point_and_a_column_tells_the_p
     assert NO_COVARIATES.of_sessions(["anna", "ben"]) is NO_COVARIATES
 
 
+def test_a_person_may_have_the_number_0(tmp_path):
+    (tmp_path / "t.tsv").write_text("participant_id\tperson\na\t0\nb\t0\nc\t1\n")
+    found = read_covariates(tmp_path / "t.tsv")
+    assert [found.person(name) for name in "abc"] == ["0", "0", "1"]
+
+
 def test_a_session_has_the_covariates_of_its_person_unless_it_has_a_row(tmp_path):
     (tmp_path / "t.tsv").write_text("participant_id\tage\nsub-01\t30\nsub-02_ses-b\t41\nsub-02\t40\n")
     found = read_covariates(tmp_path / "t.tsv")

@@ -56,6 +56,12 @@ def test_contrasts_are_columns_variables_or_weights(table, formula, contrast, co
     assert found.left_out == ()
 
 
+def test_a_variable_is_not_its_interaction(table):
+    np.testing.assert_array_equal(design(NAMES, table, "sex * age", "sex").contrast, [0, 1, 0, 0])
+    with pytest.raises(UnknownName):
+        design(NAMES, table, "age + sex:age", "sex")
+
+
 def test_interactions_are_products(table):
     found = design(["01", "02", "03", "04", "06"], table, "age * sex", "age:sex[T.M]")
     columns = dict(zip(found.columns, found.matrix.T))
@@ -264,6 +270,7 @@ def test_a_table_that_is_no_utf8_text_is_refused(tmp_path, encode):
         ("anna_V2", "anna"),
         ("anna_ses1.long.anna", "anna"),
         ("x.long.sub-01_ses-1", "01"),
+        ("sub-01_ses-1.long.sub-01_base", "01"),
         ("002_S_0413", "002_S_0413"),
         ("study_time", "study_time"),
         ("patient_v", "patient_v"),
@@ -307,3 +314,6 @@ def test_rows_that_repeat_are_remarked(table):
     assert design(names, people.assign(age=np.arange(24)), "age", "age").remarks == ()
     assert design(names, people.assign(sex=["F", "M"] * 12), "sex", "sex").remarks == ()
     assert design(names, people.assign(age=[*ages[:-1], 64]), "age", "age").remarks == ()
+    assert len(design(names[1:], people.assign(age=ages + 0.5), "age", "age").remarks) == 1  # a session is missing
+    assert len(design(names, people.assign(age=ages, visit=[1, 2, 3] * 8), "age + visit", "age").remarks) == 1
+    assert design(names[1:], people.assign(age=ages.round()), "age", "age").remarks == ()  # whole years repeat

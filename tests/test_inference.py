@@ -49,6 +49,16 @@ def test_t_and_effect_are_those_of_least_squares(contrast):
     assert found.df == 17
 
 
+def test_units_of_columns_change_nothing():
+    """Products of volumes in mm3 beside the intercept."""
+    maps, _, design = study(20, 1)
+    one = infer(maps, design, CONTRASTS[2], MESH, permutations=19)
+    other = infer(maps, design * [1, 1e-20, 1], CONTRASTS[2] * [1, 1e-20, 1], MESH, permutations=19)
+    np.testing.assert_allclose(other.t, one.t, rtol=1e-6)
+    np.testing.assert_allclose(other.null_tfce, one.null_tfce, rtol=1e-6)
+    assert not other.flipped
+
+
 def test_r_is_the_partial_correlation():
     """Of what is left of map and age after intercept and sex are taken out of both."""
     maps, age, design = study(12, 5)

@@ -314,6 +314,21 @@ def test_sessions_of_a_person_are_exchanged_with_the_person(study):
         assert own.design.remarks == ()
 
 
+def test_a_tiny_variance_group_is_remarked(study):
+    for few, remarks in ((2, 1), (4, 1), (5, 0)):
+        renamed(study, SUBJECTS, group=["a" if k < few else "b" for k in range(24)])
+        found = fit_study(
+            find_space(study),
+            study / "participants.tsv",
+            "cortical_thickness ~ group",
+            "group",
+            variance_groups="group",
+            hemis=("lh",),
+            permutations=9,
+        )
+        assert len(found.remarks) == remarks
+
+
 def test_few_exchanges_and_unequal_variances_are_remarked(study, capsys, tmp_path):
     space, table = find_space(study), study / "participants.tsv"
     assert fitted(study).remarks == []

@@ -24,7 +24,7 @@ HEAT_STEPS = 3  # implicit Euler steps of one heat flow
 FIRST_SCALE_PER_ROOT_AREA = 0.007
 # reach of the depth potential and persistence of its basins, in units of that scale
 FIRST_REACH_IN_SCALES, FIRST_PERSISTENCE_IN_SCALES = 7.0, 0.7
-TIE_DIRECTION = np.array([0.0, 0.6, 0.8])  # (3,), not along an axis of x, in which hemispheres are mirrored
+TIE_DIRECTION = np.array([1e-5, 0.6, 0.8])  # (3,); hardly along x, in which hemispheres are mirrored
 REACH_IN_WIDTHS, SMOOTHING_IN_WIDTHS = 1.5, 0.2  # reach and smoothing of the depth potential, in crown widths
 LARGEST_PERSISTENCE_SHARE = 0.2  # of the range of the depth potential: the largest persistence that is used
 LOW_QUANTILE, HIGH_QUANTILE = 0.05, 0.98  # quantiles that define this range

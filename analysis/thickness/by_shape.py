@@ -14,7 +14,7 @@ from morphofold.surface import Cortex, PerVertex, check_kind
 RIDGE = 0.5  # shape index of a ridge, and less than 0 of a groove: there one principal curvature is 0
 #: shares of the area of the cortex in the order of depth: the shallowest, the middle and the deepest part
 DEPTHS = {"crown": (0.0, 0.15), "wall": (0.35, 0.65), "fundus": (0.85, 1.0)}
-EQUAL_DEPTH_TOLERANCE = 1e-6  # of the range of depth
+EQUAL_DEPTH_TOLERANCE = 1e-7  # of the root of the area of the cortex
 
 
 def thickness_by_shape(cortex: Cortex, maps: Mapping[str, PerVertex]) -> list[dict[str, Any]]:
@@ -80,7 +80,7 @@ def _parts(
         share = np.cumsum(area[order]) - 0.5 * area[order]
         share /= max(float(area[order].sum()), np.finfo(float).tiny)
         found: dict[str, NDArray[np.bool_]] = {}
-        same = EQUAL_DEPTH_TOLERANCE * np.ptp(depth[some]) if len(some) else 0.0
+        same = EQUAL_DEPTH_TOLERANCE * area[order].sum() ** 0.5
         for part, (low, high) in DEPTHS.items():
             ends = depth[order[(share >= low) & (share <= high)]]
             least, most = ends.min(initial=np.inf) - same, ends.max(initial=-np.inf) + same

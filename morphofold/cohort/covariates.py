@@ -32,7 +32,8 @@ class Covariates:
 
     def person(self, subject: str) -> str:
         """The person of a subject: by the column ``person``, else by its name."""
-        return str(self.of(subject).get(PERSON) or person_and_session(subject)[0])
+        named = self.of(subject).get(PERSON)
+        return str(person_and_session(subject)[0] if named is None else named)
 
     def of_sessions(self, subjects: Iterable[str]) -> Covariates:
         """These, with the columns ``person`` and ``session`` if some subjects are sessions of a person."""

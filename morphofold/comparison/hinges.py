@@ -88,8 +88,9 @@ class HingeComparison:
     single numbers. ``matches`` has one entry per hinge of ``one``, the nearest first. ``controls`` are the first group,
     other hinges of the second group, and a random net, if one with as many hinges per square of the crown width exists.
     ``p`` is that of the difference between the first group and the random net, over both directions, and None without
-    one. Its ``units`` are the surfaces of the second group (random signs), or hinges where there are fewer than six
-    surfaces (random divisions of the hinges of the first group and of the net).
+    one. Its ``units`` are hinges (random divisions of the hinges of the first group and of the net), or surfaces of the
+    second group (random signs) if there are six or more and that p is larger: hinges of the first group are the same
+    for all surfaces, so that surfaces alone do not tell them from others by chance.
     """
 
     one: str
@@ -194,15 +195,15 @@ def _compare_with_chance(
         return controls, None, ""
     size = min(len(a), len(net), MOST_TESTED_HINGES)
     both = np.concatenate([rng.permutation(far[name])[:size] for name in (one, RANDOM_NET_NAME)])
-    units = "hinges" if len(theirs) < LEAST_SURFACES_AS_UNITS else "surfaces"
-    if units == "hinges":
-        found, drawn = _difference(both), np.array([_difference(rng.permutation(both)) for _ in range(PERMUTATIONS)])
-    else:
+    found = {"hinges": (_difference(both), np.array([_difference(rng.permutation(both)) for _ in range(PERMUTATIONS)]))}
+    if len(theirs) >= LEAST_SURFACES_AS_UNITS:
         parts = np.split(both, np.cumsum([len(s) for s in theirs.values()])[:-1], axis=1)
         apart = np.array([_difference(part) for part in parts if part.shape[1]])
-        found, drawn = float(apart.sum()), rng.choice([-1.0, 1.0], size=(PERMUTATIONS, len(apart))) @ apart
-    as_large = int(np.count_nonzero(np.abs(drawn) >= abs(found) - 1e-12))
-    return controls, (1 + as_large) / (1 + PERMUTATIONS), units
+        signs = rng.choice([-1.0, 1.0], size=(PERMUTATIONS, len(apart)))
+        found["surfaces"] = float(apart.sum()), signs @ apart
+    as_large = {units: np.count_nonzero(np.abs(drawn) >= abs(d) - 1e-12) for units, (d, drawn) in found.items()}
+    units = max(as_large, key=lambda units: as_large[units])
+    return controls, float(1 + as_large[units]) / (1 + PERMUTATIONS), units
 
 
 def _median_distances(distance: Array) -> Array:

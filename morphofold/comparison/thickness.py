@@ -213,6 +213,7 @@ def _slope_without_few(x: Array, y: Array, slope: float) -> float | None:
     if len(x) < LEAST_POINTS_FOR_BOUNDS:
         return None
     away = x - x.mean()
-    pull = np.abs(away * (y - y.mean() - slope * away))
+    left = np.maximum(1 - 1 / len(x) - away**2 / (away @ away), np.finfo(float).eps)  # of a point's own residual
+    pull = np.abs(away * (y - y.mean() - slope * away)) / left
     stay = np.argsort(pull, kind="stable")[: len(x) - max(len(x) // 20, 1)]
     return float(np.polyfit(x[stay], y[stay], 1)[0]) if np.ptp(x[stay]) > 0 else None

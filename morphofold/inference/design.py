@@ -198,10 +198,10 @@ def design(
         remarks.append(
             f"names show {len(kept)} sessions of {len(first)} persons, so {how}. --blocks COLUMN changes this."
         )
-    elif blocks is None and (repeats := _repeats(values)):
+    elif blocks is None and (repeats := _repeats(values)) > 1:
         remarks.append(
-            f"every row of the design is there {repeats} times. If these are sessions of one person, name a column of "
-            "persons with --blocks."
+            f"every value of a regressor is there {repeats} times or more. If these are sessions of one person, name a "
+            "column of persons with --blocks."
         )
     return Design(
         subjects=kept,
@@ -262,10 +262,14 @@ def _codes(name: str, values: pd.Series[Any], subjects: Sequence[str]) -> Iterat
 
 
 def _repeats(values: Array) -> int:
-    """How many times each row of a design with a regressor of five values or more is there, if all are as often."""
-    counts = np.unique(values, axis=0, return_counts=True)[1]
-    many = max((len(np.unique(column)) for column in values.T), default=0) >= 5
-    return int(counts[0]) if many and counts.min() == counts.max() > 1 else 0
+    """How many times, at least, each value of a regressor with fractions is there, or each row if all are as often.
+
+    Regressors with fewer than five values do not count.
+    """
+    rows = np.unique(values, axis=0, return_counts=True)[1]
+    alike = int(rows[0]) if rows.min() == rows.max() else 0
+    counted = (np.unique(column, return_counts=True) for column in values.T)
+    return max((int(n.min()) if (x % 1).any() else alike for x, n in counted if len(x) >= 5), default=0)
 
 
 def _weights(contrast: str, columns: tuple[str, ...], spec: Any, formula: str) -> Array:
@@ -274,7 +278,8 @@ def _weights(contrast: str, columns: tuple[str, ...], spec: Any, formula: str) -
 
     wanted = contrast.strip()
     wanted = next((name for name in columns if name in INTERCEPTS), wanted) if wanted in INTERCEPTS else wanted
-    of_variable = [name for name in columns if name.startswith((f"{wanted}[", f"C({wanted})["))]
+    order, heads = wanted.count(":"), (f"{wanted}[", f"C({wanted})[")
+    of_variable = [name for name in columns if name.startswith(heads) and name.count(":") == order]
     if wanted not in columns and len(of_variable) == 1:
         wanted = of_variable[0]
     if wanted in columns:

@@ -149,7 +149,8 @@ class Model:
         if not c.any():
             raise DoesNotApply("the contrast is 0 for every column of the design: it tests nothing.")
         subjects, columns = X.shape
-        rank = int(np.linalg.matrix_rank(X))
+        size = np.maximum(np.linalg.norm(X, axis=0), np.finfo(float).tiny)  # a unit changes neither rank nor space
+        rank = int(np.linalg.matrix_rank(X / size))
         if rank < columns:
             raise DoesNotApply(
                 f"of the {columns} columns of the design only {rank} are independent: a column is constant, repeats "
@@ -157,7 +158,7 @@ class Model:
             )
         if subjects <= columns:
             raise DoesNotApply(f"{subjects} subjects can't determine {columns} columns and an error. Add subjects.")
-        others = X @ np.linalg.svd(c[None])[2][1:].T  # the columns' combinations that the contrast does not weigh
+        others = X / size @ np.linalg.svd((c / size)[None])[2][1:].T  # what the contrast does not weigh of the columns
         self._nuisance = np.linalg.qr(others)[0]
         self.regressor: Array = X @ c / (c @ c)
         tested = self.regressor - self._nuisance @ (self._nuisance.T @ self.regressor)

@@ -25,6 +25,7 @@ from morphofold.tables import write_table
 DrawStats = Callable[["Result", Mapping[str, Any], Path], object]
 CLUSTER_COLUMNS = ("hemi", "cluster", "peak", "x", "y", "z", "region", "area_mm2", "effect", "t", "r", "p")
 FEWEST_EXCHANGES, LEAST_P_REMARKED = 1000, 0.01
+FEWEST_OF_VARIANCE_GROUP = 5
 #: p and ratio of residual variances from which a remark says that they depend on what is tested
 VARIANCE_P, VARIANCE_RATIO = 0.01, 1.5
 MAPS = ("effect", "t", "r", "p", "p_height", "p_tfce", "cluster", "subjects")
@@ -91,6 +92,14 @@ class Result:
                 f"{found.variance_p:.1g}), so corrected p may be far too small or too large. Name a column of groups "
                 "with like variance: --variance-groups COLUMN."
             )
+        if (groups := self.design.variance_groups) is not None:
+            units = np.arange(len(groups)) if self.design.blocks is None else self.design.blocks
+            fewest = min(len(np.unique(units[groups == g])) for g in np.unique(groups))
+            if fewest < FEWEST_OF_VARIANCE_GROUP:
+                said.append(
+                    f"a variance group has only {fewest} subjects or blocks, so corrected p may be far too small. "
+                    f"Merge it with another group to have {FEWEST_OF_VARIANCE_GROUP} or more."
+                )
         return said
 
     def __repr__(self) -> str:
