@@ -70,7 +70,7 @@ def is_ready(extras: str) -> bool:
 
 def set_up(extras: str) -> int:
     """uv from pip into .tools, which works where venv and system installs don't; the rest by uv into .venv."""
-    print(f"setting up .venv (once; downloads about {SIZES[extras]} MB)", flush=True)
+    print(f"setting up .venv (once; downloads about {SIZES[extras]} MB)", file=sys.stderr, flush=True)
     base = outer_python()
     uv = str(ROOT / ".tools" / "bin" / "uv")
     pip = [base, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--target", ".tools", "uv"]
@@ -86,7 +86,7 @@ def set_up(extras: str) -> int:
         code = call(command)
         if code:
             return fail(f"set-up failed at: {' '.join(command)}")
-    print(f"ready: the command is {BIN.relative_to(ROOT) / 'morphofold'}", flush=True)
+    print(f"ready: the command is {BIN.relative_to(ROOT) / 'morphofold'}", file=sys.stderr, flush=True)
     return 0
 
 
@@ -99,11 +99,14 @@ def outer_python() -> str:
 def call(command: list[str]) -> int:
     quiet = {"UV_PYTHON_DOWNLOADS": "never", "PIP_ROOT_USER_ACTION": "ignore"}
     try:
-        return subprocess.call(command, env={**os.environ, **quiet})
-    except KeyboardInterrupt:
-        return 130
+        process = subprocess.Popen(command, env={**os.environ, **quiet})
     except OSError as error:
         return fail(f"{command[0]}: {error}")
+    while True:
+        try:
+            return process.wait()
+        except KeyboardInterrupt:  # the command gets Ctrl-C too, and may have a checkpoint to write
+            pass
 
 
 def fail(message: str) -> int:

@@ -2,7 +2,10 @@
 
 import importlib.util
 import os
+import signal
+import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -65,3 +68,21 @@ def test_an_activated_venv_sets_up_with_the_python_it_was_made_from(task, monkey
     task.set_up("")
     assert task.called[0][0] == "/usr/bin/outer"
     assert "/usr/bin/outer" in task.called[1]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs the signal of a terminal")
+def test_after_an_interrupt_a_task_ends_when_its_command_has_tidied_up(tmp_path):
+    """As on a terminal, which interrupts both processes; the command takes longer than subprocess.call would wait."""
+    command = (
+        "import pathlib, time\n"
+        "try:\n    pathlib.Path('begun').touch(); time.sleep(60)\n"
+        "except KeyboardInterrupt:\n    time.sleep(1); pathlib.Path('tidied').touch(); raise SystemExit(130)\n"
+    )
+    code = f"import runpy, sys; sys.exit(runpy.run_path({str(FILE)!r})['call']([sys.executable, '-c', {command!r}]))"
+    task = subprocess.Popen([sys.executable, "-c", code], cwd=tmp_path, start_new_session=True)
+    until = time.monotonic() + 60
+    while not (tmp_path / "begun").exists() and time.monotonic() < until:
+        time.sleep(0.02)
+    os.killpg(task.pid, signal.SIGINT)
+    assert task.wait(60) == 130
+    assert (tmp_path / "tidied").exists()
