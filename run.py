@@ -14,14 +14,16 @@ BIN = ROOT / ".venv" / ("Scripts" if os.name == "nt" else "bin")
 SOURCES = [ROOT / name for name in ("pyproject.toml", "constraints.txt", "run.py")]
 
 ALL = "[test,docs,bench,slurm]"
-EXTRAS = {"setup": "", "demo": "", "docs": "[docs]", "test": ALL, "accuracy": ALL}  # that a task needs
+EXTRAS = {"setup": "", "demo": "", "docs": "[docs]", "test": ALL, "bench": ALL, "accuracy": ALL}  # that a task needs
 SIZES = {"": 400, "[docs]": 430, ALL: 550}  # MB to load; each holds those before
+BENCH = ["python", "-m", "morphofold.studies.bench"]
 TASKS = {
     "setup": [],
     "demo": [["morphofold", "demo", "-o", "demo"]],
     "docs": [["python", "-m", "mkdocs", "build", "--strict"]],
+    "bench": [BENCH],
     "accuracy": [
-        ["morphofold", "bench", "accuracy", "-o", "accuracy"],
+        [*BENCH, "accuracy", "-o", "accuracy"],
         [
             *["python", "-m", "morphofold.studies.accuracy.page", "accuracy", "docs/accuracy.md"],
             *["--table", "morphofold/forecasts/table.json"],

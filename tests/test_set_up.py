@@ -43,6 +43,12 @@ def test_what_the_tests_need_is_enough_for_the_commands_and_not_the_other_way_ro
     assert any("pip" in command for command in task.called)
 
 
+def test_the_words_after_bench_go_to_the_benchmark_which_has_all_extras(task):
+    task.main(["bench", "speed", "--json"])
+    assert task.ready_file(task.ALL).is_file()
+    assert task.called[-1][1:] == ["-m", "morphofold.studies.bench", "speed", "--json"]
+
+
 def test_a_change_of_the_sources_sets_up_anew(task):
     task.main(["test"])
     task.called.clear()
