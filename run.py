@@ -14,14 +14,16 @@ BIN = ROOT / ".venv" / ("Scripts" if os.name == "nt" else "bin")
 SOURCES = [ROOT / name for name in ("pyproject.toml", "constraints.txt", "run.py")]
 
 ALL = "[test,docs,bench]"
-EXTRAS = {"setup": "", "demo": "", "docs": "[docs]", "test": ALL, "accuracy": ALL}  # that a task needs
+EXTRAS = {"setup": "", "demo": "", "docs": "[docs]", "test": ALL, "bench": ALL, "accuracy": ALL}  # that a task needs
 SIZES = {"": 400, "[docs]": 430, ALL: 550}  # MB to load; each holds those before
+BENCH = ["python", "-m", "morphofold.studies.bench"]
 TASKS = {
     "setup": [],
     "demo": [["morphofold", "demo", "-o", "demo"]],
     "docs": [["python", "-m", "mkdocs", "build", "--strict"]],
+    "bench": [BENCH],
     "accuracy": [
-        ["morphofold", "bench", "accuracy", "-o", "accuracy"],
+        [*BENCH, "accuracy", "-o", "accuracy"],
         [
             *["python", "-m", "morphofold.studies.accuracy.page", "accuracy", "docs/accuracy.md"],
             *["--table", "morphofold/forecasts/table.json"],
@@ -70,7 +72,7 @@ def is_ready(extras: str) -> bool:
 
 def set_up(extras: str) -> int:
     """uv from pip into .tools, which works where venv and system installs don't; the rest by uv into .venv."""
-    print(f"setting up .venv (once; downloads about {SIZES[extras]} MB)", flush=True)
+    print(f"setting up .venv (once; downloads about {SIZES[extras]} MB)", file=sys.stderr, flush=True)
     base = outer_python()
     uv = str(ROOT / ".tools" / "bin" / "uv")
     pip = [base, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--target", ".tools", "uv"]
@@ -86,7 +88,7 @@ def set_up(extras: str) -> int:
         code = call(command)
         if code:
             return fail(f"set-up failed at: {' '.join(command)}")
-    print(f"ready: the command is {BIN.relative_to(ROOT) / 'morphofold'}", flush=True)
+    print(f"ready: the command is {BIN.relative_to(ROOT) / 'morphofold'}", file=sys.stderr, flush=True)
     return 0
 
 
@@ -99,11 +101,14 @@ def outer_python() -> str:
 def call(command: list[str]) -> int:
     quiet = {"UV_PYTHON_DOWNLOADS": "never", "PIP_ROOT_USER_ACTION": "ignore"}
     try:
-        return subprocess.call(command, env={**os.environ, **quiet})
-    except KeyboardInterrupt:
-        return 130
+        process = subprocess.Popen(command, env={**os.environ, **quiet})
     except OSError as error:
         return fail(f"{command[0]}: {error}")
+    while True:
+        try:
+            return process.wait()
+        except KeyboardInterrupt:  # the command gets Ctrl-C too, and may have a checkpoint to write
+            pass
 
 
 def fail(message: str) -> int:

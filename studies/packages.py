@@ -31,8 +31,8 @@ FLOORS = (
     ("comparison", "forecasts", "results", "inference"),
     ("cohort",),
     ("report",),
-    ("studies",),
     ("cli",),
+    ("studies",),
 )
 ORDER = tuple(name for floor in FLOORS for name in floor)
 GROUND = (
@@ -52,10 +52,15 @@ GROUND = (
     "display",
 )
 APART = {"sim", "analysis"}  # they meet in a Cortex
-#: the arrows that run back up: Comparison.report() calls the page, and notebooks show what ``report`` draws
+#: the arrows that run back up: Comparison.report() calls the page, notebooks show what ``report`` draws, and the
+#: command ``reproduce`` draws the figures of the paper
 EXCEPTIONS = {
     ("morphofold.comparison.side_by_side", "morphofold.report.pages.page"),
     ("morphofold.display", "morphofold.report.notebook"),
+    ("morphofold.cli.reproduce", "morphofold.studies.indexes"),
+    ("morphofold.cli.reproduce", "morphofold.studies.paper"),
+    ("morphofold.cli.reproduce", "morphofold.studies.paper.report"),
+    ("morphofold.cli.command_pages", "morphofold.studies.markdown"),
 }
 HOLDS = {
     "ground": "Surface, Cortex, geometry of triangles, names and units, errors",
@@ -74,7 +79,7 @@ HOLDS = {
     "inference": "models over subjects",
     "cohort": "many subjects, sweeps",
     "report": "pictures and pages",
-    "studies": "the paper's figures, accuracy, speed, these pages",
+    "studies": "the paper's figures, benchmarks, these pages",
     "cli": "one file a command",
 }
 

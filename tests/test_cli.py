@@ -9,7 +9,6 @@ import sys
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 from commands import refused
 
@@ -367,13 +366,6 @@ def test_too_many_threads_are_told_with_the_variable_that_allows_fewer(here, cap
     monkeypatch.delenv("NUMBA_NUM_THREADS")
     assert "NUMBA_NUM_THREADS" not in refused(capsys, argv, "threads", " 100000")
     assert list(here.iterdir()) == []
-
-
-def test_bench_speed_prints_positive_speeds(capsys, monkeypatch):
-    monkeypatch.setattr("morphofold.studies.speed.solver.SIZES", {"brick": (8,), "tet": (6,)})
-    assert main(["bench", "speed", "--seconds", "0.01", "--json"]) == 0
-    rows = json.loads(capsys.readouterr().out)
-    assert all(r["median"] > 0 and np.isfinite(r["best"]) for r in rows)
 
 
 def test_every_command_has_help_and_unknown_ones_exit_2(capsys):

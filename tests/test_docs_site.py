@@ -21,6 +21,7 @@ from morphofold.analysis.measures import SCALARS
 from morphofold.cli import COMMANDS, command_pages, parser
 from morphofold.sim.effects import build_effects
 from morphofold.sim.scene.files import load_scene, scene_names
+from morphofold.studies import bench
 from morphofold.studies.pages import site_math
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -137,6 +138,8 @@ def test_the_commands_of_a_page_are_understood(name, tmp_path, monkeypatch):
             if scene and (scene in scene_names() or (tmp_path / scene).is_file()):
                 monkeypatch.chdir(tmp_path)
                 build_effects(load_scene(scene, given.get("settings") or ()))
+        if words[:3] == ["python3", "run.py", "bench"]:
+            bench.parser().parse_args(words[3 : words.index(">")] if ">" in words else words[3:])
         if words[:2] == ["python", "-m"] and words[2].startswith("morphofold."):
             assert importlib.util.find_spec(words[2])
 

@@ -6,10 +6,12 @@ import os
 from pathlib import Path
 
 import pytest
+from commands import main
 
-from morphofold.cli import main, parser
+from morphofold.cli import parser
 from morphofold.errors import PYTHON_CODES, Refusal
 from morphofold.io import sample_path
+from morphofold.studies import bench
 
 #: a call of every command that is refused for what it names, so that none begins to work
 CALLS = {
@@ -43,7 +45,7 @@ WRONG = ["", "\0", "nowhere", ODD, "\udcff", "nan", "-1", "1e400", "9" * 30, "x"
 
 
 def commands():
-    """The parser of every command and question, by its words."""
+    """The parser of every command, question and benchmark, by its words."""
 
     def below(one, words):
         deeper = [action for action in one._actions if isinstance(action, argparse._SubParsersAction)]
@@ -53,7 +55,7 @@ def commands():
         if not deeper:
             yield words, one
 
-    return dict(below(parser(), ()))
+    return dict([*below(parser(), ()), *below(bench.parser(), ("bench",))])
 
 
 def refused(argv, capsys, folder):

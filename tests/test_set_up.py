@@ -2,6 +2,7 @@
 
 import importlib.util
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -40,6 +41,12 @@ def test_what_the_tests_need_is_enough_for_the_commands_and_not_the_other_way_ro
     task.ready_file(task.ALL).rename(task.ready_file(""))
     task.main(["test"])
     assert any("pip" in command for command in task.called)
+
+
+def test_the_words_after_bench_go_to_the_benchmark_which_has_all_extras(task):
+    task.main(["bench", "speed", "--json"])
+    assert task.ready_file(task.ALL).is_file()
+    assert task.called[-1][1:] == ["-m", "morphofold.studies.bench", "speed", "--json"]
 
 
 def test_a_change_of_the_sources_sets_up_anew(task):
@@ -103,3 +110,21 @@ def test_a_container_compiles_into_a_folder_of_its_own_that_goes_with_it(contain
 def test_a_container_without_a_temporary_folder_works(contained, tmp_path):
     done = contained('echo "works${NUMBA_CACHE_DIR-}"', tmp_path / "none")
     assert (done.stdout, done.returncode) == ("works\n", 0)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs the signal of a terminal")
+def test_after_an_interrupt_a_task_ends_when_its_command_has_tidied_up(tmp_path):
+    """As on a terminal, which interrupts both processes; the command takes longer than subprocess.call would wait."""
+    command = (
+        "import pathlib, time\n"
+        "try:\n    pathlib.Path('begun').touch(); time.sleep(60)\n"
+        "except KeyboardInterrupt:\n    time.sleep(1); pathlib.Path('tidied').touch(); raise SystemExit(130)\n"
+    )
+    code = f"import runpy, sys; sys.exit(runpy.run_path({str(FILE)!r})['call']([sys.executable, '-c', {command!r}]))"
+    task = subprocess.Popen([sys.executable, "-c", code], cwd=tmp_path, start_new_session=True)
+    until = time.monotonic() + 60
+    while not (tmp_path / "begun").exists() and time.monotonic() < until:
+        time.sleep(0.02)
+    os.killpg(task.pid, signal.SIGINT)
+    assert task.wait(60) == 130
+    assert (tmp_path / "tidied").exists()

@@ -80,7 +80,7 @@ def test_a_full_disk_below_standard_output_is_refused_in_one_line(command, tmp_p
 @needs_shell
 def test_a_terminal_without_letters_of_ours_ends_nothing(tmp_path):
     env = {**os.environ, "PYTHONIOENCODING": "ascii"}
-    done = shell(f"{CALL} bench speed --seconds nan; {CALL} theory bifurcation --thickness 2", tmp_path, env=env)
+    done = shell(f"{CALL} theory radius --growth nan; {CALL} theory bifurcation --thickness 2", tmp_path, env=env)
     assert (done.returncode, done.stderr.count("\n")) == (0, 1)
 
 

@@ -9,7 +9,7 @@ import signal
 import sys
 import threading
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, NoReturn
 
@@ -18,6 +18,7 @@ from morphofold.cli.streams import one_line, standard_streams
 from morphofold.errors import DISK_FULL_ERRORS, BadUsage, code_of
 from morphofold.threads import BLAS_VARIABLES
 
+PROGRAM = "morphofold"
 #: subcommand -> its line in the overview
 COMMANDS = {
     "demo": "grow a cortex, measure it and a real one, write the comparison",
@@ -33,7 +34,6 @@ COMMANDS = {
     "theory": "radius, stress, creases and wrinkles of the growing sphere, without a simulation",
     "reproduce": "reproduce figures of the paper",
     "scenes": "list the built-in scenes",
-    "bench": "measure speed on this machine, and how well folds agree",
 }
 
 
@@ -76,7 +76,7 @@ def parser() -> argparse.ArgumentParser:
     from rich_argparse import RichHelpFormatter
 
     top = Parser(
-        prog="morphofold",
+        prog=PROGRAM,
         description="Grow folded cortices, read real ones, and measure both with the same code.",
         formatter_class=RichHelpFormatter,
     )
@@ -132,30 +132,36 @@ def add_questions(parser: Parser, words: Mapping[str, str], more: Mapping[str, s
         for name, choices in words.items()
     }
     for name, sub in found.items():
-        sub.examples = [example for example in parser.examples if example.split()[2] == name]
+        sub.examples = [example for example in parser.examples if name in example.split()]
     return found
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command and return its exit code: 0 done, 1 the work failed, 2 bad input or usage, 130 interrupted.
+    """Run one command and return its exit code, as ``run_parser`` does."""
+    return run_parser(PROGRAM, parser, argv)
 
-    If nobody reads the output any more, the work is still done, and the exit code stays the same.
+
+def run_parser(program: str, build: Callable[[], argparse.ArgumentParser], argv: Sequence[str] | None) -> int:
+    """Run what ``argv`` names, and return the exit code: 0 done, 1 the work failed, 2 bad input, 130 interrupted.
+
+    If nobody reads the output any more, the work is still done, and the exit code stays the same. The parser that
+    ``build`` returns sets ``run``; ``program`` begins each line on an error.
     """
     for name in BLAS_VARIABLES:  # NumPy is not imported yet
         os.environ.setdefault(name, "1")
     with standard_streams():
         try:
-            args = parser().parse_args(argv)
+            args = build().parse_args(argv)
         except SystemExit as end:  # after --help or --version
             return int(end.code or 0)
         except BadUsage as error:
-            return _print_failure("", error, 2, error)
+            return _print_failure(program, error, 2, error)
         except OSError as error:  # --help can't be written
-            return _print_failure("", f"standard output: {error.strerror}.", 2, error)
-        return _run_command(args)
+            return _print_failure(program, f"standard output: {error.strerror}.", 2, error)
+        return _run_parsed(args, f"{program} {vars(args).get('command', '')}".strip())
 
 
-def _run_command(args: argparse.Namespace) -> int:
+def _run_parsed(args: argparse.Namespace, program: str) -> int:
     try:
         with warnings.catch_warnings():
             warnings.showwarning = _show_warning
@@ -167,28 +173,28 @@ def _run_command(args: argparse.Namespace) -> int:
         # a compiled kernel passes Ctrl-C on as the cause of a SystemError
         if isinstance(error, SystemError) and not isinstance(error.__cause__, KeyboardInterrupt):
             raise
-        return _print_failure(args.command, f"interrupted.{getattr(args, 'on_interrupt', '')}", 130)
+        return _print_failure(program, f"interrupted.{getattr(args, 'on_interrupt', '')}", 130)
     except (ValueError, TypeError, OSError) as error:
         if args.debug:
             raise
         if isinstance(error, OSError) and error.errno is not None:  # the system's message, not ours
             where = f"{error.filename}: " if error.filename is not None else ""
             cure = "Free space" if error.errno in DISK_FULL_ERRORS else "Name another file or folder"
-            return _print_failure(args.command, f"{where}{error.strerror}. {cure}.", 2, error)
-        return _print_failure(args.command, error, 2, error)
+            return _print_failure(program, f"{where}{error.strerror}. {cure}.", 2, error)
+        return _print_failure(program, error, 2, error)
     except MemoryError as error:
         if args.debug:
             raise
         line = str(error) or "memory did not suffice"  # numpy gives the amount
         more = "" if line.endswith(".") else ". Close other programs, or ask for less."
-        return _print_failure(args.command, f"{line}{more}", 2, error)
+        return _print_failure(program, f"{line}{more}", 2, error)
     except Exception as error:
         if args.debug:
             raise
         known = "UnstableError", "ConvergenceError"  # not imported, so that --help is fast
         if isinstance(error, ImportError) or type(error).__name__ in known:
-            return _print_failure(args.command, error, 1)
-        return _print_failure(args.command, f"{type(error).__name__}: {error} (a defect; --debug shows where)", 1)
+            return _print_failure(program, error, 1)
+        return _print_failure(program, f"{type(error).__name__}: {error} (a defect; --debug shows where)", 1)
 
 
 @contextmanager
@@ -229,10 +235,10 @@ def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
     print(f"morphofold: warning: {one_line(str(message))}", file=sys.stderr)
 
 
-def _print_failure(command: str, text: object, status: int, refused: BaseException | None = None) -> int:
+def _print_failure(program: str, text: object, status: int, refused: BaseException | None = None) -> int:
     """Print the text of an error, and the code of a refusal; return the exit code."""
     line = one_line(" ".join([str(text).strip(), *getattr(text, "__notes__", ())])) or type(text).__name__
     if refused is not None:
         line += f" [{code_of(refused)}]"
-    print(f"morphofold {command}".strip() + f": {line}", file=sys.stderr)
+    print(f"{program}: {line}", file=sys.stderr)
     return status

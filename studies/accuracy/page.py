@@ -1,8 +1,8 @@
 """The generated parts of docs/accuracy.md, and the table that forecasts read, from a study.
 
-``python -m morphofold.studies.accuracy.page OUT PAGE --table FILE``: OUT is the folder that ``morphofold bench accuracy
--o OUT`` wrote. All peers go to accuracy-peers.tsv beside PAGE. Parts are written between marks such as ``<!-- answer
--->`` and ``<!-- /answer -->``, pictures beside PAGE. Text outside of the marks is written by hand.
+``python -m morphofold.studies.accuracy.page OUT PAGE --table FILE``: OUT is the folder that ``python3 run.py bench
+accuracy -o OUT`` wrote. All peers go to accuracy-peers.tsv beside PAGE. Parts are written between marks such as ``<!--
+answer -->`` and ``<!-- /answer -->``, pictures beside PAGE. Text outside of the marks is written by hand.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from morphofold.studies.markdown import Row, number, renewed, table, write_texts
 from morphofold.tables import read_table
 
 WORDS = ("half", "subject", "quantity", "against", "method", "axis", "setting", "preset", "dominated_by")
-CURE = "Name the folder that `morphofold bench accuracy -o FOLDER` wrote."
+CURE = "Name the folder that `python3 run.py bench accuracy -o FOLDER` wrote."
 PRESETS = ("draft", "standard", "fine")
 PEER_HEADS = (
     "subject",

@@ -1,4 +1,4 @@
-"""The results of ``morphofold bench accuracy``: tables, pictures, and an index that describes them."""
+"""The results of ``python3 run.py bench accuracy``: tables, pictures, and an index that describes them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Text tables, a Markdown page and a picture from the results of ``morphofold bench folds``."""
+"""Text tables, a Markdown page and a picture from the results of ``python3 run.py bench folds``."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ The same bodies were grown on several meshes and with several seeds of their imp
 explains how folds are counted. The text between marks is generated:
 
 ```sh
-morphofold bench folds -o folds
+python3 run.py bench folds -o folds
 python -m morphofold.studies.folds.study folds {page}
 ```
 """
@@ -89,8 +89,8 @@ def _new(page: Path) -> str:
 def _read(out: Path) -> tuple[Summary, dict[str, list[Row]]]:
     path = out / "summary.json"
     if not path.is_file():
-        raise FileNotFoundError(f"{path}: no such file. Name a folder that `morphofold bench folds` wrote.")
-    summary = read_json(path, FoldIndex, "Name a folder that `morphofold bench folds` wrote.")
+        raise FileNotFoundError(f"{path}: no such file. Name a folder that `python3 run.py bench folds` wrote.")
+    summary = read_json(path, FoldIndex, "Name a folder that `python3 run.py bench folds` wrote.")
     return summary, {file.removesuffix(".tsv"): read_rows(out / file) for file in summary["files"]}
 
 

@@ -1,6 +1,6 @@
 """How far simulated folds can be trusted: the same bodies grown on several meshes and with several imperfections.
 
-``morphofold bench folds`` grows them and writes the tables. ``python -m morphofold.studies.folds.study OUT PAGE``
+``python3 run.py bench folds`` grows them and writes the tables. ``python -m morphofold.studies.folds.study OUT PAGE``
 writes the tables into the Markdown page PAGE.
 """
 

@@ -2,8 +2,8 @@
 
 ``python -m morphofold.studies.speed.measuring_page PAGE --measures FILE --pairs FILE --peers FILE`` writes them after
 the marks ``<!-- measures -->``, ``<!-- pairs -->`` and ``<!-- peers -->`` of the Markdown page PAGE, and the picture
-``speed-measures.png`` beside it. The files hold the output of ``morphofold bench measures --json``, of the same with
-``--against PYTHON``, and with ``--peers``.
+``speed-measures.png`` beside it. The files hold the output of ``python3 run.py bench measures --json``, of the same
+with ``--against PYTHON``, and with ``--peers``.
 """
 
 from __future__ import annotations

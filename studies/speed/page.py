@@ -2,8 +2,8 @@
 
 ``python -m morphofold.studies.speed.page PAGE --speed FILE --effects FILE SIMULATION...`` writes them after the marks
 ``<!-- elements -->``, ``<!-- effects -->`` and ``<!-- runs -->`` of the Markdown page PAGE, up to the end marks. The
-files hold the output of ``morphofold bench speed --json`` and ``morphofold bench effects --json``; a SIMULATION is a
-folder that ``morphofold simulate`` finished. Text outside of the marks is written by hand.
+files hold the output of ``python3 run.py bench speed --json`` and of ``bench effects --json``; a SIMULATION is a folder
+that ``morphofold simulate`` finished. Text outside of the marks is written by hand.
 """
 
 from __future__ import annotations
@@ -148,7 +148,7 @@ def _text(path: Path, cure: str) -> str:
 
 def read_rows(path: Path, command: str, words: Sequence[str], positive: Sequence[str]) -> list[Row]:
     """Rows that ``bench`` printed as JSON, checked against the command."""
-    cure = f"Write it again: morphofold bench {command} --json > {path.name}"
+    cure = f"Write it again: python3 run.py bench {command} --json > {path.name}"
     try:
         rows = json.loads(_text(path, cure))
     except json.JSONDecodeError as error:
@@ -201,7 +201,7 @@ def _effects(rows: Sequence[Row], path: Path) -> list[str]:
     for k, row in enumerate(rows):
         if not (_is_number(row.get("ms")) and _is_number(row.get("share"))):
             raise WrongFile(
-                f"{path}: row {k} of {len(rows)} has no numbers 'ms' and 'share'. Write it again: morphofold bench "
+                f"{path}: row {k} of {len(rows)} has no numbers 'ms' and 'share'. Write it again: python3 run.py bench "
                 f"effects --json > {path.name}"
             )
     lines = [[row["effect"], number(row["ms"], "{:.3f}"), _percent(row["share"])] for row in rows]

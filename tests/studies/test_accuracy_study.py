@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import morphofold.sim
-from morphofold.cli import main
 from morphofold.errors import MissingPart, NotFinite
 from morphofold.studies.accuracy import study as study_module
 from morphofold.studies.accuracy.bodies import FINEST
@@ -19,6 +18,7 @@ from morphofold.studies.accuracy.points import OURS, Case, Point
 from morphofold.studies.accuracy.report import SHOWS, expected_errors, write_study
 from morphofold.studies.accuracy.study import Kept, circumstances
 from morphofold.studies.accuracy.tables import budget_rows, law_rows, peer_rows, point_rows, preset_rows
+from morphofold.studies.bench import main
 
 EDGES = (1.2, 0.8, 0.6, 0.45, 0.27)
 PRESETS = {0.6: "draft", 0.45: "standard", 0.27: "fine"}
@@ -385,13 +385,13 @@ def test_a_folder_of_something_else_is_no_study(tmp_path, page, capsys):
 
 
 def test_the_command_refuses_before_it_works(tmp_path, capsys):
-    assert main(["bench", "accuracy", "-o", ""]) == 2
-    assert main(["bench", "accuracy", "-o", str(tmp_path / "a"), "--halves", "brain"]) == 2
+    assert main(["accuracy", "-o", ""]) == 2
+    assert main(["accuracy", "-o", str(tmp_path / "a"), "--halves", "brain"]) == 2
     stderr = capsys.readouterr().err
     assert re.search(r"--halves: 'brain' .* measuring, solver\. \[unknown-name\]", stderr)
     (tmp_path / "b").mkdir()
     (tmp_path / "b" / "precious.txt").write_text("mine")
-    assert main(["bench", "accuracy", "-o", str(tmp_path / "b")]) == 2
+    assert main(["accuracy", "-o", str(tmp_path / "b")]) == 2
     assert [p.name for p in (tmp_path / "b").iterdir()] == ["precious.txt"]
     assert not (tmp_path / "a").exists()
 
@@ -402,11 +402,11 @@ def test_the_command_writes_a_study_and_does_no_case_twice(tmp_path, monkeypatch
 
     monkeypatch.setattr(study_module, "all_points", some)
     out = tmp_path / "accuracy"
-    assert main(["bench", "accuracy", "-o", str(out), "-q"]) == 0
+    assert main(["accuracy", "-o", str(out), "-q"]) == 0
     assert "half the error takes 4" in capsys.readouterr().out
     cases = sorted((out / "cases").rglob("*.json"))
     assert len(cases) == len(points)
     times = [case.stat().st_mtime_ns for case in cases]
-    assert main(["bench", "accuracy", "-o", str(out), "-q", "--json"]) == 0
+    assert main(["accuracy", "-o", str(out), "-q", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["halves"] == ["measuring", "solver"]
     assert [case.stat().st_mtime_ns for case in sorted((out / "cases").rglob("*.json"))] == times

@@ -8,9 +8,9 @@ from commands import refused
 from made_cohort import HereFleet, quick_measure
 
 from morphofold.analysis.measures import SCALARS
-from morphofold.cli import main
 from morphofold.cohort.tables import REGION_MEASURES
 from morphofold.io import read_cortex
+from morphofold.studies.bench import main
 from morphofold.studies.speed import cohort
 from morphofold.studies.speed.cohort import REGIONS, measure_load, text_table, write_subjects
 
@@ -73,7 +73,7 @@ def test_numbers_that_are_none_are_refused(here, capsys, words):
 
 @pytest.mark.slow
 def test_the_command_measures_on_real_workers(here, capsys):
-    assert main(["bench", "cohort", "-o", "load", "--subjects", "6", "--workers", "1,2", "-q", "--json"]) == 0
+    assert main(["cohort", "-o", "load", "--subjects", "6", "--workers", "1,2", "-q", "--json"]) == 0
     (one, two) = json.loads(capsys.readouterr().out)["loads"]
     assert (one["workers"], two["workers"]) == (1, 2)
     assert one["rows"] == two["rows"]

@@ -1,4 +1,4 @@
-"""The study of folds: convergence with the mesh, spread over seeds, slope on thickness; ``morphofold bench folds``."""
+"""The study of folds: convergence with the mesh, spread over seeds, slope on thickness; ``run.py bench folds``."""
 
 import json
 import math
@@ -10,11 +10,11 @@ from made_folds import joined
 from made_simulations import MadeRuns, harmonic, made_simulation
 from matplotlib.image import imread
 
-from morphofold.cli import main, parser
 from morphofold.errors import MissingPart, NamedTwice, OpenSurface
 from morphofold.shapes import even_directions, icosphere
 from morphofold.sim import scene as scenes
 from morphofold.sim.scene.files import load_scene
+from morphofold.studies.bench import main, parser
 from morphofold.studies.folds import page as fold_page
 from morphofold.studies.folds import statistics
 from morphofold.studies.folds import study as fold_study
@@ -194,7 +194,7 @@ def test_other_seeds_are_grown_at_the_second_finest_level_only():
 
 
 def test_the_default_study_can_be_planned():
-    names = parser().parse_args(["bench", "folds", "-o", "out"]).scenes.split(",")
+    names = parser().parse_args(["folds", "-o", "out"]).scenes.split(",")
     assert len(names) == 10
     runs = planned(Study(tuple(names), ("draft", "standard", "fine"), (0, 1, 2), "octant", (1.3, 2.0)))
     assert len(runs) == 50
@@ -229,7 +229,7 @@ def here(tmp_path, monkeypatch):
     ],
 )
 def test_bench_folds_refuses_before_it_writes(here, capsys, option, value, words):
-    assert main(["bench", "folds", "-o", "out", f"{option}={value}"]) == 2
+    assert main(["folds", "-o", "out", f"{option}={value}"]) == 2
     captured = capsys.readouterr()
     assert captured.out == ""
     assert len(captured.err.splitlines()) == 1
@@ -362,7 +362,7 @@ def test_a_page_without_marks_is_refused_and_stays_as_it_was(study, tmp_path):
 
 
 def test_the_page_of_something_else_is_refused(tmp_path):
-    with pytest.raises(FileNotFoundError, match="`morphofold bench folds`"):
+    with pytest.raises(FileNotFoundError, match=r"`python3 run\.py bench folds`"):
         fold_page.write_page(tmp_path, tmp_path / "page.md")
     (tmp_path / "summary.json").write_text('{"morphofold": "1", "figures": {}}')
     with pytest.raises(ValueError, match=r"summary\.json: parameters"):
@@ -387,7 +387,7 @@ def test_stages_that_are_not_folded_are_told_and_not_judged():
 def test_bench_folds_grows_writes_prints_and_uses_again_what_it_grew(here, capsys, monkeypatch):
     monkeypatch.setitem(scenes.LEVELS, "draft", 6.0)  # six edges to a quarter of a great circle
     monkeypatch.setitem(scenes.LEVELS, "standard", 4.5)
-    argv = ["bench", "folds", "-o", "out", "--scenes", "fig6-thick", "--levels", "standard,draft", "--seeds", "0,3"]
+    argv = ["folds", "-o", "out", "--scenes", "fig6-thick", "--levels", "standard,draft", "--seeds", "0,3"]
     argv += ["--growth", "1.05,1.1", "-q"]
     assert main(argv) == 0
     captured = capsys.readouterr()
@@ -414,6 +414,6 @@ def test_bench_folds_grows_writes_prints_and_uses_again_what_it_grew(here, capsy
 
 
 def test_flags_of_bench_stand_on_either_side_of_what_is_measured(capsys):
-    assert main(["bench", "-q", "effects", "--seconds", "0"]) == 2
+    assert main(["-q", "effects", "--seconds", "0"]) == 2
     assert re.search(r"--seconds .* 3600, .* 0\.0\. \[out-of-range\]", capsys.readouterr().err)
-    assert main(["bench", "effects", "--seconds", "9999", "--json", "-q"]) == 2
+    assert main(["effects", "--seconds", "9999", "--json", "-q"]) == 2

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from morphofold.cli import main
 from morphofold.errors import MissingPart, OptionsClash, WrongFile
 from morphofold.shapes.folded_ball import folded_ball
+from morphofold.studies.bench import main
 from morphofold.studies.speed.paired import CASES, paired_speed, text_table
 
 
@@ -39,6 +39,6 @@ def test_a_python_that_can_not_measure_is_refused(ball, tmp_path):
 
 
 def test_pairs_are_of_one_size(capsys):
-    assert main(["bench", "measures", "--against", sys.executable, "--vertices", "1000,2000"]) == 2
+    assert main(["measures", "--against", sys.executable, "--vertices", "1000,2000"]) == 2
     assert OptionsClash.code in capsys.readouterr().err
-    assert main(["bench", "measures", "--against", sys.executable, "--vertices", "1000", "--repeats", "0"]) == 2
+    assert main(["measures", "--against", sys.executable, "--vertices", "1000", "--repeats", "0"]) == 2

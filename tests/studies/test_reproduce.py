@@ -5,9 +5,9 @@ import os
 import re
 
 import pytest
+from commands import main
 from made_simulations import harmonic, made_simulation, settle
 
-from morphofold.cli import main
 from morphofold.cli.runs import Runs
 from morphofold.sim.output.folder import Simulation
 from morphofold.sim.scene.files import load_scene

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from morphofold.analysis import measure
-from morphofold.cli import main as morphofold
 from morphofold.shapes.folded_ball import folded_ball
+from morphofold.studies.bench import main as bench
 from morphofold.studies.speed.measures import exponent, measuring_speed
 from morphofold.studies.speed.measuring_page import PICTURE, main
 
@@ -91,22 +91,22 @@ def test_the_exponent_is_that_of_n_log_n(power):
 
 @pytest.mark.parametrize("sizes", ["", "999", "10000,x", "20000000"])
 def test_sizes_that_cannot_be_are_refused_before_anything_is_timed(sizes, capsys):
-    assert morphofold(["bench", "measures", "--vertices", sizes]) == 2
+    assert bench(["measures", "--vertices", sizes]) == 2
     stderr = capsys.readouterr().err
     if not sizes:  # argparse's refusal has no code
         assert " --vertices: " in stderr
         return
     assert f"{sizes!r}" in stderr
-    assert stderr.startswith("morphofold bench: --vertices: ")
+    assert stderr.startswith("run.py bench: --vertices: ")
     assert stderr.endswith(" [not-readable]\n" if "x" in sizes else " [out-of-range]\n")
 
 
 @pytest.mark.slow
 def test_the_command_prints_a_line_per_stage_or_rows(capsys):
-    assert morphofold(["bench", "measures", "--vertices", "1000,1200", "-q", "--json"]) == 0
+    assert bench(["measures", "--vertices", "1000,1200", "-q", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
     assert {row["vertices"] for row in rows} == {1000, 1200}
-    assert morphofold(["bench", "measures", "--vertices", "1000", "-q"]) == 0
+    assert bench(["measures", "--vertices", "1000", "-q"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[1].split() == ["stage", "1,000", "power"]
     assert [line[:20].strip() for line in lines[2:]] == [*dict.fromkeys(row["stage"] for row in rows), "memory, GiB"]

@@ -1,28 +1,32 @@
-"""Benchmarks: ``bench speed`` times the solver on this machine, ``bench effects`` what each effect adds to a step,
-``bench measures`` the analysis, ``bench cohort`` the work around it. ``bench folds`` grows folds on several meshes and
-from several imperfections and reports how well they agree. ``bench accuracy`` reports what accuracy costs in time."""
+"""Benchmarks of a checkout: speed, what accuracy costs, and how well folds agree.
+
+``python3 run.py bench`` sets everything up and runs one; in an environment that is set up, ``python -m
+morphofold.studies.bench`` does the same.
+"""
 
 from __future__ import annotations
 
 import argparse
 import json
 import math
+import sys
 import textwrap
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from morphofold.cli import Parser, add_questions, add_shared, add_threads
+from morphofold.cli import Parser, add_questions, add_shared, add_threads, run_parser
 from morphofold.errors import NothingToDo, NotReadable, OptionsClash, OutOfRange, UnknownName
 
+PROGRAM = "run.py bench"
 EXAMPLES = (
-    "morphofold bench speed",
-    "morphofold bench effects",
-    "morphofold bench measures --vertices 10000,40000",
-    "morphofold bench cohort --subjects 20 --workers 1,2 -o load",
-    "morphofold bench folds --scenes fig5 --levels draft,standard --seeds 0,1 -o folds",
-    "morphofold bench accuracy --halves measuring -o accuracy",
-    "morphofold bench hemisphere -o hemisphere",
+    "python3 run.py bench speed",
+    "python3 run.py bench effects",
+    "python3 run.py bench measures --vertices 10000,40000",
+    "python3 run.py bench cohort --subjects 20 --workers 1,2 -o load",
+    "python3 run.py bench folds --scenes fig5 --levels draft,standard --seeds 0,1 -o folds",
+    "python3 run.py bench accuracy --halves measuring -o accuracy",
+    "python3 run.py bench hemisphere -o hemisphere",
 )
 BENCHMARK_SUMMARIES = {
     "speed": "element-steps per second on this machine, bricks and tetrahedra",
@@ -127,6 +131,18 @@ LIST_OPTIONS = (
 JsonAndLines = tuple[str, list[str]]
 
 
+def parser() -> Parser:
+    """Return the parser of all benchmarks."""
+    from rich_argparse import RichHelpFormatter
+
+    top = Parser(prog=PROGRAM, description=__doc__, formatter_class=RichHelpFormatter)
+    top.examples = EXAMPLES
+    add_args(top)
+    add_shared(top, default=False)
+    top.set_defaults(run=run)
+    return top
+
+
 def add_args(parser: Parser) -> None:
     parsers = add_questions(parser, BENCHMARK_SUMMARIES, LONGER_HELP)
     for name in ("speed", "effects"):
@@ -155,6 +171,11 @@ def add_args(parser: Parser) -> None:
         printed = "summary.json" if name in KEPT_RESULTS_HELP else "as JSON"
         sub.add_argument("--json", action="store_true", help=f"print {printed}")
         add_shared(sub, default=argparse.SUPPRESS)  # so that they work before and after WHAT
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one benchmark and return its exit code, as a command of morphofold does."""
+    return run_parser(PROGRAM, parser, argv)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -388,3 +409,7 @@ def _time_effects(args: argparse.Namespace) -> JsonAndLines:
         *(f"{r['effect']:28} {r['ms']:8.3f} {r['share']:8.1%}" for r in rows),
     ]
     return json.dumps(rows, indent=1), lines
+
+
+if __name__ == "__main__":
+    sys.exit(main())
