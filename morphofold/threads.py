@@ -44,8 +44,15 @@ def set_threads(threads: int | None) -> None:
     """
     import numba
 
-    check_threads(threads)
-    numba.set_num_threads(_usable_cores() if threads is None else threads)
+    most = usable = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]  # of the affinity of the process
+    with suppress(OSError, ValueError):  # no such quota, or "max"
+        quota, period = map(int, CPU_QUOTA.read_text(encoding="ascii").split())
+        usable = max(1, min(most, quota // period))
+    if threads is not None and not 1 <= threads <= most:
+        variable = "NUMBA_NUM_THREADS"
+        why = f"by the environment variable {variable}" if variable in os.environ else "on this machine"
+        raise OutOfRange(f"threads must be 1 to {most} {why}, got {threads}.")
+    numba.set_num_threads(usable if threads is None else threads)
 
 
 @contextmanager
@@ -59,33 +66,6 @@ def using_threads(threads: int | None) -> Iterator[int]:
         yield numba.get_num_threads()
     finally:
         numba.set_num_threads(before)
-
-
-def check_threads(threads: int | None) -> None:
-    """Raise the ``OutOfRange`` of :func:`set_threads`, without setting anything."""
-    if threads is None:
-        return
-    most = _most_threads()
-    if not 1 <= threads <= most:
-        variable = "NUMBA_NUM_THREADS"
-        why = f"by the environment variable {variable}" if variable in os.environ else "on this machine"
-        raise OutOfRange(f"threads must be 1 to {most} {why}, got {threads}.")
-
-
-def _most_threads() -> int:
-    import numba
-
-    most: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
-    return most
-
-
-def _usable_cores() -> int:
-    """Cores that the system gives to this process: numba asks for its affinity, and here for its quota."""
-    most = _most_threads()
-    with suppress(OSError, ValueError):  # no such quota, or "max"
-        quota, period = map(int, CPU_QUOTA.read_text(encoding="ascii").split())
-        most = max(1, min(most, quota // period))
-    return most
 
 
 def in_blocks(kernel: Callable[..., Any], n: int, *arguments: Any) -> None:

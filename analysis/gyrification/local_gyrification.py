@@ -73,9 +73,8 @@ def local_gyrification_index(
             raise OutOfRange(f"{name} must be a positive length in mm, got {length!r}.")
     index = np.full(len(verts), np.nan)
     used, verts, faces = in_use(verts, faces)
-    verts = (
-        verts - (verts.min(axis=0) + verts.max(axis=0)) / 2
-    )  # grids have their middle at 0: a mirror changes nothing
+    # grids have their middle at 0: a mirror changes nothing
+    verts = verts - (verts.min(axis=0) + verts.max(axis=0)) / 2
     size = np.ptp(verts, axis=0) + 2 * closing
     if np.prod(size / voxel) > MOST_VOXELS:
         raise TooLarge(

@@ -10,14 +10,8 @@ from morphofold.errors import NamedTwice, NothingToDo, NotReadable, WrongFile
 from morphofold.inference.sessions import LONG
 
 SUBJECT_FOLDERS = ("surf", "mri", "scripts", "stats", "label")  # folders; a FreeSurfer subject has at least one
-TEMPLATE_SUBJECTS = (
-    "fsaverage",
-    "lh.EC_average",
-    "rh.EC_average",
-    "cvs_avg35",
-)  # folders that FreeSurfer puts beside subjects
-
-
+#: folders that FreeSurfer puts beside subjects
+TEMPLATE_SUBJECTS = ("fsaverage", "lh.EC_average", "rh.EC_average", "cvs_avg35")
 TIME_POINTS = "base-tps"  # the file of a base template of longitudinal runs, with the names of its time points
 
 

@@ -33,12 +33,8 @@ WHOLE_HEMISPHERE = "hemisphere"  # in the column ``region``, for values of a who
 REGION_MEASURES = tuple(name for name in COLUMNS["regions"] if name not in ("hemi", "region"))
 TIDY_COLUMNS = ("subject", "hemi", "region", "measure", "value")
 REGION_THICKNESS_SETTINGS = tuple(key for key in PARAMETERS if "scale" not in key and key != "graph_width_mm")
-HEMISPHERE_COLUMNS = (
-    "subject",
-    "hemi",
-    *SETTING_NAMES,
-    *FREESURFER_VALUES,
-)  # how each was measured, and FreeSurfer's values for it
+#: how each was measured, and FreeSurfer's values for it
+HEMISPHERE_COLUMNS = ("subject", "hemi", *SETTING_NAMES, *FREESURFER_VALUES)
 SURFACE_COLUMNS = ("subject", "hemi", *SCALARS, *FREESURFER_VALUES)
 FAILURE_COLUMNS = ("subject", "hemi", "reason", "log")
 #: names that no covariate may have

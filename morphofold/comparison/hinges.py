@@ -19,12 +19,10 @@ from morphofold.analysis.graph.hinge_shapes import (
 )
 from morphofold.arrays import Array
 
-SHORTEST_ARM_IN_WIDTHS = (
-    0.5  # shortest arm of a random net, in crown widths: a gyral graph merges hinges that are nearer
-)
-MOST_HINGES_PER_AREA = (
-    0.7  # hinges per square of the crown width: with more, not all arms can be as long as SHORTEST_ARM_IN_WIDTHS
-)
+#: shortest arm of a random net, in crown widths: a gyral graph merges hinges that are nearer
+SHORTEST_ARM_IN_WIDTHS = 0.5
+#: hinges per square of the crown width: with more, not all arms can be as long as SHORTEST_ARM_IN_WIDTHS
+MOST_HINGES_PER_AREA = 0.7
 RANDOM_NET_HINGES = 2000
 RANDOM_NET_NAME = "random net"
 PERMUTATIONS, DRAWS = 999, 100

@@ -13,10 +13,8 @@ from morphofold.analysis.thickness.robust_slope import LEAST_POINTS, LEAST_POINT
 from morphofold.arrays import Array
 from morphofold.quantities import find
 
-WHOLE_SURFACE_THICKNESSES = (
-    "median_gyral_thickness_mm",
-    "mean_cortical_thickness_mm",
-)  # of a whole surface: gyral, cortical
+#: of a whole surface: gyral, cortical
+WHOLE_SURFACE_THICKNESSES = ("median_gyral_thickness_mm", "mean_cortical_thickness_mm")
 
 
 @dataclass(frozen=True)

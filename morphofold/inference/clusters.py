@@ -10,10 +10,8 @@ from morphofold.geometry import adjacency
 from morphofold.kernels import kernel, reading
 from morphofold.surface import Faces
 
-EXTENT_POWER, HEIGHT_POWER = (
-    1.0,
-    2.0,
-)  # E and H for surfaces (Winkler and others 2014; PALM's defaults in two dimensions)
+#: E and H for surfaces (Winkler and others 2014; PALM's defaults in two dimensions)
+EXTENT_POWER, HEIGHT_POWER = 1.0, 2.0
 
 
 class Mesh:

@@ -188,10 +188,6 @@ class Factor:
     def __init__(self, dissection: Dissection, matrix: sparse.csr_matrix):
         self._dissection = dissection
         self._pivots: list[_FactorisedFront] = []
-        self._eliminate(matrix)
-        self.negative = sum(pivot.negative for pivot in self._pivots)
-
-    def _eliminate(self, matrix: sparse.csr_matrix) -> None:
         rest: dict[int, Array] = {}
         for i, front in enumerate(self._dissection.fronts):
             n = front.stop - front.start
@@ -207,6 +203,7 @@ class Factor:
             self._pivots.append(pivot)
             product = pivot.product()
             rest[i] = np.subtract(F[n:, n:], product, out=product)
+        self.negative = sum(pivot.negative for pivot in self._pivots)
 
     def solve(self, b: Array) -> Array:
         """The solution x (n,) of A x = b."""

@@ -12,12 +12,10 @@ import re
 import subprocess
 import sys
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -29,6 +27,7 @@ from morphofold.report.pictures import raster
 from morphofold.report.pictures.png import lettering
 from morphofold.report.plots.line_plots import ticks
 from morphofold.surface import Surface
+from morphofold.threads import beside
 
 Picture = NDArray[np.uint8]  # (height, width, 3)
 
@@ -138,8 +137,7 @@ def draw(
         seen: raster.Seen = looks[place]
         return seen.coloured(normals @ turned.T, rgb)
 
-    with ThreadPoolExecutor(numba.get_num_threads()) as pool:  # the kernels release the GIL
-        return list(pool.map(picture, cameras))
+    return beside(*(partial(picture, camera) for camera in cameras))
 
 
 def _draw_with_pyvista(points, normals, faces, rgb, cameras, size, half_height) -> list[Picture]:
