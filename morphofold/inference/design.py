@@ -177,6 +177,8 @@ def design(
     complete = rows.notna().all(axis=1).to_numpy()
     if not complete.any():
         raise DoesNotApply(f"no subject has all values of {_some(needed)}.")
+    factors |= {name for name in named if rows[name].dtype.kind not in "biuf"}
+    columns_of(formula, {name: rows[name].nunique() for name in factors})
     rows, kept = rows[complete], tuple(one for one, there in zip(subjects, complete) if there)
     try:
         with np.errstate(all="ignore"):  # what is not finite is refused below
@@ -274,7 +276,7 @@ def _weights(contrast: str, columns: tuple[str, ...], spec: Any, formula: str) -
 
     wanted = contrast.strip()
     wanted = next((name for name in columns if name in INTERCEPTS), wanted) if wanted in INTERCEPTS else wanted
-    of_variable = [name for name in columns if name.startswith((f"{wanted}[", f"C({wanted})["))]
+    of_variable = [name for name in columns if name.startswith((f"{wanted}[", f"C({wanted})[")) and "]:" not in name]
     if wanted not in columns and len(of_variable) == 1:
         wanted = of_variable[0]
     if wanted in columns:
