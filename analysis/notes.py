@@ -115,6 +115,8 @@ def of_cortex_mask(cortex: Cortex) -> Notes:
         return {} if cortex.regions else {"parcellation": NO_REGIONS_NOTE}
     out = f"{np.count_nonzero(~label):,} of {cortex.n_vertices:,} vertices"
     met = np.count_nonzero(~off_pial(cortex))
+    if not word and met == cortex.n_vertices:  # one surface, which is unfolded
+        return {}
     how = {
         "annotation": f"cortex is what the annotation's regions cover; this leaves out {out}.",
         "template": f"cortex is where fsaverage5 is, carried over by {cortex.hemi}.sphere.reg; this leaves out {out}.",

@@ -116,7 +116,7 @@ def _without_unknown(verts: Verts, faces: Faces) -> tuple[Verts, Faces, int]:
     known = ~np.asarray(unknown[faces].any(axis=1))
     sides = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
     closed = (np.unique(sides, axis=0, return_counts=True)[1] > 1).all()
-    if closed or known.mean() < 1 - LARGEST_UNKNOWN_SHARE:
+    if (closed and not known.all()) or known.mean() < 1 - LARGEST_UNKNOWN_SHARE:
         return verts, faces, 0
     return np.where(unknown[:, None], np.nanmean(verts, axis=0), verts), faces[known], int(unknown.sum())
 

@@ -3,6 +3,7 @@
 import gzip
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from morphofold.errors import DamagedFile, MissingPart, NamedTwice, NotFinite, NotReadable, UnknownName, WrongFile
@@ -182,6 +183,18 @@ def test_a_contrast_is_a_sum_of_columns_against_zero(table, contrast):
 @pytest.mark.parametrize(("contrast", "weights"), [("age = 0", [0, 1]), ("Intercept + 30 * age", [1, 30])])
 def test_weights_are_numbers(table, contrast, weights):
     np.testing.assert_array_equal(design(NAMES, table, "age", contrast).contrast, weights)
+
+
+def test_the_name_of_a_variable_is_its_effect_and_no_interaction(table):
+    np.testing.assert_array_equal(design(NAMES, table, "sex * age", "sex").contrast, [0, 1, 0, 0])
+    with pytest.raises(UnknownName):
+        design(NAMES, table, "age + sex:age", "sex")
+
+
+def test_a_design_of_many_levels_is_refused_before_it_is_made():
+    many = pd.DataFrame({name: range(40) for name in "abcd"}, index=[str(k) for k in range(40)])
+    with pytest.raises(NotReadable):
+        design(list(many.index), many, "C(a) * C(b) * C(c) * C(d)", "1")
 
 
 def test_names_like_code_are_names(table, tmp_path, monkeypatch):

@@ -40,6 +40,10 @@ def test_columns_are_named_as_in_r(formula, columns, factors):
         "I(age)",
         "C(age, Treatment(3))",
         "C(age, levels=sex)",
+        "C(age, levels=2)",
+        "log(age, where=0)",
+        "exp(age, 10)",
+        "scale(age, ddof=50)",
         "log(`a` + `')`)",
         "`a\\` + {b}`",
         "age # {b}",
@@ -83,3 +87,10 @@ def test_what_could_be_code_is_refused(formula):
 def test_what_would_take_all_time_or_memory_is_refused(formula):
     with pytest.raises(NotReadable):
         columns_of(formula)
+
+
+def test_a_model_of_too_many_levels_is_refused():
+    for formula in ("C(a)*C(b)*C(c)", "bs(a, 50)*bs(b, df=50)*bs(c, 50)"):
+        with pytest.raises(NotReadable):
+            columns_of(formula, dict.fromkeys("abc", 50))
+    columns_of("(age + sex + site)^2", {"sex": 2, "site": 100})

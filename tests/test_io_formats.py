@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from made_surfaces import FOOTER
 
-from morphofold.errors import DamagedFile, Refusal, WrongFile
+from morphofold.errors import DamagedFile, NotFetched, Refusal, WrongFile
 from morphofold.io import read_morph, read_surface, scanner_transform, write_gifti_map, write_morph, write_surface
 from morphofold.io.gifti import read_gifti_regions
 from morphofold.shapes import icosphere
@@ -236,6 +236,17 @@ def test_no_other_file_than_one_beside_it_is_read(tmp_path, name):
     with pytest.raises((WrongFile, DamagedFile)) as caught:
         read_surface(inside / "lh.gii")
     assert name in ("..",) or isinstance(caught.value, WrongFile)
+
+
+def test_arrays_in_an_annex_are_read_if_they_were_fetched(tmp_path):
+    store = tmp_path / ".git/annex/objects/K"
+    (tmp_path / "lh.central.dat").symlink_to(".git/annex/objects/K/K")
+    (tmp_path / "lh.central.gii").write_text(external(at=0))
+    with pytest.raises(NotFetched):
+        read_surface(tmp_path / "lh.central.gii")
+    store.mkdir(parents=True)
+    (store / "K").write_bytes(DAT)
+    is_the_sphere(read_surface(tmp_path / "lh.central.gii"), 1e-6)
 
 
 @pytest.mark.parametrize("size", [None, 0, 100, len(DAT) - 1])

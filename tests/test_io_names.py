@@ -86,7 +86,7 @@ def test_a_pial_surface_whose_link_is_lost_is_read(bert, how, hemi, kind):
     with pytest.warns(UserWarning, match=kind):
         assert (read_surface(pial).verts == want.verts).all()
     with pytest.warns(UserWarning, match=kind):
-        assert (read_folded(bert, hemi, surface="pial").surface.verts == want.verts).all()
+        assert (read_folded(bert, hemi, surface="pial").white.verts == want.verts).all()
 
 
 def test_the_refined_pial_surface_is_that_of_the_link_and_a_damaged_one_is_not_replaced(bert):

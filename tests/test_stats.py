@@ -381,3 +381,13 @@ def test_a_template_in_gifti_is_read(study):
         (group / "surf" / f"{hemi}.white").unlink()
         write_surface(group / "surf" / f"{hemi}.white.surf.gii", Surface(VERTS, FACES))
     assert len(fitted(study).inference.t) == 2 * len(VERTS)
+
+
+def test_what_is_printed_controls_no_terminal(study, capsys):
+    for table in study.rglob("participants.tsv"):
+        table.write_text(table.read_text().replace("s07", "s\x1b[31m\x9b7").replace("s03", "s\u202e3"))
+    words = ["stats", str(study), "--model", "cortical_thickness ~ age", "--contrast", "age", "--permutations", "9"]
+    assert main([*words, "-o", str(study / "out"), "--quiet", "--no-report"]) == 0
+    printed = capsys.readouterr().out
+    assert "s\\x1b[31m\\x9b7" in printed
+    assert printed.replace("\n", "").isprintable()

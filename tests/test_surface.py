@@ -50,6 +50,14 @@ def test_a_few_vertices_that_are_nan_at_a_border_are_left_out_with_their_triangl
     assert (cortex.white.unknown, cortex.pial.unknown) == (len(inner), len(outer))
 
 
+def test_a_vertex_of_no_triangle_may_be_nan():
+    verts, faces = icosphere(2)
+    surface = Surface(np.vstack([verts, [[np.nan] * 3]]), faces)
+    assert surface.unknown == 1
+    assert np.isfinite(surface.verts).all()
+    assert np.array_equal(surface.faces, faces)
+
+
 @pytest.mark.parametrize("case", ["closed", "many", "infinite"])
 def test_nan_elsewhere_is_refused(case):
     verts, faces = icosphere(4) if case == "closed" else open_shell()

@@ -197,3 +197,9 @@ def test_what_it_prints_is_one_line_for_each_thing(here, capsys):
     assert main(["unfold", "a\x1b[31m\nb.ply", "-o", "o\nut", "--hemi", "lh", "-q"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert (len(lines), all(line.isprintable() for line in lines)) == (2, True)
+
+
+def test_a_file_of_one_surface_has_no_note_on_a_medial_wall(here):
+    write_surface("egg.off", Surface(shapes.icosphere(4)[0] * [3.0, 2.0, 2.0], shapes.icosphere(4)[1]))
+    assert main(["unfold", "egg.off", "-o", "out", "-q"]) == 0
+    assert json.loads((here / "out" / "summary.json").read_text())["notes"] == {"lh": {}}

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from typing import Any, NoReturn
 
 from morphofold import __version__
-from morphofold.cli.streams import one_line, standard_streams
+from morphofold.cli.streams import one_line, print_line, standard_streams
 from morphofold.errors import DISK_FULL_ERRORS, BadUsage, code_of
 from morphofold.threads import BLAS_VARIABLES
 
@@ -232,7 +232,7 @@ def _signals_as_interrupts() -> Iterator[None]:
 
 def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
     """Print a warning in one line, without the source line."""
-    print(f"morphofold: warning: {one_line(str(message))}", file=sys.stderr)
+    print_line(f"morphofold: warning: {message}", file=sys.stderr)
 
 
 def _print_failure(program: str, text: object, status: int, refused: BaseException | None = None) -> int:

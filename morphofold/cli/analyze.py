@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from morphofold.cli import add_options, add_threads
 from morphofold.cli.measuring import add_measuring_args, add_side_args, measuring_options
-from morphofold.cli.streams import one_line, print_file, print_json
+from morphofold.cli.streams import print_file, print_json, print_line
 from morphofold.errors import MissingPart, OptionsClash, Refusal
 from morphofold.progress import Progress, part_of, parts_of
 
@@ -153,9 +153,9 @@ def _write_into_subject(measures: list[Measures], subject: Path, args: argparse.
 
     written, kept = write_into_subject(measures, subject)
     where = sys.stderr if args.json else sys.stdout
-    print(one_line(f"into {subject}: {', '.join(written) or 'nothing'}"), file=where)
+    print_line(f"into {subject}: {', '.join(written) or 'nothing'}", file=where)
     if kept:
-        print(one_line(f"kept, because morphofold did not write them: {', '.join(kept)}"), file=where)
+        print_line(f"kept, because morphofold did not write them: {', '.join(kept)}", file=where)
 
 
 def _refuse_clashes(args: argparse.Namespace) -> None:
@@ -204,12 +204,12 @@ def _print_measured(measures: list[Measures], out: Path, clock: Stages, args: ar
         print_file(summary)
         return
     for m in measures:
-        print(one_line(f"{m.cortex.called}: {_main_numbers(m)}"))
+        print_line(f"{m.cortex.called}: {_main_numbers(m)}")
         for key in WARNINGS:
             if key in m.notes:
-                print(one_line(f"warning: {m.notes[key]} [{key}]"))
-    print(analysis_cost_line(cost_of_analysis(measures, clock)))
-    print(f"-> {summary if args.no_report else out / 'report.html'}")
+                print_line(f"warning: {m.notes[key]} [{key}]")
+    print_line(analysis_cost_line(cost_of_analysis(measures, clock)))
+    print_line(f"-> {summary if args.no_report else out / 'report.html'}")
 
 
 def _main_numbers(m: Measures) -> str:
@@ -253,7 +253,7 @@ def _result_or_error(work: Callable[[], T]) -> T | Exception:
 def _print_failed(failed: Mapping[str, str]) -> int:
     """Print which hemispheres failed and why; return the exit code."""
     for hemi, why in failed.items():
-        print(one_line(f"{hemi} failed: {why}"), file=sys.stderr)
+        print_line(f"{hemi} failed: {why}", file=sys.stderr)
     return 1 if failed else 0
 
 
@@ -378,7 +378,7 @@ def _analyse_stages(args: argparse.Namespace, options: Mapping[str, Any]) -> int
             found = _measure_cortex(cortex, options, share, clock)
             write_analysis([found], out / place.name, parameters=asked, clock=clock)
         show(1.0, "done")
-    print(f"{len(places)} stages, {done} of them measured before -> {out}")
+    print_line(f"{len(places)} stages, {done} of them measured before -> {out}")
     return 0
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from morphofold.cli.measuring import add_measuring_args, add_side_args, measuring_options
-from morphofold.cli.streams import one_line, print_json
+from morphofold.cli.streams import print_json, print_line
 from morphofold.errors import NamedTwice, OptionsClash
 
 if TYPE_CHECKING:
@@ -245,9 +245,9 @@ def print_mapped(mapped: Sequence[Outcome], on: Template, out: Path, args: argpa
     if args.json:
         return
     for name, part, why in missing[:5]:
-        print(one_line(f"{' '.join(filter(None, (name, part)))} is not on {on.name}: {why}"))
+        print_line(f"{' '.join(filter(None, (name, part)))} is not on {on.name}: {why}")
     there = sum(one.state != "failed" for one in mapped)
-    print(f"{there} of {len(mapped)} subjects on {on.name} -> {out / SPACES / on.place / 'group'}")
+    print_line(f"{there} of {len(mapped)} subjects on {on.name} -> {out / SPACES / on.place / 'group'}")
 
 
 def fleet_asked(args: argparse.Namespace, need: float) -> AbstractContextManager[Fleet]:
@@ -287,7 +287,7 @@ def run_group(out: Path, results: dict[str, Path], args: argparse.Namespace, cov
         answer = {"subjects": len(results), "with_results": group.n_measured, "failures": who}
         print_json({**answer, "remarks": group.remarks_on_group, "page": out / "group" / "report.html"})
     else:
-        print(f"{len(results)} subjects{f', {failed} of them with failures' if failed else ''} -> {out / 'group'}")
+        print_line(f"{len(results)} subjects{f', {failed} of them with failures' if failed else ''} -> {out / 'group'}")
     return 1 if failed else 0
 
 
@@ -376,7 +376,7 @@ def print_not_pooled(group: Group, quiet: bool) -> None:
 
 def print_note(text: str, quiet: bool) -> None:
     if not quiet:
-        print(one_line(text), file=sys.stderr)
+        print_line(text, file=sys.stderr)
 
 
 def ended(outcomes: Sequence[Outcome], what: str, page: Path, *, as_json: bool, **more: Any) -> int:
@@ -393,11 +393,11 @@ def ended(outcomes: Sequence[Outcome], what: str, page: Path, *, as_json: bool, 
         return 1 if failed or partly else 0
     for one in (failed + partly)[:5]:
         for part, why in one.failures.items():
-            print(one_line(f"{' '.join(filter(None, (one.name, part)))}: {why}"))
+            print_line(f"{' '.join(filter(None, (one.name, part)))}: {why}")
     words = [f"{len(outcomes) - len(failed)} of {len(outcomes)} {what}s have results"]
     words += [f"{before} of them from before"] if before else []
     words += [f"{changed} done again, because their files had changed"] if changed else []
     words += [f"{len(failed)} failed"] if failed else []
     words += [f"{len(partly)} in part"] if partly else []
-    print(f"{', '.join(words)} -> {page}")
+    print_line(f"{', '.join(words)} -> {page}")
     return 1 if failed or partly else 0

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from morphofold.cli.streams import print_file
+from morphofold.cli.streams import print_file, print_line
 from morphofold.errors import NamedTwice, NotReadable
 from morphofold.progress import part_of
 
@@ -90,15 +90,15 @@ def run(args: argparse.Namespace) -> int:
     for row in comparison.table:
         if row["measure"] in ("gyrification_index", "mean_cortical_thickness_mm", "median_gyral_thickness_mm"):
             values = ", ".join(f"{n} {'n/a' if row[n] is None else f'{row[n]:.2f}'}" for n in comparison.names)
-            print(f"{row['measure']}: {values}")
+            print_line(f"{row['measure']}: {values}")
     for found in comparison.people:
         depth = found.agreements[0].tested
-        print(
+        print_line(
             f"{found.grown} has gyri and sulci where {found.person} has them on {depth.value:.3f} of the area, before "
             f"growth {depth.control:.3f}, with deepened sulci {found.agreements[0].deepened.control:.3f}: "
             f"{VERDICT_WORDS.get(found.verdict, found.verdict)}"
         )
-    print(f"-> {page}")
+    print_line(f"-> {page}")
     return 0
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from morphofold.cli import add_options, add_threads
-from morphofold.cli.streams import print_json
+from morphofold.cli.streams import print_json, print_line
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -83,8 +83,8 @@ def _print_overlap(found: Sequence[Overlap], out: Path) -> None:
                     f"{row['share']:.0%} shared within {one.radius:.3g} mm, by chance {row['chance']:.0%} "
                     f"({row['chance_low']:.0%} to {row['chance_high']:.0%}), p {row['p']:.3g}"
                 )
-            print(
+            print_line(
                 f"{one.kind}, {row['hemi']}: {row['amount']:.4g}{unit} in each of {row['subjects']} subjects, {share}"
             )
     page = out / "report.html"
-    print(f"-> {page if page.is_file() else out}")
+    print_line(f"-> {page if page.is_file() else out}")

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from morphofold.cli import add_options, add_scene, add_settings, add_threads
-from morphofold.cli.streams import print_json
+from morphofold.cli.streams import print_json, print_line
 from morphofold.errors import OptionsClash
 
 if TYPE_CHECKING:
@@ -94,12 +94,12 @@ def run(args: argparse.Namespace) -> int:
     health = simulation.health
     last = health["stages"][-1]
     stages = f"{len(health['stages'])} stages to g = {last['growth']:.2f}"
-    print(f"{simulation.path}: {stages}, {_run_summary(scene, health)}")
+    print_line(f"{simulation.path}: {stages}, {_run_summary(scene, health)}")
     for warning in health["warnings"]:
-        print(f"warning: {warning}")
-    print(cost_line(cost_of(health, scene)), flush=True)
+        print_line(f"warning: {warning}")
+    print_line(cost_line(cost_of(health, scene)))
     if args.estimate:
-        print(_estimated_error(simulation, args).words)
+        print_line(_estimated_error(simulation, args).words)
     return 0
 
 
@@ -141,7 +141,7 @@ def _chosen_mesh(scene: Scene, args: argparse.Namespace) -> MeshChoice | None:
     budget = None if args.budget is None else budget_seconds(args.budget)
     error = None if args.error is None else error_share(args.error)
     chosen = choose_mesh(scene, budget=budget, error=error, threads=args.threads)
-    print(f"{scene.name}: {chosen.words}", file=sys.stderr if args.json else sys.stdout)
+    print_line(f"{scene.name}: {chosen.words}", file=sys.stderr if args.json else sys.stdout)
     return chosen
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from morphofold.cli import add_options, add_threads
-from morphofold.cli.streams import print_json
+from morphofold.cli.streams import print_json, print_line
 from morphofold.errors import OptionsClash
 
 if TYPE_CHECKING:
@@ -114,24 +114,24 @@ def _print_result(found: Result, out: Path) -> None:
 
     said = summary(found)
     subjects, vertices = len(found.design.subjects), said["vertices"]
-    print(
+    print_line(
         f"{found.shown} ~ {found.formula}, {found.contrast}: {subjects} subjects, {vertices['tested']:,} of "
         f"{vertices['all']:,} vertices, {found.inference.df} degrees of freedom"
     )
     for reason, names in said["left_out"].items():
         if names:
-            print(f"left out ({reason}): {', '.join(names[:5])}{' ...' * (len(names) > 5)}")
+            print_line(f"left out ({reason}): {', '.join(names[:5])}{' ...' * (len(names) > 5)}")
     for remark in said["remarks"]:
-        print(f"remark: {remark}")
+        print_line(f"remark: {remark}")
     areas = said["significant_area_mm2"]
-    print(
+    print_line(
         f"corrected p <= 0.05: {areas['p_tfce']:.0f} mm2 by TFCE (smallest p {said['smallest_p']['p_tfce']:.3g}), "
         f"{areas['p_height']:.0f} mm2 by height ({said['smallest_p']['p_height']:.3g})"
     )
     for row in [row for row in cluster_rows(found) if row["p"] <= 0.05][:5]:
-        print(
+        print_line(
             f"cluster {row['cluster']}, {row['hemi']} {row['region'] or ''}: {row['area_mm2']:.0f} mm2, effect "
             f"{row['effect']:.3g}, t {row['t']:.2f}, p {row['p']:.3g}"
         )
     page = out / "report.html"
-    print(f"-> {page if page.is_file() else out}")
+    print_line(f"-> {page if page.is_file() else out}")

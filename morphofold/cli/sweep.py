@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from morphofold.cli import add_options, add_scene, add_settings
 from morphofold.cli.cohort import add_group_args
 from morphofold.cli.measuring import measuring_options
-from morphofold.cli.streams import print_json
+from morphofold.cli.streams import print_json, print_line
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
     runs, outcomes, phases = _grow_and_measure_all(grid, out, args)
     unhealthy = [run for run in phases.runs if run.warnings]
     for found in [] if args.json else unhealthy[:5]:
-        print(f"warning: {found.point.name}: {'; '.join(found.warnings)}")
+        print_line(f"warning: {found.point.name}: {'; '.join(found.warnings)}")
     if len(unhealthy) > 5 and not args.json:
         print(f"warning: {len(unhealthy)} of {len(runs)} runs are not healthy; {out / 'group' / 'runs.tsv'} lists them")
     warnings = {found.point.name: found.warnings for found in unhealthy}

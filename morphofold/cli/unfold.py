@@ -8,7 +8,7 @@ from pathlib import Path
 
 from morphofold.cli import add_options
 from morphofold.cli.measuring import add_side_args
-from morphofold.cli.streams import one_line, print_file
+from morphofold.cli.streams import print_file, print_line
 from morphofold.progress import part_of
 
 EXAMPLES = ("morphofold unfold $SUBJECTS_DIR/bert -o bert-unfolded",)
@@ -88,8 +88,8 @@ def run(args: argparse.Namespace) -> int:
             f"{summary['name']} {row['hemi']}: {row['folded_area_mm2']:,.0f} mm2 folded, {row['area_mm2']:,.0f} mm2 "
             f"smooth; a cortex of up to {row['thickest_cortex_mm']:.2g} mm fits"
         )
-        print(one_line(line))
+        print_line(line)
         for key, note in summary["notes"][row["hemi"]].items():
-            print(one_line(f"warning: {note} [{key}]"))
-    print(one_line(f"-> {out / 'report.html'}"))
+            print_line(f"warning: {note} [{key}]")
+    print_line(f"-> {out / 'report.html'}")
     return 0

@@ -177,6 +177,8 @@ def design(
     complete = rows.notna().all(axis=1).to_numpy()
     if not complete.any():
         raise DoesNotApply(f"no subject has all values of {_some(needed)}.")
+    factors |= {name for name in named if rows[name].dtype.kind not in "biuf"}
+    columns_of(formula, {name: rows[name].nunique() for name in factors})
     rows, kept = rows[complete], tuple(one for one, there in zip(subjects, complete) if there)
     try:
         with np.errstate(all="ignore"):  # what is not finite is refused below

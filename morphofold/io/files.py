@@ -146,7 +146,8 @@ def unpacked(path: Path, most: int = 2**28) -> bytes:
 
 @contextmanager
 def decoding(path: Path, what: str, advice: str = "Make it again from its source.") -> Iterator[None]:
-    """Turn any error that a file library raises on a damaged file into one clear ``DamagedFile``; keep ``WrongFile``.
+    """Turn any error that a file library raises on a damaged file into one clear ``DamagedFile``; keep ``WrongFile``
+    and ``NotFetched``.
 
     If memory was too short for what the file may hold, the file may be good: then raise ``MemoryError`` with the path.
     """
@@ -154,6 +155,8 @@ def decoding(path: Path, what: str, advice: str = "Make it again from its source
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # notes on optional parts of the format
             yield
+    except NotFetched:  # of a file that this one names
+        raise
     except (Exception, SystemExit) as error:  # meshio raises SystemExit
         wanted = _bytes_of_refused_array(error)
         if wanted and wanted > MOST_UNPACKED_PER_BYTE * path.stat().st_size:  # no file of this size unpacks to so much

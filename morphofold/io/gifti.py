@@ -142,10 +142,16 @@ def _read_array(element: ET.Element, folder: Path, most: int) -> _GiftiArray:
 
 
 def _external(folder: Path, name: str, at: int, size: int) -> bytes:
-    """Bytes of a file beside the GIFTI file, where SPM and CAT12 keep arrays; any other file is refused."""
-    if not re.fullmatch(r"[^/\\:\0]+", name) or (folder / name).is_symlink():
+    """Bytes of a file beside the GIFTI file, where SPM and CAT12 keep arrays; any other file is refused.
+
+    A link is one to another file, unless git-annex made it.
+    """
+    beside = folder / name
+    if not re.fullmatch(r"[^/\\:\0]+", name) or (
+        beside.is_symlink() and "/annex/objects/" not in os.path.realpath(beside)
+    ):
         raise WrongFile(f"it keeps an array in {name!r}, but only a file beside it, which is no link, is read")
-    with existing_file(folder / name, "file of arrays").open("rb") as file:
+    with existing_file(beside, "file of arrays").open("rb") as file:
         file.seek(at)
         return file.read(size)
 
