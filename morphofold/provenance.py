@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,6 +15,8 @@ import numpy as np
 
 #: categories of characters that end a line, control a terminal, or can't be printed
 _UNPRINTABLE_CATEGORIES = ("Cc", "Cf", "Cs", "Zl", "Zp")
+#: in a text of several lines, what controls a terminal or the direction of writing
+CONTROLS = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
 
 if TYPE_CHECKING:
     from morphofold.surface import Cortex
@@ -91,7 +94,8 @@ def clean_name(text: str) -> str:
 
 def strict_json(content: Any) -> str:
     """JSON that every reader accepts: NumPy values become plain, NaN and infinity null, other objects text."""
-    return json.dumps(_plain_json_value(content), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+    text = json.dumps(_plain_json_value(content), indent=1, allow_nan=False, ensure_ascii=False)
+    return CONTROLS.sub(lambda found: f"\\u{ord(found[0]):04x}", text) + "\n"
 
 
 def _plain_json_value(value: Any) -> Any:

@@ -145,6 +145,26 @@ def test_a_table_that_says_a_thing_twice_or_not_at_all_is_refused(tmp_path, text
         read_participants(tmp_path / "participants.tsv")
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda text: text.replace("\n", "\t\n"),
+        lambda text: text.replace("\n", "\t\n").replace("\t\n", "\n", 1),
+        lambda text: text.replace("\t", " \t ").replace("\n", " \n"),
+        lambda text: text.replace("n/a", ""),
+    ],
+)
+def test_spaces_and_tabs_at_the_end_of_cells_and_lines_change_nothing(table, tmp_path, change):
+    (tmp_path / "b.tsv").write_text(change(TABLE))
+    pd.testing.assert_frame_equal(read_participants(tmp_path / "b.tsv"), table)
+
+
+def test_a_line_of_too_many_cells_is_refused(tmp_path):
+    (tmp_path / "a.csv").write_text("participant_id,age,sex\n01,20,5,M\n02,30,5,F\n")
+    with pytest.raises(DamagedFile):
+        read_participants(tmp_path / "a.csv")
+
+
 def test_infinite_values_are_refused(table):
     with pytest.raises(NotFinite):
         design(NAMES, table.assign(age=[1.0, 2, 3, 4, 5, np.inf]), "age", "age")

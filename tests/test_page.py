@@ -19,7 +19,7 @@ from morphofold.report.pages import contents, page
 from morphofold.report.pages.page import analysis_report
 from morphofold.report.plots import charts
 
-NASTY = '<script>alert("x")</script>&"\''
+NASTY = '<script>alert("x")</script>&"\'\x1b[31m\x9b\u202e'
 
 
 class Page(HTMLParser):
@@ -76,6 +76,7 @@ def test_names_from_files_are_escaped_everywhere(nasty_page):
     for text in (nasty_page[0].read_text(encoding="utf-8"), nasty_page[1]):
         assert "<script>alert" not in text
         assert "&lt;script&gt;alert" in text
+        assert not re.search("[\x1b\x9b\u202e]", text)
         scripts = [s for a, s in Page(text).scripts if "type" not in a]
         assert len(scripts) == 1
         assert scripts[0].startswith("// Tables that sort")

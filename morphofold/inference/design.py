@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import re
+import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -85,11 +87,19 @@ def read_participants(path: str | Path) -> pd.DataFrame:
         raise FileNotFoundError(f"{path}: no such file. Give a table of the subjects, such as participants.tsv.")
     separator = "," if path.suffix == ".csv" else "\t"
     try:
-        text = path.read_text(encoding="utf-8-sig")
-        table = pd.read_csv(
-            io.StringIO(text), sep=separator, dtype={IDENTIFIER: str}, na_values=list(MISSING), keep_default_na=False
-        )
-    except (UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
+        text = re.sub(r" *([\t\n]) *", r"\1", path.read_text(encoding="utf-8-sig"))
+        text = re.sub(f"{separator}+$", "", text, flags=re.MULTILINE)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", pd.errors.ParserWarning)  # of a line with more cells than the first
+            table = pd.read_csv(
+                io.StringIO(text),
+                sep=separator,
+                index_col=False,
+                dtype={IDENTIFIER: str},
+                na_values=list(MISSING),
+                keep_default_na=False,
+            )
+    except (ValueError, pd.errors.ParserWarning) as error:  # ValueError: not UTF-8, no table
         words = " ".join(str(error).split())
         raise DamagedFile(f"{path}: is no table of tab-separated UTF-8 text, or compressed: {words}.") from None
     if IDENTIFIER not in table:
@@ -97,7 +107,7 @@ def read_participants(path: str | Path) -> pd.DataFrame:
             f"{path}: has no column {IDENTIFIER}; its columns are {', '.join(map(str, table.columns))}. Is it "
             "separated by tabs, as BIDS asks?"
         )
-    heads = text.partition("\n")[0].rstrip("\r").split(separator)
+    heads = text.partition("\n")[0].split(separator)
     if again := sorted({name for name in heads if heads.count(name) > 1}):
         raise NamedTwice(f"{path}: has two columns {_some(again)}. Rename one, or leave it out.")
     if table[IDENTIFIER].isna().any():

@@ -14,6 +14,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, select_autoescape
 from markupsafe import Markup
 
+from morphofold.provenance import CONTROLS
 from morphofold.words import number
 
 REPORTED_PACKAGES = ("morphofold", "numpy", "scipy", "trimesh", "nibabel", "networkx", "numba", "pyvista")
@@ -26,7 +27,7 @@ def write_page(path: Path, template: str, scripts: Sequence[str] = (), **values:
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     policy = f"'sha256-{digest}'" if scripts else ""
     page = render(template, script=Markup(script), policy=policy, versions=versions(), **values)
-    path.write_text(page, encoding="utf-8", errors="backslashreplace")
+    path.write_text(CONTROLS.sub("\ufffd", page), encoding="utf-8", errors="backslashreplace")
     return path
 
 
