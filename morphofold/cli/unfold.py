@@ -84,11 +84,10 @@ def run(args: argparse.Namespace) -> int:
         print_file(out / "summary.json")
         return 0
     for row in summary["hemispheres"]:
-        line = (
+        print_line(
             f"{summary['name']} {row['hemi']}: {row['folded_area_mm2']:,.0f} mm2 folded, {row['area_mm2']:,.0f} mm2 "
             f"smooth; a cortex of up to {row['thickest_cortex_mm']:.2g} mm fits"
         )
-        print_line(line)
         for key, note in summary["notes"][row["hemi"]].items():
             print_line(f"warning: {note} [{key}]")
     print_line(f"-> {out / 'report.html'}")

@@ -65,7 +65,5 @@ FORMATS = (
         read_ascii,
         begins=re.compile(rb"#!ascii[^\n]*\n(?:#[^\n]*\n)*\s*\d+[ \t]+\d+[ \t\r]*\n"),
     ),
-    Format(
-        "MNI OBJ", (), read_mni, begins=re.compile(rb"P(?:\s+[-+.\deE]+){5}\s+\d+\s|p.{20}(?:\0...|...\0)", re.DOTALL)
-    ),
+    Format("MNI OBJ", (), read_mni, begins=re.compile(rb"P(?:\s+[-+.\deE]+){5}\s+\d+\s")),
 )
