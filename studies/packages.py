@@ -60,7 +60,6 @@ EXCEPTIONS = {
     ("morphofold.cli.reproduce", "morphofold.studies.indexes"),
     ("morphofold.cli.reproduce", "morphofold.studies.paper"),
     ("morphofold.cli.reproduce", "morphofold.studies.paper.report"),
-    ("morphofold.cli.command_pages", "morphofold.studies.markdown"),
 }
 HOLDS = {
     "ground": "Surface, Cortex, geometry of triangles, names and units, errors",

@@ -8,7 +8,7 @@ from morphofold.analysis.measures import SCALARS, Measures
 from morphofold.cohort.participant import Participant
 from morphofold.cohort.tasks import TaskFolder
 from morphofold.io import write_annotation, write_morph, write_surface
-from morphofold.shapes import bumpy_sphere
+from morphofold.studies.shapes import bumpy_sphere
 from morphofold.surface import Regions, Surface
 
 REGIONS = ("front", "back")

@@ -6,7 +6,7 @@ import numpy as np
 
 from morphofold.analysis.measures import SCALARS, Measures
 from morphofold.io import read_cortex, sample_path
-from morphofold.shapes import bumpy_sphere
+from morphofold.studies.shapes import bumpy_sphere
 from morphofold.surface import Cortex, Regions, Surface
 
 REGIONS = ("front", "middle", "back")

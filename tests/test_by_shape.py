@@ -6,8 +6,9 @@ import pytest
 from morphofold.analysis import measure
 from morphofold.analysis.thickness.by_shape import DEPTHS, thickness_by_shape
 from morphofold.geometry import vertex_areas
-from morphofold.shapes import icosphere, torus
+from morphofold.shapes import icosphere
 from morphofold.shapes.folded_ball import folded_ball
+from morphofold.studies.shapes import torus
 from morphofold.surface import Cortex, Surface
 
 VERTS, FACES = icosphere(5)

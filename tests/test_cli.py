@@ -14,12 +14,12 @@ from commands import refused
 
 from morphofold.analysis.measures import SCALARS
 from morphofold.cli import COMMANDS, main, parser
-from morphofold.cli.command_pages import subcommands
 from morphofold.cli.paths import writable_name
 from morphofold.io import sample_path, write_surface
 from morphofold.results import read_analysis
 from morphofold.shapes import icosphere
 from morphofold.sim.scene.files import load_scene
+from morphofold.studies.pages.commands import subcommands
 from morphofold.surface import Surface
 from morphofold.tables import read_table
 

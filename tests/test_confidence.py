@@ -13,7 +13,8 @@ from morphofold.analysis.graph.hinge_shapes import hinge_shapes
 from morphofold.analysis.graph.hinges import LEAST_CONFIDENCE, LEAST_STRICT_CONFIDENCE, counts, hinges
 from morphofold.analysis.measures import Measures
 from morphofold.io import read_cortex, sample_path
-from morphofold.shapes.ridges import REGULAR_SOLIDS, SphericalNet, irregular_net, regular_net, ridged_net
+from morphofold.shapes.ridges import SphericalNet, irregular_net, ridged_net
+from morphofold.studies.shapes import REGULAR_SOLIDS, regular_net
 from morphofold.surface import Cortex, Surface
 
 CREST = 54.0

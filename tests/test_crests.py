@@ -10,7 +10,7 @@ from morphofold.analysis.curvatures import curvature
 from morphofold.analysis.graph.net import resampled
 from morphofold.errors import OptionsClash
 from morphofold.geometry import mean_edge_length, vertex_normals
-from morphofold.shapes import bumpy_sphere, cylinder, ellipsoid, sphere, torus, with_noise
+from morphofold.studies.shapes import bumpy_sphere, cylinder, ellipsoid, sphere, torus, with_noise
 
 
 @pytest.mark.parametrize("rng", [None, 3])

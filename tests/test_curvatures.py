@@ -6,12 +6,12 @@ import pytest
 from reference import principal_curvatures
 from scipy.spatial import ConvexHull
 
-from morphofold import shapes
 from morphofold.analysis import curvature, vertex_areas, vertex_normals
 from morphofold.errors import OutOfRange
 from morphofold.geometry import adjacency, mean_edge_length
 from morphofold.io import read_surface, sample_path
 from morphofold.io.surfaces import read_morph
+from morphofold.studies import shapes
 
 
 def error(shape, scale, name):

@@ -6,7 +6,6 @@ import pytest
 from reference import distance_to_convex_hull, distance_to_planes
 from test_gyrification import box_with_a_hole
 
-from morphofold import shapes
 from morphofold.analysis import sulcal_depth
 from morphofold.analysis.gyrification.hull import hull
 from morphofold.errors import OptionsClash, UnknownName
@@ -14,6 +13,7 @@ from morphofold.io import read_surface, sample_path
 from morphofold.io.surfaces import read_morph
 from morphofold.shapes import icosphere
 from morphofold.shapes.ridges import irregular_net, ridged_net
+from morphofold.studies import shapes
 
 
 def test_depth_is_zero_on_a_convex_surface(rng):

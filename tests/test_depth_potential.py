@@ -13,8 +13,9 @@ from morphofold.analysis.graph.depth_potential import (
 )
 from morphofold.errors import OutOfRange
 from morphofold.geometry import vertex_areas
-from morphofold.shapes import bumpy_sphere, icosphere, sphere
-from morphofold.shapes.ridges import regular_net, ridged_net
+from morphofold.shapes import icosphere
+from morphofold.shapes.ridges import ridged_net
+from morphofold.studies.shapes import bumpy_sphere, regular_net, sphere
 
 
 def bumpy(amplitude, degree=6, radius=50.0, level=5):

@@ -9,7 +9,8 @@ from scipy.sparse.linalg import spsolve
 from morphofold.analysis.diffusion import Diffusion, diffusion
 from morphofold.errors import WrongShape
 from morphofold.geometry import cotangent_laplacian, vertex_areas
-from morphofold.shapes import icosphere, irregular_sphere, sphere
+from morphofold.shapes import icosphere, irregular_sphere
+from morphofold.studies.shapes import sphere
 
 CLIP = (-5.0, 20.0)
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from fast_simplification import simplify
 
-from morphofold import shapes
 from morphofold.analysis import folding_indices, vertex_areas
 from morphofold.analysis.gyrification.folding import angle_defects
 from morphofold.errors import OutOfRange
 from morphofold.io import read_cortex, read_surface, sample_path
+from morphofold.studies import shapes
 
 
 def exact(shape):

@@ -6,7 +6,7 @@ import pytest
 from morphofold.analysis import fractal_dimension
 from morphofold.errors import OutOfRange
 from morphofold.geometry import mean_edge_length
-from morphofold.shapes import bumpy_sphere, sphere, torus
+from morphofold.studies.shapes import bumpy_sphere, sphere, torus
 
 
 def koch_curve(level):

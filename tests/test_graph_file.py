@@ -11,7 +11,8 @@ from morphofold.analysis import gyral_graph, hinges
 from morphofold.errors import DamagedFile, Mismatch, NotReadable
 from morphofold.results.graph_file import read_graph, write_graph
 from morphofold.shapes import icosphere
-from morphofold.shapes.ridges import regular_net, ridged_net
+from morphofold.shapes.ridges import ridged_net
+from morphofold.studies.shapes import regular_net
 from morphofold.surface import Surface
 
 

@@ -16,8 +16,9 @@ from morphofold.analysis.graph.hinges import hinges
 from morphofold.errors import OptionsClash, OutOfRange
 from morphofold.io import read_cortex, sample_path
 from morphofold.mesh_quality import defects
-from morphofold.shapes import icosphere, sphere
-from morphofold.shapes.ridges import SphericalNet, irregular_net, regular_net, ridged_net
+from morphofold.shapes import icosphere
+from morphofold.shapes.ridges import SphericalNet, irregular_net, ridged_net
+from morphofold.studies.shapes import arm_angles, regular_net, sphere
 from morphofold.surface import Surface
 
 CREST = 54.0  # radius of the crests [mm]
@@ -46,7 +47,7 @@ def errors(graph, net):
     angles, lengths = [], []
     true = {tuple(arc): CREST * angle for arc, angle in zip(net.arcs.tolist(), net.lengths)}
     for node, hinge in enumerate(found):
-        angles.extend(np.sort([arm.angle for arm in hinge.arms]) - net.arm_angles(node))
+        angles.extend(np.sort([arm.angle for arm in hinge.arms]) - arm_angles(net, node))
         lengths.extend(arm.length / true[tuple(sorted((node, number[arm.to])))] - 1 for arm in hinge.arms)
     return away, np.array(angles), np.array(lengths)
 

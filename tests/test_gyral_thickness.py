@@ -19,7 +19,8 @@ from morphofold.errors import NoCortex, WrongShape
 from morphofold.geometry import mean_edge_length
 from morphofold.io import read_cortex, sample_path
 from morphofold.mesh_quality.checks import cortex_mask
-from morphofold.shapes import corrugated_sheet, ellipsoid, icosphere, ridged_sphere, sphere, with_noise
+from morphofold.shapes import icosphere
+from morphofold.studies.shapes import corrugated_sheet, ellipsoid, ridged_sphere, sphere, with_noise
 from morphofold.surface import Cortex, Surface
 
 

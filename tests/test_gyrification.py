@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from morphofold import shapes
 from morphofold.analysis import gyrification_index
 from morphofold.errors import BadMesh
 from morphofold.io import read_surface, sample_path
+from morphofold.studies import shapes
 
 
 def box_with_a_hole(depth):

@@ -6,7 +6,7 @@ import pytest
 from made_folds import joined, pressed_sphere
 
 from morphofold.errors import InsideOut, OpenSurface
-from morphofold.shapes import bumpy_sphere, even_directions, icosphere
+from morphofold.shapes import even_directions, icosphere
 from morphofold.sim.effects.contact import GAP_IN_CELLS
 from morphofold.sim.health import (
     BOUNDS,
@@ -22,6 +22,7 @@ from morphofold.sim.health import (
 )
 from morphofold.sim.scene.effects import effect_names
 from morphofold.sim.scene.files import load_scene, scene_names
+from morphofold.studies.shapes import bumpy_sphere
 from morphofold.surface import Surface
 
 SOUND = {

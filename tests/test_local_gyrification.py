@@ -7,7 +7,7 @@ from morphofold.analysis import gyrification_index, local_gyrification_index
 from morphofold.analysis.gyrification.local_gyrification import envelope
 from morphofold.errors import OpenSurface, OutOfRange, TooLarge
 from morphofold.geometry import face_areas, vertex_areas
-from morphofold.shapes import ellipsoid, ridged_sphere, sphere
+from morphofold.studies.shapes import ellipsoid, ridged_sphere, sphere
 
 
 @pytest.mark.parametrize("shape", [sphere(5), ellipsoid(5, (60.0, 45.0, 35.0), rng=2)], ids=["sphere", "ellipsoid"])

@@ -8,12 +8,13 @@ from morphofold.sim.body import Body
 from morphofold.sim.build import build_body
 from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.equilibrium import statics
-from morphofold.sim.materials.elastic import brick_energy, brick_stress, cofactor, energy, stress
+from morphofold.sim.materials.elastic import cofactor, energy, stress
 from morphofold.sim.materials.mooney_rivlin import MooneyRivlin
 from morphofold.sim.materials.neo_hookean import NeoHookean
 from morphofold.sim.mesh.brick_mesh import bilayer_patch
 from morphofold.sim.scene.files import load_scene, to_toml
 from morphofold.sim.scene.materials import material_names
+from morphofold.studies.accuracy.elements import brick_energy, brick_stress
 
 MU, KAPPA = 1.7, 40.0
 EACH = pytest.mark.parametrize("material", [NeoHookean(), MooneyRivlin(0.4)], ids=str)

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from morphofold import shapes
 from morphofold.analysis import folding_indices, measure, vertex_areas, wavelength
 from morphofold.analysis.measures import SCALARS
 from morphofold.analysis.notes import of_input
@@ -16,6 +15,7 @@ from morphofold.errors import BadMesh, InsideOut, NoCortex, UnlikeSurfaces
 from morphofold.geometry import split
 from morphofold.io import read_cortex, sample_path
 from morphofold.mesh_quality.checks import check_pair, cortex_label, is_no_cortex
+from morphofold.studies import shapes
 from morphofold.surface import Cortex, Surface
 
 MAPS = {

@@ -5,8 +5,9 @@ import pytest
 
 from morphofold.analysis.graph.net import Arc, Net, Node, borders, moved, resampled, smoothed
 from morphofold.geometry import edges
-from morphofold.shapes import cylinder, icosphere
-from morphofold.shapes.ridges import irregular_net, regular_net
+from morphofold.shapes import icosphere
+from morphofold.shapes.ridges import irregular_net
+from morphofold.studies.shapes import cylinder, regular_net
 
 
 def made(*lines):

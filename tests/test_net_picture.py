@@ -17,8 +17,8 @@ from morphofold.report.pictures.net import (
     net_figure,
     net_row,
 )
-from morphofold.shapes import sphere
-from morphofold.shapes.ridges import regular_net, ridged_net
+from morphofold.shapes.ridges import ridged_net
+from morphofold.studies.shapes import regular_net, sphere
 from morphofold.surface import Cortex, Surface
 
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from morphofold import shapes
 from morphofold.analysis import gray_volumes, region_table, vertex_areas, wide_table
 from morphofold.analysis.regions import COLUMNS
 from morphofold.errors import WrongShape
 from morphofold.io import read_cortex, sample_path
+from morphofold.studies import shapes
 from morphofold.surface import Cortex, Regions, Surface
 
 

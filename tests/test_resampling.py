@@ -12,7 +12,7 @@ from morphofold.analysis import measure, resampling
 from morphofold.analysis.resampling import Preset, resampled
 from morphofold.errors import UnknownName
 from morphofold.io import read_cortex, sample_path
-from morphofold.shapes import icosphere, ridged_sphere
+from morphofold.shapes import icosphere
 from morphofold.shapes.folded_ball import (
     CORTICAL_THICKNESS_MM,
     RIDGE_HEIGHT_MM,
@@ -21,6 +21,7 @@ from morphofold.shapes.folded_ball import (
     folded_ball,
 )
 from morphofold.shapes.ridges import irregular_net
+from morphofold.studies.shapes import ridged_sphere
 from morphofold.surface import Cortex, Regions, Surface
 
 THIN, SPLIT = Preset(4000, 0, 6.0), Preset(0, 2600, 12.0)

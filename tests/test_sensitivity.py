@@ -4,8 +4,8 @@ import pytest
 
 from morphofold.analysis.graph.sensitivity import NET_LENGTHS, POTENTIAL_LENGTHS, hinge_sensitivity
 from morphofold.errors import OutOfRange, UnknownName
-from morphofold.shapes import sphere
-from morphofold.shapes.ridges import regular_net, ridged_net
+from morphofold.shapes.ridges import ridged_net
+from morphofold.studies.shapes import regular_net, sphere
 from morphofold.surface import Surface
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from reference import vertex_areas as reference_areas
 
-from morphofold import geometry, shapes
+from morphofold import geometry
 from morphofold.errors import UnknownName
 from morphofold.geometry import (
     adjacency,
@@ -18,6 +18,7 @@ from morphofold.geometry import (
     vertex_areas,
     vertex_normals,
 )
+from morphofold.studies import shapes
 
 CLOSED = [
     pytest.param(lambda rng: shapes.sphere(4, rng=rng), 2, id="sphere"),

@@ -12,12 +12,13 @@ from morphofold.sim.dynamics import Dynamics
 from morphofold.sim.elements import tet_kernels
 from morphofold.sim.elements.patches import cluster
 from morphofold.sim.elements.tets import Tets
-from morphofold.sim.growth import growth_tensor
 from morphofold.sim.materials import elastic
 from morphofold.sim.materials.mooney_rivlin import MooneyRivlin
 from morphofold.sim.materials.neo_hookean import NEO_HOOKEAN
 from morphofold.sim.mesh.brick_mesh import bilayer_sphere
 from morphofold.sim.sphere_theory.finite_elements import radial_equilibrium
+from morphofold.studies.accuracy import elements
+from morphofold.studies.accuracy.elements import growth_tensor
 from morphofold.studies.speed.solver import cut_bricks
 
 LAWS = ("isotropic", "tangential")
@@ -111,7 +112,7 @@ class Twin:
     def forces(self, x):
         S = np.empty((self.tets.n, 3, 3))
         there = self.tets.patches >= 0
-        S[self.tets.patches[there]] = elastic.patch_stress(*self.on_patches(x), self.tets.material)[there]
+        S[self.tets.patches[there]] = elements.patch_stress(*self.on_patches(x), self.tets.material)[there]
         return self.forces_of(self.det_G[:, None, None] * S @ np.swapaxes(self.G_inverse, -1, -2))
 
     def forces_of(self, P):
@@ -139,7 +140,7 @@ def test_kernel_forces_equal_scikit_fems_assembly(kind, law, core, material, rng
         state, J = tets.state(), np.linalg.det(twin.elastic(x))
         np.testing.assert_allclose(state["J_min"], J, rtol=1e-10, atol=1e-12)
         assert np.array_equal(state["J_min"], state["J_max"])
-        for patch, E in zip(tets.patches, elastic.patch_energy(*twin.on_patches(x), material)):
+        for patch, E in zip(tets.patches, elements.patch_energy(*twin.on_patches(x), material)):
             mine = patch[patch >= 0]
             assert state["energy"][mine].sum() == pytest.approx(E, rel=1e-10, abs=1e-12)
             assert state["volume_ratio"][mine] == pytest.approx((twin.w * J)[mine].sum() / twin.w[mine].sum(), rel=1e-9)
@@ -163,8 +164,8 @@ def test_patch_stress_is_the_derivative_of_the_patch_energy(rng):
     dA, w = rng.standard_normal(A.shape), rng.uniform(0.5, 1.0, (4, 6)) * (rng.random((4, 6)) < 0.8)
     A[0, 0] @= np.diag([1.0, 1.0, -0.1 / np.linalg.det(A[0, 0])])  # one of them is inside out
     mu, kappa, h = np.full(4, 1.7), np.full(4, 40.0), 1e-5
-    W = lambda s: elastic.patch_energy(A + s * dA, w, mu, kappa)
-    slope = np.einsum("pt,ptij,ptij->p", w, elastic.patch_stress(A, w, mu, kappa), dA)
+    W = lambda s: elements.patch_energy(A + s * dA, w, mu, kappa)
+    slope = np.einsum("pt,ptij,ptij->p", w, elements.patch_stress(A, w, mu, kappa), dA)
     np.testing.assert_allclose((W(h) - W(-h)) / (2 * h), slope, rtol=1e-6)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,26 +13,6 @@ from morphofold.errors import NoSolution
 from morphofold.geometry import mean_edge_length
 from morphofold.shapes import icosphere, irregular_sphere
 from morphofold.surface import Faces, Surface, Verts
-
-GOLDEN_RATIO = (1 + 5**0.5) / 2
-
-#: corners of the regular solids, not scaled to a unit sphere
-REGULAR_SOLIDS = {
-    "tetrahedron": [[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]],
-    "cube": list(product((-1, 1), repeat=3)),
-    "octahedron": [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]],
-    "icosahedron": [
-        np.roll([0, a, b * GOLDEN_RATIO], k).tolist() for a, b in product((-1, 1), repeat=2) for k in range(3)
-    ],
-    "dodecahedron": [
-        *product((-1, 1), repeat=3),
-        *(
-            np.roll([0, a / GOLDEN_RATIO, b * GOLDEN_RATIO], k).tolist()
-            for a, b in product((-1, 1), repeat=2)
-            for k in range(3)
-        ),
-    ],
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,31 +32,9 @@ class SphericalNet:
         """Angles of the arcs (A,) [rad]."""
         return np.arccos(np.clip(np.sum(self.nodes[self.arcs[:, 0]] * self.nodes[self.arcs[:, 1]], axis=1), -1, 1))
 
-    def arm_angles(self, node: int) -> Array:
-        """Angles between neighbouring arcs at a node, ascending [deg]; they add up to 360."""
-        here = self.nodes[node]
-        others = [self.nodes[b if a == node else a] for a, b in self.arcs.tolist() if node in (a, b)]
-        side = np.eye(3)[np.argmin(np.abs(here))]
-        u = np.cross(here, side)
-        v = np.cross(here, u)
-        azimuth = np.sort(
-            np.degrees([np.arctan2(other @ v / np.linalg.norm(v), other @ u / np.linalg.norm(u)) for other in others])
-        )
-        return np.sort(np.diff(np.r_[azimuth, azimuth[0] + 360]))
-
     def rotated(self, rotation: Array) -> SphericalNet:
         """The net rotated by a matrix (3, 3)."""
         return SphericalNet(self.nodes @ rotation.T, self.arcs)
-
-
-def regular_net(solid: str) -> SphericalNet:
-    """Corners and edges of a regular solid: ``tetrahedron``, ``cube``, ``octahedron``, ``icosahedron``,
-    ``dodecahedron``; degrees 3, 3, 4, 5, 3."""
-    nodes = np.array(REGULAR_SOLIDS[solid], dtype=np.float64)
-    nodes /= np.linalg.norm(nodes, axis=1, keepdims=True)
-    apart = np.linalg.norm(nodes[:, None] - nodes[None], axis=2) + 9 * np.eye(len(nodes))
-    pairs = np.argwhere(apart < 1.01 * apart.min())
-    return SphericalNet(nodes, pairs[pairs[:, 0] < pairs[:, 1]])
 
 
 def irregular_net(cells: int, seed: int = 0, *, shortest: float = 0.0, rounds: int = 3) -> SphericalNet:

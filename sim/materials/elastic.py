@@ -1,8 +1,4 @@
-"""Energy and stress of a material as functions of the elastic tensor A, and on a brick or a patch of tetrahedra.
-
-Readable reference: the kernels of the explicit solver compute ``brick_energy``, ``patch_energy`` and their gradients in
-another form; tests compare the two. Everything here is plain NumPy with trailing 3x3 axes.
-"""
+"""Energy and stress of a material as functions of the elastic tensor A: plain NumPy with trailing 3x3 axes."""
 
 from __future__ import annotations
 
@@ -12,7 +8,7 @@ import numpy as np
 
 from morphofold.arrays import Array
 from morphofold.sim.elements.brick_kernels import FROZEN_BELOW_J
-from morphofold.sim.elements.tet_kernels import CRUSHED_BELOW_J, OWN_GRADIENT_SHARE
+from morphofold.sim.elements.tet_kernels import CRUSHED_BELOW_J
 from morphofold.sim.materials import Material
 from morphofold.sim.materials.neo_hookean import NEO_HOOKEAN
 
@@ -106,78 +102,3 @@ def stress(A: Array, mu: Array | float, kappa: Array | float, material: Material
     """First Piola-Kirchhoff stress dW/dA [Pa] of :func:`energy`, (..., 3, 3)."""
     volumetric = np.asarray(kappa * (np.linalg.det(A) - 1))[..., None, None]
     return isochoric_stress(A, mu, material, frozen) + volumetric * cofactor(A)
-
-
-def brick_energy(A: Array, w: Array, mu: Array, kappa: Array, material: Material = NEO_HOOKEAN) -> Array:
-    """Energy of Q1P0 bricks from their Gauss points.
-
-    Parameters
-    ----------
-    A : (E, 8, 3, 3) float64
-        Elastic tensor at the Gauss points.
-    w : (E, 8) float64
-        Grown volume of each Gauss point [mm^3].
-    mu, kappa : (E,) float64
-        Moduli of each element.
-    material : Material
-
-    Returns
-    -------
-    (E,) float64
-        ``sum_q w_q W(A_q; mu, 2 mu) + kappa/2 V (v/V - 1)^2`` with V = sum w, v = sum w J. The pressure of
-        modulus kappa depends only on the mean volume ratio, so the brick does not lock. The weak local term of
-        modulus 2 mu keeps single points from collapsing. Both resist uniform compression: the bulk modulus of a body
-        is kappa + 2 mu.
-    """
-    V = w.sum(axis=1)
-    ratio = (w * np.linalg.det(A)).sum(axis=1) / V
-    local = energy(A, mu[:, None], 2 * mu[:, None], material)
-    return (w * local).sum(axis=1) + 0.5 * kappa * V * (ratio - 1) ** 2
-
-
-def brick_stress(A: Array, w: Array, mu: Array, kappa: Array, material: Material = NEO_HOOKEAN) -> Array:
-    """dE/dA / w of :func:`brick_energy` at each Gauss point, (E, 8, 3, 3) [Pa]."""
-    ratio = (w * np.linalg.det(A)).sum(axis=1) / w.sum(axis=1)
-    pressure = (kappa * (ratio - 1))[:, None, None, None]
-    return stress(A, mu[:, None], 2 * mu[:, None], material) + pressure * cofactor(A)
-
-
-def patch_energy(A: Array, w: Array, mu: Array, kappa: Array, material: Material = NEO_HOOKEAN) -> Array:
-    """Energy of patches of tetrahedra.
-
-    Parameters
-    ----------
-    A : (P, T, 3, 3) float64
-        Elastic tensor of each tetrahedron.
-    w : (P, T) float64
-        Its grown volume [mm^3]; 0 where a patch has fewer than T.
-    mu, kappa : (P,) float64
-        Moduli of each patch.
-    material : Material
-
-    Returns
-    -------
-    (P,) float64
-        ``OWN_GRADIENT_SHARE sum_t w_t U(A_t) + (1 - OWN_GRADIENT_SHARE) V U(Am) + kappa/2 V (v/V - 1)^2`` with U the
-        :func:`isochoric_energy`, V = sum w, v = sum w J, Am = sum w A / V. One pressure per patch avoids locking (de
-        Souza Neto et al. 2005, F-bar patch). The term of the mean gradient removes most of the other excess stiffness
-        of linear tetrahedra. The term of each tetrahedron keeps it from collapsing.
-    """
-    V = w.sum(axis=1)
-    ratio = (w * np.linalg.det(A)).sum(axis=1) / V
-    own = (w * isochoric_energy(A, mu[:, None], material)).sum(axis=1)
-    common = V * isochoric_energy(_volume_mean(A, w), mu, material)
-    return OWN_GRADIENT_SHARE * own + (1 - OWN_GRADIENT_SHARE) * common + 0.5 * kappa * V * (ratio - 1) ** 2
-
-
-def patch_stress(A: Array, w: Array, mu: Array, kappa: Array, material: Material = NEO_HOOKEAN) -> Array:
-    """dE/dA / w of :func:`patch_energy` for each tetrahedron, (P, T, 3, 3) [Pa]."""
-    ratio = (w * np.linalg.det(A)).sum(axis=1) / w.sum(axis=1)
-    pressure = (kappa * (ratio - 1))[:, None, None, None]
-    common = isochoric_stress(_volume_mean(A, w), mu, material)[:, None]
-    own = isochoric_stress(A, mu[:, None], material)
-    return OWN_GRADIENT_SHARE * own + (1 - OWN_GRADIENT_SHARE) * common + pressure * cofactor(A)
-
-
-def _volume_mean(A: Array, w: Array) -> Array:
-    return np.einsum("pt,ptij->pij", w, A) / w.sum(axis=1)[:, None, None]

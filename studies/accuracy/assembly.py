@@ -8,8 +8,7 @@ from skfem import Basis, ElementHex1, ElementVector, LinearForm
 from morphofold.arrays import Array
 from morphofold.sim.body import Body
 from morphofold.sim.elements.bricks import GAUSS_POINTS, GAUSS_WEIGHT
-from morphofold.sim.growth import growth_tensor
-from morphofold.sim.materials.elastic import brick_energy, brick_stress
+from morphofold.studies.accuracy.elements import brick_energy, brick_stress, growth_tensor
 from morphofold.studies.accuracy.points import EACH_OTHER, OURS, Point, timed
 from morphofold.studies.speed.solver import SHAKE, speed_body
 

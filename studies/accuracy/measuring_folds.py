@@ -14,7 +14,6 @@ from morphofold.analysis import gyral_thickness, local_gyrification_index
 from morphofold.analysis.gyrification.local_gyrification import CLOSING_RADIUS_MM
 from morphofold.analysis.resampling import PRESETS, Preset, resampled
 from morphofold.arrays import Array
-from morphofold.shapes import corrugated_sheet, ridged_sphere, sphere
 from morphofold.shapes.folded_ball import (
     RIDGE_HEIGHT_MM,
     RIDGE_NET_CELLS,
@@ -25,6 +24,7 @@ from morphofold.shapes.folded_ball import (
 from morphofold.shapes.ridges import SphericalNet, from_arc, irregular_net
 from morphofold.studies.accuracy.measuring import point
 from morphofold.studies.accuracy.points import Case, Point, Timing, timed
+from morphofold.studies.shapes import corrugated_sheet, ridged_sphere, sphere
 from morphofold.surface import Cortex, PerVertex, Surface
 
 SHORTEST = 0.07  # [rad], shortest arc of the net: the ends of a shorter arc are one hinge by definition

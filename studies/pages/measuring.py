@@ -16,12 +16,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from morphofold.analysis import Measures, gyral_thickness, hinge_sensitivity
+from morphofold.analysis import Measures, crest_lines, gyral_thickness, hinge_sensitivity
 from morphofold.analysis.gyrification.fractal_dimension import box_counts
 from morphofold.analysis.relief import relief
+from morphofold.geometry import mean_edge_length
 from morphofold.io import atomic_file, sample_path
 from morphofold.quantities import Quantity, quantity
-from morphofold.report.pictures.net import crest_figure, crest_row, net_figure, net_row
+from morphofold.report.pictures.net import net_figure, net_row, paint_lines, shaded
 from morphofold.report.pictures.png import halved, png_bytes
 from morphofold.report.pictures.surfaces import Picture, Row, figure
 from morphofold.report.plots.line_plots import legend_of_figure, line_style, new_figure, save, set_limits
@@ -41,6 +42,8 @@ MAPS: dict[str, tuple[float, float] | None] = {
     "cortical_thickness": (1, 8),
     "gyral_thickness": (4, 24),
 }
+LEAST_CREST_SCALE_EDGES = 4.0  # least scale of crest lines, in mean edges, because surfaces are noisy
+LINE_COLOURS = {"gyral": "#d55e00", "sulcal": "#0072b2"}
 PHASE = Quantity(
     "phase", "Position in the fold of the pial surface: 1 on the crown, 0 at mid-height, −1 at the fundus", signed=True
 )
@@ -89,6 +92,23 @@ def pictures(measured: dict[str, Measures]) -> dict[str, Picture]:
         drawn[key.replace("_", "-")] = figure(rows, what, limits or what.limits or (0, 1))
     drawn["wavelength"] = figure([_phase_row(m, name) for name, m in measured.items()], PHASE, (-1, 1))
     return drawn
+
+
+def crest_row(measures: Measures, name: str) -> Row:
+    """The pial surface of measures with its crest lines, at the curvature scale, sulci darker."""
+    pial = measures.cortex.pial
+    edge = mean_edge_length(pial.verts, pial.faces)
+    scale = max(LEAST_CREST_SCALE_EDGES * edge, measures.parameters["curvature_scale_mm"])
+    found = crest_lines(pial.verts, pial.faces, scale=scale)
+    rgb = shaded(measures)
+    for kind, colour in LINE_COLOURS.items():
+        paint_lines(rgb, pial.verts, [line.points for line in found.of_kind(kind)], edge, colour)
+    return Row(name, pial, np.full(len(pial.verts), np.nan), measures.cortex.hemi, rgb)
+
+
+def crest_figure(rows: Sequence[Row]) -> Picture:
+    """Picture of rows of crest lines, in all views."""
+    return figure(rows, Quantity("crests", "Crest lines"), (0.0, 1.0), legend=[*LINE_COLOURS.items()])
 
 
 def _phase_row(m: Measures, name: str) -> Row:

@@ -19,7 +19,7 @@ from morphofold.cohort.tasks import Outcome, TaskFolder
 from morphofold.io import write_annotation, write_surface
 from morphofold.progress import Progress, part_of, silent
 from morphofold.report.pages.group_page import group_report
-from morphofold.shapes import bumpy_sphere
+from morphofold.studies.shapes import bumpy_sphere
 from morphofold.surface import Regions, Surface
 from morphofold.timing import peak_memory
 

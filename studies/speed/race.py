@@ -22,10 +22,11 @@ from morphofold.analysis.geodesics import path_graph, shorten
 from morphofold.analysis.thickness.cortical import cortical_thickness
 from morphofold.io import read_morph, write_surface
 from morphofold.progress import Progress, silent
-from morphofold.shapes import Shape, bumpy_sphere, icosphere
+from morphofold.shapes import icosphere
 from morphofold.studies.accuracy.measuring import GAP, parallel_pair, relative_rms
 from morphofold.studies.accuracy.peers import H, Peer, closest_peers, curvature_peers
 from morphofold.studies.accuracy.points import OURS
+from morphofold.studies.shapes import Shape, bumpy_sphere
 from morphofold.surface import Faces, PerVertex, Surface, Verts
 
 LEVEL = 7  # of the icosphere: 163,842 vertices

@@ -9,7 +9,8 @@ from morphofold.analysis import crest_lines, measure, vertex_normals
 from morphofold.cli import main
 from morphofold.io import write_annotation, write_morph, write_surface
 from morphofold.shapes import icosphere
-from morphofold.shapes.ridges import regular_net, ridged_net
+from morphofold.shapes.ridges import ridged_net
+from morphofold.studies.shapes import regular_net
 from morphofold.surface import Cortex, Surface
 
 #: turned, so that no vertex lies on a crest by symmetry

@@ -9,11 +9,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from morphofold import geometry, shapes
+from morphofold import geometry
 from morphofold.analysis import curvatures, euler_characteristic, gyral_graph, measure, measuring, vertex_areas
 from morphofold.analysis.graph.net import Net
 from morphofold.analysis.gyrification import folding
 from morphofold.shapes.ridges import SphericalNet, irregular_net, ridged_net
+from morphofold.studies import shapes
 
 
 def examples(few, many):

@@ -16,7 +16,7 @@ from morphofold.cli import analyze
 from morphofold.intersections.boxes import box_tree
 from morphofold.mesh_quality import checks, repair
 from morphofold.shapes import icosphere
-from morphofold.shapes.ridges import REGULAR_SOLIDS
+from morphofold.studies.shapes import REGULAR_SOLIDS
 from morphofold.surface import Cortex, Surface
 
 

@@ -11,7 +11,6 @@ from hard_cases.made_surfaces import NET, analyzed, clean, hold_all, known_corte
 from made_folds import bulged, pressed_sphere
 from scipy.spatial import cKDTree
 
-from morphofold import shapes
 from morphofold.analysis import (
     cortical_thickness,
     crest_lines,
@@ -32,6 +31,7 @@ from morphofold.io import read_cortex, sample_path
 from morphofold.mesh_quality import checks, defects
 from morphofold.shapes.ridges import irregular_net, ridged_net
 from morphofold.sim.health import enclosed_volume
+from morphofold.studies import shapes
 from morphofold.surface import Cortex, Regions, Surface
 
 

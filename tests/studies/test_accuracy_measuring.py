@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from morphofold.analysis import curvature, measure, resampling, vertex_areas
-from morphofold.shapes import bumpy_sphere, torus
 from morphofold.shapes.folded_ball import folded_ball
 from morphofold.shapes.ridges import irregular_net
 from morphofold.studies.accuracy import measuring, measuring_folds, measuring_person
@@ -18,6 +17,7 @@ from morphofold.studies.accuracy import points as timing
 from morphofold.studies.accuracy.measuring import GAP, H, K, bumpy, relative_rms
 from morphofold.studies.accuracy.peers import Peer
 from morphofold.studies.accuracy.study import measuring_cases
+from morphofold.studies.shapes import bumpy_sphere, torus
 
 
 def by(points, **wanted):

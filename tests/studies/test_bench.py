@@ -4,8 +4,8 @@ import shlex
 import subprocess
 import sys
 
-from morphofold.cli.command_pages import subcommands
 from morphofold.studies.bench import EXAMPLES, main, parser
+from morphofold.studies.pages.commands import subcommands
 
 
 def test_every_benchmark_has_help_with_an_example_that_is_understood(capsys):

@@ -9,8 +9,8 @@ from morphofold.analysis import AtScale
 from morphofold.analysis.gyrification.folding_law import shape_terms
 from morphofold.analysis.gyrification.hull import hull
 from morphofold.shapes.folded_ball import folded_ball
-from morphofold.shapes.ridges import regular_net
 from morphofold.studies import laws
+from morphofold.studies.shapes import regular_net
 
 
 def body_of(k):

@@ -10,9 +10,9 @@ import pytest
 from morphofold.analysis import gyral_thickness, measure
 from morphofold.errors import MissingPart, NoSolution
 from morphofold.geometry import is_closed
-from morphofold.report.pictures.net import LINE_COLOURS, crest_figure, crest_row
 from morphofold.shapes.folded_ball import CORTICAL_THICKNESS_MM, folded_ball
 from morphofold.studies.pages import measuring, section_plot
+from morphofold.studies.pages.measuring import LINE_COLOURS, crest_figure, crest_row
 
 
 @pytest.fixture(scope="module")

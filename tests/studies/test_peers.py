@@ -5,8 +5,9 @@ import importlib.util
 import numpy as np
 import pytest
 
-from morphofold.shapes import icosphere, sphere
+from morphofold.shapes import icosphere
 from morphofold.studies.accuracy import peers
+from morphofold.studies.shapes import sphere
 
 EDGE = 0.0752  # of the regular sphere of 2,562 vertices, in radii
 #: largest relative error: trimesh cuts edges off at the ball and takes them whole; VTK has a ring; LaPy's unit is for

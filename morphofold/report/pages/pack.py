@@ -152,17 +152,6 @@ def encode(array: np.ndarray, stride: int = 1) -> bytes:
     return little.view(np.uint8).reshape(-1, array.itemsize).T.tobytes()
 
 
-def decode(data: bytes, n: int, itemsize: int, stride: int = 1) -> np.ndarray:
-    """Inverse of ``encode``, as in the viewer."""
-    dtype: np.dtype[Any] = np.dtype(f"<u{itemsize}")
-    planes = np.frombuffer(data, dtype=np.uint8).reshape(itemsize, n)
-    zigzag = np.ascontiguousarray(planes.T).view(dtype).ravel()
-    step = (zigzag >> 1) ^ (np.zeros_like(zigzag) - (zigzag & 1))
-    whole = np.zeros(-(-n // stride) * stride, dtype=dtype)
-    whole[:n] = step
-    return np.cumsum(whole.reshape(-1, stride), axis=0, dtype=dtype).ravel()[:n]
-
-
 def thin(cortex: Cortex, max_vertices: int = DISPLAY_VERTICES, stages: Sequence[Cortex] = ()) -> Display:
     """At most about ``max_vertices`` vertices and faces between them, ordered so that they compress well.
 

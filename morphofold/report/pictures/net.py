@@ -1,4 +1,4 @@
-"""The gyral net painted on its surface (crests, and hinges by number of arms), and crest lines."""
+"""The gyral net painted on its surface: crests, and hinges by number of arms."""
 
 from __future__ import annotations
 
@@ -8,11 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from morphofold.analysis import Measures, crest_lines, vertex_normals
+from morphofold.analysis import Measures, vertex_normals
 from morphofold.analysis.graph.hinges import counts
 from morphofold.analysis.graph.net import resampled
 from morphofold.errors import MissingPart
-from morphofold.geometry import mean_edge_length
 from morphofold.quantities import Quantity
 from morphofold.report import colours
 from morphofold.report.colours import rgb_of
@@ -23,8 +22,6 @@ CREST_COLOUR = "#333333"
 HINGE_RADIUS_IN_WIDTHS = 0.27  # radius of a hinge, in crown widths
 #: colours of hinges by number of arms; five or more have one colour
 COLOUR_BY_ARMS = {3: "#d55e00", 4: "#0072b2", 5: "#009e73"}
-LEAST_CREST_SCALE_EDGES = 4.0  # least scale of crest lines, in mean edges, because surfaces are noisy
-LINE_COLOURS = {"gyral": "#d55e00", "sulcal": "#0072b2"}
 DOUBTFUL_COLOUR = "#8c8c8c"  # hinges that are not counted, with any number of arms
 NET_LEGEND = (
     ("crest", CREST_COLOUR),
@@ -61,18 +58,6 @@ def net_row(measures: Measures, name: str) -> Row:
     return Row(name, cortex.white, np.full(len(verts), np.nan), cortex.hemi, rgb)
 
 
-def crest_row(measures: Measures, name: str) -> Row:
-    """The pial surface of measures with its crest lines, at the curvature scale, sulci darker."""
-    pial = measures.cortex.pial
-    edge = mean_edge_length(pial.verts, pial.faces)
-    scale = max(LEAST_CREST_SCALE_EDGES * edge, measures.parameters["curvature_scale_mm"])
-    found = crest_lines(pial.verts, pial.faces, scale=scale)
-    rgb = shaded(measures)
-    for kind, colour in LINE_COLOURS.items():
-        paint_lines(rgb, pial.verts, [line.points for line in found.of_kind(kind)], edge, colour)
-    return Row(name, pial, np.full(len(pial.verts), np.nan), measures.cortex.hemi, rgb)
-
-
 def shaded(measures: Measures) -> colours.RGB:
     """Colours (N, 3) of the bare surface, darker with sulcal depth where that was measured."""
     depth = measures.maps.get("sulcal_depth", np.zeros(measures.cortex.n_vertices))
@@ -91,8 +76,3 @@ def paint_lines(rgb: colours.RGB, verts: Verts, lines: Sequence[NDArray[np.float
 def net_figure(rows: Sequence[Row]) -> Picture:
     """Picture of rows of nets, in all views."""
     return figure(rows, Quantity("net", "Gyral net"), (0.0, 1.0), legend=NET_LEGEND)
-
-
-def crest_figure(rows: Sequence[Row]) -> Picture:
-    """Picture of rows of crest lines, in all views."""
-    return figure(rows, Quantity("crests", "Crest lines"), (0.0, 1.0), legend=[*LINE_COLOURS.items()])
