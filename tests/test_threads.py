@@ -20,9 +20,9 @@ from morphofold.analysis.steps import Steps
 from morphofold.kept import kept
 from morphofold.kernels import kernel
 from morphofold.report.pages.pack import thin
-from morphofold.shapes import bumpy_sphere
 from morphofold.shapes.folded_ball import folded_ball
 from morphofold.sim.run import simulate
+from morphofold.studies.shapes import bumpy_sphere
 from morphofold.surface import Surface
 from morphofold.threads import BLOCKS, beside, in_blocks, together, using_threads
 from morphofold.timing import Stages
