@@ -25,7 +25,7 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 BLAS_VARIABLES = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS", "OMP_NUM_THREADS")
 #: blocks into which kernels divide their work, each with its own scratch; independent of the number of threads
 BLOCKS = 64
-LEAST_SECONDS_FOR_THREADS = 0.005  # of work, which starting the threads of a pool takes a tenth of
+SECONDS_ALONE = 0.005  # of work in one thread, before others are started: that takes a tenth of it
 CPU_QUOTA = Path("/sys/fs/cgroup/cpu.max")  # of a container or a batch job: microseconds, in a period of microseconds
 #: fast_simplification has global state: only one surface is simplified at a time
 SIMPLIFYING = Lock()
@@ -44,15 +44,17 @@ def set_threads(threads: int | None) -> None:
     """
     import numba
 
-    most = usable = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]  # of the affinity of the process
-    with suppress(OSError, ValueError):  # no such quota, or "max"
-        quota, period = map(int, CPU_QUOTA.read_text(encoding="ascii").split())
-        usable = max(1, min(most, quota // period))
-    if threads is not None and not 1 <= threads <= most:
+    most: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]  # of the affinity of the process
+    if threads is None:
+        threads = most
+        with suppress(OSError, ValueError):  # no such quota, or "max"
+            quota, period = map(int, CPU_QUOTA.read_text(encoding="ascii").split())
+            threads = max(1, min(most, quota // period))
+    if not 1 <= threads <= most:
         variable = "NUMBA_NUM_THREADS"
         why = f"by the environment variable {variable}" if variable in os.environ else "on this machine"
         raise OutOfRange(f"threads must be 1 to {most} {why}, got {threads}.")
-    numba.set_num_threads(usable if threads is None else threads)
+    numba.set_num_threads(threads)
 
 
 @contextmanager
@@ -69,7 +71,7 @@ def using_threads(threads: int | None) -> Iterator[int]:
 
 
 def in_blocks(kernel: Callable[..., Any], n: int, *arguments: Any) -> None:
-    """Call ``kernel(start, stop, *arguments)`` for blocks that make up 0 to ``n``, on all threads if that pays.
+    """Call ``kernel(start, stop, *arguments)`` for blocks that make up 0 to ``n``, on all threads if they take long.
 
     The kernel writes to rows ``start`` to ``stop`` of some of its arguments, and only to these, so the result is the
     same for any number of threads. It must release Python's lock, as :func:`morphofold.kernels.kernel` lets it.
@@ -77,18 +79,13 @@ def in_blocks(kernel: Callable[..., Any], n: int, *arguments: Any) -> None:
     import numba
 
     cuts = [b * n // BLOCKS for b in range(BLOCKS + 1)]
-    blocks = [(start, stop) for start, stop in pairwise(cuts) if stop > start]
-    if not blocks:
-        return
-    began = time.perf_counter()
-    kernel(*blocks[0], *arguments)  # compiles
-    seconds = len(blocks) * (time.perf_counter() - began)
-    if (threads := numba.get_num_threads()) == 1 or seconds < LEAST_SECONDS_FOR_THREADS:
-        for start, stop in blocks[1:]:
-            kernel(start, stop, *arguments)
-        return
-    with ThreadPoolExecutor(threads) as pool:
-        _results(pool, [partial(kernel, start, stop, *arguments) for start, stop in blocks[1:]])
+    blocks = [partial(kernel, start, stop, *arguments) for start, stop in pairwise(cuts) if stop > start]
+    began, threads = time.perf_counter(), numba.get_num_threads()
+    while blocks and (threads == 1 or time.perf_counter() - began < SECONDS_ALONE):
+        blocks.pop(0)()  # the first compiles
+    if blocks:
+        with ThreadPoolExecutor(threads) as pool:
+            _results(pool, blocks)
 
 
 def beside(*tasks: Callable[[], Any]) -> list[Any]:

@@ -41,7 +41,7 @@ def count(start, stop, add, times):
 @pytest.mark.parametrize("threads", [1, pytest.param(2, marks=two_threads)])
 @pytest.mark.parametrize("n", [0, 1, BLOCKS - 1, BLOCKS + 1, 1000])
 def test_blocks_cover_every_row_once(threads, n, monkeypatch):
-    monkeypatch.setattr(threads_module, "LEAST_SECONDS_FOR_THREADS", 0.0)
+    monkeypatch.setattr(threads_module, "SECONDS_ALONE", 0.0)
     times = np.zeros(n)
     with using_threads(threads):
         in_blocks(count, n, 1.0, times)
@@ -49,9 +49,9 @@ def test_blocks_cover_every_row_once(threads, n, monkeypatch):
 
 
 @two_threads
-@pytest.mark.parametrize(("least", "several"), [(0.0, True), (1000.0, False)])
-def test_little_work_is_done_in_one_thread(least, several, monkeypatch):
-    monkeypatch.setattr(threads_module, "LEAST_SECONDS_FOR_THREADS", least)
+@pytest.mark.parametrize(("alone", "several"), [(0.0, True), (1000.0, False)])
+def test_little_work_is_done_in_one_thread(alone, several, monkeypatch):
+    monkeypatch.setattr(threads_module, "SECONDS_ALONE", alone)
     seen = set()
     with using_threads(2):
         in_blocks(lambda start, stop: seen.add(threading.get_ident()), BLOCKS)
