@@ -44,9 +44,6 @@ class Case:
         Bulk over shear modulus (inf is incompressible); radius of the fixed hole over the outer one.
     bifurcation : Bifurcation
         Result of :func:`morphofold.sim.theory.bifurcation`, with creases at the same kappa_ratio.
-    g_elements : float, optional
-        g_crit of the same mode by finite elements (:mod:`~morphofold.sim.sphere_theory.finite_elements`), if computed;
-        NaN if there is none.
     """
 
     thickness: float
@@ -56,7 +53,6 @@ class Case:
     kappa_ratio: float
     A_over_C: float
     bifurcation: theory.Bifurcation
-    g_elements: float | None = None
 
     def row(self) -> Row:
         """Critical growth, mode and wavelength; ``reason`` explains values that are NaN or infinite."""
@@ -68,13 +64,9 @@ class Case:
             reasons.append("these wrinkles live on the interface: no creasing amplitude")
         if np.isnan(b.g_crease):
             reasons.append(f"no crease {_SEARCH_LIMIT_TEXT}")
-        checked = {}
-        if self.g_elements is not None:
-            checked = {"g_elements": self.g_elements, "difference": self.g_elements / b.g_crit - 1}
         return {
             **self._named(),
             "g_crit": b.g_crit,
-            **checked,
             "degree": _whole_degree(b.mode),
             "wavelength_mm": b.wavelength * self.radius,
             "wavelength_over_T": b.wavelength / T,
@@ -213,33 +205,19 @@ def bifurcation_cases(
     *,
     kappa_ratio: float = np.inf,
     A_over_C: float = 0.5,
-    check: bool = False,
     progress: Any = None,
 ) -> list[Case]:
-    """Wrinkles and creases for each law, shear modulus ratio and thickness; calls ``progress(share, text)`` after each.
-
-    With ``check`` every g_crit is computed a second time, by finite elements.
-    """
+    """Wrinkles and creases by law, shear modulus ratio and thickness; calls ``progress(share, text)`` after each."""
     wanted = list(product(laws, mu_ratios, thicknesses))
     for _, _, T in wanted:
         outer_ratio(T, radius, A_over_C)  # refuses wrong values before the first long computation
     cases = []
     for law, mu_ratio, T in wanted:
-        sphere = (T / radius, mu_ratio, law, kappa_ratio)
-        found = theory.bifurcation(*sphere, A_over_C=A_over_C, g_max=G_MAX)
-        again = _growth_by_elements(found.mode, sphere, A_over_C) if check else None
-        cases.append(Case(T, radius, mu_ratio, law, kappa_ratio, A_over_C, found, again))
+        found = theory.bifurcation(T / radius, mu_ratio, law, kappa_ratio, A_over_C=A_over_C, g_max=G_MAX)
+        cases.append(Case(T, radius, mu_ratio, law, kappa_ratio, A_over_C, found))
         if progress is not None:
             progress(len(cases) / len(wanted), f"{law}, mu ratio {mu_ratio:g}, T = {T:g} mm")
     return cases
-
-
-def _growth_by_elements(mode: float, sphere: tuple[float, float, str, float], A_over_C: float) -> float:
-    from morphofold.sim.sphere_theory.finite_elements import critical_growth_of_degree
-
-    if not np.isfinite(mode):
-        return np.nan  # no mode, or none that a mesh can resolve
-    return critical_growth_of_degree(int(mode), *sphere, A_over_C=A_over_C, g_max=G_MAX)
 
 
 def body_row(scene: Scene, look: Look = lambda g, eigenvalue: None) -> Row:

@@ -12,13 +12,8 @@ from numpy.polynomial import Legendre, Polynomial
 from morphofold.errors import ImpossibleBody, NoSolution, OutOfRange, UnknownName
 from morphofold.sim.growth import LAWS
 from morphofold.sim.materials.elastic import energy
-from morphofold.sim.sphere_theory import finite_elements
-from morphofold.sim.sphere_theory.finite_elements import (
-    ConvergenceError,
-    critical_growth_of_degree,
-    radial_equilibrium,
-    unstable_modes,
-)
+from morphofold.sim.sphere_theory.finite_elements import ConvergenceError, SphereMesh, radial_equilibrium
+from morphofold.studies.accuracy.sphere_modes import SphereModes, critical_growth_of_degree, unstable_modes
 
 INF = np.inf
 
@@ -30,7 +25,7 @@ def observed_order(h, error):
 
 def sphere(law="isotropic", kappa_ratio=INF, l=3, *, g=(1.3, 1.1), mu_ratio=2.0, T=0.2, A=0.4, elements=2, order=3):
     """A coarse body, its radial equilibrium and its growth."""
-    body = finite_elements._SphereMesh(T, mu_ratio, law, kappa_ratio, A, l, elements, order, 1.0)
+    body = SphereModes(T, mu_ratio, law, kappa_ratio, A, l, elements, order, 1.0)
     return body, body.grow(g), g
 
 
@@ -347,6 +342,6 @@ def test_a_path_without_end_says_how_far_it_was_followed(monkeypatch):
             raise FloatingPointError("no")
         return x
 
-    monkeypatch.setattr(finite_elements._SphereMesh, "newton", newton)
+    monkeypatch.setattr(SphereMesh, "newton", newton)
     with pytest.raises(ConvergenceError, match=r"\bg = 1\.24\d*, g_core = 1\b"):
         radial_equilibrium(2.0, 0.04)

@@ -203,7 +203,6 @@ def test_what_is_no_number_and_no_range_is_refused(capsys, word):
         ("critical --ratio 3 --core-growth 1.1", r" A/C = 0\.5, .* C/B = 3\b"),
         ("bifurcation --kappa-ratio 0.5", r"--kappa-ratio .* 1 .* inf, .* 0\.5\. \[out-of-range\]"),
         ("bifurcation --hole-ratio 0.99", r" B = 49 mm: .* 0\.99 C = 49\.5 mm"),
-        ("bifurcation --check --curve", r"--check .*--curve.*\[options-clash\]"),
     ],
 )
 def test_a_question_that_makes_no_sense_is_refused(capsys, words, expected):
@@ -287,42 +286,6 @@ def test_a_question_that_is_not_drawn_loads_no_plotting():
         "sys.exit('matplotlib' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, check=False).returncode == 0
-
-
-@pytest.mark.slow
-def test_check_prints_the_same_growth_by_finite_elements(capsys):
-    words = ["theory", "bifurcation", "--check", "--thickness", "2", "--mu-ratio", "0.01", "2", "--json", "-q"]
-    assert main(words) == 0
-    captured = capsys.readouterr()
-    assert captured.err == ""
-    rows = json.loads(captured.out)["rows"]
-    for row in rows:
-        if row["degree"] == "inf":  # shortest waves first: no mesh resolves them
-            assert row["g_elements"] is None
-        else:
-            assert row["difference"] == pytest.approx(row["g_elements"] / row["g_crit"] - 1, abs=1e-15)
-            assert abs(row["difference"]) < 1e-8
-    assert {row["degree"] == "inf" for row in rows} == {True, False}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("wrong", [1.3, float("nan")])
-def test_check_warns_if_the_two_routes_part(capsys, monkeypatch, wrong):
-    route = "morphofold.sim.sphere_theory.finite_elements.critical_growth_of_degree"
-    monkeypatch.setattr(route, lambda *_, **__: wrong)
-    assert main("theory bifurcation --check --thickness 2 --mu-ratio 0.01 2 -q".split()) == 0
-    captured = capsys.readouterr()
-    assert "difference" in captured.out
-    (line,) = captured.err.splitlines()
-    assert re.match(r"morphofold: warning: --check: 2 of 2 .* 1e-06 ", line)
-
-
-def test_check_is_content_with_a_difference_below_its_bound(capsys, monkeypatch):
-    found = theory.bifurcation(0.04, 2.0)
-    near = found.g_crit * (1 + 0.9e-6)
-    monkeypatch.setattr("morphofold.sim.sphere_theory.finite_elements.critical_growth_of_degree", lambda *_, **__: near)
-    assert main("theory bifurcation --check --thickness 2 --mu-ratio 2 --law isotropic -q".split()) == 0
-    assert capsys.readouterr().err == ""
 
 
 # the body of a scene
@@ -437,7 +400,7 @@ def test_a_body_without_a_sharp_or_without_any_bifurcation_says_so(monkeypatch):
         ("--body radial", r" radial: .*--body\b.* \[does-not-apply\]"),
         ("--body nowhere", "'nowhere'"),
         ("--body demo --set growth.law=round", r"growth\.law\b.*round"),
-        ("--body demo --thickness 2 --law both --check", r" --thickness, --law, --check;.*\[options-clash\]"),
+        ("--body demo --thickness 2 --law both --curve", r" --thickness, --law, --curve;.*\[options-clash\]"),
         ("--body demo --mu-ratio 1:2:3", r" --mu-ratio;.*--set .*\[options-clash\]"),
         ("--body demo --radius 50 --hole-ratio 0.5", r" --radius, --hole-ratio;.*\[options-clash\]"),
         ("--body demo --kappa-ratio inf", r" --kappa-ratio;.*\[options-clash\]"),

@@ -13,6 +13,7 @@ from morphofold.sim import theory
 from morphofold.sim.materials.elastic import energy
 from morphofold.sim.sphere_theory import finite_elements, impedance, smooth_sphere, wrinkling
 from morphofold.sim.sphere_theory.smooth_sphere import ConvergenceError, SmoothSphere, smooth_state
+from morphofold.studies.accuracy import sphere_modes
 
 LAWS = ("isotropic", "tangential")
 
@@ -32,14 +33,14 @@ LAWS = ("isotropic", "tangential")
 def test_marching_and_finite_elements_find_the_same_growth(T_over_C, mu_ratio, degree, law, kappa_ratio):
     sphere = SmoothSphere(T_over_C, mu_ratio, law, kappa_ratio)
     marched = wrinkling.critical_growth_of_degree(sphere, degree)
-    elements = finite_elements.critical_growth_of_degree(degree, T_over_C, mu_ratio, law, kappa_ratio)
+    elements = sphere_modes.critical_growth_of_degree(degree, T_over_C, mu_ratio, law, kappa_ratio)
     assert marched == pytest.approx(elements, rel=1e-8)  # asked: 1e-6
 
 
 @pytest.mark.parametrize(("A_over_C", "degree"), [(0.05, 2), (0.8, 6)])
 def test_both_routes_agree_for_other_holes(A_over_C, degree):
     marched = wrinkling.critical_growth_of_degree(SmoothSphere(0.04, 2.0, A_over_C=A_over_C), degree, g_max=20)
-    elements = finite_elements.critical_growth_of_degree(degree, 0.04, 2.0, A_over_C=A_over_C, g_max=20)
+    elements = sphere_modes.critical_growth_of_degree(degree, 0.04, 2.0, A_over_C=A_over_C, g_max=20)
     assert marched == pytest.approx(elements, rel=1e-8)
     assert marched != pytest.approx(wrinkling.critical_growth_of_degree(SmoothSphere(0.04, 2.0), degree), rel=1e-6)
 
@@ -57,8 +58,8 @@ def test_no_degree_is_unstable_below_critical_growth_and_one_is_above(T_over_C, 
     assert found.g_crit < float(theory.critical_growth(1 / (1 - T_over_C), law)) - 0.03
     near = (1, *range(int(found.mode) - 1, int(found.mode) + 2), 3 * int(found.mode))
     below, above = 1 + (found.g_crit - 1) * 0.9999, 1 + (found.g_crit - 1) * 1.0001
-    assert all(finite_elements.unstable_modes(below, degree, T_over_C, mu_ratio, law) == 0 for degree in near)
-    assert finite_elements.unstable_modes(above, int(found.mode), T_over_C, mu_ratio, law) == 1
+    assert all(sphere_modes.unstable_modes(below, degree, T_over_C, mu_ratio, law) == 0 for degree in near)
+    assert sphere_modes.unstable_modes(above, int(found.mode), T_over_C, mu_ratio, law) == 1
 
 
 @pytest.mark.slow
@@ -66,7 +67,7 @@ def test_toroidal_modes_are_still_stable_when_a_spheroidal_one_is_lost():
     for law, (T_over_C, mu_ratio) in itertools.product(LAWS, [(1 / 50, 1), (3 / 50, 4), (0.3, 1)]):
         found = theory.bifurcation(T_over_C, mu_ratio, law)
         for degree in (1, 2, 5, 20, 80):
-            assert finite_elements.unstable_modes(found.g_crit, degree, T_over_C, mu_ratio, law, toroidal=True) == 0
+            assert sphere_modes.unstable_modes(found.g_crit, degree, T_over_C, mu_ratio, law, toroidal=True) == 0
 
 
 @pytest.mark.parametrize(("T_over_C", "mu_ratio"), [(1 / 50, 1.0), (3 / 50, 4.0)])
@@ -74,7 +75,7 @@ def test_creasing_amplitude_is_that_of_the_finite_element_mode(T_over_C, mu_rati
     """Null vector of the finite-element tangent, its roll at that amplitude, and the stretches at the trough."""
     found = theory.bifurcation(T_over_C, mu_ratio)
     degree = int(found.mode)
-    body = finite_elements._SphereMesh(T_over_C, mu_ratio, "isotropic", math.inf, 0.5, degree, None, 8, found.g_crit)
+    body = sphere_modes.SphereModes(T_over_C, mu_ratio, "isotropic", math.inf, 0.5, degree, None, 8, found.g_crit)
     x = body.grow((found.g_crit, 1.0))
     values, vectors = np.linalg.eigh(body.second_variation(x, (found.g_crit, 1.0)))
     null = vectors[:, np.argmin(np.abs(values))]
@@ -117,7 +118,7 @@ def test_wrinkles_of_the_interface_leave_the_surface_smooth(T_over_C, mu_ratio):
     """The finite-element mode moves the interface and hardly the surface, so there is no creasing amplitude."""
     found = theory.bifurcation(T_over_C, mu_ratio)
     degree = int(found.mode)
-    body = finite_elements._SphereMesh(T_over_C, mu_ratio, "isotropic", math.inf, 0.5, degree, None, 8, found.g_crit)
+    body = sphere_modes.SphereModes(T_over_C, mu_ratio, "isotropic", math.inf, 0.5, degree, None, 8, found.g_crit)
     values, vectors = np.linalg.eigh(body.second_variation(body.grow((found.g_crit, 1.0)), (found.g_crit, 1.0)))
     null = vectors[:, np.argmin(np.abs(values))]
 
@@ -422,7 +423,7 @@ def test_thick_cortices_of_equal_stiffness_wrinkle_shortest_on_the_interface_at_
     short = [theory.bifurcation(T_over_C, 1.0, law).short_wave for T_over_C in (0.2, 0.3, 0.45)]
     np.testing.assert_allclose(short, short[0], rtol=1e-9)
     assert short[0] < theory.critical_growth(1 / 0.8, law, ratio=theory.BIOT) or law == "isotropic"
-    elements = finite_elements.critical_growth_of_degree(150, 0.2, 1.0, law)
+    elements = sphere_modes.critical_growth_of_degree(150, 0.2, 1.0, law)
     assert wrinkling.critical_growth_of_degree(SmoothSphere(0.2, 1.0, law), 150) == pytest.approx(elements, rel=1e-6)
     assert elements == pytest.approx(short[0], abs=0.02)
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 import argparse
 import math
 import textwrap
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -34,8 +33,6 @@ GROWTH_LAWS = ("isotropic", "tangential")
 MOST_RANGE_VALUES = 10_000
 #: most rows of one answer, and most curves of one kind that can be distinguished in a figure
 MOST_ROWS, MOST_CURVES = 200_000, 10
-#: largest relative difference of the two methods for g_crit that --check accepts
-LARGEST_RELATIVE_DIFFERENCE = 1e-6
 #: number of states of a body that typically remain to be checked
 STATES_STILL_TO_CHECK = 6
 
@@ -128,8 +125,6 @@ TABLE_COLUMNS = {
     "T_over_C": ("T/C", ".4f"),
     "g_biot": ("g Biot", ".4f"),
     "g_crit": ("g_crit", ".5f"),
-    "g_elements": ("by elements", ".9f"),
-    "difference": ("difference", ".1e"),
     "degree": ("l", "d"),
     "wavelength_mm": ("wavelength [mm]", ".2f"),
     "wavelength_over_T": ("over T", ".3f"),
@@ -188,7 +183,6 @@ def add_args(parser: Parser) -> None:
 def _add_bifurcation_options(parser: argparse.ArgumentParser) -> None:
     add_options(
         parser,
-        ("--check", None, "compute each g_crit a second time, by finite elements"),
         ("--curve", None, "critical growth of each degree, not only the least"),
         ("--body", "SCENE", "a built-in scene or a TOML file, instead of the options above"),
     )
@@ -233,7 +227,6 @@ def run(args: argparse.Namespace) -> int:
         print(_aligned_table(answer))
         if plot is not None:
             print(f"-> {plot}")
-    _warn_of_differences(answer.rows)
     return 0
 
 
@@ -293,12 +286,8 @@ def _answer_of_bifurcation(args: argparse.Namespace) -> Answer:
     from morphofold.report.plots import theory_plots
     from morphofold.sim import theory_tables
 
-    if args.check and args.curve:
-        raise OptionsClash(
-            "--check computes the smallest critical growth, not the curve: leave out --check or --curve."
-        )
     laws = _growth_laws(args.law)
-    short = len(laws) * len(args.mu_ratio) * len(args.thickness) <= 18 and not args.check
+    short = len(laws) * len(args.mu_ratio) * len(args.thickness) <= 18
     with progress("bifurcation", args.quiet or short) as show:
         cases = theory_tables.bifurcation_cases(
             args.thickness,
@@ -307,7 +296,6 @@ def _answer_of_bifurcation(args: argparse.Namespace) -> Answer:
             laws,
             kappa_ratio=args.kappa_ratio,
             A_over_C=args.hole_ratio,
-            check=args.check,
             progress=show,
         )
     if args.curve:
@@ -315,17 +303,15 @@ def _answer_of_bifurcation(args: argparse.Namespace) -> Answer:
         rows = [row for case in cases for row in case.curve_rows()]
         draw = partial(theory_plots.bifurcation_curves, cases)
         return Answer(title, "law thickness_mm mu_ratio degree g_crit reason", rows, draw)
-    found = "g_crit degree wavelength_mm wavelength_over_T wavelength_deformed_over_T creasing_amplitude_over_T"
     return Answer(
         f"Growth g_crit at which the smooth sphere first wrinkles, C = {args.radius:g} mm, kappa/mu = "
         f"{args.kappa_ratio:g}; g crease: lambda_r/lambda_theta = 2.4.\n"
         "Wavelength on the ungrown sphere (grown: on the grown one). a: amplitude at which the troughs of these\n"
         "wrinkles crease (an estimate). T is the ungrown thickness throughout.",
-        f"law thickness_mm mu_ratio {'g_crit g_elements difference degree' if args.check else found} g_crease first "
-        "reason",
+        "law thickness_mm mu_ratio g_crit degree wavelength_mm wavelength_over_T wavelength_deformed_over_T "
+        "creasing_amplitude_over_T g_crease first reason",
         [case.row() for case in cases],
         partial(theory_plots.crease_or_wrinkle, cases),
-        {"g_crit": ("g_crit", ".9f")} if args.check else {},
     )
 
 
@@ -337,7 +323,7 @@ def _refuse_sphere_or_settings(args: argparse.Namespace) -> None:
         return
     wrong = [
         _option_of_name(name)
-        for name in (*QUESTIONS["bifurcation"].numbers, "law", "check", "curve", "plot")
+        for name in (*QUESTIONS["bifurcation"].numbers, "law", "curve", "plot")
         if getattr(args, name) not in (None, False)
     ]
     if wrong:
@@ -442,17 +428,6 @@ def _refuse_large_answers(args: argparse.Namespace) -> None:
             raise TooLarge(
                 f"--plot draws at most {MOST_CURVES} numbers of {_option_of_name(name)}, got {several[name]}."
             )
-
-
-def _warn_of_differences(rows: list[dict[str, Any]]) -> None:
-    checked = [row["difference"] for row in rows if "difference" in row and isinstance(row["degree"], int)]
-    apart = sum(not abs(difference) <= LARGEST_RELATIVE_DIFFERENCE for difference in checked)
-    if apart:
-        warnings.warn(
-            f"--check: {apart} of {len(checked)} growths differ by more than {LARGEST_RELATIVE_DIFFERENCE:g} between "
-            "the two methods, or were found by only one; see the column difference.",
-            stacklevel=2,
-        )
 
 
 def _write_plot(figure: Figure, plot: Path) -> None:

@@ -1,4 +1,4 @@
-"""Equilibrium of the growing bilayer sphere and its loss of stability, by finite elements in the radius.
+"""Equilibrium of the growing bilayer sphere, by finite elements in the radius.
 
 Reference body: fixed hole at R = A, core A < R < B, cortex B < R < C, free surface at C; F = A_el G with
 G = g_core I in the core, g I or diag(1, g, g) in the cortex. Energy, with the pressure p as a second unknown,
@@ -9,32 +9,20 @@ so that p = kappa (J - 1) gives ``materials.elastic.energy`` (except for its con
 1/kappa = 0 is the incompressible body. Displacements are continuous polynomials of degree ``order``, pressures are
 discontinuous and of one degree less. Lengths are in units of C, stresses in units of the core's shear modulus. The
 closed forms of ``theory`` are not used: this is an independent method for the same numbers.
-
-A perturbation of degree l is u = U(R) Y N + V(R) grad Y (spheroidal) or W(R) N x grad Y (toroidal), with N the
-radial direction, Y a spherical harmonic and grad on the unit sphere. By Grad N = (I - N N)/R and Grad Y = grad Y/R,
-
-    Grad u = U' Y N N + (U - V)/R N grad Y + V' grad Y N + (U Y P + V H)/R,    P = I - N N,  H = Hess Y,
-
-and with n = l (l + 1), on the unit sphere, int Y^2 = 1, int |grad Y|^2 = n, tr H = -n Y, int |H|^2 = n (n - 1).
-The energy to second order is then a quadratic form in six functions of R (:func:`_second_variation`). For n = 0 it
-is the tangent of the radial problem.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import cholesky, eigvalsh, solve_triangular
-from scipy.optimize import brentq
 from skfem import Basis, ElementDG, ElementLineP1, ElementLineP2, ElementLinePp, MeshLine
 
 from morphofold.arrays import Array
-from morphofold.errors import NoSolution, OutOfRange, UnknownName
+from morphofold.errors import OutOfRange, UnknownName
 from morphofold.sim.sphere_theory.smooth_sphere import ConvergenceError, SmoothSphere
 
 Growth = tuple[float, float]
@@ -109,7 +97,7 @@ def radial_equilibrium(
     A_over_C, g_core : float
         Radius of the hole over C; growth stretch of the core.
     elements : int, optional
-        Elements in each layer, graded; by default enough for an error below about 1e-8 in the critical g of a degree.
+        Elements in each layer, graded; by default enough for an error below about 1e-8.
     order : int
         Degree of the displacement, 2 or more.
 
@@ -125,87 +113,9 @@ def radial_equilibrium(
     ConvergenceError
         If the path of equilibria from g = 1 could not be followed to g.
     """
-    growth = (_check_positive("g", g), _check_positive("g_core", g_core))
-    sphere = _SphereMesh(T_over_C, mu_ratio, law, kappa_ratio, A_over_C, 5, elements, order, g)
+    growth = (check_positive("g", g), check_positive("g_core", g_core))
+    sphere = SphereMesh(T_over_C, mu_ratio, law, kappa_ratio, A_over_C, 5, elements, order, g)
     return sphere.state(sphere.grow(growth), growth, sphere.quadrature)
-
-
-def unstable_modes(
-    g: float,
-    l: int,
-    T_over_C: float,
-    mu_ratio: float = 1.0,
-    law: str = "isotropic",
-    kappa_ratio: float = np.inf,
-    *,
-    toroidal: bool = False,
-    A_over_C: float = 0.5,
-    g_core: float = 1.0,
-    elements: int | None = None,
-    order: int = 8,
-) -> int:
-    """Number of unstable spheroidal (or toroidal) modes of degree l >= 1 at growth g.
-
-    Parameters and errors are those of :func:`radial_equilibrium`. The number is that of functions of R; each has
-    2 l + 1 harmonics. The radial state is stable if the number is zero for all l, spheroidal and toroidal.
-    """
-    growth = (_check_positive("g", g), _check_positive("g_core", g_core))
-    sphere = _SphereMesh(T_over_C, mu_ratio, law, kappa_ratio, A_over_C, l, elements, order, g)
-    x = sphere.grow(growth)
-    if toroidal:
-        return int(np.sum(eigvalsh(sphere.toroidal(x, growth)) < 0))
-    return int(np.sum(sphere.spheroidal(x, growth) < 0) - sphere.q.N)
-
-
-def critical_growth_of_degree(
-    l: int,
-    T_over_C: float,
-    mu_ratio: float = 1.0,
-    law: str = "isotropic",
-    kappa_ratio: float = np.inf,
-    *,
-    A_over_C: float = 0.5,
-    g_core: float = 1.0,
-    g_max: float = 4.0,
-    step: float = 0.05,
-    elements: int | None = None,
-    order: int = 8,
-) -> float:
-    """Smallest growth g > 1 of the cortex at which a spheroidal mode of degree l becomes unstable.
-
-    Parameters
-    ----------
-    T_over_C, mu_ratio, law, kappa_ratio, A_over_C, g_core, elements, order
-        As in :func:`radial_equilibrium`.
-    l : int
-        Degree of the spherical harmonic, 1 or more.
-    g_max : float
-        Growth at which the search ends.
-    step : float
-        Relative increment of g between states; an instability that begins and ends within one step is not found.
-
-    Returns
-    -------
-    g : float
-        NaN if degree l is stable at every step up to g_max.
-
-    Raises
-    ------
-    ValueError
-        For values out of range, or if core growth alone makes degree l unstable at g = 1.
-    ConvergenceError
-        If the radial path ends before g_max and before the instability.
-    """
-    if not 1 < g_max < np.inf or not 0 < step < np.inf:
-        raise OutOfRange(f"g_max must be above 1 and step above 0, got g_max = {g_max}, step = {step}.")
-    g_core, graded = _check_positive("g_core", g_core), min(1.5, g_max)
-    while True:
-        sphere = _SphereMesh(T_over_C, mu_ratio, law, kappa_ratio, A_over_C, l, elements, order, graded)
-        g = sphere.first_instability(g_core, g_max, step)
-        need = g_max if np.isnan(g) else g
-        if need <= 1.2 * graded:
-            return g
-        graded = need  # again, on a mesh graded for the growth that was found
 
 
 @dataclass(frozen=True)
@@ -219,11 +129,11 @@ class _ElementPoints:
     psi: Array
 
 
-class _SphereMesh:
-    """Mesh, shape functions and moduli of one sphere, and the matrices assembled on them.
+class SphereMesh:
+    """Mesh, shape functions and moduli of one sphere, and the equations of its radial problem.
 
-    The unknowns x are the displacements w = r - R, then the pressures; a mode has U, V and pressures. The mesh is
-    graded to resolve a mode of degree l at growth g.
+    The unknowns x are the displacements w = r - R, then the pressures. The mesh is graded to resolve a mode of degree l
+    at growth g.
     """
 
     def __init__(
@@ -242,7 +152,7 @@ class _SphereMesh:
         for name, value, least in (("l", l, 1), ("order", order, 2), ("elements", elements, 1)):
             if value is not None and (value != int(value) or value < least):
                 raise OutOfRange(f"{name} must be a whole number of at least {least}, got {value}.")
-        self.law, self.order, self.n = law, order, l * (l + 1)
+        self.law, self.order = law, order
         swelling = max(g, 1.0) ** (3 if law == "isotropic" else 2)
         self.edges = {
             "core": _graded_edges(A, 1 - T, l, elements),
@@ -317,24 +227,6 @@ class _SphereMesh:
                     raise ConvergenceError(message) from None
         return x
 
-    def first_instability(self, g_core: float, g_max: float, step: float) -> float:
-        """Smallest growth at which a mode becomes unstable, searched in steps from g = 1; NaN if there is none."""
-        start = (1.0, g_core)
-        x = self.grow(start)
-
-        def softest(g: float) -> float:
-            return self.softest(self.grow((g, g_core), x, start), (g, g_core))  # x, start: the last stable step
-
-        if softest(1.0) <= 0:
-            raise NoSolution(f"the degree is unstable at g = 1 already, from core growth g_core = {g_core} alone.")
-        while start[0] < g_max:
-            end = (min(start[0] * (1 + step), g_max), g_core)
-            ahead = self.grow(end, x, start)
-            if self.softest(ahead, end) < 0:
-                return float(brentq(softest, start[0], end[0], xtol=1e-13, rtol=1e-14))
-            x, start = ahead, end
-        return float("nan")
-
     def newton(self, x: Array, growth: Growth) -> Array:
         free = np.concatenate([self.free, self.u.N + np.arange(self.q.N)])
         unit = np.where(free < self.u.N, 1.0, self.mu.max())
@@ -355,141 +247,54 @@ class _SphereMesh:
         if not J.min() > 0:
             raise FloatingPointError("the body turns inside out")
         shear = mu * J ** (-2 / 3)
-        force = np.zeros((*J.shape, 6))
-        force[..., 0] = shear * (alpha - I1 / (3 * alpha)) + p * beta**2
-        force[..., 1] = shear * (beta - I1 / (3 * beta)) + p * alpha * beta
-        force[..., 5] = J - 1 - p * compliance
-        D = _second_variation(alpha, beta, p, mu, compliance, 0)
-        table, dofs = self.table(0, radial, tangential), self.dofs(0, 2)
+        force = np.stack(
+            [
+                shear * (alpha - I1 / (3 * alpha)) + p * beta**2,
+                shear * (beta - I1 / (3 * beta)) + p * alpha * beta,
+                J - 1 - p * compliance,
+            ],
+            axis=-1,
+        )
+        # derivatives of w in the radial stretch and in twice the tangential one, and the pressure
+        slope, twice, psi = at.slope / radial, 2 * at.phi / (at.R * tangential), at.psi
+        U, q = np.stack([slope, twice, 0 * slope]), np.stack([0 * psi, 0 * psi, psi])
+        table = np.concatenate([U, q], axis=1).transpose(2, 3, 0, 1)
+        dofs = np.concatenate([self.u.element_dofs, self.u.N + self.q.element_dofs]).T
         weight = self.u.dx * at.R**2 * radial * tangential**2
         residual = np.zeros(self.u.N + self.q.N)
         np.add.at(residual, dofs, np.einsum("eqai,eqa,eq->ei", table, force, weight))
-        return residual, _assemble(table, D, weight, dofs)
-
-    def second_variation(self, x: Array, growth: Growth) -> Array:
-        """Quadratic form of twice the energy for one degree l in the free unknowns of U, V and pressure."""
-        radial, tangential, alpha, beta, p = self.stretches(x, growth, self.quadrature)
-        D = _second_variation(alpha, beta, p, self.mu[:, None], self.compliance[:, None], self.n)
-        return self.quadratic(D, radial, tangential)
-
-    @cached_property
-    def scale(self) -> Array:
-        """Cholesky factor of the norm ``int mu |Grad u|^2 + q^2 / mu dV``, which keeps eigenvalues of order one."""
-        mu, one = self.mu[:, None, None, None], np.ones((len(self.mu), 1))
-        D = (
-            mu * np.diag([1, 0.5, self.n, self.n, _traceless_hessian_mean(self.n), 0])
-            + np.diag([0, 0, 0, 0, 0, 1]) / mu
-        )
-        return cholesky(self.quadratic(D, one, one), lower=True)
-
-    def quadratic(self, D: Array, radial: Array, tangential: Array) -> Array:
-        weight = self.u.dx * self.quadrature.R**2 * radial * tangential**2
-        M = _assemble(self.table(self.n, radial, tangential), D, weight, self.dofs(0, 1, 2))
-        free = np.concatenate([self.free, self.u.N + self.free, 2 * self.u.N + np.arange(self.q.N)])
-        return M[np.ix_(free, free)]
-
-    def spheroidal(self, x: Array, growth: Growth, index: int | None = None) -> Array:
-        """Eigenvalues of the second variation, or the one with the given index.
-
-        The number of negative eigenvalues is that of the pressures plus that of the unstable modes (Sylvester's law of
-        inertia). If kappa is finite the pressures complete a square. If it is infinite each pressure forms a pair of
-        opposite signs with one displacement, and the second variation on the constraint remains.
-        """
-        half = solve_triangular(self.scale, self.second_variation(x, growth), lower=True)
-        M = solve_triangular(self.scale, half.T, lower=True)
-        return eigvalsh(M, subset_by_index=None if index is None else [index, index])
-
-    def softest(self, x: Array, growth: Growth) -> float:
-        """The eigenvalue that is negative if at least one spheroidal mode is unstable; 1 at rest if incompressible."""
-        return float(self.spheroidal(x, growth, self.q.N)[0])
-
-    def toroidal(self, x: Array, growth: Growth) -> Array:
-        """Second variation in W, over n; there is no pressure, because the perturbation keeps volumes.
-
-        grad of N x grad Y is the Hessian rotated by a right angle: its trace is 0, and n is the mean of twice its
-        determinant.
-        """
-        at, mu = self.quadrature, self.mu[:, None]
-        radial, tangential, alpha, beta, p = self.stretches(x, growth, at)
-        shear, hydrostatic = _shear_and_hydrostatic(alpha, beta, p, mu)
-        D = np.empty((*alpha.shape, 2, 2))
-        D[..., 0, 0] = shear
-        D[..., 0, 1] = D[..., 1, 0] = hydrostatic * beta
-        D[..., 1, 1] = self.n * shear + hydrostatic * alpha
-        table = np.stack([at.slope / radial, at.phi / (at.R * tangential)]).transpose(2, 3, 0, 1)
-        weight = self.u.dx * at.R**2 * radial * tangential**2
-        return _assemble(table, D, weight, self.dofs(0))[np.ix_(self.free, self.free)]
-
-    def dofs(self, *fields: int) -> NDArray[np.int64]:
-        """Unknowns of each element (E, shapes) for the fields U (0), V (1) and pressure (2), in one numbering."""
-        blocks = [self.q.element_dofs if f == 2 else self.u.element_dofs for f in fields]
-        return np.concatenate([b + i * self.u.N for i, b in enumerate(blocks)]).T
-
-    def table(self, n: int, radial: Array, tangential: Array) -> Array:
-        """The six functions of ``_second_variation`` for each shape function of U, V (if n > 0) and pressure."""
-        at = self.quadrature
-        slope, phi, zero, none = at.slope / radial, at.phi / (at.R * tangential), 0 * at.phi, 0 * at.psi
-        U = np.stack([slope, 2 * phi, phi, zero, zero, zero])
-        V = np.stack([zero, -n * phi, -phi, slope, phi, zero])
-        q = np.stack([none, none, none, none, none, at.psi])
-        return np.concatenate([U, V, q] if n else [U, q], axis=1).transpose(2, 3, 0, 1)
+        return residual, assemble(table, _radial_tangent(alpha, beta, p, mu, compliance), weight, dofs)
 
 
-def _traceless_hessian_mean(n: int) -> float:
-    """Mean over the sphere of the square of the traceless part of Hess Y."""
-    return n * (n - 2) / 2
-
-
-def _shear_and_hydrostatic(alpha: Array, beta: Array, p: Array, mu: Array) -> tuple[Array, Array]:
+def shear_and_hydrostatic(alpha: Array, beta: Array, p: Array, mu: Array) -> tuple[Array, Array]:
     """Factors of |h|^2 and of the second derivative of J: mu J^-2/3, and p minus the part of J^-2/3."""
     J = alpha * beta**2
     shear = mu * J ** (-2 / 3)
     return shear, p - shear * (alpha**2 + 2 * beta**2) / (3 * J)
 
 
-def _second_variation(alpha: Array, beta: Array, p: Array, mu: Array, compliance: Array, n: int) -> Array:
-    """Quadratic form (E, Q, 6, 6) of twice the energy per grown volume, averaged over the sphere.
+def _radial_tangent(alpha: Array, beta: Array, p: Array, mu: Array, compliance: Array) -> Array:
+    """Second derivatives (E, Q, 3, 3) of the energy per grown volume, by the radial stretch, twice the tangential one,
+    and the pressure.
 
-    Parameters
-    ----------
-    alpha, beta, p : (E, Q) float64
-        Radial and tangential elastic stretch, pressure.
-    mu, compliance : (E, 1) float64
-        Shear modulus and 1/kappa.
-    n : int
-        l (l + 1).
-
-    Notes
-    -----
-    With h = Grad u G^-1 the six functions are the factors of Y in h_rr and in the trace of the tangential part h_t,
-    of grad Y in h_rt and in h_tr, of the Hessian in h_t, and of Y in the pressure. Twice the energy is
-
-        mu J^-2/3 (|h|^2 - 4/3 t (A:h) + 5/9 |A|^2 t^2) + (p - mu J^-2/3 |A|^2/(3 J)) J'' + 2 q J t - q^2/kappa,
-
-    t = tr(h A^-1), J'' = 2 A : cof h. Means over the sphere: |h_t|^2 is (tr h_t)^2/2 + n (n - 2)/2 V^2 and twice
-    det h_t is (tr h_t)^2/2 - n (n - 2)/2 V^2, where V stands for the fifth function.
+    alpha, beta, p : (E, Q) radial and tangential elastic stretch, pressure; mu, compliance : (E, 1) shear modulus,
+    1/kappa.
     """
-    shear, hydrostatic = _shear_and_hydrostatic(alpha, beta, p, mu)
-    zero, twist = 0 * alpha, _traceless_hessian_mean(n)
-    trace = np.stack([1 / alpha, 1 / beta, zero, zero, zero, zero], axis=-1)
-    work = np.stack([alpha, beta, zero, zero, zero, zero], axis=-1)
-    I1 = alpha**2 + 2 * beta**2
+    shear, hydrostatic = shear_and_hydrostatic(alpha, beta, p, mu)
+    zero, I1 = 0 * alpha, alpha**2 + 2 * beta**2
+    trace, work = np.stack([1 / alpha, 1 / beta, zero], axis=-1), np.stack([alpha, beta, zero], axis=-1)
     mixed = trace[..., :, None] * work[..., None, :]
-    D = np.diag([1, 0.5, n, n, twist, 0]) - 2 / 3 * (mixed + np.swapaxes(mixed, -1, -2))
-    D = D + (5 / 9 * I1)[..., None, None] * trace[..., :, None] * trace[..., None, :]
-    D = shear[..., None, None] * D
+    D = np.diag([1, 0.5, 0]) - 2 / 3 * (mixed + np.swapaxes(mixed, -1, -2))
+    D = shear[..., None, None] * (D + (5 / 9 * I1)[..., None, None] * trace[..., :, None] * trace[..., None, :])
     D[..., 1, 1] += hydrostatic * alpha / 2
-    D[..., 4, 4] -= hydrostatic * alpha * twist
-    for i, j, value in ((0, 1, hydrostatic * beta), (2, 3, -n * hydrostatic * beta)):
+    for i, j, value in ((0, 1, hydrostatic * beta), (0, 2, beta**2), (1, 2, alpha * beta)):
         D[..., i, j] += value
         D[..., j, i] += value
-    D[..., 0, 5] = D[..., 5, 0] = beta**2
-    D[..., 1, 5] = D[..., 5, 1] = alpha * beta
-    D[..., 5, 5] = -compliance
+    D[..., 2, 2] = -compliance
     return D
 
 
-def _assemble(table: Array, D: Array, weight: Array, dofs: NDArray[np.int64]) -> Array:
+def assemble(table: Array, D: Array, weight: Array, dofs: NDArray[np.int64]) -> Array:
     """Sum of table^T D table over the quadrature points, (N, N)."""
     E, Q, a, b = table.shape
     right = (D * weight[..., None, None] @ table).reshape(E, Q * a, b)
@@ -531,7 +336,7 @@ def _shape_values(basis: Iterable[Any]) -> tuple[Array, Array]:
     return np.array([np.asarray(f) for f in fields]), np.array([f.grad[0] for f in fields])
 
 
-def _check_positive(name: str, value: float) -> float:
+def check_positive(name: str, value: float) -> float:
     if not 0 < value < np.inf:
         raise OutOfRange(f"{name} must be positive and finite, got {value}.")
     return float(value)
