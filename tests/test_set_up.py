@@ -87,7 +87,8 @@ def contained(tmp_path):
 
     def run(command, scratch=tmp_path / "tmp"):
         argv = ["sh", str(script), "sh", "-c", command]
-        return subprocess.run(argv, env={**os.environ, "TMPDIR": str(scratch)}, capture_output=True, text=True)
+        environment = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
+        return subprocess.run(argv, env={**environment, "TMPDIR": str(scratch)}, capture_output=True, text=True)
 
     return run
 

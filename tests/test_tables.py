@@ -8,7 +8,7 @@ from unicodedata import category
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from morphofold.errors import DamagedFile
@@ -76,6 +76,7 @@ TEXTS = st.text(st.characters(exclude_categories=["Cs"]), max_size=12) | st.samp
 )
 
 
+@settings(deadline=None)
 @given(st.lists(st.tuples(TEXTS, st.none() | st.floats(allow_nan=False) | st.integers(-(10**17), 10**17)), min_size=1))
 def test_text_and_numbers_come_back_and_every_reader_finds_the_same_cells(rows):
     with tempfile.TemporaryDirectory() as folder:
