@@ -284,7 +284,7 @@ class _Run:
                 raise DamagedFile(f"g = {growth:g} is not between 1 and {final:g}")
             self.dynamics.load(arrays)  # a state out of its bounds was never saved
         check_reached(out, self.scene, growth)
-        self.log = read_log(out, self.dynamics.state.step, arrays["lines"].item(), arrays["log"])
+        self.log = read_log(out, arrays["lines"].item(), arrays["log"])
         if self.log:
             self.started -= self.log[-1]["elapsed"]
             self.dynamics.seconds.update(self.log[-1]["seconds"])

@@ -134,8 +134,8 @@ def test_a_stopped_run_goes_on_and_ends_with_the_same_bytes(folder, tmp_path):
         simulate("demo", out, settings=often, progress=stop_late)
     assert (out / "checkpoint.npz").exists()
     assert (out / "stages" / "g1.20").exists()
-    with (out / "log.jsonl").open("a") as log:  # as if stopped between log and checkpoint
-        log.write(json.dumps({"step": 10**9, "growth": 1.5}) + "\n")
+    with (out / "log.jsonl").open("r+") as log:  # as if killed between log and checkpoint, at the end of a rest
+        log.write(log.readlines()[-1])
     simulate("demo", out, settings=often, resume=True)
     for name in ("lh.pial", "lh.white"):
         ends = [(o / "stages" / "g1.60" / "surf" / name).read_bytes() for o in (folder, out)]

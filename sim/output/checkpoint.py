@@ -73,8 +73,10 @@ def as_bytes(text: str) -> NDArray[np.uint8]:
     return np.frombuffer(hashlib.sha256(text.encode()).digest(), np.uint8)
 
 
-def read_log(out: Path, step: int, lines: int, digest: NDArray[np.uint8]) -> list[dict[str, Any]]:
-    """The lines of ``log.jsonl`` up to ``step``; their number must be ``lines`` and their SHA-256 ``digest``.
+def read_log(out: Path, lines: int, digest: NDArray[np.uint8]) -> list[dict[str, Any]]:
+    """The first ``lines`` lines of ``log.jsonl``, whose SHA-256 must be ``digest``.
+
+    The log is written before its checkpoint: a process killed between the two leaves more lines, which are dropped.
 
     Raises
     ------
@@ -83,19 +85,15 @@ def read_log(out: Path, step: int, lines: int, digest: NDArray[np.uint8]) -> lis
     """
     path = out / "log.jsonl"
     with decoding(path, "the log of this run", f"Delete {out / 'checkpoint.npz'} {AND_GROW_AGAIN}."):
-        kept = []
-        for number, text in enumerate(existing_file(path, "log").read_text("utf-8").splitlines(), start=1):
-            line = _json_object(text, f"line {number}")
-            if not isinstance(line.get("step"), int):
-                raise DamagedFile(f"line {number} has no step")
-            if line["step"] <= step:
-                _check_log_line(line, number)
-                kept.append(line)
-        if len(kept) != lines:
-            raise DamagedFile(f"it has {len(kept)} lines up to step {step}, needs {lines}")
-        if not np.array_equal(as_bytes(as_lines(kept)), digest):
+        texts = existing_file(path, "log").read_text("utf-8").splitlines()
+        if len(texts) < lines:
+            raise DamagedFile(f"it has {len(texts)} lines, needs {lines}")
+        log = [_json_object(text, f"line {number}") for number, text in enumerate(texts[:lines], start=1)]
+        for number, line in enumerate(log, start=1):
+            _check_log_line(line, number)
+        if not np.array_equal(as_bytes(as_lines(log)), digest):
             raise DamagedFile("its lines do not belong to this checkpoint")
-    return kept
+    return log
 
 
 def _check_log_line(line: Mapping[str, Any], number: int) -> None:

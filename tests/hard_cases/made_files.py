@@ -219,7 +219,7 @@ def _scene_and_run(folder, add):
     add("checkpoint.npz", lambda path: read_arrays(path, like))
     lines = [{"step": k, "growth": 1 + k / 100, "elapsed": 0.5 * k, "seconds": {"a": 0.1}} for k in range(3)]
     (folder / "log.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
-    add("log.jsonl", lambda path: read_log(path.parent, 2, 3, as_bytes(as_lines(lines))))
+    add("log.jsonl", lambda path: read_log(path.parent, 3, as_bytes(as_lines(lines))))
     run = made_simulation(folder / "run", "radial", RADIAL)
     for name in ("health.json", "scene.toml", "stages/g1.20/stage.json", "stages/g1.20/files.json"):
         add(f"run/{name}", lambda path: (is_finished(run.path, run.scene, True), run.health, _but_a_scene(path)))
