@@ -85,7 +85,7 @@ def read_participants(path: str | Path) -> pd.DataFrame:
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file. Give a table of the subjects, such as participants.tsv.")
-    separator = "," if path.suffix == ".csv" else "\t"
+    separator = "," if path.suffix.lower() == ".csv" else "\t"
     try:
         text = re.sub(r" *([\t\n]) *", r"\1", path.read_text(encoding="utf-8-sig"))
         text = re.sub(f"{separator}+$", "", text, flags=re.MULTILINE)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 
 LONG = ".long."  # in the name of a longitudinal run of recon-all, TIMEPOINT.long.BASE
-#: PERSON_SESSION, as sub-01_ses-2 and anna_tp2, not sub-v01; but in study_v2_007 what follows is the person
+#: PERSON_SESSION, as sub-01_ses-2, anna_tp2 and anna_v2; but HC_v02 is volunteer 2, and study_v2_007 a person
 SESSION = re.compile(
-    r"((?:sub-)?+.+?)[_.-]+(ses-[A-Za-z0-9]+.*|(?:session|ses|timepoint|time|tp|visit|wave|v)[_-]?\d+[A-Za-z]?)",
+    r"((?:sub-)?+.+?)[_.-]+(ses-[A-Za-z0-9]+.*|(?:session|ses|timepoint|time|tp|visit|wave)[_-]?\d+[A-Za-z]?|v[1-9])",
     re.IGNORECASE,
 )
 
