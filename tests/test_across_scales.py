@@ -73,6 +73,7 @@ def within(verts, faces):
     return Cortex(Surface(middle + 0.5 * (verts - middle), faces), Surface(verts, faces))
 
 
+@pytest.mark.slow
 def test_the_wall_of_a_self_similar_surface_falls_with_its_dimension():
     """Between the edges of the last generation and its size, the length of a curve at the distance a from Koch's
     snowflake goes with a^(1 - log 4 / log 3)."""
@@ -105,6 +106,7 @@ def test_scales_at_which_no_white_matter_is_left_have_no_row():
     assert [row.scale for row in across_scales(shell(5.0, 8.0), [4.0, 30.0])] == [4.0]
 
 
+@pytest.mark.slow
 def test_the_default_scales_are_multiples_of_the_thickness():
     scales = [row.scale for row in across_scales(shell(30.0, 36.0))]
     assert scales[0] == 0

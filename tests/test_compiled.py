@@ -133,6 +133,16 @@ def flipped(content, at):
     ],
     ids=["empty", "cut", "zeros", "flipped early", "flipped in the middle", "flipped late"],
 )
+def test_a_damaged_file_is_not_unpickled(tmp_path, kind, damaged):
+    files = kernels._Files(str(tmp_path), "kernel", "stamp")
+    files.save("int32", list(range(1000)))
+    (file,) = tmp_path.glob(f"*.{kind}")
+    file.write_bytes(damaged(file.read_bytes()))
+    with pytest.raises(OSError, match="damaged"):
+        files.load("int32")
+
+
+@pytest.mark.parametrize(("kind", "damaged"), [("nbi", lambda content: b""), ("nbc", partial(flipped, at=0.5))])
 def test_a_damaged_file_is_replaced(folder, kind, damaged):
     assert result_and_compiled(folder)[0] == 8.0
     files = list(folder.glob(f"__pycache__/*.{kind}"))

@@ -83,7 +83,7 @@ def made(level=1):
     )
 
 
-@pytest.mark.parametrize("layout", ["plain", "bids"])
+@pytest.mark.parametrize("layout", [pytest.param("plain", marks=pytest.mark.slow), "bids"])
 def test_an_analysis_is_refused_or_compared_whatever_its_summary_holds(layout, tmp_path, plain_pictures):
     if layout == "plain":
         folder = write_analysis([made()], tmp_path / "out", report=False)
@@ -150,6 +150,7 @@ def test_a_stage_record_is_refused_or_read_whatever_it_holds(tmp_path):
     assert read_cortex(folder).portion == 0.125
 
 
+@pytest.mark.slow
 def test_a_net_is_refused_or_read_whatever_its_file_holds(tmp_path):
     measures = made_measures(level=3)
     measures = replace(measures, graph=gyral_graph(measures.cortex.pial))

@@ -43,6 +43,7 @@ def test_a_notebook_is_valid_and_kept_without_outputs(name):
     assert notebook.metadata["kernelspec"]["name"] == "python3"  # any computer has it
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SHOWN)
 def test_a_notebook_runs_and_shows_its_numbers_and_pictures(name, tmp_path, monkeypatch):
     """In a kernel of its own, in an empty folder, as a person runs it."""

@@ -45,7 +45,7 @@ def test_letters_of_all_languages_stay():
 
 
 @needs_shell
-@pytest.mark.parametrize("streams", [">&-", "2>&-", "<&- >&- 2>&-"])
+@pytest.mark.parametrize("streams", [pytest.param(">&-", marks=pytest.mark.slow), "<&- >&- 2>&-"])
 def test_with_closed_streams_results_are_written(streams, tmp_path):
     done = shell(f"{CALL} simulate radial -o run {RADIAL} {streams}", tmp_path)
     assert done.returncode == 0

@@ -85,7 +85,7 @@ def energy(body, x):
 # --- relaxation
 
 
-@pytest.mark.parametrize("material", [NEO_HOOKEAN, MooneyRivlin(0.4)], ids=str)
+@pytest.mark.parametrize("material", [NEO_HOOKEAN, pytest.param(MooneyRivlin(0.4), marks=pytest.mark.slow)], ids=str)
 @pytest.mark.parametrize("volume", [True, False])
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_stretched_core_that_is_held_relaxes_as_its_differential_equation_says(kind, volume, material):

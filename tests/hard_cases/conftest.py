@@ -1,8 +1,32 @@
-"""Runs each hard case with its guard, and among the slow tests without it; a fixture for its bounds."""
+"""Runs one hard case of each kind; the others, and each without its guard, are slow. A fixture for its bounds."""
 
 import pytest
 from hard_cases import made_surfaces
 from hard_cases.cases import Holds
+
+#: tests that are not slow
+BY_DEFAULT = (
+    "test_cut_surfaces",
+    "test_killed_file",
+    "test_scenes",
+    "test_streams",
+    "test_a_node_that_is_no_number_stops_the_run_within_a_step",
+    "test_an_inverted_element_recovers_or_stops_the_run",
+    "test_a_cortex_softer_than_its_core",
+    "test_one_element_through_the_cortex",
+    "test_a_rigid_motion_of_the_scene_changes_nothing",
+    "test_flipped_triangles_are_turned",
+    "test_the_wall_of_a_cavity_is_measured_and_told",
+    "test_a_surface_a_kilometre_away_has_the_same_measures",
+    "test_white_outside_pial_is_told_with_its_place",
+    "test_the_integral_of_gaussian_curvature_is_the_euler_characteristic",
+)
+
+
+def pytest_collection_modifyitems(items):
+    for item in items:
+        if item.get_closest_marker("hard_case") and item.originalname not in BY_DEFAULT:
+            item.add_marker(pytest.mark.slow)
 
 
 def pytest_generate_tests(metafunc):

@@ -19,6 +19,8 @@ from morphofold.studies.accuracy.peers import Peer
 from morphofold.studies.accuracy.study import measuring_cases
 from morphofold.studies.shapes import bumpy_sphere, torus
 
+pytestmark = pytest.mark.slow  # studies are not shipped: run them when they change
+
 
 def by(points, **wanted):
     """Points whose fields are as wanted."""

@@ -22,6 +22,8 @@ from morphofold.studies.accuracy.solver import (
 )
 from morphofold.surface import Surface
 
+pytestmark = pytest.mark.slow  # studies are not shipped: run them when they change
+
 COARSE = Setting("mesh", "h = 2.4 T", 2.4, edge=2.4)
 
 

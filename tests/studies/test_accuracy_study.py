@@ -20,6 +20,8 @@ from morphofold.studies.accuracy.study import Kept, circumstances
 from morphofold.studies.accuracy.tables import budget_rows, law_rows, peer_rows, point_rows, preset_rows
 from morphofold.studies.bench import main
 
+pytestmark = pytest.mark.slow  # studies are not shipped: run them when they change
+
 EDGES = (1.2, 0.8, 0.6, 0.45, 0.27)
 PRESETS = {0.6: "draft", 0.45: "standard", 0.27: "fine"}
 

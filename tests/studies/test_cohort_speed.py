@@ -14,6 +14,8 @@ from morphofold.studies.bench import main
 from morphofold.studies.speed import cohort
 from morphofold.studies.speed.cohort import REGIONS, measure_load, text_table, write_subjects
 
+pytestmark = pytest.mark.slow  # studies are not shipped: run them when they change
+
 
 @pytest.fixture
 def here_fleet(monkeypatch):

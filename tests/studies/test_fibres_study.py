@@ -13,6 +13,8 @@ from morphofold.studies import fibres
 from morphofold.studies.fibres import KINDS, QUANTITIES, Found
 from morphofold.surface import Surface
 
+pytestmark = pytest.mark.slow  # studies are not shipped: run them when they change
+
 
 def made(rng, shift, seeds=10, turns=200):
     """Runs whose shares of hinges are ``shift`` standard deviations above chance."""

@@ -23,6 +23,8 @@ from morphofold.studies.folds.study import Study, planned, run_study
 from morphofold.studies.markdown import read_rows
 from morphofold.surface import Surface
 
+pytestmark = pytest.mark.slow  # studies are not shipped: run them when they change
+
 BODIES = ("fig6-thin", "fig5", "fig6-thick")
 
 # outer radius and its correlation -----------------------------------------------------------------------------

@@ -12,6 +12,8 @@ from morphofold.sim import theory
 from morphofold.studies.folds import tables
 from morphofold.surface import Cortex, Surface
 
+pytestmark = pytest.mark.slow  # studies are not shipped: run them when they change
+
 STAGES = ["output.stages=[1.0, 1.2, 1.5, 2.0]"]
 RMS = {1.0: 0.0, 1.2: 0.19, 1.5: 0.21, 2.0: 2.0}
 

@@ -17,6 +17,8 @@ from morphofold.studies.group_statistics import (
     unequal_variances,
 )
 
+pytestmark = pytest.mark.slow  # studies are not shipped: run them when they change
+
 PAGE = Path(__file__).parent.parent.parent / "docs" / "group-statistics.md"
 
 

@@ -12,6 +12,8 @@ from morphofold.shapes.folded_ball import folded_ball
 from morphofold.studies import laws
 from morphofold.studies.shapes import regular_net
 
+pytestmark = pytest.mark.slow  # studies are not shipped: run them when they change
+
 
 def body_of(k):
     """A body whose K goes from the first to the second number of ``k`` in eleven steps, its exposed area by 10 %."""

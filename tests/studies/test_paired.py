@@ -10,6 +10,8 @@ from morphofold.shapes.folded_ball import folded_ball
 from morphofold.studies.bench import main
 from morphofold.studies.speed.paired import CASES, paired_speed, text_table
 
+pytestmark = pytest.mark.slow  # studies are not shipped: run them when they change
+
 
 @pytest.fixture(scope="module")
 def ball():

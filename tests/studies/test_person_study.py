@@ -21,6 +21,8 @@ from morphofold.studies.person import ferret, figure, meshes, pairs, parcels
 from morphofold.studies.person.slopes import interval, paired_slope, spin_p
 from morphofold.surface import Cortex, Surface
 
+pytestmark = pytest.mark.slow  # studies are not shipped: run them when they change
+
 EXPONENT = 0.4
 
 

@@ -8,6 +8,8 @@ from morphofold.studies import post_onset
 from morphofold.studies.post_onset import branch, strip
 from morphofold.threads import using_threads
 
+pytestmark = pytest.mark.slow  # studies are not shipped: run them when they change
+
 HEIGHTS = (0.04, 0.08, 0.12)
 
 

@@ -7,6 +7,8 @@ from scipy.optimize import minimize_scalar
 from morphofold.studies import spacing
 from morphofold.threads import using_threads
 
+pytestmark = pytest.mark.slow  # studies are not shipped: run them when they change
+
 
 @pytest.fixture
 def coarse(monkeypatch):

@@ -7,6 +7,8 @@ from morphofold.sim.theory import bifurcation
 from morphofold.studies import stress_growth
 from morphofold.studies.stress_growth import AMPLIFIED, HEIGHT, heights, layer, reached, spectra
 
+pytestmark = pytest.mark.slow  # studies are not shipped: run them when they change
+
 
 @pytest.mark.parametrize("g", [1.02, 1.2, 1.4])
 def test_a_layer_that_is_held_responds_as_an_elastic_body(g):
