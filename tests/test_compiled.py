@@ -4,6 +4,7 @@ import os
 import resource
 import subprocess
 import sys
+from contextlib import nullcontext
 from functools import partial
 
 import numpy as np
@@ -138,8 +139,8 @@ def test_a_damaged_file_is_not_unpickled(tmp_path, kind, damaged):
     files.save("int32", list(range(1000)))
     (file,) = tmp_path.glob(f"*.{kind}")
     file.write_bytes(damaged(file.read_bytes()))
-    with pytest.raises(OSError, match="damaged"):
-        files.load("int32")
+    with pytest.raises(OSError, match="damaged") if kind == "nbi" else nullcontext():
+        assert files.load("int32") is None
 
 
 @pytest.mark.parametrize(("kind", "damaged"), [("nbi", lambda content: b""), ("nbc", partial(flipped, at=0.5))])
