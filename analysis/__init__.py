@@ -1,13 +1,17 @@
 """The analysis: one set of measures for simulated and real cortices.
 
-Public names load on first use. No file here may have the name of a public function: as soon as the file is imported,
+Public names load on first use; functions run with one thread of BLAS, so that their last bits do not depend on the
+machine. No file here may have the name of a public function: as soon as the file is imported,
 Python would replace the function by the module (hence ``curvatures.py``).
 """
 
 from __future__ import annotations
 
 import importlib
+from types import FunctionType
 from typing import TYPE_CHECKING, Any
+
+from morphofold.threads import one_blas_thread
 
 if __name__ != "morphofold.analysis":
     raise ImportError(
@@ -141,6 +145,8 @@ def __getattr__(name: str) -> Any:
     if name not in _PUBLIC:
         raise AttributeError(f"module 'morphofold.analysis' has no attribute {name!r}")
     value = getattr(importlib.import_module(f"morphofold.{_PUBLIC[name]}"), name)
+    if isinstance(value, FunctionType):
+        value = one_blas_thread()(value)
     globals()[name] = value
     return value
 

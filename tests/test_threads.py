@@ -14,9 +14,11 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from morphofold import threads as threads_module
+from morphofold.analysis import wavelength
 from morphofold.analysis.measuring import measure
 from morphofold.analysis.resampling import Preset, resampled
 from morphofold.analysis.steps import Steps
+from morphofold.io import read_cortex, sample_path
 from morphofold.kept import kept
 from morphofold.kernels import kernel
 from morphofold.report.pages.pack import thin
@@ -224,3 +226,12 @@ def test_surfaces_that_are_simplified_beside_each_other_are_those_of_one_at_a_ti
     with using_threads(2):
         for one, found in zip(alone, beside(*(partial(work, ball) for ball in balls)), strict=True):
             np.testing.assert_array_equal(found.faces, one)
+
+
+def test_threads_of_blas_change_no_bit_of_a_public_measure():
+    white = read_cortex(sample_path("fsaverage5"), "lh").white
+    values = []
+    for threads in (1, 2):
+        with threadpool_limits(threads, "blas"):
+            values.append([wavelength(white.verts, white.faces, width) for width in (8.0, 9.0, 10.0, 11.0, 12.0)])
+    assert values[0] == values[1]
