@@ -64,37 +64,16 @@ def rough(rng):
     return Surface(verts.astype(np.float32), faces, "rough")
 
 
-#: tests that compile most kernels, of the solver and of the measuring room: two processes shall not compile the same
-SOLVER = (
-    "test_kernels",
-    "test_effects",
-    "test_contact",
-    "test_run",
-    "test_solver_faults",
-    "test_solver_moduli",
-    "test_solver_shapes",
-    "test_laws",
-)
-MEASURING = (
-    "test_measures",
-    "test_curvatures",
-    "test_crests",
-    "test_gyral_thickness",
-    "test_surfaces_laws",
-    "test_surfaces_walls",
-    "test_surfaces_triangles",
-    "test_accuracy_measuring",
-)
+#: whose tests begin: they compile most kernels of the solver, and of the measuring room
+COMPILING = ("test_kernels", "test_effects", "test_contact", "test_measures", "test_curvatures", "test_crests")
 
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items):
-    """The solver's tests at the head, those of measuring in the middle: pytest-xdist hands out halves."""
+    """The solver's tests first: pytest-xdist hands out halves, and two processes shall not compile the same kernels."""
     if "PYTEST_XDIST_WORKER" in os.environ:
-        solver, measuring = ([i for i in items if i.path.stem in names] for names in (SOLVER, MEASURING))
-        others = [i for i in items if i.path.stem not in (*SOLVER, *MEASURING)]
-        head = max(0, len(items) // 2 - len(solver))
-        items[:] = [*solver, *others[:head], *measuring, *others[head:]]
+        of_solver = {path: "morphofold.sim" in path.read_text("utf-8") for path in {item.path for item in items}}
+        items.sort(key=lambda item: (not of_solver[item.path], item.path.stem not in COMPILING))
 
 
 def pytest_addoption(parser):

@@ -450,7 +450,7 @@ def test_a_package_that_can_not_be_imported_is_no_bad_input(here, monkeypatch, c
     assert not (here / "out").exists()
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [pytest.param(signal.SIGINT, marks=pytest.mark.slow), signal.SIGTERM])
 def test_a_stopped_analysis_leaves_nothing_behind(here, number, usual_signals):
     argv = pair(here, levels=(5, 5))
     before = sorted(here.iterdir())

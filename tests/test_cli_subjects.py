@@ -113,6 +113,7 @@ def test_a_side_that_cannot_be_measured_does_not_take_the_other_with_it(here, ca
     assert [m.cortex.hemi for m in read_analysis(here / "out" / "sub-bert" if bids else here / "out")] == [other]
 
 
+@pytest.mark.slow
 def test_the_forecast_fails_for_the_side_that_the_analysis_fails_for(here, capsys):
     cannot_be_measured(two_sides(here / "bert"), "rh")
     assert main(["analyze", "bert", "-q", "--dry-run", "--json"]) == 1

@@ -104,7 +104,7 @@ def test_of_six_surfaces_each_is_one_unit(rng):
     assert found.closer
 
 
-@pytest.mark.parametrize("surfaces", [1, 8])
+@pytest.mark.parametrize("surfaces", [1, pytest.param(8, marks=pytest.mark.slow)])
 def test_the_test_against_chance_has_its_level(monkeypatch, surfaces):
     """Groups from the random net itself, whose hinges are the same for all surfaces."""
     ps = []

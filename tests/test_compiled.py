@@ -101,9 +101,9 @@ def test_code_is_cached_for_other_processes(folder, tmp_path, place):
     ("file", "before", "after", "value"),
     [
         ("inner", "ADDED = 1.0", "ADDED = 5.0", 16.0),
-        ("inner", "- 1 + ADDED", "+ ADDED", 10.0),
-        ("deep", "x + 1", "x + 3", 12.0),
-        ("constants", "0.0", "0.5", 8.5),
+        pytest.param("inner", "- 1 + ADDED", "+ ADDED", 10.0, marks=pytest.mark.slow),
+        pytest.param("deep", "x + 1", "x + 3", 12.0, marks=pytest.mark.slow),
+        pytest.param("constants", "0.0", "0.5", 8.5, marks=pytest.mark.slow),
         ("law", "self.factor * x", "3 * x", 12.0),
     ],
 )
@@ -162,6 +162,7 @@ def test_on_a_full_disk_each_process_compiles_for_itself(folder):
         assert (value, compiled > 0) == (8.0, True)
 
 
+@pytest.mark.slow
 def test_where_nothing_can_be_written_each_process_compiles_for_itself(folder):
     (folder / "__pycache__").touch()
     nowhere = dict.fromkeys(("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "HOME"), str(folder / "constants.py"))
@@ -170,6 +171,7 @@ def test_where_nothing_can_be_written_each_process_compiles_for_itself(folder):
         assert (value, compiled > 0) == (8.0, True)
 
 
+@pytest.mark.slow
 def test_two_processes_that_compile_at_once_do_not_disturb_each_other(folder):
     at_once = [
         subprocess.Popen([sys.executable, "-c", COUNT], cwd=folder, stdout=subprocess.PIPE, text=True) for _ in range(3)
@@ -227,6 +229,7 @@ for one in gc.get_objects():
 """
 
 
+@pytest.mark.slow
 def test_no_kernel_of_measuring_is_compiled_twice():
     done = subprocess.run([sys.executable, "-c", ONE_KIND], capture_output=True, text=True, check=True)
     assert done.stdout == ""

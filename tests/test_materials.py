@@ -122,6 +122,7 @@ def test_a_held_block_grows_as_high_as_its_energy_says(kind, material):
     np.testing.assert_allclose(run.state.x[top, 2] - body.X[top, 2], depth * (height - 1), rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_a_scene_names_its_material_and_theory_is_told_of_none_but_its_own():
     assert material_names() == ("neo-hookean", "mooney-rivlin")
     usual = load_scene("demo", ['material.model="neo-hookean"'])

@@ -150,6 +150,7 @@ def test_an_error_is_refused_where_none_was_studied_and_a_budget_is_not(here, ca
     assert chosen.forecast.how["errors"] in chosen.words
 
 
+@pytest.mark.slow
 def test_the_run_records_the_edge_that_was_picked(here, capsys, monkeypatch):
     monkeypatch.setitem(STUDIED_RANGES, "growth", (1.0, 2.0))
     argv = ["simulate", "fig6-thick", "--error", f"{headline(1.0)[1].error:.6f}", "-q", "-o", "run", "--threads", "1"]

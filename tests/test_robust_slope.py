@@ -32,6 +32,7 @@ def test_three_odd_regions_do_not_turn_the_robust_slope(rng):
     assert found.low < 2 < found.high
 
 
+@pytest.mark.slow
 def test_the_bounds_hold_the_true_slope_as_often_as_they_say():
     """95 % of 200 sets of 34 points: 190, and at least 178 but once in a thousand times."""
     held = 0

@@ -359,6 +359,7 @@ def test_a_full_disk_is_said_and_leaves_what_was_written(tmp_path, monkeypatch):
     assert not list(out.glob(".*checkpoint*"))  # no half-written file is left
 
 
+@pytest.mark.slow
 def test_a_body_of_tetrahedra_that_has_not_grown_has_not_drifted(tmp_path):
     """Its white surface cuts through tetrahedra and encloses another volume than theirs."""
     simulation = simulate("mesh", tmp_path / "mesh", settings=["growth.final=1.0", "output.stages=[]"])

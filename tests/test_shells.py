@@ -47,7 +47,7 @@ def test_the_distance_from_a_box_is_exact_over_its_faces_and_within_its_bound_el
     assert error.max() > 0.01
 
 
-@pytest.mark.parametrize("axes", [np.full(3, 50.0), AXES])
+@pytest.mark.parametrize("axes", [np.full(3, 50.0), pytest.param(AXES, marks=pytest.mark.slow)])
 def test_the_error_of_the_distance_from_a_smooth_body_falls_with_the_square_of_the_spacing(axes, rng):
     """The hull of 13,800 points lies up to 0.014 mm inside of the body."""
     points = cube_directions(48)[0] * axes

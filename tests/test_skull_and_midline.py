@@ -114,7 +114,7 @@ def room_for(body, g):
     return (fills(g) / (4 / 3 * np.pi)) ** (1 / 3) - (fills(1.0) / (4 / 3 * np.pi)) ** (1 / 3)
 
 
-@pytest.mark.parametrize("grows", [1.0, 0.5])
+@pytest.mark.parametrize("grows", [pytest.param(1.0, marks=pytest.mark.slow), 0.5])
 def test_a_hull_without_room_for_the_grown_body_is_refused(grows):
     """The share of the growth at each node counts: a medial wall does not grow."""
     mesh = bilayer(np.full(3, 50.0), 12)

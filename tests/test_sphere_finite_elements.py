@@ -240,7 +240,7 @@ def test_critical_growth_converges_at_twice_the_order_of_the_elements(order):
     assert error[-1] < 1e-5
 
 
-@pytest.mark.parametrize("l", [5, 60, 300])
+@pytest.mark.parametrize("l", [5, 60, pytest.param(300, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("law", LAWS)
 def test_critical_growth_does_not_depend_on_the_mesh(l, law):
     got = critical_growth_of_degree(l, 0.04, 2.0, law)

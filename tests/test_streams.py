@@ -77,6 +77,7 @@ def test_a_full_disk_below_standard_output_is_refused_in_one_line(command, tmp_p
     assert done.stderr.count("\n") == 1
 
 
+@pytest.mark.slow
 @needs_shell
 def test_a_terminal_without_letters_of_ours_ends_nothing(tmp_path):
     env = {**os.environ, "PYTHONIOENCODING": "ascii"}
@@ -101,7 +102,7 @@ SIMULATE = [
 
 
 @needs_shell
-@pytest.mark.parametrize("number", ["SIGHUP", "SIGTERM"])
+@pytest.mark.parametrize("number", [pytest.param("SIGHUP", marks=pytest.mark.slow), "SIGTERM"])
 def test_a_signal_ends_a_run_with_its_checkpoint_kept_and_nothing_half_written(number, tmp_path, usual_signals):
     run = started(SIMULATE, tmp_path)
     run.send_signal(getattr(signal, number))
@@ -112,6 +113,7 @@ def test_a_signal_ends_a_run_with_its_checkpoint_kept_and_nothing_half_written(n
     assert "lock" not in names
 
 
+@pytest.mark.slow
 @needs_shell
 def test_two_hang_ups_at_once_are_one(tmp_path, usual_signals):
     """A terminal tells its processes, and its shell does: neither may end the tidying up of the other."""
@@ -133,6 +135,7 @@ def test_under_nohup_a_hang_up_is_nothing(tmp_path):
     run.wait()
 
 
+@pytest.mark.slow
 @needs_shell
 def test_an_analysis_that_is_hung_up_leaves_nothing(tmp_path, usual_signals):
     from morphofold.io import sample_path

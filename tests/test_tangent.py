@@ -43,7 +43,10 @@ def all_forces(body, x):
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("law", ["isotropic", "tangential"])
-@pytest.mark.parametrize(("amount", "material"), [(0.1, NEO_HOOKEAN), (0.8, NEO_HOOKEAN), (0.8, MooneyRivlin(0.4))])
+@pytest.mark.parametrize(
+    ("amount", "material"),
+    [(0.1, NEO_HOOKEAN), (0.8, NEO_HOOKEAN), pytest.param(0.8, MooneyRivlin(0.4), marks=pytest.mark.slow)],
+)
 def test_the_tangent_is_the_derivative_of_the_forces(kind, law, amount, material, rng):
     body = make_body(kind, law, material=material)
     body.pattern = rng.uniform(0.5, 1.0, body.elements.n_cortex)

@@ -7,14 +7,14 @@ from hard_cases.cases import Holds
 #: tests that are not slow
 BY_DEFAULT = (
     "test_cut_surfaces",
-    "test_killed_file",
+    "test_killed_between_two_names",
     "test_scenes",
     "test_streams",
     "test_a_node_that_is_no_number_stops_the_run_within_a_step",
     "test_an_inverted_element_recovers_or_stops_the_run",
     "test_a_cortex_softer_than_its_core",
     "test_one_element_through_the_cortex",
-    "test_a_rigid_motion_of_the_scene_changes_nothing",
+    "test_a_symmetric_scene_stays_symmetric",
     "test_flipped_triangles_are_turned",
     "test_the_wall_of_a_cavity_is_measured_and_told",
     "test_a_surface_a_kilometre_away_has_the_same_measures",
