@@ -1,11 +1,8 @@
 """Speed, by pytest-benchmark: ``pytest tests/test_benchmarks.py --benchmark-only``. Skipped by default."""
 
 import itertools
-import json
 import math
 import shutil
-import subprocess
-import sys
 import time
 
 import numba
@@ -17,8 +14,6 @@ from scipy.spatial import cKDTree
 
 from morphofold import analysis, forecast, simulate
 from morphofold.comparison import compare
-from morphofold.forecasts import forecast_analysis
-from morphofold.forecasts.analysis_cost import READING_STAGE
 from morphofold.inference.clusters import Mesh
 from morphofold.inference.permutations import infer
 from morphofold.inference.rotated import Landmarks, common_by_chance
@@ -37,7 +32,6 @@ from morphofold.sim.sphere_theory.smooth_sphere import smooth_state
 from morphofold.spheres.resampling import Resampling
 from morphofold.spheres.spins import rotations
 from morphofold.surface import Surface
-from morphofold.timing import Stages
 from morphofold.unfolding.unfold import points_on_sphere
 
 
@@ -224,24 +218,3 @@ def test_a_forecast_is_within_30_percent_of_the_run(benchmark, tmp_path, level):
     assert found.elements == health["elements"]
     assert found.steps == pytest.approx(health["steps"], rel=0.1)
     assert found.seconds == pytest.approx(health["seconds"], rel=0.3)
-
-
-@pytest.mark.parametrize(
-    ("name", "accuracy"), [("fsaverage5", "standard"), ("fsaverage5", "fine"), ("S1", "standard"), ("S1", "draft")]
-)
-def test_a_forecast_is_within_30_percent_of_the_analysis(benchmark, tmp_path, name, accuracy):
-    """Asked of 10,242 and 152,893 vertices, as the command does it, on a machine that does nothing else."""
-    clock = Stages()
-    clock.begin(READING_STAGE)
-    cortex = read_cortex(sample_path(name), hemi="lh")
-    clock.end()
-    options = {"accuracy": accuracy, "reading": clock.seconds[READING_STAGE]}
-    found = benchmark.pedantic(forecast_analysis, ([cortex],), options, rounds=1)
-    argv = ["analyze", sample_path(name), "--hemi", "lh", "--accuracy", accuracy, "-o", tmp_path / "out", "-q"]
-    subprocess.run([sys.executable, "-m", "morphofold", *argv], check=True)
-    cost = json.loads((tmp_path / "out" / "cost.json").read_text())
-    numbers = {"forecast_s": found.seconds_by_stage, "analysis_s": {k: v["seconds"] for k, v in cost["stages"].items()}}
-    numbers |= {"forecast_GiB": found.memory_GiB, "analysis_GiB": cost["memory_GiB"]}
-    benchmark.extra_info.update(numbers)
-    print(found.seconds, cost["seconds"], numbers)
-    assert found.seconds == pytest.approx(cost["seconds"], rel=0.3)

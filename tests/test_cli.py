@@ -61,7 +61,7 @@ def test_only_some_measures_are_written_and_compared(here, capsys):
 def test_only_of_an_unknown_name_writes_nothing(here, capsys):
     line = refused(capsys, [*pair(here), "--only", "gyral_thicknes"], "'gyral_thicknes'", "[unknown-name]")
     assert "gyral_thickness" in line
-    refused(capsys, [*pair(here), "--only", "H", "--dry-run"], "--only", "[options-clash]")
+    refused(capsys, [*pair(here), "--only", "H", "--stages"], "--only", "[options-clash]")
     assert not (here / "out").exists()
 
 

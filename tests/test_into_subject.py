@@ -134,7 +134,7 @@ def test_the_command_writes_into_the_subject_by_its_name_and_says_what_it_kept(h
     assert (bert / "stats" / stats).read_bytes() == (here / "out" / "stats" / stats).read_bytes()
 
 
-@pytest.mark.parametrize("more", [["--dry-run"], ["--white", "a", "--pial", "b"], ["--stages"]])
+@pytest.mark.parametrize("more", [["--white", "a", "--pial", "b"], ["--stages"]])
 def test_options_that_leave_no_subject_to_write_into_are_refused(here, capsys, more):
     base = [] if "--white" in more else [str(sample_path("fsaverage5"))]
     refused(capsys, ["analyze", *base, "--into-subject", *more], "--into-subject", "[options-clash]")

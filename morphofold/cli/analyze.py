@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from morphofold.cli import add_options, add_threads
 from morphofold.cli.measuring import add_measuring_args, add_side_args, measuring_options
-from morphofold.cli.streams import print_file, print_json, print_line
+from morphofold.cli.streams import print_file, print_line
 from morphofold.errors import MissingPart, OptionsClash, Refusal
 from morphofold.progress import Progress, part_of, parts_of
 
@@ -48,12 +48,6 @@ def add_args(parser: argparse.ArgumentParser) -> None:
     add_options(
         parser,
         (
-            "--dry-run",
-            None,
-            "print what the analysis would take: vertices, memory, time, errors; write nothing. A small made-up cortex "
-            "is measured for this",
-        ),
-        (
             "--stages",
             None,
             "measure every stage of a simulation, each into its own folder in DIR, for compare --growth; no pages. "
@@ -86,9 +80,7 @@ def add_args(parser: argparse.ArgumentParser) -> None:
         ),
     )
     add_threads(parser)
-    add_options(
-        parser, ("--json", None, "print summary.json (in BIDS the provenance file), or the forecast of --dry-run")
-    )
+    add_options(parser, ("--json", None, "print summary.json (in BIDS the provenance file)"))
 
 
 def run(args: argparse.Namespace) -> int:
@@ -116,8 +108,6 @@ def run(args: argparse.Namespace) -> int:
     if args.wide:
         check_wide(cortices)
     called, out = _name_and_folder(cortices, args)
-    if args.dry_run:
-        return _dry_run(cortices, failed, clock.seconds[READING_STAGE], args)
     with progress(cortices[0].name, args.quiet) as show:
         shares = parts_of(part_of(show, 0.0, 0.8), [f"{cortex.hemi} " for cortex in cortices])
         began, spent = working_seconds(), Stages()
@@ -143,8 +133,8 @@ def _subject_to_write(args: argparse.Namespace) -> Path | None:
 
     if not args.into_subject:
         return None
-    if args.input is None or args.dry_run:
-        raise OptionsClash("--into-subject needs a FreeSurfer subject as INPUT, and can't be used with --dry-run.")
+    if args.input is None:
+        raise OptionsClash("--into-subject needs a FreeSurfer subject as INPUT.")
     return check_subject(args.input)
 
 
@@ -160,8 +150,8 @@ def _write_into_subject(measures: list[Measures], subject: Path, args: argparse.
 
 def _refuse_clashes(args: argparse.Namespace) -> None:
     """Raise for options that can't be used with --layout bids, or with --only."""
-    if args.only is not None and (args.dry_run or args.into_subject):
-        raise OptionsClash("--only asks for a part, but --dry-run and --into-subject need the whole. Leave out one.")
+    if args.only is not None and args.into_subject:
+        raise OptionsClash("--only asks for a part, but --into-subject needs the whole. Leave out one.")
     if args.layout == "bids" and args.out is None:
         raise OptionsClash("--layout bids adds a subject to a dataset, but no dataset is named. Pass -o DATASET.")
     if args.layout == "bids" and (args.mgh or args.wide):
@@ -291,35 +281,6 @@ def _formatted_or_na(value: float | None, form: str, unit: str = "") -> str:
     return "n/a" if value is None else f"{value:{form}}{unit}"
 
 
-def _dry_run(cortices: list[Cortex], failed: dict[str, str], reading: float, args: argparse.Namespace) -> int:
-    from morphofold.analysis.scales import scale_of_curvature
-    from morphofold.forecasts import forecast_analysis
-    from morphofold.forecasts.printed import analysis_forecast_table
-    from morphofold.mesh_quality.repair import measurable
-
-    def checked(cortex: Cortex) -> Cortex:
-        mended = measurable(cortex, repair=args.repair).cortex
-        scale_of_curvature(mended, args.curvature_scale)
-        return mended
-
-    found = forecast_analysis(
-        _results_of_hemispheres({cortex.hemi: partial(checked, cortex) for cortex in cortices}, failed),
-        accuracy=args.accuracy,
-        report=not args.no_report,
-        threads=args.threads,
-        reading=reading,
-        curvature_scale=args.curvature_scale,
-        repair=args.repair,
-        stages=len(_stage_folders(args.input)),
-    )
-    code = _print_failed(failed)
-    if args.json:
-        print_json({**found.as_dict(), "failed": failed})
-    else:
-        print(analysis_forecast_table(found))
-    return code
-
-
 def _set_input_folder(args: argparse.Namespace) -> None:
     """Set INPUT to the folder that -s names; raise unless there is INPUT or a pair of surfaces."""
     from morphofold.cli.paths import subject_folder
@@ -349,11 +310,11 @@ def _analyse_stages(args: argparse.Namespace, options: Mapping[str, Any]) -> int
     from morphofold.results import is_analysis_of, write_analysis
     from morphofold.timing import Stages
 
-    others = (args.json, args.mgh, args.wide, args.dry_run, args.into_subject, args.only is not None)
+    others = (args.json, args.mgh, args.wide, args.into_subject, args.only is not None)
     if args.input is None or args.hemi or args.annot or args.annot_from or any(others) or args.layout != "plain":
         raise OptionsClash(
             "--stages needs a simulation folder as INPUT, and can't be used with --hemi, --annot, --annot-from, "
-            "--json, --mgh, --wide, --dry-run, --into-subject, --only or another layout."
+            "--json, --mgh, --wide, --into-subject, --only or another layout."
         )
     folder = Path(args.input)
     places = sorted((folder / "stages").glob("g*"))

@@ -166,7 +166,7 @@ def _analyse_last_stage(run: Run, simulation: Simulation, say: Say) -> None:
 
 def memory_of_run(scene: Scene, accuracy: str, report: bool) -> float:
     """Expected peak memory of growing and measuring a scene [GiB]; 0 (not known) for a mesh from a file."""
-    from morphofold.forecasts.measuring import memory_of_analysis
+    from morphofold.forecasts.analysis_cost import memory_of_analysis
     from morphofold.forecasts.sizes import Layers, memory_GiB, sizes_by_rule
 
     geometry = scene.geometry

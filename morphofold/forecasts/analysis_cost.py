@@ -1,4 +1,4 @@
-"""Cost of a finished analysis, by stage, and the expected errors of its measures."""
+"""Cost of a finished analysis, by stage, and the expected errors of its measures; memory that one will need."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from morphofold.errors import NothingToDo
 from morphofold.forecasts.afterwards import SecondsAndShares, largest, shares
-from morphofold.forecasts.table import Measured, measured_errors
+from morphofold.forecasts.sizes import GiB
+from morphofold.forecasts.table import Measured, costs, measured_errors
 from morphofold.words import percent, span
 
 if TYPE_CHECKING:
@@ -107,3 +108,17 @@ def analysis_cost_line(cost: AnalysisCost, most: int = 3) -> str:
     worst = max(cost.errors, key=lambda name: cost.errors[name].error)
     error = percent(cost.errors[worst].error)
     return f"{line}expected errors up to {error} ({worst}), by one person's hemisphere and its mesh"
+
+
+def memory_of_analysis(vertices: Sequence[int], *, accuracy: str = "standard", report: bool = True) -> float:
+    """Most memory of a process that measures hemispheres of these numbers of vertices, one after the other [GiB]."""
+    from morphofold.analysis.resampling import accuracy_of
+
+    chosen, memory, total = accuracy_of(accuracy), costs()["analysis"], sum(vertices)
+    largest_mesh = max(4 * n if n < chosen.least else n for n in vertices)
+    most = (
+        memory["kept_per_vertex"] * total + memory["per_vertex"] * largest_mesh + memory["per_voxel"] * chosen.voxels**3
+    )
+    measuring: float = memory["process"] + most / GiB
+    page = memory["page"] + memory["page_per_hemisphere"] * len(vertices) + memory["page_per_vertex"] * total / GiB
+    return max(measuring, page) if report else measuring

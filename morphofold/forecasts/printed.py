@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from morphofold.forecasts.afterwards import largest, shares
 from morphofold.forecasts.forecasting import Forecast
-from morphofold.forecasts.measuring import AnalysisForecast
 from morphofold.forecasts.table import Expected, called
 from morphofold.words import percent, span
 
@@ -20,7 +17,12 @@ def table_of(found: Forecast) -> str:
             ("nodes", f"{found.nodes:,}"),
             ("steps", f"{found.steps:,}  ({found.fewest_steps:,} to {found.most_steps:,})"),
         ]
-    rows += _memory_and_time(found, found.seconds_by_phase)
+    threads = f"{found.threads} thread{'s' if found.threads > 1 else ''}"
+    rows += [
+        ("memory", f"{found.memory_GiB:.2g} GiB"),
+        ("time", f"{span(found.seconds)}  ({span(found.fastest)} to {span(found.slowest)}) with {threads}"),
+        ("", largest(shares(found.seconds_by_phase, found.seconds), 4)),
+    ]
     rows += [
         (
             f"error of {called(name)}",
@@ -28,33 +30,8 @@ def table_of(found: Forecast) -> str:
         )
         for name, e in found.errors.items()
     ]
-    return _forecast_text(found.scene, rows, found)
-
-
-def analysis_forecast_table(found: AnalysisForecast) -> str:
-    """A forecast of an analysis as a short table."""
-    rows = [("accuracy", found.accuracy)]
-    for one in found.hemispheres:
-        copy = "" if one.measured_on == one.vertices else f"; thicknesses and gyral graph on {one.measured_on:,}"
-        rows.append((one.hemi, f"{one.vertices:,} vertices of white and pial each{copy}; {span(one.seconds)}"))
-    rows += _memory_and_time(found, found.seconds_by_stage)
-    rows += [(f"error of {name}", f"{percent(e.error)}  against {e.against}") for name, e in found.errors.items()]
-    return _forecast_text(found.name, rows, found)
-
-
-def _memory_and_time(found: Forecast | AnalysisForecast, parts: Mapping[str, float]) -> list[tuple[str, str]]:
-    threads = f"{found.threads} thread{'s' if found.threads > 1 else ''}"
-    return [
-        ("memory", f"{found.memory_GiB:.2g} GiB"),
-        ("time", f"{span(found.seconds)}  ({span(found.fastest)} to {span(found.slowest)}) with {threads}"),
-        ("", largest(shares(parts, found.seconds), 4)),
-    ]
-
-
-def _forecast_text(name: str, rows: list[tuple[str, str]], found: Forecast | AnalysisForecast) -> str:
-    """Text of the rows in two columns, how they were obtained, and doubts."""
     width = max(len(label) for label, _ in rows)
-    lines = [f"{name}: forecast"] + [f"  {label:{width}}  {value}" for label, value in rows]
+    lines = [f"{found.scene}: forecast"] + [f"  {label:{width}}  {value}" for label, value in rows]
     lines += [f"{what}: {how}" for what, how in found.how.items()]
     return "\n".join([*lines, *found.doubts])
 
