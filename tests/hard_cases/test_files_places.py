@@ -130,7 +130,12 @@ def test_modes(holds, anyones, tmp_path, capsys):
         shutil.copyfile(analysis / "surf" / f"lh.{path.suffix[1:]}", path)
     for name in ("closed", "fixed"):
         shutil.copytree(analysis, anyones / name)
-    for argv in (["analyze", "no"], ["analyze", str(analysis), "--dry-run"], ["simulate", "no"], ["compare", "a=no"]):
+    for argv in (
+        ["analyze", "no"],
+        ["analyze", str(analysis), "-o", str(tmp_path / "first")],
+        ["simulate", "no"],
+        ["compare", "a=no"],
+    ):
         main([*argv, "-q"])  # imports: nobody may not read all packages
     capsys.readouterr()
     kept = sorted(p.relative_to(anyones) for p in anyones.rglob("*"))
