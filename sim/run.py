@@ -17,7 +17,7 @@ from morphofold import __version__
 from morphofold.arrays import Array
 from morphofold.errors import DamagedFile, DoesNotApply
 from morphofold.io.files import decoding
-from morphofold.io.locks import alone
+from morphofold.io.folders import alone
 from morphofold.progress import Progress, silent
 from morphofold.sim.effects import own_effects
 from morphofold.sim.interrupt import deferred_interrupt

@@ -275,7 +275,7 @@ def _time_cohort(args: argparse.Namespace) -> JsonAndLines:
     from morphofold.cli.progress import progress
     from morphofold.cli.runs import begin
     from morphofold.io import atomic_file, refuse_foreign
-    from morphofold.io.locks import alone
+    from morphofold.io.folders import alone
     from morphofold.provenance import strict_json
     from morphofold.studies.speed.cohort import Load, measure_load, text_table
 

@@ -17,7 +17,7 @@ from test_mesh_from_file import ball, write
 
 from morphofold.cli import main
 from morphofold.errors import DamagedFile
-from morphofold.io.locks import LOCK_FILE, alone
+from morphofold.io.folders import LOCK_FILE, alone
 from morphofold.sim.output.checkpoint import read_arrays
 from morphofold.sim.output.run_files import clear_run, files_of_run, is_temporary, sweep
 from morphofold.simulation import simulate
@@ -280,7 +280,7 @@ def test_a_second_run_into_a_folder_is_refused_while_the_first_goes_on(tmp_path,
 
     assert simulate("demo", "run", settings=TINY, progress=second).stages == (1.1, 1.2)
     assert len(messages) == 3
-    assert all(re.search(rf"\brun: .*\b{os.getpid()}\b", line) for line in messages)
+    assert all("run: another run" in line for line in messages)
     assert not (out / LOCK_FILE).exists()
 
 

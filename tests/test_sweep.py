@@ -23,7 +23,7 @@ from morphofold.cohort.sweep import Run, grow_and_measure, memory_of_run
 from morphofold.cohort.tasks import TaskFolder, read_record, write_record
 from morphofold.errors import NamedTwice, NotReadable, UnknownName
 from morphofold.io import read_surface
-from morphofold.io.locks import alone
+from morphofold.io.folders import alone
 from morphofold.report import analysis_report
 from morphofold.results import write_analysis
 from morphofold.shapes import icosphere

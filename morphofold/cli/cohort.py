@@ -160,7 +160,7 @@ def run_cohort(
     from morphofold.cohort.running import failed, run_tasks
     from morphofold.cohort.scales import kept_scales, scales_of, with_scales
     from morphofold.cohort.tasks import TaskFolder
-    from morphofold.io.locks import alone
+    from morphofold.io.folders import alone
     from morphofold.report import analysis_report
     from morphofold.report.pages.group_page import group_report
 
@@ -272,7 +272,7 @@ def run_group(out: Path, results: dict[str, Path], args: argparse.Namespace, cov
     """Write the group of subjects that were measured before."""
     from morphofold.cli.progress import progress
     from morphofold.cohort.group import write_group
-    from morphofold.io.locks import alone
+    from morphofold.io.folders import alone
     from morphofold.report.pages.group_page import group_report
 
     with alone(out), progress("group ", args.quiet) as show:

@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
     from morphofold import __version__
     from morphofold.cli.runs import Runs
     from morphofold.io import atomic_folder, refuse_foreign
-    from morphofold.io.locks import alone
+    from morphofold.io.folders import alone
     from morphofold.provenance import sha256_of, strict_json
     from morphofold.studies.indexes import keep_figures
     from morphofold.studies.paper import REPRODUCTIONS

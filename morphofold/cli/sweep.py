@@ -71,7 +71,7 @@ def _grow_and_measure_all(grid: Grid, out: Path, args: argparse.Namespace) -> tu
     from morphofold.cohort.running import run_tasks
     from morphofold.cohort.sweep import grow_and_measure, memory_of_run
     from morphofold.io import begin_collection, refuse_foreign, refuse_no_collection
-    from morphofold.io.locks import alone
+    from morphofold.io.folders import alone
     from morphofold.report.pages.phase_page import phase_report
 
     refuse_no_collection(out, "sweep")

@@ -20,9 +20,8 @@ from pathlib import Path
 from typing import Any
 
 from morphofold.io import atomic_file
-from morphofold.io.files import open_own
+from morphofold.io.folders import alone
 from morphofold.io.json_files import Record, read_json
-from morphofold.io.locks import alone
 from morphofold.provenance import changed_since, sha256_of, strict_json
 from morphofold.timing import peak_memory
 from morphofold.words import in_one_line
@@ -95,7 +94,7 @@ class Say:
 
     def __call__(self, text: str) -> None:
         self.begin()
-        with open_own(self._path, "a", encoding="utf-8", errors="backslashreplace") as file:
+        with open(self._path, "a", encoding="utf-8", errors="backslashreplace") as file:
             file.write(f"{time.perf_counter() - self._began:8.1f} s  {text.rstrip()}\n")
 
     def begin(self) -> None:

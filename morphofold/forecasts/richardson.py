@@ -209,7 +209,7 @@ def estimate_error(run: Simulation, *, threads: int | None = None, progress: Pro
     are r times as long. p is from a study with three elements through the cortex; docs/accuracy.md shows how far such
     estimates are from true errors, and why wavelength and strain energy have none.
     """
-    from morphofold.io.locks import alone
+    from morphofold.io.folders import alone
     from morphofold.sim.dynamics import UnstableError
     from morphofold.sim.output.inputs import begun_with
     from morphofold.sim.output.run_files import sweep

@@ -9,12 +9,10 @@ import math
 import os
 import re
 import secrets
-import stat
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, Any
 from xml.etree.ElementTree import ParseError
 from xml.parsers.expat import ExpatError, errors
 
@@ -241,37 +239,6 @@ def atomic_file(path: StrPath) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
-def open_own(path: StrPath, mode: str, **options: Any) -> IO[Any]:
-    """``open`` for a file that is written in place under a name that others can guess: a lock, a log.
-
-    ``mode`` must append: other modes empty a file before it can be checked.
-
-    Raises
-    ------
-    WrongFile
-        If the path is a link, a hard link, a pipe or a device: writing would change a file that is not ours.
-    """
-
-    def opener(name: str, flags: int) -> int:
-        # if the system can't refuse links, only the check before protects; a pipe without a reader does not wait
-        number = os.open(name, flags | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0), 0o666)
-        there = os.fstat(number)
-        if stat.S_ISREG(there.st_mode) and there.st_nlink <= 1:
-            return number
-        os.close(number)
-        raise WrongFile(refusal)
-
-    refusal = f"{path}: is a link, a hard link, a pipe or a device, so nothing is written to it. Remove it."
-    if os.path.islink(path):
-        raise WrongFile(refusal)
-    try:
-        return open(path, mode, opener=opener, **options)
-    except OSError as error:
-        if error.errno in (errno.ELOOP, errno.EMLINK, errno.ENXIO):  # it became a link since; a pipe without a reader
-            raise WrongFile(refusal) from error
-        raise
-
-
 @contextmanager
 def naming(path: Path, temporary: Path) -> Iterator[None]:
     """Make system errors about the temporary path, or about a full disk, name ``path`` or a file in it."""
@@ -291,72 +258,25 @@ def naming(path: Path, temporary: Path) -> Iterator[None]:
 def write_and_look(path: StrPath, write: Callable[[str], object], read: Callable[[Path], object]) -> None:
     """Let a library write a file to a given name, and check that it can be read; written completely or not at all.
 
+    The check is for full disks: numpy's ``tofile``, which libraries use, cuts files there without an error.
+
     Raises
     ------
-    OSError, ValueError
-        As in ``write_by_library`` and ``read_back``.
+    OSError
+        The system's error for ``path``.
+    WrongFile
+        The data can't be written in this format.
     """
     with atomic_file(path) as temporary:
-        with write_by_library(path, temporary):
+        try:
             write(os.fspath(temporary))
-        with read_back(path, temporary):
             read(temporary)
-
-
-@contextmanager
-def write_by_library(path: StrPath, temporary: Path) -> Iterator[None]:
-    """Context for a library that writes: numpy's ``tofile`` gives no cause if the disk is full.
-
-    Raises
-    ------
-    OSError
-        The system's error for ``path`` if the file can't grow; else one with the error of the library.
-    WrongFile
-        The library's error, with the path: the data can't be written in this format.
-    """
-    try:
-        yield
-    except ValueError as error:
-        raise WrongFile(
-            f"{path}: can't be written ({_error_text_with_path(error, path, temporary)}). Use another format."
-        ) from error
-    except OSError as error:
-        if error.errno is not None:
-            raise
-        _check_file_can_grow(Path(path), temporary)
-        problem = _error_text_with_path(error, path, temporary)
-        raise OSError(f"{path}: can't be written, though the disk has space ({problem}). Write it again.") from error
-
-
-@contextmanager
-def read_back(path: StrPath, temporary: Path) -> Iterator[None]:
-    """Context for a check of what a library wrote: numpy's ``tofile`` cuts files if the disk is full.
-
-    Raises
-    ------
-    OSError
-        The system's error for ``path`` if the file can't grow; else one with the error of the check.
-    """
-    try:
-        yield
-    except (ValueError, OSError) as error:
-        if isinstance(error, OSError) and error.errno is not None:
-            raise
-        _check_file_can_grow(Path(path), temporary)
-        what = (
-            "the written file can't be read, though the disk has space "
-            f"({_error_text_with_path(error, path, temporary)})"
-        )
-        raise OSError(f"{path}: {what}. Write it again, or in another format.") from error
-
-
-def _check_file_can_grow(path: Path, temporary: Path) -> None:
-    """Raise the system's error if the file can't grow."""
-    with naming(path, temporary), temporary.open("ab") as file:
-        file.write(bytes(_GROWTH_TEST_BYTES))
-        file.flush()
-        os.fsync(file.fileno())
-
-
-def _error_text_with_path(error: Exception, path: StrPath, temporary: Path) -> str:
-    return " ".join(str(error).replace(os.fspath(temporary), os.fspath(path)).split())
+        except (ValueError, OSError) as error:
+            if isinstance(error, OSError) and error.errno is not None:
+                raise
+            with temporary.open("ab") as file:  # which tells of a full disk
+                file.write(bytes(_GROWTH_TEST_BYTES))
+                file.flush()
+                os.fsync(file.fileno())
+            problem = " ".join(str(error).replace(os.fspath(temporary), os.fspath(path)).split())
+            raise WrongFile(f"{path}: can't be written ({problem}). Use another format.") from error

@@ -1,13 +1,11 @@
-"""Write folders completely or not at all."""
+"""Write folders completely or not at all, one writer at a time."""
 
 from __future__ import annotations
 
-import ctypes
 import json
 import os
 import secrets
 import shutil
-import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -16,10 +14,9 @@ from morphofold.errors import OptionsClash
 from morphofold.io.files import StrPath, atomic_file, check_above, naming
 
 MARKER_FILE = ".morphofold"  # in every folder that atomic_folder wrote; lists the files that it wrote and may replace
-OLD_MARKER_START = b"morphofold wrote this folder"  # the start of the markers of earlier versions
-MOST_MARKER_BYTES = 2**26  # bytes of a marker that are read
 # in folders that collect the results of many runs; they are never replaced
 COLLECTION_MARKER = ".morphofold-collection"
+LOCK_FILE = "lock"  # exists while a run writes, and after a run was killed; then nobody holds it
 
 
 @contextmanager
@@ -28,9 +25,9 @@ def atomic_folder(out: StrPath) -> Iterator[Path]:
 
     An existing ``out`` is replaced only if it is empty or holds the marker file ``.morphofold`` that this function
     writes. The files that the marker lists are replaced as a whole. All other files belong to the user and stay.
-    Markers of earlier versions list no files: then files with the name of a new file are replaced, and others stay.
     If the body fails or is interrupted, ``out`` is unchanged and nothing else is left. A process that is killed
-    leaves its temporary folder ``.NAME.*`` beside ``out``.
+    leaves its temporary folder ``.NAME.*`` beside ``out``; if that is between the two moves at the end, the old folder
+    is there, too, as ``.NAME.*.old``.
 
     Raises
     ------
@@ -38,33 +35,78 @@ def atomic_folder(out: StrPath) -> Iterator[Path]:
         If ``out`` is a file or a folder that morphofold did not write, or a file of the user in it has the name of
         a file to write.
     """
-    out = Path(os.path.realpath(out))  # Path.resolve() raises at a link to itself
+    out = Path(os.path.realpath(out))
     refuse_foreign(out)
-    made = [p for p in (out.parent, *out.parent.parents) if not p.exists()]
-    out.parent.mkdir(parents=True, exist_ok=True)
-    temporary = out.with_name(f".{out.name}.{secrets.token_hex(4)}")
+    new = out.with_name(f".{out.name}.{secrets.token_hex(4)}")
+    with _made_folder(out.parent):
+        try:
+            with naming(out, new):
+                new.mkdir()
+                yield new
+                mark = {"morphofold": "replaces these files when it writes here again, and keeps all others"}
+                text = json.dumps({**mark, "files": sorted(_paths_below(new))}, indent=0)
+                (new / MARKER_FILE).write_text(f"{text}\n", encoding="ascii")
+            refuse_foreign(out)
+            _replace_folder(new, out)
+        except BaseException:
+            shutil.rmtree(new, ignore_errors=True)
+            raise
+
+
+@contextmanager
+def alone(folder: Path, name: str = LOCK_FILE) -> Iterator[None]:
+    """Lock ``folder`` so that no other run writes there. It is made if needed, and removed again if it stays empty.
+
+    The system releases the lock when the process ends, in any way. A lock with its own ``name`` locks only that part of
+    the folder.
+
+    Raises
+    ------
+    FileExistsError
+        If another run holds the lock, in this process or in another.
+    NotADirectoryError
+        If ``folder`` is a file, or a link whose target does not exist.
+    """
+    from filelock import FileLock, Timeout
+
+    if os.path.lexists(folder) and not folder.is_dir():  # mkdir's error looks like that of a held lock
+        raise NotADirectoryError(f"{folder}: is not a folder, so nothing can be written there. Move it away.")
+    with _made_folder(folder):
+        lock = FileLock(folder / name)
+        try:
+            lock.acquire(timeout=0)
+        except Timeout:
+            place = folder if name == LOCK_FILE else folder / name
+            raise FileExistsError(
+                f"{place}: another run is writing here. Wait until it ends, or choose another folder."
+            ) from None
+        try:
+            yield
+        finally:
+            with suppress(OSError):  # Windows removes no open file
+                (folder / name).unlink()
+            lock.release()
+
+
+@contextmanager
+def _made_folder(folder: Path) -> Iterator[None]:
+    """Make a folder; after an error, remove what was made, if it is empty."""
+    made = [p for p in (folder, *folder.parents) if not p.exists()]
+    folder.mkdir(parents=True, exist_ok=True)
     try:
-        with naming(out, temporary):
-            temporary.mkdir()
-            yield temporary
-            mark = {"morphofold": "replaces these files when it writes here again, and keeps all others"}
-            text = json.dumps({**mark, "files": sorted(_paths_below(temporary))}, indent=0)
-            (temporary / MARKER_FILE).write_text(f"{text}\n", encoding="ascii")
-        refuse_foreign(out)
-        _replace_folder(temporary, out)
+        yield
     except BaseException:
-        shutil.rmtree(temporary, ignore_errors=True)
-        for folder in made:
-            with suppress(OSError):
-                folder.rmdir()
+        for path in made:
+            with suppress(OSError):  # written files stay
+                path.rmdir()
         raise
 
 
 def remove_folder(out: Path) -> None:
     """Remove what ``atomic_folder`` wrote, and the folder if it is then empty; files of the user stay."""
-    for name in _files_in_marker(out) or ():
+    for path in files_of(out).values():
         with suppress(OSError):
-            (out / name).unlink()
+            path.unlink()
     for root, _, _ in os.walk(out, topdown=False):
         if os.listdir(root) == [MARKER_FILE] and Path(root) == out:
             (out / MARKER_FILE).unlink()
@@ -74,12 +116,17 @@ def remove_folder(out: Path) -> None:
 
 def files_of(out: Path) -> dict[str, Path]:
     """The files that ``atomic_folder`` wrote in a folder, by relative path; none if it left no list."""
-    return {name: path for name in sorted(_files_in_marker(out) or ()) if (path := out / name).is_file()}
+    try:
+        names = set(map(os.fspath, json.loads((out / MARKER_FILE).read_bytes())["files"]))
+    except (OSError, ValueError, KeyError, TypeError):
+        return {}
+    inside = (name for name in sorted(names) if not (os.path.isabs(name) or ".." in Path(name).parts))
+    return {name: path for name in inside if (path := out / name).is_file()}
 
 
 def _paths_below(folder: Path) -> Iterator[str]:
     """Relative paths of everything in a folder and below: files, links, and empty folders."""
-    for root, folders, files in os.walk(folder, onerror=_raise_unless_missing):
+    for root, folders, files in os.walk(folder):
         inside = Path(root).relative_to(folder)
         links = [name for name in folders if os.path.islink(os.path.join(root, name))]
         yield from ((inside / name).as_posix() for name in (*files, *links))
@@ -87,134 +134,31 @@ def _paths_below(folder: Path) -> Iterator[str]:
             yield inside.as_posix()
 
 
-def _raise_unless_missing(error: OSError) -> None:
-    if not isinstance(error, FileNotFoundError):  # removed by another writer meanwhile
-        raise error
-
-
-def _files_in_marker(folder: Path) -> set[str] | None:
-    """What ``atomic_folder`` wrote in a folder: empty if the list is damaged, None if there is no list."""
-    marker = folder / MARKER_FILE
-    if marker.is_symlink() or not marker.is_file():
-        return None
-    with marker.open("rb") as file:
-        raw = file.read(MOST_MARKER_BYTES + 1)
-    if raw.startswith(OLD_MARKER_START):
-        return None
-    try:
-        names = json.loads(raw)["files"] if len(raw) <= MOST_MARKER_BYTES else []
-    except (ValueError, KeyError, TypeError, RecursionError):
-        names = []
-    whole = isinstance(names, list) and all(isinstance(name, str) for name in names)
-    return {name for name in names if _is_inside(folder, name)} if whole else set()
-
-
-def _is_inside(folder: Path, name: str) -> bool:
-    """Whether a name is a path inside the folder that follows no link."""
-    if "\0" in name or os.path.isabs(name) or ".." in Path(name).parts:
-        return False
-    inside = Path(name).parent
-    return os.path.realpath(folder / inside) == os.path.join(os.path.realpath(folder), *inside.parts)
-
-
-def _bring_user_files(old: Path, new: Path, out: Path) -> None:
-    """Link the user's files in the old folder at ``out`` into the new one, unless that was done before."""
-    ours = _files_in_marker(old)
-    for name in _paths_below(old):
-        source, target = old / name, new / name
-        empty = source.is_dir() and not source.is_symlink()  # of the folders, only empty ones are listed
-        if name == MARKER_FILE or (ours is not None and name in ours) or (empty and target.is_dir()):
-            continue
-        if os.path.lexists(target):
-            if ours is None or _same_size_and_time(source, target):
-                continue
-            raise _user_file_in_the_way(out / name)
-        try:
-            (target if empty else target.parent).mkdir(parents=True, exist_ok=True)
-        except (FileExistsError, NotADirectoryError):
-            raise _user_file_in_the_way(out / name) from None
-        if not empty and os.path.lexists(source):
-            _link_or_copy(source, target)
-
-
-def _user_file_in_the_way(path: Path) -> FileExistsError:
-    return FileExistsError(
-        f"{path}: morphofold did not write this, and a new result would replace it. Move it away, or name a new folder."
-    )
-
-
-def _same_size_and_time(one: Path, other: Path) -> bool:
-    a, b = one.lstat(), other.lstat()
-    return (a.st_size, a.st_mtime_ns) == (b.st_size, b.st_mtime_ns)
-
-
-def _link_or_copy(source: Path, target: Path) -> None:
-    """Hard link to a file if the file system allows it, else a copy: simulations are large."""
-    try:
-        os.link(source, target, follow_symlinks=False)
-    except (OSError, NotImplementedError):
-        shutil.copy2(source, target, follow_symlinks=False)
-
-
 def _replace_folder(new: Path, out: Path) -> None:
-    """Replace a folder by another. At any time, another process sees the old or the new one.
-
-    Some systems can't exchange two names in one step. There, one of two simultaneous writers may fail, and a process
-    that is killed here leaves the old folder beside ``out`` (``.NAME.*.old``); ``moved_away`` reports it.
-    """
-    old = out.with_name(f"{new.name}.old")
-    if not out.exists():
-        try:
-            os.replace(new, out)
-            return
-        except OSError:
-            if out.is_symlink() or not out.is_dir():  # else the folder appeared meanwhile
-                raise
-    _bring_user_files(out, new, out)
-    if _exchange_names(new, out):
-        try:
-            refuse_foreign(out, found=new)  # a file of the user may have appeared since the last check
-            _bring_user_files(new, out, out)
-        except BaseException:
-            os.replace(new, old)  # the caller does not remove this name
-            if _exchange_names(old, out):
-                shutil.rmtree(old)
-            else:
-                os.replace(old, out)
-            raise
-        shutil.rmtree(new)
-        return
-    os.replace(out, old)
+    """Move a new folder to ``out``, and the user's files from the old one into it."""
+    ours = files_of(out)
+    theirs = [name for name in _paths_below(out) if name not in ours and name != MARKER_FILE]
+    for name in theirs:
+        above = [p for p in (Path(name), *Path(name).parents) if os.path.lexists(new / p)]
+        if not all((new / p).is_dir() for p in above) or (Path(name) in above and not (out / name).is_dir()):
+            raise FileExistsError(
+                f"{out / name}: morphofold did not write this, and a new result would replace it. Move it away, or "
+                "name a new folder."
+            )
+    old = new.with_name(f"{new.name}.old")
+    if out.exists():
+        os.replace(out, old)
     try:
-        refuse_foreign(out, found=old)
-        _bring_user_files(old, new, out)
         os.replace(new, out)
     except BaseException:
-        os.replace(old, out)
+        if old.exists():
+            os.replace(old, out)
         raise
-    shutil.rmtree(old)
-
-
-def moved_away(out: StrPath) -> str:
-    """Text for an error: where a writer, killed between its two moves, left the old ``out``; else empty."""
-    out = Path(os.path.realpath(out))
-    with suppress(OSError):
-        old = [p.name for p in out.parent.iterdir() if p.name.startswith(f".{out.name}.") and p.suffix == ".old"]
-        if old and not out.exists():
-            return f" Its content is in {sorted(old)[-1]}, beside it: its writer was killed. Rename that folder back."
-    return ""
-
-
-def _exchange_names(one: Path, other: Path) -> bool:
-    """Exchange two names in one step; False if the system or the file system can't."""
-    try:
-        library, a, b = ctypes.CDLL(None), os.fsencode(one), os.fsencode(other)
-        if sys.platform == "darwin":
-            return bool(library.renamex_np(a, b, 2) == 0)  # RENAME_SWAP
-        here, exchange = -100, 2  # AT_FDCWD, RENAME_EXCHANGE
-        return sys.platform.startswith("linux") and bool(library.renameat2(here, a, here, b, exchange) == 0)
-    except (AttributeError, OSError, TypeError):  # an old C library, or Windows
-        return False
+    for name in theirs:
+        if not os.path.lexists(out / name):
+            (out / name).parent.mkdir(parents=True, exist_ok=True)
+            os.replace(old / name, out / name)
+    shutil.rmtree(old, ignore_errors=True)
 
 
 def refuse_overlap(out: Path, inputs: Iterable[StrPath] = ()) -> None:
@@ -233,25 +177,21 @@ def refuse_overlap(out: Path, inputs: Iterable[StrPath] = ()) -> None:
             )
 
 
-def refuse_foreign(out: Path, inputs: Iterable[StrPath] = (), *, found: Path | None = None) -> None:
+def refuse_foreign(out: Path, inputs: Iterable[StrPath] = ()) -> None:
     """Raise ``FileExistsError`` if ``out`` is a file, or a folder with content that morphofold did not write; and as
-    :func:`refuse_overlap`.
-
-    ``found`` is the path that it was moved to; by default it was not moved.
-    """
+    :func:`refuse_overlap`."""
     refuse_overlap(out, inputs)
-    found = found or out
-    if os.path.islink(os.path.realpath(found)):
+    if os.path.islink(os.path.realpath(out)):
         raise FileExistsError(f"{out}: is a link to itself; name a folder to write.")
     check_above(Path(os.path.realpath(out)))
-    if not found.exists():
+    if not out.exists():
         return
-    if not found.is_dir():
+    if not out.is_dir():
         raise FileExistsError(f"{out}: is a file; name a folder to write.")
-    if (found / COLLECTION_MARKER).is_file():
+    if (out / COLLECTION_MARKER).is_file():
         raise FileExistsError(f"{out}: is a cohort or a sweep, which is not replaced. Name a new folder.")
-    names = sorted(p.name for p in found.iterdir())
-    if names and not _has_marker(found):
+    names = sorted(p.name for p in out.iterdir())
+    if names and not (out / MARKER_FILE).is_file():
         raise FileExistsError(
             f"{out}: morphofold did not write this folder, so it is not replaced. It holds "
             f"{', '.join(names[:4])}{f' and {len(names) - 4} more' if len(names) > 4 else ''}. Name a new folder, or "
@@ -288,7 +228,3 @@ def begin_collection(out: Path, kind: str) -> None:
     out.mkdir(parents=True, exist_ok=True)
     with atomic_file(out / COLLECTION_MARKER) as file:
         file.write_text(f"{kind}: morphofold adds results to this folder and replaces none of it.\n", encoding="utf-8")
-
-
-def _has_marker(out: Path) -> bool:
-    return (out / MARKER_FILE).is_file()

@@ -9,7 +9,6 @@ from typing import Any
 from morphofold.analysis.measures import Measures
 from morphofold.errors import WrongFile
 from morphofold.io import read_surface
-from morphofold.io.folders import moved_away
 from morphofold.io.json_files import file_word, read_json
 from morphofold.provenance import changed_since, printable, records_as_read
 from morphofold.results import bids_hemisphere
@@ -36,7 +35,7 @@ def read_analysis(folder: str | Path) -> list[Measures]:
     if not path.is_file() and (folder / "anat").is_dir():
         return read_subject(folder)
     if not path.is_file():
-        what, how = "no such folder", "Name a folder that `morphofold analyze` wrote." + moved_away(folder)
+        what, how = "no such folder", "Name a folder that `morphofold analyze` wrote."
         if folder.is_dir():
             what = "holds no summary.json"
             if (folder / "surf").is_dir():

@@ -18,8 +18,7 @@ from morphofold import __version__
 from morphofold.display import html_of
 from morphofold.io import atomic_file, atomic_folder, read_cortex, write_morph, write_surface
 from morphofold.io.files import decoding
-from morphofold.io.folders import refuse_overlap
-from morphofold.io.locks import LOCK_FILE
+from morphofold.io.folders import LOCK_FILE, refuse_overlap
 from morphofold.provenance import digests
 from morphofold.sim.output.checkpoint import as_lines
 from morphofold.sim.output.inputs import check_begun, check_inputs, inputs_of, scene_digest

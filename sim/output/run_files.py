@@ -10,9 +10,8 @@ from pathlib import Path
 from pydantic import RootModel
 
 from morphofold.io import files_of
-from morphofold.io.folders import MARKER_FILE
+from morphofold.io.folders import LOCK_FILE, MARKER_FILE
 from morphofold.io.json_files import read_json
-from morphofold.io.locks import LOCK_FILE
 
 AND_GROW_AGAIN = "and grow the scene again from the start"
 _RUN_FILE_NAMES = (

@@ -2,7 +2,6 @@
 
 import contextlib
 import os
-import re
 import shutil
 import tempfile
 from pathlib import Path
@@ -13,9 +12,8 @@ from hard_cases.cases import hard_case
 from made_measures import made_measures
 
 from morphofold.cli import main
-from morphofold.cohort import tasks
 from morphofold.errors import WrongFile
-from morphofold.io import files, folders, locks
+from morphofold.io import files, folders
 from morphofold.results import write_analysis
 
 NOBODY = 65534  # the number of a user who owns nothing
@@ -69,7 +67,7 @@ def denied(*args, **options):
     "files",
     "inputs that are folders or may not be read, outputs that exist or may not be written",
     guard="a folder of somebody else is not replaced",
-    without=lambda patch: patch.setattr(folders, "_has_marker", lambda out: True),
+    without=lambda patch: patch.setattr(folders, "MARKER_FILE", "thesis.txt"),
 )
 def test_unreadable_and_read_only(holds, here, analysis, capsys, monkeypatch):
     theirs = here / "theirs"
@@ -128,8 +126,8 @@ def test_modes(holds, anyones, tmp_path, capsys):
     analysis = write_analysis([made_measures(level=1)], anyones / "analysis", report=False)
     for path in (anyones / "shut.white", anyones / "lh.pial"):
         shutil.copyfile(analysis / "surf" / f"lh.{path.suffix[1:]}", path)
-    for name in ("closed", "fixed"):
-        shutil.copytree(analysis, anyones / name)
+    shutil.copytree(analysis, anyones / "closed")
+    (anyones / "fixed").mkdir()
     for argv in (
         ["analyze", "no"],
         ["analyze", str(analysis), "-o", str(tmp_path / "first")],
@@ -186,39 +184,16 @@ def test_devices(holds, tmp_path):
             files.check_place(Path("/dev/full"))
 
 
-@hard_case(
-    "files",
-    "a link in the place of a lock or a log, to a file of somebody",
-    guard="no link is written to",
-    without=lambda patch: (
-        [
-            patch.setattr(module, "open_own", lambda path, mode, **options: open(path, mode, **options))
-            for module in (locks, tasks)
-        ]
-        + [patch.setattr(locks, "_is_file_at", lambda file, path: True)]
-    ),
-    fails=(AssertionError, pytest.fail.Exception),
-)
-def test_links_for_locks_and_logs(holds, here):
-    victim, place = here / "victim", tasks.TaskFolder(str(here / "out"), "anna", "1")
-    victim.write_text("run 1\n")  # as a log of this very run begins
-    place.log.parent.mkdir(parents=True)
-    for path in (here / "run" / "lock", place.log):
-        path.parent.mkdir(exist_ok=True)
-        path.symlink_to(victim)
-    with pytest.raises(WrongFile) as caught, locks.alone(here / "run"):
-        pass
-    holds.says("refusal", str(caught.value).replace(str(here), ""), "/run/lock: ")
-    with pytest.raises(WrongFile, match=re.escape(f"{place.log}: ")):
-        tasks.Say(place)("measured")
-    holds.equal("what the links lead to", victim.read_text(), "run 1\n")
+def replace_whole(new, out):
+    shutil.rmtree(out, ignore_errors=True)
+    os.replace(new, out)
 
 
 @hard_case(
     "files",
     "notes of their user in a folder of results that is written anew",
     guard="what is not ours is brought",
-    without=lambda patch: patch.setattr(folders, "_bring_user_files", lambda old, new, out: None),
+    without=lambda patch: patch.setattr(folders, "_replace_folder", replace_whole),
     fails=(AssertionError, FileNotFoundError),
 )
 def test_notes_of_their_user(holds, here, analysis):
