@@ -273,7 +273,7 @@ def mass_of_the_volume(patch):
 def isotropic_kernel(patch):
     """Tangential growth is isotropic in the kernel."""
     grow = brick_kernels.grow
-    patch.setattr(brick_kernels, "grow", lambda *arguments: grow(*arguments[:-1], False))
+    patch.setattr(brick_kernels, "grow", lambda *arguments: grow(*arguments[:-2], False, arguments[-1]))
 
 
 def only_upwards(patch):

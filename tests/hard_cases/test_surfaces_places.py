@@ -141,7 +141,7 @@ def test_another_unit_changes_lengths_only_and_is_told(holds, tmp_path, capsys, 
 
 
 def unwatched(patch):
-    patch.setattr("morphofold.surface._check_indexed", lambda verts, faces, name="surface": None)
+    patch.setattr("morphofold.surface._check_finite", lambda verts, name: None)
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
