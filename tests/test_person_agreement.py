@@ -6,10 +6,19 @@ from made_people import random_folds, values
 from scipy.stats import spearmanr
 from threadpoolctl import threadpool_limits
 
-from morphofold.comparison.person.agreement import agreement_of_axes, agreement_of_classes, classes, weighted_median
-from morphofold.comparison.person.axes import fold_axes, forwardness, pulled_back, smooth_axes
+from morphofold.comparison.person.agreement import (
+    agreement_of_axes,
+    agreement_of_classes,
+    beside_null,
+    classes,
+    fold_axes,
+    forwardness,
+    pulled_back,
+    smooth_axes,
+    spun,
+    weighted_median,
+)
 from morphofold.comparison.person.regions import Median, Ratio, region_numbers, spearman
-from morphofold.comparison.person.spins import beside_null, spun
 from morphofold.geometry import unit, vertex_areas
 from morphofold.shapes import icosphere
 from morphofold.spheres.spins import NearestTable, rotations

@@ -9,9 +9,8 @@ from made_people import LEVEL, made_person, measures_of, random_folds, source
 from scipy.spatial.transform import Rotation
 
 from morphofold.comparison import compare
-from morphofold.comparison.person.beside import compare_with_person
 from morphofold.comparison.person.bodies import bodies_of
-from morphofold.comparison.person.pairs import Pair, find_pairs
+from morphofold.comparison.person.compare_person import Pair, compare_with_person, find_pairs
 from morphofold.errors import MissingPart, OutOfRange, UnlikeSurfaces
 from morphofold.results import read_analysis, write_analysis
 from morphofold.shapes import icosphere

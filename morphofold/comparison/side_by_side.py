@@ -19,9 +19,8 @@ from morphofold.analysis.measures import SCALARS, Measures
 from morphofold.comparison.growth import GrowthCurve, growth_curve, matching_growth
 from morphofold.comparison.hinges import HingeComparison, compare_hinges
 from morphofold.comparison.names import colours_of, grouped_names, named_surfaces
-from morphofold.comparison.person.beside import beside_people
-from morphofold.comparison.person.results import PersonComparison
-from morphofold.comparison.person.spins import SPINS
+from morphofold.comparison.person.agreement import SPINS
+from morphofold.comparison.person.compare_person import PersonComparison, beside_people, write_people
 from morphofold.comparison.remarks import cautions, notes, plot_notes
 from morphofold.comparison.thickness import Cloud, TheoryLine, thickness_clouds, thickness_ratios, wrinkling_wavelength
 from morphofold.display import html_of
@@ -102,7 +101,6 @@ class Comparison:
         Returns the path of the page. ``progress`` is called with the share done, 0 to 1, and what is being drawn.
         """
         import morphofold
-        from morphofold.comparison.person.files import write_people
         from morphofold.io import atomic_folder
         from morphofold.provenance import strict_json
         from morphofold.report.pages.page import comparison_report

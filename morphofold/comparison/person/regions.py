@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.stats import rankdata
 
 from morphofold.analysis.graph.hinges import counts
 from morphofold.analysis.measures import Measures
+from morphofold.analysis.multiple_tests import holm
 from morphofold.arrays import Array, Bools, Ints
-from morphofold.comparison.person.spins import Statistic
+from morphofold.comparison.person.agreement import RegionAgreement, Statistic, Tested, beside_null
+from morphofold.comparison.person.bodies import Bodies
 from morphofold.geometry import vertex_areas
 from morphofold.quantities import find
 
@@ -178,3 +180,83 @@ def correlations(
         return np.array([spearman(x, y) for body in found for x, y in zip(person, body)])
 
     return statistic
+
+
+KEYS = [measure.key for measure in REGION_MEASURES]
+
+
+class _Regions(NamedTuple):
+    """Regions of a pair: numbers (K, R) of the three bodies, and fields of grown, smooth and deepened body."""
+
+    person: Array
+    smooth: Array
+    grown: Array
+    fields: tuple[Fields, Fields, Fields]
+
+
+def regions_of(bodies: Bodies) -> _Regions | None:
+    regions = bodies.person.measures.cortex.regions
+    if regions is None or bodies.labels is None:
+        return None
+    count, person, grown = len(regions.names), bodies.person, bodies.grown
+    in_person = region_fields(person.measures, bodies.person_areas, person.cortex, 1.0)
+    in_grown = region_fields(grown.measures, bodies.areas, grown.cortex, grown.scale)
+    in_smooth, in_deepened = (
+        _smooth_fields(maps, bodies.weights) for maps in (bodies.smooth_maps, bodies.deepened_maps)
+    )
+    there = np.where(grown.cortex, bodies.to_grown.of_nearest(bodies.labels), -1)
+    return _Regions(
+        region_numbers(bodies.labels, count, in_person, KEYS),
+        region_numbers(there, count, in_smooth, KEYS),
+        region_numbers(there, count, in_grown, KEYS),
+        (in_grown, in_smooth, in_deepened),
+    )
+
+
+def _smooth_fields(maps: Mapping[str, Array], weights: Array) -> Fields:
+    names = {"gyrification_index": "local_gyrification_index", "sulcal_depth_mm": "sulcal_depth"}
+    found = {key: mean_field(maps.get(name), weights) for key, name in names.items()}
+    return {key: field for key, field in found.items() if field is not None}
+
+
+#: map that a body was given -> measure of regions that it has from it
+GIVEN_BY = {"thickness_map": "cortical_thickness_mm", "growth_map": "area_expansion"}
+
+
+def region_agreements(regions: _Regions, found: Array, null: Array, grown: Measures) -> tuple[RegionAgreement, ...]:
+    """Correlations over regions of the measures that person and grown body have; Holm's correction is over these."""
+    maps = (grown.cortex.info.get("grown_from") or {}).get("maps", [])
+    given = {GIVEN_BY[name] for name in maps if name in GIVEN_BY}
+    rows: list[tuple[str, Tested, Tested, int]] = []
+    for k, key in enumerate(KEYS):
+        if np.isfinite(found[k]):
+            one, other = (
+                beside_null(float(found[k]), null[:, k], float(found[c]), null[:, c])
+                for c in (k + len(KEYS), k + 2 * len(KEYS))
+            )
+            rows.append((key, one, other, int((np.isfinite(regions.person[k]) & np.isfinite(regions.grown[k])).sum())))
+    corrected = iter(holm(np.array([one.p for key, one, *_ in rows if key not in given])).tolist())
+    return tuple(
+        RegionAgreement(key, one, other, n, one.p if key in given else next(corrected), key in given)
+        for key, one, other, n in rows
+    )
+
+
+def region_table(bodies: Bodies, regions: _Regions) -> tuple[dict[str, Any], ...]:
+    """A row for each region of the person that has vertices: each measure of person, smooth and grown body."""
+    known = bodies.person.measures.cortex.regions
+    assert known is not None
+    assert bodies.labels is not None
+    size = np.bincount(bodies.labels[bodies.labels >= 0], minlength=len(known.names))
+    kinds = {"person": regions.person, "smooth": regions.smooth, "grown": regions.grown}
+    return tuple(
+        {"hemi": bodies.person.measures.cortex.hemi, "region": name}
+        | {
+            f"{kind}_{measure.key}": float(values[k, r]) if np.isfinite(values[k, r]) else None
+            for k, measure in enumerate(REGION_MEASURES)
+            for kind, values in kinds.items()
+            if kind != "smooth" or measure.smooth
+        }
+        for r, name in enumerate(known.names)
+        if size[r]
+    )

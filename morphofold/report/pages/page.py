@@ -21,7 +21,7 @@ from morphofold.analysis.graph.hinge_shapes import hinge_shapes
 from morphofold.analysis.measures import Measures
 from morphofold.comparison.growth import DIMENSIONLESS_NUMBERS, GrowthCurve
 from morphofold.comparison.hinges import HingeComparison, compare_hinges
-from morphofold.comparison.person.results import PersonComparison
+from morphofold.comparison.person.compare_person import PersonComparison
 from morphofold.comparison.remarks import cautions, plot_notes
 from morphofold.comparison.side_by_side import numbers, theory_lines
 from morphofold.comparison.thickness import Cloud, TheoryLine, thickness_clouds

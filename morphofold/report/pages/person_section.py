@@ -10,8 +10,8 @@ from typing import Any
 
 from markupsafe import Markup
 
+from morphofold.comparison.person.compare_person import PersonComparison
 from morphofold.comparison.person.regions import REGION_MEASURES
-from morphofold.comparison.person.results import PersonComparison
 from morphofold.comparison.thickness import Cloud
 from morphofold.quantities import RELIEF, common_limits, quantity, scalar_words
 from morphofold.report.pages.contents import Entry

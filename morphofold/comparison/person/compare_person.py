@@ -1,0 +1,360 @@
+"""Compare a cortex with the folds of the person it grew from, and both with the smooth body as control."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from morphofold.analysis.measures import Measures
+from morphofold.arrays import Array, Ints
+from morphofold.comparison.person.agreement import (
+    SPINS,
+    Agreement,
+    RegionAgreement,
+    Statistic,
+    agreement_of_axes,
+    agreement_of_classes,
+    beside_null,
+    classes,
+    fold_axes,
+    forwardness,
+    smooth_axes,
+    spun,
+)
+from morphofold.comparison.person.bodies import Bodies, Body, bodies_of
+from morphofold.comparison.person.regions import KEYS, correlations, region_agreements, region_table, regions_of
+from morphofold.errors import MissingPart, Refusal
+from morphofold.geometry import mean_edge_length
+from morphofold.io import write_gifti_map
+from morphofold.quantities import RELIEF
+from morphofold.spheres.spins import NearestTable, rotations
+from morphofold.tables import write_table
+from morphofold.words import listed, number
+
+CARRIED_MAPS = ("H", "cortical_thickness", "gyral_thickness", "sulcal_depth", "local_gyrification_index", RELIEF)
+
+
+@dataclass(frozen=True, eq=False)
+class PersonComparison:
+    """A grown cortex beside the person it grew from.
+
+    Attributes
+    ----------
+    person, grown : str
+        Their names in the comparison.
+    hemi : str
+    level : float
+        At which the person was unfolded.
+    scale : float
+        Factor of the lengths of the grown cortex: its hull then has the area of the person's.
+    spins : int
+    agreements : tuple of Agreement
+        By depth, curvature and fold axes.
+    forwardness : mapping of str to float
+        Mean cos 2a of fold axes with the front-back axis, of ``person``, ``smooth`` and ``grown``.
+    correlations : tuple of RegionAgreement
+        Empty without regions.
+    regions : tuple of dict
+        A row for each region: each measure of each body that has it.
+    bodies : Bodies
+        Points, carriers and maps.
+    """
+
+    person: str
+    grown: str
+    hemi: str
+    level: float
+    scale: float
+    spins: int
+    agreements: tuple[Agreement, ...]
+    forwardness: Mapping[str, float]
+    correlations: tuple[RegionAgreement, ...]
+    regions: tuple[dict[str, Any], ...] = field(repr=False)
+    bodies: Bodies = field(repr=False)
+
+    def __repr__(self) -> str:
+        found = ", ".join(f"{one.what} {one.tested.value:.2f} ({one.verdict})" for one in self.agreements)
+        return f"PersonComparison({self.grown!r} beside {self.person!r}, {self.hemi}: {found})"
+
+    @property
+    def verdict(self) -> str:
+        """That of sulci and gyri by depth, the question that is asked first."""
+        return self.agreements[0].verdict
+
+    def carried(self) -> dict[tuple[str, str], Array]:
+        """Maps of one cortex at the vertices of the other, by ("to_grown" or "to_person", map).
+
+        ``sulc`` is the person's file, in FreeSurfer's sign.
+        """
+        found = {}
+        for where, carrier, body in (
+            ("to_grown", self.bodies.to_grown, self.bodies.person),
+            ("to_person", self.bodies.to_person, self.bodies.grown),
+        ):
+            maps = {**body.measures.cortex.maps, **body.with_height().maps}
+            for name in (*CARRIED_MAPS, "sulc"):
+                if name in maps:
+                    found[where, name] = carrier.values(maps[name])
+        return found
+
+    def rows(self) -> list[dict[str, Any]]:
+        """A row for each agreement: the same columns for the whole cortex and for regions."""
+        common = {"person": self.person, "grown": self.grown, "hemi": self.hemi}
+        return [
+            {
+                **common,
+                "over": over,
+                "what": row.what,
+                **asdict(row.tested),
+                "control_map": getattr(row, "control_map", None),
+                "deepened": row.deepened.control,
+                "deepened_map": getattr(row, "deepened_map", None),
+                "deepened_difference": row.deepened.difference,
+                "deepened_p": row.deepened.difference_p,
+                "n_regions": getattr(row, "n", None),
+                "p_corrected": getattr(row, "p_corrected", None),
+                "verdict": row.verdict,
+            }
+            for over, rows in (("cortex", self.agreements), ("regions", self.correlations))
+            for row in rows
+        ]
+
+    def region_rows(self) -> list[dict[str, Any]]:
+        """A row for each region, with the names of the two."""
+        return [{"person": self.person, "grown": self.grown, **row} for row in self.regions]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything but maps, as plain values for JSON."""
+        return {
+            "person": self.person,
+            "grown": self.grown,
+            "hemi": self.hemi,
+            "unfold": self.level,
+            "scale": self.scale,
+            "spins": self.spins,
+            "verdict": self.verdict,
+            "agreements": [_known(row) for row in self.rows()],
+            "forwardness": _known(self.forwardness),
+            "regions": [_known(row) for row in self.regions],
+        }
+
+
+def _known(row: Mapping[str, Any]) -> dict[str, Any]:
+    """A row with None for NaN."""
+    return {key: None if isinstance(v, float) and not np.isfinite(v) else v for key, v in row.items()}
+
+
+def write_people(people: Sequence[PersonComparison], folder: Path) -> None:
+    """Write ``person.tsv``, ``person_regions.tsv`` and ``carried/``; nothing if there is no comparison.
+
+    ``carried/K/to_grown/?h.NAME.shape.gii`` has maps of the person at the vertices of the grown cortex of comparison K,
+    counted from 1, and ``carried/K/to_person`` those of the grown cortex at the person's vertices.
+    """
+    if not people:
+        return
+    write_table(folder / "person.tsv", ("person", "grown", "hemi"), [row for found in people for row in found.rows()])
+    rows = [row for found in people for row in found.region_rows()]
+    write_table(folder / "person_regions.tsv", ("person", "grown", "hemi", "region"), rows)
+    for k, found in enumerate(people, start=1):
+        for (where, name), values in found.carried().items():
+            place = folder / "carried" / str(k) / where
+            place.mkdir(parents=True, exist_ok=True)
+            write_gifti_map(place / f"{found.hemi}.{name}.shape.gii", values, nan=np.nan, hemi=found.hemi)
+
+
+class Pair(NamedTuple):
+    """Names of a person and of a cortex that grew from it, and the level at which the person was unfolded."""
+
+    person: str
+    grown: str
+    level: float
+
+
+def find_pairs(named: Mapping[str, Measures]) -> tuple[list[Pair], list[str]]:
+    """Pairs among measured cortices, and a remark for each cortex that grew from someone who is not among them.
+
+    A cortex is the person if its white surface has the SHA-256 of the surface that grew, byte for byte, and the same
+    hemisphere. ``info["grown_from"]`` has what grew; the records of the files that were read have the digests.
+    """
+    pairs, remarks = [], []
+    for name, m in named.items():
+        source = m.cortex.info.get("grown_from")
+        if not source:
+            continue
+        wanted = source["sha256"].get("surface")
+        people = [
+            other
+            for other, of in named.items()
+            if other != name and of.cortex.hemi == m.cortex.hemi and wanted and white_digest(of) == wanted
+        ]
+        pairs += [Pair(person, name, float(source["unfold"])) for person in people[:1]]
+        if not people:
+            remarks.append(
+                f"{name} grew from {m.cortex.hemi} of {source['subject']}, but no compared analysis is of the surface "
+                f"that it grew from (SHA-256 {str(wanted)[:12]}). Analyze that subject and add it, to see its own "
+                "folds beside the grown ones."
+            )
+    return pairs, remarks
+
+
+def white_digest(m: Measures) -> str | None:
+    """SHA-256 of the file of the white surface; None if it was not read from a file."""
+    records = {record["path"]: record["sha256"] for record in m.cortex.inputs}
+    return records.get(m.cortex.files[0]) if m.cortex.files else None
+
+
+LIKE_SIZES = (0.8, 1.25)  # of a grown cortex over the person's, within which maps in mm are compared as they are
+CONTROLS = (RELIEF, "H")  # maps of a smooth body that are controls of both agreements of sulci and gyri
+
+
+class _Question(NamedTuple):
+    """An agreement: its statistic gives the number of the grown body, then those of the maps of the smooth body, and
+    those of the same maps of the deepened one."""
+
+    what: str
+    statistic: Statistic
+    controls: tuple[str, ...]
+
+
+def beside_people(
+    named: Mapping[str, Measures], *, spins: int = SPINS, seed: int = 0
+) -> tuple[tuple[PersonComparison, ...], tuple[str, ...]]:
+    """Each cortex that grew from a person who is also there, beside that person; and remarks, as on who is missing."""
+    pairs, remarks = find_pairs(named)
+    found = []
+    for person, grown, level in pairs:
+        try:
+            one = compare_with_person(named[person], named[grown], level, names=(person, grown), spins=spins, seed=seed)
+        except Refusal as error:
+            remarks.append(f"{grown} is not compared with the folds of {person}, from which it grew: {error}")
+            continue
+        found.append(one)
+        if not LIKE_SIZES[0] <= one.scale <= LIKE_SIZES[1]:
+            remarks.append(
+                f"The hull of {grown} has the area of {person}'s only if its lengths are multiplied by "
+                f"{number(one.scale, 2)}, but curvature and local gyrification were measured at the same scales in mm. "
+                "Grow it with a radius multiplied by that."
+            )
+    return tuple(found), tuple(remarks)
+
+
+def compare_with_person(
+    person: Measures,
+    grown: Measures,
+    level: float,
+    *,
+    names: tuple[str, str] = ("person", "grown"),
+    spins: int = SPINS,
+    seed: int = 0,
+) -> PersonComparison:
+    """Compare a grown cortex with the person it grew from.
+
+    Parameters
+    ----------
+    person, grown : Measures
+        Of cortices with a sphere, on which both have points.
+    level : float
+        At which the person was unfolded.
+    names : (str, str)
+    spins : int
+        Number of rotations of the person's sphere.
+    seed : int
+
+    Raises
+    ------
+    ValueError
+        If one was measured in part (``only``), and as :func:`morphofold.comparison.person.bodies.bodies_of`.
+
+    Notes
+    -----
+    Agreements are taken at the vertices of the grown cortex, weighted by the area of the smooth body, without the
+    medial walls of both. The control of an agreement is the map of the smooth body that agrees best. A second control
+    is the smooth body with its dents deepened: on fsaverage5 at level 0.03 its curvature agrees with the person's depth
+    on 0.84 of the area, that of the smooth body itself on 0.76, so what beats only the latter is no more than what
+    unfolding left.
+    """
+    for name, m in zip(names, (person, grown)):
+        if "only" in m.parameters:
+            raise MissingPart(f"{name}: was measured in part, only {listed(m.parameters['only'])}. Measure it whole.")
+    bodies = bodies_of(person, grown, level)
+    axes, forward = _question_of_axes(bodies)
+    questions = [*_questions_of_classes(bodies), axes]
+    statistics = [question.statistic for question in questions]
+    regions = regions_of(bodies)
+    if regions is not None:
+        assert bodies.labels is not None
+        statistics.append(correlations(regions.person, regions.fields, bodies.labels, bodies.weights, KEYS))
+
+    def numbers(nearest: Ints, turn: Array) -> Array:
+        return np.concatenate([statistic(nearest, turn) for statistic in statistics])
+
+    found = numbers(bodies.to_grown.nearest, np.eye(3))
+    null = spun(numbers, bodies.grown.points, NearestTable(bodies.person.points), rotations(spins, seed))
+    agreements, first = [], 0
+    for question in questions:
+        count = len(question.controls)
+        bests = [k + int(found[k : k + count].argmax()) for k in (first + 1, first + 1 + count)]
+        one, other = (
+            beside_null(float(found[first]), null[:, first], float(found[best]), null[:, best]) for best in bests
+        )
+        maps = [question.controls[(best - first - 1) % count] for best in bests]
+        agreements.append(Agreement(question.what, one, maps[0], other, maps[1]))
+        first += 1 + 2 * count
+    return PersonComparison(
+        *names,
+        person.cortex.hemi,
+        level,
+        bodies.grown.scale,
+        spins,
+        tuple(agreements),
+        forward,
+        () if regions is None else region_agreements(regions, found[first:], null[:, first:], grown),
+        () if regions is None else region_table(bodies, regions),
+        bodies,
+    )
+
+
+def _questions_of_classes(bodies: Bodies) -> list[_Question]:
+    """Agreements of sulci and gyri by depth and by curvature.
+
+    Both maps of a smooth body are controls of both, so that growth does not win by another measure of the same folds.
+    """
+    weights, person, grown = bodies.weights, bodies.person, bodies.grown
+    controls = [classes(maps[key], weights) for maps in (bodies.smooth_maps, bodies.deepened_maps) for key in CONTROLS]
+    found = []
+    for what, theirs, mine in (
+        ("depth", person.height, grown.height),
+        ("curvature", person.curvature, grown.curvature),
+    ):
+        reference = classes(theirs, bodies.person_areas)
+        statistic = agreement_of_classes([classes(mine, weights), *controls], reference, weights)
+        found.append(_Question(what, statistic, CONTROLS))
+    return found
+
+
+def _question_of_axes(bodies: Bodies) -> tuple[_Question, dict[str, float]]:
+    """Agreement of fold axes, and the mean cos 2a of each body with the front-back axis."""
+    person, grown = (_axes(body) for body in (bodies.person, bodies.grown))
+    at = bodies.grown.points
+    smooth, deepened = (
+        (along, strength * bodies.grown.cortex)
+        for along, strength in (smooth_axes(body, at) for body in (bodies.smooth, bodies.deepened))
+    )
+    statistic = agreement_of_axes([grown, smooth, deepened], person, bodies.weights, at)
+    forward = {
+        "person": forwardness(*person, bodies.smooth, bodies.person.points, bodies.person_areas),
+        "smooth": forwardness(*smooth, bodies.smooth, at, bodies.areas),
+        "grown": forwardness(*grown, bodies.smooth, at, bodies.areas),
+    }
+    return _Question("axes", statistic, ("axes",)), forward
+
+
+def _axes(body: Body) -> tuple[Array, Array]:
+    """Fold axes at the scale at which curvature was measured."""
+    pial = body.pial
+    scale = body.measures.parameters.get("curvature_scale_mm") or 3 * mean_edge_length(pial.verts, pial.faces)
+    return fold_axes(pial, body.points, float(scale), body.cortex)
