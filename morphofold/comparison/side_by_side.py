@@ -6,7 +6,8 @@ Simulations and brains are treated the same. ``cortex.origin`` and ``cortex.info
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,18 +19,27 @@ from morphofold.analysis.gyrification.folding_law import ShapeTerms, shape_terms
 from morphofold.analysis.measures import SCALARS, Measures
 from morphofold.comparison.growth import GrowthCurve, growth_curve, matching_growth
 from morphofold.comparison.hinges import HingeComparison, compare_hinges
-from morphofold.comparison.names import colours_of, grouped_names, named_surfaces
 from morphofold.comparison.person.agreement import SPINS
 from morphofold.comparison.person.compare_person import PersonComparison, beside_people, write_people
-from morphofold.comparison.remarks import cautions, notes, plot_notes
-from morphofold.comparison.thickness import Cloud, TheoryLine, thickness_clouds, thickness_ratios, wrinkling_wavelength
+from morphofold.comparison.thickness import (
+    Cloud,
+    TheoryLine,
+    plot_notes,
+    thickness_clouds,
+    thickness_ratios,
+    wrinkling_wavelength,
+)
 from morphofold.display import html_of
-from morphofold.errors import OutOfRange
+from morphofold.errors import NamedTwice, NothingToDo, NotReadable, OutOfRange, UnknownName
 from morphofold.progress import Progress, silent
-from morphofold.quantities import CREST_THICKNESS_RATIO, THICKNESS_RATIO
+from morphofold.quantities import CATEGORICAL_COLOURS, CREST_THICKNESS_RATIO, THICKNESS_RATIO
 from morphofold.surface import check_kind
 from morphofold.tables import write_table
+from morphofold.words import listed, number
 
+HemisphereNames = Mapping[
+    str, tuple[str, ...]
+]  # names of single hemispheres, by the name of both hemispheres or of their group
 THICKNESS_RATIOS = (THICKNESS_RATIO, CREST_THICKNESS_RATIO)  # in the order of thickness_ratios
 
 
@@ -211,3 +221,117 @@ def _json_value(value: Any) -> Any:
     if not np.isfinite(number):
         return None
     return int(number) if isinstance(value, int | np.integer) else number
+
+
+def named_surfaces(
+    surfaces: Mapping[str, Measures | Sequence[Measures]],
+) -> tuple[dict[str, Measures], HemisphereNames]:
+    """Single hemispheres by name, and these names by the names that were given.
+
+    Raises
+    ------
+    ValueError
+        If there is nothing to compare, or two surfaces end up with one name.
+    """
+    named: dict[str, Measures] = {}
+    full: dict[str, tuple[str, ...]] = {}
+    for name, entry in surfaces.items():
+        several: list[Any] = list(entry) if isinstance(entry, list | tuple) else [entry]
+        for m in several:
+            check_kind(m, Measures, f"compare: {name}")
+        full[name] = tuple(name if len(several) == 1 else f"{name} {m.cortex.hemi}" for m in several)
+        for own, m in zip(full[name], several):
+            if own in named:
+                raise NamedTwice(
+                    f"{own!r} names two surfaces ({named[own].cortex.name} and {m.cortex.name}, both "
+                    f"{m.cortex.hemi}). Give them different names."
+                )
+            named[own] = m
+    if not full or not all(full.values()):
+        raise NothingToDo('nothing to compare: pass at least one surface, e.g. {"model": measures}.')
+    return named, full
+
+
+def grouped_names(full: HemisphereNames, groups: Mapping[str, Sequence[str]] | None) -> dict[str, tuple[str, ...]]:
+    """Names of the surfaces of each group; raises ``ValueError`` for a name that is not there, or in two groups."""
+    if groups is None:
+        return dict(full)
+    asked = [name for names in groups.values() for name in names]
+    for name in asked:
+        if name not in full:
+            raise UnknownName(f"a group has the name {name!r}, but the surfaces are {', '.join(full)}.")
+        if asked.count(name) > 1:
+            raise NamedTwice(f"{name!r} is in two groups; hinges can't be compared with themselves.")
+    return {group: tuple(n for name in names for n in full[name]) for group, names in groups.items()}
+
+
+def colours_of(full: HemisphereNames, groups: HemisphereNames, asked: Mapping[str, str]) -> dict[str, str]:
+    """A colour for each surface: the one given to it or to its group, or the next of ours.
+
+    Raises
+    ------
+    ValueError
+        If a colour can't be read, or its name is unknown.
+    """
+    each = {name: (name,) for names in full.values() for name in names}
+    grouped = {name for names in groups.values() for name in names}
+    families = [*groups.values(), *(names for names in full.values() if not grouped & set(names))]
+    colours = {n: CATEGORICAL_COLOURS[k % len(CATEGORICAL_COLOURS)] for k, names in enumerate(families) for n in names}
+    for name, colour in asked.items():
+        if name not in {*groups, *full, *each}:
+            raise UnknownName(f"a colour is given to {name!r}, which is not among {', '.join({**groups, **full})}.")
+        if not re.fullmatch("#[0-9a-fA-F]{6}", colour):
+            raise NotReadable(f"{colour!r} is not a colour ({name}); write it as red, green and blue, such as #0072b2.")
+    for known in (groups, full, each):
+        for name in known.keys() & asked.keys():
+            colours.update(dict.fromkeys(known[name], asked[name].lower()))
+    return {name: colours[name] for name in each}
+
+
+def _text_in_mm(length: Any) -> str:
+    return f"{number(float(length), 2)} mm"
+
+
+#: parameters that make numbers differ: text of a value, and the sentence with all values and their surfaces
+PARAMETER_CAUTIONS: Mapping[str, tuple[Callable[[Any], str], str]] = {
+    "curvature_scale_mm": (
+        _text_in_mm,
+        "Curvature was taken within {}; compare H, folding indices and the sharpness of hinges with care.",
+    ),
+    "cortical_thickness_cap_mm": (
+        lambda mm: f"at {mm:g} mm" if mm else "nowhere",
+        "Cortical thickness was capped {}; compare thick cortex with care.",
+    ),
+    "graph_width_mm": (
+        _text_in_mm,
+        "Gyral graphs are scaled by a crown width of {}; compare their hinges per square of that width.",
+    ),
+    "accuracy": (str, "Accuracy was {}; hinges and local gyrification of coarse meshes depend on it."),
+    "cortex_mask": (
+        lambda mask: f"by '{mask}'",
+        "Cortex was marked {}; where nothing marks the medial wall, means may count it as cortex.",
+    ),
+}
+
+
+def cautions(named: Mapping[str, Measures]) -> list[str]:
+    """A sentence for each scale or option that differs between surfaces and makes their numbers differ."""
+    sentences = []
+    for key, (words, sentence) in PARAMETER_CAUTIONS.items():
+        found: dict[str, list[str]] = {}
+        for name, m in named.items():
+            if key in m.parameters:
+                found.setdefault(words(m.parameters[key]), []).append(name)
+        if len(found) > 1:
+            sentences.append(sentence.format(listed([f"{value} on {listed(names)}" for value, names in found.items()])))
+    return sentences
+
+
+def notes(named: Mapping[str, Measures]) -> list[str]:
+    """Numbers that were left out, and why."""
+    return [
+        f"{name}: {what} ({why})"
+        for name, m in named.items()
+        for what, why in sorted(m.notes.items())
+        if m.scalars.get(what) is None
+    ]

@@ -12,6 +12,7 @@ from morphofold.analysis.measures import Measures
 from morphofold.analysis.thickness.robust_slope import LEAST_POINTS, LEAST_POINTS_FOR_BOUNDS, robust_line
 from morphofold.arrays import Array
 from morphofold.quantities import find
+from morphofold.words import listed
 
 #: of a whole surface: gyral, cortical
 WHOLE_SURFACE_THICKNESSES = ("median_gyral_thickness_mm", "mean_cortical_thickness_mm")
@@ -140,6 +141,30 @@ def thickness_ratios(measures: Measures) -> tuple[float | None, float | None]:
     gyral, cortical = (measures.scalars.get(key) for key in WHOLE_SURFACE_THICKNESSES)
     ratios = [wide / thick for wide, thick, _ in _rows_with_both_thicknesses(measures.crests) if thick > 0]
     return gyral / cortical if gyral and cortical else None, float(np.median(ratios)) if ratios else None
+
+
+def plot_notes(named: Mapping[str, Measures], clouds: Sequence[Cloud]) -> list[str]:
+    """Notes on the points of each surface in the plot of gyral against cortical thickness."""
+    plotted = list(zip(named, named.values(), clouds))
+    sentences = [
+        f"{name}: not in the plot of gyral against cortical thickness, because one of the two is missing."
+        for name, _, cloud in plotted
+        if not cloud.points
+    ]
+    if len(kinds := {cloud.kind for cloud in clouds} & {"region", "crest"}) == 2:
+        of = (f"{listed([n for n, _, c in plotted if c.kind == kind])} are {kind}s" for kind in sorted(kinds))
+        sentences.append(f"Points of {' and of '.join(of)}: compare their lines, not the points.")
+    if mirrored := [name for name, m in named.items() if m.cortex.portion != 1]:
+        sentences.append(
+            f"{listed(mirrored)}: a part was simulated and the rest is its mirror image. Intervals and p count the "
+            "image as further evidence, so intervals are too narrow and p too small."
+        )
+    if whole := [name for name, _, cloud in plotted if cloud.kind == "whole" and cloud.points]:
+        sentences.append(
+            f"{listed(whole)}: no regions, so one point (median gyral, mean cortical thickness) and bins of vertices "
+            "represent the surface."
+        )
+    return sentences
 
 
 def _rows_with_both_thicknesses(rows: Sequence[Mapping[str, Any]]) -> Iterator[tuple[float, float, Mapping[str, Any]]]:
