@@ -16,6 +16,7 @@ from morphofold.words import listed
 
 #: of a whole surface: gyral, cortical
 WHOLE_SURFACE_THICKNESSES = ("median_gyral_thickness_mm", "mean_cortical_thickness_mm")
+MOST_BINS, LEAST_VERTICES_OF_A_BIN = 8, 50
 
 
 @dataclass(frozen=True)
@@ -103,11 +104,6 @@ def wrinkling_wavelength(mu_ratio: float) -> TheoryLine:
     return TheoryLine(float(mu_ratio), float(2 * np.pi * (mu_ratio / 3) ** (1 / 3)))
 
 
-def thickness_clouds(surfaces: Sequence[Measures]) -> tuple[Cloud, ...]:
-    """Gyral against cortical thickness of several surfaces, each as in :func:`thickness_cloud`."""
-    return tuple(map(thickness_cloud, surfaces))
-
-
 def thickness_cloud(measures: Measures) -> Cloud:
     """Gyral against cortical thickness of one surface.
 
@@ -145,21 +141,23 @@ def thickness_ratios(measures: Measures) -> tuple[float | None, float | None]:
 
 def plot_notes(named: Mapping[str, Measures], clouds: Sequence[Cloud]) -> list[str]:
     """Notes on the points of each surface in the plot of gyral against cortical thickness."""
-    plotted = list(zip(named, named.values(), clouds))
     sentences = [
         f"{name}: not in the plot of gyral against cortical thickness, because one of the two is missing."
-        for name, _, cloud in plotted
+        for name, cloud in zip(named, clouds)
         if not cloud.points
     ]
-    if len(kinds := {cloud.kind for cloud in clouds} & {"region", "crest"}) == 2:
-        of = (f"{listed([n for n, _, c in plotted if c.kind == kind])} are {kind}s" for kind in sorted(kinds))
-        sentences.append(f"Points of {' and of '.join(of)}: compare their lines, not the points.")
+    crests, regions = ([n for n, c in zip(named, clouds) if c.kind == kind] for kind in ("crest", "region"))
+    if crests and regions:
+        sentences.append(
+            f"Points of {listed(crests)} are crests and of {listed(regions)} are regions: compare their lines, not the "
+            "points."
+        )
     if mirrored := [name for name, m in named.items() if m.cortex.portion != 1]:
         sentences.append(
             f"{listed(mirrored)}: a part was simulated and the rest is its mirror image. Intervals and p count the "
             "image as further evidence, so intervals are too narrow and p too small."
         )
-    if whole := [name for name, _, cloud in plotted if cloud.kind == "whole" and cloud.points]:
+    if whole := [name for name, cloud in zip(named, clouds) if cloud.kind == "whole" and cloud.points]:
         sentences.append(
             f"{listed(whole)}: no regions, so one point (median gyral, mean cortical thickness) and bins of vertices "
             "represent the surface."
@@ -179,24 +177,24 @@ def _is_finite_number(value: Any) -> TypeGuard[float]:
     return isinstance(value, int | float | np.number) and not isinstance(value, bool) and bool(np.isfinite(value))
 
 
-def _vertex_bins(measures: Measures, at_most: int = 8, least: int = 50) -> tuple[ThicknessPoint, ...]:
+def _vertex_bins(measures: Measures) -> tuple[ThicknessPoint, ...]:
     """Vertices that have both thicknesses, in bins of equal count by cortical thickness."""
     cortical, gyral = find(measures.maps, "cortical_thickness"), find(measures.maps, "gyral_thickness")
     if cortical is None or gyral is None:
         return ()
-    count = min(at_most, int((np.isfinite(cortical) & np.isfinite(gyral)).sum()) // least)
+    count = min(MOST_BINS, int((np.isfinite(cortical) & np.isfinite(gyral)).sum()) // LEAST_VERTICES_OF_A_BIN)
     return bins(cortical, gyral, count, "vertices") if count > 1 else ()
 
 
 def bins(cortical: Array, gyral: Array, count: int, what: str) -> tuple[ThicknessPoint, ...]:
     """Known pairs of thicknesses [mm] in bins of equal count by the cortical one: medians and quartiles."""
     both = np.flatnonzero(np.isfinite(cortical) & np.isfinite(gyral))
-    found = []
+    points = []
     for part in np.array_split(both[np.argsort(cortical[both], kind="stable")], count):
         low, middle, high = np.percentile(gyral[part], [25, 50, 75]).tolist()
         label = f"{len(part)} {what} of {cortical[part[0]]:.2f} to {cortical[part[-1]]:.2f} mm"
-        found.append(ThicknessPoint(float(np.median(cortical[part])), middle, label, low, high))
-    return tuple(found)
+        points.append(ThicknessPoint(float(np.median(cortical[part])), middle, label, low, high))
+    return tuple(points)
 
 
 def fit_line(points: Sequence[ThicknessPoint], *, robust: bool = True) -> Fit | None:
@@ -209,26 +207,16 @@ def fit_line(points: Sequence[ThicknessPoint], *, robust: bool = True) -> Fit | 
     x, y = np.array([p.cortical for p in points]), np.array([p.gyral for p in points])
     if len(points) < LEAST_POINTS or np.ptp(x) == 0:
         return None
-    found = stats.linregress(x, y)
-    half = float(stats.t.ppf(0.975, len(points) - 2) * found.stderr)
-    slope = float(found.slope)
-    middle: tuple[float, float | None, float | None] = (0.0, 0.0, 0.0) if robust else (float("nan"), None, None)
+    line = stats.linregress(x, y)
+    half = float(stats.t.ppf(0.975, len(points) - 2) * line.stderr)
+    slope, intercept, r, p = (float(v) for v in (line.slope, line.intercept, line.rvalue, line.pvalue))
+    median: tuple[float, float | None, float | None] = (0.0, 0.0, 0.0) if robust else (np.nan, None, None)
     if robust and np.ptp(y) > 0:
         pairs = robust_line(x, y)
         bounded = bool(np.isfinite([pairs.low, pairs.high]).all())
-        middle = (pairs.robust, pairs.low, pairs.high) if bounded else (pairs.robust, None, None)
-    return Fit(
-        *middle,
-        float(np.median(y - middle[0] * x)),
-        slope,
-        slope - half,
-        slope + half,
-        _slope_without_few(x, y, slope),
-        float(found.intercept),
-        float(found.rvalue),
-        float(found.pvalue),
-        len(points),
-    )
+        median = (pairs.robust, pairs.low, pairs.high) if bounded else (pairs.robust, None, None)
+    start, without_few = float(np.median(y - median[0] * x)), _slope_without_few(x, y, slope)
+    return Fit(*median, start, slope, slope - half, slope + half, without_few, intercept, r, p, len(points))
 
 
 def _slope_without_few(x: Array, y: Array, slope: float) -> float | None:

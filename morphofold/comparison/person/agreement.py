@@ -13,25 +13,22 @@ References
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from morphofold.analysis.curvatures import curvature
 from morphofold.arrays import Array, Bools, Ints
+from morphofold.comparison.hinges import SIGNIFICANCE
 from morphofold.geometry import face_areas, unit
-from morphofold.spheres.spins import NearestTable
+from morphofold.spheres.spins import NearestTable, p_value
 from morphofold.surface import Faces, Surface
 from morphofold.threads import one_blas_thread
 from morphofold.unfolding.smooth_surface import SmoothSurface, tangents
 
 FORWARD = np.array([0.0, 1.0, 0.0])  # to the front of the head, in the coordinates of FreeSurfer
-#: verdicts
-ABOVE_CONTROL, ABOVE_SPINS, DEEPENED, GIVEN, NONE = "above control", "above spins", "deepened", "given", "none"
 
 SPINS = 500
-LEVEL_OF_SIGNIFICANCE = 0.05
-ROUND_OFF = 1e-12
 
 #: numbers (K,) from the source vertex (N,) at each target point and the rotation (3, 3) that took it there
 Statistic = Callable[[Ints, Array], Array]
@@ -69,23 +66,81 @@ class Tested:
     @property
     def beats(self) -> bool:
         """Whether it is above spins and, if there is a control, also above the control, each with p < 0.05."""
-        return self.p < LEVEL_OF_SIGNIFICANCE and (
-            self.difference_p is None or self.difference_p < LEVEL_OF_SIGNIFICANCE
-        )
+        return max(self.p, self.difference_p or 0.0) < SIGNIFICANCE
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """An agreement of a grown cortex with the person: over the cortex, or of a measure over regions.
+
+    Attributes
+    ----------
+    what : str
+        ``depth`` and ``curvature`` are shares of area, ``axes`` is a mean cos 2 delta; any other is the measure of
+        regions of which this is the rank correlation.
+    tested, deepened : Tested
+        With the smooth body as control, and with the smooth body whose dents are deepened.
+    control_map, deepened_map : str or None
+        Maps of these that agree best with the person; None over regions.
+    n : int or None
+        Number of regions.
+    p_corrected : float or None
+        Over regions, by Holm.
+    given : bool
+        Whether the body got the measure from the person, so that agreement is no result.
+    """
+
+    what: str
+    tested: Tested
+    deepened: Tested
+    control_map: str | None = None
+    deepened_map: str | None = None
+    n: int | None = None
+    p_corrected: float | None = None
+    given: bool = False
+
+    @property
+    def verdict(self) -> str:
+        """``"above control"``; ``"deepened"`` if it is no better than deepened dents of the smooth body; ``"above
+        spins"`` where the smooth body can't have the measure; ``"given"``; ``"none"``."""
+        if self.given:
+            return "given"
+        if not self.tested.beats or (self.p_corrected or 0.0) >= SIGNIFICANCE:
+            return "none"
+        if self.tested.difference is None:
+            return "above spins"
+        return "above control" if self.deepened.beats else "deepened"
 
 
 @one_blas_thread()
-def spun(statistic: Statistic, points: Array, table: NearestTable, turns: Array) -> Array:
-    """A statistic (T, K) under T rotations (T, 3, 3) of the source below the target points (N, 3).
+def null_values(statistics: Sequence[Statistic], points: Array, table: NearestTable, turns: Array) -> list[Array]:
+    """Each statistic (T, K) under T rotations (T, 3, 3) of the source below the target points (N, 3).
 
     Under the rotation R the target point s lies over the source point R^T s. Sums run in one thread: they are short,
     and the same on every machine.
     """
-    return np.stack([statistic(table(points @ turn), turn) for turn in turns])
+    samples = []
+    for turn in turns:
+        nearest = table(points @ turn)
+        samples.append([statistic(nearest, turn) for statistic in statistics])
+    return [np.stack(sample) for sample in zip(*samples)]
 
 
-def beside_null(value: float, null: Array, control: float | None = None, control_null: Array | None = None) -> Tested:
-    """Set a number beside its values (T,) under spins, and beside a control and its values under the same spins.
+def best_controls(values: Array, null: Array) -> list[tuple[Tested, int]]:
+    """Test the first of the values (1 + 2C,), with their values (T, 1 + 2C) under spins, against two sets of controls.
+
+    These are the next C values and the last C. The control of a set is the largest; its number comes with the test.
+    """
+    tests = []
+    for controls in np.arange(1, len(values)).reshape(2, -1):
+        best = int(values[controls].argmax())
+        at = controls[best]
+        tests.append((compare_with_null(float(values[0]), null[:, 0], float(values[at]), null[:, at]), best))
+    return tests
+
+
+def compare_with_null(value: float, null: Array, control: float = np.nan, control_null: Array | None = None) -> Tested:
+    """Compare a number with its values (T,) under spins, and with a control and its values under the same spins.
 
     Notes
     -----
@@ -102,81 +157,18 @@ def beside_null(value: float, null: Array, control: float | None = None, control
 
     Spins that leave no number (NaN) are not counted.
     """
-    kept = null[np.isfinite(null)]
-    mean, sd = (float(kept.mean()), float(kept.std())) if len(kept) else (float("nan"), float("nan"))
-    found = Tested(value, mean, sd, p_value(value, kept))
-    if control is None or control_null is None or not np.isfinite(control):
-        return found
-    apart = null - control_null
-    apart = apart[np.isfinite(apart)]
-    if not (np.isfinite(value) and len(apart)):
-        return replace(found, control=control)
+    known = null[np.isfinite(null)]
+    mean, sd = (float(known.mean()), float(known.std())) if len(known) else (np.nan, np.nan)
+    against_spins = (value, mean, sd, p_value(value, known))
+    if control_null is None or not np.isfinite(control):
+        return Tested(*against_spins)
+    differences = null - control_null
+    differences = differences[np.isfinite(differences)]
+    if not (np.isfinite(value) and len(differences)):
+        return Tested(*against_spins, control)
     difference = value - control
-    low, high = difference - (np.percentile(apart, [97.5, 2.5]) - apart.mean())
-    return replace(
-        found,
-        control=control,
-        difference=difference,
-        low=float(low),
-        high=float(high),
-        difference_p=p_value(difference, apart),
-    )
-
-
-def p_value(value: float, null: Array) -> float:
-    """(1 + values under spins at least as large) / (1 + spins); 1 for a number that is NaN."""
-    return float((1 + np.count_nonzero(null >= value - ROUND_OFF)) / (1 + len(null))) if np.isfinite(value) else 1.0
-
-
-@dataclass(frozen=True)
-class Agreement:
-    """An agreement over the cortex: ``depth`` and ``curvature`` are shares of area, ``axes`` is a mean cos 2 delta.
-
-    ``tested`` has the smooth body as control, ``deepened`` the smooth body with its dents deepened. ``control_map`` and
-    ``deepened_map`` are the maps of these that agree best with the person.
-    """
-
-    what: str
-    tested: Tested
-    control_map: str
-    deepened: Tested
-    deepened_map: str
-
-    @property
-    def verdict(self) -> str:
-        """``"above control"``; ``"deepened"`` if it is no better than deepened dents of the smooth body; ``"none"``."""
-        return _verdict(self.tested, self.deepened)
-
-
-@dataclass(frozen=True)
-class RegionAgreement:
-    """Rank correlation of a measure over ``n`` regions, person with grown; ``p_corrected`` is that of Holm.
-
-    ``given``: the body got the measure from the person, so that agreement is no result.
-    """
-
-    what: str
-    tested: Tested
-    deepened: Tested
-    n: int
-    p_corrected: float
-    given: bool = False
-
-    @property
-    def verdict(self) -> str:
-        """As of an :class:`Agreement`; also ``"above spins"`` where the smooth body can't have the measure, and
-        ``"given"``."""
-        if self.given:
-            return GIVEN
-        return _verdict(self.tested, self.deepened) if self.p_corrected < LEVEL_OF_SIGNIFICANCE else NONE
-
-
-def _verdict(tested: Tested, deepened: Tested) -> str:
-    if not tested.beats:
-        return NONE
-    if tested.difference is None:
-        return ABOVE_SPINS
-    return ABOVE_CONTROL if deepened.beats else DEEPENED
+    low, high = (difference - (np.percentile(differences, [97.5, 2.5]) - differences.mean())).tolist()
+    return Tested(*against_spins, control, difference, low, high, p_value(difference, differences))
 
 
 def weighted_median(values: Array, weights: Array) -> float:
@@ -194,10 +186,10 @@ def classes(values: Array, weights: Array) -> Array:
     With the median half of the area of each surface is gyrus, so that chance agrees on half of it.
     """
     known = np.isfinite(values) & (weights > 0)
-    found = np.zeros(len(values))
+    signs = np.zeros(len(values))
     if known.any():
-        found[known] = np.sign(values[known] - weighted_median(values[known], weights[known]))
-    return found
+        signs[known] = np.sign(values[known] - weighted_median(values[known], weights[known]))
+    return signs
 
 
 def agreement_of_classes(bodies: Sequence[Array], person: Array, weights: Array) -> Statistic:
@@ -223,9 +215,9 @@ def agreement_of_classes(bodies: Sequence[Array], person: Array, weights: Array)
     size = np.abs(signed[0])
 
     def statistic(nearest: Ints, turn: Array) -> Array:
-        there = person[nearest]
-        area = size @ np.abs(there)
-        return 0.5 + 0.5 * (signed @ there) / area if area > 0 else np.full(len(signed), 0.5)
+        person_classes = person[nearest]
+        area = size @ np.abs(person_classes)
+        return 0.5 + 0.5 * (signed @ person_classes) / area if area > 0 else np.full(len(signed), 0.5)
 
     return statistic
 
@@ -254,17 +246,17 @@ def agreement_of_axes(
     both = np.prod([strength > 0 for _, strength in bodies], axis=0)
 
     def statistic(nearest: Ints, turn: Array) -> Array:
-        there = person[0][nearest] @ turn.T
-        there = there - np.einsum("pi,pi->p", there, points)[:, None] * points  # the nearest vertex is a little off
-        length = np.einsum("pi,pi->p", there, there)
+        turned = person[0][nearest] @ turn.T
+        turned = turned - np.einsum("pi,pi->p", turned, points)[:, None] * points  # the nearest vertex is a little off
+        length = np.einsum("pi,pi->p", turned, turned)
         clear = weights * both * person[1][nearest]
-        found = []
+        means = []
         for axes, strength in bodies:
-            cosine = np.einsum("pi,pi->p", there, axes) ** 2
+            cosine = np.einsum("pi,pi->p", turned, axes) ** 2
             share = np.divide(cosine, length, out=np.full(len(length), 0.5), where=length > 0)
             area = clear * strength
-            found.append((area @ (2 * share - 1)) / area.sum() if area.sum() > 0 else 0.0)
-        return np.array(found)
+            means.append((area @ (2 * share - 1)) / area.sum() if area.sum() > 0 else 0.0)
+        return np.array(means)
 
     return statistic
 

@@ -10,32 +10,42 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from morphofold.analysis.measures import Measures
-from morphofold.arrays import Array, Ints
+from morphofold.arrays import Array
 from morphofold.comparison.person.agreement import (
     SPINS,
     Agreement,
-    RegionAgreement,
     Statistic,
     agreement_of_axes,
     agreement_of_classes,
-    beside_null,
+    best_controls,
     classes,
     fold_axes,
     forwardness,
+    null_values,
     smooth_axes,
-    spun,
 )
 from morphofold.comparison.person.bodies import Bodies, Body, bodies_of
-from morphofold.comparison.person.regions import KEYS, correlations, region_agreements, region_table, regions_of
+from morphofold.comparison.person.regions import correlations, numbers_of_bodies, region_agreements, region_table
 from morphofold.errors import MissingPart, Refusal
 from morphofold.geometry import mean_edge_length
 from morphofold.io import write_gifti_map
+from morphofold.provenance import json_value
 from morphofold.quantities import RELIEF
 from morphofold.spheres.spins import NearestTable, rotations
 from morphofold.tables import write_table
 from morphofold.words import listed, number
 
-CARRIED_MAPS = ("H", "cortical_thickness", "gyral_thickness", "sulcal_depth", "local_gyrification_index", RELIEF)
+CARRIED_MAPS = (
+    "H",
+    "cortical_thickness",
+    "gyral_thickness",
+    "sulcal_depth",
+    "local_gyrification_index",
+    RELIEF,
+    "sulc",
+)
+LIKE_SIZES = (0.8, 1.25)  # of a grown cortex over the person's, within which maps in mm are compared as they are
+CONTROLS = (RELIEF, "H")  # maps of a smooth body that are controls of both agreements of sulci and gyri
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +66,7 @@ class PersonComparison:
         By depth, curvature and fold axes.
     forwardness : mapping of str to float
         Mean cos 2a of fold axes with the front-back axis, of ``person``, ``smooth`` and ``grown``.
-    correlations : tuple of RegionAgreement
+    correlations : tuple of Agreement
         Empty without regions.
     regions : tuple of dict
         A row for each region: each measure of each body that has it.
@@ -72,13 +82,13 @@ class PersonComparison:
     spins: int
     agreements: tuple[Agreement, ...]
     forwardness: Mapping[str, float]
-    correlations: tuple[RegionAgreement, ...]
+    correlations: tuple[Agreement, ...]
     regions: tuple[dict[str, Any], ...] = field(repr=False)
     bodies: Bodies = field(repr=False)
 
     def __repr__(self) -> str:
-        found = ", ".join(f"{one.what} {one.tested.value:.2f} ({one.verdict})" for one in self.agreements)
-        return f"PersonComparison({self.grown!r} beside {self.person!r}, {self.hemi}: {found})"
+        agreements = ", ".join(f"{row.what} {row.tested.value:.2f} ({row.verdict})" for row in self.agreements)
+        return f"PersonComparison({self.grown!r} beside {self.person!r}, {self.hemi}: {agreements})"
 
     @property
     def verdict(self) -> str:
@@ -90,33 +100,32 @@ class PersonComparison:
 
         ``sulc`` is the person's file, in FreeSurfer's sign.
         """
-        found = {}
-        for where, carrier, body in (
+        carried = {}
+        for direction, carrier, body in (
             ("to_grown", self.bodies.to_grown, self.bodies.person),
             ("to_person", self.bodies.to_person, self.bodies.grown),
         ):
             maps = {**body.measures.cortex.maps, **body.with_height().maps}
-            for name in (*CARRIED_MAPS, "sulc"):
-                if name in maps:
-                    found[where, name] = carrier.values(maps[name])
-        return found
+            carried.update({(direction, name): carrier.values(maps[name]) for name in CARRIED_MAPS if name in maps})
+        return carried
 
     def rows(self) -> list[dict[str, Any]]:
         """A row for each agreement: the same columns for the whole cortex and for regions."""
-        common = {"person": self.person, "grown": self.grown, "hemi": self.hemi}
         return [
             {
-                **common,
+                "person": self.person,
+                "grown": self.grown,
+                "hemi": self.hemi,
                 "over": over,
                 "what": row.what,
                 **asdict(row.tested),
-                "control_map": getattr(row, "control_map", None),
+                "control_map": row.control_map,
                 "deepened": row.deepened.control,
-                "deepened_map": getattr(row, "deepened_map", None),
+                "deepened_map": row.deepened_map,
                 "deepened_difference": row.deepened.difference,
                 "deepened_p": row.deepened.difference_p,
-                "n_regions": getattr(row, "n", None),
-                "p_corrected": getattr(row, "p_corrected", None),
+                "n_regions": row.n,
+                "p_corrected": row.p_corrected,
                 "verdict": row.verdict,
             }
             for over, rows in (("cortex", self.agreements), ("regions", self.correlations))
@@ -129,7 +138,7 @@ class PersonComparison:
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but maps, as plain values for JSON."""
-        return {
+        content = {
             "person": self.person,
             "grown": self.grown,
             "hemi": self.hemi,
@@ -137,78 +146,11 @@ class PersonComparison:
             "scale": self.scale,
             "spins": self.spins,
             "verdict": self.verdict,
-            "agreements": [_known(row) for row in self.rows()],
-            "forwardness": _known(self.forwardness),
-            "regions": [_known(row) for row in self.regions],
+            "agreements": self.rows(),
+            "forwardness": self.forwardness,
+            "regions": self.regions,
         }
-
-
-def _known(row: Mapping[str, Any]) -> dict[str, Any]:
-    """A row with None for NaN."""
-    return {key: None if isinstance(v, float) and not np.isfinite(v) else v for key, v in row.items()}
-
-
-def write_people(people: Sequence[PersonComparison], folder: Path) -> None:
-    """Write ``person.tsv``, ``person_regions.tsv`` and ``carried/``; nothing if there is no comparison.
-
-    ``carried/K/to_grown/?h.NAME.shape.gii`` has maps of the person at the vertices of the grown cortex of comparison K,
-    counted from 1, and ``carried/K/to_person`` those of the grown cortex at the person's vertices.
-    """
-    if not people:
-        return
-    write_table(folder / "person.tsv", ("person", "grown", "hemi"), [row for found in people for row in found.rows()])
-    rows = [row for found in people for row in found.region_rows()]
-    write_table(folder / "person_regions.tsv", ("person", "grown", "hemi", "region"), rows)
-    for k, found in enumerate(people, start=1):
-        for (where, name), values in found.carried().items():
-            place = folder / "carried" / str(k) / where
-            place.mkdir(parents=True, exist_ok=True)
-            write_gifti_map(place / f"{found.hemi}.{name}.shape.gii", values, nan=np.nan, hemi=found.hemi)
-
-
-class Pair(NamedTuple):
-    """Names of a person and of a cortex that grew from it, and the level at which the person was unfolded."""
-
-    person: str
-    grown: str
-    level: float
-
-
-def find_pairs(named: Mapping[str, Measures]) -> tuple[list[Pair], list[str]]:
-    """Pairs among measured cortices, and a remark for each cortex that grew from someone who is not among them.
-
-    A cortex is the person if its white surface has the SHA-256 of the surface that grew, byte for byte, and the same
-    hemisphere. ``info["grown_from"]`` has what grew; the records of the files that were read have the digests.
-    """
-    pairs, remarks = [], []
-    for name, m in named.items():
-        source = m.cortex.info.get("grown_from")
-        if not source:
-            continue
-        wanted = source["sha256"].get("surface")
-        people = [
-            other
-            for other, of in named.items()
-            if other != name and of.cortex.hemi == m.cortex.hemi and wanted and white_digest(of) == wanted
-        ]
-        pairs += [Pair(person, name, float(source["unfold"])) for person in people[:1]]
-        if not people:
-            remarks.append(
-                f"{name} grew from {m.cortex.hemi} of {source['subject']}, but no compared analysis is of the surface "
-                f"that it grew from (SHA-256 {str(wanted)[:12]}). Analyze that subject and add it, to see its own "
-                "folds beside the grown ones."
-            )
-    return pairs, remarks
-
-
-def white_digest(m: Measures) -> str | None:
-    """SHA-256 of the file of the white surface; None if it was not read from a file."""
-    records = {record["path"]: record["sha256"] for record in m.cortex.inputs}
-    return records.get(m.cortex.files[0]) if m.cortex.files else None
-
-
-LIKE_SIZES = (0.8, 1.25)  # of a grown cortex over the person's, within which maps in mm are compared as they are
-CONTROLS = (RELIEF, "H")  # maps of a smooth body that are controls of both agreements of sulci and gyri
+        return dict(json_value(content))
 
 
 class _Question(NamedTuple):
@@ -220,26 +162,62 @@ class _Question(NamedTuple):
     controls: tuple[str, ...]
 
 
-def beside_people(
+def compare_people(
     named: Mapping[str, Measures], *, spins: int = SPINS, seed: int = 0
 ) -> tuple[tuple[PersonComparison, ...], tuple[str, ...]]:
-    """Each cortex that grew from a person who is also there, beside that person; and remarks, as on who is missing."""
+    """Each cortex that grew from a person who is also there, with that person; and remarks, as on who is missing."""
     pairs, remarks = find_pairs(named)
-    found = []
+    people = []
     for person, grown, level in pairs:
         try:
-            one = compare_with_person(named[person], named[grown], level, names=(person, grown), spins=spins, seed=seed)
+            compared = compare_with_person(
+                named[person], named[grown], level, names=(person, grown), spins=spins, seed=seed
+            )
         except Refusal as error:
             remarks.append(f"{grown} is not compared with the folds of {person}, from which it grew: {error}")
             continue
-        found.append(one)
-        if not LIKE_SIZES[0] <= one.scale <= LIKE_SIZES[1]:
+        people.append(compared)
+        if not LIKE_SIZES[0] <= compared.scale <= LIKE_SIZES[1]:
             remarks.append(
                 f"The hull of {grown} has the area of {person}'s only if its lengths are multiplied by "
-                f"{number(one.scale, 2)}, but curvature and local gyrification were measured at the same scales in mm. "
-                "Grow it with a radius multiplied by that."
+                f"{number(compared.scale, 2)}, but curvature and local gyrification were measured at the same scales "
+                "in mm. Grow it with a radius multiplied by that."
             )
-    return tuple(found), tuple(remarks)
+    return tuple(people), tuple(remarks)
+
+
+def find_pairs(named: Mapping[str, Measures]) -> tuple[list[tuple[str, str, float]], list[str]]:
+    """Pairs among measured cortices, and a remark for each cortex that grew from someone who is not among them.
+
+    A pair is the name of a person, that of a cortex that grew from it, and the level at which the person was unfolded.
+    A cortex is the person if its white surface has the SHA-256 of the surface that grew, byte for byte, and the same
+    hemisphere. ``info["grown_from"]`` has what grew; the records of the files that were read have the digests.
+    """
+    pairs, remarks = [], []
+    for name, m in named.items():
+        source = m.cortex.info.get("grown_from")
+        if not source:
+            continue
+        digest = source["sha256"].get("surface")
+        people = [
+            other
+            for other, of in named.items()
+            if other != name and of.cortex.hemi == m.cortex.hemi and digest and _white_digest(of) == digest
+        ]
+        pairs += [(person, name, float(source["unfold"])) for person in people[:1]]
+        if not people:
+            remarks.append(
+                f"{name} grew from {m.cortex.hemi} of {source['subject']}, but no compared analysis is of the surface "
+                f"that it grew from (SHA-256 {str(digest)[:12]}). Analyze that subject and add it, to see its own "
+                "folds beside the grown ones."
+            )
+    return pairs, remarks
+
+
+def _white_digest(m: Measures) -> str | None:
+    """SHA-256 of the file of the white surface; None if it was not read from a file."""
+    records = {record["path"]: record["sha256"] for record in m.cortex.inputs}
+    return records.get(m.cortex.files[0]) if m.cortex.files else None
 
 
 def compare_with_person(
@@ -284,38 +262,29 @@ def compare_with_person(
     axes, forward = _question_of_axes(bodies)
     questions = [*_questions_of_classes(bodies), axes]
     statistics = [question.statistic for question in questions]
-    regions = regions_of(bodies)
+    regions = numbers_of_bodies(bodies)
     if regions is not None:
-        assert bodies.labels is not None
-        statistics.append(correlations(regions.person, regions.fields, bodies.labels, bodies.weights, KEYS))
-
-    def numbers(nearest: Ints, turn: Array) -> Array:
-        return np.concatenate([statistic(nearest, turn) for statistic in statistics])
-
-    found = numbers(bodies.to_grown.nearest, np.eye(3))
-    null = spun(numbers, bodies.grown.points, NearestTable(bodies.person.points), rotations(spins, seed))
-    agreements, first = [], 0
-    for question in questions:
-        count = len(question.controls)
-        bests = [k + int(found[k : k + count].argmax()) for k in (first + 1, first + 1 + count)]
-        one, other = (
-            beside_null(float(found[first]), null[:, first], float(found[best]), null[:, best]) for best in bests
-        )
-        maps = [question.controls[(best - first - 1) % count] for best in bests]
-        agreements.append(Agreement(question.what, one, maps[0], other, maps[1]))
-        first += 1 + 2 * count
+        statistics.append(correlations(regions, bodies.weights))
+    values = [statistic(bodies.to_grown.nearest, np.eye(3)) for statistic in statistics]
+    turns = rotations(spins, seed)
+    null = null_values(statistics, bodies.grown.points, NearestTable(bodies.person.points), turns)
     return PersonComparison(
         *names,
         person.cortex.hemi,
         level,
         bodies.grown.scale,
         spins,
-        tuple(agreements),
+        tuple(map(_answer, questions, values, null)),
         forward,
-        () if regions is None else region_agreements(regions, found[first:], null[:, first:], grown),
-        () if regions is None else region_table(bodies, regions),
+        () if regions is None else region_agreements(regions, values[-1], null[-1], grown),
+        () if regions is None else region_table(regions, person.cortex.hemi),
         bodies,
     )
+
+
+def _answer(question: _Question, values: Array, null: Array) -> Agreement:
+    (tested, best), (deepened, best_deepened) = best_controls(values, null)
+    return Agreement(question.what, tested, deepened, question.controls[best], question.controls[best_deepened])
 
 
 def _questions_of_classes(bodies: Bodies) -> list[_Question]:
@@ -325,15 +294,15 @@ def _questions_of_classes(bodies: Bodies) -> list[_Question]:
     """
     weights, person, grown = bodies.weights, bodies.person, bodies.grown
     controls = [classes(maps[key], weights) for maps in (bodies.smooth_maps, bodies.deepened_maps) for key in CONTROLS]
-    found = []
-    for what, theirs, mine in (
+    questions = []
+    for what, of_person, of_grown in (
         ("depth", person.height, grown.height),
         ("curvature", person.curvature, grown.curvature),
     ):
-        reference = classes(theirs, bodies.person_areas)
-        statistic = agreement_of_classes([classes(mine, weights), *controls], reference, weights)
-        found.append(_Question(what, statistic, CONTROLS))
-    return found
+        reference = classes(of_person, bodies.person_areas)
+        statistic = agreement_of_classes([classes(of_grown, weights), *controls], reference, weights)
+        questions.append(_Question(what, statistic, CONTROLS))
+    return questions
 
 
 def _question_of_axes(bodies: Bodies) -> tuple[_Question, dict[str, float]]:
@@ -358,3 +327,21 @@ def _axes(body: Body) -> tuple[Array, Array]:
     pial = body.pial
     scale = body.measures.parameters.get("curvature_scale_mm") or 3 * mean_edge_length(pial.verts, pial.faces)
     return fold_axes(pial, body.points, float(scale), body.cortex)
+
+
+def write_people(people: Sequence[PersonComparison], folder: Path) -> None:
+    """Write ``person.tsv``, ``person_regions.tsv`` and ``carried/``; nothing if there is no comparison.
+
+    ``carried/K/to_grown/?h.NAME.shape.gii`` has maps of the person at the vertices of the grown cortex of comparison K,
+    counted from 1, and ``carried/K/to_person`` those of the grown cortex at the person's vertices.
+    """
+    if not people:
+        return
+    columns = ("person", "grown", "hemi", "region")
+    write_table(folder / "person.tsv", columns[:3], [row for pair in people for row in pair.rows()])
+    write_table(folder / "person_regions.tsv", columns, [row for pair in people for row in pair.region_rows()])
+    for k, pair in enumerate(people, start=1):
+        for (direction, name), values in pair.carried().items():
+            file = folder / "carried" / str(k) / direction / f"{pair.hemi}.{name}.shape.gii"
+            file.parent.mkdir(parents=True, exist_ok=True)
+            write_gifti_map(file, values, nan=np.nan, hemi=pair.hemi)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,13 +13,15 @@ from morphofold.analysis.graph.hinges import counts
 from morphofold.analysis.measures import Measures
 from morphofold.analysis.multiple_tests import holm
 from morphofold.arrays import Array, Bools, Ints
-from morphofold.comparison.person.agreement import RegionAgreement, Statistic, Tested, beside_null
+from morphofold.comparison.person.agreement import Agreement, Statistic, best_controls
 from morphofold.comparison.person.bodies import Bodies
 from morphofold.geometry import vertex_areas
+from morphofold.mesh_quality.checks import is_no_cortex
+from morphofold.provenance import json_value
 from morphofold.quantities import find
 
 LEAST_REGIONS = 5  # for a correlation
-LEAST_KEPT_SHARE = 0.5  # of the points of a region that must be cortex after a spin
+LEAST_COVERED_SHARE = 0.5  # of the points of a region that must be cortex after a spin
 
 
 class Ratio(NamedTuple):
@@ -38,22 +40,42 @@ class Median(NamedTuple):
 Fields = Mapping[str, Ratio | Median]
 
 
-@dataclass(frozen=True)
-class RegionMeasure:
-    """A measure of regions: its column, and whether the smooth body has it, too."""
-
-    key: str
-    smooth: bool = False
-
-
+#: columns of a table of regions
 REGION_MEASURES = (
-    RegionMeasure("gyrification_index", smooth=True),
-    RegionMeasure("sulcal_depth_mm", smooth=True),
-    RegionMeasure("gyral_thickness_mm"),
-    RegionMeasure("cortical_thickness_mm"),
-    RegionMeasure("hinges_per_cm2"),
-    RegionMeasure("area_expansion"),
+    "gyrification_index",
+    "sulcal_depth_mm",
+    "gyral_thickness_mm",
+    "cortical_thickness_mm",
+    "hinges_per_cm2",
+    "area_expansion",
 )
+#: those that the smooth body has, too, and its map of each
+SMOOTH_MAPS = {"gyrification_index": "local_gyrification_index", "sulcal_depth_mm": "sulcal_depth"}
+#: map that a body was given -> measure of regions that it has from it
+MEASURES_OF_GIVEN_MAPS = {"thickness_map": "cortical_thickness_mm", "growth_map": "area_expansion"}
+
+
+@dataclass(frozen=True, eq=False)
+class RegionNumbers:
+    """Numbers of R regions in a person, the smooth and the grown body.
+
+    Attributes
+    ----------
+    names : tuple of str
+    labels : (N,) int64
+        Regions of the person's vertices, -1 off the cortex and where there is none.
+    person, smooth, grown : (K, R) float64
+        The :data:`REGION_MEASURES` of each; NaN where a body does not have one.
+    fields : (Fields, Fields, Fields)
+        Of the grown, the smooth and the deepened smooth body.
+    """
+
+    names: tuple[str, ...]
+    labels: Ints
+    person: Array
+    smooth: Array
+    grown: Array
+    fields: tuple[Fields, Fields, Fields]
 
 
 def mean_field(values: Array | None, weights: Array) -> Ratio | None:
@@ -84,28 +106,27 @@ def region_fields(m: Measures, smooth_area: Array, cortex: Bools, scale: float) 
         counts hinges without doubtful ones per area midway between white and pial; ``area_expansion`` is this area over
         that of the smooth body, 1 for the whole cortex.
     """
-    c = m.cortex
-    white, pial = (vertex_areas(s.verts, c.faces) * cortex for s in (c.white, c.pial))
+    white, pial = (vertex_areas(s.verts, s.faces) * cortex for s in (m.cortex.white, m.cortex.pial))
     middle = 0.5 * scale**2 * (white + pial)
-    map_of = lambda key, by=1.0: None if (found := find(m.maps, key)) is None else by * found
-    found: dict[str, Ratio | Median | None] = {
+    map_of = lambda key, by=1.0: None if (values := find(m.maps, key)) is None else by * values
+    fields: dict[str, Ratio | Median | None] = {
         "gyrification_index": mean_field(map_of("local_gyrification_index"), pial),
         "sulcal_depth_mm": mean_field(map_of("sulcal_depth", scale), pial),
         "cortical_thickness_mm": mean_field(map_of("cortical_thickness", scale), cortex.astype(np.float64)),
     }
     widths = map_of("gyral_thickness", scale)
     if widths is not None and np.isfinite(widths).any():
-        found["gyral_thickness_mm"] = Median(np.where(cortex, widths, np.nan))
+        fields["gyral_thickness_mm"] = Median(np.where(cortex, widths, np.nan))
     if m.graph is not None or m.hinges:
-        at = [row["vertex"] for row in m.hinges if counts(row)]
-        hinges = np.bincount(np.array(at, dtype=np.int64), minlength=c.n_vertices).astype(np.float64)
-        found["hinges_per_cm2"] = Ratio(100 * hinges * cortex, middle)
+        vertices = np.array([row["vertex"] for row in m.hinges if counts(row)], dtype=np.int64)
+        hinges = np.bincount(vertices, minlength=len(cortex)).astype(np.float64)
+        fields["hinges_per_cm2"] = Ratio(100 * hinges * cortex, middle)
     flat = smooth_area * cortex
-    found["area_expansion"] = Ratio(middle / middle.sum(), flat / flat.sum())
-    return {key: field for key, field in found.items() if field is not None}
+    fields["area_expansion"] = Ratio(middle / middle.sum(), flat / flat.sum())
+    return {key: field for key, field in fields.items() if field is not None}
 
 
-def region_numbers(labels: Ints, count: int, fields: Fields, keys: Sequence[str]) -> Array:
+def region_numbers(labels: Ints, count: int, fields: Fields, keys: Sequence[str] = REGION_MEASURES) -> Array:
     """Numbers (K, count) of regions by their labels (N,), -1 for none; NaN for a field or a region that is empty."""
     inside = labels >= 0
     at = labels[inside]
@@ -125,11 +146,11 @@ def _medians(labels: Ints, count: int, values: Array) -> Array:
     known = known[np.argsort(values[known], kind="stable")]
     known = known[np.argsort(labels[known].astype(np.int16), kind="stable")]
     size = np.bincount(labels[known], minlength=count)
-    first, found = np.cumsum(size) - size, np.full(count, np.nan)
+    first, medians = np.cumsum(size) - size, np.full(count, np.nan)
     full = size > 0
     low, high = (values[known[(first + (size - side) // 2)[full]]] for side in (1, 0))
-    found[full] = 0.5 * (low + high)
-    return found
+    medians[full] = 0.5 * (low + high)
+    return medians
 
 
 def spearman(x: Array, y: Array) -> float:
@@ -143,120 +164,91 @@ def spearman(x: Array, y: Array) -> float:
     return float(a @ b) / size if size > 0 else float("nan")
 
 
-def correlations(
-    person: Array, bodies: Sequence[Fields], labels: Ints, weights: Array, keys: Sequence[str]
-) -> Statistic:
-    """Rank correlations over regions of the person with each of several bodies, under spins of the labels.
+def correlations(regions: RegionNumbers, weights: Array) -> Statistic:
+    """Rank correlations over regions of the person with each of the three bodies, under spins of the labels.
+
+    Bodies that have a measure get the same regions.
 
     Parameters
     ----------
-    person : (K, R) float64
-        Numbers of the person's regions.
-    bodies : sequence of mappings of key to field at the P target points
-        Those that have a measure get the same regions.
-    labels : (N,) int64
-        Regions of the person's vertices.
+    regions : RegionNumbers
     weights : (P,) float64
         Area of the target points, 0 off the cortex.
 
     Returns
     -------
-    function of (nearest, turn) to (bodies * K,) float64
+    function of (nearest, turn) to (3 K,) float64
         Those of the first body first. Regions with less than half of their points on the cortex are left out, as in a
         spin onto the medial wall.
     """
-    count = person.shape[1]
+    count = len(regions.names)
 
     def statistic(nearest: Ints, turn: Array) -> Array:
-        there = labels[nearest]
-        points = np.bincount(there[there >= 0], minlength=count)
-        on_cortex = np.bincount(there[(there >= 0) & (weights > 0)], minlength=count)
-        kept = np.where((points > 0) & (on_cortex >= LEAST_KEPT_SHARE * points), 0.0, np.nan)
-        there = np.where(weights > 0, there, -1)
-        found = np.stack([region_numbers(there, count, fields, keys) for fields in bodies]) + kept
-        has = np.isfinite(found).any(axis=2, keepdims=True)
-        unshared = (~np.isfinite(found) & has).any(axis=0)
-        found[:, unshared] = np.nan
-        return np.array([spearman(x, y) for body in found for x, y in zip(person, body)])
+        labels = regions.labels[nearest]
+        on_cortex = np.where(weights > 0, labels, -1)
+        points, covered = (np.bincount(at[at >= 0], minlength=count) for at in (labels, on_cortex))
+        enough = np.where((points > 0) & (covered >= LEAST_COVERED_SHARE * points), 0.0, np.nan)
+        numbers = np.stack([region_numbers(on_cortex, count, fields) for fields in regions.fields]) + enough
+        known = np.isfinite(numbers)
+        unshared = (~known & known.any(axis=2, keepdims=True)).any(axis=0)
+        numbers[:, unshared] = np.nan
+        return np.array([spearman(x, y) for body in numbers for x, y in zip(regions.person, body)])
 
     return statistic
 
 
-KEYS = [measure.key for measure in REGION_MEASURES]
-
-
-class _Regions(NamedTuple):
-    """Regions of a pair: numbers (K, R) of the three bodies, and fields of grown, smooth and deepened body."""
-
-    person: Array
-    smooth: Array
-    grown: Array
-    fields: tuple[Fields, Fields, Fields]
-
-
-def regions_of(bodies: Bodies) -> _Regions | None:
-    regions = bodies.person.measures.cortex.regions
-    if regions is None or bodies.labels is None:
+def numbers_of_bodies(bodies: Bodies) -> RegionNumbers | None:
+    """Numbers of the person's regions in all bodies; None without regions."""
+    regions, person, grown = bodies.person.measures.cortex.regions, bodies.person, bodies.grown
+    if regions is None:
         return None
-    count, person, grown = len(regions.names), bodies.person, bodies.grown
+    no_cortex = [k for k, name in enumerate(regions.names) if is_no_cortex(name)]
+    labels = np.where(person.cortex & ~np.isin(regions.labels, no_cortex), regions.labels, -1)
+    at_grown = np.where(grown.cortex, bodies.to_grown.of_nearest(labels), -1)
     in_person = region_fields(person.measures, bodies.person_areas, person.cortex, 1.0)
     in_grown = region_fields(grown.measures, bodies.areas, grown.cortex, grown.scale)
     in_smooth, in_deepened = (
-        _smooth_fields(maps, bodies.weights) for maps in (bodies.smooth_maps, bodies.deepened_maps)
+        {
+            key: field
+            for key, name in SMOOTH_MAPS.items()
+            if (field := mean_field(maps.get(name), bodies.weights)) is not None
+        }
+        for maps in (bodies.smooth_maps, bodies.deepened_maps)
     )
-    there = np.where(grown.cortex, bodies.to_grown.of_nearest(bodies.labels), -1)
-    return _Regions(
-        region_numbers(bodies.labels, count, in_person, KEYS),
-        region_numbers(there, count, in_smooth, KEYS),
-        region_numbers(there, count, in_grown, KEYS),
+    return RegionNumbers(
+        regions.names,
+        labels,
+        region_numbers(labels, len(regions.names), in_person),
+        region_numbers(at_grown, len(regions.names), in_smooth),
+        region_numbers(at_grown, len(regions.names), in_grown),
         (in_grown, in_smooth, in_deepened),
     )
 
 
-def _smooth_fields(maps: Mapping[str, Array], weights: Array) -> Fields:
-    names = {"gyrification_index": "local_gyrification_index", "sulcal_depth_mm": "sulcal_depth"}
-    found = {key: mean_field(maps.get(name), weights) for key, name in names.items()}
-    return {key: field for key, field in found.items() if field is not None}
-
-
-#: map that a body was given -> measure of regions that it has from it
-GIVEN_BY = {"thickness_map": "cortical_thickness_mm", "growth_map": "area_expansion"}
-
-
-def region_agreements(regions: _Regions, found: Array, null: Array, grown: Measures) -> tuple[RegionAgreement, ...]:
+def region_agreements(regions: RegionNumbers, values: Array, null: Array, grown: Measures) -> tuple[Agreement, ...]:
     """Correlations over regions of the measures that person and grown body have; Holm's correction is over these."""
     maps = (grown.cortex.info.get("grown_from") or {}).get("maps", [])
-    given = {GIVEN_BY[name] for name in maps if name in GIVEN_BY}
-    rows: list[tuple[str, Tested, Tested, int]] = []
-    for k, key in enumerate(KEYS):
-        if np.isfinite(found[k]):
-            one, other = (
-                beside_null(float(found[k]), null[:, k], float(found[c]), null[:, c])
-                for c in (k + len(KEYS), k + 2 * len(KEYS))
-            )
-            rows.append((key, one, other, int((np.isfinite(regions.person[k]) & np.isfinite(regions.grown[k])).sum())))
-    corrected = iter(holm(np.array([one.p for key, one, *_ in rows if key not in given])).tolist())
-    return tuple(
-        RegionAgreement(key, one, other, n, one.p if key in given else next(corrected), key in given)
-        for key, one, other, n in rows
-    )
+    given = {MEASURES_OF_GIVEN_MAPS.get(name) for name in maps}
+    values, null = values.reshape(3, -1), null.reshape(len(null), 3, -1)
+    agreements = []
+    for k, key in enumerate(REGION_MEASURES):
+        if np.isfinite(values[0, k]):
+            (tested, _), (deepened, _) = best_controls(values[:, k], null[:, :, k])
+            n = int(np.isfinite(regions.person[k] + regions.grown[k]).sum())
+            agreements.append(Agreement(key, tested, deepened, n=n, p_corrected=tested.p, given=key in given))
+    corrected = iter(holm(np.array([row.tested.p for row in agreements if not row.given])).tolist())
+    return tuple(row if row.given else replace(row, p_corrected=next(corrected)) for row in agreements)
 
 
-def region_table(bodies: Bodies, regions: _Regions) -> tuple[dict[str, Any], ...]:
+def region_table(regions: RegionNumbers, hemi: str) -> tuple[dict[str, Any], ...]:
     """A row for each region of the person that has vertices: each measure of person, smooth and grown body."""
-    known = bodies.person.measures.cortex.regions
-    assert known is not None
-    assert bodies.labels is not None
-    size = np.bincount(bodies.labels[bodies.labels >= 0], minlength=len(known.names))
-    kinds = {"person": regions.person, "smooth": regions.smooth, "grown": regions.grown}
+    numbers = {
+        f"{body}_{key}": values[k].tolist()
+        for k, key in enumerate(REGION_MEASURES)
+        for body, values in (("person", regions.person), ("smooth", regions.smooth), ("grown", regions.grown))
+        if body != "smooth" or key in SMOOTH_MAPS
+    }
     return tuple(
-        {"hemi": bodies.person.measures.cortex.hemi, "region": name}
-        | {
-            f"{kind}_{measure.key}": float(values[k, r]) if np.isfinite(values[k, r]) else None
-            for k, measure in enumerate(REGION_MEASURES)
-            for kind, values in kinds.items()
-            if kind != "smooth" or measure.smooth
-        }
-        for r, name in enumerate(known.names)
-        if size[r]
+        {"hemi": hemi, "region": regions.names[r]} | {column: json_value(v[r]) for column, v in numbers.items()}
+        for r in np.unique(regions.labels[regions.labels >= 0]).tolist()
     )

@@ -81,8 +81,8 @@ def person_parts(people: Sequence[PersonComparison], entries: Sequence[Entry], f
         image = _picture(found)
         path.write_bytes(png_bytes(image))
         charts = [
-            region_plot(found.regions, m.key, *scalar_words(m.key), person, grown)
-            for m in REGION_MEASURES
+            region_plot(found.regions, key, *scalar_words(key), person, grown)
+            for key in REGION_MEASURES
             if found.regions
         ]
         parts.append(
