@@ -21,14 +21,7 @@ from morphofold.comparison.growth import GrowthCurve, growth_curve, matching_gro
 from morphofold.comparison.hinges import HingeComparison, compare_hinges
 from morphofold.comparison.person.agreement import SPINS
 from morphofold.comparison.person.compare_person import PersonComparison, compare_people, write_people
-from morphofold.comparison.thickness import (
-    Cloud,
-    TheoryLine,
-    plot_notes,
-    thickness_cloud,
-    thickness_ratios,
-    wrinkling_wavelength,
-)
+from morphofold.comparison.thickness import Cloud, TheoryLine, thickness_cloud, thickness_ratios, wrinkling_wavelength
 from morphofold.display import html_of
 from morphofold.errors import NamedTwice, NothingToDo, NotReadable, OutOfRange, UnknownName
 from morphofold.io import atomic_folder
@@ -39,9 +32,8 @@ from morphofold.surface import check_kind
 from morphofold.tables import write_table
 from morphofold.words import listed, number
 
-HemisphereNames = Mapping[
-    str, tuple[str, ...]
-]  # names of single hemispheres, by the name of both hemispheres or of their group
+#: names of single hemispheres, by the name of both hemispheres or of their group
+HemisphereNames = Mapping[str, tuple[str, ...]]
 THICKNESS_RATIOS = (THICKNESS_RATIO, CREST_THICKNESS_RATIO)  # in the order of thickness_ratios
 #: parameters that make numbers differ: text of a value, and the sentence with all values and their surfaces
 PARAMETER_CAUTIONS: Mapping[str, tuple[Callable[[Any], str], str]] = {
@@ -190,7 +182,7 @@ def compare(
     if spins < 1:
         raise OutOfRange(f"spins must be 1 or more, got {spins}.")
     named, full = named_surfaces(surfaces)
-    grouped, stages = grouped_names(full, groups), {name: tuple(several) for name, several in (growth or {}).items()}
+    grouped, stages = grouped_names(full, groups), {name: tuple(of_body) for name, of_body in (growth or {}).items()}
     shapes = {name: own for name, m in named.items() if (own := hinge_shapes(m)) is not None}
     measures = tuple(named.values())
     clouds = tuple(map(thickness_cloud, measures))
@@ -216,7 +208,7 @@ def compare(
 def theory_lines(named: Mapping[str, Measures], mu_ratio: float | None = None) -> tuple[TheoryLine, ...]:
     """Theoretical wavelength at ``mu_ratio``, or at each ratio of stiffness in ``cortex.info`` of the surfaces."""
     known = {m.cortex.info.get("mu_ratio") for m in named.values()} if mu_ratio is None else {mu_ratio}
-    ratios = sorted(float(mu) for mu in known if mu is not None)
+    ratios = sorted({float(mu) for mu in known if mu is not None})
     for mu in ratios:
         if not 0 < mu < np.inf:
             raise OutOfRange(f"mu_ratio must be a positive number, got {mu}.")
@@ -243,17 +235,17 @@ def named_surfaces(
     named: dict[str, Measures] = {}
     full: dict[str, tuple[str, ...]] = {}
     for name, entry in surfaces.items():
-        several: list[Any] = list(entry) if isinstance(entry, list | tuple) else [entry]
-        for m in several:
+        hemispheres: list[Any] = list(entry) if isinstance(entry, list | tuple) else [entry]
+        for m in hemispheres:
             check_kind(m, Measures, f"compare: {name}")
-        full[name] = tuple(name if len(several) == 1 else f"{name} {m.cortex.hemi}" for m in several)
-        for own, m in zip(full[name], several):
-            if own in named:
+        full[name] = tuple(name if len(hemispheres) == 1 else f"{name} {m.cortex.hemi}" for m in hemispheres)
+        for single, m in zip(full[name], hemispheres):
+            if single in named:
                 raise NamedTwice(
-                    f"{own!r} names two surfaces ({named[own].cortex.name} and {m.cortex.name}, both "
+                    f"{single!r} names two surfaces ({named[single].cortex.name} and {m.cortex.name}, both "
                     f"{m.cortex.hemi}). Give them different names."
                 )
-            named[own] = m
+            named[single] = m
     if not full or not all(full.values()):
         raise NothingToDo('nothing to compare: pass at least one surface, e.g. {"model": measures}.')
     return named, full
@@ -263,16 +255,16 @@ def grouped_names(full: HemisphereNames, groups: Mapping[str, Sequence[str]] | N
     """Names of the surfaces of each group; raises ``ValueError`` for a name that is not there, or in two groups."""
     if groups is None:
         return dict(full)
-    asked = [name for names in groups.values() for name in names]
-    for name in asked:
+    members = [name for names in groups.values() for name in names]
+    for name in members:
         if name not in full:
             raise UnknownName(f"a group has the name {name!r}, but the surfaces are {', '.join(full)}.")
-        if asked.count(name) > 1:
+        if members.count(name) > 1:
             raise NamedTwice(f"{name!r} is in two groups; hinges can't be compared with themselves.")
     return {group: tuple(n for name in names for n in full[name]) for group, names in groups.items()}
 
 
-def colours_of(full: HemisphereNames, groups: HemisphereNames, asked: Mapping[str, str]) -> dict[str, str]:
+def colours_of(full: HemisphereNames, groups: HemisphereNames, requested: Mapping[str, str]) -> dict[str, str]:
     """A colour for each surface: the one given to it or to its group, or the next of ours.
 
     Raises
@@ -284,14 +276,14 @@ def colours_of(full: HemisphereNames, groups: HemisphereNames, asked: Mapping[st
     grouped = {name for names in groups.values() for name in names}
     families = [*groups.values(), *(names for names in full.values() if not grouped & set(names))]
     colours = {n: CATEGORICAL_COLOURS[k % len(CATEGORICAL_COLOURS)] for k, names in enumerate(families) for n in names}
-    for name, colour in asked.items():
+    for name, colour in requested.items():
         if name not in {*groups, *full, *each}:
             raise UnknownName(f"a colour is given to {name!r}, which is not among {', '.join({**groups, **full})}.")
         if not re.fullmatch("#[0-9a-fA-F]{6}", colour):
             raise NotReadable(f"{colour!r} is not a colour ({name}); write it as red, green and blue, such as #0072b2.")
     for known in (groups, full, each):
-        for name in known.keys() & asked.keys():
-            colours.update(dict.fromkeys(known[name], asked[name].lower()))
+        for name in known.keys() & requested.keys():
+            colours.update(dict.fromkeys(known[name], requested[name].lower()))
     return {name: colours[name] for name in each}
 
 
@@ -317,3 +309,29 @@ def notes(named: Mapping[str, Measures]) -> list[str]:
         for what, why in sorted(m.notes.items())
         if m.scalars.get(what) is None
     ]
+
+
+def plot_notes(named: Mapping[str, Measures], clouds: Sequence[Cloud]) -> list[str]:
+    """Notes on the points of each surface in the plot of gyral against cortical thickness."""
+    sentences = [
+        f"{name}: not in the plot of gyral against cortical thickness, because one of the two is missing."
+        for name, cloud in zip(named, clouds)
+        if not cloud.points
+    ]
+    crests, regions = ([n for n, c in zip(named, clouds) if c.kind == kind] for kind in ("crest", "region"))
+    if crests and regions:
+        sentences.append(
+            f"Points of {listed(crests)} are crests and of {listed(regions)} are regions: compare their lines, not the "
+            "points."
+        )
+    if mirrored := [name for name, m in named.items() if m.cortex.portion != 1]:
+        sentences.append(
+            f"{listed(mirrored)}: a part was simulated and the rest is its mirror image. Intervals and p count the "
+            "image as further evidence, so intervals are too narrow and p too small."
+        )
+    if whole := [name for name, cloud in zip(named, clouds) if cloud.kind == "whole" and cloud.points]:
+        sentences.append(
+            f"{listed(whole)}: no regions, so one point (median gyral, mean cortical thickness) and bins of vertices "
+            "represent the surface."
+        )
+    return sentences

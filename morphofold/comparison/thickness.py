@@ -12,7 +12,6 @@ from morphofold.analysis.measures import Measures
 from morphofold.analysis.thickness.robust_slope import LEAST_POINTS, LEAST_POINTS_FOR_BOUNDS, robust_line
 from morphofold.arrays import Array
 from morphofold.quantities import find
-from morphofold.words import listed
 
 #: of a whole surface: gyral, cortical
 WHOLE_SURFACE_THICKNESSES = ("median_gyral_thickness_mm", "mean_cortical_thickness_mm")
@@ -137,32 +136,6 @@ def thickness_ratios(measures: Measures) -> tuple[float | None, float | None]:
     gyral, cortical = (measures.scalars.get(key) for key in WHOLE_SURFACE_THICKNESSES)
     ratios = [wide / thick for wide, thick, _ in _rows_with_both_thicknesses(measures.crests) if thick > 0]
     return gyral / cortical if gyral and cortical else None, float(np.median(ratios)) if ratios else None
-
-
-def plot_notes(named: Mapping[str, Measures], clouds: Sequence[Cloud]) -> list[str]:
-    """Notes on the points of each surface in the plot of gyral against cortical thickness."""
-    sentences = [
-        f"{name}: not in the plot of gyral against cortical thickness, because one of the two is missing."
-        for name, cloud in zip(named, clouds)
-        if not cloud.points
-    ]
-    crests, regions = ([n for n, c in zip(named, clouds) if c.kind == kind] for kind in ("crest", "region"))
-    if crests and regions:
-        sentences.append(
-            f"Points of {listed(crests)} are crests and of {listed(regions)} are regions: compare their lines, not the "
-            "points."
-        )
-    if mirrored := [name for name, m in named.items() if m.cortex.portion != 1]:
-        sentences.append(
-            f"{listed(mirrored)}: a part was simulated and the rest is its mirror image. Intervals and p count the "
-            "image as further evidence, so intervals are too narrow and p too small."
-        )
-    if whole := [name for name, cloud in zip(named, clouds) if cloud.kind == "whole" and cloud.points]:
-        sentences.append(
-            f"{listed(whole)}: no regions, so one point (median gyral, mean cortical thickness) and bins of vertices "
-            "represent the surface."
-        )
-    return sentences
 
 
 def _rows_with_both_thicknesses(rows: Sequence[Mapping[str, Any]]) -> Iterator[tuple[float, float, Mapping[str, Any]]]:

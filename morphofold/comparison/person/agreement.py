@@ -314,7 +314,7 @@ def pulled_back(vectors: Array, verts: Array, faces: Faces, points: Array) -> Ar
     the surface. Zero where no triangle has area.
     """
     ones, twos = (verts[faces[:, k]] - verts[faces[:, 0]] for k in (1, 2))
-    there = [points[faces[:, k]] - points[faces[:, 0]] for k in (1, 2)]
+    on_sphere = [points[faces[:, k]] - points[faces[:, 0]] for k in (1, 2)]
     a, b, c = (np.einsum("fi,fi->f", *pair) for pair in ((ones, ones), (ones, twos), (twos, twos)))
     whole, area = a * c - b * b, face_areas(verts, faces)
     weight = np.divide(area, whole, out=np.zeros(len(faces)), where=whole > 0)
@@ -322,7 +322,7 @@ def pulled_back(vectors: Array, verts: Array, faces: Faces, points: Array) -> Ar
     for k in range(3):
         v = vectors[faces[:, k]]
         p, q = np.einsum("fi,fi->f", v, ones), np.einsum("fi,fi->f", v, twos)
-        image = (c * p - b * q)[:, None] * there[0] + (a * q - b * p)[:, None] * there[1]
+        image = (c * p - b * q)[:, None] * on_sphere[0] + (a * q - b * p)[:, None] * on_sphere[1]
         for axis in range(3):
             total[:, axis] += np.bincount(faces[:, k], weight * image[:, axis], len(points))
     return unit(total - np.einsum("ni,ni->n", total, points)[:, None] * points)

@@ -5,26 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from morphofold.analysis.measures import Measures
 from morphofold.arrays import Array
-from morphofold.comparison.person.agreement import (
-    SPINS,
-    Agreement,
-    Statistic,
-    agreement_of_axes,
-    agreement_of_classes,
-    best_controls,
-    classes,
-    fold_axes,
-    forwardness,
-    null_values,
-    smooth_axes,
-)
-from morphofold.comparison.person.bodies import Bodies, Body, bodies_of
+from morphofold.comparison.person import agreement
+from morphofold.comparison.person.agreement import SPINS, Agreement, Statistic
+from morphofold.comparison.person.bodies import Bodies, bodies_of
 from morphofold.comparison.person.regions import correlations, numbers_of_bodies, region_agreements, region_table
 from morphofold.errors import MissingPart, Refusal
 from morphofold.geometry import mean_edge_length
@@ -45,7 +34,9 @@ CARRIED_MAPS = (
     "sulc",
 )
 LIKE_SIZES = (0.8, 1.25)  # of a grown cortex over the person's, within which maps in mm are compared as they are
-CONTROLS = (RELIEF, "H")  # maps of a smooth body that are controls of both agreements of sulci and gyri
+#: agreements over the cortex, and the maps of a smooth body that are their controls; both maps of both agreements of
+#: sulci and gyri, so that growth does not win by another measure of the same folds
+CONTROLS = {"depth": (RELIEF, "H"), "curvature": (RELIEF, "H"), "axes": ("axes",)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,15 +144,6 @@ class PersonComparison:
         return dict(json_value(content))
 
 
-class _Question(NamedTuple):
-    """An agreement: its statistic gives the number of the grown body, then those of the maps of the smooth body, and
-    those of the same maps of the deepened one."""
-
-    what: str
-    statistic: Statistic
-    controls: tuple[str, ...]
-
-
 def compare_people(
     named: Mapping[str, Measures], *, spins: int = SPINS, seed: int = 0
 ) -> tuple[tuple[PersonComparison, ...], tuple[str, ...]]:
@@ -259,74 +241,64 @@ def compare_with_person(
         if "only" in m.parameters:
             raise MissingPart(f"{name}: was measured in part, only {listed(m.parameters['only'])}. Measure it whole.")
     bodies = bodies_of(person, grown, level)
-    axes, forward = _question_of_axes(bodies)
-    questions = [*_questions_of_classes(bodies), axes]
-    statistics = [question.statistic for question in questions]
-    regions = numbers_of_bodies(bodies)
+    axes, regions = _axes(bodies), numbers_of_bodies(bodies)
+    statistics = _statistics(bodies, axes)
     if regions is not None:
         statistics.append(correlations(regions, bodies.weights))
     values = [statistic(bodies.to_grown.nearest, np.eye(3)) for statistic in statistics]
-    turns = rotations(spins, seed)
-    null = null_values(statistics, bodies.grown.points, NearestTable(bodies.person.points), turns)
+    table, turns = NearestTable(bodies.person.points), rotations(spins, seed)
+    null = agreement.null_values(statistics, bodies.grown.points, table, turns)
+    of_person, of_grown = (bodies.person.points, bodies.person_areas), (bodies.grown.points, bodies.areas)
     return PersonComparison(
         *names,
         person.cortex.hemi,
         level,
         bodies.grown.scale,
         spins,
-        tuple(map(_answer, questions, values, null)),
-        forward,
+        tuple(_over_cortex(what, *tested) for what, *tested in zip(CONTROLS, values, null)),
+        {
+            name: agreement.forwardness(*axes[name], bodies.smooth, *at)
+            for name, at in (("person", of_person), ("smooth", of_grown), ("grown", of_grown))
+        },
         () if regions is None else region_agreements(regions, values[-1], null[-1], grown),
         () if regions is None else region_table(regions, person.cortex.hemi),
         bodies,
     )
 
 
-def _answer(question: _Question, values: Array, null: Array) -> Agreement:
-    (tested, best), (deepened, best_deepened) = best_controls(values, null)
-    return Agreement(question.what, tested, deepened, question.controls[best], question.controls[best_deepened])
+def _over_cortex(what: str, values: Array, null: Array) -> Agreement:
+    (tested, best), (deepened, best_deepened) = agreement.best_controls(values, null)
+    return Agreement(what, tested, deepened, CONTROLS[what][best], CONTROLS[what][best_deepened])
 
 
-def _questions_of_classes(bodies: Bodies) -> list[_Question]:
-    """Agreements of sulci and gyri by depth and by curvature.
+def _axes(bodies: Bodies) -> dict[str, tuple[Array, Array]]:
+    """Fold axes and their strengths, of measured bodies at the scale at which their curvature was measured."""
+    axes = {}
+    for name, body in (("person", bodies.person), ("grown", bodies.grown)):
+        edge = mean_edge_length(body.pial.verts, body.pial.faces)
+        scale = float(body.measures.parameters.get("curvature_scale_mm") or 3 * edge)
+        axes[name] = agreement.fold_axes(body.pial, body.points, scale, body.cortex)
+    for name, surface in (("smooth", bodies.smooth), ("deepened", bodies.deepened)):
+        along, strength = agreement.smooth_axes(surface, bodies.grown.points)
+        axes[name] = along, strength * bodies.grown.cortex
+    return axes
 
-    Both maps of a smooth body are controls of both, so that growth does not win by another measure of the same folds.
+
+def _statistics(bodies: Bodies, axes: Mapping[str, tuple[Array, Array]]) -> list[Statistic]:
+    """Agreements of sulci and gyri by depth and by curvature, and of fold axes.
+
+    Each is a number of the grown body, then of the maps of the smooth body, then of those of the deepened one.
     """
     weights, person, grown = bodies.weights, bodies.person, bodies.grown
-    controls = [classes(maps[key], weights) for maps in (bodies.smooth_maps, bodies.deepened_maps) for key in CONTROLS]
-    questions = []
-    for what, of_person, of_grown in (
-        ("depth", person.height, grown.height),
-        ("curvature", person.curvature, grown.curvature),
-    ):
-        reference = classes(of_person, bodies.person_areas)
-        statistic = agreement_of_classes([classes(of_grown, weights), *controls], reference, weights)
-        questions.append(_Question(what, statistic, CONTROLS))
-    return questions
-
-
-def _question_of_axes(bodies: Bodies) -> tuple[_Question, dict[str, float]]:
-    """Agreement of fold axes, and the mean cos 2a of each body with the front-back axis."""
-    person, grown = (_axes(body) for body in (bodies.person, bodies.grown))
-    at = bodies.grown.points
-    smooth, deepened = (
-        (along, strength * bodies.grown.cortex)
-        for along, strength in (smooth_axes(body, at) for body in (bodies.smooth, bodies.deepened))
-    )
-    statistic = agreement_of_axes([grown, smooth, deepened], person, bodies.weights, at)
-    forward = {
-        "person": forwardness(*person, bodies.smooth, bodies.person.points, bodies.person_areas),
-        "smooth": forwardness(*smooth, bodies.smooth, at, bodies.areas),
-        "grown": forwardness(*grown, bodies.smooth, at, bodies.areas),
-    }
-    return _Question("axes", statistic, ("axes",)), forward
-
-
-def _axes(body: Body) -> tuple[Array, Array]:
-    """Fold axes at the scale at which curvature was measured."""
-    pial = body.pial
-    scale = body.measures.parameters.get("curvature_scale_mm") or 3 * mean_edge_length(pial.verts, pial.faces)
-    return fold_axes(pial, body.points, float(scale), body.cortex)
+    smooth_bodies = [bodies.smooth_maps, bodies.deepened_maps]
+    controls = [agreement.classes(maps[key], weights) for maps in smooth_bodies for key in CONTROLS["depth"]]
+    statistics = []
+    for of_person, of_grown in ((person.height, grown.height), (person.curvature, grown.curvature)):
+        reference = agreement.classes(of_person, bodies.person_areas)
+        compared = [agreement.classes(of_grown, weights), *controls]
+        statistics.append(agreement.agreement_of_classes(compared, reference, weights))
+    compared_axes = [axes[name] for name in ("grown", "smooth", "deepened")]
+    return [*statistics, agreement.agreement_of_axes(compared_axes, axes["person"], weights, grown.points)]
 
 
 def write_people(people: Sequence[PersonComparison], folder: Path) -> None:

@@ -22,8 +22,8 @@ from morphofold.analysis.measures import Measures
 from morphofold.comparison.growth import DIMENSIONLESS_NUMBERS, GrowthCurve
 from morphofold.comparison.hinges import HingeComparison, compare_hinges
 from morphofold.comparison.person.compare_person import PersonComparison
-from morphofold.comparison.side_by_side import cautions, numbers, theory_lines
-from morphofold.comparison.thickness import Cloud, TheoryLine, plot_notes, thickness_cloud
+from morphofold.comparison.side_by_side import cautions, numbers, plot_notes, theory_lines
+from morphofold.comparison.thickness import Cloud, TheoryLine, thickness_cloud
 from morphofold.forecasts.analysis_cost import PAGE_STAGE
 from morphofold.geometry import vertex_areas
 from morphofold.progress import Progress, silent
