@@ -68,10 +68,7 @@ def growth_curve(name: str, stages: Sequence[Measures]) -> GrowthCurve:
     growth = np.array([float(m.cortex.info["g"]) for m in stages])
     if (np.diff(growth) == 0).any():
         raise NamedTwice(f"{name}: two stages are at g = {growth[:-1][np.diff(growth) == 0][0]:g}. Leave one out.")
-    numbers = {
-        key: np.array([np.nan if (value := of(m)) is None else value for m in stages], dtype=np.float64)
-        for key, of in DIMENSIONLESS_NUMBERS.items()
-    }
+    numbers = {key: np.array(list(map(of, stages)), dtype=np.float64) for key, of in DIMENSIONLESS_NUMBERS.items()}
     return GrowthCurve(name, growth, numbers, tuple(shape_terms_of(m) for m in stages))
 
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeGuard
+from typing import Any
 
 import numpy as np
 
@@ -13,7 +13,8 @@ from morphofold.analysis.thickness.robust_slope import LEAST_POINTS, LEAST_POINT
 from morphofold.arrays import Array
 from morphofold.quantities import find
 
-#: of a whole surface: gyral, cortical
+THICKNESSES = ("gyral_thickness_mm", "cortical_thickness_mm")
+#: of a whole surface
 WHOLE_SURFACE_THICKNESSES = ("median_gyral_thickness_mm", "mean_cortical_thickness_mm")
 MOST_BINS, LEAST_VERTICES_OF_A_BIN = 8, 50
 
@@ -113,18 +114,16 @@ def thickness_cloud(measures: Measures) -> Cloud:
     never to bins: their vertices are not independent.
     """
     thinnest = 0.5 * (measures.scalars.get("mean_cortical_thickness_mm") or 0.0)
-    for kind, rows in (("region", measures.regions), ("crest", measures.crests)):
+    whole = dict(zip(THICKNESSES, map(measures.scalars.get, WHOLE_SURFACE_THICKNESSES)), whole="whole surface")
+    for kind, rows in (("region", measures.regions), ("crest", measures.crests), ("whole", [whole])):
         points = tuple(
-            ThicknessPoint(float(thick), float(wide), str(row.get(kind, kind)))
-            for wide, thick, row in _rows_with_both_thicknesses(rows)
-            if kind == "region" or thick >= thinnest
+            ThicknessPoint(cortical, gyral, str(row.get(kind, kind)))
+            for gyral, cortical, row in _rows_with_both_thicknesses(rows)
+            if kind != "crest" or cortical >= thinnest
         )
         if points:
             return Cloud(kind, points, () if kind == "region" else _vertex_bins(measures), fit_line(points))
-    gyral, cortical = (measures.scalars.get(key) for key in WHOLE_SURFACE_THICKNESSES)
-    if not (_is_finite_number(gyral) and _is_finite_number(cortical)):
-        return Cloud("whole", ())
-    return Cloud("whole", (ThicknessPoint(float(cortical), float(gyral), "whole surface"),), _vertex_bins(measures))
+    return Cloud("whole", ())
 
 
 def thickness_ratios(measures: Measures) -> tuple[float | None, float | None]:
@@ -138,16 +137,10 @@ def thickness_ratios(measures: Measures) -> tuple[float | None, float | None]:
     return gyral / cortical if gyral and cortical else None, float(np.median(ratios)) if ratios else None
 
 
-def _rows_with_both_thicknesses(rows: Sequence[Mapping[str, Any]]) -> Iterator[tuple[float, float, Mapping[str, Any]]]:
+def _rows_with_both_thicknesses(rows: Sequence[Mapping[str, Any]]) -> list[tuple[float, float, Mapping[str, Any]]]:
     """Gyral and cortical thickness of each row that has both, and the row."""
-    for row in rows:
-        wide, thick = row.get("gyral_thickness_mm"), row.get("cortical_thickness_mm")
-        if _is_finite_number(wide) and _is_finite_number(thick):
-            yield wide, thick, row
-
-
-def _is_finite_number(value: Any) -> TypeGuard[float]:
-    return isinstance(value, int | float | np.number) and not isinstance(value, bool) and bool(np.isfinite(value))
+    pairs = np.array([[row.get(key) for key in THICKNESSES] for row in rows], dtype=np.float64).reshape(-1, 2)
+    return [(*pairs[k].tolist(), rows[k]) for k in np.flatnonzero(np.isfinite(pairs).all(axis=1)).tolist()]
 
 
 def _vertex_bins(measures: Measures) -> tuple[ThicknessPoint, ...]:
