@@ -78,15 +78,13 @@ class RegionNumbers:
     fields: tuple[Fields, Fields, Fields]
 
 
-def mean_field(values: Array | None, weights: Array) -> Ratio | None:
+def mean_field(values: Array, weights: Array) -> Ratio:
     """The weighted mean of values (N,) over the vertices that have one."""
-    if values is None or not np.isfinite(values).any():
-        return None
     known = np.isfinite(values)
     return Ratio(np.where(known, values, 0.0) * weights, known * weights)
 
 
-def region_fields(m: Measures, smooth_area: Array, cortex: Bools, scale: float) -> dict[str, Ratio | Median]:
+def region_fields(m: Measures, smooth_area: Array, cortex: Bools, scale: float) -> Fields:
     """The fields of a measured cortex for which it has maps.
 
     Parameters
@@ -108,22 +106,22 @@ def region_fields(m: Measures, smooth_area: Array, cortex: Bools, scale: float) 
     """
     white, pial = (vertex_areas(s.verts, s.faces) * cortex for s in (m.cortex.white, m.cortex.pial))
     middle = 0.5 * scale**2 * (white + pial)
-    map_of = lambda key, by=1.0: None if (values := find(m.maps, key)) is None else by * values
-    fields: dict[str, Ratio | Median | None] = {
-        "gyrification_index": mean_field(map_of("local_gyrification_index"), pial),
-        "sulcal_depth_mm": mean_field(map_of("sulcal_depth", scale), pial),
-        "cortical_thickness_mm": mean_field(map_of("cortical_thickness", scale), cortex.astype(np.float64)),
-    }
-    widths = map_of("gyral_thickness", scale)
-    if widths is not None and np.isfinite(widths).any():
-        fields["gyral_thickness_mm"] = Median(np.where(cortex, widths, np.nan))
+    flat = smooth_area * cortex
+    fields: dict[str, Ratio | Median] = {"area_expansion": Ratio(middle / middle.sum(), flat / flat.sum())}
+    for key, name, factor, weights in (
+        ("gyrification_index", "local_gyrification_index", 1.0, pial),
+        ("sulcal_depth_mm", "sulcal_depth", scale, pial),
+        ("cortical_thickness_mm", "cortical_thickness", scale, cortex.astype(np.float64)),
+    ):
+        if (values := find(m.maps, name)) is not None:
+            fields[key] = mean_field(factor * values, weights)
+    if (widths := find(m.maps, "gyral_thickness")) is not None:
+        fields["gyral_thickness_mm"] = Median(np.where(cortex, scale * widths, np.nan))
     if m.graph is not None or m.hinges:
         vertices = np.array([row["vertex"] for row in m.hinges if counts(row)], dtype=np.int64)
         hinges = np.bincount(vertices, minlength=len(cortex)).astype(np.float64)
         fields["hinges_per_cm2"] = Ratio(100 * hinges * cortex, middle)
-    flat = smooth_area * cortex
-    fields["area_expansion"] = Ratio(middle / middle.sum(), flat / flat.sum())
-    return {key: field for key, field in fields.items() if field is not None}
+    return fields
 
 
 def region_numbers(labels: Ints, count: int, fields: Fields, keys: Sequence[str] = REGION_MEASURES) -> Array:
@@ -203,11 +201,7 @@ def numbers_of_bodies(bodies: Bodies) -> RegionNumbers | None:
     in_person = region_fields(person.measures, bodies.person_areas, person.cortex, 1.0)
     in_grown = region_fields(grown.measures, bodies.areas, grown.cortex, grown.scale)
     in_smooth, in_deepened = (
-        {
-            key: field
-            for key, name in SMOOTH_MAPS.items()
-            if (field := mean_field(maps.get(name), bodies.weights)) is not None
-        }
+        {key: mean_field(maps[name], bodies.weights) for key, name in SMOOTH_MAPS.items() if name in maps}
         for maps in (bodies.smooth_maps, bodies.deepened_maps)
     )
     return RegionNumbers(
