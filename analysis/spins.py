@@ -13,13 +13,12 @@ from morphofold.arrays import Array
 from morphofold.errors import DoesNotApply, OutOfRange, UnknownName, WrongShape
 from morphofold.geometry import adjacency
 from morphofold.kernels import kernel, reading
-from morphofold.spheres.spins import NearestTable, cell_of, rotations
+from morphofold.spheres.spins import NearestTable, cell_of, p_value, rotations
 from morphofold.surface import Surface
 from morphofold.threads import in_blocks
 from morphofold.unfolding.unfold import points_on_sphere
 
 LEAST_VERTICES = 10  # that both maps know, for a correlation
-ROUND_OFF = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +113,7 @@ def spin_test(
     in_blocks(_correlations, len(turns), *reading(points, turns, table.vertex, ring, first, second), table.n, found)
     value, null = float(found[0]), found[1:]
     counted = null[np.isfinite(null)]
-    return SpinTest(value, _p(np.abs(counted), abs(value)), _p(counted, value), null)
+    return SpinTest(value, p_value(abs(value), np.abs(counted)), p_value(value, counted), null)
 
 
 def _prepared(values: Array, method: str) -> Array:
@@ -125,10 +124,6 @@ def _prepared(values: Array, method: str) -> Array:
     if known.any() and (spread := float(np.std(found[known]))) > 0:
         found = (found - found[known].mean()) / spread
     return found
-
-
-def _p(null: Array, value: float) -> float:
-    return float((1 + np.count_nonzero(null >= value - ROUND_OFF)) / (1 + len(null)))
 
 
 @kernel

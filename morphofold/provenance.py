@@ -94,11 +94,12 @@ def clean_name(text: str) -> str:
 
 def strict_json(content: Any) -> str:
     """JSON that every reader accepts: NumPy values become plain, NaN and infinity null, other objects text."""
-    text = json.dumps(_plain_json_value(content), indent=1, allow_nan=False, ensure_ascii=False)
+    text = json.dumps(json_value(content), indent=1, allow_nan=False, ensure_ascii=False)
     return CONTROLS.sub(lambda found: f"\\u{ord(found[0]):04x}", text) + "\n"
 
 
-def _plain_json_value(value: Any) -> Any:
+def json_value(value: Any) -> Any:
+    """A value as :func:`strict_json` writes it."""
     if isinstance(value, str):
         return printable(value)
     if value is None or isinstance(value, bool | int):
@@ -106,9 +107,9 @@ def _plain_json_value(value: Any) -> Any:
     if isinstance(value, float | np.floating):
         return float(value) if np.isfinite(value) else None
     if isinstance(value, np.generic | np.ndarray):
-        return _plain_json_value(value.tolist())
+        return json_value(value.tolist())
     if isinstance(value, Mapping):
-        return {printable(str(k)): _plain_json_value(v) for k, v in value.items()}
+        return {printable(str(k)): json_value(v) for k, v in value.items()}
     if isinstance(value, Sequence | set | frozenset):
-        return [_plain_json_value(v) for v in value]
+        return [json_value(v) for v in value]
     return printable(str(value))

@@ -14,7 +14,7 @@ from made_surfaces import area
 from matplotlib.image import imread
 
 from morphofold.comparison import compare
-from morphofold.comparison.thickness import thickness_clouds
+from morphofold.comparison.thickness import thickness_cloud
 from morphofold.report.pages import contents, page
 from morphofold.report.pages.page import analysis_report
 from morphofold.report.plots import charts
@@ -66,7 +66,7 @@ def test_digests_among_the_facts_are_short():
     m = made_measures(info={"grown_from": {"subject": "someone", "sha256": {"surface": "0123456789ab" + 52 * "c"}}})
     (row,) = (
         row
-        for row in contents.facts(page._page_entries({"a": m}, {"a": "#000000"}, thickness_clouds([m])))
+        for row in contents.facts(page._page_entries({"a": m}, {"a": "#000000"}, [thickness_cloud(m)]))
         if row["key"] == "grown_from"
     )
     assert row["values"] == ["subject someone, sha256 surface 0123456789ab…"]

@@ -6,10 +6,19 @@ from made_people import random_folds, values
 from scipy.stats import spearmanr
 from threadpoolctl import threadpool_limits
 
-from morphofold.comparison.person.agreement import agreement_of_axes, agreement_of_classes, classes, weighted_median
-from morphofold.comparison.person.axes import fold_axes, forwardness, pulled_back, smooth_axes
+from morphofold.comparison.person.agreement import (
+    agreement_of_axes,
+    agreement_of_classes,
+    classes,
+    compare_with_null,
+    fold_axes,
+    forwardness,
+    null_values,
+    pulled_back,
+    smooth_axes,
+    weighted_median,
+)
 from morphofold.comparison.person.regions import Median, Ratio, region_numbers, spearman
-from morphofold.comparison.person.spins import beside_null, spun
 from morphofold.geometry import unit, vertex_areas
 from morphofold.shapes import icosphere
 from morphofold.spheres.spins import NearestTable, rotations
@@ -64,7 +73,8 @@ def test_vertices_without_a_class_in_one_body_are_left_out_for_all(ball, rng):
 def test_the_null_of_balanced_maps_is_a_half(ball, rng):
     points, _, areas = ball
     one, other = (classes(values(random_folds(rng), points), areas) for _ in range(2))
-    null = spun(agreement_of_classes([one], other, areas), points, NearestTable(points), rotations(300))[:, 0]
+    statistic = agreement_of_classes([one], other, areas)
+    null = null_values([statistic], points, NearestTable(points), rotations(300))[0][:, 0]
     assert null.mean() == pytest.approx(0.5, abs=4 * null.std() / np.sqrt(300))
     assert 0.005 < null.std() < 0.1
 
@@ -75,7 +85,7 @@ def difference_of(ball, turned, body, person, grown):
     of = lambda folds: classes(values(folds, points), areas)
     statistic = agreement_of_classes([of(grown), of(body)], of(person), areas)
     found, null = statistic(*itself(points)), np.stack([statistic(near, None) for near in turned])
-    one = beside_null(found[0], null[:, 0], found[1], null[:, 1])
+    one = compare_with_null(found[0], null[:, 0], found[1], null[:, 1])
     return one.p, one.difference_p
 
 
@@ -116,11 +126,11 @@ def test_growth_that_finds_the_folds_of_the_person_is_significant(ball, rng):
 
 def test_a_number_without_control_or_without_value():
     null = np.array([0.1, 0.2, 0.3, np.nan])
-    plain = beside_null(0.25, null)
+    plain = compare_with_null(0.25, null)
     assert (plain.p, plain.control, plain.difference) == (0.5, None, None)  # one of three, and itself
-    assert beside_null(float("nan"), null).p == 1
-    assert not beside_null(float("nan"), null).beats
-    both = beside_null(0.9, np.linspace(0, 0.5, 99), 0.9, np.linspace(0, 0.5, 99))
+    assert compare_with_null(float("nan"), null).p == 1
+    assert not compare_with_null(float("nan"), null).beats
+    both = compare_with_null(0.9, np.linspace(0, 0.5, 99), 0.9, np.linspace(0, 0.5, 99))
     assert (both.p, both.difference, both.difference_p, both.beats) == (0.01, 0.0, 1.0, False)
 
 

@@ -9,9 +9,8 @@ from made_people import LEVEL, made_person, measures_of, random_folds, source
 from scipy.spatial.transform import Rotation
 
 from morphofold.comparison import compare
-from morphofold.comparison.person.beside import compare_with_person
 from morphofold.comparison.person.bodies import bodies_of
-from morphofold.comparison.person.pairs import Pair, find_pairs
+from morphofold.comparison.person.compare_person import compare_with_person, find_pairs
 from morphofold.errors import MissingPart, OutOfRange, UnlikeSurfaces
 from morphofold.results import read_analysis, write_analysis
 from morphofold.shapes import icosphere
@@ -141,7 +140,7 @@ def test_values_are_carried_both_ways(person, beside_itself):
 
 def test_pairs_are_known_by_the_bytes_of_the_white_surface_and_the_side(folds, person):
     of = lambda **more: made_person(folds[1], name="grown", grown_from=source(**more))
-    assert find_pairs({"P": person, "G": of()}) == ([Pair("P", "G", LEVEL)], [])
+    assert find_pairs({"P": person, "G": of()}) == ([("P", "G", LEVEL)], [])
     for other in (of(name="someone"), made_person(folds[1], name="grown", hemi="rh", grown_from=source())):
         pairs, remarks = find_pairs({"P": person, "G": other})
         assert pairs == []
@@ -149,7 +148,7 @@ def test_pairs_are_known_by_the_bytes_of_the_white_surface_and_the_side(folds, p
         assert remarks[0].startswith("G ")
     assert find_pairs({"P": person, "Q": made_person(folds[1], name="other")}) == ([], [])
     pair = {"P lh": person, "P rh": made_person(folds[0], hemi="rh"), "G": of()}
-    assert find_pairs(pair)[0] == [Pair("P lh", "G", LEVEL)]
+    assert find_pairs(pair)[0] == [("P lh", "G", LEVEL)]
 
 
 def test_cortices_that_cannot_be_compared_are_refused(folds, person):
@@ -241,7 +240,7 @@ def test_a_pair_is_known_again_from_analyses_on_disk(folds, person, tmp_path):
     for name, m in (("P", person), ("G", grown)):
         write_analysis([m], tmp_path / name)
         (named[name],) = read_analysis(tmp_path / name)
-    assert find_pairs(named) == ([Pair("P", "G", LEVEL)], [])
+    assert find_pairs(named) == ([("P", "G", LEVEL)], [])
     (found,) = compare(named, spins=9).people
     here = compare_with_person(person, grown, LEVEL, spins=9)
     assert found.agreements[0].tested.value == pytest.approx(here.agreements[0].tested.value, abs=2e-3)  # float32

@@ -4,8 +4,7 @@ Simulations and brains are treated the same. ``cortex.origin`` and ``cortex.info
 ``info["mu_ratio"]``, if there is one, gives the theoretical line.
 """
 
-from morphofold.comparison.person.beside import compare_with_person
-from morphofold.comparison.person.results import PersonComparison
+from morphofold.comparison.person.compare_person import PersonComparison, compare_with_person
 from morphofold.comparison.side_by_side import Comparison, compare
 from morphofold.comparison.thickness import (
     Cloud,

@@ -9,14 +9,13 @@ import numpy as np
 from morphofold.surface import Surface
 
 
-def distance(one: Surface, other: Surface) -> float:
+def distance(surface: Surface, other: Surface) -> float:
     """Mean distance [mm] of the vertices of one surface to the nearest point of the other; mean of both directions."""
-    return 0.5 * (_mean_one_way_distance(one, other) + _mean_one_way_distance(other, one))
-
-
-def _mean_one_way_distance(points: Surface, surface: Surface) -> float:
     import pyvista as pv
 
-    mesh: Any = pv.PolyData.from_regular_faces(surface.verts, surface.faces)  # type: ignore[arg-type]
-    _, nearest = mesh.find_closest_cell(points.verts, return_closest_point=True)
-    return float(np.linalg.norm(points.verts - nearest, axis=1).mean())
+    one_way = []
+    for start, end in ((surface, other), (other, surface)):
+        mesh: Any = pv.PolyData.from_regular_faces(end.verts, end.faces)  # type: ignore[arg-type]
+        _, nearest = mesh.find_closest_cell(start.verts, return_closest_point=True)
+        one_way.append(float(np.linalg.norm(start.verts - nearest, axis=1).mean()))
+    return 0.5 * sum(one_way)

@@ -15,16 +15,6 @@ from morphofold.comparison.thickness import thickness_ratios
 from morphofold.errors import DoesNotApply, MissingPart, NamedTwice
 
 
-def _folding_law_constant(m: Measures) -> float | None:
-    terms = shape_terms_of(m)
-    return None if terms is None else terms.k
-
-
-def _hinge_density(m: Measures) -> float | None:
-    shapes = hinge_shapes(m)
-    return None if shapes is None else shapes.per_area
-
-
 def _wavelength_over_thickness(m: Measures) -> float | None:
     wavelength, thickness = m.scalars.get("wavelength_mm"), m.scalars.get("mean_cortical_thickness_mm")
     return None if wavelength is None or not thickness else wavelength / thickness
@@ -33,8 +23,8 @@ def _wavelength_over_thickness(m: Measures) -> float | None:
 #: numbers without unit, so that bodies of any size can be compared
 DIMENSIONLESS_NUMBERS: dict[str, Callable[[Measures], float | None]] = {
     "gyrification index": lambda m: m.scalars.get("gyrification_index"),
-    "k of the law of folding": _folding_law_constant,
-    "hinges per gyral width²": _hinge_density,
+    "k of the law of folding": lambda m: getattr(shape_terms_of(m), "k", None),  # None without terms
+    "hinges per gyral width²": lambda m: getattr(hinge_shapes(m), "per_area", None),
     "gyral over cortical thickness": lambda m: thickness_ratios(m)[0],
     "gyral over cortical, at crests": lambda m: thickness_ratios(m)[1],
     "wavelength over cortical thickness": _wavelength_over_thickness,
@@ -78,10 +68,7 @@ def growth_curve(name: str, stages: Sequence[Measures]) -> GrowthCurve:
     growth = np.array([float(m.cortex.info["g"]) for m in stages])
     if (np.diff(growth) == 0).any():
         raise NamedTwice(f"{name}: two stages are at g = {growth[:-1][np.diff(growth) == 0][0]:g}. Leave one out.")
-    numbers = {
-        key: np.array([np.nan if (value := of(m)) is None else value for m in stages], dtype=np.float64)
-        for key, of in DIMENSIONLESS_NUMBERS.items()
-    }
+    numbers = {key: np.array(list(map(of, stages)), dtype=np.float64) for key, of in DIMENSIONLESS_NUMBERS.items()}
     return GrowthCurve(name, growth, numbers, tuple(shape_terms_of(m) for m in stages))
 
 
@@ -99,12 +86,11 @@ def matching_growth(curve: GrowthCurve, measures: Measures) -> dict[str, list[fl
     }
 
 
-def _growths_at_value(growth: Array, values: Array, wanted: float | None) -> list[float]:
-    if wanted is None:
+def _growths_at_value(growth: Array, values: Array, number: float | None) -> list[float]:
+    if number is None:
         return []
     known = np.isfinite(values)
-    g, above = growth[known], values[known] - wanted
-    found = [float(at) for at, off in zip(g, above) if off == 0]
-    for k in np.flatnonzero(above[:-1] * above[1:] < 0):
-        found.append(float(g[k] + (g[k + 1] - g[k]) * above[k] / (above[k] - above[k + 1])))
-    return sorted(found)
+    g, above = growth[known], values[known] - number
+    k = np.flatnonzero(above[:-1] * above[1:] < 0)
+    crossings = g[k] + (g[k + 1] - g[k]) * above[k] / (above[k] - above[k + 1])
+    return sorted([*g[above == 0].tolist(), *crossings.tolist()])

@@ -17,7 +17,8 @@ from morphofold.analysis.graph.hinge_shapes import (
     together,
     two_sample,
 )
-from morphofold.arrays import Array
+from morphofold.arrays import Array, Ints
+from morphofold.spheres.spins import p_value
 
 #: shortest arm of a random net, in crown widths: a gyral graph merges hinges that are nearer
 SHORTEST_ARM_IN_WIDTHS = 0.5
@@ -136,72 +137,71 @@ def compare_hinges(
     seed : int
         Of permutations and of the random net.
     """
-    members = {group: [name for name in names if name in shapes] for group, names in groups.items()}
-    held = {group: names for group, names in members.items() if sum(len(shapes[name]) for name in names) > 1}
-    return [
-        _compare_groups(one, other, {n: shapes[n] for n in held[one]}, {n: shapes[n] for n in held[other]}, seed)
-        for one, other in combinations(held, 2)
-    ]
+    members = {group: {n: shapes[n] for n in names if n in shapes} for group, names in groups.items()}
+    measured = {group: own for group, own in members.items() if sum(map(len, own.values())) > 1}
+    return [_compare_groups(*pair, seed) for pair in combinations(measured.items(), 2)]
 
 
-def _compare_groups(
-    one: str, other: str, mine: Mapping[str, HingeShapes], theirs: Mapping[str, HingeShapes], seed: int
-) -> HingeComparison:
-    a, b = together(list(mine.values())), together(list(theirs.values()))
+Group = tuple[str, Mapping[str, HingeShapes]]  # its name, and shapes by surface
+
+
+def _compare_groups(first: Group, second: Group, seed: int) -> HingeComparison:
+    a, b = (together(list(shapes.values())) for _, shapes in (first, second))
     pooled = np.concatenate([a, b])
-    across, _ = shape_distance(pooled, pooled)
+    distance, pose = shape_distance(pooled, pooled)
+    across = np.s_[: len(a), len(a) :]
     return HingeComparison(
-        one,
-        other,
-        (len(mine), len(theirs)),
-        two_sample(across, len(a), permutations=PERMUTATIONS, seed=seed),
-        _compare_numbers(mine, theirs),
-        *_compare_with_chance(one, other, a, theirs, seed),
-        _nearest_matches(a, b, mine, theirs),
+        first[0],
+        second[0],
+        (len(first[1]), len(second[1])),
+        two_sample(distance, len(a), permutations=PERMUTATIONS, seed=seed),
+        _compare_numbers(first[1], second[1]),
+        *_compare_with_chance(first[0], a, second, b, seed),
+        _nearest_matches(distance[across], pose[across], first[1], second[1]),
     )
 
 
-def _compare_numbers(mine: Mapping[str, HingeShapes], theirs: Mapping[str, HingeShapes]) -> tuple[NumberRow, ...]:
+def _compare_numbers(own: Mapping[str, HingeShapes], others: Mapping[str, HingeShapes]) -> tuple[NumberRow, ...]:
     from scipy import stats
 
     rows = []
-    ours, other = ([s.numbers() for s in group.values()] for group in (mine, theirs))
-    for key in ours[0]:
-        x, y = (np.concatenate([numbers[key] for numbers in group]) for group in (ours, other))
+    numbers = [[s.numbers() for s in group.values()] for group in (own, others)]
+    for key in numbers[0][0]:
+        x, y = (np.concatenate([of_surface[key] for of_surface in group]) for group in numbers)
         ks = float(stats.ks_2samp(x, y).statistic)
         rows.append(NumberRow(key, float(np.median(x)), float(np.median(y)), ks))
     return tuple(rows)
 
 
 def _compare_with_chance(
-    one: str, other: str, a: Array, theirs: Mapping[str, HingeShapes], seed: int
+    name: str, a: Array, other: Group, b: Array, seed: int
 ) -> tuple[tuple[Control, ...], float | None, str]:
     """Controls of the first group with features ``a``; p-value of its difference from chance, and the units of that."""
-    b, rng, itself = together(list(theirs.values())), np.random.default_rng(seed), f"{other} itself"
-    net = net_at_chance([s for s in theirs.values() if len(s)], seed=seed)
-    sources = {one: a, itself: b} | ({} if net is None else {RANDOM_NET_NAME: net})
-    far = {name: shape_distance(source, b, of=PLANAR_NET_FEATURES)[0] for name, source in sources.items()}
-    n = min(len(b) // 2, *(len(source) for source in sources.values()))
-    total = {name: np.zeros(2) for name in sources}
+    rng, itself, shapes = np.random.default_rng(seed), f"{other[0]} itself", list(other[1].values())
+    net = net_at_chance([s for s in shapes if len(s)], seed=seed)
+    sources = {name: a, itself: b} | ({} if net is None else {RANDOM_NET_NAME: net})
+    distances = {source: shape_distance(x, b, of=PLANAR_NET_FEATURES)[0] for source, x in sources.items()}
+    n = min(len(b) // 2, *map(len, sources.values()))
+    total = {source: np.zeros(2) for source in sources}
     for _ in range(DRAWS):
         order = rng.permutation(len(b))
-        for name, d in far.items():
-            drawn = order[n : 2 * n] if name == itself else rng.choice(len(d), n, replace=False)
-            total[name] += _median_distances(d[np.ix_(drawn, order[:n])]) / DRAWS
-    controls = tuple(Control(name, float(to), float(back), n) for name, (to, back) in total.items())
+        for source, d in distances.items():
+            drawn = order[n : 2 * n] if source == itself else rng.choice(len(d), n, replace=False)
+            total[source] += _median_distances(d[np.ix_(drawn, order[:n])]) / DRAWS
+    controls = tuple(Control(source, float(to), float(back), n) for source, (to, back) in total.items())
     if net is None:
         return controls, None, ""
     size = min(len(a), len(net), MOST_TESTED_HINGES)
-    both = np.concatenate([rng.permutation(far[name])[:size] for name in (one, RANDOM_NET_NAME)])
-    found = {"hinges": (_difference(both), np.array([_difference(rng.permutation(both)) for _ in range(PERMUTATIONS)]))}
-    if len(theirs) >= LEAST_SURFACES_AS_UNITS:
-        parts = np.split(both, np.cumsum([len(s) for s in theirs.values()])[:-1], axis=1)
-        apart = np.array([_difference(part) for part in parts if part.shape[1]])
-        signs = rng.choice([-1.0, 1.0], size=(PERMUTATIONS, len(apart)))
-        found["surfaces"] = float(apart.sum()), signs @ apart
-    as_large = {units: np.count_nonzero(np.abs(drawn) >= abs(d) - 1e-12) for units, (d, drawn) in found.items()}
-    units = max(as_large, key=lambda units: as_large[units])
-    return controls, float(1 + as_large[units]) / (1 + PERMUTATIONS), units
+    both = np.concatenate([rng.permutation(distances[source])[:size] for source in (name, RANDOM_NET_NAME)])
+    tests = {"hinges": (_difference(both), np.array([_difference(rng.permutation(both)) for _ in range(PERMUTATIONS)]))}
+    if len(shapes) >= LEAST_SURFACES_AS_UNITS:
+        parts = np.split(both, np.cumsum([len(s) for s in shapes])[:-1], axis=1)
+        differences = np.array([_difference(part) for part in parts if part.shape[1]])
+        signs = rng.choice([-1.0, 1.0], size=(PERMUTATIONS, len(differences)))
+        tests["surfaces"] = float(differences.sum()), signs @ differences
+    p = {units: p_value(abs(difference), np.abs(null)) for units, (difference, null) in tests.items()}
+    units = max(p, key=lambda units: p[units])
+    return controls, p[units], units
 
 
 def _median_distances(distance: Array) -> Array:
@@ -224,33 +224,32 @@ def net_at_chance(shapes: Sequence[HingeShapes], *, seed: int = 0) -> Array | No
 
 
 def _nearest_matches(
-    a: Array, b: Array, mine: Mapping[str, HingeShapes], theirs: Mapping[str, HingeShapes]
+    distance: Array, pose: Ints, own: Mapping[str, HingeShapes], others: Mapping[str, HingeShapes]
 ) -> tuple[Match, ...]:
-    distance, pose = shape_distance(a, b)
-    one, other = (
+    hinges, candidates = (
         [(name, int(hinge), str(kind)) for name, s in group.items() for hinge, kind in zip(s.hinge, s.kinds)]
-        for group in (mine, theirs)
+        for group in (own, others)
     )
-    nearest = distance.argmin(axis=1)
-    found = [
-        Match(one[i][0], one[i][1], other[j][0], other[j][1], float(distance[i, j]), int(pose[i, j]), one[i][2])
-        for i, j in enumerate(nearest.tolist())
-    ]
-    return tuple(sorted(found, key=lambda match: match.distance))
+    matches = []
+    for i, j in enumerate(distance.argmin(axis=1).tolist()):
+        (surface, hinge, kind), (other_surface, other, _) = hinges[i], candidates[j]
+        matches.append(Match(surface, hinge, other_surface, other, float(distance[i, j]), int(pose[i, j]), kind))
+    return tuple(sorted(matches, key=lambda match: match.distance))
 
 
 def examples(
-    matches: Sequence[Match], count: int = 6, *, wanted: Callable[[Match], bool] = lambda match: True
+    matches: Sequence[Match], count: int = 6, *, accept: Callable[[Match], bool] = lambda match: True
 ) -> list[Match]:
     """The best matches of different kinds, no hinge twice: the best of each of Y, T and V, then the next best.
 
-    Only matches for which ``wanted`` is true are taken.
+    Only matches for which ``accept`` is true are taken.
     """
     chosen: list[Match] = []
-    for kinds in (True, False):
+    for new_kinds in (True, False):
         for match in matches:
-            new = (match.other_surface, match.other) not in {(m.other_surface, m.other) for m in chosen}
-            if len(chosen) < count and match not in chosen and new:
-                if (not kinds or match.kind not in {m.kind for m in chosen}) and wanted(match):
+            used = {(m.other_surface, m.other) for m in chosen}
+            new = match not in chosen and (match.other_surface, match.other) not in used
+            if len(chosen) < count and new and not (new_kinds and match.kind in {m.kind for m in chosen}):
+                if accept(match):
                     chosen.append(match)
     return sorted(chosen, key=lambda match: match.distance)

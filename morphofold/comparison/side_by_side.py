@@ -6,7 +6,8 @@ Simulations and brains are treated the same. ``cortex.origin`` and ``cortex.info
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,20 +19,42 @@ from morphofold.analysis.gyrification.folding_law import ShapeTerms, shape_terms
 from morphofold.analysis.measures import SCALARS, Measures
 from morphofold.comparison.growth import GrowthCurve, growth_curve, matching_growth
 from morphofold.comparison.hinges import HingeComparison, compare_hinges
-from morphofold.comparison.names import colours_of, grouped_names, named_surfaces
-from morphofold.comparison.person.beside import beside_people
-from morphofold.comparison.person.results import PersonComparison
-from morphofold.comparison.person.spins import SPINS
-from morphofold.comparison.remarks import cautions, notes, plot_notes
-from morphofold.comparison.thickness import Cloud, TheoryLine, thickness_clouds, thickness_ratios, wrinkling_wavelength
+from morphofold.comparison.person.agreement import SPINS
+from morphofold.comparison.person.compare_person import PersonComparison, compare_people, write_people
+from morphofold.comparison.thickness import Cloud, TheoryLine, thickness_cloud, thickness_ratios, wrinkling_wavelength
 from morphofold.display import html_of
-from morphofold.errors import OutOfRange
+from morphofold.errors import NamedTwice, NothingToDo, NotReadable, OutOfRange, UnknownName
+from morphofold.io import atomic_folder
 from morphofold.progress import Progress, silent
-from morphofold.quantities import CREST_THICKNESS_RATIO, THICKNESS_RATIO
+from morphofold.provenance import json_value, strict_json
+from morphofold.quantities import CATEGORICAL_COLOURS, CREST_THICKNESS_RATIO, THICKNESS_RATIO
 from morphofold.surface import check_kind
 from morphofold.tables import write_table
+from morphofold.words import listed, number
 
+#: names of single hemispheres, by the name of both hemispheres or of their group
+HemisphereNames = Mapping[str, tuple[str, ...]]
 THICKNESS_RATIOS = (THICKNESS_RATIO, CREST_THICKNESS_RATIO)  # in the order of thickness_ratios
+#: parameters that make numbers differ: text of a value, and the sentence with all values and their surfaces
+PARAMETER_CAUTIONS: Mapping[str, tuple[Callable[[Any], str], str]] = {
+    "curvature_scale_mm": (
+        lambda mm: f"{number(float(mm), 2)} mm",
+        "Curvature was taken within {}; compare H, folding indices and the sharpness of hinges with care.",
+    ),
+    "cortical_thickness_cap_mm": (
+        lambda mm: f"at {mm:g} mm" if mm else "nowhere",
+        "Cortical thickness was capped {}; compare thick cortex with care.",
+    ),
+    "graph_width_mm": (
+        lambda mm: f"{number(float(mm), 2)} mm",
+        "Gyral graphs are scaled by a crown width of {}; compare their hinges per square of that width.",
+    ),
+    "accuracy": (str, "Accuracy was {}; hinges and local gyrification of coarse meshes depend on it."),
+    "cortex_mask": (
+        lambda mask: f"by '{mask}'",
+        "Cortex was marked {}; where nothing marks the medial wall, means may count it as cortex.",
+    ),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,28 +94,28 @@ class Comparison:
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but the maps, as plain values for JSON."""
-        return {
-            "names": list(self.names),
-            "table": [dict(row) for row in self.table],
+        content = {
+            "names": self.names,
+            "table": self.table,
             "gyral_against_cortical_thickness": {n: asdict(c) for n, c in zip(self.names, self.clouds)},
             "theory": [asdict(line) for line in self.theory],
-            "groups": {group: list(names) for group, names in self.groups.items()},
-            "colours": dict(self.colours),
-            "hinges": [{**asdict(found), "verdict": found.verdict} for found in self.hinges],
-            "growth": {c.name: self._met(c) for c in self.growth},
+            "groups": self.groups,
+            "colours": self.colours,
+            "hinges": [{**asdict(compared), "verdict": compared.verdict} for compared in self.hinges],
+            "growth": {
+                curve.name: {
+                    "growth": curve.growth,
+                    "numbers": curve.numbers,
+                    "as": {name: matching_growth(curve, m) for name, m in zip(self.names, self.measures)},
+                }
+                for curve in self.growth
+            },
             "folding": {n: None if t is None else asdict(t) for n, t in zip(self.names, self.folding)},
-            "notes": list(self.notes),
-            "cautions": list(self.cautions),
-            **({"people": [found.to_dict() for found in self.people]} if self.people else {}),
+            "notes": self.notes,
+            "cautions": self.cautions,
+            **({"people": [person.to_dict() for person in self.people]} if self.people else {}),
         }
-
-    def _met(self, curve: GrowthCurve) -> dict[str, Any]:
-        """A curve as plain values, with the growths at which its numbers equal those of each surface."""
-        return {
-            "growth": curve.growth.tolist(),
-            "numbers": {key: [_json_value(x) for x in values.tolist()] for key, values in curve.numbers.items()},
-            "as": {name: matching_growth(curve, m) for name, m in zip(self.names, self.measures)},
-        }
+        return dict(json_value(content))
 
     def report(self, out: str | Path, *, progress: Progress = silent) -> Path:
         """Write ``out/`` completely or not at all: report.html, figures/*.png, comparison.json, comparison.tsv.
@@ -102,9 +125,6 @@ class Comparison:
         Returns the path of the page. ``progress`` is called with the share done, 0 to 1, and what is being drawn.
         """
         import morphofold
-        from morphofold.comparison.person.files import write_people
-        from morphofold.io import atomic_folder
-        from morphofold.provenance import strict_json
         from morphofold.report.pages.page import comparison_report
 
         with atomic_folder(out) as folder:
@@ -162,24 +182,23 @@ def compare(
     if spins < 1:
         raise OutOfRange(f"spins must be 1 or more, got {spins}.")
     named, full = named_surfaces(surfaces)
-    grouped = grouped_names(full, groups)
-    shapes = {name: found for name, m in named.items() if (found := hinge_shapes(m)) is not None}
-    clouds = thickness_clouds(list(named.values()))
-    people, remarks = beside_people(named, spins=spins, seed=seed)
+    grouped, stages = grouped_names(full, groups), {name: tuple(of_body) for name, of_body in (growth or {}).items()}
+    shapes = {name: own for name, m in named.items() if (own := hinge_shapes(m)) is not None}
+    measures = tuple(named.values())
+    clouds = tuple(map(thickness_cloud, measures))
+    people, remarks = compare_people(named, spins=spins, seed=seed)
     return Comparison(
         names=tuple(named),
-        measures=tuple(named.values()),
-        table=tuple(
-            {"measure": key, **dict(zip(named, values))} for key, values in numbers(list(named.values())).items()
-        ),
+        measures=measures,
+        table=tuple({"measure": key, **dict(zip(named, values))} for key, values in numbers(measures).items()),
         clouds=clouds,
         theory=theory_lines(named, mu_ratio),
         groups=grouped,
         colours=colours_of(full, grouped, colours or {}),
         hinges=tuple(compare_hinges(shapes, grouped, seed=seed)),
-        folding=tuple(shape_terms_of(m) for m in named.values()),
-        stages={name: tuple(stages) for name, stages in (growth or {}).items()},
-        growth=tuple(growth_curve(name, stages) for name, stages in (growth or {}).items()),
+        folding=tuple(map(shape_terms_of, measures)),
+        stages=stages,
+        growth=tuple(map(growth_curve, stages, stages.values())),
         people=people,
         notes=(*notes(named), *plot_notes(named, clouds)),
         cautions=(*cautions(named), *remarks),
@@ -188,11 +207,8 @@ def compare(
 
 def theory_lines(named: Mapping[str, Measures], mu_ratio: float | None = None) -> tuple[TheoryLine, ...]:
     """Theoretical wavelength at ``mu_ratio``, or at each ratio of stiffness in ``cortex.info`` of the surfaces."""
-    if mu_ratio is not None:
-        ratios = [mu_ratio]
-    else:
-        known = (m.cortex.info.get("mu_ratio") for m in named.values())
-        ratios = sorted({float(mu) for mu in known if mu is not None})
+    known = {m.cortex.info.get("mu_ratio") for m in named.values()} if mu_ratio is None else {mu_ratio}
+    ratios = sorted({float(mu) for mu in known if mu is not None})
     for mu in ratios:
         if not 0 < mu < np.inf:
             raise OutOfRange(f"mu_ratio must be a positive number, got {mu}.")
@@ -203,13 +219,119 @@ def numbers(measures: Sequence[Measures]) -> dict[str, list[Any]]:
     """Every scalar, and both ratios of gyral to cortical thickness: the value of each surface, or None."""
     extra = sorted({key for m in measures for key in m.scalars} - set(SCALARS))
     own = [{**m.scalars, **dict(zip(THICKNESS_RATIOS, thickness_ratios(m)))} for m in measures]
-    return {key: [_json_value(values.get(key)) for values in own] for key in (*SCALARS, *extra, *THICKNESS_RATIOS)}
+    return {key: [json_value(values.get(key)) for values in own] for key in (*SCALARS, *extra, *THICKNESS_RATIOS)}
 
 
-def _json_value(value: Any) -> Any:
-    if value is None or isinstance(value, str | bool):
-        return value
-    number = float(value)
-    if not np.isfinite(number):
-        return None
-    return int(number) if isinstance(value, int | np.integer) else number
+def named_surfaces(
+    surfaces: Mapping[str, Measures | Sequence[Measures]],
+) -> tuple[dict[str, Measures], HemisphereNames]:
+    """Single hemispheres by name, and these names by the names that were given.
+
+    Raises
+    ------
+    ValueError
+        If there is nothing to compare, or two surfaces end up with one name.
+    """
+    named: dict[str, Measures] = {}
+    full: dict[str, tuple[str, ...]] = {}
+    for name, entry in surfaces.items():
+        hemispheres: list[Any] = list(entry) if isinstance(entry, list | tuple) else [entry]
+        for m in hemispheres:
+            check_kind(m, Measures, f"compare: {name}")
+        full[name] = tuple(name if len(hemispheres) == 1 else f"{name} {m.cortex.hemi}" for m in hemispheres)
+        for single, m in zip(full[name], hemispheres):
+            if single in named:
+                raise NamedTwice(
+                    f"{single!r} names two surfaces ({named[single].cortex.name} and {m.cortex.name}, both "
+                    f"{m.cortex.hemi}). Give them different names."
+                )
+            named[single] = m
+    if not full or not all(full.values()):
+        raise NothingToDo('nothing to compare: pass at least one surface, e.g. {"model": measures}.')
+    return named, full
+
+
+def grouped_names(full: HemisphereNames, groups: Mapping[str, Sequence[str]] | None) -> dict[str, tuple[str, ...]]:
+    """Names of the surfaces of each group; raises ``ValueError`` for a name that is not there, or in two groups."""
+    if groups is None:
+        return dict(full)
+    members = [name for names in groups.values() for name in names]
+    for name in members:
+        if name not in full:
+            raise UnknownName(f"a group has the name {name!r}, but the surfaces are {', '.join(full)}.")
+        if members.count(name) > 1:
+            raise NamedTwice(f"{name!r} is in two groups; hinges can't be compared with themselves.")
+    return {group: tuple(n for name in names for n in full[name]) for group, names in groups.items()}
+
+
+def colours_of(full: HemisphereNames, groups: HemisphereNames, requested: Mapping[str, str]) -> dict[str, str]:
+    """A colour for each surface: the one given to it or to its group, or the next of ours.
+
+    Raises
+    ------
+    ValueError
+        If a colour can't be read, or its name is unknown.
+    """
+    each = {name: (name,) for names in full.values() for name in names}
+    grouped = {name for names in groups.values() for name in names}
+    families = [*groups.values(), *(names for names in full.values() if not grouped & set(names))]
+    colours = {n: CATEGORICAL_COLOURS[k % len(CATEGORICAL_COLOURS)] for k, names in enumerate(families) for n in names}
+    for name, colour in requested.items():
+        if name not in {*groups, *full, *each}:
+            raise UnknownName(f"a colour is given to {name!r}, which is not among {', '.join({**groups, **full})}.")
+        if not re.fullmatch("#[0-9a-fA-F]{6}", colour):
+            raise NotReadable(f"{colour!r} is not a colour ({name}); write it as red, green and blue, such as #0072b2.")
+    for known in (groups, full, each):
+        for name in known.keys() & requested.keys():
+            colours.update(dict.fromkeys(known[name], requested[name].lower()))
+    return {name: colours[name] for name in each}
+
+
+def cautions(named: Mapping[str, Measures]) -> list[str]:
+    """A sentence for each scale or option that differs between surfaces and makes their numbers differ."""
+    sentences = []
+    for key, (text_of, sentence) in PARAMETER_CAUTIONS.items():
+        surfaces: dict[str, list[str]] = {}
+        for name, m in named.items():
+            if key in m.parameters:
+                surfaces.setdefault(text_of(m.parameters[key]), []).append(name)
+        if len(surfaces) > 1:
+            values = listed([f"{value} on {listed(names)}" for value, names in surfaces.items()])
+            sentences.append(sentence.format(values))
+    return sentences
+
+
+def notes(named: Mapping[str, Measures]) -> list[str]:
+    """Numbers that were left out, and why."""
+    return [
+        f"{name}: {what} ({why})"
+        for name, m in named.items()
+        for what, why in sorted(m.notes.items())
+        if m.scalars.get(what) is None
+    ]
+
+
+def plot_notes(named: Mapping[str, Measures], clouds: Sequence[Cloud]) -> list[str]:
+    """Notes on the points of each surface in the plot of gyral against cortical thickness."""
+    sentences = [
+        f"{name}: not in the plot of gyral against cortical thickness, because one of the two is missing."
+        for name, cloud in zip(named, clouds)
+        if not cloud.points
+    ]
+    crests, regions = ([n for n, c in zip(named, clouds) if c.kind == kind] for kind in ("crest", "region"))
+    if crests and regions:
+        sentences.append(
+            f"Points of {listed(crests)} are crests and of {listed(regions)} are regions: compare their lines, not the "
+            "points."
+        )
+    if mirrored := [name for name, m in named.items() if m.cortex.portion != 1]:
+        sentences.append(
+            f"{listed(mirrored)}: a part was simulated and the rest is its mirror image. Intervals and p count the "
+            "image as further evidence, so intervals are too narrow and p too small."
+        )
+    if whole := [name for name, cloud in zip(named, clouds) if cloud.kind == "whole" and cloud.points]:
+        sentences.append(
+            f"{listed(whole)}: no regions, so one point (median gyral, mean cortical thickness) and bins of vertices "
+            "represent the surface."
+        )
+    return sentences

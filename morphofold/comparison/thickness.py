@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeGuard
+from typing import Any
 
 import numpy as np
 
@@ -13,8 +13,10 @@ from morphofold.analysis.thickness.robust_slope import LEAST_POINTS, LEAST_POINT
 from morphofold.arrays import Array
 from morphofold.quantities import find
 
-#: of a whole surface: gyral, cortical
+THICKNESSES = ("gyral_thickness_mm", "cortical_thickness_mm")
+#: of a whole surface
 WHOLE_SURFACE_THICKNESSES = ("median_gyral_thickness_mm", "mean_cortical_thickness_mm")
+MOST_BINS, LEAST_VERTICES_OF_A_BIN = 8, 50
 
 
 @dataclass(frozen=True)
@@ -102,11 +104,6 @@ def wrinkling_wavelength(mu_ratio: float) -> TheoryLine:
     return TheoryLine(float(mu_ratio), float(2 * np.pi * (mu_ratio / 3) ** (1 / 3)))
 
 
-def thickness_clouds(surfaces: Sequence[Measures]) -> tuple[Cloud, ...]:
-    """Gyral against cortical thickness of several surfaces, each as in :func:`thickness_cloud`."""
-    return tuple(map(thickness_cloud, surfaces))
-
-
 def thickness_cloud(measures: Measures) -> Cloud:
     """Gyral against cortical thickness of one surface.
 
@@ -117,18 +114,16 @@ def thickness_cloud(measures: Measures) -> Cloud:
     never to bins: their vertices are not independent.
     """
     thinnest = 0.5 * (measures.scalars.get("mean_cortical_thickness_mm") or 0.0)
-    for kind, rows in (("region", measures.regions), ("crest", measures.crests)):
+    whole = dict(zip(THICKNESSES, map(measures.scalars.get, WHOLE_SURFACE_THICKNESSES)), whole="whole surface")
+    for kind, rows in (("region", measures.regions), ("crest", measures.crests), ("whole", [whole])):
         points = tuple(
-            ThicknessPoint(float(thick), float(wide), str(row.get(kind, kind)))
-            for wide, thick, row in _rows_with_both_thicknesses(rows)
-            if kind == "region" or thick >= thinnest
+            ThicknessPoint(cortical, gyral, str(row.get(kind, kind)))
+            for gyral, cortical, row in _rows_with_both_thicknesses(rows)
+            if kind != "crest" or cortical >= thinnest
         )
         if points:
             return Cloud(kind, points, () if kind == "region" else _vertex_bins(measures), fit_line(points))
-    gyral, cortical = (measures.scalars.get(key) for key in WHOLE_SURFACE_THICKNESSES)
-    if not (_is_finite_number(gyral) and _is_finite_number(cortical)):
-        return Cloud("whole", ())
-    return Cloud("whole", (ThicknessPoint(float(cortical), float(gyral), "whole surface"),), _vertex_bins(measures))
+    return Cloud("whole", ())
 
 
 def thickness_ratios(measures: Measures) -> tuple[float | None, float | None]:
@@ -142,36 +137,30 @@ def thickness_ratios(measures: Measures) -> tuple[float | None, float | None]:
     return gyral / cortical if gyral and cortical else None, float(np.median(ratios)) if ratios else None
 
 
-def _rows_with_both_thicknesses(rows: Sequence[Mapping[str, Any]]) -> Iterator[tuple[float, float, Mapping[str, Any]]]:
+def _rows_with_both_thicknesses(rows: Sequence[Mapping[str, Any]]) -> list[tuple[float, float, Mapping[str, Any]]]:
     """Gyral and cortical thickness of each row that has both, and the row."""
-    for row in rows:
-        wide, thick = row.get("gyral_thickness_mm"), row.get("cortical_thickness_mm")
-        if _is_finite_number(wide) and _is_finite_number(thick):
-            yield wide, thick, row
+    pairs = np.array([[row.get(key) for key in THICKNESSES] for row in rows], dtype=np.float64).reshape(-1, 2)
+    return [(*pairs[k].tolist(), rows[k]) for k in np.flatnonzero(np.isfinite(pairs).all(axis=1)).tolist()]
 
 
-def _is_finite_number(value: Any) -> TypeGuard[float]:
-    return isinstance(value, int | float | np.number) and not isinstance(value, bool) and bool(np.isfinite(value))
-
-
-def _vertex_bins(measures: Measures, at_most: int = 8, least: int = 50) -> tuple[ThicknessPoint, ...]:
+def _vertex_bins(measures: Measures) -> tuple[ThicknessPoint, ...]:
     """Vertices that have both thicknesses, in bins of equal count by cortical thickness."""
     cortical, gyral = find(measures.maps, "cortical_thickness"), find(measures.maps, "gyral_thickness")
     if cortical is None or gyral is None:
         return ()
-    count = min(at_most, int((np.isfinite(cortical) & np.isfinite(gyral)).sum()) // least)
+    count = min(MOST_BINS, int((np.isfinite(cortical) & np.isfinite(gyral)).sum()) // LEAST_VERTICES_OF_A_BIN)
     return bins(cortical, gyral, count, "vertices") if count > 1 else ()
 
 
 def bins(cortical: Array, gyral: Array, count: int, what: str) -> tuple[ThicknessPoint, ...]:
     """Known pairs of thicknesses [mm] in bins of equal count by the cortical one: medians and quartiles."""
     both = np.flatnonzero(np.isfinite(cortical) & np.isfinite(gyral))
-    found = []
+    points = []
     for part in np.array_split(both[np.argsort(cortical[both], kind="stable")], count):
         low, middle, high = np.percentile(gyral[part], [25, 50, 75]).tolist()
         label = f"{len(part)} {what} of {cortical[part[0]]:.2f} to {cortical[part[-1]]:.2f} mm"
-        found.append(ThicknessPoint(float(np.median(cortical[part])), middle, label, low, high))
-    return tuple(found)
+        points.append(ThicknessPoint(float(np.median(cortical[part])), middle, label, low, high))
+    return tuple(points)
 
 
 def fit_line(points: Sequence[ThicknessPoint], *, robust: bool = True) -> Fit | None:
@@ -184,26 +173,16 @@ def fit_line(points: Sequence[ThicknessPoint], *, robust: bool = True) -> Fit | 
     x, y = np.array([p.cortical for p in points]), np.array([p.gyral for p in points])
     if len(points) < LEAST_POINTS or np.ptp(x) == 0:
         return None
-    found = stats.linregress(x, y)
-    half = float(stats.t.ppf(0.975, len(points) - 2) * found.stderr)
-    slope = float(found.slope)
-    middle: tuple[float, float | None, float | None] = (0.0, 0.0, 0.0) if robust else (float("nan"), None, None)
+    line = stats.linregress(x, y)
+    half = float(stats.t.ppf(0.975, len(points) - 2) * line.stderr)
+    slope, intercept, r, p = (float(v) for v in (line.slope, line.intercept, line.rvalue, line.pvalue))
+    median: tuple[float, float | None, float | None] = (0.0, 0.0, 0.0) if robust else (np.nan, None, None)
     if robust and np.ptp(y) > 0:
         pairs = robust_line(x, y)
         bounded = bool(np.isfinite([pairs.low, pairs.high]).all())
-        middle = (pairs.robust, pairs.low, pairs.high) if bounded else (pairs.robust, None, None)
-    return Fit(
-        *middle,
-        float(np.median(y - middle[0] * x)),
-        slope,
-        slope - half,
-        slope + half,
-        _slope_without_few(x, y, slope),
-        float(found.intercept),
-        float(found.rvalue),
-        float(found.pvalue),
-        len(points),
-    )
+        median = (pairs.robust, pairs.low, pairs.high) if bounded else (pairs.robust, None, None)
+    start, without_few = float(np.median(y - median[0] * x)), _slope_without_few(x, y, slope)
+    return Fit(*median, start, slope, slope - half, slope + half, without_few, intercept, r, p, len(points))
 
 
 def _slope_without_few(x: Array, y: Array, slope: float) -> float | None:

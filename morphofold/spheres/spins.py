@@ -12,11 +12,17 @@ from morphofold.arrays import Array, Ints
 from morphofold.kernels import kernel
 
 CELLS_PER_VERTEX = 8
+ROUND_OFF = 1e-12
 
 
 def rotations(count: int, seed: int = 0) -> Array:
     """Rotations (count, 3, 3), uniformly distributed: unit quaternions of normal deviates."""
     return Rotation.from_quat(np.random.default_rng(seed).standard_normal((count, 4))).as_matrix()
+
+
+def p_value(value: float, null: Array) -> float:
+    """(1 + values (T,) under rotations at least as large) / (1 + T); 1 for a number that is NaN."""
+    return float((1 + np.count_nonzero(null >= value - ROUND_OFF)) / (1 + len(null))) if np.isfinite(value) else 1.0
 
 
 class NearestTable:

@@ -12,11 +12,11 @@ from morphofold.analysis.gyrification.hull import hull
 from morphofold.analysis.gyrification.local_gyrification import local_gyrification_index
 from morphofold.analysis.measures import Measures
 from morphofold.analysis.relief import height_and_vertical
-from morphofold.arrays import Array, Bools, Ints
+from morphofold.arrays import Array, Bools
 from morphofold.comparison.person.agreement import weighted_median
 from morphofold.errors import MissingPart, Refusal, UnlikeSurfaces
 from morphofold.geometry import vertex_areas
-from morphofold.mesh_quality.checks import cortex_mask, is_no_cortex
+from morphofold.mesh_quality.checks import cortex_mask
 from morphofold.quantities import RELIEF
 from morphofold.spheres.places import Places, places
 from morphofold.surface import Cortex, Surface
@@ -131,17 +131,17 @@ class Bodies:
         """
         surface, cortex = Surface(body(self.grown.points), self.grown.pial.faces), self.grown.cortex
         height, _ = height_and_vertical(surface.verts, surface.faces, RELIEF_SCALE_MM)
-        found = {
+        maps = {
             RELIEF: _centred(np.where(cortex, height, np.nan), self.areas),
             "H": body.frame(self.grown.points).curvature.mean(axis=1),
             "sulcal_depth": sulcal_depth(surface.verts, surface.faces),
         }
         voxel = self.person.measures.parameters.get("local_gyrification_voxel_mm") or DEFAULT_VOXEL_MM
         try:
-            found["local_gyrification_index"] = local_gyrification_index(surface.verts, surface.faces, voxel=voxel)
+            maps["local_gyrification_index"] = local_gyrification_index(surface.verts, surface.faces, voxel=voxel)
         except Refusal:
             pass
-        return {name: np.where(cortex, values, np.nan) for name, values in found.items()}
+        return {name: np.where(cortex, values, np.nan) for name, values in maps.items()}
 
     def smooth_measures(self, name: str) -> Measures:
         """The smooth body as a cortex with maps, for pictures: white and pial are the same surface."""
@@ -149,16 +149,6 @@ class Bodies:
         here = Surface(self.surface.verts, self.surface.faces, name)
         cortex = Cortex(here, here, c.hemi, name, cortex=self.grown.cortex, regions=c.regions, sphere=c.sphere)
         return Measures(cortex, {}, self.smooth_maps)
-
-    @cached_property
-    def labels(self) -> Ints | None:
-        """The person's regions (N,), -1 off the cortex and where there is none; None without regions."""
-        regions = self.person.measures.cortex.regions
-        if regions is None:
-            return None
-        other = [k for k, name in enumerate(regions.names) if is_no_cortex(name)]
-        inside = self.person.cortex & ~np.isin(regions.labels, other)
-        return np.where(inside, regions.labels, -1)
 
 
 def bodies_of(person: Measures, grown: Measures, level: float) -> Bodies:
@@ -185,15 +175,8 @@ def bodies_of(person: Measures, grown: Measures, level: float) -> Bodies:
     Lengths are compared at convex hulls of equal area. Hulls, because the total area of a surface is part of what is
     compared: at equal area a body with few folds would be drawn larger than a person's brain.
     """
-    for m in (person, grown):
-        c = m.cortex
-        if c.sphere is None:
-            raise MissingPart(
-                f"{c.called}: the analysis has no {c.hemi}.sphere, so its vertices can't be found on the other cortex. "
-                f"Put surf/{c.hemi}.sphere into the subject, and analyze it again."
-            )
-        if "H" not in m.maps:
-            raise MissingPart(f"{c.called}: has no map of mean curvature (H). Analyze it again.")
+    size = hull(person.cortex.pial.verts, person.cortex.faces).area
+    own, other = (_body(m, size) for m in (person, grown))
     if person.cortex.hemi != grown.cortex.hemi:
         raise UnlikeSurfaces(
             f"{person.cortex.called} and {grown.cortex.called} are two hemispheres. Compare a cortex with the one it "
@@ -201,16 +184,13 @@ def bodies_of(person: Measures, grown: Measures, level: float) -> Bodies:
         )
     assert person.cortex.sphere is not None
     unfolded = unfold(person.cortex.white, person.cortex.sphere, level)
-    size = hull(person.cortex.pial.verts, person.cortex.faces).area
-    one, other = (_body(m, size) for m in (person, grown))
-    smooth = unfolded.surface(other.points)
-    factor = float(np.sqrt(size / hull(smooth, grown.cortex.faces).area))
-    there, back = (places(a.points, a.pial.faces, b.points) for a, b in ((one, other), (other, one)))
-    one, other = (
+    factor = float(np.sqrt(size / hull(unfolded.surface(other.points), grown.cortex.faces).area))
+    to_grown, to_person = (places(a.points, a.pial.faces, b.points) for a, b in ((own, other), (other, own)))
+    own, other = (
         replace(b, height=_centred(b.height, vertex_areas(unfolded.surface(b.points), b.pial.faces)))
-        for b in (one, other)
+        for b in (own, other)
     )
-    return Bodies(one, other, unfolded.surface.scaled(factor), there, back)
+    return Bodies(own, other, unfolded.surface.scaled(factor), to_grown, to_person)
 
 
 def _centred(height: Array, areas: Array) -> Array:
@@ -222,10 +202,15 @@ def _centred(height: Array, areas: Array) -> Array:
 def _body(m: Measures, size: float) -> Body:
     """A measured cortex, to be scaled to a hull of the area ``size`` [mm^2]."""
     c = m.cortex
-    assert c.sphere is not None
+    if c.sphere is None:
+        raise MissingPart(
+            f"{c.called}: the analysis has no {c.hemi}.sphere, so its vertices can't be found on the other cortex. "
+            f"Put surf/{c.hemi}.sphere into the subject, and analyze it again."
+        )
+    if "H" not in m.maps:
+        raise MissingPart(f"{c.called}: has no map of mean curvature (H). Analyze it again.")
     points, cortex = points_on_sphere(c.pial, c.sphere), cortex_mask(c)
     scale = float(np.sqrt(size / hull(c.pial.verts, c.faces).area))
     height, _ = height_and_vertical(c.pial.verts, c.faces, RELIEF_SCALE_MM / scale)
-    return Body(
-        m, points, cortex, scale, np.where(cortex, scale * height, np.nan), np.where(cortex, m.maps["H"], np.nan)
-    )
+    height, curvature = (np.where(cortex, values, np.nan) for values in (scale * height, m.maps["H"]))
+    return Body(m, points, cortex, scale, height, curvature)

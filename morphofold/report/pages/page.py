@@ -21,10 +21,9 @@ from morphofold.analysis.graph.hinge_shapes import hinge_shapes
 from morphofold.analysis.measures import Measures
 from morphofold.comparison.growth import DIMENSIONLESS_NUMBERS, GrowthCurve
 from morphofold.comparison.hinges import HingeComparison, compare_hinges
-from morphofold.comparison.person.results import PersonComparison
-from morphofold.comparison.remarks import cautions, plot_notes
-from morphofold.comparison.side_by_side import numbers, theory_lines
-from morphofold.comparison.thickness import Cloud, TheoryLine, thickness_clouds
+from morphofold.comparison.person.compare_person import PersonComparison
+from morphofold.comparison.side_by_side import cautions, numbers, plot_notes, theory_lines
+from morphofold.comparison.thickness import Cloud, TheoryLine, thickness_cloud
 from morphofold.forecasts.analysis_cost import PAGE_STAGE
 from morphofold.geometry import vertex_areas
 from morphofold.progress import Progress, silent
@@ -92,7 +91,7 @@ def analysis_report(
     shapes = {name: found for name, m in named.items() if (found := hinge_shapes(m)) is not None}
     grown = [[s.cortex for s in stages if _is_earlier_stage(s, m)] if m is measures[0] else [] for m in measures]
     clouds, hinges, thinned = beside(
-        lambda: thickness_clouds(measures),
+        lambda: tuple(map(thickness_cloud, measures)),
         lambda: compare_hinges(shapes, {name: [name] for name in named}),
         lambda: beside(*(partial(_thinned, m.cortex, earlier) for m, earlier in zip(measures, grown))),
     )

@@ -10,8 +10,8 @@ from typing import Any
 
 from markupsafe import Markup
 
+from morphofold.comparison.person.compare_person import PersonComparison
 from morphofold.comparison.person.regions import REGION_MEASURES
-from morphofold.comparison.person.results import PersonComparison
 from morphofold.comparison.thickness import Cloud
 from morphofold.quantities import RELIEF, common_limits, quantity, scalar_words
 from morphofold.report.pages.contents import Entry
@@ -81,8 +81,8 @@ def person_parts(people: Sequence[PersonComparison], entries: Sequence[Entry], f
         image = _picture(found)
         path.write_bytes(png_bytes(image))
         charts = [
-            region_plot(found.regions, m.key, *scalar_words(m.key), person, grown)
-            for m in REGION_MEASURES
+            region_plot(found.regions, key, *scalar_words(key), person, grown)
+            for key in REGION_MEASURES
             if found.regions
         ]
         parts.append(

@@ -152,7 +152,7 @@ def clear_examples(matches: Sequence[Match], measures: Mapping[str, Measures]) -
         pairs[match] = pair_of(match, measures)
         return all(in_sight(patch) > LEAST_VISIBLE_SHARE for patch in pairs[match])
 
-    return {match: pairs[match] for match in examples(matches, wanted=clear)}
+    return {match: pairs[match] for match in examples(matches, accept=clear)}
 
 
 def in_sight(patch: Row) -> float:

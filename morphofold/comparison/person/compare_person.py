@@ -1,0 +1,319 @@
+"""Compare a cortex with the folds of the person it grew from, and both with the smooth body as control."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from morphofold.analysis.measures import Measures
+from morphofold.arrays import Array
+from morphofold.comparison.person import agreement
+from morphofold.comparison.person.agreement import SPINS, Agreement, Statistic
+from morphofold.comparison.person.bodies import Bodies, bodies_of
+from morphofold.comparison.person.regions import correlations, numbers_of_bodies, region_agreements, region_table
+from morphofold.errors import MissingPart, Refusal
+from morphofold.geometry import mean_edge_length
+from morphofold.io import write_gifti_map
+from morphofold.provenance import json_value
+from morphofold.quantities import RELIEF
+from morphofold.spheres.spins import NearestTable, rotations
+from morphofold.tables import write_table
+from morphofold.words import listed, number
+
+CARRIED_MAPS = (
+    "H",
+    "cortical_thickness",
+    "gyral_thickness",
+    "sulcal_depth",
+    "local_gyrification_index",
+    RELIEF,
+    "sulc",
+)
+LIKE_SIZES = (0.8, 1.25)  # of a grown cortex over the person's, within which maps in mm are compared as they are
+#: agreements over the cortex, and the maps of a smooth body that are their controls; both maps of both agreements of
+#: sulci and gyri, so that growth does not win by another measure of the same folds
+CONTROLS = {"depth": (RELIEF, "H"), "curvature": (RELIEF, "H"), "axes": ("axes",)}
+
+
+@dataclass(frozen=True, eq=False)
+class PersonComparison:
+    """A grown cortex beside the person it grew from.
+
+    Attributes
+    ----------
+    person, grown : str
+        Their names in the comparison.
+    hemi : str
+    level : float
+        At which the person was unfolded.
+    scale : float
+        Factor of the lengths of the grown cortex: its hull then has the area of the person's.
+    spins : int
+    agreements : tuple of Agreement
+        By depth, curvature and fold axes.
+    forwardness : mapping of str to float
+        Mean cos 2a of fold axes with the front-back axis, of ``person``, ``smooth`` and ``grown``.
+    correlations : tuple of Agreement
+        Empty without regions.
+    regions : tuple of dict
+        A row for each region: each measure of each body that has it.
+    bodies : Bodies
+        Points, carriers and maps.
+    """
+
+    person: str
+    grown: str
+    hemi: str
+    level: float
+    scale: float
+    spins: int
+    agreements: tuple[Agreement, ...]
+    forwardness: Mapping[str, float]
+    correlations: tuple[Agreement, ...]
+    regions: tuple[dict[str, Any], ...] = field(repr=False)
+    bodies: Bodies = field(repr=False)
+
+    def __repr__(self) -> str:
+        agreements = ", ".join(f"{row.what} {row.tested.value:.2f} ({row.verdict})" for row in self.agreements)
+        return f"PersonComparison({self.grown!r} beside {self.person!r}, {self.hemi}: {agreements})"
+
+    @property
+    def verdict(self) -> str:
+        """That of sulci and gyri by depth, the question that is asked first."""
+        return self.agreements[0].verdict
+
+    def carried(self) -> dict[tuple[str, str], Array]:
+        """Maps of one cortex at the vertices of the other, by ("to_grown" or "to_person", map).
+
+        ``sulc`` is the person's file, in FreeSurfer's sign.
+        """
+        carried = {}
+        for direction, carrier, body in (
+            ("to_grown", self.bodies.to_grown, self.bodies.person),
+            ("to_person", self.bodies.to_person, self.bodies.grown),
+        ):
+            maps = {**body.measures.cortex.maps, **body.with_height().maps}
+            carried.update({(direction, name): carrier.values(maps[name]) for name in CARRIED_MAPS if name in maps})
+        return carried
+
+    def rows(self) -> list[dict[str, Any]]:
+        """A row for each agreement: the same columns for the whole cortex and for regions."""
+        return [
+            {
+                "person": self.person,
+                "grown": self.grown,
+                "hemi": self.hemi,
+                "over": over,
+                "what": row.what,
+                **asdict(row.tested),
+                "control_map": row.control_map,
+                "deepened": row.deepened.control,
+                "deepened_map": row.deepened_map,
+                "deepened_difference": row.deepened.difference,
+                "deepened_p": row.deepened.difference_p,
+                "n_regions": row.n,
+                "p_corrected": row.p_corrected,
+                "verdict": row.verdict,
+            }
+            for over, rows in (("cortex", self.agreements), ("regions", self.correlations))
+            for row in rows
+        ]
+
+    def region_rows(self) -> list[dict[str, Any]]:
+        """A row for each region, with the names of the two."""
+        return [{"person": self.person, "grown": self.grown, **row} for row in self.regions]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything but maps, as plain values for JSON."""
+        content = {
+            "person": self.person,
+            "grown": self.grown,
+            "hemi": self.hemi,
+            "unfold": self.level,
+            "scale": self.scale,
+            "spins": self.spins,
+            "verdict": self.verdict,
+            "agreements": self.rows(),
+            "forwardness": self.forwardness,
+            "regions": self.regions,
+        }
+        return dict(json_value(content))
+
+
+def compare_people(
+    named: Mapping[str, Measures], *, spins: int = SPINS, seed: int = 0
+) -> tuple[tuple[PersonComparison, ...], tuple[str, ...]]:
+    """Each cortex that grew from a person who is also there, with that person; and remarks, as on who is missing."""
+    pairs, remarks = find_pairs(named)
+    people = []
+    for person, grown, level in pairs:
+        try:
+            compared = compare_with_person(
+                named[person], named[grown], level, names=(person, grown), spins=spins, seed=seed
+            )
+        except Refusal as error:
+            remarks.append(f"{grown} is not compared with the folds of {person}, from which it grew: {error}")
+            continue
+        people.append(compared)
+        if not LIKE_SIZES[0] <= compared.scale <= LIKE_SIZES[1]:
+            remarks.append(
+                f"The hull of {grown} has the area of {person}'s only if its lengths are multiplied by "
+                f"{number(compared.scale, 2)}, but curvature and local gyrification were measured at the same scales "
+                "in mm. Grow it with a radius multiplied by that."
+            )
+    return tuple(people), tuple(remarks)
+
+
+def find_pairs(named: Mapping[str, Measures]) -> tuple[list[tuple[str, str, float]], list[str]]:
+    """Pairs among measured cortices, and a remark for each cortex that grew from someone who is not among them.
+
+    A pair is the name of a person, that of a cortex that grew from it, and the level at which the person was unfolded.
+    A cortex is the person if its white surface has the SHA-256 of the surface that grew, byte for byte, and the same
+    hemisphere. ``info["grown_from"]`` has what grew; the records of the files that were read have the digests.
+    """
+    pairs, remarks = [], []
+    for name, m in named.items():
+        source = m.cortex.info.get("grown_from")
+        if not source:
+            continue
+        digest = source["sha256"].get("surface")
+        people = [
+            other
+            for other, of in named.items()
+            if other != name and of.cortex.hemi == m.cortex.hemi and digest and _white_digest(of) == digest
+        ]
+        pairs += [(person, name, float(source["unfold"])) for person in people[:1]]
+        if not people:
+            remarks.append(
+                f"{name} grew from {m.cortex.hemi} of {source['subject']}, but no compared analysis is of the surface "
+                f"that it grew from (SHA-256 {str(digest)[:12]}). Analyze that subject and add it, to see its own "
+                "folds beside the grown ones."
+            )
+    return pairs, remarks
+
+
+def _white_digest(m: Measures) -> str | None:
+    """SHA-256 of the file of the white surface; None if it was not read from a file."""
+    records = {record["path"]: record["sha256"] for record in m.cortex.inputs}
+    return records.get(m.cortex.files[0]) if m.cortex.files else None
+
+
+def compare_with_person(
+    person: Measures,
+    grown: Measures,
+    level: float,
+    *,
+    names: tuple[str, str] = ("person", "grown"),
+    spins: int = SPINS,
+    seed: int = 0,
+) -> PersonComparison:
+    """Compare a grown cortex with the person it grew from.
+
+    Parameters
+    ----------
+    person, grown : Measures
+        Of cortices with a sphere, on which both have points.
+    level : float
+        At which the person was unfolded.
+    names : (str, str)
+    spins : int
+        Number of rotations of the person's sphere.
+    seed : int
+
+    Raises
+    ------
+    ValueError
+        If one was measured in part (``only``), and as :func:`morphofold.comparison.person.bodies.bodies_of`.
+
+    Notes
+    -----
+    Agreements are taken at the vertices of the grown cortex, weighted by the area of the smooth body, without the
+    medial walls of both. The control of an agreement is the map of the smooth body that agrees best. A second control
+    is the smooth body with its dents deepened: on fsaverage5 at level 0.03 its curvature agrees with the person's depth
+    on 0.84 of the area, that of the smooth body itself on 0.76, so what beats only the latter is no more than what
+    unfolding left.
+    """
+    for name, m in zip(names, (person, grown)):
+        if "only" in m.parameters:
+            raise MissingPart(f"{name}: was measured in part, only {listed(m.parameters['only'])}. Measure it whole.")
+    bodies = bodies_of(person, grown, level)
+    axes, regions = _axes(bodies), numbers_of_bodies(bodies)
+    statistics = _statistics(bodies, axes)
+    if regions is not None:
+        statistics.append(correlations(regions, bodies.weights))
+    values = [statistic(bodies.to_grown.nearest, np.eye(3)) for statistic in statistics]
+    table, turns = NearestTable(bodies.person.points), rotations(spins, seed)
+    null = agreement.null_values(statistics, bodies.grown.points, table, turns)
+    of_person, of_grown = (bodies.person.points, bodies.person_areas), (bodies.grown.points, bodies.areas)
+    return PersonComparison(
+        *names,
+        person.cortex.hemi,
+        level,
+        bodies.grown.scale,
+        spins,
+        tuple(_over_cortex(what, *tested) for what, *tested in zip(CONTROLS, values, null)),
+        {
+            name: agreement.forwardness(*axes[name], bodies.smooth, *at)
+            for name, at in (("person", of_person), ("smooth", of_grown), ("grown", of_grown))
+        },
+        () if regions is None else region_agreements(regions, values[-1], null[-1], grown),
+        () if regions is None else region_table(regions, person.cortex.hemi),
+        bodies,
+    )
+
+
+def _over_cortex(what: str, values: Array, null: Array) -> Agreement:
+    (tested, best), (deepened, best_deepened) = agreement.best_controls(values, null)
+    return Agreement(what, tested, deepened, CONTROLS[what][best], CONTROLS[what][best_deepened])
+
+
+def _axes(bodies: Bodies) -> dict[str, tuple[Array, Array]]:
+    """Fold axes and their strengths, of measured bodies at the scale at which their curvature was measured."""
+    axes = {}
+    for name, body in (("person", bodies.person), ("grown", bodies.grown)):
+        edge = mean_edge_length(body.pial.verts, body.pial.faces)
+        scale = float(body.measures.parameters.get("curvature_scale_mm") or 3 * edge)
+        axes[name] = agreement.fold_axes(body.pial, body.points, scale, body.cortex)
+    for name, surface in (("smooth", bodies.smooth), ("deepened", bodies.deepened)):
+        along, strength = agreement.smooth_axes(surface, bodies.grown.points)
+        axes[name] = along, strength * bodies.grown.cortex
+    return axes
+
+
+def _statistics(bodies: Bodies, axes: Mapping[str, tuple[Array, Array]]) -> list[Statistic]:
+    """Agreements of sulci and gyri by depth and by curvature, and of fold axes.
+
+    Each is a number of the grown body, then of the maps of the smooth body, then of those of the deepened one.
+    """
+    weights, person, grown = bodies.weights, bodies.person, bodies.grown
+    smooth_bodies = [bodies.smooth_maps, bodies.deepened_maps]
+    controls = [agreement.classes(maps[key], weights) for maps in smooth_bodies for key in CONTROLS["depth"]]
+    statistics = []
+    for of_person, of_grown in ((person.height, grown.height), (person.curvature, grown.curvature)):
+        reference = agreement.classes(of_person, bodies.person_areas)
+        compared = [agreement.classes(of_grown, weights), *controls]
+        statistics.append(agreement.agreement_of_classes(compared, reference, weights))
+    compared_axes = [axes[name] for name in ("grown", "smooth", "deepened")]
+    return [*statistics, agreement.agreement_of_axes(compared_axes, axes["person"], weights, grown.points)]
+
+
+def write_people(people: Sequence[PersonComparison], folder: Path) -> None:
+    """Write ``person.tsv``, ``person_regions.tsv`` and ``carried/``; nothing if there is no comparison.
+
+    ``carried/K/to_grown/?h.NAME.shape.gii`` has maps of the person at the vertices of the grown cortex of comparison K,
+    counted from 1, and ``carried/K/to_person`` those of the grown cortex at the person's vertices.
+    """
+    if not people:
+        return
+    columns = ("person", "grown", "hemi", "region")
+    write_table(folder / "person.tsv", columns[:3], [row for pair in people for row in pair.rows()])
+    write_table(folder / "person_regions.tsv", columns, [row for pair in people for row in pair.region_rows()])
+    for k, pair in enumerate(people, start=1):
+        for (direction, name), values in pair.carried().items():
+            file = folder / "carried" / str(k) / direction / f"{pair.hemi}.{name}.shape.gii"
+            file.parent.mkdir(parents=True, exist_ok=True)
+            write_gifti_map(file, values, nan=np.nan, hemi=pair.hemi)
