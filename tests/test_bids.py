@@ -22,7 +22,7 @@ from morphofold.errors import DamagedFile, Mismatch, NotFinite, NotReadable
 from morphofold.io import read_cortex, read_surface, sample_path
 from morphofold.quantities import COLUMN_WORDS, SCALAR_WORDS
 from morphofold.results import COLUMNS, read_analysis, write_analysis, write_dataset
-from morphofold.results.bids import BIDSIGNORE_LINES, read_subject
+from morphofold.results.dataset import BIDSIGNORE_LINES
 
 TRANSFORM = np.array([[1.0, 0, 0, 5], [0, 1, 0, -7], [0, 0, 1, 2], [0, 0, 0, 1]])
 TURNED = np.array([[0.0, -1, 0, 5], [0.6, 0, 0.8, -7], [-0.8, 0, 0.6, 2], [0, 0, 0, 1]])
@@ -235,13 +235,13 @@ def test_a_file_that_is_missing_or_cut_short_is_named(both, tmp_path):
         content = file.read_bytes()
         file.write_bytes(content[: len(content) * 2 // 3])
         with pytest.raises(DamagedFile, match=re.escape(str(file))):
-            read_subject(place)
+            read_analysis(place)
         file.unlink()
         name = file.name.replace("bert", "NAME") if "provenance" in file.name else file.name
         with pytest.raises(FileNotFoundError, match=re.escape(name)):
-            read_subject(place)
+            read_analysis(place)
         file.write_bytes(content)
-    read_subject(place)
+    read_analysis(place)
 
 
 @pytest.mark.parametrize("layout", [0, 1])
@@ -277,7 +277,7 @@ def test_a_provenance_that_morphofold_did_not_write_is_refused(both, tmp_path, k
     provenance["surfaces"][0][key] = value
     path.write_text(json.dumps(provenance))
     with pytest.raises(kind, match=rf"sub-bert.anat.*{expected}"):
-        read_subject(place)
+        read_analysis(place)
 
 
 def test_files_of_two_analyses_are_not_taken_for_one(both, written, tmp_path):
@@ -286,7 +286,7 @@ def test_files_of_two_analyses_are_not_taken_for_one(both, written, tmp_path):
         shutil.copytree(both[1], place)
         shutil.copy(written[2] / "anat" / f"sub-bert01_hemi-L_{end}", place / "anat" / f"sub-bert_hemi-L_{end}")
         with pytest.raises(Mismatch, match=rf"sub-bert_hemi-L_{re.escape(end)}: \(642,\) .*\b2562\b"):
-            read_subject(place)
+            read_analysis(place)
         shutil.rmtree(place)
 
 

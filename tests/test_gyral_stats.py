@@ -11,7 +11,7 @@ from morphofold.analysis.regions import region_table
 from morphofold.geometry import vertex_areas
 from morphofold.io import read_annotation, write_annotation
 from morphofold.results import read_analysis, write_analysis
-from morphofold.results.gyral_stats import stats_name, write_gyral_stats
+from morphofold.results.subject_files import stats_name, write_gyral_stats
 from morphofold.surface import Regions
 
 #: position in a row of what --meas asks for, from the source of aparcstats2table

@@ -73,7 +73,7 @@ def test_nothing_is_left_of_a_run_that_fails_at_its_last_file(bert, monkeypatch)
         raise OSError(28, "No space left on device", str(path))
 
     before = digests(bert)
-    monkeypatch.setattr("morphofold.results.into_subject.write_gyral_stats", full)
+    monkeypatch.setattr("morphofold.results.subject_files.write_gyral_stats", full)
     with pytest.raises(OSError, match="No space"):
         write_into_subject([made()], bert)
     assert digests(bert) == before

@@ -16,7 +16,7 @@ from hard_cases.made_files import RADIAL, killed_at, needs_linux, resource
 from made_measures import made_measures
 
 from morphofold.io import atomic_folder, folders, locks, write_annotation, write_gifti_map, write_morph, write_surface
-from morphofold.results import read_analysis, reading, write_analysis, write_dataset
+from morphofold.results import analyses, read_analysis, write_analysis, write_dataset
 from morphofold.shapes import icosphere
 from morphofold.sim.run import simulate
 from morphofold.surface import Regions, Surface
@@ -129,7 +129,7 @@ def test_killed_folder(holds, tmp_path):
     "a writer killed before each of its steps where names can't be exchanged",
     fails=AssertionError,
     guard="a look beside",
-    without=lambda patch: patch.setattr(reading, "moved_away", lambda out: ""),
+    without=lambda patch: patch.setattr(analyses, "moved_away", lambda out: ""),
 )
 def test_killed_between_two_names(holds, tmp_path, monkeypatch):
     """Between its two moves nothing is there: the reader is told where what was there is, whole."""
@@ -167,7 +167,7 @@ def test_killed_between_two_names(holds, tmp_path, monkeypatch):
     "a writer of a subject of a BIDS dataset killed before each of its steps",
     guard="a folder beside, moved when whole",
     fails=(AssertionError, OSError, ValueError),
-    without=lambda patch: patch.setattr("morphofold.results.bids.atomic_folder", folder_again),
+    without=lambda patch: patch.setattr("morphofold.results.analyses.atomic_folder", folder_again),
 )
 def test_killed_dataset(holds, tmp_path):
     out, kills, names, k = tmp_path / "bids", 0, set(), 1

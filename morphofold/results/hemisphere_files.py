@@ -1,0 +1,244 @@
+"""The files of one hemisphere of an analysis, in either layout: ``write_hemisphere`` and ``read_hemisphere``.
+
+In BIDS, surfaces, hinges and gyral graph are in scanner coordinates if the cortex has a transform to them, and ``curv``
+has FreeSurfer's sign; reading reverses both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import networkx as nx
+import numpy as np
+from numpy.typing import NDArray
+
+from morphofold import io
+from morphofold.analysis.measures import Measures
+from morphofold.errors import DamagedFile, Mismatch
+from morphofold.io import gifti
+from morphofold.quantities import quantity
+from morphofold.results.graph_file import read_graph, write_graph
+from morphofold.results.layouts import INPUT_MAP_UNITS, Layout, bids_ending, describe, in_bids_letters
+from morphofold.results.subject_files import stats_name, write_gyral_stats
+from morphofold.results.summary import REANALYSE_ADVICE
+from morphofold.surface import Cortex, PerVertex, Regions, Surface, Verts
+from morphofold.tables import write_table
+
+SURFACES = ("white", "pial", "inflated", "sphere")
+SURFACES_NOT_MOVED = SURFACES[2:]  # they have no place in the scanner
+CURVATURE_DESCRIPTION = "Mean curvature of the pial surface, positive in sulci (FreeSurfer's sign)"
+MISSING_DESCRIPTION = "NaN where there is no value, as on the medial wall"
+
+
+def write_hemisphere(m: Measures, layout: Layout, *, mgh: bool = False) -> None:
+    """Write surfaces, maps, regions, mask and gyral graph; in the plain layout also stats as FreeSurfer's, and with
+    ``mgh`` maps as MGH."""
+    cortex, hemi, new_path = m.cortex, m.cortex.hemi, partial(layout.new_path, hemi=m.cortex.hemi)
+    for kind in SURFACES:
+        if (surface := getattr(cortex, kind)) is not None:
+            _write_surface(new_path("surface", name=kind), kind, surface, cortex, layout)
+    for name, values in cortex.maps.items():
+        path = new_path("input_map", name=name)
+        if layout.bids:
+            about = {"Description": f"{name} as it came with the surfaces"}
+            about |= {"Units": INPUT_MAP_UNITS[name]} if name in INPUT_MAP_UNITS else {}
+            _write_bids_map(path, bids_ending("input_map", name), values, hemi, about)
+        else:
+            io.write_morph(path, values, nan=0.0)
+    for name, values in m.maps.items():
+        _write_map(new_path("map", name=name), name, values, hemi, layout, mgh)
+    if cortex.regions is not None or cortex.cortex is not None:
+        _write_labels(cortex, layout)
+    if m.graph is not None:
+        write_graph(new_path("graph"), moved_graph(m.graph, cortex.transform if layout.bids else None))
+    if m.regions and not layout.bids:
+        write_gyral_stats(new_path("stats", name=stats_name(m)), m)
+
+
+def _write_surface(path: Path, kind: str, surface: Surface, cortex: Cortex, layout: Layout) -> None:
+    if not layout.bids:
+        io.write_surface(path, surface)
+        return
+    to_scanner = None if kind in SURFACES_NOT_MOVED else cortex.transform
+    footer = None if kind in SURFACES_NOT_MOVED or to_scanner is not None else surface.geometry
+    surface = replace(surface, verts=moved(surface.verts, to_scanner), geometry=footer)
+    gifti.write_gifti_surface(path, surface, cortex.hemi, scanner=to_scanner is not None)
+
+
+def _write_map(path: Path, name: str, values: PerVertex, hemi: str, layout: Layout, mgh: bool) -> None:
+    """Write a measured map; in the plain layout also in FreeSurfer's format."""
+    if layout.bids:
+        label, unit = (CURVATURE_DESCRIPTION, "1/mm") if name == "H" else (quantity(name).label, quantity(name).unit)
+        about = {"Description": label, "Units": in_bids_letters(unit), "Missing": MISSING_DESCRIPTION}
+        _write_bids_map(path, bids_ending("map", name), _with_file_sign(name, values, layout), hemi, about)
+        return
+    io.write_gifti_map(path, values, nan=np.nan, hemi=hemi)
+    for end in ("", ".mgh") if mgh else ("",):
+        io.write_morph(path.with_name(path.name.removesuffix(".shape.gii") + end), values, nan=0.0)
+
+
+def _write_bids_map(path: Path, ending: str, values: PerVertex, hemi: str, about: Mapping[str, str]) -> None:
+    io.write_gifti_map(path, values, name=ending, nan=np.nan, hemi=hemi)
+    describe(path, **about)
+
+
+def _with_file_sign(name: str, values: PerVertex, layout: Layout) -> PerVertex:
+    """Values of a map with the sign of its file, or back."""
+    return io.flip_curvature_sign(values) if layout.bids and name == "H" else values
+
+
+# regions and mask -------------------------------------------------------------------------------------------
+
+
+def _write_labels(cortex: Cortex, layout: Layout) -> None:
+    """Write the regions and the mask of the cortex, as far as there are any."""
+    hemi, regions, mask = cortex.hemi, cortex.regions, cortex.cortex
+    about = {"SpatialReference": f"bids::{layout.subject}/anat/{layout.path('surface', hemi, 'white').name}"}
+    if regions is not None:
+        path = layout.new_path("regions", hemi, regions.name)
+        if layout.bids:
+            gifti.write_gifti_regions(path, regions, hemi)
+            write_table(path.with_name(path.name.replace(".label.gii", ".tsv")), *_region_keys(regions))
+            describe(path, Description=f"Regions of the parcellation {regions.name}, one key per vertex", **about)
+        else:
+            io.write_annotation(path, regions)
+    if mask is not None:
+        path = layout.new_path("mask", hemi)
+        if layout.bids:
+            white = np.array([[255, 255, 255]], np.uint8)
+            gifti.write_gifti_regions(path, Regions(np.where(mask, 0, -1), ("cortex",), white, "cortex"), hemi)
+            describe(path, Description="1 where the vertex is cortex, else 0", Type="ROI", **about)
+        else:
+            io.write_label(path, mask, cortex.white.verts)
+
+
+def _region_keys(regions: Regions) -> tuple[tuple[str, ...], list[dict[str, Any]]]:
+    """Columns and rows of the table of keys, names and colours that BIDS wants beside regions."""
+    named = enumerate(zip(regions.names, regions.colours.tolist()), start=1)
+    rows = [{"index": key, "name": name, "color": "#{:02x}{:02x}{:02x}".format(*rgb)} for key, (name, rgb) in named]
+    return ("index", "name", "color"), [{"index": 0, "name": "no region", "color": None}, *rows]
+
+
+def _read_regions(path: Path, n: int, name: str, layout: Layout) -> Regions:
+    if not layout.bids:
+        return io.read_annotation(path)
+    regions = gifti.read_gifti_regions(path, name)
+    _check_size(path, regions.labels, n)
+    return regions
+
+
+# reading ----------------------------------------------------------------------------------------------------
+
+
+def read_hemisphere(entry: Mapping[str, Any], tables: Mapping[str, list[dict[str, Any]]], layout: Layout) -> Measures:
+    """Measures from the entry of a surface in the summary, the tables of both hemispheres, and its own files.
+
+    Raises
+    ------
+    FileNotFoundError
+        If a file of it is missing.
+    ValueError
+        If a file cannot be read; the message names it.
+    """
+    hemi, path = entry["hemi"], partial(layout.path, hemi=entry["hemi"])
+    transform = None if entry["transform"] is None else np.array(entry["transform"], dtype=np.float64)
+    back = _inverse(transform, layout) if layout.bids and transform is not None else None
+    kinds = ("white", "pial", *(kind for kind in SURFACES_NOT_MOVED if entry.get(kind)))
+    surfaces = {kind: _read_surface(layout, hemi, kind, back) for kind in kinds}
+    n, annotation = len(surfaces["white"].verts), entry["annotation"]
+    cortex = Cortex(
+        **surfaces,
+        hemi=hemi,
+        maps={name: _read_input_map(path("input_map", name=name), n, layout) for name in entry["came_with"]},
+        cortex=_read_mask(path("mask"), n, layout) if entry["cortex_label"] else None,
+        regions=_read_regions(path("regions", name=annotation), n, annotation, layout) if annotation else None,
+        transform=transform,
+        portion=float(entry["portion"]),
+        files=tuple(entry["files"]),
+        inputs=tuple(entry["inputs"]),
+        **{key: entry[key] for key in ("name", "origin", "units", "info")},
+    )
+    own = {name: [row for row in rows if row["hemi"] == hemi] for name, rows in tables.items()}
+    return Measures(
+        cortex,
+        entry["measures"],
+        {name: read_map(layout, hemi, name, n) for name in entry["maps"]},
+        **(own | {"hinges": moved_rows(own["hinges"], back)}),
+        parameters=entry["parameters"],
+        notes=entry["notes"],
+        graph=moved_graph(read_graph(path("graph"), n), back) if entry["graph"] else None,
+    )
+
+
+def read_map(layout: Layout, hemi: str, name: str, n: int) -> PerVertex:
+    """A measured map (N,), positive where convex, of a surface with ``n`` vertices."""
+    path = layout.path("map", hemi, name)
+    values = io.read_morph(path)
+    _check_size(path, values, n)
+    return _with_file_sign(name, values, layout)
+
+
+def _read_input_map(path: Path, n: int, layout: Layout) -> PerVertex:
+    values = io.read_morph(path)
+    if layout.bids:
+        _check_size(path, values, n)
+    return values
+
+
+def _read_mask(path: Path, n: int, layout: Layout) -> NDArray[np.bool_]:
+    return _read_regions(path, n, "cortex", layout).labels == 0 if layout.bids else io.read_label(path, n)
+
+
+def _read_surface(layout: Layout, hemi: str, kind: str, back: NDArray[np.float64] | None) -> Surface:
+    surface = io.read_surface(layout.path("surface", hemi, kind))
+    if not layout.bids:
+        return surface
+    verts = moved(surface.verts, None if kind in SURFACES_NOT_MOVED else back)
+    return replace(surface, verts=verts, name=f"{hemi}.{kind}", geometry=None)
+
+
+def _check_size(path: Path, values: NDArray[Any], n: int) -> None:
+    """Raise ``Mismatch`` unless a file has a value for each vertex."""
+    if values.shape != (n,):
+        raise Mismatch(f"{path}: {values.shape} values for {n} vertices. The files belong to two analyses.")
+
+
+# to the scanner's coordinates, and back ---------------------------------------------------------------------
+
+
+def moved(verts: Verts, transform: NDArray[np.float64] | None) -> Verts:
+    """Points (N, 3) or (3,) transformed by an affine (4, 4); the same without one."""
+    if transform is None:
+        return verts
+    return np.asarray(verts @ transform[:3, :3].T + transform[:3, 3], dtype=np.float64)
+
+
+def moved_rows(rows: list[dict[str, Any]], transform: NDArray[np.float64] | None) -> list[dict[str, Any]]:
+    """Rows of hinges with transformed points."""
+    if transform is None:
+        return rows
+    return [row | dict(zip("xyz", moved(np.array([row[k] for k in "xyz"]), transform).tolist())) for row in rows]
+
+
+def moved_graph(graph: nx.MultiGraph, transform: NDArray[np.float64] | None) -> nx.MultiGraph:
+    if transform is None:
+        return graph
+    graph = graph.copy()
+    for _, node in graph.nodes(data=True):
+        node |= {"position": moved(node["position"], transform), "normal": node["normal"] @ transform[:3, :3].T}
+    for _, _, edge in graph.edges(data=True):
+        edge |= {"polyline": moved(edge["polyline"], transform)}
+    return graph
+
+
+def _inverse(transform: NDArray[np.float64], layout: Layout) -> NDArray[np.float64]:
+    try:
+        return np.linalg.inv(transform)
+    except np.linalg.LinAlgError as error:
+        raise DamagedFile(
+            f"{layout.folder / 'anat'}: the transform of its provenance can't be inverted ({error}). {REANALYSE_ADVICE}"
+        ) from None
