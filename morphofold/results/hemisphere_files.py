@@ -36,23 +36,16 @@ MISSING_DESCRIPTION = "NaN where there is no value, as on the medial wall"
 
 def write_hemisphere(m: Measures, layout: Layout, *, mgh: bool = False) -> None:
     """Write surfaces, maps, regions, mask and gyral graph; in the plain layout also stats as FreeSurfer's, and with
-    ``mgh`` maps as MGH."""
-    cortex, hemi, new_path = m.cortex, m.cortex.hemi, partial(layout.new_path, hemi=m.cortex.hemi)
+    ``mgh`` measured maps as MGH."""
+    cortex, new_path = m.cortex, partial(layout.new_path, hemi=m.cortex.hemi)
     for kind in SURFACES:
         if (surface := getattr(cortex, kind)) is not None:
             _write_surface(new_path("surface", name=kind), kind, surface, cortex, layout)
     for name, values in cortex.maps.items():
-        path = new_path("input_map", name=name)
-        if layout.bids:
-            about = {"Description": f"{name} as it came with the surfaces"}
-            about |= {"Units": INPUT_MAP_UNITS[name]} if name in INPUT_MAP_UNITS else {}
-            _write_bids_map(path, bids_ending("input_map", name), values, hemi, about)
-        else:
-            io.write_morph(path, values, nan=0.0)
+        _write_map(new_path("input_map", name=name), "input_map", name, values, cortex.hemi, layout)
     for name, values in m.maps.items():
-        _write_map(new_path("map", name=name), name, values, hemi, layout, mgh)
-    if cortex.regions is not None or cortex.cortex is not None:
-        _write_labels(cortex, layout)
+        _write_map(new_path("map", name=name), "map", name, values, cortex.hemi, layout, mgh)
+    _write_regions_and_mask(cortex, layout)
     if m.graph is not None:
         write_graph(new_path("graph"), moved_graph(m.graph, cortex.transform if layout.bids else None))
     if m.regions and not layout.bids:
@@ -69,33 +62,39 @@ def _write_surface(path: Path, kind: str, surface: Surface, cortex: Cortex, layo
     gifti.write_gifti_surface(path, surface, cortex.hemi, scanner=to_scanner is not None)
 
 
-def _write_map(path: Path, name: str, values: PerVertex, hemi: str, layout: Layout, mgh: bool) -> None:
-    """Write a measured map; in the plain layout also in FreeSurfer's format."""
+def _write_map(
+    path: Path, kind: str, name: str, values: PerVertex, hemi: str, layout: Layout, mgh: bool = False
+) -> None:
+    """Write a map as GIFTI; in the plain layout also in FreeSurfer's format, which suffices for an input map."""
     if layout.bids:
-        label, unit = (CURVATURE_DESCRIPTION, "1/mm") if name == "H" else (quantity(name).label, quantity(name).unit)
-        about = {"Description": label, "Units": in_bids_letters(unit), "Missing": MISSING_DESCRIPTION}
-        _write_bids_map(path, bids_ending("map", name), _with_file_sign(name, values, layout), hemi, about)
+        values = _with_file_sign(kind, name, values, layout)
+        io.write_gifti_map(path, values, name=bids_ending(kind, name), nan=np.nan, hemi=hemi)
+        describe(path, **_about_map(kind, name))
         return
-    io.write_gifti_map(path, values, nan=np.nan, hemi=hemi)
+    if path.suffix == ".gii":
+        io.write_gifti_map(path, values, nan=np.nan, hemi=hemi)
     for end in ("", ".mgh") if mgh else ("",):
         io.write_morph(path.with_name(path.name.removesuffix(".shape.gii") + end), values, nan=0.0)
 
 
-def _write_bids_map(path: Path, ending: str, values: PerVertex, hemi: str, about: Mapping[str, str]) -> None:
-    io.write_gifti_map(path, values, name=ending, nan=np.nan, hemi=hemi)
-    describe(path, **about)
+def _with_file_sign(kind: str, name: str, values: PerVertex, layout: Layout) -> PerVertex:
+    """Values of a map with the sign of its file, or from there."""
+    return io.flip_curvature_sign(values) if layout.bids and (kind, name) == ("map", "H") else values
 
 
-def _with_file_sign(name: str, values: PerVertex, layout: Layout) -> PerVertex:
-    """Values of a map with the sign of its file, or back."""
-    return io.flip_curvature_sign(values) if layout.bids and name == "H" else values
+def _about_map(kind: str, name: str) -> dict[str, str]:
+    if kind == "input_map":
+        units = {"Units": INPUT_MAP_UNITS[name]} if name in INPUT_MAP_UNITS else {}
+        return {"Description": f"{name} as it came with the surfaces", **units}
+    label, unit = (CURVATURE_DESCRIPTION, "1/mm") if name == "H" else (quantity(name).label, quantity(name).unit)
+    return {"Description": label, "Units": in_bids_letters(unit), "Missing": MISSING_DESCRIPTION}
 
 
 # regions and mask -------------------------------------------------------------------------------------------
 
 
-def _write_labels(cortex: Cortex, layout: Layout) -> None:
-    """Write the regions and the mask of the cortex, as far as there are any."""
+def _write_regions_and_mask(cortex: Cortex, layout: Layout) -> None:
+    """Write the regions and the mask of a cortex, as far as it has any."""
     hemi, regions, mask = cortex.hemi, cortex.regions, cortex.cortex
     about = {"SpatialReference": f"bids::{layout.subject}/anat/{layout.path('surface', hemi, 'white').name}"}
     if regions is not None:
@@ -153,7 +152,7 @@ def read_hemisphere(entry: Mapping[str, Any], tables: Mapping[str, list[dict[str
     cortex = Cortex(
         **surfaces,
         hemi=hemi,
-        maps={name: _read_input_map(path("input_map", name=name), n, layout) for name in entry["came_with"]},
+        maps={name: read_map(layout, hemi, name, n, "input_map") for name in entry["came_with"]},
         cortex=_read_mask(path("mask"), n, layout) if entry["cortex_label"] else None,
         regions=_read_regions(path("regions", name=annotation), n, annotation, layout) if annotation else None,
         transform=transform,
@@ -174,19 +173,13 @@ def read_hemisphere(entry: Mapping[str, Any], tables: Mapping[str, list[dict[str
     )
 
 
-def read_map(layout: Layout, hemi: str, name: str, n: int) -> PerVertex:
-    """A measured map (N,), positive where convex, of a surface with ``n`` vertices."""
-    path = layout.path("map", hemi, name)
+def read_map(layout: Layout, hemi: str, name: str, n: int, kind: str = "map") -> PerVertex:
+    """A map (N,) of a surface with ``n`` vertices: a measured one, positive where convex, or an ``"input_map"``."""
+    path = layout.path(kind, hemi, name)
     values = io.read_morph(path)
-    _check_size(path, values, n)
-    return _with_file_sign(name, values, layout)
-
-
-def _read_input_map(path: Path, n: int, layout: Layout) -> PerVertex:
-    values = io.read_morph(path)
-    if layout.bids:
+    if path.suffix == ".gii":  # the cortex checks the size of others
         _check_size(path, values, n)
-    return values
+    return _with_file_sign(kind, name, values, layout)
 
 
 def _read_mask(path: Path, n: int, layout: Layout) -> NDArray[np.bool_]:
@@ -195,10 +188,8 @@ def _read_mask(path: Path, n: int, layout: Layout) -> NDArray[np.bool_]:
 
 def _read_surface(layout: Layout, hemi: str, kind: str, back: NDArray[np.float64] | None) -> Surface:
     surface = io.read_surface(layout.path("surface", hemi, kind))
-    if not layout.bids:
-        return surface
     verts = moved(surface.verts, None if kind in SURFACES_NOT_MOVED else back)
-    return replace(surface, verts=verts, name=f"{hemi}.{kind}", geometry=None)
+    return replace(surface, verts=verts, name=f"{hemi}.{kind}", geometry=None if layout.bids else surface.geometry)
 
 
 def _check_size(path: Path, values: NDArray[Any], n: int) -> None:
