@@ -18,14 +18,8 @@ from morphofold.io.folders import moved_away
 from morphofold.io.json_files import read_json
 from morphofold.provenance import changed_since, digests, printable, records_as_read, strict_json
 from morphofold.results.dataset import subject_place, write_dataset_files
-from morphofold.results.hemisphere_files import (
-    MISSING_DESCRIPTION,
-    moved_rows,
-    read_hemisphere,
-    read_map,
-    write_hemisphere,
-)
-from morphofold.results.layouts import Layout
+from morphofold.results.hemisphere_files import read_hemisphere, read_map, transformed, write_hemisphere
+from morphofold.results.layouts import MISSING_DESCRIPTION, Layout
 from morphofold.results.summary import (
     REANALYSE_ADVICE,
     SCALAR_COLUMNS,
@@ -196,10 +190,11 @@ def _write(
     with atomic_folder(out) as folder:
         layout = Layout(folder, out.name if subject else "")
         layout.new_path("map")  # its folder is there even if nothing was mapped
-        for m in measures:
+        placed = [transformed(m, m.cortex.transform) for m in measures] if layout.bids else measures
+        for m in placed:
             write_hemisphere(m, layout, mgh=mgh)
         for name, columns in COLUMNS.items():
-            layout.write_table(name, columns, [row for m in measures for row in _rows(m, name, layout)])
+            layout.write_table(name, columns, [row for m in placed for row in getattr(m, name)])
         layout.write_table("surfaces", SCALAR_COLUMNS, scalar_rows(measures))
         if wide:
             row = wide_table({measures[0].cortex.name: [row for m in measures for row in m.regions]})
@@ -212,11 +207,6 @@ def _write(
         layout.path("summary").write_text(strict_json(content), encoding="utf-8")
         _write_page_and_cost(measures, layout, content, extras)
     return out
-
-
-def _rows(m: Measures, table: str, layout: Layout) -> list[dict[str, Any]]:
-    rows: list[dict[str, Any]] = getattr(m, table)
-    return moved_rows(rows, m.cortex.transform) if table == "hinges" and layout.bids else rows
 
 
 def _write_page_and_cost(
@@ -260,9 +250,9 @@ def read_analysis(folder: str | Path) -> list[Measures]:
 
 def _why_no_analysis(folder: Path) -> str:
     """What a folder is instead of an analysis, and what to do."""
-    if not folder.is_dir():
-        return "no such folder. Name a folder that `morphofold analyze` wrote." + moved_away(folder)
     advice = "Name a folder that `morphofold analyze` wrote." + moved_away(folder)
+    if not folder.is_dir():
+        return f"no such folder. {advice}"
     if (folder / "surf").is_dir():
         advice = f"It is a subject: run `morphofold analyze {folder}` first, and name the folder that it wrote."
     elif (folder / "dataset_description.json").is_file():

@@ -22,52 +22,56 @@ from morphofold.errors import DamagedFile, Mismatch
 from morphofold.io import gifti
 from morphofold.quantities import quantity
 from morphofold.results.graph_file import read_graph, write_graph
-from morphofold.results.layouts import INPUT_MAP_UNITS, Layout, bids_ending, describe, in_bids_letters
+from morphofold.results.layouts import (
+    INPUT_MAP_UNITS,
+    MISSING_DESCRIPTION,
+    Layout,
+    bids_ending,
+    describe,
+    in_bids_letters,
+)
 from morphofold.results.subject_files import stats_name, write_gyral_stats
 from morphofold.results.summary import REANALYSE_ADVICE
 from morphofold.surface import Cortex, PerVertex, Regions, Surface, Verts
 from morphofold.tables import write_table
 
-SURFACES = ("white", "pial", "inflated", "sphere")
-SURFACES_NOT_MOVED = SURFACES[2:]  # they have no place in the scanner
+SURFACES_IN_SCANNER = ("white", "pial")
+SURFACES = (*SURFACES_IN_SCANNER, "inflated", "sphere")  # the others have no place in the scanner
 CURVATURE_DESCRIPTION = "Mean curvature of the pial surface, positive in sulci (FreeSurfer's sign)"
-MISSING_DESCRIPTION = "NaN where there is no value, as on the medial wall"
 
 
 def write_hemisphere(m: Measures, layout: Layout, *, mgh: bool = False) -> None:
     """Write surfaces, maps, regions, mask and gyral graph; in the plain layout also stats as FreeSurfer's, and with
-    ``mgh`` measured maps as MGH."""
-    cortex, new_path = m.cortex, partial(layout.new_path, hemi=m.cortex.hemi)
+    ``mgh`` measured maps as MGH. For BIDS the measures are in scanner coordinates."""
+    cortex, hemi = m.cortex, m.cortex.hemi
     for kind in SURFACES:
         if (surface := getattr(cortex, kind)) is not None:
-            _write_surface(new_path("surface", name=kind), kind, surface, cortex, layout)
-    for name, values in cortex.maps.items():
-        _write_map(new_path("input_map", name=name), "input_map", name, values, cortex.hemi, layout)
-    for name, values in m.maps.items():
-        _write_map(new_path("map", name=name), "map", name, values, cortex.hemi, layout, mgh)
-    _write_regions_and_mask(cortex, layout)
+            _write_surface(layout, cortex, kind, surface)
+    for kind, maps in (("input_map", cortex.maps), ("map", m.maps)):
+        for name, values in maps.items():
+            _write_map(layout, hemi, kind, name, values, mgh and kind == "map")
+    _write_regions_and_mask(layout, cortex)
     if m.graph is not None:
-        write_graph(new_path("graph"), moved_graph(m.graph, cortex.transform if layout.bids else None))
+        write_graph(layout.new_path("graph", hemi), m.graph)
     if m.regions and not layout.bids:
-        write_gyral_stats(new_path("stats", name=stats_name(m)), m)
+        write_gyral_stats(layout.new_path("stats", name=stats_name(m)), m)
 
 
-def _write_surface(path: Path, kind: str, surface: Surface, cortex: Cortex, layout: Layout) -> None:
-    if not layout.bids:
-        io.write_surface(path, surface)
-        return
-    to_scanner = None if kind in SURFACES_NOT_MOVED else cortex.transform
-    footer = None if kind in SURFACES_NOT_MOVED or to_scanner is not None else surface.geometry
-    surface = replace(surface, verts=moved(surface.verts, to_scanner), geometry=footer)
-    gifti.write_gifti_surface(path, surface, cortex.hemi, scanner=to_scanner is not None)
-
-
-def _write_map(
-    path: Path, kind: str, name: str, values: PerVertex, hemi: str, layout: Layout, mgh: bool = False
-) -> None:
-    """Write a map as GIFTI; in the plain layout also in FreeSurfer's format, which suffices for an input map."""
+def _write_surface(layout: Layout, cortex: Cortex, kind: str, surface: Surface) -> None:
+    path, movable = layout.new_path("surface", cortex.hemi, kind), kind in SURFACES_IN_SCANNER
     if layout.bids:
-        values = _with_file_sign(kind, name, values, layout)
+        surface = surface if movable else replace(surface, geometry=None)
+        scanner = movable and cortex.transform is not None
+        gifti.write_gifti_surface(path, surface, cortex.hemi, scanner=scanner)
+    else:
+        io.write_surface(path, surface)
+
+
+def _write_map(layout: Layout, hemi: str, kind: str, name: str, values: PerVertex, mgh: bool) -> None:
+    """Write a map as GIFTI; in the plain layout also in FreeSurfer's format, which suffices for an input map."""
+    path = layout.new_path(kind, hemi, name)
+    if layout.bids:
+        values = _with_file_sign(layout, kind, name, values)
         io.write_gifti_map(path, values, name=bids_ending(kind, name), nan=np.nan, hemi=hemi)
         describe(path, **_about_map(kind, name))
         return
@@ -77,7 +81,7 @@ def _write_map(
         io.write_morph(path.with_name(path.name.removesuffix(".shape.gii") + end), values, nan=0.0)
 
 
-def _with_file_sign(kind: str, name: str, values: PerVertex, layout: Layout) -> PerVertex:
+def _with_file_sign(layout: Layout, kind: str, name: str, values: PerVertex) -> PerVertex:
     """Values of a map with the sign of its file, or from there."""
     return io.flip_curvature_sign(values) if layout.bids and (kind, name) == ("map", "H") else values
 
@@ -93,7 +97,7 @@ def _about_map(kind: str, name: str) -> dict[str, str]:
 # regions and mask -------------------------------------------------------------------------------------------
 
 
-def _write_regions_and_mask(cortex: Cortex, layout: Layout) -> None:
+def _write_regions_and_mask(layout: Layout, cortex: Cortex) -> None:
     """Write the regions and the mask of a cortex, as far as it has any."""
     hemi, regions, mask = cortex.hemi, cortex.regions, cortex.cortex
     about = {"SpatialReference": f"bids::{layout.subject}/anat/{layout.path('surface', hemi, 'white').name}"}
@@ -146,12 +150,12 @@ def read_hemisphere(entry: Mapping[str, Any], tables: Mapping[str, list[dict[str
     hemi, path = entry["hemi"], partial(layout.path, hemi=entry["hemi"])
     transform = None if entry["transform"] is None else np.array(entry["transform"], dtype=np.float64)
     back = _inverse(transform, layout) if layout.bids and transform is not None else None
-    kinds = ("white", "pial", *(kind for kind in SURFACES_NOT_MOVED if entry.get(kind)))
-    surfaces = {kind: _read_surface(layout, hemi, kind, back) for kind in kinds}
-    n, annotation = len(surfaces["white"].verts), entry["annotation"]
+    kinds = [kind for kind in SURFACES if kind in SURFACES_IN_SCANNER or entry.get(kind)]
+    fields: dict[str, Any] = {k: replace(io.read_surface(path("surface", name=k)), name=f"{hemi}.{k}") for k in kinds}
+    fields |= {key: entry[key] for key in ("hemi", "name", "origin", "units", "info")}
+    n, annotation = len(fields["white"].verts), entry["annotation"]
     cortex = Cortex(
-        **surfaces,
-        hemi=hemi,
+        **fields,
         maps={name: read_map(layout, hemi, name, n, "input_map") for name in entry["came_with"]},
         cortex=_read_mask(path("mask"), n, layout) if entry["cortex_label"] else None,
         regions=_read_regions(path("regions", name=annotation), n, annotation, layout) if annotation else None,
@@ -159,18 +163,12 @@ def read_hemisphere(entry: Mapping[str, Any], tables: Mapping[str, list[dict[str
         portion=float(entry["portion"]),
         files=tuple(entry["files"]),
         inputs=tuple(entry["inputs"]),
-        **{key: entry[key] for key in ("name", "origin", "units", "info")},
     )
-    own = {name: [row for row in rows if row["hemi"] == hemi] for name, rows in tables.items()}
-    return Measures(
-        cortex,
-        entry["measures"],
-        {name: read_map(layout, hemi, name, n) for name in entry["maps"]},
-        **(own | {"hinges": moved_rows(own["hinges"], back)}),
-        parameters=entry["parameters"],
-        notes=entry["notes"],
-        graph=moved_graph(read_graph(path("graph"), n), back) if entry["graph"] else None,
-    )
+    own: dict[str, Any] = {name: [row for row in rows if row["hemi"] == hemi] for name, rows in tables.items()}
+    maps = {name: read_map(layout, hemi, name, n) for name in entry["maps"]}
+    graph = read_graph(path("graph"), n) if entry["graph"] else None
+    own |= {key: entry[key] for key in ("parameters", "notes")}
+    return transformed(Measures(cortex, entry["measures"], maps, **own, graph=graph), back)
 
 
 def read_map(layout: Layout, hemi: str, name: str, n: int, kind: str = "map") -> PerVertex:
@@ -179,17 +177,11 @@ def read_map(layout: Layout, hemi: str, name: str, n: int, kind: str = "map") ->
     values = io.read_morph(path)
     if path.suffix == ".gii":  # the cortex checks the size of others
         _check_size(path, values, n)
-    return _with_file_sign(kind, name, values, layout)
+    return _with_file_sign(layout, kind, name, values)
 
 
 def _read_mask(path: Path, n: int, layout: Layout) -> NDArray[np.bool_]:
     return _read_regions(path, n, "cortex", layout).labels == 0 if layout.bids else io.read_label(path, n)
-
-
-def _read_surface(layout: Layout, hemi: str, kind: str, back: NDArray[np.float64] | None) -> Surface:
-    surface = io.read_surface(layout.path("surface", hemi, kind))
-    verts = moved(surface.verts, None if kind in SURFACES_NOT_MOVED else back)
-    return replace(surface, verts=verts, name=f"{hemi}.{kind}", geometry=None if layout.bids else surface.geometry)
 
 
 def _check_size(path: Path, values: NDArray[Any], n: int) -> None:
@@ -201,32 +193,27 @@ def _check_size(path: Path, values: NDArray[Any], n: int) -> None:
 # to the scanner's coordinates, and back ---------------------------------------------------------------------
 
 
-def moved(verts: Verts, transform: NDArray[np.float64] | None) -> Verts:
-    """Points (N, 3) or (3,) transformed by an affine (4, 4); the same without one."""
+def transformed(m: Measures, transform: np.ndarray | None) -> Measures:
+    """Measures with surfaces, hinges and gyral graph transformed by an affine (4, 4); the same without one."""
     if transform is None:
-        return verts
-    return np.asarray(verts @ transform[:3, :3].T + transform[:3, 3], dtype=np.float64)
+        return m
+    linear, offset = transform[:3, :3].T, transform[:3, 3]
 
+    def at(points: Verts) -> Verts:
+        return np.asarray(points @ linear + offset, dtype=np.float64)
 
-def moved_rows(rows: list[dict[str, Any]], transform: NDArray[np.float64] | None) -> list[dict[str, Any]]:
-    """Rows of hinges with transformed points."""
-    if transform is None:
-        return rows
-    return [row | dict(zip("xyz", moved(np.array([row[k] for k in "xyz"]), transform).tolist())) for row in rows]
-
-
-def moved_graph(graph: nx.MultiGraph, transform: NDArray[np.float64] | None) -> nx.MultiGraph:
-    if transform is None:
-        return graph
-    graph = graph.copy()
+    white, pial = (replace(s, verts=at(s.verts), geometry=None) for s in (m.cortex.white, m.cortex.pial))
+    hinges = [row | dict(zip("xyz", at(np.array([row[k] for k in "xyz"])).tolist())) for row in m.hinges]
+    graph = nx.MultiGraph() if m.graph is None else m.graph.copy()
     for _, node in graph.nodes(data=True):
-        node |= {"position": moved(node["position"], transform), "normal": node["normal"] @ transform[:3, :3].T}
+        node |= {"position": at(node["position"]), "normal": node["normal"] @ linear}
     for _, _, edge in graph.edges(data=True):
-        edge |= {"polyline": moved(edge["polyline"], transform)}
-    return graph
+        edge |= {"polyline": at(edge["polyline"])}
+    cortex = replace(m.cortex, white=white, pial=pial)
+    return replace(m, cortex=cortex, hinges=hinges, graph=None if m.graph is None else graph)
 
 
-def _inverse(transform: NDArray[np.float64], layout: Layout) -> NDArray[np.float64]:
+def _inverse(transform: np.ndarray, layout: Layout) -> np.ndarray:
     try:
         return np.linalg.inv(transform)
     except np.linalg.LinAlgError as error:

@@ -57,6 +57,7 @@ MAP_ENDINGS = {  # a map's name -> the end of its file's name in BIDS
     "area": "area",
     **{f"input_{name}": f"desc-input_{name}" for name in INPUT_MAP_UNITS},
 }
+MISSING_DESCRIPTION = "NaN where there is no value, as on the medial wall"
 HEMISPHERE_LEVELS = {"lh": "left", "rh": "right"}
 
 

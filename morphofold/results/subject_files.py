@@ -85,7 +85,7 @@ def write_gyral_stats(path: str | Path, m: Measures) -> None:
 
 def _head(m: Measures) -> list[str]:
     cortex, mask, info = m.cortex, cortex_label(m.cortex)[0], m.cortex.info
-    areas = vertex_areas(cortex.white.verts, cortex.faces)
+    areas, carried_over = vertex_areas(cortex.white.verts, cortex.faces), "annotation_from" in info
     measures = (
         ("Cortex, NumVert, Number of Vertices", int(mask.sum()), "unitless"),
         ("Cortex, WhiteSurfArea, White Surface Total Area", float(areas[mask].sum()), "mm^2"),
@@ -105,7 +105,7 @@ def _head(m: Measures) -> list[str]:
         "anatomy_type surface",
         f"subjectname {' '.join(printable(cortex.name).split())}",
         f"hemi {cortex.hemi}",
-        *_annotation_line(m),
+        *([] if carried_over else [f"AnnotationFile ../label/{stats_name(m).replace('.gyral.stats', '.annot')}"]),
         *(f"Measure {words}, {value:.10g}, {unit}" for words, value, unit in measures if value is not None),
         f"NTableCols {len(STATS_COLUMNS)}",
     ]
@@ -113,13 +113,6 @@ def _head(m: Measures) -> list[str]:
         lines += [f"TableCol {k:2d} {what}" for what in (f"ColHeader {heading}", f"FieldName {words}", f"Units {unit}")]
     lines.append(f"ColHeaders {' '.join(heading for heading, *_ in STATS_COLUMNS)}")
     return [f"# {line}".rstrip() for line in lines]
-
-
-def _annotation_line(m: Measures) -> list[str]:
-    """The file of the parcellation; none if it was carried over from a template."""
-    if "annotation_from" in m.cortex.info:
-        return []
-    return [f"AnnotationFile ../label/{stats_name(m).replace('.gyral.stats', '.annot')}"]
 
 
 def _rows(m: Measures) -> list[str]:
