@@ -116,28 +116,24 @@ def _head(m: Measures) -> list[str]:
 
 
 def _rows(m: Measures) -> list[str]:
-    regions, across = m.cortex.regions, m.maps.get("gyral_thickness")
+    regions, across, lines = m.cortex.regions, m.maps.get("gyral_thickness"), []
     number = {} if regions is None else {name: k for k, name in enumerate(regions.names)}
-    lines = []
     for row in m.regions:
-        at = False if regions is None else regions.labels == number.get(row["region"])
-        widths = np.empty(0) if across is None else across[at & np.isfinite(across)]
-        thick = _or_nan(row.get("gyral_thickness_mm"))
+        inside = False if regions is None else regions.labels == number.get(row["region"])
+        widths = np.empty(0) if across is None else across[inside & np.isfinite(across)]
+        sizes = (row.get(key) for key in ("area_mm2", "gray_volume_mm3", "gyral_thickness_mm"))
+        area, volume, thickness = (np.nan if size is None else float(size) for size in sizes)
         values = (
             "_".join(printable(row["region"]).replace("#", " ").split()),  # a blank would end it, # the row
             row["n_vertices"],
-            _or_nan(row.get("area_mm2")),
-            _or_nan(row.get("gray_volume_mm3")),
-            thick,
-            float(widths.std()) if np.isfinite(thick) and len(widths) else np.nan,
+            area,
+            volume,
+            thickness,
+            float(widths.std()) if np.isfinite(thickness) and len(widths) else np.nan,
             *[np.nan] * 4,
         )
         lines.append(" ".join(form.format(value) for (*_, form), value in zip(STATS_COLUMNS, values)))
     return lines
-
-
-def _or_nan(value: float | None) -> float:
-    return np.nan if value is None else float(value)
 
 
 # files of the subject that was measured ---------------------------------------------------------------------
