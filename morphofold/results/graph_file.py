@@ -106,9 +106,9 @@ def read_graph(path: Path, n: int) -> nx.MultiGraph:
             raise DamagedFile(
                 f"{path}: edge {edge['number']} does not join two nodes, or lacks vertices. {REANALYSE_ADVICE}"
             )
-    for place in (*([node["vertex"]] for node in content["nodes"]), *(edge["vertices"] for edge in content["edges"])):
-        if max(place) >= n:
-            raise Mismatch(f"{path}: has vertex {max(place)}, but the surface has 0..{n - 1}. {REANALYSE_ADVICE}")
+    vertices = [node["vertex"] for node in content["nodes"]] + [v for e in content["edges"] for v in e["vertices"]]
+    if (last := max(vertices, default=-1)) >= n:
+        raise Mismatch(f"{path}: has vertex {last}, but the surface has 0..{n - 1}. {REANALYSE_ADVICE}")
     head, scales = content["graph"], content["graph"]["scales"]
     scales = None if scales is None else GyralScales(**{name: float(scales[name]) for name in Scales.model_fields})
     graph: nx.MultiGraph = nx.MultiGraph(**_attributes(head, Head) | {"scales": scales})
