@@ -11,7 +11,7 @@ from morphofold import __version__
 from morphofold.analysis.frames import COLUMNS
 from morphofold.analysis.measures import Measures
 from morphofold.analysis.regions import wide_table
-from morphofold.errors import MissingPart, WrongFile
+from morphofold.errors import MissingPart
 from morphofold.forecasts.analysis_cost import WRITING_STAGE, cost_of_analysis
 from morphofold.io import atomic_folder, read_surface
 from morphofold.io.folders import moved_away
@@ -20,14 +20,7 @@ from morphofold.provenance import changed_since, digests, printable, records_as_
 from morphofold.results.dataset import subject_place, write_dataset_files
 from morphofold.results.hemisphere_files import read_hemisphere, read_map, transformed, write_hemisphere
 from morphofold.results.layouts import MISSING_DESCRIPTION, Layout
-from morphofold.results.summary import (
-    REANALYSE_ADVICE,
-    SCALAR_COLUMNS,
-    Summary,
-    checked_inputs,
-    scalar_rows,
-    summary_of,
-)
+from morphofold.results.summary import REANALYSE_ADVICE, Summary, checked_inputs, scalar_table, summary_of
 from morphofold.surface import Cortex, PerVertex, Surface
 from morphofold.tables import write_table
 
@@ -195,7 +188,7 @@ def _write(
             write_hemisphere(m, layout, mgh=mgh)
         for name, columns in COLUMNS.items():
             layout.write_table(name, columns, [row for m in placed for row in getattr(m, name)])
-        layout.write_table("surfaces", SCALAR_COLUMNS, scalar_rows(measures))
+        layout.write_table("surfaces", *scalar_table(measures))
         if wide:
             row = wide_table({measures[0].cortex.name: [row for m in measures for row in m.regions]})
             write_table(folder / "regions_wide.tsv", ("subject",), row)
@@ -279,19 +272,13 @@ def read_stages(folder: str | Path) -> list[Measures]:
     FileNotFoundError
         If there is none.
     ValueError
-        If one cannot be read, or has two hemispheres.
+        If one cannot be read.
     """
     folder = Path(folder)
     parts = sorted(part for part in folder.glob("g*") if (part / "summary.json").is_file())
     if not parts:
         raise FileNotFoundError(f"{folder}: holds no stages. Name a folder that `morphofold analyze --stages` wrote.")
-    stages = []
-    for part in parts:
-        found = read_analysis(part)
-        if len(found) != 1:
-            raise WrongFile(f"{part}: has two hemispheres, so it is not a stage of a simulation.")
-        stages += found
-    return stages
+    return [m for part in parts for m in read_analysis(part)]
 
 
 def is_analysis_of(folder: str | Path, cortex: Cortex, parameters: Mapping[str, Any]) -> bool:

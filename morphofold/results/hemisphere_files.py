@@ -22,14 +22,7 @@ from morphofold.errors import DamagedFile, Mismatch
 from morphofold.io import gifti
 from morphofold.quantities import quantity
 from morphofold.results.graph_file import read_graph, write_graph
-from morphofold.results.layouts import (
-    INPUT_MAP_UNITS,
-    MISSING_DESCRIPTION,
-    Layout,
-    bids_ending,
-    describe,
-    in_bids_letters,
-)
+from morphofold.results.layouts import INPUT_MAP_UNITS, MISSING_DESCRIPTION, Layout, in_bids_letters
 from morphofold.results.subject_files import stats_name, write_gyral_stats
 from morphofold.results.summary import REANALYSE_ADVICE
 from morphofold.surface import Cortex, PerVertex, Regions, Surface, Verts
@@ -72,8 +65,8 @@ def _write_map(layout: Layout, hemi: str, kind: str, name: str, values: PerVerte
     path = layout.new_path(kind, hemi, name)
     if layout.bids:
         values = _with_file_sign(layout, kind, name, values)
-        io.write_gifti_map(path, values, name=bids_ending(kind, name), nan=np.nan, hemi=hemi)
-        describe(path, **_about_map(kind, name))
+        io.write_gifti_map(path, values, name=layout.ending(kind, name), nan=np.nan, hemi=hemi)
+        layout.describe(path, **_about_map(kind, name))
         return
     if path.suffix == ".gii":
         io.write_gifti_map(path, values, nan=np.nan, hemi=hemi)
@@ -100,23 +93,24 @@ def _about_map(kind: str, name: str) -> dict[str, str]:
 def _write_regions_and_mask(layout: Layout, cortex: Cortex) -> None:
     """Write the regions and the mask of a cortex, as far as it has any."""
     hemi, regions, mask = cortex.hemi, cortex.regions, cortex.cortex
-    about = {"SpatialReference": f"bids::{layout.subject}/anat/{layout.path('surface', hemi, 'white').name}"}
+    surface = {"SpatialReference": f"bids::{layout.subject}/anat/{layout.path('surface', hemi, 'white').name}"}
     if regions is not None:
         path = layout.new_path("regions", hemi, regions.name)
         if layout.bids:
             gifti.write_gifti_regions(path, regions, hemi)
             write_table(path.with_name(path.name.replace(".label.gii", ".tsv")), *_region_keys(regions))
-            describe(path, Description=f"Regions of the parcellation {regions.name}, one key per vertex", **about)
         else:
             io.write_annotation(path, regions)
+        text = f"Regions of the parcellation {regions.name}, one key per vertex"
+        layout.describe(path, Description=text, **surface)
     if mask is not None:
         path = layout.new_path("mask", hemi)
         if layout.bids:
             white = np.array([[255, 255, 255]], np.uint8)
             gifti.write_gifti_regions(path, Regions(np.where(mask, 0, -1), ("cortex",), white, "cortex"), hemi)
-            describe(path, Description="1 where the vertex is cortex, else 0", Type="ROI", **about)
         else:
             io.write_label(path, mask, cortex.white.verts)
+        layout.describe(path, Description="1 where the vertex is cortex, else 0", Type="ROI", **surface)
 
 
 def _region_keys(regions: Regions) -> tuple[tuple[str, ...], list[dict[str, Any]]]:

@@ -91,7 +91,7 @@ class Layout:
         fields = {"hemi": hemi, "name": name and file_word(name), "subject": self.subject}
         if not self.bids:
             return self.folder / PLAIN_PATHS[kind].format(**fields)
-        fields |= {"side": BIDS_SIDES.get(hemi, ""), "camel": _camel_case(name), "ending": bids_ending(kind, name)}
+        fields |= {"side": BIDS_SIDES.get(hemi, ""), "camel": _camel_case(name), "ending": self.ending(kind, name)}
         return self.folder / "anat" / BIDS_PATHS[kind].format(**fields)
 
     def new_path(self, kind: str, hemi: str = "", name: str = "") -> Path:
@@ -100,12 +100,23 @@ class Layout:
         path.parent.mkdir(parents=True, exist_ok=True)
         return path
 
+    def ending(self, kind: str, name: str) -> str:
+        """End of the name of a map's file in BIDS: ``desc-sulcalDepth_morph``, or ``desc-input_sulc`` for a map that
+        came with the surfaces."""
+        name = f"input_{name}" if kind == "input_map" else name
+        return MAP_ENDINGS.get(name, f"desc-{_camel_case(name)}_morph")
+
+    def describe(self, path: Path, **fields: Any) -> None:
+        """Write the JSON file that describes a file in BIDS; nothing in the plain layout."""
+        if self.bids:
+            path.with_name(f"{path.name.split('.')[0]}.json").write_text(strict_json(fields), encoding="utf-8")
+
     def write_table(self, name: str, columns: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> None:
         """Write a table, and in BIDS the meaning of its columns."""
         path = self.new_path("table", name=name)
         write_table(path, columns, rows)
         if self.bids:
-            describe(path, **{key: _about_column(key) for key in dict.fromkeys(chain(columns, *rows))})
+            self.describe(path, **{key: _about_column(key) for key in dict.fromkeys(chain(columns, *rows))})
 
     def read_tables(self, row_counts: Mapping[str, int]) -> dict[str, list[dict[str, Any]]]:
         """Read the tables, by name: as many rows as the summary says; none of a table that its version did not have."""
@@ -119,18 +130,6 @@ class Layout:
                 raise MissingPart(f"{file}: lacks the columns {', '.join(missing)}. {REANALYSE_ADVICE}")
             tables[name] = rows
         return tables
-
-
-def describe(path: Path, **fields: Any) -> None:
-    """Write the JSON file beside a file in BIDS."""
-    path.with_name(f"{path.name.split('.')[0]}.json").write_text(strict_json(fields), encoding="utf-8")
-
-
-def bids_ending(kind: str, name: str) -> str:
-    """End of the name of a map's file in BIDS: ``desc-sulcalDepth_morph``, or ``desc-input_sulc`` for a map that came
-    with the surfaces."""
-    name = f"input_{name}" if kind == "input_map" else name
-    return MAP_ENDINGS.get(name, f"desc-{_camel_case(name)}_morph")
 
 
 def in_bids_letters(unit: str) -> str:

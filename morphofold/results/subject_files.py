@@ -195,7 +195,7 @@ def write_into_subject(measures: Sequence[Measures], folder: str | Path) -> tupl
         As :func:`check_subject`; or if a file can't be written.
     """
     folder = check_subject(folder)
-    stats, known = folder / "stats", _read_record(folder)
+    stats, record = folder / "stats", _read_record(folder)
     made = not stats.exists()
     stats.mkdir(exist_ok=True)
     written: dict[str, str] = {}
@@ -203,17 +203,17 @@ def write_into_subject(measures: Sequence[Measures], folder: str | Path) -> tupl
     try:
         with ExitStack() as moves:  # every file is moved to its place at the end, or none
             for name, write in _writers(measures).items():
-                if os.path.lexists(folder / name) and not _is_ours(folder / name, name, known):
+                if os.path.lexists(folder / name) and not _is_ours(folder / name, name, record):
                     kept.append(name)
                     continue
                 temporary = moves.enter_context(atomic_file(folder / name))
                 write(temporary)
                 written[name] = sha256_of(temporary)
             # a run that is killed between two moves leaves old and new files: both are known
-            before = {name: known["files"][name] for name in written if name in known["files"]}
-            content = {"morphofold": __version__, "files": {**known["files"], **written}, "before": before}
-            with atomic_file(folder / RECORD_FILE) as record:
-                record.write_text(strict_json(content), encoding="utf-8")
+            before = {name: record["files"][name] for name in written if name in record["files"]}
+            content = {"morphofold": __version__, "files": {**record["files"], **written}, "before": before}
+            with atomic_file(folder / RECORD_FILE) as file:
+                file.write_text(strict_json(content), encoding="utf-8")
     except BaseException:
         if made:
             with suppress(OSError):
@@ -224,14 +224,14 @@ def write_into_subject(measures: Sequence[Measures], folder: str | Path) -> tupl
 
 def _writers(measures: Sequence[Measures]) -> dict[str, Callable[[Path], object]]:
     """What writes each file, by its name in the subject."""
-    found: dict[str, Callable[[Path], object]] = {}
+    writers: dict[str, Callable[[Path], object]] = {}
     for m in measures:
         for name, key in SURF_FILES.items():
             if key in m.maps:
-                found[f"surf/{m.cortex.hemi}.{name}"] = partial(write_morph, values=m.maps[key], nan=0.0)
+                writers[f"surf/{m.cortex.hemi}.{name}"] = partial(write_morph, values=m.maps[key], nan=0.0)
         if m.regions:
-            found[f"stats/{stats_name(m)}"] = partial(write_gyral_stats, m=m)
-    return found
+            writers[f"stats/{stats_name(m)}"] = partial(write_gyral_stats, m=m)
+    return writers
 
 
 def _read_record(folder: Path) -> dict[str, Any]:
@@ -240,6 +240,6 @@ def _read_record(folder: Path) -> dict[str, Any]:
     return read_json(folder / RECORD_FILE, _WrittenRecord, "Remove it; the files that are there are then kept.")
 
 
-def _is_ours(path: Path, name: str, known: dict[str, Any]) -> bool:
-    digests = (known["files"].get(name), known.get("before", {}).get(name))
+def _is_ours(path: Path, name: str, record: dict[str, Any]) -> bool:
+    digests = (record["files"].get(name), record.get("before", {}).get(name))
     return path.is_file() and sha256_of(path) in digests

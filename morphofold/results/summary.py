@@ -17,7 +17,6 @@ from morphofold.io.folders import refuse_overlap
 from morphofold.io.json_files import Amount, Count, FileWord, Number, Record, file_word
 from morphofold.provenance import records_as_read
 
-SCALAR_COLUMNS = ("hemi", *SCALARS, *FREESURFER_VALUES)  # columns of the table of scalars
 REANALYSE_ADVICE = "Analyze again."
 SIGNED_SCALARS = ("euler_characteristic", *SLOPE_SCALARS)  # scalars that may be negative
 NAN_RULE = "A vertex without a value is NaN in maps/*.shape.gii and 0 in the FreeSurfer and MGH maps beside them."
@@ -128,9 +127,9 @@ def _surface_entry(m: Measures) -> dict[str, Any]:
     }
 
 
-def scalar_rows(measures: Sequence[Measures]) -> list[dict[str, Any]]:
-    """Rows of the table of scalars, one for each hemisphere."""
-    return [
-        {"hemi": m.cortex.hemi, **m.scalars, **{key: m.cortex.info.get(key) for key in FREESURFER_VALUES}}
-        for m in measures
-    ]
+def scalar_table(measures: Sequence[Measures]) -> tuple[tuple[str, ...], list[dict[str, Any]]]:
+    """Columns and rows of the table of scalars, a row for each hemisphere."""
+    rows = [{"hemi": m.cortex.hemi, **m.scalars} for m in measures]
+    for row, m in zip(rows, measures):
+        row |= {key: m.cortex.info.get(key) for key in FREESURFER_VALUES}
+    return ("hemi", *SCALARS, *FREESURFER_VALUES), rows
