@@ -22,7 +22,7 @@ from morphofold.errors import DamagedFile, Mismatch, NotFinite, NotReadable
 from morphofold.io import read_cortex, read_surface, sample_path
 from morphofold.quantities import COLUMN_WORDS, SCALAR_WORDS
 from morphofold.results import COLUMNS, read_analysis, write_analysis, write_dataset
-from morphofold.results.bids import BIDSIGNORE_LINES, read_subject
+from morphofold.results.dataset import BIDSIGNORE_LINES
 
 TRANSFORM = np.array([[1.0, 0, 0, 5], [0, 1, 0, -7], [0, 0, 1, 2], [0, 0, 0, 1]])
 TURNED = np.array([[0.0, -1, 0, 5], [0.6, 0, 0.8, -7], [-0.8, 0, 0.6, 2], [0, 0, 0, 1]])
@@ -170,45 +170,6 @@ def test_the_gyral_graph_lies_on_the_surface_beside_it(both):
     assert (((there - pial.verts.mean(0)) * outward).sum(1) > 0).all()  # it was turned, too
 
 
-def test_an_analysis_reads_back_alike_from_both_layouts(both):
-    plain, place = both
-    for want, got in zip(read_analysis(plain), read_analysis(place), strict=True):
-        a, b = want.cortex, got.cortex
-        for name in ("hemi", "name", "origin", "units", "portion", "info", "files"):
-            assert getattr(a, name) == getattr(b, name)
-        np.testing.assert_array_equal(a.transform, b.transform)
-        np.testing.assert_array_equal(a.faces, b.faces)
-        for kind in ("white", "pial", "inflated"):
-            np.testing.assert_allclose(getattr(b, kind).verts, getattr(a, kind).verts, atol=2e-5)
-        np.testing.assert_array_equal(a.cortex, b.cortex)
-        assert (a.regions is None) == (b.regions is None) == (a.hemi == "rh")
-        if a.regions is not None:
-            assert (a.regions.names, a.regions.name) == (b.regions.names, b.regions.name)
-            np.testing.assert_array_equal(a.regions.labels, b.regions.labels)
-            np.testing.assert_array_equal(a.regions.colours, b.regions.colours)
-        for theirs, ours in ((want.maps, got.maps), (a.maps, b.maps)):
-            assert set(theirs) == set(ours)
-            for name in theirs:
-                np.testing.assert_allclose(ours[name], theirs[name], rtol=1e-6)
-        for name in ("scalars", "parameters", "notes", "regions", "crests", "arms"):
-            assert getattr(want, name) == getattr(got, name)
-        for theirs, ours in zip(want.hinges, got.hinges, strict=True):
-            np.testing.assert_allclose([ours.pop(k) for k in "xyz"], [theirs.pop(k) for k in "xyz"], atol=1e-5)
-            assert ours == theirs
-        assert (want.graph is None) == (got.graph is None) == (a.hemi == "rh")
-        if want.graph is not None:
-            assert want.graph.graph == got.graph.graph
-            assert set(want.graph.edges(keys=True)) == set(got.graph.edges(keys=True))
-            for node, data in want.graph.nodes(data=True):
-                for key in ("position", "normal"):
-                    np.testing.assert_allclose(got.graph.nodes[node][key], data[key], atol=2e-5)
-            for edge in want.graph.edges(keys=True):
-                theirs, ours = want.graph.edges[edge], got.graph.edges[edge]
-                np.testing.assert_allclose(ours["polyline"], theirs["polyline"], atol=2e-5)
-                np.testing.assert_array_equal(ours["vertices"], theirs["vertices"])
-                assert ours["length"] == theirs["length"]
-
-
 @pytest.mark.slow
 def test_compare_takes_a_subject_beside_an_analysis_and_names_those_of_a_dataset(both, tmp_path, capsys):
     plain, place = both
@@ -235,13 +196,13 @@ def test_a_file_that_is_missing_or_cut_short_is_named(both, tmp_path):
         content = file.read_bytes()
         file.write_bytes(content[: len(content) * 2 // 3])
         with pytest.raises(DamagedFile, match=re.escape(str(file))):
-            read_subject(place)
+            read_analysis(place)
         file.unlink()
         name = file.name.replace("bert", "NAME") if "provenance" in file.name else file.name
         with pytest.raises(FileNotFoundError, match=re.escape(name)):
-            read_subject(place)
+            read_analysis(place)
         file.write_bytes(content)
-    read_subject(place)
+    read_analysis(place)
 
 
 @pytest.mark.parametrize("layout", [0, 1])
@@ -277,7 +238,7 @@ def test_a_provenance_that_morphofold_did_not_write_is_refused(both, tmp_path, k
     provenance["surfaces"][0][key] = value
     path.write_text(json.dumps(provenance))
     with pytest.raises(kind, match=rf"sub-bert.anat.*{expected}"):
-        read_subject(place)
+        read_analysis(place)
 
 
 def test_files_of_two_analyses_are_not_taken_for_one(both, written, tmp_path):
@@ -286,7 +247,7 @@ def test_files_of_two_analyses_are_not_taken_for_one(both, written, tmp_path):
         shutil.copytree(both[1], place)
         shutil.copy(written[2] / "anat" / f"sub-bert01_hemi-L_{end}", place / "anat" / f"sub-bert_hemi-L_{end}")
         with pytest.raises(Mismatch, match=rf"sub-bert_hemi-L_{re.escape(end)}: \(642,\) .*\b2562\b"):
-            read_subject(place)
+            read_analysis(place)
         shutil.rmtree(place)
 
 

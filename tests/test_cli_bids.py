@@ -11,7 +11,7 @@ from made_cohort import HereFleet, quick_measure, write_subject
 from morphofold.cli import main
 from morphofold.cli.cohort import measured_before
 from morphofold.io.folders import alone
-from morphofold.results.bids import begin_dataset, subject_place
+from morphofold.results.dataset import begin_dataset, subject_place
 
 
 def dataset(here, place="derivatives/freesurfer"):

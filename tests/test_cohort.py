@@ -630,7 +630,7 @@ def test_subjects_that_are_the_same_are_found(three, tmp_path, quick):
 
 
 def test_the_bids_layout_holds_the_same_numbers(three, tmp_path, quick):
-    from morphofold.results.bids import begin_dataset
+    from morphofold.results.dataset import begin_dataset
 
     plain, bids = tmp_path / "plain", tmp_path / "bids"
     begin_dataset(bids, ignoring=("group", "logs", "records"))

@@ -301,7 +301,7 @@ def places_of(out: Path, subjects: Sequence[Participant]) -> tuple[dict[str, Pat
     """
     from morphofold.cohort.group import GROUP_FOLDER
     from morphofold.io import refuse_foreign, refuse_no_collection
-    from morphofold.results.bids import refuse_other_dataset
+    from morphofold.results.dataset import refuse_other_dataset
 
     if not any(one.bids for one in subjects):
         refuse_no_collection(out, "cohort")
@@ -336,7 +336,7 @@ def begin_cohort(out: Path, *, bids: bool) -> None:
     from morphofold.cohort.scales import SCALES_FILE
     from morphofold.cohort.space import SPACES
     from morphofold.io import begin_collection
-    from morphofold.results.bids import begin_dataset
+    from morphofold.results.dataset import begin_dataset
 
     if bids:
         begin_dataset(out, ignoring=("group", "logs", "records", "lock", SPACES, SCALES_FILE))

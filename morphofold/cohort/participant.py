@@ -12,7 +12,7 @@ from morphofold.cohort.tasks import INPUT_ERRORS, Outcome, Say, TaskFolder, dige
 from morphofold.io import files_of, remove_folder
 from morphofold.io.cortices import cortex_files, hemispheres
 from morphofold.provenance import sha256_of
-from morphofold.results.summary import DrawPage
+from morphofold.results.analyses import DrawPage
 from morphofold.spheres.parcellation import carried_files, read_parcellated
 from morphofold.words import in_one_line
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from morphofold.cohort.measuring import measure_as_asked
 from morphofold.cohort.tasks import INPUT_ERRORS, Outcome, Say, TaskFolder, digest, perform
 from morphofold.io import atomic_file, files_of, remove_folder
-from morphofold.results.summary import DrawPage
+from morphofold.results.analyses import DrawPage
 from morphofold.sim.output.inputs import inputs_of
 from morphofold.sim.output.run_files import clear_run, files_of_run
 from morphofold.sim.scene import Ellipsoid, MeshFile, Radial, Scene, Sphere, UnfoldedCortex

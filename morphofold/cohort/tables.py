@@ -13,6 +13,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from morphofold.analysis.frames import FREESURFER_VALUES, TEXT_COLUMNS
 from morphofold.analysis.measures import PARAMETERS, SCALARS
 from morphofold.cohort.covariates import NO_COVARIATES, Covariates
 from morphofold.cohort.pooling import SETTING_NAMES, MeasuringSettings, Pooling, commonest, pooling, settings_among
@@ -23,8 +24,8 @@ from morphofold.io.json_files import read_json
 from morphofold.mesh_quality.defects import WARNINGS
 from morphofold.provenance import changed_since
 from morphofold.results import COLUMNS
-from morphofold.results.bids import PROVENANCE_ENDING
-from morphofold.results.summary import FREESURFER_VALUES, REANALYSE_ADVICE, TEXT_COLUMNS, Summary
+from morphofold.results.layouts import PROVENANCE_ENDING
+from morphofold.results.summary import REANALYSE_ADVICE, Summary
 from morphofold.tables import line, read_table, write_table
 from morphofold.words import in_one_line
 

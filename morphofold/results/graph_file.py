@@ -17,6 +17,7 @@ from morphofold.errors import DamagedFile, Mismatch
 from morphofold.io.json_files import Amount, Count, Number, Record, read_json
 
 REANALYSE_ADVICE = "Analyze again."
+ENDS = {"id", "source", "target"}  # which node it is, or which it joins: no attributes
 ARRAY_TYPES = {"position": np.float64, "normal": np.float64, "polyline": np.float64, "vertices": np.int64}
 Position = Annotated[list[Number], Field(min_length=3, max_length=3)]
 
@@ -83,13 +84,9 @@ class GraphFile(Record):
 
 def write_graph(path: Path, graph: nx.MultiGraph) -> None:
     """Write a graph of :func:`morphofold.analysis.gyral_graph`; numbers with seven figures, NaN as null."""
-    scales = graph.graph["scales"]
-    plain: nx.MultiGraph = nx.MultiGraph(
-        **{**_json_attributes(graph.graph), "scales": None if scales is None else asdict(scales)}
-    )
-    plain.add_nodes_from((node, _json_attributes(data)) for node, data in graph.nodes(data=True))
-    plain.add_edges_from((a, b, _json_attributes(data)) for a, b, data in graph.edges(data=True))
-    path.write_text(json.dumps(nx.node_link_data(plain, edges="edges"), allow_nan=False) + "\n", encoding="utf-8")
+    content, scales = _json_value(nx.node_link_data(graph, edges="edges")), graph.graph["scales"]
+    content["graph"]["scales"] = None if scales is None else asdict(scales)
+    path.write_text(json.dumps(content, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def read_graph(path: Path, n: int) -> nx.MultiGraph:
@@ -109,45 +106,33 @@ def read_graph(path: Path, n: int) -> nx.MultiGraph:
             raise DamagedFile(
                 f"{path}: edge {edge['number']} does not join two nodes, or lacks vertices. {REANALYSE_ADVICE}"
             )
-    for place in (*([node["vertex"]] for node in content["nodes"]), *(edge["vertices"] for edge in content["edges"])):
-        if max(place) >= n:
-            raise Mismatch(f"{path}: has vertex {max(place)}, but the surface has 0..{n - 1}. {REANALYSE_ADVICE}")
-    return _graph_of_content(content)
-
-
-def _json_attributes(data: Mapping[str, Any]) -> dict[str, Any]:
-    return {key: _json_value(value) for key, value in data.items()}
+    vertices = [node["vertex"] for node in content["nodes"]] + [v for e in content["edges"] for v in e["vertices"]]
+    if (last := max(vertices, default=-1)) >= n:
+        raise Mismatch(f"{path}: has vertex {last}, but the surface has 0..{n - 1}. {REANALYSE_ADVICE}")
+    head, scales = content["graph"], content["graph"]["scales"]
+    scales = None if scales is None else GyralScales(**{name: float(scales[name]) for name in Scales.model_fields})
+    graph: nx.MultiGraph = nx.MultiGraph(**_attributes(head, Head) | {"scales": scales})
+    graph.add_nodes_from((node["id"], _attributes(node, Node)) for node in content["nodes"])
+    graph.add_edges_from((edge["source"], edge["target"], _attributes(edge, Edge)) for edge in content["edges"])
+    return graph
 
 
 def _json_value(value: Any) -> Any:
-    if isinstance(value, np.ndarray):
-        return [_json_value(x) for x in value.tolist()]
+    value = value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+    if isinstance(value, dict):
+        return {key: _json_value(x) for key, x in value.items()}
     if isinstance(value, list):
         return [_json_value(x) for x in value]
-    if isinstance(value, np.generic):
-        return _json_value(value.item())
     if isinstance(value, float):
         return float(f"{value:.7g}") if np.isfinite(value) else None
     return value
 
 
-def _graph_of_content(content: Mapping[str, Any]) -> nx.MultiGraph:
-    head, scales = content["graph"], content["graph"]["scales"]
-    names = GyralScales.__dataclass_fields__
-    graph: nx.MultiGraph = nx.MultiGraph(
-        scales=None if scales is None else GyralScales(**{name: float(scales[name]) for name in names}),
-        surface=head["surface"],
-        edge=float(head["edge"]),
-        wavelength=np.nan if head["wavelength"] is None else float(head["wavelength"]),
-    )
-    for node in content["nodes"]:
-        graph.add_node(node["id"], **_attributes_of(node, Node, without=("id",)))
-    for edge in content["edges"]:
-        graph.add_edge(edge["source"], edge["target"], **_attributes_of(edge, Edge, without=("source", "target")))
-    return graph
-
-
-def _attributes_of(data: Mapping[str, Any], record: type[Record], *, without: tuple[str, ...]) -> dict[str, Any]:
-    """Attributes of a node or an edge: lists as arrays, null as NaN."""
-    kept = {name: np.nan if data[name] is None else data[name] for name in record.model_fields if name not in without}
-    return {name: np.array(value, ARRAY_TYPES[name]) if name in ARRAY_TYPES else value for name, value in kept.items()}
+def _attributes(data: Mapping[str, Any], record: type[Record]) -> dict[str, Any]:
+    """Attributes of a graph, a node or an edge: lists as arrays, null as NaN."""
+    attributes = {
+        name: np.nan if data[name] is None else data[name] for name in record.model_fields if name not in ENDS
+    }
+    return attributes | {
+        name: np.array(attributes[name], kind) for name, kind in ARRAY_TYPES.items() if name in attributes
+    }

@@ -20,13 +20,8 @@ from morphofold.unfolding.numbers import COLUMNS, region_rows, unfolding_numbers
 from morphofold.unfolding.unfold import Unfolding
 
 SPHERE_RADIUS_MM = 100.0  # of the spheres that FreeSurfer writes
-REGION_COLUMNS = {
-    "hemi": COLUMNS["hemi"],
-    "region": "Region of the parcellation",
-    "folded_percent": "Its share of the area of the folded surface",
-    "smooth_percent": "Its share of the area of the smooth surface",
-    "area_ratio": "The first over the second",
-}
+#: of a region: its shares of the area of the folded and of the smooth surface, and the first over the second
+REGION_COLUMNS = ("hemi", "region", "folded_percent", "smooth_percent", "area_ratio")
 
 
 class Unfolded(NamedTuple):
@@ -61,41 +56,44 @@ def write_unfolding(unfolded: Sequence[Unfolded], out: str | Path, draw: DrawPag
     draw : callable
         Writes the page and its pictures: :func:`morphofold.report.pages.unfold_page.unfold_report`.
     """
-    rows = [{"hemi": one.cortex.hemi, **unfolding_numbers(one.found)} for one in unfolded]
+    rows = [{"hemi": side.cortex.hemi, **unfolding_numbers(side.found)} for side in unfolded]
     regions = [
-        {"hemi": one.cortex.hemi, **row}
-        for one in unfolded
-        if one.cortex.regions is not None
-        for row in region_rows(one.found, one.cortex.regions)
+        {"hemi": side.cortex.hemi, **row}
+        for side in unfolded
+        if side.cortex.regions is not None
+        for row in region_rows(side.found, side.cortex.regions)
     ]
     summary = {
         "morphofold": __version__,
         "name": unfolded[0].cortex.name,
         "hemispheres": rows,
         "columns": COLUMNS,
-        "cortex_mask": {one.cortex.hemi: cortex_label(one.cortex)[1] for one in unfolded},
-        "notes": {one.cortex.hemi: one.mended.notes | of_cortex_mask(one.cortex) for one in unfolded},
-        "inputs": [record for one in unfolded for record in one.cortex.inputs],
+        "cortex_mask": {side.cortex.hemi: cortex_label(side.cortex)[1] for side in unfolded},
+        "notes": {side.cortex.hemi: side.mended.notes | of_cortex_mask(side.cortex) for side in unfolded},
+        "inputs": [record for side in unfolded for record in side.cortex.inputs],
     }
     with atomic_folder(out) as folder:
         (folder / "surf").mkdir()
-        for one in unfolded:
-            hemi, faces = one.cortex.hemi, one.mended.source[one.cortex.faces]
-            for name, verts in (("smooth", one.found.smooth().verts), ("sphere", SPHERE_RADIUS_MM * one.found.points)):
-                surface = Surface(one.at_given_vertices(verts, 0.0), faces, name=f"{hemi}.{name}")
+        for side in unfolded:
+            hemi, faces = side.cortex.hemi, side.mended.source[side.cortex.faces]
+            for name, verts in (
+                ("smooth", side.found.smooth().verts),
+                ("sphere", SPHERE_RADIUS_MM * side.found.points),
+            ):
+                surface = Surface(side.at_given_vertices(verts, 0.0), faces, name=f"{hemi}.{name}")
                 write_surface(folder / "surf" / surface.name, surface)
-            ratio = one.at_given_vertices(one.found.area_ratio(), np.nan)
+            ratio = side.at_given_vertices(side.found.area_ratio(), np.nan)
             write_morph(folder / "surf" / f"{hemi}.area_ratio", ratio, nan=0.0)
         write_table(folder / "unfold.tsv", list(COLUMNS), rows)
         if regions:
-            write_table(folder / "regions.tsv", list(REGION_COLUMNS), regions)
+            write_table(folder / "regions.tsv", REGION_COLUMNS, regions)
         draw(unfolded, rows, regions, folder)
         (folder / "summary.json").write_text(strict_json(summary), encoding="utf-8")
     return summary
 
 
-def log_ratio(one: Unfolded) -> np.ndarray:
+def log_ratio(side: Unfolded) -> np.ndarray:
     """Logarithm to base 2 of the ratio of areas (N,) of the repaired surface; NaN outside of the cortex."""
-    ratio = one.found.area_ratio()
+    ratio = side.found.area_ratio()
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where((ratio > 0) & cortex_label(one.cortex)[0], np.log2(ratio), np.nan)
+        return np.where((ratio > 0) & cortex_label(side.cortex)[0], np.log2(ratio), np.nan)

@@ -14,7 +14,7 @@ from hard_cases.made_files import Sample, compared, same, samples, verdict
 from made_surfaces import FORMATS
 
 from morphofold.io import freesurfer, gifti, read_surface, surfaces, trimesh_files, vtk_files
-from morphofold.results import summary
+from morphofold.results import layouts
 from morphofold.sim.mesh import tet_files
 from morphofold.sim.mesh.tetmesh import read_tets
 from morphofold.sim.output import checkpoint, stages
@@ -122,7 +122,7 @@ def as_it_is(path, words, count, *, numbers):
     "files",
     "summary, tables, graph and provenance of an analysis cut before every tenth byte",
     guard="tables that are whole",
-    without=lambda patch: patch.setattr(summary, "read_table", as_it_is),
+    without=lambda patch: patch.setattr(layouts, "read_table", as_it_is),
 )
 def test_cut_analyses(known, holds):
     assert_sound(holds, every_tenth(known, ANALYSIS), 300)

@@ -99,7 +99,7 @@ def test_killed_file(holds, tmp_path):
     "a writer of a subject of a BIDS dataset killed before each of its steps",
     guard="a folder beside, moved when whole",
     fails=(AssertionError, OSError, ValueError),
-    without=lambda patch: patch.setattr("morphofold.results.bids.atomic_folder", folder_again),
+    without=lambda patch: patch.setattr("morphofold.results.analyses.atomic_folder", folder_again),
 )
 def test_killed_dataset(holds, tmp_path):
     out, kills, between, names, k = tmp_path / "bids", 0, 0, set(), 1

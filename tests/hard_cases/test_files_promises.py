@@ -289,7 +289,7 @@ def test_deep_keys(holds):
     guard="errors of numbers and nests beyond bounds",
     without=lambda patch: list(
         patch.setattr(f"morphofold.{reader}.read_json", lambda path, *more, **options: json.loads(path.read_text()))
-        for reader in ("io.cortices", "results.plain", "results.graph_file")
+        for reader in ("io.cortices", "results.analyses", "results.graph_file")
     ),
     fails=(AssertionError, OverflowError, RecursionError),
 )

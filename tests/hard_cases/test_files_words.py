@@ -123,7 +123,7 @@ HOSTILE = [
 
 
 def unchecked(patch):
-    for reader in ("io.cortices", "results.plain"):
+    for reader in ("io.cortices", "results.analyses"):
         patch.setattr(f"morphofold.{reader}.read_json", lambda path, *more, **options: json.loads(path.read_text()))
 
 

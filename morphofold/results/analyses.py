@@ -1,0 +1,296 @@
+"""Analyses on disk, written and read in either layout: ``write_analysis``, ``write_dataset``, ``read_analysis``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from morphofold import __version__
+from morphofold.analysis.frames import COLUMNS
+from morphofold.analysis.measures import Measures
+from morphofold.analysis.regions import wide_table
+from morphofold.errors import MissingPart
+from morphofold.forecasts.analysis_cost import WRITING_STAGE, cost_of_analysis
+from morphofold.io import atomic_folder, read_surface
+from morphofold.io.json_files import read_json
+from morphofold.provenance import changed_since, digests, printable, records_as_read, strict_json
+from morphofold.results.dataset import subject_place, write_dataset_files
+from morphofold.results.hemisphere_files import read_hemisphere, read_map, transformed, write_hemisphere
+from morphofold.results.layouts import MISSING_DESCRIPTION, Layout
+from morphofold.results.summary import REANALYSE_ADVICE, Summary, checked_inputs, scalar_table, summary_of
+from morphofold.surface import Cortex, PerVertex, Surface
+from morphofold.tables import write_table
+
+if TYPE_CHECKING:
+    from morphofold.timing import Stages
+
+#: draws the page of an analysis: called as ``page(measures, path, failed=, inputs=, stages=, clock=)``
+DrawPage = Callable[..., object]
+
+
+@dataclass(frozen=True)
+class Extras:
+    """What is recorded with the measures of an analysis, and drawn on its page; as for ``write_analysis``."""
+
+    failed: Mapping[str, str] | None
+    parameters: Mapping[str, Any] | None
+    report: DrawPage | Literal[False]
+    stages: Sequence[Cortex]
+    clock: Stages | None
+
+
+def check_wide(cortices: Sequence[Cortex]) -> None:
+    """Raise for a table with a column per region if the surfaces have no regions."""
+    if not any(cortex.regions for cortex in cortices):
+        raise MissingPart(
+            f"{cortices[0].name}: regions_wide.tsv has a column per region, but no parcellation (label/?h.aparc.annot) "
+            "came with the surfaces. Leave out --wide (wide=True)."
+        )
+
+
+def write_analysis(
+    measures: Sequence[Measures],
+    out: str | Path,
+    *,
+    failed: Mapping[str, str] | None = None,
+    inputs: Iterable[str | Path] = (),
+    parameters: Mapping[str, Any] | None = None,
+    report: DrawPage | Literal[False] = False,
+    stages: Sequence[Cortex] = (),
+    mgh: bool = False,
+    wide: bool = False,
+    clock: Stages | None = None,
+) -> Path:
+    """Write an analysis, completely or not at all.
+
+    Parameters
+    ----------
+    measures : sequence of Measures
+        One hemisphere, or a left and a right one.
+    out : str or path
+        Folder to write. A folder of an earlier run is replaced; any other folder that is not empty is refused.
+    failed : mapping, optional
+        Hemispheres that could not be measured, and why; recorded, and shown on the page.
+    inputs : iterable of path
+        Files to record with their SHA-256, in addition to the files of the cortices.
+    parameters : mapping, optional
+        Recorded for the whole run; each surface's own ``Measures.parameters`` are recorded with it.
+    report : callable or False
+        Draws report.html and figures/*.png: :func:`morphofold.report.analysis_report`, or a similar function.
+    stages : sequence of Cortex
+        Stages of the measured body, if there is only one; the page draws it as it grows.
+    mgh : bool
+        Whether to write the maps also as MGH, in addition to FreeSurfer's format and GIFTI.
+    wide : bool
+        Whether to write also regions_wide.tsv: the region table as one row.
+    clock : Stages, optional
+        The clock of the measuring. With it cost.json and the page give the cost of the analysis. These are the only
+        files that are not byte for byte the same the next time.
+
+    Returns
+    -------
+    out : Path
+
+    Raises
+    ------
+    ValueError
+        If there is no surface, two of one hemisphere, no parcellation for a wide table, or ``out`` is, holds or lies in
+        a subject from which the surfaces were read: writing would replace it or add to it.
+    FileExistsError
+        If ``out`` contains something that morphofold did not write.
+    """
+    extras = Extras(failed, parameters, report, stages, clock)
+    return _write(measures, Path(out), "", extras, inputs=inputs, mgh=mgh, wide=wide)
+
+
+def write_dataset(
+    measures: Sequence[Measures],
+    dataset: str | Path,
+    name: str,
+    *,
+    failed: Mapping[str, str] | None = None,
+    parameters: Mapping[str, Any] | None = None,
+    report: DrawPage | Literal[False] = False,
+    stages: Sequence[Cortex] = (),
+    clock: Stages | None = None,
+) -> Path:
+    """Write an analysis as a subject of a BIDS derivatives dataset, completely or not at all.
+
+    Parameters
+    ----------
+    measures : sequence of Measures
+        One hemisphere, or a left and a right one.
+    dataset : str or path
+        Folder of the dataset: new, empty, or one that this function wrote; its other subjects stay.
+    name : str
+        Name of the subject; only its letters and digits are kept in BIDS. Results of an earlier run with this name are
+        replaced.
+    failed : mapping, optional
+        As for ``write_analysis``.
+    parameters : mapping, optional
+        Recorded for the whole run.
+    report : callable or False
+        Draws report.html and figures/*.png: :func:`morphofold.report.analysis_report`, or a similar function.
+    stages : sequence of Cortex
+    clock : Stages, optional
+        As for ``write_analysis``; the cost is in ``sub-NAME_desc-morphofold_cost.json``.
+
+    Returns
+    -------
+    Path
+        ``dataset/sub-NAME``.
+
+    Raises
+    ------
+    ValueError
+        As ``write_analysis``; or if ``name`` has no letters or digits.
+    FileExistsError
+        If morphofold did not write ``dataset`` or ``sub-NAME`` in it, or ``sub-NAME`` is a subject with another name
+        that shortens to the same.
+
+    Notes
+    -----
+    Surfaces, hinges and gyral graph are in scanner coordinates if the surfaces' footer gives the transform, as other
+    BIDS software expects of GIFTI; otherwise they keep their coordinates. ``inflated`` never moves. ``curv`` has
+    FreeSurfer's sign; other measured curvatures are positive where convex. ``desc-input`` maps came with the surfaces
+    and are unchanged.
+    """
+    place = subject_place(Path(dataset), name)
+    _write(measures, place, name, Extras(failed, parameters, report, stages, clock))
+    write_dataset_files(Path(dataset))
+    return place
+
+
+def _write(
+    measures: Sequence[Measures],
+    out: Path,
+    subject: str,
+    extras: Extras,
+    *,
+    inputs: Iterable[str | Path] = (),
+    mgh: bool = False,
+    wide: bool = False,
+) -> Path:
+    """Write an analysis: as ``subject`` of a BIDS dataset to its folder there, or without one in the plain layout."""
+    if extras.clock is not None:
+        extras.clock.begin(WRITING_STAGE)
+    records = checked_inputs(measures, out, inputs)
+    if wide:
+        check_wide([m.cortex for m in measures])
+    with atomic_folder(out) as folder:
+        layout = Layout(folder, out.name if subject else "")
+        layout.new_path("map")  # its folder is there even if nothing was mapped
+        placed = [transformed(m, m.cortex.transform) for m in measures] if layout.bids else measures
+        for m in placed:
+            write_hemisphere(m, layout, mgh=mgh)
+        for name, columns in COLUMNS.items():
+            layout.write_table(name, columns, [row for m in placed for row in getattr(m, name)])
+        layout.write_table("surfaces", *scalar_table(measures))
+        if wide:
+            row = wide_table({measures[0].cortex.name: [row for m in measures for row in m.regions]})
+            write_table(folder / "regions_wide.tsv", ("subject",), row)
+        content = summary_of(measures, records, extras.parameters or {}, extras.failed or {})
+        if layout.bids:
+            content = {"subject": subject, **content, "nan": f"{MISSING_DESCRIPTION}; n/a in tables"}
+        else:
+            content["written"] = digests(folder)
+        layout.path("summary").write_text(strict_json(content), encoding="utf-8")
+        _write_page_and_cost(measures, layout, content, extras)
+    return out
+
+
+def _write_page_and_cost(
+    measures: Sequence[Measures], layout: Layout, content: Mapping[str, Any], extras: Extras
+) -> None:
+    """Write the last files of an analysis: the page if one is drawn, the cost if there is a clock."""
+    if extras.report:
+        grown = [Measures(cortex, {}, {}) for cortex in extras.stages]
+        recorded = {key: content[key] for key in ("failed", "inputs")}
+        extras.report(measures, layout.folder / "report.html", **recorded, stages=grown, clock=extras.clock)
+    if extras.clock is not None:
+        cost = cost_of_analysis(measures, extras.clock).as_dict()
+        layout.path("cost").write_text(strict_json(cost), encoding="utf-8")
+
+
+def read_analysis(folder: str | Path) -> list[Measures]:
+    """Read what ``write_analysis`` wrote, or a subject that ``write_dataset`` wrote.
+
+    Maps are read from GIFTI, so NaN stays NaN; coordinates and maps have the precision of float32. What a BIDS dataset
+    has in scanner coordinates gets its original coordinates; of the footer of its FreeSurfer surfaces only the
+    transform is left.
+
+    Raises
+    ------
+    FileNotFoundError
+        If ``folder`` or a file in it is missing.
+    ValueError
+        If a file cannot be read; the message names it.
+    """
+    layout = Layout.of(Path(folder))
+    if not (layout.bids or layout.path("summary").is_file()):
+        raise FileNotFoundError(f"{folder}: {_why_no_analysis(layout.folder)}")
+    summary = read_json(layout.path("summary"), Summary, REANALYSE_ADVICE)
+    tables = layout.read_tables(summary["rows"])
+    records = {row["path"]: row for row in summary["inputs"]}
+    return [
+        read_hemisphere(entry | {"inputs": [records[f] for f in entry["files"] if f in records]}, tables, layout)
+        for entry in summary["surfaces"]
+    ]
+
+
+def _why_no_analysis(folder: Path) -> str:
+    """What a folder is instead of an analysis, and what to do."""
+    advice = "Name a folder that `morphofold analyze` wrote."
+    if not folder.is_dir():
+        return f"no such folder. {advice}"
+    if (folder / "surf").is_dir():
+        advice = f"It is a subject: run `morphofold analyze {folder}` first, and name the folder that it wrote."
+    elif (folder / "dataset_description.json").is_file():
+        names = sorted(str(place.parent) for place in folder.glob("sub-*/anat")) or ["sub-NAME"]
+        more = f" and {len(names) - 4} more" if len(names) > 4 else ""
+        advice = f"It is a BIDS dataset; name a subject of it: {', '.join(names[:4])}{more}."
+    return f"holds no summary.json. {advice}"
+
+
+def read_pial(folder: str | Path, hemi: str, name: str) -> tuple[Surface, PerVertex | None]:
+    """Read the pial surface of one hemisphere of an analysis, and its map ``name`` (N,), None if it has none; raises as
+    :func:`read_analysis`. In a BIDS dataset the surface is in scanner coordinates."""
+    layout = Layout.of(Path(folder))
+    pial = read_surface(layout.path("surface", hemi, "pial"))
+    known = layout.path("map", hemi, name).is_file()
+    return pial, read_map(layout, hemi, name, len(pial.verts)) if known else None
+
+
+def read_stages(folder: str | Path) -> list[Measures]:
+    """Read the analyses of the stages of one simulation: ``folder``/g1.20 and so on, in the order of their growth.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is none.
+    ValueError
+        If one cannot be read.
+    """
+    folder = Path(folder)
+    parts = sorted(part for part in folder.glob("g*") if (part / "summary.json").is_file())
+    if not parts:
+        raise FileNotFoundError(f"{folder}: holds no stages. Name a folder that `morphofold analyze --stages` wrote.")
+    return [m for part in parts for m in read_analysis(part)]
+
+
+def is_analysis_of(folder: str | Path, cortex: Cortex, parameters: Mapping[str, Any]) -> bool:
+    """Whether ``folder`` is an unchanged analysis by this version, of the same files as ``cortex``, with these
+    parameters."""
+    folder = Path(folder)
+    try:
+        summary = read_json(folder / "summary.json", Summary, REANALYSE_ADVICE)
+    except (OSError, ValueError):  # there is none, or it can't be used
+        return False
+    known = {row["path"]: row["sha256"] for row in summary["inputs"]}
+    files = {printable(row["path"]): row["sha256"] for row in records_as_read([cortex])}
+    if (summary["morphofold"], summary["parameters"], known) != (__version__, dict(parameters), files):
+        return False
+    written = summary.get("written", {})
+    return bool(written) and not changed_since(written, {name: folder / name for name in written})

@@ -1,0 +1,245 @@
+"""Measures as files of FreeSurfer: regions in its stats format, and files written into the subject that was measured.
+
+``stats/?h.aparc.gyral.stats`` has the regions of a hemisphere as ``mris_anatomical_stats`` writes them;
+``aparcstats2table --parc aparc.gyral --meas thickness`` makes a table of subjects from these files. FreeSurfer's own
+files are never replaced.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, suppress
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from morphofold import __version__
+from morphofold.analysis.measures import Measures
+from morphofold.errors import DoesNotApply
+from morphofold.geometry import vertex_areas
+from morphofold.io import atomic_file, write_morph
+from morphofold.io.folders import MARKER_FILE
+from morphofold.io.json_files import Record, read_json
+from morphofold.mesh_quality.checks import cortex_label
+from morphofold.provenance import printable, sha256_of, strict_json
+
+RECORD_FILE = "stats/morphofold.json"  # in the subject: SHA-256 of the files that morphofold wrote there
+#: names in surf/ without the hemisphere, and the maps that they hold; pial_lgi is the name of recon-all -localGI
+SURF_FILES = {"gyral_thickness": "gyral_thickness", "pial_lgi": "local_gyrification_index"}
+#: files that a subject does not have: a simulation, one of its stages, an analysis
+_NOT_IN_A_SUBJECT = ("stages", "stage.json", "summary.json", MARKER_FILE)
+#: columns: heading, its words in the file, unit, format
+STATS_COLUMNS = (
+    ("StructName", "Structure Name", "NA", "{:<40}"),
+    ("NumVert", "Number of Vertices", "unitless", "{:5d}"),
+    ("SurfArea", "Surface Area", "mm^2", "{:6.0f}"),
+    ("GrayVol", "Gray Matter Volume", "mm^3", "{:6.0f}"),
+    ("ThickAvg", "Gyral Thickness from wall to wall - median over contour length", "mm", "{:6.3f}"),
+    ("ThickStd", "Gyral Thickness StdDev over vertices", "mm", "{:6.3f}"),
+    ("MeanCurv", "not given", "mm^-1", "{:6.3f}"),
+    ("GausCurv", "not given", "mm^-2", "{:6.3f}"),
+    ("FoldInd", "not given", "unitless", "{:6.0f}"),
+    ("CurvInd", "not given", "unitless", "{:6.1f}"),
+)
+REMARKS = (
+    "ThickAvg and ThickStd are gyral thickness (from wall to wall of a gyrus) and not cortical thickness.",
+    "nan: not known. A region with less contour than twice the gyral thickness has no gyral thickness; curvature by",
+    "FreeSurfer's fit is in FreeSurfer's own stats of the same parcellation.",
+)
+
+
+# regions in FreeSurfer's stats format -----------------------------------------------------------------------
+
+
+def stats_name(m: Measures) -> str:
+    """Name of the file: ``lh.aparc.gyral.stats``."""
+    parcellation = "aparc" if m.cortex.regions is None else m.cortex.regions.name
+    return f"{m.cortex.hemi}.{parcellation}.gyral.stats"
+
+
+def write_gyral_stats(path: str | Path, m: Measures) -> None:
+    """Write the regions of a hemisphere in FreeSurfer's stats format.
+
+    Parameters
+    ----------
+    path : str or path
+        ``aparcstats2table --parc aparc.gyral`` expects ``stats/lh.aparc.gyral.stats`` in a subject's folder.
+    m : Measures
+        With regions.
+
+    Notes
+    -----
+    NumVert, SurfArea and GrayVol are FreeSurfer's (docs/measures/regions.md). ThickAvg is ``gyral_thickness_mm`` of
+    the region, ThickStd the standard deviation (over n) of the map ``gyral_thickness`` over its vertices. A region
+    without gyral thickness has ``nan`` in both, and keeps its row: ``aparcstats2table`` writes 0.0 for a row that one
+    of its subjects lacks. Curvature columns are ``nan``: our curvature is not FreeSurfer's fit. In the header NumVert
+    and WhiteSurfArea are of the cortex, as with ``-cortex ?h.cortex.label``, MeanThickness is the median gyral
+    thickness of the hemisphere, and volumes of the brain are FreeSurfer's own.
+    """
+    Path(path).write_text("\n".join([*_head(m), *_rows(m)]) + "\n", encoding="utf-8")
+
+
+def _head(m: Measures) -> list[str]:
+    cortex, mask, info = m.cortex, cortex_label(m.cortex)[0], m.cortex.info
+    areas, carried_over = vertex_areas(cortex.white.verts, cortex.faces), "annotation_from" in info
+    measures = (
+        ("Cortex, NumVert, Number of Vertices", int(mask.sum()), "unitless"),
+        ("Cortex, WhiteSurfArea, White Surface Total Area", float(areas[mask].sum()), "mm^2"),
+        ("Cortex, MeanThickness, Gyral Thickness Median", m.scalars.get("median_gyral_thickness_mm"), "mm"),
+        (
+            "BrainSegNotVent, BrainSegVolNotVent, Brain Segmentation Volume Without Ventricles",
+            info.get("freesurfer_brain_without_ventricles_mm3"),
+            "mm^3",
+        ),
+        ("EstimatedTotalIntraCranialVol, eTIV, Estimated Total Intracranial Volume", info.get("etiv_mm3"), "mm^3"),
+    )
+    lines = [
+        "Table of cortical parcellation anatomical statistics",
+        "",
+        f"generating_program morphofold {__version__}",
+        *REMARKS,
+        "anatomy_type surface",
+        f"subjectname {' '.join(printable(cortex.name).split())}",
+        f"hemi {cortex.hemi}",
+        *([] if carried_over else [f"AnnotationFile ../label/{stats_name(m).replace('.gyral.stats', '.annot')}"]),
+        *(f"Measure {words}, {value:.10g}, {unit}" for words, value, unit in measures if value is not None),
+        f"NTableCols {len(STATS_COLUMNS)}",
+    ]
+    for k, (heading, words, unit, _) in enumerate(STATS_COLUMNS, start=1):
+        lines += [f"TableCol {k:2d} {what}" for what in (f"ColHeader {heading}", f"FieldName {words}", f"Units {unit}")]
+    lines.append(f"ColHeaders {' '.join(heading for heading, *_ in STATS_COLUMNS)}")
+    return [f"# {line}".rstrip() for line in lines]
+
+
+def _rows(m: Measures) -> list[str]:
+    regions, across, lines = m.cortex.regions, m.maps.get("gyral_thickness"), []
+    number = {} if regions is None else {name: k for k, name in enumerate(regions.names)}
+    for row in m.regions:
+        inside = False if regions is None else regions.labels == number.get(row["region"])
+        widths = np.empty(0) if across is None else across[inside & np.isfinite(across)]
+        sizes = (row.get(key) for key in ("area_mm2", "gray_volume_mm3", "gyral_thickness_mm"))
+        area, volume, thickness = (np.nan if size is None else float(size) for size in sizes)
+        values = (
+            "_".join(printable(row["region"]).replace("#", " ").split()),  # a blank would end it, # the row
+            row["n_vertices"],
+            area,
+            volume,
+            thickness,
+            float(widths.std()) if np.isfinite(thickness) and len(widths) else np.nan,
+            *[np.nan] * 4,
+        )
+        lines.append(" ".join(form.format(value) for (*_, form), value in zip(STATS_COLUMNS, values)))
+    return lines
+
+
+# files of the subject that was measured ---------------------------------------------------------------------
+
+
+class _WrittenRecord(Record):
+    """``stats/morphofold.json``; ``before`` has digests of files that were replaced last."""
+
+    files: dict[str, str]
+    before: dict[str, str] = {}
+
+
+def check_subject(folder: str | Path) -> Path:
+    """The folder of a FreeSurfer subject into which files can be written.
+
+    Raises
+    ------
+    DoesNotApply
+        If it is something else: a simulation, an analysis, a folder of GIFTI surfaces.
+    OSError, ValueError
+        If it can't be written to, or the record in it is damaged.
+    """
+    folder = Path(folder)
+    folder = folder.parent if folder.name == "surf" else folder
+    of_freesurfer = any((folder / "surf" / f"{hemi}.white").is_file() for hemi in ("lh", "rh"))
+    if not of_freesurfer or any(os.path.lexists(folder / name) for name in _NOT_IN_A_SUBJECT):
+        raise DoesNotApply(
+            f"{folder}: is not a FreeSurfer subject (with surf/?h.white of FreeSurfer), so nothing is written into it. "
+            "Leave out --into-subject."
+        )
+    stats = folder / "stats"
+    for place in (folder / "surf", stats if stats.exists() else folder):
+        if not os.access(place, os.W_OK | os.X_OK):
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), os.fspath(place))
+    _read_record(folder)
+    return folder
+
+
+def write_into_subject(measures: Sequence[Measures], folder: str | Path) -> tuple[list[str], list[str]]:
+    """Write measures into the FreeSurfer subject that they are of, all files or none.
+
+    Parameters
+    ----------
+    measures : sequence of Measures
+        One or both hemispheres.
+    folder : str or path
+        Of the subject, as for :func:`check_subject`.
+
+    Returns
+    -------
+    written, kept : list of str
+        Names in the folder: ``surf/?h.gyral_thickness``, ``surf/?h.pial_lgi`` (the local gyrification index; both 0
+        where there is no value) and ``stats/?h.aparc.gyral.stats`` if there are regions. A file that morphofold did not
+        write, or that was changed since, is kept; ``stats/morphofold.json`` has the digests of those it wrote.
+
+    Raises
+    ------
+    OSError, ValueError
+        As :func:`check_subject`; or if a file can't be written.
+    """
+    folder = check_subject(folder)
+    stats, record = folder / "stats", _read_record(folder)
+    made = not stats.exists()
+    stats.mkdir(exist_ok=True)
+    written: dict[str, str] = {}
+    kept: list[str] = []
+    try:
+        with ExitStack() as moves:  # every file is moved to its place at the end, or none
+            for name, write in _writers(measures).items():
+                if os.path.lexists(folder / name) and not _is_ours(folder / name, name, record):
+                    kept.append(name)
+                    continue
+                temporary = moves.enter_context(atomic_file(folder / name))
+                write(temporary)
+                written[name] = sha256_of(temporary)
+            # a run that is killed between two moves leaves old and new files: both are known
+            before = {name: record["files"][name] for name in written if name in record["files"]}
+            content = {"morphofold": __version__, "files": {**record["files"], **written}, "before": before}
+            with atomic_file(folder / RECORD_FILE) as file:
+                file.write_text(strict_json(content), encoding="utf-8")
+    except BaseException:
+        if made:
+            with suppress(OSError):
+                stats.rmdir()
+        raise
+    return list(written), kept
+
+
+def _writers(measures: Sequence[Measures]) -> dict[str, Callable[[Path], object]]:
+    """What writes each file, by its name in the subject."""
+    writers: dict[str, Callable[[Path], object]] = {}
+    for m in measures:
+        for name, key in SURF_FILES.items():
+            if key in m.maps:
+                writers[f"surf/{m.cortex.hemi}.{name}"] = partial(write_morph, values=m.maps[key], nan=0.0)
+        if m.regions:
+            writers[f"stats/{stats_name(m)}"] = partial(write_gyral_stats, m=m)
+    return writers
+
+
+def _read_record(folder: Path) -> dict[str, Any]:
+    if not os.path.lexists(folder / RECORD_FILE):
+        return {"files": {}}
+    return read_json(folder / RECORD_FILE, _WrittenRecord, "Remove it; the files that are there are then kept.")
+
+
+def _is_ours(path: Path, name: str, record: dict[str, Any]) -> bool:
+    digests = (record["files"].get(name), record.get("before", {}).get(name))
+    return path.is_file() and sha256_of(path) in digests
