@@ -9,12 +9,17 @@ from morphofold.cli import main
 from morphofold.errors import NoSolution, NotReadable, OptionsClash, OutOfRange
 from morphofold.forecasts import calibration, forecast
 from morphofold.forecasts.mesh_choice import budget_seconds, choose_mesh, error_share
-from morphofold.forecasts.table import STUDIED_RANGES, headline, studied
+from morphofold.forecasts.table import STUDIED_RANGES, expected_errors, headline, studied
 from morphofold.sim.scene import MOST_BRICKS
 from morphofold.sim.scene.files import load_scene
 
+
+def expected_error(edge_over_T):
+    return headline(expected_errors(edge_over_T))[1].error
+
+
 OCTANT = ("geometry.portion=octant", "output.stages=[]")
-ERRORS = [1.001 * headline(edge)[1].error for edge in (0.9, 0.6, 0.4)]  # that edges of so many T just keep
+ERRORS = [1.001 * expected_error(edge) for edge in (0.9, 0.6, 0.4)]  # that edges of so many T just keep
 
 
 @pytest.fixture
@@ -27,7 +32,7 @@ def clockwork(monkeypatch):
 
     monkeypatch.setattr(calibration, "MOST_TIMED_BRICKS", 4000)
     monkeypatch.setattr(calibration, "_time_steps", timed)
-    monkeypatch.setattr(calibration, "slowness_of_stages", lambda costs: 1.0)
+    monkeypatch.setattr(calibration, "slowness_of_stages", lambda: 1.0)
 
 
 @pytest.mark.parametrize(
@@ -85,7 +90,7 @@ def test_a_smaller_error_takes_a_finer_mesh_and_no_finer_than_it_must(clockwork)
     for error, p in zip(ERRORS, picks):
         assert p.forecast.headline[1].error <= error
         cells = p.scene.cells
-        assert headline(p.forecast.edge_over_T * cells / (cells - 4))[1].error > error  # the next coarser one
+        assert expected_error(p.forecast.edge_over_T * cells / (cells - 4)) > error  # the next coarser one
     assert picks[0].forecast.seconds < picks[-1].forecast.seconds
 
 
@@ -153,7 +158,7 @@ def test_an_error_is_refused_where_none_was_studied_and_a_budget_is_not(here, ca
 @pytest.mark.slow
 def test_the_run_records_the_edge_that_was_picked(here, capsys, monkeypatch):
     monkeypatch.setitem(STUDIED_RANGES, "growth", (1.0, 2.0))
-    argv = ["simulate", "fig6-thick", "--error", f"{headline(1.0)[1].error:.6f}", "-q", "-o", "run", "--threads", "1"]
+    argv = ["simulate", "fig6-thick", "--error", f"{expected_error(1.0):.6f}", "-q", "-o", "run", "--threads", "1"]
     for setting in (*OCTANT, "growth.final=1.004"):
         argv += ["--set", setting]
     assert main(argv) == 0

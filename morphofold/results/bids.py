@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from morphofold.analysis.measures import Measures
 from morphofold.errors import NotReadable
-from morphofold.forecasts.analysis_cost import WRITING_STAGE
+from morphofold.forecasts.cost import WRITING_STAGE
 from morphofold.io import atomic_file, atomic_folder
 from morphofold.io.json_files import Record, read_json
 from morphofold.provenance import printable, strict_json

@@ -15,7 +15,7 @@ import numpy as np
 from morphofold.analysis.measures import Measures
 from morphofold.analysis.regions import wide_table
 from morphofold.errors import MissingPart
-from morphofold.forecasts.analysis_cost import WRITING_STAGE
+from morphofold.forecasts.cost import WRITING_STAGE
 from morphofold.io import (
     atomic_folder,
     read_annotation,

@@ -12,7 +12,7 @@ from pydantic import Field, field_validator
 from morphofold.analysis.frames import COLUMNS, FREESURFER_VALUES, TEXT_COLUMNS
 from morphofold.analysis.measures import SCALARS, SLOPE_SCALARS, Measures
 from morphofold.errors import Mismatch, MissingPart, NamedTwice, NothingToDo, OutOfRange
-from morphofold.forecasts.analysis_cost import cost_of_analysis
+from morphofold.forecasts.cost import cost_of_analysis
 from morphofold.io import read_morph
 from morphofold.io.cortices import SurfaceRecord
 from morphofold.io.folders import refuse_overlap

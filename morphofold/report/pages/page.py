@@ -25,7 +25,7 @@ from morphofold.comparison.person.results import PersonComparison
 from morphofold.comparison.remarks import cautions, plot_notes
 from morphofold.comparison.side_by_side import numbers, theory_lines
 from morphofold.comparison.thickness import Cloud, TheoryLine, thickness_clouds
-from morphofold.forecasts.analysis_cost import PAGE_STAGE
+from morphofold.forecasts.cost import PAGE_STAGE
 from morphofold.geometry import vertex_areas
 from morphofold.progress import Progress, silent
 from morphofold.provenance import records_as_read
