@@ -17,7 +17,7 @@ from morphofold.forecasts.forecasting import SETTING_UP_PHASE, STAGES_PHASE, for
 from morphofold.forecasts.sizes import body_bytes, edges_between, layers_of, sizes_by_rule, sizes_of
 from morphofold.forecasts.table import (
     HEADLINE_QUANTITIES,
-    doubts,
+    errors_of_run,
     expected_errors,
     headline,
     not_studied,
@@ -188,8 +188,9 @@ def test_the_presets_of_the_body_that_was_studied_are_not_doubted_and_another_gr
         scene = load_scene("fig6-thick", [f"accuracy.level={level}", "geometry.portion=octant"])
         sphere = scene.geometry
         edge = 0.5 * np.pi * sphere.radius / scene.cells / sphere.cortex_thickness
-        assert (not_studied(scene, edge), doubts(scene, edge)) == ((), [])
-    assert doubts(load_scene("fig6-thick", ["growth.final=1.75"]), 0.45)
+        expected = errors_of_run(scene, edge)
+        assert (expected.not_studied, expected.doubts) == ((), ())
+    assert errors_of_run(load_scene("fig6-thick", ["growth.final=1.75"]), 0.45).doubts
 
 
 @pytest.mark.parametrize(

@@ -223,13 +223,11 @@ def _accuracy_words(scene: Scene, edge: float) -> str:
         return "the mesh of the file"
     if scene.accuracy.edge is None:
         return scene.accuracy.level
-    coarser = [name for name, of in LEVELS.items() if of >= edge / scene.thinnest]
-    finer = [name for name, of in LEVELS.items() if of <= edge / scene.thinnest]
-    if not coarser:
-        return f"coarser than {finer[0]}"
-    if not finer:
-        return f"finer than {coarser[-1]}"
-    return f"between {coarser[-1]} and {finer[0]}" if coarser[-1] != finer[0] else finer[0]
+    coarser = [name for name, level in LEVELS.items() if level >= edge / scene.thinnest]
+    finer = [name for name, level in LEVELS.items() if level <= edge / scene.thinnest]
+    if coarser and finer:
+        return finer[0] if coarser[-1] == finer[0] else f"between {coarser[-1]} and {finer[0]}"
+    return f"finer than {coarser[-1]}" if coarser else f"coarser than {finer[0]}"
 
 
 def _radial_forecast(scene: Scene, threads: int | None) -> Forecast:

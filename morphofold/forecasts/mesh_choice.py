@@ -10,15 +10,7 @@ from morphofold.errors import NoSolution, NotReadable, NotStudied, OptionsClash,
 from morphofold.forecasts.calibration import Calibration, calibrate
 from morphofold.forecasts.forecasting import Forecast, forecast_from
 from morphofold.forecasts.sizes import edges_between, refuse_without_edge
-from morphofold.forecasts.table import (
-    SAME_EDGE_TOLERANCE,
-    Expected,
-    expected_errors,
-    headline,
-    not_studied,
-    studied,
-    unstudied,
-)
+from morphofold.forecasts.table import SAME_EDGE_TOLERANCE, errors_of_run, headline, studied
 from morphofold.sim.scene import MOST_BRICKS, Scene
 from morphofold.sim.scene.files import load_scene
 from morphofold.words import percent, percent_above, span
@@ -41,7 +33,7 @@ class MeshChoice:
     def words(self) -> str:
         """The choice, in a line."""
         cost = self.forecast
-        error = unstudied(cost.not_studied)
+        error = cost.how["errors"]
         if cost.headline is not None:
             name, expected = cost.headline
             error = f"about {percent(expected.error)} ({name})"
@@ -109,19 +101,19 @@ def choose_mesh(
     """
     if budget is None and error is None:
         raise OptionsClash("choose_mesh: neither a budget nor an error is given; give one of them.")
-    edges = _candidate_edges(scene, "--budget" if error is None else "--error")
+    candidates = _candidates(scene, "--budget" if error is None else "--error")
     if error is not None:
-        return _mesh_for_error(scene, edges, error, budget, threads)
+        return _coarsest_within_error(scene, candidates, error, budget, threads)
     assert budget is not None
-    chosen = _scene_with_edge(scene, edges[0])
+    timed = candidates[0]
     for _ in range(2):  # time the coarsest edge, and then the edge that follows from it
-        timed = calibrate(chosen, threads)
-        chosen = _scene_with_edge(scene, _finest_within_budget(scene, edges, timed, budget))
-    return MeshChoice(chosen, forecast_from(chosen, timed))
+        choice = _finest_within_budget(candidates, calibrate(timed, threads), budget)
+        timed = choice.scene
+    return choice
 
 
-def _candidate_edges(scene: Scene, option: str) -> list[float]:
-    """Edges to choose from [mm], the coarsest first."""
+def _candidates(scene: Scene, option: str) -> list[Scene]:
+    """The scene with each edge to choose from, the coarsest first."""
     refuse_without_edge(scene, f"{option} chooses accuracy.edge")
     if scene.accuracy.edge is not None:
         raise OptionsClash(
@@ -130,63 +122,53 @@ def _candidate_edges(scene: Scene, option: str) -> list[float]:
         )
     finest, coarsest = (share * scene.thinnest for share in studied())
     finest *= 1 - SAME_EDGE_TOLERANCE
-    edges = [e for e in edges_between(scene, finest, coarsest) if _bricks_with_edge(scene, e) <= MOST_BRICKS]
-    if not edges:
+    settings = [
+        [f"accuracy.edge={edge!r}"]
+        for edge in edges_between(scene, finest, coarsest)
+        if scene.model_copy(update={"accuracy": scene.accuracy.model_copy(update={"edge": edge})}).bricks <= MOST_BRICKS
+    ]
+    if not settings:
         raise NoSolution(
             f"{option}: {scene.name} has no edge between {finest:.3g} and {coarsest:.3g} mm (the studied range) with "
             f"{MOST_BRICKS:.0e} bricks or fewer. Take a smaller portion, or set accuracy.edge yourself."
         )
-    return edges
+    return [load_scene(scene, setting) for setting in settings]
 
 
-def _bricks_with_edge(scene: Scene, edge: float) -> float:
-    """About the number of bricks of the scene with an edge [mm], even if there are too many."""
-    return scene.model_copy(update={"accuracy": scene.accuracy.model_copy(update={"edge": edge})}).bricks
-
-
-def _scene_with_edge(scene: Scene, edge: float) -> Scene:
-    return load_scene(scene, [f"accuracy.edge={edge!r}"])
-
-
-def _finest_within_budget(scene: Scene, edges: list[float], timed: Calibration, budget: float) -> float:
+def _finest_within_budget(candidates: list[Scene], timed: Calibration, budget: float) -> MeshChoice:
     """The finest edge whose run takes no longer than the budget, even at the slow end of its range."""
-    forecasts = [forecast_from(_scene_with_edge(scene, edge), timed) for edge in edges]
-    fitting = [edge for edge, cost in zip(edges, forecasts) if cost.slowest <= budget]
+    choices = [MeshChoice(candidate, forecast_from(candidate, timed)) for candidate in candidates]
+    fitting = [choice for choice in choices if choice.forecast.slowest <= budget]
     if not fitting:
-        cheapest = forecasts[0]
+        cheapest = choices[0].forecast
         raise NoSolution(
-            f"--budget {span(budget)}: {scene.name} may take {span(cheapest.slowest)} with the coarsest studied edge "
-            f"({cheapest.edge_over_T:.2f} T). Allow this time, take a smaller portion, or set accuracy.edge."
+            f"--budget {span(budget)}: {cheapest.scene} may take {span(cheapest.slowest)} with the coarsest studied "
+            f"edge ({cheapest.edge_over_T:.2f} T). Allow this time, take a smaller portion, or set accuracy.edge."
         )
-    return min(fitting)
+    return fitting[-1]
 
 
-def _mesh_for_error(
-    scene: Scene, edges: list[float], error: float, budget: float | None, threads: int | None
+def _coarsest_within_error(
+    scene: Scene, candidates: list[Scene], error: float, budget: float | None, threads: int | None
 ) -> MeshChoice:
     """The coarsest edge whose expected error is small enough, if the run with it fits the budget."""
-    if unlike := not_studied(scene, studied()[0]):
+    if (studied_errors := errors_of_run(scene, studied()[0])).not_studied:
         raise NotStudied(
-            f"--error uses a table of errors, which is {unstudied(unlike)} ({scene.name}). Choose the mesh by --budget "
-            "or accuracy.edge, and estimate the error of the run with --estimate."
+            f"--error uses a table of errors, which is {studied_errors.how} ({scene.name}). Choose the mesh by "
+            "--budget or accuracy.edge, and estimate the error of the run with --estimate."
         )
-    good = [edge for edge in edges if _expected(edge / scene.thinnest)[1].error <= error]
+    largest = [headline(errors_of_run(scene, c.edge / c.thinnest).errors) for c in candidates]
+    good = [candidate for candidate, (_, expected) in zip(candidates, largest) if expected.error <= error]
     if not good:
-        finest = edges[-1] / scene.thinnest
-        name, best = _expected(finest)
+        finest, (name, best) = candidates[-1].edge / scene.thinnest, largest[-1]
         raise NoSolution(
             f"--error {percent(error)}: with the finest edge to choose from ({finest:.2f} T), {scene.name} has an "
             f"error of about {percent_above(best.error)} ({name}). Allow this error, or set accuracy.edge."
         )
-    chosen = _scene_with_edge(scene, good[0])
-    cost = forecast_from(chosen, calibrate(chosen, threads))
+    cost = forecast_from(good[0], calibrate(good[0], threads))
     if budget is not None and cost.slowest > budget:
         raise OptionsClash(
             f"--error {percent(error)}: {scene.name} may take {span(cost.slowest)} (an edge of "
             f"{cost.edge_over_T:.2f} T), more than --budget {span(budget)}. Allow the time or a larger error."
         )
-    return MeshChoice(chosen, cost)
-
-
-def _expected(edge_over_T: float) -> tuple[str, Expected]:
-    return headline(expected_errors(edge_over_T))
+    return MeshChoice(good[0], cost)

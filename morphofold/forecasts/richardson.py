@@ -16,7 +16,7 @@ from morphofold.comparison.distance import distance
 from morphofold.errors import DoesNotApply, MissingPart, NoSolution
 from morphofold.forecasts.forecasting import Forecast, forecast
 from morphofold.forecasts.sizes import edge_by_rule, refuse_without_edge
-from morphofold.forecasts.table import not_studied, table, unstudied
+from morphofold.forecasts.table import errors_of_run, table
 from morphofold.io import atomic_file
 from morphofold.io.json_files import Amount, Number, Record, read_json
 from morphofold.io.locks import alone
@@ -258,13 +258,14 @@ def errors_from_runs(scene: Scene, run: Grown, coarse: Grown, slow: Grown | None
             "The slower run folded into another pattern than the coarser run: the folds depend on the pace of growth."
         )
     T = scene.thinnest
-    if outside := not_studied(scene, run.edge / T):
-        doubts.append(f"The powers are {unstudied(outside)}.")
+    table_errors = errors_of_run(scene, run.edge / T)
+    if table_errors.not_studied:
+        doubts.append(f"The powers are {table_errors.how}.")
     how = (
         f"from a coarser run ({coarse.edge / T:.2f} T beside {run.edge / T:.2f} T), powers from the study "
         f"of {table()['errors']['subject']}, three elements through the cortex"
     )
-    return Estimate(scene.growth.final, run.edge / T, ratio, errors, how, tuple(doubts), outside, pace)
+    return Estimate(scene.growth.final, run.edge / T, ratio, errors, how, tuple(doubts), table_errors.not_studied, pace)
 
 
 def _changes_between_runs(scene: Scene, one: Grown, other: Grown) -> dict[str, float]:

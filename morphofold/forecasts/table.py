@@ -6,7 +6,7 @@ from __future__ import annotations
 import functools
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from typing import Any, NamedTuple
@@ -106,29 +106,9 @@ def not_studied(scene: Scene, edge_over_T: float) -> tuple[str, ...]:
     return tuple(name for name, is_outside in outside.items() if is_outside)
 
 
-def unstudied(names: Iterable[str]) -> str:
-    """Why no errors are given for a scene, from the names of :func:`not_studied`."""
-    return f"not studied for this {', '.join(name.replace('_', ' ') for name in names)}"
-
-
 def called(quantity: str) -> str:
     """Name of a quantity in tables of errors: errors are relative, except a distance, which is over the thickness."""
     return "pial distance, over T" if quantity == "pial distance" else quantity
-
-
-def doubts(scene: Scene, edge_over_T: float) -> list[str]:
-    """Differences between a scene for which errors are given and the scene of the table, one sentence each."""
-    if not_studied(scene, edge_over_T):
-        return []
-    growth, last, sentences = table()["errors"]["growth"], scene.growth.final, []
-    if abs(last - growth) > 0.05:
-        sentences.append(f"The errors of folds hold at g = {growth:g}, not at {last:g}, where this scene ends.")
-    layers = scene.elements_through_cortex, elements_through(scene.edge / scene.thinnest)
-    if layers[0] != layers[1]:
-        sentences.append(
-            f"The errors are those of {layers[1]} elements through the cortex; here there are {layers[0]}."
-        )
-    return sentences
 
 
 @dataclass(frozen=True)
@@ -165,9 +145,15 @@ def errors_of_run(scene: Scene, edge_over_T: float | None) -> Errors:
     if edge_over_T is None:
         return Errors({}, "")
     if outside := not_studied(scene, edge_over_T):
-        return Errors({}, unstudied(outside), (), outside)
-    how = f"before the run, from its edge and a table: {table()['errors']['subject']}"
-    return Errors(expected_errors(edge_over_T), how, tuple(doubts(scene, edge_over_T)))
+        return Errors({}, f"not studied for this {', '.join(outside).replace('_', ' ')}", (), outside)
+    law, last, doubts = table()["errors"], scene.growth.final, []
+    if abs(last - law["growth"]) > 0.05:
+        doubts.append(f"The errors of folds hold at g = {law['growth']:g}, not at {last:g}, where this scene ends.")
+    layers, studied_layers = scene.elements_through_cortex, elements_through(scene.edge / scene.thinnest)
+    if layers != studied_layers:
+        doubts.append(f"The errors are those of {studied_layers} elements through the cortex; here there are {layers}.")
+    how = f"before the run, from its edge and a table: {law['subject']}"
+    return Errors(expected_errors(edge_over_T), how, tuple(doubts))
 
 
 def measured_errors(cortices: Sequence[Cortex], accuracy: str) -> Errors:
