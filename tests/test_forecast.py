@@ -15,15 +15,7 @@ from morphofold.forecasts.calibration import MOST_TIMED_BRICKS, calibrate, reduc
 from morphofold.forecasts.cost import OTHER, cost_beside, cost_line, cost_of
 from morphofold.forecasts.forecasting import SETTING_UP_PHASE, STAGES_PHASE, forecast_from, table_of
 from morphofold.forecasts.sizes import body_bytes, edges_between, layers_of, sizes_by_rule, sizes_of
-from morphofold.forecasts.table import (
-    HEADLINE_QUANTITIES,
-    errors_of_run,
-    expected_errors,
-    headline,
-    not_studied,
-    studied,
-    table,
-)
+from morphofold.forecasts.table import errors_of_run, expected_errors, headline, not_studied
 from morphofold.provenance import strict_json
 from morphofold.sim.build import build_bilayer, build_body
 from morphofold.sim.dynamics import Dynamics
@@ -176,11 +168,12 @@ def test_modelled_memory_is_what_building_and_stepping_take(name, precision):
 
 
 def test_a_radial_scene_is_forecast_without_a_body():
-    found = forecast("radial", threads=1)
+    found = morphofold.forecast("radial", threads=1)
     assert (found.elements, found.nodes, found.steps) == (0, 0, 0)
     assert found.errors == {}
     assert found.headline is None
     assert "one dimension" in table_of(found)
+    assert json.loads(strict_json(found.as_dict()), parse_constant=pytest.fail)["edge_mm"] is None
 
 
 def test_the_presets_of_the_body_that_was_studied_are_not_doubted_and_another_growth_is():
@@ -197,41 +190,19 @@ def test_the_presets_of_the_body_that_was_studied_are_not_doubted_and_another_gr
     ("source", "settings", "edge", "names"),
     [
         ("demo", (), 0.6, ()),
-        ("fig7-ratio4", (), 0.45, ()),
-        ("fig6-thin", (), 0.45, ()),
-        ("fig6-thick", (), 0.2, ("edge",)),
         ("fig6-thick", (), 1.5, ("edge",)),
         ("fig6-thick", ("growth.final=1.4",), 0.45, ("growth",)),
-        ("fig6-thick", ("growth.final=2.5",), 0.45, ("growth",)),
         ("fig6-thick", ("material.mu_ratio=0.5",), 0.45, ("mu_ratio",)),
         ("fig6-thick", ("material.kappa_ratio=1000.0",), 0.45, ("kappa_ratio",)),
         ("fig6-thick", ("geometry.cortex_thickness=8.0",), 0.45, ("thickness",)),
         ("fig5-tangential", (), 0.45, ("law",)),
         ("skull", (), 0.45, ("effects",)),
         ("polymicrogyria", (), 0.45, ("shape",)),
-        ("ellipsoid", ("growth.final=2",), 0.45, ("shape",)),
-        ("patch", ("growth.final=2",), 0.45, ("shape",)),
         ("strip", ("growth.final=2",), 0.45, ("shape",)),
     ],
 )
 def test_errors_are_told_of_what_was_studied_and_of_nothing_else(source, settings, edge, names):
     assert not_studied(load_scene(source, settings), edge) == names
-
-
-def test_the_table_says_of_every_quantity_what_the_readers_ask():
-    errors = table()["errors"]
-    assert set(HEADLINE_QUANTITIES) <= set(errors["quantities"])
-    for law in errors["quantities"].values():
-        assert law["coefficient"] > 0
-        assert law["power"] >= 0
-        assert law["spread"] >= 0
-        assert 0 < law["finest"] < law["coarsest"]
-    finest, coarsest = studied()
-    for edge in np.linspace(finest, coarsest, 5):
-        _, largest = headline(expected_errors(edge))
-        assert largest.low <= largest.error <= largest.high
-        assert largest.error == max(expected_errors(edge)[name].error for name in HEADLINE_QUANTITIES)
-    assert headline(expected_errors(finest))[1].error < headline(expected_errors(coarsest))[1].error
 
 
 def test_edges_to_choose_from_change_the_cells_one_by_one():
@@ -302,8 +273,6 @@ def test_the_cost_of_a_run_adds_up_and_leaves_no_effect_out(tmp_path):
 def test_the_page_of_a_simulation_says_what_it_cost(here, capsys, plain_pictures, monkeypatch):
     settings = [*SMALL, "accuracy.edge=6", "growth.final=1.01", "output.volume=false"]
     simulate(load_scene("fig6-thick", settings), here / "run", threads=1, describe=freesurfer_maps)
-    assert main(["analyze", "run", "-q", "-o", "unlike"]) == 0
-    assert "Relative error of" not in (here / "unlike" / "report.html").read_text("utf-8").split("The analysis</h3>")[0]
     monkeypatch.setattr("morphofold.forecasts.table.not_studied", lambda scene, edge_over_T: ())
     assert main(["analyze", "run", "-q", "-o", "analysis"]) == 0
     page = (here / "analysis" / "report.html").read_text(encoding="utf-8")
@@ -321,8 +290,3 @@ def test_the_page_of_a_simulation_says_what_it_cost(here, capsys, plain_pictures
         "before the run, from its edge and a table",
     ):
         assert word in section
-
-
-def test_a_forecast_is_strict_json_and_public():
-    found = morphofold.forecast("radial", threads=1)
-    assert json.loads(strict_json(found.as_dict()), parse_constant=pytest.fail)["edge_mm"] is None

@@ -11,7 +11,7 @@ from made_simulations import harmonic
 from morphofold import analysis
 from morphofold.cli import main
 from morphofold.comparison.distance import distance
-from morphofold.errors import DoesNotApply, NoSolution
+from morphofold.errors import NoSolution
 from morphofold.forecasts import estimate_error, richardson
 from morphofold.forecasts.richardson import (
     CONVERGENCE_POWERS,
@@ -49,17 +49,6 @@ def test_an_error_that_goes_with_a_power_of_the_edge_is_found_exactly():
     assert found.ratio == 1.5
     assert found.errors["gyrification index"].error == pytest.approx(0, abs=1e-9)
     assert found.errors["pial distance"].error == pytest.approx(slope * 2**power / 3, rel=0.01)  # over T = 3 mm
-
-
-def test_each_quantity_is_extrapolated_by_its_own_power():
-    mine, coarse = made(2.0), made(3.0, height=2.8)
-    found = errors_from_runs(load_scene("fig6-thick"), mine, coarse)
-    here, there = (analysis.gyrification_index(s.pial.verts, s.pial.faces) for s in (mine, coarse))
-    index, apart = found.errors["gyrification index"], found.errors["pial distance"]
-    assert index.power != apart.power
-    assert index.error == pytest.approx((here - there) / here / (1.5**index.power - 1))
-    assert apart.error == pytest.approx(distance(mine.pial, coarse.pial) / 3 / (1.5**apart.power - 1))
-    assert (found.doubts, found.not_studied) == ((), ())
 
 
 def test_another_pattern_gives_no_error_however_near_the_numbers_lie():
@@ -159,12 +148,6 @@ def test_what_has_no_coarser_run_is_refused_before_anything_is_grown(tmp_path, c
     assert main([*thick, "--error", "99%", "--threads", "1"]) == 2  # a mesh that was picked, too
     assert "[no-solution]" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_run_in_one_dimension_is_told_that_it_has_no_edge(tmp_path):
-    run = simulate(load_scene("fig3", ["output.stages=[]"]), tmp_path / "run")
-    with pytest.raises(DoesNotApply, match=r"--estimate\b.*\bfig3\b.*'radial'"):
-        estimate_error(run)
 
 
 @pytest.mark.parametrize(

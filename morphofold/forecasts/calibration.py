@@ -122,8 +122,8 @@ def reduced(scene: Scene) -> Scene:
 def _time_steps(run: Dynamics) -> tuple[dict[str, float], float, float]:
     """Seconds per step by phase, and the times of the fastest block of steps and of the slower quarter over them.
 
-    Seconds are those of the faster third of the blocks, because other work of the machine in that second will not last
-    for the whole run.
+    Seconds are those of the block than which a third are faster, because other work of the machine in that second will
+    not last for the whole run.
     """
 
     def block() -> dict[str, float]:
@@ -137,12 +137,11 @@ def _time_steps(run: Dynamics) -> tuple[dict[str, float], float, float]:
     least, most = LEAST_AND_MOST_BLOCKS
     while len(taken) < least or (working_seconds() - started < TIMING_SECONDS and len(taken) < most):
         taken.append(block())
-    totals = np.array([sum(phases.values()) for phases in taken])
-    middle = float(np.quantile(totals, 1 / 3))
-    shares = {name: float(np.median([phases.get(name, 0.0) for phases in taken])) for name in taken[-1]}
-    scale = middle / sum(shares.values())
-    phases = {name: scale * seconds for name, seconds in shares.items()}
-    return phases, float(totals.min()) / middle, float(np.quantile(totals, 0.75)) / middle
+    taken.sort(key=lambda phases: sum(phases.values()))
+    totals = [sum(phases.values()) for phases in taken]
+    typical = len(taken) // 3
+    slower = totals[3 * len(taken) // 4]
+    return taken[typical], totals[0] / totals[typical], slower / totals[typical]
 
 
 def slowness_of_stages() -> float:
