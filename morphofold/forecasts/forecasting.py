@@ -8,15 +8,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from morphofold.forecasts.calibration import (
-    BUSY_MACHINE_RATIO,
-    Calibration,
-    Steps,
-    calibrate,
-    relative_crossing,
-    slowness_of_stages,
-    steps_of,
-)
+from morphofold.forecasts import calibration
+from morphofold.forecasts.calibration import Calibration, Steps
 from morphofold.forecasts.cost import largest
 from morphofold.forecasts.sizes import Sizes, memory_of_run, sizes_by_rule
 from morphofold.forecasts.table import Errors, Expected, called, costs, errors_of_run, headline, table
@@ -126,14 +119,14 @@ def forecast(source: str | Path | Scene, threads: int | None = None, *, settings
     scene = load_scene(source, settings)
     if scene.geometry.shape == "radial":
         return _radial_forecast(scene, threads)
-    return forecast_from(scene, calibrate(scene, threads))
+    return forecast_from(scene, calibration.calibrate(scene, threads))
 
 
 def forecast_from(scene: Scene, timed: Calibration) -> Forecast:
     """Forecast of ``scene`` from a timing of itself, or scaled from another accuracy or portion of it."""
     sizes = timed.sizes if scene == timed.scene or timed.layers is None else sizes_by_rule(scene, timed.layers)
-    relative = relative_crossing(scene, sizes.edge)
-    steps = steps_of(scene, timed.crossing * relative, timed.steps_per_unit * relative)
+    relative = calibration.relative_crossing(scene, sizes.edge)
+    steps = calibration.steps_of(scene, timed.crossing * relative, timed.steps_per_unit * relative)
     phases = _seconds_by_phase(scene, sizes, steps, timed)
     seconds, total = sum(phases.values()), steps.expected
     fewest, most = round(steps.ramp + steps.fewest), round(steps.ramp + steps.most)
@@ -191,7 +184,7 @@ def _doubts_of_time(scene: Scene, timed: Calibration) -> list[str]:
         )
     if scene.output.stability:
         doubts.append("Counting the unstable modes of the stages takes further time and memory (output.stability).")
-    if timed.slowest > BUSY_MACHINE_RATIO * timed.fastest:
+    if timed.slowest > calibration.BUSY_MACHINE_RATIO * timed.fastest:
         doubts.append(
             f"Some steps just took up to {timed.slowest / timed.fastest:.1f} times as long as others: this machine has "
             "other work to do."
@@ -239,7 +232,7 @@ def _radial_forecast(scene: Scene, threads: int | None) -> Forecast:
         started = working_seconds()
         run.numbers(run.equilibrium(scene.growth.final), scene.growth.final)
         solving = len(scene.stages) * (working_seconds() - started)
-        slowness = slowness_of_stages()
+        slowness = calibration.slowness_of_stages()
     vertices, stage = 10 * 4**ICOSPHERE_LEVEL + 2, costs()["stage"]
     writing = slowness * len(scene.stages) * (stage["per_vertex"] + stage["write_per_vertex"]) * vertices
     seconds = solving + writing
