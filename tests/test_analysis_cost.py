@@ -37,7 +37,7 @@ def test_an_analysis_says_its_cost_in_a_line_a_file_and_on_its_page(here, pair, 
     assert main([*pair, "--threads", "1", "-o", "out"]) == 0
     line = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("time: "))
     cost = cost_in(here / "out" / "cost.json")
-    assert list(cost["stages"]) == list(ANALYSIS_STAGES)  # those of measure, in its order, and no other
+    assert set(cost["stages"]) == set(ANALYSIS_STAGES)  # those of measure and no other; some run beside each other
     assert cost["seconds"] == pytest.approx(sum(stage["seconds"] for stage in cost["stages"].values()))
     assert sum(stage["share"] for stage in cost["stages"].values()) == pytest.approx(1)
     assert (cost["vertices"], cost["accuracy"], cost["threads"]) == ({"lh": 7000}, "standard", 1)

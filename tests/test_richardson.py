@@ -59,7 +59,6 @@ def test_another_pattern_gives_no_error_however_near_the_numbers_lie():
     assert found.errors["pial distance"].change > SAME_PATTERN_DISTANCE
     assert {e.error for e in found.errors.values()} == {None}
     assert "another pattern" in found.words
-    assert f"pial distance {percent(found.errors['pial distance'].change)} of T" in found.words
 
 
 def test_an_open_body_has_no_index():
@@ -81,8 +80,6 @@ def test_what_the_pace_changes_is_told_as_it_stands():
     without = errors_from_runs(scene, mine, coarse)
     assert without.pace is None
     assert (found.errors, found.doubts) == (without.errors, without.doubts)
-    for change in found.pace.values():
-        assert percent(change) in found.words.removeprefix(without.words.removesuffix("."))
     assert set(errors_from_runs(load_scene("patch", ["growth.final=2"]), mine, coarse, slow).pace) == {"pial distance"}
 
 
@@ -106,25 +103,10 @@ def test_the_slower_run_is_the_coarser_one_at_half_the_pace():
 
 
 @pytest.mark.parametrize(
-    ("setting", "slower"),
-    [
-        ("growth.rate=1e-3", False),
-        ("growth.rate=1.9e-3", False),
-        ("growth.rate=2e-3", True),
-        ("effects.inertia={}", False),
-    ],
+    ("setting", "slower"), [("growth.rate=1.9e-3", False), ("growth.rate=2e-3", True), ("effects.inertia={}", False)]
 )
 def test_no_slower_run_where_time_is_real_or_no_pace_is_as_slow(setting, slower):
     assert ("slower" in companions(load_scene("fig6-thick", [setting]))) is slower
-
-
-def test_a_run_or_a_coarser_one_that_is_not_healthy_is_told():
-    ill = ["12 crossings"]
-    of_the_coarser = errors_from_runs(load_scene("fig6-thick"), made(2.0), made(3.0, warnings=ill)).doubts
-    assert of_the_coarser == ("The coarser run isn't healthy: 12 crossings",)
-    assert errors_from_runs(load_scene("fig6-thick"), made(2.0, warnings=ill), made(3.0)).words.endswith(
-        "The run isn't healthy: 12 crossings"
-    )
 
 
 def test_the_coarser_run_is_the_same_scene_with_longer_edges():
