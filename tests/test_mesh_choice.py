@@ -63,11 +63,11 @@ def test_any_other_error_is_refused(text):
 @pytest.mark.slow
 def test_more_time_buys_a_finer_mesh_that_fits(clockwork):
     scene = load_scene("fig6-thick", OCTANT)
-    picks = [choose_mesh(scene, budget=seconds, threads=1) for seconds in (8, 15, 30, 60)]
+    picks = [choose_mesh(scene, budget=seconds, threads=1) for seconds in (8, 15, 30)]
     edges = [p.scene.accuracy.edge for p in picks]
     assert edges == sorted(edges, reverse=True)
     assert len(set(edges)) == len(edges)
-    for seconds, p in zip((8, 15, 30, 60), picks):
+    for seconds, p in zip((8, 15, 30), picks):
         assert p.forecast.slowest <= seconds
     finer = load_scene(scene, [f"accuracy.edge={edges[1] * 0.9}"])
     assert forecast(finer, threads=1).slowest > 15
