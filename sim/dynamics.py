@@ -102,6 +102,18 @@ def soft_start(growth: float) -> float:
     return min(1.0, FIRST_PACE + abs(growth - 1) / SOFT_START_GROWTH)
 
 
+def limited_pace(pace: float, growth: float, slow: Slow | None) -> float:
+    """A pace within its limits: at least ``SLOWEST_PACE``, but no more than that of slow growth."""
+    pace = max(SLOWEST_PACE, pace)
+    return min(pace, slow.pace) if slow is not None and slow.start <= growth <= slow.end else pace
+
+
+def next_growth(growth: float, target: float, increment: float) -> float:
+    """Growth after an increment towards a target: the target itself, if no more than one and a half are left."""
+    left = target - growth
+    return target if abs(left) <= 1.5 * increment else growth + math.copysign(increment, left)
+
+
 def patience(grown: float | None = None) -> float:
     """Ticks at a stage after which growth goes on, at rest or not, if no motion is softer than that of folds.
 
@@ -196,10 +208,9 @@ class Dynamics:
         self.state.relaxed = self.state.earliest_rest = 0
         while self.state.growth != g:
             increment = self.rate * STEPS_PER_MEASUREMENT * self._pace()
-            left = g - self.state.growth
-            last = abs(left) <= 1.5 * increment
-            self._run(STEPS_PER_MEASUREMENT, g if last else self.state.growth + math.copysign(increment, left))
-            if last:
+            growth = next_growth(self.state.growth, g, increment)
+            self._run(STEPS_PER_MEASUREMENT, growth)
+            if growth == g:
                 self.balance.forget()  # the motion so far was that of growth
             after(self.state)
 
@@ -306,9 +317,7 @@ class Dynamics:
             pace = min(pace, 0.5)
         if record["inverted"]:
             pace = SLOWEST_PACE
-        pace = max(SLOWEST_PACE, pace)
-        if self.slow is not None and self.slow.start <= growth <= self.slow.end:
-            pace = min(pace, self.slow.pace)
+        pace = limited_pace(pace, growth, self.slow)
         for effect in self._with["pace"]:
             pace *= effect.pace(growth)
         return pace

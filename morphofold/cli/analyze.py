@@ -86,7 +86,7 @@ def add_args(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     from morphofold.analysis.asked import asked as check_asked
     from morphofold.cli.progress import progress
-    from morphofold.forecasts.analysis_cost import READING_STAGE
+    from morphofold.forecasts.cost import READING_STAGE
     from morphofold.io import read_cortex
     from morphofold.results import check_wide
     from morphofold.threads import set_threads
@@ -185,7 +185,7 @@ def _write_results(measures: list[Measures], out: Path, called: str, args: argpa
 
 def _print_measured(measures: list[Measures], out: Path, clock: Stages, args: argparse.Namespace) -> None:
     """Print the summary as JSON; or a line per hemisphere, its warnings, and the cost."""
-    from morphofold.forecasts.analysis_cost import analysis_cost_line, cost_of_analysis
+    from morphofold.forecasts.cost import analysis_cost_line, cost_of_analysis
     from morphofold.mesh_quality.defects import WARNINGS
 
     bids = args.layout == "bids"
@@ -304,7 +304,7 @@ def _analyse_stages(args: argparse.Namespace, options: Mapping[str, Any]) -> int
     from morphofold.cli.paths import writable_name
     from morphofold.cli.progress import progress
     from morphofold.cli.runs import begin
-    from morphofold.forecasts.analysis_cost import READING_STAGE
+    from morphofold.forecasts.cost import READING_STAGE
     from morphofold.io import read_cortex
     from morphofold.io.folders import refuse_overlap
     from morphofold.results import is_analysis_of, write_analysis

@@ -346,7 +346,7 @@ def begin_cohort(out: Path, *, bids: bool) -> None:
 
 def memory_needed(subjects: Sequence[Participant], accuracy: str, report: bool) -> float:
     """Memory that the largest of the first few subjects will take [GiB]; 0 if none of them can be read."""
-    from morphofold.forecasts.analysis_cost import memory_of_analysis
+    from morphofold.forecasts.cost import memory_of_analysis
     from morphofold.io import read_surface
     from morphofold.io.cortices import cortex_files, hemispheres
 

@@ -64,7 +64,7 @@ def add_args(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from morphofold.cli.progress import progress
-    from morphofold.forecasts.afterwards import cost_line, cost_of
+    from morphofold.forecasts.cost import cost_line, cost_of
     from morphofold.sim.output.folder import is_finished
     from morphofold.sim.scene.files import load_scene
 
@@ -155,7 +155,7 @@ def _estimated_error(simulation: Simulation, args: argparse.Namespace) -> Estima
 
 def _dry_run(scene: Scene, chosen: MeshChoice | None, args: argparse.Namespace) -> int:
     from morphofold.forecasts import forecast
-    from morphofold.forecasts.printed import table_of
+    from morphofold.forecasts.forecasting import table_of
     from morphofold.forecasts.richardson import companion_forecasts
 
     found = chosen.forecast if chosen else forecast(scene, args.threads)

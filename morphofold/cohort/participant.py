@@ -159,7 +159,7 @@ def _measure_and_write(
 
 
 def _measure_hemisphere(subject: Participant, hemi: str, say: Say, clock: Stages, seen: Mapping[str, str]) -> Measures:
-    from morphofold.forecasts.analysis_cost import READING_STAGE
+    from morphofold.forecasts.cost import READING_STAGE
 
     say(f"{hemi} reading")
     clock.begin(READING_STAGE)

@@ -148,7 +148,7 @@ def _available_threads(run: Run) -> int:
 
 def _analyse_last_stage(run: Run, simulation: Simulation, say: Say) -> None:
     """Write the analysis of the last stage."""
-    from morphofold.forecasts.analysis_cost import READING_STAGE
+    from morphofold.forecasts.cost import READING_STAGE
     from morphofold.results import write_analysis
     from morphofold.timing import Stages
 
@@ -166,8 +166,9 @@ def _analyse_last_stage(run: Run, simulation: Simulation, say: Say) -> None:
 
 def memory_of_run(scene: Scene, accuracy: str, report: bool) -> float:
     """Expected peak memory of growing and measuring a scene [GiB]; 0 (not known) for a mesh from a file."""
-    from morphofold.forecasts.analysis_cost import memory_of_analysis
-    from morphofold.forecasts.sizes import Layers, memory_GiB, sizes_by_rule
+    from morphofold.forecasts.cost import memory_of_analysis
+    from morphofold.forecasts.sizes import memory_of_run as memory_of_growing
+    from morphofold.forecasts.sizes import sizes_by_rule
 
     geometry = scene.geometry
     if isinstance(geometry, MeshFile):
@@ -180,7 +181,5 @@ def memory_of_run(scene: Scene, accuracy: str, report: bool) -> float:
         deep = min(geometry.semi_axes) * (1 - geometry.hole_share)
     else:
         deep = geometry.depth
-    sizes = sizes_by_rule(scene, Layers(geometry.cortex_thickness, deep - geometry.cortex_thickness))
-    single = scene.accuracy.precision == "single"
-    growing = memory_GiB(sizes, bricks=True, single=single, volume=scene.output.volume)
-    return max(growing, memory_of_analysis([sizes.vertices], accuracy=accuracy, report=report))
+    sizes = sizes_by_rule(scene, (geometry.cortex_thickness, deep - geometry.cortex_thickness))
+    return max(memory_of_growing(scene, sizes), memory_of_analysis([sizes.vertices], accuracy=accuracy, report=report))

@@ -2,8 +2,22 @@
 and its errors.
 """
 
-from morphofold.forecasts.forecasting import Forecast, forecast
-from morphofold.forecasts.mesh_choice import MeshChoice, choose_mesh
-from morphofold.forecasts.richardson import Estimate, estimate_error
+import importlib
+from typing import Any
 
+_PUBLIC = {
+    "Estimate": "richardson",
+    "Forecast": "forecasting",
+    "MeshChoice": "mesh_choice",
+    "choose_mesh": "mesh_choice",
+    "estimate_error": "richardson",
+    "forecast": "forecasting",
+}
 __all__ = ["Estimate", "Forecast", "MeshChoice", "choose_mesh", "estimate_error", "forecast"]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name on first use: an analysis, which has a cost too, does not load the solver."""
+    if name not in _PUBLIC:
+        raise AttributeError(f"module 'morphofold.forecasts' has no attribute {name!r}")
+    return getattr(importlib.import_module(f"morphofold.forecasts.{_PUBLIC[name]}"), name)

@@ -1,29 +1,32 @@
-"""Cost and errors of a run before it begins: ``forecast``."""
+"""Cost and errors of a run before it begins: ``forecast``, and its table for the terminal."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
 
-from morphofold.forecasts.calibration import BUSY_MACHINE_RATIO, Calibration, calibrate, slowness_of_stages
-from morphofold.forecasts.sizes import Sizes, memory_GiB, sizes_by_rule
-from morphofold.forecasts.steps import Steps, steps_of
-from morphofold.forecasts.table import Expected, costs, doubts, expected_errors, larger, not_studied, table, unstudied
-from morphofold.words import span
+from morphofold.forecasts import calibration
+from morphofold.forecasts.calibration import Calibration, Steps
+from morphofold.forecasts.cost import largest
+from morphofold.forecasts.sizes import Sizes, memory_of_run, sizes_by_rule
+from morphofold.forecasts.table import Errors, Expected, called, costs, errors_of_run, headline, table
+from morphofold.progress import silent
+from morphofold.sim.radial_run import ICOSPHERE_LEVEL, RadialRun
+from morphofold.sim.scene import LEVELS, Scene
+from morphofold.sim.scene.files import load_scene
+from morphofold.threads import using_threads
+from morphofold.timing import working_seconds
+from morphofold.words import percent, span
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from morphofold.sim.scene import Scene
-
-STAGES_PHASE = "stages"  # phases of a run that the solver's clock does not have: checks, maps and files of its stages,
-SETTING_UP_PHASE = "set-up"  # and building its body
+#: phases of a run that the solver's clock does not have: checks, maps and files of its stages, and building its body
+STAGES_PHASE, SETTING_UP_PHASE = "stages", "set-up"
 LEAST_TIME_RATIO = 0.1  # least time of the range, over the expected time
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Forecast:
     """Forecast of a run.
 
@@ -57,14 +60,14 @@ class Forecast:
     scene: str
     shape: str
     setting: str
-    edge_mm: float | None
-    edge_over_T: float | None
-    elements_through_cortex: int | None
-    elements: int
-    nodes: int
-    steps: int
-    fewest_steps: int
-    most_steps: int
+    edge_mm: float | None = None
+    edge_over_T: float | None = None
+    elements_through_cortex: int | None = None
+    elements: int = 0
+    nodes: int = 0
+    steps: int = 0
+    fewest_steps: int = 0
+    most_steps: int = 0
     stages: int
     seconds: float
     fastest: float
@@ -72,10 +75,10 @@ class Forecast:
     seconds_by_phase: Mapping[str, float]
     memory_GiB: float
     threads: int
-    errors: Mapping[str, Expected]
-    not_studied: tuple[str, ...]
+    errors: Mapping[str, Expected] = field(default_factory=dict)
+    not_studied: tuple[str, ...] = ()
     how: Mapping[str, str]
-    doubts: tuple[str, ...]
+    doubts: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         size = f"{self.elements:,} elements, {self.steps:,} steps"
@@ -85,7 +88,7 @@ class Forecast:
     @property
     def headline(self) -> tuple[str, Expected] | None:
         """The quantity of ``HEADLINE`` with the largest error, and that error."""
-        return larger(self.errors) if self.errors else None
+        return headline(self.errors) if self.errors else None
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values, for JSON."""
@@ -113,146 +116,115 @@ def forecast(source: str | Path | Scene, threads: int | None = None, *, settings
     ValueError, FileNotFoundError
         If the scene cannot be read, or its body cannot be built.
     """
-    from morphofold.sim.scene.files import load_scene
-
     scene = load_scene(source, settings)
     if scene.geometry.shape == "radial":
         return _radial_forecast(scene, threads)
-    return forecast_from(scene, calibrate(scene, costs(), threads))
+    return forecast_from(scene, calibration.calibrate(scene, threads))
 
 
-def forecast_from(scene: Scene, found: Calibration) -> Forecast:
+def forecast_from(scene: Scene, timed: Calibration) -> Forecast:
     """Forecast of ``scene`` from a timing of itself, or scaled from another accuracy or portion of it."""
-    itself = scene == found.scene
-    sizes = found.sizes if itself or found.layers is None else sizes_by_rule(scene, found.layers)
-    steps = found.steps if itself else _scaled_steps(scene, sizes, found)
-    phases = _seconds_by_phase(scene, sizes, steps, found)
-    seconds = sum(phases.values())
-    spread = costs()["spread"]["time"]
-    T, layers = scene.thinnest, scene.elements_through_cortex
-    total, outside = steps.expected, not_studied(scene, sizes.edge / T)
+    sizes = timed.sizes if scene == timed.scene or timed.layers is None else sizes_by_rule(scene, timed.layers)
+    relative = calibration.relative_crossing(scene, sizes.edge)
+    steps = calibration.steps_of(scene, timed.crossing * relative, timed.steps_per_unit * relative)
+    phases = _seconds_by_phase(scene, sizes, steps, timed)
+    seconds, total = sum(phases.values()), steps.expected
     fewest, most = round(steps.ramp + steps.fewest), round(steps.ramp + steps.most)
     less, more = ((total - fewest) / max(total, 1), (most - total) / max(total, 1))
-    single, bricks = scene.accuracy.precision == "single", found.layers is not None
-    memory = memory_GiB(sizes, bricks=bricks, single=single, volume=scene.output.volume)
+    spread = costs()["spread"]["time"]
+    expected = errors_of_run(scene, sizes.edge / scene.thinnest)
     return Forecast(
-        scene.name,
-        scene.geometry.shape,
-        _accuracy_words(scene, sizes.edge),
-        sizes.edge,
-        sizes.edge / T,
-        None if scene.geometry.shape == "mesh" else layers,
-        sizes.elements,
-        sizes.nodes,
-        total,
-        fewest,
-        most,
-        len(scene.stages),
-        seconds,
-        seconds * max(LEAST_TIME_RATIO, 1 - math.hypot(spread, less, 1 - found.fastest)),
-        seconds * (1 + math.hypot(spread, more, found.slowest - 1)),
-        phases,
-        memory,
-        found.threads,
-        {} if outside else expected_errors(sizes.edge / T),
-        outside,
-        _sources_of_forecast(scene, found, itself, outside),
-        tuple(_forecast_doubts(scene, sizes, found)),
+        scene=scene.name,
+        shape=scene.geometry.shape,
+        setting=_accuracy_words(scene, sizes.edge),
+        edge_mm=sizes.edge,
+        edge_over_T=sizes.edge / scene.thinnest,
+        elements_through_cortex=None if scene.geometry.shape == "mesh" else scene.elements_through_cortex,
+        elements=sizes.elements,
+        nodes=sizes.nodes,
+        steps=total,
+        fewest_steps=fewest,
+        most_steps=most,
+        stages=len(scene.stages),
+        seconds=seconds,
+        fastest=seconds * max(LEAST_TIME_RATIO, 1 - math.hypot(spread, less, 1 - timed.fastest)),
+        slowest=seconds * (1 + math.hypot(spread, more, timed.slowest - 1)),
+        seconds_by_phase=phases,
+        memory_GiB=memory_of_run(scene, sizes),
+        threads=timed.threads,
+        errors=expected.errors,
+        not_studied=expected.not_studied,
+        how=_sources_of_forecast(scene, timed, expected),
+        doubts=(*expected.doubts, *_doubts_of_time(scene, timed)),
     )
 
 
-def _scaled_steps(scene: Scene, sizes: Sizes, found: Calibration) -> Steps:
-    """Steps with other edges: the number in which a wave crosses a cell depends on the cell's diagonal."""
-    mine, timed = (_steps_across_cortex(s, edge) for s, edge in ((scene, sizes.edge), (found.scene, found.sizes.edge)))
-    ratio = mine / timed
-    return steps_of(scene, found.steps_per_unit * ratio, found.crossing * ratio, costs())
-
-
-def _steps_across_cortex(scene: Scene, edge: float) -> float:
-    """Steps in which a wave crosses the cortex, up to a factor, with surface edges of length ``edge`` [mm]."""
-    import numpy as np
-
-    known, T = costs()["crossing"], scene.geometry.cortex_thickness
-    layers = scene.elements_through_cortex
-    mass = np.interp(edge * layers / T, known["flatness"], known["mass"])
-    mass /= np.interp(2 * edge / T / (layers + 1), known["coarseness"], known["lightness"])
-    return math.sqrt(mass * (known["through"] * layers**2 + (T / edge) ** 2))
-
-
-def _seconds_by_phase(scene: Scene, sizes: Sizes, steps: Steps, found: Calibration) -> dict[str, float]:
+def _seconds_by_phase(scene: Scene, sizes: Sizes, steps: Steps, timed: Calibration) -> dict[str, float]:
     """Seconds of the run by phase: time of a step times steps, active contact, and work outside of steps."""
-    more = sizes.elements / found.sizes.elements
-    phases = {name: more * each * steps.expected for name, each in found.phases.items()}
+    more = sizes.elements / timed.sizes.elements
+    phases = {name: more * each * steps.expected for name, each in timed.phases.items()}
     if "grow" in phases:
-        phases["grow"] *= steps.growing / max(steps.expected, 1)
+        phases["grow"] *= (steps.ramp + steps.waiting) / max(steps.expected, 1)
     if "contact" in phases:
-        phases["contact"] += float(steps.awake) * sum(phases.values())
+        phases["contact"] += steps.touching * sum(phases.values())
     stage = costs()["stage"]
     surface = stage["checks"] + stage["folded"] * stage["per_vertex"] * sizes.vertices
     written = stage["write_per_vertex"] * sizes.vertices
     written += stage["write_per_element"] * sizes.elements if scene.output.volume else 0.0
-    phases[STAGES_PHASE] = len(scene.stages) * found.slowness * (surface + written)
-    phases[SETTING_UP_PHASE] = found.setting_up * more + found.slowness * stage["starting"]
+    phases[STAGES_PHASE] = len(scene.stages) * timed.slowness * (surface + written)
+    phases[SETTING_UP_PHASE] = timed.setting_up * more + timed.slowness * stage["starting"]
     return phases
 
 
-def _forecast_doubts(scene: Scene, sizes: Sizes, found: Calibration) -> list[str]:
-    sentences = doubts(scene, sizes.edge / scene.thinnest)
+def _doubts_of_time(scene: Scene, timed: Calibration) -> list[str]:
+    doubts = []
     if scene.real_time:
-        sentences.append(
+        doubts.append(
             "With real masses the step shrinks as elements are squeezed; by how much was seen in one run only."
         )
     if scene.output.stability:
-        sentences.append("Counting the unstable modes of the stages takes further time and memory (output.stability).")
-    if found.slowest > BUSY_MACHINE_RATIO * found.fastest:
-        sentences.append(
-            f"Some steps just took up to {found.slowest / found.fastest:.1f} times as long as others: this machine has "
+        doubts.append("Counting the unstable modes of the stages takes further time and memory (output.stability).")
+    if timed.slowest > calibration.BUSY_MACHINE_RATIO * timed.fastest:
+        doubts.append(
+            f"Some steps just took up to {timed.slowest / timed.fastest:.1f} times as long as others: this machine has "
             "other work to do."
         )
-    return sentences
+    return doubts
 
 
-def _sources_of_forecast(scene: Scene, found: Calibration, itself: bool, outside: tuple[str, ...]) -> dict[str, str]:
+def _sources_of_forecast(scene: Scene, timed: Calibration, expected: Errors) -> dict[str, str]:
     built = "the body was built and counted"
-    if not itself:
-        part = getattr(found.scene.geometry, "portion", "")
+    if scene != timed.scene:
+        part = getattr(timed.scene.geometry, "portion", "")
         part = f"{part} " if part != getattr(scene.geometry, "portion", "") else ""
-        built = f"counted by rule; a {part}body of {found.sizes.elements:,} elements was built and timed"
-    errors = f"a table of errors against edges: {table()['errors']['subject']}"
-    threads = "one thread" if found.threads == 1 else f"{found.threads} threads"
+        built = f"counted by rule; a {part}body of {timed.sizes.elements:,} elements was built and timed"
+    threads = "one thread" if timed.threads == 1 else f"{timed.threads} threads"
     return {
         "elements": built,
         "steps": "the pace of growth, and how long runs with such growth and stiffness waited for equilibrium",
         "time": f"steps timed here with {threads}, and the checks and maps of a sphere",
         "memory": "bytes per element and vertex, measured in other runs",
-        "errors": unstudied(outside) if outside else errors,
+        "errors": expected.how
+        if expected.not_studied
+        else f"a table of errors against edges: {table()['errors']['subject']}",
     }
 
 
 def _accuracy_words(scene: Scene, edge: float) -> str:
     """The accuracy of a scene in words: its level, or the levels between which its edge [mm] lies, coarser first."""
-    from morphofold.sim.scene import LEVELS
-
     if scene.geometry.shape == "mesh":
         return "the mesh of the file"
     if scene.accuracy.edge is None:
         return scene.accuracy.level
-    coarser = [name for name, of in LEVELS.items() if of >= edge / scene.thinnest]
-    finer = [name for name, of in LEVELS.items() if of <= edge / scene.thinnest]
-    if not coarser:
-        return f"coarser than {finer[0]}"
-    if not finer:
-        return f"finer than {coarser[-1]}"
-    return f"between {coarser[-1]} and {finer[0]}" if coarser[-1] != finer[0] else finer[0]
+    coarser = [name for name, level in LEVELS.items() if level >= edge / scene.thinnest]
+    finer = [name for name, level in LEVELS.items() if level <= edge / scene.thinnest]
+    if coarser and finer:
+        return finer[0] if coarser[-1] == finer[0] else f"between {coarser[-1]} and {finer[0]}"
+    return f"finer than {coarser[-1]}" if coarser else f"coarser than {finer[0]}"
 
 
 def _radial_forecast(scene: Scene, threads: int | None) -> Forecast:
     """Forecast of a run in one dimension: its final stage is solved, in milliseconds."""
-    from morphofold.progress import silent
-    from morphofold.sim.radial_run import ICOSPHERE_LEVEL, RadialRun
-    from morphofold.threads import using_threads
-    from morphofold.timing import working_seconds
-
     nowhere: Any = None
     with using_threads(threads) as threads:
         run = RadialRun(scene, nowhere, silent, lambda: False)
@@ -260,36 +232,51 @@ def _radial_forecast(scene: Scene, threads: int | None) -> Forecast:
         started = working_seconds()
         run.numbers(run.equilibrium(scene.growth.final), scene.growth.final)
         solving = len(scene.stages) * (working_seconds() - started)
-        slowness = slowness_of_stages(costs())
-    vertices = 10 * 4**ICOSPHERE_LEVEL + 2
-    stage = costs()["stage"]
+        slowness = calibration.slowness_of_stages()
+    vertices, stage = 10 * 4**ICOSPHERE_LEVEL + 2, costs()["stage"]
     writing = slowness * len(scene.stages) * (stage["per_vertex"] + stage["write_per_vertex"]) * vertices
     seconds = solving + writing
     return Forecast(
-        scene.name,
-        "radial",
-        "one dimension",
-        None,
-        None,
-        None,
-        0,
-        0,
-        0,
-        0,
-        0,
-        len(scene.stages),
-        seconds,
-        0.5 * seconds,
-        2 * seconds,
-        {"radial": solving, STAGES_PHASE: writing, SETTING_UP_PHASE: 0.0},
-        memory_GiB(Sizes(0, 0, vertices, 0.0), bricks=True, single=False, volume=False),
-        threads,
-        {},
-        (),
-        {
+        scene=scene.name,
+        shape="radial",
+        setting="one dimension",
+        stages=len(scene.stages),
+        seconds=seconds,
+        fastest=0.5 * seconds,
+        slowest=2 * seconds,
+        seconds_by_phase={"radial": solving, STAGES_PHASE: writing, SETTING_UP_PHASE: 0.0},
+        memory_GiB=memory_of_run(scene, Sizes(0, 0, vertices, 0.0)),
+        threads=threads,
+        how={
             "time": "the final stage was solved",
             "memory": "measured in other runs",
             "errors": "equilibria to about a part in 1e8; there is no mesh",
         },
-        (),
     )
+
+
+def table_of(forecast: Forecast) -> str:
+    """A forecast as a short table for the terminal."""
+    rows = [("setting", forecast.setting)]
+    if forecast.edge_over_T is not None:
+        through = forecast.elements_through_cortex
+        layers = f", {through} elements through the cortex" if through else ""
+        edge = f"edge {forecast.edge_mm:.3g} mm ({forecast.edge_over_T:.2f} T)"
+        rows = [
+            ("setting", f"{forecast.setting}, {edge}{layers}"),
+            ("elements", f"{forecast.elements:,}"),
+            ("nodes", f"{forecast.nodes:,}"),
+            ("steps", f"{forecast.steps:,}  ({forecast.fewest_steps:,} to {forecast.most_steps:,})"),
+        ]
+    times = f"{span(forecast.seconds)}  ({span(forecast.fastest)} to {span(forecast.slowest)})"
+    rows += [
+        ("memory", f"{forecast.memory_GiB:.2g} GiB"),
+        ("time", f"{times} with {forecast.threads} thread{'s' if forecast.threads > 1 else ''}"),
+        ("", largest(forecast.seconds_by_phase, forecast.seconds, 4)),
+    ]
+    for name, e in forecast.errors.items():
+        other = f", other settings {percent(e.other)}" if e.other else ""
+        rows.append((f"error of {called(name)}", f"{percent(e.error)}  ({percent(e.low)} to {percent(e.high)}){other}"))
+    width = max(len(label) for label, _ in rows)
+    lines = [f"{forecast.scene}: forecast", *(f"  {label:{width}}  {value}" for label, value in rows)]
+    return "\n".join([*lines, *(f"{what}: {how}" for what, how in forecast.how.items()), *forecast.doubts])

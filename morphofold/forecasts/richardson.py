@@ -7,33 +7,35 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from pydantic import TypeAdapter
 
+from morphofold.analysis import gyrification_index
+from morphofold.comparison.distance import distance
 from morphofold.errors import DoesNotApply, MissingPart, NoSolution
 from morphofold.forecasts.forecasting import Forecast, forecast
-from morphofold.forecasts.sizes import edge_by_rule
-from morphofold.forecasts.table import not_studied, table, unstudied
+from morphofold.forecasts.sizes import edge_by_rule, refuse_without_edge
+from morphofold.forecasts.table import errors_of_run, table
 from morphofold.io import atomic_file
+from morphofold.io.folders import alone
 from morphofold.io.json_files import Amount, Number, Record, read_json
 from morphofold.progress import Progress, part_of, silent
 from morphofold.provenance import input_records, strict_json
+from morphofold.sim.dynamics import UnstableError
+from morphofold.sim.output.inputs import begun_with
+from morphofold.sim.output.run_files import sweep
+from morphofold.sim.run import Simulation, simulate
+from morphofold.sim.scene import SLOWEST_RATE, Scene
+from morphofold.sim.scene.files import load_scene
 from morphofold.surface import Surface, check_kind
 from morphofold.words import percent
 
-if TYPE_CHECKING:
-    from morphofold.sim.run import Simulation
-    from morphofold.sim.scene import Scene
-
 COARSER_EDGE_RATIO = 1.5  # edges of the coarser run over those of the run: it takes about a third of the run's time
-LEAST_EDGE_RATIO = (
-    1.2  # least ratio as built, after rounding to whole cells; below, the two runs are too similar to extrapolate
-)
-SAME_PATTERN_DISTANCE = (
-    0.5  # mean distance between the pial surfaces over T, beyond which two patterns are different: folds
-)
-# of two seeds lie 1.1 to 1.3 T apart, an eighth of their wavelength (docs/accuracy.md)
+LEAST_EDGE_RATIO = 1.2  # least ratio as built, after rounding to whole cells: similar runs do not extrapolate
+#: mean distance between the pial surfaces over T, beyond which two patterns are different: folds of two seeds lie 1.1
+#: to 1.3 T apart, an eighth of their wavelength (docs/accuracy.md)
+SAME_PATTERN_DISTANCE = 0.5
 #: errors scale with these powers of the edge if meshes fold into one pattern, with three elements through the cortex:
 #: on meshes of an octant of fig6-thick from 1.2 to 0.27 T, whose stages were not at rest; at rest no patterns agreed
 CONVERGENCE_POWERS = {"gyrification index": 1.32, "pial distance": 1.16}
@@ -129,24 +131,11 @@ def coarser(scene: Scene) -> Scene:
     ValueError
         If it has no edge that could be longer, doesn't grow, or is too small for edges that are clearly longer.
     """
-    from morphofold.sim.scene.files import load_scene
-
-    if scene.geometry.shape in ("mesh", "radial"):
-        why = "its mesh comes from a file" if scene.geometry.shape == "mesh" else "it is solved in one dimension"
-        raise DoesNotApply(
-            f"--estimate grows a coarser run, but {scene.name} (shape {scene.geometry.shape!r}) has none: "
-            f"{why}. Leave it out."
-        )
+    refuse_without_edge(scene, "--estimate grows a coarser run")
     if scene.growth.final == 1:
         raise DoesNotApply(f"--estimate: {scene.name} doesn't grow, so there is no error to estimate. Leave it out.")
-    coarse = load_scene(
-        scene,
-        [
-            f"accuracy.edge={COARSER_EDGE_RATIO * scene.edge!r}",
-            f"accuracy.elements_through_cortex={scene.elements_through_cortex}",
-            "output.volume=false",
-        ],
-    )
+    layers = f"accuracy.elements_through_cortex={scene.elements_through_cortex}"
+    coarse = load_scene(scene, [f"accuracy.edge={COARSER_EDGE_RATIO * scene.edge!r}", layers, "output.volume=false"])
     edge, longer = edge_by_rule(scene), edge_by_rule(coarse)
     if longer < LEAST_EDGE_RATIO * edge:
         raise NoSolution(
@@ -160,20 +149,20 @@ def companions(scene: Scene) -> dict[str, Scene]:
     """The scenes of the coarser and the slower run by their folders: :func:`coarser`, and the same at half of
     ``growth.rate``. There is no slower run if time is real (inertia) or the pace would be too slow. Raises as
     :func:`coarser`. Both runs pass the first wrinkles at the same pace, which ``slow_growth`` limits at any rate."""
-    from morphofold.sim.scene import SLOWEST_RATE
-    from morphofold.sim.scene.files import load_scene
-
-    found, rate = {COARSER_RUN: coarser(scene)}, scene.growth.rate / 2
+    scenes, rate = {COARSER_RUN: coarser(scene)}, scene.growth.rate / 2
     if not scene.real_time and rate >= SLOWEST_RATE:
-        found[SLOWER_RUN] = load_scene(found[COARSER_RUN], [f"growth.rate={rate!r}"])
-    return found
+        scenes[SLOWER_RUN] = load_scene(scenes[COARSER_RUN], [f"growth.rate={rate!r}"])
+    return scenes
 
 
 def companion_forecasts(scene: Scene, threads: int | None = None) -> dict[str, Forecast]:
     """Forecasts of the coarser and the slower run of a scene, without their errors and doubts, which are not needed."""
-    found = {folder: forecast(coarse, threads) for folder, coarse in companions(scene).items()}
-    how = lambda one: {what: words for what, words in one.how.items() if what != "errors"}
-    return {k: replace(one, errors={}, not_studied=(), how=how(one), doubts=()) for k, one in found.items()}
+    forecasts = {}
+    for folder, companion in companions(scene).items():
+        cost = forecast(companion, threads)
+        how = {quantity: text for quantity, text in cost.how.items() if quantity != "errors"}
+        forecasts[folder] = replace(cost, errors={}, not_studied=(), how=how, doubts=())
+    return forecasts
 
 
 def estimate_error(run: Simulation, *, threads: int | None = None, progress: Progress = silent) -> Estimate:
@@ -209,34 +198,27 @@ def estimate_error(run: Simulation, *, threads: int | None = None, progress: Pro
     are r times as long. p is from a study with three elements through the cortex; docs/accuracy.md shows how far such
     estimates are from true errors, and why wavelength and strain energy have none.
     """
-    from morphofold.io.folders import alone
-    from morphofold.sim.dynamics import UnstableError
-    from morphofold.sim.output.inputs import begun_with
-    from morphofold.sim.output.run_files import sweep
-    from morphofold.sim.run import Simulation, simulate
-
     check_kind(run, Simulation, "estimate_error: run")
-    if begun := [what for what in ("effects", "restart") if what in begun_with(run.path)]:
+    if begun := [kind for kind in ("effects", "restart") if kind in begun_with(run.path)]:
         raise DoesNotApply(
             f"{run.path}: has {' and '.join(begun)} in inputs.json, but not in its scene, so no coarser run of it can "
             "be grown."
         )
     others = companions(run.scene)
-    grown = [_grown_surface(run)]
-    for done, (folder, coarse) in enumerate(others.items()):
-        show = part_of(progress, done / len(others), 1 / len(others))
+    surfaces = [_grown_surface(run)]
+    for done, (folder, companion) in enumerate(others.items()):
+        show, path = part_of(progress, done / len(others), 1 / len(others)), run.path / folder
         try:
-            grown.append(
-                _grown_surface(simulate(coarse, run.path / folder, resume=True, threads=threads, progress=show))
-            )
+            surfaces.append(_grown_surface(simulate(companion, path, resume=True, threads=threads, progress=show)))
         except UnstableError as error:
-            raise UnstableError(f"{run.path / folder}: {error} The run itself is complete.", error.sound) from error
-    found = errors_from_runs(run.scene, *grown)
+            raise UnstableError(f"{path}: {error} The run itself is complete.", error.sound) from error
+    estimate = errors_from_runs(run.scene, *surfaces)
     with alone(run.path):
         sweep(run.path)  # a finished run no longer does it
         with atomic_file(run.path / ERROR_FILE) as temporary:
-            temporary.write_text(strict_json({**found.as_dict(), "health_sha256": _health_digest(run.path)}), "utf-8")
-    return found
+            content = {**estimate.as_dict(), "health_sha256": _health_digest(run.path)}
+            temporary.write_text(strict_json(content), "utf-8")
+    return estimate
 
 
 def stored_estimate(stage: Path) -> Estimate | None:
@@ -251,27 +233,22 @@ def stored_estimate(stage: Path) -> Estimate | None:
         return None
 
 
-def errors_from_runs(scene: Scene, mine: Grown, coarse: Grown, slow: Grown | None = None) -> Estimate:
+def errors_from_runs(scene: Scene, run: Grown, coarse: Grown, slow: Grown | None = None) -> Estimate:
     """Estimate from the last stages of the run, the coarser run and, if there is one, the slower run."""
-    changes = _changes_between_runs(scene, mine, coarse)
-    apart, pace = changes["pial distance"], None if slow is None else _changes_between_runs(scene, coarse, slow)
-    ratio = coarse.edge / mine.edge
-    errors = {
-        name: Estimated(
-            change,
-            CONVERGENCE_POWERS[name],
-            change / (ratio ** CONVERGENCE_POWERS[name] - 1) if apart <= SAME_PATTERN_DISTANCE else None,
-        )
-        for name, change in changes.items()
-    }
-    all_grown = {"run": mine, "coarser run": coarse, "slower run": slow}
+    changes = _changes_between_runs(scene, run, coarse)
+    pace = None if slow is None else _changes_between_runs(scene, coarse, slow)
+    same_pattern, ratio = changes["pial distance"] <= SAME_PATTERN_DISTANCE, coarse.edge / run.edge
+    errors = {}
+    for name, change in changes.items():
+        power = CONVERGENCE_POWERS[name]
+        errors[name] = Estimated(change, power, change / (ratio**power - 1) if same_pattern else None)
     doubts = [
         f"The {name} isn't healthy: {warning}"
-        for name, grown in all_grown.items()
+        for name, grown in (("run", run), ("coarser run", coarse), ("slower run", slow))
         if grown
         for warning in grown.warnings
     ]
-    if apart > SAME_PATTERN_DISTANCE:
+    if not same_pattern:
         doubts.append(
             f"The coarser run folded into another pattern (they differ by: {_joined_with_values(changes)} of T), so no "
             "error follows from it: with such edges the pattern depends on the mesh. Take a shorter edge."
@@ -281,31 +258,22 @@ def errors_from_runs(scene: Scene, mine: Grown, coarse: Grown, slow: Grown | Non
             "The slower run folded into another pattern than the coarser run: the folds depend on the pace of growth."
         )
     T = scene.thinnest
-    unlike = not_studied(scene, mine.edge / T)
-    if unlike:
-        doubts.append(f"The powers are {unstudied(unlike)}.")
-    return Estimate(
-        scene.growth.final,
-        mine.edge / T,
-        ratio,
-        errors,
-        f"from a coarser run ({coarse.edge / T:.2f} T beside {mine.edge / T:.2f} T), powers from the study "
-        f"of {table()['errors']['subject']}, three elements through the cortex",
-        tuple(doubts),
-        unlike,
-        pace,
+    table_errors = errors_of_run(scene, run.edge / T)
+    if table_errors.not_studied:
+        doubts.append(f"The powers are {table_errors.how}.")
+    how = (
+        f"from a coarser run ({coarse.edge / T:.2f} T beside {run.edge / T:.2f} T), powers from the study "
+        f"of {table()['errors']['subject']}, three elements through the cortex"
     )
+    return Estimate(scene.growth.final, run.edge / T, ratio, errors, how, tuple(doubts), table_errors.not_studied, pace)
 
 
 def _changes_between_runs(scene: Scene, one: Grown, other: Grown) -> dict[str, float]:
     """Differences of the last stages of two runs: quantities and units are those of ``Estimate.errors``."""
-    from morphofold import analysis
-    from morphofold.comparison.distance import distance
-
     changes = {"pial distance": distance(one.pial, other.pial) / scene.geometry.cortex_thickness}
     if scene.geometry.shape in ("sphere", "ellipsoid"):
-        here, there = (analysis.gyrification_index(s.pial.verts, s.pial.faces) for s in (one, other))
-        changes = {"gyrification index": abs(there / here - 1), **changes}
+        index, changed = (gyrification_index(s.pial.verts, s.pial.faces) for s in (one, other))
+        changes = {"gyrification index": abs(changed / index - 1), **changes}
     return changes
 
 

@@ -4,23 +4,17 @@ memory of its run."""
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
+
+import numpy as np
 
 from morphofold.errors import DoesNotApply
-from morphofold.forecasts.table import costs
+from morphofold.forecasts.table import GiB, costs
+from morphofold.sim.mesh.brick_mesh import SYMMETRY_AXES, Bilayer, core_layer_fractions
+from morphofold.sim.scene import Ellipsoid, Patch, Scene, Sphere, Strip, UnfoldedCortex
 
-if TYPE_CHECKING:
-    from morphofold.sim.mesh.brick_mesh import Bilayer
-    from morphofold.sim.scene import Scene
-
-GiB = 2**30
-
-
-class Layers(NamedTuple):
-    """Mean thickness of the cortex and mean depth of the core below it [mm]."""
-
-    thickness: float
-    depth: float
+CUBED_SPHERES = (Sphere, Ellipsoid, UnfoldedCortex)
+Layers = tuple[float, float]  # mean thickness of the cortex and mean depth of the core below it [mm]
 
 
 class Sizes(NamedTuple):
@@ -43,12 +37,10 @@ def sizes_of(bilayer: Bilayer) -> Sizes:
 
 def layers_of(bilayer: Bilayer) -> Layers:
     """Mean layers of a built body of bricks, as its builder used them."""
-    import numpy as np
-
     X, n = bilayer.mesh.p.T, bilayer.n_surface
     white = bilayer.white @ X
-    length = lambda a: float(np.linalg.norm(a, axis=1).mean())
-    return Layers(length(X[:n] - white), length(white - X[-n:]))
+    thickness, depth = (float(np.linalg.norm(a, axis=1).mean()) for a in (X[:n] - white, white - X[-n:]))
+    return thickness, depth
 
 
 def edge_by_rule(scene: Scene) -> float:
@@ -64,15 +56,27 @@ def edge_by_rule(scene: Scene) -> float:
 
 def _lengths_and_cells(scene: Scene) -> list[tuple[float, int]]:
     """Lengths of a patch or strip, or of an edge of the cube of a cubed sphere [mm], and the cells along each."""
-    from morphofold.sim.scene import Ellipsoid, Patch, Sphere, Strip, UnfoldedCortex
-
     geometry = scene.geometry
-    if isinstance(geometry, Sphere | Ellipsoid | UnfoldedCortex):
+    if isinstance(geometry, CUBED_SPHERES):
         return [(geometry.quarter, scene.cells)]
     if not isinstance(geometry, Patch | Strip):
         raise DoesNotApply(f"{scene.name}: a {geometry.shape} scene is not made of bricks.")
     lengths = geometry.size if isinstance(geometry, Patch) else (geometry.length,)
     return [(length, max(1, math.ceil(length / scene.edge - 1e-9))) for length in lengths]
+
+
+def refuse_without_edge(scene: Scene, purpose: str) -> None:
+    """Refuse a scene whose edge cannot be changed; ``purpose`` begins the message.
+
+    Raises
+    ------
+    DoesNotApply
+        For a mesh from a file, or one dimension.
+    """
+    shape = scene.geometry.shape
+    if shape in ("mesh", "radial"):
+        why = "its mesh comes from a file" if shape == "mesh" else "it is solved in one dimension"
+        raise DoesNotApply(f"{purpose}, but {scene.name} (shape {shape!r}) has none: {why}. Leave it out.")
 
 
 def sizes_by_rule(scene: Scene, layers: Layers) -> Sizes:
@@ -83,11 +87,9 @@ def sizes_by_rule(scene: Scene, layers: Layers) -> Sizes:
     DoesNotApply
         For a shape that isn't made of bricks.
     """
-    from morphofold.sim.mesh.brick_mesh import SYMMETRY_AXES, core_layer_fractions
-    from morphofold.sim.scene import Ellipsoid, Sphere, UnfoldedCortex
-
     geometry, through, edge = scene.geometry, scene.elements_through_cortex, edge_by_rule(scene)
-    if isinstance(geometry, Sphere | Ellipsoid | UnfoldedCortex):
+    thickness, depth = layers
+    if isinstance(geometry, CUBED_SPHERES):
         n, cuts = scene.cells, len(SYMMETRY_AXES[getattr(geometry, "portion", "full")])
         quads, rim = 6 * n * n // 2**cuts, (0, 4 * n, 4 * n, 3 * n)[cuts]
         surface = quads + (rim // 2 + 1 if cuts else 2)  # Euler: a disc of quads, or a closed surface
@@ -96,7 +98,7 @@ def sizes_by_rule(scene: Scene, layers: Layers) -> Sizes:
         cells = [c for _, c in _lengths_and_cells(scene)]
         quads, surface = math.prod(cells), math.prod(c + 1 for c in cells) * (1 if len(cells) == 2 else 2)
         whole = surface
-    deep = through + len(core_layer_fractions(layers.thickness / through, layers.depth, edge)) - 1
+    deep = through + len(core_layer_fractions(thickness / through, depth, edge)) - 1
     return Sizes(quads * deep, surface * (deep + 1), whole, edge)
 
 
@@ -105,8 +107,6 @@ def edges_between(scene: Scene, finest: float, coarsest: float) -> list[float]:
 
     Rounded up in the fourth digit, which does not change the number of cells.
     """
-    from morphofold.sim.scene import Patch, Strip
-
     length = max(length for length, _ in _lengths_and_cells(scene))
     step, least = (1, 1) if isinstance(scene.geometry, Patch | Strip) else (4, 4)
     first = max(least, step * math.ceil(length / coarsest / step - 1e-9))
@@ -119,29 +119,19 @@ def _rounded_up(length: float) -> float:
     return round(math.ceil(length / unit - 1e-9) * unit, 12)
 
 
-def building_bytes(elements: int, *, bricks: bool, single: bool = True) -> float:
-    """Most bytes held at once while a body is built."""
+def body_bytes(scene: Scene, elements: int) -> tuple[float, float]:
+    """Most bytes held at once while a body is built, and those that body and dynamics hold while steps are taken."""
     memory = costs()["memory"]
-    if not bricks:
-        return memory["building_tet"] * elements
-    passing = (memory["building_brick"] - memory["built_brick"]) * elements
-    built = memory["built_brick"] + (0 if single else memory["double"])
-    return built * elements + min(passing, memory["most_building"])
+    if scene.geometry.shape == "mesh":
+        return memory["building_tet"] * elements, memory["per_tet"] * elements
+    double = 0 if scene.accuracy.precision == "single" else memory["double"]
+    passing = min((memory["building_brick"] - memory["built_brick"]) * elements, memory["most_building"])
+    return (memory["built_brick"] + double) * elements + passing, (memory["per_brick"] + double) * elements
 
 
-def running_bytes(elements: int, *, bricks: bool, single: bool = True) -> float:
-    """Bytes that body and dynamics hold while steps are taken."""
-    memory = costs()["memory"]
-    if not bricks:
-        return memory["per_tet"] * elements
-    return (memory["per_brick"] + (0 if single else memory["double"])) * elements
-
-
-def memory_GiB(sizes: Sizes, *, bricks: bool, single: bool, volume: bool) -> float:
+def memory_of_run(scene: Scene, sizes: Sizes) -> float:
     """Most memory of a whole process that only runs a scene [GiB]."""
-    memory = costs()["memory"]
+    memory, (building, running) = costs()["memory"], body_bytes(scene, sizes.elements)
     stage = memory["stage_per_vertex"] * sizes.vertices
-    stage += memory["stage_per_element"] * sizes.elements if volume else 0.0
-    building = memory["importing"] + building_bytes(sizes.elements, bricks=bricks, single=single) / GiB
-    running = memory["process"] + (running_bytes(sizes.elements, bricks=bricks, single=single) + stage) / GiB
-    return max(building, running)
+    stage += memory["stage_per_element"] * sizes.elements if scene.output.volume else 0.0
+    return max(memory["importing"] + building / GiB, memory["process"] + (running + stage) / GiB)

@@ -6,17 +6,15 @@ from __future__ import annotations
 import functools
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
-from morphofold.errors import NothingToDo
+from morphofold.sim.scene import Scene, Sphere, elements_through
+from morphofold.surface import Cortex
 
-if TYPE_CHECKING:
-    from morphofold.sim.scene import Scene
-    from morphofold.surface import Cortex
-
+GiB = 2**30
 #: the error of a run is the larger one of these: the numbers of its folds that converge last
 HEADLINE_QUANTITIES = ("gyrification index", "wavelength")
 SAME_EDGE_TOLERANCE = (
@@ -62,20 +60,15 @@ def expected_errors(edge_over_T: float) -> dict[str, Expected]:
     ``coefficient * edge_over_T ** power``, with a factor exp(+-spread) of scatter. For the scenes to which it does
     not apply see ``not_studied``.
     """
-    found = {}
+    errors = {}
     for name, law in table()["errors"]["quantities"].items():
         error, factor = law["coefficient"] * edge_over_T ** law["power"], math.exp(law["spread"])
-        found[name] = Expected(error, error / factor, error * factor, law["other"])
-    return found
+        errors[name] = Expected(error, error / factor, error * factor, law["other"])
+    return errors
 
 
-def headline(edge_over_T: float) -> tuple[str, Expected]:
+def headline(errors: Mapping[str, Expected]) -> tuple[str, Expected]:
     """The quantity of ``HEADLINE_QUANTITIES`` with the larger expected error, and that error."""
-    return larger(expected_errors(edge_over_T))
-
-
-def larger(errors: Mapping[str, Expected]) -> tuple[str, Expected]:
-    """As :func:`headline`, from given errors."""
     name = max(HEADLINE_QUANTITIES, key=lambda name: errors[name].error)
     return name, errors[name]
 
@@ -93,8 +86,9 @@ def not_studied(scene: Scene, edge_over_T: float) -> tuple[str, ...]:
     no study of errors had), ``"edge"``, and the names of ``STUDIED_RANGES``.
     """
     geometry, (finest, coarsest) = scene.geometry, studied()
-    found = {
-        "shape": geometry.shape != "sphere" or bool(geometry.thickness_spots or geometry.thickness_map),
+    sphere = geometry if isinstance(geometry, Sphere) else None
+    outside = {
+        "shape": sphere is None or bool(sphere.thickness_spots or sphere.thickness_map),
         "law": scene.growth.law != "isotropic",
         "material": not scene.material.errors_known,
         "effects": not all(options.errors_known for options in scene.effects.values()),
@@ -104,40 +98,17 @@ def not_studied(scene: Scene, edge_over_T: float) -> tuple[str, ...]:
         "growth": scene.growth.final,
         "mu_ratio": scene.material.mu_ratio,
         "kappa_ratio": scene.material.kappa_ratio,
+        **({"thickness": sphere.cortex_thickness / sphere.radius} if sphere else {}),
     }
-    if geometry.shape == "sphere":
-        values["thickness"] = geometry.cortex_thickness / geometry.radius
     for name, value in values.items():
         least, most = STUDIED_RANGES[name]
-        found[name] = not least * (1 - 1e-9) <= value <= most * (1 + 1e-9)
-    return tuple(name for name, outside in found.items() if outside)
-
-
-def unstudied(names: Iterable[str]) -> str:
-    """Why no errors are given for a scene, from the names of :func:`not_studied`."""
-    return f"not studied for this {', '.join(name.replace('_', ' ') for name in names)}"
+        outside[name] = not least * (1 - 1e-9) <= value <= most * (1 + 1e-9)
+    return tuple(name for name, is_outside in outside.items() if is_outside)
 
 
 def called(quantity: str) -> str:
     """Name of a quantity in tables of errors: errors are relative, except a distance, which is over the thickness."""
     return "pial distance, over T" if quantity == "pial distance" else quantity
-
-
-def doubts(scene: Scene, edge_over_T: float) -> list[str]:
-    """Differences between a scene for which errors are given and the scene of the table, one sentence each."""
-    from morphofold.sim.scene import elements_through
-
-    if not_studied(scene, edge_over_T):
-        return []
-    growth, last, sentences = table()["errors"]["growth"], scene.growth.final, []
-    if abs(last - growth) > 0.05:
-        sentences.append(f"The errors of folds hold at g = {growth:g}, not at {last:g}, where this scene ends.")
-    layers = scene.elements_through_cortex, elements_through(scene.edge / scene.thinnest)
-    if layers[0] != layers[1]:
-        sentences.append(
-            f"The errors are those of {layers[1]} elements through the cortex; here there are {layers[0]}."
-        )
-    return sentences
 
 
 @dataclass(frozen=True)
@@ -148,43 +119,51 @@ class Measured:
     against: str
 
 
-class MeasuredErrors(NamedTuple):
-    """Errors of an accuracy.
+class Errors(NamedTuple):
+    """Expected errors of a run or an analysis.
 
     Attributes
     ----------
     errors : mapping
-        Quantity to ``Measured``; empty where none are known.
+        Quantity to its ``Expected`` or ``Measured`` error; empty where none are known.
     how : str
-        How they were obtained.
+        How they were obtained, or why there are none.
     doubts : tuple of str
-        Why they may not hold for the given surfaces, one sentence each.
+        Why they may not hold, one sentence each.
+    not_studied : tuple of str
+        Properties of a run's scene that were not studied (:func:`not_studied`).
     """
 
-    errors: Mapping[str, Measured]
+    errors: Mapping[str, Any]
     how: str
-    doubts: tuple[str, ...]
+    doubts: tuple[str, ...] = ()
+    not_studied: tuple[str, ...] = ()
 
 
-def measured_errors(cortices: Iterable[Cortex], accuracy: str) -> MeasuredErrors:
+def errors_of_run(scene: Scene, edge_over_T: float | None) -> Errors:
+    """Expected errors of a run, from its largest surface edge over the thickness; None if that is not known."""
+    if edge_over_T is None:
+        return Errors({}, "")
+    if outside := not_studied(scene, edge_over_T):
+        return Errors({}, f"not studied for this {', '.join(outside).replace('_', ' ')}", (), outside)
+    law, last, doubts = table()["errors"], scene.growth.final, []
+    if abs(last - law["growth"]) > 0.05:
+        doubts.append(f"The errors of folds hold at g = {law['growth']:g}, not at {last:g}, where this scene ends.")
+    layers, studied_layers = scene.elements_through_cortex, elements_through(scene.edge / scene.thinnest)
+    if layers != studied_layers:
+        doubts.append(f"The errors are those of {studied_layers} elements through the cortex; here there are {layers}.")
+    how = f"before the run, from its edge and a table: {law['subject']}"
+    return Errors(expected_errors(edge_over_T), how, tuple(doubts))
+
+
+def measured_errors(cortices: Sequence[Cortex], accuracy: str) -> Errors:
     """Expected errors of an accuracy: those of the hemisphere in the table with the nearest number of vertices.
 
     Of several cortices the one with the fewest vertices decides; a doubt is given for each cortex that differs from the
     table's. Beyond the meshes of the table by more than ``SIMILAR_SIZE_RATIO`` no errors are known: a mesh of 42
     vertices has an error of 26 % in thickness, a mesh of 10,001 vertices one of 5 %.
-
-    Raises
-    ------
-    ValueError
-        If there is no cortex, or the accuracy is unknown.
     """
-    from morphofold.analysis.resampling import accuracy_of
-
-    accuracy_of(accuracy)
-    cortices = list(cortices)
     sizes = sorted({cortex.n_vertices for cortex in cortices})
-    if not sizes:
-        raise NothingToDo("there is no cortex, so there are no expected errors. Pass at least one.")
     persons = table()["errors"]["measuring"]
     least, most = (of(person["vertices"] for person in persons) for of in (min, max))
     nearest = min(persons, key=lambda person: abs(math.log(person["vertices"] / sizes[0])))
@@ -195,7 +174,7 @@ def measured_errors(cortices: Iterable[Cortex], accuracy: str) -> MeasuredErrors
     }
     if not least / SIMILAR_SIZE_RATIO <= sizes[0] <= most * SIMILAR_SIZE_RATIO:
         how = f"not known for meshes of {sizes[0]:,} vertices: measured only on those of {least:,} to {most:,}"
-        return MeasuredErrors({}, how, ())
+        return Errors({}, how)
     sentences = []
     if any(cortex.origin == "simulation" for cortex in cortices):
         sentences.append("The errors are those of a person's hemisphere, not of a simulated cortex.")
@@ -209,4 +188,4 @@ def measured_errors(cortices: Iterable[Cortex], accuracy: str) -> MeasuredErrors
         f"({nearest['subject']}: {vertices:,} vertices) for docs/accuracy.md, once each; "
         "no accuracy is listed as better than a slower one"
     )
-    return MeasuredErrors(errors, how, tuple(sentences))
+    return Errors(errors, how, tuple(sentences))

@@ -12,7 +12,7 @@ from morphofold.analysis.frames import COLUMNS
 from morphofold.analysis.measures import Measures
 from morphofold.analysis.regions import wide_table
 from morphofold.errors import MissingPart
-from morphofold.forecasts.analysis_cost import WRITING_STAGE, cost_of_analysis
+from morphofold.forecasts.cost import WRITING_STAGE, cost_of_analysis
 from morphofold.io import atomic_folder, read_surface
 from morphofold.io.json_files import read_json
 from morphofold.provenance import changed_since, digests, printable, records_as_read, strict_json

@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from morphofold.forecasts.afterwards import SOLVER_PHASES, Cost, cost_beside
-from morphofold.forecasts.analysis_cost import ANALYSIS_STAGES, AnalysisCost, cost_of_analysis
-from morphofold.forecasts.richardson import Estimate, stored_estimate
-from morphofold.forecasts.table import Expected, called
+from morphofold.forecasts.cost import Cost, cost_beside, cost_of_analysis, share
+from morphofold.forecasts.table import Expected, Measured, called
 from morphofold.report.pages.contents import Entry
+from morphofold.timing import Stages
 from morphofold.words import percent, span
-
-if TYPE_CHECKING:
-    from morphofold.timing import Stages
-
-TimeRows = list[tuple[str, str, str, str]]
 
 
 def costs(entries: Sequence[Entry], clock: Stages | None = None) -> list[dict[str, Any]]:
@@ -24,102 +18,70 @@ def costs(entries: Sequence[Entry], clock: Stages | None = None) -> list[dict[st
 
     Each has a title, a sentence, times, errors, and how the errors were obtained.
     """
-    found = []
+    sections = []
     for e in entries:
         stages = [Path(file) for file in e.measures.cortex.files if Path(file).name == "stage.json"]
         cost = cost_beside(stages[0]) if stages else None
         if cost is not None:
-            found.append(_entry_of_run(e.name, cost))
-            _add_estimate(found[-1], stored_estimate(stages[0]))
+            elements, steps = cost.size["elements"], cost.size["steps"]
+            sizes = [f"{elements:,} elements"] if elements is not None else []
+            sizes += [f"{steps:,} steps"] if steps else []
+            section = _section(f"The simulation of {e.name}", cost, sizes, "Phase or effect", "Two of three runs")
+            _add_estimate(section, stages[0])
+            sections.append(section)
     if clock is not None:
-        found.append(_entry_of_analysis(cost_of_analysis([e.measures for e in entries], clock)))
-    return found
+        cost = cost_of_analysis([e.measures for e in entries], clock)
+        hemispheres = " and ".join(f"{hemi} of {n:,} vertices" for hemi, n in cost.size["vertices"].items())
+        sections.append(_section("The analysis", cost, [hemispheres, f"accuracy {cost.size['accuracy']}"], "Stage", ""))
+    return sections
 
 
-def _entry_of_run(name: str, cost: Cost) -> dict[str, Any]:
-    """Cost of a simulation: times of each phase, then of each effect of the scene."""
-    parts = []
-    if cost.elements is not None:
-        parts.append(f"{cost.elements:,} elements")
-    if cost.steps:
-        parts.append(f"{cost.steps:,} steps")
-    times = _time_rows(cost.phases, SOLVER_PHASES) + _time_rows(cost.effects, dict.fromkeys(cost.effects, "effect"))
-    times += [(name, "", "", f"effect: {where}") for name, where in cost.within.items()]
-    errors = [
-        (
-            called(name),
-            percent(e.error),
-            f"{percent(e.low)} to {percent(e.high)}",
-            f"{cost.how}{_with_other_settings(e)}",
-        )
-        for name, e in cost.errors.items()
-    ]
-    return {
-        "title": f"The simulation of {name}",
-        "sentence": _cost_sentence(cost, parts),
-        "what": "Phase or effect",
-        "times": times,
-        "errors": errors,
-        "range": "Two of three runs",
-        "doubts": (f"Errors: {cost.how}.",) if cost.not_studied else cost.doubts,
-    }
-
-
-def _entry_of_analysis(cost: AnalysisCost) -> dict[str, Any]:
-    errors = [(name, percent(e.error), "", f"against {e.against}") for name, e in cost.errors.items()]
-    sizes = [f"{hemi} of {n:,} vertices" for hemi, n in cost.vertices.items()]
-    how = f"Errors: {cost.how}."
-    return {
-        "title": "The analysis",
-        "sentence": _cost_sentence(cost, [" and ".join(sizes), f"accuracy {cost.accuracy}"]),
-        "what": "Stage",
-        "times": _time_rows(cost.stages, ANALYSIS_STAGES),
-        "errors": errors,
-        "range": "",
-        "doubts": (how, *cost.doubts),
-    }
-
-
-def _cost_sentence(cost: Cost | AnalysisCost, parts: Sequence[str]) -> str:
-    threads = "" if cost.threads is None else f" by {cost.threads} thread{'s' if cost.threads > 1 else ''}"
-    parts = [f"{span(cost.seconds)}{threads}, without compiling", *parts]
+def _section(title: str, cost: Cost, sizes: Sequence[str], parts: str, error_range: str) -> dict[str, Any]:
+    """Section of a cost, with the headings of its parts and of the range of its errors."""
+    threads = f" by {cost.threads} thread{'s' if cost.threads > 1 else ''}" if cost.threads is not None else ""
+    words = [f"{span(cost.seconds)}{threads}, without compiling", *sizes]
     if cost.memory_GiB is not None:
-        parts.append(f"{cost.memory_GiB:.2g} GiB of memory at most, for the whole process")
-    return "; ".join(parts) + "."
+        words.append(f"{cost.memory_GiB:.2g} GiB of memory at most, for the whole process")
+    times = [
+        (name, span(seconds), percent(share(seconds, cost.seconds)), cost.labels[name])
+        for name, seconds in cost.parts.items()
+    ]
+    times += [(name, "", "", label) for name, label in cost.labels.items() if name not in cost.parts]
+    errors, how, doubts, _ = cost.expected
+    by_law = any(isinstance(error, Expected) for error in errors.values())  # whose rows say how
+    return {
+        "title": title,
+        "sentence": "; ".join(words) + ".",
+        "what": parts,
+        "times": times,
+        "errors": [_error_row(name, error, how) for name, error in errors.items()],
+        "range": error_range,
+        "doubts": (*([f"Errors: {how}."] if how and not by_law else []), *doubts),
+    }
 
 
-def _time_rows(taken: Mapping[str, tuple[float, float]], words: Mapping[str, str]) -> TimeRows:
-    """Name, time, share and description."""
-    return [(name, span(seconds), percent(share), words.get(name, "")) for name, (seconds, share) in taken.items()]
+def _error_row(name: str, error: Expected | Measured, how: str) -> tuple[str, str, str, str]:
+    """Quantity, error, its range, and how it was obtained."""
+    if isinstance(error, Measured):
+        return name, percent(error.error), "", f"against {error.against}"
+    other = f"; other settings change it by {percent(error.other)}" if error.other else ""
+    return called(name), percent(error.error), f"{percent(error.low)} to {percent(error.high)}", f"{how}{other}"
 
 
-def _with_other_settings(expected: Expected) -> str:
-    return f"; other settings change it by {percent(expected.other)}" if expected.other else ""
+def _add_estimate(section: dict[str, Any], stage: Path) -> None:
+    """Append the errors from a coarser run, the effect of the pace, and the doubts about both, if there are any."""
+    from morphofold.forecasts.richardson import stored_estimate  # loads the solver, which a person does not need
 
-
-def _add_estimate(entry: dict[str, Any], estimate: Estimate | None) -> None:
-    """Append the errors from a coarser run, the effect of the pace, and the doubts about both."""
-    if estimate is not None:
-        entry["errors"] = [
-            *entry["errors"],
-            *(
-                (
-                    called(name),
-                    percent(e.error),
-                    "",
-                    f"at g = {estimate.growth:g}, {estimate.how} (power {e.power:.2g})",
-                )
-                for name, e in estimate.errors.items()
-                if e.error is not None
-            ),
-            *(
-                (
-                    called(name),
-                    percent(change),
-                    "",
-                    f"at g = {estimate.growth:g}, from the coarser run at half the pace",
-                )
-                for name, change in (estimate.pace or {}).items()
-            ),
-        ]
-        entry["doubts"] = (*entry["doubts"], *estimate.doubts)
+    estimate = stored_estimate(stage)
+    if estimate is None:
+        return
+    growth = f"at g = {estimate.growth:g}, "
+    rows = [
+        (name, e.error, f"{growth}{estimate.how} (power {e.power:.2g})")
+        for name, e in estimate.errors.items()
+        if e.error is not None
+    ]
+    pace = f"{growth}from the coarser run at half the pace"
+    rows += [(name, change, pace) for name, change in (estimate.pace or {}).items()]
+    section["errors"] += [(called(name), percent(error), "", how) for name, error, how in rows]
+    section["doubts"] += estimate.doubts

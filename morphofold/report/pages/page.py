@@ -24,7 +24,7 @@ from morphofold.comparison.hinges import HingeComparison, compare_hinges
 from morphofold.comparison.person.compare_person import PersonComparison
 from morphofold.comparison.side_by_side import cautions, numbers, plot_notes, theory_lines
 from morphofold.comparison.thickness import Cloud, TheoryLine, thickness_cloud
-from morphofold.forecasts.analysis_cost import PAGE_STAGE
+from morphofold.forecasts.cost import PAGE_STAGE
 from morphofold.geometry import vertex_areas
 from morphofold.progress import Progress, silent
 from morphofold.provenance import records_as_read
