@@ -24,15 +24,7 @@ from morphofold.spheres.spins import NearestTable, rotations
 from morphofold.tables import write_table
 from morphofold.words import listed, number
 
-CARRIED_MAPS = (
-    "H",
-    "cortical_thickness",
-    "gyral_thickness",
-    "sulcal_depth",
-    "local_gyrification_index",
-    RELIEF,
-    "sulc",
-)
+CARRIED_MAPS = ("H", "cortical_thickness", "gyral_thickness", "sulcal_depth", "local_gyrification_index", RELIEF)
 LIKE_SIZES = (0.8, 1.25)  # of a grown cortex over the person's, within which maps in mm are compared as they are
 #: agreements over the cortex, and the maps of a smooth body that are their controls; both maps of both agreements of
 #: sulci and gyri, so that growth does not win by another measure of the same folds
@@ -97,7 +89,8 @@ class PersonComparison:
             ("to_person", self.bodies.to_person, self.bodies.grown),
         ):
             maps = {**body.measures.cortex.maps, **body.with_height().maps}
-            carried.update({(direction, name): carrier.values(maps[name]) for name in CARRIED_MAPS if name in maps})
+            names = [name for name in (*CARRIED_MAPS, "sulc") if name in maps]
+            carried.update({(direction, name): carrier.values(maps[name]) for name in names})
         return carried
 
     def rows(self) -> list[dict[str, Any]]:
@@ -152,17 +145,17 @@ def compare_people(
     people = []
     for person, grown, level in pairs:
         try:
-            compared = compare_with_person(
+            pair = compare_with_person(
                 named[person], named[grown], level, names=(person, grown), spins=spins, seed=seed
             )
         except Refusal as error:
             remarks.append(f"{grown} is not compared with the folds of {person}, from which it grew: {error}")
             continue
-        people.append(compared)
-        if not LIKE_SIZES[0] <= compared.scale <= LIKE_SIZES[1]:
+        people.append(pair)
+        if not LIKE_SIZES[0] <= pair.scale <= LIKE_SIZES[1]:
             remarks.append(
                 f"The hull of {grown} has the area of {person}'s only if its lengths are multiplied by "
-                f"{number(compared.scale, 2)}, but curvature and local gyrification were measured at the same scales "
+                f"{number(pair.scale, 2)}, but curvature and local gyrification were measured at the same scales "
                 "in mm. Grow it with a radius multiplied by that."
             )
     return tuple(people), tuple(remarks)
