@@ -133,6 +133,21 @@ def test_what_we_did_not_write_is_not_written_over(tmp_path, theirs, ours):
     assert os.listdir(tmp_path) == ["out"]
 
 
+def test_what_comes_while_the_folders_move_stays_too(tmp_path, monkeypatch):
+    out, replace = tmp_path / "out", os.replace
+    write_folder(out, "first")
+
+    def late(source, target):
+        if source == out:
+            (out / "late.txt").write_text("mine")
+        replace(source, target)
+
+    monkeypatch.setattr(folders.os, "replace", late)
+    write_folder(out, "second")
+    assert (tree(out)["late.txt"], tree(out)["a.txt"]) == ("mine", "second")
+    assert os.listdir(tmp_path) == ["out"]
+
+
 def test_a_list_names_nothing_outside_its_folder(tmp_path):
     out = tmp_path / "out"
     write_folder(out)

@@ -14,9 +14,10 @@ import pytest
 from made_measures import made_measures
 
 from morphofold.analysis import gyral_graph
-from morphofold.errors import NamedTwice, NothingToDo, NotReadable, OptionsClash
+from morphofold.errors import NamedTwice, NothingToDo, NotReadable, OptionsClash, WrongFile
 from morphofold.io import read_cortex
 from morphofold.results import COLUMNS, is_analysis_of, read_analysis, write_analysis, write_dataset
+from morphofold.results.analyses import read_stages
 
 
 def refuse_constant(token):
@@ -282,3 +283,9 @@ def test_the_volume_geometry_of_a_surface_stays_with_it(tmp_path):
         verts, _, found = fs.read_geometry(tmp_path / "twice" / "surf" / f"lh.{name}", read_metadata=True)
         assert {k: np.array_equal(v, found[k]) for k, v in footer.items()} == dict.fromkeys(footer, True)
         np.testing.assert_allclose(verts, getattr(m.cortex, name).verts, atol=8e-6)  # still in the surface's frame
+
+
+def test_an_analysis_of_two_hemispheres_is_no_stage(tmp_path):
+    write_analysis([made_measures("lh", level=1), made_measures("rh", level=1)], tmp_path / "g1.20", report=False)
+    with pytest.raises(WrongFile, match=r"g1\.20"):
+        read_stages(tmp_path)

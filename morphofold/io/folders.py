@@ -136,9 +136,8 @@ def _paths_below(folder: Path) -> Iterator[str]:
 
 def _replace_folder(new: Path, out: Path) -> None:
     """Move a new folder to ``out``, and the user's files from the old one into it."""
-    ours = files_of(out)
-    theirs = [name for name in _paths_below(out) if name not in ours and name != MARKER_FILE]
-    for name in theirs:
+    ours = {MARKER_FILE, *files_of(out)}
+    for name in sorted({*_paths_below(out)} - ours):
         above = [p for p in (Path(name), *Path(name).parents) if os.path.lexists(new / p)]
         if not all((new / p).is_dir() for p in above) or (Path(name) in above and not (out / name).is_dir()):
             raise FileExistsError(
@@ -154,7 +153,7 @@ def _replace_folder(new: Path, out: Path) -> None:
         if old.exists():
             os.replace(old, out)
         raise
-    for name in theirs:
+    for name in sorted({*_paths_below(old)} - ours):  # with what came since
         if not os.path.lexists(out / name):
             (out / name).parent.mkdir(parents=True, exist_ok=True)
             os.replace(old / name, out / name)

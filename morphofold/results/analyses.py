@@ -11,7 +11,7 @@ from morphofold import __version__
 from morphofold.analysis.frames import COLUMNS
 from morphofold.analysis.measures import Measures
 from morphofold.analysis.regions import wide_table
-from morphofold.errors import MissingPart
+from morphofold.errors import MissingPart, WrongFile
 from morphofold.forecasts.cost import WRITING_STAGE, cost_of_analysis
 from morphofold.io import atomic_folder, read_surface
 from morphofold.io.json_files import read_json
@@ -271,13 +271,19 @@ def read_stages(folder: str | Path) -> list[Measures]:
     FileNotFoundError
         If there is none.
     ValueError
-        If one cannot be read.
+        If one cannot be read, or has two hemispheres.
     """
     folder = Path(folder)
     parts = sorted(part for part in folder.glob("g*") if (part / "summary.json").is_file())
     if not parts:
         raise FileNotFoundError(f"{folder}: holds no stages. Name a folder that `morphofold analyze --stages` wrote.")
-    return [m for part in parts for m in read_analysis(part)]
+    stages = []
+    for part in parts:
+        measures = read_analysis(part)
+        if len(measures) != 1:
+            raise WrongFile(f"{part}: has two hemispheres, so it is not a stage of a simulation. Name another folder.")
+        stages += measures
+    return stages
 
 
 def is_analysis_of(folder: str | Path, cortex: Cortex, parameters: Mapping[str, Any]) -> bool:
