@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from morphofold.analysis.frames import COLUMNS, FREESURFER_VALUES, frame
-from morphofold.display import html_of, plot
+from morphofold.display import draw
 from morphofold.errors import UnknownName
 from morphofold.surface import Cortex, PerVertex
 
@@ -159,10 +159,11 @@ class Measures:
         ValueError
             If there is no such map (the message lists the maps), surface or view, or ``limits`` are no interval.
         """
-        return plot(self, name, surface, views, limits)
+        picture: Image = draw("map_picture", self, name, surface, views, limits)
+        return picture
 
     def _repr_html_(self) -> str:
-        return html_of(self)
+        return str(draw("html", self))
 
     def __repr__(self) -> str:
         known = sum(value is not None for value in self.scalars.values())

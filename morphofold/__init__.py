@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import importlib
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
+
+from morphofold.display import DRAWERS
 
 __version__ = "0.3.0"
 
@@ -27,6 +31,16 @@ _PUBLIC = {
     "estimate_error": "morphofold.forecasts",
 }
 __all__ = ["__version__", *_PUBLIC]
+
+
+def _lazily(module: str, name: str) -> Callable[..., Any]:
+    """A function of a module that is imported when it is first called."""
+    return lambda *arguments, **options: getattr(importlib.import_module(module), name)(*arguments, **options)
+
+
+DRAWERS.setdefault("html", _lazily("morphofold.report.notebook", "html_of"))
+DRAWERS.setdefault("map_picture", _lazily("morphofold.report.notebook", "plot"))
+DRAWERS.setdefault("comparison_page", _lazily("morphofold.report", "comparison_report"))
 
 
 def __getattr__(name: str):

@@ -1,28 +1,15 @@
-"""What a notebook shows of an object, and pictures of maps: for classes below the package ``report``, which draws them.
-
-Its imports run back up (``EXCEPTIONS`` in studies/packages.py), and only when something is shown.
-"""
+"""What draws objects of lower rooms: functions by name, which the package's front door registers for ``report``."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any
 
-if TYPE_CHECKING:
-    from PIL.Image import Image
-
-
-def html_of(shown: Any) -> str:
-    """Table and small picture of a ``Cortex``, ``Measures``, ``Comparison`` or ``Simulation``, as HTML."""
-    from morphofold.report import notebook
-
-    return notebook.html_of(shown)
+#: ``html(shown)``: a table and a small picture of a ``Cortex``, ``Measures``, ``Comparison`` or ``Simulation``;
+#: ``map_picture(measures, name, surface, views, limits)``; ``comparison_page(comparison, folder, progress=)``
+DRAWERS: dict[str, Callable[..., Any]] = {}
 
 
-def plot(
-    measures: Any, name: str, surface: str, views: str | Sequence[str], limits: tuple[float, float] | None
-) -> Image:
-    """Picture of a map of ``Measures``; see :meth:`morphofold.analysis.measures.Measures.plot`."""
-    from morphofold.report import notebook
-
-    return notebook.plot(measures, name, surface, views, limits)
+def draw(name: str, *arguments: Any, **options: Any) -> Any:
+    """What the function that is registered under a name returns."""
+    return DRAWERS[name](*arguments, **options)

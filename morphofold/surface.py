@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from morphofold.display import html_of
+from morphofold.display import draw
 from morphofold.errors import BadMesh, MissingPart, NotFinite, OutOfRange, UnknownName, UnlikeSurfaces, WrongShape
 
 if TYPE_CHECKING:
@@ -419,7 +419,7 @@ class Cortex:
         return self.surface(surface).to_pyvista(self.maps)
 
     def _repr_html_(self) -> str:
-        return html_of(self)
+        return str(draw("html", self))
 
     def __repr__(self) -> str:
         return f"Cortex({self.name!r}, {self.hemi}, {self.n_vertices:,} vertices, from {self.origin})"

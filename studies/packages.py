@@ -52,11 +52,8 @@ GROUND = (
     "display",
 )
 APART = {"sim", "analysis"}  # they meet in a Cortex
-#: the arrows that run back up: Comparison.report() calls the page, notebooks show what ``report`` draws, and the
-#: command ``reproduce`` draws the figures of the paper
+#: the arrows that run back up: the command ``reproduce`` draws the figures of the paper
 EXCEPTIONS = {
-    ("morphofold.comparison.side_by_side", "morphofold.report.pages.page"),
-    ("morphofold.display", "morphofold.report.notebook"),
     ("morphofold.cli.reproduce", "morphofold.studies.indexes"),
     ("morphofold.cli.reproduce", "morphofold.studies.paper"),
     ("morphofold.cli.reproduce", "morphofold.studies.paper.report"),

@@ -22,7 +22,7 @@ from morphofold.comparison.hinges import HingeComparison, compare_hinges
 from morphofold.comparison.person.agreement import SPINS
 from morphofold.comparison.person.compare_person import PersonComparison, compare_people, write_people
 from morphofold.comparison.thickness import Cloud, TheoryLine, thickness_cloud, thickness_ratios, wrinkling_wavelength
-from morphofold.display import html_of
+from morphofold.display import draw
 from morphofold.errors import NamedTwice, NothingToDo, NotReadable, OutOfRange, UnknownName
 from morphofold.io import atomic_folder
 from morphofold.progress import Progress, silent
@@ -90,7 +90,7 @@ class Comparison:
         return f"Comparison({names}; {len(self.groups)} groups, {len(self.people)} compared with their person)"
 
     def _repr_html_(self) -> str:
-        return html_of(self)
+        return str(draw("html", self))
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but the maps, as plain values for JSON."""
@@ -125,10 +125,9 @@ class Comparison:
         Returns the path of the page. ``progress`` is called with the share done, 0 to 1, and what is being drawn.
         """
         import morphofold
-        from morphofold.report.pages.page import comparison_report
 
         with atomic_folder(out) as folder:
-            comparison_report(self, folder, progress=progress)
+            draw("comparison_page", self, folder, progress=progress)
             content = {"morphofold": morphofold.__version__, **self.to_dict()}
             (folder / "comparison.json").write_text(strict_json(content), encoding="utf-8")
             write_table(folder / "comparison.tsv", ("measure", *self.names), self.table)

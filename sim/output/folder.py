@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold import __version__
-from morphofold.display import html_of
+from morphofold.display import draw
 from morphofold.io import atomic_file, atomic_folder, read_cortex, write_morph, write_surface
 from morphofold.io.files import decoding
 from morphofold.io.folders import LOCK_FILE, refuse_overlap
@@ -45,7 +45,7 @@ class Simulation:
         return f"Simulation({str(self.path)!r}, scene {self.scene.name!r}, {shape}, growth to {final:g})"
 
     def _repr_html_(self) -> str:
-        return html_of(self)
+        return str(draw("html", self))
 
     @property
     def stages(self) -> tuple[float, ...]:
