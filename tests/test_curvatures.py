@@ -10,7 +10,7 @@ from morphofold.analysis import curvature, vertex_areas, vertex_normals
 from morphofold.errors import OutOfRange
 from morphofold.geometry import adjacency, mean_edge_length
 from morphofold.io import read_surface, sample_path
-from morphofold.io.surfaces import read_morph
+from morphofold.io.formats import read_morph
 from morphofold.studies import shapes
 
 

@@ -10,7 +10,7 @@ from morphofold.analysis import sulcal_depth
 from morphofold.analysis.gyrification.hull import hull
 from morphofold.errors import OptionsClash, UnknownName
 from morphofold.io import read_surface, sample_path
-from morphofold.io.surfaces import read_morph
+from morphofold.io.formats import read_morph
 from morphofold.shapes import icosphere
 from morphofold.shapes.ridges import irregular_net, ridged_net
 from morphofold.studies import shapes

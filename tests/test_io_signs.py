@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from morphofold.io import read_annotation, read_cortex, read_morph, sample_path, write_annotation, write_gifti_map
-from morphofold.io.gifti import write_gifti_regions, write_gifti_surface
+from morphofold.io.gifti import write_regions
+from morphofold.io.gifti import write_surface as write_gifti_surface
 from morphofold.io.map_signs import OPPOSITE, in_freesurfer_signs
 from morphofold.shapes import icosphere
 from morphofold.surface import Regions, Surface
@@ -93,7 +94,7 @@ def test_regions_and_a_mask_in_gifti_are_read(pair, place):
     regions = Regions(
         np.where(wall, -1, (verts[:, 2] > 0).astype(int)), ("below", "above"), np.eye(2, 3, dtype=np.uint8)
     )
-    write_gifti_regions(folder / place / "lh.aparc.label.gii", regions)
+    write_regions(folder / place / "lh.aparc.label.gii", regions)
     write_gifti_map(folder / place / "lh.atlasroi.shape.gii", (~wall).astype(float))
     cortex = read_cortex(folder)
     assert np.array_equal(cortex.regions.labels, regions.labels)

@@ -9,7 +9,7 @@ from made_surfaces import FOOTER, FORMATS, area, one_line
 
 from morphofold.errors import DamagedFile, WrongFile
 from morphofold.io import read_cortex, read_surface, sample_path, scanner_transform, write_surface
-from morphofold.io.gifti import write_gifti_surface
+from morphofold.io.gifti import write_surface as write_gifti_surface
 from morphofold.io.trimesh_files import merge_equal
 from morphofold.shapes import icosphere
 from morphofold.surface import Surface

@@ -12,7 +12,7 @@ from morphofold.errors import DoesNotApply, OutOfRange
 from morphofold.geometry import vertex_areas
 from morphofold.inference.overlap import COLUMNS, WHOLE, overlap
 from morphofold.inference.spaces import find_space
-from morphofold.io.gifti import read_gifti_map
+from morphofold.io.gifti import read_map as read_gifti_map
 from morphofold.report.pictures.png import read_png
 from morphofold.tables import read_table
 from morphofold.threads import using_threads

@@ -13,7 +13,7 @@ from morphofold.errors import DoesNotApply, MissingPart, UnknownName
 from morphofold.inference.spaces import find_space
 from morphofold.inference.study import cluster_rows, fit_study, summary, write_result
 from morphofold.io import read_morph, write_annotation, write_label, write_surface
-from morphofold.io.gifti import read_gifti_map
+from morphofold.io.gifti import read_map as read_gifti_map
 from morphofold.report.pages.stats_page import effect_unit, stats_report
 from morphofold.report.pictures.png import read_png
 from morphofold.shapes import icosphere

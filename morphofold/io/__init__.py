@@ -10,6 +10,7 @@ from morphofold.io.folders import (
     refuse_no_collection,
     remove_folder,
 )
+from morphofold.io.formats import read_morph, read_surface, write_gifti_map, write_morph, write_surface
 from morphofold.io.freesurfer import (
     flip_curvature_sign,
     read_annotation,
@@ -19,7 +20,6 @@ from morphofold.io.freesurfer import (
     write_label,
 )
 from morphofold.io.samples import sample_path
-from morphofold.io.surfaces import read_morph, read_surface, write_gifti_map, write_morph, write_surface
 
 __all__ = [
     "atomic_file",

@@ -10,8 +10,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from morphofold.errors import (
@@ -25,13 +23,12 @@ from morphofold.errors import (
     WrongShape,
 )
 from morphofold.io.files import MAX_BYTES, StrPath, existing_file, side_named
-from morphofold.io.freesurfer import read_annotation, read_aseg_stats, read_label, scanner_transform
-from morphofold.io.gifti import read_gifti_regions
+from morphofold.io.formats import read_mask, read_morph, read_regions, read_surface
+from morphofold.io.freesurfer import read_aseg_stats, scanner_transform
 from morphofold.io.json_files import Amount, Count, FileWord, Number, Record, read_json
 from morphofold.io.map_signs import in_freesurfer_signs
-from morphofold.io.surfaces import read_morph, read_surface
 from morphofold.provenance import clean_name, unchanged
-from morphofold.surface import Cortex, Regions
+from morphofold.surface import Cortex
 
 HEMIS = ("lh", "rh")
 MAP_NAMES = ("thickness", "curv", "sulc", "area")
@@ -300,8 +297,8 @@ def read_cortex_files(root: Path, hemi: str, files: dict[str, Path], name: str |
     maps = maps if "stage" in files else in_freesurfer_signs(maps, white, files)
     inflated, sphere = (fitting(name, read_surface, lambda found: len(found.verts)) for name in ("inflated", "sphere"))
     registered = read_surface(files["registered"]) if "registered" in files else None
-    regions = fitting("annotation", _read_regions, lambda regions: len(regions.labels))
-    mask = fitting("label", lambda file: _read_mask(file, len(white.verts)))
+    regions = fitting("annotation", read_regions, lambda regions: len(regions.labels))
+    mask = fitting("label", lambda file: read_mask(file, len(white.verts)))
     found = "FreeSurfer" if inner.suffix not in (".gii", ".gz") else "files"
     info = read_aseg_stats(files["stats"], hemi) if "stats" in files else {}
     fields: dict[str, Any] = {"origin": found, "name": root.resolve().name, "info": info}
@@ -364,15 +361,6 @@ def _required_surface(root: Path, stem: str) -> Path:
             f"{error} Also tried: {stem}.surf.gii, {stem}.gii. A cortex is a FreeSurfer subject (with "
             "surf/lh.white and surf/lh.pial), a simulation, or a pair given as white and pial."
         ) from None
-
-
-def _read_regions(path: Path) -> Regions:
-    is_label = path.name.endswith(".label.gii")
-    return read_gifti_regions(path, clean_name(path.name[3:-10])) if is_label else read_annotation(path)
-
-
-def _read_mask(path: Path, n: int) -> NDArray[np.bool_]:
-    return read_morph(path) > 0 if path.name.endswith(".gii") else read_label(path, n)
 
 
 def _simulation_name(root: Path, info: dict[str, Any]) -> str:

@@ -5,18 +5,25 @@ from __future__ import annotations
 import difflib
 import errno
 import gzip
+import logging
 import math
 import os
 import re
 import secrets
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 from xml.etree.ElementTree import ParseError
 from xml.parsers.expat import ExpatError, errors
 
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
 from morphofold.errors import DISK_FULL_ERRORS, DamagedFile, NotFetched, TooLarge, WrongFile
+from morphofold.provenance import clean_name
+from morphofold.surface import Faces, Verts
 
 MAX_BYTES = 2 * 2**30  # far above any cortex (a 1 mm hemisphere has 6 MB); small enough for a laptop
 MOST_UNPACKED_PER_BYTE = 2000  # bytes of arrays per byte of a file, twice what zlib can reach
@@ -37,7 +44,14 @@ _SIDES = {
 }
 _OTHER_ENTITIES = re.compile(r"(?:^|_)(?:sub|ses|acq|run|rec|space|tpl|atlas|desc|label)-[^_.]*")
 
+# counts in a header (PLY; VTK; GLB); each counted element takes at least one byte of the file
+_HEADER_COUNTS = re.compile(
+    rb'(?:element[ \t]+\w+|\n[ \t]*(?:points|polygons|cells)|"count"[ \t]*:)[ \t]*(\d+)(?:[ \t]+(\d+))?', re.IGNORECASE
+)
+
 StrPath = str | os.PathLike[str]
+#: vertices, faces, and FreeSurfer's volume geometry if the file has it
+SurfaceContent = tuple[Verts, Faces, Mapping[str, Any] | None]
 
 
 def side_named(name: str) -> str | None:
@@ -49,6 +63,11 @@ def side_named(name: str) -> str | None:
     name = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", _OTHER_ENTITIES.sub("", name))
     found = [side for side, spelling in _SIDES.items() if spelling.search(name)]
     return found[0] if len(found) == 1 else None
+
+
+def name_in_file(path: Path, ending: str) -> str:
+    """What a file is named without hemisphere and ending: ``aparc`` for ``lh.aparc.annot``."""
+    return re.sub("^[lr]h\\.", "", clean_name(path.name.removesuffix(ending)))
 
 
 def existing_file(path: StrPath, what: str = "file") -> Path:
@@ -198,6 +217,39 @@ def beginning(head: bytes) -> str:
     if looks_like_text(head):
         return f"text, beginning {' '.join(head[:60].decode('ascii', 'replace').split())!r}"
     return f"bytes, beginning {head[:8].hex(' ')}"
+
+
+def from_words(words: Sequence[bytes | str], kind: DTypeLike) -> NDArray[Any]:
+    """Numbers in text; an array of strings would take the memory of the longest for each."""
+    return np.fromiter(map(float if np.dtype(kind).kind == "f" else int, words), dtype=kind, count=len(words))
+
+
+@contextmanager
+def silent_log() -> Iterator[None]:
+    """Keep packages from logging messages that are raised anyway or are not important."""
+    before = logging.root.manager.disable
+    logging.disable(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        logging.disable(before)
+
+
+def check_counts(raw: bytes) -> None:
+    """Refuse a file whose header declares more elements than it can hold."""
+    for match in _HEADER_COUNTS.finditer(raw):
+        for count in filter(None, match.groups()):
+            if int(count) > len(raw):
+                raise DamagedFile(f"its header declares {count.decode()} elements, but it has {len(raw)} bytes")
+
+
+def warn_of_no_end(path: Path, raw: bytes) -> None:
+    """Warn if a text stops within a line: its last number may be cut, 1 of 162. XML and STL mark their end."""
+    says = raw.endswith(b">") or b"endsolid" in raw[-1024:]
+    if not (says or raw[-1:].isspace()) and looks_like_text(raw[:1024]) and looks_like_text(raw[-64:]):
+        warnings.warn(
+            f"{path}: its last line has no line break. If the file was cut, its last number is wrong.", stacklevel=5
+        )
 
 
 def check_place(path: Path) -> None:

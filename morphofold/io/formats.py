@@ -1,34 +1,27 @@
-"""The class of a surface file format, and checks that several formats share."""
+"""Read and write surfaces, per-vertex maps, regions and masks in any format: one table of formats."""
 
 from __future__ import annotations
 
-import logging
 import re
-import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from morphofold.errors import DamagedFile
-from morphofold.io.files import looks_like_text
-from morphofold.surface import Faces, Surface, Verts
-
-SurfaceContent = tuple[Verts, Faces, Mapping[str, Any] | None]
-
-# counts in a header (PLY; VTK; GLB); each counted element takes at least one byte of the file
-_HEADER_COUNTS = re.compile(
-    rb'(?:element[ \t]+\w+|\n[ \t]*(?:points|polygons|cells)|"count"[ \t]*:)[ \t]*(\d+)(?:[ \t]+(\d+))?', re.IGNORECASE
-)
+from morphofold.errors import NotFinite, WrongFile, WrongShape
+from morphofold.io import freesurfer, gifti, text_files, trimesh_files, vtk_files
+from morphofold.io.files import StrPath, beginning, existing_file
+from morphofold.surface import PerVertex, Regions, Surface, Verts, check_mesh
+from morphofold.words import listed
 
 
 @dataclass(frozen=True)
 class Format:
-    """A file format. Its module in ``morphofold.io`` has ``FORMATS`` and is in the list in ``io/surfaces.py``.
+    """A file format of surfaces, maps, regions or masks.
 
     Attributes
     ----------
@@ -37,54 +30,287 @@ class Format:
     endings : tuple of str
         Endings of its file names, in lower case. They decide if the first bytes do not identify a format.
     read : callable
-        Reads vertices, faces and the volume geometry, or None for the latter; raises ``ValueError`` for a damaged file.
+        ``read(path)``; raises ``ValueError`` for a damaged file. Of a surface it gives vertices, faces and the volume
+        geometry, or None for the latter.
     write : callable, optional
-        Writes a surface to a path, completely or not at all.
+        ``write(path, content)`` writes completely or not at all.
     begins : pattern, optional
         Matches the start of its files, within their first 1024 bytes.
+    names : pattern, optional
+        Matches the start of other names of its files.
     """
 
     name: str
     endings: tuple[str, ...]
-    read: Callable[[Path], SurfaceContent]
-    write: Callable[[Path, Surface], None] | None = None
+    read: Callable[..., Any]
+    write: Callable[..., None] | None = None
     begins: re.Pattern[bytes] | None = None
+    names: re.Pattern[str] | None = None
 
     def starts(self, head: bytes) -> bool:
         return self.begins is not None and self.begins.match(head) is not None
 
     def named(self, name: str) -> bool:
-        return name.lower().endswith(self.endings)
+        return name.lower().endswith(self.endings) or (self.names is not None and self.names.match(name) is not None)
 
 
-def from_words(words: Sequence[bytes | str], kind: DTypeLike) -> NDArray[Any]:
-    """Numbers in text; an array of strings would take the memory of the longest for each."""
-    return np.fromiter(map(float if np.dtype(kind).kind == "f" else int, words), dtype=kind, count=len(words))
+def _of_trimesh(kind: str, begins: bytes | None) -> Format:
+    read, write = partial(trimesh_files.read, kind), partial(trimesh_files.write, kind)
+    return Format(kind.upper(), (f".{kind}",), read, write, re.compile(begins) if begins else None)
 
 
-@contextmanager
-def silent_log() -> Iterator[None]:
-    """Keep packages from logging messages that are raised anyway or are not important."""
-    before = logging.root.manager.disable
-    logging.disable(logging.CRITICAL)
+_GIFTI, _GIFTI_ENDINGS, _ANY = re.compile(rb".*?<GIFTI", re.DOTALL), (".gii", ".gii.gz"), re.compile("")
+#: by content, in the order in which they are tried; FreeSurfer's names are the least specific
+FORMATS = {
+    "surface": (
+        _of_trimesh("ply", rb"ply\r?\n"),
+        _of_trimesh("glb", rb"glTF"),
+        _of_trimesh("off", rb"\s*(#[^\n]*\n\s*)*OFF\s"),
+        _of_trimesh("stl", rb"\s*solid\b"),  # text only; a binary file has no mark
+        _of_trimesh("obj", None),
+        Format(
+            "VTK (.vtk, .vtp, .vtu)",
+            (".vtk", ".vtp", ".vtu"),
+            vtk_files.read,
+            vtk_files.write,
+            re.compile(rb"# vtk|[^#]*<VTKFile "),
+        ),
+        Format(
+            "FreeSurfer's text (.asc, .srf)",
+            (),
+            text_files.read_ascii,
+            begins=re.compile(rb"#!ascii[^\n]*\n(?:#[^\n]*\n)*\s*\d+[ \t]+\d+[ \t\r]*\n"),
+        ),
+        Format("MNI OBJ", (), text_files.read_mni, begins=re.compile(rb"P(?:\s+[-+.\deE]+){5}\s+\d+\s")),
+        Format("GIFTI (.gii)", _GIFTI_ENDINGS, gifti.read_surface, gifti.write_surface, _GIFTI),
+        Format(
+            "FreeSurfer",
+            (".white", ".pial", ".inflated", ".sphere", ".orig", ".smoothwm", ".mid"),
+            freesurfer.read_surface,
+            freesurfer.write_surface,
+            re.compile(rb"\xff\xff[\xfd-\xff]"),
+            re.compile(r"[lr]h\.|[^.]+$"),
+        ),
+    ),
+    "map": (
+        Format("GIFTI", _GIFTI_ENDINGS, gifti.read_map, gifti.write_map, _GIFTI),
+        Format(
+            "MGH",
+            (".mgh", ".mgz", ".mgh.gz"),
+            freesurfer.read_mgh,
+            freesurfer.write_mgh,
+            re.compile(rb"\x00\x00\x00\x01"),
+        ),
+        Format("text", (), text_files.read_map, begins=re.compile(rb"\s*[-+]?(?:\d|\.\d|nan)[\t\n\r -~]*\Z", re.I)),
+        Format("FreeSurfer", (), freesurfer.read_curv, freesurfer.write_curv, names=_ANY),
+    ),
+    "regions": (
+        Format("GIFTI", _GIFTI_ENDINGS, gifti.read_regions, gifti.write_regions, _GIFTI),
+        Format("FreeSurfer", (), freesurfer.read_annotation, freesurfer.write_annotation, names=_ANY),
+    ),
+    "mask": (
+        Format("GIFTI", _GIFTI_ENDINGS, gifti.read_mask, gifti.write_mask, _GIFTI),
+        Format("FreeSurfer", (), freesurfer.read_label, freesurfer.write_label, names=_ANY),
+    ),
+}
+_GZIP_MAGIC = b"\x1f\x8b"
+
+
+def format_of(path: Path, content: str = "surface") -> Format | None:
+    """The format of a file by its first bytes; by its name only if they do not identify one."""
+    with path.open("rb") as file:
+        head = file.read(1024)
+    by_head = (kind for kind in FORMATS[content] if kind.starts(head))
+    by_name = (kind for kind in FORMATS[content] if kind.named(path.name))
+    return next(by_head, None) or next(by_name, None)
+
+
+def read_surface(path: StrPath) -> Surface:
+    """Read a triangle surface.
+
+    Parameters
+    ----------
+    path : str or path
+        FreeSurfer (any name, binary or text), GIFTI, PLY, STL, OBJ of Wavefront or MNI, OFF, GLB, VTK, VTP or VTU. The
+        first bytes of the file decide; its ending only if they do not identify a format (Wavefront's OBJ, binary STL).
+
+    Returns
+    -------
+    Surface
+        Vertices in the unit (FreeSurfer and GIFTI: mm) and order of the file, named after the file; with the
+        volume-geometry footer of a FreeSurfer file. Only STL has no shared vertices: corners at exactly the same place
+        are merged, with a warning.
+
+    Raises
+    ------
+    FileNotFoundError
+        The file does not exist; the message lists similar names.
+    ValueError
+        The file is not a surface, truncated, damaged, larger than 2 GiB, or not made of triangles.
+    """
+    path = existing_file(path, "surface")
+    verts, faces, geometry = _readable(path, "surface").read(path)
     try:
-        yield
-    finally:
-        logging.disable(before)
+        return Surface(verts, faces, name=path.name, geometry=geometry)
+    except (ValueError, TypeError):
+        check_mesh(np.asarray(verts), np.asarray(faces), str(path))  # the same error, with the whole path
+        raise
 
 
-def check_counts(raw: bytes) -> None:
-    """Refuse a file whose header declares more elements than it can hold."""
-    for match in _HEADER_COUNTS.finditer(raw):
-        for count in filter(None, match.groups()):
-            if int(count) > len(raw):
-                raise DamagedFile(f"its header declares {count.decode()} elements, but it has {len(raw)} bytes")
+def _readable(path: Path, content: str) -> Format:
+    """The format by which a file is read; raises ``WrongFile`` if there is none."""
+    kind = format_of(path, content)
+    if kind is not None:
+        return kind
+    with path.open("rb") as file:
+        head = file.read(1024)
+    if head.startswith(_GZIP_MAGIC):
+        raise WrongFile(
+            f"{path}: is compressed; only .gii.gz can be read compressed. Decompress it first, with gunzip."
+        )
+    raise WrongFile(
+        f"{path}: is not a surface that morphofold can read ({beginning(head)}). It reads {_names(content)}."
+    )
 
 
-def warn_of_no_end(path: Path, raw: bytes) -> None:
-    """Warn if a text stops within a line: its last number may be cut, 1 of 162. XML and STL mark their end."""
-    says = raw.endswith(b">") or b"endsolid" in raw[-1024:]
-    if not (says or raw[-1:].isspace()) and looks_like_text(raw[:1024]) and looks_like_text(raw[-64:]):
-        warnings.warn(
-            f"{path}: its last line has no line break. If the file was cut, its last number is wrong.", stacklevel=5
+def _writer(path: StrPath, content: str) -> Callable[..., None]:
+    """What writes the format that the name of a file gives; raises ``WrongFile`` if there is none."""
+    path = Path(path)
+    write = next((kind.write for kind in FORMATS[content] if kind.write and kind.named(path.name)), None)
+    if write is None:
+        raise WrongFile(
+            f"{path}: no format has the ending {path.suffix.lower()!r}. The known formats are {_names(content)}."
+        )
+    return write
+
+
+def _names(content: str) -> str:
+    return listed([kind.name for kind in FORMATS[content]])
+
+
+def write_surface(path: StrPath, surface: Surface, *, scanner: bool = False) -> None:
+    """Write a surface completely or not at all; the ending of ``path`` gives the format.
+
+    Parameters
+    ----------
+    path : str or path
+        A name like ``lh.white``, or any name without ending: FreeSurfer, with the footer of
+        ``surface.geometry``. ``.gii``, ``.gii.gz``: GIFTI. ``.ply .stl .obj .off .glb .vtp .vtk .vtu``: that format.
+    surface : Surface
+    scanner : bool
+        Whether to mark a GIFTI surface, which has no footer then, as in the scanner's frame.
+
+    Raises
+    ------
+    WrongFile
+        The ending is none of these.
+
+    Notes
+    -----
+    FreeSurfer, GIFTI, PLY, STL, GLB and VTP hold float32, so coordinates are rounded to it (6e-8 relative).
+    """
+    _writer(path, "surface")(Path(path), surface, **({"scanner": True} if scanner else {}))
+
+
+def read_morph(path: StrPath) -> PerVertex:
+    """Values (N,) float64 of a per-vertex map, as in the file: FreeSurfer ("curv", MGH, MGZ), GIFTI, or a text.
+
+    A text has one number a line, or what ``mris_convert -c`` writes: vertex, x, y, z and value.
+
+    FreeSurfer's sign stays: ``?h.curv`` and ``?h.sulc`` are positive in sulci; ``flip_curvature_sign`` reverses it.
+    NaN stays; all functions that take a map treat it as an unknown value.
+
+    Raises
+    ------
+    ValueError
+        If the file is damaged or of another kind, or a value is infinite.
+    """
+    path = existing_file(path, "per-vertex map")
+    values: PerVertex = _readable(path, "map").read(path)
+    _refuse_infinite(path, values)
+    return values
+
+
+def write_morph(
+    path: StrPath, values: ArrayLike, *, name: str = "", hemi: str | None = None, nan: float | None = None
+) -> None:
+    """Write a per-vertex map (N,) in float32; the ending of ``path`` gives the format.
+
+    Parameters
+    ----------
+    path : str or path
+        ``.gii``, ``.gii.gz``: GIFTI. ``.mgh``: MGH. Any other name: FreeSurfer's "curv".
+    name : str
+        In GIFTI the name that viewers show; by default that of the file.
+    hemi : {"lh", "rh"}, optional
+        For GIFTI; by default taken from the file name.
+    nan : float, optional
+        Value to write in place of NaN (``float("nan")`` keeps it). Without it NaN is refused: other tools
+        average over it or stop at it.
+
+    Raises
+    ------
+    ValueError
+        NaN without ``nan``, infinite values, or another shape than (N,).
+    """
+    write, values = _writer(path, "map"), _checked_map(path, values, nan)
+    about = {"name": name, "hemi": hemi} if write is gifti.write_map else {}
+    write(path, values, **about)
+
+
+def write_gifti_map(
+    path: StrPath, values: ArrayLike, *, name: str = "", hemi: str | None = None, nan: float | None = None
+) -> None:
+    """As :func:`write_morph`, for a name that ends in .gii or .gii.gz."""
+    gifti.check_ending(path)
+    write_morph(path, values, name=name, hemi=hemi, nan=nan)
+
+
+def read_regions(path: StrPath, name: str = "") -> Regions:
+    """Regions of a FreeSurfer annotation or a GIFTI label file; ``name`` is by default that in the file name."""
+    path = existing_file(path, "annotation")
+    regions: Regions = _readable(path, "regions").read(path)
+    return replace(regions, name=name) if name else regions
+
+
+def write_regions(path: StrPath, regions: Regions) -> None:
+    """Write regions as a GIFTI label file if ``path`` ends in .gii, else as a FreeSurfer annotation."""
+    _writer(path, "regions")(path, regions)
+
+
+def read_mask(path: StrPath, n: int) -> NDArray[np.bool_]:
+    """Mask (n,) of a FreeSurfer label, or of a GIFTI map: True where that is positive."""
+    path = existing_file(path, "label")
+    mask: NDArray[np.bool_] = _readable(path, "mask").read(path, n)
+    return mask
+
+
+def write_mask(path: StrPath, mask: NDArray[np.bool_], verts: Verts) -> None:
+    """Write a mask (N,) as a GIFTI label file if ``path`` ends in .gii, else as a FreeSurfer label."""
+    _writer(path, "mask")(path, mask, verts)
+
+
+def _checked_map(path: StrPath, values: ArrayLike, nan: float | None) -> NDArray[np.float32]:
+    values = np.asarray(values, dtype=np.float64)
+    if values.ndim != 1 or len(values) == 0:
+        raise WrongShape(f"{path}: a map has one value per vertex, shape (N,); got {values.shape}.")
+    _refuse_infinite(path, values)
+    missing = np.isnan(values)
+    if missing.any():
+        if nan is None:
+            raise NotFinite(
+                f"{path}: {missing.sum()} of {len(values)} values are NaN; the first is at vertex "
+                f"{np.flatnonzero(missing)[0]}. Choose the value to write there, e.g. nan=0.0."
+            )
+        values = np.where(missing, nan, values)
+    return values.astype(np.float32)
+
+
+def _refuse_infinite(path: StrPath, values: PerVertex) -> None:
+    with np.errstate(over="ignore"):
+        infinite = np.flatnonzero(np.isinf(values.astype(np.float32)))
+    if len(infinite):
+        raise NotFinite(
+            f"{path}: {len(infinite)} of {len(values)} values are infinite or beyond float32, the first at vertex "
+            f"{infinite[0]}. Repair the file, or leave it out."
         )

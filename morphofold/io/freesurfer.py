@@ -19,14 +19,21 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from morphofold.errors import DamagedFile, Mismatch, NamedTwice, OutOfRange, WrongFile, WrongShape
-from morphofold.io.files import StrPath, beginning, decoding, existing_file, looks_like_text, unpacked, write_and_look
-from morphofold.io.formats import Format
+from morphofold.io.files import (
+    StrPath,
+    beginning,
+    decoding,
+    existing_file,
+    looks_like_text,
+    name_in_file,
+    unpacked,
+    write_and_look,
+)
 from morphofold.io.json_files import LARGEST_NUMBER
 from morphofold.provenance import clean_name
 from morphofold.surface import Faces, PerVertex, Regions, Surface, Verts
 
 TRIANGLE_MAGIC, QUAD_MAGIC, QUAD_FLOAT_MAGIC = b"\xff\xff\xfe", b"\xff\xff\xff", b"\xff\xff\xfd"
-_SURFACE_SUFFIXES = (".white", ".pial", ".inflated", ".sphere", ".orig", ".smoothwm", ".mid", "")
 _CREATED_BY = "created by morphofold"  # nibabel's default writes the name of the user and the date
 _COPY_AGAIN = "Copy it again from its source."
 #: kind of coordinates, bytes of a corner, corners of a face; the oldest have hundredths
@@ -45,7 +52,7 @@ def is_geometry(head: bytes) -> bool:
     return head[:3] in (TRIANGLE_MAGIC, QUAD_MAGIC, QUAD_FLOAT_MAGIC)
 
 
-def read_geometry(path: Path) -> tuple[Verts, Faces, Mapping[str, Any] | None]:
+def read_surface(path: Path) -> tuple[Verts, Faces, Mapping[str, Any] | None]:
     """Vertices (N, 3) [mm], faces (M, 3) and the volume-geometry footer of a FreeSurfer surface.
 
     Old quadrangle surfaces are returned as triangles: a quadrangle is cut as by nibabel, and one with two equal corners
@@ -94,12 +101,12 @@ def _footer(tail: bytes, size: int) -> Mapping[str, Any] | None:
     return {**first, "volume": numbers[0].astype(int), **dict(zip(_FOOTER_KEYS[3:], numbers[1:]))}
 
 
-def write_geometry(path: StrPath, surface: Surface) -> None:
+def write_surface(path: StrPath, surface: Surface) -> None:
     """Write a FreeSurfer triangle surface with its footer; the format holds float32."""
     import nibabel.freesurfer as fs
 
     parts = surface.verts, surface.faces, _CREATED_BY, surface.geometry
-    write_and_look(path, lambda name: fs.write_geometry(name, *parts), read_geometry)
+    write_and_look(path, lambda name: fs.write_geometry(name, *parts), read_surface)
 
 
 def scanner_transform(geometry: Mapping[str, Any] | None) -> NDArray[np.float64] | None:
@@ -218,7 +225,7 @@ def read_annotation(path: StrPath) -> Regions:
     at = np.searchsorted(known, value).clip(max=len(known) - 1)
     labels = np.full(n, -1)
     labels[vertex] = np.where(known[at] == value, first[at], -1)
-    return Regions(labels, tuple(names), colours.astype(np.uint8), name=_annotation_name(path))
+    return Regions(labels, tuple(names), colours.astype(np.uint8), name=name_in_file(path, ".annot"))
 
 
 def _colour_table(file: io.BytesIO) -> tuple[list[str], NDArray[np.int64]]:
@@ -255,11 +262,6 @@ def _colour_table(file: io.BytesIO) -> tuple[list[str], NDArray[np.int64]]:
     if not names or (rgb < 0).any() or (rgb > 255).any():
         raise DamagedFile("its colour table is empty or has colours outside 0..255")
     return names, rgb
-
-
-def _annotation_name(path: Path) -> str:
-    name = clean_name(path.name.removesuffix(".annot"))
-    return name[3:] if name[:3] in ("lh.", "rh.") else name
 
 
 def write_annotation(path: StrPath, regions: Regions) -> None:
@@ -357,16 +359,3 @@ def read_aseg_stats(path: StrPath, hemi: str) -> dict[str, float | int]:
         if 0 <= value <= LARGEST_NUMBER:
             found[key] = round(value) if key == "surface_holes" else value
     return found
-
-
-class _FreeSurferFormat(Format):
-    """Names begin with the hemisphere or end in the name of a surface; also names without an ending."""
-
-    def starts(self, head: bytes) -> bool:
-        return is_geometry(head)
-
-    def named(self, name: str) -> bool:
-        return name.startswith(("lh.", "rh.")) or Path(name).suffix.lower() in _SURFACE_SUFFIXES
-
-
-FORMATS = (_FreeSurferFormat("FreeSurfer", (), read_geometry, write_geometry),)

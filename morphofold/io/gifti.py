@@ -1,30 +1,26 @@
-"""GIFTI surfaces, per-vertex maps and regions; nibabel writes them.
-
-GIFTI compresses its arrays, so the size of a file does not give its unpacked size. Each array is unpacked to no more
-than its header gives.
-"""
+"""GIFTI surfaces, per-vertex maps and regions, through nibabel."""
 
 from __future__ import annotations
 
-import base64
 import gzip
-import math
+import html
+import io
 import os
 import re
-import xml.etree.ElementTree as ET
-import zlib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.errors import DamagedFile, OutOfRange, WrongFile
-from morphofold.io.files import StrPath, atomic_file, decoding, existing_file, side_named, unpacked
-from morphofold.io.formats import Format, from_words
+from morphofold.io.files import StrPath, atomic_file, decoding, existing_file, name_in_file, side_named, unpacked
 from morphofold.provenance import clean_name
 from morphofold.surface import Faces, PerVertex, Regions, Surface, Verts
+
+if TYPE_CHECKING:
+    from nibabel.gifti import GiftiImage
 
 _STRUCTURE_OF_HEMI = {"lh": "CortexLeft", "rh": "CortexRight"}
 _SURFACE_METADATA = {  # names as in Connectome Workbench
@@ -33,131 +29,102 @@ _SURFACE_METADATA = {  # names as in Connectome Workbench
     "inflated": {"GeometricType": "Inflated"},
     "sphere": {"GeometricType": "Spherical"},
 }
-MOST_UNPACKED_BYTES = 2**28  # bytes: 7 million vertices and their faces
+_SCANNER = 1  # NIFTI_XFORM_SCANNER_ANAT
+#: what is checked before nibabel reads: it would count to any number of dimensions, and open any file
+_CHECKED = re.compile(rb"""(Dimensionality|ExternalFileName)\s*=\s*["']([^"']+)""")
 _CONVERT_AGAIN = "Convert it again from its source, e.g. with mris_convert or wb_command."
 
 
-def read_gifti_surface(path: Path) -> tuple[Verts, Faces, Mapping[str, Any] | None]:
+def read_surface(path: Path) -> tuple[Verts, Faces, Mapping[str, Any] | None]:
     """Vertices (N, 3), faces (M, 3) and the volume geometry that mris_convert stores, if complete.
 
     The geometry is None for a surface marked as in the scanner's frame: its ``C_RAS`` would move the surface twice.
     """
-    arrays = _read(path, "a GIFTI surface")[0]
-    points, triangles = ([a for a in arrays if a.intent == intent] for intent in ("pointset", "triangle"))
+    image = _read(path, "a GIFTI surface")
+    points, triangles = (image.get_arrays_from_intent(intent) for intent in ("pointset", "triangle"))
     if len(points) != 1 or len(triangles) != 1:
         raise WrongFile(
             f"{path}: holds {len(points)} arrays of points and {len(triangles)} of triangles, not one of each. "
-            f"It holds {_array_intents_text(arrays)}; pass a .surf.gii."
+            f"It holds {_content(image)}; pass a .surf.gii."
         )
-    there = points[0].element.findtext("CoordinateSystemTransformMatrix/DataSpace", "").strip()
-    geometry = None if there == "NIFTI_XFORM_SCANNER_ANAT" else _volume_geometry(points[0].element)
-    return points[0].values, triangles[0].values, geometry
+    in_scanner = points[0].coordsys is not None and points[0].coordsys.dataspace == _SCANNER
+    return points[0].data, triangles[0].data, None if in_scanner else _volume_geometry(points[0].meta)
 
 
-def read_gifti_map(path: Path) -> PerVertex:
+def read_map(path: Path) -> PerVertex:
     """Values (N,) of a GIFTI with a single per-vertex array (``.shape.gii``, ``.func.gii``)."""
-    arrays = _read(path, "a GIFTI map")[0]
-    if len(arrays) != 1 or np.squeeze(arrays[0].values).ndim != 1:
-        raise WrongFile(f"{path}: holds {_array_intents_text(arrays)}; a map has one array with one value per vertex.")
-    return np.asarray(arrays[0].values, dtype=np.float64).reshape(-1)
+    image = _read(path, "a GIFTI map")
+    if len(image.darrays) != 1 or np.squeeze(image.darrays[0].data).ndim != 1:
+        raise WrongFile(f"{path}: holds {_content(image)}; a map has one array with one value per vertex.")
+    return np.asarray(image.darrays[0].data, dtype=np.float64).reshape(-1)
 
 
-def read_gifti_regions(path: Path, name: str = "regions") -> Regions:
-    """Regions of a GIFTI label file (``.label.gii``), in the order of their keys; key 0 means no region.
+def read_regions(path: Path) -> Regions:
+    """Regions of a GIFTI label file (``lh.aparc.label.gii``), in the order of their keys; key 0 means no region.
 
     Raises
     ------
-    FileNotFoundError
-        If the file does not exist.
     ValueError
         If it is damaged, does not hold exactly one array of keys, or its table lacks a key.
     """
-    arrays, labels = _read(existing_file(path, "label file"), "a GIFTI label file")
-    if len(arrays) != 1 or arrays[0].intent != "label" or arrays[0].values.ndim != 1:
-        raise WrongFile(f"{path}: holds {_array_intents_text(arrays)}; regions are one array with one key per vertex.")
+    image = _read(path, "a GIFTI label file")
+    arrays = image.get_arrays_from_intent("label")
+    if len(image.darrays) != 1 or not arrays or arrays[0].data.ndim != 1:
+        raise WrongFile(f"{path}: holds {_content(image)}; regions are one array with one key per vertex.")
     with decoding(path, "a GIFTI label file", _CONVERT_AGAIN):  # keys may be too large for an integer
-        table = {int(label.get("Key") or label.get("Index") or ""): label for label in labels}
-        keys = np.array(sorted(table.keys() - {0}), dtype=np.int64)
-        shades = [[float(table[k].get(c) or 0) for c in ("Red", "Green", "Blue")] for k in keys.tolist()]
-    values = np.asarray(arrays[0].values, dtype=np.int64)
+        table = {label.key: label for label in image.labeltable.labels}
+        keys, values = np.array(sorted(table.keys() - {0}), dtype=np.int64), arrays[0].data.astype(np.int64)
     missing = np.setdiff1d(values, [0, *keys])
     if missing.size:
         raise DamagedFile(
             f"{path}: its label table lacks {len(missing)} of the keys, the first is {missing[0]}. {_CONVERT_AGAIN}"
         )
-    colours = np.array(shades, dtype=np.float64).reshape(-1, 3)
-    names = tuple(clean_name((table[k].text or "").strip()) for k in keys.tolist())
+    labels = [table[key] for key in keys.tolist()]
+    colours = np.array([[x.red or 0, x.green or 0, x.blue or 0] for x in labels], dtype=np.float64).reshape(-1, 3)
+    names = tuple(clean_name(getattr(label, "label", "")) for label in labels)  # nibabel sets none without a text
     indices = np.where(values == 0, -1, np.searchsorted(keys, values))
-    return Regions(indices, names, np.round(255 * colours.clip(0, 1)).astype(np.uint8), name)
+    rgb = np.round(255 * colours.clip(0, 1)).astype(np.uint8)
+    return Regions(indices, names, rgb, name_in_file(path, ".label.gii"))
 
 
-class _GiftiArray(NamedTuple):
-    """An array, its intent in lower case, such as ``pointset``, and its element."""
-
-    intent: str
-    values: NDArray[Any]
-    element: ET.Element
+def read_mask(path: Path, n: int) -> NDArray[np.bool_]:
+    """Mask (n,): where a map or the keys of a label file are positive; another length is for the caller to refuse."""
+    return read_map(path) > 0
 
 
-def _read(path: Path, what: str) -> tuple[list[_GiftiArray], list[ET.Element]]:
-    """The arrays of a file, and the labels of its table."""
+def _read(path: Path, what: str) -> GiftiImage:
+    """The image of a file, by nibabel; each of its arrays has data."""
+    from nibabel.gifti import GiftiImage
+
     with decoding(path, what, _CONVERT_AGAIN):
-        root = ET.fromstring(unpacked(path, MOST_UNPACKED_BYTES))
-        arrays, left = [], MOST_UNPACKED_BYTES
-        for element in root.iter("DataArray"):
-            arrays.append(_read_array(element, path.parent, left))
-            left -= arrays[-1].values.nbytes
-        return arrays, list(root.iter("Label"))
+        file = io.BytesIO(unpacked(path))
+        for key, value in _CHECKED.findall(file.getvalue()):
+            if key == b"ExternalFileName":
+                _check_beside(path, html.unescape(value.decode()))
+            elif value.strip() not in (b"1", b"2", b"3", b"4", b"5", b"6"):
+                raise DamagedFile(f"an array has {value.decode():.20} dimensions; GIFTI allows 1 to 6")
+        file.name = os.fspath(path)  # where nibabel looks for arrays in files beside it
+        parser: Any = GiftiImage.parser(mmap=False)
+        parser.parse(fptr=file)
+        image: GiftiImage = parser.img
+        if any(
+            array.data is None or not array.data.size or array.data.dtype.kind not in "fiu" for array in image.darrays
+        ):
+            raise DamagedFile("it has an array without numbers")
+        return image
 
 
-def _read_array(element: ET.Element, folder: Path, most: int) -> _GiftiArray:
-    n = int(element.get("Dimensionality", "1"))
-    if not 1 <= n <= 6:
-        raise DamagedFile(f"an array has {n} dimensions; GIFTI allows 1 to 6")
-    dims = [int(element.get(f"Dim{i}", "1")) for i in range(n)]
-    shape = " x ".join(map(str, dims))
-    kind = np.dtype(element.get("DataType", "").removeprefix("NIFTI_TYPE_").lower())
-    size = math.prod(dims) * kind.itemsize
-    if min(dims) <= 0 or size > most:
-        raise DamagedFile(f"an array of {shape} values is empty or too large")
-    encoding, text = element.get("Encoding", ""), element.findtext("Data") or ""
-    if encoding == "ASCII":
-        data = from_words(text.split(), kind).tobytes()
-    elif encoding == "ExternalFileBinary":
-        data = _external(folder, element.get("ExternalFileName", ""), int(element.get("ExternalFileOffset") or 0), size)
-    elif encoding in ("Base64Binary", "GZipBase64Binary"):
-        data = base64.b64decode(text)
-        data = zlib.decompressobj().decompress(data, size + 1) if encoding.startswith("GZip") else data
-    else:
-        raise DamagedFile(f"an array has the unknown encoding {encoding[:40]!r}")
-    if len(data) != size:
-        more = "more" if len(data) > size else len(data)
-        raise DamagedFile(f"an array of {shape} values needs {size} bytes, but it unpacks to {more}")
-    order: Any = "C"
-    if encoding != "ASCII":  # whose numbers are those of this computer, row by row, as nibabel writes them
-        kind = kind.newbyteorder(">" if element.get("Endian") == "BigEndian" else "<")
-        order = "F" if element.get("ArrayIndexingOrder") == "ColumnMajorOrder" else "C"
-    values = np.frombuffer(data, kind).reshape(dims, order=order)
-    return _GiftiArray(element.get("Intent", "").removeprefix("NIFTI_INTENT_").lower(), values, element)
+def _check_beside(path: Path, name: str) -> None:
+    """Refuse any other file than one beside the GIFTI file, where SPM and CAT12 keep arrays."""
+    if not re.fullmatch(r"[^/\\:\0]+", name):
+        raise WrongFile(f"it keeps an array in {name!r}, but only a file beside it is read")
+    existing_file(path.with_name(name), "file of arrays")
 
 
-def _external(folder: Path, name: str, at: int, size: int) -> bytes:
-    """Bytes of a file beside the GIFTI file, where SPM and CAT12 keep arrays; any other file is refused.
+def _content(image: GiftiImage) -> str:
+    from nibabel.nifti1 import intent_codes
 
-    A link is one to another file, unless git-annex made it.
-    """
-    beside = folder / name
-    if not re.fullmatch(r"[^/\\:\0]+", name) or (
-        beside.is_symlink() and "/annex/objects/" not in os.path.realpath(beside)
-    ):
-        raise WrongFile(f"it keeps an array in {name!r}, but only a file beside it, which is no link, is read")
-    with existing_file(beside, "file of arrays").open("rb") as file:
-        file.seek(at)
-        return file.read(size)
-
-
-def _array_intents_text(arrays: list[_GiftiArray]) -> str:
-    names = [f"{a.intent} {a.values.shape}" for a in arrays]
+    names = [f"{str(intent_codes.niistring[a.intent]).split('_')[-1].lower()} {a.data.shape}" for a in image.darrays]
     return ", ".join(names[:4]) + (" ..." if len(names) > 4 else "") if names else "no arrays"
 
 
@@ -171,20 +138,19 @@ _FOOTER_KEYS = {
 }
 
 
-def _volume_geometry(element: ET.Element) -> Mapping[str, Any] | None:
+def _volume_geometry(meta: Mapping[str, str]) -> Mapping[str, Any] | None:
     """FreeSurfer's footer from the ``VolGeom...`` entries of mris_convert; None unless all exist."""
-    meta = {(md.findtext("Name") or "").strip(): (md.findtext("Value") or "").strip() for md in element.iter("MD")}
     try:
-        found = {k: np.array([float(meta[f"VolGeom{n}"]) for n in names]) for k, names in _FOOTER_KEYS.items()}
+        rows = {k: np.array([float(meta[f"VolGeom{n}"]) for n in names]) for k, names in _FOOTER_KEYS.items()}
     except (KeyError, ValueError):
         return None
-    if not all(np.isfinite(v).all() for v in found.values()):
+    if not all(np.isfinite(v).all() for v in rows.values()):
         return None
     head = {"head": np.array([2, 0, 20]), "valid": "1  # volume info valid"}
-    return {**head, "filename": meta.get("VolGeomFname", ""), **found, "volume": found["volume"].astype(int)}
+    return {**head, "filename": meta.get("VolGeomFname", ""), **rows, "volume": rows["volume"].astype(int)}
 
 
-def write_gifti_surface(path: StrPath, surface: Surface, hemi: str | None = None, *, scanner: bool = False) -> None:
+def write_surface(path: StrPath, surface: Surface, hemi: str | None = None, *, scanner: bool = False) -> None:
     """Write a GIFTI surface, float32 and int32, compressed; its footer is written as ``VolGeom...``.
 
     Coordinates stay unchanged. As with ``mris_convert``, coordinates in FreeSurfer's surface frame stay in that frame,
@@ -214,15 +180,17 @@ def write_gifti_surface(path: StrPath, surface: Surface, hemi: str | None = None
     _write_image(path, [points, triangles], {})
 
 
-def write_gifti_map_file(path: StrPath, values: NDArray[np.float32], name: str, hemi: str | None) -> None:
-    """Write checked values (N,) as a GIFTI map."""
+def write_map(path: StrPath, values: NDArray[np.float32], name: str = "", hemi: str | None = None) -> None:
+    """Write checked values (N,) as a GIFTI map; ``name`` is by default that of the file."""
     from nibabel.gifti import GiftiDataArray
 
-    array = GiftiDataArray(values, "NIFTI_INTENT_SHAPE", "NIFTI_TYPE_FLOAT32", meta={"Name": name})
+    array = GiftiDataArray(
+        values, "NIFTI_INTENT_SHAPE", "NIFTI_TYPE_FLOAT32", meta={"Name": name or Path(path).name.split(".gii")[0]}
+    )
     _write_image(path, [array], _structure_metadata(path, hemi))
 
 
-def write_gifti_regions(path: StrPath, regions: Regions, hemi: str | None = None) -> None:
+def write_regions(path: StrPath, regions: Regions, hemi: str | None = None) -> None:
     """Write regions as a GIFTI label file: region i has key i + 1; key 0, ??? as in Workbench, means no region."""
     from nibabel.gifti import GiftiDataArray, GiftiLabel, GiftiLabelTable
 
@@ -240,27 +208,26 @@ def write_gifti_regions(path: StrPath, regions: Regions, hemi: str | None = None
     _write_image(path, [array], _structure_metadata(path, hemi), table)
 
 
+def write_mask(path: StrPath, mask: NDArray[np.bool_], verts: Verts | None = None) -> None:
+    """Write a mask (N,) as a GIFTI label file whose one region is ``cortex``."""
+    write_regions(path, Regions(np.where(mask, 0, -1), ("cortex",), np.array([[255, 255, 255]], np.uint8), "cortex"))
+
+
 def _structure_metadata(path: StrPath, hemi: str | None) -> dict[str, str]:
     hemi = hemi or side_named(Path(path).name)
     return {"AnatomicalStructurePrimary": _STRUCTURE_OF_HEMI[hemi]} if hemi in _STRUCTURE_OF_HEMI else {}
 
 
+def check_ending(path: StrPath) -> None:
+    """Refuse another name for a GIFTI file than one in .gii or .gii.gz."""
+    if not os.fspath(path).endswith((".gii", ".gii.gz")):
+        raise WrongFile(f"{path}: the name of a GIFTI file must end in .gii or .gii.gz.")
+
+
 def _write_image(path: StrPath, arrays: list[Any], meta: dict[str, str], labels: Any = None) -> None:
     from nibabel.gifti import GiftiImage, GiftiMetaData
 
-    if not os.fspath(path).endswith((".gii", ".gii.gz")):
-        raise WrongFile(f"{path}: the name of a GIFTI file must end in .gii or .gii.gz.")
+    check_ending(path)
     raw = GiftiImage(darrays=arrays, meta=GiftiMetaData(meta), labeltable=labels).to_bytes()
     with atomic_file(path) as temporary:
         temporary.write_bytes(gzip.compress(raw, mtime=0) if os.fspath(path).endswith(".gz") else raw)
-
-
-FORMATS = (
-    Format(
-        "GIFTI (.gii)",
-        (".gii", ".gii.gz"),
-        read_gifti_surface,
-        write_gifti_surface,
-        re.compile(rb".*?<GIFTI", re.DOTALL),
-    ),
-)

@@ -8,12 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from morphofold.errors import DamagedFile, WrongFile
-from morphofold.io.files import decoding
-from morphofold.io.formats import Format, SurfaceContent, from_words, warn_of_no_end
+from morphofold.io.files import SurfaceContent, decoding, from_words, warn_of_no_end
 from morphofold.surface import PerVertex
-
-#: a text that begins with a number
-NUMBER_FIRST = re.compile(rb"\s*[-+]?(?:\d|\.\d|nan)", re.IGNORECASE)
 
 
 def read_ascii(path: Path) -> SurfaceContent:
@@ -56,14 +52,3 @@ def read_map(path: Path) -> PerVertex:
             raise WrongFile(f"its lines hold {width} numbers, not one value of each vertex")
     warn_of_no_end(path, raw)
     return table[:, -1]
-
-
-FORMATS = (
-    Format(
-        "FreeSurfer's text (.asc, .srf)",
-        (),
-        read_ascii,
-        begins=re.compile(rb"#!ascii[^\n]*\n(?:#[^\n]*\n)*\s*\d+[ \t]+\d+[ \t\r]*\n"),
-    ),
-    Format("MNI OBJ", (), read_mni, begins=re.compile(rb"P(?:\s+[-+.\deE]+){5}\s+\d+\s")),
-)

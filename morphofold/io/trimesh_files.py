@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import re
 import warnings
-from functools import partial
 from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 
 from morphofold.errors import DamagedFile
-from morphofold.io.files import atomic_file, decoding
-from morphofold.io.formats import Format, SurfaceContent, check_counts, silent_log, warn_of_no_end
+from morphofold.io.files import SurfaceContent, atomic_file, check_counts, decoding, silent_log, warn_of_no_end
 from morphofold.surface import Faces, Surface, Verts
 
 _PLY_COUNTS = re.compile(rb"\n[ \t]*element[ \t]+(vertex|face)[ \t]+(\d+)")
@@ -101,16 +99,3 @@ def write(kind: str, path: Path, surface: Surface) -> None:
     with atomic_file(path) as temporary:
         mesh = trimesh.Trimesh(surface.verts, surface.faces, process=False)
         mesh.export(temporary, file_type=kind, **({"digits": 22} if kind in ("obj", "off") else {}))
-
-
-def _trimesh_format(kind: str, begins: re.Pattern[bytes] | None) -> Format:
-    return Format(kind.upper(), (f".{kind}",), partial(read, kind), partial(write, kind), begins)
-
-
-FORMATS = (
-    _trimesh_format("ply", re.compile(rb"ply\r?\n")),
-    _trimesh_format("glb", re.compile(rb"glTF")),
-    _trimesh_format("off", re.compile(rb"\s*(#[^\n]*\n\s*)*OFF\s")),
-    _trimesh_format("stl", re.compile(rb"\s*solid\b")),  # text only; a binary file has no mark
-    _trimesh_format("obj", None),
-)

@@ -17,8 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.errors import DamagedFile, WrongFile
-from morphofold.io.files import atomic_file, decoding, write_and_look
-from morphofold.io.formats import Format, SurfaceContent, check_counts, from_words, warn_of_no_end
+from morphofold.io.files import (
+    SurfaceContent,
+    atomic_file,
+    check_counts,
+    decoding,
+    from_words,
+    warn_of_no_end,
+    write_and_look,
+)
 from morphofold.surface import Surface
 
 MOST_UNPACKED_BYTES = 2**29  # bytes of all arrays of a file together
@@ -214,7 +221,3 @@ def _write_polygons(path: Path, surface: Surface) -> None:
         writer.WriteToOutputStringOn()  # into memory: VTK ends the process if the disk is full
         writer.Write()
         temporary.write_text(writer.GetOutputString(), encoding="ascii")
-
-
-_ENDINGS = (".vtk", ".vtp", ".vtu")
-FORMATS = (Format("VTK (.vtk, .vtp, .vtu)", _ENDINGS, read, write, re.compile(rb"# vtk|[^#]*<VTKFile ")),)

@@ -55,7 +55,7 @@ def _write_surface(layout: Layout, cortex: Cortex, kind: str, surface: Surface) 
     if layout.bids:
         surface = surface if movable else replace(surface, geometry=None)
         scanner = movable and cortex.transform is not None
-        gifti.write_gifti_surface(path, surface, cortex.hemi, scanner=scanner)
+        gifti.write_surface(path, surface, cortex.hemi, scanner=scanner)
     else:
         io.write_surface(path, surface)
 
@@ -97,7 +97,7 @@ def _write_regions_and_mask(layout: Layout, cortex: Cortex) -> None:
     if regions is not None:
         path = layout.new_path("regions", hemi, regions.name)
         if layout.bids:
-            gifti.write_gifti_regions(path, regions, hemi)
+            gifti.write_regions(path, regions, hemi)
             write_table(path.with_name(path.name.replace(".label.gii", ".tsv")), *_region_keys(regions))
         else:
             io.write_annotation(path, regions)
@@ -107,7 +107,7 @@ def _write_regions_and_mask(layout: Layout, cortex: Cortex) -> None:
         path = layout.new_path("mask", hemi)
         if layout.bids:
             white = np.array([[255, 255, 255]], np.uint8)
-            gifti.write_gifti_regions(path, Regions(np.where(mask, 0, -1), ("cortex",), white, "cortex"), hemi)
+            gifti.write_regions(path, Regions(np.where(mask, 0, -1), ("cortex",), white, "cortex"), hemi)
         else:
             io.write_label(path, mask, cortex.white.verts)
         layout.describe(path, Description="1 where the vertex is cortex, else 0", Type="ROI", **surface)

@@ -23,9 +23,8 @@ from morphofold.errors import (
     WrongFile,
     WrongShape,
 )
-from morphofold.io.files import decoding
-from morphofold.io.formats import from_words, warn_of_no_end
-from morphofold.io.surfaces import is_surface
+from morphofold.io.files import decoding, from_words, warn_of_no_end
+from morphofold.io.formats import format_of
 from morphofold.io.vtk_files import read_grid
 from morphofold.sim.scene import MOST_BRICKS, MeshFile
 
@@ -127,7 +126,7 @@ def read_tet_file(geometry: MeshFile) -> TetFile:
     name = geometry.file
     path = geometry.path()
     readable = path.name.lower().endswith(tuple(meshio.extension_to_filetypes))
-    if _holds_polygons(path) if readable else is_surface(path):
+    if _holds_polygons(path) if readable else format_of(path):
         raise WrongFile(_is_surface_text(name))
     if not readable:
         raise WrongFile(

@@ -13,7 +13,7 @@ from hard_cases.cases import hard_case
 from hard_cases.made_files import Sample, compared, same, samples, verdict
 from made_surfaces import FORMATS
 
-from morphofold.io import freesurfer, gifti, read_surface, surfaces, trimesh_files, vtk_files
+from morphofold.io import formats, freesurfer, gifti, read_surface, trimesh_files, vtk_files
 from morphofold.results import layouts
 from morphofold.sim.mesh import tet_files
 from morphofold.sim.mesh.tetmesh import read_tets
@@ -244,15 +244,15 @@ def test_flipped_checkpoint(known, holds):
     assert_sound(holds, found, 600)
 
 
-def by_name(path, head):
-    return next((one for one in surfaces.FORMATS if one.named(path.name)), None)
+def by_name(path, content="surface"):
+    return next((one for one in formats.FORMATS[content] if one.named(path.name)), None)
 
 
 @hard_case(
     "files",
     "every format under every other's name",
     guard="the first bytes decide, not the name",
-    without=lambda patch: patch.setattr("morphofold.io.surfaces._format_of_file", by_name),
+    without=lambda patch: patch.setattr("morphofold.io.formats.format_of", by_name),
 )
 def test_wrong_names(known, holds):
     wrong = {}
