@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -15,7 +14,7 @@ from morphofold.errors import MissingPart, WrongFile
 from morphofold.forecasts.cost import WRITING_STAGE, cost_of_analysis
 from morphofold.io import atomic_folder, read_surface
 from morphofold.io.json_files import read_json
-from morphofold.provenance import changed_since, digests, printable, records_as_read, strict_json
+from morphofold.provenance import changed_since, digests, printable, records_as_read
 from morphofold.results.dataset import subject_place, write_dataset_files
 from morphofold.results.hemisphere_files import read_hemisphere, read_map, transformed, write_hemisphere
 from morphofold.results.layouts import MISSING_DESCRIPTION, Layout
@@ -28,17 +27,6 @@ if TYPE_CHECKING:
 
 #: draws the page of an analysis: called as ``page(measures, path, failed=, inputs=, stages=, clock=)``
 DrawPage = Callable[..., object]
-
-
-@dataclass(frozen=True)
-class Extras:
-    """What is recorded with the measures of an analysis, and drawn on its page; as for ``write_analysis``."""
-
-    failed: Mapping[str, str] | None
-    parameters: Mapping[str, Any] | None
-    report: DrawPage | Literal[False]
-    stages: Sequence[Cortex]
-    clock: Stages | None
 
 
 def check_wide(cortices: Sequence[Cortex]) -> None:
@@ -62,6 +50,7 @@ def write_analysis(
     mgh: bool = False,
     wide: bool = False,
     clock: Stages | None = None,
+    subject: str = "",
 ) -> Path:
     """Write an analysis, completely or not at all.
 
@@ -88,6 +77,8 @@ def write_analysis(
     clock : Stages, optional
         The clock of the measuring. With it cost.json and the page give the cost of the analysis. These are the only
         files that are not byte for byte the same the next time.
+    subject : str
+        Its name, if ``out`` is its folder in a BIDS dataset, which :func:`write_dataset` writes.
 
     Returns
     -------
@@ -101,8 +92,37 @@ def write_analysis(
     FileExistsError
         If ``out`` contains something that morphofold did not write.
     """
-    extras = Extras(failed, parameters, report, stages, clock)
-    return _write(measures, Path(out), "", extras, inputs=inputs, mgh=mgh, wide=wide)
+    out = Path(out)
+    if clock is not None:
+        clock.begin(WRITING_STAGE)
+    records = checked_inputs(measures, out, inputs)
+    if wide:
+        check_wide([m.cortex for m in measures])
+    with atomic_folder(out) as folder:
+        layout = Layout(folder, out.name if subject else "")
+        layout.path("map").parent.mkdir()  # even if nothing was mapped
+        placed = [transformed(m, m.cortex.transform) for m in measures] if layout.bids else measures
+        for m in placed:
+            write_hemisphere(m, layout, mgh=mgh)
+        for name, columns in COLUMNS.items():
+            layout.write_table(name, columns, [row for m in placed for row in getattr(m, name)])
+        layout.write_table("surfaces", *scalar_table(measures))
+        if wide:
+            row = wide_table({measures[0].cortex.name: [row for m in measures for row in m.regions]})
+            write_table(folder / "regions_wide.tsv", ("subject",), row)
+        content = summary_of(measures, records, parameters or {}, failed or {})
+        if layout.bids:
+            content = {"subject": subject, **content, "nan": f"{MISSING_DESCRIPTION}; n/a in tables"}
+        else:
+            content["written"] = digests(folder)
+        layout.write_json("summary", content)
+        if report:
+            grown = [Measures(cortex, {}, {}) for cortex in stages]
+            recorded = {key: content[key] for key in ("failed", "inputs")}
+            report(measures, folder / "report.html", **recorded, stages=grown, clock=clock)
+        if clock is not None:
+            layout.write_json("cost", cost_of_analysis(measures, clock).as_dict())
+    return out
 
 
 def write_dataset(
@@ -120,22 +140,13 @@ def write_dataset(
 
     Parameters
     ----------
-    measures : sequence of Measures
-        One hemisphere, or a left and a right one.
     dataset : str or path
         Folder of the dataset: new, empty, or one that this function wrote; its other subjects stay.
     name : str
         Name of the subject; only its letters and digits are kept in BIDS. Results of an earlier run with this name are
         replaced.
-    failed : mapping, optional
-        As for ``write_analysis``.
-    parameters : mapping, optional
-        Recorded for the whole run.
-    report : callable or False
-        Draws report.html and figures/*.png: :func:`morphofold.report.analysis_report`, or a similar function.
-    stages : sequence of Cortex
-    clock : Stages, optional
-        As for ``write_analysis``; the cost is in ``sub-NAME_desc-morphofold_cost.json``.
+    measures, failed, parameters, report, stages, clock
+        As for :func:`write_analysis`; the cost is in ``sub-NAME_desc-morphofold_cost.json``.
 
     Returns
     -------
@@ -158,60 +169,10 @@ def write_dataset(
     and are unchanged.
     """
     place = subject_place(Path(dataset), name)
-    _write(measures, place, name, Extras(failed, parameters, report, stages, clock))
+    options: dict[str, Any] = {"failed": failed, "parameters": parameters, "report": report}
+    write_analysis(measures, place, **options, stages=stages, clock=clock, subject=name)
     write_dataset_files(Path(dataset))
     return place
-
-
-def _write(
-    measures: Sequence[Measures],
-    out: Path,
-    subject: str,
-    extras: Extras,
-    *,
-    inputs: Iterable[str | Path] = (),
-    mgh: bool = False,
-    wide: bool = False,
-) -> Path:
-    """Write an analysis: as ``subject`` of a BIDS dataset to its folder there, or without one in the plain layout."""
-    if extras.clock is not None:
-        extras.clock.begin(WRITING_STAGE)
-    records = checked_inputs(measures, out, inputs)
-    if wide:
-        check_wide([m.cortex for m in measures])
-    with atomic_folder(out) as folder:
-        layout = Layout(folder, out.name if subject else "")
-        layout.new_path("map")  # its folder is there even if nothing was mapped
-        placed = [transformed(m, m.cortex.transform) for m in measures] if layout.bids else measures
-        for m in placed:
-            write_hemisphere(m, layout, mgh=mgh)
-        for name, columns in COLUMNS.items():
-            layout.write_table(name, columns, [row for m in placed for row in getattr(m, name)])
-        layout.write_table("surfaces", *scalar_table(measures))
-        if wide:
-            row = wide_table({measures[0].cortex.name: [row for m in measures for row in m.regions]})
-            write_table(folder / "regions_wide.tsv", ("subject",), row)
-        content = summary_of(measures, records, extras.parameters or {}, extras.failed or {})
-        if layout.bids:
-            content = {"subject": subject, **content, "nan": f"{MISSING_DESCRIPTION}; n/a in tables"}
-        else:
-            content["written"] = digests(folder)
-        layout.path("summary").write_text(strict_json(content), encoding="utf-8")
-        _write_page_and_cost(measures, layout, content, extras)
-    return out
-
-
-def _write_page_and_cost(
-    measures: Sequence[Measures], layout: Layout, content: Mapping[str, Any], extras: Extras
-) -> None:
-    """Write the last files of an analysis: the page if one is drawn, the cost if there is a clock."""
-    if extras.report:
-        grown = [Measures(cortex, {}, {}) for cortex in extras.stages]
-        recorded = {key: content[key] for key in ("failed", "inputs")}
-        extras.report(measures, layout.folder / "report.html", **recorded, stages=grown, clock=extras.clock)
-    if extras.clock is not None:
-        cost = cost_of_analysis(measures, extras.clock).as_dict()
-        layout.path("cost").write_text(strict_json(cost), encoding="utf-8")
 
 
 def read_analysis(folder: str | Path) -> list[Measures]:

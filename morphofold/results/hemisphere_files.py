@@ -6,7 +6,7 @@ has FreeSurfer's sign; reading reverses both.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 from morphofold import io
 from morphofold.analysis.measures import Measures
 from morphofold.errors import DamagedFile, Mismatch
-from morphofold.io import gifti
+from morphofold.io.formats import read_mask, read_regions, write_mask, write_regions
 from morphofold.quantities import quantity
 from morphofold.results.graph_file import read_graph, write_graph
 from morphofold.results.layouts import INPUT_MAP_UNITS, MISSING_DESCRIPTION, Layout, in_bids_letters
 from morphofold.results.subject_files import stats_name, write_gyral_stats
 from morphofold.results.summary import REANALYSE_ADVICE
-from morphofold.surface import Cortex, PerVertex, Regions, Surface, Verts
+from morphofold.surface import Cortex, PerVertex, Regions, Verts
 from morphofold.tables import write_table
 
 SURFACES_IN_SCANNER = ("white", "pial")
@@ -34,44 +34,35 @@ CURVATURE_DESCRIPTION = "Mean curvature of the pial surface, positive in sulci (
 
 
 def write_hemisphere(m: Measures, layout: Layout, *, mgh: bool = False) -> None:
-    """Write surfaces, maps, regions, mask and gyral graph; in the plain layout also stats as FreeSurfer's, and with
-    ``mgh`` measured maps as MGH. For BIDS the measures are in scanner coordinates."""
+    """Write surfaces, maps, regions, mask, gyral graph and stats as FreeSurfer's, as far as measures and layout have
+    any; with ``mgh`` measured maps also as MGH. For BIDS the measures are in scanner coordinates."""
     cortex, hemi = m.cortex, m.cortex.hemi
     for kind in SURFACES:
         if (surface := getattr(cortex, kind)) is not None:
-            _write_surface(layout, cortex, kind, surface)
-    for kind, maps in (("input_map", cortex.maps), ("map", m.maps)):
-        for name, values in maps.items():
-            _write_map(layout, hemi, kind, name, values, mgh and kind == "map")
+            movable = kind in SURFACES_IN_SCANNER
+            scanner = layout.bids and movable and cortex.transform is not None
+            surface = surface if movable or not layout.bids else replace(surface, geometry=None)
+            layout.write("surface", partial(io.write_surface, surface=surface, scanner=scanner), hemi, kind)
+    for name, values in cortex.maps.items():
+        _write_map(layout, hemi, "input_map", name, values)
+    for name, values in m.maps.items():
+        _write_map(layout, hemi, "map", name, values, ("freesurfer_map", "mgh_map") if mgh else ("freesurfer_map",))
     _write_regions_and_mask(layout, cortex)
     if m.graph is not None:
-        write_graph(layout.new_path("graph", hemi), m.graph)
-    if m.regions and not layout.bids:
-        write_gyral_stats(layout.new_path("stats", name=stats_name(m)), m)
+        layout.write("graph", partial(write_graph, graph=m.graph), hemi)
+    if m.regions:
+        layout.write("stats", partial(write_gyral_stats, m=m), name=stats_name(m))
 
 
-def _write_surface(layout: Layout, cortex: Cortex, kind: str, surface: Surface) -> None:
-    path, movable = layout.new_path("surface", cortex.hemi, kind), kind in SURFACES_IN_SCANNER
-    if layout.bids:
-        surface = surface if movable else replace(surface, geometry=None)
-        scanner = movable and cortex.transform is not None
-        gifti.write_surface(path, surface, cortex.hemi, scanner=scanner)
-    else:
-        io.write_surface(path, surface)
+def _write_map(layout: Layout, hemi: str, kind: str, name: str, values: PerVertex, copies: Sequence[str] = ()) -> None:
+    """Write a map, and its copies in other formats if the layout has them; NaN is 0 in FreeSurfer's."""
+    values, title = _with_file_sign(layout, kind, name, values), layout.ending(kind, name) if layout.bids else ""
 
+    def write(path: Path) -> None:
+        io.write_morph(path, values, name=title, hemi=hemi, nan=np.nan if path.suffix == ".gii" else 0.0)
 
-def _write_map(layout: Layout, hemi: str, kind: str, name: str, values: PerVertex, mgh: bool) -> None:
-    """Write a map as GIFTI; in the plain layout also in FreeSurfer's format, which suffices for an input map."""
-    path = layout.new_path(kind, hemi, name)
-    if layout.bids:
-        values = _with_file_sign(layout, kind, name, values)
-        io.write_gifti_map(path, values, name=layout.ending(kind, name), nan=np.nan, hemi=hemi)
-        layout.describe(path, **_about_map(kind, name))
-        return
-    if path.suffix == ".gii":
-        io.write_gifti_map(path, values, nan=np.nan, hemi=hemi)
-    for end in ("", ".mgh") if mgh else ("",):
-        io.write_morph(path.with_name(path.name.removesuffix(".shape.gii") + end), values, nan=0.0)
+    for each in (kind, *copies):
+        layout.write(each, write, hemi, name, _about_map(kind, name))
 
 
 def _with_file_sign(layout: Layout, kind: str, name: str, values: PerVertex) -> PerVertex:
@@ -87,45 +78,26 @@ def _about_map(kind: str, name: str) -> dict[str, str]:
     return {"Description": label, "Units": in_bids_letters(unit), "Missing": MISSING_DESCRIPTION}
 
 
-# regions and mask -------------------------------------------------------------------------------------------
-
-
 def _write_regions_and_mask(layout: Layout, cortex: Cortex) -> None:
     """Write the regions and the mask of a cortex, as far as it has any."""
     hemi, regions, mask = cortex.hemi, cortex.regions, cortex.cortex
     surface = {"SpatialReference": f"bids::{layout.subject}/anat/{layout.path('surface', hemi, 'white').name}"}
     if regions is not None:
-        path = layout.new_path("regions", hemi, regions.name)
-        if layout.bids:
-            gifti.write_regions(path, regions, hemi)
-            write_table(path.with_name(path.name.replace(".label.gii", ".tsv")), *_region_keys(regions))
-        else:
-            io.write_annotation(path, regions)
         text = f"Regions of the parcellation {regions.name}, one key per vertex"
-        layout.describe(path, Description=text, **surface)
+        write, keys = partial(write_regions, regions=regions), partial(_write_region_keys, regions)
+        layout.write("regions", write, hemi, regions.name, {"Description": text, **surface})
+        layout.write("region_keys", keys, hemi, regions.name)
     if mask is not None:
-        path = layout.new_path("mask", hemi)
-        if layout.bids:
-            white = np.array([[255, 255, 255]], np.uint8)
-            gifti.write_regions(path, Regions(np.where(mask, 0, -1), ("cortex",), white, "cortex"), hemi)
-        else:
-            io.write_label(path, mask, cortex.white.verts)
-        layout.describe(path, Description="1 where the vertex is cortex, else 0", Type="ROI", **surface)
+        about = {"Description": "1 where the vertex is cortex, else 0", "Type": "ROI", **surface}
+        layout.write("mask", partial(write_mask, mask=mask, verts=cortex.white.verts), hemi, about=about)
 
 
-def _region_keys(regions: Regions) -> tuple[tuple[str, ...], list[dict[str, Any]]]:
-    """Columns and rows of the table of keys, names and colours that BIDS wants beside regions."""
+def _write_region_keys(regions: Regions, path: Path) -> None:
+    """Write the table of keys, names and colours that BIDS wants beside regions."""
     named = enumerate(zip(regions.names, regions.colours.tolist()), start=1)
     rows = [{"index": key, "name": name, "color": "#{:02x}{:02x}{:02x}".format(*rgb)} for key, (name, rgb) in named]
-    return ("index", "name", "color"), [{"index": 0, "name": "no region", "color": None}, *rows]
-
-
-def _read_regions(path: Path, n: int, name: str, layout: Layout) -> Regions:
-    if not layout.bids:
-        return io.read_annotation(path)
-    regions = gifti.read_gifti_regions(path, name)
-    _check_size(path, regions.labels, n)
-    return regions
+    none: dict[str, Any] = {"index": 0, "name": "no region", "color": None}
+    write_table(path, ("index", "name", "color"), [none, *rows])
 
 
 # reading ----------------------------------------------------------------------------------------------------
@@ -148,11 +120,12 @@ def read_hemisphere(entry: Mapping[str, Any], tables: Mapping[str, list[dict[str
     fields: dict[str, Any] = {k: replace(io.read_surface(path("surface", name=k)), name=f"{hemi}.{k}") for k in kinds}
     fields |= {key: entry[key] for key in ("hemi", "name", "origin", "units", "info")}
     n, annotation = len(fields["white"].verts), entry["annotation"]
+    mask, regions = path("mask"), path("regions", name=annotation or "")
     cortex = Cortex(
         **fields,
         maps={name: read_map(layout, hemi, name, n, "input_map") for name in entry["came_with"]},
-        cortex=_read_mask(path("mask"), n, layout) if entry["cortex_label"] else None,
-        regions=_read_regions(path("regions", name=annotation), n, annotation, layout) if annotation else None,
+        cortex=_of_size(read_mask(mask, n), n, mask) if entry["cortex_label"] else None,
+        regions=_regions(regions, n, annotation) if annotation else None,
         transform=transform,
         portion=float(entry["portion"]),
         files=tuple(entry["files"]),
@@ -168,20 +141,20 @@ def read_hemisphere(entry: Mapping[str, Any], tables: Mapping[str, list[dict[str
 def read_map(layout: Layout, hemi: str, name: str, n: int, kind: str = "map") -> PerVertex:
     """A map (N,) of a surface with ``n`` vertices: a measured one, positive where convex, or an ``"input_map"``."""
     path = layout.path(kind, hemi, name)
-    values = io.read_morph(path)
-    if path.suffix == ".gii":  # the cortex checks the size of others
-        _check_size(path, values, n)
-    return _with_file_sign(layout, kind, name, values)
+    return _with_file_sign(layout, kind, name, _of_size(io.read_morph(path), n, path))
 
 
-def _read_mask(path: Path, n: int, layout: Layout) -> NDArray[np.bool_]:
-    return _read_regions(path, n, "cortex", layout).labels == 0 if layout.bids else io.read_label(path, n)
+def _regions(path: Path, n: int, name: str) -> Regions:
+    regions = read_regions(path, name)
+    _of_size(regions.labels, n, path)
+    return regions
 
 
-def _check_size(path: Path, values: NDArray[Any], n: int) -> None:
-    """Raise ``Mismatch`` unless a file has a value for each vertex."""
+def _of_size(values: NDArray[Any], n: int, path: Path) -> NDArray[Any]:
+    """The values of a file; raises ``Mismatch`` unless there is one for each vertex."""
     if values.shape != (n,):
         raise Mismatch(f"{path}: {values.shape} values for {n} vertices. The files belong to two analyses.")
+    return values
 
 
 # to the scanner's coordinates, and back ---------------------------------------------------------------------

@@ -9,8 +9,9 @@ which BIDS has no suffix end in ``_morph``; where fMRIPrep has similar files, th
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -30,22 +31,25 @@ PLAIN_PATHS = {
     "regions": "label/{hemi}.{name}.annot",
     "mask": "label/{hemi}.cortex.label",
     "map": "maps/{hemi}.{name}.shape.gii",
+    "freesurfer_map": "maps/{hemi}.{name}",
+    "mgh_map": "maps/{hemi}.{name}.mgh",
     "graph": "graph/{hemi}.json",
     "stats": "stats/{name}",
     "table": "{name}.tsv",
     "summary": "summary.json",
     "cost": "cost.json",
 }
-BIDS_PATHS = {
-    "surface": "{subject}_hemi-{side}_{name}.surf.gii",
-    "input_map": "{subject}_hemi-{side}_{ending}.shape.gii",
-    "regions": "{subject}_hemi-{side}_seg-{camel}_dseg.label.gii",
-    "mask": "{subject}_hemi-{side}_desc-cortex_mask.label.gii",
-    "map": "{subject}_hemi-{side}_{ending}.shape.gii",
-    "graph": "{subject}_hemi-{side}_desc-graph_morph.json",
-    "table": "{subject}_desc-{name}_morph.tsv",
-    "summary": f"{{subject}}{PROVENANCE_ENDING}",
-    "cost": "{subject}_desc-morphofold_cost.json",
+BIDS_PATHS = {  # it has no MGH or FreeSurfer maps, and no stats
+    "surface": "anat/{subject}_hemi-{side}_{name}.surf.gii",
+    "input_map": "anat/{subject}_hemi-{side}_{ending}.shape.gii",
+    "regions": "anat/{subject}_hemi-{side}_seg-{camel}_dseg.label.gii",
+    "region_keys": "anat/{subject}_hemi-{side}_seg-{camel}_dseg.tsv",
+    "mask": "anat/{subject}_hemi-{side}_desc-cortex_mask.label.gii",
+    "map": "anat/{subject}_hemi-{side}_{ending}.shape.gii",
+    "graph": "anat/{subject}_hemi-{side}_desc-graph_morph.json",
+    "table": "anat/{subject}_desc-{name}_morph.tsv",
+    "summary": f"anat/{{subject}}{PROVENANCE_ENDING}",
+    "cost": "anat/{subject}_desc-morphofold_cost.json",
 }
 BIDS_SIDES = {"lh": "L", "rh": "R"}
 #: maps that come with surfaces, their units
@@ -86,19 +90,31 @@ class Layout:
     def bids(self) -> bool:
         return bool(self.subject)
 
+    @property
+    def paths(self) -> Mapping[str, str]:
+        return BIDS_PATHS if self.bids else PLAIN_PATHS
+
     def path(self, kind: str, hemi: str = "", name: str = "") -> Path:
         """Path of a file; raises ``NotReadable`` for a name that cannot be part of it."""
         fields = {"hemi": hemi, "name": name and file_word(name), "subject": self.subject}
-        if not self.bids:
-            return self.folder / PLAIN_PATHS[kind].format(**fields)
         fields |= {"side": BIDS_SIDES.get(hemi, ""), "camel": _camel_case(name), "ending": self.ending(kind, name)}
-        return self.folder / "anat" / BIDS_PATHS[kind].format(**fields)
+        return self.folder / self.paths[kind].format(**fields)
 
-    def new_path(self, kind: str, hemi: str = "", name: str = "") -> Path:
-        """Path of a file to write, in a folder that exists."""
+    def write(
+        self, kind: str, write: Callable[[Path], object], hemi: str = "", name: str = "", about: Mapping[str, Any] = {}
+    ) -> None:
+        """Let ``write(path)`` write a file if this layout has such files; in BIDS also the JSON that describes it."""
+        if kind not in self.paths:
+            return
         path = self.path(kind, hemi, name)
         path.parent.mkdir(parents=True, exist_ok=True)
-        return path
+        write(path)
+        if self.bids and about:
+            _write_json(about, path.with_name(f"{path.name.split('.')[0]}.json"))
+
+    def write_json(self, kind: str, content: Mapping[str, Any]) -> None:
+        """Write a JSON file."""
+        self.write(kind, partial(_write_json, content))
 
     def ending(self, kind: str, name: str) -> str:
         """End of the name of a map's file in BIDS: ``desc-sulcalDepth_morph``, or ``desc-input_sulc`` for a map that
@@ -106,17 +122,10 @@ class Layout:
         name = f"input_{name}" if kind == "input_map" else name
         return MAP_ENDINGS.get(name, f"desc-{_camel_case(name)}_morph")
 
-    def describe(self, path: Path, **fields: Any) -> None:
-        """Write the JSON file that describes a file in BIDS; nothing in the plain layout."""
-        if self.bids:
-            path.with_name(f"{path.name.split('.')[0]}.json").write_text(strict_json(fields), encoding="utf-8")
-
     def write_table(self, name: str, columns: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> None:
         """Write a table, and in BIDS the meaning of its columns."""
-        path = self.new_path("table", name=name)
-        write_table(path, columns, rows)
-        if self.bids:
-            self.describe(path, **{key: _about_column(key) for key in dict.fromkeys(chain(columns, *rows))})
+        about = {key: _about_column(key) for key in dict.fromkeys(chain(columns, *rows))}
+        self.write("table", partial(write_table, columns=columns, rows=rows), name=name, about=about)
 
     def read_tables(self, row_counts: Mapping[str, int]) -> dict[str, list[dict[str, Any]]]:
         """Read the tables, by name: as many rows as the summary says; none of a table that its version did not have."""
@@ -130,6 +139,10 @@ class Layout:
                 raise MissingPart(f"{file}: lacks the columns {', '.join(missing)}. {REANALYSE_ADVICE}")
             tables[name] = rows
         return tables
+
+
+def _write_json(content: Mapping[str, Any], path: Path) -> None:
+    path.write_text(strict_json(content), encoding="utf-8")
 
 
 def in_bids_letters(unit: str) -> str:

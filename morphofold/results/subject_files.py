@@ -32,24 +32,8 @@ RECORD_FILE = "stats/morphofold.json"  # in the subject: SHA-256 of the files th
 SURF_FILES = {"gyral_thickness": "gyral_thickness", "pial_lgi": "local_gyrification_index"}
 #: files that a subject does not have: a simulation, one of its stages, an analysis
 _NOT_IN_A_SUBJECT = ("stages", "stage.json", "summary.json", MARKER_FILE)
-#: columns: heading, its words in the file, unit, format
-STATS_COLUMNS = (
-    ("StructName", "Structure Name", "NA", "{:<40}"),
-    ("NumVert", "Number of Vertices", "unitless", "{:5d}"),
-    ("SurfArea", "Surface Area", "mm^2", "{:6.0f}"),
-    ("GrayVol", "Gray Matter Volume", "mm^3", "{:6.0f}"),
-    ("ThickAvg", "Gyral Thickness from wall to wall - median over contour length", "mm", "{:6.3f}"),
-    ("ThickStd", "Gyral Thickness StdDev over vertices", "mm", "{:6.3f}"),
-    ("MeanCurv", "not given", "mm^-1", "{:6.3f}"),
-    ("GausCurv", "not given", "mm^-2", "{:6.3f}"),
-    ("FoldInd", "not given", "unitless", "{:6.0f}"),
-    ("CurvInd", "not given", "unitless", "{:6.1f}"),
-)
-REMARKS = (
-    "ThickAvg and ThickStd are gyral thickness (from wall to wall of a gyrus) and not cortical thickness.",
-    "nan: not known. A region with less contour than twice the gyral thickness has no gyral thickness; curvature by",
-    "FreeSurfer's fit is in FreeSurfer's own stats of the same parcellation.",
-)
+#: a row: name, vertices, area, volume, mean and standard deviation of thickness, and four curvatures
+_ROW = "{:<40} {:5d} {:6.0f} {:6.0f} {:6.3f} {:6.3f} {:6.3f} {:6.3f} {:6.0f} {:6.1f}"
 
 
 # regions in FreeSurfer's stats format -----------------------------------------------------------------------
@@ -84,35 +68,22 @@ def write_gyral_stats(path: str | Path, m: Measures) -> None:
 
 
 def _head(m: Measures) -> list[str]:
+    """The lines of stats_head.txt, without those whose value is not known."""
     cortex, mask, info = m.cortex, cortex_label(m.cortex)[0], m.cortex.info
-    areas, carried_over = vertex_areas(cortex.white.verts, cortex.faces), "annotation_from" in info
-    measures = (
-        ("Cortex, NumVert, Number of Vertices", int(mask.sum()), "unitless"),
-        ("Cortex, WhiteSurfArea, White Surface Total Area", float(areas[mask].sum()), "mm^2"),
-        ("Cortex, MeanThickness, Gyral Thickness Median", m.scalars.get("median_gyral_thickness_mm"), "mm"),
-        (
-            "BrainSegNotVent, BrainSegVolNotVent, Brain Segmentation Volume Without Ventricles",
-            info.get("freesurfer_brain_without_ventricles_mm3"),
-            "mm^3",
-        ),
-        ("EstimatedTotalIntraCranialVol, eTIV, Estimated Total Intracranial Volume", info.get("etiv_mm3"), "mm^3"),
-    )
-    lines = [
-        "Table of cortical parcellation anatomical statistics",
-        "",
-        f"generating_program morphofold {__version__}",
-        *REMARKS,
-        "anatomy_type surface",
-        f"subjectname {' '.join(printable(cortex.name).split())}",
-        f"hemi {cortex.hemi}",
-        *([] if carried_over else [f"AnnotationFile ../label/{stats_name(m).replace('.gyral.stats', '.annot')}"]),
-        *(f"Measure {words}, {value:.10g}, {unit}" for words, value, unit in measures if value is not None),
-        f"NTableCols {len(STATS_COLUMNS)}",
-    ]
-    for k, (heading, words, unit, _) in enumerate(STATS_COLUMNS, start=1):
-        lines += [f"TableCol {k:2d} {what}" for what in (f"ColHeader {heading}", f"FieldName {words}", f"Units {unit}")]
-    lines.append(f"ColHeaders {' '.join(heading for heading, *_ in STATS_COLUMNS)}")
-    return [f"# {line}".rstrip() for line in lines]
+    values = {
+        "version": __version__,
+        "name": " ".join(printable(cortex.name).split()),
+        "hemi": cortex.hemi,
+        "annotation": None if "annotation_from" in info else stats_name(m).replace(".gyral.stats", ".annot"),
+        "vertices": int(mask.sum()),
+        "area": float(vertex_areas(cortex.white.verts, cortex.faces)[mask].sum()),
+        "thickness": m.scalars.get("median_gyral_thickness_mm"),
+        "brain": info.get("freesurfer_brain_without_ventricles_mm3"),
+        "etiv": info.get("etiv_mm3"),
+    }
+    unknown = [f"{{{key}" for key, value in values.items() if value is None]
+    lines = Path(__file__).with_name("stats_head.txt").read_text(encoding="utf-8").splitlines()
+    return [line.format(**values) for line in lines if not any(field in line for field in unknown)]
 
 
 def _rows(m: Measures) -> list[str]:
@@ -132,7 +103,7 @@ def _rows(m: Measures) -> list[str]:
             float(widths.std()) if np.isfinite(thickness) and len(widths) else np.nan,
             *[np.nan] * 4,
         )
-        lines.append(" ".join(form.format(value) for (*_, form), value in zip(STATS_COLUMNS, values)))
+        lines.append(_ROW.format(*values))
     return lines
 
 
