@@ -1,9 +1,11 @@
-"""Names of maps and scalars on pages: label, unit, sign, and limits of colours."""
+"""Names of maps and scalars on pages: label, unit, sign, and limits of colours. The words are in quantities.toml."""
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -24,134 +26,27 @@ class Quantity:
         return f"{self.label} [{self.unit}]" if self.unit else self.label
 
 
+with Path(__file__).with_suffix(".toml").open("rb") as _file:
+    _WORDS = tomllib.load(_file)
+QUANTITIES = tuple(
+    Quantity(key, **{k: tuple(v) if isinstance(v, list) else v for k, v in words.items()})
+    for key, words in _WORDS["maps"].items()
+)
+#: label and unit of the numbers of a surface
+SCALAR_WORDS: dict[str, tuple[str, str]] = {name: (label, unit) for name, (label, unit) in _WORDS["scalars"].items()}
+#: the map from which a scalar is computed, if there is one
+MAP_OF_SCALAR: dict[str, str] = _WORDS["map_of_scalar"]
+#: meaning of the columns of tables, where SCALAR_WORDS and the name of the column are not enough
+COLUMN_WORDS: dict[str, str] = _WORDS["columns"]
+
 #: height above the smoothed surface about its median, a map that compare makes of a person and of what grew from it
 RELIEF = "relief_height"
-
-QUANTITIES = (
-    Quantity("H", "Mean curvature H", "1/mm", True, (-0.3, 0.3), ("mean_curvature", "H_per_mm")),
-    Quantity("cortical_thickness", "Cortical thickness", "mm", False, (1, 5), ("cortical_thickness_mm",)),
-    Quantity("gyral_thickness", "Gyral thickness", "mm", False, (4, 20), ("gyral_thickness_mm",)),
-    Quantity("sulcal_depth", "Sulcal depth", "mm", False, (0, 20), ("sulcal_depth_mm", "depth", "depth_mm")),
-    Quantity("local_gyrification_index", "Local gyrification index", "", False, (1.0, 5.0), ("lgi",)),
-    Quantity("K", "Gaussian curvature K", "1/mm²", True, (-0.1, 0.1), ("gaussian_curvature", "K_per_mm2")),
-    Quantity("k1", "Largest curvature k₁", "1/mm", True, (-0.6, 0.6)),
-    Quantity("k2", "Smallest curvature k₂", "1/mm", True, (-0.6, 0.6)),
-    Quantity("curvedness", "Curvedness", "1/mm", False, (0.0, 0.6)),
-    Quantity("shape_index", "Shape index", "", True, (-1.0, 1.0)),
-    Quantity("area", "Vertex area on white", "mm²", False, None, ("area_mm2",)),
-    Quantity(RELIEF, "Height of folds", "mm", True, (-8.0, 8.0)),
-)
+#: gyral over cortical thickness, made by compare: median over mean of the surface, and median of the ratio over crests
+THICKNESS_RATIO, CREST_THICKNESS_RATIO = "gyral_to_cortical_ratio", "gyral_to_cortical_ratio_at_crests"
 # Blue, vermilion and green of Okabe and Ito's palette, then plum, brown, sky and black: all seven stay apart for
 # protanopes and deuteranopes, too.
 CATEGORICAL_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#5b2a6e", "#7a3b00", "#3f9bd1", "#333333")
 MAIN_MAPS = ("H", "cortical_thickness", "gyral_thickness", "sulcal_depth")
-
-#: gyral over cortical thickness, made by compare: median over mean of the surface, and median of the ratio over crests
-THICKNESS_RATIO, CREST_THICKNESS_RATIO = "gyral_to_cortical_ratio", "gyral_to_cortical_ratio_at_crests"
-
-SCALAR_WORDS = {
-    "n_vertices": ("Vertices", ""),
-    "euler_characteristic": ("Euler characteristic", ""),
-    "area_pial_mm2": ("Pial area", "mm²"),
-    "area_white_mm2": ("White area", "mm²"),
-    "gyrification_index": ("Gyrification index", ""),
-    "folding_index": ("Folding index", ""),
-    "intrinsic_curvature_index": ("Intrinsic curvature index", ""),
-    "mean_cortical_thickness_mm": ("Cortical thickness, mean", "mm"),
-    "median_gyral_thickness_mm": ("Gyral thickness, median", "mm"),
-    "mean_sulcal_depth_mm": ("Sulcal depth, mean", "mm"),
-    "wavelength_mm": ("Wavelength of folds", "mm"),
-    "n_hinges": ("Hinges", ""),
-    "n_hinges_3": ("Hinges with three arms", ""),
-    "n_hinges_4": ("Hinges with four arms", ""),
-    "n_hinges_low": ("Hinges, only the most certain", ""),
-    "n_hinges_high": ("Hinges, with the doubtful ones", ""),
-    "n_crests": ("Gyral crests", ""),
-    "crest_length_mm": ("Length of crests", "mm"),
-    "gyral_to_cortical_slope_robust": ("Robust slope, gyral on cortical thickness of regions", "mm/mm"),
-    "gyral_to_cortical_slope_low": ("Robust slope, lower bound, 95 %", "mm/mm"),
-    "gyral_to_cortical_slope_high": ("Robust slope, upper bound, 95 %", "mm/mm"),
-    "gyral_to_cortical_slope": ("Slope by least squares, gyral on cortical thickness", "mm/mm"),
-    "gyral_to_cortical_r": ("Correlation, gyral with cortical thickness", ""),
-    "mean_local_gyrification_index": ("Local gyrification index, mean", ""),
-    "spectral_wavelength_mm": ("Wavelength of folds, from their spectrum", "mm"),
-    "gray_volume_mm3": ("Gray matter between white and pial", "mm³"),
-    "volume_white_mm3": ("Volume within the white surface", "mm³"),
-    "volume_pial_mm3": ("Volume within the pial surface", "mm³"),
-    "etiv_mm3": ("Intracranial volume, estimated by FreeSurfer", "mm³"),
-    "surface_holes": ("Holes of the surface that FreeSurfer repaired", ""),
-    "freesurfer_cortex_mm3": ("Cortical gray matter of the hemisphere, by FreeSurfer", "mm³"),
-    "freesurfer_white_matter_mm3": ("Cerebral white matter of the hemisphere, by FreeSurfer", "mm³"),
-    "freesurfer_total_gray_mm3": ("Gray matter of the brain, by FreeSurfer", "mm³"),
-    "freesurfer_subcortical_gray_mm3": ("Subcortical gray matter of the brain, by FreeSurfer", "mm³"),
-    "freesurfer_supratentorial_mm3": ("Supratentorial volume, by FreeSurfer", "mm³"),
-    "freesurfer_brain_mm3": ("Brain with ventricles (BrainSeg), by FreeSurfer", "mm³"),
-    "freesurfer_brain_without_ventricles_mm3": ("Brain without ventricles (BrainSegNotVent), by FreeSurfer", "mm³"),
-    "mean_cortical_thickness_area_weighted_mm": ("Cortical thickness, mean by area", "mm"),
-    THICKNESS_RATIO: ("Gyral / cortical thickness", ""),
-    "hinges_per_cm2": ("Hinges per area", "1/cm²"),
-    "area_expansion": ("Area expansion", ""),
-    CREST_THICKNESS_RATIO: ("Gyral / cortical at crests", ""),
-}
-#: the map from which a scalar is computed, if there is one
-MAP_OF_SCALAR = {
-    "mean_cortical_thickness_mm": "cortical_thickness",
-    "mean_cortical_thickness_area_weighted_mm": "cortical_thickness",
-    "median_gyral_thickness_mm": "gyral_thickness",
-    "mean_sulcal_depth_mm": "sulcal_depth",
-    "gyrification_index": "local_gyrification_index",
-    "mean_local_gyrification_index": "local_gyrification_index",
-    "folding_index": "curvedness",
-    "intrinsic_curvature_index": "K",
-    "gyral_to_cortical_slope_robust": "gyral_thickness",
-    "gyral_to_cortical_slope": "gyral_thickness",
-    "gyral_to_cortical_r": "gyral_thickness",
-    THICKNESS_RATIO: "gyral_thickness",
-}
-#: meaning of the columns of tables, where SCALAR_WORDS and the name of the column are not enough
-COLUMN_WORDS = {
-    "name": "Name of the subject",
-    "hemi": "Hemisphere, lh (left) or rh (right)",
-    "region": "Region of the parcellation",
-    "n_vertices": "Number of vertices",
-    "area_mm2": "Area of the white surface",
-    "cortical_thickness_mm": "Cortical thickness, mean over the vertices of the region or crest",
-    "cortical_thickness_sd_mm": "Standard deviation of cortical thickness over vertices",
-    "by": "What makes the parts: shape or depth",
-    "part": "Part: concave, saddle, convex; or crown, wall, fundus",
-    "area_mid_mm2": "Area midway between white and pial",
-    "thickness_mm": "Cortical thickness, mean over the area",
-    "thickness_sd_mm": "Standard deviation of cortical thickness over the area",
-    "column_mm": "Distance from a vertex of white to its own on pial, mean over the area",
-    "gyral_thickness_mm": "Gyral thickness from wall to wall, median over the region or crest",
-    "gyral_contour_mm": "Length of the contour along which gyral thickness was measured",
-    "thickness_file_mm": "Mean over vertices of the thickness map that came with the surfaces",
-    "gray_volume_mm3": "Gray matter between white and pial surface",
-    "mean_H_per_mm": "Mean curvature of the pial surface, positive where convex, mean over the region or crest",
-    "crest": "Number of the gyral crest",
-    "hinge": "Number of the gyral hinge",
-    "arm": "Number of the arm of the hinge",
-    "from_hinge": "Hinge at which the crest begins",
-    "to_hinge": "Hinge at the other end of the crest",
-    "length_mm": "Length along the crest",
-    "altitude_mm": "Depth potential along the crest, high on crowns, median",
-    "lowest_altitude_mm": "Depth potential along the crest, high on crowns, least",
-    "strength_mm": "Depth potential minus itself smoothed over a crown width, median along the crest",
-    "blind": "1 if it belongs to a dead-end gyrus, or is a hinge only because of dead-end gyri; else 0",
-    "x": "Position, first coordinate",
-    "y": "Position, second coordinate",
-    "z": "Position, third coordinate",
-    "degree": "Number of arms",
-    "shape": "Y, T or V (three arms, by the angles between them), X (four) or star (more)",
-    "min_angle_deg": "Least angle between neighbouring arms",
-    "max_angle_deg": "Greatest angle between neighbouring arms",
-    "vertex": "Number of the vertex at which the hinge lies, from 0",
-    "mean_arm_length_mm": "Mean length of the arms",
-    "confidence": "Confidence of the hinge, 0 to 1; below 0.25 it is doubtful, and not counted",
-    "persistence_mm": "Least depth of pits of sulci, below the pass to a deeper one, up to which the node is a hinge",
-    "angle_deg": "Angle to the next arm, counter-clockwise seen from outside",
-    "curvature_per_mm": "Mean geodesic curvature of the crest, without sign",
-}
 HEADLINE_SCALARS = (
     "gyrification_index",
     "mean_cortical_thickness_mm",
