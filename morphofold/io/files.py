@@ -26,6 +26,7 @@ from morphofold.provenance import clean_name
 from morphofold.surface import Faces, Verts
 
 MAX_BYTES = 2 * 2**30  # far above any cortex (a 1 mm hemisphere has 6 MB); small enough for a laptop
+MOST_UNPACKED_BYTES = 2**28  # of a compressed file
 MOST_UNPACKED_PER_BYTE = 2000  # bytes of arrays per byte of a file, twice what zlib can reach
 
 _EXPAT_NO_MEMORY = errors.codes[errors.XML_ERROR_NO_MEMORY]
@@ -150,14 +151,14 @@ def _folder_content_text(path: Path) -> str:
     return f"{folder.absolute()} contains {', '.join(names[:6]) or 'no files'}{more}."
 
 
-def unpacked(path: Path, most: int = 2**28) -> bytes:
-    """The bytes of a file, decompressed if they are gzip's; raises ``DamagedFile`` if these are more than ``most``."""
+def unpacked(path: Path) -> bytes:
+    """The bytes of a file, decompressed if they are gzip's; ``DamagedFile`` if these are more than the bound."""
     raw = path.read_bytes()
     if raw.startswith(b"\x1f\x8b"):
         with gzip.open(path) as file:
-            raw = file.read(most + 1)
-        if len(raw) > most:
-            raise DamagedFile(f"it unpacks to more than {most / 2**20:g} MiB")
+            raw = file.read(MOST_UNPACKED_BYTES + 1)
+        if len(raw) > MOST_UNPACKED_BYTES:
+            raise DamagedFile(f"it unpacks to more than {MOST_UNPACKED_BYTES / 2**20:g} MiB")
     return raw
 
 

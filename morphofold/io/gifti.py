@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import html
 import io
+import math
 import os
 import re
 from collections.abc import Mapping
@@ -30,8 +31,8 @@ _SURFACE_METADATA = {  # names as in Connectome Workbench
     "sphere": {"GeometricType": "Spherical"},
 }
 _SCANNER = 1  # NIFTI_XFORM_SCANNER_ANAT
-#: what is checked before nibabel reads: it would count to any number of dimensions, and open any file
-_CHECKED = re.compile(rb"""(Dimensionality|ExternalFileName)\s*=\s*["']([^"']+)""")
+MOST_NUMBERS = 2**26  # of an array: 22 million vertices
+_ARRAY, _ATTRIBUTE = re.compile(rb"<DataArray\b[^>]*>"), re.compile(rb"""(\w+)\s*=\s*["']([^"']*)""")
 _CONVERT_AGAIN = "Convert it again from its source, e.g. with mris_convert or wb_command."
 
 
@@ -98,27 +99,30 @@ def _read(path: Path, what: str) -> GiftiImage:
 
     with decoding(path, what, _CONVERT_AGAIN):
         file = io.BytesIO(unpacked(path))
-        for key, value in _CHECKED.findall(file.getvalue()):
-            if key == b"ExternalFileName":
-                _check_beside(path, html.unescape(value.decode()))
-            elif value.strip() not in (b"1", b"2", b"3", b"4", b"5", b"6"):
-                raise DamagedFile(f"an array has {value.decode():.20} dimensions; GIFTI allows 1 to 6")
+        for tag in _ARRAY.findall(file.getvalue()):
+            _check_array(path, dict(_ATTRIBUTE.findall(tag)))
         file.name = os.fspath(path)  # where nibabel looks for arrays in files beside it
         parser: Any = GiftiImage.parser(mmap=False)
         parser.parse(fptr=file)
         image: GiftiImage = parser.img
-        if any(
-            array.data is None or not array.data.size or array.data.dtype.kind not in "fiu" for array in image.darrays
-        ):
+        values = [array.data for array in image.darrays]
+        if any(x is None or not x.size or x.dtype.kind not in "fiu" for x in values):
             raise DamagedFile("it has an array without numbers")
         return image
 
 
-def _check_beside(path: Path, name: str) -> None:
-    """Refuse any other file than one beside the GIFTI file, where SPM and CAT12 keep arrays."""
-    if not re.fullmatch(r"[^/\\:\0]+", name):
+def _check_array(path: Path, header: Mapping[bytes, bytes]) -> None:
+    """Refuse what nibabel does not: too many dimensions or numbers, and arrays in other files than those beside this
+    one, where SPM and CAT12 keep them."""
+    count = header.get(b"Dimensionality", b"1").decode()
+    dims = [int(header.get(b"Dim%d" % k, b"1")) for k in range(int(count) if len(count) == 1 else 0)]
+    if not dims or math.prod(dims) > MOST_NUMBERS:
+        raise DamagedFile(f"an array of {' x '.join(map(str, dims)) or count[:20] + ' dimensions'} is too large")
+    name = html.unescape(header.get(b"ExternalFileName", b"").decode())
+    if re.search(r"[/\\:\0]", name):
         raise WrongFile(f"it keeps an array in {name!r}, but only a file beside it is read")
-    existing_file(path.with_name(name), "file of arrays")
+    if name:
+        existing_file(path.with_name(name), "file of arrays")
 
 
 def _content(image: GiftiImage) -> str:
