@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from morphofold import geometry
-from morphofold.arrays import Array
+from morphofold.arrays import Array, memoized
 from morphofold.errors import WrongShape
-from morphofold.kept import kept
 from morphofold.kernels import kernel, reading
 from morphofold.surface import Faces, Verts
 from morphofold.threads import beside
@@ -102,7 +101,7 @@ class Diffusion:
         return np.concatenate(pairs, axis=1)[:, :columns].reshape(np.shape(x))
 
 
-@kept
+@memoized
 def diffusion(verts: Verts, faces: Faces, clip: tuple[float, float]) -> Diffusion:
     """Diffusion on a surface, with the cotangents of its Laplacian bounded by ``clip``."""
     return Diffusion(geometry.vertex_areas(verts, faces), geometry.cotangent_laplacian(verts, faces, clip=clip))

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import functools
 import hashlib
-import io
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
-from typing import Any, BinaryIO
+from typing import Any
 
 import numba
 import numpy as np
@@ -50,18 +49,18 @@ def reading(*values: Any) -> tuple[Any, ...]:
     Of a sparse matrix: its row starts, its columns, and its values unless it is boolean. Both are unsigned, which makes
     a product a quarter faster, because no index is counted from the end.
     """
-    return tuple(part for value in values for part in _read_only(value))
-
-
-def _read_only(value: Any) -> tuple[Any, ...]:
-    if isinstance(value, sparse.csr_array):
-        rows = [part.astype(np.int32, copy=False).view(np.uint32) for part in (value.indptr, value.indices)]
-        return reading(*rows) if value.dtype == bool else reading(*rows, value.data)
-    if not isinstance(value, np.ndarray):
-        return (value,)
-    view: NDArray[Any] = np.ascontiguousarray(value).view()
-    view.flags.writeable = False
-    return (view,)
+    read: list[Any] = []
+    for value in values:
+        if isinstance(value, sparse.csr_array):
+            rows = [part.astype(np.int32, copy=False).view(np.uint32) for part in (value.indptr, value.indices)]
+            read += reading(*rows) if value.dtype == bool else reading(*rows, value.data)
+        elif isinstance(value, np.ndarray):
+            view: NDArray[Any] = np.ascontiguousarray(value).view()
+            view.flags.writeable = False
+            read.append(view)
+        else:
+            read.append(value)
+    return tuple(read)
 
 
 class _Cache(caching.FunctionCache):  # type: ignore[misc]
@@ -75,7 +74,7 @@ class _Cache(caching.FunctionCache):  # type: ignore[misc]
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         try:
             return super().load_overload(sig, target_context)
-        except (OSError, AttributeError, ImportError):  # unreadable, or of a material that is gone: compile
+        except Exception:  # damaged, unreadable, or of a material that is gone: compile
             with suppress(OSError):
                 self.flush()
             return None
@@ -94,36 +93,15 @@ class _Cache(caching.FunctionCache):  # type: ignore[misc]
 
 
 class _Files(caching.IndexDataCacheFile):  # type: ignore[misc]
-    """numba's files, each with a checksum at its end, which unpickling passes over."""
+    """numba's files, in which data is found with the key that it was saved for."""
 
     def save(self, key: Any, data: Any) -> None:
         super().save(key, (key, data))
 
     def load(self, key: Any) -> Any:
         """The data, unless two processes wrote to the same file at once and it is of another key."""
-        found = super().load(key)
-        return found[1] if found is not None and found[0] == key else None
-
-    def _load_index(self) -> Any:
-        if Path(self._index_path).exists():
-            _check(self._index_path)
-        return super()._load_index()
-
-    def _load_data(self, name: str) -> Any:
-        _check(self._data_path(name))
-        return super()._load_data(name)
-
-    @contextmanager
-    def _open_for_write(self, filepath: str) -> Iterator[BinaryIO]:
-        with super()._open_for_write(filepath) as file:
-            yield (content := io.BytesIO())
-            file.write(content.getvalue() + hashlib.sha256(content.getvalue()).digest())
-
-
-def _check(path: str) -> None:
-    content = Path(path).read_bytes()
-    if hashlib.sha256(content[:-32]).digest() != content[-32:]:
-        raise OSError(f"{path} is damaged.")
+        entry = super().load(key)
+        return entry[1] if entry is not None and entry[0] == key else None
 
 
 def _called(function: FunctionType, seen: set[FunctionType]) -> Iterator[str]:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from morphofold.arrays import cannot_change, read_only
 from morphofold.display import draw
 from morphofold.errors import BadMesh, MissingPart, NotFinite, OutOfRange, UnknownName, UnlikeSurfaces, WrongShape
 
@@ -217,11 +218,9 @@ def _same_triangles(faces: Faces, other: Faces) -> bool:
 
 def _read_only(values: np.ndarray, kind: type) -> np.ndarray:
     """A read-only copy in C order; the array itself if it can not change, so that surfaces share their triangles."""
-    if values.dtype == kind and values.flags.c_contiguous and not values.flags.writeable and values.base is None:
+    if values.dtype == kind and values.flags.c_contiguous and cannot_change(values):
         return values
-    values = np.array(values, dtype=kind, order="C")
-    values.flags.writeable = False
-    return values
+    return np.asarray(read_only(np.array(values, dtype=kind, order="C")))
 
 
 def _with_corner_order(faces: Faces, other: Faces) -> Faces:

@@ -43,7 +43,6 @@ GROUND = (
     "provenance",
     "tables",
     "timing",
-    "kept",
     "kernels",
     "threads",
     "progress",

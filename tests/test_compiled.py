@@ -4,7 +4,6 @@ import os
 import resource
 import subprocess
 import sys
-from contextlib import nullcontext
 from functools import partial
 
 import numpy as np
@@ -121,29 +120,8 @@ def test_code_for_a_material_that_is_gone_does_not_disturb(folder):
     assert result_and_compiled(folder) == (8.0, 0)
 
 
-def flipped(content, at):
-    return bytes(byte ^ (255 if i == int(at * len(content)) else 0) for i, byte in enumerate(content))
-
-
+@pytest.mark.parametrize("damaged", [lambda content: b"", lambda content: content[: len(content) // 2], bytes.swapcase])
 @pytest.mark.parametrize("kind", ["nbi", "nbc"])
-@pytest.mark.parametrize(
-    "damaged",
-    [
-        *(lambda content: b"", lambda content: content[: len(content) // 2], lambda content: bytes(len(content))),
-        *(partial(flipped, at=at) for at in (0.1, 0.5, 0.9)),
-    ],
-    ids=["empty", "cut", "zeros", "flipped early", "flipped in the middle", "flipped late"],
-)
-def test_a_damaged_file_is_not_unpickled(tmp_path, kind, damaged):
-    files = kernels._Files(str(tmp_path), "kernel", "stamp")
-    files.save("int32", list(range(1000)))
-    (file,) = tmp_path.glob(f"*.{kind}")
-    file.write_bytes(damaged(file.read_bytes()))
-    with pytest.raises(OSError, match="damaged") if kind == "nbi" else nullcontext():
-        assert files.load("int32") is None
-
-
-@pytest.mark.parametrize(("kind", "damaged"), [("nbi", lambda content: b""), ("nbc", partial(flipped, at=0.5))])
 def test_a_damaged_file_is_replaced(folder, kind, damaged):
     assert result_and_compiled(folder)[0] == 8.0
     files = list(folder.glob(f"__pycache__/*.{kind}"))

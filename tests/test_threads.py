@@ -18,8 +18,8 @@ from morphofold.analysis import wavelength
 from morphofold.analysis.measuring import measure
 from morphofold.analysis.resampling import Preset, resampled
 from morphofold.analysis.steps import Steps
+from morphofold.arrays import memoized
 from morphofold.io import read_cortex, sample_path
-from morphofold.kept import kept
 from morphofold.kernels import kernel
 from morphofold.report.pages.pack import thin
 from morphofold.shapes.folded_ball import folded_ball
@@ -192,7 +192,7 @@ def test_seconds_of_steps_beside_each_other_add_up_to_the_time_that_passed(threa
 def test_results_of_arrays_that_can_not_change_are_kept_as_long_as_these_live():
     calls = []
 
-    @kept
+    @memoized
     def doubled(array, times=2):
         calls.append(times)
         return array * times, array[:1]

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
+from morphofold.arrays import memoized
 from morphofold.errors import BadMesh
 from morphofold.geometry import face_areas, used
-from morphofold.kept import kept
 from morphofold.surface import Faces, Verts, check_mesh
 
 
@@ -43,7 +43,7 @@ def gyrification_index(verts: Verts, faces: Faces) -> float:
     return float(face_areas(verts, faces).sum() / hull(verts, faces).area)
 
 
-@kept
+@memoized
 def hull(verts: Verts, faces: Faces) -> ConvexHull:
     """Convex hull of the vertices that faces use, from scipy."""
     try:

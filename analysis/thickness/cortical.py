@@ -7,10 +7,9 @@ import math
 import numpy as np
 
 from morphofold import geometry
-from morphofold.arrays import Array
+from morphofold.arrays import Array, memoized
 from morphofold.errors import OutOfRange, UnknownName, UnlikeSurfaces
 from morphofold.geometry.kernels import closest_in_triangle, position
-from morphofold.kept import kept
 from morphofold.kernels import kernel, reading
 from morphofold.surface import Faces, PerVertex, Surface, Verts, check_kind
 from morphofold.threads import in_blocks
@@ -104,7 +103,7 @@ def _distance_to_nearest_vertex(
     return way
 
 
-@kept
+@memoized
 def _distance_to_nearest_triangle(start: Verts, target: Verts, faces: Faces, normals: Verts, side: float) -> PerVertex:
     """Distance [mm] from each start vertex to the nearest admissible target triangle near its partner, (N,)."""
     ring, around = geometry.adjacency(len(target), faces), geometry.incident_faces(len(target), faces)

@@ -14,16 +14,16 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse import csgraph
 
+from morphofold.arrays import memoized
 from morphofold.errors import OutOfRange, UnknownName
 from morphofold.geometry.kernels import corners, cross, dot, less, morton
-from morphofold.kept import kept
 from morphofold.kernels import kernel, reading
 from morphofold.surface import Faces, PerVertex, Verts, check_arrays
 
 Vectors = NDArray[np.float64]  # (N, 3) or (M, 3)
 
 
-@kept
+@memoized
 def face_vectors(verts: Verts, faces: Faces) -> Vectors:
     """Vector areas (M, 3) [mm^2]: along the outward normal, as long as the triangle's area.
 
@@ -60,7 +60,7 @@ def _measure_triangles(verts, faces):
     return normals, products, squares
 
 
-@kept
+@memoized
 def face_areas(verts: Verts, faces: Faces) -> NDArray[np.float64]:
     """Areas (M,) [mm^2]."""
     return norms(face_vectors(verts, faces))
@@ -82,7 +82,7 @@ def unit(vectors: Vectors) -> Vectors:
     return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
 
 
-@kept
+@memoized
 def vertex_areas(verts: Verts, faces: Faces) -> PerVertex:
     """A third of the area of the incident triangles (N,) [mm^2], as in FreeSurfer's ``?h.area`` of the white surface.
 
@@ -92,7 +92,7 @@ def vertex_areas(verts: Verts, faces: Faces) -> PerVertex:
     return np.bincount(faces.ravel(), third, len(verts)).astype(np.float64)
 
 
-@kept
+@memoized
 def vertex_normals(verts: Verts, faces: Faces, weights: str = "area") -> Vectors:
     """Unit vertex normals (N, 3): sums of the normals of the incident triangles, weighted at the corner.
 
@@ -150,7 +150,7 @@ def edges(faces: Faces) -> NDArray[np.int64]:
     return edges_and_counts(faces)[0]
 
 
-@kept
+@memoized
 def edges_and_counts(faces: Faces) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """``edges``, and the number of triangles at each (E,)."""
     pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)  # n^2 needs more
@@ -166,7 +166,7 @@ def border_edges(faces: Faces) -> NDArray[np.int64]:
     return pair[count == 1]
 
 
-@kept
+@memoized
 def edges_of_faces(faces: Faces) -> NDArray[np.int64]:
     """Index in ``edges`` of the side of each triangle from each corner to the next (M, 3)."""
     pair, base = edges(faces), int(faces.max()) + 1
@@ -176,7 +176,7 @@ def edges_of_faces(faces: Faces) -> NDArray[np.int64]:
     return np.searchsorted(pair[:, 0] * base + pair[:, 1], key)  # ascending, as edges are
 
 
-@kept
+@memoized
 def edge_lengths(verts: Verts, faces: Faces) -> NDArray[np.float64]:
     """Lengths (E,) of ``edges`` [mm]."""
     pair = edges(faces)
@@ -206,7 +206,7 @@ def split(verts: Verts, faces: Faces) -> tuple[Verts, Faces]:
     )
 
 
-@kept
+@memoized
 def adjacency(n: int, faces: Faces) -> sparse.csr_array:
     """(n, n) boolean CSR; ``indptr`` and ``indices`` list each vertex's neighbours in ascending order."""
     pair = edges(faces)
@@ -233,7 +233,7 @@ def edge_graph(verts: Verts, faces: Faces) -> sparse.csr_array:
     return symmetric(len(verts), edges(faces), np.maximum(edge_lengths(verts, faces), 1e-300))
 
 
-@kept
+@memoized
 def incident_faces(n: int, faces: Faces) -> sparse.csr_array:
     """(n, M) boolean CSR; ``indptr`` and ``indices`` list the faces of each vertex in ascending order."""
     which = np.repeat(np.arange(len(faces), dtype=np.int32), 3)
@@ -243,7 +243,7 @@ def incident_faces(n: int, faces: Faces) -> sparse.csr_array:
     return matrix
 
 
-@kept
+@memoized
 def cotangent_laplacian(verts: Verts, faces: Faces, *, clip: tuple[float, float] | None = None) -> sparse.csr_array:
     """Stiffness matrix L (N, N) of linear elements: symmetric, rows sum to zero, ``x @ L @ x >= 0``.
 
@@ -268,13 +268,13 @@ def euler_characteristic(faces: Faces) -> int:
     return int(np.count_nonzero(used(int(faces.max()) + 1, faces))) - len(edges(faces)) + len(faces)
 
 
-@kept
+@memoized
 def is_closed(faces: Faces) -> bool:
     """True if exactly two faces meet at every edge."""
     return bool((edges_and_counts(faces)[1] == 2).all())
 
 
-@kept
+@memoized
 def components(n: int, faces: Faces) -> tuple[int, NDArray[np.int64]]:
     """Number of connected pieces, and the piece (n,) of each vertex; -1 if no face uses the vertex."""
     label = connected(n, edges(faces))

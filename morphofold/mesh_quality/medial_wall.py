@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csgraph
 
 from morphofold import geometry
-from morphofold.kept import kept
+from morphofold.arrays import memoized
 from morphofold.surface import Cortex, Faces, Verts
 
 # of the median distance of white and pial: below it a vertex is not cortex (0.5 mm in adults)
@@ -35,7 +35,7 @@ def wall_of_geometry(cortex: Cortex) -> NDArray[np.bool_]:
     return _wall_between(cortex.white.verts, cortex.pial.verts, cortex.faces)
 
 
-@kept
+@memoized
 def _wall_between(white: Verts, pial: Verts, faces: Faces) -> NDArray[np.bool_]:
     step = pial - white
     ring = geometry.adjacency(len(white), faces).astype(np.float64)

@@ -6,13 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from morphofold.arrays import Bools
+from morphofold.arrays import Bools, memoized
 from morphofold.errors import Mismatch, MissingPart
 from morphofold.geometry import vertex_areas
 from morphofold.io import read_label, read_surface, sample_path
 from morphofold.io.cortices import SURFACE_ENDINGS, registered_sphere
 from morphofold.io.files import StrPath
-from morphofold.kept import kept
 from morphofold.spheres.resampling import Resampling
 from morphofold.surface import Cortex, Faces, Surface, Verts
 
@@ -61,7 +60,7 @@ def carried_cortex(registered: Surface, hemi: str) -> Bools:
     return _carried_cortex(registered.verts, registered.faces, hemi)
 
 
-@kept
+@memoized
 def _carried_cortex(verts: Verts, faces: Faces, hemi: str) -> Bools:
     folder = sample_path(LABELLED_TEMPLATE)
     white = read_surface(template_surface(folder, hemi, "white"))
