@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from morphofold.errors import OutOfRange
 from morphofold.geometry import adjacency, equal_area_radius, mean_edge_length, unit, vertex_normals
 from morphofold.kernels import kernel, reading
-from morphofold.surface import Faces, PerVertex, Verts, check_mesh
+from morphofold.surface import Faces, PerVertex, Verts
 from morphofold.threads import in_blocks
+from morphofold.validators import check_mesh
 
 DEFAULT_SCALE_IN_EDGES = 3.0  # the default scale, in mean edges
 LEAST_CUBIC_FIT_POINTS = 14  # points needed for the ten coefficients; with fewer the neighbourhood grows

@@ -28,8 +28,9 @@ from morphofold.analysis.thickness.robust_slope import Line, through_regions
 from morphofold.mesh_quality import checks, defects, plausibility
 from morphofold.mesh_quality import repair as mending
 from morphofold.progress import Progress, silent
-from morphofold.surface import Cortex, PerVertex, check_kind
+from morphofold.surface import Cortex, PerVertex
 from morphofold.threads import one_blas_thread
+from morphofold.validators import check_kind
 
 if TYPE_CHECKING:
     import networkx as nx

@@ -11,7 +11,8 @@ from morphofold.analysis.graph.tables import region_columns
 from morphofold.errors import WrongShape
 from morphofold.geometry import face_vectors, vertex_areas
 from morphofold.mesh_quality.checks import is_no_cortex
-from morphofold.surface import Cortex, PerVertex, check_kind
+from morphofold.surface import Cortex, PerVertex
+from morphofold.validators import check_kind
 
 if TYPE_CHECKING:
     import networkx as nx

@@ -15,8 +15,9 @@ from morphofold.arrays import Array
 from morphofold.errors import OutOfRange, WrongShape
 from morphofold.geometry import cotangent_laplacian, vertex_areas
 from morphofold.kernels import kernel, reading
-from morphofold.surface import Faces, Verts, check_mesh
+from morphofold.surface import Faces, Verts
 from morphofold.threads import in_blocks
+from morphofold.validators import check_mesh
 
 FWHM_PER_DEVIATION = math.sqrt(8 * math.log(2))
 LEAST_TERMS, MOST_TERMS_PER_ROOT = 20, 10.0  # of the series: those beyond are below TOLERANCE

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +11,16 @@ from numpy.typing import NDArray
 
 from morphofold.arrays import cannot_change, read_only
 from morphofold.display import draw
-from morphofold.errors import BadMesh, MissingPart, NotFinite, OutOfRange, UnknownName, UnlikeSurfaces, WrongShape
+from morphofold.errors import MissingPart, UnlikeSurfaces, WrongShape
+from morphofold.validators import (
+    LARGEST_UNKNOWN_SHARE,
+    check_indexed,
+    check_kind,
+    check_positions,
+    finite,
+    one_of,
+    same_length,
+)
 
 if TYPE_CHECKING:
     import pyvista
@@ -22,90 +30,6 @@ Verts = NDArray[np.float64]  # (N, 3), mm
 Faces = NDArray[np.int64]  # (M, 3), 0-based, counter-clockwise seen from outside
 PerVertex = NDArray[np.float64]  # (N,)
 SURFACES = ("white", "pial", "inflated", "sphere")  # of a Cortex
-LARGEST_UNKNOWN_SHARE = 0.01  # of the triangles, at vertices that are NaN: more are no mistake at a border
-
-#: how to get an object that a function needs
-_HOW_TO_GET = {
-    "Surface": "Read one with morphofold.read_surface(path), or make one with Surface(verts, faces).",
-    "Cortex": "Read one with morphofold.read_cortex(path), or make one with Cortex(white, pial) or "
-    "Cortex.from_arrays(white, pial, faces).",
-    "Measures": "Make them with morphofold.measure(cortex).",
-    "Mapping": 'Name each: {"model": measures, "MRI": others}.',
-    "MultiGraph": "Make one with morphofold.analysis.gyral_graph(cortex).",
-    "Simulation": "Make one with morphofold.simulate(scene, out=folder).",
-}
-
-
-def check_kind(value: Any, kinds: type | tuple[type, ...], what: str) -> None:
-    """Raise ``TypeError``, which explains how to make one, unless ``value`` is of one of the kinds."""
-    if isinstance(value, kinds):
-        return
-    names = [kind.__name__ for kind in (kinds if isinstance(kinds, tuple) else (kinds,))]
-    got = f"{type(value).__name__}{_value_excerpt(value)}"
-    raise TypeError(f"{what} must be of class {' or '.join(names)}, not {got}. {_HOW_TO_GET.get(names[0], '')}")
-
-
-def check_arrays(verts: Any, faces: Any, name: str = "surface") -> None:
-    """Raise ``TypeError`` unless vertices and triangles are arrays of numbers."""
-    for what, values in (("verts", verts), ("faces", faces)):
-        if not isinstance(values, np.ndarray) or values.dtype.kind not in "fiu":
-            of = f" of {values.dtype}" if isinstance(values, np.ndarray) else _value_excerpt(values)
-            raise TypeError(
-                f"{name}: {what} must be an array of numbers, not {type(values).__name__}{of}. For a Surface pass "
-                "surface.verts and surface.faces; read_surface(path) makes one from a file."
-            )
-
-
-def _value_excerpt(value: Any) -> str:
-    return f" {str(value)[:60]!r}" if isinstance(value, str | Path) else ""
-
-
-def check_mesh(verts: np.ndarray, faces: np.ndarray, name: str = "surface") -> None:
-    """Raise ``ValueError`` unless (verts, faces) is a usable triangle mesh.
-
-    Usable: shapes (N, 3) and (M, 3) with N, M > 0, integer faces inside 0..N-1, finite coordinates, no
-    face that contains a vertex twice. Holes, several components and unused vertices are allowed here;
-    measures that cannot handle them raise their own errors.
-    """
-    _check_indexed(verts, faces, name)
-    _check_finite(verts, name)
-    flat = np.flatnonzero((faces[:, 0] == faces[:, 1]) | (faces[:, 1] == faces[:, 2]) | (faces[:, 2] == faces[:, 0]))
-    if flat.size:
-        raise BadMesh(
-            f"{name}: {flat.size} of {len(faces)} faces contain a vertex twice; the first is face {flat[0]} = "
-            f"{faces[flat[0]].tolist()}. Remove them."
-        )
-
-
-def _check_indexed(verts: np.ndarray, faces: np.ndarray, name: str) -> None:
-    """As ``check_mesh``, but faces may contain a vertex twice."""
-    check_arrays(verts, faces, name)
-    if verts.ndim != 2 or verts.shape[1] != 3 or len(verts) == 0:
-        raise WrongShape(
-            f"{name}: verts must have shape (N, 3) with N > 0, got {verts.shape}. "
-            "If the array holds one vertex per column, pass verts.T."
-        )
-    if faces.ndim != 2 or faces.shape[1] != 3 or len(faces) == 0:
-        raise WrongShape(f"{name}: faces must have shape (M, 3) with M > 0, got {faces.shape}.")
-    if not np.issubdtype(faces.dtype, np.integer):
-        raise TypeError(f"{name}: faces must be integers, got dtype {faces.dtype}.")
-    bad = np.flatnonzero(((faces < 0) | (faces >= len(verts))).any(axis=1))
-    if bad.size:
-        raise OutOfRange(
-            f"{name}: {bad.size} of {len(faces)} faces contain a vertex outside 0..{len(verts) - 1}; "
-            f"the first is face {bad[0]} = {faces[bad[0]].tolist()}. "
-            "Were the indices 1-based? Then pass faces - 1."
-        )
-
-
-def _check_finite(verts: np.ndarray, name: str) -> None:
-    wild = np.flatnonzero(~np.isfinite(verts).all(axis=1))
-    if wild.size:
-        raise NotFinite(
-            f"{name}: {wild.size} of {len(verts)} vertices are not finite; the first is vertex {wild[0]} = "
-            f"{verts[wild[0]].tolist()}. The file is damaged, or the step that wrote it failed. (NaN is allowed at a "
-            f"border, in at most {LARGEST_UNKNOWN_SHARE:.0%} of the triangles.)"
-        )
 
 
 def _without_unknown(verts: Verts, faces: Faces) -> tuple[Verts, Faces, int]:
@@ -162,11 +86,11 @@ class Surface:
 
     def __post_init__(self) -> None:
         verts, faces = (_as_array(values) for values in (self.verts, self.faces))
-        _check_indexed(verts, faces, self.name)
+        check_indexed(verts, faces, self.name)
         if np.isnan(verts).any():
             verts, faces, unknown = _without_unknown(verts, faces)
             object.__setattr__(self, "unknown", unknown)
-        _check_finite(verts, self.name)
+        check_positions(verts, self.name)
         object.__setattr__(self, "verts", _read_only(verts, np.float64))
         object.__setattr__(self, "faces", _read_only(faces, np.int64))
 
@@ -327,8 +251,7 @@ class Cortex:
     def __post_init__(self) -> None:
         for what, surface in (("white", self.white), ("pial", self.pial)):
             check_kind(surface, Surface, f"{self.name}: {what}")
-        if self.hemi not in ("lh", "rh"):
-            raise UnknownName(f"{self.name}: hemi must be 'lh' or 'rh', got {self.hemi!r}.")
+        one_of(self.hemi, ("lh", "rh"), f"{self.name}: hemi")
         n_white, n_pial = len(self.white.verts), len(self.pial.verts)
         if n_white != n_pial:
             raise UnlikeSurfaces(
@@ -353,16 +276,8 @@ class Cortex:
             if (surface := getattr(self, name)) is not None:
                 per_vertex[name] = surface.verts[:, 0]
         for name, values in per_vertex.items():
-            if np.shape(values) != (n_white,):
-                raise WrongShape(
-                    f"{self.name}: {name} has shape {np.shape(values)}, the surfaces have {n_white} vertices. "
-                    "It belongs to another surface."
-                )
-            if len(infinite := np.flatnonzero(np.isinf(values))):
-                raise NotFinite(
-                    f"{self.name}: {name} has {len(infinite)} infinite values, the first at vertex {infinite[0]}. Put "
-                    "NaN where a value is unknown."
-                )
+            same_length(values, n_white, f"{self.name}: {name}")
+            finite(values, f"{self.name}: {name}", "Put NaN where a value is unknown.", nan=True)
 
     def _leave_out_unknown(self) -> None:
         """Leave out the triangles of one surface at vertices that no triangle of the other uses."""
@@ -398,8 +313,7 @@ class Cortex:
         ValueError
             If there is no surface of that name, or this cortex has none.
         """
-        if name not in SURFACES:
-            raise UnknownName(f"{self.called}: surface must be one of {', '.join(SURFACES)}; got {name!r}.")
+        one_of(name, SURFACES, f"{self.called}: surface")
         found: Surface | None = getattr(self, name)
         if found is None:
             has = [other for other in SURFACES if getattr(self, other) is not None]

@@ -48,6 +48,7 @@ GROUND = (
     "progress",
     "words",
     "errors",
+    "validators",
     "display",
 )
 APART = {"sim", "analysis"}  # they meet in a Cortex

@@ -246,7 +246,7 @@ def test_files_of_two_analyses_are_not_taken_for_one(both, written, tmp_path):
     for end in ("thickness.shape.gii", "seg-aparc_dseg.label.gii"):
         shutil.copytree(both[1], place)
         shutil.copy(written[2] / "anat" / f"sub-bert01_hemi-L_{end}", place / "anat" / f"sub-bert_hemi-L_{end}")
-        with pytest.raises(Mismatch, match=rf"sub-bert_hemi-L_{re.escape(end)}: \(642,\) .*\b2562\b"):
+        with pytest.raises(Mismatch, match=rf"sub-bert_hemi-L_{re.escape(end)}: .*\(642,\).*\b2562\b"):
             read_analysis(place)
         shutil.rmtree(place)
 

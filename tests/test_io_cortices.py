@@ -332,7 +332,7 @@ def test_an_infinite_value_of_a_map_is_refused_by_the_name_of_its_file_and_nan_i
 
     values[7] = np.inf
     write()
-    with pytest.raises(NotFinite, match=rf"lh\.{name}{re.escape(ending)}: 1 of 42\b.*\b7\."):
+    with pytest.raises(NotFinite, match=rf"lh\.{name}{re.escape(ending)}: 1 of 42\b.*\b7\b"):
         read_cortex(tmp_path)
     values[7] = np.nan
     write()

@@ -24,8 +24,9 @@ from morphofold.analysis.graph.refine import refine
 from morphofold.analysis.graph.watershed import Watershed
 from morphofold.errors import OptionsClash, OutOfRange
 from morphofold.mesh_quality import checks
-from morphofold.surface import Cortex, PerVertex, Surface, check_kind
+from morphofold.surface import Cortex, PerVertex, Surface
 from morphofold.threads import beside
+from morphofold.validators import check_kind
 
 EQUAL_DISTANCE_TOLERANCE = 1e-2  # relative: where a border of basins crosses an edge, both ends are as near as that
 STRONG_CREST_QUANTILE = 0.9  # quantile of strength, over the length of the net, taken as that of a true crest,

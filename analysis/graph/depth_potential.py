@@ -15,7 +15,8 @@ from morphofold.analysis.diffusion import diffusion
 from morphofold.analysis.graph.watershed import Watershed
 from morphofold.arrays import Array
 from morphofold.errors import OutOfRange
-from morphofold.surface import Faces, PerVertex, Verts, check_mesh
+from morphofold.surface import Faces, PerVertex, Verts
+from morphofold.validators import check_mesh
 
 COTANGENT_BOUNDS = (-5.0, 20.0)  # bounds: in needle triangles cotangents have no limit
 SOLVER_TOLERANCE = 1e-7  # 0.000003 mm in a brain

@@ -13,7 +13,7 @@ from morphofold.analysis.graph.hinges import counts
 from morphofold.arrays import Array, Ints
 from morphofold.errors import MissingPart, NoSolution, NotFinite, OutOfRange, UnknownName, WrongShape
 from morphofold.shapes.ridges import irregular_net
-from morphofold.surface import check_kind
+from morphofold.validators import check_kind
 
 if TYPE_CHECKING:
     from morphofold.analysis.measures import Measures

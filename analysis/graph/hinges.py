@@ -14,7 +14,7 @@ from morphofold.analysis.graph.net import at_arc_lengths
 from morphofold.analysis.graph.refine import ARM_START_IN_WIDTHS, ARM_STOP_IN_WIDTHS, LARGEST_ARM_SHARE
 from morphofold.arrays import Array
 from morphofold.geometry import arc_length
-from morphofold.surface import check_kind
+from morphofold.validators import check_kind
 
 if TYPE_CHECKING:
     import networkx as nx

@@ -9,7 +9,8 @@ import numpy as np
 from morphofold.analysis.geodesics import path_graph, shorten
 from morphofold.analysis.graph.hinges import counts
 from morphofold.geometry import arc_length
-from morphofold.surface import Cortex, PerVertex, check_kind
+from morphofold.surface import Cortex, PerVertex
+from morphofold.validators import check_kind
 
 if TYPE_CHECKING:
     import networkx as nx

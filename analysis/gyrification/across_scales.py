@@ -19,8 +19,9 @@ from morphofold.arrays import Array
 from morphofold.errors import OpenSurface, OutOfRange, TooLarge
 from morphofold.geometry import components, face_areas, is_closed
 from morphofold.kernels import kernel
-from morphofold.surface import Cortex, Surface, Verts, check_kind
+from morphofold.surface import Cortex, Surface, Verts
 from morphofold.threads import beside
+from morphofold.validators import check_kind
 
 FINEST_OVER_T, SCALE_RATIO, SCALES = 0.2, 2**0.5, 9  # of the default scales: the first over the thickness
 VOXELS_PER_SCALE = 3.0

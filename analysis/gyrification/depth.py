@@ -14,8 +14,9 @@ from morphofold.analysis.gyrification.hull import hull
 from morphofold.errors import OptionsClash, OutOfRange, UnknownName
 from morphofold.geometry import mean_edge_length
 from morphofold.kernels import kernel, reading
-from morphofold.surface import Faces, PerVertex, Verts, check_mesh
+from morphofold.surface import Faces, PerVertex, Verts
 from morphofold.threads import in_blocks
+from morphofold.validators import check_mesh
 
 PLANES_PER_BUNDLE = 16  # planes that are skipped together
 

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from morphofold import geometry
 from morphofold.analysis.graph.depth_potential import SurfaceOperators
 from morphofold.errors import OutOfRange
-from morphofold.surface import Faces, PerVertex, Verts, check_mesh
+from morphofold.surface import Faces, PerVertex, Verts
+from morphofold.validators import check_mesh
 
 SAME_PLACE_IN_EDGES = 0.02  # mean edges: vertices joined by a shorter edge count as one place, and share their measures
 HEAT_FLOW_TOLERANCE = 1e-8  # of the heat flow: it is small because the root of H^2 - K counts, which is 0 on a sphere

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from morphofold.errors import OutOfRange
 from morphofold.geometry import edges, face_areas, mean_edge_length
-from morphofold.surface import Faces, Verts, check_mesh
+from morphofold.surface import Faces, Verts
+from morphofold.validators import check_mesh
 
 # sizes of boxes: from this many mean edges to this share of the root of the area
 FINEST_BOX_IN_EDGES, COARSEST_BOX_PER_ROOT_AREA = 2.0, 0.25

@@ -8,7 +8,8 @@ from scipy.spatial import ConvexHull, QhullError
 from morphofold.arrays import memoized
 from morphofold.errors import BadMesh
 from morphofold.geometry import face_areas, used
-from morphofold.surface import Faces, Verts, check_mesh
+from morphofold.surface import Faces, Verts
+from morphofold.validators import check_mesh
 
 
 def gyrification_index(verts: Verts, faces: Faces) -> float:

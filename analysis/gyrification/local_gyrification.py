@@ -14,8 +14,9 @@ from scipy.spatial import cKDTree
 from morphofold.arrays import Array
 from morphofold.errors import OpenSurface, OutOfRange, TooLarge
 from morphofold.geometry import face_areas, in_use, is_closed, mean_edge_length, split, vertex_areas
-from morphofold.surface import Faces, PerVertex, Verts, check_mesh
+from morphofold.surface import Faces, PerVertex, Verts
 from morphofold.threads import beside
+from morphofold.validators import check_mesh
 
 CLOSING_RADIUS_MM, REGION_RADIUS_MM = 15.0, 25.0  # [mm], of Schaer and others 2008
 VOXELS_PER_CLOSING_RADIUS = 12.0  # per radius of the closing, by default

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from morphofold import geometry
 from morphofold.errors import DoesNotApply, NotFinite, OutOfRange, WrongShape
 from morphofold.kernels import kernel
-from morphofold.surface import Faces, PerVertex, Verts, check_mesh
+from morphofold.surface import Faces, PerVertex, Verts
+from morphofold.validators import check_mesh
 
 SHORTEST_WAVE_IN_EDGES = 4  # least length of the shortest wave in mesh edges
 LARGEST_DEGREE = 1000  # largest degree; up to there the recurrence loses no digit

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.geometry import norms, vertex_areas
-from morphofold.surface import Cortex, PerVertex, check_kind
+from morphofold.surface import Cortex, PerVertex
+from morphofold.validators import check_kind
 
 RIDGE = 0.5  # shape index of a ridge, and less than 0 of a groove: there one principal curvature is 0
 #: shares of the area of the cortex in the order of depth: the shallowest, the middle and the deepest part

@@ -11,8 +11,9 @@ from morphofold.arrays import Array, memoized
 from morphofold.errors import OutOfRange, UnknownName, UnlikeSurfaces
 from morphofold.geometry.kernels import closest_in_triangle, position
 from morphofold.kernels import kernel, reading
-from morphofold.surface import Faces, PerVertex, Surface, Verts, check_kind
+from morphofold.surface import Faces, PerVertex, Surface, Verts
 from morphofold.threads import in_blocks
+from morphofold.validators import check_kind
 
 LEAST_RELIABLE_AREA = 1e-5  # of a triangle, over its squared radius: rounding may turn the normal of a thinner one
 DISC_MARGIN = 1e-6  # relative margin, safe against rounding, of the squared distance of the disc around a triangle

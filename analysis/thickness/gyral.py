@@ -17,7 +17,8 @@ from morphofold.analysis.thickness.mid_height import Contour, mid_height_contour
 from morphofold.analysis.thickness.rays import RayCaster
 from morphofold.errors import NoCortex, WrongShape
 from morphofold.mesh_quality.checks import cortex_mask
-from morphofold.surface import Cortex, PerVertex, Surface, check_kind
+from morphofold.surface import Cortex, PerVertex, Surface
+from morphofold.validators import check_kind
 
 LEAST_COVERAGE = 0.2  # of the mid-height contour, below which no median is given
 LONGEST_CHORD_IN_WAVELENGTHS = 1.2  # longest chord, relative to the wavelength

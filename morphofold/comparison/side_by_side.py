@@ -28,8 +28,8 @@ from morphofold.io import atomic_folder
 from morphofold.progress import Progress, silent
 from morphofold.provenance import json_value, strict_json
 from morphofold.quantities import CATEGORICAL_COLOURS, CREST_THICKNESS_RATIO, THICKNESS_RATIO
-from morphofold.surface import check_kind
 from morphofold.tables import write_table
+from morphofold.validators import check_kind
 from morphofold.words import listed, number
 
 #: names of single hemispheres, by the name of both hemispheres or of their group

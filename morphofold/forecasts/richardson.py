@@ -28,7 +28,8 @@ from morphofold.sim.output.run_files import sweep
 from morphofold.sim.run import Simulation, simulate
 from morphofold.sim.scene import SLOWEST_RATE, Scene
 from morphofold.sim.scene.files import load_scene
-from morphofold.surface import Surface, check_kind
+from morphofold.surface import Surface
+from morphofold.validators import check_kind
 from morphofold.words import percent
 
 COARSER_EDGE_RATIO = 1.5  # edges of the coarser run over those of the run: it takes about a third of the run's time

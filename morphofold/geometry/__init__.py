@@ -18,7 +18,8 @@ from morphofold.arrays import memoized
 from morphofold.errors import OutOfRange, UnknownName
 from morphofold.geometry.kernels import corners, cross, dot, less, morton
 from morphofold.kernels import kernel, reading
-from morphofold.surface import Faces, PerVertex, Verts, check_arrays
+from morphofold.surface import Faces, PerVertex, Verts
+from morphofold.validators import check_arrays
 
 Vectors = NDArray[np.float64]  # (N, 3) or (M, 3)
 

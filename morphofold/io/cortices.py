@@ -12,16 +12,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from morphofold.errors import (
-    DoesNotApply,
-    Mismatch,
-    MissingPart,
-    OptionsClash,
-    UnknownName,
-    UnlikeSurfaces,
-    WrongFile,
-    WrongShape,
-)
+from morphofold.errors import DoesNotApply, Mismatch, MissingPart, OptionsClash, UnlikeSurfaces, WrongFile, WrongShape
 from morphofold.io.files import MAX_BYTES, StrPath, existing_file, side_named
 from morphofold.io.formats import read_mask, read_morph, read_regions, read_surface
 from morphofold.io.freesurfer import read_aseg_stats, scanner_transform
@@ -29,6 +20,7 @@ from morphofold.io.json_files import Amount, Count, FileWord, Number, Record, re
 from morphofold.io.map_signs import in_freesurfer_signs
 from morphofold.provenance import clean_name, unchanged
 from morphofold.surface import Cortex
+from morphofold.validators import one_of
 
 HEMIS = ("lh", "rh")
 MAP_NAMES = ("thickness", "curv", "sulc", "area")
@@ -143,8 +135,7 @@ def read_cortex(
     OSError
         A file changed while it was read.
     """
-    if hemi not in ("lh", "rh", None):
-        raise UnknownName(f"hemi must be 'lh' or 'rh', got {hemi!r}.")
+    one_of(hemi or "lh", HEMIS, "hemi")
     if path is None:
         if white is None or pial is None:
             raise TypeError("Pass a folder, or both white= and pial=.")
@@ -285,13 +276,13 @@ def read_cortex_files(root: Path, hemi: str, files: dict[str, Path], name: str |
         """The content of a file; raises ``Mismatch`` if it has another number of vertices."""
         if what not in files:
             return None
-        found = read(files[what])
-        if count(found) != len(white.verts):
+        content = read(files[what])
+        if count(content) != len(white.verts):
             raise Mismatch(
-                f"{files[what]} has {count(found):,} vertices, {inner} {len(white.verts):,}: it belongs to another "
+                f"{files[what]} has {count(content):,} vertices, {inner} {len(white.verts):,}: it belongs to another "
                 "subject. Take it from the same subject, or leave it out."
             )
-        return found
+        return content
 
     maps = {kind: fitting(kind, read_morph) for kind in MAP_NAMES if kind in files}
     maps = maps if "stage" in files else in_freesurfer_signs(maps, white, files)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -12,10 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from morphofold.errors import NotFinite, WrongFile, WrongShape
+from morphofold.errors import WrongFile, WrongShape
 from morphofold.io import freesurfer, gifti, text_files, trimesh_files, vtk_files
 from morphofold.io.files import StrPath, beginning, existing_file
-from morphofold.surface import PerVertex, Regions, Surface, Verts, check_mesh
+from morphofold.surface import PerVertex, Regions, Surface, Verts
+from morphofold.validators import check_mesh, finite
 from morphofold.words import listed
 
 
@@ -295,22 +297,11 @@ def _checked_map(path: StrPath, values: ArrayLike, nan: float | None) -> NDArray
     if values.ndim != 1 or len(values) == 0:
         raise WrongShape(f"{path}: a map has one value per vertex, shape (N,); got {values.shape}.")
     _refuse_infinite(path, values)
-    missing = np.isnan(values)
-    if missing.any():
-        if nan is None:
-            raise NotFinite(
-                f"{path}: {missing.sum()} of {len(values)} values are NaN; the first is at vertex "
-                f"{np.flatnonzero(missing)[0]}. Choose the value to write there, e.g. nan=0.0."
-            )
-        values = np.where(missing, nan, values)
-    return values.astype(np.float32)
+    if nan is None:
+        finite(values, os.fspath(path), "Choose the value to write there, e.g. nan=0.0.")
+    return np.where(np.isnan(values), nan, values).astype(np.float32)
 
 
 def _refuse_infinite(path: StrPath, values: PerVertex) -> None:
-    with np.errstate(over="ignore"):
-        infinite = np.flatnonzero(np.isinf(values.astype(np.float32)))
-    if len(infinite):
-        raise NotFinite(
-            f"{path}: {len(infinite)} of {len(values)} values are infinite or beyond float32, the first at vertex "
-            f"{infinite[0]}. Repair the file, or leave it out."
-        )
+    with np.errstate(over="ignore"):  # what is beyond float32 becomes infinite
+        finite(values.astype(np.float32), os.fspath(path), "Repair the file, or leave it out.", nan=True)

@@ -32,6 +32,7 @@ from morphofold.io.files import (
 from morphofold.io.json_files import LARGEST_NUMBER
 from morphofold.provenance import clean_name
 from morphofold.surface import Faces, PerVertex, Regions, Surface, Verts
+from morphofold.validators import labels_within
 
 TRIANGLE_MAGIC, QUAD_MAGIC, QUAD_FLOAT_MAGIC = b"\xff\xff\xfe", b"\xff\xff\xff", b"\xff\xff\xfd"
 _CREATED_BY = "created by morphofold"  # nibabel's default writes the name of the user and the date
@@ -273,8 +274,7 @@ def write_annotation(path: StrPath, regions: Regions) -> None:
     if colours.shape != (len(regions.names), 3):
         raise WrongShape(f"{path}: {len(regions.names)} region names, but colours of shape {colours.shape}.")
     ids = colours @ (1, 256, 65536)
-    if labels.min(initial=0) < -1 or labels.max(initial=-1) >= len(colours):
-        raise OutOfRange(f"{path}: labels are {labels.min()}..{labels.max()}, allowed -1..{len(ids) - 1}.")
+    labels_within(labels, len(colours), os.fspath(path))
     if len(np.unique(ids)) < len(ids):
         raise NamedTwice(f"{path}: two regions have the same colour, so an annotation cannot distinguish them.")
     if (ids == 0).any() and (labels == -1).any():

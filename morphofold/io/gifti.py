@@ -15,10 +15,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from morphofold.errors import DamagedFile, OutOfRange, WrongFile
+from morphofold.errors import DamagedFile, WrongFile
 from morphofold.io.files import StrPath, atomic_file, decoding, existing_file, name_in_file, side_named, unpacked
 from morphofold.provenance import clean_name
 from morphofold.surface import Faces, PerVertex, Regions, Surface, Verts
+from morphofold.validators import labels_within
 
 if TYPE_CHECKING:
     from nibabel.gifti import GiftiImage
@@ -198,10 +199,8 @@ def write_regions(path: StrPath, regions: Regions, hemi: str | None = None) -> N
     """Write regions as a GIFTI label file: region i has key i + 1; key 0, ??? as in Workbench, means no region."""
     from nibabel.gifti import GiftiDataArray, GiftiLabel, GiftiLabelTable
 
-    labels, count = np.asarray(regions.labels), len(regions.names)
-    if labels.ndim != 1 or labels.min(initial=0) < -1 or labels.max(initial=-1) >= count:
-        problem = f"labels are {labels.min()}..{labels.max()}, allowed -1..{count - 1}"
-        raise OutOfRange(f"{path}: {problem}. Pass a name for every label.")
+    labels = np.asarray(regions.labels)
+    labels_within(labels, len(regions.names), os.fspath(path))
     table = GiftiLabelTable()
     for key, (name, colour) in enumerate([("???", None), *zip(regions.names, regions.colours.tolist())]):
         rgba = (1.0, 1.0, 1.0, 0.0) if colour is None else (*(x / 255 for x in colour), 1.0)

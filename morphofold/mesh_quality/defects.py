@@ -9,7 +9,8 @@ from morphofold import geometry
 from morphofold.errors import BadMesh
 from morphofold.intersections.intersection import self_intersections
 from morphofold.mesh_quality import checks
-from morphofold.surface import Cortex, PerVertex, check_mesh
+from morphofold.surface import Cortex, PerVertex
+from morphofold.validators import check_mesh
 
 #: notes that commands also print as warnings, by code: cause and cure (docs/messages.md)
 WARNINGS = {

@@ -27,6 +27,7 @@ from morphofold.results.subject_files import stats_name, write_gyral_stats
 from morphofold.results.summary import REANALYSE_ADVICE
 from morphofold.surface import Cortex, PerVertex, Regions, Verts
 from morphofold.tables import write_table
+from morphofold.validators import same_length
 
 SURFACES_IN_SCANNER = ("white", "pial")
 SURFACES = (*SURFACES_IN_SCANNER, "inflated", "sphere")  # the others have no place in the scanner
@@ -152,8 +153,7 @@ def _regions(path: Path, n: int, name: str) -> Regions:
 
 def _of_size(values: NDArray[Any], n: int, path: Path) -> NDArray[Any]:
     """The values of a file; raises ``Mismatch`` unless there is one for each vertex."""
-    if values.shape != (n,):
-        raise Mismatch(f"{path}: {values.shape} values for {n} vertices. The files belong to two analyses.")
+    same_length(values, n, f"{path}:", "The files belong to two analyses.", Mismatch)
     return values
 
 

@@ -1,0 +1,120 @@
+"""Checks of arguments: one for each kind of mistake, with one form of message."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from morphofold.errors import BadMesh, NotFinite, OutOfRange, Refusal, UnknownName, WrongShape
+
+LARGEST_UNKNOWN_SHARE = 0.01  # of the triangles, at vertices that are NaN: more are no mistake at a border
+#: how to get an object that a function needs
+_HOW_TO_GET = {
+    "Surface": "Read one with morphofold.read_surface(path), or make one with Surface(verts, faces).",
+    "Cortex": "Read one with morphofold.read_cortex(path), or make one with Cortex(white, pial) or "
+    "Cortex.from_arrays(white, pial, faces).",
+    "Measures": "Make them with morphofold.measure(cortex).",
+    "Mapping": 'Name each: {"model": measures, "MRI": others}.',
+    "MultiGraph": "Make one with morphofold.analysis.gyral_graph(cortex).",
+    "Simulation": "Make one with morphofold.simulate(scene, out=folder).",
+}
+
+
+def check_kind(value: Any, kinds: type | tuple[type, ...], what: str) -> None:
+    """Raise ``TypeError``, which explains how to make one, unless ``value`` is of one of the kinds."""
+    if isinstance(value, kinds):
+        return
+    names = [kind.__name__ for kind in (kinds if isinstance(kinds, tuple) else (kinds,))]
+    got = f"{type(value).__name__}{_value_excerpt(value)}"
+    raise TypeError(f"{what} must be of class {' or '.join(names)}, not {got}. {_HOW_TO_GET.get(names[0], '')}")
+
+
+def check_arrays(verts: Any, faces: Any, name: str = "surface") -> None:
+    """Raise ``TypeError`` unless vertices and triangles are arrays of numbers."""
+    for what, values in (("verts", verts), ("faces", faces)):
+        if not isinstance(values, np.ndarray) or values.dtype.kind not in "fiu":
+            of = f" of {values.dtype}" if isinstance(values, np.ndarray) else _value_excerpt(values)
+            raise TypeError(
+                f"{name}: {what} must be an array of numbers, not {type(values).__name__}{of}. For a Surface pass "
+                "surface.verts and surface.faces; read_surface(path) makes one from a file."
+            )
+
+
+def _value_excerpt(value: Any) -> str:
+    return f" {str(value)[:60]!r}" if isinstance(value, str | Path) else ""
+
+
+def one_of(value: Any, names: Collection[str], what: str) -> None:
+    """Raise ``UnknownName`` unless a value is one of the names."""
+    if value not in names:
+        raise UnknownName(f"{what} must be one of {', '.join(names)}; got {value!r}.")
+
+
+def finite(values: np.ndarray, what: str, advice: str, *, nan: bool = False) -> None:
+    """Raise ``NotFinite``, with the first vertex, unless all values (N, ...) are finite, or NaN if ``nan``."""
+    wrong = np.isinf(values) if nan else ~np.isfinite(values)
+    rows = np.flatnonzero(wrong.reshape(len(wrong), -1).any(axis=1))
+    if rows.size:
+        kind, first = "infinite" if nan else "not finite", np.asarray(values)[rows[0]].tolist()
+        raise NotFinite(f"{what}: {rows.size} of {len(wrong)} are {kind}; the first is of vertex {rows[0]}: {first}. {advice}")
+
+
+def same_length(
+    values: Any, n: int, what: str, advice: str = "It belongs to another surface.", error: type[Refusal] = WrongShape
+) -> None:
+    """Raise an error unless there is one value for each of ``n`` vertices."""
+    if np.shape(values) != (n,):
+        raise error(f"{what} has shape {np.shape(values)}, but there are {n} vertices. {advice}")
+
+
+def labels_within(labels: np.ndarray, count: int, what: str) -> None:
+    """Raise ``OutOfRange`` unless labels are -1 to ``count`` - 1."""
+    if labels.min(initial=0) < -1 or labels.max(initial=-1) >= count:
+        raise OutOfRange(f"{what}: labels are {labels.min()}..{labels.max()}, allowed -1..{count - 1}.")
+
+
+def check_mesh(verts: np.ndarray, faces: np.ndarray, name: str = "surface") -> None:
+    """Raise ``ValueError`` unless (verts, faces) is a usable triangle mesh.
+
+    Usable: shapes (N, 3) and (M, 3) with N, M > 0, integer faces inside 0..N-1, finite coordinates, no
+    face that contains a vertex twice. Holes, several components and unused vertices are allowed here;
+    measures that cannot handle them raise their own errors.
+    """
+    check_indexed(verts, faces, name)
+    check_positions(verts, name)
+    flat = np.flatnonzero((faces[:, 0] == faces[:, 1]) | (faces[:, 1] == faces[:, 2]) | (faces[:, 2] == faces[:, 0]))
+    if flat.size:
+        raise BadMesh(
+            f"{name}: {flat.size} of {len(faces)} faces contain a vertex twice; the first is face {flat[0]} = "
+            f"{faces[flat[0]].tolist()}. Remove them."
+        )
+
+
+def check_indexed(verts: np.ndarray, faces: np.ndarray, name: str) -> None:
+    """As ``check_mesh``, but faces may contain a vertex twice."""
+    check_arrays(verts, faces, name)
+    if verts.ndim != 2 or verts.shape[1] != 3 or len(verts) == 0:
+        raise WrongShape(
+            f"{name}: verts must have shape (N, 3) with N > 0, got {verts.shape}. "
+            "If the array holds one vertex per column, pass verts.T."
+        )
+    if faces.ndim != 2 or faces.shape[1] != 3 or len(faces) == 0:
+        raise WrongShape(f"{name}: faces must have shape (M, 3) with M > 0, got {faces.shape}.")
+    if not np.issubdtype(faces.dtype, np.integer):
+        raise TypeError(f"{name}: faces must be integers, got dtype {faces.dtype}.")
+    bad = np.flatnonzero(((faces < 0) | (faces >= len(verts))).any(axis=1))
+    if bad.size:
+        raise OutOfRange(
+            f"{name}: {bad.size} of {len(faces)} faces contain a vertex outside 0..{len(verts) - 1}; "
+            f"the first is face {bad[0]} = {faces[bad[0]].tolist()}. "
+            "Were the indices 1-based? Then pass faces - 1."
+        )
+
+
+def check_positions(verts: np.ndarray, name: str) -> None:
+    """Raise ``NotFinite`` unless all vertex positions are finite."""
+    advice = "The file is damaged, or the step that wrote it failed. (NaN is allowed at a border, in at most "
+    finite(verts, f"{name}: vertices", f"{advice}{LARGEST_UNKNOWN_SHARE:.0%} of the triangles.)")
