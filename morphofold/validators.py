@@ -59,7 +59,9 @@ def finite(values: np.ndarray, what: str, advice: str, *, nan: bool = False) -> 
     rows = np.flatnonzero(wrong.reshape(len(wrong), -1).any(axis=1))
     if rows.size:
         kind, first = "infinite" if nan else "not finite", np.asarray(values)[rows[0]].tolist()
-        raise NotFinite(f"{what}: {rows.size} of {len(wrong)} are {kind}; the first is of vertex {rows[0]}: {first}. {advice}")
+        raise NotFinite(
+            f"{what}: {rows.size} of {len(wrong)} are {kind}; the first is of vertex {rows[0]}: {first}. {advice}"
+        )
 
 
 def same_length(

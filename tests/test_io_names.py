@@ -7,8 +7,8 @@ from made_subjects import AXES, write_subject
 
 from morphofold.errors import NotFetched
 from morphofold.io import read_annotation, read_cortex, read_label, read_morph, read_surface, sample_path, write_surface
+from morphofold.io.cortices import read_folded
 from morphofold.io.files import side_named
-from morphofold.io.folded import read_folded
 from morphofold.io.json_files import Record, read_json
 from morphofold.shapes import icosphere
 from morphofold.sim.scene.files import load_scene

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from morphofold.io import read_annotation, read_cortex, read_morph, sample_path, write_annotation, write_gifti_map
+from morphofold.io.cortices import OPPOSITE, in_freesurfer_signs
 from morphofold.io.gifti import write_regions
 from morphofold.io.gifti import write_surface as write_gifti_surface
-from morphofold.io.map_signs import OPPOSITE, in_freesurfer_signs
 from morphofold.shapes import icosphere
 from morphofold.surface import Regions, Surface
 

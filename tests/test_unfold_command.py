@@ -10,7 +10,7 @@ from morphofold import shapes
 from morphofold.cli import main
 from morphofold.geometry import vertex_areas
 from morphofold.io import read_morph, read_surface, sample_path, write_surface
-from morphofold.io.folded import read_folded
+from morphofold.io.cortices import read_folded
 from morphofold.surface import Surface
 from morphofold.tables import read_table
 from morphofold.unfolding.unfold import unfold

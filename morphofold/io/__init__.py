@@ -19,7 +19,7 @@ from morphofold.io.freesurfer import (
     write_annotation,
     write_label,
 )
-from morphofold.io.samples import sample_path
+from morphofold.io.subject_files import sample_path
 
 __all__ = [
     "atomic_file",

@@ -3,87 +3,40 @@
 from __future__ import annotations
 
 import os
-import re
-from collections.abc import Callable, Sequence
+import warnings
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
-from pydantic import Field
+import numpy as np
+from scipy import sparse
 
-from morphofold.errors import DoesNotApply, Mismatch, MissingPart, OptionsClash, UnlikeSurfaces, WrongFile, WrongShape
+from morphofold.errors import Mismatch, OptionsClash, UnlikeSurfaces, WrongFile, WrongShape
+from morphofold.geometry import adjacency, vertex_normals
 from morphofold.io.files import MAX_BYTES, StrPath, existing_file, side_named
 from morphofold.io.formats import read_mask, read_morph, read_regions, read_surface
-from morphofold.io.freesurfer import read_aseg_stats, scanner_transform
-from morphofold.io.json_files import Amount, Count, FileWord, Number, Record, read_json
-from morphofold.io.map_signs import in_freesurfer_signs
+from morphofold.io.freesurfer import flip_curvature_sign, read_aseg_stats, scanner_transform
+from morphofold.io.json_files import read_json
+from morphofold.io.subject_files import (
+    HEMIS,
+    MAP_NAMES,
+    StageRecord,
+    cortex_files,
+    folded_files,
+    hemispheres,
+    last_stage,
+    measured_surface_fields,
+)
 from morphofold.provenance import clean_name, unchanged
-from morphofold.surface import Cortex
+from morphofold.surface import Cortex, PerVertex, Surface
 from morphofold.validators import one_of
 
-HEMIS = ("lh", "rh")
-MAP_NAMES = ("thickness", "curv", "sulc", "area")
-SURFACE_ENDINGS = ("", ".surf.gii", ".gii", ".surf.gii.gz", ".asc")
-_MAP_ENDINGS = ("", ".shape.gii", ".gii", ".mgh", ".mgz")
-
-_PositiveSize = Annotated[float, Field(ge=1e-6, le=1e6)]
-
-
-class StageHealth(Record):
-    """Numbers of a stage in ``stage.json`` and ``health.json``."""
-
-    growth: Number = 1.0
-    min_J: Number = 1.0
-    crossings: Count = 0
-    deepest_crossing: Amount = 0.0
-    mean_radius_mm: Amount | None = None
-
-
-class GrownFrom(Record):
-    """The person whose unfolded cortex grew: SHA-256 of the files by content, the level of unfolding, which maps it was
-    given, and what marked its cortex."""
-
-    subject: str
-    sha256: dict[str, str]
-    unfold: Annotated[float, Field(gt=0, le=1)]
-    maps: list[str] = []
-    cortex_mask: str = ""
-
-
-class StageRecord(Record):
-    """``stage.json``: the record of a stage by ``simulate``, the ``info`` of an analysis; all keys may be missing."""
-
-    name: str = "simulation"
-    g: Annotated[float, Field(gt=0, le=1000)] = 1.0
-    law: str = ""
-    mu_ratio: _PositiveSize = 1.0
-    material: str = "neo-hookean"
-    shape: str = ""
-    reference_thickness: _PositiveSize = 1.0
-    reference_radius: _PositiveSize = 1.0
-    portion: Annotated[float, Field(ge=1e-3, le=1)] = 1.0
-    units: str = "mm"
-    health: StageHealth = StageHealth()
-    warnings: list[str] = []
-    vertices_without_value_written_as_0: dict[str, Count] = {}
-    grown_from: GrownFrom | None = None
-
-
-class SurfaceRecord(Record):
-    """The origin of a surface as given in ``summary.json``."""
-
-    hemi: Literal["lh", "rh"]
-    name: str
-    origin: str
-    units: str
-    portion: Annotated[float, Field(ge=1e-3, le=1)]
-    info: StageRecord
-    annotation: FileWord | None = None
-
-
-class _AnalysisSummary(Record):
-    surfaces: list[SurfaceRecord]
+OPPOSITE = -0.3  # correlation with the depth below; with FreeSurfer's sign it was 0.66 to 0.90 on people and averages
+_AVERAGES = 20
+#: by the content in folded_files, that of a cortex
+_IN_A_CORTEX = {"surface": "white", "aparc.annot": "annotation", "cortex.label": "label"}
 
 
 def read_cortex(
@@ -149,19 +102,9 @@ def read_cortex(
         raise NotADirectoryError(f"{path}: is a file. Name its folder, or two files as white and pial.")
     if not path.is_dir():
         existing_file(path, "folder with a cortex")  # raises, and lists close names
-    root = _last_stage(path)
+    root = last_stage(path)
     hemi = hemi or (hemispheres(root)[0] if os.path.lexists(root / "stage.json") else "lh")
     return _cortex_of_folder(root, hemi, tuple(surfaces), annotation, name)
-
-
-def hemispheres(folder: Path) -> tuple[str, ...]:
-    """Hemispheres with white or pial in ``folder`` or its surf/, or in the last stage of a simulation; ("lh",) if none:
-    then the reader raises the error."""
-    folder = _last_stage(folder) if (folder / "stages").is_dir() else folder
-    place = folder / "surf" if (folder / "surf").is_dir() else folder
-    files = {p.name for p in place.glob("?h.*")} if place.is_dir() else set()
-    names = {hemi: {f"{hemi}.{kind}{end}" for kind in ("white", "pial") for end in SURFACE_ENDINGS} for hemi in HEMIS}
-    return tuple(hemi for hemi in HEMIS if names[hemi] & files) or ("lh",)
 
 
 def _cortex_of_pair(white: Path, pial: Path, hemi: str | None, name: str | None) -> Cortex:
@@ -192,68 +135,6 @@ def _cortex_of_pair(white: Path, pial: Path, hemi: str | None, name: str | None)
 def _recording_inputs(files: Sequence[Path]) -> AbstractContextManager[list[dict[str, Any]]]:
     """Context for reading: records of the bytes that are read. Files that no reader accepts are not scanned before."""
     return unchanged(file for file in files if file.is_file() and file.stat().st_size <= MAX_BYTES)
-
-
-def _last_stage(path: Path) -> Path:
-    """The folder itself, or the last stage if it is a simulation."""
-    stages = path / "stages"
-    if not stages.is_dir():
-        return path.parent if path.name == "surf" else path
-    growth = {p: re.fullmatch(r"g(\d+(?:\.\d+)?)", p.name) for p in stages.iterdir() if p.is_dir()}
-    done = {p: float(m[1]) for p, m in growth.items() if m}
-    if not done:
-        raise FileNotFoundError(
-            f"{stages}: no stage (g1.20, ...) is written yet. Wait until the simulation has written one."
-        )
-    return max(done, key=lambda p: done[p])
-
-
-def cortex_files(
-    path: StrPath, hemi: str, *, surfaces: Sequence[str] = ("white", "pial"), annotation: str | None = None
-) -> dict[str, Path]:
-    """The files that :func:`read_cortex` reads in a folder, by content: white, pial, and the others that exist.
-
-    Raises
-    ------
-    FileNotFoundError
-        If a surface does not exist.
-    OSError, ValueError
-        If the right hemisphere of a simulated stage is requested, which does not exist; or if one of the other paths
-        is not a file: a folder, a pipe, a link whose target does not exist.
-    """
-    root = _last_stage(Path(path))
-    stage = root / "stage.json"
-    staged = os.path.lexists(stage)
-    if staged and hemi not in (sides := hemispheres(root)):
-        raise DoesNotApply(f"{root}: is a simulated stage of {sides[0]}, and has no {hemi}. Request {sides[0]}.")
-    found = {what: _required_surface(root, f"{hemi}.{s}") for what, s in zip(("white", "pial"), surfaces)}
-
-    def add(what: str, place: str, stem: str, endings: tuple[str, ...] = ("",)) -> None:
-        places = [folder for folder in (root / place, root / "surf") if folder.is_dir()]
-        file = _first_existing_file(places or [root], stem, endings)
-        found.update({} if file is None else {what: existing_file(file, what)})
-
-    for name in MAP_NAMES:
-        add(name, "surf", f"{hemi}.{name}", _MAP_ENDINGS)
-    for kind in ("inflated", "sphere"):
-        add(kind, "surf", f"{hemi}.{kind}", SURFACE_ENDINGS)
-    if annotation is None and not staged and os.path.lexists(root / "summary.json"):
-        annotation = _measured_surface_fields(root / "summary.json", hemi)["annotation"]
-    for stem in ("aparc",) if annotation is None else (f"aparc.{annotation}", annotation):
-        add("annotation", "label", f"{hemi}.{stem}", (".annot", ".label.gii"))
-    if annotation is not None and "annotation" not in found:
-        there = sorted(file.name for place in (root / "label", root) for file in place.glob(f"{hemi}.*.annot"))
-        raise FileNotFoundError(
-            f"{root}: has no label/{hemi}.{annotation}.annot; it has {', '.join(there) or 'no annotation'}. "
-            "Name one as aparc.a2009s, without hemisphere and ending."
-        )
-    for stem in (f"{hemi}.atlasroi.shape.gii", f"{hemi}.cortex.label"):  # HCP's, and FreeSurfer's, which goes first
-        add("label", "label", stem)
-    if "label" not in found:
-        add("registered", "surf", f"{hemi}.sphere.reg", SURFACE_ENDINGS)
-    if (stats := root / "stats" / "aseg.stats").is_file() and stats.stat().st_size:  # no measure depends on it
-        found["stats"] = stats
-    return {**found, "stage": existing_file(stage, "stage record")} if staged else found
 
 
 def _cortex_of_folder(
@@ -297,7 +178,7 @@ def read_cortex_files(root: Path, hemi: str, files: dict[str, Path], name: str |
         info = _stage_record(files["stage"])
         fields = {**info, "origin": "simulation", "name": _simulation_name(root, info), "info": info}
     elif os.path.lexists(root / "summary.json"):
-        fields |= _measured_surface_fields(root / "summary.json", hemi)
+        fields |= measured_surface_fields(root / "summary.json", hemi)
     return Cortex(
         white,
         pial,
@@ -318,58 +199,76 @@ def read_cortex_files(root: Path, hemi: str, files: dict[str, Path], name: str |
     )
 
 
-def registered_sphere(
-    path: StrPath,
-    hemi: str,
-    name: str = "sphere.reg",
-    writer: str = "FreeSurfer's recon-all (-surfreg) or mris_register writes it.",
-) -> Path:
-    """The sphere of a folder on which its surfaces are registered to others: ``surf/?h.sphere.reg``, or another name,
-    as a FreeSurfer or GIFTI file. ``writer`` says in the error what writes it.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is none.
-    """
-    root = Path(path)
-    file = _first_existing_file((root / "surf", root), f"{hemi}.{name}", SURFACE_ENDINGS)
-    if file is None:
-        raise FileNotFoundError(f"{root}: has no surf/{hemi}.{name}, by which maps come over to a template. {writer}")
-    return existing_file(file, "registered sphere")
-
-
-def _first_existing_file(folders: Sequence[Path], stem: str, endings: tuple[str, ...]) -> Path | None:
-    return next((f for folder in folders for e in endings if os.path.lexists(f := folder / f"{stem}{e}")), None)
-
-
-def _required_surface(root: Path, stem: str) -> Path:
-    found = _first_existing_file((root / "surf", root), stem, SURFACE_ENDINGS)
-    try:
-        return existing_file(found or (root / "surf" if (root / "surf").is_dir() else root) / stem, "surface")
-    except FileNotFoundError as error:
-        raise FileNotFoundError(
-            f"{error} Also tried: {stem}.surf.gii, {stem}.gii. A cortex is a FreeSurfer subject (with "
-            "surf/lh.white and surf/lh.pial), a simulation, or a pair given as white and pial."
-        ) from None
-
-
 def _simulation_name(root: Path, info: dict[str, Any]) -> str:
     folder = root.resolve().name
     scene = str(info.get("name", ""))
     return f"{scene} {folder}" if scene and folder not in scene else scene or folder
 
 
-def _measured_surface_fields(path: Path, hemi: str) -> dict[str, Any]:
-    """Fields of a measured surface in an analysis folder: name, origin, units, portion, info, annotation."""
-    fields = read_json(path, _AnalysisSummary, "Analyze it again.")["surfaces"]
-    found = next((entry for entry in fields if entry["hemi"] == hemi), None)
-    if found is None:
-        raise MissingPart(f"{path}: is not the summary of an analysis of {hemi}. Analyze it again.")
-    return {key: found.get(key) for key in ("name", "origin", "units", "portion", "info", "annotation")}
-
-
 def _stage_record(path: Path) -> dict[str, Any]:
     """The record of a stage by ``simulate``."""
     info = read_json(path, StageRecord, "Simulate that stage again.", most=2**20)
     return {**info, "name": info.get("name", "simulation")}
+
+
+def read_folded(path: StrPath, hemi: str, *, surface: str | None = None, sphere: str | None = None) -> Cortex:
+    """Read ``surf/?h.SURFACE`` (white) and ``surf/?h.SPHERE`` of a subject, and regions and cortex label if they exist.
+
+    Unless a sphere is named, ``surf/?h.sphere`` is read if it exists. Without a label, the files by which the cortex
+    is found are read too. ``path`` may also be a file of a closed surface, and ``sphere`` then the file of its sphere.
+
+    Returns
+    -------
+    Cortex
+        ``white`` is the folded surface, whatever its name; ``pial`` is the same one, unless it was read.
+
+    Raises
+    ------
+    FileNotFoundError
+        If a surface does not exist.
+    ValueError
+        If a file is damaged, or belongs to another subject.
+    """
+    files = folded_files(path, hemi, surface=surface, sphere=sphere)
+    with unchanged(files.values()) as records:
+        known = {"pial": files["surface"]} | {_IN_A_CORTEX.get(what, what): file for what, file in files.items()}
+        cortex = read_cortex_files(Path(path), hemi, known)
+    return replace(cortex, inputs=tuple(records))
+
+
+def in_freesurfer_signs(
+    maps: Mapping[str, PerVertex], white: Surface, files: Mapping[str, Path]
+) -> dict[str, PerVertex]:
+    """Maps (N,) by name, reversed with a warning where their sign is opposite to FreeSurfer's.
+
+    ``sulc`` and ``curv``, positive in sulci, are opposite if their correlation with the depth of vertices below the
+    smoothed white surface is less than ``OPPOSITE``; ``thickness``, if more values are negative than positive.
+    """
+    found = dict(maps)
+    for name, values in maps.items():
+        if name == "area":
+            continue
+        if name == "thickness":
+            opposite, why = (values < 0).sum() > (values > 0).sum(), "is negative, as in HCP's convention"
+        else:
+            depth = _depth(white)
+            known = np.isfinite(values) & np.isfinite(depth)
+            with np.errstate(invalid="ignore", divide="ignore"):  # a constant map has no correlation
+                r = np.corrcoef(values[known], depth[known])[0, 1] if known.any() else np.nan
+            opposite, why = r < OPPOSITE, f"is positive on gyri, not in sulci (correlation with depth {r:.2f})"
+        if opposite:
+            warnings.warn(f"{files[name]}: {why}; its sign was reversed.", stacklevel=2)
+            found[name] = flip_curvature_sign(values)
+    return found
+
+
+def _depth(white: Surface) -> PerVertex:
+    """Distance (N,) [mm] of each vertex below the surface after averages over neighbours, positive in sulci."""
+    near = adjacency(len(white.verts), white.faces).astype(np.float64)
+    mean = sparse.diags_array(1 / np.maximum(near.sum(axis=1), 1)) @ near
+    smooth = white.verts
+    for _ in range(_AVERAGES):
+        smooth = mean @ smooth
+    normals = vertex_normals(white.verts, white.faces)
+    outward = np.sign(np.nansum((white.verts - np.nanmean(white.verts, axis=0)) * normals))  # faces may be reversed
+    return outward * ((smooth - white.verts) * normals).sum(axis=1)
