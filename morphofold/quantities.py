@@ -6,6 +6,7 @@ import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -27,11 +28,9 @@ class Quantity:
 
 
 with Path(__file__).with_suffix(".toml").open("rb") as _file:
-    _WORDS = tomllib.load(_file)
-QUANTITIES = tuple(
-    Quantity(key, **{k: tuple(v) if isinstance(v, list) else v for k, v in words.items()})
-    for key, words in _WORDS["maps"].items()
-)
+    _WORDS: dict[str, Any] = tomllib.load(_file)
+_with_tuples: Any = lambda words: {k: tuple(v) if isinstance(v, list) else v for k, v in words.items()}
+QUANTITIES = tuple(Quantity(key, **_with_tuples(words)) for key, words in _WORDS["maps"].items())
 #: label and unit of the numbers of a surface
 SCALAR_WORDS: dict[str, tuple[str, str]] = {name: (label, unit) for name, (label, unit) in _WORDS["scalars"].items()}
 #: the map from which a scalar is computed, if there is one

@@ -12,15 +12,10 @@ from numpy.typing import NDArray
 from morphofold.arrays import cannot_change, read_only
 from morphofold.display import draw
 from morphofold.errors import MissingPart, UnlikeSurfaces, WrongShape
-from morphofold.validators import (
-    LARGEST_UNKNOWN_SHARE,
-    check_indexed,
-    check_kind,
-    check_positions,
-    finite,
-    one_of,
-    same_length,
-)
+from morphofold.validators import LARGEST_UNKNOWN_SHARE, check_indexed, check_positions, finite, one_of, same_length
+from morphofold.validators import check_arrays as check_arrays  # callers find the checks of a mesh here
+from morphofold.validators import check_kind as check_kind
+from morphofold.validators import check_mesh as check_mesh
 
 if TYPE_CHECKING:
     import pyvista

@@ -10,8 +10,15 @@ import pytest
 from made_surfaces import FOOTER
 
 from morphofold.errors import DamagedFile, NotFetched, Refusal, WrongFile
-from morphofold.io import read_morph, read_surface, scanner_transform, write_gifti_map, write_morph, write_surface
-from morphofold.io.formats import read_regions
+from morphofold.io import (
+    read_annotation,
+    read_morph,
+    read_surface,
+    scanner_transform,
+    write_gifti_map,
+    write_morph,
+    write_surface,
+)
 from morphofold.shapes import icosphere
 from morphofold.surface import Surface
 
@@ -264,7 +271,7 @@ def test_names_of_regions_are_one_line(tmp_path):
     table.labels[0].label = "top\nof \u2028 it"
     array = GiftiDataArray(np.ones(4, np.int32), "NIFTI_INTENT_LABEL", "NIFTI_TYPE_INT32")
     (tmp_path / "a.label.gii").write_bytes(GiftiImage(darrays=[array], labeltable=table).to_bytes())
-    assert read_regions(tmp_path / "a.label.gii").names == (r"top\nof \u2028 it",)
+    assert read_annotation(tmp_path / "a.label.gii").names == (r"top\nof \u2028 it",)
 
 
 # --- damage

@@ -20,7 +20,6 @@ from morphofold.io import (
     write_gifti_map,
     write_morph,
 )
-from morphofold.io.formats import read_regions, write_regions
 from morphofold.surface import Regions
 
 
@@ -155,8 +154,8 @@ def test_regions_come_back_from_gifti_whatever_their_names(tmp_path, fsaverage5)
     names = ("???", "a&b <c>", "", *fsaverage5.regions.names[3:])
     labels = np.where(fsaverage5.pial.verts[:, 2] > 0, fsaverage5.regions.labels, -1)
     regions = Regions(labels, names, fsaverage5.regions.colours, "aparc")
-    write_regions(tmp_path / "lh.aparc.label.gii", regions)
-    again = read_regions(tmp_path / "lh.aparc.label.gii", "aparc")
+    write_annotation(tmp_path / "lh.aparc.label.gii", regions)
+    again = read_annotation(tmp_path / "lh.aparc.label.gii")
     assert (again.names, again.name) == (names, "aparc")
     assert np.array_equal(again.labels, labels)
     assert np.array_equal(again.colours, regions.colours)
@@ -165,19 +164,19 @@ def test_regions_come_back_from_gifti_whatever_their_names(tmp_path, fsaverage5)
 def test_a_gifti_without_whole_regions_is_refused(tmp_path):
     regions = Regions(np.array([0, 1, -1]), ("front", "back"), np.zeros((2, 3), np.uint8))
     path = tmp_path / "lh.a.label.gii"
-    write_regions(path, regions)
+    write_annotation(path, regions)
     path.write_text(path.read_text().replace('Key="2"', 'Key="7"'))
     with pytest.raises(DamagedFile, match=r"lh\.a\.label\.gii: \D*\b1\b\D*\b2\b"):
-        read_regions(path)
-    write_regions(path, regions)
+        read_annotation(path)
+    write_annotation(path, regions)
     path.write_text(path.read_text()[:-200])
     with pytest.raises(DamagedFile, match=r"lh\.a\.label\.gii: "):
-        read_regions(path)
+        read_annotation(path)
     write_gifti_map(path, np.ones(3))
     with pytest.raises(WrongFile, match=r"lh\.a\.label\.gii: .*\bshape \(3,\)"):
-        read_regions(path)
+        read_annotation(path)
     with pytest.raises(OutOfRange, match=r" -1\.\.1\b.* -1\.\.0\b"):
-        write_regions(path, Regions(regions.labels, ("front",), regions.colours[:1]))
+        write_annotation(path, Regions(regions.labels, ("front",), regions.colours[:1]))
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,6 @@ import pytest
 
 from morphofold.io import read_annotation, read_cortex, read_morph, sample_path, write_annotation, write_gifti_map
 from morphofold.io.cortices import OPPOSITE, in_freesurfer_signs
-from morphofold.io.gifti import write_regions
 from morphofold.io.gifti import write_surface as write_gifti_surface
 from morphofold.shapes import icosphere
 from morphofold.surface import Regions, Surface
@@ -94,7 +93,7 @@ def test_regions_and_a_mask_in_gifti_are_read(pair, place):
     regions = Regions(
         np.where(wall, -1, (verts[:, 2] > 0).astype(int)), ("below", "above"), np.eye(2, 3, dtype=np.uint8)
     )
-    write_regions(folder / place / "lh.aparc.label.gii", regions)
+    write_annotation(folder / place / "lh.aparc.label.gii", regions)
     write_gifti_map(folder / place / "lh.atlasroi.shape.gii", (~wall).astype(float))
     cortex = read_cortex(folder)
     assert np.array_equal(cortex.regions.labels, regions.labels)

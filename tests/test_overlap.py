@@ -12,7 +12,7 @@ from morphofold.errors import DoesNotApply, OutOfRange
 from morphofold.geometry import vertex_areas
 from morphofold.inference.overlap import COLUMNS, WHOLE, overlap
 from morphofold.inference.spaces import find_space
-from morphofold.io.gifti import read_map as read_gifti_map
+from morphofold.io import read_morph
 from morphofold.report.pictures.png import read_png
 from morphofold.tables import read_table
 from morphofold.threads import using_threads
@@ -155,7 +155,7 @@ def test_the_command_writes_table_maps_and_page(alike, tmp_path, capsys):
     assert tuple(rows[0]) == COLUMNS
     assert [row["region"] for row in rows] == 2 * ["south", "north", WHOLE]
     for name in ("hinge_density", "crest_density"):
-        p = read_gifti_map(out / "maps" / f"lh.{name}_p.shape.gii")
+        p = read_morph(out / "maps" / f"lh.{name}_p.shape.gii")
         assert np.nanmin(p) >= 1 / 40
         assert read_png(out / "figures" / f"{name}.png").any()
     assert "<svg" in (out / "report.html").read_text()

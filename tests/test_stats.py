@@ -13,7 +13,6 @@ from morphofold.errors import DoesNotApply, MissingPart, UnknownName
 from morphofold.inference.spaces import find_space
 from morphofold.inference.study import cluster_rows, fit_study, summary, write_result
 from morphofold.io import read_morph, write_annotation, write_label, write_surface
-from morphofold.io.gifti import read_map as read_gifti_map
 from morphofold.report.pages.stats_page import effect_unit, stats_report
 from morphofold.report.pictures.png import read_png
 from morphofold.shapes import icosphere
@@ -120,7 +119,7 @@ def test_results_are_maps_a_table_and_a_summary(study, tmp_path):
     found = fitted(study)
     out = write_result(found, tmp_path / "out", [study / "participants.tsv"])
     n, said = len(VERTS), json.loads((out / "summary.json").read_text())
-    effect = read_gifti_map(out / "maps" / "rh.effect.shape.gii")
+    effect = read_morph(out / "maps" / "rh.effect.shape.gii")
     np.testing.assert_allclose(effect, found.inference.effect[n:], rtol=1e-5)
     p = read_morph(out / "maps" / "lh.p_tfce")
     np.testing.assert_allclose(p, np.nan_to_num(found.inference.p_tfce[:n], nan=1.0), rtol=1e-6)

@@ -10,15 +10,18 @@ from morphofold.io.folders import (
     refuse_no_collection,
     remove_folder,
 )
-from morphofold.io.formats import read_morph, read_surface, write_gifti_map, write_morph, write_surface
-from morphofold.io.freesurfer import (
-    flip_curvature_sign,
+from morphofold.io.formats import (
     read_annotation,
     read_label,
-    scanner_transform,
+    read_morph,
+    read_surface,
     write_annotation,
+    write_gifti_map,
     write_label,
+    write_morph,
+    write_surface,
 )
+from morphofold.io.freesurfer import flip_curvature_sign, scanner_transform
 from morphofold.io.subject_files import sample_path
 
 __all__ = [

@@ -16,7 +16,7 @@ from scipy import sparse
 from morphofold.errors import Mismatch, OptionsClash, UnlikeSurfaces, WrongFile, WrongShape
 from morphofold.geometry import adjacency, vertex_normals
 from morphofold.io.files import MAX_BYTES, StrPath, existing_file, side_named
-from morphofold.io.formats import read_mask, read_morph, read_regions, read_surface
+from morphofold.io.formats import read_annotation, read_label, read_morph, read_surface
 from morphofold.io.freesurfer import flip_curvature_sign, read_aseg_stats, scanner_transform
 from morphofold.io.json_files import read_json
 from morphofold.io.subject_files import (
@@ -169,8 +169,8 @@ def read_cortex_files(root: Path, hemi: str, files: dict[str, Path], name: str |
     maps = maps if "stage" in files else in_freesurfer_signs(maps, white, files)
     inflated, sphere = (fitting(name, read_surface, lambda found: len(found.verts)) for name in ("inflated", "sphere"))
     registered = read_surface(files["registered"]) if "registered" in files else None
-    regions = fitting("annotation", read_regions, lambda regions: len(regions.labels))
-    mask = fitting("label", lambda file: read_mask(file, len(white.verts)))
+    regions = fitting("annotation", read_annotation, lambda regions: len(regions.labels))
+    mask = fitting("label", lambda file: read_label(file, len(white.verts)))
     found = "FreeSurfer" if inner.suffix not in (".gii", ".gz") else "files"
     info = read_aseg_stats(files["stats"], hemi) if "stats" in files else {}
     fields: dict[str, Any] = {"origin": found, "name": root.resolve().name, "info": info}

@@ -66,9 +66,9 @@ def side_named(name: str) -> str | None:
     return found[0] if len(found) == 1 else None
 
 
-def name_in_file(path: Path, ending: str) -> str:
-    """What a file is named without hemisphere and ending: ``aparc`` for ``lh.aparc.annot``."""
-    return re.sub("^[lr]h\\.", "", clean_name(path.name.removesuffix(ending)))
+def name_in_file(path: Path) -> str:
+    """What regions are called in the name of their file: ``aparc`` in ``lh.aparc.annot`` and ``lh.aparc.label.gii``."""
+    return re.sub("^[lr]h\\.", "", clean_name(path.name.removesuffix(".annot").removesuffix(".label.gii")))
 
 
 def existing_file(path: StrPath, what: str = "file") -> Path:
@@ -163,7 +163,7 @@ def unpacked(path: Path) -> bytes:
 
 
 @contextmanager
-def decoding(path: Path, what: str, advice: str = "Make it again from its source.") -> Iterator[None]:
+def decoding(path: Path, what: str, advice: str = "Copy it again from its source, or make it again.") -> Iterator[None]:
     """Turn any error that a file library raises on a damaged file into one clear ``DamagedFile``; keep ``WrongFile``
     and ``NotFetched``.
 
@@ -184,9 +184,10 @@ def decoding(path: Path, what: str, advice: str = "Make it again from its source
                 f"{path}: not enough memory to read {what}. Close other programs, or use a computer with more memory."
             ) from error
         problem = "" if isinstance(error, SystemExit) else " ".join(str(error).split())[:160]
+        if isinstance(error, WrongFile):
+            raise WrongFile(f"{path}: {problem}.") from error
         reason = problem or type(error).__name__.replace("SystemExit", "its reader failed")
-        kind = WrongFile if isinstance(error, WrongFile) else DamagedFile
-        raise kind(f"{path}: is truncated, damaged, or not {what} ({reason}). {advice}") from error
+        raise DamagedFile(f"{path}: is truncated, damaged, or not {what} ({reason}). {advice}") from error
 
 
 def _bytes_of_refused_array(error: BaseException) -> float:
@@ -308,7 +309,7 @@ def naming(path: Path, temporary: Path) -> Iterator[None]:
         raise OSError(error.errno, error.strerror, os.fspath(path / named.relative_to(ours))) from error
 
 
-def write_and_look(path: StrPath, write: Callable[[str], object], read: Callable[[Path], object]) -> None:
+def write_and_look(path: StrPath, write: Callable[[str], object], read: Callable[[bytes, Path], object]) -> None:
     """Let a library write a file to a given name, and check that it can be read; written completely or not at all.
 
     The check is for full disks: numpy's ``tofile``, which libraries use, cuts files there without an error.
@@ -323,7 +324,7 @@ def write_and_look(path: StrPath, write: Callable[[str], object], read: Callable
     with atomic_file(path) as temporary:
         try:
             write(os.fspath(temporary))
-            read(temporary)
+            read(temporary.read_bytes(), temporary)
         except (ValueError, OSError) as error:
             if isinstance(error, OSError) and error.errno is not None:
                 raise

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from morphofold.errors import WrongFile, WrongShape
+from morphofold.errors import Mismatch, WrongFile, WrongShape
 from morphofold.io import freesurfer, gifti, text_files, trimesh_files, vtk_files
-from morphofold.io.files import StrPath, beginning, existing_file
+from morphofold.io.files import StrPath, beginning, decoding, existing_file, unpacked, warn_of_no_end
 from morphofold.surface import PerVertex, Regions, Surface, Verts
-from morphofold.validators import check_mesh, finite
+from morphofold.validators import check_mesh, finite, same_length
 from morphofold.words import listed
 
 
@@ -32,14 +32,16 @@ class Format:
     endings : tuple of str
         Endings of its file names, in lower case. They decide if the first bytes do not identify a format.
     read : callable
-        ``read(path)``; raises ``ValueError`` for a damaged file. Of a surface it gives vertices, faces and the volume
-        geometry, or None for the latter.
+        ``read(raw, path)`` of the bytes of the file, which is small enough and not compressed. Any exception means
+        damage, ``WrongFile`` another content. Of a surface it gives vertices, faces and the volume geometry, or None.
     write : callable, optional
         ``write(path, content)`` writes completely or not at all.
     begins : pattern, optional
         Matches the start of its files, within their first 1024 bytes.
     names : pattern, optional
         Matches the start of other names of its files.
+    finish : callable, optional
+        ``finish(content, path)``: what is made of the content, with warnings.
     """
 
     name: str
@@ -48,6 +50,7 @@ class Format:
     write: Callable[..., None] | None = None
     begins: re.Pattern[bytes] | None = None
     names: re.Pattern[str] | None = None
+    finish: Callable[[Any, Path], Any] | None = None
 
     def starts(self, head: bytes) -> bool:
         return self.begins is not None and self.begins.match(head) is not None
@@ -56,9 +59,9 @@ class Format:
         return name.lower().endswith(self.endings) or (self.names is not None and self.names.match(name) is not None)
 
 
-def _of_trimesh(kind: str, begins: bytes | None) -> Format:
+def _of_trimesh(kind: str, begins: bytes | None, **more: Any) -> Format:
     read, write = partial(trimesh_files.read, kind), partial(trimesh_files.write, kind)
-    return Format(kind.upper(), (f".{kind}",), read, write, re.compile(begins) if begins else None)
+    return Format(kind.upper(), (f".{kind}",), read, write, re.compile(begins) if begins else None, **more)
 
 
 _GIFTI, _GIFTI_ENDINGS, _ANY = re.compile(rb".*?<GIFTI", re.DOTALL), (".gii", ".gii.gz"), re.compile("")
@@ -68,7 +71,7 @@ FORMATS = {
         _of_trimesh("ply", rb"ply\r?\n"),
         _of_trimesh("glb", rb"glTF"),
         _of_trimesh("off", rb"\s*(#[^\n]*\n\s*)*OFF\s"),
-        _of_trimesh("stl", rb"\s*solid\b"),  # text only; a binary file has no mark
+        _of_trimesh("stl", rb"\s*solid\b", finish=trimesh_files.merge_corners),  # a binary file has no mark
         _of_trimesh("obj", None),
         Format(
             "VTK (.vtk, .vtp, .vtu)",
@@ -106,13 +109,13 @@ FORMATS = {
         Format("text", (), text_files.read_map, begins=re.compile(rb"\s*[-+]?(?:\d|\.\d|nan)[\t\n\r -~]*\Z", re.I)),
         Format("FreeSurfer", (), freesurfer.read_curv, freesurfer.write_curv, names=_ANY),
     ),
-    "regions": (
+    "annotation": (
         Format("GIFTI", _GIFTI_ENDINGS, gifti.read_regions, gifti.write_regions, _GIFTI),
-        Format("FreeSurfer", (), freesurfer.read_annotation, freesurfer.write_annotation, names=_ANY),
+        Format("FreeSurfer", (), freesurfer.read_regions, freesurfer.write_regions, names=_ANY),
     ),
-    "mask": (
+    "label": (
         Format("GIFTI", _GIFTI_ENDINGS, gifti.read_mask, gifti.write_mask, _GIFTI),
-        Format("FreeSurfer", (), freesurfer.read_label, freesurfer.write_label, names=_ANY),
+        Format("FreeSurfer", (), freesurfer.read_label, freesurfer.write_mask, names=_ANY),
     ),
 }
 _GZIP_MAGIC = b"\x1f\x8b"
@@ -125,6 +128,26 @@ def format_of(path: Path, content: str = "surface") -> Format | None:
     by_head = (kind for kind in FORMATS[content] if kind.starts(head))
     by_name = (kind for kind in FORMATS[content] if kind.named(path.name))
     return next(by_head, None) or next(by_name, None)
+
+
+def _read(path: StrPath, content: str) -> tuple[Path, Any]:
+    """The path and the content of a file, whose size is checked first; any damage raises ``DamagedFile``."""
+    path = existing_file(path, content)
+    kind = format_of(path, content)
+    if kind is None:
+        head = path.read_bytes()[:1024]
+        if head.startswith(_GZIP_MAGIC):
+            raise WrongFile(
+                f"{path}: is compressed; only .gii.gz can be read compressed. Decompress it first, with gunzip."
+            )
+        raise WrongFile(
+            f"{path}: is not a {content} that morphofold can read ({beginning(head)}). It reads {_names(content)}."
+        )
+    with decoding(path, f"a {content} in the format {kind.name}"):
+        raw = unpacked(path)
+        found = kind.read(raw, path)
+    warn_of_no_end(path, raw)
+    return path, found if kind.finish is None else kind.finish(found, path)
 
 
 def read_surface(path: StrPath) -> Surface:
@@ -150,29 +173,12 @@ def read_surface(path: StrPath) -> Surface:
     ValueError
         The file is not a surface, truncated, damaged, larger than 2 GiB, or not made of triangles.
     """
-    path = existing_file(path, "surface")
-    verts, faces, geometry = _readable(path, "surface").read(path)
+    path, (verts, faces, geometry) = _read(path, "surface")
     try:
         return Surface(verts, faces, name=path.name, geometry=geometry)
     except (ValueError, TypeError):
         check_mesh(np.asarray(verts), np.asarray(faces), str(path))  # the same error, with the whole path
         raise
-
-
-def _readable(path: Path, content: str) -> Format:
-    """The format by which a file is read; raises ``WrongFile`` if there is none."""
-    kind = format_of(path, content)
-    if kind is not None:
-        return kind
-    with path.open("rb") as file:
-        head = file.read(1024)
-    if head.startswith(_GZIP_MAGIC):
-        raise WrongFile(
-            f"{path}: is compressed; only .gii.gz can be read compressed. Decompress it first, with gunzip."
-        )
-    raise WrongFile(
-        f"{path}: is not a surface that morphofold can read ({beginning(head)}). It reads {_names(content)}."
-    )
 
 
 def _writer(path: StrPath, content: str) -> Callable[..., None]:
@@ -227,10 +233,9 @@ def read_morph(path: StrPath) -> PerVertex:
     ValueError
         If the file is damaged or of another kind, or a value is infinite.
     """
-    path = existing_file(path, "per-vertex map")
-    values: PerVertex = _readable(path, "map").read(path)
+    path, values = _read(path, "map")
     _refuse_infinite(path, values)
-    return values
+    return np.asarray(values)
 
 
 def write_morph(
@@ -268,28 +273,46 @@ def write_gifti_map(
     write_morph(path, values, name=name, hemi=hemi, nan=nan)
 
 
-def read_regions(path: StrPath, name: str = "") -> Regions:
-    """Regions of a FreeSurfer annotation or a GIFTI label file; ``name`` is by default that in the file name."""
-    path = existing_file(path, "annotation")
-    regions: Regions = _readable(path, "regions").read(path)
-    return replace(regions, name=name) if name else regions
+def read_annotation(path: StrPath) -> Regions:
+    """Region labels of a FreeSurfer annotation (``?h.aparc.annot``) or a GIFTI label file, named after the file.
+
+    A vertex whose value is not in the colour table of an annotation, or whose key is 0 in GIFTI, has label -1. Names
+    are kept as in the file and in the order of the table, including ``"unknown"`` and ``"corpuscallosum"``. An
+    annotation cannot distinguish regions of the same colour; the first is kept.
+    """
+    regions: Regions = _read(path, "annotation")[1]
+    return regions
 
 
-def write_regions(path: StrPath, regions: Regions) -> None:
-    """Write regions as a GIFTI label file if ``path`` ends in .gii, else as a FreeSurfer annotation."""
-    _writer(path, "regions")(path, regions)
+def write_annotation(path: StrPath, regions: Regions) -> None:
+    """Write regions as a FreeSurfer annotation, or as a GIFTI label file if ``path`` ends in .gii.
+
+    Colours of an annotation must differ: the format distinguishes regions only by colour.
+    """
+    _writer(path, "annotation")(path, regions)
 
 
-def read_mask(path: StrPath, n: int) -> NDArray[np.bool_]:
-    """Mask (n,) of a FreeSurfer label, or of a GIFTI map: True where that is positive."""
-    path = existing_file(path, "label")
-    mask: NDArray[np.bool_] = _readable(path, "mask").read(path, n)
+def read_label(path: StrPath, n: int) -> NDArray[np.bool_]:
+    """Mask (n,) that is True at the vertices of a FreeSurfer label (``?h.cortex.label``) on n vertices, or where a map
+    of a GIFTI file is positive."""
+    path, found = _read(path, "label")
+    if found.dtype == bool:
+        same_length(found, n, f"{path}:", error=Mismatch)
+        return np.asarray(found)
+    if found.size and (found.min() < 0 or found.max() >= n):
+        raise Mismatch(
+            f"{path}: names vertices {found.min()} to {found.max()}, but the surface has 0 to {n - 1}. "
+            "It belongs to another surface."
+        )
+    mask = np.zeros(n, dtype=bool)
+    mask[found] = True
     return mask
 
 
-def write_mask(path: StrPath, mask: NDArray[np.bool_], verts: Verts) -> None:
-    """Write a mask (N,) as a GIFTI label file if ``path`` ends in .gii, else as a FreeSurfer label."""
-    _writer(path, "mask")(path, mask, verts)
+def write_label(path: StrPath, mask: NDArray[np.bool_], verts: Verts) -> None:
+    """Write a FreeSurfer label of the vertices where ``mask`` (N,) is True, with their positions ``verts`` (N, 3); or a
+    GIFTI label file if ``path`` ends in .gii."""
+    _writer(path, "label")(path, mask, verts)
 
 
 def _checked_map(path: StrPath, values: ArrayLike, nan: float | None) -> NDArray[np.float32]:
@@ -299,7 +322,7 @@ def _checked_map(path: StrPath, values: ArrayLike, nan: float | None) -> NDArray
     _refuse_infinite(path, values)
     if nan is None:
         finite(values, os.fspath(path), "Choose the value to write there, e.g. nan=0.0.")
-    return np.where(np.isnan(values), nan, values).astype(np.float32)
+    return np.where(np.isnan(values), nan or 0.0, values).astype(np.float32)
 
 
 def _refuse_infinite(path: StrPath, values: PerVertex) -> None:

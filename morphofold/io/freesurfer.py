@@ -18,17 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from morphofold.errors import DamagedFile, Mismatch, NamedTwice, OutOfRange, WrongFile, WrongShape
-from morphofold.io.files import (
-    StrPath,
-    beginning,
-    decoding,
-    existing_file,
-    looks_like_text,
-    name_in_file,
-    unpacked,
-    write_and_look,
-)
+from morphofold.errors import DamagedFile, NamedTwice, OutOfRange, WrongFile, WrongShape
+from morphofold.io.files import StrPath, beginning, looks_like_text, name_in_file, write_and_look
 from morphofold.io.json_files import LARGEST_NUMBER
 from morphofold.provenance import clean_name
 from morphofold.surface import Faces, PerVertex, Regions, Surface, Verts
@@ -36,7 +27,6 @@ from morphofold.validators import labels_within
 
 TRIANGLE_MAGIC, QUAD_MAGIC, QUAD_FLOAT_MAGIC = b"\xff\xff\xfe", b"\xff\xff\xff", b"\xff\xff\xfd"
 _CREATED_BY = "created by morphofold"  # nibabel's default writes the name of the user and the date
-_COPY_AGAIN = "Copy it again from its source."
 #: kind of coordinates, bytes of a corner, corners of a face; the oldest have hundredths
 _LAYOUTS = {TRIANGLE_MAGIC: (">f4", 4, 3), QUAD_MAGIC: (">i2", 3, 4), QUAD_FLOAT_MAGIC: (">f4", 3, 4)}
 _WEIGHTS = 256 ** np.arange(3, -1, -1)  # of the bytes of a whole number
@@ -48,41 +38,32 @@ _MGH_TYPES, _MGH_HEAD = {0: ">u1", 1: ">i4", 3: ">f4", 4: ">i2"}, 284  # by thei
 # surfaces -------------------------------------------------------------------------------------------------
 
 
-def is_geometry(head: bytes) -> bool:
-    """Whether a file with these first bytes is a FreeSurfer surface (or, for ``FF FF FF``, perhaps a map)."""
-    return head[:3] in (TRIANGLE_MAGIC, QUAD_MAGIC, QUAD_FLOAT_MAGIC)
-
-
-def read_surface(path: Path) -> tuple[Verts, Faces, Mapping[str, Any] | None]:
+def read_surface(raw: bytes, path: Path) -> tuple[Verts, Faces, Mapping[str, Any] | None]:
     """Vertices (N, 3) [mm], faces (M, 3) and the volume-geometry footer of a FreeSurfer surface.
 
     Old quadrangle surfaces are returned as triangles: a quadrangle is cut as by nibabel, and one with two equal corners
     is one triangle. The footer is None if the file has none.
     """
-    raw = path.read_bytes()
-    if _is_curv_file(raw[:15], len(raw)):
+    if _is_curv_file(raw):
         (n,) = struct.unpack(">i", raw[3:7])
-        raise WrongFile(
-            f"{path}: holds one value for each of {n} vertices, not a surface. Name a surface such as lh.white."
-        )
-    with decoding(path, "a FreeSurfer surface", _COPY_AGAIN):
-        kind, per_corner, corners = _LAYOUTS[raw[:3]]
-        if corners == 3:
-            at = raw.index(b"\n", raw.index(b"\n") + 1) + 9  # after "created by ...", an empty line and two counts
-            n, m = struct.unpack(">2i", raw[at - 8 : at])
-        else:
-            at, n, m = 9, int.from_bytes(raw[3:6], "big"), int.from_bytes(raw[6:9], "big")
-        first = at + 3 * np.dtype(kind).itemsize * n
-        end = first + corners * per_corner * m
-        if n <= 0 or m <= 0 or end > len(raw):
-            raise DamagedFile(f"its header gives {n} vertices and {m} faces, which need {end} bytes; it has {len(raw)}")
-        verts = np.frombuffer(raw[at:first], kind).reshape(-1, 3).astype(np.float64)
-        faces = np.frombuffer(raw[first:end], "u1").reshape(m, corners, per_corner) @ _WEIGHTS[-per_corner:]
-        if corners == 4:
-            even = (faces[:, 0] % 2 == 0)[:, None, None]
-            faces = np.where(even, faces[:, [[0, 1, 3], [2, 3, 1]]], faces[:, [[0, 1, 2], [0, 2, 3]]]).reshape(-1, 3)
-            faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
-        return verts if kind == ">f4" else verts / 100, faces, _footer(raw[end : end + 4096], len(raw))
+        raise WrongFile(f"it holds one value for each of {n} vertices, not a surface; name a surface such as lh.white")
+    kind, per_corner, corners = _LAYOUTS[raw[:3]]
+    if corners == 3:
+        at = raw.index(b"\n", raw.index(b"\n") + 1) + 9  # after "created by ...", an empty line and two counts
+        n, m = struct.unpack(">2i", raw[at - 8 : at])
+    else:
+        at, n, m = 9, int.from_bytes(raw[3:6], "big"), int.from_bytes(raw[6:9], "big")
+    first = at + 3 * np.dtype(kind).itemsize * n
+    end = first + corners * per_corner * m
+    if n <= 0 or m <= 0 or end > len(raw):
+        raise DamagedFile(f"its header gives {n} vertices and {m} faces, which need {end} bytes; it has {len(raw)}")
+    verts = np.frombuffer(raw[at:first], kind).reshape(-1, 3).astype(np.float64)
+    faces = np.frombuffer(raw[first:end], "u1").reshape(m, corners, per_corner) @ _WEIGHTS[-per_corner:]
+    if corners == 4:
+        even = (faces[:, 0] % 2 == 0)[:, None, None]
+        faces = np.where(even, faces[:, [[0, 1, 3], [2, 3, 1]]], faces[:, [[0, 1, 2], [0, 2, 3]]]).reshape(-1, 3)
+        faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
+    return verts if kind == ">f4" else verts / 100, faces, _footer(raw[end : end + 4096], len(raw))
 
 
 def _footer(tail: bytes, size: int) -> Mapping[str, Any] | None:
@@ -129,30 +110,26 @@ def scanner_transform(geometry: Mapping[str, Any] | None) -> NDArray[np.float64]
 # per-vertex maps ------------------------------------------------------------------------------------------
 
 
-def read_curv(path: Path) -> PerVertex:
+def read_curv(raw: bytes, path: Path) -> PerVertex:
     """Values (N,) of a FreeSurfer "curv" file (thickness, curv, sulc, area, ...), as in the file."""
-    import nibabel.freesurfer as fs
-
-    size = path.stat().st_size
-    with path.open("rb") as file:
-        head = file.read(15)
-    if is_geometry(head) and not _is_curv_file(head, size):
-        n = struct.unpack(">i", head[3:7])[0] if len(head) >= 7 else 0
-        if head[:3] == QUAD_MAGIC and head[11:15] == struct.pack(">i", 1) and n > 0:
-            raise DamagedFile(f"{path}: is truncated: {n} values need {15 + 4 * n} bytes; it has {size}. {_COPY_AGAIN}")
-        raise WrongFile(f"{path}: is not a map with one value per vertex. Is it a surface?")
-    old = 6 + 2 * int.from_bytes(head[:3], "big")  # the oldest layout: 3-byte counts, hundredths as int16
-    if not is_geometry(head) and (looks_like_text(head) or size != old or size <= 6):
-        raise WrongFile(f"{path}: is not a FreeSurfer map with one value per vertex ({beginning(head)}).")
-    with decoding(path, "a FreeSurfer map"):
-        return np.asarray(fs.read_morph_data(os.fspath(path)), dtype=np.float64)
+    if raw.startswith(QUAD_MAGIC) and raw[11:15] == struct.pack(">i", 1):
+        (n,) = struct.unpack_from(">i", raw, 3)
+        if n <= 0 or len(raw) < 15 + 4 * n:
+            raise DamagedFile(f"{n} values need {15 + 4 * n} bytes; it has {len(raw)}")
+        return np.frombuffer(raw, ">f4", n, 15).astype(np.float64)
+    if raw[:3] in _LAYOUTS:
+        raise WrongFile("it is not a map with one value per vertex; is it a surface?")
+    n = int.from_bytes(raw[:3], "big")  # the oldest layout: 3-byte counts, hundredths as int16
+    if looks_like_text(raw[:15]) or len(raw) != 6 + 2 * n or n == 0:
+        raise WrongFile(f"it is not a FreeSurfer map with one value per vertex ({beginning(raw[:15])})")
+    return np.frombuffer(raw, ">i2", n, 6) / 100
 
 
-def _is_curv_file(head: bytes, size: int) -> bool:
-    if head[:3] != QUAD_MAGIC or len(head) < 15:
+def _is_curv_file(raw: bytes) -> bool:
+    if not raw.startswith(QUAD_MAGIC) or len(raw) < 15:
         return False
-    n, _, per_vertex = struct.unpack(">3i", head[3:15])
-    return n > 0 and per_vertex == 1 and size >= 15 + 4 * n
+    n, _, per_vertex = struct.unpack_from(">3i", raw, 3)
+    return n > 0 and per_vertex == 1 and len(raw) >= 15 + 4 * n
 
 
 def write_curv(path: StrPath, values: NDArray[np.float32]) -> None:
@@ -169,21 +146,14 @@ def write_mgh(path: StrPath, values: NDArray[np.float32]) -> None:
     write_and_look(path, MGHImage(values.reshape(-1, 1, 1), np.eye(4)).to_filename, read_mgh)
 
 
-def is_mgh(path: Path, head: bytes) -> bool:
-    """Whether a file is MGH by its first bytes, or MGZ by its name."""
-    return head.startswith(b"\0\0\0\1") or path.name.lower().endswith((".mgh", ".mgz", ".mgh.gz"))
-
-
-def read_mgh(path: Path) -> PerVertex:
+def read_mgh(raw: bytes, path: Path) -> PerVertex:
     """Values (N,) of an MGH or MGZ file of N values along one of its dimensions."""
-    with decoding(path, "an MGH map", _COPY_AGAIN):
-        raw = unpacked(path)
-        version, *shape, kind = struct.unpack_from(">6i", raw)
-        if version != 1 or min(shape) < 1:
-            raise DamagedFile(f"its header gives version {version} and {shape} values")
-        if max(shape) != math.prod(shape):
-            raise WrongFile(f"it holds {' x '.join(map(str, shape))} values, not one of each vertex")
-        return np.frombuffer(raw, _MGH_TYPES[kind], max(shape), _MGH_HEAD).astype(np.float64)
+    version, *shape, kind = struct.unpack_from(">6i", raw)
+    if version != 1 or min(shape) < 1:
+        raise DamagedFile(f"its header gives version {version} and {shape} values")
+    if max(shape) != math.prod(shape):
+        raise WrongFile(f"it holds {' x '.join(map(str, shape))} values, not one of each vertex")
+    return np.frombuffer(raw, _MGH_TYPES[kind], max(shape), _MGH_HEAD).astype(np.float64)
 
 
 def flip_curvature_sign(values: ArrayLike) -> PerVertex:
@@ -198,7 +168,7 @@ def flip_curvature_sign(values: ArrayLike) -> PerVertex:
 # regions and labels ---------------------------------------------------------------------------------------
 
 
-def read_annotation(path: StrPath) -> Regions:
+def read_regions(raw: bytes, path: Path) -> Regions:
     """Region labels of a FreeSurfer annotation (``?h.aparc.annot``).
 
     A vertex whose value is not in the colour table of the file has label -1. Names are kept as in the file and in the
@@ -210,23 +180,20 @@ def read_annotation(path: StrPath) -> Regions:
     The table is parsed here: ``nibabel.freesurfer.read_annot`` pairs names with the wrong colours when the
     table has gaps, and gives a vertex with an unlisted value to the next region in the table.
     """
-    path = existing_file(path, "annotation")
-    data = path.read_bytes()
-    with decoding(path, "a FreeSurfer annotation", _COPY_AGAIN):
-        (n,) = struct.unpack_from(">i", data)
-        if n <= 0 or 4 + 8 * n > len(data):
-            raise DamagedFile(f"{n} vertices need {4 + 8 * n} bytes; it has {len(data)} and may be truncated")
-        vertex, value = np.frombuffer(data, ">i4", 2 * n, 4).astype(np.int64).reshape(n, 2).T
-        if not np.array_equal(np.sort(vertex), np.arange(n)):
-            raise DamagedFile(f"its vertices are not 0..{n - 1}, each once")
-        names, colours = _colour_table(io.BytesIO(data[4 + 8 * n :]))
-    kept = np.sort(np.unique(colours @ (1, 256, 65536), return_index=True)[1])
-    names, colours = [names[i] for i in kept], colours[kept]
-    known, first = np.unique(colours @ (1, 256, 65536), return_index=True)
-    at = np.searchsorted(known, value).clip(max=len(known) - 1)
+    (n,) = struct.unpack_from(">i", raw)
+    if n <= 0 or 4 + 8 * n > len(raw):
+        raise DamagedFile(f"{n} vertices need {4 + 8 * n} bytes; it has {len(raw)} and may be truncated")
+    vertex, value = np.frombuffer(raw, ">i4", 2 * n, 4).astype(np.int64).reshape(n, 2).T
+    if not np.array_equal(np.sort(vertex), np.arange(n)):
+        raise DamagedFile(f"its vertices are not 0..{n - 1}, each once")
+    names, colours = _colour_table(io.BytesIO(raw[4 + 8 * n :]))
+    different = np.sort(np.unique(colours @ (1, 256, 65536), return_index=True)[1])
+    names, colours = [names[i] for i in different], colours[different]
+    values, first = np.unique(colours @ (1, 256, 65536), return_index=True)
+    at = np.searchsorted(values, value).clip(max=len(values) - 1)
     labels = np.full(n, -1)
-    labels[vertex] = np.where(known[at] == value, first[at], -1)
-    return Regions(labels, tuple(names), colours.astype(np.uint8), name=name_in_file(path, ".annot"))
+    labels[vertex] = np.where(values[at] == value, first[at], -1)
+    return Regions(labels, tuple(names), colours.astype(np.uint8), name=name_in_file(path))
 
 
 def _colour_table(file: io.BytesIO) -> tuple[list[str], NDArray[np.int64]]:
@@ -265,7 +232,7 @@ def _colour_table(file: io.BytesIO) -> tuple[list[str], NDArray[np.int64]]:
     return names, rgb
 
 
-def write_annotation(path: StrPath, regions: Regions) -> None:
+def write_regions(path: StrPath, regions: Regions) -> None:
     """Write a FreeSurfer annotation. Colours must differ: the format distinguishes regions only by colour."""
     import nibabel.freesurfer as fs
 
@@ -281,33 +248,22 @@ def write_annotation(path: StrPath, regions: Regions) -> None:
         raise OutOfRange(f"{path}: colour (0, 0, 0) means 'no region' in the format; choose another.")
     table = np.column_stack([colours, np.zeros(len(colours), dtype=np.int64)])
     parts = labels, table, list(regions.names)
-    write_and_look(path, lambda name: fs.write_annot(name, *parts, fill_ctab=True), read_annotation)
+    write_and_look(path, lambda name: fs.write_annot(name, *parts, fill_ctab=True), read_regions)
 
 
-def read_label(path: StrPath, n: int) -> NDArray[np.bool_]:
-    """Mask (n,) that is True at the vertices of a FreeSurfer label (``?h.cortex.label``) on n vertices."""
-    import nibabel.freesurfer as fs
-
-    path = existing_file(path, "label")
-    mask = np.zeros(n, dtype=bool)
-    with path.open("rb") as file:
-        first, second = file.readline(512), file.readline(512)
-    if not first.startswith(b"#") or not second.strip().isdigit():
-        raise WrongFile(f"{path}: is not a FreeSurfer label ({beginning(first or second)}).")
-    with decoding(path, "a FreeSurfer label", _COPY_AGAIN):
-        vertices = np.atleast_1d(fs.read_label(os.fspath(path)))
-        if len(vertices) != int(second):
-            raise DamagedFile(f"its second line gives {int(second)} vertices, but the file lists {len(vertices)}")
-    if vertices.size and (vertices.min() < 0 or vertices.max() >= n):
-        raise Mismatch(
-            f"{path}: names vertices {vertices.min()} to {vertices.max()}, but the surface has 0 to {n - 1}. "
-            "It belongs to another surface."
-        )
-    mask[vertices] = True
-    return mask
+def read_label(raw: bytes, path: Path) -> NDArray[np.int64]:
+    """Numbers of the vertices of a FreeSurfer label (``?h.cortex.label``)."""
+    first, _, rest = raw.partition(b"\n")
+    count, _, rows = rest.partition(b"\n")
+    if not first.startswith(b"#") or not count.strip().isdigit():
+        raise WrongFile(f"it is not a FreeSurfer label ({beginning(first[:512] or count[:512])})")
+    vertices = np.array([int(row.split(maxsplit=1)[0]) for row in rows.splitlines() if row.strip()], dtype=np.int64)
+    if len(vertices) != int(count):
+        raise DamagedFile(f"its second line gives {int(count)} vertices, but the file lists {len(vertices)}")
+    return vertices
 
 
-def write_label(path: StrPath, mask: NDArray[np.bool_], verts: Verts) -> None:
+def write_mask(path: StrPath, mask: NDArray[np.bool_], verts: Verts) -> None:
     """Write a FreeSurfer label of the vertices where ``mask`` (N,) is True, with their positions ``verts`` (N, 3)."""
     vertices = np.flatnonzero(mask)
     lines = [f"#!ascii label cortex, written by morphofold\n{len(vertices)}\n"]

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.errors import DamagedFile, WrongFile
-from morphofold.io.files import StrPath, atomic_file, decoding, existing_file, name_in_file, side_named, unpacked
+from morphofold.io.files import StrPath, atomic_file, existing_file, name_in_file, side_named
 from morphofold.provenance import clean_name
 from morphofold.surface import Faces, PerVertex, Regions, Surface, Verts
 from morphofold.validators import labels_within
@@ -34,82 +34,72 @@ _SURFACE_METADATA = {  # names as in Connectome Workbench
 _SCANNER = 1  # NIFTI_XFORM_SCANNER_ANAT
 MOST_NUMBERS = 2**26  # of an array: 22 million vertices
 _ARRAY, _ATTRIBUTE = re.compile(rb"<DataArray\b[^>]*>"), re.compile(rb"""(\w+)\s*=\s*["']([^"']*)""")
-_CONVERT_AGAIN = "Convert it again from its source, e.g. with mris_convert or wb_command."
 
 
-def read_surface(path: Path) -> tuple[Verts, Faces, Mapping[str, Any] | None]:
+def read_surface(raw: bytes, path: Path) -> tuple[Verts, Faces, Mapping[str, Any] | None]:
     """Vertices (N, 3), faces (M, 3) and the volume geometry that mris_convert stores, if complete.
 
     The geometry is None for a surface marked as in the scanner's frame: its ``C_RAS`` would move the surface twice.
     """
-    image = _read(path, "a GIFTI surface")
+    image = _read(raw, path)
     points, triangles = (image.get_arrays_from_intent(intent) for intent in ("pointset", "triangle"))
     if len(points) != 1 or len(triangles) != 1:
         raise WrongFile(
-            f"{path}: holds {len(points)} arrays of points and {len(triangles)} of triangles, not one of each. "
-            f"It holds {_content(image)}; pass a .surf.gii."
+            f"it holds {len(points)} arrays of points and {len(triangles)} of triangles, not one of each. "
+            f"Of all: {_content(image)}; pass a .surf.gii"
         )
     in_scanner = points[0].coordsys is not None and points[0].coordsys.dataspace == _SCANNER
     return points[0].data, triangles[0].data, None if in_scanner else _volume_geometry(points[0].meta)
 
 
-def read_map(path: Path) -> PerVertex:
+def read_map(raw: bytes, path: Path) -> PerVertex:
     """Values (N,) of a GIFTI with a single per-vertex array (``.shape.gii``, ``.func.gii``)."""
-    image = _read(path, "a GIFTI map")
+    image = _read(raw, path)
     if len(image.darrays) != 1 or np.squeeze(image.darrays[0].data).ndim != 1:
-        raise WrongFile(f"{path}: holds {_content(image)}; a map has one array with one value per vertex.")
+        raise WrongFile(f"it holds {_content(image)}; a map has one array with one value per vertex")
     return np.asarray(image.darrays[0].data, dtype=np.float64).reshape(-1)
 
 
-def read_regions(path: Path) -> Regions:
-    """Regions of a GIFTI label file (``lh.aparc.label.gii``), in the order of their keys; key 0 means no region.
-
-    Raises
-    ------
-    ValueError
-        If it is damaged, does not hold exactly one array of keys, or its table lacks a key.
-    """
-    image = _read(path, "a GIFTI label file")
+def read_regions(raw: bytes, path: Path) -> Regions:
+    """Regions of a GIFTI label file (``lh.aparc.label.gii``), in the order of their keys; key 0 means no region."""
+    image = _read(raw, path)
     arrays = image.get_arrays_from_intent("label")
     if len(image.darrays) != 1 or not arrays or arrays[0].data.ndim != 1:
-        raise WrongFile(f"{path}: holds {_content(image)}; regions are one array with one key per vertex.")
-    with decoding(path, "a GIFTI label file", _CONVERT_AGAIN):  # keys may be too large for an integer
-        table = {label.key: label for label in image.labeltable.labels}
-        keys, values = np.array(sorted(table.keys() - {0}), dtype=np.int64), arrays[0].data.astype(np.int64)
+        raise WrongFile(f"it holds {_content(image)}; regions are one array with one key per vertex")
+    table = {label.key: label for label in image.labeltable.labels}
+    keys, values = np.array(sorted(table.keys() - {0}), dtype=np.int64), arrays[0].data.astype(np.int64)
     missing = np.setdiff1d(values, [0, *keys])
     if missing.size:
-        raise DamagedFile(
-            f"{path}: its label table lacks {len(missing)} of the keys, the first is {missing[0]}. {_CONVERT_AGAIN}"
-        )
+        raise DamagedFile(f"its label table lacks {len(missing)} of the keys, the first is {missing[0]}")
     labels = [table[key] for key in keys.tolist()]
     colours = np.array([[x.red or 0, x.green or 0, x.blue or 0] for x in labels], dtype=np.float64).reshape(-1, 3)
     names = tuple(clean_name(getattr(label, "label", "")) for label in labels)  # nibabel sets none without a text
     indices = np.where(values == 0, -1, np.searchsorted(keys, values))
     rgb = np.round(255 * colours.clip(0, 1)).astype(np.uint8)
-    return Regions(indices, names, rgb, name_in_file(path, ".label.gii"))
+    return Regions(indices, names, rgb, name_in_file(path))
 
 
-def read_mask(path: Path, n: int) -> NDArray[np.bool_]:
-    """Mask (n,): where a map or the keys of a label file are positive; another length is for the caller to refuse."""
-    return read_map(path) > 0
+def read_mask(raw: bytes, path: Path) -> NDArray[np.bool_]:
+    """Mask (N,): where a map or the keys of a label file are positive."""
+    return read_map(raw, path) > 0
 
 
-def _read(path: Path, what: str) -> GiftiImage:
-    """The image of a file, by nibabel; each of its arrays has data."""
+def _read(raw: bytes, path: Path) -> GiftiImage:
+    """The image of a file, by nibabel; each of its arrays has numbers."""
     from nibabel.gifti import GiftiImage
 
-    with decoding(path, what, _CONVERT_AGAIN):
-        file = io.BytesIO(unpacked(path))
-        for tag in _ARRAY.findall(file.getvalue()):
-            _check_array(path, dict(_ATTRIBUTE.findall(tag)))
-        file.name = os.fspath(path)  # where nibabel looks for arrays in files beside it
-        parser: Any = GiftiImage.parser(mmap=False)
-        parser.parse(fptr=file)
-        image: GiftiImage = parser.img
-        values = [array.data for array in image.darrays]
-        if any(x is None or not x.size or x.dtype.kind not in "fiu" for x in values):
-            raise DamagedFile("it has an array without numbers")
-        return image
+    for tag in _ARRAY.findall(raw):
+        _check_array(path, dict(_ATTRIBUTE.findall(tag)))
+    file = io.BytesIO(raw)
+    file.name = os.fspath(path)  # where nibabel looks for arrays in files beside it
+    kind: Any = GiftiImage.parser
+    parser = kind(mmap=False)
+    parser.parse(fptr=file)
+    image: GiftiImage = parser.img
+    values = [array.data for array in image.darrays]
+    if any(x is None or not x.size or x.dtype.kind not in "fiu" for x in values):
+        raise DamagedFile("it has an array without numbers")
+    return image
 
 
 def _check_array(path: Path, header: Mapping[bytes, bytes]) -> None:

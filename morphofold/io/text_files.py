@@ -8,47 +8,36 @@ from pathlib import Path
 import numpy as np
 
 from morphofold.errors import DamagedFile, WrongFile
-from morphofold.io.files import SurfaceContent, decoding, from_words, warn_of_no_end
+from morphofold.io.files import SurfaceContent, from_words
 from morphofold.surface import PerVertex
 
 
-def read_ascii(path: Path) -> SurfaceContent:
+def read_ascii(raw: bytes, path: Path) -> SurfaceContent:
     """Vertices and faces of FreeSurfer's text format: a comment, two counts, and rows of three numbers and a flag."""
-    with decoding(path, "a surface in FreeSurfer's text format"):
-        raw = path.read_bytes()
-        n, m, *numbers = re.sub(rb"#[^\n]*", b"", raw).split()
-        if len(numbers) != 4 * (int(n) + int(m)):
-            raise DamagedFile(f"{int(n)} vertices and {int(m)} faces do not have {len(numbers)} numbers")
-        verts = from_words(numbers[: 4 * int(n)], np.float64).reshape(-1, 4)[:, :3]
-        faces = from_words(numbers[4 * int(n) :], np.int64).reshape(-1, 4)[:, :3]
-    warn_of_no_end(path, raw)
-    return verts, faces, None
+    n, m, *numbers = re.sub(rb"#[^\n]*", b"", raw).split()
+    if len(numbers) != 4 * (int(n) + int(m)):
+        raise DamagedFile(f"{int(n)} vertices and {int(m)} faces do not have {len(numbers)} numbers")
+    verts = from_words(numbers[: 4 * int(n)], np.float64).reshape(-1, 4)[:, :3]
+    return verts, from_words(numbers[4 * int(n) :], np.int64).reshape(-1, 4)[:, :3], None
 
 
-def read_mni(path: Path) -> SurfaceContent:
+def read_mni(raw: bytes, path: Path) -> SurfaceContent:
     """Vertices and triangles of an MNI object of polygons, as text."""
-    with decoding(path, "an MNI object"):
-        raw = path.read_bytes()
-        words = raw.split()
-        n = int(words[6])
-        at = 7 + 6 * n  # after positions and normals
-        m, colours = int(words[at]), int(words[at + 1])
-        at += 2 + 4 * {0: 1, 1: m, 2: n}[colours]
-        ends, corners = (from_words(part, np.int64) for part in (words[at : at + m], words[at + m :]))
-        if not np.array_equal(ends, 3 * np.arange(1, m + 1)):
-            raise WrongFile("it is cut, or holds faces that are not triangles; triangulate it first")
-        verts, faces = from_words(words[7 : 7 + 3 * n], np.float64).reshape(n, 3), corners.reshape(m, 3)
-    warn_of_no_end(path, raw)
-    return verts, faces, None
+    words = raw.split()
+    n = int(words[6])
+    at = 7 + 6 * n  # after positions and normals
+    m, colours = int(words[at]), int(words[at + 1])
+    at += 2 + 4 * {0: 1, 1: m, 2: n}[colours]
+    ends, corners = (from_words(part, np.int64) for part in (words[at : at + m], words[at + m :]))
+    if not np.array_equal(ends, 3 * np.arange(1, m + 1)):
+        raise WrongFile("it is cut, or holds faces that are not triangles; triangulate it first")
+    return from_words(words[7 : 7 + 3 * n], np.float64).reshape(n, 3), corners.reshape(m, 3), None
 
 
-def read_map(path: Path) -> PerVertex:
+def read_map(raw: bytes, path: Path) -> PerVertex:
     """Values (N,) of a text with one number a line, or with vertex, position and value a line as of mris_convert."""
-    with decoding(path, "a map with one number in a line"):
-        raw = path.read_bytes()
-        table = from_words(raw.split(), np.float64).reshape(sum(map(bool, map(bytes.strip, raw.splitlines()))), -1)
-        width = table.shape[1]
-        if width not in (1, 5) or (width == 5 and not np.array_equal(table[:, 0], np.arange(len(table)))):
-            raise WrongFile(f"its lines hold {width} numbers, not one value of each vertex")
-    warn_of_no_end(path, raw)
+    table = from_words(raw.split(), np.float64).reshape(sum(map(bool, map(bytes.strip, raw.splitlines()))), -1)
+    width = table.shape[1]
+    if width not in (1, 5) or (width == 5 and not np.array_equal(table[:, 0], np.arange(len(table)))):
+        raise WrongFile(f"its lines hold {width} numbers, not one value of each vertex")
     return table[:, -1]

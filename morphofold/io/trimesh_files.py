@@ -10,47 +10,46 @@ from pathlib import Path
 import numpy as np
 
 from morphofold.errors import DamagedFile
-from morphofold.io.files import SurfaceContent, atomic_file, check_counts, decoding, silent_log, warn_of_no_end
+from morphofold.io.files import SurfaceContent, atomic_file, check_counts, silent_log
 from morphofold.surface import Faces, Surface, Verts
 
 _PLY_COUNTS = re.compile(rb"\n[ \t]*element[ \t]+(vertex|face)[ \t]+(\d+)")
 _OFF_COUNTS = re.compile(rb"OFF\s+(?:#[^\n]*\n\s*)*(\d+)\s+(\d+)")
 
 
-def read(kind: str, path: Path) -> SurfaceContent:
+def read(kind: str, raw: bytes, path: Path) -> SurfaceContent:
     """Vertices and faces of a file; ``kind`` is the ending without its dot.
 
     trimesh cuts polygons with more corners into triangles. Vertices keep the order of the file.
 
-    STL has no shared vertices, so corners at exactly the same place are merged (in order of first appearance), and
-    a warning gives the numbers. OBJ does not give its length, so a missing end is not detected. Materials,
-    textures and files named inside are not read.
+    STL has no shared vertices: see :func:`merge_corners`. OBJ does not give its length, so a missing end is not
+    detected. Materials, textures and files named inside are not read.
     """
     import trimesh
 
-    with decoding(path, f"a surface in {kind.upper()} format"):
-        raw = path.read_bytes()
-        check_counts(raw)
-        if kind in _CHECK_OF_KIND:
-            _CHECK_OF_KIND[kind](raw)
-        # from memory and without a resolver: files that this file may name are not opened
-        options = {"process": False, "maintain_order": True, "skip_materials": True}
-        with silent_log():  # messages about normals, which are not used
-            mesh = trimesh.load_mesh(BytesIO(raw), file_type=kind, **options)
-        verts, faces = np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.int64)
-        if len(faces) == 0:
-            raise DamagedFile("it holds no triangles")
-        if kind == "ply":
-            _check_ply(raw, len(verts), len(faces))
-    warn_of_no_end(path, raw)
-    if kind == "stl":
-        corners = len(verts)
-        verts, faces = merge_equal(verts, faces)
-        warnings.warn(
-            f"{path}: STL has no shared vertices; {corners} corners at exactly the same place were merged to "
-            f"{len(verts)} vertices.",
-            stacklevel=4,
-        )
+    check_counts(raw)
+    if kind in _CHECK_OF_KIND:
+        _CHECK_OF_KIND[kind](raw)
+    # from memory and without a resolver: files that this file may name are not opened
+    options = {"process": False, "maintain_order": True, "skip_materials": True}
+    with silent_log():  # messages about normals, which are not used
+        mesh = trimesh.load_mesh(BytesIO(raw), file_type=kind, **options)
+    verts, faces = np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.int64)
+    if len(faces) == 0:
+        raise DamagedFile("it holds no triangles")
+    if kind == "ply":
+        _check_ply(raw, len(verts), len(faces))
+    return verts, faces, None
+
+
+def merge_corners(content: SurfaceContent, path: Path) -> SurfaceContent:
+    """Merge corners at exactly the same place, in order of first appearance; a warning gives the numbers."""
+    verts, faces = merge_equal(content[0], content[1])
+    warnings.warn(
+        f"{path}: STL has no shared vertices; {len(content[0])} corners at exactly the same place were merged to "
+        f"{len(verts)} vertices.",
+        stacklevel=4,
+    )
     return verts, faces, None
 
 

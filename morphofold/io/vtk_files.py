@@ -17,15 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.errors import DamagedFile, WrongFile
-from morphofold.io.files import (
-    SurfaceContent,
-    atomic_file,
-    check_counts,
-    decoding,
-    from_words,
-    warn_of_no_end,
-    write_and_look,
-)
+from morphofold.io.files import SurfaceContent, atomic_file, check_counts, from_words, write_and_look
 from morphofold.surface import Surface
 
 MOST_UNPACKED_BYTES = 2**29  # bytes of all arrays of a file together
@@ -39,20 +31,17 @@ _TYPES = {"float": ">f4", "double": ">f8", "long": ">i8", "vtktypeint64": ">i8",
 Numbers = NDArray[Any]
 
 
-def read(path: Path) -> SurfaceContent:
+def read(raw: bytes, path: Path) -> SurfaceContent:
     """Vertices and triangles of VTK polygons, or of an unstructured grid without its lines, points and tetrahedra.
 
     Raises ``WrongFile`` if the file has faces other than triangles, or no triangles.
     """
-    with decoding(path, "a surface in VTK format"):
-        raw = path.read_bytes()
-        verts, corners, ends = _legacy_faces(raw) if raw.startswith(b"# vtk") else _xml_faces(raw)
-        if not len(ends):
-            raise WrongFile("it holds no triangles; extract its surface first")
-        if not np.array_equal(ends, 3 * np.arange(1, len(ends) + 1)):
-            raise WrongFile("it holds faces that are not triangles; triangulate it first")
-        faces = corners[: 3 * len(ends)].reshape(len(ends), 3).astype(np.int64)
-    warn_of_no_end(path, raw)
+    verts, corners, ends = _legacy_faces(raw) if raw.startswith(b"# vtk") else _xml_faces(raw)
+    if not len(ends):
+        raise WrongFile("it holds no triangles; extract its surface first")
+    if not np.array_equal(ends, 3 * np.arange(1, len(ends) + 1)):
+        raise WrongFile("it holds faces that are not triangles; triangulate it first")
+    faces = corners[: 3 * len(ends)].reshape(len(ends), 3).astype(np.int64)
     return verts.astype(np.float64), faces, None
 
 

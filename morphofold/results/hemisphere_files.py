@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from morphofold import io
 from morphofold.analysis.measures import Measures
 from morphofold.errors import DamagedFile, Mismatch
-from morphofold.io.formats import read_mask, read_regions, write_mask, write_regions
 from morphofold.quantities import quantity
 from morphofold.results.graph_file import read_graph, write_graph
 from morphofold.results.layouts import INPUT_MAP_UNITS, MISSING_DESCRIPTION, Layout, in_bids_letters
@@ -85,12 +84,12 @@ def _write_regions_and_mask(layout: Layout, cortex: Cortex) -> None:
     surface = {"SpatialReference": f"bids::{layout.subject}/anat/{layout.path('surface', hemi, 'white').name}"}
     if regions is not None:
         text = f"Regions of the parcellation {regions.name}, one key per vertex"
-        write, keys = partial(write_regions, regions=regions), partial(_write_region_keys, regions)
+        write, keys = partial(io.write_annotation, regions=regions), partial(_write_region_keys, regions)
         layout.write("regions", write, hemi, regions.name, {"Description": text, **surface})
         layout.write("region_keys", keys, hemi, regions.name)
     if mask is not None:
         about = {"Description": "1 where the vertex is cortex, else 0", "Type": "ROI", **surface}
-        layout.write("mask", partial(write_mask, mask=mask, verts=cortex.white.verts), hemi, about=about)
+        layout.write("mask", partial(io.write_label, mask=mask, verts=cortex.white.verts), hemi, about=about)
 
 
 def _write_region_keys(regions: Regions, path: Path) -> None:
@@ -125,7 +124,7 @@ def read_hemisphere(entry: Mapping[str, Any], tables: Mapping[str, list[dict[str
     cortex = Cortex(
         **fields,
         maps={name: read_map(layout, hemi, name, n, "input_map") for name in entry["came_with"]},
-        cortex=_of_size(read_mask(mask, n), n, mask) if entry["cortex_label"] else None,
+        cortex=io.read_label(mask, n) if entry["cortex_label"] else None,
         regions=_regions(regions, n, annotation) if annotation else None,
         transform=transform,
         portion=float(entry["portion"]),
@@ -146,7 +145,7 @@ def read_map(layout: Layout, hemi: str, name: str, n: int, kind: str = "map") ->
 
 
 def _regions(path: Path, n: int, name: str) -> Regions:
-    regions = read_regions(path, name)
+    regions = replace(io.read_annotation(path), name=name)
     _of_size(regions.labels, n, path)
     return regions
 

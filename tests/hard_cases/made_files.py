@@ -30,7 +30,6 @@ from morphofold.io import (
     write_morph,
     write_surface,
 )
-from morphofold.io.formats import read_regions, write_regions
 from morphofold.results import read_analysis, write_analysis, write_dataset
 from morphofold.shapes import icosphere
 from morphofold.sim.mesh.tetmesh import read_tets
@@ -158,8 +157,8 @@ def _maps(folder, add):
     add("lh.aparc.annot", read_annotation)
     (folder / "lh.old.annot").write_bytes(_old_annotation())
     add("lh.old.annot", read_annotation)
-    write_regions(folder / "lh.a.label.gii", regions)
-    add("lh.a.label.gii", read_regions)
+    write_annotation(folder / "lh.a.label.gii", regions)
+    add("lh.a.label.gii", read_annotation)
     lines = "".join(f"{i}  1.000  2.000  3.000 0.0\n" for i in range(0, 42, 2))
     (folder / "lh.cortex.label").write_text(f"#!ascii label\n21\n{lines}")
     add("lh.cortex.label", lambda path: read_label(path, 42))

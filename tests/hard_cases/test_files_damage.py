@@ -6,14 +6,16 @@ import io
 import re
 import warnings
 import zipfile
+from dataclasses import replace
 
+import nibabel as nib
 import numpy as np
 import pytest
 from hard_cases.cases import hard_case
 from hard_cases.made_files import Sample, compared, same, samples, verdict
 from made_surfaces import FORMATS
 
-from morphofold.io import formats, freesurfer, gifti, read_surface, trimesh_files, vtk_files
+from morphofold.io import formats, read_surface, trimesh_files
 from morphofold.results import layouts
 from morphofold.sim.mesh import tet_files
 from morphofold.sim.mesh.tetmesh import read_tets
@@ -78,14 +80,17 @@ def test_cut_surfaces(known, holds):
     assert_sound(holds, every_tenth(known, SURFACES), 1000)
 
 
+def by_nibabel():
+    *others, curv = formats.FORMATS["map"]
+    return *others, replace(curv, read=lambda raw, path: nib.freesurfer.read_morph_data(path))
+
+
 @hard_case(
     "files",
     "maps, annotations and labels cut before every tenth byte",
     peers="nibabel: reads the values that are left of a curv file (measured)",
     guard="the count held against the size",
-    without=lambda patch: patch.setattr(
-        freesurfer, "_is_curv_file", lambda head, size: head[:3] == freesurfer.QUAD_MAGIC and len(head) == 15
-    ),
+    without=lambda patch: patch.setitem(formats.FORMATS, "map", by_nibabel()),
 )
 def test_cut_maps(known, holds):
     assert_sound(holds, every_tenth(known, MAPS), 300)
@@ -133,7 +138,7 @@ def test_cut_analyses(known, holds):
     "an OBJ or OFF text cut before every byte",
     peers="trimesh: reads what is left of a number (measured)",
     guard="a warning",
-    without=lambda patch: patch.setattr(trimesh_files, "warn_of_no_end", nothing),
+    without=lambda patch: patch.setattr(formats, "warn_of_no_end", nothing),
 )
 def test_texts_cut_within_a_line(known, holds):
     silent = warned = 0
@@ -198,7 +203,7 @@ def unguarded_libraries(patch):
     def as_it_comes(*args):
         yield
 
-    for module in (freesurfer, gifti, trimesh_files, vtk_files, tet_files, checkpoint, stages):
+    for module in (formats, tet_files, checkpoint, stages):
         patch.setattr(module, "decoding", as_it_comes)
 
 

@@ -53,7 +53,6 @@ def refused(holds, what, path, raw, read, *words):
 
 
 def counts_believed(patch):
-    patch.setattr(freesurfer, "_is_curv_file", lambda head, size: True)
     patch.setattr(freesurfer, "len", lambda things: MANY if isinstance(things, np.ndarray) else 2**40, raising=False)
 
 
@@ -288,7 +287,7 @@ def test_deep_keys(holds):
     guard="errors of numbers and nests beyond bounds",
     without=lambda patch: list(
         patch.setattr(f"morphofold.{reader}.read_json", lambda path, *more, **options: json.loads(path.read_text()))
-        for reader in ("io.cortices", "results.analyses", "results.graph_file")
+        for reader in ("io.cortices", "io.subject_files", "results.analyses", "results.graph_file")
     ),
     fails=(AssertionError, OverflowError, RecursionError),
 )
