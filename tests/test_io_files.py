@@ -5,7 +5,6 @@ import json
 import os
 import re
 import shutil
-from xml.parsers.expat import ExpatError
 
 import pytest
 
@@ -35,25 +34,17 @@ def test_writing_into_a_folder_that_is_not_there_is_refused(tmp_path, rough):
         write_surface(tmp_path / "no" / "lh.white", rough)
 
 
-def expat_error(code):
-    error = ExpatError("out of memory: line 1, column 0")
-    error.code = code
-    return error
-
-
-@pytest.mark.parametrize("error", [MemoryError(), OSError(errno.ENOMEM, "Cannot allocate memory"), expat_error(1)])
-def test_a_lack_of_memory_is_no_damage(tmp_path, error):
+def test_a_lack_of_memory_is_no_damage(tmp_path):
     def reads_within():
         try:
-            raise error
+            raise MemoryError
         except Exception as cause:
             raise RuntimeError("a package's own words") from cause
 
-    with pytest.raises(MemoryError, match=r"a\.gii: .*\bGIFTI\b"):
-        with decoding(tmp_path / "a.gii", "GIFTI"):
-            reads_within()
+    with pytest.raises(MemoryError, match=r"a\.gii: .*\bGIFTI\b"), decoding(tmp_path / "a.gii", "GIFTI"):
+        reads_within()
     with pytest.raises(DamagedFile, match=r"a\.gii: .*\bGIFTI\b"), decoding(tmp_path / "a.gii", "GIFTI"):
-        raise expat_error(3)
+        raise RuntimeError
 
 
 def write_folder(out, content="new"):

@@ -15,8 +15,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
-from xml.etree.ElementTree import ParseError
-from xml.parsers.expat import ExpatError, errors
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -29,7 +27,6 @@ MAX_BYTES = 2 * 2**30  # far above any cortex (a 1 mm hemisphere has 6 MB); smal
 MOST_UNPACKED_BYTES = 2**28  # of a compressed file
 MOST_UNPACKED_PER_BYTE = 2000  # bytes of arrays per byte of a file, twice what zlib can reach
 
-_EXPAT_NO_MEMORY = errors.codes[errors.XML_ERROR_NO_MEMORY]
 _GROWTH_TEST_BYTES = 2**20  # bytes; a file that was cut because the disk is full can't grow by so many
 
 #: what git-annex or git-lfs puts in place of a file that is not fetched, and the command that fetches it
@@ -87,10 +84,6 @@ def existing_file(path: StrPath, what: str = "file") -> Path:
     if path.is_dir():
         raise IsADirectoryError(f"{path}: is a folder, but a {what} is needed. Name the file in it.")
     check_fetched(path)
-    if path.is_symlink() and not path.exists():
-        raise FileNotFoundError(
-            f"{path}: is a link to a missing file; expected: {what}. Fetch its target, or remove the link."
-        )
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such {what}. {_folder_content_text(path)}")
     if not path.is_file():
@@ -199,13 +192,10 @@ def _bytes_of_refused_array(error: BaseException) -> float:
 
 
 def _is_lack_of_memory(error: BaseException | None) -> bool:
-    """Whether an error, or one of its causes, is a lack of memory; expat reports this by its own code."""
-    while error is not None:
-        expat = isinstance(error, (ExpatError, ParseError)) and getattr(error, "code", 0) == _EXPAT_NO_MEMORY
-        if expat or isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno == errno.ENOMEM):
-            return True
+    """Whether an error, or one of its causes, is a lack of memory."""
+    while error is not None and not isinstance(error, MemoryError):
         error = error.__cause__ or error.__context__
-    return False
+    return error is not None
 
 
 def looks_like_text(head: bytes) -> bool:
@@ -299,14 +289,11 @@ def naming(path: Path, temporary: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        by_name = isinstance(error.filename, (str, bytes, os.PathLike))
-        if error.errno is None or not (by_name or error.errno in DISK_FULL_ERRORS):
+        named = error.filename or (temporary if error.errno in DISK_FULL_ERRORS else "")
+        if error.errno is None or isinstance(named, int) or os.fspath(temporary) not in os.fsdecode(named):
             raise
-        ours = Path(os.path.abspath(temporary))
-        named = Path(os.path.abspath(os.fsdecode(error.filename))) if by_name else ours
-        if not named.is_relative_to(ours):  # for example on another drive
-            raise
-        raise OSError(error.errno, error.strerror, os.fspath(path / named.relative_to(ours))) from error
+        name = os.fsdecode(named).replace(os.fspath(temporary), os.fspath(path))
+        raise OSError(error.errno, error.strerror, name) from error
 
 
 def write_and_look(path: StrPath, write: Callable[[str], object], read: Callable[[bytes, Path], object]) -> None:
@@ -325,7 +312,7 @@ def write_and_look(path: StrPath, write: Callable[[str], object], read: Callable
         try:
             write(os.fspath(temporary))
             read(temporary.read_bytes(), temporary)
-        except (ValueError, OSError) as error:
+        except Exception as error:
             if isinstance(error, OSError) and error.errno is not None:
                 raise
             with temporary.open("ab") as file:  # which tells of a full disk

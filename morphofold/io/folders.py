@@ -180,8 +180,6 @@ def refuse_foreign(out: Path, inputs: Iterable[StrPath] = ()) -> None:
     """Raise ``FileExistsError`` if ``out`` is a file, or a folder with content that morphofold did not write; and as
     :func:`refuse_overlap`."""
     refuse_overlap(out, inputs)
-    if os.path.islink(os.path.realpath(out)):
-        raise FileExistsError(f"{out}: is a link to itself; name a folder to write.")
     check_above(Path(os.path.realpath(out)))
     if not out.exists():
         return
