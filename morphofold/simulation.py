@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from morphofold import analysis
+from morphofold.analysis.relief import relief
+from morphofold.geometry import vertex_areas
+from morphofold.io import flip_curvature_sign
 from morphofold.progress import Progress, silent
+from morphofold.sim import run
+from morphofold.sim.effects import Effect
+from morphofold.sim.run import Look, Simulation
+from morphofold.sim.scene import Scene
 from morphofold.surface import Cortex
-
-if TYPE_CHECKING:
-    from morphofold.sim.effects import Effect
-    from morphofold.sim.run import Look, Simulation
-    from morphofold.sim.scene import Scene
 
 
 def freesurfer_maps(cortex: Cortex) -> dict[str, NDArray[np.float64]]:
@@ -25,11 +27,6 @@ def freesurfer_maps(cortex: Cortex) -> dict[str, NDArray[np.float64]]:
     in sulci; sulc [mm]: depth below a surface smoothed at a fifth of the mean radius, positive in sulci, mean zero
     over the area; area [mm^2]: a third of the white triangles around each vertex.
     """
-    from morphofold import analysis
-    from morphofold.analysis.relief import relief
-    from morphofold.geometry import vertex_areas
-    from morphofold.io import flip_curvature_sign
-
     white, faces = cortex.white.verts, cortex.faces
     area = vertex_areas(white, faces)
     scale = 0.2 * float(np.sqrt(area.sum() / (4 * np.pi)))
@@ -59,8 +56,6 @@ def simulate(
     Each stage is a FreeSurfer-shaped subject: ``surf/lh.white``, ``lh.pial`` and the maps of
     :func:`freesurfer_maps`.
     """
-    from morphofold.sim import run
-
     return run.simulate(
         source,
         out,

@@ -250,8 +250,8 @@ def _print_failed(failed: Mapping[str, str]) -> int:
 def _hemisphere_readers(args: argparse.Namespace) -> dict[str, Callable[[], Cortex]]:
     """Functions that read each requested hemisphere, from INPUT or from --white and --pial."""
     from morphofold.io import read_cortex
+    from morphofold.io.cortex_files import hemispheres
     from morphofold.io.files import side_named
-    from morphofold.io.subject_files import hemispheres
     from morphofold.spheres.parcellation import read_parcellated
 
     if args.input is None:

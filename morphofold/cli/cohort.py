@@ -348,7 +348,7 @@ def memory_needed(subjects: Sequence[Participant], accuracy: str, report: bool) 
     """Memory that the largest of the first few subjects will take [GiB]; 0 if none of them can be read."""
     from morphofold.forecasts.cost import memory_of_analysis
     from morphofold.io import read_surface
-    from morphofold.io.subject_files import cortex_files, hemispheres
+    from morphofold.io.cortex_files import cortex_files, hemispheres
 
     found = []
     for subject in subjects:

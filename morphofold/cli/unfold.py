@@ -51,9 +51,9 @@ def run(args: argparse.Namespace) -> int:
     from morphofold.cli.paths import writable_name
     from morphofold.cli.progress import progress
     from morphofold.io import refuse_foreign
+    from morphofold.io.cortex_files import hemispheres
     from morphofold.io.cortices import read_folded
     from morphofold.io.files import side_named
-    from morphofold.io.subject_files import hemispheres
     from morphofold.mesh_quality.repair import unfoldable
     from morphofold.report.pages.unfold_page import unfold_report
     from morphofold.results.unfolding import Unfolded, write_unfolding

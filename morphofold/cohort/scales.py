@@ -12,9 +12,9 @@ from pydantic import ConfigDict
 
 from morphofold.cohort.tasks import INPUT_ERRORS
 from morphofold.io import atomic_file
+from morphofold.io.cortex_files import hemispheres
 from morphofold.io.cortices import read_cortex
 from morphofold.io.json_files import Count, Length, Record, read_json
-from morphofold.io.subject_files import hemispheres
 from morphofold.progress import Progress, silent
 from morphofold.provenance import strict_json
 

@@ -1,5 +1,6 @@
 """Read and write files: surfaces, per-vertex maps, regions and whole cortices."""
 
+from morphofold.io.cortex_files import sample_path
 from morphofold.io.cortices import read_cortex
 from morphofold.io.files import atomic_file
 from morphofold.io.folders import (
@@ -22,7 +23,6 @@ from morphofold.io.formats import (
     write_surface,
 )
 from morphofold.io.freesurfer import flip_curvature_sign, scanner_transform
-from morphofold.io.subject_files import sample_path
 
 __all__ = [
     "atomic_file",

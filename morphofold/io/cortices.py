@@ -15,11 +15,7 @@ from scipy import sparse
 
 from morphofold.errors import Mismatch, OptionsClash, UnlikeSurfaces, WrongFile, WrongShape
 from morphofold.geometry import adjacency, vertex_normals
-from morphofold.io.files import MAX_BYTES, StrPath, existing_file, side_named
-from morphofold.io.formats import read_annotation, read_label, read_morph, read_surface
-from morphofold.io.freesurfer import flip_curvature_sign, read_aseg_stats, scanner_transform
-from morphofold.io.json_files import read_json
-from morphofold.io.subject_files import (
+from morphofold.io.cortex_files import (
     HEMIS,
     MAP_NAMES,
     StageRecord,
@@ -29,6 +25,10 @@ from morphofold.io.subject_files import (
     last_stage,
     measured_surface_fields,
 )
+from morphofold.io.files import MAX_BYTES, StrPath, existing_file, side_named
+from morphofold.io.formats import read_annotation, read_label, read_morph, read_surface
+from morphofold.io.freesurfer import flip_curvature_sign, read_aseg_stats, scanner_transform
+from morphofold.io.json_files import read_json
 from morphofold.provenance import clean_name, unchanged
 from morphofold.surface import Cortex, PerVertex, Surface
 from morphofold.validators import one_of

@@ -12,9 +12,9 @@ from morphofold import __version__
 from morphofold.analysis.frames import COLUMNS, FREESURFER_VALUES
 from morphofold.analysis.measures import SCALARS, SLOPE_SCALARS, Measures
 from morphofold.errors import NamedTwice, NothingToDo, OutOfRange
+from morphofold.io.cortex_files import SurfaceRecord
 from morphofold.io.folders import refuse_overlap
 from morphofold.io.json_files import Amount, Count, FileWord, Number, Record, file_word
-from morphofold.io.subject_files import SurfaceRecord
 from morphofold.provenance import records_as_read
 
 REANALYSE_ADVICE = "Analyze again."

@@ -10,8 +10,8 @@ from typing import NamedTuple
 from morphofold.arrays import Array, Bools
 from morphofold.errors import MissingPart
 from morphofold.geometry import vertex_areas
+from morphofold.io.cortex_files import folded_files
 from morphofold.io.cortices import read_folded
-from morphofold.io.subject_files import folded_files
 from morphofold.mesh_quality.checks import cortex_label
 from morphofold.mesh_quality.repair import Mended, unfoldable
 from morphofold.provenance import sha256_of

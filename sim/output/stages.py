@@ -9,9 +9,9 @@ from pydantic import Field
 
 from morphofold.errors import DamagedFile, Mismatch, MissingPart
 from morphofold.io import read_cortex
+from morphofold.io.cortex_files import StageHealth, StageRecord
 from morphofold.io.files import decoding
 from morphofold.io.json_files import Amount, Count, Length, Record, read_json
-from morphofold.io.subject_files import StageHealth, StageRecord
 from morphofold.provenance import sha256_of
 from morphofold.sim.output.inputs import scene_digest, written_stages
 from morphofold.sim.output.run_files import AND_GROW_AGAIN, Digests, stage_folder

@@ -15,7 +15,7 @@ from morphofold import tables
 from morphofold.cli import main
 from morphofold.comparison import compare
 from morphofold.errors import DamagedFile, NotReadable, WrongFile
-from morphofold.io import read_cortex, subject_files
+from morphofold.io import cortex_files, read_cortex
 from morphofold.results import read_analysis, write_analysis
 
 NAMES = ("a\nb", "\x1b[2Ja", "\x7f\x01", "\u202eabc", "\udcff", "a\r\nb\u2028c")
@@ -95,7 +95,7 @@ def only_files(folders, stem, endings):
     "files",
     "an optional file of a subject that is a folder, a pipe or a link to nothing",
     guard="looked at, not for",
-    without=lambda patch: patch.setattr(subject_files, "_first_existing_file", only_files),
+    without=lambda patch: patch.setattr(cortex_files, "_first_existing_file", only_files),
     fails=pytest.fail.Exception,
 )
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="makes a pipe")
@@ -123,7 +123,7 @@ HOSTILE = [
 
 
 def unchecked(patch):
-    for reader in ("io.cortices", "io.subject_files", "results.analyses"):
+    for reader in ("io.cortices", "io.cortex_files", "results.analyses"):
         patch.setattr(f"morphofold.{reader}.read_json", lambda path, *more, **options: json.loads(path.read_text()))
 
 
