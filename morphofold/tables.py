@@ -79,25 +79,26 @@ def read_table(
     if not path.is_file():
         raise FileNotFoundError(f"{path}: missing from the analysis. Analyze again.")
     try:
-        text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError:
-        raise DamagedFile(f"{path}: is damaged: it is not UTF-8 text. Analyze again.") from None
+        return _rows(path.read_text(encoding="utf-8"), words, count, numbers)
+    except ValueError as error:  # or it is not UTF-8 text
+        raise DamagedFile(f"{path}: is damaged: {error}. Analyze again.") from None
+
+
+def _rows(text: str, words: Collection[str], count: int | None, numbers: Collection[str]) -> list[dict[str, Any]]:
     if not text.endswith("\n"):
-        raise DamagedFile(f"{path}: was truncated: its last line has no end. Analyze again.")
+        raise DamagedFile("it was truncated: its last line has no end")
     head, *lines = [row.split("\t") for row in text[:-1].split("\n")]
     columns, rows = list(map(_without_apostrophe, head)), []
     for number, cells in enumerate(lines, start=2):
         if len(cells) != len(columns):
-            raise DamagedFile(f"{path}: line {number} has more or fewer cells than the header. Analyze again.")
+            raise DamagedFile(f"line {number} has more or fewer cells than the header")
         row = {column: _cell_value(cell, column in words) for column, cell in zip(columns, cells)}
         for column in numbers:
             if isinstance(row.get(column), str):
-                raise DamagedFile(
-                    f"{path}: line {number}: {column} is {row[column]!r:.40}, not a number. Analyze again."
-                )
+                raise DamagedFile(f"line {number}: {column} is {row[column]!r:.40}, not a number")
         rows.append(row)
     if count not in (None, len(rows)):
-        raise DamagedFile(f"{path}: has {len(rows)} rows of the {count!r:.20} that were written. Analyze again.")
+        raise DamagedFile(f"it has {len(rows)} rows of the {count!r:.20} that were written")
     return rows
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -104,7 +103,9 @@ def read_cortex(
         existing_file(path, "folder with a cortex")  # raises, and lists close names
     root = last_stage(path)
     hemi = hemi or (hemispheres(root)[0] if os.path.lexists(root / "stage.json") else "lh")
-    return _cortex_of_folder(root, hemi, tuple(surfaces), annotation, name)
+    if len(surfaces) != 2:
+        raise WrongShape(f"{root}: surfaces must name an inner and an outer surface, got {tuple(surfaces)}.")
+    return read_cortex_files(root, hemi, cortex_files(root, hemi, surfaces=surfaces, annotation=annotation), name)
 
 
 def _cortex_of_pair(white: Path, pial: Path, hemi: str | None, name: str | None) -> Cortex:
@@ -118,38 +119,19 @@ def _cortex_of_pair(white: Path, pial: Path, hemi: str | None, name: str | None)
                 f"{file}: is named {fields}, but {hemi} was requested. Request {fields}, or name the other file."
             )
         hemi = fields
-    with _recording_inputs((white, pial)) as records:
-        inner, outer = read_surface(white), read_surface(pial)
-    return Cortex(
-        inner,
-        outer,
-        hemi or "lh",
-        clean_name(name or white.name),
-        origin="files",
-        transform=scanner_transform(inner.geometry),
-        files=(str(white), str(pial)),
-        inputs=tuple(records),
-    )
+    return read_cortex_files(None, hemi or "lh", {"white": white, "pial": pial}, name)
 
 
-def _recording_inputs(files: Sequence[Path]) -> AbstractContextManager[list[dict[str, Any]]]:
-    """Context for reading: records of the bytes that are read. Files that no reader accepts are not scanned before."""
-    return unchanged(file for file in files if file.is_file() and file.stat().st_size <= MAX_BYTES)
-
-
-def _cortex_of_folder(
-    root: Path, hemi: str, surfaces: tuple[str, ...], annotation: str | None, name: str | None
-) -> Cortex:
-    if len(surfaces) != 2:
-        raise WrongShape(f"{root}: surfaces must name an inner and an outer surface, got {surfaces}.")
-    files = cortex_files(root, hemi, surfaces=surfaces, annotation=annotation)
-    with _recording_inputs(list(files.values())) as records:
-        cortex = read_cortex_files(root, hemi, files, name)
+def read_cortex_files(root: Path | None, hemi: str, files: dict[str, Path], name: str | None = None) -> Cortex:
+    """The cortex that files hold, by content as in :func:`cortex_files`; ``root`` is their folder, if they have one."""
+    # files that no reader accepts are not scanned before
+    scanned = (file for file in dict.fromkeys(files.values()) if file.is_file() and file.stat().st_size <= MAX_BYTES)
+    with unchanged(scanned) as records:
+        cortex = _read(root, hemi, files, name)
     return replace(cortex, inputs=tuple(records))
 
 
-def read_cortex_files(root: Path, hemi: str, files: dict[str, Path], name: str | None = None) -> Cortex:
-    """The cortex that files hold, by content as in :func:`cortex_files`; ``root`` is their folder."""
+def _read(root: Path | None, hemi: str, files: dict[str, Path], name: str | None) -> Cortex:
     inner = files["white"]
     white, pial = read_surface(inner), read_surface(files["pial"])
 
@@ -166,29 +148,18 @@ def read_cortex_files(root: Path, hemi: str, files: dict[str, Path], name: str |
         return content
 
     maps = {kind: fitting(kind, read_morph) for kind in MAP_NAMES if kind in files}
-    maps = maps if "stage" in files else in_freesurfer_signs(maps, white, files)
-    inflated, sphere = (fitting(name, read_surface, lambda found: len(found.verts)) for name in ("inflated", "sphere"))
     registered = read_surface(files["registered"]) if "registered" in files else None
-    regions = fitting("annotation", read_annotation, lambda regions: len(regions.labels))
-    mask = fitting("label", lambda file: read_label(file, len(white.verts)))
-    found = "FreeSurfer" if inner.suffix not in (".gii", ".gz") else "files"
-    info = read_aseg_stats(files["stats"], hemi) if "stats" in files else {}
-    fields: dict[str, Any] = {"origin": found, "name": root.resolve().name, "info": info}
-    if "stage" in files:
-        info = _stage_record(files["stage"])
-        fields = {**info, "origin": "simulation", "name": _simulation_name(root, info), "info": info}
-    elif os.path.lexists(root / "summary.json"):
-        fields |= measured_surface_fields(root / "summary.json", hemi)
+    fields = _fields(root, hemi, files)
     return Cortex(
         white,
         pial,
         hemi,
         clean_name(name or fields["name"]),
-        maps,
-        cortex=mask,
-        regions=regions,
-        inflated=inflated,
-        sphere=sphere,
+        maps if "stage" in files else in_freesurfer_signs(maps, white, files),
+        cortex=fitting("label", lambda file: read_label(file, len(white.verts))),
+        regions=fitting("annotation", read_annotation, lambda regions: len(regions.labels)),
+        inflated=fitting("inflated", read_surface, lambda surface: len(surface.verts)),
+        sphere=fitting("sphere", read_surface, lambda surface: len(surface.verts)),
         registered=registered if registered and len(registered.verts) == len(white.verts) else None,
         origin=fields["origin"],
         units=str(fields.get("units", "mm")),
@@ -199,16 +170,22 @@ def read_cortex_files(root: Path, hemi: str, files: dict[str, Path], name: str |
     )
 
 
-def _simulation_name(root: Path, info: dict[str, Any]) -> str:
+def _fields(root: Path | None, hemi: str, files: dict[str, Path]) -> dict[str, Any]:
+    """Name, origin and info of a cortex, and what else its records say: units and portion."""
+    inner = files["white"]
+    if root is None:
+        return {"origin": "files", "name": inner.name, "info": {}}
     folder = root.resolve().name
-    scene = str(info.get("name", ""))
-    return f"{scene} {folder}" if scene and folder not in scene else scene or folder
-
-
-def _stage_record(path: Path) -> dict[str, Any]:
-    """The record of a stage by ``simulate``."""
-    info = read_json(path, StageRecord, "Simulate that stage again.", most=2**20)
-    return {**info, "name": info.get("name", "simulation")}
+    if "stage" in files:
+        info = read_json(files["stage"], StageRecord, "Simulate that stage again.", most=2**20)
+        info = {**info, "name": info.get("name", "simulation")}
+        scene = str(info["name"])
+        name = f"{scene} {folder}" if scene and folder not in scene else scene or folder
+        return {**info, "origin": "simulation", "name": name, "info": info}
+    if os.path.lexists(root / "summary.json"):
+        return measured_surface_fields(root / "summary.json", hemi)
+    info = read_aseg_stats(files["stats"], hemi) if "stats" in files else {}
+    return {"origin": "files" if inner.suffix in (".gii", ".gz") else "FreeSurfer", "name": folder, "info": info}
 
 
 def read_folded(path: StrPath, hemi: str, *, surface: str | None = None, sphere: str | None = None) -> Cortex:
@@ -230,10 +207,8 @@ def read_folded(path: StrPath, hemi: str, *, surface: str | None = None, sphere:
         If a file is damaged, or belongs to another subject.
     """
     files = folded_files(path, hemi, surface=surface, sphere=sphere)
-    with unchanged(files.values()) as records:
-        known = {"pial": files["surface"]} | {_IN_A_CORTEX.get(what, what): file for what, file in files.items()}
-        cortex = read_cortex_files(Path(path), hemi, known)
-    return replace(cortex, inputs=tuple(records))
+    known = {"pial": files["surface"]} | {_IN_A_CORTEX.get(what, what): file for what, file in files.items()}
+    return read_cortex_files(Path(path), hemi, known)
 
 
 def in_freesurfer_signs(
