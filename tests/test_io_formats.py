@@ -1,29 +1,38 @@
 """Formats of other programs: surfaces and maps as CIVET, FreeSurfer, AFNI, SPM and CAT12 write them."""
 
 import gzip
+import os
 import random
+import re
+import shutil
 import struct
 
 import nibabel as nib
 import numpy as np
 import pytest
-from made_surfaces import FOOTER
+from made_surfaces import FOOTER, FORMATS, NO_SURFACE, one_line
+from test_vtk_files import written_legacy
 
-from morphofold.errors import DamagedFile, NotFetched, Refusal, WrongFile
+from morphofold.errors import DamagedFile, NotFetched, OutOfRange, Refusal, TooLarge, WrongFile
 from morphofold.io import (
     read_annotation,
+    read_cortex,
+    read_label,
     read_morph,
     read_surface,
+    sample_path,
     scanner_transform,
+    write_annotation,
     write_gifti_map,
+    write_label,
     write_morph,
     write_surface,
 )
 from morphofold.shapes import icosphere
-from morphofold.surface import Surface
+from morphofold.surface import Regions, Surface
 
 VERTS, FACES = icosphere(1, radius=3.0)
-CODES = {"damaged-file", "wrong-file", "out-of-range", "not-finite", "wrong-shape"}
+CODES = {"mismatch", "damaged-file", "wrong-file", "out-of-range", "not-finite", "wrong-shape"}
 
 
 def is_the_sphere(surface, atol=1e-5):
@@ -207,24 +216,6 @@ def test_an_mgh_of_several_maps_is_refused_and_a_huge_one_not_allocated(tmp_path
 # --- GIFTI
 
 
-@pytest.mark.parametrize("encoding", ["ASCII", "Base64Binary", "GZipBase64Binary"])
-@pytest.mark.parametrize("order", ["RowMajorOrder", "ColumnMajorOrder"])
-@pytest.mark.parametrize("endian", ["LittleEndian", "BigEndian"])
-def test_arrays_are_read_as_by_nibabel(tmp_path, encoding, order, endian):
-    from nibabel.gifti import GiftiDataArray, GiftiImage
-
-    options = {"encoding": encoding, "ordering": order[0], "endian": endian[:-6].lower()}
-    options["ordering"] = {"R": "C", "C": "F"}[order[0]]
-    points = GiftiDataArray(VERTS.astype(np.float32), "NIFTI_INTENT_POINTSET", "NIFTI_TYPE_FLOAT32", **options)
-    faces = GiftiDataArray(FACES.astype(np.int32), "NIFTI_INTENT_TRIANGLE", "NIFTI_TYPE_INT32", **options)
-    raw = GiftiImage(darrays=[points, faces]).to_bytes()
-    want = [a.data for a in GiftiImage.from_bytes(raw).darrays]
-    (tmp_path / "a.gii").write_bytes(raw)
-    got = read_surface(tmp_path / "a.gii")
-    np.testing.assert_array_equal(got.verts, want[0])
-    np.testing.assert_array_equal(got.faces, want[1])
-
-
 def test_arrays_in_a_file_beside_it_are_read(tmp_path):
     (tmp_path / "lh.central.gii").write_text(external(at=7))
     (tmp_path / "lh.central.dat").write_bytes(b"8 bytes"[:7] + DAT)
@@ -277,39 +268,146 @@ def test_names_of_regions_are_one_line(tmp_path):
 # --- damage
 
 
-def samples(folder):
+@pytest.fixture(scope="module")
+def samples(tmp_path_factory):
+    """Bytes of a file of each format, and what reads it."""
+    folder, surface = tmp_path_factory.mktemp("samples"), Surface(VERTS, FACES, geometry=FOOTER)
+    for name in [*FORMATS, "a.stl"]:
+        write_surface(folder / name, surface)
+    for version in (42, 51):
+        written_legacy(folder / f"{version}.vtk", version, True)
     write_gifti_map(folder / "map.gii", VALUES, nan=0.0)
-    maps = nib.freesurfer.mghformat.MGHImage(np.arange(42, dtype=np.float32).reshape(-1, 1, 1), np.eye(4)).to_bytes()
+    for name in ("lh.curv", "k.mgh"):
+        write_morph(folder / name, VALUES, nan=0.0)
+    (folder / "k.mgz").write_bytes(gzip.compress((folder / "k.mgh").read_bytes(), mtime=0))
+    regions = Regions(np.arange(42) % 3, ("a", "b", "c"), np.arange(9, dtype=np.uint8).reshape(3, 3))
+    for name in ("lh.a.annot", "a.label.gii"):
+        write_annotation(folder / name, regions)
+    write_label(folder / "lh.cortex.label", VALUES > 0, VERTS)
+    texts = {"mni.obj": mni(), "a.asc": ascii_surface(), "a.txt": rows(VALUES[:, None]), "lh.central.gii": external()}
+    for name, text in texts.items():
+        (folder / name).write_text(text)
+    (folder / "lh.orig").write_bytes(quadrangles(footer_bytes(folder)))
     (folder / "lh.central.dat").write_bytes(DAT)
-    write_surface(folder / "a.gii", Surface(VERTS, FACES))
-    return {
-        "a.obj": (mni().encode(), read_surface),
-        "a.asc": (ascii_surface().encode(), read_surface),
-        "lh.white": (quadrangles(footer_bytes(folder)), read_surface),
-        "lh.central.gii": (external().encode(), read_surface),
-        "a.gii": ((folder / "a.gii").read_bytes(), read_surface),
-        "a.mgh": (maps, read_morph),
-        "a.mgz": (gzip.compress(maps, mtime=0), read_morph),
-        "map.gii": ((folder / "map.gii").read_bytes(), read_morph),
-        "a.txt": (rows(VALUES[:, None]).encode(), read_morph),
-    }
+    return folder
 
 
-@pytest.mark.filterwarnings("ignore::UserWarning")  # of a cut last line
-@pytest.mark.parametrize("places", [40, pytest.param(400, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("name", "a.obj a.asc lh.white lh.central.gii a.gii a.mgh a.mgz map.gii a.txt".split())
-def test_damage_ends_in_what_was_there_or_a_refusal(tmp_path, name, places):
-    raw, read = samples(tmp_path)[name]
+READERS = {
+    **dict.fromkeys(
+        [*FORMATS, "a.stl", "42.vtk", "51.vtk", "mni.obj", "a.asc", "lh.central.gii", "lh.orig"], read_surface
+    ),
+    **dict.fromkeys(["map.gii", "lh.curv", "k.mgh", "k.mgz", "a.txt"], read_morph),
+    **dict.fromkeys(["lh.a.annot", "a.label.gii"], read_annotation),
+    "lh.cortex.label": lambda path: read_label(path, 42),
+}
+
+
+ENDLESS = ("a.obj", "a.txt", "42.vtk", "51.vtk")  # a part of it is a whole text, or has the whole surface
+
+
+@pytest.fixture
+def damaged(samples, tmp_path, request):
+    """The bytes of a sample, and a function that reads others under its name."""
+    name = request.param
+    shutil.copy(samples / "lh.central.dat", tmp_path)
+
+    def read(raw):
+        (tmp_path / name).write_bytes(raw)
+        return READERS[name](tmp_path / name)
+
+    return (samples / name).read_bytes(), read
+
+
+@pytest.mark.parametrize("damaged", [name for name in READERS if name not in ENDLESS], indirect=True)
+def test_a_cut_file_and_another_content_are_refused_in_one_line(damaged, capfd):
+    raw, read = damaged
+    cut = [raw[: max(1, int(share * len(raw)))] for share in (0.001, 0.2, 0.9)]
+    for content in (*cut, NO_SURFACE.encode(), bytes(range(256)) * 8):
+        with pytest.raises((DamagedFile, WrongFile)) as error:
+            read(content)
+        one_line(error)
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")  # of a cut last line, of merged corners
+@pytest.mark.parametrize("places", [20, pytest.param(600, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("damaged", READERS, indirect=True)
+def test_damage_ends_in_what_was_there_or_a_refusal(damaged, places):
+    raw, read = damaged
     rng, codes = random.Random(1), set()
     for at in rng.sample(range(len(raw)), min(places, len(raw))):
         changed = bytearray(raw)
         changed[at] = rng.choice([rng.randrange(256), rng.choice(b"0123456789 .-\n")])
         huge = raw[:at] + b"999999999999" + raw[at + 1 :]
-        for damaged in (changed, raw[:at] or b" ", huge):
-            (tmp_path / name).write_bytes(damaged)
+        for content in (changed, raw[:at] or b" ", huge):
             try:
-                read(tmp_path / name)
+                read(content)
             except Refusal as error:
                 codes.add(error.code)
-    assert codes & CODES
     assert codes <= CODES
+    assert codes
+
+
+def test_what_is_no_file_of_sensible_size_is_refused_unread(tmp_path):
+    (tmp_path / "lh.white").touch()
+    with pytest.raises(DamagedFile, match=r"lh\.white: .*\b0\b"):
+        read_surface(tmp_path / "lh.white")
+    with (tmp_path / "lh.white").open("wb") as file:
+        file.truncate(3 * 2**30)  # sparse: takes no space
+    with pytest.raises(TooLarge, match=r"lh\.white: .*\b3\.0 GiB\b.*\b2 GiB\b"):
+        read_surface(tmp_path / "lh.white")
+    (tmp_path / "a.gii.gz").write_bytes(gzip.compress(bytes(2**28 + 1)))
+    with pytest.raises(DamagedFile, match=r"a\.gii\.gz: .*\b256 MiB\b"):
+        read_surface(tmp_path / "a.gii.gz")
+    with pytest.raises(WrongFile, match=os.devnull):
+        read_surface(os.devnull)
+
+
+def test_a_missing_file_is_named_with_what_lies_beside_it_and_a_folder_is_called_one():
+    with pytest.raises(FileNotFoundError, match=r"surf.lh\.wite: .*\blh\.white\b"):
+        read_surface(sample_path("fsaverage5/surf") / "lh.wite")
+    with pytest.raises(IsADirectoryError, match="fsaverage5: "):
+        read_surface(sample_path("fsaverage5"))
+    with pytest.raises(NotADirectoryError, match=r"lh\.white: "):
+        read_cortex(sample_path("fsaverage5/surf/lh.white"))
+
+
+@pytest.mark.parametrize("counts", [(2**31 - 1, 2**31 - 1), (-5, 80), (42, 0), (4300, 80)])
+def test_counts_that_the_file_cannot_hold_are_refused_before_anything_is_allocated(samples, tmp_path, counts):
+    raw = (samples / "lh.white").read_bytes()
+    at = raw.index(b"\n\n") + 2
+    (tmp_path / "lh.white").write_bytes(raw[:at] + struct.pack(">2i", *counts) + raw[at + 8 :])
+    with pytest.raises(DamagedFile):
+        read_surface(tmp_path / "lh.white")
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "ply\nformat ascii 1.0\nelement vertex 99999999999\nproperty float x\nproperty float y\nend_header\n0\n",
+        "# vtk DataFile Version 3.0\nx\nASCII\nDATASET POLYDATA\nPOINTS 99999999999 float\n0 0 0\n",
+    ],
+)
+def test_a_promise_of_too_many_elements_is_refused(tmp_path, header):
+    (tmp_path / "a.x").write_text(header)
+    with pytest.raises(DamagedFile, match=r"\b99999999999\b"):
+        read_surface(tmp_path / "a.x")
+
+
+def test_a_face_out_of_range_is_refused_with_the_path(tmp_path):
+    write_surface(tmp_path / "lh.white", Surface(VERTS, FACES))
+    raw = (tmp_path / "lh.white").read_bytes()
+    (tmp_path / "lh.white").write_bytes(raw[:-4] + struct.pack(">i", 42))
+    with pytest.raises(OutOfRange, match=re.escape(f"{tmp_path / 'lh.white'}: 1 of 80 ")):
+        read_surface(tmp_path / "lh.white")
+
+
+def test_maps_and_surfaces_are_told_apart(samples):
+    for name, read in (
+        ("lh.curv", read_surface),
+        ("map.gii", read_surface),
+        ("lh.white", read_morph),
+        ("a.gii", read_morph),
+    ):
+        with pytest.raises(WrongFile, match=re.escape(name)):
+            read(samples / name)

@@ -6,7 +6,6 @@ import struct
 
 import numpy as np
 import pytest
-from made_surfaces import NO_SURFACE, one_line
 
 from morphofold.errors import DamagedFile, Mismatch, NamedTwice, NotFinite, OutOfRange, WrongFile, WrongShape
 from morphofold.io import (
@@ -198,29 +197,3 @@ def test_a_label_becomes_a_mask(tmp_path):
     assert read_label(tmp_path / "a.label", 5).tolist() == [False, True, False, True, False]
     (tmp_path / "b.label").write_text("#!ascii label\n0\n")
     assert not read_label(tmp_path / "b.label", 5).any()
-
-
-@pytest.mark.parametrize("length", [1, 5, 14, 15, 1000, 40982])
-@pytest.mark.parametrize("kind", ["thickness", "annotation"])
-def test_a_truncated_map_or_annotation_is_refused_in_one_line(tmp_path, kind, length):
-    read = {"thickness": read_morph, "annotation": read_annotation}[kind]
-    source = {"thickness": "surf/lh.thickness", "annotation": "label/lh.aparc.annot"}[kind]
-    (tmp_path / "lh.x").write_bytes(sample_path(f"fsaverage5/{source}").read_bytes()[:length])
-    with pytest.raises((DamagedFile, WrongFile), match=r"lh\.x: ") as error:
-        read(tmp_path / "lh.x")
-    one_line(error)
-
-
-@pytest.mark.parametrize("cut", [1, 30, 500, 1400])
-def test_a_truncated_colour_table_is_refused(tmp_path, cut):
-    (tmp_path / "a.annot").write_bytes(sample_path("fsaverage5/label/lh.aparc.annot").read_bytes()[:-cut])
-    with pytest.raises(DamagedFile, match=r"a\.annot: "):
-        read_annotation(tmp_path / "a.annot")
-
-
-@pytest.mark.parametrize(("read", "kind"), [(read_morph, WrongFile), (read_annotation, DamagedFile)])
-def test_text_is_neither_a_map_nor_an_annotation(tmp_path, read, kind):
-    (tmp_path / "lh.x").write_text(NO_SURFACE)
-    with pytest.raises(kind, match=r"lh\.x: ") as error:
-        read(tmp_path / "lh.x")
-    one_line(error)

@@ -1,7 +1,6 @@
 """VTK's files are read without VTK, which ends the process on damaged ones: every layout that it writes, bounded."""
 
 import base64
-import random
 import re
 import struct
 import subprocess
@@ -11,7 +10,7 @@ import zlib
 import numpy as np
 import pytest
 
-from morphofold.errors import DamagedFile, Refusal, WrongFile
+from morphofold.errors import DamagedFile, WrongFile
 from morphofold.io import read_surface, write_surface
 from morphofold.io.vtk_files import read_grid
 from morphofold.shapes import icosphere
@@ -142,8 +141,7 @@ def test_arrays_that_unpack_to_much_are_refused(tmp_path, monkeypatch, name, mod
         read_surface(tmp_path / name)
 
 
-@pytest.mark.parametrize("word", [0, 1, 2, 3])
-@pytest.mark.parametrize("size", [4, 8])
+@pytest.mark.parametrize(("word", "size"), [(0, 4), (1, 8), (2, 4), (3, 8)])
 def test_a_false_size_of_a_block_is_refused(tmp_path, word, size):
     """The number of blocks, the size of one, of the last one, and that of the first one packed, are 2^31."""
     written(tmp_path / "a.vtp", wide=size == 8)
@@ -184,27 +182,6 @@ def test_a_grid_is_read_if_its_faces_are_triangles(tmp_path, name, cells, taken)
         return
     with pytest.raises(WrongFile):
         read_surface(tmp_path / name)
-
-
-@pytest.mark.parametrize("name", ["42.vtk", "51.vtk", "a.vtp", "a.vtu"])
-def test_damage_ends_in_a_surface_or_a_refusal(tmp_path, name):
-    """One byte changed at any place, or the file cut there. A header of another version is one of the changes."""
-    if name.endswith(".vtk"):
-        written_legacy(tmp_path / name, int(name[:2]), True)
-    else:
-        written(tmp_path / name)
-    raw, rng, codes = (tmp_path / name).read_bytes(), random.Random(1), set()
-    for at in [*range(0, 500), *rng.sample(range(500, len(raw)), 200)]:
-        changed = bytearray(raw)
-        changed[at] = rng.randrange(256)
-        for damaged in (changed, raw[:at]):
-            (tmp_path / name).write_bytes(damaged)
-            try:
-                read_surface(tmp_path / name)
-            except Refusal as error:
-                codes.add(error.code)
-    assert "damaged-file" in codes
-    assert codes <= {"damaged-file", "wrong-file", "out-of-range", "not-finite", "wrong-shape"}
 
 
 def test_a_version_5_file_that_says_version_4_is_read(tmp_path):
