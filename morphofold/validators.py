@@ -98,13 +98,12 @@ def check_mesh(verts: np.ndarray, faces: np.ndarray, name: str = "surface") -> N
 def check_indexed(verts: np.ndarray, faces: np.ndarray, name: str) -> None:
     """As ``check_mesh``, but faces may contain a vertex twice."""
     check_arrays(verts, faces, name)
-    if verts.ndim != 2 or verts.shape[1] != 3 or len(verts) == 0:
-        raise WrongShape(
-            f"{name}: verts must have shape (N, 3) with N > 0, got {verts.shape}. "
-            "If the array holds one vertex per column, pass verts.T."
-        )
-    if faces.ndim != 2 or faces.shape[1] != 3 or len(faces) == 0:
-        raise WrongShape(f"{name}: faces must have shape (M, 3) with M > 0, got {faces.shape}.")
+    for what, values, n in (("verts", verts, "N"), ("faces", faces, "M")):
+        if values.ndim != 2 or values.shape[1] != 3 or len(values) == 0:
+            raise WrongShape(
+                f"{name}: {what} must have shape ({n}, 3) with {n} > 0, got {values.shape}. "
+                f"If the array holds one of them per column, pass {what}.T."
+            )
     if not np.issubdtype(faces.dtype, np.integer):
         raise TypeError(f"{name}: faces must be integers, got dtype {faces.dtype}.")
     bad = np.flatnonzero(((faces < 0) | (faces >= len(verts))).any(axis=1))

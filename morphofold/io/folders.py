@@ -126,12 +126,9 @@ def files_of(out: Path) -> dict[str, Path]:
 
 def _paths_below(folder: Path) -> Iterator[str]:
     """Relative paths of everything in a folder and below: files, links, and empty folders."""
-    for root, folders, files in os.walk(folder):
-        inside = Path(root).relative_to(folder)
-        links = [name for name in folders if os.path.islink(os.path.join(root, name))]
-        yield from ((inside / name).as_posix() for name in (*files, *links))
-        if not (folders or files) and root != os.fspath(folder):
-            yield inside.as_posix()
+    for path in folder.rglob("*"):  # which follows no links
+        if path.is_symlink() or not path.is_dir() or not any(path.iterdir()):
+            yield path.relative_to(folder).as_posix()
 
 
 def _replace_folder(new: Path, out: Path) -> None:
