@@ -16,26 +16,8 @@ from morphofold.io.json_files import Record, read_json
 from morphofold.provenance import printable, strict_json
 from morphofold.results.layouts import Layout
 
-BIDSIGNORE_LINES = """\
-*.html
-figures
-*.surf.gii
-*.shape.gii
-*_area.json
-*_curv.json
-*_sulc.json
-*_thickness.json
-*_mask.*
-*_morph.*
-*_provenance.json
-*_cost.json
-"""
-README_TEXT = """\
-# Cortical morphometry by morphofold
-
-Surfaces, maps and tables of folded cortices. `sub-*/report.html` shows those of one subject. The `.json` beside a map
-or table describes it; `*_provenance.json` gives its sources. Files that BIDS does not define are in `.bidsignore`.
-"""
+BIDSIGNORE_LINES = Path(__file__).with_name("bidsignore.txt").read_text(encoding="utf-8")
+README_TEXT = Path(__file__).with_name("dataset_readme.md").read_text(encoding="utf-8")
 
 
 def begin_dataset(dataset: Path, ignoring: Sequence[str] = ()) -> None:
