@@ -123,12 +123,12 @@ def cortex_files(
     staged = os.path.lexists(stage)
     if staged and hemi not in (sides := hemispheres(root)):
         raise DoesNotApply(f"{root}: is a simulated stage of {sides[0]}, and has no {hemi}. Request {sides[0]}.")
-    found = {what: _required_surface(root, f"{hemi}.{s}") for what, s in zip(("white", "pial"), surfaces)}
+    files = {content: _required_surface(root, f"{hemi}.{s}") for content, s in zip(("white", "pial"), surfaces)}
 
-    def add(what: str, place: str, stem: str, endings: tuple[str, ...] = ("",)) -> None:
+    def add(content: str, place: str, stem: str, endings: tuple[str, ...] = ("",)) -> None:
         places = [folder for folder in (root / place, root / "surf") if folder.is_dir()]
         file = _first_existing_file(places or [root], stem, endings)
-        found.update({} if file is None else {what: existing_file(file, what)})
+        files.update({} if file is None else {content: existing_file(file, content)})
 
     for name in MAP_NAMES:
         add(name, "surf", f"{hemi}.{name}", _MAP_ENDINGS)
@@ -138,19 +138,19 @@ def cortex_files(
         annotation = measured_surface_fields(root / "summary.json", hemi)["annotation"]
     for stem in ("aparc",) if annotation is None else (f"aparc.{annotation}", annotation):
         add("annotation", "label", f"{hemi}.{stem}", (".annot", ".label.gii"))
-    if annotation is not None and "annotation" not in found:
-        there = sorted(file.name for place in (root / "label", root) for file in place.glob(f"{hemi}.*.annot"))
+    if annotation is not None and "annotation" not in files:
+        annotations = sorted(file.name for place in (root / "label", root) for file in place.glob(f"{hemi}.*.annot"))
         raise FileNotFoundError(
-            f"{root}: has no label/{hemi}.{annotation}.annot; it has {', '.join(there) or 'no annotation'}. "
+            f"{root}: has no label/{hemi}.{annotation}.annot; it has {', '.join(annotations) or 'no annotation'}. "
             "Name one as aparc.a2009s, without hemisphere and ending."
         )
     for stem in (f"{hemi}.atlasroi.shape.gii", f"{hemi}.cortex.label"):  # HCP's, and FreeSurfer's, which goes first
         add("label", "label", stem)
-    if "label" not in found:
+    if "label" not in files:
         add("registered", "surf", f"{hemi}.sphere.reg", SURFACE_ENDINGS)
     if (stats := root / "stats" / "aseg.stats").is_file() and stats.stat().st_size:  # no measure depends on it
-        found["stats"] = stats
-    return {**found, "stage": existing_file(stage, "stage record")} if staged else found
+        files["stats"] = stats
+    return {**files, "stage": existing_file(stage, "stage record")} if staged else files
 
 
 def measured_surface_fields(path: Path, hemi: str) -> dict[str, Any]:
@@ -200,12 +200,12 @@ def _required_surface(root: Path, stem: str) -> Path:
 
 def folded_files(path: StrPath, hemi: str, *, surface: str | None = None, sphere: str | None = None) -> dict[str, Path]:
     """The files that :func:`read_folded` reads, by content; raises if a surface does not exist."""
-    root, there = Path(path), Path(path).is_dir()
+    root, is_folder = Path(path), Path(path).is_dir()
     place, kind = root / "surf", surface or WHITE
-    files = {"surface": existing_file(place / f"{hemi}.{kind}" if there else root, "surface")}
-    if sphere is not None or (there and os.path.lexists(place / f"{hemi}.sphere")):
+    files = {"surface": existing_file(place / f"{hemi}.{kind}" if is_folder else root, "surface")}
+    if sphere is not None or (is_folder and os.path.lexists(place / f"{hemi}.sphere")):
         files["sphere"] = existing_file(
-            place / f"{hemi}.{sphere or 'sphere'}" if there else Path(sphere or ""), "sphere"
+            place / f"{hemi}.{sphere or 'sphere'}" if is_folder else Path(sphere or ""), "sphere"
         )
     beside = {name: root / "label" / f"{hemi}.{name}" for name in ("aparc.annot", "cortex.label")}
     files |= {name: existing_file(file, name) for name, file in beside.items() if os.path.lexists(file)}
@@ -228,6 +228,6 @@ def sample_path(name: StrPath = "") -> Path:
     root = Path(str(package_files("morphofold.data_samples")))
     path = root / name
     if not path.exists():
-        there = sorted(p.name for p in root.iterdir() if p.is_dir() and not p.name.startswith("_"))
-        raise FileNotFoundError(f"{name}: no such sample. The samples are {', '.join(there)}.")
+        samples = sorted(p.name for p in root.iterdir() if p.is_dir() and not p.name.startswith("_"))
+        raise FileNotFoundError(f"{name}: no such sample. The samples are {', '.join(samples)}.")
     return path

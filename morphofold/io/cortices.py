@@ -219,7 +219,7 @@ def in_freesurfer_signs(
     ``sulc`` and ``curv``, positive in sulci, are opposite if their correlation with the depth of vertices below the
     smoothed white surface is less than ``OPPOSITE``; ``thickness``, if more values are negative than positive.
     """
-    found = dict(maps)
+    signed = dict(maps)
     for name, values in maps.items():
         if name == "area":
             continue
@@ -227,14 +227,14 @@ def in_freesurfer_signs(
             opposite, why = (values < 0).sum() > (values > 0).sum(), "is negative, as in HCP's convention"
         else:
             depth = _depth(white)
-            known = np.isfinite(values) & np.isfinite(depth)
+            finite = np.isfinite(values) & np.isfinite(depth)
             with np.errstate(invalid="ignore", divide="ignore"):  # a constant map has no correlation
-                r = np.corrcoef(values[known], depth[known])[0, 1] if known.any() else np.nan
+                r = np.corrcoef(values[finite], depth[finite])[0, 1] if finite.any() else np.nan
             opposite, why = r < OPPOSITE, f"is positive on gyri, not in sulci (correlation with depth {r:.2f})"
         if opposite:
             warnings.warn(f"{files[name]}: {why}; its sign was reversed.", stacklevel=2)
-            found[name] = flip_curvature_sign(values)
-    return found
+            signed[name] = flip_curvature_sign(values)
+    return signed
 
 
 def _depth(white: Surface) -> PerVertex:

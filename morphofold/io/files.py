@@ -59,8 +59,8 @@ def side_named(name: str) -> str | None:
     where letters and digits do, or before a capital. Other BIDS entities (``sub-R``) do not count.
     """
     name = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", _OTHER_ENTITIES.sub("", name))
-    found = [side for side, spelling in _SIDES.items() if spelling.search(name)]
-    return found[0] if len(found) == 1 else None
+    sides = [side for side, spelling in _SIDES.items() if spelling.search(name)]
+    return sides[0] if len(sides) == 1 else None
 
 
 def name_in_file(path: Path) -> str:
@@ -122,11 +122,11 @@ def _behind_lost_link(path: Path) -> Path:
     left = _content_if_small(path).replace(b"\0", b"")  # Cygwin writes the name in UTF-16
     files = [path.with_name(f"{path.name}.{kind}") for kind in ("T2", "FLAIR", "T1")]
     files.sort(key=lambda file: file.name.encode() not in left)
-    found = next((file for file in files if file.is_file()), None)
-    if found is None or (left and files[0].name.encode() not in left):
+    target = next((file for file in files if file.is_file()), None)
+    if target is None or (left and files[0].name.encode() not in left):
         return path
-    warnings.warn(f"{path}: FreeSurfer's link is lost here, so {found.name} beside it is read.", stacklevel=3)
-    return found
+    warnings.warn(f"{path}: FreeSurfer's link is lost here, so {target.name} beside it is read.", stacklevel=3)
+    return target
 
 
 def _folder_content_text(path: Path) -> str:
@@ -169,9 +169,11 @@ def decoding(path: Path, what: str, advice: str = "Copy it again from its source
     except NotFetched:  # of a file that this one names
         raise
     except (Exception, SystemExit) as error:  # meshio raises SystemExit
-        wanted = _bytes_of_refused_array(error)
-        if wanted and wanted > MOST_UNPACKED_PER_BYTE * path.stat().st_size:  # no file of this size unpacks to so much
-            error = ValueError(f"it declares an array of {wanted / 2**30:.3g} GiB")
+        declared = _bytes_of_refused_array(error)
+        if (
+            declared and declared > MOST_UNPACKED_PER_BYTE * path.stat().st_size
+        ):  # no file of this size unpacks to so much
+            error = ValueError(f"it declares an array of {declared / 2**30:.3g} GiB")
         elif _is_lack_of_memory(error):
             raise MemoryError(
                 f"{path}: not enough memory to read {what}. Close other programs, or use a computer with more memory."
@@ -276,7 +278,7 @@ def atomic_file(path: StrPath) -> Iterator[Path]:
     check_place(path)
     temporary = path.with_name(f".{secrets.token_hex(4)}.{path.name[-60:]}")  # within 255 bytes
     try:
-        with naming(path, temporary):
+        with error_names_file(path, temporary):
             yield temporary
             os.replace(temporary, path)
     finally:
@@ -284,7 +286,7 @@ def atomic_file(path: StrPath) -> Iterator[Path]:
 
 
 @contextmanager
-def naming(path: Path, temporary: Path) -> Iterator[None]:
+def error_names_file(path: Path, temporary: Path) -> Iterator[None]:
     """Make system errors about the temporary path, or about a full disk, name ``path`` or a file in it."""
     try:
         yield

@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from morphofold.errors import OptionsClash
-from morphofold.io.files import StrPath, atomic_file, check_above, naming
+from morphofold.io.files import StrPath, atomic_file, check_above, error_names_file
 
 MARKER_FILE = ".morphofold"  # in every folder that atomic_folder wrote; lists the files that it wrote and may replace
 # in folders that collect the results of many runs; they are never replaced
@@ -40,7 +40,7 @@ def atomic_folder(out: StrPath) -> Iterator[Path]:
     new = out.with_name(f".{out.name}.{secrets.token_hex(4)}")
     with _made_folder(out.parent):
         try:
-            with naming(out, new):
+            with error_names_file(out, new):
                 new.mkdir()
                 yield new
                 mark = {"morphofold": "replaces these files when it writes here again, and keeps all others"}
@@ -197,9 +197,9 @@ def refuse_no_collection(out: Path, kind: str) -> None:
     """Raise ``FileExistsError`` if ``out`` exists, is not empty and is not from ``begin_collection``."""
     file = out / COLLECTION_MARKER
     if file.is_file():
-        there = file.read_text(encoding="utf-8", errors="replace").partition(":")[0]
-        if there != kind:
-            raise FileExistsError(f"{out}: is a {there:.20}, not a {kind}. Name a new folder.")
+        other = file.read_text(encoding="utf-8", errors="replace").partition(":")[0]
+        if other != kind:
+            raise FileExistsError(f"{out}: is a {other:.20}, not a {kind}. Name a new folder.")
         return
     if out.is_dir() and not any(out.iterdir()):  # it is written into and never moved
         return

@@ -145,9 +145,9 @@ def _read(path: StrPath, content: str) -> tuple[Path, Any]:
         )
     with decoding(path, f"a {content} in the format {kind.name}"):
         raw = unpacked(path)
-        found = kind.read(raw, path)
+        parsed = kind.read(raw, path)
     warn_of_no_end(path, raw)
-    return path, found if kind.finish is None else kind.finish(found, path)
+    return path, parsed if kind.finish is None else kind.finish(parsed, path)
 
 
 def read_surface(path: StrPath) -> Surface:
@@ -295,17 +295,17 @@ def write_annotation(path: StrPath, regions: Regions) -> None:
 def read_label(path: StrPath, n: int) -> NDArray[np.bool_]:
     """Mask (n,) that is True at the vertices of a FreeSurfer label (``?h.cortex.label``) on n vertices, or where a map
     of a GIFTI file is positive."""
-    path, found = _read(path, "label")
-    if found.dtype == bool:
-        same_length(found, n, f"{path}:", error=Mismatch)
-        return np.asarray(found)
-    if found.size and (found.min() < 0 or found.max() >= n):
+    path, label = _read(path, "label")
+    if label.dtype == bool:
+        same_length(label, n, f"{path}:", error=Mismatch)
+        return np.asarray(label)
+    if label.size and (label.min() < 0 or label.max() >= n):
         raise Mismatch(
-            f"{path}: names vertices {found.min()} to {found.max()}, but the surface has 0 to {n - 1}. "
+            f"{path}: names vertices {label.min()} to {label.max()}, but the surface has 0 to {n - 1}. "
             "It belongs to another surface."
         )
     mask = np.zeros(n, dtype=bool)
-    mask[found] = True
+    mask[label] = True
     return mask
 
 

@@ -72,10 +72,10 @@ def _footer(tail: bytes, size: int) -> Mapping[str, Any] | None:
     start = 12 if tail.startswith(head) else 4 if tail.startswith(head[8:]) else 0
     if not start and not (tail and head.startswith(tail)):
         return None
-    found = _FOOTER.match(tail, start)
-    if found is None:
+    match = _FOOTER.match(tail, start)
+    if match is None:
         raise DamagedFile(f"it is truncated inside its volume-geometry footer, at byte {size}")
-    valid, filename, *texts = (text.decode("utf-8", "replace").strip() for text in found.groups())
+    valid, filename, *texts = (text.decode("utf-8", "replace").strip() for text in match.groups())
     numbers = [np.array(text.split(), dtype=np.float64) for text in texts]
     if valid.startswith("1") and not all(x.shape == (3,) and np.isfinite(x).all() for x in numbers):
         raise DamagedFile("its volume-geometry footer does not have three numbers in each row")
@@ -301,11 +301,11 @@ def read_aseg_stats(path: StrPath, hemi: str) -> dict[str, float | int]:
     """
     with Path(path).open("rb") as file:
         lines = file.read(MOST_STATS_BYTES).decode("utf-8", errors="replace").splitlines()
-    wanted = {name.format(hemi=hemi): key for name, key in _KEY_OF_ASEG_MEASURE.items()}
-    found: dict[str, float | int] = {}
+    keys = {name.format(hemi=hemi): key for name, key in _KEY_OF_ASEG_MEASURE.items()}
+    measures: dict[str, float | int] = {}
     for line in lines:
         cells = [cell.strip() for cell in line.removeprefix("# Measure ").split(",")]
-        key = wanted.get(cells[0])
+        key = keys.get(cells[0])
         if key is None or len(cells) < 5 or not line.startswith("# Measure "):
             continue
         try:
@@ -313,5 +313,5 @@ def read_aseg_stats(path: StrPath, hemi: str) -> dict[str, float | int]:
         except ValueError:
             continue
         if 0 <= value <= LARGEST_NUMBER:
-            found[key] = round(value) if key == "surface_holes" else value
-    return found
+            measures[key] = round(value) if key == "surface_holes" else value
+    return measures

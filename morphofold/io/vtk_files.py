@@ -80,17 +80,17 @@ def _piece(raw: bytes, sections: Collection[str]) -> dict[str, dict[str, Numbers
     if len(pieces) != 1:
         raise WrongFile(f"it has {len(pieces)} pieces; merge them into one")
     decoder = _Decoder(root, appended, head is not None and b"raw" in head[0])
-    found: dict[str, dict[str, Numbers]] = {}
+    sections_read: dict[str, dict[str, Numbers]] = {}
     for section in (element for element in pieces[0] if element.tag in sections):
-        arrays = found[section.tag] = {}
+        arrays = sections_read[section.tag] = {}
         for array in section.iter("DataArray"):
             values, width = decoder.numbers(array), int(array.get("NumberOfComponents") or 1)
             name = "offsets" if section.tag == "Points" else array.get("Name", "")
             arrays[name] = values.reshape(-1, width) if width > 1 else values
-        count, there = pieces[0].get(f"NumberOf{section.tag}"), len(arrays.get("offsets", ()))
-        if count is not None and there != int(count):
-            raise DamagedFile(f"its header declares {count} {section.tag}, but it has {there}")
-    return found
+        count, number = pieces[0].get(f"NumberOf{section.tag}"), len(arrays.get("offsets", ()))
+        if count is not None and number != int(count):
+            raise DamagedFile(f"its header declares {count} {section.tag}, but it has {number}")
+    return sections_read
 
 
 class _Decoder:
@@ -117,10 +117,10 @@ class _Decoder:
         def part(at: int, size: int) -> tuple[bytes, int]:
             """Bytes that were encoded together, and where they end in the file."""
             end = at + (size if is_raw else 4 * -(-size // 3))
-            found = data[at:end] if is_raw else base64.b64decode(data[at:end], validate=True)
-            if len(found) < size:
-                raise DamagedFile(f"an array declares {size} bytes, but has {len(found)}")
-            return found[:size], end
+            decoded = data[at:end] if is_raw else base64.b64decode(data[at:end], validate=True)
+            if len(decoded) < size:
+                raise DamagedFile(f"an array declares {size} bytes, but has {len(decoded)}")
+            return decoded[:size], end
 
         def words(count: int) -> tuple[list[int], int]:
             head, end = part(0, count * self.word.itemsize)
@@ -160,13 +160,13 @@ def _legacy_faces(raw: bytes) -> tuple[Numbers, Numbers, Numbers]:
         nonlocal at
         dtype = np.dtype(_TYPES[kind.decode().lower()])
         if head is not None and head[1].upper() == b"ASCII":
-            found = from_words(raw[at:].split(maxsplit=count)[:count], dtype)
-            if len(found) < count:
-                raise DamagedFile(f"its header declares {count} numbers, but it has {len(found)}")
-            return found
-        found = np.frombuffer(raw, dtype, count, at)
-        at += found.nbytes - 1  # the next line begins with white space
-        return found
+            values = from_words(raw[at:].split(maxsplit=count)[:count], dtype)
+            if len(values) < count:
+                raise DamagedFile(f"its header declares {count} numbers, but it has {len(values)}")
+            return values
+        values = np.frombuffer(raw, dtype, count, at)
+        at += values.nbytes - 1  # the next line begins with white space
+        return values
 
     n, kind = find(rb"POINTS\s+(\d+)\s+(\w+)")
     points = numbers(3 * int(n), kind).reshape(-1, 3)
