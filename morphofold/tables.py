@@ -81,7 +81,7 @@ def read_table(
     try:
         return _rows(path.read_text(encoding="utf-8"), words, count, numbers)
     except ValueError as error:  # or it is not UTF-8 text
-        raise DamagedFile(f"{path}: is damaged: {error}. Analyze again.") from None
+        raise DamagedFile(f"{path}: {error}. Analyze again.") from None
 
 
 def _rows(text: str, words: Collection[str], count: int | None, numbers: Collection[str]) -> list[dict[str, Any]]:

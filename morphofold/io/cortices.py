@@ -207,8 +207,8 @@ def read_folded(path: StrPath, hemi: str, *, surface: str | None = None, sphere:
         If a file is damaged, or belongs to another subject.
     """
     files = folded_files(path, hemi, surface=surface, sphere=sphere)
-    known = {"pial": files["surface"]} | {_IN_A_CORTEX.get(what, what): file for what, file in files.items()}
-    return read_cortex_files(Path(path), hemi, known)
+    known = {_IN_A_CORTEX.get(what, what): file for what, file in files.items()}
+    return read_cortex_files(Path(path), hemi, {**known, "pial": known.get("pial", files["surface"])})
 
 
 def in_freesurfer_signs(

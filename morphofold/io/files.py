@@ -242,7 +242,7 @@ def warn_of_no_end(path: Path, raw: bytes) -> None:
     says = raw.endswith(b">") or b"endsolid" in raw[-1024:]
     if not (says or raw[-1:].isspace()) and looks_like_text(raw[:1024]) and looks_like_text(raw[-64:]):
         warnings.warn(
-            f"{path}: its last line has no line break. If the file was cut, its last number is wrong.", stacklevel=5
+            f"{path}: its last line has no line break. If the file was cut, its last number is wrong.", stacklevel=4
         )
 
 
