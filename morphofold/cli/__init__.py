@@ -11,6 +11,7 @@ import threading
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import pairwise
 from typing import Any, NoReturn
 
 from cyclopts import App, CycloptsError, Parameter, ValidationError
@@ -113,16 +114,17 @@ def parsed(parser: App, argv: Sequence[str]) -> Any:
     OptionsClash
         If options contradict each other.
     """
-    for text in argv:
+    for option, text in pairwise(["", *argv]):
         if not text or "\0" in text or (text.startswith("--") and text.endswith("=")):  # "" would be the current folder
-            raise BadUsage(f"{text or 'an argument'} is empty, or contains a NUL. Give it a value, or leave it out.")
+            name = text.partition("=")[0] or (option if option.startswith("-") else "an argument")
+            raise BadUsage(f"{name}: the value is empty, or contains a NUL. Give it a value, or leave it out.")
     try:
         return parser(argv, exit_on_error=False, print_error=False, help_on_error=False)
     except CycloptsError as error:
-        if isinstance(error.__cause__, Refusal):
-            raise error.__cause__ from None
         if isinstance(error, ValidationError) and error.argument is not None:
             raise OutOfRange(f"{error.argument.name} {error.exception_message}") from None
+        if isinstance(error.__cause__, Refusal):
+            raise error.__cause__ from None
         chain = " ".join([*parser.name, *(error.command_chain or ())])
         raise BadUsage(f"{str(error).strip().rstrip('.?')}. See {chain} --help.") from None
 

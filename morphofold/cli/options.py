@@ -14,7 +14,7 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 from cyclopts import Group, Parameter, Token
 
-from morphofold.errors import OptionsClash
+from morphofold.errors import BadUsage, OptionsClash, OutOfRange
 
 MEASURING = Group("Measuring", sort_key=1)
 WORKERS = Group("Workers", sort_key=2)
@@ -26,7 +26,7 @@ def _hemisphere(_: Any, tokens: tuple[Token, ...]) -> str:
     """FreeSurfer's spelling of a hemisphere, from any spelling."""
     word = tokens[0].value
     if word.lower() not in HEMISPHERE_SPELLINGS:
-        raise ValueError(f"{word!r} is not a hemisphere. Pass lh, rh or both")
+        raise BadUsage(f"--hemi: {word!r} is not a hemisphere. Pass lh, rh or both.")
     return HEMISPHERE_SPELLINGS[word.lower()]
 
 
@@ -36,7 +36,7 @@ def within(least: float, largest: float) -> Parameter:
     def check(_: Any, value: Any) -> None:
         for number in value if isinstance(value, list) else [] if value is None else [value]:
             if not least <= number <= largest:
-                raise ValueError(f"must lie between {least:.10g} and {largest:.10g}, got {number:g}.")
+                raise OutOfRange(f"must lie between {least:.10g} and {largest:.10g}, got {number:g}.")
 
     return Parameter(validator=check)
 

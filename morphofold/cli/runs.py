@@ -8,7 +8,8 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, TypeVar
 
-from morphofold.analysis import Measures, measure
+from morphofold import analysis, simulation
+from morphofold.analysis import Measures
 from morphofold.cli.progress import ProgressCallback, progress
 from morphofold.io import atomic_folder
 from morphofold.progress import Progress
@@ -16,7 +17,6 @@ from morphofold.sim.dynamics import UnstableError
 from morphofold.sim.run import Simulation
 from morphofold.sim.scene import Sphere
 from morphofold.sim.scene.files import load_scene
-from morphofold.simulation import simulate
 from morphofold.surface import Cortex
 from morphofold.threads import set_threads
 
@@ -47,7 +47,7 @@ class Runs:
         begun = time.perf_counter()
         with self.showing(name) as show:
             try:
-                return simulate(
+                return simulation.simulate(
                     scene,
                     self._out / SIMULATIONS_FOLDER / name,
                     settings=settings,
@@ -62,7 +62,7 @@ class Runs:
 
     def measure(self, name: str, cortex: Cortex) -> Measures:
         accuracy = "draft" if self.draft else "standard"
-        return self.once(f"measure {name}", lambda show: measure(cortex, accuracy=accuracy, progress=show))
+        return self.once(f"measure {name}", lambda show: analysis.measure(cortex, accuracy=accuracy, progress=show))
 
     def once(self, label: str, work: Callable[[Progress], Result]) -> Result:
         if label not in self._done:

@@ -27,7 +27,7 @@ def range_values(words: Sequence[str], option: str = "") -> list[float]:
                 continue
             low, high, count = float(ends[0]), float(ends[1]), int(ends[2])
             if len(ends) > 3 or not 2 <= count <= MOST_RANGE_VALUES:
-                raise ValueError
+                raise NotReadable
         except (ValueError, IndexError):
             raise NotReadable(
                 f"{option}: {word!r} is neither a number nor FROM:TO:COUNT with a COUNT from 2 to "
