@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Callable, Mapping
+import tomllib
+from collections.abc import Mapping
 from dataclasses import asdict
-from functools import partial
+from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from morphofold import __version__
 from morphofold.cli.options import Answer
@@ -21,62 +22,23 @@ from morphofold.io.folders import refuse_overlap
 from morphofold.sim import theory_tables
 from morphofold.sim.scene.files import load_scene
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 #: most rows of one answer, and most curves of one kind that can be distinguished in a figure
 MOST_ROWS, MOST_CURVES = 200_000, 10
 #: number of states of a body that typically remain to be checked
 STATES_STILL_TO_CHECK = 6
 #: options that are no parameters of an answer
 UNRECORDED = ("json", "plot", "quiet", "debug", "on_interrupt")
-#: key of a column -> its heading, and the format of its numbers
-TABLE_COLUMNS = {
-    "law": ("law", ""),
-    "thickness_mm": ("T [mm]", "g"),
-    "mu_ratio": ("mu ratio", "g"),
-    "layer": ("layer", ""),
-    "growth": ("g", ".4f"),
-    "c_over_B": ("c/B", ".6f"),
-    "c_over_C": ("c/C", ".6f"),
-    "position": ("position", ".3f"),
-    "R_mm": ("R [mm]", ".3f"),
-    "r_mm": ("r [mm]", ".3f"),
-    "sigma_r_over_mu_core": ("sigma_r/mu_core", ".6g"),
-    "sigma_theta_over_mu_core": ("sigma_theta/mu_core", ".6g"),
-    "sigma_theta_over_mu_cortex": ("sigma_theta/mu_cortex", ".6g"),
-    "C_over_B": ("C/B", ".4f"),
-    "T_over_C": ("T/C", ".4f"),
-    "g_biot": ("g Biot", ".4f"),
-    "g_crit": ("g_crit", ".5f"),
-    "degree": ("l", "d"),
-    "wavelength_mm": ("wavelength [mm]", ".2f"),
-    "wavelength_over_T": ("over T", ".3f"),
-    "wavelength_deformed_over_T": ("grown, over T", ".3f"),
-    "creasing_amplitude_over_T": ("a/T to crease", ".3f"),
-    "g_crease": ("g crease", ".5f"),
-    "first": ("first", ""),
-    "g_theory": ("by theory", ".5f"),
-    "degree_theory": ("its l", "d"),
-    "difference_percent": ("difference [%]", "+.2f"),
-    "elements": ("elements", ",d"),
-    "edge_over_T": ("edge/T", ".2f"),
-    "seconds": ("seconds", ".1f"),
-    "reason": ("note", ""),
-}
+TABLES = tomllib.loads(resources.files("morphofold.cli").joinpath("theory.toml").read_text(encoding="utf-8"))
 
 
 class Table(NamedTuple):
-    """The answer to a question: title, keys of the columns, all rows, and what draws the figure, if any.
+    """The answer to a question: its name in theory.toml, all rows, values for its title, and what its figure shows."""
 
-    ``changed`` are the columns whose heading or format differs from TABLE_COLUMNS.
-    """
-
-    title: str
-    columns: str
+    name: str
     rows: list[dict[str, Any]]
-    draw: Callable[[], Figure] | None = None
-    changed: Mapping[str, tuple[str, str]] = {}
+    values: Mapping[str, Any]
+    drawn: tuple[Any, ...] = ()
+    drawn_with: Mapping[str, Any] = {}
 
 
 def run(args: Theory) -> Answer:
@@ -88,82 +50,48 @@ def run(args: Theory) -> Answer:
         refuse_overlap(args.plot)
     _refuse_large_answers(args)
     table = _table(args)
-    if args.plot is not None and table.draw is not None:
-        _write_plot(table.draw(), args.plot)
-    parameters = {
-        key: value for key, value in asdict(args).items() if value not in (None, []) and key not in UNRECORDED
+    if args.plot is not None:
+        _write_plot(table, args.plot)
+    content = {
+        "morphofold": __version__,
+        "theory": type(args).__name__.lower(),
+        "parameters": _parameters(args),
+        "rows": table.rows,
     }
-    if isinstance(args, Bifurcation) and args.body is not None:
-        parameters = {"body": args.body, "curve": False} | ({"settings": args.set} if args.set else {})
-    elif parameters.get("kappa_ratio") == math.inf:
-        parameters["kappa_ratio"] = "inf"  # JSON has no infinity
-    question = type(args).__name__.lower()
-    content = {"morphofold": __version__, "theory": question, "parameters": parameters, "rows": table.rows}
-    lines = [*table.title.splitlines(), *_aligned(table)]
+    lines = [*TABLES[table.name]["title"].strip().format_map(table.values).splitlines(), *_aligned(table)]
     return Answer(content, [*lines, f"-> {args.plot}"] if args.plot is not None else lines)
 
 
+def _parameters(args: Theory) -> dict[str, Any]:
+    """The options of the question, for JSON."""
+    if isinstance(args, Bifurcation) and args.body is not None:
+        return {"body": args.body, "curve": False} | ({"settings": args.set} if args.set else {})
+    options = {key: value for key, value in asdict(args).items() if value not in (None, []) and key not in UNRECORDED}
+    return {key: "inf" if value == math.inf else value for key, value in options.items()}  # JSON has no infinity
+
+
 def _table(args: Theory) -> Table:
+    values = asdict(args)
+    core: dict[str, Any] = {"g_core": values.get("core_growth", 1.0), "A_over_C": args.hole_ratio}
     if isinstance(args, Radius):
-        return _radius_table(args)
+        sphere = (args.growth, args.thickness, args.radius, args.laws)
+        values["interface_radius"] = args.radius - args.thickness
+        return Table("radius", theory_tables.radius_rows(*sphere, **core), values, sphere, core)
     if isinstance(args, Stress):
-        return _stress_table(args)
+        at, options = (args.growth, args.thickness, args.radius, args.laws), {"mu_ratio": args.mu_ratio, **core}
+        return Table("stress", theory_tables.stress_rows(*at, points=args.points, **options), values, at, options)
     if isinstance(args, Critical):
-        return _critical_table(args)
+        if args.thickness:
+            args.radius = args.radius or 50.0
+            args.ratio = [theory_tables.outer_ratio(T, args.radius) for T in args.thickness]
+        args.ratio = args.ratio or range_values(["1.02:1.3:15"])
+        rows = theory_tables.critical_rows(args.ratio, args.laws, **core)
+        return Table("critical", rows, values, (args.ratio, args.laws), core)
     assert isinstance(args, Bifurcation)
-    return _bifurcation_table(args) if args.body is None else _body_table(args)
+    return _bifurcation_table(args, values) if args.body is None else _body_table(args.body, args)
 
 
-def _figure(name: str, *arguments: Any, **options: Any) -> Figure:
-    from morphofold.report.plots import theory_plots  # matplotlib is imported only to draw
-
-    figure: Figure = getattr(theory_plots, name)(*arguments, **options)
-    return figure
-
-
-def _radius_table(args: Radius) -> Table:
-    core: dict[str, Any] = {"g_core": args.core_growth, "A_over_C": args.hole_ratio}
-    sphere = (args.growth, args.thickness, args.radius, args.laws)
-    return Table(
-        f"Outer radius c of the smooth grown sphere, T = {args.thickness:g} mm, C = {args.radius:g} mm, "
-        f"B = {args.radius - args.thickness:g} mm; Eqs. (9) to (11)",
-        "law growth c_over_B c_over_C",
-        theory_tables.radius_rows(*sphere, **core),
-        partial(_figure, "radius_figure", *sphere, **core),
-    )
-
-
-def _stress_table(args: Stress) -> Table:
-    sphere = (args.growth, args.thickness, args.radius, args.laws)
-    options: dict[str, Any] = {"mu_ratio": args.mu_ratio, "g_core": args.core_growth, "A_over_C": args.hole_ratio}
-    return Table(
-        f"Cauchy stress at growth g = {args.growth:g}, C = {args.radius:g} mm, mu_cortex/mu_core = {args.mu_ratio:g}; "
-        "tension is positive.\nUnits: the core's shear modulus mu_core; last column the cortex's own, as in Fig. 3(b). "
-        "Position: 0 inside, 1 outside.",
-        "law thickness_mm layer position R_mm r_mm sigma_r_over_mu_core sigma_theta_over_mu_core "
-        "sigma_theta_over_mu_cortex",
-        theory_tables.stress_rows(*sphere, points=args.points, **options),
-        partial(_figure, "stress_figure", *sphere, **options),
-    )
-
-
-def _critical_table(args: Critical) -> Table:
-    core: dict[str, Any] = {"g_core": args.core_growth, "A_over_C": args.hole_ratio}
-    if args.thickness:
-        args.radius = args.radius or 50.0
-        args.ratio = [theory_tables.outer_ratio(T, args.radius) for T in args.thickness]
-    args.ratio = args.ratio or range_values(["1.02:1.3:15"])
-    return Table(
-        "Growth at which the outer surface can crease, lambda_r/lambda_theta = 2.4 (Eq. 12 isotropic, Eq. 13 "
-        "tangential),\nand at which it is unstable to waves of vanishing length (Biot, 3.383)",
-        "law C_over_B T_over_C g_crease g_biot reason",
-        theory_tables.critical_rows(args.ratio, args.laws, **core),
-        partial(_figure, "critical_figure", args.ratio, args.laws, **core),
-        {"g_crease": ("g crease", ".4f")},
-    )
-
-
-def _bifurcation_table(args: Bifurcation) -> Table:
+def _bifurcation_table(args: Bifurcation, values: Mapping[str, Any]) -> Table:
     short = len(args.laws) * len(args.mu_ratio) * len(args.thickness) <= 18
     with progress("bifurcation", args.quiet or short) as show:
         cases = theory_tables.bifurcation_cases(
@@ -176,24 +104,12 @@ def _bifurcation_table(args: Bifurcation) -> Table:
             progress=show,
         )
     if args.curve:
-        title = "Growth at which spherical harmonics of degree l first grow on the smooth sphere"
-        rows = [row for case in cases for row in case.curve_rows()]
-        draw = partial(_figure, "bifurcation_curves", cases)
-        return Table(title, "law thickness_mm mu_ratio degree g_crit reason", rows, draw)
-    return Table(
-        f"Growth g_crit at which the smooth sphere first wrinkles, C = {args.radius:g} mm, kappa/mu = "
-        f"{args.kappa_ratio:g}; g crease: lambda_r/lambda_theta = 2.4.\n"
-        "Wavelength on the ungrown sphere (grown: on the grown one). a: amplitude at which the troughs of these\n"
-        "wrinkles crease (an estimate). T is the ungrown thickness throughout.",
-        "law thickness_mm mu_ratio g_crit degree wavelength_mm wavelength_over_T wavelength_deformed_over_T "
-        "creasing_amplitude_over_T g_crease first reason",
-        [case.row() for case in cases],
-        partial(_figure, "crease_or_wrinkle", cases),
-    )
+        return Table("curve", [row for case in cases for row in case.curve_rows()], values, (cases,))
+    return Table("bifurcation", [case.row() for case in cases], values, (cases,))
 
 
-def _body_table(args: Bifurcation) -> Table:
-    scene = load_scene(str(args.body), args.set)
+def _body_table(body: str, args: Bifurcation) -> Table:
+    scene = load_scene(body, args.set)
     if scene.geometry.shape == "radial":
         raise DoesNotApply(f"{scene.name}: a radial scene has no mesh. Leave out --body: its theory needs none.")
     checked: list[float] = []
@@ -205,16 +121,7 @@ def _body_table(args: Bifurcation) -> Table:
             show(len(checked) / (len(checked) + STATES_STILL_TO_CHECK), f"{state} at g = {g:.5f}")
 
         row = theory_tables.body_row(scene, on_state)
-    title = (
-        f"Growth g_crit at which the meshed body of {scene.name} loses its stability: {row['law']} growth,\n"
-        f"T = {row['thickness_mm']:g} mm, mu ratio {row['mu_ratio']:g}, kappa/mu = {row['kappa_ratio']:g}; left out: "
-        f"{', '.join(row['left_out']) or 'nothing'}.\nWavelength and longest edge are those of the ungrown surface."
-    )
-    columns = (
-        "g_crit degree wavelength_mm wavelength_over_T g_theory degree_theory difference_percent elements edge_over_T "
-        "seconds reason"
-    )
-    return Table(title, columns, [row], changed={"degree": ("l", ".1f"), "wavelength_mm": ("wave [mm]", ".2f")})
+    return Table("body", [row], {**row, "name": scene.name, "left_out_names": ", ".join(row["left_out"]) or "nothing"})
 
 
 def _refuse_large_answers(args: Theory) -> None:
@@ -231,10 +138,11 @@ def _refuse_large_answers(args: Theory) -> None:
             raise TooLarge(f"--plot draws at most {MOST_CURVES} numbers of {option}, got {len(values[name])}.")
 
 
-def _write_plot(figure: Figure, plot: Path) -> None:
+def _write_plot(table: Table, plot: Path) -> None:
 
-    from morphofold.report.plots import line_plots
+    from morphofold.report.plots import line_plots, theory_plots  # matplotlib is imported only to draw
 
+    figure = getattr(theory_plots, TABLES[table.name]["figure"])(*table.drawn, **table.drawn_with)
     try:
         with atomic_file(plot) as temporary:
             line_plots.save(figure, temporary)
@@ -249,8 +157,9 @@ def _aligned(table: Table) -> list[str]:
     reasons = list(dict.fromkeys(row["reason"] for row in table.rows if row.get("reason")))
     notes = {reason: f"[{number}]" for number, reason in enumerate(reasons, 1)}
     columns = []
-    for key in table.columns.split():
-        heading, form = {**TABLE_COLUMNS, **table.changed}[key]
+    headings = TABLES["headings"]
+    for key in TABLES[table.name]["columns"].split():
+        heading, form = headings.get(f"{table.name}.{key}", headings[key])
         if key != "reason" or notes:
             values = [row.get(key) for row in table.rows]
             cells = [heading, *(notes.get(v, "") if key == "reason" else _formatted_cell(v, form) for v in values)]
