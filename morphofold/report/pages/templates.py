@@ -22,13 +22,6 @@ from morphofold.words import number, percent, span
 
 REPORTED_PACKAGES = ("morphofold", "numpy", "scipy", "trimesh", "nibabel", "networkx", "numba", "pyvista")
 SIDES = {"lh": "left", "rh": "right"}
-#: what every template may call
-FUNCTIONS = {f.__name__: f for f in (number, percent, renderer, safe_name, scalar_words, span)}
-FILTERS = {
-    "short": lambda x: f"{x:.4g}".replace("-", "−"),
-    "px": lambda x: f"{x:.2f}".rstrip("0").rstrip("."),
-    "side": lambda hemi, other="": SIDES.get(hemi, other),
-}
 
 
 def write_page(path: Path, template: str, scripts: Sequence[str] = (), **values: Any) -> Path:
@@ -53,6 +46,32 @@ def picture_entry(path: Path, png: bytes) -> dict[str, Any]:
     return {"file": f"{path.parent.name}/{path.name}", "data": base64.b64encode(png).decode()}
 
 
+def versions() -> list[tuple[str, str]]:
+    """Name and version of the packages that the numbers depend on."""
+
+    def version(name: str) -> str:
+        try:
+            return metadata.version(name)
+        except metadata.PackageNotFoundError:
+            return "not installed as a package"
+
+    return [*((name, version(name)) for name in REPORTED_PACKAGES), ("Python", platform.python_version())]
+
+
+def plural(n: int, word: str) -> str:
+    """A number of things: ``1 subject``, ``2 subjects``."""
+    return f"{number(n)} {word}{'' if n == 1 else 's'}"
+
+
+#: what every template may call
+FUNCTIONS = {f.__name__: f for f in (number, percent, plural, renderer, safe_name, scalar_words, span, versions)}
+FILTERS = {
+    "short": lambda x: f"{x:.4g}".replace("-", "−"),
+    "px": lambda x: f"{x:.2f}".rstrip("0").rstrip("."),
+    "side": lambda hemi, other="": SIDES.get(hemi, other),
+}
+
+
 def render(template: str, **values: Any) -> str:
     """HTML of a template with ``values``."""
     return _template_environment().get_template(template).render(**values)
@@ -67,18 +86,6 @@ def _template_environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    env.globals.update(FUNCTIONS, versions=versions)
+    env.globals.update(FUNCTIONS)
     env.filters.update(FILTERS)
     return env
-
-
-def versions() -> list[tuple[str, str]]:
-    """Name and version of the packages that the numbers depend on."""
-
-    def version(name: str) -> str:
-        try:
-            return metadata.version(name)
-        except metadata.PackageNotFoundError:
-            return "not installed as a package"
-
-    return [*((name, version(name)) for name in REPORTED_PACKAGES), ("Python", platform.python_version())]
