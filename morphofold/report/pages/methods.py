@@ -1,6 +1,6 @@
 """A methods paragraph for a paper, with references, from what a page shows and the scales that were used.
 
-Its sentences are in ``templates/methods.txt``, the references that it may cite in ``templates/references.txt``.
+Its sentences are in ``templates/methods.txt``, with the references that they cite.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from markupsafe import Markup
 from morphofold.analysis.measures import Measures
 from morphofold.report.pages.templates import render
 
+REFERENCES = "References, of which those are listed that the text names\n"
 RESAMPLED = {"draft": "thinned", "fine": "finer"}  # by accuracy
 MOST_VALUES_LISTED = 3  # values of a scale; of more, the least and the greatest
 
@@ -62,9 +63,9 @@ def paragraph(settings: Sequence[Mapping[str, Any]], known: Iterable[str], **mor
         atlases=sorted((name.removesuffix(f".{template}"), template or "") for name, template in atlases),
         **more,
     )
-    text = " ".join(text.split())
-    works = (line.split(" | ") for line in render("references.txt").splitlines())
-    return Markup(text), [work for name, work in works if name in text]
+    sentences, _, references = text.partition(REFERENCES)
+    works = [line.split(" | ") for line in references.strip().splitlines()]
+    return Markup(" ".join(sentences.split())), [work for name, work in works if name in sentences]
 
 
 def _listed(values: Iterable[float], text: Callable[[float], str]) -> str:
