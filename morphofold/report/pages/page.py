@@ -25,7 +25,7 @@ from morphofold.forecasts.table import called
 from morphofold.geometry import vertex_areas
 from morphofold.progress import Progress, silent
 from morphofold.provenance import records_as_read
-from morphofold.quantities import HEADLINE_SCALARS, MAIN_MAPS, RELIEF, find
+from morphofold.quantities import HEADLINE_SCALARS, MAIN_MAPS, find
 from morphofold.report.pages import entries as contents
 from morphofold.report.pages.entries import Entry, entries_of
 from morphofold.report.pages.methods import methods_of
@@ -110,8 +110,7 @@ def _write_page(
     **about: Any,
 ) -> Path:
     """Write a page and its pictures; ``about`` goes to the template."""
-    entries = entries_of(comparison)
-    folder = path.parent / "figures"
+    entries, folder = entries_of(comparison), path.parent / "figures"
     folder.mkdir(parents=True, exist_ok=True)
     panels, person_of = with_smooth_bodies(entries, comparison.people)
     shown = shown_maps(panels)
@@ -127,38 +126,23 @@ def _write_page(
         lambda: _histogram_charts(entries, shown),
     )
     progress(0.8, "drawing charts")
-    spins = comparison.people[0].spins if comparison.people else 0
+    page = {**about, "comparison": comparison, "entries": entries, "notes": contents, "called": called}
+    page |= {"panels": panels, "panel_of": panel_of, "viewer": viewer, "blocks": blocks}
+    page |= {"pictures": pictures, "pairs": pairs, "histograms": histograms, "verdicts": VERDICT_WORDS}
     return write_page(
         path,
         "report.html",
         VIEWER_SCRIPTS,
-        **about,
-        comparison=comparison,
-        entries=entries,
-        notes=contents,
+        **page,
+        **_charts(entries, comparison),
+        drawn=_drawn_surface(panels),
         scalars=contents.scalars(entries),
         headlines=HEADLINE_SCALARS,
         warnings=contents.warnings(entries, {e.name: (panel_of[e.name], d.ids) for e, d in zip(entries, own)}),
         plot_notes=plot_notes(dict(zip(comparison.names, comparison.measures)), comparison.clouds),
-        methods=methods_of(comparison.measures, entries=entries, theory=comparison.theory, spins=spins),
-        inputs=list(inputs) or records_as_read(e.measures.cortex for e in entries),
-        charts=histograms,
-        scatter=_thickness_scatter_chart(entries, comparison),
-        growth_charts=_growth_charts(entries, comparison),
-        law=_folding_law_chart(entries, comparison),
-        ratio=_thickness_ratio_chart(entries),
         people=person_parts(comparison.people, entries, folder),
-        pictures=pictures,
-        pairs=pairs,
-        maps=[what for what, _ in shown.values()],
-        main=(RELIEF, *MAIN_MAPS),
-        panels=panels,
-        panel_of=panel_of,
-        viewer=viewer,
-        blocks=blocks,
-        drawn=_drawn_surface(panels),
-        called=called,
-        verdicts=VERDICT_WORDS,
+        methods=methods_of(comparison.measures, entries=entries, comparison=comparison),
+        inputs=list(inputs) or records_as_read(e.measures.cortex for e in entries),
         costs=contents.costs(entries, clock) if about["kind"] == ANALYSIS else [],
     )
 
@@ -225,6 +209,19 @@ def _histogram_charts(entries: Sequence[Entry], shown: ShownMaps) -> list[Markup
     return [chart for chart in found if chart is not None]
 
 
+def _charts(entries: Sequence[Entry], comparison: Comparison) -> dict[str, Any]:
+    """The other charts, by their names in the template."""
+    terms = [(e, t) for e in entries if (t := e.folding) is not None]
+    paths = [(c.name, [t for t in c.folding if t is not None]) for c in comparison.growth]
+    theory = [(t.slope, f"linear theory at a stiffness ratio of {t.mu_ratio:.3g}") for t in comparison.theory]
+    return {
+        "scatter": charts.thickness_plot([(e, e.cloud) for e in entries], theory),
+        "ratio": _thickness_ratio_chart(entries),
+        "growth_charts": _growth_charts(entries, comparison),
+        "law": charts.folding_plot(terms, [(name, path) for name, path in paths if len(path) > 1]),
+    }
+
+
 def _growth_charts(entries: Sequence[Entry], comparison: Comparison) -> list[Markup]:
     found = []
     for key, of in DIMENSIONLESS_NUMBERS.items() if comparison.growth else ():
@@ -232,12 +229,6 @@ def _growth_charts(entries: Sequence[Entry], comparison: Comparison) -> list[Mar
         others = [(e, value) for e in entries if (value := of(e.measures)) is not None]
         found.append(charts.growth_chart(key, curves, others))
     return [chart for chart in found if chart is not None]
-
-
-def _folding_law_chart(entries: Sequence[Entry], comparison: Comparison) -> Markup | None:
-    terms = [(e, t) for e in entries if (t := e.folding) is not None]
-    paths = [(c.name, [t for t in c.folding if t is not None]) for c in comparison.growth]
-    return charts.folding_plot(terms, [(name, path) for name, path in paths if len(path) > 1])
 
 
 def _thickness_ratio_chart(entries: Sequence[Entry]) -> Markup | None:
@@ -250,8 +241,3 @@ def _thickness_ratio_chart(entries: Sequence[Entry]) -> Markup | None:
             ratio = np.divide(gyral, cortical, out=np.full(len(gyral), np.nan), where=cortex)
             series.append((e, ratio, _areas(e)))
     return charts.histograms(series, "Gyral over cortical thickness", "")
-
-
-def _thickness_scatter_chart(entries: Sequence[Entry], comparison: Comparison) -> Markup | None:
-    lines = [(t.slope, f"linear theory at a stiffness ratio of {t.mu_ratio:.3g}") for t in comparison.theory]
-    return charts.thickness_plot([(e, e.cloud) for e in entries], lines)
