@@ -112,6 +112,35 @@ def _write_page(
     """Write a page and its pictures; ``about`` goes to the template."""
     entries, folder = entries_of(comparison), path.parent / "figures"
     folder.mkdir(parents=True, exist_ok=True)
+    page = _surfaces_and_pictures(entries, comparison, folder, progress)
+    progress(0.8, "drawing charts")
+    return write_page(
+        path,
+        "report.html",
+        VIEWER_SCRIPTS,
+        **about,
+        **page,
+        **_charts(entries, comparison),
+        comparison=comparison,
+        entries=entries,
+        notes=contents,
+        called=called,
+        verdicts=VERDICT_WORDS,
+        scalars=contents.scalars(entries),
+        headlines=HEADLINE_SCALARS,
+        warnings=contents.warnings(entries, page["drawn_at"]),
+        plot_notes=plot_notes(dict(zip(comparison.names, comparison.measures)), comparison.clouds),
+        people=person_parts(comparison.people, entries, folder),
+        methods=methods_of(comparison.measures, entries=entries, comparison=comparison),
+        inputs=list(inputs) or records_as_read(e.measures.cortex for e in entries),
+        costs=contents.costs(entries, clock) if about["kind"] == ANALYSIS else [],
+    )
+
+
+def _surfaces_and_pictures(
+    entries: Sequence[Entry], comparison: Comparison, folder: Path, progress: Progress
+) -> dict[str, Any]:
+    """The surfaces of the viewer, and pictures and histograms that take as long, by their names in the template."""
     panels, person_of = with_smooth_bodies(entries, comparison.people)
     shown = shown_maps(panels)
     progress(0.0, "thinning surfaces")
@@ -125,26 +154,16 @@ def _write_page(
         lambda: _write_hinge_pairs(folder, comparison),
         lambda: _histogram_charts(entries, shown),
     )
-    progress(0.8, "drawing charts")
-    page = {**about, "comparison": comparison, "entries": entries, "notes": contents, "called": called}
-    page |= {"panels": panels, "panel_of": panel_of, "viewer": viewer, "blocks": blocks}
-    page |= {"pictures": pictures, "pairs": pairs, "histograms": histograms, "verdicts": VERDICT_WORDS}
-    return write_page(
-        path,
-        "report.html",
-        VIEWER_SCRIPTS,
-        **page,
-        **_charts(entries, comparison),
-        drawn=_drawn_surface(panels),
-        scalars=contents.scalars(entries),
-        headlines=HEADLINE_SCALARS,
-        warnings=contents.warnings(entries, {e.name: (panel_of[e.name], d.ids) for e, d in zip(entries, own)}),
-        plot_notes=plot_notes(dict(zip(comparison.names, comparison.measures)), comparison.clouds),
-        people=person_parts(comparison.people, entries, folder),
-        methods=methods_of(comparison.measures, entries=entries, comparison=comparison),
-        inputs=list(inputs) or records_as_read(e.measures.cortex for e in entries),
-        costs=contents.costs(entries, clock) if about["kind"] == ANALYSIS else [],
-    )
+    return {
+        "panels": panels,
+        "drawn_at": {e.name: (panel_of[e.name], display.ids) for e, display in zip(entries, own)},
+        "drawn": _drawn_surface(panels),
+        "viewer": viewer,
+        "blocks": blocks,
+        "pictures": pictures,
+        "pairs": pairs,
+        "histograms": histograms,
+    }
 
 
 def _drawn_surface(entries: Sequence[Entry]) -> str:
