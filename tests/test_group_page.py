@@ -122,12 +122,6 @@ def test_a_picture_is_coloured_by_the_map_of_its_measure(tmp_path, measured, mon
     assert typical.name.endswith(", at the median")
 
 
-def test_a_picture_that_cannot_be_drawn_says_why(tmp_path):
-    text = words_of(text_of(with_outlier(20, 4, 7.77), tmp_path))
-    assert re.search(r"sub-00004 , left: .* No picture: nowhere/sub-\d+/surf/lh.pial: no such", text)
-    assert not (tmp_path / "figures").exists()
-
-
 def test_what_differs_where_all_are_alike_is_said_in_words(tmp_path):
     euler = np.full((30, 2), 2.0)
     euler[7, 1] = -2
@@ -177,24 +171,12 @@ def test_medians_of_left_and_right_are_of_the_subjects_that_have_both(tmp_path):
     assert "n: left 5, right 4." in text
 
 
-def test_the_same_surfaces_under_two_names_are_told(tmp_path):
-    text = words_of(text_of(made_group(9, same=[["sub-00001", "sub-00005"]]), tmp_path))
-    assert "2 subjects have the same surfaces as another one" in text
-    assert "under several names: sub-00001, sub-00005" in text
-
-
 def test_the_greater_side_is_named(tmp_path):
     area = 100 * np.random.default_rng(6).uniform(1, 2, (40, 1)) * [1.05, 0.95]
     area *= 1 + 0.01 * np.random.default_rng(7).standard_normal(area.shape)
     text = words_of(text_of(made_group(40, area_pial_mm2=area), tmp_path))
     assert re.search(r"The sides differ in Pial area \(left greater\).*, by t-tests corrected for 7 measures", text)
     assert re.search(r"Pial area \+(9\.\d|10) ", text)
-
-
-def test_simulated_bodies_are_said_to_have_no_side(tmp_path):
-    expected = "5 of these are simulated: they have no side"
-    assert expected in words_of(text_of(made_group(9, simulated=5), tmp_path))
-    assert "simulated:" not in words_of(text_of(made_group(9), tmp_path / "none"))
 
 
 def test_simulated_bodies_are_counted_where_results_are_read(tmp_path):

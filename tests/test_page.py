@@ -105,16 +105,6 @@ def test_a_comparison_writes_its_pictures_and_tables(nasty_page):
     assert header.startswith("measure\t")
 
 
-def test_the_page_says_what_was_left_out_and_what_was_used(nasty_page):
-    text = nasty_page[1]
-    assert "What was left out" in text
-    assert "Hinges were not counted." in text
-    assert "curvature_scale_mm" in text
-    assert "No reason was recorded" in text
-    assert "medial wall" in text
-    assert re.search(r"numpy \d+\.\d+", text)
-
-
 def config(text):
     """What the page tells its viewer."""
     return json.loads(next(s for a, s in Page(text).scripts if a.get("id") == "viewer-config"))
@@ -233,19 +223,6 @@ def test_a_simulation_that_does_not_say_its_growth_or_stiffness_has_a_page(drawn
     named = made_measures(origin="simulation", name="body g1.50", info={"g": 1.5})
     assert kind(named) == "simulation · body g1.50"  # its name says the growth
     assert kind(replace(named, cortex=replace(named.cortex, info={"g": 1.6}))) == "simulation · body g1.50 · growth 1.6"
-
-
-def test_a_comparison_has_the_tables_of_its_surfaces(drawn):
-    text = drawn({"a": made_measures(), "b": made_measures("rh")})[0]
-    assert re.findall(r'<table class="numbers sortable" data-name="([^"]*)"', text)[0] == "measures"
-    for name in ("a", "b"):
-        assert f"Regions of {name}, 3" in text
-        assert f"Hinges of {name}, 1" in text
-
-
-@pytest.mark.parametrize(("portion", "words"), [(0.125, "One eighth"), (0.25, "A quarter"), (0.3, "0.3")])
-def test_the_share_that_was_simulated_is_a_word_where_there_is_one(drawn, portion, words):
-    assert f"{words} of the closed surface" in drawn([made_measures(portion=portion)])[0]
 
 
 def test_warnings_cautions_and_remarks_stand_where_they_are_seen(drawn):
