@@ -75,16 +75,16 @@ def analysis_report(
     named = dict(zip(unique, measures))
     hemispheres = replace(compare(named), stages={unique[0]: tuple(stages)}, cautions=tuple(cautions(named)))
     sides = " and ".join(SIDES[m.cortex.hemi] for m in measures)
-    what = f"The {sides} hemisphere{'s' if len(measures) > 1 else ''}"
+    cortices = f"The {sides} hemisphere{'s' if len(measures) > 1 else ''}"
     if all(m.cortex.origin == "simulation" for m in measures):
-        what = "A simulated cortex"
+        cortices = "A simulated cortex"
     return _write_page(
         Path(path),
         hemispheres,
         inputs,
         kind=ANALYSIS,
         title=", ".join(dict.fromkeys(names)),
-        lede=f"{what}, measured from white and pial surface.",
+        lede=f"{cortices}, measured from white and pial surface.",
         missing={SIDES[hemi]: why for hemi, why in failed.items()},
         clock=clock,
     )
@@ -203,10 +203,10 @@ def _write_pictures(
 def _write_hinge_pairs(folder: Path, comparison: Comparison) -> list[dict[str, Any]]:
     """Write ``folder/hinges-1.png`` and so on: pairs of hinges for each two groups whose surfaces have a graph."""
     pictures, named = [], dict(zip(comparison.names, comparison.measures))
-    for k, found in enumerate(comparison.hinges, start=1):
-        if chosen := clear_examples(found.matches, named):
-            image = hinge_pairs(chosen, (found.one, found.other))
-            title = f"Three-hinge patterns of {found.one}, and those of {found.other} with the most similar shape"
+    for k, groups in enumerate(comparison.hinges, start=1):
+        if chosen := clear_examples(groups.matches, named):
+            image = hinge_pairs(chosen, (groups.one, groups.other))
+            title = f"Three-hinge patterns of {groups.one}, and those of {groups.other} with the most similar shape"
             pictures.append(write_picture(folder / f"hinges-{k}.png", image, title))
     return pictures
 
@@ -220,12 +220,12 @@ def _areas(e: Entry) -> np.ndarray:
 
 
 def _histogram_charts(entries: Sequence[Entry], shown: ShownMaps) -> list[Markup]:
-    areas, found = {e.name: _areas(e) for e in entries}, []
+    areas, drawn = {e.name: _areas(e) for e in entries}, []
     for key in (k for k in MAIN_MAPS if k in shown):
         what, _ = shown[key]
         series = [(e, values, areas[e.name]) for e, values in entries_with_map(entries, key)]
-        found.append(charts.histograms(series, what.label, what.unit))
-    return [chart for chart in found if chart is not None]
+        drawn.append(charts.histograms(series, what.label, what.unit))
+    return [chart for chart in drawn if chart is not None]
 
 
 def _charts(entries: Sequence[Entry], comparison: Comparison) -> dict[str, Any]:
@@ -242,12 +242,12 @@ def _charts(entries: Sequence[Entry], comparison: Comparison) -> dict[str, Any]:
 
 
 def _growth_charts(entries: Sequence[Entry], comparison: Comparison) -> list[Markup]:
-    found = []
+    drawn = []
     for key, of in DIMENSIONLESS_NUMBERS.items() if comparison.growth else ():
         curves = [(c.name, c.growth, c.numbers[key]) for c in comparison.growth]
         others = [(e, value) for e in entries if (value := of(e.measures)) is not None]
-        found.append(charts.growth_chart(key, curves, others))
-    return [chart for chart in found if chart is not None]
+        drawn.append(charts.growth_chart(key, curves, others))
+    return [chart for chart in drawn if chart is not None]
 
 
 def _thickness_ratio_chart(entries: Sequence[Entry]) -> Markup | None:
