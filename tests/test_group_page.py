@@ -6,7 +6,6 @@ import re
 import subprocess
 import sys
 from dataclasses import replace
-from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +14,7 @@ from browser import assert_quiet, needs_browser, opened
 from made_groups import failed_group, made_group
 from made_measures import made_measures
 from matplotlib.image import imread
+from page_text import Page, words_of
 
 from morphofold.cohort.pooling import pooling
 from morphofold.cohort.tables import write_tables
@@ -29,35 +29,9 @@ THICKNESS = "mean_cortical_thickness_mm"
 pytestmark = pytest.mark.usefixtures("plain_pictures")
 
 
-class Page(HTMLParser):
-    """Scripts of a page, and whatever points elsewhere."""
-
-    def __init__(self, text):
-        super().__init__()
-        self.scripts, self.links, self.ids, self.in_script = [], [], set(), False
-        self.feed(text)
-
-    def handle_starttag(self, tag, attrs):
-        assert not any(k.startswith("on") for k, _ in attrs)
-        self.links += [v for k, v in attrs if k in ("src", "href", "srcset", "action") and v]
-        self.ids |= {v for k, v in attrs if k == "id"}
-        self.in_script = tag == "script"
-
-    def handle_data(self, data):
-        if self.in_script:
-            self.scripts.append(data)
-            self.in_script = False
-
-
 def text_of(group, folder):
     folder.mkdir(exist_ok=True)
     return group_report(group, folder).read_text(encoding="utf-8")
-
-
-def words_of(text):
-    """What is to be read, without tags, scripts, styles and pictures."""
-    text = re.sub(r"<(script|style|svg).*?</\1>", " ", text, flags=re.S)
-    return " ".join(re.sub(r"<[^>]*>", " ", text).split())
 
 
 def with_outlier(n, k, value, side=0, **more):
@@ -300,7 +274,7 @@ def test_the_page_asks_for_nothing_outside_itself_and_names_its_one_script(tmp_p
     text = text_of(group, tmp_path)
     page = Page(text)
     assert all(link.startswith("data:") or link.removeprefix("#") in page.ids for link in page.links)
-    (script,) = page.scripts
+    ((_, script),) = page.scripts
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     policy = re.search(r'Content-Security-Policy" content="([^"]+)"', text).group(1)
     assert f"script-src 'sha256-{digest}'" in policy.replace("&#43;", "+").replace("&#39;", "'")

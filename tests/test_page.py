@@ -5,13 +5,13 @@ import hashlib
 import json
 import re
 from dataclasses import replace
-from html.parser import HTMLParser
 
 import numpy as np
 import pytest
 from made_measures import large_pair, made_measures
 from made_surfaces import area
 from matplotlib.image import imread
+from page_text import Page
 
 from morphofold.comparison import compare
 from morphofold.report.pages import entries, page
@@ -19,25 +19,6 @@ from morphofold.report.pages.page import analysis_report
 from morphofold.report.plots import charts
 
 NASTY = '<script>alert("x")</script>&"\'\x1b[31m\x9b\u202e'
-
-
-class Page(HTMLParser):
-    """What a browser would make of the page: its tags, its scripts, and whatever points elsewhere."""
-
-    def __init__(self, text):
-        super().__init__()
-        self.scripts, self.links, self.open = [], [], None
-        self.feed(text)
-
-    def handle_starttag(self, tag, attrs):
-        self.links += [v for k, v in attrs if k in ("src", "href", "srcset", "action") and v]
-        assert not any(k.startswith("on") for k, _ in attrs)
-        self.open = dict(attrs) if tag == "script" else None
-
-    def handle_data(self, data):
-        if self.open is not None:
-            self.scripts.append((self.open, data))
-            self.open = None
 
 
 @pytest.fixture(scope="module")
