@@ -12,7 +12,7 @@ from morphofold.inference.overlap import WHOLE, Overlap, overlap
 from morphofold.inference.overlap_files import overlap_summary, write_overlap
 from morphofold.inference.spaces import find_space
 from morphofold.io import refuse_foreign
-from morphofold.report.pages.overlap_page import overlap_report
+from morphofold.report.pages.study_pages import overlap_report
 from morphofold.threads import set_threads
 
 

@@ -10,7 +10,7 @@ from morphofold.cli.progress import progress
 from morphofold.inference.spaces import find_space
 from morphofold.inference.study import Result, Space, cluster_rows, fit_study, summary, write_result
 from morphofold.io import refuse_foreign
-from morphofold.report.pages.stats_page import stats_report
+from morphofold.report.pages.study_pages import stats_report
 from morphofold.threads import set_threads
 
 
