@@ -46,23 +46,8 @@ THICKNESS_RATIO, CREST_THICKNESS_RATIO = "gyral_to_cortical_ratio", "gyral_to_co
 # protanopes and deuteranopes, too.
 CATEGORICAL_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#5b2a6e", "#7a3b00", "#3f9bd1", "#333333")
 MAIN_MAPS = ("H", "cortical_thickness", "gyral_thickness", "sulcal_depth")
-HEADLINE_SCALARS = (
-    "gyrification_index",
-    "mean_cortical_thickness_mm",
-    "median_gyral_thickness_mm",
-    THICKNESS_RATIO,
-    CREST_THICKNESS_RATIO,
-    "mean_sulcal_depth_mm",
-)
-
-_UNIT_OF_SUFFIX = (
-    ("_deg", "°"),
-    ("_mm3", "mm³"),
-    ("_per_mm2", "1/mm²"),
-    ("_per_mm", "1/mm"),
-    ("_mm2", "mm²"),
-    ("_mm", "mm"),
-)
+#: the numbers that stand first on pages
+HEADLINE_SCALARS: tuple[str, ...] = tuple(_WORDS["headline_scalars"])
 
 
 def quantity(name: str, values: Iterable[np.ndarray] = ()) -> Quantity:
@@ -96,7 +81,7 @@ def column_words(name: str) -> tuple[str, str]:
 
 
 def _label_and_unit(name: str) -> tuple[str, str]:
-    for suffix, unit in _UNIT_OF_SUFFIX:
+    for suffix, unit in _WORDS["unit_of_suffix"].items():
         if name.endswith(suffix):
             words = name.removesuffix(suffix).replace("_", " ")
             return words[:1].upper() + words[1:], unit
