@@ -270,7 +270,7 @@ def test_the_cost_of_a_run_adds_up_and_leaves_no_effect_out(tmp_path):
     assert cost_beside(stage) is None
 
 
-def test_the_page_of_a_simulation_says_what_it_cost(here, capsys, plain_pictures, monkeypatch):
+def test_the_page_of_a_simulation_says_what_it_cost(here, capsys, monkeypatch):
     settings = [*SMALL, "accuracy.edge=6", "growth.final=1.01", "output.volume=false"]
     simulate(load_scene("fig6-thick", settings), here / "run", threads=1, describe=freesurfer_maps)
     monkeypatch.setattr("morphofold.forecasts.table.not_studied", lambda scene, edge_over_T: ())

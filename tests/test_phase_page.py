@@ -35,7 +35,6 @@ from morphofold.report.plots.phase_plots import (
 from morphofold.shapes import icosphere
 from morphofold.surface import Surface
 
-pytestmark = pytest.mark.usefixtures("plain_pictures")
 GI, LENGTH, HINGES = SHOWN_MEASURES
 VARY = ("cortex_thickness=1,2,3", "growth.final=1.2,1.8")
 

@@ -1,13 +1,10 @@
-"""Pictures of surfaces: the side they say, by whichever renderer there is, with a ruler that is true."""
+"""Pictures of surfaces: the side they say, with a ruler that is true."""
 
 import re
-import subprocess
-import sys
 from importlib import resources
 
 import numpy as np
 import pytest
-from made_measures import made_measures
 
 from morphofold.errors import UnknownName
 from morphofold.quantities import Quantity
@@ -58,62 +55,18 @@ def marked(hemi):
 @pytest.mark.parametrize("hemi", ["lh", "rh"])
 def test_a_picture_shows_the_side_it_says(hemi):
     what, views = Quantity("t", "Test", signed=True), ("lateral", "medial")
-    out, inner = surfaces.draw(marked(hemi), views, what, (-1, 1), (60, 60), 22.0, "raster")
+    out, inner = surfaces.draw(marked(hemi), views, what, (-1, 1), (60, 60), 22.0)
     middle = lambda p: p[25:35, 25:35].reshape(-1, 3).mean(axis=0)
     assert middle(out)[0] > middle(out)[2] + 60  # orange: +1
     assert np.ptp(middle(inner)) < 12  # grey: 0
-    again = surfaces.draw(marked(hemi), views, what, (-1, 1), (60, 60), 22.0, "raster")
+    again = surfaces.draw(marked(hemi), views, what, (-1, 1), (60, 60), 22.0)
     np.testing.assert_array_equal(out, again[0])
-
-
-def test_both_renderers_draw_the_same_picture():
-    if not surfaces.graphics():
-        pytest.skip("no GL library here, so pyvista cannot draw")
-    m = made_measures("rh", level=4)
-    row = surfaces.Row("a", m.cortex.pial, m.maps["cortical_thickness"], "rh")
-    pair = [surfaces.draw(row, surfaces.VIEWS, GREY, (2, 4), (120, 120), 45.0, b) for b in ("pyvista", "raster")]
-    for a, b in zip(*pair):
-        assert np.abs(a.astype(float) - b).mean() < 2  # of 255: edges differ by a sample
-    assert np.abs(pair[0][0].astype(float) - pair[0][2]).mean() > 3  # and the views are not all one
-
-
-@pytest.fixture
-def answering(monkeypatch):
-    """Make the trial of GL end as it is told; the commands that were run."""
-    monkeypatch.delenv("MORPHOFOLD_RENDERER", raising=False)
-    commands = []
-
-    def answer(code, text):
-        run = lambda args, **kw: commands.append(args) or subprocess.CompletedProcess(args, code, text)
-        monkeypatch.setattr(surfaces.subprocess, "run", run)
-        surfaces.renderer.cache_clear(), surfaces.graphics.cache_clear()
-        return commands
-
-    yield answer
-    surfaces.renderer.cache_clear(), surfaces.graphics.cache_clear()
-
-
-@pytest.mark.parametrize(
-    ("code", "text", "drawn_by"),
-    [
-        (-11, "", "raster"),  # no GL library: VTK kills the process
-        (0, "OpenGL renderer string:  llvmpipe (LLVM 19.1.7, 256 bits)\n", "raster"),
-        (0, "OpenGL vendor string:  A\nOpenGL renderer string:  A Card 9000\nmore", "pyvista"),
-        (0, "no such line", "raster"),
-    ],
-)
-def test_a_graphics_card_is_used_where_a_child_process_finds_one(answering, code, text, drawn_by):
-    commands = answering(code, text)
-    assert surfaces.renderer() == drawn_by
-    assert surfaces.renderer() == drawn_by
-    assert len(commands) == 1
-    assert commands[0][0] == sys.executable
 
 
 def test_a_figure_has_room_for_every_row_and_an_unknown_view_is_refused():
     rows = [marked("lh"), marked("rh")]
-    one = surfaces.figure(rows[:1], GREY, (0, 1), width=400, backend="raster")
-    two = surfaces.figure(rows, GREY, (0, 1), width=400, backend="raster")
+    one = surfaces.figure(rows[:1], GREY, (0, 1), width=400)
+    two = surfaces.figure(rows, GREY, (0, 1), width=400)
     assert one.shape[1] == two.shape[1] == 400
     assert two.shape[0] > one.shape[0] + 40
     with pytest.raises(UnknownName, match=r"\blateral\b.*'sideways'"):
@@ -126,7 +79,7 @@ def test_the_ruler_is_as_long_as_it_says(monkeypatch):
     monkeypatch.setattr(surfaces, "write", lambda c, text, *a, **k: (texts.append(text), write(c, text, *a, **k)))
     verts, faces = icosphere(4, radius=20.0)
     row = surfaces.Row("", Surface(verts, faces), np.full(len(verts), np.nan), "lh")
-    image = surfaces.figure([row], GREY, (0, 1), ("top",), width=900, backend="raster")
+    image = surfaces.figure([row], GREY, (0, 1), ("top",), width=900)
     mm = next(float(text.split()[0]) for text in texts if re.fullmatch(r"\d+ mm", text))
     ball = image[72 + 30 : -112].min(axis=2) < 240  # between head and foot of the figure
     columns = np.flatnonzero(ball.any(axis=0))

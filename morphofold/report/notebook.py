@@ -81,7 +81,7 @@ def plot(
     what = quantity(name, [values])
     row = Row(cortex.called, cortex.surface(surface), values, cortex.hemi)
     bounds = limits or common_limits(what, [values])
-    return Image.fromarray(figure([row], what, bounds, views, PLOT_WIDTH_PX.get(len(views), 1520), "raster"))
+    return Image.fromarray(figure([row], what, bounds, views, PLOT_WIDTH_PX.get(len(views), 1520)))
 
 
 def _of_cortex(cortex: Cortex) -> Card:

@@ -43,7 +43,6 @@ def picture(
     what: Quantity,
     limits: Sequence[tuple[float, float]],
     columns: Sequence[str] = (),
-    backend: str | None = None,
 ) -> Picture:
     """Rows of panels seen from above at one scale, a colour bar under each row and a scale bar under the last.
 
@@ -56,8 +55,6 @@ def picture(
         Colour limits, the same for all panels of a row.
     columns : sequence of str
         Titles of the columns.
-    backend : {"pyvista", "raster"}, optional
-        As for :func:`morphofold.report.pictures.surfaces.draw`.
 
     Returns
     -------
@@ -75,7 +72,7 @@ def picture(
     for row, line, colours in zip(panels, lines, limits):
         for k, panel in enumerate(row):
             left, seen = edge + k * WIDEST, Row(panel.words, panel.surface, panel.values)
-            (image,) = draw(seen, [VIEW], what, colours, (WIDEST, line), line / (2 * per_mm), backend)
+            (image,) = draw(seen, [VIEW], what, colours, (WIDEST, line), line / (2 * per_mm))
             canvas[top : top + line, left : left + WIDEST] = image
             write(canvas, panel.words, (left + WIDEST / 2, top + line), 17, anchor="middle")
         top += line + words

@@ -126,7 +126,7 @@ def test_pairs_are_drawn_in_columns(ball):
     (found,) = compare_hinges({"a": shapes, "b": shapes}, {"model": ["a"], "MRI": ["b"]})
     assert found.shape.p == 1.0
     pairs = {match: pair_of(match, {"a": ball, "b": ball}) for match in examples(found.matches)}
-    picture = hinge_pairs(pairs, ("model", "MRI"), backend="raster")
+    picture = hinge_pairs(pairs, ("model", "MRI"))
     half, left = (picture.shape[0] - 28) // 2, picture.shape[1] - PANEL_PX * len(pairs)
     upper, lower = picture[16 : 16 + half - 30, left:], picture[16 + half : 16 + 2 * half - 30, left:]
     assert (upper != 255).mean() > 0.1
@@ -142,7 +142,7 @@ def test_lettering_of_pairs_keeps_to_its_place(ball, group, others):
     match = replace(examples(found.matches)[0], pose=3)
     patches = pair_of(match, {one: ball, other: ball})
     blank = tuple(replace(p, rgb=np.full_like(p.rgb, 255)) for p in patches)
-    picture = hinge_pairs({match: patches, replace(match, hinge=12345): blank}, (group, others), backend="raster")
+    picture = hinge_pairs({match: patches, replace(match, hinge=12345): blank}, (group, others))
     left = picture.shape[1] - 2 * PANEL_PX
     ink = (picture < 200).any(axis=2)
     assert ink[:, :left].any()
@@ -150,7 +150,7 @@ def test_lettering_of_pairs_keeps_to_its_place(ball, group, others):
     assert left <= 300
     for top in (16, 16 + PANEL_PX + hinge_pictures.CAPTION_PX):
         (drawn,) = draw(
-            patches[top > 16], ["top"], PATCH_QUANTITY, (0, 1), (PANEL_PX, PANEL_PX), PATCH_RADIUS_IN_WIDTHS, "raster"
+            patches[top > 16], ["top"], PATCH_QUANTITY, (0, 1), (PANEL_PX, PANEL_PX), PATCH_RADIUS_IN_WIDTHS
         )
         np.testing.assert_array_equal(picture[top : top + PANEL_PX - 4, left : left + PANEL_PX], drawn[:-4])
         captions = ink[top + PANEL_PX : top + PANEL_PX + hinge_pictures.CAPTION_PX, left:]
@@ -172,7 +172,6 @@ def test_a_caption_leaves_out_what_its_row_says():
 
 @pytest.mark.slow
 def test_figures_are_written_with_their_tables(ball, tmp_path, monkeypatch):
-    monkeypatch.setenv("MORPHOFOLD_RENDERER", "raster")
     monkeypatch.setattr(folds, "STAGES", (1.0, 2.0))
     grown, asked = {}, []
 

@@ -40,7 +40,6 @@ from morphofold.quantities import CATEGORICAL_COLOURS, THICKNESS_RATIO, scalar_w
 from morphofold.report.pages.methods import paragraph
 from morphofold.report.pages.templates import versions, write_page
 from morphofold.report.pictures.group import SIDE_WORDS, draw_outliers
-from morphofold.report.pictures.surfaces import renderer
 from morphofold.report.plots import charts as plots
 from morphofold.report.plots.line_plots import ticks
 from morphofold.tables import write_table
@@ -174,7 +173,6 @@ def group_report(group: Group, folder: Path, progress: Progress = silent) -> Pat
         methods=sentences,
         references=references,
         files=DATA_FILES,
-        renderer=renderer(),
         bootstrapped=MOST_ROBUST_FIT_POINTS,
     )
     progress(1.0, "done")

@@ -50,7 +50,7 @@ from morphofold.report.pages.templates import versions, write_page
 from morphofold.report.pictures.hinges import clear_examples, hinge_pairs
 from morphofold.report.pictures.net import net_figure, net_row
 from morphofold.report.pictures.png import halved, png_bytes
-from morphofold.report.pictures.surfaces import Picture, Row, VisibleFaces, figure, renderer, safe_name
+from morphofold.report.pictures.surfaces import Picture, Row, VisibleFaces, figure, safe_name
 from morphofold.report.plots import charts
 from morphofold.surface import Cortex, Surface
 from morphofold.threads import beside
@@ -210,7 +210,6 @@ def _write_page(
         charts=histograms,
         scatter=_thickness_scatter_chart(entries, theory),
         pictures=pictures,
-        renderer=renderer(),
         maps=[what for what, _ in shown.values()],
         main=main,
         panels=panels,

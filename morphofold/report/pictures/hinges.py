@@ -166,7 +166,7 @@ def in_sight(patch: Row) -> float:
     return float(shown[own].mean()) if own.any() else 0.0
 
 
-def hinge_pairs(pairs: Mapping[Match, tuple[Row, Row]], rows: tuple[str, str], backend: str | None = None) -> Picture:
+def hinge_pairs(pairs: Mapping[Match, tuple[Row, Row]], rows: tuple[str, str]) -> Picture:
     """Pairs of hinges in columns, the first group above the second.
 
     Parameters
@@ -174,8 +174,6 @@ def hinge_pairs(pairs: Mapping[Match, tuple[Row, Row]], rows: tuple[str, str], b
     pairs : mapping of matches to their patches
     rows : two str
         Labels of the rows, shortened beyond ``LABEL_PX`` pixels.
-    backend : {"pyvista", "raster"}, optional
-        As for :func:`morphofold.report.pictures.surfaces.draw`.
     """
     labels = [fitted(words, 22, LABEL_PX, bold=True) for words in rows]
     left, top = 2 * MARGIN_PX + max(lettering(words, 22, bold=True).shape[1] for words in labels), 16
@@ -183,9 +181,7 @@ def hinge_pairs(pairs: Mapping[Match, tuple[Row, Row]], rows: tuple[str, str], b
     for k, (match, patches) in enumerate(pairs.items()):
         numbers = ((match.surface, match.hinge, 0), (match.other_surface, match.other, match.pose))
         for line, (patch, (name, number, pose)) in enumerate(zip(patches, numbers)):
-            (image,) = draw(
-                patch, ["top"], PATCH_QUANTITY, (0, 1), (PANEL_PX, PANEL_PX), PATCH_RADIUS_IN_WIDTHS, backend
-            )
+            (image,) = draw(patch, ["top"], PATCH_QUANTITY, (0, 1), (PANEL_PX, PANEL_PX), PATCH_RADIUS_IN_WIDTHS)
             y, x = top + line * (PANEL_PX + CAPTION_PX), left + k * PANEL_PX
             canvas[y : y + PANEL_PX, x : x + PANEL_PX] = image
             words = _hinge_caption(name, rows[line], f"{number}" + (", mirrored" if pose >= 3 else ""))

@@ -39,7 +39,7 @@ def strip(tiles: Sequence[Tile], what: Quantity | None, limits: tuple[float, flo
     canvas = np.full((HEAD_PX + height + (FOOT_PX if what else 0), width * len(tiles), 3), 255, dtype=np.uint8)
     shown = what or Quantity("surface", "Surface")
     for k, tile in enumerate(tiles):
-        (picture,) = draw(tile.row, [tile.view], shown, limits, size, height / (2 * per_mm), "raster")
+        (picture,) = draw(tile.row, [tile.view], shown, limits, size, height / (2 * per_mm))
         canvas[HEAD_PX : HEAD_PX + height, k * width : (k + 1) * width] = picture
         words = fitted(tile.words, 14, width - 2 * MARGIN_PX)
         write(canvas, words, ((k + 0.5) * width, 4), 14, anchor="middle", grey=80)

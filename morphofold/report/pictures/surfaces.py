@@ -1,19 +1,13 @@
 """Static pictures: one row per surface, one column per view, one measure, one set of limits, one scale.
 
-pyvista draws the surfaces on a graphics card. Without a card, ``raster`` draws the same picture, three times as fast as
-GL in software and with the same bytes on every machine. Without a GL library, the first picture by GL would kill the
-process, so a child process tests for GL. Titles, rulers and colour bars are always drawn here.
+``raster`` draws the surfaces, with the same bytes on every machine and no graphics library.
 """
 
 from __future__ import annotations
 
-import os
-import re
-import subprocess
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -33,42 +27,6 @@ Picture = NDArray[np.uint8]  # (height, width, 3)
 
 VIEWS = ("lateral", "medial", "top", "bottom")
 MOST_PX_PER_MM, LARGEST_VIEW_PX = 6.0, 400
-_RENDERER_PROBE_CODE = """
-import vtkmodules.vtkRenderingOpenGL2
-from vtkmodules.vtkRenderingCore import vtkRenderWindow
-window = vtkRenderWindow()
-window.SetOffScreenRendering(1)
-window.SetSize(32, 32)
-window.Render()
-print(window.ReportCapabilities())
-"""
-SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swrast", "software", "swiftshader")
-
-
-@cache
-def graphics() -> str:
-    """Name of the GL renderer, as GL reports it, found once per process; empty if there is none."""
-    if sys.platform == "linux" and not os.environ.get("DISPLAY"):
-        os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
-    try:
-        trial = subprocess.run([sys.executable, "-c", _RENDERER_PROBE_CODE], capture_output=True, timeout=60, text=True)
-    except (OSError, subprocess.TimeoutExpired):
-        return ""
-    found = re.search(r"OpenGL renderer string:\s*(\S.*)", trial.stdout) if trial.returncode == 0 else None
-    return found[1].strip() if found else ""
-
-
-@cache
-def renderer() -> str:
-    """``"pyvista"`` if there is a graphics card, else ``"raster"``.
-
-    If ``MORPHOFOLD_RENDERER`` is one of the two names, it is used without a test.
-    """
-    wanted = os.environ.get("MORPHOFOLD_RENDERER", "")
-    if wanted in ("pyvista", "raster"):
-        return wanted
-    card = graphics().lower()
-    return "pyvista" if card and not any(word in card for word in SOFTWARE_RENDERERS) else "raster"
 
 
 def camera(view: str, hemi: str) -> NDArray[np.float64]:
@@ -111,7 +69,6 @@ def draw(
     limits: tuple[float, float],
     size: tuple[int, int],
     half_height: float,
-    backend: str | None = None,
     looks: VisibleFaces | None = None,
 ) -> list[Picture]:
     """One surface from each of ``views``, as pictures (height, width, 3); ``half_height`` of a picture in mm.
@@ -127,8 +84,6 @@ def draw(
         looks[mine] = vertex_normals(points, faces)
     normals = looks[mine]
     cameras = [camera(view, row.hemi) for view in views]
-    if (backend or renderer()) == "pyvista":
-        return _draw_with_pyvista(points, normals, faces, rgb, cameras, size, half_height)
 
     def picture(turned: NDArray[np.float64]) -> Picture:
         place = (row.surface, turned.tobytes(), size, half_height)
@@ -140,50 +95,12 @@ def draw(
     return beside(*(partial(picture, camera) for camera in cameras))
 
 
-def _draw_with_pyvista(points, normals, faces, rgb, cameras, size, half_height) -> list[Picture]:
-    import pyvista as pv
-
-    mesh = pv.PolyData.from_regular_faces(points, faces)
-    mesh.point_data["colour"] = rgb
-    mesh.point_data["Normals"] = normals
-    mesh.point_data.active_normals_name = "Normals"
-    plotter: Any = pv.Plotter(off_screen=True, window_size=[2 * size[0], 2 * size[1]], lighting="none")
-    look: dict[str, Any] = {
-        "ambient": 0.26,
-        "diffuse": 0.8,
-        "specular": 0.06,
-        "specular_power": 24,
-        "interpolation": "Phong",
-    }
-    pictures = []
-    try:
-        plotter.add_mesh(mesh, scalars="colour", rgb=True, smooth_shading=True, render=False, **look)
-        for position, intensity in (((-0.35, 0.55, 0.75), 0.55), ((0.0, 0.0, 1.0), 0.45)):
-            plotter.add_light(pv.Light(position=position, intensity=intensity, light_type="camera light"))
-        plotter.set_background("white")
-        plotter.camera.parallel_projection = True
-        plotter.camera.parallel_scale = half_height
-        for right_up_out in cameras:
-            plotter.camera.position = 1e3 * right_up_out[2]
-            plotter.camera.focal_point = (0.0, 0.0, 0.0)
-            plotter.camera.up = right_up_out[1]
-            plotter.renderer.ResetCameraClippingRange()
-            plotter.render()  # without this, a second screenshot repeats the first
-            image = np.asarray(plotter.screenshot(None, return_img=True))[:, :, :3].astype(np.float64)
-            image = image.reshape(size[1], 2, size[0], 2, 3).mean(axis=(1, 3))
-            pictures.append(np.round(image).astype(np.uint8))
-    finally:
-        plotter.close()
-    return pictures
-
-
 def figure(
     rows: Sequence[Row],
     what: Quantity,
     limits: tuple[float, float],
     views: Sequence[str] = VIEWS,
     width: int = 1520,
-    backend: str | None = None,
     legend: Sequence[tuple[str, str]] = (),
     looks: VisibleFaces | None = None,
 ) -> Picture:
@@ -206,7 +123,7 @@ def figure(
         write(canvas, row.name, (edge, top), 17)
         top += label
         wide = int(columns.max())
-        pictures = draw(row, views, what, limits, (wide, int(line)), line / (2 * per_mm), backend, looks)
+        pictures = draw(row, views, what, limits, (wide, int(line)), line / (2 * per_mm), looks)
         for left, column, picture in zip(lefts, columns, pictures):
             cut = (wide - column) // 2
             canvas[top : top + line, left : left + column] = picture[:, cut : cut + column]
