@@ -68,16 +68,21 @@ def diverging(n: int = 256) -> RGB:
     return _colour_table(0.96 - 0.50 * size**1.1, 0.19 * size**0.8, np.where(t < 0, 255.0, 42.0))
 
 
+def table(signed: bool) -> RGB:
+    """The colours of signed quantities or of magnitudes."""
+    return diverging() if signed else sequential()
+
+
 def apply(values: np.ndarray, limits: tuple[float, float], signed: bool) -> RGB:
     """Colour of each value, (..., 3) uint8: end colours beyond the limits, ``NOT_MEASURED_COLOUR`` for NaN."""
-    table = diverging() if signed else sequential()
+    ramp = table(signed)
     low, high = limits
     with np.errstate(invalid="ignore"):
         place = np.clip((np.asarray(values, dtype=np.float64) - low) / (high - low), 0, 1)
     known = np.isfinite(place)
     index = np.zeros(place.shape, dtype=np.int64)
-    index[known] = np.round(place[known] * (len(table) - 1)).astype(np.int64)
-    colours = table[index]
+    index[known] = np.round(place[known] * (len(ramp) - 1)).astype(np.int64)
+    colours = ramp[index]
     colours[~known] = NOT_MEASURED_COLOUR
     return colours
 

@@ -149,25 +149,14 @@ def test_lettering_of_pairs_keeps_to_its_place(ball, group, others):
     assert not ink[:, left - 5 : left].any()
     assert left <= 300
     for top in (16, 16 + PANEL_PX + hinge_pictures.CAPTION_PX):
-        (drawn,) = draw(
-            patches[top > 16], ["top"], PATCH_QUANTITY, (0, 1), (PANEL_PX, PANEL_PX), PATCH_RADIUS_IN_WIDTHS
-        )
+        patch = patches[top > 16]
+        drawn = draw(patch, "top", PATCH_QUANTITY, (0, 1), (PANEL_PX, PANEL_PX), hinge_pictures.PX_PER_WIDTH)
         np.testing.assert_array_equal(picture[top : top + PANEL_PX - 4, left : left + PANEL_PX], drawn[:-4])
         captions = ink[top + PANEL_PX : top + PANEL_PX + hinge_pictures.CAPTION_PX, left:]
         for edge in (0, PANEL_PX, 2 * PANEL_PX):
             assert not captions[:, max(edge - 5, 0) : edge + 5].any()
         assert captions[:, :PANEL_PX].any()
         assert captions[:, PANEL_PX:].any()
-
-
-def test_a_caption_leaves_out_what_its_row_says():
-    assert hinge_pictures._hinge_caption("S1 lh", "S1 lh", "12") == "12"
-    assert hinge_pictures._hinge_caption("S1 lh", "S1", "12, mirrored") == "lh, 12, mirrored"
-    assert hinge_pictures._hinge_caption("T = 2 mm", "model", "7") == "T = 2 mm, 7"
-    long = hinge_pictures._hinge_caption("x" * 60 + " rh", "model", "7")
-    assert long.startswith("xxx")
-    assert long.endswith(" rh, 7")
-    assert "…" in long
 
 
 @pytest.mark.slow

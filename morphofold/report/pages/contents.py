@@ -19,7 +19,7 @@ from morphofold.geometry import norms
 from morphofold.mesh_quality.checks import cortex_label, vertices_at
 from morphofold.mesh_quality.defects import SEVERE_WARNINGS, SLIGHT_WARNINGS, WARNINGS
 from morphofold.quantities import THICKNESS_RATIO, scalar_words
-from morphofold.report.pictures.surfaces import safe_name
+from morphofold.report.pictures.sheet import safe_name
 from morphofold.words import number
 
 REGION_COLUMNS = (

@@ -49,8 +49,8 @@ from morphofold.report.pages.person_section import person_parts, with_smooth_bod
 from morphofold.report.pages.templates import versions, write_page
 from morphofold.report.pictures.hinges import clear_examples, hinge_pairs
 from morphofold.report.pictures.net import net_figure, net_row
-from morphofold.report.pictures.png import halved, png_bytes
-from morphofold.report.pictures.surfaces import Picture, Row, VisibleFaces, figure, safe_name
+from morphofold.report.pictures.sheet import Picture, halved, png_bytes, safe_name
+from morphofold.report.pictures.surfaces import Row, VisibleFaces, figure
 from morphofold.report.plots import charts
 from morphofold.surface import Cortex, Surface
 from morphofold.threads import beside

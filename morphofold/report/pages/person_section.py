@@ -15,7 +15,7 @@ from morphofold.comparison.person.regions import REGION_MEASURES
 from morphofold.comparison.thickness import Cloud
 from morphofold.quantities import RELIEF, common_limits, quantity, scalar_words
 from morphofold.report.pages.contents import Entry
-from morphofold.report.pictures.png import halved, png_bytes
+from morphofold.report.pictures.sheet import halved, png_bytes
 from morphofold.report.pictures.surfaces import Row, figure
 from morphofold.report.plots.person_plots import region_plot
 from morphofold.surface import Surface

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import itertools
 import math
 from pathlib import Path
 from typing import Any
@@ -14,11 +13,9 @@ from morphofold import geometry
 from morphofold.cohort.phases import Phases, RunResult
 from morphofold.io import read_surface
 from morphofold.progress import Progress, silent
-from morphofold.quantities import Quantity
-from morphofold.report import colours
 from morphofold.report.pages.templates import write_page
-from morphofold.report.pictures import surfaces
-from morphofold.report.pictures.png import png_bytes
+from morphofold.report.pictures.sheet import Picture, png_bytes
+from morphofold.report.pictures.surfaces import extent, thumbnails
 from morphofold.report.plots.line_plots import save
 from morphofold.report.plots.phase_plots import (
     WAVELENGTH_KEY,
@@ -38,7 +35,6 @@ from morphofold.surface import Surface
 from morphofold.words import number
 
 MOST_ROWS = 400  # of the table of numbers and of the table of failures
-MOST_THUMBNAIL_PX = 190  # of a thumbnail
 MOSAIC_WIDTH_PX = 1520  # [px] of a picture of thumbnails
 SURFACES_TITLE, SECTIONS_TITLE = "Pial surfaces", "Sections"
 
@@ -135,14 +131,14 @@ def _write_thumbnails(phases: Phases, folder: Path) -> list[dict[str, Any]]:
     scale."""
     first = {at: phases.at[at][0] for at in phases.grid.places}
     view = "top" if _geometry_shape(phases) in ("patch", "strip") else "lateral"
-    extent = max((_surface_extent(run, view) for run in first.values()), default=0.0)
-    if not extent:
+    largest = max((_surface_extent(run, view) for run in first.values()), default=0.0)
+    if not largest:
         return []
     parts = []
     for k, others in enumerate(slices(phases), start=1):
         at = fixed_parameters_text(phases, others)
         path = folder / ("surfaces.png" if not others else f"surfaces-{k}.png")
-        path.write_bytes(png_bytes(_thumbnail_mosaic(phases, first, others, view, extent)))
+        path.write_bytes(png_bytes(_thumbnail_mosaic(phases, first, others, view, largest)))
         parts.append(_picture_entry(path, f"{_thumbnails_title(phases)}{f' at {at}' if at else ''}"))
     return parts
 
@@ -150,7 +146,7 @@ def _write_thumbnails(phases: Phases, folder: Path) -> list[dict[str, Any]]:
 def _surface_extent(run: RunResult, view: str) -> float:
     """Larger side of a surface in the view [mm]; 0 for a run without a surface."""
     surface = _drawn_surface(run)
-    return 0.0 if surface is None else float(np.ptp(surface.verts @ surfaces.camera(view, "lh").T, axis=0)[:2].max())
+    return 0.0 if surface is None else float(extent(surface, view).max())
 
 
 def _drawn_surface(run: RunResult) -> Surface | None:
@@ -184,45 +180,18 @@ def section(pial: Surface, white: Surface) -> Surface:
 
 
 def _thumbnail_mosaic(
-    phases: Phases, first: dict[tuple[int, ...], RunResult], others: tuple[int, ...], view: str, extent: float
-) -> surfaces.Picture:
+    phases: Phases, first: dict[tuple[int, ...], RunResult], others: tuple[int, ...], view: str, largest: float
+) -> Picture:
     """Thumbnails, with the same columns and rows as the diagram."""
     axes = phases.grid.axes[:2]
-    columns, rows = ([*(len(axis.values) for axis in axes), 1, 1])[:2]
-    left, head, foot, gap = 110, 44 if len(axes) > 1 else 16, 104, 10
-    side = min(MOST_THUMBNAIL_PX, (MOSAIC_WIDTH_PX - left - gap) // columns - gap)
-    canvas = np.full((head + rows * (side + gap) + foot, left + columns * (side + gap) + gap, 3), 255, dtype=np.uint8)
-    per_mm = 0.94 * side / extent
-    plain = Quantity("", "")
-    for i, j in itertools.product(range(columns), range(rows)):
-        run = first[(i, j)[: len(axes)] + others]
-        x, y = left + i * (side + gap), head + (rows - 1 - j) * (side + gap)
-        surface = _drawn_surface(run)
-        if surface is None:
-            canvas[y : y + side, x : x + side] = 244
-            words = "failed" if run.reason else "no surface"
-            surfaces.write(canvas, words, (x + side / 2, y + side / 2 - 12), 15, anchor="middle", grey=90)
-            continue
-        rgb = np.tile(np.array(colours.BARE_SURFACE_COLOUR, dtype=np.uint8), (len(surface.verts), 1))
-        row = surfaces.Row(run.point.name, surface, np.zeros(len(surface.verts)), rgb=rgb)
-        canvas[y : y + side, x : x + side] = surfaces.draw(
-            row, [view], plain, (0.0, 1.0), (side, side), side / (2 * per_mm)
-        )[0]
-    bottom = head + rows * (side + gap)
-    if axes:
-        title = surfaces.fitted(axis_title(phases, axes[0]), 16, canvas.shape[1] - left)
-        across = left + np.arange(columns) * (side + gap) + side / 2
-        for x, word in zip(across.tolist(), axes[0].words):
-            surfaces.write(canvas, surfaces.fitted(word, 15, side), (x, bottom), 15, anchor="middle")
-        surfaces.write(canvas, title, (float(across.mean()), bottom + 26), 16, bold=True, anchor="middle")
-    if len(axes) > 1:
-        title = surfaces.fitted(axis_title(phases, axes[1]), 16, canvas.shape[1] - 12, bold=True)
-        up = head + np.arange(rows)[::-1] * (side + gap) + side / 2 - 12
-        for y, word in zip(up.tolist(), axes[1].words):
-            surfaces.write(canvas, surfaces.fitted(word, 15, 100), (left - 54, y), 15, anchor="middle")
-        surfaces.write(canvas, title, (12, 12), 16, bold=True)
-    surfaces.ruler(canvas, per_mm, (12, bottom + 62))
-    return canvas
+    cells: dict[tuple[int, int], Surface | str] = {}
+    for at, run in first.items():
+        if at[2:] == others:
+            surface = _drawn_surface(run)
+            text = "failed" if run.reason else "no surface"
+            cells[at[0] if at else 0, at[1] if len(at) > 1 else 0] = text if surface is None else surface
+    across, up = [*((axis_title(phases, axis), axis.words) for axis in axes), ("", ()), ("", ())][:2]
+    return thumbnails(cells, across, up, view, largest, MOSAIC_WIDTH_PX)
 
 
 # words and numbers -------------------------------------------------------------------------------------------

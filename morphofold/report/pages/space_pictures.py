@@ -11,7 +11,7 @@ from morphofold.arrays import Array
 from morphofold.errors import MissingPart
 from morphofold.inference.spaces import Space
 from morphofold.quantities import Quantity
-from morphofold.report.pictures.png import halved, png_bytes
+from morphofold.report.pictures.sheet import halved, png_bytes
 from morphofold.report.pictures.surfaces import Row, figure
 from morphofold.surface import Surface
 

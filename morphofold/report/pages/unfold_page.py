@@ -9,7 +9,7 @@ from typing import Any
 
 from morphofold.quantities import Quantity
 from morphofold.report.pages.templates import write_page
-from morphofold.report.pictures.png import halved, png_bytes
+from morphofold.report.pictures.sheet import halved, png_bytes
 from morphofold.report.pictures.surfaces import Row, figure
 from morphofold.results.unfolding import Unfolded, log_ratio
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,8 +10,8 @@ import numpy as np
 
 from morphofold.cohort.statistics import HEMIS, Outlier, Scalars
 from morphofold.quantities import MAP_OF_SCALAR, common_limits, quantity
-from morphofold.report.pictures.png import halved, png_bytes
-from morphofold.report.pictures.surfaces import Picture, Row, figure, fitted
+from morphofold.report.pictures.sheet import Picture, halved, in_page, png_bytes
+from morphofold.report.pictures.surfaces import Row, figure
 from morphofold.results import read_pial
 
 SIDE_WORDS = {"lh": "left", "rh": "right"}
@@ -56,7 +55,7 @@ def draw_outliers(
         folder.mkdir(exist_ok=True)
         path = folder / f"outlier-{k:02}.png"
         path.write_bytes(png_bytes(image))
-        data = base64.b64encode(png_bytes(halved(image))).decode()
+        data = in_page(halved(image))
         held = sum(len(other.data) for other in drawn) + len(data) <= MOST_EMBEDDED_CHARACTERS
         drawn.append(Drawn(one, f"{folder.name}/{path.name}", data if held else "", typical))
     return drawn
@@ -71,18 +70,10 @@ def nearest_to_median(one: Outlier, subjects: Sequence[str], scalars: Scalars) -
 def _outlier_picture(one: Outlier, typical: str, results: Mapping[str, Path]) -> Picture:
     """Lateral and medial view of both subjects, in the same colours and at one scale."""
     key = map_of(one.measure)
-    pairs = {name: read_pial(results[name], one.hemi, key) for name in (one.subject, typical)}
-    rows = [
-        Row(
-            fitted(name, 17, FIGURE_WIDTH_PX - 60)
-            if name == one.subject
-            else fitted(f"{name}, at the median", 17, FIGURE_WIDTH_PX - 60),
-            surface,
-            np.full(len(surface.verts), np.nan) if values is None else values,
-            one.hemi,
-        )
-        for name, (surface, values) in pairs.items()
-    ]
+    rows = []
+    for label, subject in ((one.subject, one.subject), (f"{typical}, at the median", typical)):
+        surface, values = read_pial(results[subject], one.hemi, key)
+        rows.append(Row(label, surface, np.full(len(surface.verts), np.nan) if values is None else values, one.hemi))
     known = [row.values for row in rows]
     what = quantity(key, known)
     return figure(rows, what, common_limits(what, known), ("lateral", "medial"), FIGURE_WIDTH_PX)

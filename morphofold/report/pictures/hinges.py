@@ -16,9 +16,9 @@ from morphofold.errors import MissingPart
 from morphofold.quantities import Quantity
 from morphofold.report.colours import rgb_of
 from morphofold.report.pictures.net import paint_lines, shaded
-from morphofold.report.pictures.png import lettering
 from morphofold.report.pictures.raster import look
-from morphofold.report.pictures.surfaces import Picture, Row, draw, fitted, write
+from morphofold.report.pictures.sheet import GREY, Picture, new_sheet
+from morphofold.report.pictures.surfaces import Row, draw
 from morphofold.surface import Faces, Surface
 
 OWN_CREST_COLOUR, OTHER_CREST_COLOUR = "#c8102e", "#e8a5a0"  # crests of the hinge, and the others
@@ -27,7 +27,7 @@ CREST_WIDTH = 0.16  # width of a drawn crest, in crown widths
 EDGE_HALVINGS = 2  # number of times edges are halved, for smooth lines
 TILT_DEG = 25.0  # [degrees] tilt of a patch, so that its height is visible
 PANEL_PX, CAPTION_PX = 330, 30  # pixels
-LABEL_PX, MARGIN_PX = 260, 10  # [pixels] most for the name of a row, and around it
+PX_PER_WIDTH = PANEL_PX / (2 * PATCH_RADIUS_IN_WIDTHS)
 LEAST_VISIBLE_SHARE = 0.7  # least visible share of a hinge's crests in an example
 PATCH_QUANTITY = Quantity("patch", "Patch")
 
@@ -96,7 +96,7 @@ def hinge_patch(measures: Measures, number: int, pose: int = 0) -> Row:
         [[-1.0, -1, -1], [1, 1, 1]]
     )  # without faces: they centre the picture on the hinge
     fine, rgb = np.concatenate([fine, bounds]), np.concatenate([rgb, rgb[:2]])
-    return Row("", Surface(fine, faces), np.full(len(fine), np.nan), "lh", rgb)
+    return Row("", Surface(fine, faces), rgb=rgb)
 
 
 def _connected_piece(faces: Faces, vertex: int) -> tuple[NDArray[np.int64], Faces]:
@@ -167,32 +167,22 @@ def in_sight(patch: Row) -> float:
 
 
 def hinge_pairs(pairs: Mapping[Match, tuple[Row, Row]], rows: tuple[str, str]) -> Picture:
-    """Pairs of hinges in columns, the first group above the second.
-
-    Parameters
-    ----------
-    pairs : mapping of matches to their patches
-    rows : two str
-        Labels of the rows, shortened beyond ``LABEL_PX`` pixels.
-    """
-    labels = [fitted(words, 22, LABEL_PX, bold=True) for words in rows]
-    left, top = 2 * MARGIN_PX + max(lettering(words, 22, bold=True).shape[1] for words in labels), 16
-    canvas = np.full((top + 2 * (PANEL_PX + CAPTION_PX) + 12, left + PANEL_PX * len(pairs), 3), 255, dtype=np.uint8)
-    for k, (match, patches) in enumerate(pairs.items()):
-        numbers = ((match.surface, match.hinge, 0), (match.other_surface, match.other, match.pose))
-        for line, (patch, (name, number, pose)) in enumerate(zip(patches, numbers)):
-            (image,) = draw(patch, ["top"], PATCH_QUANTITY, (0, 1), (PANEL_PX, PANEL_PX), PATCH_RADIUS_IN_WIDTHS)
-            y, x = top + line * (PANEL_PX + CAPTION_PX), left + k * PANEL_PX
-            canvas[y : y + PANEL_PX, x : x + PANEL_PX] = image
-            words = _hinge_caption(name, rows[line], f"{number}" + (", mirrored" if pose >= 3 else ""))
-            write(canvas, words, (x + PANEL_PX / 2, y + PANEL_PX), 20, anchor="middle", grey=60)
-    for line, words in enumerate(labels):
-        write(canvas, words, (MARGIN_PX, top + line * (PANEL_PX + CAPTION_PX) + PANEL_PX / 2 - 20), 22, bold=True)
-    return canvas
-
-
-def _hinge_caption(surface: str, group: str, number: str) -> str:
-    """The number of a hinge, after the name of its surface without its group, shortened to fit a panel."""
-    name = surface.removeprefix(group).strip()
-    room = PANEL_PX - 2 * MARGIN_PX - lettering(f", {number}", 20).shape[1]
-    return f"{fitted(name, 20, room)}, {number}" if name else number
+    """Pairs of hinges in columns, the first group above the second; ``rows`` are the names of both groups."""
+    drawn = [
+        [draw(p, "top", PATCH_QUANTITY, (0, 1), (PANEL_PX, PANEL_PX), PX_PER_WIDTH) for p in patches]
+        for patches in pairs.values()
+    ]
+    left, top, step = 3 * CAPTION_PX // 2, 16, PANEL_PX + CAPTION_PX
+    with new_sheet(left + PANEL_PX * len(pairs), top + 2 * step + 12) as sheet:
+        for k, (match, pictures) in enumerate(zip(pairs, drawn)):
+            ends = ((match.surface, match.hinge, 0), (match.other_surface, match.other, match.pose))
+            for line, (picture, (surface, number, pose)) in enumerate(zip(pictures, ends)):
+                x, y = left + k * PANEL_PX, top + line * step
+                sheet.picture(picture, x, y)
+                name = surface.removeprefix(rows[line]).strip()  # its group is said at the row
+                text = f"{name}, " * bool(name) + f"{number}" + ", mirrored" * (pose >= 3)
+                sheet.text(x + PANEL_PX / 2, y + PANEL_PX + 22, text, 18, PANEL_PX - 20, ha="center", color=GREY)
+        for line, name in enumerate(rows):
+            middle = top + line * step + PANEL_PX / 2
+            sheet.text(CAPTION_PX, middle, name, 20, PANEL_PX, ha="center", va="center", rotation=90, weight="bold")
+        return sheet.pixels()

@@ -15,7 +15,8 @@ from morphofold.errors import MissingPart
 from morphofold.quantities import Quantity
 from morphofold.report import colours
 from morphofold.report.colours import rgb_of
-from morphofold.report.pictures.surfaces import Picture, Row, figure
+from morphofold.report.pictures.sheet import Picture
+from morphofold.report.pictures.surfaces import Row, figure
 from morphofold.surface import Verts
 
 CREST_COLOUR = "#333333"
@@ -55,7 +56,7 @@ def net_row(measures: Measures, name: str) -> Row:
             near = np.array(tree.query_ball_point(node["position"], radius), dtype=np.int64)
             colour = COLOUR_BY_ARMS[min(node["degree"], 5)] if counts(node) else DOUBTFUL_COLOUR
             rgb[near[normals[near] @ node["normal"] > 0]] = rgb_of(colour)
-    return Row(name, cortex.white, np.full(len(verts), np.nan), cortex.hemi, rgb)
+    return Row(name, cortex.white, hemi=cortex.hemi, rgb=rgb)
 
 
 def shaded(measures: Measures) -> colours.RGB:
@@ -75,4 +76,4 @@ def paint_lines(rgb: colours.RGB, verts: Verts, lines: Sequence[NDArray[np.float
 
 def net_figure(rows: Sequence[Row]) -> Picture:
     """Picture of rows of nets, in all views."""
-    return figure(rows, Quantity("net", "Gyral net"), (0.0, 1.0), legend=NET_LEGEND)
+    return figure(rows, Quantity("net", "Gyral net"), None, legend=NET_LEGEND)

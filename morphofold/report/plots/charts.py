@@ -17,7 +17,7 @@ import numpy as np
 from markupsafe import Markup, escape
 
 from morphofold.comparison.thickness import Cloud
-from morphofold.report.plots.line_plots import BLACK, GREY, NO_FORMULAS, new_figure, ticks
+from morphofold.report.plots.line_plots import BLACK, GREY, NO_FORMULAS, blank_figure, ticks
 from morphofold.words import number
 
 if TYPE_CHECKING:
@@ -117,7 +117,8 @@ def new_chart(
     inches = 72.0  # pixels per inch in an SVG, where a point is a pixel
     (width, height), (_, _, top, bottom) = size, MARGINS_PX
     style = {**PAGE_STYLE, "svg.hashsalt": title}  # so that no two charts share ids
-    with new_figure(width / inches, height / inches, 1, 1, layout=None, style=style) as (figure, ((ax,),)):
+    with blank_figure(width / inches, height / inches, None, style) as figure:
+        ax = figure.subplots()
         figure.subplots_adjust(left / width, bottom / height, 1 - right / width, 1 - top / height)
         figure.patch.set_visible(False)
         ax.patch.set_visible(False)

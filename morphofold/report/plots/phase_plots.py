@@ -17,7 +17,7 @@ from morphofold.arrays import Array
 from morphofold.cohort.phases import AREA_OVER_FLAT, HINGES_PER_AREA, Phases
 from morphofold.quantities import CATEGORICAL_COLOURS, round_out
 from morphofold.report import colours
-from morphofold.report.plots.line_plots import BLACK, GREY, NO_FORMULAS, new_figure
+from morphofold.report.plots.line_plots import BLACK, GREY, NO_FORMULAS, colour_bar, new_figure
 from morphofold.sim.scene.tables import unit_of
 from morphofold.words import number
 
@@ -158,7 +158,7 @@ def diagram(phases: Phases, shown: Shown, others: GridIndex = ()) -> Figure:
         _name_axes(ax, phases)
         ax.set_title(_diagram_title(phases, shown, others), loc="left")
         if np.isfinite(means).any():
-            _colour_bar(figure, ax, shown, limits)
+            colour_bar(figure, shown.title, limits, ax=ax, pad=0.02)
     return figure
 
 
@@ -210,16 +210,6 @@ def _name_axes(ax: Axes, phases: Phases) -> None:
     ax.set_yticks(range(len(up.words)), [_shortened_word(word) for word in up.words])
     ax.tick_params(length=0)
     ax.set(xlabel=axis_title(phases, across), ylabel=axis_title(phases, up))
-
-
-def _colour_bar(figure: Figure, ax: Axes, shown: Shown, limits: tuple[float, float]) -> None:
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import ListedColormap, Normalize
-
-    table = ListedColormap(colours.sequential() / 255)
-    bar = figure.colorbar(ScalarMappable(Normalize(*limits), table), ax=ax, pad=0.02)
-    bar.set_label(shown.title)
-    bar.outline.set_visible(False)  # type: ignore[operator]
 
 
 # curves ------------------------------------------------------------------------------------------------------
