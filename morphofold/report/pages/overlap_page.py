@@ -14,7 +14,7 @@ from morphofold.inference.spaces import Space
 from morphofold.quantities import Quantity
 from morphofold.report.pages.space_pictures import SIDES, picture
 from morphofold.report.pages.templates import write_page
-from morphofold.report.plots.share_plot import share_plot
+from morphofold.report.plots.charts import share_plot
 
 SIGNIFICANT = 0.05
 UNITS = {"hinges": "1/cm²", "crests": "mm/cm²"}

@@ -17,7 +17,7 @@ from morphofold.quantities import RELIEF, common_limits, quantity, scalar_words
 from morphofold.report.pages.contents import Entry
 from morphofold.report.pictures.sheet import halved, png_bytes
 from morphofold.report.pictures.surfaces import Row, figure
-from morphofold.report.plots.person_plots import region_plot
+from morphofold.report.plots.charts import region_plot
 from morphofold.surface import Surface
 
 SMOOTH_COLOUR = "#8a8f96"
