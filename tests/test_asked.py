@@ -166,6 +166,6 @@ def test_a_part_is_written_read_and_compared(tmp_path):
 
 def test_the_methods_of_a_page_name_only_what_was_measured(cortex):
     m = measure(cortex, only=["cortical_thickness"])
-    sentences, _ = paragraph([settings_of(m)], m.maps, "0")
+    sentences, _ = paragraph([settings_of(m)], m.maps)
     assert "Cortical thickness" in sentences
     assert not any(word in sentences for word in ("Gyral thickness", "Curvature", "gyrification", "depth"))

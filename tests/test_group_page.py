@@ -164,13 +164,13 @@ def test_medians_of_left_and_right_are_of_the_subjects_that_have_both(tmp_path):
     gi = np.column_stack([np.array([2.1, 2.2, 2.3, 2.4, 9.9]), np.array([2.1, 2.2, 2.3, 2.4, np.nan])])
     gi += 0.1 * np.array([[0], [0], [1], [1], [1]])
     there = [group_page.BOTH_SIDES[0], group_page.BOTH_SIDES[1]]
-    (row,) = group_page.headlines({"gyrification_index": gi}, there)
-    left, right = row["cells"]
+    (row,) = group_page.headlines({"gyrification_index": gi}, there).values()
+    left, right = row
     assert (left.n, right.n) == (4, 4)
     assert left.median == right.median == pytest.approx(2.3)
     apart = np.where([[True, False], [True, False], [False, True]], 2.0, np.nan)
-    (row,) = group_page.headlines({"gyrification_index": apart}, there)
-    assert [cell.n for cell in row["cells"]] == [2, 1]  # nobody has both: n says so
+    (row,) = group_page.headlines({"gyrification_index": apart}, there).values()
+    assert [cell.n for cell in row] == [2, 1]  # nobody has both: n says so
     text = words_of(text_of(made_group(5, gyrification_index=gi), tmp_path))
     assert len(re.findall(r"2\.30 2\.1[78] to 2\.4[23], n 4", text)) == 2
     assert "n: left 5, right 4." in text

@@ -8,7 +8,7 @@ import pytest
 from made_measures import made_cortex, made_measures
 from made_surfaces import area
 
-from morphofold.report.pages import pack
+from morphofold.report.pages import viewer as pack
 from morphofold.surface import Surface
 
 

@@ -14,8 +14,7 @@ from made_surfaces import area
 from matplotlib.image import imread
 
 from morphofold.comparison import compare
-from morphofold.comparison.thickness import thickness_cloud
-from morphofold.report.pages import contents, page
+from morphofold.report.pages import entries, page
 from morphofold.report.pages.page import analysis_report
 from morphofold.report.plots import charts
 
@@ -56,19 +55,15 @@ def nasty_page(tmp_path_factory):
 def test_only_earlier_stages_of_the_same_body_are_shown_growing():
     m = made_measures(info={"g": 1.5, "name": "body"})
     at = lambda **info: made_measures(info={"name": "body", **info})
-    assert page._is_earlier_stage(at(g=1.2), m)
+    assert entries.is_earlier_stage(at(g=1.2), m)
     for other in (at(g=1.5), at(g=2.0), at(), at(g=1.2, name="another"), made_measures(level=2, info={"g": 1.2})):
-        assert not page._is_earlier_stage(other, m)
+        assert not entries.is_earlier_stage(other, m)
 
 
 def test_digests_among_the_facts_are_short():
     """A column as wide as a digest would push the others off the page."""
     m = made_measures(info={"grown_from": {"subject": "someone", "sha256": {"surface": "0123456789ab" + 52 * "c"}}})
-    (row,) = (
-        row
-        for row in contents.facts(page._page_entries({"a": m}, {"a": "#000000"}, [thickness_cloud(m)]))
-        if row["key"] == "grown_from"
-    )
+    (row,) = (row for row in entries.facts(entries.entries_of(compare({"a": m}))) if row["key"] == "grown_from")
     assert row["values"] == ["subject someone, sha256 surface 0123456789ab…"]
 
 

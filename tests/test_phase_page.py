@@ -11,15 +11,7 @@ from morphofold.cohort.grid import make_grid
 from morphofold.cohort.phases import HINGES_PER_AREA, Phases, RunResult, SphereTheory, write_tables
 from morphofold.io import write_surface
 from morphofold.report import colours
-from morphofold.report.pages.phase_page import (
-    _drawn_surface,
-    _thumbnail_mosaic,
-    missing,
-    phase_report,
-    section,
-    theory_words,
-    verdict,
-)
+from morphofold.report.pages.phase_page import _drawn_surface, _thumbnail_mosaic, phase_report, section
 from morphofold.report.plots.phase_plots import (
     AREA_RATIO,
     SHOWN_MEASURES,
@@ -108,9 +100,6 @@ def test_failures_and_what_a_surface_does_not_have_are_said():
     assert cell(phases, (1, 1), GI.key).failed == 1
     smooth = made(**{WAVELENGTH_KEY: None})
     assert texts(diagram(smooth, LENGTH))[0, 0].splitlines() == ["–", "theory 10.0"]
-    assert missing(smooth) == [
-        "Wavelength of folds: 12 of 12 runs have none. Reason for cortex_thickness-1_growth.final-1.2_seed-0: no folds."
-    ]
 
 
 def lines_of(drawn):
@@ -343,20 +332,6 @@ def test_the_same_sweep_gives_the_same_bytes(tmp_path, ball):
     assert {"report.html", "measures.tsv", "runs.tsv", "theory.tsv", "figures/surfaces.png"} <= set(map(str, files))
     for file in files:
         assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "other" / file).read_bytes()
-
-
-def test_measured_waves_are_laid_beside_those_of_theory():
-    phases = made(**{WAVELENGTH_KEY: 25.0})
-    assert verdict(phases) == (
-        "Where both are known (6 points), the measured wavelength is 2.50 times that of theory's first wrinkles."
-    )
-    assert verdict(made(**{WAVELENGTH_KEY: None})) == ""
-
-
-def test_the_words_on_theory_say_what_it_assumes_and_where_it_gives_nothing():
-    assert "the core not growing" in theory_words(made())[0]
-    assert theory_words(made(theory=SphereTheory(reason="of spheres"))) == ["Theory says nothing here: of spheres."]
-    assert "stays a sphere" in theory_words(made(["mu_ratio=1,2"], scene="radial", seeds=None))[2]
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ from morphofold.inference.spaces import find_space
 from morphofold.inference.study import cluster_rows, fit_study, summary, write_result
 from morphofold.io import read_morph, write_annotation, write_label, write_surface
 from morphofold.io.gifti import read_gifti_map
-from morphofold.report.pages.stats_page import effect_unit, stats_report
+from morphofold.report.pages.study_pages import effect_unit, stats_report
 from morphofold.report.pictures.sheet import read_png
 from morphofold.shapes import icosphere
 from morphofold.surface import Regions, Surface
@@ -239,7 +239,7 @@ def test_the_page_has_the_clusters_and_escapes_names(study, tmp_path):
 def test_the_page_shows_unit_peak_design_and_interval(study, tmp_path, monkeypatch):
     drawn = {}
     monkeypatch.setattr(
-        "morphofold.report.pages.stats_page.picture",
+        "morphofold.report.pages.study_pages.picture",
         lambda space, folder, what, maps, limits, words: drawn.update({what.key: (what, maps, limits)}) or {},
     )
     found = fitted(study)

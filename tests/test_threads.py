@@ -21,7 +21,7 @@ from morphofold.analysis.steps import Steps
 from morphofold.io import read_cortex, sample_path
 from morphofold.kept import kept
 from morphofold.kernels import kernel
-from morphofold.report.pages.pack import thin
+from morphofold.report.pages.viewer import thin
 from morphofold.shapes.folded_ball import folded_ball
 from morphofold.sim.run import simulate
 from morphofold.studies.shapes import bumpy_sphere

@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
     from morphofold.inference.overlap_files import overlap_summary, write_overlap
     from morphofold.inference.spaces import find_space
     from morphofold.io import refuse_foreign
-    from morphofold.report.pages.overlap_page import overlap_report
+    from morphofold.report.pages.study_pages import overlap_report
     from morphofold.threads import set_threads
 
     set_threads(args.threads)

@@ -66,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
     from morphofold.inference.spaces import find_space
     from morphofold.inference.study import fit_study, summary, write_result
     from morphofold.io import refuse_foreign
-    from morphofold.report.pages.stats_page import stats_report
+    from morphofold.report.pages.study_pages import stats_report
     from morphofold.threads import set_threads
 
     if args.whole_blocks and args.blocks is None:

@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
     from morphofold.io.files import side_named
     from morphofold.io.folded import read_folded
     from morphofold.mesh_quality.repair import unfoldable
-    from morphofold.report.pages.unfold_page import unfold_report
+    from morphofold.report.pages.study_pages import unfold_report
     from morphofold.results.unfolding import Unfolded, write_unfolding
     from morphofold.unfolding.spheres import sphere_of
     from morphofold.unfolding.unfold import check_options, unfold

@@ -245,7 +245,7 @@ def write_result(
 
     ``maps/?h.NAME.shape.gii`` and the same in FreeSurfer's format: ``effect``, ``t``, ``r``, ``p`` (of the vertex
     alone), ``p_height`` and ``p_tfce`` (corrected), ``cluster`` (number, 0: none), ``subjects`` (with a value). The
-    page is drawn by ``report``: :func:`morphofold.report.pages.stats_page.stats_report`.
+    page is drawn by ``report``: :func:`morphofold.report.pages.study_pages.stats_report`.
     """
     found = result.inference
     maps = {name: getattr(found, name) for name in MAPS[:6]}

@@ -54,7 +54,7 @@ def write_unfolding(unfolded: Sequence[Unfolded], out: str | Path, draw: DrawPag
     out : str or path
         Folder to write. A folder of an earlier run is replaced; any other folder that is not empty is refused.
     draw : callable
-        Writes the page and its pictures: :func:`morphofold.report.pages.unfold_page.unfold_report`.
+        Writes the page and its pictures: :func:`morphofold.report.pages.study_pages.unfold_report`.
     """
     rows = [{"hemi": side.cortex.hemi, **unfolding_numbers(side.found)} for side in unfolded]
     regions = [

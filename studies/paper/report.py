@@ -36,6 +36,7 @@ def write_paper_report(folder: Path, index: Mapping[str, Any]) -> Path:
     return write_page(
         folder / "report.html",
         "paper.html",
+        title="The figures of Razavi et al. 2015",
         figures=figures,
         version=index["morphofold"],
         lengths=index["lengths"],

@@ -66,7 +66,7 @@ def test_medians_of_the_sides_are_of_the_same_subjects(holds):
     folded = np.repeat(np.linspace(2.0, 3.0, 20)[:, None], 2, axis=1)
     folded[12:, 1] = np.nan
     group = made_group(20, gyrification_index=folded)
-    rows = {row["key"]: row["cells"] for row in group_page.headlines(measures_of(group), group_page.BOTH_SIDES)}
+    rows = group_page.headlines(measures_of(group), group_page.BOTH_SIDES)
     left, right = rows["gyrification_index"]
     holds.equal("subjects, left and right", (left.n, right.n), (12, 12))
     holds("difference of the medians", abs(left.median - right.median), at_most=0)

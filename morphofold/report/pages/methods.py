@@ -1,42 +1,28 @@
 """A methods paragraph for a paper, with references, from what a page shows and the scales that were used.
 
-Its sentences are in ``templates/methods.txt``.
+Its sentences are in ``templates/methods.txt``, with the references that they cite.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from markupsafe import Markup
 
 from morphofold.analysis.measures import Measures
-from morphofold.report.pages.contents import Entry
 from morphofold.report.pages.templates import render
-from morphofold.words import number
 
+REFERENCES = "References, of which those are listed that the text names\n"
 RESAMPLED = {"draft": "thinned", "fine": "finer"}  # by accuracy
-USUAL_VOXEL_MM = 1.25
 MOST_VALUES_LISTED = 3  # values of a scale; of more, the least and the greatest
 
 
-def methods(entries: Sequence[Entry], version: str, *, theory: bool, spins: int = 0) -> tuple[str, list[str]]:
-    """The methods as one paragraph, with this version of morphofold, and the references that it cites.
-
-    ``theory``: whether the page has a line of linear theory. ``spins``: rotations by which grown cortices were tested
-    against the people that they grew from, 0 if none was.
-    """
-    grown = []
-    for e in entries:
-        info = {"material": "neo-hookean", **e.measures.cortex.info, "name": e.name}
-        if e.measures.cortex.origin == "simulation" and None not in (info.get(key) for key in ("g", "law", "mu_ratio")):
-            grown.append({**info, "g": float(info["g"]), "mu_ratio": float(info["mu_ratio"])})
-    measures = [e.measures for e in entries]
-    there = {name for m in measures for name in (*m.maps, *(k for k, v in m.scalars.items() if v is not None))}
-    law = any(e.folding is not None for e in entries)
-    return paragraph(
-        [settings_of(m) for m in measures], there, version, grown=grown, law=law, theory=theory, spins=spins
-    )
+def methods_of(measures: Iterable[Measures], **more: Any) -> tuple[str, list[str]]:
+    """How cortices were measured, as one paragraph, and the references that it cites; ``more`` goes to the template."""
+    measures = list(measures)
+    known = {name for m in measures for name in (*m.maps, *(k for k, v in m.scalars.items() if v is not None))}
+    return paragraph(list(map(settings_of, measures)), known, **more)
 
 
 def settings_of(m: Measures) -> dict[str, Any]:
@@ -51,47 +37,38 @@ def settings_of(m: Measures) -> dict[str, Any]:
     }
 
 
-def paragraph(
-    settings: Sequence[Mapping[str, Any]], there: Iterable[str], version: str, **more: Any
-) -> tuple[str, list[str]]:
+def paragraph(settings: Sequence[Mapping[str, Any]], known: Iterable[str], **more: Any) -> tuple[str, list[str]]:
     """How white and pial surfaces were measured, as one paragraph, and the references that it cites.
 
     ``settings`` are parameters of measures with ``origin``, ``n_vertices``, ``annotation`` and ``annotation_from``.
-    ``there`` are the maps and scalars that any surface has; methods of others are left out. ``more`` goes to the
+    ``known`` are the maps and scalars that any surface has; methods of others are left out. ``more`` goes to the
     template.
     """
-    values = lambda key: [s[key] for s in settings if s.get(key) is not None]
+    names = set(known)
     masks = {str(s["cortex_mask"]) for s in settings if s.get("cortex_mask") and s["origin"] != "simulation"}
-    simulated = {origin == "simulation" for origin in values("origin")}
-    resampled = []
-    for accuracy, how in RESAMPLED.items():
-        used = [s for s in settings if s.get("accuracy") == accuracy]
-        if counts := {s["accuracy_vertices"] for s in used if s["accuracy_vertices"] != s["n_vertices"]}:
-            resampled.append((how, _listed(counts, "{:,.0f}".format)))
-    voxels = {s.get("local_gyrification_voxel_mm", USUAL_VOXEL_MM) for s in settings}
-    names = {(s["annotation"], s.get("annotation_from")) for s in settings if s.get("annotation")}
-    caps = values("cortical_thickness_cap_mm")
+    resampled = [
+        (RESAMPLED[s["accuracy"]], s["accuracy_vertices"])
+        for s in settings
+        if s.get("accuracy") in RESAMPLED and s["accuracy_vertices"] != s["n_vertices"]
+    ]
+    atlases = {(s["annotation"], s.get("annotation_from")) for s in settings if s.get("annotation")}
     text = render(
         "methods.txt",
-        has=lambda *names, there=set(there): not there or not there.isdisjoint(names),
-        version=version,
-        both=simulated == {True, False},
+        has=lambda *any_of: not names or not names.isdisjoint(any_of),
+        values=lambda key: [s[key] for s in settings if s.get(key) is not None],
+        listed=_listed,
+        settings=settings,
         rules=sorted({mask.partition(", ")[0] if ", " in mask else "" for mask in masks}),
-        resampled=resampled,
-        voxels=_listed(voxels, "{:g}".format) if voxels - {USUAL_VOXEL_MM} else "",
-        atlases=sorted((name.removesuffix(f".{template}"), template or "") for name, template in names),
-        curvature=_listed(values("curvature_scale_mm"), number),
-        width=_listed(values("graph_width_mm"), number),
-        cap=_listed(caps, "{:g}".format),
-        uncapped=len(caps) < len(settings),
+        resampled={how: [n for other, n in resampled if other == how] for how in RESAMPLED.values()},
+        atlases=sorted((name.removesuffix(f".{template}"), template or "") for name, template in atlases),
         **more,
     )
-    text = " ".join(text.split())
-    works = (line.split(" | ") for line in render("references.txt").splitlines())
-    return Markup(text), [work for name, work in works if name in text]
+    sentences, _, references = text.partition(REFERENCES)
+    works = [line.split(" | ") for line in references.strip().splitlines()]
+    return Markup(" ".join(sentences.split())), [work for name, work in works if name in sentences]
 
 
-def _listed(values: Iterable[float], text: Any) -> str:
+def _listed(values: Iterable[float], text: Callable[[float], str]) -> str:
     """``a``, ``a or b``, or ``a to z`` if there are more than three; the same text is given once."""
     texts = list(dict.fromkeys(text(value) for value in sorted(map(float, values))))
     return f"{texts[0]} to {texts[-1]}" if len(texts) > MOST_VALUES_LISTED else " or ".join(texts)

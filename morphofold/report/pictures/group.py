@@ -10,7 +10,8 @@ import numpy as np
 
 from morphofold.cohort.statistics import HEMIS, Outlier, Scalars
 from morphofold.quantities import MAP_OF_SCALAR, common_limits, quantity
-from morphofold.report.pictures.sheet import Picture, halved, in_page, png_bytes
+from morphofold.report.pages.templates import write_picture
+from morphofold.report.pictures.sheet import Picture
 from morphofold.report.pictures.surfaces import Row, figure
 from morphofold.results import read_pial
 
@@ -53,11 +54,9 @@ def draw_outliers(
             drawn.append(Drawn(one, reason=" ".join(str(error).split())))
             continue
         folder.mkdir(exist_ok=True)
-        path = folder / f"outlier-{k:02}.png"
-        path.write_bytes(png_bytes(image))
-        data = in_page(halved(image))
-        held = sum(len(other.data) for other in drawn) + len(data) <= MOST_EMBEDDED_CHARACTERS
-        drawn.append(Drawn(one, f"{folder.name}/{path.name}", data if held else "", typical))
+        entry = write_picture(folder / f"outlier-{k:02}.png", image, one.subject)
+        fits = sum(len(other.data) for other in drawn) + len(entry["data"]) <= MOST_EMBEDDED_CHARACTERS
+        drawn.append(Drawn(one, entry["file"], entry["data"] if fits else "", typical))
     return drawn
 
 

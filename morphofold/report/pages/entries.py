@@ -1,0 +1,219 @@
+"""The surfaces of a page: names and symbols in charts, tables, warnings, and reasons why a number is missing."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphofold.analysis.frames import COLUMNS, FREESURFER_VALUES
+from morphofold.analysis.gyrification.folding_law import ShapeTerms, shape_terms_of
+from morphofold.analysis.measures import SCALARS, Measures
+from morphofold.comparison import Comparison
+from morphofold.comparison.growth import matching_growth
+from morphofold.comparison.side_by_side import numbers
+from morphofold.comparison.thickness import Cloud
+from morphofold.forecasts.cost import Cost, cost_beside, cost_of_analysis
+from morphofold.geometry import norms
+from morphofold.mesh_quality.checks import cortex_label, vertices_at
+from morphofold.mesh_quality.defects import SEVERE_WARNINGS, SLIGHT_WARNINGS, WARNINGS
+from morphofold.quantities import scalar_words
+from morphofold.report.plots import charts
+from morphofold.timing import Stages
+from morphofold.words import number
+
+#: title and columns of the tables of a surface
+TABLES = {
+    "shapes": ("Thickness by shape and depth", COLUMNS["shapes"]),
+    "regions": (
+        "Regions",
+        "region n_vertices area_mm2 cortical_thickness_mm cortical_thickness_sd_mm gyral_thickness_mm gray_volume_mm3 "
+        "mean_H_per_mm".split(),
+    ),
+    "hinges": (
+        "Hinges",
+        "hinge confidence degree shape min_angle_deg max_angle_deg mean_arm_length_mm region x y z".split(),
+    ),
+    "crests": (
+        "Crests",
+        "crest from_hinge to_hinge length_mm gyral_thickness_mm cortical_thickness_mm mean_H_per_mm region".split(),
+    ),
+}
+ACCURACY_NOTE = "accuracy"  # it and the warnings are about a surface, not about one number
+LEVELS = ("severe", "check", "note")  # of warnings
+Rows = list[dict[str, Any]]
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """One surface of a page: its name, its colour, marker and dashes in charts, its points in the plot of gyral
+    against cortical thickness, and other stages of its growth."""
+
+    name: str
+    measures: Measures
+    colour: str
+    marker: str
+    dash: str
+    cloud: Cloud
+    group: str = ""
+    stages: tuple[Measures, ...] = ()
+
+    @property
+    def folding(self) -> ShapeTerms | None:
+        """Terms of the law of folding."""
+        return shape_terms_of(self.measures)
+
+    @property
+    def not_cortex(self) -> int:
+        """Number of vertices that are not cortex."""
+        return int((~cortex_label(self.measures.cortex)[0]).sum())
+
+
+def entries_of(comparison: Comparison) -> list[Entry]:
+    """Name and look of each surface; a group of one subject gets no label of its own."""
+    group_of = {name: group for group, names in comparison.groups.items() for name in names}
+    entries = []
+    for k, (name, m, cloud) in enumerate(zip(comparison.names, comparison.measures, comparison.clouds)):
+        group = group_of.get(name, "")
+        label = "" if name in (group, f"{group} {m.cortex.hemi}") else group
+        marker, dash = [*charts.MARKERS][k % 4], charts.DASHES[(k + k // 4) % 4]  # sixteen before one repeats
+        stages = tuple(s for s in comparison.stages.get(name, ()) if is_earlier_stage(s, m))
+        entries.append(Entry(name, m, comparison.colours[name], marker, dash, cloud, label, stages))
+    return entries
+
+
+def is_earlier_stage(stage: Measures, m: Measures) -> bool:
+    """Whether ``stage`` is an earlier stage of the same body: less growth, same vertices (each stage splits quads)."""
+    a, b = stage.cortex, m.cortex
+    same = a.n_vertices == b.n_vertices and a.info.get("name") == b.info.get("name")
+    return same and "g" in a.info and "g" in b.info and float(a.info["g"]) < float(b.info["g"])
+
+
+# tables ------------------------------------------------------------------------------------------------------
+
+
+def scalars(entries: Sequence[Entry]) -> dict[str, list[Any]]:
+    """The value of each surface for every scalar, and for FreeSurfer's own numbers, that any surface has."""
+    freesurfer = {key: [e.measures.cortex.info.get(key) for e in entries] for key in FREESURFER_VALUES}
+    table = {**numbers([e.measures for e in entries]), **freesurfer}
+    return {key: values for key, values in table.items() if any(v is not None for v in values)}
+
+
+def tables(entries: Sequence[Entry]) -> list[tuple[Entry, str, str, Sequence[str], Rows]]:
+    """Entry, name, title, columns and rows of the tables of every surface that has them."""
+    return [
+        (e, name, title, columns, rows)
+        for name, (title, columns) in TABLES.items()
+        for e in entries
+        if (rows := getattr(e.measures, name))
+    ]
+
+
+def growth_rows(entries: Sequence[Entry], comparison: Comparison) -> Iterable[tuple[str, str, list[str]]]:
+    """Each number of each growing body, and the growth at which it equals that of each surface."""
+    for curve in comparison.growth:
+        matches = [matching_growth(curve, e.measures) for e in entries]
+        for key in curve.numbers:
+            yield key, curve.name, [", ".join(f"{g:.2f}" for g in growths[key]) or "–" for growths in matches]
+
+
+def costs(entries: Sequence[Entry], clock: Stages | None = None) -> list[tuple[str, Cost, Any]]:
+    """Title, cost and estimated errors of each simulation whose folder is complete, and of the analysis of a clock."""
+    found = []
+    for e in entries:
+        stage = next((file for file in map(Path, e.measures.cortex.files) if file.name == "stage.json"), None)
+        if stage is not None and (cost := cost_beside(stage)) is not None:
+            from morphofold.forecasts.richardson import (
+                stored_estimate,  # loads the solver, which a person does not need
+            )
+
+            found.append((f"The simulation of {e.name}", cost, stored_estimate(stage)))
+    if clock is not None:
+        found.append(("The analysis", cost_of_analysis([e.measures for e in entries], clock), None))
+    return found
+
+
+def parameters(entries: Sequence[Entry]) -> Rows:
+    """Scales and options used, one row each."""
+    return _rows_side_by_side([e.measures.parameters for e in entries])
+
+
+def facts(entries: Sequence[Entry]) -> Rows:
+    """Information from the files of the surfaces."""
+    columns = []
+    for cortex in (e.measures.cortex for e in entries):
+        known = {key: value for key, value in cortex.info.items() if key not in FREESURFER_VALUES}
+        columns.append({"origin": cortex.origin, "portion": cortex.portion, "units": cortex.units, **known})
+    return _rows_side_by_side(columns)
+
+
+def _rows_side_by_side(columns: Sequence[Mapping[str, Any]]) -> Rows:
+    keys = dict.fromkeys(k for column in columns for k in column)
+    return [{"key": k, "values": [value_text(column.get(k)) for column in columns]} for k in keys]
+
+
+def value_text(value: Any) -> str:
+    """A value of any kind as text, short enough for a column."""
+    if isinstance(value, str) and re.fullmatch("[0-9a-f]{64}", value):
+        return f"{value[:12]}…"  # a digest, whole in the JSON beside the page: columns shall not be as wide
+    if value is None or isinstance(value, str):
+        return value or "–"
+    if isinstance(value, int | float | np.number) and not isinstance(value, bool):
+        x = float(value)
+        return number(x) if abs(x) >= 1e4 else f"{x:.4g}".replace("-", "−")
+    if isinstance(value, Mapping):
+        return ", ".join(f"{k} {value_text(v)}" for k, v in value.items())
+    return ", ".join(map(value_text, value)) if isinstance(value, list | tuple) else str(value)
+
+
+# notes -------------------------------------------------------------------------------------------------------
+
+
+def warnings(entries: Sequence[Entry], shown: Mapping[str, tuple[int, NDArray[np.int64]]]) -> Rows:
+    """Warnings on the surfaces, the most severe first, with the vertices that they name.
+
+    ``shown`` has the panel of each surface, by its name, and the vertices that are drawn there.
+    """
+    rows = []
+    for key, (cause, _) in WARNINGS.items():
+        level = LEVELS[0 if key in SEVERE_WARNINGS else 2 if key in SLIGHT_WARNINGS else 1]
+        for e in (e for e in entries if e.measures.notes.get(key)):
+            (panel, ids), cortex, text = shown[e.name], e.measures.cortex, e.measures.notes[key]
+            white = cortex.white.verts
+            places = [(v, panel, int(norms(white[ids] - white[v]).argmin())) for v in vertices_at(text, cortex)]
+            rows.append({"entry": e, "code": key, "cause": cause, "text": text, "places": places, "level": level})
+    return sorted(rows, key=lambda row: LEVELS.index(row["level"]))
+
+
+def left_out(entries: Sequence[Entry]) -> list[tuple[str, str, str]]:
+    """Measures that are missing and why, each reason once, with its surfaces if these are not all."""
+    rows = _note_rows(entries, lambda m, key: key in SCALARS and m.scalars.get(key) is None)
+    measured = {key for e in entries for key, value in e.measures.scalars.items() if value is not None}
+    known = measured.union(*(e.measures.notes for e in entries))
+    silent = [scalar_words(key)[0] for key in SCALARS if key not in known]
+    return [*rows, *([("; ".join(silent), "No reason was recorded.", "")] if silent else [])]
+
+
+def definitions(entries: Sequence[Entry]) -> list[tuple[str, str, str]]:
+    """Notes of the measures on numbers that are there."""
+    apart = (*WARNINGS, ACCURACY_NOTE)
+    return _note_rows(
+        entries, lambda m, key: key not in apart and (key not in SCALARS or m.scalars.get(key) is not None)
+    )
+
+
+def _note_rows(entries: Sequence[Entry], wanted: Callable[[Measures, str], bool]) -> list[tuple[str, str, str]]:
+    """The ``wanted`` notes, in the order of their scalars; one row for all scalars and surfaces with the same text."""
+    rows: dict[str, tuple[dict[str, None], dict[str, None]]] = {}  # labels and names as ordered sets, by text
+    for key in dict.fromkeys([*SCALARS, *(k for e in entries for k in e.measures.notes)]):
+        for e in entries:
+            if key in e.measures.notes and wanted(e.measures, key):
+                labels, names = rows.setdefault(e.measures.notes[key], ({}, {}))
+                labels[scalar_words(key)[0]] = names[e.name] = None
+    everyone = len(entries)
+    return [("; ".join(a), why, ", ".join(n) if len(n) < everyone else "") for why, (a, n) in rows.items()]

@@ -1,0 +1,184 @@
+"""Pages of a model tested at every vertex, of what subjects have in common, and of an unfolding."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+
+from morphofold.arrays import Array
+from morphofold.errors import MissingPart
+from morphofold.inference.design import INTERCEPTS
+from morphofold.inference.overlap import WHOLE, Overlap
+from morphofold.inference.overlap_files import DENSITY_MAPS
+from morphofold.inference.permutations import Model
+from morphofold.inference.spaces import Space
+from morphofold.inference.study import Result, cluster_rows, split
+from morphofold.quantities import CATEGORICAL_COLOURS, Quantity, quantity
+from morphofold.report.pages.templates import SIDES, write_page, write_picture
+from morphofold.report.pictures.surfaces import Row, figure
+from morphofold.report.plots.charts import WIDE_CHART_SIZE_PX, limits_around, new_chart, share_plot
+from morphofold.report.plots.line_plots import GREY
+from morphofold.results.unfolding import Unfolded, log_ratio
+from morphofold.surface import Surface
+from morphofold.words import listed, number
+
+SIGNIFICANT = 0.05
+CLUSTERS_SHOWN = 20
+DENSITY_UNITS = {"hinges": "1/cm²", "crests": "mm/cm²"}
+AREA_RATIO_LIMITS = (-1.5, 1.5)
+AREA_RATIO = Quantity("log2_area_ratio", "Area, folded over smooth, log₂", signed=True, limits=AREA_RATIO_LIMITS)
+
+
+def picture(
+    space: Space, folder: Path, what: Quantity, maps: Mapping[str, Array], limits: tuple[float, float], text: str
+) -> dict[str, Any]:
+    """Write ``folder/figures/KEY.png`` of maps (N,) by hemisphere on the template of a study; return its entry."""
+    rows = [
+        Row(f"{SIDES[hemi]} hemisphere", _shown_surface(space, hemi), values, space.side(hemi))
+        for hemi, values in maps.items()
+    ]
+    return write_picture(folder / "figures" / f"{what.key}.png", figure(rows, what, limits), what.title, text=text)
+
+
+def _shown_surface(space: Space, hemi: str) -> Surface:
+    try:
+        return space.surface(hemi, "inflated")
+    except MissingPart:
+        return space.surface(hemi)
+
+
+def _signed_log_p(p: Array, sign: Array) -> Array:
+    """−log10 p with a sign, NaN where p is not significant."""
+    return np.where(p <= SIGNIFICANT, -np.log10(p) * np.sign(sign), np.nan)
+
+
+# a model at every vertex -------------------------------------------------------------------------------------
+
+
+def stats_report(result: Result, summary: Mapping[str, Any], folder: Path) -> Path:
+    """Write ``folder/report.html`` and ``folder/figures/``: effect, r, p_tfce, p_height and subjects; returns the path
+    of the page."""
+    (folder / "figures").mkdir()
+    fit, n, most = result.inference, float(len(result.design.subjects)), float(np.log10(1 + result.permutations))
+    what = Quantity("effect", f"Effect of {result.contrast} on {_map_words(result)}", effect_unit(result), signed=True)
+    largest = float(np.nanmax(np.abs(fit.effect))) or 1.0
+    contrast = f"The contrast {result.contrast} of the coefficients. The colours end at its largest value."
+    correlation = "The size of the effect without a unit: t / sqrt(t² + degrees of freedom)."
+    shown: list[tuple[Quantity, Array, tuple[float, float], str]] = [
+        (what, fit.effect, (-largest, largest), contrast),
+        (Quantity("r", "Partial correlation", signed=True), fit.r, (-1.0, 1.0), correlation),
+    ]
+    for key, how in {"p_tfce": "by threshold-free clusters", "p_height": "of single vertices, by height"}.items():
+        log_p = Quantity(key, "−log10 p, with the sign of the effect", signed=True)
+        text = f"Corrected for all vertices that are tested, {how}. Grey: p above {SIGNIFICANT}, or not tested."
+        shown.append((log_p, _signed_log_p(getattr(fit, key), fit.t), (-most, most), text))
+    counted = "Only vertices where all subjects have a value are tested."
+    shown.append((Quantity("subjects", "Subjects with a value"), result.counts.astype(float), (0.0, n), counted))
+    return write_page(
+        folder / "report.html",
+        "stats.html",
+        title=f"{result.shown} ~ {result.formula}",
+        result=result,
+        summary=summary,
+        unit=what.unit,
+        pictures=[picture(result.space, folder, of, split(result, v), ends, text) for of, v, ends, text in shown],
+        scatter=peak_plot(result, what),
+        columns=zip(result.design.columns, result.design.contrast, result.design.matrix.T),
+        clusters=cluster_rows(result)[:CLUSTERS_SHOWN],
+        half_widths=[fit.half_width[cluster["peak"]] for cluster in fit.clusters],
+    )
+
+
+def effect_unit(result: Result) -> str:
+    """Unit of the effect: that of the map, for each unit of the regressor unless groups or means are compared."""
+    design, unit = result.design, _map_unit(result)
+    weighed = {name: column for name, w, column in zip(design.columns, design.contrast, design.matrix.T) if w}
+    amounts = [name for name, column in weighed.items() if not np.isin(column, (0.0, 1.0)).all()]
+    if not amounts or weighed.keys() & {*INTERCEPTS}:
+        return unit
+    ages = amounts in (["age"], ["center(age)"])  # BIDS has it in years
+    return f"{unit} per {'year' if ages else f'unit of {listed(amounts)}'}".strip()
+
+
+def peak_plot(result: Result, what: Quantity) -> Markup:
+    """The map against what is tested at the vertex with the largest abs(t), both less the other regressors."""
+    fit, model = result.inference, Model(result.design.matrix, result.design.contrast)
+    x, y = (model.residuals(values) + values.mean() for values in (model.regressor, fit.at_peak))
+    label = Quantity("map", _map_words(result), _map_unit(result))
+    limits = limits_around(x.tolist()), limits_around(y.tolist())
+    with new_chart(what.title, result.contrast, label.title, *limits, size=WIDE_CHART_SIZE_PX) as chart:
+        slope = float(fit.effect[np.nanargmax(np.abs(fit.t))])
+        ends = np.array([x.min(), x.max()])
+        chart.line(ends, y.mean() + slope * (ends - x.mean()), "fit", f"{number(slope)} {what.unit}", color=GREY)
+        for a, b, name in zip(x.tolist(), y.tolist(), result.design.subjects):
+            text = f"{name}: {number(b)} at {number(a)}"
+            chart.line([a], [b], "point", text, color=CATEGORICAL_COLOURS[0], marker="o", markersize=5)
+        return chart.svg()
+
+
+def _map_unit(result: Result) -> str:
+    return "" if result.asymmetry == "index" else quantity(result.map).unit
+
+
+def _map_words(result: Result) -> str:
+    label = quantity(result.map).label.lower()
+    return {None: label, "difference": f"{label}, left − right", "index": f"asymmetry of {label}"}[result.asymmetry]
+
+
+# what subjects have in common --------------------------------------------------------------------------------
+
+
+def overlap_report(space: Space, found: Sequence[Overlap], summary: Mapping[str, Any], folder: Path) -> Path:
+    """Write ``folder/report.html`` and ``folder/figures/``: density and p of each kind; returns the page's path."""
+    (folder / "figures").mkdir()
+    pictures, smallest_p = [], 1 / (1 + summary["rotations"])
+    most = float(-np.log10(smallest_p))
+    for overlap in found:
+        label, key = overlap.kind.capitalize(), DENSITY_MAPS[overlap.kind]
+        largest = float(max(np.nanpercentile(values, 99.5) for values in overlap.density.values())) or 1.0
+        what = Quantity(key, f"{label} per area", DENSITY_UNITS[overlap.kind])
+        text = f"Of a subject, smoothed over {summary['density_fwhm_mm']:g} mm."
+        pictures.append(picture(space, folder, what, overlap.density, (0.0, largest), text))
+        log_p = {h: _signed_log_p(p, overlap.density[h] - overlap.chance[h]) for h, p in overlap.p.items()}
+        what = Quantity(f"{key}_p", f"{label} unlike chance, −log10 p", signed=True)
+        text = f"Positive: more than chance, negative: fewer. Grey: corrected p above {SIGNIFICANT}."
+        pictures.append(picture(space, folder, what, log_p, (-most, most), text))
+    return write_page(
+        folder / "report.html",
+        "overlap.html",
+        title="Hinges and crests that subjects share",
+        summary=summary,
+        found=[(o, DENSITY_UNITS[o.kind], share_plot(o.kind.capitalize(), o.rows)) for o in found],
+        pictures=pictures,
+        whole=WHOLE,
+        smallest_p=smallest_p,
+    )
+
+
+# an unfolding ------------------------------------------------------------------------------------------------
+
+
+def unfold_report(
+    unfolded: Sequence[Unfolded], rows: Sequence[Mapping[str, Any]], regions: Sequence[Mapping[str, Any]], folder: Path
+) -> Path:
+    """Write ``folder/report.html`` and ``folder/figures/area_ratio.png``; returns the path of the page."""
+    (folder / "figures").mkdir()
+    drawn = []
+    for hemisphere in unfolded:
+        values, hemi, found = log_ratio(hemisphere), hemisphere.cortex.hemi, hemisphere.found
+        drawn.append(Row(f"{SIDES[hemi]}, {found.folded.name}", found.folded, values, hemi))
+        drawn.append(Row(f"{SIDES[hemi]}, unfolded", found.smooth(), values, hemi))
+    image = figure(drawn, AREA_RATIO, AREA_RATIO_LIMITS)
+    return write_page(
+        folder / "report.html",
+        "unfold.html",
+        title=unfolded[0].cortex.name,
+        rows=rows,
+        regions=sorted(regions, key=lambda row: -row["area_ratio"]),
+        picture=write_picture(folder / "figures" / "area_ratio.png", image, "Folded and smooth surfaces"),
+        inputs=[record for hemisphere in unfolded for record in hemisphere.cortex.inputs],
+    )
