@@ -16,6 +16,7 @@ from morphofold import geometry
 from morphofold.cohort.phases import Phases, RunResult
 from morphofold.io import read_surface
 from morphofold.progress import Progress, silent
+from morphofold.quantities import Quantity
 from morphofold.report.pages.templates import picture_entry, write_page
 from morphofold.report.pictures.sheet import Picture, png_bytes
 from morphofold.report.pictures.surfaces import extent, thumbnails
@@ -34,7 +35,7 @@ def phase_report(phases: Phases, folder: Path, progress: Progress = silent) -> P
     measures, diagrams = plots.shown_of(phases), []
     for k, shown in enumerate(measures):
         progress(0.5 * k / len(measures), shown.label)
-        if plots.measured(phases, shown):
+        if plots.values_of(phases.runs, shown.key):
             diagrams += _write_diagrams(phases, shown, folder / "figures")
     progress(0.5, "surfaces")
     grid, done = phases.grid, [run for run in phases.runs if not run.reason]
@@ -76,7 +77,7 @@ def _wavelength_ratios(phases: Phases) -> list[float]:
 # diagrams ----------------------------------------------------------------------------------------------------
 
 
-def _write_diagrams(phases: Phases, shown: plots.Shown, folder: Path) -> list[dict[str, Any]]:
+def _write_diagrams(phases: Phases, shown: Quantity, folder: Path) -> list[dict[str, Any]]:
     """Write the diagrams of a measure; return an entry for each. Empty if only the seed is varied."""
     axes, entries = phases.grid.axes, []
     if len(axes) == 1:
