@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -28,7 +28,9 @@ SIDE_VIEWS = ("lateral", "medial")
 MOST_SURFACES = 4  # of a comparison that are drawn; its table has them all
 WIDTH_PX = {1: 840, 2: 1040}  # by the number of views; more get 1520
 CARD_PX = (700, 900)  # of one surface, and of several
+SHOWN_SCALARS = ("n_vertices", *HEADLINE_SCALARS, "n_hinges")
 BARE = Quantity("surface", "")
+Numbers = tuple[str, str, Sequence[Any]]  # label, unit, values
 
 
 @dataclass(frozen=True)
@@ -36,7 +38,7 @@ class Card:
     """Title, rows of label, unit and values, sentences below, and a picture of surfaces or why there is none."""
 
     title: str
-    rows: Sequence[tuple[str, str, Sequence[Any]]]
+    rows: Sequence[Numbers]
     names: Sequence[str] = ()
     remarks: Sequence[str] = ()
     surfaces: Sequence[Row] = ()
@@ -85,31 +87,26 @@ def plot(
 
 
 def _of_cortex(cortex: Cortex) -> Card:
-    names = [*cortex.maps, *(n for n in ("inflated", "sphere") if getattr(cortex, n) is not None)]
+    came_with = [*cortex.maps, *(name for name in ("inflated", "sphere") if getattr(cortex, name) is not None)]
+    regions = [f"{len(cortex.regions.names)} of {cortex.regions.name}"] if cortex.regions else []
+    texts = {"Regions": regions, "With": [", ".join(came_with)] if came_with else []}
     return Card(
         f"Cortex {cortex.name}",
         [
             ("Hemisphere", "", [SIDES[cortex.hemi]]),
             ("From", "", [cortex.origin]),
-            *_numbers({"n_vertices": cortex.n_vertices, **_areas(cortex)}),
-            *([("Regions", "", [f"{len(cortex.regions.names)} of {cortex.regions.name}"])] if cortex.regions else []),
-            *([("With", "", [", ".join(names)])] if names else []),
+            *_sizes(cortex),
+            *((label, "", text) for label, text in texts.items() if text),
         ],
         surfaces=[Row("", cortex.pial, hemi=cortex.hemi)],
     )
 
 
-def _areas(cortex: Cortex) -> dict[str, float]:
-    surfaces = {"pial": cortex.pial, "white": cortex.white}
-    return {f"area_{name}_mm2": float(face_areas(s.verts, s.faces).sum()) for name, s in surfaces.items()}
-
-
 def _of_measures(m: Measures) -> Card:
     tables = {name: len(getattr(m, name)) for name in ("regions", "crests", "hinges", "arms", "shapes")}
-    known = {name: m.scalars.get(name) for name in ("n_vertices", *HEADLINE_SCALARS, "n_hinges", "wavelength_mm")}
     return Card(
         f"Measures of {m.cortex.name}, {SIDES[m.cortex.hemi]}",
-        _numbers({name: value for name, value in known.items() if value is not None}),
+        _numbers([m.scalars], (*SHOWN_SCALARS, "wavelength_mm")),
         remarks=[
             f"Scalars: {sum(value is not None for value in m.scalars.values())}. Notes: {len(m.notes)}.",
             f"Maps: {', '.join(m.maps) or 'none'}.",
@@ -121,41 +118,35 @@ def _of_measures(m: Measures) -> Card:
 
 
 def _of_comparison(found: Comparison) -> Card:
-    values = {row["measure"]: [row[name] for name in found.names] for row in found.table}
-    drawn, names = found.measures[:MOST_SURFACES], found.names[:MOST_SURFACES]
-    more = len(found.names) - len(drawn)
+    by_name = [{row["measure"]: row[name] for row in found.table} for name in found.names]
+    more = len(found.names) > MOST_SURFACES
     return Card(
         f"Comparison of {len(found.names)} surface{'s' if len(found.names) > 1 else ''}",
-        [
-            (*scalar_words(name), values[name])
-            for name in ("n_vertices", *HEADLINE_SCALARS, "n_hinges")
-            if any(value is not None for value in values[name])
-        ],
+        _numbers(by_name, SHOWN_SCALARS),
         names=found.names,
         remarks=[*found.cautions, *([f"The picture shows the first {MOST_SURFACES}."] if more else [])],
-        **_surfaces(drawn, names),
+        **_surfaces(found.measures[:MOST_SURFACES], found.names[:MOST_SURFACES]),
     )
 
 
 def _of_simulation(sim: Simulation) -> Card:
-    scene = sim.scene
-    rows: list[tuple[str, str, Sequence[Any]]] = [
+    scene, title = sim.scene, f"Simulation {sim.scene.name}"
+    rows: list[Numbers] = [
         ("Folder", "", [str(sim.path)]),
         ("Shape", "", [scene.geometry.shape]),
         ("Growth", "", [f"{scene.growth.law}, to {scene.growth.final:g}"]),
         ("Stiffness ratio", "", [scene.material.mu_ratio]),
     ]
     try:
-        stages = sim.stages
-        if not stages:
-            return Card(f"Simulation {scene.name}", rows, reason="No stage is written yet.")
-        rows.append(("Stages", "", [", ".join(f"{g:g}" for g in stages)]))
+        if not sim.stages:
+            return Card(title, rows, reason="No stage is written yet.")
+        rows.append(("Stages", "", [", ".join(f"{g:g}" for g in sim.stages)]))
         cortex, health = sim.cortex(), sim.health
     except (OSError, ValueError) as error:  # a run that goes on or was moved; files that were changed
-        return Card(f"Simulation {scene.name}", rows, reason=in_one_line(error))
-    rows += _numbers({"n_vertices": cortex.n_vertices, **_areas(cortex)})
-    rows.append(("Health", "", ["healthy" if health["healthy"] else "; ".join(map(str, health["warnings"]))]))
-    return Card(f"Simulation {scene.name}", rows, surfaces=[Row("", cortex.pial, hemi=cortex.hemi)])
+        return Card(title, rows, reason=in_one_line(error))
+    healthy = "healthy" if health["healthy"] else "; ".join(map(str, health["warnings"]))
+    rows += [*_sizes(cortex), ("Health", "", [healthy])]
+    return Card(title, rows, surfaces=[Row("", cortex.pial, hemi=cortex.hemi)])
 
 
 _CARDS: dict[str, Any] = {
@@ -166,8 +157,16 @@ _CARDS: dict[str, Any] = {
 }
 
 
-def _numbers(values: dict[str, Any]) -> list[tuple[str, str, Sequence[Any]]]:
-    return [(*scalar_words(name), [value]) for name, value in values.items()]
+def _sizes(cortex: Cortex) -> list[Numbers]:
+    surfaces = {"area_pial_mm2": cortex.pial, "area_white_mm2": cortex.white}
+    areas = {name: float(face_areas(s.verts, s.faces).sum()) for name, s in surfaces.items()}
+    return _numbers([{"n_vertices": cortex.n_vertices, **areas}], ("n_vertices", *areas))
+
+
+def _numbers(scalars: Sequence[Mapping[str, Any]], names: Iterable[str]) -> list[Numbers]:
+    """A row for each name that has a value."""
+    rows = {name: [values.get(name) for values in scalars] for name in names}
+    return [(*scalar_words(name), row) for name, row in rows.items() if any(value is not None for value in row)]
 
 
 def _surfaces(measures: Sequence[Measures], names: Sequence[str]) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from morphofold.analysis.relief import relief
 from morphofold.geometry import mean_edge_length
 from morphofold.io import atomic_file, sample_path
 from morphofold.quantities import Quantity, quantity
-from morphofold.report.pictures.net import net_figure, net_row, paint_lines, shaded
+from morphofold.report.pictures.gyral_net import net_figure, net_row, paint_lines, shaded
 from morphofold.report.pictures.sheet import Picture, halved, png_bytes
 from morphofold.report.pictures.surfaces import Row, figure
 from morphofold.report.plots.line_plots import legend_of_figure, line_style, new_figure, save, set_limits

@@ -21,8 +21,7 @@ from morphofold.errors import MissingPart
 from morphofold.io import read_cortex, sample_path
 from morphofold.quantities import Quantity
 from morphofold.report.colours import rgb_of
-from morphofold.report.pictures.hinges import clear_examples, hinge_pairs
-from morphofold.report.pictures.net import shaded
+from morphofold.report.pictures.gyral_net import clear_examples, hinge_pairs, shaded
 from morphofold.report.pictures.sheet import Picture, png_bytes
 from morphofold.report.pictures.surfaces import Row, figure
 from morphofold.report.plots.line_plots import GREY, legend_of_figure, line_style, new_figure, save

@@ -10,8 +10,8 @@ from made_simulations import MadeRuns, made_simulation
 
 from morphofold.analysis import hinges, measure
 from morphofold.comparison.hinges import compare_hinges, examples
-from morphofold.report.pictures import hinges as hinge_pictures
-from morphofold.report.pictures.hinges import (
+from morphofold.report.pictures import gyral_net as hinge_pictures
+from morphofold.report.pictures.gyral_net import (
     PANEL_PX,
     PATCH_QUANTITY,
     PATCH_RADIUS_IN_WIDTHS,
