@@ -11,10 +11,25 @@ from commands import refused
 import morphofold
 from morphofold.cli import main
 from morphofold.forecasts import forecast
-from morphofold.forecasts.calibration import MOST_TIMED_BRICKS, calibrate, reduced, relative_crossing, steps_of
 from morphofold.forecasts.cost import OTHER, cost_beside, cost_line, cost_of
-from morphofold.forecasts.forecasting import SETTING_UP_PHASE, STAGES_PHASE, forecast_from, table_of
-from morphofold.forecasts.sizes import body_bytes, edges_between, layers_of, sizes_by_rule, sizes_of
+from morphofold.forecasts.forecasting import (
+    MOST_TIMED_BRICKS,
+    SETTING_UP_PHASE,
+    STAGES_PHASE,
+    calibrate,
+    forecast_from,
+    reduced,
+    table_of,
+)
+from morphofold.forecasts.sizes import (
+    body_bytes,
+    edges_between,
+    layers_of,
+    relative_crossing,
+    sizes_by_rule,
+    sizes_of,
+    steps_of,
+)
 from morphofold.forecasts.table import errors_of_run, expected_errors, headline, not_studied
 from morphofold.provenance import strict_json
 from morphofold.sim.build import build_bilayer, build_body

@@ -9,10 +9,10 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 from pydantic import TypeAdapter
 
 from morphofold.analysis import gyrification_index
-from morphofold.comparison.distance import distance
 from morphofold.errors import DoesNotApply, MissingPart, NoSolution
 from morphofold.forecasts.forecasting import Forecast, forecast
 from morphofold.forecasts.sizes import edge_by_rule, refuse_without_edge
@@ -292,3 +292,15 @@ def _grown_surface(run: Simulation) -> Grown:
 
 def _health_digest(folder: Path) -> Any:
     return input_records([folder / "health.json"])[0]["sha256"]
+
+
+def distance(surface: Surface, other: Surface) -> float:
+    """Mean distance [mm] of the vertices of one surface to the nearest point of the other; mean of both directions."""
+    import pyvista
+
+    one_way = []
+    for start, end in ((surface, other), (other, surface)):
+        mesh: Any = pyvista.PolyData.from_regular_faces(end.verts, end.faces)  # type: ignore[arg-type]
+        _, nearest = mesh.find_closest_cell(start.verts, return_closest_point=True)
+        one_way.append(float(np.linalg.norm(start.verts - nearest, axis=1).mean()))
+    return 0.5 * sum(one_way)
