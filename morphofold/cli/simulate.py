@@ -155,7 +155,7 @@ def _estimated_error(simulation: Simulation, args: argparse.Namespace) -> Estima
 
 def _dry_run(scene: Scene, chosen: MeshChoice | None, args: argparse.Namespace) -> int:
     from morphofold.forecasts import forecast
-    from morphofold.forecasts.forecasting import table_of
+    from morphofold.forecasts.cost import table_of
     from morphofold.forecasts.richardson import companion_forecasts
 
     found = chosen.forecast if chosen else forecast(scene, args.threads)

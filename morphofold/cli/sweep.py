@@ -127,7 +127,7 @@ def _with_absolute_mesh_path(scene: Scene) -> Scene:
 def _dry_run(grid: Grid, args: argparse.Namespace) -> int:
     from morphofold.cohort.sweep import memory_of_run
     from morphofold.forecasts import forecast
-    from morphofold.forecasts.forecasting import table_of
+    from morphofold.forecasts.cost import table_of
     from morphofold.words import span
 
     def size(point: SweepPoint) -> tuple[float, float]:

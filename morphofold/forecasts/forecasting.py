@@ -1,17 +1,15 @@
-"""Cost and errors of a run before it begins: steps are timed on this machine, and scaled; and the table for the
-terminal."""
+"""Cost and errors of a run before it begins: steps are timed on this machine, and scaled."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from numba import set_num_threads
 
-from morphofold.forecasts.cost import largest
+from morphofold.forecasts.cost import Forecast
 from morphofold.forecasts.sizes import (
     Layers,
     Sizes,
@@ -23,7 +21,7 @@ from morphofold.forecasts.sizes import (
     sizes_of,
     steps_of,
 )
-from morphofold.forecasts.table import Errors, Expected, called, costs, errors_of_run, headline, table
+from morphofold.forecasts.table import Errors, costs, errors_of_run, table
 from morphofold.progress import silent
 from morphofold.shapes import icosphere
 from morphofold.sim.build import build_body
@@ -37,7 +35,6 @@ from morphofold.simulation import freesurfer_maps
 from morphofold.surface import Cortex, Surface
 from morphofold.threads import using_threads
 from morphofold.timing import working_seconds
-from morphofold.words import percent, span
 
 #: phases of a run that the solver's clock does not have: checks, maps and files of its stages, and building its body
 STAGES_PHASE, SETTING_UP_PHASE = "stages", "set-up"
@@ -86,75 +83,6 @@ class Calibration(NamedTuple):
     setting_up: float
     slowness: float
     threads: int
-
-
-@dataclass(frozen=True, kw_only=True)
-class Forecast:
-    """Forecast of a run.
-
-    Attributes
-    ----------
-    scene, shape, setting : str
-        Its name and shape, and its accuracy in words: ``"standard"``, or the levels between which its edge lies.
-    edge_mm, edge_over_T : float or None
-        Largest surface edge [mm], and over the thickness of the (thinnest) cortex; None in one dimension.
-    elements_through_cortex : int or None
-        None in one dimension, and for a mesh from a file.
-    elements, nodes, steps, stages : int
-    fewest_steps, most_steps : int
-    seconds, fastest, slowest : float
-        Wall time without compiling, and its plausible range [s].
-    seconds_by_phase : mapping
-        As in health.json, with ``"set-up"`` and ``"stages"``.
-    memory_GiB : float
-        Maximum of the whole process.
-    threads : int
-    errors : mapping
-        Quantity to its ``Expected`` relative error; empty in one dimension, and for a scene that was not studied.
-    not_studied : tuple of str
-        Properties of the scene that were not studied (:func:`morphofold.forecasts.table.not_studied`).
-    how : mapping
-        How each of these was obtained, in words.
-    doubts : tuple of str
-        Why the forecast may be wrong, one sentence each.
-    """
-
-    scene: str
-    shape: str
-    setting: str
-    edge_mm: float | None = None
-    edge_over_T: float | None = None
-    elements_through_cortex: int | None = None
-    elements: int = 0
-    nodes: int = 0
-    steps: int = 0
-    fewest_steps: int = 0
-    most_steps: int = 0
-    stages: int
-    seconds: float
-    fastest: float
-    slowest: float
-    seconds_by_phase: Mapping[str, float]
-    memory_GiB: float
-    threads: int
-    errors: Mapping[str, Expected] = field(default_factory=dict)
-    not_studied: tuple[str, ...] = ()
-    how: Mapping[str, str]
-    doubts: tuple[str, ...] = ()
-
-    def __repr__(self) -> str:
-        size = f"{self.elements:,} elements, {self.steps:,} steps"
-        price = f"{span(self.seconds)}, {self.memory_GiB:.2g} GiB on {self.threads} threads"
-        return f"Forecast({self.scene!r}, {self.setting}: {size}, {price})"
-
-    @property
-    def headline(self) -> tuple[str, Expected] | None:
-        """The quantity of ``HEADLINE`` with the largest error, and that error."""
-        return headline(self.errors) if self.errors else None
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
-        return {**asdict(self), "not_studied": list(self.not_studied), "doubts": list(self.doubts)}
 
 
 def forecast(source: str | Path | Scene, threads: int | None = None, *, settings: Iterable[str] = ()) -> Forecast:
@@ -315,33 +243,6 @@ def _radial_forecast(scene: Scene, threads: int | None) -> Forecast:
             "errors": "equilibria to about a part in 1e8; there is no mesh",
         },
     )
-
-
-def table_of(forecast: Forecast) -> str:
-    """A forecast as a short table for the terminal."""
-    rows = [("setting", forecast.setting)]
-    if forecast.edge_over_T is not None:
-        through = forecast.elements_through_cortex
-        layers = f", {through} elements through the cortex" if through else ""
-        edge = f"edge {forecast.edge_mm:.3g} mm ({forecast.edge_over_T:.2f} T)"
-        rows = [
-            ("setting", f"{forecast.setting}, {edge}{layers}"),
-            ("elements", f"{forecast.elements:,}"),
-            ("nodes", f"{forecast.nodes:,}"),
-            ("steps", f"{forecast.steps:,}  ({forecast.fewest_steps:,} to {forecast.most_steps:,})"),
-        ]
-    times = f"{span(forecast.seconds)}  ({span(forecast.fastest)} to {span(forecast.slowest)})"
-    rows += [
-        ("memory", f"{forecast.memory_GiB:.2g} GiB"),
-        ("time", f"{times} with {forecast.threads} thread{'s' if forecast.threads > 1 else ''}"),
-        ("", largest(forecast.seconds_by_phase, forecast.seconds, 4)),
-    ]
-    for name, e in forecast.errors.items():
-        other = f", other settings {percent(e.other)}" if e.other else ""
-        rows.append((f"error of {called(name)}", f"{percent(e.error)}  ({percent(e.low)} to {percent(e.high)}){other}"))
-    width = max(len(label) for label, _ in rows)
-    lines = [f"{forecast.scene}: forecast", *(f"  {label:{width}}  {value}" for label, value in rows)]
-    return "\n".join([*lines, *(f"{what}: {how}" for what, how in forecast.how.items()), *forecast.doubts])
 
 
 # timing ------------------------------------------------------------------------------------------------------------

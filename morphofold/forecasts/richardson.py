@@ -14,7 +14,8 @@ from pydantic import TypeAdapter
 
 from morphofold.analysis import gyrification_index
 from morphofold.errors import DoesNotApply, MissingPart, NoSolution
-from morphofold.forecasts.forecasting import Forecast, forecast
+from morphofold.forecasts.cost import Forecast
+from morphofold.forecasts.forecasting import forecast
 from morphofold.forecasts.sizes import edge_by_rule, refuse_without_edge
 from morphofold.forecasts.table import errors_of_run, table
 from morphofold.io import atomic_file
