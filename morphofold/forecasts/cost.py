@@ -3,6 +3,7 @@ expected errors; as a table or a line for the terminal."""
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -21,31 +22,10 @@ from morphofold.timing import Stages, peak_memory
 from morphofold.words import percent, span
 
 OTHER = "other"
-#: phases of the solver's clock that belong to no effect, and what they do
-SOLVER_PHASES = {
-    "elements": "forces of the elements",
-    "advance": "nodal sums, velocities and positions",
-    "balance": "how far the body is from equilibrium, every twelve steps",
-    "measure": "masses, energies and health, every twelve steps",
-    "grow": "growth of the elements",
-    "filter": "forces of the surface filter",
-    "radial": "equilibria in one dimension",
-    OTHER: "building the body; checks, maps and files of the stages; log and checkpoints",
-}
 READING_STAGE, WRITING_STAGE, PAGE_STAGE = "reading", "writing", "page"
-#: stages of an analysis, and what they do
-ANALYSIS_STAGES = {
-    READING_STAGE: "surfaces, maps and labels",
-    "areas": "areas, depth of sulci, gyrification; checks of the surfaces",
-    "cortical thickness": "and the resampled mesh of draft or fine",
-    "curvature": "of pial and white surface, folding indices",
-    "gyral thickness": "width of gyri, wavelength",
-    "gyral graph": "crests, hinges, their arms, wavelength of the spectrum",
-    "local gyrification": "closing of the volume in voxels",
-    "regions": "tables of regions, crests, hinges and arms",
-    WRITING_STAGE: "digests of the input, surfaces, maps, tables",
-    PAGE_STAGE: "pictures, charts, interactive surfaces; not putting them into one file",
-}
+#: phases of the solver's clock that belong to no effect, and stages of an analysis, and what they do
+with Path(__file__).with_suffix(".toml").open("rb") as _file:
+    SOLVER_PHASES, ANALYSIS_STAGES = tomllib.load(_file).values()
 
 
 @dataclass(frozen=True, kw_only=True)
