@@ -6,7 +6,6 @@ import re
 import subprocess
 import sys
 from dataclasses import replace
-from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +14,7 @@ from browser import assert_quiet, needs_browser, opened
 from made_groups import failed_group, made_group
 from made_measures import made_measures
 from matplotlib.image import imread
+from page_text import Page, words_of
 
 from morphofold.cohort.pooling import pooling
 from morphofold.cohort.tables import write_tables
@@ -28,35 +28,9 @@ NASTY = '<script>alert("x")</script>&"\''
 THICKNESS = "mean_cortical_thickness_mm"
 
 
-class Page(HTMLParser):
-    """Scripts of a page, and whatever points elsewhere."""
-
-    def __init__(self, text):
-        super().__init__()
-        self.scripts, self.links, self.ids, self.in_script = [], [], set(), False
-        self.feed(text)
-
-    def handle_starttag(self, tag, attrs):
-        assert not any(k.startswith("on") for k, _ in attrs)
-        self.links += [v for k, v in attrs if k in ("src", "href", "srcset", "action") and v]
-        self.ids |= {v for k, v in attrs if k == "id"}
-        self.in_script = tag == "script"
-
-    def handle_data(self, data):
-        if self.in_script:
-            self.scripts.append(data)
-            self.in_script = False
-
-
 def text_of(group, folder):
     folder.mkdir(exist_ok=True)
     return group_report(group, folder).read_text(encoding="utf-8")
-
-
-def words_of(text):
-    """What is to be read, without tags, scripts, styles and pictures."""
-    text = re.sub(r"<(script|style|svg).*?</\1>", " ", text, flags=re.S)
-    return " ".join(re.sub(r"<[^>]*>", " ", text).split())
 
 
 def with_outlier(n, k, value, side=0, **more):
@@ -121,12 +95,6 @@ def test_a_picture_is_coloured_by_the_map_of_its_measure(tmp_path, measured, mon
     assert typical.name.endswith(", at the median")
 
 
-def test_a_picture_that_cannot_be_drawn_says_why(tmp_path):
-    text = words_of(text_of(with_outlier(20, 4, 7.77), tmp_path))
-    assert re.search(r"sub-00004 , left: .* No picture: nowhere/sub-\d+/surf/lh.pial: no such", text)
-    assert not (tmp_path / "figures").exists()
-
-
 def test_what_differs_where_all_are_alike_is_said_in_words(tmp_path):
     euler = np.full((30, 2), 2.0)
     euler[7, 1] = -2
@@ -176,24 +144,12 @@ def test_medians_of_left_and_right_are_of_the_subjects_that_have_both(tmp_path):
     assert "n: left 5, right 4." in text
 
 
-def test_the_same_surfaces_under_two_names_are_told(tmp_path):
-    text = words_of(text_of(made_group(9, same=[["sub-00001", "sub-00005"]]), tmp_path))
-    assert "2 subjects have the same surfaces as another one" in text
-    assert "under several names: sub-00001, sub-00005" in text
-
-
 def test_the_greater_side_is_named(tmp_path):
     area = 100 * np.random.default_rng(6).uniform(1, 2, (40, 1)) * [1.05, 0.95]
     area *= 1 + 0.01 * np.random.default_rng(7).standard_normal(area.shape)
     text = words_of(text_of(made_group(40, area_pial_mm2=area), tmp_path))
     assert re.search(r"The sides differ in Pial area \(left greater\).*, by t-tests corrected for 7 measures", text)
     assert re.search(r"Pial area \+(9\.\d|10) ", text)
-
-
-def test_simulated_bodies_are_said_to_have_no_side(tmp_path):
-    expected = "5 of these are simulated: they have no side"
-    assert expected in words_of(text_of(made_group(9, simulated=5), tmp_path))
-    assert "simulated:" not in words_of(text_of(made_group(9), tmp_path / "none"))
 
 
 def test_simulated_bodies_are_counted_where_results_are_read(tmp_path):
@@ -317,7 +273,7 @@ def test_the_page_asks_for_nothing_outside_itself_and_names_its_one_script(tmp_p
     text = text_of(group, tmp_path)
     page = Page(text)
     assert all(link.startswith("data:") or link.removeprefix("#") in page.ids for link in page.links)
-    (script,) = page.scripts
+    ((_, script),) = page.scripts
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     policy = re.search(r'Content-Security-Policy" content="([^"]+)"', text).group(1)
     assert f"script-src 'sha256-{digest}'" in policy.replace("&#43;", "+").replace("&#39;", "'")

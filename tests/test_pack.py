@@ -8,12 +8,12 @@ import pytest
 from made_measures import made_cortex, made_measures
 from made_surfaces import area
 
-from morphofold.report.pages import viewer as pack
+from morphofold.report.pages import viewer
 from morphofold.surface import Surface
 
 
 def decode(data, n, itemsize, stride=1):
-    """Inverse of ``pack.encode``, as in the viewer."""
+    """Inverse of ``viewer.encode``, as in the viewer."""
     dtype = np.dtype(f"<u{itemsize}")
     planes = np.frombuffer(data, dtype=np.uint8).reshape(itemsize, n)
     zigzag = np.ascontiguousarray(planes.T).view(dtype).ravel()
@@ -27,11 +27,11 @@ def decode(data, n, itemsize, stride=1):
 @pytest.mark.parametrize("stride", [1, 3])
 def test_encoding_is_undone_by_decoding_for_any_numbers(rng, dtype, stride):
     a = rng.integers(0, np.iinfo(dtype).max, 1000, dtype=dtype, endpoint=True)
-    data = pack.encode(a, stride)
+    data = viewer.encode(a, stride)
     np.testing.assert_array_equal(decode(data, a.size, a.itemsize, stride), a)
     assert len(data) == a.nbytes
     with pytest.raises(TypeError, match="float64"):
-        pack.encode(a.astype(float))
+        viewer.encode(a.astype(float))
 
 
 def unpack(packed):
@@ -45,7 +45,7 @@ def unpack(packed):
 
 def test_a_packed_surface_and_its_maps_come_back_within_their_step():
     m = made_measures()
-    packed = pack.pack(m.cortex, m.maps, {"sulcal_depth": 0.01})
+    packed = viewer.pack(m.cortex, m.maps, {"sulcal_depth": 0.01})
     arrays, ids = unpack(packed), unpack(packed)["ids"].astype(int)
     box = packed.meta["surfaces"]["white"]
     verts = np.array(box["low"]) + arrays["white"].reshape(-1, 3) * box["edge"] / 65535
@@ -54,7 +54,7 @@ def test_a_packed_surface_and_its_maps_come_back_within_their_step():
         span = packed.meta["maps"][key]
         codes = arrays[f"map:{key}"]
         values = np.where(
-            codes == pack.NAN_CODE_16_BIT, np.nan, span["low"] + codes / 65534 * (span["high"] - span["low"])
+            codes == viewer.NAN_CODE_16_BIT, np.nan, span["low"] + codes / 65534 * (span["high"] - span["low"])
         )
         np.testing.assert_allclose(values, m.maps[key][ids], atol=0.51 * step)
     np.testing.assert_array_equal(arrays["regions"] - 1.0, m.cortex.regions.labels[ids])
@@ -63,7 +63,7 @@ def test_a_packed_surface_and_its_maps_come_back_within_their_step():
 
 def test_packing_keeps_every_triangle_and_its_sense():
     m = made_measures()
-    packed = pack.pack(m.cortex, {})
+    packed = viewer.pack(m.cortex, {})
     arrays = unpack(packed)
     faces = arrays["ids"][arrays["faces"].reshape(-1, 3)].astype(int)
     turned = lambda f: sorted(tuple(np.roll(row, -row.argmin())) for row in f)
@@ -72,7 +72,7 @@ def test_packing_keeps_every_triangle_and_its_sense():
 
 def test_a_large_surface_is_thinned_to_a_closed_one_of_the_same_area():
     cortex = made_cortex(level=5)
-    shown = pack.thin(cortex, 2500)
+    shown = viewer.thin(cortex, 2500)
     assert shown.thinned
     assert 2300 < len(shown.ids) < 2600
     assert len(np.unique(shown.ids)) == len(shown.ids)
@@ -81,10 +81,10 @@ def test_a_large_surface_is_thinned_to_a_closed_one_of_the_same_area():
         assert area(thinned) == pytest.approx(area(surface), rel=0.01)
     edges = np.sort(np.concatenate([shown.faces[:, [0, 1]], shown.faces[:, [1, 2]], shown.faces[:, [2, 0]]]), axis=1)
     assert (np.unique(edges, axis=0, return_counts=True)[1] == 2).all()
-    assert not pack.thin(cortex, 10_242).thinned
+    assert not viewer.thin(cortex, 10_242).thinned
 
 
 def test_no_vertex_is_chosen_twice_while_another_is_free():
     near = np.array([[0, 1, 2], [0, 2, 1], [0, 1, 3]])
-    np.testing.assert_array_equal(pack.distinct(near), [0, 2, 1])
-    np.testing.assert_array_equal(pack.distinct(np.array([[5], [5]])), [5, 5])
+    np.testing.assert_array_equal(viewer.distinct(near), [0, 2, 1])
+    np.testing.assert_array_equal(viewer.distinct(np.array([[5], [5]])), [5, 5])

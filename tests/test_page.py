@@ -5,13 +5,13 @@ import hashlib
 import json
 import re
 from dataclasses import replace
-from html.parser import HTMLParser
 
 import numpy as np
 import pytest
 from made_measures import large_pair, made_measures
 from made_surfaces import area
 from matplotlib.image import imread
+from page_text import Page
 
 from morphofold.comparison import compare
 from morphofold.report.pages import entries, page
@@ -19,25 +19,6 @@ from morphofold.report.pages.page import analysis_report
 from morphofold.report.plots import charts
 
 NASTY = '<script>alert("x")</script>&"\'\x1b[31m\x9b\u202e'
-
-
-class Page(HTMLParser):
-    """What a browser would make of the page: its tags, its scripts, and whatever points elsewhere."""
-
-    def __init__(self, text):
-        super().__init__()
-        self.scripts, self.links, self.open = [], [], None
-        self.feed(text)
-
-    def handle_starttag(self, tag, attrs):
-        self.links += [v for k, v in attrs if k in ("src", "href", "srcset", "action") and v]
-        assert not any(k.startswith("on") for k, _ in attrs)
-        self.open = dict(attrs) if tag == "script" else None
-
-    def handle_data(self, data):
-        if self.open is not None:
-            self.scripts.append((self.open, data))
-            self.open = None
 
 
 @pytest.fixture(scope="module")
@@ -103,16 +84,6 @@ def test_a_comparison_writes_its_pictures_and_tables(nasty_page):
     assert (folder / "comparison.json").is_file()
     header = (folder / "comparison.tsv").read_text(encoding="utf-8").splitlines()[0]
     assert header.startswith("measure\t")
-
-
-def test_the_page_says_what_was_left_out_and_what_was_used(nasty_page):
-    text = nasty_page[1]
-    assert "What was left out" in text
-    assert "Hinges were not counted." in text
-    assert "curvature_scale_mm" in text
-    assert "No reason was recorded" in text
-    assert "medial wall" in text
-    assert re.search(r"numpy \d+\.\d+", text)
 
 
 def config(text):
@@ -233,19 +204,6 @@ def test_a_simulation_that_does_not_say_its_growth_or_stiffness_has_a_page(drawn
     named = made_measures(origin="simulation", name="body g1.50", info={"g": 1.5})
     assert kind(named) == "simulation · body g1.50"  # its name says the growth
     assert kind(replace(named, cortex=replace(named.cortex, info={"g": 1.6}))) == "simulation · body g1.50 · growth 1.6"
-
-
-def test_a_comparison_has_the_tables_of_its_surfaces(drawn):
-    text = drawn({"a": made_measures(), "b": made_measures("rh")})[0]
-    assert re.findall(r'<table class="numbers sortable" data-name="([^"]*)"', text)[0] == "measures"
-    for name in ("a", "b"):
-        assert f"Regions of {name}, 3" in text
-        assert f"Hinges of {name}, 1" in text
-
-
-@pytest.mark.parametrize(("portion", "words"), [(0.125, "One eighth"), (0.25, "A quarter"), (0.3, "0.3")])
-def test_the_share_that_was_simulated_is_a_word_where_there_is_one(drawn, portion, words):
-    assert f"{words} of the closed surface" in drawn([made_measures(portion=portion)])[0]
 
 
 def test_warnings_cautions_and_remarks_stand_where_they_are_seen(drawn):

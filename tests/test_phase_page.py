@@ -6,15 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from made_sweeps import GI, LENGTH, VARY, gi, made_sweep
 
 from morphofold.cohort.grid import make_grid
-from morphofold.cohort.phases import HINGES_PER_AREA, Phases, RunResult, SphereTheory, write_tables
+from morphofold.cohort.phases import HINGES_PER_AREA, RunResult, SphereTheory, write_tables
 from morphofold.io import write_surface
 from morphofold.report import colours
 from morphofold.report.pages.phase_page import _drawn_surface, _thumbnail_mosaic, phase_report, section
 from morphofold.report.plots.phase_plots import (
     AREA_RATIO,
-    SHOWN_MEASURES,
     WAVELENGTH_KEY,
     cell,
     crossings,
@@ -27,33 +27,6 @@ from morphofold.report.plots.phase_plots import (
 from morphofold.shapes import icosphere
 from morphofold.surface import Surface
 
-GI, LENGTH, HINGES = SHOWN_MEASURES
-VARY = ("cortex_thickness=1,2,3", "growth.final=1.2,1.8")
-
-
-def gi(at, seed):
-    """A made-up gyrification index, other at each point: 1.2 to 1.7, and 0.1 more or less with the seeds."""
-    return 1.2 + 0.1 * sum(at[:1]) + 0.3 * sum(at[1:]) + (0.1 if seed else -0.1)
-
-
-def made(vary=VARY, *, broken=(), pial=None, seeds=2, theory=None, scene="demo", **numbers):
-    """A sweep with made-up measures; ``broken`` are (place, seed) that failed."""
-    grid = make_grid(scene, vary, seeds=seeds)
-    runs = []
-    for point in grid.points:
-        if (point.at, point.seed) in broken:
-            runs.append(RunResult(point, "left its bounds <at once>"))
-            continue
-        values = {GI.key: gi(point.at, point.seed), WAVELENGTH_KEY: 20.0, HINGES_PER_AREA: 3.0, **numbers}
-        known = {key: value for key, value in values.items() if value is not None}
-        runs.append(RunResult(point, "", known, {WAVELENGTH_KEY: "no folds"}, pial=pial))
-    given = (
-        {at: SphereTheory(1.5, 1.6, 10.0) for at in grid.places}
-        if theory is None
-        else dict.fromkeys(grid.places, theory)
-    )
-    return Phases(grid, tuple(runs), given)
-
 
 def texts(figure):
     """Words by the place that they stand at."""
@@ -61,7 +34,7 @@ def texts(figure):
 
 
 def test_every_number_stands_in_its_cell_and_has_its_colour():
-    phases = made()
+    phases = made_sweep()
     drawn = diagram(phases, GI)
     found, image = texts(drawn), drawn.axes[0].images[0].get_array()
     low, high = limits_of(phases, GI)
@@ -78,27 +51,27 @@ def test_every_number_stands_in_its_cell_and_has_its_colour():
 
 
 def test_the_limits_hold_all_values_and_begin_where_nothing_is_folded():
-    phases = made()
+    phases = made_sweep()
     low, high = limits_of(phases, GI)
     assert low == 1.0
     assert high >= max(gi(run.point.at, run.point.seed) for run in phases.runs)
-    assert limits_of(made(broken=[(at, s) for at in phases.grid.places for s in (0, 1)]), LENGTH) == (0.0, 1.0)
+    assert limits_of(made_sweep(broken=[(at, s) for at in phases.grid.places for s in (0, 1)]), LENGTH) == (0.0, 1.0)
 
 
 @pytest.mark.parametrize("nearly", [1 - 1e-12, 1.0, 1 + 1e-12])
 def test_a_smooth_sphere_is_one_whatever_its_round_off(nearly):
-    phases = made(**{GI.key: nearly})
+    phases = made_sweep(**{GI.key: nearly})
     assert limits_of(phases, GI) == (1.0, 2.0)
     assert texts(diagram(phases, GI))[0, 0].splitlines()[:2] == ["1.00", "± 0.00"]
 
 
 def test_failures_and_what_a_surface_does_not_have_are_said():
-    phases = made(broken=[((0, 0), 0), ((0, 0), 1), ((1, 1), 0)])
+    phases = made_sweep(broken=[((0, 0), 0), ((0, 0), 1), ((1, 1), 0)])
     found = texts(diagram(phases, GI))
     assert found[0, 0].splitlines()[0] == "failed"
     assert found[1, 1].splitlines()[:2] == [f"{gi((1, 1), 1):.2f}", "(1 of 2)"]
     assert cell(phases, (1, 1), GI.key).failed == 1
-    smooth = made(**{WAVELENGTH_KEY: None})
+    smooth = made_sweep(**{WAVELENGTH_KEY: None})
     assert texts(diagram(smooth, LENGTH))[0, 0].splitlines() == ["–", "theory 10.0"]
 
 
@@ -110,8 +83,8 @@ def lines_of(drawn):
 
 def test_the_line_of_theory_lies_where_final_growth_is_critical():
     """Critical growth 1.5 lies half way from 1.2 to 1.8, and 1.35 at a quarter."""
-    np.testing.assert_allclose(lines_of(diagram(made(), GI))[:, 1], 0.5, atol=1e-9)
-    quarter = lines_of(diagram(made(theory=SphereTheory(1.35, 1.6, 10.0)), GI))
+    np.testing.assert_allclose(lines_of(diagram(made_sweep(), GI))[:, 1], 0.5, atol=1e-9)
+    quarter = lines_of(diagram(made_sweep(theory=SphereTheory(1.35, 1.6, 10.0)), GI))
     np.testing.assert_allclose(quarter[:, 1], 0.25, atol=1e-9)
     np.testing.assert_allclose([quarter[:, 0].min(), quarter[:, 0].max()], [-0.5, 2.5])
 
@@ -120,13 +93,13 @@ def test_the_line_of_theory_lies_where_final_growth_is_critical():
     "theory", [SphereTheory(1.1, 1.6, 10.0), SphereTheory(2.5, math.nan, 10.0), SphereTheory(reason="none")]
 )
 def test_no_line_is_drawn_where_all_is_folded_or_smooth_or_unknown(theory):
-    drawn = diagram(made(theory=theory), GI)
+    drawn = diagram(made_sweep(theory=theory), GI)
     assert lines_of(drawn) is None
     assert not drawn.legends
 
 
 def test_one_varied_key_is_a_curve_with_the_seeds_as_dots():
-    phases = made(["growth.final=1.8,1.2,1.4"])
+    phases = made_sweep(["growth.final=1.8,1.2,1.4"])
     drawn = curve(phases, GI).axes[0]
     dots = [line for line in drawn.lines if line.get_marker() == "o"]
     for line, final, i in zip(dots, (1.8, 1.2, 1.4), range(3)):
@@ -142,12 +115,12 @@ def test_one_varied_key_is_a_curve_with_the_seeds_as_dots():
 
 
 def test_words_on_an_axis_stand_in_a_row():
-    drawn = curve(made(["law=isotropic,tangential"]), GI).axes[0]
+    drawn = curve(made_sweep(["law=isotropic,tangential"]), GI).axes[0]
     assert [label.get_text() for label in drawn.get_xticklabels()] == ["isotropic", "tangential"]
 
 
 def test_between_words_which_have_no_order_nothing_is_joined():
-    phases = made(["law=isotropic,tangential", "growth.final=1.2,1.8"])
+    phases = made_sweep(["law=isotropic,tangential", "growth.final=1.2,1.8"])
     critical = {(0, 0): 1.35, (0, 1): 1.35, (1, 0): 1.5, (1, 1): 1.5}
     phases = replace(phases, theory={at: SphereTheory(g, 1.6, 10.0) for at, g in critical.items()})
     drawn = diagram(phases, GI).axes[0]
@@ -155,14 +128,14 @@ def test_between_words_which_have_no_order_nothing_is_joined():
     levels = {(float(v[:, 0].min()), float(v[:, 0].max()), round(float(v[:, 1].mean()), 6)) for v in ends if len(v)}
     assert levels == {(-0.5, 0.5, 0.25), (0.5, 1.5, 0.5)}  # a quarter and half of the way up
     assert all(np.ptp(v[:, 1]) < 1e-9 for v in ends if len(v))
-    lines = curve(made(["law=isotropic,tangential"]), LENGTH).axes[0].lines
+    lines = curve(made_sweep(["law=isotropic,tangential"]), LENGTH).axes[0].lines
     named = [line for line in lines if not line.get_label().startswith("_")]
     assert len(named) == 2
     assert {line.get_linestyle() for line in named} == {"None"}
 
 
 def test_a_run_that_is_not_healthy_is_marked_where_its_number_stands():
-    phases = made()
+    phases = made_sweep()
     runs = tuple(
         replace(run, warnings=("it wobbles",)) if run.point.at == (1, 0) and run.point.seed == 0 else run
         for run in phases.runs
@@ -173,7 +146,7 @@ def test_a_run_that_is_not_healthy_is_marked_where_its_number_stands():
 
 
 def test_a_small_spread_is_no_spread_of_zero():
-    phases = made()
+    phases = made_sweep()
     runs = tuple(replace(run, measures={GI.key: 1.5 + 0.002 * run.point.seed}) for run in phases.runs)
     assert cell(replace(phases, runs=runs), (0, 0), GI.key).words == ["1.50", "± 0.001"]  # 0.002 / sqrt 2
 
@@ -201,7 +174,7 @@ def test_crossings_of_a_line_through_zero():
 
 @pytest.mark.slow
 def test_further_keys_have_a_diagram_for_each_of_their_values(tmp_path):
-    phases = made([*VARY, "mu_ratio=1,2", "law=isotropic,tangential"], seeds=1)
+    phases = made_sweep([*VARY, "mu_ratio=1,2", "law=isotropic,tangential"], seeds=1)
     assert len(slices(phases)) == 4
     assert texts(diagram(phases, GI, (1, 1)))[2, 1].splitlines()[0] == f"{gi((2, 1, 1, 1), 0):.2f}"
     page = phase_report(phases, tmp_path).read_text()
@@ -210,7 +183,7 @@ def test_further_keys_have_a_diagram_for_each_of_their_values(tmp_path):
 
 
 def test_seeds_alone_have_a_table_and_no_diagram(tmp_path):
-    page = phase_report(made([], seeds=3), tmp_path).read_text()
+    page = phase_report(made_sweep([], seeds=3), tmp_path).read_text()
     assert list((tmp_path / "figures").iterdir()) == []
     assert "<h2>Phase diagrams</h2>" not in page
     assert "3 of 3 runs have measures" in page
@@ -225,7 +198,7 @@ def ball(tmp_path):
 
 
 def test_what_no_run_has_has_no_diagram(tmp_path):
-    nothing = made(**{WAVELENGTH_KEY: None}, theory=SphereTheory(reason="of spheres"))
+    nothing = made_sweep(**{WAVELENGTH_KEY: None}, theory=SphereTheory(reason="of spheres"))
     page = phase_report(nothing, tmp_path).read_text()
     assert not (tmp_path / "figures" / f"{WAVELENGTH_KEY}.png").exists()
     assert (tmp_path / "figures" / f"{GI.key}.png").exists()
@@ -244,7 +217,7 @@ def test_what_no_run_has_has_no_diagram(tmp_path):
     ],
 )
 def test_a_page_shows_what_means_something_of_its_shape(tmp_path, scene, measures, says):
-    phases = made(["growth.final=1.2,1.5"], scene=scene, **{AREA_RATIO.key: 1.7})
+    phases = made_sweep(["growth.final=1.2,1.5"], scene=scene, **{AREA_RATIO.key: 1.7})
     assert [one.key for one in shown_of(phases)] == measures
     page = phase_report(phases, tmp_path).read_text()
     assert {path.stem for path in (tmp_path / "figures").iterdir()} == set(measures)
@@ -281,7 +254,7 @@ def test_a_strip_is_seen_from_the_side(tmp_path):
 
 def test_surfaces_stand_in_the_order_of_the_cells(ball):
     """One surface is there: the others' places are grey, and its own is dark in the middle."""
-    phases = made()
+    phases = made_sweep()
     first = {at: phases.at[at][0] for at in phases.grid.places}
     first[1, 0] = RunResult(first[1, 0].point, pial=ball)
     canvas = _thumbnail_mosaic(phases, first, (), "lateral", 60.0)
@@ -296,7 +269,7 @@ def test_surfaces_stand_in_the_order_of_the_cells(ball):
 
 
 def test_a_surface_is_as_large_as_the_ruler_says(ball):
-    phases = made(["mu_ratio=1,2"], pial=ball, seeds=1)
+    phases = made_sweep(["mu_ratio=1,2"], pial=ball, seeds=1)
     first = {at: phases.at[at][0] for at in phases.grid.places}
     canvas = _thumbnail_mosaic(phases, first, (), "lateral", 60.0)
     inside = (canvas[16 : 16 + 190, 110 : 110 + 190] < 250).any(axis=2)
@@ -304,7 +277,7 @@ def test_a_surface_is_as_large_as_the_ruler_says(ball):
 
 
 def test_a_page_escapes_names_and_holds_no_number_that_is_none(tmp_path):
-    phases = made(
+    phases = made_sweep(
         broken=[((0, 0), 0)], theory=SphereTheory(reason="the smooth sphere <is> stable"), **{WAVELENGTH_KEY: None}
     )
     phases = replace(phases, grid=replace(phases.grid, name="<script>alert(1)</script>"))
@@ -323,7 +296,7 @@ def test_a_page_escapes_names_and_holds_no_number_that_is_none(tmp_path):
 
 @pytest.mark.slow
 def test_the_same_sweep_gives_the_same_bytes(tmp_path, ball):
-    phases = made(broken=[((0, 0), 0)], pial=ball)
+    phases = made_sweep(broken=[((0, 0), 0)], pial=ball)
     for name in ("one", "other"):
         (tmp_path / name).mkdir()
         phase_report(phases, tmp_path / name)
@@ -337,5 +310,5 @@ def test_the_same_sweep_gives_the_same_bytes(tmp_path, ball):
 @pytest.mark.slow
 def test_long_tables_are_cut_and_say_so(tmp_path):
     values = ",".join(str(1 + k / 1000) for k in range(500))
-    page = phase_report(made([f"mu_ratio={values}"], seeds=1), tmp_path).read_text()
+    page = phase_report(made_sweep([f"mu_ratio={values}"], seeds=1), tmp_path).read_text()
     assert "And 100 more points." in page

@@ -124,18 +124,17 @@ def growth_rows(entries: Sequence[Entry], comparison: Comparison) -> Iterable[tu
 
 def costs(entries: Sequence[Entry], clock: Stages | None = None) -> list[tuple[str, Cost, Any]]:
     """Title, cost and estimated errors of each simulation whose folder is complete, and of the analysis of a clock."""
-    found = []
+    rows = []
     for e in entries:
         stage = next((file for file in map(Path, e.measures.cortex.files) if file.name == "stage.json"), None)
         if stage is not None and (cost := cost_beside(stage)) is not None:
-            from morphofold.forecasts.richardson import (
-                stored_estimate,  # loads the solver, which a person does not need
-            )
+            # loads the solver, which a person does not need
+            from morphofold.forecasts.richardson import stored_estimate
 
-            found.append((f"The simulation of {e.name}", cost, stored_estimate(stage)))
+            rows.append((f"The simulation of {e.name}", cost, stored_estimate(stage)))
     if clock is not None:
-        found.append(("The analysis", cost_of_analysis([e.measures for e in entries], clock), None))
-    return found
+        rows.append(("The analysis", cost_of_analysis([e.measures for e in entries], clock), None))
+    return rows
 
 
 def parameters(entries: Sequence[Entry]) -> Rows:
@@ -207,12 +206,12 @@ def definitions(entries: Sequence[Entry]) -> list[tuple[str, str, str]]:
     )
 
 
-def _note_rows(entries: Sequence[Entry], wanted: Callable[[Measures, str], bool]) -> list[tuple[str, str, str]]:
-    """The ``wanted`` notes, in the order of their scalars; one row for all scalars and surfaces with the same text."""
+def _note_rows(entries: Sequence[Entry], belongs: Callable[[Measures, str], bool]) -> list[tuple[str, str, str]]:
+    """Notes for which ``belongs`` holds, in the order of their scalars; one row for all with the same text."""
     rows: dict[str, tuple[dict[str, None], dict[str, None]]] = {}  # labels and names as ordered sets, by text
     for key in dict.fromkeys([*SCALARS, *(k for e in entries for k in e.measures.notes)]):
         for e in entries:
-            if key in e.measures.notes and wanted(e.measures, key):
+            if key in e.measures.notes and belongs(e.measures, key):
                 labels, names = rows.setdefault(e.measures.notes[key], ({}, {}))
                 labels[scalar_words(key)[0]] = names[e.name] = None
     everyone = len(entries)

@@ -78,49 +78,48 @@ def group_report(group: Group, folder: Path, progress: Progress = silent) -> Pat
     remarks = [{"subject": name, "remark": text} for name, texts in group.remarks.items() for text in texts]
     write_table(folder / "remarks.tsv", ("subject", "remark"), remarks)
     progress(0.3, "charts")
-    left, right = np.any([np.isfinite(values) for values in group.scalars.values()], axis=0).T
-    sides = [side for side, measured in zip(BOTH_SIDES, (left, right)) if measured.any()]
-    charts = {name: chart for name in scalars if (chart := _histogram_chart(name, scalars[name], sides))}
-    clouds = [cloud for kind in CLOUDS if (cloud := _thickness_plot(group, sides, kind))["plot"]]
+    page = {"group": group, "stats": stats, "spread": spread, "asymmetries": asymmetries, "far": far}
+    page |= _sides_and_charts(group, scalars)
     progress(0.5, "pictures of outliers")
     rows_of = {rows[0].subject: rows for rows in far.subjects[:MOST_PICTURED_SUBJECTS]}
     farthest = [rows[0] for rows in rows_of.values()]
     pictures = draw_outliers(farthest, group.subjects, of_sessions, group.results, folder / "figures")
     progress(0.9, "page")
-    fitted = [cloud["kind"] for cloud in clouds if any(fit for _, fit, _ in cloud["fits"])]
     known = {name for name, values in group.scalars.items() if np.isfinite(values).any()}
-    found = {"group": group, "asymmetries": asymmetries, "far": far, "fitted": fitted, "stats": stats}
     path = write_page(
         folder / "report.html",
         "group.html",
         ["tables.js"],
         title=f"A group of {plural(len(group.subjects), 'subject')}",
-        **found,
-        both=int((left & right).sum()),
-        alone={"left": int((left & ~right).sum()), "right": int((right & ~left).sum())},
-        sides=sides,
-        headlines=headlines(scalars, sides),
-        charts=[charts[name] for name in OPEN_CHARTS if name in charts],
-        other_charts=[chart for name, chart in charts.items() if name not in OPEN_CHARTS],
-        spread=spread,
+        **page,
+        **TEXT_FUNCTIONS,
         alike=measures_with_one_value(scalars),
         strips=strips(asymmetries),
-        tested=[row for row in asymmetries if np.isfinite(row.p_holm)],
-        clouds=clouds,
         pictures=pictures,
         rows_of=rows_of,
-        methods=paragraph(
-            group.settings, known, group=group, asymmetries=asymmetries, far=far, fitted=fitted, stats=stats
-        ),
+        methods=paragraph(group.settings, known, **page),
         most=MOST_ROWS,
-        shown=shown_number,
-        signed_percent=signed_percent,
-        value_and_median=value_and_median,
-        measures_with_sides=measures_with_sides,
-        p_text=p_text,
     )
     progress(1.0, "done")
     return path
+
+
+def _sides_and_charts(group: Group, scalars: stats.Scalars) -> dict[str, Any]:
+    """Who has which side, medians, and charts of measures and of gyral against cortical thickness."""
+    left, right = np.any([np.isfinite(values) for values in group.scalars.values()], axis=0).T
+    sides = [side for side, measured in zip(BOTH_SIDES, (left, right)) if measured.any()]
+    charts = {name: chart for name in scalars if (chart := _histogram_chart(name, scalars[name], sides))}
+    clouds = [cloud for kind in CLOUDS if (cloud := _thickness_plot(group, sides, kind))["plot"]]
+    return {
+        "sides": sides,
+        "both": int((left & right).sum()),
+        "alone": {"left": int((left & ~right).sum()), "right": int((right & ~left).sum())},
+        "headlines": headlines(scalars, sides),
+        "charts": [charts[name] for name in OPEN_CHARTS if name in charts],
+        "other_charts": [chart for name, chart in charts.items() if name not in OPEN_CHARTS],
+        "clouds": clouds,
+        "fitted": [cloud["kind"] for cloud in clouds if any(fit for _, fit, _ in cloud["fits"])],
+    }
 
 
 # numbers and words -------------------------------------------------------------------------------------------
@@ -159,6 +158,9 @@ def measures_with_sides(pairs: Sequence[tuple[str, str]]) -> str:
     for measure, hemi in pairs:
         sides.setdefault(scalar_words(measure)[0], []).append(SIDES[hemi])
     return "; ".join(f"{label}{'' if len(which) == 2 else f' ({which[0]})'}" for label, which in sides.items())
+
+
+TEXT_FUNCTIONS = {f.__name__: f for f in (shown_number, value_and_median, signed_percent, p_text, measures_with_sides)}
 
 
 def headlines(scalars: stats.Scalars, sides: Sequence[Side]) -> dict[str, list[stats.Distribution | None]]:

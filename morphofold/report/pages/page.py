@@ -25,7 +25,7 @@ from morphofold.forecasts.table import called
 from morphofold.geometry import vertex_areas
 from morphofold.progress import Progress, silent
 from morphofold.provenance import records_as_read
-from morphofold.quantities import HEADLINE_SCALARS, MAIN_MAPS, RELIEF, find
+from morphofold.quantities import HEADLINE_SCALARS, MAIN_MAPS, find
 from morphofold.report.pages import entries as contents
 from morphofold.report.pages.entries import Entry, entries_of
 from morphofold.report.pages.methods import methods_of
@@ -75,16 +75,16 @@ def analysis_report(
     named = dict(zip(unique, measures))
     hemispheres = replace(compare(named), stages={unique[0]: tuple(stages)}, cautions=tuple(cautions(named)))
     sides = " and ".join(SIDES[m.cortex.hemi] for m in measures)
-    what = f"The {sides} hemisphere{'s' if len(measures) > 1 else ''}"
+    cortices = f"The {sides} hemisphere{'s' if len(measures) > 1 else ''}"
     if all(m.cortex.origin == "simulation" for m in measures):
-        what = "A simulated cortex"
+        cortices = "A simulated cortex"
     return _write_page(
         Path(path),
         hemispheres,
         inputs,
         kind=ANALYSIS,
         title=", ".join(dict.fromkeys(names)),
-        lede=f"{what}, measured from white and pial surface.",
+        lede=f"{cortices}, measured from white and pial surface.",
         missing={SIDES[hemi]: why for hemi, why in failed.items()},
         clock=clock,
     )
@@ -110,9 +110,37 @@ def _write_page(
     **about: Any,
 ) -> Path:
     """Write a page and its pictures; ``about`` goes to the template."""
-    entries = entries_of(comparison)
-    folder = path.parent / "figures"
+    entries, folder = entries_of(comparison), path.parent / "figures"
     folder.mkdir(parents=True, exist_ok=True)
+    page = _surfaces_and_pictures(entries, comparison, folder, progress)
+    progress(0.8, "drawing charts")
+    return write_page(
+        path,
+        "report.html",
+        VIEWER_SCRIPTS,
+        **about,
+        **page,
+        **_charts(entries, comparison),
+        comparison=comparison,
+        entries=entries,
+        notes=contents,
+        called=called,
+        verdicts=VERDICT_WORDS,
+        scalars=contents.scalars(entries),
+        headlines=HEADLINE_SCALARS,
+        warnings=contents.warnings(entries, page["drawn_at"]),
+        plot_notes=plot_notes(dict(zip(comparison.names, comparison.measures)), comparison.clouds),
+        people=person_parts(comparison.people, entries, folder),
+        methods=methods_of(comparison.measures, entries=entries, comparison=comparison),
+        inputs=list(inputs) or records_as_read(e.measures.cortex for e in entries),
+        costs=contents.costs(entries, clock) if about["kind"] == ANALYSIS else [],
+    )
+
+
+def _surfaces_and_pictures(
+    entries: Sequence[Entry], comparison: Comparison, folder: Path, progress: Progress
+) -> dict[str, Any]:
+    """The surfaces of the viewer, and pictures and histograms that take as long, by their names in the template."""
     panels, person_of = with_smooth_bodies(entries, comparison.people)
     shown = shown_maps(panels)
     progress(0.0, "thinning surfaces")
@@ -126,41 +154,16 @@ def _write_page(
         lambda: _write_hinge_pairs(folder, comparison),
         lambda: _histogram_charts(entries, shown),
     )
-    progress(0.8, "drawing charts")
-    spins = comparison.people[0].spins if comparison.people else 0
-    return write_page(
-        path,
-        "report.html",
-        VIEWER_SCRIPTS,
-        **about,
-        comparison=comparison,
-        entries=entries,
-        notes=contents,
-        scalars=contents.scalars(entries),
-        headlines=HEADLINE_SCALARS,
-        warnings=contents.warnings(entries, {e.name: (panel_of[e.name], d.ids) for e, d in zip(entries, own)}),
-        plot_notes=plot_notes(dict(zip(comparison.names, comparison.measures)), comparison.clouds),
-        methods=methods_of(comparison.measures, entries=entries, theory=comparison.theory, spins=spins),
-        inputs=list(inputs) or records_as_read(e.measures.cortex for e in entries),
-        charts=histograms,
-        scatter=_thickness_scatter_chart(entries, comparison),
-        growth_charts=_growth_charts(entries, comparison),
-        law=_folding_law_chart(entries, comparison),
-        ratio=_thickness_ratio_chart(entries),
-        people=person_parts(comparison.people, entries, folder),
-        pictures=pictures,
-        pairs=pairs,
-        maps=[what for what, _ in shown.values()],
-        main=(RELIEF, *MAIN_MAPS),
-        panels=panels,
-        panel_of=panel_of,
-        viewer=viewer,
-        blocks=blocks,
-        drawn=_drawn_surface(panels),
-        called=called,
-        verdicts=VERDICT_WORDS,
-        costs=contents.costs(entries, clock) if about["kind"] == ANALYSIS else [],
-    )
+    return {
+        "panels": panels,
+        "drawn_at": {e.name: (panel_of[e.name], display.ids) for e, display in zip(entries, own)},
+        "drawn": _drawn_surface(panels),
+        "viewer": viewer,
+        "blocks": blocks,
+        "pictures": pictures,
+        "pairs": pairs,
+        "histograms": histograms,
+    }
 
 
 def _drawn_surface(entries: Sequence[Entry]) -> str:
@@ -200,10 +203,10 @@ def _write_pictures(
 def _write_hinge_pairs(folder: Path, comparison: Comparison) -> list[dict[str, Any]]:
     """Write ``folder/hinges-1.png`` and so on: pairs of hinges for each two groups whose surfaces have a graph."""
     pictures, named = [], dict(zip(comparison.names, comparison.measures))
-    for k, found in enumerate(comparison.hinges, start=1):
-        if chosen := clear_examples(found.matches, named):
-            image = hinge_pairs(chosen, (found.one, found.other))
-            title = f"Three-hinge patterns of {found.one}, and those of {found.other} with the most similar shape"
+    for k, groups in enumerate(comparison.hinges, start=1):
+        if chosen := clear_examples(groups.matches, named):
+            image = hinge_pairs(chosen, (groups.one, groups.other))
+            title = f"Three-hinge patterns of {groups.one}, and those of {groups.other} with the most similar shape"
             pictures.append(write_picture(folder / f"hinges-{k}.png", image, title))
     return pictures
 
@@ -217,27 +220,34 @@ def _areas(e: Entry) -> np.ndarray:
 
 
 def _histogram_charts(entries: Sequence[Entry], shown: ShownMaps) -> list[Markup]:
-    areas, found = {e.name: _areas(e) for e in entries}, []
+    areas, drawn = {e.name: _areas(e) for e in entries}, []
     for key in (k for k in MAIN_MAPS if k in shown):
         what, _ = shown[key]
         series = [(e, values, areas[e.name]) for e, values in entries_with_map(entries, key)]
-        found.append(charts.histograms(series, what.label, what.unit))
-    return [chart for chart in found if chart is not None]
+        drawn.append(charts.histograms(series, what.label, what.unit))
+    return [chart for chart in drawn if chart is not None]
+
+
+def _charts(entries: Sequence[Entry], comparison: Comparison) -> dict[str, Any]:
+    """The other charts, by their names in the template."""
+    terms = [(e, t) for e in entries if (t := e.folding) is not None]
+    paths = [(c.name, [t for t in c.folding if t is not None]) for c in comparison.growth]
+    theory = [(t.slope, f"linear theory at a stiffness ratio of {t.mu_ratio:.3g}") for t in comparison.theory]
+    return {
+        "scatter": charts.thickness_plot([(e, e.cloud) for e in entries], theory),
+        "ratio": _thickness_ratio_chart(entries),
+        "growth_charts": _growth_charts(entries, comparison),
+        "law": charts.folding_plot(terms, [(name, path) for name, path in paths if len(path) > 1]),
+    }
 
 
 def _growth_charts(entries: Sequence[Entry], comparison: Comparison) -> list[Markup]:
-    found = []
+    drawn = []
     for key, of in DIMENSIONLESS_NUMBERS.items() if comparison.growth else ():
         curves = [(c.name, c.growth, c.numbers[key]) for c in comparison.growth]
         others = [(e, value) for e in entries if (value := of(e.measures)) is not None]
-        found.append(charts.growth_chart(key, curves, others))
-    return [chart for chart in found if chart is not None]
-
-
-def _folding_law_chart(entries: Sequence[Entry], comparison: Comparison) -> Markup | None:
-    terms = [(e, t) for e in entries if (t := e.folding) is not None]
-    paths = [(c.name, [t for t in c.folding if t is not None]) for c in comparison.growth]
-    return charts.folding_plot(terms, [(name, path) for name, path in paths if len(path) > 1])
+        drawn.append(charts.growth_chart(key, curves, others))
+    return [chart for chart in drawn if chart is not None]
 
 
 def _thickness_ratio_chart(entries: Sequence[Entry]) -> Markup | None:
@@ -250,8 +260,3 @@ def _thickness_ratio_chart(entries: Sequence[Entry]) -> Markup | None:
             ratio = np.divide(gyral, cortical, out=np.full(len(gyral), np.nan), where=cortex)
             series.append((e, ratio, _areas(e)))
     return charts.histograms(series, "Gyral over cortical thickness", "")
-
-
-def _thickness_scatter_chart(entries: Sequence[Entry], comparison: Comparison) -> Markup | None:
-    lines = [(t.slope, f"linear theory at a stiffness ratio of {t.mu_ratio:.3g}") for t in comparison.theory]
-    return charts.thickness_plot([(e, e.cloud) for e in entries], lines)

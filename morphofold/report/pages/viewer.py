@@ -83,8 +83,8 @@ def thinned(e: Entry) -> Display:
 
 def entries_with_map(entries: Sequence[Entry], key: str) -> list[tuple[Entry, PerVertex]]:
     """The entries that have the map ``key`` with at least one value, each with the map."""
-    found = [(e, find(e.measures.maps, key)) for e in entries]
-    return [(e, a) for e, a in found if a is not None and np.isfinite(a).any()]
+    maps = [(e, find(e.measures.maps, key)) for e in entries]
+    return [(e, a) for e, a in maps if a is not None and np.isfinite(a).any()]
 
 
 def shown_maps(entries: Sequence[Entry]) -> ShownMaps:

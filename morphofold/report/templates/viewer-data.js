@@ -1,4 +1,4 @@
-// Reads what pack.py wrote: text to bytes to codes to numbers.
+// Reads what viewer.py wrote: text to bytes to codes to numbers.
 "use strict";
 async function inflate(id) {
   const text = atob(document.getElementById(id).textContent), bytes = new Uint8Array(text.length);

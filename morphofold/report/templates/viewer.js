@@ -1,5 +1,5 @@
 // Draws every surface of the page in one WebGL2 canvas, one panel each, cameras linked.
-// Data come from <script type="text/plain" id="data-N"> blocks written by pack.py (viewer-data.js); nothing is fetched.
+// Data come from <script type="text/plain" id="data-N"> blocks written by viewer.py (viewer-data.js); nothing is fetched.
 (async () => {
 const root = document.documentElement;
 const stage = document.getElementById("stage");
