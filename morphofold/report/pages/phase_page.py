@@ -18,15 +18,13 @@ from morphofold.io import read_surface
 from morphofold.progress import Progress, silent
 from morphofold.quantities import Quantity
 from morphofold.report.pages.templates import picture_entry, write_page
-from morphofold.report.pictures.sheet import Picture, png_bytes
-from morphofold.report.pictures.surfaces import extent, thumbnails
+from morphofold.report.pictures.surfaces import extent
 from morphofold.report.plots import phase_plots as plots
 from morphofold.report.plots.line_plots import save
 from morphofold.sim.scene import LEVELS
 from morphofold.surface import Surface
 
 MOST_ROWS = 400  # of the table of numbers and of the table of failures
-MOSAIC_WIDTH_PX = 1520  # [px] of a picture of thumbnails
 
 
 def phase_report(phases: Phases, folder: Path, progress: Progress = silent) -> Path:
@@ -114,10 +112,14 @@ def _write_thumbnails(phases: Phases, folder: Path) -> list[dict[str, Any]]:
     largest = max((_surface_extent(run, view) for run in first.values()), default=0.0)
     entries = []
     for k, others in enumerate(plots.slices(phases) if largest else (), start=1):
+        shown = {
+            at: _drawn_surface(run) or ("failed" if run.reason else "no surface")
+            for at, run in first.items()
+            if at[2:] == others
+        }
         path = folder / (f"surfaces-{k}.png" if others else "surfaces.png")
-        path.write_bytes(png_bytes(_thumbnail_mosaic(phases, first, others, view, largest)))
         title = ("Sections" if shape == "strip" else "Pial surfaces") + _at(phases, others)
-        entries.append({"title": title, **picture_entry(path, path.read_bytes())})
+        entries.append(_saved(plots.thumbnails(phases, shown, view, largest), path, title))
     return entries
 
 
@@ -155,18 +157,3 @@ def section(pial: Surface, white: Surface) -> Surface:
     below = u[:, 0] * v[:, 1] < u[:, 1] * v[:, 0]
     faces[below] = faces[below][:, [0, 2, 1]]  # so that all faces point up
     return Surface(*geometry.in_use(verts, faces)[1:])
-
-
-def _thumbnail_mosaic(
-    phases: Phases, first: dict[tuple[int, ...], RunResult], others: tuple[int, ...], view: str, largest: float
-) -> Picture:
-    """Thumbnails, with the same columns and rows as the diagram; ``largest`` mm fill one."""
-    cells: dict[tuple[int, int], Surface | str] = {}
-    for at, run in first.items():
-        if at[2:] == others:
-            surface = _drawn_surface(run)
-            text = "failed" if run.reason else "no surface"
-            cells[at[0] if at else 0, at[1] if len(at) > 1 else 0] = text if surface is None else surface
-    titles = [(plots.axis_title(phases, axis), axis.words) for axis in phases.grid.axes[:2]]
-    across, up = [*titles, ("", ()), ("", ())][:2]
-    return thumbnails(cells, across, up, view, largest, MOSAIC_WIDTH_PX)

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import product
@@ -33,7 +33,7 @@ CAMERAS = {
     "front": ((-1, 0, 0), (0, 0, 1), (0, 1, 0)),
 }
 OTHER_SIDE = {"lateral": "medial", "medial": "lateral"}
-MOST_PX_PER_MM, LARGEST_VIEW_PX, THUMBNAIL_PX = 6.0, 400, 190
+MOST_PX_PER_MM, LARGEST_VIEW_PX = 6.0, 400
 GAP, EDGE, HEAD, FOOT, NAME = 24, 20, 72, 112, 30  # [pixels] of a figure
 
 NO_VALUES = np.empty(0)
@@ -168,44 +168,3 @@ def _scale_and_sizes(cells: Sequence[Sequence[tuple[Row, str]]], width: int) -> 
         per_mm = min(per_mm, (width - 2 * EDGE - GAP * len(across)) / across.sum())
     columns, lines = (np.ceil(per_mm * sizes).astype(int) + GAP for sizes in (across, up))
     return per_mm, columns.tolist(), lines.tolist()
-
-
-def thumbnails(
-    cells: Mapping[tuple[int, int], Surface | str],
-    across: tuple[str, Sequence[str]],
-    up: tuple[str, Sequence[str]],
-    view: str,
-    largest: float,
-    width: int,
-) -> Picture:
-    """Bare surfaces by (column, row from below), at the scale at which ``largest`` mm fill a cell.
-
-    ``across`` and ``up`` are the title of columns and rows, and their names; a text stands for a surface that is
-    missing. The picture is at most ``width`` pixels wide.
-    """
-    left, head, foot, gap = 110, 44 if up[0] else 16, 104, 10
-    columns, rows = (1 + max(at[axis] for at in cells) for axis in (0, 1))
-    side = min(THUMBNAIL_PX, (width - left - gap) // columns - gap)
-    step, per_mm, bottom = side + gap, 0.94 * side / largest, head + rows * (side + gap)
-    drawn = {
-        at: draw(Row("", surface), view, Quantity("", ""), (0, 1), (side, side), per_mm)
-        for at, surface in cells.items()
-        if isinstance(surface, Surface)
-    }
-    width = left + columns * step + gap
-    with new_sheet(width, bottom + foot) as sheet:
-        for (i, j), text in cells.items():
-            x, y = left + i * step, bottom - (j + 1) * step
-            if (i, j) in drawn:
-                sheet.picture(drawn[i, j], x, y)
-            else:
-                sheet.box(x, y, side, side, (244 / 255,) * 3)
-                sheet.text(x + side / 2, y + side / 2 + 5, str(text), 13.5, ha="center", color="0.35")
-        for i, name in enumerate(across[1]):
-            sheet.text(left + i * step + side / 2, bottom + 20, name, 13.5, side, ha="center")
-        sheet.text(left, bottom + 47, across[0], 14.5, width - left, weight="bold")
-        for j, name in enumerate(up[1]):
-            sheet.text(left / 2, bottom - (j + 0.5) * step + 5, name, 13.5, 100, ha="center")
-        sheet.text(12, 30, up[0], 14.5, width - 12, weight="bold")
-        sheet.ruler(per_mm, 12, bottom + 62)
-        return sheet.pixels()

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +15,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
+from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
 from numpy.typing import NDArray
 
 from morphofold.arrays import Array
@@ -22,10 +23,21 @@ from morphofold.cohort.grid import Axis
 from morphofold.cohort.phases import AREA_OVER_FLAT, HINGES_PER_AREA, Phases, RunResult
 from morphofold.quantities import CATEGORICAL_COLOURS, Quantity, round_out
 from morphofold.report import colours
-from morphofold.report.plots.line_plots import BLACK, GREY, NO_FORMULAS, colour_bar, legend_of_figure, new_figure
+from morphofold.report.pictures.surfaces import Row, draw
+from morphofold.report.plots.line_plots import (
+    BLACK,
+    GREY,
+    NO_FORMULAS,
+    colour_bar,
+    legend_of_figure,
+    new_figure,
+    round_step,
+)
 from morphofold.sim.scene.tables import unit_of
+from morphofold.surface import Surface
 from morphofold.words import number
 
+THUMBNAIL_PX = 380
 BOUNDARY = "final growth = theory's critical growth"
 GridIndex = tuple[int, ...]
 
@@ -135,14 +147,44 @@ def diagram(phases: Phases, shown: Quantity, others: GridIndex = ()) -> Figure:
             _write_cell(ax, (i, j), [*one.words, *_theory_text(phases, (i, j, *others), shown)], rgb[j, i], one)
         if _draw_boundary(ax, phases, others):
             legend_of_figure(figure, {BOUNDARY: {"color": BLACK, "linestyle": "--"}}, ax, columns=1)
-        for axis, name, of in ((ax.xaxis, "x", across), (ax.yaxis, "y", up)):
-            axis.set_ticks(range(len(of.words)), [_shortened_word(word) for word in of.words])
-            ax.set(**{f"{name}label": axis_title(phases, of)})
-        ax.tick_params(length=0)
+        _name_axes(ax, phases)
         fixed = fixed_parameters_text(phases, others)
         ax.set_title(shown.label + (f" at {fixed}" if fixed else ""), loc="left")
         if np.isfinite(means).any():
             colour_bar(figure, shown.title, limits, ax=ax, pad=0.02)
+    return figure
+
+
+def _name_axes(ax: Axes, phases: Phases) -> None:
+    for axis, of in zip((ax.xaxis, ax.yaxis), phases.grid.axes):
+        axis.set_ticks(range(len(of.words)), [_shortened_word(word) for word in of.words])
+        axis.set_label_text(axis_title(phases, of))
+    ax.tick_params(length=0)
+
+
+def thumbnails(phases: Phases, surfaces: Mapping[GridIndex, Surface | str], view: str, largest: float) -> Figure:
+    """Bare surfaces in place of the cells of a :func:`diagram`, or a text; ``largest`` mm fill 0.94 of a cell."""
+    columns, rows = ([len(axis.values) for axis in phases.grid.axes] + [1, 1])[:2]
+    side = min(1.25, 8.5 / columns)
+    style = {**NO_FORMULAS, "axes.grid": False}
+    with new_figure(side * columns + 1.2, side * rows + 1.1, style=style) as (figure, ((ax,),)):
+        ax.set(xlim=(-0.5, columns - 0.5), ylim=(-0.5, rows - 0.5), xticks=[], yticks=[])
+        for at, surface in surfaces.items():
+            i, j = (*at, 0, 0)[:2]
+            if isinstance(surface, Surface):
+                size, per_mm = (THUMBNAIL_PX, THUMBNAIL_PX), 0.94 * THUMBNAIL_PX / largest
+                image = draw(Row("", surface), view, Quantity("", ""), (0, 1), size, per_mm)
+                ax.imshow(image, extent=(i - 0.5, i + 0.5, j - 0.5, j + 0.5))
+            else:
+                ax.add_patch(Rectangle((i - 0.47, j - 0.47), 0.94, 0.94, color="0.957"))
+                ax.text(i, j, surface, ha="center", va="center", color="0.35")
+        _name_axes(ax, phases)
+        ax.spines[:].set_visible(False)
+        ax.set(xlim=(-0.5, columns - 0.5), ylim=(-0.5, rows - 0.5))
+        mm = round_step(largest)
+        bar = AnchoredSizeBar(ax.transData, 0.94 * mm / largest, f"{mm:g} mm", "upper right", frameon=False, pad=0)
+        bar.set_bbox_to_anchor((0, 0), ax.transAxes)
+        ax.add_artist(bar)
     return figure
 
 
