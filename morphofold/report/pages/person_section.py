@@ -43,7 +43,7 @@ def with_smooth_bodies(
         if e.name in before:
             p = before[e.name]
             name = f"smooth body of {p.person}" + (f", level {p.level:g}" if several else "")
-            panels.append(Entry(name, p.bodies.smooth_measures(name), SMOOTH_COLOUR, "diamond", "", Cloud("whole", ())))
+            panels.append(Entry(name, SMOOTH_COLOUR, "diamond", "", p.bodies.smooth_measures(name), Cloud("whole", ())))
             person_of[name] = p.person
         panels.append(replace(e, measures=heights[e.name].with_height()) if e.name in heights else e)
     return panels, person_of

@@ -11,7 +11,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup, escape
@@ -37,17 +37,14 @@ Values = np.ndarray
 Limits = tuple[float, float]
 
 
-class Look(Protocol):
-    """Name and look of a surface, or of a side of a group."""
+@dataclass(frozen=True, eq=False)
+class Look:
+    """Name, colour, marker and dashes of a surface, or of a side of a group."""
 
-    @property
-    def name(self) -> str: ...
-    @property
-    def colour(self) -> str: ...
-    @property
-    def marker(self) -> str: ...
-    @property
-    def dash(self) -> str: ...
+    name: str
+    colour: str
+    marker: str
+    dash: str
 
 
 @dataclass(frozen=True, eq=False)
