@@ -1,6 +1,7 @@
 import errno
 import json
 import os
+import re
 import shlex
 import shutil
 import signal
@@ -13,13 +14,14 @@ import pytest
 from commands import refused
 
 from morphofold.analysis.measures import SCALARS
-from morphofold.cli import COMMANDS, main, parser
+from morphofold.cli import COMMANDS, app, main, parsed
+from morphofold.cli.options import Answer
 from morphofold.cli.paths import writable_name
 from morphofold.io import sample_path, write_surface
 from morphofold.results import read_analysis
 from morphofold.shapes import icosphere
 from morphofold.sim.scene.files import load_scene
-from morphofold.studies.pages.commands import subcommands
+from morphofold.studies.pages.commands import commands_below
 from morphofold.surface import Surface
 from morphofold.tables import read_table
 
@@ -61,13 +63,13 @@ def test_only_some_measures_are_written_and_compared(here, capsys):
 def test_only_of_an_unknown_name_writes_nothing(here, capsys):
     line = refused(capsys, [*pair(here), "--only", "gyral_thicknes"], "'gyral_thicknes'", "[unknown-name]")
     assert "gyral_thickness" in line
-    refused(capsys, [*pair(here), "--only", "H", "--stages"], "--only", "[options-clash]")
+    refused(capsys, ["analyze", "run", "--only", "H", "--stages"], "--only", "[options-clash]")
     assert not (here / "out").exists()
 
 
 @pytest.mark.parametrize(("word", "hemi"), [("LH", "lh"), ("L", "lh"), ("left", "lh"), ("Right", "rh"), ("rh", "rh")])
 def test_a_hemisphere_is_understood_in_any_spelling(word, hemi):
-    args = parser().parse_args(["analyze", "subject", "--hemi", word])
+    args = parsed(app(), ["analyze", "subject", "--hemi", word])
     assert args.hemi == hemi
 
 
@@ -99,14 +101,14 @@ def test_what_an_open_surface_lacks_is_said_to_be_missing(here, capsys):
 @pytest.mark.parametrize("option", ["--curvature-scale", "--gyral-width"])
 @pytest.mark.parametrize("length", ["-3", "0", "nan", "inf"])
 def test_a_length_that_is_none_is_refused_before_anything_is_read(here, capsys, option, length):
-    refused(capsys, ["analyze", "not-there", f"{option}={length}"], f"{option} {length}: ", "[out-of-range]")
+    refused(capsys, ["analyze", "not-there", f"{option}={length}"], option, f"got {length}.", "[out-of-range]")
 
 
 def test_the_bids_layout_asks_for_its_dataset_and_refuses_what_is_of_the_plain_one(here, capsys):
     argv = [*pair(here)[:-2], "--layout", "bids"]
-    refused(capsys, argv, "--layout bids", "-o DATASET", "[options-clash]")
+    refused(capsys, argv, "--layout=bids", "--out", "[options-clash]")
     for option in ("--mgh", "--wide"):
-        refused(capsys, [*argv, "-o", "out", option], "--mgh", "--wide", "--layout bids", "[options-clash]")
+        refused(capsys, [*argv, "-o", "out", option], option, "--layout=bids", "[options-clash]")
 
 
 def test_a_line_break_in_a_name_is_not_part_of_a_folders_name():
@@ -235,7 +237,7 @@ def test_compare_refuses_what_is_no_analysis(here, capsys):
     refused(capsys, ["compare", "a=empty", "a=empty", "-o", "out"], "'a'", "[named-twice]")
     for group in ("model", "=a", "model=a,,b"):
         refused(capsys, [*argv, "--group", group], f"--group {group!r}", "GROUP=NAME,NAME", "[not-readable]")
-    refused(capsys, [*argv, "--group", "m=a", "--group", "m=b"], "--group: ", "m, m", "[named-twice]")
+    refused(capsys, [*argv, "--group", "m=a", "--group", "m=b"], "--group ", "'m'", "[named-twice]")
     refused(capsys, [*argv, "--colour", "0072b2"], "--colour '0072b2'", "NAME=RRGGBB", "[not-readable]")
     assert not (here / "out").exists()
 
@@ -355,7 +357,7 @@ def test_scenes_prints_a_scene_that_reads_back_as_itself(here, capsys):
 
 
 def test_simulate_wants_the_name_of_a_folder(here, capsys):
-    refused(capsys, ["simulate", "demo", "-o", ""], "-o/--out")
+    refused(capsys, ["simulate", "demo", "--out="], "--out")
     assert list(here.iterdir()) == []
 
 
@@ -375,28 +377,15 @@ def test_every_command_has_help_and_unknown_ones_exit_2(capsys):
     refused(capsys, ["unfold"], "unfold")
 
 
-def every_parser():
-    """The parser of the command line, and all below it, by what is typed."""
-    top = parser()
-    below = {sub.prog: sub for sub in subcommands(top).values()}
-    questions = {sub.prog: sub for command in below.values() for sub in subcommands(command).values()}
-    return {top.prog: top, **below, **questions}
-
-
-def test_help_begins_with_examples_that_are_understood_and_on_the_page_of_the_command():
-    top = parser()
-    for prog, one in every_parser().items():
-        lines = one.format_help().splitlines()
-        shown = [line.strip() for line in lines[1 : lines.index("")]]
-        assert lines[0].startswith("Example")
-        assert shown == list(one.examples)
-        assert shown
-        for line in shown:
-            top.parse_args(shlex.split(line)[1:])  # leaves the test with what is wrong
-            assert line.startswith(prog)
-            page = DOCS / "commands" / f"{line.split()[1]}.md"
-            if page.exists():
-                assert line in " ".join(page.read_text(encoding="utf-8").replace("\\\n", " ").split())
+def test_help_has_examples_that_are_understood_and_on_the_page_of_the_command():
+    for words, command in commands_below(app()):
+        examples = re.findall("- `(.*)`", command.help)
+        assert examples
+        for line in examples:
+            parsed(app(), shlex.split(line)[1:])  # leaves the test with what is wrong
+            assert line.startswith(" ".join(("morphofold", *words)))
+            page = DOCS / "commands" / f"{words[0]}.md"
+            assert line in " ".join(page.read_text(encoding="utf-8").replace("\\\n", " ").split())
 
 
 def test_interrupt_ends_with_130_and_keeps_the_checkpoint(here, usual_signals):
@@ -426,7 +415,7 @@ def test_a_warning_is_one_line_without_source(here, capsys, monkeypatch):
 
     from morphofold.cli import scenes
 
-    monkeypatch.setattr(scenes, "run", lambda args: warnings.warn("the sky is low", stacklevel=1) or 0)
+    monkeypatch.setattr(scenes, "run", lambda args: warnings.warn("the sky is low", stacklevel=1) or Answer(None, []))
     assert main(["scenes"]) == 0
     assert capsys.readouterr().err == "morphofold: warning: the sky is low\n"
 
@@ -445,7 +434,7 @@ def test_ctrl_c_inside_a_compiled_kernel_is_an_interrupt(monkeypatch, capsys):
 
 def test_a_package_that_can_not_be_imported_is_no_bad_input(here, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "embreex.mesh_construction", None)
-    assert main([*pair(here), "-q"]) == 1
+    assert main(pair(here)) == 1
     assert len(capsys.readouterr().err.splitlines()) == 1
     assert not (here / "out").exists()
 

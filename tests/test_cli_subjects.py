@@ -192,10 +192,10 @@ def test_a_subject_that_cannot_be_found_is_refused_with_those_that_are_there(her
     refused(capsys, ["analyze", "-s", "bert_22", "--subjects-dir", "all"], "all/bert_22: ", "--subjects-dir", names)
     refused(capsys, ["analyze", "-s", "all/anna", "--sd", "."], "-s 'all/anna': ", "INPUT", "[not-readable]")
     refused(capsys, ["analyze", "-s", "anna", "--sd", "all"], "lh.white")
-    for more in (["all/anna"], ["--white", "a", "--pial", "b"]):
+    for more, option in ((["all/anna"], "INPUT"), (["--white", "a", "--pial", "b"], "--white, --pial")):
         argv = ["analyze", *more, "-s", "anna", "--sd", "all"]
-        refused(capsys, argv, "-s anna ", "INPUT", "--white", "--pial", "[options-clash]")
-    refused(capsys, ["analyze", "all/anna", "--sd", "all"], "--subjects-dir ", "-s SUBJECT", "[options-clash]")
+        refused(capsys, argv, "--subject ", option, "[options-clash]")
+    refused(capsys, ["analyze", "all/anna", "--sd", "all"], "--subjects-dir ", "--subject", "[options-clash]")
     assert [p.name for p in here.iterdir()] == ["all"]
 
 

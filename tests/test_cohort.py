@@ -781,7 +781,7 @@ def test_the_command_refuses_what_it_cannot_do(here, capsys):
         (["subjects", "-o", "theirs"], "did not write this folder"),
         (["subjects", "-o", "subjects"], "is, or holds, the input"),
         (["subjects", "--workers", "0"], "[out-of-range]"),
-        (["subjects", "--gyral-width", "-1"], "--gyral-width -1: "),
+        (["subjects", "--gyral-width", "-1"], "got -1. [out-of-range]"),
         (["subjects", "--subjects", "none.txt"], "no such file"),
     ):
         refused(capsys, ["cohort", *words], expected)

@@ -18,7 +18,7 @@ from matplotlib import pyplot
 import morphofold as mf
 from morphofold import analysis
 from morphofold.analysis.measures import SCALARS
-from morphofold.cli import COMMANDS, parser
+from morphofold.cli import COMMANDS, app, parsed
 from morphofold.sim.effects import build_effects
 from morphofold.sim.scene.files import load_scene, scene_names
 from morphofold.studies import bench
@@ -124,7 +124,7 @@ def test_the_scenes_of_a_page_load(name, tmp_path):
 def test_the_commands_of_a_page_are_understood(name, tmp_path, monkeypatch):
     """Their scenes and settings too, where the scene is built in or one of the page's."""
     write_scenes(name, tmp_path)
-    top, lines = parser(), []
+    lines = []
     for _, text in fences(name, "sh"):
         lines += text.replace("\\\n", " ").splitlines()
     for line in lines:
@@ -133,13 +133,13 @@ def test_the_commands_of_a_page_are_understood(name, tmp_path, monkeypatch):
             asked = words[1 : words.index(">")] if ">" in words else words[1:]
             if asked == ["--version"]:
                 continue
-            given = vars(top.parse_args(asked))  # leaves the test with what is wrong
+            given = vars(parsed(app(), asked))  # leaves the test with what is wrong
             scene = given.get("scene") or given.get("body")
             if scene and (scene in scene_names() or (tmp_path / scene).is_file()):
                 monkeypatch.chdir(tmp_path)
-                build_effects(load_scene(scene, given.get("settings") or ()))
+                build_effects(load_scene(scene, given.get("set") or ()))
         if words[:3] == ["python3", "run.py", "bench"]:
-            bench.parser().parse_args(words[3 : words.index(">")] if ">" in words else words[3:])
+            parsed(bench.app(), words[3 : words.index(">")] if ">" in words else words[3:])
         if words[:2] == ["python", "-m"] and words[2].startswith("morphofold."):
             assert importlib.util.find_spec(words[2])
 

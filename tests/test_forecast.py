@@ -258,7 +258,7 @@ def test_a_dry_run_writes_nothing_and_says_everything(here, capsys):
 def test_what_cannot_be_run_cannot_be_forecast(here, capsys):
     refused(capsys, ["simulate", "demo", "--dry-run", "--set", "growth.final=9"], "growth.final")
     refused(capsys, ["simulate", "demo", "--dry-run", "--threads", "9999"], "threads ", " 9999.")
-    refused(capsys, ["simulate", "demo", "--dry-run", "--resume"], "--dry-run", "--resume", "scene.toml")
+    refused(capsys, ["simulate", "demo", "--dry-run", "--resume"], "--dry-run", "--resume", "[options-clash]")
 
 
 def test_the_cost_of_a_run_adds_up_and_leaves_no_effect_out(tmp_path):

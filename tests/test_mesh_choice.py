@@ -126,14 +126,14 @@ def test_a_scene_that_has_no_edge_to_choose_is_refused(here, capsys, scene, expe
 
 
 def test_options_that_exclude_each_other_are_refused(here, capsys):
-    refused(capsys, ["simulate", "fig5", "--error", "1%", "--resume"], "--error", "--resume", "scene.toml")
+    refused(capsys, ["simulate", "fig5", "--error", "1%", "--resume"], "--error", "--resume", "[options-clash]")
     refused(capsys, ["simulate", "fig5", "--budget", "1h", "--set", "accuracy.edge=1"], " 1 mm", "[options-clash]")
     refused(capsys, ["simulate", "fig5", "--budget", "soon"], "--budget soon: ", "[not-readable]")
     assert list(here.iterdir()) == []
 
 
 def test_a_folder_in_use_is_refused_before_anything_is_timed(here, capsys, monkeypatch):
-    monkeypatch.setattr("morphofold.forecasts.mesh_choice.choose_mesh", lambda *asked, **more: pytest.fail("timed"))
+    monkeypatch.setattr("morphofold.cli.simulate.choose_mesh", lambda *asked, **more: pytest.fail("timed"))
     (here / "busy").mkdir()
     (here / "busy" / "notes.txt").write_text("mine")
     refused(capsys, ["simulate", "fig5", "--budget", "1h", "-o", "busy"], "busy: is not empty and holds no simulation")

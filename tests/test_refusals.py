@@ -1,6 +1,5 @@
 """Whatever a command is given that it can't take: exit code 2, one line on standard error, nothing written."""
 
-import argparse
 import errno
 import os
 from pathlib import Path
@@ -8,10 +7,11 @@ from pathlib import Path
 import pytest
 from commands import main
 
-from morphofold.cli import parser
+from morphofold.cli import app
 from morphofold.errors import PYTHON_CODES, Refusal
 from morphofold.io import sample_path
 from morphofold.studies import bench
+from morphofold.studies.pages.commands import commands_below
 
 #: a call of every command that is refused for what it names, so that none begins to work
 CALLS = {
@@ -46,16 +46,12 @@ WRONG = ["", "\0", "nowhere", ODD, "\udcff", "nan", "-1", "1e400", "9" * 30, "x"
 
 def commands():
     """The parser of every command, question and benchmark, by its words."""
+    return dict([*commands_below(app()), *commands_below(bench.app(), "bench")])
 
-    def below(one, words):
-        deeper = [action for action in one._actions if isinstance(action, argparse._SubParsersAction)]
-        for action in deeper:
-            for name, sub in action.choices.items():
-                yield from below(sub, (*words, name))
-        if not deeper:
-            yield words, one
 
-    return dict([*below(parser(), ()), *below(bench.parser(), ("bench",))])
+def arguments(words, *, positional):
+    found = commands()[words].assemble_argument_collection()
+    return [argument for argument in found if (argument.index is not None) is positional]
 
 
 def refused(argv, capsys, folder):
@@ -83,18 +79,17 @@ def test_no_command_is_left_out():
 def test_wrong_values_of_every_option_are_refused_in_one_line(words, here, capsys):
     base = CALLS[words]
     refused([*words, *base], capsys, here)
-    options = [action for action in commands()[words]._actions if action.option_strings and action.nargs != 0]
-    for action in options:
+    for option in (o.name for o in arguments(words, positional=False) if o.hint is not bool):
         for value in WRONG:
-            line = refused([*words, *base, f"{action.option_strings[-1]}={value}"], capsys, here)
+            line = refused([*words, *base, f"{option}={value}"], capsys, here)
             if value == "":
-                assert action.option_strings[-1] in line  # refused for itself, and named
+                assert option in line  # refused for itself, and named
 
 
 @pytest.mark.parametrize("words", CALLS, ids=" ".join)
 def test_wrong_and_missing_arguments_are_refused_in_one_line(words, here, capsys):
-    needed = [action for action in commands()[words]._actions if not action.option_strings]
-    required = [a for a in needed if a.nargs not in ("?", "*")]
+    needed = arguments(words, positional=True)
+    required = [argument for argument in needed if argument.required]
     for count in range(len(required)):
         refused([*words, *count * ["nowhere"]], capsys, here)
     for value in WRONG if needed else ():
@@ -103,7 +98,7 @@ def test_wrong_and_missing_arguments_are_refused_in_one_line(words, here, capsys
     refused([*words, *CALLS[words], ODD], capsys, here)
 
 
-@pytest.mark.parametrize("argv", [[], [""], [ODD], ["unfold"], ["theory"], ["bench", ""], ["--no-such-option"]])
+@pytest.mark.parametrize("argv", [[""], [ODD], ["unfold"], ["theory", "x"], ["bench", ""], ["--no-such-option"]])
 def test_what_names_no_command_is_refused_in_one_line(argv, here, capsys):
     refused(argv, capsys, here)
 

@@ -11,7 +11,7 @@ from made_simulations import harmonic
 from morphofold import analysis
 from morphofold.cli import main
 from morphofold.errors import NoSolution
-from morphofold.forecasts import estimate_error, richardson
+from morphofold.forecasts import estimate_error
 from morphofold.forecasts.richardson import (
     CONVERGENCE_POWERS,
     SAME_PATTERN_DISTANCE,
@@ -139,7 +139,7 @@ def test_a_finished_run_is_told_though_its_estimate_fails(tmp_path, monkeypatch,
         raise error
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(richardson, "estimate_error", failing)
+    monkeypatch.setattr("morphofold.cli.simulate.estimate_error", failing)
     argv = ["simulate", "fig6-thick", "-o", "run", "-q", "--threads", "1", "--estimate", "--set", "accuracy.edge=9"]
     argv += [word for setting in SMALL if "edge" not in setting for word in ("--set", setting)]
     assert main(argv) == code

@@ -183,7 +183,7 @@ def cut(surface):
 def test_bad_input_is_refused_in_one_line_and_nothing_is_written(subject, capsys, spoil, options, word):
     spoil(subject)
     before = sorted(subject.parent.rglob("*"))
-    assert main(["unfold", "subject", "-o", "out", "-q", *options]) == 2
+    assert main(["unfold", "subject", "-q", *(options if "-o" in options else ("-o", "out", *options))]) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1
     assert word in error

@@ -1,200 +1,168 @@
-"""The ``morphofold`` command: one module per subcommand, heavy imports inside ``run``."""
+"""The ``morphofold`` command: :mod:`morphofold.cli.options` says what a command takes; the module with the name of the
+command, which alone is imported, does the work."""
 
 from __future__ import annotations
 
-import argparse
 import importlib
 import os
 import signal
 import sys
 import threading
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import pairwise
 from typing import Any, NoReturn
 
+from cyclopts import App, CycloptsError, Parameter, ValidationError
+
 from morphofold import __version__
-from morphofold.cli.streams import one_line, print_line, standard_streams
-from morphofold.errors import DISK_FULL_ERRORS, BadUsage, code_of
+from morphofold.cli import options, theory_options
+from morphofold.cli.options import Answer, Options
+from morphofold.cli.streams import one_line, print_answer, print_line, standard_streams
+from morphofold.errors import DISK_FULL_ERRORS, BadUsage, OutOfRange, Refusal, code_of
 from morphofold.threads import BLAS_VARIABLES
 
-PROGRAM = "morphofold"
-#: subcommand -> its line in the overview
-COMMANDS = {
-    "demo": "grow a cortex, measure it and a real one, write the comparison",
-    "simulate": "grow a scene into folds",
-    "analyze": "measure a FreeSurfer subject, a simulation, or a pair of files",
-    "compare": "put analyses side by side",
-    "unfold": "unfold a cortex to a smooth surface with the same vertices",
-    "cohort": "measure many subjects on several workers, and write tables and a page of the group",
-    "overlap": "where subjects have hinges and crests, and how many they share, against chance",
-    "stats": "test a model of age, sex and so on at every vertex of a cohort's maps on a template",
-    "bids": "the same as cohort for a BIDS dataset, called like a BIDS-App",
-    "sweep": "grow a scene with many values and seeds, and draw phase diagrams with the lines of theory",
-    "theory": "radius, stress, creases and wrinkles of the growing sphere, without a simulation",
-    "reproduce": "reproduce figures of the paper",
-    "scenes": "list the built-in scenes",
+COMMANDS: dict[str, type[Options]] = {
+    "demo": options.Demo,
+    "simulate": options.Simulate,
+    "analyze": options.Analyze,
+    "compare": options.Compare,
+    "unfold": options.Unfold,
+    "cohort": options.Cohort,
+    "overlap": options.Overlap,
+    "stats": options.Stats,
+    "bids": options.Bids,
+    "sweep": options.Sweep,
+    "theory": theory_options.Theory,
+    "reproduce": options.Reproduce,
+    "scenes": options.Scenes,
 }
+THEORY_QUESTIONS = theory_options.Radius, theory_options.Stress, theory_options.Critical, theory_options.Bifurcation
+DESCRIPTION = """Grow folded cortices, read real ones, and measure both with the same code.
+
+For example:
+
+- `morphofold demo -o demo`
+- `morphofold analyze subjects/bert -o bert`"""
+SOLVER_ERRORS = "UnstableError", "ConvergenceError"  # by name: to import them takes too long for --help
 
 
-#: of the overview of all commands
-EXAMPLES = ("morphofold demo -o demo", "morphofold analyze subjects/bert -o bert")
-
-
-class Parser(argparse.ArgumentParser):
-    """Help begins with ``examples``. Errors are one line, and empty values are refused: an empty path would mean the
-    current folder."""
-
-    examples: Sequence[str] = ()
-
-    def __init__(self, *args: Any, **options: Any):
-        super().__init__(*args, **options)
-        self.register("type", None, _non_empty_text)  # for every argument that is text
-
-    def add_subparsers(self, **options: Any) -> Any:
-        commands = super().add_subparsers(**options)
-        commands.type = str  # the parser of the subcommand checks for empty values
-        return commands
-
-    def format_help(self) -> str:
-        title = "Examples" if len(self.examples) > 1 else "Example"
-        shown = "\n".join([f"{title}:", *(f"  {example}" for example in self.examples), "", ""])
-        return (shown if self.examples else "") + super().format_help()
-
-    def error(self, message: str) -> NoReturn:
-        raise BadUsage(f"{message.rstrip('.')}. See {self.prog} --help.")
-
-
-def _non_empty_text(text: str) -> str:
-    if not text or "\0" in text:
-        raise argparse.ArgumentTypeError("its value is empty" if not text else "its value contains a NUL")
-    return text
-
-
-def parser() -> argparse.ArgumentParser:
+def app() -> App:
     """Return the parser of the whole command line, without importing anything heavy."""
-    from rich_argparse import RichHelpFormatter
-
-    top = Parser(
-        prog=PROGRAM,
-        description="Grow folded cortices, read real ones, and measure both with the same code.",
-        formatter_class=RichHelpFormatter,
-    )
-    top.add_argument("--version", action="version", version=f"morphofold {__version__}")
-    top.examples = EXAMPLES
-    commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for name, words in COMMANDS.items():
-        module = importlib.import_module(f"morphofold.cli.{name}")
-        sub = commands.add_parser(name, help=words, description=module.__doc__, formatter_class=RichHelpFormatter)
-        sub.examples = module.EXAMPLES
-        module.add_args(sub)
-        add_shared(sub, default=False)
-        sub.set_defaults(run=module.run)
+    top = new_app("morphofold", DESCRIPTION)
+    for order, (name, command) in enumerate(COMMANDS.items()):
+        if name == "theory":
+            theory = top.command(App(name="theory", help=command.__doc__, sort_key=order))
+        else:
+            top.command(command, name=name, sort_key=order)
+    for order, question in enumerate(THEORY_QUESTIONS):
+        theory.command(question, name=question.__name__.lower(), sort_key=order)
     return top
 
 
-def add_shared(parser: argparse.ArgumentParser, *, default: Any) -> None:
-    """Add the options that every command has."""
-    parser.add_argument("-q", "--quiet", action="store_true", default=default, help="show no progress")
-    parser.add_argument("--debug", action="store_true", default=default, help="show the traceback of an error")
-
-
-def add_options(parser: argparse.ArgumentParser, *options: tuple[str, str | None, str]) -> None:
-    """Add options in the order given: their names, the name of the value (None: a flag), and the text of --help."""
-    for names, value, words in options:
-        kind: dict[str, Any] = {"action": "store_true"} if value is None else {"metavar": value}
-        parser.add_argument(*names.split(), help=words, **kind)
-
-
-def add_scene(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("scene", metavar="SCENE", help="a built-in scene (see morphofold scenes) or a TOML file")
-
-
-def add_settings(parser: argparse.ArgumentParser, words: str) -> None:
-    parser.add_argument("--set", dest="settings", metavar="TABLE.KEY=VALUE", action="append", default=[], help=words)
-
-
-def add_threads(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--threads", type=int, metavar="N", help="threads (default: all cores)")
-
-
-def add_questions(parser: Parser, words: Mapping[str, str], more: Mapping[str, str]) -> dict[str, Parser]:
-    """Return a parser for each WHAT of a command, with its own of the command's examples; ``more`` is appended to the
-    description of each."""
-    questions = parser.add_subparsers(dest="what", metavar="WHAT", required=True)
-    found = {
-        name: questions.add_parser(
-            name,
-            help=choices,
-            description=f"{choices[0].upper()}{choices[1:]}. {more.get(name, '')}",
-            formatter_class=parser.formatter_class,
-        )
-        for name, choices in words.items()
-    }
-    for name, sub in found.items():
-        sub.examples = [example for example in parser.examples if name in example.split()]
-    return found
+def new_app(name: str, description: str | None) -> App:
+    """Return a parser without commands; a command is a class of options, and parsing returns one of them."""
+    return App(
+        name=name,
+        help=description,
+        version=f"{name} {__version__}",
+        help_format="markdown",
+        default_parameter=Parameter(negative=()),
+        result_action="return_value",
+    )
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command and return its exit code, as ``run_parser`` does."""
-    return run_parser(PROGRAM, parser, argv)
+    """Run one command and return its exit code, as ``run_app`` does."""
+    return run_app(app, _run_command, argv)
 
 
-def run_parser(program: str, build: Callable[[], argparse.ArgumentParser], argv: Sequence[str] | None) -> int:
+def _run_command(args: Options) -> Answer:
+    command = next(name for name, kind in COMMANDS.items() if isinstance(args, kind))
+    return importlib.import_module(f"morphofold.cli.{command}").run(args)  # type: ignore[no-any-return]
+
+
+def run_app(build: Callable[[], App], run: Callable[[Any], Answer], argv: Sequence[str] | None) -> int:
     """Run what ``argv`` names, and return the exit code: 0 done, 1 the work failed, 2 bad input, 130 interrupted.
 
-    If nobody reads the output any more, the work is still done, and the exit code stays the same. The parser that
-    ``build`` returns sets ``run``; ``program`` begins each line on an error.
+    If nobody reads the output any more, the work is still done, and the exit code stays the same. ``build`` returns the
+    parser, and ``run`` takes the options of the command.
     """
     for name in BLAS_VARIABLES:  # NumPy is not imported yet
         os.environ.setdefault(name, "1")
+    argv = sys.argv[1:] if argv is None else argv
     with standard_streams():
+        parser = build()
+        program = " ".join([*parser.name, *argv[:1]] if argv and argv[0] in parser else parser.name)
         try:
-            args = build().parse_args(argv)
-        except SystemExit as end:  # after --help or --version
-            return int(end.code or 0)
-        except BadUsage as error:
-            return _print_failure(program, error, 2, error)
-        except OSError as error:  # --help can't be written
-            return _print_failure(program, f"standard output: {error.strerror}.", 2, error)
-        return _run_parsed(args, f"{program} {vars(args).get('command', '')}".strip())
+            args = parsed(parser, argv)
+        except (Refusal, OSError) as error:  # also if --help can't be written
+            return _print_failure(program, *_failure(error, ""), error)
+        return 0 if args is None else _run_parsed(run, args, program)
 
 
-def _run_parsed(args: argparse.Namespace, program: str) -> int:
+def parsed(parser: App, argv: Sequence[str]) -> Any:
+    """The options of the command that ``argv`` names; nothing after --help and --version.
+
+    Raises
+    ------
+    BadUsage
+        If an option is unknown, a value is missing, or can't be understood.
+    OutOfRange
+        If a number is outside the limits of its option.
+    OptionsClash
+        If options contradict each other.
+    """
+    for option, text in pairwise(["", *argv]):
+        if not text or "\0" in text or (text.startswith("--") and text.endswith("=")):  # "" would be the current folder
+            name = text.partition("=")[0] or (option if option.startswith("-") else "an argument")
+            raise BadUsage(f"{name}: the value is empty, or contains a NUL. Give it a value, or leave it out.")
+    try:
+        return parser(argv, exit_on_error=False, print_error=False, help_on_error=False)
+    except CycloptsError as error:
+        if isinstance(error, ValidationError) and error.argument is not None:
+            raise OutOfRange(f"{error.argument.name} {error.exception_message}") from None
+        if isinstance(error.__cause__, Refusal):
+            raise error.__cause__ from None
+        chain = " ".join([*parser.name, *(error.command_chain or ())])
+        raise BadUsage(f"{str(error).strip().rstrip('.?')}. See {chain} --help.") from None
+
+
+def _run_parsed(run: Callable[[Any], Answer], args: Options, program: str) -> int:
     try:
         with warnings.catch_warnings():
             warnings.showwarning = _show_warning
             with _signals_as_interrupts():
-                code = args.run(args)
+                answer = run(args)
+                print_answer(answer, as_json=getattr(args, "json", False))
         sys.stdout.flush()
-        return code
-    except (KeyboardInterrupt, SystemError) as error:
-        # a compiled kernel passes Ctrl-C on as the cause of a SystemError
-        if isinstance(error, SystemError) and not isinstance(error.__cause__, KeyboardInterrupt):
+        return answer.code
+    except BaseException as error:
+        status, text = _failure(error, args.on_interrupt)
+        if not status or (args.debug and status != 130):
             raise
-        return _print_failure(program, f"interrupted.{getattr(args, 'on_interrupt', '')}", 130)
-    except (ValueError, TypeError, OSError) as error:
-        if args.debug:
-            raise
-        if isinstance(error, OSError) and error.errno is not None:  # the system's message, not ours
-            where = f"{error.filename}: " if error.filename is not None else ""
-            cure = "Free space" if error.errno in DISK_FULL_ERRORS else "Name another file or folder"
-            return _print_failure(program, f"{where}{error.strerror}. {cure}.", 2, error)
-        return _print_failure(program, error, 2, error)
-    except MemoryError as error:
-        if args.debug:
-            raise
+        return _print_failure(program, status, text, error)
+
+
+def _failure(error: BaseException, on_interrupt: str) -> tuple[int, object]:
+    """Exit code of an error and its text; code 0 if it should pass."""
+    if isinstance(error, KeyboardInterrupt) or isinstance(error.__cause__, KeyboardInterrupt):  # from compiled code
+        return 130, f"interrupted.{on_interrupt}"
+    if isinstance(error, OSError) and error.errno is not None:  # the system's message, not ours
+        where = f"{error.filename}: " if error.filename is not None else ""
+        cure = "Free space" if error.errno in DISK_FULL_ERRORS else "Name another file or folder"
+        return 2, f"{where}{error.strerror}. {cure}."
+    if isinstance(error, ValueError | TypeError | OSError):
+        return 2, error
+    if isinstance(error, MemoryError):
         line = str(error) or "memory did not suffice"  # numpy gives the amount
-        more = "" if line.endswith(".") else ". Close other programs, or ask for less."
-        return _print_failure(program, f"{line}{more}", 2, error)
-    except Exception as error:
-        if args.debug:
-            raise
-        known = "UnstableError", "ConvergenceError"  # not imported, so that --help is fast
-        if isinstance(error, ImportError) or type(error).__name__ in known:
-            return _print_failure(program, error, 1)
-        return _print_failure(program, f"{type(error).__name__}: {error} (a defect; --debug shows where)", 1)
+        return 2, line if line.endswith(".") else f"{line}. Close other programs, or ask for less."
+    if isinstance(error, SystemError) or not isinstance(error, Exception):
+        return 0, ""
+    if isinstance(error, ImportError) or type(error).__name__ in SOLVER_ERRORS:
+        return 1, error
+    return 1, f"{type(error).__name__}: {error} (a defect; --debug shows where)"
 
 
 @contextmanager
@@ -235,10 +203,8 @@ def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
     print_line(f"morphofold: warning: {message}", file=sys.stderr)
 
 
-def _print_failure(program: str, text: object, status: int, refused: BaseException | None = None) -> int:
+def _print_failure(program: str, status: int, text: object, error: BaseException) -> int:
     """Print the text of an error, and the code of a refusal; return the exit code."""
-    line = one_line(" ".join([str(text).strip(), *getattr(text, "__notes__", ())])) or type(text).__name__
-    if refused is not None:
-        line += f" [{code_of(refused)}]"
-    print(f"{program}: {line}", file=sys.stderr)
+    line = one_line(" ".join([str(text).strip(), *getattr(error, "__notes__", ())])) or type(error).__name__
+    print(f"{program}: {line}" + (f" [{code_of(error)}]" if status == 2 else ""), file=sys.stderr)
     return status

@@ -6,14 +6,19 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
-if TYPE_CHECKING:
-    from morphofold.analysis import Measures
-    from morphofold.cli.progress import ProgressCallback
-    from morphofold.progress import Progress
-    from morphofold.sim.run import Simulation
-    from morphofold.surface import Cortex
+from morphofold import analysis, simulation
+from morphofold.analysis import Measures
+from morphofold.cli.progress import ProgressCallback, progress
+from morphofold.io import atomic_folder
+from morphofold.progress import Progress
+from morphofold.sim.dynamics import UnstableError
+from morphofold.sim.run import Simulation
+from morphofold.sim.scene import Sphere
+from morphofold.sim.scene.files import load_scene
+from morphofold.surface import Cortex
+from morphofold.threads import set_threads
 
 Result = TypeVar("Result")
 SIMULATIONS_FOLDER = "simulations"
@@ -28,19 +33,12 @@ class Runs:
     """
 
     def __init__(self, out: Path, *, threads: int | None, quiet: bool, draft: bool = False):
-        from morphofold.threads import set_threads
-
         set_threads(threads)
         self._out, self.draft, self._threads, self._quiet = out, draft, threads, quiet
         self._done: dict[str, Any] = {}
         self.seconds_growing = 0.0
 
     def grow(self, name: str, scene: str, settings: Sequence[str]) -> Simulation:
-        from morphofold.sim.dynamics import UnstableError
-        from morphofold.sim.scene import Sphere
-        from morphofold.sim.scene.files import load_scene
-        from morphofold.simulation import simulate
-
         begin(self._out)
         if self.draft:
             name, settings = f"{name}-octant-draft", [*settings, "accuracy.level=draft"]
@@ -49,7 +47,7 @@ class Runs:
         begun = time.perf_counter()
         with self.showing(name) as show:
             try:
-                return simulate(
+                return simulation.simulate(
                     scene,
                     self._out / SIMULATIONS_FOLDER / name,
                     settings=settings,
@@ -63,27 +61,21 @@ class Runs:
                 self.seconds_growing += time.perf_counter() - begun
 
     def measure(self, name: str, cortex: Cortex) -> Measures:
-        from morphofold.analysis import measure
-
         accuracy = "draft" if self.draft else "standard"
-        return self.once(f"measure {name}", lambda show: measure(cortex, accuracy=accuracy, progress=show))
+        return self.once(f"measure {name}", lambda show: analysis.measure(cortex, accuracy=accuracy, progress=show))
 
-    def once(self, words: str, work: Callable[[Progress], Result]) -> Result:
-        if words not in self._done:
-            with self.showing(words) as show:
-                self._done[words] = work(show)
-        return self._done[words]
+    def once(self, label: str, work: Callable[[Progress], Result]) -> Result:
+        if label not in self._done:
+            with self.showing(label) as show:
+                self._done[label] = work(show)
+        return self._done[label]
 
-    def showing(self, words: str) -> AbstractContextManager[ProgressCallback]:
-        from morphofold.cli.progress import progress
-
-        return progress(words, self._quiet)
+    def showing(self, label: str) -> AbstractContextManager[ProgressCallback]:
+        return progress(label, self._quiet)
 
 
 def begin(out: Path) -> None:
     """Mark an empty or new folder as ours, so that parts can be written into it before the whole."""
-    from morphofold.io import atomic_folder
-
     if not out.is_dir() or not any(out.iterdir()):
         with atomic_folder(out):
             pass

@@ -45,7 +45,7 @@ class Covariates:
 NO_COVARIATES = Covariates()
 
 
-def find_covariates(given: str | None, folders: Iterable[Path], taken: Iterable[str]) -> Covariates:
+def find_covariates(given: str | Path | None, folders: Iterable[Path], taken: Iterable[str]) -> Covariates:
     """Covariates from the file ``given``, else from the first of ``folders`` with a participants.tsv, else none.
 
     Raises

@@ -6,13 +6,16 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 import textwrap
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
-from morphofold.cli import COMMANDS, parser
+from cyclopts import App
+from cyclopts.argument import Argument
+
+from morphofold.cli import COMMANDS, app
 from morphofold.io import atomic_file
 from morphofold.studies.markdown import between_marks, table
 
@@ -37,57 +40,71 @@ def write_pages(folder: Path) -> None:
 
 def overview() -> str:
     """Table with a line per command."""
-    return table(["command", "what it does"], [[f"[{name}]({name}.md)", words] for name, words in COMMANDS.items()])
+    summaries = {name: (command.__doc__ or "").partition("\n")[0].rstrip(".") for name, command in COMMANDS.items()}
+    return table(["command", "what it does"], [[f"[{name}]({name}.md)", text] for name, text in summaries.items()])
 
 
 def options(name: str) -> Iterator[str]:
     """Headings, descriptions and tables of a command, and of the commands below it."""
-    command = subcommands(parser())[name]
-    below = subcommands(command)
-    if not below:
-        yield from _usage_and_options(command)
-    for sub in below.values():
-        yield f"### {sub.prog}"
-        yield textwrap.fill(" ".join((sub.description or "").split()), 120, break_on_hyphens=False)
-        yield from _usage_and_options(sub)
+    for words, command in commands_below(app()[name], name):
+        if words != (name,):
+            yield f"### morphofold {' '.join(words)}"
+            text = " ".join(command.help.partition("For example:")[0].split())
+            yield textwrap.fill(text, 120, break_on_hyphens=False)
+        yield from _usage_and_options(command, " ".join(("morphofold", *words)))
 
 
-def subcommands(command: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
-    """The commands below a command, by name."""
-    found = (a.choices for a in command._actions if isinstance(a, argparse._SubParsersAction))
-    return dict(next(found, {}) or {})
+def commands_below(command: App, *words: str) -> Iterator[tuple[tuple[str, ...], App]]:
+    """The commands that do work, by what is typed: ``command`` itself, or the commands below it."""
+    names = [name for name in command if not name.startswith("-")]
+    for name in names:
+        yield from commands_below(command[name], *words, name)
+    if not names:
+        yield words, command
 
 
-def _usage_and_options(command: argparse.ArgumentParser) -> Iterator[str]:
+def _usage_and_options(command: App, program: str) -> Iterator[str]:
     """Usage of a command in one line, and a table of its arguments."""
-    plain = argparse.HelpFormatter(command.prog)
-    taken = [a for a in command._actions if a.dest != "help"]
-    given = [_argument_metavar(plain, a) for a in taken if not a.option_strings]
-    yield f"`{' '.join([command.prog, *given, '[options]'])}`"
-    yield table(
-        ["option", "meaning"], [[_option_spelling(plain, a), _table_cell(plain._expand_help(a))] for a in taken]
-    )
+    arguments = sorted(command.assemble_argument_collection(parse_docstring=True), key=_order)
+    positional = [_positional(argument) for argument in arguments if argument.index is not None]
+    yield f"`{' '.join([program, *positional, '[options]'])}`"
+    yield table(["option", "meaning"], [[_spelling(a), _meaning(a)] for a in arguments])
 
 
-def _option_spelling(plain: argparse.HelpFormatter, action: argparse.Action) -> str:
-    value = _argument_metavar(plain, action)
-    if not action.option_strings:
-        return f"`{value}`"
-    *short, long = action.option_strings
-    return ", ".join([*(f"`{word}`" for word in short), f"`{long} {value}`" if value else f"`{long}`"])
+def _order(argument: Argument) -> tuple[bool, int]:
+    """Arguments first, then own options, then groups of shared ones as in ``--help``."""
+    groups: Any = argument.parameter.group or ()
+    return argument.index is None, max((group.sort_key or 0 for group in groups), default=0)
 
 
-def _argument_metavar(plain: argparse.HelpFormatter, action: argparse.Action) -> str:
-    name = (
-        plain._get_default_metavar_for_positional
-        if not action.option_strings
-        else (plain._get_default_metavar_for_optional)
-    )
-    return plain._format_args(action, name(action)) if action.nargs != 0 else ""
+def _positional(argument: Argument) -> str:
+    name = argument.name.lstrip("-").upper()
+    name = f"{name}..." if "list" in str(argument.hint) else name
+    return name if argument.required else f"[{name}]"
 
 
-def _table_cell(words: str) -> str:
-    return " ".join(words.split()).replace("|", "\\|").replace("<", "&lt;")
+def _spelling(argument: Argument) -> str:
+    if argument.index is not None:
+        return f"`{_positional(argument)}`"
+    *others, last = sorted(argument.parameter.name or (), key=len)
+    value = _value(argument)
+    return ", ".join([*(f"`{name}`" for name in others), f"`{last} {value}`" if value else f"`{last}`"])
+
+
+def _value(argument: Argument) -> str:
+    if choices := argument.get_choices():
+        return f"{{{','.join(choices)}}}"
+    kinds = {"bool": "", "int": "INT", "float": "FLOAT", "Path": "PATH"}
+    text = str(argument.hint)
+    kind = next((value for name, value in kinds.items() if name in text), "TEXT")
+    return f"{kind}..." if argument.parameter.consume_multiple else kind
+
+
+def _meaning(argument: Argument) -> str:
+    text = " ".join((argument.parameter.help or "").split()).replace("|", "\\|").replace("<", "&lt;")
+    default = argument.field_info.default
+    shown = argument.show_default and not argument.required and default not in (None, argument.field_info.empty)
+    return f"{text} Default: {default}." if shown else text
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ from morphofold.errors import MissingPart, NamedTwice, OpenSurface
 from morphofold.shapes import even_directions, icosphere
 from morphofold.sim import scene as scenes
 from morphofold.sim.scene.files import load_scene
-from morphofold.studies.bench import main, parser
+from morphofold.studies.bench import Folds, main
 from morphofold.studies.folds import page as fold_page
 from morphofold.studies.folds import statistics
 from morphofold.studies.folds import study as fold_study
@@ -196,7 +196,7 @@ def test_other_seeds_are_grown_at_the_second_finest_level_only():
 
 
 def test_the_default_study_can_be_planned():
-    names = parser().parse_args(["folds", "-o", "out"]).scenes.split(",")
+    names = Folds(out="out").scenes.split(",")
     assert len(names) == 10
     runs = planned(Study(tuple(names), ("draft", "standard", "fine"), (0, 1, 2), "octant", (1.3, 2.0)))
     assert len(runs) == 50

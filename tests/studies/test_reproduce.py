@@ -265,5 +265,5 @@ def test_threads_that_cannot_be_had_are_refused_before_anything_is_written(here,
 
 
 def test_reproduce_refuses_a_folder_without_a_name(here, capsys):
-    assert "-o/--out" in refused(capsys, "reproduce", "fig4", "-o", "")
+    assert "-o" in refused(capsys, "reproduce", "fig4", "-o", "")
     assert list(here.iterdir()) == []

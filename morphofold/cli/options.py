@@ -1,0 +1,574 @@
+"""The options of all commands: a class for each command, from which its parser, ``--help`` and docs are made.
+
+Fields before ``KW_ONLY`` are arguments, those after it options, and the text below a field is its help. This module is
+imported by every command, ``--help`` too, and imports nothing heavy; the work of a command is the function ``run`` of
+the module with its name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import KW_ONLY, MISSING, dataclass, field, fields
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
+
+from cyclopts import Group, Parameter, Token
+
+from morphofold.errors import BadUsage, OptionsClash, OutOfRange
+
+MEASURING = Group("Measuring", sort_key=1)
+WORKERS = Group("Workers", sort_key=2)
+RUNNING = Group("Output and running", sort_key=3)
+HEMISPHERE_SPELLINGS = {"lh": "lh", "l": "lh", "left": "lh", "rh": "rh", "r": "rh", "right": "rh", "both": "both"}
+
+
+def _hemisphere(_: Any, tokens: tuple[Token, ...]) -> str:
+    """FreeSurfer's spelling of a hemisphere, from any spelling."""
+    word = tokens[0].value
+    if word.lower() not in HEMISPHERE_SPELLINGS:
+        raise BadUsage(f"--hemi: {word!r} is not a hemisphere. Pass lh, rh or both.")
+    return HEMISPHERE_SPELLINGS[word.lower()]
+
+
+def within(least: float, largest: float) -> Parameter:
+    """Limits of a number, or of each number of a list; NaN is outside."""
+
+    def check(_: Any, value: Any) -> None:
+        for number in value if isinstance(value, list) else [] if value is None else [value]:
+            if not least <= number <= largest:
+                raise OutOfRange(f"must lie between {least:.10g} and {largest:.10g}, got {number:g}.")
+
+    return Parameter(validator=check)
+
+
+def _whole(_: Any, tokens: tuple[Token, ...]) -> int:
+    """A whole number; cyclopts alone would round 2.5 in silence."""
+    return int(tokens[0].value)
+
+
+Whole = Annotated[int, Parameter(converter=_whole)]
+MaybeWhole = Annotated[int | None, Parameter(converter=_whole)]
+Out = Annotated[Path, Parameter(alias="-o", group=RUNNING)]
+OutOrName = Annotated[Path | None, Parameter(alias="-o", group=RUNNING)]
+Sides = Literal["lh", "rh", "both"]
+Hemispheres = Annotated[Sides | None, Parameter(converter=_hemisphere)]
+Texts = Annotated[list[str], Parameter(show_default=False)]
+Length = Annotated[float | None, Parameter(group=MEASURING), within(1e-9, 1e9)]
+Layout = Annotated[Literal["plain", "bids"], Parameter(group=RUNNING)]
+Switch = Annotated[bool, Parameter(show_default=False)]
+Flag = Annotated[Switch, Parameter(group=RUNNING)]
+Threads = Annotated[MaybeWhole, Parameter(group=RUNNING)]
+
+
+class Answer(NamedTuple):
+    """What a command prints: ``json`` (a file, or content) with --json, else the lines; and its exit code."""
+
+    json: Any
+    lines: Sequence[str]
+    code: int = 0
+
+
+@dataclass(kw_only=True)
+class Options:
+    """Options of every command."""
+
+    #: "--a needs --b --c" (one of them), "--a excludes --b --c" (all of them); an argument is written in capitals
+    rules: ClassVar[tuple[str, ...]] = ()
+    on_interrupt: str = field(default="", init=False)
+
+    quiet: Annotated[Switch, Parameter(alias="-q", group=RUNNING)] = False
+    """Show no progress."""
+    debug: Flag = False
+    """Show the traceback of an error."""
+
+    def __post_init__(self) -> None:
+        for option, verb, *others in map(str.split, self.rules):
+            present = [other for other in others if self._is_changed(other)]
+            if verb == "excludes" and self._is_changed(option) and present:
+                raise OptionsClash(f"{option} can't be used with {', '.join(present)}. Leave out one of them.")
+            if verb == "needs" and self._is_changed(option) and not present:
+                raise OptionsClash(f"{option} needs {' or '.join(others)}. Pass it, or leave out {option}.")
+
+    def _is_changed(self, option: str) -> bool:
+        """Whether an option differs from its default; with a value, ``--layout=bids``, whether it is that."""
+        option, _, value = option.strip("-").lower().partition("=")
+        own = next(f for f in fields(self) if f.name == option.replace("-", "_"))
+        default = own.default if own.default_factory is MISSING else own.default_factory()
+        return getattr(self, own.name) != default and value in ("", getattr(self, own.name))
+
+
+@dataclass(kw_only=True)
+class Printing(Options):
+    """Options of commands that print results."""
+
+    json: Flag = False
+    """Print the results as JSON: what the command writes to summary.json, or its table."""
+
+
+@dataclass(kw_only=True)
+class Parcellation:
+    """Which hemispheres, and which parcellation."""
+
+    hemi: Hemispheres = None
+    """Left, right or both (default: the hemispheres that are there)."""
+    annot: str | None = None
+    """Parcellation, label/?h.NAME.annot, such as aparc.a2009s (default: aparc, if it exists)."""
+    annot_from: str | None = None
+    """Without that file, carry the parcellation over from a template by ?h.sphere.reg: fsaverage5, or the folder of
+    another."""
+
+
+@dataclass(kw_only=True)
+class Measuring:
+    """Options of measuring a surface."""
+
+    curvature_scale: Length = None
+    """Radius of the neighbourhoods for curvature [mm] (default: 3, more on coarse meshes; in a group, one for all)."""
+    gyral_width: Length = None
+    """Crown width [mm], to which the lengths of the gyral graph are proportional; set it to compare hinges of several
+    meshes (default: from each surface; in a group, their median)."""
+    thickness_cap: Length = None
+    """Upper bound of cortical thickness [mm]; FreeSurfer's is 5 (default: none)."""
+    accuracy: Annotated[Literal["draft", "standard", "fine"], Parameter(group=MEASURING)] = "standard"
+    """Mesh for thicknesses and gyral graph. draft: meshes of more than 50,000 vertices are thinned; fine: meshes of
+    less than 40,000 are split; standard: the mesh as it is."""
+    no_repair: Annotated[Switch, Parameter(group=MEASURING)] = False
+    """Refuse surfaces with flipped triangles, pinched edges, torn seams and similar defects (default: they are repaired
+    first, and the repairs are reported)."""
+
+
+@dataclass(kw_only=True)
+class ManyTasks(Measuring, Printing):
+    """Options of commands that measure many bodies on several workers."""
+
+    no_report: Flag = False
+    """No page for each subject or run; the page of them all is written."""
+    workers: Annotated[MaybeWhole, Parameter(group=WORKERS)] = None
+    """Processes (default: as many as cores and memory allow)."""
+    threads: Annotated[Whole, Parameter(group=WORKERS)] = 1
+    """Threads of each worker."""
+    memory: Annotated[float | None, Parameter(group=WORKERS)] = None
+    """Memory of a worker [GiB]; one that takes more is stopped and starts again (default: its share of the machine)."""
+    scheduler: Annotated[str | None, Parameter(group=WORKERS)] = None
+    """Address of a running Dask cluster, such as tcp://host:8786."""
+
+
+@dataclass(kw_only=True)
+class ManySubjects(Parcellation, ManyTasks):
+    """Options of cohort and bids."""
+
+    layout: Layout = "plain"
+    """Layout of the subjects; bids: the folder is a BIDS dataset."""
+    participants: Path | None = None
+    """Table with a row for each participant_id, whose columns (age, sex) the tables of the group repeat (default:
+    participants.tsv of the input, if it exists)."""
+
+
+@dataclass
+class Demo(Options):
+    """Grow a cortex, measure it and a real one, write the comparison.
+
+    The complete work once: a folded cortex is grown, it and two real hemispheres are measured and compared. With
+    --subjects, makes a folder of subjects for trying cohort, stats and overlap.
+
+    For example:
+
+    - `morphofold demo -o demo`
+    """
+
+    rules = ("--subjects excludes --scene", "--seed needs --subjects")
+    _: KW_ONLY
+    out: Out = Path("demo")
+    """Folder to write."""
+    scene: str | None = None
+    """Scene to grow (default: demo)."""
+    subjects: MaybeWhole = None
+    """Write this number of made subjects instead, whose left cortex thins with age, for trying cohort and stats."""
+    seed: MaybeWhole = None
+    """Of the made subjects (default: 0)."""
+    threads: Threads = None
+    """Threads (default: all cores)."""
+
+
+@dataclass
+class Simulate(Printing):
+    """Grow a scene into folds.
+
+    Its stages are written as FreeSurfer-shaped subjects. If a run is not healthy, this is printed and recorded in
+    health.json. The exit code is still 0, because its files can be looked at. --json prints health.json with the result
+    of --estimate, or the forecast of --dry-run.
+
+    For example:
+
+    - `morphofold simulate fig5 -o fig5`
+    - `morphofold simulate fig5 -o fig5 --resume`
+    """
+
+    rules = (
+        "--restart-from excludes --dry-run --budget --error --estimate",
+        "--resume excludes --dry-run --budget --error",
+    )
+    scene: str
+    """A built-in scene (see morphofold scenes) or a TOML file."""
+    _: KW_ONLY
+    out: OutOrName = None
+    """Folder to write (default: the scene's name)."""
+    set: Texts = field(default_factory=list)
+    """Change one value of the scene, TABLE.KEY=VALUE, e.g. growth.final=1.8; may be repeated."""
+    resume: Switch = False
+    """Continue from the checkpoint in the folder; a finished run is left as it is."""
+    restart_from: Path | None = None
+    """Begin at the last stage or the checkpoint of another run with the same mesh (its folder), or at a stage
+    (RUN/stages/g1.50); material, growth, effects and stages may differ."""
+    dry_run: Switch = False
+    """Print what the run would take: elements, steps, memory, time, errors; write nothing. Its steps are timed for a
+    second or two."""
+    budget: str | None = None
+    """Choose the finest mesh whose run is expected to fit this time: 90s, 5min, 2h or 1d."""
+    error: str | None = None
+    """Choose the coarsest mesh whose expected error (of gyrification index and wavelength) is no larger: a percentage
+    such as 5%, or a fraction such as 0.05."""
+    estimate: Switch = False
+    """Afterwards grow a coarser run in DIR/coarser, in two fifths of the time, and estimate the error from both; then
+    the coarser run at half the pace in DIR/slower, in about half of the time, to show what the pace changes."""
+    threads: Threads = None
+    """Threads (default: all cores)."""
+
+
+@dataclass
+class Analyze(Parcellation, Measuring, Printing):
+    """Measure a FreeSurfer subject, a simulation, or a pair of files.
+
+    Curvature, thickness, gyral thickness, gyrification and regions of one cortex, with a page to look at. Exit code 1:
+    only one of two hemispheres could be measured; summary.json and the page give the reason. In the BIDS layout --json
+    prints the provenance file.
+
+    For example:
+
+    - `morphofold analyze subjects/bert -o bert`
+    - `morphofold analyze --white lh.white.surf.gii --pial lh.pial.surf.gii --hemi lh -o mine`
+    """
+
+    rules = (
+        "--subject excludes INPUT --white --pial",
+        "INPUT excludes --white --pial",
+        "--subjects-dir needs --subject",
+        "--white needs --pial",
+        "--pial needs --white",
+        "--annot-from excludes --white",
+        "--layout=bids needs --out",
+        "--layout=bids excludes --mgh --wide",
+        "--into-subject excludes --only",
+        "--into-subject needs INPUT --subject",
+        "--stages needs INPUT --subject",
+        "--stages excludes --hemi --annot --annot-from --json --mgh --wide --into-subject --only --layout=bids",
+    )
+    input: str | None = None
+    """FreeSurfer subject, simulation or analysis folder."""
+    _: KW_ONLY
+    subject: Annotated[str | None, Parameter(alias="-s")] = None
+    """FreeSurfer subject by its name, instead of INPUT."""
+    subjects_dir: Annotated[str | None, Parameter(alias="--sd")] = None
+    """Folder that holds the subject (default: the variable SUBJECTS_DIR)."""
+    white: Path | None = None
+    """White surface, with --pial instead of INPUT."""
+    pial: Path | None = None
+    """Pial surface, with --white instead of INPUT."""
+    name: str | None = None
+    """Name in the tables and on the page (default: INPUT's name)."""
+    stages: Switch = False
+    """Measure every stage of a simulation, each into its own folder, for compare --growth; no pages. Stages that an
+    earlier run measured from the same files are kept."""
+    only: Annotated[str | None, Parameter(group=MEASURING)] = None
+    """Scalars, maps and tables to measure, in the time that these need, such as gyral_thickness,n_hinges (default:
+    all)."""
+    no_report: Flag = False
+    """Tables and maps only, no page or pictures."""
+    mgh: Flag = False
+    """Also write maps as MGH (FreeSurfer's own format and GIFTI are always written); plain layout."""
+    wide: Flag = False
+    """Also write regions_wide.tsv: one row, a column per region and measure; plain layout."""
+    layout: Layout = "plain"
+    """bids: the folder is a BIDS derivatives dataset; sub-NAME is added to it, or replaced in it."""
+    out: OutOrName = None
+    """Folder to write (default: NAME-analysis here)."""
+    into_subject: Flag = False
+    """Also write surf/?h.gyral_thickness, surf/?h.pial_lgi and stats/?h.aparc.gyral.stats into the FreeSurfer subject;
+    files that morphofold did not write are kept."""
+    threads: Threads = None
+    """Threads (default: all cores)."""
+
+
+@dataclass
+class Compare(Printing):
+    """Put analyses side by side.
+
+    One page with the same colours, bins and axes for all. --json prints comparison.json.
+
+    For example:
+
+    - `morphofold compare model=fig5-analysis MRI=average -o both`
+    """
+
+    analyses: list[str]
+    """NAME=DIR: a name, and a folder that analyze wrote (in the BIDS layout DATASET/sub-NAME)."""
+    _: KW_ONLY
+    out: Out = Path("comparison")
+    """Folder to write."""
+    group: Texts = field(default_factory=list)
+    """GROUP=NAME,NAME: pool the hinges of these analyses, and compare them with other groups; once per group."""
+    growth: Texts = field(default_factory=list)
+    """NAME=DIR: a folder that analyze --stages wrote; draw its numbers over growth; once per body."""
+    colour: Texts = field(default_factory=list)
+    """NAME=RRGGBB: colour of an analysis or a group, as 0072b2; once per colour (default: one per group)."""
+    spins: Whole = 500
+    """Rotations of the sphere that test a cortex against the folds of the person it grew from, if both are compared."""
+
+
+@dataclass
+class Unfold(Printing):
+    """Unfold a cortex to a smooth surface with the same vertices.
+
+    By heat flow on its sphere: the body that it would have grown from, and where its area comes from.
+
+    For example:
+
+    - `morphofold unfold $SUBJECTS_DIR/bert -o bert-unfolded`
+    """
+
+    input: Path
+    """Folder of a FreeSurfer subject, or a file with a closed surface."""
+    _: KW_ONLY
+    hemi: Hemispheres = None
+    """Left, right or both (default: the hemispheres of INPUT)."""
+    level: float = 0.03
+    """Time of the heat flow on the unit sphere, 0.005 to 0.3; 0.02 keeps hints of the largest sulci, 0.08 only the
+    shape of the hemisphere."""
+    radius: float | None = None
+    """Scale the smooth surface to the area of a sphere of this radius [mm] (default: as is)."""
+    surface: str | None = None
+    """Folded surface, surf/?h.NAME (default: white)."""
+    sphere: str | None = None
+    """Its sphere, surf/?h.NAME, or a file if INPUT is one (default: sphere; where there is none, one is made, which
+    takes two minutes for 150,000 vertices)."""
+    out: OutOrName = None
+    """Folder to write (default: NAME-unfolded here)."""
+
+
+@dataclass
+class Cohort(ManySubjects):
+    """Measure many subjects on several workers, and write tables and a page of the group.
+
+    All subjects are measured with the same curvature scale and the same crown width. Run it again to measure subjects
+    that are missing or have changed. Exit code 1: some subjects have no measures; failures.tsv gives the reasons.
+    --json prints how many subjects have results, which failed, and why.
+
+    For example:
+
+    - `morphofold cohort $SUBJECTS_DIR -o study`
+    - `morphofold cohort $SUBJECTS_DIR -o study --space fsaverage5 --smooth 10`
+    """
+
+    rules = ("--smooth needs --space", "--xhemi needs --space")
+    subjects_dir: Path
+    """Folder that holds the subjects."""
+    _: KW_ONLY
+    subjects: Path | None = None
+    """Text file with one subject per line (default: all in SUBJECTS_DIR)."""
+    out: Out = Path("cohort")
+    """Folder to write."""
+    space: str | None = None
+    """Bring maps over to a template by ?h.sphere.reg: fsaverage5, or the folder of another."""
+    smooth: float | None = None
+    """With --space: smooth them on it, full width at half maximum [mm]."""
+    xhemi: Switch = False
+    """With --space: both hemispheres on the left of a symmetric template, by FreeSurfer's surfreg --xhemi."""
+
+
+@dataclass
+class Overlap(Printing):
+    """Where subjects have hinges and crests, and how many they share, against chance.
+
+    Maps are those that cohort --space wrote. Chance is what random rotations of each subject on the sphere give.
+
+    For example:
+
+    - `morphofold overlap study -o shared`
+    """
+
+    study: Path
+    """Folder that cohort --space wrote."""
+    _: KW_ONLY
+    space: str | None = None
+    """Folder in STUDY/spaces (default: the only one)."""
+    radius: float | None = None
+    """A hinge is shared if the other subject has one within this distance [mm] (default: half the crown width)."""
+    density: float = 10.0
+    """Smoothing of the densities [mm]."""
+    hemi: Sides = "both"
+    """Hemispheres."""
+    rotations: Whole = 1000
+    """Random rotations of each subject."""
+    seed: Whole = 0
+    """Of the rotations."""
+    out: Out = Path("overlap")
+    """Folder to write."""
+    no_report: Flag = False
+    """Table and maps only, no page or pictures."""
+    threads: Threads = None
+    """Threads (default: all cores)."""
+
+
+@dataclass
+class Stats(Printing):
+    """Test a model of age, sex and so on at every vertex of a cohort's maps on a template.
+
+    The model is linear. P values are corrected for the whole cortex by permutations: of single vertices, of clusters,
+    and by threshold-free cluster enhancement.
+
+    For example:
+
+    - `morphofold stats study --model "gyral_thickness ~ age + sex" --contrast age -o age`
+    """
+
+    rules = ("--whole-blocks needs --blocks", "--asymmetry excludes --hemi")
+    study: Path
+    """Folder that cohort --space wrote."""
+    _: KW_ONLY
+    model: str
+    """Map and regressors, columns of the participants: 'gyral_thickness ~ age + sex'; '~ 1' is the mean."""
+    contrast: str
+    """What is tested: a regressor (age), weights of columns ('group[T.b] - group[T.c]'), or 1, the intercept."""
+    participants: Path | None = None
+    """Table with a row for each participant_id (default: STUDY/participants.tsv, else that of cohort)."""
+    blocks: str | None = None
+    """Exchange subjects only within equal values of a column: site, family (default: person, if names show it)."""
+    whole_blocks: Switch = False
+    """Exchange blocks as wholes, for regressors that are the same within a block."""
+    variance_groups: str | None = None
+    """Column of groups that may differ in residual variance: Welch's t, and changes of sign."""
+    space: str | None = None
+    """Folder in STUDY/spaces (default: the only one)."""
+    hemi: Sides | None = None
+    """Hemispheres (default: both)."""
+    asymmetry: Literal["difference", "index"] | None = None
+    """Test left - right, or 2 (left - right) / (left + right), on a symmetric template."""
+    permutations: Whole = 1000
+    """Permutations of the subjects."""
+    seed: Whole = 0
+    """Of the permutations."""
+    out: Out = Path("stats")
+    """Folder to write."""
+    no_report: Flag = False
+    """Tables and maps only, no page or pictures."""
+    threads: Threads = None
+    """Threads (default: all cores)."""
+
+
+@dataclass
+class Bids(ManySubjects):
+    """The same as cohort for a BIDS dataset, called like a BIDS-App.
+
+    `participant` measures FreeSurfer subjects of the dataset, `group` writes tables and a page of all results. The same
+    as cohort --layout bids, in two steps.
+
+    For example:
+
+    - `morphofold bids data data/derivatives/morphofold participant --participant-label 01 02`
+    - `morphofold bids data data/derivatives/morphofold group`
+    """
+
+    bids_dir: Path
+    """Dataset."""
+    output_dir: Path
+    """Derivatives dataset to write."""
+    level: Literal["participant", "group"]
+    """Step to run: participant or group."""
+    _: KW_ONLY
+    participant_label: Annotated[Texts, Parameter(consume_multiple=True)] = field(default_factory=list)
+    """Participants, without sub- (default: all)."""
+    fs_subjects_dir: Path | None = None
+    """Folder of the FreeSurfer subjects (default: derivatives/freesurfer or sourcedata/freesurfer in BIDS_DIR, or
+    BIDS_DIR itself)."""
+    layout: Layout = field(default="bids", init=False)
+
+
+@dataclass
+class Sweep(ManyTasks):
+    """Grow a scene with many values and seeds, and draw phase diagrams with the lines of theory.
+
+    Every run is measured and written into tables. Run it again to do the runs that are missing or have changed. Exit
+    code 1: some runs have no measures; runs.tsv gives the reasons. --json prints how many runs have results, which
+    failed, and why.
+
+    For example:
+
+    - `morphofold sweep demo --vary cortex_thickness=2,3,4 --vary mu_ratio=1,2,4 --seeds 3 --dry-run`
+    - `morphofold sweep demo --vary cortex_thickness=2,3,4 --vary mu_ratio=1,2,4 --seeds 3 -o phases`
+    """
+
+    scene: str
+    """A built-in scene (see morphofold scenes) or a TOML file."""
+    _: KW_ONLY
+    vary: Texts = field(default_factory=list)
+    """KEY=VALUE,...: a key of the scene and its values, e.g. mu_ratio=1,2,4 or growth.final=1.6,1.8; may be
+    repeated."""
+    seeds: MaybeWhole = None
+    """Seeds 0 to this number less 1 at every point (default: the scene's)."""
+    set: Texts = field(default_factory=list)
+    """Change one value of the scene for all runs, TABLE.KEY=VALUE, e.g. accuracy.level=draft; may be repeated."""
+    out: Out = Path("sweep")
+    """Folder to write."""
+    dry_run: Switch = False
+    """Print the number of runs, and what the largest would take; write nothing."""
+
+
+#: figure -> what it shows
+FIGURES = {
+    "fig3": "outer radius against growth, tangential stress through the cortex (theory and finite elements)",
+    "fig4": "growth at which creases can form (theory)",
+    "fig5": "a sphere folding, six stages (simulation)",
+    "fig6": "thin, normal and thick cortex, three stages (simulations)",
+    "fig7": "shear moduli 1, 2 and 4 to 1, three stages (simulations)",
+    "fig8": "gyral against cortical thickness of brains and models (MRI, simulations)",
+    "fig9": "three-hinge patterns of models and of a person (MRI, simulations)",
+    "fig8-grown": "Fig. 8 by experiment: hemispheres with an even cortex and with their own thickness (20 simulations)",
+}
+NOT_IN_ALL = ("fig8-grown",)  # it takes an hour
+FIGURES_HELP = "; ".join([*map(": ".join, FIGURES.items()), f"or all, which leaves out {', '.join(NOT_IN_ALL)}."])
+
+
+@dataclass
+class Reproduce(Printing):
+    """Reproduce figures of the paper (Razavi et al. 2015), each with the table of its points, and an index of them all.
+
+    For example:
+
+    - `morphofold reproduce fig3 fig4 -o theory`
+    - `morphofold reproduce all -o reproduce --draft`
+    """
+
+    figures: Annotated[list[str], Parameter(help=FIGURES_HELP)]
+    _: KW_ONLY
+    out: Out = Path("reproduce")
+    """Folder to write; figures and simulations of an earlier run there are kept."""
+    draft: Switch = False
+    """Octants on coarser meshes, tables of the growths that are drawn: three minutes on two cores."""
+    subject: Annotated[list[Path], Parameter(show_default=False)] = field(default_factory=list)
+    """A FreeSurfer subject whose hemispheres are grown for fig8-grown instead of fsaverage5's; may be repeated."""
+    threads: Threads = None
+    """Threads (default: all cores)."""
+
+
+@dataclass
+class Scenes(Printing):
+    """List the built-in scenes and the effects that each uses, or print one as TOML with all its values.
+
+    For example:
+
+    - `morphofold scenes`
+    - `morphofold scenes fig5`
+    """
+
+    scene: str | None = None
+    """Print this one: a built-in scene or a TOML file."""
