@@ -109,13 +109,6 @@ class Estimate:
         return asdict(self)
 
 
-class ErrorFile(Record):
-    """``error.json``: the fields of an ``Estimate`` (earlier versions lack the last ones), and the digest of the
-    ``health.json`` it belongs to."""
-
-    health_sha256: str
-
-
 class Grown(NamedTuple):
     """The last stage of a run: its pial surface, its largest edge before growth [mm], and its warnings."""
 
@@ -226,8 +219,8 @@ def stored_estimate(stage: Path) -> Estimate | None:
     """The estimate of the run that wrote a ``stage.json``; None if this run has none, or it is incomplete."""
     folder = stage.parent.parent.parent
     try:
-        content = read_json(folder / ERROR_FILE, ErrorFile, "")
-        if content["health_sha256"] != _health_digest(folder):
+        content = read_json(folder / ERROR_FILE, Record, "")  # the fields of an estimate, and a digest
+        if content.get("health_sha256") != _health_digest(folder):
             return None
         return TypeAdapter(Estimate).validate_json(json.dumps(content), strict=True)  # strict: JSON's lists are tuples
     except (OSError, ValueError):

@@ -12,7 +12,7 @@ from PIL import Image
 from morphofold.errors import NothingToDo, OutOfRange, UnknownName
 from morphofold.geometry import face_areas
 from morphofold.quantities import HEADLINE_SCALARS, MAIN_MAPS, Quantity, common_limits, find, quantity, scalar_words
-from morphofold.report.pages.templates import render
+from morphofold.report.pages.templates import SIDES, render
 from morphofold.report.pictures.sheet import in_page, in_steps_of_four
 from morphofold.report.pictures.surfaces import NO_VALUES, Row, figure
 from morphofold.words import in_one_line
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from morphofold.sim.output.folder import Simulation
     from morphofold.surface import Cortex
 
-SIDES = {"lh": "left", "rh": "right"}
 SIDE_VIEWS = ("lateral", "medial")
 MOST_SURFACES = 4  # of a comparison that are drawn; its table has them all
 WIDTH_PX = {1: 840, 2: 1040}  # by the number of views; more get 1520
