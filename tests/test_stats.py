@@ -15,7 +15,7 @@ from morphofold.inference.study import cluster_rows, fit_study, summary, write_r
 from morphofold.io import read_morph, write_annotation, write_label, write_surface
 from morphofold.io.gifti import read_gifti_map
 from morphofold.report.pages.study_pages import effect_unit, stats_report
-from morphofold.report.pictures.png import read_png
+from morphofold.report.pictures.sheet import read_png
 from morphofold.shapes import icosphere
 from morphofold.surface import Regions, Surface
 from morphofold.tables import read_table, write_table
