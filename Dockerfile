@@ -10,8 +10,7 @@ RUN apt-get update \
 COPY . /source
 RUN pip install --no-cache-dir -c /source/constraints.txt /source && rm -rf /source
 
-ENV MORPHOFOLD_RENDERER=raster \
-    PYTHONUNBUFFERED=1
+ENV PYTHONUNBUFFERED=1
 
 # Compiles all kernels once, by growing and measuring a cortex.
 COPY container.sh /usr/local/bin/

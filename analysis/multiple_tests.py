@@ -6,6 +6,8 @@ import numpy as np
 
 from morphofold.arrays import Array
 
+SIGNIFICANCE = 0.05
+
 
 def holm(p: Array) -> Array:
     """p-values (N,) corrected for their number by Holm's step-down method (1979); NaN (no test) stays NaN."""

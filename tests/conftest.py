@@ -12,7 +12,6 @@ if "PYTEST_XDIST_WORKER" in os.environ:  # several processes share the cores: be
 import numpy as np
 import pytest
 
-from morphofold.report.pictures import surfaces
 from morphofold.shapes import icosphere
 from morphofold.surface import Surface
 
@@ -43,16 +42,6 @@ def usual_signals():
     yield
     for number, handler in before.items():
         signal.signal(number, handler)
-
-
-@pytest.fixture(scope="module")
-def plain_pictures():
-    """Pictures are drawn without a graphics card, the same everywhere."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("MORPHOFOLD_RENDERER", "raster")
-        surfaces.renderer.cache_clear()
-        yield
-    surfaces.renderer.cache_clear()
 
 
 @pytest.fixture

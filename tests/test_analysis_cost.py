@@ -33,7 +33,7 @@ def cost_in(file):
 
 
 @pytest.mark.slow
-def test_an_analysis_says_its_cost_in_a_line_a_file_and_on_its_page(here, pair, capsys, plain_pictures):
+def test_an_analysis_says_its_cost_in_a_line_a_file_and_on_its_page(here, pair, capsys):
     assert main([*pair, "--threads", "1", "-o", "out"]) == 0
     line = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("time: "))
     cost = cost_in(here / "out" / "cost.json")
@@ -54,7 +54,7 @@ def test_an_analysis_says_its_cost_in_a_line_a_file_and_on_its_page(here, pair, 
 
 
 @pytest.mark.slow
-def test_only_the_cost_differs_between_threads_and_again(here, pair, capsys, plain_pictures):
+def test_only_the_cost_differs_between_threads_and_again(here, pair, capsys):
     for layout in ("plain", "bids"):
         outs = []
         for threads in (1, numba.config.NUMBA_NUM_THREADS):

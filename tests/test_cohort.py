@@ -301,7 +301,6 @@ def commanded(here, quick, monkeypatch):
         yield HereFleet()
 
     monkeypatch.setattr("morphofold.cohort.fleet.open_fleet", open_fleet)
-    monkeypatch.setenv("MORPHOFOLD_RENDERER", "raster")
     for i, name in enumerate(("anna", "ben", "cleo")):
         write_subject(here / "subjects" / name, 1 + i / 10)
     return run

@@ -251,7 +251,6 @@ def test_colours_that_are_none_are_refused(colours, kind, named):
 
 @pytest.mark.slow
 def test_a_page_shows_hinges_side_by_side_and_the_law_of_folding(balls, tmp_path, monkeypatch):
-    monkeypatch.setenv("MORPHOFOLD_RENDERER", "raster")
     page = compare({"a<b>": balls[0], "c": balls[1]}).report(tmp_path / "out")
     text = page.read_text(encoding="utf-8")
     assert "<h2>Three-hinge patterns</h2>" in text
@@ -265,7 +264,6 @@ def test_a_page_shows_hinges_side_by_side_and_the_law_of_folding(balls, tmp_path
 
 
 def test_growth_is_drawn_with_the_growths_at_which_a_body_is_like_a_brain(tmp_path, monkeypatch):
-    monkeypatch.setenv("MORPHOFOLD_RENDERER", "raster")
     stages = []
     for g, index in ((1.0, 1.0), (1.5, 2.0), (2.0, 3.0)):
         m = made_measures(info={"g": g})

@@ -11,10 +11,24 @@ from commands import refused
 import morphofold
 from morphofold.cli import main
 from morphofold.forecasts import forecast
-from morphofold.forecasts.calibration import MOST_TIMED_BRICKS, calibrate, reduced, relative_crossing, steps_of
-from morphofold.forecasts.cost import OTHER, cost_beside, cost_line, cost_of
-from morphofold.forecasts.forecasting import SETTING_UP_PHASE, STAGES_PHASE, forecast_from, table_of
-from morphofold.forecasts.sizes import body_bytes, edges_between, layers_of, sizes_by_rule, sizes_of
+from morphofold.forecasts.cost import OTHER, cost_beside, cost_line, cost_of, table_of
+from morphofold.forecasts.forecasting import (
+    MOST_TIMED_BRICKS,
+    SETTING_UP_PHASE,
+    STAGES_PHASE,
+    calibrate,
+    forecast_from,
+    reduced,
+)
+from morphofold.forecasts.sizes import (
+    body_bytes,
+    edges_between,
+    layers_of,
+    relative_crossing,
+    sizes_by_rule,
+    sizes_of,
+    steps_of,
+)
 from morphofold.forecasts.table import errors_of_run, expected_errors, headline, not_studied
 from morphofold.provenance import strict_json
 from morphofold.sim.build import build_bilayer, build_body
@@ -270,7 +284,7 @@ def test_the_cost_of_a_run_adds_up_and_leaves_no_effect_out(tmp_path):
     assert cost_beside(stage) is None
 
 
-def test_the_page_of_a_simulation_says_what_it_cost(here, capsys, plain_pictures, monkeypatch):
+def test_the_page_of_a_simulation_says_what_it_cost(here, capsys, monkeypatch):
     settings = [*SMALL, "accuracy.edge=6", "growth.final=1.01", "output.volume=false"]
     simulate(load_scene("fig6-thick", settings), here / "run", threads=1, describe=freesurfer_maps)
     monkeypatch.setattr("morphofold.forecasts.table.not_studied", lambda scene, edge_over_T: ())

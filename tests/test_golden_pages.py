@@ -30,7 +30,6 @@ from morphofold.tables import write_table
 
 GOLDEN = Path(__file__).parent / "golden"
 RENEW = "MORPHOFOLD_RENEW_PAGES"
-pytestmark = pytest.mark.usefixtures("plain_pictures")
 
 
 #: what is left out of a page, and what begins a line of its own

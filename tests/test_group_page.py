@@ -26,7 +26,6 @@ from morphofold.results import write_analysis, write_dataset
 
 NASTY = '<script>alert("x")</script>&"\''
 THICKNESS = "mean_cortical_thickness_mm"
-pytestmark = pytest.mark.usefixtures("plain_pictures")
 
 
 def text_of(group, folder):

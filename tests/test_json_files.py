@@ -84,7 +84,7 @@ def made(level=1):
 
 
 @pytest.mark.parametrize("layout", [pytest.param("plain", marks=pytest.mark.slow), "bids"])
-def test_an_analysis_is_refused_or_compared_whatever_its_summary_holds(layout, tmp_path, plain_pictures):
+def test_an_analysis_is_refused_or_compared_whatever_its_summary_holds(layout, tmp_path):
     if layout == "plain":
         folder = write_analysis([made()], tmp_path / "out", report=False)
         path = folder / "summary.json"

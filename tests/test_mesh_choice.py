@@ -7,7 +7,7 @@ from commands import refused
 
 from morphofold.cli import main
 from morphofold.errors import NoSolution, NotReadable, OptionsClash, OutOfRange
-from morphofold.forecasts import calibration, forecast
+from morphofold.forecasts import forecast, forecasting
 from morphofold.forecasts.mesh_choice import budget_seconds, choose_mesh, error_share
 from morphofold.forecasts.table import STUDIED_RANGES, expected_errors, headline
 from morphofold.sim.scene import MOST_BRICKS
@@ -30,9 +30,9 @@ def clockwork(monkeypatch):
     def timed(run):
         return {"elements": 50e-9 * run.body.elements.n, "contact": 0.0, "grow": 0.0}, 1.0, 1.0
 
-    monkeypatch.setattr(calibration, "MOST_TIMED_BRICKS", 4000)
-    monkeypatch.setattr(calibration, "_time_steps", timed)
-    monkeypatch.setattr(calibration, "slowness_of_stages", lambda: 1.0)
+    monkeypatch.setattr(forecasting, "MOST_TIMED_BRICKS", 4000)
+    monkeypatch.setattr(forecasting, "_time_steps", timed)
+    monkeypatch.setattr(forecasting, "slowness_of_stages", lambda: 1.0)
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 from morphofold.analysis import Measures, gyral_graph, sulcal_depth
 from morphofold.errors import MissingPart
 from morphofold.report.colours import BARE_SURFACE_COLOUR
-from morphofold.report.pictures.net import (
+from morphofold.report.pictures.gyral_net import (
     COLOUR_BY_ARMS,
     CREST_COLOUR,
     DOUBTFUL_COLOUR,

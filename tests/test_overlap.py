@@ -13,7 +13,7 @@ from morphofold.geometry import vertex_areas
 from morphofold.inference.overlap import COLUMNS, WHOLE, overlap
 from morphofold.inference.spaces import find_space
 from morphofold.io import read_morph
-from morphofold.report.pictures.png import read_png
+from morphofold.report.pictures.sheet import read_png
 from morphofold.tables import read_table
 from morphofold.threads import using_threads
 

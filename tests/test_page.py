@@ -22,7 +22,7 @@ NASTY = '<script>alert("x")</script>&"\'\x1b[31m\x9b\u202e'
 
 
 @pytest.fixture(scope="module")
-def nasty_page(tmp_path_factory, plain_pictures):
+def nasty_page(tmp_path_factory):
     m = made_measures(name=NASTY, info={NASTY: NASTY})
     m.maps[NASTY] = m.maps["H"]
     m.regions[0]["region"] = NASTY
@@ -92,7 +92,7 @@ def config(text):
 
 
 @pytest.fixture
-def drawn(monkeypatch, tmp_path, plain_pictures):
+def drawn(monkeypatch, tmp_path):
     """Write a comparison or analysis page; its text, the rows of its pictures and the series of its charts."""
     rows, series = [], []
     histograms, blank = charts.histograms, np.full((4, 4, 3), 255, np.uint8)

@@ -7,7 +7,7 @@ from morphofold.report import analysis_report
 
 
 @needs_browser
-def test_tables_sort_and_are_saved_with_all_digits(tmp_path, plain_pictures):
+def test_tables_sort_and_are_saved_with_all_digits(tmp_path):
     m = made_measures("lh", name="sub/01")
     m.regions[1]["gyral_thickness_mm"] = None
     m.regions[2]["area_mm2"] = 1234.56789
@@ -37,7 +37,7 @@ def test_tables_sort_and_are_saved_with_all_digits(tmp_path, plain_pictures):
 
 
 @needs_browser
-def test_short_tables_are_open_on_paper_and_long_ones_not_there(tmp_path, plain_pictures):
+def test_short_tables_are_open_on_paper_and_long_ones_not_there(tmp_path):
     m = made_measures("lh")
     m.hinges.extend(60 * m.hinges)
     page = analysis_report([m], tmp_path / "report.html")

@@ -183,7 +183,7 @@ def test_a_cortex_of_another_size_is_remarked_on(folds, person):
 
 
 @pytest.fixture(scope="module")
-def written(folds, person, tmp_path_factory, plain_pictures):
+def written(folds, person, tmp_path_factory):
     grown = made_person(folds[1], name="grown", grown_from=source())
     result = compare({"P<b>": person, "G": grown}, spins=SPINS)
     return result, result.report(tmp_path_factory.mktemp("compare") / "out").parent
@@ -220,7 +220,7 @@ def test_the_page_shows_person_smooth_body_and_grown_cortex(written):
     assert all("relief_height" in s["maps"] for s in config["surfaces"])
 
 
-def test_a_page_without_a_pair_has_no_section_on_people(folds, person, tmp_path, plain_pictures):
+def test_a_page_without_a_pair_has_no_section_on_people(folds, person, tmp_path):
     out = compare({"P": person}).report(tmp_path / "out").parent
     text = (out / "report.html").read_text(encoding="utf-8")
     assert 'id="person"' not in text

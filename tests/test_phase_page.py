@@ -7,12 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from made_sweeps import GI, LENGTH, VARY, gi, made_sweep
+from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
 
 from morphofold.cohort.grid import make_grid
 from morphofold.cohort.phases import HINGES_PER_AREA, RunResult, SphereTheory, write_tables
 from morphofold.io import write_surface
 from morphofold.report import colours
-from morphofold.report.pages.phase_page import _drawn_surface, _thumbnail_mosaic, phase_report, section
+from morphofold.report.pages.phase_page import _drawn_surface, phase_report, section
 from morphofold.report.plots.phase_plots import (
     AREA_RATIO,
     WAVELENGTH_KEY,
@@ -23,11 +24,10 @@ from morphofold.report.plots.phase_plots import (
     limits_of,
     shown_of,
     slices,
+    thumbnails,
 )
 from morphofold.shapes import icosphere
 from morphofold.surface import Surface
-
-pytestmark = pytest.mark.usefixtures("plain_pictures")
 
 
 def texts(figure):
@@ -254,28 +254,20 @@ def test_a_strip_is_seen_from_the_side(tmp_path):
     np.testing.assert_allclose(np.ptp(drawn.verts, axis=0), np.ptp(found.verts, axis=0), atol=1e-4)
 
 
-def test_surfaces_stand_in_the_order_of_the_cells(ball):
-    """One surface is there: the others' places are grey, and its own is dark in the middle."""
+def test_surfaces_stand_in_the_order_of_the_cells_and_are_as_large_as_the_ruler_says():
     phases = made_sweep()
-    first = {at: phases.at[at][0] for at in phases.grid.places}
-    first[1, 0] = RunResult(first[1, 0].point, pial=ball)
-    canvas = _thumbnail_mosaic(phases, first, (), "lateral", 60.0)
-    side, left, head, gap = 190, 110, 44, 10
-    for i in range(3):
-        for j in range(2):
-            x, y = left + i * (side + gap), head + (1 - j) * (side + gap)
-            corner = canvas[y + 2, x + 2]
-            assert corner.min() == (255 if (i, j) == (1, 0) else 244)
-            row = canvas[y + side // 3, x : x + side].min(axis=1)
-            assert (row < 240).any() == ((i, j) == (1, 0))
-
-
-def test_a_surface_is_as_large_as_the_ruler_says(ball):
-    phases = made_sweep(["mu_ratio=1,2"], pial=ball, seeds=1)
-    first = {at: phases.at[at][0] for at in phases.grid.places}
-    canvas = _thumbnail_mosaic(phases, first, (), "lateral", 60.0)
-    inside = (canvas[16 : 16 + 190, 110 : 110 + 190] < 250).any(axis=2)
-    assert inside.any(axis=0).sum() == pytest.approx(0.94 * 190, abs=3)
+    ball = Surface(*icosphere(3, 30.0))
+    cells = {at: ball if at == (1, 0) else "failed" for at in phases.grid.places}
+    ax = thumbnails(phases, cells, "lateral", 60.0).axes[0]
+    (image,) = ax.images
+    assert image.get_extent() == [0.5, 1.5, -0.5, 0.5]
+    assert [text.get_position() for text in ax.texts] == [at for at in cells if at != (1, 0)]
+    inside = (image.get_array() < 250).any(axis=2).any(axis=0)
+    assert inside.mean() == pytest.approx(0.94, abs=0.01)
+    assert [label.get_text() for label in ax.get_xticklabels()] == ["1", "2", "3"]
+    (bar,) = (artist for artist in ax.artists if isinstance(artist, AnchoredSizeBar))
+    mm = float(bar.txt_label.get_text().removesuffix(" mm"))
+    assert bar.size_bar.get_children()[0].get_width() == pytest.approx(0.94 * mm / 60)
 
 
 def test_a_page_escapes_names_and_holds_no_number_that_is_none(tmp_path):

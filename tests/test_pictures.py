@@ -1,17 +1,16 @@
-"""Pictures of surfaces: the side they say, by whichever renderer there is, with a ruler that is true."""
+"""Pictures of surfaces: the side they say, with a ruler that is true."""
 
+import io
 import re
-import subprocess
-import sys
 from importlib import resources
 
 import numpy as np
 import pytest
-from made_measures import made_measures
+from PIL import Image
 
-from morphofold.errors import UnknownName
+from morphofold.errors import OutOfRange, UnknownName, WrongShape
 from morphofold.quantities import Quantity
-from morphofold.report.pictures import surfaces
+from morphofold.report.pictures import sheet, surfaces
 from morphofold.shapes import icosphere
 from morphofold.surface import Surface
 
@@ -57,63 +56,20 @@ def marked(hemi):
 
 @pytest.mark.parametrize("hemi", ["lh", "rh"])
 def test_a_picture_shows_the_side_it_says(hemi):
-    what, views = Quantity("t", "Test", signed=True), ("lateral", "medial")
-    out, inner = surfaces.draw(marked(hemi), views, what, (-1, 1), (60, 60), 22.0, "raster")
+    what = Quantity("t", "Test", signed=True)
+    out, inner, again = (
+        surfaces.draw(marked(hemi), view, what, (-1, 1), (60, 60), 60 / 44) for view in ("lateral", "medial", "lateral")
+    )
     middle = lambda p: p[25:35, 25:35].reshape(-1, 3).mean(axis=0)
     assert middle(out)[0] > middle(out)[2] + 60  # orange: +1
     assert np.ptp(middle(inner)) < 12  # grey: 0
-    again = surfaces.draw(marked(hemi), views, what, (-1, 1), (60, 60), 22.0, "raster")
-    np.testing.assert_array_equal(out, again[0])
-
-
-def test_both_renderers_draw_the_same_picture():
-    if not surfaces.graphics():
-        pytest.skip("no GL library here, so pyvista cannot draw")
-    m = made_measures("rh", level=4)
-    row = surfaces.Row("a", m.cortex.pial, m.maps["cortical_thickness"], "rh")
-    pair = [surfaces.draw(row, surfaces.VIEWS, GREY, (2, 4), (120, 120), 45.0, b) for b in ("pyvista", "raster")]
-    for a, b in zip(*pair):
-        assert np.abs(a.astype(float) - b).mean() < 2  # of 255: edges differ by a sample
-    assert np.abs(pair[0][0].astype(float) - pair[0][2]).mean() > 3  # and the views are not all one
-
-
-@pytest.fixture
-def answering(monkeypatch):
-    """Make the trial of GL end as it is told; the commands that were run."""
-    monkeypatch.delenv("MORPHOFOLD_RENDERER", raising=False)
-    commands = []
-
-    def answer(code, text):
-        run = lambda args, **kw: commands.append(args) or subprocess.CompletedProcess(args, code, text)
-        monkeypatch.setattr(surfaces.subprocess, "run", run)
-        surfaces.renderer.cache_clear(), surfaces.graphics.cache_clear()
-        return commands
-
-    yield answer
-    surfaces.renderer.cache_clear(), surfaces.graphics.cache_clear()
-
-
-@pytest.mark.parametrize(
-    ("code", "text", "drawn_by"),
-    [
-        (-11, "", "raster"),  # no GL library: VTK kills the process
-        (0, "OpenGL renderer string:  llvmpipe (LLVM 19.1.7, 256 bits)\n", "raster"),
-        (0, "OpenGL vendor string:  A\nOpenGL renderer string:  A Card 9000\nmore", "pyvista"),
-        (0, "no such line", "raster"),
-    ],
-)
-def test_a_graphics_card_is_used_where_a_child_process_finds_one(answering, code, text, drawn_by):
-    commands = answering(code, text)
-    assert surfaces.renderer() == drawn_by
-    assert surfaces.renderer() == drawn_by
-    assert len(commands) == 1
-    assert commands[0][0] == sys.executable
+    np.testing.assert_array_equal(out, again)
 
 
 def test_a_figure_has_room_for_every_row_and_an_unknown_view_is_refused():
     rows = [marked("lh"), marked("rh")]
-    one = surfaces.figure(rows[:1], GREY, (0, 1), width=400, backend="raster")
-    two = surfaces.figure(rows, GREY, (0, 1), width=400, backend="raster")
+    one = surfaces.figure(rows[:1], GREY, (0, 1), width=400)
+    two = surfaces.figure(rows, GREY, (0, 1), width=400)
     assert one.shape[1] == two.shape[1] == 400
     assert two.shape[0] > one.shape[0] + 40
     with pytest.raises(UnknownName, match=r"\blateral\b.*'sideways'"):
@@ -122,14 +78,67 @@ def test_a_figure_has_room_for_every_row_and_an_unknown_view_is_refused():
 
 def test_the_ruler_is_as_long_as_it_says(monkeypatch):
     texts = []
-    write = surfaces.write
-    monkeypatch.setattr(surfaces, "write", lambda c, text, *a, **k: (texts.append(text), write(c, text, *a, **k)))
+    write = sheet.Sheet.text
+    monkeypatch.setattr(sheet.Sheet, "text", lambda *args, **style: (texts.append(args[3]), write(*args, **style)))
     verts, faces = icosphere(4, radius=20.0)
-    row = surfaces.Row("", Surface(verts, faces), np.full(len(verts), np.nan), "lh")
-    image = surfaces.figure([row], GREY, (0, 1), ("top",), width=900, backend="raster")
+    image = surfaces.figure([surfaces.Row("", Surface(verts, faces))], GREY, (0, 1), ("top",), width=900)
     mm = next(float(text.split()[0]) for text in texts if re.fullmatch(r"\d+ mm", text))
     ball = image[72 + 30 : -112].min(axis=2) < 240  # between head and foot of the figure
     columns = np.flatnonzero(ball.any(axis=0))
     per_mm = (columns[-1] - columns[0] + 1) / 40
     ruler = max((image[-112:, :250] == 60).all(axis=2).sum(axis=1))
     assert ruler / per_mm == pytest.approx(mm, rel=0.03)
+
+
+@pytest.mark.parametrize("stretch", [(1, 1, 1), (1, 8, 1), (1, 1, 8), (1, 1e-9, 1e-9)])
+@pytest.mark.parametrize("radius", [1e-3, 1.0, 1e5])
+def test_a_surface_of_any_shape_and_size_fits(radius, stretch):
+    verts, faces = icosphere(3, radius)
+    image = surfaces.figure([surfaces.Row("", Surface(verts * stretch, faces))], GREY, None, ("lateral",), 600)
+    drawn = (image[102:-112] < 250).any(axis=2)
+    assert drawn.any()
+    assert not drawn[:, [0, -1]].any()
+    assert not drawn[[0, -1]].any()
+
+
+def test_a_point_is_refused():
+    verts, faces = icosphere(1, 0.0)
+    with pytest.raises(OutOfRange, match=r"\b0 mm"):
+        surfaces.figure([surfaces.Row("", Surface(verts, faces))], GREY, None)
+
+
+def test_columns_of_surfaces_have_one_scale():
+    rows = [surfaces.Row(str(radius), Surface(*icosphere(3, radius))) for radius in (40.0, 20.0)]
+    image = surfaces.figure(rows, GREY, None, ("lateral",), 600, transposed=True)
+    columns = np.flatnonzero((image[110:-112] < 250).any(axis=2).any(axis=0))
+    first, second = np.split(columns, np.flatnonzero(np.diff(columns) > 5) + 1)
+    assert len(first) == pytest.approx(2 * len(second), abs=3)
+
+
+def test_a_png_holds_the_picture_exactly(rng):
+    picture = rng.integers(0, 256, (7, 11, 3), dtype=np.uint8)
+    decoded = Image.open(io.BytesIO(sheet.png_bytes(picture)))
+    assert (decoded.format, decoded.mode) == ("PNG", "RGB")
+    np.testing.assert_array_equal(np.asarray(decoded), picture)
+    with pytest.raises(WrongShape, match=r"\(2, 2, 3\) float64"):
+        sheet.png_bytes(np.zeros((2, 2, 3)))
+
+
+def written(text, room=np.inf):
+    """Columns with ink of a line."""
+    with sheet.new_sheet(900, 40) as page:
+        page.text(10, 30, text, 20, room)
+        return np.flatnonzero((page.pixels() < 200).any(axis=2).any(axis=0))
+
+
+@pytest.mark.filterwarnings("error")
+def test_no_character_of_a_name_vanishes_and_none_is_a_formula():
+    """A box stands for what the font lacks."""
+    for text in ("Ж", "α", "₁", "脑", "$", "\n"):
+        assert np.ptp(written(f"a{text}b")) > np.ptp(written("ab")) + 3
+    assert np.ptp(written("$x$")) > np.ptp(written("x")) + 8
+
+
+def test_a_long_line_is_cut_in_its_middle():
+    assert 250 < written("W" * 60, 300)[-1] < 311
+    np.testing.assert_array_equal(written("short", 300), written("short"))

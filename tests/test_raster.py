@@ -33,8 +33,8 @@ def test_paint_matches_its_formula(rng):
     n /= np.linalg.norm(n, axis=1, keepdims=True)
     n *= np.sign(n[:, 2:])
     base = (rgb[faces[face[seen]]] / 255 * weight).sum(axis=1)
-    light = 0.26 + 0.44 * np.clip(n @ raster.KEY_LIGHT_DIRECTION, 0, None) + 0.36 * n[:, 2]
-    want = base * light[:, None] + 0.06 * np.clip(n @ raster.HIGHLIGHT_DIRECTION, 0, None)[:, None] ** 24
+    light = 0.26 + 0.44 * np.clip(n @ raster.KEY_LIGHT, 0, None) + 0.36 * n[:, 2]
+    want = base * light[:, None] + 0.06 * np.clip(n @ raster.HIGHLIGHT, 0, None)[:, None] ** 24
     image = np.ones((40, 40, 3))
     image[seen] = np.minimum(want, 1)
     np.testing.assert_array_equal(got, np.round(255 * image))

@@ -10,7 +10,6 @@ from made_simulations import harmonic
 
 from morphofold import analysis
 from morphofold.cli import main
-from morphofold.comparison.distance import distance
 from morphofold.errors import NoSolution
 from morphofold.forecasts import estimate_error
 from morphofold.forecasts.richardson import (
@@ -19,6 +18,7 @@ from morphofold.forecasts.richardson import (
     Grown,
     coarser,
     companions,
+    distance,
     errors_from_runs,
     stored_estimate,
 )

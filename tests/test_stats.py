@@ -14,7 +14,7 @@ from morphofold.inference.spaces import find_space
 from morphofold.inference.study import cluster_rows, fit_study, summary, write_result
 from morphofold.io import read_morph, write_annotation, write_label, write_surface
 from morphofold.report.pages.study_pages import effect_unit, stats_report
-from morphofold.report.pictures.png import read_png
+from morphofold.report.pictures.sheet import read_png
 from morphofold.shapes import icosphere
 from morphofold.surface import Regions, Surface
 from morphofold.tables import read_table, write_table

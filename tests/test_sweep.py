@@ -198,7 +198,6 @@ def ball(here, monkeypatch):
     monkeypatch.setattr(fleet, "open_fleet", open_fleet)
     monkeypatch.setattr(morphofold.simulation, "simulate", simulate)
     monkeypatch.setattr(measuring, "measure", measured)
-    monkeypatch.setenv("MORPHOFOLD_RENDERER", "raster")
     (here / "ball.toml").write_text(SPHERE)
     return did
 

@@ -19,7 +19,6 @@ from morphofold.unfolding.unfold import unfold
 @pytest.fixture
 def here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("MORPHOFOLD_RENDERER", "raster")
     return tmp_path
 
 

@@ -54,7 +54,7 @@ def small(m):
 
 
 @pytest.fixture(scope="module")
-def tab(tmp_path_factory, plain_pictures):
+def tab(tmp_path_factory):
     """A comparison of a model and two hemispheres, open in the browser."""
     folder = tmp_path_factory.mktemp("viewer")
     pair = [with_net(made_measures("lh", name="<b>bold</b>")), made_measures("rh")]
@@ -317,7 +317,7 @@ def test_a_panel_says_where_it_shows_another_stage_or_surface_than_its_name_or_t
     tab.frame()
 
 
-def test_a_warning_leads_to_its_vertex(tmp_path, plain_pictures):
+def test_a_warning_leads_to_its_vertex(tmp_path):
     left, right = made_measures("lh"), made_measures("rh")
     x, y, z = right.cortex.pial.verts[100]
     right.notes["self_crossing"] = f"crossed at ({x:.6g}, {y:.6g}, {z:.6g})."
@@ -355,7 +355,7 @@ def test_enter_reads_what_is_shown_and_a_click_beside_the_brain_nothing(tab):
 
 
 @pytest.mark.slow
-def test_the_values_of_a_hinge_stay_off_name_and_ruler_and_leave_the_surface_in_sight(tmp_path, plain_pictures):
+def test_the_values_of_a_hinge_stay_off_name_and_ruler_and_leave_the_surface_in_sight(tmp_path):
     one = with_net(made_measures())
     one.arms[:] = [{**one.arms[0], "arm": k, "angle_deg": 72.5 * k, "length_mm": 12.5} for k in range(5)]
     pair = [one, made_measures("rh")]
@@ -410,7 +410,7 @@ def test_nothing_is_fetched_and_nothing_goes_wrong(tab):
 
 
 @pytest.mark.slow
-def test_an_analysis_of_two_hemispheres_that_grow_is_as_quiet(tmp_path, plain_pictures):
+def test_an_analysis_of_two_hemispheres_that_grow_is_as_quiet(tmp_path):
     """Every control of the page is used once."""
     left = with_net(made_measures("lh", info={"g": 2.0}))
     page = analysis_report(
@@ -428,7 +428,7 @@ def test_an_analysis_of_two_hemispheres_that_grow_is_as_quiet(tmp_path, plain_pi
 
 @pytest.mark.slow
 @pytest.mark.parametrize("count", [1, 2, 4])
-def test_surfaces_are_in_sight_on_the_first_screen_of_a_laptop(count, tmp_path, plain_pictures):
+def test_surfaces_are_in_sight_on_the_first_screen_of_a_laptop(count, tmp_path):
     """At 1280 x 720 most of the first row of surfaces is seen without scrolling, however much is remarked on."""
     surfaces = {}
     for k in range(count):

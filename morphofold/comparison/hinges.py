@@ -17,6 +17,7 @@ from morphofold.analysis.graph.hinge_shapes import (
     together,
     two_sample,
 )
+from morphofold.analysis.multiple_tests import SIGNIFICANCE
 from morphofold.arrays import Array, Ints
 from morphofold.spheres.spins import p_value
 
@@ -29,7 +30,6 @@ RANDOM_NET_NAME = "random net"
 PERMUTATIONS, DRAWS = 999, 100
 MOST_TESTED_HINGES = 300  # hinges of a group and of the random net in the test of the two
 LEAST_SURFACES_AS_UNITS = 6  # with fewer, signs alone never reach a p-value below 0.05
-SIGNIFICANCE = 0.05
 
 
 @dataclass(frozen=True)

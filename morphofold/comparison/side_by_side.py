@@ -7,6 +7,7 @@ Simulations and brains are treated the same. ``cortex.origin`` and ``cortex.info
 from __future__ import annotations
 
 import re
+import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -35,26 +36,16 @@ from morphofold.words import listed, number
 #: names of single hemispheres, by the name of both hemispheres or of their group
 HemisphereNames = Mapping[str, tuple[str, ...]]
 THICKNESS_RATIOS = (THICKNESS_RATIO, CREST_THICKNESS_RATIO)  # in the order of thickness_ratios
-#: parameters that make numbers differ: text of a value, and the sentence with all values and their surfaces
-PARAMETER_CAUTIONS: Mapping[str, tuple[Callable[[Any], str], str]] = {
-    "curvature_scale_mm": (
-        lambda mm: f"{number(float(mm), 2)} mm",
-        "Curvature was taken within {}; compare H, folding indices and the sharpness of hinges with care.",
-    ),
-    "cortical_thickness_cap_mm": (
-        lambda mm: f"at {mm:g} mm" if mm else "nowhere",
-        "Cortical thickness was capped {}; compare thick cortex with care.",
-    ),
-    "graph_width_mm": (
-        lambda mm: f"{number(float(mm), 2)} mm",
-        "Gyral graphs are scaled by a crown width of {}; compare their hinges per square of that width.",
-    ),
-    "accuracy": (str, "Accuracy was {}; hinges and local gyrification of coarse meshes depend on it."),
-    "cortex_mask": (
-        lambda mask: f"by '{mask}'",
-        "Cortex was marked {}; where nothing marks the medial wall, means may count it as cortex.",
-    ),
+#: parameters that make numbers differ, and the text of a value
+PARAMETER_TEXTS: Mapping[str, Callable[[Any], str]] = {
+    "curvature_scale_mm": lambda mm: f"{number(float(mm), 2)} mm",
+    "cortical_thickness_cap_mm": lambda mm: f"at {mm:g} mm" if mm else "nowhere",
+    "graph_width_mm": lambda mm: f"{number(float(mm), 2)} mm",
+    "accuracy": str,
+    "cortex_mask": lambda mask: f"by '{mask}'",
 }
+with Path(__file__).with_suffix(".toml").open("rb") as _file:
+    PARAMETER_CAUTIONS, POINT_NOTES = tomllib.load(_file).values()
 
 
 @dataclass(frozen=True, eq=False)
@@ -289,14 +280,14 @@ def colours_of(full: HemisphereNames, groups: HemisphereNames, requested: Mappin
 def cautions(named: Mapping[str, Measures]) -> list[str]:
     """A sentence for each scale or option that differs between surfaces and makes their numbers differ."""
     sentences = []
-    for key, (text_of, sentence) in PARAMETER_CAUTIONS.items():
+    for key, text_of in PARAMETER_TEXTS.items():
         surfaces: dict[str, list[str]] = {}
         for name, m in named.items():
             if key in m.parameters:
                 surfaces.setdefault(text_of(m.parameters[key]), []).append(name)
         if len(surfaces) > 1:
             values = listed([f"{value} on {listed(names)}" for value, names in surfaces.items()])
-            sentences.append(sentence.format(values))
+            sentences.append(PARAMETER_CAUTIONS[key].format(values))
     return sentences
 
 
@@ -312,25 +303,13 @@ def notes(named: Mapping[str, Measures]) -> list[str]:
 
 def plot_notes(named: Mapping[str, Measures], clouds: Sequence[Cloud]) -> list[str]:
     """Notes on the points of each surface in the plot of gyral against cortical thickness."""
-    sentences = [
-        f"{name}: not in the plot of gyral against cortical thickness, because one of the two is missing."
-        for name, cloud in zip(named, clouds)
-        if not cloud.points
-    ]
-    crests, regions = ([n for n, c in zip(named, clouds) if c.kind == kind] for kind in ("crest", "region"))
-    if crests and regions:
-        sentences.append(
-            f"Points of {listed(crests)} are crests and of {listed(regions)} are regions: compare their lines, not the "
-            "points."
-        )
-    if mirrored := [name for name, m in named.items() if m.cortex.portion != 1]:
-        sentences.append(
-            f"{listed(mirrored)}: a part was simulated and the rest is its mirror image. Intervals and p count the "
-            "image as further evidence, so intervals are too narrow and p too small."
-        )
-    if whole := [name for name, cloud in zip(named, clouds) if cloud.kind == "whole" and cloud.points]:
-        sentences.append(
-            f"{listed(whole)}: no regions, so one point (median gyral, mean cortical thickness) and bins of vertices "
-            "represent the surface."
-        )
+    kinds = {
+        kind: [n for n, c in zip(named, clouds) if c.kind == kind and c.points] for kind in ("crest", "region", "whole")
+    }
+    sentences = [POINT_NOTES["none"].format(name) for name, cloud in zip(named, clouds) if not cloud.points]
+    if kinds["crest"] and kinds["region"]:
+        sentences.append(POINT_NOTES["unlike"].format(listed(kinds["crest"]), listed(kinds["region"])))
+    mirrored = [name for name, m in named.items() if m.cortex.portion != 1]
+    for note, names in (("mirrored", mirrored), ("whole", kinds["whole"])):
+        sentences += [POINT_NOTES[note].format(listed(names))] if names else []
     return sentences

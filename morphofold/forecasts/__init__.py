@@ -7,7 +7,7 @@ from typing import Any
 
 _PUBLIC = {
     "Estimate": "richardson",
-    "Forecast": "forecasting",
+    "Forecast": "cost",
     "MeshChoice": "mesh_choice",
     "choose_mesh": "mesh_choice",
     "estimate_error": "richardson",

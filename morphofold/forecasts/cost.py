@@ -1,9 +1,11 @@
-"""Cost of a finished run or analysis: seconds by phase, effect or stage, memory, and expected errors."""
+"""Cost of a run before it, and of a run or an analysis after it: seconds by phase, effect or stage, memory, and
+expected errors; as a table or a line for the terminal."""
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +13,7 @@ from numba import get_num_threads
 
 from morphofold.analysis.measures import Measures
 from morphofold.analysis.resampling import accuracy_of
-from morphofold.forecasts.table import Errors, GiB, costs, errors_of_run, headline, measured_errors
+from morphofold.forecasts.table import Errors, Expected, GiB, called, costs, errors_of_run, headline, measured_errors
 from morphofold.sim.output.stages import read_health
 from morphofold.sim.scene import Scene
 from morphofold.sim.scene.effects import effect_names, options_of
@@ -20,31 +22,79 @@ from morphofold.timing import Stages, peak_memory
 from morphofold.words import percent, span
 
 OTHER = "other"
-#: phases of the solver's clock that belong to no effect, and what they do
-SOLVER_PHASES = {
-    "elements": "forces of the elements",
-    "advance": "nodal sums, velocities and positions",
-    "balance": "how far the body is from equilibrium, every twelve steps",
-    "measure": "masses, energies and health, every twelve steps",
-    "grow": "growth of the elements",
-    "filter": "forces of the surface filter",
-    "radial": "equilibria in one dimension",
-    OTHER: "building the body; checks, maps and files of the stages; log and checkpoints",
-}
 READING_STAGE, WRITING_STAGE, PAGE_STAGE = "reading", "writing", "page"
-#: stages of an analysis, and what they do
-ANALYSIS_STAGES = {
-    READING_STAGE: "surfaces, maps and labels",
-    "areas": "areas, depth of sulci, gyrification; checks of the surfaces",
-    "cortical thickness": "and the resampled mesh of draft or fine",
-    "curvature": "of pial and white surface, folding indices",
-    "gyral thickness": "width of gyri, wavelength",
-    "gyral graph": "crests, hinges, their arms, wavelength of the spectrum",
-    "local gyrification": "closing of the volume in voxels",
-    "regions": "tables of regions, crests, hinges and arms",
-    WRITING_STAGE: "digests of the input, surfaces, maps, tables",
-    PAGE_STAGE: "pictures, charts, interactive surfaces; not putting them into one file",
-}
+#: phases of the solver's clock that belong to no effect, and stages of an analysis, and what they do
+with Path(__file__).with_suffix(".toml").open("rb") as _file:
+    SOLVER_PHASES, ANALYSIS_STAGES = tomllib.load(_file).values()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Forecast:
+    """Forecast of a run.
+
+    Attributes
+    ----------
+    scene, shape, setting : str
+        Its name and shape, and its accuracy in words: ``"standard"``, or the levels between which its edge lies.
+    edge_mm, edge_over_T : float or None
+        Largest surface edge [mm], and over the thickness of the (thinnest) cortex; None in one dimension.
+    elements_through_cortex : int or None
+        None in one dimension, and for a mesh from a file.
+    elements, nodes, steps, stages : int
+    fewest_steps, most_steps : int
+    seconds, fastest, slowest : float
+        Wall time without compiling, and its plausible range [s].
+    seconds_by_phase : mapping
+        As in health.json, with ``"set-up"`` and ``"stages"``.
+    memory_GiB : float
+        Maximum of the whole process.
+    threads : int
+    errors : mapping
+        Quantity to its ``Expected`` relative error; empty in one dimension, and for a scene that was not studied.
+    not_studied : tuple of str
+        Properties of the scene that were not studied (:func:`morphofold.forecasts.table.not_studied`).
+    how : mapping
+        How each of these was obtained, in words.
+    doubts : tuple of str
+        Why the forecast may be wrong, one sentence each.
+    """
+
+    scene: str
+    shape: str
+    setting: str
+    edge_mm: float | None = None
+    edge_over_T: float | None = None
+    elements_through_cortex: int | None = None
+    elements: int = 0
+    nodes: int = 0
+    steps: int = 0
+    fewest_steps: int = 0
+    most_steps: int = 0
+    stages: int
+    seconds: float
+    fastest: float
+    slowest: float
+    seconds_by_phase: Mapping[str, float]
+    memory_GiB: float
+    threads: int
+    errors: Mapping[str, Expected] = field(default_factory=dict)
+    not_studied: tuple[str, ...] = ()
+    how: Mapping[str, str]
+    doubts: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        size = f"{self.elements:,} elements, {self.steps:,} steps"
+        price = f"{span(self.seconds)}, {self.memory_GiB:.2g} GiB on {self.threads} threads"
+        return f"Forecast({self.scene!r}, {self.setting}: {size}, {price})"
+
+    @property
+    def headline(self) -> tuple[str, Expected] | None:
+        """The quantity of ``HEADLINE`` with the largest error, and that error."""
+        return headline(self.errors) if self.errors else None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        return {**asdict(self), "not_studied": list(self.not_studied), "doubts": list(self.doubts)}
 
 
 @dataclass(frozen=True)
@@ -167,6 +217,33 @@ def largest(parts: Mapping[str, float], total: float, most: int = 3) -> str:
     """The largest parts of a time with their shares, in words."""
     longest = sorted(parts.items(), key=lambda part: -part[1])[:most]
     return ", ".join(f"{name} {percent(share(seconds, total))}" for name, seconds in longest)
+
+
+def table_of(forecast: Forecast) -> str:
+    """A forecast as a short table for the terminal."""
+    rows = [("setting", forecast.setting)]
+    if forecast.edge_over_T is not None:
+        through = forecast.elements_through_cortex
+        layers = f", {through} elements through the cortex" if through else ""
+        edge = f"edge {forecast.edge_mm:.3g} mm ({forecast.edge_over_T:.2f} T)"
+        rows = [
+            ("setting", f"{forecast.setting}, {edge}{layers}"),
+            ("elements", f"{forecast.elements:,}"),
+            ("nodes", f"{forecast.nodes:,}"),
+            ("steps", f"{forecast.steps:,}  ({forecast.fewest_steps:,} to {forecast.most_steps:,})"),
+        ]
+    times = f"{span(forecast.seconds)}  ({span(forecast.fastest)} to {span(forecast.slowest)})"
+    rows += [
+        ("memory", f"{forecast.memory_GiB:.2g} GiB"),
+        ("time", f"{times} with {forecast.threads} thread{'s' if forecast.threads > 1 else ''}"),
+        ("", largest(forecast.seconds_by_phase, forecast.seconds, 4)),
+    ]
+    for name, e in forecast.errors.items():
+        other = f", other settings {percent(e.other)}" if e.other else ""
+        rows.append((f"error of {called(name)}", f"{percent(e.error)}  ({percent(e.low)} to {percent(e.high)}){other}"))
+    width = max(len(label) for label, _ in rows)
+    lines = [f"{forecast.scene}: forecast", *(f"  {label:{width}}  {value}" for label, value in rows)]
+    return "\n".join([*lines, *(f"{what}: {how}" for what, how in forecast.how.items()), *forecast.doubts])
 
 
 def cost_line(cost: Cost) -> str:

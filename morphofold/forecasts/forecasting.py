@@ -1,98 +1,88 @@
-"""Cost and errors of a run before it begins: ``forecast``, and its table for the terminal."""
+"""Cost and errors of a run before it begins: steps are timed on this machine, and scaled."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from morphofold.forecasts import calibration
-from morphofold.forecasts.calibration import Calibration, Steps
-from morphofold.forecasts.cost import largest
-from morphofold.forecasts.sizes import Sizes, memory_of_run, sizes_by_rule
-from morphofold.forecasts.table import Errors, Expected, called, costs, errors_of_run, headline, table
+from numba import set_num_threads
+
+from morphofold.forecasts.cost import Forecast
+from morphofold.forecasts.sizes import (
+    Layers,
+    Sizes,
+    Steps,
+    layers_of,
+    memory_of_run,
+    relative_crossing,
+    sizes_by_rule,
+    sizes_of,
+    steps_of,
+)
+from morphofold.forecasts.table import Errors, costs, errors_of_run, table
 from morphofold.progress import silent
+from morphofold.shapes import icosphere
+from morphofold.sim.build import build_body
+from morphofold.sim.dynamics import STEPS_PER_MEASUREMENT, Dynamics
+from morphofold.sim.effects import build_effects
+from morphofold.sim.health import check_surface
 from morphofold.sim.radial_run import ICOSPHERE_LEVEL, RadialRun
 from morphofold.sim.scene import LEVELS, Scene
 from morphofold.sim.scene.files import load_scene
+from morphofold.simulation import freesurfer_maps
+from morphofold.surface import Cortex, Surface
 from morphofold.threads import using_threads
 from morphofold.timing import working_seconds
-from morphofold.words import percent, span
 
 #: phases of a run that the solver's clock does not have: checks, maps and files of its stages, and building its body
 STAGES_PHASE, SETTING_UP_PHASE = "stages", "set-up"
 LEAST_TIME_RATIO = 0.1  # least time of the range, over the expected time
+#: most bricks (as a scene counts them) of a body that is built and timed; larger bodies are scaled
+MOST_TIMED_BRICKS = 330_000
+TIMING_SECONDS = 0.8  # time for which steps are taken
+LEAST_AND_MOST_BLOCKS = 3, 60  # of steps, at least and at most
+GROWTH_PER_BLOCK = 1e-6  # growth in each block
+BUSY_MACHINE_RATIO = 1.5  # slower over fastest block: beyond it a machine is called busy
+PORTIONS = ("full", "half", "quarter", "octant")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Forecast:
-    """Forecast of a run.
+class Calibration(NamedTuple):
+    """Result of the timing.
 
     Attributes
     ----------
-    scene, shape, setting : str
-        Its name and shape, and its accuracy in words: ``"standard"``, or the levels between which its edge lies.
-    edge_mm, edge_over_T : float or None
-        Largest surface edge [mm], and over the thickness of the (thinnest) cortex; None in one dimension.
-    elements_through_cortex : int or None
-        None in one dimension, and for a mesh from a file.
-    elements, nodes, steps, stages : int
-    fewest_steps, most_steps : int
-    seconds, fastest, slowest : float
-        Wall time without compiling, and its plausible range [s].
-    seconds_by_phase : mapping
-        As in health.json, with ``"set-up"`` and ``"stages"``.
-    memory_GiB : float
-        Maximum of the whole process.
+    scene : Scene
+        The scene that was built: the scene itself, a smaller part of it, or a coarser one.
+    sizes : Sizes
+    layers : Layers or None
+        None for tetrahedra.
+    crossing, steps_per_unit : float
+        Steps in which a wave crosses the cortex, and steps in which growth rises by 1 at full pace; both over
+        :func:`relative_crossing`.
+    phases : mapping
+        Seconds per step by phase.
+    fastest, slowest : float
+        Time of the fastest block of steps, and of the slower quarter, over the time in ``phases``.
+    setting_up : float
+        Seconds to build the body.
+    slowness : float
+        Time of the checks and maps of a sphere, over the time on the machine of the table.
     threads : int
-    errors : mapping
-        Quantity to its ``Expected`` relative error; empty in one dimension, and for a scene that was not studied.
-    not_studied : tuple of str
-        Properties of the scene that were not studied (:func:`morphofold.forecasts.table.not_studied`).
-    how : mapping
-        How each of these was obtained, in words.
-    doubts : tuple of str
-        Why the forecast may be wrong, one sentence each.
     """
 
-    scene: str
-    shape: str
-    setting: str
-    edge_mm: float | None = None
-    edge_over_T: float | None = None
-    elements_through_cortex: int | None = None
-    elements: int = 0
-    nodes: int = 0
-    steps: int = 0
-    fewest_steps: int = 0
-    most_steps: int = 0
-    stages: int
-    seconds: float
+    scene: Scene
+    sizes: Sizes
+    layers: Layers | None
+    crossing: float
+    steps_per_unit: float
+    phases: Mapping[str, float]
     fastest: float
     slowest: float
-    seconds_by_phase: Mapping[str, float]
-    memory_GiB: float
+    setting_up: float
+    slowness: float
     threads: int
-    errors: Mapping[str, Expected] = field(default_factory=dict)
-    not_studied: tuple[str, ...] = ()
-    how: Mapping[str, str]
-    doubts: tuple[str, ...] = ()
-
-    def __repr__(self) -> str:
-        size = f"{self.elements:,} elements, {self.steps:,} steps"
-        price = f"{span(self.seconds)}, {self.memory_GiB:.2g} GiB on {self.threads} threads"
-        return f"Forecast({self.scene!r}, {self.setting}: {size}, {price})"
-
-    @property
-    def headline(self) -> tuple[str, Expected] | None:
-        """The quantity of ``HEADLINE`` with the largest error, and that error."""
-        return headline(self.errors) if self.errors else None
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
-        return {**asdict(self), "not_studied": list(self.not_studied), "doubts": list(self.doubts)}
 
 
 def forecast(source: str | Path | Scene, threads: int | None = None, *, settings: Iterable[str] = ()) -> Forecast:
@@ -119,14 +109,14 @@ def forecast(source: str | Path | Scene, threads: int | None = None, *, settings
     scene = load_scene(source, settings)
     if scene.geometry.shape == "radial":
         return _radial_forecast(scene, threads)
-    return forecast_from(scene, calibration.calibrate(scene, threads))
+    return forecast_from(scene, calibrate(scene, threads))
 
 
 def forecast_from(scene: Scene, timed: Calibration) -> Forecast:
     """Forecast of ``scene`` from a timing of itself, or scaled from another accuracy or portion of it."""
     sizes = timed.sizes if scene == timed.scene or timed.layers is None else sizes_by_rule(scene, timed.layers)
-    relative = calibration.relative_crossing(scene, sizes.edge)
-    steps = calibration.steps_of(scene, timed.crossing * relative, timed.steps_per_unit * relative)
+    relative = relative_crossing(scene, sizes.edge)
+    steps = steps_of(scene, timed.crossing * relative, timed.steps_per_unit * relative)
     phases = _seconds_by_phase(scene, sizes, steps, timed)
     seconds, total = sum(phases.values()), steps.expected
     fewest, most = round(steps.ramp + steps.fewest), round(steps.ramp + steps.most)
@@ -184,7 +174,7 @@ def _doubts_of_time(scene: Scene, timed: Calibration) -> list[str]:
         )
     if scene.output.stability:
         doubts.append("Counting the unstable modes of the stages takes further time and memory (output.stability).")
-    if timed.slowest > calibration.BUSY_MACHINE_RATIO * timed.fastest:
+    if timed.slowest > BUSY_MACHINE_RATIO * timed.fastest:
         doubts.append(
             f"Some steps just took up to {timed.slowest / timed.fastest:.1f} times as long as others: this machine has "
             "other work to do."
@@ -232,7 +222,7 @@ def _radial_forecast(scene: Scene, threads: int | None) -> Forecast:
         started = working_seconds()
         run.numbers(run.equilibrium(scene.growth.final), scene.growth.final)
         solving = len(scene.stages) * (working_seconds() - started)
-        slowness = calibration.slowness_of_stages()
+        slowness = slowness_of_stages()
     vertices, stage = 10 * 4**ICOSPHERE_LEVEL + 2, costs()["stage"]
     writing = slowness * len(scene.stages) * (stage["per_vertex"] + stage["write_per_vertex"]) * vertices
     seconds = solving + writing
@@ -255,28 +245,84 @@ def _radial_forecast(scene: Scene, threads: int | None) -> Forecast:
     )
 
 
-def table_of(forecast: Forecast) -> str:
-    """A forecast as a short table for the terminal."""
-    rows = [("setting", forecast.setting)]
-    if forecast.edge_over_T is not None:
-        through = forecast.elements_through_cortex
-        layers = f", {through} elements through the cortex" if through else ""
-        edge = f"edge {forecast.edge_mm:.3g} mm ({forecast.edge_over_T:.2f} T)"
-        rows = [
-            ("setting", f"{forecast.setting}, {edge}{layers}"),
-            ("elements", f"{forecast.elements:,}"),
-            ("nodes", f"{forecast.nodes:,}"),
-            ("steps", f"{forecast.steps:,}  ({forecast.fewest_steps:,} to {forecast.most_steps:,})"),
-        ]
-    times = f"{span(forecast.seconds)}  ({span(forecast.fastest)} to {span(forecast.slowest)})"
-    rows += [
-        ("memory", f"{forecast.memory_GiB:.2g} GiB"),
-        ("time", f"{times} with {forecast.threads} thread{'s' if forecast.threads > 1 else ''}"),
-        ("", largest(forecast.seconds_by_phase, forecast.seconds, 4)),
-    ]
-    for name, e in forecast.errors.items():
-        other = f", other settings {percent(e.other)}" if e.other else ""
-        rows.append((f"error of {called(name)}", f"{percent(e.error)}  ({percent(e.low)} to {percent(e.high)}){other}"))
-    width = max(len(label) for label, _ in rows)
-    lines = [f"{forecast.scene}: forecast", *(f"  {label:{width}}  {value}" for label, value in rows)]
-    return "\n".join([*lines, *(f"{what}: {how}" for what, how in forecast.how.items()), *forecast.doubts])
+# timing ------------------------------------------------------------------------------------------------------------
+
+
+def calibrate(scene: Scene, threads: int | None = None) -> Calibration:
+    """Build the scene's body, or a smaller one like it, and time a few steps and a stage.
+
+    Raises
+    ------
+    ValueError
+        If the body cannot be built, or the number of threads is invalid.
+    """
+    with using_threads(threads):
+        small = reduced(scene)
+        started = working_seconds()
+        effects = build_effects(small)
+        body = build_body(small, effects)
+        run = Dynamics.of(small, body, effects)
+        setting_up = working_seconds() - started
+        timed, slowness = _time_steps(run), slowness_of_stages()
+    bilayer, sizes = body.bilayer, sizes_of(body.bilayer)
+    layers = layers_of(bilayer) if bilayer.faces.shape[1] == 4 else None
+    relative = relative_crossing(small, sizes.edge)
+    per_unit = 1 / run.rate / relative
+    return Calibration(
+        small, sizes, layers, body.crossing / relative, per_unit, *timed, setting_up, slowness, run.threads
+    )
+
+
+def reduced(scene: Scene) -> Scene:
+    """The scene, or a smaller part of its body, or else a coarser scene, with at most ``MOST_TIMED_BRICKS`` bricks."""
+    while scene.bricks > MOST_TIMED_BRICKS:
+        portion = getattr(scene.geometry, "portion", None)
+        if portion in PORTIONS[:-1]:
+            change = f"geometry.portion={PORTIONS[PORTIONS.index(portion) + 1]}"
+        else:
+            change = f"accuracy.edge={1.1 * scene.edge:.6g}"
+        scene = load_scene(scene, [change])
+    return scene
+
+
+def _time_steps(run: Dynamics) -> tuple[dict[str, float], float, float]:
+    """Seconds per step by phase, and the times of the fastest block of steps and of the slower quarter over them.
+
+    Seconds are those of the block than which a third are faster, because other work of the machine in that second will
+    not last for the whole run.
+    """
+
+    def block() -> dict[str, float]:
+        run.seconds.clear()
+        run.grow_to(run.state.growth + GROWTH_PER_BLOCK)
+        return {name: seconds / STEPS_PER_MEASUREMENT for name, seconds in run.seconds.items()}
+
+    block()  # loads kernels, fills caches
+    started = working_seconds()
+    taken: list[dict[str, float]] = []
+    least, most = LEAST_AND_MOST_BLOCKS
+    while len(taken) < least or (working_seconds() - started < TIMING_SECONDS and len(taken) < most):
+        taken.append(block())
+    taken.sort(key=lambda phases: sum(phases.values()))
+    totals = [sum(phases.values()) for phases in taken]
+    typical = len(taken) // 3
+    slower = totals[3 * len(taken) // 4]
+    return taken[typical], totals[0] / totals[typical], slower / totals[typical]
+
+
+def slowness_of_stages() -> float:
+    """Time of the checks and maps of a small cortex here, over the time on the machine of the table.
+
+    One thread is used: if the machine has other work, two threads wait for each other, and times vary.
+    """
+    verts, faces = icosphere(4)
+    white, pial = (Surface(r * verts, faces, name=f"lh.{name}") for r, name in ((46, "white"), (50, "pial")))
+    cortex = Cortex(white, pial, name="calibration", origin="simulation")
+    set_num_threads(1)
+    taken = []
+    for _ in range(3):
+        started = working_seconds()
+        check_surface(pial)
+        freesurfer_maps(cortex)
+        taken.append(working_seconds() - started)
+    return float(min(taken) / costs()["stage"]["sphere"])

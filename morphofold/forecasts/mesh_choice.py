@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from morphofold.errors import NoSolution, NotReadable, NotStudied, OptionsClash, OutOfRange
-from morphofold.forecasts.calibration import Calibration, calibrate
-from morphofold.forecasts.forecasting import Forecast, forecast_from
+from morphofold.forecasts.cost import Forecast
+from morphofold.forecasts.forecasting import Calibration, calibrate, forecast_from
 from morphofold.forecasts.sizes import edges_between, refuse_without_edge
 from morphofold.forecasts.table import SAME_EDGE_TOLERANCE, errors_of_run, headline, studied
 from morphofold.sim.scene import MOST_BRICKS, Scene

@@ -9,12 +9,13 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 from pydantic import TypeAdapter
 
 from morphofold.analysis import gyrification_index
-from morphofold.comparison.distance import distance
 from morphofold.errors import DoesNotApply, MissingPart, NoSolution
-from morphofold.forecasts.forecasting import Forecast, forecast
+from morphofold.forecasts.cost import Forecast
+from morphofold.forecasts.forecasting import forecast
 from morphofold.forecasts.sizes import edge_by_rule, refuse_without_edge
 from morphofold.forecasts.table import errors_of_run, table
 from morphofold.io import atomic_file
@@ -107,13 +108,6 @@ class Estimate:
     def as_dict(self) -> dict[str, Any]:
         """Plain values."""
         return asdict(self)
-
-
-class ErrorFile(Record):
-    """``error.json``: the fields of an ``Estimate`` (earlier versions lack the last ones), and the digest of the
-    ``health.json`` it belongs to."""
-
-    health_sha256: str
 
 
 class Grown(NamedTuple):
@@ -226,8 +220,8 @@ def stored_estimate(stage: Path) -> Estimate | None:
     """The estimate of the run that wrote a ``stage.json``; None if this run has none, or it is incomplete."""
     folder = stage.parent.parent.parent
     try:
-        content = read_json(folder / ERROR_FILE, ErrorFile, "")
-        if content["health_sha256"] != _health_digest(folder):
+        content = read_json(folder / ERROR_FILE, Record, "")  # the fields of an estimate, and a digest
+        if content.get("health_sha256") != _health_digest(folder):
             return None
         return TypeAdapter(Estimate).validate_json(json.dumps(content), strict=True)  # strict: JSON's lists are tuples
     except (OSError, ValueError):
@@ -293,3 +287,15 @@ def _grown_surface(run: Simulation) -> Grown:
 
 def _health_digest(folder: Path) -> Any:
     return input_records([folder / "health.json"])[0]["sha256"]
+
+
+def distance(surface: Surface, other: Surface) -> float:
+    """Mean distance [mm] of the vertices of one surface to the nearest point of the other; mean of both directions."""
+    import pyvista
+
+    one_way = []
+    for start, end in ((surface, other), (other, surface)):
+        mesh: Any = pyvista.PolyData.from_regular_faces(end.verts, end.faces)  # type: ignore[arg-type]
+        _, nearest = mesh.find_closest_cell(start.verts, return_closest_point=True)
+        one_way.append(float(np.linalg.norm(start.verts - nearest, axis=1).mean()))
+    return 0.5 * sum(one_way)

@@ -1,5 +1,5 @@
-"""Numbers of elements and nodes of a scene's body, counted without building it, the edges that it can have, and the
-memory of its run."""
+"""What a run of a scene takes: elements and nodes of its body, counted without building it, the edges that it can have,
+steps, and memory."""
 
 from __future__ import annotations
 
@@ -10,6 +10,9 @@ import numpy as np
 
 from morphofold.errors import DoesNotApply
 from morphofold.forecasts.table import GiB, costs
+from morphofold.sim.dynamics import STEPS_PER_MEASUREMENT, limited_pace, next_growth, patience, soft_start
+from morphofold.sim.effects import ramp as ramps
+from morphofold.sim.equilibrium.wrinkles import first_wrinkles, slow_growth
 from morphofold.sim.mesh.brick_mesh import SYMMETRY_AXES, Bilayer, core_layer_fractions
 from morphofold.sim.scene import Ellipsoid, Patch, Scene, Sphere, Strip, UnfoldedCortex
 
@@ -117,6 +120,94 @@ def _rounded_up(length: float) -> float:
     """A length rounded up to four digits."""
     unit = 10.0 ** (math.floor(math.log10(length)) - 3)
     return round(math.ceil(length / unit - 1e-9) * unit, 12)
+
+
+def relative_crossing(scene: Scene, edge: float) -> float:
+    """Steps in which a wave crosses the cortex, up to a factor, with surface edges of length ``edge`` [mm]."""
+    law, T, layers = costs()["crossing"], scene.geometry.cortex_thickness, scene.elements_through_cortex
+    mass = np.interp(edge * layers / T, law["flatness"], law["mass"])
+    mass /= np.interp(2 * edge / T / (layers + 1), law["coarseness"], law["lightness"])
+    return math.sqrt(mass * (law["through"] * layers**2 + (T / edge) ** 2))
+
+
+class Steps(NamedTuple):
+    """Steps of a run.
+
+    Attributes
+    ----------
+    ramp : int
+        Steps while the cortex grows as fast as its pace allows.
+    resting, waiting : float
+        Further steps: growth stops at a stage until the body is at rest, and waits for balance while folds form.
+    fewest, most : float
+        Fewest and most steps of both together that runs took.
+    touching : float
+        Time that active contact adds to a step, as a share of the step, mean over all steps.
+    """
+
+    ramp: int
+    resting: float
+    waiting: float
+    fewest: float
+    most: float
+    touching: float
+
+    @property
+    def expected(self) -> int:
+        """All steps."""
+        return round(self.ramp + self.resting + self.waiting)
+
+
+def steps_of(scene: Scene, crossing: float, per_unit: float) -> Steps:
+    """Steps that a scene takes. Of its effects, a ramp and inertia change the pace, and contact adds time to steps.
+
+    Parameters
+    ----------
+    scene : Scene
+    crossing : float
+        Steps in which a wave crosses the cortex: one tick of the clock that sets the pace.
+    per_unit : float
+        Steps for growth to rise by 1 at full pace.
+    """
+    waiting, resting, contact = costs()["waiting"], costs()["resting"], costs()["contact"]
+    per_growth = contact["per_growth"] if "contact" in scene.effects else 0.0
+    touching = lambda growth: max(0.0, growth - contact["from"]) * per_growth
+    growths = _growths_of_ramp(scene, per_unit)
+    ramp = STEPS_PER_MEASUREMENT * sum(map(len, growths))
+    touched = STEPS_PER_MEASUREMENT * sum(touching(growth) for stage in growths for growth in stage)
+    if scene.real_time:  # real masses: the step shrinks as bricks do
+        more, rests = ramp * costs()["inertia"]["per_growth"] * (scene.growth.final - 1), [0.0]
+    else:
+        wrinkled = first_wrinkles(scene).growth
+        ticks = [STEPS_PER_MEASUREMENT * len(stage) / crossing for stage in growths]  # up to each stage
+        longest = [patience(), *map(patience, ticks[1:])]
+        rests = [
+            crossing * (resting["smooth"] if stage <= wrinkled else min(max(most, resting["brief"]), resting["folded"]))
+            for most, stage in zip(longest, scene.stages)
+        ]
+        touched += sum(rest * touching(stage) for rest, stage in zip(rests, scene.stages))
+        folded = (scene.growth.final - waiting["from"]) / (waiting["to"] - waiting["from"])
+        stiff = scene.material.mu_ratio ** waiting["stiffness_power"]
+        more = min(max(folded, 0.0), 1.0) * waiting["ticks"] * stiff * scene.growth.rate * crossing
+    rested = sum(rests)
+    fewest, most = (more * waiting[key] + rested * resting[key] for key in ("fewest", "most"))
+    return Steps(ramp, rested, more, fewest, most, touched / (ramp + rested) if ramp else 0.0)
+
+
+def _growths_of_ramp(scene: Scene, per_unit: float) -> list[list[float]]:
+    """Growth after every ``STEPS_PER_MEASUREMENT`` steps up to each stage, at the pace of a body in balance."""
+    ramp, slow = scene.effects.get("ramp"), slow_growth(scene)
+    shape = None if ramp is None else ramps.build(ramp, scene)
+    growth, stages = 1.0, []
+    for stage in scene.stages:
+        growths = []
+        while growth < stage:
+            pace = limited_pace(1.0 if scene.real_time else soft_start(growth), growth, slow)
+            pace *= shape.pace(growth) if shape else 1.0
+            growth = next_growth(growth, stage, STEPS_PER_MEASUREMENT * pace / per_unit)
+            growths.append(growth)
+        stages.append(growths)
+    return stages
 
 
 def body_bytes(scene: Scene, elements: int) -> tuple[float, float]:

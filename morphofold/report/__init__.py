@@ -13,7 +13,6 @@ _PUBLIC = {
     "analysis_report": "morphofold.report.pages.page",
     "comparison_report": "morphofold.report.pages.page",
     "figure": "morphofold.report.pictures.surfaces",
-    "renderer": "morphofold.report.pictures.surfaces",
 }
 __all__ = sorted(_PUBLIC)
 

@@ -16,6 +16,17 @@ RGB = NDArray[np.uint8]
 
 NOT_MEASURED_COLOUR = (196, 196, 192)  # vertices without a value
 BARE_SURFACE_COLOUR = (214, 207, 198)  # the surface without an overlay
+#: cube roots of the responses of the cones, from OKLab, and linear sRGB from the responses
+CONES_OF_OKLAB = np.array(
+    [[1, 0.3963377774, 0.2158037573], [1, -0.1055613458, -0.0638541728], [1, -0.0894841775, -1.2914855480]]
+)
+SRGB_OF_CONES = np.array(
+    [
+        [4.0767416621, -3.3077115913, 0.2309699292],
+        [-1.2684380046, 2.6097574011, -0.3413193965],
+        [-0.0041960863, -0.7034186147, 1.7076147010],
+    ]
+)
 
 
 def rgb_of(colour: str) -> RGB:
@@ -25,18 +36,7 @@ def rgb_of(colour: str) -> RGB:
 
 def oklab_to_srgb(lab: np.ndarray) -> np.ndarray:
     """sRGB in 0..1 (not clipped) of OKLab colours; both (..., 3)."""
-    L, a, b = np.moveaxis(np.asarray(lab, dtype=np.float64), -1, 0)
-    long = (L + 0.3963377774 * a + 0.2158037573 * b) ** 3
-    medium = (L - 0.1055613458 * a - 0.0638541728 * b) ** 3
-    short = (L - 0.0894841775 * a - 1.2914855480 * b) ** 3
-    linear = np.stack(
-        [
-            4.0767416621 * long - 3.3077115913 * medium + 0.2309699292 * short,
-            -1.2684380046 * long + 2.6097574011 * medium - 0.3413193965 * short,
-            -0.0041960863 * long - 0.7034186147 * medium + 1.7076147010 * short,
-        ],
-        axis=-1,
-    )
+    linear = (lab @ CONES_OF_OKLAB.T) ** 3 @ SRGB_OF_CONES.T
     curved = 1.055 * np.abs(linear) ** (1 / 2.4) - 0.055
     return np.where(linear <= 0.0031308, 12.92 * linear, curved)
 
@@ -68,16 +68,21 @@ def diverging(n: int = 256) -> RGB:
     return _colour_table(0.96 - 0.50 * size**1.1, 0.19 * size**0.8, np.where(t < 0, 255.0, 42.0))
 
 
+def table(signed: bool) -> RGB:
+    """The colours of signed quantities or of magnitudes."""
+    return diverging() if signed else sequential()
+
+
 def apply(values: np.ndarray, limits: tuple[float, float], signed: bool) -> RGB:
     """Colour of each value, (..., 3) uint8: end colours beyond the limits, ``NOT_MEASURED_COLOUR`` for NaN."""
-    table = diverging() if signed else sequential()
+    ramp = table(signed)
     low, high = limits
     with np.errstate(invalid="ignore"):
         place = np.clip((np.asarray(values, dtype=np.float64) - low) / (high - low), 0, 1)
     known = np.isfinite(place)
     index = np.zeros(place.shape, dtype=np.int64)
-    index[known] = np.round(place[known] * (len(table) - 1)).astype(np.int64)
-    colours = table[index]
+    index[known] = np.round(place[known] * (len(ramp) - 1)).astype(np.int64)
+    colours = ramp[index]
     colours[~known] = NOT_MEASURED_COLOUR
     return colours
 

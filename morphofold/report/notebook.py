@@ -2,49 +2,47 @@
 
 from __future__ import annotations
 
-import base64
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from PIL import Image
 
 from morphofold.errors import NothingToDo, OutOfRange, UnknownName
 from morphofold.geometry import face_areas
 from morphofold.quantities import HEADLINE_SCALARS, MAIN_MAPS, Quantity, common_limits, find, quantity, scalar_words
-from morphofold.report import colours
-from morphofold.report.pages.templates import render
-from morphofold.report.pictures.png import in_steps_of_four, png_bytes
-from morphofold.report.pictures.strip import Tile, strip
-from morphofold.report.pictures.surfaces import Row, figure
+from morphofold.report.pages.templates import SIDES, render
+from morphofold.report.pictures.sheet import in_page, in_steps_of_four
+from morphofold.report.pictures.surfaces import NO_VALUES, Row, figure
 from morphofold.words import in_one_line
 
 if TYPE_CHECKING:
-    from PIL.Image import Image
-
     from morphofold.analysis.measures import Measures
     from morphofold.comparison import Comparison
     from morphofold.sim.output.folder import Simulation
     from morphofold.surface import Cortex
 
-SIDES = {"lh": "left", "rh": "right"}
 SIDE_VIEWS = ("lateral", "medial")
 MOST_SURFACES = 4  # of a comparison that are drawn; its table has them all
-PLOT_WIDTH_PX = {1: 840, 2: 1040}  # by the number of views; more get 1520
+WIDTH_PX = {1: 840, 2: 1040}  # by the number of views; more get 1520
+CARD_PX = (700, 900)  # of one surface, and of several
+SHOWN_SCALARS = ("n_vertices", *HEADLINE_SCALARS, "n_hinges")
+BARE = Quantity("surface", "")
+Numbers = tuple[str, str, Sequence[Any]]  # label, unit, values
 
 
 @dataclass(frozen=True)
 class Card:
-    """Title, rows of label, unit and values, sentences below, and a picture or the reason why there is none."""
+    """Title, rows of label, unit and values, sentences below, and a picture of surfaces or why there is none."""
 
     title: str
-    rows: Sequence[tuple[str, str, Sequence[Any]]]
+    rows: Sequence[Numbers]
     names: Sequence[str] = ()
     remarks: Sequence[str] = ()
-    tiles: Sequence[Tile] = ()
-    what: Quantity | None = None
-    limits: tuple[float, float] = (0.0, 1.0)
-    reason: str = field(default="")
+    surfaces: Sequence[Row] = ()
+    what: Quantity = BARE
+    reason: str = ""
 
 
 def html_of(shown: Any) -> str:
@@ -55,9 +53,14 @@ def html_of(shown: Any) -> str:
     kind = next(kind.__name__ for kind in type(shown).__mro__ if kind.__name__ in _CARDS)
     card: Card = _CARDS[kind](shown)
     picture, reason = "", card.reason
-    if card.tiles:
+    if card.surfaces:
+        values = [row.values for row in card.surfaces if row.values.size]
+        limits = common_limits(card.what, values) if values else None
+        several = len(card.surfaces) > 1
+        views = SIDE_VIEWS[:1] if several else SIDE_VIEWS
         try:
-            picture = base64.b64encode(png_bytes(in_steps_of_four(strip(card.tiles, card.what, card.limits)))).decode()
+            image = figure(card.surfaces, card.what, limits, views, CARD_PX[several], transposed=several)
+            picture = in_page(in_steps_of_four(image))
         except OutOfRange as error:
             reason = f"No picture: {error}"
     return render("notebook.html", card=card, picture=picture, reason=reason)
@@ -65,10 +68,8 @@ def html_of(shown: Any) -> str:
 
 def plot(
     measures: Measures, name: str, surface: str, views: str | Sequence[str], limits: tuple[float, float] | None
-) -> Image:
+) -> Image.Image:
     """Picture of one map, as the report draws it."""
-    from PIL import Image
-
     cortex = measures.cortex
     values = find(measures.maps, name)
     if values is None:
@@ -78,85 +79,73 @@ def plot(
         raise NothingToDo(f"{cortex.called}: no view is named. Name some: lateral, medial, top, bottom, front.")
     if limits is not None and not (len(limits) == 2 and np.isfinite(limits).all() and limits[0] < limits[1]):
         raise OutOfRange(f"{cortex.called}: limits must be two numbers, the smaller first; got {tuple(limits)}.")
-    what = quantity(name, [values])
     row = Row(cortex.called, cortex.surface(surface), values, cortex.hemi)
-    bounds = limits or common_limits(what, [values])
-    return Image.fromarray(figure([row], what, bounds, views, PLOT_WIDTH_PX.get(len(views), 1520), "raster"))
+    what = quantity(name, [values])
+    limits = limits or common_limits(what, [values])
+    return Image.fromarray(figure([row], what, limits, views, WIDTH_PX.get(len(views), 1520)))
 
 
 def _of_cortex(cortex: Cortex) -> Card:
-    names = [*cortex.maps, *(n for n in ("inflated", "sphere") if getattr(cortex, n) is not None)]
+    came_with = [*cortex.maps, *(name for name in ("inflated", "sphere") if getattr(cortex, name) is not None)]
+    regions = [f"{len(cortex.regions.names)} of {cortex.regions.name}"] if cortex.regions else []
+    texts = {"Regions": regions, "With": [", ".join(came_with)] if came_with else []}
     return Card(
         f"Cortex {cortex.name}",
         [
             ("Hemisphere", "", [SIDES[cortex.hemi]]),
             ("From", "", [cortex.origin]),
-            *_numbers({"n_vertices": cortex.n_vertices, **_areas(cortex)}),
-            *([("Regions", "", [f"{len(cortex.regions.names)} of {cortex.regions.name}"])] if cortex.regions else []),
-            *([("With", "", [", ".join(names)])] if names else []),
+            *_sizes(cortex),
+            *((label, "", text) for label, text in texts.items() if text),
         ],
-        tiles=_bare_tiles(cortex),
+        surfaces=[Row("", cortex.pial, hemi=cortex.hemi)],
     )
 
 
-def _areas(cortex: Cortex) -> dict[str, float]:
-    surfaces = {"pial": cortex.pial, "white": cortex.white}
-    return {f"area_{name}_mm2": float(face_areas(s.verts, s.faces).sum()) for name, s in surfaces.items()}
-
-
 def _of_measures(m: Measures) -> Card:
-    key = _map_to_show([m])
     tables = {name: len(getattr(m, name)) for name in ("regions", "crests", "hinges", "arms", "shapes")}
-    known = {name: m.scalars.get(name) for name in ("n_vertices", *HEADLINE_SCALARS, "n_hinges", "wavelength_mm")}
     return Card(
         f"Measures of {m.cortex.name}, {SIDES[m.cortex.hemi]}",
-        _numbers({name: value for name, value in known.items() if value is not None}),
+        _numbers([m.scalars], (*SHOWN_SCALARS, "wavelength_mm")),
         remarks=[
             f"Scalars: {sum(value is not None for value in m.scalars.values())}. Notes: {len(m.notes)}.",
             f"Maps: {', '.join(m.maps) or 'none'}.",
             f"Tables: {', '.join(f'{n} {name}' for name, n in tables.items() if n) or 'none'}.",
             *([m.notes["only"]] if "only" in m.notes else []),
         ],
-        **_tiles_of_map([m], [m.cortex.called], key, SIDE_VIEWS),
+        **_surfaces([m], [m.cortex.called]),
     )
 
 
 def _of_comparison(found: Comparison) -> Card:
-    values = {row["measure"]: [row[name] for name in found.names] for row in found.table}
-    drawn, names = found.measures[:MOST_SURFACES], found.names[:MOST_SURFACES]
-    more = len(found.names) - len(drawn)
+    by_name = [{row["measure"]: row[name] for row in found.table} for name in found.names]
+    more = len(found.names) > MOST_SURFACES
     return Card(
         f"Comparison of {len(found.names)} surface{'s' if len(found.names) > 1 else ''}",
-        [
-            (*scalar_words(name), values[name])
-            for name in ("n_vertices", *HEADLINE_SCALARS, "n_hinges")
-            if any(value is not None for value in values[name])
-        ],
+        _numbers(by_name, SHOWN_SCALARS),
         names=found.names,
         remarks=[*found.cautions, *([f"The picture shows the first {MOST_SURFACES}."] if more else [])],
-        **_tiles_of_map(drawn, names, _map_to_show(drawn), SIDE_VIEWS if len(drawn) == 1 else SIDE_VIEWS[:1]),
+        **_surfaces(found.measures[:MOST_SURFACES], found.names[:MOST_SURFACES]),
     )
 
 
 def _of_simulation(sim: Simulation) -> Card:
-    scene = sim.scene
-    rows: list[tuple[str, str, Sequence[Any]]] = [
+    scene, title = sim.scene, f"Simulation {sim.scene.name}"
+    rows: list[Numbers] = [
         ("Folder", "", [str(sim.path)]),
         ("Shape", "", [scene.geometry.shape]),
         ("Growth", "", [f"{scene.growth.law}, to {scene.growth.final:g}"]),
         ("Stiffness ratio", "", [scene.material.mu_ratio]),
     ]
     try:
-        stages = sim.stages
-        if not stages:
-            return Card(f"Simulation {scene.name}", rows, reason="No stage is written yet.")
-        rows.append(("Stages", "", [", ".join(f"{g:g}" for g in stages)]))
+        if not sim.stages:
+            return Card(title, rows, reason="No stage is written yet.")
+        rows.append(("Stages", "", [", ".join(f"{g:g}" for g in sim.stages)]))
         cortex, health = sim.cortex(), sim.health
     except (OSError, ValueError) as error:  # a run that goes on or was moved; files that were changed
-        return Card(f"Simulation {scene.name}", rows, reason=in_one_line(error))
-    rows += _numbers({"n_vertices": cortex.n_vertices, **_areas(cortex)})
-    rows.append(("Health", "", ["healthy" if health["healthy"] else "; ".join(map(str, health["warnings"]))]))
-    return Card(f"Simulation {scene.name}", rows, tiles=_bare_tiles(cortex))
+        return Card(title, rows, reason=in_one_line(error))
+    healthy = "healthy" if health["healthy"] else "; ".join(map(str, health["warnings"]))
+    rows += [*_sizes(cortex), ("Health", "", [healthy])]
+    return Card(title, rows, surfaces=[Row("", cortex.pial, hemi=cortex.hemi)])
 
 
 _CARDS: dict[str, Any] = {
@@ -167,31 +156,22 @@ _CARDS: dict[str, Any] = {
 }
 
 
-def _numbers(values: dict[str, Any]) -> list[tuple[str, str, Sequence[Any]]]:
-    return [(*scalar_words(name), [value]) for name, value in values.items()]
+def _sizes(cortex: Cortex) -> list[Numbers]:
+    surfaces = {"area_pial_mm2": cortex.pial, "area_white_mm2": cortex.white}
+    areas = {name: float(face_areas(s.verts, s.faces).sum()) for name, s in surfaces.items()}
+    return _numbers([{"n_vertices": cortex.n_vertices, **areas}], ("n_vertices", *areas))
 
 
-def _map_to_show(measures: Sequence[Measures]) -> str:
-    """The first main map, else the first map, that has a value on a surface; empty if there is none."""
-    names = (*MAIN_MAPS, *dict.fromkeys(name for m in measures for name in m.maps))
-    return next((n for n in names if any(np.isfinite(m.maps.get(n, np.nan)).any() for m in measures)), "")
+def _numbers(scalars: Sequence[Mapping[str, Any]], names: Iterable[str]) -> list[Numbers]:
+    """A row for each name that has a value."""
+    rows = {name: [values.get(name) for values in scalars] for name in names}
+    return [(*scalar_words(name), row) for name, row in rows.items() if any(value is not None for value in row)]
 
 
-def _tiles_of_map(measures: Sequence[Measures], words: Sequence[str], key: str, views: Sequence[str]) -> dict[str, Any]:
-    """Tiles of a map with its colours, as keywords of a ``Card``; bare surfaces if there is no map."""
-    if not key:
-        labels = words if len(measures) > 1 else [""]
-        return {"tiles": [tile for m, label in zip(measures, labels) for tile in _bare_tiles(m.cortex, label)]}
-    missing = [np.full(m.cortex.n_vertices, np.nan) for m in measures]
-    values = [m.maps.get(key, nothing) for m, nothing in zip(measures, missing)]
-    what = quantity(key, values)
-    rows = [Row(word, m.cortex.pial, v, m.cortex.hemi) for m, word, v in zip(measures, words, values)]
-    several = len(measures) > 1
-    tiles = [Tile(row, view, row.name if several else view) for row in rows for view in views]
-    return {"tiles": tiles, "what": what, "limits": common_limits(what, values)}
-
-
-def _bare_tiles(cortex: Cortex, words: str = "") -> list[Tile]:
-    rgb = np.tile(np.array(colours.BARE_SURFACE_COLOUR, dtype=np.uint8), (cortex.n_vertices, 1))
-    row = Row("", cortex.pial, np.full(cortex.n_vertices, np.nan), cortex.hemi, rgb)
-    return [Tile(row, view, words or view) for view in SIDE_VIEWS]
+def _surfaces(measures: Sequence[Measures], names: Sequence[str]) -> dict[str, Any]:
+    """Pial surfaces in the colours of the first main map, else of the first map, with a value; bare without one."""
+    keys = (*MAIN_MAPS, *dict.fromkeys(name for m in measures for name in m.maps))
+    key = next((k for k in keys if any(np.isfinite(m.maps.get(k, np.nan)).any() for m in measures)), "")
+    values = [m.maps.get(key, np.full(m.cortex.n_vertices, np.nan)) if key else NO_VALUES for m in measures]
+    rows = [Row(name, m.cortex.pial, v, m.cortex.hemi) for m, name, v in zip(measures, names, values)]
+    return {"surfaces": rows, "what": quantity(key, values) if key else BARE}

@@ -10,7 +10,7 @@ import numpy as np
 
 from morphofold import analysis
 from morphofold.arrays import Array
-from morphofold.comparison.distance import distance
+from morphofold.forecasts.richardson import distance
 from morphofold.io import atomic_file
 from morphofold.io.files import decoding, existing_file
 from morphofold.progress import Progress, silent

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.quantities import Quantity, round_out
-from morphofold.report.pictures.surfaces import Picture, Row, camera, colour_bar, draw, ruler, write
+from morphofold.report.pictures.sheet import Picture, new_sheet
+from morphofold.report.pictures.surfaces import Row, draw, extent
 from morphofold.sim.run import Simulation
 from morphofold.surface import Surface
 
@@ -43,7 +44,6 @@ def picture(
     what: Quantity,
     limits: Sequence[tuple[float, float]],
     columns: Sequence[str] = (),
-    backend: str | None = None,
 ) -> Picture:
     """Rows of panels seen from above at one scale, a colour bar under each row and a scale bar under the last.
 
@@ -56,30 +56,29 @@ def picture(
         Colour limits, the same for all panels of a row.
     columns : sequence of str
         Titles of the columns.
-    backend : {"pyvista", "raster"}, optional
-        As for :func:`morphofold.report.pictures.surfaces.draw`.
 
     Returns
     -------
     (height, width, 3) uint8
     """
-    extents = [[np.ptp(p.surface.verts @ camera(VIEW, "lh").T, axis=0)[:2] for p in row] for row in panels]
+    extents = [[extent(p.surface, VIEW) for p in row] for row in panels]
     gap, edge, words, bar = 20, 20, 34, 84
     per_mm = (WIDEST - gap) / np.max(extents)
     lines = [int(np.ceil(per_mm * np.max(row, axis=0)[1])) + gap for row in extents]
-    top = 40 if columns else edge
-    size = (top + sum(lines) + len(lines) * (words + bar), 2 * edge + WIDEST * len(panels[0]))
-    canvas = np.full((*size, 3), 255, dtype=np.uint8)
-    for k, title in enumerate(columns):
-        write(canvas, title, (edge + (k + 0.5) * WIDEST, 8), 17, bold=True, anchor="middle")
-    for row, line, colours in zip(panels, lines, limits):
-        for k, panel in enumerate(row):
-            left, seen = edge + k * WIDEST, Row(panel.words, panel.surface, panel.values)
-            (image,) = draw(seen, [VIEW], what, colours, (WIDEST, line), line / (2 * per_mm), backend)
-            canvas[top : top + line, left : left + WIDEST] = image
-            write(canvas, panel.words, (left + WIDEST / 2, top + line), 17, anchor="middle")
-        top += line + words
-        colour_bar(canvas, what, colours, (size[1] // 2 - 150, top + 10), (300, 14))
-        top += bar
-    ruler(canvas, per_mm, (edge, top - bar + 20))
-    return canvas
+    top, width = 40 if columns else edge, 2 * edge + WIDEST * len(panels[0])
+    drawn = [
+        [draw(Row("", p.surface, p.values), VIEW, what, ends, (WIDEST, line), per_mm) for p in row]
+        for row, line, ends in zip(panels, lines, limits)
+    ]
+    with new_sheet(width, top + sum(lines) + len(lines) * (words + bar)) as sheet:
+        for k, title in enumerate(columns):
+            sheet.text(edge + (k + 0.5) * WIDEST, 30, title, 15.5, weight="bold", ha="center")
+        for row, images, line, ends in zip(panels, drawn, lines, limits):
+            for k, (panel, image) in enumerate(zip(row, images)):
+                sheet.picture(image, edge + k * WIDEST, top)
+                sheet.text(edge + (k + 0.5) * WIDEST, top + line + 22, panel.words, 15.5, ha="center")
+            top += line + words
+            sheet.colour_bar(what, ends, width // 2 - 150, top + 10, 300, 14)
+            top += bar
+        sheet.ruler(per_mm, edge, top - bar + 20)
+        return sheet.pixels()

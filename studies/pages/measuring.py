@@ -22,9 +22,9 @@ from morphofold.analysis.relief import relief
 from morphofold.geometry import mean_edge_length
 from morphofold.io import atomic_file, sample_path
 from morphofold.quantities import Quantity, quantity
-from morphofold.report.pictures.net import net_figure, net_row, paint_lines, shaded
-from morphofold.report.pictures.png import halved, png_bytes
-from morphofold.report.pictures.surfaces import Picture, Row, figure
+from morphofold.report.pictures.gyral_net import net_figure, net_row, paint_lines, shaded
+from morphofold.report.pictures.sheet import Picture, halved, png_bytes
+from morphofold.report.pictures.surfaces import Row, figure
 from morphofold.report.plots.line_plots import legend_of_figure, line_style, new_figure, save, set_limits
 from morphofold.studies.markdown import cells, number, renewed, table, write_texts
 from morphofold.studies.pages.section_plot import section_figure
@@ -103,12 +103,12 @@ def crest_row(measures: Measures, name: str) -> Row:
     rgb = shaded(measures)
     for kind, colour in LINE_COLOURS.items():
         paint_lines(rgb, pial.verts, [line.points for line in found.of_kind(kind)], edge, colour)
-    return Row(name, pial, np.full(len(pial.verts), np.nan), measures.cortex.hemi, rgb)
+    return Row(name, pial, hemi=measures.cortex.hemi, rgb=rgb)
 
 
 def crest_figure(rows: Sequence[Row]) -> Picture:
     """Picture of rows of crest lines, in all views."""
-    return figure(rows, Quantity("crests", "Crest lines"), (0.0, 1.0), legend=[*LINE_COLOURS.items()])
+    return figure(rows, Quantity("crests", "Crest lines"), None, legend=[*LINE_COLOURS.items()])
 
 
 def _phase_row(m: Measures, name: str) -> Row:

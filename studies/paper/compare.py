@@ -21,10 +21,9 @@ from morphofold.errors import MissingPart
 from morphofold.io import read_cortex, sample_path
 from morphofold.quantities import Quantity
 from morphofold.report.colours import rgb_of
-from morphofold.report.pictures.hinges import clear_examples, hinge_pairs
-from morphofold.report.pictures.net import shaded
-from morphofold.report.pictures.png import png_bytes
-from morphofold.report.pictures.surfaces import Picture, Row, figure
+from morphofold.report.pictures.gyral_net import clear_examples, hinge_pairs, shaded
+from morphofold.report.pictures.sheet import Picture, png_bytes
+from morphofold.report.pictures.surfaces import Row, figure
 from morphofold.report.plots.line_plots import GREY, legend_of_figure, line_style, new_figure, save
 from morphofold.studies.paper.folds import grown
 from morphofold.studies.paper.thickness_plots import MARKED, SHORT, crest_points, region_points, thickness_figure, whole
@@ -130,9 +129,9 @@ def annotation(measures: Measures) -> Picture:
     for name, colour in MARKED.items():
         inside = cortex.regions.labels == cortex.regions.names.index(name)
         rgb[inside] = np.round(0.35 * rgb[inside] + 0.65 * np.array(rgb_of(colour))).astype(np.uint8)
-    row = Row(f"{cortex.name}, {cortex.hemi}", cortex.pial, np.full(cortex.n_vertices, np.nan), cortex.hemi, rgb)
+    row = Row(f"{cortex.name}, {cortex.hemi}", cortex.pial, hemi=cortex.hemi, rgb=rgb)
     legend = [(f"{SHORT[name]}, {name} gyrus", colour) for name, colour in MARKED.items()]
-    return figure([row], Quantity("regions", "Gyri of the average brain"), (0.0, 1.0), legend=legend)
+    return figure([row], Quantity("regions", "Gyri of the average brain"), None, legend=legend)
 
 
 # gyral against cortical thickness ---------------------------------------------------------------------------

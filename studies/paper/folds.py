@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from morphofold.report.pictures.png import png_bytes
+from morphofold.report.pictures.sheet import png_bytes
 from morphofold.sim.run import Simulation
 from morphofold.studies.folds.pictures import DISPLACEMENT, Panel, displaced, picture, row_limits
 from morphofold.studies.folds.tables import COLUMNS, Row, fold_rows

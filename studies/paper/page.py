@@ -12,7 +12,7 @@ from pathlib import Path
 
 from morphofold.io import atomic_file
 from morphofold.io.json_files import read_json
-from morphofold.report.pictures.png import halved, png_bytes, read_png
+from morphofold.report.pictures.sheet import halved, png_bytes, read_png
 from morphofold.studies import markdown
 from morphofold.studies.indexes import CURE, FigureIndex
 from morphofold.studies.markdown import health, renewed, write_texts

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from morphofold.report.pages.templates import write_page
-from morphofold.report.pictures.png import halved, png_bytes, read_png
+from morphofold.report.pictures.sheet import halved, png_bytes, read_png
 from morphofold.studies.paper.figures import PARTS, Image, read_tables
 from morphofold.studies.paper.verdicts import VERDICTS
 

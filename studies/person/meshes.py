@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from morphofold.analysis import gyrification_index
 from morphofold.analysis.relief import relief
 from morphofold.analysis.thickness.gyral import gyral_thickness
-from morphofold.comparison.distance import distance
+from morphofold.forecasts.richardson import distance
 from morphofold.geometry import equal_area_radius, unit
 from morphofold.shapes import even_directions
 from morphofold.sim.run import Simulation

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from morphofold.comparison.distance import distance
+from morphofold.forecasts.richardson import distance
 from morphofold.shapes import icosphere
 from morphofold.sim import theory
 from morphofold.sim.scene import LEVELS

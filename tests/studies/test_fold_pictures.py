@@ -37,7 +37,7 @@ def test_limits_go_from_zero_to_a_round_number_above_nearly_all(rng):
 
 
 def test_all_panels_have_one_scale_and_the_ruler_is_right():
-    image = picture([[ball(50, 1), ball(25, 1)]], DISPLACEMENT, [(0, 2)], backend="raster")
+    image = picture([[ball(50, 1), ball(25, 1)]], DISPLACEMENT, [(0, 2)])
     wide = pictures.WIDEST
     sizes = [np.ptp(drawn(image, 20 + k * wide, 20, wide, wide)[1]) + 1 for k in (0, 1)]
     assert sizes[0] == pytest.approx(wide - 20, abs=3)  # the widest fills its column but for the gap
@@ -50,7 +50,7 @@ def test_all_panels_have_one_scale_and_the_ruler_is_right():
 
 def test_a_colour_means_the_same_in_every_panel_of_a_row():
     row = [ball(50, 1), ball(50, 3)]
-    image = picture([row, row], DISPLACEMENT, [(0, 4), (0, 8)], backend="raster")
+    image = picture([row, row], DISPLACEMENT, [(0, 4), (0, 8)])
     wide = pictures.WIDEST
     middle = [20 + wide // 2, 20 + wide + 34 + 84 + wide // 2]
     shown = [[image[y, 20 + k * wide + wide // 2].astype(float) for k in (0, 1)] for y in middle]
@@ -62,6 +62,6 @@ def test_a_colour_means_the_same_in_every_panel_of_a_row():
 
 
 def test_the_picture_is_the_same_bytes_again():
-    once, again = (picture([[ball(50, 1)]], DISPLACEMENT, [(0, 2)], ["one"], backend="raster") for _ in range(2))
+    once, again = (picture([[ball(50, 1)]], DISPLACEMENT, [(0, 2)], ["one"]) for _ in range(2))
     assert once.dtype == np.uint8
     np.testing.assert_array_equal(once, again)

@@ -10,8 +10,8 @@ from made_simulations import MadeRuns, made_simulation
 
 from morphofold.analysis import hinges, measure
 from morphofold.comparison.hinges import compare_hinges, examples
-from morphofold.report.pictures import hinges as hinge_pictures
-from morphofold.report.pictures.hinges import (
+from morphofold.report.pictures import gyral_net as hinge_pictures
+from morphofold.report.pictures.gyral_net import (
     PANEL_PX,
     PATCH_QUANTITY,
     PATCH_RADIUS_IN_WIDTHS,
@@ -126,7 +126,7 @@ def test_pairs_are_drawn_in_columns(ball):
     (found,) = compare_hinges({"a": shapes, "b": shapes}, {"model": ["a"], "MRI": ["b"]})
     assert found.shape.p == 1.0
     pairs = {match: pair_of(match, {"a": ball, "b": ball}) for match in examples(found.matches)}
-    picture = hinge_pairs(pairs, ("model", "MRI"), backend="raster")
+    picture = hinge_pairs(pairs, ("model", "MRI"))
     half, left = (picture.shape[0] - 28) // 2, picture.shape[1] - PANEL_PX * len(pairs)
     upper, lower = picture[16 : 16 + half - 30, left:], picture[16 + half : 16 + 2 * half - 30, left:]
     assert (upper != 255).mean() > 0.1
@@ -142,16 +142,15 @@ def test_lettering_of_pairs_keeps_to_its_place(ball, group, others):
     match = replace(examples(found.matches)[0], pose=3)
     patches = pair_of(match, {one: ball, other: ball})
     blank = tuple(replace(p, rgb=np.full_like(p.rgb, 255)) for p in patches)
-    picture = hinge_pairs({match: patches, replace(match, hinge=12345): blank}, (group, others), backend="raster")
+    picture = hinge_pairs({match: patches, replace(match, hinge=12345): blank}, (group, others))
     left = picture.shape[1] - 2 * PANEL_PX
     ink = (picture < 200).any(axis=2)
     assert ink[:, :left].any()
     assert not ink[:, left - 5 : left].any()
     assert left <= 300
     for top in (16, 16 + PANEL_PX + hinge_pictures.CAPTION_PX):
-        (drawn,) = draw(
-            patches[top > 16], ["top"], PATCH_QUANTITY, (0, 1), (PANEL_PX, PANEL_PX), PATCH_RADIUS_IN_WIDTHS, "raster"
-        )
+        patch = patches[top > 16]
+        drawn = draw(patch, "top", PATCH_QUANTITY, (0, 1), (PANEL_PX, PANEL_PX), hinge_pictures.PX_PER_WIDTH)
         np.testing.assert_array_equal(picture[top : top + PANEL_PX - 4, left : left + PANEL_PX], drawn[:-4])
         captions = ink[top + PANEL_PX : top + PANEL_PX + hinge_pictures.CAPTION_PX, left:]
         for edge in (0, PANEL_PX, 2 * PANEL_PX):
@@ -160,19 +159,8 @@ def test_lettering_of_pairs_keeps_to_its_place(ball, group, others):
         assert captions[:, PANEL_PX:].any()
 
 
-def test_a_caption_leaves_out_what_its_row_says():
-    assert hinge_pictures._hinge_caption("S1 lh", "S1 lh", "12") == "12"
-    assert hinge_pictures._hinge_caption("S1 lh", "S1", "12, mirrored") == "lh, 12, mirrored"
-    assert hinge_pictures._hinge_caption("T = 2 mm", "model", "7") == "T = 2 mm, 7"
-    long = hinge_pictures._hinge_caption("x" * 60 + " rh", "model", "7")
-    assert long.startswith("xxx")
-    assert long.endswith(" rh, 7")
-    assert "…" in long
-
-
 @pytest.mark.slow
 def test_figures_are_written_with_their_tables(ball, tmp_path, monkeypatch):
-    monkeypatch.setenv("MORPHOFOLD_RENDERER", "raster")
     monkeypatch.setattr(folds, "STAGES", (1.0, 2.0))
     grown, asked = {}, []
 

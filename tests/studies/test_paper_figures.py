@@ -399,7 +399,6 @@ def waves(g, verts):
 @pytest.fixture
 def made(tmp_path, monkeypatch):
     """What figures ask of simulations, and simulations made up for them."""
-    monkeypatch.setenv("MORPHOFOLD_RENDERER", "raster")
     monkeypatch.setattr(folds, "STAGES", (1.0, 1.5, 2.0))
     for name in ("FIG6", "FIG7"):
         columns = [replace(column, growth=(1.5, 1.5, 2.0)) for column in getattr(folds, name)]

@@ -8,7 +8,7 @@ from matplotlib.image import imread
 
 from morphofold.cli.reproduce import NOT_IN_ALL
 from morphofold.errors import MissingPart
-from morphofold.report.pictures.png import png_bytes
+from morphofold.report.pictures.sheet import png_bytes
 from morphofold.sim import theory
 from morphofold.sim.sphere_theory.finite_elements import radial_equilibrium
 from morphofold.studies.folds import tables

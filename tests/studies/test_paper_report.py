@@ -6,7 +6,7 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from morphofold.report.pictures.png import png_bytes
+from morphofold.report.pictures.sheet import png_bytes
 from morphofold.studies.paper.folds import FIG7
 from morphofold.studies.paper.report import duration, write_paper_report
 from morphofold.studies.paper.verdicts import UNFOLDED, VERDICTS

@@ -18,7 +18,6 @@ from morphofold.studies.paper import folds, theory
 def here(tmp_path, monkeypatch):
     """An empty working directory, and figures of few stages."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("MORPHOFOLD_RENDERER", "raster")
     monkeypatch.setattr(folds, "STAGES", (1.0, 1.5, 2.0))
     monkeypatch.setattr(folds, "FIG5", ((1.5, 2.0),))
     monkeypatch.setattr(theory, "RADIAL", dict.fromkeys(theory.RADIAL, (2.0,)))

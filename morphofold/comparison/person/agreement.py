@@ -18,8 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from morphofold.analysis.curvatures import curvature
+from morphofold.analysis.multiple_tests import SIGNIFICANCE
 from morphofold.arrays import Array, Bools, Ints
-from morphofold.comparison.hinges import SIGNIFICANCE
 from morphofold.geometry import face_areas, unit
 from morphofold.spheres.spins import NearestTable, p_value
 from morphofold.surface import Faces, Surface

@@ -50,15 +50,11 @@ Rows = list[dict[str, Any]]
 
 
 @dataclass(frozen=True, eq=False)
-class Entry:
-    """One surface of a page: its name, its colour, marker and dashes in charts, its points in the plot of gyral
-    against cortical thickness, and other stages of its growth."""
+class Entry(charts.Look):
+    """One surface of a page: its look in charts, its points in the plot of gyral against cortical thickness, and other
+    stages of its growth."""
 
-    name: str
     measures: Measures
-    colour: str
-    marker: str
-    dash: str
     cloud: Cloud
     group: str = ""
     stages: tuple[Measures, ...] = ()
@@ -83,7 +79,7 @@ def entries_of(comparison: Comparison) -> list[Entry]:
         label = "" if name in (group, f"{group} {m.cortex.hemi}") else group
         marker, dash = [*charts.MARKERS][k % 4], charts.DASHES[(k + k // 4) % 4]  # sixteen before one repeats
         stages = tuple(s for s in comparison.stages.get(name, ()) if is_earlier_stage(s, m))
-        entries.append(Entry(name, m, comparison.colours[name], marker, dash, cloud, label, stages))
+        entries.append(Entry(name, comparison.colours[name], marker, dash, m, cloud, label, stages))
     return entries
 
 

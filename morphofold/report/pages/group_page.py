@@ -48,20 +48,16 @@ STRIP_WIDTH_PX, STRIP_MARGIN_PX = 260.0, 12.0  # [px] width of a row of the asym
 
 
 @dataclass(frozen=True)
-class Side:
-    """Name and look of the subjects of one side."""
+class Side(plots.Look):
+    """Look of the subjects of one side."""
 
     hemi: str
-    colour: str
-    marker: str
-    dash: str
-
-    @property
-    def name(self) -> str:
-        return SIDES[self.hemi].capitalize()
 
 
-BOTH_SIDES = (Side("lh", CATEGORICAL_COLOURS[0], "circle", ""), Side("rh", CATEGORICAL_COLOURS[1], "square", "7 3"))
+BOTH_SIDES = (
+    Side("Left", CATEGORICAL_COLOURS[0], "circle", "", "lh"),
+    Side("Right", CATEGORICAL_COLOURS[1], "square", "7 3", "rh"),
+)
 
 
 def group_report(group: Group, folder: Path, progress: Progress = silent) -> Path:

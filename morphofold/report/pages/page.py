@@ -40,9 +40,9 @@ from morphofold.report.pages.viewer import (
     thinned,
     viewer_data,
 )
-from morphofold.report.pictures.hinges import clear_examples, hinge_pairs
-from morphofold.report.pictures.net import net_figure, net_row
-from morphofold.report.pictures.surfaces import Row, VisibleFaces, figure, safe_name
+from morphofold.report.pictures.gyral_net import clear_examples, hinge_pairs, net_figure, net_row
+from morphofold.report.pictures.sheet import safe_name
+from morphofold.report.pictures.surfaces import Row, VisibleFaces, figure
 from morphofold.report.plots import charts
 from morphofold.surface import Surface
 from morphofold.threads import beside

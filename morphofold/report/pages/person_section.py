@@ -13,8 +13,9 @@ from morphofold.comparison.thickness import Cloud
 from morphofold.quantities import RELIEF, common_limits, quantity, scalar_words
 from morphofold.report.pages.entries import Entry
 from morphofold.report.pages.templates import write_picture
-from morphofold.report.pictures.surfaces import Picture, Row, figure
-from morphofold.report.plots.person_plots import region_plot
+from morphofold.report.pictures.sheet import Picture
+from morphofold.report.pictures.surfaces import Row, figure
+from morphofold.report.plots.charts import region_plot
 from morphofold.surface import Surface
 
 SMOOTH_COLOUR = "#8a8f96"
@@ -42,7 +43,7 @@ def with_smooth_bodies(
         if e.name in before:
             p = before[e.name]
             name = f"smooth body of {p.person}" + (f", level {p.level:g}" if several else "")
-            panels.append(Entry(name, p.bodies.smooth_measures(name), SMOOTH_COLOUR, "diamond", "", Cloud("whole", ())))
+            panels.append(Entry(name, SMOOTH_COLOUR, "diamond", "", p.bodies.smooth_measures(name), Cloud("whole", ())))
             person_of[name] = p.person
         panels.append(replace(e, measures=heights[e.name].with_height()) if e.name in heights else e)
     return panels, person_of

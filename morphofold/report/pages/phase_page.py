@@ -5,7 +5,6 @@ Sentences are in ``templates/phases.html``.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections import Counter
 from pathlib import Path
@@ -18,20 +17,14 @@ from morphofold.cohort.phases import Phases, RunResult
 from morphofold.io import read_surface
 from morphofold.progress import Progress, silent
 from morphofold.quantities import Quantity
-from morphofold.report import colours
 from morphofold.report.pages.templates import picture_entry, write_page
-from morphofold.report.pictures import surfaces
-from morphofold.report.pictures.png import png_bytes
+from morphofold.report.pictures.surfaces import extent
 from morphofold.report.plots import phase_plots as plots
 from morphofold.report.plots.line_plots import save
 from morphofold.sim.scene import LEVELS
 from morphofold.surface import Surface
 
 MOST_ROWS = 400  # of the table of numbers and of the table of failures
-MOST_THUMBNAIL_PX = 190  # of a thumbnail
-MOSAIC_WIDTH_PX = 1520  # [px] of a picture of thumbnails
-#: [px] left of, above, below and between the thumbnails; less above, if nothing is written there
-LEFT_PX, HEAD_PX, FOOT_PX, GAP_PX, BARE_HEAD_PX = 110, 44, 104, 10, 16
 
 
 def phase_report(phases: Phases, folder: Path, progress: Progress = silent) -> Path:
@@ -40,7 +33,7 @@ def phase_report(phases: Phases, folder: Path, progress: Progress = silent) -> P
     measures, diagrams = plots.shown_of(phases), []
     for k, shown in enumerate(measures):
         progress(0.5 * k / len(measures), shown.label)
-        if plots.measured(phases, shown):
+        if plots.values_of(phases.runs, shown.key):
             diagrams += _write_diagrams(phases, shown, folder / "figures")
     progress(0.5, "surfaces")
     grid, done = phases.grid, [run for run in phases.runs if not run.reason]
@@ -82,7 +75,7 @@ def _wavelength_ratios(phases: Phases) -> list[float]:
 # diagrams ----------------------------------------------------------------------------------------------------
 
 
-def _write_diagrams(phases: Phases, shown: plots.Shown, folder: Path) -> list[dict[str, Any]]:
+def _write_diagrams(phases: Phases, shown: Quantity, folder: Path) -> list[dict[str, Any]]:
     """Write the diagrams of a measure; return an entry for each. Empty if only the seed is varied."""
     axes, entries = phases.grid.axes, []
     if len(axes) == 1:
@@ -116,20 +109,24 @@ def _write_thumbnails(phases: Phases, folder: Path) -> list[dict[str, Any]]:
     scale."""
     first, shape = {at: phases.at[at][0] for at in phases.grid.places}, _geometry_shape(phases)
     view = "top" if shape in ("patch", "strip") else "lateral"
-    extent = max((_surface_extent(run, view) for run in first.values()), default=0.0)
+    largest = max((_surface_extent(run, view) for run in first.values()), default=0.0)
     entries = []
-    for k, others in enumerate(plots.slices(phases) if extent else (), start=1):
+    for k, others in enumerate(plots.slices(phases) if largest else (), start=1):
+        shown = {
+            at: _drawn_surface(run) or ("failed" if run.reason else "no surface")
+            for at, run in first.items()
+            if at[2:] == others
+        }
         path = folder / (f"surfaces-{k}.png" if others else "surfaces.png")
-        path.write_bytes(png_bytes(_thumbnail_mosaic(phases, first, others, view, extent)))
         title = ("Sections" if shape == "strip" else "Pial surfaces") + _at(phases, others)
-        entries.append({"title": title, **picture_entry(path, path.read_bytes())})
+        entries.append(_saved(plots.thumbnails(phases, shown, view, largest), path, title))
     return entries
 
 
 def _surface_extent(run: RunResult, view: str) -> float:
     """Larger side of a surface in the view [mm]; 0 for a run without a surface."""
     surface = _drawn_surface(run)
-    return 0.0 if surface is None else float(np.ptp(surface.verts @ surfaces.camera(view, "lh").T, axis=0)[:2].max())
+    return 0.0 if surface is None else float(extent(surface, view).max())
 
 
 def _drawn_surface(run: RunResult) -> Surface | None:
@@ -160,49 +157,3 @@ def section(pial: Surface, white: Surface) -> Surface:
     below = u[:, 0] * v[:, 1] < u[:, 1] * v[:, 0]
     faces[below] = faces[below][:, [0, 2, 1]]  # so that all faces point up
     return Surface(*geometry.in_use(verts, faces)[1:])
-
-
-def _thumbnail_mosaic(
-    phases: Phases, first: dict[tuple[int, ...], RunResult], others: tuple[int, ...], view: str, extent: float
-) -> surfaces.Picture:
-    """Thumbnails, with the same columns and rows as the diagram."""
-    axes = phases.grid.axes[:2]
-    columns, rows = ([*(len(axis.values) for axis in axes), 1, 1])[:2]
-    head = HEAD_PX if len(axes) > 1 else BARE_HEAD_PX
-    side = min(MOST_THUMBNAIL_PX, (MOSAIC_WIDTH_PX - LEFT_PX - GAP_PX) // columns - GAP_PX)
-    step, per_mm = side + GAP_PX, 0.94 * side / extent
-    canvas = np.full((head + rows * step + FOOT_PX, LEFT_PX + columns * step + GAP_PX, 3), 255, dtype=np.uint8)
-    for i, j in itertools.product(range(columns), range(rows)):
-        run = first[(i, j)[: len(axes)] + others]
-        x, y = LEFT_PX + i * step, head + (rows - 1 - j) * step
-        surface = _drawn_surface(run)
-        if surface is None:
-            canvas[y : y + side, x : x + side] = 244
-            text = "failed" if run.reason else "no surface"
-            surfaces.write(canvas, text, (x + side / 2, y + side / 2 - 12), 15, anchor="middle", grey=90)
-            continue
-        n = len(surface.verts)
-        rgb = np.tile(np.array(colours.BARE_SURFACE_COLOUR, dtype=np.uint8), (n, 1))
-        row, half_height = surfaces.Row(run.point.name, surface, np.zeros(n), rgb=rgb), side / (2 * per_mm)
-        image = surfaces.draw(row, [view], Quantity("", ""), (0.0, 1.0), (side, side), half_height)[0]
-        canvas[y : y + side, x : x + side] = image
-    across = (LEFT_PX + np.arange(columns) * step + side / 2).tolist()
-    up = (head + np.arange(rows)[::-1] * step + side / 2 - 12).tolist()
-    _name_axes(canvas, phases, across, up, side)
-    surfaces.ruler(canvas, per_mm, (12, head + rows * step + 62))
-    return canvas
-
-
-def _name_axes(canvas: surfaces.Picture, phases: Phases, across: list[float], up: list[float], side: int) -> None:
-    """Write the values and titles of the axes below and left of thumbnails, which have their middles there."""
-    bottom = canvas.shape[0] - FOOT_PX
-    for axis in phases.grid.axes[:1]:
-        title = surfaces.fitted(plots.axis_title(phases, axis), 16, canvas.shape[1] - LEFT_PX)
-        for x, text in zip(across, axis.words):
-            surfaces.write(canvas, surfaces.fitted(text, 15, side), (x, bottom), 15, anchor="middle")
-        surfaces.write(canvas, title, (float(np.mean(across)), bottom + 26), 16, bold=True, anchor="middle")
-    for axis in phases.grid.axes[1:2]:
-        title = surfaces.fitted(plots.axis_title(phases, axis), 16, canvas.shape[1] - 12, bold=True)
-        for y, text in zip(up, axis.words):
-            surfaces.write(canvas, surfaces.fitted(text, 15, 100), (LEFT_PX - 54, y), 15, anchor="middle")
-        surfaces.write(canvas, title, (12, 12), 16, bold=True)

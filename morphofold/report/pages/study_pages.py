@@ -20,9 +20,8 @@ from morphofold.inference.study import Result, cluster_rows, split
 from morphofold.quantities import CATEGORICAL_COLOURS, Quantity, quantity
 from morphofold.report.pages.templates import SIDES, write_page, write_picture
 from morphofold.report.pictures.surfaces import Row, figure
-from morphofold.report.plots.charts import WIDE_CHART_SIZE_PX, limits_around, new_chart
+from morphofold.report.plots.charts import WIDE_CHART_SIZE_PX, limits_around, new_chart, share_plot
 from morphofold.report.plots.line_plots import GREY
-from morphofold.report.plots.share_plot import share_plot
 from morphofold.results.unfolding import Unfolded, log_ratio
 from morphofold.surface import Surface
 from morphofold.words import listed, number

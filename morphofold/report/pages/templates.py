@@ -16,8 +16,7 @@ from markupsafe import Markup
 
 from morphofold.provenance import CONTROLS
 from morphofold.quantities import scalar_words
-from morphofold.report.pictures.png import halved, png_bytes
-from morphofold.report.pictures.surfaces import Picture, renderer, safe_name
+from morphofold.report.pictures.sheet import Picture, halved, png_bytes, safe_name
 from morphofold.words import number, percent, span
 
 REPORTED_PACKAGES = ("morphofold", "numpy", "scipy", "trimesh", "nibabel", "networkx", "numba", "pyvista")
@@ -64,7 +63,7 @@ def plural(n: int, word: str) -> str:
 
 
 #: what every template may call
-FUNCTIONS = {f.__name__: f for f in (number, percent, plural, renderer, safe_name, scalar_words, span, versions)}
+FUNCTIONS = {f.__name__: f for f in (number, percent, plural, safe_name, scalar_words, span, versions)}
 FILTERS = {
     "short": lambda x: f"{x:.4g}".replace("-", "−"),
     "px": lambda x: f"{x:.2f}".rstrip("0").rstrip("."),

@@ -2,87 +2,63 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from morphofold.cohort.statistics import HEMIS, Outlier, Scalars
 from morphofold.quantities import MAP_OF_SCALAR, common_limits, quantity
-from morphofold.report.pictures.png import halved, png_bytes
-from morphofold.report.pictures.surfaces import Picture, Row, figure, fitted
+from morphofold.report.pages.templates import write_picture
+from morphofold.report.pictures.sheet import Picture
+from morphofold.report.pictures.surfaces import Row, figure
 from morphofold.results import read_pial
+from morphofold.words import in_one_line
 
-SIDE_WORDS = {"lh": "left", "rh": "right"}
 DEFAULT_MAP = "H"  # the map for measures that have no map
 FIGURE_WIDTH_PX = 860  # [pixels]
 MOST_EMBEDDED_CHARACTERS = 1_500_000  # most characters of pictures inside a page; further pictures are files only
 
 
-@dataclass(frozen=True)
-class Drawn:
-    """The picture of a subject's farthest outlier: its file and its data in the page, or why there is none."""
-
-    outlier: Outlier
-    file: str = ""
-    data: str = ""
-    typical: str = ""
-    reason: str = ""
-
-    @property
-    def map(self) -> str:
-        return quantity(map_of(self.outlier.measure)).label
-
-
-def map_of(measure: str) -> str:
-    """The map that shows a measure, or mean curvature (the folds)."""
-    return MAP_OF_SCALAR.get(measure, DEFAULT_MAP)
-
-
 def draw_outliers(
     far: Sequence[Outlier], subjects: Sequence[str], scalars: Scalars, results: Mapping[str, Path], folder: Path
-) -> list[Drawn]:
-    """Write ``folder/outlier-01.png`` and so on, one for each of ``far``; return an entry for each."""
-    drawn: list[Drawn] = []
-    for k, one in enumerate(far, start=1):
-        typical = nearest_to_median(one, subjects, scalars)
+) -> list[dict[str, Any]]:
+    """Write ``folder/outlier-01.png`` and so on, one for each of ``far``.
+
+    Returns an entry for each, for the page: the ``outlier``, the ``typical`` subject beside it, the ``map``, and the
+    ``file`` and its ``data``, or the ``reason`` why there is none.
+    """
+    entries: list[dict[str, Any]] = []
+    for k, outlier in enumerate(far, start=1):
+        typical = nearest_to_median(outlier, subjects, scalars)
+        key = MAP_OF_SCALAR.get(outlier.measure, DEFAULT_MAP)
+        entry = {"outlier": outlier, "typical": typical, "map": quantity(key).label, "data": ""}
+        entries.append(entry)
         try:
-            image = _outlier_picture(one, typical, results)
+            image = _outlier_picture(outlier, typical, key, results)
         except (OSError, ValueError) as error:
-            drawn.append(Drawn(one, reason=" ".join(str(error).split())))
+            entry["reason"] = in_one_line(error)
             continue
         folder.mkdir(exist_ok=True)
-        path = folder / f"outlier-{k:02}.png"
-        path.write_bytes(png_bytes(image))
-        data = base64.b64encode(png_bytes(halved(image))).decode()
-        held = sum(len(other.data) for other in drawn) + len(data) <= MOST_EMBEDDED_CHARACTERS
-        drawn.append(Drawn(one, f"{folder.name}/{path.name}", data if held else "", typical))
-    return drawn
+        entry |= write_picture(folder / f"outlier-{k:02}.png", image, outlier.subject)
+        if sum(len(other["data"]) for other in entries) > MOST_EMBEDDED_CHARACTERS:
+            entry["data"] = ""
+    return entries
 
 
-def nearest_to_median(one: Outlier, subjects: Sequence[str], scalars: Scalars) -> str:
+def nearest_to_median(outlier: Outlier, subjects: Sequence[str], scalars: Scalars) -> str:
     """The first subject whose value of an outlier's measure, on its side, is nearest to the median."""
-    apart = np.abs(scalars[one.measure][:, HEMIS.index(one.hemi)] - one.median)
-    return subjects[int(np.nanargmin(apart))]
+    difference = np.abs(scalars[outlier.measure][:, HEMIS.index(outlier.hemi)] - outlier.median)
+    return subjects[int(np.nanargmin(difference))]
 
 
-def _outlier_picture(one: Outlier, typical: str, results: Mapping[str, Path]) -> Picture:
+def _outlier_picture(outlier: Outlier, typical: str, key: str, results: Mapping[str, Path]) -> Picture:
     """Lateral and medial view of both subjects, in the same colours and at one scale."""
-    key = map_of(one.measure)
-    pairs = {name: read_pial(results[name], one.hemi, key) for name in (one.subject, typical)}
-    rows = [
-        Row(
-            fitted(name, 17, FIGURE_WIDTH_PX - 60)
-            if name == one.subject
-            else fitted(f"{name}, at the median", 17, FIGURE_WIDTH_PX - 60),
-            surface,
-            np.full(len(surface.verts), np.nan) if values is None else values,
-            one.hemi,
-        )
-        for name, (surface, values) in pairs.items()
-    ]
-    known = [row.values for row in rows]
-    what = quantity(key, known)
-    return figure(rows, what, common_limits(what, known), ("lateral", "medial"), FIGURE_WIDTH_PX)
+    rows, hemi = [], outlier.hemi
+    for subject, label in {outlier.subject: outlier.subject, typical: f"{typical}, at the median"}.items():
+        surface, values = read_pial(results[subject], hemi, key)
+        rows.append(Row(label, surface, np.full(len(surface.verts), np.nan) if values is None else values, hemi))
+    measured = [row.values for row in rows]
+    what = quantity(key, measured)
+    return figure(rows, what, common_limits(what, measured), ("lateral", "medial"), FIGURE_WIDTH_PX)

@@ -68,12 +68,8 @@ def rasterise(xyz, faces, width, height, closed):
     return face, b0, b1
 
 
-KEY_LIGHT_DIRECTION = tuple(
-    np.array([-0.35, 0.55, 0.75]) / np.linalg.norm([-0.35, 0.55, 0.75])
-)  # towards the key light
-HIGHLIGHT_DIRECTION = tuple(
-    np.array([-0.18, 0.28, 0.94]) / np.linalg.norm([-0.18, 0.28, 0.94])
-)  # halfway to the viewer
+#: unit vectors towards the key light, and halfway from it to the viewer
+KEY_LIGHT, HIGHLIGHT = (tuple(np.divide(v, np.linalg.norm(v))) for v in ((-0.35, 0.55, 0.75), (-0.18, 0.28, 0.94)))
 
 
 @kernel
@@ -101,10 +97,8 @@ def paint(face, b0, b1, faces, normals, colours, oversample):
             size = math.sqrt(nx * nx + ny * ny + nz * nz)
             scale = math.copysign(1.0 / max(size, 1e-12), nz)
             nx, ny, nz = nx * scale, ny * scale, nz * scale
-            key = max(nx * KEY_LIGHT_DIRECTION[0] + ny * KEY_LIGHT_DIRECTION[1] + nz * KEY_LIGHT_DIRECTION[2], 0.0)
-            gleam = (
-                max(nx * HIGHLIGHT_DIRECTION[0] + ny * HIGHLIGHT_DIRECTION[1] + nz * HIGHLIGHT_DIRECTION[2], 0.0) ** 24
-            )
+            key = max(nx * KEY_LIGHT[0] + ny * KEY_LIGHT[1] + nz * KEY_LIGHT[2], 0.0)
+            gleam = max(nx * HIGHLIGHT[0] + ny * HIGHLIGHT[1] + nz * HIGHLIGHT[2], 0.0) ** 24
             light = 0.26 + 0.44 * key + 0.36 * nz
             for c in range(3):
                 base = (u * colours[i, c] + v * colours[j, c] + w * colours[k, c]) / 255.0

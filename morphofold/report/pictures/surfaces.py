@@ -1,74 +1,63 @@
 """Static pictures: one row per surface, one column per view, one measure, one set of limits, one scale.
 
-pyvista draws the surfaces on a graphics card. Without a card, ``raster`` draws the same picture, three times as fast as
-GL in software and with the same bytes on every machine. Without a GL library, the first picture by GL would kill the
-process, so a child process tests for GL. Titles, rulers and colour bars are always drawn here.
+``raster`` draws the surfaces, with the same bytes on every machine and no graphics library.
 """
 
 from __future__ import annotations
 
-import os
-import re
-import subprocess
-import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cache, partial
+from dataclasses import dataclass, field
+from functools import partial
+from itertools import product
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from morphofold.errors import UnknownName
+from morphofold.errors import OutOfRange, UnknownName
 from morphofold.geometry import vertex_normals
 from morphofold.quantities import Quantity
 from morphofold.report import colours
 from morphofold.report.pictures import raster
-from morphofold.report.pictures.png import lettering
-from morphofold.report.plots.line_plots import ticks
+from morphofold.report.pictures.sheet import Picture, Sheet, new_sheet
 from morphofold.surface import Surface
 from morphofold.threads import beside
 
-Picture = NDArray[np.uint8]  # (height, width, 3)
-
 VIEWS = ("lateral", "medial", "top", "bottom")
+#: screen's right, up and towards-the-viewer axes, in right, anterior, superior (RAS); of a right hemisphere
+CAMERAS = {
+    "lateral": ((0, 1, 0), (0, 0, 1), (1, 0, 0)),
+    "medial": ((0, -1, 0), (0, 0, 1), (-1, 0, 0)),
+    "top": ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
+    "bottom": ((-1, 0, 0), (0, 1, 0), (0, 0, -1)),
+    "front": ((-1, 0, 0), (0, 0, 1), (0, 1, 0)),
+}
+OTHER_SIDE = {"lateral": "medial", "medial": "lateral"}
 MOST_PX_PER_MM, LARGEST_VIEW_PX = 6.0, 400
-_RENDERER_PROBE_CODE = """
-import vtkmodules.vtkRenderingOpenGL2
-from vtkmodules.vtkRenderingCore import vtkRenderWindow
-window = vtkRenderWindow()
-window.SetOffScreenRendering(1)
-window.SetSize(32, 32)
-window.Render()
-print(window.ReportCapabilities())
-"""
-SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swrast", "software", "swiftshader")
+GAP, EDGE, HEAD, FOOT, NAME = 24, 20, 72, 112, 30  # [pixels] of a figure
+
+NO_VALUES = np.empty(0)
 
 
-@cache
-def graphics() -> str:
-    """Name of the GL renderer, as GL reports it, found once per process; empty if there is none."""
-    if sys.platform == "linux" and not os.environ.get("DISPLAY"):
-        os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
-    try:
-        trial = subprocess.run([sys.executable, "-c", _RENDERER_PROBE_CODE], capture_output=True, timeout=60, text=True)
-    except (OSError, subprocess.TimeoutExpired):
-        return ""
-    found = re.search(r"OpenGL renderer string:\s*(\S.*)", trial.stdout) if trial.returncode == 0 else None
-    return found[1].strip() if found else ""
+@dataclass(frozen=True, eq=False)
+class Row:
+    """One surface of a figure: its name, its shape, and a value (N,) or a colour (N, 3) per vertex; bare without."""
+
+    name: str
+    surface: Surface
+    values: NDArray[np.float64] = field(default_factory=lambda: NO_VALUES)
+    hemi: str = "lh"
+    rgb: NDArray[np.uint8] | None = None
+
+    def colours(self, limits: tuple[float, float], signed: bool) -> colours.RGB:
+        if self.rgb is not None:
+            return self.rgb
+        if self.values.size:
+            return colours.apply(self.values, limits, signed)
+        return np.full((len(self.surface.verts), 3), colours.BARE_SURFACE_COLOUR, dtype=np.uint8)
 
 
-@cache
-def renderer() -> str:
-    """``"pyvista"`` if there is a graphics card, else ``"raster"``.
-
-    If ``MORPHOFOLD_RENDERER`` is one of the two names, it is used without a test.
-    """
-    wanted = os.environ.get("MORPHOFOLD_RENDERER", "")
-    if wanted in ("pyvista", "raster"):
-        return wanted
-    card = graphics().lower()
-    return "pyvista" if card and not any(word in card for word in SOFTWARE_RENDERERS) else "raster"
+VisibleFaces = dict[tuple[Any, ...], Any]  # (surface, view) -> visible faces
 
 
 def camera(view: str, hemi: str) -> NDArray[np.float64]:
@@ -77,210 +66,105 @@ def camera(view: str, hemi: str) -> NDArray[np.float64]:
     Coordinates are right, anterior, superior (RAS): a left hemisphere is seen laterally from -x, a right one
     from +x; seen from the top or the bottom, anterior is up.
     """
-    side = 1.0 if (hemi == "rh") == (view == "lateral") else -1.0
-    axes = {
-        "lateral": [[0, side, 0], [0, 0, 1], [side, 0, 0]],
-        "medial": [[0, side, 0], [0, 0, 1], [side, 0, 0]],
-        "top": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
-        "bottom": [[-1, 0, 0], [0, 1, 0], [0, 0, -1]],
-        "front": [[-1, 0, 0], [0, 0, 1], [0, 1, 0]],
-    }
-    if view not in axes:
-        raise UnknownName(f"view must be one of {', '.join(axes)}; got {view!r}.")
-    return np.array(axes[view], dtype=np.float64)
+    if view not in CAMERAS:
+        raise UnknownName(f"view must be one of {', '.join(CAMERAS)}; got {view!r}.")
+    return np.array(CAMERAS[view if hemi == "rh" else OTHER_SIDE.get(view, view)], dtype=np.float64)
 
 
-@dataclass(frozen=True, eq=False)
-class Row:
-    """One surface of a figure: its name, its shape, and a value (N,) or a colour (N, 3) per vertex."""
-
-    name: str
-    surface: Surface
-    values: NDArray[np.float64]
-    hemi: str = "lh"
-    rgb: NDArray[np.uint8] | None = None
-
-
-VisibleFaces = dict[tuple[Any, ...], Any]  # (surface, view) -> visible faces
+def extent(surface: Surface, view: str, hemi: str = "lh") -> NDArray[np.float64]:
+    """Width and height (2,) of a surface in a view [mm]."""
+    return np.abs(camera(view, hemi)[:2]) @ np.ptp(surface.verts, axis=0)  # its axes are those of the coordinates
 
 
 def draw(
     row: Row,
-    views: Sequence[str],
+    view: str,
     what: Quantity,
     limits: tuple[float, float],
     size: tuple[int, int],
-    half_height: float,
-    backend: str | None = None,
+    px_per_mm: float,
     looks: VisibleFaces | None = None,
-) -> list[Picture]:
-    """One surface from each of ``views``, as pictures (height, width, 3); ``half_height`` of a picture in mm.
+) -> Picture:
+    """One surface from a side, in the middle of a picture (height, width, 3) of ``size`` (width, height).
 
     ``looks`` keeps the visible faces of a surface; the next picture of the same surface then only needs colouring.
     """
-    looks = {} if looks is None else looks
-    verts, faces = row.surface.verts, row.surface.faces
-    points = verts - (verts.min(axis=0) + verts.max(axis=0)) / 2
-    rgb = colours.apply(row.values, limits, what.signed) if row.rgb is None else row.rgb
-    mine = (row.surface,)  # the key also keeps the surface alive
-    if mine not in looks:
-        looks[mine] = vertex_normals(points, faces)
-    normals = looks[mine]
-    cameras = [camera(view, row.hemi) for view in views]
-    if (backend or renderer()) == "pyvista":
-        return _draw_with_pyvista(points, normals, faces, rgb, cameras, size, half_height)
-
-    def picture(turned: NDArray[np.float64]) -> Picture:
-        place = (row.surface, turned.tobytes(), size, half_height)
-        if place not in looks:
-            looks[place] = raster.look(points @ turned.T, faces, size, half_height)
-        seen: raster.Seen = looks[place]
-        return seen.coloured(normals @ turned.T, rgb)
-
-    return beside(*(partial(picture, camera) for camera in cameras))
-
-
-def _draw_with_pyvista(points, normals, faces, rgb, cameras, size, half_height) -> list[Picture]:
-    import pyvista as pv
-
-    mesh = pv.PolyData.from_regular_faces(points, faces)
-    mesh.point_data["colour"] = rgb
-    mesh.point_data["Normals"] = normals
-    mesh.point_data.active_normals_name = "Normals"
-    plotter: Any = pv.Plotter(off_screen=True, window_size=[2 * size[0], 2 * size[1]], lighting="none")
-    look: dict[str, Any] = {
-        "ambient": 0.26,
-        "diffuse": 0.8,
-        "specular": 0.06,
-        "specular_power": 24,
-        "interpolation": "Phong",
-    }
-    pictures = []
-    try:
-        plotter.add_mesh(mesh, scalars="colour", rgb=True, smooth_shading=True, render=False, **look)
-        for position, intensity in (((-0.35, 0.55, 0.75), 0.55), ((0.0, 0.0, 1.0), 0.45)):
-            plotter.add_light(pv.Light(position=position, intensity=intensity, light_type="camera light"))
-        plotter.set_background("white")
-        plotter.camera.parallel_projection = True
-        plotter.camera.parallel_scale = half_height
-        for right_up_out in cameras:
-            plotter.camera.position = 1e3 * right_up_out[2]
-            plotter.camera.focal_point = (0.0, 0.0, 0.0)
-            plotter.camera.up = right_up_out[1]
-            plotter.renderer.ResetCameraClippingRange()
-            plotter.render()  # without this, a second screenshot repeats the first
-            image = np.asarray(plotter.screenshot(None, return_img=True))[:, :, :3].astype(np.float64)
-            image = image.reshape(size[1], 2, size[0], 2, 3).mean(axis=(1, 3))
-            pictures.append(np.round(image).astype(np.uint8))
-    finally:
-        plotter.close()
-    return pictures
+    verts, faces, axes = row.surface.verts, row.surface.faces, camera(view, row.hemi)
+    looks, key = {} if looks is None else looks, (row.surface, axes.tobytes(), size, px_per_mm)
+    if key not in looks:  # the key also keeps the surface alive
+        centred = verts - (verts.min(axis=0) + verts.max(axis=0)) / 2
+        looks[key] = raster.look(centred @ axes.T, faces, size, size[1] / (2 * px_per_mm))
+    seen: raster.Seen = looks[key]
+    return seen.coloured(vertex_normals(verts, faces) @ axes.T, row.colours(limits, what.signed))
 
 
 def figure(
     rows: Sequence[Row],
     what: Quantity,
-    limits: tuple[float, float],
+    limits: tuple[float, float] | None,
     views: Sequence[str] = VIEWS,
     width: int = 1520,
-    backend: str | None = None,
     legend: Sequence[tuple[str, str]] = (),
     looks: VisibleFaces | None = None,
+    *,
+    transposed: bool = False,
 ) -> Picture:
-    """Rows of surfaces from ``views``, all at one scale, with view names, ruler, and colour bar or ``legend``.
+    """Rows of surfaces from ``views``, all at one scale, with view names and ruler.
 
-    ``legend`` has words and their colour ("#d55e00"). ``looks`` is as for :func:`draw`.
+    Below is a colour bar, or without ``limits`` the ``legend``: words and their colour ("#d55e00"). ``looks`` is as
+    for :func:`draw`. ``transposed`` has the surfaces in columns. Raises ``OutOfRange`` for surfaces without extent.
     """
-    extent = np.array([[np.ptp(r.surface.verts @ camera(v, r.hemi).T, axis=0)[:2] for v in views] for r in rows])
-    gap, edge, head, foot, label = 24, 20, 72, 112, 30
-    most = max(MOST_PX_PER_MM, LARGEST_VIEW_PX / extent.max())  # small bodies are enlarged
-    per_mm = min((width - 2 * edge - gap * len(views)) / extent[:, :, 0].max(axis=0).sum(), most)
-    columns = np.ceil(per_mm * extent[:, :, 0].max(axis=0)).astype(int) + gap
-    lines = np.ceil(per_mm * extent[:, :, 1].max(axis=1)).astype(int) + gap
-    canvas = np.full((head + int(lines.sum()) + len(rows) * label + foot, width, 3), 255, dtype=np.uint8)
-    write(canvas, what.title, (edge, 10), 20, bold=True)
-    lefts, top = edge + np.cumsum(columns) - columns, head
-    for left, column, view in zip(lefts, columns, views):
-        write(canvas, view, (left + column / 2, 42), 15, anchor="middle", grey=110)
-    for row, line in zip(rows, lines):
-        write(canvas, row.name, (edge, top), 17)
-        top += label
-        wide = int(columns.max())
-        pictures = draw(row, views, what, limits, (wide, int(line)), line / (2 * per_mm), backend, looks)
-        for left, column, picture in zip(lefts, columns, pictures):
+    names = [row.name for row in rows]
+    cells, headings = [[(row, view) for view in views] for row in rows], list(views)
+    if transposed:
+        cells, headings, names = [list(column) for column in zip(*cells)], names, headings
+    per_mm, columns, lines = _scale_and_sizes(cells, width)
+    wide, ends = max(columns), limits or (0.0, 1.0)
+    tops, lefts = HEAD + np.cumsum([0, *lines]) + NAME * np.arange(len(lines) + 1), np.cumsum([EDGE, *columns])
+    bottom = int(tops[-1])
+    drawn = beside(
+        *(partial(draw, *c, what, ends, (wide, h), per_mm, looks) for line, h in zip(cells, lines) for c in line)
+    )
+    with new_sheet(width, bottom + FOOT) as sheet:
+        sheet.text(EDGE, 36, what.title, 18, weight="bold")
+        for left, column, heading in zip(lefts, columns, headings):
+            sheet.text(left + column / 2, 62, heading, 13.5, column, ha="center", color="0.43")
+        for top, name in zip(tops, names):
+            sheet.text(EDGE, top + 22, name, 15.5, room=width - 2 * EDGE)
+        places = product(tops[:-1].tolist(), zip(lefts.tolist(), columns))
+        for (top, (left, column)), picture in zip(places, drawn):
             cut = (wide - column) // 2
-            canvas[top : top + line, left : left + column] = picture[:, cut : cut + column]
-        top += line
-    ruler(canvas, per_mm, (edge, top + 34))
-    if legend:
-        for k, (words, colour) in enumerate(legend):
-            x = edge + 220 + 230 * k
-            canvas[top + 26 : top + 42, x : x + 16] = colours.rgb_of(colour)
-            write(canvas, words, (x + 24, top + 21), 15, grey=60)
-        return canvas
-    colour_bar(canvas, what, limits, (width // 2 - 180, top + 22), (360, 16))
-    if any(np.isnan(row.values).any() for row in rows):
-        x = width // 2 + 240
-        canvas[top + 22 : top + 38, x : x + 26] = colours.NOT_MEASURED_COLOUR
-        write(canvas, "not measured", (x + 34, top + 19), 14, grey=80)
-    return canvas
+            sheet.picture(picture[:, cut : cut + column], left, top + NAME)
+        sheet.ruler(per_mm, EDGE, bottom + 34)
+        _draw_keys(sheet, bottom, rows, what, limits, legend)
+        return sheet.pixels()
 
 
-def ruler(canvas: Picture, px_per_mm: float, at: tuple[int, int]) -> None:
-    """Draw a scale bar of a round length, with its top left at ``at``."""
-    mm = max((m for m in (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100) if m * px_per_mm <= 160), default=0.1)
-    end = at[0] + round(mm * px_per_mm)
-    canvas[at[1] : at[1] + 3, at[0] : end] = 60
-    write(canvas, f"{mm} mm", ((at[0] + end) / 2, at[1] + 6), 14, anchor="middle", grey=60)
-
-
-def colour_bar(
-    canvas: Picture, what: Quantity, limits: tuple[float, float], at: tuple[int, int], size: tuple[int, int]
+def _draw_keys(
+    sheet: Sheet,
+    y: int,
+    rows: Sequence[Row],
+    what: Quantity,
+    limits: tuple[float, float] | None,
+    legend: Sequence[tuple[str, str]],
 ) -> None:
-    """Draw the colours between the limits, (width, height) pixels from the top left ``at``, numbers and unit below."""
-    x, y = at
-    ramp = colours.apply(np.linspace(*limits, size[0]), limits, what.signed)
-    canvas[y : y + size[1], x : x + size[0]] = ramp
-    clear = 0.12 * (limits[1] - limits[0])  # distance from the numbers at both ends
-    inner = [t for t in ticks(*limits, about=4) if limits[0] + clear < t < limits[1] - clear]
-    for mark in (limits[0], *inner, limits[1]):
-        column = x + round((mark - limits[0]) / (limits[1] - limits[0]) * (size[0] - 1))
-        canvas[y + size[1] : y + size[1] + 5, column] = 60
-        write(canvas, f"{mark:.3g}", (column, y + size[1] + 6), 14, anchor="middle", grey=60)
-    write(canvas, what.title, (x + size[0] / 2, y + size[1] + 28), 14, anchor="middle", grey=60)
+    """Draw what the colours mean below ``y``."""
+    if limits is not None:
+        sheet.colour_bar(what, limits, sheet.width // 2 - 180, y + 22, 360, 16)
+        if any(np.isnan(row.values).any() for row in rows):
+            sheet.key(sheet.width // 2 + 240, y + 22, "not measured", np.divide(colours.NOT_MEASURED_COLOUR, 255))
+    for k, (text, colour) in enumerate(legend):
+        sheet.key(EDGE + 220 + 230 * k, y + 26, text, colour)
 
 
-_PLAIN_CHARACTERS = str.maketrans({"₁": "1", "₂": "2", "\u202f": " ", "−": "-"})  # plain characters for these glyphs
-
-
-def write(
-    canvas: Picture,
-    text: str,
-    at: tuple[float, float],
-    size: int,
-    bold: bool = False,
-    anchor: str = "start",
-    grey: int = 20,
-) -> None:
-    """Write a line of text on a picture, with its top left (or top middle) at ``at``; cut off at the border."""
-    ink = lettering(text.translate(_PLAIN_CHARACTERS), size, bold)
-    x = round(at[0] - (ink.shape[1] / 2 if anchor == "middle" else 0))
-    y = round(at[1] + 1.4 * size) - ink.shape[0]  # so that the bottoms of all texts are at the same height
-    left, top = max(-x, 0), max(-y, 0)
-    under = canvas[y + top : y + ink.shape[0], x + left : x + ink.shape[1]]
-    ink = ink[top : top + under.shape[0], left : left + under.shape[1], None]
-    under[:] = np.round(under * (1 - ink) + grey * ink).astype(np.uint8)
-
-
-def fitted(text: str, size: int, width: int, bold: bool = False) -> str:
-    """A line of text of at most ``width`` pixels; if longer, its beginning and end with "…" between them."""
-    words, kept = text, len(text)
-    while kept > 2 and lettering(words.translate(_PLAIN_CHARACTERS), size, bold).shape[1] > width:
-        kept -= 1
-        words = text[: kept - kept // 2] + "…" + text[len(text) - kept // 2 :]
-    return words
-
-
-def safe_name(key: str) -> str:
-    """A map's name, which may come from a file, as a file name of letters, digits, ``-`` and ``_``."""
-    return "".join(c if c.isalnum() or c in "-_" else "_" for c in key) or "map"
+def _scale_and_sizes(cells: Sequence[Sequence[tuple[Row, str]]], width: int) -> tuple[float, list[int], list[int]]:
+    """Pixels per mm, and the width of each column and height of each line, in which all surfaces fit."""
+    extents = np.array([[extent(row.surface, view, row.hemi) for row, view in line] for line in cells])
+    if not 0 < extents.max() < np.inf:
+        raise OutOfRange(f"the surfaces extend {extents.max():g} mm, so there is nothing to draw.")
+    across, up = extents[:, :, 0].max(axis=0), extents[:, :, 1].max(axis=1)
+    per_mm = max(MOST_PX_PER_MM, LARGEST_VIEW_PX / extents.max())  # small bodies are enlarged
+    if across.any():
+        per_mm = min(per_mm, (width - 2 * EDGE - GAP * len(across)) / across.sum())
+    columns, lines = (np.ceil(per_mm * sizes).astype(int) + GAP for sizes in (across, up))
+    return per_mm, columns.tolist(), lines.tolist()

@@ -1,5 +1,5 @@
-"""Charts of the pages as inline SVG: distributions, gyral against cortical thickness, the law of folding, numbers
-over growth.
+"""Charts of the pages as inline SVG: distributions, gyral against cortical thickness, the law of folding, numbers over
+growth, regions of two bodies, and what subjects share.
 
 A mark shows its text when the pointer is over it. Names are escaped, and no text is parsed as a formula.
 """
@@ -8,44 +8,43 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup, escape
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from morphofold.comparison.thickness import Cloud
-from morphofold.report.plots.line_plots import BLACK, GREY, NO_FORMULAS, new_figure, ticks
+from morphofold.report.plots.line_plots import BLACK, GREY, NO_FORMULAS, blank_figure, ticks
 from morphofold.words import number
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 MARKERS = {"circle": "o", "square": "s", "triangle": "^", "diamond": "D"}  # name on pages -> matplotlib's name
 DASHES = ("", "7 3", "2 3", "9 3 2 3")
-THEORY_DASHES = (0, (8, 5))
+THEORY: dict[str, Any] = {"color": GREY, "linestyle": (0, (8, 5))}
+POINT: dict[str, Any] = {"gid": "point", "zorder": 3, "alpha": 0.72, "edgecolors": "white", "linewidths": 0.6}
+HEMI_COLOURS = {"lh": "#1f5fa8", "rh": "#b3472b"}
 CHART_SIZE_PX = (430.0, 250.0)  # [px] of a chart, two side by side
 WIDE_CHART_SIZE_PX = (880.0, 430.0)
-MARGINS_PX = (56.0, 14.0, 12.0, 38.0)  # [px] left, right, top, bottom
 #: added to the style of all plots for pages: text set by the browser, and lengths in pixels
 PAGE_STYLE = {"svg.fonttype": "none", "lines.scale_dashes": False, "lines.linewidth": 1.7, **NO_FORMULAS}
 NO_METADATA = dict.fromkeys(("Date", "Creator", "Format", "Type"))
 
+Values = np.ndarray
+Limits = tuple[float, float]
 
-class Look(Protocol):
-    """Name and look of a surface, or of a side of a group."""
 
-    @property
-    def name(self) -> str: ...
-    @property
-    def colour(self) -> str: ...
-    @property
-    def marker(self) -> str: ...
-    @property
-    def dash(self) -> str: ...
+@dataclass(frozen=True, eq=False)
+class Look:
+    """Name, colour, marker and dashes of a surface, or of a side of a group."""
+
+    name: str
+    colour: str
+    marker: str
+    dash: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,33 +55,21 @@ class Chart:
     ax: Axes
     size: tuple[float, float]
     title: str
-    titles: list[str] = field(default_factory=list)
+    texts: list[str] = field(default_factory=list)
 
-    def reads(self, words: str) -> str:
+    def reads(self, text: str) -> str:
         """Register the text of a mark; return the address (url) to give to the mark."""
-        self.titles.append(words)
-        return f"{len(self.titles) - 1}"
+        self.texts.append(text)
+        return f"{len(self.texts) - 1}"
 
-    def line(self, x: Any, y: Any, kind: str, words: str | None = None, **style: Any) -> None:
+    def line(self, x: Any, y: Any, kind: str, text: str | None = None, **style: Any) -> None:
         """Draw a line, or marks if the style has a marker."""
         style = {"linestyle": "none", **style} if "marker" in style else style
-        self.ax.plot(x, y, gid=kind, url=None if words is None else self.reads(words), clip_on=False, **style)
+        self.ax.plot(x, y, gid=kind, url=None if text is None else self.reads(text), clip_on=False, **style)
 
-    def points(self, x: Sequence[float], y: Sequence[float], words: Sequence[str], look: Look, *, big: bool) -> None:
-        self.ax.scatter(
-            x,
-            y,
-            s=(14 if big else 7) ** 2,
-            color=look.colour,
-            marker=MARKERS[look.marker],
-            alpha=0.72,
-            edgecolors="white",
-            linewidths=0.6,
-            zorder=3,
-            clip_on=False,
-            gid="point",
-            urls=list(map(self.reads, words)),
-        )
+    def points(self, x: Any, y: Any, texts: Sequence[str], look: Look, *, big: bool) -> None:
+        urls, size = [self.reads(text) for text in texts], (14 if big else 7) ** 2
+        self.ax.scatter(x, y, size, color=look.colour, marker=MARKERS[look.marker], urls=urls, clip_on=False, **POINT)
 
     def svg(self) -> Markup:
         """The drawing as SVG, ready for a page."""
@@ -92,7 +79,7 @@ class Chart:
         drawn = drawn.replace('<g id="', '<g class="')  # ids are the same in all charts
         drawn = re.sub(
             r'<a xlink:href="(\d+)" target="_blank">(.*?)</a>',
-            lambda mark: f"<g><title>{escape(self.titles[int(mark[1])])}</title>{mark[2]}</g>",
+            lambda mark: f"<g><title>{escape(self.texts[int(mark[1])])}</title>{mark[2]}</g>",
             drawn,
             flags=re.DOTALL,
         )
@@ -107,22 +94,23 @@ def new_chart(
     title: str,
     x_label: str,
     y_label: str,
-    x: tuple[float, float],
-    y: tuple[float, float],
+    x: Limits,
+    y: Limits,
     size: tuple[float, float] = CHART_SIZE_PX,
-    right: float = MARGINS_PX[1],
-    left: float = MARGINS_PX[0],
+    right: float = 14.0,
+    left: float = 56.0,
 ) -> Iterator[Chart]:
     """A chart with given limits and margins ``right`` and ``left`` [px]."""
     inches = 72.0  # pixels per inch in an SVG, where a point is a pixel
-    (width, height), (_, _, top, bottom) = size, MARGINS_PX
+    (width, height), top, bottom = size, 12.0, 38.0
     style = {**PAGE_STYLE, "svg.hashsalt": title}  # so that no two charts share ids
-    with new_figure(width / inches, height / inches, 1, 1, layout=None, style=style) as (figure, ((ax,),)):
+    with blank_figure(width / inches, height / inches, None, style) as figure:
+        ax = figure.subplots()
         figure.subplots_adjust(left / width, bottom / height, 1 - right / width, 1 - top / height)
-        figure.patch.set_visible(False)
-        ax.patch.set_visible(False)
-        for axis, about in ((ax.xaxis, 6), (ax.yaxis, 4)):
-            at = ticks(*(x if axis is ax.xaxis else y), about)
+        for part in (figure, ax):
+            part.patch.set_visible(False)
+        for axis, limits, about in ((ax.xaxis, x, 6), (ax.yaxis, y, 4)):
+            at = ticks(*limits, about)
             axis.set_ticks(at, [f"{t:.6g}".replace("-", "−") for t in at])
         ax.set(xlim=x, ylim=y, xlabel=x_label, ylabel=y_label)
         ax.yaxis.set_label_coords(14 / width, (height + bottom - top) / 2 / height, figure.transFigure)
@@ -135,12 +123,19 @@ def line_of(look: Look) -> dict[str, Any]:
     return {"color": look.colour, "linestyle": (0, dashes) if dashes else "-"}
 
 
+def titled(label: str, unit: str) -> str:
+    return f"{label} [{unit}]" if unit else label
+
+
+def limits_around(values: Sequence[float]) -> Limits:
+    """Limits a little outside the least and greatest value."""
+    low, high = min(values), max(values)
+    edge = 0.06 * (high - low) if high - low > 1e-6 * max(abs(low), abs(high)) else 0.1 * abs(high) or 1.0
+    return low - edge, high + edge
+
+
 def histograms(
-    series: Sequence[tuple[Look, np.ndarray, np.ndarray]],
-    label: str,
-    unit: str,
-    bins: int | np.ndarray = 48,
-    counted: str = "",
+    series: Sequence[tuple[Look, Values, Values]], label: str, unit: str, bins: int | Values = 48, counted: str = ""
 ) -> Markup | None:
     """Distributions in one chart, with the same bins: area-weighted, or counts.
 
@@ -159,50 +154,36 @@ def histograms(
     -------
     svg : Markup, or None if no surface has a value.
     """
-    ends = [np.percentile(v[np.isfinite(v)], [0.5, 99.5]) for _, v, _ in series if np.isfinite(v).any()]
-    if not ends:
+    measured = [(look, v[m], w[m]) for look, v, w in series if (m := np.isfinite(v)).any() and w[m].sum() > 0]
+    if not measured:
         return None
-    if isinstance(bins, int):
-        low, high = float(min(e[0] for e in ends)), float(max(e[1] for e in ends))
-        wide = max(0.02 * (high - low), 1e-6 * max(abs(low), abs(high))) or 0.5  # bins wider than round-off
-        edges = np.linspace(low - wide, high + wide, bins + 1)
-    else:
-        edges = bins
-    curves = []
-    for look, values, weights in series:
-        known = np.isfinite(values)
-        if known.any() and weights[known].sum() > 0:
-            density = np.histogram(values[known], edges, weights=None if counted else weights[known])[0]
-            if not counted:
-                density = density / weights[known].sum() / np.diff(edges)
-            curves.append((look, density, weighted_median(values[known], weights[known])))
-    if not curves:
-        return None
-    top = max(float(density.max()) for _, density, _ in curves) or 1.0
+    edges = _edges([values for _, values, _ in measured], bins) if isinstance(bins, int) else bins
+    heights = []
+    for _, values, weights in measured:
+        count = np.histogram(values, edges, weights=None if counted else weights)[0]
+        heights.append(count if counted else count / weights.sum() / np.diff(edges))
+    top = max(float(height.max()) for height in heights) or 1.0
     up = counted or (f"share of area per {unit}" if unit else "share of area")
-    across = f"{label} [{unit}]" if unit else label
     limits = (float(edges[0]), float(edges[-1])), (0.0, 1.08 * top)
-    with new_chart(f"Distribution of {label}", across, up, *limits) as chart:
-        for look, density, median in curves:
-            words = f"{look.name}: median {number(median)} {unit}".strip()
-            chart.ax.stairs(
-                density,
-                edges,
-                fill=True,
-                facecolor=(look.colour, 0.12),
-                edgecolor=look.colour,
-                linewidth=1.7,
-                linestyle=line_of(look)["linestyle"],
-                gid="curve",
-                url=chart.reads(words),
-                clip_on=False,
-            )
+    with new_chart(f"Distribution of {label}", titled(label, unit), up, *limits) as chart:
+        for (look, values, weights), height in zip(measured, heights):
+            median, line = weighted_median(values, weights), line_of(look)["linestyle"]
+            text = chart.reads(f"{look.name}: median {number(median)} {unit}".strip())
+            fill: dict[str, Any] = {"fill": True, "facecolor": (look.colour, 0.12), "edgecolor": look.colour}
+            chart.ax.stairs(height, edges, **fill, linewidth=1.7, linestyle=line, gid="curve", url=text, clip_on=False)
             if edges[0] <= median <= edges[-1]:
                 chart.line([median], [0], "median", color=look.colour, marker=10, markersize=8)  # a caret
         return chart.svg()
 
 
-def weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
+def _edges(series: Sequence[Values], bins: int) -> Values:
+    ends = np.array([np.percentile(values, [0.5, 99.5]) for values in series])
+    low, high = float(ends[:, 0].min()), float(ends[:, 1].max())
+    wide = max(0.02 * (high - low), 1e-6 * max(abs(low), abs(high))) or 0.5  # bins wider than round-off
+    return np.linspace(low - wide, high + wide, bins + 1)
+
+
+def weighted_median(values: Values, weights: Values) -> float:
     """Smallest value at or below which at least half the weight lies."""
     order = np.argsort(values, kind="stable")
     total = np.cumsum(weights[order])
@@ -244,35 +225,26 @@ def thickness_plot(
     with new_chart("Gyral thickness against cortical thickness", *labels, across, up, size) as chart:
         for slope, label in lines:
             end = min(right, top / slope)
-            chart.line([0, end], [0, end * slope], "theory", label, color=GREY, linestyle=THEORY_DASHES)
+            chart.line([0, end], [0, end * slope], "theory", label, **THEORY)
         for look, cloud in clouds:
             _draw_cloud(chart, look, cloud)
         return chart.svg()
 
 
-def limits_around(values: Sequence[float]) -> tuple[float, float]:
-    """Limits a little outside the least and greatest value."""
-    low, high = min(values), max(values)
-    edge = 0.06 * (high - low) if high - low > 1e-6 * max(abs(low), abs(high)) else 0.1 * abs(high) or 1.0
-    return low - edge, high + edge
-
-
 def _draw_cloud(chart: Chart, look: Look, cloud: Cloud) -> None:
     """Draw bins as crossed bars (median and quartiles), the fit, and the points."""
+    bar: dict[str, Any] = {"color": look.colour, "linewidth": 1.4, "alpha": 0.75}
     for p in cloud.bins:
-        bar: dict[str, Any] = {"color": look.colour, "linewidth": 1.4, "alpha": 0.75}
         chart.line([p.cortical, p.cortical], [p.low, p.high], "bin", f"{look.name}, {p.label}", **bar)
         chart.line([p.cortical], [p.gyral], "bin", f"{look.name}, {p.label}", **bar, marker="_", markersize=8)
     if cloud.fit is not None:
         marks = [p.cortical for p in cloud.points or cloud.bins]
         ends = np.array([min(marks), max(marks)])
         faint: dict[str, Any] = {} if cloud.fit.sloped else {"linewidth": 1.0, "alpha": 0.45}
-        kind = "fit" if cloud.fit.sloped else "fit faint"
-        chart.line(ends, cloud.fit.at(ends), kind, **line_of(look), **faint)
-    if cloud.points:
-        words = [f"{look.name}, {p.label}: {number(p.gyral)} mm at {number(p.cortical)} mm" for p in cloud.points]
-        x, y = ([getattr(p, key) for p in cloud.points] for key in ("cortical", "gyral"))
-        chart.points(x, y, words, look, big=len(cloud.points) == 1)
+        chart.line(ends, cloud.fit.at(ends), "fit faint" if faint else "fit", **line_of(look), **faint)
+    if points := cloud.points:
+        texts = [f"{look.name}, {p.label}: {number(p.gyral)} mm at {number(p.cortical)} mm" for p in points]
+        chart.points([p.cortical for p in points], [p.gyral for p in points], texts, look, big=len(points) == 1)
 
 
 def folding_plot(surfaces: Sequence[tuple[Look, Any]], paths: Sequence[tuple[str, Sequence[Any]]]) -> Markup | None:
@@ -291,10 +263,10 @@ def folding_plot(surfaces: Sequence[tuple[Look, Any]], paths: Sequence[tuple[str
     if not surfaces:
         return None
 
-    def place(t: Any) -> tuple[float, float]:
-        return float(np.log10(t.exposed)), float(np.log10(t.total * np.sqrt(t.thickness)))
+    def logs(terms: Sequence[Any]) -> Values:
+        return np.log10([(t.exposed, t.total * np.sqrt(t.thickness)) for t in terms])
 
-    every = np.array([place(t) for t in [*(t for _, t in surfaces), *(t for _, path in paths for t in path)]])
+    every = logs([*(t for _, t in surfaces), *(t for _, path in paths for t in path)])
     (x0, y0), (x1, y1) = (every.min(axis=0) - 0.06).tolist(), (every.max(axis=0) + 0.06).tolist()
     labels = "log\u2081\u2080 exposed area [mm²]", "log\u2081\u2080 total area × √thickness [mm² √mm]"
     with new_chart("The law of folding", *labels, (x0, x1), (y0, y1), (880.0, 400.0), right=60.0) as chart:
@@ -305,16 +277,16 @@ def folding_plot(surfaces: Sequence[tuple[Look, Any]], paths: Sequence[tuple[str
                 chart.line(ends, heights, "level", f"k = {k:g}", color="#cdd2d8", linewidth=1.0)
                 chart.ax.text(ends[1], heights[1], f" k = {k:g}", va="center")
         for name, path in paths:
-            x, y = np.array([place(t) for t in path]).T
-            chart.line(x, y, "theory", name, color=GREY, linestyle=THEORY_DASHES)
+            x, y = logs(path).T
+            chart.line(x, y, "theory", name, **THEORY)
         for look, t in surfaces:
-            exposed, total = place(t)
-            chart.points([exposed], [total], [f"{look.name}: k = {number(t.k)}"], look, big=True)
+            x, y = logs([t]).T
+            chart.points(x, y, [f"{look.name}: k = {number(t.k)}"], look, big=True)
         return chart.svg()
 
 
 def growth_chart(
-    label: str, curves: Sequence[tuple[str, np.ndarray, np.ndarray]], others: Sequence[tuple[Look, float]]
+    label: str, curves: Sequence[tuple[str, Values, Values]], others: Sequence[tuple[Look, float]]
 ) -> Markup | None:
     """A number over growth (black), with the values of other surfaces as horizontal lines in their colours.
 
@@ -330,18 +302,75 @@ def growth_chart(
     -------
     svg : Markup, or None if no curve has a value.
     """
-    known = [(name, g[np.isfinite(v)], v[np.isfinite(v)]) for name, g, v in curves if np.isfinite(v).any()]
-    if not known:
+    measured = [(name, g[m], v[m]) for name, g, v in curves if (m := np.isfinite(v)).any()]
+    if not measured:
         return None
-    g = np.concatenate([g for _, g, _ in known])
-    top = 1.12 * max([float(v.max()) for _, _, v in known] + [value for _, value in others])
+    g, values = (np.concatenate(parts) for parts in zip(*(curve[1:] for curve in measured)))
     across = float(g.min()) - 0.02, float(g.max()) + 0.02
+    top = 1.12 * max([float(values.max()), *(value for _, value in others)])
     with new_chart(f"{label} over growth", "growth g", label, across, (0.0, top)) as chart:
         for look, value in others:
             chart.line(across, (value, value), "fit", **line_of(look))
-        for name, at, values in known:
-            chart.line(at, values, "theory", name, color=GREY, linestyle=THEORY_DASHES)
-            for x, y in zip(at.tolist(), values.tolist()):
-                words = f"{name}, g = {x:.2f}: {number(y)}"
-                chart.line([x], [y], "point", words, color=BLACK, marker="o", markersize=6)
+        for name, g, values in measured:
+            chart.line(g, values, "theory", name, **THEORY)
+            for x, y in zip(g.tolist(), values.tolist()):
+                text = f"{name}, g = {x:.2f}: {number(y)}"
+                chart.line([x], [y], "point", text, color=BLACK, marker="o", markersize=6)
+        return chart.svg()
+
+
+def region_plot(
+    rows: Sequence[Mapping[str, Any]], key: str, label: str, unit: str, person: Look, grown: Look
+) -> Markup | None:
+    """A measure of the regions of the grown cortex, and of the smooth body in grey, against the person's.
+
+    Parameters
+    ----------
+    rows : sequence of mapping
+        Regions with ``person_KEY``, ``grown_KEY`` and perhaps ``smooth_KEY``.
+    key, label, unit : str
+    person, grown : Look
+
+    Returns
+    -------
+    svg : Markup, or None if fewer than two regions have both.
+    """
+    triples = [(r["region"], *(r.get(f"{body}_{key}") for body in ("person", "grown", "smooth"))) for r in rows]
+    regions = [(name, x, y, before) for name, x, y, before in triples if x is not None and y is not None]
+    if len(regions) < 2:
+        return None
+    _, x, y, smooth = zip(*regions)
+    limits = limits_around(x), limits_around([*y, *(s for s in smooth if s is not None)])
+    titles = f"{label}, {grown.name} against {person.name}", titled(f"{label} of {person.name}", unit), grown.name
+    with new_chart(*titles, *limits) as chart:
+        for name, a, _, s in regions:
+            if s is not None:
+                text = f"{name}: {number(s)} before growth, {number(a)} {person.name}"
+                chart.line([a], [s], "point", text, color=GREY, marker="o", markersize=5, fillstyle="none")
+        texts = [f"{name}: {number(b)} {grown.name}, {number(a)} {person.name}" for name, a, b, _ in regions]
+        chart.points(x, y, texts, grown, big=False)
+        return chart.svg()
+
+
+def share_plot(what: str, rows: Sequence[Mapping[str, Any]]) -> Markup | None:
+    """Shares of hinges or crests (``what``) that subjects have in common, by region; None without rows.
+
+    There is a mark for each hemisphere, and a grey line for the middle 95 % by chance. ``rows`` are those of
+    :class:`morphofold.inference.overlap.Overlap`.
+    """
+    rows = [row for row in rows if row.get("share") is not None]
+    if not rows:
+        return None
+    shares = {row["region"]: [r["share"] for r in rows if r["region"] == row["region"]] for row in rows}
+    regions = sorted(sorted(shares), key=lambda region: float(sum(shares[region]) / len(shares[region])))
+    size, limits = (WIDE_CHART_SIZE_PX[0], 60.0 + 15.0 * len(regions)), ((0.0, 1.0), (-0.7, len(regions) - 0.3))
+    titles = f"{what} that another subject has, too", "share, and by chance (grey)", ""
+    with new_chart(*titles, *limits, size=size, left=190.0) as chart:
+        chart.ax.set_yticks(range(len(regions)), regions)
+        for row in rows:
+            y = regions.index(row["region"]) + (0.17 if row["hemi"] == "lh" else -0.17)
+            chart.line([row["chance_low"], row["chance_high"]], [y, y], "chance", color=GREY, linewidth=3, alpha=0.5)
+            share, chance, p = (number(row[key]) for key in ("share", "chance", "p"))
+            text = f"{row['hemi']} {row['region']}: {share}, by chance {chance}, p {p}"
+            chart.line([row["share"]], [y], "share", text, color=HEMI_COLOURS[row["hemi"]], marker="o", markersize=5)
         return chart.svg()

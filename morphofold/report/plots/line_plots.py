@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from threading import RLock
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from morphofold.errors import WrongFile
 from morphofold.quantities import CATEGORICAL_COLOURS
+from morphofold.report import colours
 
 if TYPE_CHECKING:  # matplotlib takes a second to import
     from matplotlib.axes import Axes
+    from matplotlib.colorbar import Colorbar
     from matplotlib.figure import Figure
 
 #: file endings for figures, and the metadata that keep date and program out of the file
@@ -44,11 +48,12 @@ NO_FORMULAS = {"text.parse_math": False}  # for names, where $ is a plain charac
 DASHES = ((0, ()), (0, (6, 2)), (0, (1.2, 1.4)), (0, (7, 2, 1.2, 2)), (0, (3, 1.5)), (0, (7, 1.5, 1.2, 1.5, 1.2, 1.5)))
 GREY = "#666666"
 BLACK = "#1a1a1a"
+_SETTINGS = RLock()
 
 
 def save(figure: Figure, path: Path) -> None:
     """Write a figure in the format of the file ending, one of :data:`FORMATS`."""
-    with _plot_style():
+    with plot_style():
         figure.savefig(path, format=check_format(path)[1:], metadata=FORMATS[check_format(path)])
 
 
@@ -111,29 +116,43 @@ def legend_of_figure(figure: Figure, entries: Mapping[str, Mapping[str, Any]], a
     figure.legend(handles=handles, loc="outside lower center", ncols=columns)
 
 
+def colour_bar(figure: Figure, title: str, limits: tuple[float, float], signed: bool = False, **where: Any) -> Colorbar:
+    """Draw the colours between the limits; ``where`` is as for :meth:`matplotlib.figure.Figure.colorbar`."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import ListedColormap, Normalize
+
+    table = ListedColormap(colours.table(signed) / 255)
+    bar = figure.colorbar(ScalarMappable(Normalize(*limits), table), label=title, **where)
+    bar.outline.set_visible(False)  # type: ignore[operator]
+    return bar
+
+
 @contextmanager
-def _plot_style(more: Mapping[str, Any] = {}) -> Iterator[None]:
-    """Matplotlib's defaults with ``STYLE`` and ``more``, whatever the user's settings."""
+def plot_style(more: Mapping[str, Any] = {}) -> Iterator[None]:
+    """Matplotlib's defaults with ``STYLE`` and ``more``, whatever the user's settings: all threads share these, so one
+    draws at a time. A box stands for a character that the font lacks."""
     import matplotlib.style
 
-    with matplotlib.style.context(["default", STYLE, dict(more)]):
+    with _SETTINGS, warnings.catch_warnings(), matplotlib.style.context(["default", STYLE, dict(more)]):
+        warnings.filterwarnings("ignore", "Glyph .* missing from")
         yield
 
 
 @contextmanager
-def new_figure(
-    width: float,
-    height: float,
-    rows: int,
-    columns: int,
-    *,
-    layout: Literal["constrained"] | None = "constrained",
-    style: Mapping[str, Any] = {},
-    **shared: Any,
-) -> Iterator[tuple[Figure, Any]]:
-    """A figure without pyplot's global state, and its axes (rows, columns); inches. ``style`` is added to ``STYLE``."""
+def blank_figure(
+    width: float, height: float, layout: Literal["constrained"] | None = "constrained", style: Mapping[str, Any] = {}
+) -> Iterator[Figure]:
+    """A figure without pyplot's global state; inches. ``style`` is added to ``STYLE``."""
     from matplotlib.figure import Figure
 
-    with _plot_style(style):
-        figure = Figure(figsize=(width, height), layout=layout)
+    with plot_style(style):
+        yield Figure(figsize=(width, height), layout=layout)
+
+
+@contextmanager
+def new_figure(
+    width: float, height: float, rows: int = 1, columns: int = 1, *, style: Mapping[str, Any] = {}, **shared: Any
+) -> Iterator[tuple[Figure, Any]]:
+    """As :func:`blank_figure`, with axes (rows, columns)."""
+    with blank_figure(width, height, style=style) as figure:
         yield figure, figure.subplots(rows, columns, squeeze=False, **shared)

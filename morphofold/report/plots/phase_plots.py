@@ -7,51 +7,50 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
 from numpy.typing import NDArray
 
 from morphofold.arrays import Array
-from morphofold.cohort.phases import AREA_OVER_FLAT, HINGES_PER_AREA, Phases
-from morphofold.quantities import CATEGORICAL_COLOURS, round_out
+from morphofold.cohort.grid import Axis
+from morphofold.cohort.phases import AREA_OVER_FLAT, HINGES_PER_AREA, Phases, RunResult
+from morphofold.quantities import CATEGORICAL_COLOURS, Quantity, round_out
 from morphofold.report import colours
-from morphofold.report.plots.line_plots import BLACK, GREY, NO_FORMULAS, new_figure
+from morphofold.report.pictures.surfaces import Row, draw
+from morphofold.report.plots.line_plots import (
+    BLACK,
+    GREY,
+    NO_FORMULAS,
+    colour_bar,
+    legend_of_figure,
+    new_figure,
+    round_step,
+)
 from morphofold.sim.scene.tables import unit_of
+from morphofold.surface import Surface
 from morphofold.words import number
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from morphofold.cohort.grid import Axis
-
+THUMBNAIL_PX = 380
+BOUNDARY = "final growth = theory's critical growth"
 GridIndex = tuple[int, ...]
-
-
-@dataclass(frozen=True)
-class Shown:
-    """A measure of the diagrams; ``least`` is the lower end of its colours and axes."""
-
-    key: str
-    label: str
-    unit: str
-    least: float
-
-    @property
-    def title(self) -> str:
-        return f"{self.label} [{self.unit}]" if self.unit else self.label
 
 
 WAVELENGTH_KEY = "wavelength_mm"
 ROUND_OFF = 1e-3  # of the measures shown, in their units
+#: the measures of the diagrams; the first limit is the lower end of their colours and axes
 SHOWN_MEASURES = (
-    Shown("gyrification_index", "Gyrification index", "", 1.0),
-    Shown(WAVELENGTH_KEY, "Wavelength of folds", "mm", 0.0),
-    Shown(HINGES_PER_AREA, "Hinges per area", "1/1000 mm²", 0.0),
+    Quantity("gyrification_index", "Gyrification index", limits=(1.0, math.inf)),
+    Quantity(WAVELENGTH_KEY, "Wavelength of folds", "mm", limits=(0.0, math.inf)),
+    Quantity(HINGES_PER_AREA, "Hinges per area", "1/1000 mm²", limits=(0.0, math.inf)),
 )
-AREA_RATIO = Shown(AREA_OVER_FLAT, "Pial / flat area", "", 1.0)
+AREA_RATIO = Quantity(AREA_OVER_FLAT, "Pial / flat area", limits=(1.0, math.inf))
 
 
 @dataclass(frozen=True)
@@ -82,38 +81,38 @@ class Cell:
         return lines
 
 
-def shown_of(phases: Phases) -> tuple[Shown, ...]:
+def shown_of(phases: Phases) -> tuple[Quantity, ...]:
     """The measures that are meaningful for the shape of a sweep.
 
     A patch or strip has a border, so it has no gyrification index; its area over that of the flat piece is used
     instead. A strip is a section through folds: it has no hinges, and it is too narrow to measure a wavelength.
     """
     shape = phases.grid.points[0].scene.geometry.shape
-    if shape not in ("patch", "strip"):
-        return SHOWN_MEASURES
-    return (AREA_RATIO, *SHOWN_MEASURES[1:]) if shape == "patch" else (AREA_RATIO,)
+    if shape == "strip":
+        return (AREA_RATIO,)
+    return (AREA_RATIO, *SHOWN_MEASURES[1:]) if shape == "patch" else SHOWN_MEASURES
 
 
-def measured(phases: Phases, shown: Shown) -> bool:
-    """Whether any run has the measure."""
-    return any(math.isfinite(run.measures.get(shown.key, math.nan)) for run in phases.runs)
+def values_of(runs: Iterable[RunResult], key: str) -> list[float]:
+    """A measure of the runs that have it."""
+    return [value for run in runs if math.isfinite(value := run.measures.get(key, math.nan))]
 
 
 def cell(phases: Phases, at: GridIndex, key: str) -> Cell:
     """A measure over the seeds of one point."""
     runs = phases.at[at]
-    values = [value for run in runs if math.isfinite(value := run.measures.get(key, math.nan))]
+    values = values_of(runs, key)
     mean = float(np.mean(values)) if values else math.nan
     sd = float(np.std(values, ddof=1)) if len(values) > 1 else math.nan
-    failed, unhealthy = (sum(map(bool, found)) for found in zip(*((run.reason, run.warnings) for run in runs)))
+    failed, unhealthy = sum(bool(run.reason) for run in runs), sum(bool(run.warnings) for run in runs)
     return Cell(mean, sd, len(values), len(runs), failed, unhealthy)
 
 
-def limits_of(phases: Phases, shown: Shown) -> tuple[float, float]:
-    """From ``shown.least`` to the largest value of any run, rounded up: the same for all diagrams of a sweep."""
-    values = [run.measures[shown.key] for run in phases.runs if math.isfinite(run.measures.get(shown.key, math.nan))]
-    above = max([*values, shown.least]) - shown.least
-    return shown.least, shown.least + (round_out(above) if above > ROUND_OFF else 1.0)
+def limits_of(phases: Phases, shown: Quantity) -> tuple[float, float]:
+    """From the lower end to the largest value of any run, rounded up: the same for all diagrams of a sweep."""
+    least = shown.limits[0] if shown.limits else 0.0
+    above = max([*values_of(phases.runs, shown.key), least]) - least
+    return least, least + (round_out(above) if above > ROUND_OFF else 1.0)
 
 
 def slices(phases: Phases) -> list[GridIndex]:
@@ -129,58 +128,81 @@ def beyond(phases: Phases, at: GridIndex) -> float:
 # diagrams ----------------------------------------------------------------------------------------------------
 
 
-def diagram(phases: Phases, shown: Shown, others: GridIndex = ()) -> Figure:
+def diagram(phases: Phases, shown: Quantity, others: GridIndex = ()) -> Figure:
     """A measure over the first two axes, at ``others`` of the further axes: a cell for each point.
 
     The dashed line is where final growth equals theory's critical growth, interpolated linearly between numbers. Words
     have no order, so there is no line between them.
     """
     across, up = phases.grid.axes[:2]
-    cells = {
-        (i, j): cell(phases, (i, j, *others), shown.key)
-        for i in range(len(across.values))
-        for j in range(len(up.values))
-    }
-    means = np.full((len(up.values), len(across.values)), np.nan)
-    for (i, j), one in cells.items():
-        means[j, i] = one.mean
-    limits = limits_of(phases, shown)
+    shape, limits = (len(across.values), len(up.values)), limits_of(phases, shown)
+    cells = {(i, j): cell(phases, (i, j, *others), shown.key) for i, j in np.ndindex(shape)}
+    means = np.reshape([one.mean for one in cells.values()], shape).T
     rgb = colours.apply(means, limits, signed=False)
-    size = (max(4.8, 1.15 * len(across.values) + 2.2), max(3.4, 0.95 * len(up.values) + 1.4))
-    with new_figure(*size, 1, 1, style=NO_FORMULAS) as (figure, ((ax,),)):
+    size = (max(4.8, 1.15 * shape[0] + 2.2), max(3.4, 0.95 * shape[1] + 1.4))
+    with new_figure(*size, style=NO_FORMULAS) as (figure, ((ax,),)):
         ax.grid(False)
         ax.imshow(rgb, origin="lower", aspect="auto", interpolation="nearest")
         for (i, j), one in cells.items():
             _write_cell(ax, (i, j), [*one.words, *_theory_text(phases, (i, j, *others), shown)], rgb[j, i], one)
         if _draw_boundary(ax, phases, others):
-            line = ax.plot([], [], color=BLACK, linestyle="--", label="final growth = theory's critical growth")[0]
-            figure.legend(handles=[line], loc="outside lower center")
+            legend_of_figure(figure, {BOUNDARY: {"color": BLACK, "linestyle": "--"}}, ax, columns=1)
         _name_axes(ax, phases)
-        ax.set_title(_diagram_title(phases, shown, others), loc="left")
+        fixed = fixed_parameters_text(phases, others)
+        ax.set_title(shown.label + (f" at {fixed}" if fixed else ""), loc="left")
         if np.isfinite(means).any():
-            _colour_bar(figure, ax, shown, limits)
+            colour_bar(figure, shown.title, limits, ax=ax, pad=0.02)
+    return figure
+
+
+def _name_axes(ax: Axes, phases: Phases) -> None:
+    for axis, of in zip((ax.xaxis, ax.yaxis), phases.grid.axes):
+        axis.set_ticks(range(len(of.words)), [_shortened_word(word) for word in of.words])
+        axis.set_label_text(axis_title(phases, of))
+    ax.tick_params(length=0)
+
+
+def thumbnails(phases: Phases, surfaces: Mapping[GridIndex, Surface | str], view: str, largest: float) -> Figure:
+    """Bare surfaces in place of the cells of a :func:`diagram`, or a text; ``largest`` mm fill 0.94 of a cell."""
+    columns, rows = ([len(axis.values) for axis in phases.grid.axes] + [1, 1])[:2]
+    side = min(1.25, 8.5 / columns)
+    style = {**NO_FORMULAS, "axes.grid": False}
+    with new_figure(side * columns + 1.2, side * rows + 1.1, style=style) as (figure, ((ax,),)):
+        ax.set(xlim=(-0.5, columns - 0.5), ylim=(-0.5, rows - 0.5), xticks=[], yticks=[])
+        for at, surface in surfaces.items():
+            i, j = (*at, 0, 0)[:2]
+            if isinstance(surface, Surface):
+                size, per_mm = (THUMBNAIL_PX, THUMBNAIL_PX), 0.94 * THUMBNAIL_PX / largest
+                image = draw(Row("", surface), view, Quantity("", ""), (0, 1), size, per_mm)
+                ax.imshow(image, extent=(i - 0.5, i + 0.5, j - 0.5, j + 0.5))
+            else:
+                ax.add_patch(Rectangle((i - 0.47, j - 0.47), 0.94, 0.94, color="0.957"))
+                ax.text(i, j, surface, ha="center", va="center", color="0.35")
+        _name_axes(ax, phases)
+        ax.spines[:].set_visible(False)
+        ax.set(xlim=(-0.5, columns - 0.5), ylim=(-0.5, rows - 0.5))
+        mm = round_step(largest)
+        bar = AnchoredSizeBar(ax.transData, 0.94 * mm / largest, f"{mm:g} mm", "upper right", frameon=False, pad=0)
+        bar.set_bbox_to_anchor((0, 0), ax.transAxes)
+        ax.add_artist(bar)
     return figure
 
 
 def _write_cell(ax: Axes, at: tuple[int, int], lines: list[str], rgb: NDArray[np.uint8], one: Cell) -> None:
-    from matplotlib.patches import Rectangle
-
     if one.failed:
         corner = (at[0] - 0.5, at[1] - 0.5)
         ax.add_patch(Rectangle(corner, 1, 1, fill=False, hatch="////", edgecolor="#8a8a86", linewidth=0))
     box = {"facecolor": rgb / 255, "edgecolor": "none", "pad": 1.5}  # above hatches and the line of theory
-    words = "\n".join(lines)
-    ax.text(*at, words, ha="center", va="center", fontsize=9.5, color=colours.ink(rgb), bbox=box, zorder=5)
+    style: dict[str, Any] = {"fontsize": 9.5, "color": colours.ink(rgb), "bbox": box, "zorder": 5}
+    ax.text(*at, "\n".join(lines), ha="center", va="center", **style)
 
 
-def _theory_text(phases: Phases, at: GridIndex, shown: Shown) -> list[str]:
+def _theory_text(phases: Phases, at: GridIndex, shown: Quantity) -> list[str]:
     """Theory's line in a cell: its wavelength below the measured one, its critical growth below gyrification."""
-    found = phases.theory[at]
-    if shown.key == WAVELENGTH_KEY and math.isfinite(found.wavelength):
-        return [f"theory {number(found.wavelength)}"]
-    if shown.key == SHOWN_MEASURES[0].key and math.isfinite(found.g_crit):
-        return [f"theory g {number(found.g_crit)}"]
-    return []
+    theory = phases.theory[at]
+    lines = {WAVELENGTH_KEY: ("theory", theory.wavelength), SHOWN_MEASURES[0].key: ("theory g", theory.g_crit)}
+    name, value = lines.get(shown.key, ("", math.nan))
+    return [f"{name} {number(value)}"] if math.isfinite(value) else []
 
 
 def _draw_boundary(ax: Axes, phases: Phases, others: GridIndex) -> bool:
@@ -196,7 +218,7 @@ def _draw_boundary(ax: Axes, phases: Phases, others: GridIndex) -> bool:
         pieces = [(np.array([i - 0.5, i, i + 0.5]), y, above[:, i : i + 1]) for i in range(across)]
     elif first.numeric:
         pieces = [(x, np.array([j - 0.5, j, j + 0.5]), above[j : j + 1]) for j in range(up)]
-    pieces = [one for one in pieces if (one[2] < 0).any() and (one[2] > 0).any()]
+    pieces = [piece for piece in pieces if (piece[2] < 0).any() and (piece[2] > 0).any()]
     for x, y, values in pieces:
         to_the_rim = np.ma.masked_invalid(np.pad(values, 1, mode="edge"))
         for colour, width in (("white", 4.0), (BLACK, 1.9)):
@@ -204,76 +226,53 @@ def _draw_boundary(ax: Axes, phases: Phases, others: GridIndex) -> bool:
     return bool(pieces)
 
 
-def _name_axes(ax: Axes, phases: Phases) -> None:
-    across, up = phases.grid.axes[:2]
-    ax.set_xticks(range(len(across.words)), [_shortened_word(word) for word in across.words])
-    ax.set_yticks(range(len(up.words)), [_shortened_word(word) for word in up.words])
-    ax.tick_params(length=0)
-    ax.set(xlabel=axis_title(phases, across), ylabel=axis_title(phases, up))
-
-
-def _colour_bar(figure: Figure, ax: Axes, shown: Shown, limits: tuple[float, float]) -> None:
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import ListedColormap, Normalize
-
-    table = ListedColormap(colours.sequential() / 255)
-    bar = figure.colorbar(ScalarMappable(Normalize(*limits), table), ax=ax, pad=0.02)
-    bar.set_label(shown.title)
-    bar.outline.set_visible(False)  # type: ignore[operator]
-
-
 # curves ------------------------------------------------------------------------------------------------------
 
 
-def curve(phases: Phases, shown: Shown) -> Figure:
+def curve(phases: Phases, shown: Quantity) -> Figure:
     """A measure over one axis: seeds as dots, means as a line, theory's wavelength dashed, its critical growth dotted.
 
     Words have no order, so nothing is joined: means and theory are horizontal marks.
     """
     (axis,) = phases.grid.axes
     x = np.array(axis.values, dtype=np.float64) if axis.numeric else np.arange(float(len(axis.values)))
-    order = np.argsort(x, kind="stable")
-    style: dict[str, Any] = {} if axis.numeric else {"linestyle": "", "marker": "_", "markersize": 26}
-    with new_figure(6.2, 3.9, 1, 1, style=NO_FORMULAS) as (figure, ((ax,),)):
+    order, (least, top) = np.argsort(x, kind="stable"), limits_of(phases, shown)
+    marks: dict[str, Any] = {"linestyle": "", "marker": "_", "markersize": 26}
+    with new_figure(6.2, 3.9, style=NO_FORMULAS) as (figure, ((ax,),)):
         for i, at in enumerate(x):
-            values = [run.measures.get(shown.key, math.nan) for run in phases.at[i,]]
-            ax.plot(np.full(len(values), at), values, "o", color=CATEGORICAL_COLOURS[0], markersize=5, alpha=0.6)
-            doubted = [run.measures.get(shown.key, math.nan) for run in phases.at[i,] if run.warnings]
-            ax.plot(np.full(len(doubted), at), doubted, "x", color=BLACK, markersize=7)
-            if failed := sum(bool(run.reason) for run in phases.at[i,]):
-                ax.annotate(
-                    f"{failed} failed",
-                    (at, 0),
-                    xycoords=("data", "axes fraction"),
-                    xytext=(0, 4),
-                    textcoords="offset points",
-                    ha="center",
-                    color=GREY,
-                    fontsize=9,
-                )
-        means = np.array([cell(phases, (i,), shown.key).mean for i in range(len(x))])
-        if np.isfinite(means).any():
-            label = "mean over seeds" if len(phases.grid.seeds) > 1 else "measured"
-            if axis.numeric or len(phases.grid.seeds) > 1:
-                ax.plot(x[order], means[order], color=CATEGORICAL_COLOURS[0], label=label, **style)
-        top = limits_of(phases, shown)[1]
-        if shown.key == WAVELENGTH_KEY:
-            theory = np.array([phases.theory[i,].wavelength for i in range(len(x))])
-            if np.isfinite(theory).any():
-                dashed = {"linestyle": "--", "marker": "."} if axis.numeric else style
-                ax.plot(x[order], theory[order], color=BLACK, label="theory, first wrinkles", **dashed)
-                top = max(top, 1.08 * float(np.nanmax(theory)))
-        above = np.array([beyond(phases, (i,)) for i in range(len(x))])[order]
+            _draw_seeds(ax, at, phases.at[i,], shown)
+        means = np.array([cell(phases, (i,), shown.key).mean for i in order])
+        several = len(phases.grid.seeds) > 1
+        if np.isfinite(means).any() and (axis.numeric or several):
+            style = {"color": CATEGORICAL_COLOURS[0], "label": "mean over seeds" if several else "measured"}
+            ax.plot(x[order], means, **style, **({} if axis.numeric else marks))
+        theory = np.array([phases.theory[i,].wavelength for i in order])
+        if shown.key == WAVELENGTH_KEY and np.isfinite(theory).any():
+            dashed = {"linestyle": "--", "marker": "."} if axis.numeric else marks
+            ax.plot(x[order], theory, color=BLACK, label="theory, first wrinkles", **dashed)
+            top = max(top, 1.08 * float(np.nanmax(theory)))
+        above = np.array([beyond(phases, (i,)) for i in order])
         for k, place in enumerate(crossings(x[order], above) if axis.numeric else []):
-            words = "final growth = theory's critical growth" if k == 0 else None
-            ax.axvline(place, color=GREY, linestyle=":", label=words)
-        ax.set_ylim(shown.least - 0.04 * (top - shown.least), top + 0.04 * (top - shown.least))
+            ax.axvline(place, color=GREY, linestyle=":", label=None if k else BOUNDARY)
+        ax.set_ylim(least - 0.04 * (top - least), top + 0.04 * (top - least))
         if not axis.numeric:
             ax.set_xticks(x, [_shortened_word(word) for word in axis.words])
         ax.set(xlabel=axis_title(phases, axis), ylabel=shown.title)
         ax.set_title(shown.label, loc="left")
         figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
+
+
+def _draw_seeds(ax: Axes, at: float, runs: Sequence[RunResult], shown: Quantity) -> None:
+    """Draw a dot for each run at a point of the axis, a cross on one that is not healthy, and how many failed."""
+    unhealthy = [run for run in runs if run.warnings]
+    dot: dict[str, Any] = {"marker": "o", "color": CATEGORICAL_COLOURS[0], "markersize": 5, "alpha": 0.6}
+    for those, style in ((runs, dot), (unhealthy, {"marker": "x", "color": BLACK, "markersize": 7})):
+        values = [run.measures.get(shown.key, math.nan) for run in those]
+        ax.plot(np.full(len(values), at), values, linestyle="none", **style)
+    if failed := sum(bool(run.reason) for run in runs):
+        foot: dict[str, Any] = {"xycoords": ("data", "axes fraction"), "xytext": (0, 4), "textcoords": "offset points"}
+        ax.annotate(f"{failed} failed", (at, 0), **foot, ha="center", color=GREY, fontsize=9)
 
 
 def crossings(x: Array, y: Array) -> list[float]:
@@ -283,11 +282,6 @@ def crossings(x: Array, y: Array) -> list[float]:
         for (a, b), (u, v) in zip(itertools.pairwise(x), itertools.pairwise(y))
         if u * v < 0
     ]
-
-
-def _diagram_title(phases: Phases, shown: Shown, others: GridIndex) -> str:
-    fixed = fixed_parameters_text(phases, others)
-    return shown.label + (f" at {fixed}" if fixed else "")
 
 
 def axis_title(phases: Phases, axis: Axis) -> str:

@@ -1,0 +1,229 @@
+"""The gyral net painted on its surface, and pairs of three-hinge patterns: patches of pial surface around two hinges,
+crests in red, each in its own frame."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+from trimesh.remesh import subdivide
+
+from morphofold import geometry
+from morphofold.analysis import Measures, vertex_normals
+from morphofold.analysis.graph.hinges import counts, hinge_at
+from morphofold.analysis.graph.net import resampled
+from morphofold.comparison.hinges import Match, examples
+from morphofold.errors import MissingPart
+from morphofold.quantities import Quantity
+from morphofold.report import colours
+from morphofold.report.colours import rgb_of
+from morphofold.report.pictures.raster import look
+from morphofold.report.pictures.sheet import GREY, Picture, new_sheet
+from morphofold.report.pictures.surfaces import Row, draw, figure
+from morphofold.surface import Faces, Surface, Verts
+
+CREST_COLOUR = "#333333"
+HINGE_RADIUS_IN_WIDTHS = 0.27  # radius of a hinge, in crown widths
+#: colours of hinges by number of arms; five or more have one colour
+COLOUR_BY_ARMS = {3: "#d55e00", 4: "#0072b2", 5: "#009e73"}
+DOUBTFUL_COLOUR = "#8c8c8c"  # hinges that are not counted, with any number of arms
+NET_LEGEND = (
+    ("crest", CREST_COLOUR),
+    ("hinge, 3 arms", COLOUR_BY_ARMS[3]),
+    ("4 arms", COLOUR_BY_ARMS[4]),
+    ("5 or more", COLOUR_BY_ARMS[5]),
+    ("doubtful", DOUBTFUL_COLOUR),
+)
+OWN_CREST_COLOUR, OTHER_CREST_COLOUR = "#c8102e", "#e8a5a0"  # crests of the hinge, and the others
+PATCH_RADIUS_IN_WIDTHS = 2.0  # radius of a patch, in crown widths
+CREST_WIDTH = 0.16  # width of a drawn crest, in crown widths
+EDGE_HALVINGS = 2  # number of times edges are halved, for smooth lines
+TILT_DEG = 25.0  # [degrees] tilt of a patch, so that its height is visible
+_C, _S = np.cos(np.radians(TILT_DEG)), np.sin(np.radians(TILT_DEG))
+TILT = np.array([[1, 0, 0], [0, _C, _S], [0, -_S, _C]])
+PANEL_PX, CAPTION_PX = 330, 30  # pixels
+PX_PER_WIDTH = PANEL_PX / (2 * PATCH_RADIUS_IN_WIDTHS)
+LEAST_VISIBLE_SHARE = 0.7  # least visible share of a hinge's crests in an example
+PATCH_QUANTITY = Quantity("patch", "Patch")
+
+
+def net_row(measures: Measures, name: str) -> Row:
+    """The white surface of measures with their net, sulci darker; needs a graph.
+
+    Raises ``MissingPart`` without one.
+    """
+    cortex, graph = measures.cortex, measures.graph
+    if graph is None:
+        raise MissingPart(f"{name}: has no gyral graph, because the analysis is older. Measure the cortex again.")
+    verts, edge, scales = cortex.white.verts, graph.graph["edge"], graph.graph["scales"]
+    rgb, normals, tree = shaded(measures), vertex_normals(verts, cortex.faces), cKDTree(verts)
+    paint_lines(rgb, verts, [crest["polyline"] for _, _, crest in graph.edges(data=True)], edge, CREST_COLOUR)
+    radius = max(HINGE_RADIUS_IN_WIDTHS * (scales.width if scales else 0.0), edge)  # a dot has at least one vertex
+    for _, node in graph.nodes(data=True):
+        if node["degree"] > 2:
+            near = np.array(tree.query_ball_point(node["position"], radius), dtype=np.int64)
+            colour = COLOUR_BY_ARMS[min(node["degree"], 5)] if counts(node) else DOUBTFUL_COLOUR
+            rgb[near[normals[near] @ node["normal"] > 0]] = rgb_of(colour)
+    return Row(name, cortex.white, hemi=cortex.hemi, rgb=rgb)
+
+
+def shaded(measures: Measures) -> colours.RGB:
+    """Colours (N, 3) of the bare surface, darker with sulcal depth where that was measured."""
+    depth = measures.maps.get("sulcal_depth", np.zeros(measures.cortex.n_vertices))
+    deep = float(np.nanquantile(depth, 0.95))
+    share = np.clip(np.nan_to_num(depth / deep), 0, 1) if deep > 0 else np.zeros(len(depth))
+    return np.round(np.array(colours.BARE_SURFACE_COLOUR) * (1 - 0.35 * share)[:, None]).astype(np.uint8)
+
+
+def paint_lines(rgb: colours.RGB, verts: Verts, lines: Sequence[NDArray[np.float64]], edge: float, colour: str) -> None:
+    """Colour the vertices within about half an ``edge`` [mm] of lines (P, 3)."""
+    if lines:
+        points, reach = np.concatenate([resampled(line, 0.3 * edge) for line in lines]), 0.55 * edge
+        rgb[cKDTree(points).query(verts, distance_upper_bound=reach)[0] < reach] = rgb_of(colour)
+
+
+def net_figure(rows: Sequence[Row]) -> Picture:
+    """Picture of rows of nets, in all views."""
+    return figure(rows, Quantity("net", "Gyral net"), None, legend=NET_LEGEND)
+
+
+def hinge_patch(measures: Measures, number: int, pose: int = 0) -> Row:
+    """The connected pial surface within two crown widths of a hinge, in crown widths.
+
+    The hinge's own crests are red, others pale. Crests run on the white surface; they are drawn at the same vertices of
+    the pial surface.
+
+    Parameters
+    ----------
+    measures : Measures
+        With a gyral graph.
+    number : int
+        Number of the hinge, in the table of hinges and in the graph.
+    pose : int
+        Which arm points right, and whether the patch is mirrored (3 and more), as in
+        :func:`morphofold.analysis.graph.hinge_shapes.shape_distance`.
+
+    Returns
+    -------
+    Row
+        The hinge is the origin, and its normal is z before the tilt.
+
+    Raises
+    ------
+    MissingPart
+        If there is no graph, or no such hinge in it.
+    """
+    graph = measures.graph
+    if graph is None or number not in graph or graph.degree(number) < 3:
+        raise MissingPart(
+            f"{measures.cortex.name}: has no gyral graph with a hinge {number}. Measure the cortex again."
+        )
+    hinge, width = hinge_at(graph, number), graph.graph["scales"].width
+    normal, right = np.asarray(graph.nodes[number]["normal"]), np.array(hinge.arms[pose % 3].direction)
+    frame = np.stack([right, np.cross(normal, right), normal]) / width
+    if pose >= 3:
+        frame[1] *= -1
+    pial = measures.cortex.pial
+    verts = (pial.verts - pial.verts[hinge.vertex]) @ (TILT @ frame).T
+    near = geometry.norms(verts) < PATCH_RADIUS_IN_WIDTHS
+    patch, faces = _connected_piece(pial.faces[near[pial.faces].all(axis=1)], hinge.vertex)
+    white, edge = measures.cortex.white.verts, graph.graph["edge"]
+    tree, reach = cKDTree(white[patch]), edge + geometry.norms(white[patch] - white[hinge.vertex]).max()
+    fine, grey = verts[patch], {"grey": shaded(measures)[patch].astype(np.float64)}
+    for _ in range(EDGE_HALVINGS):
+        fine, faces, grey = subdivide(fine, faces, vertex_attributes=grey)
+    rgb = np.round(grey["grey"]).astype(np.uint8)
+    for node, colour in ((None, OTHER_CREST_COLOUR), (number, OWN_CREST_COLOUR)):  # of None, all crests
+        lines = [crest["polyline"] for *_, crest in graph.edges(node, data=True)]
+        lines = _lines_near(lines, white[hinge.vertex], reach)
+        parts = [part for line in lines for part in _line_on_patch(line, tree, verts[patch], edge)]
+        paint_lines(rgb, fine, parts, CREST_WIDTH, colour)
+    faces = faces[:, ::-1] if pose >= 3 else faces
+    corners = PATCH_RADIUS_IN_WIDTHS * np.array([[-1.0, -1, -1], [1, 1, 1]])  # they centre the picture on the hinge
+    return Row("", Surface(np.concatenate([fine, corners]), faces), rgb=np.concatenate([rgb, rgb[:2]]))
+
+
+def _connected_piece(faces: Faces, vertex: int) -> tuple[NDArray[np.int64], Faces]:
+    """The vertices that faces (M, 3) connect to ``vertex``, and the faces between them."""
+    piece = geometry.components(int(faces.max()) + 1, faces)[1]
+    kept, ends = np.unique(faces[piece[faces[:, 0]] == piece[vertex]], return_inverse=True)
+    return kept, ends.reshape(-1, 3)
+
+
+def _lines_near(lines: list[NDArray[np.float64]], at: NDArray[np.float64], reach: float) -> list[NDArray[np.float64]]:
+    """The lines (P, 3) with a point within ``reach`` [mm] of a point (3,)."""
+    near = geometry.norms(np.concatenate(lines) - at) <= reach
+    first = np.cumsum([0, *map(len, lines)])[:-1]
+    return [line for line, some in zip(lines, np.logical_or.reduceat(near, first)) if some]
+
+
+def _line_on_patch(
+    line: NDArray[np.float64], white: cKDTree, verts: NDArray[np.float64], edge: float
+) -> list[NDArray[np.float64]]:
+    """The parts of a line (P, 3) within an edge [mm] of ``white`` vertices of a patch, moved to the same ``verts``.
+
+    A line from vertex to vertex zigzags, so each part is smoothed; its ends stay.
+    """
+    far, nearest = white.query(line, distance_upper_bound=edge)
+    inside = np.flatnonzero(np.isfinite(far))
+    parts = []
+    for run in np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1):
+        part = verts[nearest[run]]
+        for _ in range(4 if len(part) > 2 else 0):
+            part = np.concatenate([part[:1], (part[:-2] + 2 * part[1:-1] + part[2:]) / 4, part[-1:]])
+        parts += [part] if len(part) > 1 else []
+    return parts
+
+
+def pair_of(match: Match, measures: Mapping[str, Measures]) -> tuple[Row, Row]:
+    """The patches of a match; the second is in the pose most similar to the first."""
+    one = hinge_patch(measures[match.surface], match.hinge)
+    return one, hinge_patch(measures[match.other_surface], match.other, match.pose)
+
+
+def clear_examples(matches: Sequence[Match], measures: Mapping[str, Measures]) -> dict[Match, tuple[Row, Row]]:
+    """The best matches with crests visible in a picture, on surfaces with a graph, with their patches."""
+    pairs: dict[Match, tuple[Row, Row]] = {}
+
+    def clear(match: Match) -> bool:
+        if measures[match.surface].graph is None or measures[match.other_surface].graph is None:
+            return False
+        pairs[match] = pair_of(match, measures)
+        return all(in_sight(patch) > LEAST_VISIBLE_SHARE for patch in pairs[match])
+
+    return {match: pairs[match] for match in examples(matches, accept=clear)}
+
+
+def in_sight(patch: Row) -> float:
+    """Visible share of a hinge's own crests in the picture of its patch."""
+    faces = patch.surface.faces
+    seen = look(patch.surface.verts, faces, (PANEL_PX, PANEL_PX), PATCH_RADIUS_IN_WIDTHS, oversample=1).face
+    shown = np.zeros(len(patch.surface.verts), dtype=bool)
+    shown[faces[np.unique(seen[seen >= 0])]] = True
+    assert patch.rgb is not None
+    own = (patch.rgb == rgb_of(OWN_CREST_COLOUR)).all(axis=1)
+    return float(shown[own].mean()) if own.any() else 0.0
+
+
+def hinge_pairs(pairs: Mapping[Match, tuple[Row, Row]], rows: tuple[str, str]) -> Picture:
+    """Pairs of hinges in columns, the first group above the second; ``rows`` are the names of both groups."""
+    drawn = [
+        [draw(p, "top", PATCH_QUANTITY, (0, 1), (PANEL_PX, PANEL_PX), PX_PER_WIDTH) for p in patches]
+        for patches in pairs.values()
+    ]
+    left, top, step = 3 * CAPTION_PX // 2, 16, PANEL_PX + CAPTION_PX
+    with new_sheet(left + PANEL_PX * len(pairs), top + 2 * step + 12) as sheet:
+        for k, (match, pictures) in enumerate(zip(pairs, drawn)):
+            ends = ((match.surface, match.hinge, 0), (match.other_surface, match.other, match.pose))
+            for line, (picture, (surface, number, pose)) in enumerate(zip(pictures, ends)):
+                x, y = left + k * PANEL_PX, top + line * step
+                sheet.picture(picture, x, y)
+                name = surface.removeprefix(rows[line]).strip()  # its group is said at the row
+                text = f"{name}, " * bool(name) + f"{number}" + ", mirrored" * (pose >= 3)
+                sheet.text(x + PANEL_PX / 2, y + PANEL_PX + 22, text, 18, PANEL_PX - 20, ha="center", color=GREY)
+        for line, name in enumerate(rows):
+            middle = top + line * step + PANEL_PX / 2
+            sheet.text(CAPTION_PX, middle, name, 20, PANEL_PX, ha="center", va="center", rotation=90, weight="bold")
+        return sheet.pixels()
