@@ -71,3 +71,15 @@ class HereFleet:
     @contextmanager
     def reporting_deaths(self, warn):
         yield
+
+
+def work_here(monkeypatch, measure=quick_measure):
+    """Commands for groups work in this process, with another function in place of ``measure``."""
+
+    @contextmanager
+    def open_fleet(**options):
+        yield HereFleet()
+
+    monkeypatch.setattr("morphofold.cohort.fleet.open_fleet", open_fleet)
+    monkeypatch.setattr("morphofold.analysis.measuring.measure", measure)
+    monkeypatch.setenv("MORPHOFOLD_RENDERER", "raster")
