@@ -1,5 +1,6 @@
 """Small subjects on disk, and a fleet that works in this process."""
 
+import csv
 from contextlib import contextmanager
 
 import numpy as np
@@ -83,3 +84,9 @@ def work_here(monkeypatch, measure=quick_measure):
     monkeypatch.setattr("morphofold.cohort.fleet.open_fleet", open_fleet)
     monkeypatch.setattr("morphofold.analysis.measuring.measure", measure)
     monkeypatch.setenv("MORPHOFOLD_RENDERER", "raster")
+
+
+def table(path):
+    """Rows of a table as text."""
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file, delimiter="\t"))

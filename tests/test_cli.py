@@ -162,16 +162,6 @@ def test_a_pair_whose_names_tell_no_hemisphere_asks_for_it(here, capsys):
     assert json.loads(capsys.readouterr().out)["surfaces"][0]["hemi"] == "rh"
 
 
-@pytest.mark.slow
-def test_the_gyral_width_of_the_net_can_be_held(here):
-    for more, width in (([], None), (["--gyral-width", "9"], 9.0)):
-        assert main(["analyze", str(SAMPLE), "-q", "--no-report", "-o", "out", *more]) == 0
-        summary = json.loads((here / "out" / "summary.json").read_text())
-        assert summary["parameters"]["gyral_width_mm"] == width
-        found = summary["surfaces"][0]["parameters"]["graph_width_mm"]
-        assert (found == 9.0) == (width == 9.0)
-
-
 @pytest.mark.parametrize(
     ("layout", "name"),
     [("plain", "standard"), *(pytest.param(layout, "fine", marks=pytest.mark.slow) for layout in ("plain", "bids"))],
