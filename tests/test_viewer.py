@@ -54,7 +54,7 @@ def small(m):
 
 
 @pytest.fixture(scope="module")
-def tab(tmp_path_factory, plain_pictures):
+def viewer(tmp_path_factory, plain_pictures):
     """A comparison of a model and two hemispheres, open in the browser."""
     folder = tmp_path_factory.mktemp("viewer")
     pair = [with_net(made_measures("lh", name="<b>bold</b>")), made_measures("rh")]
@@ -65,14 +65,31 @@ def tab(tmp_path_factory, plain_pictures):
         yield tab
 
 
+@pytest.fixture
+def tab(viewer):
+    """The open page, whose controls are put back afterwards."""
+    yield viewer
+    for layer in ("crests", "hinges"):
+        if viewer.frame()[layer] == "true":
+            press(viewer, f"#{layer}")
+    for selector in ("input[name=side][value=both]", "input[name=surface][value=pial]", "input[value=H]", "#reset"):
+        press(viewer, selector)
+    viewer.js("document.activeElement.blur()")
+
+
 def coloured(pixels):
     """How many of the samples are neither white nor grey."""
     return int((np.ptp(pixels, axis=1) > 20).sum())
 
 
-def click(tab, panel):
-    """Click into the middle of a panel."""
-    x, y = tab.middle_of(panel)
+def press(tab, selector):
+    """Click what a selector finds; the state that the page leaves on the document."""
+    tab.js(f"document.querySelector('{selector}').click()")
+    return tab.frame()
+
+
+def click(tab, x, y):
+    """Click at a place of the window."""
     for kind in ("mousePressed", "mouseReleased"):
         tab.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
     tab.frame()
@@ -101,8 +118,7 @@ def test_every_surface_is_drawn(tab):
 
 def test_the_overlay_switch_changes_colours_unit_and_limits(tab):
     before = tab.pixels()
-    tab.js("document.querySelector('input[value=cortical_thickness]').click()")
-    assert tab.frame()["map"] == "cortical_thickness"
+    assert press(tab, "input[value=cortical_thickness]")["map"] == "cortical_thickness"
     assert np.abs(tab.pixels() - before).mean() > 5
     assert tab.js("document.getElementById('bar-title').textContent") == "Cortical thickness [mm]"
     assert tab.js("['bar-low', 'bar-high'].map(i => Number(document.getElementById(i).value))") == [1, 5]
@@ -112,36 +128,28 @@ def test_the_overlay_switch_changes_colours_unit_and_limits(tab):
     )
     assert tab.frame()["map"] == ""
     assert coloured(tab.pixels()) < 100
-    tab.js("document.querySelector('input[value=H]').click()")
-    tab.frame()
+    press(tab, "input[value=H]")
     np.testing.assert_allclose(tab.pixels(), before, atol=1)
 
 
-def test_signed_limits_stay_symmetric_and_can_be_reset(tab):
-    high = "document.getElementById('bar-high')"
-    tab.js(f"{high}.value = '0.05'; {high}.dispatchEvent(new Event('change'))")
-    assert tab.js("['bar-low', 'bar-high'].map(i => Number(document.getElementById(i).value))") == [-0.05, 0.05]
-    tab.js("document.getElementById('bar-reset').click()")
-    assert tab.js("['bar-low', 'bar-high'].map(i => Number(document.getElementById(i).value))") == [-0.3, 0.3]
+def test_limits_stay_symmetric_for_a_sign_can_be_reset_and_are_kept_where_a_field_is_emptied(tab):
+    def limits(end, value):
+        field = f"document.getElementById('bar-{end}')"
+        tab.js(f"{field}.value = '{value}'; {field}.dispatchEvent(new Event('change'))")
+        return tab.js("['bar-low', 'bar-high'].map(i => Number(document.getElementById(i).value))")
 
-
-def test_an_emptied_limit_keeps_the_one_before(tab):
-    read = "['bar-low', 'bar-high'].map(i => Number(document.getElementById(i).value))"
-    for key, before in (("cortical_thickness", [1, 5]), ("H", [-0.3, 0.3])):
-        tab.js(f"document.querySelector('input[value={key}]').click()")
+    assert limits("high", 0.05) == [-0.05, 0.05]
+    press(tab, "#bar-reset")
+    for key, before in (("H", [-0.3, 0.3]), ("cortical_thickness", [1, 5])):
+        press(tab, f"input[value={key}]")
         for end in ("low", "high"):
-            field = f"document.getElementById('bar-{end}')"
-            tab.js(f"{field}.value = ''; {field}.dispatchEvent(new Event('change'))")
-            assert tab.js(read) == before
+            assert limits(end, "") == before
 
 
 def test_the_surface_switch_draws_another_surface(tab):
     before = tab.pixels()
-    tab.js("document.querySelector('input[name=surface][value=white]').click()")
-    assert tab.frame()["surface"] == "white"
+    assert press(tab, "input[name=surface][value=white]")["surface"] == "white"
     assert np.abs(tab.pixels() - before).mean() > 1
-    tab.js("document.querySelector('input[name=surface][value=pial]').click()")
-    tab.frame()
 
 
 def test_dragging_and_the_keyboard_turn_every_panel(tab):
@@ -157,16 +165,12 @@ def test_dragging_and_the_keyboard_turn_every_panel(tab):
     assert tab.frame()["view"] == "free"
     change = np.abs(tab.pixels().reshape(64, 64, 3) - before).mean(axis=(0, 2))
     assert all(change[a:b].mean() > 2 for a, b in ((0, 21), (21, 42), (43, 64)))  # all three panels
-    tab.js("document.getElementById('reset').click()")
-    assert tab.frame()["view"] == "lateral"
+    assert press(tab, "#reset")["view"] == "lateral"
     np.testing.assert_allclose(tab.pixels().reshape(64, 64, 3), before, atol=1)
     tab.js("document.getElementById('stage').dispatchEvent(new KeyboardEvent('keydown', {key: 'ArrowLeft'}))")
     assert tab.frame()["view"] == "free"
-    tab.js("document.querySelector('[data-look=medial]').click()")
-    assert tab.frame()["view"] == "medial"
+    assert press(tab, "[data-look=medial]")["view"] == "medial"
     assert tab.js("document.querySelector('[data-look=medial]').getAttribute('aria-pressed')") == "true"
-    tab.js("document.getElementById('reset').click()")
-    tab.frame()
 
 
 def test_the_wheel_scrolls_the_page_until_one_clicks_into_the_viewer(tab):
@@ -189,15 +193,13 @@ def test_the_wheel_scrolls_the_page_until_one_clicks_into_the_viewer(tab):
     assert wheel(100) == (100, 1)
     assert wheel(-100) == (-100, 1)
     assert wheel(-100, modifiers=2) == (0, larger)  # with ctrl
-    click(tab, "panel-0")
+    click(tab, *tab.middle_of("panel-0"))
     assert wheel(-100) == (0, larger)
-    tab.js("document.activeElement.blur(); document.getElementById('reset').click()")
-    tab.frame()
 
 
 def test_a_click_reads_the_values_of_the_vertex_under_it(tab):
     m = made_measures("lh")
-    click(tab, "panel-1")
+    click(tab, *tab.middle_of("panel-1"))
     shown = tab.js("[...document.querySelectorAll('#panel-1 .values dd')].map(d => d.textContent)")
     labels = tab.js("[...document.querySelectorAll('#panel-1 .values dt')].map(d => d.textContent)")
     values = dict(zip(labels, shown))
@@ -211,13 +213,10 @@ def test_a_click_reads_the_values_of_the_vertex_under_it(tab):
         m.maps["cortical_thickness"][vertex], abs=0.006
     )
     assert tab.js("document.querySelector('#panel-1 .mark').hidden") is False
-    tab.js("document.getElementById('reset').click()")
-    tab.frame()
 
 
 def test_the_net_is_drawn_over_the_surface_that_has_one(tab):
-    tab.js("document.querySelector('input[value=cortical_thickness]').click()")
-    tab.frame()
+    press(tab, "input[value=cortical_thickness]")
     for layer, rgb, area in (("crests", (41, 41, 41), (200, 3000)), ("hinges", (214, 94, 0), (20, 100))):
         assert tab.count(rgb) == [0, 0, 0]
         tab.js(f"document.getElementById('{layer}').click()")
@@ -227,7 +226,6 @@ def test_the_net_is_drawn_over_the_surface_that_has_one(tab):
         assert (model, right) == (0, 0)  # they have none
         tab.js(f"document.getElementById('{layer}').click()")
         assert tab.frame()[layer] == "false"
-    tab.js("document.querySelector('input[value=H]').click()")
 
 
 def test_a_click_on_a_hinge_reads_it(tab):
@@ -239,52 +237,47 @@ def test_a_click_on_a_hinge_reads_it(tab):
     x, y = tab.middle_of("panel-1") - per_mm * away[1:]  # seen from the left: anterior is left
     read = "[...document.querySelectorAll('#panel-1 .values dt')].map(d => [d.textContent, d.nextSibling.textContent])"
 
-    def click():
-        for kind in ("mousePressed", "mouseReleased"):
-            tab.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
-        tab.frame()
+    def values():
+        click(tab, x, y)
         return dict(tab.js(read))
 
-    assert "Hinge" not in click()  # not shown, not read
-    tab.js("document.getElementById('hinges').click()")
-    tab.frame()
-    values = click()
-    assert (values["Hinge"], values["Angles"]) == ("0, Y", "0°, 120°, 240°")
-    assert values["Arms"] == "8.00, 8.00, 8.00 mm"
-    tab.js("document.getElementById('hinges').click(); document.getElementById('reset').click()")
-    tab.frame()
+    assert "Hinge" not in values()  # not shown, not read
+    press(tab, "#hinges")
+    hinge = values()
+    assert (hinge["Hinge"], hinge["Angles"]) == ("0, Y", "0°, 120°, 240°")
+    assert hinge["Arms"] == "8.00, 8.00, 8.00 mm"
 
 
 def test_keys_go_from_hinge_to_hinge_in_sight_and_move_the_view(tab):
     names = "[...document.querySelectorAll('#panel-1 .values dt')].filter(d => d.textContent === 'Hinge')"
 
-    def press(key, shift="false"):
+    def hinge_after(key, shift="false"):
         keydown = f"new KeyboardEvent('keydown', {{key: '{key}', shiftKey: {shift}}})"
         tab.js(f"document.getElementById('stage').dispatchEvent({keydown})")
         tab.frame()
         return tab.js(f"{names}.map(d => parseInt(d.nextSibling.textContent))")
 
-    assert press("n") == []  # not shown
-    tab.js("document.getElementById('hinges').click()")
-    assert [press(key) for key in "nnnN"] == [[LATERAL], [8], [7], [LATERAL]]  # from the middle outwards, around
-    assert [press(key) for key in "pp"] == [[7], [8]]
+    assert hinge_after("n") == []  # not shown
+    press(tab, "#hinges")
+    assert [hinge_after(key) for key in "nnnN"] == [[LATERAL], [8], [7], [LATERAL]]  # from the middle outwards, around
+    assert [hinge_after(key) for key in "pp"] == [[7], [8]]
     assert tab.js("[...document.querySelectorAll('.mark')].map(m => m.hidden)") == [True, False, True]
     place = "['left', 'top'].map(s => parseFloat(document.querySelector('#panel-1 .mark').style[s]))"
     before = np.array(tab.js(place))
     for key, moved in (("ArrowRight", (30, 0)), ("ArrowUp", (30, -30)), ("ArrowLeft", (0, -30)), ("ArrowDown", (0, 0))):
-        assert press(key, shift="true") == [8]
+        assert hinge_after(key, shift="true") == [8]
         np.testing.assert_allclose(tab.js(place), before + moved, atol=0.01)
     assert tab.frame()["view"] == "lateral"  # not turned
-    tab.js("document.querySelector('[data-look=medial]').click()")
-    assert press("n") == [9]
+    press(tab, "[data-look=medial]")
+    assert hinge_after("n") == [9]
     tab.js("document.getElementById('hinges').click(); document.getElementById('reset').click()")
-    assert press("p") == []
+    assert hinge_after("p") == []
 
 
 def test_one_hemisphere_is_shown_beside_the_model(tab):
     hidden = "[...document.querySelectorAll('.panel')].map(p => p.hidden)"
     for side, gone in (("lh", [False, False, True]), ("rh", [False, True, False]), ("both", [False] * 3)):
-        tab.js(f"document.querySelector('input[name=side][value={side}]').click()")
+        press(tab, f"input[name=side][value={side}]")
         assert int(tab.frame()["triangles"]) == 1280 * (3 - sum(gone))
         assert tab.js(hidden) == gone
 
@@ -299,7 +292,6 @@ def test_the_slider_shows_earlier_stages_at_the_same_scale(tab):
         assert area() == pytest.approx(full * (g / 2) ** 2, rel=0.15)
         pixels = tab.pixels().reshape(64, 64, 3)[:, :21]
         assert (coloured(pixels.reshape(-1, 3)) > 20) == (g > 1)  # H was not measured at 1.0: bare
-    tab.js("document.getElementById('reset').click()")
 
 
 def test_a_panel_says_where_it_shows_another_stage_or_surface_than_its_name_or_the_switch(tab):
@@ -324,9 +316,8 @@ def test_a_warning_leads_to_its_vertex(tmp_path, plain_pictures):
     page = analysis_report([left, right], tmp_path / "report.html")
     with opened(page, tmp_path / "profile", "viewer") as tab:
         assert tab.frame()["surface"] == "inflated"
-        tab.js("document.querySelector('input[name=side][value=lh]').click()")  # the other hemisphere
-        tab.js("document.querySelector('[data-vertex]').click()")
-        assert tab.frame()["view"] == "free"
+        press(tab, "input[name=side][value=lh]")  # the other hemisphere
+        assert press(tab, "[data-vertex]")["view"] == "free"
         mark = tab.js("document.querySelector('#panel-1 .mark').getBoundingClientRect().toJSON()")
         middle = (mark["x"] + mark["width"] / 2, mark["y"] + mark["height"] / 2)
         assert middle == pytest.approx(tab.middle_of("panel-1"), abs=1.5)
@@ -343,15 +334,10 @@ def test_enter_reads_what_is_shown_and_a_click_beside_the_brain_nothing(tab):
     tab.frame()
     assert "Vertex" in tab.js(read.replace("panel-1", "panel-2"))
     assert tab.js(read) == []  # hidden
-    tab.js("document.querySelector('input[name=side][value=both]').click()")
-    tab.frame()
+    press(tab, "input[name=side][value=both]")
     corner = tab.js("(b => [b.left + 8, b.bottom - 8])(document.getElementById('panel-1').getBoundingClientRect())")
-    for kind in ("mousePressed", "mouseReleased"):
-        tab.call("Input.dispatchMouseEvent", type=kind, x=corner[0], y=corner[1], button="left", clickCount=1)
-    tab.frame()
+    click(tab, *corner)
     assert tab.js(read) == []
-    tab.js("document.getElementById('hinges').click(); document.getElementById('reset').click()")
-    tab.frame()
 
 
 @pytest.mark.slow
@@ -370,7 +356,7 @@ def test_the_values_of_a_hinge_stay_off_name_and_ruler_and_leave_the_surface_in_
         for page in (None, *pages):  # of one panel, two, three and four
             if page:
                 tab.go(page, "viewer")
-            tab.js("document.getElementById('hinges').click()")
+            press(tab, "#hinges")
             tab.js("document.getElementById('stage').dispatchEvent(new KeyboardEvent('keydown', {key: 'n'}))")
             tab.frame()
             panel, name, values, ruler = tab.js(boxes)
@@ -381,8 +367,7 @@ def test_the_values_of_a_hinge_stay_off_name_and_ruler_and_leave_the_surface_in_
 
 def test_the_paragraph_for_a_paper_is_there_to_copy(tab):
     assert "Fischl and Dale 2000" in tab.js("document.getElementById('methods').value")
-    tab.js("document.querySelector('[data-copy]').click()")
-    tab.frame()
+    press(tab, "[data-copy]")
     assert tab.js("getSelection().toString().length || document.getElementById('methods').selectionEnd") > 500
 
 
@@ -394,13 +379,11 @@ def test_scale_each_to_fit_gives_every_panel_its_own_ruler(tab):
     model, left, right = tab.js(scales)
     assert model == pytest.approx(left, rel=0.02)  # a ruler is drawn to a pixel
     assert right == pytest.approx(left, rel=0.02)
-    tab.js("document.getElementById('fit').click()")
-    tab.frame()
+    press(tab, "#fit")
     model, left, right = tab.js(scales)
     assert model == pytest.approx(left / SMALL, rel=0.03)
     assert right == pytest.approx(left, rel=0.02)
-    tab.js("document.getElementById('fit').click()")
-    tab.frame()
+    press(tab, "#fit")
     assert np.ptp(tab.js(scales)) < 0.05
 
 
