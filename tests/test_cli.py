@@ -9,6 +9,7 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from commands import refused
 
@@ -140,11 +141,13 @@ def test_a_hemisphere_is_understood_in_any_spelling():
 
 
 def test_what_an_open_surface_lacks_is_said_to_be_missing(here, capsys):
-    strip = ["simulate", "strip", "-q", "-o", "strip", "--set", "growth.final=1.002", "--set", "accuracy.edge=4"]
-    assert main(strip) == 0
-    capsys.readouterr()
-    assert main(["analyze", "strip", "--no-report", "-q"]) == 0
-    assert "GI n/a, cortical thickness 2.50 mm" in capsys.readouterr().out
+    verts, faces = icosphere(3)
+    half = faces[(verts[faces][:, :, 2] > 0).all(axis=1)]
+    numbers, half = np.unique(half, return_inverse=True)
+    for name, radius in (("lh.white", 20.0), ("lh.pial", 22.0)):
+        write_surface(here / name, Surface(radius * verts[numbers], half.reshape(-1, 3)))
+    assert main(["analyze", "--white", "lh.white", "--pial", "lh.pial", "-o", "out", "--no-report", "-q"]) == 0
+    assert "GI n/a, cortical thickness 2." in capsys.readouterr().out
 
 
 def test_a_line_break_in_a_name_is_not_part_of_a_folders_name():

@@ -554,8 +554,8 @@ def test_of_longitudinal_runs_bases_and_other_runs_of_their_time_points_are_left
     (tmp_path / "ben_base" / "base-tps").write_text("ben_1\nben_2\n")  # ben has none yet
     for name in ("sub-04/ses-1", "sub-04/ses-2", "sub-05"):
         (tmp_path / name / "surf").mkdir(parents=True)
-    found, left_out = find_subjects(tmp_path)
-    assert found == [
+    names_of_runs, left_out = find_subjects(tmp_path)
+    assert names_of_runs == [
         *("anna_1.long.anna", "ben", "ben_1", "ben_2", "sub-03_ses-1", "sub-05", "sub-04_ses-1", "sub-04_ses-2")
     ]
     assert {k: v.split()[0] for k, v in left_out.items()} == {

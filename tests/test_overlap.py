@@ -52,8 +52,8 @@ def scattered(folder, rng, subjects=SUBJECTS):
     return find_space(folder)
 
 
-def row_of(found, region=WHOLE):
-    return next(row for row in found.rows if row["region"] == region)
+def row_of(kind, region=WHOLE):
+    return next(row for row in kind.rows if row["region"] == region)
 
 
 def test_the_share_is_that_of_all_pairs_counted_one_by_one(alike):

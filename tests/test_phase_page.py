@@ -38,10 +38,10 @@ def texts(figure):
 def test_every_number_stands_in_its_cell_and_has_its_colour():
     phases = made_sweep()
     drawn = diagram(phases, GI)
-    found, image = texts(drawn), drawn.axes[0].images[0].get_array()
+    cells, image = texts(drawn), drawn.axes[0].images[0].get_array()
     low, high = limits_of(phases, GI)
-    assert set(found) == {(i, j) for i in range(3) for j in range(2)}
-    for (i, j), words in found.items():
+    assert set(cells) == {(i, j) for i in range(3) for j in range(2)}
+    for (i, j), words in cells.items():
         mean = 1.2 + 0.1 * i + 0.3 * j
         assert words.splitlines() == [f"{mean:.2f}", "± 0.14", "theory g 1.50"]  # sd of two: 0.2 / sqrt 2
         want = colours.sequential()[round((mean - low) / (high - low) * 255)]
@@ -66,9 +66,9 @@ def test_the_limits_hold_all_values_and_begin_where_nothing_is_folded():
 
 def test_failures_and_what_a_surface_does_not_have_are_said():
     phases = made_sweep(broken=[((0, 0), 0), ((0, 0), 1), ((1, 1), 0)])
-    found = texts(diagram(phases, GI))
-    assert found[0, 0].splitlines()[0] == "failed"
-    assert found[1, 1].splitlines()[:2] == [f"{gi((1, 1), 1):.2f}", "(1 of 2)"]
+    cells = texts(diagram(phases, GI))
+    assert cells[0, 0].splitlines()[0] == "failed"
+    assert cells[1, 1].splitlines()[:2] == [f"{gi((1, 1), 1):.2f}", "(1 of 2)"]
     assert cell(phases, (1, 1), GI.key).failed == 1
     smooth = made_sweep(**{WAVELENGTH_KEY: None})
     assert texts(diagram(smooth, LENGTH))[0, 0].splitlines() == ["–", "theory 10.0"]
@@ -219,17 +219,17 @@ def folded_strip(length=20.0, thick=2.0, height=3.0, n=400):
 def test_a_strip_is_seen_from_the_side(tmp_path):
     """Its section has the area between both lines, all of it seen from above, and its height is that of its folds."""
     pial, white = folded_strip()
-    found = section(pial, white)
-    one, other = (found.verts[found.faces[:, k]] - found.verts[found.faces[:, 0]] for k in (1, 2))
+    side = section(pial, white)
+    one, other = (side.verts[side.faces[:, k]] - side.verts[side.faces[:, 0]] for k in (1, 2))
     areas = np.cross(one, other)[:, 2] / 2
     assert areas.min() > 0
     assert areas.sum() == pytest.approx(20.0 * 2.0)  # the lines are 2 mm apart, straight down
-    np.testing.assert_allclose(np.ptp(found.verts, axis=0), [20.0, 3.0 + 3.0 + 2.0, 0.0], atol=1e-3)
+    np.testing.assert_allclose(np.ptp(side.verts, axis=0), [20.0, 3.0 + 3.0 + 2.0, 0.0], atol=1e-3)
     for name, surface in (("lh.pial", pial), ("lh.white", white)):
         write_surface(tmp_path / name, surface)
     (point,) = make_grid("strip", ["growth.final=1.2"]).points
     drawn = _drawn_surface(RunResult(point, pial=tmp_path / "lh.pial"))
-    np.testing.assert_allclose(np.ptp(drawn.verts, axis=0), np.ptp(found.verts, axis=0), atol=1e-4)
+    np.testing.assert_allclose(np.ptp(drawn.verts, axis=0), np.ptp(side.verts, axis=0), atol=1e-4)
 
 
 def test_surfaces_stand_in_the_order_of_the_cells(ball):

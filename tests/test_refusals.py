@@ -53,8 +53,8 @@ def commands():
 
 
 def arguments(words, *, positional):
-    found = commands()[words].assemble_argument_collection()
-    return [argument for argument in found if (argument.index is not None) is positional]
+    collection = commands()[words].assemble_argument_collection()
+    return [argument for argument in collection if (argument.index is not None) is positional]
 
 
 def refused(argv, capsys, folder):

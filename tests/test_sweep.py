@@ -267,8 +267,8 @@ def test_a_simulation_whose_files_were_changed_is_grown_anew(here, ball, name):
     file = one.simulation / name
     whole = file.read_bytes()
     file.write_bytes(whole.replace(b"2", b"3") if name.endswith("json") else whole + b"\n")
-    found = grow_and_measure(one)
-    assert (found.state, found.changed) == ("done", True)
+    outcome = grow_and_measure(one)
+    assert (outcome.state, outcome.changed) == ("done", True)
     assert name == "health.json" or file.read_bytes() == whole  # which has times
     assert ball["grown"] == ["one", "one"]
     assert grow_and_measure(one).state == "reused"
@@ -281,9 +281,9 @@ def test_a_run_never_removes_what_is_its_users(here, ball):
     (one.analysis / "NOTES.txt").write_text("mine")
     assert grow_and_measure(one).state == "reused"
     (one.simulation / "health.json").write_text("{}")
-    found = grow_and_measure(one)  # it can't be grown anew there
-    assert found.state == "failed"
-    assert "NOTES.txt" in found.failures[""]
+    outcome = grow_and_measure(one)  # it can't be grown anew there
+    assert outcome.state == "failed"
+    assert "NOTES.txt" in outcome.failures[""]
     (one.simulation / "NOTES.txt").unlink()
     assert grow_and_measure(one).state == "done"
     assert (one.analysis / "NOTES.txt").read_text() == "mine"
@@ -449,9 +449,9 @@ def test_a_mesh_file_is_found_from_where_a_worker_is(here):
 
 def test_theory_of_a_scene_is_that_of_its_sphere():
     scene = load_scene("demo", ["geometry.radius=40", "geometry.hole_radius=10", "material.mu_ratio=3"])
-    found = theory_of(scene)
+    answer = theory_of(scene)
     truth = theory.bifurcation(3 / 40, 3, "isotropic", 50, A_over_C=10 / 40)
-    assert found == SphereTheory(truth.g_crit, truth.g_crease, 40 * truth.wavelength_deformed)
+    assert answer == SphereTheory(truth.g_crit, truth.g_crease, 40 * truth.wavelength_deformed)
 
 
 @pytest.mark.parametrize(

@@ -105,10 +105,10 @@ def test_bifurcation_puts_wrinkles_beside_creases_and_says_which_come_first(caps
     rows = asked(capsys, "bifurcation", "--thickness", "2", "--mu-ratio", "0.5", "2", "--law", "isotropic")["rows"]
     assert [row["mu_ratio"] for row in rows] == [0.5, 2.0]
     for row in rows:
-        found = theory.bifurcation(2 / 50, row["mu_ratio"], "isotropic")
-        assert row["g_crit"] == pytest.approx(found.g_crit, rel=1e-12)
-        assert row["degree"] == found.mode
-        assert row["wavelength_over_T"] == pytest.approx(2 * np.pi / np.sqrt(found.mode * (found.mode + 1)) * 25)
+        exact = theory.bifurcation(2 / 50, row["mu_ratio"], "isotropic")
+        assert row["g_crit"] == pytest.approx(exact.g_crit, rel=1e-12)
+        assert row["degree"] == exact.mode
+        assert row["wavelength_over_T"] == pytest.approx(2 * np.pi / np.sqrt(exact.mode * (exact.mode + 1)) * 25)
         assert row["wavelength_deformed_over_T"] > row["wavelength_over_T"]
         for name in ("wavelength", "wavelength_deformed"):
             assert row[f"{name}_mm"] == pytest.approx(2 * row[f"{name}_over_T"], rel=1e-12)
@@ -123,8 +123,8 @@ def test_wrinkles_and_creases_are_compared_at_the_same_compressibility(capsys):
     """Incompressible, this surface would crease before it wrinkles; at kappa/mu = 3 it doesn't crease at all."""
     words = ("bifurcation", "--thickness", "5", "--mu-ratio", "0.6", "--law", "isotropic", "--kappa-ratio")
     (soft,), (stiff,) = (asked(capsys, *words, kappa)["rows"] for kappa in ("3", "inf"))
-    found = theory.bifurcation(5 / 50, 0.6, "isotropic", 3.0)
-    assert (soft["kappa_ratio"], soft["first"]) == (3, found.first)
+    exact = theory.bifurcation(5 / 50, 0.6, "isotropic", 3.0)
+    assert (soft["kappa_ratio"], soft["first"]) == (3, exact.first)
     assert soft["g_crease"] != pytest.approx(stiff["g_crease"], rel=1e-2)
 
 
@@ -283,16 +283,16 @@ def test_the_body_of_a_scene_stands_beside_the_theory_of_its_own_sphere(capsys, 
 @pytest.mark.slow
 def test_an_octant_is_held_against_the_even_degrees_it_has():
     """T = 3 and a cortex four times as stiff: degree 11 comes first in a quarter."""
-    found = {}
+    answers = {}
     for portion in ("quarter", "octant"):
         scene = load_scene("demo", ["material.mu_ratio=4", f"geometry.portion={portion}"])
-        found[portion] = theory_tables._theory_of_scene(scene)
+        answers[portion] = theory_tables._theory_of_scene(scene)
     exact = theory.bifurcation(3 / 50, 4.0, "isotropic", 50.0)
-    assert found["quarter"] == (exact.g_crit, exact.mode, "")
+    assert answers["quarter"] == (exact.g_crit, exact.mode, "")
     assert exact.mode == 11
     sphere = smooth_sphere.SmoothSphere(3 / 50, 4.0, "isotropic", 50.0)
     g = [wrinkling.critical_growth_of_degree(sphere, degree) for degree in (10, 12)]
-    assert found["octant"] == (pytest.approx(min(g), rel=1e-10), 10, "")
+    assert answers["octant"] == (pytest.approx(min(g), rel=1e-10), 10, "")
 
 
 def test_where_there_is_no_theory_beside_a_body_the_reason_is_told():
