@@ -75,20 +75,6 @@ def test_the_planted_outlier_is_named_with_its_picture_coloured_by_its_measure(t
     assert typical.name.endswith(", at the median")
 
 
-def test_what_differs_where_all_are_alike_is_said_in_words(tmp_path):
-    euler = np.full((30, 2), 2.0)
-    euler[7, 1] = -2
-    text = words_of(text_of(made_group(30, euler_characteristic=euler), tmp_path))
-    assert "sub-00007 , right: Euler characteristic −2, median 2, differs where all others are the same." in text
-    assert "∞" not in text
-
-
-def test_few_subjects_have_no_outliers_and_the_page_says_so(tmp_path):
-    text = words_of(text_of(with_outlier(7, 2, 9.9), tmp_path))
-    assert "Nothing was looked for: fewer than 8 values" in text
-    assert (tmp_path / "outliers.tsv").read_text(encoding="utf-8").count("\n") == 1
-
-
 def test_hemispheres_measured_unlike_are_said_and_not_tested(tmp_path):
     """Hinges by a width of their own in every hemisphere: on the page with their number, in no statistic."""
     group = made_group(9, n_hinges=np.arange(40.0, 58.0).reshape(9, 2))

@@ -10,7 +10,7 @@ from made_spaces import FACES, VERTS, write_space
 
 from morphofold.analysis import smooth
 from morphofold.cli import main
-from morphofold.errors import DoesNotApply, MissingPart, UnknownName
+from morphofold.errors import UnknownName
 from morphofold.inference.spaces import find_space
 from morphofold.inference.study import cluster_rows, fit_study, summary, write_result
 from morphofold.io import read_morph, write_surface
@@ -97,13 +97,6 @@ def test_one_hemisphere_keeps_the_subjects_of_the_other(study_once):
     assert len(left.inference.t) == len(VERTS)
 
 
-def test_subjects_of_different_blocks_are_not_exchanged(study):
-    """Age is the site's, so exchanging within sites changes nothing, and nothing could be found."""
-    people(study, age=[20 + 10 * (k % 4) for k in range(24)], site=[f"site{k % 4}" for k in range(24)])
-    with pytest.raises(DoesNotApply):
-        fitted(study, blocks="site")
-
-
 def test_the_first_cluster_has_its_peak_area_and_region(result):
     row = cluster_rows(result)[0]
     assert (row["hemi"], row["cluster"], row["region"], row["p"]) == ("lh", 1, "north", 1 / 200)
@@ -151,20 +144,18 @@ def test_the_command_writes_and_prints_what_it_found(study, tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("model", "contrast", "word"),
+    ("model", "contrast", "code"),
     [
-        ("age", "age", "unknown-name"),
-        ("height ~ age", "age", "cortical_thickness"),
-        ("cortical_thickness ~ height", "height", "age, site"),
-        ("cortical_thickness ~ age", "sex", "Intercept, age"),
+        ("height ~ age", "age", "unknown-name"),
         ("cortical_thickness ~ site", "site", "does-not-apply"),
-        ("cortical_thickness ~ age + scale(age)", "age", "does-not-apply"),
         ("cortical_thickness ~ {open('x', 'w')}", "1", "not-readable"),
         ("cortical_thickness ~ bs(age, df=22)", "1", "does-not-apply"),
     ],
 )
-def test_what_can_not_be_tested_is_refused(study_once, here, capsys, model, contrast, word):
-    refused(capsys, ["stats", str(study_once), "--model", model, "--contrast", contrast, "-o", "out", "-q"], word)
+def test_what_can_not_be_tested_is_refused(study_once, here, capsys, model, contrast, code):
+    refused(
+        capsys, ["stats", str(study_once), "--model", model, "--contrast", contrast, "-o", "out", "-q"], f"[{code}]"
+    )
     assert list(here.iterdir()) == []
 
 
@@ -178,13 +169,6 @@ def test_a_study_without_one_space_is_refused(study, tmp_path):
     with pytest.raises(UnknownName):
         find_space(study)
     assert find_space(study, "ball").subjects == tuple(SUBJECTS)
-
-
-def test_a_subject_without_a_row_is_refused(study):
-    table = study / "participants.tsv"
-    table.write_text("".join(line for line in table.read_text().splitlines(True) if not line.startswith("s03")))
-    with pytest.raises(MissingPart, match="s03"):
-        fitted(study)
 
 
 def test_the_page_escapes_names(study, tmp_path):

@@ -14,6 +14,9 @@ from morphofold.surface import Surface
 
 pytestmark = needs_browser
 SMALL = 0.8
+PIXELS_PER_MM = (
+    "[...document.querySelectorAll('.ruler')].map(r => r.getBoundingClientRect().width / parseFloat(r.textContent))"
+)
 LATERAL = 0  # of a hinge whose arms run on the side that a left hemisphere shows laterally
 OTHERS = {7: (-20, -28, 10), 8: (-30, 0, -19), 9: (36, 0, 0)}  # hinges by number, mm; the last on the other side
 
@@ -93,6 +96,12 @@ def click(tab, x, y):
     for kind in ("mousePressed", "mouseReleased"):
         tab.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
     tab.frame()
+
+
+def reading(tab, panel):
+    """What a panel tells of the place that was clicked, by its heading."""
+    heads = f"[...document.querySelectorAll('#{panel} .values dt')]"
+    return dict(tab.js(f"{heads}.map(d => [d.textContent, d.nextSibling.textContent])"))
 
 
 def slide(tab, k, g):
@@ -175,16 +184,15 @@ def test_dragging_and_the_keyboard_turn_every_panel(tab):
 
 def test_the_wheel_scrolls_the_page_until_one_clicks_into_the_viewer(tab):
     """The ruler follows the zoom."""
-    width = "(r => r.getBoundingClientRect().width / parseFloat(r.textContent))(document.querySelector('.ruler'))"
 
     def wheel(by, modifiers=0):
         """How far the page went and how many times larger the surfaces are."""
-        before = tab.js(f"[scrollY, {width}]")
+        before = tab.js(f"[scrollY, {PIXELS_PER_MM}[0]]")
         x, y = tab.middle_of("panel-0")
         tab.call("Input.dispatchMouseEvent", type="mouseWheel", x=x, y=y, deltaX=0, deltaY=by, modifiers=modifiers)
         for _ in range(100):
             tab.frame()
-            if (after := tab.js(f"[scrollY, {width}]")) != before:
+            if (after := tab.js(f"[scrollY, {PIXELS_PER_MM}[0]]")) != before:
                 break
         return after[0] - before[0], after[1] / before[1]
 
@@ -200,18 +208,15 @@ def test_the_wheel_scrolls_the_page_until_one_clicks_into_the_viewer(tab):
 def test_a_click_reads_the_values_of_the_vertex_under_it(tab):
     m = made_measures("lh")
     click(tab, *tab.middle_of("panel-1"))
-    shown = tab.js("[...document.querySelectorAll('#panel-1 .values dd')].map(d => d.textContent)")
-    labels = tab.js("[...document.querySelectorAll('#panel-1 .values dt')].map(d => d.textContent)")
-    values = dict(zip(labels, shown))
+    values = reading(tab, "panel-1")
     vertex = int(values["Vertex"])
     at = m.cortex.pial.verts[vertex]
     middle = (m.cortex.pial.verts.max(axis=0) + m.cortex.pial.verts.min(axis=0)) / 2
     assert at[0] < -30  # lateral side of a left hemisphere
     assert np.linalg.norm((at - middle)[1:]) < 6  # within an edge of the middle
     assert values["Region"] == ("front", "middle", "back")[m.cortex.regions.labels[vertex]]
-    assert float(values["Cortical thickness"].split()[0]) == pytest.approx(
-        m.maps["cortical_thickness"][vertex], abs=0.006
-    )
+    thickness = float(values["Cortical thickness"].split()[0])
+    assert thickness == pytest.approx(m.maps["cortical_thickness"][vertex], abs=0.006)
     assert tab.js("document.querySelector('#panel-1 .mark').hidden") is False
 
 
@@ -219,59 +224,51 @@ def test_the_net_is_drawn_over_the_surface_that_has_one(tab):
     press(tab, "input[value=cortical_thickness]")
     for layer, rgb, area in (("crests", (41, 41, 41), (200, 3000)), ("hinges", (214, 94, 0), (20, 100))):
         assert tab.count(rgb) == [0, 0, 0]
-        tab.js(f"document.getElementById('{layer}').click()")
-        assert tab.frame()[layer] == "true"
+        assert press(tab, f"#{layer}")[layer] == "true"
         model, left, right = tab.count(rgb)
         assert area[0] < left < area[1]
         assert (model, right) == (0, 0)  # they have none
-        tab.js(f"document.getElementById('{layer}').click()")
-        assert tab.frame()[layer] == "false"
+        assert press(tab, f"#{layer}")[layer] == "false"
 
 
 def test_a_click_on_a_hinge_reads_it(tab):
     verts = made_measures("lh").cortex.pial.verts
     vertex = int(np.argmin(made_measures("lh").cortex.white.verts[:, 0]))
     away = verts[vertex] - (verts.max(axis=0) + verts.min(axis=0)) / 2
-    scale = "(r => r.getBoundingClientRect().width / parseFloat(r.textContent))(document.querySelector('.ruler'))"
-    per_mm = tab.js(scale)
-    x, y = tab.middle_of("panel-1") - per_mm * away[1:]  # seen from the left: anterior is left
-    read = "[...document.querySelectorAll('#panel-1 .values dt')].map(d => [d.textContent, d.nextSibling.textContent])"
-
-    def values():
-        click(tab, x, y)
-        return dict(tab.js(read))
-
-    assert "Hinge" not in values()  # not shown, not read
+    x, y = tab.middle_of("panel-1") - tab.js(PIXELS_PER_MM)[1] * away[1:]  # seen from the left: anterior is left
+    click(tab, x, y)
+    assert "Hinge" not in reading(tab, "panel-1")  # not shown, not read
     press(tab, "#hinges")
-    hinge = values()
+    click(tab, x, y)
+    hinge = reading(tab, "panel-1")
     assert (hinge["Hinge"], hinge["Angles"]) == ("0, Y", "0°, 120°, 240°")
     assert hinge["Arms"] == "8.00, 8.00, 8.00 mm"
 
 
 def test_keys_go_from_hinge_to_hinge_in_sight_and_move_the_view(tab):
-    names = "[...document.querySelectorAll('#panel-1 .values dt')].filter(d => d.textContent === 'Hinge')"
-
     def hinge_after(key, shift="false"):
         keydown = f"new KeyboardEvent('keydown', {{key: '{key}', shiftKey: {shift}}})"
         tab.js(f"document.getElementById('stage').dispatchEvent({keydown})")
         tab.frame()
-        return tab.js(f"{names}.map(d => parseInt(d.nextSibling.textContent))")
+        hinge = reading(tab, "panel-1").get("Hinge")
+        return hinge and int(hinge.split(",")[0])
 
-    assert hinge_after("n") == []  # not shown
+    assert hinge_after("n") is None  # not shown
     press(tab, "#hinges")
-    assert [hinge_after(key) for key in "nnnN"] == [[LATERAL], [8], [7], [LATERAL]]  # from the middle outwards, around
-    assert [hinge_after(key) for key in "pp"] == [[7], [8]]
+    assert [hinge_after(key) for key in "nnnN"] == [LATERAL, 8, 7, LATERAL]  # from the middle outwards, around
+    assert [hinge_after(key) for key in "pp"] == [7, 8]
     assert tab.js("[...document.querySelectorAll('.mark')].map(m => m.hidden)") == [True, False, True]
     place = "['left', 'top'].map(s => parseFloat(document.querySelector('#panel-1 .mark').style[s]))"
     before = np.array(tab.js(place))
     for key, moved in (("ArrowRight", (30, 0)), ("ArrowUp", (30, -30)), ("ArrowLeft", (0, -30)), ("ArrowDown", (0, 0))):
-        assert hinge_after(key, shift="true") == [8]
+        assert hinge_after(key, shift="true") == 8
         np.testing.assert_allclose(tab.js(place), before + moved, atol=0.01)
     assert tab.frame()["view"] == "lateral"  # not turned
     press(tab, "[data-look=medial]")
-    assert hinge_after("n") == [9]
-    tab.js("document.getElementById('hinges').click(); document.getElementById('reset').click()")
-    assert hinge_after("p") == []
+    assert hinge_after("n") == 9
+    press(tab, "#hinges")
+    press(tab, "#reset")
+    assert hinge_after("p") is None
 
 
 def test_one_hemisphere_is_shown_beside_the_model(tab):
@@ -328,16 +325,16 @@ def test_a_warning_leads_to_its_vertex(tmp_path, plain_pictures):
 
 
 def test_enter_reads_what_is_shown_and_a_click_beside_the_brain_nothing(tab):
-    read = "[...document.querySelectorAll('#panel-1 .values dt')].map(d => d.textContent)"
-    tab.js("document.getElementById('hinges').click(); document.querySelector('input[name=side][value=rh]').click()")
+    press(tab, "#hinges")
+    press(tab, "input[name=side][value=rh]")
     tab.js("document.getElementById('stage').dispatchEvent(new KeyboardEvent('keydown', {key: 'Enter'}))")
     tab.frame()
-    assert "Vertex" in tab.js(read.replace("panel-1", "panel-2"))
-    assert tab.js(read) == []  # hidden
+    assert "Vertex" in reading(tab, "panel-2")
+    assert reading(tab, "panel-1") == {}  # hidden
     press(tab, "input[name=side][value=both]")
     corner = tab.js("(b => [b.left + 8, b.bottom - 8])(document.getElementById('panel-1').getBoundingClientRect())")
     click(tab, *corner)
-    assert tab.js(read) == []
+    assert reading(tab, "panel-1") == {}
 
 
 @pytest.mark.slow
@@ -372,19 +369,15 @@ def test_the_paragraph_for_a_paper_is_there_to_copy(tab):
 
 
 def test_scale_each_to_fit_gives_every_panel_its_own_ruler(tab):
-    """Pixels per mm: the same in every panel, and larger where the small surface is blown up."""
-    scales = (
-        "[...document.querySelectorAll('.ruler')].map(r => r.getBoundingClientRect().width / parseFloat(r.textContent))"
-    )
-    model, left, right = tab.js(scales)
-    assert model == pytest.approx(left, rel=0.02)  # a ruler is drawn to a pixel
-    assert right == pytest.approx(left, rel=0.02)
+    """The scale is the same in every panel, and larger where the small surface is blown up."""
+    model, left, right = tab.js(PIXELS_PER_MM)
+    assert [model, right] == pytest.approx([left, left], rel=0.02)  # a ruler is drawn to a pixel
     press(tab, "#fit")
-    model, left, right = tab.js(scales)
+    model, left, right = tab.js(PIXELS_PER_MM)
     assert model == pytest.approx(left / SMALL, rel=0.03)
     assert right == pytest.approx(left, rel=0.02)
     press(tab, "#fit")
-    assert np.ptp(tab.js(scales)) < 0.05
+    assert np.ptp(tab.js(PIXELS_PER_MM)) < 0.05
 
 
 def test_nothing_is_fetched_and_nothing_goes_wrong(tab):
