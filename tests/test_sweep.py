@@ -148,8 +148,8 @@ def ball(here, monkeypatch):
     return did
 
 
-def swept(*more, vary=VARY):
-    return main(["sweep", "ball.toml", *vary, "--accuracy", "draft", "--no-report", "-q", "-o", "out", *more])
+def swept(*more, vary=VARY, out="out"):
+    return main(["sweep", "ball.toml", *vary, "--accuracy", "draft", "--no-report", "-q", "-o", out, *more])
 
 
 def test_a_sweep_measures_every_point_and_the_next_one_only_what_is_new(here, ball, capsys):
@@ -425,7 +425,7 @@ def test_two_workers_do_what_one_process_does(here, capsys):
     assert swept("--workers", "2") == 0
     assert capsys.readouterr().out.splitlines()[-1].startswith("4 of 4 runs have results -> ")
     assert {row["run"] for row in table(here / "out/group/measures.tsv")} == set(NAMES)
-    assert swept("--workers", "1", "-o", "alone") == 0
+    assert swept("--workers", "1", out="alone") == 0
     for file in (here / "out/group").glob("*.tsv"):
         assert file.read_bytes() == (here / "alone/group" / file.name).read_bytes()
 
