@@ -1,5 +1,6 @@
 """Small subjects on disk, and a fleet that works in this process."""
 
+import csv
 from contextlib import contextmanager
 
 import numpy as np
@@ -71,3 +72,21 @@ class HereFleet:
     @contextmanager
     def reporting_deaths(self, warn):
         yield
+
+
+def work_here(monkeypatch, measure=quick_measure):
+    """Commands for groups work in this process, with another function in place of ``measure``."""
+
+    @contextmanager
+    def open_fleet(**options):
+        yield HereFleet()
+
+    monkeypatch.setattr("morphofold.cohort.fleet.open_fleet", open_fleet)
+    monkeypatch.setattr("morphofold.analysis.measuring.measure", measure)
+    monkeypatch.setenv("MORPHOFOLD_RENDERER", "raster")
+
+
+def table(path):
+    """Rows of a table as text."""
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file, delimiter="\t"))

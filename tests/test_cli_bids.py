@@ -1,11 +1,11 @@
 """bids: a dataset's participants and their group, called as BIDS-Apps are."""
 
 import json
-from contextlib import contextmanager
+import shutil
 
 import pytest
 from commands import refused
-from made_cohort import HereFleet, quick_measure, write_subject
+from made_cohort import work_here, write_subject
 
 from morphofold.cli import main
 from morphofold.cli.cohort import measured_before
@@ -13,16 +13,17 @@ from morphofold.io.folders import alone
 from morphofold.results.dataset import begin_dataset, subject_place
 
 
-def dataset(here, place="derivatives/freesurfer"):
+@pytest.fixture
+def dataset(here):
+    """A BIDS dataset, data, with three FreeSurfer subjects."""
     for i, name in enumerate(("sub-01", "sub-02_ses-a", "sub-02_ses-b")):
-        write_subject(here / "data" / place / name, 1 + i / 10, hemis=("lh",))
+        write_subject(here / "data/derivatives/freesurfer" / name, 1 + i / 10, hemis=("lh",))
+    return here / "data/derivatives/freesurfer"
 
 
-def test_what_cannot_be_done_is_refused(here, capsys):
-    dataset(here)
+def test_what_cannot_be_done_is_refused(here, dataset, capsys):
     (here / "theirs").mkdir()
     (here / "theirs" / "notes.txt").touch()
-    refused(capsys, ["bids", "nowhere", "out", "participant"], "nowhere: ")
     refused(capsys, ["bids", "data", "out", "group"], "out: ")
     refused(capsys, ["bids", "data", "theirs", "participant"], "theirs: ", "dataset_description.json")
     words = "data/derivatives/freesurfer: ", " sub-03;", "sub-01, sub-02_ses-a"
@@ -30,22 +31,15 @@ def test_what_cannot_be_done_is_refused(here, capsys):
     assert sorted(p.name for p in here.iterdir()) == ["data", "theirs"]
 
 
-def test_names_that_bids_has_no_place_for_fail_alone(here, capsys, monkeypatch):
-    @contextmanager
-    def open_fleet(**asked):
-        yield HereFleet()
-
-    monkeypatch.setattr("morphofold.cohort.fleet.open_fleet", open_fleet)
-    monkeypatch.setattr("morphofold.analysis.measuring.measure", quick_measure)
-    dataset(here)
+def test_names_that_bids_has_no_place_for_fail_alone(here, dataset, capsys, monkeypatch):
+    work_here(monkeypatch)
     for name in ("sub-02sesa", "---"):  # as sub-02_ses-a is shortened; nothing left
-        write_subject(here / "data" / "derivatives" / "freesurfer" / name, hemis=("lh",))
+        write_subject(dataset / name, hemis=("lh",))
     assert main(["bids", "data", "out", "participant", "--no-report", "-q", "--json"]) == 1
     summary = json.loads(capsys.readouterr().out)
     assert (summary["subjects"], summary["with_results"], set(summary["failures"])) == (5, 3, {"sub-02sesa", "---"})
     assert sorted(p.name for p in (here / "out").glob("sub-*")) == ["sub-01", "sub-02sesa", "sub-02sesb"]
-    names = {"---", "sub-01", "sub-02_ses-a", "sub-02_ses-b", "sub-02sesa"}
-    assert set(measured_before(here / "out", bids=True)) == names
+    assert set(measured_before(here / "out", bids=True)) == {p.name for p in dataset.iterdir()}
 
 
 def test_what_a_killed_run_left_of_a_record_is_no_subject(here):
@@ -63,14 +57,8 @@ def test_a_dataset_is_not_listed_for_each_of_its_subjects(here, monkeypatch):
     assert subject_place(here / "out", "sub-01") == here / "out" / "sub-01"
 
 
-def test_participants_may_be_measured_by_several_at_once_and_a_group_by_one(here, capsys, monkeypatch):
-    @contextmanager
-    def open_fleet(**asked):
-        yield HereFleet()
-
-    monkeypatch.setattr("morphofold.cohort.fleet.open_fleet", open_fleet)
-    monkeypatch.setattr("morphofold.analysis.measuring.measure", quick_measure)
-    dataset(here)
+def test_participants_may_be_measured_by_several_at_once_and_a_group_by_one(here, dataset, capsys, monkeypatch):
+    work_here(monkeypatch)
     begin_dataset(here / "out")
     with alone(here / "out"):
         assert main(["bids", "data", "out", "participant", "--no-report", "-q"]) == 0
@@ -80,8 +68,10 @@ def test_participants_may_be_measured_by_several_at_once_and_a_group_by_one(here
 
 @pytest.mark.slow
 @pytest.mark.parametrize("place", ["derivatives/freesurfer", "sourcedata/freesurfer", "."])
-def test_participants_then_group(here, capsys, place):
-    dataset(here, place)
+def test_participants_then_group(here, dataset, capsys, place):
+    dataset.rename(here / "subjects")
+    shutil.rmtree(here / "data")
+    shutil.copytree(here / "subjects", here / "data" / place)
     asked = ["bids", "data", "out", "participant", "--no-report", "--workers", "1", "-q"]
     assert main([*asked, "--participant-label", "02"]) == 0
     assert capsys.readouterr().out.startswith("2 of 2 subjects have results -> ")

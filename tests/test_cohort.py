@@ -1,6 +1,5 @@
 """A cohort: each subject by itself, done once, done anew where something changed; tables that say it all."""
 
-import csv
 import errno
 import json
 import os
@@ -10,12 +9,12 @@ import sys
 import threading
 import time
 import warnings
-from contextlib import contextmanager
+from pathlib import Path
 
 import numpy as np
 import pytest
 from commands import refused
-from made_cohort import HereFleet, participants, quick_measure, write_subject
+from made_cohort import HereFleet, participants, quick_measure, table, work_here, write_subject
 from pyarrow import parquet
 
 import morphofold
@@ -26,255 +25,246 @@ from morphofold.cohort.group import write_group
 from morphofold.cohort.running import run_tasks
 from morphofold.cohort.subjects import find_subjects, folder_of, named_subjects
 from morphofold.cohort.tables import TIDY_COLUMNS, read_results
-from morphofold.errors import NamedTwice, NothingToDo, NotReadable, WrongFile
+from morphofold.errors import NothingToDo
 from morphofold.inference.sessions import person_and_session
 from morphofold.io import atomic_folder, begin_collection, write_annotation, write_morph
 from morphofold.results import read_analysis
+from morphofold.results.dataset import begin_dataset
 from morphofold.surface import Regions
-from morphofold.tables import read_table
+
+NAMES = ("anna", "ben", "cleo")
+
+
+class Study:
+    """Three subjects, measured one after the other in this process; each time by another run of the command."""
+
+    def __init__(self, folder):
+        self.folders = [write_subject(folder / "subjects" / n, 1 + k / 10) for k, n in enumerate(NAMES)]
+        self.out, self.runs = folder / "out", 0
+
+    def measure(self, folders=None, fleet=None, **options):
+        """Outcomes by the names of subjects."""
+        self.runs += 1
+        asked = participants(folders or self.folders, self.out, str(self.runs), **options)
+        return {done.name: done for done in run_tasks(fleet or HereFleet(), participant.measure_participant, asked)}
+
+    def states(self, *folders, **options):
+        return {name: done.state for name, done in self.measure(*folders, **options).items()}
+
+    def group(self):
+        results = {asked.name: asked.results for asked in participants(self.folders, self.out)}
+        return write_group(self.out, results, report=False)
+
+    def rows(self):
+        """The table of all numbers, as text."""
+        self.group()
+        return table(self.out / "group" / "measures.tsv")
+
+    def failures(self):
+        """Reasons by subject and hemisphere, of the last tables."""
+        rows = table(self.out / "group" / "failures.tsv")
+        return {(row["subject"], row["hemi"]): row["reason"] for row in rows}
 
 
 @pytest.fixture
-def quick(monkeypatch):
+def study(tmp_path, monkeypatch):
     monkeypatch.setattr("morphofold.analysis.measuring.measure", quick_measure)
+    return Study(tmp_path)
 
 
 @pytest.fixture
-def three(tmp_path):
-    return [write_subject(tmp_path / "subjects" / name, 1 + i / 10) for i, name in enumerate(("anna", "ben", "cleo"))]
-
-
-def measured(folders, out, run="1", **options):
-    done = run_tasks(HereFleet(), participant.measure_participant, participants(folders, out, run, **options))
-    return {one.name: one for one in done}
-
-
-def states(outcomes):
-    return {name: one.state for name, one in outcomes.items()}
-
-
-def grouped(folders, out):
-    write_group(out, {one.name: one.results for one in participants(folders, out)}, report=False)
-    with (out / "group" / "measures.tsv").open(newline="") as file:
-        return list(csv.DictReader(file, delimiter="\t"))
-
-
-def failures(out):
-    with (out / "group" / "failures.tsv").open(newline="") as file:
-        return list(csv.DictReader(file, delimiter="\t"))
+def measured(study):
+    """A study whose subjects are measured."""
+    assert study.states() == dict.fromkeys(NAMES, "done")
+    return study
 
 
 def contents(folder):
     return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
 
 
-def test_every_number_is_one_row(three, tmp_path, quick):
-    out = tmp_path / "out"
-    assert states(measured(three, out)) == dict.fromkeys(("anna", "ben", "cleo"), "done")
-    rows = grouped(three, out)
+def test_every_number_is_one_row_of_a_text_and_of_a_parquet_table(measured):
+    rows = measured.rows()
     assert list(rows[0]) == list(TIDY_COLUMNS)
-    keys = [(r["subject"], r["hemi"], r["region"], r["measure"]) for r in rows]
-    assert len(set(keys)) == len(keys)
-    found = dict(zip(keys, (r["value"] for r in rows)))
-    for name, size in (("anna", 1.0), ("ben", 1.1), ("cleo", 1.2)):
-        (lh, rh) = read_analysis(out / "subjects" / name)
-        assert float(found[name, "rh", "hemisphere", "mean_cortical_thickness_mm"]) == pytest.approx(
-            rh.scalars["mean_cortical_thickness_mm"], rel=1e-6
-        )
-        assert lh.scalars["mean_cortical_thickness_mm"] == pytest.approx(4 * size, rel=0.1)
-        back = float(found[name, "lh", "back", "cortical_thickness_mm"])
-        assert back == pytest.approx(1 + lh.scalars["mean_cortical_thickness_mm"], rel=1e-6)
-    assert found["anna", "lh", "hemisphere", "wavelength_mm"] == "n/a"
-    assert failures(out) == []
+    values = {(r["subject"], r["hemi"], r["region"], r["measure"]): r["value"] for r in rows}
+    assert len(values) == len(rows)
+    for name, size in zip(NAMES, (1.0, 1.1, 1.2)):
+        lh, rh = (m.scalars["mean_cortical_thickness_mm"] for m in read_analysis(measured.out / "subjects" / name))
+        assert lh == pytest.approx(4 * size, rel=0.1)
+        right = float(values[name, "rh", "hemisphere", "mean_cortical_thickness_mm"])
+        assert right == pytest.approx(rh, rel=1e-6)
+        assert float(values[name, "lh", "back", "cortical_thickness_mm"]) == pytest.approx(1 + lh, rel=1e-6)
+    assert values["anna", "lh", "hemisphere", "wavelength_mm"] == "n/a"
+    assert measured.failures() == {}
+    entries = parquet.read_table(measured.out / "group" / "measures.parquet")
+    assert entries.column_names == list(TIDY_COLUMNS)
+    text = [{**e, "value": "n/a" if e["value"] is None else f"{e['value']:.7g}"} for e in entries.to_pylist()]
+    assert text == rows
 
 
-def test_parquet_says_the_same_as_text(three, tmp_path, quick):
-    out = tmp_path / "out"
-    measured(three, out)
-    rows = grouped(three, out)
-    table = parquet.read_table(out / "group" / "measures.parquet")
-    assert table.column_names == list(TIDY_COLUMNS)
-    assert len(table) == len(rows)
-    for entry, row in zip(table.to_pylist(), rows):
-        assert [entry[k] for k in TIDY_COLUMNS[:-1]] == [row[k] for k in TIDY_COLUMNS[:-1]]
-        assert row["value"] == ("n/a" if entry["value"] is None else f"{entry['value']:.7g}")
-
-
-def test_one_bad_subject_stops_no_other(three, tmp_path, quick):
-    out = tmp_path / "out"
-    (three[1] / "surf" / "rh.pial").write_bytes(b"no surface")
-    shutil.rmtree(three[2] / "surf")
-    found = measured(three, out)
-    assert states(found) == {"anna": "done", "ben": "done", "cleo": "failed"}
-    rows = grouped(three, out)
-    assert {(r["subject"], r["hemi"]) for r in rows} == {("anna", "lh"), ("anna", "rh"), ("ben", "lh")}
-    reasons = {(r["subject"], r["hemi"]): r["reason"] for r in failures(out)}
+def test_one_bad_subject_stops_no_other(study):
+    _, ben, cleo = study.folders
+    (ben / "surf" / "rh.pial").write_bytes(b"no surface")
+    shutil.rmtree(cleo / "surf")
+    assert study.states() == {"anna": "done", "ben": "done", "cleo": "failed"}
+    assert {(r["subject"], r["hemi"]) for r in study.rows()} == {("anna", "lh"), ("anna", "rh"), ("ben", "lh")}
+    reasons = study.failures()
     assert set(reasons) == {("ben", "rh"), ("cleo", "lh"), ("cleo", "rh")}
-    assert "rh.pial" in reasons["ben", "rh"]
-    assert "lh.white" in reasons["cleo", "lh"]
-    assert "rh.white" in reasons["cleo", "rh"]
-    log = (out / "logs" / "ben.log").read_text()
-    assert "rh failed: " in log
-    assert "done in" in log
-    assert states(measured(three, out, "2")) == {"anna": "reused", "ben": "reused", "cleo": "failed"}
+    for (_, hemi), reason in reasons.items():
+        assert f"{hemi}." in reason
+    assert "rh failed: " in (study.out / "logs" / "ben.log").read_text()
+    assert study.states() == {"anna": "reused", "ben": "reused", "cleo": "failed"}
 
 
-def test_what_has_not_changed_stays_as_it_is(three, tmp_path, quick, monkeypatch):
-    out = tmp_path / "out"
-    measured(three, out)
-    before = contents(out)
+def test_what_has_not_changed_stays_as_it_is(measured, monkeypatch):
+    before = contents(measured.out)
     assert b"done in" in before["logs/ben.log"]
     monkeypatch.setattr("morphofold.analysis.measuring.measure", None)  # nothing may be measured
-    assert states(measured(three, out, "2")) == dict.fromkeys(("anna", "ben", "cleo"), "reused")
-    assert contents(out) == before  # logs, too: they tell of what is there
+    assert measured.states() == dict.fromkeys(NAMES, "reused")
+    assert contents(measured.out) == before  # logs, too: they tell of what is there
 
 
 @pytest.mark.parametrize("name", ["surf/lh.white", "surf/rh.thickness", "label/lh.aparc.annot"])
-def test_a_changed_input_is_measured_anew(three, tmp_path, quick, name):
-    out = tmp_path / "out"
-    measured(three, out)
-    before = (three[1] / name).read_bytes()
+def test_an_input_that_changes_goes_or_comes_is_measured_anew(measured, tmp_path, name):
     other = write_subject(tmp_path / "other", 1.3)
     write_morph(other / "surf" / "rh.thickness", np.full(162, 3.0))
+    write_regions(other, "aparc")
+    file = measured.folders[1] / name
+    shutil.copy(file, tmp_path / "before")
+    shutil.copy(other / name, file)
+    assert measured.states() == {"anna": "reused", "ben": "done", "cleo": "reused"}
+    if name != "surf/lh.white":
+        file.unlink()
+        assert measured.states()["ben"] == "done"
+    shutil.copy(tmp_path / "before", file)
+    assert measured.states()["ben"] == "done"
+
+
+def write_regions(subject, name):
+    """A parcellation into one region."""
     regions = Regions(np.zeros(162, int), ("all",), np.array([[9, 9, 9]], np.uint8))
-    write_annotation(other / "label" / "lh.aparc.annot", regions)
-    shutil.copy(other / name, three[1] / name)
-    assert states(measured(three, out, "2")) == {"anna": "reused", "ben": "done", "cleo": "reused"}
-    (three[1] / name).write_bytes(before)
-    assert states(measured(three, out, "3"))["ben"] == "done"
+    for hemi in ("lh", "rh"):
+        write_annotation(subject / "label" / f"{hemi}.{name}.annot", regions)
 
 
-@pytest.mark.parametrize("name", ["surf/rh.thickness", "label/lh.aparc.annot"])
-def test_an_input_that_comes_or_goes_is_a_change(three, tmp_path, quick, name):
-    out = tmp_path / "out"
-    measured(three, out)
-    held = (three[1] / name).rename(tmp_path / "held")
-    assert states(measured(three, out, "2")) == {"anna": "reused", "ben": "done", "cleo": "reused"}
-    held.rename(three[1] / name)
-    assert states(measured(three, out, "3"))["ben"] == "done"
-
-
-def test_what_an_analysis_says_of_its_surfaces_is_an_input_too(three, tmp_path, quick):
-    measured(three, tmp_path / "first")
-    folder = tmp_path / "first" / "subjects" / "ben"  # analysed, and analysed again
-    assert states(measured([folder], tmp_path / "out")) == {"ben": "done"}
+def test_what_an_analysis_says_of_its_surfaces_is_an_input_too(measured, tmp_path):
+    folder = shutil.copytree(measured.out / "subjects" / "ben", tmp_path / "again" / "zoe")  # analysed once more
+    assert measured.states([folder]) == {"zoe": "done"}
     summary = json.loads((folder / "summary.json").read_text())
     for entry in summary["surfaces"]:
         entry["units"] = "scene"
     (folder / "summary.json").write_text(json.dumps(summary))
-    assert states(measured([folder], tmp_path / "out", "2")) == {"ben": "done"}
-    (entry, _) = json.loads((tmp_path / "out" / "subjects" / "ben" / "summary.json").read_text())["surfaces"]
+    assert measured.states([folder]) == {"zoe": "done"}
+    (entry, _) = json.loads((measured.out / "subjects" / "zoe" / "summary.json").read_text())["surfaces"]
     assert entry["units"] == "scene"
 
 
-def test_the_reason_is_that_of_the_surface_that_is_missing_now(three, tmp_path, quick):
-    out, surf = tmp_path / "out", three[0] / "surf"
+def test_the_reason_is_that_of_the_surface_that_is_missing_now(study):
+    surf = study.folders[0] / "surf"
     (surf / "rh.white").rename(surf / "held")
-    assert "rh.white: no such" in measured(three, out)["anna"].failures["rh"]
+    assert "rh.white: no such" in study.measure()["anna"].failures["rh"]
     (surf / "held").rename(surf / "rh.white")
     (surf / "rh.pial").unlink()
-    assert "rh.pial: no such" in measured(three, out, "2")["anna"].failures["rh"]
-    assert states(measured(three, out, "3"))["anna"] == "reused"
+    assert "rh.pial: no such" in study.measure()["anna"].failures["rh"]
+    assert study.states()["anna"] == "reused"
 
 
-def test_a_subject_that_may_not_be_looked_into_fails_by_itself(three, tmp_path, quick, monkeypatch):
-    from pathlib import Path
+def test_a_subject_that_may_not_be_looked_into_fails_by_itself(study, monkeypatch):
+    usual, ben = Path.is_dir, study.folders[1]
 
-    look = Path.is_dir
-
-    def is_dir(path, **how):
-        if three[1] in path.parents:
+    def is_dir(path, **options):
+        if ben in path.parents:
             raise PermissionError(13, "Permission denied", str(path))
-        return look(path, **how)
+        return usual(path, **options)
 
     monkeypatch.setattr(Path, "is_dir", is_dir)
-    assert find_subjects(three[0].parent)[0] == ["anna", "ben", "cleo"]
-    found = measured(three, tmp_path / "out")
-    assert states(found) == {"anna": "done", "ben": "failed", "cleo": "done"}
-    assert "Permission denied" in found["ben"].failures[""]
-    assert "Permission denied" in (tmp_path / "out" / "logs" / "ben.log").read_text()
+    assert find_subjects(ben.parent)[0] == list(NAMES)
+    outcomes = study.measure()
+    assert [outcome.state for outcome in outcomes.values()] == ["done", "failed", "done"]
+    assert "Permission denied" in outcomes["ben"].failures[""]
+    assert "Permission denied" in (study.out / "logs" / "ben.log").read_text()
 
 
-def test_other_options_and_versions_are_measured_anew(three, tmp_path, quick, monkeypatch):
-    out = tmp_path / "out"
-    measured(three, out)
+def test_other_options_and_versions_are_measured_anew(measured, monkeypatch):
     other = {"options": {"curvature_scale_mm": 4.0}}
-    assert set(states(measured(three, out, "2", **other)).values()) == {"done"}
-    assert set(states(measured(three, out, "3", **other)).values()) == {"reused"}
+    assert set(measured.states(**other).values()) == {"done"}
+    assert set(measured.states(**other).values()) == {"reused"}
     monkeypatch.setattr(morphofold, "__version__", "0.0.0")
-    assert set(states(measured(three, out, "4", **other)).values()) == {"done"}
+    assert set(measured.states(**other).values()) == {"done"}
 
 
-def test_results_that_are_lost_are_measured_anew(three, tmp_path, quick):
-    out = tmp_path / "out"
-    measured(three, out)
-    shutil.rmtree(out / "subjects" / "ben")
-    (out / "records" / "cleo.json").write_text("{")
-    assert states(measured(three, out, "2")) == {"anna": "reused", "ben": "done", "cleo": "done"}
+def edited(name, old, new):
+    """A change of the text of a file of results."""
+
+    def edit(folder):
+        text = (folder / name).read_text()
+        assert old in text
+        (folder / name).write_text(text.replace(old, new))
+
+    return edit
 
 
-def another_number(folder, other):
-    path = folder / "summary.json"
-    summary = json.loads(path.read_text())
-    summary["surfaces"][0]["measures"]["gyrification_index"] = 9.9
-    path.write_text(json.dumps(summary))
+def cut(name):
+    return lambda folder: (folder / name).write_bytes((folder / name).read_bytes()[:-40])
 
 
-def exchanged(folder, other):
-    for one, two in ((folder, folder.with_name("held")), (other, folder), (folder.with_name("held"), other)):
-        os.rename(one, two)
+def exchange(folder):
+    others = folder.with_name("cleo"), folder.with_name("held")
+    for path, new in zip((folder, *others), (others[1], folder, others[0])):
+        os.rename(path, new)
 
 
-def lost_surface(folder, other):
-    (folder / "surf" / "lh.pial").unlink()
+def damage_record(folder):
+    (folder.parent.parent / "records" / f"{folder.name}.json").write_text("{")
 
 
-def test_a_subject_whose_list_of_files_is_damaged_fails_alone(three, tmp_path, quick):
-    out = tmp_path / "out"
-    measured(three, out)
-    folder = out / "subjects" / "ben"
-    (folder / ".morphofold").write_text("")  # what is in the folder is then somebody's
-    kept = (folder / "summary.json").read_bytes()
-    assert states(measured(three, out, "2")) == {"anna": "reused", "ben": "failed", "cleo": "reused"}
-    assert (folder / "summary.json").read_bytes() == kept
+@pytest.mark.parametrize(
+    ("change", "touched", "reason"),
+    [
+        (edited("summary.json", '"gyrification_index": 1.5', '"gyrification_index": 9.9'), {"ben"}, "summary.json"),
+        (exchange, {"ben", "cleo"}, "summary.json"),
+        (cut("summary.json"), {"ben"}, "summary.json"),
+        (cut("regions.tsv"), {"ben"}, "regions.tsv"),
+        (edited("regions.tsv", "\t11\t", "\t1O\t"), {"ben"}, "regions.tsv: line 2"),
+        (edited("regions.tsv", "gyral_thickness_mm", "gyral"), {"ben"}, "regions.tsv: line 2"),
+        (edited("regions.tsv", "front", "n/a"), {"ben"}, "regions.tsv: line 2"),
+        (lambda folder: (folder / "surf" / "lh.pial").unlink(), {"ben"}, None),
+        (damage_record, {"ben"}, None),
+        (shutil.rmtree, {"ben"}, None),
+    ],
+)
+def test_results_that_are_not_as_they_were_written_are_measured_anew(measured, change, touched, reason):
+    rows, before = measured.rows(), contents(measured.out / "subjects")
+    change(measured.out / "subjects" / "ben")
+    if reason is not None:  # tables are of no such numbers until then
+        assert {row["subject"] for row in measured.rows()} == {*NAMES} - touched
+        assert {subject for subject, _ in measured.failures()} == touched
+        assert reason in measured.failures()["ben", "n/a"]
+    outcomes = measured.measure()
+    assert {name for name, outcome in outcomes.items() if outcome.changed} <= touched
+    assert {name for name, outcome in outcomes.items() if outcome.state != "reused"} == touched
+    assert measured.rows() == rows
+    assert measured.failures() == {}
+    after = contents(measured.out / "subjects")
+    assert {name for name in before if before[name] != after.get(name)} <= {f"{name}/cost.json" for name in touched}
+    assert set(measured.states().values()) == {"reused"}
 
 
-@pytest.mark.parametrize("change", [another_number, exchanged, lost_surface])
-def test_results_that_are_not_as_they_were_written_are_measured_anew(three, tmp_path, quick, capsys, change):
-    out = tmp_path / "out"
-    measured(three, out)
-    rows, before = grouped(three, out), contents(out / "subjects")
-    change(out / "subjects" / "ben", out / "subjects" / "cleo")
-    touched = {"ben", "cleo"} if change is exchanged else {"ben"}
-    if change in (another_number, exchanged):  # tables are of no such numbers until then
-        assert {row["subject"] for row in grouped(three, out)}.isdisjoint(touched)
-        assert {row["subject"] for row in failures(out)} == touched
-    found = measured(three, out, "2")
-    assert {name for name, one in found.items() if one.changed} == touched
-    assert states(found) == {name: "done" if name in touched else "reused" for name in ("anna", "ben", "cleo")}
-    assert grouped(three, out) == rows
-    after = contents(out / "subjects")
-    assert {name for name in before if before[name] != after.get(name)} <= {f"{one}/cost.json" for one in touched}
-    assert not any(one.changed for one in measured(three, out, "3").values())
-
-
-def test_a_file_of_its_user_stays_beside_results_and_is_no_change_of_them(three, tmp_path, quick):
-    out = tmp_path / "out"
-    measured(three, out)
-    notes = out / "subjects" / "ben" / "notes.txt"
+def test_a_file_of_its_user_stays_beside_results_and_is_no_change_of_them(measured):
+    notes = measured.out / "subjects" / "ben" / "notes.txt"
     notes.write_text("mine")
-    assert set(states(measured(three, out, "2")).values()) == {"reused"}
-    assert set(states(measured(three, out, "3", options={"gyral_width_mm": 9.0})).values()) == {"done"}
+    assert set(measured.states().values()) == {"reused"}
+    assert set(measured.states(options={"gyral_width_mm": 9.0}).values()) == {"done"}
     assert notes.read_text() == "mine"
-    shutil.rmtree(three[1] / "surf")
-    assert states(measured(three, out, "4"))["ben"] == "failed"
+    shutil.rmtree(measured.folders[1] / "surf")
+    assert measured.states()["ben"] == "failed"
     assert notes.read_text() == "mine"
     assert not (notes.parent / "summary.json").exists()
 
 
-def test_inputs_that_change_while_they_are_measured_are_no_result(three, tmp_path, quick, monkeypatch):
+def test_inputs_that_change_while_they_are_measured_are_no_result(study, tmp_path, monkeypatch):
     """They were exchanged after the key was taken of them: the record would be of the old, the numbers of the new."""
-    out, read, other = tmp_path / "out", participant.read_parcellated, write_subject(tmp_path / "other", 1.3)
+    read, other = participant.read_parcellated, write_subject(tmp_path / "other", 1.3)
 
     def late(folder, *args, **options):
         if folder.endswith("ben"):
@@ -283,27 +273,19 @@ def test_inputs_that_change_while_they_are_measured_are_no_result(three, tmp_pat
 
     with monkeypatch.context() as patch:
         patch.setattr(participant, "read_parcellated", late)
-        found = measured(three, out)
-    assert states(found) == {"anna": "done", "ben": "failed", "cleo": "done"}
-    assert "lh.pial" in found["ben"].failures[""]
-    assert states(measured(three, out, "2"))["ben"] == "done"
+        outcomes = study.measure()
+    assert [outcome.state for outcome in outcomes.values()] == ["done", "failed", "done"]
+    assert "lh.pial" in outcomes["ben"].failures[""]
+    assert study.states()["ben"] == "done"
 
 
 @pytest.fixture
-def commanded(here, quick, monkeypatch):
+def commanded(here, monkeypatch):
     """The command in this process, its exit code and what it says."""
-
-    def run(*words):
-        return main(["cohort", "subjects", "-o", "out", "--no-report", "-q", "--json", *words])
-
-    @contextmanager
-    def open_fleet(**asked):
-        yield HereFleet()
-
-    monkeypatch.setattr("morphofold.cohort.fleet.open_fleet", open_fleet)
-    for i, name in enumerate(("anna", "ben", "cleo")):
+    work_here(monkeypatch)
+    for i, name in enumerate(NAMES):
         write_subject(here / "subjects" / name, 1 + i / 10)
-    return run
+    return lambda *words: main(["cohort", "subjects", "-o", "out", "--no-report", "-q", "--json", *words])
 
 
 def test_a_folder_whose_name_is_no_text_is_a_subject_like_others(commanded, here, capsys):
@@ -313,216 +295,134 @@ def test_a_folder_whose_name_is_no_text_is_a_subject_like_others(commanded, here
     summary = json.loads(capsys.readouterr().out)
     assert (summary["subjects"], summary["with_results"]) == (3, 3)
     assert set(summary["failures"]["\\udcff"]) == {"rh"}
-    rows = [line.split("\t") for line in (here / "out/group/measures.tsv").read_text(encoding="utf-8").splitlines()]
-    assert {row[0] for row in rows[1:]} == {"anna", "\\udcff", "cleo"}
-    for path in (here / "out").rglob("*"):
-        assert not path.is_file() or path.suffix == ".parquet" or "\udcff" not in path.name
+    assert {row["subject"] for row in table(here / "out/group/measures.tsv")} == {"anna", "\\udcff", "cleo"}
+    assert not [path for path in (here / "out").rglob("*") if "\udcff" in path.name]
     (here / "out/subjects/\\udcff/summary.json").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(
-    "bad", ["long name", "folder for a record", "folder for a log", "link for a log", "link for a lock", "file for all"]
+    ("name", "obstruct"),
+    [
+        ("x" * 251, lambda out, victim: None),
+        ("ben", lambda out, victim: (out / "records" / "ben.json").mkdir()),
+        ("ben", lambda out, victim: (out / "logs" / "ben.log").mkdir()),
+        ("ben", lambda out, victim: (out / "logs" / "ben.log").symlink_to("/dev/full")),
+        ("ben", lambda out, victim: (out / "records" / "ben.lock").symlink_to(victim)),
+        ("ben", lambda out, victim: (out / "subjects" / "ben").write_text("mine")),
+    ],
+    ids=["long name", "folder for a record", "folder for a log", "link for a log", "link for a lock", "file for all"],
 )
-def test_what_cannot_be_written_of_one_subject_stops_no_other(commanded, here, capsys, bad):
-    name, out, victim = "ben", here / "out", here / "victim"
+def test_what_cannot_be_written_of_one_subject_stops_no_other(commanded, here, capsys, name, obstruct):
+    out, victim = begin_collection(here / "out", "cohort") or here / "out", here / "victim"
     victim.write_text("mine")
-    if bad == "long name":
-        name = 251 * "x"
-        (here / "subjects" / "ben").rename(here / "subjects" / name)
-    elif bad == "folder for a record":
-        assert commanded() == 0
-        capsys.readouterr()
-        (out / "records" / "ben.json").unlink()
-        (out / "records" / "ben.json").mkdir()
-    else:
-        for folder in ("logs", "records", "subjects"):
-            (out / folder).mkdir(parents=True)
-        (out / ".morphofold-collection").write_text("cohort: made")
-    if bad == "folder for a log":
-        (out / "logs" / "ben.log").mkdir()
-    elif bad == "link for a log":
-        (out / "logs" / "ben.log").symlink_to("/dev/full")
-    elif bad == "link for a lock":
-        (out / "records" / "ben.lock").symlink_to(victim)
-    elif bad == "file for all":
-        (out / "subjects" / "ben").write_text("mine")
+    (here / "subjects" / "ben").rename(here / "subjects" / name)
+    for folder in ("logs", "records", "subjects"):
+        (out / folder).mkdir(exist_ok=True)
+    obstruct(out, victim)
     for _ in range(2):  # the next run tells the same
         assert commanded() == 1
         summary = json.loads(capsys.readouterr().out)
         assert (summary["with_results"], set(summary["failures"])) == (2, {name})
-        assert {row["subject"] for row in failures(out)} == {name}
-        assert [row["reason"] for row in failures(out)] == [" ".join(summary["failures"][name][""].split())]
-        with (out / "group" / "measures.tsv").open() as file:
-            assert {row["subject"] for row in csv.DictReader(file, delimiter="\t")} == {"anna", "cleo"}
+        reasons = {row["subject"]: row["reason"] for row in table(out / "group" / "failures.tsv")}
+        assert reasons == {name: " ".join(summary["failures"][name][""].split())}
+        assert {row["subject"] for row in table(out / "group" / "measures.tsv")} == {"anna", "cleo"}
     assert victim.read_text() == "mine"
 
 
-@pytest.mark.parametrize("name", ["summary.json", "regions.tsv"])
-def test_damaged_results_are_measured_anew_and_told_until_then(three, tmp_path, quick, name):
-    out = tmp_path / "out"
-    measured(three, out)
-    whole = grouped(three, out)
-    file = out / "subjects" / "ben" / name
-    file.write_bytes(file.read_bytes()[:-40])
-    assert {row["subject"] for row in grouped(three, out)} == {"anna", "cleo"}
-    (failure,) = failures(out)
-    assert (failure["subject"], failure["hemi"]) == ("ben", "n/a")
-    assert name in failure["reason"]
-    assert states(measured(three, out, "2")) == {"anna": "reused", "ben": "done", "cleo": "reused"}
-    assert grouped(three, out) == whole
-    assert failures(out) == []
-
-
-@pytest.mark.parametrize(
-    ("key", "value"),
-    [
-        ("hemi", "left"),
-        ("measures", [1.0]),
-        ("measures", {"n_vertices": "many"}),
-        ("measures", {"n_vertices": [1]}),
-        ("measures", {"n_vertices": np.nan}),
-        ("measures", {"n_vertices": 10**400}),
-        ("notes", None),
-    ],
-)
-def test_results_that_are_json_and_not_ours_are_refused(three, tmp_path, quick, key, value):
-    measured(three[:1], tmp_path / "out")
-    file = tmp_path / "out" / "subjects" / "anna" / "summary.json"
-    summary = json.loads(file.read_text())
-    summary["surfaces"][1][key] = value
-    file.write_text(json.dumps(summary))
-    with pytest.raises(ValueError, match=r"anna.summary\.json: "):
-        read_results(file.parent)
-
-
-@pytest.mark.parametrize(("old", "new"), [("\t10\t", "\t1O\t"), ("gyral_thickness_mm", "gyral"), ("front", "n/a")])
-def test_a_damaged_number_in_a_table_is_told_and_measured_anew(three, tmp_path, quick, old, new):
-    out = tmp_path / "out"
-    measured(three, out)
-    whole = grouped(three, out)
-    file = out / "subjects" / "anna" / "regions.tsv"
+def test_results_that_are_json_and_not_ours_are_refused(study):
+    study.measure(study.folders[:1])
+    file = study.out / "subjects" / "anna" / "summary.json"
     text = file.read_text()
-    assert old in text
-    file.write_text(text.replace(old, new))
-    assert {row["subject"] for row in grouped(three, out)} == {"ben", "cleo"}
-    assert "regions.tsv: line 2" in failures(out)[0]["reason"]
-    assert states(measured(three, out, "2"))["anna"] == "done"
-    assert grouped(three, out) == whole
+    wrong = [("hemi", "left"), ("measures", [1.0]), ("notes", None)]
+    wrong += [("measures", {"n_vertices": value}) for value in ("many", [1], np.nan, 10**400)]
+    for key, value in wrong:
+        summary = json.loads(text)
+        summary["surfaces"][1][key] = value
+        file.write_text(json.dumps(summary))
+        with pytest.raises(ValueError, match=r"anna.summary\.json: "):
+            read_results(file.parent)
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "",
-        "{",
-        "[]",
-        '{"key": "a"}',
-        '{"key": 1, "failures": {}, "results": true}',
-        "[" * 10**5,
-        '{"key": "a", "failures": {"lh": 5}, "results": false}',
-        "\ud800",
-        '{"key": "a", "failures": {}, "results": true, "files": {}}',
-        '{"key": "a", "failures": {}, "results": false, "files": {}}',
-    ],
-)
-def test_a_damaged_record_is_none(tmp_path, text):
-    (tmp_path / "anna.json").write_bytes(text.encode("utf-8", "surrogatepass"))
-    assert tasks.read_record(tmp_path / "anna.json") == {}
+def test_a_damaged_record_is_none_and_a_pipe_waits_for_nobody(tmp_path):
+    record = tmp_path / "anna.json"
+    known = '{"key": "a", "failures": %s, "results": %s, "files": {}}'
+    damaged = ["", "{", "[]", "[" * 10**5, "\ud800", '{"key": "a"}', known.replace('"a"', "1") % ("{}", "true")]
+    for text in (*damaged, *(known % values for values in (('{"lh": 5}', "false"), ("{}", "true"), ("{}", "false")))):
+        record.write_bytes(text.encode("utf-8", "surrogatepass"))
+        assert tasks.read_record(record) == {}
+    record.unlink()
+    if hasattr(os, "mkfifo"):
+        os.mkfifo(record)
+        assert tasks.read_record(record) == {}
 
 
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
-def test_a_pipe_for_a_record_is_none_and_waits_for_nobody(tmp_path):
-    os.mkfifo(tmp_path / "anna.json")
-    assert tasks.read_record(tmp_path / "anna.json") == {}
-
-
-@pytest.mark.parametrize("there", ["file", "link to nothing"])
-def test_where_records_can_not_be_nobody_is_waited_for(three, tmp_path, quick, monkeypatch, there):
-    out = tmp_path / "out"
-    out.mkdir()
-    if there == "file":
-        (out / "records").write_text("mine")
-    else:
-        (out / "records").symlink_to(tmp_path / "nowhere")
+@pytest.mark.parametrize("obstruct", [lambda path: path.write_text("mine"), lambda path: path.symlink_to("nowhere")])
+def test_where_records_can_not_be_nobody_is_waited_for(study, monkeypatch, obstruct):
+    study.out.mkdir()
+    obstruct(study.out / "records")
     monkeypatch.setattr(tasks.time, "sleep", lambda seconds: pytest.fail("waited"))
-    outcome = participant.measure_participant(participants(three[:1], out)[0])
+    outcome = participant.measure_participant(participants(study.folders[:1], study.out)[0])
     assert outcome.state == "failed"
-    assert str(out / "records") in outcome.failures[""]
+    assert str(study.out / "records") in outcome.failures[""]
 
 
-def test_a_full_disk_is_told_in_words(three, tmp_path, quick, monkeypatch):
-    def full(*args, **options):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(tmp_path / "out" / "x"))
-
-    monkeypatch.setattr("morphofold.results.write_analysis", full)
-    outcome = participant.measure_participant(participants(three[:1], tmp_path / "out")[0])
-    assert outcome.failures == {"": f"{tmp_path / 'out' / 'x'}: {os.strerror(errno.ENOSPC)}."}
-
-
-def test_results_of_what_can_no_longer_be_measured_go(three, tmp_path, quick):
-    out = tmp_path / "out"
-    measured(three, out)
+def test_results_of_what_can_no_longer_be_measured_go(measured):
     for hemi in ("lh", "rh"):
-        (three[0] / "surf" / f"{hemi}.white").write_bytes(b"no surface")
-    assert states(measured(three, out, "2"))["anna"] == "failed"
-    assert not (out / "subjects" / "anna").exists()
-    assert "anna" not in {row["subject"] for row in grouped(three, out)}
+        (measured.folders[0] / "surf" / f"{hemi}.white").write_bytes(b"no surface")
+    assert measured.states()["anna"] == "failed"
+    assert not (measured.out / "subjects" / "anna").exists()
+    assert "anna" not in {row["subject"] for row in measured.rows()}
 
 
-def test_somebody_elses_folder_stays_where_a_subject_cannot_be_measured(three, tmp_path, quick):
-    place = tmp_path / "out" / "subjects" / "anna"
+def test_somebody_elses_folder_stays_where_a_subject_cannot_be_measured(study):
+    place = study.out / "subjects" / "anna"
     place.mkdir(parents=True)
     (place / "notes.txt").write_text("mine")
-    assert "did not write this folder" in measured(three, tmp_path / "out")["anna"].failures[""]
-    shutil.rmtree(three[0] / "surf")
-    assert set(measured(three, tmp_path / "out", "2")["anna"].failures) == {"lh", "rh"}
+    assert study.states()["anna"] == "failed"
+    shutil.rmtree(study.folders[0] / "surf")
+    assert set(study.measure()["anna"].failures) == {"lh", "rh"}
     assert (place / "notes.txt").read_text() == "mine"
 
 
-def test_what_the_machine_is_to_blame_for_is_tried_again(three, tmp_path, quick, monkeypatch):
-    out = tmp_path / "out"
-
+def test_what_the_machine_is_to_blame_for_is_tried_again(study, monkeypatch):
     def full(*args, **options):
-        raise OSError(28, "No space left on device", "out")
+        raise OSError(errno.ENOSPC, "No space left on device", "out")
 
     with monkeypatch.context() as patch:
         patch.setattr("morphofold.results.write_analysis", full)
-        found = measured(three, out)
-    assert set(states(found).values()) == {"failed"}
-    assert "No space left" in found["anna"].failures[""]
-    assert "Traceback" in (out / "logs" / "anna.log").read_text()
-    assert set(states(measured(three, out, "2")).values()) == {"done"}
+        outcomes = study.measure()
+    assert [outcome.failures for outcome in outcomes.values()] == 3 * [{"": "out: No space left on device."}]
+    assert "Traceback" in (study.out / "logs" / "anna.log").read_text()
+    assert set(study.states().values()) == {"done"}
 
 
-def test_a_defect_is_told_as_such_and_stops_no_other(three, tmp_path, quick, monkeypatch):
+def test_a_defect_is_told_as_such_and_stops_no_other(study, monkeypatch):
     def broken(cortex, **options):
         if cortex.name == "ben":
             raise KeyError("gyri")
         return quick_measure(cortex, **options)
 
     monkeypatch.setattr("morphofold.analysis.measuring.measure", broken)
-    found = measured(three, tmp_path / "out")
-    assert states(found) == {"anna": "done", "ben": "failed", "cleo": "done"}
-    assert found["ben"].failures[""].startswith("KeyError: 'gyri' (a defect")
+    outcomes = study.measure()
+    assert [outcome.state for outcome in outcomes.values()] == ["done", "failed", "done"]
+    assert outcomes["ben"].failures[""].startswith("KeyError: 'gyri' (a defect")
 
 
-def test_a_subject_that_is_lost_with_its_workers_is_told_and_tried_again(three, tmp_path, quick):
+def test_a_subject_that_is_lost_with_its_workers_is_told_and_tried_again(study):
     class Losing(HereFleet):
         def run(self, work, jobs):
             for job, outcome in super().run(work, jobs):
                 yield job, Lost("3 workers died") if job.name == "ben" else outcome
 
-    out = tmp_path / "out"
-    found = run_tasks(Losing(), participant.measure_participant, participants(three, out))
-    assert [one.state for one in found] == ["done", "failed", "done"]
-    grouped(three, out)
-    assert [(r["subject"], r["reason"]) for r in failures(out)] == [("ben", "3 workers died")]
-    assert states(measured(three, out, "2")) == {"anna": "reused", "ben": "done", "cleo": "reused"}
+    assert study.states(fleet=Losing()) == {"anna": "done", "ben": "failed", "cleo": "done"}
+    study.group()
+    assert study.failures() == {("ben", "n/a"): "3 workers died"}
+    assert study.states() == {"anna": "reused", "ben": "done", "cleo": "reused"}
 
 
-def test_a_worker_given_up_for_lost_and_the_next_one_at_its_subject_do_not_mix(three, tmp_path, quick, monkeypatch):
+def test_a_worker_given_up_for_lost_and_the_next_one_at_its_subject_do_not_mix(study, monkeypatch):
     """One of an earlier run with other options; results and record are those of one worker in the end."""
-    out, other = tmp_path / "out", {"options": {"curvature_scale_mm": 4.0}}
+    anna, out, other = study.folders[:1], study.out, {"options": {"curvature_scale_mm": 4.0}}
     at_it, go = threading.Event(), threading.Event()
 
     def measure(cortex, curvature_scale=None, **options):
@@ -533,8 +433,8 @@ def test_a_worker_given_up_for_lost_and_the_next_one_at_its_subject_do_not_mix(t
 
     monkeypatch.setattr("morphofold.analysis.measuring.measure", measure)
     monkeypatch.setattr(tasks, "PAUSE_BETWEEN_CHECKS", 0.01)
-    lost = threading.Thread(target=measured, args=(three[:1], out))
-    following = threading.Thread(target=measured, args=(three[:1], out, "2"), kwargs=other)
+    lost = threading.Thread(target=study.measure, args=(anna,))
+    following = threading.Thread(target=study.measure, args=(anna,), kwargs=other)
     with warnings.catch_warnings():  # what two threads do to them is undone
         lost.start()
         assert at_it.wait(60)
@@ -546,101 +446,68 @@ def test_a_worker_given_up_for_lost_and_the_next_one_at_its_subject_do_not_mix(t
         following.join()
     summary = json.loads((out / "subjects" / "anna" / "summary.json").read_text())
     assert summary["parameters"]["curvature_scale_mm"] == 4.0
-    assert states(measured(three[:1], out, "3", **other)) == {"anna": "reused"}
+    assert study.states(anna, **other) == {"anna": "reused"}
     assert sorted(os.listdir(out / "records")) == ["anna.json"]
 
 
-def test_attempts_are_counted_in_the_log(three, tmp_path, quick, monkeypatch):
-    out = tmp_path / "out"
-
-    class Killed(BaseException):
-        pass
-
-    def killed(*args, **options):
-        raise Killed
-
-    with monkeypatch.context() as patch:
-        patch.setattr("morphofold.analysis.measuring.measure", killed)
-        with pytest.raises(Killed):
-            measured(three[:1], out)
-    assert measured(three[:1], out)["anna"].attempt == 2
-    assert measured(three[:1], out, "2")["anna"].attempt == 1  # another run of the command
-
-
-def test_tables_are_the_same_however_the_work_went(three, tmp_path, quick):
-    first, second = tmp_path / "first", tmp_path / "second"
-    measured(three, first)
-    measured(three[::-1][:1], second)
-    measured(three[::-1], second, "2")
-    for out in (first, second):
-        grouped(three, out)
-    assert contents(first / "group") == contents(second / "group")
-
-
-def test_one_batch_of_subjects_is_held_at_a_time(three, tmp_path, quick, monkeypatch):
-    out = tmp_path / "out"
-    measured(three, out)
-    whole = grouped(three, out)
-    monkeypatch.setattr(tables, "SUBJECTS_PER_BATCH", 2)
+def test_tables_are_the_same_however_the_work_went_and_hold_a_batch_of_subjects_at_a_time(measured, monkeypatch):
+    rows = measured.rows()
+    tables_before = contents(measured.out / "group")
+    shutil.rmtree(measured.out)
+    measured.measure(measured.folders[2:])
+    measured.measure(measured.folders[::-1])
+    measured.group()
+    assert contents(measured.out / "group") == tables_before
     sizes, write = [], tables.TidyWriter.write
+    monkeypatch.setattr(tables, "SUBJECTS_PER_BATCH", 2)
     monkeypatch.setattr(tables.TidyWriter, "write", lambda self, rows: (sizes.append(len(rows)), write(self, rows)))
-    assert grouped(three, out) == whole
+    assert measured.rows() == rows
     assert len(sizes) == 2
-    assert sum(sizes) == len(whole)
+    assert sum(sizes) == len(rows)
 
 
-def test_numbers_of_hemispheres_measured_unlike_are_not_pooled(three, tmp_path, quick):
+def test_numbers_of_hemispheres_measured_unlike_are_not_pooled(measured):
     """Two subjects by one gyral width and one by another: hinges are pooled of the two, thickness of all three."""
-    out = tmp_path / "out"
-    measured(three, out)
-    measured(three[:1], out, "2", options={"gyral_width_mm": 11.0})
-    group = write_group(out, {one.name: one.results for one in participants(three, out)}, report=False)
+    measured.measure(measured.folders[:1], options={"gyral_width_mm": 11.0})
+    group = measured.group()
     assert group.n_measured == 3
     assert group.pooling.counts == {"graph_width_mm": {9.0: 4, 11.0: 2}}
     assert group.pooling.left_out == {"n_hinges": (2, 6)}
     pooled = statistics.measures_of(group)
     assert np.isnan(pooled["n_hinges"]).tolist() == [[True] * 2, [False] * 2, [False] * 2]
     assert np.isfinite(pooled["mean_cortical_thickness_mm"]).all()
-    rows = read_table(out / "group" / "hemispheres.tsv", ("subject", "hemi", "morphofold", "cortex_mask", "accuracy"))
-    assert [row["graph_width_mm"] for row in rows] == [11, 11, 9, 9, 9, 9]
-    values = [r["value"] for r in grouped(three, out) if (r["region"], r["measure"]) == ("hemisphere", "n_hinges")]
+    assert [row["graph_width_mm"] for row in table(measured.out / "group" / "hemispheres.tsv")] == 2 * ["11"] + 4 * [
+        "9"
+    ]
+    values = [r["value"] for r in measured.rows() if (r["region"], r["measure"]) == ("hemisphere", "n_hinges")]
     assert values == ["20"] * 6  # the table has all of them
 
 
-def test_regions_of_hemispheres_measured_unlike_are_not_averaged(three, tmp_path, quick):
-    out = tmp_path / "out"
-    measured(three, out)
-    measured(three[:1], out, "2", options={"accuracy": "draft"})
-    group = write_group(out, {one.name: one.results for one in participants(three, out)}, report=False)
-    assert group.regions["front"][:, :, 0].tolist() == [[2, 2], [2, 2]]
-    measured(three[:2], out, "3", options={"accuracy": "draft"})
-    group = write_group(out, {one.name: one.results for one in participants(three, out)}, report=False)
-    assert group.pooling.left_out["mean_cortical_thickness_mm"] == (2, 6)
-    assert group.regions["front"][:, :, 0].tolist() == [[2, 2], [2, 2]]
+def test_regions_of_hemispheres_measured_unlike_are_not_averaged(measured):
+    for count in (1, 2):
+        measured.measure(measured.folders[:count], options={"accuracy": "draft"})
+        group = measured.group()
+        assert group.regions["front"][:, :, 0].tolist() == [[2, 2], [2, 2]]
+        assert group.pooling.left_out["mean_cortical_thickness_mm"] == (2, 6)
 
 
-def test_subjects_that_are_the_same_are_found(three, tmp_path, quick):
-    shutil.copytree(three[0], three[0].with_name("zoe"))
-    folders = [*three, three[0].with_name("zoe")]
-    out = tmp_path / "out"
-    measured(folders, out)
-    group = write_group(out, {one.name: one.results for one in participants(folders, out)}, report=False)
-    assert group.same == [["anna", "zoe"]]
+def test_subjects_that_are_the_same_are_found(study):
+    study.folders.append(shutil.copytree(study.folders[0], study.folders[0].with_name("zoe")))
+    study.measure()
+    assert study.group().same == [["anna", "zoe"]]
 
 
-def test_the_bids_layout_holds_the_same_numbers(three, tmp_path, quick):
-    from morphofold.results.dataset import begin_dataset
-
-    plain, bids = tmp_path / "plain", tmp_path / "bids"
+def test_the_bids_layout_holds_the_same_numbers(measured, tmp_path):
+    plain, bids = measured.out, tmp_path / "bids"
     begin_dataset(bids, ignoring=("group", "logs", "records"))
-    measured(three, plain)
-    assert set(states(measured(three, bids, bids=True)).values()) == {"done"}
-    assert set(states(measured(three, bids, "2", bids=True)).values()) == {"reused"}
+    measured.out = bids
+    assert set(measured.states(bids=True).values()) == {"done"}
+    assert set(measured.states(bids=True).values()) == {"reused"}
     assert (bids / "sub-anna" / "anat").is_dir()
     for name in ("anna", "cleo"):
-        one, other = read_results(plain / "subjects" / name), read_results(bids / f"sub-{name}")
-        assert [e["measures"] for e in one.entries] == [e["measures"] for e in other.entries]
-        assert one.surfaces == other.surfaces
+        results, other = read_results(plain / "subjects" / name), read_results(bids / f"sub-{name}")
+        assert [e["measures"] for e in results.entries] == [e["measures"] for e in other.entries]
+        assert results.surfaces == other.surfaces
 
 
 def test_subjects_are_found_and_templates_left_out(tmp_path):
@@ -665,19 +532,14 @@ def test_subjects_are_found_and_templates_left_out(tmp_path):
         ("anna", ("anna", "")),
         ("anna_ses1.long.anna", ("anna", "ses1")),
         ("scan7.long.anna_base", ("anna_base", "scan7")),
-        ("sub-01_ses-2.long.sub-01", ("sub-01", "ses-2")),
-        ("sub-01_ses-pre", ("sub-01", "ses-pre")),
+        ("sub-01_ses-2.long.sub-01_base", ("sub-01", "ses-2")),
         ("anna_tp2", ("anna", "tp2")),
         ("anna.visit_03", ("anna", "visit_03")),
-        ("smith_tpatel", ("smith_tpatel", "")),
-        ("sub-v01", ("sub-v01", "")),
-        ("HC_v02", ("HC_v02", "")),
-        ("HC_v12", ("HC_v12", "")),
         ("anna_v2", ("anna", "v2")),
+        ("smith_tpatel", ("smith_tpatel", "")),
         ("sub-v01_ses-2", ("sub-v01", "ses-2")),
+        ("HC_v12", ("HC_v12", "")),
         ("study_v2_007", ("study_v2_007", "")),
-        ("sub-01_ses-1.long.sub-01_base", ("sub-01", "ses-1")),
-        ("sub-01", ("sub-01", "")),
     ],
 )
 def test_the_person_and_the_session_by_a_name(name, expected):
@@ -692,8 +554,8 @@ def test_of_longitudinal_runs_bases_and_other_runs_of_their_time_points_are_left
     (tmp_path / "ben_base" / "base-tps").write_text("ben_1\nben_2\n")  # ben has none yet
     for name in ("sub-04/ses-1", "sub-04/ses-2", "sub-05"):
         (tmp_path / name / "surf").mkdir(parents=True)
-    found, left_out = find_subjects(tmp_path)
-    assert found == [
+    names_of_runs, left_out = find_subjects(tmp_path)
+    assert names_of_runs == [
         *("anna_1.long.anna", "ben", "ben_1", "ben_2", "sub-03_ses-1", "sub-05", "sub-04_ses-1", "sub-04_ses-2")
     ]
     assert {k: v.split()[0] for k, v in left_out.items()} == {
@@ -712,58 +574,31 @@ def test_a_person_with_several_sessions_counts_once(commanded, here, capsys):
     answer = json.loads(capsys.readouterr().out)
     assert set(answer["left_out"]) == {"dora", "dora_ses1", "dora_ses2"}
     assert len(answer["remarks"]) == 1
-    group = here / "out" / "group"
-    rows = read_table(group / "surfaces.tsv", ("subject", "person", "session", "hemi"))
-    assert {(row["person"], row["session"]) for row in rows} == {
-        *((name, None) for name in ("anna", "ben", "cleo")),
-        *(("dora", session) for session in ("ses1", "ses2")),
-    }
-    spread = {(r["measure"], r["hemi"]): r for r in read_table(group / "distributions.tsv", ("measure", "hemi"))}
-    thickness = spread["mean_cortical_thickness_mm", "lh"]
-    assert thickness["n"] == 4
-    one = [
-        np.mean([r["mean_cortical_thickness_mm"] for r in rows if (r["person"], r["hemi"]) == (who, "lh")])
-        for who in ("anna", "ben", "cleo", "dora")
-    ]
-    assert thickness["mean"] == pytest.approx(np.mean(one), rel=1e-5)
-    assert thickness["sd"] == pytest.approx(np.std(one, ddof=1), rel=1e-5)
+    rows = [row for row in table(here / "out/group/surfaces.tsv") if row["hemi"] == "lh"]
+    persons = [(name, "n/a") for name in NAMES] + [("dora", "ses1"), ("dora", "ses2")]
+    assert [(row["person"], row["session"]) for row in rows] == persons
+    values = [float(row["mean_cortical_thickness_mm"]) for row in rows]
+    means = [*values[:3], np.mean(values[3:])]
+    spread = table(here / "out/group/distributions.tsv")
+    (thickness,) = (r for r in spread if (r["measure"], r["hemi"]) == ("mean_cortical_thickness_mm", "lh"))
+    assert thickness["n"] == "4"
+    assert float(thickness["mean"]) == pytest.approx(np.mean(means), rel=1e-5)
+    assert float(thickness["sd"]) == pytest.approx(np.std(means, ddof=1), rel=1e-5)
 
 
-def test_regions_of_a_person_with_several_sessions_count_once(three, tmp_path, quick):
-    names = {"anna": "dora_ses1.long.dora", "cleo": "dora_ses2.long.dora"}
-    folders = [f.rename(f.with_name(names[f.name])) if f.name in names else f for f in three]
-    measured(folders, tmp_path / "out")
-    results = {one.name: one.results for one in participants(folders, tmp_path / "out")}
-    group = write_group(tmp_path / "out", results, report=False)
-    means = [
-        [
-            float(r["value"])
-            for r in grouped(folders, tmp_path / "out")
-            if (r["hemi"], r["region"], r["measure"]) == ("lh", "front", "cortical_thickness_mm")
-            and r["subject"].startswith(who)
-        ]
-        for who in ("ben", "dora")
-    ]
-    n, mean, sd = group.regions["front"][0, 0]
+def test_regions_of_a_person_with_several_sessions_count_once(study):
+    anna, ben, cleo = study.folders
+    study.folders = [anna.rename(anna.with_name("dora_ses1")), ben, cleo.rename(cleo.with_name("dora_ses2"))]
+    study.measure()
+    regions = study.group().regions["front"]
+    key = ("lh", "front", "cortical_thickness_mm")
+    rows = [row for row in study.rows() if (row["hemi"], row["region"], row["measure"]) == key]
+    values = {row["subject"]: float(row["value"]) for row in rows}
+    means = [values["ben"], (values["dora_ses1"] + values["dora_ses2"]) / 2]
+    n, mean, sd = regions[0, 0]
     assert n == 2
-    assert mean == pytest.approx(np.mean([np.mean(m) for m in means]), rel=1e-6)
-    assert sd == pytest.approx(np.std([np.mean(m) for m in means]), rel=1e-4)
-
-
-@pytest.mark.parametrize(
-    ("text", "kind", "expected"),
-    [
-        (b"anna\nben\nanna\n", NamedTwice, " anna "),
-        (b"# none\n\n", NothingToDo, ""),
-        (b"../anna\n", NotReadable, "'\\.\\./anna'"),
-        (b"\xff\xfe\x00", WrongFile, "UTF-8"),
-    ],
-)
-def test_lists_of_subjects_that_are_none(tmp_path, text, kind, expected):
-    file = tmp_path / "list.txt"
-    file.write_bytes(text)
-    with pytest.raises(kind, match=rf"list\.txt: .*{expected}"):
-        named_subjects(file)
+    assert mean == pytest.approx(np.mean(means), rel=1e-6)
+    assert sd == pytest.approx(np.std(means), rel=1e-4)
 
 
 def test_lists_of_subjects(tmp_path):
@@ -776,17 +611,11 @@ def test_the_command_refuses_what_it_cannot_do(here, capsys):
     write_subject(here / "subjects" / "anna")
     (here / "theirs").mkdir()
     (here / "theirs" / "notes.txt").touch()
-    for words, expected in (
-        (["nowhere"], "no such folder"),
-        (["subjects", "-o", "theirs"], "did not write this folder"),
-        (["subjects", "-o", "subjects"], "is, or holds, the input"),
-        (["subjects", "--workers", "0"], "[out-of-range]"),
-        (["subjects", "--gyral-width", "-1"], "got -1. [out-of-range]"),
-        (["subjects", "--subjects", "none.txt"], "no such file"),
-    ):
-        refused(capsys, ["cohort", *words], expected)
-    assert sorted(os.listdir(here / "theirs")) == ["notes.txt"]
-    assert sorted(os.listdir(here)) == ["subjects", "theirs"]
+    before = sorted(here.rglob("*"))
+    refused(capsys, ["cohort", "subjects", "-o", "theirs"], "theirs", "[exists-already]")
+    refused(capsys, ["cohort", "subjects", "-o", "subjects"], "subjects", "[options-clash]")
+    refused(capsys, ["cohort", "subjects", "--subjects", "none.txt"], "none.txt", "[no-such-file]")
+    assert sorted(here.rglob("*")) == before
 
 
 @pytest.mark.parametrize("command", [["cohort", "subjects"], ["sweep", "demo", "--seeds", "2"]])
@@ -835,24 +664,21 @@ def test_where_there_are_no_workers_nothing_is_written(here, capsys, monkeypatch
 def test_the_command_from_end_to_end(here, capsys):
     for i, name in enumerate(("anna", "ben")):
         write_subject(here / "subjects" / name, 1 + i / 10)
-    (here / "subjects" / "ben" / "surf" / "lh.pial").write_bytes(b"no surface")
+    pial = here / "subjects" / "ben" / "surf" / "lh.pial"
+    pial.write_bytes(b"no surface")
     asked = ["cohort", "subjects", "-o", "out", "--no-report", "--workers", "1"]
-    assert main(asked) == 1
+    assert main([*asked, "--json"]) == 1
     captured = capsys.readouterr()
     assert "1 worker of 1 thread, at most" in captured.err
-    assert captured.out.splitlines()[-1].startswith("2 of 2 subjects have results, 1 in part -> ")
+    summary = json.loads(captured.out)
+    assert [summary[k] for k in ("subjects", "with_results", "from_before", "failed", "in_part")] == [2, 2, 0, 0, 1]
+    assert "lh.pial" in summary["failures"]["ben"]["lh"]
     before = contents(here / "out" / "group")
     write_subject(here / "subjects" / "ben", 1.1)
     assert main([*asked, "-q"]) == 0
     assert capsys.readouterr().out.startswith("2 of 2 subjects have results, 1 of them from before -> ")
     assert contents(here / "out" / "group") != before
     assert json.loads((here / "out" / "records" / "ben.json").read_text())["failures"] == {}
-    (here / "subjects" / "ben" / "surf" / "lh.pial").write_bytes(b"no surface")
-    assert main([*asked, "-q", "--json"]) == 1
-    summary = json.loads(capsys.readouterr().out)
-    assert [summary[k] for k in ("subjects", "with_results", "from_before", "failed", "in_part")] == [2, 2, 1, 0, 1]
-    assert "lh.pial" in summary["failures"]["ben"]["lh"]
-    assert contents(here / "out" / "group") == before
 
 
 def running(folder, out, *words):
@@ -902,49 +728,18 @@ def test_killed_workers_and_a_killed_run_leave_the_same_tables(tmp_path):
     assert not [p.name for p in (out / "subjects").iterdir() if not p.name.startswith((".", "sub-"))]
 
 
-@pytest.mark.slow
-def test_two_runs_into_one_folder_are_refused(tmp_path):
-    folder = tmp_path / "subjects"
-    for i in range(4):
-        write_subject(folder / f"sub-{i}")
-    process, _ = running(folder, tmp_path / "out", "--workers", "1")
-    second, _ = running(folder, tmp_path / "out", "--workers", "1")
-    output = second.communicate()[0]
-    assert second.returncode == 2
-    assert "another run is writing here" in output
-    process.communicate()
-    assert process.returncode == 0
-
-
-def test_the_parcellation_is_one_of_the_options_that_results_follow_from(three, tmp_path, quick):
-    out, asked = tmp_path / "out", {"annotation": "aparc.a2009s"}
-    label = three[0] / "label"
-    for hemi in ("lh", "rh"):
-        regions = Regions(np.zeros(162, int), ("all",), np.array([[9, 9, 9]], np.uint8))
-        write_annotation(label / f"{hemi}.aparc.a2009s.annot", regions)
-    assert states(measured(three[:2], out)) == {"anna": "done", "ben": "done"}
-    assert states(measured(three[:2], out, "2", options=asked)) == {"anna": "done", "ben": "failed"}
-    assert read_results(out / "subjects" / "anna").hows[0][-1] == "aparc.a2009s"
-    assert {row["region"] for row in read_results(out / "subjects" / "anna").regions} == {"all"}
-    assert states(measured(three[:2], out, "3", options=asked)) == {"anna": "reused", "ben": "failed"}
-    for hemi in ("lh", "rh"):
-        shutil.copy(label / f"{hemi}.aparc.a2009s.annot", three[1] / "label")
-    assert states(measured(three[:2], out, "4", options=asked)) == {"anna": "reused", "ben": "done"}
-
-
-def test_what_freesurfer_says_of_a_brain_is_in_the_table_of_hemispheres(three, tmp_path, quick):
-    (three[0] / "stats").mkdir()
-    (three[0] / "stats" / "aseg.stats").write_text(
+def test_what_freesurfer_says_of_a_brain_is_in_the_table_of_hemispheres(study):
+    stats = study.folders[0] / "stats" / "aseg.stats"
+    stats.parent.mkdir()
+    stats.write_text(
         "# Measure EstimatedTotalIntraCranialVol, eTIV, Estimated Total Intracranial Volume, 1500000.5, mm^3\n"
         "# Measure rhSurfaceHoles, rhSurfaceHoles, Number of defect holes in rh surfaces prior to fixing, 7, unitless\n"
     )
-    out = tmp_path / "out"
-    measured(three, out)
-    grouped(three, out)
-    words = ("subject", "hemi", "morphofold", "cortex_mask", "accuracy", "annotation")
-    rows = read_table(out / "group" / "hemispheres.tsv", words)
-    assert [(row["subject"], row["hemi"]) for row in rows[:2]] == [("anna", "lh"), ("anna", "rh")]
-    found = [(row["etiv_mm3"], row["surface_holes"]) for row in rows[:3]]
-    assert found == [(1500000, None), (1500000, 7), (None, None)]
-    (three[0] / "stats" / "aseg.stats").unlink()
-    assert states(measured(three, out, "2"))["anna"] == "done"  # it is an input like the surfaces
+    study.measure()
+    study.group()
+    rows = table(study.out / "group" / "hemispheres.tsv")[:3]
+    assert [(row["subject"], row["hemi"]) for row in rows] == [("anna", "lh"), ("anna", "rh"), ("ben", "lh")]
+    values = [(row["etiv_mm3"], row["surface_holes"]) for row in rows]
+    assert values == [("1500000", "n/a"), ("1500000", "7"), ("n/a", "n/a")]
+    stats.unlink()
+    assert study.states()["anna"] == "done"  # it is an input like the surfaces

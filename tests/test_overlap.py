@@ -33,19 +33,27 @@ def maps_of(places, hemi="lh"):
     return {f"{hemi}.{name}": values for name, values in maps.items()}
 
 
-@pytest.fixture
-def alike(tmp_path):
+@pytest.fixture(scope="module")
+def alike(tmp_path_factory):
     """Six subjects who share five hinges in the north; five more are anywhere."""
     random = np.random.default_rng(0)
     north, anywhere = np.flatnonzero(VERTS[:, 2] > 30), np.flatnonzero(CORTEX)
     same = random.choice(north, 5, replace=False)
     places = [np.unique(np.r_[same, random.choice(anywhere, 5, replace=False)]) for _ in range(SUBJECTS)]
-    write_space(tmp_path / "study", maps_of(places), graph_width_mm=8.0)
-    return tmp_path / "study", places
+    study = tmp_path_factory.mktemp("alike") / "study"
+    write_space(study, maps_of(places), graph_width_mm=8.0)
+    return study, places
 
 
-def row_of(found, region=WHOLE):
-    return next(row for row in found.rows if row["region"] == region)
+def scattered(folder, rng, subjects=SUBJECTS):
+    """A study whose subjects share no hinges."""
+    places = [rng.choice(np.flatnonzero(CORTEX), HINGES, replace=False) for _ in range(subjects)]
+    write_space(folder, maps_of(places), graph_width_mm=8.0)
+    return find_space(folder)
+
+
+def row_of(kind, region=WHOLE):
+    return next(row for row in kind.rows if row["region"] == region)
 
 
 def test_the_share_is_that_of_all_pairs_counted_one_by_one(alike):
@@ -85,31 +93,27 @@ def test_what_is_shared_stands_out_where_it_is(alike):
 
 
 def test_subjects_who_share_nothing_do_not_stand_out(tmp_path, rng):
-    places = [rng.choice(np.flatnonzero(CORTEX), HINGES, replace=False) for _ in range(SUBJECTS)]
-    write_space(tmp_path / "study", maps_of(places), graph_width_mm=8.0)
-    hinges, _ = overlap(find_space(tmp_path / "study"), hemis=["lh"], spins=99, seed=1)
+    hinges, _ = overlap(scattered(tmp_path / "study", rng), hemis=["lh"], spins=99, seed=1)
     assert row_of(hinges)["p"] > 0.01
     assert np.nanmin(hinges.p["lh"]) > 0.01
 
 
 def test_threads_do_not_change_the_numbers(alike):
-    found = []
+    results = []
     for threads in (1, 2):
         with using_threads(threads):
-            found.append(overlap(find_space(alike[0]), hemis=["lh"], spins=30))
-    assert [one.rows for one in found[0]] == [one.rows for one in found[1]]
-    np.testing.assert_array_equal(found[0][0].p["lh"], found[1][0].p["lh"])
+            results.append(overlap(find_space(alike[0]), hemis=["lh"], spins=30))
+    assert [kind.rows for kind in results[0]] == [kind.rows for kind in results[1]]
+    np.testing.assert_array_equal(results[0][0].p["lh"], results[1][0].p["lh"])
 
 
 def test_noise_has_no_density_unlike_chance_with_few_rotations(tmp_path):
     """20 studies of which 1 should have a corrected p of the density at 1 / 20, the least there can be."""
-    random, found = np.random.default_rng(8), 0
+    random, significant = np.random.default_rng(8), 0
     for study in range(20):
-        places = [random.choice(np.flatnonzero(CORTEX), HINGES, replace=False) for _ in range(4)]
-        write_space(tmp_path / f"{study}", maps_of(places), graph_width_mm=8.0)
-        hinges, _ = overlap(find_space(tmp_path / f"{study}"), hemis=["lh"], spins=19, seed=study)
-        found += np.nanmin(hinges.p["lh"]) <= 0.05
-    assert found <= 5  # more: once in three hundred
+        hinges, _ = overlap(scattered(tmp_path / f"{study}", random, 4), hemis=["lh"], spins=19, seed=study)
+        significant += np.nanmin(hinges.p["lh"]) <= 0.05
+    assert significant <= 5  # more: once in three hundred
 
 
 def test_subjects_without_a_gyral_graph_are_left_out(tmp_path, rng):
@@ -123,24 +127,19 @@ def test_subjects_without_a_gyral_graph_are_left_out(tmp_path, rng):
     assert row_of(hinges)["amount"] == HINGES
 
 
-def test_a_study_of_one_side_says_which_to_ask_for(alike):
+def test_one_side_a_single_subject_an_unknown_width_and_wrong_numbers_are_refused(alike, tmp_path, rng):
+    study = find_space(alike[0])
     with pytest.raises(DoesNotApply, match="--hemi lh"):
-        overlap(find_space(alike[0]), spins=5)
-
-
-def test_a_single_subject_or_an_unknown_width_is_refused(tmp_path, rng):
-    places = [rng.choice(len(VERTS), HINGES) for _ in range(2)]
-    write_space(tmp_path / "one", maps_of(places[:1]), graph_width_mm=8.0)
-    write_space(tmp_path / "two", maps_of(places))
+        overlap(study, spins=5)
     with pytest.raises(DoesNotApply):
-        overlap(find_space(tmp_path / "one"), hemis=["lh"])
+        overlap(scattered(tmp_path / "one", rng, 1), hemis=["lh"])
+    write_space(tmp_path / "two", maps_of(alike[1][:2]))
     with pytest.raises(DoesNotApply):
         overlap(find_space(tmp_path / "two"), hemis=["lh"])
     wrong = [{"radius": x} for x in (0.0, np.nan, -1.0)]
-    wrong += [{"radius": 3.0, **one} for one in ({"fwhm": 0.0}, {"fwhm": np.inf}, {"spins": 0}, {"seed": -1})]
-    for options in wrong:
+    for options in (*wrong, {"fwhm": 0.0}, {"fwhm": np.inf}, {"spins": 0}, {"seed": -1}):
         with pytest.raises(OutOfRange):
-            overlap(find_space(tmp_path / "two"), hemis=["lh"], **options)
+            overlap(study, hemis=["lh"], **options)
 
 
 def test_the_command_writes_table_maps_and_page(alike, tmp_path, capsys):

@@ -22,7 +22,8 @@ NASTY = '<script>alert("x")</script>&"\'\x1b[31m\x9b\u202e'
 
 
 @pytest.fixture(scope="module")
-def nasty_page(tmp_path_factory):
+def nasty_pages(tmp_path_factory):
+    """A comparison and an analysis of what has a script in all its names, as text, and the folder of the first."""
     m = made_measures(name=NASTY, info={NASTY: NASTY})
     m.maps[NASTY] = m.maps["H"]
     m.regions[0]["region"] = NASTY
@@ -30,7 +31,7 @@ def nasty_page(tmp_path_factory):
     folder = tmp_path_factory.mktemp("page")
     result = compare({NASTY: m, "other": made_measures("rh", regions=False)})
     analysis_report([m], folder / "a.html", inputs=[{"path": NASTY, "sha256": "0"}])
-    return result.report(folder / "c"), (folder / "a.html").read_text(encoding="utf-8")
+    return [path.read_text(encoding="utf-8") for path in (result.report(folder / "c"), folder / "a.html")], folder / "c"
 
 
 def test_only_earlier_stages_of_the_same_body_are_shown_growing():
@@ -48,36 +49,27 @@ def test_digests_among_the_facts_are_short():
     assert row["values"] == ["subject someone, sha256 surface 0123456789ab…"]
 
 
-def test_names_from_files_are_escaped_everywhere(nasty_page):
-    for text in (nasty_page[0].read_text(encoding="utf-8"), nasty_page[1]):
+def test_names_are_escaped_and_a_page_runs_its_one_script_and_points_at_nothing_outside_itself(nasty_pages):
+    for text in nasty_pages[0]:
         assert "<script>alert" not in text
         assert "&lt;script&gt;alert" in text
         assert not re.search("[\x1b\x9b\u202e]", text)
-        scripts = [s for a, s in Page(text).scripts if "type" not in a]
-        assert len(scripts) == 1
-        assert scripts[0].startswith("// Tables that sort")
-
-
-def test_the_page_names_the_one_script_it_may_run(nasty_page):
-    text = nasty_page[1]
-    script = next(s for a, s in Page(text).scripts if "type" not in a)
-    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    policy = re.search(r'Content-Security-Policy" content="([^"]+)"', text).group(1)
-    assert f"sha256-{digest}" in policy.replace("&#43;", "+")
-    assert policy.startswith("default-src 'none'")
-
-
-def test_the_page_points_at_nothing_outside_itself(nasty_page):
-    for text in (nasty_page[0].read_text(encoding="utf-8"), nasty_page[1]):
-        assert Page(text).links
-        assert all(link.startswith("data:") for link in Page(text).links)
-        style = re.search(r"<style>(.*?)</style>", text, re.S).group(1)
+        page = Page(text)
+        (script,) = (s for attributes, s in page.scripts if "type" not in attributes)
+        assert script.startswith("// Tables that sort")
+        digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+        policy = re.search(r'Content-Security-Policy" content="([^"]+)"', text).group(1)
+        assert f"sha256-{digest}" in policy.replace("&#43;", "+")
+        assert policy.startswith("default-src 'none'")
+        assert page.links
+        assert all(link.startswith("data:") for link in page.links)
+        style = re.search(r"<style>(.*?)</style>", text, re.DOTALL).group(1)
         assert "url(" not in style
         assert "@import" not in style
 
 
-def test_a_comparison_writes_its_pictures_and_tables(nasty_page):
-    folder = nasty_page[0].parent
+def test_a_comparison_writes_its_pictures_and_tables(nasty_pages):
+    folder = nasty_pages[1]
     names = {p.name for p in (folder / "figures").iterdir()}
     assert names == {"H.png", "cortical_thickness.png", "gyral_thickness.png", "sulcal_depth.png"}
     assert imread(folder / "figures" / "H.png").std() > 0.02
@@ -131,106 +123,70 @@ def test_a_surface_keeps_its_dash_where_another_lacks_the_map(drawn):
     assert keys == [*charts.DASHES[:3]] * 2  # in the legends of fits and of curves
 
 
-def test_the_page_of_one_surface_speaks_of_one_surface(drawn):
-    m = made_measures(origin="simulation", portion=0.5)
-    text, _, _ = drawn([m])
-    assert "All surfaces share" not in text
-    assert 'id="fit"' not in text
-    assert "A simulated cortex, measured from" in text
-    assert "hemisphere" not in re.sub(r"<script.*?</script>", "", text, flags=re.S)
-    assert "Half of the closed surface of bump was simulated" in text
-    assert "crossed bars" not in text  # regions, so no bins
-    assert "crossed bars" in drawn([made_measures("rh", regions=False)])[0]
-    assert "The right hemisphere, measured" in drawn([made_measures("rh")])[0]
-
-
-def test_the_methods_say_what_was_done_to_which_surface(drawn):
-    info = {"g": 2.0, "law": "isotropic", "mu_ratio": 4.0}
-    model = replace(made_measures(origin="simulation", info=info), parameters={"curvature_scale_mm": 9.4})
-    brain = [
-        replace(made_measures(hemi), parameters={"curvature_scale_mm": mm, "cortical_thickness_cap_mm": 5.0})
-        for hemi, mm in (("lh", 3.901), ("rh", 3.899))
-    ]
-    text, _, _ = drawn({"model": model, "MRI": brain})
-    methods = text.split('<textarea id="methods"')[1].split("</textarea>")[0]
-    assert "within 3.90 or 9.40 mm" in methods
-    assert "each 5 mm at most in some of them" in methods  # the model has no bound
-    assert "model was grown by finite elements: a neo-Hookean cortex, 4.00 times as stiff" in methods
-    assert methods.count("Chen X, Hutchinson JW") == 1
-    alone = drawn({"MRI": brain})[0].split('<textarea id="methods"')[1].split("</textarea>")[0]
-    assert "each 5 mm at most (Fischl" in alone
-    assert not re.search("grown|Chen|in some", alone)
+THINNED = {"accuracy": "draft", "accuracy_vertices": 50001, "local_gyrification_voxel_mm": 2.5}
+USUAL = {"accuracy": "standard", "accuracy_vertices": 642, "local_gyrification_voxel_mm": 1.25}
 
 
 @pytest.mark.parametrize(
-    ("mask", "said"),
-    [("label, where white and pial differ", "?h.cortex.label"), ("where white and pial differ", "every vertex")],
+    ("parameters", "present", "absent"),
+    [
+        ([{"curvature_scale_mm": 9.4}, {"curvature_scale_mm": 3.901}], ["within 3.90 or 9.40 mm"], []),
+        ([{}, {"cortical_thickness_cap_mm": 5.0}], ["each 5 mm at most in some"], []),
+        ([{"cortical_thickness_cap_mm": 5.0}], ["each 5 mm at most (Fischl"], ["grown", "Chen", "in some"]),
+        ([{"graph_width_mm": 7.089}], ["7.09 mm"], []),
+        ([{"cortex_mask": "label, where white and pial differ"}], ["?h.cortex.label"], ["every vertex"]),
+        ([{"cortex_mask": "where white and pial differ"}], ["every vertex"], ["?h.cortex.label"]),
+        ([THINNED], [" 50,001 vertices", "on voxels of 2.5 mm"], []),
+        ([THINNED, USUAL], [" 50,001 vertices", "on voxels of 1.25 or 2.5 mm"], []),
+        ([USUAL], [], ["resampled", "voxels"]),
+    ],
 )
-def test_the_methods_name_atlas_template_cortex_and_crown_width(drawn, mask, said):
-    m = replace(made_measures(), parameters={"cortex_mask": mask, "graph_width_mm": 7.089})
+def test_the_methods_have_the_lengths_and_meshes_that_were_used(drawn, parameters, present, absent):
+    surfaces = {str(k): replace(made_measures(), parameters=p) for k, p in enumerate(parameters)}
+    for m in surfaces.values():
+        m.scalars["n_hinges"] = 7
+    methods = drawn(surfaces)[0].split('<textarea id="methods"')[1].split("</textarea>")[0]
+    assert [words for words in present if words not in methods] == []
+    assert [words for words in absent if words in methods] == []
+
+
+def test_the_methods_cite_an_atlas_and_a_law_of_growth_once(drawn):
+    info = {"g": 2.0, "law": "isotropic", "mu_ratio": 4.0}
+    model = made_measures(origin="simulation", info=info)
+    m = made_measures()
     regions = replace(m.cortex.regions, name="aparc.a2009s.fsaverage6")
     carried = replace(m, cortex=replace(m.cortex, regions=regions, info={"annotation_from": "fsaverage6"}))
-    carried.scalars["n_hinges"] = 7
-    methods = drawn([carried])[0].split('<textarea id="methods"')[1].split("</textarea>")[0]
-    assert "aparc.a2009s (Destrieux et al. 2010), carried over from the template fsaverage6" in methods
-    assert methods.count("Destrieux C") == 1
-    assert said in methods
-    assert "7.09 mm" in methods
+    methods = drawn({"model": model, "MRI": carried})[0].split('<textarea id="methods"')[1].split("</textarea>")[0]
+    assert "template fsaverage6" in methods
+    assert "4.00 times as stiff" in methods
+    assert methods.count("Destrieux C") == methods.count("Chen X, Hutchinson JW") == 1
 
 
-def test_the_methods_say_which_surfaces_were_thinned_or_split(drawn):
-    used = {"accuracy": "draft", "accuracy_vertices": 50001, "local_gyrification_voxel_mm": 2.5}
-    usual = {"accuracy": "standard", "accuracy_vertices": 642, "local_gyrification_voxel_mm": 1.25}
-
-    def methods_of(*parameters):
-        text, _, _ = drawn({str(k): replace(made_measures(), parameters=p) for k, p in enumerate(parameters)})
-        return text.split('<textarea id="methods"')[1].split("</textarea>")[0]
-
-    assert " 50,001 vertices" in methods_of(used)
-    assert "on voxels of 2.5 mm" in methods_of(used)
-    both = methods_of(
-        {**used, "accuracy": "fine", "accuracy_vertices": 2562, "local_gyrification_voxel_mm": 0.75}, usual
-    )
-    assert " 2,562 vertices" in both
-    assert "on voxels of 0.75 or 1.25 mm" in both
-    assert not re.search("resampled|voxels", methods_of(usual) + methods_of({}))
-
-
-def test_a_simulation_that_does_not_say_its_growth_or_stiffness_has_a_page(drawn):
+def test_a_simulation_is_named_with_its_growth_once_if_it_is_known(drawn):
     kind = lambda m: re.search('class="kind">([^<]*)<', drawn([m])[0])[1]
     silent = made_measures(origin="simulation", info={"g": None, "law": "isotropic", "mu_ratio": None})
     assert kind(silent) == "simulation · bump"
-    assert "was grown by" not in drawn([silent])[0]
     named = made_measures(origin="simulation", name="body g1.50", info={"g": 1.5})
-    assert kind(named) == "simulation · body g1.50"  # its name says the growth
+    assert kind(named) == "simulation · body g1.50"
     assert kind(replace(named, cortex=replace(named.cortex, info={"g": 1.6}))) == "simulation · body g1.50 · growth 1.6"
 
 
-def test_warnings_cautions_and_remarks_stand_where_they_are_seen(drawn):
+def test_warnings_come_before_cautions_and_remarks_each_once_and_lead_to_their_vertex(drawn):
     model, other = made_measures(origin="simulation"), made_measures("rh", regions=False)
-    verts = model.cortex.white.verts
-    x, y, z = verts[17]
-    model.notes.update(
-        simulation="the energy grew.",
-        curvature_scale=f"mesh is coarse at ({x:.6g}, {y:.6g}, {z:.6g}).",
-        n_crests="none here.",
-    )
+    x, y, z = model.cortex.white.verts[17]
+    coarse = f"mesh is coarse at ({x:.6g}, {y:.6g}, {z:.6g})."
+    model.notes.update(simulation="the energy grew.", curvature_scale=coarse, n_crests="none here.")
     other.notes.update(cortex_mask="label was lost.", average="of no person.")
-    text, _, _ = drawn({"model": model, "MRI": replace(other, parameters={"curvature_scale_mm": 9.5})})
-    top, rest = text.split('<section id="viewer"')
-    remarks, below = rest.split("Gyral thickness against cortical thickness</h2>")
-    rows = re.findall(r'<tr class="(\w+)"><th scope="row">\1</th>.*?<code>(\w+)</code>.*?</tr>', top)
+    text = drawn({"model": model, "MRI": replace(other, parameters={"curvature_scale_mm": 9.5})})[0]
+    rows = re.findall(r'<tr class="(\w+)"><th scope="row">\1</th>.*?<code>(\w+)</code>.*?</tr>', text)
     assert rows == [
         ("severe", "simulation"),
         ("check", "cortex_mask"),
         ("check", "curvature_scale"),
         ("note", "average"),
     ]
-    assert re.findall(r'data-panel="(\d+)" data-vertex="\d+">vertex (\d+)<', top) == [("0", "17")]
-    assert re.search(r'class="caution".*within 3.0 mm on model and 9.5 mm on MRI', top)
-    assert "mesh is coarse" not in remarks
-    assert "MRI: no regions, so one point" in below
-    for once in ("the energy grew", "mesh is coarse", "label was lost", "of no person", "no regions, so", "none here"):
+    assert re.findall(r'data-panel="(\d+)" data-vertex="\d+">vertex (\d+)<', text) == [("0", "17")]
+    for once in ("the energy grew", "mesh is coarse", "label was lost", "of no person", "none here"):
         assert text.count(once) == 1
 
 

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from morphofold.cli import main
-from morphofold.cli.progress import COMPILING_TEXT
 from morphofold.cli.theory_options import Radius, range_values
 from morphofold.errors import TooLarge
 from morphofold.sim import theory, theory_tables
@@ -15,8 +14,11 @@ from morphofold.sim.build import build_bilayer
 from morphofold.sim.equilibrium import statics
 from morphofold.sim.growth import LAWS
 from morphofold.sim.scene.files import load_scene
-from morphofold.sim.sphere_theory import wrinkling
-from morphofold.sim.sphere_theory.smooth_sphere import SmoothSphere
+from morphofold.sim.sphere_theory import smooth_sphere, wrinkling
+
+OCTANT = ["--body", "demo", "--set", "geometry.portion=octant", "--set", "accuracy.edge=8"]
+STRIP = ["--body", "strip", "--set", "geometry.length=22", "--set", "accuracy.edge=1.25"]
+STRIP += ["--set", "accuracy.elements_through_cortex=2"]
 
 
 def asked(capsys, *words):
@@ -35,13 +37,13 @@ def table(capsys, *words):
     return " ".join(lines[:start]), [line.split() for line in lines[start + 1 :]]
 
 
-def refused(capsys, *argv):
-    """The one line that a refused command says."""
-    assert main(list(argv)) == 2
+def refused(capsys, argv, expected):
+    """A command that says one line, like what is expected."""
+    assert main(argv.split()) == 2
     captured = capsys.readouterr()
     assert captured.out == ""
     assert len(captured.err.splitlines()) == 1
-    return captured.err
+    assert re.search(expected, captured.err)
 
 
 def test_the_laws_offered_are_the_laws_there_are():
@@ -77,7 +79,7 @@ def test_stress_is_continuous_and_vanishes_outside_whatever_the_mu_ratio(capsys)
         assert row["sigma_theta_over_mu_core"] == pytest.approx(3 * row["sigma_theta_over_mu_cortex"], rel=1e-12)
 
 
-def test_critical_says_why_there_is_no_number(capsys):
+def test_critical_says_why_there_is_no_number_and_takes_a_thickness_for_a_ratio(capsys):
     first, second, third = asked(capsys, "critical", "--ratio", "1.1", "1.15", "1.2", "--law", "isotropic")["rows"]
     assert first["g_crease"] ** 3 * (1 - 7 / 12 * 1.1**3) == pytest.approx(1, rel=1e-12)
     assert first["reason"] is None
@@ -85,6 +87,8 @@ def test_critical_says_why_there_is_no_number(capsys):
     assert "C/B = 1.124" in second["reason"]
     assert third["g_crease"] is None
     assert "C/B = 1.197" in third["reason"]
+    by_thickness = asked(capsys, "critical", "--thickness", "2", "--radius", "50")["rows"]
+    assert by_thickness == asked(capsys, "critical", "--ratio", str(50 / 48))["rows"]
 
 
 def test_critical_prints_a_dash_where_no_crease_forms(capsys):
@@ -97,20 +101,14 @@ def test_critical_prints_a_dash_where_no_crease_forms(capsys):
     assert g**3 * 1.25**3 - 2.4 * g**2 * (1.25**3 - 1) - 2.4 == pytest.approx(0, abs=1e-3)  # four decimals
 
 
-def test_critical_takes_a_thickness_for_a_ratio(capsys):
-    by_thickness = asked(capsys, "critical", "--thickness", "2", "--radius", "50")["rows"]
-    by_ratio = asked(capsys, "critical", "--ratio", str(50 / 48))["rows"]
-    assert by_thickness == by_ratio
-
-
 def test_bifurcation_puts_wrinkles_beside_creases_and_says_which_come_first(capsys):
     rows = asked(capsys, "bifurcation", "--thickness", "2", "--mu-ratio", "0.5", "2", "--law", "isotropic")["rows"]
     assert [row["mu_ratio"] for row in rows] == [0.5, 2.0]
     for row in rows:
-        found = theory.bifurcation(2 / 50, row["mu_ratio"], "isotropic")
-        assert row["g_crit"] == pytest.approx(found.g_crit, rel=1e-12)
-        assert row["degree"] == found.mode
-        assert row["wavelength_over_T"] == pytest.approx(2 * np.pi / np.sqrt(found.mode * (found.mode + 1)) * 25)
+        exact = theory.bifurcation(2 / 50, row["mu_ratio"], "isotropic")
+        assert row["g_crit"] == pytest.approx(exact.g_crit, rel=1e-12)
+        assert row["degree"] == exact.mode
+        assert row["wavelength_over_T"] == pytest.approx(2 * np.pi / np.sqrt(exact.mode * (exact.mode + 1)) * 25)
         assert row["wavelength_deformed_over_T"] > row["wavelength_over_T"]
         for name in ("wavelength", "wavelength_deformed"):
             assert row[f"{name}_mm"] == pytest.approx(2 * row[f"{name}_over_T"], rel=1e-12)
@@ -125,34 +123,19 @@ def test_wrinkles_and_creases_are_compared_at_the_same_compressibility(capsys):
     """Incompressible, this surface would crease before it wrinkles; at kappa/mu = 3 it doesn't crease at all."""
     words = ("bifurcation", "--thickness", "5", "--mu-ratio", "0.6", "--law", "isotropic", "--kappa-ratio")
     (soft,), (stiff,) = (asked(capsys, *words, kappa)["rows"] for kappa in ("3", "inf"))
-    found = theory.bifurcation(5 / 50, 0.6, "isotropic", 3.0)
-    assert (soft["kappa_ratio"], soft["first"]) == (3, found.first)
+    exact = theory.bifurcation(5 / 50, 0.6, "isotropic", 3.0)
+    assert (soft["kappa_ratio"], soft["first"]) == (3, exact.first)
     assert soft["g_crease"] != pytest.approx(stiff["g_crease"], rel=1e-2)
 
 
 def test_bifurcation_says_inf_where_the_shortest_waves_come_first(capsys):
     answer = asked(capsys, "bifurcation", "--thickness", "2", "--mu-ratio", "0.1", "--law", "isotropic")
     (row,) = answer["rows"]
+    (biot,) = asked(capsys, "critical", "--thickness", "2", "--law", "isotropic")["rows"]
     assert row["degree"] == "inf"
-    assert row["g_crit"] == pytest.approx(row_of_biot(capsys)["g_biot"], rel=1e-6)
+    assert row["g_crit"] == pytest.approx(biot["g_biot"], rel=1e-6)
     assert "shortest waves" in row["reason"]
     assert answer["parameters"]["kappa_ratio"] == "inf"  # which strict JSON has no number for
-
-
-def test_the_table_of_bifurcations_is_no_wider_than_a_page(capsys):
-    assert main("theory bifurcation --thickness 2 20 --mu-ratio 0.1 --law isotropic".split()) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert max(map(len, lines)) <= 130
-    (heading,) = (line for line in lines if line.startswith("law "))
-    assert "wavelength [mm]" in heading
-    thin, thick = (line.split() for line in lines[lines.index(heading) + 1 :][:2])
-    assert (thin[4], thin[-1]) == ("∞", "[1]")
-    assert thick[-1] == "[2]"
-    assert any(line.startswith("[1] the shortest waves") for line in lines)
-
-
-def row_of_biot(capsys):
-    return asked(capsys, "critical", "--thickness", "2", "--law", "isotropic")["rows"][0]
 
 
 def test_the_curve_has_its_least_growth_where_the_answer_is(capsys):
@@ -174,61 +157,43 @@ def test_numbers_come_one_by_one_or_as_a_range():
 @pytest.mark.parametrize("word", ["two", "1:2", "1:2:1", "1:2:3:4", "1:2:2.5", "1:2:99999999", "nan", "inf", "0"])
 def test_what_is_no_number_and_no_range_is_refused(capsys, word):
     for question, unreadable in (("radius", "not-readable"), ("stress", "bad-usage")):
-        kind = "out-of-range" if word in ("nan", "inf", "0") else unreadable
-        message = refused(capsys, "theory", question, "--growth", word)
-        assert "--growth" in message
-        assert f" [{kind}]" in message
+        code = "out-of-range" if word in ("nan", "inf", "0") else unreadable
+        refused(capsys, f"theory {question} --growth {word}", rf"--growth.* \[{code}\]")
 
 
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
         ("radius --thickness 60", r"thickness .* 0 .* 50 mm, .* 60 mm"),
-        ("radius --thickness nan", r"--thickness .* 1e-06 .* 1000000, .* nan\. \[out-of-range\]"),
         ("radius --thickness 30", r" B = 20 mm: .* 0\.5 C = 25 mm"),
         ("radius --thickness 1:2:3", r"--thickness.* .1:2:3. .*\[bad-usage\]"),
-        ("radius --thickness thin", r"--thickness.* .thin. .*\[bad-usage\]"),
         ("radius --radius inf", r"--radius .* 1e-06 .* 1000000, .* inf\. \[out-of-range\]"),
         ("radius --hole-ratio nan", r"--hole-ratio .* 0 .* 0\.999999, .* nan\. \[out-of-range\]"),
-        ("radius --hole-ratio -1", r"--hole-ratio .* 0 .* 0\.999999, .* -1\. \[out-of-range\]"),
-        ("stress --points 1", r"--points .* 2 .* 10000, .* 1\. \[out-of-range\]"),
         ("stress --points 2.5", r"--points.* .2\.5.*\[bad-usage\]"),
-        ("stress --growth -1", r"--growth .* 0\.001 .* 1000, .* -1\. \[out-of-range\]"),
         ("stress --mu-ratio 0", r"--mu-ratio .* 0\.0001 .* 10000, .* 0\. \[out-of-range\]"),
-        ("bifurcation --mu-ratio 1e7", r"--mu-ratio .* 0\.0001 .* 10000, .* 1e\+07\. \[out-of-range\]"),
         ("critical --ratio 1", r"--ratio .* 1\.000001 .* 1000, .* 1\. \[out-of-range\]"),
-        ("critical --ratio 1.1 --radius 40", r"--radius .*--thickness.*\[options-clash\]"),
-        ("critical --radius 40", r"--radius .*--thickness.*\[options-clash\]"),
         ("critical --ratio 3 --core-growth 1.1", r" A/C = 0\.5, .* C/B = 3\b"),
         ("bifurcation --kappa-ratio 0.5", r"--kappa-ratio .* 1 .* inf, .* 0\.5\. \[out-of-range\]"),
         ("bifurcation --hole-ratio 0.99", r" B = 49 mm: .* 0\.99 C = 49\.5 mm"),
-    ],
-)
-def test_a_question_that_makes_no_sense_is_refused(capsys, words, expected):
-    assert re.search(expected, refused(capsys, "theory", *words.split()))
-
-
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
         ("stress --thickness 1:20:5000 --points 100", r" 1,000,000 .* 200,000 .*\[too-large\]"),
         ("bifurcation --thickness 1:20:1000 --mu-ratio 1:2:1000", r" 2,000,000 .* 200,000 .*\[too-large\]"),
         ("stress --thickness 1:20:11 --plot it.png", r"--plot .* 10 .*--thickness, .* 11\. \[too-large\]"),
-        ("bifurcation --thickness 1:20:11 --curve --plot it.png", r"--plot .* 10 .*--thickness, .* 11\. \[too-large\]"),
         ("bifurcation --mu-ratio 1:20:11 --plot it.png", r"--plot .* 10 .*--mu-ratio, .* 11\. \[too-large\]"),
+        ("bifurcation --plot picture.gif", r"picture\.gif"),
+        ("bifurcation --plot .png", r"\.png"),
+        ("bifurcation --plot nowhere/picture.png", "nowhere"),
+        ("bifurcation --plot folder.png", r"folder\.png"),
+        ("bifurcation --body radial", r" radial: .*--body\b.* \[does-not-apply\]"),
+        ("bifurcation --body nowhere", "'nowhere'"),
+        ("bifurcation --body demo --set growth.law=round", r"growth\.law\b.*round"),
     ],
 )
-def test_a_question_too_large_to_read_is_refused_before_it_is_computed(here, capsys, monkeypatch, words, expected):
+def test_a_question_that_makes_no_sense_is_refused_before_it_is_computed(here, capsys, monkeypatch, words, expected):
+    (here / "folder.png").mkdir()
     for name in ("bifurcation", "stresses"):
         monkeypatch.setattr(theory, name, pytest.fail)
-    assert re.search(expected, refused(capsys, "theory", *words.split()))
-
-
-@pytest.mark.parametrize("name", ["picture.gif", "picture", ".png", "nowhere/picture.png", "folder.png"])
-def test_a_plot_that_cannot_be_written_is_refused_before_anything_is_computed(here, capsys, monkeypatch, name):
-    (here / "folder.png").mkdir()
-    monkeypatch.setattr(theory, "bifurcation", pytest.fail)
-    assert name.split("/")[0] in refused(capsys, "theory", "bifurcation", "--plot", name)
+    monkeypatch.setattr(statics, "bifurcation_of_scene", pytest.fail)
+    refused(capsys, f"theory {words}", expected)
     assert [p.name for p in here.iterdir()] == ["folder.png"]
 
 
@@ -252,11 +217,12 @@ def test_every_question_can_be_drawn(here, capsys, words, start):
 
 
 def test_a_plot_that_fails_leaves_the_older_one(here, capsys, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left")
+
     (here / "old.png").write_bytes(b"old")
-    full = OSError(28, "No space left")
-    monkeypatch.setattr("morphofold.report.plots.line_plots.save", lambda *_: (_ for _ in ()).throw(full))
-    message = refused(capsys, "theory", "radius", "--plot", "old.png")
-    assert message.startswith("morphofold theory: old.png: No space left")  # not the temporary file beside it
+    monkeypatch.setattr("morphofold.report.plots.line_plots.save", full)
+    refused(capsys, "theory radius --plot old.png", "^morphofold theory: old.png: ")  # not the temporary file beside it
     assert {p.name: p.read_bytes() for p in here.iterdir()} == {"old.png": b"old"}
 
 
@@ -265,15 +231,20 @@ def test_debug_shows_where_an_error_is_from():
         main(["theory", "stress", "--debug", "--thickness", "1:20:5000", "--points", "100"])
 
 
-def test_a_solver_that_finds_no_state_ends_with_1_and_its_own_words(capsys, monkeypatch):
-    from morphofold.sim.sphere_theory.smooth_sphere import ConvergenceError
-
+@pytest.mark.parametrize(
+    ("module", "name", "error", "words"),
+    [
+        (theory, "bifurcation", smooth_sphere.ConvergenceError("no smooth state"), ()),
+        (statics, "bifurcation_of_scene", statics.ConvergenceError("no path", np.zeros((1, 3)), 1.38), OCTANT),
+    ],
+)
+def test_a_solver_that_finds_no_state_ends_with_1_and_its_own_words(capsys, monkeypatch, module, name, error, words):
     def lost(*_, **__):
-        raise ConvergenceError("no smooth state found at g = 9")
+        raise error
 
-    monkeypatch.setattr(theory, "bifurcation", lost)
-    assert main(["theory", "bifurcation"]) == 1
-    assert capsys.readouterr().err == "morphofold theory: no smooth state found at g = 9\n"
+    monkeypatch.setattr(module, name, lost)
+    assert main(["theory", "bifurcation", *words, "-q"]) == 1
+    assert capsys.readouterr().err == f"morphofold theory: {error}\n"
 
 
 def test_a_question_that_is_not_drawn_loads_no_plotting():
@@ -286,134 +257,57 @@ def test_a_question_that_is_not_drawn_loads_no_plotting():
 
 # the body of a scene
 
-OCTANT = ("--body", "demo", "--set", "geometry.portion=octant", "--set", "accuracy.edge=8")
-STRIP = (
-    "--body",
-    "strip",
-    "--set",
-    "geometry.length=22",
-    "--set",
-    "accuracy.edge=1.25",
-    "--set",
-    "accuracy.elements_through_cortex=2",
-)
-
 
 @pytest.mark.slow
 def test_the_body_of_a_scene_stands_beside_the_theory_of_its_own_sphere(capsys, monkeypatch):
-    asked_for, found, once = [], [], statics.bifurcation_of_scene
-
-    def noted(scene, **options):
-        asked_for.append(scene)
-        found.append(once(scene, **options))
-        return found[-1]
-
-    monkeypatch.setattr(statics, "bifurcation_of_scene", noted)
+    calls, once = [], statics.bifurcation_of_scene
+    monkeypatch.setattr(
+        statics, "bifurcation_of_scene", lambda scene, **o: calls.append((scene, once(scene, **o))) or calls[-1][1]
+    )
     answer = asked(capsys, "bifurcation", *OCTANT, "--set", "geometry.hole_radius=20", "-q")
-    (row,), (scene,), (body,) = answer["rows"], asked_for, found
+    (row,), ((scene, body),) = answer["rows"], calls
     assert scene == load_scene("demo", ["geometry.portion=octant", "accuracy.edge=8", "geometry.hole_radius=20"])
     exact = theory.bifurcation(3 / 50, 1.0, "isotropic", 50.0, A_over_C=0.4)
     assert (row["g_theory"], row["degree_theory"]) == (exact.g_crit, exact.mode)
-    for name in ("g_crit", "rounded", "degree"):
-        assert row[name] == getattr(body, name)
+    assert [row[name] for name in ("g_crit", "rounded", "degree")] == [body.g_crit, body.rounded, body.degree]
     assert row["difference_percent"] == pytest.approx(100 * (body.g_crit / exact.g_crit - 1), rel=1e-12)
-    assert 0 < row["difference_percent"] < 5  # a mesh of 800 bricks
+    assert 0 < row["difference_percent"] < 5  # a mesh of 756 bricks
     assert row["degree"] == pytest.approx(exact.mode, rel=0.3)
     assert (row["wavelength_mm"], row["wavelength_over_T"]) == (body.wavelength, body.wavelength / 3)
     assert row["elements"] == build_bilayer(scene).mesh.nelements
-    assert row["edge_over_T"] == pytest.approx(np.pi / 2 * 50 / 10 / 3)
-    assert row["seconds"] > 0
+    assert row["edge_over_T"] == pytest.approx(np.pi / 2 * 50 / 12 / 3)  # cells along a quarter: a multiple of 4
     assert row["reason"] is None
-    assert (answer["parameters"]["body"], answer["parameters"]["settings"][-1]) == ("demo", "geometry.hole_radius=20")
     assert "mu_ratio" not in answer["parameters"]  # it is the scene's
 
 
 @pytest.mark.slow
 def test_an_octant_is_held_against_the_even_degrees_it_has():
     """T = 3 and a cortex four times as stiff: degree 11 comes first in a quarter."""
-    found = {}
+    answers = {}
     for portion in ("quarter", "octant"):
         scene = load_scene("demo", ["material.mu_ratio=4", f"geometry.portion={portion}"])
-        found[portion] = theory_tables._theory_of_scene(scene)
+        answers[portion] = theory_tables._theory_of_scene(scene)
     exact = theory.bifurcation(3 / 50, 4.0, "isotropic", 50.0)
-    assert found["quarter"] == (exact.g_crit, exact.mode, "")
+    assert answers["quarter"] == (exact.g_crit, exact.mode, "")
     assert exact.mode == 11
-    g = [
-        wrinkling.critical_growth_of_degree(SmoothSphere(3 / 50, 4.0, "isotropic", 50.0), degree) for degree in (10, 12)
-    ]
-    assert found["octant"] == (pytest.approx(min(g), rel=1e-10), 10, "")
+    sphere = smooth_sphere.SmoothSphere(3 / 50, 4.0, "isotropic", 50.0)
+    g = [wrinkling.critical_growth_of_degree(sphere, degree) for degree in (10, 12)]
+    assert answers["octant"] == (pytest.approx(min(g), rel=1e-10), 10, "")
 
 
-@pytest.mark.parametrize(
-    ("words", "reason"),
-    [
-        (("strip",), "this is of shape strip"),
-        (("ellipsoid",), "this is of shape ellipsoid"),
-        (("mesh",), "this is of shape mesh"),
-        (("demo", "geometry.thickness_spots=[{centre = [0, 0, 50], radius = 9, factor = 0.5}]"), "of one thickness"),
-        (("demo", "geometry.hole_radius=0.01"), "no theory: hole and cortex"),
-    ],
-)
-def test_where_there_is_no_theory_beside_a_body_the_reason_is_told(words, reason):
-    g, degree, note = theory_tables._theory_of_scene(load_scene(words[0], words[1:]))
-    assert np.isnan([g, degree]).all()
-    assert reason in note
+def test_where_there_is_no_theory_beside_a_body_the_reason_is_told():
+    spots = "geometry.thickness_spots=[{centre = [0, 0, 50], radius = 9, factor = 0.5}]"
+    for scene, settings in (("strip", []), ("mesh", []), ("demo", [spots]), ("demo", ["geometry.hole_radius=0.01"])):
+        g, degree, reason = theory_tables._theory_of_scene(load_scene(scene, settings))
+        assert np.isnan([g, degree]).all()
+        assert reason
 
 
-def test_a_strip_is_told_with_dashes_for_the_theory_and_its_progress(capsys):
-    assert main(["theory", "bifurcation", *STRIP]) == 0
+def test_a_strip_is_told_without_theory_and_with_its_progress(capsys):
+    answer = main(["theory", "bifurcation", *STRIP, "--json"])
     captured = capsys.readouterr()
-    lines = captured.out.splitlines()
-    start = next(i for i, line in enumerate(lines) if line.startswith(" g_crit"))
-    cells, note = lines[start + 1].split(), lines[start + 2]
-    assert 1.1 < float(cells[0]) < 1.3
-    assert (cells[1], *cells[4:7], cells[-1]) == ("–", "–", "–", "–", "[1]")
-    assert note.startswith("[1] theory is of spheres")
-    assert "left out: contact, perturbation" in " ".join(lines)
-    assert max(map(len, lines)) <= 120
-    progress_lines = [
-        line for line in captured.err.splitlines() if COMPILING_TEXT not in line
-    ]  # which it does where no other test has
-    assert progress_lines[0].startswith("strip:  14% after")
-    assert progress_lines[0].endswith("  stable at g = 1.05000")
-
-
-@pytest.mark.slow
-def test_a_body_without_a_sharp_or_without_any_bifurcation_says_so(monkeypatch):
-    mode, scene = np.zeros((3, 3)), load_scene("demo", ["geometry.portion=octant", "accuracy.edge=12"])
-    history = np.array([[1.05, 1.0], [3.0, 0.5]])
-    for g_crit, rounded, expected in ((1.3, True, "bends into folds"), (np.nan, False, "stable up to g = 3")):
-        found = statics.BodyBifurcation(g_crit, rounded, mode, 20.0, 12.0, history, mode)
-        monkeypatch.setattr(statics, "bifurcation_of_scene", lambda *_, found=found, **__: found)
-        row = theory_tables.body_row(scene)
-        assert expected in row["reason"]
-        assert row["rounded"] == rounded
-
-
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
-        ("--body radial", r" radial: .*--body\b.* \[does-not-apply\]"),
-        ("--body nowhere", "'nowhere'"),
-        ("--body demo --set growth.law=round", r"growth\.law\b.*round"),
-        ("--body demo --thickness 2 --law both --curve", r" --thickness, --curve\..*\[options-clash\]"),
-        ("--body demo --mu-ratio 1:2:3", r" --mu-ratio\..*\[options-clash\]"),
-        ("--body demo --radius 40 --hole-ratio 0.4", r" --radius, --hole-ratio\..*\[options-clash\]"),
-        ("--body demo --kappa-ratio 9", r" --kappa-ratio\..*\[options-clash\]"),
-        ("--body demo --curve --plot it.png", r" --curve, --plot\..*\[options-clash\]"),
-        ("--set material.mu_ratio=2", r"--set .*--body\..* \[options-clash\]"),
-    ],
-)
-def test_a_question_about_a_body_that_makes_no_sense_is_refused(here, capsys, monkeypatch, words, expected):
-    monkeypatch.setattr(statics, "bifurcation_of_scene", pytest.fail)
-    monkeypatch.setattr(theory, "bifurcation", pytest.fail)
-    assert re.search(expected, refused(capsys, "theory", "bifurcation", *words.split()))
-
-
-def test_a_body_that_loses_its_path_ends_with_1_and_one_line(capsys, monkeypatch):
-    def lost(*_, **__):
-        raise statics.ConvergenceError("no equilibrium found beyond g = 1.38", np.zeros((1, 3)), 1.38)
-
-    monkeypatch.setattr(statics, "bifurcation_of_scene", lost)
-    assert main(["theory", "bifurcation", *OCTANT, "-q"]) == 1
-    assert capsys.readouterr().err == "morphofold theory: no equilibrium found beyond g = 1.38\n"
+    (row,) = json.loads(captured.out)["rows"]
+    assert answer == 0
+    assert 1.1 < row["g_crit"] < 1.3
+    assert row["g_theory"] is None
+    assert "stable at g = 1.05000" in captured.err

@@ -37,18 +37,8 @@ def test_the_clock_stands_still_while_numba_compiles_and_goes_on_after():
     assert len(times) == 2  # for floats and for integers, the inner ones within them
     assert times[0] <= times[1] <= times[0] + work
     assert work < 0.5 * wall  # calling three times takes microseconds, compiling far more
-    before = working_seconds()
-    time.sleep(0.02)
-    assert working_seconds() - before >= 0.02
-
-
-def test_a_kernel_that_can_not_be_compiled_does_not_stop_the_clock():
-    @njit
-    def broken(x):
-        return x + "text"
-
     with pytest.raises(TypingError):
-        broken(1.0)
+        njit(lambda x: x + "text")(1.0)
     before = working_seconds()
     time.sleep(0.02)
     assert working_seconds() - before >= 0.02
@@ -68,37 +58,23 @@ def test_stages_last_until_the_next_begins_and_what_comes_again_is_added(monkeyp
     assert clock.seconds == {"reading": 9.0, "areas": 2.0, "curvature": 4.0}
 
 
-@pytest.mark.parametrize("terminal", [False, True])
-def test_compiling_is_said_once_and_not_when_quiet(terminal, capsys, monkeypatch):
-    monkeypatch.setattr(type(sys.stderr), "isatty", lambda self: terminal, raising=False)
+def test_compiling_is_said_once_and_not_when_quiet(capsys):
     for quiet in (True, False):
         with progress("scene", quiet) as show:
             new_kernel()(3.0)
             new_kernel()(3.0)
             show(0.5, "half way")
-        stderr = capsys.readouterr().err
-        if not terminal:
-            assert stderr.count(COMPILING_TEXT) == (not quiet)
-        elif quiet:
-            assert not stderr
+        assert capsys.readouterr().err.count(COMPILING_TEXT) == (not quiet)
     new_kernel()(3.0)  # nobody is told any more
     assert not capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("seconds", "share", "words"),
-    [
-        (10, 0, ""),
-        (10, 0.5, "10 s left"),
-        (60, 0.5, "60 s left"),
-        (60, 0.1, "9 min left"),
-        (60, 1, ""),
-        (3600, 0.25, "3 h 0 min left"),
-        (3594, 0.1, "8 h 59 min left"),
-    ],
-)
-def test_what_is_left_is_said_in_words(seconds, share, words):
-    assert time_left(seconds, share) == words
+def test_what_is_left_is_said_in_words():
+    assert [time_left(10, share) for share in (0, 1)] == ["", ""]
+    assert time_left(60, 0.5) == "60 s left"
+    assert time_left(60, 0.1) == "9 min left"
+    assert time_left(3600, 0.25) == "3 h 0 min left"
+    assert time_left(3594, 0.1) == "8 h 59 min left"
 
 
 def test_peak_memory_rises_by_what_is_held_stays_when_it_is_let_go_and_is_not_the_parents():

@@ -14,6 +14,9 @@ from morphofold.surface import Surface
 
 pytestmark = needs_browser
 SMALL = 0.8
+PIXELS_PER_MM = (
+    "[...document.querySelectorAll('.ruler')].map(r => r.getBoundingClientRect().width / parseFloat(r.textContent))"
+)
 LATERAL = 0  # of a hinge whose arms run on the side that a left hemisphere shows laterally
 OTHERS = {7: (-20, -28, 10), 8: (-30, 0, -19), 9: (36, 0, 0)}  # hinges by number, mm; the last on the other side
 
@@ -54,7 +57,7 @@ def small(m):
 
 
 @pytest.fixture(scope="module")
-def tab(tmp_path_factory):
+def viewer(tmp_path_factory):
     """A comparison of a model and two hemispheres, open in the browser."""
     folder = tmp_path_factory.mktemp("viewer")
     pair = [with_net(made_measures("lh", name="<b>bold</b>")), made_measures("rh")]
@@ -65,17 +68,40 @@ def tab(tmp_path_factory):
         yield tab
 
 
+@pytest.fixture
+def tab(viewer):
+    """The open page, whose controls are put back afterwards."""
+    yield viewer
+    for layer in ("crests", "hinges"):
+        if viewer.frame()[layer] == "true":
+            press(viewer, f"#{layer}")
+    for selector in ("input[name=side][value=both]", "input[name=surface][value=pial]", "input[value=H]", "#reset"):
+        press(viewer, selector)
+    viewer.js("document.activeElement.blur()")
+
+
 def coloured(pixels):
     """How many of the samples are neither white nor grey."""
     return int((np.ptp(pixels, axis=1) > 20).sum())
 
 
-def click(tab, panel):
-    """Click into the middle of a panel."""
-    x, y = tab.middle_of(panel)
+def press(tab, selector):
+    """Click what a selector finds; the state that the page leaves on the document."""
+    tab.js(f"document.querySelector('{selector}').click()")
+    return tab.frame()
+
+
+def click(tab, x, y):
+    """Click at a place of the window."""
     for kind in ("mousePressed", "mouseReleased"):
         tab.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
     tab.frame()
+
+
+def reading(tab, panel):
+    """What a panel tells of the place that was clicked, by its heading."""
+    heads = f"[...document.querySelectorAll('#{panel} .values dt')]"
+    return dict(tab.js(f"{heads}.map(d => [d.textContent, d.nextSibling.textContent])"))
 
 
 def slide(tab, k, g):
@@ -101,8 +127,7 @@ def test_every_surface_is_drawn(tab):
 
 def test_the_overlay_switch_changes_colours_unit_and_limits(tab):
     before = tab.pixels()
-    tab.js("document.querySelector('input[value=cortical_thickness]').click()")
-    assert tab.frame()["map"] == "cortical_thickness"
+    assert press(tab, "input[value=cortical_thickness]")["map"] == "cortical_thickness"
     assert np.abs(tab.pixels() - before).mean() > 5
     assert tab.js("document.getElementById('bar-title').textContent") == "Cortical thickness [mm]"
     assert tab.js("['bar-low', 'bar-high'].map(i => Number(document.getElementById(i).value))") == [1, 5]
@@ -112,36 +137,28 @@ def test_the_overlay_switch_changes_colours_unit_and_limits(tab):
     )
     assert tab.frame()["map"] == ""
     assert coloured(tab.pixels()) < 100
-    tab.js("document.querySelector('input[value=H]').click()")
-    tab.frame()
+    press(tab, "input[value=H]")
     np.testing.assert_allclose(tab.pixels(), before, atol=1)
 
 
-def test_signed_limits_stay_symmetric_and_can_be_reset(tab):
-    high = "document.getElementById('bar-high')"
-    tab.js(f"{high}.value = '0.05'; {high}.dispatchEvent(new Event('change'))")
-    assert tab.js("['bar-low', 'bar-high'].map(i => Number(document.getElementById(i).value))") == [-0.05, 0.05]
-    tab.js("document.getElementById('bar-reset').click()")
-    assert tab.js("['bar-low', 'bar-high'].map(i => Number(document.getElementById(i).value))") == [-0.3, 0.3]
+def test_limits_stay_symmetric_for_a_sign_can_be_reset_and_are_kept_where_a_field_is_emptied(tab):
+    def limits(end, value):
+        field = f"document.getElementById('bar-{end}')"
+        tab.js(f"{field}.value = '{value}'; {field}.dispatchEvent(new Event('change'))")
+        return tab.js("['bar-low', 'bar-high'].map(i => Number(document.getElementById(i).value))")
 
-
-def test_an_emptied_limit_keeps_the_one_before(tab):
-    read = "['bar-low', 'bar-high'].map(i => Number(document.getElementById(i).value))"
-    for key, before in (("cortical_thickness", [1, 5]), ("H", [-0.3, 0.3])):
-        tab.js(f"document.querySelector('input[value={key}]').click()")
+    assert limits("high", 0.05) == [-0.05, 0.05]
+    press(tab, "#bar-reset")
+    for key, before in (("H", [-0.3, 0.3]), ("cortical_thickness", [1, 5])):
+        press(tab, f"input[value={key}]")
         for end in ("low", "high"):
-            field = f"document.getElementById('bar-{end}')"
-            tab.js(f"{field}.value = ''; {field}.dispatchEvent(new Event('change'))")
-            assert tab.js(read) == before
+            assert limits(end, "") == before
 
 
 def test_the_surface_switch_draws_another_surface(tab):
     before = tab.pixels()
-    tab.js("document.querySelector('input[name=surface][value=white]').click()")
-    assert tab.frame()["surface"] == "white"
+    assert press(tab, "input[name=surface][value=white]")["surface"] == "white"
     assert np.abs(tab.pixels() - before).mean() > 1
-    tab.js("document.querySelector('input[name=surface][value=pial]').click()")
-    tab.frame()
 
 
 def test_dragging_and_the_keyboard_turn_every_panel(tab):
@@ -157,30 +174,25 @@ def test_dragging_and_the_keyboard_turn_every_panel(tab):
     assert tab.frame()["view"] == "free"
     change = np.abs(tab.pixels().reshape(64, 64, 3) - before).mean(axis=(0, 2))
     assert all(change[a:b].mean() > 2 for a, b in ((0, 21), (21, 42), (43, 64)))  # all three panels
-    tab.js("document.getElementById('reset').click()")
-    assert tab.frame()["view"] == "lateral"
+    assert press(tab, "#reset")["view"] == "lateral"
     np.testing.assert_allclose(tab.pixels().reshape(64, 64, 3), before, atol=1)
     tab.js("document.getElementById('stage').dispatchEvent(new KeyboardEvent('keydown', {key: 'ArrowLeft'}))")
     assert tab.frame()["view"] == "free"
-    tab.js("document.querySelector('[data-look=medial]').click()")
-    assert tab.frame()["view"] == "medial"
+    assert press(tab, "[data-look=medial]")["view"] == "medial"
     assert tab.js("document.querySelector('[data-look=medial]').getAttribute('aria-pressed')") == "true"
-    tab.js("document.getElementById('reset').click()")
-    tab.frame()
 
 
 def test_the_wheel_scrolls_the_page_until_one_clicks_into_the_viewer(tab):
     """The ruler follows the zoom."""
-    width = "(r => r.getBoundingClientRect().width / parseFloat(r.textContent))(document.querySelector('.ruler'))"
 
     def wheel(by, modifiers=0):
         """How far the page went and how many times larger the surfaces are."""
-        before = tab.js(f"[scrollY, {width}]")
+        before = tab.js(f"[scrollY, {PIXELS_PER_MM}[0]]")
         x, y = tab.middle_of("panel-0")
         tab.call("Input.dispatchMouseEvent", type="mouseWheel", x=x, y=y, deltaX=0, deltaY=by, modifiers=modifiers)
         for _ in range(100):
             tab.frame()
-            if (after := tab.js(f"[scrollY, {width}]")) != before:
+            if (after := tab.js(f"[scrollY, {PIXELS_PER_MM}[0]]")) != before:
                 break
         return after[0] - before[0], after[1] / before[1]
 
@@ -189,102 +201,80 @@ def test_the_wheel_scrolls_the_page_until_one_clicks_into_the_viewer(tab):
     assert wheel(100) == (100, 1)
     assert wheel(-100) == (-100, 1)
     assert wheel(-100, modifiers=2) == (0, larger)  # with ctrl
-    click(tab, "panel-0")
+    click(tab, *tab.middle_of("panel-0"))
     assert wheel(-100) == (0, larger)
-    tab.js("document.activeElement.blur(); document.getElementById('reset').click()")
-    tab.frame()
 
 
 def test_a_click_reads_the_values_of_the_vertex_under_it(tab):
     m = made_measures("lh")
-    click(tab, "panel-1")
-    shown = tab.js("[...document.querySelectorAll('#panel-1 .values dd')].map(d => d.textContent)")
-    labels = tab.js("[...document.querySelectorAll('#panel-1 .values dt')].map(d => d.textContent)")
-    values = dict(zip(labels, shown))
+    click(tab, *tab.middle_of("panel-1"))
+    values = reading(tab, "panel-1")
     vertex = int(values["Vertex"])
     at = m.cortex.pial.verts[vertex]
     middle = (m.cortex.pial.verts.max(axis=0) + m.cortex.pial.verts.min(axis=0)) / 2
     assert at[0] < -30  # lateral side of a left hemisphere
     assert np.linalg.norm((at - middle)[1:]) < 6  # within an edge of the middle
     assert values["Region"] == ("front", "middle", "back")[m.cortex.regions.labels[vertex]]
-    assert float(values["Cortical thickness"].split()[0]) == pytest.approx(
-        m.maps["cortical_thickness"][vertex], abs=0.006
-    )
+    thickness = float(values["Cortical thickness"].split()[0])
+    assert thickness == pytest.approx(m.maps["cortical_thickness"][vertex], abs=0.006)
     assert tab.js("document.querySelector('#panel-1 .mark').hidden") is False
-    tab.js("document.getElementById('reset').click()")
-    tab.frame()
 
 
 def test_the_net_is_drawn_over_the_surface_that_has_one(tab):
-    tab.js("document.querySelector('input[value=cortical_thickness]').click()")
-    tab.frame()
+    press(tab, "input[value=cortical_thickness]")
     for layer, rgb, area in (("crests", (41, 41, 41), (200, 3000)), ("hinges", (214, 94, 0), (20, 100))):
         assert tab.count(rgb) == [0, 0, 0]
-        tab.js(f"document.getElementById('{layer}').click()")
-        assert tab.frame()[layer] == "true"
+        assert press(tab, f"#{layer}")[layer] == "true"
         model, left, right = tab.count(rgb)
         assert area[0] < left < area[1]
         assert (model, right) == (0, 0)  # they have none
-        tab.js(f"document.getElementById('{layer}').click()")
-        assert tab.frame()[layer] == "false"
-    tab.js("document.querySelector('input[value=H]').click()")
+        assert press(tab, f"#{layer}")[layer] == "false"
 
 
 def test_a_click_on_a_hinge_reads_it(tab):
     verts = made_measures("lh").cortex.pial.verts
     vertex = int(np.argmin(made_measures("lh").cortex.white.verts[:, 0]))
     away = verts[vertex] - (verts.max(axis=0) + verts.min(axis=0)) / 2
-    scale = "(r => r.getBoundingClientRect().width / parseFloat(r.textContent))(document.querySelector('.ruler'))"
-    per_mm = tab.js(scale)
-    x, y = tab.middle_of("panel-1") - per_mm * away[1:]  # seen from the left: anterior is left
-    read = "[...document.querySelectorAll('#panel-1 .values dt')].map(d => [d.textContent, d.nextSibling.textContent])"
-
-    def click():
-        for kind in ("mousePressed", "mouseReleased"):
-            tab.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
-        tab.frame()
-        return dict(tab.js(read))
-
-    assert "Hinge" not in click()  # not shown, not read
-    tab.js("document.getElementById('hinges').click()")
-    tab.frame()
-    values = click()
-    assert (values["Hinge"], values["Angles"]) == ("0, Y", "0°, 120°, 240°")
-    assert values["Arms"] == "8.00, 8.00, 8.00 mm"
-    tab.js("document.getElementById('hinges').click(); document.getElementById('reset').click()")
-    tab.frame()
+    x, y = tab.middle_of("panel-1") - tab.js(PIXELS_PER_MM)[1] * away[1:]  # seen from the left: anterior is left
+    click(tab, x, y)
+    assert "Hinge" not in reading(tab, "panel-1")  # not shown, not read
+    press(tab, "#hinges")
+    click(tab, x, y)
+    hinge = reading(tab, "panel-1")
+    assert (hinge["Hinge"], hinge["Angles"]) == ("0, Y", "0°, 120°, 240°")
+    assert hinge["Arms"] == "8.00, 8.00, 8.00 mm"
 
 
 def test_keys_go_from_hinge_to_hinge_in_sight_and_move_the_view(tab):
-    names = "[...document.querySelectorAll('#panel-1 .values dt')].filter(d => d.textContent === 'Hinge')"
-
-    def press(key, shift="false"):
+    def hinge_after(key, shift="false"):
         keydown = f"new KeyboardEvent('keydown', {{key: '{key}', shiftKey: {shift}}})"
         tab.js(f"document.getElementById('stage').dispatchEvent({keydown})")
         tab.frame()
-        return tab.js(f"{names}.map(d => parseInt(d.nextSibling.textContent))")
+        hinge = reading(tab, "panel-1").get("Hinge")
+        return hinge and int(hinge.split(",")[0])
 
-    assert press("n") == []  # not shown
-    tab.js("document.getElementById('hinges').click()")
-    assert [press(key) for key in "nnnN"] == [[LATERAL], [8], [7], [LATERAL]]  # from the middle outwards, around
-    assert [press(key) for key in "pp"] == [[7], [8]]
+    assert hinge_after("n") is None  # not shown
+    press(tab, "#hinges")
+    assert [hinge_after(key) for key in "nnnN"] == [LATERAL, 8, 7, LATERAL]  # from the middle outwards, around
+    assert [hinge_after(key) for key in "pp"] == [7, 8]
     assert tab.js("[...document.querySelectorAll('.mark')].map(m => m.hidden)") == [True, False, True]
     place = "['left', 'top'].map(s => parseFloat(document.querySelector('#panel-1 .mark').style[s]))"
     before = np.array(tab.js(place))
     for key, moved in (("ArrowRight", (30, 0)), ("ArrowUp", (30, -30)), ("ArrowLeft", (0, -30)), ("ArrowDown", (0, 0))):
-        assert press(key, shift="true") == [8]
+        assert hinge_after(key, shift="true") == 8
         np.testing.assert_allclose(tab.js(place), before + moved, atol=0.01)
     assert tab.frame()["view"] == "lateral"  # not turned
-    tab.js("document.querySelector('[data-look=medial]').click()")
-    assert press("n") == [9]
-    tab.js("document.getElementById('hinges').click(); document.getElementById('reset').click()")
-    assert press("p") == []
+    press(tab, "[data-look=medial]")
+    assert hinge_after("n") == 9
+    press(tab, "#hinges")
+    press(tab, "#reset")
+    assert hinge_after("p") is None
 
 
 def test_one_hemisphere_is_shown_beside_the_model(tab):
     hidden = "[...document.querySelectorAll('.panel')].map(p => p.hidden)"
     for side, gone in (("lh", [False, False, True]), ("rh", [False, True, False]), ("both", [False] * 3)):
-        tab.js(f"document.querySelector('input[name=side][value={side}]').click()")
+        press(tab, f"input[name=side][value={side}]")
         assert int(tab.frame()["triangles"]) == 1280 * (3 - sum(gone))
         assert tab.js(hidden) == gone
 
@@ -299,7 +289,6 @@ def test_the_slider_shows_earlier_stages_at_the_same_scale(tab):
         assert area() == pytest.approx(full * (g / 2) ** 2, rel=0.15)
         pixels = tab.pixels().reshape(64, 64, 3)[:, :21]
         assert (coloured(pixels.reshape(-1, 3)) > 20) == (g > 1)  # H was not measured at 1.0: bare
-    tab.js("document.getElementById('reset').click()")
 
 
 def test_a_panel_says_where_it_shows_another_stage_or_surface_than_its_name_or_the_switch(tab):
@@ -324,9 +313,8 @@ def test_a_warning_leads_to_its_vertex(tmp_path):
     page = analysis_report([left, right], tmp_path / "report.html")
     with opened(page, tmp_path / "profile", "viewer") as tab:
         assert tab.frame()["surface"] == "inflated"
-        tab.js("document.querySelector('input[name=side][value=lh]').click()")  # the other hemisphere
-        tab.js("document.querySelector('[data-vertex]').click()")
-        assert tab.frame()["view"] == "free"
+        press(tab, "input[name=side][value=lh]")  # the other hemisphere
+        assert press(tab, "[data-vertex]")["view"] == "free"
         mark = tab.js("document.querySelector('#panel-1 .mark').getBoundingClientRect().toJSON()")
         middle = (mark["x"] + mark["width"] / 2, mark["y"] + mark["height"] / 2)
         assert middle == pytest.approx(tab.middle_of("panel-1"), abs=1.5)
@@ -337,21 +325,16 @@ def test_a_warning_leads_to_its_vertex(tmp_path):
 
 
 def test_enter_reads_what_is_shown_and_a_click_beside_the_brain_nothing(tab):
-    read = "[...document.querySelectorAll('#panel-1 .values dt')].map(d => d.textContent)"
-    tab.js("document.getElementById('hinges').click(); document.querySelector('input[name=side][value=rh]').click()")
+    press(tab, "#hinges")
+    press(tab, "input[name=side][value=rh]")
     tab.js("document.getElementById('stage').dispatchEvent(new KeyboardEvent('keydown', {key: 'Enter'}))")
     tab.frame()
-    assert "Vertex" in tab.js(read.replace("panel-1", "panel-2"))
-    assert tab.js(read) == []  # hidden
-    tab.js("document.querySelector('input[name=side][value=both]').click()")
-    tab.frame()
+    assert "Vertex" in reading(tab, "panel-2")
+    assert reading(tab, "panel-1") == {}  # hidden
+    press(tab, "input[name=side][value=both]")
     corner = tab.js("(b => [b.left + 8, b.bottom - 8])(document.getElementById('panel-1').getBoundingClientRect())")
-    for kind in ("mousePressed", "mouseReleased"):
-        tab.call("Input.dispatchMouseEvent", type=kind, x=corner[0], y=corner[1], button="left", clickCount=1)
-    tab.frame()
-    assert tab.js(read) == []
-    tab.js("document.getElementById('hinges').click(); document.getElementById('reset').click()")
-    tab.frame()
+    click(tab, *corner)
+    assert reading(tab, "panel-1") == {}
 
 
 @pytest.mark.slow
@@ -370,7 +353,7 @@ def test_the_values_of_a_hinge_stay_off_name_and_ruler_and_leave_the_surface_in_
         for page in (None, *pages):  # of one panel, two, three and four
             if page:
                 tab.go(page, "viewer")
-            tab.js("document.getElementById('hinges').click()")
+            press(tab, "#hinges")
             tab.js("document.getElementById('stage').dispatchEvent(new KeyboardEvent('keydown', {key: 'n'}))")
             tab.frame()
             panel, name, values, ruler = tab.js(boxes)
@@ -381,27 +364,20 @@ def test_the_values_of_a_hinge_stay_off_name_and_ruler_and_leave_the_surface_in_
 
 def test_the_paragraph_for_a_paper_is_there_to_copy(tab):
     assert "Fischl and Dale 2000" in tab.js("document.getElementById('methods').value")
-    tab.js("document.querySelector('[data-copy]').click()")
-    tab.frame()
+    press(tab, "[data-copy]")
     assert tab.js("getSelection().toString().length || document.getElementById('methods').selectionEnd") > 500
 
 
 def test_scale_each_to_fit_gives_every_panel_its_own_ruler(tab):
-    """Pixels per mm: the same in every panel, and larger where the small surface is blown up."""
-    scales = (
-        "[...document.querySelectorAll('.ruler')].map(r => r.getBoundingClientRect().width / parseFloat(r.textContent))"
-    )
-    model, left, right = tab.js(scales)
-    assert model == pytest.approx(left, rel=0.02)  # a ruler is drawn to a pixel
-    assert right == pytest.approx(left, rel=0.02)
-    tab.js("document.getElementById('fit').click()")
-    tab.frame()
-    model, left, right = tab.js(scales)
+    """The scale is the same in every panel, and larger where the small surface is blown up."""
+    model, left, right = tab.js(PIXELS_PER_MM)
+    assert [model, right] == pytest.approx([left, left], rel=0.02)  # a ruler is drawn to a pixel
+    press(tab, "#fit")
+    model, left, right = tab.js(PIXELS_PER_MM)
     assert model == pytest.approx(left / SMALL, rel=0.03)
     assert right == pytest.approx(left, rel=0.02)
-    tab.js("document.getElementById('fit').click()")
-    tab.frame()
-    assert np.ptp(tab.js(scales)) < 0.05
+    press(tab, "#fit")
+    assert np.ptp(tab.js(PIXELS_PER_MM)) < 0.05
 
 
 def test_nothing_is_fetched_and_nothing_goes_wrong(tab):
