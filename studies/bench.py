@@ -197,7 +197,12 @@ def app() -> App:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one benchmark and return its exit code, as a command of morphofold does."""
-    return run_app(app, lambda args: BENCHMARKS[type(args)](args), argv)
+    return run_app(app, _run, argv)
+
+
+def _run(args: Printing) -> Answer:
+    answer = BENCHMARKS[type(args)](args)
+    return answer._replace(lines="\n".join(answer.lines))  # tables as they are
 
 
 def _run_folds_study(args: Folds) -> Answer:
@@ -218,7 +223,7 @@ def _run_folds_study(args: Folds) -> Answer:
     with atomic_folder(out) as folder:
         summary = run_study(study, folder, runs)
     lines = [
-        *"\n\n".join(text_tables(out)).splitlines(),
+        "\n\n".join(text_tables(out)),
         "",
         *(f"no {name}.tsv: {why}" for name, why in summary["left_out"].items()),
         *(f"warning: {warning}" for warning in summary["warnings"]),
@@ -245,7 +250,7 @@ def _run_hemisphere_study(args: Hemisphere) -> Answer:
         files = run_study(levels, thicknesses, surfaces, folder, runs)
         (folder / "summary.json").write_text(strict_json({"files": files}), encoding="utf-8")
     tables = [(out / name).read_text(encoding="utf-8") for name in files if name.endswith(".tsv")]
-    return Answer(out / "summary.json", [*"".join(tables).splitlines(), f"-> {out / 'summary.json'}"])
+    return Answer(out / "summary.json", [*tables, f"-> {out / 'summary.json'}"])
 
 
 def _run_accuracy_study(args: Accuracy) -> Answer:

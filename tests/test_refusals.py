@@ -181,14 +181,15 @@ def test_an_interrupt_inside_a_compiled_kernel_is_an_interrupt(capsys, monkeypat
     assert main(["scenes"]) == 130
 
 
-def built(kind, chosen, absent=()):
-    """Options of a command: those chosen, and the first that each of them needs, if none of these is to be absent."""
+def check(kind, chosen, absent=()):
+    """Check options: those chosen, and the first that each of them needs, if none of these is to be absent."""
     for option, verb, *others in map(str.split, kind.rules):
         if verb == "needs" and option in chosen and not {*others} & {*chosen, *absent}:
-            return built(kind, [*chosen, others[0]], absent)
+            return check(kind, [*chosen, others[0]], absent)
     required = [f.name for f in fields(kind) if f.init and f.default is f.default_factory is MISSING]
     parts = (option.strip("-").replace("-", "_").lower().partition("=") for option in chosen)
-    return kind(**dict.fromkeys(required, "x"), **{name: value or "x" for name, _, value in parts})
+    given = {name: value or "x" for name, _, value in parts}
+    kind(**(dict.fromkeys(required, "x") | given)).check_rules(given)
 
 
 KINDS = [app.default_command for app in commands().values()]
@@ -197,14 +198,15 @@ KINDS = [app.default_command for app in commands().values()]
 @pytest.mark.parametrize(("kind", "rule"), [(kind, rule) for kind in KINDS for rule in kind.rules])
 def test_what_a_rule_of_options_forbids_is_refused_and_the_rest_is_not(kind, rule):
     option, verb, *others = rule.split()
+    shown = option.replace("=", " ")
     if verb == "needs":
-        with pytest.raises(OptionsClash, match=f"^{option} needs {others[0]}"):
-            built(kind, [option], absent=others)
+        with pytest.raises(OptionsClash, match=f"^{shown} needs {others[0]}"):
+            check(kind, [option], absent=others)
     else:
-        built(kind, [option])
+        check(kind, [option])
     for other in others:
-        with pytest.raises(OptionsClash, match=f"^{option} .*{other}") if verb == "excludes" else nullcontext():
-            built(kind, [option, other])
+        with pytest.raises(OptionsClash, match=f"^{shown} .*{other}") if verb == "excludes" else nullcontext():
+            check(kind, [option, other])
 
 
 def test_hemispheres_that_fail_together_keep_the_code_of_their_error(here, capsys, made):
@@ -276,3 +278,21 @@ def made(here):
     (here / "made" / "surf").mkdir(parents=True)
     write_surface(here / "made" / "surf" / "lh.white", cortex.white)
     write_surface(here / "made" / "surf" / "lh.pial", cortex.pial)
+
+
+@pytest.mark.parametrize(
+    ("code", "argv"),
+    [
+        ("bad-usage", "bids data out participant --participant-label"),
+        ("bad-usage", "theory radius --growth"),
+        ("bad-usage", "simulate demo -o="),
+        ("bad-usage", "theory stress --points 2.5"),
+        ("not-readable", "theory stress --thickness [1,2]"),
+        ("options-clash", "theory bifurcation --body demo --law both"),  # given, though it is the default
+        ("no-such-file", "analyze nowhere --name=QQ=="),
+        ("no-such-file", "compare a=x,,y"),
+        ("no-such-file", "stats nowhere --model m --contrast -age"),
+    ],
+)
+def test_options_without_a_value_and_values_like_options(code, argv, here, capsys):
+    assert refused(argv.split(), capsys, here).endswith(f"[{code}]")

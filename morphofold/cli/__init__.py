@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import importlib
 import os
+import re
 import signal
 import sys
 import threading
@@ -14,7 +15,7 @@ from contextlib import contextmanager
 from itertools import pairwise
 from typing import Any, NoReturn
 
-from cyclopts import App, CycloptsError, Parameter, ValidationError
+from cyclopts import App, CycloptsError, MissingArgumentError, Parameter, UnusedCliTokensError, ValidationError
 
 from morphofold import __version__
 from morphofold.cli import options, theory_options
@@ -92,18 +93,27 @@ def run_app(build: Callable[[], App], run: Callable[[Any], Answer], argv: Sequen
     for name in BLAS_VARIABLES:  # NumPy is not imported yet
         os.environ.setdefault(name, "1")
     argv = sys.argv[1:] if argv is None else argv
+    args: Any = None
     with standard_streams():
         parser = build()
         program = " ".join([*parser.name, *argv[:1]] if argv and argv[0] in parser else parser.name)
         try:
-            args = parsed(parser, argv)
-        except (Refusal, OSError) as error:  # also if --help can't be written
-            return _print_failure(program, *_failure(error, ""), error)
-        return 0 if args is None else _run_parsed(run, args, program)
+            with warnings.catch_warnings(), _signals_as_interrupts():
+                warnings.showwarning = _show_warning
+                args = parsed(parser, argv)
+                answer = Answer(None, []) if args is None else run(args)  # none after --help and --version
+                print_answer(answer, as_json=getattr(args, "json", False))
+            sys.stdout.flush()
+            return answer.code
+        except BaseException as error:
+            status, text = _failure(error, getattr(args, "on_interrupt", ""))
+            if not status or ("--debug" in argv and status != 130):
+                raise
+            return _print_failure(program, status, text, error)
 
 
 def parsed(parser: App, argv: Sequence[str]) -> Any:
-    """The options of the command that ``argv`` names; nothing after --help and --version.
+    """The options of the command that ``argv`` names; None after --help and --version, which print.
 
     Raises
     ------
@@ -115,34 +125,33 @@ def parsed(parser: App, argv: Sequence[str]) -> Any:
         If options contradict each other.
     """
     for option, text in pairwise(["", *argv]):
-        if not text or "\0" in text or (text.startswith("--") and text.endswith("=")):  # "" would be the current folder
-            name = text.partition("=")[0] or (option if option.startswith("-") else "an argument")
+        if text == "--":
+            break
+        if not text or "\0" in text or re.fullmatch(r"--?[\w-]+=", text):  # an empty path would be the current folder
+            name = text.partition("=")[0] or (f"after {option}" if option.startswith("-") else "an argument")
             raise BadUsage(f"{name}: the value is empty, or contains a NUL. Give it a value, or leave it out.")
     try:
-        return parser(argv, exit_on_error=False, print_error=False, help_on_error=False)
+        command, given, _ = parser.parse_args(argv, exit_on_error=False, print_error=False, help_on_error=False)
     except CycloptsError as error:
-        if isinstance(error, ValidationError) and error.argument is not None:
-            raise OutOfRange(f"{error.argument.name} {error.exception_message}") from None
-        if isinstance(error.__cause__, Refusal):
-            raise error.__cause__ from None
-        chain = " ".join([*parser.name, *(error.command_chain or ())])
-        raise BadUsage(f"{str(error).strip().rstrip('.?')}. See {chain} --help.") from None
+        raise _refusal_of(error, parser) from None
+    options = command(*given.args, **given.kwargs)
+    if isinstance(options, Options):
+        options.check_rules(given.arguments)
+    return options
 
 
-def _run_parsed(run: Callable[[Any], Answer], args: Options, program: str) -> int:
-    try:
-        with warnings.catch_warnings():
-            warnings.showwarning = _show_warning
-            with _signals_as_interrupts():
-                answer = run(args)
-                print_answer(answer, as_json=getattr(args, "json", False))
-        sys.stdout.flush()
-        return answer.code
-    except BaseException as error:
-        status, text = _failure(error, args.on_interrupt)
-        if not status or (args.debug and status != 130):
-            raise
-        return _print_failure(program, status, text, error)
+def _refusal_of(error: CycloptsError, parser: App) -> Refusal:
+    argument, cause, text = error.argument, error.__cause__, str(error).strip()
+    if isinstance(error, ValidationError) and argument is not None:
+        return OutOfRange(f"{argument.name} {error.exception_message}")
+    if isinstance(cause, Refusal):
+        return cause
+    if isinstance(error, MissingArgumentError) and argument is not None and argument.index is not None:
+        text = f"{argument.name.strip('-').upper()} is missing."
+    if isinstance(error, UnusedCliTokensError):
+        text = f"there are more arguments than the command takes: {' '.join(error.unused_tokens or [])}."
+    end = "" if text.endswith((".", "?")) else "."
+    return BadUsage(f"{text}{end} See {' '.join([*parser.name, *(error.command_chain or ())])} --help.")
 
 
 def _failure(error: BaseException, on_interrupt: str) -> tuple[int, object]:

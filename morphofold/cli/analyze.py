@@ -16,7 +16,7 @@ from morphofold.cli.options import Analyze, Answer
 from morphofold.cli.paths import subject_folder, writable_name
 from morphofold.cli.progress import progress
 from morphofold.cli.runs import begin
-from morphofold.cli.streams import print_line
+from morphofold.cli.streams import print_answer, print_line
 from morphofold.cohort.measuring import keywords_of
 from morphofold.errors import MissingPart, OptionsClash, Refusal
 from morphofold.forecasts.cost import READING_STAGE, analysis_cost_line, cost_of_analysis
@@ -74,9 +74,11 @@ def run(args: Analyze) -> Answer:
     bids = args.layout == "bids"
     summary = out / (f"anat/{out.name}_desc-morphofold_provenance.json" if bids else "summary.json")
     lines = [*_lines(measures, clock), f"-> {summary if args.no_report else out / 'report.html'}"]
-    if subject is not None:
-        lines += _write_into_subject(measures, subject, args)
-    return Answer(summary, lines, 1 if failed else 0)
+    answer = Answer(summary, lines, 1 if failed else 0)
+    if subject is None:
+        return answer
+    print_answer(answer, as_json=args.json)  # it is done, whatever comes now
+    return Answer(None, _write_into_subject(measures, subject, args), answer.code)
 
 
 def _write_into_subject(measures: list[Measures], subject: Path, args: Analyze) -> list[str]:

@@ -64,7 +64,7 @@ def _by_name(option: str, items: Sequence[str], form: str) -> dict[str, str]:
     values: dict[str, str] = {}
     for item in items:
         name, _, value = (item.rpartition if option == "--colour " else item.partition)("=")
-        if not name or not all(value.split(",")):
+        if not name or not value or (option == "--group " and not all(value.split(","))):
             raise NotReadable(f"{option}{item!r} must have the form {form}.")
         if printable(name) in values:
             raise NamedTwice(f"{option}{item!r}: the name {name!r} is given twice; give it once.")

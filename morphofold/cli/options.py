@@ -7,14 +7,14 @@ the module with its name.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import KW_ONLY, MISSING, dataclass, field, fields
+from collections.abc import Collection, Sequence
+from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 from cyclopts import Group, Parameter, Token
 
-from morphofold.errors import BadUsage, OptionsClash, OutOfRange
+from morphofold.errors import BadUsage, OptionsClash, OutOfRange, UnknownName
 
 MEASURING = Group("Measuring", sort_key=1)
 WORKERS = Group("Workers", sort_key=2)
@@ -43,7 +43,10 @@ def within(least: float, largest: float) -> Parameter:
 
 def _whole(_: Any, tokens: tuple[Token, ...]) -> int:
     """A whole number; cyclopts alone would round 2.5 in silence."""
-    return int(tokens[0].value)
+    try:
+        return int(tokens[0].value)
+    except ValueError:
+        raise BadUsage(f"{tokens[0].keyword}: {tokens[0].value!r} is not a whole number.") from None
 
 
 Whole = Annotated[int, Parameter(converter=_whole)]
@@ -61,10 +64,11 @@ Threads = Annotated[MaybeWhole, Parameter(group=RUNNING)]
 
 
 class Answer(NamedTuple):
-    """What a command prints: ``json`` (a file, or content) with --json, else the lines; and its exit code."""
+    """What a command prints: ``json`` (a file, or content; not None) with --json, else the lines, or a text as it is;
+    and its exit code."""
 
     json: Any
-    lines: Sequence[str]
+    lines: Sequence[str] | str
     code: int = 0
 
 
@@ -81,20 +85,20 @@ class Options:
     debug: Flag = False
     """Show the traceback of an error."""
 
-    def __post_init__(self) -> None:
-        for option, verb, *others in map(str.split, self.rules):
-            present = [other for other in others if self._is_changed(other)]
-            if verb == "excludes" and self._is_changed(option) and present:
-                raise OptionsClash(f"{option} can't be used with {', '.join(present)}. Leave out one of them.")
-            if verb == "needs" and self._is_changed(option) and not present:
-                raise OptionsClash(f"{option} needs {' or '.join(others)}. Pass it, or leave out {option}.")
+    def check_rules(self, given: Collection[str]) -> None:
+        """Raise ``OptionsClash`` if options break a rule; ``given`` are the names of those in the command line."""
 
-    def _is_changed(self, option: str) -> bool:
-        """Whether an option differs from its default; with a value, ``--layout=bids``, whether it is that."""
-        option, _, value = option.strip("-").lower().partition("=")
-        own = next(f for f in fields(self) if f.name == option.replace("-", "_"))
-        default = own.default if own.default_factory is MISSING else own.default_factory()
-        return getattr(self, own.name) != default and value in ("", getattr(self, own.name))
+        def is_given(option: str) -> bool:
+            name, _, value = option.strip("-").lower().replace("-", "_").partition("=")
+            return name in given and getattr(self, name) not in (False, []) and value in ("", getattr(self, name))
+
+        for option, verb, *others in (rule.split() for rule in self.rules if is_given(rule.split()[0])):
+            present = [other for other in others if is_given(other)]
+            shown = option.replace("=", " ")
+            if verb == "excludes" and present:
+                raise OptionsClash(f"{shown} can't be used with {', '.join(present)}. Leave it out, or these.")
+            if verb == "needs" and not present:
+                raise OptionsClash(f"{shown} needs {' or '.join(others)}. Pass it, or leave out {shown}.")
 
 
 @dataclass(kw_only=True)
@@ -374,7 +378,7 @@ class Cohort(ManySubjects):
     """Folder that holds the subjects."""
     _: KW_ONLY
     subjects: Path | None = None
-    """Text file with one subject per line (default: all in SUBJECTS_DIR)."""
+    """Text file with one subject per line (default: all in SUBJECTS-DIR)."""
     out: Out = Path("cohort")
     """Folder to write."""
     space: str | None = None
@@ -437,7 +441,7 @@ class Stats(Printing):
     _: KW_ONLY
     model: str
     """Map and regressors, columns of the participants: 'gyral_thickness ~ age + sex'; '~ 1' is the mean."""
-    contrast: str
+    contrast: Annotated[str, Parameter(allow_leading_hyphen=True)]
     """What is tested: a regressor (age), weights of columns ('group[T.b] - group[T.c]'), or 1, the intercept."""
     participants: Path | None = None
     """Table with a row for each participant_id (default: STUDY/participants.tsv, else that of cohort)."""
@@ -485,11 +489,11 @@ class Bids(ManySubjects):
     level: Literal["participant", "group"]
     """Step to run: participant or group."""
     _: KW_ONLY
-    participant_label: Annotated[Texts, Parameter(consume_multiple=True)] = field(default_factory=list)
+    participant_label: Annotated[Texts, Parameter(consume_multiple=(1, None))] = field(default_factory=list)
     """Participants, without sub- (default: all)."""
     fs_subjects_dir: Path | None = None
-    """Folder of the FreeSurfer subjects (default: derivatives/freesurfer or sourcedata/freesurfer in BIDS_DIR, or
-    BIDS_DIR itself)."""
+    """Folder of the FreeSurfer subjects (default: derivatives/freesurfer or sourcedata/freesurfer in BIDS-DIR, or
+    BIDS-DIR itself)."""
     layout: Layout = field(default="bids", init=False)
 
 
@@ -558,6 +562,11 @@ class Reproduce(Printing):
     """A FreeSurfer subject whose hemispheres are grown for fig8-grown instead of fsaverage5's; may be repeated."""
     threads: Threads = None
     """Threads (default: all cores)."""
+
+    def __post_init__(self) -> None:
+        for name in self.figures:
+            if name not in (*FIGURES, "all"):
+                raise UnknownName(f"{name!r} is not a figure that can be reproduced; there are {', '.join(FIGURES)}.")
 
 
 @dataclass

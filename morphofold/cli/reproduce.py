@@ -11,7 +11,7 @@ from typing import Any
 from morphofold import __version__
 from morphofold.cli.options import FIGURES, NOT_IN_ALL, Answer, Reproduce
 from morphofold.cli.runs import Runs
-from morphofold.errors import OptionsClash, UnknownName
+from morphofold.errors import OptionsClash
 from morphofold.io import atomic_folder, refuse_foreign
 from morphofold.io.folders import alone
 from morphofold.provenance import sha256_of, strict_json
@@ -46,9 +46,6 @@ def run(args: Reproduce) -> Answer:
 def _figure_names(args: Reproduce) -> list[str]:
     every = [name for name in FIGURES if name not in NOT_IN_ALL] if "all" in args.figures else []
     figures = list(dict.fromkeys([*every, *(name for name in args.figures if name != "all")]))
-    for name in figures:
-        if name not in FIGURES:
-            raise UnknownName(f"{name!r} is not a figure that can be reproduced; there are {', '.join(FIGURES)}.")
     if args.subject and GROWN not in figures:
         raise OptionsClash(f"--subject is for {GROWN}, which is not drawn. Name it, or leave --subject out.")
     return figures

@@ -37,16 +37,17 @@ def run(args: Simulate) -> Answer:
             scene, args.out, resume=args.resume, threads=args.threads, progress=show, restart_from=args.restart_from
         )
     content, lines = dict(simulation.health), list(_lines(simulation, scene))
-    if args.estimate:
-        content["estimate"] = None
-        try:
-            estimate = _estimated_error(simulation, args)
-        except BaseException:  # the run is finished, and is worth printing
-            print_answer(Answer(content, lines), as_json=args.json)
-            raise
-        content["estimate"] = estimate.as_dict()
-        lines.append(estimate.words)
-    return Answer(content, lines)
+    if not args.estimate:
+        return Answer(content, lines)
+    content["estimate"] = None
+    if not args.json:
+        print_answer(Answer(None, lines), as_json=False)
+    try:
+        estimate = _estimated_error(simulation, args)
+    except BaseException:  # the run is finished, and is worth printing
+        print_answer(Answer(content, []), as_json=args.json)
+        raise
+    return Answer({**content, "estimate": estimate.as_dict()}, [estimate.words])
 
 
 def _lines(simulation: Simulation, scene: Scene) -> Iterator[str]:

@@ -42,12 +42,13 @@ def _converted(_: Any, tokens: Sequence[Token]) -> list[float]:
     return range_values([token.value for token in tokens], tokens[0].keyword or "")
 
 
-SEVERAL = Parameter(consume_multiple=True, converter=_converted)
+SEVERAL = Parameter(consume_multiple=(1, None), converter=_converted, json_list=False)
 # lengths beyond these limits overflow, or results lose their digits
 LENGTH, GROWTH, RATIO = within(1e-6, 1e6), within(1e-3, 1e3), within(1e-4, 1e4)
 Length = Annotated[float, LENGTH]
 Lengths = Annotated[list[float], SEVERAL, LENGTH]
 Growth = Annotated[float, GROWTH]
+Growths = Annotated[list[float], SEVERAL, GROWTH, Parameter(show_default="1:2:11")]
 RadiusRatios = Annotated[list[float], SEVERAL, within(1 + 1e-6, 1e3)]
 GrowthLaw = Literal["isotropic", "tangential", "both"]
 
@@ -95,7 +96,7 @@ class Radius(Theory):
     """Thickness of the cortex, T = C - B [mm]."""
     radius: Length = 50.0
     """Outer radius C [mm]."""
-    growth: Annotated[list[float], SEVERAL, GROWTH] = field(default_factory=lambda: range_values(["1:2:11"]))
+    growth: Growths = field(default_factory=lambda: range_values(["1:2:11"]))
     """Growth of the cortex; numbers or FROM:TO:COUNT."""
     core_growth: Growth = 1.0
     """Growth of the core; 1 is none."""
