@@ -18,7 +18,7 @@ import numba
 from cyclopts import App, Parameter
 
 from morphofold.cli import new_app, run_app
-from morphofold.cli.options import RUNNING, Answer, Printing, Switch, Threads, Whole
+from morphofold.cli.options import RUNNING, Answer, Printing, Switch, Threaded, Whole
 from morphofold.cli.progress import progress
 from morphofold.cli.runs import Runs, begin
 from morphofold.errors import NothingToDo, NotReadable, OptionsClash, OutOfRange, UnknownName
@@ -64,7 +64,7 @@ class Effects(Printing):
 
 
 @dataclass
-class Measures(Printing):
+class Measures(Printing, Threaded):
     """Seconds of each measure on this machine, from 10,000 to 1,000,000 vertices.
 
     The surface is a sphere with ridges along an irregular net.
@@ -85,8 +85,6 @@ class Measures(Printing):
     """Pairs of --against for each measure."""
     peers: Switch = False
     """Race the other programs that are installed (extra bench; Connectome Workbench), on 163,842 vertices."""
-    threads: Threads = None
-    """Threads (default: all cores)."""
 
 
 @dataclass
@@ -110,7 +108,7 @@ class Cohort(Printing):
 
 
 @dataclass
-class Folds(Printing):
+class Folds(Printing, Threaded):
     """Agreement of folds between meshes and between seeds; wavelength against cortical thickness.
 
     Grows every scene at every level of accuracy from the first seed of its imperfection. At the second-finest level (or
@@ -136,12 +134,10 @@ class Folds(Printing):
     """Stretches at which folds are measured."""
     out: OutFolder
     """Folder to write; simulations of an earlier study there are kept."""
-    threads: Threads = None
-    """Threads (default: all cores)."""
 
 
 @dataclass
-class Accuracy(Printing):
+class Accuracy(Printing, Threaded):
     """What accuracy costs in time: error against seconds, for many settings and for other programs.
 
     Solver: radius, stress and onset against theory, folds against the finest mesh or setting. It varies mesh size,
@@ -161,12 +157,10 @@ class Accuracy(Printing):
     """Halves of the study, separated by commas."""
     out: OutFolder
     """Folder to write; cases of an earlier study there are kept."""
-    threads: Threads = None
-    """Threads (default: all cores)."""
 
 
 @dataclass
-class Hemisphere(Printing):
+class Hemisphere(Printing, Threaded):
     """Cost and folds of an unfolded hemisphere on several meshes; a ferret beside published stages.
 
     For example:
@@ -183,8 +177,6 @@ class Hemisphere(Printing):
     """Published surfaces of a growing ferret's brain, separated by commas, the first one of which grows."""
     out: OutFolder
     """Folder to write; simulations of an earlier study there are kept."""
-    threads: Threads = None
-    """Threads (default: all cores)."""
 
 
 def app() -> App:

@@ -11,10 +11,10 @@ from typing import Any, TypeVar
 from morphofold import results
 from morphofold.analysis import Measures, measuring
 from morphofold.analysis.asked import asked as check_only
-from morphofold.cli.measuring import measuring_options
-from morphofold.cli.options import Analyze, Answer
+from morphofold.cli.options import Analyze, Answer, sides
 from morphofold.cli.paths import subject_folder, writable_name
 from morphofold.cli.progress import progress
+from morphofold.cli.recorded_options import measuring_options
 from morphofold.cli.runs import begin
 from morphofold.cli.streams import print_answer, print_line
 from morphofold.cohort.measuring import keywords_of
@@ -177,7 +177,7 @@ def _hemisphere_readers(args: Analyze) -> dict[str, Callable[[], Cortex]]:
         annotation=args.annot,
         annotation_from=args.annot_from,
     )
-    hemis = ("lh", "rh") if args.hemi == "both" else (args.hemi,) if args.hemi else hemispheres(Path(args.input))
+    hemis = sides(args.hemi) or hemispheres(Path(args.input))
     return {hemi: partial(reader, hemi=hemi) for hemi in hemis}
 
 

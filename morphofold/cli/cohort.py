@@ -9,9 +9,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from morphofold.cli.measuring import measuring_options
-from morphofold.cli.options import Answer, Cohort, ManySubjects
+from morphofold.cli.options import Answer, Cohort, ManySubjects, sides
 from morphofold.cli.progress import progress
+from morphofold.cli.recorded_options import measuring_options
 from morphofold.cli.workers import answer_of, open_workers, print_note, run_with_progress
 from morphofold.cohort.covariates import NO_COVARIATES, Covariates, find_covariates
 from morphofold.cohort.fleet import Fleet
@@ -143,7 +143,7 @@ def run_group(out: Path, results: Mapping[str, Path], args: ManySubjects, covari
 
 def _participants(folders: Mapping[str, Path], out: Path, args: ManySubjects) -> list[Participant]:
     options, run_id = measuring_options(args), secrets.token_hex(4)
-    hemis = ("lh", "rh") if args.hemi == "both" else (args.hemi,) if args.hemi else ()
+    hemis = sides(args.hemi)
     report: Any = False if args.no_report else analysis_report
     return [
         Participant(

@@ -30,6 +30,11 @@ def _hemisphere(_: Any, tokens: tuple[Token, ...]) -> str:
     return HEMISPHERE_SPELLINGS[word.lower()]
 
 
+def sides(hemi: str | None) -> tuple[str, ...]:
+    """The hemispheres that an option names; none if it was not given."""
+    return ("lh", "rh") if hemi == "both" else (hemi,) if hemi else ()
+
+
 def within(least: float, largest: float) -> Parameter:
     """Limits of a number, or of each number of a list; NaN is outside."""
 
@@ -60,7 +65,6 @@ Length = Annotated[float | None, Parameter(group=MEASURING), within(1e-9, 1e9)]
 Layout = Annotated[Literal["plain", "bids"], Parameter(group=RUNNING)]
 Switch = Annotated[bool, Parameter(show_default=False)]
 Flag = Annotated[Switch, Parameter(group=RUNNING)]
-Threads = Annotated[MaybeWhole, Parameter(group=RUNNING)]
 
 
 class Answer(NamedTuple):
@@ -99,6 +103,14 @@ class Options:
                 raise OptionsClash(f"{shown} can't be used with {', '.join(present)}. Leave it out, or these.")
             if verb == "needs" and not present:
                 raise OptionsClash(f"{shown} needs {' or '.join(others)}. Pass it, or leave out {shown}.")
+
+
+@dataclass(kw_only=True)
+class Threaded(Options):
+    """Options of commands that work in this process."""
+
+    threads: Annotated[MaybeWhole, Parameter(group=RUNNING)] = None
+    """Threads (default: all cores)."""
 
 
 @dataclass(kw_only=True)
@@ -169,7 +181,7 @@ class ManySubjects(Parcellation, ManyTasks):
 
 
 @dataclass
-class Demo(Options):
+class Demo(Threaded):
     """Grow a cortex, measure it and a real one, write the comparison.
 
     The complete work once: a folded cortex is grown, it and two real hemispheres are measured and compared. With
@@ -190,12 +202,10 @@ class Demo(Options):
     """Write this number of made subjects instead, whose left cortex thins with age, for trying cohort and stats."""
     seed: MaybeWhole = None
     """Of the made subjects (default: 0)."""
-    threads: Threads = None
-    """Threads (default: all cores)."""
 
 
 @dataclass
-class Simulate(Printing):
+class Simulate(Printing, Threaded):
     """Grow a scene into folds.
 
     Its stages are written as FreeSurfer-shaped subjects. If a run is not healthy, this is printed and recorded in
@@ -235,12 +245,10 @@ class Simulate(Printing):
     estimate: Switch = False
     """Afterwards grow a coarser run in DIR/coarser, in two fifths of the time, and estimate the error from both; then
     the coarser run at half the pace in DIR/slower, in about half of the time, to show what the pace changes."""
-    threads: Threads = None
-    """Threads (default: all cores)."""
 
 
 @dataclass
-class Analyze(Parcellation, Measuring, Printing):
+class Analyze(Parcellation, Measuring, Printing, Threaded):
     """Measure a FreeSurfer subject, a simulation, or a pair of files.
 
     Curvature, thickness, gyral thickness, gyrification and regions of one cortex, with a page to look at. Exit code 1:
@@ -299,8 +307,6 @@ class Analyze(Parcellation, Measuring, Printing):
     into_subject: Flag = False
     """Also write surf/?h.gyral_thickness, surf/?h.pial_lgi and stats/?h.aparc.gyral.stats into the FreeSurfer subject;
     files that morphofold did not write are kept."""
-    threads: Threads = None
-    """Threads (default: all cores)."""
 
 
 @dataclass
@@ -390,7 +396,22 @@ class Cohort(ManySubjects):
 
 
 @dataclass
-class Overlap(Printing):
+class OfStudy(Printing, Threaded):
+    """Options of commands that compare the subjects of a study on a template."""
+
+    study: Path
+    """Folder that cohort --space wrote."""
+    _: KW_ONLY
+    space: str | None = None
+    """Folder in STUDY/spaces (default: the only one)."""
+    seed: Whole = 0
+    """Of the random rotations or permutations."""
+    no_report: Flag = False
+    """Tables and maps only, no page or pictures."""
+
+
+@dataclass
+class Overlap(OfStudy):
     """Where subjects have hinges and crests, and how many they share, against chance.
 
     Maps are those that cohort --space wrote. Chance is what random rotations of each subject on the sphere give.
@@ -400,11 +421,7 @@ class Overlap(Printing):
     - `morphofold overlap study -o shared`
     """
 
-    study: Path
-    """Folder that cohort --space wrote."""
     _: KW_ONLY
-    space: str | None = None
-    """Folder in STUDY/spaces (default: the only one)."""
     radius: float | None = None
     """A hinge is shared if the other subject has one within this distance [mm] (default: half the crown width)."""
     density: float = 10.0
@@ -413,18 +430,12 @@ class Overlap(Printing):
     """Hemispheres."""
     rotations: Whole = 1000
     """Random rotations of each subject."""
-    seed: Whole = 0
-    """Of the rotations."""
     out: Out = Path("overlap")
     """Folder to write."""
-    no_report: Flag = False
-    """Table and maps only, no page or pictures."""
-    threads: Threads = None
-    """Threads (default: all cores)."""
 
 
 @dataclass
-class Stats(Printing):
+class Stats(OfStudy):
     """Test a model of age, sex and so on at every vertex of a cohort's maps on a template.
 
     The model is linear. P values are corrected for the whole cortex by permutations: of single vertices, of clusters,
@@ -436,8 +447,6 @@ class Stats(Printing):
     """
 
     rules = ("--whole-blocks needs --blocks", "--asymmetry excludes --hemi")
-    study: Path
-    """Folder that cohort --space wrote."""
     _: KW_ONLY
     model: str
     """Map and regressors, columns of the participants: 'gyral_thickness ~ age + sex'; '~ 1' is the mean."""
@@ -451,22 +460,14 @@ class Stats(Printing):
     """Exchange blocks as wholes, for regressors that are the same within a block."""
     variance_groups: str | None = None
     """Column of groups that may differ in residual variance: Welch's t, and changes of sign."""
-    space: str | None = None
-    """Folder in STUDY/spaces (default: the only one)."""
     hemi: Sides | None = None
     """Hemispheres (default: both)."""
     asymmetry: Literal["difference", "index"] | None = None
     """Test left - right, or 2 (left - right) / (left + right), on a symmetric template."""
     permutations: Whole = 1000
     """Permutations of the subjects."""
-    seed: Whole = 0
-    """Of the permutations."""
     out: Out = Path("stats")
     """Folder to write."""
-    no_report: Flag = False
-    """Tables and maps only, no page or pictures."""
-    threads: Threads = None
-    """Threads (default: all cores)."""
 
 
 @dataclass
@@ -543,7 +544,7 @@ FIGURES_HELP = "; ".join([*map(": ".join, FIGURES.items()), f"or all, which leav
 
 
 @dataclass
-class Reproduce(Printing):
+class Reproduce(Printing, Threaded):
     """Reproduce figures of the paper (Razavi et al. 2015), each with the table of its points, and an index of them all.
 
     For example:
@@ -560,8 +561,6 @@ class Reproduce(Printing):
     """Octants on coarser meshes, tables of the growths that are drawn: three minutes on two cores."""
     subject: Annotated[list[Path], Parameter(show_default=False)] = field(default_factory=list)
     """A FreeSurfer subject whose hemispheres are grown for fig8-grown instead of fsaverage5's; may be repeated."""
-    threads: Threads = None
-    """Threads (default: all cores)."""
 
     def __post_init__(self) -> None:
         for name in self.figures:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from morphofold.cli.options import Answer
+from morphofold.cli.options import Answer, sides
 from morphofold.cli.options import Overlap as Options
 from morphofold.cli.progress import progress
 from morphofold.inference.overlap import WHOLE, Overlap, overlap
@@ -20,10 +20,9 @@ def run(args: Options) -> Answer:
     set_threads(args.threads)
     space = find_space(args.study, args.space)
     refuse_foreign(args.out, [space.folder])
-    hemis = ("lh", "rh") if args.hemi == "both" else (args.hemi,)
     chance: dict[str, int] = {"spins": args.rotations, "seed": args.seed}
     with progress("overlap", args.quiet) as show:
-        results = overlap(space, radius=args.radius, fwhm=args.density, hemis=hemis, progress=show, **chance)
+        results = overlap(space, radius=args.radius, fwhm=args.density, hemis=sides(args.hemi), progress=show, **chance)
         summary = overlap_summary(space, results, fwhm=args.density, **chance)
         write_overlap(space, results, summary, args.out, None if args.no_report else overlap_report)
     return Answer(summary, list(_lines(results, args.out)))

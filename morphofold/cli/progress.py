@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from typing import Protocol
 
 from morphofold.cli.streams import one_line
+from morphofold.progress import silent
 
 COMPILING_TEXT = "compiling, once on this machine"
 
@@ -26,10 +27,6 @@ class ProgressCallback(Protocol):
 def progress(label: str, quiet: bool = False) -> Iterator[ProgressCallback]:
     """Yield ``show(share, text)`` with share from 0 to 1. Everything goes to standard error, names in it escaped."""
     if quiet:
-
-        def silent(share: float, text: str = "") -> None:
-            pass
-
         yield silent
     else:
         with _progress_bar(one_line(label)) if sys.stderr.isatty() else _progress_lines(one_line(label)) as show:

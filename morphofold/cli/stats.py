@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from morphofold.cli.options import Answer, Stats
+from morphofold.cli.options import Answer, Stats, sides
 from morphofold.cli.progress import progress
 from morphofold.inference.spaces import find_space
 from morphofold.inference.study import Result, Space, cluster_rows, fit_study, summary, write_result
@@ -28,7 +28,7 @@ def run(args: Stats) -> Answer:
             blocks=args.blocks,
             whole=args.whole_blocks,
             variance_groups=args.variance_groups,
-            hemis=(args.hemi,) if args.hemi in ("lh", "rh") else ("lh", "rh"),
+            hemis=sides(args.hemi or "both"),
             asymmetry=args.asymmetry,
             permutations=args.permutations,
             seed=args.seed,

@@ -127,8 +127,7 @@ def _body_table(body: str, args: Bifurcation) -> Table:
 def _refuse_large_answers(args: Theory) -> None:
     """Raise before anything is computed if the answer or its figure would be too large to read."""
     values = {key: value for key, value in asdict(args).items() if isinstance(value, list) and key != "set"}
-    layers = 2 * getattr(args, "points", 0.5)
-    rows = int(math.prod(len(value) or 1 for value in values.values()) * len(args.laws) * layers)
+    rows = math.prod(len(value) or 1 for value in values.values()) * args.rows_per_value
     if rows > MOST_ROWS:
         raise TooLarge(f"this asks for {rows:,} rows, at most {MOST_ROWS:,} are allowed: give fewer numbers at once.")
     curves = {Stress: ["thickness"], Bifurcation: ["mu_ratio", *["thickness"] * getattr(args, "curve", False)]}

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from morphofold.cli.options import Answer, Unfold
+from morphofold.cli.options import Answer, Unfold, sides
 from morphofold.cli.paths import writable_name
 from morphofold.cli.progress import progress
 from morphofold.io import refuse_foreign
@@ -25,7 +25,7 @@ def run(args: Unfold) -> Answer:
     check_options(args.level, args.radius)
     source = args.input
     present = hemispheres(source) if source.is_dir() else (side_named(source.name) or "lh",)
-    hemis = ("lh", "rh") if args.hemi == "both" else (args.hemi,) if args.hemi else present
+    hemis = sides(args.hemi) or present
     with progress("unfold", args.quiet) as show:
         show(0.0, "reading")
         bodies = [unfoldable(read_folded(source, hemi, surface=args.surface, sphere=args.sphere)) for hemi in hemis]
