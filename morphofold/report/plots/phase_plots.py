@@ -165,8 +165,9 @@ def _name_axes(ax: Axes, phases: Phases) -> None:
 def thumbnails(phases: Phases, surfaces: Mapping[GridIndex, Surface | str], view: str, largest: float) -> Figure:
     """Bare surfaces in place of the cells of a :func:`diagram`, or a text; ``largest`` mm fill 0.94 of a cell."""
     columns, rows = ([len(axis.values) for axis in phases.grid.axes] + [1, 1])[:2]
-    side = min(1.25, 8.5 / columns)
-    style = {**NO_FORMULAS, "axes.grid": False}
+    side = min(1.6, 8.5 / columns)
+    small = {"font.size": 7, "axes.labelsize": 7}  # it is shown at its size, diagrams at half of theirs
+    style = {**NO_FORMULAS, "axes.grid": False, **small}
     with new_figure(side * columns + 1.2, side * rows + 1.1, style=style) as (figure, ((ax,),)):
         ax.set(xlim=(-0.5, columns - 0.5), ylim=(-0.5, rows - 0.5), xticks=[], yticks=[])
         for at, surface in surfaces.items():
