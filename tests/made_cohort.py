@@ -83,7 +83,6 @@ def work_here(monkeypatch, measure=quick_measure):
 
     monkeypatch.setattr("morphofold.cohort.fleet.open_fleet", open_fleet)
     monkeypatch.setattr("morphofold.analysis.measuring.measure", measure)
-    monkeypatch.setenv("MORPHOFOLD_RENDERER", "raster")
 
 
 def table(path):

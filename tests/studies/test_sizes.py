@@ -18,6 +18,9 @@ def one(x):
 class Two:
     """A class."""
 
+    field: int = 3
+    """Its text."""
+
     def three(self):
 
         return (
@@ -27,5 +30,5 @@ class Two:
 
 
 def test_blank_lines_comments_and_docstrings_do_not_count():
-    assert code_lines(SOURCE) == {4, 5, 8, 11, 14, 17, 19, 20, 21}
+    assert code_lines(SOURCE) == {4, 5, 8, 11, 14, 17, 20, 22, 23, 24}
     assert functions(SOURCE) == {"one": 2, "three": 4}
