@@ -1,5 +1,4 @@
 import json
-import os
 import re
 import shlex
 import shutil
@@ -333,19 +332,3 @@ def test_a_stopped_analysis_leaves_nothing_behind(here, number, usual_signals):
     assert process.communicate()[1] == "morphofold analyze: interrupted.\n"
     assert process.returncode == 130
     assert sorted(here.iterdir()) == before
-
-
-def test_an_error_of_compiled_code_in_place_of_an_interrupt_is_the_interrupt(capsys, monkeypatch, usual_signals):
-    """numpy's ``tofile`` raises a TypeError of its own where a signal ends its look at the file."""
-
-    def run(args):
-        try:
-            os.kill(os.getpid(), signal.SIGINT)
-            time.sleep(5)
-        except KeyboardInterrupt:
-            raise TypeError("expected str, bytes or os.PathLike object") from None
-
-    monkeypatch.setattr("morphofold.cli.scenes.run", run)
-    assert main(["scenes"]) == 130
-    assert "PathLike" not in capsys.readouterr().err
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler

@@ -1,6 +1,5 @@
 """bids: a dataset's participants and their group, called as BIDS-Apps are."""
 
-import json
 import shutil
 
 import pytest
@@ -31,15 +30,12 @@ def test_what_cannot_be_done_is_refused(here, dataset, capsys):
     assert sorted(p.name for p in here.iterdir()) == ["data", "theirs"]
 
 
-def test_names_that_bids_has_no_place_for_fail_alone(here, dataset, capsys, monkeypatch):
-    work_here(monkeypatch)
-    for name in ("sub-02sesa", "---"):  # as sub-02_ses-a is shortened; nothing left
+def test_names_that_bids_cannot_tell_apart_are_refused_before_any_work(here, dataset, capsys):
+    for name, code in (("sub-02sesa", "named-twice"), ("---", "not-readable")):  # as sub-02_ses-a; nothing left
         write_subject(dataset / name, hemis=("lh",))
-    assert main(["bids", "data", "out", "participant", "--no-report", "-q", "--json"]) == 1
-    summary = json.loads(capsys.readouterr().out)
-    assert (summary["subjects"], summary["with_results"], set(summary["failures"])) == (5, 3, {"sub-02sesa", "---"})
-    assert sorted(p.name for p in (here / "out").glob("sub-*")) == ["sub-01", "sub-02sesa", "sub-02sesb"]
-    assert set(measured_before(here / "out", bids=True)) == {p.name for p in dataset.iterdir()}
+        refused(capsys, ["bids", "data", "out", "participant", "--no-report", "-q"], name, f"[{code}]")
+        assert not (here / "out").exists()
+        shutil.rmtree(dataset / name)
 
 
 def test_what_a_killed_run_left_of_a_record_is_no_subject(here):

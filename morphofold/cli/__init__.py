@@ -4,6 +4,7 @@ command, which alone is imported, does the work."""
 from __future__ import annotations
 
 import importlib
+import io
 import os
 import re
 import signal
@@ -20,7 +21,7 @@ from cyclopts import App, CycloptsError, MissingArgumentError, Parameter, Unused
 from morphofold import __version__
 from morphofold.cli import options, theory_options
 from morphofold.cli.options import Answer, Options
-from morphofold.cli.streams import one_line, print_answer, print_line, standard_streams
+from morphofold.cli.streams import one_line, print_answer, print_line
 from morphofold.errors import DISK_FULL_ERRORS, BadUsage, OutOfRange, Refusal, code_of
 from morphofold.threads import BLAS_VARIABLES
 
@@ -87,29 +88,34 @@ def _run_command(args: Options) -> Answer:
 def run_app(build: Callable[[], App], run: Callable[[Any], Answer], argv: Sequence[str] | None) -> int:
     """Run what ``argv`` names, and return the exit code: 0 done, 1 the work failed, 2 bad input, 130 interrupted.
 
-    If nobody reads the output any more, the work is still done, and the exit code stays the same. ``build`` returns the
-    parser, and ``run`` takes the options of the command.
+    ``build`` returns the parser, and ``run`` takes the options of the command.
     """
     for name in BLAS_VARIABLES:  # NumPy is not imported yet
         os.environ.setdefault(name, "1")
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # for a name that is not text, or an old terminal
     argv = sys.argv[1:] if argv is None else argv
     args: Any = None
-    with standard_streams():
-        parser = build()
-        program = " ".join([*parser.name, *argv[:1]] if argv and argv[0] in parser else parser.name)
-        try:
-            with warnings.catch_warnings(), _signals_as_interrupts():
-                warnings.showwarning = _show_warning
-                args = parsed(parser, argv)
-                answer = Answer(None, []) if args is None else run(args)  # none after --help and --version
-                print_answer(answer, as_json=getattr(args, "json", False))
-            sys.stdout.flush()
-            return answer.code
-        except BaseException as error:
-            status, text = _failure(error, getattr(args, "on_interrupt", ""))
-            if not status or ("--debug" in argv and status != 130):
-                raise
-            return _print_failure(program, status, text, error)
+    answer = Answer(None, [])
+    parser = build()
+    program = " ".join([*parser.name, *argv[:1]] if argv and argv[0] in parser else parser.name)
+    try:
+        with warnings.catch_warnings(), _signals_as_interrupts():
+            warnings.showwarning = _show_warning
+            args = parsed(parser, argv)
+            answer = answer if args is None else run(args)  # none after --help and --version
+            print_answer(answer, as_json=getattr(args, "json", False))
+        sys.stdout.flush()
+        return answer.code
+    except BrokenPipeError:  # the reader, such as head, has read enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what is left is flushed there
+        return answer.code
+    except BaseException as error:
+        status, text = _failure(error, getattr(args, "on_interrupt", ""))
+        if not status or ("--debug" in argv and status != 130):
+            raise
+        return _print_failure(program, status, text, error)
 
 
 def parsed(parser: App, argv: Sequence[str]) -> Any:
@@ -178,19 +184,15 @@ def _failure(error: BaseException, on_interrupt: str) -> tuple[int, object]:
 def _signals_as_interrupts() -> Iterator[None]:
     """Treat SIGTERM and SIGHUP as Ctrl-C, so that half-written files are removed; only the main thread can do this.
 
-    A signal that was ignored before (by nohup) stays ignored. A second SIGTERM or SIGHUP is ignored too: a terminal and
-    its shell both send one when they end, and half-written files have to be removed first. An error after a signal
-    counts as the interrupt: compiled code (numpy's ``tofile``) may raise one of its own in place of it.
+    A signal that was ignored before (by nohup) stays ignored. A second one is ignored, too: a terminal and its shell
+    both send one when they end, and half-written files have to be removed first.
     """
-    ends = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]  # not on Windows
-    usual: dict[int, Any] = {signal.SIGINT: signal.default_int_handler, **dict.fromkeys(ends, signal.SIG_DFL)}
-    main_thread = threading.current_thread() is threading.main_thread()
-    ours = [number for number in usual if main_thread and signal.getsignal(number) == usual[number]]
-    came = []
+    numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]  # not on Windows
+    in_main_thread = threading.current_thread() is threading.main_thread()
+    ours = [number for number in numbers if in_main_thread and signal.getsignal(number) == signal.SIG_DFL]
 
     def interrupt(number: int, frame: object) -> NoReturn:
-        came.append(number)
-        for each in set(ours) - {signal.SIGINT}:
+        for each in ours:
             signal.signal(each, signal.SIG_IGN)
         raise KeyboardInterrupt
 
@@ -198,13 +200,9 @@ def _signals_as_interrupts() -> Iterator[None]:
         signal.signal(number, interrupt)
     try:
         yield
-    except Exception:
-        if came:
-            raise KeyboardInterrupt from None
-        raise
     finally:
         for number in ours:
-            signal.signal(number, usual[number])
+            signal.signal(number, signal.SIG_DFL)
 
 
 def _show_warning(message: Warning | str, *_: object, **__: object) -> None:

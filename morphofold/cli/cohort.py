@@ -17,7 +17,6 @@ from morphofold.cohort.covariates import NO_COVARIATES, Covariates, find_covaria
 from morphofold.cohort.fleet import Fleet
 from morphofold.cohort.group import GROUP_FOLDER, write_group
 from morphofold.cohort.participant import Participant, measure_participant, results_of
-from morphofold.cohort.running import failed
 from morphofold.cohort.scales import SCALES_FILE, kept_scales, scales_of, with_scales
 from morphofold.cohort.space import SPACES, Mapped, map_participant, write_space
 from morphofold.cohort.subjects import find_subjects, folder_of, left_out_words, named_subjects
@@ -78,11 +77,15 @@ def run_cohort(
     out, covariates = out.absolute(), covariates.of_sessions(folders)
     more, lines = dict[str, Any](left_out=dict(left_out or {})), list[str]()
     subjects = _participants(folders, out, args)
-    results, reasons = _results_folders(out, subjects)
+    results = _results_folders(out, subjects)
     kept_scales(out)  # refuses before hours of work
     with ExitStack() as locks:
-        with open_workers(args, _memory_needed(subjects, args)) as fleet:
-            _begin_cohort(out, bids=args.layout == "bids")  # nothing is written where there are no workers
+        need = max((_memory_needed(subject, args) for subject in subjects[:SUBJECTS_READ_FOR_MEMORY]), default=0.0)
+        with open_workers(args, need) as fleet:
+            if args.layout == "bids":  # nothing is written where there are no workers
+                begin_dataset(out, ignoring=("group", "logs", "records", "lock", SPACES, SCALES_FILE))
+            else:
+                begin_collection(out, "cohort")
             if group:  # several may measure participants at once
                 locks.enter_context(alone(out))
             args.on_interrupt = " Run it again to go on."
@@ -93,12 +96,8 @@ def run_cohort(
                 if scales is not None:
                     print_note(scales.words, args)
                 subjects = [replace(subject, options=with_scales(subject.options, scales)) for subject in subjects]
-            possible = [subject for subject in subjects if subject.name not in reasons]
-            outcomes = run_with_progress(fleet, "cohort", measure_participant, possible, args)
-            outcomes += [
-                failed(subject.place, reasons[subject.name]) for subject in subjects if subject.name in reasons
-            ]
-            mapped = [] if space is None else _map_on_template(fleet, space, possible, out, args, covariates)
+            outcomes = run_with_progress(fleet, "cohort", measure_participant, subjects, args)
+            mapped = [] if space is None else _map_on_template(fleet, space, subjects, out, args, covariates)
         if group:
             with progress("group ", args.quiet) as show:
                 tables = write_group(out, results, outcomes, report=group_report, progress=show, covariates=covariates)
@@ -118,7 +117,7 @@ def measured_before(out: Path, *, bids: bool) -> dict[str, Path]:
     names = sorted(path.stem for path in records if not path.name.startswith("."))  # a killed run left a part of one
     if not names:
         raise FileNotFoundError(f"{out}: contains no measured subject. Measure participants first.")
-    return {name: _results_folder_or_reason(out, name, bids=bids)[0] for name in names}
+    return {name: results_of(out, name, bids=bids) for name in names}
 
 
 def run_group(out: Path, results: Mapping[str, Path], args: ManySubjects, covariates: Covariates) -> Answer:
@@ -181,61 +180,37 @@ def _mapped_lines(mapped: Sequence[Outcome], space: Template, out: Path) -> Iter
     yield f"{present} of {len(mapped)} subjects on {space.name} -> {out / SPACES / space.place / 'group'}"
 
 
-def _results_folders(out: Path, subjects: Sequence[Participant]) -> tuple[dict[str, Path], dict[str, str]]:
-    """Folder for the results of each subject, and reasons why some have none: BIDS shortens names.
+def _results_folders(out: Path, subjects: Sequence[Participant]) -> dict[str, Path]:
+    """Folder for the results of each subject.
 
     Raises
     ------
     FileExistsError
         If morphofold did not write a folder.
+    NotReadable, NamedTwice
+        If BIDS, which shortens names, leaves nothing of a name, or the same of two.
     """
     if any(subject.bids for subject in subjects):
         refuse_other_dataset(out)
     else:
         refuse_no_collection(out, "cohort")
     refuse_foreign(out / GROUP_FOLDER)  # before hours of work, not after them
-    folders: dict[str, Path] = {}
-    reasons: dict[str, str] = {}
     owners: dict[Path, str] = {}
     for subject in subjects:
-        folder, reason = _results_folder_or_reason(out, subject.name, bids=subject.bids)
-        owner = owners.setdefault(folder, subject.name)
+        owner = owners.setdefault(subject.results, subject.name)
         if owner != subject.name:
-            reason = f"{owner}, {subject.name}: BIDS shortens both to {folder.name}. Rename one of them."
-        folders[subject.name] = folder
-        reasons |= {subject.name: reason} if reason else {}
-    return folders, reasons
+            raise NamedTwice(f"{owner}, {subject.name}: BIDS shortens both to {subject.results.name}. Rename one.")
+    return {name: folder for folder, name in owners.items()}
 
 
-def _results_folder_or_reason(out: Path, name: str, *, bids: bool) -> tuple[Path, str]:
-    """Folder for the results of a subject and ""; if it can have none, a folder that does not exist, and the reason."""
+def _memory_needed(subject: Participant, args: ManySubjects) -> float:
+    """Memory that measuring a subject will take [GiB]; 0 if it can't be read."""
     try:
-        return results_of(out, name, bids=bids), ""
-    except (ValueError, OSError) as error:
-        return out / "records" / name, str(error)
-
-
-def _begin_cohort(out: Path, *, bids: bool) -> None:
-    """Make the folder of a cohort, or use an existing one."""
-    if bids:
-        begin_dataset(out, ignoring=("group", "logs", "records", "lock", SPACES, SCALES_FILE))
-    else:
-        begin_collection(out, "cohort")
-
-
-def _memory_needed(subjects: Sequence[Participant], args: ManySubjects) -> float:
-    """Memory that the largest of the first few subjects will take [GiB]; 0 if none of them can be read."""
-    needs = []
-    for subject in subjects:
-        try:
-            hemis = subject.hemis or hemispheres(Path(subject.folder))
-            sizes = [len(read_surface(cortex_files(subject.folder, hemi)["white"]).verts) for hemi in hemis]
-        except (ValueError, OSError):
-            continue
-        needs.append(memory_of_analysis(sizes, accuracy=args.accuracy, report=not args.no_report))
-        if len(needs) == SUBJECTS_READ_FOR_MEMORY:
-            break
-    return max(needs, default=0.0)
+        hemis = subject.hemis or hemispheres(Path(subject.folder))
+        sizes = [len(read_surface(cortex_files(subject.folder, hemi)["white"]).verts) for hemi in hemis]
+    except (ValueError, OSError):
+        return 0.0
+    return memory_of_analysis(sizes, accuracy=args.accuracy, report=not args.no_report)
 
 
 def _print_not_pooled(group: Group, args: ManySubjects) -> None:

@@ -1,11 +1,8 @@
 """What is said and written of odd names, odd numbers and odd streams: one line, plain cells, and the work is done."""
 
-import contextlib
-import io
 import json
 import os
 import re
-import sys
 
 import pytest
 from hard_cases.cases import hard_case
@@ -50,38 +47,6 @@ def test_names(holds, here, capsys):
             if code != 2 or captured.out or not captured.err[:-1].isprintable():
                 wrong.append((argv, code, captured.err))
     holds("refusals of more than one line, or with anything to steer by", len(wrong), at_most=0)
-
-
-class Gone(io.StringIO):
-    """A stream that nobody reads any more."""
-
-    def write(self, text):
-        raise BrokenPipeError(32, "Broken pipe")
-
-    def fileno(self):
-        return self.number
-
-
-@hard_case(
-    "files",
-    "standard output or error closed, or left by its reader",
-    guard="streams that go on without readers",
-    without=lambda patch: patch.setattr("morphofold.cli.standard_streams", contextlib.nullcontext),
-    fails=(AssertionError, AttributeError, BrokenPipeError),
-)
-def test_streams(holds, here, monkeypatch):
-    codes = []
-    for stream in ("stdout", "stderr"):
-        for left in (None, Gone()):
-            out = f"{stream}{len(codes)}"
-            with monkeypatch.context() as patch, open(os.devnull, "w") as spare:
-                if left is not None:
-                    left.number = spare.fileno()
-                patch.setattr(sys, stream, left)
-                settings = ["--set", "growth.final=1.1", "--set", "output.stages=[]"]
-                codes.append(main(["simulate", "radial", "-o", out, *settings]))
-            assert (here / out / "health.json").is_file()
-    holds.equal("codes", codes, [0] * 4)
 
 
 def only_files(folders, stem, endings):
