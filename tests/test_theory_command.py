@@ -175,8 +175,6 @@ def test_what_is_no_number_and_no_range_is_refused(capsys, word):
         ("critical --ratio 3 --core-growth 1.1", r" A/C = 0\.5, .* C/B = 3\b"),
         ("bifurcation --kappa-ratio 0.5", r"--kappa-ratio .* 1 .* inf, .* 0\.5\. \[out-of-range\]"),
         ("bifurcation --hole-ratio 0.99", r" B = 49 mm: .* 0\.99 C = 49\.5 mm"),
-        ("stress --thickness 1:20:5000 --points 100", r" 1,000,000 .* 200,000 .*\[too-large\]"),
-        ("bifurcation --thickness 1:20:1000 --mu-ratio 1:2:1000", r" 2,000,000 .* 200,000 .*\[too-large\]"),
         ("stress --thickness 1:20:11 --plot it.png", r"--plot .* 10 .*--thickness, .* 11\. \[too-large\]"),
         ("bifurcation --mu-ratio 1:20:11 --plot it.png", r"--plot .* 10 .*--mu-ratio, .* 11\. \[too-large\]"),
         ("bifurcation --plot picture.gif", r"picture\.gif"),
@@ -228,7 +226,7 @@ def test_a_plot_that_fails_leaves_the_older_one(here, capsys, monkeypatch):
 
 def test_debug_shows_where_an_error_is_from():
     with pytest.raises(TooLarge):
-        main(["theory", "stress", "--debug", "--thickness", "1:20:5000", "--points", "100"])
+        main(["theory", "stress", "--debug", "--thickness", "1:20:11", "--plot", "it.png"])
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from morphofold.cli.paths import subject_folder, writable_name
 from morphofold.cli.progress import progress
 from morphofold.cli.recorded_options import measuring_options
 from morphofold.cli.runs import begin
-from morphofold.cli.streams import print_answer, print_line
+from morphofold.cli.streams import print_line
 from morphofold.cohort.measuring import keywords_of
 from morphofold.errors import MissingPart, OptionsClash, Refusal
 from morphofold.forecasts.cost import READING_STAGE, analysis_cost_line, cost_of_analysis
@@ -74,21 +74,13 @@ def run(args: Analyze) -> Answer:
     bids = args.layout == "bids"
     summary = out / (f"anat/{out.name}_desc-morphofold_provenance.json" if bids else "summary.json")
     lines = [*_lines(measures, clock), f"-> {summary if args.no_report else out / 'report.html'}"]
-    answer = Answer(summary, lines, 1 if failed else 0)
-    if subject is None:
-        return answer
-    print_answer(answer, as_json=args.json)  # it is done, whatever comes now
-    return Answer(None, _write_into_subject(measures, subject, args), answer.code)
-
-
-def _write_into_subject(measures: list[Measures], subject: Path, args: Analyze) -> list[str]:
-    """Write the files of the subject; return the lines about them, or print them to standard error beside JSON."""
-    written, others = results.write_into_subject(measures, subject)
-    lines = [f"into {subject}: {', '.join(written) or 'nothing'}"]
-    lines += [f"kept, because morphofold did not write them: {', '.join(others)}"] if others else []
-    for line in lines if args.json else ():
-        print_line(line, file=sys.stderr)
-    return lines
+    if subject is not None:
+        written, others = results.write_into_subject(measures, subject)
+        lines.append(f"into {subject}: {', '.join(written) or 'nothing'}")
+        lines += [f"kept, because morphofold did not write them: {', '.join(others)}"] if others else []
+        for line in lines[-1 - bool(others) :] if args.json else ():
+            print_line(line, file=sys.stderr)
+    return Answer(summary, lines, 1 if failed else 0)
 
 
 def _name_and_folder(cortices: list[Cortex], args: Analyze) -> tuple[str, Path]:

@@ -7,30 +7,35 @@ left.
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Protocol
 
 from morphofold.cli.streams import one_line
-from morphofold.progress import silent
+from morphofold.progress import Progress, silent
 
 COMPILING_TEXT = "compiling, once on this machine"
 
 
-class ProgressCallback(Protocol):
-    """Called with the share done, 0 to 1, and a short text."""
-
-    def __call__(self, share: float, text: str = "") -> None: ...
-
-
 @contextmanager
-def progress(label: str, quiet: bool = False) -> Iterator[ProgressCallback]:
+def progress(label: str, quiet: bool = False) -> Iterator[Progress]:
     """Yield ``show(share, text)`` with share from 0 to 1. Everything goes to standard error, names in it escaped."""
     if quiet:
         yield silent
-    else:
-        with _progress_bar(one_line(label)) if sys.stderr.isatty() else _progress_lines(one_line(label)) as show:
-            yield lambda share, text="": show(share, one_line(text))
+        return
+    from morphofold.timing import reporting_compilation, working_seconds
+
+    started = working_seconds()
+    with _progress_bar(one_line(label)) if sys.stderr.isatty() else _progress_lines(one_line(label)) as update:
+
+        def show(share: float, text: str) -> None:
+            update(share, one_line(text), working_seconds() - started)
+
+        with reporting_compilation(lambda: update(None, COMPILING_TEXT, 0.0)):
+            yield show
+
+
+#: called with the share done, or None while numba compiles, a text, and the seconds of work so far
+Update = Callable[[float | None, str, float], None]
 
 
 def time_left(seconds: float, share: float) -> str:
@@ -45,11 +50,9 @@ def time_left(seconds: float, share: float) -> str:
 
 
 @contextmanager
-def _progress_bar(label: str) -> Iterator[ProgressCallback]:
+def _progress_bar(label: str) -> Iterator[Update]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-    from morphofold.timing import reporting_compilation, working_seconds
 
     columns = (
         TextColumn("{task.description}", markup=False),
@@ -59,35 +62,30 @@ def _progress_bar(label: str) -> Iterator[ProgressCallback]:
         TextColumn("{task.fields[left]}"),
         TextColumn("{task.fields[text]}", style="dim", markup=False),  # names may contain brackets
     )
-    started = working_seconds()
     with Progress(*columns, console=Console(stderr=True), refresh_per_second=4, transient=True) as bars:
         task = bars.add_task(label, total=1.0, text="", left="")
 
-        def show(share: float, text: str = "") -> None:
-            bars.update(task, completed=share, text=text, left=time_left(working_seconds() - started, share))
+        def update(share: float | None, text: str, seconds: float) -> None:
+            if share is None:
+                bars.update(task, text=text)
+            else:
+                bars.update(task, completed=share, text=text, left=time_left(seconds, share))
 
-        with reporting_compilation(lambda: bars.update(task, text=COMPILING_TEXT)):
-            yield show
+        yield update
 
 
 @contextmanager
-def _progress_lines(label: str) -> Iterator[ProgressCallback]:
-    from morphofold.timing import reporting_compilation, working_seconds
+def _progress_lines(label: str) -> Iterator[Update]:
+    printed: set[int | None] = {0}
 
-    started, shown, compiling = working_seconds(), [0], [False]
-
-    def show(share: float, text: str = "") -> None:
-        tenth = int(10 * share)
-        if tenth > shown[0]:
-            shown[0] = tenth
-            seconds = working_seconds() - started
+    def update(share: float | None, text: str, seconds: float) -> None:
+        tenth = None if share is None else int(10 * share)
+        if tenth in printed:
+            return
+        printed.add(tenth)
+        if share is not None:
             left = ", ".join(filter(None, (f"{share:4.0%} after {seconds:.0f} s", time_left(seconds, share))))
-            print(f"{label}: {left}  {text}", file=sys.stderr, flush=True)
+            text = f"{left}  {text}"
+        print(f"{label}: {text}", file=sys.stderr, flush=True)
 
-    def report_compilation() -> None:
-        if not compiling[0]:
-            compiling[0] = True
-            print(f"{label}: {COMPILING_TEXT}", file=sys.stderr, flush=True)
-
-    with reporting_compilation(report_compilation):
-        yield show
+    yield update

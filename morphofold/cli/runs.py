@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 from morphofold import analysis, simulation
 from morphofold.analysis import Measures
-from morphofold.cli.progress import ProgressCallback, progress
+from morphofold.cli.progress import progress
 from morphofold.io import atomic_folder
 from morphofold.progress import Progress
 from morphofold.sim.dynamics import UnstableError
@@ -70,7 +70,7 @@ class Runs:
                 self._done[label] = work(show)
         return self._done[label]
 
-    def showing(self, label: str) -> AbstractContextManager[ProgressCallback]:
+    def showing(self, label: str) -> AbstractContextManager[Progress]:
         return progress(label, self._quiet)
 
 

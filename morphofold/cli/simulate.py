@@ -12,7 +12,7 @@ from morphofold.cli.streams import print_answer, print_line
 from morphofold.forecasts import forecast
 from morphofold.forecasts.cost import cost_line, cost_of, table_of
 from morphofold.forecasts.mesh_choice import MeshChoice, budget_seconds, choose_mesh, error_share
-from morphofold.forecasts.richardson import Estimate, companion_forecasts, companions, estimate_error
+from morphofold.forecasts.richardson import companion_forecasts, companions, estimate_error
 from morphofold.sim.health import not_at_rest
 from morphofold.sim.output.folder import is_finished
 from morphofold.sim.run import Simulation
@@ -39,14 +39,9 @@ def run(args: Simulate) -> Answer:
     content, lines = dict(simulation.health), list(_lines(simulation, scene))
     if not args.estimate:
         return Answer(content, lines)
-    content["estimate"] = None
-    if not args.json:
-        print_answer(Answer(None, lines), as_json=False)
-    try:
-        estimate = _estimated_error(simulation, args)
-    except BaseException:  # the run is finished, and is worth printing
-        print_answer(Answer(content, []), as_json=args.json)
-        raise
+    print_answer(Answer(None, lines), as_json=args.json)  # the run is finished, whatever becomes of the others
+    with progress(f"{scene.name}, coarser and slower", args.quiet) as show:
+        estimate = estimate_error(simulation, threads=args.threads, progress=show)
     return Answer({**content, "estimate": estimate.as_dict()}, [estimate.words])
 
 
@@ -78,11 +73,6 @@ def _chosen_mesh(scene: Scene, args: Simulate) -> MeshChoice | None:
     choice = choose_mesh(scene, budget=budget, error=error, threads=args.threads)
     print_line(f"{scene.name}: {choice.words}", file=sys.stderr if args.json else sys.stdout)
     return choice
-
-
-def _estimated_error(simulation: Simulation, args: Simulate) -> Estimate:
-    with progress(f"{simulation.scene.name}, coarser and slower", args.quiet) as show:
-        return estimate_error(simulation, threads=args.threads, progress=show)
 
 
 def _dry_run(scene: Scene, choice: MeshChoice | None, args: Simulate) -> Answer:

@@ -22,8 +22,7 @@ from morphofold.io.folders import refuse_overlap
 from morphofold.sim import theory_tables
 from morphofold.sim.scene.files import load_scene
 
-#: most rows of one answer, and most curves of one kind that can be distinguished in a figure
-MOST_ROWS, MOST_CURVES = 200_000, 10
+MOST_CURVES = 10  # of one kind that can be distinguished in a figure
 #: number of states of a body that typically remain to be checked
 STATES_STILL_TO_CHECK = 6
 #: options that are no parameters of an answer
@@ -48,7 +47,7 @@ def run(args: Theory) -> Answer:
         check_format(args.plot)
         check_place(args.plot)
         refuse_overlap(args.plot)
-    _refuse_large_answers(args)
+        _refuse_many_curves(args)
     table = _table(args)
     if args.plot is not None:
         _write_plot(table, args.plot)
@@ -124,31 +123,20 @@ def _body_table(body: str, args: Bifurcation) -> Table:
     return Table("body", [row], {**row, "name": scene.name, "left_out_names": ", ".join(row["left_out"]) or "nothing"})
 
 
-def _refuse_large_answers(args: Theory) -> None:
-    """Raise before anything is computed if the answer or its figure would be too large to read."""
-    values = {key: value for key, value in asdict(args).items() if isinstance(value, list) and key != "set"}
-    rows = math.prod(len(value) or 1 for value in values.values()) * args.rows_per_value
-    if rows > MOST_ROWS:
-        raise TooLarge(f"this asks for {rows:,} rows, at most {MOST_ROWS:,} are allowed: give fewer numbers at once.")
+def _refuse_many_curves(args: Theory) -> None:
     curves = {Stress: ["thickness"], Bifurcation: ["mu_ratio", *["thickness"] * getattr(args, "curve", False)]}
-    for name in curves.get(type(args), []) if args.plot is not None else []:
-        if len(values[name]) > MOST_CURVES:
+    for name in curves.get(type(args), []):
+        if (count := len(getattr(args, name))) > MOST_CURVES:
             option = f"--{name.replace('_', '-')}"
-            raise TooLarge(f"--plot draws at most {MOST_CURVES} numbers of {option}, got {len(values[name])}.")
+            raise TooLarge(f"--plot draws at most {MOST_CURVES} numbers of {option}, got {count}.")
 
 
 def _write_plot(table: Table, plot: Path) -> None:
-
     from morphofold.report.plots import line_plots, theory_plots  # matplotlib is imported only to draw
 
     figure = getattr(theory_plots, TABLES[table.name]["figure"])(*table.drawn, **table.drawn_with)
-    try:
-        with atomic_file(plot) as temporary:
-            line_plots.save(figure, temporary)
-    except OSError as error:
-        if error.errno is None:
-            raise
-        raise OSError(error.errno, error.strerror, str(plot)) from error  # not of the temporary file beside it
+    with atomic_file(plot) as temporary:
+        line_plots.save(figure, temporary)
 
 
 def _aligned(table: Table) -> list[str]:

@@ -81,11 +81,6 @@ class Theory(Printing):
     def laws(self) -> tuple[str, ...]:
         return ("isotropic", "tangential") if self.law == "both" else (self.law,)
 
-    @property
-    def rows_per_value(self) -> int:
-        """Rows of the table for each combination of numbers: points of both layers, laws."""
-        return len(self.laws)
-
 
 @dataclass
 class Radius(Theory):
@@ -129,10 +124,6 @@ class Stress(Theory):
     """Points per layer."""
     core_growth: Growth = 1.0
     """Growth of the core; 1 is none."""
-
-    @property
-    def rows_per_value(self) -> int:
-        return len(self.laws) * 2 * self.points  # in two layers
 
 
 @dataclass
