@@ -19,14 +19,15 @@ from cyclopts import App, Parameter
 
 from morphofold.cli import new_app, run_app
 from morphofold.cli.options import RUNNING, Answer, Printing, Switch, Threaded, Whole
+from morphofold.cli.paths import begin
 from morphofold.cli.progress import progress
-from morphofold.cli.runs import Runs, begin
 from morphofold.errors import NothingToDo, NotReadable, OptionsClash, OutOfRange, UnknownName
 from morphofold.io import atomic_file, atomic_folder, refuse_foreign
 from morphofold.io.files import existing_file
 from morphofold.io.folders import alone
 from morphofold.provenance import strict_json
 from morphofold.sim.scene import LEVELS
+from morphofold.studies.runs import Runs
 from morphofold.threads import set_threads
 
 FOLDING_SCENES = ("fig5", "fig6-thin", "fig6-thick", "fig7-ratio1", "fig7-ratio4")

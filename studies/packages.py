@@ -54,9 +54,8 @@ GROUND = (
 APART = {"sim", "analysis"}  # they meet in a Cortex
 #: the arrows that run back up: the command ``reproduce`` draws the figures of the paper
 EXCEPTIONS = {
-    ("morphofold.cli.reproduce", "morphofold.studies.indexes"),
-    ("morphofold.cli.reproduce", "morphofold.studies.paper"),
-    ("morphofold.cli.reproduce", "morphofold.studies.paper.report"),
+    ("morphofold.cli.reproduce", "morphofold.studies.paper.reproduction"),
+    ("morphofold.cli.reproduce", "morphofold.studies.runs"),
 }
 HOLDS = {
     "ground": "Surface, Cortex, geometry of triangles, names and units, errors",

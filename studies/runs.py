@@ -1,35 +1,76 @@
-"""The simulations of a figure: how a figure requests one, and its entry in an index."""
+"""The simulations of figures and studies: grown in a folder of results, used again, and how an index lists them."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol, TypeVar
+from pathlib import Path
+from typing import Any, TypeVar
 
+from morphofold import analysis, simulation
 from morphofold.analysis import Measures
+from morphofold.cli.paths import begin
+from morphofold.cli.progress import progress
 from morphofold.progress import Progress
+from morphofold.sim.dynamics import UnstableError
 from morphofold.sim.run import Simulation
+from morphofold.sim.scene import Sphere
+from morphofold.sim.scene.files import load_scene
 from morphofold.surface import Cortex
+from morphofold.threads import set_threads
 
 Result = TypeVar("Result")
+SIMULATIONS_FOLDER = "simulations"
 
 
-class Runs(Protocol):
-    """What figures need: simulations, measures, and reports of progress.
+class Runs:
+    """Grows scenes in ``out``/simulations/NAME, each once, and continues from checkpoints.
 
-    ``draft``: bodies are octants on coarser meshes, with the stages that are drawn and no others.
+    Simulations are in ``out`` itself. The folder that replaces ``out`` keeps them, so an interrupt loses none. Drafts
+    are octants on coarser meshes and have names of their own. An invalid number of threads is refused at once, before
+    anything is written.
     """
 
-    draft: bool
+    def __init__(self, out: Path, *, threads: int | None, quiet: bool, draft: bool = False):
+        set_threads(threads)
+        self._out, self.draft, self._threads, self._quiet = out, draft, threads, quiet
+        self._done: dict[str, Any] = {}
+        self.seconds_growing = 0.0
 
     def grow(self, name: str, scene: str, settings: Sequence[str]) -> Simulation:
-        """The simulation of a built-in scene with changed settings, under its own name; grown if needed."""
+        """The simulation of a scene with changed settings, under its own name; grown if needed."""
+        begin(self._out)
+        if self.draft:
+            name, settings = f"{name}-octant-draft", [*settings, "accuracy.level=draft"]
+            if isinstance(load_scene(scene, settings).geometry, Sphere):
+                settings = [*settings, "geometry.portion=octant"]
+        begun = time.perf_counter()
+        with progress(name, self._quiet) as show:
+            try:
+                return simulation.simulate(
+                    scene,
+                    self._out / SIMULATIONS_FOLDER / name,
+                    settings=settings,
+                    resume=True,
+                    threads=self._threads,
+                    progress=show,
+                )
+            except UnstableError as error:
+                raise UnstableError(f"{name}: {error}", error.sound) from error  # which of many
+            finally:
+                self.seconds_growing += time.perf_counter() - begun
 
     def measure(self, name: str, cortex: Cortex) -> Measures:
         """All measures of a cortex, under its own name; measures of a name that was measured before are reused."""
+        accuracy = "draft" if self.draft else "standard"
+        return self.once(f"measure {name}", lambda show: analysis.measure(cortex, accuracy=accuracy, progress=show))
 
-    def once(self, words: str, work: Callable[[Progress], Result]) -> Result:
-        """The result of the work that ``words`` name, done once for all figures. The work gets a callable for its
-        progress: the share done, 0 to 1, and a short text."""
+    def once(self, label: str, work: Callable[[Progress], Result]) -> Result:
+        """The result of the work of this label, done once for all figures; the work gets its progress."""
+        if label not in self._done:
+            with progress(label, self._quiet) as show:
+                self._done[label] = work(show)
+        return self._done[label]
 
 
 def run_record(simulation: Simulation) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from pathlib import Path
 from unicodedata import category
 
 from morphofold.errors import NotReadable, OptionsClash
+from morphofold.io import atomic_folder
 
 
 def writable_name(name: str) -> str:
@@ -46,3 +47,10 @@ def subject_folder(subject: str, subjects_dir: str | None) -> Path:
         there = f"{', '.join(names[:8])}{f' and {len(names) - 8} more' if len(names) > 8 else ''}"
         raise FileNotFoundError(f"{folder / subject}: no such subject. {set_by} holds {there if names else 'none'}.")
     return folder / subject
+
+
+def begin(out: Path) -> None:
+    """Mark an empty or new folder as ours, so that parts can be written into it before the whole."""
+    if not out.is_dir() or not any(out.iterdir()):
+        with atomic_folder(out):
+            pass

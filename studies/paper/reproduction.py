@@ -1,0 +1,55 @@
+"""Draw figures of the paper into a folder, with their index and their page."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from morphofold import __version__
+from morphofold.io import atomic_folder, refuse_foreign
+from morphofold.io.folders import alone
+from morphofold.provenance import sha256_of, strict_json
+from morphofold.studies.indexes import keep_figures
+from morphofold.studies.paper import REPRODUCTIONS
+from morphofold.studies.paper.report import write_paper_report
+from morphofold.studies.runs import Runs
+
+GROWN = "fig8-grown"
+
+
+def reproduce(
+    figures: Sequence[str], out: Path, runs: Runs, subjects: Sequence[Path] = ()
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Draw ``figures``, keys of ``REPRODUCTIONS``, into the folder ``out``; others of an earlier run there are kept.
+
+    ``subjects`` are FreeSurfer subjects for fig8-grown. Returns the entries of the index of the figures that were
+    drawn, and of those kept.
+    """
+    place = Path(os.path.realpath(out))
+    refuse_foreign(out)
+    # the lock is beside the folder, which is replaced: figures that another run drew meanwhile would be lost
+    with alone(place.parent, f".{place.name}.lock"), atomic_folder(out) as folder:
+        cached = keep_figures(out, folder, REPRODUCTIONS, figures)
+        drawn = {name: _draw(name, folder, runs, subjects) for name in figures}
+        index = {
+            "morphofold": __version__,
+            "paper": "Razavi et al. 2015, Phys. Rev. E 92, 032701",
+            "lengths": "mm; the paper gives none, and only ratios matter",
+            "figures": {**cached, **drawn},
+        }
+        (folder / "summary.json").write_text(strict_json(index), encoding="utf-8")
+        write_paper_report(folder, index)
+    return drawn, cached
+
+
+def _draw(name: str, folder: Path, runs: Runs, subjects: Sequence[Path]) -> dict[str, Any]:
+    """Draw a figure; return its entry of the index, with the seconds without growing."""
+    begun, growing = time.perf_counter(), runs.seconds_growing
+    own = {"subjects": [str(path) for path in subjects]} if name == GROWN and subjects else {}
+    entry = REPRODUCTIONS[name](folder, runs, **own)
+    seconds = time.perf_counter() - begun - (runs.seconds_growing - growing)
+    digests = {file: sha256_of(folder / file) for file in entry["files"]}
+    return {"morphofold": __version__, "seconds": round(seconds, 2), **entry, "sha256": digests}
