@@ -18,8 +18,8 @@ import numba
 from cyclopts import App, Parameter
 
 from morphofold.cli import new_app, run_app
+from morphofold.cli.inputs import begin
 from morphofold.cli.options import RUNNING, Answer, Printing, Switch, Threaded, Whole
-from morphofold.cli.paths import begin
 from morphofold.cli.progress import progress
 from morphofold.errors import NothingToDo, NotReadable, OptionsClash, OutOfRange, UnknownName
 from morphofold.io import atomic_file, atomic_folder, refuse_foreign

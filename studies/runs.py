@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 from morphofold import analysis, simulation
 from morphofold.analysis import Measures
-from morphofold.cli.paths import begin
+from morphofold.cli.inputs import begin
 from morphofold.cli.progress import progress
 from morphofold.progress import Progress
 from morphofold.sim.dynamics import UnstableError

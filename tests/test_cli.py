@@ -14,8 +14,8 @@ from commands import refused
 
 from morphofold.analysis.measures import SCALARS
 from morphofold.cli import app, main, parsed
+from morphofold.cli.inputs import writable_name
 from morphofold.cli.options import Answer
-from morphofold.cli.paths import writable_name
 from morphofold.errors import BadUsage
 from morphofold.io import sample_path, write_surface
 from morphofold.results import read_analysis

@@ -11,10 +11,9 @@ from typing import Any, TypeVar
 from morphofold import results
 from morphofold.analysis import Measures, measuring
 from morphofold.analysis.asked import asked as check_only
+from morphofold.cli.inputs import begin, measuring_options, subject_folder, writable_name
 from morphofold.cli.options import Analyze, Answer, sides
-from morphofold.cli.paths import begin, subject_folder, writable_name
 from morphofold.cli.progress import progress
-from morphofold.cli.recorded_options import measuring_options
 from morphofold.cli.streams import print_line
 from morphofold.cohort.measuring import keywords_of
 from morphofold.errors import MissingPart, OptionsClash, Refusal

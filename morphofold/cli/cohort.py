@@ -9,9 +9,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from morphofold.cli.inputs import measuring_options
 from morphofold.cli.options import Answer, Cohort, ManySubjects, sides
 from morphofold.cli.progress import progress
-from morphofold.cli.recorded_options import measuring_options
 from morphofold.cli.workers import answer_of, open_workers, print_note, run_with_progress
 from morphofold.cohort.covariates import NO_COVARIATES, Covariates, find_covariates
 from morphofold.cohort.fleet import Fleet

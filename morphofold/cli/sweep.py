@@ -8,9 +8,9 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
+from morphofold.cli.inputs import measuring_options
 from morphofold.cli.options import Answer, Sweep
 from morphofold.cli.progress import progress
-from morphofold.cli.recorded_options import measuring_options
 from morphofold.cli.workers import answer_of, open_workers, print_note, run_with_progress
 from morphofold.cohort.grid import Grid, SweepPoint, make_grid
 from morphofold.cohort.phases import GROUP_FOLDER, theory_by_place, write_sweep

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from morphofold.cli.inputs import writable_name
 from morphofold.cli.options import Answer, Unfold, sides
-from morphofold.cli.paths import writable_name
 from morphofold.cli.progress import progress
 from morphofold.io import refuse_foreign
 from morphofold.io.cortex_files import hemispheres

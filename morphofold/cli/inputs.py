@@ -1,14 +1,17 @@
-"""Names of folders that commands write, and folders of FreeSurfer subjects by name."""
+"""What commands work on and with: subjects by name, options of measuring as results record them, folders to write."""
 
 from __future__ import annotations
 
 import difflib
 import os
 from pathlib import Path
+from typing import Any
 from unicodedata import category
 
+from morphofold.cli.options import Measuring
 from morphofold.errors import NotReadable, OptionsClash
 from morphofold.io import atomic_folder
+from morphofold.spheres.parcellation import check_template
 
 
 def writable_name(name: str) -> str:
@@ -54,3 +57,21 @@ def begin(out: Path) -> None:
     if not out.is_dir() or not any(out.iterdir()):
         with atomic_folder(out):
             pass
+
+
+def measuring_options(args: Measuring) -> dict[str, Any]:
+    """Options as results record them. Standard accuracy, parcellation and repair, and no cap, are not recorded, so that
+    results of older runs stay valid. Raises if the template of --annot-from has no parcellation."""
+    options: dict[str, Any] = {"curvature_scale_mm": args.curvature_scale, "gyral_width_mm": args.gyral_width}
+    annot, template = getattr(args, "annot", None), getattr(args, "annot_from", None)
+    unusual = {
+        "thickness_cap_mm": args.thickness_cap,
+        "accuracy": None if args.accuracy == "standard" else args.accuracy,
+        "repair": False if args.no_repair else None,
+        "annotation": annot,
+    }
+    options |= {key: value for key, value in unusual.items() if value is not None}
+    if template is not None:
+        folder = check_template(template, annot)
+        options["annotation_from"] = str(folder) if Path(template).is_dir() else template
+    return options
