@@ -87,7 +87,7 @@ def folder(tmp_path, monkeypatch):
     return here
 
 
-@pytest.mark.parametrize("place", ["beside the source", "in a folder"])
+@pytest.mark.parametrize("place", ["beside the source", pytest.param("in a folder", marks=pytest.mark.slow)])
 def test_code_is_cached_for_other_processes(folder, tmp_path, place):
     environment = {} if place == "beside the source" else {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
     value, compiled = result_and_compiled(folder, **environment)
@@ -120,8 +120,8 @@ def test_code_for_a_material_that_is_gone_does_not_disturb(folder):
     assert result_and_compiled(folder) == (8.0, 0)
 
 
-@pytest.mark.parametrize("damaged", [lambda content: b"", lambda content: content[: len(content) // 2], bytes.swapcase])
-@pytest.mark.parametrize("kind", ["nbi", "nbc"])
+@pytest.mark.parametrize("damaged", [lambda content: content[: len(content) // 2], bytes.swapcase])
+@pytest.mark.parametrize("kind", ["nbi", pytest.param("nbc", marks=pytest.mark.slow)])
 def test_a_damaged_file_is_replaced(folder, kind, damaged):
     assert result_and_compiled(folder)[0] == 8.0
     files = list(folder.glob(f"__pycache__/*.{kind}"))
@@ -133,6 +133,7 @@ def test_a_damaged_file_is_replaced(folder, kind, damaged):
     assert result_and_compiled(folder) == (8.0, 0)
 
 
+@pytest.mark.slow
 def test_on_a_full_disk_each_process_compiles_for_itself(folder):
     full = partial(resource.setrlimit, resource.RLIMIT_FSIZE, (0, 0))  # files can be made and hold nothing
     for _ in range(2):

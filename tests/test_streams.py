@@ -94,6 +94,7 @@ def test_a_signal_ends_a_run_with_its_checkpoint_kept_and_nothing_half_written(n
     assert "lock" not in names
 
 
+@pytest.mark.slow
 @needs_shell
 def test_under_nohup_a_hang_up_is_nothing(tmp_path):
     run = started(SIMULATE, tmp_path, preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN))
