@@ -18,12 +18,11 @@ from numpy.typing import NDArray
 
 from morphofold import io
 from morphofold.analysis.measures import Measures
-from morphofold.errors import DamagedFile, Mismatch
+from morphofold.errors import Mismatch
 from morphofold.quantities import quantity
 from morphofold.results.graph_file import read_graph, write_graph
 from morphofold.results.layouts import INPUT_MAP_UNITS, MISSING_DESCRIPTION, Layout, in_bids_letters
 from morphofold.results.subject_files import stats_name, write_gyral_stats
-from morphofold.results.summary import REANALYSE_ADVICE
 from morphofold.surface import Cortex, PerVertex, Regions, Verts
 from morphofold.tables import write_table
 from morphofold.validators import same_length
@@ -115,7 +114,7 @@ def read_hemisphere(entry: Mapping[str, Any], tables: Mapping[str, list[dict[str
     """
     hemi, path = entry["hemi"], partial(layout.path, hemi=entry["hemi"])
     transform = None if entry["transform"] is None else np.array(entry["transform"], dtype=np.float64)
-    back = _inverse(transform, layout) if layout.bids and transform is not None else None
+    back = np.linalg.inv(transform) if layout.bids and transform is not None else None
     kinds = [kind for kind in SURFACES if kind in SURFACES_IN_SCANNER or entry.get(kind)]
     fields: dict[str, Any] = {k: replace(io.read_surface(path("surface", name=k)), name=f"{hemi}.{k}") for k in kinds}
     fields |= {key: entry[key] for key in ("hemi", "name", "origin", "units", "info")}
@@ -177,12 +176,3 @@ def transformed(m: Measures, transform: np.ndarray | None) -> Measures:
         edge |= {"polyline": at(edge["polyline"])}
     cortex = replace(m.cortex, white=white, pial=pial)
     return replace(m, cortex=cortex, hinges=hinges, graph=None if m.graph is None else graph)
-
-
-def _inverse(transform: np.ndarray, layout: Layout) -> np.ndarray:
-    try:
-        return np.linalg.inv(transform)
-    except np.linalg.LinAlgError as error:
-        raise DamagedFile(
-            f"{layout.folder / 'anat'}: the transform of its provenance can't be inverted ({error}). {REANALYSE_ADVICE}"
-        ) from None

@@ -10,7 +10,7 @@ from __future__ import annotations
 import errno
 import os
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -135,9 +135,8 @@ def check_subject(folder: str | Path) -> Path:
             f"{folder}: is not a FreeSurfer subject (with surf/?h.white of FreeSurfer), so nothing is written into it. "
             "Leave out --into-subject."
         )
-    stats = folder / "stats"
-    for place in (folder / "surf", stats if stats.exists() else folder):
-        if not os.access(place, os.W_OK | os.X_OK):
+    for place in (folder / "surf", folder / "stats"):
+        if place.exists() and not os.access(place, os.W_OK | os.X_OK):
             raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), os.fspath(place))
     _read_record(folder)
     return folder
@@ -166,30 +165,23 @@ def write_into_subject(measures: Sequence[Measures], folder: str | Path) -> tupl
         As :func:`check_subject`; or if a file can't be written.
     """
     folder = check_subject(folder)
-    stats, record = folder / "stats", _read_record(folder)
-    made = not stats.exists()
-    stats.mkdir(exist_ok=True)
+    record = _read_record(folder)
+    (folder / "stats").mkdir(exist_ok=True)
     written: dict[str, str] = {}
     kept: list[str] = []
-    try:
-        with ExitStack() as moves:  # every file is moved to its place at the end, or none
-            for name, write in _writers(measures).items():
-                if os.path.lexists(folder / name) and not _is_ours(folder / name, name, record):
-                    kept.append(name)
-                    continue
-                temporary = moves.enter_context(atomic_file(folder / name))
-                write(temporary)
-                written[name] = sha256_of(temporary)
-            # a run that is killed between two moves leaves old and new files: both are known
-            before = {name: record["files"][name] for name in written if name in record["files"]}
-            content = {"morphofold": __version__, "files": {**record["files"], **written}, "before": before}
-            with atomic_file(folder / RECORD_FILE) as file:
-                file.write_text(strict_json(content), encoding="utf-8")
-    except BaseException:
-        if made:
-            with suppress(OSError):
-                stats.rmdir()
-        raise
+    with ExitStack() as moves:  # every file is moved to its place at the end, or none
+        for name, write in _writers(measures).items():
+            if os.path.lexists(folder / name) and not _is_ours(folder / name, name, record):
+                kept.append(name)
+                continue
+            temporary = moves.enter_context(atomic_file(folder / name))
+            write(temporary)
+            written[name] = sha256_of(temporary)
+        # a run that is killed between two moves leaves old and new files: both are known
+        before = {name: record["files"][name] for name in written if name in record["files"]}
+        content = {"morphofold": __version__, "files": {**record["files"], **written}, "before": before}
+        with atomic_file(folder / RECORD_FILE) as file:
+            file.write_text(strict_json(content), encoding="utf-8")
     return list(written), kept
 
 

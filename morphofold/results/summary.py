@@ -6,43 +6,21 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import Field, field_validator
+from pydantic import Field
 
 from morphofold import __version__
 from morphofold.analysis.frames import COLUMNS, FREESURFER_VALUES
-from morphofold.analysis.measures import SCALARS, SLOPE_SCALARS, Measures
-from morphofold.errors import NamedTwice, NothingToDo, OutOfRange
+from morphofold.analysis.measures import SCALARS, Measures
+from morphofold.errors import NamedTwice, NothingToDo
 from morphofold.io.cortex_files import SurfaceRecord
 from morphofold.io.folders import refuse_overlap
-from morphofold.io.json_files import Amount, Count, FileWord, Number, Record, file_word
+from morphofold.io.json_files import Count, FileWord, Number, Record, file_word
 from morphofold.provenance import records_as_read
 
 REANALYSE_ADVICE = "Analyze again."
-SIGNED_SCALARS = ("euler_characteristic", *SLOPE_SCALARS)  # scalars that may be negative
 NAN_RULE = "A vertex without a value is NaN in maps/*.shape.gii and 0 in the FreeSurfer and MGH maps beside them."
 
 _FourItems = Field(min_length=4, max_length=4)
-
-
-class InputRecord(Record):
-    """An input file of an analysis."""
-
-    path: str
-    sha256: str | None
-    bytes: Count | None
-
-
-class Parameters(Record):
-    """Scales and options of a surface; others are shown as they are."""
-
-    curvature_scale_mm: Amount = 0.0
-    folding_scale_mm: Amount | None = None
-    cortical_thickness_cap_mm: Amount | None = None
-    cortex_mask: str = ""
-    graph_width_mm: Amount = 0.0
-    accuracy: str = "standard"
-    accuracy_vertices: Count = 0
-    local_gyrification_voxel_mm: Amount = 0.0
 
 
 class SurfaceSummary(SurfaceRecord):
@@ -51,7 +29,7 @@ class SurfaceSummary(SurfaceRecord):
     transform: Annotated[list[Annotated[list[Number], _FourItems]], _FourItems] | None
     measures: dict[str, Number | None]
     notes: dict[str, str]
-    parameters: Parameters
+    parameters: dict[str, Any]
     maps: list[FileWord]
     came_with: list[FileWord]
     inflated: bool
@@ -61,20 +39,12 @@ class SurfaceSummary(SurfaceRecord):
     annotation: FileWord | None
     files: list[str]
 
-    @field_validator("measures")
-    @classmethod
-    def _no_negative_amounts(cls, measures: dict[str, float | None]) -> dict[str, float | None]:
-        for name, value in measures.items():
-            if value is not None and value < 0 and name in SCALARS and name not in SIGNED_SCALARS:
-                raise OutOfRange(f"{name} is {value:g}, and can't be negative")
-        return measures
-
 
 class Summary(Record):
     """``summary.json`` of an analysis, or the provenance file of a subject in a BIDS dataset."""
 
     morphofold: str
-    inputs: list[InputRecord]
+    inputs: list[dict[str, Any]]
     parameters: dict[str, Any]
     rows: dict[str, Count]
     written: dict[str, str] = {}  # digests of surfaces, maps and tables, in the plain layout only

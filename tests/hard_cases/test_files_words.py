@@ -103,7 +103,7 @@ def unchecked(patch):
 def test_numbers(holds, analysis):
     summary = analysis / "summary.json"
     text = summary.read_text()
-    for value in ('"x"', "[]", "{}", "NaN", "true", "1e308", "1e999", "-1"):
+    for value in ('"x"', "[]", "{}", "NaN", "true", "1e308", "1e999"):
         summary.write_text(re.sub(r'("mean_cortical_thickness_mm": )[\d.]+', rf"\g<1>{value}", text))
         json_at_all = value not in ("NaN", "1e999")
         with pytest.raises(NotReadable if json_at_all else DamagedFile) as caught:
