@@ -23,7 +23,7 @@ from morphofold.cli import options, theory_options
 from morphofold.cli.options import Answer, Options
 from morphofold.cli.streams import one_line, print_answer, print_line
 from morphofold.errors import DISK_FULL_ERRORS, BadUsage, OutOfRange, Refusal, code_of
-from morphofold.threads import BLAS_VARIABLES
+from morphofold.threads import BLAS_VARIABLES, set_threads
 
 COMMANDS: dict[str, type[Options]] = {
     "demo": options.Demo,
@@ -82,6 +82,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _run_command(args: Options) -> Answer:
     command = next(name for name, kind in COMMANDS.items() if isinstance(args, kind))
+    if isinstance(args, options.Threaded):
+        set_threads(args.threads)
     return importlib.import_module(f"morphofold.cli.{command}").run(args)  # type: ignore[no-any-return]
 
 

@@ -27,7 +27,7 @@ from morphofold.progress import Progress, part_of, parts_of
 from morphofold.report import analysis_report
 from morphofold.spheres.parcellation import read_parcellated
 from morphofold.surface import Cortex
-from morphofold.threads import beside, set_threads, together
+from morphofold.threads import beside, together
 from morphofold.timing import Stages, working_seconds
 from morphofold.words import number
 
@@ -36,7 +36,6 @@ T = TypeVar("T")
 
 
 def run(args: Analyze) -> Answer:
-    set_threads(args.threads)
     options = measuring_options(args) | ({} if args.only is None else {"only": args.only.split(",")})
     if args.subject is not None:
         folder = subject_folder(args.subject, args.subjects_dir)

@@ -88,7 +88,6 @@ def run_cohort(
                 begin_collection(out, "cohort")
             if group:  # several may measure participants at once
                 locks.enter_context(alone(out))
-            args.on_interrupt = " Run it again to go on."
             print_note(f"{len(subjects)} subjects, {fleet.words}", args)
             if None in (args.curvature_scale, args.gyral_width):
                 with progress("scales", args.quiet) as show:

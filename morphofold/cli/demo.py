@@ -15,11 +15,9 @@ from morphofold.progress import part_of
 from morphofold.shapes.population import write_population
 from morphofold.sim.scene.files import load_scene
 from morphofold.simulation import simulate
-from morphofold.threads import set_threads
 
 
 def run(args: Demo) -> Answer:
-    set_threads(args.threads)
     if args.subjects is not None:
         with progress("subjects", args.quiet) as show:
             write_population(args.out, args.subjects, seed=args.seed or 0, progress=show)
@@ -32,7 +30,6 @@ def run(args: Demo) -> Answer:
 
 def _grow_measure_compare(args: Demo) -> tuple[dict[str, Measures], Path]:
     scene = load_scene(args.scene or "demo")
-    args.on_interrupt = " Run it again to go on."
     with progress("grow   ", args.quiet) as show:
         simulation = simulate(scene, args.out / "simulation", resume=True, threads=args.threads, progress=show)
     cortices = {

@@ -82,7 +82,7 @@ class Options:
 
     #: "--a needs --b --c" (one of them), "--a excludes --b --c" (all of them); an argument is written in capitals
     rules: ClassVar[tuple[str, ...]] = ()
-    on_interrupt: str = field(default="", init=False)
+    on_interrupt = ""  # added to what is printed after Ctrl-C
 
     quiet: Annotated[Switch, Parameter(alias="-q", group=RUNNING)] = False
     """Show no progress."""
@@ -157,6 +157,7 @@ class Measuring:
 class ManyTasks(Measuring, Printing):
     """Options of commands that measure many bodies on several workers."""
 
+    on_interrupt = " Run it again to go on."
     no_report: Flag = False
     """No page for each subject or run; the page of them all is written."""
     workers: Annotated[MaybeWhole, Parameter(group=WORKERS)] = None
@@ -192,6 +193,7 @@ class Demo(Threaded):
     - `morphofold demo -o demo`
     """
 
+    on_interrupt = " Run it again to go on."
     rules = ("--subjects excludes --scene", "--seed needs --subjects")
     _: KW_ONLY
     out: Out = Path("demo")
@@ -218,6 +220,7 @@ class Simulate(Printing, Threaded):
     - `morphofold simulate fig5 -o fig5 --resume`
     """
 
+    on_interrupt = " Run it again with --resume to go on."
     rules = (
         "--restart-from excludes --dry-run --budget --error --estimate",
         "--resume excludes --dry-run --budget --error",
@@ -553,6 +556,7 @@ class Reproduce(Printing, Threaded):
     - `morphofold reproduce all -o reproduce --draft`
     """
 
+    on_interrupt = " Run it again to go on."
     figures: Annotated[list[str], Parameter(help=FIGURES_HELP)]
     _: KW_ONLY
     out: Out = Path("reproduce")

@@ -13,11 +13,9 @@ from morphofold.inference.overlap_files import overlap_summary, write_overlap
 from morphofold.inference.spaces import find_space
 from morphofold.io import refuse_foreign
 from morphofold.report.pages.study_pages import overlap_report
-from morphofold.threads import set_threads
 
 
 def run(args: Options) -> Answer:
-    set_threads(args.threads)
     space = find_space(args.study, args.space)
     refuse_foreign(args.out, [space.folder])
     chance: dict[str, int] = {"spins": args.rotations, "seed": args.seed}

@@ -17,7 +17,6 @@ def run(args: Reproduce) -> Answer:
     figures = list(dict.fromkeys([*every, *(name for name in args.figures if name != "all")]))
     if args.subject and GROWN not in figures:
         raise OptionsClash(f"--subject is for {GROWN}, which is not drawn. Name it, or leave --subject out.")
-    args.on_interrupt = " Run it again to go on."
     runs = Runs(args.out, draft=args.draft, threads=args.threads, quiet=args.quiet)
     drawn, cached = reproduce(figures, args.out, runs, args.subject)
     return Answer(args.out / "summary.json", list(_lines(drawn, cached, args.out)))

@@ -31,7 +31,6 @@ def run(args: Simulate) -> Answer:
         companions(scene)  # or refuses, before anything is grown
     if args.dry_run:
         return _dry_run(scene, choice, args)
-    args.on_interrupt = " Run it again with --resume to go on."
     with progress(scene.name, args.quiet) as show:
         simulation = simulate(
             scene, args.out, resume=args.resume, threads=args.threads, progress=show, restart_from=args.restart_from

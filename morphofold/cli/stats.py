@@ -11,11 +11,9 @@ from morphofold.inference.spaces import find_space
 from morphofold.inference.study import Result, Space, cluster_rows, fit_study, summary, write_result
 from morphofold.io import refuse_foreign
 from morphofold.report.pages.study_pages import stats_report
-from morphofold.threads import set_threads
 
 
 def run(args: Stats) -> Answer:
-    set_threads(args.threads)
     space = find_space(args.study, args.space)
     participants = args.participants or _usual_participants(args.study, space)
     refuse_foreign(args.out, [space.folder])

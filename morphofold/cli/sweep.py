@@ -40,7 +40,6 @@ def run(args: Sweep) -> Answer:
         with open_workers(args, need) as fleet:
             begin_collection(out, "sweep")  # nothing is written where there are no workers
             locks.enter_context(alone(out))
-            args.on_interrupt = " Run it again to go on."
             print_note(f"{len(runs)} runs, {fleet.words}", args)
             outcomes = run_with_progress(fleet, "sweep ", grow_and_measure, runs, args)
             with progress("theory", args.quiet) as show:

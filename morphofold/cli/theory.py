@@ -26,7 +26,7 @@ MOST_CURVES = 10  # of one kind that can be distinguished in a figure
 #: number of states of a body that typically remain to be checked
 STATES_STILL_TO_CHECK = 6
 #: options that are no parameters of an answer
-UNRECORDED = ("json", "plot", "quiet", "debug", "on_interrupt")
+UNRECORDED = ("json", "plot", "quiet", "debug")
 TABLES = tomllib.loads(resources.files("morphofold.cli").joinpath("theory.toml").read_text(encoding="utf-8"))
 
 
