@@ -18,7 +18,7 @@ import numba
 from cyclopts import App, Parameter
 
 from morphofold.cli import new_app, run_app
-from morphofold.cli.inputs import begin
+from morphofold.cli.inputs import mark_as_ours
 from morphofold.cli.options import RUNNING, Answer, Printing, Switch, Threaded, Whole
 from morphofold.cli.progress import progress
 from morphofold.errors import NothingToDo, NotReadable, OptionsClash, OutOfRange, UnknownName
@@ -258,7 +258,7 @@ def _run_accuracy_study(args: Accuracy) -> Answer:
     out, made = args.out, circumstances()
     args.on_interrupt = " Run it again to go on."
     with atomic_folder(out) as folder:  # refuses a foreign folder at once
-        begin(out)
+        mark_as_ours(out)
         with progress("accuracy", args.quiet) as show:
             points = all_points(halves, Kept(out / CASES_FOLDER, made), show)
         write_study(points, made, folder)
@@ -274,7 +274,7 @@ def _time_cohort(args: Cohort) -> Answer:
         raise OutOfRange(f"--subjects {args.subjects} --workers {args.workers}: {words}")
     out, loads = args.out.absolute(), list[Load]()
     refuse_foreign(out)
-    begin(out)
+    mark_as_ours(out)
     with alone(out):
         for count in counts:
             for several in workers:

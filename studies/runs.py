@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 from morphofold import analysis, simulation
 from morphofold.analysis import Measures
-from morphofold.cli.inputs import begin
+from morphofold.cli.inputs import mark_as_ours
 from morphofold.cli.progress import progress
 from morphofold.progress import Progress
 from morphofold.sim.dynamics import UnstableError
@@ -39,7 +39,7 @@ class Runs:
 
     def grow(self, name: str, scene: str, settings: Sequence[str]) -> Simulation:
         """The simulation of a scene with changed settings, under its own name; grown if needed."""
-        begin(self._out)
+        mark_as_ours(self._out)
         if self.draft:
             name, settings = f"{name}-octant-draft", [*settings, "accuracy.level=draft"]
             if isinstance(load_scene(scene, settings).geometry, Sphere):

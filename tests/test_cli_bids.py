@@ -43,7 +43,7 @@ def test_what_a_killed_run_left_of_a_record_is_no_subject(here):
     (here / "records").mkdir()
     for name in ("sub-01.json", ".3f2a9c0d.sub-01.json", ".3f2a9c0e.sub-02.json"):
         (here / "records" / name).touch()
-    assert list(measured_before(here, bids=True)) == ["sub-01"]
+    assert list(measured_before(here)) == ["sub-01"]
 
 
 def test_a_dataset_is_not_listed_for_each_of_its_subjects(here, monkeypatch):

@@ -21,7 +21,7 @@ from cyclopts import App, CycloptsError, MissingArgumentError, Parameter, Unused
 from morphofold import __version__
 from morphofold.cli import options, theory_options
 from morphofold.cli.options import Answer, Options
-from morphofold.cli.streams import one_line, print_answer, print_line
+from morphofold.cli.printing import one_line, print_answer, print_line
 from morphofold.errors import DISK_FULL_ERRORS, BadUsage, OutOfRange, Refusal, code_of
 from morphofold.threads import BLAS_VARIABLES, set_threads
 

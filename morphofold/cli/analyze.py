@@ -11,10 +11,10 @@ from typing import Any, TypeVar
 from morphofold import results
 from morphofold.analysis import Measures, measuring
 from morphofold.analysis.asked import asked as check_only
-from morphofold.cli.inputs import begin, measuring_options, subject_folder, writable_name
+from morphofold.cli.inputs import mark_as_ours, measuring_options, subject_folder, writable_name
 from morphofold.cli.options import Analyze, Answer, sides
+from morphofold.cli.printing import print_line
 from morphofold.cli.progress import progress
-from morphofold.cli.streams import print_line
 from morphofold.cohort.measuring import keywords_of
 from morphofold.errors import MissingPart, OptionsClash, Refusal
 from morphofold.forecasts.cost import READING_STAGE, analysis_cost_line, cost_of_analysis
@@ -25,6 +25,7 @@ from morphofold.io.folders import refuse_overlap
 from morphofold.mesh_quality.defects import WARNINGS
 from morphofold.progress import Progress, part_of, parts_of
 from morphofold.report import analysis_report
+from morphofold.results.layouts import Layout
 from morphofold.spheres.parcellation import read_parcellated
 from morphofold.surface import Cortex
 from morphofold.threads import beside, together
@@ -68,15 +69,12 @@ def run(args: Analyze) -> Answer:
         show(1.0, "done")
     for hemi, why in failed.items():
         print_line(f"{hemi} failed: {why}", file=sys.stderr)
-    bids = args.layout == "bids"
-    summary = out / (f"anat/{out.name}_desc-morphofold_provenance.json" if bids else "summary.json")
+    summary = Layout(out, out.name if args.layout == "bids" else "").path("summary")
     lines = [*_lines(measures, clock), f"-> {summary if args.no_report else out / 'report.html'}"]
     if subject is not None:
         written, others = results.write_into_subject(measures, subject)
         lines.append(f"into {subject}: {', '.join(written) or 'nothing'}")
         lines += [f"kept, because morphofold did not write them: {', '.join(others)}"] if others else []
-        for line in lines[-1 - bool(others) :] if args.json else ():
-            print_line(line, file=sys.stderr)
     return Answer(summary, lines, 1 if failed else 0)
 
 
@@ -178,7 +176,7 @@ def _analyse_stages(folder: Path, args: Analyze, options: Mapping[str, Any]) -> 
     name = args.name or folder.resolve().name
     out = args.out or Path(f"{writable_name(name)}-growth")
     refuse_overlap(out, [folder])
-    begin(out)
+    mark_as_ours(out)
     args.on_interrupt = " Run it again to go on."
     done = 0
     with progress(name, args.quiet) as show:

@@ -19,7 +19,7 @@ def run(args: Bids) -> Answer:
     out = args.output_dir
     if args.level == "group":
         covariates = find_covariates(args.participants, [args.bids_dir], TAKEN_COLUMNS)
-        return run_group(out, measured_before(out, bids=True), args, covariates)
+        return run_group(out, measured_before(out), args, covariates)
     source = _subjects_folder(args)
     refuse_overlap(out, [source])
     everyone = _participant_folders(source, [])

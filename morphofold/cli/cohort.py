@@ -16,7 +16,7 @@ from morphofold.cli.workers import answer_of, open_workers, print_note, run_with
 from morphofold.cohort.covariates import NO_COVARIATES, Covariates, find_covariates
 from morphofold.cohort.fleet import Fleet
 from morphofold.cohort.group import GROUP_FOLDER, write_group
-from morphofold.cohort.participant import Participant, measure_participant, results_of
+from morphofold.cohort.participant import Participant, measure_participant
 from morphofold.cohort.scales import SCALES_FILE, kept_scales, scales_of, with_scales
 from morphofold.cohort.space import SPACES, Mapped, map_participant, write_space
 from morphofold.cohort.subjects import find_subjects, folder_of, left_out_words, named_subjects
@@ -31,7 +31,7 @@ from morphofold.io.folders import alone, refuse_overlap
 from morphofold.provenance import printable
 from morphofold.report import analysis_report
 from morphofold.report.pages.group_page import group_report
-from morphofold.results.dataset import begin_dataset, refuse_other_dataset
+from morphofold.results.dataset import begin_dataset, refuse_other_dataset, subject_place
 
 SUBJECTS_READ_FOR_MEMORY = 3  # subjects, to find the memory that one takes
 
@@ -105,18 +105,18 @@ def run_cohort(
     if space is not None:
         more["mapped"] = {outcome.name: dict(outcome.failures) for outcome in mapped}
         lines = list(_mapped_lines(mapped, space, out))
-    answer = answer_of(outcomes, "subject", out / "group" / "report.html" if group else out, **more)
+    answer = answer_of(outcomes, "subject", out / GROUP_FOLDER / "report.html" if group else out, **more)
     code = max(answer.code, int(any(outcome.failures for outcome in mapped)))
     return Answer(answer.json, [*lines, *answer.lines], code)
 
 
-def measured_before(out: Path, *, bids: bool) -> dict[str, Path]:
-    """Folders in which the results of all subjects of earlier runs are, or would be."""
+def measured_before(out: Path) -> dict[str, Path]:
+    """Folders of a BIDS dataset in which the results of all subjects of earlier runs are, or would be."""
     records = (out / "records").glob("*.json")
     names = sorted(path.stem for path in records if not path.name.startswith("."))  # a killed run left a part of one
     if not names:
         raise FileNotFoundError(f"{out}: contains no measured subject. Measure participants first.")
-    return {name: results_of(out, name, bids=bids) for name in names}
+    return {name: subject_place(out, name) for name in names}
 
 
 def run_group(out: Path, results: Mapping[str, Path], args: ManySubjects, covariates: Covariates) -> Answer:
@@ -133,10 +133,10 @@ def run_group(out: Path, results: Mapping[str, Path], args: ManySubjects, covari
         "with_results": group.n_measured,
         "failures": failures,
         "remarks": group.remarks_on_group,
-        "page": out / "group" / "report.html",
+        "page": out / GROUP_FOLDER / "report.html",
     }
     partly = f", {len(failures)} of them with failures" if failures else ""
-    return Answer(content, [f"{len(results)} subjects{partly} -> {out / 'group'}"], 1 if failures else 0)
+    return Answer(content, [f"{len(results)} subjects{partly} -> {out / GROUP_FOLDER}"], 1 if failures else 0)
 
 
 def _participants(folders: Mapping[str, Path], out: Path, args: ManySubjects) -> list[Participant]:

@@ -52,7 +52,7 @@ def subject_folder(subject: str, subjects_dir: str | None) -> Path:
     return folder / subject
 
 
-def begin(out: Path) -> None:
+def mark_as_ours(out: Path) -> None:
     """Mark an empty or new folder as ours, so that parts can be written into it before the whole."""
     if not out.is_dir() or not any(out.iterdir()):
         with atomic_folder(out):

@@ -429,7 +429,7 @@ class Overlap(OfStudy):
     """A hinge is shared if the other subject has one within this distance [mm] (default: half the crown width)."""
     density: float = 10.0
     """Smoothing of the densities [mm]."""
-    hemi: Sides = "both"
+    hemi: Annotated[Sides, Parameter(converter=_hemisphere)] = "both"
     """Hemispheres."""
     rotations: Whole = 1000
     """Random rotations of each subject."""
@@ -463,8 +463,8 @@ class Stats(OfStudy):
     """Exchange blocks as wholes, for regressors that are the same within a block."""
     variance_groups: str | None = None
     """Column of groups that may differ in residual variance: Welch's t, and changes of sign."""
-    hemi: Sides | None = None
-    """Hemispheres (default: both)."""
+    hemi: Annotated[Sides, Parameter(converter=_hemisphere)] = "both"
+    """Hemispheres."""
     asymmetry: Literal["difference", "index"] | None = None
     """Test left - right, or 2 (left - right) / (left + right), on a symmetric template."""
     permutations: Whole = 1000

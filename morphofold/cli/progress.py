@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from morphofold.cli.streams import one_line
+from morphofold.cli.printing import one_line
 from morphofold.progress import Progress, silent
 
 COMPILING_TEXT = "compiling, once on this machine"

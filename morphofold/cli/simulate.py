@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from morphofold.cli.options import Answer, Simulate
+from morphofold.cli.printing import print_answer, print_line
 from morphofold.cli.progress import progress
-from morphofold.cli.streams import print_answer, print_line
 from morphofold.forecasts import forecast
 from morphofold.forecasts.cost import cost_line, cost_of, table_of
 from morphofold.forecasts.mesh_choice import MeshChoice, budget_seconds, choose_mesh, error_share

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 from morphofold.cli.options import Answer, Stats, sides
 from morphofold.cli.progress import progress
@@ -26,14 +27,15 @@ def run(args: Stats) -> Answer:
             blocks=args.blocks,
             whole=args.whole_blocks,
             variance_groups=args.variance_groups,
-            hemis=sides(args.hemi or "both"),
+            hemis=sides(args.hemi),
             asymmetry=args.asymmetry,
             permutations=args.permutations,
             seed=args.seed,
             progress=show,
         )
         write_result(result, args.out, [participants], report=None if args.no_report else stats_report)
-    return Answer(summary(result, [participants]), list(_lines(result, args.out)))
+    content = summary(result, [participants])
+    return Answer(content, list(_lines(result, content, args.out)))
 
 
 def _usual_participants(study: Path, space: Space) -> Path:
@@ -42,8 +44,7 @@ def _usual_participants(study: Path, space: Space) -> Path:
     return of_maps if space.covariates and not usual.is_file() else usual
 
 
-def _lines(result: Result, out: Path) -> Iterator[str]:
-    numbers = summary(result)
+def _lines(result: Result, numbers: Mapping[str, Any], out: Path) -> Iterator[str]:
     subjects, vertices = len(result.design.subjects), numbers["vertices"]
     yield (
         f"{result.shown} ~ {result.formula}, {result.contrast}: {subjects} subjects, {vertices['tested']:,} of "

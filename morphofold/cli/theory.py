@@ -124,8 +124,8 @@ def _body_table(body: str, args: Bifurcation) -> Table:
 
 
 def _refuse_many_curves(args: Theory) -> None:
-    curves = {Stress: ["thickness"], Bifurcation: ["mu_ratio", *["thickness"] * getattr(args, "curve", False)]}
-    for name in curves.get(type(args), []):
+    curves = {Stress: ["thickness"], Bifurcation: ["mu_ratio"]}.get(type(args), [])
+    for name in ["mu_ratio", "thickness"] if getattr(args, "curve", False) else curves:
         if (count := len(getattr(args, name))) > MOST_CURVES:
             option = f"--{name.replace('_', '-')}"
             raise TooLarge(f"--plot draws at most {MOST_CURVES} numbers of {option}, got {count}.")

@@ -9,17 +9,16 @@ from pathlib import Path
 from typing import Any
 
 from morphofold.cli.options import Answer, ManyTasks
+from morphofold.cli.printing import print_line
 from morphofold.cli.progress import progress
-from morphofold.cli.streams import print_line
-from morphofold.cohort import fleet as fleets
-from morphofold.cohort.fleet import Fleet
+from morphofold.cohort.fleet import Fleet, open_fleet
 from morphofold.cohort.running import Task, run_tasks
 from morphofold.cohort.tasks import Outcome
 
 
 def open_workers(args: ManyTasks, need: float) -> AbstractContextManager[Fleet]:
     """The workers that the options name, each of which needs the memory ``need`` [GiB]."""
-    return fleets.open_fleet(
+    return open_fleet(
         workers=args.workers, threads=args.threads, memory=args.memory, scheduler=args.scheduler, need=need
     )
 

@@ -118,8 +118,8 @@ def write_analysis(
         layout.write_json("summary", content)
         if report:
             grown = [Measures(cortex, {}, {}) for cortex in stages]
-            recorded = {key: content[key] for key in ("failed", "inputs")}
-            report(measures, folder / "report.html", **recorded, stages=grown, clock=clock)
+            page = folder / "report.html"
+            report(measures, page, failed=content["failed"], inputs=records, stages=grown, clock=clock)
         if clock is not None:
             layout.write_json("cost", cost_of_analysis(measures, clock).as_dict())
     return out

@@ -12,7 +12,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import networkx as nx
 import numpy as np
 from numpy.typing import NDArray
 
@@ -65,7 +64,7 @@ def _write_map(layout: Layout, hemi: str, kind: str, name: str, values: PerVerte
 
 
 def _with_file_sign(layout: Layout, kind: str, name: str, values: PerVertex) -> PerVertex:
-    """Values of a map with the sign of its file, or from there."""
+    """Values of a map with the sign of its file, from ours or back: in BIDS, curv has FreeSurfer's."""
     return io.flip_curvature_sign(values) if layout.bids and (kind, name) == ("map", "H") else values
 
 
@@ -169,10 +168,10 @@ def transformed(m: Measures, transform: np.ndarray | None) -> Measures:
 
     white, pial = (replace(s, verts=at(s.verts), geometry=None) for s in (m.cortex.white, m.cortex.pial))
     hinges = [row | dict(zip("xyz", at(np.array([row[k] for k in "xyz"])).tolist())) for row in m.hinges]
-    graph = nx.MultiGraph() if m.graph is None else m.graph.copy()
-    for _, node in graph.nodes(data=True):
-        node |= {"position": at(node["position"]), "normal": node["normal"] @ linear}
-    for _, _, edge in graph.edges(data=True):
-        edge |= {"polyline": at(edge["polyline"])}
-    cortex = replace(m.cortex, white=white, pial=pial)
-    return replace(m, cortex=cortex, hinges=hinges, graph=None if m.graph is None else graph)
+    if (graph := m.graph) is not None:
+        graph = graph.copy()
+        for _, node in graph.nodes(data=True):
+            node |= {"position": at(node["position"]), "normal": node["normal"] @ linear}
+        for _, _, edge in graph.edges(data=True):
+            edge |= {"polyline": at(edge["polyline"])}
+    return replace(m, cortex=replace(m.cortex, white=white, pial=pial), hinges=hinges, graph=graph)

@@ -1,4 +1,4 @@
-"""What an analysis says of itself: its summary, the same in both layouts, and the rows of its tables."""
+"""The summary of an analysis, the same in both layouts, and the table of its scalars."""
 
 from __future__ import annotations
 
@@ -99,7 +99,8 @@ def _surface_entry(m: Measures) -> dict[str, Any]:
 
 def scalar_table(measures: Sequence[Measures]) -> tuple[tuple[str, ...], list[dict[str, Any]]]:
     """Columns and rows of the table of scalars, a row for each hemisphere."""
-    rows = [{"hemi": m.cortex.hemi, **m.scalars} for m in measures]
-    for row, m in zip(rows, measures):
-        row |= {key: m.cortex.info.get(key) for key in FREESURFER_VALUES}
+    rows = [
+        {"hemi": m.cortex.hemi, **m.scalars, **{key: m.cortex.info.get(key) for key in FREESURFER_VALUES}}
+        for m in measures
+    ]
     return ("hemi", *SCALARS, *FREESURFER_VALUES), rows

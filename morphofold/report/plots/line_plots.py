@@ -53,8 +53,9 @@ _SETTINGS = RLock()
 
 def save(figure: Figure, path: Path) -> None:
     """Write a figure in the format of the file ending, one of :data:`FORMATS`."""
+    ending = check_format(path)
     with plot_style():
-        figure.savefig(path, format=check_format(path)[1:], metadata=FORMATS[check_format(path)])
+        figure.savefig(path, format=ending[1:], metadata=FORMATS[ending])
 
 
 def check_format(path: Path) -> str:

@@ -120,7 +120,7 @@ def slices(phases: Phases) -> list[GridIndex]:
     return list(itertools.product(*(range(len(axis.values)) for axis in phases.grid.axes[2:])))
 
 
-def beyond(phases: Phases, at: GridIndex) -> float:
+def growth_past_critical(phases: Phases, at: GridIndex) -> float:
     """Final growth of the scene at a point minus theory's critical growth; NaN where theory has none."""
     return phases.grid.scenes[at].growth.final - phases.theory[at].g_crit
 
@@ -169,7 +169,7 @@ def thumbnails(phases: Phases, surfaces: Mapping[GridIndex, Surface | str], view
     small = {"font.size": 7, "axes.labelsize": 7}  # it is shown at its size, diagrams at half of theirs
     style = {**NO_FORMULAS, "axes.grid": False, **small}
     with new_figure(side * columns + 1.2, side * rows + 1.1, style=style) as (figure, ((ax,),)):
-        ax.set(xlim=(-0.5, columns - 0.5), ylim=(-0.5, rows - 0.5), xticks=[], yticks=[])
+        ax.set(xticks=[], yticks=[])
         for at, surface in surfaces.items():
             i, j = (*at, 0, 0)[:2]
             if isinstance(surface, Surface):
@@ -210,7 +210,7 @@ def _draw_boundary(ax: Axes, phases: Phases, others: GridIndex) -> bool:
     """Draw the line between folded and smooth, if it lies inside; one piece per word if an axis has words."""
     first, second = phases.grid.axes[:2]
     across, up = len(first.values), len(second.values)
-    above = np.array([[beyond(phases, (i, j, *others)) for i in range(across)] for j in range(up)])
+    above = np.array([[growth_past_critical(phases, (i, j, *others)) for i in range(across)] for j in range(up)])
     x, y = (np.array([-0.5, *range(count), count - 0.5]) for count in (across, up))
     pieces = []  # (x, y, values there), one line each
     if first.numeric and second.numeric and min(across, up) > 1:
@@ -252,7 +252,7 @@ def curve(phases: Phases, shown: Quantity) -> Figure:
             dashed = {"linestyle": "--", "marker": "."} if axis.numeric else marks
             ax.plot(x[order], theory, color=BLACK, label="theory, first wrinkles", **dashed)
             top = max(top, 1.08 * float(np.nanmax(theory)))
-        above = np.array([beyond(phases, (i,)) for i in order])
+        above = np.array([growth_past_critical(phases, (i,)) for i in order])
         for k, place in enumerate(crossings(x[order], above) if axis.numeric else []):
             ax.axvline(place, color=GREY, linestyle=":", label=None if k else BOUNDARY)
         ax.set_ylim(least - 0.04 * (top - least), top + 0.04 * (top - least))
@@ -292,7 +292,7 @@ def axis_title(phases: Phases, axis: Axis) -> str:
     for part in table.split(".") if table else ():
         model = model[part] if isinstance(model, dict) else getattr(model, part)
     unit = unit_of(type(model), key)
-    return f"{axis.label} [{unit}]" if unit else axis.label
+    return Quantity("", axis.label, unit).title
 
 
 def fixed_parameters_text(phases: Phases, others: GridIndex) -> str:

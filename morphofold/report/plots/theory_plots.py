@@ -88,9 +88,7 @@ def stress_figure(
     return figure
 
 
-def critical_figure(
-    C_bar: Sequence[float] = (1.3,), laws: Sequence[str] = GROWTH_LAWS, *, biot: bool = True, **options: Any
-) -> Figure:
+def critical_figure(C_bar: Sequence[float] = (1.3,), laws: Sequence[str] = GROWTH_LAWS, **options: Any) -> Figure:
     """Critical growth against C/B, as in Fig. 4, with Biot's as thin lines; options as for :func:`critical_rows`.
 
     Dots mark the ratios ``C_bar``.
@@ -98,7 +96,7 @@ def critical_figure(
     right = max(min(1.3, 1 / max(options.get("A_over_C", 0.5), 0.1)), *C_bar)  # the hole lies inside B
     rows, dots = (critical_rows(ratios, laws, **options) for ratios in (np.linspace(1 + 1e-6, right, 801), C_bar))
     with _sphere_figure(7.6, 4.8, **options) as (figure, ((ax,),)):
-        draw_critical(ax, rows, laws, biot=biot, limits=options.get("g_core", 1.0) == 1)
+        draw_critical(ax, rows, laws, biot=True, limits=options.get("g_core", 1.0) == 1)
         least = np.nanmin([row["g_crease"] for row in rows] + [np.inf])
         set_limits(ax, (1, right), around([least, 1.5 * least], 1, 3, 0.5), "")
         _draw_dots(ax, dots, "C_over_B", "g_crease")
