@@ -223,29 +223,6 @@ def test_a_missing_folder_names_the_folder_that_it_lists(here, capsys):
     assert f"{here} contains known." in line
 
 
-@pytest.mark.parametrize(
-    "line",
-    [
-        "analyze LONG",
-        "analyze made -o LONG",
-        "analyze made --annot LONG",
-        "LONG",
-        "analyze -s LONG --sd .",
-        "compare LONG",
-        "simulate radial --set LONG=1",
-        "simulate radial --budget LONG",
-        "sweep radial --vary LONG=1",
-        "reproduce LONG",
-        "cohort LONG",
-        "theory LONG",
-    ],
-)
-def test_what_is_long_is_not_told_whole(line, here, capsys, made):
-    for text, most in (("x" * 5000, 1300), ("x " * 5000, 4100), ("/".join(["y" * 200] * 30), 4100)):
-        assert main([word.replace("LONG", text) for word in line.split()]) == 2
-        assert len(capsys.readouterr().err) < most
-
-
 ABSURD = {
     "analyze made --threads": ["0", "-1"],
     "analyze made --curvature-scale": ["nan", "-3", "1e-300"],
