@@ -334,6 +334,7 @@ def test_a_cut_file_and_another_content_are_refused_in_one_line(damaged, capfd):
 @pytest.mark.parametrize("damaged", READERS, indirect=True)
 def test_damage_ends_in_what_was_there_or_a_refusal(damaged, places):
     raw, read = damaged
+    places = places // 10 if b"vtk" in raw[:20].lower() else places  # a process starts for each
     rng, codes = random.Random(1), set()
     for at in rng.sample(range(len(raw)), min(places, len(raw))):
         changed = bytearray(raw)

@@ -209,7 +209,7 @@ def _read_mesh(path: Path) -> Any:
     with path.open("rb") as file:
         head = file.read(4096)
     if kinds == ["vtu"]:
-        return read_grid(path.read_bytes())
+        return read_grid(path)
     if kinds == ["medit"] and re.match(rb"\s*\d+\s*\n", head):
         return _read_neutral(path.read_bytes())
     if "ansys" in kinds:  # meshio reads every .msh as ansys first

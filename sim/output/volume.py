@@ -54,7 +54,7 @@ def write_volume(folder: Path, body: Body, x: Array) -> None:
 
 def read_volume(path: Path) -> tuple[Array, Array]:
     """Reference and deformed positions X, x (N, 3) [mm] of a ``volume.vtu``, bitwise as they were written."""
-    mesh = read_grid(path.read_bytes())
+    mesh = read_grid(path)
     return np.asarray(mesh.point_data["reference"]), np.asarray(mesh.points)
 
 
