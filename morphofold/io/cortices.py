@@ -177,7 +177,7 @@ def _fields(root: Path | None, hemi: str, files: dict[str, Path]) -> dict[str, A
         return {"origin": "files", "name": inner.name, "info": {}}
     folder = root.resolve().name
     if "stage" in files:
-        info = read_json(files["stage"], StageRecord, "Simulate that stage again.", most=2**20)
+        info = read_json(files["stage"], StageRecord, "Simulate that stage again.")
         info = {**info, "name": info.get("name", "simulation")}
         scene = str(info["name"])
         name = f"{scene} {folder}" if scene and folder not in scene else scene or folder

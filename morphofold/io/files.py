@@ -4,30 +4,21 @@ from __future__ import annotations
 
 import difflib
 import errno
-import gzip
 import logging
-import math
 import os
 import re
 import secrets
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
-
-import numpy as np
-from numpy.typing import DTypeLike, NDArray
 
 from morphofold.errors import DISK_FULL_ERRORS, DamagedFile, NotFetched, TooLarge, WrongFile
 from morphofold.provenance import clean_name
 from morphofold.surface import Faces, Verts
 
 MAX_BYTES = 2 * 2**30  # far above any cortex (a 1 mm hemisphere has 6 MB); small enough for a laptop
-MOST_UNPACKED_BYTES = 2**28  # of a compressed file
-MOST_UNPACKED_PER_BYTE = 2000  # bytes of arrays per byte of a file, twice what zlib can reach
-
-_GROWTH_TEST_BYTES = 2**20  # bytes; a file that was cut because the disk is full can't grow by so many
 
 #: what git-annex or git-lfs puts in place of a file that is not fetched, and the command that fetches it
 _POINTERS = {
@@ -41,11 +32,6 @@ _SIDES = {
     for side, c, word in (("lh", "L", "left"), ("rh", "R", "right"))
 }
 _OTHER_ENTITIES = re.compile(r"(?:^|_)(?:sub|ses|acq|run|rec|space|tpl|atlas|desc|label)-[^_.]*")
-
-# counts in a header (PLY; VTK; GLB); each counted element takes at least one byte of the file
-_HEADER_COUNTS = re.compile(
-    rb'(?:element[ \t]+\w+|\n[ \t]*(?:points|polygons|cells)|"count"[ \t]*:)[ \t]*(\d+)(?:[ \t]+(\d+))?', re.IGNORECASE
-)
 
 StrPath = str | os.PathLike[str]
 #: vertices, faces, and FreeSurfer's volume geometry if the file has it
@@ -69,7 +55,7 @@ def name_in_file(path: Path) -> str:
 
 
 def existing_file(path: StrPath, what: str = "file") -> Path:
-    """Path of a readable regular file of 1 byte to ``MAX_BYTES``; errors name the kind of file that is needed.
+    """Path of a readable file of 1 byte to ``MAX_BYTES``; errors name the kind of file that is needed.
 
     Raises
     ------
@@ -78,7 +64,7 @@ def existing_file(path: StrPath, what: str = "file") -> Path:
     NotFetched
         DataLad, git-annex or git-lfs has left only a pointer to it.
     IsADirectoryError, ValueError
-        It is a folder, a device, empty, or too large.
+        It is a folder, empty, or too large.
     """
     path = _behind_lost_link(Path(path))
     if path.is_dir():
@@ -86,8 +72,6 @@ def existing_file(path: StrPath, what: str = "file") -> Path:
     check_fetched(path)
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such {what}. {_folder_content_text(path)}")
-    if not path.is_file():
-        raise WrongFile(f"{path}: is not a regular file; a {what} is needed.")
     size = path.stat().st_size
     if size == 0:
         raise DamagedFile(f"{path}: is empty (0 bytes); a {what} is needed. Copy it again from its source.")
@@ -144,60 +128,24 @@ def _folder_content_text(path: Path) -> str:
     return f"{folder.absolute()} contains {', '.join(names[:6]) or 'no files'}{more}."
 
 
-def unpacked(path: Path) -> bytes:
-    """The bytes of a file, decompressed if they are gzip's; ``DamagedFile`` if these are more than the bound."""
-    raw = path.read_bytes()
-    if raw.startswith(b"\x1f\x8b"):
-        with gzip.open(path) as file:
-            raw = file.read(MOST_UNPACKED_BYTES + 1)
-        if len(raw) > MOST_UNPACKED_BYTES:
-            raise DamagedFile(f"it unpacks to more than {MOST_UNPACKED_BYTES / 2**20:g} MiB")
-    return raw
-
-
 @contextmanager
 def decoding(path: Path, what: str, advice: str = "Copy it again from its source, or make it again.") -> Iterator[None]:
     """Turn any error that a file library raises on a damaged file into one clear ``DamagedFile``; keep ``WrongFile``
-    and ``NotFetched``.
-
-    If memory was too short for what the file may hold, the file may be good: then raise ``MemoryError`` with the path.
-    """
+    and ``NotFetched``, and ``MemoryError``: the file may be good."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # notes on optional parts of the format
             yield
     except NotFetched:  # of a file that this one names
         raise
+    except MemoryError as error:
+        raise MemoryError(f"{path}: not enough memory to read {what}. A small file is damaged.") from error
     except (Exception, SystemExit) as error:  # meshio raises SystemExit
-        declared = _bytes_of_refused_array(error)
-        if (
-            declared and declared > MOST_UNPACKED_PER_BYTE * path.stat().st_size
-        ):  # no file of this size unpacks to so much
-            error = ValueError(f"it declares an array of {declared / 2**30:.3g} GiB")
-        elif _is_lack_of_memory(error):
-            raise MemoryError(
-                f"{path}: not enough memory to read {what}. Close other programs, or use a computer with more memory."
-            ) from error
-        problem = "" if isinstance(error, SystemExit) else " ".join(str(error).split())[:160]
+        problem = " ".join(str(error).split())[:160]
         if isinstance(error, WrongFile):
             raise WrongFile(f"{path}: {problem}.") from error
-        reason = problem or type(error).__name__.replace("SystemExit", "its reader failed")
+        reason = problem or type(error).__name__
         raise DamagedFile(f"{path}: is truncated, damaged, or not {what} ({reason}). {advice}") from error
-
-
-def _bytes_of_refused_array(error: BaseException) -> float:
-    """Bytes of the array for which numpy found no memory; 0 for any other error."""
-    shape, dtype = getattr(error, "shape", None), getattr(error, "dtype", None)
-    if not isinstance(error, MemoryError) or shape is None or dtype is None:
-        return 0.0
-    return float(math.prod(shape)) * float(dtype.itemsize)
-
-
-def _is_lack_of_memory(error: BaseException | None) -> bool:
-    """Whether an error, or one of its causes, is a lack of memory."""
-    while error is not None and not isinstance(error, MemoryError):
-        error = error.__cause__ or error.__context__
-    return error is not None
 
 
 def looks_like_text(head: bytes) -> bool:
@@ -213,11 +161,6 @@ def beginning(head: bytes) -> str:
     return f"bytes, beginning {head[:8].hex(' ')}"
 
 
-def from_words(words: Sequence[bytes | str], kind: DTypeLike) -> NDArray[Any]:
-    """Numbers in text; an array of strings would take the memory of the longest for each."""
-    return np.fromiter(map(float if np.dtype(kind).kind == "f" else int, words), dtype=kind, count=len(words))
-
-
 @contextmanager
 def silent_log() -> Iterator[None]:
     """Keep packages from logging messages that are raised anyway or are not important."""
@@ -227,14 +170,6 @@ def silent_log() -> Iterator[None]:
         yield
     finally:
         logging.disable(before)
-
-
-def check_counts(raw: bytes) -> None:
-    """Refuse a file whose header declares more elements than it can hold."""
-    for match in _HEADER_COUNTS.finditer(raw):
-        for count in filter(None, match.groups()):
-            if int(count) > len(raw):
-                raise DamagedFile(f"its header declares {count.decode()} elements, but it has {len(raw)} bytes")
 
 
 def warn_of_no_end(path: Path, raw: bytes) -> None:
@@ -250,8 +185,6 @@ def check_place(path: Path) -> None:
     """Refuse a name that no file can be written to."""
     if path.is_dir():
         raise IsADirectoryError(f"{path}: is a folder; name a file to write.")
-    if path.exists() and not path.is_file():  # a move would replace it by a file
-        raise WrongFile(f"{path}: is a device or a pipe; name a file to write.")
     if not path.parent.is_dir():
         raise FileNotFoundError(
             f"{path.parent}: no such folder, so {path.name} can't be written there. Make the folder first."
@@ -291,35 +224,30 @@ def error_names_file(path: Path, temporary: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        named = error.filename or (temporary if error.errno in DISK_FULL_ERRORS else "")
-        if error.errno is None or isinstance(named, int) or os.fspath(temporary) not in os.fsdecode(named):
+        name = str(error.filename or (temporary if error.errno in DISK_FULL_ERRORS else ""))
+        if str(temporary) not in name:
             raise
-        name = os.fsdecode(named).replace(os.fspath(temporary), os.fspath(path))
-        raise OSError(error.errno, error.strerror, name) from error
+        raise OSError(error.errno, error.strerror, name.replace(str(temporary), str(path))) from error
 
 
-def write_and_look(path: StrPath, write: Callable[[str], object], read: Callable[[bytes, Path], object]) -> None:
-    """Let a library write a file to a given name, and check that it can be read; written completely or not at all.
+def write_and_read(path: StrPath, write: Callable[[str], object], read: Callable[[bytes, Path], object]) -> None:
+    """Let a library write a file to a given name, and read it back; written completely or not at all.
 
-    The check is for full disks: numpy's ``tofile``, which libraries use, cuts files there without an error.
+    It is read because numpy's ``tofile``, which libraries use, cuts files on a full disk without an error.
 
     Raises
     ------
     OSError
-        The system's error for ``path``.
+        The system's error for ``path``, or that of a full disk if the file can't be read back.
     WrongFile
         The data can't be written in this format.
     """
     with atomic_file(path) as temporary:
         try:
             write(os.fspath(temporary))
+        except (ValueError, TypeError, KeyError) as error:
+            raise WrongFile(f"{path}: can't be written ({error}). Use another format.") from error
+        try:
             read(temporary.read_bytes(), temporary)
         except Exception as error:
-            if isinstance(error, OSError) and error.errno is not None:
-                raise
-            with temporary.open("ab") as file:  # which tells of a full disk
-                file.write(bytes(_GROWTH_TEST_BYTES))
-                file.flush()
-                os.fsync(file.fileno())
-            problem = " ".join(str(error).replace(os.fspath(temporary), os.fspath(path)).split())
-            raise WrongFile(f"{path}: can't be written ({problem}). Use another format.") from error
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), os.fspath(path)) from error

@@ -44,13 +44,11 @@ def atomic_folder(out: StrPath) -> Iterator[Path]:
                 new.mkdir()
                 yield new
                 mark = {"morphofold": "replaces these files when it writes here again, and keeps all others"}
-                text = json.dumps({**mark, "files": sorted(_paths_below(new))}, indent=0)
+                text = json.dumps({**mark, "files": _files_below(new)}, indent=0)
                 (new / MARKER_FILE).write_text(f"{text}\n", encoding="ascii")
-            refuse_foreign(out)
             _replace_folder(new, out)
-        except BaseException:
+        finally:
             shutil.rmtree(new, ignore_errors=True)
-            raise
 
 
 @contextmanager
@@ -63,14 +61,10 @@ def alone(folder: Path, name: str = LOCK_FILE) -> Iterator[None]:
     Raises
     ------
     FileExistsError
-        If another run holds the lock, in this process or in another.
-    NotADirectoryError
-        If ``folder`` is a file, or a link whose target does not exist.
+        If another run holds the lock, in this process or in another, or if ``folder`` is a file.
     """
     from filelock import FileLock, Timeout
 
-    if os.path.lexists(folder) and not folder.is_dir():  # mkdir's error looks like that of a held lock
-        raise NotADirectoryError(f"{folder}: is not a folder, so nothing can be written there. Move it away.")
     with _made_folder(folder):
         lock = FileLock(folder / name)
         try:
@@ -117,26 +111,24 @@ def remove_folder(out: Path) -> None:
 def files_of(out: Path) -> dict[str, Path]:
     """The files that ``atomic_folder`` wrote in a folder, by relative path; none if it left no list."""
     try:
-        names = set(map(os.fspath, json.loads((out / MARKER_FILE).read_bytes())["files"]))
+        files = {name: out / name for name in json.loads((out / MARKER_FILE).read_bytes())["files"]}
     except (OSError, ValueError, KeyError, TypeError):
         return {}
-    inside = (name for name in sorted(names) if not (os.path.isabs(name) or ".." in Path(name).parts))
-    return {name: path for name in inside if (path := out / name).is_file()}
+    inside = {name: path for name, path in files.items() if out in path.parents and ".." not in path.parts}
+    return {name: path for name, path in inside.items() if path.is_file()}
 
 
-def _paths_below(folder: Path) -> Iterator[str]:
-    """Relative paths of everything in a folder and below: files, links, and empty folders."""
-    for path in folder.rglob("*"):  # which follows no links
-        if path.is_symlink() or not path.is_dir() or not any(path.iterdir()):
-            yield path.relative_to(folder).as_posix()
+def _files_below(folder: Path) -> list[str]:
+    """Relative paths of the files and links in a folder and below."""
+    paths = (path for path in folder.rglob("*") if path.is_symlink() or not path.is_dir())  # it follows no links
+    return sorted(path.relative_to(folder).as_posix() for path in paths)
 
 
 def _replace_folder(new: Path, out: Path) -> None:
     """Move a new folder to ``out``, and the user's files from the old one into it."""
-    ours = {MARKER_FILE, *files_of(out)}
-    for name in sorted({*_paths_below(out)} - ours):
-        above = [p for p in (Path(name), *Path(name).parents) if os.path.lexists(new / p)]
-        if not all((new / p).is_dir() for p in above) or (Path(name) in above and not (out / name).is_dir()):
+    theirs = [name for name in _files_below(out) if name not in {MARKER_FILE, *files_of(out)}]
+    for name in theirs:
+        if os.path.lexists(new / name) or any((new / folder).is_file() for folder in Path(name).parents):
             raise FileExistsError(
                 f"{out / name}: morphofold did not write this, and a new result would replace it. Move it away, or "
                 "name a new folder."
@@ -144,16 +136,10 @@ def _replace_folder(new: Path, out: Path) -> None:
     old = new.with_name(f"{new.name}.old")
     if out.exists():
         os.replace(out, old)
-    try:
-        os.replace(new, out)
-    except BaseException:
-        if old.exists():
-            os.replace(old, out)
-        raise
-    for name in sorted({*_paths_below(old)} - ours):  # with what came since
-        if not os.path.lexists(out / name):
-            (out / name).parent.mkdir(parents=True, exist_ok=True)
-            os.replace(old / name, out / name)
+    os.replace(new, out)
+    for name in theirs:
+        (out / name).parent.mkdir(parents=True, exist_ok=True)
+        os.replace(old / name, out / name)
     shutil.rmtree(old, ignore_errors=True)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import os
 import re
 from collections.abc import Callable
@@ -15,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from morphofold.errors import Mismatch, WrongFile, WrongShape
 from morphofold.io import freesurfer, gifti, text_files, trimesh_files, vtk_files
-from morphofold.io.files import StrPath, beginning, decoding, existing_file, unpacked, warn_of_no_end
+from morphofold.io.files import StrPath, beginning, decoding, existing_file, warn_of_no_end
 from morphofold.surface import PerVertex, Regions, Surface, Verts
 from morphofold.validators import check_mesh, finite, same_length
 from morphofold.words import listed
@@ -144,7 +145,8 @@ def _read(path: StrPath, content: str) -> tuple[Path, Any]:
             f"{path}: is not a {content} that morphofold can read ({beginning(head)}). It reads {_names(content)}."
         )
     with decoding(path, f"a {content} in the format {kind.name}"):
-        raw = unpacked(path)
+        raw = path.read_bytes()
+        raw = gzip.decompress(raw) if raw.startswith(_GZIP_MAGIC) else raw
         parsed = kind.read(raw, path)
     warn_of_no_end(path, raw)
     return path, parsed if kind.finish is None else kind.finish(parsed, path)

@@ -1,7 +1,7 @@
-"""FreeSurfer files: surfaces, per-vertex maps, annotations and labels, through nibabel.
+"""FreeSurfer files: surfaces, per-vertex maps, annotations and labels, written through nibabel.
 
-nibabel trusts the counts in a header. Here they are compared with the size of the file before anything is allocated,
-so that a truncated file is reported as truncated.
+They are read here, where a truncated file has too few bytes for an array: nibabel's readers of maps return fewer
+values, and those of surfaces know no footer of quadrangles.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from morphofold.errors import DamagedFile, NamedTwice, OutOfRange, WrongFile, WrongShape
-from morphofold.io.files import StrPath, beginning, looks_like_text, name_in_file, write_and_look
+from morphofold.io.files import StrPath, SurfaceContent, beginning, name_in_file, write_and_read
 from morphofold.io.json_files import LARGEST_NUMBER
 from morphofold.provenance import clean_name
-from morphofold.surface import Faces, PerVertex, Regions, Surface, Verts
+from morphofold.surface import PerVertex, Regions, Surface, Verts
 from morphofold.validators import labels_within
 
 TRIANGLE_MAGIC, QUAD_MAGIC, QUAD_FLOAT_MAGIC = b"\xff\xff\xfe", b"\xff\xff\xff", b"\xff\xff\xfd"
@@ -32,54 +32,53 @@ _LAYOUTS = {TRIANGLE_MAGIC: (">f4", 4, 3), QUAD_MAGIC: (">i2", 3, 4), QUAD_FLOAT
 _WEIGHTS = 256 ** np.arange(3, -1, -1)  # of the bytes of a whole number
 _FOOTER_KEYS = ("valid", "filename", "volume", "voxelsize", "xras", "yras", "zras", "cras")
 _FOOTER = re.compile("".join(rf"{key}\s*=(.*)\n" for key in _FOOTER_KEYS).encode())
+_FOOTER_HEAD = struct.pack(">3i", 2, 0, 20)  # an older one has only the last number
 _MGH_TYPES, _MGH_HEAD = {0: ">u1", 1: ">i4", 3: ">f4", 4: ">i2"}, 284  # by their number; bytes before the values
 
 
 # surfaces -------------------------------------------------------------------------------------------------
 
 
-def read_surface(raw: bytes, path: Path) -> tuple[Verts, Faces, Mapping[str, Any] | None]:
+def read_surface(raw: bytes, path: Path) -> SurfaceContent:
     """Vertices (N, 3) [mm], faces (M, 3) and the volume-geometry footer of a FreeSurfer surface.
 
     Old quadrangle surfaces are returned as triangles: a quadrangle is cut as by nibabel, and one with two equal corners
     is one triangle. The footer is None if the file has none.
     """
-    if _is_curv_file(raw):
-        (n,) = struct.unpack(">i", raw[3:7])
-        raise WrongFile(f"it holds one value for each of {n} vertices, not a surface; name a surface such as lh.white")
+    if _is_map(raw):
+        raise WrongFile("it holds one value for each vertex, not a surface; name a surface such as lh.white")
     kind, per_corner, corners = _LAYOUTS[raw[:3]]
     if corners == 3:
         at = raw.index(b"\n", raw.index(b"\n") + 1) + 9  # after "created by ...", an empty line and two counts
         n, m = struct.unpack(">2i", raw[at - 8 : at])
     else:
         at, n, m = 9, int.from_bytes(raw[3:6], "big"), int.from_bytes(raw[6:9], "big")
-    first = at + 3 * np.dtype(kind).itemsize * n
-    end = first + corners * per_corner * m
-    if n <= 0 or m <= 0 or end > len(raw):
-        raise DamagedFile(f"its header gives {n} vertices and {m} faces, which need {end} bytes; it has {len(raw)}")
-    verts = np.frombuffer(raw[at:first], kind).reshape(-1, 3).astype(np.float64)
-    faces = np.frombuffer(raw[first:end], "u1").reshape(m, corners, per_corner) @ _WEIGHTS[-per_corner:]
+    if min(n, m) < 1:
+        raise DamagedFile(f"its header gives {n} vertices and {m} faces")
+    verts = np.frombuffer(raw, kind, 3 * n, at).reshape(n, 3).astype(np.float64)
+    faces_at = at + 3 * np.dtype(kind).itemsize * n
+    faces = np.frombuffer(raw, "u1", m * corners * per_corner, faces_at).reshape(m, corners, per_corner)
+    footer = _footer(raw[faces_at + faces.size :][:4096])
+    faces = faces @ _WEIGHTS[-per_corner:]
     if corners == 4:
         even = (faces[:, 0] % 2 == 0)[:, None, None]
         faces = np.where(even, faces[:, [[0, 1, 3], [2, 3, 1]]], faces[:, [[0, 1, 2], [0, 2, 3]]]).reshape(-1, 3)
         faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
-    return verts if kind == ">f4" else verts / 100, faces, _footer(raw[end : end + 4096], len(raw))
+    return verts if kind == ">f4" else verts / 100, faces, footer
 
 
-def _footer(tail: bytes, size: int) -> Mapping[str, Any] | None:
+def _footer(tail: bytes) -> Mapping[str, Any] | None:
     """The volume geometry in the bytes after the faces, with the keys of nibabel; None if there is none."""
-    head = struct.pack(">3i", 2, 0, 20)
-    start = 12 if tail.startswith(head) else 4 if tail.startswith(head[8:]) else 0
-    if not start and not (tail and head.startswith(tail)):
+    if not tail or not (_FOOTER_HEAD.startswith(tail[:12]) or tail.startswith(_FOOTER_HEAD[8:])):
         return None
-    match = _FOOTER.match(tail, start)
+    match = _FOOTER.search(tail)
     if match is None:
-        raise DamagedFile(f"it is truncated inside its volume-geometry footer, at byte {size}")
+        raise DamagedFile("it is truncated inside its volume-geometry footer")
     valid, filename, *texts = (text.decode("utf-8", "replace").strip() for text in match.groups())
     numbers = [np.array(text.split(), dtype=np.float64) for text in texts]
     if valid.startswith("1") and not all(x.shape == (3,) and np.isfinite(x).all() for x in numbers):
         raise DamagedFile("its volume-geometry footer does not have three numbers in each row")
-    first = {"head": np.frombuffer(tail[:start], ">i4"), "valid": valid, "filename": filename}
+    first = {"head": np.frombuffer(tail[: match.start()], ">i4"), "valid": valid, "filename": filename}
     return {**first, "volume": numbers[0].astype(int), **dict(zip(_FOOTER_KEYS[3:], numbers[1:]))}
 
 
@@ -88,7 +87,7 @@ def write_surface(path: StrPath, surface: Surface) -> None:
     import nibabel.freesurfer as fs
 
     parts = surface.verts, surface.faces, _CREATED_BY, surface.geometry
-    write_and_look(path, lambda name: fs.write_geometry(name, *parts), read_surface)
+    write_and_read(path, lambda name: fs.write_geometry(name, *parts), read_surface)
 
 
 def scanner_transform(geometry: Mapping[str, Any] | None) -> NDArray[np.float64] | None:
@@ -112,45 +111,36 @@ def scanner_transform(geometry: Mapping[str, Any] | None) -> NDArray[np.float64]
 
 def read_curv(raw: bytes, path: Path) -> PerVertex:
     """Values (N,) of a FreeSurfer "curv" file (thickness, curv, sulc, area, ...), as in the file."""
-    if raw.startswith(QUAD_MAGIC) and raw[11:15] == struct.pack(">i", 1):
-        (n,) = struct.unpack_from(">i", raw, 3)
-        if n <= 0 or len(raw) < 15 + 4 * n:
-            raise DamagedFile(f"{n} values need {15 + 4 * n} bytes; it has {len(raw)}")
-        return np.frombuffer(raw, ">f4", n, 15).astype(np.float64)
-    if raw[:3] in _LAYOUTS:
-        raise WrongFile("it is not a map with one value per vertex; is it a surface?")
+    if _is_map(raw):
+        return np.frombuffer(raw, ">f4", int.from_bytes(raw[3:7], "big"), 15).astype(np.float64)
     n = int.from_bytes(raw[:3], "big")  # the oldest layout: 3-byte counts, hundredths as int16
-    if looks_like_text(raw[:15]) or len(raw) != 6 + 2 * n or n == 0:
+    if len(raw) != 6 + 2 * n or n == 0:
         raise WrongFile(f"it is not a FreeSurfer map with one value per vertex ({beginning(raw[:15])})")
     return np.frombuffer(raw, ">i2", n, 6) / 100
 
 
-def _is_curv_file(raw: bytes) -> bool:
-    if not raw.startswith(QUAD_MAGIC) or len(raw) < 15:
-        return False
-    n, _, per_vertex = struct.unpack_from(">3i", raw, 3)
-    return n > 0 and per_vertex == 1 and len(raw) >= 15 + 4 * n
+def _is_map(raw: bytes) -> bool:
+    """Whether these are the bytes of a "curv" file with one value per vertex."""
+    return raw.startswith(QUAD_MAGIC) and raw[11:15] == struct.pack(">i", 1)
 
 
 def write_curv(path: StrPath, values: NDArray[np.float32]) -> None:
     """Write checked values (N,) as a FreeSurfer "curv" file."""
     import nibabel.freesurfer as fs
 
-    write_and_look(path, lambda name: fs.write_morph_data(name, values), read_curv)
+    write_and_read(path, lambda name: fs.write_morph_data(name, values), read_curv)
 
 
 def write_mgh(path: StrPath, values: NDArray[np.float32]) -> None:
     """Write checked values (N,) as MGH, a volume of N x 1 x 1 voxels, as FreeSurfer stores surface overlays."""
     from nibabel.freesurfer.mghformat import MGHImage
 
-    write_and_look(path, MGHImage(values.reshape(-1, 1, 1), np.eye(4)).to_filename, read_mgh)
+    write_and_read(path, MGHImage(values.reshape(-1, 1, 1), np.eye(4)).to_filename, read_mgh)
 
 
 def read_mgh(raw: bytes, path: Path) -> PerVertex:
     """Values (N,) of an MGH or MGZ file of N values along one of its dimensions."""
-    version, *shape, kind = struct.unpack_from(">6i", raw)
-    if version != 1 or min(shape) < 1:
-        raise DamagedFile(f"its header gives version {version} and {shape} values")
+    *shape, kind = struct.unpack_from(">5i", raw, 4)
     if max(shape) != math.prod(shape):
         raise WrongFile(f"it holds {' x '.join(map(str, shape))} values, not one of each vertex")
     return np.frombuffer(raw, _MGH_TYPES[kind], max(shape), _MGH_HEAD).astype(np.float64)
@@ -181,8 +171,6 @@ def read_regions(raw: bytes, path: Path) -> Regions:
     table has gaps, and gives a vertex with an unlisted value to the next region in the table.
     """
     (n,) = struct.unpack_from(">i", raw)
-    if n <= 0 or 4 + 8 * n > len(raw):
-        raise DamagedFile(f"{n} vertices need {4 + 8 * n} bytes; it has {len(raw)} and may be truncated")
     vertex, value = np.frombuffer(raw, ">i4", 2 * n, 4).astype(np.int64).reshape(n, 2).T
     if not np.array_equal(np.sort(vertex), np.arange(n)):
         raise DamagedFile(f"its vertices are not 0..{n - 1}, each once")
@@ -203,19 +191,13 @@ def _colour_table(file: io.BytesIO) -> tuple[list[str], NDArray[np.int64]]:
         return int(struct.unpack(">i", file.read(4))[0])
 
     def text() -> str:
-        length = integer()
-        raw = file.read(max(length, 0))
-        if length < 0 or len(raw) < length:
-            raise DamagedFile("its colour table is truncated")
-        return clean_name(raw.split(b"\0")[0].decode("utf-8", "replace"))
+        return clean_name(file.read(integer()).split(b"\0")[0].decode("utf-8", "replace"))
 
     if not file.read(4).endswith(b"\1"):
         raise DamagedFile("it has no colour table, so its regions have no names")
     count = integer()
-    with_slots = count < 0
+    with_slots = count == -2
     if with_slots:
-        if count != -2:
-            raise DamagedFile(f"its colour table has version {-count}; only 2 can be read")
         integer()  # highest slot
     text()  # origin of the table
     if with_slots:
@@ -248,7 +230,7 @@ def write_regions(path: StrPath, regions: Regions) -> None:
         raise OutOfRange(f"{path}: colour (0, 0, 0) means 'no region' in the format; choose another.")
     table = np.column_stack([colours, np.zeros(len(colours), dtype=np.int64)])
     parts = labels, table, list(regions.names)
-    write_and_look(path, lambda name: fs.write_annot(name, *parts, fill_ctab=True), read_regions)
+    write_and_read(path, lambda name: fs.write_annot(name, *parts, fill_ctab=True), read_regions)
 
 
 def read_label(raw: bytes, path: Path) -> NDArray[np.int64]:
@@ -271,6 +253,7 @@ def write_mask(path: StrPath, mask: NDArray[np.bool_], verts: Verts) -> None:
     Path(path).write_text("".join(lines), encoding="ascii")
 
 
+_ASEG_MEASURE = re.compile(r"^# Measure (\w+),[^,\n]*,[^,\n]*, *(\d+(?:\.\d*)?(?:e[-+]?\d+)?) *,", re.MULTILINE)
 MOST_STATS_BYTES = 2**18  # of aseg.stats that are read; FreeSurfer writes about 10 kB
 #: values of aseg.stats that are read, by the first word of their ``# Measure`` line; {hemi}: of that hemisphere
 _KEY_OF_ASEG_MEASURE = {
@@ -299,19 +282,11 @@ def read_aseg_stats(path: StrPath, hemi: str) -> dict[str, float | int]:
         ``freesurfer_total_gray_mm3``, ``_subcortical_gray_mm3``, ``_supratentorial_mm3``, ``_brain_mm3`` (BrainSeg) and
         ``_brain_without_ventricles_mm3``. A value that the file does not give as a number from 0 to 1e12 is left out.
     """
-    with Path(path).open("rb") as file:
-        lines = file.read(MOST_STATS_BYTES).decode("utf-8", errors="replace").splitlines()
     keys = {name.format(hemi=hemi): key for name, key in _KEY_OF_ASEG_MEASURE.items()}
     measures: dict[str, float | int] = {}
-    for line in lines:
-        cells = [cell.strip() for cell in line.removeprefix("# Measure ").split(",")]
-        key = keys.get(cells[0])
-        if key is None or len(cells) < 5 or not line.startswith("# Measure "):
-            continue
-        try:
-            value = float(cells[3])
-        except ValueError:
-            continue
-        if 0 <= value <= LARGEST_NUMBER:
-            measures[key] = round(value) if key == "surface_holes" else value
+    with Path(path).open("rb") as file:
+        text = file.read(MOST_STATS_BYTES).decode("utf-8", errors="replace")
+    for name, value in _ASEG_MEASURE.findall(text):
+        if name in keys and float(value) <= LARGEST_NUMBER:
+            measures[keys[name]] = round(float(value)) if keys[name] == "surface_holes" else float(value)
     return measures

@@ -5,7 +5,6 @@ from __future__ import annotations
 import gzip
 import html
 import io
-import math
 import os
 import re
 from collections.abc import Mapping
@@ -16,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.errors import DamagedFile, WrongFile
-from morphofold.io.files import StrPath, atomic_file, existing_file, name_in_file, side_named
+from morphofold.io.files import StrPath, SurfaceContent, atomic_file, existing_file, name_in_file, side_named
 from morphofold.provenance import clean_name
-from morphofold.surface import Faces, PerVertex, Regions, Surface, Verts
+from morphofold.surface import PerVertex, Regions, Surface, Verts
 from morphofold.validators import labels_within
 
 if TYPE_CHECKING:
@@ -32,11 +31,10 @@ _SURFACE_METADATA = {  # names as in Connectome Workbench
     "sphere": {"GeometricType": "Spherical"},
 }
 _SCANNER = 1  # NIFTI_XFORM_SCANNER_ANAT
-MOST_NUMBERS = 2**26  # of an array: 22 million vertices
-_ARRAY, _ATTRIBUTE = re.compile(rb"<DataArray\b[^>]*>"), re.compile(rb"""(\w+)\s*=\s*["']([^"']*)""")
+_EXTERNAL_NAME = re.compile(rb"""<DataArray\b[^>]*\bExternalFileName\s*=\s*["']([^"']+)""")
 
 
-def read_surface(raw: bytes, path: Path) -> tuple[Verts, Faces, Mapping[str, Any] | None]:
+def read_surface(raw: bytes, path: Path) -> SurfaceContent:
     """Vertices (N, 3), faces (M, 3) and the volume geometry that mris_convert stores, if complete.
 
     The geometry is None for a surface marked as in the scanner's frame: its ``C_RAS`` would move the surface twice.
@@ -88,8 +86,8 @@ def _read(raw: bytes, path: Path) -> GiftiImage:
     """The image of a file, by nibabel; each of its arrays has numbers."""
     from nibabel.gifti import GiftiImage
 
-    for tag in _ARRAY.findall(raw):
-        _check_array(path, dict(_ATTRIBUTE.findall(tag)))
+    for name in _EXTERNAL_NAME.findall(raw):  # in a file beside it, where SPM and CAT12 keep arrays
+        existing_file(path.with_name(html.unescape(name.decode())), "file of arrays")
     file = io.BytesIO(raw)
     file.name = os.fspath(path)  # where nibabel looks for arrays in files beside it
     kind: Any = GiftiImage.parser
@@ -100,20 +98,6 @@ def _read(raw: bytes, path: Path) -> GiftiImage:
     if any(x is None or not x.size or x.dtype.kind not in "fiu" for x in values):
         raise DamagedFile("it has an array without numbers")
     return image
-
-
-def _check_array(path: Path, header: Mapping[bytes, bytes]) -> None:
-    """Refuse what nibabel does not: too many dimensions or numbers, and arrays in other files than those beside this
-    one, where SPM and CAT12 keep them."""
-    count = header.get(b"Dimensionality", b"1").decode()
-    dims = [int(header.get(b"Dim%d" % k, b"1")) for k in range(int(count) if len(count) == 1 else 0)]
-    if not dims or math.prod(dims) > MOST_NUMBERS:
-        raise DamagedFile(f"an array of {' x '.join(map(str, dims)) or count[:20] + ' dimensions'} is too large")
-    name = html.unescape(header.get(b"ExternalFileName", b"").decode())
-    if re.search(r"[/\\:\0]", name):
-        raise WrongFile(f"it keeps an array in {name!r}, but only a file beside it is read")
-    if name:
-        existing_file(path.with_name(name), "file of arrays")
 
 
 def _content(image: GiftiImage) -> str:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import json
-import math
 from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic_core import from_json
 
 from morphofold.errors import DamagedFile, NotReadable, TooLarge
-from morphofold.io.files import check_fetched, existing_file
+from morphofold.io.files import check_fetched
 
 MOST_JSON_BYTES = 64 * 2**20  # bytes; the gyral graph of a hemisphere of a million vertices needs a tenth of it
 LARGEST_NUMBER = 1e12  # largest number of a surface: beyond it, squares and sums lose their meaning
@@ -38,7 +37,7 @@ class Record(BaseModel):
     model_config = ConfigDict(strict=True, extra="allow", allow_inf_nan=False)
 
 
-def read_json(path: Path, schema: type[BaseModel], cure: str, *, most: int = MOST_JSON_BYTES) -> dict[str, Any]:
+def read_json(path: Path, schema: type[BaseModel], cure: str) -> dict[str, Any]:
     """Content of a JSON object that matches the schema.
 
     Raises
@@ -50,20 +49,11 @@ def read_json(path: Path, schema: type[BaseModel], cure: str, *, most: int = MOS
     check_fetched(path)
     if not path.exists():
         raise FileNotFoundError(f"{path}: is missing. {cure}")
-    if not path.is_file():
-        existing_file(path, "JSON file")  # raises an error that says what is at this path
     size = path.stat().st_size
-    if size > most:
-        raise TooLarge(f"{path}: has {size:,} bytes; at most {most:,} are allowed. {cure}")
+    if size > MOST_JSON_BYTES:
+        raise TooLarge(f"{path}: has {size:,} bytes; at most {MOST_JSON_BYTES:,} are allowed. {cure}")
     try:
-        content = json.loads(path.read_bytes(), parse_constant=_refuse_constant, parse_float=_finite_float)
-    except RecursionError:
-        raise DamagedFile(f"{path}: is nested too deeply. {cure}") from None
-    except ValueError as error:
-        raise DamagedFile(f"{path}: is not JSON ({error}). {cure}") from None
-    if not isinstance(content, dict):
-        raise NotReadable(f"{path}: holds no JSON object. {cure}")
-    try:
+        content: dict[str, Any] = from_json(path.read_bytes(), allow_inf_nan=False)
         schema.model_validate(content)
     except ValidationError as error:
         problem = error.errors(include_url=False, include_context=False)[0]
@@ -71,15 +61,6 @@ def read_json(path: Path, schema: type[BaseModel], cure: str, *, most: int = MOS
         got = "" if problem["type"] == "missing" else f", got {problem['input']!r:.40}"
         words = problem["msg"].removeprefix("Value error, ").removesuffix(".")
         raise NotReadable(f"{path}: {key}: {words[:1].lower()}{words[1:]}{got}. {cure}") from None
+    except ValueError as error:
+        raise DamagedFile(f"{path}: is not JSON ({error}). {cure}") from None
     return content
-
-
-def _refuse_constant(constant: str) -> None:
-    raise DamagedFile(f"it holds {constant}")
-
-
-def _finite_float(text: str) -> float:
-    value = float(text)
-    if not math.isfinite(value):
-        raise DamagedFile(f"it holds {text:.20}, which is too large for a float")
-    return value

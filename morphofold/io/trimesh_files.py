@@ -10,26 +10,30 @@ from pathlib import Path
 import numpy as np
 
 from morphofold.errors import DamagedFile
-from morphofold.io.files import SurfaceContent, atomic_file, check_counts, silent_log
+from morphofold.io.files import SurfaceContent, atomic_file, silent_log
 from morphofold.surface import Faces, Surface, Verts
 
-_PLY_COUNTS = re.compile(rb"\n[ \t]*element[ \t]+(vertex|face)[ \t]+(\d+)")
-_OFF_COUNTS = re.compile(rb"OFF\s+(?:#[^\n]*\n\s*)*(\d+)\s+(\d+)")
+#: the numbers of vertices and faces in a header
+_COUNTS = {
+    "ply": re.compile(rb"element[ \t]+vertex[ \t]+(\d+)(?:.*?element[ \t]+face[ \t]+(\d+))?", re.DOTALL),
+    "off": re.compile(rb"OFF\s+(?:#[^\n]*\n\s*)*(\d+)\s+(\d+)"),
+}
 
 
 def read(kind: str, raw: bytes, path: Path) -> SurfaceContent:
     """Vertices and faces of a file; ``kind`` is the ending without its dot.
 
-    trimesh cuts polygons with more corners into triangles. Vertices keep the order of the file.
+    trimesh cuts polygons with more corners into triangles, and reads as many faces as there are. Vertices keep the
+    order of the file.
 
     STL has no shared vertices: see :func:`merge_corners`. OBJ does not give its length, so a missing end is not
     detected. Materials, textures and files named inside are not read.
     """
     import trimesh
 
-    check_counts(raw)
-    if kind in _CHECK_OF_KIND:
-        _CHECK_OF_KIND[kind](raw)
+    size = 84 + 50 * int.from_bytes(raw[80:84], "little")  # of a binary STL; trimesh reads half of one as an empty text
+    if kind == "stl" and len(raw) != size and b"endsolid" not in raw[-1024:]:
+        raise DamagedFile(f"its header gives {size} bytes, but it has {len(raw)}, and it has no endsolid")
     # from memory and without a resolver: files that this file may name are not opened
     options = {"process": False, "maintain_order": True, "skip_materials": True}
     with silent_log():  # messages about normals, which are not used
@@ -37,8 +41,10 @@ def read(kind: str, raw: bytes, path: Path) -> SurfaceContent:
     verts, faces = np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.int64)
     if len(faces) == 0:
         raise DamagedFile("it holds no triangles")
-    if kind == "ply":
-        _check_ply(raw, len(verts), len(faces))
+    counts = _COUNTS[kind].search(raw[:4096]) if kind in _COUNTS else None
+    n, m = (int(count or 0) for count in counts.groups()) if counts else (0, 0)
+    if len(verts) < n or len(faces) < m:
+        raise DamagedFile(f"its header gives {n} vertices and {m} faces, but it has {len(verts)} and {len(faces)}")
     return verts, faces, None
 
 
@@ -60,35 +66,6 @@ def merge_equal(verts: Verts, faces: Faces) -> tuple[Verts, Faces]:
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
     return verts[first[order]], rank[inverse.reshape(-1)][faces]
-
-
-def _check_stl(raw: bytes) -> None:
-    """Check the size of a binary file, or the end of a text; trimesh reads half a binary file as an empty text."""
-    promised = 84 + 50 * int.from_bytes(raw[80:84], "little")
-    if len(raw) == promised or (raw.lstrip().startswith(b"solid") and b"endsolid" in raw[-1024:]):
-        return
-    if raw.lstrip().startswith(b"solid") and b"facet" in raw[:1024]:
-        raise DamagedFile("it has no endsolid, so its end is missing")
-    raise DamagedFile(f"its header gives {promised} bytes, but it has {len(raw)}")
-
-
-def _check_off(raw: bytes) -> None:
-    """Check the number of values: trimesh reads as many faces as there are; a triangle needs four numbers."""
-    match = _OFF_COUNTS.search(raw[:4096])
-    n, m = (int(match[1]), int(match[2])) if match else (0, 0)
-    numbers = len(raw[match.end() :].split()) if match else 0
-    if numbers < 3 * n + 4 * m:
-        raise DamagedFile(f"{n} vertices and {m} faces need at least {3 * n + 4 * m} numbers, but it has {numbers}")
-
-
-def _check_ply(raw: bytes, n: int, m: int) -> None:
-    """Check the counts: trimesh reads as many faces of a text as there are; a polygon gives at least one triangle."""
-    promised = {name.decode(): int(count) for name, count in _PLY_COUNTS.findall(raw)}
-    if n < promised.get("vertex", 0) or m < promised.get("face", 0):
-        raise DamagedFile(f"its header gives {promised}, but it has {n} vertices and {m} triangles")
-
-
-_CHECK_OF_KIND = {"stl": _check_stl, "off": _check_off}
 
 
 def write(kind: str, path: Path, surface: Surface) -> None:

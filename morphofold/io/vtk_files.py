@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.errors import DamagedFile, WrongFile
-from morphofold.io.files import SurfaceContent, atomic_file, check_counts, write_and_look
+from morphofold.io.files import SurfaceContent, atomic_file, write_and_read
 from morphofold.surface import Surface
 
 _TRIANGLE, _LEFT_OUT = 5, {1, 2, 3, 4, 10}  # VTK's numbers: points, lines and tetrahedra are not part of a surface
@@ -24,7 +24,6 @@ def read(raw: bytes, path: Path) -> SurfaceContent:
 
     Raises ``WrongFile`` if the file has faces other than triangles, or no triangles.
     """
-    check_counts(raw)
     arrays = _arrays(path)
     kinds = arrays["types"]
     if not {*kinds.tolist()} <= {_TRIANGLE, *_LEFT_OUT}:
@@ -69,7 +68,7 @@ def write(path: Path, surface: Surface) -> None:
         return _write_polygons(path, surface)
     to_file = importlib.import_module(f"meshio.{path.suffix[1:].lower()}").write
     mesh = meshio.Mesh(surface.verts, [("triangle", surface.faces)])
-    return write_and_look(path, lambda name: to_file(name, mesh), read)
+    return write_and_read(path, lambda name: to_file(name, mesh), read)
 
 
 def _write_polygons(path: Path, surface: Surface) -> None:

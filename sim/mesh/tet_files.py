@@ -23,7 +23,7 @@ from morphofold.errors import (
     WrongFile,
     WrongShape,
 )
-from morphofold.io.files import decoding, from_words, warn_of_no_end
+from morphofold.io.files import decoding, warn_of_no_end
 from morphofold.io.formats import format_of
 from morphofold.io.vtk_files import read_grid
 from morphofold.sim.scene import MOST_BRICKS, MeshFile
@@ -236,7 +236,7 @@ def _read_neutral(raw: bytes) -> Any:
     while lines and len(tables) < 3:
         n = int(b" ".join(lines[0]))
         words = [word for row in lines[1 : n + 1] for word in row]
-        tables.append(from_words(words, np.int64 if tables else np.float64).reshape(n, len(words) // max(n, 1)))
+        tables.append(np.array(words, np.int64 if tables else np.float64).reshape(n, len(words) // max(n, 1)))
         lines = lines[n + 1 :]
     points, *cells = tables
     if lines or points.shape[1] != 3 or any(a.size and a.shape[1] - c not in (0, 1) for a, c in zip(cells, (4, 3))):
