@@ -233,21 +233,20 @@ def error_names_file(path: Path, temporary: Path) -> Iterator[None]:
 def write_and_read(path: StrPath, write: Callable[[str], object], read: Callable[[bytes, Path], object]) -> None:
     """Let a library write a file to a given name, and read it back; written completely or not at all.
 
-    It is read because numpy's ``tofile``, which libraries use, cuts files on a full disk without an error.
+    It is read because numpy's ``tofile``, which libraries use, cuts files on a full disk, without an error or a number.
 
     Raises
     ------
     OSError
         The system's error for ``path``, or that of a full disk if the file can't be read back.
-    WrongFile
-        The data can't be written in this format.
     """
+    full = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), os.fspath(path))
     with atomic_file(path) as temporary:
         try:
             write(os.fspath(temporary))
-        except (ValueError, TypeError, KeyError) as error:
-            raise WrongFile(f"{path}: can't be written ({error}). Use another format.") from error
+        except OSError as error:
+            raise error if error.errno else full from error
         try:
             read(temporary.read_bytes(), temporary)
         except Exception as error:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), os.fspath(path)) from error
+            raise full from error

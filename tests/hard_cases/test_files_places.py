@@ -12,8 +12,7 @@ from hard_cases.cases import hard_case
 from made_measures import made_measures
 
 from morphofold.cli import main
-from morphofold.errors import WrongFile
-from morphofold.io import files, folders
+from morphofold.io import folders
 from morphofold.results import write_analysis
 
 NOBODY = 65534  # the number of a user who owns nothing
@@ -162,26 +161,6 @@ def test_modes(holds, anyones, tmp_path, capsys):
         for name in modes:
             (anyones / name).chmod(0o755)
     holds.equal("in the folders", sorted(p.relative_to(anyones) for p in anyones.rglob("*")), kept)
-
-
-@hard_case(
-    "files",
-    "a pipe or a device as the name of a file to write",
-    guard="no move onto what is no file",
-    without=lambda patch: patch.setattr(files, "check_place", lambda path: None),
-    fails=pytest.fail.Exception,
-)
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="makes a pipe")
-def test_devices(holds, tmp_path):
-    pipe = tmp_path / "pipe"
-    os.mkfifo(pipe)
-    with pytest.raises(WrongFile) as caught, files.atomic_file(pipe) as temporary:
-        temporary.write_text("a")
-    holds.says("refusal", str(caught.value).replace(str(tmp_path), ""), "/pipe: ")
-    holds.equal("still a pipe", pipe.is_fifo(), True)
-    if os.path.exists("/dev/full"):
-        with pytest.raises(WrongFile, match="/dev/full: "):
-            files.check_place(Path("/dev/full"))
 
 
 def replace_whole(new, out):

@@ -58,16 +58,15 @@ def only_files(folders, stem, endings):
 )
 @hard_case(
     "files",
-    "an optional file of a subject that is a folder, a pipe or a link to nothing",
+    "an optional file of a subject that is a folder or a link to nothing",
     guard="looked at, not for",
     without=lambda patch: patch.setattr(cortex_files, "_first_existing_file", only_files),
     fails=pytest.fail.Exception,
 )
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="makes a pipe")
 def test_optional(name, holds, analysis, capsys):
     path = analysis / name
     (analysis / "summary.json").unlink()  # which would name its annotation
-    for make in (os.mkdir, os.mkfifo, lambda path: os.symlink("nowhere", path)):
+    for make in (os.mkdir, lambda path: os.symlink("nowhere", path)):
         path.unlink(missing_ok=True)
         make(path)
         with pytest.raises((WrongFile, IsADirectoryError, FileNotFoundError)) as caught:
@@ -105,12 +104,12 @@ def test_numbers(holds, analysis):
     text = summary.read_text()
     for value in ('"x"', "[]", "{}", "NaN", "true", "1e308", "1e999"):
         summary.write_text(re.sub(r'("mean_cortical_thickness_mm": )[\d.]+', rf"\g<1>{value}", text))
-        json_at_all = value not in ("NaN", "1e999")
+        json_at_all = value != "NaN"
         with pytest.raises(NotReadable if json_at_all else DamagedFile) as caught:
             compare({"a": read_analysis(analysis)}).to_dict()
         message = str(caught.value).replace(str(analysis), "")
         holds.says(
-            f"thickness {value}", message, "summary.json", "mean_cortical_thickness_mm" if json_at_all else value
+            f"thickness {value}", message, "summary.json", "mean_cortical_thickness_mm" if json_at_all else "line"
         )
     summary.unlink()
     for key, wrong in HOSTILE:
@@ -119,7 +118,7 @@ def test_numbers(holds, analysis):
         with pytest.raises(NotReadable if json_at_all else DamagedFile) as caught:
             read_cortex(analysis)
         message = str(caught.value).replace(str(analysis), "")
-        holds.says(f"{key} {wrong}", message, "stage.json", key if json_at_all else "NaN")
+        holds.says(f"{key} {wrong}", message, "stage.json", key if json_at_all else "line")
 
 
 @hard_case(
