@@ -18,7 +18,18 @@ from morphofold.io.json_files import Amount, Count, FileWord, Number, Record, re
 HEMIS = ("lh", "rh")
 MAP_NAMES = ("thickness", "curv", "sulc", "area")
 SURFACE_ENDINGS = ("", ".surf.gii", ".gii", ".surf.gii.gz", ".asc")
-_MAP_ENDINGS = ("", ".shape.gii", ".gii", ".mgh", ".mgz")
+_MAP_ENDINGS, _ANNOTATION_ENDINGS = ("", ".shape.gii", ".gii", ".mgh", ".mgz"), (".annot", ".label.gii")
+#: optional files of a cortex: content, folder, name between hemisphere and ending; the last one of a content is read
+_CONTENTS = (
+    *((name, "surf", name, _MAP_ENDINGS) for name in MAP_NAMES),
+    ("inflated", "surf", "inflated", SURFACE_ENDINGS),
+    ("sphere", "surf", "sphere", SURFACE_ENDINGS),
+    ("annotation", "label", "aparc.{}", _ANNOTATION_ENDINGS),
+    ("annotation", "label", "{}", _ANNOTATION_ENDINGS),
+    ("label", "label", "atlasroi.shape.gii", ("",)),  # HCP's
+    ("label", "label", "cortex.label", ("",)),  # FreeSurfer's
+    ("registered", "surf", "sphere.reg", SURFACE_ENDINGS),  # without a label
+)
 WHITE = "white"
 SIGNS = ("pial", "thickness")  # by which the cortex under white is found without a label
 
@@ -85,10 +96,8 @@ def hemispheres(folder: Path) -> tuple[str, ...]:
     """Hemispheres with white or pial in ``folder`` or its surf/, or in the last stage of a simulation; ("lh",) if none:
     then the reader raises the error."""
     folder = last_stage(folder) if (folder / "stages").is_dir() else folder
-    place = folder / "surf" if (folder / "surf").is_dir() else folder
-    files = {p.name for p in place.glob("?h.*")} if place.is_dir() else set()
-    names = {hemi: {f"{hemi}.{kind}{end}" for kind in ("white", "pial") for end in SURFACE_ENDINGS} for hemi in HEMIS}
-    return tuple(hemi for hemi in HEMIS if names[hemi] & files) or ("lh",)
+    found = (hemi for hemi in HEMIS if any(_file_in(folder, "surf", f"{hemi}.{kind}") for kind in ("white", "pial")))
+    return tuple(found) or ("lh",)
 
 
 def last_stage(path: Path) -> Path:
@@ -125,29 +134,19 @@ def cortex_files(
         raise DoesNotApply(f"{root}: is a simulated stage of {sides[0]}, and has no {hemi}. Request {sides[0]}.")
     files = {content: _required_surface(root, f"{hemi}.{s}") for content, s in zip(("white", "pial"), surfaces)}
 
-    def add(content: str, place: str, stem: str, endings: tuple[str, ...] = ("",)) -> None:
-        places = [folder for folder in (root / place, root / "surf") if folder.is_dir()]
-        file = _first_existing_file(places or [root], stem, endings)
-        files.update({} if file is None else {content: existing_file(file, content)})
-
-    for name in MAP_NAMES:
-        add(name, "surf", f"{hemi}.{name}", _MAP_ENDINGS)
-    for kind in ("inflated", "sphere"):
-        add(kind, "surf", f"{hemi}.{kind}", SURFACE_ENDINGS)
     if annotation is None and not staged and os.path.lexists(root / "summary.json"):
-        annotation = measured_surface_fields(root / "summary.json", hemi)["annotation"]
-    for stem in ("aparc",) if annotation is None else (f"aparc.{annotation}", annotation):
-        add("annotation", "label", f"{hemi}.{stem}", (".annot", ".label.gii"))
+        annotation = measured_surface_fields(root / "summary.json", hemi).get("annotation")
+    name = "aparc" if annotation is None else annotation
+    for content, place, stem, endings in _CONTENTS:
+        file = _file_in(root, place, f"{hemi}.{stem.format(name)}", endings)
+        if file is not None and not (content == "registered" and "label" in files):
+            files[content] = existing_file(file, content)
     if annotation is not None and "annotation" not in files:
         annotations = sorted(file.name for place in (root / "label", root) for file in place.glob(f"{hemi}.*.annot"))
         raise FileNotFoundError(
             f"{root}: has no label/{hemi}.{annotation}.annot; it has {', '.join(annotations) or 'no annotation'}. "
             "Name one as aparc.a2009s, without hemisphere and ending."
         )
-    for stem in (f"{hemi}.atlasroi.shape.gii", f"{hemi}.cortex.label"):  # HCP's, and FreeSurfer's, which goes first
-        add("label", "label", stem)
-    if "label" not in files:
-        add("registered", "surf", f"{hemi}.sphere.reg", SURFACE_ENDINGS)
     if (stats := root / "stats" / "aseg.stats").is_file() and stats.stat().st_size:  # no measure depends on it
         files["stats"] = stats
     return {**files, "stage": existing_file(stage, "stage record")} if staged else files
@@ -156,10 +155,10 @@ def cortex_files(
 def measured_surface_fields(path: Path, hemi: str) -> dict[str, Any]:
     """Fields of a measured surface in an analysis folder: name, origin, units, portion, info, annotation."""
     fields = read_json(path, _AnalysisSummary, "Analyze it again.")["surfaces"]
-    found = next((entry for entry in fields if entry["hemi"] == hemi), None)
+    found: dict[str, Any] | None = next((entry for entry in fields if entry["hemi"] == hemi), None)
     if found is None:
         raise MissingPart(f"{path}: is not the summary of an analysis of {hemi}. Analyze it again.")
-    return {key: found.get(key) for key in ("name", "origin", "units", "portion", "info", "annotation")}
+    return found
 
 
 def registered_sphere(
@@ -177,20 +176,22 @@ def registered_sphere(
         If there is none.
     """
     root = Path(path)
-    file = _first_existing_file((root / "surf", root), f"{hemi}.{name}", SURFACE_ENDINGS)
+    file = _file_in(root, "surf", f"{hemi}.{name}")
     if file is None:
         raise FileNotFoundError(f"{root}: has no surf/{hemi}.{name}, by which maps come over to a template. {writer}")
     return existing_file(file, "registered sphere")
 
 
-def _first_existing_file(folders: Sequence[Path], stem: str, endings: tuple[str, ...]) -> Path | None:
-    return next((f for folder in folders for e in endings if os.path.lexists(f := folder / f"{stem}{e}")), None)
+def _file_in(root: Path, place: str, stem: str, endings: tuple[str, ...] = SURFACE_ENDINGS) -> Path | None:
+    """The first file with a stem and one of the endings in a folder of ``root``, in surf/, or in itself; or a link."""
+    folders = (root / place, root / "surf", root)
+    return next((f for folder in folders for end in endings if os.path.lexists(f := folder / f"{stem}{end}")), None)
 
 
 def _required_surface(root: Path, stem: str) -> Path:
-    found = _first_existing_file((root / "surf", root), stem, SURFACE_ENDINGS)
+    place = root / "surf" if (root / "surf").is_dir() else root
     try:
-        return existing_file(found or (root / "surf" if (root / "surf").is_dir() else root) / stem, "surface")
+        return existing_file(_file_in(root, "surf", stem) or place / stem, "surface")
     except FileNotFoundError as error:
         raise FileNotFoundError(
             f"{error} Also tried: {stem}.surf.gii, {stem}.gii. A cortex is a FreeSurfer subject (with "
@@ -200,18 +201,22 @@ def _required_surface(root: Path, stem: str) -> Path:
 
 def folded_files(path: StrPath, hemi: str, *, surface: str | None = None, sphere: str | None = None) -> dict[str, Path]:
     """The files that :func:`read_folded` reads, by content; raises if a surface does not exist."""
-    root, is_folder = Path(path), Path(path).is_dir()
-    place, kind = root / "surf", surface or WHITE
-    files = {"surface": existing_file(place / f"{hemi}.{kind}" if is_folder else root, "surface")}
-    if sphere is not None or (is_folder and os.path.lexists(place / f"{hemi}.sphere")):
-        files["sphere"] = existing_file(
-            place / f"{hemi}.{sphere or 'sphere'}" if is_folder else Path(sphere or ""), "sphere"
-        )
-    beside = {name: root / "label" / f"{hemi}.{name}" for name in ("aparc.annot", "cortex.label")}
-    files |= {name: existing_file(file, name) for name, file in beside.items() if os.path.lexists(file)}
+    root = Path(path)
+    if not root.is_dir():
+        files = {"surface": existing_file(root, "surface")}
+        return files if sphere is None else {**files, "sphere": existing_file(Path(sphere), "sphere")}
+    kind, surf = surface or WHITE, root / "surf"
+    paths = {
+        "surface": surf / f"{hemi}.{kind}",
+        "sphere": surf / f"{hemi}.{sphere or 'sphere'}",
+        "aparc.annot": root / "label" / f"{hemi}.aparc.annot",
+        "cortex.label": root / "label" / f"{hemi}.cortex.label",
+    }
+    needed = {"surface"} if sphere is None else {"surface", "sphere"}
+    files = {what: existing_file(p, what) for what, p in paths.items() if what in needed or os.path.lexists(p)}
     if "cortex.label" not in files:
         signs = {"registered": "sphere.reg", **(dict(zip(SIGNS, SIGNS)) if kind == WHITE else {})}
-        files |= {what: file for what, name in signs.items() if (file := place / f"{hemi}.{name}").is_file()}
+        files |= {what: file for what, name in signs.items() if (file := surf / f"{hemi}.{name}").is_file()}
     return files
 
 

@@ -24,7 +24,7 @@ from morphofold.io.cortex_files import (
     last_stage,
     measured_surface_fields,
 )
-from morphofold.io.files import MAX_BYTES, StrPath, existing_file, side_named
+from morphofold.io.files import StrPath, existing_file, side_named
 from morphofold.io.formats import read_annotation, read_label, read_morph, read_surface
 from morphofold.io.freesurfer import flip_curvature_sign, read_aseg_stats, scanner_transform
 from morphofold.io.json_files import read_json
@@ -119,14 +119,13 @@ def _cortex_of_pair(white: Path, pial: Path, hemi: str | None, name: str | None)
                 f"{file}: is named {fields}, but {hemi} was requested. Request {fields}, or name the other file."
             )
         hemi = fields
-    return read_cortex_files(None, hemi or "lh", {"white": white, "pial": pial}, name)
+    files = {"white": existing_file(white, "surface"), "pial": existing_file(pial, "surface")}
+    return read_cortex_files(None, hemi or "lh", files, name)
 
 
 def read_cortex_files(root: Path | None, hemi: str, files: dict[str, Path], name: str | None = None) -> Cortex:
     """The cortex that files hold, by content as in :func:`cortex_files`; ``root`` is their folder, if they have one."""
-    # files that no reader accepts are not scanned before
-    scanned = (file for file in dict.fromkeys(files.values()) if file.is_file() and file.stat().st_size <= MAX_BYTES)
-    with unchanged(scanned) as records:
+    with unchanged(dict.fromkeys(files.values())) as records:
         cortex = _read(root, hemi, files, name)
     return replace(cortex, inputs=tuple(records))
 

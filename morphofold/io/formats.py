@@ -119,34 +119,27 @@ FORMATS = {
         Format("FreeSurfer", (), freesurfer.read_label, freesurfer.write_mask, names=_ANY),
     ),
 }
-_GZIP_MAGIC = b"\x1f\x8b"
 
 
-def format_of(path: Path, content: str = "surface") -> Format | None:
-    """The format of a file by its first bytes; by its name only if they do not identify one."""
-    with path.open("rb") as file:
-        head = file.read(1024)
-    by_head = (kind for kind in FORMATS[content] if kind.starts(head))
-    by_name = (kind for kind in FORMATS[content] if kind.named(path.name))
+def format_of(raw: bytes, name: str, content: str = "surface") -> Format | None:
+    """The format of the bytes of a file by the first ones; by its name only if they do not identify one."""
+    by_head = (kind for kind in FORMATS[content] if kind.starts(raw[:1024]))
+    by_name = (kind for kind in FORMATS[content] if kind.named(name))
     return next(by_head, None) or next(by_name, None)
 
 
 def _read(path: StrPath, content: str) -> tuple[Path, Any]:
     """The path and the content of a file, whose size is checked first; any damage raises ``DamagedFile``."""
     path = existing_file(path, content)
-    kind = format_of(path, content)
+    with decoding(path, f"a {content}"):
+        raw = path.read_bytes()
+        raw = gzip.decompress(raw) if raw.startswith(b"\x1f\x8b") else raw
+    kind = format_of(raw, path.name, content)
     if kind is None:
-        head = path.read_bytes()[:1024]
-        if head.startswith(_GZIP_MAGIC):
-            raise WrongFile(
-                f"{path}: is compressed; only .gii.gz can be read compressed. Decompress it first, with gunzip."
-            )
         raise WrongFile(
-            f"{path}: is not a {content} that morphofold can read ({beginning(head)}). It reads {_names(content)}."
+            f"{path}: is not a {content} that morphofold can read ({beginning(raw)}). It reads {_names(content)}."
         )
     with decoding(path, f"a {content} in the format {kind.name}"):
-        raw = path.read_bytes()
-        raw = gzip.decompress(raw) if raw.startswith(_GZIP_MAGIC) else raw
         parsed = kind.read(raw, path)
     warn_of_no_end(path, raw)
     return path, parsed if kind.finish is None else kind.finish(parsed, path)
@@ -271,7 +264,8 @@ def write_gifti_map(
     path: StrPath, values: ArrayLike, *, name: str = "", hemi: str | None = None, nan: float | None = None
 ) -> None:
     """As :func:`write_morph`, for a name that ends in .gii or .gii.gz."""
-    gifti.check_ending(path)
+    if not os.fspath(path).endswith(_GIFTI_ENDINGS):
+        raise WrongFile(f"{path}: the name of a GIFTI file must end in .gii or .gii.gz.")
     write_morph(path, values, name=name, hemi=hemi, nan=nan)
 
 

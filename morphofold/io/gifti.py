@@ -195,16 +195,9 @@ def _structure_metadata(path: StrPath, hemi: str | None) -> dict[str, str]:
     return {"AnatomicalStructurePrimary": _STRUCTURE_OF_HEMI[hemi]} if hemi in _STRUCTURE_OF_HEMI else {}
 
 
-def check_ending(path: StrPath) -> None:
-    """Refuse another name for a GIFTI file than one in .gii or .gii.gz."""
-    if not os.fspath(path).endswith((".gii", ".gii.gz")):
-        raise WrongFile(f"{path}: the name of a GIFTI file must end in .gii or .gii.gz.")
-
-
 def _write_image(path: StrPath, arrays: list[Any], meta: dict[str, str], labels: Any = None) -> None:
     from nibabel.gifti import GiftiImage, GiftiMetaData
 
-    check_ending(path)
     raw = GiftiImage(darrays=arrays, meta=GiftiMetaData(meta), labeltable=labels).to_bytes()
     with atomic_file(path) as temporary:
         temporary.write_bytes(gzip.compress(raw, mtime=0) if os.fspath(path).endswith(".gz") else raw)

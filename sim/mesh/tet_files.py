@@ -126,7 +126,7 @@ def read_tet_file(geometry: MeshFile) -> TetFile:
     name = geometry.file
     path = geometry.path()
     readable = path.name.lower().endswith(tuple(meshio.extension_to_filetypes))
-    if _holds_polygons(path) if readable else format_of(path):
+    if _holds_polygons(path) if readable else format_of(path.read_bytes(), path.name):
         raise WrongFile(_is_surface_text(name))
     if not readable:
         raise WrongFile(

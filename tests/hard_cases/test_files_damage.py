@@ -250,8 +250,8 @@ def test_flipped_checkpoint(known, holds):
     assert_sound(holds, found, 600)
 
 
-def by_name(path, content="surface"):
-    return next((one for one in formats.FORMATS[content] if one.named(path.name)), None)
+def by_name(raw, name, content="surface"):
+    return next((one for one in formats.FORMATS[content] if one.named(name)), None)
 
 
 @hard_case(

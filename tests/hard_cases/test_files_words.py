@@ -49,8 +49,8 @@ def test_names(holds, here, capsys):
     holds("refusals of more than one line, or with anything to steer by", len(wrong), at_most=0)
 
 
-def only_files(folders, stem, endings):
-    return next((f for folder in folders for e in endings if (f := folder / f"{stem}{e}").is_file()), None)
+def only_files(root, place, stem, endings=("",)):
+    return next((f for e in endings if (f := root / place / f"{stem}{e}").is_file()), None)
 
 
 @pytest.mark.parametrize(
@@ -60,7 +60,7 @@ def only_files(folders, stem, endings):
     "files",
     "an optional file of a subject that is a folder or a link to nothing",
     guard="looked at, not for",
-    without=lambda patch: patch.setattr(cortex_files, "_first_existing_file", only_files),
+    without=lambda patch: patch.setattr(cortex_files, "_file_in", only_files),
     fails=pytest.fail.Exception,
 )
 def test_optional(name, holds, analysis, capsys):
