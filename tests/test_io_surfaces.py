@@ -10,7 +10,7 @@ from made_surfaces import FOOTER, FORMATS, area, one_line
 from morphofold.errors import DamagedFile, WrongFile
 from morphofold.io import read_cortex, read_surface, sample_path, scanner_transform, write_surface
 from morphofold.io.gifti import write_surface as write_gifti_surface
-from morphofold.io.trimesh_files import merge_equal
+from morphofold.io.mesh_files import merge_equal
 from morphofold.shapes import icosphere
 from morphofold.surface import Surface
 
@@ -118,7 +118,7 @@ def test_a_gifti_in_the_scanner_frame_is_not_moved_there_again(tmp_path, rough):
     """Its ``C_RAS`` says how it came there; that of one in FreeSurfer's frame, how to go."""
     path = tmp_path / "lh.pial.surf.gii"
     for scanner in (False, True):
-        write_gifti_surface(path, Surface(rough.verts, rough.faces, geometry=FOOTER), "lh", scanner=scanner)
+        write_gifti_surface(path, Surface(rough.verts, rough.faces, geometry=FOOTER), scanner=scanner)
         assert b"VolGeomC_R" in path.read_bytes()
         assert (read_surface(path).geometry is None) == scanner
 

@@ -9,7 +9,7 @@ import pytest
 
 from morphofold.errors import DamagedFile, WrongFile
 from morphofold.io import read_surface
-from morphofold.io.vtk_files import read_grid
+from morphofold.io.mesh_files import read_grid
 from morphofold.shapes import icosphere
 
 LEGACY = [(version, binary) for version in (42, 51) for binary in (False, True)]

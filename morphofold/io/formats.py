@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from morphofold.errors import Mismatch, WrongFile, WrongShape
-from morphofold.io import freesurfer, gifti, text_files, trimesh_files, vtk_files
+from morphofold.io import freesurfer, gifti, mesh_files
 from morphofold.io.files import StrPath, beginning, decoding, existing_file, warn_of_no_end
 from morphofold.surface import PerVertex, Regions, Surface, Verts
 from morphofold.validators import check_mesh, finite, same_length
@@ -37,9 +37,9 @@ class Format:
         damage, ``WrongFile`` another content. Of a surface it gives vertices, faces and the volume geometry, or None.
     write : callable, optional
         ``write(path, content)`` writes completely or not at all.
-    begins : pattern, optional
+    begins : regular expression, optional
         Matches the start of its files, within their first 1024 bytes.
-    names : pattern, optional
+    names : regular expression, optional
         Matches the start of other names of its files.
     finish : callable, optional
         ``finish(content, path)``: what is made of the content, with warnings.
@@ -49,74 +49,61 @@ class Format:
     endings: tuple[str, ...]
     read: Callable[..., Any]
     write: Callable[..., None] | None = None
-    begins: re.Pattern[bytes] | None = None
-    names: re.Pattern[str] | None = None
+    begins: bytes | None = None
+    names: str | None = None
     finish: Callable[[Any, Path], Any] | None = None
 
     def starts(self, head: bytes) -> bool:
-        return self.begins is not None and self.begins.match(head) is not None
+        return self.begins is not None and bool(re.match(self.begins, head))
 
     def named(self, name: str) -> bool:
-        return name.lower().endswith(self.endings) or (self.names is not None and self.names.match(name) is not None)
+        return name.lower().endswith(self.endings) or (self.names is not None and bool(re.match(self.names, name)))
 
 
 def _of_trimesh(kind: str, begins: bytes | None, **more: Any) -> Format:
-    read, write = partial(trimesh_files.read, kind), partial(trimesh_files.write, kind)
-    return Format(kind.upper(), (f".{kind}",), read, write, re.compile(begins) if begins else None, **more)
+    read, write = partial(mesh_files.read_trimesh, kind), partial(mesh_files.write_trimesh, kind)
+    return Format(kind.upper(), (f".{kind}",), read, write, begins, **more)
 
 
-_GIFTI, _GIFTI_ENDINGS, _ANY = re.compile(rb".*?<GIFTI", re.DOTALL), (".gii", ".gii.gz"), re.compile("")
+_GIFTI, _GIFTI_ENDINGS = rb"(?s:.*?)<GIFTI", (".gii", ".gii.gz")
+_VTK = (".vtk", ".vtp", ".vtu"), mesh_files.read_vtk, mesh_files.write_vtk, rb"# vtk|[^#]*<VTKFile "
+_MGH = (".mgh", ".mgz", ".mgh.gz"), freesurfer.read_mgh, freesurfer.write_mgh, rb"\0\0\0\x01"
+_FREESURFER = (".white", ".pial", ".inflated", ".sphere", ".orig", ".smoothwm", ".mid")
+_ASCII = rb"#!ascii[^\n]*\n(?:#[^\n]*\n)*\s*\d+[ \t]+\d+[ \t\r]*\n"
 #: by content, in the order in which they are tried; FreeSurfer's names are the least specific
 FORMATS = {
     "surface": (
         _of_trimesh("ply", rb"ply\r?\n"),
         _of_trimesh("glb", rb"glTF"),
         _of_trimesh("off", rb"\s*(#[^\n]*\n\s*)*OFF\s"),
-        _of_trimesh("stl", rb"\s*solid\b", finish=trimesh_files.merge_corners),  # a binary file has no mark
+        _of_trimesh("stl", rb"\s*solid\b", finish=mesh_files.merge_corners),  # a binary file has no mark
         _of_trimesh("obj", None),
-        Format(
-            "VTK (.vtk, .vtp, .vtu)",
-            (".vtk", ".vtp", ".vtu"),
-            vtk_files.read,
-            vtk_files.write,
-            re.compile(rb"# vtk|[^#]*<VTKFile "),
-        ),
-        Format(
-            "FreeSurfer's text (.asc, .srf)",
-            (),
-            text_files.read_ascii,
-            begins=re.compile(rb"#!ascii[^\n]*\n(?:#[^\n]*\n)*\s*\d+[ \t]+\d+[ \t\r]*\n"),
-        ),
-        Format("MNI OBJ", (), text_files.read_mni, begins=re.compile(rb"P(?:\s+[-+.\deE]+){5}\s+\d+\s")),
+        Format("VTK (.vtk, .vtp, .vtu)", *_VTK),
+        Format("FreeSurfer's text (.asc, .srf)", (), mesh_files.read_ascii, begins=_ASCII),
+        Format("MNI OBJ", (), mesh_files.read_mni, begins=rb"P(?:\s+[-+.\deE]+){5}\s+\d+\s"),
         Format("GIFTI (.gii)", _GIFTI_ENDINGS, gifti.read_surface, gifti.write_surface, _GIFTI),
         Format(
             "FreeSurfer",
-            (".white", ".pial", ".inflated", ".sphere", ".orig", ".smoothwm", ".mid"),
+            _FREESURFER,
             freesurfer.read_surface,
             freesurfer.write_surface,
-            re.compile(rb"\xff\xff[\xfd-\xff]"),
-            re.compile(r"[lr]h\.|[^.]+$"),
+            rb"\xff\xff[\xfd-\xff]",
+            r"[lr]h\.|[^.]+$",
         ),
     ),
     "map": (
         Format("GIFTI", _GIFTI_ENDINGS, gifti.read_map, gifti.write_map, _GIFTI),
-        Format(
-            "MGH",
-            (".mgh", ".mgz", ".mgh.gz"),
-            freesurfer.read_mgh,
-            freesurfer.write_mgh,
-            re.compile(rb"\x00\x00\x00\x01"),
-        ),
-        Format("text", (), text_files.read_map, begins=re.compile(rb"\s*[-+]?(?:\d|\.\d|nan)[\t\n\r -~]*\Z", re.I)),
-        Format("FreeSurfer", (), freesurfer.read_curv, freesurfer.write_curv, names=_ANY),
+        Format("MGH", *_MGH),
+        Format("text", (), mesh_files.read_text_map, begins=rb"(?i)\s*[-+]?(?:\d|\.\d|nan)[\t\n\r -~]*\Z"),
+        Format("FreeSurfer", (), freesurfer.read_curv, freesurfer.write_curv, names=""),
     ),
     "annotation": (
         Format("GIFTI", _GIFTI_ENDINGS, gifti.read_regions, gifti.write_regions, _GIFTI),
-        Format("FreeSurfer", (), freesurfer.read_regions, freesurfer.write_regions, names=_ANY),
+        Format("FreeSurfer", (), freesurfer.read_regions, freesurfer.write_regions, names=""),
     ),
     "label": (
         Format("GIFTI", _GIFTI_ENDINGS, gifti.read_mask, gifti.write_mask, _GIFTI),
-        Format("FreeSurfer", (), freesurfer.read_label, freesurfer.write_mask, names=_ANY),
+        Format("FreeSurfer", (), freesurfer.read_label, freesurfer.write_mask, names=""),
     ),
 }
 

@@ -1,7 +1,7 @@
-"""FreeSurfer files: surfaces, per-vertex maps, annotations and labels, written through nibabel.
+"""FreeSurfer files: surfaces, per-vertex maps, annotations and labels, through nibabel.
 
-They are read here, where a truncated file has too few bytes for an array: nibabel's readers of maps return fewer
-values, and those of surfaces know no footer of quadrangles.
+Maps are read here, because nibabel reads the values that are left of a truncated file, and footers, because nibabel
+reads none of quadrangles.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import math
 import os
 import re
 import struct
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -25,14 +25,11 @@ from morphofold.provenance import clean_name
 from morphofold.surface import PerVertex, Regions, Surface, Verts
 from morphofold.validators import labels_within
 
-TRIANGLE_MAGIC, QUAD_MAGIC, QUAD_FLOAT_MAGIC = b"\xff\xff\xfe", b"\xff\xff\xff", b"\xff\xff\xfd"
+TRIANGLE_MAGIC, QUAD_MAGIC = b"\xff\xff\xfe", b"\xff\xff\xff"
 _CREATED_BY = "created by morphofold"  # nibabel's default writes the name of the user and the date
-#: kind of coordinates, bytes of a corner, corners of a face; the oldest have hundredths
-_LAYOUTS = {TRIANGLE_MAGIC: (">f4", 4, 3), QUAD_MAGIC: (">i2", 3, 4), QUAD_FLOAT_MAGIC: (">f4", 3, 4)}
-_WEIGHTS = 256 ** np.arange(3, -1, -1)  # of the bytes of a whole number
 _FOOTER_KEYS = ("valid", "filename", "volume", "voxelsize", "xras", "yras", "zras", "cras")
-_FOOTER = re.compile("".join(rf"{key}\s*=(.*)\n" for key in _FOOTER_KEYS).encode())
-_FOOTER_HEAD = struct.pack(">3i", 2, 0, 20)  # an older one has only the last number
+_FOOTER_HEAD = b"\0\0\0\2\0\0\0\0\0\0\0\x14"  # an older one has only the last number
+_FOOTER = re.compile(rb"((?:\0\0\0\x02\0{4})?\0\0\0\x14)" + b"".join(b"%s *=(.*)\n" % k.encode() for k in _FOOTER_KEYS))
 _MGH_TYPES, _MGH_HEAD = {0: ">u1", 1: ">i4", 3: ">f4", 4: ">i2"}, 284  # by their number; bytes before the values
 
 
@@ -45,49 +42,44 @@ def read_surface(raw: bytes, path: Path) -> SurfaceContent:
     Old quadrangle surfaces are returned as triangles: a quadrangle is cut as by nibabel, and one with two equal corners
     is one triangle. The footer is None if the file has none.
     """
+    import nibabel.freesurfer as fs
+
     if _is_map(raw):
         raise WrongFile("it holds one value for each vertex, not a surface; name a surface such as lh.white")
-    kind, per_corner, corners = _LAYOUTS[raw[:3]]
-    if corners == 3:
-        at = raw.index(b"\n", raw.index(b"\n") + 1) + 9  # after "created by ...", an empty line and two counts
-        n, m = struct.unpack(">2i", raw[at - 8 : at])
+    verts, faces = fs.read_geometry(path)
+    if raw.startswith(TRIANGLE_MAGIC):  # after "created by ...", an empty line, two counts and the arrays
+        end = raw.index(b"\n", raw.index(b"\n") + 1) + 9 + 4 * (verts.size + faces.size)
     else:
-        at, n, m = 9, int.from_bytes(raw[3:6], "big"), int.from_bytes(raw[6:9], "big")
-    if min(n, m) < 1:
-        raise DamagedFile(f"its header gives {n} vertices and {m} faces")
-    verts = np.frombuffer(raw, kind, 3 * n, at).reshape(n, 3).astype(np.float64)
-    faces_at = at + 3 * np.dtype(kind).itemsize * n
-    faces = np.frombuffer(raw, "u1", m * corners * per_corner, faces_at).reshape(m, corners, per_corner)
-    footer = _footer(raw[faces_at + faces.size :][:4096])
-    faces = faces @ _WEIGHTS[-per_corner:]
-    if corners == 4:
-        even = (faces[:, 0] % 2 == 0)[:, None, None]
-        faces = np.where(even, faces[:, [[0, 1, 3], [2, 3, 1]]], faces[:, [[0, 1, 2], [0, 2, 3]]]).reshape(-1, 3)
+        end = 9 + (2 if raw.startswith(QUAD_MAGIC) else 4) * verts.size + 2 * faces.size
         faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
-    return verts if kind == ">f4" else verts / 100, faces, footer
+    return verts, faces.astype(np.int64), _footer(raw[end:])
 
 
 def _footer(tail: bytes) -> Mapping[str, Any] | None:
     """The volume geometry in the bytes after the faces, with the keys of nibabel; None if there is none."""
-    if not tail or not (_FOOTER_HEAD.startswith(tail[:12]) or tail.startswith(_FOOTER_HEAD[8:])):
-        return None
-    match = _FOOTER.search(tail)
+    match = _FOOTER.match(tail)
     if match is None:
-        raise DamagedFile("it is truncated inside its volume-geometry footer")
-    valid, filename, *texts = (text.decode("utf-8", "replace").strip() for text in match.groups())
+        if tail and (_FOOTER_HEAD.startswith(tail[:12]) or tail.startswith(_FOOTER_HEAD[8:])):
+            raise DamagedFile("it is truncated inside its volume-geometry footer")
+        return None
+    valid, filename, *texts = (text.decode("utf-8", "replace").strip() for text in match.groups()[1:])
     numbers = [np.array(text.split(), dtype=np.float64) for text in texts]
     if valid.startswith("1") and not all(x.shape == (3,) and np.isfinite(x).all() for x in numbers):
         raise DamagedFile("its volume-geometry footer does not have three numbers in each row")
-    first = {"head": np.frombuffer(tail[: match.start()], ">i4"), "valid": valid, "filename": filename}
+    first = {"head": np.frombuffer(match[1], ">i4"), "valid": valid, "filename": filename}
     return {**first, "volume": numbers[0].astype(int), **dict(zip(_FOOTER_KEYS[3:], numbers[1:]))}
 
 
 def write_surface(path: StrPath, surface: Surface) -> None:
     """Write a FreeSurfer triangle surface with its footer; the format holds float32."""
+    _write(path, read_surface, "write_geometry", surface.verts, surface.faces, _CREATED_BY, surface.geometry)
+
+
+def _write(path: StrPath, read: Callable[[bytes, Path], object], function: str, *content: Any, **options: Any) -> None:
+    """Write a file by a function of nibabel, and read it back."""
     import nibabel.freesurfer as fs
 
-    parts = surface.verts, surface.faces, _CREATED_BY, surface.geometry
-    write_and_read(path, lambda name: fs.write_geometry(name, *parts), read_surface)
+    write_and_read(path, lambda name: getattr(fs, function)(name, *content, **options), read)
 
 
 def scanner_transform(geometry: Mapping[str, Any] | None) -> NDArray[np.float64] | None:
@@ -126,9 +118,7 @@ def _is_map(raw: bytes) -> bool:
 
 def write_curv(path: StrPath, values: NDArray[np.float32]) -> None:
     """Write checked values (N,) as a FreeSurfer "curv" file."""
-    import nibabel.freesurfer as fs
-
-    write_and_read(path, lambda name: fs.write_morph_data(name, values), read_curv)
+    _write(path, read_curv, "write_morph_data", values)
 
 
 def write_mgh(path: StrPath, values: NDArray[np.float32]) -> None:
@@ -174,50 +164,40 @@ def read_regions(raw: bytes, path: Path) -> Regions:
     vertex, value = np.frombuffer(raw, ">i4", 2 * n, 4).astype(np.int64).reshape(n, 2).T
     if not np.array_equal(np.sort(vertex), np.arange(n)):
         raise DamagedFile(f"its vertices are not 0..{n - 1}, each once")
-    names, colours = _colour_table(io.BytesIO(raw[4 + 8 * n :]))
-    different = np.sort(np.unique(colours @ (1, 256, 65536), return_index=True)[1])
-    names, colours = [names[i] for i in different], colours[different]
-    values, first = np.unique(colours @ (1, 256, 65536), return_index=True)
-    at = np.searchsorted(values, value).clip(max=len(values) - 1)
+    regions: dict[tuple[int, ...], str] = {}
+    for name, colour in _colour_table(io.BytesIO(raw[4 + 8 * n :])):
+        regions.setdefault(colour, name)
+    numbers = {r + 256 * g + 65536 * b: k for k, (r, g, b) in enumerate(regions)}
     labels = np.full(n, -1)
-    labels[vertex] = np.where(values[at] == value, first[at], -1)
-    return Regions(labels, tuple(names), colours.astype(np.uint8), name=name_in_file(path))
+    labels[vertex] = [numbers.get(v, -1) for v in value.tolist()]
+    colours = np.array([*regions], dtype=np.uint8).reshape(-1, 3)
+    return Regions(labels, tuple(regions.values()), colours, name=name_in_file(path))
 
 
-def _colour_table(file: io.BytesIO) -> tuple[list[str], NDArray[np.int64]]:
+def _colour_table(file: io.BytesIO) -> list[tuple[str, tuple[int, ...]]]:
     """Name and RGB of each entry, in the order of the file; both layouts of the table."""
 
-    def integer() -> int:
-        return int(struct.unpack(">i", file.read(4))[0])
+    def integers(n: int = 1) -> tuple[int, ...]:
+        return struct.unpack(f">{n}i", file.read(4 * n))
 
     def text() -> str:
-        return clean_name(file.read(integer()).split(b"\0")[0].decode("utf-8", "replace"))
+        return clean_name(file.read(*integers()).split(b"\0")[0].decode("utf-8", "replace"))
 
     if not file.read(4).endswith(b"\1"):
         raise DamagedFile("it has no colour table, so its regions have no names")
-    count = integer()
+    (count,) = integers()
     with_slots = count == -2
     if with_slots:
-        integer()  # highest slot
+        integers()  # the highest slot
     text()  # origin of the table
     if with_slots:
-        count = integer()
-    names, colours = [], []
-    for _ in range(count):
-        if with_slots:
-            integer()  # the slot; name and colour belong together in any slot
-        names.append(text())
-        colours.append([integer() for _ in range(4)][:3])
-    rgb = np.array(colours, dtype=np.int64).reshape(-1, 3)
-    if not names or (rgb < 0).any() or (rgb > 255).any():
-        raise DamagedFile("its colour table is empty or has colours outside 0..255")
-    return names, rgb
+        (count,) = integers()
+    entries = [(with_slots and integers(), text(), integers(4)) for _ in range(count)]
+    return [(name, colour[:3]) for _, name, colour in entries]  # they belong together in any slot
 
 
 def write_regions(path: StrPath, regions: Regions) -> None:
     """Write a FreeSurfer annotation. Colours must differ: the format distinguishes regions only by colour."""
-    import nibabel.freesurfer as fs
-
     colours = np.asarray(regions.colours, dtype=np.int64)
     labels = np.asarray(regions.labels, dtype=np.int64)
     if colours.shape != (len(regions.names), 3):
@@ -229,8 +209,7 @@ def write_regions(path: StrPath, regions: Regions) -> None:
     if (ids == 0).any() and (labels == -1).any():
         raise OutOfRange(f"{path}: colour (0, 0, 0) means 'no region' in the format; choose another.")
     table = np.column_stack([colours, np.zeros(len(colours), dtype=np.int64)])
-    parts = labels, table, list(regions.names)
-    write_and_read(path, lambda name: fs.write_annot(name, *parts, fill_ctab=True), read_regions)
+    _write(path, read_regions, "write_annot", labels, table, list(regions.names), fill_ctab=True)
 
 
 def read_label(raw: bytes, path: Path) -> NDArray[np.int64]:
@@ -254,7 +233,6 @@ def write_mask(path: StrPath, mask: NDArray[np.bool_], verts: Verts) -> None:
 
 
 _ASEG_MEASURE = re.compile(r"^# Measure (\w+),[^,\n]*,[^,\n]*, *(\d+(?:\.\d*)?(?:e[-+]?\d+)?) *,", re.MULTILINE)
-MOST_STATS_BYTES = 2**18  # of aseg.stats that are read; FreeSurfer writes about 10 kB
 #: values of aseg.stats that are read, by the first word of their ``# Measure`` line; {hemi}: of that hemisphere
 _KEY_OF_ASEG_MEASURE = {
     "EstimatedTotalIntraCranialVol": "etiv_mm3",
@@ -284,8 +262,7 @@ def read_aseg_stats(path: StrPath, hemi: str) -> dict[str, float | int]:
     """
     keys = {name.format(hemi=hemi): key for name, key in _KEY_OF_ASEG_MEASURE.items()}
     measures: dict[str, float | int] = {}
-    with Path(path).open("rb") as file:
-        text = file.read(MOST_STATS_BYTES).decode("utf-8", errors="replace")
+    text = Path(path).read_text(encoding="utf-8", errors="replace")
     for name, value in _ASEG_MEASURE.findall(text):
         if name in keys and float(value) <= LARGEST_NUMBER:
             measures[keys[name]] = round(float(value)) if keys[name] == "surface_holes" else float(value)

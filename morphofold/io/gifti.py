@@ -7,9 +7,9 @@ import html
 import io
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,9 +20,6 @@ from morphofold.provenance import clean_name
 from morphofold.surface import PerVertex, Regions, Surface, Verts
 from morphofold.validators import labels_within
 
-if TYPE_CHECKING:
-    from nibabel.gifti import GiftiImage
-
 _STRUCTURE_OF_HEMI = {"lh": "CortexLeft", "rh": "CortexRight"}
 _SURFACE_METADATA = {  # names as in Connectome Workbench
     "white": {"GeometricType": "Anatomical", "AnatomicalStructureSecondary": "GrayWhite"},
@@ -30,7 +27,7 @@ _SURFACE_METADATA = {  # names as in Connectome Workbench
     "inflated": {"GeometricType": "Inflated"},
     "sphere": {"GeometricType": "Spherical"},
 }
-_SCANNER = 1  # NIFTI_XFORM_SCANNER_ANAT
+_UNKNOWN, _SCANNER = 0, 1  # frames as in NIfTI
 _EXTERNAL_NAME = re.compile(rb"""<DataArray\b[^>]*\bExternalFileName\s*=\s*["']([^"']+)""")
 
 
@@ -70,7 +67,7 @@ def read_regions(raw: bytes, path: Path) -> Regions:
     if missing.size:
         raise DamagedFile(f"its label table lacks {len(missing)} of the keys, the first is {missing[0]}")
     labels = [table[key] for key in keys.tolist()]
-    colours = np.array([[x.red or 0, x.green or 0, x.blue or 0] for x in labels], dtype=np.float64).reshape(-1, 3)
+    colours = np.nan_to_num(np.array([label.rgba[:3] for label in labels], dtype=np.float64)).reshape(-1, 3)
     names = tuple(clean_name(getattr(label, "label", "")) for label in labels)  # nibabel sets none without a text
     indices = np.where(values == 0, -1, np.searchsorted(keys, values))
     rgb = np.round(255 * colours.clip(0, 1)).astype(np.uint8)
@@ -82,25 +79,24 @@ def read_mask(raw: bytes, path: Path) -> NDArray[np.bool_]:
     return read_map(raw, path) > 0
 
 
-def _read(raw: bytes, path: Path) -> GiftiImage:
+def _read(raw: bytes, path: Path) -> Any:
     """The image of a file, by nibabel; each of its arrays has numbers."""
-    from nibabel.gifti import GiftiImage
+    from nibabel.gifti.parse_gifti_fast import GiftiImageParser
 
     for name in _EXTERNAL_NAME.findall(raw):  # in a file beside it, where SPM and CAT12 keep arrays
         existing_file(path.with_name(html.unescape(name.decode())), "file of arrays")
     file = io.BytesIO(raw)
     file.name = os.fspath(path)  # where nibabel looks for arrays in files beside it
-    kind: Any = GiftiImage.parser
-    parser = kind(mmap=False)
+    parser = GiftiImageParser(mmap=False)
     parser.parse(fptr=file)
-    image: GiftiImage = parser.img
+    image = parser.img
     values = [array.data for array in image.darrays]
     if any(x is None or not x.size or x.dtype.kind not in "fiu" for x in values):
         raise DamagedFile("it has an array without numbers")
     return image
 
 
-def _content(image: GiftiImage) -> str:
+def _content(image: Any) -> str:
     from nibabel.nifti1 import intent_codes
 
     names = [f"{str(intent_codes.niistring[a.intent]).split('_')[-1].lower()} {a.data.shape}" for a in image.darrays]
@@ -110,10 +106,7 @@ def _content(image: GiftiImage) -> str:
 _FOOTER_KEYS = {
     "volume": ("Width", "Height", "Depth"),
     "voxelsize": ("Xsize", "Ysize", "Zsize"),
-    "xras": ("X_R", "X_A", "X_S"),
-    "yras": ("Y_R", "Y_A", "Y_S"),
-    "zras": ("Z_R", "Z_A", "Z_S"),
-    "cras": ("C_R", "C_A", "C_S"),
+    **{f"{row}ras": tuple(f"{row.upper()}_{axis}" for axis in "RAS") for row in "xyzc"},
 }
 
 
@@ -123,13 +116,11 @@ def _volume_geometry(meta: Mapping[str, str]) -> Mapping[str, Any] | None:
         rows = {k: np.array([float(meta[f"VolGeom{n}"]) for n in names]) for k, names in _FOOTER_KEYS.items()}
     except (KeyError, ValueError):
         return None
-    if not all(np.isfinite(v).all() for v in rows.values()):
-        return None
     head = {"head": np.array([2, 0, 20]), "valid": "1  # volume info valid"}
     return {**head, "filename": meta.get("VolGeomFname", ""), **rows, "volume": rows["volume"].astype(int)}
 
 
-def write_surface(path: StrPath, surface: Surface, hemi: str | None = None, *, scanner: bool = False) -> None:
+def write_surface(path: StrPath, surface: Surface, *, scanner: bool = False) -> None:
     """Write a GIFTI surface, float32 and int32, compressed; its footer is written as ``VolGeom...``.
 
     Coordinates stay unchanged. As with ``mris_convert``, coordinates in FreeSurfer's surface frame stay in that frame,
@@ -137,52 +128,30 @@ def write_surface(path: StrPath, surface: Surface, hemi: str | None = None, *, s
     scanner's frame; such a surface has no footer. The end of the file name gives the kind: white, pial, inflated or
     sphere.
     """
-    from nibabel import nifti1
-    from nibabel.gifti import GiftiCoordSystem, GiftiDataArray
-
     kind = re.split(r"[._]", Path(path).name.split(".surf.gii")[0])[-1]
-    meta = _structure_metadata(path, hemi) | _SURFACE_METADATA.get(kind, {"GeometricType": "Anatomical"})
+    meta = _structure_metadata(path) | _SURFACE_METADATA.get(kind, {"GeometricType": "Anatomical"})
     footer = surface.geometry
     if footer and str(footer.get("valid", "")).startswith("1"):
         meta["VolGeomFname"] = str(footer["filename"])
         for key, names in _FOOTER_KEYS.items():
             meta |= {f"VolGeom{n}": repr(x.item()) for n, x in zip(names, np.asarray(footer[key]))}
-    space = nifti1.xform_codes["scanner" if scanner else "unknown"]
-    points = GiftiDataArray(
-        surface.verts.astype(np.float32),
-        "NIFTI_INTENT_POINTSET",
-        "NIFTI_TYPE_FLOAT32",
-        coordsys=GiftiCoordSystem(space, space),
-        meta=meta,
-    )
-    triangles = GiftiDataArray(surface.faces.astype(np.int32), "NIFTI_INTENT_TRIANGLE", "NIFTI_TYPE_INT32")
-    _write_image(path, [points, triangles], {})
+    arrays = (surface.verts.astype(np.float32), "pointset", meta), (surface.faces.astype(np.int32), "triangle", {})
+    _write_image(path, arrays, space=_SCANNER if scanner else _UNKNOWN)
 
 
 def write_map(path: StrPath, values: NDArray[np.float32], name: str = "", hemi: str | None = None) -> None:
     """Write checked values (N,) as a GIFTI map; ``name`` is by default that of the file."""
-    from nibabel.gifti import GiftiDataArray
-
-    array = GiftiDataArray(
-        values, "NIFTI_INTENT_SHAPE", "NIFTI_TYPE_FLOAT32", meta={"Name": name or Path(path).name.split(".gii")[0]}
-    )
-    _write_image(path, [array], _structure_metadata(path, hemi))
+    meta = {"Name": name or Path(path).name.split(".gii")[0]}
+    _write_image(path, [(values, "shape", meta)], _structure_metadata(path, hemi))
 
 
-def write_regions(path: StrPath, regions: Regions, hemi: str | None = None) -> None:
+def write_regions(path: StrPath, regions: Regions) -> None:
     """Write regions as a GIFTI label file: region i has key i + 1; key 0, ??? as in Workbench, means no region."""
-    from nibabel.gifti import GiftiDataArray, GiftiLabel, GiftiLabelTable
-
     labels = np.asarray(regions.labels)
     labels_within(labels, len(regions.names), os.fspath(path))
-    table = GiftiLabelTable()
-    for key, (name, colour) in enumerate([("???", None), *zip(regions.names, regions.colours.tolist())]):
-        rgba = (1.0, 1.0, 1.0, 0.0) if colour is None else (*(x / 255 for x in colour), 1.0)
-        table.labels.append(GiftiLabel(key, *rgba))
-        table.labels[-1].label = name
-    keys, meta = (labels + 1).astype(np.int32), {"Name": regions.name}
-    array = GiftiDataArray(keys, "NIFTI_INTENT_LABEL", "NIFTI_TYPE_INT32", meta=meta)
-    _write_image(path, [array], _structure_metadata(path, hemi), table)
+    rgba = [(1.0, 1.0, 1.0, 0.0), *((r / 255, g / 255, b / 255, 1.0) for r, g, b in regions.colours.tolist())]
+    array = (labels + 1).astype(np.int32), "label", {"Name": regions.name}
+    _write_image(path, [array], _structure_metadata(path), labels=zip(("???", *regions.names), rgba))
 
 
 def write_mask(path: StrPath, mask: NDArray[np.bool_], verts: Verts | None = None) -> None:
@@ -190,14 +159,29 @@ def write_mask(path: StrPath, mask: NDArray[np.bool_], verts: Verts | None = Non
     write_regions(path, Regions(np.where(mask, 0, -1), ("cortex",), np.array([[255, 255, 255]], np.uint8), "cortex"))
 
 
-def _structure_metadata(path: StrPath, hemi: str | None) -> dict[str, str]:
+def _structure_metadata(path: StrPath, hemi: str | None = None) -> dict[str, str]:
     hemi = hemi or side_named(Path(path).name)
     return {"AnatomicalStructurePrimary": _STRUCTURE_OF_HEMI[hemi]} if hemi in _STRUCTURE_OF_HEMI else {}
 
 
-def _write_image(path: StrPath, arrays: list[Any], meta: dict[str, str], labels: Any = None) -> None:
-    from nibabel.gifti import GiftiImage, GiftiMetaData
+def _write_image(
+    path: StrPath,
+    arrays: Iterable[tuple[NDArray[Any], str, dict[str, str]]],
+    meta: Mapping[str, str] = {},
+    labels: Iterable[tuple[str, tuple[float, ...]]] = (),
+    space: int | None = None,
+) -> None:
+    """Write arrays, each with its intent and metadata, labels with their colours, and the frame of the first array."""
+    from nibabel import gifti
 
-    raw = GiftiImage(darrays=arrays, meta=GiftiMetaData(meta), labeltable=labels).to_bytes()
+    image = gifti.GiftiImage(meta=gifti.GiftiMetaData(meta))
+    for data, intent, about in arrays:
+        image.add_gifti_data_array(gifti.GiftiDataArray(data, intent, meta=about))
+    if space is not None:
+        image.darrays[0].coordsys = gifti.GiftiCoordSystem(space, space)
+    for key, (name, rgba) in enumerate(labels):
+        image.labeltable.labels.append(gifti.GiftiLabel(key, *rgba))
+        image.labeltable.labels[-1].label = name
+    raw = image.to_bytes()
     with atomic_file(path) as temporary:
         temporary.write_bytes(gzip.compress(raw, mtime=0) if os.fspath(path).endswith(".gz") else raw)

@@ -25,7 +25,7 @@ from morphofold.errors import (
 )
 from morphofold.io.files import decoding, warn_of_no_end
 from morphofold.io.formats import format_of
-from morphofold.io.vtk_files import read_grid
+from morphofold.io.mesh_files import read_grid
 from morphofold.sim.scene import MOST_BRICKS, MeshFile
 
 #: other cells that a file may have; of these only triangles are used, and only for their labels

@@ -10,7 +10,7 @@ import numpy as np
 from morphofold.arrays import Array
 from morphofold.errors import DamagedFile
 from morphofold.io import atomic_file
-from morphofold.io.vtk_files import read_grid
+from morphofold.io.mesh_files import read_grid
 from morphofold.sim.output.run_files import stage_folder
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from hard_cases.cases import hard_case
 from hard_cases.made_files import Sample, compared, same, samples, verdict
 from made_surfaces import FORMATS
 
-from morphofold.io import formats, read_surface, trimesh_files
+from morphofold.io import formats, mesh_files, read_surface
 from morphofold.results import layouts
 from morphofold.sim.mesh import tet_files
 from morphofold.sim.mesh.tetmesh import read_tets
@@ -75,7 +75,7 @@ def nothing(*args, **options):
     "surfaces cut before every tenth byte: FreeSurfer, GIFTI, PLY, STL, OFF, GLB, VTK, VTP, VTU",
     peers="trimesh: takes as many faces of a PLY text as are left (measured)",
     guard="the counts in the header",
-    without=lambda patch: patch.setattr(trimesh_files, "_COUNTS", {}),
+    without=lambda patch: patch.setattr(mesh_files, "_COUNTS", {}),
 )
 def test_cut_surfaces(known, holds):
     assert_sound(holds, every_tenth(known, SURFACES), 1000)
@@ -294,7 +294,7 @@ def _with(sample, raw):
     "an STL text whose normals are no numbers (found by fuzzing)",
     peers="trimesh: logs a traceback (seen)",
     guard="packages log nothing while they read",
-    without=lambda patch: patch.setattr(trimesh_files, "silent_log", contextlib.nullcontext),
+    without=lambda patch: patch.setattr(mesh_files, "silent_log", contextlib.nullcontext),
 )
 def test_normals(holds, tmp_path, caplog):
     import trimesh

@@ -35,7 +35,7 @@ def folder_in_place(path):
 
 
 def writers_in_place(patch):
-    for module in ("io.files", "io.gifti", "io.trimesh_files", "io.vtk_files", "sim.output.folder"):
+    for module in ("io.files", "io.gifti", "io.mesh_files", "sim.output.folder"):
         patch.setattr(f"morphofold.{module}.atomic_file", in_place)
 
 
@@ -147,7 +147,7 @@ def unread(patch):
         with atomic_file(path) as temporary:
             write(os.fspath(temporary))
 
-    for module in ("freesurfer", "vtk_files"):
+    for module in ("freesurfer", "mesh_files"):
         patch.setattr(f"morphofold.io.{module}.write_and_read", write_only)
 
 

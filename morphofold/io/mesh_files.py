@@ -1,0 +1,188 @@
+"""Surfaces of other programs: PLY, STL, OBJ, OFF and GLB through trimesh, VTK's formats, and texts of others."""
+
+from __future__ import annotations
+
+import importlib
+import io
+import re
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphofold.errors import DamagedFile, WrongFile
+from morphofold.io.files import SurfaceContent, atomic_file, silent_log, write_and_read
+from morphofold.surface import Faces, PerVertex, Surface, Verts
+
+#: the numbers of vertices and faces in a header
+_COUNTS = {
+    "ply": re.compile(rb"element[ \t]+vertex[ \t]+(\d+)(?:.*?element[ \t]+face[ \t]+(\d+))?", re.DOTALL),
+    "off": re.compile(rb"OFF\s+(?:#[^\n]*\n\s*)*(\d+)\s+(\d+)"),
+}
+_TRIANGLE, _LEFT_OUT = 5, {1, 2, 3, 4, 10}  # VTK's numbers: points, lines and tetrahedra are not part of a surface
+
+
+# PLY, STL, OBJ, OFF and GLB ----------------------------------------------------------------------------------
+
+
+def read_trimesh(kind: str, raw: bytes, path: Path) -> SurfaceContent:
+    """Vertices and faces of a file; ``kind`` is the ending without its dot.
+
+    trimesh cuts polygons with more corners into triangles, and reads as many faces as there are. Vertices keep the
+    order of the file.
+
+    STL has no shared vertices: see :func:`merge_corners`. OBJ does not give its length, so a missing end is not
+    detected. Materials, textures and files named inside are not read.
+    """
+    import trimesh
+
+    size = 84 + 50 * int.from_bytes(raw[80:84], "little")  # of a binary STL; trimesh reads half of one as an empty text
+    if kind == "stl" and len(raw) != size and b"endsolid" not in raw[-1024:]:
+        raise DamagedFile(f"its header gives {size} bytes, but it has {len(raw)}, and it has no endsolid")
+    # from memory and without a resolver: files that this file may name are not opened
+    options = {"process": False, "maintain_order": True, "skip_materials": True}
+    with silent_log():  # messages about normals, which are not used
+        mesh = trimesh.load_mesh(io.BytesIO(raw), file_type=kind, **options)
+    verts, faces = np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.int64)
+    if len(faces) == 0:
+        raise DamagedFile("it holds no triangles")
+    counts = _COUNTS[kind].search(raw[:4096]) if kind in _COUNTS else None
+    n, m = (int(count or 0) for count in counts.groups()) if counts else (0, 0)
+    if len(verts) < n or len(faces) < m:
+        raise DamagedFile(f"its header gives {n} vertices and {m} faces, but it has {len(verts)} and {len(faces)}")
+    return verts, faces, None
+
+
+def merge_corners(content: SurfaceContent, path: Path) -> SurfaceContent:
+    """Merge corners at exactly the same place, in order of first appearance; a warning gives the numbers."""
+    verts, faces = merge_equal(content[0], content[1])
+    warnings.warn(
+        f"{path}: STL has no shared vertices; {len(content[0])} corners at exactly the same place were merged to "
+        f"{len(verts)} vertices.",
+        stacklevel=4,
+    )
+    return verts, faces, None
+
+
+def merge_equal(verts: Verts, faces: Faces) -> tuple[Verts, Faces]:
+    """Merge vertices at exactly the same place, in order of first appearance."""
+    _, first, inverse = np.unique(verts, axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    return verts[first[order]], rank[inverse.reshape(-1)][faces]
+
+
+def write_trimesh(kind: str, path: Path, surface: Surface) -> None:
+    """Write a surface; PLY, STL and GLB hold float32, OBJ and OFF get 22 decimals."""
+    import trimesh
+
+    with atomic_file(path) as temporary:
+        mesh = trimesh.Trimesh(surface.verts, surface.faces, process=False)
+        mesh.export(temporary, file_type=kind, **({"digits": 22} if kind in ("obj", "off") else {}))
+
+
+# VTP, VTU and legacy files of VTK, which ends the process on damaged ones, so another process reads them -----
+
+
+def read_vtk(raw: bytes, path: Path) -> SurfaceContent:
+    """Vertices and triangles of VTK polygons, or of an unstructured grid without its lines, points and tetrahedra.
+
+    Raises ``WrongFile`` if the file has faces other than triangles, or no triangles.
+    """
+    arrays = _arrays(path)
+    kinds = arrays["types"]
+    if not {*kinds.tolist()} <= {_TRIANGLE, *_LEFT_OUT}:
+        raise WrongFile("it holds faces that are not triangles; triangulate it first")
+    starts = arrays["offsets"][:-1][kinds == _TRIANGLE]
+    if not len(starts):
+        raise WrongFile("it holds no triangles; extract its surface first")
+    faces = arrays["connectivity"][starts[:, None] + np.arange(3)]
+    return arrays["points"].astype(np.float64), faces.astype(np.int64), None
+
+
+def read_grid(path: Path) -> Any:
+    """The ``meshio.Mesh`` in a VTU file; of damaged ones, any exception, which ``decoding`` explains."""
+    import meshio
+    from meshio._vtk_common import vtk_cells_from_data
+
+    arrays = _arrays(path)
+    of_points, of_cells = (
+        {name.removeprefix(kind): values for name, values in arrays.items() if name.startswith(kind)}
+        for kind in ("point ", "cell ")
+    )
+    cells = arrays["connectivity"].astype(np.int64), arrays["offsets"][1:], arrays["types"]
+    blocks, of_blocks = vtk_cells_from_data(*cells, of_cells)
+    return meshio.Mesh(arrays["points"], blocks, of_points, of_blocks)
+
+
+def _arrays(path: Path) -> dict[str, NDArray[Any]]:
+    """The arrays of a file by name, as vtk_process.py writes them."""
+    script = Path(__file__).with_name("vtk_process.py")
+    done = subprocess.run([sys.executable, "-P", script, path], capture_output=True, check=False)
+    if done.returncode or b"rror" in done.stderr:
+        raise DamagedFile(done.stderr.decode("utf-8", "replace").strip().rpartition("\n")[2] or "VTK stops")
+    with np.load(io.BytesIO(done.stdout)) as arrays:
+        return dict(arrays)
+
+
+def write_vtk(path: Path, surface: Surface) -> None:
+    """Write a surface as VTK or VTU, or as VTP in float32, by the ending of the path."""
+    import meshio
+
+    if path.suffix.lower() == ".vtp":
+        return _write_polygons(path, surface)
+    to_file = importlib.import_module(f"meshio.{path.suffix[1:].lower()}").write
+    mesh = meshio.Mesh(surface.verts, [("triangle", surface.faces)])
+    return write_and_read(path, lambda name: to_file(name, mesh), read_vtk)
+
+
+def _write_polygons(path: Path, surface: Surface) -> None:
+    import pyvista
+    from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
+
+    with atomic_file(path) as temporary:
+        writer = vtkXMLPolyDataWriter()
+        writer.SetInputData(pyvista.PolyData.from_regular_faces(surface.verts, surface.faces.astype(int)))
+        writer.SetDataModeToBinary()
+        writer.WriteToOutputStringOn()  # into memory: VTK ends the process if the disk is full
+        writer.Write()
+        temporary.write_text(writer.GetOutputString(), encoding="ascii")
+
+
+# texts of FreeSurfer and AFNI, and the MNI objects of CIVET ---------------------------------------------------
+
+
+def read_ascii(raw: bytes, path: Path) -> SurfaceContent:
+    """Vertices and faces of FreeSurfer's text format: a comment, two counts, and rows of three numbers and a flag."""
+    n, m, *numbers = re.sub(rb"#[^\n]*", b"", raw).split()
+    if len(numbers) != 4 * (int(n) + int(m)):
+        raise DamagedFile(f"{int(n)} vertices and {int(m)} faces do not have {len(numbers)} numbers")
+    verts = np.array(numbers[: 4 * int(n)], np.float64).reshape(-1, 4)[:, :3]
+    return verts, np.array(numbers[4 * int(n) :], np.int64).reshape(-1, 4)[:, :3], None
+
+
+def read_mni(raw: bytes, path: Path) -> SurfaceContent:
+    """Vertices and triangles of an MNI object of polygons, as text."""
+    words = raw.split()
+    n = int(words[6])
+    at = 7 + 6 * n  # after positions and normals
+    m, colours = int(words[at]), int(words[at + 1])
+    at += 2 + 4 * {0: 1, 1: m, 2: n}[colours]
+    ends, corners = (np.array(part, np.int64) for part in (words[at : at + m], words[at + m :]))
+    if not np.array_equal(ends, 3 * np.arange(1, m + 1)):
+        raise WrongFile("it is cut, or holds faces that are not triangles; triangulate it first")
+    return np.array(words[7 : 7 + 3 * n], np.float64).reshape(n, 3), corners.reshape(m, 3), None
+
+
+def read_text_map(raw: bytes, path: Path) -> PerVertex:
+    """Values (N,) of a text with one number a line, or with vertex, position and value a line as of mris_convert."""
+    table = np.loadtxt(raw.decode("ascii").splitlines(), ndmin=2)
+    width = table.shape[1]
+    if width not in (1, 5) or (width == 5 and not np.array_equal(table[:, 0], np.arange(len(table)))):
+        raise WrongFile(f"its lines hold {width} numbers, not one value of each vertex")
+    return table[:, -1]
