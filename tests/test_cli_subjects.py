@@ -12,7 +12,7 @@ from made_spaces import write_space
 
 from morphofold.cli import main
 from morphofold.io import read_label, read_surface, sample_path, write_surface
-from morphofold.io.cortex_files import hemispheres
+from morphofold.io.cortices import hemispheres
 from morphofold.results import read_analysis
 from morphofold.shapes import icosphere
 from morphofold.surface import Surface

@@ -12,7 +12,7 @@ from morphofold.errors import BadMesh, ImpossibleBody, Mismatch, MissingPart, Op
 from morphofold.forecasts.sizes import layers_of, sizes_by_rule, sizes_of
 from morphofold.geometry import unit
 from morphofold.io import read_annotation, read_label, read_surface, write_morph, write_surface
-from morphofold.io.cortex_files import hemispheres
+from morphofold.io.cortices import hemispheres
 from morphofold.shapes import icosphere
 from morphofold.sim.build import build_bilayer, build_body
 from morphofold.sim.hemisphere import unfolded_cortex

@@ -19,7 +19,7 @@ from morphofold.cohort.measuring import keywords_of
 from morphofold.errors import MissingPart, OptionsClash, Refusal
 from morphofold.forecasts.cost import READING_STAGE, analysis_cost_line, cost_of_analysis
 from morphofold.io import read_cortex, refuse_foreign
-from morphofold.io.cortex_files import hemispheres
+from morphofold.io.cortices import hemispheres
 from morphofold.io.files import side_named
 from morphofold.io.folders import refuse_overlap
 from morphofold.mesh_quality.defects import WARNINGS

@@ -26,7 +26,7 @@ from morphofold.cohort.templates import Template, template
 from morphofold.errors import NamedTwice
 from morphofold.forecasts.cost import memory_of_analysis
 from morphofold.io import begin_collection, read_surface, refuse_foreign, refuse_no_collection
-from morphofold.io.cortex_files import cortex_files, hemispheres
+from morphofold.io.cortices import cortex_files, hemispheres
 from morphofold.io.folders import alone, refuse_overlap
 from morphofold.provenance import printable
 from morphofold.report import analysis_report

@@ -10,8 +10,7 @@ from morphofold.cli.inputs import writable_name
 from morphofold.cli.options import Answer, Unfold, sides
 from morphofold.cli.progress import progress
 from morphofold.io import refuse_foreign
-from morphofold.io.cortex_files import hemispheres
-from morphofold.io.cortices import read_folded
+from morphofold.io.cortices import hemispheres, read_folded
 from morphofold.io.files import side_named
 from morphofold.mesh_quality.repair import unfoldable
 from morphofold.progress import part_of

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from morphofold.cohort.measuring import measure_as_asked
 from morphofold.cohort.tasks import INPUT_ERRORS, Outcome, Say, TaskFolder, digest, perform
 from morphofold.io import files_of, remove_folder
-from morphofold.io.cortex_files import cortex_files, hemispheres
+from morphofold.io.cortices import cortex_files, hemispheres
 from morphofold.provenance import sha256_of
 from morphofold.results.analyses import DrawPage
 from morphofold.spheres.parcellation import carried_files, read_parcellated

@@ -12,8 +12,7 @@ from pydantic import ConfigDict
 
 from morphofold.cohort.tasks import INPUT_ERRORS
 from morphofold.io import atomic_file
-from morphofold.io.cortex_files import hemispheres
-from morphofold.io.cortices import read_cortex
+from morphofold.io.cortices import hemispheres, read_cortex
 from morphofold.io.json_files import Count, Length, Record, read_json
 from morphofold.progress import Progress, silent
 from morphofold.provenance import strict_json

@@ -15,7 +15,7 @@ from morphofold.cohort.covariates import NO_COVARIATES, Covariates
 from morphofold.cohort.tasks import INPUT_ERRORS, Outcome, Say, TaskFolder, digest, perform, read_record
 from morphofold.cohort.templates import HEMIS, TEMPLATE_SURFACES, Template, digest_or_reason
 from morphofold.io import atomic_folder, files_of, read_surface
-from morphofold.io.cortex_files import SURFACE_ENDINGS
+from morphofold.io.cortices import SURFACE_ENDINGS
 from morphofold.provenance import strict_json
 from morphofold.spheres.templates import read_own_sphere
 from morphofold.tables import write_table

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from morphofold.cohort.tasks import INPUT_ERRORS
 from morphofold.errors import MissingPart, OutOfRange
 from morphofold.io import read_label, read_surface
-from morphofold.io.cortex_files import registered_sphere
+from morphofold.io.cortices import registered_sphere
 from morphofold.provenance import sha256_of
 from morphofold.spheres.templates import template_folder, template_sphere, template_surface
 

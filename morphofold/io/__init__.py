@@ -1,7 +1,6 @@
 """Read and write files: surfaces, per-vertex maps, regions and whole cortices."""
 
-from morphofold.io.cortex_files import sample_path
-from morphofold.io.cortices import read_cortex
+from morphofold.io.cortices import read_cortex, sample_path
 from morphofold.io.files import atomic_file
 from morphofold.io.folders import (
     atomic_folder,

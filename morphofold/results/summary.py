@@ -12,7 +12,7 @@ from morphofold import __version__
 from morphofold.analysis.frames import COLUMNS, FREESURFER_VALUES
 from morphofold.analysis.measures import SCALARS, Measures
 from morphofold.errors import NamedTwice, NothingToDo
-from morphofold.io.cortex_files import SurfaceRecord
+from morphofold.io.cortices import SurfaceRecord
 from morphofold.io.folders import refuse_overlap
 from morphofold.io.json_files import Count, FileWord, Number, Record, file_word
 from morphofold.provenance import records_as_read

@@ -9,7 +9,7 @@ from pathlib import Path
 from morphofold.errors import MissingPart
 from morphofold.geometry import vertex_areas
 from morphofold.io import read_annotation, read_cortex, read_surface
-from morphofold.io.cortex_files import cortex_files, registered_sphere
+from morphofold.io.cortices import cortex_files, registered_sphere
 from morphofold.io.files import StrPath
 from morphofold.io.json_files import file_word
 from morphofold.provenance import unchanged

@@ -10,7 +10,7 @@ from morphofold.arrays import Bools, memoized
 from morphofold.errors import Mismatch, MissingPart
 from morphofold.geometry import vertex_areas
 from morphofold.io import read_label, read_surface, sample_path
-from morphofold.io.cortex_files import SURFACE_ENDINGS, registered_sphere
+from morphofold.io.cortices import SURFACE_ENDINGS, registered_sphere
 from morphofold.io.files import StrPath
 from morphofold.spheres.resampling import Resampling
 from morphofold.surface import Cortex, Faces, Surface, Verts

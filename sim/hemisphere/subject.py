@@ -10,8 +10,7 @@ from typing import NamedTuple
 from morphofold.arrays import Array, Bools
 from morphofold.errors import MissingPart
 from morphofold.geometry import vertex_areas
-from morphofold.io.cortex_files import folded_files
-from morphofold.io.cortices import read_folded
+from morphofold.io.cortices import folded_files, read_folded
 from morphofold.mesh_quality.checks import cortex_label
 from morphofold.mesh_quality.repair import Mended, unfoldable
 from morphofold.provenance import sha256_of

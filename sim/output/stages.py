@@ -9,7 +9,7 @@ from pydantic import Field
 
 from morphofold.errors import DamagedFile, Mismatch, MissingPart
 from morphofold.io import read_cortex
-from morphofold.io.cortex_files import StageHealth, StageRecord
+from morphofold.io.cortices import StageHealth, StageRecord
 from morphofold.io.files import decoding
 from morphofold.io.json_files import Amount, Count, Length, Record, read_json
 from morphofold.provenance import sha256_of

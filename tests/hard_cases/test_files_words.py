@@ -12,7 +12,7 @@ from morphofold import tables
 from morphofold.cli import main
 from morphofold.comparison import compare
 from morphofold.errors import DamagedFile, NotReadable, WrongFile
-from morphofold.io import cortex_files, read_cortex
+from morphofold.io import cortices, read_cortex
 from morphofold.results import read_analysis, write_analysis
 
 NAMES = ("a\nb", "\x1b[2Ja", "\x7f\x01", "\u202eabc", "\udcff", "a\r\nb\u2028c")
@@ -60,7 +60,7 @@ def only_files(root, place, stem, endings=("",)):
     "files",
     "an optional file of a subject that is a folder or a link to nothing",
     guard="looked at, not for",
-    without=lambda patch: patch.setattr(cortex_files, "_file_in", only_files),
+    without=lambda patch: patch.setattr(cortices, "_file_in", only_files),
     fails=pytest.fail.Exception,
 )
 def test_optional(name, holds, analysis, capsys):
@@ -87,7 +87,7 @@ HOSTILE = [
 
 
 def unchecked(patch):
-    for reader in ("io.cortices", "io.cortex_files", "results.analyses"):
+    for reader in ("io.cortices", "results.analyses"):
         patch.setattr(f"morphofold.{reader}.read_json", lambda path, *more, **options: json.loads(path.read_text()))
 
 
