@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from morphofold.analysis.frames import COLUMNS, FREESURFER_VALUES, frame
-from morphofold.display import draw
 from morphofold.errors import UnknownName
+from morphofold.lazy import draw
 from morphofold.surface import Cortex, PerVertex
 
 if TYPE_CHECKING:

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import importlib
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
-from morphofold.display import DRAWERS
+from morphofold.lazy import DRAWERS, importer
 
 __version__ = "0.3.0"
 
@@ -32,24 +29,12 @@ _PUBLIC = {
 }
 __all__ = ["__version__", *_PUBLIC]
 
-
-def _lazily(module: str, name: str) -> Callable[..., Any]:
-    """A function of a module that is imported when it is first called."""
-    return lambda *arguments, **options: getattr(importlib.import_module(module), name)(*arguments, **options)
-
-
-DRAWERS.setdefault("html", _lazily("morphofold.report.notebook", "html_of"))
-DRAWERS.setdefault("map_picture", _lazily("morphofold.report.notebook", "plot"))
-DRAWERS.setdefault("comparison_page", _lazily("morphofold.report", "comparison_report"))
-
-
-def __getattr__(name: str):
-    """Import a public name on first use, so that ``import morphofold`` stays instant (PEP 562)."""
-    if name not in _PUBLIC:
-        raise AttributeError(f"module 'morphofold' has no attribute {name!r}")
-    value = getattr(importlib.import_module(_PUBLIC[name]), name)
-    globals()[name] = value
-    return value
+DRAWERS.update(
+    html=("morphofold.report.notebook", "html_of"),
+    map_picture=("morphofold.report.notebook", "plot"),
+    comparison_page=("morphofold.report.pages.page", "comparison_report"),
+)
+__getattr__ = importer(__name__, _PUBLIC)
 
 
 def __dir__() -> list[str]:

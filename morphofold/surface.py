@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.arrays import cannot_change, read_only
-from morphofold.display import draw
 from morphofold.errors import MissingPart, UnlikeSurfaces, WrongShape
+from morphofold.lazy import draw
 from morphofold.validators import LARGEST_UNKNOWN_SHARE, check_indexed, check_positions, finite, one_of, same_length
 from morphofold.validators import check_arrays as check_arrays  # callers find the checks of a mesh here
 from morphofold.validators import check_kind as check_kind

@@ -49,7 +49,7 @@ GROUND = (
     "words",
     "errors",
     "validators",
-    "display",
+    "lazy",
 )
 APART = {"sim", "analysis"}  # they meet in a Cortex
 #: the arrows that run back up: the command ``reproduce`` draws the figures of the paper

@@ -23,9 +23,9 @@ from morphofold.comparison.hinges import HingeComparison, compare_hinges
 from morphofold.comparison.person.agreement import SPINS
 from morphofold.comparison.person.compare_person import PersonComparison, compare_people, write_people
 from morphofold.comparison.thickness import Cloud, TheoryLine, thickness_cloud, thickness_ratios, wrinkling_wavelength
-from morphofold.display import draw
 from morphofold.errors import NamedTwice, NothingToDo, NotReadable, OutOfRange, UnknownName
 from morphofold.io import atomic_folder
+from morphofold.lazy import draw
 from morphofold.progress import Progress, silent
 from morphofold.provenance import json_value, strict_json
 from morphofold.quantities import CATEGORICAL_COLOURS, CREST_THICKNESS_RATIO, THICKNESS_RATIO

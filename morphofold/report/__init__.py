@@ -6,8 +6,7 @@ No measure is computed here.
 
 from __future__ import annotations
 
-import importlib
-from typing import Any
+from morphofold.lazy import importer
 
 _PUBLIC = {
     "analysis_report": "morphofold.report.pages.page",
@@ -15,9 +14,4 @@ _PUBLIC = {
     "figure": "morphofold.report.pictures.surfaces",
 }
 __all__ = sorted(_PUBLIC)
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _PUBLIC:
-        raise AttributeError(f"module 'morphofold.report' has no attribute {name!r}")
-    return getattr(importlib.import_module(_PUBLIC[name]), name)
+__getattr__ = importer(__name__, _PUBLIC)

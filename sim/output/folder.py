@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold import __version__
-from morphofold.display import draw
 from morphofold.io import atomic_file, atomic_folder, read_cortex, write_morph, write_surface
 from morphofold.io.files import decoding
 from morphofold.io.folders import LOCK_FILE, refuse_overlap
+from morphofold.lazy import draw
 from morphofold.provenance import digests
 from morphofold.sim.output.checkpoint import as_lines
 from morphofold.sim.output.inputs import check_begun, check_inputs, inputs_of, scene_digest
