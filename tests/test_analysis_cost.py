@@ -11,7 +11,7 @@ import pytest
 from morphofold.analysis.measures import Measures
 from morphofold.cli import main
 from morphofold.forecasts.cost import ANALYSIS_STAGES, PAGE_STAGE, analysis_cost_line, cost_of_analysis
-from morphofold.forecasts.table import measured_errors, table
+from morphofold.forecasts.table import TABLE, measured_errors
 from morphofold.io import read_cortex, write_surface
 from morphofold.results import is_analysis_of, read_analysis
 from morphofold.shapes.folded_ball import folded_ball
@@ -86,7 +86,7 @@ def test_the_cost_is_no_part_of_the_analysis_that_is_read_back(here, pair, capsy
 
 
 def test_errors_on_meshes_unlike_the_persons_are_doubted_whichever_hemisphere_it_is():
-    n = table()["errors"]["measuring"][0]["vertices"]
+    n = TABLE["errors"]["measuring"][0]["vertices"]
     for sizes, unlike in (((n, n), ""), ((n, 2 * n), f"{2 * n:,}"), ((n, 2 * n, 3 * n), f"{2 * n:,} or {3 * n:,}")):
         for order in (sizes, sizes[::-1]):
             doubts = measured_errors([counted(each) for each in order], "standard").doubts

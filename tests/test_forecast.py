@@ -11,7 +11,7 @@ from commands import refused
 import morphofold
 from morphofold.cli import main
 from morphofold.forecasts import forecast
-from morphofold.forecasts.cost import OTHER, cost_beside, cost_line, cost_of, table_of
+from morphofold.forecasts.cost import OTHER, cost_beside, cost_line, cost_of
 from morphofold.forecasts.forecasting import (
     MOST_TIMED_BRICKS,
     SETTING_UP_PHASE,
@@ -19,6 +19,7 @@ from morphofold.forecasts.forecasting import (
     calibrate,
     forecast_from,
     reduced,
+    table_of,
 )
 from morphofold.forecasts.sizes import (
     body_bytes,

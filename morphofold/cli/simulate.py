@@ -10,7 +10,8 @@ from morphofold.cli.options import Answer, Simulate
 from morphofold.cli.printing import print_answer, print_line
 from morphofold.cli.progress import progress
 from morphofold.forecasts import forecast
-from morphofold.forecasts.cost import cost_line, cost_of, table_of
+from morphofold.forecasts.cost import cost_line, cost_of
+from morphofold.forecasts.forecasting import table_of
 from morphofold.forecasts.mesh_choice import MeshChoice, budget_seconds, choose_mesh, error_share
 from morphofold.forecasts.richardson import companion_forecasts, companions, estimate_error
 from morphofold.sim.health import not_at_rest

@@ -17,7 +17,7 @@ from morphofold.cohort.phases import GROUP_FOLDER, theory_by_place, write_sweep
 from morphofold.cohort.sweep import Run, grow_and_measure, memory_of_run
 from morphofold.cohort.tasks import TaskFolder
 from morphofold.forecasts import forecast
-from morphofold.forecasts.cost import table_of
+from morphofold.forecasts.forecasting import table_of
 from morphofold.io import begin_collection, refuse_foreign, refuse_no_collection
 from morphofold.io.folders import alone
 from morphofold.report import analysis_report

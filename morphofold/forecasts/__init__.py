@@ -1,23 +1,16 @@
 """Forecasts of a run: its time, memory and errors, and the mesh that fits; afterwards the cost of a run or an analysis,
-and its errors.
+and its errors. Names are imported on first use: an analysis, which has a cost too, does not load the solver.
 """
 
-import importlib
-from typing import Any
+from morphofold.lazy import importer
 
 _PUBLIC = {
-    "Estimate": "richardson",
-    "Forecast": "cost",
-    "MeshChoice": "mesh_choice",
-    "choose_mesh": "mesh_choice",
-    "estimate_error": "richardson",
-    "forecast": "forecasting",
+    "Estimate": "morphofold.forecasts.richardson",
+    "Forecast": "morphofold.forecasts.forecasting",
+    "MeshChoice": "morphofold.forecasts.mesh_choice",
+    "choose_mesh": "morphofold.forecasts.mesh_choice",
+    "estimate_error": "morphofold.forecasts.richardson",
+    "forecast": "morphofold.forecasts.forecasting",
 }
-__all__ = ["Estimate", "Forecast", "MeshChoice", "choose_mesh", "estimate_error", "forecast"]
-
-
-def __getattr__(name: str) -> Any:
-    """Import a public name on first use: an analysis, which has a cost too, does not load the solver."""
-    if name not in _PUBLIC:
-        raise AttributeError(f"module 'morphofold.forecasts' has no attribute {name!r}")
-    return getattr(importlib.import_module(f"morphofold.forecasts.{_PUBLIC[name]}"), name)
+__all__ = sorted(_PUBLIC)
+__getattr__ = importer(__name__, _PUBLIC)

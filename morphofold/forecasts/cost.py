@@ -1,11 +1,11 @@
-"""Cost of a run before it, and of a run or an analysis after it: seconds by phase, effect or stage, memory, and
-expected errors; as a table or a line for the terminal."""
+"""Cost of a run or an analysis after it: seconds by phase, effect or stage, memory, and expected errors; as a line for
+the terminal, as JSON, and in words for pages."""
 
 from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from numba import get_num_threads
 
 from morphofold.analysis.measures import Measures
 from morphofold.analysis.resampling import accuracy_of
-from morphofold.forecasts.table import Errors, Expected, GiB, called, costs, errors_of_run, headline, measured_errors
+from morphofold.forecasts.table import COSTS, Errors, GiB, errors_of_run, headline, measured_errors
 from morphofold.sim.output.stages import read_health
 from morphofold.sim.scene import Scene
 from morphofold.sim.scene.effects import effect_names, options_of
@@ -24,77 +24,7 @@ from morphofold.words import percent, span
 OTHER = "other"
 READING_STAGE, WRITING_STAGE, PAGE_STAGE = "reading", "writing", "page"
 #: phases of the solver's clock that belong to no effect, and stages of an analysis, and what they do
-with Path(__file__).with_suffix(".toml").open("rb") as _file:
-    SOLVER_PHASES, ANALYSIS_STAGES = tomllib.load(_file).values()
-
-
-@dataclass(frozen=True, kw_only=True)
-class Forecast:
-    """Forecast of a run.
-
-    Attributes
-    ----------
-    scene, shape, setting : str
-        Its name and shape, and its accuracy in words: ``"standard"``, or the levels between which its edge lies.
-    edge_mm, edge_over_T : float or None
-        Largest surface edge [mm], and over the thickness of the (thinnest) cortex; None in one dimension.
-    elements_through_cortex : int or None
-        None in one dimension, and for a mesh from a file.
-    elements, nodes, steps, stages : int
-    fewest_steps, most_steps : int
-    seconds, fastest, slowest : float
-        Wall time without compiling, and its plausible range [s].
-    seconds_by_phase : mapping
-        As in health.json, with ``"set-up"`` and ``"stages"``.
-    memory_GiB : float
-        Maximum of the whole process.
-    threads : int
-    errors : mapping
-        Quantity to its ``Expected`` relative error; empty in one dimension, and for a scene that was not studied.
-    not_studied : tuple of str
-        Properties of the scene that were not studied (:func:`morphofold.forecasts.table.not_studied`).
-    how : mapping
-        How each of these was obtained, in words.
-    doubts : tuple of str
-        Why the forecast may be wrong, one sentence each.
-    """
-
-    scene: str
-    shape: str
-    setting: str
-    edge_mm: float | None = None
-    edge_over_T: float | None = None
-    elements_through_cortex: int | None = None
-    elements: int = 0
-    nodes: int = 0
-    steps: int = 0
-    fewest_steps: int = 0
-    most_steps: int = 0
-    stages: int
-    seconds: float
-    fastest: float
-    slowest: float
-    seconds_by_phase: Mapping[str, float]
-    memory_GiB: float
-    threads: int
-    errors: Mapping[str, Expected] = field(default_factory=dict)
-    not_studied: tuple[str, ...] = ()
-    how: Mapping[str, str]
-    doubts: tuple[str, ...] = ()
-
-    def __repr__(self) -> str:
-        size = f"{self.elements:,} elements, {self.steps:,} steps"
-        price = f"{span(self.seconds)}, {self.memory_GiB:.2g} GiB on {self.threads} threads"
-        return f"Forecast({self.scene!r}, {self.setting}: {size}, {price})"
-
-    @property
-    def headline(self) -> tuple[str, Expected] | None:
-        """The quantity of ``HEADLINE`` with the largest error, and that error."""
-        return headline(self.errors) if self.errors else None
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
-        return {**asdict(self), "not_studied": list(self.not_studied), "doubts": list(self.doubts)}
+SOLVER_PHASES, ANALYSIS_STAGES = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8")).values()
 
 
 @dataclass(frozen=True)
@@ -132,10 +62,7 @@ class Cost:
             **self.size,
             "threads": self.threads,
             "seconds": self.seconds,
-            "stages": {
-                name: {"seconds": seconds, "share": share(seconds, self.seconds)}
-                for name, seconds in self.parts.items()
-            },
+            "stages": {name: {"seconds": t, "share": share(t, self.seconds)} for name, t in self.parts.items()},
             "memory_GiB": self.memory_GiB,
             "errors": {name: asdict(error) for name, error in self.expected.errors.items()},
             "how": self.expected.how,
@@ -152,7 +79,9 @@ def cost_of(health: Mapping[str, Any], scene: Scene) -> Cost:
     parts = dict(sorted(taken.items(), key=lambda part: (part[0] in effects, -part[1])))
     labels = {name: SOLVER_PHASES.get(name, "") for name in parts}
     for effect in effects:
-        labels[effect] = "effect" if effect in parts else f"effect: {_where_time_is_counted(effect, parts)}"
+        counted = options_of(effect).counted if effect in effect_names() else ""
+        where = "within radial" if "radial" in parts else counted or "not timed separately"
+        labels[effect] = "effect" if effect in parts else f"effect: {where}"
     edge = health.get("surface_edge_mm")
     return Cost(
         {"elements": health.get("elements"), "steps": health.get("steps")},
@@ -165,16 +94,9 @@ def cost_of(health: Mapping[str, Any], scene: Scene) -> Cost:
     )
 
 
-def _where_time_is_counted(effect: str, parts: Mapping[str, float]) -> str:
-    """Where the time of an effect without a phase of its own is counted."""
-    if "radial" in parts:
-        return "within radial"
-    return (effect in effect_names() and options_of(effect).counted) or "not timed separately"
-
-
 def cost_beside(stage: Path) -> Cost | None:
     """Cost of the run that wrote a ``stage.json``; None if its folder is incomplete or does not exist any more."""
-    folder = stage.parent.parent.parent
+    folder = stage.parents[2]
     try:
         return cost_of(read_health(folder), load_scene(folder / "scene.toml"))
     except (OSError, ValueError):
@@ -198,12 +120,10 @@ def cost_of_analysis(measures: Sequence[Measures], clock: Stages) -> Cost:
 
 def memory_of_analysis(vertices: Sequence[int], *, accuracy: str = "standard", report: bool = True) -> float:
     """Most memory of a process that measures hemispheres of these numbers of vertices, one after the other [GiB]."""
-    chosen, memory, total = accuracy_of(accuracy), costs()["analysis"], sum(vertices)
+    chosen, memory, total = accuracy_of(accuracy), COSTS["analysis"], sum(vertices)
     largest_mesh = max(4 * n if n < chosen.least else n for n in vertices)
-    most = (
-        memory["kept_per_vertex"] * total + memory["per_vertex"] * largest_mesh + memory["per_voxel"] * chosen.voxels**3
-    )
-    measuring: float = memory["process"] + most / GiB
+    most = memory["kept_per_vertex"] * total + memory["per_vertex"] * largest_mesh
+    measuring: float = memory["process"] + (most + memory["per_voxel"] * chosen.voxels**3) / GiB
     page = memory["page"] + memory["page_per_hemisphere"] * len(vertices) + memory["page_per_vertex"] * total / GiB
     return max(measuring, page) if report else measuring
 
@@ -217,33 +137,6 @@ def largest(parts: Mapping[str, float], total: float, most: int = 3) -> str:
     """The largest parts of a time with their shares, in words."""
     longest = sorted(parts.items(), key=lambda part: -part[1])[:most]
     return ", ".join(f"{name} {percent(share(seconds, total))}" for name, seconds in longest)
-
-
-def table_of(forecast: Forecast) -> str:
-    """A forecast as a short table for the terminal."""
-    rows = [("setting", forecast.setting)]
-    if forecast.edge_over_T is not None:
-        through = forecast.elements_through_cortex
-        layers = f", {through} elements through the cortex" if through else ""
-        edge = f"edge {forecast.edge_mm:.3g} mm ({forecast.edge_over_T:.2f} T)"
-        rows = [
-            ("setting", f"{forecast.setting}, {edge}{layers}"),
-            ("elements", f"{forecast.elements:,}"),
-            ("nodes", f"{forecast.nodes:,}"),
-            ("steps", f"{forecast.steps:,}  ({forecast.fewest_steps:,} to {forecast.most_steps:,})"),
-        ]
-    times = f"{span(forecast.seconds)}  ({span(forecast.fastest)} to {span(forecast.slowest)})"
-    rows += [
-        ("memory", f"{forecast.memory_GiB:.2g} GiB"),
-        ("time", f"{times} with {forecast.threads} thread{'s' if forecast.threads > 1 else ''}"),
-        ("", largest(forecast.seconds_by_phase, forecast.seconds, 4)),
-    ]
-    for name, e in forecast.errors.items():
-        other = f", other settings {percent(e.other)}" if e.other else ""
-        rows.append((f"error of {called(name)}", f"{percent(e.error)}  ({percent(e.low)} to {percent(e.high)}){other}"))
-    width = max(len(label) for label, _ in rows)
-    lines = [f"{forecast.scene}: forecast", *(f"  {label:{width}}  {value}" for label, value in rows)]
-    return "\n".join([*lines, *(f"{what}: {how}" for what, how in forecast.how.items()), *forecast.doubts])
 
 
 def cost_line(cost: Cost) -> str:

@@ -4,24 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from numba import set_num_threads
 
-from morphofold.forecasts.cost import Forecast
-from morphofold.forecasts.sizes import (
-    Layers,
-    Sizes,
-    Steps,
-    layers_of,
-    memory_of_run,
-    relative_crossing,
-    sizes_by_rule,
-    sizes_of,
-    steps_of,
-)
-from morphofold.forecasts.table import Errors, costs, errors_of_run, table
+from morphofold.forecasts import sizes as sizing
+from morphofold.forecasts.cost import largest
+from morphofold.forecasts.table import COSTS, TABLE, Errors, Expected, called, errors_of_run, headline
 from morphofold.progress import silent
 from morphofold.shapes import icosphere
 from morphofold.sim.build import build_body
@@ -35,6 +26,7 @@ from morphofold.simulation import freesurfer_maps
 from morphofold.surface import Cortex, Surface
 from morphofold.threads import using_threads
 from morphofold.timing import working_seconds
+from morphofold.words import percent, span
 
 #: phases of a run that the solver's clock does not have: checks, maps and files of its stages, and building its body
 STAGES_PHASE, SETTING_UP_PHASE = "stages", "set-up"
@@ -48,41 +40,94 @@ BUSY_MACHINE_RATIO = 1.5  # slower over fastest block: beyond it a machine is ca
 PORTIONS = ("full", "half", "quarter", "octant")
 
 
-class Calibration(NamedTuple):
-    """Result of the timing.
+@dataclass(frozen=True, kw_only=True)
+class Forecast:
+    """Forecast of a run.
 
     Attributes
     ----------
-    scene : Scene
-        The scene that was built: the scene itself, a smaller part of it, or a coarser one.
-    sizes : Sizes
-    layers : Layers or None
-        None for tetrahedra.
-    crossing, steps_per_unit : float
-        Steps in which a wave crosses the cortex, and steps in which growth rises by 1 at full pace; both over
-        :func:`relative_crossing`.
-    phases : mapping
-        Seconds per step by phase.
-    fastest, slowest : float
-        Time of the fastest block of steps, and of the slower quarter, over the time in ``phases``.
-    setting_up : float
-        Seconds to build the body.
-    slowness : float
-        Time of the checks and maps of a sphere, over the time on the machine of the table.
+    scene, shape, setting : str
+        Its name and shape, and its accuracy in words: ``"standard"``, or the levels between which its edge lies.
+    edge_mm, edge_over_T : float or None
+        Largest surface edge [mm], and over the thickness of the (thinnest) cortex; None in one dimension.
+    elements_through_cortex : int or None
+        None in one dimension, and for a mesh from a file.
+    elements, nodes, steps, stages : int
+    fewest_steps, most_steps : int
+    seconds, fastest, slowest : float
+        Wall time without compiling, and its plausible range [s].
+    seconds_by_phase : mapping
+        As in health.json, with ``"set-up"`` and ``"stages"``.
+    memory_GiB : float
+        Maximum of the whole process.
     threads : int
+    errors : mapping
+        Quantity to its ``Expected`` relative error; empty in one dimension, and for a scene that was not studied.
+    not_studied : tuple of str
+        Properties of the scene that were not studied (:func:`morphofold.forecasts.table.not_studied`).
+    how : mapping
+        How each of these was obtained, in words.
+    doubts : tuple of str
+        Why the forecast may be wrong, one sentence each.
     """
 
-    scene: Scene
-    sizes: Sizes
-    layers: Layers | None
-    crossing: float
-    steps_per_unit: float
-    phases: Mapping[str, float]
+    scene: str
+    shape: str
+    setting: str
+    edge_mm: float | None = None
+    edge_over_T: float | None = None
+    elements_through_cortex: int | None = None
+    elements: int = 0
+    nodes: int = 0
+    steps: int = 0
+    fewest_steps: int = 0
+    most_steps: int = 0
+    stages: int
+    seconds: float
     fastest: float
     slowest: float
-    setting_up: float
-    slowness: float
+    seconds_by_phase: Mapping[str, float]
+    memory_GiB: float
     threads: int
+    errors: Mapping[str, Expected] = field(default_factory=dict)
+    not_studied: tuple[str, ...] = ()
+    how: Mapping[str, str]
+    doubts: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        size = f"{self.elements:,} elements, {self.steps:,} steps"
+        price = f"{span(self.seconds)}, {self.memory_GiB:.2g} GiB on {self.threads} threads"
+        return f"Forecast({self.scene!r}, {self.setting}: {size}, {price})"
+
+    @property
+    def headline(self) -> tuple[str, Expected] | None:
+        """The quantity of ``HEADLINE`` with the largest error, and that error."""
+        return headline(self.errors) if self.errors else None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        return {**asdict(self), "not_studied": list(self.not_studied), "doubts": list(self.doubts)}
+
+
+def table_of(forecast: Forecast) -> str:
+    """A forecast as a short table for the terminal."""
+    rows = {"setting": forecast.setting}
+    if forecast.edge_over_T is not None:
+        rows["setting"] += f", edge {forecast.edge_mm:.3g} mm ({forecast.edge_over_T:.2f} T)"
+        if forecast.elements_through_cortex:
+            rows["setting"] += f", {forecast.elements_through_cortex} elements through the cortex"
+        rows["elements"], rows["nodes"] = f"{forecast.elements:,}", f"{forecast.nodes:,}"
+        rows["steps"] = f"{forecast.steps:,}  ({forecast.fewest_steps:,} to {forecast.most_steps:,})"
+    rows["memory"] = f"{forecast.memory_GiB:.2g} GiB"
+    times = f"{span(forecast.seconds)}  ({span(forecast.fastest)} to {span(forecast.slowest)})"
+    rows["time"] = f"{times} with {forecast.threads} thread{'s' if forecast.threads > 1 else ''}"
+    rows[""] = largest(forecast.seconds_by_phase, forecast.seconds, 4)
+    for name, e in forecast.errors.items():
+        other = f", other settings {percent(e.other)}" if e.other else ""
+        rows[f"error of {called(name)}"] = f"{percent(e.error)}  ({percent(e.low)} to {percent(e.high)}){other}"
+    width = max(map(len, rows))
+    lines = [f"{forecast.scene}: forecast", *(f"  {label:{width}}  {value}" for label, value in rows.items())]
+    return "\n".join([*lines, *(f"{what}: {how}" for what, how in forecast.how.items()), *forecast.doubts])
 
 
 def forecast(source: str | Path | Scene, threads: int | None = None, *, settings: Iterable[str] = ()) -> Forecast:
@@ -112,35 +157,103 @@ def forecast(source: str | Path | Scene, threads: int | None = None, *, settings
     return forecast_from(scene, calibrate(scene, threads))
 
 
+def _radial_forecast(scene: Scene, threads: int | None) -> Forecast:
+    """Forecast of a run in one dimension: its final stage is solved, in milliseconds."""
+    nowhere: Any = None
+    with using_threads(threads) as threads:
+        run = RadialRun(scene, nowhere, silent, lambda: False)
+        run.equilibrium(scene.growth.final)
+        started = working_seconds()
+        run.numbers(run.equilibrium(scene.growth.final), scene.growth.final)
+        solving = len(scene.stages) * (working_seconds() - started)
+        slowness = slowness_of_stages()
+    vertices, stage = 10 * 4**ICOSPHERE_LEVEL + 2, COSTS["stage"]
+    writing = slowness * len(scene.stages) * (stage["per_vertex"] + stage["write_per_vertex"]) * vertices
+    seconds = solving + writing
+    return Forecast(
+        scene=scene.name,
+        shape="radial",
+        setting="one dimension",
+        stages=len(scene.stages),
+        seconds=seconds,
+        fastest=0.5 * seconds,
+        slowest=2 * seconds,
+        seconds_by_phase={"radial": solving, STAGES_PHASE: writing, SETTING_UP_PHASE: 0.0},
+        memory_GiB=sizing.memory_of_run(scene, sizing.Sizes(0, 0, vertices, 0.0)),
+        threads=threads,
+        how={
+            "time": "the final stage was solved",
+            "memory": "measured in other runs",
+            "errors": "equilibria to about a part in 1e8; there is no mesh",
+        },
+    )
+
+
+class Calibration(NamedTuple):
+    """Result of the timing.
+
+    Attributes
+    ----------
+    scene : Scene
+        The scene that was built: the scene itself, a smaller part of it, or a coarser one.
+    sizes : Sizes
+    layers : Layers
+        Only bodies of bricks, which may be scaled, have them.
+    crossing, steps_per_unit : float
+        Steps in which a wave crosses the cortex, and steps in which growth rises by 1 at full pace; both over
+        :func:`morphofold.forecasts.sizes.relative_crossing`.
+    phases : mapping
+        Seconds per step by phase.
+    fastest, slowest : float
+        Time of the fastest block of steps, and of the slower quarter, over the time in ``phases``.
+    setting_up : float
+        Seconds to build the body.
+    slowness : float
+        Time of the checks and maps of a sphere, over the time on the machine of the table.
+    threads : int
+    """
+
+    scene: Scene
+    sizes: sizing.Sizes
+    layers: sizing.Layers
+    crossing: float
+    steps_per_unit: float
+    phases: Mapping[str, float]
+    fastest: float
+    slowest: float
+    setting_up: float
+    slowness: float
+    threads: int
+
+
 def forecast_from(scene: Scene, timed: Calibration) -> Forecast:
     """Forecast of ``scene`` from a timing of itself, or scaled from another accuracy or portion of it."""
-    sizes = timed.sizes if scene == timed.scene or timed.layers is None else sizes_by_rule(scene, timed.layers)
-    relative = relative_crossing(scene, sizes.edge)
-    steps = steps_of(scene, timed.crossing * relative, timed.steps_per_unit * relative)
+    sizes = timed.sizes if scene == timed.scene else sizing.sizes_by_rule(scene, timed.layers)
+    relative = sizing.relative_crossing(scene, sizes.edge)
+    steps = sizing.steps_of(scene, timed.crossing * relative, timed.steps_per_unit * relative)
     phases = _seconds_by_phase(scene, sizes, steps, timed)
-    seconds, total = sum(phases.values()), steps.expected
-    fewest, most = round(steps.ramp + steps.fewest), round(steps.ramp + steps.most)
-    less, more = ((total - fewest) / max(total, 1), (most - total) / max(total, 1))
-    spread = costs()["spread"]["time"]
-    expected = errors_of_run(scene, sizes.edge / scene.thinnest)
+    seconds, total = sum(phases.values()), max(steps.expected, 1)
+    less, more = (steps.expected - steps.fewest) / total, (steps.most - steps.expected) / total
+    spread, edge_over_T = COSTS["spread"]["time"], sizes.edge / scene.thinnest
+    expected = errors_of_run(scene, edge_over_T)
     return Forecast(
         scene=scene.name,
         shape=scene.geometry.shape,
-        setting=_accuracy_words(scene, sizes.edge),
+        setting=_accuracy_words(scene, edge_over_T),
         edge_mm=sizes.edge,
-        edge_over_T=sizes.edge / scene.thinnest,
+        edge_over_T=edge_over_T,
         elements_through_cortex=None if scene.geometry.shape == "mesh" else scene.elements_through_cortex,
         elements=sizes.elements,
         nodes=sizes.nodes,
-        steps=total,
-        fewest_steps=fewest,
-        most_steps=most,
+        steps=steps.expected,
+        fewest_steps=steps.fewest,
+        most_steps=steps.most,
         stages=len(scene.stages),
         seconds=seconds,
         fastest=seconds * max(LEAST_TIME_RATIO, 1 - math.hypot(spread, less, 1 - timed.fastest)),
         slowest=seconds * (1 + math.hypot(spread, more, timed.slowest - 1)),
         seconds_by_phase=phases,
-        memory_GiB=memory_of_run(scene, sizes),
+        memory_GiB=sizing.memory_of_run(scene, sizes),
         threads=timed.threads,
         errors=expected.errors,
         not_studied=expected.not_studied,
@@ -149,15 +262,15 @@ def forecast_from(scene: Scene, timed: Calibration) -> Forecast:
     )
 
 
-def _seconds_by_phase(scene: Scene, sizes: Sizes, steps: Steps, timed: Calibration) -> dict[str, float]:
+def _seconds_by_phase(scene: Scene, sizes: sizing.Sizes, steps: sizing.Steps, timed: Calibration) -> dict[str, float]:
     """Seconds of the run by phase: time of a step times steps, active contact, and work outside of steps."""
     more = sizes.elements / timed.sizes.elements
     phases = {name: more * each * steps.expected for name, each in timed.phases.items()}
     if "grow" in phases:
-        phases["grow"] *= (steps.ramp + steps.waiting) / max(steps.expected, 1)
+        phases["grow"] *= steps.growing
     if "contact" in phases:
         phases["contact"] += steps.touching * sum(phases.values())
-    stage = costs()["stage"]
+    stage = COSTS["stage"]
     surface = stage["checks"] + stage["folded"] * stage["per_vertex"] * sizes.vertices
     written = stage["write_per_vertex"] * sizes.vertices
     written += stage["write_per_element"] * sizes.elements if scene.output.volume else 0.0
@@ -189,60 +302,27 @@ def _sources_of_forecast(scene: Scene, timed: Calibration, expected: Errors) -> 
         part = f"{part} " if part != getattr(scene.geometry, "portion", "") else ""
         built = f"counted by rule; a {part}body of {timed.sizes.elements:,} elements was built and timed"
     threads = "one thread" if timed.threads == 1 else f"{timed.threads} threads"
+    studied = f"a table of errors against edges: {TABLE['errors']['subject']}"
     return {
         "elements": built,
         "steps": "the pace of growth, and how long runs with such growth and stiffness waited for equilibrium",
         "time": f"steps timed here with {threads}, and the checks and maps of a sphere",
         "memory": "bytes per element and vertex, measured in other runs",
-        "errors": expected.how
-        if expected.not_studied
-        else f"a table of errors against edges: {table()['errors']['subject']}",
+        "errors": expected.how if expected.not_studied else studied,
     }
 
 
-def _accuracy_words(scene: Scene, edge: float) -> str:
-    """The accuracy of a scene in words: its level, or the levels between which its edge [mm] lies, coarser first."""
+def _accuracy_words(scene: Scene, edge_over_T: float) -> str:
+    """The accuracy of a scene in words: its level, or the levels between which its edge lies, coarser first."""
     if scene.geometry.shape == "mesh":
         return "the mesh of the file"
     if scene.accuracy.edge is None:
         return scene.accuracy.level
-    coarser = [name for name, level in LEVELS.items() if level >= edge / scene.thinnest]
-    finer = [name for name, level in LEVELS.items() if level <= edge / scene.thinnest]
-    if coarser and finer:
-        return finer[0] if coarser[-1] == finer[0] else f"between {coarser[-1]} and {finer[0]}"
-    return f"finer than {coarser[-1]}" if coarser else f"coarser than {finer[0]}"
-
-
-def _radial_forecast(scene: Scene, threads: int | None) -> Forecast:
-    """Forecast of a run in one dimension: its final stage is solved, in milliseconds."""
-    nowhere: Any = None
-    with using_threads(threads) as threads:
-        run = RadialRun(scene, nowhere, silent, lambda: False)
-        run.equilibrium(scene.growth.final)
-        started = working_seconds()
-        run.numbers(run.equilibrium(scene.growth.final), scene.growth.final)
-        solving = len(scene.stages) * (working_seconds() - started)
-        slowness = slowness_of_stages()
-    vertices, stage = 10 * 4**ICOSPHERE_LEVEL + 2, costs()["stage"]
-    writing = slowness * len(scene.stages) * (stage["per_vertex"] + stage["write_per_vertex"]) * vertices
-    seconds = solving + writing
-    return Forecast(
-        scene=scene.name,
-        shape="radial",
-        setting="one dimension",
-        stages=len(scene.stages),
-        seconds=seconds,
-        fastest=0.5 * seconds,
-        slowest=2 * seconds,
-        seconds_by_phase={"radial": solving, STAGES_PHASE: writing, SETTING_UP_PHASE: 0.0},
-        memory_GiB=memory_of_run(scene, Sizes(0, 0, vertices, 0.0)),
-        threads=threads,
-        how={
-            "time": "the final stage was solved",
-            "memory": "measured in other runs",
-            "errors": "equilibria to about a part in 1e8; there is no mesh",
-        },
-    )
+    coarser = [name for name, level in LEVELS.items() if level >= edge_over_T]
+    finer = [name for name, level in LEVELS.items() if level <= edge_over_T]
+    if not coarser or not finer:
+        return f"finer than {coarser[-1]}" if coarser else f"coarser than {finer[0]}"
+    return finer[0] if coarser[-1] == finer[0] else f"between {coarser[-1]} and {finer[0]}"
 
 
 # timing ------------------------------------------------------------------------------------------------------------
@@ -264,13 +344,10 @@ def calibrate(scene: Scene, threads: int | None = None) -> Calibration:
         run = Dynamics.of(small, body, effects)
         setting_up = working_seconds() - started
         timed, slowness = _time_steps(run), slowness_of_stages()
-    bilayer, sizes = body.bilayer, sizes_of(body.bilayer)
-    layers = layers_of(bilayer) if bilayer.faces.shape[1] == 4 else None
-    relative = relative_crossing(small, sizes.edge)
-    per_unit = 1 / run.rate / relative
-    return Calibration(
-        small, sizes, layers, body.crossing / relative, per_unit, *timed, setting_up, slowness, run.threads
-    )
+    sizes, layers = sizing.sizes_of(body.bilayer), sizing.layers_of(body.bilayer)
+    relative = sizing.relative_crossing(small, sizes.edge)
+    crossing, per_unit = body.crossing / relative, 1 / run.rate / relative
+    return Calibration(small, sizes, layers, crossing, per_unit, *timed, setting_up, slowness, run.threads)
 
 
 def reduced(scene: Scene) -> Scene:
@@ -305,9 +382,8 @@ def _time_steps(run: Dynamics) -> tuple[dict[str, float], float, float]:
         taken.append(block())
     taken.sort(key=lambda phases: sum(phases.values()))
     totals = [sum(phases.values()) for phases in taken]
-    typical = len(taken) // 3
-    slower = totals[3 * len(taken) // 4]
-    return taken[typical], totals[0] / totals[typical], slower / totals[typical]
+    typical, slower = len(taken) // 3, 3 * len(taken) // 4
+    return taken[typical], totals[0] / totals[typical], totals[slower] / totals[typical]
 
 
 def slowness_of_stages() -> float:
@@ -325,4 +401,4 @@ def slowness_of_stages() -> float:
         check_surface(pial)
         freesurfer_maps(cortex)
         taken.append(working_seconds() - started)
-    return float(min(taken) / costs()["stage"]["sphere"])
+    return float(min(taken) / COSTS["stage"]["sphere"])

@@ -7,8 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from morphofold.errors import NoSolution, NotReadable, NotStudied, OptionsClash, OutOfRange
-from morphofold.forecasts.cost import Forecast
-from morphofold.forecasts.forecasting import Calibration, calibrate, forecast_from
+from morphofold.forecasts.forecasting import Forecast, calibrate, forecast_from
 from morphofold.forecasts.sizes import edges_between, refuse_without_edge
 from morphofold.forecasts.table import SAME_EDGE_TOLERANCE, errors_of_run, headline, studied
 from morphofold.sim.scene import MOST_BRICKS, Scene
@@ -86,7 +85,7 @@ def choose_mesh(
     scene : Scene
         Without an ``accuracy.edge`` of its own.
     budget : float, optional
-        Time that the run may take [s].
+        Time that the run may take [s], at the slow end of its range.
     error : float, optional
         Largest relative error of the ``HEADLINE`` quantities; 0.01 is 1 %. With both, the mesh is the one for the
         error, and its run must fit the budget.
@@ -103,13 +102,29 @@ def choose_mesh(
         raise OptionsClash("choose_mesh: neither a budget nor an error is given; give one of them.")
     candidates = _candidates(scene, "--budget" if error is None else "--error")
     if error is not None:
-        return _coarsest_within_error(scene, candidates, error, budget, threads)
-    assert budget is not None
+        candidates = [_coarsest_within_error(scene, candidates, error)]
     timed = candidates[0]
-    for _ in range(2):  # time the coarsest edge, and then the edge that follows from it
-        choice = _finest_within_budget(candidates, calibrate(timed, threads), budget)
-        timed = choice.scene
-    return choice
+    for _ in candidates[:2]:  # time the coarsest edge, and then the edge that follows from it
+        timing = calibrate(timed, threads)
+        choices = [MeshChoice(candidate, forecast_from(candidate, timing)) for candidate in candidates]
+        fitting = [choice for choice in choices if budget is None or choice.forecast.slowest <= budget]
+        if not fitting:
+            raise _over_budget(choices[0].forecast, budget or 0.0, error)
+        timed = fitting[-1].scene
+    return fitting[-1]
+
+
+def _over_budget(cost: Forecast, budget: float, error: float | None) -> NoSolution | OptionsClash:
+    """The refusal of a budget in which not even the run with the coarsest edge, or that for the error, is certain."""
+    if error is None:
+        return NoSolution(
+            f"--budget {span(budget)}: {cost.scene} may take {span(cost.slowest)} with the coarsest studied "
+            f"edge ({cost.edge_over_T:.2f} T). Allow this time, take a smaller portion, or set accuracy.edge."
+        )
+    return OptionsClash(
+        f"--error {percent(error)}: {cost.scene} may take {span(cost.slowest)} (an edge of "
+        f"{cost.edge_over_T:.2f} T), more than --budget {span(budget)}. Allow the time or a larger error."
+    )
 
 
 def _candidates(scene: Scene, option: str) -> list[Scene]:
@@ -135,40 +150,19 @@ def _candidates(scene: Scene, option: str) -> list[Scene]:
     return [load_scene(scene, setting) for setting in settings]
 
 
-def _finest_within_budget(candidates: list[Scene], timed: Calibration, budget: float) -> MeshChoice:
-    """The finest edge whose run takes no longer than the budget, even at the slow end of its range."""
-    choices = [MeshChoice(candidate, forecast_from(candidate, timed)) for candidate in candidates]
-    fitting = [choice for choice in choices if choice.forecast.slowest <= budget]
-    if not fitting:
-        cheapest = choices[0].forecast
-        raise NoSolution(
-            f"--budget {span(budget)}: {cheapest.scene} may take {span(cheapest.slowest)} with the coarsest studied "
-            f"edge ({cheapest.edge_over_T:.2f} T). Allow this time, take a smaller portion, or set accuracy.edge."
-        )
-    return fitting[-1]
-
-
-def _coarsest_within_error(
-    scene: Scene, candidates: list[Scene], error: float, budget: float | None, threads: int | None
-) -> MeshChoice:
-    """The coarsest edge whose expected error is small enough, if the run with it fits the budget."""
+def _coarsest_within_error(scene: Scene, candidates: list[Scene], error: float) -> Scene:
+    """The scene with the coarsest edge whose expected error is small enough."""
     if (studied_errors := errors_of_run(scene, studied()[0])).not_studied:
         raise NotStudied(
             f"--error uses a table of errors, which is {studied_errors.how} ({scene.name}). Choose the mesh by "
             "--budget or accuracy.edge, and estimate the error of the run with --estimate."
         )
     largest = [headline(errors_of_run(scene, c.edge / c.thinnest).errors) for c in candidates]
-    good = [candidate for candidate, (_, expected) in zip(candidates, largest) if expected.error <= error]
-    if not good:
-        finest, (name, best) = candidates[-1].edge / scene.thinnest, largest[-1]
-        raise NoSolution(
-            f"--error {percent(error)}: with the finest edge to choose from ({finest:.2f} T), {scene.name} has an "
-            f"error of about {percent_above(best.error)} ({name}). Allow this error, or set accuracy.edge."
-        )
-    cost = forecast_from(good[0], calibrate(good[0], threads))
-    if budget is not None and cost.slowest > budget:
-        raise OptionsClash(
-            f"--error {percent(error)}: {scene.name} may take {span(cost.slowest)} (an edge of "
-            f"{cost.edge_over_T:.2f} T), more than --budget {span(budget)}. Allow the time or a larger error."
-        )
-    return MeshChoice(good[0], cost)
+    for candidate, (_, expected) in zip(candidates, largest):
+        if expected.error <= error:
+            return candidate
+    finest, (name, best) = candidates[-1].edge / scene.thinnest, largest[-1]
+    raise NoSolution(
+        f"--error {percent(error)}: with the finest edge to choose from ({finest:.2f} T), {scene.name} has an "
+        f"error of about {percent_above(best.error)} ({name}). Allow this error, or set accuracy.edge."
+    )

@@ -3,7 +3,6 @@ the coarser run with a slower run, which grows at half the pace."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -14,15 +13,14 @@ from pydantic import TypeAdapter
 
 from morphofold.analysis import gyrification_index
 from morphofold.errors import DoesNotApply, MissingPart, NoSolution
-from morphofold.forecasts.cost import Forecast
-from morphofold.forecasts.forecasting import forecast
+from morphofold.forecasts.forecasting import Forecast, forecast
 from morphofold.forecasts.sizes import edge_by_rule, refuse_without_edge
-from morphofold.forecasts.table import errors_of_run, table
+from morphofold.forecasts.table import TABLE, errors_of_run
 from morphofold.io import atomic_file
 from morphofold.io.folders import alone
 from morphofold.io.json_files import Amount, Number, Record, read_json
 from morphofold.progress import Progress, part_of, silent
-from morphofold.provenance import input_records, strict_json
+from morphofold.provenance import sha256_of, strict_json
 from morphofold.sim.dynamics import UnstableError
 from morphofold.sim.output.inputs import begun_with
 from morphofold.sim.output.run_files import sweep
@@ -94,15 +92,11 @@ class Estimate:
     @property
     def words(self) -> str:
         """All errors in a line, and reasons to doubt them."""
-        errors = (
-            _joined_with_values({name: e.error for name, e in self.errors.items() if e.error is not None})
-            or "not known"
-        )
-        sentences = [f"error of the mesh at g = {self.growth:g}, {self.how}: {errors}."]
+        errors = _joined_with_values({name: e.error for name, e in self.errors.items() if e.error is not None})
+        sentences = [f"error of the mesh at g = {self.growth:g}, {self.how}: {errors or 'not known'}."]
         if self.pace is not None:
-            sentences.append(
-                f"Half the pace of growth changes the coarser run by: {_joined_with_values(self.pace)} of T."
-            )
+            pace = _joined_with_values(self.pace)
+            sentences.append(f"Half the pace of growth changes the coarser run by: {pace} of T.")
         return " ".join([*sentences, *self.doubts])
 
     def as_dict(self) -> dict[str, Any]:
@@ -211,38 +205,33 @@ def estimate_error(run: Simulation, *, threads: int | None = None, progress: Pro
     with alone(run.path):
         sweep(run.path)  # a finished run no longer does it
         with atomic_file(run.path / ERROR_FILE) as temporary:
-            content = {**estimate.as_dict(), "health_sha256": _health_digest(run.path)}
+            content = {**estimate.as_dict(), "health_sha256": sha256_of(run.path / "health.json")}
             temporary.write_text(strict_json(content), "utf-8")
     return estimate
 
 
 def stored_estimate(stage: Path) -> Estimate | None:
     """The estimate of the run that wrote a ``stage.json``; None if this run has none, or it is incomplete."""
-    folder = stage.parent.parent.parent
+    folder = stage.parents[2]
     try:
         content = read_json(folder / ERROR_FILE, Record, "")  # the fields of an estimate, and a digest
-        if content.get("health_sha256") != _health_digest(folder):
-            return None
-        return TypeAdapter(Estimate).validate_json(json.dumps(content), strict=True)  # strict: JSON's lists are tuples
+        is_of_run = content.get("health_sha256") == sha256_of(folder / "health.json")
+        return TypeAdapter(Estimate).validate_python(content) if is_of_run else None
     except (OSError, ValueError):
         return None
 
 
 def errors_from_runs(scene: Scene, run: Grown, coarse: Grown, slow: Grown | None = None) -> Estimate:
     """Estimate from the last stages of the run, the coarser run and, if there is one, the slower run."""
-    changes = _changes_between_runs(scene, run, coarse)
+    changes, ratio, T = _changes_between_runs(scene, run, coarse), coarse.edge / run.edge, scene.thinnest
     pace = None if slow is None else _changes_between_runs(scene, coarse, slow)
-    same_pattern, ratio = changes["pial distance"] <= SAME_PATTERN_DISTANCE, coarse.edge / run.edge
+    same_pattern = changes["pial distance"] <= SAME_PATTERN_DISTANCE
     errors = {}
     for name, change in changes.items():
         power = CONVERGENCE_POWERS[name]
         errors[name] = Estimated(change, power, change / (ratio**power - 1) if same_pattern else None)
-    doubts = [
-        f"The {name} isn't healthy: {warning}"
-        for name, grown in (("run", run), ("coarser run", coarse), ("slower run", slow))
-        if grown
-        for warning in grown.warnings
-    ]
+    runs = {"run": run, "coarser run": coarse, **({"slower run": slow} if slow else {})}
+    doubts = [f"The {name} isn't healthy: {warning}" for name, grown in runs.items() for warning in grown.warnings]
     if not same_pattern:
         doubts.append(
             f"The coarser run folded into another pattern (they differ by: {_joined_with_values(changes)} of T), so no "
@@ -252,15 +241,13 @@ def errors_from_runs(scene: Scene, run: Grown, coarse: Grown, slow: Grown | None
         doubts.append(
             "The slower run folded into another pattern than the coarser run: the folds depend on the pace of growth."
         )
-    T = scene.thinnest
-    table_errors = errors_of_run(scene, run.edge / T)
-    if table_errors.not_studied:
-        doubts.append(f"The powers are {table_errors.how}.")
+    if (studied := errors_of_run(scene, run.edge / T)).not_studied:
+        doubts.append(f"The powers are {studied.how}.")
     how = (
         f"from a coarser run ({coarse.edge / T:.2f} T beside {run.edge / T:.2f} T), powers from the study "
-        f"of {table()['errors']['subject']}, three elements through the cortex"
+        f"of {TABLE['errors']['subject']}, three elements through the cortex"
     )
-    return Estimate(scene.growth.final, run.edge / T, ratio, errors, how, tuple(doubts), table_errors.not_studied, pace)
+    return Estimate(scene.growth.final, run.edge / T, ratio, errors, how, tuple(doubts), studied.not_studied, pace)
 
 
 def _changes_between_runs(scene: Scene, one: Grown, other: Grown) -> dict[str, float]:
@@ -283,10 +270,6 @@ def _grown_surface(run: Simulation) -> Grown:
             f"{run.path / 'health.json'}: has no surface_edge_mm, because an early version wrote it. Grow it again."
         )
     return Grown(run.cortex().pial, health["surface_edge_mm"], health["warnings"])
-
-
-def _health_digest(folder: Path) -> Any:
-    return input_records([folder / "health.json"])[0]["sha256"]
 
 
 def distance(surface: Surface, other: Surface) -> float:

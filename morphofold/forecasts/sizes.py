@@ -9,14 +9,13 @@ from typing import NamedTuple
 import numpy as np
 
 from morphofold.errors import DoesNotApply
-from morphofold.forecasts.table import GiB, costs
+from morphofold.forecasts.table import COSTS, GiB
 from morphofold.sim.dynamics import STEPS_PER_MEASUREMENT, limited_pace, next_growth, patience, soft_start
 from morphofold.sim.effects import ramp as ramps
 from morphofold.sim.equilibrium.wrinkles import first_wrinkles, slow_growth
 from morphofold.sim.mesh.brick_mesh import SYMMETRY_AXES, Bilayer, core_layer_fractions
-from morphofold.sim.scene import Ellipsoid, Patch, Scene, Sphere, Strip, UnfoldedCortex
+from morphofold.sim.scene import Patch, Scene, Strip
 
-CUBED_SPHERES = (Sphere, Ellipsoid, UnfoldedCortex)
 Layers = tuple[float, float]  # mean thickness of the cortex and mean depth of the core below it [mm]
 
 
@@ -31,8 +30,7 @@ class Sizes(NamedTuple):
 
 def sizes_of(bilayer: Bilayer) -> Sizes:
     """Sizes of a built body."""
-    axes = len(bilayer.mirrored)
-    vertices = bilayer.n_surface
+    axes, vertices = len(bilayer.mirrored), bilayer.n_surface
     if axes and bilayer.faces.shape[1] == 4:  # Euler: a closed surface of quads
         vertices = 2**axes * len(bilayer.faces) + 2
     return Sizes(int(bilayer.mesh.nelements), int(bilayer.mesh.nvertices), vertices, float(bilayer.edge))
@@ -47,23 +45,15 @@ def layers_of(bilayer: Bilayer) -> Layers:
 
 
 def edge_by_rule(scene: Scene) -> float:
-    """Largest surface edge [mm] of a body of bricks, at most the edge in its scene.
-
-    Raises
-    ------
-    DoesNotApply
-        For a shape that isn't made of bricks.
-    """
+    """Largest surface edge [mm] of a body of bricks, at most the edge in its scene."""
     return max(length / cells for length, cells in _lengths_and_cells(scene))
 
 
 def _lengths_and_cells(scene: Scene) -> list[tuple[float, int]]:
     """Lengths of a patch or strip, or of an edge of the cube of a cubed sphere [mm], and the cells along each."""
     geometry = scene.geometry
-    if isinstance(geometry, CUBED_SPHERES):
-        return [(geometry.quarter, scene.cells)]
     if not isinstance(geometry, Patch | Strip):
-        raise DoesNotApply(f"{scene.name}: a {geometry.shape} scene is not made of bricks.")
+        return [(getattr(geometry, "quarter", 0.0), scene.cells)]
     lengths = geometry.size if isinstance(geometry, Patch) else (geometry.length,)
     return [(length, max(1, math.ceil(length / scene.edge - 1e-9))) for length in lengths]
 
@@ -83,24 +73,18 @@ def refuse_without_edge(scene: Scene, purpose: str) -> None:
 
 
 def sizes_by_rule(scene: Scene, layers: Layers) -> Sizes:
-    """Sizes of a body of bricks: quads of its surface times its layers.
-
-    Raises
-    ------
-    DoesNotApply
-        For a shape that isn't made of bricks.
-    """
-    geometry, through, edge = scene.geometry, scene.elements_through_cortex, edge_by_rule(scene)
+    """Sizes of a body of bricks: quads of its surface times its layers."""
+    through, edge, cells = scene.elements_through_cortex, edge_by_rule(scene), [n for _, n in _lengths_and_cells(scene)]
     thickness, depth = layers
-    if isinstance(geometry, CUBED_SPHERES):
-        n, cuts = scene.cells, len(SYMMETRY_AXES[getattr(geometry, "portion", "full")])
+    if isinstance(scene.geometry, Patch | Strip):
+        rows = 2 if isinstance(scene.geometry, Strip) else 1
+        quads, surface = math.prod(cells), math.prod(n + 1 for n in cells) * rows
+        whole = surface
+    else:
+        n, cuts = cells[0], len(SYMMETRY_AXES[getattr(scene.geometry, "portion", "full")])
         quads, rim = 6 * n * n // 2**cuts, (0, 4 * n, 4 * n, 3 * n)[cuts]
         surface = quads + (rim // 2 + 1 if cuts else 2)  # Euler: a disc of quads, or a closed surface
         whole = 6 * n * n + 2
-    else:
-        cells = [c for _, c in _lengths_and_cells(scene)]
-        quads, surface = math.prod(cells), math.prod(c + 1 for c in cells) * (1 if len(cells) == 2 else 2)
-        whole = surface
     deep = through + len(core_layer_fractions(thickness / through, depth, edge)) - 1
     return Sizes(quads * deep, surface * (deep + 1), whole, edge)
 
@@ -111,20 +95,16 @@ def edges_between(scene: Scene, finest: float, coarsest: float) -> list[float]:
     Rounded up in the fourth digit, which does not change the number of cells.
     """
     length = max(length for length, _ in _lengths_and_cells(scene))
-    step, least = (1, 1) if isinstance(scene.geometry, Patch | Strip) else (4, 4)
-    first = max(least, step * math.ceil(length / coarsest / step - 1e-9))
-    return [_rounded_up(length / cells) for cells in range(first, math.floor(length / finest + 1e-9) + 1, step)]
-
-
-def _rounded_up(length: float) -> float:
-    """A length rounded up to four digits."""
-    unit = 10.0 ** (math.floor(math.log10(length)) - 3)
-    return round(math.ceil(length / unit - 1e-9) * unit, 12)
+    step = 1 if isinstance(scene.geometry, Patch | Strip) else 4
+    first = max(step, step * math.ceil(length / coarsest / step - 1e-9))
+    edges = [length / cells for cells in range(first, math.floor(length / finest + 1e-9) + 1, step)]
+    units = [10.0 ** (math.floor(math.log10(edge)) - 3) for edge in edges]
+    return [round(math.ceil(edge / unit - 1e-9) * unit, 12) for edge, unit in zip(edges, units)]
 
 
 def relative_crossing(scene: Scene, edge: float) -> float:
     """Steps in which a wave crosses the cortex, up to a factor, with surface edges of length ``edge`` [mm]."""
-    law, T, layers = costs()["crossing"], scene.geometry.cortex_thickness, scene.elements_through_cortex
+    law, T, layers = COSTS["crossing"], scene.geometry.cortex_thickness, scene.elements_through_cortex
     mass = np.interp(edge * layers / T, law["flatness"], law["mass"])
     mass /= np.interp(2 * edge / T / (layers + 1), law["coarseness"], law["lightness"])
     return math.sqrt(mass * (law["through"] * layers**2 + (T / edge) ** 2))
@@ -135,27 +115,22 @@ class Steps(NamedTuple):
 
     Attributes
     ----------
-    ramp : int
-        Steps while the cortex grows as fast as its pace allows.
-    resting, waiting : float
-        Further steps: growth stops at a stage until the body is at rest, and waits for balance while folds form.
-    fewest, most : float
-        Fewest and most steps of both together that runs took.
+    expected, fewest, most : int
+        In total, and in the runs that took fewest and most.
+    waiting : float
+        Of these, those in which growth waits for balance while folds form.
+    growing : float
+        Share of the steps in which growth rises, or waits for balance: it does not stand still at a stage.
     touching : float
         Time that active contact adds to a step, as a share of the step, mean over all steps.
     """
 
-    ramp: int
-    resting: float
+    expected: int
+    fewest: int
+    most: int
     waiting: float
-    fewest: float
-    most: float
+    growing: float
     touching: float
-
-    @property
-    def expected(self) -> int:
-        """All steps."""
-        return round(self.ramp + self.resting + self.waiting)
 
 
 def steps_of(scene: Scene, crossing: float, per_unit: float) -> Steps:
@@ -169,14 +144,14 @@ def steps_of(scene: Scene, crossing: float, per_unit: float) -> Steps:
     per_unit : float
         Steps for growth to rise by 1 at full pace.
     """
-    waiting, resting, contact = costs()["waiting"], costs()["resting"], costs()["contact"]
+    waits, resting, contact = COSTS["waiting"], COSTS["resting"], COSTS["contact"]
     per_growth = contact["per_growth"] if "contact" in scene.effects else 0.0
     touching = lambda growth: max(0.0, growth - contact["from"]) * per_growth
     growths = _growths_of_ramp(scene, per_unit)
     ramp = STEPS_PER_MEASUREMENT * sum(map(len, growths))
     touched = STEPS_PER_MEASUREMENT * sum(touching(growth) for stage in growths for growth in stage)
     if scene.real_time:  # real masses: the step shrinks as bricks do
-        more, rests = ramp * costs()["inertia"]["per_growth"] * (scene.growth.final - 1), [0.0]
+        waiting, rested = ramp * COSTS["inertia"]["per_growth"] * (scene.growth.final - 1), 0.0
     else:
         wrinkled = first_wrinkles(scene).growth
         ticks = [STEPS_PER_MEASUREMENT * len(stage) / crossing for stage in growths]  # up to each stage
@@ -185,13 +160,15 @@ def steps_of(scene: Scene, crossing: float, per_unit: float) -> Steps:
             crossing * (resting["smooth"] if stage <= wrinkled else min(max(most, resting["brief"]), resting["folded"]))
             for most, stage in zip(longest, scene.stages)
         ]
+        rested = sum(rests)
         touched += sum(rest * touching(stage) for rest, stage in zip(rests, scene.stages))
-        folded = (scene.growth.final - waiting["from"]) / (waiting["to"] - waiting["from"])
-        stiff = scene.material.mu_ratio ** waiting["stiffness_power"]
-        more = min(max(folded, 0.0), 1.0) * waiting["ticks"] * stiff * scene.growth.rate * crossing
-    rested = sum(rests)
-    fewest, most = (more * waiting[key] + rested * resting[key] for key in ("fewest", "most"))
-    return Steps(ramp, rested, more, fewest, most, touched / (ramp + rested) if ramp else 0.0)
+        folded = (scene.growth.final - waits["from"]) / (waits["to"] - waits["from"])
+        stiff = scene.material.mu_ratio ** waits["stiffness_power"]
+        waiting = min(max(folded, 0.0), 1.0) * waits["ticks"] * stiff * scene.growth.rate * crossing
+    expected = round(ramp + rested + waiting)
+    fewest, most = (round(ramp + (waiting * waits[key] + rested * resting[key])) for key in ("fewest", "most"))
+    growing, touching_share = (ramp + waiting) / max(expected, 1), touched / (ramp + rested) if ramp else 0.0
+    return Steps(expected, fewest, most, waiting, growing, touching_share)
 
 
 def _growths_of_ramp(scene: Scene, per_unit: float) -> list[list[float]]:
@@ -212,7 +189,7 @@ def _growths_of_ramp(scene: Scene, per_unit: float) -> list[list[float]]:
 
 def body_bytes(scene: Scene, elements: int) -> tuple[float, float]:
     """Most bytes held at once while a body is built, and those that body and dynamics hold while steps are taken."""
-    memory = costs()["memory"]
+    memory = COSTS["memory"]
     if scene.geometry.shape == "mesh":
         return memory["building_tet"] * elements, memory["per_tet"] * elements
     double = 0 if scene.accuracy.precision == "single" else memory["double"]
@@ -222,7 +199,7 @@ def body_bytes(scene: Scene, elements: int) -> tuple[float, float]:
 
 def memory_of_run(scene: Scene, sizes: Sizes) -> float:
     """Most memory of a whole process that only runs a scene [GiB]."""
-    memory, (building, running) = costs()["memory"], body_bytes(scene, sizes.elements)
+    memory, (building, running) = COSTS["memory"], body_bytes(scene, sizes.elements)
     stage = memory["stage_per_vertex"] * sizes.vertices
     stage += memory["stage_per_element"] * sizes.elements if scene.output.volume else 0.0
     return max(memory["importing"] + building / GiB, memory["process"] + (running + stage) / GiB)
