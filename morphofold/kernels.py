@@ -19,7 +19,6 @@ from scipy import sparse
 
 import morphofold.threads  # noqa: F401  (how numba's threads wait is set before they start)
 
-_OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 _CONSTANTS = (bool, int, float, str, tuple, np.generic)
 
 
@@ -35,7 +34,7 @@ def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     """
     if function is None:
         return functools.partial(kernel, **options)
-    dispatcher = numba.njit(**{**_OPTIONS, **options})(function)
+    dispatcher = numba.njit(**{"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True, **options})(function)
     if Path(function.__code__.co_filename).is_file():  # not a cell of a notebook, whose other cells may have changed
         with suppress(RuntimeError):  # no folder can be written
             dispatcher._cache = _Cache(function)
@@ -69,15 +68,17 @@ class _Cache(caching.FunctionCache):  # type: ignore[misc]
     def __init__(self, function: Any):
         super().__init__(function)
         stamp = self._impl.locator.get_source_stamp(), sorted(_called(function, set()))
-        self._cache_file = _Files(self._cache_path, self._impl.filename_base, stamp)
+        self._cache_file = caching.IndexDataCacheFile(self._cache_path, self._impl.filename_base, stamp)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         try:
-            return super().load_overload(sig, target_context)
+            loaded = super().load_overload(sig, target_context)
         except Exception:  # damaged, unreadable, or of a material that is gone: compile
             with suppress(OSError):
                 self.flush()
             return None
+        # two processes that wrote at once may leave the index of one, and the code of the other
+        return loaded if loaded is not None and loaded.signature.args == tuple(sig) else None
 
     def save_overload(self, sig: Any, data: Any) -> None:
         with suppress(OSError):  # a full disk must not stop the work
@@ -85,23 +86,9 @@ class _Cache(caching.FunctionCache):  # type: ignore[misc]
 
     def _index_key(self, sig: Any, codegen: Any) -> Any:
         """Of a material the source, too: numba knows only the name of its class."""
-        classes: list[Any] = [
-            each.instance_class for each in sig if isinstance(each, types.NamedUniTuple | types.NamedTuple)
-        ]
-        sources = tuple(_digest(getattr(sys.modules[each.__module__], "__file__", "")) for each in classes)
+        modules = [each.instance_class.__module__ for each in sig if isinstance(each, types.BaseNamedTuple)]
+        sources = tuple(_digest(getattr(sys.modules[name], "__file__", "")) for name in modules)
         return super()._index_key(sig, codegen), sources
-
-
-class _Files(caching.IndexDataCacheFile):  # type: ignore[misc]
-    """numba's files, in which data is found with the key that it was saved for."""
-
-    def save(self, key: Any, data: Any) -> None:
-        super().save(key, (key, data))
-
-    def load(self, key: Any) -> Any:
-        """The data, unless two processes wrote to the same file at once and it is of another key."""
-        entry = super().load(key)
-        return entry[1] if entry is not None and entry[0] == key else None
 
 
 def _called(function: FunctionType, seen: set[FunctionType]) -> Iterator[str]:

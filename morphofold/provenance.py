@@ -35,24 +35,17 @@ def digests(folder: Path) -> dict[str, str]:
 
 def changed_since(known: Mapping[str, str], files: Mapping[str, Path]) -> list[str]:
     """Names of the files in ``known`` that are missing now, or have another digest."""
-    return [name for name, digest in known.items() if name not in files or not _has_digest(files[name], digest)]
-
-
-def _has_digest(path: Path, digest: str) -> bool:
-    try:
-        return path.is_file() and sha256_of(path) == digest
-    except OSError:
-        return False
+    there = {name for name in known if name in files and files[name].is_file()}
+    return [name for name, digest in known.items() if name not in there or sha256_of(files[name]) != digest]
 
 
 def input_records(paths: Iterable[str | Path]) -> list[dict[str, Any]]:
     """``{"path", "sha256", "bytes"}`` of each path; sha256 and bytes are None if it is not a file here."""
-    records: list[dict[str, Any]] = []
+    records = []
     for name in map(str, paths):
-        path, row = Path(name), dict[str, Any](path=name, sha256=None, bytes=None)
-        if path.is_file():
-            row |= {"sha256": sha256_of(path), "bytes": path.stat().st_size}
-        records.append(row)
+        path = Path(name)
+        digest, size = (sha256_of(path), path.stat().st_size) if path.is_file() else (None, None)
+        records.append({"path": name, "sha256": digest, "bytes": size})
     return records
 
 

@@ -27,12 +27,11 @@ class Quantity:
         return f"{self.label} [{self.unit}]" if self.unit else self.label
 
 
-with Path(__file__).with_suffix(".toml").open("rb") as _file:
-    _WORDS: dict[str, Any] = tomllib.load(_file)
+_WORDS: dict[str, Any] = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
 _with_tuples: Any = lambda words: {k: tuple(v) if isinstance(v, list) else v for k, v in words.items()}
 QUANTITIES = tuple(Quantity(key, **_with_tuples(words)) for key, words in _WORDS["maps"].items())
 #: label and unit of the numbers of a surface
-SCALAR_WORDS: dict[str, tuple[str, str]] = {name: (label, unit) for name, (label, unit) in _WORDS["scalars"].items()}
+SCALAR_WORDS: dict[str, tuple[str, str]] = {name: tuple(words) for name, words in _WORDS["scalars"].items()}
 #: the map from which a scalar is computed, if there is one
 MAP_OF_SCALAR: dict[str, str] = _WORDS["map_of_scalar"]
 #: meaning of the columns of tables, where SCALAR_WORDS and the name of the column are not enough
@@ -61,8 +60,7 @@ def quantity(name: str, values: Iterable[np.ndarray] = ()) -> Quantity:
             return known
     label, unit = _label_and_unit(name)
     ends = [np.percentile(v[np.isfinite(v)], [2, 98]) for v in values if np.isfinite(v).any()]
-    signed = bool(ends) and bool(min(e[0] for e in ends) < 0 < max(e[1] for e in ends))
-    return Quantity(name, label, unit, signed)
+    return Quantity(name, label, unit, bool(ends) and bool(np.min(ends) < 0 < np.max(ends)))
 
 
 def scalar_words(name: str) -> tuple[str, str]:
@@ -81,12 +79,10 @@ def column_words(name: str) -> tuple[str, str]:
 
 
 def _label_and_unit(name: str) -> tuple[str, str]:
-    for suffix, unit in _WORDS["unit_of_suffix"].items():
-        if name.endswith(suffix):
-            words = name.removesuffix(suffix).replace("_", " ")
-            return words[:1].upper() + words[1:], unit
-    words = name.replace("_", " ")
-    return words[:1].upper() + words[1:], ""
+    units = _WORDS["unit_of_suffix"]
+    suffix = next((suffix for suffix in units if name.endswith(suffix)), "")
+    words = name.removesuffix(suffix).replace("_", " ")
+    return words[:1].upper() + words[1:], units.get(suffix, "")
 
 
 def common_limits(what: Quantity, values: Iterable[np.ndarray]) -> tuple[float, float]:
@@ -96,12 +92,11 @@ def common_limits(what: Quantity, values: Iterable[np.ndarray]) -> tuple[float, 
     least 40 % of the range. Otherwise the limits are the least 2nd and the greatest 98th percentile of all surfaces,
     rounded outwards to two figures and, for a signed quantity, made symmetric about zero.
     """
-    arrays = [np.asarray(v, dtype=np.float64).ravel() for v in values]
-    arrays = [known for v in arrays if (known := v[np.isfinite(v)]).size]
+    arrays = [known for v in values if (known := v[np.isfinite(v)]).size]
     if not arrays:
         return what.limits or (0.0, 1.0)
-    ends = np.array([np.percentile(v, [2, 98]) for v in arrays])
-    low, high = float(ends[:, 0].min()), float(ends[:, 1].max())
+    lows, highs = np.transpose([np.percentile(v, [2, 98]) for v in arrays])
+    low, high = float(lows.min()), float(highs.max())
     if what.limits is not None:
         a, b = what.limits
         inside = min(np.mean((v >= a) & (v <= b)) for v in arrays)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from functools import wraps
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +13,8 @@ from morphofold import analysis
 from morphofold.analysis.relief import relief
 from morphofold.geometry import vertex_areas
 from morphofold.io import flip_curvature_sign
-from morphofold.progress import Progress, silent
 from morphofold.sim import run
-from morphofold.sim.effects import Effect
-from morphofold.sim.run import Look, Simulation
+from morphofold.sim.run import Simulation
 from morphofold.sim.scene import Scene
 from morphofold.surface import Cortex
 
@@ -39,32 +38,11 @@ def freesurfer_maps(cortex: Cortex) -> dict[str, NDArray[np.float64]]:
     }
 
 
-def simulate(
-    source: str | Path | Scene,
-    out: str | Path | None = None,
-    *,
-    settings: Iterable[str] = (),
-    resume: bool = False,
-    threads: int | None = None,
-    progress: Progress | None = None,
-    effects: Iterable[Effect] = (),
-    after: Look | None = None,
-    restart_from: str | Path | None = None,
-) -> Simulation:
-    """Grow a scene and write its simulation folder; see :func:`morphofold.sim.run.simulate`.
+@wraps(run.simulate, assigned=())  # its signature
+def simulate(source: str | Path | Scene, out: str | Path | None = None, **options: Any) -> Simulation:
+    """Grow a scene and write its simulation folder, with the options of :func:`morphofold.sim.run.simulate`.
 
     Each stage is a FreeSurfer-shaped subject: ``surf/lh.white``, ``lh.pial`` and the maps of
     :func:`freesurfer_maps`.
     """
-    return run.simulate(
-        source,
-        out,
-        settings=settings,
-        resume=resume,
-        threads=threads,
-        describe=freesurfer_maps,
-        progress=progress or silent,
-        effects=effects,
-        after=after,
-        restart_from=restart_from,
-    )
+    return run.simulate(source, out, **{"describe": freesurfer_maps, **options})

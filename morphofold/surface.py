@@ -128,24 +128,11 @@ class Surface:
         return f"Surface({self.name!r}, {len(self.verts):,} vertices, {len(self.faces):,} faces)"
 
 
-def _same_triangles(faces: Faces, other: Faces) -> bool:
-    """Whether triangle i has the same three corners in both, in any order."""
-    if faces.shape != other.shape:
-        return False
-    return np.array_equal(faces, other) or np.array_equal(np.sort(faces, axis=1), np.sort(other, axis=1))
-
-
 def _read_only(values: np.ndarray, kind: type) -> np.ndarray:
     """A read-only copy in C order; the array itself if it can not change, so that surfaces share their triangles."""
     if values.dtype == kind and values.flags.c_contiguous and cannot_change(values):
         return values
     return np.asarray(read_only(np.array(values, dtype=kind, order="C")))
-
-
-def _with_corner_order(faces: Faces, other: Faces) -> Faces:
-    """The triangles of ``other``, each from the corner where it begins in ``faces``; reversed ones stay reversed."""
-    same = np.any([np.all(np.roll(other, k, axis=1) == faces, axis=1) for k in range(3)], axis=0)
-    return np.where(same[:, None], faces, faces[:, ::-1])
 
 
 def _as_array(values: Any) -> Any:
@@ -255,14 +242,15 @@ class Cortex:
             )
         if self.white.unknown or self.pial.unknown:
             self._leave_out_unknown()
-        if not _same_triangles(self.white.faces, self.pial.faces):
-            raise UnlikeSurfaces(
-                f"{self.name}: white ({self.white.name}) and pial ({self.pial.name}) have {n_white} vertices each "
-                "but different faces, so vertices cannot be matched. Take both from one reconstruction."
-            )
-        if self.white.faces is not self.pial.faces:
-            faces = _with_corner_order(self.white.faces, self.pial.faces)
-            shared = self.white.faces if np.array_equal(self.white.faces, faces) else faces
+        faces, other = self.white.faces, self.pial.faces
+        if faces is not other:
+            if not np.array_equal(np.sort(faces), np.sort(other)):  # triangle i has the same corners in both
+                raise UnlikeSurfaces(
+                    f"{self.name}: white ({self.white.name}) and pial ({self.pial.name}) have {n_white} vertices each "
+                    "but different faces, so vertices cannot be matched. Take both from one reconstruction."
+                )
+            same = np.any([np.all(np.roll(other, k, axis=1) == faces, axis=1) for k in range(3)], axis=0)
+            shared = faces if same.all() else np.where(same[:, None], faces, faces[:, ::-1])
             object.__setattr__(self, "pial", replace(self.pial, faces=shared))
         per_vertex = {**self.maps, **({} if self.cortex is None else {"cortex label": self.cortex})}
         if self.regions is not None:

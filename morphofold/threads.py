@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from functools import cache, partial
@@ -83,15 +83,14 @@ def in_blocks(kernel: Callable[..., Any], n: int, *arguments: Any) -> None:
     began, threads = time.perf_counter(), numba.get_num_threads()
     while blocks and (threads == 1 or time.perf_counter() - began < SECONDS_ALONE):
         blocks.pop(0)()  # the first compiles
-    if blocks:
-        with ThreadPoolExecutor(threads) as pool:
-            _results(pool, blocks)
+    beside(*blocks)
 
 
 def beside(*tasks: Callable[[], Any]) -> list[Any]:
     """The results of functions without arguments that run beside each other, each with its share of the threads.
 
-    The first error of a task is raised. In other threads than the main one ``CancelledError`` after Ctrl-C.
+    The first error of a task is raised; after it, or Ctrl-C, no further task begins. In other threads than the main one
+    ``CancelledError`` is raised after Ctrl-C.
     """
     import numba
 
@@ -100,11 +99,18 @@ def beside(*tasks: Callable[[], Any]) -> list[Any]:
     elif _interrupted.is_set():
         raise CancelledError
     threads = numba.get_num_threads()
-    if threads == 1:
+    if threads == 1 or not tasks:
         return [task() for task in tasks]
     share = max(1, threads // len(tasks))
     with ThreadPoolExecutor(min(threads, len(tasks)), initializer=numba.set_num_threads, initargs=(share,)) as pool:
-        return _results(pool, tasks)
+        begun = [pool.submit(task) for task in tasks]
+        try:
+            return [done.result() for done in begun]
+        except BaseException as error:
+            if not isinstance(error, Exception):
+                _interrupted.set()
+            pool.shutdown(wait=False, cancel_futures=True)  # those that run are waited for
+            raise
 
 
 def together(tasks: int, threads: int | None = None) -> bool:
@@ -112,18 +118,6 @@ def together(tasks: int, threads: int | None = None) -> bool:
     import numba
 
     return 1 < tasks <= (threads or numba.get_num_threads()) // 2
-
-
-def _results(pool: ThreadPoolExecutor, tasks: Sequence[Callable[[], Any]]) -> list[Any]:
-    """Results in the order of the tasks; after an error or Ctrl-C no further one begins."""
-    begun = [pool.submit(task) for task in tasks]
-    try:
-        return [done.result() for done in begun]
-    except BaseException as error:
-        if not isinstance(error, Exception):
-            _interrupted.set()
-        pool.shutdown(wait=False, cancel_futures=True)  # those that run are waited for
-        raise
 
 
 @cache

@@ -3,6 +3,7 @@ memory that is held."""
 
 from __future__ import annotations
 
+import re
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -13,46 +14,37 @@ from typing import Any
 
 from numba.core import event
 
-COMPILING_EVENT = "numba:compile"
 
-
-class _CompilationListener(event.Listener):
-    """Listens to numba's compiling; kernels that are compiled for another kernel are counted within it."""
+class _Compiling(event.TimingListener):  # type: ignore[misc]
+    """The time of numba's compiling; kernels that are compiled for another kernel are counted within it."""
 
     def __init__(self) -> None:
-        self.seconds, self._depth, self._since = 0.0, 0, 0.0
+        super().__init__()
         self.listeners: list[Callable[[], None]] = []
 
-    def on_start(self, _: Any) -> None:
-        if self._depth == 0:
-            self._since = time.perf_counter()
-            for listener in self.listeners:
-                listener()
-        self._depth += 1
-
-    def on_end(self, _: Any) -> None:
-        self._depth -= 1
-        if self._depth == 0:
-            self.seconds += time.perf_counter() - self._since
+    def on_start(self, compiled: Any) -> None:
+        for listener in self.listeners if self._depth == 0 else ():
+            listener()
+        super().on_start(compiled)
 
 
-_compilation_listener = _CompilationListener()
-event.register(COMPILING_EVENT, _compilation_listener)
+_compiling = _Compiling()
+event.register("numba:compile", _compiling)
 
 
 def working_seconds() -> float:
     """Seconds since some moment [s], without the time in which numba compiled."""
-    return time.perf_counter() - _compilation_listener.seconds
+    return time.perf_counter() - (_compiling.duration if _compiling.done else 0.0)
 
 
 @contextmanager
 def reporting_compilation(listener: Callable[[], None]) -> Iterator[None]:
     """Call ``listener`` whenever numba begins to compile; kernels from its cache are not compiled."""
-    _compilation_listener.listeners.append(listener)
+    _compiling.listeners.append(listener)
     try:
         yield
     finally:
-        _compilation_listener.listeners.remove(listener)
+        _compiling.listeners.remove(listener)
 
 
 class Stages:
@@ -92,10 +84,8 @@ def peak_memory() -> float | None:
     ``getrusage`` begins with the memory of the parent, so the kernel's own high-water mark is read there.
     """
     status = Path("/proc/self/status")
-    if status.exists():
-        for line in status.read_text().splitlines():
-            if line.startswith("VmHWM:"):
-                return round(int(line.split()[1]) / 2**20, 3)  # KiB
+    if status.exists() and (high := re.search(r"^VmHWM:\s*(\d+)", status.read_text(), re.MULTILINE)):
+        return round(int(high[1]) / 2**20, 3)  # KiB
     try:
         import resource
     except ImportError:  # Windows

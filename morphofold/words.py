@@ -23,17 +23,18 @@ def number(x: float | int | None, digits: int = 3) -> str:
     return text.replace("-", "−")
 
 
+#: name and length of a unit [s], most of them, and length, name and rounding of what is left
+_SPANS = (("min", 60, 60, 1, "s", 10), ("h", 3600, 24, 60, "min", 60), ("d", 86400, math.inf, 3600, "h", 3600))
+
+
 def span(seconds: float) -> str:
     """A time in two units at most: ``0.4 s``, ``45 s``, ``4 min 40 s``, ``2 h 5 min``, ``3 d 2 h``."""
-    if seconds < 9.95:
-        return f"{seconds:.1f} s"
     if seconds < 119.5:
-        return f"{seconds:.0f} s"
-    for unit, below, part, name in ((60, "s", 10, "min"), (3600, "min", 60, "h"), (86400, "h", 3600, "d")):
-        whole, rest = divmod(round(seconds / part) * part, unit)
-        if name == "d" or whole < {"min": 60, "h": 24}[name]:
-            rest //= {"s": 1, "min": 60, "h": 3600}[below]
-            return f"{whole} {name} {rest} {below}" if rest else f"{whole} {name}"
+        return f"{seconds:.0f} s" if seconds >= 9.95 else f"{seconds:.1f} s"
+    for name, unit, most, part, below, rounding in _SPANS:
+        whole, rest = divmod(round(seconds / rounding) * rounding, unit)
+        if whole < most:
+            return f"{whole} {name} {rest // part} {below}" if rest else f"{whole} {name}"
     raise AssertionError  # the last unit takes all
 
 

@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from morphofold import kernels
 from morphofold.kernels import reading
 
 COUNT = """
-import sys
+import os
 from numba.core import event
 compiled = []
 class Listener(event.Listener):
@@ -22,7 +21,8 @@ class Listener(event.Listener):
     on_end = lambda self, one: None
 event.register("numba:compile", Listener())
 import outer
-print(outer.result(3.0, outer.Law(2.0)), len(compiled))
+number = 3 if os.environ.get("KIND") == "int" else 3.0
+print(outer.result(number, outer.Law(2.0)), len(compiled))
 """
 SOURCES = {
     "deep": """
@@ -159,15 +159,14 @@ def test_two_processes_that_compile_at_once_do_not_disturb_each_other(folder):
     assert result_and_compiled(folder) == (8.0, 0)
 
 
-def test_code_of_other_arguments_in_the_file_of_a_kernel_is_not_used(tmp_path):
+def test_code_of_other_arguments_in_the_file_of_a_kernel_is_not_used(folder, tmp_path):
     """Two processes that write at once may leave the index of one and the code of the other."""
-    one, other = (kernels._Files(str(tmp_path / name), "kernel", "stamp") for name in ("one", "other"))
-    for files, key, data in ((one, "int32", "code of int32"), (other, "int64", "code of int64")):
-        (tmp_path / files._cache_path).mkdir()
-        files.save(key, data)
-    assert one.load("int32") == "code of int32"
-    (tmp_path / "other" / "kernel.1.nbc").replace(tmp_path / "one" / "kernel.1.nbc")
-    assert one.load("int32") is None
+    floats, whole = ({"NUMBA_CACHE_DIR": str(tmp_path / name), "KIND": name} for name in ("float", "int"))
+    assert result_and_compiled(folder, **floats)[0] == result_and_compiled(folder, **whole)[0] == 8.0
+    for file in (tmp_path / "int").rglob("*.nbc"):
+        file.replace(tmp_path / "float" / file.relative_to(tmp_path / "int"))
+    value, compiled = result_and_compiled(folder, **floats)
+    assert (value, compiled > 0) == (8.0, True)
 
 
 def test_arrays_are_read_as_one_kind():
