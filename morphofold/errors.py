@@ -1,4 +1,4 @@
-"""Kinds of refusals: each has a fixed code, a cause and a cure (docs/messages.md is made from these).
+"""Kinds of refusals: each has a fixed code, and says its cause and its cure (docs/messages.md is made from these).
 
 All are ``ValueError``. The error line of a command ends with the code in brackets, ``[open-surface]``; in Python it is
 ``error.code``, or the class to catch. Files that are missing, exist already or can't be read raise Python's own
@@ -29,7 +29,6 @@ class Refusal(ValueError):
     """The work can't be done with this input."""
 
     code = "refusal"
-    cure = ""
 
     def __init_subclass__(cls) -> None:
         cls.code = re.sub(r"(?<=[a-z])(?=[A-Z])", "-", cls.__name__).lower()
@@ -48,165 +47,191 @@ def code_of(error: BaseException) -> str:
 
 
 class OutOfRange(Refusal):
-    """A number is outside the range in which it has a meaning, or in which the method was tested."""
+    """A number is outside the range in which it has a meaning, or in which the method was tested.
 
-    cure = "Give a number within the limits in the message."
+    Give a number within the limits in the message.
+    """
 
 
 class WrongShape(Refusal):
-    """The shape of an array, or the length of a list, does not fit the rest of the input."""
+    """The shape of an array, or the length of a list, does not fit the rest of the input.
 
-    cure = "Pass one value per vertex (or what the message names), in the order of the vertices of its surface."
+    Pass one value per vertex (or what the message names), in the order of the vertices of its surface.
+    """
 
 
 class NotFinite(Refusal):
-    """Values are NaN or infinite, but must be finite numbers."""
+    """Values are NaN or infinite, but must be finite numbers.
 
-    cure = "Correct the file or the array at the place in the message, or leave it out."
+    Correct the file or the array at the place in the message, or leave it out.
+    """
 
 
 class TooLarge(Refusal):
-    """The work would take more memory or disk space than is sensible or allowed."""
+    """The work would take more memory or disk space than is sensible or allowed.
 
-    cure = "Use a coarser mesh or voxel, a smaller portion, fewer workers, or what the message proposes."
+    Use a coarser mesh or voxel, a smaller portion, fewer workers, or what the message proposes.
+    """
 
 
 # --- words, options and scenes
 
 
 class UnknownName(Refusal):
-    """A name is unknown: a mode, level, key, region, scene, figure or subject."""
+    """A name is unknown: a mode, level, key, region, scene, figure or subject.
 
-    cure = "Use one of the names in the message; check the spelling."
+    Use one of the names in the message; check the spelling.
+    """
 
 
 class NamedTwice(Refusal):
-    """A name, value or seed is given twice, but each may be given only once."""
+    """A name, value or seed is given twice, but each may be given only once.
 
-    cure = "Give it once, or use another name for the second one."
+    Give it once, or use another name for the second one.
+    """
 
 
 class BadUsage(Refusal):
-    """A command or option is unknown, an argument is missing, or a value is not one of the choices."""
+    """A command or option is unknown, an argument is missing, or a value is not one of the choices.
 
-    cure = "See --help of the command."
+    See --help of the command.
+    """
 
 
 class NotReadable(Refusal):
-    """A text does not have the required form, such as `NAME=DIR`, a range, a duration or TOML."""
+    """A text does not have the required form, such as `NAME=DIR`, a range, a duration or TOML.
 
-    cure = "Write it like the example in the message."
+    Write it like the example in the message.
+    """
 
 
 class OptionsClash(Refusal):
-    """Options or arguments contradict each other, or one is given without another that it needs."""
+    """Options or arguments contradict each other, or one is given without another that it needs.
 
-    cure = "Leave out, or add, the option in the message."
+    Leave out, or add, the option in the message.
+    """
 
 
 class DoesNotApply(Refusal):
-    """An option, effect or key has no meaning for this kind of scene, body, surface or run."""
+    """An option, effect or key has no meaning for this kind of scene, body, surface or run.
 
-    cure = "Leave it out, or use it with a kind that supports it."
+    Leave it out, or use it with a kind that supports it.
+    """
 
 
 class NotStudied(Refusal):
-    """An error or a time is asked for in a range where none was measured."""
+    """An error or a time is asked for in a range where none was measured.
 
-    cure = "Stay within the studied range, or estimate the error from a coarser run (--estimate)."
+    Stay within the studied range, or estimate the error from a coarser run (--estimate).
+    """
 
 
 class NothingToDo(Refusal):
-    """There is nothing to do: no surface, subject, value to vary or curve to draw is given."""
+    """There is nothing to do: no surface, subject, value to vary or curve to draw is given.
 
-    cure = "Give at least one."
+    Give at least one.
+    """
 
 
 class ImpossibleBody(Refusal):
-    """Lengths of a scene contradict each other, such as a cortex that leaves no core or a skull that is too small."""
+    """Lengths of a scene contradict each other, such as a cortex that leaves no core or a skull that is too small.
 
-    cure = "Change the length in the message."
+    Change the length in the message.
+    """
 
 
 class NoSolution(Refusal):
-    """There is no solution in the range that is searched, or the body is unstable before growth begins."""
+    """There is no solution in the range that is searched, or the body is unstable before growth begins.
 
-    cure = "Widen the range, or change the scene as described in the message."
+    Widen the range, or change the scene as described in the message.
+    """
 
 
 # --- files and folders
 
 
 class DamagedFile(Refusal):
-    """A file is truncated, damaged or inconsistent."""
+    """A file is truncated, damaged or inconsistent.
 
-    cure = "Copy it again from its source, or write it again."
+    Copy it again from its source, or write it again.
+    """
 
 
 class WrongFile(Refusal):
-    """A file does not contain what was asked for, or has a format that morphofold can't read or write."""
+    """A file does not contain what was asked for, or has a format that morphofold can't read or write.
 
-    cure = "Give the file that the message asks for, or convert it."
+    Give the file that the message asks for, or convert it.
+    """
 
 
 class NotFetched(Refusal):
-    """A file is only a pointer to its content, which DataLad, git-annex or git-lfs has not fetched."""
+    """A file is only a pointer to its content, which DataLad, git-annex or git-lfs has not fetched.
 
-    cure = "Fetch it, with the command in the message."
+    Fetch it, with the command in the message.
+    """
 
 
 class Mismatch(Refusal):
-    """Files or folders do not belong together: they are from two subjects, runs or versions, or have changed since."""
+    """Files or folders do not belong together: they are from two subjects, runs or versions, or have changed since.
 
-    cure = "Take both from one source, restore the old file, or begin in another folder."
+    Take both from one source, restore the old file, or begin in another folder.
+    """
 
 
 class MissingPart(Refusal):
-    """A file can be read, but a part that is needed is missing: regions, a gyral graph, stages, a map."""
+    """A file can be read, but a part that is needed is missing: regions, a gyral graph, stages, a map.
 
-    cure = "Analyze or grow again with this part, or leave out what needs it."
+    Analyze or grow again with this part, or leave out what needs it.
+    """
 
 
 # --- surfaces and meshes
 
 
 class OpenSurface(Refusal):
-    """A surface has a border, but the measure needs a closed surface."""
+    """A surface has a border, but the measure needs a closed surface.
 
-    cure = "Close its holes, or leave out the measure."
+    Close its holes, or leave out the measure.
+    """
 
 
 class SeveralPieces(Refusal):
-    """A surface is in several pieces, but only one piece can be unfolded."""
+    """A surface is in several pieces, but only one piece can be unfolded.
 
-    cure = "Give each piece a file of its own; small pieces beside a large one are left out by themselves."
+    Give each piece a file of its own; small pieces beside a large one are left out by themselves.
+    """
 
 
 class Handles(Refusal):
-    """A closed surface has handles, like a torus, so it does not unfold to a sphere."""
+    """A closed surface has handles, like a torus, so it does not unfold to a sphere.
 
-    cure = "Cut the handles first, as FreeSurfer's mris_fix_topology does."
+    Cut the handles first, as FreeSurfer's mris_fix_topology does.
+    """
 
 
 class BadMesh(Refusal):
-    """Triangles or tetrahedra form no valid surface or body: they branch, are torn, flipped or flat, or overlap."""
+    """Triangles or tetrahedra form no valid surface or body: they branch, are torn, flipped or flat, or overlap.
 
-    cure = "Let morphofold repair it (the default of analyze), or repair the mesh at the place in the message."
+    Let morphofold repair it (the default of analyze), or repair the mesh at the place in the message.
+    """
 
 
 class UnlikeSurfaces(Refusal):
-    """White and pial are no pair: the same surface twice, of two people, crossed over, or with different triangles."""
+    """White and pial are no pair: the same surface twice, of two people, crossed over, or with different triangles.
 
-    cure = "Give white and pial of one hemisphere from one reconstruction."
+    Give white and pial of one hemisphere from one reconstruction.
+    """
 
 
 class InsideOut(Refusal):
-    """The faces of a surface are clockwise seen from outside."""
+    """The faces of a surface are clockwise seen from outside.
 
-    cure = "Reverse the order of the vertices in each face."
+    Reverse the order of the vertices in each face.
+    """
 
 
 class NoCortex(Refusal):
-    """No vertices, or too few, are cortex, so there is nothing to measure."""
+    """No vertices, or too few, are cortex, so there is nothing to measure.
 
-    cure = "Give the right cortex label, or leave it out."
+    Give the right cortex label, or leave it out.
+    """

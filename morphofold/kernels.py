@@ -86,7 +86,8 @@ class _Cache(caching.FunctionCache):  # type: ignore[misc]
 
     def _index_key(self, sig: Any, codegen: Any) -> Any:
         """Of a material the source, too: numba knows only the name of its class."""
-        modules = [each.instance_class.__module__ for each in sig if isinstance(each, types.BaseNamedTuple)]
+        materials: list[Any] = [each for each in sig if isinstance(each, types.BaseNamedTuple)]
+        modules = [each.instance_class.__module__ for each in materials]
         sources = tuple(_digest(getattr(sys.modules[name], "__file__", "")) for name in modules)
         return super()._index_key(sig, codegen), sources
 

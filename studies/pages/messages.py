@@ -34,7 +34,11 @@ def refusals() -> str:
     return table(
         ("code", "class", "cause", "cure"),
         [
-            (f"`{kind.code}`", f"`{kind.__name__}`", " ".join((kind.__doc__ or "").split()), kind.cure)
+            (
+                f"`{kind.code}`",
+                f"`{kind.__name__}`",
+                *(" ".join(part.split()) for part in str(kind.__doc__).split("\n\n")),
+            )
             for kind in Refusal.__subclasses__()
         ],
     )
