@@ -147,8 +147,3 @@ def test_a_chart_has_the_same_bytes_each_time_whatever_the_users_settings():
     assert one() == other
     assert "DejaVu" in other
     assert "dc:date" not in other
-
-
-def test_the_weighted_median_is_the_middle_of_the_weight():
-    assert charts.weighted_median(np.array([5.0, 1.0, 3.0]), np.array([1.0, 1.0, 1.0])) == 3
-    assert charts.weighted_median(np.array([5.0, 1.0, 3.0]), np.array([9.0, 1.0, 1.0])) == 5

@@ -167,7 +167,8 @@ def histograms(
     limits = (float(edges[0]), float(edges[-1])), (0.0, 1.08 * top)
     with new_chart(f"Distribution of {label}", titled(label, unit), up, *limits) as chart:
         for (look, values, weights), height in zip(measured, heights):
-            median, line = weighted_median(values, weights), line_of(look)["linestyle"]
+            median = float(np.quantile(values, 0.5, weights=weights, method="inverted_cdf"))
+            line = line_of(look)["linestyle"]
             text = chart.reads(f"{look.name}: median {number(median)} {unit}".strip())
             fill: dict[str, Any] = {"fill": True, "facecolor": (look.colour, 0.12), "edgecolor": look.colour}
             chart.ax.stairs(height, edges, **fill, linewidth=1.7, linestyle=line, gid="curve", url=text, clip_on=False)
@@ -177,17 +178,10 @@ def histograms(
 
 
 def _edges(series: Sequence[Values], bins: int) -> Values:
-    ends = np.array([np.percentile(values, [0.5, 99.5]) for values in series])
-    low, high = float(ends[:, 0].min()), float(ends[:, 1].max())
+    ends = [np.percentile(values, [0.5, 99.5]) for values in series]
+    low, high = float(np.min(ends)), float(np.max(ends))
     wide = max(0.02 * (high - low), 1e-6 * max(abs(low), abs(high))) or 0.5  # bins wider than round-off
     return np.linspace(low - wide, high + wide, bins + 1)
-
-
-def weighted_median(values: Values, weights: Values) -> float:
-    """Smallest value at or below which at least half the weight lies."""
-    order = np.argsort(values, kind="stable")
-    total = np.cumsum(weights[order])
-    return float(values[order][np.searchsorted(total, 0.5 * total[-1])])
 
 
 def thickness_plot(

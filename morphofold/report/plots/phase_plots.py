@@ -5,7 +5,6 @@ Each function returns a :class:`matplotlib.figure.Figure`, for :func:`morphofold
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -117,7 +116,7 @@ def limits_of(phases: Phases, shown: Quantity) -> tuple[float, float]:
 
 def slices(phases: Phases) -> list[GridIndex]:
     """Indices on the third and further axes, one diagram each; one empty index if there are no such axes."""
-    return list(itertools.product(*(range(len(axis.values)) for axis in phases.grid.axes[2:])))
+    return list(np.ndindex(*(len(axis.values) for axis in phases.grid.axes[2:])))
 
 
 def growth_past_critical(phases: Phases, at: GridIndex) -> float:
@@ -212,13 +211,14 @@ def _draw_boundary(ax: Axes, phases: Phases, others: GridIndex) -> bool:
     across, up = len(first.values), len(second.values)
     above = np.array([[growth_past_critical(phases, (i, j, *others)) for i in range(across)] for j in range(up)])
     x, y = (np.array([-0.5, *range(count), count - 0.5]) for count in (across, up))
+    around = lambda k: np.array([k - 0.5, k, k + 0.5])
     pieces = []  # (x, y, values there), one line each
     if first.numeric and second.numeric and min(across, up) > 1:
         pieces = [(x, y, above)]
     elif second.numeric and up > 1:
-        pieces = [(np.array([i - 0.5, i, i + 0.5]), y, above[:, i : i + 1]) for i in range(across)]
+        pieces = [(around(i), y, above[:, i : i + 1]) for i in range(across)]
     elif first.numeric:
-        pieces = [(x, np.array([j - 0.5, j, j + 0.5]), above[j : j + 1]) for j in range(up)]
+        pieces = [(x, around(j), above[j : j + 1]) for j in range(up)]
     pieces = [piece for piece in pieces if (piece[2] < 0).any() and (piece[2] > 0).any()]
     for x, y, values in pieces:
         to_the_rim = np.ma.masked_invalid(np.pad(values, 1, mode="edge"))
@@ -278,11 +278,9 @@ def _draw_seeds(ax: Axes, at: float, runs: Sequence[RunResult], shown: Quantity)
 
 def crossings(x: Array, y: Array) -> list[float]:
     """Where a curve, linear between its points (N,), crosses zero."""
-    return [
-        float(a + (b - a) * u / (u - v))
-        for (a, b), (u, v) in zip(itertools.pairwise(x), itertools.pairwise(y))
-        if u * v < 0
-    ]
+    k = np.flatnonzero(y[:-1] * y[1:] < 0)
+    crossed: list[float] = (x[k] + np.diff(x)[k] * y[k] / (y[k] - y[k + 1])).tolist()
+    return crossed
 
 
 def axis_title(phases: Phases, axis: Axis) -> str:

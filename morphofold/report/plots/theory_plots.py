@@ -113,16 +113,15 @@ def bifurcation_curves(cases: Sequence[Case] | None = None) -> Figure:
     cases = bifurcation_cases() if cases is None else cases
     laws, ratios, thicknesses = _distinct_parameters(cases)
     last = max(float(case.bifurcation.curve.degree[-1]) for case in cases)
-    found = [case.bifurcation for case in cases]
-    top = around([g for b in found for g in (b.g_crit, b.g_crease, b.short_wave)], 1, 1.9, 0.1)
+    critical = [g for b in (case.bifurcation for case in cases) for g in (b.g_crit, b.g_crease, b.short_wave)]
+    top = around(critical, 1, 1.9, 0.1)
     size = (4.7 * len(laws) + 0.4, 2.9 * len(ratios) + 1.0)
     with _sphere_figure(*size, len(ratios), len(laws), **_sphere_of(cases)) as (figure, axes):
         for (k, column), ax in np.ndenumerate(axes):
-            law, mu_ratio = laws[column], ratios[k]
-            here = [case for case in cases if (case.law, case.mu_ratio) == (law, mu_ratio)]
-            set_limits(ax, (1, max(last, 10)), top, f"{law} growth, {MU_RATIO_LABEL.format(mu_ratio)}")
-            for i, T in enumerate(thicknesses):
-                _draw_degree_curve(ax, line_style(i), [case for case in here if case.thickness == T])
+            here = [case for case in cases if (case.law, case.mu_ratio) == (laws[column], ratios[k])]
+            set_limits(ax, (1, max(last, 10)), top, f"{laws[column]} growth, {MU_RATIO_LABEL.format(ratios[k])}")
+            for case in here:
+                _draw_degree_curve(ax, line_style(thicknesses.index(case.thickness)), case.bifurcation)
             _note_missing_wrinkles(ax, here)
             ax.set_xscale("log")
             ax.xaxis.set_major_formatter("{x:g}")
@@ -213,15 +212,13 @@ def _mark_paper_limits(ax: Axes, laws: Sequence[str]) -> None:
         ax.text(last, 0.97, text, transform=up, va="top", clip_on=True, **NOTE)
 
 
-def _draw_degree_curve(ax: Axes, style: dict[str, Any], cases: Sequence[Case]) -> None:
+def _draw_degree_curve(ax: Axes, style: dict[str, Any], b: theory.Bifurcation) -> None:
     """Draw critical growth by degree with a mark at the first wrinkles, and the crease criterion."""
-    for case in cases:
-        b = case.bifurcation
-        ax.plot(b.curve.degree, b.curve.g, **style)
-        ax.axhline(b.g_crease, **{**style, "linewidth": 1.0})
-        # where the shortest waves come first, the minimum is beyond the axis: an arrow at its end
-        at, mark = (ax.get_xlim()[1], ">") if np.isinf(b.mode) else (b.mode, "o")
-        ax.plot([at], [b.g_crit], marker=mark, markersize=7, color=style["color"], clip_on=False, zorder=3)
+    ax.plot(b.curve.degree, b.curve.g, **style)
+    ax.axhline(b.g_crease, **{**style, "linewidth": 1.0})
+    # where the shortest waves come first, the minimum is beyond the axis: an arrow at its end
+    at, mark = (ax.get_xlim()[1], ">") if np.isinf(b.mode) else (b.mode, "o")
+    ax.plot([at], [b.g_crit], marker=mark, markersize=7, color=style["color"], clip_on=False, zorder=3)
 
 
 def _draw_wrinkles_by_thickness(ax: Axes, cases: Sequence[Case], style: dict[str, Any], *, creases: bool) -> None:
@@ -258,7 +255,7 @@ def _note_missing_wrinkles(ax: Axes, cases: Sequence[Case]) -> None:
     """Write into a panel where no wrinkles were found, if there are such cases."""
     none = [case.thickness / case.radius for case in cases if np.isnan(case.bifurcation.g_crit)]
     if none:
-        share = f"$T/C$ = {min(none):.3g}" + (f" to {max(none):.3g}" if max(none) > min(none) else "")
+        share = f"$T/C$ = {min(none):.3g}" + f" to {max(none):.3g}" * (max(none) > min(none))
         text = f"{len(none)} of {len(cases)}: no wrinkles\nfound up to $g$ = {G_MAX:g}, {share}"
         ax.text(0.98, 0.03, text, transform=ax.transAxes, ha="right", va="bottom", **NOTE)
 
@@ -279,10 +276,9 @@ def _sphere_figure(
     """Panels (rows, columns), and above them the parameters that differ from the paper's sphere."""
     with new_figure(width, height, rows, columns, sharex=True, sharey=True) as (figure, axes):
         yield figure, axes
-        others = {name: value for name, value in sphere.items() if value != PAPER_SPHERE[name][0]}
-        if others:
-            title = ", ".join(PAPER_SPHERE[name][1].format(value) for name, value in others.items())
-            figure.suptitle(title, x=0.02, ha="left", fontsize=11)
+        paper = ((value, *PAPER_SPHERE[name]) for name, value in sphere.items())
+        if others := ", ".join(text.format(value) for value, usual, text in paper if value != usual):
+            figure.suptitle(others, x=0.02, ha="left", fontsize=11)
 
 
 def _size(laws: Sequence[str]) -> tuple[float, float, int, int]:
@@ -298,4 +294,4 @@ def _distinct_parameters(cases: Sequence[Case]) -> tuple[list[str], list[float],
     if not cases:
         raise NothingToDo("no case to draw: give at least one thickness, one mu ratio and one law.")
     laws, ratios, thicknesses = zip(*((case.law, case.mu_ratio, case.thickness) for case in cases))
-    return list(dict.fromkeys(laws)), list(dict.fromkeys(ratios)), list(dict.fromkeys(thicknesses))
+    return [*dict.fromkeys(laws)], [*dict.fromkeys(ratios)], [*dict.fromkeys(thicknesses)]
