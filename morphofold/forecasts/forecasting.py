@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+import timeit
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -23,7 +24,7 @@ from morphofold.sim.radial_run import ICOSPHERE_LEVEL, RadialRun
 from morphofold.sim.scene import LEVELS, Scene
 from morphofold.sim.scene.files import load_scene
 from morphofold.simulation import freesurfer_maps
-from morphofold.surface import Cortex, Surface
+from morphofold.surface import Cortex
 from morphofold.threads import using_threads
 from morphofold.timing import working_seconds
 from morphofold.words import percent, span
@@ -106,7 +107,7 @@ class Forecast:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values, for JSON."""
-        return {**asdict(self), "not_studied": list(self.not_studied), "doubts": list(self.doubts)}
+        return asdict(self)
 
 
 def table_of(forecast: Forecast) -> str:
@@ -161,11 +162,8 @@ def _radial_forecast(scene: Scene, threads: int | None) -> Forecast:
     """Forecast of a run in one dimension: its final stage is solved, in milliseconds."""
     nowhere: Any = None
     with using_threads(threads) as threads:
-        run = RadialRun(scene, nowhere, silent, lambda: False)
-        run.equilibrium(scene.growth.final)
-        started = working_seconds()
-        run.numbers(run.equilibrium(scene.growth.final), scene.growth.final)
-        solving = len(scene.stages) * (working_seconds() - started)
+        run, growth = RadialRun(scene, nowhere, silent, lambda: False), scene.growth.final
+        solving = len(scene.stages) * least_seconds(lambda: run.numbers(run.equilibrium(growth), growth))
         slowness = slowness_of_stages()
     vertices, stage = 10 * 4**ICOSPHERE_LEVEL + 2, COSTS["stage"]
     writing = slowness * len(scene.stages) * (stage["per_vertex"] + stage["write_per_vertex"]) * vertices
@@ -280,19 +278,12 @@ def _seconds_by_phase(scene: Scene, sizes: sizing.Sizes, steps: sizing.Steps, ti
 
 
 def _doubts_of_time(scene: Scene, timed: Calibration) -> list[str]:
-    doubts = []
-    if scene.real_time:
-        doubts.append(
-            "With real masses the step shrinks as elements are squeezed; by how much was seen in one run only."
-        )
-    if scene.output.stability:
-        doubts.append("Counting the unstable modes of the stages takes further time and memory (output.stability).")
-    if timed.slowest > BUSY_MACHINE_RATIO * timed.fastest:
-        doubts.append(
-            f"Some steps just took up to {timed.slowest / timed.fastest:.1f} times as long as others: this machine has "
-            "other work to do."
-        )
-    return doubts
+    slower = timed.slowest / timed.fastest
+    masses = "With real masses the step shrinks as elements are squeezed; by how much was seen in one run only."
+    counting = "Counting the unstable modes of the stages takes further time and memory (output.stability)."
+    busy = f"Some steps just took up to {slower:.1f} times as long as others: this machine has other work to do."
+    doubts = {masses: scene.real_time, counting: scene.output.stability, busy: slower > BUSY_MACHINE_RATIO}
+    return [doubt for doubt, is_so in doubts.items() if is_so]
 
 
 def _sources_of_forecast(scene: Scene, timed: Calibration, expected: Errors) -> dict[str, str]:
@@ -392,13 +383,12 @@ def slowness_of_stages() -> float:
     One thread is used: if the machine has other work, two threads wait for each other, and times vary.
     """
     verts, faces = icosphere(4)
-    white, pial = (Surface(r * verts, faces, name=f"lh.{name}") for r, name in ((46, "white"), (50, "pial")))
-    cortex = Cortex(white, pial, name="calibration", origin="simulation")
+    cortex = Cortex.from_arrays(46 * verts, 50 * verts, faces, origin="simulation")
     set_num_threads(1)
-    taken = []
-    for _ in range(3):
-        started = working_seconds()
-        check_surface(pial)
-        freesurfer_maps(cortex)
-        taken.append(working_seconds() - started)
-    return float(min(taken) / COSTS["stage"]["sphere"])
+    seconds = least_seconds(lambda: (check_surface(cortex.pial), freesurfer_maps(cortex)))
+    return float(seconds / COSTS["stage"]["sphere"])
+
+
+def least_seconds(work: Callable[[], object]) -> float:
+    """Time of work, the least of three times, without compiling [s]."""
+    return min(timeit.repeat(work, timer=working_seconds, repeat=3, number=1))
