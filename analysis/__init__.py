@@ -5,6 +5,7 @@ machine. No file here may have the name of a public function: as soon as the fil
 Python would replace the function by the module (hence ``curvatures.py``).
 """
 
+# ruff: noqa: F401  (names of __all__)
 from __future__ import annotations
 
 import importlib
@@ -18,7 +19,7 @@ if __name__ != "morphofold.analysis":
         "this folder is imported as morphofold.analysis, not as analysis: use `import morphofold.analysis`"
     )
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # public names, as in _PUBLIC
     from morphofold.analysis.crests import CrestLine, CrestLines, crest_lines
     from morphofold.analysis.curvatures import Curvature, curvature
     from morphofold.analysis.graph.crest_net import GyralScales
@@ -94,51 +95,7 @@ _PUBLIC = {
     "vertex_normals": "geometry",
     "wavelength": "analysis.graph.depth_potential",
 }
-__all__ = [
-    "Arm",
-    "AtScale",
-    "CrestLine",
-    "CrestLines",
-    "Curvature",
-    "FoldingIndices",
-    "GyralScales",
-    "GyralThickness",
-    "Hinge",
-    "HingeShapes",
-    "LawAcrossScales",
-    "Measures",
-    "ShapeTerms",
-    "Spectrum",
-    "SpinTest",
-    "across_scales",
-    "cortical_thickness",
-    "crest_lines",
-    "curvature",
-    "euler_characteristic",
-    "folding_indices",
-    "fractal_dimension",
-    "gray_volumes",
-    "gyral_graph",
-    "gyral_thickness",
-    "gyrification_index",
-    "hinge_sensitivity",
-    "hinge_shapes",
-    "hinges",
-    "law_across_scales",
-    "local_gyrification_index",
-    "measure",
-    "power_spectrum",
-    "prominent_peaks",
-    "region_table",
-    "shape_terms",
-    "smooth",
-    "spin_test",
-    "sulcal_depth",
-    "vertex_areas",
-    "vertex_normals",
-    "wavelength",
-    "wide_table",
-]
+__all__ = sorted(_PUBLIC)
 
 
 def __getattr__(name: str) -> Any:
