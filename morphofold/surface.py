@@ -80,14 +80,13 @@ class Surface:
     unknown: int = 0
 
     def __post_init__(self) -> None:
-        verts, faces = (_as_array(values) for values in (self.verts, self.faces))
+        verts, faces, unknown = _as_array(self.verts), _as_array(self.faces), self.unknown
         check_indexed(verts, faces, self.name)
         if np.isnan(verts).any():
             verts, faces, unknown = _without_unknown(verts, faces)
-            object.__setattr__(self, "unknown", unknown)
         check_positions(verts, self.name)
-        object.__setattr__(self, "verts", _read_only(verts, np.float64))
-        object.__setattr__(self, "faces", _read_only(faces, np.int64))
+        verts, faces = _read_only(verts, np.float64), _read_only(faces, np.int64)
+        vars(self).update(verts=verts, faces=faces, unknown=unknown)
 
     @property
     def coordinates(self) -> Verts:

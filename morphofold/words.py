@@ -46,8 +46,13 @@ def percent(share: float) -> str:
 
 def percent_above(share: float) -> str:
     """A share with two digits, rounded up, so that the text is never less than the share."""
-    step = 10.0 ** (math.floor(math.log10(share)) - 1)
-    return percent(math.ceil(share / step - 1e-9) * step)
+    return percent(rounded_up(share, 2))
+
+
+def rounded_up(x: float, digits: int) -> float:
+    """A positive number rounded up to so many digits."""
+    unit = 10.0 ** (math.floor(math.log10(x)) + 1 - digits)
+    return math.ceil(x / unit - 1e-9) * unit
 
 
 def in_one_line(what: object) -> str:

@@ -15,6 +15,7 @@ from morphofold.sim.effects import ramp as ramps
 from morphofold.sim.equilibrium.wrinkles import first_wrinkles, slow_growth
 from morphofold.sim.mesh.brick_mesh import SYMMETRY_AXES, Bilayer, core_layer_fractions
 from morphofold.sim.scene import Patch, Scene, Strip
+from morphofold.words import rounded_up
 
 Layers = tuple[float, float]  # mean thickness of the cortex and mean depth of the core below it [mm]
 
@@ -50,11 +51,12 @@ def edge_by_rule(scene: Scene) -> float:
 
 
 def _lengths_and_cells(scene: Scene) -> list[tuple[float, int]]:
-    """Lengths of a patch or strip, or of an edge of the cube of a cubed sphere [mm], and the cells along each."""
+    """Lengths of a patch, or of an edge of the cube of a cubed sphere [mm], and the cells along each; a strip has one
+    cell of no length across."""
     geometry = scene.geometry
     if not isinstance(geometry, Patch | Strip):
         return [(getattr(geometry, "quarter", 0.0), scene.cells)]
-    lengths = geometry.size if isinstance(geometry, Patch) else (geometry.length,)
+    lengths = geometry.size if isinstance(geometry, Patch) else (geometry.length, 0.0)
     return [(length, max(1, math.ceil(length / scene.edge - 1e-9))) for length in lengths]
 
 
@@ -77,8 +79,7 @@ def sizes_by_rule(scene: Scene, layers: Layers) -> Sizes:
     through, edge, cells = scene.elements_through_cortex, edge_by_rule(scene), [n for _, n in _lengths_and_cells(scene)]
     thickness, depth = layers
     if isinstance(scene.geometry, Patch | Strip):
-        rows = 2 if isinstance(scene.geometry, Strip) else 1
-        quads, surface = math.prod(cells), math.prod(n + 1 for n in cells) * rows
+        quads, surface = math.prod(cells), math.prod(n + 1 for n in cells)
         whole = surface
     else:
         n, cuts = cells[0], len(SYMMETRY_AXES[getattr(scene.geometry, "portion", "full")])
@@ -97,9 +98,8 @@ def edges_between(scene: Scene, finest: float, coarsest: float) -> list[float]:
     length = max(length for length, _ in _lengths_and_cells(scene))
     step = 1 if isinstance(scene.geometry, Patch | Strip) else 4
     first = max(step, step * math.ceil(length / coarsest / step - 1e-9))
-    edges = [length / cells for cells in range(first, math.floor(length / finest + 1e-9) + 1, step)]
-    units = [10.0 ** (math.floor(math.log10(edge)) - 3) for edge in edges]
-    return [round(math.ceil(edge / unit - 1e-9) * unit, 12) for edge, unit in zip(edges, units)]
+    cells = range(first, math.floor(length / finest + 1e-9) + 1, step)
+    return [round(rounded_up(length / n, 4), 12) for n in cells]
 
 
 def relative_crossing(scene: Scene, edge: float) -> float:
