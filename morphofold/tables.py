@@ -30,8 +30,7 @@ _WHOLE_NUMBER, _DECIMAL_NUMBER = re.compile(r"-?\d{1,18}"), re.compile(r"-?(?:\d
 def write_table(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:
     """Write a tab-separated table, always with a header, ``n/a`` for missing values; further columns come last."""
     rows = list(rows)
-    extra = [k for k in dict.fromkeys(k for row in rows for k in row) if k not in columns]
-    keys = (*columns, *extra)
+    keys = list(dict.fromkeys([*columns, *(k for row in rows for k in row)]))
     with path.open("w", encoding="utf-8", errors="backslashreplace", newline="") as file:
         file.write(line(keys))
         file.writelines(line([row.get(k) for k in keys]) for row in rows)
@@ -44,15 +43,11 @@ def line(values: Iterable[Any]) -> str:
 
 def cell(value: Any) -> str:
     """A value as text of a cell: seven digits, ``n/a`` if missing, text without tabs and line breaks."""
-    if isinstance(value, str):
-        return _cell_of_text(value)
-    if value is None:
-        return MISSING_CELL
     if isinstance(value, bool | int | np.integer | np.bool_):
         return str(int(value))
-    if isinstance(value, float | np.floating):
-        return f"{float(value):.7g}" if np.isfinite(value) else MISSING_CELL
-    return _cell_of_text(str(value))
+    if isinstance(value, float | np.floating) and np.isfinite(value):
+        return f"{float(value):.7g}"
+    return MISSING_CELL if value is None or isinstance(value, float | np.floating) else _cell_of_text(str(value))
 
 
 @lru_cache(maxsize=4096)  # names are repeated
@@ -92,11 +87,10 @@ def _rows(text: str, words: Collection[str], count: int | None, numbers: Collect
     for number, cells in enumerate(lines, start=2):
         if len(cells) != len(columns):
             raise DamagedFile(f"line {number} has more or fewer cells than the header")
-        row = {column: _cell_value(cell, column in words) for column, cell in zip(columns, cells)}
+        rows.append({column: _cell_value(cell, column in words) for column, cell in zip(columns, cells)})
         for column in numbers:
-            if isinstance(row.get(column), str):
-                raise DamagedFile(f"line {number}: {column} is {row[column]!r:.40}, not a number")
-        rows.append(row)
+            if isinstance(value := rows[-1].get(column), str):
+                raise DamagedFile(f"line {number}: {column} is {value!r:.40}, not a number")
     if count not in (None, len(rows)):
         raise DamagedFile(f"it has {len(rows)} rows of the {count!r:.20} that were written")
     return rows
