@@ -35,8 +35,8 @@ def digests(folder: Path) -> dict[str, str]:
 
 def changed_since(known: Mapping[str, str], files: Mapping[str, Path]) -> list[str]:
     """Names of the files in ``known`` that are missing now, or have another digest."""
-    there = {name for name in known if name in files and files[name].is_file()}
-    return [name for name, digest in known.items() if name not in there or sha256_of(files[name]) != digest]
+    present = {name for name in known if name in files and files[name].is_file()}
+    return [name for name, digest in known.items() if name not in present or sha256_of(files[name]) != digest]
 
 
 def input_records(paths: Iterable[str | Path]) -> list[dict[str, Any]]:
@@ -88,7 +88,7 @@ def clean_name(text: str) -> str:
 def strict_json(content: Any) -> str:
     """JSON that every reader accepts: NumPy values become plain, NaN and infinity null, other objects text."""
     text = json.dumps(json_value(content), indent=1, allow_nan=False, ensure_ascii=False)
-    return CONTROLS.sub(lambda found: f"\\u{ord(found[0]):04x}", text) + "\n"
+    return CONTROLS.sub(lambda match: f"\\u{ord(match[0]):04x}", text) + "\n"
 
 
 def json_value(value: Any) -> Any:

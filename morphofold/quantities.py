@@ -85,24 +85,24 @@ def _label_and_unit(name: str) -> tuple[str, str]:
     return words[:1].upper() + words[1:], units.get(suffix, "")
 
 
-def common_limits(what: Quantity, values: Iterable[np.ndarray]) -> tuple[float, float]:
+def common_limits(shown: Quantity, values: Iterable[np.ndarray]) -> tuple[float, float]:
     """Common limits of colours for several surfaces; every surface has the same weight.
 
     The quantity's own limits are used if at least 80 % of every surface's values are inside, and the values fill at
     least 40 % of the range. Otherwise the limits are the least 2nd and the greatest 98th percentile of all surfaces,
     rounded outwards to two figures and, for a signed quantity, made symmetric about zero.
     """
-    arrays = [known for v in values if (known := v[np.isfinite(v)]).size]
+    arrays = [finite for v in values if (finite := v[np.isfinite(v)]).size]
     if not arrays:
-        return what.limits or (0.0, 1.0)
+        return shown.limits or (0.0, 1.0)
     lows, highs = np.transpose([np.percentile(v, [2, 98]) for v in arrays])
     low, high = float(lows.min()), float(highs.max())
-    if what.limits is not None:
-        a, b = what.limits
+    if shown.limits is not None:
+        a, b = shown.limits
         inside = min(np.mean((v >= a) & (v <= b)) for v in arrays)
         if inside >= 0.8 and high - low >= 0.4 * (b - a):
-            return what.limits
-    if what.signed:
+            return shown.limits
+    if shown.signed:
         top = round_out(max(abs(low), abs(high)))
         return (-top, top) if top > 0 else (-1.0, 1.0)
     if high - low <= 1e-9 * max(1.0, abs(high)):
@@ -122,5 +122,5 @@ def round_out(x: float) -> float:
 
 def find(maps: Mapping[str, np.ndarray], key: str) -> np.ndarray | None:
     """The map named ``key`` or one of its aliases; None if there is none."""
-    what = quantity(key)
-    return next((maps[name] for name in (what.key, *what.aliases) if name in maps), None)
+    sought = quantity(key)
+    return next((maps[name] for name in (sought.key, *sought.aliases) if name in maps), None)

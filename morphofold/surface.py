@@ -230,8 +230,8 @@ class Cortex:
     inputs: tuple[Mapping[str, Any], ...] = field(default=(), repr=False)
 
     def __post_init__(self) -> None:
-        for what, surface in (("white", self.white), ("pial", self.pial)):
-            check_kind(surface, Surface, f"{self.name}: {what}")
+        for name in ("white", "pial"):
+            check_kind(getattr(self, name), Surface, f"{self.name}: {name}")
         one_of(self.hemi, ("lh", "rh"), f"{self.name}: hemi")
         n_white, n_pial = len(self.white.verts), len(self.pial.verts)
         if n_white != n_pial:
@@ -296,11 +296,11 @@ class Cortex:
             If there is no surface of that name, or this cortex has none.
         """
         one_of(name, SURFACES, f"{self.called}: surface")
-        found: Surface | None = getattr(self, name)
-        if found is None:
+        surface: Surface | None = getattr(self, name)
+        if surface is None:
             has = [other for other in SURFACES if getattr(self, other) is not None]
             raise MissingPart(f"{self.called}: has no surface {name}, only {', '.join(has)}.")
-        return found
+        return surface
 
     def to_trimesh(self, surface: str = "pial") -> trimesh.Trimesh:
         """A surface as ``trimesh.Trimesh``, with the maps that came with the cortex as ``vertex_attributes``."""

@@ -55,11 +55,11 @@ def rounded_up(x: float, digits: int) -> float:
     return math.ceil(x / unit - 1e-9) * unit
 
 
-def in_one_line(what: object) -> str:
+def in_one_line(value: object) -> str:
     """Text of an error or another object, without line breaks and double spaces."""
-    return " ".join(str(what).split())
+    return " ".join(str(value).split())
 
 
-def listed(words: Sequence[str]) -> str:
+def listed(texts: Sequence[str]) -> str:
     """``a``, ``a and b``, ``a, b and c``."""
-    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
+    return " and ".join([", ".join(texts[:-1]), texts[-1]] if len(texts) > 1 else texts)

@@ -10,8 +10,14 @@ import pytest
 
 from morphofold.analysis.measures import Measures
 from morphofold.cli import main
-from morphofold.forecasts.cost import ANALYSIS_STAGES, PAGE_STAGE, analysis_cost_line, cost_of_analysis
-from morphofold.forecasts.table import TABLE, measured_errors
+from morphofold.forecasts.cost import (
+    ANALYSIS_STAGES,
+    PAGE_STAGE,
+    TABLE,
+    analysis_cost_line,
+    cost_of_analysis,
+    measured_errors,
+)
 from morphofold.io import read_cortex, write_surface
 from morphofold.results import is_analysis_of, read_analysis
 from morphofold.shapes.folded_ball import folded_ball

@@ -11,7 +11,16 @@ from commands import refused
 import morphofold
 from morphofold.cli import main
 from morphofold.forecasts import forecast
-from morphofold.forecasts.cost import OTHER, cost_beside, cost_line, cost_of
+from morphofold.forecasts.cost import (
+    OTHER,
+    cost_beside,
+    cost_line,
+    cost_of,
+    errors_of_run,
+    expected_errors,
+    headline,
+    not_studied,
+)
 from morphofold.forecasts.forecasting import (
     MOST_TIMED_BRICKS,
     SETTING_UP_PHASE,
@@ -30,7 +39,6 @@ from morphofold.forecasts.sizes import (
     sizes_of,
     steps_of,
 )
-from morphofold.forecasts.table import errors_of_run, expected_errors, headline, not_studied
 from morphofold.provenance import strict_json
 from morphofold.sim.build import build_bilayer, build_body
 from morphofold.sim.dynamics import Dynamics
@@ -288,7 +296,7 @@ def test_the_cost_of_a_run_adds_up_and_leaves_no_effect_out(tmp_path):
 def test_the_page_of_a_simulation_says_what_it_cost(here, capsys, monkeypatch):
     settings = [*SMALL, "accuracy.edge=6", "growth.final=1.01", "output.volume=false"]
     simulate(load_scene("fig6-thick", settings), here / "run", threads=1, describe=freesurfer_maps)
-    monkeypatch.setattr("morphofold.forecasts.table.not_studied", lambda scene, edge_over_T: ())
+    monkeypatch.setattr("morphofold.forecasts.cost.not_studied", lambda scene, edge_over_T: ())
     assert main(["analyze", "run", "-q", "-o", "analysis"]) == 0
     page = (here / "analysis" / "report.html").read_text(encoding="utf-8")
     section = page.split("<h2>What it cost</h2>")[1].split("</section>")[0]

@@ -12,6 +12,7 @@ from morphofold import analysis
 from morphofold.cli import main
 from morphofold.errors import NoSolution
 from morphofold.forecasts import estimate_error
+from morphofold.forecasts.cost import STUDIED_RANGES
 from morphofold.forecasts.richardson import (
     CONVERGENCE_POWERS,
     SAME_PATTERN_DISTANCE,
@@ -23,7 +24,6 @@ from morphofold.forecasts.richardson import (
     stored_estimate,
 )
 from morphofold.forecasts.sizes import edge_by_rule
-from morphofold.forecasts.table import STUDIED_RANGES
 from morphofold.report.pages.entries import costs
 from morphofold.shapes import icosphere
 from morphofold.sim.dynamics import REST_DISTANCE_OVER_T, UnstableError

@@ -12,8 +12,7 @@ from typing import Any, NamedTuple
 from numba import set_num_threads
 
 from morphofold.forecasts import sizes as sizing
-from morphofold.forecasts.cost import largest
-from morphofold.forecasts.table import COSTS, TABLE, Errors, Expected, called, errors_of_run, headline
+from morphofold.forecasts.cost import COSTS, TABLE, Errors, Expected, called, errors_of_run, headline, largest
 from morphofold.progress import silent
 from morphofold.shapes import icosphere
 from morphofold.sim.build import build_body
@@ -65,7 +64,7 @@ class Forecast:
     errors : mapping
         Quantity to its ``Expected`` relative error; empty in one dimension, and for a scene that was not studied.
     not_studied : tuple of str
-        Properties of the scene that were not studied (:func:`morphofold.forecasts.table.not_studied`).
+        Properties of the scene that were not studied (:func:`morphofold.forecasts.cost.not_studied`).
     how : mapping
         How each of these was obtained, in words.
     doubts : tuple of str
@@ -128,7 +127,7 @@ def table_of(forecast: Forecast) -> str:
         rows[f"error of {called(name)}"] = f"{percent(e.error)}  ({percent(e.low)} to {percent(e.high)}){other}"
     width = max(map(len, rows))
     lines = [f"{forecast.scene}: forecast", *(f"  {label:{width}}  {value}" for label, value in rows.items())]
-    return "\n".join([*lines, *(f"{what}: {how}" for what, how in forecast.how.items()), *forecast.doubts])
+    return "\n".join([*lines, *(f"{quantity}: {how}" for quantity, how in forecast.how.items()), *forecast.doubts])
 
 
 def forecast(source: str | Path | Scene, threads: int | None = None, *, settings: Iterable[str] = ()) -> Forecast:

@@ -7,11 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from morphofold.errors import NoSolution, NotReadable, NotStudied, OptionsClash, OutOfRange
+from morphofold.forecasts.cost import SAME_EDGE_TOLERANCE, errors_of_run, headline, studied
 from morphofold.forecasts.forecasting import Forecast, calibrate, forecast_from
 from morphofold.forecasts.sizes import edges_between, refuse_without_edge
-from morphofold.forecasts.table import SAME_EDGE_TOLERANCE, errors_of_run, headline, studied
 from morphofold.sim.scene import MOST_BRICKS, Scene
-from morphofold.sim.scene.files import load_scene
 from morphofold.words import percent, percent_above, span
 
 SECONDS_PER_UNIT = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
@@ -137,17 +136,14 @@ def _candidates(scene: Scene, option: str) -> list[Scene]:
         )
     finest, coarsest = (share * scene.thinnest for share in studied())
     finest *= 1 - SAME_EDGE_TOLERANCE
-    settings = [
-        [f"accuracy.edge={edge!r}"]
-        for edge in edges_between(scene, finest, coarsest)
-        if scene.model_copy(update={"accuracy": scene.accuracy.model_copy(update={"edge": edge})}).bricks <= MOST_BRICKS
-    ]
-    if not settings:
+    accuracies = [scene.accuracy.model_copy(update={"edge": e}) for e in edges_between(scene, finest, coarsest)]
+    candidates = [scene.model_copy(update={"accuracy": accuracy}) for accuracy in accuracies]
+    if not (affordable := [candidate for candidate in candidates if candidate.bricks <= MOST_BRICKS]):
         raise NoSolution(
             f"{option}: {scene.name} has no edge between {finest:.3g} and {coarsest:.3g} mm (the studied range) with "
             f"{MOST_BRICKS:.0e} bricks or fewer. Take a smaller portion, or set accuracy.edge yourself."
         )
-    return [load_scene(scene, setting) for setting in settings]
+    return affordable
 
 
 def _coarsest_within_error(scene: Scene, candidates: list[Scene], error: float) -> Scene:

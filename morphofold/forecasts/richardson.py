@@ -13,9 +13,9 @@ from pydantic import TypeAdapter
 
 from morphofold.analysis import gyrification_index
 from morphofold.errors import DoesNotApply, MissingPart, NoSolution
+from morphofold.forecasts.cost import TABLE, errors_of_run
 from morphofold.forecasts.forecasting import Forecast, forecast
 from morphofold.forecasts.sizes import edge_by_rule, refuse_without_edge
-from morphofold.forecasts.table import TABLE, errors_of_run
 from morphofold.io import atomic_file
 from morphofold.io.folders import alone
 from morphofold.io.json_files import Amount, Number, Record, read_json
@@ -71,7 +71,7 @@ class Estimate:
     doubts : tuple of str
     not_studied : tuple of str
         Properties of the scene for which the powers were not studied
-        (:func:`morphofold.forecasts.table.not_studied`).
+        (:func:`morphofold.forecasts.cost.not_studied`).
     pace : mapping, optional
         Quantity to its change, not extrapolated, if the coarser run grows at half the pace; None if the scene has no
         slower run (:func:`companions`), and in estimates of versions without slower runs.
@@ -250,11 +250,11 @@ def errors_from_runs(scene: Scene, run: Grown, coarse: Grown, slow: Grown | None
     return Estimate(scene.growth.final, run.edge / T, ratio, errors, how, tuple(doubts), studied.not_studied, pace)
 
 
-def _changes_between_runs(scene: Scene, one: Grown, other: Grown) -> dict[str, float]:
+def _changes_between_runs(scene: Scene, run: Grown, other: Grown) -> dict[str, float]:
     """Differences of the last stages of two runs: quantities and units are those of ``Estimate.errors``."""
-    changes = {"pial distance": distance(one.pial, other.pial) / scene.geometry.cortex_thickness}
+    changes = {"pial distance": distance(run.pial, other.pial) / scene.geometry.cortex_thickness}
     if scene.geometry.shape in ("sphere", "ellipsoid"):
-        index, changed = (gyrification_index(s.pial.verts, s.pial.faces) for s in (one, other))
+        index, changed = (gyrification_index(s.pial.verts, s.pial.faces) for s in (run, other))
         changes = {"gyrification index": abs(changed / index - 1), **changes}
     return changes
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from morphofold.errors import DoesNotApply
-from morphofold.forecasts.table import COSTS, GiB
+from morphofold.forecasts.cost import COSTS, GiB
 from morphofold.sim.dynamics import STEPS_PER_MEASUREMENT, limited_pace, next_growth, patience, soft_start
 from morphofold.sim.effects import ramp as ramps
 from morphofold.sim.equilibrium.wrinkles import first_wrinkles, slow_growth

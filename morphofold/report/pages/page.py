@@ -20,8 +20,7 @@ from morphofold.analysis.measures import Measures
 from morphofold.comparison import Comparison, compare
 from morphofold.comparison.growth import DIMENSIONLESS_NUMBERS
 from morphofold.comparison.side_by_side import cautions, plot_notes
-from morphofold.forecasts.cost import PAGE_STAGE
-from morphofold.forecasts.table import called
+from morphofold.forecasts.cost import PAGE_STAGE, called
 from morphofold.geometry import vertex_areas
 from morphofold.progress import Progress, silent
 from morphofold.provenance import records_as_read
