@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -50,7 +51,7 @@ def budget_seconds(text: str) -> float:
         If it is not such a time, or not positive.
     """
     rule = "Give a number with s, min, h or d, such as 90s, 5min or 2h."
-    return _amount(text, SECONDS_PER_UNIT, float("inf"), f"--budget {text}: is not a time. {rule}")
+    return _amount(text, SECONDS_PER_UNIT, math.inf, f"--budget {text}: is not a time. {rule}")
 
 
 def error_share(text: str) -> float:
@@ -102,13 +103,13 @@ def choose_mesh(
     candidates = _candidates(scene, "--budget" if error is None else "--error")
     if error is not None:
         candidates = [_coarsest_within_error(scene, candidates, error)]
-    timed = candidates[0]
+    timed, limit = candidates[0], math.inf if budget is None else budget
     for _ in candidates[:2]:  # time the coarsest edge, and then the edge that follows from it
         timing = calibrate(timed, threads)
         choices = [MeshChoice(candidate, forecast_from(candidate, timing)) for candidate in candidates]
-        fitting = [choice for choice in choices if budget is None or choice.forecast.slowest <= budget]
+        fitting = [choice for choice in choices if choice.forecast.slowest <= limit]
         if not fitting:
-            raise _over_budget(choices[0].forecast, budget or 0.0, error)
+            raise _over_budget(choices[0].forecast, limit, error)
         timed = fitting[-1].scene
     return fitting[-1]
 
