@@ -17,7 +17,7 @@ from morphofold.arrays import Array, memoized
 from morphofold.errors import WrongShape
 from morphofold.kernels import kernel, reading
 from morphofold.surface import Faces, Verts
-from morphofold.threads import beside
+from morphofold.threads import run_parallel
 
 MOST_ITERATIONS = 300
 LEAST_STRENGTH = 0.08  # of a coupling between neighbours, relative to their diagonals, to join them in an aggregate
@@ -93,7 +93,7 @@ class Diffusion:
             partial(_iterate, *levels, float(time), *reading(b[:, 2 * k : 2 * k + 2]), pair, rtol, MOST_ITERATIONS)
             for k, pair in enumerate(pairs)
         ]
-        if not all(count >= 0 for count in beside(*tasks)):
+        if not all(count >= 0 for count in run_parallel(*tasks)):
             raise RuntimeError(
                 f"conjugate gradients did not converge in {MOST_ITERATIONS} iterations on {len(x)} vertices; the mesh "
                 "has extreme triangles. Remesh it, or use a shorter scale."

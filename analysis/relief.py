@@ -12,7 +12,7 @@ from morphofold.analysis.diffusion import diffusion
 from morphofold.errors import OutOfRange
 from morphofold.kernels import kernel, reading
 from morphofold.surface import Faces, PerVertex, Verts
-from morphofold.threads import beside
+from morphofold.threads import run_parallel
 
 # length of edge paths over straight distance, mean over directions in a triangle grid
 EDGE_PATH_DETOUR = 2 * 3**0.5 / np.pi
@@ -122,7 +122,7 @@ def windowed_range(verts: Verts, faces: Faces, values: PerVertex, radius: float)
         found: PerVertex = _windowed_maximum(*reading(graph, values, order), reach + gain / 2, gain)
         return found
 
-    low, high = beside(lambda: highest(-values), lambda: highest(values))
+    low, high = run_parallel(lambda: highest(-values), lambda: highest(values))
     return -low, high
 
 

@@ -8,7 +8,7 @@ from threading import Lock
 from typing import Any
 
 from morphofold.progress import Progress
-from morphofold.threads import beside
+from morphofold.threads import run_parallel
 from morphofold.timing import Stages, working_seconds
 
 #: what it does, its share of all work, and a function that does it
@@ -31,7 +31,7 @@ class Steps:
         if not chains:
             return
         began, spent = working_seconds(), dict.fromkeys((name for chain in chains for name, *_ in chain), 0.0)
-        beside(*(partial(self._follow, chain, spent) for chain in chains))
+        run_parallel(*(partial(self._follow, chain, spent) for chain in chains))
         if self._clock is not None:
             self._clock.divide(working_seconds() - began, spent)
 

@@ -83,10 +83,10 @@ def in_blocks(kernel: Callable[..., Any], n: int, *arguments: Any) -> None:
     began, threads = time.perf_counter(), numba.get_num_threads()
     while blocks and (threads == 1 or time.perf_counter() - began < SECONDS_ALONE):
         blocks.pop(0)()  # the first compiles
-    beside(*blocks)
+    run_parallel(*blocks)
 
 
-def beside(*tasks: Callable[[], Any]) -> list[Any]:
+def run_parallel(*tasks: Callable[[], Any]) -> list[Any]:
     """The results of functions without arguments that run beside each other, each with its share of the threads.
 
     The first error of a task is raised; after it, or Ctrl-C, no further task begins. In other threads than the main one
@@ -113,7 +113,7 @@ def beside(*tasks: Callable[[], Any]) -> list[Any]:
             raise
 
 
-def together(tasks: int, threads: int | None = None) -> bool:
+def enough_threads(tasks: int, threads: int | None = None) -> bool:
     """Whether so many large tasks, as the hemispheres of a brain, run beside each other: if each has two threads."""
     import numba
 

@@ -26,7 +26,7 @@ from morphofold.shapes.folded_ball import folded_ball
 from morphofold.sim.run import simulate
 from morphofold.studies.shapes import bumpy_sphere
 from morphofold.surface import Surface
-from morphofold.threads import BLOCKS, beside, in_blocks, together, using_threads
+from morphofold.threads import BLOCKS, enough_threads, in_blocks, run_parallel, using_threads
 from morphofold.timing import Stages
 from morphofold.unfolding.spheres import sphere_of
 
@@ -125,14 +125,15 @@ def test_commands_compute_with_one_blas_thread_and_waiting_threads_sleep():
 @pytest.mark.parametrize("threads", [1, pytest.param(2, marks=two_threads)])
 def test_results_come_in_the_order_of_the_tasks(threads):
     with using_threads(threads):
-        assert beside(lambda: time.sleep(0.05) or "slow", lambda: "fast", lambda: "last") == ["slow", "fast", "last"]
+        found = run_parallel(lambda: time.sleep(0.05) or "slow", lambda: "fast", lambda: "last")
+    assert found == ["slow", "fast", "last"]
 
 
 @two_threads
 def test_tasks_share_the_threads():
     with using_threads(2):
-        assert beside(*[numba.get_num_threads] * 3) == [1, 1, 1]
-        assert len(set(beside(*[lambda: time.sleep(0.05) or threading.get_ident()] * 2))) == 2
+        assert run_parallel(*[numba.get_num_threads] * 3) == [1, 1, 1]
+        assert len(set(run_parallel(*[lambda: time.sleep(0.05) or threading.get_ident()] * 2))) == 2
         assert numba.get_num_threads() == 2
 
 
@@ -144,7 +145,7 @@ def test_an_error_of_a_task_comes_out_and_tasks_that_wait_are_not_begun(threads)
         raise ValueError("this one")
 
     with using_threads(threads), pytest.raises(ValueError, match="this one"):
-        beside(fail, lambda: time.sleep(0.1), *[lambda: time.sleep(0.1) or begun.append(1)] * 20)
+        run_parallel(fail, lambda: time.sleep(0.1), *[lambda: time.sleep(0.1) or begun.append(1)] * 20)
     assert len(begun) < 3
 
 
@@ -154,20 +155,20 @@ def test_after_ctrl_c_tasks_in_other_threads_begin_nothing_further(usual_signals
 
     def many_steps():
         for _ in range(100):
-            beside(lambda: time.sleep(0.02))
+            run_parallel(lambda: time.sleep(0.02))
             steps.append(1)
 
     with using_threads(2):
         threading.Timer(0.1, signal.pthread_kill, (threading.main_thread().ident, signal.SIGINT)).start()
         with pytest.raises(KeyboardInterrupt):
-            beside(many_steps, many_steps)
+            run_parallel(many_steps, many_steps)
         assert 0 < len(steps) < 100
-        assert beside(lambda: 1, lambda: beside(lambda: 2)) == [1, [2]]
+        assert run_parallel(lambda: 1, lambda: run_parallel(lambda: 2)) == [1, [2]]
 
 
 @pytest.mark.parametrize(("tasks", "threads", "beside_each_other"), [(1, 8, False), (2, 3, False), (2, 4, True)])
 def test_large_tasks_run_beside_each_other_where_each_has_two_threads(tasks, threads, beside_each_other):
-    assert together(tasks, threads) == beside_each_other
+    assert enough_threads(tasks, threads) == beside_each_other
 
 
 @pytest.mark.parametrize("threads", [1, pytest.param(2, marks=two_threads)])
@@ -224,7 +225,7 @@ def test_surfaces_that_are_simplified_beside_each_other_are_those_of_one_at_a_ti
     balls = [folded_ball(n) for n in (20_000, 25_000, 30_000)]
     alone = [work(ball).faces for ball in balls]
     with using_threads(2):
-        for one, found in zip(alone, beside(*(partial(work, ball) for ball in balls)), strict=True):
+        for one, found in zip(alone, run_parallel(*(partial(work, ball) for ball in balls)), strict=True):
             np.testing.assert_array_equal(found.faces, one)
 
 

@@ -25,7 +25,7 @@ from morphofold.analysis.graph.watershed import Watershed
 from morphofold.errors import OptionsClash, OutOfRange
 from morphofold.mesh_quality import checks
 from morphofold.surface import Cortex, PerVertex, Surface
-from morphofold.threads import beside
+from morphofold.threads import run_parallel
 from morphofold.validators import check_kind
 
 EQUAL_DISTANCE_TOLERANCE = 1e-2  # relative: where a border of basins crosses an edge, both ends are as near as that
@@ -129,7 +129,7 @@ class CrestNetBuilder:
             return Fields(D, D - operators.smooth(D, scales.width), H, operators.watershed(D))
 
         fields: Fields
-        fields, _ = beside(found, lambda: self.path_lengths)  # which the net needs next
+        fields, _ = run_parallel(found, lambda: self.path_lengths)  # which the net needs next
         return fields
 
     def net(self, fields: Fields, scales: GyralScales) -> Net:

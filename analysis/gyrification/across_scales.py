@@ -20,7 +20,7 @@ from morphofold.errors import OpenSurface, OutOfRange, TooLarge
 from morphofold.geometry import components, face_areas, is_closed
 from morphofold.kernels import kernel
 from morphofold.surface import Cortex, Surface, Verts
-from morphofold.threads import beside
+from morphofold.threads import run_parallel
 from morphofold.validators import check_kind
 
 FINEST_OVER_T, SCALE_RATIO, SCALES = 0.2, 2**0.5, 9  # of the default scales: the first over the thickness
@@ -144,7 +144,7 @@ def _as_it_is(cortex: Cortex) -> ShapeTerms:
 
 def _at(cortex: Cortex, scale: float) -> ShapeTerms | None:
     """The shape terms at a scale [mm]; None if no white matter is left."""
-    outer, inner = beside(partial(_moved, cortex.pial, scale, True), partial(_moved, cortex.white, scale, False))
+    outer, inner = run_parallel(partial(_moved, cortex.pial, scale, True), partial(_moved, cortex.white, scale, False))
     if inner.n_points == 0:
         return None
     exposed = float(ConvexHull(np.asarray(outer.points, dtype=np.float64)).area)

@@ -15,7 +15,7 @@ from morphofold.arrays import Array
 from morphofold.errors import OpenSurface, OutOfRange, TooLarge
 from morphofold.geometry import face_areas, in_use, is_closed, mean_edge_length, split, vertex_areas
 from morphofold.surface import Faces, PerVertex, Verts
-from morphofold.threads import beside
+from morphofold.threads import run_parallel
 from morphofold.validators import check_mesh
 
 CLOSING_RADIUS_MM, REGION_RADIUS_MM = 15.0, 25.0  # [mm], of Schaer and others 2008
@@ -89,7 +89,7 @@ def local_gyrification_index(
     shape = _odd_sizes(np.concatenate([verts, points]), region, bin_)
     low = np.multiply(-0.5 * bin_, shape, dtype=np.float64)
     middles, areas = points[triangles].mean(axis=1), face_areas(points, triangles)
-    folded, smooth = beside(
+    folded, smooth = run_parallel(
         partial(_area_within_radius, verts, vertex_areas(verts, faces), low, shape, bin_, region),
         partial(_area_within_radius, middles, areas, low, shape, bin_, region),
     )

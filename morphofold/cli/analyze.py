@@ -28,7 +28,7 @@ from morphofold.report import analysis_report
 from morphofold.results.layouts import Layout
 from morphofold.spheres.parcellation import read_parcellated
 from morphofold.surface import Cortex
-from morphofold.threads import beside, together
+from morphofold.threads import enough_threads, run_parallel
 from morphofold.timing import Stages, working_seconds
 from morphofold.words import number
 
@@ -127,7 +127,7 @@ def _results_of_hemispheres(works: Mapping[str, Callable[[], T]], failed: dict[s
     With four threads or more they are worked on beside each other.
     """
     tasks = [partial(_result_or_error, work) for work in works.values()]
-    ends = dict(zip(works, beside(*tasks) if together(len(tasks)) else [task() for task in tasks]))
+    ends = dict(zip(works, run_parallel(*tasks) if enough_threads(len(tasks)) else [task() for task in tasks]))
     wrong = {hemi: end for hemi, end in ends.items() if isinstance(end, Exception)}
     failed |= {hemi: " ".join(str(error).split()) for hemi, error in wrong.items()}
     for error in wrong.values() if len(wrong) == len(works) else ():

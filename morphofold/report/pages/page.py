@@ -44,7 +44,7 @@ from morphofold.report.pictures.sheet import safe_name
 from morphofold.report.pictures.surfaces import Row, VisibleFaces, figure
 from morphofold.report.plots import charts
 from morphofold.surface import Surface
-from morphofold.threads import beside
+from morphofold.threads import run_parallel
 from morphofold.timing import Stages
 
 ANALYSIS = "Analysis"
@@ -143,11 +143,11 @@ def _surfaces_and_pictures(
     panels, person_of = with_smooth_bodies(entries, comparison.people)
     shown = shown_maps(panels)
     progress(0.0, "thinning surfaces")
-    displays = beside(*(partial(thinned, e) for e in panels))
+    displays = run_parallel(*(partial(thinned, e) for e in panels))
     panel_of = {e.name: k for k, e in enumerate(panels)}
     own = [displays[panel_of[e.name]] for e in entries]
     progress(0.15, "drawing pictures")
-    pictures, (viewer, blocks), pairs, histograms = beside(
+    pictures, (viewer, blocks), pairs, histograms = run_parallel(
         lambda: _write_pictures(folder, entries, own, shown),
         lambda: viewer_data(panels, displays, shown, person_of),
         lambda: _write_hinge_pairs(folder, comparison),

@@ -21,7 +21,7 @@ from morphofold.report import colours
 from morphofold.report.pictures import raster
 from morphofold.report.pictures.sheet import Picture, Sheet, new_sheet
 from morphofold.surface import Surface
-from morphofold.threads import beside
+from morphofold.threads import run_parallel
 
 VIEWS = ("lateral", "medial", "top", "bottom")
 #: screen's right, up and towards-the-viewer axes, in right, anterior, superior (RAS); of a right hemisphere
@@ -122,7 +122,7 @@ def figure(
     wide, ends = max(columns), limits or (0.0, 1.0)
     tops, lefts = HEAD + np.cumsum([0, *lines]) + NAME * np.arange(len(lines) + 1), np.cumsum([EDGE, *columns])
     bottom = int(tops[-1])
-    drawn = beside(
+    drawn = run_parallel(
         *(partial(draw, *c, what, ends, (wide, h), per_mm, looks) for line, h in zip(cells, lines) for c in line)
     )
     with new_sheet(width, bottom + FOOT) as sheet:
