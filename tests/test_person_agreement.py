@@ -7,6 +7,8 @@ from scipy.stats import spearmanr
 from threadpoolctl import threadpool_limits
 
 from morphofold.comparison.person.agreement import (
+    Median,
+    Ratio,
     agreement_of_axes,
     agreement_of_classes,
     classes,
@@ -15,10 +17,11 @@ from morphofold.comparison.person.agreement import (
     forwardness,
     null_values,
     pulled_back,
+    region_numbers,
     smooth_axes,
-    weighted_median,
+    spearman,
 )
-from morphofold.comparison.person.regions import Median, Ratio, region_numbers, spearman
+from morphofold.comparison.person.bodies import weighted_median
 from morphofold.geometry import unit, vertex_areas
 from morphofold.shapes import icosphere
 from morphofold.spheres.spins import NearestTable, rotations

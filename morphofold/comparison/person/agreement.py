@@ -12,15 +12,22 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.stats import rankdata
 
 from morphofold.analysis.curvatures import curvature
-from morphofold.analysis.multiple_tests import SIGNIFICANCE
+from morphofold.analysis.graph.hinges import counts
+from morphofold.analysis.multiple_tests import SIGNIFICANCE, holm
 from morphofold.arrays import Array, Bools, Ints
-from morphofold.geometry import face_areas, unit
+from morphofold.comparison.person.bodies import Bodies, Body, centred
+from morphofold.geometry import face_areas, unit, vertex_areas
+from morphofold.mesh_quality.checks import is_no_cortex
+from morphofold.provenance import json_value
+from morphofold.quantities import find
 from morphofold.spheres.spins import NearestTable, p_value
 from morphofold.surface import Faces, Surface
 from morphofold.threads import one_blas_thread
@@ -29,6 +36,22 @@ from morphofold.unfolding.smooth_surface import SmoothSurface, tangents
 FORWARD = np.array([0.0, 1.0, 0.0])  # to the front of the head, in the coordinates of FreeSurfer
 
 SPINS = 500
+LEAST_REGIONS = 5  # for a correlation
+LEAST_COVERED_SHARE = 0.5  # of the points of a region that must be cortex after a spin
+
+#: columns of a table of regions
+REGION_MEASURES = (
+    "gyrification_index",
+    "sulcal_depth_mm",
+    "gyral_thickness_mm",
+    "cortical_thickness_mm",
+    "hinges_per_cm2",
+    "area_expansion",
+)
+#: those that the smooth body has, too, and its map of each
+SMOOTH_MAPS = {"gyrification_index": "local_gyrification_index", "sulcal_depth_mm": "sulcal_depth"}
+#: map that a body was given -> measure of regions that it has from it
+MEASURES_OF_GIVEN_MAPS = {"thickness_map": "cortical_thickness_mm", "growth_map": "area_expansion"}
 
 #: numbers (K,) from the source vertex (N,) at each target point and the rotation (3, 3) that took it there
 Statistic = Callable[[Ints, Array], Array]
@@ -126,20 +149,26 @@ def null_values(statistics: Sequence[Statistic], points: Array, table: NearestTa
     return [np.stack(sample) for sample in zip(*samples)]
 
 
-def best_controls(values: Array, null: Array) -> list[tuple[Tested, int]]:
+def agreement_with_controls(
+    what: str, values: Array, null: Array, maps: Sequence[str | None] = (None,), **more: Any
+) -> Agreement:
     """Test the first of the values (1 + 2C,), with their values (T, 1 + 2C) under spins, against two sets of controls.
 
-    These are the next C values and the last C. The control of a set is the largest; its number comes with the test.
+    These are the next C values, of the smooth body, and the last C, of the deepened one, each of C ``maps``. The
+    control of a set is the largest.
     """
-    tests = []
+    tests, best_maps = [], []
     for controls in np.arange(1, len(values)).reshape(2, -1):
         best = int(values[controls].argmax())
         at = controls[best]
-        tests.append((compare_with_null(float(values[0]), null[:, 0], float(values[at]), null[:, at]), best))
-    return tests
+        tests.append(compare_with_null(float(values[0]), null[:, 0], float(values[at]), null[:, at]))
+        best_maps.append(maps[best])
+    return Agreement(what, *tests, *best_maps, **more)
 
 
-def compare_with_null(value: float, null: Array, control: float = np.nan, control_null: Array | None = None) -> Tested:
+def compare_with_null(
+    value: float, null: Array, control: float = np.nan, control_null: Array | float = np.nan
+) -> Tested:
     """Compare a number with its values (T,) under spins, and with a control and its values under the same spins.
 
     Notes
@@ -157,26 +186,15 @@ def compare_with_null(value: float, null: Array, control: float = np.nan, contro
 
     Spins that leave no number (NaN) are not counted.
     """
-    known = null[np.isfinite(null)]
-    mean, sd = (float(known.mean()), float(known.std())) if len(known) else (np.nan, np.nan)
-    against_spins = (value, mean, sd, p_value(value, known))
-    if control_null is None or not np.isfinite(control):
-        return Tested(*against_spins)
-    differences = null - control_null
-    differences = differences[np.isfinite(differences)]
-    if not (np.isfinite(value) and len(differences)):
-        return Tested(*against_spins, control)
+    of_spins, differences = (v[np.isfinite(v)] for v in (null, null - control_null))
+    mean, sd = (float(of_spins.mean()), float(of_spins.std())) if len(of_spins) else (np.nan, np.nan)
+    tested = Tested(value, mean, sd, p_value(value, of_spins), control if np.isfinite(control) else None)
     difference = value - control
+    if not (np.isfinite(difference) and len(differences)):
+        return tested
     low, high = (difference - (np.percentile(differences, [97.5, 2.5]) - differences.mean())).tolist()
-    return Tested(*against_spins, control, difference, low, high, p_value(difference, differences))
-
-
-def weighted_median(values: Array, weights: Array) -> float:
-    """Middle between the two values (N,) beside which half of the weight (N,) lies, so that no value is on it."""
-    order = np.argsort(values, kind="stable")
-    total = np.cumsum(weights[order])
-    k = int(np.searchsorted(total, 0.5 * total[-1]))
-    return float(0.5 * (values[order[k]] + values[order[min(k + 1, len(order) - 1)]]))
+    p = p_value(difference, differences)
+    return replace(tested, difference=difference, low=low, high=high, difference_p=p)
 
 
 def classes(values: Array, weights: Array) -> Array:
@@ -185,11 +203,7 @@ def classes(values: Array, weights: Array) -> Array:
     The median and not 0, because a smooth body is convex nearly everywhere and has no sulcus by the sign of a number.
     With the median half of the area of each surface is gyrus, so that chance agrees on half of it.
     """
-    known = np.isfinite(values) & (weights > 0)
-    signs = np.zeros(len(values))
-    if known.any():
-        signs[known] = np.sign(values[known] - weighted_median(values[known], weights[known]))
-    return signs
+    return np.nan_to_num(np.sign(centred(values, weights))) * (weights > 0)
 
 
 def agreement_of_classes(bodies: Sequence[Array], person: Array, weights: Array) -> Statistic:
@@ -347,3 +361,186 @@ def _strength(k1: Array, k2: Array) -> Array:
     """Difference over sum of the sizes of two curvatures; 0 where both are 0 or one is NaN."""
     large, small = np.maximum(np.abs(k1), np.abs(k2)), np.minimum(np.abs(k1), np.abs(k2))
     return np.divide(large - small, large + small, out=np.zeros(len(k1)), where=large + small > 0)
+
+
+# regions -----------------------------------------------------------------------------------------------------
+
+
+class Ratio(NamedTuple):
+    """A number of a region: the sum of ``over`` (N,) in it over the sum of ``under`` (N,)."""
+
+    over: Array
+    under: Array
+
+
+class Median(NamedTuple):
+    """A number of a region: the median of ``values`` (N,) in it, NaN where there is none."""
+
+    values: Array
+
+
+Fields = Mapping[str, Ratio | Median]
+
+
+@dataclass(frozen=True, eq=False)
+class RegionNumbers:
+    """Numbers of R regions in a person, the smooth and the grown body.
+
+    Attributes
+    ----------
+    names : tuple of str
+    labels : (N,) int64
+        Regions of the person's vertices, -1 off the cortex and where there is none.
+    numbers : mapping of "person", "smooth" and "grown" to (K, R) float64
+        The :data:`REGION_MEASURES` of each; NaN where a body does not have one.
+    fields : sequence of Fields
+        Of the grown, the smooth and the deepened smooth body.
+    """
+
+    names: tuple[str, ...]
+    labels: Ints
+    numbers: Mapping[str, Array]
+    fields: Sequence[Fields]
+
+    def correlations(self, weights: Array) -> Statistic:
+        """Rank correlations over regions of the person with each of the three bodies, under spins of the labels.
+
+        Bodies that have a measure get the same regions.
+
+        Parameters
+        ----------
+        weights : (P,) float64
+            Area of the target points, 0 off the cortex.
+
+        Returns
+        -------
+        function of (nearest, turn) to (3, K) float64
+            Regions with less than half of their points on the cortex are left out, as in a spin onto the medial wall.
+        """
+        count = len(self.names)
+
+        def statistic(nearest: Ints, turn: Array) -> Array:
+            labels = self.labels[nearest]
+            on_cortex = np.where(weights > 0, labels, -1)
+            points, covered = (np.bincount(at[at >= 0], minlength=count) for at in (labels, on_cortex))
+            enough = np.where(covered >= LEAST_COVERED_SHARE * points, 0.0, np.nan)
+            numbers = np.stack([region_numbers(on_cortex, count, fields) for fields in self.fields]) + enough
+            known = np.isfinite(numbers)
+            unshared = (~known & known.any(axis=2, keepdims=True)).any(axis=0)
+            numbers[:, unshared] = np.nan
+            return np.array([list(map(spearman, self.numbers["person"], body)) for body in numbers])
+
+        return statistic
+
+    def agreements(self, values: Array, null: Array, maps: Collection[str]) -> tuple[Agreement, ...]:
+        """Correlations (3, K) with their values (T, 3, K) under spins, of the measures that person and grown body have.
+
+        Holm's correction is over these, without those that the grown body has from ``maps`` of the person.
+        """
+        given = {MEASURES_OF_GIVEN_MAPS.get(name) for name in maps}
+        both = np.isfinite(self.numbers["person"] + self.numbers["grown"]).sum(axis=1).tolist()
+        rows = [
+            agreement_with_controls(key, values[:, k], null[:, :, k], n=both[k], given=key in given)
+            for k, key in enumerate(REGION_MEASURES)
+            if np.isfinite(values[0, k])
+        ]
+        corrected = iter(holm(np.array([row.tested.p for row in rows if not row.given])).tolist())
+        return tuple(replace(row, p_corrected=row.tested.p if row.given else next(corrected)) for row in rows)
+
+    def table(self, hemi: str) -> tuple[dict[str, Any], ...]:
+        """A row for each region of the person that has vertices: each measure of person, smooth and grown body."""
+        columns = {
+            f"{body}_{key}": numbers[k].tolist()
+            for k, key in enumerate(REGION_MEASURES)
+            for body, numbers in self.numbers.items()
+            if body != "smooth" or key in SMOOTH_MAPS
+        }
+        return tuple(
+            {"hemi": hemi, "region": self.names[r]} | {column: json_value(v[r]) for column, v in columns.items()}
+            for r in np.unique(self.labels[self.labels >= 0]).tolist()
+        )
+
+
+def numbers_of_bodies(bodies: Bodies) -> RegionNumbers | None:
+    """Numbers of the person's regions in all bodies; None without regions."""
+    regions, person, grown = bodies.person.measures.cortex.regions, bodies.person, bodies.grown
+    if regions is None:
+        return None
+    no_cortex = [k for k, name in enumerate(regions.names) if is_no_cortex(name)]
+    labels = np.where(person.cortex & ~np.isin(regions.labels, no_cortex), regions.labels, -1)
+    at_grown = np.where(grown.cortex, bodies.to_grown.of_nearest(labels), -1)
+    smooth, deepened = (
+        {key: mean_field(maps[name], grown.weights) for key, name in SMOOTH_MAPS.items() if name in maps}
+        for maps in bodies.smooth_maps.values()
+    )
+    of_grown = region_fields(grown)
+    fields = {"person": (labels, region_fields(person)), "smooth": (at_grown, smooth), "grown": (at_grown, of_grown)}
+    numbers = {body: region_numbers(at, len(regions.names), own) for body, (at, own) in fields.items()}
+    return RegionNumbers(regions.names, labels, numbers, (of_grown, smooth, deepened))
+
+
+def mean_field(values: Array, weights: Array) -> Ratio:
+    """The weighted mean of values (N,) over the vertices that have one."""
+    known = np.isfinite(values)
+    return Ratio(np.where(known, values, 0.0) * weights, known * weights)
+
+
+def region_fields(body: Body) -> Fields:
+    """The fields of a measured cortex for which it has maps.
+
+    ``gyrification_index`` and ``sulcal_depth_mm`` are means over pial area, ``cortical_thickness_mm`` is one over
+    vertices, as in the table of regions; ``gyral_thickness_mm`` is the median over vertices. ``hinges_per_cm2`` counts
+    hinges without doubtful ones per area midway between white and pial; ``area_expansion`` is this area over that of
+    the smooth body, 1 for the whole cortex.
+    """
+    m, cortex, scale, flat = body.measures, body.cortex, body.scale, body.weights
+    white, pial = (vertex_areas(s.verts, s.faces) * cortex for s in (m.cortex.white, m.cortex.pial))
+    middle = 0.5 * scale**2 * (white + pial)
+    fields: dict[str, Ratio | Median] = {"area_expansion": Ratio(middle / middle.sum(), flat / flat.sum())}
+    for key, name, factor, weights in (
+        ("gyrification_index", "local_gyrification_index", 1.0, pial),
+        ("sulcal_depth_mm", "sulcal_depth", scale, pial),
+        ("cortical_thickness_mm", "cortical_thickness", scale, cortex.astype(np.float64)),
+    ):
+        if (values := find(m.maps, name)) is not None:
+            fields[key] = mean_field(factor * values, weights)
+    if (widths := find(m.maps, "gyral_thickness")) is not None:
+        fields["gyral_thickness_mm"] = Median(np.where(cortex, scale * widths, np.nan))
+    if m.graph is not None or m.hinges:
+        vertices = np.array([row["vertex"] for row in m.hinges if counts(row)], dtype=np.int64)
+        hinges = np.bincount(vertices, minlength=len(cortex)).astype(np.float64)
+        fields["hinges_per_cm2"] = Ratio(100 * hinges * cortex, middle)
+    return fields
+
+
+def region_numbers(labels: Ints, count: int, fields: Fields, keys: Sequence[str] = REGION_MEASURES) -> Array:
+    """Numbers (K, count) of regions by their labels (N,), -1 for none; NaN for a field or a region that is empty."""
+    inside = labels >= 0
+    at = labels[inside]
+    numbers = np.full((len(keys), count), np.nan)
+    for row, key in zip(numbers, keys):
+        field = fields.get(key)
+        if isinstance(field, Ratio):
+            over, under = (np.bincount(at, part[inside], count) for part in field)
+            np.divide(over, under, out=row, where=under > 0)
+        elif isinstance(field, Median):
+            row[:] = _medians(labels, count, field.values)
+    return numbers
+
+
+def _medians(labels: Ints, count: int, values: Array) -> Array:
+    known = np.isfinite(values) & (labels >= 0)
+    order = np.argsort(labels[known].astype(np.int16), kind="stable")  # by radix, which is fast
+    ends = np.cumsum(np.bincount(labels[known], minlength=count))[:-1]
+    return np.array([np.median(v) if len(v) else np.nan for v in np.split(values[known][order], ends)])
+
+
+def spearman(x: Array, y: Array) -> float:
+    """Rank correlation of two samples (R,) where both are known; NaN for fewer than five or no spread."""
+    both = np.isfinite(x) & np.isfinite(y)
+    if both.sum() < LEAST_REGIONS:
+        return float("nan")
+    a, b = (rankdata(v[both]) for v in (x, y))
+    a, b = a - a.mean(), b - b.mean()
+    size = float(np.sqrt((a @ a) * (b @ b)))
+    return float(a @ b) / size if size > 0 else float("nan")

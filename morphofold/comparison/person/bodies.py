@@ -13,7 +13,6 @@ from morphofold.analysis.gyrification.local_gyrification import local_gyrificati
 from morphofold.analysis.measures import Measures
 from morphofold.analysis.relief import height_and_vertical
 from morphofold.arrays import Array, Bools
-from morphofold.comparison.person.agreement import weighted_median
 from morphofold.errors import MissingPart, Refusal, UnlikeSurfaces
 from morphofold.geometry import vertex_areas
 from morphofold.mesh_quality.checks import cortex_mask
@@ -41,6 +40,8 @@ class Body:
     cortex : (N,) bool
     scale : float
         Factor of its lengths, so that its convex hull has the area of the person's.
+    areas : (N,) float64
+        Area of the smooth body around each vertex [mm^2].
     height : (N,) float64
         Height above the surface smoothed over 10 mm, minus its median over the area of the smooth body [mm of the
         person]: positive on gyri, negative in sulci, NaN off the cortex.
@@ -52,12 +53,18 @@ class Body:
     points: Array = field(repr=False)
     cortex: Bools = field(repr=False)
     scale: float
+    areas: Array = field(repr=False)
     height: Array = field(repr=False)
     curvature: Array = field(repr=False)
 
     @property
     def pial(self) -> Surface:
         return self.measures.cortex.pial
+
+    @property
+    def weights(self) -> Array:
+        """Areas of the smooth body, 0 off the cortex."""
+        return self.areas * self.cortex
 
     def with_height(self) -> Measures:
         """The measures with the map of heights, for pictures."""
@@ -89,29 +96,13 @@ class Bodies:
         return Surface(self.smooth(self.grown.points), self.grown.pial.faces, "smooth body")
 
     @cached_property
-    def areas(self) -> Array:
-        """Area of the smooth body (P,) [mm^2] around each grown vertex."""
-        return vertex_areas(self.surface.verts, self.surface.faces)
+    def smooth_maps(self) -> dict[str, dict[str, Array]]:
+        """Maps as those of an analysis, and the height, of the smooth body and of the one with its dents deepened.
 
-    @cached_property
-    def weights(self) -> Array:
-        """These areas, 0 off the cortex of the grown body."""
-        return self.areas * self.grown.cortex
-
-    @cached_property
-    def person_areas(self) -> Array:
-        """Area of the smooth body (N,) [mm^2] around each vertex of the person."""
-        return vertex_areas(self.smooth(self.person.points), self.person.pial.faces)
-
-    @cached_property
-    def smooth_maps(self) -> dict[str, Array]:
-        """Maps of the smooth body at the grown vertices, as :meth:`_maps_of`."""
-        return self._maps_of(self.smooth)
-
-    @cached_property
-    def deepened_maps(self) -> dict[str, Array]:
-        """Those of the smooth body with its dents deepened."""
-        return self._maps_of(self.deepened)
+        They are at the grown vertices, NaN off the cortex. Curvature is exact. Local gyrification is left out where the
+        body does not allow it.
+        """
+        return {"smooth": self._maps_of(self.smooth), "deepened": self._maps_of(self.deepened)}
 
     @cached_property
     def deepened(self) -> SmoothSurface:
@@ -125,14 +116,10 @@ class Bodies:
         return SmoothSurface(Expansion(gain[:, None] * self.smooth.shape.coefficients))
 
     def _maps_of(self, body: SmoothSurface) -> dict[str, Array]:
-        """Maps as those of an analysis, and the height, at the grown vertices; NaN off the cortex.
-
-        Curvature is exact. Local gyrification is left out where the body does not allow it.
-        """
         surface, cortex = Surface(body(self.grown.points), self.grown.pial.faces), self.grown.cortex
         height, _ = height_and_vertical(surface.verts, surface.faces, RELIEF_SCALE_MM)
         maps = {
-            RELIEF: _centred(np.where(cortex, height, np.nan), self.areas),
+            RELIEF: centred(height, self.grown.weights),
             "H": body.frame(self.grown.points).curvature.mean(axis=1),
             "sulcal_depth": sulcal_depth(surface.verts, surface.faces),
         }
@@ -148,7 +135,7 @@ class Bodies:
         c = self.grown.measures.cortex
         here = Surface(self.surface.verts, self.surface.faces, name)
         cortex = Cortex(here, here, c.hemi, name, cortex=self.grown.cortex, regions=c.regions, sphere=c.sphere)
-        return Measures(cortex, {}, self.smooth_maps)
+        return Measures(cortex, {}, self.smooth_maps["smooth"])
 
 
 def bodies_of(person: Measures, grown: Measures, level: float) -> Bodies:
@@ -175,42 +162,48 @@ def bodies_of(person: Measures, grown: Measures, level: float) -> Bodies:
     Lengths are compared at convex hulls of equal area. Hulls, because the total area of a surface is part of what is
     compared: at equal area a body with few folds would be drawn larger than a person's brain.
     """
-    size = hull(person.cortex.pial.verts, person.cortex.faces).area
-    own, other = (_body(m, size) for m in (person, grown))
+    for m in (person, grown):
+        c = m.cortex
+        if c.sphere is None:
+            raise MissingPart(
+                f"{c.called}: the analysis has no {c.hemi}.sphere, so its vertices can't be found on the other cortex. "
+                f"Put surf/{c.hemi}.sphere into the subject, and analyze it again."
+            )
+        if "H" not in m.maps:
+            raise MissingPart(f"{c.called}: has no map of mean curvature (H). Analyze it again.")
     if person.cortex.hemi != grown.cortex.hemi:
         raise UnlikeSurfaces(
             f"{person.cortex.called} and {grown.cortex.called} are two hemispheres. Compare a cortex with the one it "
             "grew from."
         )
-    assert person.cortex.sphere is not None
-    unfolded = unfold(person.cortex.white, person.cortex.sphere, level)
-    factor = float(np.sqrt(size / hull(unfolded.surface(other.points), grown.cortex.faces).area))
+    size = hull(person.cortex.pial.verts, person.cortex.faces).area
+    points = [points_on_sphere(m.cortex.pial, m.cortex.sphere) for m in (person, grown)]
+    smooth = unfold(person.cortex.white, person.cortex.sphere, level).surface
+    smooth = smooth.scaled(float(np.sqrt(size / hull(smooth(points[1]), grown.cortex.faces).area)))
+    own, other = (_body(m, s, size, smooth) for m, s in zip((person, grown), points))
     to_grown, to_person = (places(a.points, a.pial.faces, b.points) for a, b in ((own, other), (other, own)))
-    own, other = (
-        replace(b, height=_centred(b.height, vertex_areas(unfolded.surface(b.points), b.pial.faces)))
-        for b in (own, other)
-    )
-    return Bodies(own, other, unfolded.surface.scaled(factor), to_grown, to_person)
+    return Bodies(own, other, smooth, to_grown, to_person)
 
 
-def _centred(height: Array, areas: Array) -> Array:
-    """Heights (N,) minus their median by area (N,); NaN stays."""
-    known = np.isfinite(height)
-    return height - weighted_median(height[known], areas[known]) if known.any() else height
-
-
-def _body(m: Measures, size: float) -> Body:
-    """A measured cortex, to be scaled to a hull of the area ``size`` [mm^2]."""
-    c = m.cortex
-    if c.sphere is None:
-        raise MissingPart(
-            f"{c.called}: the analysis has no {c.hemi}.sphere, so its vertices can't be found on the other cortex. "
-            f"Put surf/{c.hemi}.sphere into the subject, and analyze it again."
-        )
-    if "H" not in m.maps:
-        raise MissingPart(f"{c.called}: has no map of mean curvature (H). Analyze it again.")
-    points, cortex = points_on_sphere(c.pial, c.sphere), cortex_mask(c)
-    scale = float(np.sqrt(size / hull(c.pial.verts, c.faces).area))
-    height, _ = height_and_vertical(c.pial.verts, c.faces, RELIEF_SCALE_MM / scale)
+def _body(m: Measures, points: Array, size: float, smooth: SmoothSurface) -> Body:
+    """A measured cortex with points (N, 3) on the sphere, scaled to a hull of the area ``size`` [mm^2]."""
+    verts, faces = m.cortex.pial.verts, m.cortex.faces
+    cortex, areas = cortex_mask(m.cortex), vertex_areas(smooth(points), faces)
+    scale = float(np.sqrt(size / hull(verts, faces).area))
+    height, _ = height_and_vertical(verts, faces, RELIEF_SCALE_MM / scale)
     height, curvature = (np.where(cortex, values, np.nan) for values in (scale * height, m.maps["H"]))
-    return Body(m, points, cortex, scale, height, curvature)
+    return Body(m, points, cortex, scale, areas, centred(height, areas), curvature)
+
+
+def centred(values: Array, weights: Array) -> Array:
+    """Values (N,) minus their median by weight (N,), over the known ones with a weight above 0."""
+    known = np.isfinite(values) & (weights > 0)
+    return values - weighted_median(values[known], weights[known]) if known.any() else values
+
+
+def weighted_median(values: Array, weights: Array) -> float:
+    """Middle between the two values (N,) beside which half of the weight (N,) lies, so that no value is on it."""
+    order = np.argsort(values, kind="stable")
+    total = np.cumsum(weights[order])
+    k = int(np.searchsorted(total, 0.5 * total[-1]))
+    return float(0.5 * (values[order[k]] + values[order[min(k + 1, len(order) - 1)]]))

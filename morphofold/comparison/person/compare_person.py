@@ -14,17 +14,25 @@ from morphofold.arrays import Array
 from morphofold.comparison.person import agreement
 from morphofold.comparison.person.agreement import SPINS, Agreement, Statistic
 from morphofold.comparison.person.bodies import Bodies, bodies_of
-from morphofold.comparison.person.regions import correlations, numbers_of_bodies, region_agreements, region_table
 from morphofold.errors import MissingPart, Refusal
 from morphofold.geometry import mean_edge_length
 from morphofold.io import write_gifti_map
 from morphofold.provenance import json_value
 from morphofold.quantities import RELIEF
 from morphofold.spheres.spins import NearestTable, rotations
+from morphofold.surface import Cortex
 from morphofold.tables import write_table
 from morphofold.words import listed, number
 
-CARRIED_MAPS = ("H", "cortical_thickness", "gyral_thickness", "sulcal_depth", "local_gyrification_index", RELIEF)
+CARRIED_MAPS = (
+    "H",
+    "cortical_thickness",
+    "gyral_thickness",
+    "sulcal_depth",
+    "local_gyrification_index",
+    RELIEF,
+    "sulc",
+)
 LIKE_SIZES = (0.8, 1.25)  # of a grown cortex over the person's, within which maps in mm are compared as they are
 #: agreements over the cortex, and the maps of a smooth body that are their controls; both maps of both agreements of
 #: sulci and gyri, so that growth does not win by another measure of the same folds
@@ -83,14 +91,11 @@ class PersonComparison:
 
         ``sulc`` is the person's file, in FreeSurfer's sign.
         """
-        carried = {}
-        for direction, carrier, body in (
-            ("to_grown", self.bodies.to_grown, self.bodies.person),
-            ("to_person", self.bodies.to_person, self.bodies.grown),
-        ):
+        bodies, carried = self.bodies, {}
+        for direction, body in (("to_grown", bodies.person), ("to_person", bodies.grown)):
             maps = {**body.measures.cortex.maps, **body.with_height().maps}
-            names = [name for name in (*CARRIED_MAPS, "sulc") if name in maps]
-            carried.update({(direction, name): carrier.values(maps[name]) for name in names})
+            for name in (name for name in CARRIED_MAPS if name in maps):
+                carried[direction, name] = getattr(bodies, direction).values(maps[name])
         return carried
 
     def rows(self) -> list[dict[str, Any]]:
@@ -115,10 +120,6 @@ class PersonComparison:
             for over, rows in (("cortex", self.agreements), ("regions", self.correlations))
             for row in rows
         ]
-
-    def region_rows(self) -> list[dict[str, Any]]:
-        """A row for each region, with the names of the two."""
-        return [{"person": self.person, "grown": self.grown, **row} for row in self.regions]
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but maps, as plain values for JSON."""
@@ -176,8 +177,8 @@ def find_pairs(named: Mapping[str, Measures]) -> tuple[list[tuple[str, str, floa
         digest = source["sha256"].get("surface")
         people = [
             other
-            for other, of in named.items()
-            if other != name and of.cortex.hemi == m.cortex.hemi and digest and _white_digest(of) == digest
+            for other, cortex in ((other, of.cortex) for other, of in named.items())
+            if other != name and cortex.hemi == m.cortex.hemi and digest and _white_digest(cortex) == digest
         ]
         pairs += [(person, name, float(source["unfold"])) for person in people[:1]]
         if not people:
@@ -189,10 +190,10 @@ def find_pairs(named: Mapping[str, Measures]) -> tuple[list[tuple[str, str, floa
     return pairs, remarks
 
 
-def _white_digest(m: Measures) -> str | None:
+def _white_digest(cortex: Cortex) -> str | None:
     """SHA-256 of the file of the white surface; None if it was not read from a file."""
-    records = {record["path"]: record["sha256"] for record in m.cortex.inputs}
-    return records.get(m.cortex.files[0]) if m.cortex.files else None
+    digests = {record["path"]: record["sha256"] for record in cortex.inputs}
+    return next((digests.get(file) for file in cortex.files), None)
 
 
 def compare_with_person(
@@ -234,34 +235,30 @@ def compare_with_person(
         if "only" in m.parameters:
             raise MissingPart(f"{name}: was measured in part, only {listed(m.parameters['only'])}. Measure it whole.")
     bodies = bodies_of(person, grown, level)
-    axes, regions = _axes(bodies), numbers_of_bodies(bodies)
+    axes, regions = _axes(bodies), agreement.numbers_of_bodies(bodies)
     statistics = _statistics(bodies, axes)
     if regions is not None:
-        statistics.append(correlations(regions, bodies.weights))
+        statistics.append(regions.correlations(bodies.grown.weights))
     values = [statistic(bodies.to_grown.nearest, np.eye(3)) for statistic in statistics]
     table, turns = NearestTable(bodies.person.points), rotations(spins, seed)
     null = agreement.null_values(statistics, bodies.grown.points, table, turns)
-    of_person, of_grown = (bodies.person.points, bodies.person_areas), (bodies.grown.points, bodies.areas)
+    on = {"person": bodies.person, "smooth": bodies.grown, "grown": bodies.grown}
+    from_person = (grown.cortex.info.get("grown_from") or {}).get("maps", [])
     return PersonComparison(
         *names,
         person.cortex.hemi,
         level,
         bodies.grown.scale,
         spins,
-        tuple(_over_cortex(what, *tested) for what, *tested in zip(CONTROLS, values, null)),
-        {
-            name: agreement.forwardness(*axes[name], bodies.smooth, *at)
-            for name, at in (("person", of_person), ("smooth", of_grown), ("grown", of_grown))
-        },
-        () if regions is None else region_agreements(regions, values[-1], null[-1], grown),
-        () if regions is None else region_table(regions, person.cortex.hemi),
+        tuple(
+            agreement.agreement_with_controls(what, *tested, CONTROLS[what])
+            for what, *tested in zip(CONTROLS, values, null)
+        ),
+        {name: agreement.forwardness(*axes[name], bodies.smooth, b.points, b.areas) for name, b in on.items()},
+        regions.agreements(values[-1], null[-1], from_person) if regions else (),
+        regions.table(person.cortex.hemi) if regions else (),
         bodies,
     )
-
-
-def _over_cortex(what: str, values: Array, null: Array) -> Agreement:
-    (tested, best), (deepened, best_deepened) = agreement.best_controls(values, null)
-    return Agreement(what, tested, deepened, CONTROLS[what][best], CONTROLS[what][best_deepened])
 
 
 def _axes(bodies: Bodies) -> dict[str, tuple[Array, Array]]:
@@ -282,16 +279,21 @@ def _statistics(bodies: Bodies, axes: Mapping[str, tuple[Array, Array]]) -> list
 
     Each is a number of the grown body, then of the maps of the smooth body, then of those of the deepened one.
     """
-    weights, person, grown = bodies.weights, bodies.person, bodies.grown
-    smooth_bodies = [bodies.smooth_maps, bodies.deepened_maps]
-    controls = [agreement.classes(maps[key], weights) for maps in smooth_bodies for key in CONTROLS["depth"]]
-    statistics = []
-    for of_person, of_grown in ((person.height, grown.height), (person.curvature, grown.curvature)):
-        reference = agreement.classes(of_person, bodies.person_areas)
-        compared = [agreement.classes(of_grown, weights), *controls]
-        statistics.append(agreement.agreement_of_classes(compared, reference, weights))
-    compared_axes = [axes[name] for name in ("grown", "smooth", "deepened")]
-    return [*statistics, agreement.agreement_of_axes(compared_axes, axes["person"], weights, grown.points)]
+    person, grown, weights = bodies.person, bodies.grown, bodies.grown.weights
+    smooth_maps = [maps[key] for maps in bodies.smooth_maps.values() for key in CONTROLS["depth"]]
+    return [
+        *(
+            agreement.agreement_of_classes(
+                [agreement.classes(values, weights) for values in (of_grown, *smooth_maps)],
+                agreement.classes(of_person, person.areas),
+                weights,
+            )
+            for of_person, of_grown in ((person.height, grown.height), (person.curvature, grown.curvature))
+        ),
+        agreement.agreement_of_axes(
+            [axes[name] for name in ("grown", "smooth", "deepened")], axes["person"], weights, grown.points
+        ),
+    ]
 
 
 def write_people(people: Sequence[PersonComparison], folder: Path) -> None:
@@ -303,8 +305,9 @@ def write_people(people: Sequence[PersonComparison], folder: Path) -> None:
     if not people:
         return
     columns = ("person", "grown", "hemi", "region")
+    regions = [{"person": pair.person, "grown": pair.grown, **row} for pair in people for row in pair.regions]
     write_table(folder / "person.tsv", columns[:3], [row for pair in people for row in pair.rows()])
-    write_table(folder / "person_regions.tsv", columns, [row for pair in people for row in pair.region_rows()])
+    write_table(folder / "person_regions.tsv", columns, regions)
     for k, pair in enumerate(people, start=1):
         for (direction, name), values in pair.carried().items():
             file = folder / "carried" / str(k) / direction / f"{pair.hemi}.{name}.shape.gii"

@@ -7,8 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from morphofold.comparison.person.agreement import REGION_MEASURES
 from morphofold.comparison.person.compare_person import PersonComparison
-from morphofold.comparison.person.regions import REGION_MEASURES
 from morphofold.comparison.thickness import Cloud
 from morphofold.quantities import RELIEF, common_limits, quantity, scalar_words
 from morphofold.report.pages.entries import Entry
@@ -71,7 +71,7 @@ def _picture(pair: PersonComparison) -> Picture:
     pial = bodies.grown.pial
     rows = [
         Row(pair.person, bodies.person.pial, bodies.person.height, pair.hemi),
-        Row("smooth body before growth", bodies.surface, bodies.smooth_maps[RELIEF], pair.hemi),
+        Row("smooth body before growth", bodies.surface, bodies.smooth_maps["smooth"][RELIEF], pair.hemi),
         Row(pair.grown, Surface(pair.scale * pial.verts, pial.faces, pair.grown), bodies.grown.height, pair.hemi),
     ]
     return figure(rows, what, common_limits(what, [row.values for row in rows]))
