@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from made_measures import made_measures
 
-from morphofold.comparison.growth import DIMENSIONLESS_NUMBERS, growth_curve, matching_growth
+from morphofold.comparison.side_by_side import dimensionless_numbers, growth_curve, matching_growth
 from morphofold.errors import DoesNotApply, MissingPart, NamedTwice
 
 
@@ -30,7 +30,7 @@ def test_a_brain_is_met_where_the_lines_between_stages_have_its_number():
     assert met["gyrification index"] == pytest.approx([1.8])
     assert met["gyral over cortical thickness"] == []  # 2 is never reached
     assert met["hinges per gyral width²"] == []  # nobody has a net
-    assert set(met) == set(DIMENSIONLESS_NUMBERS)
+    assert set(met) == set(dimensionless_numbers(stage(None)))
 
 
 def test_a_number_that_comes_back_is_met_twice_and_a_stage_itself_once():

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
+from scipy import stats
 
 from morphofold.analysis.graph.hinge_shapes import (
     PLANAR_NET_FEATURES,
@@ -146,40 +147,35 @@ Group = tuple[str, Mapping[str, HingeShapes]]  # its name, and shapes by surface
 
 
 def _compare_groups(first: Group, second: Group, seed: int) -> HingeComparison:
-    a, b = (together(list(shapes.values())) for _, shapes in (first, second))
+    (one, own), (other, others) = first, second
+    shapes = list(others.values())
+    a, b = together(list(own.values())), together(shapes)
     pooled = np.concatenate([a, b])
     distance, pose = shape_distance(pooled, pooled)
     across = np.s_[: len(a), len(a) :]
+    numbers, other_numbers = (replace(shapes[0], features=features).numbers() for features in (a, b))
     return HingeComparison(
-        first[0],
-        second[0],
-        (len(first[1]), len(second[1])),
+        one,
+        other,
+        (len(own), len(others)),
         two_sample(distance, len(a), permutations=PERMUTATIONS, seed=seed),
-        _compare_numbers(first[1], second[1]),
-        *_compare_with_chance(first[0], a, second, b, seed),
-        _nearest_matches(distance[across], pose[across], first[1], second[1]),
+        tuple(_number_row(key, x, other_numbers[key]) for key, x in numbers.items()),
+        *_compare_with_chance(one, a, other, b, shapes, seed),
+        _nearest_matches(distance[across], pose[across], own, others),
     )
 
 
-def _compare_numbers(own: Mapping[str, HingeShapes], others: Mapping[str, HingeShapes]) -> tuple[NumberRow, ...]:
-    from scipy import stats
-
-    rows = []
-    numbers = [[s.numbers() for s in group.values()] for group in (own, others)]
-    for key in numbers[0][0]:
-        x, y = (np.concatenate([of_surface[key] for of_surface in group]) for group in numbers)
-        ks = float(stats.ks_2samp(x, y).statistic)
-        rows.append(NumberRow(key, float(np.median(x)), float(np.median(y)), ks))
-    return tuple(rows)
+def _number_row(number: str, x: Array, y: Array) -> NumberRow:
+    return NumberRow(number, float(np.median(x)), float(np.median(y)), float(stats.ks_2samp(x, y).statistic))
 
 
 def _compare_with_chance(
-    name: str, a: Array, other: Group, b: Array, seed: int
+    one: str, a: Array, other: str, b: Array, shapes: Sequence[HingeShapes], seed: int
 ) -> tuple[tuple[Control, ...], float | None, str]:
     """Controls of the first group with features ``a``; p-value of its difference from chance, and the units of that."""
-    rng, itself, shapes = np.random.default_rng(seed), f"{other[0]} itself", list(other[1].values())
+    rng, itself = np.random.default_rng(seed), f"{other} itself"
     net = net_at_chance([s for s in shapes if len(s)], seed=seed)
-    sources = {name: a, itself: b} | ({} if net is None else {RANDOM_NET_NAME: net})
+    sources = {one: a, itself: b} | ({} if net is None else {RANDOM_NET_NAME: net})
     distances = {source: shape_distance(x, b, of=PLANAR_NET_FEATURES)[0] for source, x in sources.items()}
     n = min(len(b) // 2, *map(len, sources.values()))
     total = {source: np.zeros(2) for source in sources}
@@ -188,19 +184,19 @@ def _compare_with_chance(
         for source, d in distances.items():
             drawn = order[n : 2 * n] if source == itself else rng.choice(len(d), n, replace=False)
             total[source] += _median_distances(d[np.ix_(drawn, order[:n])]) / DRAWS
-    controls = tuple(Control(source, float(to), float(back), n) for source, (to, back) in total.items())
+    controls = tuple(Control(source, *of.tolist(), n) for source, of in total.items())
     if net is None:
         return controls, None, ""
     size = min(len(a), len(net), MOST_TESTED_HINGES)
-    both = np.concatenate([rng.permutation(distances[source])[:size] for source in (name, RANDOM_NET_NAME)])
-    tests = {"hinges": (_difference(both), np.array([_difference(rng.permutation(both)) for _ in range(PERMUTATIONS)]))}
+    both = np.concatenate([rng.permutation(distances[source])[:size] for source in (one, RANDOM_NET_NAME)])
+    null = np.array([_difference(rng.permutation(both)) for _ in range(PERMUTATIONS)])
+    p = {"hinges": p_value(abs(_difference(both)), np.abs(null))}
     if len(shapes) >= LEAST_SURFACES_AS_UNITS:
         parts = np.split(both, np.cumsum([len(s) for s in shapes])[:-1], axis=1)
         differences = np.array([_difference(part) for part in parts if part.shape[1]])
         signs = rng.choice([-1.0, 1.0], size=(PERMUTATIONS, len(differences)))
-        tests["surfaces"] = float(differences.sum()), signs @ differences
-    p = {units: p_value(abs(difference), np.abs(null)) for units, (difference, null) in tests.items()}
-    units = max(p, key=lambda units: p[units])
+        p["surfaces"] = p_value(float(abs(differences.sum())), np.abs(signs @ differences))
+    units = max(p, key=p.__getitem__)
     return controls, p[units], units
 
 
@@ -227,13 +223,13 @@ def _nearest_matches(
     distance: Array, pose: Ints, own: Mapping[str, HingeShapes], others: Mapping[str, HingeShapes]
 ) -> tuple[Match, ...]:
     hinges, candidates = (
-        [(name, int(hinge), str(kind)) for name, s in group.items() for hinge, kind in zip(s.hinge, s.kinds)]
-        for group in (own, others)
+        [(name, int(hinge)) for name, s in group.items() for hinge in s.hinge] for group in (own, others)
     )
-    matches = []
-    for i, j in enumerate(distance.argmin(axis=1).tolist()):
-        (surface, hinge, kind), (other_surface, other, _) = hinges[i], candidates[j]
-        matches.append(Match(surface, hinge, other_surface, other, float(distance[i, j]), int(pose[i, j]), kind))
+    kinds = [str(kind) for s in own.values() for kind in s.kinds]
+    matches = [
+        Match(*hinges[i], *candidates[j], float(distance[i, j]), int(pose[i, j]), kinds[i])
+        for i, j in enumerate(distance.argmin(axis=1).tolist())
+    ]
     return tuple(sorted(matches, key=lambda match: match.distance))
 
 
@@ -248,8 +244,8 @@ def examples(
     for new_kinds in (True, False):
         for match in matches:
             used = {(m.other_surface, m.other) for m in chosen}
-            new = match not in chosen and (match.other_surface, match.other) not in used
-            if len(chosen) < count and new and not (new_kinds and match.kind in {m.kind for m in chosen}):
-                if accept(match):
-                    chosen.append(match)
+            new = (match.other_surface, match.other) not in used
+            known_kind = new_kinds and match.kind in {m.kind for m in chosen}
+            if len(chosen) < count and new and not known_kind and accept(match):
+                chosen.append(match)
     return sorted(chosen, key=lambda match: match.distance)

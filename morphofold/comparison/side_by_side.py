@@ -9,7 +9,8 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +19,12 @@ import numpy as np
 from morphofold.analysis.graph.hinge_shapes import hinge_shapes
 from morphofold.analysis.gyrification.folding_law import ShapeTerms, shape_terms_of
 from morphofold.analysis.measures import SCALARS, Measures
-from morphofold.comparison.growth import GrowthCurve, growth_curve, matching_growth
+from morphofold.arrays import Array
 from morphofold.comparison.hinges import HingeComparison, compare_hinges
 from morphofold.comparison.person.agreement import SPINS
 from morphofold.comparison.person.compare_person import PersonComparison, compare_people, write_people
 from morphofold.comparison.thickness import Cloud, TheoryLine, thickness_cloud, thickness_ratios, wrinkling_wavelength
-from morphofold.errors import NamedTwice, NothingToDo, NotReadable, OutOfRange, UnknownName
+from morphofold.errors import DoesNotApply, MissingPart, NamedTwice, NothingToDo, NotReadable, OutOfRange, UnknownName
 from morphofold.io import atomic_folder
 from morphofold.lazy import draw
 from morphofold.progress import Progress, silent
@@ -35,7 +36,6 @@ from morphofold.words import listed, number
 
 #: names of single hemispheres, by the name of both hemispheres or of their group
 HemisphereNames = Mapping[str, tuple[str, ...]]
-THICKNESS_RATIOS = (THICKNESS_RATIO, CREST_THICKNESS_RATIO)  # in the order of thickness_ratios
 #: parameters that make numbers differ, and the text of a value
 PARAMETER_TEXTS: Mapping[str, Callable[[Any], str]] = {
     "curvature_scale_mm": lambda mm: f"{number(float(mm), 2)} mm",
@@ -46,6 +46,27 @@ PARAMETER_TEXTS: Mapping[str, Callable[[Any], str]] = {
 }
 with Path(__file__).with_suffix(".toml").open("rb") as _file:
     PARAMETER_CAUTIONS, POINT_NOTES = tomllib.load(_file).values()
+
+
+@dataclass(frozen=True, eq=False)
+class GrowthCurve:
+    """Numbers of a body over its growth.
+
+    Attributes
+    ----------
+    name : str
+    growth : (G,) float64
+        Growth stretches, ascending.
+    numbers : mapping of str to (G,) float64
+        As :func:`dimensionless_numbers`; NaN if a stage doesn't have one (it isn't folded yet).
+    folding : (G,) tuple of ShapeTerms or None
+        Terms of the law of folding at each stage.
+    """
+
+    name: str
+    growth: Array
+    numbers: Mapping[str, Array]
+    folding: tuple[ShapeTerms | None, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,19 +83,19 @@ class Comparison:
     """
 
     names: tuple[str, ...]
-    measures: tuple[Measures, ...] = field(repr=False)
-    table: tuple[dict[str, Any], ...] = field(repr=False)
-    clouds: tuple[Cloud, ...] = field(repr=False)
-    theory: tuple[TheoryLine, ...] = ()
-    groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    colours: Mapping[str, str] = field(default_factory=dict, repr=False)
-    hinges: tuple[HingeComparison, ...] = field(default=(), repr=False)
-    folding: tuple[ShapeTerms | None, ...] = field(default=(), repr=False)
-    growth: tuple[GrowthCurve, ...] = field(default=(), repr=False)
-    stages: Mapping[str, tuple[Measures, ...]] = field(default_factory=dict, repr=False)
-    people: tuple[PersonComparison, ...] = field(default=(), repr=False)
-    notes: tuple[str, ...] = field(default=(), repr=False)
-    cautions: tuple[str, ...] = field(default=(), repr=False)
+    measures: tuple[Measures, ...]
+    table: tuple[dict[str, Any], ...]
+    clouds: tuple[Cloud, ...]
+    theory: tuple[TheoryLine, ...]
+    groups: Mapping[str, tuple[str, ...]]
+    colours: Mapping[str, str]
+    hinges: tuple[HingeComparison, ...]
+    folding: tuple[ShapeTerms | None, ...]
+    growth: tuple[GrowthCurve, ...]
+    stages: Mapping[str, tuple[Measures, ...]]
+    people: tuple[PersonComparison, ...]
+    notes: tuple[str, ...]
+    cautions: tuple[str, ...]
 
     def __repr__(self) -> str:
         names = ", ".join(map(repr, self.names))
@@ -207,9 +228,10 @@ def theory_lines(named: Mapping[str, Measures], mu_ratio: float | None = None) -
 
 def numbers(measures: Sequence[Measures]) -> dict[str, list[Any]]:
     """Every scalar, and both ratios of gyral to cortical thickness: the value of each surface, or None."""
-    extra = sorted({key for m in measures for key in m.scalars} - set(SCALARS))
-    own = [{**m.scalars, **dict(zip(THICKNESS_RATIOS, thickness_ratios(m)))} for m in measures]
-    return {key: [json_value(values.get(key)) for values in own] for key in (*SCALARS, *extra, *THICKNESS_RATIOS)}
+    own = [{**m.scalars, **thickness_ratios(m)} for m in measures]
+    others = sorted({key for m in measures for key in m.scalars})
+    keys = dict.fromkeys((*SCALARS, *others, THICKNESS_RATIO, CREST_THICKNESS_RATIO))
+    return {key: [json_value(values.get(key)) for values in own] for key in keys}
 
 
 def named_surfaces(
@@ -225,18 +247,18 @@ def named_surfaces(
     named: dict[str, Measures] = {}
     full: dict[str, tuple[str, ...]] = {}
     for name, entry in surfaces.items():
-        hemispheres: list[Any] = list(entry) if isinstance(entry, list | tuple) else [entry]
+        hemispheres: Sequence[Any] = entry if isinstance(entry, list | tuple) else [entry]
         for m in hemispheres:
             check_kind(m, Measures, f"compare: {name}")
-        full[name] = tuple(name if len(hemispheres) == 1 else f"{name} {m.cortex.hemi}" for m in hemispheres)
-        for single, m in zip(full[name], hemispheres):
+            single = name if len(hemispheres) == 1 else f"{name} {m.cortex.hemi}"
             if single in named:
                 raise NamedTwice(
                     f"{single!r} names two surfaces ({named[single].cortex.name} and {m.cortex.name}, both "
                     f"{m.cortex.hemi}). Give them different names."
                 )
             named[single] = m
-    if not full or not all(full.values()):
+            full[name] = (*full.get(name, ()), single)
+    if not surfaces or len(full) < len(surfaces):
         raise NothingToDo('nothing to compare: pass at least one surface, e.g. {"model": measures}.')
     return named, full
 
@@ -263,9 +285,10 @@ def colours_of(full: HemisphereNames, groups: HemisphereNames, requested: Mappin
         If a colour can't be read, or its name is unknown.
     """
     each = {name: (name,) for names in full.values() for name in names}
-    grouped = {name for names in groups.values() for name in names}
-    families = [*groups.values(), *(names for names in full.values() if not grouped & set(names))]
-    colours = {n: CATEGORICAL_COLOURS[k % len(CATEGORICAL_COLOURS)] for k, names in enumerate(families) for n in names}
+    colours, ours = dict[str, str](), cycle(CATEGORICAL_COLOURS)
+    for names in (*groups.values(), *full.values()):
+        if not colours.keys() & names:
+            colours |= dict.fromkeys(names, next(ours))
     for name, colour in requested.items():
         if name not in {*groups, *full, *each}:
             raise UnknownName(f"a colour is given to {name!r}, which is not among {', '.join({**groups, **full})}.")
@@ -313,3 +336,65 @@ def plot_notes(named: Mapping[str, Measures], clouds: Sequence[Cloud]) -> list[s
     for note, names in (("mirrored", mirrored), ("whole", kinds["whole"])):
         sentences += [POINT_NOTES[note].format(listed(names))] if names else []
     return sentences
+
+
+# growth beside morphology ------------------------------------------------------------------------------------
+
+
+def dimensionless_numbers(m: Measures) -> dict[str, float | None]:
+    """Numbers of a body without unit, so that bodies of any size can be compared; None where it has none."""
+    ratios, wavelength = thickness_ratios(m), m.scalars.get("wavelength_mm")
+    thickness = m.scalars.get("mean_cortical_thickness_mm")
+    return {
+        "gyrification index": m.scalars.get("gyrification_index"),
+        "k of the law of folding": getattr(shape_terms_of(m), "k", None),  # None without terms
+        "hinges per gyral width²": getattr(hinge_shapes(m), "per_area", None),
+        "gyral over cortical thickness": ratios[THICKNESS_RATIO],
+        "gyral over cortical, at crests": ratios[CREST_THICKNESS_RATIO],
+        "wavelength over cortical thickness": None if wavelength is None or not thickness else wavelength / thickness,
+    }
+
+
+def growth_curve(name: str, stages: Sequence[Measures]) -> GrowthCurve:
+    """The curve of the stages of one body; the growth of a stage is ``cortex.info["g"]``.
+
+    Raises
+    ------
+    ValueError
+        If a stage has no growth, two have the same, or there are fewer than two.
+    """
+    if len(stages) < 2:
+        raise MissingPart(f"{name}: growth needs at least two stages, got {len(stages)}.")
+    if missing := [m.cortex.name for m in stages if "g" not in m.cortex.info]:
+        raise DoesNotApply(f"{name}: {missing[0]} has no growth; only stages of a simulation have one.")
+    stages = sorted(stages, key=lambda m: float(m.cortex.info["g"]))
+    growth = np.array([float(m.cortex.info["g"]) for m in stages])
+    if (np.diff(growth) == 0).any():
+        raise NamedTwice(f"{name}: two stages are at g = {growth[:-1][np.diff(growth) == 0][0]:g}. Leave one out.")
+    rows = list(map(dimensionless_numbers, stages))
+    numbers = {key: np.array([row[key] for row in rows], dtype=np.float64) for key in rows[0]}
+    return GrowthCurve(name, growth, numbers, tuple(map(shape_terms_of, stages)))
+
+
+def matching_growth(curve: GrowthCurve, measures: Measures) -> dict[str, list[float]]:
+    """Growths at which each number of the curve equals that of another cortex, by linear interpolation of stages.
+
+    Returns
+    -------
+    dict of str to list of float
+        Ascending; empty where the curve never has that number, or the cortex has none.
+    """
+    return {
+        key: _growths_at_value(curve.growth, curve.numbers[key], number)
+        for key, number in dimensionless_numbers(measures).items()
+    }
+
+
+def _growths_at_value(growth: Array, values: Array, number: float | None) -> list[float]:
+    if number is None:
+        return []
+    known = np.isfinite(values)
+    g, above = growth[known], values[known] - number
+    k = np.flatnonzero(above[:-1] * above[1:] < 0)
+    crossings = g[k] + (g[k + 1] - g[k]) * above[k] / (above[k] - above[k + 1])
+    return sorted([*g[above == 0].tolist(), *crossings.tolist()])

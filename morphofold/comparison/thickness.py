@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy import stats
 
 from morphofold.analysis.measures import Measures
 from morphofold.analysis.thickness.robust_slope import LEAST_POINTS, LEAST_POINTS_FOR_BOUNDS, robust_line
 from morphofold.arrays import Array
-from morphofold.quantities import find
+from morphofold.quantities import CREST_THICKNESS_RATIO, THICKNESS_RATIO, find
 
 THICKNESSES = ("gyral_thickness_mm", "cortical_thickness_mm")
 #: of a whole surface
@@ -126,7 +127,7 @@ def thickness_cloud(measures: Measures) -> Cloud:
     return Cloud("whole", ())
 
 
-def thickness_ratios(measures: Measures) -> tuple[float | None, float | None]:
+def thickness_ratios(measures: Measures) -> dict[str, float | None]:
     """Gyral over cortical thickness: median over mean of the whole surface, and the median of the ratio over crests.
 
     The two differ if the cortex of crowns is thicker or thinner than that of walls and fundi. None if one of the two
@@ -134,7 +135,10 @@ def thickness_ratios(measures: Measures) -> tuple[float | None, float | None]:
     """
     gyral, cortical = (measures.scalars.get(key) for key in WHOLE_SURFACE_THICKNESSES)
     ratios = [wide / thick for wide, thick, _ in _rows_with_both_thicknesses(measures.crests) if thick > 0]
-    return gyral / cortical if gyral and cortical else None, float(np.median(ratios)) if ratios else None
+    return {
+        THICKNESS_RATIO: gyral / cortical if gyral and cortical else None,
+        CREST_THICKNESS_RATIO: float(np.median(ratios)) if ratios else None,
+    }
 
 
 def _rows_with_both_thicknesses(rows: Sequence[Mapping[str, Any]]) -> list[tuple[float, float, Mapping[str, Any]]]:
@@ -168,21 +172,19 @@ def fit_line(points: Sequence[ThicknessPoint], *, robust: bool = True) -> Fit | 
 
     ``robust``: also the median of slopes, whose time and memory grow as the square of the points; else it is NaN.
     """
-    from scipy import stats
-
     x, y = np.array([p.cortical for p in points]), np.array([p.gyral for p in points])
     if len(points) < LEAST_POINTS or np.ptp(x) == 0:
         return None
     line = stats.linregress(x, y)
     half = float(stats.t.ppf(0.975, len(points) - 2) * line.stderr)
     slope, intercept, r, p = (float(v) for v in (line.slope, line.intercept, line.rvalue, line.pvalue))
-    median: tuple[float, float | None, float | None] = (0.0, 0.0, 0.0) if robust else (np.nan, None, None)
+    median, bounds = (0.0, (0.0, 0.0)) if robust else (np.nan, (np.nan, np.nan))
     if robust and np.ptp(y) > 0:
         pairs = robust_line(x, y)
-        bounded = bool(np.isfinite([pairs.low, pairs.high]).all())
-        median = (pairs.robust, pairs.low, pairs.high) if bounded else (pairs.robust, None, None)
-    start, without_few = float(np.median(y - median[0] * x)), _slope_without_few(x, y, slope)
-    return Fit(*median, start, slope, slope - half, slope + half, without_few, intercept, r, p, len(points))
+        median, bounds = pairs.robust, (pairs.low, pairs.high)
+    low, high = (bound if np.isfinite(bound) else None for bound in bounds)
+    start, without_few = float(np.median(y - median * x)), _slope_without_few(x, y, slope)
+    return Fit(median, low, high, start, slope, slope - half, slope + half, without_few, intercept, r, p, len(points))
 
 
 def _slope_without_few(x: Array, y: Array, slope: float) -> float | None:

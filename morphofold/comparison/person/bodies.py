@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -50,12 +50,12 @@ class Body:
     """
 
     measures: Measures
-    points: Array = field(repr=False)
-    cortex: Bools = field(repr=False)
+    points: Array
+    cortex: Bools
     scale: float
-    areas: Array = field(repr=False)
-    height: Array = field(repr=False)
-    curvature: Array = field(repr=False)
+    areas: Array
+    height: Array
+    curvature: Array
 
     @property
     def pial(self) -> Surface:
@@ -86,9 +86,9 @@ class Bodies:
 
     person: Body
     grown: Body
-    smooth: SmoothSurface = field(repr=False)
-    to_grown: Places = field(repr=False)
-    to_person: Places = field(repr=False)
+    smooth: SmoothSurface
+    to_grown: Places
+    to_person: Places
 
     @cached_property
     def surface(self) -> Surface:

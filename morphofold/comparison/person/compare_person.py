@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -74,8 +74,8 @@ class PersonComparison:
     agreements: tuple[Agreement, ...]
     forwardness: Mapping[str, float]
     correlations: tuple[Agreement, ...]
-    regions: tuple[dict[str, Any], ...] = field(repr=False)
-    bodies: Bodies = field(repr=False)
+    regions: tuple[dict[str, Any], ...]
+    bodies: Bodies
 
     def __repr__(self) -> str:
         agreements = ", ".join(f"{row.what} {row.tested.value:.2f} ({row.verdict})" for row in self.agreements)

@@ -15,8 +15,7 @@ from morphofold.analysis.frames import COLUMNS, FREESURFER_VALUES
 from morphofold.analysis.gyrification.folding_law import ShapeTerms, shape_terms_of
 from morphofold.analysis.measures import SCALARS, Measures
 from morphofold.comparison import Comparison
-from morphofold.comparison.growth import matching_growth
-from morphofold.comparison.side_by_side import numbers
+from morphofold.comparison.side_by_side import matching_growth, numbers
 from morphofold.comparison.thickness import Cloud
 from morphofold.forecasts.cost import Cost, cost_beside, cost_of_analysis
 from morphofold.geometry import norms

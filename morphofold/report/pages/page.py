@@ -18,8 +18,7 @@ from markupsafe import Markup
 
 from morphofold.analysis.measures import Measures
 from morphofold.comparison import Comparison, compare
-from morphofold.comparison.growth import DIMENSIONLESS_NUMBERS
-from morphofold.comparison.side_by_side import cautions, plot_notes
+from morphofold.comparison.side_by_side import cautions, dimensionless_numbers, plot_notes
 from morphofold.forecasts.cost import PAGE_STAGE, called
 from morphofold.geometry import vertex_areas
 from morphofold.progress import Progress, silent
@@ -241,10 +240,12 @@ def _charts(entries: Sequence[Entry], comparison: Comparison) -> dict[str, Any]:
 
 
 def _growth_charts(entries: Sequence[Entry], comparison: Comparison) -> list[Markup]:
-    drawn = []
-    for key, of in DIMENSIONLESS_NUMBERS.items() if comparison.growth else ():
+    if not comparison.growth:
+        return []
+    drawn, numbers = [], [(e, dimensionless_numbers(e.measures)) for e in entries]
+    for key in comparison.growth[0].numbers:
         curves = [(c.name, c.growth, c.numbers[key]) for c in comparison.growth]
-        others = [(e, value) for e in entries if (value := of(e.measures)) is not None]
+        others = [(e, value) for e, of_entry in numbers if (value := of_entry[key]) is not None]
         drawn.append(charts.growth_chart(key, curves, others))
     return [chart for chart in drawn if chart is not None]
 
