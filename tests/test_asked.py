@@ -12,7 +12,7 @@ from morphofold.analysis.measures import SCALARS
 from morphofold.comparison import compare, compare_with_person
 from morphofold.errors import MissingPart, NothingToDo, UnknownName
 from morphofold.io import read_cortex, sample_path
-from morphofold.report.pages.methods import paragraph, settings_of
+from morphofold.report.pages.templates import paragraph, settings_of
 from morphofold.results import read_analysis, write_analysis
 from morphofold.shapes import icosphere
 from morphofold.shapes.folded_ball import folded_ball

@@ -21,7 +21,6 @@ from morphofold.cohort.tables import write_tables
 from morphofold.cohort.tasks import write_record
 from morphofold.report.pages import group_page
 from morphofold.report.pages.group_page import group_report
-from morphofold.report.pictures import group as group_pictures
 from morphofold.results import write_analysis, write_dataset
 
 NASTY = '<script>alert("x")</script>&"\''
@@ -58,8 +57,8 @@ def measured(tmp_path_factory):
 @pytest.mark.parametrize("layout", ["plain", "bids"])
 def test_the_planted_outlier_is_named_with_its_picture_coloured_by_its_measure(tmp_path, measured, layout, monkeypatch):
     """The thickness that was made, 3 + z / 40, above that of another subject."""
-    rows, figure = [], group_pictures.figure
-    monkeypatch.setattr(group_pictures, "figure", lambda shown, *a: (rows.extend(shown), figure(shown, *a))[1])
+    rows, figure = [], group_page.figure
+    monkeypatch.setattr(group_page, "figure", lambda shown, *a: (rows.extend(shown), figure(shown, *a))[1])
     results = {f"sub-{k:05d}": measured[layout][k == 4] for k in range(20)}
     text = text_of(with_outlier(20, 4, 7.77, results=results), tmp_path)
     caption = next(words_of(f) for f in re.findall(r"<figcaption><strong>.*?</figcaption>", text, re.DOTALL))
@@ -222,7 +221,7 @@ def test_the_same_group_gives_the_same_bytes(tmp_path, measured):
 @pytest.mark.slow
 def test_a_page_holds_a_bounded_number_of_pictures(tmp_path, measured, monkeypatch):
     """What does not fit lies beside it, and the page says where."""
-    monkeypatch.setattr(group_pictures, "MOST_EMBEDDED_CHARACTERS", 300_000)
+    monkeypatch.setattr(group_page, "MOST_EMBEDDED_CHARACTERS", 300_000)
     results = {f"sub-{k:05d}": measured["plain"][0] for k in range(40)}
     thickness = made_group(40).scalars[THICKNESS].copy()
     thickness[:9, 0] = 9 + np.arange(9)

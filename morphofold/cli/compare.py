@@ -12,7 +12,7 @@ from morphofold.errors import NamedTwice, NotReadable
 from morphofold.io import refuse_foreign
 from morphofold.progress import part_of
 from morphofold.provenance import printable
-from morphofold.report.pages.person_section import VERDICT_WORDS
+from morphofold.report.pages.page import VERDICT_WORDS
 from morphofold.results import read_analysis, read_stages
 
 PRINTED_MEASURES = "gyrification_index", "mean_cortical_thickness_mm", "median_gyral_thickness_mm"

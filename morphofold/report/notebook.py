@@ -13,7 +13,7 @@ from morphofold.errors import NothingToDo, OutOfRange, UnknownName
 from morphofold.geometry import face_areas
 from morphofold.quantities import HEADLINE_SCALARS, MAIN_MAPS, Quantity, common_limits, find, quantity, scalar_words
 from morphofold.report.pages.templates import SIDES, render
-from morphofold.report.pictures.sheet import in_page, in_steps_of_four
+from morphofold.report.pictures.sheet import in_page, in_steps_of_four, png_bytes
 from morphofold.report.pictures.surfaces import NO_VALUES, Row, figure
 from morphofold.words import in_one_line
 
@@ -60,7 +60,7 @@ def html_of(shown: Any) -> str:
         views = SIDE_VIEWS[:1] if several else SIDE_VIEWS
         try:
             image = figure(card.surfaces, card.what, limits, views, CARD_PX[several], transposed=several)
-            picture = in_page(in_steps_of_four(image))
+            picture = in_page(png_bytes(in_steps_of_four(image)))
         except OutOfRange as error:
             reason = f"No picture: {error}"
     return render("notebook.html", card=card, picture=picture, reason=reason)

@@ -6,7 +6,7 @@ have the rest. Sentences are in ``templates/group.html``.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,14 +17,22 @@ from markupsafe import Markup
 from morphofold.arrays import Array
 from morphofold.cohort import statistics as stats
 from morphofold.progress import Progress, silent
-from morphofold.quantities import CATEGORICAL_COLOURS, THICKNESS_RATIO, scalar_words
-from morphofold.report.pages.methods import paragraph
-from morphofold.report.pages.templates import SIDES, plural, write_page
-from morphofold.report.pictures.group import draw_outliers
+from morphofold.quantities import (
+    CATEGORICAL_COLOURS,
+    MAP_OF_SCALAR,
+    THICKNESS_RATIO,
+    common_limits,
+    quantity,
+    scalar_words,
+)
+from morphofold.report.pages.templates import SIDES, paragraph, plural, write_page, write_picture
+from morphofold.report.pictures.sheet import Picture
+from morphofold.report.pictures.surfaces import Row, figure
 from morphofold.report.plots import charts as plots
 from morphofold.report.plots.line_plots import ticks
+from morphofold.results import read_pial
 from morphofold.tables import write_table
-from morphofold.words import number
+from morphofold.words import in_one_line, number
 
 if TYPE_CHECKING:
     from morphofold.cohort.tables import Group
@@ -39,6 +47,9 @@ HEADLINE_MEASURES = (
 )
 OPEN_CHARTS = (*HEADLINE_MEASURES, "wavelength_mm", "n_hinges")  # always visible; others are folded away
 MOST_PICTURED_SUBJECTS = 12
+DEFAULT_MAP = "H"  # the map for measures that have no map
+FIGURE_WIDTH_PX = 860  # [pixels]
+MOST_EMBEDDED_CHARACTERS = 1_500_000  # most characters of pictures inside a page; further pictures are files only
 #: rows that the page has at most: failures, outliers; subjects with warnings, and under several names
 MOST_ROWS = {"failures": 200, "outliers": 200, "remarks": 50, "same": 50}
 LARGEST_CHARTED_Z = 10.0  # robust z above which charts leave values out
@@ -251,3 +262,53 @@ def _thickness_plot(group: Group, sides: Sequence[Side], kind: str) -> dict[str,
         "binned": any(cloud.bins for _, cloud in clouds),
         "fits": [(side, cloud.fit, len(cloud.points)) for side, cloud in clouds],
     }
+
+
+# pictures ----------------------------------------------------------------------------------------------------
+
+
+def draw_outliers(
+    far: Sequence[stats.Outlier],
+    subjects: Sequence[str],
+    scalars: stats.Scalars,
+    results: Mapping[str, Path],
+    folder: Path,
+) -> list[dict[str, Any]]:
+    """Write ``folder/outlier-01.png`` and so on, one for each of ``far``.
+
+    Returns an entry for each, for the page: the ``outlier``, the ``typical`` subject beside it, the ``map``, and the
+    ``file`` and its ``data``, or the ``reason`` why there is none.
+    """
+    entries: list[dict[str, Any]] = []
+    for k, outlier in enumerate(far, start=1):
+        typical = nearest_to_median(outlier, subjects, scalars)
+        key = MAP_OF_SCALAR.get(outlier.measure, DEFAULT_MAP)
+        entry = {"outlier": outlier, "typical": typical, "map": quantity(key).label, "data": ""}
+        entries.append(entry)
+        try:
+            image = _outlier_picture(outlier, typical, key, results)
+        except (OSError, ValueError) as error:
+            entry["reason"] = in_one_line(error)
+            continue
+        folder.mkdir(exist_ok=True)
+        entry |= write_picture(folder / f"outlier-{k:02}.png", image, outlier.subject)
+        if sum(len(other["data"]) for other in entries) > MOST_EMBEDDED_CHARACTERS:
+            entry["data"] = ""
+    return entries
+
+
+def nearest_to_median(outlier: stats.Outlier, subjects: Sequence[str], scalars: stats.Scalars) -> str:
+    """The first subject whose value of an outlier's measure, on its side, is nearest to the median."""
+    difference = np.abs(scalars[outlier.measure][:, stats.HEMIS.index(outlier.hemi)] - outlier.median)
+    return subjects[int(np.nanargmin(difference))]
+
+
+def _outlier_picture(outlier: stats.Outlier, typical: str, key: str, results: Mapping[str, Path]) -> Picture:
+    """Lateral and medial view of both subjects, in the same colours and at one scale."""
+    rows, hemi = [], outlier.hemi
+    for subject, label in {outlier.subject: outlier.subject, typical: f"{typical}, at the median"}.items():
+        surface, values = read_pial(results[subject], hemi, key)
+        rows.append(Row(label, surface, np.full(len(surface.verts), np.nan) if values is None else values, hemi))
+    measured = [row.values for row in rows]
+    what = quantity(key, measured)
+    return figure(rows, what, common_limits(what, measured), ("lateral", "medial"), FIGURE_WIDTH_PX)

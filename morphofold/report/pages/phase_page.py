@@ -94,7 +94,7 @@ def _at(phases: Phases, others: tuple[int, ...]) -> str:
 
 def _saved(figure: Any, path: Path, title: str) -> dict[str, Any]:
     save(figure, path)
-    return {"title": title, **picture_entry(path, path.read_bytes())}
+    return picture_entry(path, path.read_bytes(), title)
 
 
 # surfaces ----------------------------------------------------------------------------------------------------

@@ -1,26 +1,33 @@
-"""Writes a page from its template: one file that opens offline, with every name escaped; and the pictures beside it."""
+"""Writes a page from its template: one file that opens offline, with every name escaped; and the pictures beside it.
+
+Also the methods paragraph of a page, from what it shows and the scales that were used. Its sentences are in
+``templates/methods.txt``, with the references that they cite.
+"""
 
 from __future__ import annotations
 
 import base64
 import hashlib
 import platform
-from collections.abc import Sequence
-from functools import cache
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib import metadata, resources
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, select_autoescape
+from jinja2 import Environment, PackageLoader
 from markupsafe import Markup
 
+from morphofold.analysis.measures import Measures
 from morphofold.provenance import CONTROLS
 from morphofold.quantities import scalar_words
-from morphofold.report.pictures.sheet import Picture, halved, png_bytes, safe_name
+from morphofold.report.pictures.sheet import Picture, halved, in_page, png_bytes, safe_name
 from morphofold.words import number, percent, span
 
 REPORTED_PACKAGES = ("morphofold", "numpy", "scipy", "trimesh", "nibabel", "networkx", "numba", "pyvista")
 SIDES = {"lh": "left", "rh": "right"}
+REFERENCES = "References, of which those are listed that the text names\n"
+RESAMPLED = {"draft": "thinned", "fine": "finer"}  # by accuracy
+MOST_VALUES_LISTED = 3  # values of a scale; of more, the least and the greatest
 
 
 def write_page(path: Path, template: str, scripts: Sequence[str] = (), **values: Any) -> Path:
@@ -37,12 +44,12 @@ def write_page(path: Path, template: str, scripts: Sequence[str] = (), **values:
 def write_picture(path: Path, image: Picture, title: str, **values: Any) -> dict[str, Any]:
     """Write a picture; return what a template needs to show it at half size, with more ``values``."""
     path.write_bytes(png_bytes(image))
-    return {"title": title, **picture_entry(path, png_bytes(halved(image))), **values}
+    return picture_entry(path, png_bytes(halved(image)), title, **values)
 
 
-def picture_entry(path: Path, png: bytes) -> dict[str, Any]:
-    """The file of a picture, from the folder of the page, and its data."""
-    return {"file": f"{path.parent.name}/{path.name}", "data": base64.b64encode(png).decode()}
+def picture_entry(path: Path, png: bytes, title: str, **values: Any) -> dict[str, Any]:
+    """What a template needs to show a picture: its file, from the folder of the page, its data, and more ``values``."""
+    return {"title": title, "file": f"{path.parent.name}/{path.name}", "data": in_page(png), **values}
 
 
 def versions() -> list[tuple[str, str]]:
@@ -71,20 +78,72 @@ FILTERS = {
 }
 
 
+TEMPLATES = Environment(
+    loader=PackageLoader("morphofold.report", "templates"), autoescape=True, trim_blocks=True, lstrip_blocks=True
+)
+TEMPLATES.globals.update(FUNCTIONS)
+TEMPLATES.filters.update(FILTERS)
+
+
 def render(template: str, **values: Any) -> str:
     """HTML of a template with ``values``."""
-    return _template_environment().get_template(template).render(**values)
+    return TEMPLATES.get_template(template).render(**values)
 
 
-@cache
-def _template_environment() -> Environment:
-    """The templates of the report, all with escaping."""
-    env = Environment(
-        loader=PackageLoader("morphofold.report", "templates"),
-        autoescape=select_autoescape(default=True, default_for_string=True),
-        trim_blocks=True,
-        lstrip_blocks=True,
+# methods -----------------------------------------------------------------------------------------------------
+
+
+def methods_of(measures: Iterable[Measures], **more: Any) -> tuple[str, list[str]]:
+    """How cortices were measured, as one paragraph, and the references that it cites; ``more`` goes to the template."""
+    measures = list(measures)
+    known = {name for m in measures for name in (*m.maps, *(k for k, v in m.scalars.items() if v is not None))}
+    return paragraph(list(map(settings_of, measures)), known, **more)
+
+
+def settings_of(m: Measures) -> dict[str, Any]:
+    """How a cortex was measured, as :func:`paragraph` needs it."""
+    cortex = m.cortex
+    return {
+        **m.parameters,
+        "origin": cortex.origin,
+        "n_vertices": cortex.n_vertices,
+        "annotation": cortex.regions.name if cortex.regions is not None and m.regions else None,
+        "annotation_from": cortex.info.get("annotation_from"),
+    }
+
+
+def paragraph(settings: Sequence[Mapping[str, Any]], known: Iterable[str], **more: Any) -> tuple[str, list[str]]:
+    """How white and pial surfaces were measured, as one paragraph, and the references that it cites.
+
+    ``settings`` are parameters of measures with ``origin``, ``n_vertices``, ``annotation`` and ``annotation_from``.
+    ``known`` are the maps and scalars that any surface has; methods of others are left out. ``more`` goes to the
+    template.
+    """
+    names = set(known)
+    masks = {str(s["cortex_mask"]) for s in settings if s.get("cortex_mask") and s["origin"] != "simulation"}
+    resampled = [
+        (RESAMPLED[s["accuracy"]], s["accuracy_vertices"])
+        for s in settings
+        if s.get("accuracy") in RESAMPLED and s["accuracy_vertices"] != s["n_vertices"]
+    ]
+    atlases = {(s["annotation"], s.get("annotation_from")) for s in settings if s.get("annotation")}
+    text = render(
+        "methods.txt",
+        has=lambda *any_of: not names or not names.isdisjoint(any_of),
+        values=lambda key: [s[key] for s in settings if s.get(key) is not None],
+        listed=_listed,
+        settings=settings,
+        rules=sorted({mask.partition(", ")[0] if ", " in mask else "" for mask in masks}),
+        resampled={how: [n for other, n in resampled if other == how] for how in RESAMPLED.values()},
+        atlases=sorted((name.removesuffix(f".{template}"), template or "") for name, template in atlases),
+        **more,
     )
-    env.globals.update(FUNCTIONS)
-    env.filters.update(FILTERS)
-    return env
+    sentences, _, references = text.partition(REFERENCES)
+    works = [line.split(" | ") for line in references.strip().splitlines()]
+    return Markup(" ".join(sentences.split())), [work for name, work in works if name in sentences]
+
+
+def _listed(values: Iterable[float], text: Callable[[float], str]) -> str:
+    """``a``, ``a or b``, or ``a to z`` if there are more than three; the same text is given once."""
+    texts = list(dict.fromkeys(text(value) for value in sorted(map(float, values))))
+    return f"{texts[0]} to {texts[-1]}" if len(texts) > MOST_VALUES_LISTED else " or ".join(texts)

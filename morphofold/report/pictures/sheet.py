@@ -19,7 +19,6 @@ from matplotlib.transforms import IdentityTransform
 from numpy.typing import NDArray
 from PIL import Image
 
-from morphofold.errors import WrongShape
 from morphofold.quantities import Quantity
 from morphofold.report.plots.line_plots import NO_FORMULAS, blank_figure, colour_bar, ticks
 
@@ -100,8 +99,6 @@ def new_sheet(width: int, height: int) -> Iterator[Sheet]:
 
 def png_bytes(image: Picture) -> bytes:
     """A (height, width, 3) uint8 picture as the bytes of a PNG file."""
-    if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
-        raise WrongShape(f"a picture must be (height, width, 3) uint8, got {image.shape} {image.dtype}.")
     file = io.BytesIO()
     Image.fromarray(image).save(file, "PNG", compress_level=COMPRESSION)
     return file.getvalue()
@@ -118,9 +115,9 @@ def in_steps_of_four(image: Picture) -> Picture:
     return np.minimum((image.astype(np.uint16) + 2) // 4 * 4, 255).astype(np.uint8)
 
 
-def in_page(image: Picture) -> str:
-    """A picture as base64, for the source of an image in HTML."""
-    return base64.b64encode(png_bytes(image)).decode()
+def in_page(png: bytes) -> str:
+    """A picture file as base64, for the source of an image in HTML."""
+    return base64.b64encode(png).decode()
 
 
 def read_png(path: Path) -> Picture:
