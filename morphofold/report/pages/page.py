@@ -40,7 +40,7 @@ from morphofold.report.pages.viewer import (
 )
 from morphofold.report.pictures.gyral_net import clear_examples, hinge_pairs, net_figure, net_row
 from morphofold.report.pictures.sheet import Picture, safe_name
-from morphofold.report.pictures.surfaces import Row, VisibleFaces, figure
+from morphofold.report.pictures.surfaces import Row, figure
 from morphofold.report.plots import charts
 from morphofold.surface import Surface
 from morphofold.threads import run_parallel
@@ -188,7 +188,6 @@ def _write_pictures(
         for e, d in zip(entries, displays)
     }
     pictures = []
-    looks: VisibleFaces = {}
     with ThreadPoolExecutor(1) as writer:  # writes one picture while the next is drawn
         for key in (k for k in MAIN_MAPS if k in shown):
             what, limits = shown[key]
@@ -196,7 +195,7 @@ def _write_pictures(
             for e, values in entries_with_map(entries, key):
                 surface, ids = drawn[e.name]
                 rows.append(Row(e.name, surface, values[ids], e.measures.cortex.hemi))
-            image, file = figure(rows, what, limits, looks=looks), folder / f"{safe_name(key)}.png"
+            image, file = figure(rows, what, limits), folder / f"{safe_name(key)}.png"
             pictures.append(writer.submit(write_picture, file, image, what.title, limits=limits))
         if nets := [net_row(e.measures, e.name) for e in entries if e.measures.graph is not None]:
             image, title = net_figure(nets), "Net of gyral crests and its hinges"
@@ -303,7 +302,7 @@ def person_parts(
     for k, pair in enumerate(people, start=1):
         person, grown = by_name[pair.person], by_name[pair.grown]
         measures = REGION_MEASURES if pair.regions else ()
-        plots = [region_plot(pair.regions, key, *scalar_words(key), person, grown) for key in measures]
+        plots = [charts.region_plot(pair.regions, key, *scalar_words(key), person, grown) for key in measures]
         title = f"{pair.person}, the smooth body and {pair.grown}, four views each"
         picture = write_picture(folder / f"person-{k}.png", _picture(pair), title)
         parts.append((pair, person, grown, [plot for plot in plots if plot is not None], picture))

@@ -6,7 +6,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from trimesh.remesh import subdivide
 
@@ -14,6 +13,7 @@ from morphofold import geometry
 from morphofold.analysis import Measures, vertex_normals
 from morphofold.analysis.graph.hinges import counts, hinge_at
 from morphofold.analysis.graph.net import resampled
+from morphofold.arrays import Array
 from morphofold.comparison.hinges import Match, examples
 from morphofold.errors import MissingPart
 from morphofold.quantities import Quantity
@@ -22,7 +22,7 @@ from morphofold.report.colours import rgb_of
 from morphofold.report.pictures.raster import look
 from morphofold.report.pictures.sheet import GREY, Picture, new_sheet
 from morphofold.report.pictures.surfaces import Row, draw, figure
-from morphofold.surface import Faces, Surface, Verts
+from morphofold.surface import Surface, Verts
 
 CREST_COLOUR = "#333333"
 HINGE_RADIUS_IN_WIDTHS = 0.27  # radius of a hinge, in crown widths
@@ -77,7 +77,7 @@ def shaded(measures: Measures) -> colours.RGB:
     return np.round(np.array(colours.BARE_SURFACE_COLOUR) * (1 - 0.35 * share)[:, None]).astype(np.uint8)
 
 
-def paint_lines(rgb: colours.RGB, verts: Verts, lines: Sequence[NDArray[np.float64]], edge: float, colour: str) -> None:
+def paint_lines(rgb: colours.RGB, verts: Verts, lines: Sequence[Array], edge: float, colour: str) -> None:
     """Colour the vertices within about half an ``edge`` [mm] of lines (P, 3)."""
     if lines:
         points, reach = np.concatenate([resampled(line, 0.3 * edge) for line in lines]), 0.55 * edge
@@ -128,40 +128,27 @@ def hinge_patch(measures: Measures, number: int, pose: int = 0) -> Row:
     pial = measures.cortex.pial
     verts = (pial.verts - pial.verts[hinge.vertex]) @ (TILT @ frame).T
     near = geometry.norms(verts) < PATCH_RADIUS_IN_WIDTHS
-    patch, faces = _connected_piece(pial.faces[near[pial.faces].all(axis=1)], hinge.vertex)
+    faces = pial.faces[near[pial.faces].all(axis=1)]
+    piece = geometry.components(len(verts), faces)[1]
+    patch, on_patch, faces = geometry.in_use(verts, faces[piece[faces[:, 0]] == piece[hinge.vertex]])
     white, edge = measures.cortex.white.verts, graph.graph["edge"]
-    tree, reach = cKDTree(white[patch]), edge + geometry.norms(white[patch] - white[hinge.vertex]).max()
-    fine, grey = verts[patch], {"grey": shaded(measures)[patch].astype(np.float64)}
+    tree, centre = cKDTree(white[patch]), white[hinge.vertex]
+    reach = edge + geometry.norms(white[patch] - centre).max()
+    fine, grey = on_patch, {"grey": shaded(measures)[patch].astype(np.float64)}
     for _ in range(EDGE_HALVINGS):
         fine, faces, grey = subdivide(fine, faces, vertex_attributes=grey)
     rgb = np.round(grey["grey"]).astype(np.uint8)
     for node, colour in ((None, OTHER_CREST_COLOUR), (number, OWN_CREST_COLOUR)):  # of None, all crests
         lines = [crest["polyline"] for *_, crest in graph.edges(node, data=True)]
-        lines = _lines_near(lines, white[hinge.vertex], reach)
-        parts = [part for line in lines for part in _line_on_patch(line, tree, verts[patch], edge)]
+        lines = [line for line in lines if geometry.norms(line - centre).min() <= reach]
+        parts = [part for line in lines for part in _line_on_patch(line, tree, on_patch, edge)]
         paint_lines(rgb, fine, parts, CREST_WIDTH, colour)
     faces = faces[:, ::-1] if pose >= 3 else faces
     corners = PATCH_RADIUS_IN_WIDTHS * np.array([[-1.0, -1, -1], [1, 1, 1]])  # they centre the picture on the hinge
     return Row("", Surface(np.concatenate([fine, corners]), faces), rgb=np.concatenate([rgb, rgb[:2]]))
 
 
-def _connected_piece(faces: Faces, vertex: int) -> tuple[NDArray[np.int64], Faces]:
-    """The vertices that faces (M, 3) connect to ``vertex``, and the faces between them."""
-    piece = geometry.components(int(faces.max()) + 1, faces)[1]
-    kept, ends = np.unique(faces[piece[faces[:, 0]] == piece[vertex]], return_inverse=True)
-    return kept, ends.reshape(-1, 3)
-
-
-def _lines_near(lines: list[NDArray[np.float64]], at: NDArray[np.float64], reach: float) -> list[NDArray[np.float64]]:
-    """The lines (P, 3) with a point within ``reach`` [mm] of a point (3,)."""
-    near = geometry.norms(np.concatenate(lines) - at) <= reach
-    first = np.cumsum([0, *map(len, lines)])[:-1]
-    return [line for line, some in zip(lines, np.logical_or.reduceat(near, first)) if some]
-
-
-def _line_on_patch(
-    line: NDArray[np.float64], white: cKDTree, verts: NDArray[np.float64], edge: float
-) -> list[NDArray[np.float64]]:
+def _line_on_patch(line: Array, white: cKDTree, verts: Array, edge: float) -> list[Array]:
     """The parts of a line (P, 3) within an edge [mm] of ``white`` vertices of a patch, moved to the same ``verts``.
 
     A line from vertex to vertex zigzags, so each part is smoothed; its ends stay.
@@ -188,7 +175,7 @@ def clear_examples(matches: Sequence[Match], measures: Mapping[str, Measures]) -
     pairs: dict[Match, tuple[Row, Row]] = {}
 
     def clear(match: Match) -> bool:
-        if measures[match.surface].graph is None or measures[match.other_surface].graph is None:
+        if None in (measures[match.surface].graph, measures[match.other_surface].graph):
             return False
         pairs[match] = pair_of(match, measures)
         return all(in_sight(patch) > LEAST_VISIBLE_SHARE for patch in pairs[match])
@@ -209,21 +196,17 @@ def in_sight(patch: Row) -> float:
 
 def hinge_pairs(pairs: Mapping[Match, tuple[Row, Row]], rows: tuple[str, str]) -> Picture:
     """Pairs of hinges in columns, the first group above the second; ``rows`` are the names of both groups."""
-    drawn = [
-        [draw(p, "top", PATCH_QUANTITY, (0, 1), (PANEL_PX, PANEL_PX), PX_PER_WIDTH) for p in patches]
-        for patches in pairs.values()
-    ]
     left, top, step = 3 * CAPTION_PX // 2, 16, PANEL_PX + CAPTION_PX
+    size, bold = (PANEL_PX, PANEL_PX), {"va": "center", "rotation": 90, "weight": "bold"}
     with new_sheet(left + PANEL_PX * len(pairs), top + 2 * step + 12) as sheet:
-        for k, (match, pictures) in enumerate(zip(pairs, drawn)):
-            ends = ((match.surface, match.hinge, 0), (match.other_surface, match.other, match.pose))
-            for line, (picture, (surface, number, pose)) in enumerate(zip(pictures, ends)):
-                x, y = left + k * PANEL_PX, top + line * step
-                sheet.picture(picture, x, y)
-                name = surface.removeprefix(rows[line]).strip()  # its group is said at the row
-                text = f"{name}, " * bool(name) + f"{number}" + ", mirrored" * (pose >= 3)
+        for line, group in enumerate(rows):
+            y = top + line * step
+            sheet.text(CAPTION_PX, y + PANEL_PX / 2, group, 20, PANEL_PX, ha="center", **bold)
+            for k, (match, patches) in enumerate(pairs.items()):
+                x = left + k * PANEL_PX
+                sheet.picture(draw(patches[line], "top", PATCH_QUANTITY, (0, 1), size, PX_PER_WIDTH), x, y)
+                surface, number = ((match.surface, match.hinge), (match.other_surface, match.other))[line]
+                name = surface.removeprefix(group).strip()  # its group is said at the row
+                text = f"{name}, " * bool(name) + f"{number}" + ", mirrored" * (line * match.pose >= 3)
                 sheet.text(x + PANEL_PX / 2, y + PANEL_PX + 22, text, 18, PANEL_PX - 20, ha="center", color=GREY)
-        for line, name in enumerate(rows):
-            middle = top + line * step + PANEL_PX / 2
-            sheet.text(CAPTION_PX, middle, name, 20, PANEL_PX, ha="center", va="center", rotation=90, weight="bold")
         return sheet.pixels()

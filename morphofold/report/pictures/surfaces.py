@@ -9,18 +9,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import product
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from morphofold.arrays import Array, memoized
 from morphofold.errors import OutOfRange, UnknownName
 from morphofold.geometry import vertex_normals
 from morphofold.quantities import Quantity
 from morphofold.report import colours
 from morphofold.report.pictures import raster
-from morphofold.report.pictures.sheet import Picture, Sheet, new_sheet
-from morphofold.surface import Surface
+from morphofold.report.pictures.sheet import Picture, new_sheet
+from morphofold.surface import Faces, Surface
 from morphofold.threads import run_parallel
 
 VIEWS = ("lateral", "medial", "top", "bottom")
@@ -45,9 +44,9 @@ class Row:
 
     name: str
     surface: Surface
-    values: NDArray[np.float64] = field(default_factory=lambda: NO_VALUES)
+    values: Array = field(default_factory=lambda: NO_VALUES)
     hemi: str = "lh"
-    rgb: NDArray[np.uint8] | None = None
+    rgb: colours.RGB | None = None
 
     def colours(self, limits: tuple[float, float], signed: bool) -> colours.RGB:
         if self.rgb is not None:
@@ -57,10 +56,7 @@ class Row:
         return np.full((len(self.surface.verts), 3), colours.BARE_SURFACE_COLOUR, dtype=np.uint8)
 
 
-VisibleFaces = dict[tuple[Any, ...], Any]  # (surface, view) -> visible faces
-
-
-def camera(view: str, hemi: str) -> NDArray[np.float64]:
+def camera(view: str, hemi: str) -> Array:
     """The screen's right, up and towards-the-viewer axes, as rows of a (3, 3) rotation.
 
     Coordinates are right, anterior, superior (RAS): a left hemisphere is seen laterally from -x, a right one
@@ -71,31 +67,28 @@ def camera(view: str, hemi: str) -> NDArray[np.float64]:
     return np.array(CAMERAS[view if hemi == "rh" else OTHER_SIDE.get(view, view)], dtype=np.float64)
 
 
-def extent(surface: Surface, view: str, hemi: str = "lh") -> NDArray[np.float64]:
+def extent(surface: Surface, view: str, hemi: str = "lh") -> Array:
     """Width and height (2,) of a surface in a view [mm]."""
     return np.abs(camera(view, hemi)[:2]) @ np.ptp(surface.verts, axis=0)  # its axes are those of the coordinates
 
 
-def draw(
-    row: Row,
-    view: str,
-    what: Quantity,
-    limits: tuple[float, float],
-    size: tuple[int, int],
-    px_per_mm: float,
-    looks: VisibleFaces | None = None,
-) -> Picture:
-    """One surface from a side, in the middle of a picture (height, width, 3) of ``size`` (width, height).
+@memoized
+def visible_faces(
+    verts: Array, faces: Faces, view: str, hemi: str, size: tuple[int, int], px_per_mm: float
+) -> raster.Seen:
+    """The visible faces of a surface in a view; the next picture of the same surface then only needs colouring."""
+    centred = verts - (verts.min(axis=0) + verts.max(axis=0)) / 2
+    return raster.look(centred @ camera(view, hemi).T, faces, size, size[1] / (2 * px_per_mm))
 
-    ``looks`` keeps the visible faces of a surface; the next picture of the same surface then only needs colouring.
-    """
-    verts, faces, axes = row.surface.verts, row.surface.faces, camera(view, row.hemi)
-    looks, key = {} if looks is None else looks, (row.surface, axes.tobytes(), size, px_per_mm)
-    if key not in looks:  # the key also keeps the surface alive
-        centred = verts - (verts.min(axis=0) + verts.max(axis=0)) / 2
-        looks[key] = raster.look(centred @ axes.T, faces, size, size[1] / (2 * px_per_mm))
-    seen: raster.Seen = looks[key]
-    return seen.coloured(vertex_normals(verts, faces) @ axes.T, row.colours(limits, what.signed))
+
+def draw(
+    row: Row, view: str, what: Quantity, limits: tuple[float, float], size: tuple[int, int], px_per_mm: float
+) -> Picture:
+    """One surface from a side, in the middle of a picture (height, width, 3) of ``size`` (width, height)."""
+    verts, faces = row.surface.verts, row.surface.faces
+    seen = visible_faces(verts, faces, view, row.hemi, size, px_per_mm)
+    normals = vertex_normals(verts, faces) @ camera(view, row.hemi).T
+    return seen.coloured(normals, row.colours(limits, what.signed))
 
 
 def figure(
@@ -105,14 +98,13 @@ def figure(
     views: Sequence[str] = VIEWS,
     width: int = 1520,
     legend: Sequence[tuple[str, str]] = (),
-    looks: VisibleFaces | None = None,
     *,
     transposed: bool = False,
 ) -> Picture:
     """Rows of surfaces from ``views``, all at one scale, with view names and ruler.
 
-    Below is a colour bar, or without ``limits`` the ``legend``: words and their colour ("#d55e00"). ``looks`` is as
-    for :func:`draw`. ``transposed`` has the surfaces in columns. Raises ``OutOfRange`` for surfaces without extent.
+    Below is a colour bar, or without ``limits`` the ``legend``: words and their colour ("#d55e00").
+    ``transposed`` has the surfaces in columns. Raises ``OutOfRange`` for surfaces without extent.
     """
     names = [row.name for row in rows]
     cells, headings = [[(row, view) for view in views] for row in rows], list(views)
@@ -122,9 +114,7 @@ def figure(
     wide, ends = max(columns), limits or (0.0, 1.0)
     tops, lefts = HEAD + np.cumsum([0, *lines]) + NAME * np.arange(len(lines) + 1), np.cumsum([EDGE, *columns])
     bottom = int(tops[-1])
-    drawn = run_parallel(
-        *(partial(draw, *c, what, ends, (wide, h), per_mm, looks) for line, h in zip(cells, lines) for c in line)
-    )
+    drawn = run_parallel(*(partial(draw, *c, what, ends, (wide, h), per_mm) for line, h in zip(cells, lines) for c in line))
     with new_sheet(width, bottom + FOOT) as sheet:
         sheet.text(EDGE, 36, what.title, 18, weight="bold")
         for left, column, heading in zip(lefts, columns, headings):
@@ -136,25 +126,13 @@ def figure(
             cut = (wide - column) // 2
             sheet.picture(picture[:, cut : cut + column], left, top + NAME)
         sheet.ruler(per_mm, EDGE, bottom + 34)
-        _draw_keys(sheet, bottom, rows, what, limits, legend)
+        if limits is not None:
+            sheet.colour_bar(what, limits, width // 2 - 180, bottom + 22, 360, 16)
+            if any(np.isnan(row.values).any() for row in rows):
+                sheet.key(width // 2 + 240, bottom + 22, "not measured", np.divide(colours.NOT_MEASURED_COLOUR, 255))
+        for k, key in enumerate(legend):
+            sheet.key(EDGE + 220 + 230 * k, bottom + 26, *key)
         return sheet.pixels()
-
-
-def _draw_keys(
-    sheet: Sheet,
-    y: int,
-    rows: Sequence[Row],
-    what: Quantity,
-    limits: tuple[float, float] | None,
-    legend: Sequence[tuple[str, str]],
-) -> None:
-    """Draw what the colours mean below ``y``."""
-    if limits is not None:
-        sheet.colour_bar(what, limits, sheet.width // 2 - 180, y + 22, 360, 16)
-        if any(np.isnan(row.values).any() for row in rows):
-            sheet.key(sheet.width // 2 + 240, y + 22, "not measured", np.divide(colours.NOT_MEASURED_COLOUR, 255))
-    for k, (text, colour) in enumerate(legend):
-        sheet.key(EDGE + 220 + 230 * k, y + 26, text, colour)
 
 
 def _scale_and_sizes(cells: Sequence[Sequence[tuple[Row, str]]], width: int) -> tuple[float, list[int], list[int]]:
