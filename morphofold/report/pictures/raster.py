@@ -10,9 +10,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
+from morphofold.arrays import Array, Ints
 from morphofold.geometry import is_closed
+from morphofold.geometry.kernels import corners, dot
 from morphofold.kernels import kernel, reading
 
 
@@ -40,10 +43,7 @@ def rasterise(xyz, faces, width, height, closed):
     depth = np.full((height, width), -np.inf)
     b0, b1 = np.zeros((height, width), dtype=np.float32), np.zeros((height, width), dtype=np.float32)
     for f in range(len(faces)):
-        i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
-        ax, ay, az = xyz[i, 0], xyz[i, 1], xyz[i, 2]
-        bx, by, bz = xyz[j, 0], xyz[j, 1], xyz[j, 2]
-        cx, cy, cz = xyz[k, 0], xyz[k, 1], xyz[k, 2]
+        (ax, ay, az), (bx, by, bz), (cx, cy, cz) = corners(xyz, faces, f)
         twice = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
         if twice == 0.0 or (closed and twice > 0.0):  # on a closed surface, those turned away lie behind others
             continue
@@ -72,6 +72,13 @@ def rasterise(xyz, faces, width, height, closed):
 KEY_LIGHT, HIGHLIGHT = (tuple(np.divide(v, np.linalg.norm(v))) for v in ((-0.35, 0.55, 0.75), (-0.18, 0.28, 0.94)))
 
 
+@njit(inline="always")
+def blend(u, v, w, abc):
+    """The sum of three vectors with weights u, v, w."""
+    a, b, c = abc
+    return u * a[0] + v * b[0] + w * c[0], u * a[1] + v * b[1] + w * c[1], u * a[2] + v * b[2] + w * c[2]
+
+
 @kernel
 def paint(face, b0, b1, faces, normals, colours, oversample):
     """Brightness (height, width, 3) of the result of ``rasterise``, lit as in the viewer; white where there is no face.
@@ -83,36 +90,23 @@ def paint(face, b0, b1, faces, normals, colours, oversample):
     image = np.zeros((height, width, 3))
     for y in range(face.shape[0]):
         for x in range(face.shape[1]):
-            f = face[y, x]
+            f, u, v, pixel = face[y, x], b0[y, x], b1[y, x], image[y // oversample, x // oversample]
             if f < 0:
-                for c in range(3):
-                    image[y // oversample, x // oversample, c] += 1.0
+                pixel += 1.0
                 continue
-            i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
-            u, v = b0[y, x], b1[y, x]
             w = 1.0 - u - v
-            nx = u * normals[i, 0] + v * normals[j, 0] + w * normals[k, 0]
-            ny = u * normals[i, 1] + v * normals[j, 1] + w * normals[k, 1]
-            nz = u * normals[i, 2] + v * normals[j, 2] + w * normals[k, 2]
-            size = math.sqrt(nx * nx + ny * ny + nz * nz)
-            scale = math.copysign(1.0 / max(size, 1e-12), nz)
-            nx, ny, nz = nx * scale, ny * scale, nz * scale
-            key = max(nx * KEY_LIGHT[0] + ny * KEY_LIGHT[1] + nz * KEY_LIGHT[2], 0.0)
-            gleam = max(nx * HIGHLIGHT[0] + ny * HIGHLIGHT[1] + nz * HIGHLIGHT[2], 0.0) ** 24
-            light = 0.26 + 0.44 * key + 0.36 * nz
+            n = blend(u, v, w, corners(normals, faces, f))
+            scale = math.copysign(1.0 / max(math.sqrt(dot(n, n)), 1e-12), n[2])
+            n = n[0] * scale, n[1] * scale, n[2] * scale
+            gleam = max(dot(n, HIGHLIGHT), 0.0) ** 24
+            light = 0.26 + 0.44 * max(dot(n, KEY_LIGHT), 0.0) + 0.36 * n[2]
+            rgb = blend(u, v, w, corners(colours, faces, f))
             for c in range(3):
-                base = (u * colours[i, c] + v * colours[j, c] + w * colours[k, c]) / 255.0
-                image[y // oversample, x // oversample, c] += min(base * light + 0.06 * gleam, 1.0)
+                pixel[c] += min(rgb[c] / 255.0 * light + 0.06 * gleam, 1.0)
     return image
 
 
-def look(
-    points: NDArray[np.float64],
-    faces: NDArray[np.int64],
-    size: tuple[int, int],
-    half_height: float,
-    oversample: int = 2,
-) -> Seen:
+def look(points: Array, faces: Ints, size: tuple[int, int], half_height: float, oversample: int = 2) -> Seen:
     """The visible faces of a surface from +z, x to the right, y up, without perspective.
 
     Parameters
@@ -140,10 +134,10 @@ class Seen:
     face: NDArray[np.int32]
     b0: NDArray[np.float32]
     b1: NDArray[np.float32]
-    faces: NDArray[np.int64]
+    faces: Ints
     oversample: int
 
-    def coloured(self, normals: NDArray[np.float64], colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    def coloured(self, normals: Array, colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Picture (height, width, 3) on white, from unit normals (N, 3) in the camera's axes and colours (N, 3)."""
         image = paint(*reading(self.face, self.b0, self.b1, self.faces, normals, colours), self.oversample)
         return np.round(image * (255.0 / self.oversample**2)).astype(np.uint8)
