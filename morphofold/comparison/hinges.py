@@ -184,7 +184,7 @@ def _compare_with_chance(
         for source, d in distances.items():
             drawn = order[n : 2 * n] if source == itself else rng.choice(len(d), n, replace=False)
             total[source] += _median_distances(d[np.ix_(drawn, order[:n])]) / DRAWS
-    controls = tuple(Control(source, *of.tolist(), n) for source, of in total.items())
+    controls = tuple(Control(source, float(to), float(back), n) for source, (to, back) in total.items())
     if net is None:
         return controls, None, ""
     size = min(len(a), len(net), MOST_TESTED_HINGES)
@@ -226,10 +226,11 @@ def _nearest_matches(
         [(name, int(hinge)) for name, s in group.items() for hinge in s.hinge] for group in (own, others)
     )
     kinds = [str(kind) for s in own.values() for kind in s.kinds]
-    matches = [
-        Match(*hinges[i], *candidates[j], float(distance[i, j]), int(pose[i, j]), kinds[i])
-        for i, j in enumerate(distance.argmin(axis=1).tolist())
-    ]
+    matches = []
+    for i, j in enumerate(distance.argmin(axis=1).tolist()):
+        (surface, hinge), (other_surface, other) = hinges[i], candidates[j]
+        near = float(distance[i, j]), int(pose[i, j])
+        matches.append(Match(surface, hinge, other_surface, other, *near, kinds[i]))
     return tuple(sorted(matches, key=lambda match: match.distance))
 
 

@@ -163,7 +163,7 @@ def agreement_with_controls(
         at = controls[best]
         tests.append(compare_with_null(float(values[0]), null[:, 0], float(values[at]), null[:, at]))
         best_maps.append(maps[best])
-    return Agreement(what, *tests, *best_maps, **more)
+    return Agreement(what, tests[0], tests[1], best_maps[0], best_maps[1], **more)
 
 
 def compare_with_null(

@@ -162,8 +162,8 @@ def bodies_of(person: Measures, grown: Measures, level: float) -> Bodies:
     Lengths are compared at convex hulls of equal area. Hulls, because the total area of a surface is part of what is
     compared: at equal area a body with few folds would be drawn larger than a person's brain.
     """
-    for m in (person, grown):
-        c = m.cortex
+    points = []
+    for m, c in ((m, m.cortex) for m in (person, grown)):
         if c.sphere is None:
             raise MissingPart(
                 f"{c.called}: the analysis has no {c.hemi}.sphere, so its vertices can't be found on the other cortex. "
@@ -171,13 +171,14 @@ def bodies_of(person: Measures, grown: Measures, level: float) -> Bodies:
             )
         if "H" not in m.maps:
             raise MissingPart(f"{c.called}: has no map of mean curvature (H). Analyze it again.")
+        points.append(points_on_sphere(c.pial, c.sphere))
     if person.cortex.hemi != grown.cortex.hemi:
         raise UnlikeSurfaces(
             f"{person.cortex.called} and {grown.cortex.called} are two hemispheres. Compare a cortex with the one it "
             "grew from."
         )
     size = hull(person.cortex.pial.verts, person.cortex.faces).area
-    points = [points_on_sphere(m.cortex.pial, m.cortex.sphere) for m in (person, grown)]
+    assert person.cortex.sphere is not None
     smooth = unfold(person.cortex.white, person.cortex.sphere, level).surface
     smooth = smooth.scaled(float(np.sqrt(size / hull(smooth(points[1]), grown.cortex.faces).area)))
     own, other = (_body(m, s, size, smooth) for m, s in zip((person, grown), points))

@@ -251,8 +251,8 @@ def compare_with_person(
         bodies.grown.scale,
         spins,
         tuple(
-            agreement.agreement_with_controls(what, *tested, CONTROLS[what])
-            for what, *tested in zip(CONTROLS, values, null)
+            agreement.agreement_with_controls(what, of_bodies, of_spins, CONTROLS[what])
+            for what, of_bodies, of_spins in zip(CONTROLS, values, null)
         ),
         {name: agreement.forwardness(*axes[name], bodies.smooth, b.points, b.areas) for name, b in on.items()},
         regions.agreements(values[-1], null[-1], from_person) if regions else (),

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from morphofold.analysis.frames import COLUMNS, FREESURFER_VALUES
 from morphofold.analysis.gyrification.folding_law import ShapeTerms, shape_terms_of
 from morphofold.analysis.measures import SCALARS, Measures
+from morphofold.arrays import Ints
 from morphofold.comparison import Comparison
 from morphofold.comparison.side_by_side import matching_growth, numbers
 from morphofold.comparison.thickness import Cloud
@@ -50,13 +50,14 @@ Rows = list[dict[str, Any]]
 
 @dataclass(frozen=True, eq=False)
 class Entry(charts.Look):
-    """One surface of a page: its look in charts, its points in the plot of gyral against cortical thickness, and other
-    stages of its growth."""
+    """One surface of a page: its look in charts, its points in the plot of gyral against cortical thickness, other
+    stages of its growth, and the person on whose sphere it has points."""
 
     measures: Measures
     cloud: Cloud
     group: str = ""
     stages: tuple[Measures, ...] = ()
+    person: str | None = None
 
     @property
     def folding(self) -> ShapeTerms | None:
@@ -168,18 +169,19 @@ def value_text(value: Any) -> str:
 # notes -------------------------------------------------------------------------------------------------------
 
 
-def warnings(entries: Sequence[Entry], shown: Mapping[str, tuple[int, NDArray[np.int64]]]) -> Rows:
+def warnings(entries: Sequence[Entry], ids: Sequence[Ints]) -> Rows:
     """Warnings on the surfaces, the most severe first, with the vertices that they name.
 
-    ``shown`` has the panel of each surface, by its name, and the vertices that are drawn there.
+    ``ids`` has the vertices of each surface that its panel shows.
     """
     rows = []
     for key, (cause, _) in WARNINGS.items():
         level = LEVELS[0 if key in SEVERE_WARNINGS else 2 if key in SLIGHT_WARNINGS else 1]
-        for e in (e for e in entries if e.measures.notes.get(key)):
-            (panel, ids), cortex, text = shown[e.name], e.measures.cortex, e.measures.notes[key]
-            white = cortex.white.verts
-            places = [(v, panel, int(norms(white[ids] - white[v]).argmin())) for v in vertices_at(text, cortex)]
+        for panel, e in enumerate(entries):
+            if not (text := e.measures.notes.get(key)):
+                continue
+            cortex, white = e.measures.cortex, e.measures.cortex.white.verts
+            places = [(v, panel, int(norms(white[ids[panel]] - white[v]).argmin())) for v in vertices_at(text, cortex)]
             rows.append({"entry": e, "code": key, "cause": cause, "text": text, "places": places, "level": level})
     return sorted(rows, key=lambda row: LEVELS.index(row["level"]))
 

@@ -6,7 +6,7 @@ forbids everything else, and every name from a file is escaped.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
@@ -75,9 +75,8 @@ def analysis_report(
     if clock is not None:
         clock.begin(PAGE_STAGE)
     names = [m.cortex.name for m in measures]
-    unique = [n if names.count(n) == 1 else f"{n} {m.cortex.hemi}" for n, m in zip(names, measures)]
-    named = dict(zip(unique, measures))
-    hemispheres = replace(compare(named), stages={unique[0]: tuple(stages)}, cautions=tuple(cautions(named)))
+    named = {n if names.count(n) == 1 else f"{n} {m.cortex.hemi}": m for n, m in zip(names, measures)}
+    hemispheres = replace(compare(named), stages={next(iter(named)): tuple(stages)}, cautions=tuple(cautions(named)))
     sides = " and ".join(SIDES[m.cortex.hemi] for m in measures)
     cortices = f"The {sides} hemisphere{'s' if len(measures) > 1 else ''}"
     if all(m.cortex.origin == "simulation" for m in measures):
@@ -114,60 +113,47 @@ def _write_page(
     **about: Any,
 ) -> Path:
     """Write a page and its pictures; ``about`` goes to the template."""
-    entries, folder = entries_of(comparison), path.parent / "figures"
+    folder = path.parent / "figures"
     folder.mkdir(parents=True, exist_ok=True)
-    page = _surfaces_and_pictures(entries, comparison, folder, progress)
+    panels = with_smooth_bodies(entries_of(comparison), comparison.people)
+    entries, shown = [e for e in panels if e.name in comparison.names], shown_maps(panels)
+    progress(0.0, "thinning surfaces")
+    displays = run_parallel(*(partial(thinned, e) for e in panels))
+    progress(0.15, "drawing pictures")
+    pictures, (viewer, blocks), pairs, histograms = run_parallel(
+        lambda: _write_pictures(folder, zip(panels, displays), entries, shown),
+        lambda: viewer_data(panels, displays, shown),
+        lambda: _write_hinge_pairs(folder, comparison),
+        lambda: _histogram_charts(entries, shown),
+    )
     progress(0.8, "drawing charts")
     return write_page(
         path,
         "report.html",
         VIEWER_SCRIPTS,
         **about,
-        **page,
         **_charts(entries, comparison),
         comparison=comparison,
         entries=entries,
+        panels=panels,
+        drawn=_drawn_surface(panels),
+        viewer=viewer,
+        blocks=blocks,
+        pictures=pictures,
+        pairs=pairs,
+        histograms=histograms,
         notes=contents,
         called=called,
         verdicts=VERDICT_WORDS,
         scalars=contents.scalars(entries),
         headlines=HEADLINE_SCALARS,
-        warnings=contents.warnings(entries, page["drawn_at"]),
+        warnings=contents.warnings(panels, [display.ids for display in displays]),
         plot_notes=plot_notes(dict(zip(comparison.names, comparison.measures)), comparison.clouds),
         people=person_parts(comparison.people, entries, folder),
         methods=methods_of(comparison.measures, entries=entries, comparison=comparison),
         inputs=list(inputs) or records_as_read(e.measures.cortex for e in entries),
         costs=contents.costs(entries, clock) if about["kind"] == ANALYSIS else [],
     )
-
-
-def _surfaces_and_pictures(
-    entries: Sequence[Entry], comparison: Comparison, folder: Path, progress: Progress
-) -> dict[str, Any]:
-    """The surfaces of the viewer, and pictures and histograms that take as long, by their names in the template."""
-    panels, person_of = with_smooth_bodies(entries, comparison.people)
-    shown = shown_maps(panels)
-    progress(0.0, "thinning surfaces")
-    displays = run_parallel(*(partial(thinned, e) for e in panels))
-    panel_of = {e.name: k for k, e in enumerate(panels)}
-    own = [displays[panel_of[e.name]] for e in entries]
-    progress(0.15, "drawing pictures")
-    pictures, (viewer, blocks), pairs, histograms = run_parallel(
-        lambda: _write_pictures(folder, entries, own, shown),
-        lambda: viewer_data(panels, displays, shown, person_of),
-        lambda: _write_hinge_pairs(folder, comparison),
-        lambda: _histogram_charts(entries, shown),
-    )
-    return {
-        "panels": panels,
-        "drawn_at": {e.name: (panel_of[e.name], display.ids) for e, display in zip(entries, own)},
-        "drawn": _drawn_surface(panels),
-        "viewer": viewer,
-        "blocks": blocks,
-        "pictures": pictures,
-        "pairs": pairs,
-        "histograms": histograms,
-    }
 
 
 def _drawn_surface(entries: Sequence[Entry]) -> str:
@@ -179,15 +165,15 @@ def _drawn_surface(entries: Sequence[Entry]) -> str:
 
 
 def _write_pictures(
-    folder: Path, entries: Sequence[Entry], displays: Sequence[Display], shown: ShownMaps
+    folder: Path, panels: Iterable[tuple[Entry, Display]], entries: Sequence[Entry], shown: ShownMaps
 ) -> list[dict[str, Any]]:
     """Write ``folder/KEY.png`` for the main maps and the gyral net; return them for the page."""
-    which = _drawn_surface(entries)
+    which, pictures = _drawn_surface(entries), []
     drawn = {
         e.name: (Surface(getattr(e.measures.cortex, which).verts[d.ids], d.faces, e.name), d.ids)
-        for e, d in zip(entries, displays)
+        for e, d in panels
+        if e in entries
     }
-    pictures = []
     with ThreadPoolExecutor(1) as writer:  # writes one picture while the next is drawn
         for key in (k for k in MAIN_MAPS if k in shown):
             what, limits = shown[key]
@@ -223,12 +209,12 @@ def _areas(e: Entry) -> np.ndarray:
 
 
 def _histogram_charts(entries: Sequence[Entry], shown: ShownMaps) -> list[Markup]:
-    areas, drawn = {e.name: _areas(e) for e in entries}, []
+    drawn = []
     for key in (k for k in MAIN_MAPS if k in shown):
         what, _ = shown[key]
-        series = [(e, values, areas[e.name]) for e, values in entries_with_map(entries, key)]
+        series = [(e, values, _areas(e)) for e, values in entries_with_map(entries, key)]
         drawn.append(charts.histograms(series, what.label, what.unit))
-    return [chart for chart in drawn if chart is not None]
+    return list(filter(None, drawn))
 
 
 def _charts(entries: Sequence[Entry], comparison: Comparison) -> dict[str, Any]:
@@ -252,7 +238,7 @@ def _growth_charts(entries: Sequence[Entry], comparison: Comparison) -> list[Mar
         curves = [(c.name, c.growth, c.numbers[key]) for c in comparison.growth]
         others = [(e, value) for e, of_entry in numbers if (value := of_entry[key]) is not None]
         drawn.append(charts.growth_chart(key, curves, others))
-    return [chart for chart in drawn if chart is not None]
+    return list(filter(None, drawn))
 
 
 def _thickness_ratio_chart(entries: Sequence[Entry]) -> Markup | None:
@@ -270,27 +256,23 @@ def _thickness_ratio_chart(entries: Sequence[Entry]) -> Markup | None:
 # people ------------------------------------------------------------------------------------------------------
 
 
-def with_smooth_bodies(
-    entries: Sequence[Entry], people: Sequence[PersonComparison]
-) -> tuple[list[Entry], dict[str, str]]:
-    """The panels of the viewer: entries with heights, and the smooth body before the first cortex that grew from it.
-
-    Also the person of each panel that has points on a person's sphere, by its name.
-    """
-    heights = {name: body for p in people for name, body in ((p.person, p.bodies.person), (p.grown, p.bodies.grown))}
-    person_of = {name: p.person for p in people for name in (p.grown, p.person)}
+def with_smooth_bodies(entries: Sequence[Entry], people: Sequence[PersonComparison]) -> list[Entry]:
+    """The panels of the viewer: entries with heights and the person on whose sphere they have points, and the smooth
+    body before the first cortex that grew from it."""
+    own = {name: (p, body) for p in people for name, body in ((p.person, p.bodies.person), (p.grown, p.bodies.grown))}
     first = {(p.person, p.level): p for p in reversed(people)}
-    before = {p.grown: p for p in first.values()}
-    several = len({level for _, level in first}) > 1
+    before, several = {p.grown: p for p in first.values()}, len({level for _, level in first}) > 1
     panels = []
     for e in entries:
-        if e.name in before:
-            p = before[e.name]
+        if p := before.get(e.name):
             name = f"smooth body of {p.person}" + (f", level {p.level:g}" if several else "")
-            panels.append(Entry(name, SMOOTH_COLOUR, "diamond", "", p.bodies.smooth_measures(name), Cloud("whole", ())))
-            person_of[name] = p.person
-        panels.append(replace(e, measures=heights[e.name].with_height()) if e.name in heights else e)
-    return panels, person_of
+            smooth = p.bodies.smooth_measures(name)
+            panels.append(Entry(name, SMOOTH_COLOUR, "diamond", "", smooth, Cloud("whole", ()), person=p.person))
+        if e.name in own:
+            p, body = own[e.name]
+            e = replace(e, measures=body.with_height(), person=p.person)
+        panels.append(e)
+    return panels
 
 
 def person_parts(
@@ -305,7 +287,7 @@ def person_parts(
         plots = [charts.region_plot(pair.regions, key, *scalar_words(key), person, grown) for key in measures]
         title = f"{pair.person}, the smooth body and {pair.grown}, four views each"
         picture = write_picture(folder / f"person-{k}.png", _picture(pair), title)
-        parts.append((pair, person, grown, [plot for plot in plots if plot is not None], picture))
+        parts.append((pair, person, grown, list(filter(None, plots)), picture))
     return parts
 
 

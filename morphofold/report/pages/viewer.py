@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import base64
 import zlib
-from collections.abc import Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -36,15 +37,10 @@ STAGED_VERTICES = 15_000  # of a body drawn at every stage of growth
 NAN_CODE_16_BIT = 65535
 VertexIds = NDArray[np.int64]
 Maps = Mapping[str, PerVertex]
+#: crests as indices (P,) in the list of drawn vertices, and hinges: ``at``, the index of the nearest drawn vertex,
+#: ``degree``, whether it is ``doubtful``, and ``lines`` of label and text
+Net = tuple[list[VertexIds], list[dict[str, Any]]]
 ShownMaps = dict[str, tuple[Quantity, tuple[float, float]]]  # map key -> quantity, limits for all surfaces
-
-
-@dataclass(frozen=True, eq=False)
-class Packed:
-    """What the page inlines for one surface: ``meta`` goes into JSON, ``data`` into a text block."""
-
-    meta: dict[str, Any]
-    data: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,23 +50,6 @@ class Display:
     ids: VertexIds
     faces: Faces
     thinned: bool
-
-
-@dataclass(frozen=True, eq=False)
-class Net:
-    """A gyral net on the drawn vertices.
-
-    Attributes
-    ----------
-    crests : sequence of (P,) int64
-        Indices in the list of drawn vertices, along each crest.
-    hinges : list of dict
-        ``at``, the index of the nearest drawn vertex, ``degree``, whether it is ``doubtful``, and ``lines`` of label
-        and text.
-    """
-
-    crests: Sequence[VertexIds]
-    hinges: list[dict[str, Any]]
 
 
 # what a page shows -------------------------------------------------------------------------------------------
@@ -99,24 +78,20 @@ def shown_maps(entries: Sequence[Entry]) -> ShownMaps:
 
 
 def viewer_data(
-    entries: Sequence[Entry], displays: Sequence[Display], shown: ShownMaps, person_of: Mapping[str, str] = {}
+    entries: Sequence[Entry], displays: Sequence[Display], shown: ShownMaps
 ) -> tuple[dict[str, Any], dict[str, Markup]]:
-    """The JSON configuration of viewer.js, and the packed data of each surface (``"0"``) and its stages (``"0-1"``).
-
-    ``person_of`` has the person of each surface that has points on that person's sphere.
-    """
+    """The JSON configuration of viewer.js, and the packed data of each surface (``"0"``) and its stages (``"0-1"``)."""
     surfaces, blocks = [], {}
     steps = {key: (high - low) / 2000 for key, (_, (low, high)) in shown.items()}  # finer than the colours can show
     for k, (e, display) in enumerate(zip(entries, displays)):
         cortex = e.measures.cortex
         maps = {key: a for key in shown for _, a in entries_with_map([e], key)}
-        packed = pack(cortex, maps, steps, display, net_of(e.measures, display.ids), person_of.get(e.name))
-        main = lambda m: {key: a for key in MAIN_MAPS if key in shown and (a := find(m.maps, key)) is not None}
-        stages = [pack_stage(m.cortex, main(m), steps, display.ids) for m in e.stages]
+        packed = pack(cortex, maps, steps, display, net_of(e.measures, display.ids), e.person)
+        stages = [pack_stage(m, [key for key in MAIN_MAPS if key in shown], steps, display.ids) for m in e.stages]
         facts = {"name": e.name, "hemi": cortex.hemi, "sided": cortex.origin != "simulation", "g": cortex.info.get("g")}
         surfaces.append({**packed.meta, **facts, "stages": [stage.meta for stage in stages]})
-        blocks[f"{k}"] = Markup(packed.data)  # base64 needs no escaping
-        blocks.update({f"{k}-{i}": Markup(stage.data) for i, stage in enumerate(stages)})
+        blocks[f"{k}"] = packed.data
+        blocks.update({f"{k}-{i}": stage.data for i, stage in enumerate(stages)})
     maps_shown = [
         {name: getattr(what, name) for name in ("key", "label", "unit", "signed")}
         | {"main": key in MAIN_MAPS, "limits": limits}
@@ -141,19 +116,19 @@ def net_of(measures: Measures, ids: VertexIds) -> Net | None:
     for _, _, crest in measures.graph.edges(data=True):
         near: VertexIds = tree.query(crest["polyline"])[1].astype(np.int64)
         crests.append(near[np.flatnonzero(np.diff(near, prepend=-1))])  # drop consecutive repeats
-    arms: dict[int, list[dict[str, Any]]] = {}
+    arms = defaultdict[int, list[dict[str, Any]]](list)
     for row in measures.arms:
-        arms.setdefault(row["hinge"], []).append(row)
+        arms[row["hinge"]].append(row)
     hinges = [
         {
             "at": int(tree.query((row["x"], row["y"], row["z"]))[1]),
             "degree": row["degree"],
             "doubtful": not counts(row),
-            "lines": _lines_of_click_text(row, arms.get(row["hinge"], [])),
+            "lines": _lines_of_click_text(row, arms[row["hinge"]]),
         }
         for row in measures.hinges
     ]
-    return Net(crests, hinges)
+    return crests, hinges
 
 
 def _lines_of_click_text(row: dict[str, Any], arms: Sequence[dict[str, Any]]) -> list[tuple[str, str]]:
@@ -187,94 +162,88 @@ def pack(
     others of the same person.
     """
     shown = shown or thin(cortex)
-    writer = _ArrayPacker(shown.ids)
-    meta: dict[str, Any] = {
+    packed = Packed(shown.ids, pial=cortex.pial, white=cortex.white, inflated=cortex.inflated)
+    packed.add("faces", shown.faces.astype(np.uint32).ravel(), stride=3)
+    packed.add("ids", shown.ids.astype(np.uint32))
+    packed.add_maps(maps, steps)
+    packed.meta |= {
         "vertices": len(shown.ids),
         "triangles": len(shown.faces),
         "all_vertices": cortex.n_vertices,
         "thinned": shown.thinned,
-        "surfaces": writer.surfaces(pial=cortex.pial, white=cortex.white, inflated=cortex.inflated),
-        "arrays": writer.arrays,
         "net": None,
         "regions": None,
     }
-    writer.add("faces", shown.faces.astype(np.uint32).ravel(), stride=3)
-    writer.add("ids", shown.ids.astype(np.uint32))
-    meta["maps"] = writer.maps(maps, steps)
     if cortex.regions is not None:
-        writer.add("regions", (cortex.regions.labels[shown.ids] + 1).astype(np.uint16))
-        meta["regions"] = ["no region", *cortex.regions.names]
+        packed.add("regions", (cortex.regions.labels[shown.ids] + 1).astype(np.uint16))
+        packed.meta["regions"] = ["no region", *cortex.regions.names]
     if person is not None and cortex.sphere is not None:
-        meta["sphere"] = {"person": person, **writer.positions("sphere", unit(cortex.sphere.verts[shown.ids]))}
+        box = packed.positions("sphere", unit(cortex.sphere.verts[shown.ids]))
+        packed.meta["sphere"] = {"person": person, **box}
     if net is not None:
-        writer.add("crest-ids", np.concatenate([np.empty(0, np.uint32), *net.crests]).astype(np.uint32))
-        writer.add("crest-ends", np.cumsum([len(line) for line in net.crests]).astype(np.uint32))
-        meta["net"] = {"hinges": net.hinges}
-    return Packed(meta, writer.text())
+        crests, hinges = net
+        packed.add("crest-ids", np.concatenate([np.empty(0), *crests]).astype(np.uint32))
+        packed.add("crest-ends", np.cumsum([len(line) for line in crests]).astype(np.uint32))
+        packed.meta["net"] = {"hinges": hinges}
+    return packed
 
 
-def pack_stage(cortex: Cortex, maps: Maps, steps: Mapping[str, float], ids: VertexIds) -> Packed:
-    """Pack white and pial surface and maps (N,) of a stage of growth, at the vertices ``ids`` of the last stage."""
-    writer = _ArrayPacker(ids)
-    meta = {
-        "g": float(cortex.info["g"]),
-        "surfaces": writer.surfaces(pial=cortex.pial, white=cortex.white),
-        "maps": writer.maps(maps, steps),
-        "arrays": writer.arrays,
-    }
-    return Packed(meta, writer.text())
+def pack_stage(m: Measures, keys: Iterable[str], steps: Mapping[str, float], ids: VertexIds) -> Packed:
+    """Pack surfaces and the maps ``keys`` of a stage of growth, at the vertices ``ids`` of the last stage."""
+    packed = Packed(ids, pial=m.cortex.pial, white=m.cortex.white)
+    packed.add_maps({key: a for key in keys if (a := find(m.maps, key)) is not None}, steps)
+    packed.meta["g"] = float(m.cortex.info["g"])
+    return packed
 
 
-class _ArrayPacker:
-    """Collects encoded arrays at the vertices ``ids`` one after the other and keeps where each begins."""
+class Packed:
+    """What the page inlines for one surface: ``meta`` goes into JSON, ``data`` into a text block.
 
-    def __init__(self, ids: VertexIds) -> None:
+    The data are encoded arrays at the vertices ``ids``, one after the other; ``meta`` has where each begins.
+    """
+
+    def __init__(self, ids: VertexIds, **surfaces: Surface | None) -> None:
         self.ids = ids
-        self.data = b""
-        self.arrays: dict[str, dict[str, Any]] = {}
+        self.meta: dict[str, Any] = {"arrays": {}}
+        self.arrays = b""
+        drawn = {name: surface.verts[ids] for name, surface in surfaces.items() if surface is not None}
+        self.meta["surfaces"] = {name: self.positions(name, verts) for name, verts in drawn.items()}
 
-    def text(self) -> str:
-        return base64.b64encode(zlib.compress(self.data, 6)).decode("ascii")
+    @property
+    def data(self) -> Markup:
+        return Markup(base64.b64encode(zlib.compress(self.arrays, 6)).decode())  # base64 needs no escaping
 
     def add(self, name: str, array: np.ndarray, stride: int = 1) -> None:
-        at = {"at": len(self.data), "n": int(array.size), "bytes": array.itemsize, "stride": stride}
-        self.arrays[name] = at
-        self.data += encode(array, stride)
-
-    def surfaces(self, **surfaces: Surface | None) -> dict[str, Any]:
-        return {name: self.positions(name, s.verts[self.ids]) for name, s in surfaces.items() if s is not None}
-
-    def maps(self, maps: Maps, steps: Mapping[str, float]) -> dict[str, Any]:
-        return {key: self.values(f"map:{key}", a[self.ids], steps.get(key, 0.0)) for key, a in maps.items()}
+        at = {"at": len(self.arrays), "n": int(array.size), "bytes": array.itemsize, "stride": stride}
+        self.meta["arrays"][name] = at
+        self.arrays += encode(array, stride)
 
     def positions(self, name: str, verts: np.ndarray) -> dict[str, Any]:
+        """Add positions, and return their box."""
         low = verts.min(axis=0)
         edge = float((verts.max(axis=0) - low).max()) or 1.0
         self.add(name, np.round((verts - low) / edge * 65535).astype(np.uint16).ravel(), stride=3)
         return {"low": [round(float(x), 5) for x in low], "edge": round(edge, 5)}
 
-    def values(self, name: str, values: np.ndarray, step: float) -> dict[str, float]:
-        known = np.isfinite(values)
-        low, high = (float(values[known].min()), float(values[known].max())) if known.any() else (0.0, 1.0)
-        codes = np.full(len(values), NAN_CODE_16_BIT, dtype=np.uint16)
-        step = max(step, (high - low) / (NAN_CODE_16_BIT - 1)) or 1.0
-        codes[known] = np.round((values[known] - low) / step).astype(np.uint16)
-        self.add(name, codes)
-        return {"low": low, "high": low + step * (NAN_CODE_16_BIT - 1)}  # limits of the codes, not of the values
+    def add_maps(self, maps: Maps, steps: Mapping[str, float]) -> None:
+        """Add maps; their limits are those of the codes, not of the values."""
+        limits = self.meta["maps"] = {}
+        for key, values in ((key, a[self.ids]) for key, a in maps.items()):
+            known = np.isfinite(values)
+            low, high = (float(values[known].min()), float(values[known].max())) if known.any() else (0.0, 1.0)
+            codes = np.full(len(values), NAN_CODE_16_BIT, dtype=np.uint16)
+            step = max(steps.get(key, 0.0), (high - low) / (NAN_CODE_16_BIT - 1)) or 1.0
+            codes[known] = np.round((values[known] - low) / step).astype(np.uint16)
+            self.add(f"map:{key}", codes)
+            limits[key] = {"low": low, "high": low + step * (NAN_CODE_16_BIT - 1)}
 
 
 def encode(array: np.ndarray, stride: int = 1) -> bytes:
     """Encode uint16 or uint32: wrapping differences to the element ``stride`` before, zigzag, a plane per byte."""
-    if array.dtype not in (np.uint16, np.uint32):
-        raise TypeError(f"encode takes uint16 or uint32, got {array.dtype}.")
-    array = np.ascontiguousarray(array)
     step = array.copy()
     step[stride:] -= array[:-stride]
-    bits = 8 * array.itemsize
-    sign = step >> (bits - 1)  # 1 where the difference is negative
-    zigzag = (step << 1) ^ (np.zeros_like(step) - sign)
-    little = zigzag.astype(zigzag.dtype.newbyteorder("<"))
-    return little.view(np.uint8).reshape(-1, array.itemsize).T.tobytes()
+    zigzag = (step << 1) ^ -(step >> (8 * array.itemsize - 1))  # the last is all ones if it is negative
+    return zigzag.view(np.uint8).reshape(-1, array.itemsize).T.tobytes()
 
 
 def thin(cortex: Cortex, max_vertices: int = DISPLAY_VERTICES, stages: Sequence[Cortex] = ()) -> Display:
@@ -296,9 +265,7 @@ def thin(cortex: Cortex, max_vertices: int = DISPLAY_VERTICES, stages: Sequence[
     points = cortex.pial.verts[ids]
     low = points.min(axis=0)
     order = np.argsort(morton_codes((points - low) / (float((points - low).max()) or 1.0), bits=10), kind="stable")
-    place = np.empty(len(ids), dtype=np.int64)
-    place[order] = np.arange(len(ids))
-    faces = place[faces]
+    faces = np.argsort(order)[faces]
     first = faces.argmin(axis=1)  # rotate each triangle so that its lowest index is first
     faces = np.take_along_axis(faces, (first[:, None] + np.arange(3)) % 3, axis=1)
     faces = faces[np.lexsort((faces[:, 1], faces[:, 0]))]
