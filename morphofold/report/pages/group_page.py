@@ -55,7 +55,6 @@ MOST_ROWS = {"failures": 200, "outliers": 200, "remarks": 50, "same": 50}
 LARGEST_CHARTED_Z = 10.0  # robust z above which charts leave values out
 FEWEST_CHART_VALUES = 3  # values of one side that a chart needs
 CLOUDS = {"subject": stats.subject_cloud, "region": stats.region_cloud}  # of gyral against cortical thickness
-STRIP_WIDTH_PX, STRIP_MARGIN_PX = 260.0, 12.0  # [px] width of a row of the asymmetry chart, and of its margins
 
 
 @dataclass(frozen=True)
@@ -149,16 +148,6 @@ def value_and_median(outlier: stats.Outlier) -> tuple[str, str]:
     return value, median
 
 
-def signed_percent(x: float) -> str:
-    """A share in percent as text, with its sign."""
-    return f"{'+' if x > 0 else ''}{number(100 * x, 2)}"
-
-
-def p_text(p: float) -> str:
-    """A p-value as text for a page."""
-    return "< 0.001" if p < 0.001 else number(p, 2)
-
-
 def measures_with_sides(pairs: Sequence[tuple[str, str]]) -> str:
     """Names of measures, each with its side unless both have it."""
     sides: dict[str, list[str]] = {}
@@ -167,7 +156,7 @@ def measures_with_sides(pairs: Sequence[tuple[str, str]]) -> str:
     return "; ".join(f"{label}{'' if len(which) == 2 else f' ({which[0]})'}" for label, which in sides.items())
 
 
-TEXT_FUNCTIONS = {f.__name__: f for f in (shown_number, value_and_median, signed_percent, p_text, measures_with_sides)}
+TEXT_FUNCTIONS = {f.__name__: f for f in (shown_number, value_and_median, measures_with_sides)}
 
 
 def headlines(scalars: stats.Scalars, sides: Sequence[Side]) -> dict[str, list[stats.Distribution | None]]:
@@ -206,32 +195,31 @@ def are_alike(values: Array) -> bool:
 # charts ------------------------------------------------------------------------------------------------------
 
 
-def strips(asymmetries: Sequence[stats.Asymmetry]) -> dict[str, Any]:
-    """Where the chart of asymmetry has its ticks, and a function that places a value in it [px]."""
+def strips(asymmetries: Sequence[stats.Asymmetry]) -> tuple[float, list[float]]:
+    """Largest asymmetry that fits into the chart of asymmetry, and its ticks."""
     ends = [abs(x) for row in asymmetries for x in (row.asymmetry, row.low, row.high) if np.isfinite(x)]
     top = 1.05 * max(ends, default=0.0) or 1.0
-    place = lambda x: STRIP_MARGIN_PX + (x + top) / (2 * top) * (STRIP_WIDTH_PX - 2 * STRIP_MARGIN_PX)
-    marks = [(place(x), signed_percent(x) if x else "0") for x in ticks(-top, top, about=5)]
-    return {"place": place, "ticks": marks, "width": STRIP_WIDTH_PX}
+    return top, ticks(-top, top, about=5)
 
 
 def _histogram_chart(name: str, values: Array, sides: Sequence[Side]) -> Markup | None:
     """Histograms of left and right, without values that lie far out; the caption gives the number of these."""
     label, unit = scalar_words(name)
     known = np.isfinite(values)
-    if known.sum(axis=0).max() < FEWEST_CHART_VALUES or are_alike(values[known]):
+    counts = known.sum(axis=0).tolist()
+    if max(counts) < FEWEST_CHART_VALUES or are_alike(values[known]):
         return None
     z, _ = stats.robust_z(values[known])
     beyond = np.zeros(values.shape, dtype=bool)
     beyond[known] = np.isfinite(z) & (np.abs(z) > LARGEST_CHARTED_Z)
     shown = np.where(beyond, np.nan, values)
-    bins = _bin_edges(shown[np.isfinite(shown)], int(known.sum(axis=0).max()))
-    columns = [stats.HEMIS.index(side.hemi) for side in sides]
-    series = [(side, shown[:, k], np.ones(len(values))) for side, k in zip(sides, columns)]
+    bins = _bin_edges(shown[np.isfinite(shown)], max(counts))
+    columns = {side: stats.HEMIS.index(side.hemi) for side in sides}
+    series = [(side, shown[:, k], np.ones(len(values))) for side, k in columns.items()]
     chart = plots.histograms(series, label, unit, bins, counted="subjects")
-    numbers = {SIDES[side.hemi]: int(known[:, k].sum()) for side, k in zip(sides, columns)}
-    caption = [f"n: {', '.join(f'{side} {number(n)}' for side, n in numbers.items())}."]
-    caption = caption if len(set(numbers.values())) > 1 else []  # else the caption below all charts gives it
+    numbers = [f"{SIDES[side.hemi]} {number(counts[k])}" for side, k in columns.items()]
+    unlike = len({counts[k] for k in columns.values()}) > 1  # else the caption below all charts gives their number
+    caption = [f"n: {', '.join(numbers)}."] if unlike else []
     caption += [f"{plural(int(beyond.sum()), 'value')} far beyond, not drawn."] if beyond.any() else []
     if chart is not None and caption:
         chart += Markup("<figcaption>{}</figcaption>").format(" ".join(caption))

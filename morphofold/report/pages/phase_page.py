@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +18,6 @@ from morphofold import geometry
 from morphofold.cohort.phases import Phases, RunResult
 from morphofold.io import read_surface
 from morphofold.progress import Progress, silent
-from morphofold.quantities import Quantity
 from morphofold.report.pages.templates import picture_entry, write_page
 from morphofold.report.pictures.surfaces import extent
 from morphofold.report.plots import phase_plots as plots
@@ -29,14 +30,17 @@ MOST_ROWS = 400  # of the table of numbers and of the table of failures
 
 def phase_report(phases: Phases, folder: Path, progress: Progress = silent) -> Path:
     """Write ``folder/report.html`` and ``folder/figures/`` of a sweep; return the path of the page."""
-    (folder / "figures").mkdir(parents=True, exist_ok=True)
+    figures, grid = folder / "figures", phases.grid
+    figures.mkdir(parents=True, exist_ok=True)
     measures, diagrams = plots.shown_of(phases), []
     for k, shown in enumerate(measures):
         progress(0.5 * k / len(measures), shown.label)
-        if plots.values_of(phases.runs, shown.key):
-            diagrams += _write_diagrams(phases, shown, folder / "figures")
+        if grid.axes and plots.values_of(phases.runs, shown.key):
+            title = f"{shown.label} over {' and '.join(axis.label for axis in grid.axes[:2])}"
+            draw = plots.diagram if len(grid.axes) > 1 else lambda phases, shown, others: plots.curve(phases, shown)
+            diagrams += _write_slices(phases, figures, shown.key, title, partial(draw, phases, shown))
     progress(0.5, "surfaces")
-    grid, done = phases.grid, [run for run in phases.runs if not run.reason]
+    done, shape = [run for run in phases.runs if not run.reason], grid.points[0].scene.geometry.shape
     levels = {scene.accuracy.level for scene in grid.scenes.values() if scene.geometry.shape != "mesh"}
     path = write_page(
         folder / "report.html",
@@ -45,7 +49,7 @@ def phase_report(phases: Phases, folder: Path, progress: Progress = silent) -> P
         phases=phases,
         grid=grid,
         plots=plots,
-        shape=_geometry_shape(phases),
+        shape=shape,
         levels=[level for level in LEVELS if level in levels],
         measures=measures,
         done=done,
@@ -53,7 +57,7 @@ def phase_report(phases: Phases, folder: Path, progress: Progress = silent) -> P
         unhealthy=[run for run in phases.runs if run.warnings],
         without={shown: [run for run in done if shown.key not in run.measures] for shown in measures},
         diagrams=diagrams,
-        pictures=_write_thumbnails(phases, folder / "figures"),
+        pictures=_write_thumbnails(phases, shape, figures),
         known=any(math.isfinite(theory.g_crit) for theory in phases.theory.values()),
         unknown=Counter(theory.reason for theory in phases.theory.values() if math.isnan(theory.g_crit)),
         ratios=_wavelength_ratios(phases),
@@ -65,68 +69,44 @@ def phase_report(phases: Phases, folder: Path, progress: Progress = silent) -> P
 
 def _wavelength_ratios(phases: Phases) -> list[float]:
     """Measured wavelength over that of theory at each point where both are known."""
-    ratios = []
-    for at in phases.grid.places:
-        ratio = plots.cell(phases, at, plots.WAVELENGTH_KEY).mean / phases.theory[at].wavelength
-        ratios += [ratio] if math.isfinite(ratio) else []
-    return ratios
+    lengths = {at: plots.cell(phases, at, plots.WAVELENGTH_KEY).mean for at in phases.grid.places}
+    return [r for at, length in lengths.items() if math.isfinite(r := length / phases.theory[at].wavelength)]
 
 
-# diagrams ----------------------------------------------------------------------------------------------------
+# pictures ----------------------------------------------------------------------------------------------------
 
 
-def _write_diagrams(phases: Phases, shown: Quantity, folder: Path) -> list[dict[str, Any]]:
-    """Write the diagrams of a measure; return an entry for each. Empty if only the seed is varied."""
-    axes, entries = phases.grid.axes, []
-    if len(axes) == 1:
-        return [_saved(plots.curve(phases, shown), folder / f"{shown.key}.png", f"{shown.label} over {axes[0].label}")]
-    for k, others in enumerate(plots.slices(phases) if axes else (), start=1):
-        title = f"{shown.label} over {axes[0].label} and {axes[1].label}{_at(phases, others)}"
-        path = folder / (f"{shown.key}-{k}.png" if others else f"{shown.key}.png")
-        entries.append(_saved(plots.diagram(phases, shown, others), path, title))
+def _write_slices(
+    phases: Phases, folder: Path, name: str, title: str, draw: Callable[[tuple[int, ...]], Any]
+) -> list[dict[str, Any]]:
+    """Write the figure that ``draw`` makes at each place on the third and further axes; return an entry for each."""
+    entries = []
+    for k, others in enumerate(plots.slices(phases), start=1):
+        path = folder / (f"{name}-{k}.png" if others else f"{name}.png")
+        save(draw(others), path)
+        at = f" at {plots.fixed_parameters_text(phases, others)}" if others else ""
+        entries.append(picture_entry(path, path.read_bytes(), title + at))
     return entries
 
 
-def _at(phases: Phases, others: tuple[int, ...]) -> str:
-    """Where a diagram lies on the third and further axes, as the end of a title."""
-    return f" at {plots.fixed_parameters_text(phases, others)}" if others else ""
-
-
-def _saved(figure: Any, path: Path, title: str) -> dict[str, Any]:
-    save(figure, path)
-    return picture_entry(path, path.read_bytes(), title)
-
-
-# surfaces ----------------------------------------------------------------------------------------------------
-
-
-def _geometry_shape(phases: Phases) -> str:
-    return phases.grid.points[0].scene.geometry.shape
-
-
-def _write_thumbnails(phases: Phases, folder: Path) -> list[dict[str, Any]]:
+def _write_thumbnails(phases: Phases, shape: str, folder: Path) -> list[dict[str, Any]]:
     """Write thumbnails of the first seed, pial surfaces or sections of strips: one grid per diagram, all at one
     scale."""
-    first, shape = {at: phases.at[at][0] for at in phases.grid.places}, _geometry_shape(phases)
+    first = {at: phases.at[at][0] for at in phases.grid.places}
     view = "top" if shape in ("patch", "strip") else "lateral"
-    largest = max((_surface_extent(run, view) for run in first.values()), default=0.0)
-    entries = []
-    for k, others in enumerate(plots.slices(phases) if largest else (), start=1):
+    extents = [extent(s, view).max() for run in first.values() if (s := _drawn_surface(run)) is not None]
+    largest = float(max(extents, default=0.0))
+
+    def draw(others: tuple[int, ...]) -> Any:
         shown = {
             at: _drawn_surface(run) or ("failed" if run.reason else "no surface")
             for at, run in first.items()
             if at[2:] == others
         }
-        path = folder / (f"surfaces-{k}.png" if others else "surfaces.png")
-        title = ("Sections" if shape == "strip" else "Pial surfaces") + _at(phases, others)
-        entries.append(_saved(plots.thumbnails(phases, shown, view, largest), path, title))
-    return entries
+        return plots.thumbnails(phases, shown, view, largest)
 
-
-def _surface_extent(run: RunResult, view: str) -> float:
-    """Larger side of a surface in the view [mm]; 0 for a run without a surface."""
-    surface = _drawn_surface(run)
-    return 0.0 if surface is None else float(extent(surface, view).max())
+    title = "Sections" if shape == "strip" else "Pial surfaces"
+    return _write_slices(phases, folder, "surfaces", title, draw) if largest else []
 
 
 def _drawn_surface(run: RunResult) -> Surface | None:
