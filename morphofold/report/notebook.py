@@ -11,7 +11,7 @@ from PIL import Image
 
 from morphofold.errors import NothingToDo, OutOfRange, UnknownName
 from morphofold.geometry import face_areas
-from morphofold.quantities import HEADLINE_SCALARS, MAIN_MAPS, Quantity, common_limits, find, quantity, scalar_words
+from morphofold.quantities import HEADLINE_SCALARS, MAIN_MAPS, Quantity, find, quantity, scalar_words
 from morphofold.report.pages.templates import SIDES, render
 from morphofold.report.pictures.sheet import in_page, in_steps_of_four, png_bytes
 from morphofold.report.pictures.surfaces import NO_VALUES, Row, figure
@@ -54,12 +54,10 @@ def html_of(shown: Any) -> str:
     card: Card = _CARDS[kind](shown)
     picture, reason = "", card.reason
     if card.surfaces:
-        values = [row.values for row in card.surfaces if row.values.size]
-        limits = common_limits(card.what, values) if values else None
         several = len(card.surfaces) > 1
         views = SIDE_VIEWS[:1] if several else SIDE_VIEWS
         try:
-            image = figure(card.surfaces, card.what, limits, views, CARD_PX[several], transposed=several)
+            image = figure(card.surfaces, card.what, None, views, CARD_PX[several], transposed=several)
             picture = in_page(png_bytes(in_steps_of_four(image)))
         except OutOfRange as error:
             reason = f"No picture: {error}"
@@ -80,25 +78,18 @@ def plot(
     if limits is not None and not (len(limits) == 2 and np.isfinite(limits).all() and limits[0] < limits[1]):
         raise OutOfRange(f"{cortex.called}: limits must be two numbers, the smaller first; got {tuple(limits)}.")
     row = Row(cortex.called, cortex.surface(surface), values, cortex.hemi)
-    what = quantity(name, [values])
-    limits = limits or common_limits(what, [values])
-    return Image.fromarray(figure([row], what, limits, views, WIDTH_PX.get(len(views), 1520)))
+    return Image.fromarray(figure([row], quantity(name, [values]), limits, views, WIDTH_PX.get(len(views), 1520)))
 
 
 def _of_cortex(cortex: Cortex) -> Card:
     came_with = [*cortex.maps, *(name for name in ("inflated", "sphere") if getattr(cortex, name) is not None)]
-    regions = [f"{len(cortex.regions.names)} of {cortex.regions.name}"] if cortex.regions else []
-    texts = {"Regions": regions, "With": [", ".join(came_with)] if came_with else []}
-    return Card(
-        f"Cortex {cortex.name}",
-        [
-            ("Hemisphere", "", [SIDES[cortex.hemi]]),
-            ("From", "", [cortex.origin]),
-            *_sizes(cortex),
-            *((label, "", text) for label, text in texts.items() if text),
-        ],
-        surfaces=[Row("", cortex.pial, hemi=cortex.hemi)],
-    )
+    regions = f"{len(cortex.regions.names)} of {cortex.regions.name}" if cortex.regions else ""
+    rows = [
+        *_texts({"Hemisphere": SIDES[cortex.hemi], "From": cortex.origin}),
+        *_sizes(cortex),
+        *_texts({"Regions": regions, "With": ", ".join(came_with)}),
+    ]
+    return Card(f"Cortex {cortex.name}", rows, surfaces=[Row("", cortex.pial, hemi=cortex.hemi)])
 
 
 def _of_measures(m: Measures) -> Card:
@@ -130,21 +121,23 @@ def _of_comparison(found: Comparison) -> Card:
 
 def _of_simulation(sim: Simulation) -> Card:
     scene, title = sim.scene, f"Simulation {sim.scene.name}"
-    rows: list[Numbers] = [
-        ("Folder", "", [str(sim.path)]),
-        ("Shape", "", [scene.geometry.shape]),
-        ("Growth", "", [f"{scene.growth.law}, to {scene.growth.final:g}"]),
-        ("Stiffness ratio", "", [scene.material.mu_ratio]),
-    ]
+    rows = _texts(
+        {
+            "Folder": str(sim.path),
+            "Shape": scene.geometry.shape,
+            "Growth": f"{scene.growth.law}, to {scene.growth.final:g}",
+            "Stiffness ratio": scene.material.mu_ratio,
+        }
+    )
     try:
         if not sim.stages:
             return Card(title, rows, reason="No stage is written yet.")
-        rows.append(("Stages", "", [", ".join(f"{g:g}" for g in sim.stages)]))
+        rows += _texts({"Stages": ", ".join(f"{g:g}" for g in sim.stages)})
         cortex, health = sim.cortex(), sim.health
     except (OSError, ValueError) as error:  # a run that goes on or was moved; files that were changed
         return Card(title, rows, reason=in_one_line(error))
     healthy = "healthy" if health["healthy"] else "; ".join(map(str, health["warnings"]))
-    rows += [*_sizes(cortex), ("Health", "", [healthy])]
+    rows += [*_sizes(cortex), *_texts({"Health": healthy})]
     return Card(title, rows, surfaces=[Row("", cortex.pial, hemi=cortex.hemi)])
 
 
@@ -154,6 +147,11 @@ _CARDS: dict[str, Any] = {
     "Comparison": _of_comparison,
     "Simulation": _of_simulation,
 }
+
+
+def _texts(facts: Mapping[str, Any]) -> list[Numbers]:
+    """A row for each fact that is known."""
+    return [(label, "", [fact]) for label, fact in facts.items() if fact]
 
 
 def _sizes(cortex: Cortex) -> list[Numbers]:

@@ -9,22 +9,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 
 from morphofold.arrays import Array
 from morphofold.cohort import statistics as stats
+from morphofold.cohort.tables import Group
 from morphofold.progress import Progress, silent
-from morphofold.quantities import (
-    CATEGORICAL_COLOURS,
-    MAP_OF_SCALAR,
-    THICKNESS_RATIO,
-    common_limits,
-    quantity,
-    scalar_words,
-)
+from morphofold.quantities import CATEGORICAL_COLOURS, MAP_OF_SCALAR, THICKNESS_RATIO, quantity, scalar_words
 from morphofold.report.pages.templates import SIDES, paragraph, plural, write_page, write_picture
 from morphofold.report.pictures.sheet import Picture
 from morphofold.report.pictures.surfaces import Row, figure
@@ -33,9 +27,6 @@ from morphofold.report.plots.line_plots import ticks
 from morphofold.results import read_pial
 from morphofold.tables import write_table
 from morphofold.words import in_one_line, number
-
-if TYPE_CHECKING:
-    from morphofold.cohort.tables import Group
 
 HEADLINE_MEASURES = (
     "gyrification_index",
@@ -87,9 +78,7 @@ def group_report(group: Group, folder: Path, progress: Progress = silent) -> Pat
     page = {"group": group, "stats": stats, "spread": spread, "asymmetries": asymmetries, "far": far}
     page |= _sides_and_charts(group, scalars)
     progress(0.5, "pictures of outliers")
-    rows_of = {rows[0].subject: rows for rows in far.subjects[:MOST_PICTURED_SUBJECTS]}
-    farthest = [rows[0] for rows in rows_of.values()]
-    pictures = draw_outliers(farthest, group.subjects, of_sessions, group.results, folder / "figures")
+    pictures = draw_outliers(far.subjects[:MOST_PICTURED_SUBJECTS], group, of_sessions, folder / "figures")
     progress(0.9, "page")
     known = {name for name, values in group.scalars.items() if np.isfinite(values).any()}
     path = write_page(
@@ -102,7 +91,6 @@ def group_report(group: Group, folder: Path, progress: Progress = silent) -> Pat
         alike=measures_with_one_value(scalars),
         strips=strips(asymmetries),
         pictures=pictures,
-        rows_of=rows_of,
         methods=paragraph(group.settings, known, **page),
         most=MOST_ROWS,
     )
@@ -256,25 +244,21 @@ def _thickness_plot(group: Group, sides: Sequence[Side], kind: str) -> dict[str,
 
 
 def draw_outliers(
-    far: Sequence[stats.Outlier],
-    subjects: Sequence[str],
-    scalars: stats.Scalars,
-    results: Mapping[str, Path],
-    folder: Path,
+    far: Sequence[Sequence[stats.Outlier]], group: Group, scalars: stats.Scalars, folder: Path
 ) -> list[dict[str, Any]]:
-    """Write ``folder/outlier-01.png`` and so on, one for each of ``far``.
+    """Write ``folder/outlier-01.png`` and so on, one for the first outlier of each subject.
 
-    Returns an entry for each, for the page: the ``outlier``, the ``typical`` subject beside it, the ``map``, and the
-    ``file`` and its ``data``, or the ``reason`` why there is none.
+    Returns an entry for each, for the page: the ``outlier``, the ``rest`` of the subject's, the ``typical`` subject
+    beside it, the ``map``, and the ``file`` and its ``data``, or the ``reason`` why there is none.
     """
     entries: list[dict[str, Any]] = []
-    for k, outlier in enumerate(far, start=1):
-        typical = nearest_to_median(outlier, subjects, scalars)
+    for k, (outlier, *rest) in enumerate(far, start=1):
+        typical = nearest_to_median(outlier, group.subjects, scalars)
         key = MAP_OF_SCALAR.get(outlier.measure, DEFAULT_MAP)
-        entry = {"outlier": outlier, "typical": typical, "map": quantity(key).label, "data": ""}
+        entry = {"outlier": outlier, "rest": rest, "typical": typical, "map": quantity(key).label, "data": ""}
         entries.append(entry)
         try:
-            image = _outlier_picture(outlier, typical, key, results)
+            image = _outlier_picture(outlier, typical, key, group.results)
         except (OSError, ValueError) as error:
             entry["reason"] = in_one_line(error)
             continue
@@ -297,6 +281,5 @@ def _outlier_picture(outlier: stats.Outlier, typical: str, key: str, results: Ma
     for subject, label in {outlier.subject: outlier.subject, typical: f"{typical}, at the median"}.items():
         surface, values = read_pial(results[subject], hemi, key)
         rows.append(Row(label, surface, np.full(len(surface.verts), np.nan) if values is None else values, hemi))
-    measured = [row.values for row in rows]
-    what = quantity(key, measured)
-    return figure(rows, what, common_limits(what, measured), ("lateral", "medial"), FIGURE_WIDTH_PX)
+    what = quantity(key, [row.values for row in rows])
+    return figure(rows, what, None, ("lateral", "medial"), FIGURE_WIDTH_PX)

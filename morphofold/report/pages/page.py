@@ -25,7 +25,7 @@ from morphofold.forecasts.cost import PAGE_STAGE, called
 from morphofold.geometry import vertex_areas
 from morphofold.progress import Progress, silent
 from morphofold.provenance import records_as_read
-from morphofold.quantities import HEADLINE_SCALARS, MAIN_MAPS, RELIEF, common_limits, find, quantity, scalar_words
+from morphofold.quantities import HEADLINE_SCALARS, MAIN_MAPS, RELIEF, find, quantity, scalar_words
 from morphofold.report.pages import entries as contents
 from morphofold.report.pages.entries import Entry, entries_of
 from morphofold.report.pages.templates import SIDES, methods_of, write_page, write_picture
@@ -293,11 +293,10 @@ def person_parts(
 
 def _picture(pair: PersonComparison) -> Picture:
     """Person, smooth body and grown cortex, hulls of equal area, coloured by height above the smoothed surface."""
-    bodies, what = pair.bodies, quantity(RELIEF)
-    pial = bodies.grown.pial
+    bodies, pial = pair.bodies, pair.bodies.grown.pial
     rows = [
         Row(pair.person, bodies.person.pial, bodies.person.height, pair.hemi),
         Row("smooth body before growth", bodies.surface, bodies.smooth_maps["smooth"][RELIEF], pair.hemi),
         Row(pair.grown, Surface(pair.scale * pial.verts, pial.faces, pair.grown), bodies.grown.height, pair.hemi),
     ]
-    return figure(rows, what, common_limits(what, [row.values for row in rows]))
+    return figure(rows, quantity(RELIEF))

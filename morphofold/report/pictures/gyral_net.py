@@ -86,7 +86,7 @@ def paint_lines(rgb: colours.RGB, verts: Verts, lines: Sequence[Array], edge: fl
 
 def net_figure(rows: Sequence[Row]) -> Picture:
     """Picture of rows of nets, in all views."""
-    return figure(rows, Quantity("net", "Gyral net"), None, legend=NET_LEGEND)
+    return figure(rows, Quantity("net", "Gyral net"), legend=NET_LEGEND)
 
 
 def hinge_patch(measures: Measures, number: int, pose: int = 0) -> Row:

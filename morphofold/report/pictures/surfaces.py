@@ -15,7 +15,7 @@ import numpy as np
 from morphofold.arrays import Array, memoized
 from morphofold.errors import OutOfRange, UnknownName
 from morphofold.geometry import vertex_normals
-from morphofold.quantities import Quantity
+from morphofold.quantities import Quantity, common_limits
 from morphofold.report import colours
 from morphofold.report.pictures import raster
 from morphofold.report.pictures.sheet import Picture, new_sheet
@@ -94,7 +94,7 @@ def draw(
 def figure(
     rows: Sequence[Row],
     what: Quantity,
-    limits: tuple[float, float] | None,
+    limits: tuple[float, float] | None = None,
     views: Sequence[str] = VIEWS,
     width: int = 1520,
     legend: Sequence[tuple[str, str]] = (),
@@ -103,13 +103,16 @@ def figure(
 ) -> Picture:
     """Rows of surfaces from ``views``, all at one scale, with view names and ruler.
 
-    Below is a colour bar, or without ``limits`` the ``legend``: words and their colour ("#d55e00").
+    Below is a colour bar between the ``limits`` (None: limits that suit all values), or if there are no values the
+    ``legend``: words and their colour ("#d55e00").
     ``transposed`` has the surfaces in columns. Raises ``OutOfRange`` for surfaces without extent.
     """
     names = [row.name for row in rows]
     cells, headings = [[(row, view) for view in views] for row in rows], list(views)
     if transposed:
         cells, headings, names = [list(column) for column in zip(*cells)], names, headings
+    if values := [row.values for row in rows if row.values.size]:
+        limits = limits or common_limits(what, values)
     per_mm, columns, lines = _scale_and_sizes(cells, width)
     wide, ends = max(columns), limits or (0.0, 1.0)
     tops, lefts = HEAD + np.cumsum([0, *lines]) + NAME * np.arange(len(lines) + 1), np.cumsum([EDGE, *columns])
@@ -128,7 +131,7 @@ def figure(
         sheet.ruler(per_mm, EDGE, bottom + 34)
         if limits is not None:
             sheet.colour_bar(what, limits, width // 2 - 180, bottom + 22, 360, 16)
-            if any(np.isnan(row.values).any() for row in rows):
+            if any(np.isnan(of_row).any() for of_row in values):
                 sheet.key(width // 2 + 240, bottom + 22, "not measured", np.divide(colours.NOT_MEASURED_COLOUR, 255))
         for k, key in enumerate(legend):
             sheet.key(EDGE + 220 + 230 * k, bottom + 26, *key)
