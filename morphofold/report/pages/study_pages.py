@@ -29,19 +29,17 @@ from morphofold.words import listed, number
 SIGNIFICANT = 0.05
 CLUSTERS_SHOWN = 20
 DENSITY_UNITS = {"hinges": "1/cm²", "crests": "mm/cm²"}
-AREA_RATIO_LIMITS = (-1.5, 1.5)
-AREA_RATIO = Quantity("log2_area_ratio", "Area, folded over smooth, log₂", signed=True, limits=AREA_RATIO_LIMITS)
+AREA_RATIO = Quantity("log2_area_ratio", "Area, folded over smooth, log₂", signed=True, limits=(-1.5, 1.5))
 
 
-def picture(
-    space: Space, folder: Path, what: Quantity, maps: Mapping[str, Array], limits: tuple[float, float], text: str
-) -> dict[str, Any]:
+def picture(space: Space, folder: Path, what: Quantity, maps: Mapping[str, Array], text: str) -> dict[str, Any]:
     """Write ``folder/figures/KEY.png`` of maps (N,) by hemisphere on the template of a study; return its entry."""
     rows = [
         Row(f"{SIDES[hemi]} hemisphere", _shown_surface(space, hemi), values, space.side(hemi))
         for hemi, values in maps.items()
     ]
-    return write_picture(folder / "figures" / f"{what.key}.png", figure(rows, what, limits), what.title, text=text)
+    image = figure(rows, what, what.limits)
+    return write_picture(folder / "figures" / f"{what.key}.png", image, what.title, text=text)
 
 
 def _shown_surface(space: Space, hemi: str) -> Surface:
@@ -63,21 +61,21 @@ def stats_report(result: Result, summary: Mapping[str, Any], folder: Path) -> Pa
     """Write ``folder/report.html`` and ``folder/figures/``: effect, r, p_tfce, p_height and subjects; returns the path
     of the page."""
     (folder / "figures").mkdir()
-    fit, n, most = result.inference, float(len(result.design.subjects)), float(np.log10(1 + result.permutations))
-    what = Quantity("effect", f"Effect of {result.contrast} on {_map_words(result)}", effect_unit(result), signed=True)
-    largest = float(np.nanmax(np.abs(fit.effect))) or 1.0
+    fit, most = result.inference, float(np.log10(1 + result.permutations))
+    label, largest = f"Effect of {result.contrast} on {_map_words(result)}", float(np.nanmax(np.abs(fit.effect))) or 1.0
+    what = Quantity("effect", label, effect_unit(result), True, (-largest, largest))
     contrast = f"The contrast {result.contrast} of the coefficients. The colours end at its largest value."
     correlation = "The size of the effect without a unit: t / sqrt(t² + degrees of freedom)."
-    shown: list[tuple[Quantity, Array, tuple[float, float], str]] = [
-        (what, fit.effect, (-largest, largest), contrast),
-        (Quantity("r", "Partial correlation", signed=True), fit.r, (-1.0, 1.0), correlation),
+    shown = [
+        (what, fit.effect, contrast),
+        (Quantity("r", "Partial correlation", "", True, (-1.0, 1.0)), fit.r, correlation),
     ]
     for key, how in {"p_tfce": "by threshold-free clusters", "p_height": "of single vertices, by height"}.items():
-        log_p = Quantity(key, "−log10 p, with the sign of the effect", signed=True)
+        log_p = Quantity(key, "−log10 p, with the sign of the effect", "", True, (-most, most))
         text = f"Corrected for all vertices that are tested, {how}. Grey: p above {SIGNIFICANT}, or not tested."
-        shown.append((log_p, _signed_log_p(getattr(fit, key), fit.t), (-most, most), text))
-    counted = "Only vertices where all subjects have a value are tested."
-    shown.append((Quantity("subjects", "Subjects with a value"), result.counts.astype(float), (0.0, n), counted))
+        shown.append((log_p, _signed_log_p(getattr(fit, key), fit.t), text))
+    subjects = Quantity("subjects", "Subjects with a value", limits=(0.0, len(result.design.subjects)))
+    shown.append((subjects, result.counts.astype(float), "Only vertices where all subjects have a value are tested."))
     return write_page(
         folder / "report.html",
         "stats.html",
@@ -85,7 +83,7 @@ def stats_report(result: Result, summary: Mapping[str, Any], folder: Path) -> Pa
         result=result,
         summary=summary,
         unit=what.unit,
-        pictures=[picture(result.space, folder, of, split(result, v), ends, text) for of, v, ends, text in shown],
+        pictures=[picture(result.space, folder, of, split(result, values), text) for of, values, text in shown],
         scatter=peak_plot(result, what),
         columns=zip(result.design.columns, result.design.contrast, result.design.matrix.T),
         clusters=cluster_rows(result)[:CLUSTERS_SHOWN],
@@ -140,13 +138,13 @@ def overlap_report(space: Space, found: Sequence[Overlap], summary: Mapping[str,
     for overlap in found:
         label, key = overlap.kind.capitalize(), DENSITY_MAPS[overlap.kind]
         largest = float(max(np.nanpercentile(values, 99.5) for values in overlap.density.values())) or 1.0
-        what = Quantity(key, f"{label} per area", DENSITY_UNITS[overlap.kind])
+        what = Quantity(key, f"{label} per area", DENSITY_UNITS[overlap.kind], limits=(0.0, largest))
         text = f"Of a subject, smoothed over {summary['density_fwhm_mm']:g} mm."
-        pictures.append(picture(space, folder, what, overlap.density, (0.0, largest), text))
+        pictures.append(picture(space, folder, what, overlap.density, text))
         log_p = {h: _signed_log_p(p, overlap.density[h] - overlap.chance[h]) for h, p in overlap.p.items()}
-        what = Quantity(f"{key}_p", f"{label} unlike chance, −log10 p", signed=True)
+        what = Quantity(f"{key}_p", f"{label} unlike chance, −log10 p", "", True, (-most, most))
         text = f"Positive: more than chance, negative: fewer. Grey: corrected p above {SIGNIFICANT}."
-        pictures.append(picture(space, folder, what, log_p, (-most, most), text))
+        pictures.append(picture(space, folder, what, log_p, text))
     return write_page(
         folder / "report.html",
         "overlap.html",
@@ -172,7 +170,7 @@ def unfold_report(
         values, hemi, found = log_ratio(hemisphere), hemisphere.cortex.hemi, hemisphere.found
         drawn.append(Row(f"{SIDES[hemi]}, {found.folded.name}", found.folded, values, hemi))
         drawn.append(Row(f"{SIDES[hemi]}, unfolded", found.smooth(), values, hemi))
-    image = figure(drawn, AREA_RATIO, AREA_RATIO_LIMITS)
+    image = figure(drawn, AREA_RATIO, AREA_RATIO.limits)
     return write_page(
         folder / "report.html",
         "unfold.html",
