@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -188,27 +188,22 @@ def warnings(entries: Sequence[Entry], ids: Sequence[Ints]) -> Rows:
 
 def left_out(entries: Sequence[Entry]) -> list[tuple[str, str, str]]:
     """Measures that are missing and why, each reason once, with its surfaces if these are not all."""
-    rows = _note_rows(entries, lambda m, key: key in SCALARS and m.scalars.get(key) is None)
     measured = {key for e in entries for key, value in e.measures.scalars.items() if value is not None}
     known = measured.union(*(e.measures.notes for e in entries))
     silent = [scalar_words(key)[0] for key in SCALARS if key not in known]
-    return [*rows, *([("; ".join(silent), "No reason was recorded.", "")] if silent else [])]
+    return [*notes(entries, of_missing=True), *([("; ".join(silent), "No reason was recorded.", "")] if silent else [])]
 
 
-def definitions(entries: Sequence[Entry]) -> list[tuple[str, str, str]]:
-    """Notes of the measures on numbers that are there."""
-    apart = (*WARNINGS, ACCURACY_NOTE)
-    return _note_rows(
-        entries, lambda m, key: key not in apart and (key not in SCALARS or m.scalars.get(key) is not None)
-    )
+def notes(entries: Sequence[Entry], *, of_missing: bool) -> list[tuple[str, str, str]]:
+    """Notes on numbers that are missing, or on those that are there, in the order of scalars.
 
-
-def _note_rows(entries: Sequence[Entry], belongs: Callable[[Measures, str], bool]) -> list[tuple[str, str, str]]:
-    """Notes for which ``belongs`` holds, in the order of their scalars; one row for all with the same text."""
+    One row for all with the same text: labels, text, and surfaces if these are not all.
+    """
     rows: dict[str, tuple[dict[str, None], dict[str, None]]] = {}  # labels and names as ordered sets, by text
     for key in dict.fromkeys([*SCALARS, *(k for e in entries for k in e.measures.notes)]):
-        for e in entries:
-            if key in e.measures.notes and belongs(e.measures, key):
+        for e in entries if key not in (*WARNINGS, ACCURACY_NOTE) else ():
+            missing = key in SCALARS and e.measures.scalars.get(key) is None
+            if key in e.measures.notes and missing == of_missing:
                 labels, names = rows.setdefault(e.measures.notes[key], ({}, {}))
                 labels[scalar_words(key)[0]] = names[e.name] = None
     everyone = len(entries)

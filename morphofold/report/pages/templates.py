@@ -26,7 +26,6 @@ from morphofold.words import number, percent, span
 REPORTED_PACKAGES = ("morphofold", "numpy", "scipy", "trimesh", "nibabel", "networkx", "numba", "pyvista")
 SIDES = {"lh": "left", "rh": "right"}
 REFERENCES = "References, of which those are listed that the text names\n"
-RESAMPLED = {"draft": "thinned", "fine": "finer"}  # by accuracy
 MOST_VALUES_LISTED = 3  # values of a scale; of more, the least and the greatest
 
 
@@ -120,12 +119,13 @@ def paragraph(settings: Sequence[Mapping[str, Any]], known: Iterable[str], **mor
     template.
     """
     names = set(known)
-    masks = {str(s["cortex_mask"]) for s in settings if s.get("cortex_mask") and s["origin"] != "simulation"}
-    resampled = [
-        (RESAMPLED[s["accuracy"]], s["accuracy_vertices"])
-        for s in settings
-        if s.get("accuracy") in RESAMPLED and s["accuracy_vertices"] != s["n_vertices"]
-    ]
+    rules = {
+        s["cortex_mask"].rpartition(", ")[0] for s in settings if s.get("cortex_mask") and s["origin"] != "simulation"
+    }
+    resampled = {
+        how: [n for s in settings if s.get("accuracy") == accuracy and (n := s["accuracy_vertices"]) != s["n_vertices"]]
+        for accuracy, how in {"draft": "thinned", "fine": "finer"}.items()
+    }
     atlases = {(s["annotation"], s.get("annotation_from")) for s in settings if s.get("annotation")}
     text = render(
         "methods.txt",
@@ -133,8 +133,8 @@ def paragraph(settings: Sequence[Mapping[str, Any]], known: Iterable[str], **mor
         values=lambda key: [s[key] for s in settings if s.get(key) is not None],
         listed=_listed,
         settings=settings,
-        rules=sorted({mask.partition(", ")[0] if ", " in mask else "" for mask in masks}),
-        resampled={how: [n for other, n in resampled if other == how] for how in RESAMPLED.values()},
+        rules=sorted(rules),
+        resampled=resampled,
         atlases=sorted((name.removesuffix(f".{template}"), template or "") for name, template in atlases),
         **more,
     )
