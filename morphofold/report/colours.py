@@ -11,6 +11,7 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import ImageColor
 
 RGB = NDArray[np.uint8]
 
@@ -31,7 +32,7 @@ SRGB_OF_CONES = np.array(
 
 def rgb_of(colour: str) -> RGB:
     """Bytes (3,) of a colour as "#rrggbb"."""
-    return np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)], dtype=np.uint8)
+    return np.array(ImageColor.getrgb(colour), dtype=np.uint8)
 
 
 def oklab_to_srgb(lab: np.ndarray) -> np.ndarray:
@@ -42,7 +43,7 @@ def oklab_to_srgb(lab: np.ndarray) -> np.ndarray:
 
 
 def _colour_table(lightness: np.ndarray, chroma: np.ndarray, hue_deg: np.ndarray) -> RGB:
-    """Bytes (n, 3); chroma is lowered, in steps of 2 %, where the screen cannot show the colour."""
+    """Bytes (256, 3); chroma is lowered, in steps of 2 %, where the screen cannot show the colour."""
     hue = np.deg2rad(hue_deg)
     for _ in range(200):
         rgb = oklab_to_srgb(np.stack([lightness, chroma * np.cos(hue), chroma * np.sin(hue)], axis=-1))
@@ -54,16 +55,16 @@ def _colour_table(lightness: np.ndarray, chroma: np.ndarray, hue_deg: np.ndarray
 
 
 @cache
-def sequential(n: int = 256) -> RGB:
-    """(n, 3) uint8, dark blue to pale yellow; for magnitudes."""
-    t = np.linspace(0, 1, n)
+def sequential() -> RGB:
+    """(256, 3) uint8, dark blue to pale yellow; for magnitudes."""
+    t = np.linspace(0, 1, 256)
     return _colour_table(0.30 + 0.63 * t, 0.125 + 0.03 * np.sin(np.pi * t), 285 - 180 * t)
 
 
 @cache
-def diverging(n: int = 256) -> RGB:
-    """(n, 3) uint8, blue (negative) through near-white to orange-red (positive); for signed quantities."""
-    t = np.linspace(-1, 1, n)
+def diverging() -> RGB:
+    """(256, 3) uint8, blue (negative) through near-white to orange-red (positive); for signed quantities."""
+    t = np.linspace(-1, 1, 256)
     size = np.abs(t)
     return _colour_table(0.96 - 0.50 * size**1.1, 0.19 * size**0.8, np.where(t < 0, 255.0, 42.0))
 
@@ -75,16 +76,10 @@ def table(signed: bool) -> RGB:
 
 def apply(values: np.ndarray, limits: tuple[float, float], signed: bool) -> RGB:
     """Colour of each value, (..., 3) uint8: end colours beyond the limits, ``NOT_MEASURED_COLOUR`` for NaN."""
-    ramp = table(signed)
-    low, high = limits
-    with np.errstate(invalid="ignore"):
-        place = np.clip((np.asarray(values, dtype=np.float64) - low) / (high - low), 0, 1)
-    known = np.isfinite(place)
-    index = np.zeros(place.shape, dtype=np.int64)
-    index[known] = np.round(place[known] * (len(ramp) - 1)).astype(np.int64)
-    colours = ramp[index]
-    colours[~known] = NOT_MEASURED_COLOUR
-    return colours
+    ramp, (low, high) = table(signed), limits
+    place = np.clip((np.asarray(values, dtype=np.float64) - low) / (high - low), 0, 1)
+    index = np.where(np.isnan(place), len(ramp), np.round(place * (len(ramp) - 1))).astype(np.int64)
+    return np.vstack([ramp, np.array(NOT_MEASURED_COLOUR, dtype=np.uint8)])[index]
 
 
 def ink(rgb: np.ndarray) -> str:

@@ -23,6 +23,7 @@ from morphofold.mesh_quality.checks import cortex_label, vertices_at
 from morphofold.mesh_quality.defects import SEVERE_WARNINGS, SLIGHT_WARNINGS, WARNINGS
 from morphofold.quantities import scalar_words
 from morphofold.report.plots import charts
+from morphofold.surface import Faces
 from morphofold.timing import Stages
 from morphofold.words import number
 
@@ -49,15 +50,25 @@ Rows = list[dict[str, Any]]
 
 
 @dataclass(frozen=True, eq=False)
+class Display:
+    """A cortex thinned for drawing: ``ids`` (n,) are vertices of the full surface, ``faces`` index ``ids``."""
+
+    ids: Ints
+    faces: Faces
+    thinned: bool
+
+
+@dataclass(frozen=True, eq=False)
 class Entry(charts.Look):
     """One surface of a page: its look in charts, its points in the plot of gyral against cortical thickness, other
-    stages of its growth, and the person on whose sphere it has points."""
+    stages of its growth, the person on whose sphere it has points, and how it is drawn."""
 
     measures: Measures
     cloud: Cloud
     group: str = ""
     stages: tuple[Measures, ...] = ()
     person: str | None = None
+    display: Display = None  # type: ignore[assignment]  # until it is thinned
 
     @property
     def folding(self) -> ShapeTerms | None:
@@ -169,19 +180,16 @@ def value_text(value: Any) -> str:
 # notes -------------------------------------------------------------------------------------------------------
 
 
-def warnings(entries: Sequence[Entry], ids: Sequence[Ints]) -> Rows:
-    """Warnings on the surfaces, the most severe first, with the vertices that they name.
-
-    ``ids`` has the vertices of each surface that its panel shows.
-    """
+def warnings(entries: Sequence[Entry]) -> Rows:
+    """Warnings on the surfaces, the most severe first, with the vertices that they name."""
     rows = []
     for key, (cause, _) in WARNINGS.items():
         level = LEVELS[0 if key in SEVERE_WARNINGS else 2 if key in SLIGHT_WARNINGS else 1]
         for panel, e in enumerate(entries):
             if not (text := e.measures.notes.get(key)):
                 continue
-            cortex, white = e.measures.cortex, e.measures.cortex.white.verts
-            places = [(v, panel, int(norms(white[ids[panel]] - white[v]).argmin())) for v in vertices_at(text, cortex)]
+            cortex, white, ids = e.measures.cortex, e.measures.cortex.white.verts, e.display.ids
+            places = [(v, panel, int(norms(white[ids] - white[v]).argmin())) for v in vertices_at(text, cortex)]
             rows.append({"entry": e, "code": key, "cause": cause, "text": text, "places": places, "level": level})
     return sorted(rows, key=lambda row: LEVELS.index(row["level"]))
 

@@ -6,7 +6,7 @@ forbids everything else, and every name from a file is escaped.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
@@ -29,15 +29,7 @@ from morphofold.quantities import HEADLINE_SCALARS, MAIN_MAPS, RELIEF, find, qua
 from morphofold.report.pages import entries as contents
 from morphofold.report.pages.entries import Entry, entries_of
 from morphofold.report.pages.templates import SIDES, methods_of, write_page, write_picture
-from morphofold.report.pages.viewer import (
-    VIEWER_SCRIPTS,
-    Display,
-    ShownMaps,
-    entries_with_map,
-    shown_maps,
-    thinned,
-    viewer_data,
-)
+from morphofold.report.pages.viewer import VIEWER_SCRIPTS, ShownMaps, entries_with_map, shown_maps, thinned, viewer_data
 from morphofold.report.pictures.gyral_net import clear_examples, hinge_pairs, net_figure, net_row
 from morphofold.report.pictures.sheet import Picture, safe_name
 from morphofold.report.pictures.surfaces import Row, figure
@@ -115,16 +107,16 @@ def _write_page(
     """Write a page and its pictures; ``about`` goes to the template."""
     folder = path.parent / "figures"
     folder.mkdir(parents=True, exist_ok=True)
-    panels = with_smooth_bodies(entries_of(comparison), comparison.people)
-    entries, shown = [e for e in panels if e.name in comparison.names], shown_maps(panels)
     progress(0.0, "thinning surfaces")
-    displays = run_parallel(*(partial(thinned, e) for e in panels))
+    panels = run_parallel(*(partial(thinned, e) for e in with_smooth_bodies(entries_of(comparison), comparison.people)))
+    entries, shown = [e for e in panels if e.name in comparison.names], shown_maps(panels)
+    main_maps = {key: shown[key] for key in MAIN_MAPS if key in shown}
     progress(0.15, "drawing pictures")
     pictures, (viewer, blocks), pairs, histograms = run_parallel(
-        lambda: _write_pictures(folder, zip(panels, displays), entries, shown),
-        lambda: viewer_data(panels, displays, shown),
+        lambda: _write_pictures(folder, entries, main_maps),
+        lambda: viewer_data(panels, shown),
         lambda: _write_hinge_pairs(folder, comparison),
-        lambda: _histogram_charts(entries, shown),
+        lambda: _histogram_charts(entries, main_maps),
     )
     progress(0.8, "drawing charts")
     return write_page(
@@ -147,7 +139,7 @@ def _write_page(
         verdicts=VERDICT_WORDS,
         scalars=contents.scalars(entries),
         headlines=HEADLINE_SCALARS,
-        warnings=contents.warnings(panels, [display.ids for display in displays]),
+        warnings=contents.warnings(panels),
         plot_notes=plot_notes(dict(zip(comparison.names, comparison.measures)), comparison.clouds),
         people=person_parts(comparison.people, entries, folder),
         methods=methods_of(comparison.measures, entries=entries, comparison=comparison),
@@ -164,23 +156,18 @@ def _drawn_surface(entries: Sequence[Entry]) -> str:
 # pictures ----------------------------------------------------------------------------------------------------
 
 
-def _write_pictures(
-    folder: Path, panels: Iterable[tuple[Entry, Display]], entries: Sequence[Entry], shown: ShownMaps
-) -> list[dict[str, Any]]:
-    """Write ``folder/KEY.png`` for the main maps and the gyral net; return them for the page."""
+def _write_pictures(folder: Path, entries: Sequence[Entry], shown: ShownMaps) -> list[dict[str, Any]]:
+    """Write ``folder/KEY.png`` for maps and the gyral net; return them for the page."""
     which, pictures = _drawn_surface(entries), []
-    drawn = {
-        e.name: (Surface(getattr(e.measures.cortex, which).verts[d.ids], d.faces, e.name), d.ids)
-        for e, d in panels
-        if e in entries
+    surfaces = {
+        e: Surface(getattr(e.measures.cortex, which).verts[e.display.ids], e.display.faces, e.name) for e in entries
     }
     with ThreadPoolExecutor(1) as writer:  # writes one picture while the next is drawn
-        for key in (k for k in MAIN_MAPS if k in shown):
-            what, limits = shown[key]
-            rows = []
-            for e, values in entries_with_map(entries, key):
-                surface, ids = drawn[e.name]
-                rows.append(Row(e.name, surface, values[ids], e.measures.cortex.hemi))
+        for key, (what, limits) in shown.items():
+            rows = [
+                Row(e.name, surfaces[e], values[e.display.ids], e.measures.cortex.hemi)
+                for e, values in entries_with_map(entries, key)
+            ]
             image, file = figure(rows, what, limits), folder / f"{safe_name(key)}.png"
             pictures.append(writer.submit(write_picture, file, image, what.title, limits=limits))
         if nets := [net_row(e.measures, e.name) for e in entries if e.measures.graph is not None]:
@@ -210,8 +197,7 @@ def _areas(e: Entry) -> np.ndarray:
 
 def _histogram_charts(entries: Sequence[Entry], shown: ShownMaps) -> list[Markup]:
     drawn = []
-    for key in (k for k in MAIN_MAPS if k in shown):
-        what, _ = shown[key]
+    for key, (what, _) in shown.items():
         series = [(e, values, _areas(e)) for e, values in entries_with_map(entries, key)]
         drawn.append(charts.histograms(series, what.label, what.unit))
     return list(filter(None, drawn))
@@ -286,17 +272,17 @@ def person_parts(
         measures = REGION_MEASURES if pair.regions else ()
         plots = [charts.region_plot(pair.regions, key, *scalar_words(key), person, grown) for key in measures]
         title = f"{pair.person}, the smooth body and {pair.grown}, four views each"
-        picture = write_picture(folder / f"person-{k}.png", _picture(pair), title)
+        picture = write_picture(folder / f"person-{k}.png", _person_figure(pair), title)
         parts.append((pair, person, grown, list(filter(None, plots)), picture))
     return parts
 
 
-def _picture(pair: PersonComparison) -> Picture:
+def _person_figure(pair: PersonComparison) -> Picture:
     """Person, smooth body and grown cortex, hulls of equal area, coloured by height above the smoothed surface."""
     bodies, pial = pair.bodies, pair.bodies.grown.pial
     rows = [
-        Row(pair.person, bodies.person.pial, bodies.person.height, pair.hemi),
-        Row("smooth body before growth", bodies.surface, bodies.smooth_maps["smooth"][RELIEF], pair.hemi),
-        Row(pair.grown, Surface(pair.scale * pial.verts, pial.faces, pair.grown), bodies.grown.height, pair.hemi),
+        (pair.person, bodies.person.pial, bodies.person.height),
+        ("smooth body before growth", bodies.surface, bodies.smooth_maps["smooth"][RELIEF]),
+        (pair.grown, Surface(pair.scale * pial.verts, pial.faces, pair.grown), bodies.grown.height),
     ]
-    return figure(rows, quantity(RELIEF))
+    return figure([Row(*row, pair.hemi) for row in rows], quantity(RELIEF))

@@ -11,7 +11,7 @@ import base64
 import zlib
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Any
 
 import numba
@@ -26,7 +26,7 @@ from morphofold.analysis.measures import Measures
 from morphofold.geometry import morton_codes, unit
 from morphofold.quantities import MAIN_MAPS, RELIEF, Quantity, common_limits, find, quantity
 from morphofold.report import colours
-from morphofold.report.pages.entries import Entry
+from morphofold.report.pages.entries import Display, Entry
 from morphofold.surface import Cortex, Faces, PerVertex, Surface, Verts
 from morphofold.threads import SIMPLIFYING
 from morphofold.words import number
@@ -43,21 +43,13 @@ Net = tuple[list[VertexIds], list[dict[str, Any]]]
 ShownMaps = dict[str, tuple[Quantity, tuple[float, float]]]  # map key -> quantity, limits for all surfaces
 
 
-@dataclass(frozen=True, eq=False)
-class Display:
-    """A cortex thinned for drawing: ``ids`` (n,) are vertices of the full surface, ``faces`` index ``ids``."""
-
-    ids: VertexIds
-    faces: Faces
-    thinned: bool
-
-
 # what a page shows -------------------------------------------------------------------------------------------
 
 
-def thinned(e: Entry) -> Display:
-    """The surface of an entry as the viewer draws it, at all of its stages."""
-    return thin(e.measures.cortex, STAGED_VERTICES if e.stages else DISPLAY_VERTICES, [m.cortex for m in e.stages])
+def thinned(e: Entry) -> Entry:
+    """An entry with its surface as the viewer draws it, at all of its stages."""
+    most, stages = STAGED_VERTICES if e.stages else DISPLAY_VERTICES, [m.cortex for m in e.stages]
+    return replace(e, display=thin(e.measures.cortex, most, stages))
 
 
 def entries_with_map(entries: Sequence[Entry], key: str) -> list[tuple[Entry, PerVertex]]:
@@ -77,14 +69,12 @@ def shown_maps(entries: Sequence[Entry]) -> ShownMaps:
     return shown
 
 
-def viewer_data(
-    entries: Sequence[Entry], displays: Sequence[Display], shown: ShownMaps
-) -> tuple[dict[str, Any], dict[str, Markup]]:
+def viewer_data(entries: Sequence[Entry], shown: ShownMaps) -> tuple[dict[str, Any], dict[str, Markup]]:
     """The JSON configuration of viewer.js, and the packed data of each surface (``"0"``) and its stages (``"0-1"``)."""
     surfaces, blocks = [], {}
     steps = {key: (high - low) / 2000 for key, (_, (low, high)) in shown.items()}  # finer than the colours can show
-    for k, (e, display) in enumerate(zip(entries, displays)):
-        cortex = e.measures.cortex
+    for k, e in enumerate(entries):
+        cortex, display = e.measures.cortex, e.display
         maps = {key: a for key in shown for _, a in entries_with_map([e], key)}
         packed = pack(cortex, maps, steps, display, net_of(e.measures, display.ids), e.person)
         stages = [pack_stage(m, [key for key in MAIN_MAPS if key in shown], steps, display.ids) for m in e.stages]
