@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from PIL import ImageColor
 
 RGB = NDArray[np.uint8]
+Limits = tuple[float, float]  # of values
 
 NOT_MEASURED_COLOUR = (196, 196, 192)  # vertices without a value
 BARE_SURFACE_COLOUR = (214, 207, 198)  # the surface without an overlay
@@ -74,7 +75,7 @@ def table(signed: bool) -> RGB:
     return diverging() if signed else sequential()
 
 
-def apply(values: np.ndarray, limits: tuple[float, float], signed: bool) -> RGB:
+def apply(values: np.ndarray, limits: Limits, signed: bool) -> RGB:
     """Colour of each value, (..., 3) uint8: end colours beyond the limits, ``NOT_MEASURED_COLOUR`` for NaN."""
     ramp, (low, high) = table(signed), limits
     place = np.clip((np.asarray(values, dtype=np.float64) - low) / (high - low), 0, 1)

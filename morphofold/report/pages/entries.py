@@ -185,11 +185,10 @@ def warnings(entries: Sequence[Entry]) -> Rows:
     rows = []
     for key, (cause, _) in WARNINGS.items():
         level = LEVELS[0 if key in SEVERE_WARNINGS else 2 if key in SLIGHT_WARNINGS else 1]
-        for panel, e in enumerate(entries):
-            if not (text := e.measures.notes.get(key)):
-                continue
-            cortex, white, ids = e.measures.cortex, e.measures.cortex.white.verts, e.display.ids
-            places = [(v, panel, int(norms(white[ids] - white[v]).argmin())) for v in vertices_at(text, cortex)]
+        for e in (e for e in entries if key in e.measures.notes):
+            cortex, text = e.measures.cortex, e.measures.notes[key]
+            drawn, white = cortex.white.verts[e.display.ids], cortex.white.verts
+            places = [(v, int(norms(drawn - white[v]).argmin())) for v in vertices_at(text, cortex)]
             rows.append({"entry": e, "code": key, "cause": cause, "text": text, "places": places, "level": level})
     return sorted(rows, key=lambda row: LEVELS.index(row["level"]))
 

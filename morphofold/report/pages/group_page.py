@@ -19,7 +19,7 @@ from morphofold.cohort import statistics as stats
 from morphofold.cohort.tables import Group
 from morphofold.progress import Progress, silent
 from morphofold.quantities import CATEGORICAL_COLOURS, MAP_OF_SCALAR, THICKNESS_RATIO, quantity, scalar_words
-from morphofold.report.pages.templates import SIDES, paragraph, plural, write_page, write_picture
+from morphofold.report.pages.templates import SIDES, PictureEntry, paragraph, plural, write_page, write_picture
 from morphofold.report.pictures.sheet import Picture
 from morphofold.report.pictures.surfaces import Row, figure
 from morphofold.report.plots import charts as plots
@@ -245,13 +245,13 @@ def _thickness_plot(group: Group, sides: Sequence[Side], kind: str) -> dict[str,
 
 def draw_outliers(
     far: Sequence[Sequence[stats.Outlier]], group: Group, scalars: stats.Scalars, folder: Path
-) -> list[dict[str, Any]]:
+) -> list[PictureEntry]:
     """Write ``folder/outlier-01.png`` and so on, one for the first outlier of each subject.
 
     Returns an entry for each, for the page: the ``outlier``, the ``rest`` of the subject's, the ``typical`` subject
     beside it, the ``map``, and the ``file`` and its ``data``, or the ``reason`` why there is none.
     """
-    entries: list[dict[str, Any]] = []
+    entries: list[PictureEntry] = []
     for k, (outlier, *rest) in enumerate(far, start=1):
         typical = nearest_to_median(outlier, group.subjects, scalars)
         key = MAP_OF_SCALAR.get(outlier.measure, DEFAULT_MAP)

@@ -28,7 +28,7 @@ from morphofold.provenance import records_as_read
 from morphofold.quantities import HEADLINE_SCALARS, MAIN_MAPS, RELIEF, find, quantity, scalar_words
 from morphofold.report.pages import entries as contents
 from morphofold.report.pages.entries import Entry, entries_of
-from morphofold.report.pages.templates import SIDES, methods_of, write_page, write_picture
+from morphofold.report.pages.templates import SIDES, PictureEntry, methods_of, write_page, write_picture
 from morphofold.report.pages.viewer import VIEWER_SCRIPTS, ShownMaps, entries_with_map, shown_maps, thinned, viewer_data
 from morphofold.report.pictures.gyral_net import clear_examples, hinge_pairs, net_figure, net_row
 from morphofold.report.pictures.sheet import Picture, safe_name
@@ -137,9 +137,7 @@ def _write_page(
         notes=contents,
         called=called,
         verdicts=VERDICT_WORDS,
-        scalars=contents.scalars(entries),
         headlines=HEADLINE_SCALARS,
-        warnings=contents.warnings(panels),
         plot_notes=plot_notes(dict(zip(comparison.names, comparison.measures)), comparison.clouds),
         people=person_parts(comparison.people, entries, folder),
         methods=methods_of(comparison.measures, entries=entries, comparison=comparison),
@@ -156,7 +154,7 @@ def _drawn_surface(entries: Sequence[Entry]) -> str:
 # pictures ----------------------------------------------------------------------------------------------------
 
 
-def _write_pictures(folder: Path, entries: Sequence[Entry], shown: ShownMaps) -> list[dict[str, Any]]:
+def _write_pictures(folder: Path, entries: Sequence[Entry], shown: ShownMaps) -> list[PictureEntry]:
     """Write ``folder/KEY.png`` for maps and the gyral net; return them for the page."""
     which, pictures = _drawn_surface(entries), []
     surfaces = {
@@ -176,7 +174,7 @@ def _write_pictures(folder: Path, entries: Sequence[Entry], shown: ShownMaps) ->
     return [picture.result() for picture in pictures]
 
 
-def _write_hinge_pairs(folder: Path, comparison: Comparison) -> list[dict[str, Any]]:
+def _write_hinge_pairs(folder: Path, comparison: Comparison) -> list[PictureEntry]:
     """Write ``folder/hinges-1.png`` and so on: pairs of hinges for each two groups whose surfaces have a graph."""
     pictures, named = [], dict(zip(comparison.names, comparison.measures))
     for k, groups in enumerate(comparison.hinges, start=1):

@@ -18,7 +18,7 @@ from morphofold import geometry
 from morphofold.cohort.phases import Phases, RunResult
 from morphofold.io import read_surface
 from morphofold.progress import Progress, silent
-from morphofold.report.pages.templates import picture_entry, write_page
+from morphofold.report.pages.templates import PictureEntry, picture_entry, write_page
 from morphofold.report.pictures.surfaces import extent
 from morphofold.report.plots import phase_plots as plots
 from morphofold.report.plots.line_plots import save
@@ -40,7 +40,7 @@ def phase_report(phases: Phases, folder: Path, progress: Progress = silent) -> P
             draw = plots.diagram if len(grid.axes) > 1 else lambda phases, shown, others: plots.curve(phases, shown)
             diagrams += _write_slices(phases, figures, shown.key, title, partial(draw, phases, shown))
     progress(0.5, "surfaces")
-    done, shape = [run for run in phases.runs if not run.reason], grid.points[0].scene.geometry.shape
+    shape = grid.points[0].scene.geometry.shape
     levels = {scene.accuracy.level for scene in grid.scenes.values() if scene.geometry.shape != "mesh"}
     path = write_page(
         folder / "report.html",
@@ -52,10 +52,6 @@ def phase_report(phases: Phases, folder: Path, progress: Progress = silent) -> P
         shape=shape,
         levels=[level for level in LEVELS if level in levels],
         measures=measures,
-        done=done,
-        failed=[run for run in phases.runs if run.reason],
-        unhealthy=[run for run in phases.runs if run.warnings],
-        without={shown: [run for run in done if shown.key not in run.measures] for shown in measures},
         diagrams=diagrams,
         pictures=_write_thumbnails(phases, shape, figures),
         known=any(math.isfinite(theory.g_crit) for theory in phases.theory.values()),
@@ -78,7 +74,7 @@ def _wavelength_ratios(phases: Phases) -> list[float]:
 
 def _write_slices(
     phases: Phases, folder: Path, name: str, title: str, draw: Callable[[tuple[int, ...]], Any]
-) -> list[dict[str, Any]]:
+) -> list[PictureEntry]:
     """Write the figure that ``draw`` makes at each place on the third and further axes; return an entry for each."""
     entries = []
     for k, others in enumerate(plots.slices(phases), start=1):
@@ -89,7 +85,7 @@ def _write_slices(
     return entries
 
 
-def _write_thumbnails(phases: Phases, shape: str, folder: Path) -> list[dict[str, Any]]:
+def _write_thumbnails(phases: Phases, shape: str, folder: Path) -> list[PictureEntry]:
     """Write thumbnails of the first seed, pial surfaces or sections of strips: one grid per diagram, all at one
     scale."""
     first = {at: phases.at[at][0] for at in phases.grid.places}

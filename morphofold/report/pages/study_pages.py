@@ -18,7 +18,7 @@ from morphofold.inference.permutations import Model
 from morphofold.inference.spaces import Space
 from morphofold.inference.study import Result, cluster_rows, split
 from morphofold.quantities import CATEGORICAL_COLOURS, Quantity, quantity
-from morphofold.report.pages.templates import SIDES, write_page, write_picture
+from morphofold.report.pages.templates import SIDES, PictureEntry, write_page, write_picture
 from morphofold.report.pictures.surfaces import Row, figure
 from morphofold.report.plots.charts import WIDE_CHART_SIZE_PX, limits_around, new_chart, share_plot
 from morphofold.report.plots.line_plots import GREY
@@ -32,7 +32,7 @@ DENSITY_UNITS = {"hinges": "1/cm²", "crests": "mm/cm²"}
 AREA_RATIO = Quantity("log2_area_ratio", "Area, folded over smooth, log₂", signed=True, limits=(-1.5, 1.5))
 
 
-def picture(space: Space, folder: Path, what: Quantity, maps: Mapping[str, Array], text: str) -> dict[str, Any]:
+def picture(space: Space, folder: Path, what: Quantity, maps: Mapping[str, Array], text: str) -> PictureEntry:
     """Write ``folder/figures/KEY.png`` of maps (N,) by hemisphere on the template of a study; return its entry."""
     rows = [
         Row(f"{SIDES[hemi]} hemisphere", _shown_surface(space, hemi), values, space.side(hemi))

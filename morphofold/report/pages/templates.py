@@ -25,6 +25,7 @@ from morphofold.words import number, percent, span
 
 REPORTED_PACKAGES = ("morphofold", "numpy", "scipy", "trimesh", "nibabel", "networkx", "numba", "pyvista")
 SIDES = {"lh": "left", "rh": "right"}
+PictureEntry = dict[str, Any]  # title, file and data of a picture, and what else a template says of it
 REFERENCES = "References, of which those are listed that the text names\n"
 MOST_VALUES_LISTED = 3  # values of a scale; of more, the least and the greatest
 
@@ -40,13 +41,13 @@ def write_page(path: Path, template: str, scripts: Sequence[str] = (), **values:
     return path
 
 
-def write_picture(path: Path, image: Picture, title: str, **values: Any) -> dict[str, Any]:
+def write_picture(path: Path, image: Picture, title: str, **values: Any) -> PictureEntry:
     """Write a picture; return what a template needs to show it at half size, with more ``values``."""
     path.write_bytes(png_bytes(image))
     return picture_entry(path, png_bytes(halved(image)), title, **values)
 
 
-def picture_entry(path: Path, png: bytes, title: str, **values: Any) -> dict[str, Any]:
+def picture_entry(path: Path, png: bytes, title: str, **values: Any) -> PictureEntry:
     """What a template needs to show a picture: its file, from the folder of the page, its data, and more ``values``."""
     return {"title": title, "file": f"{path.parent.name}/{path.name}", "data": in_page(png), **values}
 

@@ -40,7 +40,7 @@ Maps = Mapping[str, PerVertex]
 #: crests as indices (P,) in the list of drawn vertices, and hinges: ``at``, the index of the nearest drawn vertex,
 #: ``degree``, whether it is ``doubtful``, and ``lines`` of label and text
 Net = tuple[list[VertexIds], list[dict[str, Any]]]
-ShownMaps = dict[str, tuple[Quantity, tuple[float, float]]]  # map key -> quantity, limits for all surfaces
+ShownMaps = dict[str, tuple[Quantity, colours.Limits]]  # map key -> quantity, limits for all surfaces
 
 
 # what a page shows -------------------------------------------------------------------------------------------

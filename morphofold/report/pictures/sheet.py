@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from morphofold.quantities import Quantity
+from morphofold.report.colours import Limits
 from morphofold.report.plots.line_plots import NO_FORMULAS, blank_figure, colour_bar, ticks
 
 Picture = NDArray[np.uint8]  # (height, width, 3)
@@ -69,9 +70,7 @@ class Sheet:
             self.box(x, y, long, 3, (60 / 255,) * 3)
             self.text(x + long / 2, y + 20, f"{mm:g} mm", 13, ha="center", color=GREY)
 
-    def colour_bar(
-        self, what: Quantity, limits: tuple[float, float], x: float, y: float, width: float, height: float
-    ) -> None:
+    def colour_bar(self, what: Quantity, limits: Limits, x: float, y: float, width: float, height: float) -> None:
         """Draw the colours between the limits, numbers and unit below."""
         w, h = self.width, self.height
         ax = self.figure.add_axes((x / w, 1 - (y + height) / h, width / w, height / h))

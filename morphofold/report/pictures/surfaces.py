@@ -17,6 +17,7 @@ from morphofold.errors import OutOfRange, UnknownName
 from morphofold.geometry import vertex_normals
 from morphofold.quantities import Quantity, common_limits
 from morphofold.report import colours
+from morphofold.report.colours import Limits
 from morphofold.report.pictures import raster
 from morphofold.report.pictures.sheet import Picture, new_sheet
 from morphofold.surface import Faces, Surface
@@ -48,7 +49,7 @@ class Row:
     hemi: str = "lh"
     rgb: colours.RGB | None = None
 
-    def colours(self, limits: tuple[float, float], signed: bool) -> colours.RGB:
+    def colours(self, limits: Limits, signed: bool) -> colours.RGB:
         if self.rgb is not None:
             return self.rgb
         if self.values.size:
@@ -81,9 +82,7 @@ def visible_faces(
     return raster.look(centred @ camera(view, hemi).T, faces, size, size[1] / (2 * px_per_mm))
 
 
-def draw(
-    row: Row, view: str, what: Quantity, limits: tuple[float, float], size: tuple[int, int], px_per_mm: float
-) -> Picture:
+def draw(row: Row, view: str, what: Quantity, limits: Limits, size: tuple[int, int], px_per_mm: float) -> Picture:
     """One surface from a side, in the middle of a picture (height, width, 3) of ``size`` (width, height)."""
     verts, faces = row.surface.verts, row.surface.faces
     seen = visible_faces(verts, faces, view, row.hemi, size, px_per_mm)
@@ -94,7 +93,7 @@ def draw(
 def figure(
     rows: Sequence[Row],
     what: Quantity,
-    limits: tuple[float, float] | None = None,
+    limits: Limits | None = None,
     views: Sequence[str] = VIEWS,
     width: int = 1520,
     legend: Sequence[tuple[str, str]] = (),
