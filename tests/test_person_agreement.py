@@ -7,8 +7,6 @@ from scipy.stats import spearmanr
 from threadpoolctl import threadpool_limits
 
 from morphofold.comparison.person.agreement import (
-    Median,
-    Ratio,
     agreement_of_axes,
     agreement_of_classes,
     classes,
@@ -195,7 +193,7 @@ def test_exact_axes_are_those_of_the_mesh():
 
 def test_numbers_of_regions_are_ratios_and_medians():
     labels = np.array([0, 0, 0, 1, 1, -1, 3])
-    fields = {"a": Ratio(np.arange(7.0), np.ones(7)), "b": Median(np.array([5.0, 1, 3, 4, 2, 9, np.nan]))}
+    fields = {"a": (np.arange(7.0), np.ones(7)), "b": np.array([5.0, 1, 3, 4, 2, 9, np.nan])}
     found = region_numbers(labels, 4, fields, ["a", "b", "c"])
     np.testing.assert_allclose(found[0], [1, 3.5, np.nan, 6])
     np.testing.assert_allclose(found[1], [3, 3, np.nan, np.nan])

@@ -175,9 +175,8 @@ def fit_line(points: Sequence[ThicknessPoint], *, robust: bool = True) -> Fit | 
     x, y = np.array([p.cortical for p in points]), np.array([p.gyral for p in points])
     if len(points) < LEAST_POINTS or np.ptp(x) == 0:
         return None
-    line = stats.linregress(x, y)
-    half = float(stats.t.ppf(0.975, len(points) - 2) * line.stderr)
-    slope, intercept, r, p = (float(v) for v in (line.slope, line.intercept, line.rvalue, line.pvalue))
+    slope, intercept, r, p, error = map(float, stats.linregress(x, y))
+    half = float(stats.t.ppf(0.975, len(points) - 2)) * error
     median, bounds = (0.0, (0.0, 0.0)) if robust else (np.nan, (np.nan, np.nan))
     if robust and np.ptp(y) > 0:
         pairs = robust_line(x, y)

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy.stats import rankdata
@@ -366,20 +366,9 @@ def _strength(k1: Array, k2: Array) -> Array:
 # regions -----------------------------------------------------------------------------------------------------
 
 
-class Ratio(NamedTuple):
-    """A number of a region: the sum of ``over`` (N,) in it over the sum of ``under`` (N,)."""
-
-    over: Array
-    under: Array
-
-
-class Median(NamedTuple):
-    """A number of a region: the median of ``values`` (N,) in it, NaN where there is none."""
-
-    values: Array
-
-
-Fields = Mapping[str, Ratio | Median]
+#: what the numbers of regions are made of, by measure: a pair (N,), (N,) whose sums in a region are divided, or values
+#: (N,) of which a region has the median, NaN where there is none
+Fields = Mapping[str, Array | tuple[Array, Array]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -479,10 +468,10 @@ def numbers_of_bodies(bodies: Bodies) -> RegionNumbers | None:
     return RegionNumbers(regions.names, labels, numbers, (of_grown, smooth, deepened))
 
 
-def mean_field(values: Array, weights: Array) -> Ratio:
+def mean_field(values: Array, weights: Array) -> tuple[Array, Array]:
     """The weighted mean of values (N,) over the vertices that have one."""
     known = np.isfinite(values)
-    return Ratio(np.where(known, values, 0.0) * weights, known * weights)
+    return np.where(known, values, 0.0) * weights, known * weights
 
 
 def region_fields(body: Body) -> Fields:
@@ -496,7 +485,7 @@ def region_fields(body: Body) -> Fields:
     m, cortex, scale, flat = body.measures, body.cortex, body.scale, body.weights
     white, pial = (vertex_areas(s.verts, s.faces) * cortex for s in (m.cortex.white, m.cortex.pial))
     middle = 0.5 * scale**2 * (white + pial)
-    fields: dict[str, Ratio | Median] = {"area_expansion": Ratio(middle / middle.sum(), flat / flat.sum())}
+    fields: dict[str, Any] = {"area_expansion": (middle / middle.sum(), flat / flat.sum())}
     for key, name, factor, weights in (
         ("gyrification_index", "local_gyrification_index", 1.0, pial),
         ("sulcal_depth_mm", "sulcal_depth", scale, pial),
@@ -505,11 +494,11 @@ def region_fields(body: Body) -> Fields:
         if (values := find(m.maps, name)) is not None:
             fields[key] = mean_field(factor * values, weights)
     if (widths := find(m.maps, "gyral_thickness")) is not None:
-        fields["gyral_thickness_mm"] = Median(np.where(cortex, scale * widths, np.nan))
+        fields["gyral_thickness_mm"] = np.where(cortex, scale * widths, np.nan)
     if m.graph is not None or m.hinges:
         vertices = np.array([row["vertex"] for row in m.hinges if counts(row)], dtype=np.int64)
         hinges = np.bincount(vertices, minlength=len(cortex)).astype(np.float64)
-        fields["hinges_per_cm2"] = Ratio(100 * hinges * cortex, middle)
+        fields["hinges_per_cm2"] = 100 * hinges * cortex, middle
     return fields
 
 
@@ -520,11 +509,11 @@ def region_numbers(labels: Ints, count: int, fields: Fields, keys: Sequence[str]
     numbers = np.full((len(keys), count), np.nan)
     for row, key in zip(numbers, keys):
         field = fields.get(key)
-        if isinstance(field, Ratio):
+        if isinstance(field, tuple):
             over, under = (np.bincount(at, part[inside], count) for part in field)
             np.divide(over, under, out=row, where=under > 0)
-        elif isinstance(field, Median):
-            row[:] = _medians(labels, count, field.values)
+        elif field is not None:
+            row[:] = _medians(labels, count, field)
     return numbers
 
 

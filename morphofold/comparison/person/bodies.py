@@ -133,8 +133,8 @@ class Bodies:
     def smooth_measures(self, name: str) -> Measures:
         """The smooth body as a cortex with maps, for pictures: white and pial are the same surface."""
         c = self.grown.measures.cortex
-        here = Surface(self.surface.verts, self.surface.faces, name)
-        cortex = Cortex(here, here, c.hemi, name, cortex=self.grown.cortex, regions=c.regions, sphere=c.sphere)
+        both = self.surface, self.surface
+        cortex = Cortex(*both, c.hemi, name, cortex=self.grown.cortex, regions=c.regions, sphere=c.sphere)
         return Measures(cortex, {}, self.smooth_maps["smooth"])
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -144,21 +144,17 @@ def costs(entries: Sequence[Entry], clock: Stages | None = None) -> list[tuple[s
     return rows
 
 
-def parameters(entries: Sequence[Entry]) -> Rows:
-    """Scales and options used, one row each."""
-    return _rows_side_by_side([e.measures.parameters for e in entries])
-
-
 def facts(entries: Sequence[Entry]) -> Rows:
     """Information from the files of the surfaces."""
     columns = []
     for cortex in (e.measures.cortex for e in entries):
         known = {key: value for key, value in cortex.info.items() if key not in FREESURFER_VALUES}
         columns.append({"origin": cortex.origin, "portion": cortex.portion, "units": cortex.units, **known})
-    return _rows_side_by_side(columns)
+    return rows_side_by_side(columns)
 
 
-def _rows_side_by_side(columns: Sequence[Mapping[str, Any]]) -> Rows:
+def rows_side_by_side(columns: Collection[Mapping[str, Any]]) -> Rows:
+    """A row for each key of any column."""
     keys = dict.fromkeys(k for column in columns for k in column)
     return [{"key": k, "values": [value_text(column.get(k)) for column in columns]} for k in keys]
 

@@ -262,7 +262,6 @@ def draw_outliers(
         except (OSError, ValueError) as error:
             entry["reason"] = in_one_line(error)
             continue
-        folder.mkdir(exist_ok=True)
         entry |= write_picture(folder / f"outlier-{k:02}.png", image, outlier.subject)
         if sum(len(other["data"]) for other in entries) > MOST_EMBEDDED_CHARACTERS:
             entry["data"] = ""

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from morphofold.analysis.multiple_tests import SIGNIFICANCE
 from morphofold.arrays import Array
 from morphofold.errors import MissingPart
 from morphofold.inference.design import INTERCEPTS
@@ -26,7 +27,6 @@ from morphofold.results.unfolding import Unfolded, log_ratio
 from morphofold.surface import Surface
 from morphofold.words import listed, number
 
-SIGNIFICANT = 0.05
 CLUSTERS_SHOWN = 20
 DENSITY_UNITS = {"hinges": "1/cm²", "crests": "mm/cm²"}
 AREA_RATIO = Quantity("log2_area_ratio", "Area, folded over smooth, log₂", signed=True, limits=(-1.5, 1.5))
@@ -51,7 +51,7 @@ def _shown_surface(space: Space, hemi: str) -> Surface:
 
 def _signed_log_p(p: Array, sign: Array) -> Array:
     """−log10 p with a sign, NaN where p is not significant."""
-    return np.where(p <= SIGNIFICANT, -np.log10(p) * np.sign(sign), np.nan)
+    return np.where(p <= SIGNIFICANCE, -np.log10(p) * np.sign(sign), np.nan)
 
 
 # a model at every vertex -------------------------------------------------------------------------------------
@@ -60,7 +60,6 @@ def _signed_log_p(p: Array, sign: Array) -> Array:
 def stats_report(result: Result, summary: Mapping[str, Any], folder: Path) -> Path:
     """Write ``folder/report.html`` and ``folder/figures/``: effect, r, p_tfce, p_height and subjects; returns the path
     of the page."""
-    (folder / "figures").mkdir()
     fit, most = result.inference, float(np.log10(1 + result.permutations))
     label, largest = f"Effect of {result.contrast} on {_map_words(result)}", float(np.nanmax(np.abs(fit.effect))) or 1.0
     what = Quantity("effect", label, effect_unit(result), True, (-largest, largest))
@@ -72,7 +71,7 @@ def stats_report(result: Result, summary: Mapping[str, Any], folder: Path) -> Pa
     ]
     for key, how in {"p_tfce": "by threshold-free clusters", "p_height": "of single vertices, by height"}.items():
         log_p = Quantity(key, "−log10 p, with the sign of the effect", "", True, (-most, most))
-        text = f"Corrected for all vertices that are tested, {how}. Grey: p above {SIGNIFICANT}, or not tested."
+        text = f"Corrected for all vertices that are tested, {how}. Grey: p above {SIGNIFICANCE}, or not tested."
         shown.append((log_p, _signed_log_p(getattr(fit, key), fit.t), text))
     subjects = Quantity("subjects", "Subjects with a value", limits=(0.0, len(result.design.subjects)))
     shown.append((subjects, result.counts.astype(float), "Only vertices where all subjects have a value are tested."))
@@ -132,7 +131,6 @@ def _map_words(result: Result) -> str:
 
 def overlap_report(space: Space, found: Sequence[Overlap], summary: Mapping[str, Any], folder: Path) -> Path:
     """Write ``folder/report.html`` and ``folder/figures/``: density and p of each kind; returns the page's path."""
-    (folder / "figures").mkdir()
     pictures, smallest_p = [], 1 / (1 + summary["rotations"])
     most = float(-np.log10(smallest_p))
     for overlap in found:
@@ -143,7 +141,7 @@ def overlap_report(space: Space, found: Sequence[Overlap], summary: Mapping[str,
         pictures.append(picture(space, folder, what, overlap.density, text))
         log_p = {h: _signed_log_p(p, overlap.density[h] - overlap.chance[h]) for h, p in overlap.p.items()}
         what = Quantity(f"{key}_p", f"{label} unlike chance, −log10 p", "", True, (-most, most))
-        text = f"Positive: more than chance, negative: fewer. Grey: corrected p above {SIGNIFICANT}."
+        text = f"Positive: more than chance, negative: fewer. Grey: corrected p above {SIGNIFICANCE}."
         pictures.append(picture(space, folder, what, log_p, text))
     return write_page(
         folder / "report.html",
@@ -164,7 +162,6 @@ def unfold_report(
     unfolded: Sequence[Unfolded], rows: Sequence[Mapping[str, Any]], regions: Sequence[Mapping[str, Any]], folder: Path
 ) -> Path:
     """Write ``folder/report.html`` and ``folder/figures/area_ratio.png``; returns the path of the page."""
-    (folder / "figures").mkdir()
     drawn = []
     for hemisphere in unfolded:
         values, hemi, found = log_ratio(hemisphere), hemisphere.cortex.hemi, hemisphere.found

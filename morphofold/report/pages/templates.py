@@ -43,6 +43,7 @@ def write_page(path: Path, template: str, scripts: Sequence[str] = (), **values:
 
 def write_picture(path: Path, image: Picture, title: str, **values: Any) -> PictureEntry:
     """Write a picture; return what a template needs to show it at half size, with more ``values``."""
+    path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(png_bytes(image))
     return picture_entry(path, png_bytes(halved(image)), title, **values)
 
