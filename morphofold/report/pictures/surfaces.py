@@ -116,7 +116,9 @@ def figure(
     wide, ends = max(columns), limits or (0.0, 1.0)
     tops, lefts = HEAD + np.cumsum([0, *lines]) + NAME * np.arange(len(lines) + 1), np.cumsum([EDGE, *columns])
     bottom = int(tops[-1])
-    drawn = run_parallel(*(partial(draw, *c, what, ends, (wide, h), per_mm) for line, h in zip(cells, lines) for c in line))
+    drawn = run_parallel(
+        *(partial(draw, *c, what, ends, (wide, h), per_mm) for line, h in zip(cells, lines) for c in line)
+    )
     with new_sheet(width, bottom + FOOT) as sheet:
         sheet.text(EDGE, 36, what.title, 18, weight="bold")
         for left, column, heading in zip(lefts, columns, headings):
