@@ -104,6 +104,11 @@ class Comparison:
     def _repr_html_(self) -> str:
         return str(draw("html", self))
 
+    @property
+    def named(self) -> dict[str, Measures]:
+        """The measures by name."""
+        return dict(zip(self.names, self.measures))
+
     def to_dict(self) -> dict[str, Any]:
         """Everything but the maps, as plain values for JSON."""
         content = {
@@ -118,7 +123,7 @@ class Comparison:
                 curve.name: {
                     "growth": curve.growth,
                     "numbers": curve.numbers,
-                    "as": {name: matching_growth(curve, m) for name, m in zip(self.names, self.measures)},
+                    "as": {name: matching_growth(curve, m) for name, m in self.named.items()},
                 }
                 for curve in self.growth
             },
@@ -201,7 +206,7 @@ def compare(
     return Comparison(
         names=tuple(named),
         measures=measures,
-        table=tuple({"measure": key, **dict(zip(named, values))} for key, values in numbers(measures).items()),
+        table=table_of(named),
         clouds=clouds,
         theory=theory_lines(named, mu_ratio),
         groups=grouped,
@@ -226,12 +231,12 @@ def theory_lines(named: Mapping[str, Measures], mu_ratio: float | None = None) -
     return tuple(map(wrinkling_wavelength, ratios))
 
 
-def numbers(measures: Sequence[Measures]) -> dict[str, list[Any]]:
-    """Every scalar, and both ratios of gyral to cortical thickness: the value of each surface, or None."""
-    own = [{**m.scalars, **thickness_ratios(m)} for m in measures]
-    others = sorted({key for m in measures for key in m.scalars})
+def table_of(named: Mapping[str, Measures]) -> tuple[dict[str, Any], ...]:
+    """A row for every scalar and both ratios of gyral to cortical thickness: the value of each surface, or None."""
+    own = {name: {**m.scalars, **thickness_ratios(m)} for name, m in named.items()}
+    others = sorted({key for m in named.values() for key in m.scalars})
     keys = dict.fromkeys((*SCALARS, *others, THICKNESS_RATIO, CREST_THICKNESS_RATIO))
-    return {key: [json_value(values.get(key)) for values in own] for key in keys}
+    return tuple({"measure": key} | {name: json_value(values.get(key)) for name, values in own.items()} for key in keys)
 
 
 def named_surfaces(

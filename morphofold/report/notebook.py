@@ -12,7 +12,7 @@ from PIL import Image
 from morphofold.errors import NothingToDo, OutOfRange, UnknownName
 from morphofold.geometry import face_areas
 from morphofold.quantities import HEADLINE_SCALARS, MAIN_MAPS, Quantity, find, quantity, scalar_words
-from morphofold.report.pages.templates import SIDES, render
+from morphofold.report.pages.templates import SIDES, plural, render
 from morphofold.report.pictures.sheet import in_page, in_steps_of_four, png_bytes
 from morphofold.report.pictures.surfaces import NO_VALUES, Row, figure
 from morphofold.words import in_one_line
@@ -111,7 +111,7 @@ def _of_comparison(found: Comparison) -> Card:
     by_name = [{row["measure"]: row[name] for row in found.table} for name in found.names]
     more = len(found.names) > MOST_SURFACES
     return Card(
-        f"Comparison of {len(found.names)} surface{'s' if len(found.names) > 1 else ''}",
+        f"Comparison of {plural(len(found.names), 'surface')}",
         _numbers(by_name, SHOWN_SCALARS),
         names=found.names,
         remarks=[*found.cautions, *([f"The picture shows the first {MOST_SURFACES}."] if more else [])],

@@ -20,7 +20,6 @@ from morphofold.io import write_gifti_map
 from morphofold.provenance import json_value
 from morphofold.quantities import RELIEF
 from morphofold.spheres.spins import NearestTable, rotations
-from morphofold.surface import Cortex
 from morphofold.tables import write_table
 from morphofold.words import listed, number
 
@@ -177,23 +176,18 @@ def find_pairs(named: Mapping[str, Measures]) -> tuple[list[tuple[str, str, floa
         digest = source["sha256"].get("surface")
         people = [
             other
-            for other, cortex in ((other, of.cortex) for other, of in named.items())
-            if other != name and cortex.hemi == m.cortex.hemi and digest and _white_digest(cortex) == digest
+            for other, of in ((other, of.cortex) for other, of in named.items() if other != name)
+            if digest in [r["sha256"] for r in of.inputs if r["path"] in of.files[:1]] and of.hemi == m.cortex.hemi
         ]
-        pairs += [(person, name, float(source["unfold"])) for person in people[:1]]
-        if not people:
-            remarks.append(
-                f"{name} grew from {m.cortex.hemi} of {source['subject']}, but no compared analysis is of the surface "
-                f"that it grew from (SHA-256 {str(digest)[:12]}). Analyze that subject and add it, to see its own "
-                "folds beside the grown ones."
-            )
+        if digest and people:
+            pairs.append((people[0], name, float(source["unfold"])))
+            continue
+        remarks.append(
+            f"{name} grew from {m.cortex.hemi} of {source['subject']}, but no compared analysis is of the surface "
+            f"that it grew from (SHA-256 {str(digest)[:12]}). Analyze that subject and add it, to see its own "
+            "folds beside the grown ones."
+        )
     return pairs, remarks
-
-
-def _white_digest(cortex: Cortex) -> str | None:
-    """SHA-256 of the file of the white surface; None if it was not read from a file."""
-    digests = {record["path"]: record["sha256"] for record in cortex.inputs}
-    return next((digests.get(file) for file in cortex.files), None)
 
 
 def compare_with_person(

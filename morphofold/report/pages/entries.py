@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from morphofold.analysis.frames import COLUMNS, FREESURFER_VALUES
-from morphofold.analysis.gyrification.folding_law import ShapeTerms, shape_terms_of
+from morphofold.analysis.gyrification.folding_law import ShapeTerms
 from morphofold.analysis.measures import SCALARS, Measures
 from morphofold.arrays import Ints
 from morphofold.comparison import Comparison
-from morphofold.comparison.side_by_side import matching_growth, numbers
+from morphofold.comparison.side_by_side import matching_growth
 from morphofold.comparison.thickness import Cloud
 from morphofold.forecasts.cost import Cost, cost_beside, cost_of_analysis
 from morphofold.geometry import norms
@@ -61,19 +61,15 @@ class Display:
 @dataclass(frozen=True, eq=False)
 class Entry(charts.Look):
     """One surface of a page: its look in charts, its points in the plot of gyral against cortical thickness, other
-    stages of its growth, the person on whose sphere it has points, and how it is drawn."""
+    stages of its growth, terms of the law of folding, the person on whose sphere it has points, and how it is drawn."""
 
     measures: Measures
     cloud: Cloud
+    folding: ShapeTerms | None = None
     group: str = ""
     stages: tuple[Measures, ...] = ()
     person: str | None = None
     display: Display = None  # type: ignore[assignment]  # until it is thinned
-
-    @property
-    def folding(self) -> ShapeTerms | None:
-        """Terms of the law of folding."""
-        return shape_terms_of(self.measures)
 
     @property
     def not_cortex(self) -> int:
@@ -85,12 +81,13 @@ def entries_of(comparison: Comparison) -> list[Entry]:
     """Name and look of each surface; a group of one subject gets no label of its own."""
     group_of = {name: group for group, names in comparison.groups.items() for name in names}
     entries = []
-    for k, (name, m, cloud) in enumerate(zip(comparison.names, comparison.measures, comparison.clouds)):
+    for k, (name, m) in enumerate(comparison.named.items()):
         group = group_of.get(name, "")
         label = "" if name in (group, f"{group} {m.cortex.hemi}") else group
         marker, dash = [*charts.MARKERS][k % 4], charts.DASHES[(k + k // 4) % 4]  # sixteen before one repeats
         stages = tuple(s for s in comparison.stages.get(name, ()) if is_earlier_stage(s, m))
-        entries.append(Entry(name, comparison.colours[name], marker, dash, m, cloud, label, stages))
+        shown = comparison.clouds[k], comparison.folding[k], label, stages
+        entries.append(Entry(name, comparison.colours[name], marker, dash, m, *shown))
     return entries
 
 
@@ -104,10 +101,10 @@ def is_earlier_stage(stage: Measures, m: Measures) -> bool:
 # tables ------------------------------------------------------------------------------------------------------
 
 
-def scalars(entries: Sequence[Entry]) -> dict[str, list[Any]]:
+def scalars(entries: Sequence[Entry], comparison: Comparison) -> dict[str, list[Any]]:
     """The value of each surface for every scalar, and for FreeSurfer's own numbers, that any surface has."""
-    freesurfer = {key: [e.measures.cortex.info.get(key) for e in entries] for key in FREESURFER_VALUES}
-    table = {**numbers([e.measures for e in entries]), **freesurfer}
+    table = {row["measure"]: [row[e.name] for e in entries] for row in comparison.table}
+    table |= {key: [e.measures.cortex.info.get(key) for e in entries] for key in FREESURFER_VALUES}
     return {key: values for key, values in table.items() if any(v is not None for v in values)}
 
 

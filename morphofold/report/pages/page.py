@@ -89,8 +89,7 @@ def comparison_report(
     comparison: Comparison, folder: str | Path, *, inputs: InputRecords = (), progress: Progress = silent
 ) -> Path:
     """Write ``folder/report.html`` and ``folder/figures/`` of a comparison; ``progress`` gets share and step."""
-    pairs = zip(comparison.names, comparison.measures)
-    title = ", ".join(dict.fromkeys(n.removesuffix(f" {m.cortex.hemi}") for n, m in pairs))
+    title = ", ".join(dict.fromkeys(n.removesuffix(f" {m.cortex.hemi}") for n, m in comparison.named.items()))
     lede = "Measured with the same code. All surfaces share colours, bins and axes."
     path = Path(folder) / "report.html"
     return _write_page(path, comparison, inputs, progress, kind="Comparison", title=title, lede=lede)
@@ -138,7 +137,7 @@ def _write_page(
         called=called,
         verdicts=VERDICT_WORDS,
         headlines=HEADLINE_SCALARS,
-        plot_notes=plot_notes(dict(zip(comparison.names, comparison.measures)), comparison.clouds),
+        plot_notes=plot_notes(comparison.named, comparison.clouds),
         people=person_parts(comparison.people, entries, folder),
         methods=methods_of(comparison.measures, entries=entries, comparison=comparison),
         inputs=list(inputs) or records_as_read(e.measures.cortex for e in entries),
@@ -176,9 +175,9 @@ def _write_pictures(folder: Path, entries: Sequence[Entry], shown: ShownMaps) ->
 
 def _write_hinge_pairs(folder: Path, comparison: Comparison) -> list[PictureEntry]:
     """Write ``folder/hinges-1.png`` and so on: pairs of hinges for each two groups whose surfaces have a graph."""
-    pictures, named = [], dict(zip(comparison.names, comparison.measures))
+    pictures = []
     for k, groups in enumerate(comparison.hinges, start=1):
-        if chosen := clear_examples(groups.matches, named):
+        if chosen := clear_examples(groups.matches, comparison.named):
             image = hinge_pairs(chosen, (groups.one, groups.other))
             title = f"Three-hinge patterns of {groups.one}, and those of {groups.other} with the most similar shape"
             pictures.append(write_picture(folder / f"hinges-{k}.png", image, title))
