@@ -159,14 +159,13 @@ def _compare_groups(first: Group, second: Group, seed: int) -> HingeComparison:
         other,
         (len(own), len(others)),
         two_sample(distance, len(a), permutations=PERMUTATIONS, seed=seed),
-        tuple(_number_row(key, x, other_numbers[key]) for key, x in numbers.items()),
+        tuple(
+            NumberRow(key, float(np.median(x)), float(np.median(y)), float(stats.ks_2samp(x, y).statistic))
+            for (key, x), y in zip(numbers.items(), other_numbers.values())
+        ),
         *_compare_with_chance(one, a, other, b, shapes, seed),
         _nearest_matches(distance[across], pose[across], own, others),
     )
-
-
-def _number_row(number: str, x: Array, y: Array) -> NumberRow:
-    return NumberRow(number, float(np.median(x)), float(np.median(y)), float(stats.ks_2samp(x, y).statistic))
 
 
 def _compare_with_chance(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 import tomllib
+from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import cycle
@@ -331,16 +332,14 @@ def notes(named: Mapping[str, Measures]) -> list[str]:
 
 def plot_notes(named: Mapping[str, Measures], clouds: Sequence[Cloud]) -> list[str]:
     """Notes on the points of each surface in the plot of gyral against cortical thickness."""
-    kinds = {
-        kind: [n for n, c in zip(named, clouds) if c.kind == kind and c.points] for kind in ("crest", "region", "whole")
-    }
-    sentences = [POINT_NOTES["none"].format(name) for name, cloud in zip(named, clouds) if not cloud.points]
+    kinds = defaultdict[str, list[str]](list)
+    for name, cloud in zip(named, clouds):
+        kinds[cloud.kind if cloud.points else "none"].append(name)
+    kinds["mirrored"] = [name for name, m in named.items() if m.cortex.portion != 1]
+    sentences = [POINT_NOTES["none"].format(name) for name in kinds["none"]]
     if kinds["crest"] and kinds["region"]:
         sentences.append(POINT_NOTES["unlike"].format(listed(kinds["crest"]), listed(kinds["region"])))
-    mirrored = [name for name, m in named.items() if m.cortex.portion != 1]
-    for note, names in (("mirrored", mirrored), ("whole", kinds["whole"])):
-        sentences += [POINT_NOTES[note].format(listed(names))] if names else []
-    return sentences
+    return sentences + [POINT_NOTES[kind].format(listed(kinds[kind])) for kind in ("mirrored", "whole") if kinds[kind]]
 
 
 # growth beside morphology ------------------------------------------------------------------------------------
@@ -374,8 +373,8 @@ def growth_curve(name: str, stages: Sequence[Measures]) -> GrowthCurve:
         raise DoesNotApply(f"{name}: {missing[0]} has no growth; only stages of a simulation have one.")
     stages = sorted(stages, key=lambda m: float(m.cortex.info["g"]))
     growth = np.array([float(m.cortex.info["g"]) for m in stages])
-    if (np.diff(growth) == 0).any():
-        raise NamedTwice(f"{name}: two stages are at g = {growth[:-1][np.diff(growth) == 0][0]:g}. Leave one out.")
+    if (twice := growth[:-1][np.diff(growth) == 0]).size:
+        raise NamedTwice(f"{name}: two stages are at g = {twice[0]:g}. Leave one out.")
     rows = list(map(dimensionless_numbers, stages))
     numbers = {key: np.array([row[key] for row in rows], dtype=np.float64) for key in rows[0]}
     return GrowthCurve(name, growth, numbers, tuple(map(shape_terms_of, stages)))

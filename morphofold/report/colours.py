@@ -36,18 +36,13 @@ def rgb_of(colour: str) -> RGB:
     return np.array(ImageColor.getrgb(colour), dtype=np.uint8)
 
 
-def oklab_to_srgb(lab: np.ndarray) -> np.ndarray:
-    """sRGB in 0..1 (not clipped) of OKLab colours; both (..., 3)."""
-    linear = (lab @ CONES_OF_OKLAB.T) ** 3 @ SRGB_OF_CONES.T
-    curved = 1.055 * np.abs(linear) ** (1 / 2.4) - 0.055
-    return np.where(linear <= 0.0031308, 12.92 * linear, curved)
-
-
 def _colour_table(lightness: np.ndarray, chroma: np.ndarray, hue_deg: np.ndarray) -> RGB:
     """Bytes (256, 3); chroma is lowered, in steps of 2 %, where the screen cannot show the colour."""
     hue = np.deg2rad(hue_deg)
     for _ in range(200):
-        rgb = oklab_to_srgb(np.stack([lightness, chroma * np.cos(hue), chroma * np.sin(hue)], axis=-1))
+        lab = np.stack([lightness, chroma * np.cos(hue), chroma * np.sin(hue)], axis=-1)
+        linear = (lab @ CONES_OF_OKLAB.T) ** 3 @ SRGB_OF_CONES.T
+        rgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.abs(linear) ** (1 / 2.4) - 0.055)
         outside = ((rgb < -1e-4) | (rgb > 1 + 1e-4)).any(axis=1)
         if not outside.any():
             break

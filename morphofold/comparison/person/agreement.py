@@ -504,24 +504,18 @@ def region_fields(body: Body) -> Fields:
 
 def region_numbers(labels: Ints, count: int, fields: Fields, keys: Sequence[str] = REGION_MEASURES) -> Array:
     """Numbers (K, count) of regions by their labels (N,), -1 for none; NaN for a field or a region that is empty."""
-    inside = labels >= 0
-    at = labels[inside]
-    numbers = np.full((len(keys), count), np.nan)
-    for row, key in zip(numbers, keys):
-        field = fields.get(key)
+    inside, numbers = labels >= 0, np.full((len(keys), count), np.nan)
+    for row, field in zip(numbers, map(fields.get, keys)):
         if isinstance(field, tuple):
-            over, under = (np.bincount(at, part[inside], count) for part in field)
+            over, under = (np.bincount(labels[inside], part[inside], count) for part in field)
             np.divide(over, under, out=row, where=under > 0)
         elif field is not None:
-            row[:] = _medians(labels, count, field)
+            known = np.isfinite(field) & inside
+            at = labels[known].astype(np.int16)
+            order = np.argsort(at, kind="stable")  # by radix, which is fast
+            parts = np.split(field[known][order], np.cumsum(np.bincount(at, minlength=count))[:-1])
+            row[:] = [np.median(part) if len(part) else np.nan for part in parts]
     return numbers
-
-
-def _medians(labels: Ints, count: int, values: Array) -> Array:
-    known = np.isfinite(values) & (labels >= 0)
-    order = np.argsort(labels[known].astype(np.int16), kind="stable")  # by radix, which is fast
-    ends = np.cumsum(np.bincount(labels[known], minlength=count))[:-1]
-    return np.array([np.median(v) if len(v) else np.nan for v in np.split(values[known][order], ends)])
 
 
 def spearman(x: Array, y: Array) -> float:

@@ -64,7 +64,7 @@ class Entry(charts.Look):
     stages of its growth, terms of the law of folding, the person on whose sphere it has points, and how it is drawn."""
 
     measures: Measures
-    cloud: Cloud
+    cloud: Cloud = Cloud("whole", ())
     folding: ShapeTerms | None = None
     group: str = ""
     stages: tuple[Measures, ...] = ()

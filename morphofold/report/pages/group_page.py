@@ -6,7 +6,7 @@ have the rest. Sentences are in ``templates/group.html``.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,6 @@ from morphofold.cohort.tables import Group
 from morphofold.progress import Progress, silent
 from morphofold.quantities import CATEGORICAL_COLOURS, MAP_OF_SCALAR, THICKNESS_RATIO, quantity, scalar_words
 from morphofold.report.pages.templates import SIDES, PictureEntry, paragraph, plural, write_page, write_picture
-from morphofold.report.pictures.sheet import Picture
 from morphofold.report.pictures.surfaces import Row, figure
 from morphofold.report.plots import charts as plots
 from morphofold.report.plots.line_plots import ticks
@@ -102,7 +101,7 @@ def _sides_and_charts(group: Group, scalars: stats.Scalars) -> dict[str, Any]:
     """Who has which side, medians, and charts of measures and of gyral against cortical thickness."""
     left, right = np.any([np.isfinite(values) for values in group.scalars.values()], axis=0).T
     sides = [side for side, measured in zip(BOTH_SIDES, (left, right)) if measured.any()]
-    charts = {name: chart for name in scalars if (chart := _histogram_chart(name, scalars[name], sides))}
+    charts = {name: chart for name, values in scalars.items() if (chart := _histogram_chart(name, values, sides))}
     clouds = [cloud for kind in CLOUDS if (cloud := _thickness_plot(group, sides, kind))["plot"]]
     return {
         "sides": sides,
@@ -246,19 +245,27 @@ def _thickness_plot(group: Group, sides: Sequence[Side], kind: str) -> dict[str,
 def draw_outliers(
     far: Sequence[Sequence[stats.Outlier]], group: Group, scalars: stats.Scalars, folder: Path
 ) -> list[PictureEntry]:
-    """Write ``folder/outlier-01.png`` and so on, one for the first outlier of each subject.
+    """Write ``folder/outlier-01.png`` and so on, one for the first outlier of each subject: lateral and medial view.
 
     Returns an entry for each, for the page: the ``outlier``, the ``rest`` of the subject's, the ``typical`` subject
-    beside it, the ``map``, and the ``file`` and its ``data``, or the ``reason`` why there is none.
+    beside it in the same colours and at one scale, who is nearest to the median, the ``map``, and the ``file`` and its
+    ``data``, or the ``reason`` why there is none.
     """
     entries: list[PictureEntry] = []
     for k, (outlier, *rest) in enumerate(far, start=1):
-        typical = nearest_to_median(outlier, group.subjects, scalars)
+        apart = np.abs(scalars[outlier.measure][:, stats.HEMIS.index(outlier.hemi)] - outlier.median)
+        typical = group.subjects[int(np.nanargmin(apart))]
         key = MAP_OF_SCALAR.get(outlier.measure, DEFAULT_MAP)
         entry = {"outlier": outlier, "rest": rest, "typical": typical, "map": quantity(key).label, "data": ""}
         entries.append(entry)
+        rows = []
         try:
-            image = _outlier_picture(outlier, typical, key, group.results)
+            for subject, label in ((outlier.subject, outlier.subject), (typical, f"{typical}, at the median")):
+                surface, values = read_pial(group.results[subject], outlier.hemi, key)
+                values = np.full(len(surface.verts), np.nan) if values is None else values
+                rows.append(Row(label, surface, values, outlier.hemi))
+            what = quantity(key, [row.values for row in rows])
+            image = figure(rows, what, None, ("lateral", "medial"), FIGURE_WIDTH_PX)
         except (OSError, ValueError) as error:
             entry["reason"] = in_one_line(error)
             continue
@@ -266,19 +273,3 @@ def draw_outliers(
         if sum(len(other["data"]) for other in entries) > MOST_EMBEDDED_CHARACTERS:
             entry["data"] = ""
     return entries
-
-
-def nearest_to_median(outlier: stats.Outlier, subjects: Sequence[str], scalars: stats.Scalars) -> str:
-    """The first subject whose value of an outlier's measure, on its side, is nearest to the median."""
-    difference = np.abs(scalars[outlier.measure][:, stats.HEMIS.index(outlier.hemi)] - outlier.median)
-    return subjects[int(np.nanargmin(difference))]
-
-
-def _outlier_picture(outlier: stats.Outlier, typical: str, key: str, results: Mapping[str, Path]) -> Picture:
-    """Lateral and medial view of both subjects, in the same colours and at one scale."""
-    rows, hemi = [], outlier.hemi
-    for subject, label in {outlier.subject: outlier.subject, typical: f"{typical}, at the median"}.items():
-        surface, values = read_pial(results[subject], hemi, key)
-        rows.append(Row(label, surface, np.full(len(surface.verts), np.nan) if values is None else values, hemi))
-    what = quantity(key, [row.values for row in rows])
-    return figure(rows, what, None, ("lateral", "medial"), FIGURE_WIDTH_PX)

@@ -20,7 +20,6 @@ from morphofold.analysis.measures import Measures
 from morphofold.comparison import Comparison, PersonComparison, compare
 from morphofold.comparison.person.agreement import REGION_MEASURES
 from morphofold.comparison.side_by_side import cautions, dimensionless_numbers, plot_notes
-from morphofold.comparison.thickness import Cloud
 from morphofold.forecasts.cost import PAGE_STAGE, called
 from morphofold.geometry import vertex_areas
 from morphofold.progress import Progress, silent
@@ -31,7 +30,7 @@ from morphofold.report.pages.entries import Entry, entries_of
 from morphofold.report.pages.templates import SIDES, PictureEntry, methods_of, write_page, write_picture
 from morphofold.report.pages.viewer import VIEWER_SCRIPTS, ShownMaps, entries_with_map, shown_maps, thinned, viewer_data
 from morphofold.report.pictures.gyral_net import clear_examples, hinge_pairs, net_figure, net_row
-from morphofold.report.pictures.sheet import Picture, safe_name
+from morphofold.report.pictures.sheet import safe_name
 from morphofold.report.pictures.surfaces import Row, figure
 from morphofold.report.plots import charts
 from morphofold.surface import Surface
@@ -250,7 +249,7 @@ def with_smooth_bodies(entries: Sequence[Entry], people: Sequence[PersonComparis
         if p := before.get(e.name):
             name = f"smooth body of {p.person}" + (f", level {p.level:g}" if several else "")
             smooth = p.bodies.smooth_measures(name)
-            panels.append(Entry(name, SMOOTH_COLOUR, "diamond", "", smooth, Cloud("whole", ()), person=p.person))
+            panels.append(Entry(name, SMOOTH_COLOUR, "diamond", "", smooth, person=p.person))
         if e.name in own:
             p, body = own[e.name]
             e = replace(e, measures=body.with_height(), person=p.person)
@@ -265,21 +264,15 @@ def person_parts(
     by_name = {e.name: e for e in entries}
     parts = []
     for k, pair in enumerate(people, start=1):
-        person, grown = by_name[pair.person], by_name[pair.grown]
+        person, grown, bodies, pial = by_name[pair.person], by_name[pair.grown], pair.bodies, pair.bodies.grown.pial
         measures = REGION_MEASURES if pair.regions else ()
         plots = [charts.region_plot(pair.regions, key, *scalar_words(key), person, grown) for key in measures]
+        rows = [  # hulls of equal area
+            Row(pair.person, bodies.person.pial, bodies.person.height, pair.hemi),
+            Row("smooth body before growth", bodies.surface, bodies.smooth_maps["smooth"][RELIEF], pair.hemi),
+            Row(pair.grown, Surface(pair.scale * pial.verts, pial.faces, pair.grown), bodies.grown.height, pair.hemi),
+        ]
         title = f"{pair.person}, the smooth body and {pair.grown}, four views each"
-        picture = write_picture(folder / f"person-{k}.png", _person_figure(pair), title)
+        picture = write_picture(folder / f"person-{k}.png", figure(rows, quantity(RELIEF)), title)
         parts.append((pair, person, grown, list(filter(None, plots)), picture))
     return parts
-
-
-def _person_figure(pair: PersonComparison) -> Picture:
-    """Person, smooth body and grown cortex, hulls of equal area, coloured by height above the smoothed surface."""
-    bodies, pial = pair.bodies, pair.bodies.grown.pial
-    rows = [
-        (pair.person, bodies.person.pial, bodies.person.height),
-        ("smooth body before growth", bodies.surface, bodies.smooth_maps["smooth"][RELIEF]),
-        (pair.grown, Surface(pair.scale * pial.verts, pial.faces, pair.grown), bodies.grown.height),
-    ]
-    return figure([Row(*row, pair.hemi) for row in rows], quantity(RELIEF))

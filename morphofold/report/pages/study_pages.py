@@ -61,7 +61,8 @@ def stats_report(result: Result, summary: Mapping[str, Any], folder: Path) -> Pa
     """Write ``folder/report.html`` and ``folder/figures/``: effect, r, p_tfce, p_height and subjects; returns the path
     of the page."""
     fit, most = result.inference, float(np.log10(1 + result.permutations))
-    label, largest = f"Effect of {result.contrast} on {_map_words(result)}", float(np.nanmax(np.abs(fit.effect))) or 1.0
+    label = f"Effect of {result.contrast} on {_tested_map(result).label}"
+    largest = float(np.nanmax(np.abs(fit.effect))) or 1.0
     what = Quantity("effect", label, effect_unit(result), True, (-largest, largest))
     contrast = f"The contrast {result.contrast} of the coefficients. The colours end at its largest value."
     correlation = "The size of the effect without a unit: t / sqrt(t² + degrees of freedom)."
@@ -92,7 +93,7 @@ def stats_report(result: Result, summary: Mapping[str, Any], folder: Path) -> Pa
 
 def effect_unit(result: Result) -> str:
     """Unit of the effect: that of the map, for each unit of the regressor unless groups or means are compared."""
-    design, unit = result.design, _map_unit(result)
+    design, unit = result.design, _tested_map(result).unit
     weighed = {name: column for name, w, column in zip(design.columns, design.contrast, design.matrix.T) if w}
     amounts = [name for name, column in weighed.items() if not np.isin(column, (0.0, 1.0)).all()]
     if not amounts or weighed.keys() & {*INTERCEPTS}:
@@ -105,9 +106,8 @@ def peak_plot(result: Result, what: Quantity) -> Markup:
     """The map against what is tested at the vertex with the largest abs(t), both less the other regressors."""
     fit, model = result.inference, Model(result.design.matrix, result.design.contrast)
     x, y = (model.residuals(values) + values.mean() for values in (model.regressor, fit.at_peak))
-    label = Quantity("map", _map_words(result), _map_unit(result))
     limits = limits_around(x.tolist()), limits_around(y.tolist())
-    with new_chart(what.title, result.contrast, label.title, *limits, size=WIDE_CHART_SIZE_PX) as chart:
+    with new_chart(what.title, result.contrast, _tested_map(result).title, *limits, size=WIDE_CHART_SIZE_PX) as chart:
         slope = float(fit.effect[np.nanargmax(np.abs(fit.t))])
         ends = np.array([x.min(), x.max()])
         chart.line(ends, y.mean() + slope * (ends - x.mean()), "fit", f"{number(slope)} {what.unit}", color=GREY)
@@ -117,13 +117,13 @@ def peak_plot(result: Result, what: Quantity) -> Markup:
         return chart.svg()
 
 
-def _map_unit(result: Result) -> str:
-    return "" if result.asymmetry == "index" else quantity(result.map).unit
-
-
-def _map_words(result: Result) -> str:
-    label = quantity(result.map).label.lower()
-    return {None: label, "difference": f"{label}, left − right", "index": f"asymmetry of {label}"}[result.asymmetry]
+def _tested_map(result: Result) -> Quantity:
+    """The map that is tested: of one side, or the difference or index of asymmetry."""
+    what = quantity(result.map)
+    label = what.label.lower()
+    if result.asymmetry == "index":
+        return Quantity("map", f"asymmetry of {label}")
+    return Quantity("map", f"{label}, left − right" if result.asymmetry else label, what.unit)
 
 
 # what subjects have in common --------------------------------------------------------------------------------

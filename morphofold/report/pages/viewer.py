@@ -10,7 +10,7 @@ from __future__ import annotations
 import base64
 import zlib
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -77,7 +77,11 @@ def viewer_data(entries: Sequence[Entry], shown: ShownMaps) -> tuple[dict[str, A
         cortex, display = e.measures.cortex, e.display
         maps = {key: a for key in shown for _, a in entries_with_map([e], key)}
         packed = pack(cortex, maps, steps, display, net_of(e.measures, display.ids), e.person)
-        stages = [pack_stage(m, [key for key in MAIN_MAPS if key in shown], steps, display.ids) for m in e.stages]
+        stages = [Packed(display.ids, pial=m.cortex.pial, white=m.cortex.white) for m in e.stages]
+        for stage, m in zip(stages, e.stages):
+            named = {key: find(m.maps, key) for key in MAIN_MAPS if key in shown}
+            stage.add_maps({key: a for key, a in named.items() if a is not None}, steps)
+            stage.meta["g"] = float(m.cortex.info["g"])
         facts = {"name": e.name, "hemi": cortex.hemi, "sided": cortex.origin != "simulation", "g": cortex.info.get("g")}
         surfaces.append({**packed.meta, **facts, "stages": [stage.meta for stage in stages]})
         blocks[f"{k}"] = packed.data
@@ -175,14 +179,6 @@ def pack(
         packed.add("crest-ids", np.concatenate([np.empty(0), *crests]).astype(np.uint32))
         packed.add("crest-ends", np.cumsum([len(line) for line in crests]).astype(np.uint32))
         packed.meta["net"] = {"hinges": hinges}
-    return packed
-
-
-def pack_stage(m: Measures, keys: Iterable[str], steps: Mapping[str, float], ids: VertexIds) -> Packed:
-    """Pack surfaces and the maps ``keys`` of a stage of growth, at the vertices ``ids`` of the last stage."""
-    packed = Packed(ids, pial=m.cortex.pial, white=m.cortex.white)
-    packed.add_maps({key: a for key in keys if (a := find(m.maps, key)) is not None}, steps)
-    packed.meta["g"] = float(m.cortex.info["g"])
     return packed
 
 
