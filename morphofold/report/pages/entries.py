@@ -47,6 +47,7 @@ TABLES = {
 ACCURACY_NOTE = "accuracy"  # it and the warnings are about a surface, not about one number
 LEVELS = ("severe", "check", "note")  # of warnings
 Rows = list[dict[str, Any]]
+NO_POINTS = Cloud("whole", ())
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +65,7 @@ class Entry(charts.Look):
     stages of its growth, terms of the law of folding, the person on whose sphere it has points, and how it is drawn."""
 
     measures: Measures
-    cloud: Cloud = Cloud("whole", ())
+    cloud: Cloud = NO_POINTS
     folding: ShapeTerms | None = None
     group: str = ""
     stages: tuple[Measures, ...] = ()

@@ -23,7 +23,7 @@ from scipy.spatial import cKDTree
 
 from morphofold.analysis.graph.hinges import counts
 from morphofold.analysis.measures import Measures
-from morphofold.geometry import morton_codes, unit
+from morphofold.geometry import in_use, morton_codes, unit
 from morphofold.quantities import MAIN_MAPS, RELIEF, Quantity, common_limits, find, quantity
 from morphofold.report import colours
 from morphofold.report.pages.entries import Display, Entry
@@ -241,21 +241,18 @@ def thin(cortex: Cortex, max_vertices: int = DISPLAY_VERTICES, stages: Sequence[
     and decimating the white alone damages sulcal walls. ``stages`` are other stages of the body. Then the mean of all
     stages is decimated, so that the mesh does not fold over in any of them.
     """
-    n = cortex.n_vertices
-    used = np.unique(cortex.faces)
-    if len(used) <= max_vertices:
-        ids, faces = used, np.searchsorted(used, cortex.faces)
-    else:
+    ids, _, faces = in_use(cortex.pial.verts, cortex.faces)
+    used = len(ids)
+    if used > max_vertices:
         middle = np.mean([surface.verts for c in (cortex, *stages) for surface in (c.pial, c.white)], axis=0)
-        ids, faces = _decimated(middle, cortex.faces, max_vertices / n)
-    points = cortex.pial.verts[ids]
-    low = points.min(axis=0)
-    order = np.argsort(morton_codes((points - low) / (float((points - low).max()) or 1.0), bits=10), kind="stable")
+        ids, faces = _decimated(middle, cortex.faces, max_vertices / cortex.n_vertices)
+    points = cortex.pial.verts[ids] - cortex.pial.verts[ids].min(axis=0)
+    order = np.argsort(morton_codes(points / (float(points.max()) or 1.0), bits=10), kind="stable")
     faces = np.argsort(order)[faces]
     first = faces.argmin(axis=1)  # rotate each triangle so that its lowest index is first
     faces = np.take_along_axis(faces, (first[:, None] + np.arange(3)) % 3, axis=1)
     faces = faces[np.lexsort((faces[:, 1], faces[:, 0]))]
-    return Display(ids[order], faces, thinned=len(ids) < len(used))
+    return Display(ids[order], faces, thinned=len(ids) < used)
 
 
 def _decimated(middle: Verts, faces: Faces, keep: float) -> tuple[VertexIds, Faces]:
