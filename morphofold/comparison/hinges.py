@@ -22,6 +22,7 @@ from morphofold.analysis.multiple_tests import SIGNIFICANCE
 from morphofold.arrays import Array, Ints
 from morphofold.spheres.spins import p_value
 
+ShapesByName = Mapping[str, HingeShapes]  # of surfaces
 #: shortest arm of a random net, in crown widths: a gyral graph merges hinges that are nearer
 SHORTEST_ARM_IN_WIDTHS = 0.5
 #: hinges per square of the crown width: with more, not all arms can be as long as SHORTEST_ARM_IN_WIDTHS
@@ -126,7 +127,7 @@ class HingeComparison:
 
 
 def compare_hinges(
-    shapes: Mapping[str, HingeShapes], groups: Mapping[str, Sequence[str]], *, seed: int = 0
+    shapes: ShapesByName, groups: Mapping[str, Sequence[str]], *, seed: int = 0
 ) -> list[HingeComparison]:
     """Compare every two groups, in their order; a group with fewer than two hinges of three arms is left out.
 
@@ -143,7 +144,7 @@ def compare_hinges(
     return [_compare_groups(*pair, seed) for pair in combinations(measured.items(), 2)]
 
 
-Group = tuple[str, Mapping[str, HingeShapes]]  # its name, and shapes by surface
+Group = tuple[str, ShapesByName]  # its name, and shapes by surface
 
 
 def _compare_groups(first: Group, second: Group, seed: int) -> HingeComparison:
@@ -218,9 +219,7 @@ def net_at_chance(shapes: Sequence[HingeShapes], *, seed: int = 0) -> Array | No
     return random_net(RANDOM_NET_HINGES, shortest=SHORTEST_ARM_IN_WIDTHS, per_area=per_area, seed=seed)
 
 
-def _nearest_matches(
-    distance: Array, pose: Ints, own: Mapping[str, HingeShapes], others: Mapping[str, HingeShapes]
-) -> tuple[Match, ...]:
+def _nearest_matches(distance: Array, pose: Ints, own: ShapesByName, others: ShapesByName) -> tuple[Match, ...]:
     hinges, candidates = (
         [(name, int(hinge)) for name, s in group.items() for hinge in s.hinge] for group in (own, others)
     )

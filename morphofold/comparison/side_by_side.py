@@ -23,7 +23,7 @@ from morphofold.analysis.measures import SCALARS, Measures
 from morphofold.arrays import Array
 from morphofold.comparison.hinges import HingeComparison, compare_hinges
 from morphofold.comparison.person.agreement import SPINS
-from morphofold.comparison.person.compare_person import PersonComparison, compare_people, write_people
+from morphofold.comparison.person.compare_person import MeasuresByName, PersonComparison, compare_people, write_people
 from morphofold.comparison.thickness import Cloud, TheoryLine, thickness_cloud, thickness_ratios, wrinkling_wavelength
 from morphofold.errors import DoesNotApply, MissingPart, NamedTwice, NothingToDo, NotReadable, OutOfRange, UnknownName
 from morphofold.io import atomic_folder
@@ -222,7 +222,7 @@ def compare(
     )
 
 
-def theory_lines(named: Mapping[str, Measures], mu_ratio: float | None = None) -> tuple[TheoryLine, ...]:
+def theory_lines(named: MeasuresByName, mu_ratio: float | None = None) -> tuple[TheoryLine, ...]:
     """Theoretical wavelength at ``mu_ratio``, or at each ratio of stiffness in ``cortex.info`` of the surfaces."""
     known = {m.cortex.info.get("mu_ratio") for m in named.values()} if mu_ratio is None else {mu_ratio}
     ratios = sorted({float(mu) for mu in known if mu is not None})
@@ -232,7 +232,7 @@ def theory_lines(named: Mapping[str, Measures], mu_ratio: float | None = None) -
     return tuple(map(wrinkling_wavelength, ratios))
 
 
-def table_of(named: Mapping[str, Measures]) -> tuple[dict[str, Any], ...]:
+def table_of(named: MeasuresByName) -> tuple[dict[str, Any], ...]:
     """A row for every scalar and both ratios of gyral to cortical thickness: the value of each surface, or None."""
     own = {name: {**m.scalars, **thickness_ratios(m)} for name, m in named.items()}
     others = sorted({key for m in named.values() for key in m.scalars})
@@ -306,7 +306,7 @@ def colours_of(full: HemisphereNames, groups: HemisphereNames, requested: Mappin
     return {name: colours[name] for name in each}
 
 
-def cautions(named: Mapping[str, Measures]) -> list[str]:
+def cautions(named: MeasuresByName) -> list[str]:
     """A sentence for each scale or option that differs between surfaces and makes their numbers differ."""
     sentences = []
     for key, text_of in PARAMETER_TEXTS.items():
@@ -320,7 +320,7 @@ def cautions(named: Mapping[str, Measures]) -> list[str]:
     return sentences
 
 
-def notes(named: Mapping[str, Measures]) -> list[str]:
+def notes(named: MeasuresByName) -> list[str]:
     """Numbers that were left out, and why."""
     return [
         f"{name}: {what} ({why})"
@@ -330,7 +330,7 @@ def notes(named: Mapping[str, Measures]) -> list[str]:
     ]
 
 
-def plot_notes(named: Mapping[str, Measures], clouds: Sequence[Cloud]) -> list[str]:
+def plot_notes(named: MeasuresByName, clouds: Sequence[Cloud]) -> list[str]:
     """Notes on the points of each surface in the plot of gyral against cortical thickness."""
     kinds = defaultdict[str, list[str]](list)
     for name, cloud in zip(named, clouds):

@@ -55,6 +55,7 @@ MEASURES_OF_GIVEN_MAPS = {"thickness_map": "cortical_thickness_mm", "growth_map"
 
 #: numbers (K,) from the source vertex (N,) at each target point and the rotation (3, 3) that took it there
 Statistic = Callable[[Ints, Array], Array]
+Axes = tuple[Array, Array]  # fold axes (N, 3) without sign, and how clear they are (N,)
 
 
 @dataclass(frozen=True)
@@ -236,9 +237,7 @@ def agreement_of_classes(bodies: Sequence[Array], person: Array, weights: Array)
     return statistic
 
 
-def agreement_of_axes(
-    bodies: Sequence[tuple[Array, Array]], person: tuple[Array, Array], weights: Array, points: Array
-) -> Statistic:
+def agreement_of_axes(bodies: Sequence[Axes], person: Axes, weights: Array, points: Array) -> Statistic:
     """Mean of cos 2 delta, with the angle delta between the fold axes of each of K bodies and the person.
 
     Parameters
@@ -275,7 +274,7 @@ def agreement_of_axes(
     return statistic
 
 
-def fold_axes(surface: Surface, points: Array, scale: float, cortex: Bools) -> tuple[Array, Array]:
+def fold_axes(surface: Surface, points: Array, scale: float, cortex: Bools) -> Axes:
     """Fold axes of a surface on its sphere.
 
     Parameters
@@ -309,7 +308,7 @@ def fold_axes(surface: Surface, points: Array, scale: float, cortex: Bools) -> t
     return axes, np.where(known & axes.any(axis=1), _strength(bent.k1, bent.k2), 0.0)
 
 
-def smooth_axes(surface: SmoothSurface, points: Array) -> tuple[Array, Array]:
+def smooth_axes(surface: SmoothSurface, points: Array) -> Axes:
     """As :func:`fold_axes`, of a smooth surface at points (N, 3) of the unit sphere, where they are exact."""
     frame = surface.frame(points)
     metric = frame.along @ frame.along.swapaxes(1, 2)

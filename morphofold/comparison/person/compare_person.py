@@ -12,7 +12,7 @@ import numpy as np
 from morphofold.analysis.measures import Measures
 from morphofold.arrays import Array
 from morphofold.comparison.person import agreement
-from morphofold.comparison.person.agreement import SPINS, Agreement, Statistic
+from morphofold.comparison.person.agreement import SPINS, Agreement, Axes, Statistic
 from morphofold.comparison.person.bodies import Bodies, bodies_of
 from morphofold.errors import MissingPart, Refusal
 from morphofold.geometry import mean_edge_length
@@ -23,6 +23,7 @@ from morphofold.spheres.spins import NearestTable, rotations
 from morphofold.tables import write_table
 from morphofold.words import listed, number
 
+MeasuresByName = Mapping[str, Measures]
 CARRIED_MAPS = (
     "H",
     "cortical_thickness",
@@ -138,7 +139,7 @@ class PersonComparison:
 
 
 def compare_people(
-    named: Mapping[str, Measures], *, spins: int = SPINS, seed: int = 0
+    named: MeasuresByName, *, spins: int = SPINS, seed: int = 0
 ) -> tuple[tuple[PersonComparison, ...], tuple[str, ...]]:
     """Each cortex that grew from a person who is also there, with that person; and remarks, as on who is missing."""
     pairs, remarks = find_pairs(named)
@@ -161,7 +162,7 @@ def compare_people(
     return tuple(people), tuple(remarks)
 
 
-def find_pairs(named: Mapping[str, Measures]) -> tuple[list[tuple[str, str, float]], list[str]]:
+def find_pairs(named: MeasuresByName) -> tuple[list[tuple[str, str, float]], list[str]]:
     """Pairs among measured cortices, and a remark for each cortex that grew from someone who is not among them.
 
     A pair is the name of a person, that of a cortex that grew from it, and the level at which the person was unfolded.
@@ -255,7 +256,7 @@ def compare_with_person(
     )
 
 
-def _axes(bodies: Bodies) -> dict[str, tuple[Array, Array]]:
+def _axes(bodies: Bodies) -> dict[str, Axes]:
     """Fold axes and their strengths, of measured bodies at the scale at which their curvature was measured."""
     axes = {}
     for name, body in (("person", bodies.person), ("grown", bodies.grown)):
@@ -268,7 +269,7 @@ def _axes(bodies: Bodies) -> dict[str, tuple[Array, Array]]:
     return axes
 
 
-def _statistics(bodies: Bodies, axes: Mapping[str, tuple[Array, Array]]) -> list[Statistic]:
+def _statistics(bodies: Bodies, axes: Mapping[str, Axes]) -> list[Statistic]:
     """Agreements of sulci and gyri by depth and by curvature, and of fold axes.
 
     Each is a number of the grown body, then of the maps of the smooth body, then of those of the deepened one.

@@ -201,26 +201,20 @@ def _histogram_charts(entries: Sequence[Entry], shown: ShownMaps) -> list[Markup
 
 def _charts(entries: Sequence[Entry], comparison: Comparison) -> dict[str, Any]:
     """The other charts, by their names in the template."""
-    terms = [(e, t) for e in entries if (t := e.folding) is not None]
-    paths = [(c.name, [t for t in c.folding if t is not None]) for c in comparison.growth]
+    terms = [(e, e.folding) for e in entries if e.folding is not None]
+    paths = {c.name: [t for t in c.folding if t is not None] for c in comparison.growth}
     theory = [(t.slope, f"linear theory at a stiffness ratio of {t.mu_ratio:.3g}") for t in comparison.theory]
+    numbers, growth_charts = [(e, dimensionless_numbers(e.measures)) for e in entries if comparison.growth], []
+    for key in comparison.growth[0].numbers if comparison.growth else ():
+        curves = [(c.name, c.growth, c.numbers[key]) for c in comparison.growth]
+        others = [(e, value) for e, of_entry in numbers if (value := of_entry[key]) is not None]
+        growth_charts.append(charts.growth_chart(key, curves, others))
     return {
         "scatter": charts.thickness_plot([(e, e.cloud) for e in entries], theory),
         "ratio": _thickness_ratio_chart(entries),
-        "growth_charts": _growth_charts(entries, comparison),
-        "law": charts.folding_plot(terms, [(name, path) for name, path in paths if len(path) > 1]),
+        "growth_charts": list(filter(None, growth_charts)),
+        "law": charts.folding_plot(terms, [(name, path) for name, path in paths.items() if len(path) > 1]),
     }
-
-
-def _growth_charts(entries: Sequence[Entry], comparison: Comparison) -> list[Markup]:
-    if not comparison.growth:
-        return []
-    drawn, numbers = [], [(e, dimensionless_numbers(e.measures)) for e in entries]
-    for key in comparison.growth[0].numbers:
-        curves = [(c.name, c.growth, c.numbers[key]) for c in comparison.growth]
-        others = [(e, value) for e, of_entry in numbers if (value := of_entry[key]) is not None]
-        drawn.append(charts.growth_chart(key, curves, others))
-    return list(filter(None, drawn))
 
 
 def _thickness_ratio_chart(entries: Sequence[Entry]) -> Markup | None:
