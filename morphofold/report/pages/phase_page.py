@@ -129,7 +129,6 @@ def section(pial: Surface, white: Surface) -> Surface:
     faces = np.concatenate([np.stack([a, b, b + n], axis=1), np.stack([a, b + n, a + n], axis=1)])
     verts = np.concatenate([pial.verts, white.verts])[:, [0, 2, 1]]
     verts[:, 2] = 0.0
-    u, v = (verts[faces[:, k]] - verts[faces[:, 0]] for k in (1, 2))
-    below = u[:, 0] * v[:, 1] < u[:, 1] * v[:, 0]
+    below = geometry.face_vectors(verts, faces)[:, 2] < 0
     faces[below] = faces[below][:, [0, 2, 1]]  # so that all faces point up
     return Surface(*geometry.in_use(verts, faces)[1:])

@@ -10,7 +10,7 @@ import base64
 import hashlib
 import platform
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from importlib import metadata, resources
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -32,8 +32,7 @@ MOST_VALUES_LISTED = 3  # values of a scale; of more, the least and the greatest
 
 def write_page(path: Path, template: str, scripts: Sequence[str] = (), **values: Any) -> Path:
     """Render ``template`` with ``values`` and write the page; it may run only these ``scripts``."""
-    folder = resources.files("morphofold.report").joinpath("templates")
-    script = "\n".join(folder.joinpath(name).read_text(encoding="utf-8") for name in scripts)
+    script = "\n".join(LOADER.get_source(TEMPLATES, name)[0] for name in scripts)
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     policy = f"'sha256-{digest}'" if scripts else ""
     page = render(template, script=Markup(script), policy=policy, **values)
@@ -79,9 +78,8 @@ FILTERS = {
 }
 
 
-TEMPLATES = Environment(
-    loader=PackageLoader("morphofold.report", "templates"), autoescape=True, trim_blocks=True, lstrip_blocks=True
-)
+LOADER = PackageLoader("morphofold.report", "templates")
+TEMPLATES = Environment(loader=LOADER, autoescape=True, trim_blocks=True, lstrip_blocks=True)
 TEMPLATES.globals.update(FUNCTIONS)
 TEMPLATES.filters.update(FILTERS)
 

@@ -114,7 +114,7 @@ def figure(
         limits = limits or common_limits(what, values)
     per_mm, columns, lines = _scale_and_sizes(cells, width)
     wide, ends = max(columns), limits or (0.0, 1.0)
-    tops, lefts = HEAD + np.cumsum([0, *lines]) + NAME * np.arange(len(lines) + 1), np.cumsum([EDGE, *columns])
+    tops, lefts = np.cumsum([HEAD, *(line + NAME for line in lines)]), np.cumsum([EDGE, *columns])
     bottom = int(tops[-1])
     drawn = run_parallel(
         *(partial(draw, *c, what, ends, (wide, h), per_mm) for line, h in zip(cells, lines) for c in line)
