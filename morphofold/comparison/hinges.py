@@ -154,6 +154,7 @@ def _compare_groups(first: Group, second: Group, seed: int) -> HingeComparison:
     pooled = np.concatenate([a, b])
     distance, pose = shape_distance(pooled, pooled)
     across = np.s_[: len(a), len(a) :]
+    # numbers of pooled hinges, which depend on their features alone
     numbers, other_numbers = (replace(shapes[0], features=features).numbers() for features in (a, b))
     return HingeComparison(
         one,

@@ -222,7 +222,7 @@ def compare(
     )
 
 
-def theory_lines(named: MeasuresByName, mu_ratio: float | None = None) -> tuple[TheoryLine, ...]:
+def theory_lines(named: MeasuresByName, mu_ratio: float | None) -> tuple[TheoryLine, ...]:
     """Theoretical wavelength at ``mu_ratio``, or at each ratio of stiffness in ``cortex.info`` of the surfaces."""
     known = {m.cortex.info.get("mu_ratio") for m in named.values()} if mu_ratio is None else {mu_ratio}
     ratios = sorted({float(mu) for mu in known if mu is not None})

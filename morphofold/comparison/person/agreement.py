@@ -1,4 +1,4 @@
-"""Agreement of two surfaces on one sphere, of sulci and gyri and of directions of folds, tested by spins.
+"""Agreement of two surfaces on one sphere, tested by spins: of sulci and gyri, of directions of folds, and of regions.
 
 Spins are random rotations of a sphere, the null hypothesis for maps whose neighbouring values are alike. A rotation
 keeps how smooth a map is, and breaks its place (Alexander-Bloch and others 2018 [1]_). Points that are turned onto the
@@ -171,6 +171,8 @@ def compare_with_null(
     value: float, null: Array, control: float = np.nan, control_null: Array | float = np.nan
 ) -> Tested:
     """Compare a number with its values (T,) under spins, and with a control and its values under the same spins.
+
+    The control is NaN if the body has none.
 
     Notes
     -----

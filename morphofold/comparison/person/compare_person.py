@@ -139,7 +139,7 @@ class PersonComparison:
 
 
 def compare_people(
-    named: MeasuresByName, *, spins: int = SPINS, seed: int = 0
+    named: MeasuresByName, *, spins: int, seed: int
 ) -> tuple[tuple[PersonComparison, ...], tuple[str, ...]]:
     """Each cortex that grew from a person who is also there, with that person; and remarks, as on who is missing."""
     pairs, remarks = find_pairs(named)
