@@ -7,6 +7,7 @@ import json
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from unicodedata import category
@@ -86,7 +87,7 @@ def clean_name(text: str) -> str:
 
 
 def strict_json(content: Any) -> str:
-    """JSON that every reader accepts: NumPy values become plain, NaN and infinity null, other objects text."""
+    """JSON that every reader accepts: NumPy values and records are plain, NaN and infinity null, other objects text."""
     text = json.dumps(json_value(content), indent=1, allow_nan=False, ensure_ascii=False)
     return CONTROLS.sub(lambda match: f"\\u{ord(match[0]):04x}", text) + "\n"
 
@@ -101,6 +102,8 @@ def json_value(value: Any) -> Any:
         return float(value) if np.isfinite(value) else None
     if isinstance(value, np.generic | np.ndarray):
         return json_value(value.tolist())
+    if is_dataclass(value):
+        value = vars(value)
     if isinstance(value, Mapping):
         return {printable(str(k)): json_value(v) for k, v in value.items()}
     if isinstance(value, Sequence | set | frozenset):

@@ -10,7 +10,7 @@ import re
 import tomllib
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import cycle
 from pathlib import Path
 from typing import Any
@@ -115,11 +115,11 @@ class Comparison:
         content = {
             "names": self.names,
             "table": self.table,
-            "gyral_against_cortical_thickness": {n: asdict(c) for n, c in zip(self.names, self.clouds)},
-            "theory": [asdict(line) for line in self.theory],
+            "gyral_against_cortical_thickness": dict(zip(self.names, self.clouds)),
+            "theory": self.theory,
             "groups": self.groups,
             "colours": self.colours,
-            "hinges": [{**asdict(compared), "verdict": compared.verdict} for compared in self.hinges],
+            "hinges": [{**vars(compared), "verdict": compared.verdict} for compared in self.hinges],
             "growth": {
                 curve.name: {
                     "growth": curve.growth,
@@ -128,7 +128,7 @@ class Comparison:
                 }
                 for curve in self.growth
             },
-            "folding": {n: None if t is None else asdict(t) for n, t in zip(self.names, self.folding)},
+            "folding": dict(zip(self.names, self.folding)),
             "notes": self.notes,
             "cautions": self.cautions,
             **({"people": [person.to_dict() for person in self.people]} if self.people else {}),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -107,7 +107,7 @@ class PersonComparison:
                 "hemi": self.hemi,
                 "over": over,
                 "what": row.what,
-                **asdict(row.tested),
+                **vars(row.tested),
                 "control_map": row.control_map,
                 "deepened": row.deepened.control,
                 "deepened_map": row.deepened_map,
