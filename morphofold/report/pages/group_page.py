@@ -86,7 +86,9 @@ def group_report(group: Group, folder: Path, progress: Progress = silent) -> Pat
         ["tables.js"],
         title=f"A group of {plural(len(group.subjects), 'subject')}",
         **page,
-        **TEXT_FUNCTIONS,
+        shown_number=shown_number,
+        value_and_median=value_and_median,
+        measures_with_sides=measures_with_sides,
         alike=measures_with_one_value(scalars),
         strips=strips(asymmetries),
         pictures=pictures,
@@ -141,9 +143,6 @@ def measures_with_sides(pairs: Sequence[tuple[str, str]]) -> str:
     for measure, hemi in pairs:
         sides.setdefault(scalar_words(measure)[0], []).append(SIDES[hemi])
     return "; ".join(f"{label}{'' if len(which) == 2 else f' ({which[0]})'}" for label, which in sides.items())
-
-
-TEXT_FUNCTIONS = {f.__name__: f for f in (shown_number, value_and_median, measures_with_sides)}
 
 
 def headlines(scalars: stats.Scalars, sides: Sequence[Side]) -> dict[str, list[stats.Distribution | None]]:
