@@ -23,7 +23,7 @@ from morphofold.mesh_quality.checks import cortex_label, vertices_at
 from morphofold.mesh_quality.defects import SEVERE_WARNINGS, SLIGHT_WARNINGS, WARNINGS
 from morphofold.quantities import scalar_words
 from morphofold.report.plots import charts
-from morphofold.surface import Faces
+from morphofold.surface import Cortex, Faces
 from morphofold.timing import Stages
 from morphofold.words import number
 
@@ -73,9 +73,14 @@ class Entry(charts.Look):
     display: Display = None  # type: ignore[assignment]  # until it is thinned
 
     @property
+    def cortex(self) -> Cortex:
+        """Its surfaces."""
+        return self.measures.cortex
+
+    @property
     def not_cortex(self) -> int:
         """Number of vertices that are not cortex."""
-        return int((~cortex_label(self.measures.cortex)[0]).sum())
+        return int((~cortex_label(self.cortex)[0]).sum())
 
 
 def entries_of(comparison: Comparison) -> list[Entry]:
@@ -105,7 +110,7 @@ def is_earlier_stage(stage: Measures, m: Measures) -> bool:
 def scalars(entries: Sequence[Entry], comparison: Comparison) -> dict[str, list[Any]]:
     """The value of each surface for every scalar, and for FreeSurfer's own numbers, that any surface has."""
     table = {row["measure"]: [row[e.name] for e in entries] for row in comparison.table}
-    table |= {key: [e.measures.cortex.info.get(key) for e in entries] for key in FREESURFER_VALUES}
+    table |= {key: [e.cortex.info.get(key) for e in entries] for key in FREESURFER_VALUES}
     return {key: values for key, values in table.items() if any(v is not None for v in values)}
 
 
@@ -131,7 +136,7 @@ def costs(entries: Sequence[Entry], clock: Stages | None = None) -> list[tuple[s
     """Title, cost and estimated errors of each simulation whose folder is complete, and of the analysis of a clock."""
     rows = []
     for e in entries:
-        stage = next((file for file in map(Path, e.measures.cortex.files) if file.name == "stage.json"), None)
+        stage = next((file for file in map(Path, e.cortex.files) if file.name == "stage.json"), None)
         if stage is not None and (cost := cost_beside(stage)) is not None:
             # loads the solver, which a person does not need
             from morphofold.forecasts.richardson import stored_estimate
@@ -145,7 +150,7 @@ def costs(entries: Sequence[Entry], clock: Stages | None = None) -> list[tuple[s
 def facts(entries: Sequence[Entry]) -> Rows:
     """Information from the files of the surfaces."""
     columns = []
-    for cortex in (e.measures.cortex for e in entries):
+    for cortex in (e.cortex for e in entries):
         known = {key: value for key, value in cortex.info.items() if key not in FREESURFER_VALUES}
         columns.append({"origin": cortex.origin, "portion": cortex.portion, "units": cortex.units, **known})
     return rows_side_by_side(columns)
@@ -180,7 +185,7 @@ def warnings(entries: Sequence[Entry]) -> Rows:
     for key, (cause, _) in WARNINGS.items():
         level = LEVELS[0 if key in SEVERE_WARNINGS else 2 if key in SLIGHT_WARNINGS else 1]
         for e in (e for e in entries if key in e.measures.notes):
-            cortex, text = e.measures.cortex, e.measures.notes[key]
+            cortex, text = e.cortex, e.measures.notes[key]
             drawn, white = cortex.white.verts[e.display.ids], cortex.white.verts
             places = [(v, int(norms(drawn - white[v]).argmin())) for v in vertices_at(text, cortex)]
             rows.append({"entry": e, "code": key, "cause": cause, "text": text, "places": places, "level": level})

@@ -139,14 +139,14 @@ def _write_page(
         plot_notes=plot_notes(comparison.named, comparison.clouds),
         people=person_parts(comparison.people, entries, folder),
         methods=methods_of(comparison.measures, entries=entries, comparison=comparison),
-        inputs=list(inputs) or records_as_read(e.measures.cortex for e in entries),
+        inputs=list(inputs) or records_as_read(e.cortex for e in entries),
         costs=contents.costs(entries, clock) if about["kind"] == ANALYSIS else [],
     )
 
 
 def _drawn_surface(entries: Sequence[Entry]) -> str:
     """The surface that a page shows first, and in pictures: inflated, where sulci are seen, if every surface has it."""
-    return "inflated" if all(e.measures.cortex.inflated is not None and not e.stages for e in entries) else "pial"
+    return "inflated" if all(e.cortex.inflated is not None and not e.stages for e in entries) else "pial"
 
 
 # pictures ----------------------------------------------------------------------------------------------------
@@ -155,13 +155,11 @@ def _drawn_surface(entries: Sequence[Entry]) -> str:
 def _write_pictures(folder: Path, entries: Sequence[Entry], shown: ShownMaps) -> list[PictureEntry]:
     """Write ``folder/KEY.png`` for maps and the gyral net; return them for the page."""
     which, pictures = _drawn_surface(entries), []
-    surfaces = {
-        e: Surface(getattr(e.measures.cortex, which).verts[e.display.ids], e.display.faces, e.name) for e in entries
-    }
+    surfaces = {e: Surface(getattr(e.cortex, which).verts[e.display.ids], e.display.faces, e.name) for e in entries}
     with ThreadPoolExecutor(1) as writer:  # writes one picture while the next is drawn
         for key, (what, limits) in shown.items():
             rows = [
-                Row(e.name, surfaces[e], values[e.display.ids], e.measures.cortex.hemi)
+                Row(e.name, surfaces[e], values[e.display.ids], e.cortex.hemi)
                 for e, values in entries_with_map(entries, key)
             ]
             image, file = figure(rows, what, limits), folder / f"{safe_name(key)}.png"
@@ -188,7 +186,7 @@ def _write_hinge_pairs(folder: Path, comparison: Comparison) -> list[PictureEntr
 
 def _areas(e: Entry) -> np.ndarray:
     """Pial area of each vertex."""
-    return vertex_areas(e.measures.cortex.pial.verts, e.measures.cortex.faces)
+    return vertex_areas(e.cortex.pial.verts, e.cortex.faces)
 
 
 def _histogram_charts(entries: Sequence[Entry], shown: ShownMaps) -> list[Markup]:

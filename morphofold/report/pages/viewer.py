@@ -49,7 +49,7 @@ ShownMaps = dict[str, tuple[Quantity, colours.Limits]]  # map key -> quantity, l
 def thinned(e: Entry) -> Entry:
     """An entry with its surface as the viewer draws it, at all of its stages."""
     most, stages = STAGED_VERTICES if e.stages else DISPLAY_VERTICES, [m.cortex for m in e.stages]
-    return replace(e, display=thin(e.measures.cortex, most, stages))
+    return replace(e, display=thin(e.cortex, most, stages))
 
 
 def entries_with_map(entries: Sequence[Entry], key: str) -> list[tuple[Entry, PerVertex]]:
@@ -74,7 +74,7 @@ def viewer_data(entries: Sequence[Entry], shown: ShownMaps) -> tuple[dict[str, A
     surfaces, blocks = [], {}
     steps = {key: (high - low) / 2000 for key, (_, (low, high)) in shown.items()}  # finer than the colours can show
     for k, e in enumerate(entries):
-        cortex, display = e.measures.cortex, e.display
+        cortex, display = e.cortex, e.display
         maps = {key: a for key in shown for _, a in entries_with_map([e], key)}
         packed = pack(cortex, maps, steps, display, net_of(e.measures, display.ids), e.person)
         stages = [Packed(display.ids, pial=m.cortex.pial, white=m.cortex.white) for m in e.stages]
