@@ -152,10 +152,8 @@ def cortex_files(
     staged = os.path.lexists(stage)
     if staged and hemi not in (sides := hemispheres(root)):
         raise DoesNotApply(f"{root}: is a simulated stage of {sides[0]}, and has no {hemi}. Request {sides[0]}.")
-    files = {
-        content: _required_surface(root, f"{hemi}.{s}") for content, s in zip(("white", "pial"), surfaces, strict=True)
-    }
-
+    inner, outer = surfaces
+    files = {kind: _required_surface(root, f"{hemi}.{name}") for kind, name in (("white", inner), ("pial", outer))}
     if annotation is None and not staged and os.path.lexists(root / "summary.json"):
         annotation = measured_surface_fields(root / "summary.json", hemi).get("annotation")
     name = "aparc" if annotation is None else annotation

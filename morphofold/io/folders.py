@@ -66,20 +66,18 @@ def alone(folder: Path, name: str = LOCK_FILE) -> Iterator[None]:
     from filelock import FileLock, Timeout
 
     with _made_folder(folder):
-        lock = FileLock(folder / name)
         try:
-            lock.acquire(timeout=0)
+            with FileLock(folder / name, timeout=0):
+                try:
+                    yield
+                finally:
+                    with suppress(OSError):  # Windows removes no open file
+                        (folder / name).unlink()
         except Timeout:
             place = folder if name == LOCK_FILE else folder / name
             raise FileExistsError(
                 f"{place}: another run is writing here. Wait until it ends, or choose another folder."
             ) from None
-        try:
-            yield
-        finally:
-            with suppress(OSError):  # Windows removes no open file
-                (folder / name).unlink()
-            lock.release()
 
 
 @contextmanager
