@@ -9,7 +9,6 @@ import pytest
 
 from morphofold.errors import DamagedFile, WrongFile
 from morphofold.io import read_surface
-from morphofold.io.mesh_files import read_grid
 from morphofold.shapes import icosphere
 
 LEGACY = [(version, binary) for version in (42, 51) for binary in (False, True)]
@@ -73,10 +72,6 @@ def test_every_layout_of_xml_is_read(tmp_path, name, mode, encoded, compressor):
     wide = compressor == "LZMA"
     written(tmp_path / name, mode=mode, compressor=compressor, wide=wide, encoded=encoded, big=wide)
     is_the_sphere(tmp_path / name)
-    if name == "a.vtu":
-        mesh = read_grid(tmp_path / name)
-        np.testing.assert_array_equal(mesh.point_data["a"], np.arange(840.0).reshape(42, 20))
-        assert [values.shape for values in mesh.cell_data["b"]] == [(80, 3)]
 
 
 def test_a_length_that_is_encoded_with_its_numbers_is_read(tmp_path):

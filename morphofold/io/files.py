@@ -154,8 +154,9 @@ def looks_like_text(head: bytes) -> bool:
     return bool(head) and b"\0" not in head and printable > 0.9 * len(head)
 
 
-def beginning(head: bytes) -> str:
-    """The first bytes of a file in a form that an error can show: escaped, short, one line."""
+def beginning(raw: bytes) -> str:
+    """The first of the bytes of a file in a form that an error can show: escaped, short, one line."""
+    head = raw[:1024]
     if looks_like_text(head):
         return f"text, beginning {' '.join(head[:60].decode('ascii', 'replace').split())!r}"
     return f"bytes, beginning {head[:8].hex(' ')}"

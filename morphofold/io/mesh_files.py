@@ -9,10 +9,8 @@ import subprocess
 import sys
 import warnings
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from morphofold.errors import DamagedFile, WrongFile
 from morphofold.io.files import SurfaceContent, atomic_file, silent_log, write_and_read
@@ -94,40 +92,17 @@ def read_vtk(raw: bytes, path: Path) -> SurfaceContent:
 
     Raises ``WrongFile`` if the file has faces other than triangles, or no triangles.
     """
-    arrays = _arrays(path)
-    kinds = arrays["types"]
-    if not {*kinds.tolist()} <= {_TRIANGLE, *_LEFT_OUT}:
-        raise WrongFile("it holds faces that are not triangles; triangulate it first")
-    starts = arrays["offsets"][:-1][kinds == _TRIANGLE]
-    if not len(starts):
-        raise WrongFile("it holds no triangles; extract its surface first")
-    faces = arrays["connectivity"][starts[:, None] + np.arange(3)]
-    return arrays["points"].astype(np.float64), faces.astype(np.int64), None
-
-
-def read_grid(path: Path) -> Any:
-    """The ``meshio.Mesh`` in a VTU file; of damaged ones, any exception, which ``decoding`` explains."""
-    import meshio
-    from meshio._vtk_common import vtk_cells_from_data
-
-    arrays = _arrays(path)
-    of_points, of_cells = (
-        {name.removeprefix(kind): values for name, values in arrays.items() if name.startswith(kind)}
-        for kind in ("point ", "cell ")
-    )
-    cells = arrays["connectivity"].astype(np.int64), arrays["offsets"][1:], arrays["types"]
-    blocks, of_blocks = vtk_cells_from_data(*cells, of_cells)
-    return meshio.Mesh(arrays["points"], blocks, of_points, of_blocks)
-
-
-def _arrays(path: Path) -> dict[str, NDArray[Any]]:
-    """The arrays of a file by name, as vtk_process.py writes them."""
     script = Path(__file__).with_name("vtk_process.py")
     done = subprocess.run([sys.executable, "-P", script, path], capture_output=True, check=False)
     if done.returncode or b"rror" in done.stderr:
         raise DamagedFile(done.stderr.decode("utf-8", "replace").strip().rpartition("\n")[2] or "VTK stops")
-    with np.load(io.BytesIO(done.stdout)) as arrays:
-        return dict(arrays)
+    points, corners, starts, kinds = np.load(io.BytesIO(done.stdout)).values()
+    if not {*kinds.tolist()} <= {_TRIANGLE, *_LEFT_OUT}:
+        raise WrongFile("it holds faces that are not triangles; triangulate it first")
+    starts = starts[:-1][kinds == _TRIANGLE]
+    if not len(starts):
+        raise WrongFile("it holds no triangles; extract its surface first")
+    return points, corners[starts[:, None] + np.arange(3)], None
 
 
 def write_vtk(path: Path, surface: Surface) -> None:

@@ -1,4 +1,4 @@
-"""A script: VTK reads the file that is named, and its points, cells and their data go to standard output as npz."""
+"""A script: VTK reads the file that is named, and its points and cells go to standard output as npz."""
 
 import sys
 
@@ -15,13 +15,6 @@ if __name__ == "__main__":
     to_grid = vtkAppendFilter()
     to_grid.AddInputConnection(reader.GetOutputPort())
     to_grid.Update()
-    grid = to_grid.GetOutput()
-    arrays = {
-        "points": grid.GetPoints().GetData(),
-        "connectivity": grid.GetCells().GetConnectivityArray(),
-        "offsets": grid.GetCells().GetOffsetsArray(),
-        "types": grid.GetCellTypesArray(),
-    }
-    for kind, data in (("point", grid.GetPointData()), ("cell", grid.GetCellData())):
-        arrays |= {f"{kind} {data.GetArrayName(k)}": data.GetArray(k) for k in range(data.GetNumberOfArrays())}
-    np.savez(sys.stdout.buffer, **{name: vtk_to_numpy(array) for name, array in arrays.items() if array is not None})
+    grid, cells = to_grid.GetOutput(), to_grid.GetOutput().GetCells()
+    parts = grid.GetPoints().GetData(), cells.GetConnectivityArray(), cells.GetOffsetsArray(), grid.GetCellTypesArray()
+    np.savez(sys.stdout.buffer, *map(vtk_to_numpy, parts))

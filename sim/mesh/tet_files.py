@@ -25,7 +25,6 @@ from morphofold.errors import (
 )
 from morphofold.io.files import decoding, warn_of_no_end
 from morphofold.io.formats import format_of
-from morphofold.io.mesh_files import read_grid
 from morphofold.sim.scene import MOST_BRICKS, MeshFile
 
 #: other cells that a file may have; of these only triangles are used, and only for their labels
@@ -208,8 +207,6 @@ def _read_mesh(path: Path) -> Any:
     kinds = meshio.extension_to_filetypes.get(path.suffix.lower(), [""])
     with path.open("rb") as file:
         head = file.read(4096)
-    if kinds == ["vtu"]:
-        return read_grid(path)
     if kinds == ["medit"] and re.match(rb"\s*\d+\s*\n", head):
         return _read_neutral(path.read_bytes())
     if "ansys" in kinds:  # meshio reads every .msh as ansys first

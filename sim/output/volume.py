@@ -10,7 +10,6 @@ import numpy as np
 from morphofold.arrays import Array
 from morphofold.errors import DamagedFile
 from morphofold.io import atomic_file
-from morphofold.io.mesh_files import read_grid
 from morphofold.sim.output.run_files import stage_folder
 
 if TYPE_CHECKING:
@@ -54,7 +53,9 @@ def write_volume(folder: Path, body: Body, x: Array) -> None:
 
 def read_volume(path: Path) -> tuple[Array, Array]:
     """Reference and deformed positions X, x (N, 3) [mm] of a ``volume.vtu``, bitwise as they were written."""
-    mesh = read_grid(path)
+    import meshio
+
+    mesh = meshio.read(path)
     return np.asarray(mesh.point_data["reference"]), np.asarray(mesh.points)
 
 
