@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 import errno
-import logging
 import os
 import re
 import secrets
@@ -162,21 +161,9 @@ def beginning(raw: bytes) -> str:
     return f"bytes, beginning {head[:8].hex(' ')}"
 
 
-@contextmanager
-def silent_log() -> Iterator[None]:
-    """Keep packages from logging messages that are raised anyway or are not important."""
-    before = logging.root.manager.disable
-    logging.disable(logging.CRITICAL)
-    try:
-        yield
-    finally:
-        logging.disable(before)
-
-
 def warn_of_no_end(path: Path, raw: bytes) -> None:
     """Warn if a text stops within a line: its last number may be cut, 1 of 162. XML and STL mark their end."""
-    says = raw.endswith(b">") or b"endsolid" in raw[-1024:]
-    if not (says or raw[-1:].isspace()) and looks_like_text(raw[:1024]) and looks_like_text(raw[-64:]):
+    if looks_like_text(raw[:1024]) and looks_like_text(raw[-64:]) and not re.search(rb"[\s>]\Z|endsolid", raw[-1024:]):
         warnings.warn(
             f"{path}: its last line has no line break. If the file was cut, its last number is wrong.", stacklevel=4
         )

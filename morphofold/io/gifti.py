@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gzip
 import html
-import io
 import os
 import re
 from collections.abc import Iterable, Mapping
@@ -81,15 +80,11 @@ def read_mask(raw: bytes, path: Path) -> NDArray[np.bool_]:
 
 def _read(raw: bytes, path: Path) -> Any:
     """The image of a file, by nibabel; each of its arrays has numbers."""
-    from nibabel.gifti.parse_gifti_fast import GiftiImageParser
+    from nibabel.gifti import GiftiImage
 
     for name in _EXTERNAL_NAME.findall(raw):  # in a file beside it, where SPM and CAT12 keep arrays
         existing_file(path.with_name(html.unescape(name.decode())), "file of arrays")
-    file = io.BytesIO(raw)
-    file.name = os.fspath(path)  # where nibabel looks for arrays in files beside it
-    parser = GiftiImageParser(mmap=False)
-    parser.parse(fptr=file)
-    image = parser.img
+    image = GiftiImage.from_file_map(GiftiImage.make_file_map({"image": os.fspath(path)}), mmap=False)
     values = [array.data for array in image.darrays]
     if any(x is None or not x.size or x.dtype.kind not in "fiu" for x in values):
         raise DamagedFile("it has an array without numbers")
@@ -135,8 +130,9 @@ def write_surface(path: StrPath, surface: Surface, *, scanner: bool = False) -> 
         meta["VolGeomFname"] = str(footer["filename"])
         for key, names in _FOOTER_KEYS.items():
             meta |= {f"VolGeom{n}": repr(x.item()) for n, x in zip(names, np.asarray(footer[key]))}
-    arrays = (surface.verts.astype(np.float32), "pointset", meta), (surface.faces.astype(np.int32), "triangle", {})
-    _write_image(path, arrays, space=_SCANNER if scanner else _UNKNOWN)
+    points, triangles = surface.verts.astype(np.float32), surface.faces.astype(np.int32)
+    frame = _SCANNER if scanner else _UNKNOWN
+    _write_image(path, [(points, "pointset", meta), (triangles, "triangle", {})], frame=frame)
 
 
 def write_map(path: StrPath, values: NDArray[np.float32], name: str = "", hemi: str | None = None) -> None:
@@ -169,7 +165,7 @@ def _write_image(
     arrays: Iterable[tuple[NDArray[Any], str, dict[str, str]]],
     meta: Mapping[str, str] = {},
     labels: Iterable[tuple[str, tuple[float, ...]]] = (),
-    space: int | None = None,
+    frame: int | None = None,
 ) -> None:
     """Write arrays, each with its intent and metadata, labels with their colours, and the frame of the first array."""
     from nibabel import gifti
@@ -177,8 +173,8 @@ def _write_image(
     image = gifti.GiftiImage(meta=gifti.GiftiMetaData(meta))
     for data, intent, about in arrays:
         image.add_gifti_data_array(gifti.GiftiDataArray(data, intent, meta=about))
-    if space is not None:
-        image.darrays[0].coordsys = gifti.GiftiCoordSystem(space, space)
+    if frame is not None:
+        image.darrays[0].coordsys = gifti.GiftiCoordSystem(frame, frame)
     for key, (name, rgba) in enumerate(labels):
         image.labeltable.labels.append(gifti.GiftiLabel(key, *rgba))
         image.labeltable.labels[-1].label = name

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import io
+import logging
 import re
 import subprocess
 import sys
@@ -13,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from morphofold.errors import DamagedFile, WrongFile
-from morphofold.io.files import SurfaceContent, atomic_file, silent_log, write_and_read
+from morphofold.io.files import SurfaceContent, atomic_file, write_and_read
 from morphofold.surface import Faces, PerVertex, Surface, Verts
 
 #: the numbers of vertices and faces in a header
@@ -43,8 +44,12 @@ def read_trimesh(kind: str, raw: bytes, path: Path) -> SurfaceContent:
         raise DamagedFile(f"its header gives {size} bytes, but it has {len(raw)}, and it has no endsolid")
     # from memory and without a resolver: files that this file may name are not opened
     options = {"process": False, "maintain_order": True, "skip_materials": True}
-    with silent_log():  # messages about normals, which are not used
+    disabled = logging.root.manager.disable
+    logging.disable(logging.CRITICAL)  # messages about normals, which are not used
+    try:
         mesh = trimesh.load_mesh(io.BytesIO(raw), file_type=kind, **options)
+    finally:
+        logging.disable(disabled)
     verts, faces = np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.int64)
     if len(faces) == 0:
         raise DamagedFile("it holds no triangles")

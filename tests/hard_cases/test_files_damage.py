@@ -294,7 +294,7 @@ def _with(sample, raw):
     "an STL text whose normals are no numbers (found by fuzzing)",
     peers="trimesh: logs a traceback (seen)",
     guard="packages log nothing while they read",
-    without=lambda patch: patch.setattr(mesh_files, "silent_log", contextlib.nullcontext),
+    without=lambda patch: patch.setattr(mesh_files.logging, "disable", nothing),
 )
 def test_normals(holds, tmp_path, caplog):
     import trimesh
