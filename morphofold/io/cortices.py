@@ -6,7 +6,6 @@ import os
 import re
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from importlib.resources import files as package_files
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -40,8 +39,6 @@ _CONTENTS = (
     ("label", "label", "cortex.label", ("",)),  # FreeSurfer's
     ("registered", "surf", "sphere.reg", SURFACE_ENDINGS),  # without a label
 )
-WHITE = "white"
-SIGNS = ("pial", "thickness")  # by which the cortex under white is found without a label
 
 OPPOSITE = -0.3  # correlation with the depth below; with FreeSurfer's sign it was 0.66 to 0.90 on people and averages
 _AVERAGES = 20
@@ -225,7 +222,7 @@ def folded_files(path: StrPath, hemi: str, *, surface: str | None = None, sphere
     if not root.is_dir():
         files = {"surface": existing_file(root, "surface")}
         return files if sphere is None else {**files, "sphere": existing_file(Path(sphere), "sphere")}
-    kind, surf = surface or WHITE, root / "surf"
+    kind, surf = surface or "white", root / "surf"
     paths = {
         "surface": surf / f"{hemi}.{kind}",
         "sphere": surf / f"{hemi}.{sphere or 'sphere'}",
@@ -235,7 +232,8 @@ def folded_files(path: StrPath, hemi: str, *, surface: str | None = None, sphere
     needed = {"surface"} if sphere is None else {"surface", "sphere"}
     files = {what: existing_file(p, what) for what, p in paths.items() if what in needed or os.path.lexists(p)}
     if "cortex.label" not in files:
-        signs = {"registered": "sphere.reg", **(dict(zip(SIGNS, SIGNS)) if kind == WHITE else {})}
+        signs = {"registered": "sphere.reg"}  # by which the cortex is found without a label
+        signs |= {"pial": "pial", "thickness": "thickness"} if kind == "white" else {}
         files |= {what: file for what, name in signs.items() if (file := surf / f"{hemi}.{name}").is_file()}
     return files
 
@@ -345,15 +343,11 @@ def _cortex_of_pair(white: Path, pial: Path, hemi: str | None, name: str | None)
 def read_cortex_files(root: Path | None, hemi: str, files: dict[str, Path], name: str | None = None) -> Cortex:
     """The cortex that files hold, by content as in :func:`cortex_files`; ``root`` is their folder, if they have one."""
     with unchanged(dict.fromkeys(files.values())) as records:
-        cortex = _read(root, hemi, files, name)
-    return replace(cortex, inputs=tuple(records))
-
-
-def _read(root: Path | None, hemi: str, files: dict[str, Path], name: str | None) -> Cortex:
-    white = read_surface(files["white"])
-    n = len(white.verts)
-    readers = {**_READERS, "label": lambda file: read_label(file, n)}
-    found = {what: readers[what](file) for what, file in files.items() if what in readers}
+        white = read_surface(files["white"])
+        n = len(white.verts)
+        readers = {**_READERS, "label": lambda file: read_label(file, n)}
+        found = {what: readers[what](file) for what, file in files.items() if what in readers}
+        fields = _fields(root, hemi, files)
     for what, content in found.items():
         count = len(getattr(content, "verts", getattr(content, "labels", content)))
         if count != n and what not in ("pial", "registered"):
@@ -363,7 +357,6 @@ def _read(root: Path | None, hemi: str, files: dict[str, Path], name: str | None
             )
     maps = {name: values for name, values in found.items() if name in MAP_NAMES}
     registered = found.get("registered")
-    fields = _fields(root, hemi, files)
     return Cortex(
         white,
         found["pial"],
@@ -381,6 +374,7 @@ def _read(root: Path | None, hemi: str, files: dict[str, Path], name: str | None
         portion=float(fields.get("portion", 1.0)),
         info=fields["info"],
         files=tuple(str(p) for p in files.values()),
+        inputs=tuple(records),
     )
 
 
