@@ -68,7 +68,8 @@ def _of_trimesh(kind: str, begins: bytes | None, **more: Any) -> Format:
 _GIFTI, _GIFTI_ENDINGS = rb"(?s:.*?)<GIFTI", (".gii", ".gii.gz")
 _VTK = (".vtk", ".vtp", ".vtu"), mesh_files.read_vtk, mesh_files.write_vtk, rb"# vtk|[^#]*<VTKFile "
 _MGH = (".mgh", ".mgz", ".mgh.gz"), freesurfer.read_mgh, freesurfer.write_mgh, rb"\0\0\0\x01"
-_FREESURFER = (".white", ".pial", ".inflated", ".sphere", ".orig", ".smoothwm", ".mid")
+_FREESURFER_ENDINGS = (".white", ".pial", ".inflated", ".sphere", ".orig", ".smoothwm", ".mid")
+_FREESURFER = _FREESURFER_ENDINGS, freesurfer.read_surface, freesurfer.write_surface, rb"\xff\xff[\xfd-\xff]"
 _ASCII = rb"#!ascii[^\n]*\n(?:#[^\n]*\n)*\s*\d+[ \t]+\d+[ \t\r]*\n"
 #: by content, in the order in which they are tried; FreeSurfer's names are the least specific
 FORMATS = {
@@ -82,14 +83,7 @@ FORMATS = {
         Format("FreeSurfer's text (.asc, .srf)", (), mesh_files.read_ascii, begins=_ASCII),
         Format("MNI OBJ", (), mesh_files.read_mni, begins=rb"P(?:\s+[-+.\deE]+){5}\s+\d+\s"),
         Format("GIFTI (.gii)", _GIFTI_ENDINGS, gifti.read_surface, gifti.write_surface, _GIFTI),
-        Format(
-            "FreeSurfer",
-            _FREESURFER,
-            freesurfer.read_surface,
-            freesurfer.write_surface,
-            rb"\xff\xff[\xfd-\xff]",
-            r"[lr]h\.|[^.]+$",
-        ),
+        Format("FreeSurfer", *_FREESURFER, names=r"[lr]h\.|[^.]+$"),
     ),
     "map": (
         Format("GIFTI", _GIFTI_ENDINGS, gifti.read_map, gifti.write_map, _GIFTI),
