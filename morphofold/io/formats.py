@@ -18,7 +18,7 @@ from morphofold.errors import Mismatch, WrongFile, WrongShape
 from morphofold.io import freesurfer, gifti, mesh_files
 from morphofold.io.files import StrPath, beginning, decoding, existing_file, warn_of_no_end
 from morphofold.surface import PerVertex, Regions, Surface, Verts
-from morphofold.validators import check_mesh, finite, same_length
+from morphofold.validators import check_mesh, finite, labels_within, same_length
 from morphofold.words import listed
 
 
@@ -266,7 +266,9 @@ def write_annotation(path: StrPath, regions: Regions) -> None:
 
     Colours of an annotation must differ: the format distinguishes regions only by colour.
     """
-    _writer(path, "annotation")(path, regions)
+    write = _writer(path, "annotation")
+    labels_within(regions.labels, len(regions.names), os.fspath(path))
+    write(path, regions)
 
 
 def read_label(path: StrPath, n: int) -> NDArray[np.bool_]:

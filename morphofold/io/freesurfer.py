@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import io
 import math
-import os
 import re
 import struct
 from collections.abc import Callable, Mapping
@@ -23,7 +22,6 @@ from morphofold.io.files import StrPath, SurfaceContent, beginning, name_in_file
 from morphofold.io.json_files import LARGEST_NUMBER
 from morphofold.provenance import clean_name
 from morphofold.surface import PerVertex, Regions, Surface, Verts
-from morphofold.validators import labels_within
 
 TRIANGLE_MAGIC, QUAD_MAGIC = b"\xff\xff\xfe", b"\xff\xff\xff"
 _CREATED_BY = "created by morphofold"  # nibabel's default writes the name of the user and the date
@@ -203,7 +201,6 @@ def write_regions(path: StrPath, regions: Regions) -> None:
     if colours.shape != (len(regions.names), 3):
         raise WrongShape(f"{path}: {len(regions.names)} region names, but colours of shape {colours.shape}.")
     ids = colours @ (1, 256, 65536)
-    labels_within(labels, len(colours), os.fspath(path))
     if len(np.unique(ids)) < len(ids):
         raise NamedTwice(f"{path}: two regions have the same colour, so an annotation cannot distinguish them.")
     if (ids == 0).any() and (labels == -1).any():
@@ -214,13 +211,12 @@ def write_regions(path: StrPath, regions: Regions) -> None:
 
 def read_label(raw: bytes, path: Path) -> NDArray[np.int64]:
     """Numbers of the vertices of a FreeSurfer label (``?h.cortex.label``)."""
-    first, _, rest = raw.partition(b"\n")
-    count, _, rows = rest.partition(b"\n")
-    if not first.startswith(b"#") or not count.strip().isdigit():
-        raise WrongFile(f"it is not a FreeSurfer label ({beginning(first[:512] or count[:512])})")
-    vertices = np.array([int(row.split(maxsplit=1)[0]) for row in rows.splitlines() if row.strip()], dtype=np.int64)
-    if len(vertices) != int(count):
-        raise DamagedFile(f"its second line gives {int(count)} vertices, but the file lists {len(vertices)}")
+    lines = raw.splitlines()
+    if len(lines) < 2 or not lines[0].startswith(b"#") or not lines[1].strip().isdigit():
+        raise WrongFile(f"it is not a FreeSurfer label ({beginning(raw)})")
+    vertices = np.array([row.split(maxsplit=1)[0] for row in lines[2:] if row.strip()], dtype=np.int64)
+    if len(vertices) != int(lines[1]):
+        raise DamagedFile(f"its second line gives {int(lines[1])} vertices, but the file lists {len(vertices)}")
     return vertices
 
 

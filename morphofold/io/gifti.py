@@ -17,7 +17,6 @@ from morphofold.errors import DamagedFile, WrongFile
 from morphofold.io.files import StrPath, SurfaceContent, atomic_file, existing_file, name_in_file, side_named
 from morphofold.provenance import clean_name
 from morphofold.surface import PerVertex, Regions, Surface, Verts
-from morphofold.validators import labels_within
 
 _STRUCTURE_OF_HEMI = {"lh": "CortexLeft", "rh": "CortexRight"}
 _SURFACE_METADATA = {  # names as in Connectome Workbench
@@ -143,10 +142,8 @@ def write_map(path: StrPath, values: NDArray[np.float32], name: str = "", hemi: 
 
 def write_regions(path: StrPath, regions: Regions) -> None:
     """Write regions as a GIFTI label file: region i has key i + 1; key 0, ??? as in Workbench, means no region."""
-    labels = np.asarray(regions.labels)
-    labels_within(labels, len(regions.names), os.fspath(path))
     rgba = [(1.0, 1.0, 1.0, 0.0), *((r / 255, g / 255, b / 255, 1.0) for r, g, b in regions.colours.tolist())]
-    array = (labels + 1).astype(np.int32), "label", {"Name": regions.name}
+    array = (np.asarray(regions.labels) + 1).astype(np.int32), "label", {"Name": regions.name}
     _write_image(path, [array], _structure_metadata(path), labels=zip(("???", *regions.names), rgba))
 
 
