@@ -63,17 +63,6 @@ class StageHealth(Record):
     mean_radius_mm: Amount | None = None
 
 
-class GrownFrom(Record):
-    """The person whose unfolded cortex grew: SHA-256 of the files by content, the level of unfolding, which maps it was
-    given, and what marked its cortex."""
-
-    subject: str
-    sha256: dict[str, str]
-    unfold: Annotated[float, Field(gt=0, le=1)]
-    maps: list[str] = []
-    cortex_mask: str = ""
-
-
 class StageRecord(Record):
     """``stage.json``: the record of a stage by ``simulate``, the ``info`` of an analysis; all keys may be missing."""
 
@@ -90,7 +79,7 @@ class StageRecord(Record):
     health: StageHealth = StageHealth()
     warnings: list[str] = []
     vertices_without_value_written_as_0: dict[str, Count] = {}
-    grown_from: GrownFrom | None = None
+    grown_from: dict[str, Any] | None = None
 
 
 class SurfaceRecord(Record):
