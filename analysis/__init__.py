@@ -5,13 +5,13 @@ machine. No file here may have the name of a public function: as soon as the fil
 Python would replace the function by the module (hence ``curvatures.py``).
 """
 
-# ruff: noqa: F401  (names of __all__)
+# ruff: noqa: F401  (the public names)
 from __future__ import annotations
 
-import importlib
 from types import FunctionType
 from typing import TYPE_CHECKING, Any
 
+from morphofold.lazy import importer, public_names
 from morphofold.threads import one_blas_thread
 
 if __name__ != "morphofold.analysis":
@@ -19,7 +19,7 @@ if __name__ != "morphofold.analysis":
         "this folder is imported as morphofold.analysis, not as analysis: use `import morphofold.analysis`"
     )
 
-if TYPE_CHECKING:  # public names, as in _PUBLIC
+if TYPE_CHECKING:
     from morphofold.analysis.crests import CrestLine, CrestLines, crest_lines
     from morphofold.analysis.curvatures import Curvature, curvature
     from morphofold.analysis.graph.crest_net import GyralScales
@@ -48,65 +48,18 @@ if TYPE_CHECKING:  # public names, as in _PUBLIC
     from morphofold.analysis.smoothing import smooth
     from morphofold.analysis.spins import SpinTest, spin_test
     from morphofold.analysis.thickness.cortical import cortical_thickness
+    from morphofold.analysis.thickness.gyral import GyralThickness, gyral_thickness
     from morphofold.geometry import euler_characteristic, vertex_areas, vertex_normals
 
-_PUBLIC = {
-    "Arm": "analysis.graph.hinges",
-    "AtScale": "analysis.gyrification.across_scales",
-    "CrestLine": "analysis.crests",
-    "CrestLines": "analysis.crests",
-    "Curvature": "analysis.curvatures",
-    "FoldingIndices": "analysis.gyrification.folding",
-    "GyralScales": "analysis.graph.crest_net",
-    "GyralThickness": "analysis.thickness.gyral",
-    "Hinge": "analysis.graph.hinges",
-    "HingeShapes": "analysis.graph.hinge_shapes",
-    "LawAcrossScales": "analysis.gyrification.across_scales",
-    "Measures": "analysis.measures",
-    "ShapeTerms": "analysis.gyrification.folding_law",
-    "Spectrum": "analysis.gyrification.power_spectrum",
-    "SpinTest": "analysis.spins",
-    "across_scales": "analysis.gyrification.across_scales",
-    "cortical_thickness": "analysis.thickness.cortical",
-    "crest_lines": "analysis.crests",
-    "curvature": "analysis.curvatures",
-    "euler_characteristic": "geometry",
-    "folding_indices": "analysis.gyrification.folding",
-    "fractal_dimension": "analysis.gyrification.fractal_dimension",
-    "gyral_graph": "analysis.graph.gyral_graph",
-    "gyral_thickness": "analysis.thickness.gyral",
-    "gyrification_index": "analysis.gyrification.hull",
-    "hinge_sensitivity": "analysis.graph.sensitivity",
-    "hinge_shapes": "analysis.graph.hinge_shapes",
-    "hinges": "analysis.graph.hinges",
-    "law_across_scales": "analysis.gyrification.across_scales",
-    "local_gyrification_index": "analysis.gyrification.local_gyrification",
-    "measure": "analysis.measuring",
-    "power_spectrum": "analysis.gyrification.power_spectrum",
-    "prominent_peaks": "analysis.graph.prominence",
-    "gray_volumes": "analysis.regions",
-    "region_table": "analysis.regions",
-    "wide_table": "analysis.regions",
-    "shape_terms": "analysis.gyrification.folding_law",
-    "smooth": "analysis.smoothing",
-    "spin_test": "analysis.spins",
-    "sulcal_depth": "analysis.gyrification.depth",
-    "vertex_areas": "geometry",
-    "vertex_normals": "geometry",
-    "wavelength": "analysis.graph.depth_potential",
-}
+
+def _in_one_blas_thread(value: Any) -> Any:
+    return one_blas_thread()(value) if isinstance(value, FunctionType) else value
+
+
+_PUBLIC = public_names(__file__)
 __all__ = sorted(_PUBLIC)
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _PUBLIC:
-        raise AttributeError(f"module 'morphofold.analysis' has no attribute {name!r}")
-    value = getattr(importlib.import_module(f"morphofold.{_PUBLIC[name]}"), name)
-    if isinstance(value, FunctionType):
-        value = one_blas_thread()(value)
-    globals()[name] = value
-    return value
+__getattr__ = importer(__name__, _PUBLIC, _in_one_blas_thread)
 
 
 def __dir__() -> list[str]:
-    return sorted(__all__)
+    return __all__

@@ -2,15 +2,16 @@
 and its errors. Names are imported on first use: an analysis, which has a cost too, does not load the solver.
 """
 
-from morphofold.lazy import importer
+# ruff: noqa: F401  (the public names)
+from typing import TYPE_CHECKING
 
-_PUBLIC = {
-    "Estimate": "morphofold.forecasts.richardson",
-    "Forecast": "morphofold.forecasts.forecasting",
-    "MeshChoice": "morphofold.forecasts.mesh_choice",
-    "choose_mesh": "morphofold.forecasts.mesh_choice",
-    "estimate_error": "morphofold.forecasts.richardson",
-    "forecast": "morphofold.forecasts.forecasting",
-}
+from morphofold.lazy import importer, public_names
+
+if TYPE_CHECKING:
+    from morphofold.forecasts.forecasting import Forecast, forecast
+    from morphofold.forecasts.mesh_choice import MeshChoice, choose_mesh
+    from morphofold.forecasts.richardson import Estimate, estimate_error
+
+_PUBLIC = public_names(__file__)
 __all__ = sorted(_PUBLIC)
 __getattr__ = importer(__name__, _PUBLIC)

@@ -4,14 +4,15 @@
 No measure is computed here.
 """
 
-from __future__ import annotations
+# ruff: noqa: F401  (the public names)
+from typing import TYPE_CHECKING
 
-from morphofold.lazy import importer
+from morphofold.lazy import importer, public_names
 
-_PUBLIC = {
-    "analysis_report": "morphofold.report.pages.page",
-    "comparison_report": "morphofold.report.pages.page",
-    "figure": "morphofold.report.pictures.surfaces",
-}
+if TYPE_CHECKING:
+    from morphofold.report.pages.page import analysis_report, comparison_report
+    from morphofold.report.pictures.surfaces import figure
+
+_PUBLIC = public_names(__file__)
 __all__ = sorted(_PUBLIC)
 __getattr__ = importer(__name__, _PUBLIC)
