@@ -9,13 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from morphofold import validators
 from morphofold.arrays import cannot_change, read_only
 from morphofold.errors import MissingPart, UnlikeSurfaces, WrongShape
 from morphofold.lazy import draw
-from morphofold.validators import LARGEST_UNKNOWN_SHARE, check_indexed, check_positions, finite, one_of, same_length
-from morphofold.validators import check_arrays as check_arrays  # callers find the checks of a mesh here
-from morphofold.validators import check_kind as check_kind
-from morphofold.validators import check_mesh as check_mesh
 
 if TYPE_CHECKING:
     import pyvista
@@ -36,7 +33,7 @@ def _without_unknown(verts: Verts, faces: Faces) -> tuple[Verts, Faces, int]:
     known = ~np.asarray(unknown[faces].any(axis=1))
     sides = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
     closed = (np.unique(sides, axis=0, return_counts=True)[1] > 1).all()
-    if (closed and not known.all()) or known.mean() < 1 - LARGEST_UNKNOWN_SHARE:
+    if (closed and not known.all()) or known.mean() < 1 - validators.LARGEST_UNKNOWN_SHARE:
         return verts, faces, 0
     return np.where(unknown[:, None], np.nanmean(verts, axis=0), verts), faces[known], int(unknown.sum())
 
@@ -81,10 +78,10 @@ class Surface:
 
     def __post_init__(self) -> None:
         verts, faces, unknown = _as_array(self.verts), _as_array(self.faces), self.unknown
-        check_indexed(verts, faces, self.name)
+        validators.check_indexed(verts, faces, self.name)
         if np.isnan(verts).any():
             verts, faces, unknown = _without_unknown(verts, faces)
-        check_positions(verts, self.name)
+        validators.check_positions(verts, self.name)
         verts, faces = _read_only(verts, np.float64), _read_only(faces, np.int64)
         vars(self).update(verts=verts, faces=faces, unknown=unknown)
 
@@ -231,8 +228,8 @@ class Cortex:
 
     def __post_init__(self) -> None:
         for name in ("white", "pial"):
-            check_kind(getattr(self, name), Surface, f"{self.name}: {name}")
-        one_of(self.hemi, ("lh", "rh"), f"{self.name}: hemi")
+            validators.check_kind(getattr(self, name), Surface, f"{self.name}: {name}")
+        validators.one_of(self.hemi, ("lh", "rh"), f"{self.name}: hemi")
         n_white, n_pial = len(self.white.verts), len(self.pial.verts)
         if n_white != n_pial:
             raise UnlikeSurfaces(
@@ -258,8 +255,8 @@ class Cortex:
             if (surface := getattr(self, name)) is not None:
                 per_vertex[name] = surface.verts[:, 0]
         for name, values in per_vertex.items():
-            same_length(values, n_white, f"{self.name}: {name}")
-            finite(values, f"{self.name}: {name}", "Put NaN where a value is unknown.", nan=True)
+            validators.same_length(values, n_white, f"{self.name}: {name}")
+            validators.finite(values, f"{self.name}: {name}", "Put NaN where a value is unknown.", nan=True)
 
     def _leave_out_unknown(self) -> None:
         """Leave out the triangles of one surface at vertices that no triangle of the other uses."""
@@ -295,7 +292,7 @@ class Cortex:
         ValueError
             If there is no surface of that name, or this cortex has none.
         """
-        one_of(name, SURFACES, f"{self.called}: surface")
+        validators.one_of(name, SURFACES, f"{self.called}: surface")
         surface: Surface | None = getattr(self, name)
         if surface is None:
             has = [other for other in SURFACES if getattr(self, other) is not None]
