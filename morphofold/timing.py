@@ -6,30 +6,17 @@ from __future__ import annotations
 import re
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 from pathlib import Path
 from threading import Lock
 from typing import Any
 
 from numba.core import event
 
-
-class _Compiling(event.TimingListener):  # type: ignore[misc]
-    """The time of numba's compiling; kernels that are compiled for another kernel are counted within it."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.listeners: list[Callable[[], None]] = []
-
-    def on_start(self, compiled: Any) -> None:
-        for listener in self.listeners if self._depth == 0 else ():
-            listener()
-        super().on_start(compiled)
-
-
-_compiling = _Compiling()
-event.register("numba:compile", _compiling)
+COMPILING_EVENT = "numba:compile"
+_compiling = event.TimingListener()  # kernels that are compiled for another kernel are counted within it
+event.register(COMPILING_EVENT, _compiling)
 
 
 def working_seconds() -> float:
@@ -37,14 +24,22 @@ def working_seconds() -> float:
     return time.perf_counter() - (_compiling.duration if _compiling.done else 0.0)
 
 
-@contextmanager
-def reporting_compilation(listener: Callable[[], None]) -> Iterator[None]:
-    """Call ``listener`` whenever numba begins to compile; kernels from its cache are not compiled."""
-    _compiling.listeners.append(listener)
-    try:
-        yield
-    finally:
-        _compiling.listeners.remove(listener)
+class _Reporter(event.Listener):  # type: ignore[misc]
+    def __init__(self, report: Callable[[], None]):
+        self.report = report
+
+    def on_start(self, _: Any) -> None:
+        self.report()
+
+    def on_end(self, _: Any) -> None:
+        pass
+
+
+def reporting_compilation(report: Callable[[], None]) -> AbstractContextManager[Any]:
+    """Context in which ``report`` is called whenever numba begins to compile; kernels from its cache are not compiled,
+    and one that another kernel calls is reported after that."""
+    context: AbstractContextManager[Any] = event.install_listener(COMPILING_EVENT, _Reporter(report))
+    return context
 
 
 class Stages:
