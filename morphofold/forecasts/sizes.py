@@ -4,6 +4,7 @@ steps, and memory."""
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -147,21 +148,24 @@ def steps_of(scene: Scene, crossing: float, per_unit: float) -> Steps:
     waits, resting, contact = COSTS["waiting"], COSTS["resting"], COSTS["contact"]
     per_growth = contact["per_growth"] if "contact" in scene.effects else 0.0
     touching = lambda growth: max(0.0, growth - contact["from"]) * per_growth
-    growths = _growths_of_ramp(scene, per_unit)
-    ramp = STEPS_PER_MEASUREMENT * sum(map(len, growths))
-    touched = STEPS_PER_MEASUREMENT * sum(touching(growth) for stage in growths for growth in stage)
+    growth, pace, ramp, rested, touched = 1.0, _pace_in_balance(scene), 0, 0.0, 0.0
+    for k, stage in enumerate(scene.stages):
+        begun = ramp
+        while growth < stage:
+            growth = next_growth(growth, stage, STEPS_PER_MEASUREMENT * pace(growth) / per_unit)
+            ramp += STEPS_PER_MEASUREMENT
+            touched += STEPS_PER_MEASUREMENT * touching(growth)
+        if not scene.real_time:
+            is_smooth, longest = (
+                stage <= first_wrinkles(scene).growth,
+                patience((ramp - begun) / crossing if k else None),
+            )
+            ticks = resting["smooth"] if is_smooth else min(max(longest, resting["brief"]), resting["folded"])
+            rested += crossing * ticks
+            touched += crossing * ticks * touching(stage)
     if scene.real_time:  # real masses: the step shrinks as bricks do
-        waiting, rested = ramp * COSTS["inertia"]["per_growth"] * (scene.growth.final - 1), 0.0
+        waiting = ramp * COSTS["inertia"]["per_growth"] * (scene.growth.final - 1)
     else:
-        wrinkled = first_wrinkles(scene).growth
-        ticks = [STEPS_PER_MEASUREMENT * len(stage) / crossing for stage in growths]  # up to each stage
-        longest = [patience(), *map(patience, ticks[1:])]
-        rests = [
-            crossing * (resting["smooth"] if stage <= wrinkled else min(max(most, resting["brief"]), resting["folded"]))
-            for most, stage in zip(longest, scene.stages)
-        ]
-        rested = sum(rests)
-        touched += sum(rest * touching(stage) for rest, stage in zip(rests, scene.stages))
         folded = (scene.growth.final - waits["from"]) / (waits["to"] - waits["from"])
         stiff = scene.material.mu_ratio ** waits["stiffness_power"]
         waiting = min(max(folded, 0.0), 1.0) * waits["ticks"] * stiff * scene.growth.rate * crossing
@@ -171,20 +175,12 @@ def steps_of(scene: Scene, crossing: float, per_unit: float) -> Steps:
     return Steps(expected, fewest, most, waiting, growing, touching_share)
 
 
-def _growths_of_ramp(scene: Scene, per_unit: float) -> list[list[float]]:
-    """Growth after every ``STEPS_PER_MEASUREMENT`` steps up to each stage, at the pace of a body in balance."""
+def _pace_in_balance(scene: Scene) -> Callable[[float], float]:
+    """The pace of a body in balance as a function of growth, as a share of the full pace."""
     ramp, slow = scene.effects.get("ramp"), slow_growth(scene)
-    shape = None if ramp is None else ramps.build(ramp, scene)
-    growth, stages = 1.0, []
-    for stage in scene.stages:
-        growths = []
-        while growth < stage:
-            pace = limited_pace(1.0 if scene.real_time else soft_start(growth), growth, slow)
-            pace *= shape.pace(growth) if shape else 1.0
-            growth = next_growth(growth, stage, STEPS_PER_MEASUREMENT * pace / per_unit)
-            growths.append(growth)
-        stages.append(growths)
-    return stages
+    shape = ramps.build(ramp, scene).pace if ramp else lambda growth: 1.0
+    start = (lambda growth: 1.0) if scene.real_time else soft_start
+    return lambda growth: limited_pace(start(growth), growth, slow) * shape(growth)
 
 
 def body_bytes(scene: Scene, elements: int) -> tuple[float, float]:
