@@ -101,7 +101,7 @@ class Forecast:
 
     @property
     def headline(self) -> tuple[str, Expected] | None:
-        """The quantity of ``HEADLINE`` with the largest error, and that error."""
+        """The quantity of ``HEADLINE_QUANTITIES`` with the largest error, and that error."""
         return headline(self.errors) if self.errors else None
 
     def as_dict(self) -> dict[str, Any]:

@@ -87,7 +87,7 @@ def choose_mesh(
     budget : float, optional
         Time that the run may take [s], at the slow end of its range.
     error : float, optional
-        Largest relative error of the ``HEADLINE`` quantities; 0.01 is 1 %. With both, the mesh is the one for the
+        Largest relative error of the ``HEADLINE_QUANTITIES``; 0.01 is 1 %. With both, the mesh is the one for the
         error, and its run must fit the budget.
     threads : int, optional
         Threads of the run.

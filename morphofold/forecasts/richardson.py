@@ -230,8 +230,9 @@ def errors_from_runs(scene: Scene, run: Grown, coarse: Grown, slow: Grown | None
     for name, change in changes.items():
         power = CONVERGENCE_POWERS[name]
         errors[name] = Estimated(change, power, change / (ratio**power - 1) if same_pattern else None)
-    runs = {"run": run, "coarser run": coarse, **({"slower run": slow} if slow else {})}
-    doubts = [f"The {name} isn't healthy: {warning}" for name, grown in runs.items() for warning in grown.warnings]
+    runs = {"run": run, "coarser run": coarse, "slower run": slow}
+    ill = ((name, warning) for name, grown in runs.items() if grown for warning in grown.warnings)
+    doubts = [f"The {name} isn't healthy: {warning}" for name, warning in ill]
     if not same_pattern:
         doubts.append(
             f"The coarser run folded into another pattern (they differ by: {_joined_with_values(changes)} of T), so no "
