@@ -23,29 +23,29 @@ from morphofold.io.cortices import hemispheres
 from morphofold.io.files import side_named
 from morphofold.io.folders import refuse_overlap
 from morphofold.mesh_quality.defects import WARNINGS
-from morphofold.progress import Progress, part_of, parts_of
+from morphofold.progress import part_of, parts_of
 from morphofold.report import analysis_report
 from morphofold.results.layouts import Layout
 from morphofold.spheres.parcellation import read_parcellated
 from morphofold.surface import Cortex
 from morphofold.threads import enough_threads, run_parallel
 from morphofold.timing import Stages, working_seconds
-from morphofold.words import number
+from morphofold.words import in_one_line, number
 
-HEMISPHERE_ERRORS = (ValueError, TypeError, OSError)  # errors of one hemisphere; the other one is still measured
 T = TypeVar("T")
 
 
 def run(args: Analyze) -> Answer:
     options = measuring_options(args) | ({} if args.only is None else {"only": args.only.split(",")})
+    measure = partial(measuring.measure, **keywords_of(options))
     if args.subject is not None:
         folder = subject_folder(args.subject, args.subjects_dir)
         args.input, args.subject = str(folder), folder.name
     if args.input is None and args.white is None:
         raise OptionsClash("Nothing to measure: give INPUT, or -s, or --white and --pial.")
     if args.stages:
-        return _analyse_stages(Path(args.input or ""), args, options)
-    subject = results.check_subject(args.input) if args.into_subject and args.input is not None else None
+        return _analyse_stages(Path(args.input or ""), args, {"hemi": None, "name": args.name, **options}, measure)
+    subject = results.check_subject(args.input) if args.into_subject and args.input else None
     clock, failed = Stages(), dict[str, str]()
     clock.begin(READING_STAGE)
     cortices = _results_of_hemispheres(_hemisphere_readers(args), failed)
@@ -54,18 +54,19 @@ def run(args: Analyze) -> Answer:
         check_only(cortex, options.get("only"))
     if args.wide:
         results.check_wide(cortices)
-    name, out = _name_and_folder(cortices, args)
+    out, write = _folder_and_writer(cortices, args)
     with progress(cortices[0].name, args.quiet) as show:
         parts = parts_of(part_of(show, 0.0, 0.8), [f"{cortex.hemi} " for cortex in cortices])
         began, spent = working_seconds(), Stages()
-        works = {c.hemi: partial(_measure_cortex, c, options, part, spent) for c, part in zip(cortices, parts)}
+        works = {c.hemi: partial(measure, c, progress=part, clock=spent) for c, part in zip(cortices, parts)}
         measures = _results_of_hemispheres(works, failed)
         clock.divide(working_seconds() - began, spent.seconds)
         show(0.8, "writing")
         clock.begin(READING_STAGE)
-        stages = [] if args.no_report else [read_cortex(folder) for folder in _stage_folders(args.input)]
+        stages = [] if args.no_report or not args.input else [read_cortex(s) for s in _stage_folders(args.input)]
         asked = {"hemi": args.hemi, "name": args.name, **options}
-        _write_results(measures, out, name, args, failed=failed, parameters=asked, stages=stages, clock=clock)
+        report = not args.no_report and analysis_report
+        write(measures, failed=failed, parameters=asked, report=report, stages=stages, clock=clock)
         show(1.0, "done")
     for hemi, why in failed.items():
         print_line(f"{hemi} failed: {why}", file=sys.stderr)
@@ -78,25 +79,18 @@ def run(args: Analyze) -> Answer:
     return Answer(summary, lines, 1 if failed else 0)
 
 
-def _name_and_folder(cortices: list[Cortex], args: Analyze) -> tuple[str, Path]:
-    """Name of the results, and the folder they go to; raises if the folder is not ours or holds an input."""
+def _folder_and_writer(cortices: list[Cortex], args: Analyze) -> tuple[Path, Callable[..., Path]]:
+    """Folder of the results, and what writes them; raises if the folder is not ours or holds an input."""
     bids = args.layout == "bids"
     folder = cortices[0].name if bids or not args.input else Path(args.input).resolve().name
     name = args.name or args.subject or folder
     out = args.out or Path(f"{writable_name(name)}-analysis")
-    out = results.subject_place(out, name) if bids else out
-    refuse_foreign(
-        out, [*(file for cortex in cortices for file in cortex.files), *([args.input] if args.input else [])]
-    )
-    return name, out
-
-
-def _write_results(measures: list[Measures], out: Path, name: str, args: Analyze, **fields: Any) -> None:
-    report: Any = False if args.no_report else analysis_report
-    if args.layout == "bids" and args.out is not None:
-        results.write_dataset(measures, args.out, name, report=report, **fields)
-    else:
-        results.write_analysis(measures, out, report=report, mgh=args.mgh, wide=args.wide, **fields)
+    write = partial(results.write_analysis, out=out, mgh=args.mgh, wide=args.wide)
+    if bids:
+        write, out = partial(results.write_dataset, dataset=out, name=name), results.subject_place(out, name)
+    files = [file for cortex in cortices for file in cortex.files]
+    refuse_foreign(out, [*files, args.input] if args.input else files)
+    return out, write
 
 
 def _lines(measures: list[Measures], clock: Stages) -> Iterator[str]:
@@ -126,51 +120,44 @@ def _results_of_hemispheres(works: Mapping[str, Callable[[], T]], failed: dict[s
 
     With four threads or more they are worked on beside each other.
     """
-    tasks = [partial(_result_or_error, work) for work in works.values()]
-    ends = dict(zip(works, run_parallel(*tasks) if enough_threads(len(tasks)) else [task() for task in tasks]))
-    wrong = {hemi: end for hemi, end in ends.items() if isinstance(end, Exception)}
-    failed |= {hemi: " ".join(str(error).split()) for hemi, error in wrong.items()}
-    for error in wrong.values() if len(wrong) == len(works) else ():
+
+    def result_or_error(work: Callable[[], T]) -> T | Exception:
+        try:
+            return work()
+        except (ValueError, TypeError, OSError) as error:  # of one hemisphere; the other one is still measured
+            return error
+
+    tasks = [partial(result_or_error, work) for work in works.values()]
+    ends = run_parallel(*tasks) if enough_threads(len(tasks)) else [task() for task in tasks]
+    errors = {hemi: end for hemi, end in zip(works, ends) if isinstance(end, Exception)}
+    failed |= {hemi: in_one_line(error) for hemi, error in errors.items()}
+    if len(errors) == len(works):
+        error = next(iter(errors.values()))
         if len(failed) == 1:
             raise error
         kind = type(error) if isinstance(error, Refusal | OSError) else Refusal
         raise kind(" ".join(f"{hemi} failed: {why}" for hemi, why in failed.items()))
-    return [end for end in ends.values() if not isinstance(end, Exception)]
-
-
-def _result_or_error(work: Callable[[], T]) -> T | Exception:
-    try:
-        return work()
-    except HEMISPHERE_ERRORS as error:
-        return error
+    return [end for end in ends if not isinstance(end, Exception)]
 
 
 def _hemisphere_readers(args: Analyze) -> dict[str, Callable[[], Cortex]]:
     """Functions that read each requested hemisphere, from INPUT or from --white and --pial."""
-    pair = [file for file in (args.white, args.pial) if file is not None]
     if args.input is None:
-        if args.hemi not in ("lh", "rh") and not any(side_named(file.name) for file in pair):
+        hemi = None if args.hemi == "both" else args.hemi
+        if hemi is None and not any(side_named(file.name) for file in (args.white, args.pial) if file):
             raise OptionsClash(
                 f"{args.white}: neither its name nor that of --pial shows the hemisphere. Pass --hemi lh or rh."
             )
-        hemi = None if args.hemi == "both" else args.hemi
-        return {
-            "": partial(read_cortex, white=args.white, pial=args.pial, hemi=hemi, name=args.name, annotation=args.annot)
-        }
-    reader = partial(
-        read_parcellated,
-        args.input,
-        name=args.name or args.subject,
-        annotation=args.annot,
-        annotation_from=args.annot_from,
-    )
+        pair = partial(read_cortex, white=args.white, pial=args.pial, name=args.name, annotation=args.annot)
+        return {"": partial(pair, hemi=hemi)}
+    read = partial(read_parcellated, args.input, name=args.name or args.subject, annotation=args.annot)
     hemis = sides(args.hemi) or hemispheres(Path(args.input))
-    return {hemi: partial(reader, hemi=hemi) for hemi in hemis}
+    return {hemi: partial(read, hemi, annotation_from=args.annot_from) for hemi in hemis}
 
 
-def _analyse_stages(folder: Path, args: Analyze, options: Mapping[str, Any]) -> Answer:
+def _analyse_stages(folder: Path, args: Analyze, asked: Mapping[str, Any], measure: Callable[..., Measures]) -> Answer:
     """Analyse all stages of a simulation; existing analyses are kept."""
-    stages = sorted((folder / "stages").glob("g*"))
+    stages = _stage_folders(folder)
     if not stages:
         raise MissingPart(f"{folder}: has no stages. Name a folder that `morphofold simulate` wrote.")
     name = args.name or folder.resolve().name
@@ -184,22 +171,16 @@ def _analyse_stages(folder: Path, args: Analyze, options: Mapping[str, Any]) -> 
             clock = Stages()
             clock.begin(READING_STAGE)
             cortex = read_cortex(stage, name=args.name)
-            asked = {"hemi": None, "name": args.name, **options}
             if results.is_analysis_of(out / stage.name, cortex, asked):
                 done += 1
                 continue
             part = part_of(show, i / len(stages), 1 / len(stages), f"{stage.name} ")
-            measures = _measure_cortex(cortex, options, part, clock)
+            measures = measure(cortex, progress=part, clock=clock)
             results.write_analysis([measures], out / stage.name, parameters=asked, clock=clock)
         show(1.0, "done")
     return Answer(None, [f"{len(stages)} stages, {done} of them measured before -> {out}"])
 
 
-def _measure_cortex(cortex: Cortex, options: Mapping[str, Any], progress: Progress, clock: Stages) -> Measures:
-    return measuring.measure(cortex, **keywords_of(options), progress=progress, clock=clock)
-
-
-def _stage_folders(folder: str | None) -> list[Path]:
+def _stage_folders(folder: str | Path) -> list[Path]:
     """Folders of all stages of a simulation; empty if the folder is not a simulation."""
-    stages = [] if folder is None else sorted((Path(folder) / "stages").glob("g*"))
-    return [stage for stage in stages if (stage / "stage.json").is_file()]
+    return sorted(file.parent for file in Path(folder).glob("stages/g*/stage.json"))

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 from morphofold.cli.inputs import measuring_options
 from morphofold.cli.options import Answer, Cohort, ManySubjects, sides
 from morphofold.cli.progress import progress
-from morphofold.cli.workers import answer_of, open_workers, print_note, run_with_progress
+from morphofold.cli.workers import answer_of, failure_lines, open_workers, print_note, run_with_progress
 from morphofold.cohort.covariates import NO_COVARIATES, Covariates, find_covariates
 from morphofold.cohort.fleet import Fleet
 from morphofold.cohort.group import GROUP_FOLDER, write_group
@@ -31,7 +31,7 @@ from morphofold.io.folders import alone, refuse_overlap
 from morphofold.provenance import printable
 from morphofold.report import analysis_report
 from morphofold.report.pages.group_page import group_report
-from morphofold.results.dataset import begin_dataset, refuse_other_dataset, subject_place
+from morphofold.results.dataset import begin_dataset, refuse_other_dataset
 
 SUBJECTS_READ_FOR_MEMORY = 3  # subjects, to find the memory that one takes
 
@@ -46,25 +46,38 @@ def run(args: Cohort) -> Answer:
     if left_out:
         print_note(f"left out: {left_out_words(left_out)}", args)
     covariates = find_covariates(args.participants, [source], TAKEN_COLUMNS)
-    folders = by_shown_name(source, names)
-    return run_cohort(folders, args.out, args, space=space, covariates=covariates, left_out=left_out)
+    subjects = participants_of(source, names, args.out, args)
+    return run_cohort(subjects, args.out, args, space=space, covariates=covariates, left_out=left_out)
 
 
-def by_shown_name(source: Path, names: Sequence[str]) -> dict[str, Path]:
-    """Folders of subjects by names that can be written; bytes that are not text are escaped."""
+def participants_of(source: Path, names: Sequence[str], out: Path, args: ManySubjects) -> list[Participant]:
+    """Subjects to measure, by names that can be written; bytes that are not text are escaped."""
     folders = {printable(name): folder_of(source, name) for name in names}
     if len(folders) < len(names):
         raise NamedTwice(f"{source}: two names are the same after bytes that are not text are escaped. Rename one.")
-    return folders
+    options, run_id = measuring_options(args), secrets.token_hex(4)
+    hemis, report = sides(args.hemi), not args.no_report and analysis_report
+    return [
+        Participant(
+            name,
+            str(folder),
+            TaskFolder(str(out.absolute()), name, run_id),
+            hemis,
+            args.layout == "bids",
+            report,
+            options,
+        )
+        for name, folder in sorted(folders.items())
+    ]
 
 
 def run_cohort(
-    folders: Mapping[str, Path],
+    subjects: list[Participant],
     out: Path,
     args: ManySubjects,
     *,
     group: bool = True,
-    everyone: Mapping[str, Path] | None = None,
+    everyone: Sequence[Participant] = (),
     space: Template | None = None,
     covariates: Covariates = NO_COVARIATES,
     left_out: Mapping[str, str] | None = None,
@@ -74,13 +87,13 @@ def run_cohort(
     With a template, ``space``, also bring their maps over to it. ``covariates`` are those of the subjects, for the
     tables; ``left_out`` are names in their folder, with reasons.
     """
-    out, covariates = out.absolute(), covariates.of_sessions(folders)
-    more, lines = dict[str, Any](left_out=dict(left_out or {})), list[str]()
-    subjects = _participants(folders, out, args)
-    results = _results_folders(out, subjects)
+    out, results = out.absolute(), _results_folders(out.absolute(), subjects)
+    covariates = covariates.of_sessions(results)
+    more: dict[str, object] = {"left_out": left_out or {}}
+    mapped, lines = dict[str, Mapping[str, str]](), list[str]()
     kept_scales(out)  # refuses before hours of work
     with ExitStack() as locks:
-        need = max((_memory_needed(subject, args) for subject in subjects[:SUBJECTS_READ_FOR_MEMORY]), default=0.0)
+        need = max(_memory_needed(subject, args) for subject in subjects[:SUBJECTS_READ_FOR_MEMORY])
         with open_workers(args, need) as fleet:
             if args.layout == "bids":  # nothing is written where there are no workers
                 begin_dataset(out, ignoring=("group", "logs", "records", "lock", SPACES, SCALES_FILE))
@@ -91,64 +104,34 @@ def run_cohort(
             print_note(f"{len(subjects)} subjects, {fleet.words}", args)
             if None in (args.curvature_scale, args.gyral_width):
                 with progress("scales", args.quiet) as show:
-                    scales = scales_of(out, fleet, _participants(everyone or folders, out, args), show)
+                    scales = scales_of(out, fleet, everyone or subjects, show)
                 if scales is not None:
                     print_note(scales.words, args)
                 subjects = [replace(subject, options=with_scales(subject.options, scales)) for subject in subjects]
             outcomes = run_with_progress(fleet, "cohort", measure_participant, subjects, args)
-            mapped = [] if space is None else _map_on_template(fleet, space, subjects, out, args, covariates)
+            if space is not None:
+                mapped, lines = _map_on_template(fleet, space, subjects, out, args, covariates)
         if group:
-            with progress("group ", args.quiet) as show:
-                tables = write_group(out, results, outcomes, report=group_report, progress=show, covariates=covariates)
-            _print_not_pooled(tables, args)
-            more["remarks"] = tables.remarks_on_group
+            more["remarks"] = write_group_and_notes(out, results, args, covariates, outcomes).remarks_on_group
     if space is not None:
-        more["mapped"] = {outcome.name: dict(outcome.failures) for outcome in mapped}
-        lines = list(_mapped_lines(mapped, space, out))
+        more["mapped"] = mapped
     answer = answer_of(outcomes, "subject", out / GROUP_FOLDER / "report.html" if group else out, **more)
-    code = max(answer.code, int(any(outcome.failures for outcome in mapped)))
-    return Answer(answer.json, [*lines, *answer.lines], code)
+    return answer._replace(lines=[*lines, *answer.lines], code=max(answer.code, int(any(mapped.values()))))
 
 
-def measured_before(out: Path) -> dict[str, Path]:
-    """Folders of a BIDS dataset in which the results of all subjects of earlier runs are, or would be."""
-    records = (out / "records").glob("*.json")
-    names = sorted(path.stem for path in records if not path.name.startswith("."))  # a killed run left a part of one
-    if not names:
-        raise FileNotFoundError(f"{out}: contains no measured subject. Measure participants first.")
-    return {name: subject_place(out, name) for name in names}
-
-
-def run_group(out: Path, results: Mapping[str, Path], args: ManySubjects, covariates: Covariates) -> Answer:
-    """Write the group of subjects that were measured before."""
-    with alone(out), progress("group ", args.quiet) as show:
-        covariates = covariates.of_sessions(results)
-        group = write_group(out, dict(results), report=group_report, progress=show, covariates=covariates)
-    _print_not_pooled(group, args)
-    failures: dict[str, dict[str, str]] = {}
-    for row in group.failures:
-        failures.setdefault(row["subject"], {})[row["hemi"] or ""] = row["reason"]
-    content = {
-        "subjects": len(results),
-        "with_results": group.n_measured,
-        "failures": failures,
-        "remarks": group.remarks_on_group,
-        "page": out / GROUP_FOLDER / "report.html",
-    }
-    partly = f", {len(failures)} of them with failures" if failures else ""
-    return Answer(content, [f"{len(results)} subjects{partly} -> {out / GROUP_FOLDER}"], 1 if failures else 0)
-
-
-def _participants(folders: Mapping[str, Path], out: Path, args: ManySubjects) -> list[Participant]:
-    options, run_id = measuring_options(args), secrets.token_hex(4)
-    hemis = sides(args.hemi)
-    report: Any = False if args.no_report else analysis_report
-    return [
-        Participant(
-            name, str(folder), TaskFolder(str(out), name, run_id), hemis, args.layout == "bids", report, options
-        )
-        for name, folder in sorted(folders.items())
-    ]
+def write_group_and_notes(
+    out: Path, results: Mapping[str, Path], args: ManySubjects, covariates: Covariates, outcomes: Sequence[Outcome] = ()
+) -> Group:
+    """Write the group; print how many persons there are if there are fewer than subjects, and what was not measured in
+    the same way."""
+    with progress("group ", args.quiet) as show:
+        group = write_group(out, results, outcomes, report=group_report, progress=show, covariates=covariates)
+    if group.persons_words:
+        print_note(group.persons_words, args)
+    if sentences := group.pooling.sentences:
+        few = f"{len(group.pooling.left_out)} measures are not fully pooled: see the page of the group."
+        print_note(f"warning: {' '.join(sentences)} {few}", args)
+    return group
 
 
 def _map_on_template(
@@ -158,8 +141,11 @@ def _map_on_template(
     out: Path,
     args: ManySubjects,
     covariates: Covariates,
-) -> list[Outcome]:
-    """Bring the maps of measured subjects over to a template, and write one array for each map."""
+) -> tuple[dict[str, Mapping[str, str]], list[str]]:
+    """Bring the maps of measured subjects over to a template, and write one array for each map.
+
+    Returns by subject the hemispheres that have no maps there, and why; and lines about them and the arrays.
+    """
     folder = out / SPACES / space.place
     tasks = [
         Mapped(s.name, s.folder, s.place, str(s.results), TaskFolder(str(folder), s.name, s.place.run), space)
@@ -167,16 +153,10 @@ def _map_on_template(
     ]
     outcomes = run_with_progress(fleet, space.name, map_participant, tasks, args)
     write_space(folder, space, tasks, covariates)
-    return outcomes
-
-
-def _mapped_lines(mapped: Sequence[Outcome], space: Template, out: Path) -> Iterator[str]:
-    """Which hemispheres have no maps on the template, and why, and where the arrays are."""
-    missing = [(outcome.name, part, reason) for outcome in mapped for part, reason in outcome.failures.items()]
-    for name, part, reason in missing[:5]:
-        yield f"{' '.join(filter(None, (name, part)))} is not on {space.name}: {reason}"
-    present = sum(outcome.state != "failed" for outcome in mapped)
-    yield f"{present} of {len(mapped)} subjects on {space.name} -> {out / SPACES / space.place / 'group'}"
+    missing = {outcome.name: outcome.failures for outcome in outcomes}
+    lines = [line for name in missing for line in failure_lines(name, missing[name], f" is not on {space.name}")]
+    present = sum(outcome.state != "failed" for outcome in outcomes)
+    return missing, [*lines[:5], f"{present} of {len(outcomes)} subjects on {space.name} -> {folder / 'group'}"]
 
 
 def _results_folders(out: Path, subjects: Sequence[Participant]) -> dict[str, Path]:
@@ -194,12 +174,11 @@ def _results_folders(out: Path, subjects: Sequence[Participant]) -> dict[str, Pa
     else:
         refuse_no_collection(out, "cohort")
     refuse_foreign(out / GROUP_FOLDER)  # before hours of work, not after them
-    owners: dict[Path, str] = {}
-    for subject in subjects:
-        owner = owners.setdefault(subject.results, subject.name)
-        if owner != subject.name:
-            raise NamedTwice(f"{owner}, {subject.name}: BIDS shortens both to {subject.results.name}. Rename one.")
-    return {name: folder for folder, name in owners.items()}
+    results = {subject.name: subject.results for subject in subjects}
+    for one, other in pairwise(sorted(results, key=results.__getitem__)):
+        if results[one] == results[other]:
+            raise NamedTwice(f"{one}, {other}: BIDS shortens both to {results[one].name}. Rename one.")
+    return results
 
 
 def _memory_needed(subject: Participant, args: ManySubjects) -> float:
@@ -210,14 +189,3 @@ def _memory_needed(subject: Participant, args: ManySubjects) -> float:
     except (ValueError, OSError):
         return 0.0
     return memory_of_analysis(sizes, accuracy=args.accuracy, report=not args.no_report)
-
-
-def _print_not_pooled(group: Group, args: ManySubjects) -> None:
-    """Print how many persons there are if there are fewer than subjects, and what was not measured in the same way."""
-    if group.persons_words:
-        print_note(group.persons_words, args)
-    if sentences := group.pooling.sentences:
-        few = len(group.pooling.left_out)
-        print_note(
-            f"warning: {' '.join(sentences)} {few} measures are not fully pooled: see the page of the group.", args
-        )

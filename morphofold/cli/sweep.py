@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
 
 from morphofold.cli.inputs import measuring_options
 from morphofold.cli.options import Answer, Sweep
@@ -34,8 +32,12 @@ def run(args: Sweep) -> Answer:
     out = args.out.absolute()
     refuse_no_collection(out, "sweep")
     refuse_foreign(out / GROUP_FOLDER)  # refuses before hours of work
-    runs = _runs(grid.points, out, args, options)
-    need = max(memory_of_run(point.scene, args.accuracy, not args.no_report) for point in grid.points)
+    run_id, report = secrets.token_hex(4), not args.no_report and analysis_report
+    runs = [
+        Run(TaskFolder(str(out), p.name, run_id), _with_absolute_mesh_path(p.scene), args.threads, report, options)
+        for p in grid.points
+    ]
+    need = max(memory_of_run(run.scene, args.accuracy, not args.no_report) for run in runs)
     with ExitStack() as locks:
         with open_workers(args, need) as fleet:
             begin_collection(out, "sweep")  # nothing is written where there are no workers
@@ -53,22 +55,6 @@ def run(args: Sweep) -> Answer:
         lines.append(f"warning: {len(unhealthy)} of {len(runs)} runs are not healthy; {table} lists them")
     answer = answer_of(outcomes, "run", out / "group" / "report.html", warnings=unhealthy)
     return answer._replace(lines=[*lines, *answer.lines])
-
-
-def _runs(points: Sequence[SweepPoint], out: Path, args: Sweep, options: dict[str, Any]) -> list[Run]:
-    """A task for each point."""
-    report: Any = False if args.no_report else analysis_report
-    run_id = secrets.token_hex(4)
-    return [
-        Run(
-            TaskFolder(str(out), point.name, run_id),
-            _with_absolute_mesh_path(point.scene),
-            args.threads,
-            report,
-            options,
-        )
-        for point in points
-    ]
 
 
 def _with_absolute_mesh_path(scene: Scene) -> Scene:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
@@ -40,29 +40,22 @@ def answer_of(outcomes: Sequence[Outcome], what: str, page: Path, **more: Any) -
     """How many have results, and the first failures; as JSON all of them and ``more``. The code is 1 if any failed."""
     failed = [outcome for outcome in outcomes if outcome.state == "failed"]
     partly = [outcome for outcome in outcomes if outcome.state != "failed" and outcome.failures]
-    reused, changed = sum(o.state == "reused" for o in outcomes), sum(o.changed for o in outcomes)
-    content = {
-        f"{what}s": len(outcomes),
-        "with_results": len(outcomes) - len(failed),
-        "from_before": reused,
-        "changed": changed,
+    failures = {outcome.name: dict(outcome.failures) for outcome in failed + partly}
+    with_results = len(outcomes) - len(failed)
+    counts = {
+        "from_before": sum(outcome.state == "reused" for outcome in outcomes),
+        "changed": sum(outcome.changed for outcome in outcomes),
         "failed": len(failed),
         "in_part": len(partly),
-        "failures": {outcome.name: dict(outcome.failures) for outcome in failed + partly},
-        "page": page,
-        **more,
     }
-    lines = [
-        f"{' '.join(filter(None, (outcome.name, part)))}: {reason}"
-        for outcome in (failed + partly)[:5]
-        for part, reason in outcome.failures.items()
-    ]
-    counts = {
-        "of them from before": reused,
-        "done again, because their files had changed": changed,
-        "failed": len(failed),
-        "in part": len(partly),
-    }
-    last = [f"{len(outcomes) - len(failed)} of {len(outcomes)} {what}s have results"]
-    last += [f"{count} {text}" for text, count in counts.items() if count]
-    return Answer(content, [*lines, f"{', '.join(last)} -> {page}"], 1 if failed or partly else 0)
+    content = {f"{what}s": len(outcomes), "with_results": with_results, **counts, "failures": failures, "page": page}
+    texts = "of them from before", "done again, because their files had changed", "failed", "in part"
+    numbers = [f"{count} {text}" for count, text in zip(counts.values(), texts) if count]
+    last = ", ".join([f"{with_results} of {len(outcomes)} {what}s have results", *numbers])
+    lines = [line for name in list(failures)[:5] for line in failure_lines(name, failures[name])]
+    return Answer({**content, **more}, [*lines, f"{last} -> {page}"], 1 if failures else 0)
+
+
+def failure_lines(name: str, failures: Mapping[str, str], text: str = "") -> list[str]:
+    """The failed parts of a task, and why, with ``text`` between them."""
+    return [f"{name} {part}".rstrip() + f"{text}: {reason}" for part, reason in failures.items()]
