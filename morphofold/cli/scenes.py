@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from morphofold.cli.options import Answer, Scenes
+from morphofold.cli.printing import aligned
 from morphofold.sim.scene import Scene
 from morphofold.sim.scene.files import load_scene, scene_names, to_toml
 
@@ -37,12 +38,7 @@ def _row(scene: Scene) -> tuple[str, ...]:
 
 def _table_lines(scenes: Sequence[Scene]) -> Iterator[str]:
     """Table of the scenes by kind, in columns."""
-    rows = {scene.name: _row(scene) for scene in scenes}
-    widths = [max(map(len, column)) for column in zip(TABLE_HEADINGS, *rows.values())]
-
-    def line(row: tuple[str, ...]) -> str:
-        return "  ".join(f"{text:{width}}" for text, width in zip(row, widths)).rstrip()
-
-    yield line(TABLE_HEADINGS)
+    heading, *lines = aligned([*zip(TABLE_HEADINGS, *map(_row, scenes))], "<" * len(TABLE_HEADINGS))
+    yield heading
     for kind in SCENE_KINDS:
-        yield from ("", kind, *(line(rows[scene.name]) for scene in scenes if _kind_of_scene(scene) == kind))
+        yield from ("", kind, *(line for scene, line in zip(scenes, lines) if _kind_of_scene(scene) == kind))

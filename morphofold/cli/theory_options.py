@@ -20,21 +20,19 @@ def range_values(words: Sequence[str], option: str = "") -> list[float]:
     """Numbers and ranges FROM:TO:COUNT in the order given, each once."""
     numbers: list[float] = []
     for word in words:
+        first, *rest = word.split(":")
         try:
-            ends = word.split(":")
-            if len(ends) == 1:
-                numbers.append(float(word))
-                continue
-            low, high, count = float(ends[0]), float(ends[1]), int(ends[2])
-            if len(ends) > 3 or not 2 <= count <= MOST_RANGE_VALUES:
+            low = float(first)
+            high, count = (float(rest[0]), int(rest[1])) if rest else (low, 2)
+            if len(rest) > 2 or not 2 <= count <= MOST_RANGE_VALUES:
                 raise NotReadable
         except (ValueError, IndexError):
             raise NotReadable(
                 f"{option}: {word!r} is neither a number nor FROM:TO:COUNT with a COUNT from 2 to "
                 f"{MOST_RANGE_VALUES:,}, such as 1:2:11."
             ) from None
-        step = (high - low) / (count - 1)
-        numbers += [float(f"{low + i * step:.12g}") for i in range(count)]  # 1.2, not 1.2000000000000002
+        step = (high - low) / (count - 1)  # 1.2, not 1.2000000000000002
+        numbers += [float(f"{low + i * step:.12g}") for i in range(count)] if rest else [low]
     return list(dict.fromkeys(numbers))
 
 
@@ -100,6 +98,10 @@ class Radius(Theory):
     """Growth of the cortex; numbers or FROM:TO:COUNT."""
     core_growth: Growth = 1.0
     """Growth of the core; 1 is none."""
+
+    @property
+    def interface_radius(self) -> float:
+        return self.radius - self.thickness
 
 
 @dataclass
