@@ -164,11 +164,9 @@ def test_a_subject_is_found_by_its_name_or_that_of_a_link_and_its_medial_wall_le
 def test_a_subject_that_cannot_be_found_is_refused_with_those_that_are_there(here, capsys, monkeypatch):
     monkeypatch.setenv("SUBJECTS_DIR", "")
     refused(capsys, ["analyze", "-s", "bert"], "-s bert: ", "SUBJECTS_DIR", "--subjects-dir", "[options-clash]")
-    for name in ("anna", "bert_1", "bert_2", *(f"z{i}" for i in range(9))):
+    for name in ("anna", "bert_1", "bert_2"):
         (here / "all" / name / "surf").mkdir(parents=True)
-    (here / "all" / "bert_logs").mkdir()
-    names = "bert_2, bert_1, anna, z0, z1, z2, z3, z4 and 4 "
-    refused(capsys, ["analyze", "-s", "bert_22", "--subjects-dir", "all"], "all/bert_22: ", "--subjects-dir", names)
+    refused(capsys, ["analyze", "-s", "bert_22", "--subjects-dir", "all"], "all/bert_22: ", "bert_2, bert_1")
     refused(capsys, ["analyze", "-s", "all/anna", "--sd", "."], "-s 'all/anna': ", "INPUT", "[not-readable]")
     refused(capsys, ["analyze", "-s", "anna", "--sd", "all"], "lh.white")
     assert [p.name for p in here.iterdir()] == ["all"]

@@ -19,28 +19,31 @@ from typing import Any, NoReturn
 from cyclopts import App, CycloptsError, MissingArgumentError, Parameter, UnusedCliTokensError, ValidationError
 
 from morphofold import __version__
-from morphofold.cli import options, theory_options
+from morphofold.cli import options
 from morphofold.cli.options import Answer, Options
 from morphofold.cli.printing import one_line, print_answer, print_line
+from morphofold.cli.theory_options import Theory
 from morphofold.errors import DISK_FULL_ERRORS, BadUsage, OutOfRange, Refusal, code_of
 from morphofold.threads import BLAS_VARIABLES, set_threads
 
 COMMANDS: dict[str, type[Options]] = {
-    "demo": options.Demo,
-    "simulate": options.Simulate,
-    "analyze": options.Analyze,
-    "compare": options.Compare,
-    "unfold": options.Unfold,
-    "cohort": options.Cohort,
-    "overlap": options.Overlap,
-    "stats": options.Stats,
-    "bids": options.Bids,
-    "sweep": options.Sweep,
-    "theory": theory_options.Theory,
-    "reproduce": options.Reproduce,
-    "scenes": options.Scenes,
+    command.__name__.lower(): command
+    for command in (
+        options.Demo,
+        options.Simulate,
+        options.Analyze,
+        options.Compare,
+        options.Unfold,
+        options.Cohort,
+        options.Overlap,
+        options.Stats,
+        options.Bids,
+        options.Sweep,
+        Theory,
+        options.Reproduce,
+        options.Scenes,
+    )
 }
-THEORY_QUESTIONS = theory_options.Radius, theory_options.Stress, theory_options.Critical, theory_options.Bifurcation
 DESCRIPTION = """Grow folded cortices, read real ones, and measure both with the same code.
 
 For example:
@@ -53,13 +56,13 @@ SOLVER_ERRORS = "UnstableError", "ConvergenceError"  # by name: to import them t
 def app() -> App:
     """Return the parser of the whole command line, without importing anything heavy."""
     top = new_app("morphofold", DESCRIPTION)
-    for order, (name, command) in enumerate(COMMANDS.items()):
-        if name == "theory":
+    for order, command in enumerate(COMMANDS.values()):
+        if command is Theory:
             theory = top.command(App(name="theory", help=command.__doc__, sort_key=order))
         else:
-            top.command(command, name=name, sort_key=order)
-    for order, question in enumerate(THEORY_QUESTIONS):
-        theory.command(question, name=question.__name__.lower(), sort_key=order)
+            top.command(command, sort_key=order)
+    for order, question in enumerate(Theory.__subclasses__()):
+        theory.command(question, sort_key=order)
     return top
 
 
@@ -104,7 +107,9 @@ def run_app(build: Callable[[], App], run: Callable[[Any], Answer], argv: Sequen
     program = " ".join([*parser.name, *argv[:1]] if argv and argv[0] in parser else parser.name)
     try:
         with warnings.catch_warnings(), _signals_as_interrupts():
-            warnings.showwarning = _show_warning
+            warnings.showwarning = lambda message, *_, **__: print_line(  # in one line, without the source line
+                f"morphofold: warning: {message}", file=sys.stderr
+            )
             args = parsed(parser, argv)
             answer = answer if args is None else run(args)  # none after --help and --version
             print_answer(answer, as_json=getattr(args, "json", False))
@@ -117,7 +122,9 @@ def run_app(build: Callable[[], App], run: Callable[[Any], Answer], argv: Sequen
         status, text = _failure(error, getattr(args, "on_interrupt", ""))
         if not status or ("--debug" in argv and status != 130):
             raise
-        return _print_failure(program, status, text, error)
+        line = one_line(" ".join([str(text).strip(), *getattr(error, "__notes__", ())])) or type(error).__name__
+        print(f"{program}: {line}" + (f" [{code_of(error)}]" if status == 2 else ""), file=sys.stderr)
+        return status
 
 
 def parsed(parser: App, argv: Sequence[str]) -> Any:
@@ -189,7 +196,7 @@ def _signals_as_interrupts() -> Iterator[None]:
     A signal that was ignored before (by nohup) stays ignored. A second one is ignored, too: a terminal and its shell
     both send one when they end, and half-written files have to be removed first.
     """
-    numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]  # not on Windows
+    numbers = {signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)}  # not on Windows
     in_main_thread = threading.current_thread() is threading.main_thread()
     ours = [number for number in numbers if in_main_thread and signal.getsignal(number) == signal.SIG_DFL]
 
@@ -205,15 +212,3 @@ def _signals_as_interrupts() -> Iterator[None]:
     finally:
         for number in ours:
             signal.signal(number, signal.SIG_DFL)
-
-
-def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
-    """Print a warning in one line, without the source line."""
-    print_line(f"morphofold: warning: {message}", file=sys.stderr)
-
-
-def _print_failure(program: str, status: int, text: object, error: BaseException) -> int:
-    """Print the text of an error, and the code of a refusal; return the exit code."""
-    line = one_line(" ".join([str(text).strip(), *getattr(error, "__notes__", ())])) or type(error).__name__
-    print(f"{program}: {line}" + (f" [{code_of(error)}]" if status == 2 else ""), file=sys.stderr)
-    return status
