@@ -41,7 +41,7 @@ def run(args: Compare) -> Answer:
         )
         page = comparison.report(args.out, progress=part_of(show, 0.25, 0.75))
         show(1.0, "done")
-    return Answer(page.with_name("comparison.json"), list(_lines(comparison, page)))
+    return Answer(page.with_name("comparison.json"), _lines(comparison, page))
 
 
 def _lines(comparison: Comparison, page: Path) -> Iterator[str]:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import time
-from pathlib import Path
 
 from morphofold import results
-from morphofold.analysis import Measures, measuring
+from morphofold.analysis import measuring
 from morphofold.cli.options import Answer, Demo
 from morphofold.cli.progress import progress
 from morphofold.comparison import compare
@@ -23,12 +22,6 @@ def run(args: Demo) -> Answer:
             write_population(args.out, args.subjects, seed=args.seed or 0, progress=show)
         return Answer(None, [f"{args.subjects} made subjects -> {args.out}"])
     started = time.monotonic()
-    measures, page = _grow_measure_compare(args)
-    lines = [f"{name:10}  GI {m.scalars['gyrification_index']:.2f}  {m.cortex.name}" for name, m in measures.items()]
-    return Answer(None, [*lines, f"{time.monotonic() - started:.0f} s -> {page}"])
-
-
-def _grow_measure_compare(args: Demo) -> tuple[dict[str, Measures], Path]:
     scene = load_scene(args.scene or "demo")
     with progress("grow   ", args.quiet) as show:
         simulation = simulate(scene, args.out / "simulation", resume=True, threads=args.threads, progress=show)
@@ -50,4 +43,5 @@ def _grow_measure_compare(args: Demo) -> tuple[dict[str, Measures], Path]:
         show(0.75, "comparison")
         page = compare(measures).report(args.out / "comparison")
         show(1.0, "done")
-    return measures, page
+    lines = [f"{name:10}  GI {m.scalars['gyrification_index']:.2f}  {m.cortex.name}" for name, m in measures.items()]
+    return Answer(None, [*lines, f"{time.monotonic() - started:.0f} s -> {page}"])

@@ -7,14 +7,14 @@ the module with its name.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable
 from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 from cyclopts import Group, Parameter, Token
 
-from morphofold.errors import BadUsage, OptionsClash, OutOfRange, UnknownName
+from morphofold.errors import BadUsage, OptionsClash, OutOfRange
 
 MEASURING = Group("Measuring", sort_key=1)
 WORKERS = Group("Workers", sort_key=2)
@@ -60,6 +60,7 @@ Out = Annotated[Path, Parameter(alias="-o", group=RUNNING)]
 OutOrName = Annotated[Path | None, Parameter(alias="-o", group=RUNNING)]
 Sides = Literal["lh", "rh", "both"]
 Hemispheres = Annotated[Sides | None, Parameter(converter=_hemisphere)]
+BothHemispheres = Annotated[Sides, Parameter(converter=_hemisphere)]
 Texts = Annotated[list[str], Parameter(show_default=False)]
 Length = Annotated[float | None, Parameter(group=MEASURING), within(1e-9, 1e9)]
 Layout = Annotated[Literal["plain", "bids"], Parameter(group=RUNNING)]
@@ -72,7 +73,7 @@ class Answer(NamedTuple):
     and its exit code."""
 
     json: Any
-    lines: Sequence[str] | str
+    lines: Iterable[str] | str
     code: int = 0
 
 
@@ -429,7 +430,7 @@ class Overlap(OfStudy):
     """A hinge is shared if the other subject has one within this distance [mm] (default: half the crown width)."""
     density: float = 10.0
     """Smoothing of the densities [mm]."""
-    hemi: Annotated[Sides, Parameter(converter=_hemisphere)] = "both"
+    hemi: BothHemispheres = "both"
     """Hemispheres."""
     rotations: Whole = 1000
     """Random rotations of each subject."""
@@ -463,7 +464,7 @@ class Stats(OfStudy):
     """Exchange blocks as wholes, for regressors that are the same within a block."""
     variance_groups: str | None = None
     """Column of groups that may differ in residual variance: Welch's t, and changes of sign."""
-    hemi: Annotated[Sides, Parameter(converter=_hemisphere)] = "both"
+    hemi: BothHemispheres = "both"
     """Hemispheres."""
     asymmetry: Literal["difference", "index"] | None = None
     """Test left - right, or 2 (left - right) / (left + right), on a symmetric template."""
@@ -565,11 +566,6 @@ class Reproduce(Printing, Threaded):
     """Octants on coarser meshes, tables of the growths that are drawn: three minutes on two cores."""
     subject: Annotated[list[Path], Parameter(show_default=False)] = field(default_factory=list)
     """A FreeSurfer subject whose hemispheres are grown for fig8-grown instead of fsaverage5's; may be repeated."""
-
-    def __post_init__(self) -> None:
-        for name in self.figures:
-            if name not in (*FIGURES, "all"):
-                raise UnknownName(f"{name!r} is not a figure that can be reproduced; there are {', '.join(FIGURES)}.")
 
 
 @dataclass

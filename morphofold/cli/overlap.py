@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 
 from morphofold.cli.options import Answer, sides
 from morphofold.cli.options import Overlap as Options
@@ -23,10 +22,10 @@ def run(args: Options) -> Answer:
         results = overlap(space, radius=args.radius, fwhm=args.density, hemis=sides(args.hemi), progress=show, **chance)
         summary = overlap_summary(space, results, fwhm=args.density, **chance)
         write_overlap(space, results, summary, args.out, None if args.no_report else overlap_report)
-    return Answer(summary, list(_lines(results, args.out)))
+    return Answer(summary, [*_lines(results), f"-> {args.out if args.no_report else args.out / 'report.html'}"])
 
 
-def _lines(results: Sequence[Overlap], out: Path) -> Iterator[str]:
+def _lines(results: Sequence[Overlap]) -> Iterator[str]:
     for result in results:
         for row in (row for row in result.rows if row["region"] == WHOLE):
             unit = "" if result.kind == "hinges" else " mm"
@@ -38,5 +37,3 @@ def _lines(results: Sequence[Overlap], out: Path) -> Iterator[str]:
                 )
             amount = f"{row['amount']:.4g}{unit} in each of {row['subjects']} subjects"
             yield f"{result.kind}, {row['hemi']}: {amount}, {share}"
-    page = out / "report.html"
-    yield f"-> {page if page.is_file() else out}"

@@ -19,7 +19,7 @@ def run(args: Scenes) -> Answer:
         return Answer(scene.model_dump(exclude_none=True), to_toml(scene).rstrip())
     scenes = [load_scene(name) for name in scene_names()]
     summary = [{"name": s.name, "title": s.title, "effects": tuple(s.effects)} for s in scenes]
-    return Answer(summary, list(_table_lines(scenes)))
+    return Answer(summary, _table_lines(scenes))
 
 
 def _kind_of_scene(scene: Scene) -> str:

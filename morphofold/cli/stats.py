@@ -35,7 +35,7 @@ def run(args: Stats) -> Answer:
         )
         write_result(result, args.out, [participants], report=None if args.no_report else stats_report)
     content = summary(result, [participants])
-    return Answer(content, list(_lines(result, content, args.out)))
+    return Answer(content, [*_lines(result, content), f"-> {args.out if args.no_report else args.out / 'report.html'}"])
 
 
 def _usual_participants(study: Path, space: Space) -> Path:
@@ -44,7 +44,7 @@ def _usual_participants(study: Path, space: Space) -> Path:
     return of_maps if space.covariates and not usual.is_file() else usual
 
 
-def _lines(result: Result, numbers: Mapping[str, Any], out: Path) -> Iterator[str]:
+def _lines(result: Result, numbers: Mapping[str, Any]) -> Iterator[str]:
     subjects, vertices = len(result.design.subjects), numbers["vertices"]
     yield (
         f"{result.shown} ~ {result.formula}, {result.contrast}: {subjects} subjects, {vertices['tested']:,} of "
@@ -64,5 +64,3 @@ def _lines(result: Result, numbers: Mapping[str, Any], out: Path) -> Iterator[st
             f"cluster {row['cluster']}, {row['hemi']} {row['region'] or ''}: {row['area_mm2']:.0f} mm2, effect "
             f"{row['effect']:.3g}, t {row['t']:.2f}, p {row['p']:.3g}"
         )
-    page = out / "report.html"
-    yield f"-> {page if page.is_file() else out}"

@@ -40,7 +40,7 @@ def run(args: Unfold) -> Answer:
         show(0.6, "writing")
         summary = write_unfolding(unfolded, out, unfold_report)
         show(1.0, "done")
-    return Answer(out / "summary.json", list(_lines(summary, out)))
+    return Answer(out / "summary.json", _lines(summary, out))
 
 
 def _lines(summary: Mapping[str, Any], out: Path) -> Iterator[str]:
