@@ -20,7 +20,7 @@ from cyclopts import App, Parameter
 from morphofold.cli import new_app, run_app
 from morphofold.cli.inputs import mark_as_ours
 from morphofold.cli.options import RUNNING, Answer, Printing, Switch, Threaded, Whole
-from morphofold.cli.progress import progress
+from morphofold.cli.printing import progress
 from morphofold.errors import NothingToDo, NotReadable, OptionsClash, OutOfRange, UnknownName
 from morphofold.io import atomic_file, atomic_folder, refuse_foreign
 from morphofold.io.files import existing_file

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 from morphofold import analysis, simulation
 from morphofold.analysis import Measures
 from morphofold.cli.inputs import mark_as_ours
-from morphofold.cli.progress import progress
+from morphofold.cli.printing import progress
 from morphofold.progress import Progress
 from morphofold.sim.dynamics import UnstableError
 from morphofold.sim.run import Simulation

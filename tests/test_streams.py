@@ -10,8 +10,7 @@ import time
 
 import pytest
 
-from morphofold.cli.printing import one_line
-from morphofold.cli.progress import progress
+from morphofold.cli.printing import one_line, progress
 
 CALL = f"{shlex.quote(sys.executable)} -m morphofold"
 RADIAL = "--set growth.final=1.2 --set output.stages=[1.1]"

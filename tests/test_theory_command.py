@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from morphofold.cli import main
-from morphofold.cli.theory_options import Radius, range_values
+from morphofold.cli.options import Radius, range_values
 from morphofold.errors import TooLarge
 from morphofold.sim import theory, theory_tables
 from morphofold.sim.build import build_bilayer

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 from numba import TypingError, njit
 
-from morphofold.cli.progress import COMPILING_TEXT, progress, time_left
+from morphofold.cli.printing import COMPILING_TEXT, progress, time_left
 from morphofold.timing import Stages, peak_memory, reporting_compilation, working_seconds
 
 

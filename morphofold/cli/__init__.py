@@ -1,5 +1,5 @@
-"""The ``morphofold`` command: :mod:`morphofold.cli.options` says what a command takes; the module with the name of the
-command, which alone is imported, does the work."""
+"""The ``morphofold`` command: :mod:`morphofold.cli.options` says what a command takes; the module that does the work
+is only imported with its command."""
 
 from __future__ import annotations
 
@@ -20,30 +20,13 @@ from cyclopts import App, CycloptsError, MissingArgumentError, Parameter, Unused
 
 from morphofold import __version__
 from morphofold.cli import options
-from morphofold.cli.options import Answer, Options
+from morphofold.cli.options import Answer, Options, Theory
 from morphofold.cli.printing import one_line, print_answer, print_line
-from morphofold.cli.theory_options import Theory
 from morphofold.errors import DISK_FULL_ERRORS, BadUsage, OutOfRange, Refusal, code_of
 from morphofold.threads import BLAS_VARIABLES, set_threads
 
-COMMANDS: dict[str, type[Options]] = {
-    command.__name__.lower(): command
-    for command in (
-        options.Demo,
-        options.Simulate,
-        options.Analyze,
-        options.Compare,
-        options.Unfold,
-        options.Cohort,
-        options.Overlap,
-        options.Stats,
-        options.Bids,
-        options.Sweep,
-        Theory,
-        options.Reproduce,
-        options.Scenes,
-    )
-}
+NAMES = "demo simulate analyze compare unfold cohort overlap stats bids sweep theory reproduce scenes".split()
+COMMANDS: dict[str, type[Options]] = {name: getattr(options, name.capitalize()) for name in NAMES}
 DESCRIPTION = """Grow folded cortices, read real ones, and measure both with the same code.
 
 For example:
@@ -84,10 +67,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run_command(args: Options) -> Answer:
-    command = next(name for name, kind in COMMANDS.items() if isinstance(args, kind))
     if isinstance(args, options.Threaded):
         set_threads(args.threads)
-    return importlib.import_module(f"morphofold.cli.{command}").run(args)  # type: ignore[no-any-return]
+    name = args.module or type(args).__name__.lower()
+    return importlib.import_module(f"morphofold.cli.{name}").run(args)  # type: ignore[no-any-return]
 
 
 def run_app(build: Callable[[], App], run: Callable[[Any], Answer], argv: Sequence[str] | None) -> int:

@@ -13,8 +13,7 @@ from morphofold.analysis import Measures, measuring
 from morphofold.analysis.asked import asked as check_only
 from morphofold.cli.inputs import mark_as_ours, measuring_options, subject_folder, writable_name
 from morphofold.cli.options import Analyze, Answer, sides
-from morphofold.cli.printing import print_line
-from morphofold.cli.progress import progress
+from morphofold.cli.printing import print_line, progress
 from morphofold.cohort.measuring import keywords_of
 from morphofold.errors import MissingPart, OptionsClash, Refusal
 from morphofold.forecasts.cost import READING_STAGE, analysis_cost_line, cost_of_analysis

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from morphofold.cli.options import Answer, Compare
-from morphofold.cli.progress import progress
+from morphofold.cli.printing import progress
 from morphofold.comparison import Comparison, compare
 from morphofold.errors import NamedTwice, NotReadable
 from morphofold.io import refuse_foreign

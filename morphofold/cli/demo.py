@@ -7,7 +7,7 @@ import time
 from morphofold import results
 from morphofold.analysis import measuring
 from morphofold.cli.options import Answer, Demo
-from morphofold.cli.progress import progress
+from morphofold.cli.printing import progress
 from morphofold.comparison import compare
 from morphofold.io import read_cortex, sample_path
 from morphofold.progress import part_of

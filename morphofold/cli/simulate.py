@@ -7,8 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from morphofold.cli.options import Answer, Simulate
-from morphofold.cli.printing import print_answer, print_line
-from morphofold.cli.progress import progress
+from morphofold.cli.printing import print_answer, print_line, progress
 from morphofold.forecasts import forecast
 from morphofold.forecasts.cost import cost_line, cost_of
 from morphofold.forecasts.forecasting import table_of

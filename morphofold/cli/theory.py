@@ -11,10 +11,8 @@ from importlib import resources
 from typing import Any
 
 from morphofold import __version__
-from morphofold.cli.options import Answer
-from morphofold.cli.printing import aligned
-from morphofold.cli.progress import progress
-from morphofold.cli.theory_options import Bifurcation, Critical, Stress, Theory, range_values
+from morphofold.cli.options import Answer, Bifurcation, Critical, Stress, Theory, range_values
+from morphofold.cli.printing import aligned, progress
 from morphofold.errors import DoesNotApply, TooLarge
 from morphofold.io import atomic_file
 from morphofold.io.files import check_place

@@ -8,7 +8,7 @@ from typing import Any
 
 from morphofold.cli.inputs import writable_name
 from morphofold.cli.options import Answer, Unfold, sides
-from morphofold.cli.progress import progress
+from morphofold.cli.printing import progress
 from morphofold.io import refuse_foreign
 from morphofold.io.cortices import hemispheres, read_folded
 from morphofold.io.files import side_named

@@ -1,0 +1,91 @@
+"""``morphofold stats`` and ``overlap``: compare the maps of a study's subjects on a template, and print the result."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from morphofold.cli import options
+from morphofold.cli.options import Answer, Stats, sides
+from morphofold.cli.printing import progress
+from morphofold.inference.overlap import WHOLE, Overlap, overlap
+from morphofold.inference.overlap_files import overlap_summary, write_overlap
+from morphofold.inference.spaces import find_space
+from morphofold.inference.study import Result, Space, cluster_rows, fit_study, summary, write_result
+from morphofold.io import refuse_foreign
+from morphofold.report.pages.study_pages import overlap_report, stats_report
+
+
+def run(args: Stats | options.Overlap) -> Answer:
+    space = find_space(args.study, args.space)
+    refuse_foreign(args.out, [space.folder])
+    content, lines = _stats(args, space) if isinstance(args, Stats) else _overlap(args, space)
+    return Answer(content, [*lines, f"-> {args.out if args.no_report else args.out / 'report.html'}"])
+
+
+def _stats(args: Stats, space: Space) -> tuple[dict[str, Any], Iterator[str]]:
+    usual, of_maps = args.study / "participants.tsv", space.folder / "participants.tsv"
+    participants = args.participants or (of_maps if space.covariates and not usual.is_file() else usual)
+    with progress("stats", args.quiet) as show:
+        result = fit_study(
+            space,
+            participants,
+            args.model,
+            args.contrast,
+            blocks=args.blocks,
+            whole=args.whole_blocks,
+            variance_groups=args.variance_groups,
+            hemis=sides(args.hemi),
+            asymmetry=args.asymmetry,
+            permutations=args.permutations,
+            seed=args.seed,
+            progress=show,
+        )
+        write_result(result, args.out, [participants], report=None if args.no_report else stats_report)
+    content = summary(result, [participants])
+    return content, _stats_lines(result, content)
+
+
+def _stats_lines(result: Result, numbers: Mapping[str, Any]) -> Iterator[str]:
+    subjects, vertices = len(result.design.subjects), numbers["vertices"]
+    yield (
+        f"{result.shown} ~ {result.formula}, {result.contrast}: {subjects} subjects, {vertices['tested']:,} of "
+        f"{vertices['all']:,} vertices, {result.inference.df} degrees of freedom"
+    )
+    for reason, names in numbers["left_out"].items():
+        if names:
+            yield f"left out ({reason}): {', '.join(names[:5])}{' ...' * (len(names) > 5)}"
+    yield from (f"remark: {remark}" for remark in numbers["remarks"])
+    areas, p = numbers["significant_area_mm2"], numbers["smallest_p"]
+    yield (
+        f"corrected p <= 0.05: {areas['p_tfce']:.0f} mm2 by TFCE (smallest p {p['p_tfce']:.3g}), "
+        f"{areas['p_height']:.0f} mm2 by height ({p['p_height']:.3g})"
+    )
+    for row in [row for row in cluster_rows(result) if row["p"] <= 0.05][:5]:
+        yield (
+            f"cluster {row['cluster']}, {row['hemi']} {row['region'] or ''}: {row['area_mm2']:.0f} mm2, effect "
+            f"{row['effect']:.3g}, t {row['t']:.2f}, p {row['p']:.3g}"
+        )
+
+
+def _overlap(args: options.Overlap, space: Space) -> tuple[dict[str, Any], Iterator[str]]:
+    chance: dict[str, int] = {"spins": args.rotations, "seed": args.seed}
+    with progress("overlap", args.quiet) as show:
+        results = overlap(space, radius=args.radius, fwhm=args.density, hemis=sides(args.hemi), progress=show, **chance)
+        content = overlap_summary(space, results, fwhm=args.density, **chance)
+        write_overlap(space, results, content, args.out, None if args.no_report else overlap_report)
+    return content, _overlap_lines(results)
+
+
+def _overlap_lines(results: Sequence[Overlap]) -> Iterator[str]:
+    for result in results:
+        for row in (row for row in result.rows if row["region"] == WHOLE):
+            unit = "" if result.kind == "hinges" else " mm"
+            share = "none are shared"
+            if row.get("share") is not None:
+                share = (
+                    f"{row['share']:.0%} shared within {result.radius:.3g} mm, by chance {row['chance']:.0%} "
+                    f"({row['chance_low']:.0%} to {row['chance_high']:.0%}), p {row['p']:.3g}"
+                )
+            amount = f"{row['amount']:.4g}{unit} in each of {row['subjects']} subjects"
+            yield f"{result.kind}, {row['hemi']}: {amount}, {share}"
