@@ -322,7 +322,7 @@ def test_what_was_added_to_the_description_of_a_dataset_stays(tmp_path):
     assert json_of(tmp_path / "d" / "dataset_description.json") == description
     lines = (tmp_path / "d" / ".bidsignore").read_text().splitlines()
     assert "mine" in lines
-    assert sorted(lines) == sorted({*BIDSIGNORE_LINES.splitlines(), "mine"})  # those of an older version are renewed
+    assert sorted(lines) == sorted({*BIDSIGNORE_LINES, "mine"})  # those of an older version are renewed
 
 
 def test_what_is_no_dataset_of_ours_is_refused_and_left_alone(tmp_path):

@@ -206,6 +206,12 @@ def atomic_file(path: StrPath) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
+def write_text(path: Path, text: str) -> None:
+    """Write a text as UTF-8, completely or not at all."""
+    with atomic_file(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
 @contextmanager
 def error_names_file(path: Path, temporary: Path) -> Iterator[None]:
     """Make system errors about the temporary path, or about a full disk, name ``path`` or a file in it."""

@@ -1,4 +1,4 @@
-"""Read JSON files that morphofold wrote: each must match its schema; errors name the file, the key and the cure."""
+"""Write JSON files, and read them: each must match its schema; errors name the file, the key and the cure."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from pydantic_core import from_json
 
 from morphofold.errors import DamagedFile, NotReadable, TooLarge
-from morphofold.io.files import check_fetched
+from morphofold.io.files import check_fetched, write_text
+from morphofold.provenance import strict_json
 
 MOST_JSON_BYTES = 64 * 2**20  # bytes; the gyral graph of a hemisphere of a million vertices needs a tenth of it
 LARGEST_NUMBER = 1e12  # largest number of a surface: beyond it, squares and sums lose their meaning
@@ -35,6 +36,11 @@ class Record(BaseModel):
     """The keys that a JSON object must hold; other keys are allowed and may hold anything."""
 
     model_config = ConfigDict(strict=True, extra="allow", allow_inf_nan=False)
+
+
+def write_json(path: Path, content: Any) -> None:
+    """Write strict JSON, completely or not at all."""
+    write_text(path, strict_json(content))
 
 
 def read_json(path: Path, schema: type[BaseModel], cure: str) -> dict[str, Any]:

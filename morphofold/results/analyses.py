@@ -7,18 +7,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from morphofold import __version__
-from morphofold.analysis.frames import COLUMNS
-from morphofold.analysis.measures import Measures
+from morphofold.analysis.frames import COLUMNS, FREESURFER_VALUES
+from morphofold.analysis.measures import SCALARS, Measures
 from morphofold.analysis.regions import wide_table
-from morphofold.errors import MissingPart, WrongFile
+from morphofold.errors import MissingPart, NamedTwice, NothingToDo, WrongFile
 from morphofold.forecasts.cost import WRITING_STAGE, cost_of_analysis
 from morphofold.io import atomic_folder, read_surface
-from morphofold.io.json_files import read_json
+from morphofold.io.folders import refuse_overlap
+from morphofold.io.json_files import read_json, write_json
 from morphofold.provenance import changed_since, digests, printable, records_as_read
-from morphofold.results.dataset import subject_place, write_dataset_files
-from morphofold.results.hemisphere_files import read_hemisphere, read_map, transformed, write_hemisphere
+from morphofold.results.dataset import begin_dataset, subject_place
+from morphofold.results.hemisphere_files import in_scanner, read_hemisphere, read_map, write_hemisphere
 from morphofold.results.layouts import MISSING_DESCRIPTION, Layout
-from morphofold.results.summary import REANALYSE_ADVICE, Summary, checked_inputs, scalar_table, summary_of
+from morphofold.results.summary import REANALYSE_ADVICE, Summary, summary_of
 from morphofold.surface import Cortex, PerVertex, Surface
 from morphofold.tables import write_table
 
@@ -27,6 +28,15 @@ if TYPE_CHECKING:
 
 #: draws the page of an analysis: called as ``page(measures, path, failed=, inputs=, stages=, clock=)``
 DrawPage = Callable[..., object]
+
+
+def _check_hemispheres(cortices: Sequence[Cortex]) -> None:
+    hemis = [cortex.hemi for cortex in cortices]
+    if not hemis or len(set(hemis)) < len(hemis):
+        raise (NamedTwice if hemis else NothingToDo)(
+            f"an analysis holds one left and/or one right hemisphere, got {', '.join(hemis) or 'none'}. "
+            "Write each subject to a folder of its own."
+        )
 
 
 def check_wide(cortices: Sequence[Cortex]) -> None:
@@ -92,61 +102,57 @@ def write_analysis(
     FileExistsError
         If ``out`` contains something that morphofold did not write.
     """
-    out = Path(out)
+    out, cortices = Path(out), [m.cortex for m in measures]
     if clock is not None:
         clock.begin(WRITING_STAGE)
-    records = checked_inputs(measures, out, inputs)
+    _check_hemispheres(cortices)
+    records = records_as_read(cortices, inputs)
+    refuse_overlap(out, (row["path"] for row in records))
     if wide:
-        check_wide([m.cortex for m in measures])
+        check_wide(cortices)
     with atomic_folder(out) as folder:
         layout = Layout(folder, out.name if subject else "")
-        layout.path("map").parent.mkdir()  # even if nothing was mapped
-        placed = [transformed(m, m.cortex.transform) for m in measures] if layout.bids else measures
+        layout.new("map")  # its folder, even if nothing was mapped
+        placed = [in_scanner(m) for m in measures] if layout.bids else measures
         for m in placed:
             write_hemisphere(m, layout, mgh=mgh)
         for name, columns in COLUMNS.items():
             layout.write_table(name, columns, [row for m in placed for row in getattr(m, name)])
-        layout.write_table("surfaces", *scalar_table(measures))
-        if wide:
-            row = wide_table({measures[0].cortex.name: [row for m in measures for row in m.regions]})
+        own = [{key: cortex.info.get(key) for key in FREESURFER_VALUES} for cortex in cortices]
+        scalars = [{"hemi": m.cortex.hemi, **m.scalars, **values} for m, values in zip(measures, own)]
+        layout.write_table("surfaces", ("hemi", *SCALARS, *FREESURFER_VALUES), scalars)
+        if wide and not layout.bids:
+            row = wide_table({cortices[0].name: [row for m in measures for row in m.regions]})
             write_table(folder / "regions_wide.tsv", ("subject",), row)
         content = summary_of(measures, records, parameters or {}, failed or {})
         if layout.bids:
             content = {"subject": subject, **content, "nan": f"{MISSING_DESCRIPTION}; n/a in tables"}
         else:
             content["written"] = digests(folder)
-        layout.write_json("summary", content)
+        write_json(layout.path("summary"), content)
         if report:
-            grown = [Measures(cortex, {}, {}) for cortex in stages]
-            page = folder / "report.html"
+            grown, page = [Measures(cortex, {}, {}) for cortex in stages], folder / "report.html"
             report(measures, page, failed=content["failed"], inputs=records, stages=grown, clock=clock)
         if clock is not None:
-            layout.write_json("cost", cost_of_analysis(measures, clock).as_dict())
+            write_json(layout.path("cost"), cost_of_analysis(measures, clock).as_dict())
     return out
 
 
-def write_dataset(
-    measures: Sequence[Measures],
-    dataset: str | Path,
-    name: str,
-    *,
-    failed: Mapping[str, str] | None = None,
-    parameters: Mapping[str, Any] | None = None,
-    report: DrawPage | Literal[False] = False,
-    stages: Sequence[Cortex] = (),
-    clock: Stages | None = None,
-) -> Path:
+def write_dataset(measures: Sequence[Measures], dataset: str | Path, name: str, **options: Any) -> Path:
     """Write an analysis as a subject of a BIDS derivatives dataset, completely or not at all.
 
     Parameters
     ----------
+    measures : sequence of Measures
+        As for :func:`write_analysis`.
     dataset : str or path
         Folder of the dataset: new, empty, or one that this function wrote; its other subjects stay.
     name : str
         Name of the subject; only its letters and digits are kept in BIDS. Results of an earlier run with this name are
         replaced.
-    measures, failed, parameters, report, stages, clock
-        As for :func:`write_analysis`; the cost is in ``sub-NAME_desc-morphofold_cost.json``.
+    options
+        ``failed``, ``inputs``, ``parameters``, ``report``, ``stages`` and ``clock`` of :func:`write_analysis`; the cost
+        is in ``sub-NAME_desc-morphofold_cost.json``. There are no MGH maps and no wide table.
 
     Returns
     -------
@@ -168,10 +174,9 @@ def write_dataset(
     FreeSurfer's sign; other measured curvatures are positive where convex. ``desc-input`` maps came with the surfaces
     and are unchanged.
     """
-    place = subject_place(Path(dataset), name)
-    options: dict[str, Any] = {"failed": failed, "parameters": parameters, "report": report}
-    write_analysis(measures, place, **options, stages=stages, clock=clock, subject=name)
-    write_dataset_files(Path(dataset))
+    dataset = Path(dataset)
+    place = write_analysis(measures, subject_place(dataset, name), subject=name, **options)
+    begin_dataset(dataset)
     return place
 
 
@@ -193,7 +198,8 @@ def read_analysis(folder: str | Path) -> list[Measures]:
     if not (layout.bids or layout.path("summary").is_file()):
         raise FileNotFoundError(f"{folder}: {_why_no_analysis(layout.folder)}")
     summary = read_json(layout.path("summary"), Summary, REANALYSE_ADVICE)
-    tables = layout.read_tables(summary["rows"])
+    counts = summary["rows"]  # an older version did not write all tables
+    tables = {name: layout.read_table(name, counts[name]) if name in counts else [] for name in COLUMNS}
     records = {row["path"]: row for row in summary["inputs"]}
     return [
         read_hemisphere(entry | {"inputs": [records[f] for f in entry["files"] if f in records]}, tables, layout)

@@ -20,17 +20,10 @@ from morphofold.results.summary import REANALYSE_ADVICE
 ARRAY_TYPES = {"position": np.float64, "normal": np.float64, "polyline": np.float64, "vertices": np.int64}
 
 
-class GraphFile(Record):
-    """What a file must hold."""
-
-    graph: dict[str, Any]
-    nodes: list[dict[str, Any]]
-    edges: list[dict[str, Any]]
-
-
 def write_graph(path: Path, graph: nx.MultiGraph) -> None:
     """Write a graph of :func:`morphofold.analysis.gyral_graph`; numbers with seven figures, NaN as null."""
-    content, scales = _json_value(nx.node_link_data(graph, edges="edges")), graph.graph["scales"]
+    scales, text = graph.graph["scales"], json.dumps(nx.node_link_data(graph, edges="edges"), default=_plain)
+    content = json.loads(text, parse_float=lambda x: float(f"{float(x):.7g}"), parse_constant=lambda _: None)
     content["graph"]["scales"] = None if scales is None else asdict(scales)
     path.write_text(json.dumps(content, allow_nan=False) + "\n", encoding="utf-8")
 
@@ -45,7 +38,7 @@ def read_graph(path: Path, n: int) -> nx.MultiGraph:
     ValueError
         If it contains anything else, or vertices that the surface does not have.
     """
-    content = read_json(path, GraphFile, REANALYSE_ADVICE)
+    content = read_json(path, Record, REANALYSE_ADVICE)
     with decoding(path, "a gyral graph", REANALYSE_ADVICE):
         graph: nx.MultiGraph = nx.node_link_graph(content, edges="edges")
         scales = graph.graph["scales"]
@@ -60,12 +53,6 @@ def read_graph(path: Path, n: int) -> nx.MultiGraph:
     return graph
 
 
-def _json_value(value: Any) -> Any:
-    value = value.tolist() if isinstance(value, np.ndarray | np.generic) else value
-    if isinstance(value, dict):
-        return {key: _json_value(x) for key, x in value.items()}
-    if isinstance(value, list):
-        return [_json_value(x) for x in value]
-    if isinstance(value, float):
-        return float(f"{value:.7g}") if np.isfinite(value) else None
-    return value
+def _plain(value: Any) -> Any:
+    """An array, a number of NumPy or the scales as JSON has it."""
+    return asdict(value) if isinstance(value, GyralScales) else value.tolist()

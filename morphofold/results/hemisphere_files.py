@@ -6,13 +6,14 @@ has FreeSurfer's sign; reading reverses both.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from nibabel.affines import apply_affine
 from numpy.typing import NDArray
 
 from morphofold import io
@@ -20,51 +21,49 @@ from morphofold.analysis.measures import Measures
 from morphofold.errors import Mismatch
 from morphofold.quantities import quantity
 from morphofold.results.graph_file import read_graph, write_graph
-from morphofold.results.layouts import INPUT_MAP_UNITS, MISSING_DESCRIPTION, Layout, in_bids_letters
+from morphofold.results.layouts import INPUT_MAP_UNITS, MISSING_DESCRIPTION, Layout, in_bids_letters, map_ending
 from morphofold.results.subject_files import stats_name, write_gyral_stats
-from morphofold.surface import Cortex, PerVertex, Regions, Verts
+from morphofold.surface import SURFACES, Cortex, PerVertex, Regions, Surface
 from morphofold.tables import write_table
 from morphofold.validators import same_length
 
-SURFACES_IN_SCANNER = ("white", "pial")
-SURFACES = (*SURFACES_IN_SCANNER, "inflated", "sphere")  # the others have no place in the scanner
+SURFACES_IN_SCANNER = ("white", "pial")  # the others have no place in the scanner
 CURVATURE_DESCRIPTION = "Mean curvature of the pial surface, positive in sulci (FreeSurfer's sign)"
 
 
 def write_hemisphere(m: Measures, layout: Layout, *, mgh: bool = False) -> None:
     """Write surfaces, maps, regions, mask, gyral graph and stats as FreeSurfer's, as far as measures and layout have
     any; with ``mgh`` measured maps also as MGH. For BIDS the measures are in scanner coordinates."""
-    cortex, hemi = m.cortex, m.cortex.hemi
-    for kind in SURFACES:
-        if (surface := getattr(cortex, kind)) is not None:
-            movable = kind in SURFACES_IN_SCANNER
-            scanner = layout.bids and movable and cortex.transform is not None
-            surface = surface if movable or not layout.bids else replace(surface, geometry=None)
-            layout.write("surface", partial(io.write_surface, surface=surface, scanner=scanner), hemi, kind)
-    for name, values in cortex.maps.items():
-        _write_map(layout, hemi, "input_map", name, values)
-    for name, values in m.maps.items():
-        _write_map(layout, hemi, "map", name, values, ("freesurfer_map", "mgh_map") if mgh else ("freesurfer_map",))
-    _write_regions_and_mask(layout, cortex)
+    cortex, hemi, regions = m.cortex, m.cortex.hemi, m.cortex.regions
+    for name in SURFACES:
+        if (surface := getattr(cortex, name)) is not None:
+            scanner = layout.bids and name in SURFACES_IN_SCANNER and cortex.transform is not None
+            io.write_surface(layout.new("surface", hemi, name), surface, scanner=scanner)
+    for kind, maps in (("input_map", cortex.maps), ("map", m.maps), ("freesurfer_map", m.maps), ("mgh_map", m.maps)):
+        for name, values in maps.items() if kind in layout.paths and (mgh or kind != "mgh_map") else ():
+            path, title = layout.new(kind, hemi, name, _about_map(kind, name)), map_ending(kind, name)
+            values = _with_file_sign(layout, kind, name, values)
+            missing = np.nan if path.suffix == ".gii" else 0.0
+            io.write_morph(path, values, name=title if layout.bids else "", hemi=hemi, nan=missing)
+    white = f"bids::{layout.subject}/anat/{layout.path('surface', hemi, 'white').name}"
+    if regions is not None:
+        text = f"Regions of the parcellation {regions.name}, one key per vertex"
+        path = layout.new("regions", hemi, regions.name, {"Description": text, "SpatialReference": white})
+        io.write_annotation(path, regions)
+        if layout.bids:
+            _write_region_keys(layout.new("region_keys", hemi, regions.name), regions)
+    if cortex.cortex is not None:
+        text = "1 where the vertex is cortex, else 0"
+        path = layout.new("mask", hemi, about={"Description": text, "Type": "ROI", "SpatialReference": white})
+        io.write_label(path, cortex.cortex, cortex.white.verts)
     if m.graph is not None:
-        layout.write("graph", partial(write_graph, graph=m.graph), hemi)
-    if m.regions:
-        layout.write("stats", partial(write_gyral_stats, m=m), name=stats_name(m))
-
-
-def _write_map(layout: Layout, hemi: str, kind: str, name: str, values: PerVertex, copies: Sequence[str] = ()) -> None:
-    """Write a map, and its copies in other formats if the layout has them; NaN is 0 in FreeSurfer's."""
-    values, title = _with_file_sign(layout, kind, name, values), layout.ending(kind, name) if layout.bids else ""
-
-    def write(path: Path) -> None:
-        io.write_morph(path, values, name=title, hemi=hemi, nan=np.nan if path.suffix == ".gii" else 0.0)
-
-    for each in (kind, *copies):
-        layout.write(each, write, hemi, name, _about_map(kind, name))
+        write_graph(layout.new("graph", hemi), m.graph)
+    if m.regions and not layout.bids:
+        write_gyral_stats(layout.new("stats", name=stats_name(m)), m)
 
 
 def _with_file_sign(layout: Layout, kind: str, name: str, values: PerVertex) -> PerVertex:
-    """Values of a map with the sign of its file, from ours or back: in BIDS, curv has FreeSurfer's."""
+    """Values of a map as in its file, or back: in BIDS, curv has FreeSurfer's sign."""
     return io.flip_curvature_sign(values) if layout.bids and (kind, name) == ("map", "H") else values
 
 
@@ -76,21 +75,7 @@ def _about_map(kind: str, name: str) -> dict[str, str]:
     return {"Description": label, "Units": in_bids_letters(unit), "Missing": MISSING_DESCRIPTION}
 
 
-def _write_regions_and_mask(layout: Layout, cortex: Cortex) -> None:
-    """Write the regions and the mask of a cortex, as far as it has any."""
-    hemi, regions, mask = cortex.hemi, cortex.regions, cortex.cortex
-    surface = {"SpatialReference": f"bids::{layout.subject}/anat/{layout.path('surface', hemi, 'white').name}"}
-    if regions is not None:
-        text = f"Regions of the parcellation {regions.name}, one key per vertex"
-        write, keys = partial(io.write_annotation, regions=regions), partial(_write_region_keys, regions)
-        layout.write("regions", write, hemi, regions.name, {"Description": text, **surface})
-        layout.write("region_keys", keys, hemi, regions.name)
-    if mask is not None:
-        about = {"Description": "1 where the vertex is cortex, else 0", "Type": "ROI", **surface}
-        layout.write("mask", partial(io.write_label, mask=mask, verts=cortex.white.verts), hemi, about=about)
-
-
-def _write_region_keys(regions: Regions, path: Path) -> None:
+def _write_region_keys(path: Path, regions: Regions) -> None:
     """Write the table of keys, names and colours that BIDS wants beside regions."""
     named = enumerate(zip(regions.names, regions.colours.tolist()), start=1)
     rows = [{"index": key, "name": name, "color": "#{:02x}{:02x}{:02x}".format(*rgb)} for key, (name, rgb) in named]
@@ -113,27 +98,24 @@ def read_hemisphere(entry: Mapping[str, Any], tables: Mapping[str, list[dict[str
     """
     hemi, path = entry["hemi"], partial(layout.path, hemi=entry["hemi"])
     transform = None if entry["transform"] is None else np.array(entry["transform"], dtype=np.float64)
-    back = np.linalg.inv(transform) if layout.bids and transform is not None else None
     kinds = [kind for kind in SURFACES if kind in SURFACES_IN_SCANNER or entry.get(kind)]
     fields: dict[str, Any] = {k: replace(io.read_surface(path("surface", name=k)), name=f"{hemi}.{k}") for k in kinds}
-    fields |= {key: entry[key] for key in ("hemi", "name", "origin", "units", "info")}
     n, annotation = len(fields["white"].verts), entry["annotation"]
-    mask, regions = path("mask"), path("regions", name=annotation or "")
+    fields |= {key: entry[key] for key in ("hemi", "name", "origin", "units", "info", "portion")}
+    fields |= {key: tuple(entry[key]) for key in ("files", "inputs")}
     cortex = Cortex(
         **fields,
         maps={name: read_map(layout, hemi, name, n, "input_map") for name in entry["came_with"]},
-        cortex=io.read_label(mask, n) if entry["cortex_label"] else None,
-        regions=_regions(regions, n, annotation) if annotation else None,
+        cortex=io.read_label(path("mask"), n) if entry["cortex_label"] else None,
+        regions=_read_regions(path("regions", name=annotation), annotation, n) if annotation else None,
         transform=transform,
-        portion=float(entry["portion"]),
-        files=tuple(entry["files"]),
-        inputs=tuple(entry["inputs"]),
     )
     own: dict[str, Any] = {name: [row for row in rows if row["hemi"] == hemi] for name, rows in tables.items()}
-    maps = {name: read_map(layout, hemi, name, n) for name in entry["maps"]}
-    graph = read_graph(path("graph"), n) if entry["graph"] else None
     own |= {key: entry[key] for key in ("parameters", "notes")}
-    return transformed(Measures(cortex, entry["measures"], maps, **own, graph=graph), back)
+    own["graph"] = read_graph(path("graph"), n) if entry["graph"] else None
+    maps = {name: read_map(layout, hemi, name, n) for name in entry["maps"]}
+    m = Measures(cortex, entry["measures"], maps, **own)
+    return in_scanner(m, back=True) if layout.bids else m
 
 
 def read_map(layout: Layout, hemi: str, name: str, n: int, kind: str = "map") -> PerVertex:
@@ -142,7 +124,7 @@ def read_map(layout: Layout, hemi: str, name: str, n: int, kind: str = "map") ->
     return _with_file_sign(layout, kind, name, _of_size(io.read_morph(path), n, path))
 
 
-def _regions(path: Path, n: int, name: str) -> Regions:
+def _read_regions(path: Path, name: str, n: int) -> Regions:
     regions = replace(io.read_annotation(path), name=name)
     _of_size(regions.labels, n, path)
     return regions
@@ -157,21 +139,22 @@ def _of_size(values: NDArray[Any], n: int, path: Path) -> NDArray[Any]:
 # to the scanner's coordinates, and back ---------------------------------------------------------------------
 
 
-def transformed(m: Measures, transform: np.ndarray | None) -> Measures:
-    """Measures with surfaces, hinges and gyral graph transformed by an affine (4, 4); the same without one."""
-    if transform is None:
+def in_scanner(m: Measures, *, back: bool = False) -> Measures:
+    """Measures with surfaces, hinges and gyral graph in scanner coordinates, if the cortex has a transform to them; or
+    ``back`` from there."""
+    if (affine := m.cortex.transform) is None:
         return m
-    linear, offset = transform[:3, :3].T, transform[:3, 3]
-
-    def at(points: Verts) -> Verts:
-        return np.asarray(points @ linear + offset, dtype=np.float64)
-
-    white, pial = (replace(s, verts=at(s.verts), geometry=None) for s in (m.cortex.white, m.cortex.pial))
-    hinges = [row | dict(zip("xyz", at(np.array([row[k] for k in "xyz"])).tolist())) for row in m.hinges]
+    affine = np.linalg.inv(affine) if back else affine
+    at, surfaces = partial(apply_affine, affine), dict[str, Surface]()
+    for name in SURFACES:
+        if (surface := getattr(m.cortex, name)) is not None:
+            verts = at(surface.verts) if name in SURFACES_IN_SCANNER else surface.verts
+            surfaces[name] = replace(surface, verts=verts, geometry=None)
+    hinges = [row | dict(zip("xyz", at([row[k] for k in "xyz"]).tolist())) for row in m.hinges]
     if (graph := m.graph) is not None:
         graph = graph.copy()
         for _, node in graph.nodes(data=True):
-            node |= {"position": at(node["position"]), "normal": node["normal"] @ linear}
+            node |= {"position": at(node["position"]), "normal": node["normal"] @ affine[:3, :3].T}
         for _, _, edge in graph.edges(data=True):
             edge |= {"polyline": at(edge["polyline"])}
-    return replace(m, cortex=replace(m.cortex, white=white, pial=pial), hinges=hinges, graph=graph)
+    return replace(m, cortex=replace(m.cortex, **surfaces), hinges=hinges, graph=graph)

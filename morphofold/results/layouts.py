@@ -9,17 +9,14 @@ which BIDS has no suffix end in ``_morph``; where fMRIPrep has similar files, th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
 from morphofold.analysis.frames import COLUMNS, TEXT_COLUMNS
 from morphofold.errors import MissingPart
-from morphofold.io.json_files import file_word
-from morphofold.provenance import strict_json
+from morphofold.io.json_files import file_word, write_json
 from morphofold.quantities import column_words
 from morphofold.results.summary import REANALYSE_ADVICE
 from morphofold.tables import read_table, write_table
@@ -62,12 +59,14 @@ MAP_ENDINGS = {  # a map's name -> the end of its file's name in BIDS
     **{f"input_{name}": f"desc-input_{name}" for name in INPUT_MAP_UNITS},
 }
 MISSING_DESCRIPTION = "NaN where there is no value, as on the medial wall"
-HEMISPHERE_LEVELS = {"lh": "left", "rh": "right"}
 
 
 @dataclass(frozen=True)
 class Layout:
-    """The files of an analysis in its folder; with a ``subject`` (``sub-NAME``) as in BIDS."""
+    """The files of an analysis in its folder; with a ``subject`` (``sub-NAME``) as in BIDS.
+
+    A kind of file is a key of ``PLAIN_PATHS`` or ``BIDS_PATHS``. An ``input_map`` came with the surfaces.
+    """
 
     folder: Path
     subject: str = ""
@@ -78,13 +77,13 @@ class Layout:
         anat = folder / "anat"
         if (folder / PLAIN_PATHS["summary"]).is_file() or not anat.is_dir():
             return cls(folder)
-        found = sorted(anat.glob(f"sub-*{PROVENANCE_ENDING}"))
-        if len(found) != 1:
+        summaries = sorted(anat.glob(f"sub-*{PROVENANCE_ENDING}"))
+        if len(summaries) != 1:
             raise FileNotFoundError(
-                f"{anat}: holds {'more than one' if found else 'no'} sub-NAME{PROVENANCE_ENDING}. Name a folder "
+                f"{anat}: holds {'more than one' if summaries else 'no'} sub-NAME{PROVENANCE_ENDING}. Name a folder "
                 "DATASET/sub-NAME that `morphofold analyze --layout bids` wrote."
             )
-        return cls(folder, found[0].name.removesuffix(PROVENANCE_ENDING))
+        return cls(folder, summaries[0].name.removesuffix(PROVENANCE_ENDING))
 
     @property
     def bids(self) -> bool:
@@ -96,53 +95,43 @@ class Layout:
 
     def path(self, kind: str, hemi: str = "", name: str = "") -> Path:
         """Path of a file; raises ``NotReadable`` for a name that cannot be part of it."""
-        fields = {"hemi": hemi, "name": name and file_word(name), "subject": self.subject}
-        fields |= {"side": BIDS_SIDES.get(hemi, ""), "camel": _camel_case(name), "ending": self.ending(kind, name)}
-        return self.folder / self.paths[kind].format(**fields)
+        path = self.paths[kind].format(
+            hemi=hemi,
+            side=BIDS_SIDES.get(hemi),
+            name=name and file_word(name),
+            camel=_camel_case(name),
+            ending=map_ending(kind, name),
+            subject=self.subject,
+        )
+        return self.folder / path
 
-    def write(
-        self, kind: str, write: Callable[[Path], object], hemi: str = "", name: str = "", about: Mapping[str, Any] = {}
-    ) -> None:
-        """Let ``write(path)`` write a file if this layout has such files; in BIDS also the JSON that describes it."""
-        if kind not in self.paths:
-            return
+    def new(self, kind: str, hemi: str = "", name: str = "", about: Mapping[str, Any] = {}) -> Path:
+        """Path of a file to write: its folder is made, and in BIDS the JSON file that describes it (``about``)."""
         path = self.path(kind, hemi, name)
         path.parent.mkdir(parents=True, exist_ok=True)
-        write(path)
         if self.bids and about:
-            _write_json(about, path.with_name(f"{path.name.split('.')[0]}.json"))
-
-    def write_json(self, kind: str, content: Mapping[str, Any]) -> None:
-        """Write a JSON file."""
-        self.write(kind, partial(_write_json, content))
-
-    def ending(self, kind: str, name: str) -> str:
-        """End of the name of a map's file in BIDS: ``desc-sulcalDepth_morph``, or ``desc-input_sulc`` for a map that
-        came with the surfaces."""
-        name = f"input_{name}" if kind == "input_map" else name
-        return MAP_ENDINGS.get(name, f"desc-{_camel_case(name)}_morph")
+            write_json(path.with_name(f"{path.name.split('.')[0]}.json"), about)
+        return path
 
     def write_table(self, name: str, columns: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> None:
         """Write a table, and in BIDS the meaning of its columns."""
-        about = {key: _about_column(key) for key in dict.fromkeys(chain(columns, *rows))}
-        self.write("table", partial(write_table, columns=columns, rows=rows), name=name, about=about)
+        keys = dict.fromkeys([*columns, *(key for row in rows for key in row)])
+        path = self.new("table", name=name, about={key: _about_column(key) for key in keys})
+        write_table(path, columns, rows)
 
-    def read_tables(self, row_counts: Mapping[str, int]) -> dict[str, list[dict[str, Any]]]:
-        """Read the tables, by name: as many rows as the summary says; none of a table that its version did not have."""
-        tables: dict[str, list[dict[str, Any]]] = {name: [] for name in COLUMNS}
-        for name, columns in COLUMNS.items():
-            if name not in row_counts:
-                continue
-            file = self.path("table", name=name)
-            rows = read_table(file, TEXT_COLUMNS, row_counts[name], numbers=set(columns) - TEXT_COLUMNS)
-            if rows and (missing := [column for column in columns if column not in rows[0]]):
-                raise MissingPart(f"{file}: lacks the columns {', '.join(missing)}. {REANALYSE_ADVICE}")
-            tables[name] = rows
-        return tables
+    def read_table(self, name: str, n_rows: int) -> list[dict[str, Any]]:
+        """Read a table that was written with this number of rows."""
+        path, columns = self.path("table", name=name), COLUMNS[name]
+        rows = read_table(path, TEXT_COLUMNS, n_rows, numbers=set(columns) - TEXT_COLUMNS)
+        if rows and (missing := [column for column in columns if column not in rows[0]]):
+            raise MissingPart(f"{path}: lacks the columns {', '.join(missing)}. {REANALYSE_ADVICE}")
+        return rows
 
 
-def _write_json(content: Mapping[str, Any], path: Path) -> None:
-    path.write_text(strict_json(content), encoding="utf-8")
+def map_ending(kind: str, name: str) -> str:
+    """End of the name of a map's file in BIDS: ``desc-sulcalDepth_morph``, or ``desc-input_sulc`` of an input map."""
+    name = f"input_{name}" if kind == "input_map" else name
+    return MAP_ENDINGS.get(name, f"desc-{_camel_case(name)}_morph")
 
 
 def in_bids_letters(unit: str) -> str:
@@ -159,4 +148,4 @@ def _camel_case(name: str) -> str:
 def _about_column(key: str) -> dict[str, Any]:
     label, unit = column_words(key)
     about: dict[str, Any] = {"Description": label, **({"Units": in_bids_letters(unit)} if unit else {})}
-    return about | ({"Levels": HEMISPHERE_LEVELS} if key == "hemi" else {})
+    return about | ({"Levels": {"lh": "left", "rh": "right"}} if key == "hemi" else {})

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any
 
 from pydantic import Field
 
 from morphofold import __version__
-from morphofold.analysis.frames import COLUMNS, FREESURFER_VALUES
-from morphofold.analysis.measures import SCALARS, Measures
-from morphofold.errors import NamedTwice, NothingToDo
+from morphofold.analysis.frames import COLUMNS
+from morphofold.analysis.measures import Measures
 from morphofold.io.cortices import SurfaceRecord
-from morphofold.io.folders import refuse_overlap
 from morphofold.io.json_files import Count, FileWord, Number, Record, file_word
-from morphofold.provenance import records_as_read
 
 REANALYSE_ADVICE = "Analyze again."
 NAN_RULE = "A vertex without a value is NaN in maps/*.shape.gii and 0 in the FreeSurfer and MGH maps beside them."
@@ -51,19 +47,6 @@ class Summary(Record):
     surfaces: Annotated[list[SurfaceSummary], Field(min_length=1)]
 
 
-def checked_inputs(measures: Sequence[Measures], out: Path, inputs: Iterable[str | Path] = ()) -> list[dict[str, Any]]:
-    """Records of the input files of an analysis; raises ``ValueError`` as ``write_analysis``."""
-    hemis = [m.cortex.hemi for m in measures]
-    if not hemis or len(set(hemis)) < len(hemis):
-        raise (NamedTwice if hemis else NothingToDo)(
-            f"an analysis holds one left and/or one right hemisphere, got {', '.join(hemis) or 'none'}. "
-            "Write each subject to a folder of its own."
-        )
-    records = records_as_read((m.cortex for m in measures), inputs)
-    refuse_overlap(out, (row["path"] for row in records))
-    return records
-
-
 def summary_of(
     measures: Sequence[Measures], inputs: list[dict[str, Any]], parameters: Mapping[str, Any], failed: Mapping[str, str]
 ) -> dict[str, Any]:
@@ -95,12 +78,3 @@ def _surface_entry(m: Measures) -> dict[str, Any]:
         "annotation": None if cortex.regions is None else file_word(cortex.regions.name),
         "files": cortex.files,
     }
-
-
-def scalar_table(measures: Sequence[Measures]) -> tuple[tuple[str, ...], list[dict[str, Any]]]:
-    """Columns and rows of the table of scalars, a row for each hemisphere."""
-    rows = [
-        {"hemi": m.cortex.hemi, **m.scalars, **{key: m.cortex.info.get(key) for key in FREESURFER_VALUES}}
-        for m in measures
-    ]
-    return ("hemi", *SCALARS, *FREESURFER_VALUES), rows
