@@ -15,7 +15,7 @@ from morphofold.io.files import side_named
 from morphofold.mesh_quality.repair import unfoldable
 from morphofold.progress import part_of
 from morphofold.report.pages.study_pages import unfold_report
-from morphofold.results.unfolding import Unfolded, write_unfolding
+from morphofold.results.unfolding import UnfoldedSide, write_unfolding
 from morphofold.unfolding.spheres import sphere_of
 from morphofold.unfolding.unfold import check_options, unfold
 
@@ -36,7 +36,7 @@ def run(args: Unfold) -> Answer:
             part = part_of(show, 0.1 + 0.5 * k / len(bodies), 0.5 / len(bodies), f"{body.cortex.hemi}: ")
             part(0.0, "heat flow")
             smooth = unfold(white, sphere or sphere_of(white, part), args.level, radius=args.radius)
-            unfolded.append(Unfolded(body, smooth))
+            unfolded.append(UnfoldedSide(body, smooth))
         show(0.6, "writing")
         summary = write_unfolding(unfolded, out, unfold_report)
         show(1.0, "done")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from morphofold import __version__
 from morphofold.analysis.frames import COLUMNS, FREESURFER_VALUES
@@ -22,9 +22,7 @@ from morphofold.results.layouts import MISSING_DESCRIPTION, Layout
 from morphofold.results.summary import REANALYSE_ADVICE, Summary, summary_of
 from morphofold.surface import Cortex, PerVertex, Surface
 from morphofold.tables import write_table
-
-if TYPE_CHECKING:
-    from morphofold.timing import Stages
+from morphofold.timing import Stages
 
 #: draws the page of an analysis: called as ``page(measures, path, failed=, inputs=, stages=, clock=)``
 DrawPage = Callable[..., object]

@@ -18,7 +18,7 @@ from morphofold.results.layouts import Layout
 
 BIDSIGNORE_LINES = Path(__file__).with_name("bidsignore.txt").read_text(encoding="utf-8").splitlines()
 README_TEXT = Path(__file__).with_name("dataset_readme.md").read_text(encoding="utf-8")
-NEW_DESCRIPTION = {
+NEW_DESCRIPTION: dict[str, Any] = {
     "Name": "Cortical morphometry by morphofold",
     "BIDSVersion": "1.11.1",
     "DatasetType": "derivative",

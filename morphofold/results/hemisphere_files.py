@@ -23,7 +23,7 @@ from morphofold.quantities import quantity
 from morphofold.results.graph_file import read_graph, write_graph
 from morphofold.results.layouts import INPUT_MAP_UNITS, MISSING_DESCRIPTION, Layout, in_bids_letters, map_ending
 from morphofold.results.subject_files import stats_name, write_gyral_stats
-from morphofold.surface import SURFACES, Cortex, PerVertex, Regions, Surface
+from morphofold.surface import SURFACES, Cortex, PerVertex, Regions
 from morphofold.tables import write_table
 from morphofold.validators import same_length
 
@@ -39,8 +39,9 @@ def write_hemisphere(m: Measures, layout: Layout, *, mgh: bool = False) -> None:
         if (surface := getattr(cortex, name)) is not None:
             scanner = layout.bids and name in SURFACES_IN_SCANNER and cortex.transform is not None
             io.write_surface(layout.new("surface", hemi, name), surface, scanner=scanner)
-    for kind, maps in (("input_map", cortex.maps), ("map", m.maps), ("freesurfer_map", m.maps), ("mgh_map", m.maps)):
-        for name, values in maps.items() if kind in layout.paths and (mgh or kind != "mgh_map") else ():
+    copies = () if layout.bids else ("freesurfer_map", "mgh_map")[: 1 + mgh]
+    for kind, maps in (("input_map", cortex.maps), *((kind, m.maps) for kind in ("map", *copies))):
+        for name, values in maps.items():
             path, title = layout.new(kind, hemi, name, _about_map(kind, name)), map_ending(kind, name)
             values = _with_file_sign(layout, kind, name, values)
             missing = np.nan if path.suffix == ".gii" else 0.0
@@ -77,10 +78,9 @@ def _about_map(kind: str, name: str) -> dict[str, str]:
 
 def _write_region_keys(path: Path, regions: Regions) -> None:
     """Write the table of keys, names and colours that BIDS wants beside regions."""
-    named = enumerate(zip(regions.names, regions.colours.tolist()), start=1)
-    rows = [{"index": key, "name": name, "color": "#{:02x}{:02x}{:02x}".format(*rgb)} for key, (name, rgb) in named]
-    none: dict[str, Any] = {"index": 0, "name": "no region", "color": None}
-    write_table(path, ("index", "name", "color"), [none, *rows])
+    colours = (f"#{bytes(rgb).hex()}" for rgb in regions.colours.tolist())
+    rows = enumerate([("no region", None), *zip(regions.names, colours)])
+    write_table(path, (), [{"index": key, "name": name, "color": colour} for key, (name, colour) in rows])
 
 
 # reading ----------------------------------------------------------------------------------------------------
@@ -142,10 +142,10 @@ def _of_size(values: NDArray[Any], n: int, path: Path) -> NDArray[Any]:
 def in_scanner(m: Measures, *, back: bool = False) -> Measures:
     """Measures with surfaces, hinges and gyral graph in scanner coordinates, if the cortex has a transform to them; or
     ``back`` from there."""
-    if (affine := m.cortex.transform) is None:
+    if m.cortex.transform is None:
         return m
-    affine = np.linalg.inv(affine) if back else affine
-    at, surfaces = partial(apply_affine, affine), dict[str, Surface]()
+    affine: Any = np.linalg.inv(m.cortex.transform) if back else m.cortex.transform
+    at, surfaces = partial(apply_affine, affine), dict[str, Any]()
     for name in SURFACES:
         if (surface := getattr(m.cortex, name)) is not None:
             verts = at(surface.verts) if name in SURFACES_IN_SCANNER else surface.verts

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import errno
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
@@ -23,9 +23,9 @@ from morphofold.errors import DoesNotApply
 from morphofold.geometry import vertex_areas
 from morphofold.io import atomic_file, write_morph
 from morphofold.io.folders import MARKER_FILE
-from morphofold.io.json_files import Record, read_json
+from morphofold.io.json_files import Record, read_json, write_json
 from morphofold.mesh_quality.checks import cortex_label
-from morphofold.provenance import printable, sha256_of, strict_json
+from morphofold.provenance import printable, sha256_of
 
 RECORD_FILE = "stats/morphofold.json"  # in the subject: SHA-256 of the files that morphofold wrote there
 #: names in surf/ without the hemisphere, and the maps that they hold; pial_lgi is the name of recon-all -localGI
@@ -64,7 +64,7 @@ def write_gyral_stats(path: str | Path, m: Measures) -> None:
     and WhiteSurfArea are of the cortex, as with ``-cortex ?h.cortex.label``, MeanThickness is the median gyral
     thickness of the hemisphere, and volumes of the brain are FreeSurfer's own.
     """
-    Path(path).write_text("\n".join([*_head(m), *_rows(m)]) + "\n", encoding="utf-8")
+    Path(path).write_text("\n".join([*_head(m), *(_row(m, row) for row in m.regions)]) + "\n", encoding="utf-8")
 
 
 def _head(m: Measures) -> list[str]:
@@ -75,8 +75,8 @@ def _head(m: Measures) -> list[str]:
         "name": " ".join(printable(cortex.name).split()),
         "hemi": cortex.hemi,
         "annotation": None if "annotation_from" in info else stats_name(m).replace(".gyral.stats", ".annot"),
-        "vertices": int(mask.sum()),
-        "area": float(vertex_areas(cortex.white.verts, cortex.faces)[mask].sum()),
+        "vertices": mask.sum(),
+        "area": vertex_areas(cortex.white.verts, cortex.faces)[mask].sum(),
         "thickness": m.scalars.get("median_gyral_thickness_mm"),
         "brain": info.get("freesurfer_brain_without_ventricles_mm3"),
         "etiv": info.get("etiv_mm3"),
@@ -86,25 +86,17 @@ def _head(m: Measures) -> list[str]:
     return [line.format(**values) for line in lines if not any(field in line for field in unknown)]
 
 
-def _rows(m: Measures) -> list[str]:
-    regions, across, lines = m.cortex.regions, m.maps.get("gyral_thickness"), []
-    number = {} if regions is None else {name: k for k, name in enumerate(regions.names)}
-    for row in m.regions:
-        inside = False if regions is None else regions.labels == number.get(row["region"])
-        widths = np.empty(0) if across is None else across[inside & np.isfinite(across)]
-        sizes = (row.get(key) for key in ("area_mm2", "gray_volume_mm3", "gyral_thickness_mm"))
-        area, volume, thickness = (np.nan if size is None else float(size) for size in sizes)
-        values = (
-            "_".join(printable(row["region"]).replace("#", " ").split()),  # a blank would end it, # the row
-            row["n_vertices"],
-            area,
-            volume,
-            thickness,
-            float(widths.std()) if np.isfinite(thickness) and len(widths) else np.nan,
-            *[np.nan] * 4,
-        )
-        lines.append(_ROW.format(*values))
-    return lines
+def _row(m: Measures, row: Mapping[str, Any]) -> str:
+    regions, width = m.cortex.regions, m.maps.get("gyral_thickness")
+    sizes = (row.get(key) for key in ("area_mm2", "gray_volume_mm3", "gyral_thickness_mm"))
+    area, volume, thickness = (np.nan if size is None else size for size in sizes)
+    deviation = np.nan
+    if regions is not None and width is not None and np.isfinite(thickness):
+        labels = [k for k, name in enumerate(regions.names) if name == row["region"]]
+        inside = np.isin(regions.labels, labels) & np.isfinite(width)
+        deviation = width[inside].std() if inside.any() else np.nan
+    name = "_".join(printable(row["region"]).replace("#", " ").split())  # a blank would end it, # the row
+    return _ROW.format(name, row["n_vertices"], area, volume, thickness, deviation, *[np.nan] * 4)
 
 
 # files of the subject that was measured ---------------------------------------------------------------------
@@ -167,21 +159,20 @@ def write_into_subject(measures: Sequence[Measures], folder: str | Path) -> tupl
     folder = check_subject(folder)
     record = _read_record(folder)
     (folder / "stats").mkdir(exist_ok=True)
-    written: dict[str, str] = {}
-    kept: list[str] = []
+    written, kept = dict[str, str](), list[str]()
     with ExitStack() as moves:  # every file is moved to its place at the end, or none
         for name, write in _writers(measures).items():
-            if os.path.lexists(folder / name) and not _is_ours(folder / name, name, record):
+            path, ours = folder / name, [digests.get(name) for digests in (record["files"], record["before"])]
+            if os.path.lexists(path) and not (path.is_file() and sha256_of(path) in ours):
                 kept.append(name)
                 continue
-            temporary = moves.enter_context(atomic_file(folder / name))
+            temporary = moves.enter_context(atomic_file(path))
             write(temporary)
             written[name] = sha256_of(temporary)
         # a run that is killed between two moves leaves old and new files: both are known
         before = {name: record["files"][name] for name in written if name in record["files"]}
         content = {"morphofold": __version__, "files": {**record["files"], **written}, "before": before}
-        with atomic_file(folder / RECORD_FILE) as file:
-            file.write_text(strict_json(content), encoding="utf-8")
+        write_json(folder / RECORD_FILE, content)
     return list(written), kept
 
 
@@ -198,11 +189,6 @@ def _writers(measures: Sequence[Measures]) -> dict[str, Callable[[Path], object]
 
 
 def _read_record(folder: Path) -> dict[str, Any]:
-    if not os.path.lexists(folder / RECORD_FILE):
-        return {"files": {}}
-    return read_json(folder / RECORD_FILE, _WrittenRecord, "Remove it; the files that are there are then kept.")
-
-
-def _is_ours(path: Path, name: str, record: dict[str, Any]) -> bool:
-    digests = (record["files"].get(name), record.get("before", {}).get(name))
-    return path.is_file() and sha256_of(path) in digests
+    path, none = folder / RECORD_FILE, dict[str, Any](files={}, before={})
+    advice = "Remove it; the files that are there are then kept."
+    return none | read_json(path, _WrittenRecord, advice) if os.path.lexists(path) else none

@@ -23,7 +23,7 @@ from morphofold.report.pages.templates import SIDES, PictureEntry, write_page, w
 from morphofold.report.pictures.surfaces import Row, figure
 from morphofold.report.plots.charts import WIDE_CHART_SIZE_PX, limits_around, new_chart, share_plot
 from morphofold.report.plots.line_plots import GREY
-from morphofold.results.unfolding import Unfolded, log_ratio
+from morphofold.results.unfolding import TableRows, UnfoldedSide, log_ratio
 from morphofold.surface import Surface
 from morphofold.words import listed, number
 
@@ -158,15 +158,13 @@ def overlap_report(space: Space, found: Sequence[Overlap], summary: Mapping[str,
 # an unfolding ------------------------------------------------------------------------------------------------
 
 
-def unfold_report(
-    unfolded: Sequence[Unfolded], rows: Sequence[Mapping[str, Any]], regions: Sequence[Mapping[str, Any]], folder: Path
-) -> Path:
+def unfold_report(unfolded: Sequence[UnfoldedSide], rows: TableRows, regions: TableRows, folder: Path) -> Path:
     """Write ``folder/report.html`` and ``folder/figures/area_ratio.png``; returns the path of the page."""
     drawn = []
     for hemisphere in unfolded:
-        values, hemi, found = log_ratio(hemisphere), hemisphere.cortex.hemi, hemisphere.found
-        drawn.append(Row(f"{SIDES[hemi]}, {found.folded.name}", found.folded, values, hemi))
-        drawn.append(Row(f"{SIDES[hemi]}, unfolded", found.smooth(), values, hemi))
+        values, hemi, unfolding = log_ratio(hemisphere), hemisphere.cortex.hemi, hemisphere.unfolding
+        drawn.append(Row(f"{SIDES[hemi]}, {unfolding.folded.name}", unfolding.folded, values, hemi))
+        drawn.append(Row(f"{SIDES[hemi]}, unfolded", unfolding.smooth(), values, hemi))
     image = figure(drawn, AREA_RATIO, AREA_RATIO.limits)
     return write_page(
         folder / "report.html",
