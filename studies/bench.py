@@ -22,10 +22,10 @@ from morphofold.cli.inputs import mark_as_ours
 from morphofold.cli.options import RUNNING, Answer, Printing, Switch, Threaded, Whole
 from morphofold.cli.printing import progress
 from morphofold.errors import NothingToDo, NotReadable, OptionsClash, OutOfRange, UnknownName
-from morphofold.io import atomic_file, atomic_folder, refuse_foreign
+from morphofold.io import atomic_folder, refuse_foreign
 from morphofold.io.files import existing_file
 from morphofold.io.folders import alone
-from morphofold.provenance import strict_json
+from morphofold.io.json_files import write_json
 from morphofold.sim.scene import LEVELS
 from morphofold.studies.runs import Runs
 from morphofold.threads import set_threads
@@ -241,7 +241,7 @@ def _run_hemisphere_study(args: Hemisphere) -> Answer:
     args.on_interrupt = " Run it again to go on."
     with atomic_folder(out) as folder:
         files = run_study(levels, thicknesses, surfaces, folder, runs)
-        (folder / "summary.json").write_text(strict_json({"files": files}), encoding="utf-8")
+        write_json(folder / "summary.json", {"files": files})
     tables = [(out / name).read_text(encoding="utf-8") for name in files if name.endswith(".tsv")]
     return Answer(out / "summary.json", [*tables, f"-> {out / 'summary.json'}"])
 
@@ -280,9 +280,7 @@ def _time_cohort(args: Cohort) -> Answer:
             for several in workers:
                 with progress(f"{count} subjects, {several} workers", args.quiet) as show:
                     loads.append(measure_load(out, count, several, show))
-        content = strict_json({"loads": [load.as_dict() for load in loads]})
-        with atomic_file(out / "summary.json") as file:
-            file.write_text(content, encoding="utf-8")
+        write_json(out / "summary.json", {"loads": [load.as_dict() for load in loads]})
     return Answer(out / "summary.json", text_table(loads))
 
 

@@ -16,7 +16,8 @@ import numpy as np
 from morphofold.analysis import curvature, measure
 from morphofold.analysis.scales import scale_of_curvature
 from morphofold.arrays import Array
-from morphofold.io import atomic_file, read_cortex, sample_path
+from morphofold.io import read_cortex, sample_path
+from morphofold.io.files import write_text
 from morphofold.report.plots.line_plots import GREY, legend_of_figure, line_style, new_figure, save, set_limits
 from morphofold.sim.dynamics import UnstableError
 from morphofold.sim.output.folder import Simulation
@@ -139,8 +140,7 @@ def main(folder: Path, page: Path) -> None:
     person = over_curvature(read_cortex(sample_path("S1"), hemi="lh"))
     draw_curvature(page.parent.parent / "crowns-curvature.png", curved, person)
     text = between_marks(page.read_text("utf-8"), "crowns", [table(HEADS, rows)], page)
-    with atomic_file(page) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_text(page, text)
 
 
 if __name__ == "__main__":

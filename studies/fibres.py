@@ -25,6 +25,7 @@ from morphofold.analysis.graph.landmarks import amounts
 from morphofold.arrays import Array
 from morphofold.inference.permutations import share_above
 from morphofold.io import atomic_file
+from morphofold.io.files import write_text
 from morphofold.report.plots.line_plots import GREY, new_figure, save, set_limits
 from morphofold.shapes import even_directions
 from morphofold.sim.scene.files import load_scene
@@ -190,8 +191,7 @@ def main(folder: Path, page: Path) -> None:
         heads += [f"over bundles: {head}", "less chance, 95 %", "p"]
     rows = table(heads, [row_of(kind, found[kind.name]) for kind in KINDS])
     text = between_marks(page.read_text("utf-8"), "fibres", [rows], page)
-    with atomic_file(page) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_text(page, text)
 
 
 if __name__ == "__main__":

@@ -21,7 +21,8 @@ from morphofold.geometry import vertex_areas
 from morphofold.inference.clusters import Mesh
 from morphofold.inference.permutations import Inference, infer
 from morphofold.inference.study import VARIANCE_P, VARIANCE_RATIO
-from morphofold.io import atomic_file, read_label, read_surface, sample_path
+from morphofold.io import read_label, read_surface, sample_path
+from morphofold.io.files import write_text
 from morphofold.shapes import icosphere
 from morphofold.studies.markdown import between_marks, table
 from morphofold.surface import Surface
@@ -182,8 +183,7 @@ def main() -> None:
     text = between_marks(text, "rates", [rates], args.page)
     text = between_marks(text, "variances", [unequal], args.page)
     text = between_marks(text, "power", [powers], args.page)
-    with atomic_file(args.page) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_text(args.page, text)
 
 
 if __name__ == "__main__":

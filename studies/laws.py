@@ -22,7 +22,8 @@ from morphofold.analysis.gyrification.folding_law import ShapeTerms
 from morphofold.arrays import Array
 from morphofold.errors import OutOfRange
 from morphofold.geometry import face_areas
-from morphofold.io import atomic_file, read_cortex, sample_path
+from morphofold.io import read_cortex, sample_path
+from morphofold.io.files import write_text
 from morphofold.mesh_quality.checks import volume
 from morphofold.report.plots.line_plots import BLACK, GREY, legend_of_figure, line_style, new_figure, save, set_limits
 from morphofold.shapes import icosphere
@@ -252,8 +253,7 @@ def main(folder: Path, page: Path) -> None:
     for words, cortex in people.items():
         of_spacing += spacing_rows(words, {"": cortex}, None)
     text = between_marks(text, "spacing", [table(SPACING_HEADS, of_spacing)], page)
-    with atomic_file(page) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_text(page, text)
 
 
 if __name__ == "__main__":

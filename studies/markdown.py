@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from morphofold.errors import MissingPart
-from morphofold.io import atomic_file
+from morphofold.io.files import write_text
 
 Row = dict[str, Any]
 #: columns of tables that hold text
@@ -40,8 +40,7 @@ def renewed(page: Path, text: str, parts: Mapping[str, Sequence[str]]) -> str:
 def write_texts(written: Mapping[Path, str]) -> None:
     """Write each file completely, or leave it unchanged."""
     for path, text in written.items():
-        with atomic_file(path) as temporary:
-            temporary.write_text(text, encoding="utf-8")
+        write_text(path, text)
 
 
 def read_rows(path: Path, words: Collection[str] = WORDS) -> list[Row]:

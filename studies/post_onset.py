@@ -24,7 +24,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from morphofold.arrays import Array, Ints
-from morphofold.io import atomic_file
+from morphofold.io.files import write_text
 from morphofold.report.plots.line_plots import GREY, legend_of_figure, line_style, new_figure, save, set_limits
 from morphofold.sim.body import Body
 from morphofold.sim.dynamics import Dynamics, UnstableError
@@ -260,8 +260,7 @@ def main(page: Path) -> None:
     draw(page.parent / "theory-post-onset.png", branches)
     draw_loops(page.parent / "theory-hysteresis.png", loops)
     text = between_marks(page.read_text("utf-8"), "post-onset", [table(HEADS, rows)], page)
-    with atomic_file(page) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_text(page, text)
 
 
 if __name__ == "__main__":

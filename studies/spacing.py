@@ -21,7 +21,7 @@ import numpy as np
 from scipy.signal import find_peaks
 
 from morphofold.arrays import Array
-from morphofold.io import atomic_file
+from morphofold.io.files import write_text
 from morphofold.report.plots.line_plots import GREY, legend_of_figure, line_style, new_figure, save, set_limits
 from morphofold.sim.body import surface_area
 from morphofold.sim.dynamics import UnstableError
@@ -131,8 +131,7 @@ def main(page: Path) -> None:
                 print(*rows[-1], sep="\t", file=sys.stderr, flush=True)
     draw(page.parent / "theory-spacing.png", spacings)
     text = between_marks(page.read_text("utf-8"), "spacing", [table(HEADS, rows)], page)
-    with atomic_file(page) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_text(page, text)
 
 
 def draw(path: Path, spacings: Mapping[tuple[str, float], Mapping[float, tuple[float, float]]]) -> None:

@@ -24,7 +24,7 @@ from scipy.fft import dct
 from scipy.stats import t as student
 
 from morphofold.arrays import Array
-from morphofold.io import atomic_file
+from morphofold.io.files import write_text
 from morphofold.report.plots.line_plots import legend_of_figure, line_style, new_figure, save
 from morphofold.sim.body import Body
 from morphofold.sim.equilibrium.path import Equilibrium
@@ -261,8 +261,7 @@ def main(page: Path) -> None:
     of = ("theory", "simulated", "noise, simulated", "same noise, theory")
     heads = ("ratio", "rate", *(f"{what}: {one}" for what in ("wavelength / T", "g") for one in of))
     text = between_marks(page.read_text("utf-8"), "stress-growth", [table(heads, rows)], page)
-    with atomic_file(page) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_text(page, text)
 
 
 if __name__ == "__main__":

@@ -11,11 +11,9 @@ import numpy as np
 from pydantic import ConfigDict
 
 from morphofold.cohort.tasks import INPUT_ERRORS
-from morphofold.io import atomic_file
 from morphofold.io.cortices import hemispheres, read_cortex
-from morphofold.io.json_files import Count, Length, Record, read_json
+from morphofold.io.json_files import Count, Length, Record, read_json, write_json
 from morphofold.progress import Progress, silent
-from morphofold.provenance import strict_json
 
 if TYPE_CHECKING:
     from morphofold.cohort.fleet import Fleet
@@ -73,8 +71,7 @@ def scales_of(out: Path, fleet: Fleet, subjects: Sequence[Participant], progress
         gyral_width_mm=_rounded_to_three_digits(np.median(known), np.round) if known.size else None,
         hemispheres=len(found),
     )
-    with atomic_file(out / SCALES_FILE) as file:
-        file.write_text(strict_json(scales.model_dump()), encoding="utf-8")
+    write_json(out / SCALES_FILE, scales.model_dump())
     return scales
 
 

@@ -16,7 +16,7 @@ from morphofold.cohort.tasks import INPUT_ERRORS, Outcome, Say, TaskFolder, dige
 from morphofold.cohort.templates import HEMIS, TEMPLATE_SURFACES, Template, digest_or_reason
 from morphofold.io import atomic_folder, files_of, read_surface
 from morphofold.io.cortices import SURFACE_ENDINGS
-from morphofold.provenance import strict_json
+from morphofold.io.json_files import write_json
 from morphofold.spheres.templates import read_own_sphere
 from morphofold.tables import write_table
 from morphofold.words import in_one_line
@@ -213,7 +213,7 @@ def write_space(
             WIDTH: float(np.median(widths)) if widths else None,
             "arrays": shapes,
         }
-        (folder / "space.json").write_text(strict_json(content), encoding="utf-8")
+        write_json(folder / "space.json", content)
     return shapes
 
 

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from morphofold.cohort.measuring import measure_as_asked
 from morphofold.cohort.tasks import INPUT_ERRORS, Outcome, Say, TaskFolder, digest, perform
-from morphofold.io import atomic_file, files_of, remove_folder
+from morphofold.io import files_of, remove_folder
+from morphofold.io.files import write_text
 from morphofold.results.analyses import DrawPage
 from morphofold.sim.output.inputs import inputs_of
 from morphofold.sim.output.run_files import clear_run, files_of_run
@@ -120,8 +121,7 @@ def _simulation_of_run(run: Run, say: Say, *, anew: bool) -> Simulation:
         say("its files have changed: it is grown again" if anew else "the scene has changed: it is grown again")
         clear_run(run.simulation)
         begun = False
-    with atomic_file(mark) as file:
-        file.write_text(now, encoding="utf-8")
+    write_text(mark, now)
     try:
         return grow()
     except ValueError as error:

@@ -19,10 +19,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from morphofold.io import atomic_file
+from morphofold.io.files import write_text
 from morphofold.io.folders import alone
-from morphofold.io.json_files import Record, read_json
-from morphofold.provenance import changed_since, sha256_of, strict_json
+from morphofold.io.json_files import Record, read_json, write_json
+from morphofold.provenance import changed_since, sha256_of
 from morphofold.timing import peak_memory
 from morphofold.words import in_one_line
 
@@ -104,8 +104,7 @@ class Say:
         self._silent = False
         if self._new_run:
             self._path.parent.mkdir(parents=True, exist_ok=True)
-            with atomic_file(self._path) as file:
-                file.write_text(self._head, encoding="utf-8")
+            write_text(self._path, self._head)
         self(f"attempt {self.attempt}")
 
 
@@ -257,5 +256,4 @@ def write_record(
     """Write a task's record; an empty key matches no inputs, so the next run tries the task again."""
     content = {"key": key, "failures": failures, "results": results, "files": files or {}}
     path.parent.mkdir(parents=True, exist_ok=True)
-    with atomic_file(path) as file:
-        file.write_text(strict_json(content), encoding="utf-8")
+    write_json(path, content)

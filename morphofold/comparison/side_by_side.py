@@ -27,9 +27,10 @@ from morphofold.comparison.person.compare_person import MeasuresByName, PersonCo
 from morphofold.comparison.thickness import Cloud, TheoryLine, thickness_cloud, thickness_ratios, wrinkling_wavelength
 from morphofold.errors import DoesNotApply, MissingPart, NamedTwice, NothingToDo, NotReadable, OutOfRange, UnknownName
 from morphofold.io import atomic_folder
+from morphofold.io.json_files import write_json
 from morphofold.lazy import draw
 from morphofold.progress import Progress, silent
-from morphofold.provenance import json_value, strict_json
+from morphofold.provenance import json_value
 from morphofold.quantities import CATEGORICAL_COLOURS, CREST_THICKNESS_RATIO, THICKNESS_RATIO
 from morphofold.tables import write_table
 from morphofold.validators import check_kind
@@ -147,7 +148,7 @@ class Comparison:
         with atomic_folder(out) as folder:
             draw("comparison_page", self, folder, progress=progress)
             content = {"morphofold": morphofold.__version__, **self.to_dict()}
-            (folder / "comparison.json").write_text(strict_json(content), encoding="utf-8")
+            write_json(folder / "comparison.json", content)
             write_table(folder / "comparison.tsv", ("measure", *self.names), self.table)
             write_people(self.people, folder)
         return Path(out) / "report.html"

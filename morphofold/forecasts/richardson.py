@@ -16,11 +16,10 @@ from morphofold.errors import DoesNotApply, MissingPart, NoSolution
 from morphofold.forecasts.cost import TABLE, errors_of_run
 from morphofold.forecasts.forecasting import Forecast, forecast
 from morphofold.forecasts.sizes import edge_by_rule, refuse_without_edge
-from morphofold.io import atomic_file
 from morphofold.io.folders import alone
-from morphofold.io.json_files import Amount, Number, Record, read_json
+from morphofold.io.json_files import Amount, Number, Record, read_json, write_json
 from morphofold.progress import Progress, part_of, silent
-from morphofold.provenance import sha256_of, strict_json
+from morphofold.provenance import sha256_of
 from morphofold.sim.dynamics import UnstableError
 from morphofold.sim.output.inputs import begun_with
 from morphofold.sim.output.run_files import sweep
@@ -204,9 +203,8 @@ def estimate_error(run: Simulation, *, threads: int | None = None, progress: Pro
     estimate = errors_from_runs(run.scene, *surfaces)
     with alone(run.path):
         sweep(run.path)  # a finished run no longer does it
-        with atomic_file(run.path / ERROR_FILE) as temporary:
-            content = {**estimate.as_dict(), "health_sha256": sha256_of(run.path / "health.json")}
-            temporary.write_text(strict_json(content), "utf-8")
+        content = {**estimate.as_dict(), "health_sha256": sha256_of(run.path / "health.json")}
+        write_json(run.path / ERROR_FILE, content)
     return estimate
 
 

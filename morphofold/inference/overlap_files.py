@@ -12,7 +12,7 @@ from morphofold import __version__
 from morphofold.inference.overlap import COLUMNS, WHOLE, Overlap
 from morphofold.inference.spaces import Space
 from morphofold.io import atomic_folder, write_gifti_map, write_morph
-from morphofold.provenance import strict_json
+from morphofold.io.json_files import write_json
 from morphofold.tables import write_table
 
 #: draws the page of a study with its summary into a folder
@@ -43,7 +43,7 @@ def write_overlap(
                     write_gifti_map(file.with_name(f"{file.name}.shape.gii"), values, nan=np.nan, hemi=side)
                     write_morph(file, values, nan=unknown)
         write_table(folder / "overlap.tsv", COLUMNS, [row for one in found for row in one.rows])
-        (folder / "summary.json").write_text(strict_json(summary), encoding="utf-8")
+        write_json(folder / "summary.json", summary)
         if report is not None:
             report(space, found, summary, folder)
     return Path(out)

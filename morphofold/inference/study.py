@@ -17,8 +17,9 @@ from morphofold.inference.design import Design, design, read_participants
 from morphofold.inference.permutations import Inference, infer
 from morphofold.inference.spaces import HEMIS, Space, areas_of, mesh_of
 from morphofold.io import atomic_folder, write_gifti_map, write_morph
+from morphofold.io.json_files import write_json
 from morphofold.progress import Progress, silent
-from morphofold.provenance import input_records, strict_json
+from morphofold.provenance import input_records
 from morphofold.tables import write_table
 
 #: draws the page of a result with its summary into a folder
@@ -260,7 +261,7 @@ def write_result(
                 write_morph(folder / "maps" / f"{hemi}.{name}", part, nan=1.0 if name.startswith("p") else 0.0)
         write_table(folder / "clusters.tsv", CLUSTER_COLUMNS, cluster_rows(result))
         said = summary(result, inputs)
-        (folder / "summary.json").write_text(strict_json(said), encoding="utf-8")
+        write_json(folder / "summary.json", said)
         if report is not None:
             report(result, said, folder)
     return Path(out)

@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from morphofold.errors import OptionsClash
-from morphofold.io.files import StrPath, atomic_file, check_above, error_names_file
+from morphofold.io.files import StrPath, check_above, error_names_file, write_text
 
 MARKER_FILE = ".morphofold"  # in every folder that atomic_folder wrote; lists the files that it wrote and may replace
 # in folders that collect the results of many runs; they are never replaced
@@ -204,5 +204,4 @@ def begin_collection(out: Path, kind: str) -> None:
     """
     refuse_no_collection(out, kind)
     out.mkdir(parents=True, exist_ok=True)
-    with atomic_file(out / COLLECTION_MARKER) as file:
-        file.write_text(f"{kind}: morphofold adds results to this folder and replaces none of it.\n", encoding="utf-8")
+    write_text(out / COLLECTION_MARKER, f"{kind}: morphofold adds results to this folder and replaces none of it.\n")

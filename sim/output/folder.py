@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from morphofold import __version__
 from morphofold.io import atomic_file, atomic_folder, read_cortex, write_morph, write_surface
-from morphofold.io.files import decoding
+from morphofold.io.files import decoding, write_text
 from morphofold.io.folders import LOCK_FILE, refuse_overlap
 from morphofold.lazy import draw
 from morphofold.provenance import digests
@@ -161,8 +161,7 @@ class FolderWriter:
             added = {"effects": self.own, "restart": self.restart}
             if inputs := {**self._inputs, **{name: what for name, what in added.items() if what}}:
                 _write_json(self.out / "inputs.json", inputs)
-            with atomic_file(self.out / "scene.toml") as temporary:
-                temporary.write_text(to_toml(self.scene), encoding="utf-8")
+            write_text(self.out / "scene.toml", to_toml(self.scene))
         write_series(self.out, self.scene)  # the run may have been killed before it
 
     @property
@@ -186,8 +185,7 @@ class FolderWriter:
 
     def log(self, lines: list[dict[str, Any]]) -> None:
         """Write all lines of ``log.jsonl``."""
-        with atomic_file(self.out / "log.jsonl") as temporary:
-            temporary.write_text(as_lines(lines))
+        write_text(self.out / "log.jsonl", as_lines(lines))
 
     def arrays(self, name: str, arrays: Mapping[str, NDArray]) -> None:
         """Write arrays by name into the file ``name`` (.npz)."""
@@ -273,5 +271,4 @@ class FolderWriter:
 
 
 def _write_json(path: Path, content: Mapping[str, Any]) -> None:
-    with atomic_file(path) as temporary:
-        temporary.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n")
+    write_text(path, json.dumps(content, indent=1, allow_nan=False) + "\n")

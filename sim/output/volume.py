@@ -9,7 +9,7 @@ import numpy as np
 
 from morphofold.arrays import Array
 from morphofold.errors import DamagedFile
-from morphofold.io import atomic_file
+from morphofold.io.files import write_text
 from morphofold.sim.output.run_files import stage_folder
 
 if TYPE_CHECKING:
@@ -68,8 +68,7 @@ def write_series(out: Path, scene: Scene) -> None:
     """Write ``stages.pvd`` for the stages in the folder, unless it is up to date or no stage has a volume."""
     text = _series_text(out, scene)
     if text and _existing_series(out) != text.encode():
-        with atomic_file(out / SERIES_FILE) as temporary:
-            temporary.write_bytes(text.encode())
+        write_text(out / SERIES_FILE, text)
 
 
 def check_series(out: Path, scene: Scene) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from morphofold.analysis.resampling import PRESETS
-from morphofold.provenance import strict_json
+from morphofold.io.json_files import write_json
 from morphofold.report.plots.line_plots import save
 from morphofold.studies.accuracy.bodies import SUBJECT
 from morphofold.studies.accuracy.folds import MESH, STAGES, WITH_A_LIMIT
@@ -88,7 +88,7 @@ def write_study(points: Sequence[Point], made: Mapping[str, Any], folder: Path) 
         "columns": COLUMNS,
         "errors": expected_errors(points),
     }
-    (folder / "summary.json").write_text(strict_json(summary), encoding="utf-8")
+    write_json(folder / "summary.json", summary)
     return summary
 
 

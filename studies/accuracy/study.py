@@ -14,8 +14,7 @@ from typing import Any
 
 from morphofold import __version__
 from morphofold.errors import DamagedFile
-from morphofold.io import atomic_file
-from morphofold.io.json_files import Number, Record, read_json
+from morphofold.io.json_files import Number, Record, read_json, write_json
 from morphofold.progress import Progress, part_of
 from morphofold.provenance import strict_json
 from morphofold.studies.accuracy.bodies import FINEST, PACED, Setting, axes
@@ -104,8 +103,7 @@ class Kept:
         file = self.folder / f"{case.name}.json"
         if not file.exists():
             rows = [point.as_row() for point in case.work()]
-            with atomic_file(file) as temporary:
-                temporary.write_text(strict_json({"points": rows}), encoding="utf-8")
+            write_json(file, {"points": rows})
         rows = read_json(file, _Points, ANEW)["points"]
         try:
             return [Point.from_row(row) for row in rows]

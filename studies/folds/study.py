@@ -17,7 +17,7 @@ from typing import Any
 
 from morphofold import __version__
 from morphofold.errors import DoesNotApply, MissingPart, NamedTwice, NothingToDo, OptionsClash, OutOfRange, UnknownName
-from morphofold.provenance import strict_json
+from morphofold.io.json_files import write_json
 from morphofold.shapes import even_directions
 from morphofold.sim.run import Simulation
 from morphofold.sim.scene import LEVELS
@@ -252,7 +252,7 @@ def _write(
         "warnings": [f"{entry['folder'].rpartition('/')[2]}: {w}" for entry in simulations for w in entry["warnings"]],
         "simulations": list(simulations),
     }
-    (folder / "summary.json").write_text(strict_json(summary), encoding="utf-8")
+    write_json(folder / "summary.json", summary)
     return summary
 
 

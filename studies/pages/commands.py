@@ -16,7 +16,7 @@ from cyclopts import App
 from cyclopts.argument import Argument
 
 from morphofold.cli import COMMANDS, app
-from morphofold.io import atomic_file
+from morphofold.io.files import write_text
 from morphofold.studies.markdown import between_marks, table
 
 
@@ -34,8 +34,7 @@ def write_pages(folder: Path) -> None:
     texts |= {folder / f"{name}.md": ("options", list(options(name))) for name in COMMANDS}
     renewed = {page: between_marks(page.read_text("utf-8"), mark, parts, page) for page, (mark, parts) in texts.items()}
     for page, text in renewed.items():
-        with atomic_file(page) as temporary:
-            temporary.write_text(text, encoding="utf-8")
+        write_text(page, text)
 
 
 def overview() -> str:

@@ -11,7 +11,8 @@ from typing import Any
 from morphofold import __version__
 from morphofold.io import atomic_folder, refuse_foreign
 from morphofold.io.folders import alone
-from morphofold.provenance import sha256_of, strict_json
+from morphofold.io.json_files import write_json
+from morphofold.provenance import sha256_of
 from morphofold.studies.indexes import keep_figures
 from morphofold.studies.paper import REPRODUCTIONS
 from morphofold.studies.paper.report import write_paper_report
@@ -40,7 +41,7 @@ def reproduce(
             "lengths": "mm; the paper gives none, and only ratios matter",
             "figures": {**cached, **drawn},
         }
-        (folder / "summary.json").write_text(strict_json(index), encoding="utf-8")
+        write_json(folder / "summary.json", index)
         write_paper_report(folder, index)
     return drawn, cached
 
