@@ -18,7 +18,7 @@ from morphofold.analysis.scales import scale_of_curvature
 from morphofold.arrays import Array
 from morphofold.io import read_cortex, sample_path
 from morphofold.io.files import write_text
-from morphofold.report.plots.line_plots import GREY, legend_of_figure, line_style, new_figure, save, set_limits
+from morphofold.report.plots.line_plots import GREY, legend_of_figure, line_style, new_figure, save
 from morphofold.sim.dynamics import UnstableError
 from morphofold.sim.output.folder import Simulation
 from morphofold.sim.scene.files import load_scene
@@ -92,7 +92,7 @@ def draw(path: Path, models: Mapping[tuple[str, float], Mapping[float, Thickness
     """Crown over fundus against growth; a panel for each law, a line for each ratio, and a person's."""
     with new_figure(9.0, 4.2, 1, len(LAWS), sharey=True) as (figure, ((*axes,),)):
         for ax, law in zip(axes, LAWS):
-            set_limits(ax, (STAGES[0], STAGES[-1]), (0.9, 2.0), f"{law} growth")
+            ax.set(xlim=(STAGES[0], STAGES[-1]), ylim=(0.9, 2.0), title=f"{law} growth")
             ax.axhline(1.0, color=GREY, linewidth=0.8)
             ax.axhline(over(person, 0), color=GREY, linestyle=(0, (2, 2)))
             ax.set(xlabel="growth g")
@@ -110,7 +110,7 @@ def draw_curvature(path: Path, models: Mapping[tuple[str, float], Array], person
     middles = 0.5 * (BENDS[1:] + BENDS[:-1])
     with new_figure(9.0, 4.2, 1, len(LAWS), sharey=True) as (figure, ((*axes,),)):
         for ax, law in zip(axes, LAWS):
-            set_limits(ax, (BENDS[0], BENDS[-1]), (0.5, 1.4), f"{law} growth, g = {CURVED_AT:g}")
+            ax.set(xlim=(BENDS[0], BENDS[-1]), ylim=(0.5, 1.4), title=f"{law} growth, g = {CURVED_AT:g}")
             ax.plot(middles, person, color=GREY, linestyle=(0, (2, 2)))
             ax.set(xlabel="mean curvature × mean thickness")
             for k, ratio in enumerate(RATIOS):

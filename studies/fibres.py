@@ -26,7 +26,7 @@ from morphofold.arrays import Array
 from morphofold.inference.permutations import share_above
 from morphofold.io import atomic_file
 from morphofold.io.files import write_text
-from morphofold.report.plots.line_plots import GREY, new_figure, save, set_limits
+from morphofold.report.plots.line_plots import GREY, new_figure, save
 from morphofold.shapes import even_directions
 from morphofold.sim.scene.files import load_scene
 from morphofold.simulation import simulate
@@ -172,7 +172,7 @@ def draw(path: Path, found: Mapping[str, Sequence[Found]]) -> None:
                 ax.plot(away, np.full(len(away), -k), ".", color=GREY, markersize=4)
                 ax.plot([scale * one["low"], scale * one["high"]], [-k, -k], linewidth=2, color="C0")
                 ax.plot(away.mean(), -k, "o", color="C0", markersize=5)
-            set_limits(ax, (-most, most), (0.5 - len(KINDS), 0.5), head)
+            ax.set(xlim=(-most, most), ylim=(0.5 - len(KINDS), 0.5), title=head)
             ax.axvline(0.0, color=GREY, linewidth=0.8)
             ax.set(xlabel="over bundles, less chance")
         axes[0].set_yticks([-k for k in range(len(KINDS))], [kind.words for kind in KINDS])

@@ -25,7 +25,7 @@ from morphofold.geometry import face_areas
 from morphofold.io import read_cortex, sample_path
 from morphofold.io.files import write_text
 from morphofold.mesh_quality.checks import volume
-from morphofold.report.plots.line_plots import BLACK, GREY, legend_of_figure, line_style, new_figure, save, set_limits
+from morphofold.report.plots.line_plots import BLACK, GREY, legend_of_figure, line_style, new_figure, save
 from morphofold.shapes import icosphere
 from morphofold.sim.output.folder import Simulation
 from morphofold.sim.scene.files import load_scene
@@ -173,8 +173,8 @@ def scales_row(name: str, rows: Sequence[AtScale]) -> list[str]:
 def draw_species(path: Path, known: Species, bodies: Mapping[str, Body], people: Mapping[str, Cortex]) -> None:
     """Left: the law of 57 mammals; right: area against volume of 65 primates; each with bodies through growth."""
     with new_figure(11.0, 5.2, 1, 2) as (figure, ((left, right),)):
-        set_limits(left, (30, 3e5), (10, 3e6), "57 mammals")
-        set_limits(right, (500, 2e6), (400, 4e5), "65 primates")
+        left.set(xlim=(30, 3e5), ylim=(10, 3e6), title="57 mammals")
+        right.set(xlim=(500, 2e6), ylim=(400, 4e5), title="65 primates")
         left.set(xscale="log", yscale="log", xlabel="exposed area [mm²]", ylabel="total area × T^½ [mm^2.5]")
         right.set(xscale="log", yscale="log", xlabel="volume [mm³]", ylabel="total area [mm²]")
         left.scatter(known.exposed, known.folded, s=14, color=GREY)
@@ -210,8 +210,8 @@ def draw_growth(
 ) -> None:
     """K against growth (left) and against the scale over T (right); the band is that of the mammals."""
     with new_figure(11.0, 5.2, 1, 2, sharey=True) as (figure, ((left, right),)):
-        set_limits(left, (GROWTHS[0], GROWTHS[-1]), (-1.2, -0.35), "through growth")
-        set_limits(right, (0.0, 3.3), (-1.2, -0.35), f"across scales, bodies at g = {SCALED_AT:g}")
+        left.set(xlim=(GROWTHS[0], GROWTHS[-1]), ylim=(-1.2, -0.35), title="through growth")
+        right.set(xlim=(0.0, 3.3), ylim=(-1.2, -0.35), title=f"across scales, bodies at g = {SCALED_AT:g}")
         left.set(xlabel="growth g", ylabel="K")
         right.set(xlabel="scale / cortical thickness")
         for ax in (left, right):

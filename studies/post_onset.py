@@ -25,7 +25,7 @@ from scipy.optimize import minimize_scalar
 
 from morphofold.arrays import Array, Ints
 from morphofold.io.files import write_text
-from morphofold.report.plots.line_plots import GREY, legend_of_figure, line_style, new_figure, save, set_limits
+from morphofold.report.plots.line_plots import GREY, legend_of_figure, line_style, new_figure, save
 from morphofold.sim.body import Body
 from morphofold.sim.dynamics import Dynamics, UnstableError
 from morphofold.sim.effects.contact import Contact
@@ -213,7 +213,7 @@ def draw_loops(path: Path, loops: dict[tuple[str, float], Loop]) -> None:
     """Height of crest over trough against growth less the critical one, up and down."""
     with new_figure(9.0, 4.2, 1, len(LAWS), sharey=True) as (figure, ((*axes,),)):
         for ax, law in zip(axes, LAWS):
-            set_limits(ax, (BEYOND[0], BEYOND[-1]), (0.0, 3.2), f"{law} growth")
+            ax.set(xlim=(BEYOND[0], BEYOND[-1]), ylim=(0.0, 3.2), title=f"{law} growth")
             ax.set_xticks([-0.1, -0.05, 0.0, 0.05])
             ax.axvline(0.0, color=GREY, linewidth=0.8)
             ax.set(xlabel="growth beyond the onset, g − g_crit")
@@ -231,7 +231,7 @@ def draw(path: Path, branches: dict[tuple[str, float], Branch]) -> None:
     """Height of the crest against growth less the critical one; a panel for each law, a line for each ratio."""
     with new_figure(9.0, 4.2, 1, len(LAWS), sharey=True) as (figure, ((*axes,),)):
         for ax, law in zip(axes, LAWS):
-            set_limits(ax, (-0.004, 0.008), (0.0, 0.42), f"{law} growth")
+            ax.set(xlim=(-0.004, 0.008), ylim=(0.0, 0.42), title=f"{law} growth")
             ax.axvline(0.0, color=GREY, linewidth=0.8)
             ax.set(xlabel="growth beyond the onset, g − g_crit")
             for k, ratio in enumerate(RATIOS):

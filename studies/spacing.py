@@ -22,7 +22,7 @@ from scipy.signal import find_peaks
 
 from morphofold.arrays import Array
 from morphofold.io.files import write_text
-from morphofold.report.plots.line_plots import GREY, legend_of_figure, line_style, new_figure, save, set_limits
+from morphofold.report.plots.line_plots import GREY, legend_of_figure, line_style, new_figure, save
 from morphofold.sim.body import surface_area
 from morphofold.sim.dynamics import UnstableError
 from morphofold.studies.markdown import between_marks, number, table
@@ -138,7 +138,7 @@ def draw(path: Path, spacings: Mapping[tuple[str, float], Mapping[float, tuple[f
     """Best wavelength against growth, over the thickness before growth and now; lines for ratios and laws."""
     with new_figure(9.0, 4.2, 1, 2) as (figure, ((*axes,),)):
         for ax, over, top in zip(axes, ("before growth", "now"), (14.0, 7.0)):
-            set_limits(ax, (GROWTHS[0], GROWTHS[-1]), (0.0, top), f"over the thickness {over}")
+            ax.set(xlim=(GROWTHS[0], GROWTHS[-1]), ylim=(0.0, top), title=f"over the thickness {over}")
             ax.set(xlabel="growth g")
         axes[1].axhline(4.0, color=GREY, linewidth=0.8)
         axes[0].set(ylabel="wavelength of least energy")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from morphofold.report.plots.line_plots import BLACK, GREY, legend_of_figure, line_style, new_figure, set_limits
+from morphofold.report.plots.line_plots import BLACK, GREY, legend_of_figure, line_style, new_figure
 from morphofold.studies.folds.statistics import BY_THICKNESS
 from morphofold.studies.markdown import Row
 
@@ -33,7 +33,7 @@ def thickness_figure(folds: Sequence[Row], slopes: Sequence[Row], summary: dict[
         for ax, law in zip(axes[0], laws):
             mine = [row for row in lines if row["law"] == law]
             _draw(ax, [row for row in folds if row["law"] == law], mine, growths, right)
-            set_limits(ax, (0, right), (0, 1.1 * highest), f"{law} growth, {level}")
+            ax.set(xlim=(0, right), ylim=(0, 1.1 * highest), title=f"{law} growth, {level}")
             ax.set(xlabel="thickness of the cortex before growth  $T$, mm")
         axes[0][0].set(ylabel="wavelength of the folds, mm")
         entries: dict[str, Any] = {

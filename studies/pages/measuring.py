@@ -25,7 +25,7 @@ from morphofold.quantities import Quantity, quantity
 from morphofold.report.pictures.gyral_net import net_figure, net_row, paint_lines, shaded
 from morphofold.report.pictures.sheet import Picture, halved, png_bytes
 from morphofold.report.pictures.surfaces import Row, figure
-from morphofold.report.plots.line_plots import legend_of_figure, line_style, new_figure, save, set_limits
+from morphofold.report.plots.line_plots import legend_of_figure, line_style, new_figure, save
 from morphofold.studies.markdown import cells, number, renewed, table, write_texts
 from morphofold.studies.pages.section_plot import section_figure
 from morphofold.surface import Surface
@@ -131,7 +131,7 @@ def sensitivity_figure(hinges: dict[str, list[dict[str, Any]]]) -> Figure:
                 mine = sorted([rows[0], *(r for r in rows if r["length"] == length)], key=lambda row: row["factor"])
                 ax.plot([r["factor"] for r in mine], [r["n_hinges"] for r in mine], **entries[length])
             factors = sorted({row["factor"] for row in rows})
-            set_limits(ax, (0.9 * factors[0], 1.1 * factors[-1]), ax.get_ylim(), name)
+            ax.set(xlim=(0.9 * factors[0], 1.1 * factors[-1]), ylim=ax.get_ylim(), title=name)
             ax.set(xscale="log", xlabel="length over the length in use")
             ax.set_xticks(factors, [f"{f:g}" for f in factors])
             ax.minorticks_off()

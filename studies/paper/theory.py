@@ -13,7 +13,7 @@ import numpy as np
 
 from morphofold import analysis
 from morphofold.errors import DoesNotApply
-from morphofold.report.plots.line_plots import BLACK, legend_below, line_style, new_figure, save, set_limits
+from morphofold.report.plots.line_plots import BLACK, legend_below, line_style, new_figure, save
 from morphofold.report.plots.theory_plots import GROWTH_LAWS, draw_critical, draw_radius, draw_stress
 from morphofold.sim import theory
 from morphofold.sim.run import Simulation
@@ -58,10 +58,10 @@ def fig3(elements: tuple[Sequence[Row], Sequence[Row]] = ((), ())) -> Figure:
     with new_figure(9.2, 5.0, 1, 2) as (figure, ((left, right),)):
         draw_radius(left, radius)
         _draw_radii(left, elements[0])
-        set_limits(left, (1, 2), (1, 1.3), "(a)  $T$ = 2 mm, $C$ = 50 mm, isotropic growth")
+        left.set(xlim=(1, 2), ylim=(1, 1.3), title="(a)  $T$ = 2 mm, $C$ = 50 mm, isotropic growth")
         draw_stress(right, stress)
         _draw_stresses(right, elements[1])
-        set_limits(right, (0, 1), (-14, 0), "(b)  $g$ = 2, $C$ = 50 mm, isotropic growth")
+        right.set(xlim=(0, 1), ylim=(-14, 0), title="(b)  $g$ = 2, $C$ = 50 mm, isotropic growth")
         legend_below(left)
         legend_below(right)
     return figure
@@ -201,7 +201,7 @@ def fig4() -> Figure:
     """
     with new_figure(7.6, 4.6, 1, 1) as (figure, ((ax,),)):
         draw_critical(ax, fig4_rows(), GROWTH_LAWS)
-        set_limits(ax, (1, 1.3), (1, 3), "")
+        ax.set(xlim=(1, 1.3), ylim=(1, 3))
         legend_below(ax)
     return figure
 

@@ -30,6 +30,7 @@ STYLE = {
     "font.size": 11,
     "axes.labelsize": 11,
     "axes.titlesize": 11,
+    "axes.titlelocation": "left",
     "legend.fontsize": 10,
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -73,11 +74,6 @@ def line_style(index: int) -> dict[str, Any]:
     return {"color": CATEGORICAL_COLOURS[index % 6], "linestyle": DASHES[(index + index // 6) % 6]}
 
 
-def set_limits(ax: Axes, x: tuple[float, float], y: tuple[float, float], title: str) -> None:
-    ax.set(xlim=x, ylim=y)
-    ax.set_title(title, loc="left")
-
-
 def around(values: Sequence[float], low: float, high: float, step: float) -> tuple[float, float]:
     """Limits low to high, extended by whole steps where finite values lie beyond."""
     finite = np.array([v for v in values if np.isfinite(v)] or [low])
@@ -96,14 +92,13 @@ def round_step(size: float) -> float:
 
 def ticks(low: float, high: float, about: int = 5) -> list[float]:
     """About ``about`` round numbers from low to high, in steps of 1, 2 or 5 times a power of ten."""
-    raw = (high - low) / max(about, 1)
-    if not raw > 0:
+    least = (high - low) / about
+    if not least > 0:
         return [low]
-    power = 10.0 ** np.floor(np.log10(raw))
-    step = next(power * m for m in (1, 2, 5, 10) if power * m >= raw * 0.999)
-    first = int(np.ceil(low / step - 1e-9))
-    last = int(np.floor(high / step + 1e-9))
-    return [float(f"{k * step:.12g}") for k in range(first, last + 1)]
+    decade = 10.0 ** np.floor(np.log10(least))
+    step = min(decade * k for k in (1, 2, 5, 10) if decade * k >= 0.999 * least)
+    first, last = np.ceil(low / step - 1e-9), np.floor(high / step + 1e-9)
+    return [float(f"{k * step:.12g}") for k in np.arange(first, last + 1)]
 
 
 def legend_below(ax: Axes) -> None:

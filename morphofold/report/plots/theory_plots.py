@@ -22,10 +22,9 @@ from morphofold.report.plots.line_plots import (
     line_style,
     new_figure,
     round_step,
-    set_limits,
 )
 from morphofold.sim import theory
-from morphofold.sim.theory_tables import G_MAX, Case, Row, bifurcation_cases, critical_rows, radius_rows, stress_rows
+from morphofold.sim.theory_tables import G_MAX, Case, Row, critical_rows, radius_rows, stress_rows
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -51,7 +50,7 @@ MOST_DOTS = 40
 
 
 def radius_figure(
-    growth: Sequence[float] = (1.0, 2.0),
+    growth: Sequence[float],
     thickness: float = 2.0,
     radius: float = 50.0,
     laws: Sequence[str] = ("isotropic",),
@@ -62,7 +61,8 @@ def radius_figure(
     rows, dots = (radius_rows(g, thickness, radius, laws, **options) for g in (np.linspace(*ends, 201), growth))
     with _sphere_figure(6.4, 4.4, radius=radius, **options) as (figure, ((ax,),)):
         draw_radius(ax, rows)
-        set_limits(ax, ends, around([row["c_over_B"] for row in rows], 1, 1.3, 0.1), f"$T$ = {thickness:g} mm")
+        limits = around([row["c_over_B"] for row in rows], 1, 1.3, 0.1)
+        ax.set(xlim=ends, ylim=limits, title=f"$T$ = {thickness:g} mm")
         _draw_dots(ax, dots, "growth", "c_over_B")
         legend_below(ax)
     return figure
@@ -83,12 +83,12 @@ def stress_figure(
     with _sphere_figure(*_size(laws), radius=radius, **options) as (figure, ((*axes,),)):
         for ax, law in zip(axes, laws):
             draw_stress(ax, [row for row in rows if row["law"] == law])
-            set_limits(ax, (0, 1), limits, f"{law} growth, $g$ = {growth:g}")
+            ax.set(xlim=(0, 1), ylim=limits, title=f"{law} growth, $g$ = {growth:g}")
             legend_below(ax)
     return figure
 
 
-def critical_figure(C_bar: Sequence[float] = (1.3,), laws: Sequence[str] = GROWTH_LAWS, **options: Any) -> Figure:
+def critical_figure(C_bar: Sequence[float], laws: Sequence[str] = GROWTH_LAWS, **options: Any) -> Figure:
     """Critical growth against C/B, as in Fig. 4, with Biot's as thin lines; options as for :func:`critical_rows`.
 
     Dots mark the ratios ``C_bar``.
@@ -98,19 +98,17 @@ def critical_figure(C_bar: Sequence[float] = (1.3,), laws: Sequence[str] = GROWT
     with _sphere_figure(7.6, 4.8, **options) as (figure, ((ax,),)):
         draw_critical(ax, rows, laws, biot=True, limits=options.get("g_core", 1.0) == 1)
         least = np.nanmin([row["g_crease"] for row in rows] + [np.inf])
-        set_limits(ax, (1, right), around([least, 1.5 * least], 1, 3, 0.5), "")
+        ax.set(xlim=(1, right), ylim=around([least, 1.5 * least], 1, 3, 0.5))
         _draw_dots(ax, dots, "C_over_B", "g_crease")
         legend_below(ax)
     return figure
 
 
-def bifurcation_curves(cases: Sequence[Case] | None = None) -> Figure:
+def bifurcation_curves(cases: Sequence[Case]) -> Figure:
     """Critical growth of every degree l: a panel per law and mu ratio, a curve per thickness, a mark at the minimum.
 
-    Thin horizontal lines of the same style are the crease criterion, at the same kappa_ratio. Default ``cases``:
-    those of the paper, T = 1, 2, 3 mm, C = 50 mm, mu ratio 1, 2 and 4.
+    Thin horizontal lines of the same style are the crease criterion, at the same kappa_ratio.
     """
-    cases = bifurcation_cases() if cases is None else cases
     laws, ratios, thicknesses = _distinct_parameters(cases)
     last = max(float(case.bifurcation.curve.degree[-1]) for case in cases)
     critical = [g for b in (case.bifurcation for case in cases) for g in (b.g_crit, b.g_crease, b.short_wave)]
@@ -118,15 +116,15 @@ def bifurcation_curves(cases: Sequence[Case] | None = None) -> Figure:
     size = (4.7 * len(laws) + 0.4, 2.9 * len(ratios) + 1.0)
     with _sphere_figure(*size, len(ratios), len(laws), **_sphere_of(cases)) as (figure, axes):
         for (k, column), ax in np.ndenumerate(axes):
-            here = [case for case in cases if (case.law, case.mu_ratio) == (laws[column], ratios[k])]
-            set_limits(ax, (1, max(last, 10)), top, f"{laws[column]} growth, {MU_RATIO_LABEL.format(ratios[k])}")
-            for case in here:
+            shown = [case for case in cases if (case.law, case.mu_ratio) == (laws[column], ratios[k])]
+            title = f"{laws[column]} growth, {MU_RATIO_LABEL.format(ratios[k])}"
+            ax.set(xscale="log", xlim=(1, max(last, 10)), ylim=top, title=title)
+            ax.set(xlabel="degree of the spherical harmonic  $l$", ylabel=CRITICAL_LABEL)
+            for case in shown:
                 _draw_degree_curve(ax, line_style(thicknesses.index(case.thickness)), case.bifurcation)
-            _note_missing_wrinkles(ax, here)
-            ax.set_xscale("log")
+            _note_missing_wrinkles(ax, shown)
             ax.xaxis.set_major_formatter("{x:g}")
-            ax.set(xlabel="degree of the spherical harmonic  $l$" if k == len(ratios) - 1 else "")
-            ax.set(ylabel=CRITICAL_LABEL if column == 0 else "")
+            ax.label_outer()
         entries: dict[str, Any] = {
             **{f"$T/C$ = {T / cases[0].radius:.3g}": line_style(i) for i, T in enumerate(thicknesses)},
             "first wrinkles": {**MARK_STYLE, "marker": "o"},
@@ -136,14 +134,12 @@ def bifurcation_curves(cases: Sequence[Case] | None = None) -> Figure:
     return figure
 
 
-def crease_or_wrinkle(cases: Sequence[Case] | None = None) -> Figure:
+def crease_or_wrinkle(cases: Sequence[Case]) -> Figure:
     """Critical growth of wrinkles and of creases against T/C, a panel per law; the lower one comes first.
 
     The crease criterion is the black line, Eqs. (12) and (13), if incompressible. Otherwise it depends on the mu ratio
-    and is a thin line of the same style. Triangles: the shortest waves come first. Default ``cases``: T/C from 0.01 to
-    0.2, mu ratio 1, 2 and 4.
+    and is a thin line of the same style. Triangles: the shortest waves come first.
     """
-    cases = bifurcation_cases(np.linspace(0.5, 10, 20)) if cases is None else cases
     laws, ratios, thicknesses = _distinct_parameters(cases)
     right = max(0.2, float(np.ceil(max(thicknesses) / cases[0].radius * 20 - 1e-9) / 20))
     top = around([case.bifurcation.g_crit for case in cases], 1, 1.8, 0.2)
@@ -152,17 +148,18 @@ def crease_or_wrinkle(cases: Sequence[Case] | None = None) -> Figure:
     thick, incompressible = {"color": BLACK, "linewidth": 2.4}, bool(np.isinf(cases[0].kappa_ratio))
     with _sphere_figure(*_size(laws), **_sphere_of(cases)) as (figure, ((*axes,),)):
         for ax, law in zip(axes, laws):
-            here = [case for case in cases if case.law == law]
+            shown = [case for case in cases if case.law == law]
             if incompressible:
                 T = np.linspace(1e-6, right, 801)
                 ax.plot(T, theory.critical_growth(1 / (1 - T), law), **thick)
             for mu_ratio, style in styles.items():
-                mine = [case for case in here if case.mu_ratio == mu_ratio]
+                mine = [case for case in shown if case.mu_ratio == mu_ratio]
                 _draw_wrinkles_by_thickness(ax, mine, style, creases=not incompressible)
-            set_limits(ax, (0, right), top, f"{law} growth")
-            _note_missing_wrinkles(ax, here)
-            ax.set(xlabel="thickness of the cortex  $T/C$", ylabel=CRITICAL_LABEL if law == laws[0] else "")
+            ax.set(xlim=(0, right), ylim=top, title=f"{law} growth")
+            ax.set(xlabel="thickness of the cortex  $T/C$", ylabel=CRITICAL_LABEL)
+            _note_missing_wrinkles(ax, shown)
             ax.locator_params(axis="x", nbins=5)
+            ax.label_outer()
         wrinkles = {f"wrinkles (theory), {MU_RATIO_LABEL.format(mu)}": style for mu, style in styles.items()}
         entries: dict[str, Any] = (
             {"creases (theory), Eqs. (12) and (13)": thick, **wrinkles}
