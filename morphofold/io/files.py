@@ -132,8 +132,7 @@ def decoding(path: Path, what: str, advice: str = "Copy it again from its source
     """Turn any error that a file library raises on a damaged file into one clear ``DamagedFile``; keep ``WrongFile``
     and ``NotFetched``, and ``MemoryError``: the file may be good."""
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # notes on optional parts of the format
+        with warnings.catch_warnings(action="ignore"):  # notes on optional parts of the format
             yield
     except NotFetched:  # of a file that this one names
         raise

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import html
+import io
 import os
 import re
 from collections.abc import Iterable, Mapping
@@ -79,11 +80,15 @@ def read_mask(raw: bytes, path: Path) -> NDArray[np.bool_]:
 
 def _read(raw: bytes, path: Path) -> Any:
     """The image of a file, by nibabel; each of its arrays has numbers."""
-    from nibabel.gifti import GiftiImage
+    from nibabel.gifti.parse_gifti_fast import GiftiImageParser
 
     for name in _EXTERNAL_NAME.findall(raw):  # in a file beside it, where SPM and CAT12 keep arrays
         existing_file(path.with_name(html.unescape(name.decode())), "file of arrays")
-    image = GiftiImage.from_file_map(GiftiImage.make_file_map({"image": os.fspath(path)}), mmap=False)
+    file = io.BytesIO(raw)
+    file.name = os.fspath(path)  # where nibabel looks for arrays in files beside it
+    parser = GiftiImageParser(mmap=False)
+    parser.parse(fptr=file)
+    image = parser.img
     values = [array.data for array in image.darrays]
     if any(x is None or not x.size or x.dtype.kind not in "fiu" for x in values):
         raise DamagedFile("it has an array without numbers")

@@ -203,7 +203,7 @@ def test_full_disk(holds, tmp_path):
     "two runs, and a writer, into one folder at once",
     peers=NO_RESTART,
     guard="a lock",
-    without=lambda patch: patch.setattr("filelock.FileLock.acquire", lambda lock, timeout: None),
+    without=lambda patch: patch.setattr("filelock.FileLock.acquire", lambda lock: None),
 )
 def test_two_runs(holds, tmp_path):
     with folders.alone(tmp_path / "run"):
