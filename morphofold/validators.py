@@ -23,22 +23,22 @@ _HOW_TO_GET = {
 }
 
 
-def check_kind(value: Any, kinds: type | tuple[type, ...], argument: str) -> None:
+def check_kind(value: Any, kinds: type | tuple[type, ...], label: str) -> None:
     """Raise ``TypeError``, which explains how to make one, unless ``value`` is of one of the kinds."""
     if isinstance(value, kinds):
         return
     names = [kind.__name__ for kind in (kinds if isinstance(kinds, tuple) else (kinds,))]
     got = f"{type(value).__name__}{_value_excerpt(value)}"
-    raise TypeError(f"{argument} must be of class {' or '.join(names)}, not {got}. {_HOW_TO_GET.get(names[0], '')}")
+    raise TypeError(f"{label} must be of class {' or '.join(names)}, not {got}. {_HOW_TO_GET.get(names[0], '')}")
 
 
 def check_arrays(verts: Any, faces: Any, name: str = "surface") -> None:
     """Raise ``TypeError`` unless vertices and triangles are arrays of numbers."""
-    for argument, values in (("verts", verts), ("faces", faces)):
+    for label, values in (("verts", verts), ("faces", faces)):
         if not isinstance(values, np.ndarray) or values.dtype.kind not in "fiu":
             of = f" of {values.dtype}" if isinstance(values, np.ndarray) else _value_excerpt(values)
             raise TypeError(
-                f"{name}: {argument} must be an array of numbers, not {type(values).__name__}{of}. For a Surface pass "
+                f"{name}: {label} must be an array of numbers, not {type(values).__name__}{of}. For a Surface pass "
                 "surface.verts and surface.faces; read_surface(path) makes one from a file."
             )
 
@@ -47,39 +47,35 @@ def _value_excerpt(value: Any) -> str:
     return f" {str(value)[:60]!r}" if isinstance(value, str | Path) else ""
 
 
-def one_of(value: Any, names: Collection[str], argument: str) -> None:
+def one_of(value: Any, names: Collection[str], label: str) -> None:
     """Raise ``UnknownName`` unless a value is one of the names."""
     if value not in names:
-        raise UnknownName(f"{argument} must be one of {', '.join(names)}; got {value!r}.")
+        raise UnknownName(f"{label} must be one of {', '.join(names)}; got {value!r}.")
 
 
-def finite(values: np.ndarray, argument: str, advice: str, *, nan: bool = False) -> None:
+def finite(values: np.ndarray, label: str, advice: str, *, nan: bool = False) -> None:
     """Raise ``NotFinite``, with the first vertex, unless all values (N, ...) are finite, or NaN if ``nan``."""
     wrong = np.isinf(values) if nan else ~np.isfinite(values)
     rows = np.flatnonzero(wrong.reshape(len(wrong), -1).any(axis=1))
     if rows.size:
         kind, first = "infinite" if nan else "not finite", np.asarray(values)[rows[0]].tolist()
         raise NotFinite(
-            f"{argument}: {rows.size} of {len(wrong)} are {kind}; the first is of vertex {rows[0]}: {first}. {advice}"
+            f"{label}: {rows.size} of {len(wrong)} are {kind}; the first is of vertex {rows[0]}: {first}. {advice}"
         )
 
 
 def same_length(
-    values: Any,
-    n: int,
-    argument: str,
-    advice: str = "It belongs to another surface.",
-    error: type[Refusal] = WrongShape,
+    values: Any, n: int, label: str, advice: str = "It belongs to another surface.", error: type[Refusal] = WrongShape
 ) -> None:
     """Raise an error unless there is one value for each of ``n`` vertices."""
     if np.shape(values) != (n,):
-        raise error(f"{argument} has shape {np.shape(values)}, but there are {n} vertices. {advice}")
+        raise error(f"{label} has shape {np.shape(values)}, but there are {n} vertices. {advice}")
 
 
-def labels_within(labels: np.ndarray, count: int, argument: str) -> None:
+def labels_within(labels: np.ndarray, count: int, file: str) -> None:
     """Raise ``OutOfRange`` unless labels are -1 to ``count`` - 1."""
     if labels.min(initial=0) < -1 or labels.max(initial=-1) >= count:
-        raise OutOfRange(f"{argument}: labels are {labels.min()}..{labels.max()}, allowed -1..{count - 1}.")
+        raise OutOfRange(f"{file}: labels are {labels.min()}..{labels.max()}, allowed -1..{count - 1}.")
 
 
 def check_mesh(verts: np.ndarray, faces: np.ndarray, name: str = "surface") -> None:
@@ -102,11 +98,11 @@ def check_mesh(verts: np.ndarray, faces: np.ndarray, name: str = "surface") -> N
 def check_indexed(verts: np.ndarray, faces: np.ndarray, name: str) -> None:
     """As ``check_mesh``, but faces may contain a vertex twice."""
     check_arrays(verts, faces, name)
-    for argument, values, n in (("verts", verts, "N"), ("faces", faces, "M")):
+    for label, values, n in (("verts", verts, "N"), ("faces", faces, "M")):
         if values.ndim != 2 or values.shape[1] != 3 or len(values) == 0:
             raise WrongShape(
-                f"{name}: {argument} must have shape ({n}, 3) with {n} > 0, got {values.shape}. "
-                f"If the array holds one of them per column, pass {argument}.T."
+                f"{name}: {label} must have shape ({n}, 3) with {n} > 0, got {values.shape}. "
+                f"If the array holds one of them per column, pass {label}.T."
             )
     if not np.issubdtype(faces.dtype, np.integer):
         raise TypeError(f"{name}: faces must be integers, got dtype {faces.dtype}.")
