@@ -81,7 +81,7 @@ def work_here(monkeypatch, measure=quick_measure):
     def open_fleet(**options):
         yield HereFleet()
 
-    monkeypatch.setattr("morphofold.cli.workers.open_fleet", open_fleet)
+    monkeypatch.setattr("morphofold.cohort.fleet.open_fleet", open_fleet)
     monkeypatch.setattr("morphofold.analysis.measuring.measure", measure)
 
 

@@ -129,7 +129,7 @@ def test_a_cohort_is_measured_with_one_scale_and_one_width(tmp_path, monkeypatch
     def open_fleet(**options):
         yield HereFleet()
 
-    monkeypatch.setattr("morphofold.cli.workers.open_fleet", open_fleet)
+    monkeypatch.setattr("morphofold.cohort.fleet.open_fleet", open_fleet)
     monkeypatch.setattr("morphofold.analysis.measuring.measure", quick_measure)
     monkeypatch.setattr(scales, "look", lambda one: {"a": [(12.0, 20.0)], "b": [(14.0, 24.0)]}[one.name])
     for name, level in (("a", 3), ("b", 2)):
