@@ -138,7 +138,7 @@ def test_a_run_that_is_not_healthy_is_marked_and_a_small_spread_is_no_spread_of_
     assert {at for at, words in cells.items() if "*" in words} == {(1, 0)}
     assert cells[1, 0].splitlines()[0] == "1.30*"
     close = tuple(replace(run, measures={GI.key: 1.5 + 0.002 * run.point.seed}) for run in phases.runs)
-    assert cell(replace(phases, runs=close), (0, 0), GI.key).words == ["1.50", "± 0.001"]  # 0.002 / sqrt 2
+    assert cell(replace(phases, runs=close), (0, 0), GI.key).lines == ["1.50", "± 0.001"]  # 0.002 / sqrt 2
 
 
 def contrast(one, other):

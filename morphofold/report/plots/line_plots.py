@@ -97,8 +97,8 @@ def ticks(low: float, high: float, about: int = 5) -> list[float]:
         return [low]
     decade = 10.0 ** np.floor(np.log10(least))
     step = min(decade * k for k in (1, 2, 5, 10) if decade * k >= 0.999 * least)
-    first, last = np.ceil(low / step - 1e-9), np.floor(high / step + 1e-9)
-    return [float(f"{k * step:.12g}") for k in np.arange(first, last + 1)]
+    first, last = int(np.ceil(low / step - 1e-9)), int(np.floor(high / step + 1e-9))
+    return [float(f"{k * step:.12g}") for k in range(first, last + 1)]
 
 
 def legend_below(ax: Axes) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
-from numpy.typing import NDArray
 
 from morphofold.arrays import Array
 from morphofold.cohort.grid import Axis
@@ -37,10 +37,10 @@ from morphofold.surface import Surface
 from morphofold.words import number
 
 THUMBNAIL_PX = 380
+HATCHED: dict[str, Any] = {"fill": False, "hatch": "////", "edgecolor": "#8a8a86", "linewidth": 0}
+CELL_TEXT: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 9.5, "zorder": 5}
 BOUNDARY = "final growth = theory's critical growth"
 GridIndex = tuple[int, ...]
-
-
 WAVELENGTH_KEY = "wavelength_mm"
 ROUND_OFF = 1e-3  # of the measures shown, in their units
 #: the measures of the diagrams; the first limit is the lower end of their colours and axes
@@ -54,30 +54,31 @@ AREA_RATIO = Quantity(AREA_OVER_FLAT, "Pial / flat area", limits=(1.0, math.inf)
 
 @dataclass(frozen=True)
 class Cell:
-    """A measure at one point: mean and sample standard deviation over the ``n`` of ``runs`` seeds that have it, NaN
-    if there is none, and the number of failed runs and of runs that are not healthy."""
+    """A measure at one point: its values over the seeds that have it, the numbers of runs and of failed runs, and
+    whether a run is not healthy."""
 
-    mean: float
-    sd: float
-    n: int
+    values: list[float]
     runs: int
     failed: int
-    unhealthy: int = 0
+    unhealthy: bool
 
     @property
-    def words(self) -> list[str]:
-        """The text of the cell, at most three short lines."""
-        if self.n == 0:
+    def mean(self) -> float:
+        """NaN if no run has the measure."""
+        return float(np.mean(self.values)) if self.values else math.nan
+
+    @property
+    def lines(self) -> list[str]:
+        """The text of the cell, at most three short lines: mean, sample standard deviation, how many runs have it."""
+        if not self.values:
             return ["failed" if self.failed == self.runs else "–"]
-        mean = number(float(f"{self.mean:.3g}"))  # so that 0.99999 and 1.00001 are both 1.00
-        lines = [mean + "*" * bool(self.unhealthy)]
-        if self.n > 1:
-            places = len(mean.partition(".")[2])  # as many decimals as the mean
-            sd = f"{self.sd:.{places}f}"
-            lines.append(f"± {number(self.sd, 1) if self.sd > ROUND_OFF and not float(sd) else sd}")
-        if self.n < self.runs:
-            lines.append(f"({self.n} of {self.runs})")
-        return lines
+        mean, n = number(float(f"{self.mean:.3g}")), len(self.values)  # so that 0.99999 and 1.00001 are both 1.00
+        lines = [mean + "*" * self.unhealthy]
+        if n > 1:
+            sd, decimals = float(np.std(self.values, ddof=1)), len(mean.partition(".")[2])  # as many as the mean
+            text = f"{sd:.{decimals}f}"
+            lines.append(f"± {number(sd, 1) if sd > ROUND_OFF and not float(text) else text}")
+        return lines if n == self.runs else [*lines, f"({n} of {self.runs})"]
 
 
 def shown_of(phases: Phases) -> tuple[Quantity, ...]:
@@ -100,11 +101,8 @@ def values_of(runs: Iterable[RunResult], key: str) -> list[float]:
 def cell(phases: Phases, at: GridIndex, key: str) -> Cell:
     """A measure over the seeds of one point."""
     runs = phases.at[at]
-    values = values_of(runs, key)
-    mean = float(np.mean(values)) if values else math.nan
-    sd = float(np.std(values, ddof=1)) if len(values) > 1 else math.nan
-    failed, unhealthy = sum(bool(run.reason) for run in runs), sum(bool(run.warnings) for run in runs)
-    return Cell(mean, sd, len(values), len(runs), failed, unhealthy)
+    failed = sum(bool(run.reason) for run in runs)
+    return Cell(values_of(runs, key), len(runs), failed, any(run.warnings for run in runs))
 
 
 def limits_of(phases: Phases, shown: Quantity) -> tuple[float, float]:
@@ -133,22 +131,25 @@ def diagram(phases: Phases, shown: Quantity, others: GridIndex = ()) -> Figure:
     The dashed line is where final growth equals theory's critical growth, interpolated linearly between numbers. Words
     have no order, so there is no line between them.
     """
-    across, up = phases.grid.axes[:2]
-    shape, limits = (len(across.values), len(up.values)), limits_of(phases, shown)
-    cells = {(i, j): cell(phases, (i, j, *others), shown.key) for i, j in np.ndindex(shape)}
-    means = np.reshape([one.mean for one in cells.values()], shape).T
+    shape, limits = [len(axis.values) for axis in phases.grid.axes[:2]], limits_of(phases, shown)
+    cells = {at: cell(phases, (*at, *others), shown.key) for at in np.ndindex(*shape)}
+    means = np.reshape([each.mean for each in cells.values()], shape).T
     rgb = colours.apply(means, limits, signed=False)
     size = (max(4.8, 1.15 * shape[0] + 2.2), max(3.4, 0.95 * shape[1] + 1.4))
     with new_figure(*size, style=NO_FORMULAS) as (figure, ((ax,),)):
         ax.grid(False)
         ax.imshow(rgb, origin="lower", aspect="auto", interpolation="nearest")
-        for (i, j), one in cells.items():
-            _write_cell(ax, (i, j), [*one.words, *_theory_text(phases, (i, j, *others), shown)], rgb[j, i], one)
+        for (i, j), each in cells.items():
+            if each.failed:
+                ax.add_patch(Rectangle((i - 0.5, j - 0.5), 1, 1, **HATCHED))
+            lines = [*each.lines, *_theory_text(phases, (i, j, *others), shown)]
+            box = {"facecolor": rgb[j, i] / 255, "edgecolor": "none", "pad": 1.5}  # above hatches and line of theory
+            ax.text(i, j, "\n".join(lines), color=colours.ink(rgb[j, i]), bbox=box, **CELL_TEXT)
         if _draw_boundary(ax, phases, others):
             legend_of_figure(figure, {BOUNDARY: {"color": BLACK, "linestyle": "--"}}, ax, columns=1)
         _name_axes(ax, phases)
         fixed = fixed_parameters_text(phases, others)
-        ax.set_title(shown.label + (f" at {fixed}" if fixed else ""), loc="left")
+        ax.set(title=shown.label + (f" at {fixed}" if fixed else ""))
         if np.isfinite(means).any():
             colour_bar(figure, shown.title, limits, ax=ax, pad=0.02)
     return figure
@@ -188,15 +189,6 @@ def thumbnails(phases: Phases, surfaces: Mapping[GridIndex, Surface | str], view
     return figure
 
 
-def _write_cell(ax: Axes, at: tuple[int, int], lines: list[str], rgb: NDArray[np.uint8], one: Cell) -> None:
-    if one.failed:
-        corner = (at[0] - 0.5, at[1] - 0.5)
-        ax.add_patch(Rectangle(corner, 1, 1, fill=False, hatch="////", edgecolor="#8a8a86", linewidth=0))
-    box = {"facecolor": rgb / 255, "edgecolor": "none", "pad": 1.5}  # above hatches and the line of theory
-    style: dict[str, Any] = {"fontsize": 9.5, "color": colours.ink(rgb), "bbox": box, "zorder": 5}
-    ax.text(*at, "\n".join(lines), ha="center", va="center", **style)
-
-
 def _theory_text(phases: Phases, at: GridIndex, shown: Quantity) -> list[str]:
     """Theory's line in a cell: its wavelength below the measured one, its critical growth below gyrification."""
     theory = phases.theory[at]
@@ -207,24 +199,18 @@ def _theory_text(phases: Phases, at: GridIndex, shown: Quantity) -> list[str]:
 
 def _draw_boundary(ax: Axes, phases: Phases, others: GridIndex) -> bool:
     """Draw the line between folded and smooth, if it lies inside; one piece per word if an axis has words."""
-    first, second = phases.grid.axes[:2]
-    across, up = len(first.values), len(second.values)
-    above = np.array([[growth_past_critical(phases, (i, j, *others)) for i in range(across)] for j in range(up)])
-    x, y = (np.array([-0.5, *range(count), count - 0.5]) for count in (across, up))
-    around = lambda k: np.array([k - 0.5, k, k + 0.5])
-    pieces = []  # (x, y, values there), one line each
-    if first.numeric and second.numeric and min(across, up) > 1:
-        pieces = [(x, y, above)]
-    elif second.numeric and up > 1:
-        pieces = [(around(i), y, above[:, i : i + 1]) for i in range(across)]
-    elif first.numeric:
-        pieces = [(x, around(j), above[j : j + 1]) for j in range(up)]
-    pieces = [piece for piece in pieces if (piece[2] < 0).any() and (piece[2] > 0).any()]
-    for x, y, values in pieces:
-        to_the_rim = np.ma.masked_invalid(np.pad(values, 1, mode="edge"))
-        for colour, width in (("white", 4.0), (BLACK, 1.9)):
-            ax.contour(x, y, to_the_rim, levels=[0.0], colors=[colour], linewidths=width, linestyles="--")
-    return bool(pieces)
+    counts = [(axis.numeric, len(axis.values)) for axis in phases.grid.axes[:2]]
+    joined = ([range(n)] if numeric else [range(k, k + 1) for k in range(n)] for numeric, n in counts)
+    drawn = False
+    for columns, rows in product(*joined):
+        above = np.array([[growth_past_critical(phases, (i, j, *others)) for i in columns] for j in rows])
+        if (above < 0).any() and (above > 0).any():
+            x, y = (np.array([span[0] - 0.5, *span, span[-1] + 0.5]) for span in (columns, rows))
+            to_the_rim = np.ma.masked_invalid(np.pad(above, 1, mode="edge"))
+            for colour, width in (("white", 4.0), (BLACK, 1.9)):
+                ax.contour(x, y, to_the_rim, levels=[0.0], colors=[colour], linewidths=width, linestyles="--")
+            drawn = True
+    return drawn
 
 
 # curves ------------------------------------------------------------------------------------------------------
@@ -235,31 +221,30 @@ def curve(phases: Phases, shown: Quantity) -> Figure:
 
     Words have no order, so nothing is joined: means and theory are horizontal marks.
     """
-    (axis,) = phases.grid.axes
+    (axis,), several = phases.grid.axes, len(phases.grid.seeds) > 1
     x = np.array(axis.values, dtype=np.float64) if axis.numeric else np.arange(float(len(axis.values)))
     order, (least, top) = np.argsort(x, kind="stable"), limits_of(phases, shown)
     marks: dict[str, Any] = {"linestyle": "", "marker": "_", "markersize": 26}
+    mean_style, theory_style = ({}, {"linestyle": "--", "marker": "."}) if axis.numeric else (marks, marks)
     with new_figure(6.2, 3.9, style=NO_FORMULAS) as (figure, ((ax,),)):
         for i, at in enumerate(x):
             _draw_seeds(ax, at, phases.at[i,], shown)
-        means = np.array([cell(phases, (i,), shown.key).mean for i in order])
-        several = len(phases.grid.seeds) > 1
+        means = [cell(phases, (i,), shown.key).mean for i in order]
         if np.isfinite(means).any() and (axis.numeric or several):
-            style = {"color": CATEGORICAL_COLOURS[0], "label": "mean over seeds" if several else "measured"}
-            ax.plot(x[order], means, **style, **({} if axis.numeric else marks))
-        theory = np.array([phases.theory[i,].wavelength for i in order])
+            label = "mean over seeds" if several else "measured"
+            ax.plot(x[order], means, color=CATEGORICAL_COLOURS[0], label=label, **mean_style)
+        theory = [phases.theory[i,].wavelength for i in order]
         if shown.key == WAVELENGTH_KEY and np.isfinite(theory).any():
-            dashed = {"linestyle": "--", "marker": "."} if axis.numeric else marks
-            ax.plot(x[order], theory, color=BLACK, label="theory, first wrinkles", **dashed)
+            ax.plot(x[order], theory, color=BLACK, label="theory, first wrinkles", **theory_style)
             top = max(top, 1.08 * float(np.nanmax(theory)))
-        above = np.array([growth_past_critical(phases, (i,)) for i in order])
-        for k, place in enumerate(crossings(x[order], above) if axis.numeric else []):
-            ax.axvline(place, color=GREY, linestyle=":", label=None if k else BOUNDARY)
-        ax.set_ylim(least - 0.04 * (top - least), top + 0.04 * (top - least))
-        if not axis.numeric:
+        if axis.numeric:
+            above = np.array([growth_past_critical(phases, (i,)) for i in order])
+            for k, at in enumerate(crossings(x[order], above)):
+                ax.axvline(at, color=GREY, linestyle=":", label=None if k else BOUNDARY)
+        else:
             ax.set_xticks(x, [_shortened_word(word) for word in axis.words])
-        ax.set(xlabel=axis_title(phases, axis), ylabel=shown.title)
-        ax.set_title(shown.label, loc="left")
+        edge = 0.04 * (top - least)
+        ax.set(title=shown.label, xlabel=axis_title(phases, axis), ylabel=shown.title, ylim=(least - edge, top + edge))
         figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
 
