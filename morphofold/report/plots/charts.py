@@ -19,6 +19,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from morphofold.comparison.thickness import Cloud
+from morphofold.quantities import Quantity
 from morphofold.report.plots.line_plots import BLACK, GREY, NO_FORMULAS, blank_figure, ticks
 from morphofold.words import number
 
@@ -29,6 +30,7 @@ POINT: dict[str, Any] = {"gid": "point", "zorder": 3, "alpha": 0.72, "edgecolors
 HEMI_COLOURS = {"lh": "#1f5fa8", "rh": "#b3472b"}
 CHART_SIZE_PX = (430.0, 250.0)  # [px] of a chart, two side by side
 WIDE_CHART_SIZE_PX = (880.0, 430.0)
+BINS = 48
 #: added to the style of all plots for pages: text set by the browser, and lengths in pixels
 PAGE_STYLE = {"svg.fonttype": "none", "lines.scale_dashes": False, "lines.linewidth": 1.7, **NO_FORMULAS}
 NO_METADATA = dict.fromkeys(("Date", "Creator", "Format", "Type"))
@@ -123,10 +125,6 @@ def line_of(look: Look) -> dict[str, Any]:
     return {"color": look.colour, "linestyle": (0, dashes) if dashes else "-"}
 
 
-def titled(label: str, unit: str) -> str:
-    return f"{label} [{unit}]" if unit else label
-
-
 def limits_around(values: Sequence[float]) -> Limits:
     """Limits a little outside the least and greatest value."""
     low, high = min(values), max(values)
@@ -135,7 +133,7 @@ def limits_around(values: Sequence[float]) -> Limits:
 
 
 def histograms(
-    series: Sequence[tuple[Look, Values, Values]], label: str, unit: str, bins: int | Values = 48, counted: str = ""
+    series: Sequence[tuple[Look, Values, Values]], label: str, unit: str, edges: Values | None = None, counted: str = ""
 ) -> Markup | None:
     """Distributions in one chart, with the same bins: area-weighted, or counts.
 
@@ -145,8 +143,9 @@ def histograms(
         NaN values are left out; each distribution is normalised over all its measured area.
     label, unit : str
         Of the quantity; the vertical axis is share of area per unit.
-    bins : int or array
-        Number of equal bins between the least 0.5th and the greatest 99.5th percentile of any surface; or bin edges.
+    edges : array, optional
+        Of the bins; by default ``BINS`` equal ones between the least 0.5th and the greatest 99.5th percentile of any
+        surface.
     counted : str
         What is counted ("subjects"), to draw the number of values per bin instead.
 
@@ -157,31 +156,29 @@ def histograms(
     measured = [(look, v[m], w[m]) for look, v, w in series if (m := np.isfinite(v)).any() and w[m].sum() > 0]
     if not measured:
         return None
-    edges = _edges([values for _, values, _ in measured], bins) if isinstance(bins, int) else bins
-    heights = []
-    for _, values, weights in measured:
-        count = np.histogram(values, edges, weights=None if counted else weights)[0]
-        heights.append(count if counted else count / weights.sum() / np.diff(edges))
-    top = max(float(height.max()) for height in heights) or 1.0
+    edges = _edges([values for _, values, _ in measured]) if edges is None else edges
+    heights = [
+        np.histogram(v, edges)[0] if counted else np.histogram(v, edges, weights=w)[0] / w.sum() / np.diff(edges)
+        for _, v, w in measured
+    ]
     up = counted or (f"share of area per {unit}" if unit else "share of area")
-    limits = (float(edges[0]), float(edges[-1])), (0.0, 1.08 * top)
-    with new_chart(f"Distribution of {label}", titled(label, unit), up, *limits) as chart:
+    limits = (float(edges[0]), float(edges[-1])), (0.0, 1.08 * (float(np.max(heights)) or 1.0))
+    with new_chart(f"Distribution of {label}", Quantity("", label, unit).title, up, *limits) as chart:
         for (look, values, weights), height in zip(measured, heights):
             median = float(np.quantile(values, 0.5, weights=weights, method="inverted_cdf"))
-            line = line_of(look)["linestyle"]
-            text = chart.reads(f"{look.name}: median {number(median)} {unit}".strip())
-            fill: dict[str, Any] = {"fill": True, "facecolor": (look.colour, 0.12), "edgecolor": look.colour}
-            chart.ax.stairs(height, edges, **fill, linewidth=1.7, linestyle=line, gid="curve", url=text, clip_on=False)
+            line: dict[str, Any] = {"edgecolor": look.colour, "linestyle": line_of(look)["linestyle"], "linewidth": 1.7}
+            line["url"] = chart.reads(f"{look.name}: median {number(median)} {unit}".strip())
+            chart.ax.stairs(height, edges, fill=True, facecolor=(look.colour, 0.12), gid="curve", clip_on=False, **line)
             if edges[0] <= median <= edges[-1]:
-                chart.line([median], [0], "median", color=look.colour, marker=10, markersize=8)  # a caret
+                chart.line(median, 0, "median", color=look.colour, marker=10, markersize=8)  # a caret
         return chart.svg()
 
 
-def _edges(series: Sequence[Values], bins: int) -> Values:
+def _edges(series: Sequence[Values]) -> Values:
     ends = [np.percentile(values, [0.5, 99.5]) for values in series]
     low, high = float(np.min(ends)), float(np.max(ends))
     wide = max(0.02 * (high - low), 1e-6 * max(abs(low), abs(high))) or 0.5  # bins wider than round-off
-    return np.linspace(low - wide, high + wide, bins + 1)
+    return np.linspace(low - wide, high + wide, BINS + 1)
 
 
 def thickness_plot(
@@ -230,7 +227,7 @@ def _draw_cloud(chart: Chart, look: Look, cloud: Cloud) -> None:
     bar: dict[str, Any] = {"color": look.colour, "linewidth": 1.4, "alpha": 0.75}
     for p in cloud.bins:
         chart.line([p.cortical, p.cortical], [p.low, p.high], "bin", f"{look.name}, {p.label}", **bar)
-        chart.line([p.cortical], [p.gyral], "bin", f"{look.name}, {p.label}", **bar, marker="_", markersize=8)
+        chart.line(p.cortical, p.gyral, "bin", f"{look.name}, {p.label}", **bar, marker="_", markersize=8)
     if cloud.fit is not None:
         marks = [p.cortical for p in cloud.points or cloud.bins]
         ends = np.array([min(marks), max(marks)])
@@ -309,7 +306,7 @@ def growth_chart(
             chart.line(g, values, "theory", name, **THEORY)
             for x, y in zip(g.tolist(), values.tolist()):
                 text = f"{name}, g = {x:.2f}: {number(y)}"
-                chart.line([x], [y], "point", text, color=BLACK, marker="o", markersize=6)
+                chart.line(x, y, "point", text, color=BLACK, marker="o", markersize=6)
         return chart.svg()
 
 
@@ -329,18 +326,19 @@ def region_plot(
     -------
     svg : Markup, or None if fewer than two regions have both.
     """
-    triples = [(r["region"], *(r.get(f"{body}_{key}") for body in ("person", "grown", "smooth"))) for r in rows]
-    regions = [(name, x, y, before) for name, x, y, before in triples if x is not None and y is not None]
+    numbers = [(r["region"], *(r.get(f"{body}_{key}") for body in ("person", "grown", "smooth"))) for r in rows]
+    regions = [each for each in numbers if None not in each[1:3]]
     if len(regions) < 2:
         return None
     _, x, y, smooth = zip(*regions)
     limits = limits_around(x), limits_around([*y, *(s for s in smooth if s is not None)])
-    titles = f"{label}, {grown.name} against {person.name}", titled(f"{label} of {person.name}", unit), grown.name
+    across = Quantity("", f"{label} of {person.name}", unit).title
+    titles = f"{label}, {grown.name} against {person.name}", across, grown.name
     with new_chart(*titles, *limits) as chart:
         for name, a, _, s in regions:
             if s is not None:
                 text = f"{name}: {number(s)} before growth, {number(a)} {person.name}"
-                chart.line([a], [s], "point", text, color=GREY, marker="o", markersize=5, fillstyle="none")
+                chart.line(a, s, "point", text, color=GREY, marker="o", markersize=5, fillstyle="none")
         texts = [f"{name}: {number(b)} {grown.name}, {number(a)} {person.name}" for name, a, b, _ in regions]
         chart.points(x, y, texts, grown, big=False)
         return chart.svg()
@@ -366,5 +364,5 @@ def share_plot(what: str, rows: Sequence[Mapping[str, Any]]) -> Markup | None:
             chart.line([row["chance_low"], row["chance_high"]], [y, y], "chance", color=GREY, linewidth=3, alpha=0.5)
             share, chance, p = (number(row[key]) for key in ("share", "chance", "p"))
             text = f"{row['hemi']} {row['region']}: {share}, by chance {chance}, p {p}"
-            chart.line([row["share"]], [y], "share", text, color=HEMI_COLOURS[row["hemi"]], marker="o", markersize=5)
+            chart.line(row["share"], y, "share", text, color=HEMI_COLOURS[row["hemi"]], marker="o", markersize=5)
         return chart.svg()

@@ -76,7 +76,7 @@ def stress_figure(
     **options: Any,
 ) -> Figure:
     """Tangential stress through the cortex, as in Fig. 3(b), one panel per law; options as for :func:`stress_rows`."""
-    rows = stress_rows(growth, thicknesses, radius, laws, **{**options, "points": 101, "layers": ("cortex",)})
+    rows = stress_rows(growth, thicknesses, radius, laws, points=101, layers=("cortex",), **options)
     sigma = [row["sigma_theta_over_mu_cortex"] for row in rows]
     step = round_step(max(map(abs, sigma)))
     limits = around(sigma, -step, 0, step)
@@ -88,7 +88,7 @@ def stress_figure(
     return figure
 
 
-def critical_figure(C_bar: Sequence[float], laws: Sequence[str] = GROWTH_LAWS, **options: Any) -> Figure:
+def critical_figure(C_bar: Sequence[float], laws: Sequence[str], **options: Any) -> Figure:
     """Critical growth against C/B, as in Fig. 4, with Biot's as thin lines; options as for :func:`critical_rows`.
 
     Dots mark the ratios ``C_bar``.
@@ -109,12 +109,12 @@ def bifurcation_curves(cases: Sequence[Case]) -> Figure:
 
     Thin horizontal lines of the same style are the crease criterion, at the same kappa_ratio.
     """
-    laws, ratios, thicknesses = _distinct_parameters(cases)
+    laws, ratios, thicknesses, sphere = _parameters(cases)
     last = max(float(case.bifurcation.curve.degree[-1]) for case in cases)
     critical = [g for b in (case.bifurcation for case in cases) for g in (b.g_crit, b.g_crease, b.short_wave)]
     top = around(critical, 1, 1.9, 0.1)
     size = (4.7 * len(laws) + 0.4, 2.9 * len(ratios) + 1.0)
-    with _sphere_figure(*size, len(ratios), len(laws), **_sphere_of(cases)) as (figure, axes):
+    with _sphere_figure(*size, len(ratios), len(laws), **sphere) as (figure, axes):
         for (k, column), ax in np.ndenumerate(axes):
             shown = [case for case in cases if (case.law, case.mu_ratio) == (laws[column], ratios[k])]
             title = f"{laws[column]} growth, {MU_RATIO_LABEL.format(ratios[k])}"
@@ -129,8 +129,9 @@ def bifurcation_curves(cases: Sequence[Case]) -> Figure:
             **{f"$T/C$ = {T / cases[0].radius:.3g}": line_style(i) for i, T in enumerate(thicknesses)},
             "first wrinkles": {**MARK_STYLE, "marker": "o"},
             "crease criterion": {"color": GREY, "linewidth": 1.0},
+            **_shortest_waves(cases, ">"),
         }
-        _legend_of_cases(figure, axes[0][0], cases, entries, ">", columns=3 if len(laws) > 1 else 2)
+        legend_of_figure(figure, entries, axes[0][0], columns=3 if len(laws) > 1 else 2)
     return figure
 
 
@@ -140,13 +141,13 @@ def crease_or_wrinkle(cases: Sequence[Case]) -> Figure:
     The crease criterion is the black line, Eqs. (12) and (13), if incompressible. Otherwise it depends on the mu ratio
     and is a thin line of the same style. Triangles: the shortest waves come first.
     """
-    laws, ratios, thicknesses = _distinct_parameters(cases)
+    laws, ratios, thicknesses, sphere = _parameters(cases)
     right = max(0.2, float(np.ceil(max(thicknesses) / cases[0].radius * 20 - 1e-9) / 20))
     top = around([case.bifurcation.g_crit for case in cases], 1, 1.8, 0.2)
     dots = {"marker": "o", "markersize": 4.5} if len(thicknesses) < 12 else {}
     styles = {mu_ratio: {**line_style(i), **dots} for i, mu_ratio in enumerate(ratios, start=1)}
     thick, incompressible = {"color": BLACK, "linewidth": 2.4}, bool(np.isinf(cases[0].kappa_ratio))
-    with _sphere_figure(*_size(laws), **_sphere_of(cases)) as (figure, ((*axes,),)):
+    with _sphere_figure(*_size(laws), **sphere) as (figure, ((*axes,),)):
         for ax, law in zip(axes, laws):
             shown = [case for case in cases if case.law == law]
             if incompressible:
@@ -160,13 +161,11 @@ def crease_or_wrinkle(cases: Sequence[Case]) -> Figure:
             _note_missing_wrinkles(ax, shown)
             ax.locator_params(axis="x", nbins=5)
             ax.label_outer()
-        wrinkles = {f"wrinkles (theory), {MU_RATIO_LABEL.format(mu)}": style for mu, style in styles.items()}
-        entries: dict[str, Any] = (
-            {"creases (theory), Eqs. (12) and (13)": thick, **wrinkles}
-            if incompressible
-            else {**wrinkles, "creases (theory), same style": {"color": GREY, "linewidth": 1.0, **dots}}
-        )
-        _legend_of_cases(figure, axes[0], cases, entries, "^", columns=len(laws))
+        entries: dict[str, Any] = {"creases (theory), Eqs. (12) and (13)": thick} if incompressible else {}
+        entries |= {f"wrinkles (theory), {MU_RATIO_LABEL.format(mu)}": style for mu, style in styles.items()}
+        if not incompressible:
+            entries["creases (theory), same style"] = {"color": GREY, "linewidth": 1.0, **dots}
+        legend_of_figure(figure, entries | _shortest_waves(cases, "^"), axes[0], columns=len(laws))
     return figure
 
 
@@ -185,7 +184,7 @@ def draw_stress(ax: Axes, rows: list[Row]) -> None:
 
 
 def draw_critical(ax: Axes, rows: list[Row], laws: Sequence[str], *, biot: bool = False, limits: bool = True) -> None:
-    for law, style, mine in _by_value([row for row in rows if row["law"] in laws], "law"):
+    for law, style, mine in _by_value(rows, "law"):
         equation = "Eq. (12)" if law == "isotropic" else "Eq. (13)"
         _draw(ax, mine, "C_over_B", "g_crease", label=f"theory, {equation}, {law}", **style)
         if biot:
@@ -257,13 +256,10 @@ def _note_missing_wrinkles(ax: Axes, cases: Sequence[Case]) -> None:
         ax.text(0.98, 0.03, text, transform=ax.transAxes, ha="right", va="bottom", **NOTE)
 
 
-def _legend_of_cases(
-    figure: Figure, ax: Axes, cases: Sequence[Case], entries: dict[str, Any], shortest: str, columns: int
-) -> None:
-    """Draw the legend, with ``shortest`` as the mark of the shortest waves."""
-    if any(np.isinf(case.bifurcation.mode) for case in cases):
-        entries = {**entries, "shortest waves first": {**MARK_STYLE, "marker": shortest}}
-    legend_of_figure(figure, entries, ax, columns=columns)
+def _shortest_waves(cases: Sequence[Case], marker: str) -> dict[str, Any]:
+    """The entry of a legend for the mark of the shortest waves, if a case has them."""
+    any_shortest = any(np.isinf(case.bifurcation.mode) for case in cases)
+    return {"shortest waves first": {**MARK_STYLE, "marker": marker}} if any_shortest else {}
 
 
 @contextmanager
@@ -282,13 +278,10 @@ def _size(laws: Sequence[str]) -> tuple[float, float, int, int]:
     return (9.2 if len(laws) > 1 else 6.4, 4.6, 1, len(laws))
 
 
-def _sphere_of(cases: Sequence[Case]) -> dict[str, Any]:
-    return {name: getattr(cases[0], name) for name in ("radius", "A_over_C", "kappa_ratio")}
-
-
-def _distinct_parameters(cases: Sequence[Case]) -> tuple[list[str], list[float], list[float]]:
-    """Laws, mu ratios and thicknesses in order of appearance."""
+def _parameters(cases: Sequence[Case]) -> tuple[list[str], list[float], list[float], dict[str, float]]:
+    """Laws, mu ratios and thicknesses in order of appearance, and what all cases share."""
     if not cases:
         raise NothingToDo("no case to draw: give at least one thickness, one mu ratio and one law.")
     laws, ratios, thicknesses = zip(*((case.law, case.mu_ratio, case.thickness) for case in cases))
-    return [*dict.fromkeys(laws)], [*dict.fromkeys(ratios)], [*dict.fromkeys(thicknesses)]
+    shared = {name: getattr(cases[0], name) for name in ("radius", "A_over_C", "kappa_ratio")}
+    return [*dict.fromkeys(laws)], [*dict.fromkeys(ratios)], [*dict.fromkeys(thicknesses)], shared
