@@ -28,15 +28,6 @@ from morphofold.timing import Stages
 DrawPage = Callable[..., object]
 
 
-def _check_hemispheres(cortices: Sequence[Cortex]) -> None:
-    hemis = [cortex.hemi for cortex in cortices]
-    if not hemis or len(set(hemis)) < len(hemis):
-        raise (NamedTwice if hemis else NothingToDo)(
-            f"an analysis holds one left and/or one right hemisphere, got {', '.join(hemis) or 'none'}. "
-            "Write each subject to a folder of its own."
-        )
-
-
 def check_wide(cortices: Sequence[Cortex]) -> None:
     """Raise for a table with a column per region if the surfaces have no regions."""
     if not any(cortex.regions for cortex in cortices):
@@ -178,6 +169,15 @@ def write_dataset(measures: Sequence[Measures], dataset: str | Path, name: str, 
     return place
 
 
+def _check_hemispheres(cortices: Sequence[Cortex]) -> None:
+    hemis = [cortex.hemi for cortex in cortices]
+    if not hemis or len(set(hemis)) < len(hemis):
+        raise (NamedTwice if hemis else NothingToDo)(
+            f"an analysis holds one left and/or one right hemisphere, got {', '.join(hemis) or 'none'}. "
+            "Write each subject to a folder of its own."
+        )
+
+
 def read_analysis(folder: str | Path) -> list[Measures]:
     """Read what ``write_analysis`` wrote, or a subject that ``write_dataset`` wrote.
 
@@ -224,8 +224,8 @@ def read_pial(folder: str | Path, hemi: str, name: str) -> tuple[Surface, PerVer
     :func:`read_analysis`. In a BIDS dataset the surface is in scanner coordinates."""
     layout = Layout.of(Path(folder))
     pial = read_surface(layout.path("surface", hemi, "pial"))
-    known = layout.path("map", hemi, name).is_file()
-    return pial, read_map(layout, hemi, name, len(pial.verts)) if known else None
+    has_map = layout.path("map", hemi, name).is_file()
+    return pial, read_map(layout, hemi, name, len(pial.verts)) if has_map else None
 
 
 def read_stages(folder: str | Path) -> list[Measures]:
@@ -259,9 +259,9 @@ def is_analysis_of(folder: str | Path, cortex: Cortex, parameters: Mapping[str, 
         summary = read_json(folder / "summary.json", Summary, REANALYSE_ADVICE)
     except (OSError, ValueError):  # there is none, or it can't be used
         return False
-    known = {row["path"]: row["sha256"] for row in summary["inputs"]}
-    files = {printable(row["path"]): row["sha256"] for row in records_as_read([cortex])}
-    if (summary["morphofold"], summary["parameters"], known) != (__version__, dict(parameters), files):
+    measured = {row["path"]: row["sha256"] for row in summary["inputs"]}
+    present = {printable(row["path"]): row["sha256"] for row in records_as_read([cortex])}
+    if (summary["morphofold"], summary["parameters"], measured) != (__version__, dict(parameters), present):
         return False
     written = summary.get("written", {})
     return bool(written) and not changed_since(written, {name: folder / name for name in written})

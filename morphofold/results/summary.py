@@ -1,11 +1,9 @@
-"""The summary of an analysis, the same in both layouts, and the table of its scalars."""
+"""The summary of an analysis, the same in both layouts: what it holds, and what it must hold to be read."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any
-
-from pydantic import Field
+from typing import Any
 
 from morphofold import __version__
 from morphofold.analysis.frames import COLUMNS
@@ -16,13 +14,11 @@ from morphofold.io.json_files import Count, FileWord, Number, Record, file_word
 REANALYSE_ADVICE = "Analyze again."
 NAN_RULE = "A vertex without a value is NaN in maps/*.shape.gii and 0 in the FreeSurfer and MGH maps beside them."
 
-_FourItems = Field(min_length=4, max_length=4)
-
 
 class SurfaceSummary(SurfaceRecord):
     """An entry of ``surfaces`` in a summary."""
 
-    transform: Annotated[list[Annotated[list[Number], _FourItems]], _FourItems] | None
+    transform: list[list[Number]] | None
     measures: dict[str, Number | None]
     notes: dict[str, str]
     parameters: dict[str, Any]
@@ -44,7 +40,7 @@ class Summary(Record):
     parameters: dict[str, Any]
     rows: dict[str, Count]
     written: dict[str, str] = {}  # digests of surfaces, maps and tables, in the plain layout only
-    surfaces: Annotated[list[SurfaceSummary], Field(min_length=1)]
+    surfaces: list[SurfaceSummary]
 
 
 def summary_of(
