@@ -278,7 +278,7 @@ def _size(laws: Sequence[str]) -> tuple[float, float, int, int]:
     return (9.2 if len(laws) > 1 else 6.4, 4.6, 1, len(laws))
 
 
-def _parameters(cases: Sequence[Case]) -> tuple[list[str], list[float], list[float], dict[str, float]]:
+def _parameters(cases: Sequence[Case]) -> tuple[list[str], list[float], list[float], dict[str, Any]]:
     """Laws, mu ratios and thicknesses in order of appearance, and what all cases share."""
     if not cases:
         raise NothingToDo("no case to draw: give at least one thickness, one mu ratio and one law.")
