@@ -82,8 +82,8 @@ def _sphere(args: Theory, question: str) -> Drawable:
     arguments = [values[option] for option in TABLES[question]["arguments"].split()]
     options = {"g_core": values["core_growth"], "A_over_C": args.hole_ratio}
     points = {}
-    if isinstance(args, Stress):
-        options["mu_ratio"], points = args.mu_ratio, {"points": args.points}
+    if isinstance(args, Stress):  # mu_ratio is the first of them in the title of the figure
+        options, points = {"mu_ratio": args.mu_ratio, **options}, {"points": args.points}
     rows = getattr(theory_tables, f"{question}_rows")(*arguments, **options, **points)
     return rows, arguments, options
 
