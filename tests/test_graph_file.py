@@ -8,7 +8,7 @@ import pytest
 
 from morphofold.analysis import gyral_graph, hinges
 from morphofold.errors import DamagedFile, Mismatch, NotReadable
-from morphofold.results.graph_file import read_graph, write_graph
+from morphofold.results.hemisphere_files import read_graph, write_graph
 from morphofold.shapes import icosphere
 from morphofold.shapes.ridges import ridged_net
 from morphofold.studies.shapes import regular_net

@@ -24,8 +24,8 @@ from morphofold.io.json_files import read_json
 from morphofold.mesh_quality.defects import WARNINGS
 from morphofold.provenance import changed_since
 from morphofold.results import COLUMNS
-from morphofold.results.layouts import PROVENANCE_ENDING
-from morphofold.results.summary import REANALYSE_ADVICE, Summary
+from morphofold.results.analyses import Summary
+from morphofold.results.layouts import PROVENANCE_ENDING, REANALYSE_ADVICE
 from morphofold.tables import line, read_table, write_table
 from morphofold.words import in_one_line
 

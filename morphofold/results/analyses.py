@@ -13,19 +13,48 @@ from morphofold.analysis.regions import wide_table
 from morphofold.errors import MissingPart, NamedTwice, NothingToDo, WrongFile
 from morphofold.forecasts.cost import WRITING_STAGE, cost_of_analysis
 from morphofold.io import atomic_folder, read_surface
+from morphofold.io.cortices import SurfaceRecord
 from morphofold.io.folders import refuse_overlap
-from morphofold.io.json_files import read_json, write_json
+from morphofold.io.json_files import Count, FileWord, Number, Record, file_word, read_json, write_json
 from morphofold.provenance import changed_since, digests, printable, records_as_read
 from morphofold.results.dataset import begin_dataset, subject_place
 from morphofold.results.hemisphere_files import in_scanner, read_hemisphere, read_map, write_hemisphere
-from morphofold.results.layouts import MISSING_DESCRIPTION, Layout
-from morphofold.results.summary import REANALYSE_ADVICE, Summary, summary_of
+from morphofold.results.layouts import MISSING_DESCRIPTION, REANALYSE_ADVICE, Layout
 from morphofold.surface import Cortex, PerVertex, Surface
 from morphofold.tables import write_table
 from morphofold.timing import Stages
 
+NAN_RULE = "A vertex without a value is NaN in maps/*.shape.gii and 0 in the FreeSurfer and MGH maps beside them."
 #: draws the page of an analysis: called as ``page(measures, path, failed=, inputs=, stages=, clock=)``
 DrawPage = Callable[..., object]
+
+
+class SurfaceSummary(SurfaceRecord):
+    """An entry of ``surfaces`` in a summary."""
+
+    transform: list[list[Number]] | None
+    measures: dict[str, Number | None]
+    notes: dict[str, str]
+    parameters: dict[str, Any]
+    maps: list[FileWord]
+    came_with: list[FileWord]
+    inflated: bool
+    sphere: bool = False
+    cortex_label: bool
+    graph: bool
+    annotation: FileWord | None
+    files: list[str]
+
+
+class Summary(Record):
+    """``summary.json`` of an analysis, or the provenance file of a subject in a BIDS dataset."""
+
+    morphofold: str
+    inputs: list[dict[str, Any]]
+    parameters: dict[str, Any]
+    rows: dict[str, Count]
+    written: dict[str, str] = {}  # digests of surfaces, maps and tables, in the plain layout only
+    surfaces: list[SurfaceSummary]
 
 
 def check_wide(cortices: Sequence[Cortex]) -> None:
@@ -113,7 +142,7 @@ def write_analysis(
         if wide and not layout.bids:
             row = wide_table({cortices[0].name: [row for m in measures for row in m.regions]})
             write_table(folder / "regions_wide.tsv", ("subject",), row)
-        content = summary_of(measures, records, parameters or {}, failed or {})
+        content = _summary_of(measures, records, parameters or {}, failed or {})
         if layout.bids:
             content = {"subject": subject, **content, "nan": f"{MISSING_DESCRIPTION}; n/a in tables"}
         else:
@@ -125,6 +154,39 @@ def write_analysis(
         if clock is not None:
             write_json(layout.path("cost"), cost_of_analysis(measures, clock).as_dict())
     return out
+
+
+def _summary_of(
+    measures: Sequence[Measures], inputs: list[dict[str, Any]], parameters: Mapping[str, Any], failed: Mapping[str, str]
+) -> dict[str, Any]:
+    """Content of summary.json: input files, parameters, numbers of rows, an entry per surface, and what failed."""
+    return {
+        "morphofold": __version__,
+        "inputs": inputs,
+        "parameters": dict(parameters),
+        "nan": NAN_RULE,
+        "rows": {name: sum(len(getattr(m, name)) for m in measures) for name in COLUMNS},
+        "surfaces": [_surface_entry(m) for m in measures],
+        "failed": dict(failed),
+    }
+
+
+def _surface_entry(m: Measures) -> dict[str, Any]:
+    cortex = m.cortex
+    return {
+        **{key: getattr(cortex, key) for key in ("hemi", "name", "origin", "units", "portion", "info", "transform")},
+        "measures": m.scalars,
+        "notes": m.notes,
+        "parameters": m.parameters,
+        "maps": sorted(m.maps),
+        "came_with": sorted(cortex.maps),
+        "inflated": cortex.inflated is not None,
+        "sphere": cortex.sphere is not None,
+        "cortex_label": cortex.cortex is not None,
+        "graph": m.graph is not None,
+        "annotation": None if cortex.regions is None else file_word(cortex.regions.name),
+        "files": cortex.files,
+    }
 
 
 def write_dataset(measures: Sequence[Measures], dataset: str | Path, name: str, **options: Any) -> Path:

@@ -18,9 +18,9 @@ from morphofold.analysis.frames import COLUMNS, TEXT_COLUMNS
 from morphofold.errors import MissingPart
 from morphofold.io.json_files import file_word, write_json
 from morphofold.quantities import column_words
-from morphofold.results.summary import REANALYSE_ADVICE
 from morphofold.tables import read_table, write_table
 
+REANALYSE_ADVICE = "Analyze again."
 PROVENANCE_ENDING = "_desc-morphofold_provenance.json"
 PLAIN_PATHS = {
     "surface": "surf/{hemi}.{name}",

@@ -151,7 +151,7 @@ def test_deep_keys(holds):
     guard="errors of numbers and nests beyond bounds",
     without=lambda patch: list(
         patch.setattr(f"morphofold.{reader}.read_json", lambda path, *more, **options: json.loads(path.read_text()))
-        for reader in ("io.cortices", "results.analyses", "results.graph_file")
+        for reader in ("io.cortices", "results.analyses", "results.hemisphere_files")
     ),
     fails=(AssertionError, OverflowError, RecursionError),
 )
