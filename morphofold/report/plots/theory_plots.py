@@ -32,8 +32,6 @@ if TYPE_CHECKING:
 
 MARK_STYLE = {"color": GREY, "linestyle": "none"}
 NOTE: dict[str, Any] = {"color": GREY, "fontsize": 10}
-RADIUS_LABEL = "outer radius after growth  $c/B$"
-GROWTH_LABEL = "growth stretch of the cortex  $g$"
 CRITICAL_LABEL = "critical growth stretch  $g_\\mathrm{crit}$"
 GROWTH_LAWS = ("isotropic", "tangential")
 MU_RATIO_LABEL = "$\\mu_\\mathrm{{cortex}}/\\mu_\\mathrm{{core}}$ = {:g}"
@@ -173,7 +171,7 @@ def draw_radius(ax: Axes, rows: list[Row]) -> None:
     for law, style, mine in _by_value(rows, "law"):
         source = "Eq. (11)" if law == "isotropic" else "as Eq. (11)"
         _draw(ax, mine, "growth", "c_over_B", label=f"theory, {source}, {law}", **style)
-    ax.set(xlabel=GROWTH_LABEL, ylabel=RADIUS_LABEL)
+    ax.set(xlabel="growth stretch of the cortex  $g$", ylabel="outer radius after growth  $c/B$")
 
 
 def draw_stress(ax: Axes, rows: list[Row]) -> None:
