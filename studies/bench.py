@@ -190,12 +190,12 @@ def app() -> App:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one benchmark and return its exit code, as a command of morphofold does."""
-    return run_app(app, _run, argv)
+    return run_app(app(), _run, argv)
 
 
 def _run(args: Printing) -> Answer:
     answer = BENCHMARKS[type(args)](args)
-    return answer._replace(lines="\n".join(answer.lines))  # tables as they are
+    return answer._replace(lines="\n".join(answer.lines).splitlines())
 
 
 def _run_folds_study(args: Folds) -> Answer:

@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from itertools import pairwise
 from typing import Any, NoReturn
 
-from cyclopts import App, CycloptsError, MissingArgumentError, Parameter, UnusedCliTokensError, ValidationError
+from cyclopts import App, CycloptsError, MissingArgumentError, Parameter, ValidationError
 
 from morphofold import __version__
 from morphofold.cli import options
@@ -63,7 +63,7 @@ def new_app(name: str, description: str | None) -> App:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code, as ``run_app`` does."""
-    return run_app(app, _run_command, argv)
+    return run_app(app(), _run_command, argv)
 
 
 def _run_command(args: Options) -> Answer:
@@ -73,10 +73,10 @@ def _run_command(args: Options) -> Answer:
     return importlib.import_module(f"morphofold.cli.{name}").run(args)  # type: ignore[no-any-return]
 
 
-def run_app(build: Callable[[], App], run: Callable[[Any], Answer], argv: Sequence[str] | None) -> int:
+def run_app(parser: App, run: Callable[[Any], Answer], argv: Sequence[str] | None) -> int:
     """Run what ``argv`` names, and return the exit code: 0 done, 1 the work failed, 2 bad input, 130 interrupted.
 
-    ``build`` returns the parser, and ``run`` takes the options of the command.
+    ``run`` takes the options of the command.
     """
     for name in BLAS_VARIABLES:  # NumPy is not imported yet
         os.environ.setdefault(name, "1")
@@ -86,7 +86,6 @@ def run_app(build: Callable[[], App], run: Callable[[Any], Answer], argv: Sequen
     argv = sys.argv[1:] if argv is None else argv
     args: Any = None
     answer = Answer(None, [])
-    parser = build()
     program = " ".join([*parser.name, *argv[:1]] if argv and argv[0] in parser else parser.name)
     try:
         with warnings.catch_warnings(), _signals_as_interrupts():
@@ -146,8 +145,6 @@ def _refusal_of(error: CycloptsError, parser: App) -> Refusal:
         return cause
     if isinstance(error, MissingArgumentError) and argument is not None and argument.index is not None:
         text = f"{argument.name.strip('-').upper()} is missing."
-    if isinstance(error, UnusedCliTokensError):
-        text = f"there are more arguments than the command takes: {' '.join(error.unused_tokens or [])}."
     end = "" if text.endswith((".", "?")) else "."
     return BadUsage(f"{text}{end} See {' '.join([*parser.name, *(error.command_chain or ())])} --help.")
 
@@ -163,8 +160,8 @@ def _failure(error: BaseException, on_interrupt: str) -> tuple[int, object]:
     if isinstance(error, ValueError | TypeError | OSError):
         return 2, error
     if isinstance(error, MemoryError):
-        line = str(error) or "memory did not suffice"  # numpy gives the amount
-        return 2, line if line.endswith(".") else f"{line}. Close other programs, or ask for less."
+        text = str(error).rstrip(".") or "memory did not suffice"  # numpy gives the amount
+        return 2, f"{text}. Close other programs, or ask for less."
     if isinstance(error, SystemError) or not isinstance(error, Exception):
         return 0, ""
     if isinstance(error, ImportError) or type(error).__name__ in SOLVER_ERRORS:

@@ -21,7 +21,6 @@ PRINTED_MEASURES = "gyrification_index", "mean_cortical_thickness_mm", "median_g
 def run(args: Compare) -> Answer:
     folders = _by_name("", args.analyses, "NAME=DIR, for example model=fig5-analysis")
     groups = _by_name("--group ", args.group, "GROUP=NAME,NAME, for example model=thin,thick")
-    members = {name: printable(text).split(",") for name, text in groups.items()}
     colours = _by_name("--colour ", args.colour, "NAME=RRGGBB, for example model=0072b2")
     growth = _by_name("--growth ", args.growth, "NAME=DIR, for example fig5=fig5-growth")
     refuse_foreign(args.out, [*folders.values(), *growth.values()])  # refuses before minutes of work
@@ -34,7 +33,7 @@ def run(args: Compare) -> Answer:
         show(0.15, "comparing")
         comparison = compare(
             measures,
-            groups=members or None,
+            groups={name: printable(text).split(",") for name, text in groups.items()} or None,
             growth=stages,
             colours={name: "#" + colour.removeprefix("#") for name, colour in colours.items()},
             spins=args.spins,

@@ -10,7 +10,7 @@ from morphofold.cli.options import Answer, Demo
 from morphofold.cli.printing import progress
 from morphofold.comparison import compare
 from morphofold.io import read_cortex, sample_path
-from morphofold.progress import part_of
+from morphofold.progress import parts_of
 from morphofold.shapes.population import write_population
 from morphofold.sim.scene.files import load_scene
 from morphofold.simulation import simulate
@@ -30,11 +30,9 @@ def run(args: Demo) -> Answer:
         "individual": read_cortex(sample_path("S1"), hemi="lh", name="S1"),
         "average": read_cortex(sample_path("fsaverage5"), hemi="lh", name="fsaverage5"),
     }
-    measures = {}
     with progress("measure", args.quiet) as show:
-        for i, (name, cortex) in enumerate(cortices.items()):
-            part = part_of(show, i / len(cortices), 1 / len(cortices), f"{name}: ")
-            measures[name] = measuring.measure(cortex, progress=part)
+        parts = parts_of(show, [f"{name}: " for name in cortices])
+        measures = {name: measuring.measure(cortices[name], progress=part) for name, part in zip(cortices, parts)}
         show(1.0, "done")
     with progress("write  ", args.quiet) as show:
         for i, (name, m) in enumerate(measures.items()):

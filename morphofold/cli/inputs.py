@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 from typing import Any
-from unicodedata import category
 
 from morphofold.cli.options import Measuring
-from morphofold.errors import NotReadable, OptionsClash
+from morphofold.errors import OptionsClash
 from morphofold.io import atomic_folder
 from morphofold.spheres.parcellation import check_template
 
 
 def writable_name(name: str) -> str:
     """Name of a folder for a subject: separators, line breaks and control characters become dashes."""
-    return "".join("-" if c in "/\\" or category(c) == "Cc" else c for c in name).strip(". ") or "unnamed"
+    return re.sub(r"[/\\\x00-\x1f\x7f-\x9f]", "-", name).strip(". ") or "unnamed"
 
 
 def subject_folder(subject: str, subjects_dir: str | None) -> Path:
@@ -25,18 +25,13 @@ def subject_folder(subject: str, subjects_dir: str | None) -> Path:
     ------
     OptionsClash
         If neither is set.
-    NotReadable
-        If ``subject`` is a path.
     """
-    subject = subject.rstrip("/")  # which a shell's completion adds
     folder = subjects_dir or os.environ.get("SUBJECTS_DIR")
     if not folder:
         raise OptionsClash(
             f"-s {subject}: the folder of subjects is not given. Set SUBJECTS_DIR, pass --subjects-dir DIR, or pass "
             "the subject's folder as INPUT."
         )
-    if subject in ("", ".", "..") or Path(subject).name != subject:
-        raise NotReadable(f"-s {subject!r}: is not a folder's name in {folder}. Pass a path as INPUT, without -s.")
     return Path(folder) / subject
 
 

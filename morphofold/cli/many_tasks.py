@@ -69,22 +69,19 @@ def _cohort(args: Cohort) -> Answer:
 
 def participants_of(source: Path, names: Sequence[str], out: Path, args: ManySubjects) -> list[Participant]:
     """Subjects to measure, by names that can be written; bytes that are not text are escaped."""
-    folders = {printable(name): folder_of(source, name) for name in names}
-    if len(folders) < len(names):
-        raise NamedTwice(f"{source}: two names are the same after bytes that are not text are escaped. Rename one.")
     options, run_id = measuring_options(args), secrets.token_hex(4)
-    hemis, report = sides(args.hemi), not args.no_report and analysis_report
+    report = not args.no_report and analysis_report
     return [
         Participant(
-            name,
-            str(folder),
-            TaskFolder(str(out.absolute()), name, run_id),
-            hemis,
+            printable(name),
+            str(folder_of(source, name)),
+            TaskFolder(str(out.absolute()), printable(name), run_id),
+            sides(args.hemi),
             args.layout == "bids",
             report,
             options,
         )
-        for name, folder in sorted(folders.items())
+        for name in sorted(names, key=printable)
     ]
 
 
@@ -93,20 +90,19 @@ def run_cohort(
     out: Path,
     args: ManySubjects,
     *,
-    group: bool = True,
     everyone: Sequence[Participant] = (),
     space: Template | None = None,
     covariates: Covariates = NO_COVARIATES,
-    left_out: Mapping[str, str] | None = None,
+    **more: Any,
 ) -> Answer:
-    """Measure subjects and, if ``group``, write their group; the scales are those of ``everyone``.
+    """Measure subjects and, but for ``bids``, write their group; the scales are those of ``everyone``.
 
     With a template, ``space``, also bring their maps over to it. ``covariates`` are those of the subjects, for the
-    tables; ``left_out`` are names in their folder, with reasons.
+    tables; the JSON says ``more``.
     """
+    group = isinstance(args, Cohort)  # of bids, several may measure participants at once
     out, results = out.absolute(), _results_folders(out.absolute(), subjects)
     covariates = covariates.of_sessions(results)
-    more: dict[str, object] = {"left_out": left_out or {}}
     mapped, lines = dict[str, Mapping[str, str]](), list[str]()
     kept_scales(out)  # refuses before hours of work
     with ExitStack() as locks:
@@ -116,7 +112,7 @@ def run_cohort(
                 begin_dataset(out, ignoring=("group", "logs", "records", "lock", SPACES, SCALES_FILE))
             else:
                 begin_collection(out, "cohort")
-            if group:  # several may measure participants at once
+            if group:
                 locks.enter_context(alone(out))
             print_note(f"{len(subjects)} subjects, {fleet.words}", args)
             if None in (args.curvature_scale, args.gyral_width):
@@ -187,7 +183,7 @@ def _results_folders(out: Path, subjects: Sequence[Participant]) -> dict[str, Pa
     NotReadable, NamedTwice
         If BIDS, which shortens names, leaves nothing of a name, or the same of two.
     """
-    if any(subject.bids for subject in subjects):
+    if subjects[0].bids:
         refuse_other_dataset(out)
     else:
         refuse_no_collection(out, "cohort")
@@ -221,7 +217,7 @@ def _bids(args: Bids) -> Answer:
     if missing := [label for label in labels if not any(label in names for names in called.values())]:
         raise FileNotFoundError(f"{source}: contains no {', '.join(missing)}; it contains {', '.join([*called][:8])}.")
     chosen = [one for one in everyone if not labels or called[one.name].intersection(labels)]
-    return run_cohort(chosen, out, args, group=False, everyone=everyone)
+    return run_cohort(chosen, out, args, everyone=everyone, left_out={})
 
 
 def _bids_group(out: Path, args: Bids) -> Answer:
@@ -246,8 +242,7 @@ def _bids_group(out: Path, args: Bids) -> Answer:
 
 def measured_before(out: Path) -> dict[str, Path]:
     """Folders of a BIDS dataset in which the results of all subjects of earlier runs are, or would be."""
-    records = (out / "records").glob("*.json")
-    names = sorted(path.stem for path in records if not path.name.startswith("."))  # a killed run left a part of one
+    names = sorted(path.stem for path in (out / "records").glob("[!.]*.json"))  # a killed run left a part of one
     if not names:
         raise FileNotFoundError(f"{out}: contains no measured subject. Measure participants first.")
     return {name: subject_place(out, name) for name in names}
@@ -350,22 +345,22 @@ def print_note(text: str, args: ManyTasks) -> None:
 def answer_of(outcomes: Sequence[Outcome], what: str, page: Path, before: Sequence[str], **more: Any) -> Answer:
     """Lines ``before``, the first failures, how many have results; as JSON all failures and ``more``. Code 1 if any
     failed."""
-    failed = [outcome for outcome in outcomes if outcome.state == "failed"]
-    partly = [outcome for outcome in outcomes if outcome.state != "failed" and outcome.failures]
-    failures = {outcome.name: dict(outcome.failures) for outcome in failed + partly}
-    with_results = len(outcomes) - len(failed)
+    incomplete = sorted((one for one in outcomes if one.failures), key=lambda one: one.state != "failed")
+    failures = {outcome.name: dict(outcome.failures) for outcome in incomplete}
+    failed = sum(outcome.state == "failed" for outcome in incomplete)
+    with_results = len(outcomes) - failed
     counts = {
         "from_before": sum(outcome.state == "reused" for outcome in outcomes),
         "changed": sum(outcome.changed for outcome in outcomes),
-        "failed": len(failed),
-        "in_part": len(partly),
+        "failed": failed,
+        "in_part": len(incomplete) - failed,
     }
     content = {f"{what}s": len(outcomes), "with_results": with_results, **counts, "failures": failures, "page": page}
     texts = "of them from before", "done again, because their files had changed", "failed", "in part"
     numbers = [f"{count} {text}" for count, text in zip(counts.values(), texts) if count]
     last = ", ".join([f"{with_results} of {len(outcomes)} {what}s have results", *numbers])
     lines = [line for name in list(failures)[:5] for line in failure_lines(name, failures[name])]
-    return Answer({**content, **more}, [*before, *lines, f"{last} -> {page}"], 1 if failures else 0)
+    return Answer(content | more, [*before, *lines, f"{last} -> {page}"], 1 if failures else 0)
 
 
 def failure_lines(name: str, failures: Mapping[str, str], text: str = "") -> list[str]:

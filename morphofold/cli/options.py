@@ -20,15 +20,16 @@ from morphofold.errors import BadUsage, NotReadable, OptionsClash, OutOfRange
 MEASURING = Group("Measuring", sort_key=1)
 WORKERS = Group("Workers", sort_key=2)
 RUNNING = Group("Output and running", sort_key=3)
-HEMISPHERE_SPELLINGS = {"lh": "lh", "l": "lh", "left": "lh", "rh": "rh", "r": "rh", "right": "rh", "both": "both"}
+HEMISPHERE_SPELLINGS = {"lh": "lh l left", "rh": "rh r right", "both": "both"}
 
 
 def _hemisphere(_: Any, tokens: tuple[Token, ...]) -> str:
     """FreeSurfer's spelling of a hemisphere, from any spelling."""
     word = tokens[0].value
-    if word.lower() not in HEMISPHERE_SPELLINGS:
-        raise BadUsage(f"--hemi: {word!r} is not a hemisphere. Pass lh, rh or both.")
-    return HEMISPHERE_SPELLINGS[word.lower()]
+    for hemi, spellings in HEMISPHERE_SPELLINGS.items():
+        if word.lower() in spellings.split():
+            return hemi
+    raise BadUsage(f"--hemi: {word!r} is not a hemisphere. Pass lh, rh or both.")
 
 
 def sides(hemi: str | None) -> tuple[str, ...]:
@@ -70,11 +71,11 @@ Flag = Annotated[Switch, Parameter(group=RUNNING)]
 
 
 class Answer(NamedTuple):
-    """What a command prints: ``json`` (a file, or content; not None) with --json, else the lines, or a text as it is;
-    and its exit code."""
+    """What a command prints: ``json`` (a file, or content; not None) with --json, else the lines; and its
+    exit code."""
 
     json: Any
-    lines: Iterable[str] | str
+    lines: Iterable[str]
     code: int = 0
 
 
@@ -268,6 +269,7 @@ class Analyze(Parcellation, Measuring, Printing, Threaded):
     - `morphofold analyze --white lh.white.surf.gii --pial lh.pial.surf.gii --hemi lh -o mine`
     """
 
+    module = "cortex"
     rules = (
         "--subject excludes INPUT --white --pial",
         "INPUT excludes --white --pial",
@@ -353,6 +355,7 @@ class Unfold(Printing):
     - `morphofold unfold $SUBJECTS_DIR/bert -o bert-unfolded`
     """
 
+    module = "cortex"
     input: Path
     """Folder of a FreeSurfer subject, or a file with a closed surface."""
     _: KW_ONLY
@@ -559,11 +562,11 @@ def range_values(words: Sequence[str], option: str = "") -> list[float]:
     return list(dict.fromkeys(numbers))
 
 
-def _converted(_: Any, tokens: Sequence[Token]) -> list[float]:
-    return range_values([token.value for token in tokens], tokens[0].keyword or "")
-
-
-SEVERAL = Parameter(consume_multiple=(1, None), converter=_converted, json_list=False)
+SEVERAL = Parameter(
+    consume_multiple=(1, None),
+    converter=lambda _, tokens: range_values([token.value for token in tokens], tokens[0].keyword or ""),
+    json_list=False,
+)
 # lengths beyond these limits overflow, or results lose their digits
 SPHERE_LENGTH, GROWTH, RATIO = within(1e-6, 1e6), within(1e-3, 1e3), within(1e-4, 1e4)
 SphereLength = Annotated[float, SPHERE_LENGTH]

@@ -16,7 +16,7 @@ TABLE_HEADINGS = ("name", "shape", "cortex", "mu ratio", "growth", "to", "effect
 def run(args: Scenes) -> Answer:
     if args.scene is not None:
         scene = load_scene(args.scene)
-        return Answer(scene.model_dump(exclude_none=True), to_toml(scene).rstrip())
+        return Answer(scene.model_dump(exclude_none=True), to_toml(scene).splitlines())
     scenes = [load_scene(name) for name in scene_names()]
     summary = [{"name": s.name, "title": s.title, "effects": tuple(s.effects)} for s in scenes]
     return Answer(summary, _table_lines(scenes))

@@ -78,5 +78,5 @@ def _dry_run(scene: Scene, choice: MeshChoice | None, args: Simulate) -> Answer:
     cost = choice.forecast if choice else forecast(scene, args.threads)
     others = companion_forecasts(scene, args.threads) if args.estimate else {}
     tables = [table_of(cost), *(f"its {name} run, {table_of(other)}" for name, other in others.items())]
-    content = {**cost.as_dict(), **{name: other.as_dict() for name, other in others.items()}}
+    content = cost.as_dict() | {name: other.as_dict() for name, other in others.items()}
     return Answer(content, "\n\n".join(tables).splitlines())

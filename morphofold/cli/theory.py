@@ -47,8 +47,8 @@ def run(args: Theory) -> Answer:
         refuse_overlap(args.plot)
         for option in table["curves"].split():
             if (count := len(getattr(args, option))) > MOST_CURVES:
-                option = f"--{option.replace('_', '-')}"
-                raise TooLarge(f"--plot draws at most {MOST_CURVES} numbers of {option}, got {count}.")
+                name = option.replace("_", "-")
+                raise TooLarge(f"--plot draws at most {MOST_CURVES} numbers of --{name}, got {count}.")
     rows, drawn, drawn_with = _bifurcation(args) if isinstance(args, Bifurcation) else _sphere(args, question)
     left_out = ", ".join(rows[0].get("left_out", ())) or "nothing"
     lines = table["title"].strip().format(args, rows[0], left_out=left_out).splitlines() + _aligned(table, rows)

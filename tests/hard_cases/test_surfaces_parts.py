@@ -12,7 +12,7 @@ from morphofold.analysis import curvatures, measure, vertex_areas
 from morphofold.analysis.graph.depth_potential import SurfaceOperators
 from morphofold.analysis.graph.net import Net
 from morphofold.analysis.gyrification import folding, local_gyrification
-from morphofold.cli import analyze
+from morphofold.cli import cortex as analyze
 from morphofold.intersections.boxes import box_tree
 from morphofold.mesh_quality import checks, repair
 from morphofold.shapes import icosphere

@@ -1,4 +1,4 @@
-"""``morphofold analyze``: read a cortex, measure it, write the results and a page."""
+"""``morphofold analyze`` and ``unfold``: measure a cortex or unfold it, and write the results and a page."""
 
 from __future__ import annotations
 
@@ -10,31 +10,39 @@ from typing import Any, TypeVar
 
 from morphofold import results
 from morphofold.analysis import Measures, measuring
-from morphofold.analysis.asked import asked as check_only
 from morphofold.cli.inputs import mark_as_ours, measuring_options, subject_folder, writable_name
-from morphofold.cli.options import Analyze, Answer, sides
+from morphofold.cli.options import Analyze, Answer, Unfold, sides
 from morphofold.cli.printing import print_line, progress
 from morphofold.cohort.measuring import keywords_of
 from morphofold.errors import MissingPart, OptionsClash, Refusal
 from morphofold.forecasts.cost import READING_STAGE, analysis_cost_line, cost_of_analysis
 from morphofold.io import read_cortex, refuse_foreign
-from morphofold.io.cortices import hemispheres
+from morphofold.io.cortices import hemispheres, read_folded
 from morphofold.io.files import side_named
 from morphofold.io.folders import refuse_overlap
 from morphofold.mesh_quality.defects import WARNINGS
+from morphofold.mesh_quality.repair import unfoldable
 from morphofold.progress import part_of, parts_of
 from morphofold.report import analysis_report
+from morphofold.report.pages.study_pages import unfold_report
 from morphofold.results.layouts import Layout
+from morphofold.results.unfolding import UnfoldedSide, write_unfolding
 from morphofold.spheres.parcellation import read_parcellated
 from morphofold.surface import Cortex
 from morphofold.threads import enough_threads, run_parallel
 from morphofold.timing import Stages, working_seconds
+from morphofold.unfolding.spheres import sphere_of
+from morphofold.unfolding.unfold import check_options, unfold
 from morphofold.words import in_one_line, number
 
 T = TypeVar("T")
 
 
-def run(args: Analyze) -> Answer:
+def run(args: Analyze | Unfold) -> Answer:
+    return _analyze(args) if isinstance(args, Analyze) else _unfold(args)
+
+
+def _analyze(args: Analyze) -> Answer:
     options = measuring_options(args) | ({} if args.only is None else {"only": args.only.split(",")})
     measure = partial(measuring.measure, **keywords_of(options))
     if args.subject is not None:
@@ -42,15 +50,14 @@ def run(args: Analyze) -> Answer:
         args.input, args.subject = str(folder), folder.name
     if args.input is None and args.white is None:
         raise OptionsClash("Nothing to measure: give INPUT, or -s, or --white and --pial.")
+    asked = {"hemi": args.hemi, "name": args.name, **options}
     if args.stages:
-        return _analyse_stages(Path(args.input or ""), args, {"hemi": None, "name": args.name, **options}, measure)
+        return _analyse_stages(Path(args.input or ""), args, asked, measure)
     subject = results.check_subject(args.input) if args.into_subject and args.input else None
     clock, failed = Stages(), dict[str, str]()
     clock.begin(READING_STAGE)
     cortices = _results_of_hemispheres(_hemisphere_readers(args), failed)
     clock.end()
-    for cortex in cortices:
-        check_only(cortex, options.get("only"))
     if args.wide:
         results.check_wide(cortices)
     out, write = _folder_and_writer(cortices, args)
@@ -63,7 +70,6 @@ def run(args: Analyze) -> Answer:
         show(0.8, "writing")
         clock.begin(READING_STAGE)
         stages = [] if args.no_report or not args.input else [read_cortex(s) for s in _stage_folders(args.input)]
-        asked = {"hemi": args.hemi, "name": args.name, **options}
         report = not args.no_report and analysis_report
         write(measures, failed=failed, parameters=asked, report=report, stages=stages, clock=clock)
         show(1.0, "done")
@@ -147,8 +153,8 @@ def _hemisphere_readers(args: Analyze) -> dict[str, Callable[[], Cortex]]:
             raise OptionsClash(
                 f"{args.white}: neither its name nor that of --pial shows the hemisphere. Pass --hemi lh or rh."
             )
-        pair = partial(read_cortex, white=args.white, pial=args.pial, name=args.name, annotation=args.annot)
-        return {"": partial(pair, hemi=hemi)}
+        pair: dict[str, Any] = {"white": args.white, "pial": args.pial, "name": args.name, "annotation": args.annot}
+        return {"": partial(read_cortex, hemi=hemi, **pair)}
     read = partial(read_parcellated, args.input, name=args.name or args.subject, annotation=args.annot)
     hemis = sides(args.hemi) or hemispheres(Path(args.input))
     return {hemi: partial(read, hemi, annotation_from=args.annot_from) for hemi in hemis}
@@ -183,3 +189,36 @@ def _analyse_stages(folder: Path, args: Analyze, asked: Mapping[str, Any], measu
 def _stage_folders(folder: str | Path) -> list[Path]:
     """Folders of all stages of a simulation; empty if the folder is not a simulation."""
     return sorted(file.parent for file in Path(folder).glob("stages/g*/stage.json"))
+
+
+def _unfold(args: Unfold) -> Answer:
+    check_options(args.level, args.radius)
+    source = args.input
+    present = hemispheres(source) if source.is_dir() else (side_named(source.name) or "lh",)
+    hemis = sides(args.hemi) or present
+    with progress("unfold", args.quiet) as show:
+        show(0.0, "reading")
+        bodies = [unfoldable(read_folded(source, hemi, surface=args.surface, sphere=args.sphere)) for hemi in hemis]
+        out = args.out or Path(f"{writable_name(bodies[0].cortex.name)}-unfolded")
+        refuse_foreign(out, [source])
+        unfolded = []
+        for k, body in enumerate(bodies):
+            white, sphere = body.cortex.white, body.cortex.sphere
+            part = part_of(show, 0.1 + 0.5 * k / len(bodies), 0.5 / len(bodies), f"{body.cortex.hemi}: ")
+            part(0.0, "heat flow")
+            smooth = unfold(white, sphere or sphere_of(white, part), args.level, radius=args.radius)
+            unfolded.append(UnfoldedSide(body, smooth))
+        show(0.6, "writing")
+        summary = write_unfolding(unfolded, out, unfold_report)
+        show(1.0, "done")
+    return Answer(out / "summary.json", _unfolded_lines(summary, out))
+
+
+def _unfolded_lines(summary: Mapping[str, Any], out: Path) -> Iterator[str]:
+    for row in summary["hemispheres"]:
+        yield (
+            f"{summary['name']} {row['hemi']}: {row['folded_area_mm2']:,.0f} mm2 folded, {row['area_mm2']:,.0f} mm2 "
+            f"smooth; a cortex of up to {row['thickest_cortex_mm']:.2g} mm fits"
+        )
+        yield from (f"warning: {note} [{key}]" for key, note in summary["notes"][row["hemi"]].items())
+    yield f"-> {out / 'report.html'}"
