@@ -12,7 +12,7 @@ import sys
 import threading
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from itertools import pairwise
 from typing import Any, NoReturn
 
@@ -176,7 +176,7 @@ def _signals_as_interrupts() -> Iterator[None]:
     A signal that was ignored before (by nohup) stays ignored. A second one is ignored, too: a terminal and its shell
     both send one when they end, and half-written files have to be removed first.
     """
-    numbers = {signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)}  # not on Windows
+    numbers = {signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)}  # Windows has one of them
     in_main_thread = threading.current_thread() is threading.main_thread()
     ours = [number for number in numbers if in_main_thread and signal.getsignal(number) == signal.SIG_DFL]
 
@@ -185,10 +185,7 @@ def _signals_as_interrupts() -> Iterator[None]:
             signal.signal(each, signal.SIG_IGN)
         raise KeyboardInterrupt
 
-    for number in ours:
-        signal.signal(number, interrupt)
-    try:
-        yield
-    finally:
+    with ExitStack() as handlers:
         for number in ours:
-            signal.signal(number, signal.SIG_DFL)
+            handlers.callback(signal.signal, number, signal.signal(number, interrupt))
+        yield

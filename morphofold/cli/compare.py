@@ -62,7 +62,7 @@ def _by_name(option: str, items: Sequence[str], form: str) -> dict[str, str]:
     """Values of items NAME=VALUE by their names, each of which is given once."""
     values: dict[str, str] = {}
     for item in items:
-        name, _, value = (item.rpartition if option == "--colour " else item.partition)("=")
+        name, _, value = item.partition("=")
         if not name or not value or (option == "--group " and not all(value.split(","))):
             raise NotReadable(f"{option}{item!r} must have the form {form}.")
         if printable(name) in values:

@@ -103,7 +103,6 @@ def run_cohort(
     group = isinstance(args, Cohort)  # of bids, several may measure participants at once
     out, results = out.absolute(), _results_folders(out.absolute(), subjects)
     covariates = covariates.of_sessions(results)
-    mapped, lines = dict[str, Mapping[str, str]](), list[str]()
     kept_scales(out)  # refuses before hours of work
     with ExitStack() as locks:
         need = max(_memory_needed(subject, args) for subject in subjects[:SUBJECTS_READ_FOR_MEMORY])
@@ -122,8 +121,7 @@ def run_cohort(
                     print_note(scales.words, args)
                 subjects = [replace(subject, options=with_scales(subject.options, scales)) for subject in subjects]
             outcomes = run_with_progress(fleet, "cohort", measure_participant, subjects, args)
-            if space is not None:
-                mapped, lines = _map_on_template(fleet, space, subjects, out, args, covariates)
+            mapped, lines = _map_on_template(fleet, space, subjects, out, args, covariates)
         if group:
             more["remarks"] = write_group_and_notes(out, results, args, covariates, outcomes).remarks_on_group
     if space is not None:
@@ -150,7 +148,7 @@ def write_group_and_notes(
 
 def _map_on_template(
     fleet: fleets.Fleet,
-    space: Template,
+    space: Template | None,
     subjects: Sequence[Participant],
     out: Path,
     args: ManySubjects,
@@ -160,6 +158,8 @@ def _map_on_template(
 
     Returns by subject the hemispheres that have no maps there, and why; and lines about them and the arrays.
     """
+    if space is None:
+        return {}, []
     folder = out / SPACES / space.place
     tasks = [
         Mapped(s.name, s.folder, s.place, str(s.results), TaskFolder(str(folder), s.name, s.place.run), space)
@@ -270,8 +270,9 @@ def _sweep(args: Sweep) -> Answer:
     if args.dry_run:
         return _dry_run(grid, args)
     out = args.out.absolute()
+    group = out / GROUP_FOLDER
     refuse_no_collection(out, "sweep")
-    refuse_foreign(out / GROUP_FOLDER)  # refuses before hours of work
+    refuse_foreign(group)  # refuses before hours of work
     run_id, report = secrets.token_hex(4), not args.no_report and analysis_report
     runs = [
         Run(TaskFolder(str(out), p.name, run_id), _with_absolute_mesh_path(p.scene), args.threads, report, options)
@@ -291,9 +292,9 @@ def _sweep(args: Sweep) -> Answer:
     unhealthy = {run.point.name: run.warnings for run in phases.runs if run.warnings}
     lines = [f"warning: {name}: {'; '.join(warnings)}" for name, warnings in list(unhealthy.items())[:5]]
     if len(unhealthy) > 5:
-        table = out / GROUP_FOLDER / "runs.tsv"
-        lines.append(f"warning: {len(unhealthy)} of {len(runs)} runs are not healthy; {table} lists them")
-    return answer_of(outcomes, "run", out / GROUP_FOLDER / "report.html", lines, warnings=unhealthy)
+        bad = f"{len(unhealthy)} of {len(runs)} runs are not healthy"
+        lines.append(f"warning: {bad}; {group / 'runs.tsv'} lists them")
+    return answer_of(outcomes, "run", group / "report.html", lines, warnings=unhealthy)
 
 
 def _with_absolute_mesh_path(scene: Scene) -> Scene:

@@ -19,11 +19,12 @@ from morphofold.report.pages.study_pages import overlap_report, stats_report
 def run(args: Stats | options.Overlap) -> Answer:
     space = find_space(args.study, args.space)
     refuse_foreign(args.out, [space.folder])
-    content, lines = _stats(args, space) if isinstance(args, Stats) else _overlap(args, space)
-    return Answer(content, [*lines, f"-> {args.out if args.no_report else args.out / 'report.html'}"])
+    answer = _stats(args, space) if isinstance(args, Stats) else _overlap(args, space)
+    page = args.out if args.no_report else args.out / "report.html"
+    return answer._replace(lines=[*answer.lines, f"-> {page}"])
 
 
-def _stats(args: Stats, space: Space) -> tuple[dict[str, Any], Iterator[str]]:
+def _stats(args: Stats, space: Space) -> Answer:
     usual, of_maps = args.study / "participants.tsv", space.folder / "participants.tsv"
     participants = args.participants or (of_maps if space.covariates and not usual.is_file() else usual)
     with progress("stats", args.quiet) as show:
@@ -43,7 +44,7 @@ def _stats(args: Stats, space: Space) -> tuple[dict[str, Any], Iterator[str]]:
         )
         write_result(result, args.out, [participants], report=None if args.no_report else stats_report)
     content = summary(result, [participants])
-    return content, _stats_lines(result, content)
+    return Answer(content, _stats_lines(result, content))
 
 
 def _stats_lines(result: Result, numbers: Mapping[str, Any]) -> Iterator[str]:
@@ -68,13 +69,13 @@ def _stats_lines(result: Result, numbers: Mapping[str, Any]) -> Iterator[str]:
         )
 
 
-def _overlap(args: options.Overlap, space: Space) -> tuple[dict[str, Any], Iterator[str]]:
+def _overlap(args: options.Overlap, space: Space) -> Answer:
     chance: dict[str, int] = {"spins": args.rotations, "seed": args.seed}
     with progress("overlap", args.quiet) as show:
         results = overlap(space, radius=args.radius, fwhm=args.density, hemis=sides(args.hemi), progress=show, **chance)
         content = overlap_summary(space, results, fwhm=args.density, **chance)
         write_overlap(space, results, content, args.out, None if args.no_report else overlap_report)
-    return content, _overlap_lines(results)
+    return Answer(content, _overlap_lines(results))
 
 
 def _overlap_lines(results: Sequence[Overlap]) -> Iterator[str]:
