@@ -80,7 +80,8 @@ def _analyze(args: Analyze) -> Answer:
     if subject is not None:
         written, others = results.write_into_subject(measures, subject)
         lines.append(f"into {subject}: {', '.join(written) or 'nothing'}")
-        lines += [f"kept, because morphofold did not write them: {', '.join(others)}"] if others else []
+        if others:
+            lines.append(f"kept, because morphofold did not write them: {', '.join(others)}")
     return Answer(summary, lines, 1 if failed else 0)
 
 
@@ -153,8 +154,9 @@ def _hemisphere_readers(args: Analyze) -> dict[str, Callable[[], Cortex]]:
             raise OptionsClash(
                 f"{args.white}: neither its name nor that of --pial shows the hemisphere. Pass --hemi lh or rh."
             )
-        pair: dict[str, Any] = {"white": args.white, "pial": args.pial, "name": args.name, "annotation": args.annot}
-        return {"": partial(read_cortex, hemi=hemi, **pair)}
+        return {
+            "": partial(read_cortex, white=args.white, pial=args.pial, hemi=hemi, name=args.name, annotation=args.annot)
+        }
     read = partial(read_parcellated, args.input, name=args.name or args.subject, annotation=args.annot)
     hemis = sides(args.hemi) or hemispheres(Path(args.input))
     return {hemi: partial(read, hemi, annotation_from=args.annot_from) for hemi in hemis}

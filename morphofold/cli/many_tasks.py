@@ -101,7 +101,8 @@ def run_cohort(
     tables; the JSON says ``more``.
     """
     group = isinstance(args, Cohort)  # of bids, several may measure participants at once
-    out, results = out.absolute(), _results_folders(out.absolute(), subjects)
+    out = out.absolute()
+    results = _results_folders(out, subjects)
     covariates = covariates.of_sessions(results)
     kept_scales(out)  # refuses before hours of work
     with ExitStack() as locks:
@@ -256,7 +257,7 @@ def _subjects_folder(args: Bids) -> Path:
     if not dataset.is_dir():
         raise FileNotFoundError(f"{dataset}: no such dataset.")
     for folder in (dataset / name for name in FREESURFER_FOLDERS):
-        if any(any(folder.glob(subject)) for subject in ("*/surf", "sub-*/ses-*/surf")):
+        if any(folder.glob("*/surf")) or any(folder.glob("sub-*/ses-*/surf")):
             return folder
     raise FileNotFoundError(
         f"{dataset}: there are no FreeSurfer subjects in {', '.join(FREESURFER_FOLDERS)}. Pass their folder with "

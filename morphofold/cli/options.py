@@ -58,8 +58,9 @@ def _whole(_: Any, tokens: tuple[Token, ...]) -> int:
 
 Whole = Annotated[int, Parameter(converter=_whole)]
 MaybeWhole = Annotated[int | None, Parameter(converter=_whole)]
-Out = Annotated[Path, Parameter(alias="-o", group=RUNNING)]
-OutOrName = Annotated[Path | None, Parameter(alias="-o", group=RUNNING)]
+OUT = Parameter(alias="-o", group=RUNNING)
+Out = Annotated[Path, OUT]
+OutOrName = Annotated[Path | None, OUT]
 Sides = Literal["lh", "rh", "both"]
 Hemispheres = Annotated[Sides | None, Parameter(converter=_hemisphere)]
 BothHemispheres = Annotated[Sides, Parameter(converter=_hemisphere)]

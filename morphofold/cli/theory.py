@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import textwrap
 import tomllib
@@ -63,11 +64,12 @@ def run(args: Theory) -> Answer:
 
 def _parameters(args: Theory) -> dict[str, Any]:
     """The options of the question, for JSON, which has no infinity."""
+    values = asdict(args)
     if isinstance(args, Bifurcation) and args.body is not None:
-        return {"body": args.body, "curve": False} | ({"settings": args.set} if args.set else {})
+        values = {"body": args.body, "curve": False, "settings": args.set}
     return {
         key: "inf" if value == math.inf else value
-        for key, value in asdict(args).items()
+        for key, value in values.items()
         if value not in (None, []) and key not in UNRECORDED
     }
 
@@ -104,13 +106,12 @@ def _bifurcation(args: Bifurcation) -> Drawable:
 def _row_of_body(scene: Scene, args: Bifurcation) -> dict[str, Any]:
     if scene.geometry.shape == "radial":
         raise DoesNotApply(f"{scene.name}: a radial scene has no mesh. Leave out --body: its theory needs none.")
-    checked: list[float] = []
+    numbers = itertools.count(1)
     with progress(scene.name, args.quiet) as show:
 
         def on_state(g: float, eigenvalue: float) -> None:
-            checked.append(g)
-            state = "stable" if eigenvalue > 0 else "unstable"
-            show(len(checked) / (len(checked) + STATES_STILL_TO_CHECK), f"{state} at g = {g:.5f}")
+            checked, state = next(numbers), "stable" if eigenvalue > 0 else "unstable"
+            show(checked / (checked + STATES_STILL_TO_CHECK), f"{state} at g = {g:.5f}")
 
         return theory_tables.body_row(scene, on_state)
 
