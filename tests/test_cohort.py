@@ -343,16 +343,12 @@ def test_results_that_are_json_and_not_ours_are_refused(study):
             read_results(file.parent)
 
 
-def test_a_damaged_record_is_none_and_a_pipe_waits_for_nobody(tmp_path):
+def test_a_damaged_record_is_none(tmp_path):
     record = tmp_path / "anna.json"
     known = '{"key": "a", "failures": %s, "results": %s, "files": {}}'
     damaged = ["", "{", "[]", "[" * 10**5, "\ud800", '{"key": "a"}', known.replace('"a"', "1") % ("{}", "true")]
     for text in (*damaged, *(known % values for values in (('{"lh": 5}', "false"), ("{}", "true"), ("{}", "false")))):
         record.write_bytes(text.encode("utf-8", "surrogatepass"))
-        assert tasks.read_record(record) == {}
-    record.unlink()
-    if hasattr(os, "mkfifo"):
-        os.mkfifo(record)
         assert tasks.read_record(record) == {}
 
 
