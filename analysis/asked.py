@@ -1,7 +1,5 @@
 """What ``measure(cortex, only=[...])`` runs: the steps that make the names asked for, and the steps that these need."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Crest lines: where a principal curvature is extremal along its own direction, on gyral crowns and sulcal fundi."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 

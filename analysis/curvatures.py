@@ -1,7 +1,5 @@
 """Principal curvatures and their directions at each vertex of a triangle mesh."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 

@@ -4,8 +4,6 @@ Conjugate gradients with a multigrid preconditioner of smoothed aggregation (Van
 The coarse levels belong to L alone, so one hierarchy serves every t.
 """
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Shortest paths on a surface, along edges and straight across pairs of triangles."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse

@@ -1,7 +1,5 @@
 """Relief of a folded surface: height of each vertex above the smoothed surface, and its position within the fold."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Lengths at which curvature and the folding indices of a cortex are measured."""
 
-from __future__ import annotations
-
 from morphofold import geometry
 from morphofold.analysis.curvatures import check_scale, largest_scale
 from morphofold.surface import Cortex

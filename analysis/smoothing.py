@@ -1,7 +1,5 @@
 """Smoothing of maps along a surface, by a Gaussian kernel of a given full width at half maximum."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Spin test: whether two maps of one hemisphere are more alike than smooth maps are by chance."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """Steps of a measurement that run beside each other: shown as they begin, and timed."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import partial
 from threading import Lock

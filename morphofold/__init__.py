@@ -1,7 +1,5 @@
 """Grow folded cortices, read real ones, and measure both with the same code."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from morphofold.lazy import DRAWERS, importer

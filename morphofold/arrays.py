@@ -1,7 +1,5 @@
 """The arrays of the house by what they hold; arrays that can't change, and functions of them that remember results."""
 
-from __future__ import annotations
-
 import functools
 import weakref
 from collections.abc import Callable, Hashable

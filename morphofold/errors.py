@@ -6,8 +6,6 @@ All are ``ValueError``. The error line of a command ends with the code in bracke
 codes of ``PYTHON_CODES`` for these.
 """
 
-from __future__ import annotations
-
 import errno
 import re
 

@@ -1,7 +1,5 @@
 """``@kernel``: functions that numba compiles when they are first called, and the cache of their machine code."""
 
-from __future__ import annotations
-
 import functools
 import hashlib
 import sys

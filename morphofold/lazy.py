@@ -1,7 +1,5 @@
 """What is imported when it is first used: public names of packages, and what draws the objects of lower rooms."""
 
-from __future__ import annotations
-
 import importlib
 import sys
 from collections.abc import Callable, Mapping

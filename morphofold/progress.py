@@ -1,7 +1,5 @@
 """Progress of long work: functions called with the share done, 0 to 1, and what is being done."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import partial
 

@@ -1,7 +1,5 @@
 """Names of maps and scalars on pages: label, unit, sign, and limits of colours. The words are in quantities.toml."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass

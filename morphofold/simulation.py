@@ -1,7 +1,5 @@
 """``simulate``: grow a scene, and write each stage with the maps of a FreeSurfer subject, measured by the same code."""
 
-from __future__ import annotations
-
 from functools import wraps
 from pathlib import Path
 from typing import Any

@@ -5,8 +5,6 @@ formula of a spreadsheet: text that begins with ``= + - @`` or ``"``, and text t
 front, as in spreadsheets; ``read_table`` removes it.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """How many threads numba and BLAS use, and how work is divided among them."""
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Callable, Iterator

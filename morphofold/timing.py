@@ -1,8 +1,6 @@
 """Cost of work: a clock that stops while numba compiles (once on a machine for each kernel that is called), and the
 memory that is held."""
 
-from __future__ import annotations
-
 import re
 import sys
 import time

@@ -1,7 +1,5 @@
 """Checks of arguments: one for each kind of mistake, with one form of message."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Numbers, times and lists as text for a reader."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """The growing body, a cortex on a core: elements, supports, surface filter, and the mass that keeps a step stable."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any, Protocol

@@ -1,7 +1,5 @@
 """Build the body of a scene from its geometry."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -8,8 +8,6 @@ Simonsson and Unosson 2005) in the form of a multilevel preconditioner (Bramble,
 change the states in which all forces vanish.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -53,7 +51,7 @@ class CoarseLevels:
         bricks = isinstance(bilayer.mesh, MeshHex)
         self._set_up(*(_interpolations(bilayer, X, thickness) if bricks else ([], _ONE_LEVEL)), free)
 
-    def _set_up(self, levels: Sequence[_Level], depth: _Depth, free: Bools) -> None:
+    def _set_up(self, levels: "Sequence[_Level]", depth: "_Depth", free: Bools) -> None:
         n = len(free) // len(depth.share)
         self._depth = depth
         self._across = [_rows(level.across) for level in levels]

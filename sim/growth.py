@@ -1,8 +1,6 @@
 """Laws of growth of the cortex, and how much its volume grows; the kernels have the tensors in the point data
 (brick_kernels.grow)."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from morphofold.errors import UnknownName

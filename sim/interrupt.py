@@ -1,7 +1,5 @@
 """Delay Ctrl-C until a run is in a state from which it can be resumed."""
 
-from __future__ import annotations
-
 import signal
 import threading
 from collections.abc import Callable, Iterator

@@ -4,8 +4,6 @@ The body stays a sphere, whether it is stable or not. Nothing of the solver in t
 takes some hundredths of a second, its measures take longer.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Rigid planes that surface nodes do not cross, without friction: what a symmetry plane and the midline share."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -6,8 +6,6 @@ surface into the Sylvian fossa. Outside of a convex body the distance is smooth 
 continuously at any distance above 0), and the shell of any gap is a level surface of it.
 """
 
-from __future__ import annotations
-
 from typing import Protocol
 
 import numpy as np

@@ -6,8 +6,6 @@ core by g_core. Radii with a bar are over B, as in Eqs. (11) to (13). :func:`bif
 without a crease; the paper does not have it.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

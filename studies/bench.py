@@ -4,8 +4,6 @@
 morphofold.studies.bench`` does the same.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 import textwrap

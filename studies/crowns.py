@@ -5,8 +5,6 @@ writes the table of the page between its marks ``crowns``, and ``docs/crowns.png
 takes ten minutes on two cores.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -8,8 +8,6 @@ Each seed has its own imperfection and its own places of the bundles: evenly spr
 over bundles is compared with what lies over the same bundles turned at random, 999 times.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Mapping, Sequence

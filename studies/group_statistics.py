@@ -4,8 +4,6 @@
 ``rates``, ``variances`` and ``power``. It takes three quarters of an hour on two cores.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """Required content of the index files (``summary.json``) of ``reproduce`` and ``bench``."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path

@@ -5,8 +5,6 @@ the page between its marks ``growth``, ``scales`` and ``spacing``, and ``docs/la
 ``docs/laws-growth.png``. It takes half an hour on two cores.
 """
 
-from __future__ import annotations
-
 import csv
 import sys
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """Generated parts of Markdown pages: tables from a folder of results, written between marks."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path

@@ -9,8 +9,6 @@ difference becomes the kick of the next pair, at a later growth, and only the pa
 counts. This is repeated until the onset stays constant. For slower growth it tends to the bifurcation of the same mesh.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -3,8 +3,6 @@
 ``python -m morphofold.studies.packages docs/packages.png`` draws the picture, in a checkout.
 """
 
-from __future__ import annotations
-
 import ast
 import importlib.util
 import sys

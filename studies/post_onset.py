@@ -13,8 +13,6 @@ Deep folds, whose walls touch, are found as at home: the strip grows and shrinks
 solver with contact, from a cosine of a thousandth of T.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass

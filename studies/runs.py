@@ -1,7 +1,5 @@
 """The simulations of figures and studies: grown in a folder of results, used again, and how an index lists them."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path

@@ -1,8 +1,6 @@
 """Surfaces with known answers: plain, bumpy and ridged spheres, ellipsoid, torus, cylinder, sheet, and regular nets of
 ridges. The study of accuracy and the tests measure them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from itertools import product
 

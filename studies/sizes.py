@@ -3,8 +3,6 @@
 ``python -m morphofold.studies.sizes`` in a checkout prints them.
 """
 
-from __future__ import annotations
-
 import ast
 import io
 import tokenize

@@ -10,8 +10,6 @@ has the least energy for each length of the strip before growth. It is the spaci
 folds could move freely.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass

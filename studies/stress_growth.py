@@ -12,8 +12,6 @@ Theory (:func:`heights`) is linear in the height and exact otherwise: a layer of
 neo-Hookean, on a half-space that is a Maxwell solid. It has no free number.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass

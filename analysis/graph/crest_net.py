@@ -1,7 +1,5 @@
 """The net of gyral crests as curves and junctions, from the depth potential of a surface and lengths in mm."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
@@ -64,7 +62,7 @@ class GyralScales:
     tip: float
 
     @classmethod
-    def of_width(cls, width: float) -> GyralScales:
+    def of_width(cls, width: float) -> "GyralScales":
         """The lengths for a crown width: 1.5, 0.2, 0.25, 0.5, 1 and 1.5 widths."""
         return cls(
             width, REACH_IN_WIDTHS * width, SMOOTHING_IN_WIDTHS * width, 0.25 * width, 0.5 * width, width, 1.5 * width

@@ -1,7 +1,5 @@
 """Dead-end gyri: ridges that end inside one basin, so no border of basins runs along them."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse

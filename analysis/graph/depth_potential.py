@@ -4,8 +4,6 @@ It is the height of a nearly flat sheet with the mean curvature of the surface. 
 the vertices enters as height in mm and not as curvature. It needs no hull, no inflation and no sphere.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse

@@ -1,7 +1,5 @@
 """A net of curves on a surface: borders between basins, merging of close junctions, removal of short spurs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -39,7 +37,7 @@ class Arc:
         self._points = points
         self.length = float(norms(points[1:] - points[:-1]).sum())
 
-    def turned(self) -> Arc:
+    def turned(self) -> "Arc":
         return Arc(self.b, self.a, self.points[::-1], self.blind)
 
 

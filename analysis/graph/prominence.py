@@ -1,7 +1,5 @@
 """Prominent highs and lows of a function on a surface, such as gyri and sulci of a height."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Refinement of a net: curves move onto the crown, and junctions to the point where their arms meet."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Sensitivity of the number of hinges to the lengths of a gyral graph."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Basins of a function on a surface, and how they join when the passes between them are flooded."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 
 import numpy as np

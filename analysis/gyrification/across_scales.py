@@ -1,7 +1,5 @@
 """A cortex at coarser and coarser scales: areas and thickness after everything narrower than a length has merged."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Sulcal depth of a folded surface: one distance per vertex."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -82,7 +80,7 @@ def _geodesic_depth(verts: Verts, faces: Faces, depth: PerVertex, touching: floa
 
 def _bundle_planes(
     points: NDArray[np.float64], planes: NDArray[np.float64]
-) -> tuple[float, NDArray[np.float64], _BundledPlanes]:
+) -> "tuple[float, NDArray[np.float64], _BundledPlanes]":
     """Size of the body [mm]; in that unit, the points (N, 3) relative to their middle, and the planes (P, 4)."""
     middle = points.mean(axis=0)
     points = points - middle

@@ -1,7 +1,5 @@
 """Folding indices: integrals of curvature at a physical scale, almost independent of the mesh."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

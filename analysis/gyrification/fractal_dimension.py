@@ -1,7 +1,5 @@
 """Fractal dimension: how fast the number of boxes that cover a surface grows as the boxes get smaller."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Gyrification index of a folded surface, a ratio of areas."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 

@@ -1,7 +1,5 @@
 """Local gyrification: area of the pial surface around a point relative to a smooth envelope of the brain."""
 
-from __future__ import annotations
-
 import math
 from functools import partial
 

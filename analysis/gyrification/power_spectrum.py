@@ -4,8 +4,6 @@ The height of a folded surface is taken over the sphere from which it grew, or t
 overhang or touch are therefore no problem.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 

@@ -4,8 +4,6 @@
 ``morphofold.quantities`` gives its label, unit and colours.
 """
 
-from __future__ import annotations
-
 import pkgutil
 from collections.abc import Callable
 from importlib import import_module

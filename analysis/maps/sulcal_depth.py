@@ -1,7 +1,5 @@
 """Sulcal depth of the pial surface."""
 
-from __future__ import annotations
-
 from morphofold.analysis.gyrification import depth
 from morphofold.surface import Cortex, PerVertex
 

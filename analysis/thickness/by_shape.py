@@ -1,7 +1,5 @@
 """Cortical thickness of convex, saddle-shaped and concave cortex, and of crowns, walls and fundi."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Cortical thickness between a white and a pial surface: one length per vertex. Gyral thickness: see gyral.py."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Gyral thickness: the width of a gyrus from wall to wall, at mid-height of the fold, on the pial surface."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from typing import Any

@@ -1,7 +1,5 @@
 """The mid-height contour of the folds of a surface: halfway between crown and fundus, on every wall."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Rays against a surface: the first hit, and whether they stay inside."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A line through the regions of a brain: gyral on cortical thickness, with a slope robust to a few odd regions."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any

@@ -1,8 +1,6 @@
 """The ``morphofold`` command: :mod:`morphofold.cli.options` says what a command takes; the module that does the work
 is only imported with its command."""
 
-from __future__ import annotations
-
 import importlib
 import io
 import os

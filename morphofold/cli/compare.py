@@ -1,7 +1,5 @@
 """``morphofold compare``: read analyses, compare them, write the page."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """``morphofold analyze`` and ``unfold``: measure a cortex or unfold it, and write the results and a page."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial

@@ -1,7 +1,5 @@
 """``morphofold demo``: the complete work once, or a folder of made subjects."""
 
-from __future__ import annotations
-
 import time
 
 from morphofold import results

@@ -1,7 +1,5 @@
 """What commands work on and with: subjects by name, options of measuring as results record them, folders to write."""
 
-from __future__ import annotations
-
 import os
 import re
 from pathlib import Path

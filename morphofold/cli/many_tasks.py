@@ -1,7 +1,5 @@
 """``morphofold cohort``, ``bids`` and ``sweep``: many tasks on workers, in a folder that collects their results."""
 
-from __future__ import annotations
-
 import secrets
 import sys
 from collections.abc import Callable, Mapping, Sequence

@@ -5,8 +5,6 @@ imported by every command, ``--help`` too, and imports nothing heavy; the work o
 the module with its name, or that ``module`` names.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass, field

@@ -1,7 +1,5 @@
 """``morphofold reproduce``: figures of the paper, and their index."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """``morphofold scenes``: a table of the built-in scenes, or one of them with all its values."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 from morphofold.cli.options import Answer, Scenes

@@ -1,7 +1,5 @@
 """``morphofold simulate``: grow a scene, or forecast what it takes."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """``morphofold stats`` and ``overlap``: compare the maps of a study's subjects on a template, and print the result."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """``morphofold theory``: the answer to a question as a table, and its figure."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import textwrap

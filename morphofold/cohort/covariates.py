@@ -1,7 +1,5 @@
 """Covariates of subjects, such as age and sex: the columns of participants.tsv, for the tables of a group."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -35,7 +33,7 @@ class Covariates:
         named = self.of(subject).get(PERSON)
         return str(person_and_session(subject)[0] if named is None else named)
 
-    def of_sessions(self, subjects: Iterable[str]) -> Covariates:
+    def of_sessions(self, subjects: Iterable[str]) -> "Covariates":
         """These, with the columns ``person`` and ``session`` if some subjects are sessions of a person."""
         if not any(person_and_session(subject)[1] for subject in subjects):
             return self

@@ -4,8 +4,6 @@ A job is a call of one function with plain arguments. If a worker dies, its job 
 whose workers died three times is put last and tried once more alone, so that no other job is lost with it.
 """
 
-from __future__ import annotations
-
 import logging
 import os
 import secrets

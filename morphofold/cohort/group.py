@@ -1,7 +1,5 @@
 """The group of a cohort: tables and page of all its subjects, from their results on disk."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Literal

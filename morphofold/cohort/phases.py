@@ -1,7 +1,5 @@
 """Results of a sweep, read from its folder: measures and health of every run, theory of every point, and tables."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing

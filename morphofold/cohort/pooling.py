@@ -1,7 +1,5 @@
 """Which hemispheres of a group may be pooled: for each measure, those measured with the same settings."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Runs many tasks on a fleet and collects their outcomes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any, Protocol

@@ -3,8 +3,6 @@
 A person counts once, with the mean of its sessions. Persons are assumed to be independent of each other.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from itertools import groupby

@@ -1,7 +1,5 @@
 """The subjects of a cohort: found in a folder, or listed in a file."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Tables of a group: tidy text and Parquet from the results of its subjects, read one after the other."""
 
-from __future__ import annotations
-
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing

@@ -6,8 +6,6 @@ be done. The refusal of an input is a result too. A failure of the machine (memo
 not a result, and the next run tries the task again.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import time

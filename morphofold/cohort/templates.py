@@ -1,7 +1,5 @@
 """Templates, to which the maps of subjects are brought over through registered spheres."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path

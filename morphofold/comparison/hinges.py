@@ -1,7 +1,5 @@
 """Three-hinge patterns of one group of surfaces compared with another (Fig. 9 of Razavi et al. 2015)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations

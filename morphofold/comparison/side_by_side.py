@@ -4,8 +4,6 @@ Simulations and brains are treated the same. ``cortex.origin`` and ``cortex.info
 ``info["mu_ratio"]``, if there is one, gives the theoretical line.
 """
 
-from __future__ import annotations
-
 import re
 import tomllib
 from collections import defaultdict

@@ -1,7 +1,5 @@
 """Gyral against cortical thickness (Fig. 8b of Razavi et al. 2015): points, fitted lines, and lines of theory."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

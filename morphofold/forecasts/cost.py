@@ -2,8 +2,6 @@
 hemisphere and one scene), and those of a run or an analysis after it, as a line for the terminal, as JSON, and in words
 for pages."""
 
-from __future__ import annotations
-
 import json
 import math
 import tomllib

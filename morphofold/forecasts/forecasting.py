@@ -1,7 +1,5 @@
 """Cost and errors of a run before it begins: steps are timed on this machine, and scaled."""
 
-from __future__ import annotations
-
 import math
 import timeit
 from collections.abc import Callable, Iterable, Mapping

@@ -1,7 +1,5 @@
 """Choice of the mesh for a budget of time, or for an error."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping

@@ -1,8 +1,6 @@
 """Errors of a finished run by Richardson extrapolation: the run is compared with a coarser run of the same scene, and
 the coarser run with a slower run, which grows at half the pace."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path

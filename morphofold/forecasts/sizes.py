@@ -1,8 +1,6 @@
 """What a run of a scene takes: elements and nodes of its body, counted without building it, the edges that it can have,
 steps, and memory."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import NamedTuple

@@ -5,8 +5,6 @@ The functions that kernels call are in :mod:`morphofold.geometry.kernels`.
 All sums run in the order of the faces, so results do not depend on the number of threads.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

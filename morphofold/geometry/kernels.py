@@ -4,8 +4,6 @@ Three functions find the nearest point of a triangle. Their results differ by ro
 each caller keeps its function.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 

@@ -1,7 +1,5 @@
 """Clusters of a statistic on a mesh, and threshold-free cluster enhancement (TFCE), both by area."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from morphofold.arrays import Array, Ints

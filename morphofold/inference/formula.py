@@ -1,7 +1,5 @@
 """Model formulas of users: checked here, since formulaic evaluates the calls in a formula as Python."""
 
-from __future__ import annotations
-
 import ast
 import math
 import re

@@ -1,7 +1,5 @@
 """Where the hinges and crests of a study's subjects are, and how many they have in common, against chance."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain

@@ -1,7 +1,5 @@
 """The files of ``morphofold overlap``: maps, the table of regions, summary.json and a page."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """A linear model at every vertex, and what of it remains when subjects are exchanged at random."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import factorial, prod

@@ -1,7 +1,5 @@
 """What subjects have in common, and what by chance: their hinges and crests on a template, turned at random."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

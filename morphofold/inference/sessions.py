@@ -1,7 +1,5 @@
 """Persons with several scans: who was scanned, and in which session, by the name of a subject."""
 
-from __future__ import annotations
-
 import re
 
 LONG = ".long."  # in the name of a longitudinal run of recon-all, TIMEPOINT.long.BASE

@@ -1,7 +1,5 @@
 """Maps of a study on a template, as ``cohort --space`` wrote them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The maps of a study on a template, tested by a model: read, tested over both hemispheres together, and written."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

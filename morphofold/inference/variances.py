@@ -1,7 +1,5 @@
 """Whether the residual variance of a linear model depends on what is tested."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import stats
 

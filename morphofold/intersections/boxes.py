@@ -14,8 +14,6 @@ above it. A walk needs no stack::
         k = following(k)
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -5,8 +5,6 @@ each other have such a pair, also two triangles that meet only in one vertex. Se
 it: two smooth walls may overlap widely and cross only at the rim at a small angle, where no single crossing is deep.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -77,7 +75,7 @@ class Intersections:
         """Depth of the deepest crossing or vertex, in mean edges."""
         return self.deepest / self.mean_edge
 
-    def at(self, crossings: Indices) -> Intersections:
+    def at(self, crossings: Indices) -> "Intersections":
         """The same with only these crossings, given by their numbers."""
         some = {name: getattr(self, name)[crossings] for name in ("edge", "face", "point", "depth")}
         return replace(self, **some)

@@ -1,7 +1,5 @@
 """Hits of a ray on a surface: no hit is lost or doubled at an edge or a vertex."""
 
-from __future__ import annotations
-
 from morphofold.geometry.kernels import corners, cross, dot, less
 from morphofold.intersections.boxes import TRIANGLES_PER_LEAF, following, meets_ray
 from morphofold.intersections.signs import TIE_BREAKING_DIRECTION, plane_sign

@@ -15,8 +15,6 @@ J. R. Shewchuk, Adaptive precision floating-point arithmetic and fast robust geo
 Geom. 18, 305 (1997). H. Edelsbrunner, E. P. Muecke, Simulation of simplicity. ACM Trans. Graphics 9, 66 (1990).
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from morphofold.geometry.kernels import position

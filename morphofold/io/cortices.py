@@ -1,7 +1,5 @@
 """Read a ``Cortex``, and find its files: a subject, a simulation or a stage, an analysis, a sample, or two files."""
 
-from __future__ import annotations
-
 import os
 import re
 import warnings

@@ -1,7 +1,5 @@
 """Checks that all readers and writers share: a file exists, is bounded, is complete, and is replaced in one step."""
 
-from __future__ import annotations
-
 import difflib
 import errno
 import os

@@ -1,7 +1,5 @@
 """Write folders completely or not at all, one writer at a time."""
 
-from __future__ import annotations
-
 import json
 import os
 import secrets

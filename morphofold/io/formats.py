@@ -1,7 +1,5 @@
 """Read and write surfaces, per-vertex maps, regions and masks in any format: one table of formats."""
 
-from __future__ import annotations
-
 import gzip
 import os
 import re

@@ -4,8 +4,6 @@ Maps are read here, because nibabel reads the values that are left of a truncate
 reads none of quadrangles.
 """
 
-from __future__ import annotations
-
 import io
 import math
 import re

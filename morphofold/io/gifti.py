@@ -1,7 +1,5 @@
 """GIFTI surfaces, per-vertex maps and regions, through nibabel."""
 
-from __future__ import annotations
-
 import gzip
 import html
 import io

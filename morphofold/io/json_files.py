@@ -1,7 +1,5 @@
 """Write JSON files, and read them: each must match its schema; errors name the file, the key and the cure."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Any
 

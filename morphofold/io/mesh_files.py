@@ -1,7 +1,5 @@
 """Surfaces of other programs: PLY, STL, OBJ, OFF and GLB through trimesh, VTK's formats, and texts of others."""
 
-from __future__ import annotations
-
 import importlib
 import io
 import logging

@@ -1,7 +1,5 @@
 """Checks of a cortex before it is measured: refusals with the numbers and the cure."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Defects of a mesh: those that make measuring impossible are refused, the others give a note beside the numbers."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """The medial wall of surfaces without a label: a large patch where white and pial nearly meet."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csgraph

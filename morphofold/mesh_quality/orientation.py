@@ -4,8 +4,6 @@ A *side* of a triangle has the number of the corner where it starts: side 3 t + 
 to the next one. Two sides along one edge that belong together are *joined*.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Warnings on a cortex that can be measured but may be the wrong input: its size, side, label and thickness."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -5,8 +5,6 @@ share, torn seams, specks beside the cortex, and triangles that occur twice or n
 and ``defects`` refuses them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 

@@ -5,8 +5,6 @@ lightness from deep blue to pale yellow. The diverging table falls from a light 
 the same lightness on both sides.
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

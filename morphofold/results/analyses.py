@@ -1,7 +1,5 @@
 """Analyses on disk, written and read in either layout: ``write_analysis``, ``write_dataset``, ``read_analysis``."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal

@@ -3,8 +3,6 @@
 Of the files of a subject BIDS defines only the regions (``_dseg.label.gii``). All others are in ``.bidsignore``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal

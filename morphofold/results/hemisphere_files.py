@@ -4,8 +4,6 @@ In BIDS, surfaces, hinges and gyral graph are in scanner coordinates if the cort
 has FreeSurfer's sign; reading reverses both.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, replace

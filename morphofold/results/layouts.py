@@ -7,8 +7,6 @@ tools open. The other is a subject of a BIDS derivatives dataset, whose names fo
 which BIDS has no suffix end in ``_morph``; where fMRIPrep has similar files, their names are the same.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -72,7 +70,7 @@ class Layout:
     subject: str = ""
 
     @classmethod
-    def of(cls, folder: Path) -> Layout:
+    def of(cls, folder: Path) -> "Layout":
         """The layout of an analysis that was written; raises ``FileNotFoundError`` if BIDS files lack their subject."""
         anat = folder / "anat"
         if (folder / PLAIN_PATHS["summary"]).is_file() or not anat.is_dir():

@@ -5,8 +5,6 @@
 files are never replaced.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 from collections.abc import Callable, Mapping, Sequence

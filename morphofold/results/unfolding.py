@@ -1,7 +1,5 @@
 """The folder that ``morphofold unfold`` writes: smooth surfaces, maps, tables, page."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """Triangle meshes of spheres: regular, irregular, or of evenly spread directions."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull

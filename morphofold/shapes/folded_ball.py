@@ -1,7 +1,5 @@
 """A ball folded like half a brain, with a given number of vertices: the body for timing."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from morphofold.errors import OutOfRange

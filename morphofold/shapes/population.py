@@ -1,7 +1,5 @@
 """A made population: a template deformed by random smooth fields, with an effect of age planted in it."""
 
-from __future__ import annotations
-
 import math
 import shutil
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Spheres with ridges along a known net: gyri with exactly known hinges, crests and widths."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,7 +30,7 @@ class SphericalNet:
         """Angles of the arcs (A,) [rad]."""
         return np.arccos(np.clip(np.sum(self.nodes[self.arcs[:, 0]] * self.nodes[self.arcs[:, 1]], axis=1), -1, 1))
 
-    def rotated(self, rotation: Array) -> SphericalNet:
+    def rotated(self, rotation: Array) -> "SphericalNet":
         """The net rotated by a matrix (3, 3)."""
         return SphericalNet(self.nodes @ rotation.T, self.arcs)
 

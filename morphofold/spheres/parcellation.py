@@ -1,7 +1,5 @@
 """A parcellation carried over from a template to a subject that has none, through their registered spheres."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path

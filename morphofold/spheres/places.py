@@ -1,7 +1,5 @@
 """Places of points in the triangles of a sphere, and values there by linear interpolation."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import TypeVar
 

@@ -1,7 +1,5 @@
 """Resampling of maps from one surface to another, registered by their spheres (FreeSurfer's ?h.sphere.reg)."""
 
-from __future__ import annotations
-
 from functools import cached_property
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Rotations of a sphere, and the vertex below each turned point: the null hypothesis for maps that are smooth."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

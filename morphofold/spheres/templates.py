@@ -1,7 +1,5 @@
 """Templates to which subjects are registered by ``?h.sphere.reg``: their folders and files, and the packaged label."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -4,8 +4,6 @@ The harmonics are orthonormal, without the phase (-1)^m. Y_lm is number l^2 + l 
 in Cartesian form, Q_lm(z) times Re or Im of (x + i y)^m, which is regular at the poles.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -82,12 +80,12 @@ class Expansion:
         parts = np.array_split(s, 1 + len(s) // POINTS_AT_ONCE)
         return np.concatenate([harmonics(part, self.degree) @ self.coefficients for part in parts])
 
-    def smoothed(self, level: float) -> Expansion:
+    def smoothed(self, level: float) -> "Expansion":
         """After heat has flowed on the sphere for the time ``level``: Y_lm falls by exp(-l (l + 1) level)."""
         l = degrees(self.degree)
         return replace(self, coefficients=np.exp(-level * l * (l + 1))[:, None] * self.coefficients)
 
-    def gradient(self) -> Expansion:
+    def gradient(self) -> "Expansion":
         """Gradient on the sphere of the solid function: the sum of r^l times the terms of degree l.
 
         Along the sphere its derivatives are those of this function. Components (c, r), c slowest, are the derivatives

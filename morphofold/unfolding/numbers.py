@@ -1,7 +1,5 @@
 """Numbers of an unfolding: how far it went, what cortex fits, and where the area of a folded surface comes from."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

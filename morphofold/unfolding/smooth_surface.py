@@ -6,8 +6,6 @@ heat flow on the unit sphere. Vertex v lies at X(s_v), so numbers are kept, and 
 Normals and curvatures are exact.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -91,7 +89,7 @@ class SmoothSurface:
         curvature = np.column_stack([mean - half, mean + half])
         return Frame(position, normal, stretch, curvature, along, turn @ along)
 
-    def scaled(self, factor: float) -> SmoothSurface:
+    def scaled(self, factor: float) -> "SmoothSurface":
         """The surface with all lengths times ``factor``."""
         return SmoothSurface(Expansion(factor * self.shape.coefficients))
 

@@ -6,8 +6,6 @@ out is tiny. So points are then moved along the gradient of a potential until ea
 the area.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import cg

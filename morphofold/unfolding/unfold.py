@@ -1,7 +1,5 @@
 """Unfold a cortex: from its folded surface and its sphere to a smooth one with the same vertices."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

@@ -1,7 +1,5 @@
 """Plane strain in a strip one brick deep: both sides move together, so that round-off can't grow across it."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from morphofold.arrays import Array
@@ -9,7 +7,7 @@ from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect
 
 
-def build(options, scene) -> PlaneStrain:
+def build(options, scene) -> "PlaneStrain":
     return PlaneStrain()
 
 

@@ -1,7 +1,5 @@
 """Contact of the pial surface with its mirror image: nodes stay half a gap away from a symmetry plane."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from morphofold.arrays import Bools
@@ -11,7 +9,7 @@ from morphofold.sim.mesh.brick_mesh import Plane
 from morphofold.sim.rigid_planes import RigidPlanes
 
 
-def build(options, scene) -> Symmetry:
+def build(options, scene) -> "Symmetry":
     return Symmetry()
 
 

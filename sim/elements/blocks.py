@@ -5,8 +5,6 @@ writes them: one row per block and node. Each node then sums its few rows in a f
 same for any number of threads. Neighbouring elements should have close numbers.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -17,8 +17,6 @@ Elements are stored in lanes (:mod:`morphofold.sim.elements.lanes`), in columns 
 ``blocks.Columns`` connects them with the nodes.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit, prange
 

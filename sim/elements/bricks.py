@@ -1,7 +1,5 @@
 """The bricks of a body in the layout of the kernels: grown geometry at the Gauss points, moduli, state."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from skfem import ElementHex1, MappingIsoparametric, MeshHex

@@ -9,8 +9,6 @@ with E the energy of the element. Over its grown volume V this is the mean Mande
 it is symmetric at a point; of the mean the symmetric part is taken.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

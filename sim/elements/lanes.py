@@ -5,8 +5,6 @@ can't exclude overlap and stays scalar, six times slower). This file has the par
 reading positions, adding up forces.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from llvmlite import ir
 from numba import njit, prange, types

@@ -6,8 +6,6 @@ greedily: from the tetrahedron with the fewest free neighbours, by the neighbour
 the one with the fewest free neighbours, else by the nearest. Nothing is random. Most patches have five or six.
 """
 
-from __future__ import annotations
-
 import heapq
 
 import numpy as np

@@ -3,8 +3,6 @@
 Under extreme compression elements form saw-teeth; this stops them. For a smooth surface its energy is of order h^4.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -102,7 +100,7 @@ class _Stencils(NamedTuple):
     offset: Array
     value: Array
 
-    def taken(self, where: NDArray[np.generic]) -> _Stencils:
+    def taken(self, where: NDArray[np.generic]) -> "_Stencils":
         return _Stencils(*(part[where] for part in self))
 
 

@@ -22,8 +22,6 @@ read once per node of a patch and forces summed once per node, so a node gathers
 map from corners of a tetrahedron to nodes of its patch is read lane by lane, so a patch may have any shape.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit, prange
 

@@ -1,7 +1,5 @@
 """Linear tetrahedra of any mesh, in patches, in the layout of the kernels: grown edges, moduli, state."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from skfem import MeshTet

@@ -4,8 +4,6 @@ Forces are those of the explicit solver (:meth:`Body.all_forces`), the stiffness
 (:mod:`morphofold.sim.equilibrium.tangent`). The stability of each state on the path can be computed.
 """
 
-from __future__ import annotations
-
 from copy import copy
 from dataclasses import dataclass
 
@@ -88,7 +86,7 @@ class Equilibrium:
             self._levels = sparse.csr_matrix(moving[:, np.flatnonzero(moving.getnnz(axis=0))])
 
     @one_blas_thread()
-    def grown(self, g: float) -> Equilibrium:
+    def grown(self, g: float) -> "Equilibrium":
         """The equilibrium at growth ``g`` of the cortex; increments halve when Newton's method fails."""
         here, step = self, g - self.growth
         while here.growth != g:
@@ -116,7 +114,7 @@ class Equilibrium:
         """
         return self._newton(self.x)
 
-    def _next(self, g: float) -> Equilibrium:
+    def _next(self, g: float) -> "Equilibrium":
         path = copy(self)
         x = self.x
         if self._before is not None and abs(g - self.growth) < LONGEST_EXTRAPOLATION * abs(

@@ -7,8 +7,6 @@ left out: an imperfect body has no bifurcation, and nothing touches before it. A
 path by itself: Newton's method follows it, stable or not.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -19,8 +19,6 @@ matrices per element, and no sum over pairs of shape functions. If the material 
 i2 = psi(J) I2, :func:`_add_second_invariant` adds its terms.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 

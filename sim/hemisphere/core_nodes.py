@@ -6,8 +6,6 @@ turns over; sums of powers of f are made small by L-BFGS. While corners are turn
 (det A + sqrt(det A^2 + eps^2)) / 2 (Escobar and others 2003), with a smaller eps from search to search.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

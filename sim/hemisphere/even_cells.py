@@ -5,8 +5,6 @@ expansion, found once on a coarse lattice, that makes no edge long or short and 
 lattice, so meshes can be refined.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.optimize import minimize
 

@@ -1,7 +1,5 @@
 """Maps of a scene at the nodes of its body: from a file on a sphere, or from the point data of a mesh file."""
 
-from __future__ import annotations
-
 from functools import cached_property
 from pathlib import Path
 from typing import Any

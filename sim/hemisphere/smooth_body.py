@@ -1,7 +1,5 @@
 """The body under a smooth surface: a cortex on a core with a hole, in bricks; ungrown, a person's own hemisphere."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Maps on the sphere of a body: read from files, and smoothed by their spherical harmonics."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

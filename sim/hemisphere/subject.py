@@ -1,7 +1,5 @@
 """The subject whose cortex grows: its files, its folded surface with what it unfolds to, and where it is cortex."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The body of a scene whose shape is ``cortex``: a person's cortex, unfolded, with what is known of its vertices."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache

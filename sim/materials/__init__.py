@@ -7,8 +7,6 @@ has a ``Material``, which defines u and its derivatives once, in arithmetic that
 depend on ``i2``, no time is spent on it.
 """
 
-from __future__ import annotations
-
 from typing import Any, Protocol
 
 from numba import njit, types

@@ -1,7 +1,5 @@
 """Energy and stress of a material as functions of the elastic tensor A: plain NumPy with trailing 3x3 axes."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

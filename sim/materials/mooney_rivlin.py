@@ -1,7 +1,5 @@
 """Mooney-Rivlin (Mooney 1940, Rivlin 1948): part of the stiffness resists changes of area, not of length."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any, Literal, NamedTuple
 
 from morphofold.sim.scene.tables import MaterialOptions, key
@@ -15,7 +13,7 @@ class Options(MaterialOptions):
         float, key("share of the shear modulus that belongs to the second invariant", ge=0, le=1)
     ] = 0.25
 
-    def build(self) -> MooneyRivlin:
+    def build(self) -> "MooneyRivlin":
         return MooneyRivlin(self.second_share)
 
 

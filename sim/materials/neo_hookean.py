@@ -1,7 +1,5 @@
 """Neo-Hookean: the material of the paper, Eq. (4) of Razavi et al. (2015)."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any, Literal, NamedTuple
 
 from morphofold.sim.scene.tables import MaterialOptions, key
@@ -16,7 +14,7 @@ class Options(MaterialOptions):
 
     model: Annotated[Literal["neo-hookean"], key("which material", exclude=True)] = "neo-hookean"
 
-    def build(self) -> NeoHookean:
+    def build(self) -> "NeoHookean":
         return NeoHookean()
 
 

@@ -4,8 +4,6 @@ Sphere and ellipsoid are layered cubed spheres, whole or cut by symmetry planes.
 between four symmetry planes. A strip is a patch one brick deep, in plane strain.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple

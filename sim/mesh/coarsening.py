@@ -1,7 +1,5 @@
 """Every second vertex of a mesh of quads in both directions, and the interpolation from these to all vertices."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

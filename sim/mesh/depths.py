@@ -1,7 +1,5 @@
 """Distances of points to a surface of triangles, with the nearest point, the normal and a map there."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What maps and labels of a file of tetrahedra say: held nodes, thickness of the cortex, regions."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """A cortex on a core from a file of tetrahedra: layers by depth or by label, thickness direction, white surface."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A part between symmetry planes, mirrored to the whole: faces, and where each vertex of the whole comes from."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

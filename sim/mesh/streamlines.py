@@ -1,7 +1,5 @@
 """Paths from nodes down through a mesh of tetrahedra along a direction field, to where a level falls to zero."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 

@@ -1,7 +1,5 @@
 """A file of tetrahedra that meshio reads: points, tetrahedra, and the values and labels that it holds for them."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import re

@@ -1,7 +1,5 @@
 """Tetrahedra from a file, checked to be one body: neighbours, symmetry planes, outer and inner surfaces."""
 
-from __future__ import annotations
-
 import warnings
 from typing import NamedTuple
 

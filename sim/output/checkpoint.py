@@ -1,7 +1,5 @@
 """Read the checkpoint and the log of a run to resume it; files that the run did not leave so are refused."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

@@ -1,7 +1,5 @@
 """A simulation folder: its contents, who may write it, and the parts that every run writes in the same way."""
 
-from __future__ import annotations
-
 import errno
 import io
 import json

@@ -1,7 +1,5 @@
 """Inputs of a run beside its scene: the mesh that the scene only names, the caller's own effects, a state."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """The files of a run in a folder: find them, remove incomplete ones of a killed run, remove all."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from contextlib import suppress

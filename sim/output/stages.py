@@ -1,7 +1,5 @@
 """Read the stages of a run and its ``health.json``; damaged files and files of another run are refused."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Any
 

@@ -1,7 +1,5 @@
 """Closed pial and white surfaces of the deformed body: quads are split along the best diagonals, parts mirrored."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The tables of a scene. An effect runs if and only if its table is present."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -76,7 +74,7 @@ class Growth(Table):
     ] = ()
 
     @model_validator(mode="after")
-    def _thickness_is_a_curve(self) -> Growth:
+    def _thickness_is_a_curve(self) -> "Growth":
         growths = [g for g, _ in self.thickness]
         if growths and self.law != "tangential":
             raise DoesNotApply('growth.thickness needs growth.law = "tangential"; isotropic growth sets the thickness')
@@ -163,7 +161,7 @@ class Scene(Table):
     output: Output = Output()
 
     @model_validator(mode="after")
-    def _stages_within_growth(self) -> Scene:
+    def _stages_within_growth(self) -> "Scene":
         late = [g for g in self.output.stages if g > self.growth.final]
         if late:
             raise OutOfRange(
@@ -176,7 +174,7 @@ class Scene(Table):
         return self
 
     @model_validator(mode="after")
-    def _effects_fit_the_rest(self) -> Scene:
+    def _effects_fit_the_rest(self) -> "Scene":
         shape = self.geometry.shape
         if shape == "radial" and not self.material.theory:
             raise DoesNotApply(
@@ -195,7 +193,7 @@ class Scene(Table):
         return self
 
     @model_validator(mode="after")
-    def _fits_in_memory(self) -> Scene:
+    def _fits_in_memory(self) -> "Scene":
         bricks = self.bricks
         if bricks > MOST_BRICKS:
             many = f"about {bricks:.1e}" if bricks < 1e99 else "more than 1e+99"
@@ -252,7 +250,7 @@ class Scene(Table):
         """Number of steps in which growth rises by 1, if a wave crosses the cortex in ``crossing`` steps."""
         return CROSSINGS_PER_UNIT_GROWTH * crossing / self.growth.rate
 
-    def without(self, *effects: str) -> Scene:
+    def without(self, *effects: str) -> "Scene":
         """The same scene without some of its effects."""
         left = {name: options for name, options in self.effects.items() if name not in effects}
         return self.model_copy(update={"effects": left})

@@ -1,7 +1,5 @@
 """The effects that a scene can name, and their tables; each effect is one file of ``morphofold.sim.effects``."""
 
-from __future__ import annotations
-
 import pkgutil
 from collections.abc import Mapping
 from functools import cache

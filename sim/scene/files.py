@@ -1,7 +1,5 @@
 """Scenes from TOML files, built-in names and ``table.key=value`` settings, and back to TOML."""
 
-from __future__ import annotations
-
 import difflib
 import json
 import os

@@ -1,7 +1,5 @@
 """The bodies that a scene can have."""
 
-from __future__ import annotations
-
 import math
 import re
 from contextlib import suppress
@@ -52,7 +50,7 @@ class Sphere(Layers):
     thickness_map: ThicknessMap = None
 
     @model_validator(mode="after")
-    def _layers_fit(self) -> Sphere:
+    def _layers_fit(self) -> "Sphere":
         _check_layers(self.radius, self.cortex_thickness, self.hole_radius)
         return self
 
@@ -90,7 +88,7 @@ class Ellipsoid(Layers):
         return 0.5 * math.pi * max(self.semi_axes)
 
     @model_validator(mode="after")
-    def _layers_fit(self) -> Ellipsoid:
+    def _layers_fit(self) -> "Ellipsoid":
         least = min(self.semi_axes)
         _check_layers(least, self.cortex_thickness, self.hole_share * least, self.hole_share)
         return self
@@ -106,7 +104,7 @@ class Patch(Layers):
     depth: Depth = 25.0
 
     @model_validator(mode="after")
-    def _layers_fit(self) -> Patch:
+    def _layers_fit(self) -> "Patch":
         _check_layers(self.depth, self.cortex_thickness, 0.0)
         return self
 
@@ -119,7 +117,7 @@ class Strip(Layers):
     depth: Depth = 25.0
 
     @model_validator(mode="after")
-    def _layers_fit(self) -> Strip:
+    def _layers_fit(self) -> "Strip":
         _check_layers(self.depth, self.cortex_thickness, 0.0)
         return self
 
@@ -132,7 +130,7 @@ class Radial(Layers):
     hole_radius: HoleRadius = 25.0
 
     @model_validator(mode="after")
-    def _layers_fit(self) -> Radial:
+    def _layers_fit(self) -> "Radial":
         _check_layers(self.radius, self.cortex_thickness, self.hole_radius)
         return self
 
@@ -184,7 +182,7 @@ class MeshFile(Layers):
     ] = None
 
     @model_validator(mode="after")
-    def _keys_fit(self) -> MeshFile:
+    def _keys_fit(self) -> "MeshFile":
         labelled = [name for name in ("held_facets", "cut_facets") if getattr(self, name)]
         if bool(labelled) != (self.facets is not None):
             raise OptionsClash(
@@ -251,7 +249,7 @@ class UnfoldedCortex(Layers):
     ] = "medial wall"
 
     @model_validator(mode="after")
-    def _layers_fit(self) -> UnfoldedCortex:
+    def _layers_fit(self) -> "UnfoldedCortex":
         _check_layers(self.radius, self.cortex_thickness, self.hole_share * self.radius, self.hole_share)
         return self
 

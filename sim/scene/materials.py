@@ -1,7 +1,5 @@
 """The materials that a scene can name, and their tables; each is one file of ``morphofold.sim.materials``."""
 
-from __future__ import annotations
-
 import pkgutil
 from collections.abc import Mapping
 from functools import cache

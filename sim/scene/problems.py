@@ -1,7 +1,5 @@
 """Messages about problems of a scene: the place, the key and what it must be, in terms of TOML."""
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass

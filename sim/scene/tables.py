@@ -1,7 +1,5 @@
 """Base classes of the tables of a scene: keys with their meaning, unit and range."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 

@@ -11,8 +11,6 @@ discontinuous and of one degree less. Lengths are in units of C, stresses in uni
 closed forms of ``theory`` are not used: this is an independent method for the same numbers.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
@@ -56,7 +54,7 @@ class RadialState:
     cortex: NDArray[np.bool_]
     _solution: Any = field(repr=False, compare=False)
 
-    def at(self, R: ArrayLike, layer: str) -> RadialState:
+    def at(self, R: ArrayLike, layer: str) -> "RadialState":
         """The state at radii R (units of C) of one layer, "core" or "cortex", including its ends.
 
         Raises

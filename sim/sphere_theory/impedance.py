@@ -7,8 +7,6 @@ outwards from the fixed hole and inwards from the free surface. docs/theory.md h
 outer reference radius C, moduli over the core's shear modulus.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

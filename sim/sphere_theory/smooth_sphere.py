@@ -5,8 +5,6 @@ state has a closed form (Razavi et al. 2015, Eqs. 8 to 11, and the integral of E
 is computed by Chebyshev collocation, with the energy of :func:`morphofold.sim.materials.elastic.energy`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple

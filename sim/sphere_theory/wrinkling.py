@@ -6,8 +6,6 @@ is a better measure. This module finds the growth at which stability ends, for e
 ends first.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The forces of bricks assembled by scikit-fem: a readable counterpart of the kernels, and a peer in speed."""
 
-from __future__ import annotations
-
 import numpy as np
 from skfem import Basis, ElementHex1, ElementVector, LinearForm
 

@@ -1,7 +1,5 @@
 """The settings of the solver that the study varies, and the body of each setting."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any

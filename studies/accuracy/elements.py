@@ -4,8 +4,6 @@ Readable reference: the kernels of the explicit solver compute these energies an
 and the study of accuracy compare the two. Everything here is plain NumPy with trailing 3x3 axes.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from morphofold.arrays import Array

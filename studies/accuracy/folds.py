@@ -1,7 +1,5 @@
 """Error against time of the solver for a folded body: compared with the finest mesh, and along each axis."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple

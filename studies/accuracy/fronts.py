@@ -1,7 +1,5 @@
 """Which settings are worth their time, and how time and error scale with the size of a mesh."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass

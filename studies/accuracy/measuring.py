@@ -5,8 +5,6 @@ the exact field. A vertex without a value counts as 0, so its relative error is 
 peer that fails has a point without error or seconds (NaN, no repeats); its setting gives the reason.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial

@@ -1,7 +1,5 @@
 """The cost of accuracy for gyri: widths, hinges and crests of constructed folds with known answers."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from typing import Any

@@ -6,8 +6,6 @@ absolute difference over that of the absolute map: in a mean square, a few crush
 dominate.
 """
 
-from __future__ import annotations
-
 import statistics
 from collections.abc import Iterator
 from functools import cache, partial

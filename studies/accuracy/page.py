@@ -5,8 +5,6 @@ accuracy -o OUT`` wrote. All peers go to accuracy-peers.tsv beside PAGE. Parts a
 answer -->`` and ``<!-- /answer -->``, pictures beside PAGE. Text outside of the marks is written by hand.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import shutil

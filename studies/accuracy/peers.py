@@ -1,7 +1,5 @@
 """Curvatures and closest points of other packages on the same arrays: used if installed, never required."""
 
-from __future__ import annotations
-
 import importlib.util
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple

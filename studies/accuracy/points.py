@@ -1,7 +1,5 @@
 """Time and error of one setting: a point in the plane of error against time."""
 
-from __future__ import annotations
-
 import gc
 import math
 import statistics
@@ -81,7 +79,7 @@ class Point:
         return asdict(self)
 
     @staticmethod
-    def from_row(row: Mapping[str, Any]) -> Point:
+    def from_row(row: Mapping[str, Any]) -> "Point":
         """The point of a row, with None as NaN; ``ValueError`` if a field is missing, unknown or of another type."""
         try:
             given: dict[str, Any] = {name: math.nan if value is None else value for name, value in row.items()}
@@ -113,7 +111,7 @@ class Timing(NamedTuple):
     repeats: int
 
     @staticmethod
-    def of(took: Sequence[float]) -> Timing:
+    def of(took: Sequence[float]) -> "Timing":
         """The timing from the wall times of all repeats."""
         return Timing(statistics.median(took), min(took), max(took), len(took))
 

@@ -1,7 +1,5 @@
 """The results of ``python3 run.py bench accuracy``: tables, pictures, and an index that describes them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Error against time of the solver for the smooth body and for the onset of folding: compared with theory."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

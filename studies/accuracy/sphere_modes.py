@@ -12,8 +12,6 @@ The energy to second order is then a quadratic form in six functions of R (:func
 is the tangent of the radial problem.
 """
 
-from __future__ import annotations
-
 from functools import cached_property
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The study of accuracy: its cases are done one by one and kept, so that an interrupted study can continue."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import platform

@@ -1,8 +1,6 @@
 """The tables of a study of accuracy: all points with their fronts, laws of time and error, peers, presets, and the
 sources of the error of the standard setting."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from typing import Any
 

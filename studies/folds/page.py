@@ -1,7 +1,5 @@
 """Text tables, a Markdown page and a picture from the results of ``python3 run.py bench folds``."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple

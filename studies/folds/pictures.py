@@ -1,7 +1,5 @@
 """Pictures of simulated folds side by side: the same camera, scale and colour limits, and a caption under each."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

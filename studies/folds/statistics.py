@@ -3,8 +3,6 @@
 All functions work on rows of :mod:`morphofold.studies.folds.tables`, which also hold their ``seed``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple

@@ -4,8 +4,6 @@
 writes the tables into the Markdown page PAGE.
 """
 
-from __future__ import annotations
-
 import platform
 import sys
 from collections.abc import Sequence

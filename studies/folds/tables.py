@@ -4,8 +4,6 @@ Height is the distance of the pial surface from the centre, as a function of the
 overhang or touch. All numbers are for the whole sphere, including the mirrored part.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from functools import lru_cache

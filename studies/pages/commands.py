@@ -4,8 +4,6 @@
 ``<!-- /options -->`` of each command's page, and the list of commands between the marks ``commands`` in index.md.
 """
 
-from __future__ import annotations
-
 import sys
 import textwrap
 from collections.abc import Iterator

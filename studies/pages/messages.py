@@ -3,8 +3,6 @@
 ``python -m morphofold.studies.pages.messages docs/messages.md`` writes them between the marks of that page.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

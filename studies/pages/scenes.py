@@ -3,8 +3,6 @@
 ``python -m morphofold.studies.pages.scenes docs/scenes.md`` writes them between the marks of that page.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Mapping
 from pathlib import Path

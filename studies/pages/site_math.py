@@ -4,8 +4,6 @@ Pages write formulas as the code host reads them: a fence of ``math``, or ``$...
 the dollars if Markdown would otherwise interpret underscores.
 """
 
-from __future__ import annotations
-
 import re
 from typing import Any
 

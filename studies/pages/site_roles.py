@@ -1,7 +1,5 @@
 """Roles of docstrings in the Python reference, a hook of mkdocs: names are shown without ``:func:`` before them."""
 
-from __future__ import annotations
-
 import re
 
 ROLE = re.compile(r":(?:func|class|meth|mod|attr|data):(<code[^>]*>)(~?)([\w.]+)</code>")

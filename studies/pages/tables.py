@@ -3,8 +3,6 @@
 ``python -m morphofold.studies.pages.tables docs/tables.md`` writes them between the marks of that page.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The figures of Razavi et al. (2015) that can be reproduced, each with the table of its points."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Pictures and tables that are shown for each figure, in docs/figures.md and in a page."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -4,8 +4,6 @@ The paper gives neither the growth nor the scale of its pictures. Our pictures h
 that we chose; the first is at most 0.06 beyond that of the first wrinkles by linear stability.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial

@@ -5,8 +5,6 @@
 outside of the marks is written by hand.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """One page of all figures of ``morphofold reproduce``: pictures, tables, comparisons with the paper, and times."""
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Draw figures of the paper into a folder, with their index and their page."""
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Sequence

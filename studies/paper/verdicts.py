@@ -1,7 +1,5 @@
 """Comparison of each figure with that of the paper, in a few sentences made from the numbers in its tables."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from itertools import pairwise

@@ -4,8 +4,6 @@ The surfaces are those of Choi and others (2025, eLife reviewed preprint 107141)
 them. Both axes are shares of the area of the convex hull of the first surface, so units cancel.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """What accuracy costs on a hemisphere: the same body on several meshes, with the errors against the finest."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

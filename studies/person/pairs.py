@@ -6,8 +6,6 @@ thickness of one over that of the other before growth. Even bodies of two seeds 
 too, but the map has no part in it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path

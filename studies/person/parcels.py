@@ -1,7 +1,5 @@
 """Parcels of about equal area on a sphere, for surfaces with and without a parcellation of their own."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

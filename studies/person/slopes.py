@@ -1,7 +1,5 @@
 """Slopes of log width on log thickness, with an error of regression, one of seeds, and one of rotations."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

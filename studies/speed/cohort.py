@@ -1,7 +1,5 @@
 """Time and memory for many subjects: small made-up ones, so that the cost around the measures is visible."""
 
-from __future__ import annotations
-
 import shutil
 import time
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """Time of the measures: one folded surface in several sizes, and the seconds of each stage."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -6,8 +6,6 @@ files hold the output of ``python3 run.py bench speed --json`` and of ``bench ef
 that ``morphofold simulate`` finished. Text outside of the marks is written by hand.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import math

@@ -1,7 +1,5 @@
 """Measures by this installation and by another one: the same surface, in turn; ratios with their spread."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Other programs beside ours on the same large surfaces, in turn: time and error of the same quantity."""
 
-from __future__ import annotations
-
 import math
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """Speed of this machine: the force kernels, whole steps, and the time that each effect adds to a step."""
 
-from __future__ import annotations
-
 import itertools
 import time
 from collections.abc import Callable, Iterable

@@ -10,8 +10,6 @@ References
    correspondence between maps of human brain structure and function. NeuroImage 178, 540 (2018).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Person, smooth body and grown cortex on one sphere: their points, sizes, areas and maps."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
 

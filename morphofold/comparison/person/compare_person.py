@@ -1,7 +1,5 @@
 """Compare a cortex with the folds of the person it grew from, and both with the smooth body as control."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

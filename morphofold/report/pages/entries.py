@@ -1,7 +1,5 @@
 """The surfaces of a page: names and symbols in charts, tables, warnings, and reasons why a number is missing."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ Only outliers, failures and warnings have rows for single subjects, and these li
 have the rest. Sentences are in ``templates/group.html``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -4,8 +4,6 @@ A page is one file that opens offline. Styles, script, surfaces and charts are i
 forbids everything else, and every name from a file is escaped.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace

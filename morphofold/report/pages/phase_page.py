@@ -3,8 +3,6 @@
 Sentences are in ``templates/phases.html``.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Pages of a model tested at every vertex, of what subjects have in common, and of an unfolding."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

@@ -4,8 +4,6 @@ Also the methods paragraph of a page, from what it shows and the scales that wer
 ``templates/methods.txt``, with the references that they cite.
 """
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import platform

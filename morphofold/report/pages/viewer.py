@@ -5,8 +5,6 @@ over their range, with 65535 for NaN. Every array is stored as differences to th
 zigzag-coded, low bytes before high bytes; all are deflated, in base64. ``templates/viewer-data.js`` decodes it.
 """
 
-from __future__ import annotations
-
 import base64
 import zlib
 from collections import defaultdict
@@ -147,7 +145,7 @@ def pack(
     shown: Display | None = None,
     net: Net | None = None,
     person: str | None = None,
-) -> Packed:
+) -> "Packed":
     """Pack the pial, white and (if any) inflated surface of a cortex, and maps (N,), for the viewer.
 
     ``steps`` gives the coarsest step allowed for a map, which makes the data smaller; without it, a map has 16 bits

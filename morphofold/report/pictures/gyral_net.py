@@ -1,8 +1,6 @@
 """The gyral net painted on its surface, and pairs of three-hinge patterns: patches of pial surface around two hinges,
 crests in red, each in its own frame."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

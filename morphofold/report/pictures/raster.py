@@ -4,8 +4,6 @@ It is slower than a graphics card. Each picture has one thread and one order of 
 picture, bit for bit.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
@@ -106,7 +104,7 @@ def paint(face, b0, b1, faces, normals, colours, oversample):
     return image
 
 
-def look(points: Array, faces: Ints, size: tuple[int, int], half_height: float, oversample: int = 2) -> Seen:
+def look(points: Array, faces: Ints, size: tuple[int, int], half_height: float, oversample: int = 2) -> "Seen":
     """The visible faces of a surface from +z, x to the right, y up, without perspective.
 
     Parameters

@@ -1,7 +1,5 @@
 """Pictures of pixels: pieces, letters, rulers and colour bars on a white sheet, by matplotlib, and their PNG files."""
 
-from __future__ import annotations
-
 import base64
 import io
 import math

@@ -3,8 +3,6 @@
 ``raster`` draws the surfaces, with the same bytes on every machine and no graphics library.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial

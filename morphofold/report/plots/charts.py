@@ -4,8 +4,6 @@ growth, regions of two bodies, and what subjects share.
 A mark shows its text when the pointer is over it. Names are escaped, and no text is parsed as a formula.
 """
 
-from __future__ import annotations
-
 import io
 import re
 from collections.abc import Iterator, Mapping, Sequence

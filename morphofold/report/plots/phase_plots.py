@@ -3,8 +3,6 @@
 Each function returns a :class:`matplotlib.figure.Figure`, for :func:`morphofold.report.plots.line_plots.save`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
