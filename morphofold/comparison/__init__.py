@@ -4,28 +4,24 @@ Simulations and brains are treated the same. ``cortex.origin`` and ``cortex.info
 ``info["mu_ratio"]``, if there is one, gives the theoretical line.
 """
 
-from morphofold.comparison.person.compare_person import PersonComparison, compare_with_person
-from morphofold.comparison.side_by_side import Comparison, compare
-from morphofold.comparison.thickness import (
-    Cloud,
-    Fit,
-    TheoryLine,
-    ThicknessPoint,
-    fit_line,
-    thickness_cloud,
-    wrinkling_wavelength,
-)
+# ruff: noqa: F401  (the public names, imported on first use)
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "Cloud",
-    "Comparison",
-    "Fit",
-    "PersonComparison",
-    "TheoryLine",
-    "ThicknessPoint",
-    "compare",
-    "compare_with_person",
-    "fit_line",
-    "thickness_cloud",
-    "wrinkling_wavelength",
-]
+from morphofold.lazy import importer, public_names
+
+if TYPE_CHECKING:
+    from morphofold.comparison.person.compare_person import PersonComparison, compare_with_person
+    from morphofold.comparison.side_by_side import Comparison, compare
+    from morphofold.comparison.thickness import (
+        Cloud,
+        Fit,
+        TheoryLine,
+        ThicknessPoint,
+        fit_line,
+        thickness_cloud,
+        wrinkling_wavelength,
+    )
+
+_PUBLIC = public_names(__file__)
+__all__ = sorted(_PUBLIC)
+__getattr__ = importer(__name__, _PUBLIC)

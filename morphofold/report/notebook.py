@@ -1,27 +1,23 @@
 """What a notebook shows of an object: a short table and a small picture, drawn without a graphics card."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from PIL import Image
 
+from morphofold.analysis.measures import Measures
+from morphofold.comparison import Comparison
 from morphofold.errors import NothingToDo, OutOfRange, UnknownName
 from morphofold.geometry import face_areas
 from morphofold.quantities import HEADLINE_SCALARS, MAIN_MAPS, Quantity, find, quantity, scalar_words
 from morphofold.report.pages.templates import SIDES, plural, render
 from morphofold.report.pictures.sheet import in_page, in_steps_of_four, png_bytes
 from morphofold.report.pictures.surfaces import NO_VALUES, Row, figure
+from morphofold.sim.output.folder import Simulation
+from morphofold.surface import Cortex
 from morphofold.words import in_one_line
-
-if TYPE_CHECKING:
-    from morphofold.analysis.measures import Measures
-    from morphofold.comparison import Comparison
-    from morphofold.sim.output.folder import Simulation
-    from morphofold.surface import Cortex
 
 SIDE_VIEWS = ("lateral", "medial")
 MOST_SURFACES = 4  # of a comparison that are drawn; its table has them all

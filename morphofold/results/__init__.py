@@ -1,28 +1,24 @@
 """Analyses on disk: written in our own layout or as a subject of a BIDS dataset, and read from either."""
 
-from morphofold.results.analyses import (
-    COLUMNS,
-    check_wide,
-    is_analysis_of,
-    read_analysis,
-    read_pial,
-    read_stages,
-    write_analysis,
-    write_dataset,
-)
-from morphofold.results.dataset import subject_place
-from morphofold.results.subject_files import check_subject, write_into_subject
+# ruff: noqa: F401  (the public names, imported on first use)
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "COLUMNS",
-    "check_subject",
-    "check_wide",
-    "is_analysis_of",
-    "read_analysis",
-    "read_pial",
-    "read_stages",
-    "subject_place",
-    "write_analysis",
-    "write_dataset",
-    "write_into_subject",
-]
+from morphofold.lazy import importer, public_names
+
+if TYPE_CHECKING:
+    from morphofold.results.analyses import (
+        COLUMNS,
+        check_wide,
+        is_analysis_of,
+        read_analysis,
+        read_pial,
+        read_stages,
+        write_analysis,
+        write_dataset,
+    )
+    from morphofold.results.dataset import subject_place
+    from morphofold.results.subject_files import check_subject, write_into_subject
+
+_PUBLIC = public_names(__file__)
+__all__ = sorted(_PUBLIC)
+__getattr__ = importer(__name__, _PUBLIC)

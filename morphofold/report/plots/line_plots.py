@@ -1,24 +1,23 @@
 """Style, limits and legends of line plots, and files with the same bytes for the same figure."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from threading import RLock
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
+import matplotlib.style
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colorbar import Colorbar
+from matplotlib.colors import ListedColormap, Normalize
+from matplotlib.figure import Figure
 
 from morphofold.errors import WrongFile
 from morphofold.quantities import CATEGORICAL_COLOURS
 from morphofold.report import colours
-
-if TYPE_CHECKING:  # matplotlib takes a second to import
-    from matplotlib.axes import Axes
-    from matplotlib.colorbar import Colorbar
-    from matplotlib.figure import Figure
 
 #: file endings for figures, and the metadata that keep date and program out of the file
 FORMATS: dict[str, dict[str, Any]] = {
@@ -114,8 +113,6 @@ def legend_of_figure(figure: Figure, entries: Mapping[str, Mapping[str, Any]], a
 
 def colour_bar(figure: Figure, title: str, limits: tuple[float, float], signed: bool = False, **where: Any) -> Colorbar:
     """Draw the colours between the limits; ``where`` is as for :meth:`matplotlib.figure.Figure.colorbar`."""
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import ListedColormap, Normalize
 
     table = ListedColormap(colours.table(signed) / 255)
     bar = figure.colorbar(ScalarMappable(Normalize(*limits), table), label=title, **where)
@@ -127,7 +124,6 @@ def colour_bar(figure: Figure, title: str, limits: tuple[float, float], signed: 
 def plot_style(more: Mapping[str, Any] = {}) -> Iterator[None]:
     """Matplotlib's defaults with ``STYLE`` and ``more``, whatever the user's settings: all threads share these, so one
     draws at a time. A box stands for a character that the font lacks."""
-    import matplotlib.style
 
     with _SETTINGS, warnings.catch_warnings(), matplotlib.style.context(["default", STYLE, dict(more)]):
         warnings.filterwarnings("ignore", "Glyph .* missing from")
@@ -139,7 +135,6 @@ def blank_figure(
     width: float, height: float, layout: Literal["constrained"] | None = "constrained", style: Mapping[str, Any] = {}
 ) -> Iterator[Figure]:
     """A figure without pyplot's global state; inches. ``style`` is added to ``STYLE``."""
-    from matplotlib.figure import Figure
 
     with plot_style(style):
         yield Figure(figsize=(width, height), layout=layout)

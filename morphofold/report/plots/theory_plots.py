@@ -4,13 +4,13 @@ Each function returns a :class:`matplotlib.figure.Figure`, for :func:`~morphofol
 differ in colour and in line style.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from morphofold.errors import NothingToDo
 from morphofold.report.plots.line_plots import (
@@ -25,10 +25,6 @@ from morphofold.report.plots.line_plots import (
 )
 from morphofold.sim import theory
 from morphofold.sim.theory_tables import G_MAX, Case, Row, critical_rows, radius_rows, stress_rows
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 MARK_STYLE = {"color": GREY, "linestyle": "none"}
 NOTE: dict[str, Any] = {"color": GREY, "fontsize": 10}
