@@ -1,4 +1,3 @@
-import os
 import re
 import tomllib
 from pathlib import Path
@@ -270,10 +269,6 @@ def test_what_is_there_but_no_file_is_named_for_what_it_is(tmp_path):
     (tmp_path / "scene.toml").write_text(GOOD)
     with pytest.raises(WrongFile, match=re.escape(f"{tmp_path / 'scene.toml'}")):
         load_scene(tmp_path)
-    os.mkfifo(tmp_path / "pipe")
-    for path in (tmp_path / "pipe", "/dev/null"):
-        with pytest.raises(WrongFile, match=re.escape(f"{path}: ")):
-            load_scene(path)
     with pytest.raises(UnknownName, match=r"\bfig5\b"):
         load_scene("")
 
