@@ -59,10 +59,14 @@ def alone(folder: Path, name: str = LOCK_FILE) -> Iterator[None]:
     Raises
     ------
     FileExistsError
-        If another run holds the lock, in this process or in another, or if ``folder`` is a file.
+        If another run holds the lock, in this process or in another.
+    NotADirectoryError
+        If ``folder`` is a file, or a link whose target does not exist.
     """
     from filelock import FileLock, Timeout
 
+    if os.path.lexists(folder) and not folder.is_dir():  # mkdir's error would mean that another run writes here
+        raise NotADirectoryError(f"{folder}: is not a folder, so nothing can be written there. Move it away.")
     with _made_folder(folder):
         try:
             with FileLock(folder / name, timeout=0):
