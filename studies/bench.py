@@ -16,13 +16,12 @@ import numba
 from cyclopts import App, Parameter
 
 from morphofold.cli import new_app, run_app
-from morphofold.cli.inputs import mark_as_ours
 from morphofold.cli.options import RUNNING, Answer, Printing, Switch, Threaded, Whole
 from morphofold.cli.printing import progress
 from morphofold.errors import NothingToDo, NotReadable, OptionsClash, OutOfRange, UnknownName
 from morphofold.io import atomic_folder, refuse_foreign
 from morphofold.io.files import existing_file
-from morphofold.io.folders import alone
+from morphofold.io.folders import alone, mark_as_ours
 from morphofold.io.json_files import write_json
 from morphofold.sim.scene import LEVELS
 from morphofold.studies.runs import Runs

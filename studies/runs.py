@@ -7,8 +7,8 @@ from typing import Any, TypeVar
 
 from morphofold import analysis, simulation
 from morphofold.analysis import Measures
-from morphofold.cli.inputs import mark_as_ours
 from morphofold.cli.printing import progress
+from morphofold.io.folders import mark_as_ours
 from morphofold.progress import Progress
 from morphofold.sim.dynamics import UnstableError
 from morphofold.sim.run import Simulation

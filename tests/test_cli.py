@@ -14,7 +14,7 @@ from commands import refused
 
 from morphofold.analysis.measures import SCALARS
 from morphofold.cli import app, main, parsed
-from morphofold.cli.inputs import writable_name
+from morphofold.cli.cortex import writable_name
 from morphofold.cli.options import Answer
 from morphofold.errors import BadUsage
 from morphofold.io import sample_path, write_surface

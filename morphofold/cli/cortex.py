@@ -1,5 +1,7 @@
 """``morphofold analyze`` and ``unfold``: measure a cortex or unfold it, and write the results and a page."""
 
+import os
+import re
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
@@ -8,8 +10,7 @@ from typing import Any, TypeVar
 
 from morphofold import results
 from morphofold.analysis import Measures, measuring
-from morphofold.cli.inputs import mark_as_ours, measuring_options, subject_folder, writable_name
-from morphofold.cli.options import Analyze, Answer, Unfold, sides
+from morphofold.cli.options import Analyze, Answer, Measuring, Unfold, sides
 from morphofold.cli.printing import print_line, progress
 from morphofold.cohort.measuring import keywords_of
 from morphofold.errors import MissingPart, OptionsClash, Refusal
@@ -17,7 +18,7 @@ from morphofold.forecasts.cost import READING_STAGE, analysis_cost_line, cost_of
 from morphofold.io import read_cortex, refuse_foreign
 from morphofold.io.cortices import hemispheres, read_folded
 from morphofold.io.files import side_named
-from morphofold.io.folders import refuse_overlap
+from morphofold.io.folders import mark_as_ours, refuse_overlap
 from morphofold.mesh_quality.defects import WARNINGS
 from morphofold.mesh_quality.repair import unfoldable
 from morphofold.progress import part_of, parts_of
@@ -25,7 +26,7 @@ from morphofold.report import analysis_report
 from morphofold.report.pages.study_pages import unfold_report
 from morphofold.results.layouts import Layout
 from morphofold.results.unfolding import UnfoldedSide, write_unfolding
-from morphofold.spheres.parcellation import read_parcellated
+from morphofold.spheres.parcellation import check_template, read_parcellated
 from morphofold.surface import Cortex
 from morphofold.threads import enough_threads, run_parallel
 from morphofold.timing import Stages, working_seconds
@@ -222,3 +223,43 @@ def _unfolded_lines(summary: Mapping[str, Any], out: Path) -> Iterator[str]:
         )
         yield from (f"warning: {note} [{key}]" for key, note in summary["notes"][row["hemi"]].items())
     yield f"-> {out / 'report.html'}"
+
+
+def writable_name(name: str) -> str:
+    """Name of a folder for a subject: separators, line breaks and control characters become dashes."""
+    return re.sub(r"[/\\\x00-\x1f\x7f-\x9f]", "-", name).strip(". ") or "unnamed"
+
+
+def subject_folder(subject: str, subjects_dir: str | None) -> Path:
+    """Folder of a FreeSurfer subject by its name: in ``subjects_dir``, else in the environment's SUBJECTS_DIR.
+
+    Raises
+    ------
+    OptionsClash
+        If neither is set.
+    """
+    folder = subjects_dir or os.environ.get("SUBJECTS_DIR")
+    if not folder:
+        raise OptionsClash(
+            f"-s {subject}: the folder of subjects is not given. Set SUBJECTS_DIR, pass --subjects-dir DIR, or pass "
+            "the subject's folder as INPUT."
+        )
+    return Path(folder) / subject
+
+
+def measuring_options(args: Measuring) -> dict[str, Any]:
+    """Options as results record them. Standard accuracy, parcellation and repair, and no cap, are not recorded, so that
+    results of older runs stay valid. Raises if the template of --annot-from has no parcellation."""
+    annot, template = getattr(args, "annot", None), getattr(args, "annot_from", None)
+    if template is not None:
+        folder = check_template(template, annot)
+        template = str(folder) if Path(template).is_dir() else template
+    unusual = {
+        "thickness_cap_mm": args.thickness_cap,
+        "accuracy": None if args.accuracy == "standard" else args.accuracy,
+        "repair": False if args.no_repair else None,
+        "annotation": annot,
+        "annotation_from": template,
+    }
+    usual = {"curvature_scale_mm": args.curvature_scale, "gyral_width_mm": args.gyral_width}
+    return usual | {key: value for key, value in unusual.items() if value is not None}

@@ -9,7 +9,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from morphofold.cli.inputs import measuring_options
+from morphofold.cli.cortex import measuring_options
 from morphofold.cli.options import Answer, Bids, Cohort, ManySubjects, ManyTasks, Sweep, sides
 from morphofold.cli.printing import print_line, progress
 from morphofold.cohort import fleet as fleets

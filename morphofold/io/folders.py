@@ -49,6 +49,13 @@ def atomic_folder(out: StrPath) -> Iterator[Path]:
             shutil.rmtree(new, ignore_errors=True)
 
 
+def mark_as_ours(out: Path) -> None:
+    """Mark an empty or new folder as ours, so that parts can be written into it before the whole."""
+    if not out.is_dir() or not any(out.iterdir()):
+        with atomic_folder(out):
+            pass
+
+
 @contextmanager
 def alone(folder: Path, name: str = LOCK_FILE) -> Iterator[None]:
     """Lock ``folder`` so that no other run writes there. It is made if needed, and removed again if it stays empty.
