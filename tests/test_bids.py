@@ -22,7 +22,7 @@ from morphofold.errors import DamagedFile, Mismatch, NotFinite, NotReadable
 from morphofold.io import read_cortex, read_surface, sample_path
 from morphofold.quantities import COLUMN_WORDS, SCALAR_WORDS
 from morphofold.results import COLUMNS, read_analysis, write_analysis, write_dataset
-from morphofold.results.dataset import BIDSIGNORE_LINES
+from morphofold.results.layouts import BIDSIGNORE_LINES
 
 TRANSFORM = np.array([[1.0, 0, 0, 5], [0, 1, 0, -7], [0, 0, 1, 2], [0, 0, 0, 1]])
 TURNED = np.array([[0.0, -1, 0, 5], [0.6, 0, 0.8, -7], [-0.8, 0, 0.6, 2], [0, 0, 0, 1]])

@@ -9,7 +9,7 @@ from made_cohort import work_here, write_subject
 from morphofold.cli import main
 from morphofold.cli.many_tasks import measured_before
 from morphofold.io.folders import alone
-from morphofold.results.dataset import begin_dataset, subject_place
+from morphofold.results.layouts import begin_dataset, subject_place
 
 
 @pytest.fixture

@@ -29,7 +29,7 @@ from morphofold.errors import NothingToDo
 from morphofold.inference.sessions import person_and_session
 from morphofold.io import atomic_folder, begin_collection, write_annotation, write_morph
 from morphofold.results import read_analysis
-from morphofold.results.dataset import begin_dataset
+from morphofold.results.layouts import begin_dataset
 from morphofold.surface import Regions
 
 NAMES = ("anna", "ben", "cleo")

@@ -37,7 +37,7 @@ from morphofold.provenance import printable
 from morphofold.report import analysis_report
 from morphofold.report.pages.group_page import group_report
 from morphofold.report.pages.phase_page import phase_report
-from morphofold.results.dataset import begin_dataset, refuse_other_dataset, subject_place
+from morphofold.results.layouts import begin_dataset, refuse_other_dataset, subject_place
 from morphofold.sim.scene import Scene
 from morphofold.words import span
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
         write_analysis,
         write_dataset,
     )
-    from morphofold.results.dataset import subject_place
+    from morphofold.results.layouts import subject_place
     from morphofold.results.subject_files import check_subject, write_into_subject
 
 _PUBLIC = public_names(__file__)

@@ -15,9 +15,8 @@ from morphofold.io.cortices import SurfaceRecord
 from morphofold.io.folders import refuse_overlap
 from morphofold.io.json_files import Count, FileWord, Number, Record, file_word, read_json, write_json
 from morphofold.provenance import changed_since, digests, printable, records_as_read
-from morphofold.results.dataset import begin_dataset, subject_place
 from morphofold.results.hemisphere_files import in_scanner, read_hemisphere, read_map, write_hemisphere
-from morphofold.results.layouts import MISSING_DESCRIPTION, REANALYSE_ADVICE, Layout
+from morphofold.results.layouts import MISSING_DESCRIPTION, REANALYSE_ADVICE, Layout, begin_dataset, subject_place
 from morphofold.surface import Cortex, PerVertex, Surface
 from morphofold.tables import write_table
 from morphofold.timing import Stages

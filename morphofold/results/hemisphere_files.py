@@ -24,14 +24,7 @@ from morphofold.errors import Mismatch
 from morphofold.io.files import decoding
 from morphofold.io.json_files import Record, read_json
 from morphofold.quantities import quantity
-from morphofold.results.layouts import (
-    INPUT_MAP_UNITS,
-    MISSING_DESCRIPTION,
-    REANALYSE_ADVICE,
-    Layout,
-    in_bids_letters,
-    map_ending,
-)
+from morphofold.results import layouts
 from morphofold.results.subject_files import stats_name, write_gyral_stats
 from morphofold.surface import SURFACES, Cortex, PerVertex, Regions
 from morphofold.tables import write_table
@@ -42,7 +35,7 @@ ARRAY_TYPES = {"position": np.float64, "normal": np.float64, "polyline": np.floa
 CURVATURE_DESCRIPTION = "Mean curvature of the pial surface, positive in sulci (FreeSurfer's sign)"
 
 
-def write_hemisphere(m: Measures, layout: Layout, *, mgh: bool = False) -> None:
+def write_hemisphere(m: Measures, layout: layouts.Layout, *, mgh: bool = False) -> None:
     """Write surfaces, maps, regions, mask, gyral graph and stats as FreeSurfer's, as far as measures and layout have
     any; with ``mgh`` measured maps also as MGH. For BIDS the measures are in scanner coordinates."""
     cortex, hemi, regions = m.cortex, m.cortex.hemi, m.cortex.regions
@@ -53,7 +46,7 @@ def write_hemisphere(m: Measures, layout: Layout, *, mgh: bool = False) -> None:
     copies = () if layout.bids else ("freesurfer_map", "mgh_map")[: 1 + mgh]
     for kind, maps in (("input_map", cortex.maps), *((kind, m.maps) for kind in ("map", *copies))):
         for name, values in maps.items():
-            path, title = layout.new(kind, hemi, name, _about_map(kind, name)), map_ending(kind, name)
+            path, title = layout.new(kind, hemi, name, _about_map(kind, name)), layouts.map_ending(kind, name)
             values = _with_file_sign(layout, kind, name, values)
             missing = np.nan if path.suffix == ".gii" else 0.0
             io.write_morph(path, values, name=title if layout.bids else "", hemi=hemi, nan=missing)
@@ -74,17 +67,17 @@ def write_hemisphere(m: Measures, layout: Layout, *, mgh: bool = False) -> None:
         write_gyral_stats(layout.new("stats", name=stats_name(m)), m)
 
 
-def _with_file_sign(layout: Layout, kind: str, name: str, values: PerVertex) -> PerVertex:
+def _with_file_sign(layout: layouts.Layout, kind: str, name: str, values: PerVertex) -> PerVertex:
     """Values of a map as in its file, or back: in BIDS, curv has FreeSurfer's sign."""
     return io.flip_curvature_sign(values) if layout.bids and (kind, name) == ("map", "H") else values
 
 
 def _about_map(kind: str, name: str) -> dict[str, str]:
     if kind == "input_map":
-        units = {"Units": INPUT_MAP_UNITS[name]} if name in INPUT_MAP_UNITS else {}
+        units = {"Units": layouts.INPUT_MAP_UNITS[name]} if name in layouts.INPUT_MAP_UNITS else {}
         return {"Description": f"{name} as it came with the surfaces", **units}
     label, unit = (CURVATURE_DESCRIPTION, "1/mm") if name == "H" else (quantity(name).label, quantity(name).unit)
-    return {"Description": label, "Units": in_bids_letters(unit), "Missing": MISSING_DESCRIPTION}
+    return {"Description": label, "Units": layouts.in_bids_letters(unit), "Missing": layouts.MISSING_DESCRIPTION}
 
 
 def _write_region_keys(path: Path, regions: Regions) -> None:
@@ -97,7 +90,9 @@ def _write_region_keys(path: Path, regions: Regions) -> None:
 # reading ----------------------------------------------------------------------------------------------------
 
 
-def read_hemisphere(entry: Mapping[str, Any], tables: Mapping[str, list[dict[str, Any]]], layout: Layout) -> Measures:
+def read_hemisphere(
+    entry: Mapping[str, Any], tables: Mapping[str, list[dict[str, Any]]], layout: layouts.Layout
+) -> Measures:
     """Measures from the entry of a surface in the summary, the tables of both hemispheres, and its own files.
 
     Raises
@@ -129,7 +124,7 @@ def read_hemisphere(entry: Mapping[str, Any], tables: Mapping[str, list[dict[str
     return in_scanner(m, back=True) if layout.bids else m
 
 
-def read_map(layout: Layout, hemi: str, name: str, n: int, kind: str = "map") -> PerVertex:
+def read_map(layout: layouts.Layout, hemi: str, name: str, n: int, kind: str = "map") -> PerVertex:
     """A map (N,) of a surface with ``n`` vertices: a measured one, positive where convex, or an ``"input_map"``."""
     path = layout.path(kind, hemi, name)
     return _with_file_sign(layout, kind, name, _of_size(io.read_morph(path), n, path))
@@ -192,8 +187,8 @@ def read_graph(path: Path, n: int) -> nx.MultiGraph:
     ValueError
         If it contains anything else, or vertices that the surface does not have.
     """
-    content = read_json(path, Record, REANALYSE_ADVICE)
-    with decoding(path, "a gyral graph", REANALYSE_ADVICE):
+    content = read_json(path, Record, layouts.REANALYSE_ADVICE)
+    with decoding(path, "a gyral graph", layouts.REANALYSE_ADVICE):
         graph: nx.MultiGraph = nx.node_link_graph(content, edges="edges")
         scales = graph.graph["scales"]
         of_nodes, of_edges = ([data for *_, data in part(data=True)] for part in (graph.nodes, graph.edges))
@@ -203,7 +198,7 @@ def read_graph(path: Path, n: int) -> nx.MultiGraph:
         graph.graph["scales"] = None if scales is None else GyralScales(**scales)
         last = max(chain((data["vertex"] for data in of_nodes), *(data["vertices"] for data in of_edges)), default=-1)
     if last >= n:
-        raise Mismatch(f"{path}: has vertex {last}, but the surface has 0..{n - 1}. {REANALYSE_ADVICE}")
+        raise Mismatch(f"{path}: has vertex {last}, but the surface has 0..{n - 1}. {layouts.REANALYSE_ADVICE}")
     return graph
 
 

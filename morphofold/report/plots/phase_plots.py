@@ -21,15 +21,7 @@ from morphofold.cohort.phases import AREA_OVER_FLAT, HINGES_PER_AREA, Phases, Ru
 from morphofold.quantities import CATEGORICAL_COLOURS, Quantity, round_out
 from morphofold.report import colours
 from morphofold.report.pictures.surfaces import Row, draw
-from morphofold.report.plots.line_plots import (
-    BLACK,
-    GREY,
-    NO_FORMULAS,
-    colour_bar,
-    legend_of_figure,
-    new_figure,
-    round_step,
-)
+from morphofold.report.plots import line_plots
 from morphofold.sim.scene.tables import unit_of
 from morphofold.surface import Surface
 from morphofold.words import number
@@ -134,7 +126,7 @@ def diagram(phases: Phases, shown: Quantity, others: GridIndex = ()) -> Figure:
     means = np.reshape([each.mean for each in cells.values()], shape).T
     rgb = colours.apply(means, limits, signed=False)
     size = (max(4.8, 1.15 * shape[0] + 2.2), max(3.4, 0.95 * shape[1] + 1.4))
-    with new_figure(*size, style=NO_FORMULAS) as (figure, ((ax,),)):
+    with line_plots.new_figure(*size, style=line_plots.NO_FORMULAS) as (figure, ((ax,),)):
         ax.grid(False)
         ax.imshow(rgb, origin="lower", aspect="auto", interpolation="nearest")
         for (i, j), each in cells.items():
@@ -144,12 +136,13 @@ def diagram(phases: Phases, shown: Quantity, others: GridIndex = ()) -> Figure:
             box = {"facecolor": rgb[j, i] / 255, "edgecolor": "none", "pad": 1.5}  # above hatches and line of theory
             ax.text(i, j, "\n".join(lines), color=colours.ink(rgb[j, i]), bbox=box, **CELL_TEXT)
         if _draw_boundary(ax, phases, others):
-            legend_of_figure(figure, {BOUNDARY: {"color": BLACK, "linestyle": "--"}}, ax, columns=1)
+            dashed = {BOUNDARY: {"color": line_plots.BLACK, "linestyle": "--"}}
+            line_plots.legend_of_figure(figure, dashed, ax, columns=1)
         _name_axes(ax, phases)
         fixed = fixed_parameters_text(phases, others)
         ax.set(title=shown.label + (f" at {fixed}" if fixed else ""))
         if np.isfinite(means).any():
-            colour_bar(figure, shown.title, limits, ax=ax, pad=0.02)
+            line_plots.colour_bar(figure, shown.title, limits, ax=ax, pad=0.02)
     return figure
 
 
@@ -165,8 +158,8 @@ def thumbnails(phases: Phases, surfaces: Mapping[GridIndex, Surface | str], view
     columns, rows = ([len(axis.values) for axis in phases.grid.axes] + [1, 1])[:2]
     side = min(1.6, 8.5 / columns)
     small = {"font.size": 7, "axes.labelsize": 7}  # it is shown at its size, diagrams at half of theirs
-    style = {**NO_FORMULAS, "axes.grid": False, **small}
-    with new_figure(side * columns + 1.2, side * rows + 1.1, style=style) as (figure, ((ax,),)):
+    style = {**line_plots.NO_FORMULAS, "axes.grid": False, **small}
+    with line_plots.new_figure(side * columns + 1.2, side * rows + 1.1, style=style) as (figure, ((ax,),)):
         ax.set(xticks=[], yticks=[])
         for at, surface in surfaces.items():
             i, j = (*at, 0, 0)[:2]
@@ -180,7 +173,7 @@ def thumbnails(phases: Phases, surfaces: Mapping[GridIndex, Surface | str], view
         _name_axes(ax, phases)
         ax.spines[:].set_visible(False)
         ax.set(xlim=(-0.5, columns - 0.5), ylim=(-0.5, rows - 0.5))
-        mm = round_step(largest)
+        mm = line_plots.round_step(largest)
         bar = AnchoredSizeBar(ax.transData, 0.94 * mm / largest, f"{mm:g} mm", "upper right", frameon=False, pad=0)
         bar.set_bbox_to_anchor((0, 0), ax.transAxes)
         ax.add_artist(bar)
@@ -205,7 +198,7 @@ def _draw_boundary(ax: Axes, phases: Phases, others: GridIndex) -> bool:
         if (above < 0).any() and (above > 0).any():
             x, y = (np.array([span[0] - 0.5, *span, span[-1] + 0.5]) for span in (columns, rows))
             to_the_rim = np.ma.masked_invalid(np.pad(above, 1, mode="edge"))
-            for colour, width in (("white", 4.0), (BLACK, 1.9)):
+            for colour, width in (("white", 4.0), (line_plots.BLACK, 1.9)):
                 ax.contour(x, y, to_the_rim, levels=[0.0], colors=[colour], linewidths=width, linestyles="--")
             drawn = True
     return drawn
@@ -224,7 +217,7 @@ def curve(phases: Phases, shown: Quantity) -> Figure:
     order, (least, top) = np.argsort(x, kind="stable"), limits_of(phases, shown)
     marks: dict[str, Any] = {"linestyle": "", "marker": "_", "markersize": 26}
     mean_style, theory_style = ({}, {"linestyle": "--", "marker": "."}) if axis.numeric else (marks, marks)
-    with new_figure(6.2, 3.9, style=NO_FORMULAS) as (figure, ((ax,),)):
+    with line_plots.new_figure(6.2, 3.9, style=line_plots.NO_FORMULAS) as (figure, ((ax,),)):
         for i, at in enumerate(x):
             _draw_seeds(ax, at, phases.at[i,], shown)
         means = [cell(phases, (i,), shown.key).mean for i in order]
@@ -233,12 +226,12 @@ def curve(phases: Phases, shown: Quantity) -> Figure:
             ax.plot(x[order], means, color=CATEGORICAL_COLOURS[0], label=label, **mean_style)
         theory = [phases.theory[i,].wavelength for i in order]
         if shown.key == WAVELENGTH_KEY and np.isfinite(theory).any():
-            ax.plot(x[order], theory, color=BLACK, label="theory, first wrinkles", **theory_style)
+            ax.plot(x[order], theory, color=line_plots.BLACK, label="theory, first wrinkles", **theory_style)
             top = max(top, 1.08 * float(np.nanmax(theory)))
         if axis.numeric:
             above = np.array([growth_past_critical(phases, (i,)) for i in order])
             for k, at in enumerate(crossings(x[order], above)):
-                ax.axvline(at, color=GREY, linestyle=":", label=None if k else BOUNDARY)
+                ax.axvline(at, color=line_plots.GREY, linestyle=":", label=None if k else BOUNDARY)
         else:
             ax.set_xticks(x, [_shortened_word(word) for word in axis.words])
         edge = 0.04 * (top - least)
@@ -251,12 +244,12 @@ def _draw_seeds(ax: Axes, at: float, runs: Sequence[RunResult], shown: Quantity)
     """Draw a dot for each run at a point of the axis, a cross on one that is not healthy, and how many failed."""
     unhealthy = [run for run in runs if run.warnings]
     dot: dict[str, Any] = {"marker": "o", "color": CATEGORICAL_COLOURS[0], "markersize": 5, "alpha": 0.6}
-    for those, style in ((runs, dot), (unhealthy, {"marker": "x", "color": BLACK, "markersize": 7})):
+    for those, style in ((runs, dot), (unhealthy, {"marker": "x", "color": line_plots.BLACK, "markersize": 7})):
         values = [run.measures.get(shown.key, math.nan) for run in those]
         ax.plot(np.full(len(values), at), values, linestyle="none", **style)
     if failed := sum(bool(run.reason) for run in runs):
         foot: dict[str, Any] = {"xycoords": ("data", "axes fraction"), "xytext": (0, 4), "textcoords": "offset points"}
-        ax.annotate(f"{failed} failed", (at, 0), **foot, ha="center", color=GREY, fontsize=9)
+        ax.annotate(f"{failed} failed", (at, 0), **foot, ha="center", color=line_plots.GREY, fontsize=9)
 
 
 def crossings(x: Array, y: Array) -> list[float]:

@@ -13,21 +13,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from morphofold.errors import NothingToDo
-from morphofold.report.plots.line_plots import (
-    BLACK,
-    GREY,
-    around,
-    legend_below,
-    legend_of_figure,
-    line_style,
-    new_figure,
-    round_step,
-)
+from morphofold.report.plots import line_plots
 from morphofold.sim import theory
 from morphofold.sim.theory_tables import G_MAX, Case, Row, critical_rows, radius_rows, stress_rows
 
-MARK_STYLE = {"color": GREY, "linestyle": "none"}
-NOTE: dict[str, Any] = {"color": GREY, "fontsize": 10}
+MARK_STYLE = {"color": line_plots.GREY, "linestyle": "none"}
+NOTE: dict[str, Any] = {"color": line_plots.GREY, "fontsize": 10}
 CRITICAL_LABEL = "critical growth stretch  $g_\\mathrm{crit}$"
 GROWTH_LAWS = ("isotropic", "tangential")
 MU_RATIO_LABEL = "$\\mu_\\mathrm{{cortex}}/\\mu_\\mathrm{{core}}$ = {:g}"
@@ -55,10 +46,10 @@ def radius_figure(
     rows, dots = (radius_rows(g, thickness, radius, laws, **options) for g in (np.linspace(*ends, 201), growth))
     with _sphere_figure(6.4, 4.4, radius=radius, **options) as (figure, ((ax,),)):
         draw_radius(ax, rows)
-        limits = around([row["c_over_B"] for row in rows], 1, 1.3, 0.1)
+        limits = line_plots.around([row["c_over_B"] for row in rows], 1, 1.3, 0.1)
         ax.set(xlim=ends, ylim=limits, title=f"$T$ = {thickness:g} mm")
         _draw_dots(ax, dots, "growth", "c_over_B")
-        legend_below(ax)
+        line_plots.legend_below(ax)
     return figure
 
 
@@ -72,13 +63,13 @@ def stress_figure(
     """Tangential stress through the cortex, as in Fig. 3(b), one panel per law; options as for :func:`stress_rows`."""
     rows = stress_rows(growth, thicknesses, radius, laws, points=101, layers=("cortex",), **options)
     sigma = [row["sigma_theta_over_mu_cortex"] for row in rows]
-    step = round_step(max(map(abs, sigma)))
-    limits = around(sigma, -step, 0, step)
+    step = line_plots.round_step(max(map(abs, sigma)))
+    limits = line_plots.around(sigma, -step, 0, step)
     with _sphere_figure(*_size(laws), radius=radius, **options) as (figure, ((*axes,),)):
         for ax, law in zip(axes, laws):
             draw_stress(ax, [row for row in rows if row["law"] == law])
             ax.set(xlim=(0, 1), ylim=limits, title=f"{law} growth, $g$ = {growth:g}")
-            legend_below(ax)
+            line_plots.legend_below(ax)
     return figure
 
 
@@ -92,9 +83,9 @@ def critical_figure(C_bar: Sequence[float], laws: Sequence[str], **options: Any)
     with _sphere_figure(7.6, 4.8, **options) as (figure, ((ax,),)):
         draw_critical(ax, rows, laws, biot=True, limits=options.get("g_core", 1.0) == 1)
         least = np.nanmin([row["g_crease"] for row in rows] + [np.inf])
-        ax.set(xlim=(1, right), ylim=around([least, 1.5 * least], 1, 3, 0.5))
+        ax.set(xlim=(1, right), ylim=line_plots.around([least, 1.5 * least], 1, 3, 0.5))
         _draw_dots(ax, dots, "C_over_B", "g_crease")
-        legend_below(ax)
+        line_plots.legend_below(ax)
     return figure
 
 
@@ -106,7 +97,7 @@ def bifurcation_curves(cases: Sequence[Case]) -> Figure:
     laws, ratios, thicknesses, sphere = _parameters(cases)
     last = max(float(case.bifurcation.curve.degree[-1]) for case in cases)
     critical = [g for b in (case.bifurcation for case in cases) for g in (b.g_crit, b.g_crease, b.short_wave)]
-    top = around(critical, 1, 1.9, 0.1)
+    top = line_plots.around(critical, 1, 1.9, 0.1)
     size = (4.7 * len(laws) + 0.4, 2.9 * len(ratios) + 1.0)
     with _sphere_figure(*size, len(ratios), len(laws), **sphere) as (figure, axes):
         for (k, column), ax in np.ndenumerate(axes):
@@ -115,17 +106,17 @@ def bifurcation_curves(cases: Sequence[Case]) -> Figure:
             ax.set(xscale="log", xlim=(1, max(last, 10)), ylim=top, title=title)
             ax.set(xlabel="degree of the spherical harmonic  $l$", ylabel=CRITICAL_LABEL)
             for case in shown:
-                _draw_degree_curve(ax, line_style(thicknesses.index(case.thickness)), case.bifurcation)
+                _draw_degree_curve(ax, line_plots.line_style(thicknesses.index(case.thickness)), case.bifurcation)
             _note_missing_wrinkles(ax, shown)
             ax.xaxis.set_major_formatter("{x:g}")
             ax.label_outer()
         entries: dict[str, Any] = {
-            **{f"$T/C$ = {T / cases[0].radius:.3g}": line_style(i) for i, T in enumerate(thicknesses)},
+            **{f"$T/C$ = {T / cases[0].radius:.3g}": line_plots.line_style(i) for i, T in enumerate(thicknesses)},
             "first wrinkles": {**MARK_STYLE, "marker": "o"},
-            "crease criterion": {"color": GREY, "linewidth": 1.0},
+            "crease criterion": {"color": line_plots.GREY, "linewidth": 1.0},
             **_shortest_waves(cases, ">"),
         }
-        legend_of_figure(figure, entries, axes[0][0], columns=3 if len(laws) > 1 else 2)
+        line_plots.legend_of_figure(figure, entries, axes[0][0], columns=3 if len(laws) > 1 else 2)
     return figure
 
 
@@ -137,10 +128,10 @@ def crease_or_wrinkle(cases: Sequence[Case]) -> Figure:
     """
     laws, ratios, thicknesses, sphere = _parameters(cases)
     right = max(0.2, float(np.ceil(max(thicknesses) / cases[0].radius * 20 - 1e-9) / 20))
-    top = around([case.bifurcation.g_crit for case in cases], 1, 1.8, 0.2)
+    top = line_plots.around([case.bifurcation.g_crit for case in cases], 1, 1.8, 0.2)
     dots = {"marker": "o", "markersize": 4.5} if len(thicknesses) < 12 else {}
-    styles = {mu_ratio: {**line_style(i), **dots} for i, mu_ratio in enumerate(ratios, start=1)}
-    thick, incompressible = {"color": BLACK, "linewidth": 2.4}, bool(np.isinf(cases[0].kappa_ratio))
+    styles = {mu_ratio: {**line_plots.line_style(i), **dots} for i, mu_ratio in enumerate(ratios, start=1)}
+    thick, incompressible = {"color": line_plots.BLACK, "linewidth": 2.4}, bool(np.isinf(cases[0].kappa_ratio))
     with _sphere_figure(*_size(laws), **sphere) as (figure, ((*axes,),)):
         for ax, law in zip(axes, laws):
             shown = [case for case in cases if case.law == law]
@@ -158,8 +149,8 @@ def crease_or_wrinkle(cases: Sequence[Case]) -> Figure:
         entries: dict[str, Any] = {"creases (theory), Eqs. (12) and (13)": thick} if incompressible else {}
         entries |= {f"wrinkles (theory), {MU_RATIO_LABEL.format(mu)}": style for mu, style in styles.items()}
         if not incompressible:
-            entries["creases (theory), same style"] = {"color": GREY, "linewidth": 1.0, **dots}
-        legend_of_figure(figure, entries | _shortest_waves(cases, "^"), axes[0], columns=len(laws))
+            entries["creases (theory), same style"] = {"color": line_plots.GREY, "linewidth": 1.0, **dots}
+        line_plots.legend_of_figure(figure, entries | _shortest_waves(cases, "^"), axes[0], columns=len(laws))
     return figure
 
 
@@ -192,7 +183,7 @@ def draw_critical(ax: Axes, rows: list[Row], laws: Sequence[str], *, biot: bool 
 def _mark_paper_limits(ax: Axes, laws: Sequence[str]) -> None:
     """Mark the two limits in the text of the paper: 1.34 for a thin cortex, 1.2 for isotropic growth."""
     thin, last = theory.CREASE ** (1 / 3), theory.thickest_creasing()
-    line: dict[str, Any] = {"color": GREY, "linewidth": 0.9, "zorder": 1}
+    line: dict[str, Any] = {"color": line_plots.GREY, "linewidth": 0.9, "zorder": 1}
     across, up = ax.get_yaxis_transform(), ax.get_xaxis_transform()
     ax.axhline(thin, **line)
     ax.text(0.995, thin - 0.03, f"thin cortex: $g$ = {thin:.2f}", transform=across, ha="right", va="top", **NOTE)
@@ -234,7 +225,7 @@ def _draw_dots(ax: Axes, rows: list[Row], x: str, y: str) -> None:
 def _by_value(rows: list[Row], name: str) -> Iterator[tuple[Any, dict[str, Any], list[Row]]]:
     """Each value of a column in order of appearance, with its line style and its rows."""
     for i, value in enumerate(dict.fromkeys(row[name] for row in rows)):
-        yield value, line_style(i), [row for row in rows if row[name] == value]
+        yield value, line_plots.line_style(i), [row for row in rows if row[name] == value]
 
 
 def _draw(ax: Axes, rows: list[Row], x: str, y: str, **style: Any) -> None:
@@ -261,7 +252,7 @@ def _sphere_figure(
     width: float, height: float, rows: int = 1, columns: int = 1, **sphere: float
 ) -> Iterator[tuple[Figure, Any]]:
     """Panels (rows, columns), and above them the parameters that differ from the paper's sphere."""
-    with new_figure(width, height, rows, columns, sharex=True, sharey=True) as (figure, axes):
+    with line_plots.new_figure(width, height, rows, columns, sharex=True, sharey=True) as (figure, axes):
         yield figure, axes
         paper = ((value, *PAPER_SPHERE[name]) for name, value in sphere.items())
         if others := ", ".join(text.format(value) for value, usual, text in paper if value != usual):
