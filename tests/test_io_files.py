@@ -242,7 +242,7 @@ def test_a_lock_in_what_is_no_folder_is_refused(tmp_path, there):
         folder.write_text("mine")
     else:
         folder.symlink_to(tmp_path / "nowhere")
-    with pytest.raises(FileExistsError, match=re.escape(f"{folder}")), alone(folder):
+    with pytest.raises(NotADirectoryError, match=re.escape(f"{folder}")), alone(folder):
         pytest.fail("held")
     assert [p.name for p in tmp_path.iterdir()] == ["run"]
 

@@ -197,3 +197,9 @@ def test_a_label_becomes_a_mask(tmp_path):
     assert read_label(tmp_path / "a.label", 5).tolist() == [False, True, False, True, False]
     (tmp_path / "b.label").write_text("#!ascii label\n0\n")
     assert not read_label(tmp_path / "b.label", 5).any()
+
+
+def test_a_name_that_no_writer_knows_is_refused(tmp_path):
+    with pytest.raises(WrongFile, match=r"k\.mgh\.gz: .* \.mgz"):
+        write_morph(tmp_path / "k.mgh.gz", np.ones(12))
+    assert list(tmp_path.iterdir()) == []

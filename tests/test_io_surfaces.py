@@ -1,5 +1,6 @@
 """Surfaces in and out: bit-equal round trips in every format, with the geometry of the volume they came from."""
 
+import gzip
 import math
 import os
 
@@ -149,3 +150,12 @@ def test_an_invalid_footer_gives_no_transform():
     average = read_cortex(sample_path("fsaverage5"))
     assert average.white.geometry["valid"].startswith("0")
     assert average.transform is None
+
+
+@pytest.mark.parametrize("name", ["lh.white", "a.vtk", "a.ply", "a.surf.gii"])
+def test_a_compressed_surface_is_read_as_the_same_one(tmp_path, name):
+    write_surface(tmp_path / name, Surface(*icosphere(2)))
+    (tmp_path / f"{name}.gz").write_bytes(gzip.compress((tmp_path / name).read_bytes()))
+    plain, compressed = read_surface(tmp_path / name), read_surface(tmp_path / f"{name}.gz")
+    np.testing.assert_array_equal(compressed.verts, plain.verts)
+    np.testing.assert_array_equal(compressed.faces, plain.faces)

@@ -219,7 +219,7 @@ def test_an_estimate_goes_on_after_a_stop_and_is_on_the_page(tmp_path, monkeypat
     assert (estimate["ratio"], estimate["pace"]) == (whole.ratio, whole.pace)
     assert (run.path / "slower" / "health.json").read_bytes() == of_the_slower
 
-    entry = SimpleNamespace(name="run", measures=SimpleNamespace(cortex=SimpleNamespace(files=[str(stage)])))
+    entry = SimpleNamespace(name="run", cortex=SimpleNamespace(files=[str(stage)]))
     assert costs([entry])[0][2] == whole  # on the page of an analysis of its last stage
 
     for before in ({**content, "pace": None}, {name: it for name, it in content.items() if name != "pace"}):

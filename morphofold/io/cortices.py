@@ -415,13 +415,13 @@ def in_freesurfer_signs(
     smoothed white surface is less than ``OPPOSITE``; ``thickness``, if more values are negative than positive.
     """
     signed = dict(maps)
+    depth = _depth(white) if maps.keys() & {"curv", "sulc"} else np.empty(0)
     for name, values in maps.items():
         if name == "area":
             continue
         if name == "thickness":
             opposite, why = (values < 0).sum() > (values > 0).sum(), "is negative, as in HCP's convention"
         else:
-            depth = _depth(white)
             finite = np.isfinite(values) & np.isfinite(depth)
             with np.errstate(invalid="ignore", divide="ignore"):  # a constant map has no correlation
                 r = np.corrcoef(values[finite], depth[finite])[0, 1] if finite.any() else np.nan

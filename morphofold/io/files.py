@@ -101,10 +101,9 @@ def _behind_lost_link(path: Path) -> Path:
     if path.name not in ("lh.pial", "rh.pial") or (path.is_file() and path.stat().st_size > _MOST_POINTER_BYTES):
         return path
     left = _content_if_small(path).replace(b"\0", b"")  # Cygwin writes the name in UTF-16
-    files = [path.with_name(f"{path.name}.{kind}") for kind in ("T2", "FLAIR", "T1")]
-    files.sort(key=lambda file: file.name.encode() not in left)
-    target = next((file for file in files if file.is_file()), None)
-    if target is None or (left and files[0].name.encode() not in left):
+    files = (path.with_name(f"{path.name}.{kind}") for kind in ("T2", "FLAIR", "T1"))
+    target = next((file for file in files if file.is_file() and (not left or file.name.encode() in left)), None)
+    if target is None:
         return path
     warnings.warn(f"{path}: FreeSurfer's link is lost here, so {target.name} beside it is read.", stacklevel=3)
     return target
@@ -231,13 +230,19 @@ def write_and_read(path: StrPath, write: Callable[[str], object], read: Callable
     OSError
         The system's error for ``path``, or that of a full disk if the file can't be read back.
     """
-    full = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), os.fspath(path))
+
+    def disk_full(error: Exception) -> OSError:
+        problem = f"{os.strerror(errno.ENOSPC)}, as what was written can't be read ({error})"
+        return OSError(errno.ENOSPC, problem, os.fspath(path))
+
     with atomic_file(path) as temporary:
         try:
             write(os.fspath(temporary))
         except OSError as error:
-            raise error if error.errno else full from error
+            if error.errno:
+                raise
+            raise disk_full(error) from error
         try:
             read(temporary.read_bytes(), temporary)
         except Exception as error:
-            raise full from error
+            raise disk_full(error) from error

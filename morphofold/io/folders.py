@@ -143,7 +143,12 @@ def _replace_folder(new: Path, out: Path) -> None:
     old = new.with_name(f"{new.name}.old")
     if out.exists():
         os.replace(out, old)
-    os.replace(new, out)
+    try:
+        os.replace(new, out)
+    except BaseException:
+        if old.exists():
+            os.replace(old, out)
+        raise
     for name in theirs:
         (out / name).parent.mkdir(parents=True, exist_ok=True)
         os.replace(old / name, out / name)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -112,14 +113,18 @@ def _read(path: StrPath, content: str) -> tuple[Path, Any]:
     path = existing_file(path, content)
     with decoding(path, f"a {content}"):
         raw = path.read_bytes()
-        raw = gzip.decompress(raw) if raw.startswith(b"\x1f\x8b") else raw
+        compressed = raw.startswith(b"\x1f\x8b")
+        raw = gzip.decompress(raw) if compressed else raw
     kind = format_of(raw, path.name, content)
     if kind is None:
         raise WrongFile(
             f"{path}: is not a {content} that morphofold can read ({beginning(raw)}). It reads {_names(content)}."
         )
-    with decoding(path, f"a {content} in the format {kind.name}"):
-        parsed = kind.read(raw, path)
+    with decoding(path, f"a {content} in the format {kind.name}"), TemporaryDirectory() as folder:
+        plain = Path(folder, path.name.removesuffix(".gz")) if compressed else path
+        if compressed:  # some readers open the file
+            plain.write_bytes(raw)
+        parsed = kind.read(raw, plain)
     warn_of_no_end(path, raw)
     return path, parsed if kind.finish is None else kind.finish(parsed, path)
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from morphofold.errors import DamagedFile, NamedTwice, OutOfRange, WrongFile, WrongShape
-from morphofold.io.files import StrPath, SurfaceContent, beginning, name_in_file, write_and_read
+from morphofold.io.files import StrPath, SurfaceContent, beginning, name_in_file, write_and_read, write_text
 from morphofold.io.json_files import LARGEST_NUMBER
 from morphofold.provenance import clean_name
 from morphofold.surface import PerVertex, Regions, Surface, Verts
@@ -121,6 +121,8 @@ def write_mgh(path: StrPath, values: NDArray[np.float32]) -> None:
     """Write checked values (N,) as MGH, a volume of N x 1 x 1 voxels, as FreeSurfer stores surface overlays."""
     from nibabel.freesurfer.mghformat import MGHImage
 
+    if Path(path).name.endswith(".mgh.gz"):
+        raise WrongFile(f"{path}: no such file can be written. Name it .mgz.")
     write_and_read(path, MGHImage(values.reshape(-1, 1, 1), np.eye(4)).to_filename, read_mgh)
 
 
@@ -223,7 +225,7 @@ def write_mask(path: StrPath, mask: NDArray[np.bool_], verts: Verts) -> None:
     vertices = np.flatnonzero(mask)
     lines = [f"#!ascii label cortex, written by morphofold\n{len(vertices)}\n"]
     lines += [f"{i}  {x:.3f}  {y:.3f}  {z:.3f} 0.0\n" for i, (x, y, z) in zip(vertices, verts[vertices])]
-    Path(path).write_text("".join(lines), encoding="ascii")
+    write_text(Path(path), "".join(lines))
 
 
 _ASEG_MEASURE = re.compile(r"^# Measure (\w+),[^,\n]*,[^,\n]*, *(\d+(?:\.\d*)?(?:e[-+]?\d+)?) *,", re.MULTILINE)

@@ -13,7 +13,7 @@ from morphofold.timing import working_seconds
 OURS = "morphofold"
 EACH_OTHER = "each other"  # reference of two peers that compute the same
 ANEW = "Delete it, and run again."
-KINDS: dict[Any, Any] = {"str": str, "float": (int, float), "int": int}
+KINDS: dict[Any, Any] = {str: str, float: (int, float), int: int}
 QUICK, LONG = 0.5, 5.0  # [s]: faster work is repeated five times; work from the second value on is not repeated
 
 

@@ -199,7 +199,7 @@ def test_reproduce_refuses_an_index_that_it_cannot_read(here, capsys):
 @pytest.mark.parametrize(
     ("index", "why"),
     [
-        ("[]", "JSON"),
+        ("[]", "dictionary"),
         ("{}", "figures"),
         ('{"figures": []}', "figures"),
         ('{"figures": {"fig4": {}}}', "figures.fig4"),
@@ -210,7 +210,7 @@ def test_reproduce_refuses_an_index_that_it_cannot_read(here, capsys):
         (index_of("../thesis.txt"), r"fig4 .*'\.\./thesis\.txt'\. .*\[damaged-file\]"),
         (index_of("fig4/../../thesis.txt"), r"fig4 .*'fig4/\.\./\.\./thesis\.txt'\. .*\[damaged-file\]"),
         (index_of("summary.json"), r"fig4 .*'summary\.json'\. .*\[damaged-file\]"),
-        ("[" * 100_000, "nested"),
+        ("[" * 100_000, "JSON"),
     ],
 )
 def test_reproduce_refuses_an_index_of_another_kind(here, grown, capsys, index, why):
