@@ -11,7 +11,7 @@ from made_surfaces import FOOTER, FORMATS, area, one_line
 from morphofold.errors import DamagedFile, WrongFile
 from morphofold.io import read_cortex, read_surface, sample_path, scanner_transform, write_surface
 from morphofold.io.gifti import write_surface as write_gifti_surface
-from morphofold.io.mesh_files import merge_equal
+from morphofold.io.mesh_files import merge_corners
 from morphofold.shapes import icosphere
 from morphofold.surface import Surface
 
@@ -43,7 +43,9 @@ def test_an_stl_gets_its_shared_vertices_back_and_says_so(tmp_path, rough):
 
 def test_merging_keeps_the_order_of_first_appearance_and_takes_minus_zero_for_zero():
     verts = np.array([[5.0, 0, 0], [1, 0, 0], [5, -0.0, 0], [3, 0, 0]])
-    merged, faces = merge_equal(verts, np.array([[0, 1, 3], [2, 3, 1]]))
+    content = verts, np.array([[0, 1, 3], [2, 3, 1]]), None
+    with pytest.warns(UserWarning, match="4 corners"):
+        merged, faces, _ = merge_corners(content, "a.stl")
     assert merged.tolist() == [[5, 0, 0], [1, 0, 0], [3, 0, 0]]
     assert faces.tolist() == [[0, 1, 2], [0, 2, 1]]
 

@@ -7,20 +7,12 @@ from itertools import combinations
 import numpy as np
 from scipy import stats
 
-from morphofold.analysis.graph.hinge_shapes import (
-    PLANAR_NET_FEATURES,
-    HingeShapes,
-    TwoSample,
-    random_net,
-    shape_distance,
-    together,
-    two_sample,
-)
+from morphofold.analysis.graph import hinge_shapes
 from morphofold.analysis.multiple_tests import SIGNIFICANCE
 from morphofold.arrays import Array, Ints
 from morphofold.spheres.spins import p_value
 
-ShapesByName = Mapping[str, HingeShapes]  # of surfaces
+ShapesByName = Mapping[str, hinge_shapes.HingeShapes]  # of surfaces
 #: shortest arm of a random net, in crown widths: a gyral graph merges hinges that are nearer
 SHORTEST_ARM_IN_WIDTHS = 0.5
 #: hinges per square of the crown width: with more, not all arms can be as long as SHORTEST_ARM_IN_WIDTHS
@@ -95,7 +87,7 @@ class HingeComparison:
     one: str
     other: str
     surfaces: tuple[int, int]
-    shape: TwoSample
+    shape: hinge_shapes.TwoSample
     numbers: tuple[NumberRow, ...]
     controls: tuple[Control, ...]
     p: float | None
@@ -148,9 +140,9 @@ Group = tuple[str, ShapesByName]  # its name, and shapes by surface
 def _compare_groups(first: Group, second: Group, seed: int) -> HingeComparison:
     (one, own), (other, others) = first, second
     shapes = list(others.values())
-    a, b = together(list(own.values())), together(shapes)
+    a, b = hinge_shapes.together(list(own.values())), hinge_shapes.together(shapes)
     pooled = np.concatenate([a, b])
-    distance, pose = shape_distance(pooled, pooled)
+    distance, pose = hinge_shapes.shape_distance(pooled, pooled)
     across = np.s_[: len(a), len(a) :]
     # numbers of pooled hinges, which depend on their features alone
     numbers, other_numbers = (replace(shapes[0], features=features).numbers() for features in (a, b))
@@ -158,7 +150,7 @@ def _compare_groups(first: Group, second: Group, seed: int) -> HingeComparison:
         one,
         other,
         (len(own), len(others)),
-        two_sample(distance, len(a), permutations=PERMUTATIONS, seed=seed),
+        hinge_shapes.two_sample(distance, len(a), permutations=PERMUTATIONS, seed=seed),
         tuple(
             NumberRow(key, float(np.median(x)), float(np.median(y)), float(stats.ks_2samp(x, y).statistic))
             for (key, x), y in zip(numbers.items(), other_numbers.values())
@@ -169,13 +161,16 @@ def _compare_groups(first: Group, second: Group, seed: int) -> HingeComparison:
 
 
 def _compare_with_chance(
-    one: str, a: Array, other: str, b: Array, shapes: Sequence[HingeShapes], seed: int
+    one: str, a: Array, other: str, b: Array, shapes: Sequence[hinge_shapes.HingeShapes], seed: int
 ) -> tuple[tuple[Control, ...], float | None, str]:
     """Controls of the first group with features ``a``; p-value of its difference from chance, and the units of that."""
     rng, itself = np.random.default_rng(seed), f"{other} itself"
     net = net_at_chance([s for s in shapes if len(s)], seed=seed)
     sources = {one: a, itself: b} | ({} if net is None else {RANDOM_NET_NAME: net})
-    distances = {source: shape_distance(x, b, of=PLANAR_NET_FEATURES)[0] for source, x in sources.items()}
+    distances = {
+        source: hinge_shapes.shape_distance(x, b, of=hinge_shapes.PLANAR_NET_FEATURES)[0]
+        for source, x in sources.items()
+    }
     n = min(len(b) // 2, *map(len, sources.values()))
     total = {source: np.zeros(2) for source in sources}
     for _ in range(DRAWS):
@@ -210,12 +205,12 @@ def _difference(distance: Array) -> float:
     return float((_median_distances(distance[:half]) - _median_distances(distance[half:])).sum())
 
 
-def net_at_chance(shapes: Sequence[HingeShapes], *, seed: int = 0) -> Array | None:
+def net_at_chance(shapes: Sequence[hinge_shapes.HingeShapes], *, seed: int = 0) -> Array | None:
     """Hinges of :func:`morphofold.analysis.random_net` as dense as those of some surfaces; None if impossible."""
     per_area = float(np.mean([s.per_area for s in shapes]))
     if not 0 < per_area < MOST_HINGES_PER_AREA:
         return None
-    return random_net(RANDOM_NET_HINGES, shortest=SHORTEST_ARM_IN_WIDTHS, per_area=per_area, seed=seed)
+    return hinge_shapes.random_net(RANDOM_NET_HINGES, shortest=SHORTEST_ARM_IN_WIDTHS, per_area=per_area, seed=seed)
 
 
 def _nearest_matches(distance: Array, pose: Ints, own: ShapesByName, others: ShapesByName) -> tuple[Match, ...]:

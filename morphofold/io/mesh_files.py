@@ -13,7 +13,7 @@ import numpy as np
 
 from morphofold.errors import DamagedFile, WrongFile
 from morphofold.io.files import SurfaceContent, atomic_file, write_and_read
-from morphofold.surface import Faces, PerVertex, Surface, Verts
+from morphofold.surface import PerVertex, Surface
 
 #: the numbers of vertices and faces in a header
 _COUNTS = {
@@ -60,22 +60,17 @@ def read_trimesh(kind: str, raw: bytes, path: Path) -> SurfaceContent:
 
 def merge_corners(content: SurfaceContent, path: Path) -> SurfaceContent:
     """Merge corners at exactly the same place, in order of first appearance; a warning gives the numbers."""
-    verts, faces = merge_equal(content[0], content[1])
-    warnings.warn(
-        f"{path}: STL has no shared vertices; {len(content[0])} corners at exactly the same place were merged to "
-        f"{len(verts)} vertices.",
-        stacklevel=4,
-    )
-    return verts, faces, None
-
-
-def merge_equal(verts: Verts, faces: Faces) -> tuple[Verts, Faces]:
-    """Merge vertices at exactly the same place, in order of first appearance."""
-    _, first, inverse = np.unique(verts, axis=0, return_index=True, return_inverse=True)
+    corners, faces, _ = content
+    _, first, inverse = np.unique(corners, axis=0, return_index=True, return_inverse=True)
     order = np.argsort(first)
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
-    return verts[first[order]], rank[inverse.reshape(-1)][faces]
+    warnings.warn(
+        f"{path}: STL has no shared vertices; {len(corners)} corners at exactly the same place were merged to "
+        f"{len(order)} vertices.",
+        stacklevel=4,
+    )
+    return corners[first[order]], rank[inverse.reshape(-1)][faces], None
 
 
 def write_trimesh(kind: str, path: Path, surface: Surface) -> None:

@@ -97,15 +97,9 @@ class Layout:
 
     def path(self, kind: str, hemi: str = "", name: str = "") -> Path:
         """Path of a file; raises ``NotReadable`` for a name that cannot be part of it."""
-        path = self.paths[kind].format(
-            hemi=hemi,
-            side=BIDS_SIDES.get(hemi),
-            name=name and file_word(name),
-            camel=_camel_case(name),
-            ending=map_ending(kind, name),
-            subject=self.subject,
-        )
-        return self.folder / path
+        fields = {"hemi": hemi, "side": BIDS_SIDES.get(hemi), "subject": self.subject, "name": name and file_word(name)}
+        fields |= {"camel": _camel_case(name), "ending": map_ending(kind, name)}
+        return self.folder / self.paths[kind].format(**fields)
 
     def new(self, kind: str, hemi: str = "", name: str = "", about: Mapping[str, Any] = {}) -> Path:
         """Path of a file to write: its folder is made, and in BIDS the JSON file that describes it (``about``)."""
