@@ -101,9 +101,10 @@ def _behind_lost_link(path: Path) -> Path:
     if path.name not in ("lh.pial", "rh.pial") or (path.is_file() and path.stat().st_size > _MOST_POINTER_BYTES):
         return path
     left = _content_if_small(path).replace(b"\0", b"")  # Cygwin writes the name in UTF-16
-    files = (path.with_name(f"{path.name}.{kind}") for kind in ("T2", "FLAIR", "T1"))
-    target = next((file for file in files if file.is_file() and (not left or file.name.encode() in left)), None)
-    if target is None:
+    files = [path.with_name(f"{path.name}.{kind}") for kind in ("T2", "FLAIR", "T1")]
+    files.sort(key=lambda file: file.name.encode() not in left)
+    target = next((file for file in files if file.is_file()), None)
+    if target is None or (left and files[0].name.encode() not in left):
         return path
     warnings.warn(f"{path}: FreeSurfer's link is lost here, so {target.name} beside it is read.", stacklevel=3)
     return target
