@@ -73,7 +73,7 @@ HOLDS = {
     "cohort": "many subjects, sweeps",
     "report": "pictures and pages",
     "studies": "the paper's figures, benchmarks, these pages",
-    "cli": "one file a command",
+    "cli": "commands and their options",
 }
 
 
