@@ -329,7 +329,11 @@ def test_a_cut_file_and_another_content_are_refused_in_one_line(damaged, capfd):
 
 @pytest.mark.filterwarnings("ignore::UserWarning")  # of a cut last line, of merged corners
 @pytest.mark.parametrize("places", [20, pytest.param(600, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("damaged", READERS, indirect=True)
+@pytest.mark.parametrize(
+    "damaged",
+    [pytest.param(name, marks=pytest.mark.slow) if name in ("a.vtp", "a.vtu") else name for name in READERS],
+    indirect=True,  # VTK's take a process for each place
+)
 def test_damage_ends_in_what_was_there_or_a_refusal(damaged, places):
     raw, read = damaged
     places = places // 10 if b"vtk" in raw[:20].lower() else places  # a process starts for each

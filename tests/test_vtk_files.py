@@ -96,6 +96,7 @@ def test_sections_without_arrays_are_empty(tmp_path):
     is_the_sphere(tmp_path / "a.vtp")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("word", "size"), [(0, 4), (2, 4), (3, 8)])
 def test_a_false_size_of_a_block_is_refused(tmp_path, word, size):
     """The number of blocks, the size of one, of the last one, and that of the first one packed, are 2^31."""
