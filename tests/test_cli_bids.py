@@ -38,6 +38,13 @@ def test_names_that_bids_cannot_tell_apart_are_refused_before_any_work(here, dat
         shutil.rmtree(dataset / name)
 
 
+def test_two_names_that_are_written_alike_are_refused(here, capsys):
+    for name in ("\udcff", r"\udcff"):  # the byte 0xff, and its escape spelt out
+        write_subject(here / "all" / name, hemis=("lh",))
+    refused(capsys, ["cohort", "all", "-o", "out", "-q"], "Rename one.", "[named-twice]")
+    assert not (here / "out").exists()
+
+
 def test_what_a_killed_run_left_of_a_record_is_no_subject(here):
     begin_dataset(here)
     (here / "records").mkdir()

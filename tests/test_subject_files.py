@@ -267,6 +267,10 @@ def test_the_command_writes_into_the_subject_by_its_name_and_says_what_it_kept(h
     )
     stats = "lh.aparc.gyral.stats"
     assert (bert / "stats" / stats).read_bytes() == (here / "out" / "stats" / stats).read_bytes()
+    assert main([*argv, "--json"]) == 0
+    captured = capsys.readouterr()
+    assert json.loads(captured.out)["surfaces"]
+    assert captured.err.splitlines()[-1].endswith(": surf/lh.pial_lgi")
 
 
 @pytest.mark.parametrize("more", [["--white", "a", "--pial", "b"], ["--stages"]])

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from morphofold import results
 from morphofold.analysis import Measures, measuring
@@ -33,8 +33,6 @@ from morphofold.timing import Stages, working_seconds
 from morphofold.unfolding.spheres import sphere_of
 from morphofold.unfolding.unfold import check_options, unfold
 from morphofold.words import in_one_line, number
-
-T = TypeVar("T")
 
 
 def run(args: Analyze | Unfold) -> Answer:
@@ -78,9 +76,11 @@ def _analyze(args: Analyze) -> Answer:
     lines = [*_lines(measures, clock), f"-> {summary if args.no_report else out / 'report.html'}"]
     if subject is not None:
         written, others = results.write_into_subject(measures, subject)
-        lines.append(f"into {subject}: {', '.join(written) or 'nothing'}")
-        if others:
-            lines.append(f"kept, because morphofold did not write them: {', '.join(others)}")
+        into = [f"into {subject}: {', '.join(written) or 'nothing'}"]
+        into += [f"kept, because morphofold did not write them: {', '.join(others)}"] if others else []
+        lines += into
+        for line in into if args.json else ():
+            print_line(line, file=sys.stderr)
     return Answer(summary, lines, 1 if failed else 0)
 
 
@@ -120,13 +120,13 @@ def _formatted_or_na(value: float | None, form: str, unit: str = "") -> str:
     return "n/a" if value is None else f"{value:{form}}{unit}"
 
 
-def _results_of_hemispheres(works: Mapping[str, Callable[[], T]], failed: dict[str, str]) -> list[T]:
+def _results_of_hemispheres(works: Mapping[str, Callable[[], Any]], failed: dict[str, str]) -> list[Any]:
     """Return the results of the hemispheres; reasons of failures are added to ``failed``. Raises if all fail.
 
     With four threads or more they are worked on beside each other.
     """
 
-    def result_or_error(work: Callable[[], T]) -> T | Exception:
+    def result_or_error(work: Callable[[], Any]) -> Any:
         try:
             return work()
         except (ValueError, TypeError, OSError) as error:  # of one hemisphere; the other one is still measured

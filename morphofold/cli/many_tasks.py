@@ -180,18 +180,18 @@ def _results_folders(out: Path, subjects: Sequence[Participant]) -> dict[str, Pa
     FileExistsError
         If morphofold did not write a folder.
     NotReadable, NamedTwice
-        If BIDS, which shortens names, leaves nothing of a name, or the same of two.
+        If BIDS, which shortens names, leaves nothing of a name, or two names become the same: by that, or where bytes
+        that are not text are escaped.
     """
     if subjects[0].bids:
         refuse_other_dataset(out)
     else:
         refuse_no_collection(out, "cohort")
     refuse_foreign(out / GROUP_FOLDER)  # before hours of work, not after them
-    results = {subject.name: subject.results for subject in subjects}
-    for one, other in pairwise(sorted(results, key=results.__getitem__)):
-        if results[one] == results[other]:
-            raise NamedTwice(f"{one}, {other}: BIDS shortens both to {results[one].name}. Rename one.")
-    return results
+    for subject, other in pairwise(sorted(subjects, key=lambda subject: subject.results)):
+        if subject.results == other.results:
+            raise NamedTwice(f"{subject.folder}, {other.folder}: both become {subject.results.name}. Rename one.")
+    return {subject.name: subject.results for subject in subjects}
 
 
 def _memory_needed(subject: Participant, args: ManySubjects) -> float:
