@@ -20,14 +20,6 @@ from morphofold.sim.scene.geometries import path_or_sample
 from morphofold.sim.scene.problems import Problem, Source, as_toml, blamed, explain, kind_of, root_problems, with_notes
 
 MOST_PROBLEMS = 20  # that are reported for one scene
-#: strings, of several lines or one, and comments; an unterminated one ends where tomllib refuses it
-_STRING_OR_COMMENT = re.compile(
-    r'''"""(?:[^"\\]|\\.|"{1,2}(?!"))*+"{0,5}|"(?:[^"\\\n]|\\.)*+"?|#[^\n]*'''
-    r"""|'''(?:[^']|'{1,2}(?!'))*+'{0,5}|'[^'\n]*'?""",
-    re.DOTALL,
-)
-#: a dotted key of more than 32 parts; tomllib would store every prefix of it
-_TOO_DEEP_KEY = re.compile(r"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){32}")
 
 
 def scene_names() -> list[str]:
@@ -106,17 +98,11 @@ def _read_source(source: str | Path) -> Source:
 
 def _parse_source(source: Source) -> dict[str, Any]:
     try:
-        return _parse_toml(source.text)
+        return tomllib.loads(source.text)
     except RecursionError:
         raise NotReadable(f"{source.where}: not a scene: lists or tables are nested too deeply.") from None
     except ValueError as error:  # a number of too many digits is not a TOMLDecodeError
         raise NotReadable(f"{source.where}: not a TOML file: {error}.") from None
-
-
-def _parse_toml(text: str) -> dict[str, Any]:
-    if _TOO_DEEP_KEY.search(_STRING_OR_COMMENT.sub("s", text)):
-        raise RecursionError("a key of too many parts")
-    return tomllib.loads(text)
 
 
 def _base_scene(own: Source, folder: Path | None) -> Source | None:
@@ -215,7 +201,7 @@ def _apply_setting(tables: dict[str, Any], key: str, setting: str) -> None:
     """Put the value of ``table.key=value`` into the tables."""
     value = setting.partition("=")[2].strip()
     try:
-        parsed = _parse_toml(f"v = {value}")
+        parsed = tomllib.loads(f"v = {value}")
     except RecursionError:
         raise NotReadable(f"setting {as_toml(setting)}: lists or tables are nested too deeply.") from None
     except ValueError:

@@ -54,8 +54,6 @@ try:
 except ImportError:  # Windows
     resource = Elsewhere()  # type: ignore[assignment]
 
-MEMORY = 2 * 2**30  # what a file may make a reader take [bytes]
-SECONDS = 20  # of processor time, far above what any of the small files takes
 SLOW = 2  # seconds of processor time of one small file
 
 
@@ -232,8 +230,6 @@ def _but_a_scene(path):
 
 
 def _analysis(folder, add):
-    from dataclasses import replace
-
     made = made_measures(level=3)
     made = replace(made, graph=gyral_graph(made.cortex.pial))
     write_analysis([made], folder / "analysis", report=False)
@@ -311,44 +307,6 @@ def same(one: Any, other: Any) -> bool:
     if isinstance(one, dict):
         return one.keys() == other.keys() and all(same(v, other[k]) for k, v in one.items())
     return one == other or "MultiGraph" in type(one).__name__
-
-
-def in_child(work: Callable[[], str], memory: int = MEMORY, seconds: int = SECONDS) -> tuple[str, int]:
-    """What work says in a child process that may take so much more memory and time, and what it took [bytes].
-
-    Raises
-    ------
-    AssertionError
-        If the child was killed, or raised.
-    """
-    needs_linux()
-    ours, theirs = os.pipe()
-    child = os.fork()
-    if child == 0:
-        code = 1
-        try:
-            os.close(ours)
-            before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-            size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-            resource.setrlimit(resource.RLIMIT_AS, (size + memory, size + memory))
-            resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
-            output = work()
-            taken = 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
-            os.write(theirs, json.dumps([output[:20_000], taken]).encode())
-            code = 0
-        except BaseException as error:
-            os.write(theirs, json.dumps([f"{type(error).__name__}: {error}"[:2000], 0]).encode())
-        finally:
-            os._exit(code)
-    os.close(theirs)
-    with os.fdopen(ours, "rb") as file:
-        raw = file.read()
-    _, status = os.waitpid(child, 0)
-    output, taken = json.loads(raw) if raw else ("", 0)
-    if os.WIFSIGNALED(status):
-        raise AssertionError(f"ended by {signal.Signals(os.WTERMSIG(status)).name}")
-    assert status == 0, output
-    return output, taken
 
 
 def killed_at(k: int, work: Callable[[], object], *, size: int | None = None) -> bool:

@@ -14,7 +14,7 @@ from hard_cases.made_files import RADIAL, killed_at, resource
 from made_measures import made_measures
 
 from morphofold.io import atomic_file, folders, write_annotation, write_gifti_map, write_morph, write_surface
-from morphofold.results import read_analysis, write_analysis, write_dataset
+from morphofold.results import write_analysis
 from morphofold.shapes import icosphere
 from morphofold.sim.run import simulate
 from morphofold.surface import Regions, Surface
@@ -37,13 +37,6 @@ def folder_in_place(path):
 def writers_in_place(patch):
     for module in ("io.files", "io.gifti", "io.mesh_files", "sim.output.folder"):
         patch.setattr(f"morphofold.{module}.atomic_file", in_place)
-
-
-@contextmanager
-def folder_again(path):
-    shutil.rmtree(path, ignore_errors=True)
-    path.mkdir(parents=True)
-    yield path
 
 
 def state(folder):
@@ -91,30 +84,6 @@ def test_killed_file(holds, tmp_path):
     holds("kills", kills, at_least=5 * len(known))
     beside = len(os.listdir(tmp_path)) - len(known)
     holds("left beside, for each kill", beside / kills, at_most=1)
-
-
-@pytest.mark.slow
-@hard_case(
-    "files",
-    "a writer of a subject of a BIDS dataset killed before each of its steps",
-    guard="a folder beside, moved when whole",
-    fails=(AssertionError, OSError, ValueError),
-    without=lambda patch: patch.setattr("morphofold.results.analyses.atomic_folder", folder_again),
-)
-def test_killed_dataset(holds, tmp_path):
-    out, kills, between, names, k = tmp_path / "bids", 0, 0, set(), 1
-    old, new = (made_measures(name=name, level=1) for name in ("old", "new"))
-    place = write_dataset([old], out, "one", report=False)
-    there = set(os.listdir(out))
-    while killed_at(k, lambda: write_dataset([new], out, "one", report=False)):
-        between += not place.exists()
-        names |= {found.cortex.name for found in read_analysis(place)} if place.exists() else set()
-        write_dataset([old], out, "one", report=False)
-        kills, k = kills + 1, k + 1
-    holds("kills", kills, at_least=50)
-    holds.equal("found after them", names, {"old", "new"})
-    holds("kills between the two moves, with the old subject beside", between, at_most=1)
-    holds("left beside, for each kill", (len(set(os.listdir(out)) - there) - between) / kills, at_most=1)
 
 
 def grow(out):
