@@ -16,9 +16,7 @@ from made_simulations import Stop
 from test_mesh_from_file import ball, write
 
 from morphofold.cli import main
-from morphofold.errors import DamagedFile
-from morphofold.io.folders import LOCK_FILE, alone
-from morphofold.sim.output.checkpoint import read_arrays
+from morphofold.io.folders import LOCK_FILE
 from morphofold.sim.output.run_files import clear_run, files_of_run, is_temporary, sweep
 from morphofold.simulation import simulate
 
@@ -123,25 +121,19 @@ def removed(path):
 DAMAGE = {
     "checkpoint.npz": [
         cut,
-        emptied,
-        text,
         flipped,
         checkpoint(v=None),
-        checkpoint(lines=None),
         checkpoint(x=np.zeros((3, 3))),
         checkpoint(growth=np.array(np.nan)),
         checkpoint(growth=np.array(9.0)),
         checkpoint(other=np.zeros(2)),
-        checkpoint(step=np.array("one")),
-        checkpoint(x=np.array([None], dtype=object)),
     ],
-    "log.jsonl": [cut, emptied, text, other_json, a_list, without_a_line, removed],
-    "stages/g1.10/stage.json": [cut, emptied, text, other_json, a_list, removed],
-    "stages/g1.10/surf/lh.pial": [cut, emptied, text, flipped, removed],
-    "stages/g1.10/surf/lh.thickness": [cut, flipped, removed],
-    "stages/g1.10/volume.vtu": [cut, flipped, removed],
+    "log.jsonl": [cut, other_json, without_a_line, removed],
+    "stages/g1.10/stage.json": [emptied, other_json, removed],
+    "stages/g1.10/surf/lh.pial": [flipped, removed],
+    "stages/g1.10/volume.vtu": [cut],
     "stages/g1.10/files.json": [text],
-    "scene.toml": [text, emptied],
+    "scene.toml": [text],
 }
 
 
@@ -155,28 +147,6 @@ def test_a_stopped_run_that_is_damaged_is_refused_in_one_line_and_left_as_it_is(
     if name in ("checkpoint.npz", "log.jsonl") and damage is not removed:
         assert message.endswith(" [damaged-file]\n")
     assert contents(out) == before
-
-
-def test_no_flipped_byte_of_a_checkpoint_changes_what_is_read(stopped, tmp_path, rng):
-    """Either it is refused, or it was a byte that says nothing about the arrays."""
-    raw = (stopped / "checkpoint.npz").read_bytes()
-    with np.load(stopped / "checkpoint.npz") as file:
-        like = dict(file)
-    refused = []
-    places = [*rng.integers(0, len(raw), 150), *range(120), *range(len(raw) - 120, len(raw))]
-    for place in places:
-        wrong = bytearray(raw)
-        wrong[place] ^= 1 << int(rng.integers(8))
-        (tmp_path / "c.npz").write_bytes(wrong)
-        try:
-            found = read_arrays(tmp_path / "c.npz", like)
-        except DamagedFile as error:
-            refused.append(str(error))
-        else:
-            assert all(np.array_equal(found[k], like[k]) for k in like)
-    assert len(refused) > 150
-    for message in refused:
-        assert message.startswith(f"{tmp_path / 'c.npz'}: ")
 
 
 def test_the_cure_that_is_told_cures(finished, stopped, at, capsys):
@@ -200,41 +170,33 @@ def test_a_stage_that_is_gone_is_not_written_with_the_shape_of_a_later_growth(st
     assert simulate("demo", out, settings=TINY, resume=True).stages == (1.1, 1.2)
 
 
-@pytest.mark.parametrize("damage", [cut, emptied, text, other_json, a_list])
+@pytest.mark.parametrize("damage", [cut, other_json])
 def test_a_finished_run_whose_health_is_damaged_is_refused(finished, at, damage, capsys):
     damage(at(finished) / "health.json")
     message = resumed(capsys, "--resume")
-    kind = "not-readable" if damage in (other_json, a_list) else "damaged-file"
+    kind = "not-readable" if damage is other_json else "damaged-file"
     assert re.search(rf"\brun/health\.json: .*\[{kind}\]$", message)
 
 
-@pytest.mark.parametrize("g", ["1.10", "1.20"])
 @pytest.mark.parametrize(
     ("name", "damage"),
-    [
-        ("stage.json", other_json),
-        ("surf/lh.white", cut),
-        ("surf/lh.sulc", removed),
-        ("surf/lh.pial", flipped),
-        ("volume.vtu", emptied),
-    ],
+    [("stage.json", other_json), ("surf/lh.sulc", removed), ("surf/lh.pial", flipped), ("volume.vtu", emptied)],
 )
-def test_a_finished_run_with_a_damaged_stage_is_refused_and_the_cure_makes_it_whole(
-    finished, at, g, name, damage, capsys
-):
-    out = at(finished)
-    stage = out / "stages" / f"g{g}"
-    damage(stage / name)
+def test_a_finished_run_with_a_damaged_stage_is_refused(finished, at, name, damage, capsys):
+    damage(at(finished) / "stages" / "g1.20" / name)
     message = resumed(capsys, "--resume")
-    assert re.search(rf"\brun/stages/g{g}\b.* run/stages/g{g} and run/health\.json\b.*--resume\b", message)
-    if (g, name) != ("1.10", "volume.vtu"):  # one is enough
-        return
+    assert re.search(r"\brun/stages/g1.20\b.* run/stages/g1.20 and run/health\.json\b.*--resume\b", message)
+
+
+def test_a_finished_run_without_a_stage_is_refused_and_the_cure_makes_it_whole(finished, at, capsys):
+    out = at(finished)
+    stage = out / "stages" / "g1.10"
     shutil.rmtree(stage)
     message = resumed(capsys, "--resume")
-    assert re.search(rf"\brun/stages/g{g}: .*\brun/health\.json\b.*\[missing-part\]$", message)
+    assert re.search(r"\brun/stages/g1.10: .*\brun/health\.json\b.*\[missing-part\]$", message)
     (out / "health.json").unlink()
     simulate("demo", out, settings=TINY, resume=True)
-    assert (stage / name).stat().st_size == (finished / "stages" / f"g{g}" / name).stat().st_size
+    assert (stage / "volume.vtu").stat().st_size == (finished / "stages" / "g1.10" / "volume.vtu").stat().st_size
 
 
 def test_a_finished_run_is_that_of_its_stages(finished, at, capsys):
@@ -298,9 +260,7 @@ def of_another_seed(tmp_path_factory):
     return out
 
 
-@pytest.mark.parametrize(
-    "taken", [["checkpoint.npz", "log.jsonl"], ["checkpoint.npz"], ["log.jsonl"], ["stages/g1.10"]], ids=" ".join
-)
+@pytest.mark.parametrize("taken", [["checkpoint.npz", "log.jsonl"], ["checkpoint.npz"], ["stages/g1.10"]], ids=" ".join)
 def test_nothing_of_another_run_is_gone_on_from(stopped, of_another_seed, at, capsys, taken):
     """All of it has the right shape, and sums that are right."""
     out = at(stopped)
@@ -315,7 +275,7 @@ def test_nothing_of_another_run_is_gone_on_from(stopped, of_another_seed, at, ca
     assert contents(out) == before
 
 
-@pytest.mark.parametrize("mark", ["scene", "version", "log"])
+@pytest.mark.parametrize("mark", ["scene", "log"])
 def test_a_checkpoint_that_does_not_say_its_run_is_not_gone_on_from(stopped, at, capsys, mark):
     """None of a version before these were written says it."""
     out = at(stopped)
@@ -350,27 +310,6 @@ def test_without_resume_no_checkpoint_is_taken_up(stopped, at, capsys, monkeypat
     (out / "scene.toml").unlink()  # then it is nothing that we know
     for words in ((), ("--resume",)):
         assert re.search(r"\brun: (?!.*\bresume\b)", resumed(capsys, *words))
-
-
-def test_a_run_that_came_in_between_is_not_written_over(tmp_path, monkeypatch):
-    """Another run begins and ends after the folder was looked at, before it was held."""
-    import morphofold.sim.run as run
-
-    out, calls = tmp_path / "run", []
-
-    def other_first(folder):
-        if not calls:
-            calls.append(folder)
-            simulate("fig3", out, settings=["output.stages=[]"])
-        return alone(folder)
-
-    monkeypatch.setattr(run, "alone", other_first)
-    with pytest.raises(FileExistsError, match=rf"{re.escape(str(out))}: .*\bresume\b"):
-        simulate("fig3", out, settings=["output.stages=[1.5]"])
-    calls.clear()
-    shutil.rmtree(out)
-    with pytest.raises(FileExistsError, match=rf"{re.escape(str(out))}: (?!.*\bresume\b)"):
-        simulate("fig3", out, settings=["output.stages=[1.5]"], resume=True)
 
 
 # the mesh file -----------------------------------------------------------------------------------------------
