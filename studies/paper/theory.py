@@ -200,7 +200,7 @@ def fig4() -> Figure:
     Limits: C/B from 1 to 1.3; from 1.2 on, isotropic growth gives no crease. g from 1 to 3.
     """
     with new_figure(7.6, 4.6, 1, 1) as (figure, ((ax,),)):
-        draw_critical(ax, fig4_rows(), GROWTH_LAWS)
+        draw_critical(ax, fig4_rows())
         ax.set(xlim=(1, 1.3), ylim=(1, 3))
         legend_below(ax)
     return figure

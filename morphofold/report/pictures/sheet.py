@@ -19,7 +19,7 @@ from PIL import Image
 
 from morphofold.quantities import Quantity
 from morphofold.report.colours import Limits
-from morphofold.report.plots.line_plots import NO_FORMULAS, blank_figure, colour_bar, ticks
+from morphofold.report.plots.line_plots import NO_FORMULAS, colour_bar, plot_style, round_step, ticks
 
 Picture = NDArray[np.uint8]  # (height, width, 3)
 
@@ -62,11 +62,11 @@ class Sheet:
         self.text(x + 24, y + 14, text, 13.5, color=GREY)
 
     def ruler(self, px_per_mm: float, x: int, y: int) -> None:
-        """Draw a scale bar of a round length of at most 160 pixels; none for a body of micrometres."""
-        for mm in [m for e in range(-3, 3) for k in (1, 2, 5) if (m := k * 10.0**e) * px_per_mm <= 160][-1:]:
-            long = round(mm * px_per_mm)
-            self.box(x, y, long, 3, (60 / 255,) * 3)
-            self.text(x + long / 2, y + 20, f"{mm:g} mm", 13, ha="center", color=GREY)
+        """Draw a scale bar of a round length of at most 160 pixels."""
+        mm = round_step(160 / px_per_mm)
+        long = round(mm * px_per_mm)
+        self.box(x, y, long, 3, (60 / 255,) * 3)
+        self.text(x + long / 2, y + 20, f"{mm:g} mm", 13, ha="center", color=GREY)
 
     def colour_bar(self, what: Quantity, limits: Limits, x: float, y: float, width: float, height: float) -> None:
         """Draw the colours between the limits, numbers and unit below."""
@@ -90,8 +90,8 @@ class Sheet:
 @contextmanager
 def new_sheet(width: int, height: int) -> Iterator[Sheet]:
     """A sheet of so many pixels; finish it inside."""
-    with blank_figure(width / DPI, height / DPI, None, {**NO_FORMULAS, "figure.dpi": DPI}) as figure:
-        yield Sheet(figure, width, height)
+    with plot_style({**NO_FORMULAS, "figure.dpi": DPI}):
+        yield Sheet(Figure(figsize=(width / DPI, height / DPI)), width, height)
 
 
 def png_bytes(image: Picture) -> bytes:

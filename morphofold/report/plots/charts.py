@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 
 from morphofold.comparison.thickness import Cloud
 from morphofold.quantities import Quantity
-from morphofold.report.plots.line_plots import BLACK, GREY, NO_FORMULAS, blank_figure, ticks
+from morphofold.report.plots.line_plots import BLACK, GREY, NO_FORMULAS, plot_style, ticks
 from morphofold.words import number
 
 MARKERS = {"circle": "o", "square": "s", "triangle": "^", "diamond": "D"}  # name on pages -> matplotlib's name
@@ -104,7 +104,8 @@ def new_chart(
     inches = 72.0  # pixels per inch in an SVG, where a point is a pixel
     (width, height), top, bottom = size, 12.0, 38.0
     style = {**PAGE_STYLE, "svg.hashsalt": title}  # so that no two charts share ids
-    with blank_figure(width / inches, height / inches, None, style) as figure:
+    with plot_style(style):
+        figure = Figure(figsize=(width / inches, height / inches))
         ax = figure.subplots()
         figure.subplots_adjust(left / width, bottom / height, 1 - right / width, 1 - top / height)
         for part in (figure, ax):

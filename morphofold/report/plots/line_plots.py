@@ -1,11 +1,14 @@
-"""Style, limits and legends of line plots, and files with the same bytes for the same figure."""
+"""The style of all figures by matplotlib: colours and dashes of curves, round limits and ticks, legends, colour bars.
+
+Figures are drawn inside of ``plot_style`` or ``new_figure``; :func:`save` writes them, with the same bytes each time.
+"""
 
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from threading import RLock
-from typing import Any, Literal
+from typing import Any
 
 import matplotlib.style
 import numpy as np
@@ -19,8 +22,10 @@ from morphofold.errors import WrongFile
 from morphofold.quantities import CATEGORICAL_COLOURS
 from morphofold.report import colours
 
+Style = dict[str, Any]  # keyword arguments of matplotlib's functions, or its settings
+
 #: file endings for figures, and the metadata that keep date and program out of the file
-FORMATS: dict[str, dict[str, Any]] = {
+FORMATS: dict[str, Style] = {
     ".png": {"Software": None},
     ".svg": {"Date": None, "Creator": None},
     ".pdf": {"CreationDate": None, "Creator": None, "Producer": None},
@@ -48,6 +53,7 @@ NO_FORMULAS = {"text.parse_math": False}  # for names, where $ is a plain charac
 DASHES = ((0, ()), (0, (6, 2)), (0, (1.2, 1.4)), (0, (7, 2, 1.2, 2)), (0, (3, 1.5)), (0, (7, 1.5, 1.2, 1.5, 1.2, 1.5)))
 GREY = "#666666"
 BLACK = "#1a1a1a"
+STEPS = np.array([float(f"{k}e{n}") for n in range(-300, 300) for k in (1, 2, 5)])  # round numbers
 _SETTINGS = RLock()
 
 
@@ -68,7 +74,7 @@ def check_format(path: Path) -> str:
     return ending
 
 
-def line_style(index: int) -> dict[str, Any]:
+def line_style(index: int) -> Style:
     """Colour and dashes of one curve of several; each differs for the first six, both together for the first 36."""
     return {"color": CATEGORICAL_COLOURS[index % 6], "linestyle": DASHES[(index + index // 6) % 6]}
 
@@ -82,20 +88,15 @@ def around(values: Sequence[float], low: float, high: float, step: float) -> tup
 
 
 def round_step(size: float) -> float:
-    """A round step, 1, 2 or 5 times a power of ten; ``size`` is 3 to 8 steps."""
-    if size < 1e-9:  # round-off only
-        return 1.0
-    decade = 10.0 ** np.floor(np.log10(size / 3))
-    return float(decade * max(k for k in (1, 2, 5) if k * decade <= size / 3))
+    """The largest round step, 1, 2 or 5 times a power of ten, that is at most ``size``."""
+    return float(STEPS[STEPS.searchsorted(size, "right") - 1])
 
 
 def ticks(low: float, high: float, about: int = 5) -> list[float]:
     """About ``about`` round numbers from low to high, in steps of 1, 2 or 5 times a power of ten."""
-    least = (high - low) / about
-    if not least > 0:
+    if not low < high:
         return [low]
-    decade = 10.0 ** np.floor(np.log10(least))
-    step = min(decade * k for k in (1, 2, 5, 10) if decade * k >= 0.999 * least)
+    step = STEPS[STEPS.searchsorted(0.999 * (high - low) / about)]
     first, last = int(np.ceil(low / step - 1e-9)), int(np.floor(high / step + 1e-9))
     return [float(f"{k * step:.12g}") for k in range(first, last + 1)]
 
@@ -131,19 +132,13 @@ def plot_style(more: Mapping[str, Any] = {}) -> Iterator[None]:
 
 
 @contextmanager
-def blank_figure(
-    width: float, height: float, layout: Literal["constrained"] | None = "constrained", style: Mapping[str, Any] = {}
-) -> Iterator[Figure]:
-    """A figure without pyplot's global state; inches. ``style`` is added to ``STYLE``."""
-
-    with plot_style(style):
-        yield Figure(figsize=(width, height), layout=layout)
-
-
-@contextmanager
 def new_figure(
     width: float, height: float, rows: int = 1, columns: int = 1, *, style: Mapping[str, Any] = {}, **shared: Any
 ) -> Iterator[tuple[Figure, Any]]:
-    """As :func:`blank_figure`, with axes (rows, columns)."""
-    with blank_figure(width, height, style=style) as figure:
+    """A figure of this size [inches] with axes (rows, columns), without pyplot's global state.
+
+    ``style`` is added to ``STYLE``.
+    """
+    with plot_style(style):
+        figure = Figure(figsize=(width, height), layout="constrained")
         yield figure, figure.subplots(rows, columns, squeeze=False, **shared)

@@ -173,7 +173,7 @@ def thumbnails(phases: Phases, surfaces: Mapping[GridIndex, Surface | str], view
         _name_axes(ax, phases)
         ax.spines[:].set_visible(False)
         ax.set(xlim=(-0.5, columns - 0.5), ylim=(-0.5, rows - 0.5))
-        mm = line_plots.round_step(largest)
+        mm = line_plots.round_step(largest / 3)
         bar = AnchoredSizeBar(ax.transData, 0.94 * mm / largest, f"{mm:g} mm", "upper right", frameon=False, pad=0)
         bar.set_bbox_to_anchor((0, 0), ax.transAxes)
         ax.add_artist(bar)
