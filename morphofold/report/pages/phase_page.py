@@ -78,8 +78,8 @@ def _write_slices(
     for k, others in enumerate(plots.slices(phases), start=1):
         path = folder / (f"{name}-{k}.png" if others else f"{name}.png")
         save(draw(others), path)
-        at = f" at {plots.fixed_parameters_text(phases, others)}" if others else ""
-        entries.append(picture_entry(path, path.read_bytes(), title + at))
+        shown = title + plots.fixed_parameters_text(phases, others)
+        entries.append(picture_entry(path, path.read_bytes(), shown))
     return entries
 
 

@@ -1,6 +1,5 @@
-"""Phase diagrams of a sweep, with theory: a measure over two varied keys as coloured cells, or over one as a curve.
-
-Each function returns a :class:`matplotlib.figure.Figure`, for :func:`morphofold.report.plots.line_plots.save`.
+"""Phase diagrams of a sweep, with theory: ``Phases`` and one of the :data:`SHOWN_MEASURES` go in, a matplotlib
+``Figure`` comes out: a coloured cell per point of two varied keys, or a curve over one. The page of a sweep shows them.
 """
 
 import math
@@ -21,14 +20,21 @@ from morphofold.cohort.phases import AREA_OVER_FLAT, HINGES_PER_AREA, Phases, Ru
 from morphofold.quantities import CATEGORICAL_COLOURS, Quantity, round_out
 from morphofold.report import colours
 from morphofold.report.pictures.surfaces import Row, draw
-from morphofold.report.plots import line_plots
+from morphofold.report.plots.line_plots import (
+    BLACK,
+    GREY,
+    NO_FORMULAS,
+    Style,
+    colour_bar,
+    legend_of_figure,
+    new_figure,
+    round_step,
+)
 from morphofold.sim.scene.tables import unit_of
 from morphofold.surface import Surface
 from morphofold.words import number
 
 THUMBNAIL_PX = 380
-HATCHED: dict[str, Any] = {"fill": False, "hatch": "////", "edgecolor": "#8a8a86", "linewidth": 0}
-CELL_TEXT: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 9.5, "zorder": 5}
 BOUNDARY = "final growth = theory's critical growth"
 GridIndex = tuple[int, ...]
 WAVELENGTH_KEY = "wavelength_mm"
@@ -44,13 +50,15 @@ AREA_RATIO = Quantity(AREA_OVER_FLAT, "Pial / flat area", limits=(1.0, math.inf)
 
 @dataclass(frozen=True)
 class Cell:
-    """A measure at one point: its values over the seeds that have it, the numbers of runs and of failed runs, and
-    whether a run is not healthy."""
+    """A measure at one point: the runs, one per seed, and the values of those that have it."""
 
+    runs: Sequence[RunResult]
     values: list[float]
-    runs: int
-    failed: int
-    unhealthy: bool
+
+    @property
+    def failed(self) -> int:
+        """The number of runs that failed."""
+        return sum(bool(run.reason) for run in self.runs)
 
     @property
     def mean(self) -> float:
@@ -59,16 +67,20 @@ class Cell:
 
     @property
     def lines(self) -> list[str]:
-        """The text of the cell, at most three short lines: mean, sample standard deviation, how many runs have it."""
-        if not self.values:
-            return ["failed" if self.failed == self.runs else "–"]
-        mean, n = number(float(f"{self.mean:.3g}")), len(self.values)  # so that 0.99999 and 1.00001 are both 1.00
-        lines = [mean + "*" * self.unhealthy]
+        """The text of the cell, at most three short lines: mean, sample standard deviation, how many runs have it.
+
+        A star marks a mean with runs that are not healthy.
+        """
+        n, all_runs = len(self.values), len(self.runs)
+        if not n:
+            return ["failed" if self.failed == all_runs else "–"]
+        mean = number(float(f"{self.mean:.3g}"))  # so that 0.99999 and 1.00001 are both 1.00
+        lines = [mean + "*" * any(run.warnings for run in self.runs)]
         if n > 1:
             sd, decimals = float(np.std(self.values, ddof=1)), len(mean.partition(".")[2])  # as many as the mean
             text = f"{sd:.{decimals}f}"
             lines.append(f"± {number(sd, 1) if sd > ROUND_OFF and not float(text) else text}")
-        return lines if n == self.runs else [*lines, f"({n} of {self.runs})"]
+        return lines if n == all_runs else [*lines, f"({n} of {all_runs})"]
 
 
 def shown_of(phases: Phases) -> tuple[Quantity, ...]:
@@ -77,10 +89,8 @@ def shown_of(phases: Phases) -> tuple[Quantity, ...]:
     A patch or strip has a border, so it has no gyrification index; its area over that of the flat piece is used
     instead. A strip is a section through folds: it has no hinges, and it is too narrow to measure a wavelength.
     """
-    shape = phases.grid.points[0].scene.geometry.shape
-    if shape == "strip":
-        return (AREA_RATIO,)
-    return (AREA_RATIO, *SHOWN_MEASURES[1:]) if shape == "patch" else SHOWN_MEASURES
+    flat = {"strip": (AREA_RATIO,), "patch": (AREA_RATIO, *SHOWN_MEASURES[1:])}
+    return flat.get(phases.grid.points[0].scene.geometry.shape, SHOWN_MEASURES)
 
 
 def values_of(runs: Iterable[RunResult], key: str) -> list[float]:
@@ -90,9 +100,7 @@ def values_of(runs: Iterable[RunResult], key: str) -> list[float]:
 
 def cell(phases: Phases, at: GridIndex, key: str) -> Cell:
     """A measure over the seeds of one point."""
-    runs = phases.at[at]
-    failed = sum(bool(run.reason) for run in runs)
-    return Cell(values_of(runs, key), len(runs), failed, any(run.warnings for run in runs))
+    return Cell(phases.at[at], values_of(phases.at[at], key))
 
 
 def limits_of(phases: Phases, shown: Quantity) -> tuple[float, float]:
@@ -104,7 +112,7 @@ def limits_of(phases: Phases, shown: Quantity) -> tuple[float, float]:
 
 def slices(phases: Phases) -> list[GridIndex]:
     """Indices on the third and further axes, one diagram each; one empty index if there are no such axes."""
-    return list(np.ndindex(*(len(axis.values) for axis in phases.grid.axes[2:])))
+    return sorted({at[2:] for at in phases.grid.places})
 
 
 def growth_past_critical(phases: Phases, at: GridIndex) -> float:
@@ -121,45 +129,48 @@ def diagram(phases: Phases, shown: Quantity, others: GridIndex = ()) -> Figure:
     The dashed line is where final growth equals theory's critical growth, interpolated linearly between numbers. Words
     have no order, so there is no line between them.
     """
-    shape, limits = [len(axis.values) for axis in phases.grid.axes[:2]], limits_of(phases, shown)
-    cells = {at: cell(phases, (*at, *others), shown.key) for at in np.ndindex(*shape)}
+    limits = limits_of(phases, shown)
+    cells = {at[:2]: cell(phases, at, shown.key) for at in phases.grid.places if at[2:] == others}
+    columns, rows = shape = [len(axis.values) for axis in phases.grid.axes[:2]]
     means = np.reshape([each.mean for each in cells.values()], shape).T
     rgb = colours.apply(means, limits, signed=False)
-    size = (max(4.8, 1.15 * shape[0] + 2.2), max(3.4, 0.95 * shape[1] + 1.4))
-    with line_plots.new_figure(*size, style=line_plots.NO_FORMULAS) as (figure, ((ax,),)):
+    size = (max(4.8, 1.15 * columns + 2.2), max(3.4, 0.95 * rows + 1.4))
+    with new_figure(*size, style=NO_FORMULAS) as (figure, ((ax,),)):
         ax.grid(False)
         ax.imshow(rgb, origin="lower", aspect="auto", interpolation="nearest")
         for (i, j), each in cells.items():
             if each.failed:
-                ax.add_patch(Rectangle((i - 0.5, j - 0.5), 1, 1, **HATCHED))
+                ax.add_patch(
+                    Rectangle((i - 0.5, j - 0.5), 1, 1, fill=False, hatch="////", edgecolor="#8a8a86", linewidth=0)
+                )
             lines = [*each.lines, *_theory_text(phases, (i, j, *others), shown)]
             box = {"facecolor": rgb[j, i] / 255, "edgecolor": "none", "pad": 1.5}  # above hatches and line of theory
-            ax.text(i, j, "\n".join(lines), color=colours.ink(rgb[j, i]), bbox=box, **CELL_TEXT)
-        if _draw_boundary(ax, phases, others):
-            dashed = {BOUNDARY: {"color": line_plots.BLACK, "linestyle": "--"}}
-            line_plots.legend_of_figure(figure, dashed, ax, columns=1)
+            text: Style = {"ha": "center", "va": "center", "fontsize": 9.5, "zorder": 5, "bbox": box}
+            ax.text(i, j, "\n".join(lines), color=colours.ink(rgb[j, i]), **text)
+        _draw_boundary(ax, phases, others)
+        if ax.collections:  # the line lies inside
+            legend_of_figure(figure, {BOUNDARY: {"color": BLACK, "linestyle": "--"}}, ax, columns=1)
         _name_axes(ax, phases)
-        fixed = fixed_parameters_text(phases, others)
-        ax.set(title=shown.label + (f" at {fixed}" if fixed else ""))
+        ax.tick_params(length=0)
+        ax.set(title=shown.label + fixed_parameters_text(phases, others))
         if np.isfinite(means).any():
-            line_plots.colour_bar(figure, shown.title, limits, ax=ax, pad=0.02)
+            colour_bar(figure, shown.title, limits, ax=ax, pad=0.02)
     return figure
 
 
 def _name_axes(ax: Axes, phases: Phases) -> None:
     for axis, of in zip((ax.xaxis, ax.yaxis), phases.grid.axes):
-        axis.set_ticks(range(len(of.words)), [_shortened_word(word) for word in of.words])
+        axis.set_ticks(range(len(of.words)), [w if len(w) <= 16 else f"{w[:8]}…{w[-7:]}" for w in of.words])
         axis.set_label_text(axis_title(phases, of))
-    ax.tick_params(length=0)
 
 
 def thumbnails(phases: Phases, surfaces: Mapping[GridIndex, Surface | str], view: str, largest: float) -> Figure:
     """Bare surfaces in place of the cells of a :func:`diagram`, or a text; ``largest`` mm fill 0.94 of a cell."""
     columns, rows = ([len(axis.values) for axis in phases.grid.axes] + [1, 1])[:2]
     side = min(1.6, 8.5 / columns)
-    small = {"font.size": 7, "axes.labelsize": 7}  # it is shown at its size, diagrams at half of theirs
-    style = {**line_plots.NO_FORMULAS, "axes.grid": False, **small}
-    with line_plots.new_figure(side * columns + 1.2, side * rows + 1.1, style=style) as (figure, ((ax,),)):
+    # letters are small, since it is shown at its size, diagrams at half of theirs
+    style = {**NO_FORMULAS, "axes.grid": False, "font.size": 7, "axes.labelsize": 7}
+    with new_figure(side * columns + 1.2, side * rows + 1.1, style=style) as (figure, ((ax,),)):
         ax.set(xticks=[], yticks=[])
         for at, surface in surfaces.items():
             i, j = (*at, 0, 0)[:2]
@@ -171,9 +182,10 @@ def thumbnails(phases: Phases, surfaces: Mapping[GridIndex, Surface | str], view
                 ax.add_patch(Rectangle((i - 0.47, j - 0.47), 0.94, 0.94, color="0.957"))
                 ax.text(i, j, surface, ha="center", va="center", color="0.35")
         _name_axes(ax, phases)
+        ax.tick_params(length=0)
         ax.spines[:].set_visible(False)
         ax.set(xlim=(-0.5, columns - 0.5), ylim=(-0.5, rows - 0.5))
-        mm = line_plots.round_step(largest / 3)
+        mm = round_step(largest / 3)
         bar = AnchoredSizeBar(ax.transData, 0.94 * mm / largest, f"{mm:g} mm", "upper right", frameon=False, pad=0)
         bar.set_bbox_to_anchor((0, 0), ax.transAxes)
         ax.add_artist(bar)
@@ -188,20 +200,17 @@ def _theory_text(phases: Phases, at: GridIndex, shown: Quantity) -> list[str]:
     return [f"{name} {number(value)}"] if math.isfinite(value) else []
 
 
-def _draw_boundary(ax: Axes, phases: Phases, others: GridIndex) -> bool:
+def _draw_boundary(ax: Axes, phases: Phases, others: GridIndex) -> None:
     """Draw the line between folded and smooth, if it lies inside; one piece per word if an axis has words."""
     counts = [(axis.numeric, len(axis.values)) for axis in phases.grid.axes[:2]]
     joined = ([range(n)] if numeric else [range(k, k + 1) for k in range(n)] for numeric, n in counts)
-    drawn = False
     for columns, rows in product(*joined):
         above = np.array([[growth_past_critical(phases, (i, j, *others)) for i in columns] for j in rows])
         if (above < 0).any() and (above > 0).any():
-            x, y = (np.array([span[0] - 0.5, *span, span[-1] + 0.5]) for span in (columns, rows))
-            to_the_rim = np.ma.masked_invalid(np.pad(above, 1, mode="edge"))
-            for colour, width in (("white", 4.0), (line_plots.BLACK, 1.9)):
+            x, y = ([span[0] - 0.5, *span, span[-1] + 0.5] for span in (columns, rows))
+            to_the_rim = np.pad(above, 1, mode="edge")
+            for colour, width in (("white", 4.0), (BLACK, 1.9)):
                 ax.contour(x, y, to_the_rim, levels=[0.0], colors=[colour], linewidths=width, linestyles="--")
-            drawn = True
-    return drawn
 
 
 # curves ------------------------------------------------------------------------------------------------------
@@ -212,67 +221,62 @@ def curve(phases: Phases, shown: Quantity) -> Figure:
 
     Words have no order, so nothing is joined: means and theory are horizontal marks.
     """
-    (axis,), several = phases.grid.axes, len(phases.grid.seeds) > 1
-    x = np.array(axis.values, dtype=np.float64) if axis.numeric else np.arange(float(len(axis.values)))
-    order, (least, top) = np.argsort(x, kind="stable"), limits_of(phases, shown)
-    marks: dict[str, Any] = {"linestyle": "", "marker": "_", "markersize": 26}
+    (axis,), several, (least, top) = phases.grid.axes, len(phases.grid.seeds) > 1, limits_of(phases, shown)
+    points = [*zip(axis.values if axis.numeric else range(len(axis.values)), phases.grid.places)]
+    x, order = zip(*sorted(points))
+    marks: Style = {"linestyle": "", "marker": "_", "markersize": 26}
     mean_style, theory_style = ({}, {"linestyle": "--", "marker": "."}) if axis.numeric else (marks, marks)
-    with line_plots.new_figure(6.2, 3.9, style=line_plots.NO_FORMULAS) as (figure, ((ax,),)):
-        for i, at in enumerate(x):
-            _draw_seeds(ax, at, phases.at[i,], shown)
-        means = [cell(phases, (i,), shown.key).mean for i in order]
+    with new_figure(6.2, 3.9, style=NO_FORMULAS) as (figure, ((ax,),)):
+        cells = {at: cell(phases, at, shown.key) for at in order}
+        for value, at in points:
+            _draw_seeds(ax, value, cells[at], shown.key)
+        means = [each.mean for each in cells.values()]
         if np.isfinite(means).any() and (axis.numeric or several):
             label = "mean over seeds" if several else "measured"
-            ax.plot(x[order], means, color=CATEGORICAL_COLOURS[0], label=label, **mean_style)
-        theory = [phases.theory[i,].wavelength for i in order]
+            ax.plot(x, means, color=CATEGORICAL_COLOURS[0], label=label, **mean_style)
+        theory = [phases.theory[at].wavelength for at in order]
         if shown.key == WAVELENGTH_KEY and np.isfinite(theory).any():
-            ax.plot(x[order], theory, color=line_plots.BLACK, label="theory, first wrinkles", **theory_style)
+            ax.plot(x, theory, color=BLACK, label="theory, first wrinkles", **theory_style)
             top = max(top, 1.08 * float(np.nanmax(theory)))
         if axis.numeric:
-            above = np.array([growth_past_critical(phases, (i,)) for i in order])
-            for k, at in enumerate(crossings(x[order], above)):
-                ax.axvline(at, color=line_plots.GREY, linestyle=":", label=None if k else BOUNDARY)
+            above = np.array([growth_past_critical(phases, at) for at in order])
+            for k, crossed in enumerate(crossings(np.array(x), above)):
+                ax.axvline(crossed, color=GREY, linestyle=":", label=None if k else BOUNDARY)
+            ax.set(xlabel=axis_title(phases, axis))
         else:
-            ax.set_xticks(x, [_shortened_word(word) for word in axis.words])
+            _name_axes(ax, phases)
         edge = 0.04 * (top - least)
-        ax.set(title=shown.label, xlabel=axis_title(phases, axis), ylabel=shown.title, ylim=(least - edge, top + edge))
+        ax.set(title=shown.label, ylabel=shown.title, ylim=(least - edge, top + edge))
         figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
 
 
-def _draw_seeds(ax: Axes, at: float, runs: Sequence[RunResult], shown: Quantity) -> None:
+def _draw_seeds(ax: Axes, x: float, each: Cell, key: str) -> None:
     """Draw a dot for each run at a point of the axis, a cross on one that is not healthy, and how many failed."""
-    unhealthy = [run for run in runs if run.warnings]
-    dot: dict[str, Any] = {"marker": "o", "color": CATEGORICAL_COLOURS[0], "markersize": 5, "alpha": 0.6}
-    for those, style in ((runs, dot), (unhealthy, {"marker": "x", "color": line_plots.BLACK, "markersize": 7})):
-        values = [run.measures.get(shown.key, math.nan) for run in those]
-        ax.plot(np.full(len(values), at), values, linestyle="none", **style)
-    if failed := sum(bool(run.reason) for run in runs):
-        foot: dict[str, Any] = {"xycoords": ("data", "axes fraction"), "xytext": (0, 4), "textcoords": "offset points"}
-        ax.annotate(f"{failed} failed", (at, 0), **foot, ha="center", color=line_plots.GREY, fontsize=9)
+    unhealthy = values_of([run for run in each.runs if run.warnings], key)
+    ax.plot([x] * len(each.values), each.values, "o", color=CATEGORICAL_COLOURS[0], markersize=5, alpha=0.6)
+    ax.plot([x] * len(unhealthy), unhealthy, "x", color=BLACK, markersize=7)
+    if each.failed:
+        foot: Style = {"xycoords": ("data", "axes fraction"), "xytext": (0, 4), "textcoords": "offset points"}
+        ax.annotate(f"{each.failed} failed", (x, 0), **foot, ha="center", color=GREY, fontsize=9)
 
 
 def crossings(x: Array, y: Array) -> list[float]:
     """Where a curve, linear between its points (N,), crosses zero."""
     k = np.flatnonzero(y[:-1] * y[1:] < 0)
-    crossed: list[float] = (x[k] + np.diff(x)[k] * y[k] / (y[k] - y[k + 1])).tolist()
-    return crossed
+    return list(x[k] + np.diff(x)[k] * y[k] / (y[k] - y[k + 1]))
 
 
 def axis_title(phases: Phases, axis: Axis) -> str:
     """Label of a varied key, with its unit."""
-    table, _, key = axis.key.rpartition(".")
+    *tables, key = axis.key.split(".")
     model: Any = phases.grid.points[0].scene
-    for part in table.split(".") if table else ():
-        model = model[part] if isinstance(model, dict) else getattr(model, part)
-    unit = unit_of(type(model), key)
-    return Quantity("", axis.label, unit).title
+    for table in tables:
+        model = model[table] if isinstance(model, dict) else getattr(model, table)
+    return Quantity("", axis.label, unit_of(type(model), key)).title
 
 
 def fixed_parameters_text(phases: Phases, others: GridIndex) -> str:
-    """The values on the third and further axes, as text."""
-    return ", ".join(f"{axis.label} = {axis.words[i]}" for axis, i in zip(phases.grid.axes[2:], others))
-
-
-def _shortened_word(word: str) -> str:
-    return word if len(word) <= 16 else f"{word[:8]}…{word[-7:]}"
+    """The values on the third and further axes, as the end of a title."""
+    fixed = ", ".join(f"{axis.label} = {axis.words[i]}" for axis, i in zip(phases.grid.axes[2:], others))
+    return f" at {fixed}" if fixed else ""
