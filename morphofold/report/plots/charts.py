@@ -1,5 +1,4 @@
-"""Charts of the pages as inline SVG: distributions, gyral against cortical thickness, the law of folding, numbers over
-growth, regions of two bodies, and what subjects share.
+"""Charts of the pages: numbers and the looks of their surfaces go in, inline SVG comes out, or None if nothing is known.
 
 A mark shows its text when the pointer is over it. Names are escaped, and no text is parsed as a formula.
 """
@@ -18,14 +17,14 @@ from matplotlib.figure import Figure
 
 from morphofold.comparison.thickness import Cloud
 from morphofold.quantities import Quantity
-from morphofold.report.plots.line_plots import BLACK, GREY, NO_FORMULAS, plot_style, ticks
+from morphofold.report.plots.line_plots import BLACK, GREY, NO_FORMULAS, Style, plot_style, ticks
 from morphofold.words import number
 
 MARKERS = {"circle": "o", "square": "s", "triangle": "^", "diamond": "D"}  # name on pages -> matplotlib's name
 DASHES = ("", "7 3", "2 3", "9 3 2 3")
-THEORY: dict[str, Any] = {"color": GREY, "linestyle": (0, (8, 5))}
-POINT: dict[str, Any] = {"gid": "point", "zorder": 3, "alpha": 0.72, "edgecolors": "white", "linewidths": 0.6}
-HEMI_COLOURS = {"lh": "#1f5fa8", "rh": "#b3472b"}
+THEORY: Style = {"color": GREY, "linestyle": (0, (8, 5))}
+POINT: Style = {"gid": "point", "zorder": 3, "alpha": 0.72, "edgecolors": "white", "linewidths": 0.6}
+HEMIS = {"lh": ("#1f5fa8", 0.17), "rh": ("#b3472b", -0.17)}  # colour, and height above the line of a region
 CHART_SIZE_PX = (430.0, 250.0)  # [px] of a chart, two side by side
 WIDE_CHART_SIZE_PX = (880.0, 430.0)
 BINS = 48
@@ -118,7 +117,7 @@ def new_chart(
         yield Chart(figure, ax, size, title)
 
 
-def line_of(look: Look) -> dict[str, Any]:
+def line_of(look: Look) -> Style:
     """Colour and dashes of a line, for matplotlib."""
     dashes = tuple(map(float, look.dash.split()))
     return {"color": look.colour, "linestyle": (0, dashes) if dashes else "-"}
@@ -157,15 +156,14 @@ def histograms(
         return None
     edges = _edges([values for _, values, _ in measured]) if edges is None else edges
     heights = [
-        np.histogram(v, edges)[0] if counted else np.histogram(v, edges, weights=w)[0] / w.sum() / np.diff(edges)
-        for _, v, w in measured
+        np.histogram(v, edges, weights=w)[0] / (1.0 if counted else w.sum() * np.diff(edges)) for _, v, w in measured
     ]
-    up = counted or (f"share of area per {unit}" if unit else "share of area")
-    limits = (float(edges[0]), float(edges[-1])), (0.0, 1.08 * (float(np.max(heights)) or 1.0))
+    up = counted or f"share of area per {unit}".removesuffix(" per ")
+    limits = (edges[0], edges[-1]), (0.0, 1.08 * (np.max(heights) or 1.0))
     with new_chart(f"Distribution of {label}", Quantity("", label, unit).title, up, *limits) as chart:
         for (look, values, weights), height in zip(measured, heights):
             median = float(np.quantile(values, 0.5, weights=weights, method="inverted_cdf"))
-            line: dict[str, Any] = {"edgecolor": look.colour, "linestyle": line_of(look)["linestyle"], "linewidth": 1.7}
+            line: Style = {"edgecolor": look.colour, "linestyle": line_of(look)["linestyle"], "linewidth": 1.7}
             line["url"] = chart.reads(f"{look.name}: median {number(median)} {unit}".strip())
             chart.ax.stairs(height, edges, fill=True, facecolor=(look.colour, 0.12), gid="curve", clip_on=False, **line)
             if edges[0] <= median <= edges[-1]:
@@ -175,8 +173,8 @@ def histograms(
 
 def _edges(series: Sequence[Values]) -> Values:
     ends = [np.percentile(values, [0.5, 99.5]) for values in series]
-    low, high = float(np.min(ends)), float(np.max(ends))
-    wide = max(0.02 * (high - low), 1e-6 * max(abs(low), abs(high))) or 0.5  # bins wider than round-off
+    low, high = np.min(ends), np.max(ends)
+    wide = max(0.02 * (high - low), 1e-6 * np.abs(ends).max()) or 0.5  # bins wider than round-off
     return np.linspace(low - wide, high + wide, BINS + 1)
 
 
@@ -223,14 +221,14 @@ def thickness_plot(
 
 def _draw_cloud(chart: Chart, look: Look, cloud: Cloud) -> None:
     """Draw bins as crossed bars (median and quartiles), the fit, and the points."""
-    bar: dict[str, Any] = {"color": look.colour, "linewidth": 1.4, "alpha": 0.75}
+    bar: Style = {"color": look.colour, "linewidth": 1.4, "alpha": 0.75}
     for p in cloud.bins:
         chart.line([p.cortical, p.cortical], [p.low, p.high], "bin", f"{look.name}, {p.label}", **bar)
         chart.line(p.cortical, p.gyral, "bin", f"{look.name}, {p.label}", **bar, marker="_", markersize=8)
     if cloud.fit is not None:
         marks = [p.cortical for p in cloud.points or cloud.bins]
         ends = np.array([min(marks), max(marks)])
-        faint: dict[str, Any] = {} if cloud.fit.sloped else {"linewidth": 1.0, "alpha": 0.45}
+        faint: Style = {} if cloud.fit.sloped else {"linewidth": 1.0, "alpha": 0.45}
         chart.line(ends, cloud.fit.at(ends), "fit faint" if faint else "fit", **line_of(look), **faint)
     if points := cloud.points:
         texts = [f"{look.name}, {p.label}: {number(p.gyral)} mm at {number(p.cortical)} mm" for p in points]
@@ -257,11 +255,11 @@ def folding_plot(surfaces: Sequence[tuple[Look, Any]], paths: Sequence[tuple[str
         return np.log10([(t.exposed, t.total * np.sqrt(t.thickness)) for t in terms])
 
     every = logs([*(t for _, t in surfaces), *(t for _, path in paths for t in path)])
-    (x0, y0), (x1, y1) = (every.min(axis=0) - 0.06).tolist(), (every.max(axis=0) + 0.06).tolist()
+    across, up = zip(every.min(axis=0) - 0.06, every.max(axis=0) + 0.06)
     labels = "log\u2081\u2080 exposed area [mm²]", "log\u2081\u2080 total area × √thickness [mm² √mm]"
-    with new_chart("The law of folding", *labels, (x0, x1), (y0, y1), (880.0, 400.0), right=60.0) as chart:
+    with new_chart("The law of folding", *labels, across, up, (880.0, 400.0), right=60.0) as chart:
         for k in (0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5):
-            ends = np.array([max(x0, (y0 - np.log10(k)) / 1.25), min(x1, (y1 - np.log10(k)) / 1.25)])
+            ends = np.clip((np.array(up) - np.log10(k)) / 1.25, *across)
             if ends[1] - ends[0] > 0.02:
                 heights = 1.25 * ends + np.log10(k)
                 chart.line(ends, heights, "level", f"k = {k:g}", color="#cdd2d8", linewidth=1.0)
@@ -295,15 +293,15 @@ def growth_chart(
     measured = [(name, g[m], v[m]) for name, g, v in curves if (m := np.isfinite(v)).any()]
     if not measured:
         return None
-    g, values = (np.concatenate(parts) for parts in zip(*(curve[1:] for curve in measured)))
-    across = float(g.min()) - 0.02, float(g.max()) + 0.02
-    top = 1.12 * max([float(values.max()), *(value for _, value in others)])
+    _, g, values = map(np.hstack, zip(*measured))
+    across = g.min() - 0.02, g.max() + 0.02
+    top = 1.12 * max([values.max(), *(value for _, value in others)])
     with new_chart(f"{label} over growth", "growth g", label, across, (0.0, top)) as chart:
         for look, value in others:
             chart.line(across, (value, value), "fit", **line_of(look))
         for name, g, values in measured:
             chart.line(g, values, "theory", name, **THEORY)
-            for x, y in zip(g.tolist(), values.tolist()):
+            for x, y in zip(g, values):
                 text = f"{name}, g = {x:.2f}: {number(y)}"
                 chart.line(x, y, "point", text, color=BLACK, marker="o", markersize=6)
         return chart.svg()
@@ -353,15 +351,16 @@ def share_plot(what: str, rows: Sequence[Mapping[str, Any]]) -> Markup | None:
     if not rows:
         return None
     shares = {row["region"]: [r["share"] for r in rows if r["region"] == row["region"]] for row in rows}
-    regions = sorted(sorted(shares), key=lambda region: float(sum(shares[region]) / len(shares[region])))
+    regions = sorted(sorted(shares), key=lambda region: np.mean(shares[region]))
     size, limits = (WIDE_CHART_SIZE_PX[0], 60.0 + 15.0 * len(regions)), ((0.0, 1.0), (-0.7, len(regions) - 0.3))
     titles = f"{what} that another subject has, too", "share, and by chance (grey)", ""
     with new_chart(*titles, *limits, size=size, left=190.0) as chart:
         chart.ax.set_yticks(range(len(regions)), regions)
         for row in rows:
-            y = regions.index(row["region"]) + (0.17 if row["hemi"] == "lh" else -0.17)
+            colour, above = HEMIS[row["hemi"]]
+            y = regions.index(row["region"]) + above
             chart.line([row["chance_low"], row["chance_high"]], [y, y], "chance", color=GREY, linewidth=3, alpha=0.5)
             share, chance, p = (number(row[key]) for key in ("share", "chance", "p"))
             text = f"{row['hemi']} {row['region']}: {share}, by chance {chance}, p {p}"
-            chart.line(row["share"], y, "share", text, color=HEMI_COLOURS[row["hemi"]], marker="o", markersize=5)
+            chart.line(row["share"], y, "share", text, color=colour, marker="o", markersize=5)
         return chart.svg()

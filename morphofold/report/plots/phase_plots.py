@@ -140,9 +140,7 @@ def diagram(phases: Phases, shown: Quantity, others: GridIndex = ()) -> Figure:
         ax.imshow(rgb, origin="lower", aspect="auto", interpolation="nearest")
         for (i, j), each in cells.items():
             if each.failed:
-                ax.add_patch(
-                    Rectangle((i - 0.5, j - 0.5), 1, 1, fill=False, hatch="////", edgecolor="#8a8a86", linewidth=0)
-                )
+                ax.add_patch(Rectangle((i - 0.5, j - 0.5), 1, 1, fill=False, hatch="////", ec="#8a8a86", lw=0))
             lines = [*each.lines, *_theory_text(phases, (i, j, *others), shown)]
             box = {"facecolor": rgb[j, i] / 255, "edgecolor": "none", "pad": 1.5}  # above hatches and line of theory
             text: Style = {"ha": "center", "va": "center", "fontsize": 9.5, "zorder": 5, "bbox": box}
@@ -257,8 +255,8 @@ def _draw_seeds(ax: Axes, x: float, each: Cell, key: str) -> None:
     ax.plot([x] * len(each.values), each.values, "o", color=CATEGORICAL_COLOURS[0], markersize=5, alpha=0.6)
     ax.plot([x] * len(unhealthy), unhealthy, "x", color=BLACK, markersize=7)
     if each.failed:
-        foot: Style = {"xycoords": ("data", "axes fraction"), "xytext": (0, 4), "textcoords": "offset points"}
-        ax.annotate(f"{each.failed} failed", (x, 0), **foot, ha="center", color=GREY, fontsize=9)
+        foot = ("data", "axes fraction")
+        ax.annotate(f"{each.failed} failed", (x, 0), (0, 4), foot, "offset points", ha="center", color=GREY, fontsize=9)
 
 
 def crossings(x: Array, y: Array) -> list[float]:
