@@ -1,10 +1,14 @@
-"""The gyral net painted on its surface, and pairs of three-hinge patterns: patches of pial surface around two hinges,
-crests in red, each in its own frame."""
+"""Pictures of the gyral net: ``Measures`` with a graph go in, painted surfaces and their pictures come out.
+
+They are the net on its white surface, and pairs of matched hinges side by side: patches of pial surface around each,
+crests in red, in the hinge's own frame. The pages of analyses and comparisons show them.
+"""
 
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 from trimesh.remesh import subdivide
 
 from morphofold import geometry
@@ -39,8 +43,7 @@ PATCH_RADIUS_IN_WIDTHS = 2.0  # radius of a patch, in crown widths
 CREST_WIDTH = 0.16  # width of a drawn crest, in crown widths
 EDGE_HALVINGS = 2  # number of times edges are halved, for smooth lines
 TILT_DEG = 25.0  # [degrees] tilt of a patch, so that its height is visible
-_C, _S = np.cos(np.radians(TILT_DEG)), np.sin(np.radians(TILT_DEG))
-TILT = np.array([[1, 0, 0], [0, _C, _S], [0, -_S, _C]])
+TILT = Rotation.from_euler("x", -TILT_DEG, degrees=True).as_matrix()
 PANEL_PX, CAPTION_PX = 330, 30  # pixels
 PX_PER_WIDTH = PANEL_PX / (2 * PATCH_RADIUS_IN_WIDTHS)
 LEAST_VISIBLE_SHARE = 0.7  # least visible share of a hinge's crests in an example
@@ -57,7 +60,7 @@ def net_row(measures: Measures, name: str) -> Row:
         raise MissingPart(f"{name}: has no gyral graph, because the analysis is older. Measure the cortex again.")
     verts, edge, scales = cortex.white.verts, graph.graph["edge"], graph.graph["scales"]
     rgb, normals, tree = shaded(measures), vertex_normals(verts, cortex.faces), cKDTree(verts)
-    paint_lines(rgb, verts, [crest["polyline"] for _, _, crest in graph.edges(data=True)], edge, CREST_COLOUR)
+    paint_lines(rgb, verts, [line for *_, line in graph.edges(data="polyline")], edge, CREST_COLOUR)
     radius = max(HINGE_RADIUS_IN_WIDTHS * (scales.width if scales else 0.0), edge)  # a dot has at least one vertex
     for _, node in graph.nodes(data=True):
         if node["degree"] > 2:
@@ -70,8 +73,8 @@ def net_row(measures: Measures, name: str) -> Row:
 def shaded(measures: Measures) -> colours.RGB:
     """Colours (N, 3) of the bare surface, darker with sulcal depth where that was measured."""
     depth = measures.maps.get("sulcal_depth", np.zeros(measures.cortex.n_vertices))
-    deep = float(np.nanquantile(depth, 0.95))
-    share = np.clip(np.nan_to_num(depth / deep), 0, 1) if deep > 0 else np.zeros(len(depth))
+    deep = max(np.nanquantile(depth, 0.95), 1e-9)  # more than 0 without any sulcus
+    share = np.clip(np.nan_to_num(depth / deep), 0, 1)
     return np.round(np.array(colours.BARE_SURFACE_COLOUR) * (1 - 0.35 * share)[:, None]).astype(np.uint8)
 
 
@@ -119,7 +122,7 @@ def hinge_patch(measures: Measures, number: int, pose: int = 0) -> Row:
             f"{measures.cortex.name}: has no gyral graph with a hinge {number}. Measure the cortex again."
         )
     hinge, width = hinge_at(graph, number), graph.graph["scales"].width
-    normal, right = np.asarray(graph.nodes[number]["normal"]), np.array(hinge.arms[pose % 3].direction)
+    normal, right = graph.nodes[number]["normal"], hinge.arms[pose % 3].direction
     frame = np.stack([right, np.cross(normal, right), normal]) / width
     if pose >= 3:
         frame[1] *= -1
@@ -130,15 +133,12 @@ def hinge_patch(measures: Measures, number: int, pose: int = 0) -> Row:
     piece = geometry.components(len(verts), faces)[1]
     patch, on_patch, faces = geometry.in_use(verts, faces[piece[faces[:, 0]] == piece[hinge.vertex]])
     white, edge = measures.cortex.white.verts, graph.graph["edge"]
-    tree, centre = cKDTree(white[patch]), white[hinge.vertex]
-    reach = edge + geometry.norms(white[patch] - centre).max()
-    fine, grey = on_patch, {"grey": shaded(measures)[patch].astype(np.float64)}
+    fine, grey, tree = on_patch, {"grey": shaded(measures)[patch]}, cKDTree(white[patch])
     for _ in range(EDGE_HALVINGS):
         fine, faces, grey = subdivide(fine, faces, vertex_attributes=grey)
     rgb = np.round(grey["grey"]).astype(np.uint8)
     for node, colour in ((None, OTHER_CREST_COLOUR), (number, OWN_CREST_COLOUR)):  # of None, all crests
-        lines = [crest["polyline"] for *_, crest in graph.edges(node, data=True)]
-        lines = [line for line in lines if geometry.norms(line - centre).min() <= reach]
+        lines = [line for *_, line in graph.edges(node, data="polyline")]
         parts = [part for line in lines for part in _line_on_patch(line, tree, on_patch, edge)]
         paint_lines(rgb, fine, parts, CREST_WIDTH, colour)
     faces = faces[:, ::-1] if pose >= 3 else faces
@@ -185,11 +185,9 @@ def in_sight(patch: Row) -> float:
     """Visible share of a hinge's own crests in the picture of its patch."""
     faces = patch.surface.faces
     seen = look(patch.surface.verts, faces, (PANEL_PX, PANEL_PX), PATCH_RADIUS_IN_WIDTHS, oversample=1).face
-    shown = np.zeros(len(patch.surface.verts), dtype=bool)
-    shown[faces[np.unique(seen[seen >= 0])]] = True
     assert patch.rgb is not None
-    own = (patch.rgb == rgb_of(OWN_CREST_COLOUR)).all(axis=1)
-    return float(shown[own].mean()) if own.any() else 0.0
+    own = np.flatnonzero((patch.rgb == rgb_of(OWN_CREST_COLOUR)).all(axis=1))
+    return float(np.isin(own, faces[seen[seen >= 0]]).mean()) if own.size else 0.0
 
 
 def hinge_pairs(pairs: Mapping[Match, tuple[Row, Row]], rows: tuple[str, str]) -> Picture:

@@ -1,4 +1,4 @@
-"""Charts of the pages: numbers and the looks of their surfaces go in, inline SVG comes out, or None if nothing is known.
+"""Charts of the pages: numbers and the looks of surfaces go in, inline SVG comes out, or None if there is nothing to draw.
 
 A mark shows its text when the pointer is over it. Names are escaped, and no text is parsed as a formula.
 """
@@ -163,9 +163,9 @@ def histograms(
     with new_chart(f"Distribution of {label}", Quantity("", label, unit).title, up, *limits) as chart:
         for (look, values, weights), height in zip(measured, heights):
             median = float(np.quantile(values, 0.5, weights=weights, method="inverted_cdf"))
-            line: Style = {"edgecolor": look.colour, "linestyle": line_of(look)["linestyle"], "linewidth": 1.7}
-            line["url"] = chart.reads(f"{look.name}: median {number(median)} {unit}".strip())
-            chart.ax.stairs(height, edges, fill=True, facecolor=(look.colour, 0.12), gid="curve", clip_on=False, **line)
+            line: Style = {"linestyle": line_of(look)["linestyle"], "linewidth": 1.7, "clip_on": False, "gid": "curve"}
+            url = chart.reads(f"{look.name}: median {number(median)} {unit}".strip())
+            chart.ax.stairs(height, edges, ec=look.colour, fill=True, fc=(look.colour, 0.12), url=url, **line)
             if edges[0] <= median <= edges[-1]:
                 chart.line(median, 0, "median", color=look.colour, marker=10, markersize=8)  # a caret
         return chart.svg()
@@ -204,13 +204,12 @@ def thickness_plot(
     marks = [p for _, cloud in clouds for p in (*cloud.points, *cloud.bins)]
     if not marks:
         return None
-    right, top = 1.12 * max(p.cortical for p in marks), 1.12 * max(max(p.gyral, p.high or 0) for p in marks)
-    across, up = (0.0, right), (0.0, top)
-    if not from_zero:
-        across = limits_around([p.cortical for p in marks])
-        up = limits_around([y for p in marks for y in (p.low, p.gyral, p.high) if y is not None])
+    x = [p.cortical for p in marks]
+    y = [value for p in marks for value in (p.low, p.gyral, p.high) if value is not None]
+    right, top = ends = 1.12 * max(x), 1.12 * max(y)
+    limits = [(0.0, end) for end in ends] if from_zero else [limits_around(x), limits_around(y)]
     labels = "Cortical thickness [mm]", "Gyral thickness [mm]"
-    with new_chart("Gyral thickness against cortical thickness", *labels, across, up, size) as chart:
+    with new_chart("Gyral thickness against cortical thickness", *labels, *limits, size) as chart:
         for slope, label in lines:
             end = min(right, top / slope)
             chart.line([0, end], [0, end * slope], "theory", label, **THEORY)
@@ -221,10 +220,11 @@ def thickness_plot(
 
 def _draw_cloud(chart: Chart, look: Look, cloud: Cloud) -> None:
     """Draw bins as crossed bars (median and quartiles), the fit, and the points."""
-    bar: Style = {"color": look.colour, "linewidth": 1.4, "alpha": 0.75}
+    bar: Style = {"kind": "bin", "color": look.colour, "linewidth": 1.4, "alpha": 0.75}
     for p in cloud.bins:
-        chart.line([p.cortical, p.cortical], [p.low, p.high], "bin", f"{look.name}, {p.label}", **bar)
-        chart.line(p.cortical, p.gyral, "bin", f"{look.name}, {p.label}", **bar, marker="_", markersize=8)
+        bar["text"] = f"{look.name}, {p.label}"
+        chart.line([p.cortical, p.cortical], [p.low, p.high], **bar)
+        chart.line(p.cortical, p.gyral, **bar, marker="_", markersize=8)
     if cloud.fit is not None:
         marks = [p.cortical for p in cloud.points or cloud.bins]
         ends = np.array([min(marks), max(marks)])
