@@ -26,7 +26,7 @@ def test_paint_matches_its_formula(rng):
         a.astype(np.float64) if a.dtype.kind == "f" else a for a in raster.rasterise(xyz, faces, 40, 40, True)
     )
     rgb = rng.integers(0, 256, verts.shape, dtype=np.uint8)
-    got = raster.Seen(face, b0, b1, faces, 1).coloured(verts / 10, rgb)
+    got = raster.coloured((face, b0, b1), faces, verts / 10, rgb, 1)
     seen = face >= 0
     weight = np.stack([b0, b1, 1 - b0 - b1], axis=-1)[seen][:, :, None]
     n = (verts[faces[face[seen]]] * weight).sum(axis=1)
@@ -38,7 +38,7 @@ def test_paint_matches_its_formula(rng):
     image = np.ones((40, 40, 3))
     image[seen] = np.minimum(want, 1)
     np.testing.assert_array_equal(got, np.round(255 * image))
-    halved = raster.Seen(face, b0, b1, faces, 2).coloured(verts / 10, rgb)
+    halved = raster.coloured((face, b0, b1), faces, verts / 10, rgb, 2)
     np.testing.assert_array_equal(halved, np.round(255 * image.reshape(20, 2, 20, 2, 3).mean(axis=(1, 3))))
 
 

@@ -1,4 +1,5 @@
-"""Colour tables that are safe for colour-blind readers and for print: one sequential, one diverging.
+"""Values to colours, for pictures and diagrams: one sequential and one diverging table, safe for colour-blind readers
+and for print.
 
 The tables are computed in OKLab (Ottosson 2020), where equal steps look equal. The sequential table rises in
 lightness from deep blue to pale yellow. The diverging table falls from a light middle to blue and to orange, with
@@ -42,8 +43,6 @@ def _colour_table(lightness: np.ndarray, chroma: np.ndarray, hue_deg: np.ndarray
         linear = (lab @ CONES_OF_OKLAB.T) ** 3 @ SRGB_OF_CONES.T
         rgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.abs(linear) ** (1 / 2.4) - 0.055)
         outside = ((rgb < -1e-4) | (rgb > 1 + 1e-4)).any(axis=1)
-        if not outside.any():
-            break
         chroma = np.where(outside, 0.98 * chroma, chroma)
     return np.clip(np.round(255 * rgb), 0, 255).astype(np.uint8)
 
@@ -70,15 +69,15 @@ def table(signed: bool) -> RGB:
 
 def apply(values: np.ndarray, limits: Limits, signed: bool) -> RGB:
     """Colour of each value, (..., 3) uint8: end colours beyond the limits, ``NOT_MEASURED_COLOUR`` for NaN."""
-    ramp, (low, high) = table(signed), limits
+    low, high = limits
     place = np.clip((np.asarray(values, dtype=np.float64) - low) / (high - low), 0, 1)
-    index = np.where(np.isnan(place), len(ramp), np.round(place * (len(ramp) - 1))).astype(np.int64)
-    return np.vstack([ramp, np.array(NOT_MEASURED_COLOUR, dtype=np.uint8)])[index]
+    index = np.nan_to_num(np.round(255 * place), nan=256).astype(np.int64)
+    return np.vstack([table(signed), NOT_MEASURED_COLOUR]).astype(np.uint8)[index]
 
 
 def ink(rgb: np.ndarray) -> str:
     """White or black, whichever has more contrast to a colour (3,) in bytes, by WCAG's relative luminance."""
-    part = np.asarray(rgb, dtype=np.float64) / 255
+    part = np.divide(rgb, 255)
     linear = np.where(part <= 0.04045, part / 12.92, ((part + 0.055) / 1.055) ** 2.4)
-    luminance = float(linear @ np.array([0.2126, 0.7152, 0.0722]))
+    luminance = linear @ [0.2126, 0.7152, 0.0722]
     return "white" if 1.05 * 0.05 > (luminance + 0.05) ** 2 else "black"

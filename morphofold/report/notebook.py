@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import singledispatch
 from typing import Any
 
 import numpy as np
@@ -46,11 +47,9 @@ def html_of(shown: Any) -> str:
 
     A surface without extent, or a folder whose stages can't be read, gives the reason in place of the picture.
     """
-    kind = next(kind.__name__ for kind in type(shown).__mro__ if kind.__name__ in _CARDS)
-    card: Card = _CARDS[kind](shown)
-    picture, reason = "", card.reason
+    card = card_of(shown)
+    picture, reason, several = "", card.reason, len(card.surfaces) > 1
     if card.surfaces:
-        several = len(card.surfaces) > 1
         views = SIDE_VIEWS[:1] if several else SIDE_VIEWS
         try:
             image = figure(card.surfaces, card.what, None, views, CARD_PX[several], transposed=several)
@@ -77,6 +76,13 @@ def plot(
     return Image.fromarray(figure([row], quantity(name, [values]), limits, views, WIDTH_PX.get(len(views), 1520)))
 
 
+@singledispatch
+def card_of(shown: Any) -> Card:
+    """The card of a cortex, measures, a comparison or a simulation."""
+    raise NotImplementedError(type(shown).__name__)
+
+
+@card_of.register
 def _of_cortex(cortex: Cortex) -> Card:
     came_with = [*cortex.maps, *(name for name in ("inflated", "sphere") if getattr(cortex, name) is not None)]
     regions = f"{len(cortex.regions.names)} of {cortex.regions.name}" if cortex.regions else ""
@@ -88,6 +94,7 @@ def _of_cortex(cortex: Cortex) -> Card:
     return Card(f"Cortex {cortex.name}", rows, surfaces=[Row("", cortex.pial, hemi=cortex.hemi)])
 
 
+@card_of.register
 def _of_measures(m: Measures) -> Card:
     tables = {name: len(getattr(m, name)) for name in ("regions", "crests", "hinges", "arms", "shapes")}
     return Card(
@@ -103,6 +110,7 @@ def _of_measures(m: Measures) -> Card:
     )
 
 
+@card_of.register
 def _of_comparison(found: Comparison) -> Card:
     by_name = [{row["measure"]: row[name] for row in found.table} for name in found.names]
     more = len(found.names) > MOST_SURFACES
@@ -115,6 +123,7 @@ def _of_comparison(found: Comparison) -> Card:
     )
 
 
+@card_of.register
 def _of_simulation(sim: Simulation) -> Card:
     scene, title = sim.scene, f"Simulation {sim.scene.name}"
     rows = _texts(
@@ -135,14 +144,6 @@ def _of_simulation(sim: Simulation) -> Card:
     healthy = "healthy" if health["healthy"] else "; ".join(map(str, health["warnings"]))
     rows += [*_sizes(cortex), *_texts({"Health": healthy})]
     return Card(title, rows, surfaces=[Row("", cortex.pial, hemi=cortex.hemi)])
-
-
-_CARDS: dict[str, Any] = {
-    "Cortex": _of_cortex,
-    "Measures": _of_measures,
-    "Comparison": _of_comparison,
-    "Simulation": _of_simulation,
-}
 
 
 def _texts(facts: Mapping[str, Any]) -> list[Numbers]:

@@ -31,12 +31,11 @@ HINGE_RADIUS_IN_WIDTHS = 0.27  # radius of a hinge, in crown widths
 #: colours of hinges by number of arms; five or more have one colour
 COLOUR_BY_ARMS = {3: "#d55e00", 4: "#0072b2", 5: "#009e73"}
 DOUBTFUL_COLOUR = "#8c8c8c"  # hinges that are not counted, with any number of arms
-NET_LEGEND = (
-    ("crest", CREST_COLOUR),
-    ("hinge, 3 arms", COLOUR_BY_ARMS[3]),
-    ("4 arms", COLOUR_BY_ARMS[4]),
-    ("5 or more", COLOUR_BY_ARMS[5]),
-    ("doubtful", DOUBTFUL_COLOUR),
+NET_LEGEND = tuple(
+    zip(
+        ("crest", "hinge, 3 arms", "4 arms", "5 or more", "doubtful"),
+        (CREST_COLOUR, *COLOUR_BY_ARMS.values(), DOUBTFUL_COLOUR),
+    )
 )
 OWN_CREST_COLOUR, OTHER_CREST_COLOUR = "#c8102e", "#e8a5a0"  # crests of the hinge, and the others
 PATCH_RADIUS_IN_WIDTHS = 2.0  # radius of a patch, in crown widths
@@ -184,7 +183,7 @@ def clear_examples(matches: Sequence[Match], measures: Mapping[str, Measures]) -
 def in_sight(patch: Row) -> float:
     """Visible share of a hinge's own crests in the picture of its patch."""
     faces = patch.surface.faces
-    seen = look(patch.surface.verts, faces, (PANEL_PX, PANEL_PX), PATCH_RADIUS_IN_WIDTHS, oversample=1).face
+    seen = look(patch.surface.verts, faces, (PANEL_PX, PANEL_PX), PX_PER_WIDTH, oversample=1)[0]
     assert patch.rgb is not None
     own = np.flatnonzero((patch.rgb == rgb_of(OWN_CREST_COLOUR)).all(axis=1))
     return float(np.isin(own, faces[seen[seen >= 0]]).mean()) if own.size else 0.0

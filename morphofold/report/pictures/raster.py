@@ -1,11 +1,11 @@
-"""A small software renderer: smooth-shaded triangles through a z-buffer, no graphics library needed.
+"""A small software renderer: triangles go in, the face that each pixel sees comes out, and its shaded colour; for the
+pictures of ``surfaces``. No graphics library is needed.
 
 It is slower than a graphics card. Each picture has one thread and one order of triangles, so every run gives the same
 picture, bit for bit.
 """
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
@@ -15,6 +15,11 @@ from morphofold.arrays import Array, Ints
 from morphofold.geometry import is_closed
 from morphofold.geometry.kernels import corners, dot
 from morphofold.kernels import kernel, reading
+from morphofold.report.colours import RGB
+
+#: the face at each pixel and the weights of its first two corners, as ``rasterise`` returns them
+Seen = tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.float32]]
+OVERSAMPLE = 2  # times a picture is drawn larger in each direction
 
 
 @kernel
@@ -104,7 +109,7 @@ def paint(face, b0, b1, faces, normals, colours, oversample):
     return image
 
 
-def look(points: Array, faces: Ints, size: tuple[int, int], half_height: float, oversample: int = 2) -> "Seen":
+def look(points: Array, faces: Ints, size: tuple[int, int], px_per_mm: float, oversample: int = OVERSAMPLE) -> Seen:
     """The visible faces of a surface from +z, x to the right, y up, without perspective.
 
     Parameters
@@ -113,29 +118,18 @@ def look(points: Array, faces: Ints, size: tuple[int, int], half_height: float, 
         In the camera's axes and centred [mm].
     faces : (M, 3)
     size : (width, height) in pixels
-    half_height : float
-        Half the height of the picture [mm].
+    px_per_mm : float
     oversample : int
-        The picture is drawn this many times larger in each direction and averaged down.
+        The picture is drawn this many times larger in each direction; :func:`coloured` averages it down.
     """
     width, height = size[0] * oversample, size[1] * oversample
-    per_mm = height / (2 * half_height)
+    per_mm = px_per_mm * oversample
     xyz = np.stack([width / 2 + per_mm * points[:, 0], height / 2 - per_mm * points[:, 1], points[:, 2]], axis=1)
     face, b0, b1 = rasterise(*reading(xyz, faces), width, height, is_closed(faces))
-    return Seen(face, b0, b1, faces, oversample)
+    return face, b0, b1
 
 
-@dataclass(frozen=True, eq=False)
-class Seen:
-    """The triangle, and the position in it, at each pixel of a picture, before colouring."""
-
-    face: NDArray[np.int32]
-    b0: NDArray[np.float32]
-    b1: NDArray[np.float32]
-    faces: Ints
-    oversample: int
-
-    def coloured(self, normals: Array, colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Picture (height, width, 3) on white, from unit normals (N, 3) in the camera's axes and colours (N, 3)."""
-        image = paint(*reading(self.face, self.b0, self.b1, self.faces, normals, colours), self.oversample)
-        return np.round(image * (255.0 / self.oversample**2)).astype(np.uint8)
+def coloured(seen: Seen, faces: Ints, normals: Array, colours: RGB, oversample: int = OVERSAMPLE) -> RGB:
+    """Picture (height, width, 3) on white, from unit normals (N, 3) in the camera's axes and colours (N, 3)."""
+    image = paint(*reading(*seen, faces, normals, colours), oversample)
+    return np.round(image * (255.0 / oversample**2)).astype(np.uint8)

@@ -1,4 +1,6 @@
-"""Pictures of pixels: pieces, letters, rulers and colour bars on a white sheet, by matplotlib, and their PNG files."""
+"""Pictures as arrays of pixels: drawn surfaces, letters, rulers and colour bars go onto a white ``Sheet``, its pixels
+come out; functions make PNG files of them, whole or small for a page.
+"""
 
 import base64
 import io
@@ -13,7 +15,6 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
-from matplotlib.transforms import IdentityTransform
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -26,6 +27,12 @@ Picture = NDArray[np.uint8]  # (height, width, 3)
 DPI = 64  # a power of two: sizes in inches are whole pixels without round-off
 PX = 72 / DPI  # [points] of a pixel, for sizes of letters
 GREY = "0.24"
+SHEET_STYLE = {
+    **NO_FORMULAS,
+    "figure.dpi": DPI,
+    **dict.fromkeys(("xtick.labelsize", "axes.labelsize"), 13 * PX),  # of the colour bar
+    **dict.fromkeys(("xtick.color", "axes.labelcolor"), GREY),
+}
 #: of 1 to 9: half the time of the default 6, and as many bytes to 4 %
 COMPRESSION = 4
 
@@ -43,9 +50,7 @@ class Sheet:
 
     def box(self, x: float, y: float, width: float, height: float, colour: Any) -> None:
         corner = (x, self.height - y - height)
-        self.figure.add_artist(
-            Rectangle(corner, width, height, facecolor=colour, linewidth=0, transform=IdentityTransform())
-        )
+        self.figure.add_artist(Rectangle(corner, width, height, fc=colour, lw=0, transform=None))  # in pixels
 
     def text(self, x: float, y: float, text: str, size: float, room: float = math.inf, **style: Any) -> None:
         """Write a line with its baseline at y; "…" stands for the middle of one that is longer than ``room``."""
@@ -77,20 +82,18 @@ class Sheet:
         inner = [t for t in ticks(*limits, about=4) if limits[0] + clear < t < limits[1] - clear]
         marks = (limits[0], *inner, limits[1])
         bar.set_ticks(marks, labels=[f"{mark:.3g}" for mark in marks])
-        ax.tick_params(labelsize=13 * PX, colors=GREY)
-        ax.xaxis.label.set(size=13 * PX, color=GREY)
 
     def pixels(self) -> Picture:
         """The finished picture."""
         canvas = FigureCanvasAgg(self.figure)
         canvas.draw()
-        return np.array(np.asarray(canvas.buffer_rgba())[:, :, :3])
+        return np.array(canvas.buffer_rgba())[:, :, :3]
 
 
 @contextmanager
 def new_sheet(width: int, height: int) -> Iterator[Sheet]:
     """A sheet of so many pixels; finish it inside."""
-    with plot_style({**NO_FORMULAS, "figure.dpi": DPI}):
+    with plot_style(SHEET_STYLE):
         yield Sheet(Figure(figsize=(width / DPI, height / DPI)), width, height)
 
 

@@ -1,4 +1,5 @@
-"""Static pictures: one row per surface, one column per view, one measure, one set of limits, one scale.
+"""Static pictures of surfaces: a ``Row`` per surface goes in, the pixels of a figure come out, a column per view, with
+one measure, one set of limits and one scale.
 
 ``raster`` draws the surfaces, with the same bytes on every machine and no graphics library.
 """
@@ -10,7 +11,7 @@ from itertools import product
 
 import numpy as np
 
-from morphofold.arrays import Array, memoized
+from morphofold.arrays import Array, Ints, memoized
 from morphofold.errors import OutOfRange, UnknownName
 from morphofold.geometry import vertex_normals
 from morphofold.quantities import Quantity, common_limits
@@ -77,7 +78,7 @@ def visible_faces(
 ) -> raster.Seen:
     """The visible faces of a surface in a view; the next picture of the same surface then only needs colouring."""
     centred = verts - (verts.min(axis=0) + verts.max(axis=0)) / 2
-    return raster.look(centred @ camera(view, hemi).T, faces, size, size[1] / (2 * px_per_mm))
+    return raster.look(centred @ camera(view, hemi).T, faces, size, px_per_mm)
 
 
 def draw(row: Row, view: str, what: Quantity, limits: Limits, size: tuple[int, int], px_per_mm: float) -> Picture:
@@ -85,7 +86,7 @@ def draw(row: Row, view: str, what: Quantity, limits: Limits, size: tuple[int, i
     verts, faces = row.surface.verts, row.surface.faces
     seen = visible_faces(verts, faces, view, row.hemi, size, px_per_mm)
     normals = vertex_normals(verts, faces) @ camera(view, row.hemi).T
-    return seen.coloured(normals, row.colours(limits, what.signed))
+    return raster.coloured(seen, faces, normals, row.colours(limits, what.signed))
 
 
 def figure(
@@ -112,8 +113,7 @@ def figure(
         limits = limits or common_limits(what, values)
     per_mm, columns, lines = _scale_and_sizes(cells, width)
     wide, ends = max(columns), limits or (0.0, 1.0)
-    tops, lefts = np.cumsum([HEAD, *(line + NAME for line in lines)]), np.cumsum([EDGE, *columns])
-    bottom = int(tops[-1])
+    (*tops, bottom), lefts = np.cumsum([HEAD, *(lines + NAME)]), np.cumsum([EDGE, *columns])
     drawn = run_parallel(
         *(partial(draw, *c, what, ends, (wide, h), per_mm) for line, h in zip(cells, lines) for c in line)
     )
@@ -123,7 +123,7 @@ def figure(
             sheet.text(left + column / 2, 62, heading, 13.5, column, ha="center", color="0.43")
         for top, name in zip(tops, names):
             sheet.text(EDGE, top + 22, name, 15.5, room=width - 2 * EDGE)
-        places = product(tops[:-1].tolist(), zip(lefts.tolist(), columns))
+        places = product(tops, zip(lefts, columns))
         for (top, (left, column)), picture in zip(places, drawn):
             cut = (wide - column) // 2
             sheet.picture(picture[:, cut : cut + column], left, top + NAME)
@@ -137,7 +137,7 @@ def figure(
         return sheet.pixels()
 
 
-def _scale_and_sizes(cells: Sequence[Sequence[tuple[Row, str]]], width: int) -> tuple[float, list[int], list[int]]:
+def _scale_and_sizes(cells: Sequence[Sequence[tuple[Row, str]]], width: int) -> tuple[float, Ints, Ints]:
     """Pixels per mm, and the width of each column and height of each line, in which all surfaces fit."""
     extents = np.array([[extent(row.surface, view, row.hemi) for row, view in line] for line in cells])
     if not 0 < extents.max() < np.inf:
@@ -146,5 +146,5 @@ def _scale_and_sizes(cells: Sequence[Sequence[tuple[Row, str]]], width: int) -> 
     per_mm = max(MOST_PX_PER_MM, LARGEST_VIEW_PX / extents.max())  # small bodies are enlarged
     if across.any():
         per_mm = min(per_mm, (width - 2 * EDGE - GAP * len(across)) / across.sum())
-    columns, lines = (np.ceil(per_mm * sizes).astype(int) + GAP for sizes in (across, up))
-    return per_mm, columns.tolist(), lines.tolist()
+    columns, lines = (np.ceil(per_mm * sizes).astype(np.int64) + GAP for sizes in (across, up))
+    return per_mm, columns, lines

@@ -1,4 +1,4 @@
-"""Charts of the pages: numbers and the looks of surfaces go in, inline SVG comes out, or None if there is nothing to draw.
+"""Charts of the pages: numbers and the looks of surfaces go in, inline SVG comes out; None if there is none to draw.
 
 A mark shows its text when the pointer is over it. Names are escaped, and no text is parsed as a formula.
 """
@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 
 from morphofold.comparison.thickness import Cloud
 from morphofold.quantities import Quantity
+from morphofold.report.colours import Limits
 from morphofold.report.plots.line_plots import BLACK, GREY, NO_FORMULAS, Style, plot_style, ticks
 from morphofold.words import number
 
@@ -33,7 +34,7 @@ PAGE_STYLE = {"svg.fonttype": "none", "lines.scale_dashes": False, "lines.linewi
 NO_METADATA = dict.fromkeys(("Date", "Creator", "Format", "Type"))
 
 Values = np.ndarray
-Limits = tuple[float, float]
+Size = tuple[float, float]  # [px], width and height
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +53,7 @@ class Chart:
 
     figure: Figure
     ax: Axes
-    size: tuple[float, float]
+    size: Size
     title: str
     texts: list[str] = field(default_factory=list)
 
@@ -95,7 +96,7 @@ def new_chart(
     y_label: str,
     x: Limits,
     y: Limits,
-    size: tuple[float, float] = CHART_SIZE_PX,
+    size: Size = CHART_SIZE_PX,
     right: float = 14.0,
     left: float = 56.0,
 ) -> Iterator[Chart]:
@@ -183,7 +184,7 @@ def thickness_plot(
     lines: Sequence[tuple[float, str]],
     *,
     from_zero: bool = True,
-    size: tuple[float, float] = WIDE_CHART_SIZE_PX,
+    size: Size = WIDE_CHART_SIZE_PX,
 ) -> Markup | None:
     """Gyral against cortical thickness, every surface in one plot, with theoretical lines through the origin.
 
