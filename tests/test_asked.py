@@ -12,7 +12,7 @@ from morphofold.analysis.measures import SCALARS
 from morphofold.comparison import compare, compare_with_person
 from morphofold.errors import MissingPart, NothingToDo, UnknownName
 from morphofold.io import read_cortex, sample_path
-from morphofold.report.pages.templates import paragraph, settings_of
+from morphofold.report.pages.templates import methods_of
 from morphofold.results import read_analysis, write_analysis
 from morphofold.shapes import icosphere
 from morphofold.shapes.folded_ball import folded_ball
@@ -166,6 +166,6 @@ def test_a_part_is_written_read_and_compared(tmp_path):
 
 def test_the_methods_of_a_page_name_only_what_was_measured(cortex):
     m = measure(cortex, only=["cortical_thickness"])
-    sentences, _ = paragraph([settings_of(m)], m.maps)
+    sentences, _ = methods_of([m])
     assert "Cortical thickness" in sentences
     assert not any(word in sentences for word in ("Gyral thickness", "Curvature", "gyrification", "depth"))

@@ -9,6 +9,7 @@ from made_measures import made_cortex, made_measures
 from made_surfaces import area
 
 from morphofold.report.pages import viewer
+from morphofold.report.pages.entries import Entry
 from morphofold.surface import Surface
 
 
@@ -41,9 +42,13 @@ def unpack(packed):
     }
 
 
+def packed_with(m, steps):
+    return viewer.pack(viewer.thinned(Entry("a", "", "", "", m)), steps)
+
+
 def test_a_packed_surface_and_its_maps_come_back_within_their_step():
     m = made_measures()
-    packed = viewer.pack(m.cortex, m.maps, {"sulcal_depth": 0.01})
+    packed = packed_with(m, {"H": 0.0, "sulcal_depth": 0.01})
     arrays, ids = unpack(packed), unpack(packed)["ids"].astype(int)
     box = packed.meta["surfaces"]["white"]
     verts = np.array(box["low"]) + arrays["white"].reshape(-1, 3) * box["edge"] / 65535
@@ -61,7 +66,7 @@ def test_a_packed_surface_and_its_maps_come_back_within_their_step():
 
 def test_packing_keeps_every_triangle_and_its_sense():
     m = made_measures()
-    packed = viewer.pack(m.cortex, {})
+    packed = packed_with(m, {})
     arrays = unpack(packed)
     faces = arrays["ids"][arrays["faces"].reshape(-1, 3)].astype(int)
     turned = lambda f: sorted(tuple(np.roll(row, -row.argmin())) for row in f)

@@ -1,5 +1,6 @@
 """Writes a page from its template: one file that opens offline, with every name escaped; and the pictures beside it.
 
+In go the values of a page, out come its file and what it shows of a picture; the other modules of this folder call it.
 Also the methods paragraph of a page, from what it shows and the scales that were used. Its sentences are in
 ``templates/methods.txt``, with the references that they cite.
 """
@@ -15,13 +16,14 @@ from typing import Any
 from jinja2 import Environment, PackageLoader
 from markupsafe import Markup
 
+from morphofold import __version__
 from morphofold.analysis.measures import Measures
 from morphofold.provenance import CONTROLS
 from morphofold.quantities import scalar_words
 from morphofold.report.pictures.sheet import Picture, halved, in_page, png_bytes, safe_name
 from morphofold.words import number, percent, span
 
-REPORTED_PACKAGES = ("morphofold", "numpy", "scipy", "trimesh", "nibabel", "networkx", "numba", "pyvista")
+REPORTED_PACKAGES = ("numpy", "scipy", "trimesh", "nibabel", "networkx", "numba", "pyvista")
 SIDES = {"lh": "left", "rh": "right"}
 PictureEntry = dict[str, Any]  # title, file and data of a picture, and what else a template says of it
 REFERENCES = "References, of which those are listed that the text names\n"
@@ -32,8 +34,7 @@ def write_page(path: Path, template: str, scripts: Sequence[str] = (), **values:
     """Render ``template`` with ``values`` and write the page; it may run only these ``scripts``."""
     script = "\n".join(LOADER.get_source(TEMPLATES, name)[0] for name in scripts)
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    policy = f"'sha256-{digest}'" if scripts else ""
-    page = render(template, script=Markup(script), policy=policy, **values)
+    page = render(template, script=Markup(script), digest=digest, **values)
     path.write_text(CONTROLS.sub("\ufffd", page), encoding="utf-8", errors="backslashreplace")
     return path
 
@@ -51,15 +52,9 @@ def picture_entry(path: Path, png: bytes, title: str, **values: Any) -> PictureE
 
 
 def versions() -> list[tuple[str, str]]:
-    """Name and version of the packages that the numbers depend on."""
-
-    def version(name: str) -> str:
-        try:
-            return metadata.version(name)
-        except metadata.PackageNotFoundError:
-            return "not installed as a package"
-
-    return [*((name, version(name)) for name in REPORTED_PACKAGES), ("Python", platform.python_version())]
+    """Name and version of the packages that the numbers depend on, morphofold first."""
+    others = ((name, metadata.version(name)) for name in REPORTED_PACKAGES)
+    return [("morphofold", __version__), *others, ("Python", platform.python_version())]
 
 
 def plural(n: int, word: str) -> str:
@@ -67,19 +62,17 @@ def plural(n: int, word: str) -> str:
     return f"{number(n)} {word}{'' if n == 1 else 's'}"
 
 
-#: what every template may call
-FUNCTIONS = {f.__name__: f for f in (number, percent, plural, safe_name, scalar_words, span, versions)}
-FILTERS = {
+LOADER = PackageLoader("morphofold.report", "templates")
+TEMPLATES = Environment(loader=LOADER, autoescape=True, trim_blocks=True, lstrip_blocks=True)
+TEMPLATES.globals |= {f.__name__: f for f in (number, percent, plural, safe_name, scalar_words, span, versions)}
+TEMPLATES.filters |= {
     "short": lambda x: f"{x:.4g}".replace("-", "−"),
     "px": lambda x: f"{x:.2f}".rstrip("0").rstrip("."),
     "side": lambda hemi, other="": SIDES.get(hemi, other),
+    "rule": lambda mask: mask.rpartition(", ")[0],  # by which a cortex was marked
+    "resampled": lambda s: s["accuracy_vertices"] if s["accuracy_vertices"] != s["n_vertices"] else None,
+    "atlas": lambda s: (s["annotation"].removesuffix(f".{s['annotation_from']}"), s["annotation_from"] or ""),
 }
-
-
-LOADER = PackageLoader("morphofold.report", "templates")
-TEMPLATES = Environment(loader=LOADER, autoescape=True, trim_blocks=True, lstrip_blocks=True)
-TEMPLATES.globals.update(FUNCTIONS)
-TEMPLATES.filters.update(FILTERS)
 
 
 def render(template: str, **values: Any) -> str:
@@ -92,48 +85,33 @@ def render(template: str, **values: Any) -> str:
 
 def methods_of(measures: Iterable[Measures], **more: Any) -> tuple[str, list[str]]:
     """How cortices were measured, as one paragraph, and the references that it cites; ``more`` goes to the template."""
-    measures = list(measures)
-    known = {name for m in measures for name in (*m.maps, *(k for k, v in m.scalars.items() if v is not None))}
-    return paragraph(list(map(settings_of, measures)), known, **more)
+    settings, known = [], set[str]()
+    for m in measures:
+        cortex = m.cortex
+        used = {
+            **m.parameters,
+            "origin": cortex.origin,
+            "n_vertices": cortex.n_vertices,
+            "annotation": m.regions and cortex.regions and cortex.regions.name,
+            "annotation_from": cortex.info.get("annotation_from"),
+        }
+        settings.append(used)
+        known.update(m.maps, (key for key, value in m.scalars.items() if value is not None))
+    return paragraph(settings, known, **more)
 
 
-def settings_of(m: Measures) -> dict[str, Any]:
-    """How a cortex was measured, as :func:`paragraph` needs it."""
-    cortex = m.cortex
-    return {
-        **m.parameters,
-        "origin": cortex.origin,
-        "n_vertices": cortex.n_vertices,
-        "annotation": cortex.regions.name if cortex.regions is not None and m.regions else None,
-        "annotation_from": cortex.info.get("annotation_from"),
-    }
-
-
-def paragraph(settings: Sequence[Mapping[str, Any]], known: Iterable[str], **more: Any) -> tuple[str, list[str]]:
+def paragraph(settings: Sequence[Mapping[str, Any]], known: set[str], **more: Any) -> tuple[str, list[str]]:
     """How white and pial surfaces were measured, as one paragraph, and the references that it cites.
 
     ``settings`` are parameters of measures with ``origin``, ``n_vertices``, ``annotation`` and ``annotation_from``.
     ``known`` are the maps and scalars that any surface has; methods of others are left out. ``more`` goes to the
     template.
     """
-    names = set(known)
-    rules = {
-        s["cortex_mask"].rpartition(", ")[0] for s in settings if s.get("cortex_mask") and s["origin"] != "simulation"
-    }
-    resampled = {
-        how: [n for s in settings if s.get("accuracy") == accuracy and (n := s["accuracy_vertices"]) != s["n_vertices"]]
-        for accuracy, how in {"draft": "thinned", "fine": "finer"}.items()
-    }
-    atlases = {(s["annotation"], s.get("annotation_from")) for s in settings if s.get("annotation")}
     text = render(
         "methods.txt",
-        has=lambda *any_of: not names or not names.isdisjoint(any_of),
-        values=lambda key: [s[key] for s in settings if s.get(key) is not None],
+        has=lambda *any_of: not known or not known.isdisjoint(any_of),
         listed=_listed,
         settings=settings,
-        rules=sorted(rules),
-        resampled=resampled,
-        atlases=sorted((name.removesuffix(f".{template}"), template or "") for name, template in atlases),
         **more,
     )
     sentences, _, references = text.partition(REFERENCES)

@@ -1,5 +1,8 @@
 """Data of the interactive view: surfaces, maps and nets of a page as compact text for ``templates/viewer.js``.
 
+In go the entries of a page (:mod:`morphofold.report.pages.entries`), out come their thinned meshes and the packed data;
+``page`` calls it.
+
 Positions have 16 bits per coordinate of the surface's bounding cube (0.003 mm on a brain). Maps have at most 16 bits
 over their range, with 65535 for NaN. Every array is stored as differences to the element ``stride`` before it,
 zigzag-coded, low bytes before high bytes; all are deflated, in base64. ``templates/viewer-data.js`` decodes it.
@@ -7,7 +10,6 @@ zigzag-coded, low bytes before high bytes; all are deflated, in base64. ``templa
 
 import base64
 import zlib
-from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -25,7 +27,7 @@ from morphofold.geometry import in_use, morton_codes, unit
 from morphofold.quantities import MAIN_MAPS, RELIEF, Quantity, common_limits, find, quantity
 from morphofold.report import colours
 from morphofold.report.pages.entries import Display, Entry
-from morphofold.surface import Cortex, Faces, PerVertex, Surface, Verts
+from morphofold.surface import Cortex, Faces, PerVertex, Verts
 from morphofold.threads import SIMPLIFYING
 from morphofold.words import number
 
@@ -34,10 +36,7 @@ DISPLAY_VERTICES = 60_000
 STAGED_VERTICES = 15_000  # of a body drawn at every stage of growth
 NAN_CODE_16_BIT = 65535
 VertexIds = NDArray[np.int64]
-Maps = Mapping[str, PerVertex]
-#: crests as indices (P,) in the list of drawn vertices, and hinges: ``at``, the index of the nearest drawn vertex,
-#: ``degree``, whether it is ``doubtful``, and ``lines`` of label and text
-Net = tuple[list[VertexIds], list[dict[str, Any]]]
+Shown = dict[str, Any]  # of the page's JSON
 ShownMaps = dict[str, tuple[Quantity, colours.Limits]]  # map key -> quantity, limits for all surfaces
 
 
@@ -67,31 +66,18 @@ def shown_maps(entries: Sequence[Entry]) -> ShownMaps:
     return shown
 
 
-def viewer_data(entries: Sequence[Entry], shown: ShownMaps) -> tuple[dict[str, Any], dict[str, Markup]]:
+def viewer_data(entries: Sequence[Entry], shown: ShownMaps) -> tuple[Shown, dict[str, Markup]]:
     """The JSON configuration of viewer.js, and the packed data of each surface (``"0"``) and its stages (``"0-1"``)."""
-    surfaces, blocks = [], {}
+    surfaces, blocks = [], dict[str, Markup]()
     steps = {key: (high - low) / 2000 for key, (_, (low, high)) in shown.items()}  # finer than the colours can show
+    main_steps = {key: steps[key] for key in MAIN_MAPS if key in shown}
     for k, e in enumerate(entries):
-        cortex, display = e.cortex, e.display
-        maps = {key: a for key in shown for _, a in entries_with_map([e], key)}
-        packed = pack(cortex, maps, steps, display, net_of(e.measures, display.ids), e.person)
-        stages = [Packed(display.ids, pial=m.cortex.pial, white=m.cortex.white) for m in e.stages]
-        for stage, m in zip(stages, e.stages):
-            named = {key: find(m.maps, key) for key in MAIN_MAPS if key in shown}
-            stage.add_maps({key: a for key, a in named.items() if a is not None}, steps)
-            stage.meta["g"] = float(m.cortex.info["g"])
-        facts = {"name": e.name, "hemi": cortex.hemi, "sided": cortex.origin != "simulation", "g": cortex.info.get("g")}
-        surfaces.append({**packed.meta, **facts, "stages": [stage.meta for stage in stages]})
-        blocks[f"{k}"] = packed.data
-        blocks.update({f"{k}-{i}": stage.data for i, stage in enumerate(stages)})
-    maps_shown = [
-        {name: getattr(what, name) for name in ("key", "label", "unit", "signed")}
-        | {"main": key in MAIN_MAPS, "limits": limits}
-        for key, (what, limits) in shown.items()
-    ]
+        packed, stages = pack(e, steps), [Packed(m, e.display.ids, main_steps) for m in e.stages]
+        surfaces.append(packed.meta | {"stages": [stage.meta for stage in stages]})
+        blocks |= {f"{k}": packed.data} | {f"{k}-{i}": stage.data for i, stage in enumerate(stages)}
     config = {
         "surfaces": surfaces,
-        "maps": maps_shown,
+        "maps": [vars(what) | {"main": key in MAIN_MAPS, "limits": limits} for key, (what, limits) in shown.items()],
         "tables": {"sequential": colours.sequential().tolist(), "diverging": colours.diverging().tolist()},
         "missing": colours.NOT_MEASURED_COLOUR,
         "bare": colours.BARE_SURFACE_COLOUR,
@@ -99,127 +85,97 @@ def viewer_data(entries: Sequence[Entry], shown: ShownMaps) -> tuple[dict[str, A
     return config, blocks
 
 
-def net_of(measures: Measures, ids: VertexIds) -> Net | None:
-    """The net of a surface, of which only the vertices ``ids`` (n,) are drawn; None if it has no graph."""
-    if measures.graph is None:
-        return None
-    tree = cKDTree(measures.cortex.white.verts[ids])
-    crests = []
-    for _, _, crest in measures.graph.edges(data=True):
-        near: VertexIds = tree.query(crest["polyline"])[1].astype(np.int64)
-        crests.append(near[np.flatnonzero(np.diff(near, prepend=-1))])  # drop consecutive repeats
-    arms = defaultdict[int, list[dict[str, Any]]](list)
-    for row in measures.arms:
-        arms[row["hinge"]].append(row)
-    hinges = [
-        {
-            "at": int(tree.query((row["x"], row["y"], row["z"]))[1]),
-            "degree": row["degree"],
-            "doubtful": not counts(row),
-            "lines": _lines_of_click_text(row, arms[row["hinge"]]),
-        }
-        for row in measures.hinges
-    ]
-    return crests, hinges
-
-
-def _lines_of_click_text(row: dict[str, Any], arms: Sequence[dict[str, Any]]) -> list[tuple[str, str]]:
-    """Label and text that a click on a hinge shows."""
-    angles = ", ".join(f"{number(arm['angle_deg'])}°" for arm in arms)
-    lengths = ", ".join(number(arm["length_mm"]) for arm in arms)
-    kind = f"{row['hinge']}, {row['shape']}" + (", by a dead-end gyrus" if row.get("blind") else "")
-    lines = [("Hinge", kind), ("Angles", angles), ("Arms", f"{lengths} mm")]
-    if row.get("confidence") is not None:
-        doubt = "" if counts(row) else ", doubtful: not counted"
-        lines.append(("Confidence", f"{number(row['confidence'])}{doubt}"))
-    return lines
+def hinges_of(measures: Measures, tree: cKDTree) -> list[Shown]:
+    """The hinges of a net: index ``at`` of the nearest in a tree of drawn vertices, ``degree``, whether it is
+    ``doubtful``, and ``lines`` of label and text that a click on it shows."""
+    hinges = []
+    for row in measures.hinges:
+        arms = [arm for arm in measures.arms if arm["hinge"] == row["hinge"]]
+        angles = ", ".join(f"{number(arm['angle_deg'])}°" for arm in arms)
+        lengths = ", ".join(number(arm["length_mm"]) for arm in arms)
+        kind = f"{row['hinge']}, {row['shape']}" + (", by a dead-end gyrus" if row.get("blind") else "")
+        lines = [("Hinge", kind), ("Angles", angles), ("Arms", f"{lengths} mm")]
+        doubtful = not counts(row)
+        if row.get("confidence") is not None:
+            doubt = ", doubtful: not counted" if doubtful else ""
+            lines.append(("Confidence", f"{number(row['confidence'])}{doubt}"))
+        at = int(tree.query((row["x"], row["y"], row["z"]))[1])
+        hinges.append({"at": at, "degree": row["degree"], "doubtful": doubtful, "lines": lines})
+    return hinges
 
 
 # packing -----------------------------------------------------------------------------------------------------
 
 
-def pack(
-    cortex: Cortex,
-    maps: Maps,
-    steps: Mapping[str, float] = {},
-    shown: Display | None = None,
-    net: Net | None = None,
-    person: str | None = None,
-) -> "Packed":
-    """Pack the pial, white and (if any) inflated surface of a cortex, and maps (N,), for the viewer.
+def pack(e: Entry, steps: Mapping[str, float]) -> "Packed":
+    """Pack the surfaces of an entry and its maps in ``steps``, for the viewer.
 
-    ``steps`` gives the coarsest step allowed for a map, which makes the data smaller; without it, a map has 16 bits
-    over its range. ``shown`` is the result of ``thin`` for the cortex; None: thinned here. ``net`` is drawn over it.
-    With ``person``, the points on the sphere are packed, too: a click on one surface also marks this point on the
-    others of the same person.
+    Its gyral net is drawn over it. If it has points on the sphere of a person, these are packed, too: a click on one
+    surface also marks this point on the others of the same person.
     """
-    shown = shown or thin(cortex)
-    packed = Packed(shown.ids, pial=cortex.pial, white=cortex.white, inflated=cortex.inflated)
-    packed.add("faces", shown.faces.astype(np.uint32).ravel(), stride=3)
-    packed.add("ids", shown.ids.astype(np.uint32))
-    packed.add_maps(maps, steps)
-    packed.meta |= {
-        "vertices": len(shown.ids),
-        "triangles": len(shown.faces),
-        "all_vertices": cortex.n_vertices,
-        "thinned": shown.thinned,
-        "net": None,
-        "regions": None,
-    }
+    cortex, ids, packed = e.cortex, e.display.ids, Packed(e.measures, e.display.ids, steps)
+    packed.add("faces", e.display.faces.astype(np.uint32).ravel(), stride=3)
+    packed.add("ids", ids.astype(np.uint32))
+    packed.meta |= {"name": e.name, "hemi": cortex.hemi, "sided": cortex.origin != "simulation"}
     if cortex.regions is not None:
-        packed.add("regions", (cortex.regions.labels[shown.ids] + 1).astype(np.uint16))
+        packed.add("regions", (cortex.regions.labels[ids] + 1).astype(np.uint16))
         packed.meta["regions"] = ["no region", *cortex.regions.names]
-    if person is not None and cortex.sphere is not None:
-        box = packed.positions("sphere", unit(cortex.sphere.verts[shown.ids]))
-        packed.meta["sphere"] = {"person": person, **box}
-    if net is not None:
-        crests, hinges = net
+    if e.person is not None and cortex.sphere is not None:
+        box = packed.positions("sphere", unit(cortex.sphere.verts[ids]))
+        packed.meta["sphere"] = {"person": e.person, **box}
+    if e.measures.graph is not None:
+        tree, crests = cKDTree(cortex.white.verts[ids]), []
+        for _, _, crest in e.measures.graph.edges(data=True):
+            near = tree.query(crest["polyline"])[1]
+            crests.append(near[np.flatnonzero(np.diff(near, prepend=-1))])  # drop consecutive repeats
         packed.add("crest-ids", np.concatenate([np.empty(0), *crests]).astype(np.uint32))
         packed.add("crest-ends", np.cumsum([len(line) for line in crests]).astype(np.uint32))
-        packed.meta["net"] = {"hinges": hinges}
+        packed.meta["net"] = {"hinges": hinges_of(e.measures, tree)}
     return packed
 
 
 class Packed:
-    """What the page inlines for one surface: ``meta`` goes into JSON, ``data`` into a text block.
+    """What the page inlines for a surface or one of its stages: ``meta`` goes into JSON, ``data`` into a text block.
 
-    The data are encoded arrays at the vertices ``ids``, one after the other; ``meta`` has where each begins.
+    The data are encoded arrays at the vertices ``ids``, one after the other; ``meta`` has where each begins. They begin
+    with the surfaces that are drawn, and the maps that have a step: the coarsest that is allowed, for smaller data.
+    With a step of 0 a map has 16 bits over its range.
     """
 
-    def __init__(self, ids: VertexIds, **surfaces: Surface | None) -> None:
-        self.ids = ids
-        self.meta: dict[str, Any] = {"arrays": {}}
+    def __init__(self, m: Measures, ids: VertexIds, steps: Mapping[str, float]) -> None:
+        self.meta: Shown = {"arrays": {}, "maps": {}, "g": m.cortex.info.get("g")}
         self.arrays = b""
-        drawn = {name: surface.verts[ids] for name, surface in surfaces.items() if surface is not None}
-        self.meta["surfaces"] = {name: self.positions(name, verts) for name, verts in drawn.items()}
+        surfaces = {name: getattr(m.cortex, name) for name in ("pial", "white", "inflated")}
+        self.meta["surfaces"] = {n: self.positions(n, s.verts[ids]) for n, s in surfaces.items() if s is not None}
+        for key, step in steps.items():
+            if (values := find(m.maps, key)) is not None and np.isfinite(values).any():
+                self.add_map(key, values[ids], step)
 
     @property
     def data(self) -> Markup:
         return Markup(base64.b64encode(zlib.compress(self.arrays, 6)).decode())  # base64 needs no escaping
 
     def add(self, name: str, array: np.ndarray, stride: int = 1) -> None:
-        at = {"at": len(self.arrays), "n": int(array.size), "bytes": array.itemsize, "stride": stride}
+        at = {"at": len(self.arrays), "n": array.size, "bytes": array.itemsize, "stride": stride}
         self.meta["arrays"][name] = at
         self.arrays += encode(array, stride)
 
-    def positions(self, name: str, verts: np.ndarray) -> dict[str, Any]:
+    def positions(self, name: str, verts: np.ndarray) -> Shown:
         """Add positions, and return their box."""
         low = verts.min(axis=0)
         edge = float((verts.max(axis=0) - low).max()) or 1.0
         self.add(name, np.round((verts - low) / edge * 65535).astype(np.uint16).ravel(), stride=3)
-        return {"low": [round(float(x), 5) for x in low], "edge": round(edge, 5)}
+        return {"low": low.round(5).tolist(), "edge": round(edge, 5)}
 
-    def add_maps(self, maps: Maps, steps: Mapping[str, float]) -> None:
-        """Add maps; their limits are those of the codes, not of the values."""
-        limits = self.meta["maps"] = {}
-        for key, values in ((key, a[self.ids]) for key, a in maps.items()):
-            known = np.isfinite(values)
-            low, high = (float(values[known].min()), float(values[known].max())) if known.any() else (0.0, 1.0)
-            codes = np.full(len(values), NAN_CODE_16_BIT, dtype=np.uint16)
-            step = max(steps.get(key, 0.0), (high - low) / (NAN_CODE_16_BIT - 1)) or 1.0
-            codes[known] = np.round((values[known] - low) / step).astype(np.uint16)
-            self.add(f"map:{key}", codes)
-            limits[key] = {"low": low, "high": low + step * (NAN_CODE_16_BIT - 1)}
+    def add_map(self, key: str, values: PerVertex, step: float) -> None:
+        """Add a map; its limits are those of the codes, not of the values."""
+        known = np.isfinite(values)
+        low, high = (float(values[known].min()), float(values[known].max())) if known.any() else (0.0, 1.0)
+        codes = np.full(len(values), NAN_CODE_16_BIT, dtype=np.uint16)
+        step = max(step, (high - low) / (NAN_CODE_16_BIT - 1)) or 1.0
+        codes[known] = np.round((values[known] - low) / step).astype(np.uint16)
+        self.add(f"map:{key}", codes)
+        self.meta["maps"][key] = {"low": low, "high": low + step * (NAN_CODE_16_BIT - 1)}
 
 
 def encode(array: np.ndarray, stride: int = 1) -> bytes:
