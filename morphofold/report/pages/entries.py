@@ -1,8 +1,12 @@
-"""The surfaces of a page: names and symbols in charts, tables, warnings, and reasons why a number is missing."""
+"""The surfaces of a page: names and symbols in charts, tables, warnings, and reasons why a number is missing.
+
+In goes a comparison, out come its entries; ``templates/report.html`` calls the rest, as ``notes``.
+"""
 
 import re
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain, product
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +47,12 @@ TABLES = {
     ),
 }
 ACCURACY_NOTE = "accuracy"  # it and the warnings are about a surface, not about one number
-LEVELS = ("severe", "check", "note")  # of warnings
+#: the warnings by severity
+LEVELS = {
+    "severe": SEVERE_WARNINGS,
+    "check": WARNINGS.keys() - {*SEVERE_WARNINGS, *SLIGHT_WARNINGS},
+    "note": SLIGHT_WARNINGS,
+}
 Rows = list[dict[str, Any]]
 NO_POINTS = Cloud("whole", ())
 
@@ -99,7 +108,7 @@ def is_earlier_stage(stage: Measures, m: Measures) -> bool:
     """Whether ``stage`` is an earlier stage of the same body: less growth, same vertices (each stage splits quads)."""
     a, b = stage.cortex, m.cortex
     same = a.n_vertices == b.n_vertices and a.info.get("name") == b.info.get("name")
-    return same and "g" in a.info and "g" in b.info and float(a.info["g"]) < float(b.info["g"])
+    return same and a.info.get("g", np.inf) < b.info.get("g", 0.0)
 
 
 # tables ------------------------------------------------------------------------------------------------------
@@ -145,7 +154,7 @@ def costs(entries: Sequence[Entry], clock: Stages | None = None) -> list[tuple[s
     return rows
 
 
-def facts(entries: Sequence[Entry]) -> Rows:
+def facts(entries: Sequence[Entry]) -> dict[str, list[str]]:
     """Information from the files of the surfaces."""
     columns = []
     for cortex in (e.cortex for e in entries):
@@ -154,10 +163,9 @@ def facts(entries: Sequence[Entry]) -> Rows:
     return rows_side_by_side(columns)
 
 
-def rows_side_by_side(columns: Collection[Mapping[str, Any]]) -> Rows:
-    """A row for each key of any column."""
-    keys = dict.fromkeys(k for column in columns for k in column)
-    return [{"key": k, "values": [value_text(column.get(k)) for column in columns]} for k in keys]
+def rows_side_by_side(columns: Sequence[Mapping[str, Any]]) -> dict[str, list[str]]:
+    """The values of each key of any column."""
+    return {key: [value_text(column.get(key)) for column in columns] for key in chain(*columns)}
 
 
 def value_text(value: Any) -> str:
@@ -180,14 +188,13 @@ def value_text(value: Any) -> str:
 def warnings(entries: Sequence[Entry]) -> Rows:
     """Warnings on the surfaces, the most severe first, with the vertices that they name."""
     rows = []
-    for key, (cause, _) in WARNINGS.items():
-        level = LEVELS[0 if key in SEVERE_WARNINGS else 2 if key in SLIGHT_WARNINGS else 1]
-        for e in (e for e in entries if key in e.measures.notes):
-            cortex, text = e.cortex, e.measures.notes[key]
-            drawn, white = cortex.white.verts[e.display.ids], cortex.white.verts
-            places = [(v, int(norms(drawn - white[v]).argmin())) for v in vertices_at(text, cortex)]
+    for (level, keys), (key, (cause, _)), e in product(LEVELS.items(), WARNINGS.items(), entries):
+        if key in keys and (text := e.measures.notes.get(key)):
+            white = e.cortex.white.verts
+            drawn = white[e.display.ids]
+            places = [(v, int(norms(drawn - white[v]).argmin())) for v in vertices_at(text, e.cortex)]
             rows.append({"entry": e, "code": key, "cause": cause, "text": text, "places": places, "level": level})
-    return sorted(rows, key=lambda row: LEVELS.index(row["level"]))
+    return rows
 
 
 def left_out(entries: Sequence[Entry]) -> list[tuple[str, str, str]]:

@@ -1,5 +1,6 @@
 """The HTML pages of an analysis and of a comparison: contents from here, layout and words in ``templates/report.html``.
 
+In go measures or a comparison, out come ``report.html`` and the pictures in ``figures/`` beside it.
 A page is one file that opens offline. Styles, script, surfaces and charts are inlined, a content policy
 forbids everything else, and every name from a file is escaped.
 """
@@ -15,6 +16,7 @@ import numpy as np
 from markupsafe import Markup
 
 from morphofold.analysis.measures import Measures
+from morphofold.arrays import Array
 from morphofold.comparison import Comparison, PersonComparison, compare
 from morphofold.comparison.person.agreement import REGION_MEASURES
 from morphofold.comparison.side_by_side import cautions, dimensionless_numbers, plot_notes
@@ -25,7 +27,7 @@ from morphofold.provenance import records_as_read
 from morphofold.quantities import HEADLINE_SCALARS, MAIN_MAPS, RELIEF, find, quantity, scalar_words
 from morphofold.report.pages import entries as contents
 from morphofold.report.pages.entries import Entry, entries_of
-from morphofold.report.pages.templates import SIDES, PictureEntry, methods_of, write_page, write_picture
+from morphofold.report.pages.templates import PictureEntry, methods_of, write_page, write_picture
 from morphofold.report.pages.viewer import VIEWER_SCRIPTS, ShownMaps, entries_with_map, shown_maps, thinned, viewer_data
 from morphofold.report.pictures.gyral_net import clear_examples, hinge_pairs, net_figure, net_row
 from morphofold.report.pictures.sheet import safe_name
@@ -35,7 +37,6 @@ from morphofold.surface import Surface
 from morphofold.threads import run_parallel
 from morphofold.timing import Stages
 
-ANALYSIS = "Analysis"
 SMOOTH_COLOUR = "#8a8f96"
 VERDICT_WORDS = {
     "above control": "more than unfolding left",
@@ -66,20 +67,8 @@ def analysis_report(
     names = [m.cortex.name for m in measures]
     named = {n if names.count(n) == 1 else f"{n} {m.cortex.hemi}": m for n, m in zip(names, measures)}
     hemispheres = replace(compare(named), stages={next(iter(named)): tuple(stages)}, cautions=tuple(cautions(named)))
-    sides = " and ".join(SIDES[m.cortex.hemi] for m in measures)
-    cortices = f"The {sides} hemisphere{'s' if len(measures) > 1 else ''}"
-    if all(m.cortex.origin == "simulation" for m in measures):
-        cortices = "A simulated cortex"
-    return _write_page(
-        Path(path),
-        hemispheres,
-        inputs,
-        kind=ANALYSIS,
-        title=", ".join(dict.fromkeys(names)),
-        lede=f"{cortices}, measured from white and pial surface.",
-        missing={SIDES[hemi]: why for hemi, why in failed.items()},
-        clock=clock,
-    )
+    title = ", ".join(dict.fromkeys(names))
+    return _write_page(Path(path), hemispheres, inputs, kind="Analysis", title=title, failed=failed, clock=clock)
 
 
 def comparison_report(
@@ -87,18 +76,11 @@ def comparison_report(
 ) -> Path:
     """Write ``folder/report.html`` and ``folder/figures/`` of a comparison; ``progress`` gets share and step."""
     title = ", ".join(dict.fromkeys(n.removesuffix(f" {m.cortex.hemi}") for n, m in comparison.named.items()))
-    lede = "Measured with the same code. All surfaces share colours, bins and axes."
-    path = Path(folder) / "report.html"
-    return _write_page(path, comparison, inputs, progress, kind="Comparison", title=title, lede=lede)
+    return _write_page(Path(folder) / "report.html", comparison, inputs, progress, kind="Comparison", title=title)
 
 
 def _write_page(
-    path: Path,
-    comparison: Comparison,
-    inputs: InputRecords,
-    progress: Progress = silent,
-    clock: Stages | None = None,
-    **about: Any,
+    path: Path, comparison: Comparison, inputs: InputRecords, progress: Progress = silent, **about: Any
 ) -> Path:
     """Write a page and its pictures; ``about`` goes to the template."""
     folder = path.parent / "figures"
@@ -112,7 +94,7 @@ def _write_page(
         lambda: _write_pictures(folder, entries, main_maps),
         lambda: viewer_data(panels, shown),
         lambda: _write_hinge_pairs(folder, comparison),
-        lambda: _histogram_charts(entries, main_maps),
+        lambda: [_histograms(entries_with_map(entries, key), w.label, w.unit) for key, (w, _) in main_maps.items()],
     )
     progress(0.8, "drawing charts")
     return write_page(
@@ -137,8 +119,7 @@ def _write_page(
         plot_notes=plot_notes(comparison.named, comparison.clouds),
         people=person_parts(comparison.people, entries, folder),
         methods=methods_of(comparison.measures, entries=entries, comparison=comparison),
-        inputs=list(inputs) or records_as_read(e.cortex for e in entries),
-        costs=contents.costs(entries, clock) if about["kind"] == ANALYSIS else [],
+        inputs=inputs or records_as_read(e.cortex for e in entries),
     )
 
 
@@ -182,17 +163,10 @@ def _write_hinge_pairs(folder: Path, comparison: Comparison) -> list[PictureEntr
 # charts ------------------------------------------------------------------------------------------------------
 
 
-def _areas(e: Entry) -> np.ndarray:
-    """Pial area of each vertex."""
-    return vertex_areas(e.cortex.pial.verts, e.cortex.faces)
-
-
-def _histogram_charts(entries: Sequence[Entry], shown: ShownMaps) -> list[Markup]:
-    drawn = []
-    for key, (what, _) in shown.items():
-        series = [(e, values, _areas(e)) for e, values in entries_with_map(entries, key)]
-        drawn.append(charts.histograms(series, what.label, what.unit))
-    return list(filter(None, drawn))
+def _histograms(maps: Sequence[tuple[Entry, Array]], label: str, unit: str) -> Markup | None:
+    """Distributions of a map over the pial area of each surface."""
+    series = [(e, values, vertex_areas(e.cortex.pial.verts, e.cortex.faces)) for e, values in maps]
+    return charts.histograms(series, label, unit)
 
 
 def _charts(entries: Sequence[Entry], comparison: Comparison) -> dict[str, Any]:
@@ -208,7 +182,7 @@ def _charts(entries: Sequence[Entry], comparison: Comparison) -> dict[str, Any]:
     return {
         "scatter": charts.thickness_plot([(e, e.cloud) for e in entries], theory),
         "ratio": _thickness_ratio_chart(entries),
-        "growth_charts": list(filter(None, growth_charts)),
+        "growth_charts": growth_charts,
         "law": charts.folding_plot(terms, [(name, path) for name, path in paths.items() if len(path) > 1]),
     }
 
@@ -220,9 +194,8 @@ def _thickness_ratio_chart(entries: Sequence[Entry]) -> Markup | None:
         cortical, gyral = (find(e.measures.maps, key) for key in ("cortical_thickness", "gyral_thickness"))
         if cortical is not None and gyral is not None and np.isfinite(cortical).any():
             cortex = cortical > 0.5 * np.nanmedian(cortical)  # without the rim of an unlabelled medial wall
-            ratio = np.divide(gyral, cortical, out=np.full(len(gyral), np.nan), where=cortex)
-            series.append((e, ratio, _areas(e)))
-    return charts.histograms(series, "Gyral over cortical thickness", "")
+            series.append((e, np.divide(gyral, cortical, out=np.full(len(gyral), np.nan), where=cortex)))
+    return _histograms(series, "Gyral over cortical thickness", "")
 
 
 # people ------------------------------------------------------------------------------------------------------
@@ -264,5 +237,5 @@ def person_parts(
         ]
         title = f"{pair.person}, the smooth body and {pair.grown}, four views each"
         picture = write_picture(folder / f"person-{k}.png", figure(rows, quantity(RELIEF)), title)
-        parts.append((pair, person, grown, list(filter(None, plots)), picture))
+        parts.append((pair, person, grown, plots, picture))
     return parts
