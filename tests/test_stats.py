@@ -186,7 +186,7 @@ def test_the_page_shows_limits_subjects_and_the_interval_of_the_peak(result, tmp
     drawn = {}
     monkeypatch.setattr(
         "morphofold.report.pages.study_pages.picture",
-        lambda space, folder, what, maps, words: drawn.update({what.key: (maps, what.limits)}) or {},
+        lambda space, folder, what, maps: drawn.update({what.key: (maps, what.limits)}) or {},
     )
     page = (write_result(result, tmp_path / "out", report=stats_report) / "report.html").read_text(encoding="utf-8")
     maps, limits = drawn["effect"]

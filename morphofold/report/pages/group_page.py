@@ -1,5 +1,7 @@
 """The page of a group: number of subjects measured, distributions, left and right, outliers, and failures.
 
+In goes the group of :mod:`morphofold.cohort.tables`, out come ``report.html``, pictures, and tables of statistics;
+``cohort`` and ``bids`` call it.
 Only outliers, failures and warnings have rows for single subjects, and these lists are cut. The tables beside the page
 have the rest. Sentences are in ``templates/group.html``.
 """
@@ -47,14 +49,14 @@ CLOUDS = {"subject": stats.subject_cloud, "region": stats.region_cloud}  # of gy
 
 @dataclass(frozen=True)
 class Side(plots.Look):
-    """Look of the subjects of one side."""
+    """Look of the subjects of one side, and its column in the arrays of a group."""
 
-    hemi: str
+    column: int
 
 
 BOTH_SIDES = (
-    Side("Left", CATEGORICAL_COLOURS[0], "circle", "", "lh"),
-    Side("Right", CATEGORICAL_COLOURS[1], "square", "7 3", "rh"),
+    Side("Left", CATEGORICAL_COLOURS[0], "circle", "", 0),
+    Side("Right", CATEGORICAL_COLOURS[1], "square", "7 3", 1),
 )
 
 
@@ -105,8 +107,8 @@ def _sides_and_charts(group: Group, scalars: stats.Scalars) -> dict[str, Any]:
     clouds = [cloud for kind in CLOUDS if (cloud := _thickness_plot(group, sides, kind))["plot"]]
     return {
         "sides": sides,
-        "both": int((left & right).sum()),
-        "alone": {"left": int((left & ~right).sum()), "right": int((right & ~left).sum())},
+        "both": (left & right).sum(),
+        "alone": {"left": (left & ~right).sum(), "right": (right & ~left).sum()},
         "headlines": headlines(scalars, sides),
         "charts": [charts[name] for name in OPEN_CHARTS if name in charts],
         "other_charts": [chart for name, chart in charts.items() if name not in OPEN_CHARTS],
@@ -120,9 +122,8 @@ def _sides_and_charts(group: Group, scalars: stats.Scalars) -> dict[str, Any]:
 
 def shown_number(measure: str, value: float) -> str:
     """A value as text for a page; counts that are whole numbers are written as such."""
-    if np.isfinite(value) and value == round(value) and measure.startswith(("n_", "euler")):
-        return number(round(value))
-    return number(value)
+    whole = measure.startswith(("n_", "euler")) and float(value).is_integer()
+    return number(round(value) if whole else value)
 
 
 def value_and_median(outlier: stats.Outlier) -> tuple[str, str]:
@@ -150,7 +151,7 @@ def headlines(scalars: stats.Scalars, sides: Sequence[Side]) -> dict[str, list[s
     """
     paired = {name: of_both(values) for name, values in scalars.items() if name in HEADLINE_MEASURES}
     table = {(row.measure, row.hemi): row for row in stats.distributions(paired)}
-    rows = {key: [table.get((key, side.hemi)) for side in sides] for key in HEADLINE_MEASURES}
+    rows = {key: [table.get((key, stats.HEMIS[side.column])) for side in sides] for key in HEADLINE_MEASURES}
     return {key: cells for key, cells in rows.items() if any(cells)}
 
 
@@ -198,13 +199,12 @@ def _histogram_chart(name: str, values: Array, sides: Sequence[Side]) -> Markup 
     beyond[known] = np.isfinite(z) & (np.abs(z) > LARGEST_CHARTED_Z)
     shown = np.where(beyond, np.nan, values)
     bins = _bin_edges(shown[np.isfinite(shown)], max(counts))
-    columns = {side: stats.HEMIS.index(side.hemi) for side in sides}
-    series = [(side, shown[:, k], np.ones(len(values))) for side, k in columns.items()]
+    series = [(side, shown[:, side.column], np.ones(len(values))) for side in sides]
     chart = plots.histograms(series, label, unit, bins, counted="subjects")
-    numbers = [f"{SIDES[side.hemi]} {number(counts[k])}" for side, k in columns.items()]
-    unlike = len({counts[k] for k in columns.values()}) > 1  # else the caption below all charts gives their number
+    numbers = [f"{side.name.lower()} {number(counts[side.column])}" for side in sides]
+    unlike = len({counts[side.column] for side in sides}) > 1  # else the caption below all charts gives their number
     caption = [f"n: {', '.join(numbers)}."] if unlike else []
-    caption += [f"{plural(int(beyond.sum()), 'value')} far beyond, not drawn."] if beyond.any() else []
+    caption += [f"{plural(beyond.sum(), 'value')} far beyond, not drawn."] if beyond.any() else []
     if chart is not None and caption:
         chart += Markup("<figcaption>{}</figcaption>").format(" ".join(caption))
     return chart
@@ -217,13 +217,12 @@ def _bin_edges(values: Array, n: int) -> Array:
     if (values != np.round(values)).any():
         return np.linspace(low, high, most + 1)
     step = int(np.ceil((high - low + 1) / most))
-    return np.asarray(np.arange(low - 0.5, high + step + 0.5, step))
+    return np.arange(low - 0.5, high + step + 0.5, step)
 
 
 def _thickness_plot(group: Group, sides: Sequence[Side], kind: str) -> dict[str, Any]:
     """The plot of gyral against cortical thickness over subjects or regions, with the fits."""
-    clouds = [(side, CLOUDS[kind](group, stats.HEMIS.index(side.hemi))) for side in sides]
-    clouds = [(side, cloud) for side, cloud in clouds if cloud.points]
+    clouds = [(side, cloud) for side in sides if (cloud := CLOUDS[kind](group, side.column)).points]
     if kind == "region":
         drawn = [(side, replace(cloud, bins=cloud.points)) for side, cloud in clouds]
     else:

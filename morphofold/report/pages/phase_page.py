@@ -1,12 +1,12 @@
 """The page of a sweep: phase diagrams with theory, pial surfaces in the same order, numbers, failures.
 
+In go the phases of :mod:`morphofold.cohort.phases`, out come ``report.html`` and ``figures/``; ``sweep`` calls it.
 Sentences are in ``templates/phases.html``.
 """
 
 import math
 from collections import Counter
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -35,8 +35,8 @@ def phase_report(phases: Phases, folder: Path, progress: Progress = silent) -> P
         progress(0.5 * k / len(measures), shown.label)
         if grid.axes and plots.values_of(phases.runs, shown.key):
             title = f"{shown.label} over {' and '.join(axis.label for axis in grid.axes[:2])}"
-            draw = plots.diagram if len(grid.axes) > 1 else lambda phases, shown, others: plots.curve(phases, shown)
-            diagrams += _write_slices(phases, figures, shown.key, title, partial(draw, phases, shown))
+            draw = lambda at, q=shown: plots.diagram(phases, q, at) if grid.axes[1:] else plots.curve(phases, q)
+            diagrams += _write_slices(phases, figures, shown.key, title, draw)
     progress(0.5, "surfaces")
     shape = grid.points[0].scene.geometry.shape
     levels = {scene.accuracy.level for scene in grid.scenes.values() if scene.geometry.shape != "mesh"}
@@ -54,17 +54,16 @@ def phase_report(phases: Phases, folder: Path, progress: Progress = silent) -> P
         pictures=_write_thumbnails(phases, shape, figures),
         known=any(math.isfinite(theory.g_crit) for theory in phases.theory.values()),
         unknown=Counter(theory.reason for theory in phases.theory.values() if math.isnan(theory.g_crit)),
-        ratios=_wavelength_ratios(phases),
+        ratios=[r for at in grid.places if math.isfinite(r := _wavelength_ratio(phases, at))],
         most=MOST_ROWS,
     )
     progress(1.0, "done")
     return path
 
 
-def _wavelength_ratios(phases: Phases) -> list[float]:
-    """Measured wavelength over that of theory at each point where both are known."""
-    lengths = {at: plots.cell(phases, at, plots.WAVELENGTH_KEY).mean for at in phases.grid.places}
-    return [r for at, length in lengths.items() if math.isfinite(r := length / phases.theory[at].wavelength)]
+def _wavelength_ratio(phases: Phases, at: tuple[int, ...]) -> float:
+    """Measured wavelength over that of theory; NaN if one is not known."""
+    return plots.cell(phases, at, plots.WAVELENGTH_KEY).mean / phases.theory[at].wavelength
 
 
 # pictures ----------------------------------------------------------------------------------------------------
@@ -86,34 +85,29 @@ def _write_slices(
 def _write_thumbnails(phases: Phases, shape: str, folder: Path) -> list[PictureEntry]:
     """Write thumbnails of the first seed, pial surfaces or sections of strips: one grid per diagram, all at one
     scale."""
-    first = {at: phases.at[at][0] for at in phases.grid.places}
+    drawn = {at: _drawn_surface(phases.at[at][0]) for at in phases.grid.places}
     view = "top" if shape in ("patch", "strip") else "lateral"
-    extents = [extent(s, view).max() for run in first.values() if (s := _drawn_surface(run)) is not None]
-    largest = float(max(extents, default=0.0))
+    largest = max((extent(s, view).max() for s in drawn.values() if isinstance(s, Surface)), default=0.0)
 
     def draw(others: tuple[int, ...]) -> Any:
-        shown = {
-            at: _drawn_surface(run) or ("failed" if run.reason else "no surface")
-            for at, run in first.items()
-            if at[2:] == others
-        }
-        return plots.thumbnails(phases, shown, view, largest)
+        return plots.thumbnails(phases, {at: s for at, s in drawn.items() if at[2:] == others}, view, largest)
 
     title = "Sections" if shape == "strip" else "Pial surfaces"
     return _write_slices(phases, folder, "surfaces", title, draw) if largest else []
 
 
-def _drawn_surface(run: RunResult) -> Surface | None:
-    """The pial surface of a run, or the section of a strip; None if it cannot be read."""
+def _drawn_surface(run: RunResult) -> Surface | str:
+    """The pial surface of a run, or the section of a strip; a text if it cannot be read."""
+    missing = "failed" if run.reason else "no surface"
     if run.pial is None:
-        return None
+        return missing
     try:
         pial = read_surface(run.pial)
         if run.point.scene.geometry.shape != "strip":
             return pial
         return section(pial, read_surface(run.pial.with_name(run.pial.name.replace("pial", "white"))))
     except (OSError, ValueError):
-        return None
+        return missing
 
 
 def section(pial: Surface, white: Surface) -> Surface:

@@ -1,4 +1,8 @@
-"""Pages of a model tested at every vertex, of what subjects have in common, and of an unfolding."""
+"""Pages of a model tested at every vertex, of what subjects have in common, and of an unfolding.
+
+In go the results and a folder, out come ``report.html`` and ``figures/`` in it; the commands stats, overlap and unfold
+pass these functions to what writes their folders.
+"""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -30,14 +34,14 @@ DENSITY_UNITS = {"hinges": "1/cm²", "crests": "mm/cm²"}
 AREA_RATIO = Quantity("log2_area_ratio", "Area, folded over smooth, log₂", signed=True, limits=(-1.5, 1.5))
 
 
-def picture(space: Space, folder: Path, what: Quantity, maps: Mapping[str, Array], text: str) -> PictureEntry:
+def picture(space: Space, folder: Path, what: Quantity, maps: Mapping[str, Array]) -> PictureEntry:
     """Write ``folder/figures/KEY.png`` of maps (N,) by hemisphere on the template of a study; return its entry."""
     rows = [
         Row(f"{SIDES[hemi]} hemisphere", _shown_surface(space, hemi), values, space.side(hemi))
         for hemi, values in maps.items()
     ]
     image = figure(rows, what, what.limits)
-    return write_picture(folder / "figures" / f"{what.key}.png", image, what.title, text=text)
+    return write_picture(folder / "figures" / f"{what.key}.png", image, what.title, key=what.key)
 
 
 def _shown_surface(space: Space, hemi: str) -> Surface:
@@ -62,18 +66,12 @@ def stats_report(result: Result, summary: Mapping[str, Any], folder: Path) -> Pa
     label = f"Effect of {result.contrast} on {_tested_map(result).label}"
     largest = float(np.nanmax(np.abs(fit.effect))) or 1.0
     what = Quantity("effect", label, effect_unit(result), True, (-largest, largest))
-    contrast = f"The contrast {result.contrast} of the coefficients. The colours end at its largest value."
-    correlation = "The size of the effect without a unit: t / sqrt(t² + degrees of freedom)."
-    shown = [
-        (what, fit.effect, contrast),
-        (Quantity("r", "Partial correlation", "", True, (-1.0, 1.0)), fit.r, correlation),
-    ]
-    for key, how in {"p_tfce": "by threshold-free clusters", "p_height": "of single vertices, by height"}.items():
-        log_p = Quantity(key, "−log10 p, with the sign of the effect", "", True, (-most, most))
-        text = f"Corrected for all vertices that are tested, {how}. Grey: p above {SIGNIFICANCE}, or not tested."
-        shown.append((log_p, _signed_log_p(getattr(fit, key), fit.t), text))
     subjects = Quantity("subjects", "Subjects with a value", limits=(0.0, len(result.design.subjects)))
-    shown.append((subjects, result.counts.astype(float), "Only vertices where all subjects have a value are tested."))
+    shown = {what: fit.effect, Quantity("r", "Partial correlation", "", True, (-1.0, 1.0)): fit.r}
+    for key in ("p_tfce", "p_height"):
+        log_p = Quantity(key, "−log10 p, with the sign of the effect", "", True, (-most, most))
+        shown[log_p] = _signed_log_p(getattr(fit, key), fit.t)
+    shown[subjects] = result.counts.astype(float)
     return write_page(
         folder / "report.html",
         "stats.html",
@@ -81,11 +79,9 @@ def stats_report(result: Result, summary: Mapping[str, Any], folder: Path) -> Pa
         result=result,
         summary=summary,
         unit=what.unit,
-        pictures=[picture(result.space, folder, of, split(result, values), text) for of, values, text in shown],
+        pictures=[picture(result.space, folder, of, split(result, values)) for of, values in shown.items()],
         scatter=peak_plot(result, what),
-        columns=zip(result.design.columns, result.design.contrast, result.design.matrix.T),
         clusters=cluster_rows(result)[:CLUSTERS_SHOWN],
-        half_widths=[fit.half_width[cluster["peak"]] for cluster in fit.clusters],
     )
 
 
@@ -109,7 +105,7 @@ def peak_plot(result: Result, what: Quantity) -> Markup:
         slope = float(fit.effect[np.nanargmax(np.abs(fit.t))])
         ends = np.array([x.min(), x.max()])
         chart.line(ends, y.mean() + slope * (ends - x.mean()), "fit", f"{number(slope)} {what.unit}", color=GREY)
-        for a, b, name in zip(x.tolist(), y.tolist(), result.design.subjects):
+        for a, b, name in zip(x, y, result.design.subjects):
             text = f"{name}: {number(b)} at {number(a)}"
             chart.line([a], [b], "point", text, color=CATEGORICAL_COLOURS[0], marker="o", markersize=5)
         return chart.svg()
@@ -135,12 +131,10 @@ def overlap_report(space: Space, found: Sequence[Overlap], summary: Mapping[str,
         label, key = overlap.kind.capitalize(), DENSITY_MAPS[overlap.kind]
         largest = float(max(np.nanpercentile(values, 99.5) for values in overlap.density.values())) or 1.0
         what = Quantity(key, f"{label} per area", DENSITY_UNITS[overlap.kind], limits=(0.0, largest))
-        text = f"Of a subject, smoothed over {summary['density_fwhm_mm']:g} mm."
-        pictures.append(picture(space, folder, what, overlap.density, text))
+        pictures.append(picture(space, folder, what, overlap.density))
         log_p = {h: _signed_log_p(p, overlap.density[h] - overlap.chance[h]) for h, p in overlap.p.items()}
         what = Quantity(f"{key}_p", f"{label} unlike chance, −log10 p", "", True, (-most, most))
-        text = f"Positive: more than chance, negative: fewer. Grey: corrected p above {SIGNIFICANCE}."
-        pictures.append(picture(space, folder, what, log_p, text))
+        pictures.append(picture(space, folder, what, log_p))
     return write_page(
         folder / "report.html",
         "overlap.html",
@@ -159,17 +153,17 @@ def overlap_report(space: Space, found: Sequence[Overlap], summary: Mapping[str,
 def unfold_report(unfolded: Sequence[UnfoldedSide], rows: TableRows, regions: TableRows, folder: Path) -> Path:
     """Write ``folder/report.html`` and ``folder/figures/area_ratio.png``; returns the path of the page."""
     drawn = []
-    for hemisphere in unfolded:
-        values, hemi, unfolding = log_ratio(hemisphere), hemisphere.cortex.hemi, hemisphere.unfolding
-        drawn.append(Row(f"{SIDES[hemi]}, {unfolding.folded.name}", unfolding.folded, values, hemi))
-        drawn.append(Row(f"{SIDES[hemi]}, unfolded", unfolding.smooth(), values, hemi))
+    for side in unfolded:
+        hemi, folded = side.cortex.hemi, side.unfolding.folded
+        for surface, name in ((folded, folded.name), (side.unfolding.smooth(), "unfolded")):
+            drawn.append(Row(f"{SIDES[hemi]}, {name}", surface, log_ratio(side), hemi))
     image = figure(drawn, AREA_RATIO, AREA_RATIO.limits)
     return write_page(
         folder / "report.html",
         "unfold.html",
         title=unfolded[0].cortex.name,
         rows=rows,
-        regions=sorted(regions, key=lambda row: -row["area_ratio"]),
+        regions=regions,
         picture=write_picture(folder / "figures" / "area_ratio.png", image, "Folded and smooth surfaces"),
-        inputs=[record for hemisphere in unfolded for record in hemisphere.cortex.inputs],
+        inputs=[record for side in unfolded for record in side.cortex.inputs],
     )
