@@ -7,7 +7,7 @@ from commands import refused
 from made_cohort import work_here, write_subject
 
 from morphofold.cli import main
-from morphofold.cli.many_tasks import measured_before
+from morphofold.cli.cohort import measured_before
 from morphofold.io.folders import alone
 from morphofold.results.layouts import begin_dataset, subject_place
 

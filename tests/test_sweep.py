@@ -17,7 +17,7 @@ import morphofold.simulation
 from morphofold.analysis import measuring
 from morphofold.analysis.measures import Measures
 from morphofold.cli import main
-from morphofold.cli.many_tasks import _with_absolute_mesh_path
+from morphofold.cli.sweep import _with_absolute_mesh_path
 from morphofold.cohort import sweep, tasks
 from morphofold.cohort.grid import MOST_RUNS, make_grid
 from morphofold.cohort.phases import AREA_OVER_FLAT, HINGES_PER_AREA, SphereTheory, read_run, theory_of

@@ -1,7 +1,6 @@
 """The ``morphofold`` command: :mod:`morphofold.cli.options` says what a command takes; the module that does the work
 is only imported with its command."""
 
-import importlib
 import io
 import os
 import re
@@ -12,6 +11,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from itertools import pairwise
+from pkgutil import resolve_name
 from typing import Any, NoReturn
 
 from cyclopts import App, CycloptsError, MissingArgumentError, Parameter, ValidationError
@@ -67,8 +67,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run_command(args: Options) -> Answer:
     if isinstance(args, options.Threaded):
         set_threads(args.threads)
-    name = args.module or type(args).__name__.lower()
-    return importlib.import_module(f"morphofold.cli.{name}").run(args)  # type: ignore[no-any-return]
+    work = args.work or f"{type(args).__name__.lower()}:run"
+    return resolve_name(f"morphofold.cli.{work}")(args)  # type: ignore[no-any-return]
 
 
 def run_app(parser: App, run: Callable[[Any], Answer], argv: Sequence[str] | None) -> int:

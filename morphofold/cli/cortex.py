@@ -35,11 +35,7 @@ from morphofold.unfolding.unfold import check_options, unfold
 from morphofold.words import in_one_line, number
 
 
-def run(args: Analyze | Unfold) -> Answer:
-    return _analyze(args) if isinstance(args, Analyze) else _unfold(args)
-
-
-def _analyze(args: Analyze) -> Answer:
+def analyze(args: Analyze) -> Answer:
     options = measuring_options(args) | ({} if args.only is None else {"only": args.only.split(",")})
     measure = partial(measuring.measure, **keywords_of(options))
     if args.subject is not None:
@@ -192,7 +188,7 @@ def _stage_folders(folder: str | Path) -> list[Path]:
     return sorted(file.parent for file in Path(folder).glob("stages/g*/stage.json"))
 
 
-def _unfold(args: Unfold) -> Answer:
+def unfold_cortex(args: Unfold) -> Answer:
     check_options(args.level, args.radius)
     source = args.input
     present = hemispheres(source) if source.is_dir() else (side_named(source.name) or "lh",)

@@ -2,7 +2,7 @@
 
 Fields before ``KW_ONLY`` are arguments, those after it options, and the text below a field is its help. This module is
 imported by every command, ``--help`` too, and imports nothing heavy; the work of a command is the function ``run`` of
-the module with its name, or that ``module`` names.
+the module with its name, or the one that ``work`` names.
 """
 
 import math
@@ -85,7 +85,7 @@ class Options:
     #: "--a needs --b --c" (one of them), "--a excludes --b --c" (all of them); an argument is written in capitals
     rules: ClassVar[tuple[str, ...]] = ()
     on_interrupt = ""  # added to what is printed after Ctrl-C
-    module = ""  # of morphofold.cli, whose function ``run`` does the work; by default it has the name of the command
+    work = ""  # MODULE:FUNCTION of morphofold.cli; by default the function ``run`` of the command's module
 
     quiet: Annotated[Switch, Parameter(alias="-q", group=RUNNING)] = False
     """Show no progress."""
@@ -160,7 +160,6 @@ class Measuring:
 class ManyTasks(Measuring, Printing):
     """Options of commands that measure many bodies on several workers."""
 
-    module = "many_tasks"
     on_interrupt = " Run it again to go on."
     no_report: Flag = False
     """No page for each subject or run; the page of them all is written."""
@@ -268,7 +267,7 @@ class Analyze(Parcellation, Measuring, Printing, Threaded):
     - `morphofold analyze --white lh.white.surf.gii --pial lh.pial.surf.gii --hemi lh -o mine`
     """
 
-    module = "cortex"
+    work = "cortex:analyze"
     rules = (
         "--subject excludes INPUT --white --pial",
         "INPUT excludes --white --pial",
@@ -354,7 +353,7 @@ class Unfold(Printing):
     - `morphofold unfold $SUBJECTS_DIR/bert -o bert-unfolded`
     """
 
-    module = "cortex"
+    work = "cortex:unfold_cortex"
     input: Path
     """Folder of a FreeSurfer subject, or a file with a closed surface."""
     _: KW_ONLY
@@ -408,7 +407,7 @@ class Cohort(ManySubjects):
 class OfStudy(Printing, Threaded):
     """Options of commands that compare the subjects of a study on a template."""
 
-    module = "study"
+    work = "study:run"
     study: Path
     """Folder that cohort --space wrote."""
     _: KW_ONLY
@@ -493,6 +492,7 @@ class Bids(ManySubjects):
     - `morphofold bids data data/derivatives/morphofold group`
     """
 
+    work = "cohort:bids"
     bids_dir: Path
     """Dataset."""
     output_dir: Path
@@ -592,7 +592,7 @@ class Theory(Printing):
     - `morphofold theory bifurcation --thickness 1:3:5 --mu-ratio 1 2 4 --law isotropic`
     """
 
-    module = "theory"
+    work = "theory:run"
     _: KW_ONLY
     hole_ratio: Annotated[float, within(0.0, 1 - 1e-6)] = 0.5
     """A/C: radius of the fixed hole over C."""

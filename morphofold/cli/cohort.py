@@ -1,0 +1,245 @@
+"""``morphofold cohort`` and ``bids``: subjects measured on several workers into one folder, and the group of all.
+
+In go the options, out comes what is printed; the work is in :mod:`morphofold.cohort`.
+"""
+
+import secrets
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+from morphofold.cli.cortex import measuring_options
+from morphofold.cli.many_tasks import Failures, answer_of, failure_lines, open_workers, print_note, run_with_progress
+from morphofold.cli.options import Answer, Bids, Cohort, ManySubjects, sides
+from morphofold.cli.printing import progress
+from morphofold.cohort.covariates import NO_COVARIATES, Covariates, find_covariates
+from morphofold.cohort.fleet import Fleet
+from morphofold.cohort.group import GROUP_FOLDER, write_group
+from morphofold.cohort.participant import Participant, measure_participant
+from morphofold.cohort.scales import SCALES_FILE, kept_scales, scales_of, with_scales
+from morphofold.cohort.space import SPACES, Mapped, map_participant, write_space
+from morphofold.cohort.subjects import find_subjects, folder_of, left_out_words, named_subjects
+from morphofold.cohort.tables import TAKEN_COLUMNS, Group
+from morphofold.cohort.tasks import Outcome, TaskFolder
+from morphofold.cohort.templates import Template, template
+from morphofold.errors import NamedTwice
+from morphofold.forecasts.cost import memory_of_analysis
+from morphofold.io import begin_collection, read_surface, refuse_foreign, refuse_no_collection
+from morphofold.io.cortices import cortex_files, hemispheres
+from morphofold.io.folders import alone, refuse_overlap
+from morphofold.provenance import printable
+from morphofold.report import analysis_report
+from morphofold.report.pages.group_page import group_report
+from morphofold.results.layouts import begin_dataset, refuse_other_dataset, subject_place
+
+SUBJECTS_READ_FOR_MEMORY = 3  # subjects, to find the memory that one takes
+FREESURFER_FOLDERS = ("derivatives/freesurfer", "sourcedata/freesurfer", ".")
+
+
+def run(args: Cohort) -> Answer:
+    source = args.subjects_dir.absolute()
+    names, left_out = find_subjects(source)
+    if args.subjects is not None:
+        names, left_out = named_subjects(args.subjects), {}
+    refuse_overlap(args.out, [source])
+    space = None if args.space is None else template(args.space, args.smooth, xhemi=args.xhemi)
+    if left_out:
+        print_note(f"left out: {left_out_words(left_out)}", args)
+    covariates = find_covariates(args.participants, [source], TAKEN_COLUMNS)
+    subjects = participants_of(source, names, args.out, args)
+    return run_cohort(subjects, subjects, args.out, args, space, covariates, left_out=left_out)
+
+
+def bids(args: Bids) -> Answer:
+    out = args.output_dir
+    if args.level == "group":
+        return _bids_group(out, args)
+    source = _subjects_folder(args)
+    refuse_overlap(out, [source])
+    everyone = participants_of(source, find_subjects(source)[0], out, args)
+    labels = [f"sub-{label.removeprefix('sub-')}" for label in args.participant_label]
+    called = {p.name: {p.name, p.name.partition(".long.")[0], p.name.partition("_")[0]} for p in everyone}
+    if missing := [label for label in labels if not any(label in names for names in called.values())]:
+        raise FileNotFoundError(f"{source}: contains no {', '.join(missing)}; it contains {', '.join([*called][:8])}.")
+    chosen = [p for p in everyone if not labels or called[p.name].intersection(labels)]
+    return run_cohort(chosen, everyone, out, args, left_out={})
+
+
+def participants_of(source: Path, names: Sequence[str], out: Path, args: ManySubjects) -> list[Participant]:
+    """Subjects to measure, by names that can be written; bytes that are not text are escaped."""
+    options, run_id = measuring_options(args), secrets.token_hex(4)
+    report = not args.no_report and analysis_report
+    return [
+        Participant(
+            printable(name),
+            str(folder_of(source, name)),
+            TaskFolder(str(out.absolute()), printable(name), run_id),
+            sides(args.hemi),
+            args.layout == "bids",
+            report,
+            options,
+        )
+        for name in sorted(names, key=printable)
+    ]
+
+
+def run_cohort(
+    subjects: list[Participant],
+    everyone: Sequence[Participant],
+    out: Path,
+    args: ManySubjects,
+    space: Template | None = None,
+    covariates: Covariates = NO_COVARIATES,
+    **more: Any,
+) -> Answer:
+    """Measure subjects and, but for ``bids``, write their group; the scales are those of ``everyone``.
+
+    With a template, ``space``, also bring their maps over to it. ``covariates`` are those of the subjects, for the
+    tables; the JSON says ``more``.
+    """
+    group = isinstance(args, Cohort)  # of bids, several may measure participants at once
+    out = out.absolute()
+    results = _results_folders(out, subjects)
+    covariates = covariates.of_sessions(results)
+    kept_scales(out)  # refuses before hours of work
+    with ExitStack() as locks:
+        need = max(_memory_needed(subject, args) for subject in subjects[:SUBJECTS_READ_FOR_MEMORY])
+        with open_workers(args, need) as fleet:
+            if args.layout == "bids":  # nothing is written where there are no workers
+                begin_dataset(out, ignoring=("group", "logs", "records", "lock", SPACES, SCALES_FILE))
+            else:
+                begin_collection(out, "cohort")
+            if group:
+                locks.enter_context(alone(out))
+            print_note(f"{len(subjects)} subjects, {fleet.words}", args)
+            if None in (args.curvature_scale, args.gyral_width):
+                with progress("scales", args.quiet) as show:
+                    scales = scales_of(out, fleet, everyone, show)
+                if scales is not None:
+                    print_note(scales.words, args)
+                subjects = [replace(subject, options=with_scales(subject.options, scales)) for subject in subjects]
+            outcomes, lines = run_with_progress(fleet, "cohort", measure_participant, subjects, args), list[str]()
+            if space is not None:
+                more["mapped"], lines = _map_on_template(fleet, space, subjects, out, args, covariates)
+        if group:
+            more["remarks"] = write_group_and_notes(out, results, args, covariates, outcomes).remarks_on_group
+    return answer_of(outcomes, "subject", out / GROUP_FOLDER / "report.html" if group else out, lines, **more)
+
+
+def write_group_and_notes(
+    out: Path, results: Mapping[str, Path], args: ManySubjects, covariates: Covariates, outcomes: Sequence[Outcome] = ()
+) -> Group:
+    """Write the group; print how many persons there are if there are fewer than subjects, and what was not measured in
+    the same way."""
+    with progress("group ", args.quiet) as show:
+        group = write_group(out, results, outcomes, report=group_report, progress=show, covariates=covariates)
+    if group.persons_words:
+        print_note(group.persons_words, args)
+    if sentences := group.pooling.sentences:
+        few = f"{len(group.pooling.left_out)} measures are not fully pooled: see the page of the group."
+        print_note(f"warning: {' '.join(sentences)} {few}", args)
+    return group
+
+
+def _map_on_template(
+    fleet: Fleet,
+    space: Template,
+    subjects: Sequence[Participant],
+    out: Path,
+    args: ManySubjects,
+    covariates: Covariates,
+) -> tuple[Failures, list[str]]:
+    """Bring the maps of measured subjects over to a template, and write one array for each map.
+
+    Returns by subject the hemispheres that have no maps there, and why; and lines about them and the arrays.
+    """
+    folder = out / SPACES / space.place
+    tasks = [
+        Mapped(s.name, s.folder, s.place, str(s.results), TaskFolder(str(folder), s.name, s.place.run), space)
+        for s in subjects
+    ]
+    outcomes = run_with_progress(fleet, space.name, map_participant, tasks, args)
+    write_space(folder, space, tasks, covariates)
+    missing = {outcome.name: outcome.failures for outcome in outcomes}
+    lines = failure_lines(missing, f" is not on {space.name}")
+    present = sum(outcome.state != "failed" for outcome in outcomes)
+    return missing, [*lines[:5], f"{present} of {len(outcomes)} subjects on {space.name} -> {folder / 'group'}"]
+
+
+def _results_folders(out: Path, subjects: Sequence[Participant]) -> dict[str, Path]:
+    """Folder for the results of each subject.
+
+    Raises
+    ------
+    FileExistsError
+        If morphofold did not write a folder.
+    NotReadable, NamedTwice
+        If BIDS, which shortens names, leaves nothing of a name, or two names become the same: by that, or where bytes
+        that are not text are escaped.
+    """
+    if subjects[0].bids:
+        refuse_other_dataset(out)
+    else:
+        refuse_no_collection(out, "cohort")
+    refuse_foreign(out / GROUP_FOLDER)  # before hours of work, not after them
+    for subject, other in pairwise(sorted(subjects, key=lambda subject: subject.results)):
+        if subject.results == other.results:
+            raise NamedTwice(f"{subject.folder}, {other.folder}: both become {subject.results.name}. Rename one.")
+    return {subject.name: subject.results for subject in subjects}
+
+
+def _memory_needed(subject: Participant, args: ManySubjects) -> float:
+    """Memory that measuring a subject will take [GiB]; 0 if it can't be read."""
+    try:
+        hemis = subject.hemis or hemispheres(Path(subject.folder))
+        sizes = [len(read_surface(cortex_files(subject.folder, hemi)["white"]).verts) for hemi in hemis]
+    except (ValueError, OSError):
+        return 0.0
+    return memory_of_analysis(sizes, accuracy=args.accuracy, report=not args.no_report)
+
+
+def _bids_group(out: Path, args: Bids) -> Answer:
+    """Write the group of subjects that were measured before."""
+    covariates = find_covariates(args.participants, [args.bids_dir], TAKEN_COLUMNS)
+    results = measured_before(out)
+    with alone(out):
+        group = write_group_and_notes(out, results, args, covariates.of_sessions(results))
+    failures: dict[str, dict[str, str]] = {}
+    for row in group.failures:
+        failures.setdefault(row["subject"], {})[row["hemi"] or ""] = row["reason"]
+    content = {
+        "subjects": len(results),
+        "with_results": group.n_measured,
+        "failures": failures,
+        "remarks": group.remarks_on_group,
+        "page": out / GROUP_FOLDER / "report.html",
+    }
+    partly = f", {len(failures)} of them with failures" if failures else ""
+    return Answer(content, [f"{len(results)} subjects{partly} -> {out / GROUP_FOLDER}"], int(bool(failures)))
+
+
+def measured_before(out: Path) -> dict[str, Path]:
+    """Folders of a BIDS dataset in which the results of all subjects of earlier runs are, or would be."""
+    names = sorted(path.stem for path in (out / "records").glob("[!.]*.json"))  # a killed run left a part of one
+    if not names:
+        raise FileNotFoundError(f"{out}: contains no measured subject. Measure participants first.")
+    return {name: subject_place(out, name) for name in names}
+
+
+def _subjects_folder(args: Bids) -> Path:
+    """Folder of the FreeSurfer subjects of the dataset."""
+    if args.fs_subjects_dir is not None:
+        return args.fs_subjects_dir.absolute()
+    dataset = args.bids_dir.absolute()
+    if not dataset.is_dir():
+        raise FileNotFoundError(f"{dataset}: no such dataset.")
+    for folder in (dataset / name for name in FREESURFER_FOLDERS):
+        if any(folder.glob("*/surf")) or any(folder.glob("sub-*/ses-*/surf")):
+            return folder
+    raise FileNotFoundError(
+        f"{dataset}: there are no FreeSurfer subjects in {', '.join(FREESURFER_FOLDERS)}. Pass their folder with "
+        "--fs-subjects-dir, or run FreeSurfer or fMRIPrep first."
+    )

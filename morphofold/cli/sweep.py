@@ -1,0 +1,85 @@
+"""``morphofold sweep``: a scene grown with many values and seeds on several workers, measured, with phase diagrams.
+
+In go the options, out comes what is printed; the work is in :mod:`morphofold.cohort`.
+"""
+
+import secrets
+from contextlib import ExitStack
+from pathlib import Path
+
+from morphofold.cli.cortex import measuring_options
+from morphofold.cli.many_tasks import answer_of, open_workers, print_note, run_with_progress
+from morphofold.cli.options import Answer, Sweep
+from morphofold.cli.printing import progress
+from morphofold.cohort.grid import Grid, make_grid
+from morphofold.cohort.group import GROUP_FOLDER
+from morphofold.cohort.phases import theory_by_place, write_sweep
+from morphofold.cohort.sweep import Run, grow_and_measure, memory_of_run
+from morphofold.cohort.tasks import TaskFolder
+from morphofold.forecasts import forecast
+from morphofold.forecasts.forecasting import table_of
+from morphofold.io import begin_collection, refuse_foreign, refuse_no_collection
+from morphofold.io.folders import alone
+from morphofold.report import analysis_report
+from morphofold.report.pages.phase_page import phase_report
+from morphofold.sim.scene import Scene
+from morphofold.words import span
+
+
+def run(args: Sweep) -> Answer:
+    options = measuring_options(args)
+    grid = make_grid(args.scene, args.vary, seeds=args.seeds, settings=args.set)
+    if args.dry_run:
+        return _dry_run(grid, args)
+    out = args.out.absolute()
+    group = out / GROUP_FOLDER
+    refuse_no_collection(out, "sweep")
+    refuse_foreign(group)  # refuses before hours of work
+    run_id, report = secrets.token_hex(4), not args.no_report and analysis_report
+    runs = [
+        Run(TaskFolder(str(out), p.name, run_id), _with_absolute_mesh_path(p.scene), args.threads, report, options)
+        for p in grid.points
+    ]
+    need = max(memory_of_run(run.scene, args.accuracy, not args.no_report) for run in runs)
+    with ExitStack() as locks:
+        with open_workers(args, need) as fleet:
+            begin_collection(out, "sweep")  # nothing is written where there are no workers
+            locks.enter_context(alone(out))
+            print_note(f"{len(runs)} runs, {fleet.words}", args)
+            outcomes = run_with_progress(fleet, "sweep ", grow_and_measure, runs, args)
+            with progress("theory", args.quiet) as show:
+                theory = theory_by_place(fleet, grid, show)
+        with progress("phases", args.quiet) as show:
+            phases = write_sweep(out, grid, theory, outcomes, report=phase_report, progress=show)
+    unhealthy = {run.point.name: run.warnings for run in phases.runs if run.warnings}
+    lines = [f"warning: {name}: {'; '.join(warnings)}" for name, warnings in unhealthy.items()]
+    if len(lines) > 5:
+        bad = f"{len(lines)} of {len(runs)} runs are not healthy"
+        lines[5:] = [f"warning: {bad}; {group / 'runs.tsv'} lists them"]
+    return answer_of(outcomes, "run", group / "report.html", lines, warnings=unhealthy)
+
+
+def _with_absolute_mesh_path(scene: Scene) -> Scene:
+    """The scene with an absolute path of its mesh file, so that a worker in any folder finds it."""
+    file = getattr(scene.geometry, "file", None)
+    if file is None or not Path(file).is_file():  # a sample, by its name
+        return scene
+    geometry = scene.geometry.model_copy(update={"file": str(Path(file).absolute())})
+    return scene.model_copy(update={"geometry": geometry})
+
+
+def _dry_run(grid: Grid, args: Sweep) -> Answer:
+    scenes = [point.scene for point in grid.points]
+    largest = max(scenes, key=lambda scene: (scene.bricks, (scene.growth.final - 1) / scene.growth.rate))
+    cost = forecast(largest, args.threads)
+    memory = memory_of_run(largest, args.accuracy, not args.no_report)
+    runs, points = len(scenes), len(grid.places)
+    content = {"runs": runs, "points": points, "memory_GiB": memory or None, "largest": cost.as_dict()}
+    seeds = f" times {len(grid.seeds)} seeds" if len(grid.seeds) > 1 else ""
+    measuring = f"; a worker that also measures needs {memory:.2g} GiB" if memory else ""
+    lines = [
+        f"{runs} runs: {points} points{seeds}",
+        *f"the largest run, {table_of(cost)}".splitlines(),
+        f"all: {span(runs * cost.seconds)} of growing on one worker, if all are as large{measuring}",
+    ]
+    return Answer(content, lines)
