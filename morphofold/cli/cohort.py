@@ -7,7 +7,7 @@ import secrets
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
-from itertools import pairwise
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +27,7 @@ from morphofold.cohort.tasks import Outcome, TaskFolder
 from morphofold.cohort.templates import Template, template
 from morphofold.errors import NamedTwice
 from morphofold.forecasts.cost import memory_of_analysis
+from morphofold.inference.design import names_of_row
 from morphofold.io import begin_collection, read_surface, refuse_foreign, refuse_no_collection
 from morphofold.io.cortices import cortex_files, hemispheres
 from morphofold.io.folders import alone, refuse_overlap
@@ -60,11 +61,11 @@ def bids(args: Bids) -> Answer:
     source = _subjects_folder(args)
     refuse_overlap(out, [source])
     everyone = participants_of(source, find_subjects(source)[0], out, args)
-    labels = [f"sub-{label.removeprefix('sub-')}" for label in args.participant_label]
-    called = {p.name: {p.name, p.name.partition(".long.")[0], p.name.partition("_")[0]} for p in everyone}
-    if missing := [label for label in labels if not any(label in names for names in called.values())]:
+    labels = [label.removeprefix("sub-") for label in args.participant_label]
+    called = {p.name: names_of_row(p.name) for p in everyone}
+    if missing := [f"sub-{label}" for label in labels if label not in chain(*called.values())]:
         raise FileNotFoundError(f"{source}: contains no {', '.join(missing)}; it contains {', '.join([*called][:8])}.")
-    chosen = [p for p in everyone if not labels or called[p.name].intersection(labels)]
+    chosen = [p for p in everyone if not labels or {*labels}.intersection(called[p.name])]
     return run_cohort(chosen, everyone, out, args, left_out={})
 
 

@@ -34,6 +34,13 @@ from morphofold.unfolding.spheres import sphere_of
 from morphofold.unfolding.unfold import check_options, unfold
 from morphofold.words import in_one_line, number
 
+#: label, name and format
+PRINTED_SCALARS = (
+    ("GI", "gyrification_index", "{:.2f}"),
+    ("cortical thickness", "mean_cortical_thickness_mm", "{:.2f} mm"),
+    ("gyral thickness", "median_gyral_thickness_mm", "{:.1f} mm"),
+)
+
 
 def analyze(args: Analyze) -> Answer:
     options = measuring_options(args) | ({} if args.only is None else {"only": args.only.split(",")})
@@ -46,7 +53,7 @@ def analyze(args: Analyze) -> Answer:
     asked = {"hemi": args.hemi, "name": args.name, **options}
     if args.stages:
         return _analyse_stages(Path(args.input or ""), args, asked, measure)
-    subject = results.check_subject(args.input) if args.into_subject and args.input else None
+    subject = args.into_subject and results.check_subject(args.input or "")
     clock, failed = Stages(), dict[str, str]()
     clock.begin(READING_STAGE)
     cortices = _results_of_hemispheres(_hemisphere_readers(args), failed)
@@ -70,7 +77,7 @@ def analyze(args: Analyze) -> Answer:
         print_line(f"{hemi} failed: {why}", file=sys.stderr)
     summary = Layout(out, out.name if args.layout == "bids" else "").path("summary")
     lines = [*_lines(measures, clock), f"-> {summary if args.no_report else out / 'report.html'}"]
-    if subject is not None:
+    if subject:
         written, others = results.write_into_subject(measures, subject)
         into = [f"into {subject}: {', '.join(written) or 'nothing'}"]
         into += [f"kept, because morphofold did not write them: {', '.join(others)}"] if others else []
@@ -106,14 +113,11 @@ def _main_numbers(m: Measures) -> str:
     """The numbers of the line of a hemisphere; those asked for, if only a part was measured."""
     if "only" in m.parameters:
         return ", ".join(f"{k} {number(m.scalars[k])}" if k in m.scalars else k for k in m.parameters["only"])
-    index = _formatted_or_na(m.scalars["gyrification_index"], ".2f")
-    thickness = _formatted_or_na(m.scalars["mean_cortical_thickness_mm"], ".2f", " mm")
-    gyral = _formatted_or_na(m.scalars["median_gyral_thickness_mm"], ".1f", " mm")
-    return f"{m.scalars['n_vertices']:,} vertices, GI {index}, cortical thickness {thickness}, gyral thickness {gyral}"
-
-
-def _formatted_or_na(value: float | None, form: str, unit: str = "") -> str:
-    return "n/a" if value is None else f"{value:{form}}{unit}"
+    texts = [f"{m.scalars['n_vertices']:,} vertices"]
+    for label, key, form in PRINTED_SCALARS:
+        value = m.scalars[key]
+        texts.append(f"{label} {'n/a' if value is None else form.format(value)}")
+    return ", ".join(texts)
 
 
 def _results_of_hemispheres(works: Mapping[str, Callable[[], Any]], failed: dict[str, str]) -> list[Any]:
@@ -250,12 +254,13 @@ def measuring_options(args: Measuring) -> dict[str, Any]:
     if template is not None:
         folder = check_template(template, annot)
         template = str(folder) if Path(template).is_dir() else template
-    unusual = {
+    recorded = {
+        "curvature_scale_mm": args.curvature_scale,
+        "gyral_width_mm": args.gyral_width,
         "thickness_cap_mm": args.thickness_cap,
         "accuracy": None if args.accuracy == "standard" else args.accuracy,
         "repair": False if args.no_repair else None,
         "annotation": annot,
         "annotation_from": template,
     }
-    usual = {"curvature_scale_mm": args.curvature_scale, "gyral_width_mm": args.gyral_width}
-    return usual | {key: value for key, value in unusual.items() if value is not None}
+    return {key: value for k, (key, value) in enumerate(recorded.items()) if k < 2 or value is not None}

@@ -39,7 +39,7 @@ def within(least: float, largest: float) -> Parameter:
     """Limits of a number, or of each number of a list; NaN is outside."""
 
     def check(_: Any, value: Any) -> None:
-        for number in value if isinstance(value, list) else [] if value is None else [value]:
+        for number in value if isinstance(value, list | tuple) else [] if value is None else [value]:
             if not least <= number <= largest:
                 raise OutOfRange(f"must lie between {least:.10g} and {largest:.10g}, got {number:g}.")
 
@@ -62,7 +62,7 @@ OutOrName = Annotated[Path | None, OUT]
 Sides = Literal["lh", "rh", "both"]
 Hemispheres = Annotated[Sides | None, Parameter(converter=_hemisphere)]
 BothHemispheres = Annotated[Sides, Parameter(converter=_hemisphere)]
-Texts = Annotated[list[str], Parameter(show_default=False)]
+Texts = Annotated[Sequence[str], Parameter(show_default=False)]
 Length = Annotated[float | None, Parameter(group=MEASURING), within(1e-9, 1e9)]
 Layout = Annotated[Literal["plain", "bids"], Parameter(group=RUNNING)]
 Switch = Annotated[bool, Parameter(show_default=False)]
@@ -97,7 +97,7 @@ class Options:
 
         def is_given(option: str) -> bool:
             name, _, value = option.strip("-").lower().replace("-", "_").partition("=")
-            return name in given and getattr(self, name) not in (False, []) and value in ("", getattr(self, name))
+            return name in given and getattr(self, name) not in (False, ()) and value in ("", getattr(self, name))
 
         for option, verb, *others in (rule.split() for rule in self.rules if is_given(rule.split()[0])):
             present = [other for other in others if is_given(other)]
@@ -233,7 +233,7 @@ class Simulate(Printing, Threaded):
     _: KW_ONLY
     out: OutOrName = None
     """Folder to write (default: the scene's name)."""
-    set: Texts = field(default_factory=list)
+    set: Texts = ()
     """Change one value of the scene, TABLE.KEY=VALUE, e.g. growth.final=1.8; may be repeated."""
     resume: Switch = False
     """Continue from the checkpoint in the folder; a finished run is left as it is."""
@@ -332,11 +332,11 @@ class Compare(Printing):
     _: KW_ONLY
     out: Out = Path("comparison")
     """Folder to write."""
-    group: Texts = field(default_factory=list)
+    group: Texts = ()
     """GROUP=NAME,NAME: pool the hinges of these analyses, and compare them with other groups; once per group."""
-    growth: Texts = field(default_factory=list)
+    growth: Texts = ()
     """NAME=DIR: a folder that analyze --stages wrote; draw its numbers over growth; once per body."""
-    colour: Texts = field(default_factory=list)
+    colour: Texts = ()
     """NAME=RRGGBB: colour of an analysis or a group, as 0072b2; once per colour (default: one per group)."""
     spins: Whole = 500
     """Rotations of the sphere that test a cortex against the folds of the person it grew from, if both are compared."""
@@ -500,7 +500,7 @@ class Bids(ManySubjects):
     level: Literal["participant", "group"]
     """Step to run: participant or group."""
     _: KW_ONLY
-    participant_label: Annotated[Texts, Parameter(consume_multiple=(1, None))] = field(default_factory=list)
+    participant_label: Annotated[Texts, Parameter(consume_multiple=(1, None))] = ()
     """Participants, without sub- (default: all)."""
     fs_subjects_dir: Path | None = None
     """Folder of the FreeSurfer subjects (default: derivatives/freesurfer or sourcedata/freesurfer in BIDS-DIR, or
@@ -525,12 +525,12 @@ class Sweep(ManyTasks):
     scene: str
     """A built-in scene (see morphofold scenes) or a TOML file."""
     _: KW_ONLY
-    vary: Texts = field(default_factory=list)
+    vary: Texts = ()
     """KEY=VALUE,...: a key of the scene and its values, e.g. mu_ratio=1,2,4 or growth.final=1.6,1.8; may be
     repeated."""
     seeds: MaybeWhole = None
     """Seeds 0 to this number less 1 at every point (default: the scene's)."""
-    set: Texts = field(default_factory=list)
+    set: Texts = ()
     """Change one value of the scene for all runs, TABLE.KEY=VALUE, e.g. accuracy.level=draft; may be repeated."""
     out: Out = Path("sweep")
     """Folder to write."""
@@ -569,10 +569,10 @@ SEVERAL = Parameter(
 # lengths beyond these limits overflow, or results lose their digits
 SPHERE_LENGTH, GROWTH, RATIO = within(1e-6, 1e6), within(1e-3, 1e3), within(1e-4, 1e4)
 SphereLength = Annotated[float, SPHERE_LENGTH]
-Lengths = Annotated[list[float], SEVERAL, SPHERE_LENGTH]
+Lengths = Annotated[Sequence[float], SEVERAL, SPHERE_LENGTH]
 Growth = Annotated[float, GROWTH]
-Growths = Annotated[list[float], SEVERAL, GROWTH, Parameter(show_default="1:2:11")]
-RadiusRatios = Annotated[list[float], SEVERAL, within(1 + 1e-6, 1e3)]
+Growths = Annotated[Sequence[float], SEVERAL, GROWTH, Parameter(show_default="1:2:11")]
+RadiusRatios = Annotated[Sequence[float], SEVERAL, within(1 + 1e-6, 1e3)]
 GrowthLaw = Literal["isotropic", "tangential", "both"]
 
 
@@ -620,7 +620,7 @@ class Radius(Theory):
     """Thickness of the cortex, T = C - B [mm]."""
     radius: SphereLength = 50.0
     """Outer radius C [mm]."""
-    growth: Growths = field(default_factory=lambda: range_values(["1:2:11"]))
+    growth: Growths = tuple(range_values(["1:2:11"]))
     """Growth of the cortex; numbers or FROM:TO:COUNT."""
     core_growth: Growth = 1.0
     """Growth of the core; 1 is none."""
@@ -667,9 +667,9 @@ class Critical(Theory):
     _: KW_ONLY
     law: GrowthLaw = "both"
     """Growth of the cortex."""
-    ratio: Annotated[RadiusRatios, Parameter(show_default=False)] = field(default_factory=list)
+    ratio: Annotated[RadiusRatios, Parameter(show_default=False)] = ()
     """C/B: outer radius / interface radius; numbers or FROM:TO:COUNT (default: 1.02:1.3:15)."""
-    thickness: Annotated[Lengths, Parameter(show_default=False)] = field(default_factory=list)
+    thickness: Annotated[Lengths, Parameter(show_default=False)] = ()
     """Of the cortex [mm], instead of --ratio; numbers or FROM:TO:COUNT."""
     radius: Annotated[float | None, SPHERE_LENGTH] = None
     """Outer radius C [mm], with --thickness (default: 50)."""
@@ -706,7 +706,7 @@ class Bifurcation(Theory):
     """Thickness of the cortex, T = C - B [mm]; numbers or FROM:TO:COUNT."""
     radius: SphereLength = 50.0
     """Outer radius C [mm]."""
-    mu_ratio: Annotated[list[float], SEVERAL, RATIO] = field(default_factory=lambda: [1.0, 2.0, 4.0])
+    mu_ratio: Annotated[Sequence[float], SEVERAL, RATIO] = field(default_factory=lambda: [1.0, 2.0, 4.0])
     """Shear modulus, cortex over core; numbers or FROM:TO:COUNT."""
     kappa_ratio: Annotated[float, within(1.0, math.inf)] = math.inf
     """Bulk over shear modulus; inf is incompressible."""
@@ -714,7 +714,7 @@ class Bifurcation(Theory):
     """Critical growth of each degree, not only the least."""
     body: str | None = None
     """A built-in scene or a TOML file, instead of the options above."""
-    set: Texts = field(default_factory=list)
+    set: Texts = ()
     """With --body: change one value of the scene, TABLE.KEY=VALUE; may be repeated."""
 
 
@@ -750,7 +750,7 @@ class Reproduce(Printing, Threaded):
     """Folder to write; figures and simulations of an earlier run there are kept."""
     draft: Switch = False
     """Octants on coarser meshes, tables of the growths that are drawn: three minutes on two cores."""
-    subject: Annotated[list[Path], Parameter(show_default=False)] = field(default_factory=list)
+    subject: Annotated[Sequence[Path], Parameter(show_default=False)] = ()
     """A FreeSurfer subject whose hemispheres are grown for fig8-grown instead of fsaverage5's; may be repeated."""
 
 

@@ -68,7 +68,7 @@ def _parameters(args: Theory) -> dict[str, Any]:
     return {
         key: "inf" if value == math.inf else value
         for key, value in values.items()
-        if value not in (None, []) and key not in UNRECORDED
+        if value not in (None, ()) and key not in UNRECORDED
     }
 
 

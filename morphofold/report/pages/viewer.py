@@ -173,7 +173,7 @@ class Packed:
         low, high = (float(values[known].min()), float(values[known].max())) if known.any() else (0.0, 1.0)
         codes = np.full(len(values), NAN_CODE_16_BIT, dtype=np.uint16)
         step = max(step, (high - low) / (NAN_CODE_16_BIT - 1)) or 1.0
-        codes[known] = np.round((values[known] - low) / step).astype(np.uint16)
+        codes[known] = np.round((values[known] - low) / step)
         self.add(f"map:{key}", codes)
         self.meta["maps"][key] = {"low": low, "high": low + step * (NAN_CODE_16_BIT - 1)}
 
@@ -216,8 +216,7 @@ def _decimated(middle: Verts, faces: Faces, keep: float) -> tuple[VertexIds, Fac
     chosen = distinct(near)
     ids, place = np.unique(chosen, return_inverse=True)
     faces = place[triangles]
-    whole = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
-    return ids, faces[whole]
+    return ids, faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
 
 
 def distinct(near: VertexIds) -> VertexIds:
