@@ -6,20 +6,10 @@ from made_people import random_folds, values
 from scipy.stats import spearmanr
 from threadpoolctl import threadpool_limits
 
-from morphofold.comparison.person.agreement import (
-    agreement_of_axes,
-    agreement_of_classes,
-    classes,
-    compare_with_null,
-    fold_axes,
-    forwardness,
-    null_values,
-    pulled_back,
-    region_numbers,
-    smooth_axes,
-    spearman,
-)
+from morphofold.comparison.person.agreement import agreement_of_classes, classes, compare_with_null, null_values
 from morphofold.comparison.person.bodies import weighted_median
+from morphofold.comparison.person.fold_axes import agreement_of_axes, fold_axes, forwardness, pulled_back, smooth_axes
+from morphofold.comparison.person.person_regions import REGION_MEASURES, region_numbers, spearman
 from morphofold.geometry import unit, vertex_areas
 from morphofold.shapes import icosphere
 from morphofold.spheres.spins import NearestTable, rotations
@@ -193,8 +183,8 @@ def test_exact_axes_are_those_of_the_mesh():
 
 def test_numbers_of_regions_are_ratios_and_medians():
     labels = np.array([0, 0, 0, 1, 1, -1, 3])
-    fields = {"a": (np.arange(7.0), np.ones(7)), "b": np.array([5.0, 1, 3, 4, 2, 9, np.nan])}
-    found = region_numbers(labels, 4, fields, ["a", "b", "c"])
+    medians = np.array([5.0, 1, 3, 4, 2, 9, np.nan])
+    found = region_numbers(labels, 4, {REGION_MEASURES[0]: (np.arange(7.0), np.ones(7)), REGION_MEASURES[1]: medians})
     np.testing.assert_allclose(found[0], [1, 3.5, np.nan, 6])
     np.testing.assert_allclose(found[1], [3, 3, np.nan, np.nan])
     assert np.isnan(found[2]).all()

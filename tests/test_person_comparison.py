@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from morphofold.comparison import compare
 from morphofold.comparison.person.bodies import bodies_of
 from morphofold.comparison.person.compare_person import compare_with_person, find_pairs
-from morphofold.errors import MissingPart, OutOfRange, UnlikeSurfaces
+from morphofold.errors import MissingPart, NotReadable, OutOfRange, UnlikeSurfaces
 from morphofold.results import read_analysis, write_analysis
 from morphofold.shapes import icosphere
 from morphofold.surface import Surface
@@ -87,7 +87,7 @@ def test_other_folds_agree_as_much_as_by_chance(folds, person):
 def test_a_body_that_has_not_grown_is_no_better_than_its_control(person):
     """What it agrees is the leak of unfolding, and no result, however small its p."""
     bodies = bodies_of(person, person, LEVEL)
-    smooth = bodies.surface
+    smooth = bodies.controls["smooth"].cortex.pial
     inner = Surface(0.95 * smooth.verts, smooth.faces)
     grown = measures_of(replace(person.cortex, white=inner, pial=smooth))
     found = compare_with_person(person, grown, LEVEL, spins=SPINS)
@@ -149,6 +149,12 @@ def test_pairs_are_known_by_the_bytes_of_the_white_surface_and_the_side(folds, p
     assert find_pairs({"P": person, "Q": made_person(folds[1], name="other")}) == ([], [])
     pair = {"P lh": person, "P rh": made_person(folds[0], hemi="rh"), "G": of()}
     assert find_pairs(pair)[0] == [("P lh", "G", LEVEL)]
+
+
+def test_an_incomplete_record_of_the_person_is_refused_where_it_is_read(folds, tmp_path):
+    write_analysis([made_person(folds[1], grown_from={"subject": "person", "unfold": LEVEL})], tmp_path)
+    with pytest.raises(NotReadable, match=r"summary\.json: .*grown_from\.sha256.*Analyze"):
+        read_analysis(tmp_path)
 
 
 def test_cortices_that_cannot_be_compared_are_refused(folds, person):

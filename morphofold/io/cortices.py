@@ -61,6 +61,14 @@ class StageHealth(Record):
     mean_radius_mm: Amount | None = None
 
 
+class PersonRecord(Record):
+    """The surface of a person from which a cortex grew."""
+
+    subject: str
+    sha256: dict[str, str]
+    unfold: Number
+
+
 class StageRecord(Record):
     """``stage.json``: the record of a stage by ``simulate``, the ``info`` of an analysis; all keys may be missing."""
 
@@ -77,7 +85,7 @@ class StageRecord(Record):
     health: StageHealth = StageHealth()
     warnings: list[str] = []
     vertices_without_value_written_as_0: dict[str, Count] = {}
-    grown_from: dict[str, Any] | None = None
+    grown_from: PersonRecord | None = None
 
 
 class SurfaceRecord(Record):

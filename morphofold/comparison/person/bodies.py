@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import sqrt
 
 import numpy as np
 
@@ -33,6 +34,9 @@ class Body:
     Attributes
     ----------
     measures : Measures
+        Its map of mean curvature is NaN off the cortex. A further map, ``relief_height``, is the height above the
+        surface smoothed over 10 mm, minus its median over the area of the smooth body [mm of the person]: positive on
+        gyri, negative in sulci, NaN off the cortex.
     points : (N, 3) float64
         Vertices on the unit sphere.
     cortex : (N,) bool
@@ -40,11 +44,6 @@ class Body:
         Factor of its lengths, so that its convex hull has the area of the person's.
     areas : (N,) float64
         Area of the smooth body around each vertex [mm^2].
-    height : (N,) float64
-        Height above the surface smoothed over 10 mm, minus its median over the area of the smooth body [mm of the
-        person]: positive on gyri, negative in sulci, NaN off the cortex.
-    curvature : (N,) float64
-        Mean curvature of its pial surface as measured [1/mm], NaN off the cortex.
     """
 
     measures: Measures
@@ -52,8 +51,6 @@ class Body:
     cortex: Bools
     scale: float
     areas: Array
-    height: Array
-    curvature: Array
 
     @property
     def pial(self) -> Surface:
@@ -63,10 +60,6 @@ class Body:
     def weights(self) -> Array:
         """Areas of the smooth body, 0 off the cortex."""
         return self.areas * self.cortex
-
-    def with_height(self) -> Measures:
-        """The measures with the map of heights, for pictures."""
-        return replace(self.measures, maps={**self.measures.maps, RELIEF: self.height})
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,18 +82,13 @@ class Bodies:
     to_person: Places
 
     @cached_property
-    def surface(self) -> Surface:
-        """The smooth body at the grown vertices."""
-        return Surface(self.smooth(self.grown.points), self.grown.pial.faces, "smooth body")
+    def controls(self) -> dict[str, Measures]:
+        """The smooth body, and the one with its dents deepened, as cortices: white and pial are the same surface.
 
-    @cached_property
-    def smooth_maps(self) -> dict[str, dict[str, Array]]:
-        """Maps as those of an analysis, and the height, of the smooth body and of the one with its dents deepened.
-
-        They are at the grown vertices, NaN off the cortex. Curvature is exact. Local gyrification is left out where the
-        body does not allow it.
+        Maps are as those of an analysis, and the height, at the grown vertices, NaN off the cortex. Curvature is exact.
+        Local gyrification is left out where the body does not allow it.
         """
-        return {"smooth": self._maps_of(self.smooth), "deepened": self._maps_of(self.deepened)}
+        return {"smooth": self._measured(self.smooth), "deepened": self._measured(self.deepened)}
 
     @cached_property
     def deepened(self) -> SmoothSurface:
@@ -113,27 +101,23 @@ class Bodies:
         gain = 1 + (l * (l + 1) / DEEPENED_FROM) ** 2
         return SmoothSurface(Expansion(gain[:, None] * self.smooth.shape.coefficients))
 
-    def _maps_of(self, body: SmoothSurface) -> dict[str, Array]:
-        surface, cortex = Surface(body(self.grown.points), self.grown.pial.faces), self.grown.cortex
-        height, _ = height_and_vertical(surface.verts, surface.faces, RELIEF_SCALE_MM)
+    def _measured(self, body: SmoothSurface) -> Measures:
+        points, grown = self.grown.points, self.grown.measures.cortex
+        surface = Surface(body(points), grown.faces, "smooth body")
+        mesh = surface.verts, surface.faces
         maps = {
-            RELIEF: centred(height, self.grown.weights),
-            "H": body.frame(self.grown.points).curvature.mean(axis=1),
-            "sulcal_depth": sulcal_depth(surface.verts, surface.faces),
+            RELIEF: centred(height_and_vertical(*mesh, RELIEF_SCALE_MM)[0], self.grown.weights),
+            "H": body.frame(points).curvature.mean(axis=1),
+            "sulcal_depth": sulcal_depth(*mesh),
         }
         voxel = self.person.measures.parameters.get("local_gyrification_voxel_mm") or DEFAULT_VOXEL_MM
         try:
-            maps["local_gyrification_index"] = local_gyrification_index(surface.verts, surface.faces, voxel=voxel)
+            maps["local_gyrification_index"] = local_gyrification_index(*mesh, voxel=voxel)
         except Refusal:
             pass
-        return {name: np.where(cortex, values, np.nan) for name, values in maps.items()}
-
-    def smooth_measures(self, name: str) -> Measures:
-        """The smooth body as a cortex with maps, for pictures: white and pial are the same surface."""
-        c = self.grown.measures.cortex
-        both = self.surface, self.surface
-        cortex = Cortex(*both, c.hemi, name, cortex=self.grown.cortex, regions=c.regions, sphere=c.sphere)
-        return Measures(cortex, {}, self.smooth_maps["smooth"])
+        mask, both = self.grown.cortex, (surface, surface)
+        cortex = Cortex(*both, grown.hemi, surface.name, cortex=mask, regions=grown.regions, sphere=grown.sphere)
+        return Measures(cortex, {}, {name: np.where(mask, values, np.nan) for name, values in maps.items()})
 
 
 def bodies_of(person: Measures, grown: Measures, level: float) -> Bodies:
@@ -161,7 +145,8 @@ def bodies_of(person: Measures, grown: Measures, level: float) -> Bodies:
     compared: at equal area a body with few folds would be drawn larger than a person's brain.
     """
     points = []
-    for m, c in ((m, m.cortex) for m in (person, grown)):
+    for m in (person, grown):
+        c = m.cortex
         if c.sphere is None:
             raise MissingPart(
                 f"{c.called}: the analysis has no {c.hemi}.sphere, so its vertices can't be found on the other cortex. "
@@ -178,7 +163,7 @@ def bodies_of(person: Measures, grown: Measures, level: float) -> Bodies:
     size = hull(person.cortex.pial.verts, person.cortex.faces).area
     assert person.cortex.sphere is not None
     smooth = unfold(person.cortex.white, person.cortex.sphere, level).surface
-    smooth = smooth.scaled(float(np.sqrt(size / hull(smooth(points[1]), grown.cortex.faces).area)))
+    smooth = smooth.scaled(sqrt(size / hull(smooth(points[1]), grown.cortex.faces).area))
     own, other = (_body(m, s, size, smooth) for m, s in zip((person, grown), points))
     to_grown, to_person = (places(a.points, a.pial.faces, b.points) for a, b in ((own, other), (other, own)))
     return Bodies(own, other, smooth, to_grown, to_person)
@@ -188,10 +173,11 @@ def _body(m: Measures, points: Array, size: float, smooth: SmoothSurface) -> Bod
     """A measured cortex with points (N, 3) on the sphere, scaled to a hull of the area ``size`` [mm^2]."""
     verts, faces = m.cortex.pial.verts, m.cortex.faces
     cortex, areas = cortex_mask(m.cortex), vertex_areas(smooth(points), faces)
-    scale = float(np.sqrt(size / hull(verts, faces).area))
-    height, _ = height_and_vertical(verts, faces, RELIEF_SCALE_MM / scale)
-    height, curvature = (np.where(cortex, values, np.nan) for values in (scale * height, m.maps["H"]))
-    return Body(m, points, cortex, scale, areas, centred(height, areas), curvature)
+    scale = sqrt(size / hull(verts, faces).area)
+    height = scale * height_and_vertical(verts, faces, RELIEF_SCALE_MM / scale)[0]
+    height, curvature = (np.where(cortex, values, np.nan) for values in (height, m.maps["H"]))
+    maps = {**m.maps, RELIEF: centred(height, areas), "H": curvature}
+    return Body(replace(m, maps=maps), points, cortex, scale, areas)
 
 
 def centred(values: Array, weights: Array) -> Array:

@@ -1,4 +1,7 @@
-"""Compare a cortex with the folds of the person it grew from, and both with the smooth body as control."""
+"""Compare a cortex with the folds of the person it grew from, and both with the smooth body as control.
+
+``side_by_side`` passes measured cortices by name, and gets a ``PersonComparison`` for each that grew from another one.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -9,11 +12,19 @@ import numpy as np
 
 from morphofold.analysis.measures import Measures
 from morphofold.arrays import Array
-from morphofold.comparison.person import agreement
-from morphofold.comparison.person.agreement import SPINS, Agreement, Axes, Statistic
+from morphofold.comparison.person.agreement import (
+    SPINS,
+    Agreement,
+    Statistic,
+    agreement_of_classes,
+    agreement_with_controls,
+    classes,
+    null_values,
+)
 from morphofold.comparison.person.bodies import Bodies, bodies_of
+from morphofold.comparison.person.fold_axes import Axes, agreement_of_axes, axes_of_bodies, forwardness
+from morphofold.comparison.person.person_regions import numbers_of_regions
 from morphofold.errors import MissingPart, Refusal
-from morphofold.geometry import mean_edge_length
 from morphofold.io import write_gifti_map
 from morphofold.provenance import json_value
 from morphofold.quantities import RELIEF
@@ -91,8 +102,8 @@ class PersonComparison:
         """
         bodies, carried = self.bodies, {}
         for direction, body in (("to_grown", bodies.person), ("to_person", bodies.grown)):
-            maps = {**body.measures.cortex.maps, **body.with_height().maps}
-            for name in (name for name in CARRIED_MAPS if name in maps):
+            maps = {**body.measures.cortex.maps, **body.measures.maps}
+            for name in filter(maps.__contains__, CARRIED_MAPS):
                 carried[direction, name] = getattr(bodies, direction).values(maps[name])
         return carried
 
@@ -106,9 +117,8 @@ class PersonComparison:
                 "over": over,
                 "what": row.what,
                 **vars(row.tested),
-                "control_map": row.control_map,
                 "deepened": row.deepened.control,
-                "deepened_map": row.deepened_map,
+                "deepened_map": row.deepened.control_map,
                 "deepened_difference": row.deepened.difference,
                 "deepened_p": row.deepened.difference_p,
                 "n_regions": row.n,
@@ -175,10 +185,11 @@ def find_pairs(named: MeasuresByName) -> tuple[list[tuple[str, str, float]], lis
         digest = source["sha256"].get("surface")
         people = [
             other
-            for other, of in ((other, of.cortex) for other, of in named.items() if other != name)
-            if digest in [r["sha256"] for r in of.inputs if r["path"] in of.files[:1]] and of.hemi == m.cortex.hemi
+            for other, of in named.items()
+            if digest in [r["sha256"] for r in of.cortex.inputs if r["path"] in of.cortex.files[:1]]
+            and of.cortex.hemi == m.cortex.hemi
         ]
-        if digest and people:
+        if people:
             pairs.append((people[0], name, float(source["unfold"])))
             continue
         remarks.append(
@@ -228,43 +239,27 @@ def compare_with_person(
         if "only" in m.parameters:
             raise MissingPart(f"{name}: was measured in part, only {listed(m.parameters['only'])}. Measure it whole.")
     bodies = bodies_of(person, grown, level)
-    axes, regions = _axes(bodies), agreement.numbers_of_bodies(bodies)
+    axes, regions = axes_of_bodies(bodies), numbers_of_regions(bodies)
     statistics = _statistics(bodies, axes)
     if regions is not None:
-        statistics.append(regions.correlations(bodies.grown.weights))
+        statistics.append(regions.correlations)
     values = [statistic(bodies.to_grown.nearest, np.eye(3)) for statistic in statistics]
     table, turns = NearestTable(bodies.person.points), rotations(spins, seed)
-    null = agreement.null_values(statistics, bodies.grown.points, table, turns)
+    null = null_values(statistics, bodies.grown.points, table, turns)
     on = {"person": bodies.person, "smooth": bodies.grown, "grown": bodies.grown}
-    from_person = (grown.cortex.info.get("grown_from") or {}).get("maps", [])
+    given_maps = (grown.cortex.info.get("grown_from") or {}).get("maps", [])
     return PersonComparison(
         *names,
         person.cortex.hemi,
         level,
         bodies.grown.scale,
         spins,
-        tuple(
-            agreement.agreement_with_controls(what, of_bodies, of_spins, CONTROLS[what])
-            for what, of_bodies, of_spins in zip(CONTROLS, values, null)
-        ),
-        {name: agreement.forwardness(*axes[name], bodies.smooth, b.points, b.areas) for name, b in on.items()},
-        regions.agreements(values[-1], null[-1], from_person) if regions else (),
+        tuple(map(agreement_with_controls, CONTROLS, values, null, CONTROLS.values())),
+        {name: forwardness(*axes[name], bodies.smooth, body.points, body.weights) for name, body in on.items()},
+        regions.agreements(values[-1], null[-1], given_maps) if regions else (),
         regions.table(person.cortex.hemi) if regions else (),
         bodies,
     )
-
-
-def _axes(bodies: Bodies) -> dict[str, Axes]:
-    """Fold axes and their strengths, of measured bodies at the scale at which their curvature was measured."""
-    axes = {}
-    for name, body in (("person", bodies.person), ("grown", bodies.grown)):
-        edge = mean_edge_length(body.pial.verts, body.pial.faces)
-        scale = float(body.measures.parameters.get("curvature_scale_mm") or 3 * edge)
-        axes[name] = agreement.fold_axes(body.pial, body.points, scale, body.cortex)
-    for name, surface in (("smooth", bodies.smooth), ("deepened", bodies.deepened)):
-        along, strength = agreement.smooth_axes(surface, bodies.grown.points)
-        axes[name] = along, strength * bodies.grown.cortex
-    return axes
 
 
 def _statistics(bodies: Bodies, axes: Mapping[str, Axes]) -> list[Statistic]:
@@ -272,21 +267,18 @@ def _statistics(bodies: Bodies, axes: Mapping[str, Axes]) -> list[Statistic]:
 
     Each is a number of the grown body, then of the maps of the smooth body, then of those of the deepened one.
     """
-    person, grown, weights = bodies.person, bodies.grown, bodies.grown.weights
-    smooth_maps = [maps[key] for maps in bodies.smooth_maps.values() for key in CONTROLS["depth"]]
-    return [
-        *(
-            agreement.agreement_of_classes(
-                [agreement.classes(values, weights) for values in (of_grown, *smooth_maps)],
-                agreement.classes(of_person, person.areas),
-                weights,
-            )
-            for of_person, of_grown in ((person.height, grown.height), (person.curvature, grown.curvature))
-        ),
-        agreement.agreement_of_axes(
-            [axes[name] for name in ("grown", "smooth", "deepened")], axes["person"], weights, grown.points
-        ),
+    weights, person, grown = bodies.grown.weights, bodies.person, bodies.grown.measures.maps
+    controls = [m.maps[name] for m in bodies.controls.values() for name in CONTROLS["depth"]]
+    by_class = [
+        agreement_of_classes(
+            [classes(values, weights) for values in (grown[name], *controls)],
+            classes(person.measures.maps[name], person.areas),
+            weights,
+        )
+        for name in (RELIEF, "H")
     ]
+    three = [axes[name] for name in ("grown", "smooth", "deepened")]
+    return [*by_class, agreement_of_axes(three, axes["person"], weights, bodies.grown.points)]
 
 
 def write_people(people: Sequence[PersonComparison], folder: Path) -> None:

@@ -18,7 +18,7 @@ from markupsafe import Markup
 from morphofold.analysis.measures import Measures
 from morphofold.arrays import Array
 from morphofold.comparison import Comparison, PersonComparison, compare
-from morphofold.comparison.person.agreement import REGION_MEASURES
+from morphofold.comparison.person.person_regions import REGION_MEASURES
 from morphofold.comparison.side_by_side import cautions, dimensionless_numbers, plot_notes
 from morphofold.forecasts.cost import PAGE_STAGE, called
 from morphofold.geometry import vertex_areas
@@ -211,11 +211,12 @@ def with_smooth_bodies(entries: Sequence[Entry], people: Sequence[PersonComparis
     for e in entries:
         if p := before.get(e.name):
             name = f"smooth body of {p.person}" + (f", level {p.level:g}" if several else "")
-            smooth = p.bodies.smooth_measures(name)
+            smooth = p.bodies.controls["smooth"]
+            smooth = replace(smooth, cortex=replace(smooth.cortex, name=name))
             panels.append(Entry(name, SMOOTH_COLOUR, "diamond", "", smooth, person=p.person))
         if e.name in own:
             p, body = own[e.name]
-            e = replace(e, measures=body.with_height(), person=p.person)
+            e = replace(e, measures=body.measures, person=p.person)
         panels.append(e)
     return panels
 
@@ -227,13 +228,17 @@ def person_parts(
     by_name = {e.name: e for e in entries}
     parts = []
     for k, pair in enumerate(people, start=1):
-        person, grown, bodies, pial = by_name[pair.person], by_name[pair.grown], pair.bodies, pair.bodies.grown.pial
+        person, grown, bodies = by_name[pair.person], by_name[pair.grown], pair.bodies
         measures = REGION_MEASURES if pair.regions else ()
         plots = [charts.region_plot(pair.regions, key, *scalar_words(key), person, grown) for key in measures]
-        rows = [  # hulls of equal area
-            Row(pair.person, bodies.person.pial, bodies.person.height, pair.hemi),
-            Row("smooth body before growth", bodies.surface, bodies.smooth_maps["smooth"][RELIEF], pair.hemi),
-            Row(pair.grown, Surface(pair.scale * pial.verts, pial.faces, pair.grown), bodies.grown.height, pair.hemi),
+        shown = (
+            (pair.person, bodies.person.measures, 1.0),
+            ("smooth body before growth", bodies.controls["smooth"], 1.0),
+            (pair.grown, bodies.grown.measures, pair.scale),  # to a hull of equal area
+        )
+        rows = [
+            Row(label, Surface(scale * m.cortex.pial.verts, m.cortex.faces, label), m.maps[RELIEF], pair.hemi)
+            for label, m, scale in shown
         ]
         title = f"{pair.person}, the smooth body and {pair.grown}, four views each"
         picture = write_picture(folder / f"person-{k}.png", figure(rows, quantity(RELIEF)), title)

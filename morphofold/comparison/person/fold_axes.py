@@ -1,0 +1,158 @@
+"""Directions of folds at the vertices of a surface, as axes along its sphere, where two surfaces can be compared.
+
+From a person, the smooth body and the grown cortex come the axes of each; from axes of two, how well they agree.
+``compare_person`` calls it.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from morphofold.analysis.curvatures import curvature
+from morphofold.arrays import Array, Bools, Ints
+from morphofold.comparison.person.agreement import Statistic
+from morphofold.comparison.person.bodies import Bodies
+from morphofold.geometry import face_areas, unit
+from morphofold.surface import Faces, Surface
+from morphofold.unfolding.smooth_surface import SmoothSurface, tangents
+
+FORWARD = np.array([0.0, 1.0, 0.0])  # to the front of the head, in the coordinates of FreeSurfer
+
+Axes = tuple[Array, Array]  # fold axes (N, 3) without sign, and how clear they are (N,)
+
+
+def axes_of_bodies(bodies: Bodies) -> dict[str, Axes]:
+    """Fold axes of person, grown cortex, smooth and deepened body, of measured bodies at the scale of their curvature.
+
+    Those of the smooth bodies are at the grown vertices.
+    """
+    person, grown = (
+        fold_axes(body.pial, body.points, body.measures.parameters.get("curvature_scale_mm"), body.cortex)
+        for body in (bodies.person, bodies.grown)
+    )
+    smooth, deepened = (smooth_axes(surface, bodies.grown.points) for surface in (bodies.smooth, bodies.deepened))
+    return {"person": person, "grown": grown, "smooth": smooth, "deepened": deepened}
+
+
+def fold_axes(surface: Surface, points: Array, scale: float | None, cortex: Bools) -> Axes:
+    """Fold axes of a surface on its sphere.
+
+    Parameters
+    ----------
+    surface : Surface
+        N vertices [mm].
+    points : (N, 3) float64
+        The same vertices on the unit sphere.
+    scale : float or None
+        Radius of the neighbourhood of curvature [mm]; None: three mean edges.
+    cortex : (N,) bool
+        Elsewhere the strength is 0.
+
+    Returns
+    -------
+    axes : (N, 3) float64
+        Unit vectors along the sphere, without sign.
+    strengths : (N,) float64
+        ``(|ka| - |kb|) / (|ka| + |kb|)`` of the larger and the smaller principal curvature: 1 on a cylinder, 0 on a
+        sphere or a symmetric saddle.
+
+    Notes
+    -----
+    The axis is the direction of the principal curvature that is smaller in size: the curvature is small along a fold
+    and large across it, be it a gyrus or a sulcus.
+    """
+    bent = curvature(surface.verts, surface.faces, scale)
+    along = np.where((np.abs(bent.k1) >= np.abs(bent.k2))[:, None], bent.d2, bent.d1)
+    axes = pulled_back(np.nan_to_num(along), surface.verts, surface.faces, points)
+    return axes, _strength(bent.k1, bent.k2) * (cortex & axes.any(axis=1))
+
+
+def smooth_axes(surface: SmoothSurface, points: Array) -> Axes:
+    """As :func:`fold_axes`, of a smooth surface at points (N, 3) of the unit sphere, where they are exact."""
+    frame = surface.frame(points)
+    metric = frame.along @ frame.along.swapaxes(1, 2)
+    bend = np.einsum("pki,pmi->pkm", frame.turning, frame.along)
+    inverse = np.linalg.inv(np.linalg.cholesky(metric))
+    k, turned = np.linalg.eigh(inverse @ (0.5 * (bend + bend.swapaxes(1, 2))) @ inverse.swapaxes(1, 2))
+    smaller = np.abs(k).argmin(axis=1)
+    mixed = np.einsum("pkm,pk->pm", inverse, turned[np.arange(len(points)), :, smaller])
+    return unit(np.einsum("pm,pmi->pi", mixed, tangents(points))), _strength(k[:, 1], k[:, 0])
+
+
+def pulled_back(vectors: Array, verts: Array, faces: Faces, points: Array) -> Array:
+    """Directions (N, 3) at the vertices of a surface, on its sphere with vertices ``points`` (N, 3): unit vectors.
+
+    Each triangle is mapped linearly to its triangle on the sphere; a vertex has the mean of its triangles by area on
+    the surface. Zero where no triangle has area.
+    """
+    ones, twos = (verts[faces[:, k]] - verts[faces[:, 0]] for k in (1, 2))
+    on_sphere = [points[faces[:, k]] - points[faces[:, 0]] for k in (1, 2)]
+    a, b, c = (np.einsum("fi,fi->f", *pair) for pair in ((ones, ones), (ones, twos), (twos, twos)))
+    whole, area = a * c - b * b, face_areas(verts, faces)
+    weight = np.divide(area, whole, out=np.zeros(len(faces)), where=whole > 0)
+    total = np.zeros_like(points)
+    for k in range(3):
+        v = vectors[faces[:, k]]
+        p, q = np.einsum("fi,fi->f", v, ones), np.einsum("fi,fi->f", v, twos)
+        image = (c * p - b * q)[:, None] * on_sphere[0] + (a * q - b * p)[:, None] * on_sphere[1]
+        for axis in range(3):
+            total[:, axis] += np.bincount(faces[:, k], weight * image[:, axis], len(points))
+    return unit(total - np.einsum("ni,ni->n", total, points)[:, None] * points)
+
+
+def forwardness(axes: Array, strengths: Array, surface: SmoothSurface, points: Array, weights: Array) -> float:
+    """Mean of cos 2a on the smooth body, with the angle a between the fold axis and the front-back axis.
+
+    1: folds run from front to back, -1: across, 0: no preferred direction. Weights are area times strength times the
+    length of the front-back axis along the surface, which is 0 at the poles of the brain.
+    """
+    frame = surface.frame(points)
+    mixed = np.einsum("pmi,pi->pm", tangents(points), axes)
+    along = unit(np.einsum("pm,pmi->pi", mixed, frame.along))
+    ahead = FORWARD - (frame.normal @ FORWARD)[:, None] * frame.normal
+    weight = weights * strengths * np.linalg.norm(ahead, axis=1)
+    cosine = np.einsum("pi,pi->p", along, unit(ahead))
+    return float(weight @ (2 * cosine**2 - 1) / weight.sum()) if weight.sum() > 0 else float("nan")
+
+
+def _strength(k1: Array, k2: Array) -> Array:
+    """Difference over sum of the sizes of two curvatures; 0 where both are 0 or one is NaN."""
+    large, small = np.maximum(np.abs(k1), np.abs(k2)), np.minimum(np.abs(k1), np.abs(k2))
+    return np.divide(large - small, large + small, out=np.zeros(len(k1)), where=large + small > 0)
+
+
+def agreement_of_axes(bodies: Sequence[Axes], person: Axes, weights: Array, points: Array) -> Statistic:
+    """Mean of cos 2 delta, with the angle delta between the fold axes of each of K bodies and the person.
+
+    Parameters
+    ----------
+    bodies : sequence of (axes (P, 3), strengths (P,))
+        Unit vectors along the sphere at the target points, without sign, and how clear they are, 0 to 1.
+    person : axes (N, 3), strengths (N,)
+        At the source vertices.
+    weights : (P,) float64
+        Area of the target points.
+    points : (P, 3) float64
+        Target points on the unit sphere.
+
+    Returns
+    -------
+    function of (nearest, turn) to (K,) float64
+        1 where axes are the same, 0 by chance, -1 at right angles. Weights are area times both strengths.
+    """
+    weights = weights * np.prod([strength > 0 for _, strength in bodies], axis=0)
+
+    def statistic(nearest: Ints, turn: Array) -> Array:
+        turned = person[0][nearest] @ turn.T
+        turned = turned - np.einsum("pi,pi->p", turned, points)[:, None] * points  # the nearest vertex is a little off
+        length = np.einsum("pi,pi->p", turned, turned)
+        clear = weights * person[1][nearest]
+        means = []
+        for axes, strength in bodies:
+            cosine = np.einsum("pi,pi->p", turned, axes) ** 2
+            share = np.divide(cosine, length, out=np.full(len(length), 0.5), where=length > 0)
+            area = clear * strength
+            means.append((area @ (2 * share - 1)) / area.sum() if area.sum() > 0 else 0.0)
+        return np.array(means)
+
+    return statistic

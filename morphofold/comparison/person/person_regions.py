@@ -1,0 +1,188 @@
+"""Numbers of a person's regions in the person, the smooth body and the grown cortex, and their rank correlations.
+
+From bodies on one sphere comes a table of regions, and an agreement for each measure that both cortices have.
+``compare_person`` calls it.
+"""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.stats import rankdata
+
+from morphofold.analysis.graph.hinges import counts
+from morphofold.analysis.multiple_tests import holm
+from morphofold.arrays import Array, Ints
+from morphofold.comparison.person.agreement import Agreement, agreement_with_controls
+from morphofold.comparison.person.bodies import Bodies, Body
+from morphofold.geometry import vertex_areas
+from morphofold.mesh_quality.checks import is_no_cortex
+from morphofold.provenance import json_value
+from morphofold.quantities import find
+
+LEAST_REGIONS = 5  # for a correlation
+LEAST_COVERED_SHARE = 0.5  # of the points of a region that must be cortex after a spin
+
+#: columns of a table of regions
+REGION_MEASURES = (
+    "gyrification_index",
+    "sulcal_depth_mm",
+    "gyral_thickness_mm",
+    "cortical_thickness_mm",
+    "hinges_per_cm2",
+    "area_expansion",
+)
+#: those that the smooth body has, too, and its map of each
+SMOOTH_MAPS = {"gyrification_index": "local_gyrification_index", "sulcal_depth_mm": "sulcal_depth"}
+#: map that a body was given -> measure of regions that it has from it
+MEASURES_OF_GIVEN_MAPS = {"thickness_map": "cortical_thickness_mm", "growth_map": "area_expansion"}
+
+#: what the numbers of regions are made of, by measure: a pair (N,), (N,) whose sums in a region are divided, or values
+#: (N,) of which a region has the median, NaN where there is none
+Fields = Mapping[str, Array | tuple[Array, Array]]
+
+
+@dataclass(frozen=True, eq=False)
+class RegionNumbers:
+    """Numbers of R regions in a person, the smooth and the grown body.
+
+    Attributes
+    ----------
+    names : tuple of str
+    labels : (N,) int64
+        Regions of the person's vertices, -1 off the cortex and where there is none.
+    numbers : mapping of "person", "smooth" and "grown" to (K, R) float64
+        The :data:`REGION_MEASURES` of each; NaN where a body does not have one.
+    fields : sequence of Fields
+        Of the grown, the smooth and the deepened smooth body.
+    weights : (P,) float64
+        Area of the grown vertices, 0 off the cortex.
+    """
+
+    names: tuple[str, ...]
+    labels: Ints
+    numbers: Mapping[str, Array]
+    fields: Sequence[Fields]
+    weights: Array
+
+    def correlations(self, nearest: Ints, turn: Array) -> Array:
+        """Rank correlations (3, K) over regions of the person with each of the three bodies: a statistic for spins.
+
+        Bodies that have a measure get the same regions. Regions with less than half of their points on the cortex are
+        left out, as in a spin onto the medial wall.
+        """
+        count, labels = len(self.names), self.labels[nearest]
+        on_cortex = np.where(self.weights > 0, labels, -1)
+        points, covered = (np.bincount(at[at >= 0], minlength=count) for at in (labels, on_cortex))
+        enough = np.where(covered >= LEAST_COVERED_SHARE * points, 0.0, np.nan)
+        numbers = np.stack([region_numbers(on_cortex, count, fields) for fields in self.fields]) + enough
+        missing = np.isnan(numbers)
+        numbers[:, (missing & ~missing.all(axis=2, keepdims=True)).any(axis=0)] = np.nan
+        return np.array([list(map(spearman, self.numbers["person"], body)) for body in numbers])
+
+    def agreements(self, values: Array, null: Array, maps: Collection[str]) -> tuple[Agreement, ...]:
+        """Correlations (3, K) with their values (T, 3, K) under spins, of the measures that person and grown body have.
+
+        Holm's correction is over these, without those that the grown body has from ``maps`` of the person.
+        """
+        given = {MEASURES_OF_GIVEN_MAPS.get(name) for name in maps}
+        both = np.isfinite(self.numbers["person"] + self.numbers["grown"]).sum(axis=1).tolist()
+        rows = [
+            agreement_with_controls(key, values[:, k], null[:, :, k], n=both[k], given=key in given)
+            for k, key in enumerate(REGION_MEASURES)
+            if np.isfinite(values[0, k])
+        ]
+        corrected = holm(np.array([np.nan if row.given else row.tested.p for row in rows])).tolist()
+        return tuple(replace(row, p_corrected=row.tested.p if row.given else p) for row, p in zip(rows, corrected))
+
+    def table(self, hemi: str) -> tuple[dict[str, Any], ...]:
+        """A row for each region of the person that has vertices: each measure of person, smooth and grown body."""
+        columns = {
+            f"{body}_{key}": numbers[k].tolist()
+            for k, key in enumerate(REGION_MEASURES)
+            for body, numbers in self.numbers.items()
+            if body != "smooth" or key in SMOOTH_MAPS
+        }
+        return tuple(
+            {"hemi": hemi, "region": self.names[r]} | {column: json_value(v[r]) for column, v in columns.items()}
+            for r in np.unique(self.labels[self.labels >= 0]).tolist()
+        )
+
+
+def numbers_of_regions(bodies: Bodies) -> RegionNumbers | None:
+    """Numbers of the person's regions in all bodies; None without regions."""
+    regions, person, grown = bodies.person.measures.cortex.regions, bodies.person, bodies.grown
+    if regions is None:
+        return None
+    no_cortex = [k for k, name in enumerate(regions.names) if is_no_cortex(name)]
+    labels = np.where(person.cortex & ~np.isin(regions.labels, no_cortex), regions.labels, -1)
+    at_grown = np.where(grown.cortex, bodies.to_grown.of_nearest(labels), -1)
+    smooth, deepened = (
+        {key: mean_field(m.maps[name], grown.weights) for key, name in SMOOTH_MAPS.items() if name in m.maps}
+        for m in bodies.controls.values()
+    )
+    of_grown = region_fields(grown)
+    fields = {"person": (labels, region_fields(person)), "smooth": (at_grown, smooth), "grown": (at_grown, of_grown)}
+    numbers = {body: region_numbers(at, len(regions.names), own) for body, (at, own) in fields.items()}
+    return RegionNumbers(regions.names, labels, numbers, (of_grown, smooth, deepened), grown.weights)
+
+
+def mean_field(values: Array, weights: Array | float) -> tuple[Array, Array]:
+    """The weighted mean of values (N,) over the vertices that have one."""
+    known = np.isfinite(values)
+    return np.where(known, values, 0.0) * weights, known * weights
+
+
+def region_fields(body: Body) -> Fields:
+    """The fields of a measured cortex for which it has maps.
+
+    ``gyrification_index`` and ``sulcal_depth_mm`` are means over pial area, ``cortical_thickness_mm`` is one over
+    vertices, as in the table of regions; ``gyral_thickness_mm`` is the median over vertices. ``hinges_per_cm2`` counts
+    hinges without doubtful ones per area midway between white and pial; ``area_expansion`` is this area over that of
+    the smooth body, 1 for the whole cortex.
+    """
+    m, cortex, scale, flat = body.measures, body.cortex, body.scale, body.weights
+    white, pial = (vertex_areas(s.verts, s.faces) * cortex for s in (m.cortex.white, m.cortex.pial))
+    middle = 0.5 * scale**2 * (white + pial)
+    fields: dict[str, Any] = {"area_expansion": (middle / middle.sum(), flat / flat.sum())}
+    for key, name, factor, weights in (
+        ("gyrification_index", "local_gyrification_index", 1.0, pial),
+        ("sulcal_depth_mm", "sulcal_depth", scale, pial),
+        ("cortical_thickness_mm", "cortical_thickness", scale, 1.0),
+        ("gyral_thickness_mm", "gyral_thickness", scale, None),
+    ):
+        if (values := find(m.maps, name)) is not None:
+            values = np.where(cortex, factor * values, np.nan)
+            fields[key] = values if weights is None else mean_field(values, weights)
+    if m.graph is not None or m.hinges:
+        hinges = np.array([row["vertex"] for row in m.hinges if counts(row)], dtype=np.int64)
+        fields["hinges_per_cm2"] = 100 * np.bincount(hinges, minlength=len(cortex)) * cortex, middle
+    return fields
+
+
+def region_numbers(labels: Ints, count: int, fields: Fields) -> Array:
+    """Numbers (K, count) of regions by their labels (N,), -1 for none; NaN for a field or a region that is empty."""
+    inside, numbers = labels >= 0, np.full((len(REGION_MEASURES), count), np.nan)
+    for row, field in zip(numbers, map(fields.get, REGION_MEASURES)):
+        if isinstance(field, tuple):
+            over, under = (np.bincount(labels[inside], part[inside], count) for part in field)
+            np.divide(over, under, out=row, where=under > 0)
+        elif field is not None:
+            known = np.isfinite(field) & inside
+            at = labels[known].astype(np.int16)
+            order = np.argsort(at, kind="stable")  # by radix, which is fast
+            parts = np.split(field[known][order], np.cumsum(np.bincount(at, minlength=count))[:-1])
+            row[:] = [np.median(part) if len(part) else np.nan for part in parts]
+    return numbers
+
+
+def spearman(x: Array, y: Array) -> float:
+    """Rank correlation of two samples (R,) where both are known; NaN for fewer than five or no spread."""
+    both = np.isfinite(x + y)
+    n = np.count_nonzero(both)
+    if n < LEAST_REGIONS:
+        return np.nan
+    a, b = (rankdata(v[both]) - 0.5 * (n + 1) for v in (x, y))
+    size = float(np.sqrt((a @ a) * (b @ b)))
+    return float(a @ b) / size if size > 0 else np.nan
