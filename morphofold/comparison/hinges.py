@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
+from operator import attrgetter
 
 import numpy as np
 from scipy import stats
@@ -98,16 +99,16 @@ class HingeComparison:
     def closer(self) -> bool:
         """Whether hinges of ``one`` are nearer to those of ``other`` than hinges of the random net, in both directions
         and with p < 0.05."""
-        first, chance = self.controls[0], self.controls[-1]
+        first, *_, chance = self.controls
         nearer = first.to_other < chance.to_other and first.from_other < chance.from_other
-        return self.p is not None and nearer and self.p < SIGNIFICANCE
+        return nearer and (self.p or 1.0) < SIGNIFICANCE
 
     @property
     def verdict(self) -> str:
         """One sentence on ``closer``; empty without a random net."""
         if self.p is None:
             return ""
-        first, chance = self.controls[0], self.controls[-1]
+        first, *_, chance = self.controls
         return (
             f"The hinge shapes of {self.one} are {'closer' if self.closer else 'no closer'} to those of {self.other} "
             f"than the hinge shapes of a random net: from {self.one} to {self.other} the median distance is "
@@ -129,9 +130,9 @@ def compare_hinges(
     seed : int
         Of permutations and of the random net.
     """
-    members = {group: {n: shapes[n] for n in names if n in shapes} for group, names in groups.items()}
-    measured = {group: own for group, own in members.items() if sum(map(len, own.values())) > 1}
-    return [_compare_groups(*pair, seed) for pair in combinations(measured.items(), 2)]
+    members = [(group, {n: shapes[n] for n in names if n in shapes}) for group, names in groups.items()]
+    measured = [group for group in members if sum(map(len, group[1].values())) > 1]
+    return [_compare_groups(*pair, seed) for pair in combinations(measured, 2)]
 
 
 Group = tuple[str, ShapesByName]  # its name, and shapes by surface
@@ -141,22 +142,21 @@ def _compare_groups(first: Group, second: Group, seed: int) -> HingeComparison:
     (one, own), (other, others) = first, second
     shapes = list(others.values())
     a, b = hinge_shapes.together(list(own.values())), hinge_shapes.together(shapes)
-    pooled = np.concatenate([a, b])
+    pooled, n = np.concatenate([a, b]), len(a)
     distance, pose = hinge_shapes.shape_distance(pooled, pooled)
-    across = np.s_[: len(a), len(a) :]
     # numbers of pooled hinges, which depend on their features alone
     numbers, other_numbers = (replace(shapes[0], features=features).numbers() for features in (a, b))
     return HingeComparison(
         one,
         other,
         (len(own), len(others)),
-        hinge_shapes.two_sample(distance, len(a), permutations=PERMUTATIONS, seed=seed),
+        hinge_shapes.two_sample(distance, n, permutations=PERMUTATIONS, seed=seed),
         tuple(
             NumberRow(key, float(np.median(x)), float(np.median(y)), float(stats.ks_2samp(x, y).statistic))
             for (key, x), y in zip(numbers.items(), other_numbers.values())
         ),
         *_compare_with_chance(one, a, other, b, shapes, seed),
-        _nearest_matches(distance[across], pose[across], own, others),
+        _nearest_matches(distance[:n, n:], pose[:n, n:], own, others),
     )
 
 
@@ -166,43 +166,43 @@ def _compare_with_chance(
     """Controls of the first group with features ``a``; p-value of its difference from chance, and the units of that."""
     rng, itself = np.random.default_rng(seed), f"{other} itself"
     net = net_at_chance([s for s in shapes if len(s)], seed=seed)
-    sources = {one: a, itself: b} | ({} if net is None else {RANDOM_NET_NAME: net})
     distances = {
-        source: hinge_shapes.shape_distance(x, b, of=hinge_shapes.PLANAR_NET_FEATURES)[0]
-        for source, x in sources.items()
+        source: hinge_shapes.shape_distance(features, b, of=hinge_shapes.PLANAR_NET_FEATURES)[0]
+        for source, features in ((one, a), (itself, b), (RANDOM_NET_NAME, net))
+        if features is not None
     }
-    n = min(len(b) // 2, *map(len, sources.values()))
-    total = {source: np.zeros(2) for source in sources}
+    n = min(len(b) // 2, *map(len, distances.values()))
+    total = {source: np.zeros(2) for source in distances}
     for _ in range(DRAWS):
         order = rng.permutation(len(b))
         for source, d in distances.items():
             drawn = order[n : 2 * n] if source == itself else rng.choice(len(d), n, replace=False)
             total[source] += _median_distances(d[np.ix_(drawn, order[:n])]) / DRAWS
-    controls = tuple(Control(source, float(to), float(back), n) for source, (to, back) in total.items())
+    controls = tuple(Control(source, *medians.tolist(), n) for source, medians in total.items())
     if net is None:
         return controls, None, ""
     size = min(len(a), len(net), MOST_TESTED_HINGES)
     both = np.concatenate([rng.permutation(distances[source])[:size] for source in (one, RANDOM_NET_NAME)])
     null = np.array([_difference(rng.permutation(both)) for _ in range(PERMUTATIONS)])
-    p = {"hinges": p_value(abs(_difference(both)), np.abs(null))}
+    p = {"hinges": p_value(abs(_difference(both)), abs(null))}
     if len(shapes) >= LEAST_SURFACES_AS_UNITS:
         parts = np.split(both, np.cumsum([len(s) for s in shapes])[:-1], axis=1)
         differences = np.array([_difference(part) for part in parts if part.shape[1]])
         signs = rng.choice([-1.0, 1.0], size=(PERMUTATIONS, len(differences)))
-        p["surfaces"] = p_value(float(abs(differences.sum())), np.abs(signs @ differences))
+        p["surfaces"] = p_value(abs(differences.sum()), abs(signs @ differences))
     units = max(p, key=p.__getitem__)
     return controls, p[units], units
 
 
 def _median_distances(distance: Array) -> Array:
     """Medians of the least distance in each row and in each column."""
-    return np.array([np.median(distance.min(axis=1)), np.median(distance.min(axis=0))])
+    return np.array([np.median(distance.min(axis=axis)) for axis in (1, 0)])
 
 
 def _difference(distance: Array) -> float:
     """Sum of both medians for the first half of the rows, less that for the second."""
     half = len(distance) // 2
-    return float((_median_distances(distance[:half]) - _median_distances(distance[half:])).sum())
+    return (_median_distances(distance[:half]) - _median_distances(distance[half:])).sum()
 
 
 def net_at_chance(shapes: Sequence[hinge_shapes.HingeShapes], *, seed: int = 0) -> Array | None:
@@ -215,15 +215,14 @@ def net_at_chance(shapes: Sequence[hinge_shapes.HingeShapes], *, seed: int = 0) 
 
 def _nearest_matches(distance: Array, pose: Ints, own: ShapesByName, others: ShapesByName) -> tuple[Match, ...]:
     hinges, candidates = (
-        [(name, int(hinge)) for name, s in group.items() for hinge in s.hinge] for group in (own, others)
+        [(name, *hinge) for name, s in group.items() for hinge in zip(s.hinge.tolist(), s.kinds.tolist())]
+        for group in (own, others)
     )
-    kinds = [str(kind) for s in own.values() for kind in s.kinds]
     matches = []
-    for i, j in enumerate(distance.argmin(axis=1).tolist()):
-        (surface, hinge), (other_surface, other) = hinges[i], candidates[j]
-        near = float(distance[i, j]), int(pose[i, j])
-        matches.append(Match(surface, hinge, other_surface, other, *near, kinds[i]))
-    return tuple(sorted(matches, key=lambda match: match.distance))
+    for i, j in enumerate(distance.argmin(axis=1)):
+        (surface, hinge, kind), (other_surface, other, _) = hinges[i], candidates[j]
+        matches.append(Match(surface, hinge, other_surface, other, float(distance[i, j]), int(pose[i, j]), kind))
+    return tuple(sorted(matches, key=attrgetter("distance")))
 
 
 def examples(
@@ -233,12 +232,10 @@ def examples(
 
     Only matches for which ``accept`` is true are taken.
     """
-    chosen: list[Match] = []
+    chosen: dict[tuple[str, int], Match] = {}
     for new_kinds in (True, False):
         for match in matches:
-            used = {(m.other_surface, m.other) for m in chosen}
-            new = (match.other_surface, match.other) not in used
-            known_kind = new_kinds and match.kind in {m.kind for m in chosen}
-            if len(chosen) < count and new and not known_kind and accept(match):
-                chosen.append(match)
-    return sorted(chosen, key=lambda match: match.distance)
+            other, kinds = (match.other_surface, match.other), [m.kind for m in chosen.values() if new_kinds]
+            if len(chosen) < count and other not in chosen and match.kind not in kinds and accept(match):
+                chosen[other] = match
+    return sorted(chosen.values(), key=attrgetter("distance"))

@@ -239,9 +239,7 @@ def table_of(named: MeasuresByName) -> tuple[dict[str, Any], ...]:
     return tuple({"measure": key} | {name: json_value(values.get(key)) for name, values in own.items()} for key in keys)
 
 
-def named_surfaces(
-    surfaces: Mapping[str, Measures | Sequence[Measures]],
-) -> tuple[dict[str, Measures], HemisphereNames]:
+def named_surfaces(surfaces: Mapping[str, Any]) -> tuple[dict[str, Measures], HemisphereNames]:
     """Single hemispheres by name, and these names by the names that were given.
 
     Raises
@@ -252,7 +250,7 @@ def named_surfaces(
     named: dict[str, Measures] = {}
     full: dict[str, tuple[str, ...]] = {}
     for name, entry in surfaces.items():
-        hemispheres: Sequence[Any] = entry if isinstance(entry, list | tuple) else [entry]
+        hemispheres = entry if isinstance(entry, list | tuple) else [entry]
         for m in hemispheres:
             check_kind(m, Measures, f"compare: {name}")
             single = name if len(hemispheres) == 1 else f"{name} {m.cortex.hemi}"
@@ -300,8 +298,8 @@ def colours_of(full: HemisphereNames, groups: HemisphereNames, requested: Mappin
         if not re.fullmatch("#[0-9a-fA-F]{6}", colour):
             raise NotReadable(f"{colour!r} is not a colour ({name}); write it as red, green and blue, such as #0072b2.")
     for known in (groups, full, each):
-        for name in known.keys() & requested.keys():
-            colours.update(dict.fromkeys(known[name], requested[name].lower()))
+        for name in requested.keys() & known:
+            colours |= dict.fromkeys(known[name], requested[name].lower())
     return {name: colours[name] for name in each}
 
 
@@ -387,17 +385,12 @@ def matching_growth(curve: GrowthCurve, measures: Measures) -> dict[str, list[fl
     dict of str to list of float
         Ascending; empty where the curve never has that number, or the cortex has none.
     """
-    return {
-        key: _growths_at_value(curve.growth, curve.numbers[key], number)
-        for key, number in dimensionless_numbers(measures).items()
-    }
-
-
-def _growths_at_value(growth: Array, values: Array, number: float | None) -> list[float]:
-    if number is None:
-        return []
-    known = np.isfinite(values)
-    g, above = growth[known], values[known] - number
-    k = np.flatnonzero(above[:-1] * above[1:] < 0)
-    crossings = g[k] + (g[k + 1] - g[k]) * above[k] / (above[k] - above[k + 1])
-    return sorted([*g[above == 0].tolist(), *crossings.tolist()])
+    growths = {}
+    for key, number in dimensionless_numbers(measures).items():
+        above = curve.numbers[key] - (np.nan if number is None else number)
+        known = np.isfinite(above)
+        g, above = curve.growth[known], above[known]
+        k = np.flatnonzero(above[:-1] * above[1:] < 0)
+        crossings = g[k] + (g[k + 1] - g[k]) * above[k] / (above[k] - above[k + 1])
+        growths[key] = sorted([*g[above == 0].tolist(), *crossings.tolist()])
+    return growths

@@ -61,7 +61,8 @@ class Fit:
     def sloped(self) -> bool:
         """Whether the interval of the robust slope excludes 0; of that of least squares if there is none."""
         low, high = self.robust_low, self.robust_high
-        low, high = (self.slope_low, self.slope_high) if low is None or high is None else (low, high)
+        if low is None or high is None:
+            low, high = self.slope_low, self.slope_high
         return not low <= 0 <= high
 
     def at(self, cortical: Array) -> Array:
@@ -147,16 +148,16 @@ def _rows_with_both_thicknesses(rows: Sequence[Mapping[str, Any]]) -> list[tuple
 
 def _vertex_bins(measures: Measures) -> tuple[ThicknessPoint, ...]:
     """Vertices that have both thicknesses, in bins of equal count by cortical thickness."""
-    cortical, gyral = find(measures.maps, "cortical_thickness"), find(measures.maps, "gyral_thickness")
+    cortical, gyral = (find(measures.maps, name) for name in ("cortical_thickness", "gyral_thickness"))
     if cortical is None or gyral is None:
         return ()
-    count = min(MOST_BINS, int((np.isfinite(cortical) & np.isfinite(gyral)).sum()) // LEAST_VERTICES_OF_A_BIN)
-    return bins(cortical, gyral, count, "vertices") if count > 1 else ()
+    count = np.count_nonzero(np.isfinite(cortical + gyral)) // LEAST_VERTICES_OF_A_BIN
+    return bins(cortical, gyral, min(count, MOST_BINS), "vertices") if count > 1 else ()
 
 
 def bins(cortical: Array, gyral: Array, count: int, what: str) -> tuple[ThicknessPoint, ...]:
     """Known pairs of thicknesses [mm] in bins of equal count by the cortical one: medians and quartiles."""
-    both = np.flatnonzero(np.isfinite(cortical) & np.isfinite(gyral))
+    both = np.flatnonzero(np.isfinite(cortical + gyral))
     points = []
     for part in np.array_split(both[np.argsort(cortical[both], kind="stable")], count):
         low, middle, high = np.percentile(gyral[part], [25, 50, 75]).tolist()
@@ -175,11 +176,11 @@ def fit_line(points: Sequence[ThicknessPoint], *, robust: bool = True) -> Fit | 
         return None
     slope, intercept, r, p, error = map(float, stats.linregress(x, y))
     half = float(stats.t.ppf(0.975, len(points) - 2)) * error
-    median, bounds = (0.0, (0.0, 0.0)) if robust else (np.nan, (np.nan, np.nan))
+    median = least = most = 0.0 if robust else np.nan
     if robust and np.ptp(y) > 0:
-        pairs = robust_line(x, y)
-        median, bounds = pairs.robust, (pairs.low, pairs.high)
-    low, high = (bound if np.isfinite(bound) else None for bound in bounds)
+        line = robust_line(x, y)
+        median, least, most = line.robust, line.low, line.high
+    low, high = (bound if np.isfinite(bound) else None for bound in (least, most))
     start, without_few = float(np.median(y - median * x)), _slope_without_few(x, y, slope)
     return Fit(median, low, high, start, slope, slope - half, slope + half, without_few, intercept, r, p, len(points))
 
