@@ -1,4 +1,10 @@
-"""Read a ``Cortex``, and find its files: a subject, a simulation or a stage, an analysis, a sample, or two files."""
+"""From a folder to a ``Cortex``: which files in it are those of one hemisphere, and what is in them.
+
+What goes in is a folder: a FreeSurfer subject, a simulation or one of its stages, an analysis, a sample; or a white
+and a pial file. Its files are found by their names (``cortex_files``) and read by ``morphofold.io.formats``, and their
+contents, which must belong to the same vertices, come out as one ``Cortex``. Users and commands call ``read_cortex``;
+``unfold`` and ``simulate`` begin from a single folded surface and call ``read_folded``.
+"""
 
 import os
 import re
@@ -26,15 +32,16 @@ HEMIS = ("lh", "rh")
 MAP_NAMES = ("thickness", "curv", "sulc", "area")
 SURFACE_ENDINGS = ("", ".surf.gii", ".gii", ".surf.gii.gz", ".asc")
 _MAP_ENDINGS, _ANNOTATION_ENDINGS = ("", ".shape.gii", ".gii", ".mgh", ".mgz"), (".annot", ".label.gii")
-#: optional files of a cortex: content, folder, name between hemisphere and ending; the last one of a content is read
+#: optional files: the field of a Cortex or the map that they hold, folder, name between hemisphere and ending; of
+#: several files for one field the last is read
 _CONTENTS = (
     *((name, "surf", name, _MAP_ENDINGS) for name in MAP_NAMES),
     ("inflated", "surf", "inflated", SURFACE_ENDINGS),
     ("sphere", "surf", "sphere", SURFACE_ENDINGS),
-    ("annotation", "label", "aparc.{}", _ANNOTATION_ENDINGS),
-    ("annotation", "label", "{}", _ANNOTATION_ENDINGS),
-    ("label", "label", "atlasroi.shape.gii", ("",)),  # HCP's
-    ("label", "label", "cortex.label", ("",)),  # FreeSurfer's
+    ("regions", "label", "aparc.{}", _ANNOTATION_ENDINGS),
+    ("regions", "label", "{}", _ANNOTATION_ENDINGS),
+    ("cortex", "label", "atlasroi.shape.gii", ("",)),  # HCP's
+    ("cortex", "label", "cortex.label", ("",)),  # FreeSurfer's
     ("registered", "surf", "sphere.reg", SURFACE_ENDINGS),  # without a label
 )
 
@@ -43,10 +50,12 @@ _AVERAGES = 20
 _READERS: dict[str, Callable[[Path], Any]] = {
     **dict.fromkeys(("pial", "inflated", "sphere", "registered"), read_surface),
     **dict.fromkeys(MAP_NAMES, read_morph),
-    "annotation": read_annotation,
+    "regions": read_annotation,
 }
 #: by the content in folded_files, that of a cortex
-_IN_A_CORTEX = {"surface": "white", "aparc.annot": "annotation", "cortex.label": "label"}
+_IN_A_CORTEX = {"surface": "white", "aparc.annot": "regions", "cortex.label": "cortex"}
+
+_RECORDED = ("origin", "units", "portion", "info")  # fields of a cortex
 
 _PositiveSize = Annotated[float, Field(ge=1e-6, le=1e6)]
 
@@ -117,13 +126,13 @@ def last_stage(path: Path) -> Path:
     stages = path / "stages"
     if not stages.is_dir():
         return path.parent if path.name == "surf" else path
-    growth = {p: re.fullmatch(r"g(\d+(?:\.\d+)?)", p.name) for p in stages.iterdir() if p.is_dir()}
-    done = {p: float(m[1]) for p, m in growth.items() if m}
+    names = {p: re.fullmatch(r"g(\d+(?:\.\d+)?)", p.name) for p in stages.iterdir() if p.is_dir()}
+    done = [(float(growth[1]), p) for p, growth in names.items() if growth]
     if not done:
         raise FileNotFoundError(
             f"{stages}: no stage (g1.20, ...) is written yet. Wait until the simulation has written one."
         )
-    return max(done, key=lambda p: done[p])
+    return max(done)[1]
 
 
 def cortex_files(
@@ -144,16 +153,15 @@ def cortex_files(
     staged = os.path.lexists(stage)
     if staged and hemi not in (sides := hemispheres(root)):
         raise DoesNotApply(f"{root}: is a simulated stage of {sides[0]}, and has no {hemi}. Request {sides[0]}.")
-    inner, outer = surfaces
-    files = {kind: _required_surface(root, f"{hemi}.{name}") for kind, name in (("white", inner), ("pial", outer))}
+    files = {kind: _required_surface(root, f"{hemi}.{name}") for kind, name in zip(("white", "pial"), surfaces)}
     if annotation is None and not staged and os.path.lexists(root / "summary.json"):
         annotation = measured_surface_fields(root / "summary.json", hemi).get("annotation")
     name = "aparc" if annotation is None else annotation
     for content, place, stem, endings in _CONTENTS:
         file = _file_in(root, place, f"{hemi}.{stem.format(name)}", endings)
-        if file is not None and not (content == "registered" and "label" in files):
-            files[content] = existing_file(file, content)
-    if annotation is not None and "annotation" not in files:
+        if file is not None and not (content == "registered" and "cortex" in files):
+            files[content] = existing_file(file)
+    if annotation is not None and "regions" not in files:
         annotations = sorted(file.name for place in (root / "label", root) for file in place.glob(f"{hemi}.*.annot"))
         raise FileNotFoundError(
             f"{root}: has no label/{hemi}.{annotation}.annot; it has {', '.join(annotations) or 'no annotation'}. "
@@ -213,23 +221,18 @@ def _required_surface(root: Path, stem: str) -> Path:
 
 def folded_files(path: StrPath, hemi: str, *, surface: str | None = None, sphere: str | None = None) -> dict[str, Path]:
     """The files that :func:`read_folded` reads, by content; raises if a surface does not exist."""
-    root = Path(path)
+    root, kind = Path(path), surface or "white"
     if not root.is_dir():
-        files = {"surface": existing_file(root, "surface")}
-        return files if sphere is None else {**files, "sphere": existing_file(Path(sphere), "sphere")}
-    kind, surf = surface or "white", root / "surf"
-    paths = {
-        "surface": surf / f"{hemi}.{kind}",
-        "sphere": surf / f"{hemi}.{sphere or 'sphere'}",
-        "aparc.annot": root / "label" / f"{hemi}.aparc.annot",
-        "cortex.label": root / "label" / f"{hemi}.cortex.label",
-    }
-    needed = {"surface"} if sphere is None else {"surface", "sphere"}
+        pair = {"surface": root, **({} if sphere is None else {"sphere": sphere})}
+        return {what: existing_file(file, what) for what, file in pair.items()}
+    names = {"surface": f"surf/{hemi}.{kind}", "sphere": f"surf/{hemi}.{sphere or 'sphere'}"}
+    names |= {name: f"label/{hemi}.{name}" for name in ("aparc.annot", "cortex.label")}
+    needed = tuple(names)[: 1 if sphere is None else 2]
+    paths = {what: root / name for what, name in names.items()}
     files = {what: existing_file(p, what) for what, p in paths.items() if what in needed or os.path.lexists(p)}
-    if "cortex.label" not in files:
-        signs = {"registered": "sphere.reg"}  # by which the cortex is found without a label
-        signs |= {"pial": "pial", "thickness": "thickness"} if kind == "white" else {}
-        files |= {what: file for what, name in signs.items() if (file := surf / f"{hemi}.{name}").is_file()}
+    if "cortex.label" not in files:  # these mark the cortex then
+        signs = {"registered": "sphere.reg", **({"pial": "pial", "thickness": "thickness"} if kind == "white" else {})}
+        files |= {what: file for what, name in signs.items() if (file := root / f"surf/{hemi}.{name}").is_file()}
     return files
 
 
@@ -321,18 +324,17 @@ def read_cortex(
 
 
 def _cortex_of_pair(white: Path, pial: Path, hemi: str | None, name: str | None) -> Cortex:
-    sides = {file: side for file in (white, pial) if (side := side_named(file.name))}
-    if len({*sides.values()}) > 1:
-        raise UnlikeSurfaces(
-            f"{white} is {sides[white]}, {pial} is {sides[pial]}. Name two surfaces of one hemisphere."
-        )
-    for file, side in sides.items():
+    sides = {side: file for file in (white, pial) if (side := side_named(file.name))}
+    if len(sides) > 1:
+        named = ", ".join(f"{file} is {side}" for side, file in sides.items())
+        raise UnlikeSurfaces(f"{named}. Name two surfaces of one hemisphere.")
+    for side, file in sides.items():
         if hemi not in (None, side):
             raise WrongFile(
                 f"{file}: is named {side}, but {hemi} was requested. Request {side}, or name the other file."
             )
     files = {"white": existing_file(white, "surface"), "pial": existing_file(pial, "surface")}
-    return read_cortex_files(None, hemi or next(iter(sides.values()), "lh"), files, name)
+    return read_cortex_files(None, hemi or next(iter(sides), "lh"), files, name)
 
 
 def read_cortex_files(root: Path | None, hemi: str, files: dict[str, Path], name: str | None = None) -> Cortex:
@@ -340,50 +342,43 @@ def read_cortex_files(root: Path | None, hemi: str, files: dict[str, Path], name
     with unchanged(dict.fromkeys(files.values())) as records:
         white = read_surface(files["white"])
         n = len(white.verts)
-        readers = {**_READERS, "label": lambda file: read_label(file, n)}
+        readers = {**_READERS, "cortex": lambda file: read_label(file, n)}
         found = {what: readers[what](file) for what, file in files.items() if what in readers}
-        fields = _fields(root, hemi, files)
-    for what, content in found.items():
+        record = _record(root, hemi, files)
+    for what, content in [*found.items()]:
         count = len(getattr(content, "verts", getattr(content, "labels", content)))
-        if count != n and what not in ("pial", "registered"):
+        if count == n or what == "pial":  # which a Cortex compares itself
+            continue
+        if what != "registered":
             raise Mismatch(
                 f"{files[what]} has {count:,} vertices, {files['white']} {n:,}: it belongs to another "
                 "subject. Take it from the same subject, or leave it out."
             )
-    maps = {name: values for name, values in found.items() if name in MAP_NAMES}
-    registered = found.get("registered")
+        del found[what]  # it would only be used if nothing else marks the cortex
+    maps = {name: found.pop(name) for name in MAP_NAMES if name in found}
     return Cortex(
         white,
-        found["pial"],
-        hemi,
-        clean_name(name or fields["name"]),
-        maps if "stage" in files else in_freesurfer_signs(maps, white, files),
-        cortex=found.get("label"),
-        regions=found.get("annotation"),
-        inflated=found.get("inflated"),
-        sphere=found.get("sphere"),
-        registered=registered if registered and len(registered.verts) == n else None,
-        origin=fields["origin"],
-        units=str(fields.get("units", "mm")),
+        hemi=hemi,
+        name=clean_name(name or record["name"]),
+        maps=maps if "stage" in files else in_freesurfer_signs(maps, white, files),
         transform=scanner_transform(white.geometry),
-        portion=float(fields.get("portion", 1.0)),
-        info=fields["info"],
-        files=tuple(str(p) for p in files.values()),
+        files=tuple(map(str, files.values())),
         inputs=tuple(records),
+        **found,
+        **{key: record[key] for key in _RECORDED if key in record},
     )
 
 
-def _fields(root: Path | None, hemi: str, files: dict[str, Path]) -> dict[str, Any]:
-    """Name, origin and info of a cortex, and what else its records say: units and portion."""
+def _record(root: Path | None, hemi: str, files: dict[str, Path]) -> dict[str, Any]:
+    """What the records in a folder say of a cortex: its name, and the fields in ``_RECORDED`` that are known."""
     inner = files["white"]
     if root is None:
-        return {"origin": "files", "name": inner.name, "info": {}}
+        return {"name": inner.name}
     folder = root.resolve().name
     if "stage" in files:
         info = read_json(files["stage"], StageRecord, "Simulate that stage again.")
-        info = {**info, "name": info.get("name", "simulation")}
-        scene = str(info["name"])
-        name = f"{scene} {folder}" if scene and folder not in scene else scene or folder
+        scene = info.setdefault("name", "simulation")
+        name = scene if folder in scene else f"{scene} {folder}".strip()
         return {**info, "origin": "simulation", "name": name, "info": info}
     if os.path.lexists(root / "summary.json"):
         return measured_surface_fields(root / "summary.json", hemi)
@@ -411,7 +406,8 @@ def read_folded(path: StrPath, hemi: str, *, surface: str | None = None, sphere:
     """
     files = folded_files(path, hemi, surface=surface, sphere=sphere)
     known = {_IN_A_CORTEX.get(what, what): file for what, file in files.items()}
-    return read_cortex_files(Path(path), hemi, {**known, "pial": known.get("pial", files["surface"])})
+    known.setdefault("pial", files["surface"])
+    return read_cortex_files(Path(path), hemi, known)
 
 
 def in_freesurfer_signs(

@@ -124,9 +124,9 @@ def carried_regions(cortex: Cortex, files: Mapping[str, Path]) -> Regions:
 def _has_annotation(folder: StrPath, hemi: str, annotation: str | None) -> bool:
     usual = cortex_files(folder, hemi)  # a missing surface is reported as such
     if annotation is None:
-        return "annotation" in usual
+        return "regions" in usual
     try:
-        return "annotation" in cortex_files(folder, hemi, annotation=annotation)
+        return "regions" in cortex_files(folder, hemi, annotation=annotation)
     except FileNotFoundError:
         return False
 
