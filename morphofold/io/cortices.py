@@ -223,8 +223,8 @@ def folded_files(path: StrPath, hemi: str, *, surface: str | None = None, sphere
     """The files that :func:`read_folded` reads, by content; raises if a surface does not exist."""
     root, kind = Path(path), surface or "white"
     if not root.is_dir():
-        pair = {"surface": root, **({} if sphere is None else {"sphere": sphere})}
-        return {what: existing_file(file, what) for what, file in pair.items()}
+        named = {"surface": path} if sphere is None else {"surface": path, "sphere": sphere}
+        return {what: existing_file(file, what) for what, file in named.items()}
     names = {"surface": f"surf/{hemi}.{kind}", "sphere": f"surf/{hemi}.{sphere or 'sphere'}"}
     names |= {name: f"label/{hemi}.{name}" for name in ("aparc.annot", "cortex.label")}
     needed = tuple(names)[: 1 if sphere is None else 2]
@@ -324,17 +324,18 @@ def read_cortex(
 
 
 def _cortex_of_pair(white: Path, pial: Path, hemi: str | None, name: str | None) -> Cortex:
-    sides = {side: file for file in (white, pial) if (side := side_named(file.name))}
-    if len(sides) > 1:
-        named = ", ".join(f"{file} is {side}" for side, file in sides.items())
-        raise UnlikeSurfaces(f"{named}. Name two surfaces of one hemisphere.")
-    for side, file in sides.items():
+    sides = {file: side for file in (white, pial) if (side := side_named(file.name))}
+    if len({*sides.values()}) > 1:
+        raise UnlikeSurfaces(
+            f"{white} is {sides[white]}, {pial} is {sides[pial]}. Name two surfaces of one hemisphere."
+        )
+    for file, side in sides.items():
         if hemi not in (None, side):
             raise WrongFile(
                 f"{file}: is named {side}, but {hemi} was requested. Request {side}, or name the other file."
             )
     files = {"white": existing_file(white, "surface"), "pial": existing_file(pial, "surface")}
-    return read_cortex_files(None, hemi or next(iter(sides), "lh"), files, name)
+    return read_cortex_files(None, hemi or next(iter(sides.values()), "lh"), files, name)
 
 
 def read_cortex_files(root: Path | None, hemi: str, files: dict[str, Path], name: str | None = None) -> Cortex:

@@ -221,8 +221,10 @@ def error_names_file(path: Path, temporary: Path) -> Iterator[None]:
         raise OSError(error.errno, error.strerror, name.replace(str(temporary), str(path))) from error
 
 
-def write_and_read(path: StrPath, write: Callable[[str], object], read: Callable[[bytes, Path], object]) -> None:
-    """Let a library write a file to a given name, and read it back; written completely or not at all.
+def write_and_read(
+    path: Path, read: Callable[[bytes, Path], object], write: Callable[..., object], *content: Any, **options: Any
+) -> None:
+    """Let ``write(name, *content, **options)`` of a library write a file, and read it back; completely or not at all.
 
     It is read because numpy's ``tofile``, which libraries use, cuts files on a full disk, without an error or a number.
 
@@ -231,19 +233,14 @@ def write_and_read(path: StrPath, write: Callable[[str], object], read: Callable
     OSError
         The system's error for ``path``, or that of a full disk if the file can't be read back.
     """
-
-    def disk_full(error: Exception) -> OSError:
-        problem = f"{os.strerror(errno.ENOSPC)}, as what was written can't be read ({error})"
-        return OSError(errno.ENOSPC, problem, os.fspath(path))
-
     with atomic_file(path) as temporary:
         try:
-            write(os.fspath(temporary))
+            write(os.fspath(temporary), *content, **options)
         except OSError as error:
-            if error.errno:
+            if error.errno:  # numpy gives none: then the file is cut, and can't be read
                 raise
-            raise disk_full(error) from error
         try:
             read(temporary.read_bytes(), temporary)
         except Exception as error:
-            raise disk_full(error) from error
+            problem = f"{os.strerror(errno.ENOSPC)}, as what was written can't be read ({error})"
+            raise OSError(errno.ENOSPC, problem, os.fspath(path)) from error

@@ -1,11 +1,11 @@
 """Read and write surfaces, per-vertex maps, regions and masks in any format: one table of formats."""
 
 import gzip
-import os
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -17,7 +17,7 @@ from morphofold.errors import Mismatch, WrongFile, WrongShape
 from morphofold.io import freesurfer, gifti, mesh_files
 from morphofold.io.files import StrPath, beginning, decoding, existing_file, warn_of_no_end
 from morphofold.surface import PerVertex, Regions, Surface, Verts
-from morphofold.validators import check_mesh, finite, labels_within, same_length
+from morphofold.validators import finite, labels_within, same_length
 from morphofold.words import listed
 
 
@@ -29,46 +29,36 @@ class Format:
     ----------
     name : str
         Its name in messages.
-    endings : tuple of str
-        Endings of its file names, in lower case. They decide if the first bytes do not identify a format.
     read : callable
         ``read(raw, path)`` of the bytes of the file, which is small enough and not compressed. Any exception means
         damage, ``WrongFile`` another content. Of a surface it gives vertices, faces and the volume geometry, or None.
     write : callable, optional
         ``write(path, content)`` writes completely or not at all.
-    begins : regular expression, optional
+    names : regular expression
+        Is found in the names of its files. They decide if the first bytes do not identify a format.
+    begins : regular expression
         Matches the start of its files, within their first 1024 bytes.
-    names : regular expression, optional
-        Matches the start of other names of its files.
     finish : callable, optional
         ``finish(content, path)``: what is made of the content, with warnings.
     """
 
     name: str
-    endings: tuple[str, ...]
     read: Callable[..., Any]
     write: Callable[..., None] | None = None
-    begins: bytes | None = None
-    names: str | None = None
+    names: str = "(?!)"  # none
+    begins: bytes = b"(?!)"
     finish: Callable[[Any, Path], Any] | None = None
 
-    def starts(self, head: bytes) -> bool:
-        return self.begins is not None and bool(re.match(self.begins, head))
 
-    def named(self, name: str) -> bool:
-        return name.lower().endswith(self.endings) or (self.names is not None and bool(re.match(self.names, name)))
-
-
-def _of_trimesh(kind: str, begins: bytes | None, **more: Any) -> Format:
+def _of_trimesh(kind: str, begins: bytes = Format.begins, **more: Any) -> Format:
     read, write = partial(mesh_files.read_trimesh, kind), partial(mesh_files.write_trimesh, kind)
-    return Format(kind.upper(), (f".{kind}",), read, write, begins, **more)
+    return Format(kind.upper(), read, write, rf"(?i)\.{kind}$", begins, **more)
 
 
-_GIFTI, _GIFTI_ENDINGS = rb"(?s:.*?)<GIFTI", (".gii", ".gii.gz")
-_VTK = (".vtk", ".vtp", ".vtu"), mesh_files.read_vtk, mesh_files.write_vtk, rb"# vtk|[^#]*<VTKFile "
-_MGH = (".mgh", ".mgz", ".mgh.gz"), freesurfer.read_mgh, freesurfer.write_mgh, rb"\0\0\0\x01"
-_FREESURFER_ENDINGS = (".white", ".pial", ".inflated", ".sphere", ".orig", ".smoothwm", ".mid")
-_FREESURFER = _FREESURFER_ENDINGS, freesurfer.read_surface, freesurfer.write_surface, rb"\xff\xff[\xfd-\xff]"
+_GIFTI = r"(?i)\.gii(\.gz)?$", rb"(?s:.*?)<GIFTI"
+_VTK = r"(?i)\.vt[kpu]$", rb"# vtk|[^#]*<VTKFile "
+_MGH = r"(?i)\.(mgh|mgz|mgh\.gz)$", rb"\0\0\0\x01"
+_FREESURFER = r"^[lr]h\.|^[^.]+$|(?i:\.(white|pial|inflated|sphere|orig|smoothwm|mid)$)", rb"\xff\xff[\xfd-\xff]"
 _ASCII = rb"#!ascii[^\n]*\n(?:#[^\n]*\n)*\s*\d+[ \t]+\d+[ \t\r]*\n"
 #: by content, in the order in which they are tried; FreeSurfer's names are the least specific
 FORMATS = {
@@ -77,35 +67,35 @@ FORMATS = {
         _of_trimesh("glb", rb"glTF"),
         _of_trimesh("off", rb"\s*(#[^\n]*\n\s*)*OFF\s"),
         _of_trimesh("stl", rb"\s*solid\b", finish=mesh_files.merge_corners),  # a binary file has no mark
-        _of_trimesh("obj", None),
-        Format("VTK (.vtk, .vtp, .vtu)", *_VTK),
-        Format("FreeSurfer's text (.asc, .srf)", (), mesh_files.read_ascii, begins=_ASCII),
-        Format("MNI OBJ", (), mesh_files.read_mni, begins=rb"P(?:\s+[-+.\deE]+){5}\s+\d+\s"),
-        Format("GIFTI (.gii)", _GIFTI_ENDINGS, gifti.read_surface, gifti.write_surface, _GIFTI),
-        Format("FreeSurfer", *_FREESURFER, names=r"[lr]h\.|[^.]+$"),
+        _of_trimesh("obj"),
+        Format("VTK (.vtk, .vtp, .vtu)", mesh_files.read_vtk, mesh_files.write_vtk, *_VTK),
+        Format("FreeSurfer's text (.asc, .srf)", mesh_files.read_ascii, begins=_ASCII),
+        Format("MNI OBJ", mesh_files.read_mni, begins=rb"P(?:\s+[-+.\deE]+){5}\s+\d+\s"),
+        Format("GIFTI (.gii)", gifti.read_surface, gifti.write_surface, *_GIFTI),
+        Format("FreeSurfer", freesurfer.read_surface, freesurfer.write_surface, *_FREESURFER),
     ),
     "map": (
-        Format("GIFTI", _GIFTI_ENDINGS, gifti.read_map, gifti.write_map, _GIFTI),
-        Format("MGH", *_MGH),
-        Format("text", (), mesh_files.read_text_map, begins=rb"(?i)\s*[-+]?(?:\d|\.\d|nan)[\t\n\r -~]*\Z"),
-        Format("FreeSurfer", (), freesurfer.read_curv, freesurfer.write_curv, names=""),
+        Format("GIFTI", gifti.read_map, gifti.write_map, *_GIFTI),
+        Format("MGH", freesurfer.read_mgh, freesurfer.write_mgh, *_MGH),
+        Format("text", mesh_files.read_text_map, begins=rb"(?i)\s*[-+]?(?:\d|\.\d|nan)[\t\n\r -~]*\Z"),
+        Format("FreeSurfer", freesurfer.read_curv, freesurfer.write_curv, names=""),
     ),
     "annotation": (
-        Format("GIFTI", _GIFTI_ENDINGS, gifti.read_regions, gifti.write_regions, _GIFTI),
-        Format("FreeSurfer", (), freesurfer.read_regions, freesurfer.write_regions, names=""),
+        Format("GIFTI", gifti.read_regions, gifti.write_regions, *_GIFTI),
+        Format("FreeSurfer", freesurfer.read_regions, freesurfer.write_regions, names=""),
     ),
     "label": (
-        Format("GIFTI", _GIFTI_ENDINGS, gifti.read_mask, gifti.write_mask, _GIFTI),
-        Format("FreeSurfer", (), freesurfer.read_label, freesurfer.write_mask, names=""),
+        Format("GIFTI", gifti.read_mask, gifti.write_mask, *_GIFTI),
+        Format("FreeSurfer", freesurfer.read_label, freesurfer.write_mask, names=""),
     ),
 }
 
 
 def format_of(raw: bytes, name: str, content: str = "surface") -> Format | None:
     """The format of the bytes of a file by the first ones; by its name only if they do not identify one."""
-    by_head = (kind for kind in FORMATS[content] if kind.starts(raw[:1024]))
-    by_name = (kind for kind in FORMATS[content] if kind.named(name))
-    return next(by_head, None) or next(by_name, None)
+    by_head = (kind for kind in FORMATS[content] if re.match(kind.begins, raw[:1024]))
+    by_name = (kind for kind in FORMATS[content] if re.search(kind.names, name))
+    return next(chain(by_head, by_name), None)
 
 
 def _read(path: StrPath, content: str) -> tuple[Path, Any]:
@@ -118,7 +108,8 @@ def _read(path: StrPath, content: str) -> tuple[Path, Any]:
     kind = format_of(raw, path.name, content)
     if kind is None:
         raise WrongFile(
-            f"{path}: is not a {content} that morphofold can read ({beginning(raw)}). It reads {_names(content)}."
+            f"{path}: is not a {content} that morphofold can read ({beginning(raw)}). "
+            f"It reads {listed([kind.name for kind in FORMATS[content]])}."
         )
     with decoding(path, f"a {content} in the format {kind.name}"), TemporaryDirectory() as folder:
         plain = Path(folder, path.name.removesuffix(".gz")) if compressed else path
@@ -153,26 +144,20 @@ def read_surface(path: StrPath) -> Surface:
         The file is not a surface, truncated, damaged, larger than 2 GiB, or not made of triangles.
     """
     path, (verts, faces, geometry) = _read(path, "surface")
-    try:
-        return Surface(verts, faces, name=path.name, geometry=geometry)
-    except (ValueError, TypeError):
-        check_mesh(np.asarray(verts), np.asarray(faces), str(path))  # the same error, with the whole path
-        raise
+    surface = Surface(verts, faces, f"{path}", geometry)  # errors say the whole path
+    return replace(surface, name=path.name)
 
 
-def _writer(path: StrPath, content: str) -> Callable[..., None]:
-    """What writes the format that the name of a file gives; raises ``WrongFile`` if there is none."""
+def _write(path: StrPath, content: str, *what: Any, **options: Any) -> None:
+    """Write a file in the format that its name gives; raises ``WrongFile`` if there is none."""
     path = Path(path)
-    write = next((kind.write for kind in FORMATS[content] if kind.write and kind.named(path.name)), None)
-    if write is None:
-        raise WrongFile(
-            f"{path}: no format has the ending {path.suffix.lower()!r}. The known formats are {_names(content)}."
-        )
-    return write
-
-
-def _names(content: str) -> str:
-    return listed([kind.name for kind in FORMATS[content]])
+    for kind in FORMATS[content]:
+        if kind.write and re.search(kind.names, path.name):
+            return kind.write(path, *what, **options)
+    raise WrongFile(
+        f"{path}: no format has the ending {path.suffix.lower()!r}. "
+        f"The known formats are {listed([kind.name for kind in FORMATS[content]])}."
+    )
 
 
 def write_surface(path: StrPath, surface: Surface, *, scanner: bool = False) -> None:
@@ -196,7 +181,7 @@ def write_surface(path: StrPath, surface: Surface, *, scanner: bool = False) -> 
     -----
     FreeSurfer, GIFTI, PLY, STL, GLB and VTP hold float32, so coordinates are rounded to it (6e-8 relative).
     """
-    _writer(path, "surface")(Path(path), surface, **({"scanner": True} if scanner else {}))
+    _write(path, "surface", surface, **({"scanner": True} if scanner else {}))
 
 
 def read_morph(path: StrPath) -> PerVertex:
@@ -212,9 +197,9 @@ def read_morph(path: StrPath) -> PerVertex:
     ValueError
         If the file is damaged or of another kind, or a value is infinite.
     """
-    path, values = _read(path, "map")
+    values: PerVertex = _read(path, "map")[1]
     _refuse_infinite(path, values)
-    return np.asarray(values)
+    return values
 
 
 def write_morph(
@@ -239,18 +224,22 @@ def write_morph(
     ValueError
         NaN without ``nan``, infinite values, or another shape than (N,).
     """
-    write, values = _writer(path, "map"), _checked_map(path, values, nan)
-    about = {"name": name, "hemi": hemi} if write is gifti.write_map else {}
-    write(path, values, **about)
+    values = np.asarray(values, dtype=np.float64)
+    if values.ndim != 1 or len(values) == 0:
+        raise WrongShape(f"{path}: a map has one value per vertex, shape (N,); got {values.shape}.")
+    _refuse_infinite(path, values)
+    if nan is None:
+        finite(values, f"{path}", "Choose the value to write there, e.g. nan=0.0.")
+    else:
+        values = np.where(np.isnan(values), nan, values)
+    _write(path, "map", values.astype(np.float32), name=name, hemi=hemi)
 
 
-def write_gifti_map(
-    path: StrPath, values: ArrayLike, *, name: str = "", hemi: str | None = None, nan: float | None = None
-) -> None:
-    """As :func:`write_morph`, for a name that ends in .gii or .gii.gz."""
-    if not os.fspath(path).endswith(_GIFTI_ENDINGS):
+def write_gifti_map(path: StrPath, values: ArrayLike, **options: Any) -> None:
+    """As :func:`write_morph`, with its options, for a name that ends in .gii or .gii.gz."""
+    if not re.search(_GIFTI[0], f"{path}"):
         raise WrongFile(f"{path}: the name of a GIFTI file must end in .gii or .gii.gz.")
-    write_morph(path, values, name=name, hemi=hemi, nan=nan)
+    write_morph(path, values, **options)
 
 
 def read_annotation(path: StrPath) -> Regions:
@@ -269,9 +258,8 @@ def write_annotation(path: StrPath, regions: Regions) -> None:
 
     Colours of an annotation must differ: the format distinguishes regions only by colour.
     """
-    write = _writer(path, "annotation")
-    labels_within(regions.labels, len(regions.names), os.fspath(path))
-    write(path, regions)
+    labels_within(regions.labels, len(regions.names), f"{path}")
+    _write(path, "annotation", regions)
 
 
 def read_label(path: StrPath, n: int) -> NDArray[np.bool_]:
@@ -294,19 +282,9 @@ def read_label(path: StrPath, n: int) -> NDArray[np.bool_]:
 def write_label(path: StrPath, mask: NDArray[np.bool_], verts: Verts) -> None:
     """Write a FreeSurfer label of the vertices where ``mask`` (N,) is True, with their positions ``verts`` (N, 3); or a
     GIFTI label file if ``path`` ends in .gii."""
-    _writer(path, "label")(path, mask, verts)
-
-
-def _checked_map(path: StrPath, values: ArrayLike, nan: float | None) -> NDArray[np.float32]:
-    values = np.asarray(values, dtype=np.float64)
-    if values.ndim != 1 or len(values) == 0:
-        raise WrongShape(f"{path}: a map has one value per vertex, shape (N,); got {values.shape}.")
-    _refuse_infinite(path, values)
-    if nan is None:
-        finite(values, os.fspath(path), "Choose the value to write there, e.g. nan=0.0.")
-    return np.where(np.isnan(values), nan or 0.0, values).astype(np.float32)
+    _write(path, "label", mask, verts)
 
 
 def _refuse_infinite(path: StrPath, values: PerVertex) -> None:
     with np.errstate(over="ignore"):  # what is beyond float32 becomes infinite
-        finite(values.astype(np.float32), os.fspath(path), "Repair the file, or leave it out.", nan=True)
+        finite(values.astype(np.float32), f"{path}", "Repair the file, or leave it out.", nan=True)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from morphofold.errors import DamagedFile, NamedTwice, OutOfRange, WrongFile, WrongShape
-from morphofold.io.files import StrPath, SurfaceContent, beginning, name_in_file, write_and_read, write_text
+from morphofold.io.files import SurfaceContent, beginning, name_in_file, write_and_read, write_text
 from morphofold.io.json_files import LARGEST_NUMBER
 from morphofold.provenance import clean_name
 from morphofold.surface import PerVertex, Regions, Surface, Verts
@@ -59,23 +59,23 @@ def _footer(tail: bytes) -> Mapping[str, Any] | None:
             raise DamagedFile("it is truncated inside its volume-geometry footer")
         return None
     valid, filename, *texts = (text.decode("utf-8", "replace").strip() for text in match.groups()[1:])
-    numbers = [np.array(text.split(), dtype=np.float64) for text in texts]
-    if valid.startswith("1") and not all(x.shape == (3,) and np.isfinite(x).all() for x in numbers):
+    rows = {key: np.array(text.split(), dtype=np.float64) for key, text in zip(_FOOTER_KEYS[2:], texts)}
+    if valid.startswith("1") and not all(x.shape == (3,) and np.isfinite(x).all() for x in rows.values()):
         raise DamagedFile("its volume-geometry footer does not have three numbers in each row")
-    first = {"head": np.frombuffer(match[1], ">i4"), "valid": valid, "filename": filename}
-    return {**first, "volume": numbers[0].astype(int), **dict(zip(_FOOTER_KEYS[3:], numbers[1:]))}
+    head = np.frombuffer(match[1], ">i4")
+    return {"head": head, "valid": valid, "filename": filename, **rows, "volume": rows["volume"].astype(int)}
 
 
-def write_surface(path: StrPath, surface: Surface) -> None:
+def write_surface(path: Path, surface: Surface) -> None:
     """Write a FreeSurfer triangle surface with its footer; the format holds float32."""
     _write(path, read_surface, "write_geometry", surface.verts, surface.faces, _CREATED_BY, surface.geometry)
 
 
-def _write(path: StrPath, read: Callable[[bytes, Path], object], function: str, *content: Any, **options: Any) -> None:
+def _write(path: Path, read: Callable[[bytes, Path], object], function: str, *content: Any, **options: Any) -> None:
     """Write a file by a function of nibabel, and read it back."""
     import nibabel.freesurfer as fs
 
-    write_and_read(path, lambda name: getattr(fs, function)(name, *content, **options), read)
+    write_and_read(path, read, getattr(fs, function), *content, **options)
 
 
 def scanner_transform(geometry: Mapping[str, Any] | None) -> NDArray[np.float64] | None:
@@ -112,18 +112,18 @@ def _is_map(raw: bytes) -> bool:
     return raw.startswith(QUAD_MAGIC) and raw[11:15] == struct.pack(">i", 1)
 
 
-def write_curv(path: StrPath, values: NDArray[np.float32]) -> None:
+def write_curv(path: Path, values: NDArray[np.float32], **_: Any) -> None:
     """Write checked values (N,) as a FreeSurfer "curv" file."""
     _write(path, read_curv, "write_morph_data", values)
 
 
-def write_mgh(path: StrPath, values: NDArray[np.float32]) -> None:
+def write_mgh(path: Path, values: NDArray[np.float32], **_: Any) -> None:
     """Write checked values (N,) as MGH, a volume of N x 1 x 1 voxels, as FreeSurfer stores surface overlays."""
     from nibabel.freesurfer.mghformat import MGHImage
 
-    if Path(path).name.endswith(".mgh.gz"):
+    if path.name.endswith(".mgh.gz"):
         raise WrongFile(f"{path}: no such file can be written. Name it .mgz.")
-    write_and_read(path, MGHImage(values.reshape(-1, 1, 1), np.eye(4)).to_filename, read_mgh)
+    write_and_read(path, read_mgh, MGHImage(values.reshape(-1, 1, 1), np.eye(4)).to_filename)
 
 
 def read_mgh(raw: bytes, path: Path) -> PerVertex:
@@ -194,10 +194,9 @@ def _colour_table(file: io.BytesIO) -> list[tuple[str, tuple[int, ...]]]:
     return [(name, colour[:3]) for _, name, colour in entries]  # they belong together in any slot
 
 
-def write_regions(path: StrPath, regions: Regions) -> None:
+def write_regions(path: Path, regions: Regions) -> None:
     """Write a FreeSurfer annotation. Colours must differ: the format distinguishes regions only by colour."""
-    colours = np.asarray(regions.colours, dtype=np.int64)
-    labels = np.asarray(regions.labels, dtype=np.int64)
+    colours, labels = (np.asarray(part, dtype=np.int64) for part in (regions.colours, regions.labels))
     if colours.shape != (len(regions.names), 3):
         raise WrongShape(f"{path}: {len(regions.names)} region names, but colours of shape {colours.shape}.")
     ids = colours @ (1, 256, 65536)
@@ -205,7 +204,7 @@ def write_regions(path: StrPath, regions: Regions) -> None:
         raise NamedTwice(f"{path}: two regions have the same colour, so an annotation cannot distinguish them.")
     if (ids == 0).any() and (labels == -1).any():
         raise OutOfRange(f"{path}: colour (0, 0, 0) means 'no region' in the format; choose another.")
-    table = np.column_stack([colours, np.zeros(len(colours), dtype=np.int64)])
+    table = np.pad(colours, ((0, 0), (0, 1)))  # opaque
     _write(path, read_regions, "write_annot", labels, table, list(regions.names), fill_ctab=True)
 
 
@@ -220,12 +219,12 @@ def read_label(raw: bytes, path: Path) -> NDArray[np.int64]:
     return vertices
 
 
-def write_mask(path: StrPath, mask: NDArray[np.bool_], verts: Verts) -> None:
+def write_mask(path: Path, mask: NDArray[np.bool_], verts: Verts) -> None:
     """Write a FreeSurfer label of the vertices where ``mask`` (N,) is True, with their positions ``verts`` (N, 3)."""
     vertices = np.flatnonzero(mask)
     lines = [f"#!ascii label cortex, written by morphofold\n{len(vertices)}\n"]
     lines += [f"{i}  {x:.3f}  {y:.3f}  {z:.3f} 0.0\n" for i, (x, y, z) in zip(vertices, verts[vertices])]
-    write_text(Path(path), "".join(lines))
+    write_text(path, "".join(lines))
 
 
 _ASEG_MEASURE = re.compile(r"^# Measure (\w+),[^,\n]*,[^,\n]*, *(\d+(?:\.\d*)?(?:e[-+]?\d+)?) *,", re.MULTILINE)
@@ -244,7 +243,7 @@ _KEY_OF_ASEG_MEASURE = {
 }
 
 
-def read_aseg_stats(path: StrPath, hemi: str) -> dict[str, float | int]:
+def read_aseg_stats(path: Path, hemi: str) -> dict[str, float | int]:
     """Values from FreeSurfer's ``stats/aseg.stats`` for a brain and one of its hemispheres.
 
     Returns
@@ -258,7 +257,7 @@ def read_aseg_stats(path: StrPath, hemi: str) -> dict[str, float | int]:
     """
     keys = {name.format(hemi=hemi): key for name, key in _KEY_OF_ASEG_MEASURE.items()}
     measures: dict[str, float | int] = {}
-    text = Path(path).read_text(encoding="utf-8", errors="replace")
+    text = path.read_text(encoding="utf-8", errors="replace")
     for name, value in _ASEG_MEASURE.findall(text):
         if name in keys and float(value) <= LARGEST_NUMBER:
             measures[keys[name]] = round(float(value)) if keys[name] == "surface_holes" else float(value)

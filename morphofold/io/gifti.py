@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.errors import DamagedFile, WrongFile
-from morphofold.io.files import StrPath, SurfaceContent, atomic_file, existing_file, name_in_file, side_named
+from morphofold.io.files import SurfaceContent, atomic_file, existing_file, name_in_file, side_named
+from morphofold.io.freesurfer import scanner_transform
 from morphofold.provenance import clean_name
 from morphofold.surface import PerVertex, Regions, Surface, Verts
 
@@ -24,7 +25,7 @@ _SURFACE_METADATA = {  # names as in Connectome Workbench
     "inflated": {"GeometricType": "Inflated"},
     "sphere": {"GeometricType": "Spherical"},
 }
-_UNKNOWN, _SCANNER = 0, 1  # frames as in NIfTI
+_SCANNER = 1  # as in NIfTI; 0 is an unknown frame
 _EXTERNAL_NAME = re.compile(rb"""<DataArray\b[^>]*\bExternalFileName\s*=\s*["']([^"']+)""")
 
 
@@ -63,7 +64,7 @@ def read_regions(raw: bytes, path: Path) -> Regions:
     missing = np.setdiff1d(values, [0, *keys])
     if missing.size:
         raise DamagedFile(f"its label table lacks {len(missing)} of the keys, the first is {missing[0]}")
-    labels = [table[key] for key in keys.tolist()]
+    labels = [table[key] for key in keys]
     colours = np.nan_to_num(np.array([label.rgba[:3] for label in labels], dtype=np.float64)).reshape(-1, 3)
     names = tuple(clean_name(getattr(label, "label", "")) for label in labels)  # nibabel sets none without a text
     indices = np.where(values == 0, -1, np.searchsorted(keys, values))
@@ -113,11 +114,11 @@ def _volume_geometry(meta: Mapping[str, str]) -> Mapping[str, Any] | None:
         rows = {k: np.array([float(meta[f"VolGeom{n}"]) for n in names]) for k, names in _FOOTER_KEYS.items()}
     except (KeyError, ValueError):
         return None
-    head = {"head": np.array([2, 0, 20]), "valid": "1  # volume info valid"}
-    return {**head, "filename": meta.get("VolGeomFname", ""), **rows, "volume": rows["volume"].astype(int)}
+    first = {"head": np.array([2, 0, 20]), "valid": "1  # volume info valid", "filename": meta.get("VolGeomFname", "")}
+    return {**first, **rows, "volume": rows["volume"].astype(int)}
 
 
-def write_surface(path: StrPath, surface: Surface, *, scanner: bool = False) -> None:
+def write_surface(path: Path, surface: Surface, *, scanner: bool = False) -> None:
     """Write a GIFTI surface, float32 and int32, compressed; its footer is written as ``VolGeom...``.
 
     Coordinates stay unchanged. As with ``mris_convert``, coordinates in FreeSurfer's surface frame stay in that frame,
@@ -125,43 +126,41 @@ def write_surface(path: StrPath, surface: Surface, *, scanner: bool = False) -> 
     scanner's frame; such a surface has no footer. The end of the file name gives the kind: white, pial, inflated or
     sphere.
     """
-    kind = re.split(r"[._]", Path(path).name.split(".surf.gii")[0])[-1]
+    kind = re.split(r"[._]", path.name.split(".surf.gii")[0])[-1]
     meta = _structure_metadata(path) | _SURFACE_METADATA.get(kind, {"GeometricType": "Anatomical"})
-    footer = surface.geometry
-    if footer and str(footer.get("valid", "")).startswith("1"):
+    if (footer := surface.geometry) and scanner_transform(footer) is not None:
         meta["VolGeomFname"] = str(footer["filename"])
         for key, names in _FOOTER_KEYS.items():
             meta |= {f"VolGeom{n}": repr(x.item()) for n, x in zip(names, np.asarray(footer[key]))}
     points, triangles = surface.verts.astype(np.float32), surface.faces.astype(np.int32)
-    frame = _SCANNER if scanner else _UNKNOWN
-    _write_image(path, [(points, "pointset", meta), (triangles, "triangle", {})], frame=frame)
+    _write_image(path, [(points, "pointset", meta), (triangles, "triangle", {})], frame=int(scanner))
 
 
-def write_map(path: StrPath, values: NDArray[np.float32], name: str = "", hemi: str | None = None) -> None:
+def write_map(path: Path, values: NDArray[np.float32], name: str, hemi: str | None) -> None:
     """Write checked values (N,) as a GIFTI map; ``name`` is by default that of the file."""
-    meta = {"Name": name or Path(path).name.split(".gii")[0]}
+    meta = {"Name": name or path.name.split(".gii")[0]}
     _write_image(path, [(values, "shape", meta)], _structure_metadata(path, hemi))
 
 
-def write_regions(path: StrPath, regions: Regions) -> None:
+def write_regions(path: Path, regions: Regions) -> None:
     """Write regions as a GIFTI label file: region i has key i + 1; key 0, ??? as in Workbench, means no region."""
     rgba = [(1.0, 1.0, 1.0, 0.0), *((r / 255, g / 255, b / 255, 1.0) for r, g, b in regions.colours.tolist())]
     array = (np.asarray(regions.labels) + 1).astype(np.int32), "label", {"Name": regions.name}
     _write_image(path, [array], _structure_metadata(path), labels=zip(("???", *regions.names), rgba))
 
 
-def write_mask(path: StrPath, mask: NDArray[np.bool_], verts: Verts | None = None) -> None:
+def write_mask(path: Path, mask: NDArray[np.bool_], verts: Verts) -> None:
     """Write a mask (N,) as a GIFTI label file whose one region is ``cortex``."""
     write_regions(path, Regions(np.where(mask, 0, -1), ("cortex",), np.array([[255, 255, 255]], np.uint8), "cortex"))
 
 
-def _structure_metadata(path: StrPath, hemi: str | None = None) -> dict[str, str]:
-    hemi = hemi or side_named(Path(path).name)
+def _structure_metadata(path: Path, hemi: str | None = None) -> dict[str, str]:
+    hemi = hemi or side_named(path.name)
     return {"AnatomicalStructurePrimary": _STRUCTURE_OF_HEMI[hemi]} if hemi in _STRUCTURE_OF_HEMI else {}
 
 
 def _write_image(
-    path: StrPath,
+    path: Path,
     arrays: Iterable[tuple[NDArray[Any], str, dict[str, str]]],
     meta: Mapping[str, str] = {},
     labels: Iterable[tuple[str, tuple[float, ...]]] = (),
@@ -180,4 +179,4 @@ def _write_image(
         image.labeltable.labels[-1].label = name
     raw = image.to_bytes()
     with atomic_file(path) as temporary:
-        temporary.write_bytes(gzip.compress(raw, mtime=0) if os.fspath(path).endswith(".gz") else raw)
+        temporary.write_bytes(gzip.compress(raw, mtime=0) if path.suffix == ".gz" else raw)

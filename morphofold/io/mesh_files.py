@@ -1,6 +1,5 @@
 """Surfaces of other programs: PLY, STL, OBJ, OFF and GLB through trimesh, VTK's formats, and texts of others."""
 
-import importlib
 import io
 import logging
 import re
@@ -107,14 +106,9 @@ def write_vtk(path: Path, surface: Surface) -> None:
     """Write a surface as VTK or VTU, or as VTP in float32, by the ending of the path."""
     import meshio
 
-    if path.suffix.lower() == ".vtp":
-        return _write_polygons(path, surface)
-    to_file = importlib.import_module(f"meshio.{path.suffix[1:].lower()}").write
-    mesh = meshio.Mesh(surface.verts, [("triangle", surface.faces)])
-    return write_and_read(path, lambda name: to_file(name, mesh), read_vtk)
-
-
-def _write_polygons(path: Path, surface: Surface) -> None:
+    if path.suffix.lower() != ".vtp":
+        mesh = meshio.Mesh(surface.verts, [("triangle", surface.faces)])
+        return write_and_read(path, read_vtk, meshio.write, mesh)
     import pyvista
     from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
 

@@ -251,7 +251,7 @@ def test_flipped_checkpoint(known, holds):
 
 
 def by_name(raw, name, content="surface"):
-    return next((one for one in formats.FORMATS[content] if one.named(name)), None)
+    return next((one for one in formats.FORMATS[content] if re.search(one.names, name)), None)
 
 
 @hard_case(

@@ -112,9 +112,9 @@ def test_killed_run(holds, tmp_path):
 
 
 def unread(patch):
-    def write_only(path, write, read):
+    def write_only(path, read, write, *content, **options):
         with atomic_file(path) as temporary:
-            write(os.fspath(temporary))
+            write(os.fspath(temporary), *content, **options)
 
     for module in ("freesurfer", "mesh_files"):
         patch.setattr(f"morphofold.io.{module}.write_and_read", write_only)
