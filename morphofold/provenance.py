@@ -1,7 +1,5 @@
 """Records of where numbers come from: digests of files, names that can be written, JSON that every reader accepts."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re
@@ -9,18 +7,19 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import is_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from unicodedata import category
 
 import numpy as np
+
+from morphofold.surface import Cortex
 
 #: categories of characters that end a line, control a terminal, or can't be printed
 _UNPRINTABLE_CATEGORIES = ("Cc", "Cf", "Cs", "Zl", "Zp")
 #: in a text of several lines, what controls a terminal or the direction of writing
 CONTROLS = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
 
-if TYPE_CHECKING:
-    from morphofold.surface import Cortex
+Row = dict[str, Any]  # values by name: a row of a table, or an object of JSON
 
 
 def sha256_of(path: Path) -> str:
@@ -36,11 +35,11 @@ def digests(folder: Path) -> dict[str, str]:
 
 def changed_since(known: Mapping[str, str], files: Mapping[str, Path]) -> list[str]:
     """Names of the files in ``known`` that are missing now, or have another digest."""
-    present = {name for name in known if name in files and files[name].is_file()}
-    return [name for name, digest in known.items() if name not in present or sha256_of(files[name]) != digest]
+    present = {name: sha256_of(files[name]) for name in known if name in files and files[name].is_file()}
+    return [name for name, digest in known.items() if present.get(name) != digest]
 
 
-def input_records(paths: Iterable[str | Path]) -> list[dict[str, Any]]:
+def input_records(paths: Iterable[str | Path]) -> list[Row]:
     """``{"path", "sha256", "bytes"}`` of each path; sha256 and bytes are None if it is not a file here."""
     records = []
     for name in map(str, paths):
@@ -51,7 +50,7 @@ def input_records(paths: Iterable[str | Path]) -> list[dict[str, Any]]:
 
 
 @contextmanager
-def unchanged(paths: Iterable[str | Path]) -> Iterator[list[dict[str, Any]]]:
+def unchanged(paths: Iterable[str | Path]) -> Iterator[list[Row]]:
     """Context for reading files: yields their ``input_records``, which are those of the bytes that are read.
 
     Raises
@@ -66,12 +65,11 @@ def unchanged(paths: Iterable[str | Path]) -> Iterator[list[dict[str, Any]]]:
             raise OSError(f"{old['path']}: changed while it was read. Run this again when no program writes it.")
 
 
-def records_as_read(cortices: Iterable[Cortex], others: Iterable[str | Path] = ()) -> list[dict[str, Any]]:
+def records_as_read(cortices: Sequence[Cortex], others: Iterable[str | Path] = ()) -> list[Row]:
     """``input_records`` of ``others`` as they are now, then of the files of surfaces, for the bytes that were read."""
-    cortices = list(cortices)
     read = {row["path"]: dict(row) for cortex in cortices for row in cortex.inputs}
     files = dict.fromkeys([*map(str, others), *(file for cortex in cortices for file in cortex.files)])
-    return [read[file] if file in read else input_records([file])[0] for file in files]
+    return [read.get(file) or input_records([file])[0] for file in files]
 
 
 def printable(text: str) -> str:

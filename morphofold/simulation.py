@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from morphofold import analysis
 from morphofold.analysis.relief import relief
+from morphofold.arrays import Array
 from morphofold.geometry import vertex_areas
 from morphofold.io import flip_curvature_sign
 from morphofold.sim import run
@@ -17,7 +17,7 @@ from morphofold.sim.scene import Scene
 from morphofold.surface import Cortex
 
 
-def freesurfer_maps(cortex: Cortex) -> dict[str, NDArray[np.float64]]:
+def freesurfer_maps(cortex: Cortex) -> dict[str, Array]:
     """``thickness``, ``curv``, ``sulc`` and ``area`` of a cortex as in a FreeSurfer subject, (N,) each.
 
     thickness [mm]: symmetric closest distance between white and pial; curv [1/mm]: mean curvature of white, positive

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold import validators
-from morphofold.arrays import cannot_change, read_only
+from morphofold.arrays import Array, Bools, Ints, cannot_change, read_only
 from morphofold.errors import MissingPart, UnlikeSurfaces, WrongShape
 from morphofold.lazy import draw
 
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     import pyvista
     import trimesh
 
-Verts = NDArray[np.float64]  # (N, 3), mm
-Faces = NDArray[np.int64]  # (M, 3), 0-based, counter-clockwise seen from outside
-PerVertex = NDArray[np.float64]  # (N,)
+Verts = Array  # (N, 3), mm
+Faces = Ints  # (M, 3), 0-based, counter-clockwise seen from outside
+PerVertex = Array  # (N,)
 SURFACES = ("white", "pial", "inflated", "sphere")  # of a Cortex
 
 
@@ -149,7 +149,7 @@ class Regions:
     ``colours`` is (R, 3) uint8.
     """
 
-    labels: NDArray[np.int64]
+    labels: Ints
     names: tuple[str, ...]
     colours: NDArray[np.uint8]
     name: str = "aparc"
@@ -213,14 +213,14 @@ class Cortex:
     hemi: str = "lh"
     name: str = "cortex"
     maps: Mapping[str, PerVertex] = field(default_factory=dict, repr=False)
-    cortex: NDArray[np.bool_] | None = field(default=None, repr=False)
+    cortex: Bools | None = field(default=None, repr=False)
     regions: Regions | None = field(default=None, repr=False)
     inflated: Surface | None = field(default=None, repr=False)
     sphere: Surface | None = field(default=None, repr=False)
     registered: Surface | None = field(default=None, repr=False)
     origin: str = "files"
     units: str = "mm"
-    transform: NDArray[np.float64] | None = field(default=None, repr=False)
+    transform: Array | None = field(default=None, repr=False)
     portion: float = 1.0
     info: Mapping[str, Any] = field(default_factory=dict)
     files: tuple[str, ...] = field(default=(), repr=False)
@@ -248,19 +248,20 @@ class Cortex:
             same = np.any([np.all(np.roll(other, k, axis=1) == faces, axis=1) for k in range(3)], axis=0)
             shared = faces if same.all() else np.where(same[:, None], faces, faces[:, ::-1])
             object.__setattr__(self, "pial", replace(self.pial, faces=shared))
-        per_vertex = {**self.maps, **({} if self.cortex is None else {"cortex label": self.cortex})}
-        if self.regions is not None:
-            per_vertex["regions"] = self.regions.labels
+        per_vertex: dict[str, Any] = {**self.maps, "cortex label": self.cortex}
+        per_vertex["regions"] = self.regions and self.regions.labels
         for name in ("inflated", "sphere", "registered"):
-            if (surface := getattr(self, name)) is not None:
-                per_vertex[name] = surface.verts[:, 0]
+            surface = getattr(self, name)
+            per_vertex[name] = surface and surface.verts[:, 0]
         for name, values in per_vertex.items():
+            if values is None:
+                continue
             validators.same_length(values, n_white, f"{self.name}: {name}")
             validators.finite(values, f"{self.name}: {name}", "Put NaN where a value is unknown.", nan=True)
 
     def _leave_out_unknown(self) -> None:
         """Leave out the triangles of one surface at vertices that no triangle of the other uses."""
-        used = np.zeros((2, len(self.white.verts)), dtype=bool)
+        used = np.zeros((2, len(self.white.verts)), bool)
         used[0, self.white.faces] = used[1, self.pial.faces] = True
         for name in ("white", "pial"):
             surface = getattr(self, name)

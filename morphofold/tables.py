@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from morphofold.errors import DamagedFile
-from morphofold.provenance import printable
+from morphofold.provenance import Row, printable
 
 MISSING_CELL = "n/a"
 
@@ -28,7 +28,7 @@ _WHOLE_NUMBER, _DECIMAL_NUMBER = re.compile(r"-?\d{1,18}"), re.compile(r"-?(?:\d
 def write_table(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:
     """Write a tab-separated table, always with a header, ``n/a`` for missing values; further columns come last."""
     rows = list(rows)
-    keys = list(dict.fromkeys([*columns, *(k for row in rows for k in row)]))
+    keys = dict.fromkeys([*columns, *(k for row in rows for k in row)])
     with path.open("w", encoding="utf-8", errors="backslashreplace", newline="") as file:
         file.write(line(keys))
         file.writelines(line([row.get(k) for k in keys]) for row in rows)
@@ -41,11 +41,11 @@ def line(values: Iterable[Any]) -> str:
 
 def cell(value: Any) -> str:
     """A value as text of a cell: seven digits, ``n/a`` if missing, text without tabs and line breaks."""
-    if isinstance(value, bool | int | np.integer | np.bool_):
-        return str(int(value))
-    if isinstance(value, float | np.floating) and np.isfinite(value):
-        return f"{float(value):.7g}"
-    return MISSING_CELL if value is None or isinstance(value, float | np.floating) else _cell_of_text(str(value))
+    if isinstance(value, int | np.integer | np.bool_):
+        return f"{int(value)}"
+    if isinstance(value, float | np.floating):
+        return f"{float(value):.7g}" if np.isfinite(value) else MISSING_CELL
+    return MISSING_CELL if value is None else _cell_of_text(f"{value}")
 
 
 @lru_cache(maxsize=4096)  # names are repeated
@@ -56,7 +56,7 @@ def _cell_of_text(text: str) -> str:
 
 def read_table(
     path: Path, words: Collection[str] = (), count: int | None = None, *, numbers: Collection[str] = ()
-) -> list[dict[str, Any]]:
+) -> list[Row]:
     """Read a table that ``write_table`` wrote: numbers as numbers, None for n/a, text in columns ``words``.
 
     ``count`` is the number of rows that were written, if known; columns ``numbers`` contain only numbers.
@@ -72,12 +72,12 @@ def read_table(
     if not path.is_file():
         raise FileNotFoundError(f"{path}: missing from the analysis. Analyze again.")
     try:
-        return _rows(path.read_text(encoding="utf-8"), words, count, numbers)
+        return _rows(path.read_text("utf-8"), words, count, numbers)
     except ValueError as error:  # or it is not UTF-8 text
         raise DamagedFile(f"{path}: {error}. Analyze again.") from None
 
 
-def _rows(text: str, words: Collection[str], count: int | None, numbers: Collection[str]) -> list[dict[str, Any]]:
+def _rows(text: str, words: Collection[str], count: int | None, numbers: Collection[str]) -> list[Row]:
     if not text.endswith("\n"):
         raise DamagedFile("it was truncated: its last line has no end")
     head, *lines = [row.split("\t") for row in text[:-1].split("\n")]

@@ -24,7 +24,7 @@ from morphofold.io.files import StrPath, existing_file, side_named
 from morphofold.io.formats import read_annotation, read_label, read_morph, read_surface
 from morphofold.io.freesurfer import flip_curvature_sign, read_aseg_stats, scanner_transform
 from morphofold.io.json_files import Amount, Count, FileWord, Number, Record, read_json
-from morphofold.provenance import clean_name, unchanged
+from morphofold.provenance import Row, clean_name, unchanged
 from morphofold.surface import Cortex, PerVertex, Surface
 from morphofold.validators import one_of
 
@@ -172,10 +172,10 @@ def cortex_files(
     return {**files, "stage": existing_file(stage, "stage record")} if staged else files
 
 
-def measured_surface_fields(path: Path, hemi: str) -> dict[str, Any]:
+def measured_surface_fields(path: Path, hemi: str) -> Row:
     """Fields of a measured surface in an analysis folder: name, origin, units, portion, info, annotation."""
     fields = read_json(path, _AnalysisSummary, "Analyze it again.")["surfaces"]
-    found: dict[str, Any] | None = next((entry for entry in fields if entry["hemi"] == hemi), None)
+    found: Row | None = next((entry for entry in fields if entry["hemi"] == hemi), None)
     if found is None:
         raise MissingPart(f"{path}: is not the summary of an analysis of {hemi}. Analyze it again.")
     return found
@@ -370,7 +370,7 @@ def read_cortex_files(root: Path | None, hemi: str, files: dict[str, Path], name
     )
 
 
-def _record(root: Path | None, hemi: str, files: dict[str, Path]) -> dict[str, Any]:
+def _record(root: Path | None, hemi: str, files: dict[str, Path]) -> Row:
     """What the records in a folder say of a cortex: its name, and the fields in ``_RECORDED`` that are known."""
     inner = files["white"]
     if root is None:

@@ -206,7 +206,7 @@ def atomic_file(path: StrPath) -> Iterator[Path]:
 def write_text(path: Path, text: str) -> None:
     """Write a text as UTF-8, completely or not at all."""
     with atomic_file(path) as temporary:
-        temporary.write_text(text, encoding="utf-8", newline="\n")
+        temporary.write_text(text, "utf-8", newline="\n")
 
 
 @contextmanager

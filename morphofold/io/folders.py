@@ -121,8 +121,8 @@ def files_of(out: Path) -> dict[str, Path]:
         files = {name: out / name for name in json.loads((out / MARKER_FILE).read_bytes())["files"]}
     except (OSError, ValueError, KeyError, TypeError):
         return {}
-    inside = {name: path for name, path in files.items() if out in path.parents and ".." not in path.parts}
-    return {name: path for name, path in inside.items() if path.is_file()}
+    inside = [name for name, path in files.items() if out in path.parents and ".." not in path.parts]
+    return {name: files[name] for name in inside if files[name].is_file()}
 
 
 def _files_below(folder: Path) -> list[str]:
@@ -195,7 +195,7 @@ def refuse_no_collection(out: Path, kind: str) -> None:
     """Raise ``FileExistsError`` if ``out`` exists, is not empty and is not from ``begin_collection``."""
     file = out / COLLECTION_MARKER
     if file.is_file():
-        other = file.read_text(encoding="utf-8", errors="replace").partition(":")[0]
+        other = file.read_text("utf-8", errors="replace").partition(":")[0]
         if other != kind:
             raise FileExistsError(f"{out}: is a {other:.20}, not a {kind}. Name a new folder.")
         return

@@ -11,8 +11,9 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from morphofold.arrays import Bools
 from morphofold.errors import Mismatch, WrongFile, WrongShape
 from morphofold.io import freesurfer, gifti, mesh_files
 from morphofold.io.files import StrPath, beginning, decoding, existing_file, warn_of_no_end
@@ -224,7 +225,7 @@ def write_morph(
     ValueError
         NaN without ``nan``, infinite values, or another shape than (N,).
     """
-    values = np.asarray(values, dtype=np.float64)
+    values = np.asarray(values, np.float64)
     if values.ndim != 1 or len(values) == 0:
         raise WrongShape(f"{path}: a map has one value per vertex, shape (N,); got {values.shape}.")
     _refuse_infinite(path, values)
@@ -262,7 +263,7 @@ def write_annotation(path: StrPath, regions: Regions) -> None:
     _write(path, "annotation", regions)
 
 
-def read_label(path: StrPath, n: int) -> NDArray[np.bool_]:
+def read_label(path: StrPath, n: int) -> Bools:
     """Mask (n,) that is True at the vertices of a FreeSurfer label (``?h.cortex.label``) on n vertices, or where a map
     of a GIFTI file is positive."""
     path, label = _read(path, "label")
@@ -274,12 +275,12 @@ def read_label(path: StrPath, n: int) -> NDArray[np.bool_]:
             f"{path}: names vertices {label.min()} to {label.max()}, but the surface has 0 to {n - 1}. "
             "It belongs to another surface."
         )
-    mask = np.zeros(n, dtype=bool)
+    mask = np.zeros(n, bool)
     mask[label] = True
     return mask
 
 
-def write_label(path: StrPath, mask: NDArray[np.bool_], verts: Verts) -> None:
+def write_label(path: StrPath, mask: Bools, verts: Verts) -> None:
     """Write a FreeSurfer label of the vertices where ``mask`` (N,) is True, with their positions ``verts`` (N, 3); or a
     GIFTI label file if ``path`` ends in .gii."""
     _write(path, "label", mask, verts)

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from morphofold.arrays import Array, Bools, Ints
 from morphofold.errors import DamagedFile, NamedTwice, OutOfRange, WrongFile, WrongShape
 from morphofold.io.files import SurfaceContent, beginning, name_in_file, write_and_read, write_text
 from morphofold.io.json_files import LARGEST_NUMBER
@@ -59,7 +60,7 @@ def _footer(tail: bytes) -> Mapping[str, Any] | None:
             raise DamagedFile("it is truncated inside its volume-geometry footer")
         return None
     valid, filename, *texts = (text.decode("utf-8", "replace").strip() for text in match.groups()[1:])
-    rows = {key: np.array(text.split(), dtype=np.float64) for key, text in zip(_FOOTER_KEYS[2:], texts)}
+    rows = {key: np.array(text.split(), np.float64) for key, text in zip(_FOOTER_KEYS[2:], texts)}
     if valid.startswith("1") and not all(x.shape == (3,) and np.isfinite(x).all() for x in rows.values()):
         raise DamagedFile("its volume-geometry footer does not have three numbers in each row")
     head = np.frombuffer(match[1], ">i4")
@@ -78,19 +79,18 @@ def _write(path: Path, read: Callable[[bytes, Path], object], function: str, *co
     write_and_read(path, read, getattr(fs, function), *content, **options)
 
 
-def scanner_transform(geometry: Mapping[str, Any] | None) -> NDArray[np.float64] | None:
+def scanner_transform(geometry: Mapping[str, Any] | None) -> Array | None:
     """Affine (4, 4) from surface RAS (the tkr frame, [mm]) to scanner RAS; None if the file does not give it.
 
-    R is the matrix of direction cosines of the volume, ``[xras yras zras]``, and T that of the tkr frame. The rotation
-    is R T^-1 and the shift is ``cras``: both frames have the centre of the volume at the same voxel. For a conformed
-    volume R = T, and only the shift remains.
+    R is the matrix of direction cosines of the volume, ``[xras yras zras]``, and T that of the tkr frame, whose
+    axes are -x, -z and y. The rotation is R T^-1 and the shift is ``cras``: both frames have the centre of the volume
+    at the same voxel. For a conformed volume R = T, and only the shift remains.
     """
     if not geometry or not str(geometry.get("valid", "")).startswith("1"):
         return None
-    tkr = np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+    x, y, z = (np.asarray(geometry[f"{axis}ras"]) for axis in "xyz")
     affine = np.eye(4)
-    affine[:3, :3] = np.column_stack([geometry["xras"], geometry["yras"], geometry["zras"]]) @ tkr.T
-    affine[:3, 3] = geometry["cras"]
+    affine[:3] = np.column_stack([0.0 - x, 0.0 + z, 0.0 - y, geometry["cras"]])  # without negative zeros
     return affine
 
 
@@ -140,7 +140,7 @@ def flip_curvature_sign(values: ArrayLike) -> PerVertex:
     FreeSurfer's ``?h.curv`` and ``?h.sulc`` are positive in sulci; outside ``morphofold.io`` convex (a gyral
     crown, a sphere) is positive. NaN stays NaN, and zero stays zero without a sign.
     """
-    return 0.0 - np.asarray(values, dtype=np.float64)
+    return 0.0 - np.asarray(values, np.float64)
 
 
 # regions and labels ---------------------------------------------------------------------------------------
@@ -168,7 +168,7 @@ def read_regions(raw: bytes, path: Path) -> Regions:
     numbers = {r + 256 * g + 65536 * b: k for k, (r, g, b) in enumerate(regions)}
     labels = np.full(n, -1)
     labels[vertex] = [numbers.get(v, -1) for v in value.tolist()]
-    colours = np.array([*regions], dtype=np.uint8).reshape(-1, 3)
+    colours = np.array([*regions], np.uint8).reshape(-1, 3)
     return Regions(labels, tuple(regions.values()), colours, name=name_in_file(path))
 
 
@@ -196,7 +196,7 @@ def _colour_table(file: io.BytesIO) -> list[tuple[str, tuple[int, ...]]]:
 
 def write_regions(path: Path, regions: Regions) -> None:
     """Write a FreeSurfer annotation. Colours must differ: the format distinguishes regions only by colour."""
-    colours, labels = (np.asarray(part, dtype=np.int64) for part in (regions.colours, regions.labels))
+    colours, labels = (np.asarray(part, np.int64) for part in (regions.colours, regions.labels))
     if colours.shape != (len(regions.names), 3):
         raise WrongShape(f"{path}: {len(regions.names)} region names, but colours of shape {colours.shape}.")
     ids = colours @ (1, 256, 65536)
@@ -208,18 +208,18 @@ def write_regions(path: Path, regions: Regions) -> None:
     _write(path, read_regions, "write_annot", labels, table, list(regions.names), fill_ctab=True)
 
 
-def read_label(raw: bytes, path: Path) -> NDArray[np.int64]:
+def read_label(raw: bytes, path: Path) -> Ints:
     """Numbers of the vertices of a FreeSurfer label (``?h.cortex.label``)."""
-    lines = raw.splitlines()
-    if len(lines) < 2 or not lines[0].startswith(b"#") or not lines[1].strip().isdigit():
+    head = re.match(rb"#.*\n\s*(\d+)\b", raw)
+    if head is None:
         raise WrongFile(f"it is not a FreeSurfer label ({beginning(raw)})")
-    vertices = np.array([row.split(maxsplit=1)[0] for row in lines[2:] if row.strip()], dtype=np.int64)
-    if len(vertices) != int(lines[1]):
-        raise DamagedFile(f"its second line gives {int(lines[1])} vertices, but the file lists {len(vertices)}")
+    vertices = np.array([row.split(maxsplit=1)[0] for row in raw[head.end() :].splitlines() if row.strip()], np.int64)
+    if len(vertices) != int(head[1]):
+        raise DamagedFile(f"its second line gives {int(head[1])} vertices, but the file lists {len(vertices)}")
     return vertices
 
 
-def write_mask(path: Path, mask: NDArray[np.bool_], verts: Verts) -> None:
+def write_mask(path: Path, mask: Bools, verts: Verts) -> None:
     """Write a FreeSurfer label of the vertices where ``mask`` (N,) is True, with their positions ``verts`` (N, 3)."""
     vertices = np.flatnonzero(mask)
     lines = [f"#!ascii label cortex, written by morphofold\n{len(vertices)}\n"]
@@ -257,7 +257,7 @@ def read_aseg_stats(path: Path, hemi: str) -> dict[str, float | int]:
     """
     keys = {name.format(hemi=hemi): key for name, key in _KEY_OF_ASEG_MEASURE.items()}
     measures: dict[str, float | int] = {}
-    text = path.read_text(encoding="utf-8", errors="replace")
+    text = path.read_text("utf-8", errors="replace")
     for name, value in _ASEG_MEASURE.findall(text):
         if name in keys and float(value) <= LARGEST_NUMBER:
             measures[keys[name]] = round(float(value)) if keys[name] == "surface_holes" else float(value)

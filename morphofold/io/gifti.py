@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from morphofold.arrays import Bools
 from morphofold.errors import DamagedFile, WrongFile
 from morphofold.io.files import SurfaceContent, atomic_file, existing_file, name_in_file, side_named
 from morphofold.io.freesurfer import scanner_transform
@@ -50,7 +51,7 @@ def read_map(raw: bytes, path: Path) -> PerVertex:
     image = _read(raw, path)
     if len(image.darrays) != 1 or np.squeeze(image.darrays[0].data).ndim != 1:
         raise WrongFile(f"it holds {_content(image)}; a map has one array with one value per vertex")
-    return np.asarray(image.darrays[0].data, dtype=np.float64).reshape(-1)
+    return np.asarray(image.darrays[0].data, np.float64).reshape(-1)
 
 
 def read_regions(raw: bytes, path: Path) -> Regions:
@@ -65,14 +66,14 @@ def read_regions(raw: bytes, path: Path) -> Regions:
     if missing.size:
         raise DamagedFile(f"its label table lacks {len(missing)} of the keys, the first is {missing[0]}")
     labels = [table[key] for key in keys]
-    colours = np.nan_to_num(np.array([label.rgba[:3] for label in labels], dtype=np.float64)).reshape(-1, 3)
+    colours = np.nan_to_num(np.array([label.rgba[:3] for label in labels], np.float64)).reshape(-1, 3)
     names = tuple(clean_name(getattr(label, "label", "")) for label in labels)  # nibabel sets none without a text
     indices = np.where(values == 0, -1, np.searchsorted(keys, values))
     rgb = np.round(255 * colours.clip(0, 1)).astype(np.uint8)
     return Regions(indices, names, rgb, name_in_file(path))
 
 
-def read_mask(raw: bytes, path: Path) -> NDArray[np.bool_]:
+def read_mask(raw: bytes, path: Path) -> Bools:
     """Mask (N,): where a map or the keys of a label file are positive."""
     return read_map(raw, path) > 0
 
@@ -149,7 +150,7 @@ def write_regions(path: Path, regions: Regions) -> None:
     _write_image(path, [array], _structure_metadata(path), labels=zip(("???", *regions.names), rgba))
 
 
-def write_mask(path: Path, mask: NDArray[np.bool_], verts: Verts) -> None:
+def write_mask(path: Path, mask: Bools, verts: Verts) -> None:
     """Write a mask (N,) as a GIFTI label file whose one region is ``cortex``."""
     write_regions(path, Regions(np.where(mask, 0, -1), ("cortex",), np.array([[255, 255, 255]], np.uint8), "cortex"))
 

@@ -8,7 +8,7 @@ from pydantic_core import from_json
 
 from morphofold.errors import DamagedFile, NotReadable, TooLarge
 from morphofold.io.files import check_fetched, write_text
-from morphofold.provenance import strict_json
+from morphofold.provenance import Row, strict_json
 
 MOST_JSON_BYTES = 64 * 2**20  # bytes; the gyral graph of a hemisphere of a million vertices needs a tenth of it
 LARGEST_NUMBER = 1e12  # largest number of a surface: beyond it, squares and sums lose their meaning
@@ -41,7 +41,7 @@ def write_json(path: Path, content: Any) -> None:
     write_text(path, strict_json(content))
 
 
-def read_json(path: Path, schema: type[BaseModel], cure: str) -> dict[str, Any]:
+def read_json(path: Path, schema: type[BaseModel], cure: str) -> Row:
     """Content of a JSON object that matches the schema.
 
     Raises
@@ -57,7 +57,7 @@ def read_json(path: Path, schema: type[BaseModel], cure: str) -> dict[str, Any]:
     if size > MOST_JSON_BYTES:
         raise TooLarge(f"{path}: has {size:,} bytes; at most {MOST_JSON_BYTES:,} are allowed. {cure}")
     try:
-        content: dict[str, Any] = from_json(path.read_bytes(), allow_inf_nan=False)
+        content: Row = from_json(path.read_bytes(), allow_inf_nan=False)
         schema.model_validate(content)
     except ValidationError as error:
         problem = error.errors(include_url=False, include_context=False)[0]

@@ -47,7 +47,7 @@ def read_trimesh(kind: str, raw: bytes, path: Path) -> SurfaceContent:
         mesh = trimesh.load_mesh(io.BytesIO(raw), file_type=kind, **options)
     finally:
         logging.disable(disabled)
-    verts, faces = np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.int64)
+    verts, faces = np.array(mesh.vertices, np.float64), np.array(mesh.faces, np.int64)
     if len(faces) == 0:
         raise DamagedFile("it holds no triangles")
     counts = _COUNTS[kind].search(raw[:4096]) if kind in _COUNTS else None
@@ -129,8 +129,8 @@ def read_ascii(raw: bytes, path: Path) -> SurfaceContent:
     n, m, *numbers = re.sub(rb"#[^\n]*", b"", raw).split()
     if len(numbers) != 4 * (int(n) + int(m)):
         raise DamagedFile(f"{int(n)} vertices and {int(m)} faces do not have {len(numbers)} numbers")
-    verts = np.array(numbers[: 4 * int(n)], np.float64).reshape(-1, 4)[:, :3]
-    return verts, np.array(numbers[4 * int(n) :], np.int64).reshape(-1, 4)[:, :3], None
+    rows = np.array(numbers).reshape(-1, 4)[:, :3]
+    return rows[: int(n)].astype(np.float64), rows[int(n) :].astype(np.int64), None
 
 
 def read_mni(raw: bytes, path: Path) -> SurfaceContent:

@@ -14,7 +14,7 @@ from morphofold.io import atomic_folder, read_surface
 from morphofold.io.cortices import SurfaceRecord
 from morphofold.io.folders import refuse_overlap
 from morphofold.io.json_files import Count, FileWord, Number, Record, file_word, read_json, write_json
-from morphofold.provenance import changed_since, digests, printable, records_as_read
+from morphofold.provenance import Row, changed_since, digests, printable, records_as_read
 from morphofold.results.hemisphere_files import in_scanner, read_hemisphere, read_map, write_hemisphere
 from morphofold.results.layouts import MISSING_DESCRIPTION, REANALYSE_ADVICE, Layout, begin_dataset, subject_place
 from morphofold.surface import Cortex, PerVertex, Surface
@@ -32,7 +32,7 @@ class SurfaceSummary(SurfaceRecord):
     transform: list[list[Number]] | None
     measures: dict[str, Number | None]
     notes: dict[str, str]
-    parameters: dict[str, Any]
+    parameters: Row
     maps: list[FileWord]
     came_with: list[FileWord]
     inflated: bool
@@ -47,8 +47,8 @@ class Summary(Record):
     """``summary.json`` of an analysis, or the provenance file of a subject in a BIDS dataset."""
 
     morphofold: str
-    inputs: list[dict[str, Any]]
-    parameters: dict[str, Any]
+    inputs: list[Row]
+    parameters: Row
     rows: dict[str, Count]
     written: dict[str, str] = {}  # digests of surfaces, maps and tables, in the plain layout only
     surfaces: list[SurfaceSummary]
@@ -154,8 +154,8 @@ def write_analysis(
 
 
 def _summary_of(
-    measures: Sequence[Measures], inputs: list[dict[str, Any]], parameters: Mapping[str, Any], failed: Mapping[str, str]
-) -> dict[str, Any]:
+    measures: Sequence[Measures], inputs: list[Row], parameters: Mapping[str, Any], failed: Mapping[str, str]
+) -> Row:
     """Content of summary.json: input files, parameters, numbers of rows, an entry per surface, and what failed."""
     return {
         "morphofold": __version__,
@@ -168,7 +168,7 @@ def _summary_of(
     }
 
 
-def _surface_entry(m: Measures) -> dict[str, Any]:
+def _surface_entry(m: Measures) -> Row:
     cortex = m.cortex
     return {
         **{key: getattr(cortex, key) for key in ("hemi", "name", "origin", "units", "portion", "info", "transform")},

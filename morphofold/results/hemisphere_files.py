@@ -6,7 +6,7 @@ has FreeSurfer's sign; reading reverses both.
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -15,7 +15,6 @@ from typing import Any
 import networkx as nx
 import numpy as np
 from nibabel.affines import apply_affine
-from numpy.typing import NDArray
 
 from morphofold import io
 from morphofold.analysis.graph.crest_net import GyralScales
@@ -23,6 +22,7 @@ from morphofold.analysis.measures import Measures
 from morphofold.errors import Mismatch
 from morphofold.io.files import decoding
 from morphofold.io.json_files import Record, read_json
+from morphofold.provenance import Row, json_value
 from morphofold.quantities import quantity
 from morphofold.results import layouts
 from morphofold.results.subject_files import stats_name, write_gyral_stats
@@ -33,6 +33,7 @@ from morphofold.validators import same_length
 SURFACES_IN_SCANNER = ("white", "pial")  # the others have no place in the scanner
 ARRAY_TYPES = {"position": np.float64, "normal": np.float64, "polyline": np.float64, "vertices": np.int64}
 CURVATURE_DESCRIPTION = "Mean curvature of the pial surface, positive in sulci (FreeSurfer's sign)"
+_check_size = partial(same_length, advice="The files belong to two analyses.", error=Mismatch)
 
 
 def write_hemisphere(m: Measures, layout: layouts.Layout, *, mgh: bool = False) -> None:
@@ -43,9 +44,8 @@ def write_hemisphere(m: Measures, layout: layouts.Layout, *, mgh: bool = False) 
         if (surface := getattr(cortex, name)) is not None:
             scanner = layout.bids and name in SURFACES_IN_SCANNER and cortex.transform is not None
             io.write_surface(layout.new("surface", hemi, name), surface, scanner=scanner)
-    copies = () if layout.bids else ("freesurfer_map", "mgh_map")[: 1 + mgh]
-    for kind, maps in (("input_map", cortex.maps), *((kind, m.maps) for kind in ("map", *copies))):
-        for name, values in maps.items():
+    for kind in ("input_map", "map", "freesurfer_map", "mgh_map")[: 2 if layout.bids else 3 + mgh]:
+        for name, values in (cortex if kind == "input_map" else m).maps.items():
             path, title = layout.new(kind, hemi, name, _about_map(kind, name)), layouts.map_ending(kind, name)
             values = _with_file_sign(layout, kind, name, values)
             missing = np.nan if path.suffix == ".gii" else 0.0
@@ -56,7 +56,10 @@ def write_hemisphere(m: Measures, layout: layouts.Layout, *, mgh: bool = False) 
         path = layout.new("regions", hemi, regions.name, {"Description": text, "SpatialReference": white})
         io.write_annotation(path, regions)
         if layout.bids:
-            _write_region_keys(layout.new("region_keys", hemi, regions.name), regions)
+            colours = (f"#{bytes(rgb).hex()}" for rgb in regions.colours.tolist())
+            rows = enumerate([("no region", None), *zip(regions.names, colours)])
+            keys = [{"index": key, "name": name, "color": colour} for key, (name, colour) in rows]
+            write_table(layout.new("region_keys", hemi, regions.name), (), keys)
     if cortex.cortex is not None:
         text = "1 where the vertex is cortex, else 0"
         path = layout.new("mask", hemi, about={"Description": text, "Type": "ROI", "SpatialReference": white})
@@ -80,19 +83,10 @@ def _about_map(kind: str, name: str) -> dict[str, str]:
     return {"Description": label, "Units": layouts.in_bids_letters(unit), "Missing": layouts.MISSING_DESCRIPTION}
 
 
-def _write_region_keys(path: Path, regions: Regions) -> None:
-    """Write the table of keys, names and colours that BIDS wants beside regions."""
-    colours = (f"#{bytes(rgb).hex()}" for rgb in regions.colours.tolist())
-    rows = enumerate([("no region", None), *zip(regions.names, colours)])
-    write_table(path, (), [{"index": key, "name": name, "color": colour} for key, (name, colour) in rows])
-
-
 # reading ----------------------------------------------------------------------------------------------------
 
 
-def read_hemisphere(
-    entry: Mapping[str, Any], tables: Mapping[str, list[dict[str, Any]]], layout: layouts.Layout
-) -> Measures:
+def read_hemisphere(entry: Mapping[str, Any], tables: Mapping[str, list[Row]], layout: layouts.Layout) -> Measures:
     """Measures from the entry of a surface in the summary, the tables of both hemispheres, and its own files.
 
     Raises
@@ -103,9 +97,9 @@ def read_hemisphere(
         If a file cannot be read; the message names it.
     """
     hemi, path = entry["hemi"], partial(layout.path, hemi=entry["hemi"])
-    transform = None if entry["transform"] is None else np.array(entry["transform"], dtype=np.float64)
+    transform = None if entry["transform"] is None else np.array(entry["transform"], np.float64)
     kinds = [kind for kind in SURFACES if kind in SURFACES_IN_SCANNER or entry.get(kind)]
-    fields: dict[str, Any] = {k: replace(io.read_surface(path("surface", name=k)), name=f"{hemi}.{k}") for k in kinds}
+    fields: Row = {k: replace(io.read_surface(path("surface", name=k)), name=f"{hemi}.{k}") for k in kinds}
     n, annotation = len(fields["white"].verts), entry["annotation"]
     fields |= {key: entry[key] for key in ("hemi", "name", "origin", "units", "info", "portion")}
     fields |= {key: tuple(entry[key]) for key in ("files", "inputs")}
@@ -116,30 +110,27 @@ def read_hemisphere(
         regions=_read_regions(path("regions", name=annotation), annotation, n) if annotation else None,
         transform=transform,
     )
-    own: dict[str, Any] = {name: [row for row in rows if row["hemi"] == hemi] for name, rows in tables.items()}
-    own |= {key: entry[key] for key in ("parameters", "notes")}
-    own["graph"] = read_graph(path("graph"), n) if entry["graph"] else None
+    own: Row = {name: [row for row in rows if row["hemi"] == hemi] for name, rows in tables.items()}
+    graph = read_graph(path("graph"), n) if entry["graph"] else None
     maps = {name: read_map(layout, hemi, name, n) for name in entry["maps"]}
-    m = Measures(cortex, entry["measures"], maps, **own)
+    m = Measures(
+        cortex, entry["measures"], maps, graph=graph, parameters=entry["parameters"], notes=entry["notes"], **own
+    )
     return in_scanner(m, back=True) if layout.bids else m
 
 
 def read_map(layout: layouts.Layout, hemi: str, name: str, n: int, kind: str = "map") -> PerVertex:
     """A map (N,) of a surface with ``n`` vertices: a measured one, positive where convex, or an ``"input_map"``."""
     path = layout.path(kind, hemi, name)
-    return _with_file_sign(layout, kind, name, _of_size(io.read_morph(path), n, path))
+    values = io.read_morph(path)
+    _check_size(values, n, f"{path}:")
+    return _with_file_sign(layout, kind, name, values)
 
 
 def _read_regions(path: Path, name: str, n: int) -> Regions:
     regions = replace(io.read_annotation(path), name=name)
-    _of_size(regions.labels, n, path)
+    _check_size(regions.labels, n, f"{path}:")
     return regions
-
-
-def _of_size(values: NDArray[Any], n: int, path: Path) -> NDArray[Any]:
-    """The values of a file; raises ``Mismatch`` unless there is one for each vertex."""
-    same_length(values, n, f"{path}:", "The files belong to two analyses.", Mismatch)
-    return values
 
 
 # to the scanner's coordinates, and back ---------------------------------------------------------------------
@@ -151,7 +142,7 @@ def in_scanner(m: Measures, *, back: bool = False) -> Measures:
     if m.cortex.transform is None:
         return m
     affine: Any = np.linalg.inv(m.cortex.transform) if back else m.cortex.transform
-    at, surfaces = partial(apply_affine, affine), dict[str, Any]()
+    at, surfaces = partial(apply_affine, affine), Row()
     for name in SURFACES:
         if (surface := getattr(m.cortex, name)) is not None:
             verts = at(surface.verts) if name in SURFACES_IN_SCANNER else surface.verts
@@ -171,10 +162,10 @@ def in_scanner(m: Measures, *, back: bool = False) -> Measures:
 
 def write_graph(path: Path, graph: nx.MultiGraph) -> None:
     """Write a graph of :func:`morphofold.analysis.gyral_graph`; numbers with seven figures, NaN as null."""
-    scales, text = graph.graph["scales"], json.dumps(nx.node_link_data(graph, edges="edges"), default=_plain)
+    text = json.dumps(nx.node_link_data(graph, edges="edges"), default=json_value)
     content = json.loads(text, parse_float=lambda x: float(f"{float(x):.7g}"), parse_constant=lambda _: None)
-    content["graph"]["scales"] = None if scales is None else asdict(scales)
-    path.write_text(json.dumps(content, allow_nan=False) + "\n", encoding="utf-8")
+    content["graph"]["scales"] = json_value(graph.graph["scales"])  # in full
+    path.write_text(json.dumps(content, allow_nan=False) + "\n", "utf-8")
 
 
 def read_graph(path: Path, n: int) -> nx.MultiGraph:
@@ -189,19 +180,14 @@ def read_graph(path: Path, n: int) -> nx.MultiGraph:
     """
     content = read_json(path, Record, layouts.REANALYSE_ADVICE)
     with decoding(path, "a gyral graph", layouts.REANALYSE_ADVICE):
+        data, nodes, edges = content["graph"], content["nodes"], content["edges"]
+        scales = data["scales"]
+        for row in (data, *nodes, *edges):
+            row |= {name: np.nan if value is None else value for name, value in row.items()}
+            row |= {name: np.array(row[name], kind) for name, kind in ARRAY_TYPES.items() if name in row}
+        data["scales"] = None if scales is None else GyralScales(**scales)
         graph: nx.MultiGraph = nx.node_link_graph(content, edges="edges")
-        scales = graph.graph["scales"]
-        of_nodes, of_edges = ([data for *_, data in part(data=True)] for part in (graph.nodes, graph.edges))
-        for data in (graph.graph, *of_nodes, *of_edges):
-            data |= {name: np.nan if value is None else value for name, value in data.items()}
-            data |= {name: np.array(data[name], kind) for name, kind in ARRAY_TYPES.items() if name in data}
-        graph.graph["scales"] = None if scales is None else GyralScales(**scales)
-        last = max(chain((data["vertex"] for data in of_nodes), *(data["vertices"] for data in of_edges)), default=-1)
+        last = max(chain((node["vertex"] for node in nodes), *(edge["vertices"] for edge in edges)), default=-1)
     if last >= n:
         raise Mismatch(f"{path}: has vertex {last}, but the surface has 0..{n - 1}. {layouts.REANALYSE_ADVICE}")
     return graph
-
-
-def _plain(value: Any) -> Any:
-    """An array, a number of NumPy or the scales as JSON has it."""
-    return asdict(value) if isinstance(value, GyralScales) else value.tolist()

@@ -18,7 +18,7 @@ from morphofold.analysis.frames import COLUMNS, TEXT_COLUMNS
 from morphofold.errors import MissingPart, NotReadable
 from morphofold.io.files import write_text
 from morphofold.io.json_files import Record, file_word, read_json, write_json
-from morphofold.provenance import printable
+from morphofold.provenance import Row, printable
 from morphofold.quantities import column_words
 from morphofold.tables import read_table, write_table
 
@@ -91,15 +91,16 @@ class Layout:
     def bids(self) -> bool:
         return bool(self.subject)
 
-    @property
-    def paths(self) -> Mapping[str, str]:
-        return BIDS_PATHS if self.bids else PLAIN_PATHS
-
     def path(self, kind: str, hemi: str = "", name: str = "") -> Path:
         """Path of a file; raises ``NotReadable`` for a name that cannot be part of it."""
-        fields = {"hemi": hemi, "side": BIDS_SIDES.get(hemi), "subject": self.subject, "name": name and file_word(name)}
-        fields |= {"camel": _camel_case(name), "ending": map_ending(kind, name)}
-        return self.folder / self.paths[kind].format(**fields)
+        return self.folder / (BIDS_PATHS if self.bids else PLAIN_PATHS)[kind].format(
+            hemi=hemi,
+            side=BIDS_SIDES.get(hemi),
+            subject=self.subject,
+            name=name and file_word(name),
+            camel=_camel_case(name),
+            ending=map_ending(kind, name),
+        )
 
     def new(self, kind: str, hemi: str = "", name: str = "", about: Mapping[str, Any] = {}) -> Path:
         """Path of a file to write: its folder is made, and in BIDS the JSON file that describes it (``about``)."""
@@ -115,7 +116,7 @@ class Layout:
         path = self.new("table", name=name, about={key: _about_column(key) for key in keys})
         write_table(path, columns, rows)
 
-    def read_table(self, name: str, n_rows: int) -> list[dict[str, Any]]:
+    def read_table(self, name: str, n_rows: int) -> list[Row]:
         """Read a table that was written with this number of rows."""
         path, columns = self.path("table", name=name), COLUMNS[name]
         rows = read_table(path, TEXT_COLUMNS, n_rows, numbers=set(columns) - TEXT_COLUMNS)
@@ -141,17 +142,17 @@ def _camel_case(name: str) -> str:
     return first + "".join(word[:1].upper() + word[1:] for word in rest)
 
 
-def _about_column(key: str) -> dict[str, Any]:
+def _about_column(key: str) -> Row:
     label, unit = column_words(key)
-    about: dict[str, Any] = {"Description": label, **({"Units": in_bids_letters(unit)} if unit else {})}
+    about: Row = {"Description": label, **({"Units": in_bids_letters(unit)} if unit else {})}
     return about | ({"Levels": {"lh": "left", "rh": "right"}} if key == "hemi" else {})
 
 
 # the dataset -----------------------------------------------------------------------------------------------
 
-BIDSIGNORE_LINES = Path(__file__).with_name("bidsignore.txt").read_text(encoding="utf-8").splitlines()
-README_TEXT = Path(__file__).with_name("dataset_readme.md").read_text(encoding="utf-8")
-NEW_DESCRIPTION: dict[str, Any] = {
+BIDSIGNORE_LINES = Path(__file__).with_name("bidsignore.txt").read_text("utf-8").splitlines()
+README_TEXT = Path(__file__).with_name("dataset_readme.md").read_text("utf-8")
+NEW_DESCRIPTION: Row = {
     "Name": "Cortical morphometry by morphofold",
     "BIDSVersion": "1.11.1",
     "DatasetType": "derivative",
@@ -163,7 +164,7 @@ class _Description(Record):
     """``dataset_description.json`` of derivatives."""
 
     DatasetType: Literal["derivative"]
-    GeneratedBy: list[dict[str, Any]]
+    GeneratedBy: list[Row]
 
 
 def subject_place(dataset: Path, name: str) -> Path:
@@ -208,21 +209,21 @@ def begin_dataset(dataset: Path, ignoring: Sequence[str] = ()) -> None:
     content, ignored = _our_description(dataset), dataset / ".bidsignore"
     if not content:
         write_text(dataset / "README.md", README_TEXT)
-    lines = ignored.read_text(encoding="utf-8").splitlines() if ignored.is_file() else []
+    lines = ignored.read_text("utf-8").splitlines() if ignored.is_file() else []
     write_text(ignored, "\n".join([*dict.fromkeys([*lines, *BIDSIGNORE_LINES, *ignoring]), ""]))
     content = content or NEW_DESCRIPTION
-    others = [maker for maker in content["GeneratedBy"] if maker.get("Name") != "morphofold"]
-    makers = [*others, {"Name": "morphofold", "Version": __version__}]
+    makers = [maker for maker in content["GeneratedBy"] if maker.get("Name") != "morphofold"]
+    makers.append({"Name": "morphofold", "Version": __version__})
     write_json(dataset / "dataset_description.json", content | {"GeneratedBy": makers})
 
 
-def _our_description(dataset: Path) -> dict[str, Any]:
+def _our_description(dataset: Path) -> Row:
     """The description of a dataset that morphofold wrote; empty for any other folder."""
     content = _json_or_empty(dataset / "dataset_description.json", _Description)
     return content if any(maker.get("Name") == "morphofold" for maker in content.get("GeneratedBy", [])) else {}
 
 
-def _json_or_empty(path: Path, schema: type[Record]) -> dict[str, Any]:
+def _json_or_empty(path: Path, schema: type[Record]) -> Row:
     """Content of a JSON object; empty if it can't be read."""
     try:
         return read_json(path, schema, "")

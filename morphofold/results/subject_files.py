@@ -5,7 +5,6 @@
 files are never replaced.
 """
 
-import errno
 import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
@@ -20,10 +19,11 @@ from morphofold.analysis.measures import Measures
 from morphofold.errors import DoesNotApply
 from morphofold.geometry import vertex_areas
 from morphofold.io import atomic_file, write_morph
+from morphofold.io.files import check_above
 from morphofold.io.folders import MARKER_FILE
 from morphofold.io.json_files import Record, read_json, write_json
 from morphofold.mesh_quality.checks import cortex_label
-from morphofold.provenance import printable, sha256_of
+from morphofold.provenance import Row, printable, sha256_of
 
 RECORD_FILE = "stats/morphofold.json"  # in the subject: SHA-256 of the files that morphofold wrote there
 #: names in surf/ without the hemisphere, and the maps that they hold; pial_lgi is the name of recon-all -localGI
@@ -62,7 +62,7 @@ def write_gyral_stats(path: str | Path, m: Measures) -> None:
     and WhiteSurfArea are of the cortex, as with ``-cortex ?h.cortex.label``, MeanThickness is the median gyral
     thickness of the hemisphere, and volumes of the brain are FreeSurfer's own.
     """
-    Path(path).write_text("\n".join([*_head(m), *(_row(m, row) for row in m.regions)]) + "\n", encoding="utf-8")
+    Path(path).write_text("\n".join([*_head(m), *(_row(m, row) for row in m.regions)]) + "\n", "utf-8")
 
 
 def _head(m: Measures) -> list[str]:
@@ -80,7 +80,7 @@ def _head(m: Measures) -> list[str]:
         "etiv": info.get("etiv_mm3"),
     }
     unknown = [f"{{{key}" for key, value in values.items() if value is None]
-    lines = Path(__file__).with_name("stats_head.txt").read_text(encoding="utf-8").splitlines()
+    lines = Path(__file__).with_name("stats_head.txt").read_text("utf-8").splitlines()
     return [line.format(**values) for line in lines if not any(field in line for field in unknown)]
 
 
@@ -119,15 +119,15 @@ def check_subject(folder: str | Path) -> Path:
     """
     folder = Path(folder)
     folder = folder.parent if folder.name == "surf" else folder
-    of_freesurfer = any((folder / "surf" / f"{hemi}.white").is_file() for hemi in ("lh", "rh"))
-    if not of_freesurfer or any(os.path.lexists(folder / name) for name in _NOT_IN_A_SUBJECT):
+    if not any((folder / "surf").glob("[lr]h.white")) or any(
+        os.path.lexists(folder / name) for name in _NOT_IN_A_SUBJECT
+    ):
         raise DoesNotApply(
             f"{folder}: is not a FreeSurfer subject (with surf/?h.white of FreeSurfer), so nothing is written into it. "
             "Leave out --into-subject."
         )
-    for place in (folder / "surf", folder / "stats"):
-        if place.exists() and not os.access(place, os.W_OK | os.X_OK):
-            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), os.fspath(place))
+    for name in ("surf/lh.pial_lgi", RECORD_FILE):
+        check_above(folder / name)
     _read_record(folder)
     return folder
 
@@ -186,7 +186,7 @@ def _writers(measures: Sequence[Measures]) -> dict[str, Callable[[Path], object]
     return writers
 
 
-def _read_record(folder: Path) -> dict[str, Any]:
-    path, none = folder / RECORD_FILE, dict[str, Any](files={}, before={})
+def _read_record(folder: Path) -> Row:
+    path, none = folder / RECORD_FILE, Row(files={}, before={})
     advice = "Remove it; the files that are there are then kept."
     return none | read_json(path, _WrittenRecord, advice) if os.path.lexists(path) else none

@@ -119,7 +119,7 @@ def _write_page(
         plot_notes=plot_notes(comparison.named, comparison.clouds),
         people=person_parts(comparison.people, entries, folder),
         methods=methods_of(comparison.measures, entries=entries, comparison=comparison),
-        inputs=inputs or records_as_read(e.cortex for e in entries),
+        inputs=inputs or records_as_read([e.cortex for e in entries]),
     )
 
 
