@@ -1,4 +1,6 @@
-"""What a notebook shows of an object: a short table and a small picture, drawn without a graphics card."""
+"""What a notebook shows: a cortex, measures, a comparison or a simulation goes in, HTML with a short table and a small
+picture comes out; and the picture of one map, for ``Measures.plot``. No graphics card is needed.
+"""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -85,25 +87,26 @@ def card_of(shown: Any) -> Card:
 @card_of.register
 def _of_cortex(cortex: Cortex) -> Card:
     came_with = [*cortex.maps, *(name for name in ("inflated", "sphere") if getattr(cortex, name) is not None)]
-    regions = f"{len(cortex.regions.names)} of {cortex.regions.name}" if cortex.regions else ""
-    rows = [
-        *_texts({"Hemisphere": SIDES[cortex.hemi], "From": cortex.origin}),
-        *_sizes(cortex),
-        *_texts({"Regions": regions, "With": ", ".join(came_with)}),
-    ]
-    return Card(f"Cortex {cortex.name}", rows, surfaces=[Row("", cortex.pial, hemi=cortex.hemi)])
+    facts = {
+        "Hemisphere": SIDES[cortex.hemi],
+        "From": cortex.origin,
+        **_sizes(cortex),
+        "Regions": f"{len(cortex.regions.names)} of {cortex.regions.name}" if cortex.regions else None,
+        "With": ", ".join(came_with),
+    }
+    return Card(f"Cortex {cortex.name}", _rows([facts], facts), surfaces=[Row("", cortex.pial, hemi=cortex.hemi)])
 
 
 @card_of.register
 def _of_measures(m: Measures) -> Card:
-    tables = {name: len(getattr(m, name)) for name in ("regions", "crests", "hinges", "arms", "shapes")}
+    tables = {name: getattr(m, name) for name in ("regions", "crests", "hinges", "arms", "shapes")}
     return Card(
         f"Measures of {m.cortex.name}, {SIDES[m.cortex.hemi]}",
-        _numbers([m.scalars], (*SHOWN_SCALARS, "wavelength_mm")),
+        _rows([m.scalars], (*SHOWN_SCALARS, "wavelength_mm")),
         remarks=[
             f"Scalars: {sum(value is not None for value in m.scalars.values())}. Notes: {len(m.notes)}.",
             f"Maps: {', '.join(m.maps) or 'none'}.",
-            f"Tables: {', '.join(f'{n} {name}' for name, n in tables.items() if n) or 'none'}.",
+            f"Tables: {', '.join(f'{len(rows)} {name}' for name, rows in tables.items() if rows) or 'none'}.",
             *([m.notes["only"]] if "only" in m.notes else []),
         ],
         **_surfaces([m], [m.cortex.called]),
@@ -116,7 +119,7 @@ def _of_comparison(found: Comparison) -> Card:
     more = len(found.names) > MOST_SURFACES
     return Card(
         f"Comparison of {plural(len(found.names), 'surface')}",
-        _numbers(by_name, SHOWN_SCALARS),
+        _rows(by_name, SHOWN_SCALARS),
         names=found.names,
         remarks=[*found.cautions, *([f"The picture shows the first {MOST_SURFACES}."] if more else [])],
         **_surfaces(found.measures[:MOST_SURFACES], found.names[:MOST_SURFACES]),
@@ -125,47 +128,42 @@ def _of_comparison(found: Comparison) -> Card:
 
 @card_of.register
 def _of_simulation(sim: Simulation) -> Card:
-    scene, title = sim.scene, f"Simulation {sim.scene.name}"
-    rows = _texts(
-        {
-            "Folder": str(sim.path),
-            "Shape": scene.geometry.shape,
-            "Growth": f"{scene.growth.law}, to {scene.growth.final:g}",
-            "Stiffness ratio": scene.material.mu_ratio,
-        }
-    )
+    scene, reason, surfaces = sim.scene, "", []
+    facts = {
+        "Folder": str(sim.path),
+        "Shape": scene.geometry.shape,
+        "Growth": f"{scene.growth.law}, to {scene.growth.final:g}",
+        "Stiffness ratio": scene.material.mu_ratio,
+    }
     try:
-        if not sim.stages:
-            return Card(title, rows, reason="No stage is written yet.")
-        rows += _texts({"Stages": ", ".join(f"{g:g}" for g in sim.stages)})
-        cortex, health = sim.cortex(), sim.health
+        if sim.stages:
+            facts["Stages"] = ", ".join(f"{g:g}" for g in sim.stages)
+            cortex, health = sim.cortex(), sim.health
+            healthy = "healthy" if health["healthy"] else "; ".join(map(str, health["warnings"]))
+            facts |= {**_sizes(cortex), "Health": healthy}
+            surfaces = [Row("", cortex.pial, hemi=cortex.hemi)]
+        else:
+            reason = "No stage is written yet."
     except (OSError, ValueError) as error:  # a run that goes on or was moved; files that were changed
-        return Card(title, rows, reason=in_one_line(error))
-    healthy = "healthy" if health["healthy"] else "; ".join(map(str, health["warnings"]))
-    rows += [*_sizes(cortex), *_texts({"Health": healthy})]
-    return Card(title, rows, surfaces=[Row("", cortex.pial, hemi=cortex.hemi)])
+        reason = in_one_line(error)
+    return Card(f"Simulation {scene.name}", _rows([facts], facts), surfaces=surfaces, reason=reason)
 
 
-def _texts(facts: Mapping[str, Any]) -> list[Numbers]:
-    """A row for each fact that is known."""
-    return [(label, "", [fact]) for label, fact in facts.items() if fact]
-
-
-def _sizes(cortex: Cortex) -> list[Numbers]:
+def _sizes(cortex: Cortex) -> dict[str, float]:
     surfaces = {"area_pial_mm2": cortex.pial, "area_white_mm2": cortex.white}
-    areas = {name: float(face_areas(s.verts, s.faces).sum()) for name, s in surfaces.items()}
-    return _numbers([{"n_vertices": cortex.n_vertices, **areas}], ("n_vertices", *areas))
+    areas = {name: face_areas(s.verts, s.faces).sum() for name, s in surfaces.items()}
+    return {"n_vertices": cortex.n_vertices, **areas}
 
 
-def _numbers(scalars: Sequence[Mapping[str, Any]], names: Iterable[str]) -> list[Numbers]:
-    """A row for each name that has a value."""
-    rows = {name: [values.get(name) for values in scalars] for name in names}
-    return [(*scalar_words(name), row) for name, row in rows.items() if any(value is not None for value in row)]
+def _rows(columns: Sequence[Mapping[str, Any]], names: Iterable[str]) -> list[Numbers]:
+    """A row for each name, of a scalar or of a fact, that has a value in some column."""
+    rows = {name: [column.get(name) for column in columns] for name in names}
+    return [(*scalar_words(name), row) for name, row in rows.items() if any(value not in (None, "") for value in row)]
 
 
 def _surfaces(measures: Sequence[Measures], names: Sequence[str]) -> dict[str, Any]:
     """Pial surfaces in the colours of the first main map, else of the first map, with a value; bare without one."""
-    keys = (*MAIN_MAPS, *dict.fromkeys(name for m in measures for name in m.maps))
+    keys = (*MAIN_MAPS, *(name for m in measures for name in m.maps))
     key = next((k for k in keys if any(np.isfinite(m.maps.get(k, np.nan)).any() for m in measures)), "")
     values = [m.maps.get(key, np.full(m.cortex.n_vertices, np.nan)) if key else NO_VALUES for m in measures]
     rows = [Row(name, m.cortex.pial, v, m.cortex.hemi) for m, name, v in zip(measures, names, values)]

@@ -154,10 +154,11 @@ def _line_on_patch(line: Array, white: cKDTree, verts: Array, edge: float) -> li
     inside = np.flatnonzero(np.isfinite(far))
     parts = []
     for run in np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1):
-        part = verts[nearest[run]]
-        for _ in range(4 if len(part) > 2 else 0):
-            part = np.concatenate([part[:1], (part[:-2] + 2 * part[1:-1] + part[2:]) / 4, part[-1:]])
-        parts += [part] if len(part) > 1 else []
+        if len(run) > 1:
+            part = verts[nearest[run]]
+            for _ in range(4):
+                part[1:-1] = (part[:-2] + 2 * part[1:-1] + part[2:]) / 4
+            parts.append(part)
     return parts
 
 
@@ -192,11 +193,11 @@ def in_sight(patch: Row) -> float:
 def hinge_pairs(pairs: Mapping[Match, tuple[Row, Row]], rows: tuple[str, str]) -> Picture:
     """Pairs of hinges in columns, the first group above the second; ``rows`` are the names of both groups."""
     left, top, step = 3 * CAPTION_PX // 2, 16, PANEL_PX + CAPTION_PX
-    size, bold = (PANEL_PX, PANEL_PX), {"va": "center", "rotation": 90, "weight": "bold"}
+    size, upwards = (PANEL_PX, PANEL_PX), {"rotation": 90, "weight": "bold"}
     with new_sheet(left + PANEL_PX * len(pairs), top + 2 * step + 12) as sheet:
         for line, group in enumerate(rows):
             y = top + line * step
-            sheet.text(CAPTION_PX, y + PANEL_PX / 2, group, 20, PANEL_PX, ha="center", **bold)
+            sheet.text(CAPTION_PX, y + PANEL_PX / 2, group, 20, PANEL_PX, ha="center", va="center", **upwards)
             for k, (match, patches) in enumerate(pairs.items()):
                 x = left + k * PANEL_PX
                 sheet.picture(draw(patches[line], "top", PATCH_QUANTITY, (0, 1), size, PX_PER_WIDTH), x, y)

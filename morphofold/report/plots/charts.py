@@ -208,9 +208,9 @@ def thickness_plot(
     x = [p.cortical for p in marks]
     y = [value for p in marks for value in (p.low, p.gyral, p.high) if value is not None]
     right, top = ends = 1.12 * max(x), 1.12 * max(y)
-    limits = [(0.0, end) for end in ends] if from_zero else [limits_around(x), limits_around(y)]
+    across, up = ((0.0, end) if from_zero else limits_around(values) for end, values in zip(ends, (x, y)))
     labels = "Cortical thickness [mm]", "Gyral thickness [mm]"
-    with new_chart("Gyral thickness against cortical thickness", *labels, *limits, size) as chart:
+    with new_chart("Gyral thickness against cortical thickness", *labels, across, up, size) as chart:
         for slope, label in lines:
             end = min(right, top / slope)
             chart.line([0, end], [0, end * slope], "theory", label, **THEORY)

@@ -3,6 +3,7 @@
 Figures are drawn inside of ``plot_style`` or ``new_figure``; :func:`save` writes them, with the same bytes each time.
 """
 
+import math
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -80,11 +81,9 @@ def line_style(index: int) -> Style:
 
 
 def around(values: Sequence[float], low: float, high: float, step: float) -> tuple[float, float]:
-    """Limits low to high, extended by whole steps where finite values lie beyond."""
-    finite = np.array([v for v in values if np.isfinite(v)] or [low])
-    below = step * np.floor(finite.min() / step + 1e-9)
-    above = step * np.ceil(finite.max() / step - 1e-9)
-    return min(low, float(below)), max(high, float(above))
+    """Limits low to high, which are whole steps, extended by such where finite values lie beyond."""
+    finite = [low, high, *filter(math.isfinite, values)]
+    return step * math.floor(min(finite) / step + 1e-9), step * math.ceil(max(finite) / step - 1e-9)
 
 
 def round_step(size: float) -> float:
@@ -97,8 +96,8 @@ def ticks(low: float, high: float, about: int = 5) -> list[float]:
     if not low < high:
         return [low]
     step = STEPS[STEPS.searchsorted(0.999 * (high - low) / about)]
-    first, last = int(np.ceil(low / step - 1e-9)), int(np.floor(high / step + 1e-9))
-    return [float(f"{k * step:.12g}") for k in range(first, last + 1)]
+    inside = range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1)
+    return [float(f"{k * step:.12g}") for k in inside]
 
 
 def legend_below(ax: Axes) -> None:

@@ -194,13 +194,14 @@ def _mark_paper_limits(ax: Axes, rows: list[Row]) -> None:
     """Mark the two limits in the text of the paper: 1.34 for a thin cortex, 1.2 for isotropic growth."""
     thin, last = theory.CREASE ** (1 / 3), theory.thickest_creasing()
     line: Style = {"color": GREY, "linewidth": 0.9, "zorder": 1}
-    across, up = ax.get_yaxis_transform(), ax.get_xaxis_transform()
+    note: Style = {"va": "top", **NOTE}
     ax.axhline(thin, **line)
-    ax.text(0.995, thin - 0.03, f"thin cortex: $g$ = {thin:.2f}", transform=across, ha="right", va="top", **NOTE)
+    text = f"thin cortex: $g$ = {thin:.2f}"
+    ax.text(0.995, thin - 0.03, text, transform=ax.get_yaxis_transform(), ha="right", **note)
     if "isotropic" in _distinct(rows, "law"):
         ax.axvline(last, **line)
         text = f"  $C/B$ = {last:.2f}: no crease\n  beyond, if isotropic"
-        ax.text(last, 0.97, text, transform=up, va="top", clip_on=True, **NOTE)
+        ax.text(last, 0.97, text, transform=ax.get_xaxis_transform(), clip_on=True, **note)
 
 
 def _draw_dots(ax: Axes, rows: list[Row], x: str, y: str) -> None:
