@@ -23,14 +23,10 @@ from morphofold.surface import Faces, Surface
 from morphofold.threads import run_parallel
 
 VIEWS = ("lateral", "medial", "top", "bottom")
-#: screen's right, up and towards-the-viewer axes, in right, anterior, superior (RAS); of a right hemisphere
-CAMERAS = {
-    "lateral": ((0, 1, 0), (0, 0, 1), (1, 0, 0)),
-    "medial": ((0, -1, 0), (0, 0, 1), (-1, 0, 0)),
-    "top": ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
-    "bottom": ((-1, 0, 0), (0, 1, 0), (0, 0, -1)),
-    "front": ((-1, 0, 0), (0, 0, 1), (0, 1, 0)),
-}
+#: where the screen's right, up and towards-the-viewer axes point, for a right hemisphere: right, left, anterior,
+#: posterior, superior or inferior
+CAMERAS = {"lateral": "ASR", "medial": "PSL", "top": "RAS", "bottom": "LAI", "front": "LSA"}
+DIRECTIONS = dict(zip("RASLPI", [*np.eye(3), *-np.eye(3)]))
 OTHER_SIDE = {"lateral": "medial", "medial": "lateral"}
 MOST_PX_PER_MM, LARGEST_VIEW_PX = 6.0, 400
 GAP, EDGE, HEAD, FOOT, NAME = 24, 20, 72, 112, 30  # [pixels] of a figure
@@ -64,7 +60,8 @@ def camera(view: str, hemi: str) -> Array:
     """
     if view not in CAMERAS:
         raise UnknownName(f"view must be one of {', '.join(CAMERAS)}; got {view!r}.")
-    return np.array(CAMERAS[view if hemi == "rh" else OTHER_SIDE.get(view, view)], dtype=np.float64)
+    axes = CAMERAS[view if hemi == "rh" else OTHER_SIDE.get(view, view)]
+    return np.array([DIRECTIONS[axis] for axis in axes])
 
 
 def extent(surface: Surface, view: str, hemi: str = "lh") -> Array:

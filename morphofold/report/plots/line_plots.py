@@ -51,7 +51,7 @@ STYLE = {
     "savefig.dpi": 160,
 }
 NO_FORMULAS = {"text.parse_math": False}  # for names, where $ is a plain character
-DASHES = ((0, ()), (0, (6, 2)), (0, (1.2, 1.4)), (0, (7, 2, 1.2, 2)), (0, (3, 1.5)), (0, (7, 1.5, 1.2, 1.5, 1.2, 1.5)))
+DASHES = ("", "6 2", "1.2 1.4", "7 2 1.2 2", "3 1.5", "7 1.5 1.2 1.5 1.2 1.5")  # lengths of dashes and gaps
 GREY = "#666666"
 BLACK = "#1a1a1a"
 STEPS = np.array([float(f"{k}e{n}") for n in range(-300, 300) for k in (1, 2, 5)])  # round numbers
@@ -77,7 +77,8 @@ def check_format(path: Path) -> str:
 
 def line_style(index: int) -> Style:
     """Colour and dashes of one curve of several; each differs for the first six, both together for the first 36."""
-    return {"color": CATEGORICAL_COLOURS[index % 6], "linestyle": DASHES[(index + index // 6) % 6]}
+    dashes = DASHES[(index + index // 6) % 6].split()
+    return {"color": CATEGORICAL_COLOURS[index % 6], "linestyle": (0, tuple(map(float, dashes)))}
 
 
 def around(values: Sequence[float], low: float, high: float, step: float) -> tuple[float, float]:

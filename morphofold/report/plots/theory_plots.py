@@ -61,7 +61,7 @@ def radius_figure(growth: Sequence[float], *sphere: Any, **options: Any) -> Figu
     """Outer radius against growth, as in Fig. 3(a), with dots at ``growth``; arguments as for :func:`radius_rows`."""
     ends = (min(1.0, *growth), max(2.0, *growth))
     rows, dots = (radius_rows(g, *sphere, **options) for g in (np.linspace(*ends, 201), growth))
-    with _sphere_figure(6.4, 4.4, radius=rows[0]["outer_radius_mm"], **options) as (figure, ((ax,),)):
+    with _sphere_figure(6.4, 4.4, radius=rows[0]["outer_radius_mm"], **options) as (figure, (ax,)):
         draw_radius(ax, rows)
         limits = around([row["c_over_B"] for row in rows], 1, 1.3, 0.1)
         ax.set(xlim=ends, ylim=limits, title=f"$T$ = {rows[0]['thickness_mm']:g} mm")
@@ -78,7 +78,7 @@ def stress_figure(*sphere: Any, **options: Any) -> Figure:
     step = round_step(largest / 3) if largest > 1e-9 else 1.0  # else it is round-off
     panels = [*_by_value(rows, "law")]
     size = (3.6 + 2.8 * len(panels), 4.6, 1, len(panels))
-    with _sphere_figure(*size, radius=rows[0]["outer_radius_mm"], **options) as (figure, ((*axes,),)):
+    with _sphere_figure(*size, radius=rows[0]["outer_radius_mm"], **options) as (figure, axes):
         for ax, (law, _, mine) in zip(axes, panels):
             draw_stress(ax, mine)
             title = f"{law} growth, $g$ = {mine[0]['growth']:g}"
@@ -94,7 +94,7 @@ def critical_figure(C_bar: Sequence[float], *laws: Any, **options: Any) -> Figur
     """
     right = max(min(1.3, 1 / max(options.get("A_over_C", 0.5), 0.1)), *C_bar)  # the hole lies inside B
     rows, dots = (critical_rows(ratios, *laws, **options) for ratios in (np.linspace(1 + 1e-6, right, 801), C_bar))
-    with _sphere_figure(7.6, 4.8, **options) as (figure, ((ax,),)):
+    with _sphere_figure(7.6, 4.8, **options) as (figure, (ax,)):
         draw_critical(ax, rows, biot=True, limits=options.get("g_core", 1.0) == 1)
         least = np.nanmin([row["g_crease"] for row in rows] + [np.inf])
         ax.set(xlim=(1, right), ylim=around([least, 1.5 * least], 1, 3, 0.5))
@@ -113,7 +113,7 @@ def bifurcation_curves(cases: Sequence[Case]) -> Figure:
     critical = [g for b in (case.bifurcation for case in cases) for g in (b.g_crit, b.g_crease, b.short_wave)]
     size = (4.7 * len(laws) + 0.4, 2.9 * len(ratios) + 1.0)
     with _sphere_figure(*size, len(ratios), len(laws), **sphere) as (figure, axes):
-        for ax, (mu_ratio, law) in zip(axes.flat, product(ratios, laws)):
+        for ax, (mu_ratio, law) in zip(axes, product(ratios, laws)):
             shown = [row for row in rows if (row["law"], row["mu_ratio"]) == (law, mu_ratio)]
             for row in shown:
                 style = line_style(thicknesses.index(row["T_over_C"]))
@@ -130,7 +130,7 @@ def bifurcation_curves(cases: Sequence[Case]) -> Figure:
             "first wrinkles": {**NO_LINE, "marker": "o"},
             "crease criterion": {"color": GREY, **THIN},
         }
-        legend_of_figure(figure, entries | _shortest_waves(rows, ">"), axes[0][0], 1 + len(laws))
+        legend_of_figure(figure, entries | _shortest_waves(rows, ">"), axes[0], 1 + len(laws))
     return figure
 
 
@@ -152,7 +152,7 @@ def crease_or_wrinkle(cases: Sequence[Case]) -> Figure:
         entries = {"creases (theory), Eqs. (12) and (13)": thick, **entries}
     else:
         entries["creases (theory), same style"] = {"color": GREY, **THIN, **dots}
-    with _sphere_figure(3.6 + 2.8 * len(laws), 4.6, 1, len(laws), **sphere) as (figure, ((*axes,),)):
+    with _sphere_figure(3.6 + 2.8 * len(laws), 4.6, 1, len(laws), **sphere) as (figure, axes):
         for ax, (law, _, shown) in zip(axes, _by_value(rows, "law")):
             if incompressible:
                 T = np.linspace(1e-6, right, 801)
@@ -236,12 +236,13 @@ def _shortest_waves(rows: list[Row], marker: str) -> dict[str, Style]:
 
 
 @contextmanager
-def _sphere_figure(
-    width: float, height: float, rows: int = 1, columns: int = 1, **sphere: float
-) -> Iterator[tuple[Figure, Any]]:
-    """Panels (rows, columns), and above them the parameters that differ from the paper's sphere."""
-    with new_figure(width, height, rows, columns, sharex=True, sharey=True) as (figure, axes):
-        yield figure, axes
+def _sphere_figure(*size: Any, **sphere: float) -> Iterator[tuple[Figure, Any]]:
+    """Panels in one row after the other, and above them the parameters that differ from the paper's sphere.
+
+    ``size`` is as for :func:`new_figure`.
+    """
+    with new_figure(*size, sharex=True, sharey=True) as (figure, axes):
+        yield figure, axes.ravel()
         paper = ((value, *PAPER_SPHERE[name]) for name, value in sphere.items())
         if others := ", ".join(text.format(value) for value, usual, text in paper if value != usual):
             figure.suptitle(others, x=0.02, ha="left", fontsize=11)
