@@ -13,7 +13,6 @@ from PIL import Image
 from morphofold.analysis.measures import Measures
 from morphofold.comparison import Comparison
 from morphofold.errors import NothingToDo, OutOfRange, UnknownName
-from morphofold.geometry import face_areas
 from morphofold.quantities import HEADLINE_SCALARS, MAIN_MAPS, Quantity, find, quantity, scalar_words
 from morphofold.report.pages.templates import SIDES, plural, render
 from morphofold.report.pictures.sheet import in_page, in_steps_of_four, png_bytes
@@ -52,7 +51,7 @@ def html_of(shown: Any) -> str:
     card = card_of(shown)
     picture, reason, several = "", card.reason, len(card.surfaces) > 1
     if card.surfaces:
-        views = SIDE_VIEWS[:1] if several else SIDE_VIEWS
+        views = SIDE_VIEWS[: 1 if several else 2]
         try:
             image = figure(card.surfaces, card.what, None, views, CARD_PX[several], transposed=several)
             picture = in_page(png_bytes(in_steps_of_four(image)))
@@ -86,7 +85,7 @@ def card_of(shown: Any) -> Card:
 
 @card_of.register
 def _of_cortex(cortex: Cortex) -> Card:
-    came_with = [*cortex.maps, *(name for name in ("inflated", "sphere") if getattr(cortex, name) is not None)]
+    came_with = [*cortex.maps, *(name for name in ("inflated", "sphere") if getattr(cortex, name))]
     facts = {
         "Hemisphere": SIDES[cortex.hemi],
         "From": cortex.origin,
@@ -107,7 +106,7 @@ def _of_measures(m: Measures) -> Card:
             f"Scalars: {sum(value is not None for value in m.scalars.values())}. Notes: {len(m.notes)}.",
             f"Maps: {', '.join(m.maps) or 'none'}.",
             f"Tables: {', '.join(f'{len(rows)} {name}' for name, rows in tables.items() if rows) or 'none'}.",
-            *([m.notes["only"]] if "only" in m.notes else []),
+            m.notes.get("only", ""),
         ],
         **_surfaces([m], [m.cortex.called]),
     )
@@ -116,12 +115,12 @@ def _of_measures(m: Measures) -> Card:
 @card_of.register
 def _of_comparison(found: Comparison) -> Card:
     by_name = [{row["measure"]: row[name] for row in found.table} for name in found.names]
-    more = len(found.names) > MOST_SURFACES
+    most = f"The picture shows the first {MOST_SURFACES}." if len(found.names) > MOST_SURFACES else ""
     return Card(
         f"Comparison of {plural(len(found.names), 'surface')}",
         _rows(by_name, SHOWN_SCALARS),
         names=found.names,
-        remarks=[*found.cautions, *([f"The picture shows the first {MOST_SURFACES}."] if more else [])],
+        remarks=[*found.cautions, most],
         **_surfaces(found.measures[:MOST_SURFACES], found.names[:MOST_SURFACES]),
     )
 
@@ -150,8 +149,7 @@ def _of_simulation(sim: Simulation) -> Card:
 
 
 def _sizes(cortex: Cortex) -> dict[str, float]:
-    surfaces = {"area_pial_mm2": cortex.pial, "area_white_mm2": cortex.white}
-    areas = {name: face_areas(s.verts, s.faces).sum() for name, s in surfaces.items()}
+    areas = {f"area_{name}_mm2": cortex.to_trimesh(name).area for name in ("pial", "white")}
     return {"n_vertices": cortex.n_vertices, **areas}
 
 

@@ -75,12 +75,11 @@ class Sheet:
 
     def colour_bar(self, what: Quantity, limits: Limits, x: float, y: float, width: float, height: float) -> None:
         """Draw the colours between the limits, numbers and unit below."""
-        w, h = self.width, self.height
+        w, h, (low, high) = self.width, self.height, limits
         ax = self.figure.add_axes((x / w, 1 - (y + height) / h, width / w, height / h))
         bar = colour_bar(self.figure, what.title, limits, what.signed, cax=ax, orientation="horizontal")
-        clear = 0.12 * (limits[1] - limits[0])  # distance from the numbers at both ends
-        inner = [t for t in ticks(*limits, about=4) if limits[0] + clear < t < limits[1] - clear]
-        marks = (limits[0], *inner, limits[1])
+        clear = 0.12 * (high - low)  # distance from the numbers at both ends
+        marks = (low, *(t for t in ticks(low, high, about=4) if low + clear < t < high - clear), high)
         bar.set_ticks(marks, labels=[f"{mark:.3g}" for mark in marks])
 
     def pixels(self) -> Picture:

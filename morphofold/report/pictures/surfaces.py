@@ -120,8 +120,7 @@ def figure(
             sheet.text(left + column / 2, 62, heading, 13.5, column, ha="center", color="0.43")
         for top, name in zip(tops, names):
             sheet.text(EDGE, top + 22, name, 15.5, room=width - 2 * EDGE)
-        places = product(tops, zip(lefts, columns))
-        for (top, (left, column)), picture in zip(places, drawn):
+        for (top, (left, column)), picture in zip(product(tops, zip(lefts, columns)), drawn):
             cut = (wide - column) // 2
             sheet.picture(picture[:, cut : cut + column], left, top + NAME)
         sheet.ruler(per_mm, EDGE, bottom + 34)

@@ -163,7 +163,7 @@ def histograms(
     limits = (edges[0], edges[-1]), (0.0, 1.08 * (np.max(heights) or 1.0))
     with new_chart(f"Distribution of {label}", Quantity("", label, unit).title, up, *limits) as chart:
         for (look, values, weights), height in zip(measured, heights):
-            median = float(np.quantile(values, 0.5, weights=weights, method="inverted_cdf"))
+            median = np.quantile(values, 0.5, weights=weights, method="inverted_cdf")
             line: Style = {"linestyle": line_of(look)["linestyle"], "linewidth": 1.7, "clip_on": False, "gid": "curve"}
             url = chart.reads(f"{look.name}: median {number(median)} {unit}".strip())
             chart.ax.stairs(height, edges, ec=look.colour, fill=True, fc=(look.colour, 0.12), url=url, **line)

@@ -77,7 +77,7 @@ class Cell:
         mean = number(float(f"{self.mean:.3g}"))  # so that 0.99999 and 1.00001 are both 1.00
         lines = [mean + "*" * any(run.warnings for run in self.runs)]
         if n > 1:
-            sd, decimals = float(np.std(self.values, ddof=1)), len(mean.partition(".")[2])  # as many as the mean
+            sd, decimals = np.std(self.values, ddof=1), len(mean.partition(".")[2])  # as many as the mean
             text = f"{sd:.{decimals}f}"
             lines.append(f"± {number(sd, 1) if sd > ROUND_OFF and not float(text) else text}")
         return lines if n == all_runs else [*lines, f"({n} of {all_runs})"]
@@ -235,7 +235,7 @@ def curve(phases: Phases, shown: Quantity) -> Figure:
         theory = [phases.theory[at].wavelength for at in order]
         if shown.key == WAVELENGTH_KEY and np.isfinite(theory).any():
             ax.plot(x, theory, color=BLACK, label="theory, first wrinkles", **theory_style)
-            top = max(top, 1.08 * float(np.nanmax(theory)))
+            top = max(top, 1.08 * np.nanmax(theory))
         if axis.numeric:
             above = np.array([growth_past_critical(phases, at) for at in order])
             for k, crossed in enumerate(crossings(np.array(x), above)):
