@@ -1,4 +1,7 @@
-"""``morphofold theory``: the answer to a question as a table, and its figure."""
+"""``morphofold theory``: the answer to a question as a table, and its figure.
+
+In go the options of a question, out come its rows as lines or JSON. What differs between questions is in theory.toml.
+"""
 
 import itertools
 import math
@@ -6,7 +9,7 @@ import textwrap
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from importlib import resources
+from pathlib import Path
 from typing import Any
 
 from morphofold import __version__
@@ -25,9 +28,7 @@ MOST_CURVES = 10  # of one kind that can be distinguished in a figure
 STATES_STILL_TO_CHECK = 6
 #: options that are no parameters of an answer
 UNRECORDED = ("json", "plot", "quiet", "debug")
-TABLES = tomllib.loads(resources.files("morphofold.cli").joinpath("theory.toml").read_text(encoding="utf-8"))
-
-
+TABLES = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
 #: all rows of an answer, and the arguments of its figure
 Rows = list[dict[str, Any]]
 Drawable = tuple[Rows, Sequence[Any], Mapping[str, Any]]
@@ -78,12 +79,9 @@ def _sphere(args: Theory, question: str) -> Drawable:
             args.radius = args.radius or 50.0
             args.ratio = [theory_tables.outer_ratio(T, args.radius) for T in args.thickness]
         args.ratio = args.ratio or range_values(["1.02:1.3:15"])
-    values = {**asdict(args), "laws": args.laws}
-    arguments = [values[option] for option in TABLES[question]["arguments"].split()]
-    options = {"g_core": values["core_growth"], "A_over_C": args.hole_ratio}
-    points = {}
-    if isinstance(args, Stress):  # mu_ratio is the first of them in the title of the figure
-        options, points = {"mu_ratio": args.mu_ratio, **options}, {"points": args.points}
+    arguments = [getattr(args, option) for option in TABLES[question]["arguments"].split()]
+    options = {name: getattr(args, option) for name, option in TABLES[question]["options"].items()}
+    points = {"points": args.points} if isinstance(args, Stress) else {}
     rows = getattr(theory_tables, f"{question}_rows")(*arguments, **options, **points)
     return rows, arguments, options
 
@@ -92,10 +90,15 @@ def _bifurcation(args: Bifurcation) -> Drawable:
     if args.body is not None:
         return [_row_of_body(load_scene(args.body, args.set), args)], (), {}
     short = len(args.laws) * len(args.mu_ratio) * len(args.thickness) <= 18
-    sphere = {"kappa_ratio": args.kappa_ratio, "A_over_C": args.hole_ratio}
     with progress("bifurcation", args.quiet or short) as show:
         cases = theory_tables.bifurcation_cases(
-            args.thickness, args.radius, args.mu_ratio, args.laws, **sphere, progress=show
+            args.thickness,
+            args.radius,
+            args.mu_ratio,
+            args.laws,
+            kappa_ratio=args.kappa_ratio,
+            A_over_C=args.hole_ratio,
+            progress=show,
         )
     rows = [row for case in cases for row in (case.curve_rows() if args.curve else [case.row()])]
     return rows, (cases,), {}

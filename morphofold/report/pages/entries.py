@@ -121,16 +121,6 @@ def scalars(entries: Sequence[Entry], comparison: Comparison) -> dict[str, list[
     return {key: values for key, values in table.items() if any(v is not None for v in values)}
 
 
-def tables(entries: Sequence[Entry]) -> list[tuple[Entry, str, str, Sequence[str], Rows]]:
-    """Entry, name, title, columns and rows of the tables of every surface that has them."""
-    return [
-        (e, name, title, columns, rows)
-        for name, (title, columns) in TABLES.items()
-        for e in entries
-        if (rows := getattr(e.measures, name))
-    ]
-
-
 def growth_rows(entries: Sequence[Entry], comparison: Comparison) -> Iterable[tuple[str, str, list[str]]]:
     """Each number of each growing body, and the growth at which it equals that of each surface."""
     for curve in comparison.growth:
@@ -143,12 +133,12 @@ def costs(entries: Sequence[Entry], clock: Stages | None = None) -> list[tuple[s
     """Title, cost and estimated errors of each simulation whose folder is complete, and of the analysis of a clock."""
     rows = []
     for e in entries:
-        stage = next((file for file in map(Path, e.cortex.files) if file.name == "stage.json"), None)
-        if stage is not None and (cost := cost_beside(stage)) is not None:
-            # loads the solver, which a person does not need
-            from morphofold.forecasts.richardson import stored_estimate
+        for stage in (file for file in map(Path, e.cortex.files) if file.name == "stage.json"):
+            if (cost := cost_beside(stage)) is not None:
+                # loads the solver, which a person does not need
+                from morphofold.forecasts.richardson import stored_estimate
 
-            rows.append((f"The simulation of {e.name}", cost, stored_estimate(stage)))
+                rows.append((f"The simulation of {e.name}", cost, stored_estimate(stage)))
     if clock is not None:
         rows.append(("The analysis", cost_of_analysis([e.measures for e in entries], clock), None))
     return rows

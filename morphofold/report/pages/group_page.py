@@ -40,8 +40,6 @@ MOST_PICTURED_SUBJECTS = 12
 DEFAULT_MAP = "H"  # the map for measures that have no map
 FIGURE_WIDTH_PX = 860  # [pixels]
 MOST_EMBEDDED_CHARACTERS = 1_500_000  # most characters of pictures inside a page; further pictures are files only
-#: rows that the page has at most: failures, outliers; subjects with warnings, and under several names
-MOST_ROWS = {"failures": 200, "outliers": 200, "remarks": 50, "same": 50}
 LARGEST_CHARTED_Z = 10.0  # robust z above which charts leave values out
 FEWEST_CHART_VALUES = 3  # values of one side that a chart needs
 CLOUDS = {"subject": stats.subject_cloud, "region": stats.region_cloud}  # of gyral against cortical thickness
@@ -93,7 +91,6 @@ def group_report(group: Group, folder: Path, progress: Progress = silent) -> Pat
         strips=strips(asymmetries),
         pictures=pictures,
         methods=paragraph(group.settings, known, **page),
-        most=MOST_ROWS,
     )
     progress(1.0, "done")
     return path

@@ -23,8 +23,6 @@ from morphofold.report.plots.line_plots import save
 from morphofold.sim.scene import LEVELS
 from morphofold.surface import Surface
 
-MOST_ROWS = 400  # of the table of numbers and of the table of failures
-
 
 def phase_report(phases: Phases, folder: Path, progress: Progress = silent) -> Path:
     """Write ``folder/report.html`` and ``folder/figures/`` of a sweep; return the path of the page."""
@@ -55,7 +53,6 @@ def phase_report(phases: Phases, folder: Path, progress: Progress = silent) -> P
         known=any(math.isfinite(theory.g_crit) for theory in phases.theory.values()),
         unknown=Counter(theory.reason for theory in phases.theory.values() if math.isnan(theory.g_crit)),
         ratios=[r for at in grid.places if math.isfinite(r := _wavelength_ratio(phases, at))],
-        most=MOST_ROWS,
     )
     progress(1.0, "done")
     return path
