@@ -10,13 +10,13 @@ import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import numba
-from cyclopts import App, Parameter
+from cyclopts import App
 
 from morphofold.cli import new_app, run_app
-from morphofold.cli.options import RUNNING, Answer, Printing, Switch, Threaded, Whole
+from morphofold.cli.options import Answer, Out, Printing, Switch, Threaded, Whole
 from morphofold.cli.printing import progress
 from morphofold.errors import NothingToDo, NotReadable, OptionsClash, OutOfRange, UnknownName
 from morphofold.io import atomic_folder, refuse_foreign
@@ -30,7 +30,6 @@ from morphofold.threads import set_threads
 FOLDING_SCENES = ("fig5", "fig6-thin", "fig6-thick", "fig7-ratio1", "fig7-ratio4")
 TANGENTIAL_SCENES = tuple(f"{name}-tangential" for name in FOLDING_SCENES)
 CASES_FOLDER = "cases"  # of an accuracy study, in its folder
-OutFolder = Annotated[Path, Parameter(alias="-o", group=RUNNING)]
 
 
 @dataclass
@@ -101,7 +100,7 @@ class Cohort(Printing):
     """Numbers of subjects, separated by commas; 10000 take half an hour."""
     workers: str = "1,2"
     """Numbers of workers."""
-    out: OutFolder
+    out: Out
     """Folder to write; made-up subjects there are kept."""
 
 
@@ -130,7 +129,7 @@ class Folds(Printing, Threaded):
     """Part of the sphere."""
     growth: str = "1.3,1.5,1.75,2.0"
     """Stretches at which folds are measured."""
-    out: OutFolder
+    out: Out
     """Folder to write; simulations of an earlier study there are kept."""
 
 
@@ -153,7 +152,7 @@ class Accuracy(Printing, Threaded):
     _: KW_ONLY
     halves: str = "measuring,solver"
     """Halves of the study, separated by commas."""
-    out: OutFolder
+    out: Out
     """Folder to write; cases of an earlier study there are kept."""
 
 
@@ -173,7 +172,7 @@ class Hemisphere(Printing, Threaded):
     """Thicknesses of the cortex at a radius of 50 mm."""
     ferret: str = "none"
     """Published surfaces of a growing ferret's brain, separated by commas, the first one of which grows."""
-    out: OutFolder
+    out: Out
     """Folder to write; simulations of an earlier study there are kept."""
 
 

@@ -15,9 +15,10 @@ from cyclopts import Group, Parameter, Token
 
 from morphofold.errors import BadUsage, NotReadable, OptionsClash, OutOfRange
 
-MEASURING = Group("Measuring", sort_key=1)
-WORKERS = Group("Workers", sort_key=2)
-RUNNING = Group("Output and running", sort_key=3)
+MEASURING = Parameter(group=Group("Measuring", sort_key=1))
+WORKERS = Parameter(group=Group("Workers", sort_key=2))
+RUNNING = Parameter(group=Group("Output and running", sort_key=3))
+UNSHOWN = Parameter(show_default=False)  # a default that the help says, or none
 HEMISPHERE_SPELLINGS = {"lh": "lh l left", "rh": "rh r right", "both": "both"}
 
 
@@ -56,17 +57,17 @@ def _whole(_: Any, tokens: tuple[Token, ...]) -> int:
 
 Whole = Annotated[int, Parameter(converter=_whole)]
 MaybeWhole = Annotated[int | None, Parameter(converter=_whole)]
-OUT = Parameter(alias="-o", group=RUNNING)
-Out = Annotated[Path, OUT]
-OutOrName = Annotated[Path | None, OUT]
+OUT = Parameter(alias="-o")
+Out = Annotated[Path, OUT, RUNNING]
+OutOrName = Annotated[Path | None, OUT, RUNNING]
 Sides = Literal["lh", "rh", "both"]
 Hemispheres = Annotated[Sides | None, Parameter(converter=_hemisphere)]
 BothHemispheres = Annotated[Sides, Parameter(converter=_hemisphere)]
-Texts = Annotated[Sequence[str], Parameter(show_default=False)]
-Length = Annotated[float | None, Parameter(group=MEASURING), within(1e-9, 1e9)]
-Layout = Annotated[Literal["plain", "bids"], Parameter(group=RUNNING)]
-Switch = Annotated[bool, Parameter(show_default=False)]
-Flag = Annotated[Switch, Parameter(group=RUNNING)]
+Texts = Annotated[Sequence[str], UNSHOWN]
+Length = Annotated[float | None, MEASURING, within(1e-9, 1e9)]
+Layout = Annotated[Literal["plain", "bids"], RUNNING]
+Switch = Annotated[bool, UNSHOWN]
+Flag = Annotated[Switch, RUNNING]
 
 
 class Answer(NamedTuple):
@@ -87,7 +88,7 @@ class Options:
     on_interrupt = ""  # added to what is printed after Ctrl-C
     work = ""  # MODULE:FUNCTION of morphofold.cli; by default the function ``run`` of the command's module
 
-    quiet: Annotated[Switch, Parameter(alias="-q", group=RUNNING)] = False
+    quiet: Annotated[Switch, Parameter(alias="-q"), RUNNING] = False
     """Show no progress."""
     debug: Flag = False
     """Show the traceback of an error."""
@@ -112,7 +113,7 @@ class Options:
 class Threaded(Options):
     """Options of commands that work in this process."""
 
-    threads: Annotated[MaybeWhole, Parameter(group=RUNNING)] = None
+    threads: Annotated[MaybeWhole, RUNNING] = None
     """Threads (default: all cores)."""
 
 
@@ -148,10 +149,10 @@ class Measuring:
     meshes (default: from each surface; in a group, their median)."""
     thickness_cap: Length = None
     """Upper bound of cortical thickness [mm]; FreeSurfer's is 5 (default: none)."""
-    accuracy: Annotated[Literal["draft", "standard", "fine"], Parameter(group=MEASURING)] = "standard"
+    accuracy: Annotated[Literal["draft", "standard", "fine"], MEASURING] = "standard"
     """Mesh for thicknesses and gyral graph. draft: meshes of more than 50,000 vertices are thinned; fine: meshes of
     less than 40,000 are split; standard: the mesh as it is."""
-    no_repair: Annotated[Switch, Parameter(group=MEASURING)] = False
+    no_repair: Annotated[Switch, MEASURING] = False
     """Refuse surfaces with flipped triangles, pinched edges, torn seams and similar defects (default: they are repaired
     first, and the repairs are reported)."""
 
@@ -163,13 +164,13 @@ class ManyTasks(Measuring, Printing):
     on_interrupt = " Run it again to go on."
     no_report: Flag = False
     """No page for each subject or run; the page of them all is written."""
-    workers: Annotated[MaybeWhole, Parameter(group=WORKERS)] = None
+    workers: Annotated[MaybeWhole, WORKERS] = None
     """Processes (default: as many as cores and memory allow)."""
-    threads: Annotated[Whole, Parameter(group=WORKERS)] = 1
+    threads: Annotated[Whole, WORKERS] = 1
     """Threads of each worker."""
-    memory: Annotated[float | None, Parameter(group=WORKERS)] = None
+    memory: Annotated[float | None, WORKERS] = None
     """Memory of a worker [GiB]; one that takes more is stopped and starts again (default: its share of the machine)."""
-    scheduler: Annotated[str | None, Parameter(group=WORKERS)] = None
+    scheduler: Annotated[str | None, WORKERS] = None
     """Address of a running Dask cluster, such as tcp://host:8786."""
 
 
@@ -298,7 +299,7 @@ class Analyze(Parcellation, Measuring, Printing, Threaded):
     stages: Switch = False
     """Measure every stage of a simulation, each into its own folder, for compare --growth; no pages. Stages that an
     earlier run measured from the same files are kept."""
-    only: Annotated[str | None, Parameter(group=MEASURING)] = None
+    only: Annotated[str | None, MEASURING] = None
     """Scalars, maps and tables to measure, in the time that these need, such as gyral_thickness,n_hinges (default:
     all)."""
     no_report: Flag = False
@@ -598,7 +599,7 @@ class Theory(Printing):
     """A/C: radius of the fixed hole over C."""
     law: GrowthLaw = "isotropic"
     """Growth of the cortex."""
-    plot: Annotated[Path | None, Parameter(group=RUNNING)] = None
+    plot: Annotated[Path | None, RUNNING] = None
     """Also draw it: .png, .svg or .pdf."""
 
     @property
@@ -667,9 +668,9 @@ class Critical(Theory):
     _: KW_ONLY
     law: GrowthLaw = "both"
     """Growth of the cortex."""
-    ratio: Annotated[RadiusRatios, Parameter(show_default=False)] = ()
+    ratio: Annotated[RadiusRatios, UNSHOWN] = ()
     """C/B: outer radius / interface radius; numbers or FROM:TO:COUNT (default: 1.02:1.3:15)."""
-    thickness: Annotated[Lengths, Parameter(show_default=False)] = ()
+    thickness: Annotated[Lengths, UNSHOWN] = ()
     """Of the cortex [mm], instead of --ratio; numbers or FROM:TO:COUNT."""
     radius: Annotated[float | None, SPHERE_LENGTH] = None
     """Outer radius C [mm], with --thickness (default: 50)."""
@@ -750,7 +751,7 @@ class Reproduce(Printing, Threaded):
     """Folder to write; figures and simulations of an earlier run there are kept."""
     draft: Switch = False
     """Octants on coarser meshes, tables of the growths that are drawn: three minutes on two cores."""
-    subject: Annotated[Sequence[Path], Parameter(show_default=False)] = ()
+    subject: Annotated[Sequence[Path], UNSHOWN] = ()
     """A FreeSurfer subject whose hemispheres are grown for fig8-grown instead of fsaverage5's; may be repeated."""
 
 
