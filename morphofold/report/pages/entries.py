@@ -92,10 +92,9 @@ class Entry(charts.Look):
 
 def entries_of(comparison: Comparison) -> list[Entry]:
     """Name and look of each surface; a group of one subject gets no label of its own."""
-    group_of = {name: group for group, names in comparison.groups.items() for name in names}
     entries = []
     for k, (name, m) in enumerate(comparison.named.items()):
-        group = group_of.get(name, "")
+        group = next((group for group, names in comparison.groups.items() if name in names), "")
         label = "" if name in (group, f"{group} {m.cortex.hemi}") else group
         marker, dash = [*charts.MARKERS][k % 4], charts.DASHES[(k + k // 4) % 4]  # sixteen before one repeats
         stages = tuple(s for s in comparison.stages.get(name, ()) if is_earlier_stage(s, m))
@@ -189,9 +188,12 @@ def warnings(entries: Sequence[Entry]) -> Rows:
 
 def left_out(entries: Sequence[Entry]) -> list[tuple[str, str, str]]:
     """Measures that are missing and why, each reason once, with its surfaces if these are not all."""
-    measured = {key for e in entries for key, value in e.measures.scalars.items() if value is not None}
-    known = measured.union(*(e.measures.notes for e in entries))
-    silent = [scalar_words(key)[0] for key in SCALARS if key not in known]
+    measures = [e.measures for e in entries]
+    silent = [
+        scalar_words(key)[0]
+        for key in SCALARS
+        if all(m.scalars.get(key) is None and key not in m.notes for m in measures)
+    ]
     return [*notes(entries, of_missing=True), *([("; ".join(silent), "No reason was recorded.", "")] if silent else [])]
 
 
@@ -200,12 +202,10 @@ def notes(entries: Sequence[Entry], *, of_missing: bool) -> list[tuple[str, str,
 
     One row for all with the same text: labels, text, and surfaces if these are not all.
     """
-    rows: dict[str, tuple[dict[str, None], dict[str, None]]] = {}  # labels and names as ordered sets, by text
-    for key in dict.fromkeys([*SCALARS, *(k for e in entries for k in e.measures.notes)]):
-        for e in entries if key not in (*WARNINGS, ACCURACY_NOTE) else ():
-            missing = key in SCALARS and e.measures.scalars.get(key) is None
-            if key in e.measures.notes and missing == of_missing:
-                labels, names = rows.setdefault(e.measures.notes[key], ({}, {}))
-                labels[scalar_words(key)[0]] = names[e.name] = None
-    everyone = len(entries)
-    return [("; ".join(a), why, ", ".join(n) if len(n) < everyone else "") for why, (a, n) in rows.items()]
+    rows: dict[str, Any] = {}  # labels and names as ordered sets, by text
+    for key, e in product(dict.fromkeys([*SCALARS, *chain(*(e.measures.notes for e in entries))]), entries):
+        why, missing = e.measures.notes.get(key), key in SCALARS and e.measures.scalars.get(key) is None
+        if why and missing == of_missing and key not in (*WARNINGS, ACCURACY_NOTE):
+            labels, names = rows.setdefault(why, ({}, {}))
+            labels[scalar_words(key)[0]] = names[e.name] = None
+    return [("; ".join(a), why, ", ".join(n) if len(n) < len(entries) else "") for why, (a, n) in rows.items()]

@@ -202,9 +202,7 @@ def _histogram_chart(name: str, values: Array, sides: Sequence[Side]) -> Markup 
     unlike = len({counts[side.column] for side in sides}) > 1  # else the caption below all charts gives their number
     caption = [f"n: {', '.join(numbers)}."] if unlike else []
     caption += [f"{plural(beyond.sum(), 'value')} far beyond, not drawn."] if beyond.any() else []
-    if chart is not None and caption:
-        chart += Markup("<figcaption>{}</figcaption>").format(" ".join(caption))
-    return chart
+    return Markup("{}<figcaption>{}</figcaption>").format(chart, " ".join(caption)) if caption else chart
 
 
 def _bin_edges(values: Array, n: int) -> Array:

@@ -229,8 +229,7 @@ def person_parts(
     parts = []
     for k, pair in enumerate(people, start=1):
         person, grown, bodies = by_name[pair.person], by_name[pair.grown], pair.bodies
-        measures = REGION_MEASURES if pair.regions else ()
-        plots = [charts.region_plot(pair.regions, key, *scalar_words(key), person, grown) for key in measures]
+        plots = [charts.region_plot(pair.regions, key, *scalar_words(key), person, grown) for key in REGION_MEASURES]
         shown = (
             (pair.person, bodies.person.measures, 1.0),
             ("smooth body before growth", bodies.controls["smooth"], 1.0),

@@ -36,20 +36,17 @@ def phase_report(phases: Phases, folder: Path, progress: Progress = silent) -> P
             draw = lambda at, q=shown: plots.diagram(phases, q, at) if grid.axes[1:] else plots.curve(phases, q)
             diagrams += _write_slices(phases, figures, shown.key, title, draw)
     progress(0.5, "surfaces")
-    shape = grid.points[0].scene.geometry.shape
     levels = {scene.accuracy.level for scene in grid.scenes.values() if scene.geometry.shape != "mesh"}
     path = write_page(
         folder / "report.html",
         "phases.html",
         title=f"Sweep of {grid.name}",
         phases=phases,
-        grid=grid,
         plots=plots,
-        shape=shape,
         levels=[level for level in LEVELS if level in levels],
         measures=measures,
         diagrams=diagrams,
-        pictures=_write_thumbnails(phases, shape, figures),
+        pictures=_write_thumbnails(phases, figures),
         known=any(math.isfinite(theory.g_crit) for theory in phases.theory.values()),
         unknown=Counter(theory.reason for theory in phases.theory.values() if math.isnan(theory.g_crit)),
         ratios=[r for at in grid.places if math.isfinite(r := _wavelength_ratio(phases, at))],
@@ -79,10 +76,11 @@ def _write_slices(
     return entries
 
 
-def _write_thumbnails(phases: Phases, shape: str, folder: Path) -> list[PictureEntry]:
+def _write_thumbnails(phases: Phases, folder: Path) -> list[PictureEntry]:
     """Write thumbnails of the first seed, pial surfaces or sections of strips: one grid per diagram, all at one
     scale."""
     drawn = {at: _drawn_surface(phases.at[at][0]) for at in phases.grid.places}
+    shape = phases.grid.points[0].scene.geometry.shape
     view = "top" if shape in ("patch", "strip") else "lateral"
     largest = max((extent(s, view).max() for s in drawn.values() if isinstance(s, Surface)), default=0.0)
 
