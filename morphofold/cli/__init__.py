@@ -149,7 +149,7 @@ def _refusal_of(error: CycloptsError, parser: App) -> Refusal:
 
 def _failure(error: BaseException, on_interrupt: str) -> tuple[int, object]:
     """Exit code of an error and its text; code 0 if it should pass."""
-    if isinstance(error, KeyboardInterrupt) or isinstance(error.__cause__, KeyboardInterrupt):  # from compiled code
+    if KeyboardInterrupt in (type(error), type(error.__cause__)):  # the cause: from compiled code
         return 130, f"interrupted.{on_interrupt}"
     if isinstance(error, OSError) and error.errno is not None:  # the system's message, not ours
         where = f"{error.filename}: " if error.filename is not None else ""

@@ -34,6 +34,7 @@ from morphofold.unfolding.spheres import sphere_of
 from morphofold.unfolding.unfold import check_options, unfold
 from morphofold.words import in_one_line, number
 
+Work = Callable[[], Any]  # reads or measures a hemisphere
 #: label, name and format
 PRINTED_SCALARS = (
     ("GI", "gyrification_index", "{:.2f}"),
@@ -120,13 +121,13 @@ def _main_numbers(m: Measures) -> str:
     return ", ".join(texts)
 
 
-def _results_of_hemispheres(works: Mapping[str, Callable[[], Any]], failed: dict[str, str]) -> list[Any]:
+def _results_of_hemispheres(works: Mapping[str, Work], failed: dict[str, str]) -> list[Any]:
     """Return the results of the hemispheres; reasons of failures are added to ``failed``. Raises if all fail.
 
     With four threads or more they are worked on beside each other.
     """
 
-    def result_or_error(work: Callable[[], Any]) -> Any:
+    def result_or_error(work: Work) -> Any:
         try:
             return work()
         except (ValueError, TypeError, OSError) as error:  # of one hemisphere; the other one is still measured
@@ -145,7 +146,7 @@ def _results_of_hemispheres(works: Mapping[str, Callable[[], Any]], failed: dict
     return [end for end in ends if not isinstance(end, Exception)]
 
 
-def _hemisphere_readers(args: Analyze) -> dict[str, Callable[[], Cortex]]:
+def _hemisphere_readers(args: Analyze) -> dict[str, Work]:
     """Functions that read each requested hemisphere, from INPUT or from --white and --pial."""
     if args.input is None:
         hemi = None if args.hemi == "both" else args.hemi

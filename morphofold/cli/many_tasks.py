@@ -12,22 +12,22 @@ from typing import Any
 
 from morphofold.cli.options import Answer, ManyTasks
 from morphofold.cli.printing import print_line, progress
-from morphofold.cohort.fleet import Fleet, open_fleet
+from morphofold.cohort import fleet as fleets
 from morphofold.cohort.running import Task, run_tasks
 from morphofold.cohort.tasks import Outcome
 
 Failures = Mapping[str, Mapping[str, str]]  # by task and part, a reason
 
 
-def open_workers(args: ManyTasks, need: float) -> AbstractContextManager[Fleet]:
+def open_workers(args: ManyTasks, need: float) -> AbstractContextManager[fleets.Fleet]:
     """The workers that the options name, each of which needs the memory ``need`` [GiB]."""
-    return open_fleet(
+    return fleets.open_fleet(
         workers=args.workers, threads=args.threads, memory=args.memory, scheduler=args.scheduler, need=need
     )
 
 
 def run_with_progress(
-    fleet: Fleet, label: str, work: Callable[[Any], Outcome], tasks: Sequence[Task], args: ManyTasks
+    fleet: fleets.Fleet, label: str, work: Callable[[Any], Outcome], tasks: Sequence[Task], args: ManyTasks
 ) -> list[Outcome]:
     with progress(label, args.quiet) as show:
         return run_tasks(fleet, work, tasks, show, lambda text: print_note(text, args))

@@ -90,6 +90,9 @@ class Entry(charts.Look):
         return int((~cortex_label(self.cortex)[0]).sum())
 
 
+Entries = Sequence[Entry]
+
+
 def entries_of(comparison: Comparison) -> list[Entry]:
     """Name and look of each surface; a group of one subject gets no label of its own."""
     entries = []
@@ -113,14 +116,14 @@ def is_earlier_stage(stage: Measures, m: Measures) -> bool:
 # tables ------------------------------------------------------------------------------------------------------
 
 
-def scalars(entries: Sequence[Entry], comparison: Comparison) -> dict[str, list[Any]]:
+def scalars(entries: Entries, comparison: Comparison) -> dict[str, list[Any]]:
     """The value of each surface for every scalar, and for FreeSurfer's own numbers, that any surface has."""
     table = {row["measure"]: [row[e.name] for e in entries] for row in comparison.table}
     table |= {key: [e.cortex.info.get(key) for e in entries] for key in FREESURFER_VALUES}
     return {key: values for key, values in table.items() if any(v is not None for v in values)}
 
 
-def growth_rows(entries: Sequence[Entry], comparison: Comparison) -> Iterable[tuple[str, str, list[str]]]:
+def growth_rows(entries: Entries, comparison: Comparison) -> Iterable[tuple[str, str, list[str]]]:
     """Each number of each growing body, and the growth at which it equals that of each surface."""
     for curve in comparison.growth:
         matches = [matching_growth(curve, e.measures) for e in entries]
@@ -128,7 +131,7 @@ def growth_rows(entries: Sequence[Entry], comparison: Comparison) -> Iterable[tu
             yield key, curve.name, [", ".join(f"{g:.2f}" for g in growths[key]) or "–" for growths in matches]
 
 
-def costs(entries: Sequence[Entry], clock: Stages | None = None) -> list[tuple[str, Cost, Any]]:
+def costs(entries: Entries, clock: Stages | None = None) -> list[tuple[str, Cost, Any]]:
     """Title, cost and estimated errors of each simulation whose folder is complete, and of the analysis of a clock."""
     rows = []
     for e in entries:
@@ -143,7 +146,7 @@ def costs(entries: Sequence[Entry], clock: Stages | None = None) -> list[tuple[s
     return rows
 
 
-def facts(entries: Sequence[Entry]) -> dict[str, list[str]]:
+def facts(entries: Entries) -> dict[str, list[str]]:
     """Information from the files of the surfaces."""
     columns = []
     for cortex in (e.cortex for e in entries):
@@ -174,7 +177,7 @@ def value_text(value: Any) -> str:
 # notes -------------------------------------------------------------------------------------------------------
 
 
-def warnings(entries: Sequence[Entry]) -> Rows:
+def warnings(entries: Entries) -> Rows:
     """Warnings on the surfaces, the most severe first, with the vertices that they name."""
     rows = []
     for (level, keys), (key, (cause, _)), e in product(LEVELS.items(), WARNINGS.items(), entries):
@@ -186,7 +189,7 @@ def warnings(entries: Sequence[Entry]) -> Rows:
     return rows
 
 
-def left_out(entries: Sequence[Entry]) -> list[tuple[str, str, str]]:
+def left_out(entries: Entries) -> list[tuple[str, str, str]]:
     """Measures that are missing and why, each reason once, with its surfaces if these are not all."""
     measures = [e.measures for e in entries]
     silent = [
@@ -197,7 +200,7 @@ def left_out(entries: Sequence[Entry]) -> list[tuple[str, str, str]]:
     return [*notes(entries, of_missing=True), *([("; ".join(silent), "No reason was recorded.", "")] if silent else [])]
 
 
-def notes(entries: Sequence[Entry], *, of_missing: bool) -> list[tuple[str, str, str]]:
+def notes(entries: Entries, *, of_missing: bool) -> list[tuple[str, str, str]]:
     """Notes on numbers that are missing, or on those that are there, in the order of scalars.
 
     One row for all with the same text: labels, text, and surfaces if these are not all.

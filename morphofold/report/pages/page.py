@@ -26,7 +26,7 @@ from morphofold.progress import Progress, silent
 from morphofold.provenance import records_as_read
 from morphofold.quantities import HEADLINE_SCALARS, MAIN_MAPS, RELIEF, find, quantity, scalar_words
 from morphofold.report.pages import entries as contents
-from morphofold.report.pages.entries import Entry, entries_of
+from morphofold.report.pages.entries import Entries, Entry, entries_of
 from morphofold.report.pages.templates import PictureEntry, methods_of, write_page, write_picture
 from morphofold.report.pages.viewer import VIEWER_SCRIPTS, ShownMaps, entries_with_map, shown_maps, thinned, viewer_data
 from morphofold.report.pictures.gyral_net import clear_examples, hinge_pairs, net_figure, net_row
@@ -123,7 +123,7 @@ def _write_page(
     )
 
 
-def _drawn_surface(entries: Sequence[Entry]) -> str:
+def _drawn_surface(entries: Entries) -> str:
     """The surface that a page shows first, and in pictures: inflated, where sulci are seen, if every surface has it."""
     return "inflated" if all(e.cortex.inflated is not None and not e.stages for e in entries) else "pial"
 
@@ -131,7 +131,7 @@ def _drawn_surface(entries: Sequence[Entry]) -> str:
 # pictures ----------------------------------------------------------------------------------------------------
 
 
-def _write_pictures(folder: Path, entries: Sequence[Entry], shown: ShownMaps) -> list[PictureEntry]:
+def _write_pictures(folder: Path, entries: Entries, shown: ShownMaps) -> list[PictureEntry]:
     """Write ``folder/KEY.png`` for maps and the gyral net; return them for the page."""
     which, pictures = _drawn_surface(entries), []
     surfaces = {e: Surface(getattr(e.cortex, which).verts[e.display.ids], e.display.faces, e.name) for e in entries}
@@ -169,7 +169,7 @@ def _histograms(maps: Sequence[tuple[Entry, Array]], label: str, unit: str) -> M
     return charts.histograms(series, label, unit)
 
 
-def _charts(entries: Sequence[Entry], comparison: Comparison) -> dict[str, Any]:
+def _charts(entries: Entries, comparison: Comparison) -> dict[str, Any]:
     """The other charts, by their names in the template."""
     terms = [(e, e.folding) for e in entries if e.folding is not None]
     paths = {c.name: [t for t in c.folding if t is not None] for c in comparison.growth}
@@ -187,7 +187,7 @@ def _charts(entries: Sequence[Entry], comparison: Comparison) -> dict[str, Any]:
     }
 
 
-def _thickness_ratio_chart(entries: Sequence[Entry]) -> Markup | None:
+def _thickness_ratio_chart(entries: Entries) -> Markup | None:
     """Distribution of gyral over cortical thickness at vertices where both are known."""
     series = []
     for e in entries:
@@ -201,7 +201,7 @@ def _thickness_ratio_chart(entries: Sequence[Entry]) -> Markup | None:
 # people ------------------------------------------------------------------------------------------------------
 
 
-def with_smooth_bodies(entries: Sequence[Entry], people: Sequence[PersonComparison]) -> list[Entry]:
+def with_smooth_bodies(entries: Entries, people: Sequence[PersonComparison]) -> list[Entry]:
     """The panels of the viewer: entries with heights and the person on whose sphere they have points, and the smooth
     body before the first cortex that grew from it."""
     own = {name: (p, body) for p in people for name, body in ((p.person, p.bodies.person), (p.grown, p.bodies.grown))}
@@ -222,7 +222,7 @@ def with_smooth_bodies(entries: Sequence[Entry], people: Sequence[PersonComparis
 
 
 def person_parts(
-    people: Sequence[PersonComparison], entries: Sequence[Entry], folder: Path
+    people: Sequence[PersonComparison], entries: Entries, folder: Path
 ) -> list[tuple[PersonComparison, Entry, Entry, list[Any], dict[str, Any]]]:
     """Each pair with the entries of both, charts of its regions, and its picture ``folder/person-1.png`` and so on."""
     by_name = {e.name: e for e in entries}

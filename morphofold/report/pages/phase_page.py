@@ -55,7 +55,7 @@ def phase_report(phases: Phases, folder: Path, progress: Progress = silent) -> P
     return path
 
 
-def _wavelength_ratio(phases: Phases, at: tuple[int, ...]) -> float:
+def _wavelength_ratio(phases: Phases, at: plots.GridIndex) -> float:
     """Measured wavelength over that of theory; NaN if one is not known."""
     return plots.cell(phases, at, plots.WAVELENGTH_KEY).mean / phases.theory[at].wavelength
 
@@ -64,7 +64,7 @@ def _wavelength_ratio(phases: Phases, at: tuple[int, ...]) -> float:
 
 
 def _write_slices(
-    phases: Phases, folder: Path, name: str, title: str, draw: Callable[[tuple[int, ...]], Any]
+    phases: Phases, folder: Path, name: str, title: str, draw: Callable[[plots.GridIndex], Any]
 ) -> list[PictureEntry]:
     """Write the figure that ``draw`` makes at each place on the third and further axes; return an entry for each."""
     entries = []
@@ -84,7 +84,7 @@ def _write_thumbnails(phases: Phases, folder: Path) -> list[PictureEntry]:
     view = "top" if shape in ("patch", "strip") else "lateral"
     largest = max((extent(s, view).max() for s in drawn.values() if isinstance(s, Surface)), default=0.0)
 
-    def draw(others: tuple[int, ...]) -> Any:
+    def draw(others: plots.GridIndex) -> Any:
         return plots.thumbnails(phases, {at: s for at, s in drawn.items() if at[2:] == others}, view, largest)
 
     title = "Sections" if shape == "strip" else "Pial surfaces"

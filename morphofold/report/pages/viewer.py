@@ -26,7 +26,7 @@ from morphofold.analysis.measures import Measures
 from morphofold.geometry import in_use, morton_codes, unit
 from morphofold.quantities import MAIN_MAPS, RELIEF, Quantity, common_limits, find, quantity
 from morphofold.report import colours
-from morphofold.report.pages.entries import Display, Entry
+from morphofold.report.pages.entries import Display, Entries, Entry
 from morphofold.surface import Cortex, Faces, PerVertex, Verts
 from morphofold.threads import SIMPLIFYING
 from morphofold.words import number
@@ -49,13 +49,13 @@ def thinned(e: Entry) -> Entry:
     return replace(e, display=thin(e.cortex, most, stages))
 
 
-def entries_with_map(entries: Sequence[Entry], key: str) -> list[tuple[Entry, PerVertex]]:
+def entries_with_map(entries: Entries, key: str) -> list[tuple[Entry, PerVertex]]:
     """The entries that have the map ``key`` with at least one value, each with the map."""
     maps = [(e, find(e.measures.maps, key)) for e in entries]
     return [(e, a) for e, a in maps if a is not None and np.isfinite(a).any()]
 
 
-def shown_maps(entries: Sequence[Entry]) -> ShownMaps:
+def shown_maps(entries: Entries) -> ShownMaps:
     """The maps that a page shows, heights of folds and main maps first, with the limits that all its surfaces share."""
     others = {quantity(n).key for e in entries for n in e.measures.maps} - {RELIEF, *MAIN_MAPS}
     shown = {}
@@ -66,7 +66,7 @@ def shown_maps(entries: Sequence[Entry]) -> ShownMaps:
     return shown
 
 
-def viewer_data(entries: Sequence[Entry], shown: ShownMaps) -> tuple[Shown, dict[str, Markup]]:
+def viewer_data(entries: Entries, shown: ShownMaps) -> tuple[Shown, dict[str, Markup]]:
     """The JSON configuration of viewer.js, and the packed data of each surface (``"0"``) and its stages (``"0-1"``)."""
     surfaces, blocks = [], dict[str, Markup]()
     steps = {key: (high - low) / 2000 for key, (_, (low, high)) in shown.items()}  # finer than the colours can show
