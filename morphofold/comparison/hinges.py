@@ -165,7 +165,7 @@ def _compare_with_chance(
 ) -> tuple[tuple[Control, ...], float | None, str]:
     """Controls of the first group with features ``a``; p-value of its difference from chance, and the units of that."""
     rng, itself = np.random.default_rng(seed), f"{other} itself"
-    net = net_at_chance([s for s in shapes if len(s)], seed=seed)
+    net = net_at_chance(list(filter(len, shapes)), seed=seed)
     distances = {
         source: hinge_shapes.shape_distance(features, b, of=hinge_shapes.PLANAR_NET_FEATURES)[0]
         for source, features in ((one, a), (itself, b), (RANDOM_NET_NAME, net))

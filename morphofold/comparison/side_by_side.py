@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from morphofold import __version__
 from morphofold.analysis.graph.hinge_shapes import hinge_shapes
 from morphofold.analysis.gyrification.folding_law import ShapeTerms, shape_terms_of
 from morphofold.analysis.measures import SCALARS, Measures
@@ -141,11 +142,9 @@ class Comparison:
 
         Returns the path of the page. ``progress`` is called with the share done, 0 to 1, and what is being drawn.
         """
-        import morphofold
-
         with atomic_folder(out) as folder:
             draw("comparison_page", self, folder, progress=progress)
-            content = {"morphofold": morphofold.__version__, **self.to_dict()}
+            content = {"morphofold": __version__, **self.to_dict()}
             write_json(folder / "comparison.json", content)
             write_table(folder / "comparison.tsv", ("measure", *self.names), self.table)
             write_people(self.people, folder)
@@ -307,10 +306,10 @@ def cautions(named: MeasuresByName) -> list[str]:
     """A sentence for each scale or option that differs between surfaces and makes their numbers differ."""
     sentences = []
     for key, text_of in PARAMETER_TEXTS.items():
-        surfaces: dict[str, list[str]] = {}
+        surfaces = defaultdict[str, list[str]](list)
         for name, m in named.items():
             if key in m.parameters:
-                surfaces.setdefault(text_of(m.parameters[key]), []).append(name)
+                surfaces[text_of(m.parameters[key])].append(name)
         if len(surfaces) > 1:
             values = listed([f"{value} on {listed(names)}" for value, names in surfaces.items()])
             sentences.append(PARAMETER_CAUTIONS[key].format(values))
@@ -368,7 +367,7 @@ def growth_curve(name: str, stages: Sequence[Measures]) -> GrowthCurve:
         raise MissingPart(f"{name}: growth needs at least two stages, got {len(stages)}.")
     if missing := [m.cortex.name for m in stages if "g" not in m.cortex.info]:
         raise DoesNotApply(f"{name}: {missing[0]} has no growth; only stages of a simulation have one.")
-    stages = sorted(stages, key=lambda m: float(m.cortex.info["g"]))
+    stages = sorted(stages, key=lambda m: m.cortex.info["g"])
     growth = np.array([float(m.cortex.info["g"]) for m in stages])
     if (twice := growth[:-1][np.diff(growth) == 0]).size:
         raise NamedTwice(f"{name}: two stages are at g = {twice[0]:g}. Leave one out.")
@@ -386,8 +385,8 @@ def matching_growth(curve: GrowthCurve, measures: Measures) -> dict[str, list[fl
         Ascending; empty where the curve never has that number, or the cortex has none.
     """
     growths = {}
-    for key, number in dimensionless_numbers(measures).items():
-        above = curve.numbers[key] - (np.nan if number is None else number)
+    for key, value in dimensionless_numbers(measures).items():
+        above = curve.numbers[key] - (np.nan if value is None else value)
         known = np.isfinite(above)
         g, above = curve.growth[known], above[known]
         k = np.flatnonzero(above[:-1] * above[1:] < 0)

@@ -12,9 +12,10 @@ from morphofold.analysis.thickness.robust_slope import LEAST_POINTS, LEAST_POINT
 from morphofold.arrays import Array
 from morphofold.quantities import CREST_THICKNESS_RATIO, THICKNESS_RATIO, find
 
-THICKNESSES = ("gyral_thickness_mm", "cortical_thickness_mm")
+GYRAL, CORTICAL = "gyral_thickness_mm", "cortical_thickness_mm"
 #: of a whole surface
 WHOLE_SURFACE_THICKNESSES = ("median_gyral_thickness_mm", "mean_cortical_thickness_mm")
+Row = Mapping[str, Any]
 MOST_BINS, LEAST_VERTICES_OF_A_BIN = 8, 50
 
 
@@ -114,12 +115,13 @@ def thickness_cloud(measures: Measures) -> Cloud:
     never to bins: their vertices are not independent.
     """
     thinnest = 0.5 * (measures.scalars.get("mean_cortical_thickness_mm") or 0.0)
-    whole = dict(zip(THICKNESSES, map(measures.scalars.get, WHOLE_SURFACE_THICKNESSES)), whole="whole surface")
+    gyral, cortical = map(measures.scalars.get, WHOLE_SURFACE_THICKNESSES)
+    whole = {GYRAL: gyral, CORTICAL: cortical, "whole": "whole surface"}
     for kind, rows in (("region", measures.regions), ("crest", measures.crests), ("whole", [whole])):
         points = tuple(
-            ThicknessPoint(cortical, gyral, str(row.get(kind, kind)))
-            for gyral, cortical, row in _rows_with_both_thicknesses(rows)
-            if kind != "crest" or cortical >= thinnest
+            ThicknessPoint(float(row[CORTICAL]), float(row[GYRAL]), str(row.get(kind, kind)))
+            for row in _with_both_thicknesses(rows)
+            if kind != "crest" or row[CORTICAL] >= thinnest
         )
         if points:
             return Cloud(kind, points, () if kind == "region" else _vertex_bins(measures), fit_line(points))
@@ -132,18 +134,16 @@ def thickness_ratios(measures: Measures) -> dict[str, float | None]:
     The two differ if the cortex of crowns is thicker or thinner than that of walls and fundi. None if one of the two
     thicknesses is not known.
     """
-    gyral, cortical = (measures.scalars.get(key) for key in WHOLE_SURFACE_THICKNESSES)
-    ratios = [wide / thick for wide, thick, _ in _rows_with_both_thicknesses(measures.crests) if thick > 0]
+    gyral, cortical = map(measures.scalars.get, WHOLE_SURFACE_THICKNESSES)
+    ratios = [row[GYRAL] / row[CORTICAL] for row in _with_both_thicknesses(measures.crests) if row[CORTICAL] > 0]
     return {
         THICKNESS_RATIO: gyral / cortical if gyral and cortical else None,
         CREST_THICKNESS_RATIO: float(np.median(ratios)) if ratios else None,
     }
 
 
-def _rows_with_both_thicknesses(rows: Sequence[Mapping[str, Any]]) -> list[tuple[float, float, Mapping[str, Any]]]:
-    """Gyral and cortical thickness of each row that has both, and the row."""
-    pairs = np.array([[row.get(key) for key in THICKNESSES] for row in rows], dtype=np.float64).reshape(-1, 2)
-    return [(*pairs[k].tolist(), rows[k]) for k in np.flatnonzero(np.isfinite(pairs).all(axis=1)).tolist()]
+def _with_both_thicknesses(rows: Sequence[Row]) -> list[Row]:
+    return [row for row in rows if np.isfinite(np.array([row.get(GYRAL), row.get(CORTICAL)], dtype=np.float64)).all()]
 
 
 def _vertex_bins(measures: Measures) -> tuple[ThicknessPoint, ...]:

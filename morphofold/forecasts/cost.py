@@ -225,7 +225,7 @@ class Cost:
             **self.size,
             "threads": self.threads,
             "seconds": self.seconds,
-            "stages": {name: {"seconds": t, "share": share(t, self.seconds)} for name, t in self.parts.items()},
+            "stages": {name: {"seconds": t, "share": t / (self.seconds or 1)} for name, t in self.parts.items()},
             "memory_GiB": self.memory_GiB,
             "errors": {name: asdict(error) for name, error in self.expected.errors.items()},
             "how": self.expected.how,
@@ -235,10 +235,10 @@ class Cost:
 
 def cost_of(health: Mapping[str, Any], scene: Scene) -> Cost:
     """Cost of a run from its ``health.json`` and scene."""
-    seconds, taken = float(health["seconds"]), dict(health.get("seconds_by_phase", {}))
+    seconds, taken = health["seconds"], dict(health.get("seconds_by_phase", {}))
     if taken:
         taken[OTHER] = max(0.0, seconds - sum(taken.values()))
-    effects = health.get("effects", list(scene.called_effects))
+    effects = health.get("effects", scene.called_effects)
     parts = dict(sorted(taken.items(), key=lambda part: (part[0] in effects, -part[1])))
     labels = {name: SOLVER_PHASES.get(name, "") for name in parts}
     for effect in effects:
@@ -253,7 +253,7 @@ def cost_of(health: Mapping[str, Any], scene: Scene) -> Cost:
         parts,
         labels,
         health.get("peak_memory_GiB"),
-        errors_of_run(scene, None if edge is None else float(edge) / scene.thinnest),
+        errors_of_run(scene, None if edge is None else edge / scene.thinnest),
     )
 
 
@@ -269,7 +269,7 @@ def cost_beside(stage: Path) -> Cost | None:
 def cost_of_analysis(measures: Sequence[Measures], clock: Stages) -> Cost:
     """Cost of an analysis of at least one hemisphere; ends the stage that its clock is timing."""
     clock.end()
-    accuracy = str(measures[0].parameters["accuracy"])
+    accuracy = measures[0].parameters["accuracy"]
     return Cost(
         {"vertices": {m.cortex.hemi: m.cortex.n_vertices for m in measures}, "accuracy": accuracy},
         get_num_threads(),
@@ -281,7 +281,7 @@ def cost_of_analysis(measures: Sequence[Measures], clock: Stages) -> Cost:
     )
 
 
-def memory_of_analysis(vertices: Sequence[int], *, accuracy: str = "standard", report: bool = True) -> float:
+def memory_of_analysis(vertices: Sequence[int], *, accuracy: str, report: bool) -> float:
     """Most memory of a process that measures hemispheres of these numbers of vertices, one after the other [GiB]."""
     chosen, memory, total = accuracy_of(accuracy), COSTS["analysis"], sum(vertices)
     largest_mesh = max(4 * n if n < chosen.least else n for n in vertices)
@@ -291,15 +291,10 @@ def memory_of_analysis(vertices: Sequence[int], *, accuracy: str = "standard", r
     return max(measuring, page) if report else measuring
 
 
-def share(seconds: float, total: float) -> float:
-    """A share of a total time; 0 if no time was taken."""
-    return seconds / total if total > 0 else 0.0
-
-
 def largest(parts: Mapping[str, float], total: float, most: int = 3) -> str:
     """The largest parts of a time with their shares, in words."""
     longest = sorted(parts.items(), key=lambda part: -part[1])[:most]
-    return ", ".join(f"{name} {percent(share(seconds, total))}" for name, seconds in longest)
+    return ", ".join(f"{name} {percent(seconds / (total or 1))}" for name, seconds in longest)
 
 
 def cost_line(cost: Cost) -> str:

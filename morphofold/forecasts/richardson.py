@@ -227,8 +227,7 @@ def errors_from_runs(scene: Scene, run: Grown, coarse: Grown, slow: Grown | None
         power = CONVERGENCE_POWERS[name]
         errors[name] = Estimated(change, power, change / (ratio**power - 1) if same_pattern else None)
     runs = {"run": run, "coarser run": coarse, "slower run": slow}
-    ill = ((name, warning) for name, grown in runs.items() if grown for warning in grown.warnings)
-    doubts = [f"The {name} isn't healthy: {warning}" for name, warning in ill]
+    doubts = [f"The {name} isn't healthy: {text}" for name, grown in runs.items() if grown for text in grown.warnings]
     if not same_pattern:
         doubts.append(
             f"The coarser run folded into another pattern (they differ by: {_joined_with_values(changes)} of T), so no "

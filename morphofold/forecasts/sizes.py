@@ -33,7 +33,7 @@ def sizes_of(bilayer: Bilayer) -> Sizes:
     axes, vertices = len(bilayer.mirrored), bilayer.n_surface
     if axes and bilayer.faces.shape[1] == 4:  # Euler: a closed surface of quads
         vertices = 2**axes * len(bilayer.faces) + 2
-    return Sizes(int(bilayer.mesh.nelements), int(bilayer.mesh.nvertices), vertices, float(bilayer.edge))
+    return Sizes(bilayer.mesh.nelements, int(bilayer.mesh.nvertices), vertices, bilayer.edge)
 
 
 def layers_of(bilayer: Bilayer) -> Layers:
@@ -154,11 +154,10 @@ def steps_of(scene: Scene, crossing: float, per_unit: float) -> Steps:
             ramp += STEPS_PER_MEASUREMENT
             touched += STEPS_PER_MEASUREMENT * touching(growth)
         if not scene.real_time:
-            is_smooth, longest = (
-                stage <= first_wrinkles(scene).growth,
-                patience((ramp - begun) / crossing if k else None),
-            )
-            ticks = resting["smooth"] if is_smooth else min(max(longest, resting["brief"]), resting["folded"])
+            ticks = resting["smooth"]
+            if stage > first_wrinkles(scene).growth:
+                longest = patience((ramp - begun) / crossing if k else None)
+                ticks = min(max(longest, resting["brief"]), resting["folded"])
             rested += crossing * ticks
             touched += crossing * ticks * touching(stage)
     if scene.real_time:  # real masses: the step shrinks as bricks do

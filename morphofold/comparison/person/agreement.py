@@ -15,7 +15,7 @@ References
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -133,15 +133,18 @@ def agreement_with_controls(
     """
     tests = []
     for controls in np.arange(1, len(values)).reshape(2, -1):
-        best = int(values[controls].argmax())
+        best = values[controls].argmax()
         at = controls[best]
-        test = compare_with_null(float(values[0]), null[:, 0], float(values[at]), null[:, at])
-        tests.append(replace(test, control_map=maps[best]))
+        tests.append(compare_with_null(float(values[0]), null[:, 0], float(values[at]), null[:, at], maps[best]))
     return Agreement(what, tests[0], tests[1], **more)
 
 
 def compare_with_null(
-    value: float, null: Array, control: float = np.nan, control_null: Array | float = np.nan
+    value: float,
+    null: Array,
+    control: float = np.nan,
+    control_null: Array | float = np.nan,
+    control_map: str | None = None,
 ) -> Tested:
     """Compare a number with its values (T,) under spins, and with a control and its values under the same spins.
 
@@ -164,13 +167,11 @@ def compare_with_null(
     """
     of_spins, differences = (v[np.isfinite(v)] for v in (null, null - control_null))
     mean, sd = (float(of_spins.mean()), float(of_spins.std())) if len(of_spins) else (np.nan, np.nan)
-    tested = Tested(value, mean, sd, p_value(value, of_spins), control if np.isfinite(control) else None)
-    difference = value - control
+    by_chance, difference = (value, mean, sd, p_value(value, of_spins)), value - control
     if not (np.isfinite(difference) and len(differences)):
-        return tested
+        return Tested(*by_chance, control if np.isfinite(control) else None)
     low, high = (difference - (np.percentile(differences, [97.5, 2.5]) - differences.mean())).tolist()
-    p = p_value(difference, differences)
-    return replace(tested, difference=difference, low=low, high=high, difference_p=p)
+    return Tested(*by_chance, control, difference, low, high, p_value(difference, differences), control_map)
 
 
 def classes(values: Array, weights: Array) -> Array:
@@ -202,11 +203,11 @@ def agreement_of_classes(bodies: Sequence[Array], person: Array, weights: Array)
     """
     signed = np.stack(bodies)
     signed = signed * (weights * (signed != 0).all(axis=0))
-    size = np.abs(signed[0])
+    size = abs(signed[0])
 
     def statistic(nearest: Ints, turn: Array) -> Array:
         person_classes = person[nearest]
-        area = size @ np.abs(person_classes)
+        area = size @ abs(person_classes)
         return 0.5 + 0.5 * (signed @ person_classes) / area if area > 0 else np.full(len(signed), 0.5)
 
     return statistic

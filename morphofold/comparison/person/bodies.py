@@ -190,5 +190,5 @@ def weighted_median(values: Array, weights: Array) -> float:
     """Middle between the two values (N,) beside which half of the weight (N,) lies, so that no value is on it."""
     order = np.argsort(values, kind="stable")
     total = np.cumsum(weights[order])
-    k = int(np.searchsorted(total, 0.5 * total[-1]))
-    return float(0.5 * (values[order[k]] + values[order[min(k + 1, len(order) - 1)]]))
+    k = np.searchsorted(total, 0.5 * total[-1])
+    return float(values[order[k : k + 2]].mean())

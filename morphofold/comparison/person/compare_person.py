@@ -289,10 +289,9 @@ def write_people(people: Sequence[PersonComparison], folder: Path) -> None:
     """
     if not people:
         return
-    columns = ("person", "grown", "hemi", "region")
     regions = [{"person": pair.person, "grown": pair.grown, **row} for pair in people for row in pair.regions]
-    write_table(folder / "person.tsv", columns[:3], [row for pair in people for row in pair.rows()])
-    write_table(folder / "person_regions.tsv", columns, regions)
+    write_table(folder / "person.tsv", (), [row for pair in people for row in pair.rows()])
+    write_table(folder / "person_regions.tsv", ("person", "grown", "hemi", "region"), regions)
     for k, pair in enumerate(people, start=1):
         for (direction, name), values in pair.carried().items():
             file = folder / "carried" / str(k) / direction / f"{pair.hemi}.{name}.shape.gii"

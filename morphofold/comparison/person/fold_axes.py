@@ -5,6 +5,7 @@ From a person, the smooth body and the grown cortex come the axes of each; from 
 """
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
@@ -17,6 +18,8 @@ from morphofold.surface import Faces, Surface
 from morphofold.unfolding.smooth_surface import SmoothSurface, tangents
 
 FORWARD = np.array([0.0, 1.0, 0.0])  # to the front of the head, in the coordinates of FreeSurfer
+
+dot = partial(np.einsum, "pi,pi->p")  # of vectors (P, 3) and (P, 3): (P,)
 
 Axes = tuple[Array, Array]  # fold axes (N, 3) without sign, and how clear they are (N,)
 
@@ -62,7 +65,7 @@ def fold_axes(surface: Surface, points: Array, scale: float | None, cortex: Bool
     and large across it, be it a gyrus or a sulcus.
     """
     bent = curvature(surface.verts, surface.faces, scale)
-    along = np.where((np.abs(bent.k1) >= np.abs(bent.k2))[:, None], bent.d2, bent.d1)
+    along = np.where((abs(bent.k1) >= abs(bent.k2))[:, None], bent.d2, bent.d1)
     axes = pulled_back(np.nan_to_num(along), surface.verts, surface.faces, points)
     return axes, _strength(bent.k1, bent.k2) * (cortex & axes.any(axis=1))
 
@@ -74,9 +77,9 @@ def smooth_axes(surface: SmoothSurface, points: Array) -> Axes:
     bend = np.einsum("pki,pmi->pkm", frame.turning, frame.along)
     inverse = np.linalg.inv(np.linalg.cholesky(metric))
     k, turned = np.linalg.eigh(inverse @ (0.5 * (bend + bend.swapaxes(1, 2))) @ inverse.swapaxes(1, 2))
-    smaller = np.abs(k).argmin(axis=1)
+    smaller = abs(k).argmin(axis=1)
     mixed = np.einsum("pkm,pk->pm", inverse, turned[np.arange(len(points)), :, smaller])
-    return unit(np.einsum("pm,pmi->pi", mixed, tangents(points))), _strength(k[:, 1], k[:, 0])
+    return unit(np.einsum("pm,pmi->pi", mixed, tangents(points))), _strength(*k.T)
 
 
 def pulled_back(vectors: Array, verts: Array, faces: Faces, points: Array) -> Array:
@@ -85,19 +88,17 @@ def pulled_back(vectors: Array, verts: Array, faces: Faces, points: Array) -> Ar
     Each triangle is mapped linearly to its triangle on the sphere; a vertex has the mean of its triangles by area on
     the surface. Zero where no triangle has area.
     """
-    ones, twos = (verts[faces[:, k]] - verts[faces[:, 0]] for k in (1, 2))
-    on_sphere = [points[faces[:, k]] - points[faces[:, 0]] for k in (1, 2)]
-    a, b, c = (np.einsum("fi,fi->f", *pair) for pair in ((ones, ones), (ones, twos), (twos, twos)))
+    (one, two), (first, second) = ([x[faces[:, k]] - x[faces[:, 0]] for k in (1, 2)] for x in (verts, points))
+    a, b, c = dot(one, one), dot(one, two), dot(two, two)
     whole, area = a * c - b * b, face_areas(verts, faces)
     weight = np.divide(area, whole, out=np.zeros(len(faces)), where=whole > 0)
     total = np.zeros_like(points)
     for k in range(3):
         v = vectors[faces[:, k]]
-        p, q = np.einsum("fi,fi->f", v, ones), np.einsum("fi,fi->f", v, twos)
-        image = (c * p - b * q)[:, None] * on_sphere[0] + (a * q - b * p)[:, None] * on_sphere[1]
-        for axis in range(3):
-            total[:, axis] += np.bincount(faces[:, k], weight * image[:, axis], len(points))
-    return unit(total - np.einsum("ni,ni->n", total, points)[:, None] * points)
+        p, q = dot(v, one), dot(v, two)
+        image = (c * p - b * q) * first.T + (a * q - b * p) * second.T
+        total += np.transpose([np.bincount(faces[:, k], part, len(points)) for part in weight * image])
+    return unit(total - dot(total, points)[:, None] * points)
 
 
 def forwardness(axes: Array, strengths: Array, surface: SmoothSurface, points: Array, weights: Array) -> float:
@@ -111,13 +112,13 @@ def forwardness(axes: Array, strengths: Array, surface: SmoothSurface, points: A
     along = unit(np.einsum("pm,pmi->pi", mixed, frame.along))
     ahead = FORWARD - (frame.normal @ FORWARD)[:, None] * frame.normal
     weight = weights * strengths * np.linalg.norm(ahead, axis=1)
-    cosine = np.einsum("pi,pi->p", along, unit(ahead))
-    return float(weight @ (2 * cosine**2 - 1) / weight.sum()) if weight.sum() > 0 else float("nan")
+    cosine = dot(along, unit(ahead))
+    return float(weight @ (2 * cosine**2 - 1) / weight.sum()) if weight.sum() > 0 else np.nan
 
 
 def _strength(k1: Array, k2: Array) -> Array:
     """Difference over sum of the sizes of two curvatures; 0 where both are 0 or one is NaN."""
-    large, small = np.maximum(np.abs(k1), np.abs(k2)), np.minimum(np.abs(k1), np.abs(k2))
+    small, large = np.sort(np.abs([k1, k2]), axis=0)
     return np.divide(large - small, large + small, out=np.zeros(len(k1)), where=large + small > 0)
 
 
@@ -144,12 +145,12 @@ def agreement_of_axes(bodies: Sequence[Axes], person: Axes, weights: Array, poin
 
     def statistic(nearest: Ints, turn: Array) -> Array:
         turned = person[0][nearest] @ turn.T
-        turned = turned - np.einsum("pi,pi->p", turned, points)[:, None] * points  # the nearest vertex is a little off
-        length = np.einsum("pi,pi->p", turned, turned)
+        turned = turned - dot(turned, points)[:, None] * points  # the nearest vertex is a little off
+        length = dot(turned, turned)
         clear = weights * person[1][nearest]
         means = []
         for axes, strength in bodies:
-            cosine = np.einsum("pi,pi->p", turned, axes) ** 2
+            cosine = dot(turned, axes) ** 2
             share = np.divide(cosine, length, out=np.full(len(length), 0.5), where=length > 0)
             area = clear * strength
             means.append((area @ (2 * share - 1)) / area.sum() if area.sum() > 0 else 0.0)

@@ -99,14 +99,14 @@ class RegionNumbers:
     def table(self, hemi: str) -> tuple[dict[str, Any], ...]:
         """A row for each region of the person that has vertices: each measure of person, smooth and grown body."""
         columns = {
-            f"{body}_{key}": numbers[k].tolist()
+            f"{body}_{key}": numbers[k]
             for k, key in enumerate(REGION_MEASURES)
             for body, numbers in self.numbers.items()
             if body != "smooth" or key in SMOOTH_MAPS
         }
         return tuple(
             {"hemi": hemi, "region": self.names[r]} | {column: json_value(v[r]) for column, v in columns.items()}
-            for r in np.unique(self.labels[self.labels >= 0]).tolist()
+            for r in np.unique(self.labels[self.labels >= 0])
         )
 
 
@@ -163,16 +163,15 @@ def region_fields(body: Body) -> Fields:
 
 def region_numbers(labels: Ints, count: int, fields: Fields) -> Array:
     """Numbers (K, count) of regions by their labels (N,), -1 for none; NaN for a field or a region that is empty."""
-    inside, numbers = labels >= 0, np.full((len(REGION_MEASURES), count), np.nan)
+    numbers = np.full((len(REGION_MEASURES), count), np.nan)
     for row, field in zip(numbers, map(fields.get, REGION_MEASURES)):
         if isinstance(field, tuple):
-            over, under = (np.bincount(labels[inside], part[inside], count) for part in field)
+            over, under = (np.bincount(labels + 1, part, count + 1)[1:] for part in field)
             np.divide(over, under, out=row, where=under > 0)
         elif field is not None:
-            known = np.isfinite(field) & inside
-            at = labels[known].astype(np.int16)
-            order = np.argsort(at, kind="stable")  # by radix, which is fast
-            parts = np.split(field[known][order], np.cumsum(np.bincount(at, minlength=count))[:-1])
+            known = np.flatnonzero(np.isfinite(field) & (labels >= 0))
+            order = known[np.argsort(labels[known].astype(np.int16), kind="stable")]  # by radix, which is fast
+            parts = np.split(field[order], np.searchsorted(labels[order], np.arange(1, count)))
             row[:] = [np.median(part) if len(part) else np.nan for part in parts]
     return numbers
 
