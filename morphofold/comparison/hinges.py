@@ -178,7 +178,7 @@ def _compare_with_chance(
         for source, d in distances.items():
             drawn = order[n : 2 * n] if source == itself else rng.choice(len(d), n, replace=False)
             total[source] += _median_distances(d[np.ix_(drawn, order[:n])]) / DRAWS
-    controls = tuple(Control(source, *medians.tolist(), n) for source, medians in total.items())
+    controls = tuple(Control(source, float(to), float(back), n) for source, (to, back) in total.items())
     if net is None:
         return controls, None, ""
     size = min(len(a), len(net), MOST_TESTED_HINGES)

@@ -151,7 +151,7 @@ def _vertex_bins(measures: Measures) -> tuple[ThicknessPoint, ...]:
     cortical, gyral = (find(measures.maps, name) for name in ("cortical_thickness", "gyral_thickness"))
     if cortical is None or gyral is None:
         return ()
-    count = np.count_nonzero(np.isfinite(cortical + gyral)) // LEAST_VERTICES_OF_A_BIN
+    count = np.isfinite(cortical + gyral).sum() // LEAST_VERTICES_OF_A_BIN
     return bins(cortical, gyral, min(count, MOST_BINS), "vertices") if count > 1 else ()
 
 

@@ -1,6 +1,9 @@
-"""Costs and errors of runs and analyses: those in the stored table (errors by edge and accuracy, of one person's
-hemisphere and one scene), and those of a run or an analysis after it, as a line for the terminal, as JSON, and in words
-for pages."""
+"""What a run or an analysis cost: its time by part, its memory, and the errors to expect of it, in one record ``Cost``.
+
+In go the ``health.json`` of a finished run, or the clock of an analysis; out come the record, which pages and
+``cost.json`` show, and lines for the terminal. Expected errors are looked up in a table of measured ones
+(``table.json``), of a run by its edge, of an analysis by its accuracy. Forecasts look up the same before a run.
+"""
 
 import json
 import math
@@ -112,16 +115,15 @@ def not_studied(scene: Scene, edge_over_T: float) -> tuple[str, ...]:
     ``"shape"`` (not a sphere of even thickness), ``"law"`` (not isotropic), ``"material"``, ``"effects"`` (one that
     no study of errors had), ``"edge"``, and the names of ``STUDIED_RANGES``.
     """
-    sphere = scene.geometry if isinstance(scene.geometry, Sphere) else None
+    sphere, material = scene.geometry if isinstance(scene.geometry, Sphere) else None, scene.material
     outside = {
         "shape": sphere is None or bool(sphere.thickness_spots or sphere.thickness_map),
         "law": scene.growth.law != "isotropic",
-        "material": not scene.material.errors_known,
+        "material": not material.errors_known,
         "effects": not all(options.errors_known for options in scene.effects.values()),
         "edge": _is_outside(edge_over_T, studied(), SAME_EDGE_TOLERANCE),
     }
-    values = {"growth": scene.growth.final}
-    values |= {name: getattr(scene.material, name) for name in ("mu_ratio", "kappa_ratio")}
+    values = {"growth": scene.growth.final, "mu_ratio": material.mu_ratio, "kappa_ratio": material.kappa_ratio}
     if sphere:
         values["thickness"] = sphere.cortex_thickness / sphere.radius
     outside |= {name: _is_outside(value, STUDIED_RANGES[name], 1e-9) for name, value in values.items()}
@@ -161,8 +163,8 @@ def measured_errors(cortices: Sequence[Cortex], accuracy: str) -> Errors:
     vertices has an error of 26 % in thickness, a mesh of 10,001 vertices one of 5 %.
     """
     sizes = sorted({cortex.n_vertices for cortex in cortices})
-    persons = sorted(TABLE["errors"]["measuring"], key=lambda person: person["vertices"])
-    least, most = (person["vertices"] for person in (persons[0], persons[-1]))
+    persons = TABLE["errors"]["measuring"]
+    least, *_, most = sorted(person["vertices"] for person in persons)
     if not least / SIMILAR_SIZE_RATIO <= sizes[0] <= most * SIMILAR_SIZE_RATIO:
         how = f"not known for meshes of {sizes[0]:,} vertices: measured only on those of {least:,} to {most:,}"
         return Errors({}, how)

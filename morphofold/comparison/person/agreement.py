@@ -133,7 +133,7 @@ def agreement_with_controls(
     """
     tests = []
     for controls in np.arange(1, len(values)).reshape(2, -1):
-        best = values[controls].argmax()
+        best = int(values[controls].argmax())
         at = controls[best]
         tests.append(compare_with_null(float(values[0]), null[:, 0], float(values[at]), null[:, at], maps[best]))
     return Agreement(what, tests[0], tests[1], **more)
