@@ -117,10 +117,11 @@ def test_growth_that_finds_the_folds_of_the_person_is_significant(ball, rng):
 
 def test_a_number_without_control_or_without_value():
     null = np.array([0.1, 0.2, 0.3, np.nan])
-    plain = compare_with_null(0.25, null)
+    alone = np.nan, np.full(4, np.nan)
+    plain = compare_with_null(0.25, null, *alone)
     assert (plain.p, plain.control, plain.difference) == (0.5, None, None)  # one of three, and itself
-    assert compare_with_null(float("nan"), null).p == 1
-    assert not compare_with_null(float("nan"), null).beats
+    assert compare_with_null(float("nan"), null, *alone).p == 1
+    assert not compare_with_null(float("nan"), null, *alone).beats
     both = compare_with_null(0.9, np.linspace(0, 0.5, 99), 0.9, np.linspace(0, 0.5, 99))
     assert (both.p, both.difference, both.difference_p, both.beats) == (0.01, 0.0, 1.0, False)
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import cycle
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -45,12 +45,10 @@ PARAMETER_TEXTS: Mapping[str, Callable[[Any], str]] = {
     "accuracy": str,
     "cortex_mask": lambda mask: f"by '{mask}'",
 }
-with Path(__file__).with_suffix(".toml").open("rb") as _file:
-    PARAMETER_CAUTIONS, POINT_NOTES = tomllib.load(_file).values()
+PARAMETER_CAUTIONS, POINT_NOTES = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8")).values()
 
 
-@dataclass(frozen=True, eq=False)
-class GrowthCurve:
+class GrowthCurve(NamedTuple):
     """Numbers of a body over its growth.
 
     Attributes
@@ -214,7 +212,7 @@ def compare(
         folding=tuple(map(shape_terms_of, measures)),
         stages=stages,
         growth=tuple(map(growth_curve, stages, stages.values())),
-        people=people,
+        people=tuple(people),
         notes=(*notes(named), *plot_notes(named, clouds)),
         cautions=(*cautions(named), *remarks),
     )

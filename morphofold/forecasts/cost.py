@@ -40,8 +40,8 @@ OTHER = "other"
 READING_STAGE, WRITING_STAGE, PAGE_STAGE = "reading", "writing", "page"
 #: in words: phases of the solver's clock that belong to no effect, stages of an analysis, and what the study compared
 #: a measure with
-with Path(__file__).with_suffix(".toml").open("rb") as _file:
-    SOLVER_PHASES, ANALYSIS_STAGES, COMPARISONS = tomllib.load(_file).values()
+_WORDS = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
+SOLVER_PHASES, ANALYSIS_STAGES, COMPARISONS = _WORDS.values()
 
 
 @dataclass(frozen=True)

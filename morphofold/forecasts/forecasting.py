@@ -3,7 +3,7 @@
 import math
 import timeit
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -87,7 +87,7 @@ class Forecast:
     seconds_by_phase: Mapping[str, float]
     memory_GiB: float
     threads: int
-    errors: Mapping[str, Expected] = field(default_factory=dict)
+    errors: Mapping[str, Expected]
     not_studied: tuple[str, ...] = ()
     how: Mapping[str, str]
     doubts: tuple[str, ...] = ()
@@ -176,6 +176,7 @@ def _radial_forecast(scene: Scene, threads: int | None) -> Forecast:
         seconds_by_phase={"radial": solving, STAGES_PHASE: writing, SETTING_UP_PHASE: 0.0},
         memory_GiB=sizing.memory_of_run(scene, sizing.Sizes(0, 0, vertices, 0.0)),
         threads=threads,
+        errors={},
         how={
             "time": "the final stage was solved",
             "memory": "measured in other runs",

@@ -140,11 +140,7 @@ def agreement_with_controls(
 
 
 def compare_with_null(
-    value: float,
-    null: Array,
-    control: float = np.nan,
-    control_null: Array | float = np.nan,
-    control_map: str | None = None,
+    value: float, null: Array, control: float, control_null: Array, control_map: str | None = None
 ) -> Tested:
     """Compare a number with its values (T,) under spins, and with a control and its values under the same spins.
 

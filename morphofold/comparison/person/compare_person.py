@@ -146,9 +146,7 @@ class PersonComparison:
         return dict(json_value(content))
 
 
-def compare_people(
-    named: MeasuresByName, *, spins: int, seed: int
-) -> tuple[tuple[PersonComparison, ...], tuple[str, ...]]:
+def compare_people(named: MeasuresByName, *, spins: int, seed: int) -> tuple[list[PersonComparison], list[str]]:
     """Each cortex that grew from a person who is also there, with that person; and remarks, as on who is missing."""
     pairs, remarks = find_pairs(named)
     people = []
@@ -167,7 +165,7 @@ def compare_people(
                 f"{number(pair.scale, 2)}, but curvature and local gyrification were measured at the same scales "
                 "in mm. Grow it with a radius multiplied by that."
             )
-    return tuple(people), tuple(remarks)
+    return people, remarks
 
 
 def find_pairs(named: MeasuresByName) -> tuple[list[tuple[str, str, float]], list[str]]:

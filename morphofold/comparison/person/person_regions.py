@@ -5,8 +5,8 @@ From bodies on one sphere comes a table of regions, and an agreement for each me
 """
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.stats import rankdata
@@ -43,8 +43,7 @@ MEASURES_OF_GIVEN_MAPS = {"thickness_map": "cortical_thickness_mm", "growth_map"
 Fields = Mapping[str, Array | tuple[Array, Array]]
 
 
-@dataclass(frozen=True, eq=False)
-class RegionNumbers:
+class RegionNumbers(NamedTuple):
     """Numbers of R regions in a person, the smooth and the grown body.
 
     Attributes
@@ -135,7 +134,7 @@ def mean_field(values: Array, weights: Array | float) -> tuple[Array, Array]:
 
 
 def region_fields(body: Body) -> Fields:
-    """The fields of a measured cortex for which it has maps.
+    """The fields of a measured cortex for which it has maps; regions leave out what is off the cortex.
 
     ``gyrification_index`` and ``sulcal_depth_mm`` are means over pial area, ``cortical_thickness_mm`` is one over
     vertices, as in the table of regions; ``gyral_thickness_mm`` is the median over vertices. ``hinges_per_cm2`` counts
@@ -153,11 +152,10 @@ def region_fields(body: Body) -> Fields:
         ("gyral_thickness_mm", "gyral_thickness", scale, None),
     ):
         if (values := find(m.maps, name)) is not None:
-            values = np.where(cortex, factor * values, np.nan)
-            fields[key] = values if weights is None else mean_field(values, weights)
+            fields[key] = factor * values if weights is None else mean_field(factor * values, weights)
     if m.graph is not None or m.hinges:
         hinges = np.array([row["vertex"] for row in m.hinges if counts(row)], dtype=np.int64)
-        fields["hinges_per_cm2"] = 100 * np.bincount(hinges, minlength=len(cortex)) * cortex, middle
+        fields["hinges_per_cm2"] = 100 * np.bincount(hinges, minlength=len(cortex)), middle
     return fields
 
 
