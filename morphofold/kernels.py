@@ -17,8 +17,6 @@ from scipy import sparse
 
 import morphofold.threads  # noqa: F401  (how numba's threads wait is set before they start)
 
-_CONSTANTS = (bool, int, float, str, tuple, np.generic)
-
 
 def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     """Decorate a function that numba compiles when it is first called; its machine code is cached for other processes.
@@ -85,8 +83,8 @@ class _Cache(caching.FunctionCache):  # type: ignore[misc]
     def _index_key(self, sig: Any, codegen: Any) -> Any:
         """Of a material the source, too: numba knows only the name of its class."""
         materials: list[Any] = [each for each in sig if isinstance(each, types.BaseNamedTuple)]
-        modules = [each.instance_class.__module__ for each in materials]
-        sources = tuple(_digest(getattr(sys.modules[name], "__file__", "")) for name in modules)
+        modules = [sys.modules[each.instance_class.__module__] for each in materials]
+        sources = tuple(_digest(getattr(module, "__file__", "")) for module in modules)
         return super()._index_key(sig, codegen), sources
 
 
@@ -97,12 +95,12 @@ def _called(function: FunctionType, seen: set[FunctionType]) -> Iterator[str]:
     names = {name for part in (code, *code.co_consts) if isinstance(part, CodeType) for name in part.co_names}
     scopes = [function.__globals__]
     scopes += [vars(each) for name in names if isinstance(each := scopes[0].get(name), ModuleType)]
-    for name, value in [(name, scope[name]) for scope in scopes for name in names & scope.keys()]:
+    for name, value in ((name, scope[name]) for scope in scopes for name in names & scope.keys()):
         value = getattr(value, "__wrapped__", value)  # of a kernel or an intrinsic
         if isinstance(value, FunctionType) and value not in seen:
             yield _digest(value.__code__.co_filename)
             yield from _called(value, seen)
-        elif isinstance(value, _CONSTANTS):
+        elif isinstance(value, int | float | str | tuple | np.generic):
             yield f"{name}={value!r}"
 
 

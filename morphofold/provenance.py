@@ -94,9 +94,9 @@ def json_value(value: Any) -> Any:
     """A value as :func:`strict_json` writes it."""
     if isinstance(value, str):
         return printable(value)
-    if value is None or isinstance(value, bool | int):
+    if value is None or isinstance(value, int):
         return value
-    if isinstance(value, float | np.floating):
+    if isinstance(value, float):
         return float(value) if np.isfinite(value) else None
     if isinstance(value, np.generic | np.ndarray):
         return json_value(value.tolist())

@@ -93,15 +93,15 @@ def common_limits(shown: Quantity, values: Iterable[np.ndarray]) -> tuple[float,
     arrays = [finite for v in values if (finite := v[np.isfinite(v)]).size]
     if not arrays:
         return shown.limits or (0.0, 1.0)
-    lows, highs = np.transpose([np.percentile(v, [2, 98]) for v in arrays])
-    low, high = float(lows.min()), float(highs.max())
+    ends = [np.percentile(v, [2, 98]) for v in arrays]
+    low, high = float(np.min(ends)), float(np.max(ends))
     if shown.limits is not None:
         a, b = shown.limits
         inside = min(np.mean((v >= a) & (v <= b)) for v in arrays)
         if inside >= 0.8 and high - low >= 0.4 * (b - a):
             return shown.limits
     if shown.signed:
-        top = round_out(max(abs(low), abs(high)))
+        top = round_out(max(-low, high))
         return (-top, top) if top > 0 else (-1.0, 1.0)
     if high - low <= 1e-9 * max(1.0, abs(high)):
         step = round_out(abs(high)) or 1.0

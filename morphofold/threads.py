@@ -49,8 +49,8 @@ def set_threads(threads: int | None) -> None:
             quota, period = map(int, CPU_QUOTA.read_text(encoding="ascii").split())
             threads = max(1, min(most, quota // period))
     if not 1 <= threads <= most:
-        variable = "NUMBA_NUM_THREADS"
-        why = f"by the environment variable {variable}" if variable in os.environ else "on this machine"
+        by_variable = "NUMBA_NUM_THREADS" in os.environ
+        why = "by the environment variable NUMBA_NUM_THREADS" if by_variable else "on this machine"
         raise OutOfRange(f"threads must be 1 to {most} {why}, got {threads}.")
     numba.set_num_threads(threads)
 

@@ -16,7 +16,6 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
-from scipy import sparse
 
 from morphofold.errors import DoesNotApply, Mismatch, MissingPart, OptionsClash, UnlikeSurfaces, WrongFile
 from morphofold.geometry import adjacency, vertex_normals
@@ -227,7 +226,7 @@ def folded_files(path: StrPath, hemi: str, *, surface: str | None = None, sphere
         return {what: existing_file(file, what) for what, file in named.items()}
     names = {"surface": f"surf/{hemi}.{kind}", "sphere": f"surf/{hemi}.{sphere or 'sphere'}"}
     names |= {name: f"label/{hemi}.{name}" for name in ("aparc.annot", "cortex.label")}
-    needed = tuple(names)[: 1 if sphere is None else 2]
+    needed = {"surface", sphere and "sphere"}
     paths = {what: root / name for what, name in names.items()}
     files = {what: existing_file(p, what) for what, p in paths.items() if what in needed or os.path.lexists(p)}
     if "cortex.label" not in files:  # these mark the cortex then
@@ -440,10 +439,9 @@ def in_freesurfer_signs(
 def _depth(white: Surface) -> PerVertex:
     """Distance (N,) [mm] of each vertex below the surface after averages over neighbours, positive in sulci."""
     near = adjacency(len(white.verts), white.faces).astype(np.float64)
-    mean = sparse.diags_array(1 / np.maximum(near.sum(axis=1), 1)) @ near
-    smooth = white.verts
+    count, smooth = np.maximum(np.diff(near.indptr), 1)[:, None], white.verts
     for _ in range(_AVERAGES):
-        smooth = mean @ smooth
+        smooth = near @ smooth / count
     normals = vertex_normals(white.verts, white.faces)
     outward = np.sign(np.nansum((white.verts - np.nanmean(white.verts, axis=0)) * normals))  # faces may be reversed
     return outward * ((smooth - white.verts) * normals).sum(axis=1)

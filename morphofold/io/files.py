@@ -140,8 +140,8 @@ def decoding(path: Path, what: str, advice: str = "Copy it again from its source
         problem = " ".join(str(error).split())[:160]
         if isinstance(error, WrongFile):
             raise WrongFile(f"{path}: {problem}.") from error
-        reason = problem or type(error).__name__
-        raise DamagedFile(f"{path}: is truncated, damaged, or not {what} ({reason}). {advice}") from error
+        problem = problem or type(error).__name__
+        raise DamagedFile(f"{path}: is truncated, damaged, or not {what} ({problem}). {advice}") from error
 
 
 def looks_like_text(head: bytes) -> bool:

@@ -42,7 +42,7 @@ def atomic_folder(out: StrPath) -> Iterator[Path]:
                 new.mkdir()
                 yield new
                 mark = {"morphofold": "replaces these files when it writes here again, and keeps all others"}
-                text = json.dumps({**mark, "files": _files_below(new)}, indent=0)
+                text = json.dumps({**mark, "files": sorted(_files_below(new))}, indent=0)
                 (new / MARKER_FILE).write_text(f"{text}\n", encoding="ascii")
             _replace_folder(new, out)
         finally:
@@ -128,12 +128,12 @@ def files_of(out: Path) -> dict[str, Path]:
 def _files_below(folder: Path) -> list[str]:
     """Relative paths of the files and links in a folder and below."""
     paths = (path for path in folder.rglob("*") if path.is_symlink() or not path.is_dir())  # it follows no links
-    return sorted(path.relative_to(folder).as_posix() for path in paths)
+    return [path.relative_to(folder).as_posix() for path in paths]
 
 
 def _replace_folder(new: Path, out: Path) -> None:
     """Move a new folder to ``out``, and the user's files from the old one into it."""
-    theirs = [name for name in _files_below(out) if name not in {MARKER_FILE, *files_of(out)}]
+    theirs = sorted({*_files_below(out)} - {MARKER_FILE, *files_of(out)})
     for name in theirs:
         if os.path.lexists(new / name) or any((new / folder).is_file() for folder in Path(name).parents):
             raise FileExistsError(

@@ -42,7 +42,7 @@ def read_surface(raw: bytes, path: Path) -> SurfaceContent:
             f"it holds {len(points)} arrays of points and {len(triangles)} of triangles, not one of each. "
             f"Of all: {_content(image)}; pass a .surf.gii"
         )
-    in_scanner = points[0].coordsys is not None and points[0].coordsys.dataspace == _SCANNER
+    in_scanner = getattr(points[0].coordsys, "dataspace", None) == _SCANNER
     return points[0].data, triangles[0].data, None if in_scanner else _volume_geometry(points[0].meta)
 
 
@@ -146,7 +146,7 @@ def write_map(path: Path, values: NDArray[np.float32], name: str, hemi: str | No
 def write_regions(path: Path, regions: Regions) -> None:
     """Write regions as a GIFTI label file: region i has key i + 1; key 0, ??? as in Workbench, means no region."""
     rgba = [(1.0, 1.0, 1.0, 0.0), *((r / 255, g / 255, b / 255, 1.0) for r, g, b in regions.colours.tolist())]
-    array = (np.asarray(regions.labels) + 1).astype(np.int32), "label", {"Name": regions.name}
+    array = (regions.labels + 1).astype(np.int32), "label", {"Name": regions.name}
     _write_image(path, [array], _structure_metadata(path), labels=zip(("???", *regions.names), rgba))
 
 
@@ -170,9 +170,8 @@ def _write_image(
     """Write arrays, each with its intent and metadata, labels with their colours, and the frame of the first array."""
     from nibabel import gifti
 
-    image = gifti.GiftiImage(meta=gifti.GiftiMetaData(meta))
-    for data, intent, about in arrays:
-        image.add_gifti_data_array(gifti.GiftiDataArray(data, intent, meta=about))
+    data = [gifti.GiftiDataArray(values, intent, meta=about) for values, intent, about in arrays]
+    image = gifti.GiftiImage(meta=gifti.GiftiMetaData(meta), darrays=data)
     if frame is not None:
         image.darrays[0].coordsys = gifti.GiftiCoordSystem(frame, frame)
     for key, (name, rgba) in enumerate(labels):

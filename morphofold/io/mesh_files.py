@@ -62,8 +62,7 @@ def merge_corners(content: SurfaceContent, path: Path) -> SurfaceContent:
     corners, faces, _ = content
     _, first, inverse = np.unique(corners, axis=0, return_index=True, return_inverse=True)
     order = np.argsort(first)
-    rank = np.empty_like(order)
-    rank[order] = np.arange(len(order))
+    rank = np.argsort(order)  # the inverse permutation
     warnings.warn(
         f"{path}: STL has no shared vertices; {len(corners)} corners at exactly the same place were merged to "
         f"{len(order)} vertices.",

@@ -160,11 +160,11 @@ def _summary_of(
     return {
         "morphofold": __version__,
         "inputs": inputs,
-        "parameters": dict(parameters),
+        "parameters": parameters,
         "nan": NAN_RULE,
         "rows": {name: sum(len(getattr(m, name)) for m in measures) for name in COLUMNS},
         "surfaces": [_surface_entry(m) for m in measures],
-        "failed": dict(failed),
+        "failed": failed,
     }
 
 

@@ -43,6 +43,7 @@ def write_hemisphere(m: Measures, layout: layouts.Layout, *, mgh: bool = False) 
     for name in SURFACES:
         if (surface := getattr(cortex, name)) is not None:
             scanner = layout.bids and name in SURFACES_IN_SCANNER and cortex.transform is not None
+            surface = replace(surface, geometry=None) if layout.bids else surface
             io.write_surface(layout.new("surface", hemi, name), surface, scanner=scanner)
     for kind in ("input_map", "map", "freesurfer_map", "mgh_map")[: 2 if layout.bids else 3 + mgh]:
         for name, values in (cortex if kind == "input_map" else m).maps.items():
@@ -97,7 +98,7 @@ def read_hemisphere(entry: Mapping[str, Any], tables: Mapping[str, list[Row]], l
         If a file cannot be read; the message names it.
     """
     hemi, path = entry["hemi"], partial(layout.path, hemi=entry["hemi"])
-    transform = None if entry["transform"] is None else np.array(entry["transform"], np.float64)
+    transform = np.array(entry["transform"]) if entry["transform"] else None
     kinds = [kind for kind in SURFACES if kind in SURFACES_IN_SCANNER or entry.get(kind)]
     fields: Row = {k: replace(io.read_surface(path("surface", name=k)), name=f"{hemi}.{k}") for k in kinds}
     n, annotation = len(fields["white"].verts), entry["annotation"]
@@ -142,11 +143,8 @@ def in_scanner(m: Measures, *, back: bool = False) -> Measures:
     if m.cortex.transform is None:
         return m
     affine: Any = np.linalg.inv(m.cortex.transform) if back else m.cortex.transform
-    at, surfaces = partial(apply_affine, affine), Row()
-    for name in SURFACES:
-        if (surface := getattr(m.cortex, name)) is not None:
-            verts = at(surface.verts) if name in SURFACES_IN_SCANNER else surface.verts
-            surfaces[name] = replace(surface, verts=verts, geometry=None)
+    at, before = partial(apply_affine, affine), {name: m.cortex.surface(name) for name in SURFACES_IN_SCANNER}
+    surfaces: Row = {name: replace(surface, verts=at(surface.verts)) for name, surface in before.items()}
     hinges = [row | dict(zip("xyz", at([row[k] for k in "xyz"]).tolist())) for row in m.hinges]
     if (graph := m.graph) is not None:
         graph = graph.copy()
