@@ -29,8 +29,8 @@ def _without_unknown(verts: Verts, faces: Faces) -> tuple[Verts, Faces, int]:
 
     All stay as they are if these triangles are too many, or the surface is closed: then a hole would open.
     """
-    unknown = np.asarray(np.isnan(verts).any(axis=1))
-    known = ~np.asarray(unknown[faces].any(axis=1))
+    unknown = np.any(np.isnan(verts), axis=1)
+    known = ~np.any(unknown[faces], axis=1)
     sides = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
     closed = (np.unique(sides, axis=0, return_counts=True)[1] > 1).all()
     if (closed and not known.all()) or known.mean() < 1 - validators.LARGEST_UNKNOWN_SHARE:
@@ -265,7 +265,7 @@ class Cortex:
         used[0, self.white.faces] = used[1, self.pial.faces] = True
         for name in ("white", "pial"):
             surface = getattr(self, name)
-            inside = np.asarray((used[0] & used[1])[surface.faces].all(axis=1))
+            inside = np.all(np.all(used, axis=0)[surface.faces], axis=1)
             object.__setattr__(self, name, replace(surface, faces=surface.faces[inside]))
 
     @classmethod

@@ -85,7 +85,7 @@ def check_mesh(verts: np.ndarray, faces: np.ndarray, name: str = "surface") -> N
     """
     check_indexed(verts, faces, name)
     check_positions(verts, name)
-    flat = np.flatnonzero((faces[:, 0] == faces[:, 1]) | (faces[:, 1] == faces[:, 2]) | (faces[:, 2] == faces[:, 0]))
+    flat = np.flatnonzero((np.diff(np.sort(faces)) == 0).any(axis=1))
     if flat.size:
         raise BadMesh(
             f"{name}: {flat.size} of {len(faces)} faces contain a vertex twice; the first is face {flat[0]} = "

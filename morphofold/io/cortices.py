@@ -56,6 +56,8 @@ _IN_A_CORTEX = {"surface": "white", "aparc.annot": "regions", "cortex.label": "c
 
 _RECORDED = ("origin", "units", "portion", "info")  # fields of a cortex
 
+Files = dict[str, Path]  # by what they hold
+
 _PositiveSize = Annotated[float, Field(ge=1e-6, le=1e6)]
 
 
@@ -136,7 +138,7 @@ def last_stage(path: Path) -> Path:
 
 def cortex_files(
     path: StrPath, hemi: str, *, surfaces: Sequence[str] = ("white", "pial"), annotation: str | None = None
-) -> dict[str, Path]:
+) -> Files:
     """The files that :func:`read_cortex` reads in a folder, by content: white, pial, and the others that exist.
 
     Raises
@@ -218,7 +220,7 @@ def _required_surface(root: Path, stem: str) -> Path:
         ) from None
 
 
-def folded_files(path: StrPath, hemi: str, *, surface: str | None = None, sphere: str | None = None) -> dict[str, Path]:
+def folded_files(path: StrPath, hemi: str, *, surface: str | None = None, sphere: str | None = None) -> Files:
     """The files that :func:`read_folded` reads, by content; raises if a surface does not exist."""
     root, kind = Path(path), surface or "white"
     if not root.is_dir():
@@ -306,7 +308,7 @@ def read_cortex(
         A file changed while it was read.
     """
     one_of(hemi or "lh", HEMIS, "hemi")
-    if (path is None) != (white is not None) or (white is None) != (pial is None):
+    if {path is None} != {white is not None, pial is not None}:
         raise TypeError("Pass a folder, or both white= and pial=.")
     if white is not None and pial is not None:
         if annotation is not None:
@@ -337,7 +339,7 @@ def _cortex_of_pair(white: Path, pial: Path, hemi: str | None, name: str | None)
     return read_cortex_files(None, hemi or next(iter(sides.values()), "lh"), files, name)
 
 
-def read_cortex_files(root: Path | None, hemi: str, files: dict[str, Path], name: str | None = None) -> Cortex:
+def read_cortex_files(root: Path | None, hemi: str, files: Files, name: str | None = None) -> Cortex:
     """The cortex that files hold, by content as in :func:`cortex_files`; ``root`` is their folder, if they have one."""
     with unchanged(dict.fromkeys(files.values())) as records:
         white = read_surface(files["white"])
@@ -369,7 +371,7 @@ def read_cortex_files(root: Path | None, hemi: str, files: dict[str, Path], name
     )
 
 
-def _record(root: Path | None, hemi: str, files: dict[str, Path]) -> Row:
+def _record(root: Path | None, hemi: str, files: Files) -> Row:
     """What the records in a folder say of a cortex: its name, and the fields in ``_RECORDED`` that are known."""
     inner = files["white"]
     if root is None:

@@ -5,7 +5,6 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -96,7 +95,7 @@ def format_of(raw: bytes, name: str, content: str = "surface") -> Format | None:
     """The format of the bytes of a file by the first ones; by its name only if they do not identify one."""
     by_head = (kind for kind in FORMATS[content] if re.match(kind.begins, raw[:1024]))
     by_name = (kind for kind in FORMATS[content] if re.search(kind.names, name))
-    return next(chain(by_head, by_name), None)
+    return next(by_head, None) or next(by_name, None)
 
 
 def _read(path: StrPath, content: str) -> tuple[Path, Any]:

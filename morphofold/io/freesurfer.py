@@ -5,7 +5,6 @@ reads none of quadrangles.
 """
 
 import io
-import math
 import re
 import struct
 from collections.abc import Callable, Mapping
@@ -19,7 +18,7 @@ from morphofold.arrays import Array, Bools, Ints
 from morphofold.errors import DamagedFile, NamedTwice, OutOfRange, WrongFile, WrongShape
 from morphofold.io.files import SurfaceContent, beginning, name_in_file, write_and_read, write_text
 from morphofold.io.json_files import LARGEST_NUMBER
-from morphofold.provenance import clean_name
+from morphofold.provenance import Row, clean_name
 from morphofold.surface import PerVertex, Regions, Surface, Verts
 
 TRIANGLE_MAGIC, QUAD_MAGIC = b"\xff\xff\xfe", b"\xff\xff\xff"
@@ -52,7 +51,7 @@ def read_surface(raw: bytes, path: Path) -> SurfaceContent:
     return verts, faces.astype(np.int64), _footer(raw[end:])
 
 
-def _footer(tail: bytes) -> Mapping[str, Any] | None:
+def _footer(tail: bytes) -> Row | None:
     """The volume geometry in the bytes after the faces, with the keys of nibabel; None if there is none."""
     match = _FOOTER.match(tail)
     if match is None:
@@ -129,7 +128,7 @@ def write_mgh(path: Path, values: NDArray[np.float32], **_: Any) -> None:
 def read_mgh(raw: bytes, path: Path) -> PerVertex:
     """Values (N,) of an MGH or MGZ file of N values along one of its dimensions."""
     *shape, kind = struct.unpack_from(">5i", raw, 4)
-    if max(shape) != math.prod(shape):
+    if max(shape) != np.prod(shape):
         raise WrongFile(f"it holds {' x '.join(map(str, shape))} values, not one of each vertex")
     return np.frombuffer(raw, _MGH_TYPES[kind], max(shape), _MGH_HEAD).astype(np.float64)
 

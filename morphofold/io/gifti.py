@@ -3,7 +3,6 @@
 import gzip
 import html
 import io
-import os
 import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -16,7 +15,7 @@ from morphofold.arrays import Bools
 from morphofold.errors import DamagedFile, WrongFile
 from morphofold.io.files import SurfaceContent, atomic_file, existing_file, name_in_file, side_named
 from morphofold.io.freesurfer import scanner_transform
-from morphofold.provenance import clean_name
+from morphofold.provenance import Row, clean_name
 from morphofold.surface import PerVertex, Regions, Surface, Verts
 
 _STRUCTURE_OF_HEMI = {"lh": "CortexLeft", "rh": "CortexRight"}
@@ -85,7 +84,7 @@ def _read(raw: bytes, path: Path) -> Any:
     for name in _EXTERNAL_NAME.findall(raw):  # in a file beside it, where SPM and CAT12 keep arrays
         existing_file(path.with_name(html.unescape(name.decode())), "file of arrays")
     file = io.BytesIO(raw)
-    file.name = os.fspath(path)  # where nibabel looks for arrays in files beside it
+    file.name = str(path)  # where nibabel looks for arrays in files beside it
     parser = GiftiImageParser(mmap=False)
     parser.parse(fptr=file)
     image = parser.img
@@ -109,7 +108,7 @@ _FOOTER_KEYS = {
 }
 
 
-def _volume_geometry(meta: Mapping[str, str]) -> Mapping[str, Any] | None:
+def _volume_geometry(meta: Mapping[str, str]) -> Row | None:
     """FreeSurfer's footer from the ``VolGeom...`` entries of mris_convert; None unless all exist."""
     try:
         rows = {k: np.array([float(meta[f"VolGeom{n}"]) for n in names]) for k, names in _FOOTER_KEYS.items()}

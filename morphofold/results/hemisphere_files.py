@@ -8,7 +8,6 @@ import json
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +23,14 @@ from morphofold.io.files import decoding
 from morphofold.io.json_files import Record, read_json
 from morphofold.provenance import Row, json_value
 from morphofold.quantities import quantity
-from morphofold.results import layouts
+from morphofold.results.layouts import (
+    INPUT_MAP_UNITS,
+    MISSING_DESCRIPTION,
+    REANALYSE_ADVICE,
+    Layout,
+    in_bids_letters,
+    map_ending,
+)
 from morphofold.results.subject_files import stats_name, write_gyral_stats
 from morphofold.surface import SURFACES, Cortex, PerVertex, Regions
 from morphofold.tables import write_table
@@ -36,7 +42,7 @@ CURVATURE_DESCRIPTION = "Mean curvature of the pial surface, positive in sulci (
 _check_size = partial(same_length, advice="The files belong to two analyses.", error=Mismatch)
 
 
-def write_hemisphere(m: Measures, layout: layouts.Layout, *, mgh: bool = False) -> None:
+def write_hemisphere(m: Measures, layout: Layout, *, mgh: bool = False) -> None:
     """Write surfaces, maps, regions, mask, gyral graph and stats as FreeSurfer's, as far as measures and layout have
     any; with ``mgh`` measured maps also as MGH. For BIDS the measures are in scanner coordinates."""
     cortex, hemi, regions = m.cortex, m.cortex.hemi, m.cortex.regions
@@ -47,7 +53,7 @@ def write_hemisphere(m: Measures, layout: layouts.Layout, *, mgh: bool = False) 
             io.write_surface(layout.new("surface", hemi, name), surface, scanner=scanner)
     for kind in ("input_map", "map", "freesurfer_map", "mgh_map")[: 2 if layout.bids else 3 + mgh]:
         for name, values in (cortex if kind == "input_map" else m).maps.items():
-            path, title = layout.new(kind, hemi, name, _about_map(kind, name)), layouts.map_ending(kind, name)
+            path, title = layout.new(kind, hemi, name, _about_map(kind, name)), map_ending(kind, name)
             values = _with_file_sign(layout, kind, name, values)
             missing = np.nan if path.suffix == ".gii" else 0.0
             io.write_morph(path, values, name=title if layout.bids else "", hemi=hemi, nan=missing)
@@ -71,23 +77,23 @@ def write_hemisphere(m: Measures, layout: layouts.Layout, *, mgh: bool = False) 
         write_gyral_stats(layout.new("stats", name=stats_name(m)), m)
 
 
-def _with_file_sign(layout: layouts.Layout, kind: str, name: str, values: PerVertex) -> PerVertex:
+def _with_file_sign(layout: Layout, kind: str, name: str, values: PerVertex) -> PerVertex:
     """Values of a map as in its file, or back: in BIDS, curv has FreeSurfer's sign."""
     return io.flip_curvature_sign(values) if layout.bids and (kind, name) == ("map", "H") else values
 
 
 def _about_map(kind: str, name: str) -> dict[str, str]:
     if kind == "input_map":
-        units = {"Units": layouts.INPUT_MAP_UNITS[name]} if name in layouts.INPUT_MAP_UNITS else {}
+        units = {"Units": INPUT_MAP_UNITS[name]} if name in INPUT_MAP_UNITS else {}
         return {"Description": f"{name} as it came with the surfaces", **units}
     label, unit = (CURVATURE_DESCRIPTION, "1/mm") if name == "H" else (quantity(name).label, quantity(name).unit)
-    return {"Description": label, "Units": layouts.in_bids_letters(unit), "Missing": layouts.MISSING_DESCRIPTION}
+    return {"Description": label, "Units": in_bids_letters(unit), "Missing": MISSING_DESCRIPTION}
 
 
 # reading ----------------------------------------------------------------------------------------------------
 
 
-def read_hemisphere(entry: Mapping[str, Any], tables: Mapping[str, list[Row]], layout: layouts.Layout) -> Measures:
+def read_hemisphere(entry: Row, tables: Mapping[str, list[Row]], layout: Layout) -> Measures:
     """Measures from the entry of a surface in the summary, the tables of both hemispheres, and its own files.
 
     Raises
@@ -120,7 +126,7 @@ def read_hemisphere(entry: Mapping[str, Any], tables: Mapping[str, list[Row]], l
     return in_scanner(m, back=True) if layout.bids else m
 
 
-def read_map(layout: layouts.Layout, hemi: str, name: str, n: int, kind: str = "map") -> PerVertex:
+def read_map(layout: Layout, hemi: str, name: str, n: int, kind: str = "map") -> PerVertex:
     """A map (N,) of a surface with ``n`` vertices: a measured one, positive where convex, or an ``"input_map"``."""
     path = layout.path(kind, hemi, name)
     values = io.read_morph(path)
@@ -176,8 +182,8 @@ def read_graph(path: Path, n: int) -> nx.MultiGraph:
     ValueError
         If it contains anything else, or vertices that the surface does not have.
     """
-    content = read_json(path, Record, layouts.REANALYSE_ADVICE)
-    with decoding(path, "a gyral graph", layouts.REANALYSE_ADVICE):
+    content = read_json(path, Record, REANALYSE_ADVICE)
+    with decoding(path, "a gyral graph", REANALYSE_ADVICE):
         data, nodes, edges = content["graph"], content["nodes"], content["edges"]
         scales = data["scales"]
         for row in (data, *nodes, *edges):
@@ -185,7 +191,7 @@ def read_graph(path: Path, n: int) -> nx.MultiGraph:
             row |= {name: np.array(row[name], kind) for name, kind in ARRAY_TYPES.items() if name in row}
         data["scales"] = None if scales is None else GyralScales(**scales)
         graph: nx.MultiGraph = nx.node_link_graph(content, edges="edges")
-        last = max(chain((node["vertex"] for node in nodes), *(edge["vertices"] for edge in edges)), default=-1)
+        last = max([-1, *(node["vertex"] for node in nodes), *(v for edge in edges for v in edge["vertices"])])
     if last >= n:
-        raise Mismatch(f"{path}: has vertex {last}, but the surface has 0..{n - 1}. {layouts.REANALYSE_ADVICE}")
+        raise Mismatch(f"{path}: has vertex {last}, but the surface has 0..{n - 1}. {REANALYSE_ADVICE}")
     return graph

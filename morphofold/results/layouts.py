@@ -8,10 +8,10 @@ which BIDS has no suffix end in ``_morph``; where fMRIPrep has similar files, th
 BIDS defines only the regions (``_dseg.label.gii``); all others are in ``.bidsignore``.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from morphofold import __version__
 from morphofold.analysis.frames import COLUMNS, TEXT_COLUMNS
@@ -102,7 +102,7 @@ class Layout:
             ending=map_ending(kind, name),
         )
 
-    def new(self, kind: str, hemi: str = "", name: str = "", about: Mapping[str, Any] = {}) -> Path:
+    def new(self, kind: str, hemi: str = "", name: str = "", about: Row | None = None) -> Path:
         """Path of a file to write: its folder is made, and in BIDS the JSON file that describes it (``about``)."""
         path = self.path(kind, hemi, name)
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -110,7 +110,7 @@ class Layout:
             write_json(path.with_name(f"{path.name.split('.')[0]}.json"), about)
         return path
 
-    def write_table(self, name: str, columns: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> None:
+    def write_table(self, name: str, columns: Sequence[str], rows: Sequence[Row]) -> None:
         """Write a table, and in BIDS the meaning of its columns."""
         keys = dict.fromkeys([*columns, *(key for row in rows for key in row)])
         path = self.new("table", name=name, about={key: _about_column(key) for key in keys})

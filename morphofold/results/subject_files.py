@@ -6,11 +6,10 @@ files are never replaced.
 """
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -84,7 +83,7 @@ def _head(m: Measures) -> list[str]:
     return [line.format(**values) for line in lines if not any(field in line for field in unknown)]
 
 
-def _row(m: Measures, row: Mapping[str, Any]) -> str:
+def _row(m: Measures, row: Row) -> str:
     regions, width = m.cortex.regions, m.maps.get("gyral_thickness")
     sizes = (row.get(key) for key in ("area_mm2", "gray_volume_mm3", "gyral_thickness_mm"))
     area, volume, thickness = (np.nan if size is None else size for size in sizes)

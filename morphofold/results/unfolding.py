@@ -1,6 +1,6 @@
 """The folder that ``morphofold unfold`` writes: smooth surfaces, maps, tables, page."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,6 +12,7 @@ from morphofold.io import atomic_folder, write_morph, write_surface
 from morphofold.io.json_files import write_json
 from morphofold.mesh_quality.checks import cortex_label
 from morphofold.mesh_quality.repair import Mended
+from morphofold.provenance import Row
 from morphofold.surface import Cortex, Surface
 from morphofold.tables import write_table
 from morphofold.unfolding.numbers import COLUMNS, region_rows, unfolding_numbers
@@ -37,7 +38,7 @@ class UnfoldedSide(NamedTuple):
         return all_values
 
 
-TableRows = Sequence[Mapping[str, Any]]
+TableRows = Sequence[Row]
 DrawPage = Callable[[Sequence[UnfoldedSide], TableRows, TableRows, Path], object]
 
 
