@@ -118,8 +118,8 @@ def hemispheres(folder: Path) -> tuple[str, ...]:
     """Hemispheres with white or pial in ``folder`` or its surf/, or in the last stage of a simulation; ("lh",) if none:
     then the reader raises the error."""
     folder = last_stage(folder)
-    found = (hemi for hemi in HEMIS if any(_file_in(folder, "surf", f"{hemi}.{kind}") for kind in ("white", "pial")))
-    return tuple(found) or ("lh",)
+    kinds = ("white", "pial")
+    return tuple(hemi for hemi in HEMIS if any(_file_in(folder, "surf", f"{hemi}.{k}") for k in kinds)) or ("lh",)
 
 
 def last_stage(path: Path) -> Path:

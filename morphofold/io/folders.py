@@ -41,9 +41,11 @@ def atomic_folder(out: StrPath) -> Iterator[Path]:
             with error_names_file(out, new):
                 new.mkdir()
                 yield new
-                mark = {"morphofold": "replaces these files when it writes here again, and keeps all others"}
-                text = json.dumps({**mark, "files": sorted(_files_below(new))}, indent=0)
-                (new / MARKER_FILE).write_text(f"{text}\n", encoding="ascii")
+                mark = {
+                    "morphofold": "replaces these files when it writes here again, and keeps all others",
+                    "files": sorted(_files_below(new)),
+                }
+                (new / MARKER_FILE).write_text(f"{json.dumps(mark, indent=0)}\n", "ascii")
             _replace_folder(new, out)
         finally:
             shutil.rmtree(new, ignore_errors=True)

@@ -189,8 +189,8 @@ def _colour_table(file: io.BytesIO) -> list[tuple[str, tuple[int, ...]]]:
     text()  # origin of the table
     if with_slots:
         (count,) = integers()
-    entries = [(with_slots and integers(), text(), integers(4)) for _ in range(count)]
-    return [(name, colour[:3]) for _, name, colour in entries]  # they belong together in any slot
+    # name and colour belong together in any slot, whose number is passed over
+    return [(text(), integers(4)[:3]) for _ in range(count) if not with_slots or integers()]
 
 
 def write_regions(path: Path, regions: Regions) -> None:
@@ -203,8 +203,8 @@ def write_regions(path: Path, regions: Regions) -> None:
         raise NamedTwice(f"{path}: two regions have the same colour, so an annotation cannot distinguish them.")
     if (ids == 0).any() and (labels == -1).any():
         raise OutOfRange(f"{path}: colour (0, 0, 0) means 'no region' in the format; choose another.")
-    table = np.pad(colours, ((0, 0), (0, 1)))  # opaque
-    _write(path, read_regions, "write_annot", labels, table, list(regions.names), fill_ctab=True)
+    opaque = np.pad(colours, ((0, 0), (0, 1)))
+    _write(path, read_regions, "write_annot", labels, opaque, list(regions.names), fill_ctab=True)
 
 
 def read_label(raw: bytes, path: Path) -> Ints:

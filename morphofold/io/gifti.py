@@ -67,9 +67,8 @@ def read_regions(raw: bytes, path: Path) -> Regions:
     labels = [table[key] for key in keys]
     colours = np.nan_to_num(np.array([label.rgba[:3] for label in labels], np.float64)).reshape(-1, 3)
     names = tuple(clean_name(getattr(label, "label", "")) for label in labels)  # nibabel sets none without a text
-    indices = np.where(values == 0, -1, np.searchsorted(keys, values))
     rgb = np.round(255 * colours.clip(0, 1)).astype(np.uint8)
-    return Regions(indices, names, rgb, name_in_file(path))
+    return Regions(np.where(values == 0, -1, np.searchsorted(keys, values)), names, rgb, name_in_file(path))
 
 
 def read_mask(raw: bytes, path: Path) -> Bools:

@@ -40,11 +40,11 @@ def read_trimesh(kind: str, raw: bytes, path: Path) -> SurfaceContent:
     if kind == "stl" and len(raw) != size and b"endsolid" not in raw[-1024:]:
         raise DamagedFile(f"its header gives {size} bytes, but it has {len(raw)}, and it has no endsolid")
     # from memory and without a resolver: files that this file may name are not opened
-    options = {"process": False, "maintain_order": True, "skip_materials": True}
     disabled = logging.root.manager.disable
     logging.disable(logging.CRITICAL)  # messages about normals, which are not used
     try:
-        mesh = trimesh.load_mesh(io.BytesIO(raw), file_type=kind, **options)
+        file = io.BytesIO(raw)
+        mesh = trimesh.load_mesh(file, file_type=kind, process=False, maintain_order=True, skip_materials=True)
     finally:
         logging.disable(disabled)
     verts, faces = np.array(mesh.vertices, np.float64), np.array(mesh.faces, np.int64)

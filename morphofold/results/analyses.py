@@ -133,8 +133,10 @@ def write_analysis(
             write_hemisphere(m, layout, mgh=mgh)
         for name, columns in COLUMNS.items():
             layout.write_table(name, columns, [row for m in placed for row in getattr(m, name)])
-        own = [{key: cortex.info.get(key) for key in FREESURFER_VALUES} for cortex in cortices]
-        scalars = [{"hemi": m.cortex.hemi, **m.scalars, **values} for m, values in zip(measures, own)]
+        scalars = [
+            {"hemi": cortex.hemi, **m.scalars, **{key: cortex.info.get(key) for key in FREESURFER_VALUES}}
+            for m, cortex in zip(measures, cortices)
+        ]
         layout.write_table("surfaces", ("hemi", *SCALARS, *FREESURFER_VALUES), scalars)
         if wide and not layout.bids:
             row = wide_table({cortices[0].name: [row for m in measures for row in m.regions]})
@@ -146,8 +148,9 @@ def write_analysis(
             content["written"] = digests(folder)
         write_json(layout.path("summary"), content)
         if report:
-            grown, page = [Measures(cortex, {}, {}) for cortex in stages], folder / "report.html"
-            report(measures, page, failed=content["failed"], inputs=records, stages=grown, clock=clock)
+            grown = [Measures(cortex, {}, {}) for cortex in stages]
+            page = folder / "report.html"
+            report(measures, page, failed=failed or {}, inputs=records, stages=grown, clock=clock)
         if clock is not None:
             write_json(layout.path("cost"), cost_of_analysis(measures, clock).as_dict())
     return out

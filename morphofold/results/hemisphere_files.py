@@ -149,8 +149,8 @@ def in_scanner(m: Measures, *, back: bool = False) -> Measures:
     if m.cortex.transform is None:
         return m
     affine: Any = np.linalg.inv(m.cortex.transform) if back else m.cortex.transform
-    at, before = partial(apply_affine, affine), {name: m.cortex.surface(name) for name in SURFACES_IN_SCANNER}
-    surfaces: Row = {name: replace(surface, verts=at(surface.verts)) for name, surface in before.items()}
+    at = partial(apply_affine, affine)
+    surfaces: Row = {k: replace(own := m.cortex.surface(k), verts=at(own.verts)) for k in SURFACES_IN_SCANNER}
     hinges = [row | dict(zip("xyz", at([row[k] for k in "xyz"]).tolist())) for row in m.hinges]
     if (graph := m.graph) is not None:
         graph = graph.copy()

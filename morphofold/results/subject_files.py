@@ -85,8 +85,8 @@ def _head(m: Measures) -> list[str]:
 
 def _row(m: Measures, row: Row) -> str:
     regions, width = m.cortex.regions, m.maps.get("gyral_thickness")
-    sizes = (row.get(key) for key in ("area_mm2", "gray_volume_mm3", "gyral_thickness_mm"))
-    area, volume, thickness = (np.nan if size is None else size for size in sizes)
+    sizes = [row.get(key) for key in ("area_mm2", "gray_volume_mm3", "gyral_thickness_mm")]
+    area, volume, thickness = np.array(sizes, np.float64)  # None is NaN
     deviation = np.nan
     if regions is not None and width is not None and np.isfinite(thickness):
         labels = [k for k, name in enumerate(regions.names) if name == row["region"]]
@@ -155,10 +155,17 @@ def write_into_subject(measures: Sequence[Measures], folder: str | Path) -> tupl
     """
     folder = check_subject(folder)
     record = _read_record(folder)
+    writers: dict[str, Callable[[Path], object]] = {}
+    for m in measures:
+        for name, key in SURF_FILES.items():
+            if key in m.maps:
+                writers[f"surf/{m.cortex.hemi}.{name}"] = partial(write_morph, values=m.maps[key], nan=0.0)
+        if m.regions:
+            writers[f"stats/{stats_name(m)}"] = partial(write_gyral_stats, m=m)
     (folder / "stats").mkdir(exist_ok=True)
     written, kept = dict[str, str](), list[str]()
     with ExitStack() as moves:  # every file is moved to its place at the end, or none
-        for name, write in _writers(measures).items():
+        for name, write in writers.items():
             path, ours = folder / name, [digests.get(name) for digests in (record["files"], record["before"])]
             if os.path.lexists(path) and not (path.is_file() and sha256_of(path) in ours):
                 kept.append(name)
@@ -171,18 +178,6 @@ def write_into_subject(measures: Sequence[Measures], folder: str | Path) -> tupl
         content = {"morphofold": __version__, "files": {**record["files"], **written}, "before": before}
         write_json(folder / RECORD_FILE, content)
     return list(written), kept
-
-
-def _writers(measures: Sequence[Measures]) -> dict[str, Callable[[Path], object]]:
-    """What writes each file, by its name in the subject."""
-    writers: dict[str, Callable[[Path], object]] = {}
-    for m in measures:
-        for name, key in SURF_FILES.items():
-            if key in m.maps:
-                writers[f"surf/{m.cortex.hemi}.{name}"] = partial(write_morph, values=m.maps[key], nan=0.0)
-        if m.regions:
-            writers[f"stats/{stats_name(m)}"] = partial(write_gyral_stats, m=m)
-    return writers
 
 
 def _read_record(folder: Path) -> Row:

@@ -56,10 +56,10 @@ def write_unfolding(unfolded: Sequence[UnfoldedSide], out: str | Path, draw: Dra
     """
     rows, regions = [], []
     for side in unfolded:
-        hemi = {"hemi": side.cortex.hemi}
-        rows.append(hemi | unfolding_numbers(side.unfolding))
+        named = {"hemi": side.cortex.hemi}
+        rows.append(named | unfolding_numbers(side.unfolding))
         if side.cortex.regions is not None:
-            regions += [hemi | row for row in region_rows(side.unfolding, side.cortex.regions)]
+            regions += [named | row for row in region_rows(side.unfolding, side.cortex.regions)]
     summary = {
         "morphofold": __version__,
         "name": unfolded[0].cortex.name,
@@ -72,23 +72,19 @@ def write_unfolding(unfolded: Sequence[UnfoldedSide], out: str | Path, draw: Dra
     with atomic_folder(out) as folder:
         (folder / "surf").mkdir()
         for side in unfolded:
-            _write_surfaces(side, folder / "surf")
+            unfolding, hemi = side.unfolding, side.cortex.hemi
+            faces, radius = side.mended.source[side.cortex.faces], SPHERE_RADIUS_MM
+            for name, verts in (("smooth", unfolding.smooth().verts), ("sphere", radius * unfolding.points)):
+                surface = Surface(side.at_file_vertices(verts, 0.0), faces, f"{hemi}.{name}")
+                write_surface(folder / "surf" / surface.name, surface)
+            ratio = side.at_file_vertices(unfolding.area_ratio(), np.nan)
+            write_morph(folder / f"surf/{hemi}.area_ratio", ratio, nan=0.0)
         write_table(folder / "unfold.tsv", list(COLUMNS), rows)
         if regions:
             write_table(folder / "regions.tsv", ["hemi"], regions)
         draw(unfolded, rows, regions, folder)
         write_json(folder / "summary.json", summary)
     return summary
-
-
-def _write_surfaces(side: UnfoldedSide, folder: Path) -> None:
-    unfolding, hemi = side.unfolding, side.cortex.hemi
-    faces = side.mended.source[side.cortex.faces]
-    for name, verts in (("smooth", unfolding.smooth().verts), ("sphere", SPHERE_RADIUS_MM * unfolding.points)):
-        surface = Surface(side.at_file_vertices(verts, 0.0), faces, name=f"{hemi}.{name}")
-        write_surface(folder / surface.name, surface)
-    ratio = side.at_file_vertices(unfolding.area_ratio(), np.nan)
-    write_morph(folder / f"{hemi}.area_ratio", ratio, nan=0.0)
 
 
 def log_ratio(side: UnfoldedSide) -> np.ndarray:
