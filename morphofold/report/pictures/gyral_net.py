@@ -26,6 +26,8 @@ from morphofold.report.pictures.sheet import GREY, Picture, new_sheet
 from morphofold.report.pictures.surfaces import Row, draw, figure
 from morphofold.surface import Surface, Verts
 
+Pair = tuple[Row, Row]  # patches of two hinges that match
+
 CREST_COLOUR = "#333333"
 HINGE_RADIUS_IN_WIDTHS = 0.27  # radius of a hinge, in crown widths
 #: colours of hinges by number of arms; five or more have one colour
@@ -162,15 +164,15 @@ def _line_on_patch(line: Array, white: cKDTree, verts: Array, edge: float) -> li
     return parts
 
 
-def pair_of(match: Match, measures: Mapping[str, Measures]) -> tuple[Row, Row]:
+def pair_of(match: Match, measures: Mapping[str, Measures]) -> Pair:
     """The patches of a match; the second is in the pose most similar to the first."""
     one = hinge_patch(measures[match.surface], match.hinge)
     return one, hinge_patch(measures[match.other_surface], match.other, match.pose)
 
 
-def clear_examples(matches: Sequence[Match], measures: Mapping[str, Measures]) -> dict[Match, tuple[Row, Row]]:
+def clear_examples(matches: Sequence[Match], measures: Mapping[str, Measures]) -> dict[Match, Pair]:
     """The best matches with crests visible in a picture, on surfaces with a graph, with their patches."""
-    pairs: dict[Match, tuple[Row, Row]] = {}
+    pairs: dict[Match, Pair] = {}
 
     def clear(match: Match) -> bool:
         if None in (measures[match.surface].graph, measures[match.other_surface].graph):
@@ -190,7 +192,7 @@ def in_sight(patch: Row) -> float:
     return float(np.isin(own, faces[seen[seen >= 0]]).mean()) if own.size else 0.0
 
 
-def hinge_pairs(pairs: Mapping[Match, tuple[Row, Row]], rows: tuple[str, str]) -> Picture:
+def hinge_pairs(pairs: Mapping[Match, Pair], rows: tuple[str, str]) -> Picture:
     """Pairs of hinges in columns, the first group above the second; ``rows`` are the names of both groups."""
     left, top, step = 3 * CAPTION_PX // 2, 16, PANEL_PX + CAPTION_PX
     size, upwards = (PANEL_PX, PANEL_PX), {"rotation": 90, "weight": "bold"}

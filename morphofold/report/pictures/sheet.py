@@ -37,7 +37,7 @@ SHEET_STYLE = {
 COMPRESSION = 4
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Sheet:
     """A white picture in the making; positions are pixels from the top left."""
 

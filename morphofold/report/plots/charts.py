@@ -5,7 +5,7 @@ A mark shows its text when the pointer is over it. Names are escaped, and no tex
 
 import io
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
@@ -47,7 +47,7 @@ class Look:
     dash: str
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Chart:
     """Axes in pixels, and the texts that marks show under the pointer."""
 
@@ -67,7 +67,9 @@ class Chart:
         style = {"linestyle": "none", **style} if "marker" in style else style
         self.ax.plot(x, y, gid=kind, url=None if text is None else self.reads(text), clip_on=False, **style)
 
-    def points(self, x: Any, y: Any, texts: Sequence[str], look: Look, *, big: bool) -> None:
+    def points(self, marks: Iterable[tuple[float, float, str]], look: Look, *, big: bool) -> None:
+        """Draw a mark for each (x, y, text)."""
+        x, y, texts = zip(*marks)
         urls, size = [self.reads(text) for text in texts], (14 if big else 7) ** 2
         self.ax.scatter(x, y, size, color=look.colour, marker=MARKERS[look.marker], urls=urls, clip_on=False, **POINT)
 
@@ -101,11 +103,9 @@ def new_chart(
     left: float = 56.0,
 ) -> Iterator[Chart]:
     """A chart with given limits and margins ``right`` and ``left`` [px]."""
-    inches = 72.0  # pixels per inch in an SVG, where a point is a pixel
     (width, height), top, bottom = size, 12.0, 38.0
-    style = {**PAGE_STYLE, "svg.hashsalt": title}  # so that no two charts share ids
-    with plot_style(style):
-        figure = Figure(figsize=(width / inches, height / inches))
+    with plot_style({**PAGE_STYLE, "svg.hashsalt": title}):  # so that no two charts share ids
+        figure = Figure(figsize=(width / 72, height / 72))  # a pixel is a point, a 72nd of an inch
         ax = figure.subplots()
         figure.subplots_adjust(left / width, bottom / height, 1 - right / width, 1 - top / height)
         for part in (figure, ax):
@@ -163,7 +163,7 @@ def histograms(
     limits = (edges[0], edges[-1]), (0.0, 1.08 * (np.max(heights) or 1.0))
     with new_chart(f"Distribution of {label}", Quantity("", label, unit).title, up, *limits) as chart:
         for (look, values, weights), height in zip(measured, heights):
-            median = np.quantile(values, 0.5, weights=weights, method="inverted_cdf")
+            median = float(np.quantile(values, 0.5, weights=weights, method="inverted_cdf"))
             line: Style = {"linestyle": line_of(look)["linestyle"], "linewidth": 1.7, "clip_on": False, "gid": "curve"}
             url = chart.reads(f"{look.name}: median {number(median)} {unit}".strip())
             chart.ax.stairs(height, edges, ec=look.colour, fill=True, fc=(look.colour, 0.12), url=url, **line)
@@ -231,9 +231,12 @@ def _draw_cloud(chart: Chart, look: Look, cloud: Cloud) -> None:
         ends = np.array([min(marks), max(marks)])
         faint: Style = {} if cloud.fit.sloped else {"linewidth": 1.0, "alpha": 0.45}
         chart.line(ends, cloud.fit.at(ends), "fit faint" if faint else "fit", **line_of(look), **faint)
-    if points := cloud.points:
-        texts = [f"{look.name}, {p.label}: {number(p.gyral)} mm at {number(p.cortical)} mm" for p in points]
-        chart.points([p.cortical for p in points], [p.gyral for p in points], texts, look, big=len(points) == 1)
+    if cloud.points:
+        marks = [
+            (p.cortical, p.gyral, f"{look.name}, {p.label}: {number(p.gyral)} mm at {number(p.cortical)} mm")
+            for p in cloud.points
+        ]
+        chart.points(marks, look, big=len(marks) == 1)
 
 
 def folding_plot(surfaces: Sequence[tuple[Look, Any]], paths: Sequence[tuple[str, Sequence[Any]]]) -> Markup | None:
@@ -269,8 +272,7 @@ def folding_plot(surfaces: Sequence[tuple[Look, Any]], paths: Sequence[tuple[str
             x, y = logs(path).T
             chart.line(x, y, "theory", name, **THEORY)
         for look, t in surfaces:
-            x, y = logs([t]).T
-            chart.points(x, y, [f"{look.name}: k = {number(t.k)}"], look, big=True)
+            chart.points([(*logs([t])[0], f"{look.name}: k = {number(t.k)}")], look, big=True)
         return chart.svg()
 
 
@@ -337,8 +339,8 @@ def region_plot(
             if s is not None:
                 text = f"{name}: {number(s)} before growth, {number(a)} {person.name}"
                 chart.line(a, s, "point", text, color=GREY, marker="o", markersize=5, fillstyle="none")
-        texts = [f"{name}: {number(b)} {grown.name}, {number(a)} {person.name}" for name, a, b, _ in regions]
-        chart.points(x, y, texts, grown, big=False)
+        marks = [(a, b, f"{name}: {number(b)} {grown.name}, {number(a)} {person.name}") for name, a, b, _ in regions]
+        chart.points(marks, grown, big=False)
         return chart.svg()
 
 

@@ -28,6 +28,7 @@ from morphofold.report.plots.line_plots import (
 from morphofold.sim import theory
 from morphofold.sim.theory_tables import G_MAX, Case, Row, critical_rows, radius_rows, stress_rows
 
+Rows = list[Row]
 NOTE: Style = {"color": GREY, "fontsize": 10}
 THIN: Style = {"linewidth": 1.0}
 NO_LINE = {"linestyle": "none", "color": GREY}
@@ -170,17 +171,17 @@ def crease_or_wrinkle(cases: Sequence[Case]) -> Figure:
     return figure
 
 
-def draw_radius(ax: Axes, rows: list[Row]) -> None:
+def draw_radius(ax: Axes, rows: Rows) -> None:
     for law, style, mine in _by_value(rows, "law"):
         _draw(ax, mine, "growth", "c_over_B", label=f"theory, {RADIUS_EQUATIONS[law]}, {law}", **style)
 
 
-def draw_stress(ax: Axes, rows: list[Row]) -> None:
+def draw_stress(ax: Axes, rows: Rows) -> None:
     for T, style, mine in _by_value(rows, "thickness_mm"):
         _draw(ax, mine, "position", "sigma_theta_over_mu_cortex", label=f"theory, $T$ = {T:g} mm", **style)
 
 
-def draw_critical(ax: Axes, rows: list[Row], *, biot: bool = False, limits: bool = True) -> None:
+def draw_critical(ax: Axes, rows: Rows, *, biot: bool = False, limits: bool = True) -> None:
     """Draw creases, and with ``biot`` Biot's wrinkles; ``limits`` marks where the paper's text says that they end."""
     for law, style, mine in _by_value(rows, "law"):
         _draw(ax, mine, "C_over_B", "g_crease", label=f"theory, {CREASE_EQUATIONS[law]}, {law}", **style)
@@ -190,7 +191,7 @@ def draw_critical(ax: Axes, rows: list[Row], *, biot: bool = False, limits: bool
         _mark_paper_limits(ax, rows)
 
 
-def _mark_paper_limits(ax: Axes, rows: list[Row]) -> None:
+def _mark_paper_limits(ax: Axes, rows: Rows) -> None:
     """Mark the two limits in the text of the paper: 1.34 for a thin cortex, 1.2 for isotropic growth."""
     thin, last = theory.CREASE ** (1 / 3), theory.thickest_creasing()
     line: Style = {"color": GREY, "linewidth": 0.9, "zorder": 1}
@@ -204,7 +205,7 @@ def _mark_paper_limits(ax: Axes, rows: list[Row]) -> None:
         ax.text(last, 0.97, text, transform=ax.get_xaxis_transform(), clip_on=True, **note)
 
 
-def _draw_dots(ax: Axes, rows: list[Row], x: str, y: str) -> None:
+def _draw_dots(ax: Axes, rows: Rows, x: str, y: str) -> None:
     """Draw dots at the requested points within the limits, unless there are more than ``MOST_DOTS``."""
     for _, style, mine in _by_value(rows, "law"):
         if len(mine) <= MOST_DOTS:  # not clipped, so that dots at the ends stay whole
@@ -212,14 +213,14 @@ def _draw_dots(ax: Axes, rows: list[Row], x: str, y: str) -> None:
             _draw(ax, within, x, y, linestyle="none", marker="o", color=style["color"], clip_on=False, zorder=3)
 
 
-def _draw(ax: Axes, rows: list[Row], x: str, y: str, **style: Any) -> None:
+def _draw(ax: Axes, rows: Rows, x: str, y: str, **style: Any) -> None:
     """Draw a column of rows over another, and name the axes."""
     if rows:
         ax.plot([row[x] for row in rows], [row[y] for row in rows], **style)
     ax.set(xlabel=AXIS_LABELS[x], ylabel=AXIS_LABELS[y])
 
 
-def _finish_panel(ax: Axes, cases: list[Row], **settings: Any) -> None:
+def _finish_panel(ax: Axes, cases: Rows, **settings: Any) -> None:
     """Set limits and title of a panel; write into it where no wrinkles were found, if there are such cases."""
     ax.set(**settings)
     ax.label_outer()
@@ -230,7 +231,7 @@ def _finish_panel(ax: Axes, cases: list[Row], **settings: Any) -> None:
         ax.text(0.98, 0.03, text, transform=ax.transAxes, ha="right", va="bottom", **NOTE)
 
 
-def _shortest_waves(rows: list[Row], marker: str) -> dict[str, Style]:
+def _shortest_waves(rows: Rows, marker: str) -> dict[str, Style]:
     """The entry of a legend for the mark of the shortest waves, if a case has them."""
     return {"shortest waves first": {**NO_LINE, "marker": marker}} if "inf" in _distinct(rows, "degree") else {}
 
@@ -248,7 +249,7 @@ def _sphere_figure(*size: Any, **sphere: float) -> Iterator[tuple[Figure, Any]]:
             figure.suptitle(others, x=0.02, ha="left", fontsize=11)
 
 
-def _parameters(cases: Sequence[Case]) -> tuple[list[Row], list[str], list[float], list[float], Style]:
+def _parameters(cases: Sequence[Case]) -> tuple[Rows, list[str], list[float], list[float], Style]:
     """Rows of the cases with their ``curve``, their laws, mu ratios and T/C, and the sphere that all share."""
     if not cases:
         raise NothingToDo("no case to draw: give at least one thickness, one mu ratio and one law.")
@@ -258,12 +259,12 @@ def _parameters(cases: Sequence[Case]) -> tuple[list[Row], list[str], list[float
     return rows, laws, ratios, thicknesses, sphere
 
 
-def _by_value(rows: list[Row], name: str) -> Iterator[tuple[Any, Style, list[Row]]]:
+def _by_value(rows: Rows, name: str) -> Iterator[tuple[Any, Style, Rows]]:
     """Each value of a column in order of appearance, with its line style and its rows."""
     for i, value in enumerate(_distinct(rows, name)):
         yield value, line_style(i), [row for row in rows if row[name] == value]
 
 
-def _distinct(rows: list[Row], name: str) -> list[Any]:
+def _distinct(rows: Rows, name: str) -> list[Any]:
     """The values of a column in order of appearance."""
     return [*dict.fromkeys(row[name] for row in rows)]
