@@ -124,9 +124,8 @@ def hinge_patch(measures: Measures, number: int, pose: int = 0) -> Row:
         )
     hinge, width = hinge_at(graph, number), graph.graph["scales"].width
     normal, right = graph.nodes[number]["normal"], hinge.arms[pose % 3].direction
-    frame = np.stack([right, np.cross(normal, right), normal]) / width
-    if pose >= 3:
-        frame[1] *= -1
+    mirror = -1 if pose >= 3 else 1
+    frame = np.stack([right, mirror * np.cross(normal, right), normal]) / width
     pial = measures.cortex.pial
     verts = (pial.verts - pial.verts[hinge.vertex]) @ (TILT @ frame).T
     near = geometry.norms(verts) < PATCH_RADIUS_IN_WIDTHS
@@ -142,9 +141,8 @@ def hinge_patch(measures: Measures, number: int, pose: int = 0) -> Row:
         lines = [line for *_, line in graph.edges(node, data="polyline")]
         parts = [part for line in lines for part in _line_on_patch(line, tree, on_patch, edge)]
         paint_lines(rgb, fine, parts, CREST_WIDTH, colour)
-    faces = faces[:, ::-1] if pose >= 3 else faces
     corners = PATCH_RADIUS_IN_WIDTHS * np.array([[-1.0, -1, -1], [1, 1, 1]])  # they centre the picture on the hinge
-    return Row("", Surface(np.concatenate([fine, corners]), faces), rgb=np.concatenate([rgb, rgb[:2]]))
+    return Row("", Surface(np.concatenate([fine, corners]), faces[:, ::mirror]), rgb=np.concatenate([rgb, rgb[:2]]))
 
 
 def _line_on_patch(line: Array, white: cKDTree, verts: Array, edge: float) -> list[Array]:

@@ -227,8 +227,8 @@ def _draw_cloud(chart: Chart, look: Look, cloud: Cloud) -> None:
         chart.line([p.cortical, p.cortical], [p.low, p.high], **bar)
         chart.line(p.cortical, p.gyral, **bar, marker="_", markersize=8)
     if cloud.fit is not None:
-        marks = [p.cortical for p in cloud.points or cloud.bins]
-        ends = np.array([min(marks), max(marks)])
+        x = [p.cortical for p in cloud.points or cloud.bins]
+        ends = np.array([min(x), max(x)])
         faint: Style = {} if cloud.fit.sloped else {"linewidth": 1.0, "alpha": 0.45}
         chart.line(ends, cloud.fit.at(ends), "fit faint" if faint else "fit", **line_of(look), **faint)
     if cloud.points:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
+from statistics import stdev
 from typing import Any
 
 import numpy as np
@@ -77,7 +78,7 @@ class Cell:
         mean = number(float(f"{self.mean:.3g}"))  # so that 0.99999 and 1.00001 are both 1.00
         lines = [mean + "*" * any(run.warnings for run in self.runs)]
         if n > 1:
-            sd, decimals = np.std(self.values, ddof=1), len(mean.partition(".")[2])  # as many as the mean
+            sd, decimals = stdev(self.values), len(mean.partition(".")[2])  # as many as the mean
             text = f"{sd:.{decimals}f}"
             lines.append(f"± {number(sd, 1) if sd > ROUND_OFF and not float(text) else text}")
         return lines if n == all_runs else [*lines, f"({n} of {all_runs})"]
