@@ -16,7 +16,7 @@ from morphofold.analysis.scales import scale_of_curvature
 from morphofold.arrays import Array
 from morphofold.io import read_cortex, sample_path
 from morphofold.io.files import write_text
-from morphofold.report.plots.line_plots import GREY, legend_of_figure, line_style, new_figure, save
+from morphofold.report.plots.figure_style import GREY, legend_of_figure, line_style, new_figure, save
 from morphofold.sim.dynamics import UnstableError
 from morphofold.sim.output.folder import Simulation
 from morphofold.sim.scene.files import load_scene

@@ -24,7 +24,7 @@ from morphofold.arrays import Array
 from morphofold.inference.permutations import share_above
 from morphofold.io import atomic_file
 from morphofold.io.files import write_text
-from morphofold.report.plots.line_plots import GREY, new_figure, save
+from morphofold.report.plots.figure_style import GREY, new_figure, save
 from morphofold.shapes import even_directions
 from morphofold.sim.scene.files import load_scene
 from morphofold.simulation import simulate

@@ -23,7 +23,7 @@ from morphofold.geometry import face_areas
 from morphofold.io import read_cortex, sample_path
 from morphofold.io.files import write_text
 from morphofold.mesh_quality.checks import volume
-from morphofold.report.plots.line_plots import BLACK, GREY, legend_of_figure, line_style, new_figure, save
+from morphofold.report.plots.figure_style import BLACK, GREY, legend_of_figure, line_style, new_figure, save
 from morphofold.shapes import icosphere
 from morphofold.sim.output.folder import Simulation
 from morphofold.sim.scene.files import load_scene

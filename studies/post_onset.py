@@ -23,7 +23,7 @@ from scipy.optimize import minimize_scalar
 
 from morphofold.arrays import Array, Ints
 from morphofold.io.files import write_text
-from morphofold.report.plots.line_plots import GREY, legend_of_figure, line_style, new_figure, save
+from morphofold.report.plots.figure_style import GREY, legend_of_figure, line_style, new_figure, save
 from morphofold.sim.body import Body
 from morphofold.sim.dynamics import Dynamics, UnstableError
 from morphofold.sim.effects.contact import Contact

@@ -20,7 +20,7 @@ from scipy.signal import find_peaks
 
 from morphofold.arrays import Array
 from morphofold.io.files import write_text
-from morphofold.report.plots.line_plots import GREY, legend_of_figure, line_style, new_figure, save
+from morphofold.report.plots.figure_style import GREY, legend_of_figure, line_style, new_figure, save
 from morphofold.sim.body import surface_area
 from morphofold.sim.dynamics import UnstableError
 from morphofold.studies.markdown import between_marks, number, table

@@ -23,7 +23,7 @@ from scipy.stats import t as student
 
 from morphofold.arrays import Array
 from morphofold.io.files import write_text
-from morphofold.report.plots.line_plots import legend_of_figure, line_style, new_figure, save
+from morphofold.report.plots.figure_style import legend_of_figure, line_style, new_figure, save
 from morphofold.sim.body import Body
 from morphofold.sim.equilibrium.path import Equilibrium
 from morphofold.sim.mesh.brick_mesh import bilayer_patch

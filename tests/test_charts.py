@@ -12,7 +12,7 @@ import pytest
 from morphofold.analysis.gyrification.folding_law import shape_terms
 from morphofold.comparison import Cloud, ThicknessPoint, fit_line
 from morphofold.report.plots import charts
-from morphofold.report.plots.line_plots import ticks
+from morphofold.report.plots.figure_style import ticks
 from morphofold.words import number
 
 

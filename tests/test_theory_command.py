@@ -219,7 +219,7 @@ def test_a_plot_that_fails_leaves_the_older_one(here, capsys, monkeypatch):
         raise OSError(28, "No space left")
 
     (here / "old.png").write_bytes(b"old")
-    monkeypatch.setattr("morphofold.report.plots.line_plots.save", full)
+    monkeypatch.setattr("morphofold.report.plots.figure_style.save", full)
     refused(capsys, "theory radius --plot old.png", "^morphofold theory: old.png: ")  # not the temporary file beside it
     assert {p.name: p.read_bytes() for p in here.iterdir()} == {"old.png": b"old"}
 

@@ -40,9 +40,9 @@ def run(args: Theory) -> Answer:
         name = "body" if args.body is not None else "curve" if args.curve else question
     table = TABLES[name]
     if args.plot is not None:  # refuses before anything is computed
-        from morphofold.report.plots import line_plots, theory_plots  # matplotlib is imported only to draw
+        from morphofold.report.plots import figure_style, theory_plots  # matplotlib is imported only to draw
 
-        line_plots.check_format(args.plot)
+        figure_style.check_format(args.plot)
         check_place(args.plot)
         refuse_overlap(args.plot)
         for option in table["curves"].split():
@@ -55,7 +55,7 @@ def run(args: Theory) -> Answer:
     if args.plot is not None:
         figure = getattr(theory_plots, table["figure"])(*drawn, **drawn_with)
         with atomic_file(args.plot) as temporary:
-            line_plots.save(figure, temporary)
+            figure_style.save(figure, temporary)
         lines.append(f"-> {args.plot}")
     content = {"morphofold": __version__, "theory": question, "parameters": _parameters(args), "rows": rows}
     return Answer(content, lines)

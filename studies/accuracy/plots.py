@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from morphofold.quantities import CATEGORICAL_COLOURS
-from morphofold.report.plots.line_plots import BLACK, legend_of_figure, line_style, new_figure
+from morphofold.report.plots.figure_style import BLACK, legend_of_figure, line_style, new_figure
 from morphofold.studies.accuracy.bodies import PACED
 from morphofold.studies.accuracy.fronts import Halving, better_than, grouped, halving
 from morphofold.studies.accuracy.points import EACH_OTHER, OURS, Point

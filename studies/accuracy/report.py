@@ -7,7 +7,7 @@ from typing import Any
 
 from morphofold.analysis.resampling import PRESETS
 from morphofold.io.json_files import write_json
-from morphofold.report.plots.line_plots import save
+from morphofold.report.plots.figure_style import save
 from morphofold.studies.accuracy.bodies import SUBJECT
 from morphofold.studies.accuracy.folds import MESH, STAGES, WITH_A_LIMIT
 from morphofold.studies.accuracy.fronts import constant

@@ -8,7 +8,7 @@ import numpy as np
 
 from morphofold.io import atomic_file
 from morphofold.io.json_files import read_json
-from morphofold.report.plots.line_plots import save
+from morphofold.report.plots.figure_style import save
 from morphofold.studies.folds.plots import thickness_figure
 from morphofold.studies.indexes import FoldIndex
 from morphofold.studies.markdown import Row, cells, health, number, read_rows, renewed, table, write_texts

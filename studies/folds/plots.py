@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from morphofold.report.plots.line_plots import BLACK, GREY, legend_of_figure, line_style, new_figure
+from morphofold.report.plots.figure_style import BLACK, GREY, legend_of_figure, line_style, new_figure
 from morphofold.studies.folds.statistics import BY_THICKNESS
 from morphofold.studies.markdown import Row
 

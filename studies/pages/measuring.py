@@ -25,7 +25,7 @@ from morphofold.quantities import Quantity, quantity
 from morphofold.report.pictures.gyral_net import net_figure, net_row, paint_lines, shaded
 from morphofold.report.pictures.sheet import Picture, halved, png_bytes
 from morphofold.report.pictures.surfaces import Row, figure
-from morphofold.report.plots.line_plots import legend_of_figure, line_style, new_figure, save
+from morphofold.report.plots.figure_style import legend_of_figure, line_style, new_figure, save
 from morphofold.studies.markdown import cells, number, renewed, table, write_texts
 from morphofold.studies.pages.section_plot import section_figure
 from morphofold.surface import Surface

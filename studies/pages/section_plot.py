@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from morphofold.analysis import GyralThickness
 from morphofold.errors import NoSolution
-from morphofold.report.plots.line_plots import BLACK, line_style, new_figure
+from morphofold.report.plots.figure_style import BLACK, line_style, new_figure
 from morphofold.surface import Cortex, Surface
 
 if TYPE_CHECKING:

@@ -24,7 +24,7 @@ from morphofold.report.colours import rgb_of
 from morphofold.report.pictures.gyral_net import clear_examples, hinge_pairs, shaded
 from morphofold.report.pictures.sheet import Picture, png_bytes
 from morphofold.report.pictures.surfaces import Row, figure
-from morphofold.report.plots.line_plots import GREY, legend_of_figure, line_style, new_figure, save
+from morphofold.report.plots.figure_style import GREY, legend_of_figure, line_style, new_figure, save
 from morphofold.studies.paper.folds import grown
 from morphofold.studies.paper.thickness_plots import MARKED, SHORT, crest_points, region_points, thickness_figure, whole
 from morphofold.studies.runs import Runs, run_record

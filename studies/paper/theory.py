@@ -13,7 +13,7 @@ import numpy as np
 
 from morphofold import analysis
 from morphofold.errors import DoesNotApply
-from morphofold.report.plots.line_plots import BLACK, legend_below, line_style, new_figure, save
+from morphofold.report.plots.figure_style import BLACK, legend_below, line_style, new_figure, save
 from morphofold.report.plots.theory_plots import GROWTH_LAWS, draw_critical, draw_radius, draw_stress
 from morphofold.sim import theory
 from morphofold.sim.run import Simulation

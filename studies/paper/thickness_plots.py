@@ -9,7 +9,7 @@ import numpy as np
 
 from morphofold.analysis import Measures
 from morphofold.analysis.thickness.robust_slope import robust_line
-from morphofold.report.plots.line_plots import BLACK, GREY, legend_of_figure, line_style, new_figure
+from morphofold.report.plots.figure_style import BLACK, GREY, legend_of_figure, line_style, new_figure
 from morphofold.sim.scene import Scene
 from morphofold.sim.theory import deformed_radius
 from morphofold.studies.folds.tables import expected, film_wavelength, sphere

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from morphofold.quantities import CATEGORICAL_COLOURS
-from morphofold.report.plots.line_plots import BLACK, GREY, legend_of_figure, new_figure, save
+from morphofold.report.plots.figure_style import BLACK, GREY, legend_of_figure, new_figure, save
 from morphofold.studies.person.pairs import SPINS, grow_pair, hemispheres, pair_rows, slope_rows
 from morphofold.studies.person.slopes import interval
 from morphofold.studies.runs import Runs, run_record

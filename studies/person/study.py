@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from morphofold.io import atomic_file
 from morphofold.report.pictures.sheet import halved, png_bytes, read_png
-from morphofold.report.plots.line_plots import BLACK, legend_below, line_style, new_figure, save
+from morphofold.report.plots.figure_style import BLACK, legend_below, line_style, new_figure, save
 from morphofold.studies import markdown
 from morphofold.studies.markdown import cells, read_rows, renewed, write_texts
 from morphofold.studies.person import ferret, meshes

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from morphofold.io import atomic_file
-from morphofold.report.plots.line_plots import BLACK, legend_of_figure, line_style, new_figure, save
+from morphofold.report.plots.figure_style import BLACK, legend_of_figure, line_style, new_figure, save
 from morphofold.studies.markdown import Row, cells, renewed, table, write_texts
 from morphofold.studies.speed.measures import exponent
 from morphofold.studies.speed.page import read_rows

@@ -9,7 +9,7 @@ import pytest
 from made_simulations import MadeRuns, harmonic, made_simulation
 
 from morphofold.cli.reproduce import FIGURES
-from morphofold.report.plots import line_plots, theory_plots
+from morphofold.report.plots import figure_style, theory_plots
 from morphofold.sim import theory
 from morphofold.sim.scene.files import load_scene
 from morphofold.sim.theory_tables import bifurcation_cases, outer_ratio
@@ -17,7 +17,7 @@ from morphofold.studies import paper
 from morphofold.studies.paper import folds
 from morphofold.studies.paper import theory as paper_theory
 
-KINDS = sorted(line_plots.FORMATS)
+KINDS = sorted(figure_style.FORMATS)
 
 pytestmark = pytest.mark.slow
 
@@ -265,7 +265,7 @@ def test_no_case_is_no_figure():
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_same_figure_is_the_same_file(tmp_path, kind):
     for name in ("a", "b"):
-        line_plots.save(paper_theory.fig4(), tmp_path / f"{name}{kind}")
+        figure_style.save(paper_theory.fig4(), tmp_path / f"{name}{kind}")
     first = (tmp_path / f"a{kind}").read_bytes()
     assert first == (tmp_path / f"b{kind}").read_bytes()
     assert b"Date" not in first
@@ -273,17 +273,17 @@ def test_the_same_figure_is_the_same_file(tmp_path, kind):
 
 def test_a_figure_of_another_kind_is_refused(tmp_path):
     with pytest.raises(ValueError, match=r"picture\.bmp: .* \.png, \.svg, \.pdf"):
-        line_plots.save(paper_theory.fig4(), tmp_path / "picture.bmp")
+        figure_style.save(paper_theory.fig4(), tmp_path / "picture.bmp")
     assert list(tmp_path.iterdir()) == []
 
 
 def test_figures_heed_neither_nor_change_the_users_settings(tmp_path):
     import matplotlib
 
-    line_plots.save(paper_theory.fig4(), tmp_path / "plain.png")
+    figure_style.save(paper_theory.fig4(), tmp_path / "plain.png")
     with matplotlib.rc_context({"axes.linewidth": 9, "font.family": "monospace", "xtick.major.size": 20}):
         before = {key: value for key, value in matplotlib.rcParams.items() if key != "backend"}
-        line_plots.save(paper_theory.fig4(), tmp_path / "mine.png")
+        figure_style.save(paper_theory.fig4(), tmp_path / "mine.png")
         assert {key: matplotlib.rcParams[key] for key in before} == before
     assert (tmp_path / "mine.png").read_bytes() == (tmp_path / "plain.png").read_bytes()
 

@@ -22,7 +22,7 @@ from morphofold.quantities import CATEGORICAL_COLOURS, MAP_OF_SCALAR, THICKNESS_
 from morphofold.report.pages.templates import SIDES, PictureEntry, paragraph, plural, write_page, write_picture
 from morphofold.report.pictures.surfaces import Row, figure
 from morphofold.report.plots import charts as plots
-from morphofold.report.plots.line_plots import ticks
+from morphofold.report.plots.figure_style import ticks
 from morphofold.results import read_pial
 from morphofold.tables import write_table
 from morphofold.words import in_one_line, number

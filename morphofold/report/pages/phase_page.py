@@ -19,7 +19,7 @@ from morphofold.progress import Progress, silent
 from morphofold.report.pages.templates import PictureEntry, picture_entry, write_page
 from morphofold.report.pictures.surfaces import extent
 from morphofold.report.plots import phase_plots as plots
-from morphofold.report.plots.line_plots import save
+from morphofold.report.plots.figure_style import save
 from morphofold.sim.scene import LEVELS
 from morphofold.surface import Surface
 

@@ -24,7 +24,7 @@ from morphofold.quantities import CATEGORICAL_COLOURS, Quantity, quantity
 from morphofold.report.pages.templates import SIDES, PictureEntry, write_page, write_picture
 from morphofold.report.pictures.surfaces import Row, figure
 from morphofold.report.plots.charts import WIDE_CHART_SIZE_PX, limits_around, new_chart, share_plot
-from morphofold.report.plots.line_plots import GREY
+from morphofold.report.plots.figure_style import GREY
 from morphofold.results.unfolding import TableRows, UnfoldedSide, log_ratio
 from morphofold.surface import Surface
 from morphofold.words import listed, number

@@ -20,7 +20,7 @@ from PIL import Image
 
 from morphofold.quantities import Quantity
 from morphofold.report.colours import Limits
-from morphofold.report.plots.line_plots import NO_FORMULAS, colour_bar, plot_style, round_step, ticks
+from morphofold.report.plots.figure_style import NO_FORMULAS, colour_bar, plot_style, round_step, ticks
 
 Picture = NDArray[np.uint8]  # (height, width, 3)
 

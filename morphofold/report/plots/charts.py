@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from morphofold.comparison.thickness import Cloud
 from morphofold.quantities import Quantity
 from morphofold.report.colours import Limits
-from morphofold.report.plots.line_plots import BLACK, GREY, NO_FORMULAS, Style, plot_style, ticks
+from morphofold.report.plots.figure_style import BLACK, GREY, NO_FORMULAS, Style, plot_style, ticks
 from morphofold.words import number
 
 MARKERS = {"circle": "o", "square": "s", "triangle": "^", "diamond": "D"}  # name on pages -> matplotlib's name

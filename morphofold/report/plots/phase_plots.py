@@ -21,7 +21,7 @@ from morphofold.cohort.phases import AREA_OVER_FLAT, HINGES_PER_AREA, Phases, Ru
 from morphofold.quantities import CATEGORICAL_COLOURS, Quantity, round_out
 from morphofold.report import colours
 from morphofold.report.pictures.surfaces import Row, draw
-from morphofold.report.plots.line_plots import (
+from morphofold.report.plots.figure_style import (
     BLACK,
     GREY,
     NO_FORMULAS,

@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from morphofold.errors import NothingToDo
-from morphofold.report.plots.line_plots import (
+from morphofold.report.plots.figure_style import (
     BLACK,
     GREY,
     Style,
