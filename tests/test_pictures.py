@@ -56,9 +56,8 @@ def marked(hemi):
 
 @pytest.mark.parametrize("hemi", ["lh", "rh"])
 def test_a_picture_shows_the_side_it_says(hemi):
-    what = Quantity("t", "Test", signed=True)
     out, inner, again = (
-        surfaces.draw(marked(hemi), view, what, (-1, 1), (60, 60), 60 / 44) for view in ("lateral", "medial", "lateral")
+        surfaces.draw(marked(hemi), view, (60, 60), 60 / 44, (-1, 1), True) for view in ("lateral", "medial", "lateral")
     )
     middle = lambda p: p[25:35, 25:35].reshape(-1, 3).mean(axis=0)
     assert middle(out)[0] > middle(out)[2] + 60  # orange: +1

@@ -65,7 +65,7 @@ def picture(
     lines = [int(np.ceil(per_mm * np.max(row, axis=0)[1])) + gap for row in extents]
     top, width = 40 if columns else edge, 2 * edge + WIDEST * len(panels[0])
     drawn = [
-        [draw(Row("", p.surface, p.values), VIEW, what, ends, (WIDEST, line), per_mm) for p in row]
+        [draw(Row("", p.surface, p.values), VIEW, (WIDEST, line), per_mm, ends) for p in row]
         for row, line, ends in zip(panels, lines, limits)
     ]
     with new_sheet(width, top + sum(lines) + len(lines) * (words + bar)) as sheet:

@@ -13,7 +13,6 @@ from morphofold.comparison.hinges import compare_hinges, examples
 from morphofold.report.pictures import gyral_net as hinge_pictures
 from morphofold.report.pictures.gyral_net import (
     PANEL_PX,
-    PATCH_QUANTITY,
     PATCH_RADIUS_IN_WIDTHS,
     TILT_DEG,
     clear_examples,
@@ -150,7 +149,7 @@ def test_lettering_of_pairs_keeps_to_its_place(ball, group, others):
     assert left <= 300
     for top in (16, 16 + PANEL_PX + hinge_pictures.CAPTION_PX):
         patch = patches[top > 16]
-        drawn = draw(patch, "top", PATCH_QUANTITY, (0, 1), (PANEL_PX, PANEL_PX), hinge_pictures.PX_PER_WIDTH)
+        drawn = draw(patch, "top", (PANEL_PX, PANEL_PX), hinge_pictures.PX_PER_WIDTH)
         np.testing.assert_array_equal(picture[top : top + PANEL_PX - 4, left : left + PANEL_PX], drawn[:-4])
         captions = ink[top + PANEL_PX : top + PANEL_PX + hinge_pictures.CAPTION_PX, left:]
         for edge in (0, PANEL_PX, 2 * PANEL_PX):

@@ -48,7 +48,6 @@ TILT = Rotation.from_euler("x", -TILT_DEG, degrees=True).as_matrix()
 PANEL_PX, CAPTION_PX = 330, 30  # pixels
 PX_PER_WIDTH = PANEL_PX / (2 * PATCH_RADIUS_IN_WIDTHS)
 LEAST_VISIBLE_SHARE = 0.7  # least visible share of a hinge's crests in an example
-PATCH_QUANTITY = Quantity("patch", "Patch")
 
 
 def net_row(measures: Measures, name: str) -> Row:
@@ -200,7 +199,7 @@ def hinge_pairs(pairs: Mapping[Match, Pair], rows: tuple[str, str]) -> Picture:
             sheet.text(CAPTION_PX, y + PANEL_PX / 2, group, 20, PANEL_PX, ha="center", va="center", **upwards)
             for k, (match, patches) in enumerate(pairs.items()):
                 x = left + k * PANEL_PX
-                sheet.picture(draw(patches[line], "top", PATCH_QUANTITY, (0, 1), size, PX_PER_WIDTH), x, y)
+                sheet.picture(draw(patches[line], "top", size, PX_PER_WIDTH), x, y)
                 surface, number = ((match.surface, match.hinge), (match.other_surface, match.other))[line]
                 name = surface.removeprefix(group).strip()  # its group is said at the row
                 text = f"{name}, " * bool(name) + f"{number}" + ", mirrored" * (line * match.pose >= 3)

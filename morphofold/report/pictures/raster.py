@@ -122,9 +122,9 @@ def look(points: Array, faces: Ints, size: tuple[int, int], px_per_mm: float, ov
     oversample : int
         The picture is drawn this many times larger in each direction; :func:`coloured` averages it down.
     """
-    width, height = size[0] * oversample, size[1] * oversample
+    width, height = (n * oversample for n in size)
     per_mm = px_per_mm * oversample
-    xyz = np.stack([width / 2 + per_mm * points[:, 0], height / 2 - per_mm * points[:, 1], points[:, 2]], axis=1)
+    xyz = [width / 2, height / 2, 0] + points * [per_mm, -per_mm, 1]
     face, b0, b1 = rasterise(*reading(xyz, faces), width, height, is_closed(faces))
     return face, b0, b1
 

@@ -78,12 +78,14 @@ def visible_faces(
     return raster.look(centred @ camera(view, hemi).T, faces, size, px_per_mm)
 
 
-def draw(row: Row, view: str, what: Quantity, limits: Limits, size: tuple[int, int], px_per_mm: float) -> Picture:
+def draw(
+    row: Row, view: str, size: tuple[int, int], px_per_mm: float, limits: Limits = (0.0, 1.0), signed: bool = False
+) -> Picture:
     """One surface from a side, in the middle of a picture (height, width, 3) of ``size`` (width, height)."""
     verts, faces = row.surface.verts, row.surface.faces
     seen = visible_faces(verts, faces, view, row.hemi, size, px_per_mm)
     normals = vertex_normals(verts, faces) @ camera(view, row.hemi).T
-    return raster.coloured(seen, faces, normals, row.colours(limits, what.signed))
+    return raster.coloured(seen, faces, normals, row.colours(limits, signed))
 
 
 def figure(
@@ -112,7 +114,7 @@ def figure(
     wide, ends = max(columns), limits or (0.0, 1.0)
     (*tops, bottom), lefts = np.cumsum([HEAD, *(lines + NAME)]), np.cumsum([EDGE, *columns])
     drawn = run_parallel(
-        *(partial(draw, *c, what, ends, (wide, h), per_mm) for line, h in zip(cells, lines) for c in line)
+        *(partial(draw, *c, (wide, h), per_mm, ends, what.signed) for line, h in zip(cells, lines) for c in line)
     )
     with new_sheet(width, bottom + FOOT) as sheet:
         sheet.text(EDGE, 36, what.title, 18, weight="bold")

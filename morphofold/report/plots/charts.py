@@ -269,8 +269,7 @@ def folding_plot(surfaces: Sequence[tuple[Look, Any]], paths: Sequence[tuple[str
                 chart.line(ends, heights, "level", f"k = {k:g}", color="#cdd2d8", linewidth=1.0)
                 chart.ax.text(ends[1], heights[1], f" k = {k:g}", va="center")
         for name, path in paths:
-            x, y = logs(path).T
-            chart.line(x, y, "theory", name, **THEORY)
+            chart.line(*logs(path).T, kind="theory", text=name, **THEORY)
         for look, t in surfaces:
             chart.points([(*logs([t])[0], f"{look.name}: k = {number(t.k)}")], look, big=True)
         return chart.svg()
@@ -332,9 +331,8 @@ def region_plot(
         return None
     _, x, y, smooth = zip(*regions)
     limits = limits_around(x), limits_around([*y, *(s for s in smooth if s is not None)])
-    across = Quantity("", f"{label} of {person.name}", unit).title
-    titles = f"{label}, {grown.name} against {person.name}", across, grown.name
-    with new_chart(*titles, *limits) as chart:
+    title, across = f"{label}, {grown.name} against {person.name}", Quantity("", f"{label} of {person.name}", unit)
+    with new_chart(title, across.title, grown.name, *limits) as chart:
         for name, a, _, s in regions:
             if s is not None:
                 text = f"{name}: {number(s)} before growth, {number(a)} {person.name}"

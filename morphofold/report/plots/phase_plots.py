@@ -175,7 +175,7 @@ def thumbnails(phases: Phases, surfaces: Mapping[GridIndex, Surface | str], view
             i, j = (*at, 0, 0)[:2]
             if isinstance(surface, Surface):
                 size, per_mm = (THUMBNAIL_PX, THUMBNAIL_PX), 0.94 * THUMBNAIL_PX / largest
-                image = draw(Row("", surface), view, Quantity("", ""), (0, 1), size, per_mm)
+                image = draw(Row("", surface), view, size, per_mm)
                 ax.imshow(image, extent=(i - 0.5, i + 0.5, j - 0.5, j + 0.5))
             else:
                 ax.add_patch(Rectangle((i - 0.47, j - 0.47), 0.94, 0.94, color="0.957"))

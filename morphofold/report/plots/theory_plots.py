@@ -195,14 +195,13 @@ def _mark_paper_limits(ax: Axes, rows: Rows) -> None:
     """Mark the two limits in the text of the paper: 1.34 for a thin cortex, 1.2 for isotropic growth."""
     thin, last = theory.CREASE ** (1 / 3), theory.thickest_creasing()
     line: Style = {"color": GREY, "linewidth": 0.9, "zorder": 1}
-    note: Style = {"va": "top", **NOTE}
     ax.axhline(thin, **line)
     text = f"thin cortex: $g$ = {thin:.2f}"
-    ax.text(0.995, thin - 0.03, text, transform=ax.get_yaxis_transform(), ha="right", **note)
+    ax.text(0.995, thin - 0.03, text, transform=ax.get_yaxis_transform(), ha="right", va="top", **NOTE)
     if "isotropic" in _distinct(rows, "law"):
         ax.axvline(last, **line)
         text = f"  $C/B$ = {last:.2f}: no crease\n  beyond, if isotropic"
-        ax.text(last, 0.97, text, transform=ax.get_xaxis_transform(), clip_on=True, **note)
+        ax.text(last, 0.97, text, transform=ax.get_xaxis_transform(), va="top", clip_on=True, **NOTE)
 
 
 def _draw_dots(ax: Axes, rows: Rows, x: str, y: str) -> None:
