@@ -269,7 +269,8 @@ def folding_plot(surfaces: Sequence[tuple[Look, Any]], paths: Sequence[tuple[str
                 chart.line(ends, heights, "level", f"k = {k:g}", color="#cdd2d8", linewidth=1.0)
                 chart.ax.text(ends[1], heights[1], f" k = {k:g}", va="center")
         for name, path in paths:
-            chart.line(*logs(path).T, kind="theory", text=name, **THEORY)
+            x, y = logs(path).T
+            chart.line(x, y, "theory", name, **THEORY)
         for look, t in surfaces:
             chart.points([(*logs([t])[0], f"{look.name}: k = {number(t.k)}")], look, big=True)
         return chart.svg()
