@@ -84,7 +84,7 @@ def run_app(parser: App, run: Callable[[Any], Answer], argv: Sequence[str] | Non
     argv = sys.argv[1:] if argv is None else argv
     args: Any = None
     answer = Answer(None, [])
-    program = " ".join([*parser.name, *argv[:1]] if argv and argv[0] in parser else parser.name)
+    program = " ".join([*parser.name, *(word for word in argv[:1] if word in parser)])
     try:
         with warnings.catch_warnings(), _signals_as_interrupts():
             warnings.showwarning = lambda message, *_, **__: print_line(  # in one line, without the source line

@@ -148,11 +148,9 @@ def costs(entries: Entries, clock: Stages | None = None) -> list[tuple[str, Cost
 
 def facts(entries: Entries) -> dict[str, list[str]]:
     """Information from the files of the surfaces."""
-    columns = []
-    for cortex in (e.cortex for e in entries):
-        known = {key: value for key, value in cortex.info.items() if key not in FREESURFER_VALUES}
-        columns.append({"origin": cortex.origin, "portion": cortex.portion, "units": cortex.units, **known})
-    return rows_side_by_side(columns)
+    cortices = [e.cortex for e in entries]
+    rows = rows_side_by_side([{"origin": c.origin, "portion": c.portion, "units": c.units, **c.info} for c in cortices])
+    return {key: values for key, values in rows.items() if key not in FREESURFER_VALUES}
 
 
 def rows_side_by_side(columns: Sequence[Mapping[str, Any]]) -> dict[str, list[str]]:
@@ -184,7 +182,7 @@ def warnings(entries: Entries) -> Rows:
         if key in keys and (text := e.measures.notes.get(key)):
             white = e.cortex.white.verts
             drawn = white[e.display.ids]
-            places = [(v, int(norms(drawn - white[v]).argmin())) for v in vertices_at(text, e.cortex)]
+            places = [(v, norms(drawn - white[v]).argmin()) for v in vertices_at(text, e.cortex)]
             rows.append({"entry": e, "code": key, "cause": cause, "text": text, "places": places, "level": level})
     return rows
 

@@ -146,16 +146,13 @@ def headlines(scalars: stats.Scalars, sides: Sequence[Side]) -> dict[str, list[s
 
     The sides are compared, so only subjects with both sides are used, if there are any.
     """
-    paired = {name: of_both(values) for name, values in scalars.items() if name in HEADLINE_MEASURES}
+    paired = {}
+    for name, values in scalars.items():
+        both = np.isfinite(values).all(axis=1, keepdims=True)
+        paired[name] = np.where(both | ~both.any(), values, np.nan)
     table = {(row.measure, row.hemi): row for row in stats.distributions(paired)}
     rows = {key: [table.get((key, stats.HEMIS[side.column])) for side in sides] for key in HEADLINE_MEASURES}
     return {key: cells for key, cells in rows.items() if any(cells)}
-
-
-def of_both(values: Array) -> Array:
-    """Values (subjects, 2) of the subjects that have both sides, NaN for others; all values if nobody has both."""
-    both = np.isfinite(values).all(axis=1, keepdims=True)
-    return np.where(both, values, np.nan) if both.any() else values
 
 
 def measures_with_one_value(scalars: stats.Scalars) -> list[str]:
@@ -208,10 +205,10 @@ def _histogram_chart(name: str, values: Array, sides: Sequence[Side]) -> Markup 
 def _bin_edges(values: Array, n: int) -> Array:
     """Edges of bins that hold all values, for ``n`` values per side; between whole numbers if all values are whole."""
     most = int(np.clip(2 * np.sqrt(n), 6, 48))
-    low, high = float(values.min()), float(values.max())
+    low, high = values.min(), values.max()
     if (values != np.round(values)).any():
         return np.linspace(low, high, most + 1)
-    step = int(np.ceil((high - low + 1) / most))
+    step = np.ceil((high - low + 1) / most)
     return np.arange(low - 0.5, high + step + 0.5, step)
 
 
@@ -245,7 +242,7 @@ def draw_outliers(
     entries: list[PictureEntry] = []
     for k, (outlier, *rest) in enumerate(far, start=1):
         apart = np.abs(scalars[outlier.measure][:, stats.HEMIS.index(outlier.hemi)] - outlier.median)
-        typical = group.subjects[int(np.nanargmin(apart))]
+        typical = group.subjects[np.nanargmin(apart)]
         key = MAP_OF_SCALAR.get(outlier.measure, DEFAULT_MAP)
         entry = {"outlier": outlier, "rest": rest, "typical": typical, "map": quantity(key).label, "data": ""}
         entries.append(entry)

@@ -206,7 +206,7 @@ def with_smooth_bodies(entries: Entries, people: Sequence[PersonComparison]) -> 
     body before the first cortex that grew from it."""
     own = {name: (p, body) for p in people for name, body in ((p.person, p.bodies.person), (p.grown, p.bodies.grown))}
     first = {(p.person, p.level): p for p in reversed(people)}
-    before, several = {p.grown: p for p in first.values()}, len({level for _, level in first}) > 1
+    before, several = {p.grown: p for p in first.values()}, len({p.level for p in people}) > 1
     panels = []
     for e in entries:
         if p := before.get(e.name):

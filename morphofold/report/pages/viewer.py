@@ -27,7 +27,7 @@ from morphofold.geometry import in_use, morton_codes, unit
 from morphofold.quantities import MAIN_MAPS, RELIEF, Quantity, common_limits, find, quantity
 from morphofold.report import colours
 from morphofold.report.pages.entries import Display, Entries, Entry
-from morphofold.surface import Cortex, Faces, PerVertex, Verts
+from morphofold.surface import Cortex, PerVertex
 from morphofold.threads import SIMPLIFYING
 from morphofold.words import number
 
@@ -199,7 +199,12 @@ def thin(cortex: Cortex, max_vertices: int = DISPLAY_VERTICES, stages: Sequence[
     used = len(ids)
     if used > max_vertices:
         middle = np.mean([surface.verts for c in (cortex, *stages) for surface in (c.pial, c.white)], axis=0)
-        ids, faces = _decimated(middle, cortex.faces, max_vertices / cortex.n_vertices)
+        with SIMPLIFYING:
+            points, faces = simplify(middle, cortex.faces.astype(np.int32), 1.0 - max_vertices / cortex.n_vertices)
+        _, near = cKDTree(middle).query(points, k=12, workers=numba.get_num_threads())
+        ids, place = np.unique(distinct(near), return_inverse=True)
+        faces = place[faces]
+        faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
     points = cortex.pial.verts[ids] - cortex.pial.verts[ids].min(axis=0)
     order = np.argsort(morton_codes(points / (float(points.max()) or 1.0), bits=10), kind="stable")
     faces = np.argsort(order)[faces]
@@ -209,23 +214,13 @@ def thin(cortex: Cortex, max_vertices: int = DISPLAY_VERTICES, stages: Sequence[
     return Display(ids[order], faces, thinned=len(ids) < used)
 
 
-def _decimated(middle: Verts, faces: Faces, keep: float) -> tuple[VertexIds, Faces]:
-    with SIMPLIFYING:
-        points, triangles = simplify(middle, faces.astype(np.int32), 1.0 - keep)
-    _, near = cKDTree(middle).query(points, k=12, workers=numba.get_num_threads())
-    chosen = distinct(near)
-    ids, place = np.unique(chosen, return_inverse=True)
-    faces = place[triangles]
-    return ids, faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
-
-
 def distinct(near: VertexIds) -> VertexIds:
     """One value of ``near`` (n, k) per row, nearest first, and no value twice if possible.
 
     Two points on one vertex would pinch the surface there. A row whose candidates are all taken shares its nearest.
     """
     chosen = np.full(len(near), -1, dtype=np.int64)
-    taken = np.zeros(int(near.max()) + 1, dtype=bool)
+    taken = np.zeros(near.max() + 1, dtype=bool)
     for column in near.T:
         rows = np.flatnonzero((chosen < 0) & ~taken[column])
         values, first = np.unique(column[rows], return_index=True)
