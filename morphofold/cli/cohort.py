@@ -122,12 +122,14 @@ def run_cohort(
                 if scales is not None:
                     print_note(scales.words, args)
                 subjects = [replace(subject, options=with_scales(subject.options, scales)) for subject in subjects]
-            outcomes, lines = run_with_progress(fleet, "cohort", measure_participant, subjects, args), list[str]()
+            outcomes = run_with_progress(fleet, "cohort", measure_participant, subjects, args)
+            mapped, lines = dict[str, Failures](), list[str]()
             if space is not None:
-                more["mapped"], lines = _map_on_template(fleet, space, subjects, out, args, covariates)
+                mapped["mapped"], lines = _map_on_template(fleet, space, subjects, out, args, covariates)
         if group:
             more["remarks"] = write_group_and_notes(out, results, args, covariates, outcomes).remarks_on_group
-    return answer_of(outcomes, "subject", out / GROUP_FOLDER / "report.html" if group else out, lines, **more)
+    page = out / GROUP_FOLDER / "report.html" if group else out
+    return answer_of(outcomes, "subject", page, lines, **more, **mapped)
 
 
 def write_group_and_notes(
