@@ -573,7 +573,7 @@ SphereLength = Annotated[float, SPHERE_LENGTH]
 Lengths = Annotated[Sequence[float], SEVERAL, SPHERE_LENGTH]
 Growth = Annotated[float, GROWTH]
 Growths = Annotated[Sequence[float], SEVERAL, GROWTH, Parameter(show_default="1:2:11")]
-RadiusRatios = Annotated[Sequence[float], SEVERAL, within(1 + 1e-6, 1e3)]
+RadiusRatios = Annotated[Sequence[float], SEVERAL, within(1 + 1e-6, 1e3), UNSHOWN]
 GrowthLaw = Literal["isotropic", "tangential", "both"]
 
 
@@ -668,7 +668,7 @@ class Critical(Theory):
     _: KW_ONLY
     law: GrowthLaw = "both"
     """Growth of the cortex."""
-    ratio: Annotated[RadiusRatios, UNSHOWN] = ()
+    ratio: RadiusRatios = ()
     """C/B: outer radius / interface radius; numbers or FROM:TO:COUNT (default: 1.02:1.3:15)."""
     thickness: Annotated[Lengths, UNSHOWN] = ()
     """Of the cortex [mm], instead of --ratio; numbers or FROM:TO:COUNT."""

@@ -19,7 +19,7 @@ from morphofold.cohort import statistics as stats
 from morphofold.cohort.tables import Group
 from morphofold.progress import Progress, silent
 from morphofold.quantities import CATEGORICAL_COLOURS, MAP_OF_SCALAR, THICKNESS_RATIO, quantity, scalar_words
-from morphofold.report.pages.templates import SIDES, PictureEntry, paragraph, plural, write_page, write_picture
+from morphofold.report.pages.templates import SIDES, Pictures, paragraph, plural, write_page, write_picture
 from morphofold.report.pictures.surfaces import Row, figure
 from morphofold.report.plots import charts as plots
 from morphofold.report.plots.figure_style import ticks
@@ -232,14 +232,14 @@ def _thickness_plot(group: Group, sides: Sequence[Side], kind: str) -> dict[str,
 
 def draw_outliers(
     far: Sequence[Sequence[stats.Outlier]], group: Group, scalars: stats.Scalars, folder: Path
-) -> list[PictureEntry]:
+) -> Pictures:
     """Write ``folder/outlier-01.png`` and so on, one for the first outlier of each subject: lateral and medial view.
 
     Returns an entry for each, for the page: the ``outlier``, the ``rest`` of the subject's, the ``typical`` subject
     beside it in the same colours and at one scale, who is nearest to the median, the ``map``, and the ``file`` and its
     ``data``, or the ``reason`` why there is none.
     """
-    entries: list[PictureEntry] = []
+    entries: Pictures = []
     for k, (outlier, *rest) in enumerate(far, start=1):
         apart = np.abs(scalars[outlier.measure][:, stats.HEMIS.index(outlier.hemi)] - outlier.median)
         typical = group.subjects[np.nanargmin(apart)]

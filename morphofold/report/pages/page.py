@@ -27,7 +27,7 @@ from morphofold.provenance import records_as_read
 from morphofold.quantities import HEADLINE_SCALARS, MAIN_MAPS, RELIEF, find, quantity, scalar_words
 from morphofold.report.pages import entries as contents
 from morphofold.report.pages.entries import Entries, Entry, entries_of
-from morphofold.report.pages.templates import PictureEntry, methods_of, write_page, write_picture
+from morphofold.report.pages.templates import Pictures, methods_of, write_page, write_picture
 from morphofold.report.pages.viewer import VIEWER_SCRIPTS, ShownMaps, entries_with_map, shown_maps, thinned, viewer_data
 from morphofold.report.pictures.gyral_net import clear_examples, hinge_pairs, net_figure, net_row
 from morphofold.report.pictures.sheet import safe_name
@@ -131,7 +131,7 @@ def _drawn_surface(entries: Entries) -> str:
 # pictures ----------------------------------------------------------------------------------------------------
 
 
-def _write_pictures(folder: Path, entries: Entries, shown: ShownMaps) -> list[PictureEntry]:
+def _write_pictures(folder: Path, entries: Entries, shown: ShownMaps) -> Pictures:
     """Write ``folder/KEY.png`` for maps and the gyral net; return them for the page."""
     which, pictures = _drawn_surface(entries), []
     surfaces = {e: Surface(getattr(e.cortex, which).verts[e.display.ids], e.display.faces, e.name) for e in entries}
@@ -149,7 +149,7 @@ def _write_pictures(folder: Path, entries: Entries, shown: ShownMaps) -> list[Pi
     return [picture.result() for picture in pictures]
 
 
-def _write_hinge_pairs(folder: Path, comparison: Comparison) -> list[PictureEntry]:
+def _write_hinge_pairs(folder: Path, comparison: Comparison) -> Pictures:
     """Write ``folder/hinges-1.png`` and so on: pairs of hinges for each two groups whose surfaces have a graph."""
     pictures = []
     for k, groups in enumerate(comparison.hinges, start=1):
@@ -172,7 +172,7 @@ def _histograms(maps: Sequence[tuple[Entry, Array]], label: str, unit: str) -> M
 def _charts(entries: Entries, comparison: Comparison) -> dict[str, Any]:
     """The other charts, by their names in the template."""
     terms = [(e, e.folding) for e in entries if e.folding is not None]
-    paths = {c.name: [t for t in c.folding if t is not None] for c in comparison.growth}
+    paths = [(c.name, [t for t in c.folding if t is not None]) for c in comparison.growth]
     theory = [(t.slope, f"linear theory at a stiffness ratio of {t.mu_ratio:.3g}") for t in comparison.theory]
     numbers, growth_charts = [(e, dimensionless_numbers(e.measures)) for e in entries if comparison.growth], []
     for key in comparison.growth[0].numbers if comparison.growth else ():
@@ -183,7 +183,7 @@ def _charts(entries: Entries, comparison: Comparison) -> dict[str, Any]:
         "scatter": charts.thickness_plot([(e, e.cloud) for e in entries], theory),
         "ratio": _thickness_ratio_chart(entries),
         "growth_charts": growth_charts,
-        "law": charts.folding_plot(terms, [(name, path) for name, path in paths.items() if len(path) > 1]),
+        "law": charts.folding_plot(terms, [(name, path) for name, path in paths if len(path) > 1]),
     }
 
 

@@ -16,7 +16,7 @@ from morphofold import geometry
 from morphofold.cohort.phases import Phases, RunResult
 from morphofold.io import read_surface
 from morphofold.progress import Progress, silent
-from morphofold.report.pages.templates import PictureEntry, picture_entry, write_page
+from morphofold.report.pages.templates import Pictures, picture_entry, write_page
 from morphofold.report.pictures.surfaces import extent
 from morphofold.report.plots import phase_plots as plots
 from morphofold.report.plots.figure_style import save
@@ -65,7 +65,7 @@ def _wavelength_ratio(phases: Phases, at: plots.GridIndex) -> float:
 
 def _write_slices(
     phases: Phases, folder: Path, name: str, title: str, draw: Callable[[plots.GridIndex], Any]
-) -> list[PictureEntry]:
+) -> Pictures:
     """Write the figure that ``draw`` makes at each place on the third and further axes; return an entry for each."""
     entries = []
     for k, others in enumerate(plots.slices(phases), start=1):
@@ -76,7 +76,7 @@ def _write_slices(
     return entries
 
 
-def _write_thumbnails(phases: Phases, folder: Path) -> list[PictureEntry]:
+def _write_thumbnails(phases: Phases, folder: Path) -> Pictures:
     """Write thumbnails of the first seed, pial surfaces or sections of strips: one grid per diagram, all at one
     scale."""
     drawn = {at: _drawn_surface(phases.at[at][0]) for at in phases.grid.places}

@@ -26,6 +26,7 @@ from morphofold.words import number, percent, span
 REPORTED_PACKAGES = ("numpy", "scipy", "trimesh", "nibabel", "networkx", "numba", "pyvista")
 SIDES = {"lh": "left", "rh": "right"}
 PictureEntry = dict[str, Any]  # title, file and data of a picture, and what else a template says of it
+Pictures = list[PictureEntry]
 REFERENCES = "References, of which those are listed that the text names\n"
 MOST_VALUES_LISTED = 3  # values of a scale; of more, the least and the greatest
 

@@ -114,11 +114,11 @@ def pack(e: Entry, steps: Mapping[str, float]) -> "Packed":
     surface also marks this point on the others of the same person.
     """
     cortex, ids, packed = e.cortex, e.display.ids, Packed(e.measures, e.display.ids, steps)
-    packed.add("faces", e.display.faces.astype(np.uint32).ravel(), stride=3)
-    packed.add("ids", ids.astype(np.uint32))
+    packed.add("faces", e.display.faces, stride=3)
+    packed.add("ids", ids)
     packed.meta |= {"name": e.name, "hemi": cortex.hemi, "sided": cortex.origin != "simulation"}
     if cortex.regions is not None:
-        packed.add("regions", (cortex.regions.labels[ids] + 1).astype(np.uint16))
+        packed.add("regions", cortex.regions.labels[ids] + 1, dtype=np.uint16)
         packed.meta["regions"] = ["no region", *cortex.regions.names]
     if e.person is not None and cortex.sphere is not None:
         box = packed.positions("sphere", unit(cortex.sphere.verts[ids]))
@@ -128,8 +128,8 @@ def pack(e: Entry, steps: Mapping[str, float]) -> "Packed":
         for _, _, crest in e.measures.graph.edges(data=True):
             near = tree.query(crest["polyline"])[1]
             crests.append(near[np.flatnonzero(np.diff(near, prepend=-1))])  # drop consecutive repeats
-        packed.add("crest-ids", np.concatenate([np.empty(0), *crests]).astype(np.uint32))
-        packed.add("crest-ends", np.cumsum([len(line) for line in crests]).astype(np.uint32))
+        packed.add("crest-ids", np.concatenate([np.empty(0), *crests]))
+        packed.add("crest-ends", np.cumsum([len(line) for line in crests]))
         packed.meta["net"] = {"hinges": hinges_of(e.measures, tree)}
     return packed
 
@@ -155,26 +155,26 @@ class Packed:
     def data(self) -> Markup:
         return Markup(base64.b64encode(zlib.compress(self.arrays, 6)).decode())  # base64 needs no escaping
 
-    def add(self, name: str, array: np.ndarray, stride: int = 1) -> None:
-        at = {"at": len(self.arrays), "n": array.size, "bytes": array.itemsize, "stride": stride}
+    def add(self, name: str, array: np.ndarray, stride: int = 1, dtype: Any = np.uint32) -> None:
+        codes = array.astype(dtype).ravel()
+        at = {"at": len(self.arrays), "n": codes.size, "bytes": codes.itemsize, "stride": stride}
         self.meta["arrays"][name] = at
-        self.arrays += encode(array, stride)
+        self.arrays += encode(codes, stride)
 
     def positions(self, name: str, verts: np.ndarray) -> Shown:
         """Add positions, and return their box."""
         low = verts.min(axis=0)
         edge = float((verts.max(axis=0) - low).max()) or 1.0
-        self.add(name, np.round((verts - low) / edge * 65535).astype(np.uint16).ravel(), stride=3)
+        self.add(name, np.round((verts - low) / edge * 65535), stride=3, dtype=np.uint16)
         return {"low": low.round(5).tolist(), "edge": round(edge, 5)}
 
     def add_map(self, key: str, values: PerVertex, step: float) -> None:
         """Add a map; its limits are those of the codes, not of the values."""
         known = np.isfinite(values)
         low, high = (float(values[known].min()), float(values[known].max())) if known.any() else (0.0, 1.0)
-        codes = np.full(len(values), NAN_CODE_16_BIT, dtype=np.uint16)
         step = max(step, (high - low) / (NAN_CODE_16_BIT - 1)) or 1.0
-        codes[known] = np.round((values[known] - low) / step)
-        self.add(f"map:{key}", codes)
+        codes = np.where(known, np.round((values - low) / step), NAN_CODE_16_BIT)
+        self.add(f"map:{key}", codes, dtype=np.uint16)
         self.meta["maps"][key] = {"low": low, "high": low + step * (NAN_CODE_16_BIT - 1)}
 
 
