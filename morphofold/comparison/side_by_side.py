@@ -142,8 +142,7 @@ class Comparison:
         """
         with atomic_folder(out) as folder:
             draw("comparison_page", self, folder, progress=progress)
-            content = {"morphofold": __version__, **self.to_dict()}
-            write_json(folder / "comparison.json", content)
+            write_json(folder / "comparison.json", {"morphofold": __version__, **self.to_dict()})
             write_table(folder / "comparison.tsv", ("measure", *self.names), self.table)
             write_people(self.people, folder)
         return Path(out) / "report.html"

@@ -68,9 +68,9 @@ class Fit:
 
     def at(self, cortical: Array) -> Array:
         """Gyral thickness [mm] of the robust line, else of that by least squares, at cortical thicknesses (P,) [mm]."""
-        known = np.isfinite(self.robust)
-        slope, start = (self.robust, self.robust_intercept) if known else (self.slope, self.intercept)
-        return start + slope * cortical
+        if np.isfinite(self.robust):
+            return self.robust_intercept + self.robust * cortical
+        return self.intercept + self.slope * cortical
 
 
 @dataclass(frozen=True)
@@ -114,14 +114,13 @@ def thickness_cloud(measures: Measures) -> Cloud:
     cortical thickness show the spread (median and quartiles). The line is fitted to at least three regions or crests,
     never to bins: their vertices are not independent.
     """
-    thinnest = 0.5 * (measures.scalars.get("mean_cortical_thickness_mm") or 0.0)
     gyral, cortical = map(measures.scalars.get, WHOLE_SURFACE_THICKNESSES)
     whole = {GYRAL: gyral, CORTICAL: cortical, "whole": "whole surface"}
     for kind, rows in (("region", measures.regions), ("crest", measures.crests), ("whole", [whole])):
         points = tuple(
             ThicknessPoint(float(row[CORTICAL]), float(row[GYRAL]), str(row.get(kind, kind)))
             for row in _with_both_thicknesses(rows)
-            if kind != "crest" or row[CORTICAL] >= thinnest
+            if kind != "crest" or row[CORTICAL] >= 0.5 * (cortical or 0.0)
         )
         if points:
             return Cloud(kind, points, () if kind == "region" else _vertex_bins(measures), fit_line(points))

@@ -139,10 +139,8 @@ def called(quantity: str) -> str:
     return "pial distance, over T" if quantity == "pial distance" else quantity
 
 
-def errors_of_run(scene: Scene, edge_over_T: float | None) -> Errors:
-    """Expected errors of a run, from its largest surface edge over the thickness; None if that is not known."""
-    if edge_over_T is None:
-        return Errors({}, "")
+def errors_of_run(scene: Scene, edge_over_T: float) -> Errors:
+    """Expected errors of a run, from its largest surface edge over the thickness."""
     if outside := not_studied(scene, edge_over_T):
         return Errors({}, f"not studied for this {', '.join(outside).replace('_', ' ')}", (), outside)
     law, last, doubts = TABLE["errors"], scene.growth.final, []
@@ -249,13 +247,13 @@ def cost_of(health: Mapping[str, Any], scene: Scene) -> Cost:
         labels[effect] = "effect" if effect in parts else f"effect: {where}"
     edge = health.get("surface_edge_mm")
     return Cost(
-        {"elements": health.get("elements"), "steps": health.get("steps")},
+        {name: health.get(name) for name in ("elements", "steps")},
         health.get("threads"),
         seconds,
         parts,
         labels,
         health.get("peak_memory_GiB"),
-        errors_of_run(scene, None if edge is None else edge / scene.thinnest),
+        Errors({}, "") if edge is None else errors_of_run(scene, edge / scene.thinnest),
     )
 
 

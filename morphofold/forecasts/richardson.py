@@ -276,5 +276,5 @@ def distance(surface: Surface, other: Surface) -> float:
     for start, end in ((surface, other), (other, surface)):
         mesh: Any = pyvista.PolyData.from_regular_faces(end.verts, end.faces)  # type: ignore[arg-type]
         _, nearest = mesh.find_closest_cell(start.verts, return_closest_point=True)
-        one_way.append(float(np.linalg.norm(start.verts - nearest, axis=1).mean()))
+        one_way.append(np.linalg.norm(start.verts - nearest, axis=1).mean())
     return 0.5 * sum(one_way)
