@@ -13,13 +13,13 @@ from morphofold.cli import main
 from morphofold.forecasts import forecast
 from morphofold.forecasts.cost import (
     OTHER,
-    cost_beside,
     cost_line,
     cost_of,
     errors_of_run,
     expected_errors,
     headline,
     not_studied,
+    stored_cost,
 )
 from morphofold.forecasts.forecasting import (
     MOST_TIMED_BRICKS,
@@ -287,10 +287,9 @@ def test_the_cost_of_a_run_adds_up_and_leaves_no_effect_out(tmp_path):
     assert percent(headline(expected_errors(0.5))[1].error) in cost_line(like)
     assert like.expected.doubts
     assert ".." not in cost_line(like)  # doubts are sentences, joined as such
-    stage = next((tmp_path / "run" / "stages").glob("*/stage.json"))
-    assert cost_beside(stage) == cost
+    assert stored_cost(run.path) == cost
     (tmp_path / "run" / "health.json").unlink()
-    assert cost_beside(stage) is None
+    assert stored_cost(run.path) is None
 
 
 def test_the_page_of_a_simulation_says_what_it_cost(here, capsys, monkeypatch):

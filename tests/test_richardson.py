@@ -183,7 +183,7 @@ def test_an_estimate_goes_on_after_a_stop_and_is_on_the_page(tmp_path, monkeypat
     assert not [path for path in run.path.iterdir() if is_temporary(path) or path.name == "lock"]
     written = (run.path / "error.json").read_bytes()
     stage = next((run.path / "stages").glob("*/stage.json"))
-    assert stored_estimate(stage) == whole
+    assert stored_estimate(run.path) == whole
     content = json.loads(written, parse_constant=pytest.fail)
     assert content["not_studied"] == ["edge", "growth"]
     assert content["pace"] == whole.pace
@@ -224,14 +224,14 @@ def test_an_estimate_goes_on_after_a_stop_and_is_on_the_page(tmp_path, monkeypat
 
     for before in ({**content, "pace": None}, {name: it for name, it in content.items() if name != "pace"}):
         (run.path / "error.json").write_text(json.dumps(before))
-        assert stored_estimate(stage) == replace(whole, pace=None)  # of a scene without a slower run; an early one
+        assert stored_estimate(run.path) == replace(whole, pace=None)  # of a scene without a slower run; an early one
     (run.path / "error.json").write_text(json.dumps({**content, "pace": {"pial distance": "small"}}))
-    assert stored_estimate(stage) is None
+    assert stored_estimate(run.path) is None
     (run.path / "error.json").write_bytes(written)
 
     health = run.path / "health.json"
     health.write_text(health.read_text().replace('"seconds"', '"seconds "'))  # another run's estimate isn't shown
-    assert stored_estimate(stage) is None
+    assert stored_estimate(run.path) is None
 
 
 @pytest.mark.slow

@@ -181,7 +181,7 @@ def measured_errors(cortices: Sequence[Cortex], accuracy: str) -> Errors:
         "no accuracy is listed as better than a slower one"
     )
     errors = {
-        name: Measured(law[accuracy], COMPARISONS.get(law["against"], law["against"]))
+        name: Measured(law[accuracy], COMPARISONS[law["against"]])
         for name, law in nearest["quantities"].items()
     }
     return Errors(errors, how, tuple(doubts))
@@ -257,9 +257,8 @@ def cost_of(health: Mapping[str, Any], scene: Scene) -> Cost:
     )
 
 
-def cost_beside(stage: Path) -> Cost | None:
-    """Cost of the run that wrote a ``stage.json``; None if its folder is incomplete or does not exist any more."""
-    folder = stage.parents[2]
+def stored_cost(folder: Path) -> Cost | None:
+    """Cost of the run in a folder; None if it is incomplete or does not exist any more."""
     try:
         return cost_of(read_health(folder), load_scene(folder / "scene.toml"))
     except (OSError, ValueError):

@@ -32,7 +32,7 @@ LEAST_TIME_RATIO = 0.1  # least time of the range, over the expected time
 #: most bricks (as a scene counts them) of a body that is built and timed; larger bodies are scaled
 MOST_TIMED_BRICKS = 330_000
 TIMING_SECONDS = 0.8  # time for which steps are taken
-LEAST_AND_MOST_BLOCKS = 3, 60  # of steps, at least and at most
+LEAST_BLOCKS, MOST_BLOCKS = 3, 60  # of steps, at least and at most
 GROWTH_PER_BLOCK = 1e-6  # growth in each block
 BUSY_MACHINE_RATIO = 1.5  # slower over fastest block: beyond it a machine is called busy
 PORTIONS = ("full", "half", "quarter", "octant")
@@ -366,8 +366,7 @@ def _time_steps(run: Dynamics) -> tuple[dict[str, float], float, float]:
     block()  # loads kernels, fills caches
     started = working_seconds()
     taken: list[dict[str, float]] = []
-    least, most = LEAST_AND_MOST_BLOCKS
-    while len(taken) < least or (working_seconds() - started < TIMING_SECONDS and len(taken) < most):
+    while len(taken) < LEAST_BLOCKS or (working_seconds() - started < TIMING_SECONDS and len(taken) < MOST_BLOCKS):
         taken.append(block())
     taken.sort(key=lambda phases: sum(phases.values()))
     totals = [sum(phases.values()) for phases in taken]

@@ -206,9 +206,8 @@ def estimate_error(run: Simulation, *, threads: int | None = None, progress: Pro
     return estimate
 
 
-def stored_estimate(stage: Path) -> Estimate | None:
-    """The estimate of the run that wrote a ``stage.json``; None if this run has none, or it is incomplete."""
-    folder = stage.parents[2]
+def stored_estimate(folder: Path) -> Estimate | None:
+    """The estimate of the run in a folder; None if it has none, or it is incomplete."""
     try:
         content = read_json(folder / ERROR_FILE, Record, "")  # the fields of an estimate, and a digest
         is_of_run = content.get("health_sha256") == sha256_of(folder / "health.json")

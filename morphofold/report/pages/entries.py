@@ -19,7 +19,7 @@ from morphofold.arrays import Ints
 from morphofold.comparison import Comparison
 from morphofold.comparison.side_by_side import matching_growth
 from morphofold.comparison.thickness import Cloud
-from morphofold.forecasts.cost import Cost, cost_beside, cost_of_analysis
+from morphofold.forecasts.cost import Cost, cost_of_analysis, stored_cost
 from morphofold.geometry import norms
 from morphofold.mesh_quality.checks import cortex_label, vertices_at
 from morphofold.mesh_quality.defects import SEVERE_WARNINGS, SLIGHT_WARNINGS, WARNINGS
@@ -135,12 +135,12 @@ def costs(entries: Entries, clock: Stages | None = None) -> list[tuple[str, Cost
     """Title, cost and estimated errors of each simulation whose folder is complete, and of the analysis of a clock."""
     rows = []
     for e in entries:
-        for stage in (file for file in map(Path, e.cortex.files) if file.name == "stage.json"):
-            if (cost := cost_beside(stage)) is not None:
+        for run in (file.parents[2] for file in map(Path, e.cortex.files) if file.name == "stage.json"):
+            if (cost := stored_cost(run)) is not None:
                 # loads the solver, which a person does not need
                 from morphofold.forecasts.richardson import stored_estimate
 
-                rows.append((f"The simulation of {e.name}", cost, stored_estimate(stage)))
+                rows.append((f"The simulation of {e.name}", cost, stored_estimate(run)))
     if clock is not None:
         rows.append(("The analysis", cost_of_analysis([e.measures for e in entries], clock), None))
     return rows
