@@ -65,7 +65,7 @@ def test_the_null_of_balanced_maps_is_a_half(ball, rng):
     points, _, areas = ball
     one, other = (classes(values(random_folds(rng), points), areas) for _ in range(2))
     statistic = agreement_of_classes([one], other, areas)
-    null = null_values([statistic], points, NearestTable(points), rotations(300))[0][:, 0]
+    null = null_values([statistic], points, points, 300, 0)[0][:, 0]
     assert null.mean() == pytest.approx(0.5, abs=4 * null.std() / np.sqrt(300))
     assert 0.005 < null.std() < 0.1
 

@@ -147,7 +147,7 @@ def _with_both_thicknesses(rows: Sequence[Row]) -> list[Row]:
 
 def _vertex_bins(measures: Measures) -> tuple[ThicknessPoint, ...]:
     """Vertices that have both thicknesses, in bins of equal count by cortical thickness."""
-    cortical, gyral = (find(measures.maps, name) for name in ("cortical_thickness", "gyral_thickness"))
+    cortical, gyral = find(measures.maps, "cortical_thickness"), find(measures.maps, "gyral_thickness")
     if cortical is None or gyral is None:
         return ()
     count = np.isfinite(cortical + gyral).sum() // LEAST_VERTICES_OF_A_BIN

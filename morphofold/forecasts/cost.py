@@ -180,10 +180,7 @@ def measured_errors(cortices: Sequence[Cortex], accuracy: str) -> Errors:
         f"({nearest['subject']}: {vertices:,} vertices) for docs/accuracy.md, once each; "
         "no accuracy is listed as better than a slower one"
     )
-    errors = {
-        name: Measured(law[accuracy], COMPARISONS[law["against"]])
-        for name, law in nearest["quantities"].items()
-    }
+    errors = {name: Measured(law[accuracy], COMPARISONS[law["against"]]) for name, law in nearest["quantities"].items()}
     return Errors(errors, how, tuple(doubts))
 
 

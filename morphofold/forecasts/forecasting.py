@@ -364,8 +364,7 @@ def _time_steps(run: Dynamics) -> tuple[dict[str, float], float, float]:
         return {name: seconds / STEPS_PER_MEASUREMENT for name, seconds in run.seconds.items()}
 
     block()  # loads kernels, fills caches
-    started = working_seconds()
-    taken: list[dict[str, float]] = []
+    started, taken = working_seconds(), [block()]
     while len(taken) < LEAST_BLOCKS or (working_seconds() - started < TIMING_SECONDS and len(taken) < MOST_BLOCKS):
         taken.append(block())
     taken.sort(key=lambda phases: sum(phases.values()))

@@ -23,7 +23,7 @@ import numpy as np
 from morphofold.analysis.multiple_tests import SIGNIFICANCE
 from morphofold.arrays import Array, Ints
 from morphofold.comparison.person.bodies import centred
-from morphofold.spheres.spins import NearestTable, p_value
+from morphofold.spheres.spins import NearestTable, p_value, rotations
 from morphofold.threads import one_blas_thread
 
 SPINS = 500
@@ -110,14 +110,14 @@ class Agreement:
 
 
 @one_blas_thread()
-def null_values(statistics: Sequence[Statistic], points: Array, table: NearestTable, turns: Array) -> list[Array]:
-    """Each statistic (T, K) under T rotations (T, 3, 3) of the source below the target points (N, 3).
+def null_values(statistics: Sequence[Statistic], points: Array, source: Array, spins: int, seed: int) -> list[Array]:
+    """Each statistic (T, K) under T random rotations of the source vertices (N, 3) below the target points (P, 3).
 
     Under the rotation R the target point s lies over the source point R^T s. Sums run in one thread: they are short,
     and the same on every machine.
     """
-    samples = []
-    for turn in turns:
+    table, samples = NearestTable(source), []
+    for turn in rotations(spins, seed):
         nearest = table(points @ turn)
         samples.append([statistic(nearest, turn) for statistic in statistics])
     return [np.stack(sample) for sample in zip(*samples)]

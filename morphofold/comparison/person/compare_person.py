@@ -28,7 +28,6 @@ from morphofold.errors import MissingPart, Refusal
 from morphofold.io import write_gifti_map
 from morphofold.provenance import json_value
 from morphofold.quantities import RELIEF
-from morphofold.spheres.spins import NearestTable, rotations
 from morphofold.tables import write_table
 from morphofold.words import listed, number
 
@@ -242,8 +241,7 @@ def compare_with_person(
     if regions is not None:
         statistics.append(regions.correlations)
     values = [statistic(bodies.to_grown.nearest, np.eye(3)) for statistic in statistics]
-    table, turns = NearestTable(bodies.person.points), rotations(spins, seed)
-    null = null_values(statistics, bodies.grown.points, table, turns)
+    null = null_values(statistics, bodies.grown.points, bodies.person.points, spins, seed)
     on = {"person": bodies.person, "smooth": bodies.grown, "grown": bodies.grown}
     given_maps = (grown.cortex.info.get("grown_from") or {}).get("maps", [])
     return PersonComparison(

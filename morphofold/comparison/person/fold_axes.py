@@ -33,7 +33,8 @@ def axes_of_bodies(bodies: Bodies) -> dict[str, Axes]:
         fold_axes(body.pial, body.points, body.measures.parameters.get("curvature_scale_mm"), body.cortex)
         for body in (bodies.person, bodies.grown)
     )
-    smooth, deepened = (smooth_axes(surface, bodies.grown.points) for surface in (bodies.smooth, bodies.deepened))
+    points = bodies.grown.points
+    smooth, deepened = smooth_axes(bodies.smooth, points), smooth_axes(bodies.deepened, points)
     return {"person": person, "grown": grown, "smooth": smooth, "deepened": deepened}
 
 

@@ -114,6 +114,7 @@ def numbers_of_regions(bodies: Bodies) -> RegionNumbers | None:
     regions, person, grown = bodies.person.measures.cortex.regions, bodies.person, bodies.grown
     if regions is None:
         return None
+    count = len(regions.names)
     no_cortex = [k for k, name in enumerate(regions.names) if is_no_cortex(name)]
     labels = np.where(person.cortex & ~np.isin(regions.labels, no_cortex), regions.labels, -1)
     at_grown = np.where(grown.cortex, bodies.to_grown.of_nearest(labels), -1)
@@ -122,8 +123,11 @@ def numbers_of_regions(bodies: Bodies) -> RegionNumbers | None:
         for m in bodies.controls.values()
     )
     of_grown = region_fields(grown)
-    fields = {"person": (labels, region_fields(person)), "smooth": (at_grown, smooth), "grown": (at_grown, of_grown)}
-    numbers = {body: region_numbers(at, len(regions.names), own) for body, (at, own) in fields.items()}
+    numbers = {
+        "person": region_numbers(labels, count, region_fields(person)),
+        "smooth": region_numbers(at_grown, count, smooth),
+        "grown": region_numbers(at_grown, count, of_grown),
+    }
     return RegionNumbers(regions.names, labels, numbers, (of_grown, smooth, deepened), grown.weights)
 
 
