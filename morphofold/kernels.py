@@ -12,7 +12,6 @@ from typing import Any
 import numba
 import numpy as np
 from numba.core import caching, types
-from numpy.typing import NDArray
 from scipy import sparse
 
 import morphofold.threads  # noqa: F401  (how numba's threads wait is set before they start)
@@ -50,7 +49,7 @@ def reading(*values: Any) -> tuple[Any, ...]:
             rows = [part.astype(np.int32, copy=False).view(np.uint32) for part in (value.indptr, value.indices)]
             read += reading(*rows) if value.dtype == bool else reading(*rows, value.data)
         elif isinstance(value, np.ndarray):
-            view: NDArray[Any] = np.ascontiguousarray(value).view()
+            view: np.ndarray = np.ascontiguousarray(value).view()
             view.flags.writeable = False
             read.append(view)
         else:

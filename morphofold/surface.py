@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from morphofold import validators
 from morphofold.arrays import Array, Bools, Ints, cannot_change, read_only
@@ -151,7 +150,7 @@ class Regions:
 
     labels: Ints
     names: tuple[str, ...]
-    colours: NDArray[np.uint8]
+    colours: np.ndarray
     name: str = "aparc"
 
     def __repr__(self) -> str:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from morphofold.arrays import Array, Bools, Ints
 from morphofold.errors import DamagedFile, NamedTwice, OutOfRange, WrongFile, WrongShape
@@ -111,12 +111,12 @@ def _is_map(raw: bytes) -> bool:
     return raw.startswith(QUAD_MAGIC) and raw[11:15] == struct.pack(">i", 1)
 
 
-def write_curv(path: Path, values: NDArray[np.float32], **_: Any) -> None:
+def write_curv(path: Path, values: np.ndarray, **_: Any) -> None:
     """Write checked values (N,) as a FreeSurfer "curv" file."""
     _write(path, read_curv, "write_morph_data", values)
 
 
-def write_mgh(path: Path, values: NDArray[np.float32], **_: Any) -> None:
+def write_mgh(path: Path, values: np.ndarray, **_: Any) -> None:
     """Write checked values (N,) as MGH, a volume of N x 1 x 1 voxels, as FreeSurfer stores surface overlays."""
     from nibabel.freesurfer.mghformat import MGHImage
 

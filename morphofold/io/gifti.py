@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from morphofold.arrays import Bools
 from morphofold.errors import DamagedFile, WrongFile
@@ -135,7 +134,7 @@ def write_surface(path: Path, surface: Surface, *, scanner: bool = False) -> Non
     _write_image(path, [(points, "pointset", meta), (triangles, "triangle", {})], frame=int(scanner))
 
 
-def write_map(path: Path, values: NDArray[np.float32], name: str, hemi: str | None) -> None:
+def write_map(path: Path, values: np.ndarray, name: str, hemi: str | None) -> None:
     """Write checked values (N,) as a GIFTI map; ``name`` is by default that of the file."""
     meta = {"Name": name or path.name.split(".gii")[0]}
     _write_image(path, [(values, "shape", meta)], _structure_metadata(path, hemi))
@@ -160,7 +159,7 @@ def _structure_metadata(path: Path, hemi: str | None = None) -> dict[str, str]:
 
 def _write_image(
     path: Path,
-    arrays: Iterable[tuple[NDArray[Any], str, dict[str, str]]],
+    arrays: Iterable[tuple[np.ndarray, str, dict[str, str]]],
     meta: Mapping[str, str] = {},
     labels: Iterable[tuple[str, tuple[float, ...]]] = (),
     frame: int | None = None,

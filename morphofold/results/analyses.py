@@ -12,6 +12,7 @@ from morphofold.errors import MissingPart, NamedTwice, NothingToDo, WrongFile
 from morphofold.forecasts.cost import WRITING_STAGE, cost_of_analysis
 from morphofold.io import atomic_folder, read_surface
 from morphofold.io.cortices import SurfaceRecord
+from morphofold.io.files import StrPath
 from morphofold.io.folders import refuse_overlap
 from morphofold.io.json_files import Count, FileWord, Number, Record, file_word, read_json, write_json
 from morphofold.provenance import Row, changed_since, digests, printable, records_as_read
@@ -65,7 +66,7 @@ def check_wide(cortices: Sequence[Cortex]) -> None:
 
 def write_analysis(
     measures: Sequence[Measures],
-    out: str | Path,
+    out: StrPath,
     *,
     failed: Mapping[str, str] | None = None,
     inputs: Iterable[str | Path] = (),
@@ -189,7 +190,7 @@ def _surface_entry(m: Measures) -> Row:
     }
 
 
-def write_dataset(measures: Sequence[Measures], dataset: str | Path, name: str, **options: Any) -> Path:
+def write_dataset(measures: Sequence[Measures], dataset: StrPath, name: str, **options: Any) -> Path:
     """Write an analysis as a subject of a BIDS derivatives dataset, completely or not at all.
 
     Parameters
@@ -240,7 +241,7 @@ def _check_hemispheres(cortices: Sequence[Cortex]) -> None:
         )
 
 
-def read_analysis(folder: str | Path) -> list[Measures]:
+def read_analysis(folder: StrPath) -> list[Measures]:
     """Read what ``write_analysis`` wrote, or a subject that ``write_dataset`` wrote.
 
     Maps are read from GIFTI, so NaN stays NaN; coordinates and maps have the precision of float32. What a BIDS dataset
@@ -281,7 +282,7 @@ def _why_no_analysis(folder: Path) -> str:
     return f"holds no summary.json. {advice}"
 
 
-def read_pial(folder: str | Path, hemi: str, name: str) -> tuple[Surface, PerVertex | None]:
+def read_pial(folder: StrPath, hemi: str, name: str) -> tuple[Surface, PerVertex | None]:
     """Read the pial surface of one hemisphere of an analysis, and its map ``name`` (N,), None if it has none; raises as
     :func:`read_analysis`. In a BIDS dataset the surface is in scanner coordinates."""
     layout = Layout.of(Path(folder))
@@ -290,7 +291,7 @@ def read_pial(folder: str | Path, hemi: str, name: str) -> tuple[Surface, PerVer
     return pial, read_map(layout, hemi, name, len(pial.verts)) if has_map else None
 
 
-def read_stages(folder: str | Path) -> list[Measures]:
+def read_stages(folder: StrPath) -> list[Measures]:
     """Read the analyses of the stages of one simulation: ``folder``/g1.20 and so on, in the order of their growth.
 
     Raises
@@ -313,7 +314,7 @@ def read_stages(folder: str | Path) -> list[Measures]:
     return stages
 
 
-def is_analysis_of(folder: str | Path, cortex: Cortex, parameters: Mapping[str, Any]) -> bool:
+def is_analysis_of(folder: StrPath, cortex: Cortex, parameters: Mapping[str, Any]) -> bool:
     """Whether ``folder`` is an unchanged analysis by this version, of the same files as ``cortex``, with these
     parameters."""
     folder = Path(folder)

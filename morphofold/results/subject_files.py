@@ -18,7 +18,7 @@ from morphofold.analysis.measures import Measures
 from morphofold.errors import DoesNotApply
 from morphofold.geometry import vertex_areas
 from morphofold.io import atomic_file, write_morph
-from morphofold.io.files import check_above
+from morphofold.io.files import StrPath, check_above
 from morphofold.io.folders import MARKER_FILE
 from morphofold.io.json_files import Record, read_json, write_json
 from morphofold.mesh_quality.checks import cortex_label
@@ -42,7 +42,7 @@ def stats_name(m: Measures) -> str:
     return f"{m.cortex.hemi}.{parcellation}.gyral.stats"
 
 
-def write_gyral_stats(path: str | Path, m: Measures) -> None:
+def write_gyral_stats(path: StrPath, m: Measures) -> None:
     """Write the regions of a hemisphere in FreeSurfer's stats format.
 
     Parameters
@@ -106,7 +106,7 @@ class _WrittenRecord(Record):
     before: dict[str, str] = {}
 
 
-def check_subject(folder: str | Path) -> Path:
+def check_subject(folder: StrPath) -> Path:
     """The folder of a FreeSurfer subject into which files can be written.
 
     Raises
@@ -131,7 +131,7 @@ def check_subject(folder: str | Path) -> Path:
     return folder
 
 
-def write_into_subject(measures: Sequence[Measures], folder: str | Path) -> tuple[list[str], list[str]]:
+def write_into_subject(measures: Sequence[Measures], folder: StrPath) -> tuple[list[str], list[str]]:
     """Write measures into the FreeSurfer subject that they are of, all files or none.
 
     Parameters

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -38,11 +38,11 @@ class UnfoldedSide(NamedTuple):
         return all_values
 
 
-TableRows = Sequence[Row]
-DrawPage = Callable[[Sequence[UnfoldedSide], TableRows, TableRows, Path], object]
+#: writes the page: called as ``page(unfolded, rows, regions, folder)``
+DrawPage = Callable[..., object]
 
 
-def write_unfolding(unfolded: Sequence[UnfoldedSide], out: str | Path, draw: DrawPage) -> dict[str, Any]:
+def write_unfolding(unfolded: Sequence[UnfoldedSide], out: str | Path, draw: DrawPage) -> Row:
     """Write an unfolding, completely or not at all; returns the content of summary.json.
 
     Parameters
@@ -73,13 +73,13 @@ def write_unfolding(unfolded: Sequence[UnfoldedSide], out: str | Path, draw: Dra
         (folder / "surf").mkdir()
         for side in unfolded:
             unfolding, hemi = side.unfolding, side.cortex.hemi
-            faces, radius = side.mended.source[side.cortex.faces], SPHERE_RADIUS_MM
-            for name, verts in (("smooth", unfolding.smooth().verts), ("sphere", radius * unfolding.points)):
+            faces = side.mended.source[side.cortex.faces]
+            for name, verts in (("smooth", unfolding.smooth().verts), ("sphere", SPHERE_RADIUS_MM * unfolding.points)):
                 surface = Surface(side.at_file_vertices(verts, 0.0), faces, f"{hemi}.{name}")
                 write_surface(folder / "surf" / surface.name, surface)
             ratio = side.at_file_vertices(unfolding.area_ratio(), np.nan)
             write_morph(folder / f"surf/{hemi}.area_ratio", ratio, nan=0.0)
-        write_table(folder / "unfold.tsv", list(COLUMNS), rows)
+        write_table(folder / "unfold.tsv", [*COLUMNS], rows)
         if regions:
             write_table(folder / "regions.tsv", ["hemi"], regions)
         draw(unfolded, rows, regions, folder)
