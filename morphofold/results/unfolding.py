@@ -38,6 +38,7 @@ class UnfoldedSide(NamedTuple):
         return all_values
 
 
+TableRows = Sequence[Row]
 #: writes the page: called as ``page(unfolded, rows, regions, folder)``
 DrawPage = Callable[..., object]
 

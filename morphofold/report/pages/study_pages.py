@@ -20,13 +20,12 @@ from morphofold.inference.overlap_files import DENSITY_MAPS
 from morphofold.inference.permutations import Model
 from morphofold.inference.spaces import Space
 from morphofold.inference.study import Result, cluster_rows, split
-from morphofold.provenance import Row
 from morphofold.quantities import CATEGORICAL_COLOURS, Quantity, quantity
 from morphofold.report.pages.templates import SIDES, PictureEntry, write_page, write_picture
 from morphofold.report.pictures.surfaces import Row, figure
 from morphofold.report.plots.charts import WIDE_CHART_SIZE_PX, limits_around, new_chart, share_plot
 from morphofold.report.plots.figure_style import GREY
-from morphofold.results.unfolding import UnfoldedSide, log_ratio
+from morphofold.results.unfolding import TableRows, UnfoldedSide, log_ratio
 from morphofold.surface import Surface
 from morphofold.words import listed, number
 
@@ -151,7 +150,7 @@ def overlap_report(space: Space, found: Sequence[Overlap], summary: Mapping[str,
 # an unfolding ------------------------------------------------------------------------------------------------
 
 
-def unfold_report(unfolded: Sequence[UnfoldedSide], rows: list[Row], regions: list[Row], folder: Path) -> Path:
+def unfold_report(unfolded: Sequence[UnfoldedSide], rows: TableRows, regions: TableRows, folder: Path) -> Path:
     """Write ``folder/report.html`` and ``folder/figures/area_ratio.png``; returns the path of the page."""
     drawn = []
     for side in unfolded:
