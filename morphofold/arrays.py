@@ -4,7 +4,7 @@ import functools
 import weakref
 from collections.abc import Callable, Hashable
 from threading import Lock
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +13,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-P = ParamSpec("P")
-R = TypeVar("R")
+F = TypeVar("F", bound=Callable[..., Any])
 
 
 def cannot_change(values: np.ndarray) -> bool:
@@ -35,17 +34,17 @@ def read_only(values: Any) -> Any:
     return values
 
 
-def memoized(function: Callable[P, R]) -> Callable[P, R]:
+def memoized(function: F) -> F:
     """Remember the results of a function of arrays, as long as the arrays exist.
 
     Only for arrays that can't change, as those of a Surface. (Never make them writable again.) For other arrays the
     function is called each time. The arrays of a remembered result are read-only.
     """
-    results: dict[tuple[Hashable, ...], R] = {}
+    results: dict[tuple[Hashable, ...], Any] = {}
     locks: dict[tuple[Hashable, ...], Lock] = {}
 
     @functools.wraps(function)
-    def call(*arguments: P.args, **options: P.kwargs) -> R:
+    def call(*arguments: Any, **options: Any) -> Any:
         named = [*arguments, *(part for option in sorted(options.items()) for part in option)]
         arrays = [value for value in named if isinstance(value, np.ndarray)]
         if not all(map(cannot_change, arrays)):
@@ -63,4 +62,4 @@ def memoized(function: Callable[P, R]) -> Callable[P, R]:
         return results[key]
 
     call.results = results  # type: ignore[attr-defined]
-    return call
+    return call  # type: ignore[return-value]

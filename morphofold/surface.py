@@ -72,7 +72,7 @@ class Surface:
     verts: Verts
     faces: Faces
     name: str = "surface"
-    geometry: Mapping[str, Any] | None = field(default=None, repr=False)
+    geometry: Mapping[str, Any] | None = None
     unknown: int = 0
 
     def __post_init__(self) -> None:
@@ -211,19 +211,19 @@ class Cortex:
     pial: Surface
     hemi: str = "lh"
     name: str = "cortex"
-    maps: Mapping[str, PerVertex] = field(default_factory=dict, repr=False)
-    cortex: Bools | None = field(default=None, repr=False)
-    regions: Regions | None = field(default=None, repr=False)
-    inflated: Surface | None = field(default=None, repr=False)
-    sphere: Surface | None = field(default=None, repr=False)
-    registered: Surface | None = field(default=None, repr=False)
+    maps: Mapping[str, PerVertex] = field(default_factory=dict)
+    cortex: Bools | None = None
+    regions: Regions | None = None
+    inflated: Surface | None = None
+    sphere: Surface | None = None
+    registered: Surface | None = None
     origin: str = "files"
     units: str = "mm"
-    transform: Array | None = field(default=None, repr=False)
+    transform: Array | None = None
     portion: float = 1.0
     info: Mapping[str, Any] = field(default_factory=dict)
-    files: tuple[str, ...] = field(default=(), repr=False)
-    inputs: tuple[Mapping[str, Any], ...] = field(default=(), repr=False)
+    files: tuple[str, ...] = ()
+    inputs: tuple[Mapping[str, Any], ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("white", "pial"):

@@ -18,12 +18,8 @@ from morphofold.provenance import Row, clean_name
 from morphofold.surface import PerVertex, Regions, Surface, Verts
 
 _STRUCTURE_OF_HEMI = {"lh": "CortexLeft", "rh": "CortexRight"}
-_SURFACE_METADATA = {  # names as in Connectome Workbench
-    "white": {"GeometricType": "Anatomical", "AnatomicalStructureSecondary": "GrayWhite"},
-    "pial": {"GeometricType": "Anatomical", "AnatomicalStructureSecondary": "Pial"},
-    "inflated": {"GeometricType": "Inflated"},
-    "sphere": {"GeometricType": "Spherical"},
-}
+_GEOMETRIC_TYPES = {"inflated": "Inflated", "sphere": "Spherical"}  # names as in Connectome Workbench
+_SECONDARY_STRUCTURES = {"white": "GrayWhite", "pial": "Pial"}
 _SCANNER = 1  # as in NIfTI; 0 is an unknown frame
 _EXTERNAL_NAME = re.compile(rb"""<DataArray\b[^>]*\bExternalFileName\s*=\s*["']([^"']+)""")
 
@@ -125,7 +121,9 @@ def write_surface(path: Path, surface: Surface, *, scanner: bool = False) -> Non
     sphere.
     """
     kind = re.split(r"[._]", path.name.split(".surf.gii")[0])[-1]
-    meta = _structure_metadata(path) | _SURFACE_METADATA.get(kind, {"GeometricType": "Anatomical"})
+    meta = _structure_metadata(path) | {"GeometricType": _GEOMETRIC_TYPES.get(kind, "Anatomical")}
+    if kind in _SECONDARY_STRUCTURES:
+        meta["AnatomicalStructureSecondary"] = _SECONDARY_STRUCTURES[kind]
     if (footer := surface.geometry) and scanner_transform(footer) is not None:
         meta["VolGeomFname"] = str(footer["filename"])
         for key, names in _FOOTER_KEYS.items():
