@@ -197,7 +197,7 @@ def read_morph(path: StrPath) -> PerVertex:
     ValueError
         If the file is damaged or of another kind, or a value is infinite.
     """
-    values: PerVertex = _read(path, "map")[1]
+    values = np.asarray(_read(path, "map")[1], np.float64)
     _refuse_infinite(path, values)
     return values
 

@@ -48,7 +48,7 @@ def read_surface(raw: bytes, path: Path) -> SurfaceContent:
     else:
         end = 9 + (2 if raw.startswith(QUAD_MAGIC) else 4) * verts.size + 2 * faces.size
         faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
-    return verts, faces.astype(np.int64), _footer(raw[end:])
+    return verts, faces, _footer(raw[end:])
 
 
 def _footer(tail: bytes) -> Row | None:
@@ -99,7 +99,7 @@ def scanner_transform(geometry: Mapping[str, Any] | None) -> Array | None:
 def read_curv(raw: bytes, path: Path) -> PerVertex:
     """Values (N,) of a FreeSurfer "curv" file (thickness, curv, sulc, area, ...), as in the file."""
     if _is_map(raw):
-        return np.frombuffer(raw, ">f4", int.from_bytes(raw[3:7], "big"), 15).astype(np.float64)
+        return np.frombuffer(raw, ">f4", int.from_bytes(raw[3:7], "big"), 15)
     n = int.from_bytes(raw[:3], "big")  # the oldest layout: 3-byte counts, hundredths as int16
     if len(raw) != 6 + 2 * n or n == 0:
         raise WrongFile(f"it is not a FreeSurfer map with one value per vertex ({beginning(raw[:15])})")
@@ -130,7 +130,7 @@ def read_mgh(raw: bytes, path: Path) -> PerVertex:
     *shape, kind = struct.unpack_from(">5i", raw, 4)
     if max(shape) != np.prod(shape):
         raise WrongFile(f"it holds {' x '.join(map(str, shape))} values, not one of each vertex")
-    return np.frombuffer(raw, _MGH_TYPES[kind], max(shape), _MGH_HEAD).astype(np.float64)
+    return np.frombuffer(raw, _MGH_TYPES[kind], max(shape), _MGH_HEAD)
 
 
 def flip_curvature_sign(values: ArrayLike) -> PerVertex:
@@ -165,8 +165,7 @@ def read_regions(raw: bytes, path: Path) -> Regions:
     for name, colour in _colour_table(io.BytesIO(raw[4 + 8 * n :])):
         regions.setdefault(colour, name)
     numbers = {r + 256 * g + 65536 * b: k for k, (r, g, b) in enumerate(regions)}
-    labels = np.full(n, -1)
-    labels[vertex] = [numbers.get(v, -1) for v in value.tolist()]
+    labels = np.array([numbers.get(v, -1) for v in value.tolist()])[np.argsort(vertex)]
     colours = np.array([*regions], np.uint8).reshape(-1, 3)
     return Regions(labels, tuple(regions.values()), colours, name=name_in_file(path))
 

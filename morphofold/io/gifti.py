@@ -45,7 +45,7 @@ def read_map(raw: bytes, path: Path) -> PerVertex:
     image = _read(raw, path)
     if len(image.darrays) != 1 or np.squeeze(image.darrays[0].data).ndim != 1:
         raise WrongFile(f"it holds {_content(image)}; a map has one array with one value per vertex")
-    return np.asarray(image.darrays[0].data, np.float64).reshape(-1)
+    return np.ravel(image.darrays[0].data)
 
 
 def read_regions(raw: bytes, path: Path) -> Regions:

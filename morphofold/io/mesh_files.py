@@ -47,7 +47,7 @@ def read_trimesh(kind: str, raw: bytes, path: Path) -> SurfaceContent:
         mesh = trimesh.load_mesh(file, file_type=kind, process=False, maintain_order=True, skip_materials=True)
     finally:
         logging.disable(disabled)
-    verts, faces = np.array(mesh.vertices, np.float64), np.array(mesh.faces, np.int64)
+    verts, faces = mesh.vertices, mesh.faces
     if len(faces) == 0:
         raise DamagedFile("it holds no triangles")
     counts = _COUNTS[kind].search(raw[:4096]) if kind in _COUNTS else None
