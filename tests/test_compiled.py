@@ -99,7 +99,7 @@ def test_code_is_cached_for_other_processes(folder, tmp_path, place):
 @pytest.mark.parametrize(
     ("file", "before", "after", "value"),
     [
-        ("inner", "ADDED = 1.0", "ADDED = 5.0", 16.0),
+        pytest.param("inner", "ADDED = 1.0", "ADDED = 5.0", 16.0, marks=pytest.mark.slow),
         pytest.param("inner", "- 1 + ADDED", "+ ADDED", 10.0, marks=pytest.mark.slow),
         pytest.param("deep", "x + 1", "x + 3", 12.0, marks=pytest.mark.slow),
         pytest.param("constants", "0.0", "0.5", 8.5, marks=pytest.mark.slow),
@@ -113,6 +113,7 @@ def test_a_kernel_is_compiled_again_when_what_it_takes_from_elsewhere_has_change
     assert result_and_compiled(folder) == (value, 0)
 
 
+@pytest.mark.slow
 def test_code_for_a_material_that_is_gone_does_not_disturb(folder):
     assert result_and_compiled(folder)[0] == 8.0
     (folder / "law.py").write_text(SOURCES["law"].replace("class Law", "class Other") + "Law = Other\n")
@@ -120,8 +121,9 @@ def test_code_for_a_material_that_is_gone_does_not_disturb(folder):
     assert result_and_compiled(folder) == (8.0, 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damaged", [lambda content: content[: len(content) // 2], bytes.swapcase])
-@pytest.mark.parametrize("kind", ["nbi", pytest.param("nbc", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("kind", ["nbi", "nbc"])
 def test_a_damaged_file_is_replaced(folder, kind, damaged):
     assert result_and_compiled(folder)[0] == 8.0
     files = list(folder.glob(f"__pycache__/*.{kind}"))
@@ -159,6 +161,7 @@ def test_two_processes_that_compile_at_once_do_not_disturb_each_other(folder):
     assert result_and_compiled(folder) == (8.0, 0)
 
 
+@pytest.mark.slow
 def test_code_of_other_arguments_in_the_file_of_a_kernel_is_not_used(folder, tmp_path):
     """Two processes that write at once may leave the index of one and the code of the other."""
     floats, whole = ({"NUMBA_CACHE_DIR": str(tmp_path / name), "KIND": name} for name in ("float", "int"))

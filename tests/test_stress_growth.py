@@ -233,7 +233,9 @@ def test_stored_kinetic_dissipated_and_released_energy_add_up(kind):
 # --- runs
 
 
-@pytest.mark.parametrize("options", [{}, {"single": True}], ids=["double", "single"])
+@pytest.mark.parametrize(
+    "options", [{}, pytest.param({"single": True}, marks=pytest.mark.slow)], ids=["double", "single"]
+)
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_resumed_run_is_bitwise_the_same(kind, options):
     def run_of():

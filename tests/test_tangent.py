@@ -58,7 +58,7 @@ def test_the_tangent_is_the_derivative_of_the_forces(kind, law, amount, material
     assert abs(K - K.T).max() < 1e-13 * abs(K).max()
 
 
-@pytest.mark.parametrize("material", [NEO_HOOKEAN, MooneyRivlin(0.4)])
+@pytest.mark.parametrize("material", [NEO_HOOKEAN, pytest.param(MooneyRivlin(0.4), marks=pytest.mark.slow)])
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_tangent_holds_where_elements_are_crushed(kind, material, rng):
     body = make_body(kind, material=material)

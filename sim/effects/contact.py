@@ -218,7 +218,7 @@ def triangles(faces: NDArray[np.int64]) -> NDArray[np.int64]:
     """
     if faces.shape[1] == 3:
         return faces
-    return np.concatenate([faces[:, k] for k in ([0, 1, 2], [0, 2, 3], [0, 1, 3], [1, 2, 3])])
+    return faces[:, [[0, 1, 2], [0, 2, 3], [0, 1, 3], [1, 2, 3]]].swapaxes(0, 1).reshape(-1, 3)
 
 
 def longest_edges(verts: Array, faces: NDArray[np.int64]) -> Array:
