@@ -19,8 +19,7 @@ from morphofold.arrays import Array
 from morphofold.comparison.hinges import Match, examples
 from morphofold.errors import MissingPart
 from morphofold.quantities import Quantity
-from morphofold.report import colours
-from morphofold.report.colours import rgb_of
+from morphofold.report.colours import BARE_SURFACE_COLOUR, RGB, rgb_of
 from morphofold.report.pictures.raster import look
 from morphofold.report.pictures.sheet import GREY, Picture, new_sheet
 from morphofold.report.pictures.surfaces import Row, draw, figure
@@ -70,15 +69,15 @@ def net_row(measures: Measures, name: str) -> Row:
     return Row(name, cortex.white, hemi=cortex.hemi, rgb=rgb)
 
 
-def shaded(measures: Measures) -> colours.RGB:
+def shaded(measures: Measures) -> RGB:
     """Colours (N, 3) of the bare surface, darker with sulcal depth where that was measured."""
     depth = measures.maps.get("sulcal_depth", np.zeros(measures.cortex.n_vertices))
     deep = max(np.nanquantile(depth, 0.95), 1e-9)  # more than 0 without any sulcus
     share = np.clip(np.nan_to_num(depth / deep), 0, 1)
-    return np.round(np.array(colours.BARE_SURFACE_COLOUR) * (1 - 0.35 * share)[:, None]).astype(np.uint8)
+    return np.round(np.array(BARE_SURFACE_COLOUR) * (1 - 0.35 * share)[:, None]).astype(np.uint8)
 
 
-def paint_lines(rgb: colours.RGB, verts: Verts, lines: Sequence[Array], edge: float, colour: str) -> None:
+def paint_lines(rgb: RGB, verts: Verts, lines: Sequence[Array], edge: float, colour: str) -> None:
     """Colour the vertices within about half an ``edge`` [mm] of lines (P, 3)."""
     if lines:
         points, reach = np.concatenate([resampled(line, 0.3 * edge) for line in lines]), 0.55 * edge

@@ -9,7 +9,6 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from morphofold.arrays import Array, Ints
 from morphofold.geometry import is_closed
@@ -18,7 +17,7 @@ from morphofold.kernels import kernel, reading
 from morphofold.report.colours import RGB
 
 #: the face at each pixel and the weights of its first two corners, as ``rasterise`` returns them
-Seen = tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.float32]]
+Seen = tuple[np.ndarray, np.ndarray, np.ndarray]
 OVERSAMPLE = 2  # times a picture is drawn larger in each direction
 
 
@@ -42,9 +41,9 @@ def rasterise(xyz, faces, width, height, closed):
     b0, b1 : (height, width) float32
         Barycentric weights of the first two corners of the face.
     """
-    face = np.full((height, width), -1, dtype=np.int32)
     depth = np.full((height, width), -np.inf)
-    b0, b1 = np.zeros((height, width), dtype=np.float32), np.zeros((height, width), dtype=np.float32)
+    face = np.full(depth.shape, -1, np.int32)
+    b0, b1 = np.zeros(depth.shape, np.float32), np.zeros(depth.shape, np.float32)
     for f in range(len(faces)):
         (ax, ay, az), (bx, by, bz), (cx, cy, cz) = corners(xyz, faces, f)
         twice = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)

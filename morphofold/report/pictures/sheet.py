@@ -15,14 +15,13 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
-from numpy.typing import NDArray
 from PIL import Image
 
 from morphofold.quantities import Quantity
-from morphofold.report.colours import Limits
+from morphofold.report.colours import RGB, Limits
 from morphofold.report.plots.figure_style import NO_FORMULAS, colour_bar, plot_style, round_step, ticks
 
-Picture = NDArray[np.uint8]  # (height, width, 3)
+Picture = RGB  # (height, width, 3)
 
 DPI = 64  # a power of two: sizes in inches are whole pixels without round-off
 PX = 72 / DPI  # [points] of a pixel, for sizes of letters

@@ -110,7 +110,8 @@ def figure(
         cells, headings, names = [list(column) for column in zip(*cells)], names, headings
     if values := [row.values for row in rows if row.values.size]:
         limits = limits or common_limits(what, values)
-    per_mm, columns, lines = _scale_and_sizes(cells, width)
+    extents = np.array([[extent(row.surface, view, row.hemi) for row, view in line] for line in cells])
+    per_mm, columns, lines = _scale_and_sizes(extents, width)
     wide, ends = max(columns), limits or (0.0, 1.0)
     (*tops, bottom), lefts = np.cumsum([HEAD, *(lines + NAME)]), np.cumsum([EDGE, *columns])
     drawn = run_parallel(
@@ -135,9 +136,9 @@ def figure(
         return sheet.pixels()
 
 
-def _scale_and_sizes(cells: Sequence[Sequence[tuple[Row, str]]], width: int) -> tuple[float, Ints, Ints]:
-    """Pixels per mm, and the width of each column and height of each line, in which all surfaces fit."""
-    extents = np.array([[extent(row.surface, view, row.hemi) for row, view in line] for line in cells])
+def _scale_and_sizes(extents: Array, width: int) -> tuple[float, Ints, Ints]:
+    """Pixels per mm, and the width of each column and height of each line, in which all surfaces fit; from their
+    width and height [mm] (lines, columns, 2)."""
     if not 0 < extents.max() < np.inf:
         raise OutOfRange(f"the surfaces extend {extents.max():g} mm, so there is nothing to draw.")
     across, up = extents[:, :, 0].max(axis=0), extents[:, :, 1].max(axis=1)

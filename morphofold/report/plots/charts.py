@@ -354,7 +354,7 @@ def share_plot(what: str, rows: Sequence[Mapping[str, Any]]) -> Markup | None:
         return None
     shares = {row["region"]: [r["share"] for r in rows if r["region"] == row["region"]] for row in rows}
     regions = sorted(sorted(shares), key=lambda region: np.mean(shares[region]))
-    size, limits = (WIDE_CHART_SIZE_PX[0], 60.0 + 15.0 * len(regions)), ((0.0, 1.0), (-0.7, len(regions) - 0.3))
+    size, limits = (880.0, 60.0 + 15.0 * len(regions)), ((0.0, 1.0), (-0.7, len(regions) - 0.3))
     titles = f"{what} that another subject has, too", "share, and by chance (grey)", ""
     with new_chart(*titles, *limits, size=size, left=190.0) as chart:
         chart.ax.set_yticks(range(len(regions)), regions)

@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 
 from morphofold.errors import WrongFile
 from morphofold.quantities import CATEGORICAL_COLOURS
-from morphofold.report import colours
+from morphofold.report.colours import Limits, table
 
 Style = dict[str, Any]  # keyword arguments of matplotlib's functions, or its settings
 
@@ -81,7 +81,7 @@ def line_style(index: int) -> Style:
     return {"color": CATEGORICAL_COLOURS[index % 6], "linestyle": (0, tuple(map(float, dashes)))}
 
 
-def around(values: Sequence[float], low: float, high: float, step: float) -> tuple[float, float]:
+def around(values: Sequence[float], low: float, high: float, step: float) -> Limits:
     """Limits low to high, which are whole steps, extended by such where finite values lie beyond."""
     finite = [low, high, *filter(math.isfinite, values)]
     return step * math.floor(min(finite) / step + 1e-9), step * math.ceil(max(finite) / step - 1e-9)
@@ -112,11 +112,10 @@ def legend_of_figure(figure: Figure, entries: Mapping[str, Mapping[str, Any]], a
     figure.legend(handles=handles, loc="outside lower center", ncols=columns)
 
 
-def colour_bar(figure: Figure, title: str, limits: tuple[float, float], signed: bool = False, **where: Any) -> Colorbar:
+def colour_bar(figure: Figure, title: str, limits: Limits, signed: bool = False, **where: Any) -> Colorbar:
     """Draw the colours between the limits; ``where`` is as for :meth:`matplotlib.figure.Figure.colorbar`."""
-
-    table = ListedColormap(colours.table(signed) / 255)
-    bar = figure.colorbar(ScalarMappable(Normalize(*limits), table), label=title, **where)
+    shown = ScalarMappable(Normalize(*limits), ListedColormap(table(signed) / 255))
+    bar = figure.colorbar(shown, label=title, **where)
     bar.outline.set_visible(False)  # type: ignore[operator]
     return bar
 

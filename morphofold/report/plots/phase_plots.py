@@ -5,7 +5,7 @@
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import product
+from itertools import count, product
 from statistics import stdev
 from typing import Any
 
@@ -221,7 +221,7 @@ def curve(phases: Phases, shown: Quantity) -> Figure:
     Words have no order, so nothing is joined: means and theory are horizontal marks.
     """
     (axis,), several, (least, top) = phases.grid.axes, len(phases.grid.seeds) > 1, limits_of(phases, shown)
-    points = [*zip(axis.values if axis.numeric else range(len(axis.values)), phases.grid.places)]
+    points = [*zip(axis.values if axis.numeric else count(), phases.grid.places)]
     x, order = zip(*sorted(points))
     marks: Style = {"linestyle": "", "marker": "_", "markersize": 26}
     mean_style, theory_style = ({}, {"linestyle": "--", "marker": "."}) if axis.numeric else (marks, marks)
