@@ -103,22 +103,17 @@ def _folder_and_writer(cortices: list[Cortex], args: Analyze) -> tuple[Path, Cal
 
 
 def _lines(measures: list[Measures], clock: Stages) -> Iterator[str]:
-    """A line per hemisphere, its warnings, and the cost."""
+    """A line per hemisphere with its main numbers, or those asked for, its warnings, and the cost."""
     for m in measures:
-        yield f"{m.cortex.called}: {_main_numbers(m)}"
+        texts = [f"{key} {number(m.scalars[key])}" if key in m.scalars else key for key in m.parameters.get("only", ())]
+        if not texts:
+            texts.append(f"{m.scalars['n_vertices']:,} vertices")
+            for label, key, form in PRINTED_SCALARS:
+                value = m.scalars[key]
+                texts.append(f"{label} {'n/a' if value is None else form.format(value)}")
+        yield f"{m.cortex.called}: {', '.join(texts)}"
         yield from (f"warning: {m.notes[key]} [{key}]" for key in WARNINGS if key in m.notes)
     yield analysis_cost_line(cost_of_analysis(measures, clock))
-
-
-def _main_numbers(m: Measures) -> str:
-    """The numbers of the line of a hemisphere; those asked for, if only a part was measured."""
-    if "only" in m.parameters:
-        return ", ".join(f"{k} {number(m.scalars[k])}" if k in m.scalars else k for k in m.parameters["only"])
-    texts = [f"{m.scalars['n_vertices']:,} vertices"]
-    for label, key, form in PRINTED_SCALARS:
-        value = m.scalars[key]
-        texts.append(f"{label} {'n/a' if value is None else form.format(value)}")
-    return ", ".join(texts)
 
 
 def _results_of_hemispheres(works: Mapping[str, Work], failed: dict[str, str]) -> list[Any]:
@@ -196,8 +191,7 @@ def _stage_folders(folder: str | Path) -> list[Path]:
 def unfold_cortex(args: Unfold) -> Answer:
     check_options(args.level, args.radius)
     source = args.input
-    present = hemispheres(source) if source.is_dir() else (side_named(source.name) or "lh",)
-    hemis = sides(args.hemi) or present
+    hemis = sides(args.hemi) or (hemispheres(source) if source.is_dir() else [side_named(source.name) or "lh"])
     with progress("unfold", args.quiet) as show:
         show(0.0, "reading")
         bodies = [unfoldable(read_folded(source, hemi, surface=args.surface, sphere=args.sphere)) for hemi in hemis]

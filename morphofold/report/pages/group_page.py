@@ -215,10 +215,10 @@ def _bin_edges(values: Array, n: int) -> Array:
 def _thickness_plot(group: Group, sides: Sequence[Side], kind: str) -> dict[str, Any]:
     """The plot of gyral against cortical thickness over subjects or regions, with the fits."""
     clouds = [(side, cloud) for side in sides if (cloud := CLOUDS[kind](group, side.column)).points]
-    if kind == "region":
-        drawn = [(side, replace(cloud, bins=cloud.points)) for side, cloud in clouds]
-    else:
-        drawn = [(side, replace(cloud, points=()) if cloud.bins else cloud) for side, cloud in clouds]
+    drawn = []
+    for side, cloud in clouds:
+        in_bins = replace(cloud, points=() if cloud.bins else cloud.points)
+        drawn.append((side, replace(cloud, bins=cloud.points) if kind == "region" else in_bins))
     return {
         "kind": kind,
         "plot": plots.thickness_plot(drawn, [], from_zero=False, size=(430, 320)),

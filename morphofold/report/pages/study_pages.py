@@ -26,7 +26,6 @@ from morphofold.report.pictures.surfaces import Row, figure
 from morphofold.report.plots.charts import WIDE_CHART_SIZE_PX, limits_around, new_chart, share_plot
 from morphofold.report.plots.figure_style import GREY
 from morphofold.results.unfolding import TableRows, UnfoldedSide, log_ratio
-from morphofold.surface import Surface
 from morphofold.words import listed, number
 
 CLUSTERS_SHOWN = 20
@@ -36,19 +35,15 @@ AREA_RATIO = Quantity("log2_area_ratio", "Area, folded over smooth, log₂", sig
 
 def picture(space: Space, folder: Path, what: Quantity, maps: Mapping[str, Array]) -> PictureEntry:
     """Write ``folder/figures/KEY.png`` of maps (N,) by hemisphere on the template of a study; return its entry."""
-    rows = [
-        Row(f"{SIDES[hemi]} hemisphere", _shown_surface(space, hemi), values, space.side(hemi))
-        for hemi, values in maps.items()
-    ]
+    rows = []
+    for hemi, values in maps.items():
+        try:
+            surface = space.surface(hemi, "inflated")
+        except MissingPart:
+            surface = space.surface(hemi)
+        rows.append(Row(f"{SIDES[hemi]} hemisphere", surface, values, space.side(hemi)))
     image = figure(rows, what, what.limits)
     return write_picture(folder / "figures" / f"{what.key}.png", image, what.title, key=what.key)
-
-
-def _shown_surface(space: Space, hemi: str) -> Surface:
-    try:
-        return space.surface(hemi, "inflated")
-    except MissingPart:
-        return space.surface(hemi)
 
 
 def _signed_log_p(p: Array, sign: Array) -> Array:
