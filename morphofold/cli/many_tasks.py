@@ -62,5 +62,8 @@ def answer_of(outcomes: Sequence[Outcome], what: str, page: Path, before: Sequen
 
 def failure_lines(failures: Failures, text: str = "") -> list[str]:
     """The failed parts of tasks, and why, with ``text`` between them."""
-    parts = [(name, part, reason) for name, reasons in failures.items() for part, reason in reasons.items()]
-    return [f"{name} {part}".rstrip() + f"{text}: {reason}" for name, part, reason in parts]
+    return [
+        f"{name} {part}".rstrip() + f"{text}: {reason}"
+        for name, reasons in failures.items()
+        for part, reason in reasons.items()
+    ]

@@ -134,7 +134,7 @@ def _drawn_surface(entries: Entries) -> str:
 def _write_pictures(folder: Path, entries: Entries, shown: ShownMaps) -> Pictures:
     """Write ``folder/KEY.png`` for maps and the gyral net; return them for the page."""
     which, pictures = _drawn_surface(entries), []
-    surfaces = {e: Surface(getattr(e.cortex, which).verts[e.display.ids], e.display.faces, e.name) for e in entries}
+    surfaces = {e: Surface(getattr(e.cortex, which).verts[e.display.ids], e.display.faces) for e in entries}
     with ThreadPoolExecutor(1) as writer:  # writes one picture while the next is drawn
         for key, (what, limits) in shown.items():
             rows = [

@@ -37,6 +37,7 @@ def phase_report(phases: Phases, folder: Path, progress: Progress = silent) -> P
             diagrams += _write_slices(phases, figures, shown.key, title, draw)
     progress(0.5, "surfaces")
     levels = {scene.accuracy.level for scene in grid.scenes.values() if scene.geometry.shape != "mesh"}
+    ratios = [plots.cell(phases, at, plots.WAVELENGTH_KEY).mean / phases.theory[at].wavelength for at in grid.places]
     path = write_page(
         folder / "report.html",
         "phases.html",
@@ -49,15 +50,10 @@ def phase_report(phases: Phases, folder: Path, progress: Progress = silent) -> P
         pictures=_write_thumbnails(phases, figures),
         known=any(math.isfinite(theory.g_crit) for theory in phases.theory.values()),
         unknown=Counter(theory.reason for theory in phases.theory.values() if math.isnan(theory.g_crit)),
-        ratios=[r for at in grid.places if math.isfinite(r := _wavelength_ratio(phases, at))],
+        ratios=[*filter(math.isfinite, ratios)],
     )
     progress(1.0, "done")
     return path
-
-
-def _wavelength_ratio(phases: Phases, at: plots.GridIndex) -> float:
-    """Measured wavelength over that of theory; NaN if one is not known."""
-    return plots.cell(phases, at, plots.WAVELENGTH_KEY).mean / phases.theory[at].wavelength
 
 
 # pictures ----------------------------------------------------------------------------------------------------

@@ -122,5 +122,5 @@ def paragraph(settings: Sequence[Mapping[str, Any]], known: set[str], **more: An
 
 def _listed(values: Iterable[float], text: Callable[[float], str]) -> str:
     """``a``, ``a or b``, or ``a to z`` if there are more than three; the same text is given once."""
-    texts = list(dict.fromkeys(text(value) for value in sorted(map(float, values))))
+    texts = [*dict.fromkeys(map(text, sorted(map(float, values))))]
     return f"{texts[0]} to {texts[-1]}" if len(texts) > MOST_VALUES_LISTED else " or ".join(texts)
