@@ -4,7 +4,7 @@ In goes a comparison, out come its entries; ``templates/report.html`` calls the 
 """
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain, product
 from pathlib import Path
@@ -17,7 +17,6 @@ from morphofold.analysis.gyrification.folding_law import ShapeTerms
 from morphofold.analysis.measures import SCALARS, Measures
 from morphofold.arrays import Ints
 from morphofold.comparison import Comparison
-from morphofold.comparison.side_by_side import matching_growth
 from morphofold.comparison.thickness import Cloud
 from morphofold.forecasts.cost import Cost, cost_of_analysis, stored_cost
 from morphofold.geometry import norms
@@ -123,14 +122,6 @@ def scalars(entries: Entries, comparison: Comparison) -> dict[str, list[Any]]:
     return {key: values for key, values in table.items() if any(v is not None for v in values)}
 
 
-def growth_rows(entries: Entries, comparison: Comparison) -> Iterable[tuple[str, str, list[str]]]:
-    """Each number of each growing body, and the growth at which it equals that of each surface."""
-    for curve in comparison.growth:
-        matches = [matching_growth(curve, e.measures) for e in entries]
-        for key in curve.numbers:
-            yield key, curve.name, [", ".join(f"{g:.2f}" for g in growths[key]) or "–" for growths in matches]
-
-
 def costs(entries: Entries, clock: Stages | None = None) -> list[tuple[str, Cost, Any]]:
     """Title, cost and estimated errors of each simulation whose folder is complete, and of the analysis of a clock."""
     rows = []
@@ -146,16 +137,10 @@ def costs(entries: Entries, clock: Stages | None = None) -> list[tuple[str, Cost
     return rows
 
 
-def facts(entries: Entries) -> dict[str, list[str]]:
-    """Information from the files of the surfaces."""
+def facts(entries: Entries) -> Rows:
+    """Information from the files of each surface."""
     cortices = [e.cortex for e in entries]
-    rows = rows_side_by_side([{"origin": c.origin, "portion": c.portion, "units": c.units, **c.info} for c in cortices])
-    return {key: values for key, values in rows.items() if key not in FREESURFER_VALUES}
-
-
-def rows_side_by_side(columns: Sequence[Mapping[str, Any]]) -> dict[str, list[str]]:
-    """The values of each key of any column."""
-    return {key: [value_text(column.get(key)) for column in columns] for key in chain(*columns)}
+    return [{"origin": c.origin, "portion": c.portion, "units": c.units, **c.info} for c in cortices]
 
 
 def value_text(value: Any) -> str:

@@ -19,7 +19,7 @@ from morphofold.analysis.measures import Measures
 from morphofold.arrays import Array
 from morphofold.comparison import Comparison, PersonComparison, compare
 from morphofold.comparison.person.person_regions import REGION_MEASURES
-from morphofold.comparison.side_by_side import cautions, dimensionless_numbers, plot_notes
+from morphofold.comparison.side_by_side import cautions, dimensionless_numbers, matching_growth, plot_notes
 from morphofold.forecasts.cost import PAGE_STAGE, called
 from morphofold.geometry import vertex_areas
 from morphofold.progress import Progress, silent
@@ -114,6 +114,7 @@ def _write_page(
         histograms=histograms,
         notes=contents,
         called=called,
+        matching_growth=matching_growth,
         verdicts=VERDICT_WORDS,
         headlines=HEADLINE_SCALARS,
         plot_notes=plot_notes(comparison.named, comparison.clouds),
