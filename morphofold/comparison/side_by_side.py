@@ -244,7 +244,7 @@ def named_surfaces(surfaces: Mapping[str, Any]) -> tuple[dict[str, Measures], He
         If there is nothing to compare, or two surfaces end up with one name.
     """
     named: dict[str, Measures] = {}
-    full: dict[str, tuple[str, ...]] = {}
+    full = defaultdict[str, tuple[str, ...]](tuple)
     for name, entry in surfaces.items():
         hemispheres = entry if isinstance(entry, list | tuple) else [entry]
         for m in hemispheres:
@@ -256,7 +256,7 @@ def named_surfaces(surfaces: Mapping[str, Any]) -> tuple[dict[str, Measures], He
                     f"{m.cortex.hemi}). Give them different names."
                 )
             named[single] = m
-            full[name] = (*full.get(name, ()), single)
+            full[name] += (single,)
     if not surfaces or len(full) < len(surfaces):
         raise NothingToDo('nothing to compare: pass at least one surface, e.g. {"model": measures}.')
     return named, full
