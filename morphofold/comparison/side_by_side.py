@@ -29,7 +29,7 @@ from morphofold.io import atomic_folder
 from morphofold.io.json_files import write_json
 from morphofold.lazy import draw
 from morphofold.progress import Progress, silent
-from morphofold.provenance import json_value
+from morphofold.provenance import Row, json_value
 from morphofold.quantities import CATEGORICAL_COLOURS, CREST_THICKNESS_RATIO, THICKNESS_RATIO
 from morphofold.tables import write_table
 from morphofold.validators import check_kind
@@ -83,10 +83,10 @@ class Comparison:
 
     names: tuple[str, ...]
     measures: tuple[Measures, ...]
-    table: tuple[dict[str, Any], ...]
+    table: tuple[Row, ...]
     clouds: tuple[Cloud, ...]
     theory: tuple[TheoryLine, ...]
-    groups: Mapping[str, tuple[str, ...]]
+    groups: HemisphereNames
     colours: Mapping[str, str]
     hinges: tuple[HingeComparison, ...]
     folding: tuple[ShapeTerms | None, ...]
@@ -104,11 +104,11 @@ class Comparison:
         return str(draw("html", self))
 
     @property
-    def named(self) -> dict[str, Measures]:
+    def named(self) -> MeasuresByName:
         """The measures by name."""
         return dict(zip(self.names, self.measures))
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Row:
         """Everything but the maps, as plain values for JSON."""
         content = {
             "names": self.names,
@@ -227,7 +227,7 @@ def theory_lines(named: MeasuresByName, mu_ratio: float | None) -> tuple[TheoryL
     return tuple(map(wrinkling_wavelength, ratios))
 
 
-def table_of(named: MeasuresByName) -> tuple[dict[str, Any], ...]:
+def table_of(named: MeasuresByName) -> tuple[Row, ...]:
     """A row for every scalar and both ratios of gyral to cortical thickness: the value of each surface, or None."""
     own = {name: {**m.scalars, **thickness_ratios(m)} for name, m in named.items()}
     others = sorted({key for m in named.values() for key in m.scalars})
@@ -235,7 +235,7 @@ def table_of(named: MeasuresByName) -> tuple[dict[str, Any], ...]:
     return tuple({"measure": key} | {name: json_value(values.get(key)) for name, values in own.items()} for key in keys)
 
 
-def named_surfaces(surfaces: Mapping[str, Any]) -> tuple[dict[str, Measures], HemisphereNames]:
+def named_surfaces(surfaces: Mapping[str, Any]) -> tuple[MeasuresByName, HemisphereNames]:
     """Single hemispheres by name, and these names by the names that were given.
 
     Raises
@@ -262,7 +262,7 @@ def named_surfaces(surfaces: Mapping[str, Any]) -> tuple[dict[str, Measures], He
     return named, full
 
 
-def grouped_names(full: HemisphereNames, groups: Mapping[str, Sequence[str]] | None) -> dict[str, tuple[str, ...]]:
+def grouped_names(full: HemisphereNames, groups: Mapping[str, Sequence[str]] | None) -> HemisphereNames:
     """Names of the surfaces of each group; raises ``ValueError`` for a name that is not there, or in two groups."""
     if groups is None:
         return dict(full)

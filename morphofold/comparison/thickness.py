@@ -1,8 +1,7 @@
 """Gyral against cortical thickness (Fig. 8b of Razavi et al. 2015): points, fitted lines, and lines of theory."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy import stats
@@ -10,12 +9,12 @@ from scipy import stats
 from morphofold.analysis.measures import Measures
 from morphofold.analysis.thickness.robust_slope import LEAST_POINTS, LEAST_POINTS_FOR_BOUNDS, robust_line
 from morphofold.arrays import Array
+from morphofold.provenance import Row
 from morphofold.quantities import CREST_THICKNESS_RATIO, THICKNESS_RATIO, find
 
 GYRAL, CORTICAL = "gyral_thickness_mm", "cortical_thickness_mm"
 #: of a whole surface
 WHOLE_SURFACE_THICKNESSES = ("median_gyral_thickness_mm", "mean_cortical_thickness_mm")
-Row = Mapping[str, Any]
 MOST_BINS, LEAST_VERTICES_OF_A_BIN = 8, 50
 
 

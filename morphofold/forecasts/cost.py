@@ -11,12 +11,13 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from numba import get_num_threads
 
 from morphofold.analysis.measures import Measures
 from morphofold.analysis.resampling import accuracy_of
+from morphofold.provenance import Row
 from morphofold.sim.output.stages import read_health
 from morphofold.sim.scene import Scene, Sphere, elements_through
 from morphofold.sim.scene.effects import effect_names, options_of
@@ -34,8 +35,8 @@ SAME_EDGE_TOLERANCE = 0.05
 #: a third of that thickness (T/C of fig6-thick), the paper's thinnest
 STUDIED_RANGES = {"growth": (1.5, 2.0), "mu_ratio": (1.0, 4.0), "kappa_ratio": (12.5, 200.0), "thickness": (0.02, 0.1)}
 SIMILAR_SIZE_RATIO = 1.5  # ratio of numbers of vertices beyond which a surface does not count as similar to the table's
-TABLE: dict[str, Any] = json.loads(Path(__file__).with_name("table.json").read_text("utf-8"))
-COSTS: Mapping[str, Any] = TABLE["costs"]  # constants for forecasts of time and memory, each with its meaning
+TABLE: Row = json.loads(Path(__file__).with_name("table.json").read_text("utf-8"))
+COSTS: Row = TABLE["costs"]  # constants for forecasts of time and memory, each with its meaning
 OTHER = "other"
 READING_STAGE, WRITING_STAGE, PAGE_STAGE = "reading", "writing", "page"
 #: in words: phases of the solver's clock that belong to no effect, stages of an analysis, and what the study compared
@@ -78,7 +79,7 @@ class Errors(NamedTuple):
         Properties of a run's scene that were not studied (:func:`not_studied`).
     """
 
-    errors: Mapping[str, Any]
+    errors: Row
     how: str
     doubts: tuple[str, ...] = ()
     not_studied: tuple[str, ...] = ()
@@ -208,7 +209,7 @@ class Cost:
     expected : Errors
     """
 
-    size: Mapping[str, Any]
+    size: Row
     threads: int | None
     seconds: float
     parts: Mapping[str, float]
@@ -216,7 +217,7 @@ class Cost:
     memory_GiB: float | None
     expected: Errors
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> Row:
         """Plain values of an analysis, for JSON."""
         return {
             **self.size,
@@ -230,7 +231,7 @@ class Cost:
         }
 
 
-def cost_of(health: Mapping[str, Any], scene: Scene) -> Cost:
+def cost_of(health: Row, scene: Scene) -> Cost:
     """Cost of a run from its ``health.json`` and scene."""
     seconds, taken = health["seconds"], dict(health.get("seconds_by_phase", {}))
     if taken:

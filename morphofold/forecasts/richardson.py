@@ -17,7 +17,7 @@ from morphofold.forecasts.sizes import edge_by_rule, refuse_without_edge
 from morphofold.io.folders import alone
 from morphofold.io.json_files import Amount, Number, Record, read_json, write_json
 from morphofold.progress import Progress, part_of, silent
-from morphofold.provenance import sha256_of
+from morphofold.provenance import Row, sha256_of
 from morphofold.sim.dynamics import UnstableError
 from morphofold.sim.output.inputs import begun_with
 from morphofold.sim.output.run_files import sweep
@@ -96,7 +96,7 @@ class Estimate:
             sentences.append(f"Half the pace of growth changes the coarser run by: {pace} of T.")
         return " ".join([*sentences, *self.doubts])
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> Row:
         """Plain values."""
         return asdict(self)
 

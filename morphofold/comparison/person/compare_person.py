@@ -6,7 +6,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -26,7 +25,7 @@ from morphofold.comparison.person.fold_axes import Axes, agreement_of_axes, axes
 from morphofold.comparison.person.person_regions import numbers_of_regions
 from morphofold.errors import MissingPart, Refusal
 from morphofold.io import write_gifti_map
-from morphofold.provenance import json_value
+from morphofold.provenance import Row, json_value
 from morphofold.quantities import RELIEF
 from morphofold.tables import write_table
 from morphofold.words import listed, number
@@ -82,7 +81,7 @@ class PersonComparison:
     agreements: tuple[Agreement, ...]
     forwardness: Mapping[str, float]
     correlations: tuple[Agreement, ...]
-    regions: tuple[dict[str, Any], ...]
+    regions: tuple[Row, ...]
     bodies: Bodies
 
     def __repr__(self) -> str:
@@ -106,7 +105,7 @@ class PersonComparison:
                 carried[direction, name] = getattr(bodies, direction).values(maps[name])
         return carried
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list[Row]:
         """A row for each agreement: the same columns for the whole cortex and for regions."""
         return [
             {
@@ -128,7 +127,7 @@ class PersonComparison:
             for row in rows
         ]
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Row:
         """Everything but maps, as plain values for JSON."""
         content = {
             "person": self.person,

@@ -18,7 +18,7 @@ from morphofold.comparison.person.agreement import Agreement, agreement_with_con
 from morphofold.comparison.person.bodies import Bodies, Body
 from morphofold.geometry import vertex_areas
 from morphofold.mesh_quality.checks import is_no_cortex
-from morphofold.provenance import json_value
+from morphofold.provenance import Row, json_value
 from morphofold.quantities import find
 
 LEAST_REGIONS = 5  # for a correlation
@@ -95,7 +95,7 @@ class RegionNumbers(NamedTuple):
         corrected = holm(np.array([np.nan if row.given else row.tested.p for row in rows])).tolist()
         return tuple(replace(row, p_corrected=row.tested.p if row.given else p) for row, p in zip(rows, corrected))
 
-    def table(self, hemi: str) -> tuple[dict[str, Any], ...]:
+    def table(self, hemi: str) -> tuple[Row, ...]:
         """A row for each region of the person that has vertices: each measure of person, smooth and grown body."""
         columns = {
             f"{body}_{key}": numbers[k]
