@@ -157,11 +157,12 @@ def cortex_files(
     files = {kind: _required_surface(root, f"{hemi}.{name}") for kind, name in zip(("white", "pial"), surfaces)}
     if annotation is None and not staged and os.path.lexists(root / "summary.json"):
         annotation = measured_surface_fields(root / "summary.json", hemi).get("annotation")
+    name = "aparc" if annotation is None else annotation
     for content, place, stem, endings in _CONTENTS:
-        file = _file_in(root, place, f"{hemi}.{stem.format(annotation or 'aparc')}", endings)
+        file = _file_in(root, place, f"{hemi}.{stem.format(name)}", endings)
         if file is not None and not (content == "registered" and "cortex" in files):
             files[content] = existing_file(file)
-    if annotation and "regions" not in files:
+    if annotation is not None and "regions" not in files:
         annotations = sorted(file.name for place in (root / "label", root) for file in place.glob(f"{hemi}.*.annot"))
         raise FileNotFoundError(
             f"{root}: has no label/{hemi}.{annotation}.annot; it has {', '.join(annotations) or 'no annotation'}. "
