@@ -282,7 +282,7 @@ class Cortex:
         """
         inner = Surface(white, faces, f"{hemi}.white")
         outer = Surface(pial, inner.faces, f"{hemi}.pial")
-        return cls(inner, outer, hemi=hemi, **{"origin": "arrays", **fields})
+        return cls(inner, outer, hemi, **{"origin": "arrays", **fields})
 
     def surface(self, name: str = "pial") -> Surface:
         """The surface of that name: ``"white"``, ``"pial"``, ``"inflated"`` or ``"sphere"``.

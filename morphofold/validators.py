@@ -70,12 +70,6 @@ def same_length(
         raise error(f"{label} has shape {np.shape(values)}, but there are {n} vertices. {advice}")
 
 
-def labels_within(labels: np.ndarray, count: int, file: str) -> None:
-    """Raise ``OutOfRange`` unless labels are -1 to ``count`` - 1."""
-    if labels.min(initial=0) < -1 or labels.max(initial=-1) >= count:
-        raise OutOfRange(f"{file}: labels are {labels.min()}..{labels.max()}, allowed -1..{count - 1}.")
-
-
 def check_mesh(verts: np.ndarray, faces: np.ndarray, name: str = "surface") -> None:
     """Raise ``ValueError`` unless (verts, faces) is a usable triangle mesh.
 

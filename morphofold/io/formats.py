@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from morphofold.arrays import Bools
-from morphofold.errors import Mismatch, WrongFile, WrongShape
+from morphofold.errors import Mismatch, OutOfRange, WrongFile, WrongShape
 from morphofold.io import freesurfer, gifti, mesh_files
 from morphofold.io.files import StrPath, beginning, decoding, existing_file, warn_of_no_end
 from morphofold.surface import PerVertex, Regions, Surface, Verts
-from morphofold.validators import finite, labels_within, same_length
+from morphofold.validators import finite, same_length
 from morphofold.words import listed
 
 
@@ -258,7 +258,9 @@ def write_annotation(path: StrPath, regions: Regions) -> None:
 
     Colours of an annotation must differ: the format distinguishes regions only by colour.
     """
-    labels_within(regions.labels, len(regions.names), f"{path}")
+    labels, count = regions.labels, len(regions.names)
+    if labels.min(initial=0) < -1 or labels.max(initial=-1) >= count:
+        raise OutOfRange(f"{path}: labels are {labels.min()}..{labels.max()}, allowed -1..{count - 1}.")
     _write(path, "annotation", regions)
 
 

@@ -76,8 +76,8 @@ def write_trimesh(kind: str, path: Path, surface: Surface) -> None:
     import trimesh
 
     with atomic_file(path) as temporary:
-        mesh = trimesh.Trimesh(surface.verts, surface.faces, process=False)
-        mesh.export(temporary, file_type=kind, **({"digits": 22} if kind in ("obj", "off") else {}))
+        digits = {"digits": 22} if kind in ("obj", "off") else {}
+        trimesh.Trimesh(surface.verts, surface.faces, process=False).export(temporary, file_type=kind, **digits)
 
 
 # VTP, VTU and legacy files of VTK, which ends the process on damaged ones, so another process reads them -----
@@ -106,8 +106,7 @@ def write_vtk(path: Path, surface: Surface) -> None:
     import meshio
 
     if path.suffix.lower() != ".vtp":
-        mesh = meshio.Mesh(surface.verts, [("triangle", surface.faces)])
-        return write_and_read(path, read_vtk, meshio.write, mesh)
+        return write_and_read(path, read_vtk, meshio.write, meshio.Mesh(surface.verts, [("triangle", surface.faces)]))
     import pyvista
     from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
 

@@ -256,7 +256,7 @@ def read_analysis(folder: StrPath) -> list[Measures]:
         If a file cannot be read; the message names it.
     """
     layout = Layout.of(Path(folder))
-    if not (layout.bids or layout.path("summary").is_file()):
+    if not layout.path("summary").is_file():
         raise FileNotFoundError(f"{folder}: {_why_no_analysis(layout.folder)}")
     summary = read_json(layout.path("summary"), Summary, REANALYSE_ADVICE)
     counts = summary["rows"]  # an older version did not write all tables

@@ -86,8 +86,9 @@ def _about_map(kind: str, name: str) -> dict[str, str]:
     if kind == "input_map":
         units = {"Units": INPUT_MAP_UNITS[name]} if name in INPUT_MAP_UNITS else {}
         return {"Description": f"{name} as it came with the surfaces", **units}
-    label, unit = (CURVATURE_DESCRIPTION, "1/mm") if name == "H" else (quantity(name).label, quantity(name).unit)
-    return {"Description": label, "Units": in_bids_letters(unit), "Missing": MISSING_DESCRIPTION}
+    shown = quantity(name)
+    label = CURVATURE_DESCRIPTION if name == "H" else shown.label
+    return {"Description": label, "Units": in_bids_letters(shown.unit), "Missing": MISSING_DESCRIPTION}
 
 
 # reading ----------------------------------------------------------------------------------------------------
