@@ -74,7 +74,7 @@ def records_as_read(cortices: Sequence[Cortex], others: Iterable[str | Path] = (
 
 def printable(text: str) -> str:
     """Text that can be written as UTF-8; in a name that is not UTF-8, a byte such as 0xff becomes ``\\udcff``."""
-    return text if text.isascii() else text.encode("utf-8", "backslashreplace").decode("utf-8")
+    return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def clean_name(text: str) -> str:

@@ -54,8 +54,8 @@ def read_regions(raw: bytes, path: Path) -> Regions:
     arrays = image.get_arrays_from_intent("label")
     if len(image.darrays) != 1 or not arrays or arrays[0].data.ndim != 1:
         raise WrongFile(f"it holds {_content(image)}; regions are one array with one key per vertex")
-    table = {label.key: label for label in image.labeltable.labels}
-    keys, values = np.array(sorted(table.keys() - {0}), dtype=np.int64), arrays[0].data.astype(np.int64)
+    table = {label.key: label for label in image.labeltable.labels if label.key}
+    keys, values = sorted(table), arrays[0].data
     missing = np.setdiff1d(values, [0, *keys])
     if missing.size:
         raise DamagedFile(f"its label table lacks {len(missing)} of the keys, the first is {missing[0]}")
