@@ -35,6 +35,11 @@ def rgb_of(colour: str) -> RGB:
     return np.array(ImageColor.getrgb(colour), dtype=np.uint8)
 
 
+def in_bytes(values: np.ndarray) -> RGB:
+    """Colours from 0 to 255, rounded."""
+    return np.round(values).astype(np.uint8)
+
+
 def _colour_table(lightness: np.ndarray, chroma: np.ndarray, hue_deg: np.ndarray) -> RGB:
     """Bytes (256, 3); chroma is lowered, in steps of 2 %, where the screen cannot show the colour."""
     hue = np.deg2rad(hue_deg)
@@ -44,7 +49,7 @@ def _colour_table(lightness: np.ndarray, chroma: np.ndarray, hue_deg: np.ndarray
         rgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.abs(linear) ** (1 / 2.4) - 0.055)
         outside = ((rgb < -1e-4) | (rgb > 1 + 1e-4)).any(axis=1)
         chroma = np.where(outside, 0.98 * chroma, chroma)
-    return np.clip(np.round(255 * rgb), 0, 255).astype(np.uint8)
+    return in_bytes(np.clip(255 * rgb, 0, 255))
 
 
 @cache

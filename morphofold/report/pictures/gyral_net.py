@@ -4,7 +4,7 @@ They are the net on its white surface, and pairs of matched hinges side by side:
 crests in red, in the hinge's own frame. The pages of analyses and comparisons show them.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -19,7 +19,7 @@ from morphofold.arrays import Array
 from morphofold.comparison.hinges import Match, examples
 from morphofold.errors import MissingPart
 from morphofold.quantities import Quantity
-from morphofold.report.colours import BARE_SURFACE_COLOUR, RGB, rgb_of
+from morphofold.report.colours import BARE_SURFACE_COLOUR, RGB, in_bytes, rgb_of
 from morphofold.report.pictures.raster import look
 from morphofold.report.pictures.sheet import GREY, Picture, new_sheet
 from morphofold.report.pictures.surfaces import Row, draw, figure
@@ -74,7 +74,7 @@ def shaded(measures: Measures) -> RGB:
     depth = measures.maps.get("sulcal_depth", np.zeros(measures.cortex.n_vertices))
     deep = max(np.nanquantile(depth, 0.95), 1e-9)  # more than 0 without any sulcus
     share = np.clip(np.nan_to_num(depth / deep), 0, 1)
-    return np.round(np.array(BARE_SURFACE_COLOUR) * (1 - 0.35 * share)[:, None]).astype(np.uint8)
+    return in_bytes(np.array(BARE_SURFACE_COLOUR) * (1 - 0.35 * share)[:, None])
 
 
 def paint_lines(rgb: RGB, verts: Verts, lines: Sequence[Array], edge: float, colour: str) -> None:
@@ -134,7 +134,7 @@ def hinge_patch(measures: Measures, number: int, pose: int = 0) -> Row:
     fine, grey, tree = on_patch, {"grey": shaded(measures)[patch]}, cKDTree(white[patch])
     for _ in range(EDGE_HALVINGS):
         fine, faces, grey = subdivide(fine, faces, vertex_attributes=grey)
-    rgb = np.round(grey["grey"]).astype(np.uint8)
+    rgb = in_bytes(grey["grey"])
     for node, colour in ((None, OTHER_CREST_COLOUR), (number, OWN_CREST_COLOUR)):  # of None, all crests
         lines = [line for *_, line in graph.edges(node, data="polyline")]
         parts = [part for line in lines for part in _line_on_patch(line, tree, on_patch, edge)]
@@ -143,21 +143,19 @@ def hinge_patch(measures: Measures, number: int, pose: int = 0) -> Row:
     return Row("", Surface(np.concatenate([fine, corners]), faces[:, ::mirror]), rgb=np.concatenate([rgb, rgb[:2]]))
 
 
-def _line_on_patch(line: Array, white: cKDTree, verts: Array, edge: float) -> list[Array]:
+def _line_on_patch(line: Array, white: cKDTree, verts: Array, edge: float) -> Iterator[Array]:
     """The parts of a line (P, 3) within an edge [mm] of ``white`` vertices of a patch, moved to the same ``verts``.
 
     A line from vertex to vertex zigzags, so each part is smoothed; its ends stay.
     """
     far, nearest = white.query(line, distance_upper_bound=edge)
     inside = np.flatnonzero(np.isfinite(far))
-    parts = []
     for run in np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1):
         if len(run) > 1:
             part = verts[nearest[run]]
             for _ in range(4):
                 part[1:-1] = (part[:-2] + 2 * part[1:-1] + part[2:]) / 4
-            parts.append(part)
-    return parts
+            yield part
 
 
 def pair_of(match: Match, measures: Mapping[str, Measures]) -> Pair:

@@ -8,13 +8,12 @@ picture, bit for bit.
 import math
 
 import numpy as np
-from numba import njit
 
 from morphofold.arrays import Array, Ints
 from morphofold.geometry import is_closed
-from morphofold.geometry.kernels import corners, dot
+from morphofold.geometry.kernels import corners, dot, position
 from morphofold.kernels import kernel, reading
-from morphofold.report.colours import RGB
+from morphofold.report.colours import RGB, in_bytes
 
 #: the face at each pixel and the weights of its first two corners, as ``rasterise`` returns them
 Seen = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -74,13 +73,6 @@ def rasterise(xyz, faces, width, height, closed):
 KEY_LIGHT, HIGHLIGHT = (tuple(np.divide(v, np.linalg.norm(v))) for v in ((-0.35, 0.55, 0.75), (-0.18, 0.28, 0.94)))
 
 
-@njit(inline="always")
-def blend(u, v, w, abc):
-    """The sum of three vectors with weights u, v, w."""
-    a, b, c = abc
-    return u * a[0] + v * b[0] + w * c[0], u * a[1] + v * b[1] + w * c[1], u * a[2] + v * b[2] + w * c[2]
-
-
 @kernel
 def paint(face, b0, b1, faces, normals, colours, oversample):
     """Brightness (height, width, 3) of the result of ``rasterise``, lit as in the viewer; white where there is no face.
@@ -89,22 +81,22 @@ def paint(face, b0, b1, faces, normals, colours, oversample):
     their inside. The picture is ``oversample`` times smaller in each direction than ``face``; each pixel is a sum.
     """
     height, width = face.shape[0] // oversample, face.shape[1] // oversample
-    image = np.zeros((height, width, 3))
+    image, n = np.zeros((height, width, 3)), np.empty(3)
     for y in range(face.shape[0]):
         for x in range(face.shape[1]):
             f, u, v, pixel = face[y, x], b0[y, x], b1[y, x], image[y // oversample, x // oversample]
             if f < 0:
                 pixel += 1.0
                 continue
-            w = 1.0 - u - v
-            n = blend(u, v, w, corners(normals, faces, f))
-            scale = math.copysign(1.0 / max(math.sqrt(dot(n, n)), 1e-12), n[2])
-            n = n[0] * scale, n[1] * scale, n[2] * scale
+            w, (i, j, k) = 1.0 - u - v, position(faces, f)
+            for c in range(3):
+                n[c] = u * normals[i, c] + v * normals[j, c] + w * normals[k, c]
+            n *= math.copysign(1.0 / max(math.sqrt(dot(n, n)), 1e-12), n[2])
             gleam = max(dot(n, HIGHLIGHT), 0.0) ** 24
             light = 0.26 + 0.44 * max(dot(n, KEY_LIGHT), 0.0) + 0.36 * n[2]
-            rgb = blend(u, v, w, corners(colours, faces, f))
             for c in range(3):
-                pixel[c] += min(rgb[c] / 255.0 * light + 0.06 * gleam, 1.0)
+                colour = u * colours[i, c] + v * colours[j, c] + w * colours[k, c]
+                pixel[c] += min(colour / 255.0 * light + 0.06 * gleam, 1.0)
     return image
 
 
@@ -131,4 +123,4 @@ def look(points: Array, faces: Ints, size: tuple[int, int], px_per_mm: float, ov
 def coloured(seen: Seen, faces: Ints, normals: Array, colours: RGB, oversample: int = OVERSAMPLE) -> RGB:
     """Picture (height, width, 3) on white, from unit normals (N, 3) in the camera's axes and colours (N, 3)."""
     image = paint(*reading(*seen, faces, normals, colours), oversample)
-    return np.round(image * (255.0 / oversample**2)).astype(np.uint8)
+    return in_bytes(image * (255.0 / oversample**2))

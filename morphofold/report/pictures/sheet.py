@@ -48,8 +48,8 @@ class Sheet:
         self.figure.figimage(image, x, self.height - y - len(image))
 
     def box(self, x: float, y: float, width: float, height: float, colour: Any) -> None:
-        corner = (x, self.height - y - height)
-        self.figure.add_artist(Rectangle(corner, width, height, fc=colour, lw=0, transform=None))  # in pixels
+        # without a transform, it is in pixels
+        self.figure.add_artist(Rectangle((x, self.height - y - height), width, height, fc=colour, lw=0, transform=None))
 
     def text(self, x: float, y: float, text: str, size: float, room: float = math.inf, **style: Any) -> None:
         """Write a line with its baseline at y; "…" stands for the middle of one that is longer than ``room``."""

@@ -60,8 +60,7 @@ def camera(view: str, hemi: str) -> Array:
     """
     if view not in CAMERAS:
         raise UnknownName(f"view must be one of {', '.join(CAMERAS)}; got {view!r}.")
-    axes = CAMERAS[view if hemi == "rh" else OTHER_SIDE.get(view, view)]
-    return np.array([DIRECTIONS[axis] for axis in axes])
+    return np.array([DIRECTIONS[axis] for axis in CAMERAS[view if hemi == "rh" else OTHER_SIDE.get(view, view)]])
 
 
 def extent(surface: Surface, view: str, hemi: str = "lh") -> Array:

@@ -34,6 +34,7 @@ PAGE_STYLE = {"svg.fonttype": "none", "lines.scale_dashes": False, "lines.linewi
 NO_METADATA = dict.fromkeys(("Date", "Creator", "Format", "Type"))
 
 Values = np.ndarray
+Rows = Sequence[Mapping[str, Any]]
 Size = tuple[float, float]  # [px], width and height
 
 
@@ -65,7 +66,7 @@ class Chart:
     def line(self, x: Any, y: Any, kind: str, text: str | None = None, **style: Any) -> None:
         """Draw a line, or marks if the style has a marker."""
         style = {"linestyle": "none", **style} if "marker" in style else style
-        self.ax.plot(x, y, gid=kind, url=None if text is None else self.reads(text), clip_on=False, **style)
+        self.ax.plot(x, y, gid=kind, url=text and self.reads(text), clip_on=False, **style)
 
     def points(self, marks: Iterable[tuple[float, float, str]], look: Look, *, big: bool) -> None:
         """Draw a mark for each (x, y, text)."""
@@ -305,14 +306,11 @@ def growth_chart(
         for name, g, values in measured:
             chart.line(g, values, "theory", name, **THEORY)
             for x, y in zip(g, values):
-                text = f"{name}, g = {x:.2f}: {number(y)}"
-                chart.line(x, y, "point", text, color=BLACK, marker="o", markersize=6)
+                chart.line(x, y, "point", f"{name}, g = {x:.2f}: {number(y)}", color=BLACK, marker="o", markersize=6)
         return chart.svg()
 
 
-def region_plot(
-    rows: Sequence[Mapping[str, Any]], key: str, label: str, unit: str, person: Look, grown: Look
-) -> Markup | None:
+def region_plot(rows: Rows, key: str, label: str, unit: str, person: Look, grown: Look) -> Markup | None:
     """A measure of the regions of the grown cortex, and of the smooth body in grey, against the person's.
 
     Parameters
@@ -343,7 +341,7 @@ def region_plot(
         return chart.svg()
 
 
-def share_plot(what: str, rows: Sequence[Mapping[str, Any]]) -> Markup | None:
+def share_plot(what: str, rows: Rows) -> Markup | None:
     """Shares of hinges or crests (``what``) that subjects have in common, by region; None without rows.
 
     There is a mark for each hemisphere, and a grey line for the middle 95 % by chance. ``rows`` are those of
@@ -362,7 +360,7 @@ def share_plot(what: str, rows: Sequence[Mapping[str, Any]]) -> Markup | None:
             colour, above = HEMIS[row["hemi"]]
             y = regions.index(row["region"]) + above
             chart.line([row["chance_low"], row["chance_high"]], [y, y], "chance", color=GREY, linewidth=3, alpha=0.5)
-            share, chance, p = (number(row[key]) for key in ("share", "chance", "p"))
-            text = f"{row['hemi']} {row['region']}: {share}, by chance {chance}, p {p}"
+            chance = f"by chance {number(row['chance'])}, p {number(row['p'])}"
+            text = f"{row['hemi']} {row['region']}: {number(row['share'])}, {chance}"
             chart.line(row["share"], y, "share", text, color=colour, marker="o", markersize=5)
         return chart.svg()

@@ -26,7 +26,7 @@ from morphofold.report.colours import Limits, table
 Style = dict[str, Any]  # keyword arguments of matplotlib's functions, or its settings
 
 #: file endings for figures, and the metadata that keep date and program out of the file
-FORMATS: dict[str, Style] = {
+FORMATS = {
     ".png": {"Software": None},
     ".svg": {"Date": None, "Creator": None},
     ".pdf": {"CreationDate": None, "Creator": None, "Producer": None},

@@ -15,7 +15,6 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
 
-from morphofold.arrays import Array
 from morphofold.cohort.grid import Axis
 from morphofold.cohort.phases import AREA_OVER_FLAT, HINGES_PER_AREA, Phases, RunResult
 from morphofold.quantities import CATEGORICAL_COLOURS, Quantity, round_out
@@ -101,10 +100,11 @@ def values_of(runs: Iterable[RunResult], key: str) -> list[float]:
 
 def cell(phases: Phases, at: GridIndex, key: str) -> Cell:
     """A measure over the seeds of one point."""
-    return Cell(phases.at[at], values_of(phases.at[at], key))
+    runs = phases.at[at]
+    return Cell(runs, values_of(runs, key))
 
 
-def limits_of(phases: Phases, shown: Quantity) -> tuple[float, float]:
+def limits_of(phases: Phases, shown: Quantity) -> colours.Limits:
     """From the lower end to the largest value of any run, rounded up: the same for all diagrams of a sweep."""
     least = shown.limits[0] if shown.limits else 0.0
     above = max([*values_of(phases.runs, shown.key), least]) - least
@@ -260,7 +260,7 @@ def _draw_seeds(ax: Axes, x: float, each: Cell, key: str) -> None:
         ax.annotate(f"{each.failed} failed", (x, 0), (0, 4), foot, "offset points", ha="center", color=GREY, fontsize=9)
 
 
-def crossings(x: Array, y: Array) -> list[float]:
+def crossings(x: np.ndarray, y: np.ndarray) -> list[float]:
     """Where a curve, linear between its points (N,), crosses zero."""
     k = np.flatnonzero(y[:-1] * y[1:] < 0)
     return list(x[k] + np.diff(x)[k] * y[k] / (y[k] - y[k + 1]))

@@ -31,7 +31,7 @@ from morphofold.sim.theory_tables import G_MAX, Case, Row, critical_rows, radius
 Rows = list[Row]
 NOTE: Style = {"color": GREY, "fontsize": 10}
 THIN: Style = {"linewidth": 1.0}
-NO_LINE = {"linestyle": "none", "color": GREY}
+NO_LINE: Style = {"linestyle": "none", "color": GREY}
 GROWTH_LAWS = ("isotropic", "tangential")
 MU_RATIO_LABEL = "$\\mu_\\mathrm{{cortex}}/\\mu_\\mathrm{{core}}$ = {:g}"
 #: parameters of the paper's sphere, which titles leave out, and the format for other values
@@ -82,8 +82,8 @@ def stress_figure(*sphere: Any, **options: Any) -> Figure:
     with _sphere_figure(*size, radius=rows[0]["outer_radius_mm"], **options) as (figure, axes):
         for ax, (law, _, mine) in zip(axes, panels):
             draw_stress(ax, mine)
-            title = f"{law} growth, $g$ = {mine[0]['growth']:g}"
-            ax.set(xlim=(0, 1), ylim=around(sigma, -step, 0, step), title=title)
+            ax.set(xlim=(0, 1), ylim=around(sigma, -step, 0, step))
+            ax.set_title(f"{law} growth, $g$ = {mine[0]['growth']:g}")
             legend_below(ax)
     return figure
 
@@ -112,8 +112,8 @@ def bifurcation_curves(cases: Sequence[Case]) -> Figure:
     rows, laws, ratios, thicknesses, sphere = _parameters(cases)
     right = max(10, *(row["curve"][-1]["degree"] for row in rows))
     critical = [g for b in (case.bifurcation for case in cases) for g in (b.g_crit, b.g_crease, b.short_wave)]
-    size = (4.7 * len(laws) + 0.4, 2.9 * len(ratios) + 1.0)
-    with _sphere_figure(*size, len(ratios), len(laws), **sphere) as (figure, axes):
+    width, height = 4.7 * len(laws) + 0.4, 2.9 * len(ratios) + 1.0
+    with _sphere_figure(width, height, len(ratios), len(laws), **sphere) as (figure, axes):
         for ax, (mu_ratio, law) in zip(axes, product(ratios, laws)):
             shown = [row for row in rows if (row["law"], row["mu_ratio"]) == (law, mu_ratio)]
             for row in shown:
@@ -126,7 +126,7 @@ def bifurcation_curves(cases: Sequence[Case]) -> Figure:
             title = f"{law} growth, {MU_RATIO_LABEL.format(mu_ratio)}"
             _finish_panel(ax, shown, xscale="log", xlim=(1, right), ylim=around(critical, 1, 1.9, 0.1), title=title)
             ax.xaxis.set_major_formatter("{x:g}")
-        entries: dict[str, Style] = {
+        entries = {
             **{f"$T/C$ = {T:.3g}": line_style(i) for i, T in enumerate(thicknesses)},
             "first wrinkles": {**NO_LINE, "marker": "o"},
             "crease criterion": {"color": GREY, **THIN},
