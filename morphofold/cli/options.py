@@ -621,7 +621,7 @@ class Radius(Theory):
     """Thickness of the cortex, T = C - B [mm]."""
     radius: SphereLength = 50.0
     """Outer radius C [mm]."""
-    growth: Growths = tuple(range_values(["1:2:11"]))
+    growth: Growths = field(default_factory=lambda: range_values(["1:2:11"]))
     """Growth of the cortex; numbers or FROM:TO:COUNT."""
     core_growth: Growth = 1.0
     """Growth of the core; 1 is none."""

@@ -53,6 +53,7 @@ LEVELS = {
     "note": SLIGHT_WARNINGS,
 }
 Rows = list[dict[str, Any]]
+NO_REASON = "No reason was recorded."
 NO_POINTS = Cloud("whole", ())
 
 
@@ -172,26 +173,20 @@ def warnings(entries: Entries) -> Rows:
     return rows
 
 
-def left_out(entries: Entries) -> list[tuple[str, str, str]]:
-    """Measures that are missing and why, each reason once, with its surfaces if these are not all."""
-    measures = [e.measures for e in entries]
-    silent = [
-        scalar_words(key)[0]
-        for key in SCALARS
-        if all(m.scalars.get(key) is None and key not in m.notes for m in measures)
-    ]
-    return [*notes(entries, of_missing=True), *([("; ".join(silent), "No reason was recorded.", "")] if silent else [])]
-
-
 def notes(entries: Entries, *, of_missing: bool) -> list[tuple[str, str, str]]:
     """Notes on numbers that are missing, or on those that are there, in the order of scalars.
 
-    One row for all with the same text: labels, text, and surfaces if these are not all.
+    One row for all with the same text: labels, text, and surfaces if these are not all. The last is of numbers that no
+    surface has, without a reason.
     """
     rows: dict[str, Any] = {}  # labels and names as ordered sets, by text
-    for key, e in product(dict.fromkeys([*SCALARS, *chain(*(e.measures.notes for e in entries))]), entries):
-        why, missing = e.measures.notes.get(key), key in SCALARS and e.measures.scalars.get(key) is None
+    known = {key for e in entries for key, value in e.measures.scalars.items() if value is not None}
+    noted = dict.fromkeys(chain(*(e.measures.notes for e in entries)))
+    for key, e in product(dict.fromkeys([*SCALARS, *noted]), entries):
+        why = e.measures.notes.get(key, "" if key in known | noted.keys() else NO_REASON)
+        missing = key in SCALARS and e.measures.scalars.get(key) is None
         if why and missing == of_missing and key not in (*WARNINGS, ACCURACY_NOTE):
             labels, names = rows.setdefault(why, ({}, {}))
             labels[scalar_words(key)[0]] = names[e.name] = None
-    return [("; ".join(a), why, ", ".join(n) if len(n) < len(entries) else "") for why, (a, n) in rows.items()]
+    texts = [("; ".join(a), why, ", ".join(n) if len(n) < len(entries) else "") for why, (a, n) in rows.items()]
+    return sorted(texts, key=lambda row: row[1] == NO_REASON)

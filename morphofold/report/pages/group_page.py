@@ -155,15 +155,11 @@ def headlines(scalars: stats.Scalars, sides: Sequence[Side]) -> dict[str, list[s
     return {key: cells for key, cells in rows.items() if any(cells)}
 
 
-def measures_with_one_value(scalars: stats.Scalars) -> list[str]:
+def measures_with_one_value(scalars: stats.Scalars) -> dict[str, float]:
     """Measures with the same value for all subjects and sides, which are not drawn, and that value."""
-    texts = []
-    for name, values in scalars.items():
-        known = values[np.isfinite(values)]
-        if known.size >= FEWEST_CHART_VALUES and are_alike(known):
-            label, unit = scalar_words(name)
-            texts.append(f"{label} {shown_number(name, float(np.median(known)))} {unit}".strip())
-    return texts
+    known = {name: values[np.isfinite(values)] for name, values in scalars.items()}
+    alike = {name: values for name, values in known.items() if values.size >= FEWEST_CHART_VALUES and are_alike(values)}
+    return {name: float(np.median(values)) for name, values in alike.items()}
 
 
 def are_alike(values: Array) -> bool:
