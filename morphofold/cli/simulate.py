@@ -33,7 +33,7 @@ def run(args: Simulate) -> Answer:
         simulation = simulate(
             scene, args.out, resume=args.resume, threads=args.threads, progress=show, restart_from=args.restart_from
         )
-    content, lines = dict(simulation.health), _lines(simulation, scene)
+    content, lines = simulation.health, _lines(simulation, scene)
     if not args.estimate:
         return Answer(content, lines)
     print_answer(Answer(None, lines), as_json=args.json)  # the run is finished, whatever becomes of the others

@@ -37,7 +37,6 @@ HEADLINE_MEASURES = (
 )
 OPEN_CHARTS = (*HEADLINE_MEASURES, "wavelength_mm", "n_hinges")  # always visible; others are folded away
 MOST_PICTURED_SUBJECTS = 12
-DEFAULT_MAP = "H"  # the map for measures that have no map
 FIGURE_WIDTH_PX = 860  # [pixels]
 MOST_EMBEDDED_CHARACTERS = 1_500_000  # most characters of pictures inside a page; further pictures are files only
 LARGEST_CHARTED_Z = 10.0  # robust z above which charts leave values out
@@ -239,7 +238,7 @@ def draw_outliers(
     for k, (outlier, *rest) in enumerate(far, start=1):
         apart = np.abs(scalars[outlier.measure][:, stats.HEMIS.index(outlier.hemi)] - outlier.median)
         typical = group.subjects[np.nanargmin(apart)]
-        key = MAP_OF_SCALAR.get(outlier.measure, DEFAULT_MAP)
+        key = MAP_OF_SCALAR.get(outlier.measure, "H")
         entry = {"outlier": outlier, "rest": rest, "typical": typical, "map": quantity(key).label, "data": ""}
         entries.append(entry)
         rows = []
