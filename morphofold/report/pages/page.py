@@ -94,7 +94,7 @@ def _write_page(
         lambda: _write_pictures(folder, entries, main_maps),
         lambda: viewer_data(panels, shown),
         lambda: _write_hinge_pairs(folder, comparison),
-        lambda: [_histograms(entries_with_map(entries, key), w.label, w.unit) for key, (w, _) in main_maps.items()],
+        lambda: [_histograms(entries_with_map(entries, key), w.label, w.unit) for key, w in main_maps.items()],
     )
     progress(0.8, "drawing charts")
     return write_page(
@@ -137,13 +137,13 @@ def _write_pictures(folder: Path, entries: Entries, shown: ShownMaps) -> Picture
     which, pictures = _drawn_surface(entries), []
     surfaces = {e: Surface(getattr(e.cortex, which).verts[e.display.ids], e.display.faces) for e in entries}
     with ThreadPoolExecutor(1) as writer:  # writes one picture while the next is drawn
-        for key, (what, limits) in shown.items():
+        for key, what in shown.items():
             rows = [
                 Row(e.name, surfaces[e], values[e.display.ids], e.cortex.hemi)
                 for e, values in entries_with_map(entries, key)
             ]
-            image, file = figure(rows, what, limits), folder / f"{safe_name(key)}.png"
-            pictures.append(writer.submit(write_picture, file, image, what.title, limits=limits))
+            image, file = figure(rows, what, what.limits), folder / f"{safe_name(key)}.png"
+            pictures.append(writer.submit(write_picture, file, image, what.title, limits=what.limits))
         if nets := [net_row(e.measures, e.name) for e in entries if e.measures.graph is not None]:
             image, title = net_figure(nets), "Net of gyral crests and its hinges"
             pictures.append(writer.submit(write_picture, folder / "gyral_net.png", image, title))

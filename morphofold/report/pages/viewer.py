@@ -37,7 +37,7 @@ STAGED_VERTICES = 15_000  # of a body drawn at every stage of growth
 NAN_CODE_16_BIT = 65535
 VertexIds = NDArray[np.int64]
 Shown = dict[str, Any]  # of the page's JSON
-ShownMaps = dict[str, tuple[Quantity, colours.Limits]]  # map key -> quantity, limits for all surfaces
+ShownMaps = dict[str, Quantity]  # by key, with limits for all surfaces
 
 
 # what a page shows -------------------------------------------------------------------------------------------
@@ -62,14 +62,14 @@ def shown_maps(entries: Entries) -> ShownMaps:
     for key in (RELIEF, *MAIN_MAPS, *sorted(others)):
         if arrays := [a for _, a in entries_with_map(entries, key)]:
             what = quantity(key, arrays)
-            shown[key] = (what, common_limits(what, arrays))
+            shown[key] = replace(what, limits=common_limits(what, arrays))
     return shown
 
 
 def viewer_data(entries: Entries, shown: ShownMaps) -> tuple[Shown, dict[str, Markup]]:
     """The JSON configuration of viewer.js, and the packed data of each surface (``"0"``) and its stages (``"0-1"``)."""
     surfaces, blocks = [], dict[str, Markup]()
-    steps = {key: (high - low) / 2000 for key, (_, (low, high)) in shown.items()}  # finer than the colours can show
+    steps = {key: np.ptp(what.limits or 0) / 2000 for key, what in shown.items()}  # finer than the colours can show
     main_steps = {key: steps[key] for key in MAIN_MAPS if key in shown}
     for k, e in enumerate(entries):
         packed, stages = pack(e, steps), [Packed(m, e.display.ids, main_steps) for m in e.stages]
@@ -77,7 +77,7 @@ def viewer_data(entries: Entries, shown: ShownMaps) -> tuple[Shown, dict[str, Ma
         blocks |= {f"{k}": packed.data} | {f"{k}-{i}": stage.data for i, stage in enumerate(stages)}
     config = {
         "surfaces": surfaces,
-        "maps": [vars(what) | {"main": key in MAIN_MAPS, "limits": limits} for key, (what, limits) in shown.items()],
+        "maps": [vars(what) | {"main": key in MAIN_MAPS} for key, what in shown.items()],
         "tables": {"sequential": colours.sequential().tolist(), "diverging": colours.diverging().tolist()},
         "missing": colours.NOT_MEASURED_COLOUR,
         "bare": colours.BARE_SURFACE_COLOUR,
