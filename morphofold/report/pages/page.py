@@ -222,9 +222,7 @@ def with_smooth_bodies(entries: Entries, people: Sequence[PersonComparison]) -> 
     return panels
 
 
-def person_parts(
-    people: Sequence[PersonComparison], entries: Entries, folder: Path
-) -> list[tuple[PersonComparison, Entry, Entry, list[Any], dict[str, Any]]]:
+def person_parts(people: Sequence[PersonComparison], entries: Entries, folder: Path) -> list[tuple[Any, ...]]:
     """Each pair with the entries of both, charts of its regions, and its picture ``folder/person-1.png`` and so on."""
     by_name = {e.name: e for e in entries}
     parts = []
@@ -237,7 +235,7 @@ def person_parts(
             (pair.grown, bodies.grown.measures, pair.scale),  # to a hull of equal area
         )
         rows = [
-            Row(label, Surface(scale * m.cortex.pial.verts, m.cortex.faces, label), m.maps[RELIEF], pair.hemi)
+            Row(label, Surface(scale * m.cortex.pial.verts, m.cortex.faces), m.maps[RELIEF], pair.hemi)
             for label, m, scale in shown
         ]
         title = f"{pair.person}, the smooth body and {pair.grown}, four views each"
