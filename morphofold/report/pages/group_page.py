@@ -97,7 +97,7 @@ def group_report(group: Group, folder: Path, progress: Progress = silent) -> Pat
 
 def _sides_and_charts(group: Group, scalars: stats.Scalars) -> dict[str, Any]:
     """Who has which side, medians, and charts of measures and of gyral against cortical thickness."""
-    left, right = np.any([np.isfinite(values) for values in group.scalars.values()], axis=0).T
+    left, right = np.any(np.isfinite([*group.scalars.values()]), axis=0).T
     sides = [side for side, measured in zip(BOTH_SIDES, (left, right)) if measured.any()]
     charts = {name: chart for name, values in scalars.items() if (chart := _histogram_chart(name, values, sides))}
     clouds = [cloud for kind in CLOUDS if (cloud := _thickness_plot(group, sides, kind))["plot"]]
