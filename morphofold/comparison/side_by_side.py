@@ -101,7 +101,7 @@ class Comparison:
         return f"Comparison({names}; {len(self.groups)} groups, {len(self.people)} compared with their person)"
 
     def _repr_html_(self) -> str:
-        return str(draw("html", self))
+        return draw("html", self)
 
     @property
     def named(self) -> MeasuresByName:
@@ -131,7 +131,7 @@ class Comparison:
             "cautions": self.cautions,
             **({"people": [person.to_dict() for person in self.people]} if self.people else {}),
         }
-        return dict(json_value(content))
+        return json_value(content)
 
     def report(self, out: str | Path, *, progress: Progress = silent) -> Path:
         """Write ``out/`` completely or not at all: report.html, figures/*.png, comparison.json, comparison.tsv.

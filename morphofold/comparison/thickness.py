@@ -101,7 +101,7 @@ def wrinkling_wavelength(mu_ratio: float) -> TheoryLine:
     mu_f and mu_s are the shear moduli of film and substrate. It is 4.36 for equal stiffness; but this is the linear
     theory of a thin stiff film, so ratios near 1 are outside the range for which it was derived.
     """
-    return TheoryLine(float(mu_ratio), float(2 * np.pi * (mu_ratio / 3) ** (1 / 3)))
+    return TheoryLine(float(mu_ratio), 2 * np.pi * (mu_ratio / 3) ** (1 / 3))
 
 
 def thickness_cloud(measures: Measures) -> Cloud:

@@ -283,7 +283,7 @@ def memory_of_analysis(vertices: Sequence[int], *, accuracy: str, report: bool) 
     chosen, memory, total = accuracy_of(accuracy), COSTS["analysis"], sum(vertices)
     largest_mesh = max(4 * n if n < chosen.least else n for n in vertices)
     most = memory["kept_per_vertex"] * total + memory["per_vertex"] * largest_mesh
-    measuring: float = memory["process"] + (most + memory["per_voxel"] * chosen.voxels**3) / GiB
+    measuring = memory["process"] + (most + memory["per_voxel"] * chosen.voxels**3) / GiB
     page = memory["page"] + memory["page_per_hemisphere"] * len(vertices) + memory["page_per_vertex"] * total / GiB
     return max(measuring, page) if report else measuring
 

@@ -382,7 +382,7 @@ def slowness_of_stages() -> float:
     cortex = Cortex.from_arrays(46 * verts, 50 * verts, faces, origin="simulation")
     set_num_threads(1)
     seconds = least_seconds(lambda: (check_surface(cortex.pial), freesurfer_maps(cortex)))
-    return float(seconds / COSTS["stage"]["sphere"])
+    return seconds / COSTS["stage"]["sphere"]
 
 
 def least_seconds(work: Callable[[], object]) -> float:

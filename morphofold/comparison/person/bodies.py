@@ -191,4 +191,4 @@ def weighted_median(values: Array, weights: Array) -> float:
     order = np.argsort(values, kind="stable")
     total = np.cumsum(weights[order])
     k = np.searchsorted(total, 0.5 * total[-1])
-    return float(values[order[k : k + 2]].mean())
+    return values[order[k : k + 2]].mean()

@@ -141,7 +141,7 @@ class PersonComparison:
             "forwardness": self.forwardness,
             "regions": self.regions,
         }
-        return dict(json_value(content))
+        return json_value(content)
 
 
 def compare_people(named: MeasuresByName, *, spins: int, seed: int) -> tuple[list[PersonComparison], list[str]]:
@@ -242,7 +242,7 @@ def compare_with_person(
     values = [statistic(bodies.to_grown.nearest, np.eye(3)) for statistic in statistics]
     null = null_values(statistics, bodies.grown.points, bodies.person.points, spins, seed)
     on = {"person": bodies.person, "smooth": bodies.grown, "grown": bodies.grown}
-    given_maps = (grown.cortex.info.get("grown_from") or {}).get("maps", [])
+    given_maps = grown.cortex.info.get("grown_from", {}).get("maps", [])
     return PersonComparison(
         *names,
         person.cortex.hemi,

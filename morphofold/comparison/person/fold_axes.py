@@ -114,7 +114,7 @@ def forwardness(axes: Array, strengths: Array, surface: SmoothSurface, points: A
     ahead = FORWARD - (frame.normal @ FORWARD)[:, None] * frame.normal
     weight = weights * strengths * np.linalg.norm(ahead, axis=1)
     cosine = dot(along, unit(ahead))
-    return float(weight @ (2 * cosine**2 - 1) / weight.sum()) if weight.sum() > 0 else np.nan
+    return weight @ (2 * cosine**2 - 1) / weight.sum() if weight.sum() > 0 else np.nan
 
 
 def _strength(k1: Array, k2: Array) -> Array:

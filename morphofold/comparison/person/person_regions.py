@@ -111,7 +111,8 @@ class RegionNumbers(NamedTuple):
 
 def numbers_of_regions(bodies: Bodies) -> RegionNumbers | None:
     """Numbers of the person's regions in all bodies; None without regions."""
-    regions, person, grown = bodies.person.measures.cortex.regions, bodies.person, bodies.grown
+    person, grown = bodies.person, bodies.grown
+    regions = person.measures.cortex.regions
     if regions is None:
         return None
     count = len(regions.names)
@@ -185,5 +186,5 @@ def spearman(x: Array, y: Array) -> float:
     if n < LEAST_REGIONS:
         return np.nan
     a, b = (rankdata(v[both]) - 0.5 * (n + 1) for v in (x, y))
-    size = float(np.sqrt((a @ a) * (b @ b)))
-    return float(a @ b) / size if size > 0 else np.nan
+    size = np.sqrt((a @ a) * (b @ b))
+    return a @ b / size if size > 0 else np.nan
