@@ -26,8 +26,10 @@ def check_kind(value: Any, kinds: type | tuple[type, ...], label: str) -> None:
     if isinstance(value, kinds):
         return
     names = [kind.__name__ for kind in (kinds if isinstance(kinds, tuple) else (kinds,))]
-    got = f"{type(value).__name__}{_value_excerpt(value)}"
-    raise TypeError(f"{label} must be of class {' or '.join(names)}, not {got}. {_HOW_TO_GET.get(names[0], '')}")
+    raise TypeError(
+        f"{label} must be of class {' or '.join(names)}, not {type(value).__name__}{_value_excerpt(value)}. "
+        f"{_HOW_TO_GET.get(names[0], '')}"
+    )
 
 
 def check_arrays(verts: Any, faces: Any, name: str = "surface") -> None:
