@@ -31,8 +31,10 @@ HEMIS = ("lh", "rh")
 MAP_NAMES = ("thickness", "curv", "sulc", "area")
 SURFACE_ENDINGS = ("", ".surf.gii", ".gii", ".surf.gii.gz", ".asc")
 _MAP_ENDINGS, _ANNOTATION_ENDINGS = ("", ".shape.gii", ".gii", ".mgh", ".mgz"), (".annot", ".label.gii")
-#: optional files: the field of a Cortex or the map that they hold, folder, name between hemisphere and ending; of
-#: several files for one field the last is read
+Files = dict[str, Path]  # by what they hold: a field of a Cortex, or one of its maps
+
+#: optional files: what they hold, folder, name between hemisphere and endings, of which the first that exists counts;
+#: of two rows for one field the last
 _CONTENTS = (
     *((name, "surf", name, _MAP_ENDINGS) for name in MAP_NAMES),
     ("inflated", "surf", "inflated", SURFACE_ENDINGS),
@@ -51,12 +53,9 @@ _READERS: dict[str, Callable[[Path], Any]] = {
     **dict.fromkeys(MAP_NAMES, read_morph),
     "regions": read_annotation,
 }
-#: by the content in folded_files, that of a cortex
+#: what folded_files calls a file, as it stands in the records of runs -> the field of a Cortex
 _IN_A_CORTEX = {"surface": "white", "aparc.annot": "regions", "cortex.label": "cortex"}
-
-_RECORDED = ("origin", "units", "portion", "info")  # fields of a cortex
-
-Files = dict[str, Path]  # by what they hold
+_RECORDED = ("origin", "units", "portion", "info")  # fields that stage.json or summary.json may give
 
 _PositiveSize = Annotated[float, Field(ge=1e-6, le=1e6)]
 

@@ -1,4 +1,8 @@
-"""Checks that all readers and writers share: a file exists, is bounded, is complete, and is replaced in one step."""
+"""What all readers and writers of single files share.
+
+Before reading: the file exists, was fetched, and is not too large; while decoding: any damage becomes one error. A file
+is written beside its place and then moved there, so it is complete or not there at all. Folders are in ``folders``.
+"""
 
 import difflib
 import errno

@@ -1,4 +1,8 @@
-"""Write folders completely or not at all, one writer at a time."""
+"""Folders of results: written completely or not at all, by one run at a time, and never over files of others.
+
+Commands call ``refuse_foreign`` before their work, and write in ``atomic_folder``; a cohort or a sweep, which collects
+the results of many runs, begins with ``begin_collection`` and holds the lock of ``alone``.
+"""
 
 import json
 import os

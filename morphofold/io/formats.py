@@ -1,4 +1,9 @@
-"""Read and write surfaces, per-vertex maps, regions and masks in any format: one table of formats."""
+"""Read and write a file with a surface, a per-vertex map, regions or a mask, whatever its format.
+
+``FORMATS`` has the formats of each content; the first bytes of a file choose one, or else its name. ``freesurfer``,
+``gifti`` and ``mesh_files`` turn bytes into arrays and back. All other rooms call the functions here (``read_surface``,
+``write_morph``, ...), which give checked arrays, or raise an error that names the file.
+"""
 
 import gzip
 import re

@@ -1,7 +1,8 @@
-"""FreeSurfer files: surfaces, per-vertex maps, annotations and labels, through nibabel.
+"""FreeSurfer's formats: bytes of surfaces, per-vertex maps, annotations and labels to arrays and back, for ``formats``.
 
-Maps are read here, because nibabel reads the values that are left of a truncated file, and footers, because nibabel
-reads none of quadrangles.
+Also its conventions: the sign of curvature, and the frame of a surface in the scanner. nibabel reads and writes. Maps
+are read here, because nibabel reads the values that are left of a truncated file, and footers, because nibabel reads
+none of quadrangles.
 """
 
 import io

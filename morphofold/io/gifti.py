@@ -1,4 +1,4 @@
-"""GIFTI surfaces, per-vertex maps and regions, through nibabel."""
+"""GIFTI: bytes of surfaces, per-vertex maps, regions and masks to arrays and back, through nibabel, for ``formats``."""
 
 import gzip
 import html

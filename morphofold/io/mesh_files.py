@@ -1,4 +1,7 @@
-"""Surfaces of other programs: PLY, STL, OBJ, OFF and GLB through trimesh, VTK's formats, and texts of others."""
+"""Surfaces of other programs, bytes to arrays and back, for ``formats``.
+
+PLY, STL, OBJ, OFF and GLB go through trimesh, VTK's formats through VTK and meshio; texts of others are read here.
+"""
 
 import io
 import logging

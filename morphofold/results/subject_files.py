@@ -1,5 +1,7 @@
 """Measures as files of FreeSurfer: regions in its stats format, and files written into the subject that was measured.
 
+``analyze`` writes the stats beside its tables, and with --into-subject into the subject.
+
 ``stats/?h.aparc.gyral.stats`` has the regions of a hemisphere as ``mris_anatomical_stats`` writes them;
 ``aparcstats2table --parc aparc.gyral --meas thickness`` makes a table of subjects from these files. FreeSurfer's own
 files are never replaced.
