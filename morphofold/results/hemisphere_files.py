@@ -46,11 +46,12 @@ def write_hemisphere(m: Measures, layout: Layout, *, mgh: bool = False) -> None:
     """Write surfaces, maps, regions, mask, gyral graph and stats as FreeSurfer's, as far as measures and layout have
     any; with ``mgh`` measured maps also as MGH. For BIDS the measures are in scanner coordinates."""
     cortex, hemi, regions = m.cortex, m.cortex.hemi, m.cortex.regions
+    scanner = layout.bids and cortex.transform is not None
     for name in SURFACES:
         if (surface := getattr(cortex, name)) is not None:
-            scanner = layout.bids and name in SURFACES_IN_SCANNER and cortex.transform is not None
-            surface = replace(surface, geometry=None) if layout.bids else surface
-            io.write_surface(layout.new("surface", hemi, name), surface, scanner=scanner)
+            surface = replace(surface, geometry=None) if scanner else surface
+            path, moved = layout.new("surface", hemi, name), name in SURFACES_IN_SCANNER
+            io.write_surface(path, surface, scanner=scanner and moved)
     for kind in ("input_map", "map", "freesurfer_map", "mgh_map")[: 2 if layout.bids else 3 + mgh]:
         for name, values in (cortex if kind == "input_map" else m).maps.items():
             path, title = layout.new(kind, hemi, name, _about_map(kind, name)), map_ending(kind, name)
