@@ -1,7 +1,7 @@
 """Comparison of models and MRI: measures of several cortices (Figs. 8 and 9 of Razavi et al. 2015).
 
-Simulations and brains are treated the same. ``cortex.origin`` and ``cortex.info`` are shown as labels, and
-``info["mu_ratio"]``, if there is one, gives the theoretical line.
+Begin at ``compare``, which takes measures by name; ``compare_with_person`` takes a grown cortex and the person that it
+grew from.
 """
 
 # ruff: noqa: F401  (the public names, imported on first use)

@@ -1,4 +1,8 @@
-"""Three-hinge patterns of one group of surfaces compared with another (Fig. 9 of Razavi et al. 2015)."""
+"""Shapes of three-hinges, where three gyral crests meet, compared between groups (Fig. 9 of Razavi et al. 2015).
+
+In go the hinge shapes of each surface and its group; for each pair of groups comes a ``HingeComparison``: distances,
+best matches, and a test against hinges of a random planar net. ``side_by_side`` calls it.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -206,7 +210,7 @@ def _difference(distance: Array) -> float:
 
 
 def net_at_chance(shapes: Sequence[hinge_shapes.HingeShapes], *, seed: int = 0) -> Array | None:
-    """Hinges of :func:`morphofold.analysis.random_net` as dense as those of some surfaces; None if impossible."""
+    """Hinges of a random net (``hinge_shapes.random_net``) as dense as those of some surfaces; None if impossible."""
     per_area = float(np.mean([s.per_area for s in shapes]))
     if not 0 < per_area < MOST_HINGES_PER_AREA:
         return None

@@ -1,7 +1,9 @@
-"""Measures of several cortices side by side: one table, one plot, one page (Fig. 8 of Razavi et al. 2015).
+"""``compare``: measures of several cortices in, one ``Comparison`` out (Fig. 8 of Razavi et al. 2015).
 
-Simulations and brains are treated the same. ``cortex.origin`` and ``cortex.info`` are shown as labels, and
-``info["mu_ratio"]``, if there is one, gives the theoretical line.
+A ``Comparison`` gathers the table of measures, the plot of gyral against cortical thickness, hinges, growth curves and
+persons, and writes them to a folder with its page. Simulations and brains are treated the same: ``cortex.origin`` and
+``cortex.info`` are shown as labels, and ``info["mu_ratio"]``, if there is one, gives the theoretical line. Texts of the
+comparison are in ``side_by_side.toml``.
 """
 
 import re

@@ -1,5 +1,7 @@
-"""Forecasts of a run: its time, memory and errors, and the mesh that fits; afterwards the cost of a run or an analysis,
-and its errors. Names are imported on first use: an analysis, which has a cost too, does not load the solver.
+"""What work takes: before a run ``forecasting`` (time, memory, errors), ``sizes`` and ``mesh_choice``; after a run or
+an analysis ``cost``, and ``richardson``, which estimates the errors of a run.
+
+Names are imported on first use: an analysis, of which ``cost`` says what it took, does not load the solver.
 """
 
 # ruff: noqa: F401  (the public names)

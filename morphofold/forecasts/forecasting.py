@@ -1,4 +1,7 @@
-"""Cost and errors of a run before it begins: steps are timed on this machine, and scaled."""
+"""Cost and errors of a run before it begins: a scene in, a ``Forecast`` out.
+
+Some steps of the scene, or of a part of its body, are timed on this machine and scaled to the whole run.
+"""
 
 import math
 import timeit

@@ -1,4 +1,4 @@
-"""Choice of the mesh for a budget of time, or for an error."""
+"""Choice of the edge length for a budget of time, or for an error: a scene in, the scene with that edge out."""
 
 import math
 import re

@@ -1,5 +1,8 @@
-"""Errors of a finished run by Richardson extrapolation: the run is compared with a coarser run of the same scene, and
-the coarser run with a slower run, which grows at half the pace."""
+"""Errors of a finished run by Richardson extrapolation: a run in, an ``Estimate`` and its file ``error.json`` out.
+
+The run is compared with a coarser run of the same scene, and the coarser run with a slower run, which grows at half the
+pace. Both are grown inside the folder of the run.
+"""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace

@@ -1,5 +1,6 @@
-"""What a run of a scene takes: elements and nodes of its body, counted without building it, the edges that it can have,
-steps, and memory."""
+"""The work of a run: elements and nodes, by formula or of a body that is built, the edges that it can have, its steps,
+and its memory. Forecasts and the choice of a mesh call it.
+"""
 
 import math
 from collections.abc import Callable

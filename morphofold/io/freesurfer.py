@@ -1,8 +1,8 @@
 """FreeSurfer's formats: bytes of surfaces, per-vertex maps, annotations and labels to arrays and back, for ``formats``.
 
-Also its conventions: the sign of curvature, and the frame of a surface in the scanner. nibabel reads and writes. Maps
-are read here, because nibabel reads the values that are left of a truncated file, and footers, because nibabel reads
-none of quadrangles.
+Also its conventions: the sign of curvature, and the frame of a surface in the scanner. Surfaces are read, and most
+files written, through nibabel. Maps are read here, because nibabel takes a truncated map for a shorter one; so are
+footers, because nibabel loses those of quadrangles.
 """
 
 import io

@@ -1,6 +1,7 @@
-"""Surfaces of other programs, bytes to arrays and back, for ``formats``.
+"""Surface formats that are neither binary FreeSurfer nor GIFTI, bytes to arrays and back, for ``formats``.
 
-PLY, STL, OBJ, OFF and GLB go through trimesh, VTK's formats through VTK and meshio; texts of others are read here.
+PLY, STL, OBJ, OFF and GLB go through trimesh, VTK's formats through VTK and meshio. FreeSurfer's text (.asc, .srf), MNI
+OBJ and maps as plain text, one value per line, are read here.
 """
 
 import io

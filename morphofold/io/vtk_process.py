@@ -1,4 +1,7 @@
-"""A script: VTK reads the file that is named, and its points and cells go to standard output as npz."""
+"""Run by ``mesh_files.read_vtk`` in a process of its own, because VTK ends its process on some damaged files.
+
+The path of a VTK file is the argument; points, connectivity, offsets and types of cells go to standard output as npz.
+"""
 
 import sys
 

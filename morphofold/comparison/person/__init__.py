@@ -1,5 +1,7 @@
-"""A grown cortex beside the folds of the person it grew from.
+"""A grown cortex compared with the folds of the person it grew from.
 
-Both lie on the person's sphere, so each vertex of one has a place on the other. The smooth body that grew is the
-control: unfolding leaves the largest sulci in it.
+A person's surface is unfolded until only its largest folds are left: the smooth body, from which the cortex grew, and
+which is the control. All three lie on the person's sphere, so each vertex of one has a place on the others. Begin at
+``compare_person``; ``bodies`` puts the three on the sphere, ``fold_axes`` and ``person_regions`` measure them, and
+``agreement`` tests.
 """

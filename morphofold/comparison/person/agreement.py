@@ -28,7 +28,7 @@ from morphofold.threads import one_blas_thread
 
 SPINS = 500
 
-#: numbers (K,) from the source vertex (N,) at each target point and the rotation (3, 3) that took it there
+#: numbers (K,) from the vertex of the source on which each target point (P,) falls, and the targets' rotation (3, 3)
 Statistic = Callable[[Ints, Array], Array]
 
 

@@ -1,4 +1,8 @@
-"""Person, smooth body and grown cortex on one sphere: their points, sizes, areas and maps."""
+"""Put a person, the smooth body and the cortex grown from it on one sphere, at equal areas of their hulls: ``Bodies``.
+
+In go the measures of person and grown cortex, and how far the person was unfolded; out come points, scales, areas and
+maps of both, and two control bodies, the smooth one and one whose dents are deepened. ``compare_person`` calls it.
+"""
 
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -1,7 +1,7 @@
-"""Numbers of a person's regions in the person, the smooth body and the grown cortex, and their rank correlations.
+"""Measures of a person's regions in the person, the smooth body and the grown cortex, and their rank correlations.
 
-From bodies on one sphere comes a table of regions, and an agreement for each measure that both cortices have.
-``compare_person`` calls it.
+From bodies on one sphere comes a table of regions (gyrification, depth, thicknesses, hinges, expansion), and an
+agreement for each measure that both cortices have. ``compare_person`` calls it.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -133,7 +133,7 @@ def numbers_of_regions(bodies: Bodies) -> RegionNumbers | None:
 
 
 def mean_field(values: Array, weights: Array | float) -> tuple[Array, Array]:
-    """The weighted mean of values (N,) over the vertices that have one."""
+    """The weighted mean of values (N,) over the vertices that have one: its numerator and denominator by vertex."""
     known = np.isfinite(values)
     return np.where(known, values, 0.0) * weights, known * weights
 
