@@ -147,6 +147,7 @@ def test_a_part_is_not_compared_with_the_person_it_grew_from(cortex):
         compare_with_person(part, part, 0.1)
 
 
+@pytest.mark.slow
 def test_a_part_is_written_read_and_compared(tmp_path):
     """Beside a whole one, with the page; the numbers that only one has are missing for the other."""
     average = read_cortex(sample_path("fsaverage5"), hemi="lh")

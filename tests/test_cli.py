@@ -281,6 +281,7 @@ def test_help_has_examples_that_are_understood_and_on_the_page_of_the_command():
             assert line in " ".join(page.read_text(encoding="utf-8").replace("\\\n", " ").split())
 
 
+@pytest.mark.slow
 def test_interrupt_ends_with_130_and_keeps_the_checkpoint(here, usual_signals):
     # a real SIGINT to a real process
     small = ["geometry.portion=octant", "growth.final=1.3", "growth.rate=0.1", "accuracy.edge=4.91"]

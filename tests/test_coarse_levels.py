@@ -133,6 +133,7 @@ def test_tetrahedra_have_no_levels_and_a_body_can_do_without():
     np.testing.assert_allclose(body.levels.accelerations(force, body.mass), force / body.mass[:, None], rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_folds_come_to_rest_in_the_same_state_with_and_without_levels():
     """Which way a body moves is fictitious; where it rests is not. Before folds cross, there is one state."""
     ends = []

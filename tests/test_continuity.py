@@ -21,7 +21,7 @@ NUMBERING = {"hinge", "crest", "from_hinge", "to_hinge", "arm", "vertex", "x", "
 SMOOTH = {"length_mm", "gyral_thickness_mm", "cortical_thickness_mm", "area_mm2", "gray_volume_mm3", "thickness_mm"}
 
 
-@pytest.fixture(scope="module", params=["fsaverage5", "simulated"])
+@pytest.fixture(scope="module", params=[pytest.param("fsaverage5", marks=pytest.mark.slow), "simulated"])
 def before(request):
     cortex = read_cortex(sample_path(request.param), hemi="lh")
     return cortex, measure(cortex, accuracy="draft")

@@ -94,7 +94,15 @@ def exact():
     return true_crests()
 
 
-@pytest.mark.parametrize(("level", "noise", "scale"), [(5, 0.0, 6.0), (5, 0.01, 8.0), (6, 0.0, 3.0), (6, 0.01, 5.0)])
+@pytest.mark.parametrize(
+    ("level", "noise", "scale"),
+    [
+        (5, 0.0, 6.0),
+        pytest.param(5, 0.01, 8.0, marks=pytest.mark.slow),
+        pytest.param(6, 0.0, 3.0, marks=pytest.mark.slow),
+        (6, 0.01, 5.0),
+    ],
+)
 def test_the_crests_of_a_bumpy_sphere_are_found_and_nothing_else(exact, level, noise, scale):
     """Of 10 mm and more; what is shorter is near the scale. Found within two edges of a coarse mesh."""
     shape = bumpy_sphere(level, rng=1)

@@ -85,6 +85,7 @@ def test_the_width_is_that_between_inflections(width):
     assert operators.gyral_width() == pytest.approx(2 * turn * 52 / 50, rel=0.1)
 
 
+@pytest.mark.slow
 def test_the_width_depends_on_the_mesh_by_little_and_on_noise_by_a_quarter():
     net = regular_net("octahedron")
     width = {}

@@ -47,6 +47,7 @@ def test_a_harmonic_of_a_sphere_falls_by_its_eigenvalue():
     np.testing.assert_allclose(found, wave / (1 + 2.0 * 6 / 9), atol=5e-3 * np.abs(wave).max())
 
 
+@pytest.mark.slow
 def test_the_number_of_iterations_hardly_grows_with_the_mesh(monkeypatch):
     counts = []
     for level in (4, 5, 6):  # 2,562 to 40,962 vertices; the time is 9 to 150 squared edges

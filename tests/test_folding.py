@@ -79,6 +79,7 @@ def test_thinning_a_person_to_a_quarter_of_the_vertices_hardly_moves_the_indices
         assert other.total == pytest.approx(1, abs=0.02)
 
 
+@pytest.mark.slow
 def test_faces_of_32_bits_as_files_hold_them_are_those_of_64():
     """Keys of the edges of 163,842 vertices need more."""
     verts, faces = shapes.icosphere(7, 50.0)

@@ -87,7 +87,7 @@ def test_noise_and_dips_do_no_harm(solid, width, noise, dip, height):
     matched(gyral_graph(surface), net)
 
 
-@pytest.mark.parametrize("cells", [12, 20])
+@pytest.mark.parametrize("cells", [pytest.param(12, marks=pytest.mark.slow), 20])
 def test_irregular_nets_are_found_with_their_angles_and_lengths(cells):
     net = irregular_net(cells, seed=5, shortest=0.12)  # arms from 6.5 mm
     away, angles, lengths = errors(gyral_graph(ridged_net(net, 6, 6.0, rng=3)), net)

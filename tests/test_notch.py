@@ -135,6 +135,7 @@ def test_a_small_notch_folds_into_a_crease_that_opens_where_theory_lets_creases_
     assert g[opened] == pytest.approx(CREASES, abs=within)
 
 
+@pytest.mark.slow
 def test_without_a_notch_a_block_stays_smooth_until_waves_grow():
     g, pairs = grown(None, "growth.rate=1.0", final=1.49)
     assert g.max() > WAVES - 0.015

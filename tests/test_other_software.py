@@ -141,6 +141,7 @@ def test_workbench_knows_hemisphere_kind_area_and_sides_of_an_analysis(analysed,
         assert area == pytest.approx(m.maps["area"].sum(), rel=1e-5)
 
 
+@pytest.mark.slow
 def test_workbench_finds_the_statistics_of_every_map(analysed, workbench):
     m, plain, stem = analysed
     assert len(m.maps) > 8

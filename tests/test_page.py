@@ -220,6 +220,7 @@ def test_a_fit_not_different_from_none_is_called_so(drawn):
     assert 'class="fit faint"' in text
 
 
+@pytest.mark.slow
 def test_a_page_of_two_large_hemispheres_is_below_15_megabytes(tmp_path, rng, monkeypatch):
     monkeypatch.setattr(page, "_write_pictures", lambda *args: [])  # about half a megabyte each, seen elsewhere
     path = analysis_report(large_pair(rng), tmp_path / "report.html")

@@ -36,6 +36,7 @@ def test_tables_sort_and_are_saved_with_all_digits(tmp_path):
         assert tables == ["measures", "sub_01-lh-regions", "sub_01-lh-hinges"]
 
 
+@pytest.mark.slow
 @needs_browser
 def test_short_tables_are_open_on_paper_and_long_ones_not_there(tmp_path):
     m = made_measures("lh")

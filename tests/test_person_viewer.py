@@ -9,6 +9,7 @@ from morphofold.comparison import compare
 pytestmark = needs_browser
 
 
+@pytest.mark.slow
 def test_a_click_on_the_person_marks_the_same_point_on_smooth_body_and_grown_cortex(tmp_path):
     rng = np.random.default_rng(4)
     person, grown = made_person(random_folds(rng)), made_person(random_folds(rng), name="grown", grown_from=source())

@@ -49,6 +49,7 @@ def test_without_differences_only_age_thins_the_cortex_as_planted(tmp_path):
     assert -SAME.effect(points, "lh").min() == pytest.approx(SAME.thinning, rel=0.01)
 
 
+@pytest.mark.slow
 def test_subjects_differ_as_they_should(tmp_path):
     folder = write_population(tmp_path / "made", 8, like=Population(thinning=0.0, size=0.0, bend=0.0), seed=3)
     ages, thick = thicknesses(folder)

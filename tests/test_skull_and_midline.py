@@ -234,7 +234,7 @@ def test_the_force_of_a_wall_is_the_slope_of_its_energy(which, rng):
     assert np.polyfit(np.log(steps), np.log(rest), 1)[0] == pytest.approx(2, abs=0.1)
 
 
-@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize("threads", [pytest.param(1, marks=pytest.mark.slow), 2])
 def test_a_run_between_walls_resumes_with_the_same_bytes(threads):
     if threads > numba.config.NUMBA_NUM_THREADS:
         pytest.skip("one thread")
@@ -265,7 +265,7 @@ def hemisphere(tmp_path, hemi, *walls):
     return load_scene(file)
 
 
-@pytest.mark.parametrize("hemi", ["lh", "rh"])
+@pytest.mark.parametrize("hemi", ["lh", pytest.param("rh", marks=pytest.mark.slow)])
 def test_a_hemisphere_grows_between_its_walls(tmp_path, quick_searches, hemi):
     """The medial wall does not grow, so it stays where it is; the rest presses on both walls and stays within."""
     skull, side = "[effects.skull]\ngap = 0.2\ngap_final = 3.5", 1 if hemi == "lh" else -1

@@ -259,7 +259,7 @@ def test_critical_growth_tends_to_the_incompressible_one():
     assert observed_order(1 / kappa, error) == pytest.approx(1.0, abs=0.05)
 
 
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("law", [pytest.param(LAWS[0], marks=pytest.mark.slow), *LAWS[1:]])
 def test_surface_loses_stability_at_the_stretch_of_biot(law):
     """A half-space of equal stretch b in its plane folds at b = 0.6661, where b^-3 is the root 3.3830 of
     x^3 - 3 x^2 - x - 1 = 0 (Biot 1963); here many waves fit in the cortex and the sphere is flat to them: the

@@ -64,6 +64,7 @@ def test_a_map_is_like_itself_and_unlike_its_negative(sphere):
     assert (unlike.p, unlike.p_greater) == (1 / 200, 1.0)
 
 
+@pytest.mark.slow
 def test_independent_smooth_maps_are_alike_in_one_of_twenty(sphere):
     maps = smooth_maps(sphere, 200, 5)
     p = np.array([spin_test(x, y, sphere, spins=99, seed=k).p for k, (x, y) in enumerate(zip(maps[::2], maps[1::2]))])

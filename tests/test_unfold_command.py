@@ -108,7 +108,7 @@ def with_island(path, place, radius, reverse=False):
     write_surface(path, Surface(*both))
 
 
-@pytest.mark.parametrize("reverse", [False, True])
+@pytest.mark.parametrize("reverse", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_a_speck_is_left_out_and_changes_no_number(subject, reverse):
     (subject / "label" / "lh.cortex.label").rename(subject / "label" / "other")
     (subject / "label" / "lh.aparc.annot").unlink()

@@ -155,6 +155,7 @@ def test_limits_stay_symmetric_for_a_sign_can_be_reset_and_are_kept_where_a_fiel
             assert limits(end, "") == before
 
 
+@pytest.mark.slow
 def test_the_surface_switch_draws_another_surface(tab):
     before = tab.pixels()
     assert press(tab, "input[name=surface][value=white]")["surface"] == "white"
@@ -306,6 +307,7 @@ def test_a_panel_says_where_it_shows_another_stage_or_surface_than_its_name_or_t
     tab.frame()
 
 
+@pytest.mark.slow
 def test_a_warning_leads_to_its_vertex(tmp_path):
     left, right = made_measures("lh"), made_measures("rh")
     x, y, z = right.cortex.pial.verts[100]
