@@ -1,5 +1,6 @@
 """Tables of the page in a real browser: they sort, and are saved with all digits."""
 
+import pytest
 from browser import needs_browser, opened
 from made_measures import made_measures
 

@@ -1,6 +1,7 @@
 """Linked views of a person, the smooth body and a grown cortex in a real browser."""
 
 import numpy as np
+import pytest
 from browser import assert_quiet, needs_browser, opened
 from made_people import made_person, random_folds, source
 
