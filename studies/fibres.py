@@ -21,7 +21,7 @@ from scipy.spatial import cKDTree
 from morphofold.analysis import measure
 from morphofold.analysis.graph.landmarks import amounts
 from morphofold.arrays import Array
-from morphofold.inference.permutations import share_above
+from morphofold.group.permutations import share_above
 from morphofold.io import atomic_file
 from morphofold.io.files import write_text
 from morphofold.report.plots.figure_style import GREY, new_figure, save

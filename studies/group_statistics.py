@@ -16,9 +16,9 @@ from scipy import stats
 from morphofold.analysis.smoothing import smooth
 from morphofold.arrays import Array, Ints
 from morphofold.geometry import vertex_areas
-from morphofold.inference.clusters import Mesh
-from morphofold.inference.permutations import Inference, infer
-from morphofold.inference.study import VARIANCE_P, VARIANCE_RATIO
+from morphofold.group.clusters import Mesh
+from morphofold.group.permutations import Inference, infer
+from morphofold.group.study import VARIANCE_P, VARIANCE_RATIO
 from morphofold.io import read_label, read_surface, sample_path
 from morphofold.io.files import write_text
 from morphofold.shapes import icosphere

@@ -6,8 +6,8 @@ from contextlib import contextmanager
 import numpy as np
 
 from morphofold.analysis.measures import SCALARS, Measures
-from morphofold.cohort.participant import Participant
-from morphofold.cohort.tasks import TaskFolder
+from morphofold.group.participant import Participant
+from morphofold.group.tasks import TaskFolder
 from morphofold.io import write_annotation, write_morph, write_surface
 from morphofold.studies.shapes import bumpy_sphere
 from morphofold.surface import Regions, Surface
@@ -81,7 +81,7 @@ def work_here(monkeypatch, measure=quick_measure):
     def open_fleet(**options):
         yield HereFleet()
 
-    monkeypatch.setattr("morphofold.cohort.fleet.open_fleet", open_fleet)
+    monkeypatch.setattr("morphofold.group.fleet.open_fleet", open_fleet)
     monkeypatch.setattr("morphofold.analysis.measuring.measure", measure)
 
 

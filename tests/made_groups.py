@@ -3,7 +3,7 @@
 import numpy as np
 
 from morphofold.analysis.measures import SCALARS
-from morphofold.cohort.tables import Group
+from morphofold.group.group_tables import Group
 
 #: mean of made-up measures, and how far they lie from it at most
 MEASURES = {

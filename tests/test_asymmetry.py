@@ -6,8 +6,8 @@ from commands import refused
 from made_spaces import VERTS, write_space
 
 from morphofold.errors import DoesNotApply, UnknownName
-from morphofold.inference.spaces import find_space
-from morphofold.inference.study import fit_study, summary
+from morphofold.group.spaces import find_space
+from morphofold.group.study import fit_study, summary
 from morphofold.tables import write_table
 
 NORTH = VERTS[:, 2] > 20

@@ -14,9 +14,9 @@ from scipy.spatial import cKDTree
 
 from morphofold import analysis, forecast, simulate
 from morphofold.comparison import compare
-from morphofold.inference.clusters import Mesh
-from morphofold.inference.permutations import infer
-from morphofold.inference.rotated import Landmarks, common_by_chance
+from morphofold.group.clusters import Mesh
+from morphofold.group.permutations import infer
+from morphofold.group.rotated import Landmarks, common_by_chance
 from morphofold.io import read_cortex, read_surface, sample_path
 from morphofold.report import analysis_report
 from morphofold.results import read_analysis, write_analysis

@@ -6,7 +6,7 @@ import pytest
 from morphofold.analysis import smooth
 from morphofold.errors import WrongShape
 from morphofold.geometry import vertex_areas
-from morphofold.inference.clusters import Mesh, clusters, tfce
+from morphofold.group.clusters import Mesh, clusters, tfce
 from morphofold.shapes import icosphere, irregular_sphere
 
 

@@ -19,14 +19,14 @@ from pyarrow import parquet
 
 import morphofold
 from morphofold.cli import main
-from morphofold.cohort import participant, statistics, tables, tasks
-from morphofold.cohort.fleet import Lost
-from morphofold.cohort.group import write_group
-from morphofold.cohort.running import run_tasks
-from morphofold.cohort.subjects import find_subjects, folder_of, named_subjects
-from morphofold.cohort.tables import TIDY_COLUMNS, read_results
 from morphofold.errors import NothingToDo
-from morphofold.inference.sessions import person_and_session
+from morphofold.group import participant, statistics, tables, tasks
+from morphofold.group.fleet import Lost
+from morphofold.group.group_files import write_group
+from morphofold.group.group_tables import TIDY_COLUMNS, read_results
+from morphofold.group.running import run_tasks
+from morphofold.group.sessions import person_and_session
+from morphofold.group.subjects import find_subjects, folder_of, named_subjects
 from morphofold.io import atomic_folder, begin_collection, write_annotation, write_morph
 from morphofold.results import read_analysis
 from morphofold.results.layouts import begin_dataset
@@ -644,7 +644,7 @@ def test_a_cohort_is_replaced_by_no_other_command_and_replaces_none(tmp_path):
 
 def test_where_there_are_no_workers_nothing_is_written(here, capsys, monkeypatch):
     write_subject(here / "subjects" / "anna")
-    monkeypatch.setattr("morphofold.cohort.fleet.SCHEDULER_TIMEOUT_S", 0.2)
+    monkeypatch.setattr("morphofold.group.fleet.SCHEDULER_TIMEOUT_S", 0.2)
     for words, expected in (
         (["--scheduler", "tcp://127.0.0.1:9"], ("tcp://127.0.0.1:9",)),
         (["--memory", "0.001"], (" 0.0 GiB", "[too-large]")),

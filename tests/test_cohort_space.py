@@ -13,13 +13,13 @@ from made_cohort import HereFleet, participants, quick_measure, write_subject
 from morphofold.analysis import gyral_graph
 from morphofold.analysis.graph.landmarks import amounts
 from morphofold.cli import main
-from morphofold.cohort.participant import measure_participant
-from morphofold.cohort.running import run_tasks
-from morphofold.cohort.space import Mapped, map_participant, maps_on_template, write_space
-from morphofold.cohort.tasks import TaskFolder
-from morphofold.cohort.templates import template
 from morphofold.errors import MissingPart, OutOfRange
 from morphofold.geometry import vertex_areas
+from morphofold.group.participant import measure_participant
+from morphofold.group.running import run_tasks
+from morphofold.group.space import Mapped, map_participant, maps_on_template, write_space
+from morphofold.group.tasks import TaskFolder
+from morphofold.group.template_space import template
 from morphofold.io import read_surface, write_label, write_surface
 from morphofold.shapes import icosphere
 from morphofold.shapes.folded_ball import folded_ball
@@ -199,7 +199,7 @@ def test_a_template_without_sphere_or_white_is_refused(small):
 
 
 def test_the_command_brings_maps_over(quick, three, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("morphofold.cohort.fleet.open_fleet", lambda **options: nullcontext(HereFleet()))
+    monkeypatch.setattr("morphofold.group.fleet.open_fleet", lambda **options: nullcontext(HereFleet()))
     out = tmp_path / "study"
     code = main(
         ["cohort", str(tmp_path / "subjects"), "-o", str(out), "--no-report", "--space", "fsaverage5", "--json"]

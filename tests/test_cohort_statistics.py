@@ -5,8 +5,8 @@ import pytest
 from made_groups import made_group
 from scipy import stats
 
-from morphofold.cohort import statistics
-from morphofold.cohort.statistics import asymmetry, distributions, outliers
+from morphofold.group import statistics
+from morphofold.group.statistics import asymmetry, distributions, outliers
 from morphofold.tables import read_table
 
 NAN = np.nan

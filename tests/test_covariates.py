@@ -7,10 +7,10 @@ from commands import refused
 from made_cohort import HereFleet, quick_measure, write_subject
 
 from morphofold.cli import main
-from morphofold.cohort.covariates import NO_COVARIATES, find_covariates, read_covariates
-from morphofold.cohort.tables import TAKEN_COLUMNS
 from morphofold.errors import NamedTwice, WrongFile
-from morphofold.inference.spaces import find_space
+from morphofold.group.covariates import NO_COVARIATES, find_covariates, read_covariates
+from morphofold.group.group_tables import TAKEN_COLUMNS
+from morphofold.group.spaces import find_space
 from morphofold.io import write_surface
 from morphofold.shapes import icosphere
 from morphofold.surface import Surface
@@ -37,7 +37,7 @@ def people(tmp_path):
 @pytest.fixture
 def study(here, monkeypatch):
     """A cohort of anna, ben, and cleo, who is in no table; cleo's right side can't be read."""
-    monkeypatch.setattr("morphofold.cohort.fleet.open_fleet", lambda **options: nullcontext(HereFleet()))
+    monkeypatch.setattr("morphofold.group.fleet.open_fleet", lambda **options: nullcontext(HereFleet()))
     monkeypatch.setattr("morphofold.analysis.measuring.measure", quick_measure)
     for name in ("anna", "ben", "cleo"):
         folder = write_subject(here / "all" / name)
@@ -133,7 +133,7 @@ def test_a_table_that_cannot_be_joined_is_refused_before_anything_is_measured(st
 
 
 def test_a_bids_dataset_has_them_at_its_root(here, monkeypatch):
-    monkeypatch.setattr("morphofold.cohort.fleet.open_fleet", lambda **options: nullcontext(HereFleet()))
+    monkeypatch.setattr("morphofold.group.fleet.open_fleet", lambda **options: nullcontext(HereFleet()))
     monkeypatch.setattr("morphofold.analysis.measuring.measure", quick_measure)
     for name in ("sub-01_ses-a", "sub-01_ses-b"):
         write_subject(here / "data" / "derivatives" / "freesurfer" / name, hemis=("lh",))

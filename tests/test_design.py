@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from morphofold.errors import DamagedFile, MissingPart, NamedTwice, NotFinite, NotReadable, UnknownName, WrongFile
-from morphofold.inference.design import design, person_of, read_participants
+from morphofold.group.design import design, person_of, read_participants
 
 TABLE = """participant_id\tage\tsex\tgroup\tsite
 sub-01\t20\tF\ta\t1

@@ -15,9 +15,9 @@ import psutil
 import pytest
 
 import morphofold
-import morphofold.cohort.fleet as fleet_module
-from morphofold.cohort.fleet import Fleet, GiB, Job, Lost, _workers_and_memory, open_fleet
+import morphofold.group.fleet as fleet_module
 from morphofold.errors import Mismatch, OptionsClash, OutOfRange, TooLarge
+from morphofold.group.fleet import Fleet, GiB, Job, Lost, _workers_and_memory, open_fleet
 
 
 def square(x):

@@ -3,7 +3,7 @@
 import pytest
 
 from morphofold.errors import NotReadable
-from morphofold.inference.formula import columns_of
+from morphofold.group.formula import columns_of
 
 
 @pytest.mark.parametrize(

@@ -19,8 +19,8 @@ from made_sweeps import made_sweep
 from morphofold import __version__
 from morphofold.cli import main
 from morphofold.comparison import compare
-from morphofold.inference.spaces import find_space
-from morphofold.inference.study import fit_study, write_result
+from morphofold.group.spaces import find_space
+from morphofold.group.study import fit_study, write_result
 from morphofold.io import sample_path
 from morphofold.report import analysis_report
 from morphofold.report.pages.group_page import group_report

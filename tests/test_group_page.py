@@ -16,9 +16,9 @@ from made_measures import made_measures
 from matplotlib.image import imread
 from page_text import Page, words_of
 
-from morphofold.cohort.pooling import pooling
-from morphofold.cohort.tables import write_tables
-from morphofold.cohort.tasks import write_record
+from morphofold.group.group_tables import write_tables
+from morphofold.group.pooling import pooling
+from morphofold.group.tasks import write_record
 from morphofold.report.pages import group_page
 from morphofold.report.pages.group_page import group_report
 from morphofold.results import write_analysis, write_dataset

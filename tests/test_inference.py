@@ -7,9 +7,9 @@ from scipy import stats
 from morphofold.analysis import smooth
 from morphofold.errors import DoesNotApply, OutOfRange, WrongShape
 from morphofold.geometry import vertex_areas
-from morphofold.inference.clusters import Mesh
-from morphofold.inference.permutations import Model, exchanges, infer, possible_exchanges
-from morphofold.inference.variances import variance_trend
+from morphofold.group.clusters import Mesh
+from morphofold.group.permutations import Model, exchanges, infer, possible_exchanges
+from morphofold.group.variances import variance_trend
 from morphofold.shapes import icosphere
 from morphofold.threads import using_threads
 

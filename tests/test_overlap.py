@@ -10,8 +10,8 @@ from made_spaces import FACES, RADIUS, VERTS, write_space
 from morphofold.cli import main
 from morphofold.errors import DoesNotApply, OutOfRange
 from morphofold.geometry import vertex_areas
-from morphofold.inference.overlap import COLUMNS, WHOLE, overlap
-from morphofold.inference.spaces import find_space
+from morphofold.group.overlap import COLUMNS, WHOLE, overlap
+from morphofold.group.spaces import find_space
 from morphofold.io import read_morph
 from morphofold.report.pictures.sheet import read_png
 from morphofold.tables import read_table

@@ -9,10 +9,10 @@ from commands import refused
 from made_cohort import HereFleet, participants, quick_measure, write_subject
 
 from morphofold.cli import main
-from morphofold.cohort.participant import measure_participant
-from morphofold.cohort.running import run_tasks
-from morphofold.cohort.tables import read_results
 from morphofold.errors import Mismatch, MissingPart
+from morphofold.group.group_tables import read_results
+from morphofold.group.participant import measure_participant
+from morphofold.group.running import run_tasks
 from morphofold.io import read_annotation, read_cortex, read_surface, sample_path, write_annotation, write_surface
 from morphofold.shapes import icosphere
 from morphofold.spheres.parcellation import check_template, read_parcellated

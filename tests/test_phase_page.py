@@ -9,8 +9,8 @@ import pytest
 from made_sweeps import GI, LENGTH, VARY, gi, made_sweep
 from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
 
-from morphofold.cohort.grid import make_grid
-from morphofold.cohort.phases import HINGES_PER_AREA, RunResult, SphereTheory, write_tables
+from morphofold.group.grid import make_grid
+from morphofold.group.phases import HINGES_PER_AREA, RunResult, SphereTheory, write_tables
 from morphofold.io import write_surface
 from morphofold.report import colours
 from morphofold.report.pages.phase_page import _drawn_surface, phase_report, section

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from morphofold.analysis.measures import PARAMETERS, PARAMETERS_OF_SCALAR, SCALARS
-from morphofold.cohort.pooling import SETTING_NAMES, Pooling, commonest, pooling
+from morphofold.group.pooling import SETTING_NAMES, Pooling, commonest, pooling
 
 USUAL = {
     "morphofold": "1.0",

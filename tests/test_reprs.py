@@ -13,7 +13,7 @@ from morphofold import analysis
 from morphofold.analysis.graph.hinge_shapes import hinge_shapes
 from morphofold.comparison import thickness_cloud
 from morphofold.forecasts import MeshChoice
-from morphofold.inference.permutations import Model
+from morphofold.group.permutations import Model
 from morphofold.shapes import icosphere
 from morphofold.shapes.folded_ball import folded_ball
 from morphofold.sim.build import build_body

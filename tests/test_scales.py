@@ -11,9 +11,9 @@ from made_cohort import HereFleet, participants, quick_measure, write_subject
 from morphofold.analysis.measuring import measure
 from morphofold.analysis.scales import scale_of_curvature
 from morphofold.cli import main
-from morphofold.cohort import scales
-from morphofold.cohort.measuring import curvature_scale
-from morphofold.cohort.scales import MOST_SUBJECTS_READ, SCALES_FILE, Scales, kept_scales, look, scales_of, with_scales
+from morphofold.group import scales
+from morphofold.group.measure_options import curvature_scale
+from morphofold.group.scales import MOST_SUBJECTS_READ, SCALES_FILE, Scales, kept_scales, look, scales_of, with_scales
 from morphofold.io import read_cortex
 
 
@@ -128,7 +128,7 @@ def test_a_cohort_is_measured_with_one_scale_and_one_width(tmp_path, monkeypatch
     def open_fleet(**options):
         yield HereFleet()
 
-    monkeypatch.setattr("morphofold.cohort.fleet.open_fleet", open_fleet)
+    monkeypatch.setattr("morphofold.group.fleet.open_fleet", open_fleet)
     monkeypatch.setattr("morphofold.analysis.measuring.measure", quick_measure)
     monkeypatch.setattr(scales, "look", lambda one: {"a": [(12.0, 20.0)], "b": [(14.0, 24.0)]}[one.name])
     for name, level in (("a", 3), ("b", 2)):

@@ -8,7 +8,7 @@ from commands import refused
 from made_spaces import VERTS, write_space
 
 from morphofold.errors import DamagedFile, MissingPart, UnknownName
-from morphofold.inference.spaces import find_space
+from morphofold.group.spaces import find_space
 from morphofold.tables import write_table
 
 SUBJECTS, N = 6, len(VERTS)

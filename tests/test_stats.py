@@ -11,8 +11,8 @@ from made_spaces import FACES, VERTS, write_space
 from morphofold.analysis import smooth
 from morphofold.cli import main
 from morphofold.errors import UnknownName
-from morphofold.inference.spaces import find_space
-from morphofold.inference.study import cluster_rows, fit_study, summary, write_result
+from morphofold.group.spaces import find_space
+from morphofold.group.study import cluster_rows, fit_study, summary, write_result
 from morphofold.io import read_morph, write_surface
 from morphofold.report.pages.study_pages import effect_unit, stats_report
 from morphofold.report.pictures.sheet import read_png

@@ -18,11 +18,11 @@ from morphofold.analysis import measuring
 from morphofold.analysis.measures import Measures
 from morphofold.cli import main
 from morphofold.cli.sweep import _with_absolute_mesh_path
-from morphofold.cohort import sweep, tasks
-from morphofold.cohort.grid import MOST_RUNS, make_grid
-from morphofold.cohort.phases import AREA_OVER_FLAT, HINGES_PER_AREA, SphereTheory, read_run, theory_of
-from morphofold.cohort.sweep import Run, grow_and_measure, memory_of_run
-from morphofold.cohort.tasks import TaskFolder, read_record, write_record
+from morphofold.group import sweep, tasks
+from morphofold.group.grid import MOST_RUNS, make_grid
+from morphofold.group.phases import AREA_OVER_FLAT, HINGES_PER_AREA, SphereTheory, read_run, theory_of
+from morphofold.group.sweep import Run, grow_and_measure, memory_of_run
+from morphofold.group.tasks import TaskFolder, read_record, write_record
 from morphofold.io import read_surface
 from morphofold.io.folders import alone
 from morphofold.report import analysis_report

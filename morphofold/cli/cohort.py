@@ -1,6 +1,6 @@
 """``morphofold cohort`` and ``bids``: subjects measured on several workers into one folder, and the group of all.
 
-In go the options, out comes what is printed; the work is in :mod:`morphofold.cohort`.
+In go the options, out comes what is printed; the work is in :mod:`morphofold.group`.
 """
 
 import secrets
@@ -15,19 +15,19 @@ from morphofold.cli.cortex import measuring_options
 from morphofold.cli.many_tasks import Failures, answer_of, failure_lines, open_workers, print_note, run_with_progress
 from morphofold.cli.options import Answer, Bids, Cohort, ManySubjects, sides
 from morphofold.cli.printing import progress
-from morphofold.cohort.covariates import NO_COVARIATES, Covariates, find_covariates
-from morphofold.cohort.fleet import Fleet
-from morphofold.cohort.group import GROUP_FOLDER, write_group
-from morphofold.cohort.participant import Participant, measure_participant
-from morphofold.cohort.scales import SCALES_FILE, kept_scales, scales_of, with_scales
-from morphofold.cohort.space import SPACES, Mapped, map_participant, write_space
-from morphofold.cohort.subjects import find_subjects, folder_of, left_out_words, named_subjects
-from morphofold.cohort.tables import TAKEN_COLUMNS, Group
-from morphofold.cohort.tasks import Outcome, TaskFolder
-from morphofold.cohort.templates import Template, template
 from morphofold.errors import NamedTwice
 from morphofold.forecasts.cost import memory_of_analysis
-from morphofold.inference.design import names_of_row
+from morphofold.group.covariates import NO_COVARIATES, Covariates, find_covariates
+from morphofold.group.design import names_of_row
+from morphofold.group.fleet import Fleet
+from morphofold.group.group_files import GROUP_FOLDER, write_group
+from morphofold.group.group_tables import TAKEN_COLUMNS, Group
+from morphofold.group.participant import Participant, measure_participant
+from morphofold.group.scales import SCALES_FILE, kept_scales, scales_of, with_scales
+from morphofold.group.space import SPACES, Mapped, map_participant, write_space
+from morphofold.group.subjects import find_subjects, folder_of, left_out_words, named_subjects
+from morphofold.group.tasks import Outcome, TaskFolder
+from morphofold.group.template_space import Template, template
 from morphofold.io import begin_collection, read_surface, refuse_foreign, refuse_no_collection
 from morphofold.io.cortices import cortex_files, hemispheres
 from morphofold.io.folders import alone, refuse_overlap

@@ -12,9 +12,9 @@ from typing import Any
 
 from morphofold.cli.options import Answer, ManyTasks
 from morphofold.cli.printing import print_line, progress
-from morphofold.cohort import fleet as fleets
-from morphofold.cohort.running import Task, run_tasks
-from morphofold.cohort.tasks import Outcome
+from morphofold.group import fleet as fleets
+from morphofold.group.running import Task, run_tasks
+from morphofold.group.tasks import Outcome
 
 Failures = Mapping[str, Mapping[str, str]]  # by task and part, a reason
 

@@ -1,6 +1,6 @@
 """``morphofold sweep``: a scene grown with many values and seeds on several workers, measured, with phase diagrams.
 
-In go the options, out comes what is printed; the work is in :mod:`morphofold.cohort`.
+In go the options, out comes what is printed; the work is in :mod:`morphofold.group`.
 """
 
 import secrets
@@ -11,13 +11,13 @@ from morphofold.cli.cortex import measuring_options
 from morphofold.cli.many_tasks import answer_of, open_workers, print_note, run_with_progress
 from morphofold.cli.options import Answer, Sweep
 from morphofold.cli.printing import progress
-from morphofold.cohort.grid import Grid, make_grid
-from morphofold.cohort.group import GROUP_FOLDER
-from morphofold.cohort.phases import theory_by_place, write_sweep
-from morphofold.cohort.sweep import Run, grow_and_measure, memory_of_run
-from morphofold.cohort.tasks import TaskFolder
 from morphofold.forecasts import forecast
 from morphofold.forecasts.forecasting import table_of
+from morphofold.group.grid import Grid, make_grid
+from morphofold.group.group_files import GROUP_FOLDER
+from morphofold.group.phases import theory_by_place, write_sweep
+from morphofold.group.sweep import Run, grow_and_measure, memory_of_run
+from morphofold.group.tasks import TaskFolder
 from morphofold.io import begin_collection, refuse_foreign, refuse_no_collection
 from morphofold.io.folders import alone
 from morphofold.report import analysis_report

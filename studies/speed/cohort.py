@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from morphofold.cohort.fleet import open_fleet
-from morphofold.cohort.group import GROUP_FOLDER, write_group
-from morphofold.cohort.participant import Participant, measure_participant, results_of
-from morphofold.cohort.running import run_tasks
-from morphofold.cohort.tasks import Outcome, TaskFolder
+from morphofold.group.fleet import open_fleet
+from morphofold.group.group_files import GROUP_FOLDER, write_group
+from morphofold.group.participant import Participant, measure_participant, results_of
+from morphofold.group.running import run_tasks
+from morphofold.group.tasks import Outcome, TaskFolder
 from morphofold.io import write_annotation, write_surface
 from morphofold.progress import Progress, part_of, silent
 from morphofold.report.pages.group_page import group_report

@@ -7,12 +7,12 @@ from hard_cases.cases import hard_case
 from made_cohort import HereFleet, participants, quick_measure, write_subject
 from made_groups import made_group
 
-from morphofold.cohort import tables
-from morphofold.cohort.group import write_group
-from morphofold.cohort.participant import measure_participant
-from morphofold.cohort.pooling import Pooling
-from morphofold.cohort.running import run_tasks
-from morphofold.cohort.statistics import asymmetry, distributions, measures_of
+from morphofold.group import tables
+from morphofold.group.group_files import write_group
+from morphofold.group.participant import measure_participant
+from morphofold.group.pooling import Pooling
+from morphofold.group.running import run_tasks
+from morphofold.group.statistics import asymmetry, distributions, measures_of
 from morphofold.report.pages import group_page
 
 

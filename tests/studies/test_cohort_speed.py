@@ -8,7 +8,7 @@ from commands import refused
 from made_cohort import HereFleet, quick_measure
 
 from morphofold.analysis.measures import SCALARS
-from morphofold.cohort.tables import REGION_MEASURES
+from morphofold.group.group_tables import REGION_MEASURES
 from morphofold.io import read_cortex
 from morphofold.studies.bench import main
 from morphofold.studies.speed import cohort

@@ -1,6 +1,6 @@
 """The page of a group: number of subjects measured, distributions, left and right, outliers, and failures.
 
-In goes the group of :mod:`morphofold.cohort.tables`, out come ``report.html``, pictures, and tables of statistics;
+In goes the group of :mod:`morphofold.group.group_tables`, out come ``report.html``, pictures, and tables of statistics;
 ``cohort`` and ``bids`` call it.
 Only outliers, failures and warnings have rows for single subjects, and these lists are cut. The tables beside the page
 have the rest. Sentences are in ``templates/group.html``.
@@ -15,8 +15,8 @@ import numpy as np
 from markupsafe import Markup
 
 from morphofold.arrays import Array
-from morphofold.cohort import statistics as stats
-from morphofold.cohort.tables import Group
+from morphofold.group import statistics as stats
+from morphofold.group.group_tables import Group
 from morphofold.progress import Progress, silent
 from morphofold.quantities import CATEGORICAL_COLOURS, MAP_OF_SCALAR, THICKNESS_RATIO, quantity, scalar_words
 from morphofold.report.pages.templates import SIDES, Pictures, paragraph, plural, write_page, write_picture

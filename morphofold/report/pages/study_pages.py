@@ -14,12 +14,12 @@ from markupsafe import Markup
 from morphofold.analysis.multiple_tests import SIGNIFICANCE
 from morphofold.arrays import Array
 from morphofold.errors import MissingPart
-from morphofold.inference.design import INTERCEPTS
-from morphofold.inference.overlap import WHOLE, Overlap
-from morphofold.inference.overlap_files import DENSITY_MAPS
-from morphofold.inference.permutations import Model
-from morphofold.inference.spaces import Space
-from morphofold.inference.study import Result, cluster_rows, split
+from morphofold.group.design import INTERCEPTS
+from morphofold.group.overlap import WHOLE, Overlap
+from morphofold.group.overlap_files import DENSITY_MAPS
+from morphofold.group.permutations import Model
+from morphofold.group.spaces import Space
+from morphofold.group.study import Result, cluster_rows, split
 from morphofold.quantities import CATEGORICAL_COLOURS, Quantity, quantity
 from morphofold.report.pages.templates import SIDES, PictureEntry, write_page, write_picture
 from morphofold.report.pictures.surfaces import Row, figure

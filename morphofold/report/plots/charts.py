@@ -345,7 +345,7 @@ def share_plot(what: str, rows: Rows) -> Markup | None:
     """Shares of hinges or crests (``what``) that subjects have in common, by region; None without rows.
 
     There is a mark for each hemisphere, and a grey line for the middle 95 % by chance. ``rows`` are those of
-    :class:`morphofold.inference.overlap.Overlap`.
+    :class:`morphofold.group.overlap.Overlap`.
     """
     rows = [row for row in rows if row.get("share") is not None]
     if not rows:

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from morphofold.errors import NamedTwice
-from morphofold.inference.design import PERSON, names_of_row, read_participants
-from morphofold.inference.sessions import person_and_session
+from morphofold.group.design import PERSON, names_of_row, read_participants
+from morphofold.group.sessions import person_and_session
 
 PARTICIPANTS_FILE = "participants.tsv"
 

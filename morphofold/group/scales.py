@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from pydantic import ConfigDict
 
-from morphofold.cohort.tasks import INPUT_ERRORS
+from morphofold.group.tasks import INPUT_ERRORS
 from morphofold.io.cortices import hemispheres, read_cortex
 from morphofold.io.json_files import Count, Length, Record, read_json, write_json
 from morphofold.progress import Progress, silent
 
 if TYPE_CHECKING:
-    from morphofold.cohort.fleet import Fleet
-    from morphofold.cohort.participant import Participant
+    from morphofold.group.fleet import Fleet
+    from morphofold.group.participant import Participant
 
 SCALES_FILE = "scales.json"
 MOST_SUBJECTS_READ = 50  # most subjects used to choose the scales, spread evenly over their names
@@ -53,7 +53,7 @@ def scales_of(out: Path, fleet: Fleet, subjects: Sequence[Participant], progress
     """
     if (kept := kept_scales(out)) is not None:
         return kept
-    from morphofold.cohort.fleet import Job, Lost
+    from morphofold.group.fleet import Job, Lost
 
     chosen = [subjects[k] for k in np.unique(np.linspace(0, len(subjects) - 1, MOST_SUBJECTS_READ).round().astype(int))]
     found: list[tuple[float, float]] = []

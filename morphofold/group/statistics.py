@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from morphofold.analysis.measures import SLOPE_SCALARS
 from morphofold.analysis.multiple_tests import holm
-from morphofold.cohort.tables import HEMIS, Group
 from morphofold.comparison.thickness import Cloud, ThicknessPoint, bins, fit_line
+from morphofold.group.group_tables import HEMIS, Group
 from morphofold.quantities import THICKNESS_RATIO
 from morphofold.tables import write_table
 

@@ -14,8 +14,8 @@ import numpy as np
 
 from morphofold.arrays import Array, Ints
 from morphofold.errors import DamagedFile, DoesNotApply, MissingPart, NamedTwice, NotFinite, UnknownName, WrongFile
-from morphofold.inference.formula import columns_of
-from morphofold.inference.sessions import LONG, person_and_session
+from morphofold.group.formula import columns_of
+from morphofold.group.sessions import LONG, person_and_session
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -11,8 +11,8 @@ from scipy import stats
 
 from morphofold.arrays import Array, Ints
 from morphofold.errors import DoesNotApply, OutOfRange, WrongShape
-from morphofold.inference.clusters import Mesh, clusters, components, enhanced, tfce
-from morphofold.inference.variances import variance_trend
+from morphofold.group.clusters import Mesh, clusters, components, enhanced, tfce
+from morphofold.group.variances import variance_trend
 from morphofold.kernels import kernel, reading
 from morphofold.progress import Progress, silent
 from morphofold.threads import in_blocks, one_blas_thread
@@ -61,7 +61,7 @@ class Inference:
         The smallest corrected p that these permutations can give: the share of them, the data as they are among them,
         that leave what is tested as it is.
     variance_ratio, variance_p : float
-        Of :func:`morphofold.inference.variances.variance_trend`.
+        Of :func:`morphofold.group.variances.variance_trend`.
     half_width : (N,) float64
         Of the 95 % interval of the effect at one vertex alone, if errors are normal.
     r : (N,) float64

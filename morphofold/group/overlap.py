@@ -11,9 +11,9 @@ from morphofold.analysis.smoothing import smooth
 from morphofold.arrays import Array
 from morphofold.errors import DoesNotApply, OutOfRange
 from morphofold.geometry import vertex_areas
-from morphofold.inference.permutations import share_above
-from morphofold.inference.rotated import Landmarks, common, common_by_chance
-from morphofold.inference.spaces import HEMIS, Space, areas_of
+from morphofold.group.permutations import share_above
+from morphofold.group.rotated import Landmarks, common, common_by_chance
+from morphofold.group.spaces import HEMIS, Space, areas_of
 from morphofold.mesh_quality.checks import is_no_cortex
 from morphofold.progress import Progress, part_of, silent
 from morphofold.threads import one_blas_thread

@@ -11,11 +11,11 @@ from typing import Any, Literal
 import numpy as np
 
 from morphofold.analysis.measures import SCALARS
-from morphofold.cohort.fleet import Fleet, Job, Lost
-from morphofold.cohort.grid import Grid, SweepPoint
-from morphofold.cohort.sweep import folder_of
-from morphofold.cohort.tables import TidyWriter, read_results, refuse_changed, what_became
-from morphofold.cohort.tasks import Outcome, read_record
+from morphofold.group.fleet import Fleet, Job, Lost
+from morphofold.group.grid import Grid, SweepPoint
+from morphofold.group.group_tables import TidyWriter, read_results, refuse_changed, what_became
+from morphofold.group.sweep import folder_of
+from morphofold.group.tasks import Outcome, read_record
 from morphofold.io import atomic_folder, read_surface
 from morphofold.progress import Progress, silent
 from morphofold.sim.output.stages import read_health

@@ -10,10 +10,10 @@ import numpy as np
 from morphofold import __version__
 from morphofold.arrays import Array, Ints
 from morphofold.errors import DoesNotApply, MissingPart, UnknownName
-from morphofold.inference.clusters import Mesh
-from morphofold.inference.design import Design, design, read_participants
-from morphofold.inference.permutations import Inference, infer
-from morphofold.inference.spaces import HEMIS, Space, areas_of, mesh_of
+from morphofold.group.clusters import Mesh
+from morphofold.group.design import Design, design, read_participants
+from morphofold.group.permutations import Inference, infer
+from morphofold.group.spaces import HEMIS, Space, areas_of, mesh_of
 from morphofold.io import atomic_folder, write_gifti_map, write_morph
 from morphofold.io.json_files import write_json
 from morphofold.progress import Progress, silent
@@ -131,7 +131,7 @@ def fit_study(
     model : str
         Such as ``"gyral_thickness ~ age + sex"``.
     contrast : str
-        As for :func:`morphofold.inference.design.design`.
+        As for :func:`morphofold.group.design.design`.
     blocks : str, optional
         Column of the participants within whose values subjects are exchanged.
     whole : bool

@@ -4,9 +4,9 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Literal
 
-from morphofold.cohort.covariates import NO_COVARIATES, Covariates
-from morphofold.cohort.tables import Group, write_tables
-from morphofold.cohort.tasks import Outcome
+from morphofold.group.covariates import NO_COVARIATES, Covariates
+from morphofold.group.group_tables import Group, write_tables
+from morphofold.group.tasks import Outcome
 from morphofold.io import atomic_folder
 from morphofold.progress import Progress, part_of, silent
 
@@ -23,8 +23,8 @@ def write_group(
     progress: Progress = silent,
     covariates: Covariates = NO_COVARIATES,
 ) -> Group:
-    """Write ``out/group`` completely or not at all: the tables of :func:`morphofold.cohort.tables.write_tables`, and
-    report.html if there is a ``report``.
+    """Write ``out/group`` completely or not at all: the tables of ``group_tables.write_tables``, and report.html if
+    there is a ``report``.
 
     Parameters
     ----------

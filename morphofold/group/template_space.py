@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from morphofold.cohort.tasks import INPUT_ERRORS
 from morphofold.errors import MissingPart, OutOfRange
+from morphofold.group.tasks import INPUT_ERRORS
 from morphofold.io import read_label, read_surface
 from morphofold.io.cortices import registered_sphere
 from morphofold.provenance import sha256_of

@@ -11,7 +11,7 @@ from pydantic import ConfigDict
 from morphofold.arrays import Array, Ints
 from morphofold.errors import DamagedFile, MissingPart, UnknownName
 from morphofold.geometry import vertex_areas
-from morphofold.inference.clusters import Mesh
+from morphofold.group.clusters import Mesh
 from morphofold.io import read_annotation, read_label, read_surface
 from morphofold.io.json_files import Amount, Record, read_json
 from morphofold.spheres.templates import template_sphere, template_surface

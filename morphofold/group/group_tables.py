@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from morphofold.analysis.frames import FREESURFER_VALUES, TEXT_COLUMNS
 from morphofold.analysis.measures import PARAMETERS, SCALARS
-from morphofold.cohort.covariates import NO_COVARIATES, Covariates
-from morphofold.cohort.pooling import SETTING_NAMES, MeasuringSettings, Pooling, commonest, pooling, settings_among
-from morphofold.cohort.tasks import Outcome, read_record
 from morphofold.errors import DamagedFile, Mismatch
+from morphofold.group.covariates import NO_COVARIATES, Covariates
+from morphofold.group.pooling import SETTING_NAMES, MeasuringSettings, Pooling, commonest, pooling, settings_among
+from morphofold.group.tasks import Outcome, read_record
 from morphofold.io import files_of
 from morphofold.io.json_files import read_json
 from morphofold.mesh_quality.defects import WARNINGS

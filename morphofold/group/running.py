@@ -4,8 +4,8 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any, Protocol
 
-from morphofold.cohort.fleet import Fleet, Job, Lost
-from morphofold.cohort.tasks import Outcome, TaskFolder, write_record
+from morphofold.group.fleet import Fleet, Job, Lost
+from morphofold.group.tasks import Outcome, TaskFolder, write_record
 from morphofold.progress import Progress, silent
 
 

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from morphofold import __version__
-from morphofold.inference.overlap import COLUMNS, WHOLE, Overlap
-from morphofold.inference.spaces import Space
+from morphofold.group.overlap import COLUMNS, WHOLE, Overlap
+from morphofold.group.spaces import Space
 from morphofold.io import atomic_folder, write_gifti_map, write_morph
 from morphofold.io.json_files import write_json
 from morphofold.tables import write_table

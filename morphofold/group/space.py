@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from morphofold.arrays import Array
-from morphofold.cohort.covariates import NO_COVARIATES, Covariates
-from morphofold.cohort.tasks import INPUT_ERRORS, Outcome, Say, TaskFolder, digest, perform, read_record
-from morphofold.cohort.templates import HEMIS, TEMPLATE_SURFACES, Template, digest_or_reason
+from morphofold.group.covariates import NO_COVARIATES, Covariates
+from morphofold.group.tasks import INPUT_ERRORS, Outcome, Say, TaskFolder, digest, perform, read_record
+from morphofold.group.template_space import HEMIS, TEMPLATE_SURFACES, Template, digest_or_reason
 from morphofold.io import atomic_folder, files_of, read_surface
 from morphofold.io.cortices import SURFACE_ENDINGS
 from morphofold.io.json_files import write_json
