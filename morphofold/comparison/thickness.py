@@ -1,4 +1,9 @@
-"""Gyral against cortical thickness (Fig. 8b of Razavi et al. 2015): points, fitted lines, and lines of theory."""
+"""Data of the plot of gyral against cortical thickness (Fig. 8b of Razavi et al. 2015), which ``report`` draws.
+
+In go the ``Measures`` of one surface; out comes a ``Cloud`` with a point for each region, else for each crest, and its
+fitted line. Also the ratio of both thicknesses, and the line of linear wrinkling theory, wavelength over cortical
+thickness, at a ratio of stiffness.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

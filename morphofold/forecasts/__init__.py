@@ -1,7 +1,10 @@
-"""What work takes: before a run ``forecasting`` (time, memory, errors), ``sizes`` and ``mesh_choice``; after a run or
-an analysis ``cost``, and ``richardson``, which estimates the errors of a run.
+"""Time, memory and errors of runs and analyses.
 
-Names are imported on first use: an analysis, of which ``cost`` says what it took, does not load the solver.
+Before a run: ``forecasting`` makes a ``Forecast`` of a scene, and ``mesh_choice`` finds the edge for a budget or an
+error; both use ``sizes`` (elements, steps, memory). Afterwards: ``cost`` is the record of what a run or an analysis took, and
+has the table of errors to expect; ``richardson`` estimates the errors of a run by growing a coarser one.
+
+Names are imported on first use: an analysis, which has a cost, does not load the solver.
 """
 
 # ruff: noqa: F401  (the public names)

@@ -2,7 +2,8 @@
 
 In go the ``health.json`` of a finished run, or the clock of an analysis; out come the record, which pages and
 ``cost.json`` show, and lines for the terminal. Expected errors are looked up in a table of measured ones
-(``table.json``), of a run by its edge, of an analysis by its accuracy. Forecasts look up the same before a run.
+(``table.json``), of a run by its edge, of an analysis by its accuracy. Forecasts look up the same before a run; which
+scenes the table holds for, and the memory that an analysis will need, are here, too.
 """
 
 import json

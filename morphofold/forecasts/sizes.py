@@ -1,5 +1,7 @@
-"""The work of a run: elements and nodes, by formula or of a body that is built, the edges that it can have, its steps,
-and its memory. Forecasts and the choice of a mesh call it.
+"""How large a run will be, by formulas: a scene, or a body already built, in; its elements and nodes, time steps and
+memory [GiB] out, and the edges that its mesh can have.
+
+It times nothing, as ``forecasting`` does. ``mesh_choice`` and ``richardson`` call it, too.
 """
 
 import math

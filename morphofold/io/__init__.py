@@ -1,4 +1,10 @@
-"""Read and write files: surfaces, per-vertex maps, regions and whole cortices."""
+"""Files and folders. Begin at ``read_cortex``, which makes a ``Cortex`` of a folder, or at ``read_surface``,
+``write_morph`` and so on for one file.
+
+``cortices`` finds the files of a hemisphere; ``formats`` chooses the format of a file, whose bytes ``freesurfer``,
+``gifti`` and ``mesh_files`` read. ``files`` checks a path and writes a file completely or not at all; ``folders`` does
+so with folders of results; ``json_files`` reads JSON by a schema.
+"""
 
 # ruff: noqa: F401  (the public names, imported on first use)
 from typing import TYPE_CHECKING

@@ -1,7 +1,8 @@
-"""Measures of a person's regions in the person, the smooth body and the grown cortex, and their rank correlations.
+"""Whether regions of a person rank alike in the cortex grown from the unfolded person: a table, and an ``Agreement``.
 
-From bodies on one sphere comes a table of regions (gyrification, depth, thicknesses, hinges, expansion), and an
-agreement for each measure that both cortices have. ``compare_person`` calls it.
+From bodies on one sphere come the numbers of each region of the person's parcellation in the person, the smooth body
+and the grown cortex (gyrification, depth, thicknesses, hinges, expansion), and for each measure the rank correlation
+over regions between person and grown cortex. ``compare_person`` calls it.
 """
 
 from collections.abc import Collection, Mapping, Sequence
