@@ -20,12 +20,11 @@ def build_bilayer(scene: Scene) -> Bilayer:
         return bilayer_ellipsoid(
             geometry.semi_axes, _thickness(geometry), geometry.hole_share, geometry.portion, scene.cells, layers
         )
-    if isinstance(geometry, Patch):
-        return bilayer_patch(geometry.size, geometry.depth, geometry.cortex_thickness, scene.edge, layers)
-    if isinstance(geometry, Strip):
-        return bilayer_patch((geometry.length, 0.0), geometry.depth, geometry.cortex_thickness, scene.edge, layers)
+    if isinstance(geometry, Patch | Strip):
+        size = geometry.size if isinstance(geometry, Patch) else (geometry.length, 0.0)
+        return bilayer_patch(size, geometry.depth, geometry.cortex_thickness, scene.edge, layers)
     if isinstance(geometry, UnfoldedCortex):
-        from morphofold.sim.hemisphere.unfolded_cortex import bilayer_of_cortex
+        from morphofold.sim.hemisphere.hemisphere_body import bilayer_of_cortex
 
         return bilayer_of_cortex(geometry, scene.cells, layers)
     if isinstance(geometry, MeshFile):
@@ -37,16 +36,13 @@ def build_bilayer(scene: Scene) -> Bilayer:
 
 def _thickness(geometry: Sphere | Ellipsoid) -> Any:
     """Thickness of the cortex [mm], or a function of it (S,) at pial points (S, 3)."""
-    spots = [(spot.centre, spot.radius, spot.factor) for spot in geometry.thickness_spots]
+    T, spots = geometry.cortex_thickness, [(spot.centre, spot.radius, spot.factor) for spot in geometry.thickness_spots]
     if geometry.thickness_map is None:
-        return (
-            (lambda pial: geometry.cortex_thickness * spot_factors(pial, spots)) if spots else geometry.cortex_thickness
-        )
-    from morphofold.sim.hemisphere.sphere_maps import thickness_factor
+        return (lambda pial: T * spot_factors(pial, spots)) if spots else T
+    from morphofold.sim.hemisphere.subject_maps import thickness_factor
 
     factor = thickness_factor(geometry.thickness_map, geometry)
-    direction = lambda pial: unit(pial / np.array(geometry.semi_axes))
-    return lambda pial: geometry.cortex_thickness * factor(direction(pial)) * spot_factors(pial, spots)
+    return lambda pial: T * factor(unit(pial / np.array(geometry.semi_axes))) * spot_factors(pial, spots)
 
 
 def build_body(scene: Scene, effects: Sequence[Effect] = (), bilayer: Bilayer | None = None) -> Body:

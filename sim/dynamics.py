@@ -119,11 +119,8 @@ def patience(grown: float | None = None) -> float:
 
     ``grown``: ticks of growth since the body last rested; None if it has not rested yet.
     """
-    return (
-        PATIENCE_TICKS
-        if grown is None
-        else min(PATIENCE_TICKS, max(LEAST_PATIENCE_TICKS, PATIENCE_PER_GROWTH_TICK * grown))
-    )
+    ticks = PATIENCE_TICKS if grown is None else PATIENCE_PER_GROWTH_TICK * grown
+    return min(PATIENCE_TICKS, max(LEAST_PATIENCE_TICKS, ticks))
 
 
 class Dynamics:
@@ -155,11 +152,8 @@ class Dynamics:
         start: State | None = None,
     ):
         self.body, self.effects = body, tuple(effects)
-        self.rate, self.damping = (
-            1.0 / steps_per_unit,
-            DAMPING_PER_CROSSING / body.crossing if damping is None else damping,
-        )
-        self.slow = slow
+        self.rate, self.slow = 1.0 / steps_per_unit, slow
+        self.damping = DAMPING_PER_CROSSING / body.crossing if damping is None else damping
         self.waits_for_balance = True  # False if an effect makes time real
         self.state = State(body.X.copy(), np.zeros_like(body.X))
         self.balance = Balance(body.crossing, body.X, REST_DISTANCE_OVER_T * body.thickness, softest(body))
@@ -243,13 +237,14 @@ class Dynamics:
         bool
             Whether the body is at rest; ``at_rest`` in the record.
         """
-        tick, full, balance, state = self.body.crossing, self.damping, self.balance, self.state
+        tick, T, full = self.body.crossing, self.body.thickness, self.damping
+        balance, state, at_stage = self.balance, self.state, min(full, REST_DAMPING_PER_CROSSING / tick)
         grown = (state.step - state.relaxed - state.rested) / tick
         most = PATIENCE_TICKS * MOST_PATIENCE_FACTOR
         while self.waits_for_balance:
             longest = SLENDER_PATIENCE_TICKS if balance.slender else patience(grown if state.rested else None)
             longest *= min(SOFT_MODE_W2 / balance.soft, MOST_PATIENCE_FACTOR)
-            if balance.distance >= AWAY_DISTANCE_OVER_T * self.body.thickness:
+            if balance.distance >= AWAY_DISTANCE_OVER_T * T:
                 longest = most
             rests = balance.calm >= REST_TICKS * tick and state.relaxed >= state.earliest_rest
             if rests or state.relaxed >= state.earliest_rest + longest * tick:
@@ -257,7 +252,7 @@ class Dynamics:
                     break
                 state.earliest_rest = state.relaxed + round(PATIENCE_TICKS * tick)
             rings = balance.w2 > RINGING_W2 / tick**2 and state.relaxed < RING_DOWN_TICKS * tick
-            self.damping = min(full, REST_DAMPING_PER_CROSSING / tick)
+            self.damping = at_stage
             if rings:  # so much damping stops folds, too: they need some time to move again
                 balance.calm = -round(tick / REST_DAMPING_PER_CROSSING)
             if rings or 0 < balance.w2 < (0.5 * self.damping) ** 2:
@@ -270,14 +265,14 @@ class Dynamics:
         at_rest = balance.calm >= REST_TICKS * tick
         distance = balance.distance if at_rest else balance.left
         if at_rest and not (self.slow and state.growth < self.slow.start):
-            before, self.damping = self.save(), min(full, REST_DAMPING_PER_CROSSING / tick)
+            before, self.damping = self.save(), at_stage
             self.relax(state.relaxed + round(patience(grown) * tick))
             moved = self.state.x - before["x"]
             self.load(before)
             self.damping = full
             distance = max(distance, float(np.mean(np.sum(moved**2, axis=1)) ** 0.5))
-            at_rest = bool(distance < REST_DISTANCE_OVER_T * self.body.thickness)
-        self.state.record |= {"distance_over_T": distance / self.body.thickness, "at_rest": at_rest}
+            at_rest = bool(distance < REST_DISTANCE_OVER_T * T)
+        self.state.record |= {"distance_over_T": distance / T, "at_rest": at_rest}
         return at_rest
 
     def _hold(self, after: Callable[[State], None]) -> None:
@@ -326,46 +321,43 @@ class Dynamics:
         """Take steps, towards another growth if one is given, and measure."""
         with using_threads(self.threads):
             self._take(steps, growth)
+            self._measure(steps)
 
     def _take(self, steps: int, growth: float | None) -> None:
-        body, state, seconds = self.body, self.state, self.seconds
+        body, state, start, lap = self.body, self.state, self.state.growth, _laps(self.seconds)
         blocks = body.elements.blocks
-        start = state.growth
-        watch = _Stopwatch(seconds)
         for k in range(steps):
-            watch.start()
             if growth is not None and k % STEPS_PER_INCREMENT == 0:
                 share = min(k + STEPS_PER_INCREMENT, steps) / steps
                 state.growth = growth if share == 1 else start + share * (growth - start)
                 body.grow(state.growth)
-                watch.lap("grow")
+                lap("grow")
             body.elements.compute_forces(state.x)
-            watch.lap("elements")
-            for effect in self._with["add_element_forces"]:
-                effect.add_element_forces(body, state.x, state.v)
-                watch.lap(effect.name)
+            lap("elements")
+            self._call("add_element_forces", lap, body, state.x, state.v)
             body.filter.forces(state.x, self._extra)
-            watch.lap("filter")
-            for effect in self._with["add_forces"]:
-                effect.add_forces(body, state.x, state.v, self._extra)
-                watch.lap(effect.name)
+            lap("filter")
+            self._call("add_forces", lap, body, state.x, state.v, self._extra)
             before = state.v.copy() if k == steps - 1 else state.v
             sum_forces(blocks.force, blocks.first, blocks.rows, body.rest, self._extra, body.free, self._forces)
             lost = body.levels.step(state.x, state.v, self._forces, body.mass, body.free, 1.0 - self.damping)
-            watch.lap("advance")
+            lap("advance")
             if lost:
-                self._lost(state.step + k + 1)
-            for effect in self._with["after_step"]:
-                effect.after_step(state.x, state.v)
-                watch.lap(effect.name)
+                raise self._lost(state.step + k + 1)
+            self._call("after_step", lap, state.x, state.v)
         state.step += steps
         pull = state.v - (1.0 - self.damping) * before  # of the last step; its positions are x - v
-        self.balance.look(state.step, state.x - state.v, pull, body.mass, self.damping)
-        watch.lap("balance")
-        self._measure(steps)
+        self.balance.update(state.step, state.x - state.v, pull, body.mass, self.damping)
+        lap("balance")
 
-    def _lost(self, step: int) -> None:
-        """Stop at a step after which positions are NaN or infinite, and name the node where that began.
+    def _call(self, hook: str, lap: Callable[[str], None], *arguments: Any) -> None:
+        """Call a hook of the effects that have it."""
+        for effect in self._with[hook]:
+            getattr(effect, hook)(*arguments)
+            lap(effect.name)
+
+    def _lost(self, step: int) -> UnstableError:
+        """The error at a step after which positions are NaN or infinite; it names the node where that began.
 
         It is the node at the centre of those whose forces, or else positions, are not finite.
         """
@@ -374,43 +366,35 @@ class Dynamics:
             lost = np.any(~np.isfinite(self.state.x), axis=1)
         corners, n = self.body.bilayer.mesh.t, len(lost)
         around = np.bincount(corners[:, lost[corners].all(axis=0)].ravel(), minlength=n)
-        raise UnstableError(
-            f"{np.count_nonzero(lost)} of {n} nodes are not finite at g = {self.state.growth:.3f}, step {step}; "
-            f"the first is node {np.argmax(around + lost)}. Slow the growth down (growth.rate) or refine the mesh.",
+        return self._unstable(
+            f"{np.count_nonzero(lost)} of {n} nodes are not finite", step, f"node {np.argmax(around + lost)}"
+        )
+
+    def _unstable(self, problem: str, step: int, first: str) -> UnstableError:
+        return UnstableError(
+            f"{problem} at g = {self.state.growth:.3f}, step {step}; the first is {first}. Slow the growth down "
+            "(growth.rate) or refine the mesh.",
             self._sound,
         )
 
-    def _check_volumes(self, element: dict[str, Array]) -> None:
-        """Stop if the volume of elements is not positive, or J exceeds ``LARGEST_J``."""
-        elements = self.body.elements
-        broken = np.flatnonzero((element["volume_ratio"] <= 0) | (element["J_max"] > elements.LARGEST_J))
-        if broken.size:
-            raise UnstableError(
-                f"{broken.size} of {elements.n} elements have no volume left or burst at g = {self.state.growth:.3f}, "
-                f"step {self.state.step}; the first is element {broken[0]} with v/V = "
-                f"{element['volume_ratio'][broken[0]]:.2f} and J up to {element['J_max'][broken[0]]:.2f}. Slow the "
-                "growth down (growth.rate) or refine the mesh.",
-                self._sound,
-            )
-
     def _measure(self, steps: int = 0) -> None:
         """Measure mass, energies and volume ratios of the state, ``steps`` after the last measurement."""
-        body, state = self.body, self.state
-        watch = _Stopwatch(self.seconds)
-        watch.start()
+        body, state, lap = self.body, self.state, _laps(self.seconds)
         if not np.isfinite(state.x).all():
-            self._lost(state.step)
+            raise self._lost(state.step)
         body.update_state(state.x)
         element = body.elements.state()
         strain = float(element["energy"].sum()) + body.filter.energy(state.x)
-        self._check_volumes(element)
-        min_J = float(element["J_min"].min())
+        ratio, max_J, min_J = element["volume_ratio"], element["J_max"], float(element["J_min"].min())
+        broken = np.flatnonzero((ratio <= 0) | (max_J > body.elements.LARGEST_J))
+        if broken.size:
+            problem = f"{broken.size} of {body.elements.n} elements have no volume left or burst"
+            first = f"element {broken[0]} with v/V = {ratio[broken[0]]:.2f} and J up to {max_J[broken[0]]:.2f}"
+            raise self._unstable(problem, state.step, first)
         state.before_J = state.record.get("min_J", state.before_J)
         state.lowest_J = min(state.lowest_J, min_J)
-        watch.lap("measure")
-        for effect in self._with["refresh"]:
-            effect.refresh(self)
-            watch.lap(effect.name)
+        lap("measure")
+        self._call("refresh", lap, self)
         body.update_levels(sum(effect.springs(body, state.x) for effect in self._with["springs"]))
         kinetic = body.kinetic_energy(state.v)
         state.dissipated += 2 * self.damping * kinetic * steps
@@ -424,25 +408,23 @@ class Dynamics:
             "at_rest": None,
             "dissipated_energy": state.dissipated,
             "min_J": min_J,
-            "max_J": float(element["J_max"].max()),
+            "max_J": float(max_J.max()),
             "inverted": int(np.count_nonzero(element["J_min"] <= 0)),
-            "mean_volume_ratio": float(np.mean(element["volume_ratio"])),
+            "mean_volume_ratio": float(np.mean(ratio)),
             "effects": {effect.name: {"energy": effect.energy(), **effect.record()} for effect in self.effects},
         }
         self._sound = self.save(gauge=False)
-        watch.lap("measure")
+        lap("measure")
 
 
-class _Stopwatch:
-    """Adds the time of each lap to a table of seconds."""
+def _laps(seconds: dict[str, float]) -> Callable[[str], None]:
+    """A function that adds the time since its last call to a phase of ``seconds``."""
+    last = working_seconds()
 
-    def __init__(self, seconds: dict[str, float]):
-        self._seconds, self._last = seconds, 0.0
-
-    def start(self) -> None:
-        self._last = working_seconds()
-
-    def lap(self, name: str) -> None:
+    def lap(phase: str) -> None:
+        nonlocal last
         now = working_seconds()
-        self._seconds[name] += now - self._last
-        self._last = now
+        seconds[phase] += now - last
+        last = now
+
+    return lap

@@ -29,8 +29,7 @@ from morphofold.sim.dynamics import Dynamics, UnstableError
 from morphofold.sim.effects.contact import Contact
 from morphofold.sim.effects.plane_strain import PlaneStrain
 from morphofold.sim.effects.symmetry import Symmetry
-from morphofold.sim.equilibrium.path import Equilibrium, even_levels
-from morphofold.sim.equilibrium.statics import bifurcation_of_body
+from morphofold.sim.equilibrium.statics import Equilibrium, bifurcation_of_body, even_levels
 from morphofold.sim.mesh.brick_mesh import bilayer_patch
 from morphofold.studies.markdown import between_marks, number, table
 from morphofold.threads import set_threads

@@ -25,7 +25,7 @@ from morphofold.arrays import Array
 from morphofold.io.files import write_text
 from morphofold.report.plots.figure_style import legend_of_figure, line_style, new_figure, save
 from morphofold.sim.body import Body
-from morphofold.sim.equilibrium.path import Equilibrium
+from morphofold.sim.equilibrium.statics import Equilibrium
 from morphofold.sim.mesh.brick_mesh import bilayer_patch
 from morphofold.studies.markdown import between_marks, number, table
 

@@ -92,12 +92,11 @@ class HardCases:
 @pytest.fixture
 def quick_searches(monkeypatch):
     """Bodies under smooth surfaces, with searches for even cells and good bricks on coarse lattices."""
-    from morphofold.sim.hemisphere import core_nodes, even_cells, smooth_body, unfolded_cortex
+    from morphofold.sim.hemisphere import hemisphere_body
 
-    for name, value in {"CELLS": 8, "DEGREE": 4, "ITERATIONS": 15}.items():
-        monkeypatch.setattr(even_cells, name, value)
-    monkeypatch.setattr(smooth_body, "CORE_CELLS", 8)
-    monkeypatch.setattr(core_nodes, "DEGREE", 4)
-    unfolded_cortex._smooth_body.cache_clear()
+    smaller = {"SHIFT_CELLS": 8, "SHIFT_DEGREE": 4, "ITERATIONS": 15, "CORE_CELLS": 8, "MOVES_DEGREE": 4}
+    for name, value in smaller.items():
+        monkeypatch.setattr(hemisphere_body, name, value)
+    hemisphere_body._smooth_body.cache_clear()
     yield
-    unfolded_cortex._smooth_body.cache_clear()
+    hemisphere_body._smooth_body.cache_clear()

@@ -50,9 +50,9 @@ OF_THE_SHAPE = {  # effects that the geometry brings along
 #: grows each scene in a process that has loaded no effect, or has forgotten those of the scene before
 EACH_ALONE = """
 import json, sys
-from morphofold.sim.hemisphere import even_cells
+from morphofold.sim.hemisphere import hemisphere_body
 from morphofold.sim.run import simulate
-even_cells.ITERATIONS = 1
+hemisphere_body.ITERATIONS = 1
 for name in sys.argv[1:]:
     simulate(f"{name}.toml", name, threads=1)
     effects = [m for m in sys.modules if m.startswith("morphofold.sim.effects.")]

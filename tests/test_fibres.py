@@ -14,8 +14,8 @@ from morphofold.sim.effects import build_effects
 from morphofold.sim.effects.fibres import LARGEST_MODULUS, Fibres
 from morphofold.sim.effects.inertia import Inertia
 from morphofold.sim.effects.plane_strain import PlaneStrain
+from morphofold.sim.equilibrium.statics import unstable_modes
 from morphofold.sim.equilibrium.tangent import Tangent
-from morphofold.sim.equilibrium.unstable import unstable_modes
 from morphofold.sim.mesh.brick_mesh import bilayer_patch, bilayer_sphere
 from morphofold.sim.scene.files import load_scene
 from morphofold.threads import set_threads

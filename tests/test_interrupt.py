@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from morphofold.sim.interrupt import deferred_interrupt
+from morphofold.sim.run import deferred_interrupt
 
 pytestmark = pytest.mark.usefixtures("usual_signals")
 

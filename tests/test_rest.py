@@ -45,7 +45,7 @@ def swinging(w2, damping, left, steps, more=0.0, near=1e9):
         x += v
         if step % STEPS_PER_MEASUREMENT == 0:
             fast = np.sin(6 * np.pi * step / TICK)
-            balance.look(
+            balance.update(
                 step, was * way + fast * shake, a * way - (6 * np.pi / TICK) ** 2 * fast * shake, mass, damping / TICK
             )
     return balance, was
@@ -67,7 +67,7 @@ def test_of_a_drift_that_falls_more_slowly_than_the_softest_mode_would_the_dista
     balance.forget()
     for step in range(12, round(40 * TICK), 12):
         x = way * np.exp(-rate * step / TICK)
-        balance.look(step, x, np.zeros_like(x), mass, damping / TICK)
+        balance.update(step, x, np.zeros_like(x), mass, damping / TICK)
     exact = np.sqrt(np.mean(np.sum(x**2, axis=1)))
     assert balance.distance < 0.6 * exact
     assert balance.left == pytest.approx(2 * balance.distance, rel=0.1)
@@ -100,11 +100,11 @@ def test_a_gauge_taken_up_goes_on_as_it_would_have(rng):
     one, other = (Balance(TICK, np.zeros((4, 3)), near=1.0) for _ in range(2))
     looks = [(12 * k, *rng.standard_normal((2, 4, 3))) for k in range(1, 20)]
     for k, look in enumerate(looks):
-        one.look(*look, np.ones(4), 0.01)
+        one.update(*look, np.ones(4), 0.01)
         if k == 9:
             other.load(one.save())
         elif k > 9:
-            other.look(*look, np.ones(4), 0.01)
+            other.update(*look, np.ones(4), 0.01)
     assert (one.w2, one.distance, one.calm) == (other.w2, other.distance, other.calm)
 
 
@@ -293,7 +293,7 @@ def test_a_body_on_its_way_to_other_folds_has_more_patience_than_one_that_is_nea
         bilayer_patch((2.0, 2.0), 12.0, 1.0, 1.0), mu_cortex=1.0, mu_core=1.0, kappa_ratio=50.0, law="isotropic"
     )
     run = Dynamics(body, steps_per_unit=1000)
-    run.balance.look = lambda *state: None
+    run.balance.update = lambda *state: None
     run.balance.distance = distance * body.thickness
     run.state.step = round(PATIENCE_TICKS * body.crossing)  # as if it had grown for so long
     assert not run.settle()
@@ -305,7 +305,7 @@ def test_after_little_growth_a_body_that_does_not_rest_goes_on_sooner():
     run = strip()
     run.grow_to(1.1)
     run.settle()
-    run.balance.look = lambda *state: None
+    run.balance.update = lambda *state: None
     run.balance.distance = 0.2 * run.body.thickness
     tick, before = run.body.crossing, run.state.step
     run.grow_to(1.2)

@@ -14,8 +14,8 @@ from morphofold.errors import Mismatch
 from morphofold.forecasts.richardson import estimate_error
 from morphofold.provenance import sha256_of
 from morphofold.sim.effects import Effect
-from morphofold.sim.output.inputs import scene_digest
-from morphofold.sim.output.volume import read_volume
+from morphofold.sim.output.run_files import scene_digest
+from morphofold.sim.output.stages import read_volume
 from morphofold.sim.run import simulate
 
 TINY = [
@@ -233,16 +233,10 @@ def with_arrays(**changes):
     return damage
 
 
-def packed(path):
-    with np.load(path) as file:
-        np.savez_compressed(path, **file)
-
-
 @pytest.mark.parametrize(
     "damage",
     [
         cut,
-        packed,
         with_arrays(reference=None),
         with_arrays(x=np.zeros((427, 2))),
         with_arrays(v=np.zeros((3, 3))),

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from morphofold.errors import ImpossibleBody
+from morphofold.geometry import unit
 from morphofold.io import read_surface, sample_path
-from morphofold.sim.hemisphere import core_nodes, even_cells, smooth_body
-from morphofold.sim.hemisphere.core_nodes import scaled_jacobians
+from morphofold.sim.hemisphere import hemisphere_body
+from morphofold.sim.hemisphere.hemisphere_body import scaled_jacobians, smooth_body
 from morphofold.sim.mesh.brick_mesh import cube_directions
 from morphofold.unfolding.harmonics import fit
 from morphofold.unfolding.smooth_surface import SmoothSurface
@@ -32,7 +33,7 @@ def edges_of(bilayer):
 
 
 def test_layers_of_an_ellipsoid_lie_along_its_exact_normals(quick_searches, ellipsoid):
-    bilayer = smooth_body.smooth_body(ellipsoid, T, T, 0.25).bricks(12, LAYERS)
+    bilayer = smooth_body(ellipsoid, T, T, 0.25).bricks(12, LAYERS)
     levels = levels_of(bilayer)
     pial = levels[0]
     np.testing.assert_allclose(np.sum((pial / AXES) ** 2, axis=1), 1, atol=1e-12)
@@ -49,7 +50,7 @@ def test_layers_of_an_ellipsoid_lie_along_its_exact_normals(quick_searches, elli
 def test_cells_of_an_ellipsoid_are_evener_than_those_of_straight_directions(quick_searches, ellipsoid):
     directions, quads = cube_directions(16)
     unevenness = []
-    for s in (directions, even_cells.shifted(directions, even_cells.even_cells(ellipsoid, T))):
+    for s in (directions, unit(directions + hemisphere_body.even_cells(ellipsoid, T)(directions))):
         pial = ellipsoid(s)
         edge = np.linalg.norm(pial[quads] - pial[np.roll(quads, -1, axis=1)], axis=2)
         unevenness.append(edge.max() / edge.mean())
@@ -58,10 +59,10 @@ def test_cells_of_an_ellipsoid_are_evener_than_those_of_straight_directions(quic
 
 def test_the_gradient_of_the_search_for_even_cells_is_exact(ellipsoid, rng):
     directions, quads = cube_directions(6)
-    search = even_cells._Search(ellipsoid, 6.0, directions, quads)
-    at, way = 1e-3 * rng.standard_normal((2, 3 * (even_cells.DEGREE + 1) ** 2))
-    slope = (search.excess(at + 1e-4 * way, 3)[0] - search.excess(at - 1e-4 * way, 3)[0]) / 2e-4
-    assert search.excess(at, 3)[1] @ way == pytest.approx(slope, rel=1e-5)
+    excess = hemisphere_body._excess(ellipsoid, 6.0, directions, quads)
+    at, way = 1e-3 * rng.standard_normal((2, 3 * (hemisphere_body.SHIFT_DEGREE + 1) ** 2))
+    slope = (excess(at + 1e-4 * way, 3)[0] - excess(at - 1e-4 * way, 3)[0]) / 2e-4
+    assert excess(at, 3)[1] @ way == pytest.approx(slope, rel=1e-5)
 
 
 def test_the_gradient_of_the_search_for_good_bricks_is_exact(rng):
@@ -71,9 +72,9 @@ def test_the_gradient_of_the_search_for_good_bricks_is_exact(rng):
     slope, way, h = np.zeros(levels.shape), rng.standard_normal(levels.shape), 1e-6
 
     def total(x):
-        return core_nodes._sum_misshape(x, quads, sizes, heights, 2.0, 0.1, np.zeros(x.shape))
+        return hemisphere_body._sum_misshape(x, quads, sizes, heights, 2.0, 0.1, np.zeros(x.shape))
 
-    core_nodes._sum_misshape(levels, quads, sizes, heights, 2.0, 0.1, slope)
+    hemisphere_body._sum_misshape(levels, quads, sizes, heights, 2.0, 0.1, slope)
     assert np.sum(slope * way) == pytest.approx((total(levels + h * way) - total(levels - h * way)) / (2 * h), rel=1e-5)
 
 
@@ -88,14 +89,14 @@ def test_scaled_jacobians_are_1_for_right_angles_and_negative_inside_out():
 
 
 def test_a_finer_mesh_keeps_the_points_of_the_coarser_one(quick_searches, ellipsoid):
-    body = smooth_body.smooth_body(ellipsoid, T, T, 0.25)
+    body = smooth_body(ellipsoid, T, T, 0.25)
     coarse, fine = (body.points(cube_directions(n)[0]) for n in (6, 12))
     distance = np.linalg.norm(coarse[:, None] - fine[None], axis=2).min(axis=1)
     assert distance.max() < 1e-12
 
 
 def test_columns_under_a_mark_are_held_at_all_levels(quick_searches, ellipsoid):
-    body = smooth_body.smooth_body(ellipsoid, T, T, 0.25)
+    body = smooth_body(ellipsoid, T, T, 0.25)
     bilayer = body.bricks(8, LAYERS, held=lambda s: s[:, 0] > 0.9)
     held = np.zeros(bilayer.mesh.nvertices, dtype=bool)
     held[bilayer.held] = True
@@ -107,9 +108,9 @@ def test_columns_under_a_mark_are_held_at_all_levels(quick_searches, ellipsoid):
 
 def test_a_cortex_too_thick_for_its_bends_or_its_hole_is_refused(quick_searches, ellipsoid):
     with pytest.raises(ImpossibleBody, match="radius"):
-        smooth_body.smooth_body(ellipsoid, 25.0, 25.0, 0.3)
+        smooth_body(ellipsoid, 25.0, 25.0, 0.3)
     with pytest.raises(ImpossibleBody, match="hole"):
-        smooth_body.smooth_body(ellipsoid, 5.0, 5.0, 0.7)
+        smooth_body(ellipsoid, 5.0, 5.0, 0.7)
 
 
 @pytest.mark.slow
@@ -117,7 +118,7 @@ def test_a_cortex_too_thick_for_its_bends_or_its_hole_is_refused(quick_searches,
 def test_bricks_of_a_template_are_even_and_well_shaped_at_every_size(hemi, level, thickness):
     """The study's mesh: longest over mean edge 1.85, scaled Jacobians 0.61 in the cortex and 0.21 in the core."""
     white, sphere = (read_surface(sample_path(f"fsaverage5/surf/{hemi}.{name}")) for name in ("white", "sphere"))
-    body = smooth_body.smooth_body(unfold(white, sphere, level, radius=50.0).surface, thickness, thickness, 0.25)
+    body = smooth_body(unfold(white, sphere, level, radius=50.0).surface, thickness, thickness, 0.25)
     for n in (24, 60):
         bilayer = body.bricks(n, LAYERS)
         shape = scaled_jacobians(levels_of(bilayer), bilayer.faces)

@@ -11,8 +11,7 @@ from morphofold.shapes import icosphere
 from morphofold.sim.build import build_bilayer, build_body
 from morphofold.sim.effects import build_effects
 from morphofold.sim.equilibrium.wrinkles import first_wrinkles
-from morphofold.sim.hemisphere.sphere_maps import smooth_map
-from morphofold.sim.hemisphere.subject import Vertices
+from morphofold.sim.hemisphere.subject_maps import Vertices, smooth_map
 from morphofold.sim.scene.files import load_scene
 from morphofold.sim.scene.tables import SphereMap
 from morphofold.surface import Surface

@@ -13,7 +13,7 @@ from test_tangent import make_body, split
 from morphofold.errors import DoesNotApply, NoSolution, OutOfRange
 from morphofold.sim import theory
 from morphofold.sim.body import Body
-from morphofold.sim.equilibrium import path, statics
+from morphofold.sim.equilibrium import statics
 from morphofold.sim.equilibrium.tangent import Tangent, cauchy_stress
 from morphofold.sim.mesh import brick_mesh as shapes
 from morphofold.sim.mesh.brick_mesh import bilayer_ellipsoid, bilayer_patch, bilayer_sphere
@@ -112,7 +112,7 @@ def test_levels_of_a_sphere_that_stay_even_are_next_to_its_equilibrium():
     apart = []
     for n in (4, 8):
         body = make_body(n=n)
-        even = path.Equilibrium(body, body.X, path.even_levels(body)).grown(1.1).x
+        even = statics.Equilibrium(body, body.X, statics.even_levels(body)).grown(1.1).x
         apart.append(np.sqrt(np.mean((even - statics.equilibrium(body, 1.1)) ** 2)))
     assert apart[1] < 0.4 * apart[0] < 0.01  # of 1.7 mm that the surface moves
 
@@ -128,18 +128,18 @@ def test_levels_of_a_sphere_that_stay_even_are_next_to_its_equilibrium():
 )
 def test_levels_are_even_on_spheres_and_patches_of_even_thickness(bilayer, even):
     body = Body(bilayer, mu_cortex=1.0, mu_core=1.0, kappa_ratio=50.0, law="isotropic")
-    levels = path.even_levels(body)
+    levels = statics.even_levels(body)
     assert (levels is not None) == even
     if even:
         assert levels.shape[1] * body.n_surface == len(body.X)
     body.pattern = np.linspace(0, 1, body.elements.n_cortex)  # regional growth
-    assert path.even_levels(body) is None
+    assert statics.even_levels(body) is None
 
 
 def test_a_path_that_ends_carries_its_last_state(monkeypatch):
     body = patch()
     x = statics.equilibrium(body, 1.1)
-    monkeypatch.setattr(path, "MOST_NEWTON_ITERATIONS", 0)
+    monkeypatch.setattr(statics, "MOST_NEWTON_ITERATIONS", 0)
     with pytest.raises(statics.ConvergenceError, match=r"\bg = 1\.1:") as caught:
         statics.equilibrium(body, 1.2, x)
     assert caught.value.growth == body.growth == 1.1
@@ -148,7 +148,7 @@ def test_a_path_that_ends_carries_its_last_state(monkeypatch):
 
 def test_increments_shrink_where_newton_fails(monkeypatch):
     body, sizes = patch(size=(1.0, 1.0)), []
-    once = path.Equilibrium._newton
+    once = statics.Equilibrium._newton
 
     def reluctant(self, x):
         sizes.append(self.growth - self._before[0])
@@ -157,7 +157,7 @@ def test_increments_shrink_where_newton_fails(monkeypatch):
         return once(self, x)
 
     want = statics.equilibrium(body, 1.2)
-    monkeypatch.setattr(path.Equilibrium, "_newton", reluctant)
+    monkeypatch.setattr(statics.Equilibrium, "_newton", reluctant)
     np.testing.assert_allclose(statics.equilibrium(body, 1.2), want, atol=1e-8)
     assert sizes[:3] == pytest.approx([0.2, 0.1, 0.05])
 
@@ -169,7 +169,7 @@ def test_increments_shrink_where_newton_fails(monkeypatch):
 def test_eigenvalue_mode_and_count_are_those_of_dense_algebra(g, length, stable):
     """Far beyond the onset there are many negative eigenvalues, and those next to zero are not the lowest."""
     body = patch(mu_ratio=1.0, size=(length, 0.5))
-    x = path.Equilibrium(body, body.X, path.even_levels(body)).grown(g).x
+    x = statics.Equilibrium(body, body.X, statics.even_levels(body)).grown(g).x
     found = statics.stability(body, x)
     rows = np.flatnonzero(body.free)
     K = Tangent(body).at(x).toarray()[np.ix_(rows, rows)]
@@ -294,12 +294,12 @@ def test_each_state_that_was_looked_at_is_told_in_turn():
 @pytest.mark.filterwarnings("error")
 def test_a_newton_step_into_nonsense_is_halved_without_a_word(monkeypatch):
     body = patch(size=(1.0, 1.0))
-    want, once, far = statics.equilibrium(body, 1.1), path.Equilibrium._solve, [1e200]
+    want, once, far = statics.equilibrium(body, 1.1), statics.Equilibrium._solve, [1e200]
 
     def solve(self, stiffness, b):
         return (far.pop() if far else 1.0) * once(self, stiffness, b)
 
-    monkeypatch.setattr(path.Equilibrium, "_solve", solve)
+    monkeypatch.setattr(statics.Equilibrium, "_solve", solve)
     np.testing.assert_allclose(statics.equilibrium(body, 1.1), want, atol=1e-8)
     assert not far
 

@@ -14,7 +14,7 @@ from morphofold.sim.body import Body
 from morphofold.sim.dynamics import STEPS_PER_INCREMENT, STEPS_PER_MEASUREMENT, Dynamics
 from morphofold.sim.effects import build_effects
 from morphofold.sim.effects.stress_growth import MOST_RELAXED, StressGrowth
-from morphofold.sim.equilibrium.path import Equilibrium
+from morphofold.sim.equilibrium.statics import Equilibrium
 from morphofold.sim.materials.elastic import stress
 from morphofold.sim.materials.mooney_rivlin import MooneyRivlin
 from morphofold.sim.materials.neo_hookean import NEO_HOOKEAN

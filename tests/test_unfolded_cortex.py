@@ -15,7 +15,7 @@ from morphofold.io import read_annotation, read_label, read_surface, write_morph
 from morphofold.io.cortices import hemispheres
 from morphofold.shapes import icosphere
 from morphofold.sim.build import build_bilayer, build_body
-from morphofold.sim.hemisphere import unfolded_cortex
+from morphofold.sim.hemisphere import hemisphere_body
 from morphofold.sim.scene.files import load_scene
 from morphofold.surface import Surface
 
@@ -99,8 +99,8 @@ def test_before_it_grows_no_force_moves_the_body(tmp_path, subject):
 def test_the_same_subject_gives_the_same_body_to_the_bit(tmp_path, subject):
     bodies = []
     for _ in range(2):
-        unfolded_cortex._smooth_body.cache_clear()
-        unfolded_cortex.subject_of_cortex.__globals__["_subject"].cache_clear()
+        hemisphere_body._smooth_body.cache_clear()
+        hemisphere_body.subject_of_cortex.__globals__["_subject"].cache_clear()
         bodies.append(build_bilayer(scene_at(tmp_path, scene_of(subject))))
     for name in ("sphere", "growing", "radial"):
         np.testing.assert_array_equal(*(getattr(body, name) for body in bodies))
@@ -216,7 +216,7 @@ def test_a_medial_wall_that_nothing_marks_is_refused_before_a_sphere_is_made(tmp
     no_labels(subject)
     (subject / "surf" / "lh.sphere").unlink()
     monkeypatch.setattr(
-        "morphofold.sim.hemisphere.subject.sphere_of", lambda surface: pytest.fail("was unfolded before")
+        "morphofold.sim.hemisphere.subject_maps.sphere_of", lambda surface: pytest.fail("was unfolded before")
     )
     with pytest.raises(MissingPart):
         grow(tmp_path, scene_of(subject))

@@ -22,8 +22,7 @@ from morphofold.io.json_files import Amount, Number, Record, read_json, write_js
 from morphofold.progress import Progress, part_of, silent
 from morphofold.provenance import Row, sha256_of
 from morphofold.sim.dynamics import UnstableError
-from morphofold.sim.output.inputs import begun_with
-from morphofold.sim.output.run_files import sweep
+from morphofold.sim.output.run_files import begun_with, sweep
 from morphofold.sim.run import Simulation, simulate
 from morphofold.sim.scene import SLOWEST_RATE, Scene
 from morphofold.sim.scene.files import load_scene

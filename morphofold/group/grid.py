@@ -26,7 +26,7 @@ from morphofold.errors import (
     TooLarge,
     UnknownName,
 )
-from morphofold.sim.output.inputs import inputs_of
+from morphofold.sim.output.run_files import inputs_of
 from morphofold.sim.scene import MeshFile, Scene
 from morphofold.sim.scene.effects import effects_of
 from morphofold.sim.scene.files import load_scene, toml_value

@@ -12,8 +12,7 @@ from morphofold.group.tasks import INPUT_ERRORS, Outcome, Say, TaskFolder, diges
 from morphofold.io import files_of, remove_folder
 from morphofold.io.files import write_text
 from morphofold.results.analyses import DrawPage
-from morphofold.sim.output.inputs import inputs_of
-from morphofold.sim.output.run_files import clear_run, files_of_run
+from morphofold.sim.output.run_files import clear_run, files_of_run, inputs_of
 from morphofold.sim.scene import Ellipsoid, MeshFile, Radial, Scene, Sphere, UnfoldedCortex
 from morphofold.sim.scene.files import to_toml
 from morphofold.words import in_one_line

@@ -13,7 +13,7 @@ from morphofold.errors import DoesNotApply, OutOfRange
 from morphofold.shapes import even_directions
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect
-from morphofold.sim.hemisphere.maps_at_nodes import MapAtNodes
+from morphofold.sim.hemisphere.subject_maps import MapAtNodes
 from morphofold.sim.scene.tables import EffectOptions, SphereMap, key
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import numpy as np
 from morphofold.arrays import Array
 from morphofold.errors import OutOfRange
 from morphofold.sim.effects import Effect
-from morphofold.sim.hemisphere.maps_at_nodes import MapAtNodes
+from morphofold.sim.hemisphere.subject_maps import MapAtNodes
 from morphofold.sim.mesh.brick_mesh import Bilayer
 from morphofold.sim.scene.tables import EffectOptions, SphereMap
 

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.arrays import Array
+from morphofold.geometry.kernels import dot, less, position
 from morphofold.kernels import kernel
 from morphofold.threads import one_blas_thread
 
@@ -66,7 +67,7 @@ class Balance:
     calm : int
         Number of steps for which the body has been at rest.
     seen : int
-        Step of the last call of ``look``.
+        Step of the last call of ``update``.
     """
 
     def __init__(self, tick: float, X: Array, near: float, softest: float = SOFT_MODE_W2):
@@ -83,7 +84,7 @@ class Balance:
         w2 = self.w2 * self._tick**2
         return min(w2, self._softest) if w2 > 0 else self._softest
 
-    def look(self, step: int, x: Array, a: Array, mass: Array, damping: float) -> None:
+    def update(self, step: int, x: Array, a: Array, mass: Array, damping: float) -> None:
         """Update the distance from a state of the run.
 
         Parameters
@@ -99,13 +100,14 @@ class Balance:
         if self._step[1] >= 0 and step - self._step[1] >= long:
             self._step[:], self._x[0], self._a[0] = (self._step[1], -1), self._x[1], self._a[1]
         if self._step[0] >= 0 and step - self._step[0] >= long:
-            moved, against, along, way, from_X = _displacement_products(x, self._x[0], a, self._a[0], self._X, mass)
-            self.w2 = against / moved if moved > 0 else 0.0
-            pull = abs(along) / moved if moved > 0 else 0.0
-            soft = self.soft / self._tick**2
-            slowest, trend = _slowest_rate(damping, soft), TREND_TICKS * self._tick
+            moved, against, along, length, from_X = _displacement_products(x, self._x[0], a, self._a[0], self._X, mass)
+            self.w2, pull = (against / moved, abs(along) / moved) if moved > 0 else (0.0, 0.0)
+            soft, trend = self.soft / self._tick**2, TREND_TICKS * self._tick
+            beyond = 0.25 * damping**2 - soft
+            # speed over distance from rest of the softest mode: of its slower part if it is overdamped
+            slowest = 0.5 * damping - beyond**0.5 if beyond > 0 else soft**0.5
             creeping = 1 / (step - self._step[0]) / slowest
-            self.distance = way * max(creeping, pull / (self.w2 if self.w2 > 0 else soft))
+            self.distance = length * max(creeping, pull / (self.w2 if self.w2 > 0 else soft))
             share = min(1.0, (step - self.seen) / trend) if self.mean else 1.0
             self.mean += share * (self.distance - self.mean)
             falls = (1 - self.distance / self.mean) / trend if self.mean else slowest
@@ -133,12 +135,6 @@ class Balance:
         self._step, self._x, self._a = (arrays[key].copy() for key in ("step", "x", "a"))
 
 
-def _slowest_rate(damping: float, w2: float) -> float:
-    """Speed over distance from rest of a mode of stiffness over mass ``w2``: of its slower part if it is overdamped."""
-    beyond = 0.25 * damping**2 - w2
-    return 0.5 * damping - beyond**0.5 if beyond > 0 else w2**0.5
-
-
 @one_blas_thread()
 def softest(body: Body) -> float:
     """Stiffness over mass [1/tick^2] of the softest mode by which growth bends a body as a whole; inf if none does.
@@ -151,22 +147,23 @@ def softest(body: Body) -> float:
     """
     X, free, growth = body.X, body.free, body.growth
     size = 0.5 * float(np.ptp(X, axis=0).max())
-    at = (X - X.mean(axis=0)) / size
-    fields = np.stack([np.ones(len(at)), *at.T, *(at[:, r] * at[:, s] for r in range(3) for s in range(r, 3))])
+    trial, p = TRIAL_DISPLACEMENT * size, ((X - X.mean(axis=0)) / size).T
+    fields = np.stack([np.ones(len(X)), *p, *(p[r] * p[s] for r in range(3) for s in range(r, 3))])
     K, M, gram = np.zeros((3, 30, 30))
     body.grow(1.0)
     for r in range(3):
-        mine, own = fields * free[:, r], slice(10 * r, 10 * r + 10)
-        M[own, own], gram[own, own] = (mine * body.smooth_mass) @ mine.T, mine @ mine.T / len(X)
-        for k, field in enumerate(mine):
+        movable, rows = fields * free[:, r], slice(10 * r, 10 * r + 10)
+        M[rows, rows], gram[rows, rows] = (movable * body.smooth_mass) @ movable.T, movable @ movable.T / len(X)
+        for k, field in enumerate(movable):
             step = np.zeros_like(X)
-            step[:, r] = TRIAL_DISPLACEMENT * size * field
-            pull = (body.all_forces(X - step) - body.all_forces(X + step)) / (2 * TRIAL_DISPLACEMENT * size)
+            step[:, r] = trial * field
+            pull = (body.all_forces(X - step) - body.all_forces(X + step)) / (2 * trial)
             K[10 * r + k] = (fields @ (pull * free)).T.ravel()
     body.grow(1.0 + TRIAL_DISPLACEMENT)
     load = (fields @ (body.forces(X) * free)).T.ravel() / TRIAL_DISPLACEMENT
     heavy, basis = np.linalg.eigh(M)
-    basis = basis[:, heavy > 1e-10 * heavy[-1]] / np.sqrt(heavy[heavy > 1e-10 * heavy[-1]])
+    use = heavy > 1e-10 * heavy[-1]
+    basis = basis[:, use] / np.sqrt(heavy[use])
     w2, modes = np.linalg.eigh(basis.T @ (K + K.T) @ basis / 2)
     modes = basis @ modes
     bends = w2 * body.crossing**2 > RIGID_MODE_W2
@@ -181,15 +178,15 @@ def softest(body: Body) -> float:
 @kernel
 def _displacement_products(x, x0, a, a0, X, mass):
     """dx.m dx, -dx.m da and dx.m a, with dx = x - x0 and da = a - a0; rms over the nodes of dx and of x - X."""
-    moved, against, along, way, from_X = 0.0, 0.0, 0.0, 0.0, 0.0
+    moved, against, along, total, from_X = 0.0, 0.0, 0.0, 0.0, 0.0
     for n in range(len(x)):
-        square, turned, pulled = 0.0, 0.0, 0.0
+        now, a_now = position(x, n), position(a, n)
+        dx, whole = less(now, position(x0, n)), less(now, position(X, n))
+        square = dot(dx, dx)
+        moved += mass[n] * square
+        against += mass[n] * dot(dx, less(position(a0, n), a_now))
+        along += mass[n] * dot(dx, a_now)
+        total += square
         for r in range(3):
-            dx = x[n, r] - x0[n, r]
-            square += dx * dx
-            turned += dx * (a0[n, r] - a[n, r])
-            pulled += dx * a[n, r]
-            from_X += (x[n, r] - X[n, r]) ** 2
-        moved, against, along = moved + mass[n] * square, against + mass[n] * turned, along + mass[n] * pulled
-        way += square
-    return moved, against, along, (way / len(x)) ** 0.5, (from_X / len(x)) ** 0.5
+            from_X += whole[r] ** 2
+    return moved, against, along, (total / len(x)) ** 0.5, (from_X / len(x)) ** 0.5

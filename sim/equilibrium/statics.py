@@ -5,25 +5,36 @@ Forces are those of the explicit solver (:meth:`Body.forces` and the surface fil
 corresponds to the growth at which the lowest eigenvalue of the stiffness reaches zero. Perturbations and contact are
 left out: an imperfect body has no bifurcation, and nothing touches before it. A perfect body does not leave its smooth
 path by itself: Newton's method follows it, stable or not.
+
+Residual forces do not distinguish stable from unstable states: they are small in both. The number of negative
+eigenvalues of the stiffness does; a symmetric factorisation counts them exactly (Sylvester's law of inertia).
 """
 
+from __future__ import annotations
+
+import math
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import LinearOperator, cg, eigsh
 
 from morphofold.arrays import Array
-from morphofold.errors import NoSolution, OutOfRange
+from morphofold.errors import DoesNotApply, NoSolution, OutOfRange
 from morphofold.sim.body import Body
 from morphofold.sim.build import build_body
-from morphofold.sim.equilibrium.path import (
-    LAYER_UNEVENNESS_TOLERANCE,
-    ConvergenceError,
-    Equilibrium,
-    Stability,
-    even_levels,
-)
+from morphofold.sim.equilibrium.rest import SOFT_MODE_W2
+from morphofold.sim.equilibrium.sparse_factor import Dissection, Factor
+from morphofold.sim.equilibrium.tangent import Tangent
 from morphofold.sim.scene import Scene, in_double
+from morphofold.sim.sphere_theory.smooth_sphere import ConvergenceError as NoState
+from morphofold.threads import one_blas_thread
+
+if TYPE_CHECKING:
+    from morphofold.sim.dynamics import Dynamics
 
 __all__ = [
     "BodyBifurcation",
@@ -40,6 +51,203 @@ Look = Callable[[float, float], None]
 
 GROWTH_PRECISION = 1e-5  # precision of the critical growth
 LINEAR_RANGE_OF_GROWTH = 2e-3  # distance to the critical growth within which linear interpolation is accurate enough
+SMALLEST_INCREMENT = 1e-4  # smallest increment of growth: below it the search ends
+LONGEST_EXTRAPOLATION = 5.0  # largest extrapolation of the path, over the last increment
+NEWTON_TOLERANCE = 1e-6  # change of position, over the surface edge, that counts as none: the next one is its square
+LINEAR_TOLERANCE = 1e-8  # relative tolerance of linear solves
+MOST_LINEAR_ITERATIONS = 30  # most iterations of a linear solve with an old factor, before a new one is computed
+MOST_NEWTON_ITERATIONS = 15  # most iterations of Newton's method
+MOST_TRIAL_LENGTHS = 6  # most trial lengths of a Newton step, each half of the last
+FORCE_ROUND_OFF = 1e-13  # round-off of forces, over the largest force of any element
+MOST_EIGENVALUES = 12  # most eigenvalues to compute
+LAYER_UNEVENNESS_TOLERANCE = 1e-9  # unevenness of a level, over the surface edge, or of radii, that is round-off
+
+
+class ConvergenceError(NoState):
+    """No equilibrium was found; ``x`` (N, 3) and ``growth`` are those of the last equilibrium."""
+
+    def __init__(self, message: str, x: Array, growth: float):
+        super().__init__(message)
+        self.x, self.growth = x, growth
+
+
+@dataclass(frozen=True)
+class Stability:
+    """Stability of an equilibrium.
+
+    Attributes
+    ----------
+    eigenvalue : float
+        Lowest eigenvalue of the stiffness over the nodal volumes of the reference body [Pa/mm^2]; its unit does not
+        depend on the mesh. Its sign does not depend on the volumes. NaN if more than 12 eigenvalues are negative.
+    mode : (N, 3) float64
+        Its displacement, scaled so that the largest of a node is 1.
+    negative : int
+        Number of negative eigenvalues, 0 if the equilibrium is stable.
+    """
+
+    eigenvalue: float
+    mode: Array
+    negative: int
+
+
+class Equilibrium:
+    """An equilibrium of a body, from which others can be reached; ``levels`` as from :func:`even_levels`, or None."""
+
+    def __init__(self, body: Body, x: Array, levels: sparse.csr_matrix | None = None):
+        if body.free.all():
+            raise NoSolution(
+                "nothing holds the body: it can move without energy, so its stability can't be computed. Hold its "
+                "inner surface (geometry.held), or cut it by symmetry planes."
+            )
+        if body.single:
+            raise DoesNotApply(
+                "the forces of the body have single precision, too low to find an equilibrium. Build it with "
+                'accuracy.precision = "double".'
+            )
+        self.body, self.x, self.growth = body, x, body.growth
+        self._before = math.nan, x  # growth and positions of the previous equilibrium on the path
+        self._rows = np.flatnonzero(body.free)
+        self._tangent = Tangent(body)
+        self._dissection = Dissection(body.X, self._tangent.graph(), self._rows, self._stiffness(x))
+        self._factor: list[Factor] = []  # the last one, shared along the path
+        self._volume = np.repeat(body.nodal_volumes(), 3)[self._rows]
+        self._levels = levels
+        if levels is not None:
+            moving = levels[self._rows]
+            self._levels = sparse.csr_matrix(moving[:, np.flatnonzero(moving.getnnz(axis=0))])
+
+    @one_blas_thread()
+    def grown(self, g: float) -> Equilibrium:
+        """The equilibrium at growth ``g`` of the cortex; increments halve when Newton's method fails."""
+        last, step = self, g - self.growth
+        while last.growth != g:
+            step = np.sign(step) * min(abs(step), abs(g - last.growth))
+            try:
+                last = last._next(g if step == g - last.growth else last.growth + step)
+            except FloatingPointError as error:
+                step /= 2
+                if abs(step) < SMALLEST_INCREMENT:
+                    self.body.grow(last.growth)
+                    raise ConvergenceError(
+                        f"no equilibrium found beyond g = {last.growth:.6g}: {error}. The smooth path may end there: "
+                        "check the stability of the last state.",
+                        last.x,
+                        last.growth,
+                    ) from None
+        self.body.grow(g)
+        return last
+
+    @one_blas_thread()
+    def relaxed(self) -> Array:
+        """The equilibrium (N, 3) nearest to the positions given, at the present growth, by Newton's method.
+
+        Raises ``FloatingPointError`` if it is not found.
+        """
+        return self._newton(self.x)
+
+    def _next(self, g: float) -> Equilibrium:
+        path, x, (g_before, before) = copy(self), self.x, self._before
+        step, last_step = g - self.growth, self.growth - g_before
+        if abs(step) < LONGEST_EXTRAPOLATION * abs(last_step):
+            x = x + step / last_step * (x - before)
+        path.body.grow(g)
+        path._before, path.growth = (self.growth, self.x), g
+        path.x = path._newton(x)
+        return path
+
+    def _newton(self, x: Array) -> Array:
+        residual = self._residual(x)
+        for _ in range(MOST_NEWTON_ITERATIONS):
+            change = np.zeros(x.shape)
+            change.ravel()[self._rows] = self._solve(self._stiffness(x), residual)
+            size = np.abs(change).max()
+            x, residual = self._damped(x, change, residual)
+            if size < NEWTON_TOLERANCE * self.body.bilayer.edge:
+                return x
+        raise FloatingPointError(f"Newton's method has not converged in {MOST_NEWTON_ITERATIONS} steps")
+
+    def _damped(self, x: Array, change: Array, residual: Array) -> tuple[Array, Array]:
+        """The longest of the whole step, half of it, ... that reduces the residual; round-off counts as smaller."""
+        floor = FORCE_ROUND_OFF * np.abs(self.body.elements.blocks.force).max() * len(residual) ** 0.5
+        for share in 0.5 ** np.arange(MOST_TRIAL_LENGTHS):
+            trial = x + share * change
+            with np.errstate(over="ignore", invalid="ignore"):  # if it overflows, it is not smaller
+                after = self._residual(trial)
+                size = np.linalg.norm(after)
+            if size < max(np.linalg.norm(residual), floor):
+                return trial, after
+        raise FloatingPointError("no part of a Newton step reduces the residual")
+
+    def _residual(self, x: Array) -> Array:
+        free = self.body.all_forces(x).ravel()[self._rows]
+        return free if self._levels is None else self._levels.T @ free
+
+    def _stiffness(self, x: Array) -> sparse.csr_matrix:
+        stiffness = self._tangent.at(x)
+        return sparse.csr_matrix(stiffness[self._rows][:, self._rows])
+
+    def _solve(self, stiffness: sparse.csr_matrix, b: Array) -> Array:
+        """Solve by conjugate gradients with the last factor, if that is close enough; else with a new factor.
+
+        If levels are even their stiffness is a small matrix, which is solved directly.
+        """
+        if self._levels is not None:
+            return self._levels @ np.linalg.solve((self._levels.T @ (stiffness @ self._levels)).toarray(), b)
+        if self._factor and not self._factor[0].negative:
+            inverse = LinearOperator(stiffness.shape, matvec=self._factor[0].solve)
+            x, failed = cg(stiffness, b, rtol=LINEAR_TOLERANCE, maxiter=MOST_LINEAR_ITERATIONS, M=inverse)
+            if not failed:
+                return x
+        return self._factorise(stiffness).solve(b)
+
+    def _factorise(self, stiffness: sparse.csr_matrix) -> Factor:
+        self._factor.clear()  # for a large body two factors would not fit into memory
+        self._factor.append(Factor(self._dissection, stiffness))
+        return self._factor[0]
+
+    @one_blas_thread()
+    def stability(self) -> Stability:
+        """Stability of this equilibrium."""
+        stiffness = self._stiffness(self.x)
+        factor = self._factorise(stiffness)
+        negative = min(factor.negative, MOST_EIGENVALUES)  # eigsh sorts by 1/eigenvalue
+        values, vectors = eigsh(
+            stiffness,
+            max(negative, 1),
+            sparse.diags(self._volume),
+            sigma=0.0,
+            which="SA" if negative else "LA",
+            tol=1e-6,
+            v0=np.cos(np.arange(len(self._rows)) ** 2.0),
+            OPinv=LinearOperator(stiffness.shape, matvec=factor.solve),
+        )
+        lowest = int(np.argmin(values))
+        eigenvalue = float(values[lowest]) if negative == factor.negative else float("nan")
+        mode = np.zeros(self.x.shape)
+        mode.ravel()[self._rows] = vectors[:, lowest]
+        mode /= np.linalg.norm(mode, axis=1).max()
+        return Stability(eigenvalue, mode, factor.negative)
+
+
+def even_levels(body: Body) -> sparse.csr_matrix | None:
+    """One displacement along the thickness for each level of nodes, as (3 N, levels); None if levels are not even.
+
+    Levels are even if all nodes of a level are equal except for a rotation or a shift (a sphere about the origin, or a
+    flat body), and growth is uniform.
+    """
+    bilayer, X = body.bilayer, body.X
+    if np.ptp(body.pattern) > 0 or body.changing:
+        return None
+    n, radial, round_off = len(X), bilayer.radial, LAYER_UNEVENNESS_TOLERANCE * bilayer.edge
+    level = np.arange(n) // body.n_surface
+    height = np.einsum("ij,ij->i", X, radial)
+    first = height[:: body.n_surface]
+    aside = np.linalg.norm(X - height[:, None] * radial, axis=1)
+    flat = np.ptp(radial, axis=0).max() <= LAYER_UNEVENNESS_TOLERANCE
+    if n % body.n_surface or np.abs(height - first[level]).max() > round_off or not (flat or aside.max() <= round_off):
+        return None
+    return sparse.csr_matrix((radial.ravel(), (np.arange(3 * n), np.repeat(level, 3))), shape=(3 * n, len(first)))
 
 
 @dataclass(frozen=True)
@@ -152,25 +360,26 @@ def bifurcation_of_body(
     body.grow(1.0)
     stable, high, g = Equilibrium(body, body.X, even_levels(body)).grown(g_min), np.inf, g_min + step
     mode: Array | None = None
-    seen: list[tuple[float, float]] = []
-    while high - stable.growth > GROWTH_PRECISION and stable.growth < g_max:
+    history, falling = np.empty((0, 2)), np.empty((0, 2))
+    while high - stable.growth > GROWTH_PRECISION and stable.growth < g_max and not len(falling):
         path = stable.grown(min(g, g_max))
-        found = path.stability()
-        seen.append((path.growth, found.eigenvalue))
-        look(*seen[-1])
-        if found.negative:
+        state = path.stability()
+        history = np.vstack([history, (path.growth, state.eigenvalue)])
+        look(path.growth, state.eigenvalue)
+        if state.negative:
             high = path.growth
-        elif mode is not None and len(falling := _states_before_turn(np.array(seen))):
-            return _describe_bifurcation(
-                body, _growth_at_zero_eigenvalue(falling), True, mode, np.array(seen), stable.x
-            )
-        else:
-            stable, mode = path, found.mode
-        g = _next_growth(np.array(seen), stable.growth, high, stable.growth + step)
+        elif mode is None or not len(falling := _states_before_turn(history)):
+            stable, mode = path, state.mode
+        g = _next_growth(history, stable.growth, high, stable.growth + step)
     if mode is None:
         raise NoSolution(f"the body is already unstable at g_min = {g_min:g}; choose a smaller g_min.")
-    g_crit = _growth_at_zero_eigenvalue(np.array(seen)) if high < np.inf else float("nan")
-    return _describe_bifurcation(body, g_crit, False, mode, np.array(seen), stable.x)
+    rounded = len(falling) > 0
+    g_crit = _growth_at_zero_eigenvalue(falling if rounded else history) if rounded or high < np.inf else math.nan
+    wave = math.nan if math.isnan(g_crit) else _wave_number(body, mode)
+    radius = np.linalg.norm(body.X[: body.n_surface], axis=1)
+    sphere = np.ptp(radius) < LAYER_UNEVENNESS_TOLERANCE * radius.mean()
+    degree = float(np.sqrt((wave * radius.mean()) ** 2 + 0.25) - 0.5) if sphere else math.nan
+    return BodyBifurcation(g_crit, rounded, mode, 2 * np.pi / wave, degree, history, stable.x)
 
 
 def bifurcation_of_scene(
@@ -190,17 +399,6 @@ def bifurcation_of_scene(
         As above.
     """
     return bifurcation_of_body(build_body(in_double(scene)), g_max, step, g_min, look)
-
-
-def _describe_bifurcation(
-    body: Body, g_crit: float, rounded: bool, mode: Array, history: Array, x: Array
-) -> BodyBifurcation:
-    if np.isnan(g_crit):
-        return BodyBifurcation(g_crit, rounded, mode, np.nan, np.nan, history, x)
-    wave, radius = _wave_number(body, mode), np.linalg.norm(body.X[: body.n_surface], axis=1)
-    sphere = np.ptp(radius) < LAYER_UNEVENNESS_TOLERANCE * radius.mean()
-    degree = np.sqrt((wave * radius.mean()) ** 2 + 0.25) - 0.5 if sphere else np.nan
-    return BodyBifurcation(g_crit, rounded, mode, 2 * np.pi / wave, float(degree), history, x)
 
 
 def _states_before_turn(seen: Array) -> Array:
@@ -251,3 +449,30 @@ def _wave_number(body: Body, mode: Array) -> float:
     slope = np.einsum("tc,tci->ti", height, sides)  # turned by a right angle, times twice the area
     square = (height**2).sum(axis=1) + height.sum(axis=1) ** 2
     return float(np.sqrt(np.sum(slope**2, axis=1) @ (1 / twice) / (twice @ square / 12)))
+
+
+def unstable_modes(run: Dynamics, softer_than: float = -SOFT_MODE_W2) -> int:
+    """Number of modes of a run's state with less stiffness over mass than ``softer_than`` [1/tick^2].
+
+    By default these are modes that grow e-fold within 36 ticks, in which growth would rise by 0.2. Slower modes are
+    left out: some of them are held by contact at the edge of its range.
+
+    Notes
+    -----
+    Contact is included with the pairs that press now, those beside them, and the stiffness of its penalty; the rotation
+    of its forces with the surface is left out. The time is that of 200 (strips) to 1,500 steps (octants). Memory grows
+    as the number of nodes on the surface, times its logarithm, times the square of the number of nodes below each.
+    """
+    body, x = run.body, run.state.x
+    rows = np.flatnonzero(body.free)
+    tangent = Tangent(body)
+    pressing = sparse.csr_matrix((x.size, x.size))
+    for effect in run.effects:
+        pressing = pressing + effect.stiffness(body, x)
+    shift = sparse.diags(np.repeat(body.smooth_mass, 3) * softer_than / body.crossing**2)
+    matrix = sparse.csr_matrix(sparse.csr_matrix(tangent.at(x) + pressing - shift)[rows][:, rows])
+    links = sparse.coo_matrix(pressing)
+    beside = sparse.csr_matrix((np.ones(links.nnz), (links.row // 3, links.col // 3)), shape=(len(x), len(x)))
+    beside.data[:] = 1.0
+    graph = sparse.csr_matrix(tangent.graph().maximum(beside))
+    return Factor(Dissection(x, graph, rows, matrix), matrix).negative

@@ -130,9 +130,9 @@ def _gauss_points_of_tet_patches(tets: Tets, mu: Array, kappa: Array) -> Iterato
         np.put_along_axis(g[:, :PATCH_TETS], corner[part, :, :, None], slopes, axis=2)
         w = np.linalg.det(edges[part]) / 6 * real
         V = w.sum(axis=1)
-        g[:, PATCH_TETS] = np.einsum("et,etai->eai", w, g[:, :PATCH_TETS]) / V[:, None, None]
+        g[:, PATCH_TETS] = np.einsum("et,etai->eai", w, g[:, :PATCH_TETS]) / _wide(V)
         w = np.column_stack([np.where(real, w, 1.0), V])  # 1 for missing tetrahedra; any number would do
-        scale = np.cbrt(w)[..., None, None]  # turns A into D of metric w^(1/3) I
+        scale = _wide(np.cbrt(w))  # turns A into D of metric w^(1/3) I
         share = np.column_stack([OWN_GRADIENT_SHARE * real, np.full(len(real), 1 - OWN_GRADIENT_SHARE)])
         yield ElementPoints(
             tets.corners[part],
@@ -198,18 +198,16 @@ class Tangent:
 class _Stress(NamedTuple):
     """Stress at the points, (E, Q) and with trailing axes.
 
-    D, its cofactors k, P = D C (3, 3), and ``R`` of the second invariant, w/2 dI2/dD (3, 3), None if the material does
-    not depend on it; the gradient f P + s k minus h b P; and ``pairs``, the factors of the products of two of P, k, R.
+    D; in ``vectors`` its cofactors k, P = D C (3, 3), and R of the second invariant, w/2 dI2/dD (3, 3), if the material
+    depends on it; the gradient f P + s k minus h b P, ``second`` is h and b or None; and ``pairs``, the factors of the
+    products of two of the vectors.
     """
 
     D: Array
-    k: Array
-    P: Array
-    R: Array | None
-    b: Array | None
+    vectors: dict[str, Array]
     f: Array
     s: Array
-    h: Array | None
+    second: tuple[Array, Array] | None
     pairs: dict[str, Array]
 
 
@@ -223,7 +221,7 @@ def _stress_at_points(x: Array, at: ElementPoints) -> _Stress:
     pressure = at.kappa * (volume @ at.bears / at.V - 1)
     one = at.power(J, 2 / 3)
     second = at.material.uses_i2
-    b = P @ D.swapaxes(-1, -2) / at.w[..., None, None] if second else None
+    b = P @ D.swapaxes(-1, -2) / _wide(at.w) if second else None
     I2 = 0.5 * (I1**2 - np.einsum("eqij,eqij->eq", b, b)) if b is not None else 3.0
     two = at.power(J, 4 / 3) if second else Factor(np.array(1.0), np.array(0.0), np.array(0.0))
     i1, i2 = one.value * I1, two.value * I2
@@ -240,17 +238,21 @@ def _stress_at_points(x: Array, at: ElementPoints) -> _Stress:
     }
     if second or np.any(u11):
         pairs["PP"] = m * (4 * u2 * two.value + u11 * p1 * p1)
+    f = 2 * at.mu * u1 * one.value
     if b is None:
-        return _Stress(D, k, P, None, None, 2 * at.mu * u1 * one.value, s, None, pairs)
-    wide = lambda values: values[..., None, None]
+        return _Stress(D, {"k": k, "P": P}, f, s, None, pairs)
     pairs |= {
         "Rk": m * (2 * u2 * two.slope + u12 * r2 * k1 + u22 * r2 * k2),
         "PR": m * u12 * p1 * r2,
         "RR": m * u22 * r2 * r2,
     }
     h = 2 * at.mu * u2 * two.value
-    f = 2 * at.mu * u1 * one.value + h * I1
-    return _Stress(D, k, P, wide(I1) * P - b @ P, b, f, s, h, pairs)
+    return _Stress(D, {"k": k, "P": P, "R": _wide(I1) * P - b @ P}, f + h * I1, s, (_wide(h), b), pairs)
+
+
+def _wide(values: Array) -> Array:
+    """Factors on matrices."""
+    return values[..., None, None]
 
 
 def stiffness(x: Array, at: ElementPoints) -> Array:
@@ -258,7 +260,7 @@ def stiffness(x: Array, at: ElementPoints) -> Array:
 
     ``x`` (N, 3) are the positions of all nodes [mm].
     """
-    found = _stress_at_points(x, at)
+    stress = _stress_at_points(x, at)
     n, corners = at.nodes.shape
     g_rows = np.moveaxis(at.g, -2, -3).reshape(*at.g.shape[:-3], corners, -1)  # (..., K, 3 Q)
     g_columns = np.ascontiguousarray(at.g.swapaxes(-1, -2))  # (..., Q, 3, K)
@@ -268,21 +270,20 @@ def stiffness(x: Array, at: ElementPoints) -> Array:
         return g_rows @ (M @ g_columns).reshape(n, -1, corners)
 
     out = np.empty((n, corners, 3, corners, 3))
-    same = between(found.f[..., None, None] * at.C)
+    same = between(_wide(stress.f) * at.C)
     for r, t, u in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        turn = between(_cross_matrices(found.s[..., None] * found.D[:, :, r]))
+        turn = between(_cross_matrices(stress.s[..., None] * stress.D[:, :, r]))
         out[:, :, r, :, r], out[:, :, t, :, u], out[:, :, u, :, t] = same, turn, -turn
-    if found.h is not None:
-        _add_second_invariant(found, at, between, out)
+    if stress.second is not None:
+        _add_second_invariant(stress.vectors["P"], *stress.second, at, between, out)
 
     nodal = {
         name: (M @ g_columns).swapaxes(-1, -2).reshape(n, -1, 3 * corners)  # (E, Q, 3 K)
-        for name, M in (("k", found.k), ("P", found.P), ("R", found.R))
-        if M is not None
+        for name, M in stress.vectors.items()
     }
     mean = np.einsum("eqk,q->ek", nodal["k"], at.bears)[:, None]
     weighed = {name: np.zeros(rows.shape) for name, rows in nodal.items()}
-    for (one, other), factor in ((tuple(pair), factor[..., None]) for pair, factor in found.pairs.items()):
+    for (one, other), factor in ((tuple(pair), factor[..., None]) for pair, factor in stress.pairs.items()):
         weighed[one] += factor * nodal[other]
         if one != other:
             weighed[other] += factor * nodal[one]
@@ -291,21 +292,20 @@ def stiffness(x: Array, at: ElementPoints) -> Array:
     return out + (left.swapaxes(-1, -2) @ right).reshape(out.shape)
 
 
-def _add_second_invariant(found: _Stress, at: ElementPoints, between: Callable[[Array], Array], out: Array) -> None:
+def _add_second_invariant(
+    P: Array, h: Array, b: Array, at: ElementPoints, between: Callable[[Array], Array], out: Array
+) -> None:
     """Add the terms of the second derivative of the second invariant, except products of P with itself.
 
     With b = A A^T = P D^T / w: h/2 d2I2 w = h [I1 (g_a . C g_b) I + 2/w P_a P_b^T - (P_a . P_b) I / w - P_b P_a^T / w
     - (g_a . C g_b) b]; the first term is in f, the second in the pairs.
     """
-    assert found.h is not None
-    assert found.b is not None
-    h, P = found.h[..., None, None], found.P
-    per_w = h / at.w[..., None, None]
+    per_w = h / _wide(at.w)
     lengths = between(per_w * (P.swapaxes(-1, -2) @ P))
     for r in range(3):
         for t in range(3):
             crossed = per_w * P[:, :, t, :, None] * P[:, :, r, None, :]  # g_a . M g_b = (P_a)_t (P_b)_r
-            out[:, :, r, :, t] -= between(crossed + h * found.b[:, :, r, t, None, None] * at.C)
+            out[:, :, r, :, t] -= between(crossed + h * _wide(b[:, :, r, t]) * at.C)
         out[:, :, r, :, r] -= lengths
 
 
@@ -316,12 +316,14 @@ def cauchy_stress(body: Body, x: Array) -> Array:
     """
     out = []
     for part in points(body):
-        at = _stress_at_points(x, part)
-        virial = at.f[..., None, None] * at.P + at.s[..., None, None] * at.k
-        if at.h is not None and at.b is not None:
-            virial -= at.h[..., None, None] * (at.b @ at.P)
-        volume = np.einsum("eqi,eqi,q->e", at.D[..., 0], at.k[..., 0], part.bears)
-        out.append((virial @ at.D.swapaxes(-1, -2)).sum(axis=1) / volume[:, None, None])
+        stress = _stress_at_points(x, part)
+        D, k, P = stress.D, stress.vectors["k"], stress.vectors["P"]
+        virial = _wide(stress.f) * P + _wide(stress.s) * k
+        if stress.second is not None:
+            h, b = stress.second
+            virial -= h * (b @ P)
+        volume = np.einsum("eqi,eqi,q->e", D[..., 0], k[..., 0], part.bears)
+        out.append((virial @ D.swapaxes(-1, -2)).sum(axis=1) / _wide(volume))
     return np.concatenate(out)
 
 

@@ -1,60 +1,60 @@
-"""Read the checkpoint and the log of a run to resume it; files that the run did not leave so are refused."""
+"""States of runs read back: the checkpoint and the log of a run to resume, and the state of another run to begin at."""
+
+from __future__ import annotations
 
 import hashlib
 import json
-import math
+import os
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from morphofold.errors import DamagedFile, Mismatch
+from morphofold.arrays import Array
+from morphofold.errors import DamagedFile, DoesNotApply, Mismatch, MissingPart, OutOfRange
 from morphofold.io.files import decoding, existing_file
-from morphofold.sim.output.run_files import AND_GROW_AGAIN
+from morphofold.provenance import Row, sha256_of
+from morphofold.sim.output.run_files import AND_GROW_AGAIN, begun_with, scene_digest, stage_folder
+from morphofold.sim.output.stages import VOLUME_FILE, read_stage, read_volume, stages_with_volume
+from morphofold.sim.scene import Scene
+from morphofold.sim.scene.files import load_scene
+
+if TYPE_CHECKING:
+    from morphofold.sim.body import Body
+    from morphofold.sim.dynamics import State
 
 #: what differs if these arrays of a checkpoint do
 MARKS = {"scene": "another scene or mesh", "version": "another version of morphofold"}
+POSITION_ROUND_OFF = 1e-9  # difference of reference positions, over the size of the body, that counts as none
 
 
-def check_marks(path: Path, mine: Mapping[str, NDArray]) -> None:
-    """Refuse a checkpoint of another scene, mesh or version: its arrays may be others than `read_arrays` expects.
+def read_checkpoint(path: Path, like: Mapping[str, NDArray]) -> dict[str, NDArray]:
+    """Arrays by name from the checkpoint of a run; names, shapes and kinds must be those of ``like``.
 
     Raises
     ------
     Mismatch
-        If ``scene`` or ``version`` of ``mine`` is another in the file.
-    """
-    with decoding(path, "a checkpoint of this run", f"Delete it {AND_GROW_AGAIN}."):
-        with np.load(existing_file(path, "checkpoint"), allow_pickle=False) as file:
-            small = {name for name in file.files if file.zip.getinfo(f"{name}.npy").file_size < 4096}
-            others = [name for name in MARKS if name in small and not np.array_equal(file[name], mine[name])]
-    if others:
-        raise Mismatch(f"{path}: belongs to a run with {MARKS[others[0]]}. Delete it {AND_GROW_AGAIN}.")
-
-
-def read_arrays(path: Path, like: Mapping[str, NDArray]) -> dict[str, NDArray]:
-    """Arrays by name from an .npz file; names, shapes and kinds must be those of ``like``, values must be finite.
-
-    Raises
-    ------
+        If ``scene`` or ``version`` is another in the file.
     DamagedFile
-        If the file differs from that; its checksums reveal a single changed byte.
+        If the file differs otherwise; its checksums reveal a single changed byte.
     """
-    with decoding(path, "a checkpoint of this run", f"Delete it {AND_GROW_AGAIN}."):
+    cure = f"Delete it {AND_GROW_AGAIN}."
+    with decoding(path, "a checkpoint of this run", cure):
         with np.load(existing_file(path, "checkpoint"), allow_pickle=False) as file:
-            names = set(file.files)
-            if names != like.keys():
-                raise DamagedFile(f"missing or unexpected arrays: {', '.join(sorted(names ^ like.keys()))}")
-            found = {name: np.asarray(file[name]) for name in file.files}
-        for name, array in found.items():
-            shape, kind = like[name].shape, like[name].dtype.kind
-            if array.shape != shape or array.dtype.kind != kind:
-                raise DamagedFile(f"{name} has shape {array.shape} and type {array.dtype}, needs {shape} of '{kind}'")
-            if kind == "f" and not np.isfinite(array).all():
-                raise DamagedFile(f"{name} has {np.count_nonzero(~np.isfinite(array))} values that are not finite")
-    return found
+            arrays = dict(file)
+        others = [run for name, run in MARKS.items() if name in arrays and (arrays[name] != like[name]).any()]
+        if not others and _kinds(arrays) != _kinds(like):
+            raise DamagedFile("its arrays are not those of this run")
+    if others:
+        raise Mismatch(f"{path}: belongs to a run with {others[0]}. {cure}")
+    return arrays
+
+
+def _kinds(arrays: Mapping[str, NDArray]) -> dict[str, tuple[Any, ...]]:
+    return {name: (array.shape, array.dtype.kind) for name, array in arrays.items()}
 
 
 def as_lines(log: Sequence[Mapping[str, Any]]) -> str:
@@ -67,7 +67,7 @@ def as_bytes(text: str) -> NDArray[np.uint8]:
     return np.frombuffer(hashlib.sha256(text.encode()).digest(), np.uint8)
 
 
-def read_log(out: Path, lines: int, digest: NDArray[np.uint8]) -> list[dict[str, Any]]:
+def read_log(out: Path, lines: int, digest: NDArray[np.uint8]) -> list[Row]:
     """The first ``lines`` lines of ``log.jsonl``, whose SHA-256 must be ``digest``.
 
     The log is written before its checkpoint: a process killed between the two leaves more lines, which are dropped.
@@ -79,31 +79,121 @@ def read_log(out: Path, lines: int, digest: NDArray[np.uint8]) -> list[dict[str,
     """
     path = out / "log.jsonl"
     with decoding(path, "the log of this run", f"Delete {out / 'checkpoint.npz'} {AND_GROW_AGAIN}."):
-        texts = existing_file(path, "log").read_text("utf-8").splitlines()
-        if len(texts) < lines:
-            raise DamagedFile(f"it has {len(texts)} lines, needs {lines}")
-        log = [_json_object(text, f"line {number}") for number, text in enumerate(texts[:lines], start=1)]
-        for number, line in enumerate(log, start=1):
-            _check_log_line(line, number)
-        if not np.array_equal(as_bytes(as_lines(log)), digest):
+        texts = existing_file(path, "log").read_text("utf-8").splitlines(keepends=True)[:lines]
+        if (as_bytes("".join(texts)) != digest).any():
             raise DamagedFile("its lines do not belong to this checkpoint")
-    return log
+        return [json.loads(text) for text in texts]
 
 
-def _check_log_line(line: Mapping[str, Any], number: int) -> None:
-    seconds = line.get("seconds")
-    values = [line.get("growth"), line.get("elapsed"), *(seconds.values() if isinstance(seconds, dict) else [None])]
-    if not all(isinstance(v, int | float) and math.isfinite(v) for v in values):
-        raise DamagedFile(f"line {number} lacks growth, elapsed or seconds")
+def restart_of(out: Path, scene: Scene, place: str | Path | None) -> Row | None:
+    """The entry of ``inputs.json`` for the state at which a run in ``out`` begins; None if it begins ungrown.
+
+    For a resumed run this is the entry in its ``inputs.json``. A new run begins at ``place``, the folder of a stage or
+    of a run; of a run, the state of the largest growth is taken.
+
+    Raises
+    ------
+    FileNotFoundError, ValueError
+        If there is no such state, it is damaged, or its growth is beyond the scene's final one.
+    """
+    begun = begun_with(out)
+    if begun or place is None:
+        return begun.get("restart")
+    folder = Path(os.path.abspath(place))
+    run = folder.parent.parent if (folder / "stage.json").is_file() else folder
+    if not (run / "scene.toml").is_file():
+        raise FileNotFoundError(f"{folder}: is not the folder of a run or of a stage. Name one to restart from.")
+    with decoding(run / "scene.toml", "a scene as a run writes it"):
+        other = load_scene(run / "scene.toml")
+    effects = [*scene.effects.items(), *other.effects.items()]
+    if names := [name for name, options in effects if options.history]:
+        raise DoesNotApply(
+            f"{folder}: with effects.{names[0]} a run can't begin at the state of another one, whose files do not hold "
+            "the growth of the core. Let it grow from the start."
+        )
+    volumes = {g: stage_folder(run, g) / VOLUME_FILE for g in stages_with_volume(run, other)}
+    states = [(g, file) for g, file in volumes.items() if folder in (run, file.parent)]
+    if folder == run and (run / "checkpoint.npz").is_file():
+        states.append((_read_state(run / "checkpoint.npz")[-1], run / "checkpoint.npz"))
+    if not states:
+        raise MissingPart(
+            f"{folder}: holds no state to restart from: no checkpoint and no stage with {VOLUME_FILE}. A scene with "
+            "output.volume = false or of one dimension writes no volume. Name another run."
+        )
+    growth, file = max(states, key=lambda state: state[0])  # of two at the same growth the first, a stage
+    if growth > scene.growth.final:
+        raise OutOfRange(
+            f"{file}: is at g = {growth:g}, beyond growth.final = {scene.growth.final:g} of {scene.name}. Raise "
+            "growth.final, or restart from the folder of an earlier stage."
+        )
+    if file.name == VOLUME_FILE:
+        read_stage(run, growth)  # raises if it is damaged
+    return {"file": str(file), "sha256": sha256_of(file), "scene_sha256": scene_digest(run), "growth": growth}
 
 
-def _json_object(text: str, what: str) -> dict[str, Any]:
-    """The JSON object in a text; raises on NaN and infinity."""
+def state_of(restart: Mapping[str, Any], body: Body, scene: Scene) -> State:
+    """The state at which a run begins: positions, growth and, from a checkpoint, velocities.
 
-    def refuse(constant: str) -> None:
-        raise DamagedFile(f"{what} holds {constant}")
+    Raises
+    ------
+    FileNotFoundError, ValueError
+        If its file is missing, has changed, or has another mesh than the body.
+    """
+    from morphofold.sim.dynamics import State
 
-    content = json.loads(text, parse_constant=refuse)
-    if not isinstance(content, dict):
-        raise DamagedFile(f"{what} is not a JSON object")
-    return content
+    file = existing_file(restart["file"], "state to restart from")
+    if (now := sha256_of(file)) != restart["sha256"]:
+        raise Mismatch(
+            f"{file}: has changed since a run was started from it (sha256 {restart['sha256'][:12]}... then, {now[:12]}"
+            "... now). Restore the old file, or choose another folder."
+        )
+    x, v, X, _ = _read_state(file)
+    check_mesh(file, X, body.X, scene)
+    if scene.real_time:  # velocities are per step, and its length differs
+        v[:] = 0.0
+    return State(x, v, growth=restart["growth"])
+
+
+def check_mesh(file: Path, X: Array, of_body: Array, scene: Scene) -> None:
+    """Raise ``Mismatch`` unless the reference positions X equal those of the body."""
+    difference = f"has {len(X):,} nodes, but the body of {scene.name} has {len(of_body):,}"
+    if X.shape == of_body.shape:
+        distance = np.linalg.norm(X - of_body, axis=1)
+        if distance.max() <= POSITION_ROUND_OFF * np.ptp(of_body, axis=0).max():
+            return
+        node = distance.argmax()
+        difference = f"has node {node} {distance[node]:.3g} mm from its position in the body of {scene.name}"
+    raise Mismatch(
+        f"{file}: {difference} before growth. Use the geometry, mesh and imperfection of the run to continue"
+        f"{_wavelength_advice(file, scene)}."
+    )
+
+
+def _read_state(file: Path) -> tuple[Array, Array, Array, float]:
+    """Positions, velocities, reference positions (N, 3) and growth of a checkpoint. A volume has no velocities and no
+    growth: they are returned as 0 and 1."""
+    with decoding(file, "a state to restart from"):
+        if file.name == VOLUME_FILE:
+            X, x = read_volume(file)
+            v, growth = np.zeros(x.shape), 1.0
+        else:
+            with np.load(existing_file(file), allow_pickle=False) as arrays:
+                x, v, X = (arrays[name].astype(np.float64) for name in ("x", "v", "reference"))
+                v *= "inertia.dt" not in arrays.files  # with inertia they are per step of another length
+                growth = float(arrays["growth"])
+        if not (x.shape == v.shape == X.shape and growth >= 1 and np.isfinite([x, v, X]).all()):
+            raise DamagedFile("its positions, velocities, nodes and growth are not those of a body")
+    return np.ascontiguousarray(x), v, X, growth
+
+
+def _wavelength_advice(file: Path, scene: Scene) -> str:
+    """How to set the imperfection of the other run; its wavelength depends on the material unless it is set."""
+    from morphofold.sim.effects.perturbation import build
+
+    with suppress(OSError, ValueError):
+        other = load_scene((file.parent if file.suffix == ".npz" else file.parents[2]) / "scene.toml")
+        if "perturbation" in scene.effects and "perturbation" in other.effects:
+            theirs, own = (build(each.effects["perturbation"], each).wavelength for each in (other, scene))
+            if theirs != own:
+                return f": effects.perturbation.wavelength = {theirs!r}, for example"
+    return ""

@@ -1,32 +1,38 @@
-"""A simulation folder: its contents, who may write it, and the parts that every run writes in the same way."""
+"""A simulation folder: its contents, who may write it, and what every run does in the same way: grow and write."""
 
-import errno
+from __future__ import annotations
+
 import io
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from morphofold import __version__
+from morphofold.errors import DISK_FULL_ERRORS
 from morphofold.io import atomic_file, atomic_folder, read_cortex, write_morph, write_surface
 from morphofold.io.files import decoding, write_text
 from morphofold.io.folders import LOCK_FILE, refuse_overlap
 from morphofold.lazy import draw
-from morphofold.provenance import digests
+from morphofold.progress import Progress
+from morphofold.provenance import Row, digests
+from morphofold.sim.effects import Effect, build_effects
+from morphofold.sim.output import run_files
 from morphofold.sim.output.checkpoint import as_lines
-from morphofold.sim.output.inputs import check_begun, check_inputs, inputs_of, scene_digest
-from morphofold.sim.output.run_files import AND_GROW_AGAIN, is_temporary, stage_folder, sweep
-from morphofold.sim.output.stages import check_finished, check_stages, read_health, read_stage
-from morphofold.sim.output.volume import check_series, write_series
+from morphofold.sim.output.run_files import stage_folder
+from morphofold.sim.output.stages import check_finished, check_stages, read_health, write_series
 from morphofold.sim.scene import Scene, UnfoldedCortex
 from morphofold.sim.scene.effects import effect_names
 from morphofold.sim.scene.files import load_scene, to_toml
 from morphofold.surface import Cortex, Surface
+from morphofold.timing import working_seconds
+
+if TYPE_CHECKING:
+    from morphofold.sim.dynamics import Dynamics
 
 Describe = Callable[[Cortex], Mapping[str, NDArray[np.float64]]]
 
@@ -51,7 +57,7 @@ class Simulation:
         return tuple(sorted(float(p.name[1:]) for p in (self.path / "stages").glob("g*")))
 
     @property
-    def health(self) -> dict[str, Any]:
+    def health(self) -> Row:
         """Contents of ``health.json``."""
         return read_health(self.path)
 
@@ -75,28 +81,24 @@ def is_finished(
         If the scene's mesh file has changed since the run began, or a finished run is damaged.
     """
     refuse_overlap(folder)
-    written = folder / "scene.toml"
+    written, other = folder / "scene.toml", "choose another folder"
     if folder.exists() and not folder.is_dir():
         raise FileExistsError(f"{folder}: is a file; choose a folder to write.")
     if not written.exists():
         begun = (LOCK_FILE, "inputs.json")  # a run writes these before its scene
-        if folder.exists() and any(p.name not in begun and not is_temporary(p) for p in folder.iterdir()):
-            raise FileExistsError(f"{folder}: is not empty and holds no simulation; choose another folder to write.")
+        if folder.exists() and any(p.name not in begun and not run_files.is_temporary(p) for p in folder.iterdir()):
+            raise FileExistsError(f"{folder}: is not empty and holds no simulation; {other} to write.")
         return False
     if not resume:
-        raise FileExistsError(f"{folder}: holds a simulation; resume it (--resume), or choose another folder.")
-    with decoding(
-        written, "a scene as a run writes it", f"Delete {folder} {AND_GROW_AGAIN}, or choose another folder."
-    ):
+        raise FileExistsError(f"{folder}: holds a simulation; resume it (--resume), or {other}.")
+    with decoding(written, "a scene as a run writes it", f"Delete {folder} {run_files.AND_GROW_AGAIN}, or {other}."):
         began = load_scene(written)
     if began != scene:
-        raise FileExistsError(f"{folder}: holds a simulation of another scene; choose another folder.")
-    check_inputs(folder, scene)
-    check_begun(folder, own, restart_from)
+        raise FileExistsError(f"{folder}: holds a simulation of another scene; {other}.")
+    run_files.check_inputs(folder, scene, own, restart_from)
     if not (folder / "health.json").exists():
         return False
     check_finished(folder, scene)
-    check_series(folder, scene)
     return True
 
 
@@ -118,8 +120,7 @@ class FolderWriter:
 
     Notes
     -----
-    Create it before the body is built, and call ``begin`` after that: the digest of the scene's mesh file is then of
-    the bytes from which the body was built.
+    Create it before the body is built, and call ``begin`` after that: nothing is written if the body cannot be built.
     """
 
     def __init__(
@@ -133,34 +134,28 @@ class FolderWriter:
     ):
         self.out, self.scene, self._describe, self.resume = out, scene, describe, resume
         self.own, self.restart = list(own), restart
-        self._inputs = inputs_of(scene)
+        self._inputs = run_files.inputs_of(scene)
 
-    def begin(self) -> None:
+    def begin(self) -> dict[float, Row]:
         """Write the folder and its ``scene.toml``, unless they exist; remove incomplete files of a killed run.
+
+        Returns the ``stage.json`` of each stage that was written before the run was stopped, by growth.
 
         Raises
         ------
-        FileExistsError
-            If the folder holds something else, a run that is not to be resumed, or a finished run.
         ValueError
             If the run to resume is damaged.
-        OSError
-            If the scene's mesh file changed while the body was built from it.
         """
-        if inputs_of(self.scene) != self._inputs:
-            name = next(given[key] for given in self._inputs.values() for key in ("file", "subject") if key in given)
-            raise OSError(f"{name}: changed while it was read. Run this again when no program writes it.")
-        if is_finished(self.out, self.scene, self.resume, self.own):
-            raise FileExistsError(f"{self.out}: holds a finished run of this scene; choose another folder.")
         self.out.mkdir(parents=True, exist_ok=True)
-        sweep(self.out)
-        check_stages(self.out, self.scene)
+        run_files.sweep(self.out)
+        stages = check_stages(self.out, self.scene)
         if not (self.out / "scene.toml").exists():
             added = {"effects": self.own, "restart": self.restart}
-            if inputs := {**self._inputs, **{name: what for name, what in added.items() if what}}:
+            if inputs := self._inputs | {name: value for name, value in added.items() if value}:
                 _write_json(self.out / "inputs.json", inputs)
             write_text(self.out / "scene.toml", to_toml(self.scene))
         write_series(self.out, self.scene)  # the run may have been killed before it
+        return stages
 
     @property
     def checkpoint_to_resume(self) -> Path | None:
@@ -168,20 +163,7 @@ class FolderWriter:
         path = self.out / "checkpoint.npz"
         return path if self.resume and path.exists() else None
 
-    @contextmanager
-    def telling_a_full_disk(self, growth: Callable[[], float]) -> Iterator[None]:
-        """If an error means a full disk, raise one that says so, with the growth reached."""
-        try:
-            yield
-        except OSError as error:
-            if error.errno not in (errno.ENOSPC, errno.EDQUOT):
-                raise
-            raise OSError(
-                f"{self.out}: the disk is full at g = {growth():.3f}. The written files are kept; free some space and "
-                "continue with --resume."
-            ) from error
-
-    def log(self, lines: list[dict[str, Any]]) -> None:
+    def log(self, lines: Sequence[Row]) -> None:
         """Write all lines of ``log.jsonl``."""
         write_text(self.out / "log.jsonl", as_lines(lines))
 
@@ -191,10 +173,6 @@ class FolderWriter:
         np.savez(buffer, **arrays)  # type: ignore[arg-type]
         with atomic_file(self.out / name) as temporary:
             temporary.write_bytes(buffer.getvalue())
-
-    def health_of(self, g: float) -> dict[str, Any] | None:
-        """Numbers of a stage that was written before the run was stopped; None if it was not."""
-        return read_stage(self.out, g)["health"] if stage_folder(self.out, g).exists() else None
 
     def stage(
         self,
@@ -210,7 +188,7 @@ class FolderWriter:
     ) -> None:
         """Write the surfaces of a stage, their maps, ``stage.json``, and what ``beside`` adds to the same folder."""
         scene = self.scene
-        info: dict[str, Any] = {
+        info: Row = {
             "name": scene.name,
             "g": g,
             "law": scene.growth.law,
@@ -223,38 +201,37 @@ class FolderWriter:
             "units": "mm",
             "health": numbers,
             "warnings": warnings,
-            "scene_sha256": scene_digest(self.out),
+            "scene_sha256": run_files.scene_digest(self.out),
         }
         if isinstance(scene.geometry, UnfoldedCortex):
-            given = ["thickness_map"] if scene.geometry.thickness_map else []
-            given += [name for name in scene.effects if name in ("growth_map", "stiffness_map")]
-            from morphofold.sim.hemisphere.subject import subject_of_cortex
+            from morphofold.sim.hemisphere.subject_maps import subject_of_cortex
 
+            maps = ["thickness_map"] if scene.geometry.thickness_map else []
             info["grown_from"] = {
                 **self._inputs["geometry.subject"],
                 "unfold": scene.geometry.unfold,
-                "maps": given,
+                "maps": maps + [name for name in scene.effects if name in ("growth_map", "stiffness_map")],
                 "cortex_mask": subject_of_cortex(scene.geometry).marked_by,
             }
         hemi = pial.name[:2]
         cortex = Cortex(white, pial, hemi, scene.name, origin="simulation", portion=portion, info=info)
-        maps = self._describe(cortex)
-        missing = {name: int(np.isnan(values).sum()) for name, values in maps.items() if np.isnan(values).any()}
-        if missing:
+        fields = self._describe(cortex)
+        missing = {name: int(np.isnan(values).sum()) for name, values in fields.items()}
+        if missing := {name: count for name, count in missing.items() if count}:
             info["vertices_without_value_written_as_0"] = missing
         with atomic_folder(stage_folder(self.out, g)) as temporary:
             (temporary / "surf").mkdir()
             for surface in (white, pial):
                 write_surface(temporary / "surf" / surface.name, surface)
                 write_surface(temporary / "surf" / f"{surface.name}.surf.gii", surface)  # for Connectome Workbench
-            for name, values in maps.items():
+            for name, values in fields.items():
                 write_morph(temporary / "surf" / f"{hemi}.{name}", values, nan=0.0)
             beside(temporary)
             _write_json(temporary / "stage.json", info)
             _write_json(temporary / "files.json", digests(temporary))
         write_series(self.out, scene)
 
-    def health(self, stages: list[dict[str, Any]], warnings: list[str], **numbers: Any) -> None:
+    def health(self, stages: list[Row], warnings: list[str], **numbers: Any) -> None:
         """Write ``health.json``, which finishes a run."""
         content = {
             "morphofold": __version__,
@@ -266,6 +243,86 @@ class FolderWriter:
             "effects_left_out": [name for name in effect_names() if name not in self.scene.effects],
         }
         _write_json(self.out / "health.json", content)
+
+
+class Run:
+    """One run: its stages of growth one after the other, and the folder that it writes; it builds before it writes.
+
+    Attributes
+    ----------
+    growth : float
+        Growth reached so far.
+    log : list of dict
+        The lines of ``log.jsonl`` so far.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        writer: FolderWriter,
+        progress: Progress,
+        interrupted: Callable[[], bool],
+        effects: Sequence[Effect] = (),
+        after: Callable[[Dynamics], None] | None = None,
+    ):
+        self.scene, self.writer, self.progress, self.interrupted = scene, writer, progress, interrupted
+        self.growth, self.started, self.after = 1.0, working_seconds(), after
+        self.effects = [*build_effects(scene), *effects]
+        self.log: list[Row] = []
+        self.build()
+
+    def build(self) -> None:
+        """Build what grows."""
+
+    def go(self) -> None:
+        """Grow to each stage and write it, then the log and ``health.json``."""
+        writer = self.writer
+        written = writer.begin()
+        self.resume()
+        try:
+            stages = []
+            for g in run_files.written_stages(writer.out, self.scene):
+                self.grow_to(g)
+                stages.append(written[g]["health"] if g in written else self.write_stage(g))
+                self.after_stage(stages[-1])
+            writer.log(self.log)
+            warnings = [sentence for stage in stages for sentence in self.warnings(stage)]
+            writer.health(stages, warnings, **self.cost())
+            (writer.out / "checkpoint.npz").unlink(missing_ok=True)
+        except OSError as error:
+            if error.errno not in DISK_FULL_ERRORS:
+                raise
+            raise OSError(
+                f"{writer.out}: the disk is full at g = {self.growth:.3f}. The written files are kept; free some space "
+                "and continue with --resume."
+            ) from error
+        self.progress(1.0, "done")
+
+    @property
+    def elapsed(self) -> float:
+        """Wall seconds of this run, including those before a stop, without compiling."""
+        return working_seconds() - self.started
+
+    def resume(self) -> None:
+        """Resume from a checkpoint, if that is asked for and there is one."""
+
+    def grow_to(self, g: float) -> None:
+        """Grow to a stage."""
+
+    def write_stage(self, g: float) -> Row:
+        """Write the present state as a stage; returns its numbers for ``health.json``."""
+        raise NotImplementedError
+
+    def after_stage(self, numbers: Row) -> None:
+        """Called when a stage is written."""
+
+    def warnings(self, numbers: Row) -> list[str]:
+        """What is not healthy of the numbers of a stage."""
+        return []
+
+    def cost(self) -> Row:
+        """Size and time of the run for ``health.json``."""
+        raise NotImplementedError
 
 
 def _write_json(path: Path, content: Mapping[str, Any]) -> None:

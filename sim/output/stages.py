@@ -1,19 +1,29 @@
-"""Read the stages of a run and its ``health.json``; damaged files and files of another run are refused."""
+"""The stages of a run: their files for ParaView, and ``stage.json`` and ``health.json`` read back; damaged files and
+files of another run are refused."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
+import numpy as np
 from pydantic import Field
 
+from morphofold.arrays import Array
 from morphofold.errors import DamagedFile, Mismatch, MissingPart
 from morphofold.io import read_cortex
 from morphofold.io.cortices import StageHealth, StageRecord
-from morphofold.io.files import decoding
+from morphofold.io.files import decoding, write_text
 from morphofold.io.json_files import Amount, Count, Length, Record, read_json
-from morphofold.provenance import sha256_of
-from morphofold.sim.output.inputs import scene_digest, written_stages
-from morphofold.sim.output.run_files import AND_GROW_AGAIN, Digests, stage_folder
-from morphofold.sim.scene import Radial, Scene
+from morphofold.provenance import Row, sha256_of
+from morphofold.sim.output.run_files import AND_GROW_AGAIN, Digests, scene_digest, stage_folder, written_stages
+from morphofold.sim.scene import Scene
+
+if TYPE_CHECKING:
+    from morphofold.sim.body import Body
+
+VOLUME_FILE, SERIES_FILE = "volume.vtu", "stages.pvd"
 
 
 class Health(Record):
@@ -33,12 +43,12 @@ class Health(Record):
     peak_memory_GiB: Amount | None = None
 
 
-def read_health(folder: Path) -> dict[str, Any]:
+def read_health(folder: Path) -> Row:
     """Contents of ``health.json`` of a finished run; raises as :func:`morphofold.io.json_files.read_json`."""
     return read_json(folder / "health.json", Health, f"Delete it {AND_GROW_AGAIN}.")
 
 
-def read_stage(out: Path, g: float) -> dict[str, Any]:
+def read_stage(out: Path, g: float) -> Row:
     """Contents of ``stage.json`` at growth ``g``, after a check that the files of the stage are unchanged.
 
     If a stage has no ``files.json`` (digests of its files), its surfaces and maps must be readable. If it has no digest
@@ -50,64 +60,105 @@ def read_stage(out: Path, g: float) -> dict[str, Any]:
         If something is missing, truncated or of another stage.
     """
     stage = stage_folder(out, g)
-    beside = [name for name in ("checkpoint.npz", "health.json") if (out / name).exists()]
-    cure = f"Delete {stage}{''.join(f' and {out / name}' for name in beside)}; --resume then grows it again."
-    record = stage / "stage.json"
+    also = "".join(f" and {out / name}" for name in ("checkpoint.npz", "health.json") if (out / name).exists())
+    cure = f"Delete {stage}{also}; --resume then grows it again."
+    record, files = stage / "stage.json", stage / "files.json"
     info = read_json(record, StageRecord, cure)
     if info.get("scene_sha256", scene_digest(out)) != scene_digest(out):
         raise Mismatch(f"{record}: belongs to a run with another scene or mesh. {cure}")
     if info.get("g") != g or info.get("health", {}).get("growth") != g:
         raise DamagedFile(f"{record}: is for g = {info.get('g')!r} or has no health numbers for {g:g}. {cure}")
-    listed = stage / "files.json"
-    if listed.exists():
-        with decoding(listed, "a list of files", cure):
-            for name, digest in read_json(listed, Digests, cure).items():
-                if not (stage / name).is_file():
-                    raise DamagedFile(f"{name} is missing")
-                if sha256_of(stage / name) != digest:
-                    raise DamagedFile(f"{name} has changed since it was written")
+    digests = read_json(files, Digests, cure) if files.exists() else {}
     with decoding(stage, "a stage", cure):
+        for name, digest in digests.items():
+            if not (stage / name).is_file() or sha256_of(stage / name) != digest:
+                raise DamagedFile(f"{name} is missing or has changed since it was written")
         read_cortex(stage)
     return info
 
 
-def check_stages(out: Path, scene: Scene) -> dict[float, dict[str, Any]]:
+def check_stages(out: Path, scene: Scene) -> dict[float, Row]:
     """The ``stage.json`` of each stage in the folder, by growth; raises if one is damaged or not of the scene."""
-    found = {}
-    known = {stage_folder(out, g): g for g in scene.stages}
-    for path in sorted((out / "stages").glob("g*")):
-        if path not in known:
-            raise Mismatch(f"{path}: is not a stage of this scene. Move it away.")
-        found[known[path]] = read_stage(out, known[path])
-    return found
+    growths = {stage_folder(out, g): g for g in scene.stages}
+    folders = sorted((out / "stages").glob("g*"))
+    if others := [path for path in folders if path not in growths]:
+        raise Mismatch(f"{others[0]}: is not a stage of this scene. Move it away.")
+    return {growths[path]: read_stage(out, growths[path]) for path in folders}
 
 
-def check_reached(out: Path, scene: Scene, growth: float) -> None:
-    """Raise if a stage below ``growth``, that of the checkpoint, is missing: it could not be written any more."""
-    for g in written_stages(out, scene):
-        if g < growth and not stage_folder(out, g).exists():
+def check_written(out: Path, growths: Sequence[float], file: Path) -> None:
+    """Raise if a stage is missing that was written before ``file``, since it could not be written any more."""
+    for stage in (stage_folder(out, g) for g in growths):
+        if not stage.exists():
             raise MissingPart(
-                f"{stage_folder(out, g)}: is missing, and {out / 'checkpoint.npz'} is beyond it, at "
-                f"g = {growth:.3f}. Delete the checkpoint {AND_GROW_AGAIN}."
+                f"{stage}: is missing, and {file} is beyond g = {growths[-1]:g}. Delete {file} {AND_GROW_AGAIN}."
             )
 
 
 def check_finished(out: Path, scene: Scene) -> None:
-    """Raise if ``health.json`` of a finished run is incomplete, or does not agree with its stages."""
-    path, health = out / "health.json", read_health(out)
-    if missing := {"effects", *(() if isinstance(scene.geometry, Radial) else ("elements",))} - health.keys():
-        raise DamagedFile(f"{path}: lacks {', '.join(sorted(missing))}. Delete it {AND_GROW_AGAIN}.")
-    grown = [stage.get("growth") for stage in health["stages"]]
-    if grown != (stages := list(written_stages(out, scene))):
-        raise Mismatch(f"{path}: its stages are {grown}, but the scene has {stages}. Delete it {AND_GROW_AGAIN}.")
-    found = check_stages(out, scene)
-    for stage in health["stages"]:
-        g = stage["growth"]
-        if g not in found:
-            raise MissingPart(
-                f"{stage_folder(out, g)}: is missing, but {path} lists it. Delete {path} {AND_GROW_AGAIN}."
-            )
-        if found[g]["health"] != stage:
-            raise Mismatch(
-                f"{path}: disagrees at g = {g:g} with {stage_folder(out, g)}. Delete {path} {AND_GROW_AGAIN}."
-            )
+    """Raise if ``health.json`` of a finished run or one of its stages is missing or damaged."""
+    read_health(out)
+    check_stages(out, scene)
+    check_written(out, written_stages(out, scene), out / "health.json")
+
+
+def write_volume(folder: Path, body: Body, x: Array) -> None:
+    """Write ``volume.vtu``: the body at positions ``x`` (N, 3) [mm], its reference positions, and element fields.
+
+    Stresses are in units of the core's shear modulus, energies in that unit times mm^3. Positions have 64 bits, element
+    fields 32. Nothing is compressed: that would save a third of the file and take as long as 40 steps.
+    """
+    import meshio
+
+    from morphofold.sim.elements.bricks import CORNERS_IN_KERNEL_ORDER
+    from morphofold.sim.equilibrium.tangent import stress_of_elements
+
+    element = body.elements.state()
+    layer = np.zeros(body.elements.n, dtype=np.uint8)
+    layer[: body.elements.n_cortex] = 1
+    corners = body.bilayer.mesh.t.T
+    bricks = corners.shape[1] == 8
+    if bricks:
+        corners = corners[:, CORNERS_IN_KERNEL_ORDER[[0, 4, 6, 2, 1, 5, 7, 3]]]  # VTK's order of i, j, k
+    fields = {
+        "volume_ratio": element["volume_ratio"],
+        "min_J": element["J_min"],
+        "energy": element["energy"],
+        "cauchy_stress": stress_of_elements(body, x),
+    }
+    meshio.Mesh(
+        x,
+        [("hexahedron" if bricks else "tetra", corners.astype(np.int32))],
+        point_data={"reference": body.X, "displacement": x - body.X},
+        cell_data={"cortex": [layer], **{name: [field.astype(np.float32)] for name, field in fields.items()}},
+    ).write(folder / VOLUME_FILE, compression=None)
+
+
+def read_volume(path: Path) -> tuple[Array, Array]:
+    """Reference and deformed positions X, x (N, 3) [mm] of a ``volume.vtu``, bitwise as they were written."""
+    import meshio
+
+    mesh = meshio.read(path)
+    return np.asarray(mesh.point_data["reference"]), np.asarray(mesh.points)
+
+
+def stages_with_volume(out: Path, scene: Scene) -> list[float]:
+    """Growth of the stages in a run's folder that have a volume, ascending."""
+    return [g for g in scene.stages if (stage_folder(out, g) / VOLUME_FILE).is_file()]
+
+
+def write_series(out: Path, scene: Scene) -> None:
+    """Write ``stages.pvd`` for the stages in the folder, unless it is up to date or no stage has a volume."""
+    text, path = _series_text(out, scene), out / SERIES_FILE
+    if text and not (path.exists() and path.read_bytes() == text.encode()):
+        write_text(path, text)
+
+
+def _series_text(out: Path, scene: Scene) -> str:
+    """Text of a collection of VTK files with the growth g as time; empty if there are none."""
+    rows = [
+        f'    <DataSet timestep="{g!r}" part="0" file="{stage_folder(Path(), g).as_posix()}/{VOLUME_FILE}"/>\n'
+        for g in stages_with_volume(out, scene)
+    ]
+    head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n  <Collection>\n'
+    return f"{head}{''.join(rows)}  </Collection>\n</VTKFile>\n" if rows else ""

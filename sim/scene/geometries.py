@@ -11,7 +11,7 @@ from pydantic import Discriminator, Tag, model_validator
 from morphofold.errors import ImpossibleBody, NamedTwice, OptionsClash
 from morphofold.sim.scene.tables import Direction, Length, SphereMap, Spot, Table, key
 
-LONGEST_OVER_MEAN_EDGE = 1.34  # of the cells on an unfolded cortex (hemisphere/even_cells.py)
+LONGEST_OVER_MEAN_EDGE = 1.34  # of the cells on an unfolded cortex (sim/hemisphere)
 
 # keys that several bodies share
 Radius = Annotated[Length, key("radius of the outer (pial) surface", "mm")]

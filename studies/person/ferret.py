@@ -52,7 +52,7 @@ def grown(first: Path, seeds: Sequence[int], runs: Runs) -> list[dict[str, Any]]
 
 def _scale(run: Any) -> float:
     """Lengths of a run over those of the file: its body is scaled to the area of a sphere of the scene's radius."""
-    from morphofold.sim.hemisphere.subject import subject_of_cortex
+    from morphofold.sim.hemisphere.subject_maps import subject_of_cortex
 
     return subject_of_cortex(run.scene.geometry).unfolding.scale
 

@@ -19,7 +19,7 @@ from morphofold.geometry import unit
 from morphofold.io import read_cortex, write_annotation, write_label, write_morph, write_surface
 from morphofold.progress import Progress
 from morphofold.shapes import even_directions
-from morphofold.sim.hemisphere.sphere_maps import thickness_factor
+from morphofold.sim.hemisphere.subject_maps import thickness_factor
 from morphofold.sim.run import Simulation
 from morphofold.sim.scene.geometries import path_or_sample
 from morphofold.spheres.spins import rotations

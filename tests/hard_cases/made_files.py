@@ -33,7 +33,7 @@ from morphofold.io import (
 from morphofold.results import read_analysis, write_analysis, write_dataset
 from morphofold.shapes import icosphere
 from morphofold.sim.mesh.tetmesh import read_tets
-from morphofold.sim.output.checkpoint import as_bytes, as_lines, read_arrays, read_log
+from morphofold.sim.output.checkpoint import as_bytes, as_lines, read_checkpoint, read_log
 from morphofold.sim.output.folder import is_finished
 from morphofold.sim.scene import MeshFile
 from morphofold.sim.scene.files import load_scene
@@ -213,7 +213,7 @@ def _scene_and_run(folder, add):
     add("scene.toml", load_scene)
     like = {"x": np.linspace(0, 1, 30).reshape(10, 3), "growth": np.array(1.2), "lines": np.array(3)}
     np.savez(folder / "checkpoint.npz", **like)
-    add("checkpoint.npz", lambda path: read_arrays(path, like))
+    add("checkpoint.npz", lambda path: read_checkpoint(path, like))
     lines = [{"step": k, "growth": 1 + k / 100, "elapsed": 0.5 * k, "seconds": {"a": 0.1}} for k in range(3)]
     (folder / "log.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
     add("log.jsonl", lambda path: read_log(path.parent, 3, as_bytes(as_lines(lines))))

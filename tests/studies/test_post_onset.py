@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from morphofold.sim.equilibrium.path import Equilibrium
+from morphofold.sim.equilibrium.statics import Equilibrium
 from morphofold.studies import post_onset
 from morphofold.studies.post_onset import branch, strip
 from morphofold.threads import using_threads

@@ -1,0 +1,211 @@
+"""A scene in three dimensions: its body grows step by step, with a log and checkpoints between the stages."""
+
+import time
+from contextlib import suppress
+from functools import cached_property
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphofold import __version__
+from morphofold.arrays import Array
+from morphofold.provenance import Row
+from morphofold.sim.build import build_body
+from morphofold.sim.dynamics import Dynamics, State, UnstableError, patience
+from morphofold.sim.equilibrium.statics import unstable_modes
+from morphofold.sim.equilibrium.wrinkles import first_wrinkles
+from morphofold.sim.health import bending, broken_bounds, check_surface, enclosed_volume
+from morphofold.sim.output import checkpoint
+from morphofold.sim.output.folder import Run
+from morphofold.sim.output.run_files import scene_digest, written_stages
+from morphofold.sim.output.stages import check_written, write_volume
+from morphofold.sim.output.surfaces import whole_surfaces, write_labels
+from morphofold.sim.scene import Strip
+from morphofold.timing import peak_memory
+
+RESTING_SHARE = 0.75  # share of its patience for which a body rests at a stage, about
+TICKS_PER_UNIT_GROWTH = 150.0  # ticks that growth by 1 takes; both estimate the share of the work that is done
+LOG_GROWTH_INTERVAL = 0.01  # growth between two lines of the log,
+LOG_STEP_INTERVAL = 100  # or steps
+STAGE_NUMBERS = (
+    "step",
+    "strain_energy",
+    "kinetic_energy",
+    "kinetic_over_strain",
+    "dissipated_energy",
+    "distance_over_T",
+    "at_rest",
+    "min_J",
+)
+
+
+class BodyRun(Run):
+    """One run of a body; ``after`` is called every ``STEPS_PER_MEASUREMENT`` steps."""
+
+    def build(self) -> None:
+        self.body = build_body(self.scene, self.effects)
+        restart = None if self.writer.checkpoint_to_resume else self.writer.restart
+        start = checkpoint.state_of(restart, self.body, self.scene) if restart else None
+        self.dynamics = Dynamics.of(self.scene, self.body, self.effects, start)
+        self.counted: tuple[int, int | None] = (-1, None)  # step of the last count of unstable modes, and their number
+        self.checkpoint_due = time.perf_counter() + 60 * self.scene.output.checkpoint_minutes
+
+    def go(self) -> None:
+        try:
+            super().go()
+        except UnstableError as error:
+            self.writer.log(self.log)
+            self.writer.arrays("last-sound-state.npz", error.sound)
+            raise
+
+    def grow_to(self, g: float) -> None:
+        self.dynamics.grow_to(max(g, self.dynamics.state.growth), self._after_steps)  # a resumed run may be beyond
+        if self.dynamics.state.growth == g:
+            self.dynamics.settle(self._after_steps, self._unstable_modes)
+            self._note()
+
+    def warnings(self, numbers: Row) -> list[str]:
+        return broken_bounds(numbers, self.scene)
+
+    def cost(self) -> Row:
+        return {
+            "elements": self.body.elements.n,
+            "nodes": len(self.body.X),
+            "surface_edge_mm": self.body.bilayer.edge,
+            "steps": self.dynamics.state.step,
+            "seconds": round(self.elapsed, 2),
+            "seconds_by_phase": self._seconds_by_phase(),
+            "threads": self.dynamics.threads,
+            "peak_memory_GiB": peak_memory(),
+        }
+
+    def _seconds_by_phase(self) -> dict[str, float]:
+        return {phase: round(seconds, 3) for phase, seconds in self.dynamics.seconds.items()}
+
+    def _share(self, state: State) -> float:
+        """Share of the run that is done, from the ticks of growth and of rest."""
+        stages, per_unit = self.scene.stages, TICKS_PER_UNIT_GROWTH / self.scene.growth.rate
+        ticks = [patience(), *(patience(per_unit * (b - a)) for a, b in pairwise(stages))]
+        rests = [RESTING_SHARE * longest for longest in ticks]
+        whole = per_unit * (stages[-1] - 1) + sum(rests)
+        done = sum(rest for rest, g in zip(rests, stages) if g < state.growth)
+        now = sum(rest for rest, g in zip(rests, stages) if g == state.growth)
+        return (per_unit * (state.growth - 1) + done + min(now, state.relaxed / self.body.crossing)) / whole
+
+    def _after_steps(self, state: State) -> None:
+        """Between steps: progress, log, checkpoint."""
+        self.growth, record, distance = state.growth, state.record, state.record["distance_over_T"]
+        self.progress(
+            0.99 * self._share(state),
+            f"g {state.growth:.3f}, min J {record['min_J']:.2f}"
+            + ("" if distance is None else f", {distance:.2f} T from rest"),
+        )
+        last = self.log[-1] if self.log else {"growth": 0.0, "step": 0}
+        if state.growth - last["growth"] >= LOG_GROWTH_INTERVAL or state.step - last["step"] >= LOG_STEP_INTERVAL:
+            self._note()
+        if self.after is not None:
+            self.after(self.dynamics)
+        stop = self.interrupted()
+        if stop or time.perf_counter() > self.checkpoint_due:
+            self.writer.log(self.log)
+            self.writer.arrays("checkpoint.npz", self._checkpoint())
+            self.checkpoint_due = time.perf_counter() + 60 * self.scene.output.checkpoint_minutes
+        if stop:
+            raise KeyboardInterrupt
+
+    def _note(self) -> None:
+        times = {"elapsed": round(self.elapsed, 3), "seconds": self._seconds_by_phase()}
+        self.log.append({**self.dynamics.state.record, **times})
+
+    def _checkpoint(self) -> dict[str, NDArray[Any]]:
+        """The state of the run, and what identifies it: its scene and mesh, its version, and its log so far."""
+        texts = {"scene": scene_digest(self.writer.out), "version": __version__, "log": checkpoint.as_lines(self.log)}
+        digests = {name: checkpoint.as_bytes(text) for name, text in texts.items()}
+        return {**self.dynamics.save(), **digests, "lines": np.array(len(self.log)), "reference": self.body.X}
+
+    def resume(self) -> None:
+        out, path = self.writer.out, self.writer.checkpoint_to_resume
+        if path is None:
+            return
+        arrays = checkpoint.read_checkpoint(path, self._checkpoint())
+        checkpoint.check_mesh(path, arrays["reference"], self.body.X, self.scene)  # own effects may reshape the body
+        self.growth = arrays["growth"].item()
+        check_written(out, [g for g in written_stages(out, self.scene) if g < self.growth], path)
+        self.log = checkpoint.read_log(out, arrays["lines"].item(), arrays["log"])
+        self.dynamics.load(arrays)
+        if self.log:
+            self.started -= self.log[-1]["elapsed"]
+            self.dynamics.seconds.update(self.log[-1]["seconds"])
+
+    def write_stage(self, g: float) -> Row:
+        """Write surfaces, maps and volume of the present state; returns its numbers for health.json."""
+        body, state, bilayer = self.body, self.dynamics.state, self.body.bilayer
+        white, pial = whole_surfaces(body, state.x)
+        closed = bilayer.closed
+        free = body.grown_volumes()
+        if closed and bilayer.faces.shape[1] == 4:
+            volume = enclosed_volume(pial) - enclosed_volume(white)
+        else:  # the white surface cuts through tetrahedra
+            ratio = body.elements.state()["volume_ratio"][: body.elements.n_cortex]
+            volume = float(np.sum(free * ratio)) / bilayer.portion
+        numbers = {
+            "growth": g,
+            **{name: state.record[name] for name in STAGE_NUMBERS},
+            "lowest_J": state.lowest_J,
+            "rested_steps": state.relaxed,
+            "unstable_modes": self._unstable_modes(),
+            **check_surface(pial, closed),
+            "cell_over_T": self._cell_over_T(g),
+            "bending": bending(self._first_pial, pial.verts) if closed else None,
+            "volume_drift": abs(volume / (float(np.sum(free)) / bilayer.portion) - 1),
+            "mean_radius_mm": float(np.linalg.norm(pial.verts, axis=1).mean()) if closed else None,
+        }
+
+        def write_beside(folder: Path) -> None:
+            write_labels(folder, body, white)
+            if self.scene.output.volume:
+                write_volume(folder, body, state.x)
+
+        self.writer.stage(
+            g,
+            white,
+            pial,
+            portion=bilayer.portion,
+            reference_radius=float(np.linalg.norm(body.X[: body.n_surface], axis=1).mean()),
+            numbers=numbers,
+            warnings=self.warnings(numbers),
+            beside=write_beside,
+        )
+        return numbers
+
+    @cached_property
+    def _first_pial(self) -> Array:
+        """Positions (S, 3) of the whole pial surface before growth [mm]."""
+        return whole_surfaces(self.body, self.body.X)[1].verts
+
+    def _unstable_modes(self) -> int | None:
+        """Unstable modes of the present state, if asked for or by default in a strip; None if they can't be counted."""
+        asked = self.scene.output.stability
+        counts = isinstance(self.scene.geometry, Strip) if asked is None else asked
+        if not counts or not self.dynamics.waits_for_balance:
+            return None
+        step = self.dynamics.state.step
+        if self.counted[0] != step:
+            self.counted = step, None
+            with suppress(MemoryError, ZeroDivisionError):  # too large, or a mode of zero stiffness
+                self.counted = step, unstable_modes(self.dynamics)
+        return self.counted[1]
+
+    def _cell_over_T(self, g: float) -> float | None:
+        """Largest edge of the ungrown pial surface or height of a brick of the cortex, over T.
+
+        None before first wrinkles, because a smooth body is right on any mesh, and for tetrahedra, whose meshes have
+        not been compared.
+        """
+        body, faces = self.body, self.body.bilayer.faces
+        if faces.shape[1] == 3 or g <= first_wrinkles(self.scene).growth:
+            return None
+        return max(body.bilayer.edge / body.thickness, len(faces) / body.elements.n_cortex)

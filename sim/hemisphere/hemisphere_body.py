@@ -1,0 +1,441 @@
+"""The body under a person's unfolded cortex: a cortex on a core with a hole, in bricks.
+
+Cells: a smooth surface stretches its sphere unevenly, so straight directions of a cubed sphere give large and small
+cells. They are shifted by a small expansion, found once on a coarse lattice, that makes no edge long or short and no
+corner sharp. It is the same on every lattice, so meshes can be refined.
+
+Core: straight columns from a folded or hollow white surface to the hole may cross. So their nodes are moved until all
+bricks are well shaped. Bricks are compared with their target size: f = (|A|^2 / 3)^(3/2) / det A is 1 for a brick of
+the right proportions and grows without bound as a corner turns over; sums of powers of f are made small by L-BFGS.
+While corners are turned over, det A is replaced by (det A + sqrt(det A^2 + eps^2)) / 2 (Escobar and others 2003), with
+a smaller eps from search to search.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+from scipy.optimize import minimize
+from scipy.spatial import cKDTree
+
+from morphofold.arrays import Array, Bools, Ints
+from morphofold.errors import ImpossibleBody
+from morphofold.geometry import unit
+from morphofold.geometry.kernels import cross, dot, less, position
+from morphofold.kernels import kernel
+from morphofold.sim.hemisphere.subject_maps import (
+    Subject,
+    digests_of,
+    files_of_subject,
+    subject_of_cortex,
+    thickness_factor,
+)
+from morphofold.sim.mesh.brick_mesh import Bilayer, core_layer_fractions, cube_directions, layered_bricks
+from morphofold.sim.scene.geometries import UnfoldedCortex, map_files
+from morphofold.threads import one_blas_thread
+from morphofold.unfolding.harmonics import Expansion, fit, harmonics
+from morphofold.unfolding.numbers import LEAST_RADIUS_OVER_T
+from morphofold.unfolding.smooth_surface import Frame, SmoothSurface, tangents
+from morphofold.unfolding.unfold import quadrature, surface_radius
+
+FADE_OVER_RADIUS = 0.12  # distance from the medial wall at which the cortex grows fully, over the radius of the body
+HOLE_LEVEL = 0.3  # of heat flow: the hole has the shape of a smoother body
+LEAST_GAP_OVER_T = 2.0  # between the hole and the white surface, over the thickness of the cortex
+LEAST_SCALED_JACOBIANS = {"cortex": 0.3, "core": 0.1}
+
+SHIFT_CELLS, SHIFT_DEGREE = 24, 12  # cells along an edge of the cube, and degree of the shift
+#: edges over the root of the mean cell area, and the sine of corners, that the search aims at
+LONGEST_EDGE, SHORTEST_EDGE, SHARPEST_CORNER = 1.35, 0.60, 0.75
+POWERS = (2, 4, 8, 16)  # of what exceeds these aims, one search after the other
+ITERATIONS = 100
+ROUNDING = 0.05  # sine below which a corner counts as sharp but not yet turned over
+
+CORE_CELLS = 16  # along an edge of the cube, of the mesh on which the nodes of the core are moved
+#: searches one after the other: power of f, eps, and iterations
+SEARCHES = ((1, 0.5, 60), (1, 0.1, 60), (1, 0.02, 60), (2, 0.02, 60), (4, 0.02, 60))
+MOVES_DEGREE, MOVES_PENALTY = 16, 1e-4  # of the expansion of the moves
+
+#: thickness of the cortex [mm], or a function that returns it (P,) at points (P, 3) of the unit sphere
+Thickness = float | Callable[[Array], Array]
+
+
+def bilayer_of_cortex(geometry: UnfoldedCortex, n: int, cortex_layers: int) -> Bilayer:
+    """The body of a subject with ``n`` cells along an edge of the cube.
+
+    Its pial surface is the unfolded surface; regions and cortex are those of the nearest vertex on the sphere. With
+    ``held = "medial wall"`` columns of nodes below the wall are held at all depths, and growth rises from 0 at its rim
+    to its full value at ``FADE_OVER_RADIUS`` from it.
+
+    Raises
+    ------
+    FileNotFoundError, ValueError
+        If the subject cannot be read or unfolded, has no medial wall to hold, or the cortex does not fit.
+    """
+    subject, files = subject_of_cortex(geometry), files_of_subject(geometry)
+    if geometry.thickness_map is not None:
+        files |= map_files(geometry.thickness_map, geometry, "thickness_map")
+    body = _smooth_body(geometry.model_copy(update={"held": "hole"}), digests_of(files))
+    wall = geometry.held == "medial wall"
+    tree = cKDTree(subject.unfolding.points)
+    nearest: Callable[[Array], Ints] = lambda s: tree.query(s)[1]
+    bilayer = body.bricks(n, cortex_layers, (lambda s: ~subject.cortex[nearest(s)]) if wall else None)
+    assert bilayer.sphere is not None
+    vertex, regions = nearest(bilayer.sphere), subject.mended.cortex.regions
+    cortex = subject.cortex[vertex]
+    return replace(
+        bilayer,
+        hemi=geometry.hemi,
+        cortex=cortex,
+        growing=_growing(subject, cortex, bilayer, FADE_OVER_RADIUS * geometry.radius) if wall else None,
+        regions=None if regions is None else replace(regions, labels=regions.labels[vertex]),
+    )
+
+
+@lru_cache(maxsize=8)
+def _smooth_body(geometry: UnfoldedCortex, digests: tuple[str, ...]) -> "SmoothBody":
+    surface, T = subject_of_cortex(geometry).unfolding.surface, geometry.cortex_thickness
+    if geometry.thickness_map is None:
+        return smooth_body(surface, T, T, geometry.hole_share)
+    factor = thickness_factor(geometry.thickness_map, geometry)
+    return smooth_body(surface, lambda s: T * factor(s), T, geometry.hole_share)
+
+
+def _growing(subject: Subject, cortex: Bools, bilayer: Bilayer, fade: float) -> Array:
+    """Share of the growth at each node (N,): 0 below the medial wall, 1 below what is ``fade`` [mm] away from it."""
+    unfolding, n = subject.unfolding, bilayer.n_surface
+    wall = cKDTree(unfolding.surface(unfolding.points[~subject.cortex]))
+    away = np.minimum(wall.query(bilayer.mesh.p.T[:n])[0] / fade, 1.0)
+    share = np.where(cortex, 0.5 - 0.5 * np.cos(np.pi * away), 0.0)
+    return np.tile(share, len(bilayer.share) // n)
+
+
+class CoreMoves(NamedTuple):
+    """How far the nodes of columns are moved, as a smooth function of direction and depth.
+
+    ``fractions`` (K + 1,) are depths over that of the core; ``moves`` has an expansion [mm] for each.
+    """
+
+    fractions: Array
+    moves: Sequence[Expansion]
+
+    def __call__(self, directions: Array, fractions: Array) -> Array:
+        """Moves (L, S, 3) [mm] at directions (S, 3) and depths (L,)."""
+        moves = np.stack([move(directions) for move in self.moves])
+        moves[0] = moves[-1] = 0.0
+        return np.asarray(PchipInterpolator(self.fractions, moves, axis=0)(fractions))
+
+
+class _Layers(NamedTuple):
+    """Surfaces of a mesh (S, 3) [mm], the normals of the first, its longest edge, and the fractions of the core."""
+
+    pial: Array
+    white: Array
+    base: Array
+    normal: Array
+    edge: float
+    fractions: Array
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothBody:
+    """What all meshes of a body have in common.
+
+    Attributes
+    ----------
+    surface, hole : SmoothSurface
+    thickness : float or callable
+        Of the cortex [mm], or a function that returns it (P,) at points (P, 3) of the unit sphere.
+    shift : Expansion
+        Of directions of a cubed sphere, so that cells are even.
+    moves : CoreMoves
+        Without any, columns are straight.
+    """
+
+    surface: SmoothSurface
+    hole: SmoothSurface
+    thickness: Thickness
+    shift: Expansion
+    moves: CoreMoves | None = None
+
+    def points(self, directions: Array) -> Array:
+        """Points (S, 3) of the unit sphere of directions (S, 3) of a cubed sphere."""
+        return unit(directions + self.shift(directions))
+
+    def layers(self, s: Array, quads: Ints, cortex_layers: int) -> _Layers:
+        """The surfaces at points (S, 3) of the unit sphere."""
+        frame = self.surface.frame(s)
+        T = _fitting_thickness(frame, self.thickness, s)
+        white, base = frame.position - T[:, None] * frame.normal, self.hole(s)
+        edge = float(np.linalg.norm(frame.position[quads] - frame.position[np.roll(quads, -1, axis=1)], axis=2).max())
+        depth = float(np.linalg.norm(white - base, axis=1).mean())
+        fractions = core_layer_fractions(float(T.mean()) / cortex_layers, depth, edge)
+        return _Layers(frame.position, white, base, frame.normal, edge, fractions)
+
+    def bricks(self, n: int, cortex_layers: int, held: Callable[[Array], Bools] | None = None) -> Bilayer:
+        """Bricks with ``n`` cells along an edge of the cube; ``held`` marks points (S, 3) of the sphere to be held.
+
+        Raises
+        ------
+        ImpossibleBody
+            If a brick is too badly shaped.
+        """
+        directions, quads = cube_directions(n)
+        s = self.points(directions)
+        layers = self.layers(s, quads, cortex_layers)
+        core = _straight_columns(layers.white, layers.base, layers.fractions)
+        if self.moves is not None:
+            core += self.moves(directions, layers.fractions)
+        cortex = _straight_columns(layers.pial, layers.white, np.arange(cortex_layers) / cortex_layers)
+        levels = np.concatenate([cortex, core])
+        _check_shapes(levels, quads, cortex_layers)
+        bilayer = replace(layered_bricks(levels, quads, layers.normal, cortex_layers, layers.edge), sphere=s)
+        if held is None:
+            return bilayer
+        columns = np.flatnonzero(held(s)) + len(s) * np.arange(len(levels))[:, None]
+        return replace(bilayer, held=np.union1d(bilayer.held, columns))
+
+
+def _straight_columns(outer: Array, inner: Array, fractions: Array) -> Array:
+    """Nodes (L, S, 3) on straight lines from ``outer`` to ``inner`` (S, 3)."""
+    return outer + fractions[:, None, None] * (inner - outer)
+
+
+def _check_shapes(levels: Array, quads: Ints, cortex_layers: int) -> None:
+    shapes = scaled_jacobians(levels, quads)
+    for (layer, least), shape in zip(LEAST_SCALED_JACOBIANS.items(), np.split(shapes, [cortex_layers])):
+        if shape.min() < least:
+            raise ImpossibleBody(
+                f"{int((shape < least).sum()):,} bricks of the {layer} have a scaled Jacobian below {least:g}, the "
+                f"least {shape.min():.3g}. Make the surface smoother, the cortex thinner or the hole smaller."
+            )
+
+
+def _fitting_thickness(frame: Frame, thickness: Thickness, s: Array) -> Array:
+    """Thickness (S,) [mm] at points ``s`` (S, 3); raises where the surface bends too sharply for it."""
+    T = np.broadcast_to(thickness(s) if callable(thickness) else thickness, len(s))
+    least = 1 / np.maximum(frame.curvature[:, 1], 1e-300)
+    if (least < LEAST_RADIUS_OVER_T * T).any():
+        worst = int(np.argmin(least / T))
+        raise ImpossibleBody(
+            f"the cortex is {T[worst]:.3g} mm thick where the surface bends with a radius of {least[worst]:.3g} mm; "
+            f"the radius must be at least {LEAST_RADIUS_OVER_T:g} times the thickness. Make the cortex thinner or the "
+            "surface smoother."
+        )
+    return T
+
+
+@one_blas_thread()
+def smooth_body(surface: SmoothSurface, thickness: Thickness, mean_thickness: float, hole_share: float) -> SmoothBody:
+    """Prepare the meshes of a body: some seconds, for any number of meshes.
+
+    Parameters
+    ----------
+    surface : SmoothSurface
+        The pial surface before growth [mm].
+    thickness : float or callable
+        See :class:`SmoothBody`.
+    mean_thickness : float
+        [mm]
+    hole_share : float
+        Size of the hole over that of the body: the ratio of the radii of spheres of their areas.
+
+    Raises
+    ------
+    ImpossibleBody
+        If the surface bends too sharply for the cortex, or the hole comes too near to it.
+    """
+    points = quadrature(3 * surface.shape.degree)[0]
+    _fitting_thickness(surface.frame(points), thickness, points)  # before the searches, which take some seconds
+    hole = SmoothSurface(surface.shape.smoothed(HOLE_LEVEL))
+    hole = hole.scaled(hole_share * surface_radius(surface) / surface_radius(hole))
+    body = SmoothBody(surface, hole, thickness, even_cells(surface, mean_thickness))
+    directions, quads = cube_directions(CORE_CELLS)
+    s = body.points(directions)
+    layers = body.layers(s, quads, 3)
+    hole = _centred(hole, s, layers.white, mean_thickness)
+    return replace(body, hole=hole, moves=core_moves(layers.white, hole(s), directions, quads, layers.fractions))
+
+
+def _centred(hole: SmoothSurface, s: Array, white: Array, thickness: float) -> SmoothSurface:
+    """The hole where it is farthest from the white surface."""
+    tree, wall = cKDTree(white), hole(s)
+    nearest = lambda centre: float(tree.query(wall + centre)[0].min())
+    simplex = thickness * np.vstack([np.zeros(3), np.eye(3)])
+    options = {"initial_simplex": simplex, "xatol": 0.01 * thickness, "fatol": 0.01 * thickness}
+    centre = minimize(lambda centre: -nearest(centre), np.zeros(3), method="Nelder-Mead", options=options).x
+    if nearest(centre) < LEAST_GAP_OVER_T * thickness:
+        raise ImpossibleBody(
+            f"the hole comes within {nearest(centre):.3g} mm of the white surface; at least {LEAST_GAP_OVER_T:g} "
+            f"thicknesses of the cortex ({LEAST_GAP_OVER_T * thickness:.3g} mm) must lie between. Make the hole "
+            "smaller or the cortex thinner."
+        )
+    coefficients = hole.shape.coefficients.copy()
+    coefficients[0] += centre * np.sqrt(4 * np.pi)
+    return SmoothSurface(Expansion(coefficients))
+
+
+def even_cells(surface: SmoothSurface, thickness: float) -> Expansion:
+    """The shift of directions that makes the cells of a surface even, and those of the one ``thickness`` [mm] below."""
+    excess = _excess(surface, thickness, *cube_directions(SHIFT_CELLS))
+    shift = np.zeros(3 * (SHIFT_DEGREE + 1) ** 2)
+    options = {"maxiter": ITERATIONS, "maxcor": 20}
+    for power in POWERS:
+        shift = minimize(excess, shift, args=(power,), jac=True, method="L-BFGS-B", options=options).x
+    return Expansion(shift.reshape(-1, 3))
+
+
+def _excess(
+    surface: SmoothSurface, thickness: float, directions: Array, quads: Ints
+) -> Callable[[Array, int], tuple[float, Array]]:
+    """What the search makes small: the logarithm of a power mean of edges and corners over what is aimed at, and its
+    derivatives by the coefficients of the shift."""
+    terms = harmonics(directions, SHIFT_DEGREE)
+    cell = float(np.sqrt(4 * np.pi / len(quads))) * surface_radius(surface)
+    depth = thickness / cell
+
+    def excess(shift: Array, power: int) -> tuple[float, Array]:
+        moved = directions + terms @ shift.reshape(-1, 3)
+        length = np.linalg.norm(moved, axis=1, keepdims=True)
+        s = moved / length
+        frame = surface.frame(s)
+        outer = frame.position / cell
+        inner = outer - depth * frame.normal
+        by_outer, by_inner, by_normal = np.zeros((3, *s.shape))
+        total = _sum_edges_and_corners(outer, inner, frame.normal, quads, float(power), by_outer, by_inner, by_normal)
+        along = frame.along / cell
+        slopes = np.einsum("pkc,pc->pk", along, by_outer)
+        slopes += np.einsum("pkc,pc->pk", along - depth * frame.turning, by_inner)
+        slopes += np.einsum("pkc,pc->pk", frame.turning, by_normal)
+        by_moved = np.einsum("pk,pkr->pr", slopes, tangents(s)) / length
+        return float(np.log(total)) / power, (terms.T @ by_moved / (total * power)).ravel()
+
+    return excess
+
+
+@kernel
+def _sum_edges_and_corners(outer, inner, normal, quads, power, by_outer, by_inner, by_normal):
+    """Sum of edges (of ``outer``) and corners (of both surfaces) over what is aimed at, to the 2 ``power``-th.
+
+    Positions are in cells (S, 3). Adds the derivatives by positions and normals to the last three.
+    """
+    total = 0.0
+    for q in range(len(quads)):
+        for c in range(4):
+            o, i, j = quads[q, c], quads[q, (c + 1) % 4], quads[q, (c + 3) % 4]
+            e = less(position(outer, i), position(outer, o))
+            square = dot(e, e)
+            long = 0.5 * (square / LONGEST_EDGE**2) ** power  # each edge belongs to two cells
+            short = 0.5 * (SHORTEST_EDGE**2 / square) ** power
+            total += long + short
+            for r in range(3):
+                slope = 2.0 * power * (long - short) / square * e[r]
+                by_outer[i, r] += slope
+                by_outer[o, r] -= slope
+            n = position(normal, o)
+            for x, by_x in ((outer, by_outer), (inner, by_inner)):
+                u, v = less(position(x, i), position(x, o)), less(position(x, j), position(x, o))
+                uu, vv, m, vn, nu = dot(u, u), dot(v, v), cross(u, v), cross(v, n), cross(n, u)
+                lengths = (uu * vv) ** 0.5
+                sine = (m[0] * n[0] + (m[1] * n[1] + m[2] * n[2])) / lengths
+                root = (sine * sine + ROUNDING * ROUNDING) ** 0.5
+                sharp = 0.25 * (2.0 * SHARPEST_CORNER / (sine + root)) ** (2.0 * power)
+                total += sharp
+                slope = -2.0 * power * sharp / root  # by the sine
+                for r in range(3):
+                    by_u = slope * (vn[r] / lengths - sine * u[r] / uu)
+                    by_v = slope * (nu[r] / lengths - sine * v[r] / vv)
+                    by_x[i, r] += by_u
+                    by_x[j, r] += by_v
+                    by_x[o, r] -= by_u + by_v
+                    by_normal[o, r] += slope * m[r] / lengths
+    return total
+
+
+def core_moves(white: Array, base: Array, directions: Array, quads: Ints, fractions: Array) -> CoreMoves:
+    """Moves of the inner nodes of a coarse mesh that shape its bricks well."""
+    straight = _straight_columns(white, base, fractions)
+    sizes = np.linalg.norm(straight[:, quads] - straight[:, np.roll(quads, -1, axis=1)], axis=3).mean(axis=(1, 2))
+    heights = np.diff(fractions)[:, None] * np.linalg.norm(white - base, axis=1)
+    levels, slope = straight.copy(), np.zeros(straight.shape)
+    inner, inner_slope = levels[1:-1], slope[1:-1]
+
+    def misshape(flat: Array, power: float, eps: float) -> tuple[float, Array]:
+        inner[:] = flat.reshape(inner.shape)
+        total = _sum_misshape(levels, quads, sizes, heights, power, eps, slope)
+        return float(np.log(total)) / power, inner_slope.ravel() / (total * power)
+
+    for power, eps, iterations in SEARCHES:
+        options = {"maxiter": iterations, "maxcor": 10}
+        moved = minimize(misshape, inner.ravel(), (float(power), eps), "L-BFGS-B", jac=True, options=options).x
+        inner[:] = moved.reshape(inner.shape)
+    equal = np.ones(len(directions))
+    moves = [fit(directions, move, equal, MOVES_DEGREE, MOVES_PENALTY) for move in levels - straight]
+    return CoreMoves(fractions, moves)
+
+
+def scaled_jacobians(levels: Array, quads: Ints) -> Array:
+    """Least scaled Jacobian (L - 1, Q) of the corners of bricks between ``levels`` (L, S, 3): 1 for right angles."""
+    out = np.empty((len(levels) - 1, len(quads)))
+    _scaled_jacobians(levels, quads, out)
+    return out
+
+
+@kernel
+def _corner(levels, quads, k, q, corner):
+    """A corner of brick (k, q): its level and vertex, those along the surface, and the edges there and outwards."""
+    level, c = k + 1 - corner // 4, corner % 4  # levels are numbered from outside in
+    o, i, j = quads[q, c], quads[q, (c + 1) % 4], quads[q, (c + 3) % 4]
+    x = levels[level]
+    u, v = less(position(x, i), position(x, o)), less(position(x, j), position(x, o))
+    return level, o, i, j, u, v, less(position(levels[k], o), position(levels[k + 1], o))
+
+
+@kernel
+def _over(u, length):
+    return u[0] / length, u[1] / length, u[2] / length
+
+
+@kernel
+def _sum_misshape(levels, quads, sizes, heights, power, eps, slope):
+    """Sum of f^power over all corners; writes its derivatives by ``levels`` to ``slope``."""
+    total = 0.0
+    slope[:] = 0.0
+    for k in range(len(levels) - 1):
+        for q in range(len(quads)):
+            for corner in range(8):
+                level, o, i, j, u, v, w = _corner(levels, quads, k, q, corner)
+                size, height = sizes[level], heights[k, o]
+                u, v, w = _over(u, size), _over(v, size), _over(w, height)
+                square = 0.0
+                for r in range(3):
+                    square += (u[r] * u[r] + v[r] * v[r] + w[r] * w[r]) / 3.0
+                uv, vw, wu = cross(u, v), cross(v, w), cross(w, u)
+                det = dot(uv, w)
+                root = (det * det + eps * eps) ** 0.5
+                f = (square**1.5 / (0.5 * (det + root))) ** power
+                total += f
+                by_square, by_det = power * f / square, -power * f / root
+                other, side = (k + 1, 1.0) if level == k else (k, -1.0)
+                for r in range(3):
+                    by_u = (by_square * u[r] + by_det * vw[r]) / size
+                    by_v = (by_square * v[r] + by_det * wu[r]) / size
+                    by_w = (by_square * w[r] + by_det * uv[r]) / height
+                    slope[level, i, r] += by_u
+                    slope[level, j, r] += by_v
+                    slope[level, o, r] -= by_u + by_v - side * by_w
+                    slope[other, o, r] -= side * by_w
+    return total
+
+
+@kernel
+def _scaled_jacobians(levels, quads, out):
+    for k in range(len(levels) - 1):
+        for q in range(len(quads)):
+            out[k, q] = np.inf
+            for corner in range(8):
+                u, v, w = _corner(levels, quads, k, q, corner)[4:]
+                length = (dot(u, u) * dot(v, v) * dot(w, w)) ** 0.5
+                out[k, q] = min(out[k, q], dot(cross(u, v), w) / length)
