@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable
-from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +11,9 @@ from skfem import MeshHex
 from morphofold.arrays import Array, Bools
 from morphofold.errors import DoesNotApply, OutOfRange
 from morphofold.sim.coarse_levels import CoarseLevels
-from morphofold.sim.elements.blocks import Rows
+from morphofold.sim.elements.bricks import Bricks
 from morphofold.sim.elements.surface_filter import SurfaceFilter
+from morphofold.sim.elements.tets import Tets
 from morphofold.sim.growth import check_law
 from morphofold.sim.growth import volume as det_G
 from morphofold.sim.materials import Material
@@ -31,28 +31,6 @@ PIAL_MASS_OVER_CORTEX = 1.125  # the filter adds its own waves
 FASTEST_WAVE = 2.7  # before growth, with coarse levels: they add less if it is faster
 WAVE_ITERATIONS = 20  # of the search for the fastest wave
 MASS_STEP = 0.05  # masses are rounded up to this, so that a sphere and its octants, and a turned body, have the same
-
-
-class Elements(Protocol):
-    """What a body needs of its elements: ``bricks.Bricks`` or ``tets.Tets``."""
-
-    LOCAL: float  # modulus of the local volumetric term over mu
-    LARGEST_J: float  # above it the kernels' cube root is not valid; no sound element gets there
-    n: int
-    n_cortex: int
-    material: Material
-    volume: Array  # (n,) of the reference body [mm^3]
-    modulus: Array  # (block, rows * WIDTH) mu, kappa, 1/V
-
-    @property
-    def blocks(self) -> Rows: ...
-    @property
-    def core_volumes(self) -> Array: ...
-    def grow(self, cortex: Array, core: float = 1.0, thickness: Array | None = None) -> None: ...
-    def grow_by_stress(self, x: Array, X: Array, G: Array, rate: float, volume: bool = True) -> None: ...
-    def compute_forces(self, x: Array) -> None: ...
-    def measure(self, x: Array) -> Array: ...
-    def state(self) -> dict[str, Array]: ...
 
 
 class Body:
@@ -128,21 +106,17 @@ class Body:
             raise DoesNotApply(f"thickening applies to tangential growth only; the law is {law}.")
         self.bilayer, self.law, self.thickening = bilayer, law, thickening
         mesh = bilayer.mesh
-        self.single = single and isinstance(mesh, MeshHex)
-        self.X: Array = np.ascontiguousarray(mesh.p.T if X is None else X, dtype=np.float64)
+        self.X = np.ascontiguousarray(mesh.p.T if X is None else X, dtype=np.float64)
         cortex = np.zeros(mesh.nelements, dtype=bool)
         cortex[mesh.subdomains["cortex"]] = True
         self.mu = np.where(cortex, mu_cortex, mu_core) * stiffness
-        kind: Any
-        if isinstance(mesh, MeshHex):
-            from morphofold.sim.elements.bricks import Bricks as kind
-        else:
-            from morphofold.sim.elements.tets import Tets as kind
+        kind = Bricks if isinstance(mesh, MeshHex) else Tets
         self.kappa = (kappa_ratio - kind.LOCAL) * self.mu  # the local term contributes the rest
-        elements = kind(mesh, self.X, bilayer.radial, cortex, self.mu, self.kappa, law, material)
-        if self.single:
-            elements.make_single()
-        self.elements: Elements = elements
+        self.elements = kind(mesh, self.X, bilayer.radial, cortex, self.mu, self.kappa, law, material)
+        self.single = False
+        if single and isinstance(self.elements, Bricks):
+            self.elements.make_single()
+            self.single = True
         self.on_plane = np.zeros(self.X.shape, dtype=bool)
         for axis, at, _ in bilayer.planes:
             self.on_plane[:, axis] |= mesh.p[axis] == at
@@ -150,25 +124,22 @@ class Body:
         self.free[bilayer.held] = False
         self.pattern: float | Array = 1.0
         if bilayer.growing is not None:
-            self.pattern = bilayer.growing[mesh.t[:, : elements.n_cortex]].mean(axis=0)
+            self.pattern = bilayer.growing[mesh.t[:, : self.elements.n_cortex]].mean(axis=0)
         self.changing: list[Callable[[float], Array]] = []
         self.added_stiffness: list[Callable[[float], Array]] = []
-        self.core_share = 0.0
-        self.growth = 1.0
-        self.viscosity = 0.0
+        self.core_share, self.growth, self.viscosity = 0.0, 1.0, 0.0
         self.find_rest()
         area = surface_area(self.X, bilayer.faces)
-        self.filter = SurfaceFilter(
-            bilayer, self.X, FILTER_STRENGTH[bilayer.faces.shape[1]] * mu_cortex, self._cell_of(area)
-        )
+        strength = FILTER_STRENGTH[bilayer.faces.shape[1]] * mu_cortex
+        self.filter = SurfaceFilter(bilayer, self.X, strength, self._cell_of(area))
         self.thickness = float(self.elements.volume[: self.elements.n_cortex].sum() / area)
-        above = bilayer.share > 0
+        in_cortex = bilayer.share > 0
         self._first_bound = self._bound = self._stiffness_bound(self.X)
-        self._mass_factor = self._mass_factors(above)
+        self._mass_factor = self._mass_factors(in_cortex)
         self.levels = CoarseLevels(bilayer, self.X, self.free, self.thickness)
         self.update_state(self.X)
         self._limit_levels()
-        density = self.smooth_mass[above].sum() / self.nodal_volumes()[above].sum()
+        density = self.smooth_mass[in_cortex].sum() / self.nodal_volumes()[in_cortex].sum()
         self.crossing = float(self.thickness * np.sqrt(density / mu_cortex))
 
     def __repr__(self) -> str:
@@ -232,13 +203,12 @@ class Body:
     def nodal_volumes(self) -> Array:
         """Reference volume of each node (N,) [mm^3]: equal parts of its elements' volumes."""
         t = self.bilayer.mesh.t
-        shares = np.tile(self.elements.volume / len(t), len(t))
-        return np.bincount(t.ravel(), shares, len(self.X)).astype(np.float64)
+        return np.bincount(t.ravel(), np.tile(self.elements.volume / len(t), len(t)), len(self.X)).astype(np.float64)
 
     def grow(self, g: float) -> None:
         """Set the growth stretch of the cortex to ``g``, weighted by ``pattern``; the core grows by ``core_share``."""
         stretch = self._stretch(g)
-        thickness = None if self.thickening is None else self.thickening(stretch)
+        thickness = self.thickening(stretch) if self.thickening else None
         self.elements.grow(stretch, 1 + (g - 1) * self.core_share, thickness)
         self.filter.grow(float(np.mean(stretch)))
         self.growth = g
@@ -257,10 +227,9 @@ class Body:
 
     def grown_volumes(self, g: float | None = None) -> Array:
         """Volume (n_cortex,) after free growth, to ``g`` or the present one: the first one times det G [mm^3]."""
-        g = self.growth if g is None else g
-        stretch = self._stretch(g)
+        stretch = self._stretch(self.growth if g is None else g)
         grown = self.elements.volume[: self.elements.n_cortex] * det_G(stretch, self.law)
-        return grown if self.thickening is None else grown * self.thickening(stretch)
+        return grown * self.thickening(stretch) if self.thickening else grown
 
     def forces(self, x: Array) -> Array:
         """Nodal forces (N, 3) of the elements at positions ``x``: minus the energy gradient."""
@@ -277,9 +246,8 @@ class Body:
         """Measure energies, volume ratios and stiffness of the elements at ``x``, and compute the nodal mass."""
         share = (1 + self.viscosity**2) ** 0.5 - self.viscosity  # part of the stable step that a lagging dashpot leaves
         least = 1.25 / share**2 if self.viscosity else 0.0
-        factor = 0.25 * np.maximum(self._mass_factor, least)  # a step of one is stable if K <= 4 M
         self._bound = self._stiffness_bound(x)
-        self.mass = factor * self._bound
+        self.mass = 0.25 * np.maximum(self._mass_factor, least) * self._bound  # a step of one is stable if K <= 4 M
         self.cell = self._cell_of(surface_area(x, self.bilayer.faces))
 
     def update_levels(self, springs: Array | float = 0.0) -> None:

@@ -51,16 +51,16 @@ class CoarseLevels:
         bricks = isinstance(bilayer.mesh, MeshHex)
         self._set_up(*(_interpolations(bilayer, X, thickness) if bricks else ([], _ONE_LEVEL)), free)
 
-    def _set_up(self, levels: "Sequence[_Level]", depth: "_Depth", free: Bools) -> None:
-        n = len(free) // len(depth.share)
-        self._depth = depth
-        self._across = [_rows(level.across) for level in levels]
-        self._across.append(_rows(sparse.csr_matrix((levels[-1].across.shape[1] if levels else n, 0))))
-        self._across_T = [_rows(level.across.T) for level in levels]
-        self._free = [free[level.nodes] for level in levels]
-        self._shares = np.array(LEVEL_ACCELERATIONS[: len(levels)])
-        self._inverse: list[Array] = [np.zeros(len(f)) for f in self._free]
-        self._values: list[Array] = [np.zeros(f.shape) for f in self._free]
+    def _set_up(self, interpolations: "Sequence[_Interpolation]", depth: "_Depth", free: Bools) -> None:
+        self._depth, n = depth, len(free) // len(depth.share)
+        matrices = [across for _, across in interpolations]
+        coarsest = sparse.csr_matrix((matrices[-1].shape[1] if matrices else n, 0))
+        self._across, *coarser = map(_rows, [*matrices, coarsest])
+        self._levels = [
+            _Level(free[nodes], _rows(across.T), rows, np.zeros(len(nodes)), np.zeros((len(nodes), 3)))
+            for (nodes, across), rows in zip(interpolations, coarser, strict=True)
+        ]
+        self._shares = np.array(LEVEL_ACCELERATIONS[: len(self._levels)])
         self._columns = np.zeros((depth.lower[-1] + 1, 3 * n))
 
     @property
@@ -73,7 +73,7 @@ class CoarseLevels:
 
     def remove(self) -> None:
         """Give all motions the nodal mass."""
-        self._set_up([], _ONE_LEVEL, np.ones((len(self._depth.share) * (len(self._across[0][0]) - 1), 3), dtype=bool))
+        self._set_up([], _ONE_LEVEL, np.ones((len(self._depth.share) * (len(self._across[0]) - 1), 3), dtype=bool))
 
     def update(self, mass: Array, crushed: Array, springs: Array) -> None:
         """Compute the masses of the levels from those of the nodes.
@@ -89,30 +89,30 @@ class CoarseLevels:
         """
         elastic, pressed = mass * np.maximum(crushed, 1.0), np.zeros(len(mass))
         pressed[: len(springs)] = mass[: len(springs)] * springs
-        self._restrict(np.column_stack([elastic, pressed, pressed]), [np.ones(f.shape, dtype=bool) for f in self._free])
-        for values, share, inverse in zip(self._values, self._shares, self._inverse, strict=True):
-            inverse[:] = share / (values[:, 0] + share * values[:, 1])
+        self._restrict(np.column_stack([elastic, pressed, pressed]), everywhere=True)
+        for level, share in zip(self._levels, self._shares, strict=True):
+            level.inverse[:] = share / (level.values[:, 0] + share * level.values[:, 1])
 
     def step(self, x: Array, v: Array, forces: Array, mass: Array, free: Bools, keep: float) -> int:
         """One step of unit length: v <- keep v + a on the ``free`` coordinates, x <- x + v; all (N, 3), in place.
 
         ``forces`` (N, 3) are 0 where a coordinate is held. Returns 0 if all coordinates are finite.
         """
-        self._restrict(forces, self._free)
+        self._restrict(forces)
         coarse: Array = np.zeros((0, 3))
-        for k in range(len(self._values), 0, -1):
-            _accelerate(self._inverse[k - 1], self._values[k - 1], self._free[k - 1], self._across[k], coarse)
-            coarse = self._values[k - 1]
-        return _move(x, v, forces, mass, free, keep, self._depth, self._across[0], coarse)
+        for level in reversed(self._levels):
+            _accelerate(level.inverse, level.values, level.free, level.coarser, coarse)
+            coarse = level.values
+        return _move(x, v, forces, mass, free, keep, self._depth, self._across, coarse)
 
-    def _restrict(self, finest: Array, free: Sequence[Bools]) -> None:
-        """Set the values of each level to P^T times those of the finer one where ``free``, else 0."""
-        if self._values:
+    def _restrict(self, finest: Array, everywhere: bool = False) -> None:
+        """Set the values of each level to P^T times those of the finer one where they may move, else 0."""
+        if self._levels:
             _sum_along(self._depth, finest, self._columns)
         finer: Array = self._columns.reshape(-1, 3)
-        for across_T, movable, values in zip(self._across_T, free, self._values, strict=True):
-            _sum_across(across_T, finer, movable, values)
-            finer = values
+        for level in self._levels:
+            _sum_across(level.across_T, finer, np.ones_like(level.free) if everywhere else level.free, level.values)
+            finer = level.values
 
     def accelerations(self, forces: Array, mass: Array) -> Array:
         """Accelerations (N, 3) by ``forces`` (N, 3) on nodes of ``mass`` (N,)."""
@@ -134,13 +134,21 @@ _ONE_LEVEL = _Depth(np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.int64), np
 
 
 class _Level(NamedTuple):
-    """A level: its nodes among those of the body (n,), and the interpolation across the surface to the finer one."""
+    """A level: where its coordinates may move (n, 3), rows of the interpolations across the surface between the finer
+    level and it, transposed, and between it and the coarser one, the inverse masses (n,), and values (n, 3)."""
 
-    nodes: Ints
-    across: sparse.csr_matrix
+    free: Bools
+    across_T: _Rows
+    coarser: _Rows
+    inverse: Array
+    values: Array
 
 
-def _interpolations(bilayer: Bilayer, X: Array, thickness: float) -> tuple[list[_Level], _Depth]:
+#: the nodes of a level among those of the body (n,), and the interpolation across the surface to the finer one
+_Interpolation = tuple[Ints, sparse.csr_matrix]
+
+
+def _interpolations(bilayer: Bilayer, X: Array, thickness: float) -> tuple[list[_Interpolation], _Depth]:
     """The levels, from fine to coarse, as many as the mesh allows; and the interpolation along the thickness.
 
     Nodes are numbered level by level, so interpolation is the Kronecker product of those along the thickness and across
@@ -158,7 +166,7 @@ def _interpolations(bilayer: Bilayer, X: Array, thickness: float) -> tuple[list[
         if halved is None:
             break
         vertices, quads = vertices[halved.vertices], halved.quads
-        levels.append(_Level((kept[:, None] * n + vertices).ravel(), halved.interpolation))
+        levels.append(((kept[:, None] * n + vertices).ravel(), halved.interpolation))
     return levels, along if levels else _ONE_LEVEL
 
 
@@ -245,9 +253,9 @@ def _move(x, v, forces, mass, free, keep, depth, across, coarse):
         for k in range(len(depth.share)):
             for c in range(end - start):
                 per_mass[c, :] = 1.0 / mass[k * n + start + c]
-            mine, share = slice(3 * (k * n + start), 3 * (k * n + end)), depth.share[k]
+            own, share = slice(3 * (k * n + start), 3 * (k * n + end)), depth.share[k]
             upper, lower = kept[depth.upper[k]].reshape(-1), kept[depth.lower[k]].reshape(-1)
-            X, V, F, moves, per = all_x[mine], all_v[mine], all_forces[mine], all_free[mine], per_mass.reshape(-1)
+            X, V, F, moves, per = all_x[own], all_v[own], all_forces[own], all_free[own], per_mass.reshape(-1)
             for i in range(3 * (end - start)):
                 a = per[i] * F[i] + ((1.0 - share) * upper[i] + share * lower[i])
                 V[i] = keep * V[i] + a if moves[i] else V[i]
