@@ -44,7 +44,7 @@ def halve(quads: Ints, n: int) -> Halved | None:
     all quads, from neighbour to neighbour. They agree on a cubed sphere if a side of its faces has an even number of
     cells. The first choice is far from vertices with three quads, so a sphere and its octants are halved alike.
     """
-    across = _neighbours(quads, n)
+    across = quad_neighbours(quads, n)
     first = _first_vertex(quads, n, across)
     kept = np.full(len(quads), -1)
     start = int(np.flatnonzero((quads == first).any(axis=1))[0])
@@ -64,7 +64,7 @@ def halve(quads: Ints, n: int) -> Halved | None:
     return Halved(vertices, number[_cells_around(corner, centre, right, left)], P)
 
 
-def _neighbours(quads: Ints, n: int) -> Ints:
+def quad_neighbours(quads: Ints, n: int) -> Ints:
     """For edge k of each quad, from corner k to k + 1: 4 times the quad across it plus that one's edge; -1: none."""
     a, b = quads.ravel(), np.roll(quads, -1, axis=1).ravel()
     key, reverse = a * n + b, b * n + a

@@ -12,6 +12,7 @@ from morphofold.geometry.kernels import cross, dot, less, position
 from morphofold.io import write_annotation, write_label, write_surface
 from morphofold.kernels import kernel
 from morphofold.sim.body import Body
+from morphofold.sim.mesh.coarsening import quad_neighbours
 from morphofold.sim.mesh.mirroring import Whole, mirror
 from morphofold.surface import Surface
 
@@ -20,6 +21,7 @@ SPHERE_RADIUS_MM = 100.0  # of the spheres that FreeSurfer writes
 
 # Corner opposite to side s (from corner s to s + 1) in the triangle of that side, for diagonals 0-2 and 1-3
 _OPPOSITE_CORNER = np.array([[2, 0, 0, 2], [3, 3, 1, 1]])
+_TRIANGLES = np.array([[[0, 1, 2], [0, 2, 3]], [[0, 1, 3], [1, 2, 3]]])  # of a quad with these diagonals
 
 
 def whole_surfaces(body: Body, x: Array) -> tuple[Surface, Surface]:
@@ -32,9 +34,11 @@ def whole_surfaces(body: Body, x: Array) -> tuple[Surface, Surface]:
     bilayer, n = body.bilayer, body.n_surface
     faces = bilayer.faces if bilayer.faces.shape[1] == 3 else smooth_diagonals(x[:n], bilayer.faces)
     whole = _whole(body, faces)
-    white, pial = (whole.positions(part) for part in (np.asarray(bilayer.white @ x), x[:n]))
-    hemi = bilayer.hemi
-    return Surface(white, whole.faces, name=f"{hemi}.white"), Surface(pial, whole.faces, name=f"{hemi}.pial")
+    white, pial = (
+        Surface(whole.positions(part), whole.faces, name=f"{bilayer.hemi}.{name}")
+        for name, part in (("white", np.asarray(bilayer.white @ x)), ("pial", x[:n]))
+    )
+    return white, pial
 
 
 def _whole(body: Body, faces: NDArray[np.int64]) -> Whole:
@@ -67,17 +71,10 @@ def smooth_diagonals(x: Array, quads: NDArray[np.int64]) -> NDArray[np.int64]:
     Each quad takes the diagonal with the smaller sum of squared dihedral angles over the diagonal and its four sides,
     for the present choice of its neighbours. Sweeps in a fixed order repeat until nothing changes, at most eight times.
     """
-    a, b = quads, np.roll(quads, -1, axis=1)
-    key = np.minimum(a, b) * (quads.max() + 1) + np.maximum(a, b)
-    order = np.argsort(key.ravel(), kind="stable")
-    other = np.full(quads.size, -1)
-    same = np.flatnonzero(key.ravel()[order][1:] == key.ravel()[order][:-1])
-    other[order[same]], other[order[same + 1]] = order[same + 1], order[same]
     choice = np.zeros(len(quads), dtype=np.int64)
-    _choose_diagonals(x, quads, other.reshape(-1, 4), choice, _OPPOSITE_CORNER)
-    first = np.where(choice[:, None] == 0, quads[:, [0, 1, 2]], quads[:, [0, 1, 3]])
-    second = np.where(choice[:, None] == 0, quads[:, [0, 2, 3]], quads[:, [1, 2, 3]])
-    return np.concatenate([first, second])
+    _choose_diagonals(x, quads, quad_neighbours(quads, int(quads.max()) + 1), choice, _OPPOSITE_CORNER)
+    triangles = np.take_along_axis(quads[:, None], _TRIANGLES[choice], axis=2)
+    return np.concatenate([triangles[:, 0], triangles[:, 1]])
 
 
 @kernel
@@ -102,11 +99,9 @@ def _choose_diagonals(x, quads, other, choice, opposite):
                     continue
                 r, side = other[q, s] // 4, other[q, s] % 4
                 beyond = quads[r][opposite[choice[r], side]]
+                p, after, outside = position(x, c[s]), position(x, c[(s + 1) % 4]), position(x, beyond)
                 for d in range(2):
-                    one, after, across = c[s], c[(s + 1) % 4], c[opposite[d, s]]
-                    cost[d] += _squared_dihedral_angle(
-                        position(x, one), position(x, after), position(x, across), position(x, beyond)
-                    )
+                    cost[d] += _squared_dihedral_angle(p, after, position(x, c[opposite[d, s]]), outside)
             best = 1 if cost[1] < cost[0] else 0
             if best != choice[q]:
                 choice[q] = best
