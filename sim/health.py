@@ -45,36 +45,40 @@ BOUNDS: dict[str, tuple[float | int, tuple[str, ...]]] = {
 LEAST_J = 0.05  # smallest volume ratio of any Gauss point at any time; below 0.1 the material is frozen
 
 
+#: advice by key
+CURES = {
+    "slower": "slow the growth down (growth.rate)",
+    "stages": "let the body rest more often (output.stages)",
+    "contact": "add [effects.contact]",
+    "corners": "add [effects.corner_barrier]",
+    "finer": "refine the mesh (accuracy.level)",
+    "kappa": "raise material.kappa_ratio",
+    "hold": "cut the body by symmetry planes (geometry.portion)",
+}
+
+
 def cures(scene: Scene | None = None) -> dict[str, str]:
     """Advice by key; for a ``scene``, only what it does not do yet and what its geometry allows."""
-    found = {
-        "slower": "slow the growth down (growth.rate)",
-        "stages": "let the body rest more often (output.stages)",
-        "contact": "add [effects.contact]",
-        "corners": "add [effects.corner_barrier]",
-        "finer": "refine the mesh (accuracy.level)",
-        "kappa": "raise material.kappa_ratio",
-        "hold": "cut the body by symmetry planes (geometry.portion)",
-    }
+    advice = dict(CURES)
     if scene is None:
-        return found
-    if "contact" in scene.effects:
-        del found["contact"]
-    if "corner_barrier" in scene.effects or "contact" in found or scene.geometry.shape == "mesh":
-        del found["corners"]
+        return advice
+    shape, effects = scene.geometry.shape, scene.effects
+    if "contact" in effects:
+        del advice["contact"]
+    if "corner_barrier" in effects or "contact" in advice or shape == "mesh":
+        del advice["corners"]
     if scene.real_time:
-        found["slower"] = "slow the growth down (effects.inertia.duration)"
-        del found["stages"]
+        advice["slower"] = "slow the growth down (effects.inertia.duration)"
+        del advice["stages"]
     if scene.geometry.shape == "cortex":
         around = ("skull", "midline") if scene.geometry.held == "medial wall" else ("skull",)
-        walls = [f"[effects.{name}]" for name in around if name not in scene.effects]
-        found["hold"] = f"add {' and '.join(walls)}" if walls else "use a thinner cortex (geometry.cortex_thickness)"
-    if scene.geometry.shape == "mesh":
-        found["finer"] = "use a finer mesh (geometry.file)"
-        found["hold"] = "hold the inner surface (geometry.held)"
+        walls = " and ".join(f"[effects.{name}]" for name in around if name not in effects)
+        advice["hold"] = f"add {walls}" if walls else "use a thinner cortex (geometry.cortex_thickness)"
+    if shape == "mesh":
+        advice |= {"finer": "use a finer mesh (geometry.file)", "hold": "hold the inner surface (geometry.held)"}
     elif scene.accuracy.level == "fine" or scene.accuracy.edge is not None:
-        found["finer"] = "refine the mesh (accuracy.edge)"
-    return found
+        advice["finer"] = "refine the mesh (accuracy.edge)"
+    return advice
 
 
 class Cover(NamedTuple):
@@ -94,19 +98,13 @@ def check_surface(pial: Surface, closed: bool = True) -> dict[str, float | int]:
         passed through the surface by more than CROSSING_TOLERANCE; ``deepest_crossing``, the depth of the deepest
         crossing in mean edges; ``mean_edge_mm``.
     """
-    found = self_intersections(pial)
-    space = cover(pial)._asdict() if closed else {}
+    crossings = self_intersections(pial)
     return {
-        **{name: space[key] for name, key in (("overlap", "twice"), ("winding_max", "most")) if space},
-        "crossings": found.deeper_than(CROSSING_TOLERANCE),
-        "deepest_crossing": found.deepest_share,
-        "mean_edge_mm": found.mean_edge,
+        **(dict(zip(("overlap", "winding_max"), cover(pial))) if closed else {}),
+        "crossings": crossings.deeper_than(CROSSING_TOLERANCE),
+        "deepest_crossing": crossings.deepest_share,
+        "mean_edge_mm": crossings.mean_edge,
     }
-
-
-def overlap(surface: Surface, rays: int = NUMBER_OF_RAYS) -> float:
-    """Share of the enclosed length of radial rays that a closed surface covers twice: see :func:`cover`."""
-    return cover(surface, rays).twice
 
 
 def cover(surface: Surface, rays: int = NUMBER_OF_RAYS) -> Cover:
@@ -122,9 +120,8 @@ def cover(surface: Surface, rays: int = NUMBER_OF_RAYS) -> Cover:
     ValueError
         If the surface has a hole (the winding number at the centroid differs between rays), or nothing is inside.
     """
-    twice, once, most, centre = _along_rays(
-        surface.verts - surface.verts.mean(axis=0), surface.faces, even_directions(rays)
-    )
+    centred = surface.verts - surface.verts.mean(axis=0)
+    twice, once, most, centre = _along_rays(centred, surface.faces, even_directions(rays))
     if (centre != centre[0]).any():
         raise OpenSurface(
             f"{surface.name}: is not closed: its winding number at the centroid is {centre.min()} to {centre.max()}, "
@@ -146,10 +143,6 @@ def _along_rays(verts: Array, faces: Faces, directions: Array) -> tuple[Array, A
     through = reading(verts, faces, tree.bounds, tree.order, directions)
     in_blocks(_cover_along_rays, len(directions), *through, twice, once, winding)
     return twice, once, *winding.T
-
-
-def _format_value(value: float | int) -> str:
-    return f"{value:,}" if isinstance(value, int) else f"{value:.2g}"
 
 
 def enclosed_volume(surface: Surface) -> float:
@@ -197,19 +190,16 @@ def broken_bounds(stage: dict[str, Any], scene: Scene | None = None) -> list[str
     judged = {name: stage[name] for name in BOUNDS if stage.get(name) is not None}
     if "kinetic_over_strain" in judged:
         judged["kinetic_over_strain"] = restlessness(stage["growth"], stage["kinetic_over_strain"])
-    can = cures(scene)
-    advice = lambda keys: " or ".join(can[key] for key in keys if key in can) or "the solver does not resolve it"
-    sentences = [
-        f"{name} {_format_value(value)} at g = {stage['growth']:.2f} exceeds {BOUNDS[name][0]:g}: "
-        f"{advice(BOUNDS[name][1])}"
-        for name, value in judged.items()
-        if not value <= BOUNDS[name][0]
-    ]
-    if not stage["lowest_J"] >= LEAST_J:
-        sentences.append(
-            f"lowest J {stage['lowest_J']:.2g} up to g = {stage['growth']:.2f} is below {LEAST_J:g}: "
-            f"{advice(('finer', 'slower'))}"
-        )
+    texts = cures(scene)
+    advice = lambda keys: " or ".join(texts[key] for key in keys if key in texts) or "the solver does not resolve it"
+    sentences, g = [], f"g = {stage['growth']:.2f}"
+    for name, value in judged.items():
+        bound, keys = BOUNDS[name]
+        if not value <= bound:
+            shown = f"{value:,}" if isinstance(value, int) else f"{value:.2g}"
+            sentences.append(f"{name} {shown} at {g} exceeds {bound:g}: {advice(keys)}")
+    if not (J := stage["lowest_J"]) >= LEAST_J:
+        sentences.append(f"lowest J {J:.2g} up to {g} is below {LEAST_J:g}: {advice(('finer', 'slower'))}")
     return sentences
 
 

@@ -3,7 +3,7 @@ import pytest
 
 from morphofold.shapes import icosphere
 from morphofold.sim.body import Body
-from morphofold.sim.health import enclosed_volume, overlap
+from morphofold.sim.health import cover, enclosed_volume
 from morphofold.sim.mesh.brick_mesh import SYMMETRY_AXES, bilayer_sphere
 from morphofold.sim.output.surfaces import smooth_diagonals, whole_surfaces
 from morphofold.surface import Surface
@@ -42,9 +42,9 @@ def test_diagonals_run_along_the_folds(side):
 
 def test_overlap_is_the_share_covered_twice():
     verts, faces = icosphere(3, radius=10.0)
-    assert overlap(Surface(verts, faces)) == 0.0
+    assert cover(Surface(verts, faces)).twice == 0.0
     both = Surface(np.concatenate([verts, 0.5 * verts]), np.concatenate([faces, faces + len(verts)]))
-    assert overlap(both) == pytest.approx(0.5, abs=1e-6)  # the inner half of every ray
+    assert cover(both).twice == pytest.approx(0.5, abs=1e-6)  # the inner half of every ray
 
 
 def test_a_deep_dent_overlaps_nothing_and_two_bodies_in_one_place_do():
@@ -52,9 +52,9 @@ def test_a_deep_dent_overlaps_nothing_and_two_bodies_in_one_place_do():
     dent = np.exp(-((verts[:, :2] / 2.5) ** 2).sum(axis=1)) * (verts[:, 2] > 0)
     dented = verts.copy()
     dented[:, 2] -= 15 * dent
-    assert overlap(Surface(dented, faces)) == 0.0
+    assert cover(Surface(dented, faces)).twice == 0.0
     both = Surface(np.concatenate([verts, verts + [12.0, 0, 0]]), np.concatenate([faces, faces + len(verts)]))
-    assert overlap(both) > 0.02
+    assert cover(both).twice > 0.02
 
 
 def test_no_other_diagonal_of_a_single_quad_would_bend_the_surface_less(rng):
