@@ -4,13 +4,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from morphofold.analysis.curvatures import Curvature, curvature
 from morphofold.analysis.graph.net import paths
 from morphofold.analysis.relief import diffused
-from morphofold.arrays import Array, Ints
+from morphofold.arrays import Array, Bools, Ints
 from morphofold.errors import OptionsClash
 from morphofold.geometry import symmetric, vertex_normals
 from morphofold.surface import Faces, PerVertex, Verts
@@ -192,9 +191,7 @@ def _curvature_drop_beside(
     return np.asarray(1 - there / height)
 
 
-def _extremality_sign_changes(
-    verts: Verts, faces: Faces, along: Array, flow: Array
-) -> tuple[Ints, Array, NDArray[np.bool_]]:
+def _extremality_sign_changes(verts: Verts, faces: Faces, along: Array, flow: Array) -> tuple[Ints, Array, Bools]:
     """Triangles (T,) in which extremality changes sign, its fall (T,) [1/length^3] there along the direction, and the
     sides (T, 3), from each corner to the next, on which it changes sign: two in each triangle."""
     corner = along[faces]  # (M, 3, 3), with the sense of the first

@@ -4,8 +4,8 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from morphofold.arrays import Array
 from morphofold.errors import OutOfRange
 from morphofold.geometry import adjacency, equal_area_radius, mean_edge_length, unit, vertex_normals
 from morphofold.kernels import kernel, reading
@@ -35,9 +35,9 @@ class Curvature:
 
     k1: PerVertex = field(repr=False)
     k2: PerVertex = field(repr=False)
-    d1: NDArray[np.float64] = field(repr=False)
-    d2: NDArray[np.float64] = field(repr=False)
-    normals: NDArray[np.float64] = field(repr=False)
+    d1: Array = field(repr=False)
+    d2: Array = field(repr=False)
+    normals: Array = field(repr=False)
     e1: PerVertex = field(repr=False)
     e2: PerVertex = field(repr=False)
     scale: float

@@ -3,10 +3,10 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from morphofold import geometry
 from morphofold.analysis.diffusion import diffusion
+from morphofold.arrays import Array
 from morphofold.errors import OutOfRange
 from morphofold.kernels import kernel, reading
 from morphofold.surface import Faces, PerVertex, Verts
@@ -31,7 +31,7 @@ class Relief:
     """
 
     height: PerVertex = field(repr=False)
-    vertical: NDArray[np.float64] = field(repr=False)
+    vertical: Array = field(repr=False)
     amplitude: PerVertex = field(repr=False)
     phase: PerVertex = field(repr=False)
     scale: float
@@ -63,7 +63,7 @@ def relief(verts: Verts, faces: Faces, scale: float, window: float | None = None
     return Relief(height, vertical, amplitude, phase, float(scale), float(window))
 
 
-def height_and_vertical(verts: Verts, faces: Faces, scale: float) -> tuple[PerVertex, NDArray[np.float64]]:
+def height_and_vertical(verts: Verts, faces: Faces, scale: float) -> tuple[PerVertex, Array]:
     """``height`` (N,) [mm] and ``vertical`` (N, 3) of :func:`relief` alone, which need no window."""
     smooth = implicit_smoothing(verts, faces, scale, rounds=2)
     vertical = geometry.vertex_normals(smooth, faces)
@@ -89,14 +89,12 @@ def implicit_smoothing(verts: Verts, faces: Faces, scale: float, *, rounds: int 
     return _diffuse_implicitly(verts, faces, verts, scale, rounds, rtol)
 
 
-def diffused(verts: Verts, faces: Faces, values: NDArray[np.float64], scale: float) -> NDArray[np.float64]:
+def diffused(verts: Verts, faces: Faces, values: Array, scale: float) -> Array:
     """Three fields (N, 3) on the surface, smoothed once over ``scale`` [mm] as in :func:`implicit_smoothing`."""
     return _diffuse_implicitly(verts, faces, values, scale, 1, 1e-4)
 
 
-def _diffuse_implicitly(
-    verts: Verts, faces: Faces, values: NDArray[np.float64], scale: float, rounds: int, rtol: float
-) -> NDArray[np.float64]:
+def _diffuse_implicitly(verts: Verts, faces: Faces, values: Array, scale: float, rounds: int, rtol: float) -> Array:
     solver, x = diffusion(verts, faces, COTANGENT_BOUNDS), np.array(values)
     for _ in range(rounds):
         x += solver.solve(scale**2, -(scale**2) * (solver.stiffness @ x), np.zeros_like(x), rtol)

@@ -3,13 +3,12 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.special import ive
 
 from morphofold.analysis.diffusion import diffusion
 from morphofold.analysis.graph.depth_potential import COTANGENT_BOUNDS
-from morphofold.arrays import Array
+from morphofold.arrays import Array, Bools
 from morphofold.errors import OutOfRange, WrongShape
 from morphofold.geometry import cotangent_laplacian, vertex_areas
 from morphofold.kernels import kernel, reading
@@ -28,13 +27,7 @@ LEAST_SHARE = 1e-3  # of a kernel that lies on known values, below which there i
 
 
 def smooth(
-    verts: Verts,
-    faces: Faces,
-    values: Array,
-    fwhm: float,
-    inside: NDArray[np.bool_] | None = None,
-    *,
-    fill: float | None = None,
+    verts: Verts, faces: Faces, values: Array, fwhm: float, inside: Bools | None = None, *, fill: float | None = None
 ) -> Array:
     """Smooth maps by heat flow along the surface.
 

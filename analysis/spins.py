@@ -4,10 +4,9 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import rankdata
 
-from morphofold.arrays import Array
+from morphofold.arrays import Array, Bools
 from morphofold.errors import DoesNotApply, OutOfRange, UnknownName, WrongShape
 from morphofold.geometry import adjacency
 from morphofold.kernels import kernel, reading
@@ -52,7 +51,7 @@ def spin_test(
     spins: int = 1000,
     seed: int = 0,
     method: str = "pearson",
-    inside: NDArray[np.bool_] | None = None,
+    inside: Bools | None = None,
 ) -> SpinTest:
     """Correlation of two maps, tested against rotations of one of them.
 

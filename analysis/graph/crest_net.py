@@ -5,7 +5,6 @@ from dataclasses import asdict, dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.spatial import cKDTree
 
@@ -20,6 +19,7 @@ from morphofold.analysis.graph.depth_potential import (
 from morphofold.analysis.graph.net import Net, borders, smoothed
 from morphofold.analysis.graph.refine import refine
 from morphofold.analysis.graph.watershed import Watershed
+from morphofold.arrays import Array, Bools, Ints
 from morphofold.errors import OptionsClash, OutOfRange
 from morphofold.mesh_quality import checks
 from morphofold.surface import Cortex, PerVertex, Surface
@@ -87,7 +87,7 @@ class CrestNetBuilder:
         check_kind(surface, (Cortex, Surface), "gyral_graph: surface")
         cortex = isinstance(surface, Cortex)
         self.sheet = surface.white if isinstance(surface, Cortex) else surface
-        self.inside: NDArray[np.bool_] = (
+        self.inside: Bools = (
             checks.cortex_mask(surface) if isinstance(surface, Cortex) else np.ones(len(self.sheet.verts), dtype=bool)
         )
         self.masked = cortex and not self.inside.all()
@@ -149,7 +149,7 @@ class CrestNetBuilder:
         return net
 
 
-def _nearest_vertices(tree: cKDTree, points: NDArray[np.float64]) -> NDArray[np.int64]:
+def _nearest_vertices(tree: cKDTree, points: Array) -> Ints:
     """The vertex (P, 2) nearest to each point, and the second one where two are equally near, else the first again.
 
     Borders of basins run midway between vertices, and which of the two is found first depends on their numbers.

@@ -1,13 +1,13 @@
 """Dead-end gyri: ridges that end inside one basin, so no border of basins runs along them."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.spatial import cKDTree
 
 from morphofold.analysis.geodesics import cheapest_path, shorten
 from morphofold.analysis.graph.depth_potential import SurfaceOperators
 from morphofold.analysis.graph.net import Arc, Net, Node, resampled
+from morphofold.arrays import Array, Bools
 from morphofold.geometry import arc_length
 from morphofold.surface import PerVertex
 
@@ -19,13 +19,7 @@ END_TRIM_IN_WIDTHS = 0.5  # widths between the end of a crest and the flank of i
 
 
 def add_dead_ends(
-    net: Net,
-    operators: SurfaceOperators,
-    graph: sparse.csr_array,
-    D: PerVertex,
-    crown: NDArray[np.bool_],
-    width: float,
-    tip: float,
+    net: Net, operators: SurfaceOperators, graph: sparse.csr_array, D: PerVertex, crown: Bools, width: float, tip: float
 ) -> None:
     """Add crests to the tips of crowns that reach farther than ``tip`` [mm] from the net, the farthest first.
 
@@ -61,13 +55,13 @@ def add_dead_ends(
             net.add_arc(Arc(end, root, np.concatenate([line, net.nodes[root].at[None]]), blind=True))
 
 
-def _curve_without_start(line: NDArray[np.float64], length: float) -> NDArray[np.float64] | None:
+def _curve_without_start(line: Array, length: float) -> Array | None:
     """A curve without its first ``length`` [mm]; None if nothing is left."""
     kept = line[arc_length(line) >= length]
     return kept if len(kept) > 1 else None
 
 
-def _node_at_point(net: Net, at: NDArray[np.float64]) -> int:
+def _node_at_point(net: Net, at: Array) -> int:
     """The node of the net at a point, or a new node on the nearest curve."""
     nearest = min(((float(np.linalg.norm(arc.points - at, axis=1).min()), name) for name, arc in net.arcs.items()))[1]
     arc = net.arcs[nearest]

@@ -5,13 +5,12 @@ the vertices enters as height in mm and not as curvature. It needs no hull, no i
 """
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
 from morphofold import geometry
 from morphofold.analysis.diffusion import diffusion
 from morphofold.analysis.graph.watershed import Watershed
-from morphofold.arrays import Array
+from morphofold.arrays import Array, Bools
 from morphofold.errors import OutOfRange
 from morphofold.surface import Faces, PerVertex, Verts
 from morphofold.validators import check_mesh
@@ -116,7 +115,7 @@ class SurfaceOperators:
         is taken, which a mirrored hemisphere shares."""
         return Watershed(self.pairs, self.lengths, D, self.verts @ TIE_DIRECTION)
 
-    def gyral_width(self, inside: NDArray[np.bool_] | None = None) -> float:
+    def gyral_width(self, inside: Bools | None = None) -> float:
         """Width of the gyri [mm] from inflection to inflection across the crests, used as a scale for the graph.
 
         It is twice the median distance along edges from a first net of crests to where H changes its sign. Both are

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from morphofold.analysis.graph.confidence import label_hinges
@@ -13,6 +12,7 @@ from morphofold.analysis.graph.crest_net import CrestNetBuilder, Fields, GyralSc
 from morphofold.analysis.graph.depth_potential import persistence
 from morphofold.analysis.graph.net import Net, resampled
 from morphofold.analysis.graph.refine import refine, upright
+from morphofold.arrays import Array, Ints
 from morphofold.geometry import incident_faces
 from morphofold.geometry.kernels import closest_in_triangle, corners, dot, less, position
 from morphofold.kernels import kernel, reading
@@ -137,7 +137,7 @@ def _add_nodes_and_edges(graph: nx.MultiGraph, net: Net, builder: CrestNetBuilde
     label_hinges(graph, D, least)
 
 
-def _mean_geodesic_curvature(points: NDArray[np.float64], builder: CrestNetBuilder, step: float) -> float:
+def _mean_geodesic_curvature(points: Array, builder: CrestNetBuilder, step: float) -> float:
     coarse = resampled(points, step)
     normal = builder.operators.normals[builder.tree.query(coarse[1:-1])[1]]
     before, after = np.diff(coarse, axis=0)[:-1], np.diff(coarse, axis=0)[1:]
@@ -153,7 +153,7 @@ class ClosestPoints:
         self._verts, self._faces, self._tree = verts, faces, tree
         self._around = incident_faces(len(verts), faces)
 
-    def of(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    def of(self, points: Array) -> tuple[Array, Ints]:
         """Nearest places (P, 3) on the triangles around the nearest vertices, and these vertices (P,)."""
         nearest = self._tree.query(points)[1]
         places = _closest_surface_points(*reading(points, nearest, self._verts, self._faces, self._around))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.analysis.graph.hinges import counts
-from morphofold.arrays import Array, Ints
+from morphofold.arrays import Array, Bools, Ints
 from morphofold.errors import MissingPart, NoSolution, NotFinite, OutOfRange, UnknownName, WrongShape
 from morphofold.shapes.ridges import irregular_net
 from morphofold.validators import check_kind
@@ -232,7 +232,7 @@ def two_sample(distance: Array, n: int, *, permutations: int = 999, seed: int = 
     return TwoSample(float(energy), float(1 + as_much) / (1 + permutations), n, size - n)
 
 
-def _energy_distance(distance: Array, first: NDArray[np.bool_]) -> Array:
+def _energy_distance(distance: Array, first: Bools) -> Array:
     """Energy distance of each division (D, N) into a first and a second sample."""
     mine = first.astype(np.float64)
     rows, n = mine @ distance, first[0].sum()

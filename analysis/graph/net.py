@@ -3,10 +3,9 @@
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
-from morphofold.arrays import Array, Ints
+from morphofold.arrays import Array, Bools, Ints
 from morphofold.geometry import arc_length, edges_of_faces, norms, symmetric
 from morphofold.surface import Faces, PerVertex, Verts
 
@@ -146,7 +145,7 @@ class Net:
             self.merge(merge, loop)
             self.prune(prune)
 
-    def keep(self, good: Callable[[Array], NDArray[np.bool_]]) -> None:
+    def keep(self, good: Callable[[Array], Bools]) -> None:
         """Remove the parts of arcs where ``good`` of the points (P, 3) is False; the new ends are marked as cut."""
         for name in list(self.arcs):
             arc = self.arcs[name]
@@ -165,7 +164,7 @@ class Net:
                 self._tidy(node)
 
 
-def _stretches_of_true(flags: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
+def _stretches_of_true(flags: Bools) -> Iterator[tuple[int, int]]:
     """Start and stop of each stretch of True."""
     steps = np.flatnonzero(np.diff(np.r_[False, flags, False].astype(np.int8)))
     return zip(steps[0::2].tolist(), steps[1::2].tolist(), strict=True)

@@ -3,15 +3,15 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from morphofold import geometry
+from morphofold.arrays import Ints
 from morphofold.errors import NotFinite, OutOfRange, WrongShape
 from morphofold.kernels import kernel
 from morphofold.surface import Faces, PerVertex
 
 
-def prominent_peaks(faces: Faces, values: PerVertex, least: float) -> NDArray[np.int64]:
+def prominent_peaks(faces: Faces, values: PerVertex, least: float) -> Ints:
     """Vertices of the peaks that rise by ``least`` or more above the pass to higher ground.
 
     Parameters

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from morphofold.analysis.graph.hinges import LEAST_STRICT_CONFIDENCE, as_rows, counts, hinges
 from morphofold.analysis.graph.landmarks import amounts
+from morphofold.arrays import Ints
 from morphofold.surface import Cortex, PerVertex
 
 if TYPE_CHECKING:
@@ -98,14 +98,14 @@ def region_columns(cortex: Cortex, graph: nx.MultiGraph) -> dict[str, tuple[int,
     return {name: (int(count), length) for name, count, length in zip(cortex.regions.names, *sums)}
 
 
-def _mean_or_none(mean: Any, values: PerVertex | None, at: NDArray[np.int64]) -> float | None:
+def _mean_or_none(mean: Any, values: PerVertex | None, at: Ints) -> float | None:
     if values is None:
         return None
     known = values[at][np.isfinite(values[at])]
     return float(mean(known)) if len(known) else None
 
 
-def _most_common_region(cortex: Cortex, at: NDArray[np.int64]) -> str | None:
+def _most_common_region(cortex: Cortex, at: Ints) -> str | None:
     """The region of most of the vertices ``at``; None if they have none."""
     if cortex.regions is None:
         return None

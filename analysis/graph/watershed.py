@@ -3,10 +3,9 @@
 from collections.abc import Collection, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from morphofold.analysis.graph.prominence import _find_tree_root
-from morphofold.arrays import Ints
+from morphofold.arrays import Array, Ints
 from morphofold.geometry import connected, symmetric
 from morphofold.kernels import kernel, reading
 from morphofold.surface import PerVertex
@@ -40,7 +39,7 @@ class Watershed:
         2002).
     """
 
-    def __init__(self, pairs: Ints, lengths: NDArray[np.float64], values: PerVertex, side: PerVertex):
+    def __init__(self, pairs: Ints, lengths: Array, values: PerVertex, side: PerVertex):
         graph = symmetric(len(values), pairs, lengths)
         order = np.argsort(values, kind="stable")
         self.finest, self.lowest = _basins_by_descent(*reading(values, order, side, graph))
@@ -55,7 +54,7 @@ class Watershed:
         """Basin (N,) of each vertex, numbered from 0, after basins of less persistence are joined to a neighbour."""
         return self.together(persistence)[self.finest]
 
-    def apart(self, groups: Sequence[Collection[int]], least: int, above: float) -> NDArray[np.float64]:
+    def apart(self, groups: Sequence[Collection[int]], least: int, above: float) -> Array:
         """For each group of finest basins, the persistence up to which ``least`` of them stay separate, if that is
         more than ``above``; else NaN."""
         held = np.full(len(groups), np.nan)

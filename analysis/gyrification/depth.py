@@ -3,12 +3,12 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from morphofold import geometry
 from morphofold.analysis.geodesics import path_graph, shorten
 from morphofold.analysis.gyrification.hull import hull
+from morphofold.arrays import Array
 from morphofold.errors import OptionsClash, OutOfRange, UnknownName
 from morphofold.geometry import mean_edge_length
 from morphofold.kernels import kernel, reading
@@ -78,9 +78,7 @@ def _geodesic_depth(verts: Verts, faces: Faces, depth: PerVertex, touching: floa
     return np.where(np.isfinite(way), way, np.nan)
 
 
-def _bundle_planes(
-    points: NDArray[np.float64], planes: NDArray[np.float64]
-) -> "tuple[float, NDArray[np.float64], _BundledPlanes]":
+def _bundle_planes(points: Array, planes: Array) -> "tuple[float, Array, _BundledPlanes]":
     """Size of the body [mm]; in that unit, the points (N, 3) relative to their middle, and the planes (P, 4)."""
     middle = points.mean(axis=0)
     points = points - middle
@@ -100,11 +98,11 @@ class _BundledPlanes(NamedTuple):
     """Planes (P, 4), similar ones next to each other; for each 16 and each 256 of them the middle (., 4), and the
     distance (.,) of the farthest from it."""
 
-    each: NDArray[np.float64]
-    centre: NDArray[np.float64]
-    spread: NDArray[np.float64]
-    middle: NDArray[np.float64]
-    reach: NDArray[np.float64]
+    each: Array
+    centre: Array
+    spread: Array
+    middle: Array
+    reach: Array
 
 
 @kernel

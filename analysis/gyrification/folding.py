@@ -4,10 +4,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from morphofold import geometry
 from morphofold.analysis.graph.depth_potential import SurfaceOperators
+from morphofold.arrays import Array, Ints
 from morphofold.errors import OutOfRange
 from morphofold.surface import Faces, PerVertex, Verts
 from morphofold.validators import check_mesh
@@ -116,13 +116,13 @@ def area_gradients(verts: Verts, faces: Faces) -> Verts:
     return gradient
 
 
-def _place_numbers(operators: SurfaceOperators) -> NDArray[np.int64]:
+def _place_numbers(operators: SurfaceOperators) -> Ints:
     """Number (N,) of the place of each vertex; vertices joined by edges of almost zero length share a place."""
     return geometry.connected(
         len(operators.verts), operators.pairs[operators.lengths < SAME_PLACE_IN_EDGES * operators.edge]
     )
 
 
-def _sums_by_place(values: NDArray[np.float64], place: NDArray[np.int64]) -> NDArray[np.float64]:
+def _sums_by_place(values: Array, place: Ints) -> Array:
     """Sums of values (N, K) over the vertices of each place."""
     return np.stack([np.bincount(place, column) for column in values.T], axis=-1)

@@ -3,8 +3,8 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from morphofold.arrays import Array, Ints
 from morphofold.errors import OutOfRange
 from morphofold.geometry import edges, face_areas, mean_edge_length
 from morphofold.surface import Faces, Verts
@@ -35,7 +35,7 @@ def fractal_dimension(
 
 def box_counts(
     verts: Verts, faces: Faces, *, finest: float | None = None, coarsest: float | None = None, seed: int = 0
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[Array, Array]:
     """Sizes of boxes (B,) [mm], each sqrt(2) times the one before, and the number of boxes that the surface meets.
 
     Parameters
@@ -77,9 +77,9 @@ def box_counts(
     return np.asarray(sizes, dtype=np.float64), np.array(counts, dtype=np.float64)
 
 
-def _box_numbers(points: NDArray[np.float64], size: float, offset: NDArray[np.float64]) -> NDArray[np.int64]:
+def _box_numbers(points: Array, size: float, offset: Array) -> Ints:
     """Number of the box of each point."""
     cells = np.floor((points - points.min(axis=0) + offset) / size).astype(np.int64)
     span = cells.max(axis=0) + 1
-    numbers: NDArray[np.int64] = (cells[:, 0] * span[1] + cells[:, 1]) * span[2] + cells[:, 2]
+    numbers: Ints = (cells[:, 0] * span[1] + cells[:, 1]) * span[2] + cells[:, 2]
     return numbers

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import fft, ndimage
 from scipy.spatial import cKDTree
 
-from morphofold.arrays import Array
+from morphofold.arrays import Array, Bools, Ints
 from morphofold.errors import OpenSurface, OutOfRange, TooLarge
 from morphofold.geometry import face_areas, in_use, is_closed, mean_edge_length, split, vertex_areas
 from morphofold.surface import Faces, PerVertex, Verts
@@ -116,12 +116,12 @@ def envelope(verts: Verts, faces: Faces, closing: float, voxel: float) -> tuple[
     return np.asarray(found.points, dtype=np.float64), np.asarray(found.regular_faces, dtype=np.int64)
 
 
-def _odd_sizes(points: Array, margin: float, step: float) -> NDArray[np.int64]:
+def _odd_sizes(points: Array, margin: float, step: float) -> Ints:
     """Numbers (3,) of cells, ``step`` wide, that hold points (P, 3) and a margin if their middle is at 0."""
     return 2 * np.ceil((np.abs(points).max(axis=0) + margin) / step).astype(np.int64) + 1
 
 
-def _squared_distances(inside: NDArray[np.bool_]) -> NDArray[np.int32]:
+def _squared_distances(inside: Bools) -> NDArray[np.int32]:
     """Squared distance [voxels^2] of each voxel to the nearest one that is not inside."""
     nearest = ndimage.distance_transform_edt(inside, return_distances=False, return_indices=True)
     found = np.zeros(inside.shape, np.int32)  # in place: scipy's distances take twice the time
@@ -133,9 +133,7 @@ def _squared_distances(inside: NDArray[np.bool_]) -> NDArray[np.int32]:
     return found
 
 
-def _area_within_radius(
-    points: Array, areas: Array, low: Array, shape: NDArray[np.int64], bin_: float, radius: float
-) -> Array:
+def _area_within_radius(points: Array, areas: Array, low: Array, shape: Ints, bin_: float, radius: float) -> Array:
     """Area within ``radius`` of the centre of each bin of a grid."""
     first = np.floor(places := (points - low) / bin_ - 0.5)
     total = np.zeros(shape)

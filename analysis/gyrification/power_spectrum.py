@@ -8,9 +8,9 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from morphofold import geometry
+from morphofold.arrays import Array
 from morphofold.errors import DoesNotApply, NotFinite, OutOfRange, WrongShape
 from morphofold.kernels import kernel
 from morphofold.surface import Faces, PerVertex, Verts
@@ -35,7 +35,7 @@ class Spectrum:
         Radius of the sphere.
     """
 
-    power: NDArray[np.float64] = field(repr=False)
+    power: Array = field(repr=False)
     rms: float
     radius: float
 

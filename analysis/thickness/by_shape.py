@@ -4,8 +4,8 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from morphofold.arrays import Bools
 from morphofold.geometry import norms, vertex_areas
 from morphofold.surface import Cortex, PerVertex
 from morphofold.validators import check_kind
@@ -63,9 +63,7 @@ def thickness_by_shape(cortex: Cortex, maps: Mapping[str, PerVertex]) -> list[di
     return rows
 
 
-def _parts(
-    maps: Mapping[str, PerVertex], area: PerVertex, known: NDArray[np.bool_]
-) -> Iterator[tuple[str, dict[str, NDArray[np.bool_]]]]:
+def _parts(maps: Mapping[str, PerVertex], area: PerVertex, known: Bools) -> Iterator[tuple[str, dict[str, Bools]]]:
     """Which vertices (N,) are in each part."""
     if "shape_index" in maps:
         index = maps["shape_index"]
@@ -78,7 +76,7 @@ def _parts(
         order = some[np.argsort(depth[some], kind="stable")]
         share = np.cumsum(area[order]) - 0.5 * area[order]
         share /= max(float(area[order].sum()), np.finfo(float).tiny)
-        found: dict[str, NDArray[np.bool_]] = {}
+        found: dict[str, Bools] = {}
         same = EQUAL_DEPTH_TOLERANCE * area[order].sum() ** 0.5
         for part, (low, high) in DEPTHS.items():
             ends = depth[order[(share >= low) & (share <= high)]]

@@ -13,6 +13,7 @@ from morphofold.analysis.relief import Relief
 from morphofold.analysis.thickness.cortical import cortical_thickness
 from morphofold.analysis.thickness.mid_height import Contour, mid_height_contour
 from morphofold.analysis.thickness.rays import RayCaster
+from morphofold.arrays import Array, Bools, Ints
 from morphofold.errors import NoCortex, WrongShape
 from morphofold.mesh_quality.checks import cortex_mask
 from morphofold.surface import Cortex, PerVertex, Surface
@@ -68,12 +69,12 @@ class GyralThickness:
         Why there is no median; empty if there is one.
     """
 
-    points: NDArray[np.float64] = field(repr=False)
-    triangle: NDArray[np.int64] = field(repr=False)
-    width: NDArray[np.float64] = field(repr=False)
-    partner: NDArray[np.float64] = field(repr=False)
-    weight: NDArray[np.float64] = field(repr=False)
-    gap: NDArray[np.float64] = field(repr=False)
+    points: Array = field(repr=False)
+    triangle: Ints = field(repr=False)
+    width: Array = field(repr=False)
+    partner: Array = field(repr=False)
+    weight: Array = field(repr=False)
+    gap: Array = field(repr=False)
     per_vertex: PerVertex = field(repr=False)
     median: float
     lower: float
@@ -93,21 +94,21 @@ class GyralThickness:
         middle = f"median {self.median:.3g} mm, quartiles {self.lower:.3g} to {self.upper:.3g} mm"
         return f"GyralThickness({middle}, {len(self.width):,} samples, {self.coverage:.0%} of the contour)"
 
-    def median_where(self, vertices: NDArray[np.bool_], faces: NDArray[np.int64]) -> float:
+    def median_where(self, vertices: Bools, faces: Ints) -> float:
         """Length-weighted median of the samples with two corners or more in the region (N,) bool; NaN if none."""
         inside = self._within(vertices, faces)
         return weighted_quantile(self.width[inside], self.weight[inside], 0.5)
 
-    def contour_where(self, vertices: NDArray[np.bool_], faces: NDArray[np.int64]) -> float:
+    def contour_where(self, vertices: Bools, faces: Ints) -> float:
         """Length [mm] of the measured contour in the region (N,) bool; below about 60 the median is of a few gyri."""
         return float(self.weight[self._within(vertices, faces) & np.isfinite(self.width)].sum())
 
-    def _within(self, vertices: NDArray[np.bool_], faces: NDArray[np.int64]) -> NDArray[np.bool_]:
+    def _within(self, vertices: Bools, faces: Ints) -> Bools:
         return np.asarray(vertices[faces[self.triangle]].sum(axis=1) >= 2)
 
 
 def gyral_thickness(
-    cortex: Cortex | Surface, *, scale: float | None = None, mask: NDArray[np.bool_] | None = None
+    cortex: Cortex | Surface, *, scale: float | None = None, mask: Bools | None = None
 ) -> GyralThickness:
     """Width of the gyri of a closed surface: horizontal chords through the tissue at mid-height.
 
@@ -182,7 +183,7 @@ def gyral_thickness(
     return _measure_chords(surface, inside, contour, scan, grey)
 
 
-def weighted_quantile(values: NDArray[np.float64], weights: NDArray[np.float64], share: float) -> float:
+def weighted_quantile(values: Array, weights: Array, share: float) -> float:
     """Value below which ``share`` of the weight lies. NaN values are left out; NaN if no value is left."""
     good = np.isfinite(values) & (weights > 0)
     if not good.any():
@@ -192,7 +193,7 @@ def weighted_quantile(values: NDArray[np.float64], weights: NDArray[np.float64],
     return float(np.interp(share, (np.cumsum(w) - w / 2) / w.sum(), v))
 
 
-def _measured_vertices(cortex: Cortex | Surface, mask: NDArray[np.bool_] | None) -> NDArray[np.bool_]:
+def _measured_vertices(cortex: Cortex | Surface, mask: Bools | None) -> Bools:
     surface = cortex.pial if isinstance(cortex, Cortex) else cortex
     n = len(surface.verts)
     inside = geometry.used(n, surface.faces)
@@ -214,12 +215,12 @@ class _ChordData:
     ``bodies`` (S,): number of gyri in which the start lies: 1, plus the number of gyri whose walls pass through it.
     """
 
-    points: NDArray[np.float64]
-    normal: NDArray[np.float64]
-    triangle_normal: NDArray[np.float64]
-    triangle_phase: NDArray[np.float64]
+    points: Array
+    normal: Array
+    triangle_normal: Array
+    triangle_phase: Array
     longest: float
-    bodies: NDArray[np.int64]
+    bodies: Ints
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,10 +230,10 @@ class _GreyMatterBounds:
 
     white: RayCaster
     slack: float
-    triangle_thickness: NDArray[np.float64]
+    triangle_thickness: Array
 
 
-def _grey_matter_bounds(cortex: Cortex, inside: NDArray[np.bool_]) -> _GreyMatterBounds:
+def _grey_matter_bounds(cortex: Cortex, inside: Bools) -> _GreyMatterBounds:
     span = np.linalg.norm(cortex.pial.verts - cortex.white.verts, axis=1)
     thickness = cortical_thickness(cortex.white, cortex.pial, cap=None)
     return _GreyMatterBounds(
@@ -241,8 +242,8 @@ def _grey_matter_bounds(cortex: Cortex, inside: NDArray[np.bool_]) -> _GreyMatte
 
 
 def _cast_fan(
-    scan: RayCaster, samples: _ChordData, vertical: NDArray[np.float64], angles: NDArray[np.float64], side: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
+    scan: RayCaster, samples: _ChordData, vertical: Array, angles: Array, side: int
+) -> tuple[Array, Array, Ints, Array]:
     """Rays in the horizontal plane into the tissue (side = 1) or out of it (-1).
 
     Returns corrected lengths (S, K), NaN where not from wall to wall, uncorrected lengths (S, K), triangles hit (S, K)
@@ -275,13 +276,8 @@ def _cast_fan(
 
 
 def _symmetrised_vertical(
-    scan: RayCaster,
-    samples: _ChordData,
-    vertical: NDArray[np.float64],
-    found: Relief,
-    faces: NDArray[np.int64],
-    side: int,
-) -> NDArray[np.float64]:
+    scan: RayCaster, samples: _ChordData, vertical: Array, found: Relief, faces: Ints, side: int
+) -> Array:
     """The vertical (S, 3) averaged with that of the nearest opposite wall; unchanged where there is none.
 
     The wall is searched horizontally, so it is searched twice: with the given vertical, then with the average.
@@ -295,11 +291,11 @@ def _symmetrised_vertical(
     return even
 
 
-def _vector_component_along(a: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
+def _vector_component_along(a: Array, u: Array) -> Array:
     return np.sum(a * u, axis=1, keepdims=True) * u
 
 
-def _median_of_rows(lengths: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def _median_of_rows(lengths: Array) -> tuple[Array, Ints]:
     """Median of each row if it has at least two values, else NaN; and its column, of two the one with the shorter.
 
     The median of an even number of values is midway between two: without this rule rounding would choose the column.
@@ -311,7 +307,7 @@ def _median_of_rows(lengths: NDArray[np.float64]) -> tuple[NDArray[np.float64], 
 
 
 def _measure_chords(
-    surface: Surface, inside: NDArray[np.bool_], contour: Contour, scan: RayCaster, grey: _GreyMatterBounds | None
+    surface: Surface, inside: Bools, contour: Contour, scan: RayCaster, grey: _GreyMatterBounds | None
 ) -> GyralThickness:
     faces, found, row = surface.faces, contour.relief, np.arange(len(contour.points))
     normals = geometry.vertex_normals(surface.verts, faces)
@@ -354,13 +350,7 @@ def _measure_chords(
 
 
 def _thickness_of_widths(
-    surface: Surface,
-    inside: NDArray[np.bool_],
-    contour: Contour,
-    width: NDArray[np.float64],
-    partner: NDArray[np.float64],
-    gap: NDArray[np.float64],
-    white_tested: bool,
+    surface: Surface, inside: Bools, contour: Contour, width: Array, partner: Array, gap: Array, white_tested: bool
 ) -> GyralThickness:
     weight = contour.length
     coverage = float(weight[np.isfinite(width)].sum() / weight.sum())
@@ -394,9 +384,7 @@ def _thickness_of_widths(
     )
 
 
-def _carry_to_vertices(
-    surface: Surface, inside: NDArray[np.bool_], contour: Contour, width: NDArray[np.float64]
-) -> PerVertex:
+def _carry_to_vertices(surface: Surface, inside: Bools, contour: Contour, width: Array) -> PerVertex:
     """Width (N,) of the nearest sample along the edges that has one; NaN where that sample is too far.
 
     Too far means farther than half a wavelength, or farther than the nearest of all samples by more than half of that

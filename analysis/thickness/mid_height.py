@@ -4,10 +4,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from morphofold import geometry
 from morphofold.analysis.relief import Relief, relief
+from morphofold.arrays import Array, Bools, Ints
 from morphofold.surface import PerVertex, Surface
 
 LEAST_AMPLITUDE_OVER_SCALE = 0.1  # amplitude / scale below which a surface counts as unfolded
@@ -25,15 +25,15 @@ class Contour:
     area divided by the total length; ``reason``: why this is not a contour of folds, empty if it is one.
     """
 
-    points: NDArray[np.float64]
-    length: NDArray[np.float64]
-    triangle: NDArray[np.int64]
+    points: Array
+    length: Array
+    triangle: Ints
     wavelength: float
     relief: Relief
     reason: str = ""
 
 
-def mid_height_contour(surface: Surface, inside: NDArray[np.bool_], scale: float | None) -> Contour:
+def mid_height_contour(surface: Surface, inside: Bools, scale: float | None) -> Contour:
     """The contour where ``inside`` (N,), at the given scale [mm], or at a third of the wavelength that it finds."""
     whole = np.flatnonzero(inside[surface.faces].all(axis=1))
     size = geometry.equal_area_radius(surface.verts, surface.faces[whole])
@@ -50,9 +50,7 @@ def mid_height_contour(surface: Surface, inside: NDArray[np.bool_], scale: float
     return contour
 
 
-def _contour_at_scale(
-    surface: Surface, inside: NDArray[np.bool_], whole: NDArray[np.int64], size: float, edge: float, scale: float
-) -> Contour:
+def _contour_at_scale(surface: Surface, inside: Bools, whole: Ints, size: float, edge: float, scale: float) -> Contour:
     found = relief(surface.verts, surface.faces, scale)
     high = float(np.percentile(found.amplitude[inside], 90))
     phase = np.where(found.amplitude > LEAST_RELATIVE_AMPLITUDE * high, found.phase, np.nan)
@@ -82,9 +80,7 @@ def _contour_at_scale(
     return Contour(points, length, triangle, wavelength, found, reason)
 
 
-def _level_set(
-    surface: Surface, phase: PerVertex, whole: NDArray[np.int64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+def _level_set(surface: Surface, phase: PerVertex, whole: Ints) -> tuple[Array, Array, Ints]:
     """Segments of phase = 1/2 within the given triangles: midpoints (S, 3), lengths (S,), triangles (S,)."""
     value = phase[surface.faces[whole]] - 0.5
     above = value > 0

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold import geometry
+from morphofold.arrays import Array, Bools, Ints
 from morphofold.surface import Surface
 
 
@@ -27,13 +28,11 @@ class RayCaster:
         self._scene = EmbreeScene()
         TriangleMesh(self._scene, self._scaled(surface.verts), surface.faces.astype(np.int32))
 
-    def _scaled(self, points: NDArray[np.float64]) -> NDArray[np.float32]:
+    def _scaled(self, points: Array) -> NDArray[np.float32]:
         """Points moved to 0 and scaled to size 1, because embree's tolerances are absolute."""
         return ((points - self._origin) / self._unit).astype(np.float32)
 
-    def shoot(
-        self, origins: NDArray[np.float64], directions: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
+    def shoot(self, origins: Array, directions: Array) -> tuple[Array, Ints, Array]:
         """Distance (R,) of the first hit (inf: none), its triangle (R,), cosine of ray and outward normal (R,)."""
         triangle = np.asarray(self._scene.run(self._scaled(origins), directions.astype(np.float32)), dtype=np.int64)
         normal = self.normals[triangle]
@@ -43,12 +42,8 @@ class RayCaster:
         return np.divide(ahead, cosine, out=np.full(len(origins), np.inf), where=hit), triangle, cosine
 
     def crossings(
-        self,
-        origins: NDArray[np.float64],
-        directions: NDArray[np.float64],
-        lengths: NDArray[np.float64] | float,
-        wanted: NDArray[np.bool_],
-    ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]]:
+        self, origins: Array, directions: Array, lengths: Array | float, wanted: Bools
+    ) -> Iterator[tuple[Ints, Array, Ints, Array]]:
         """Successive hits of rays, up to their lengths: the first hits of all rays, then the second hits, and so on.
 
         Yields the rays (L,) that hit, and the distances, triangles and cosines (L,). Rays whose ``wanted`` (R,) is or
@@ -67,9 +62,7 @@ class RayCaster:
             gone[live] = at + 1e-3 * self.edge
             yield live, at, triangle[within], cosine[within]
 
-    def bodies(
-        self, origins: NDArray[np.float64], directions: NDArray[np.float64], longest: float
-    ) -> NDArray[np.int64]:
+    def bodies(self, origins: Array, directions: Array, longest: float) -> Ints:
         """Number of bodies in which each point (R,) lies: the largest count of exits less entries along its ray."""
         depth, deepest = np.zeros(len(origins), dtype=np.int64), np.zeros(len(origins), dtype=np.int64)
         for live, _, _, cosine in self.crossings(origins, directions, longest, np.ones(len(origins), dtype=bool)):
@@ -77,9 +70,7 @@ class RayCaster:
             np.maximum(deepest, depth, out=deepest)
         return deepest
 
-    def exits(
-        self, origins: NDArray[np.float64], directions: NDArray[np.float64], number: NDArray[np.int64], longest: float
-    ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
+    def exits(self, origins: Array, directions: Array, number: Ints, longest: float) -> tuple[Array, Ints, Array]:
         """As ``shoot``, but for the ``number``-th (R,) exit of each ray from the surface; entries are skipped.
 
         The distance is inf where there is no such exit within ``longest``.
@@ -93,9 +84,7 @@ class RayCaster:
             distance[live[last]], found[live[last]], slope[live[last]] = at[last], triangle[last], cosine[last]
         return distance, found, slope
 
-    def stays_white(
-        self, origins: NDArray[np.float64], directions: NDArray[np.float64], lengths: NDArray[np.float64], slack: float
-    ) -> NDArray[np.bool_]:
+    def stays_white(self, origins: Array, directions: Array, lengths: Array, slack: float) -> Bools:
         """True (R,) where no stretch between leaving this surface and entering it again is longer than ``slack``."""
         good, left = np.ones(len(origins), dtype=bool), np.full(len(origins), np.nan)
         wanted = good.copy()

@@ -4,10 +4,9 @@ import re
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from morphofold import geometry
-from morphofold.arrays import Ints
+from morphofold.arrays import Array, Bools, Ints
 from morphofold.errors import InsideOut, NoCortex, UnlikeSurfaces
 from morphofold.intersections.boxes import box_tree
 from morphofold.intersections.rays import ray_hits, ray_winding
@@ -33,7 +32,7 @@ LARGEST_OUTSIDE_SHARE = 0.5  # of a piece with a border, outside pial: more than
 LEAST_NORMAL_COSINE = 0.5
 
 
-def cortex_label(cortex: Cortex) -> tuple[NDArray[np.bool_], str]:
+def cortex_label(cortex: Cortex) -> tuple[Bools, str]:
     """True (N,) where the vertex is cortex, and a word for the source: the first that is available, in this order.
 
     ``"label"``: the cortex label that came with the surfaces. ``"annotation"``: all regions that are not
@@ -75,7 +74,7 @@ def is_no_cortex(region: str) -> bool:
     return any(word in plain for word in NAMES_OUTSIDE_CORTEX)
 
 
-def cortex_mask(cortex: Cortex) -> NDArray[np.bool_]:
+def cortex_mask(cortex: Cortex) -> Bools:
     """True (N,) where the vertex is cortex by :func:`cortex_label` and white and pial do not coincide.
 
     Raises
@@ -107,7 +106,7 @@ def cortex_mask(cortex: Cortex) -> NDArray[np.bool_]:
     return mask
 
 
-def off_pial(cortex: Cortex) -> NDArray[np.bool_]:
+def off_pial(cortex: Cortex) -> Bools:
     """True (N,) where white and pial are not the same point up to rounding."""
     apart = geometry.norms(cortex.pial.verts - cortex.white.verts)
     return apart > SAME_POINT_SHARE * apart.max()
@@ -155,7 +154,7 @@ def cavities(cortex: Cortex) -> list[int]:
     return hollow.tolist()
 
 
-def _pieces_within_others(surface: Surface, piece: NDArray[np.int64], asked: NDArray[np.int64]) -> NDArray[np.int64]:
+def _pieces_within_others(surface: Surface, piece: Ints, asked: Ints) -> Ints:
     """Those of the pieces ``asked`` that lie within others: the rest of the closed surface winds around them.
 
     The winding number of the rest is that of the whole less that of the piece, so one tree of boxes serves all pieces.
@@ -219,14 +218,14 @@ def check_open_pieces(cortex: Cortex) -> None:
         )
 
 
-def outside(cortex: Cortex) -> NDArray[np.bool_]:
+def outside(cortex: Cortex) -> Bools:
     """True (N,) where white lies outside pial by the normals of both surfaces."""
     apart = cortex.pial.verts - cortex.white.verts
     out = [np.einsum("ij,ij->i", apart, geometry.vertex_normals(s.verts, s.faces)) for s in (cortex.white, cortex.pial)]
     return np.maximum(*out) < 0
 
 
-def shift(cortex: Cortex, mask: NDArray[np.bool_]) -> NDArray[np.float64]:
+def shift(cortex: Cortex, mask: Bools) -> Array:
     """Vector (3,) [mm] by which pial as a whole is shifted from white, on the cortex ``mask`` (N,) of closed surfaces.
 
     The least-squares shift, weighted by area, of the steps from white to pial *along* the surface. On a closed surface
@@ -238,7 +237,7 @@ def shift(cortex: Cortex, mask: NDArray[np.bool_]) -> NDArray[np.float64]:
     apart = cortex.pial.verts - cortex.white.verts
     along = apart - np.einsum("ij,ij->i", apart, normal)[:, None] * normal
     tangential = area.sum() * np.eye(3) - (normal * area[:, None]).T @ normal
-    found: NDArray[np.float64] = np.linalg.lstsq(tangential, area @ along, rcond=0.05)[0]
+    found: Array = np.linalg.lstsq(tangential, area @ along, rcond=0.05)[0]
     return found
 
 
@@ -255,14 +254,14 @@ def volume(surface: Surface) -> float:
     return float(signed_volumes(surface.verts, surface.faces, np.zeros(len(surface.faces), dtype=np.int64)).sum())
 
 
-def signed_volumes(verts: Verts, faces: Faces, piece: NDArray[np.int64]) -> NDArray[np.float64]:
+def signed_volumes(verts: Verts, faces: Faces, piece: Ints) -> Array:
     """Signed volume [mm^3] in each closed ``piece`` (M,) of faces, positive if these face outwards."""
     middle = verts[faces[:, 0]] - verts[faces[0, 0]]  # a corner is as good: the triangle has one height over the origin
     of_face = np.einsum("ij,ij->i", middle, geometry.face_vectors(verts, faces)) / 3
     return np.bincount(piece, of_face).astype(np.float64)
 
 
-def place_of(point: NDArray[np.float64]) -> str:
+def place_of(point: Array) -> str:
     """Coordinates (3,) as text for messages."""
     x, y, z = np.round(point, 6) + 0.0  # no -0, and no 1e-17 on a plane of symmetry
     return f"({x:.6g}, {y:.6g}, {z:.6g})"

@@ -1,9 +1,9 @@
 """Defects of a mesh: those that make measuring impossible are refused, the others give a note beside the numbers."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from morphofold import geometry
+from morphofold.arrays import Bools
 from morphofold.errors import BadMesh
 from morphofold.intersections.intersection import self_intersections
 from morphofold.mesh_quality import checks
@@ -124,7 +124,7 @@ def check_edges(cortex: Cortex, why_not: str = "") -> None:
         )
 
 
-def remarks(cortex: Cortex, mask: NDArray[np.bool_], given: Cortex | None = None) -> dict[str, str]:
+def remarks(cortex: Cortex, mask: Bools, given: Cortex | None = None) -> dict[str, str]:
     """Notes ``mesh``, ``crossing`` and ``pair``.
 
     ``mesh``: unused vertices, pieces, borders, rounding, thin triangles. ``crossing``: white lies outside pial.
@@ -194,7 +194,7 @@ def remarks(cortex: Cortex, mask: NDArray[np.bool_], given: Cortex | None = None
     return notes
 
 
-def self_crossings(cortex: Cortex, mask: NDArray[np.bool_]) -> tuple[dict[str, str], float]:
+def self_crossings(cortex: Cortex, mask: Bools) -> tuple[dict[str, str], float]:
     """Note ``self_crossing``, and the share of white's triangles that other triangles cross.
 
     The note gives how many triangles of white or pial are crossed by others of the same surface, and the deepest place.
@@ -219,7 +219,7 @@ def self_crossings(cortex: Cortex, mask: NDArray[np.bool_]) -> tuple[dict[str, s
     return {"self_crossing": f"{'; '.join(problems)}. Do not trust curvature and thickness there."}, of_white
 
 
-def given_thickness(cortex: Cortex, mask: NDArray[np.bool_]) -> tuple[PerVertex, dict[str, str]]:
+def given_thickness(cortex: Cortex, mask: Bools) -> tuple[PerVertex, dict[str, str]]:
     """The thickness (N,) [mm] that came with the surfaces, and the note ``thickness_file`` on its gaps.
 
     It is NaN outside the cortex, and where it is not a positive number. FreeSurfer writes 0 where nothing was measured,

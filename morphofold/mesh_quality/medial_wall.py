@@ -1,11 +1,10 @@
 """The medial wall of surfaces without a label: a large patch where white and pial nearly meet."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csgraph
 
 from morphofold import geometry
-from morphofold.arrays import memoized
+from morphofold.arrays import Bools, memoized
 from morphofold.surface import Cortex, Faces, Verts
 
 # of the median distance of white and pial: below it a vertex is not cortex (0.5 mm in adults)
@@ -14,7 +13,7 @@ WALL_DISTANCE_OVER_MEDIAN = 0.2
 LEAST_PATCH_SHARE, LARGEST_WALL_SHARE = 0.01, 0.2
 
 
-def wall_of_thickness(cortex: Cortex) -> NDArray[np.bool_]:
+def wall_of_thickness(cortex: Cortex) -> Bools:
     """True (N,) in the wall, where the thickness that came with the surfaces is 0 or NaN; nowhere without one."""
     given = cortex.maps.get("thickness")
     if given is None:
@@ -22,7 +21,7 @@ def wall_of_thickness(cortex: Cortex) -> NDArray[np.bool_]:
     return _wall_patches(cortex.white.verts, cortex.faces, ~(np.asarray(given) > 0))
 
 
-def wall_of_geometry(cortex: Cortex) -> NDArray[np.bool_]:
+def wall_of_geometry(cortex: Cortex) -> Bools:
     """True (N,) in the wall, where white and pial are closer than ``WALL_DISTANCE_OVER_MEDIAN`` times their median
     distance.
 
@@ -34,7 +33,7 @@ def wall_of_geometry(cortex: Cortex) -> NDArray[np.bool_]:
 
 
 @memoized
-def _wall_between(white: Verts, pial: Verts, faces: Faces) -> NDArray[np.bool_]:
+def _wall_between(white: Verts, pial: Verts, faces: Faces) -> Bools:
     step = pial - white
     ring = geometry.adjacency(len(white), faces).astype(np.float64)
     mean = (step + ring @ step) / (1 + np.diff(ring.indptr))[:, None]
@@ -42,7 +41,7 @@ def _wall_between(white: Verts, pial: Verts, faces: Faces) -> NDArray[np.bool_]:
     return _wall_patches(white, faces, thin)
 
 
-def _wall_patches(white: Verts, faces: Faces, thin: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _wall_patches(white: Verts, faces: Faces, thin: Bools) -> Bools:
     """The thin vertices in connected patches as large as a wall; none if these cover too much of the surface."""
     at = np.flatnonzero(thin)
     area = geometry.vertex_areas(white, faces)

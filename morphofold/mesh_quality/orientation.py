@@ -7,9 +7,8 @@ to the next one. Two sides along one edge that belong together are *joined*.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from morphofold.arrays import Ints
+from morphofold.arrays import Bools, Ints
 from morphofold.geometry import connected
 from morphofold.surface import Faces
 
@@ -105,7 +104,7 @@ def sheets(faces: Faces, joined: Ints) -> Ints:
     return connected(len(faces), joined // 3)
 
 
-def against(faces: Faces, joined: Ints) -> NDArray[np.bool_] | None:
+def against(faces: Faces, joined: Ints) -> Bools | None:
     """Triangles (M,) oriented against the majority of their piece; None if a piece has one side only.
 
     Each triangle is taken in both orientations, and those that agree across joined sides form one part. On a piece with

@@ -1,9 +1,9 @@
 """Warnings on a cortex that can be measured but may be the wrong input: its size, side, label and thickness."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from morphofold import geometry
+from morphofold.arrays import Bools
 from morphofold.surface import Cortex, PerVertex
 
 # [mm^2] of white: human hemispheres have 60,000 to 130,000; smaller ones may be of an animal
@@ -59,7 +59,7 @@ def at_cap(thickness: PerVertex, cap: float | None) -> dict[str, str]:
 
 def against_file(given: PerVertex, measured: PerVertex) -> dict[str, str]:
     """Note ``thickness_unlike``: the thickness ``given`` with the surfaces, NaN where unknown, does not match them."""
-    known: NDArray[np.bool_] = np.isfinite(given) & np.isfinite(measured)
+    known: Bools = np.isfinite(given) & np.isfinite(measured)
     if not known.any():
         return {}
     one, other = given[known], measured[known]
