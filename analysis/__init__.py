@@ -27,19 +27,18 @@ if TYPE_CHECKING:
     from morphofold.analysis.graph.gyral_graph import gyral_graph
     from morphofold.analysis.graph.hinge_shapes import HingeShapes, hinge_shapes
     from morphofold.analysis.graph.hinges import Arm, Hinge, hinges
-    from morphofold.analysis.graph.prominence import prominent_peaks
     from morphofold.analysis.graph.sensitivity import hinge_sensitivity
+    from morphofold.analysis.graph.watershed import prominent_peaks
     from morphofold.analysis.gyrification.across_scales import (
         AtScale,
         LawAcrossScales,
         across_scales,
         law_across_scales,
     )
-    from morphofold.analysis.gyrification.depth import sulcal_depth
+    from morphofold.analysis.gyrification.convex_hull import gyrification_index, sulcal_depth
     from morphofold.analysis.gyrification.folding import FoldingIndices, folding_indices
     from morphofold.analysis.gyrification.folding_law import ShapeTerms, shape_terms
     from morphofold.analysis.gyrification.fractal_dimension import fractal_dimension
-    from morphofold.analysis.gyrification.hull import gyrification_index
     from morphofold.analysis.gyrification.local_gyrification import local_gyrification_index
     from morphofold.analysis.gyrification.power_spectrum import Spectrum, power_spectrum
     from morphofold.analysis.measures import Measures

@@ -11,21 +11,20 @@ import numpy as np
 from morphofold import geometry
 from morphofold.analysis import notes, regions, relief, resampling
 from morphofold.analysis.asked import CURVATURE_MAPS, Asked, asked
-from morphofold.analysis.curvatures import curvature
+from morphofold.analysis.curvatures import curvature, scale_of_curvature, scale_of_folding
 from morphofold.analysis.diffusion import diffusion
 from morphofold.analysis.graph import depth_potential
-from morphofold.analysis.graph.tables import GyralTables, gyral_tables
-from morphofold.analysis.gyrification import hull
+from morphofold.analysis.graph.graph_rows import GyralTables, gyral_tables
+from morphofold.analysis.gyrification import convex_hull
 from morphofold.analysis.gyrification.folding import folding_indices
 from morphofold.analysis.gyrification.local_gyrification import CLOSING_RADIUS_MM, local_gyrification_index
 from morphofold.analysis.maps import each_map
 from morphofold.analysis.measures import SCALARS, SLOPE_SCALARS, Measures
-from morphofold.analysis.scales import scale_of_curvature, scale_of_folding
 from morphofold.analysis.steps import Steps
 from morphofold.analysis.thickness.by_shape import thickness_by_shape
 from morphofold.analysis.thickness.gyral import GyralThickness
 from morphofold.analysis.thickness.robust_slope import Line, through_regions
-from morphofold.mesh_quality import checks, defects, plausibility
+from morphofold.mesh_quality import checks, defects
 from morphofold.mesh_quality import repair as mending
 from morphofold.progress import Progress, silent
 from morphofold.surface import Cortex, PerVertex
@@ -201,7 +200,7 @@ class _Measurement:
         self.copy = resampling.as_given(cortex)
         self.mask = mask = checks.cortex_mask(cortex)
         part.notes |= notes.of_input(cortex) | self.mended.notes | defects.remarks(cortex, mask, self.mended.of)
-        part.notes |= plausibility.remarks(cortex)
+        part.notes |= defects.input_remarks(cortex)
         faces = cortex.faces
         self.closed, self.pieces = geometry.is_closed(faces), geometry.components(cortex.n_vertices, faces)[0]
         self.euler = geometry.euler_characteristic(faces)
@@ -235,7 +234,7 @@ class _Measurement:
         """The gyrification index."""
         part, pial = self._parts["depth"], self.cortex.pial
         if self.closed and self.pieces == 1:
-            part.scalars["gyrification_index"] = hull.gyrification_index(pial.verts, pial.faces)
+            part.scalars["gyrification_index"] = convex_hull.gyrification_index(pial.verts, pial.faces)
         part.notes |= notes.of_gyrification(self.closed, self.pieces)
 
     def self_crossings(self) -> None:
@@ -248,10 +247,10 @@ class _Measurement:
         part.scalars["mean_cortical_thickness_mm"] = _mean_or_none(thickness)
         weights = self.area_white + self.area_pial
         part.scalars["mean_cortical_thickness_area_weighted_mm"] = _mean_or_none(thickness, weights)
-        part.notes |= plausibility.at_cap(thickness, cap)
+        part.notes |= defects.at_cap(thickness, cap)
         if "thickness" in cortex.maps:
             part.maps["thickness_file"], gaps = defects.given_thickness(cortex, self.mask)
-            part.notes |= gaps | plausibility.against_file(part.maps["thickness_file"], thickness)
+            part.notes |= gaps | defects.against_file(part.maps["thickness_file"], thickness)
         part.notes |= notes.of_thickness(cap, "thickness" in cortex.maps)
 
     def curvature(self, wanted: float | None) -> None:

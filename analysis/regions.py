@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from morphofold.analysis.graph.tables import region_columns
+from morphofold.analysis.graph.graph_rows import region_columns
 from morphofold.errors import WrongShape
 from morphofold.geometry import face_vectors, vertex_areas
 from morphofold.mesh_quality.checks import is_no_cortex

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from morphofold.analysis import curvature, measure
-from morphofold.analysis.scales import scale_of_curvature
+from morphofold.analysis.curvatures import scale_of_curvature
 from morphofold.arrays import Array
 from morphofold.io import read_cortex, sample_path
 from morphofold.io.files import write_text

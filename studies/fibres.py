@@ -19,7 +19,7 @@ from scipy import stats
 from scipy.spatial import cKDTree
 
 from morphofold.analysis import measure
-from morphofold.analysis.graph.landmarks import amounts
+from morphofold.analysis.graph.graph_rows import amounts
 from morphofold.arrays import Array
 from morphofold.group.permutations import share_above
 from morphofold.io import atomic_file

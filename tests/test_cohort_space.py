@@ -11,7 +11,7 @@ from commands import refused
 from made_cohort import HereFleet, participants, quick_measure, write_subject
 
 from morphofold.analysis import gyral_graph
-from morphofold.analysis.graph.landmarks import amounts
+from morphofold.analysis.graph.graph_rows import amounts
 from morphofold.cli import main
 from morphofold.errors import MissingPart, OutOfRange
 from morphofold.geometry import vertex_areas

@@ -6,11 +6,10 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 from test_hinges import WIDTH, star
 
-from morphofold.analysis.graph.confidence import label_hinges
 from morphofold.analysis.graph.crest_net import CrestNetBuilder
 from morphofold.analysis.graph.gyral_graph import gyral_graph
 from morphofold.analysis.graph.hinge_shapes import hinge_shapes
-from morphofold.analysis.graph.hinges import LEAST_CONFIDENCE, LEAST_STRICT_CONFIDENCE, counts, hinges
+from morphofold.analysis.graph.hinges import LEAST_CONFIDENCE, LEAST_STRICT_CONFIDENCE, counts, hinges, label_hinges
 from morphofold.analysis.measures import Measures
 from morphofold.io import read_cortex, sample_path
 from morphofold.shapes.ridges import SphericalNet, irregular_net, ridged_net

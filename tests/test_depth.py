@@ -7,7 +7,7 @@ from reference import distance_to_convex_hull, distance_to_planes
 from test_gyrification import box_with_a_hole
 
 from morphofold.analysis import sulcal_depth
-from morphofold.analysis.gyrification.hull import hull
+from morphofold.analysis.gyrification.convex_hull import hull
 from morphofold.errors import OptionsClash, UnknownName
 from morphofold.io import read_surface, sample_path
 from morphofold.io.formats import read_morph

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from morphofold.analysis.graph.crest_net import GyralScales
-from morphofold.analysis.graph.tables import gyral_tables, region_columns
+from morphofold.analysis.graph.graph_rows import gyral_tables, region_columns
 from morphofold.shapes import icosphere
 from morphofold.surface import Cortex, Regions, Surface
 

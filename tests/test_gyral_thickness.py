@@ -11,10 +11,9 @@ from scipy.spatial import cKDTree
 
 from morphofold.analysis import cortical_thickness, gyral_thickness
 from morphofold.analysis.graph.depth_potential import SurfaceOperators
+from morphofold.analysis.relief import mid_height_contour
 from morphofold.analysis.thickness import gyral as chords
-from morphofold.analysis.thickness.gyral import weighted_quantile
-from morphofold.analysis.thickness.mid_height import mid_height_contour
-from morphofold.analysis.thickness.rays import RayCaster
+from morphofold.analysis.thickness.gyral import RayCaster, weighted_quantile
 from morphofold.errors import NoCortex, WrongShape
 from morphofold.geometry import mean_edge_length
 from morphofold.io import read_cortex, sample_path

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from morphofold.analysis import gyral_graph
+from morphofold.analysis.graph.graph_rows import amounts, landmark_maps
 from morphofold.analysis.graph.hinges import counts
-from morphofold.analysis.graph.landmarks import amounts, landmark_maps
 from morphofold.shapes import icosphere
 from morphofold.shapes.folded_ball import folded_ball
 from morphofold.surface import Cortex, Surface

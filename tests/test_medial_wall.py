@@ -10,8 +10,7 @@ from morphofold import shapes
 from morphofold.analysis import measure
 from morphofold.analysis.notes import of_input
 from morphofold.io import read_cortex, sample_path
-from morphofold.mesh_quality.checks import cortex_label, cortex_mask
-from morphofold.mesh_quality.medial_wall import wall_of_geometry, wall_of_thickness
+from morphofold.mesh_quality.checks import cortex_label, cortex_mask, wall_of_geometry, wall_of_thickness
 from morphofold.mesh_quality.repair import measurable
 from morphofold.surface import Cortex, Surface
 

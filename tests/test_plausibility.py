@@ -11,7 +11,7 @@ from morphofold import shapes
 from morphofold.analysis import measure
 from morphofold.errors import UnlikeSurfaces
 from morphofold.io import read_cortex, sample_path, write_surface
-from morphofold.mesh_quality import checks, defects, plausibility
+from morphofold.mesh_quality import checks, defects
 from morphofold.mesh_quality.checks import check_pair, cortex_mask
 from morphofold.surface import Cortex, Surface
 
@@ -33,7 +33,7 @@ def moved(cortex, place, which=("white", "pial")):
 
 
 def remark_keys(cortex):
-    return OWN & (plausibility.remarks(cortex).keys() | defects.remarks(cortex, cortex_mask(cortex)).keys())
+    return OWN & (defects.input_remarks(cortex).keys() | defects.remarks(cortex, cortex_mask(cortex)).keys())
 
 
 def turned(degrees):
@@ -51,9 +51,9 @@ def test_nothing_is_said_of_people_averages_models_and_smaller_animals(name, siz
 def test_a_hemisphere_larger_than_a_persons_is_told_and_a_simulated_one_is_not(person, times):
     large = moved(person, lambda v: times * v)
     assert remark_keys(large) == {"size"}
-    area = float(re.search(r"([\d,]+) cm\^2", plausibility.remarks(large)["size"])[1].replace(",", ""))
+    area = float(re.search(r"([\d,]+) cm\^2", defects.input_remarks(large)["size"])[1].replace(",", ""))
     assert area == pytest.approx(914.7 * times**2, rel=1e-3)
-    assert plausibility.remarks(replace(large, origin="simulation")) == {}
+    assert defects.input_remarks(replace(large, origin="simulation")) == {}
 
 
 def test_a_right_hemisphere_that_is_called_left_is_told(average):
@@ -135,6 +135,6 @@ def test_the_thickness_of_the_average_is_that_of_its_surfaces(average):
 
 def test_a_cap_that_much_of_the_cortex_reaches_is_told():
     thickness = np.array([2.0] * 90 + [5.0] * 10)
-    assert "10.0%" in plausibility.at_cap(thickness, 5.0)["thickness_cap"]
-    assert plausibility.at_cap(np.where(np.arange(100) < 99, thickness[0], 5.0), 5.0) == {}
-    assert plausibility.at_cap(thickness, None) == {}
+    assert "10.0%" in defects.at_cap(thickness, 5.0)["thickness_cap"]
+    assert defects.at_cap(np.where(np.arange(100) < 99, thickness[0], 5.0), 5.0) == {}
+    assert defects.at_cap(thickness, None) == {}

@@ -8,8 +8,8 @@ import pytest
 from commands import refused
 from made_cohort import HereFleet, participants, quick_measure, write_subject
 
+from morphofold.analysis.curvatures import scale_of_curvature
 from morphofold.analysis.measuring import measure
-from morphofold.analysis.scales import scale_of_curvature
 from morphofold.cli import main
 from morphofold.group import scales
 from morphofold.group.measure_options import curvature_scale

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial import cKDTree
 
-from morphofold.analysis.graph.confidence import label_hinges
 from morphofold.analysis.graph.crest_net import CrestNetBuilder, Fields, GyralScales
 from morphofold.analysis.graph.depth_potential import persistence
+from morphofold.analysis.graph.hinges import label_hinges
 from morphofold.analysis.graph.net import Net, resampled
 from morphofold.analysis.graph.refine import refine, upright
 from morphofold.arrays import Array, Ints
@@ -47,7 +47,7 @@ def gyral_graph(
         - ``degree`` (a loop counts twice);
         - ``persistence`` [mm] up to which the node is a hinge if nothing else is changed (NaN for a node that is a
           hinge because of a dead-end gyrus);
-        - ``confidence`` of a hinge, 0 to 1 (:func:`~morphofold.analysis.graph.confidence.label_hinges`; NaN for an
+        - ``confidence`` of a hinge, 0 to 1 (:func:`~morphofold.analysis.graph.hinges.label_hinges`; NaN for an
           end);
         - ``cut``, True where the mask or the border ends a crest.
 

@@ -11,8 +11,8 @@ from numba import njit, prange
 from scipy import stats
 from scipy.spatial import ConvexHull
 
+from morphofold.analysis.gyrification.convex_hull import hull
 from morphofold.analysis.gyrification.folding_law import ShapeTerms, shape_terms
-from morphofold.analysis.gyrification.hull import hull
 from morphofold.arrays import Array
 from morphofold.errors import OpenSurface, OutOfRange, TooLarge
 from morphofold.geometry import components, face_areas, is_closed

@@ -41,7 +41,7 @@ def keywords_of(options: Mapping[str, Any]) -> dict[str, Any]:
 
 def curvature_scale(cortex: Cortex, common: float) -> float | None:
     """The common curvature scale [mm], or None (the mesh's own scale) if the mesh is too coarse or too small for it."""
-    from morphofold.analysis.scales import scale_of_curvature
+    from morphofold.analysis.curvatures import scale_of_curvature
 
     if scale_of_curvature(cortex)[0] > common:
         return None

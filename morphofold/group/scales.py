@@ -77,8 +77,8 @@ def scales_of(out: Path, fleet: Fleet, subjects: Sequence[Participant], progress
 
 def look(subject: Participant) -> list[tuple[float, float]]:
     """Curvature scale and crown width [mm] of the hemispheres of a subject that can be read; NaN without gyri."""
+    from morphofold.analysis.curvatures import scale_of_curvature
     from morphofold.analysis.graph.crest_net import CrestNetBuilder
-    from morphofold.analysis.scales import scale_of_curvature
 
     found = []
     try:

@@ -133,7 +133,7 @@ def maps_on_template(m: Measures, sphere: str | Path, on: Template) -> dict[str,
     dict
         Means over the white area around each vertex, NaN where less than half of a mean is known. Sums: ``area`` [mm2],
         and of the gyral graph ``hinges`` and ``crest_length`` [mm]. Interpolated: ``hinge_distance`` and
-        ``crest_distance`` [mm] (:func:`~morphofold.analysis.graph.landmarks.landmark_maps`).
+        ``crest_distance`` [mm] (:func:`~morphofold.analysis.graph.graph_rows.landmark_maps`).
 
         Smoothing closes holes within the template's cortex, where half of the kernel is known, and leaves NaN outside
         it. Sums and distances are not smoothed; smoothed sums over smoothed area are ``hinge_density`` [1/cm2] and
@@ -144,7 +144,7 @@ def maps_on_template(m: Measures, sphere: str | Path, on: Template) -> dict[str,
     ValueError, OSError
         If the sphere is that of another mesh, or is no sphere, or the template lacks a surface.
     """
-    from morphofold.analysis.graph.landmarks import landmark_maps
+    from morphofold.analysis.graph.graph_rows import landmark_maps
     from morphofold.geometry import vertex_areas
     from morphofold.spheres.resampling import Resampling
 

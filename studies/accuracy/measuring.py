@@ -14,7 +14,7 @@ import numpy as np
 
 from morphofold import geometry
 from morphofold.analysis import cortical_thickness, curvature
-from morphofold.analysis.scales import CURVATURE_SCALE_MM, LEAST_CURVATURE_SCALE_IN_EDGES
+from morphofold.analysis.curvatures import CURVATURE_SCALE_MM, LEAST_CURVATURE_SCALE_IN_EDGES
 from morphofold.shapes import irregular_sphere
 from morphofold.studies.accuracy.peers import H, K, Peer, closest_peers, curvature_peers
 from morphofold.studies.accuracy.points import NEVER, OURS, Case, Point, Timing, timed

@@ -157,7 +157,7 @@ def prepare(source: str, out: str) -> None:
     The medial wall is where white and pial nearly meet; the thickness is FreeSurfer's.
     """
     from morphofold.analysis import cortical_thickness
-    from morphofold.mesh_quality.medial_wall import wall_of_geometry
+    from morphofold.mesh_quality.checks import wall_of_geometry
     from morphofold.unfolding.spheres import sphere_of
 
     for hemi in ("lh", "rh"):

@@ -9,8 +9,8 @@ from hard_cases.cases import hard_case
 from hard_cases.made_surfaces import analyzed, changed, clean, hold_all, refusal
 from made_surfaces import FORMATS
 
-from morphofold.analysis import measure, scales
-from morphofold.analysis.thickness import rays
+from morphofold.analysis import curvatures, measure
+from morphofold.analysis.thickness import gyral
 from morphofold.io import read_cortex, read_surface, write_surface
 from morphofold.mesh_quality import defects
 from morphofold.surface import Surface
@@ -20,7 +20,7 @@ FAR = 1e6
 
 def where_it_is(patch):
     """Rays in the coordinates as they are."""
-    patch.setattr(rays.RayCaster, "_scaled", lambda self, points: points.astype(np.float32))
+    patch.setattr(gyral.RayCaster, "_scaled", lambda self, points: points.astype(np.float32))
 
 
 @hard_case(
@@ -111,7 +111,7 @@ def test_every_format_holds_the_surface_to_single_precision(holds, tmp_path, kin
 
 def in_mm(patch):
     """The mesh is not asked what is fine."""
-    patch.setattr(scales, "LEAST_CURVATURE_SCALE_IN_EDGES", 0.0)
+    patch.setattr(curvatures, "LEAST_CURVATURE_SCALE_IN_EDGES", 0.0)
 
 
 @pytest.mark.parametrize("size", [1e-3, 1e3], ids=["metres", "micrometres"])

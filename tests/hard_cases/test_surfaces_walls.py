@@ -24,7 +24,7 @@ from morphofold.analysis import (
 )
 from morphofold.analysis import curvatures as bending
 from morphofold.analysis.graph.depth_potential import SurfaceOperators
-from morphofold.analysis.thickness import cortical, gyral, rays
+from morphofold.analysis.thickness import cortical, gyral
 from morphofold.geometry import face_normals, mean_edge_length
 from morphofold.intersections.intersection import self_intersections
 from morphofold.io import read_cortex, sample_path
@@ -312,7 +312,7 @@ def test_thickness_of_walls_that_cross_is_that_of_each_wall(holds, tmp_path, cap
     "gyral thickness where the walls of a sulcus pass through each other",
     guard="a point in two gyri leaves the other one first",
     without=lambda patch: patch.setattr(
-        rays.RayCaster, "bodies", lambda self, points, *_: np.zeros(len(points), dtype=np.int64)
+        gyral.RayCaster, "bodies", lambda self, points, *_: np.zeros(len(points), dtype=np.int64)
     ),
 )
 def test_the_gap_between_walls_that_cross_is_no_gyrus(holds, by):

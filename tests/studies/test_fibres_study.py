@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from morphofold.analysis import measure
-from morphofold.analysis.graph.landmarks import amounts
+from morphofold.analysis.graph.graph_rows import amounts
 from morphofold.shapes.folded_ball import folded_ball
 from morphofold.sim.scene.files import load_scene
 from morphofold.studies import fibres

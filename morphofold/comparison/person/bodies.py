@@ -10,8 +10,7 @@ from math import sqrt
 
 import numpy as np
 
-from morphofold.analysis.gyrification.depth import sulcal_depth
-from morphofold.analysis.gyrification.hull import hull
+from morphofold.analysis.gyrification.convex_hull import hull, sulcal_depth
 from morphofold.analysis.gyrification.local_gyrification import local_gyrification_index
 from morphofold.analysis.measures import Measures
 from morphofold.analysis.relief import height_and_vertical
