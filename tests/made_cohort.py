@@ -1,7 +1,7 @@
-"""Small subjects on disk, and a fleet that works in this process."""
+"""Small subjects on disk, and workers that are this process."""
 
 import csv
-from contextlib import contextmanager
+from contextlib import nullcontext
 
 import numpy as np
 
@@ -60,28 +60,19 @@ def participants(folders, out, run="1", **options):
     return [Participant(f.name, str(f), TaskFolder(str(out), f.name, run), **options) for f in folders]
 
 
-class HereFleet:
-    """Does jobs one after the other in this process."""
+class HereWorkers:
+    """Does tasks one after the other in this process."""
 
-    words = bound = "here"
+    label = "here"
 
-    def run(self, work, jobs):
-        for job in jobs:
-            yield job, work(job.argument)
-
-    @contextmanager
-    def reporting_deaths(self, warn):
-        yield
+    def run(self, work, tasks, died=None):
+        for task in tasks:
+            yield task, work(task)
 
 
 def work_here(monkeypatch, measure=quick_measure):
     """Commands for groups work in this process, with another function in place of ``measure``."""
-
-    @contextmanager
-    def open_fleet(**options):
-        yield HereFleet()
-
-    monkeypatch.setattr("morphofold.group.fleet.open_fleet", open_fleet)
+    monkeypatch.setattr("morphofold.group.workers.open_workers", lambda *options: nullcontext(HereWorkers()))
     monkeypatch.setattr("morphofold.analysis.measuring.measure", measure)
 
 

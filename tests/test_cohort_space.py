@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from commands import refused
-from made_cohort import HereFleet, participants, quick_measure, write_subject
+from made_cohort import HereWorkers, participants, quick_measure, write_subject
 
 from morphofold.analysis import gyral_graph
 from morphofold.analysis.graph.graph_rows import amounts
@@ -16,10 +16,10 @@ from morphofold.cli import main
 from morphofold.errors import MissingPart, OutOfRange
 from morphofold.geometry import vertex_areas
 from morphofold.group.participant import measure_participant
-from morphofold.group.running import run_tasks
 from morphofold.group.space import Mapped, map_participant, maps_on_template, write_space
 from morphofold.group.tasks import TaskFolder
 from morphofold.group.template_space import template
+from morphofold.group.workers import run_tasks
 from morphofold.io import read_surface, write_label, write_surface
 from morphofold.shapes import icosphere
 from morphofold.shapes.folded_ball import folded_ball
@@ -72,14 +72,14 @@ def small(tmp_path):
 
 def mapped(folders, out, on, run="1"):
     people = participants(folders, out, run)
-    measured = run_tasks(HereFleet(), measure_participant, people)
+    measured = run_tasks(HereWorkers(), measure_participant, people)
     assert all(one.state != "failed" for one in measured)
     place = out / "spaces" / on.place
     tasks = [
         Mapped(one.name, one.folder, one.place, str(one.results), TaskFolder(str(place), one.name, run), on)
         for one in people
     ]
-    outcomes = {one.name: one for one in run_tasks(HereFleet(), map_participant, tasks)}
+    outcomes = {one.name: one for one in run_tasks(HereWorkers(), map_participant, tasks)}
     shapes = write_space(place, on, tasks)
     return outcomes, shapes, place / "group"
 
@@ -199,7 +199,7 @@ def test_a_template_without_sphere_or_white_is_refused(small):
 
 
 def test_the_command_brings_maps_over(quick, three, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("morphofold.group.fleet.open_fleet", lambda **options: nullcontext(HereFleet()))
+    monkeypatch.setattr("morphofold.group.workers.open_workers", lambda *options: nullcontext(HereWorkers()))
     out = tmp_path / "study"
     code = main(
         ["cohort", str(tmp_path / "subjects"), "-o", str(out), "--no-report", "--space", "fsaverage5", "--json"]

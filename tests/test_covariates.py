@@ -1,14 +1,12 @@
 """Covariates of participants.tsv in the tables of a group."""
 
-from contextlib import nullcontext
-
 import pytest
 from commands import refused
-from made_cohort import HereFleet, quick_measure, write_subject
+from made_cohort import work_here, write_subject
 
 from morphofold.cli import main
 from morphofold.errors import NamedTwice, WrongFile
-from morphofold.group.covariates import NO_COVARIATES, find_covariates, read_covariates
+from morphofold.group.covariates import NO_COVARIATES, find_covariates
 from morphofold.group.group_tables import TAKEN_COLUMNS
 from morphofold.group.spaces import find_space
 from morphofold.io import write_surface
@@ -37,8 +35,7 @@ def people(tmp_path):
 @pytest.fixture
 def study(here, monkeypatch):
     """A cohort of anna, ben, and cleo, who is in no table; cleo's right side can't be read."""
-    monkeypatch.setattr("morphofold.group.fleet.open_fleet", lambda **options: nullcontext(HereFleet()))
-    monkeypatch.setattr("morphofold.analysis.measuring.measure", quick_measure)
+    work_here(monkeypatch)
     for name in ("anna", "ben", "cleo"):
         folder = write_subject(here / "all" / name)
         write_surface(folder / "surf" / "lh.sphere.reg", Surface(*icosphere(2, radius=100.0)))
@@ -47,7 +44,7 @@ def study(here, monkeypatch):
 
 
 def test_numbers_words_and_what_is_missing_have_their_types(people):
-    found = read_covariates(people)
+    found = find_covariates(people)
     assert found.columns == ("age", "visits", "group", "patient")
     assert found.of("anna") == found.of("sub-anna") == ANNA
     assert [type(value) for value in found.of("anna").values()] == [float, int, str, str]
@@ -57,7 +54,7 @@ def test_numbers_words_and_what_is_missing_have_their_types(people):
 
 def test_a_longitudinal_run_has_those_of_its_time_point_and_a_column_tells_the_person(tmp_path):
     (tmp_path / "t.tsv").write_text("participant_id\tage\tperson\nanna_1\t30\teve\nben\t40\tn/a\n")
-    found = read_covariates(tmp_path / "t.tsv").of_sessions(["anna_1.long.anna"])
+    found = find_covariates(tmp_path / "t.tsv").of_sessions(["anna_1.long.anna"])
     assert found.columns == ("person", "session", "age")
     assert found.of("anna_1.long.anna") == {"person": "eve", "session": "1", "age": 30}
     assert [found.person(name) for name in ("anna_1.long.anna", "ben_1.long.ben", "zoe")] == ["eve", "ben", "zoe"]
@@ -66,13 +63,13 @@ def test_a_longitudinal_run_has_those_of_its_time_point_and_a_column_tells_the_p
 
 def test_a_person_may_have_the_number_0(tmp_path):
     (tmp_path / "t.tsv").write_text("participant_id\tperson\na\t0\nb\t0\nc\t1\n")
-    found = read_covariates(tmp_path / "t.tsv")
+    found = find_covariates(tmp_path / "t.tsv")
     assert [found.person(name) for name in "abc"] == ["0", "0", "1"]
 
 
 def test_a_session_has_the_covariates_of_its_person_unless_it_has_a_row(tmp_path):
     (tmp_path / "t.tsv").write_text("participant_id\tage\nsub-01\t30\nsub-02_ses-b\t41\nsub-02\t40\n")
-    found = read_covariates(tmp_path / "t.tsv")
+    found = find_covariates(tmp_path / "t.tsv")
     ages = {name: found.of(name)["age"] for name in ("sub-01_ses-a", "sub-02_ses-a", "sub-02_ses-b", "01_2")}
     assert ages == {"sub-01_ses-a": 30, "sub-02_ses-a": 40, "sub-02_ses-b": 41, "01_2": None}
 
@@ -80,9 +77,9 @@ def test_a_session_has_the_covariates_of_its_person_unless_it_has_a_row(tmp_path
 def test_the_table_that_is_given_comes_before_those_that_are_found(people, tmp_path):
     other = tmp_path / "other.csv"
     other.write_text("participant_id,iq\nanna,100\n")
-    assert find_covariates(str(other), [tmp_path], ()).columns == ("iq",)
-    assert find_covariates(None, [tmp_path / "nowhere", tmp_path], ()).columns == tuple(ANNA)
-    assert find_covariates(None, [tmp_path / "nowhere"], ()) is NO_COVARIATES
+    assert find_covariates(other, [tmp_path]).columns == ("iq",)
+    assert find_covariates(None, [tmp_path / "nowhere", tmp_path]).columns == tuple(ANNA)
+    assert find_covariates(None, [tmp_path / "nowhere"]) is NO_COVARIATES
 
 
 def test_every_table_with_few_rows_for_a_subject_has_them_after_its_name(study, here):
@@ -127,14 +124,13 @@ def test_a_table_that_cannot_be_joined_is_refused_before_anything_is_measured(st
     (here / "all" / "participants.tsv").write_text(text)
     refused(capsys, study, "participants.tsv: ", f"[{kind.code}]")
     with pytest.raises(kind):
-        read_covariates(here / "all" / "participants.tsv", TAKEN_COLUMNS)
+        find_covariates(here / "all" / "participants.tsv", [], TAKEN_COLUMNS)
     assert not (here / "out").exists()
     refused(capsys, [*study, "--participants", "nowhere.tsv"], "nowhere.tsv: ")
 
 
 def test_a_bids_dataset_has_them_at_its_root(here, monkeypatch):
-    monkeypatch.setattr("morphofold.group.fleet.open_fleet", lambda **options: nullcontext(HereFleet()))
-    monkeypatch.setattr("morphofold.analysis.measuring.measure", quick_measure)
+    work_here(monkeypatch)
     for name in ("sub-01_ses-a", "sub-01_ses-b"):
         write_subject(here / "data" / "derivatives" / "freesurfer" / name, hemis=("lh",))
     (here / "data" / "participants.tsv").write_text("participant_id\tsex\nsub-01\tF\n")

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from browser import assert_quiet, needs_browser, opened
 from made_groups import failed_group, made_group
@@ -16,8 +17,8 @@ from made_measures import made_measures
 from matplotlib.image import imread
 from page_text import Page, words_of
 
-from morphofold.group.group_tables import write_tables
-from morphofold.group.pooling import pooling
+from morphofold.group.group_tables import write_group
+from morphofold.group.pooling import SETTING_NAMES, pooling
 from morphofold.group.tasks import write_record
 from morphofold.report.pages import group_page
 from morphofold.report.pages.group_page import group_report
@@ -78,8 +79,8 @@ def test_hemispheres_measured_unlike_are_said_and_not_tested(tmp_path):
     group = made_group(9, n_hinges=np.arange(40.0, 58.0).reshape(9, 2))
     assert 'id="unlike"' not in text_of(group, tmp_path)
     assert "n_hinges" in (tmp_path / "asymmetry.tsv").read_text(encoding="utf-8")
-    ways = [("1.0", 3.0, 7 + k / 10, 5.0, "<label>", "standard", None) for k in range(18)]
-    unlike = pooling(ways, np.arange(18).reshape(9, 2), group.scalars)
+    settings = [("1.0", 3.0, 7 + k / 10, 5.0, "<label>", "standard", None) for k in range(18)]
+    unlike = pooling(pd.DataFrame(settings, columns=SETTING_NAMES), group.scalars)
     text = text_of(replace(group, pooling=unlike), tmp_path)
     assert 'id="unlike"' in text
     assert 'href="#unlike"' in text
@@ -115,7 +116,7 @@ def test_simulated_bodies_are_counted_where_results_are_read(tmp_path):
     for name, origin in (("brain", "FreeSurfer"), ("model", "simulation")):
         write_analysis([made_measures(name=name, origin=origin)], results[name], report=False)
         write_record(tmp_path / "records" / f"{name}.json", "key", {}, results=True, files={"report.html": "0"})
-    assert write_tables(tmp_path, tmp_path, results).simulated == 1
+    assert write_group(tmp_path, results).simulated == 1
 
 
 # --- groups of all kinds

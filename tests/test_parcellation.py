@@ -6,13 +6,13 @@ import shutil
 import numpy as np
 import pytest
 from commands import refused
-from made_cohort import HereFleet, participants, quick_measure, write_subject
+from made_cohort import HereWorkers, participants, quick_measure, write_subject
 
 from morphofold.cli import main
 from morphofold.errors import Mismatch, MissingPart
 from morphofold.group.group_tables import read_results
 from morphofold.group.participant import measure_participant
-from morphofold.group.running import run_tasks
+from morphofold.group.workers import run_tasks
 from morphofold.io import read_annotation, read_cortex, read_surface, sample_path, write_annotation, write_surface
 from morphofold.shapes import icosphere
 from morphofold.spheres.parcellation import check_template, read_parcellated
@@ -155,10 +155,10 @@ def test_in_a_cohort_it_is_an_input_like_others(bert, halves, tmp_path, monkeypa
 
     def measured(run):
         people = participants([own, bert], out, run, options={"annotation_from": str(halves)})
-        return [one.state for one in run_tasks(HereFleet(), measure_participant, people)]
+        return [one.state for one in run_tasks(HereWorkers(), measure_participant, people)]
 
     assert measured("1") == ["done", "done"]
-    names = [read_results(out / "subjects" / name).hows[0][-1] for name in ("anna", "bert")]
+    names = [read_results(out / "subjects" / name).summary["surfaces"][0]["annotation"] for name in ("anna", "bert")]
     assert names == ["aparc", "aparc.halves"]  # so that they are not pooled
     assert measured("2") == ["reused", "reused"]
     shutil.copy(halves / "label" / "lh.aparc.whole.annot", halves / "label" / "lh.aparc.annot")

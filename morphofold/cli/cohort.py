@@ -17,17 +17,16 @@ from morphofold.cli.options import Answer, Bids, Cohort, ManySubjects, sides
 from morphofold.cli.printing import progress
 from morphofold.errors import NamedTwice
 from morphofold.forecasts.cost import memory_of_analysis
+from morphofold.group.common_scales import SCALES_FILE, earlier_scales, scales_of
 from morphofold.group.covariates import NO_COVARIATES, Covariates, find_covariates
 from morphofold.group.design import names_of_row
-from morphofold.group.fleet import Fleet
-from morphofold.group.group_files import GROUP_FOLDER, write_group
-from morphofold.group.group_tables import TAKEN_COLUMNS, Group
+from morphofold.group.group_tables import GROUP_FOLDER, TAKEN_COLUMNS, Group, write_group
 from morphofold.group.participant import Participant, measure_participant
-from morphofold.group.scales import SCALES_FILE, kept_scales, scales_of, with_scales
 from morphofold.group.space import SPACES, Mapped, map_participant, write_space
 from morphofold.group.subjects import find_subjects, folder_of, left_out_words, named_subjects
 from morphofold.group.tasks import Outcome, TaskFolder
 from morphofold.group.template_space import Template, template
+from morphofold.group.workers import Workers
 from morphofold.io import begin_collection, read_surface, refuse_foreign, refuse_no_collection
 from morphofold.io.cortices import cortex_files, hemispheres
 from morphofold.io.folders import alone, refuse_overlap
@@ -105,27 +104,27 @@ def run_cohort(
     out = out.absolute()
     results = _results_folders(out, subjects)
     covariates = covariates.of_sessions(results)
-    kept_scales(out)  # refuses before hours of work
+    earlier_scales(out)  # refuses before hours of work
     with ExitStack() as locks:
         need = max(_memory_needed(subject, args) for subject in subjects[:SUBJECTS_READ_FOR_MEMORY])
-        with open_workers(args, need) as fleet:
+        with open_workers(args, need) as workers:
             if args.layout == "bids":  # nothing is written where there are no workers
                 begin_dataset(out, ignoring=("group", "logs", "records", "lock", SPACES, SCALES_FILE))
             else:
                 begin_collection(out, "cohort")
             if group:
                 locks.enter_context(alone(out))
-            print_note(f"{len(subjects)} subjects, {fleet.words}", args)
+            print_note(f"{len(subjects)} subjects, {workers.label}", args)
             if None in (args.curvature_scale, args.gyral_width):
                 with progress("scales", args.quiet) as show:
-                    scales = scales_of(out, fleet, everyone, show)
+                    scales = scales_of(out, workers, everyone, show)
                 if scales is not None:
-                    print_note(scales.words, args)
-                subjects = [replace(subject, options=with_scales(subject.options, scales)) for subject in subjects]
-            outcomes = run_with_progress(fleet, "cohort", measure_participant, subjects, args)
+                    print_note(scales.label, args)
+                    subjects = [replace(subject, options=scales.fill(subject.options)) for subject in subjects]
+            outcomes = run_with_progress(workers, "cohort", measure_participant, subjects, args)
             mapped, lines = dict[str, Failures](), list[str]()
             if space is not None:
-                mapped["mapped"], lines = _map_on_template(fleet, space, subjects, out, args, covariates)
+                mapped["mapped"], lines = _map_on_template(workers, space, subjects, out, args, covariates)
         if group:
             more["remarks"] = write_group_and_notes(out, results, args, covariates, outcomes).remarks_on_group
     page = out / GROUP_FOLDER / "report.html" if group else out
@@ -148,7 +147,7 @@ def write_group_and_notes(
 
 
 def _map_on_template(
-    fleet: Fleet,
+    workers: Workers,
     space: Template,
     subjects: Sequence[Participant],
     out: Path,
@@ -164,7 +163,7 @@ def _map_on_template(
         Mapped(s.name, s.folder, s.place, str(s.results), TaskFolder(str(folder), s.name, s.place.run), space)
         for s in subjects
     ]
-    outcomes = run_with_progress(fleet, space.name, map_participant, tasks, args)
+    outcomes = run_with_progress(workers, space.name, map_participant, tasks, args)
     write_space(folder, space, tasks, covariates)
     missing = {outcome.name: outcome.failures for outcome in outcomes}
     lines = failure_lines(missing, f" is not on {space.name}")

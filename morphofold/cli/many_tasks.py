@@ -12,25 +12,22 @@ from typing import Any
 
 from morphofold.cli.options import Answer, ManyTasks
 from morphofold.cli.printing import print_line, progress
-from morphofold.group import fleet as fleets
-from morphofold.group.running import Task, run_tasks
+from morphofold.group import workers as running
 from morphofold.group.tasks import Outcome
 
 Failures = Mapping[str, Mapping[str, str]]  # by task and part, a reason
 
 
-def open_workers(args: ManyTasks, need: float) -> AbstractContextManager[fleets.Fleet]:
+def open_workers(args: ManyTasks, need: float) -> AbstractContextManager[running.Workers]:
     """The workers that the options name, each of which needs the memory ``need`` [GiB]."""
-    return fleets.open_fleet(
-        workers=args.workers, threads=args.threads, memory=args.memory, scheduler=args.scheduler, need=need
-    )
+    return running.open_workers(args.workers, args.threads, args.memory, args.scheduler, need)
 
 
 def run_with_progress(
-    fleet: fleets.Fleet, label: str, work: Callable[[Any], Outcome], tasks: Sequence[Task], args: ManyTasks
+    workers: running.Workers, label: str, work: Callable[[Any], Outcome], tasks: Sequence[running.Task], args: ManyTasks
 ) -> list[Outcome]:
     with progress(label, args.quiet) as show:
-        return run_tasks(fleet, work, tasks, show, lambda text: print_note(text, args))
+        return running.run_tasks(workers, work, tasks, show, lambda text: print_note(text, args))
 
 
 def print_note(text: str, args: ManyTasks) -> None:

@@ -162,13 +162,14 @@ class ManyTasks(Measuring, Printing):
     """Options of commands that measure many bodies on several workers."""
 
     on_interrupt = " Run it again to go on."
+    rules: ClassVar[tuple[str, ...]] = ("--scheduler excludes --workers --memory",)
     no_report: Flag = False
     """No page for each subject or run; the page of them all is written."""
-    workers: Annotated[MaybeWhole, WORKERS] = None
+    workers: Annotated[MaybeWhole, WORKERS, within(1, math.inf)] = None
     """Processes (default: as many as cores and memory allow)."""
-    threads: Annotated[Whole, WORKERS] = 1
+    threads: Annotated[Whole, WORKERS, within(1, math.inf)] = 1
     """Threads of each worker."""
-    memory: Annotated[float | None, WORKERS] = None
+    memory: Annotated[float | None, WORKERS, within(1e-6, 1e6)] = None
     """Memory of a worker [GiB]; one that takes more is stopped and starts again (default: its share of the machine)."""
     scheduler: Annotated[str | None, WORKERS] = None
     """Address of a running Dask cluster, such as tcp://host:8786."""
@@ -388,7 +389,7 @@ class Cohort(ManySubjects):
     - `morphofold cohort $SUBJECTS_DIR -o study --space fsaverage5 --smooth 10`
     """
 
-    rules = ("--smooth needs --space", "--xhemi needs --space")
+    rules = (*ManyTasks.rules, "--smooth needs --space", "--xhemi needs --space")
     subjects_dir: Path
     """Folder that holds the subjects."""
     _: KW_ONLY
@@ -529,7 +530,7 @@ class Sweep(ManyTasks):
     vary: Texts = ()
     """KEY=VALUE,...: a key of the scene and its values, e.g. mu_ratio=1,2,4 or growth.final=1.6,1.8; may be
     repeated."""
-    seeds: MaybeWhole = None
+    seeds: Annotated[MaybeWhole, within(1, math.inf)] = None
     """Seeds 0 to this number less 1 at every point (default: the scene's)."""
     set: Texts = ()
     """Change one value of the scene for all runs, TABLE.KEY=VALUE, e.g. accuracy.level=draft; may be repeated."""

@@ -14,8 +14,8 @@ from morphofold.cli.printing import progress
 from morphofold.forecasts import forecast
 from morphofold.forecasts.forecasting import table_of
 from morphofold.group.grid import Grid, make_grid
-from morphofold.group.group_files import GROUP_FOLDER
-from morphofold.group.phases import theory_by_place, write_sweep
+from morphofold.group.group_tables import GROUP_FOLDER
+from morphofold.group.phases import theory_by_point, write_sweep
 from morphofold.group.sweep import Run, grow_and_measure, memory_of_run
 from morphofold.group.tasks import TaskFolder
 from morphofold.io import begin_collection, refuse_foreign, refuse_no_collection
@@ -42,13 +42,13 @@ def run(args: Sweep) -> Answer:
     ]
     need = max(memory_of_run(run.scene, args.accuracy, not args.no_report) for run in runs)
     with ExitStack() as locks:
-        with open_workers(args, need) as fleet:
+        with open_workers(args, need) as workers:
             begin_collection(out, "sweep")  # nothing is written where there are no workers
             locks.enter_context(alone(out))
-            print_note(f"{len(runs)} runs, {fleet.words}", args)
-            outcomes = run_with_progress(fleet, "sweep ", grow_and_measure, runs, args)
+            print_note(f"{len(runs)} runs, {workers.label}", args)
+            outcomes = run_with_progress(workers, "sweep ", grow_and_measure, runs, args)
             with progress("theory", args.quiet) as show:
-                theory = theory_by_place(fleet, grid, show)
+                theory = theory_by_point(workers, grid, show)
         with progress("phases", args.quiet) as show:
             phases = write_sweep(out, grid, theory, outcomes, report=phase_report, progress=show)
     unhealthy = {run.point.name: run.warnings for run in phases.runs if run.warnings}

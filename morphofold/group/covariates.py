@@ -24,9 +24,8 @@ class Covariates:
         longitudinal run those of its time point."""
         person, session = person_and_session(subject)
         row = next((self.rows[name] for name in names_of_row(subject) if name in self.rows), {})
-        return {
-            column: row.get(column, {PERSON: person, "session": session or None}.get(column)) for column in self.columns
-        }
+        values = {PERSON: person, "session": session or None, **row}
+        return {column: values.get(column) for column in self.columns}
 
     def person(self, subject: str) -> str:
         """The person of a subject: by the column ``person``, else by its name."""
@@ -43,37 +42,27 @@ class Covariates:
 NO_COVARIATES = Covariates()
 
 
-def find_covariates(given: str | Path | None, folders: Iterable[Path], taken: Iterable[str]) -> Covariates:
-    """Covariates from the file ``given``, else from the first of ``folders`` with a participants.tsv, else none.
+def find_covariates(file: Path | None, folders: Iterable[Path] = (), taken: Iterable[str] = ()) -> Covariates:
+    """Covariates from a table of participants, ``file``, else from the first of ``folders`` with one, else none.
+
+    A column is of whole numbers, of numbers or of text, as all its values are.
 
     Raises
     ------
     FileNotFoundError
-        If the file given does not exist.
+        If ``file`` does not exist.
     ValueError
         If it is not a table of participants, names a subject twice, or a column has one of the names ``taken``.
     """
-    there = [folder / PARTICIPANTS_FILE for folder in folders if (folder / PARTICIPANTS_FILE).is_file()]
-    files = [Path(given)] if given is not None else there
-    return read_covariates(files[0], taken) if files else NO_COVARIATES
-
-
-def read_covariates(path: Path, taken: Iterable[str] = ()) -> Covariates:
-    """Covariates from a table of participants; raises as :func:`find_covariates`.
-
-    A column is of whole numbers, of numbers or of text, as all its values are.
-    """
+    files = (folder / PARTICIPANTS_FILE for folder in folders)
+    path = file or next(filter(Path.is_file, files), None)
+    if path is None:
+        return NO_COVARIATES
     table = read_participants(path).convert_dtypes()  # whole numbers stay whole where some are missing
     if twice := sorted({*table.columns} & {*taken}):
         raise NamedTwice(
             f"{path}: the column {twice[0]} has the name of a column of the group's tables. Rename it, or give another "
             "table with --participants."
         )
-    values = table.astype(object).where(table.notna(), None)
-    rows = {str(name): {column: _plain(row[column]) for column in table.columns} for name, row in values.iterrows()}
-    return Covariates(tuple(map(str, table.columns)), rows)
-
-
-def _plain(value: Any) -> Any:
-    """Truth values as the words True and False: in tables they would be 1 and 0."""
-    return str(value) if isinstance(value, bool) else value
+    table = table.astype(dict.fromkeys(table.select_dtypes("boolean"), "string"))  # in tables they would be 1 and 0
+    return Covariates(tuple(table.columns), table.astype(object).where(table.notna(), None).to_dict("index"))

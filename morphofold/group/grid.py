@@ -1,7 +1,5 @@
 """The grid of a sweep: varied keys of a scene, their values, and the scene of every point and seed."""
 
-from __future__ import annotations
-
 import difflib
 import hashlib
 import itertools
@@ -10,10 +8,13 @@ import re
 import tomllib
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from pydantic import BaseModel
 
 from morphofold.errors import (
     DoesNotApply,
@@ -21,7 +22,6 @@ from morphofold.errors import (
     NothingToDo,
     NotReadable,
     OptionsClash,
-    OutOfRange,
     Refusal,
     TooLarge,
     UnknownName,
@@ -31,10 +31,6 @@ from morphofold.sim.scene import MeshFile, Scene
 from morphofold.sim.scene.effects import effects_of
 from morphofold.sim.scene.files import load_scene, toml_value
 from morphofold.sim.scene.problems import with_notes
-from morphofold.words import in_one_line
-
-if TYPE_CHECKING:
-    from pydantic import BaseModel
 
 SEED_KEY = "effects.perturbation.seed"
 MOST_RUNS = 10_000
@@ -45,14 +41,14 @@ MOST_PROBLEMS_LISTED = 20  # most problems listed for a grid
 @dataclass(frozen=True)
 class Axis:
     """A varied key, such as ``"geometry.cortex_thickness"``; ``label`` is its name in tables and pages, and ``values``
-    are plain: numbers, text, booleans, tuples."""
+    are plain: numbers, text, booleans, lists."""
 
     key: str
     label: str
     values: tuple[Any, ...]
 
     @property
-    def words(self) -> tuple[str, ...]:
+    def texts(self) -> tuple[str, ...]:
         """The values as text for pages."""
         return tuple(value if isinstance(value, str) else toml_value(value) for value in self.values)
 
@@ -116,32 +112,26 @@ def make_grid(
     """
     base = load_scene(source, settings)
     keys = keys_of(base)
-    given = [_parse_axis(text, keys) for text in vary]
-    twice = [key for key, count in Counter(key for key, _ in given).items() if count > 1]
-    if twice:
-        raise NamedTwice(f"--vary {twice[0]} is given twice. Give all its values at once, as {twice[0]}=1,2,3.")
-    if seeds is not None and seeds < 1:
-        raise OutOfRange(f"--seeds {seeds}: must be 1 or more.")
-    if seeds is not None and seeds > MOST_RUNS:  # before they are listed
-        raise _too_many_runs(seeds)
-    if seeds is not None and SEED_KEY in dict(given):
+    varied = [_parse_axis(text, keys) for text in vary]
+    values_of = dict(varied)
+    if len(values_of) < len(varied):
+        key = Counter(key for key, _ in varied).most_common(1)[0][0]
+        raise NamedTwice(f"--vary {key} is given twice. Give all its values at once, as {key}=1,2,3.")
+    seed_values = values_of.pop(SEED_KEY, None)
+    if seeds is not None and seed_values is not None:
         raise OptionsClash(f"--seeds {seeds}: --vary also gives seeds. Leave one of them out.")
-    own = dict(given).pop(SEED_KEY, None) or (tuple(range(seeds)) if seeds is not None else None)
-    short = {key: key.rpartition(".")[2] for key in keys}
-    alike = Counter(short.values())
-    axes = tuple(
-        Axis(key, short[key] if alike[short[key]] == 1 else key, values) for key, values in given if key != SEED_KEY
-    )
-    if not axes and own is None:
+    if seeds is None and not varied:
         raise NothingToDo("nothing is varied. Pass --vary KEY=VALUE,VALUE or --seeds N.")
-    count = math.prod(len(axis.values) for axis in axes) * len(own or (0,))
+    count = math.prod(map(len, values_of.values())) * (len(seed_values or (0,)) if seeds is None else seeds)
     if count > MOST_RUNS:
-        raise _too_many_runs(count)
-    return Grid(base.name, axes, *_grid_points(source, settings, axes, own))
-
-
-def _too_many_runs(count: int) -> TooLarge:
-    return TooLarge(f"{count:,} runs are more than {MOST_RUNS:,}. Vary fewer values.")
+        raise TooLarge(f"{count:,} runs are more than {MOST_RUNS:,}. Vary fewer values.")
+    short = Counter(key.rpartition(".")[2] for key in keys)
+    axes = tuple(
+        Axis(key, name if short[name := key.rpartition(".")[2]] == 1 else key, values)
+        for key, values in values_of.items()
+    )
+    points = _grid_points(source, settings, axes, seed_values if seeds is None else range(seeds))
+    return Grid(base.name, axes, tuple(dict.fromkeys(point.seed for point in points)), points)
 
 
 # keys and values ---------------------------------------------------------------------------------------------
@@ -150,112 +140,88 @@ def _too_many_runs(count: int) -> TooLarge:
 def keys_of(scene: Scene) -> list[str]:
     """``table.key`` of all keys that a scene of this shape may have."""
     tables: dict[str, type[BaseModel]] = {
-        "geometry": type(scene.geometry),
-        "material": type(scene.material),
-        "growth": type(scene.growth),
+        **{name: type(getattr(scene, name)) for name in ("geometry", "material", "growth")},
         **{f"effects.{name}": options for name, options in effects_of(scene.geometry.shape).items()},
-        "accuracy": type(scene.accuracy),
-        "output": type(scene.output),
+        **{name: type(getattr(scene, name)) for name in ("accuracy", "output")},
     }
     return [f"{table}.{key}" for table, model in tables.items() for key in model.model_fields]
 
 
 def _parse_axis(text: str, keys: Sequence[str]) -> tuple[str, tuple[Any, ...]]:
     """Key and values of ``KEY=VALUE,VALUE``."""
-    asked, equals, rest = (part.strip() for part in text.partition("="))
-    if not asked or not equals or not rest:
+    name, _, rest = (part.strip() for part in text.partition("="))
+    if not name or not rest:
         raise NotReadable(f"--vary {text!r}: must be KEY=VALUE,VALUE, as cortex_thickness=1,2,3.")
-    found = [key for key in keys if key == asked or key.endswith(f".{asked}")]
-    if not found:
-        names = {name: key for key in keys for name in (key, key.rpartition(".")[2])}
-        near = [name for name in names if name.startswith(asked)] or difflib.get_close_matches(asked, names, n=1)
+    matches = [name] if name in keys else [key for key in keys if key.endswith(f".{name}")]
+    if not matches:
+        names = [part for key in keys for part in (key, key.rpartition(".")[2])]
+        near = [part for part in names if part.startswith(name)] or difflib.get_close_matches(name, names, n=1)
         hint = f"Did you mean {near[0]}?" if near else "morphofold scenes SCENE prints the keys of a scene."
-        raise UnknownName(f"--vary {asked}: this scene has no such key. {hint}")
-    if len(found) > 1 and asked not in found:
-        tables = [key.rpartition(".")[0] for key in found]
-        raise UnknownName(
-            f"--vary {asked}: is a key of {' and of '.join(tables)}. Give the table too, as {found[0]}={rest}."
-        )
-    key = asked if asked in found else found[0]
-    values = tuple(_lists_as_tuples(value) for value in _parse_values(rest, key))
-    twice = [value for i, value in enumerate(values) if value in values[:i]]
-    if twice:
-        raise NamedTwice(f"--vary {key}: lists {toml_value(twice[0])} twice. List each value once.")
-    return key, values
+        raise UnknownName(f"--vary {name}: this scene has no such key. {hint}")
+    if len(matches) > 1:
+        tables = " and of ".join(key.rpartition(".")[0] for key in matches)
+        raise UnknownName(f"--vary {name}: is a key of {tables}. Give the table too, as {matches[0]}={rest}.")
+    values = _parse_values(rest, matches[0])
+    if twice := [value for i, value in enumerate(values) if value in values[:i]]:
+        raise NamedTwice(f"--vary {matches[0]}: lists {toml_value(twice[0])} twice. List each value once.")
+    return matches[0], tuple(values)
 
 
 def _parse_values(text: str, key: str) -> list[Any]:
     """TOML values between commas; a bare word is text, as in --set."""
-    try:
-        return list(_parse_toml(f"[{text}]"))
-    except ValueError:
-        pass
-    parts = [part.strip() for part in text.split(",")]
-    wrong = [part for part in parts if not re.fullmatch(r"[\w.+-]+", part)]
-    if wrong:
-        raise NotReadable(f"--vary {key}: {wrong[0]!r} is not a value. Separate TOML values by commas, as {key}=1,2.")
-    values = []
-    for part in parts:
+    values: list[Any] = []
+    with suppress(ValueError):
+        return list(tomllib.loads(f"v = [{text}]")["v"])
+    for part in map(str.strip, text.split(",")):
         try:
-            values.append(_parse_toml(part))
+            values.append(tomllib.loads(f"v = {part}")["v"])
         except ValueError:
+            if not re.fullmatch(r"[\w.+-]+", part):
+                raise NotReadable(
+                    f"--vary {key}: {part!r} is not a value. Separate TOML values by commas, as {key}=1,2."
+                ) from None
             values.append(part)
     return values
-
-
-def _parse_toml(text: str) -> Any:
-    try:
-        found = tomllib.loads(f"v = {text}")
-    except RecursionError:
-        raise NotReadable("nested too deeply") from None
-    if list(found) != ["v"]:
-        raise NotReadable("more than one value")
-    return found["v"]
-
-
-def _lists_as_tuples(value: Any) -> Any:
-    return tuple(map(_lists_as_tuples, value)) if isinstance(value, list) else value
 
 
 # points ------------------------------------------------------------------------------------------------------
 
 
 def _grid_points(
-    source: str | Path | Scene, settings: Sequence[str], axes: tuple[Axis, ...], seeds: tuple[int, ...] | None
-) -> tuple[tuple[int | None, ...], tuple[SweepPoint, ...]]:
-    """Seeds and points of a grid; raises as :func:`make_grid`."""
-    problems: dict[str, list[str]] = {}
-    kinds: list[type[Refusal]] = []  # kinds of the problems, in order of appearance
-    meshes: dict[str, Exception | None] = {}
-    found: list[tuple[str, tuple[int, ...], int | None, Scene]] = []
+    source: str | Path | Scene, settings: Sequence[str], axes: tuple[Axis, ...], seeds: Sequence[Any] | None
+) -> tuple[SweepPoint, ...]:
+    """The points of a grid; raises as :func:`make_grid`."""
+    problems: dict[str, list[str]] = {}  # the points that have each
+    kind: type[Refusal] | None = None  # of the first problem
+    points: list[SweepPoint] = []
     for at in itertools.product(*(range(len(axis.values)) for axis in axes)):
-        put = [f"{axis.key}={toml_value(axis.values[i])}" for axis, i in zip(axes, at)]
+        varied = [f"{axis.key}={toml_value(axis.values[i])}" for axis, i in zip(axes, at)]
         try:
-            for seed, scene in _scene_with_seeds(source, [*settings, *put], seeds):
-                name = _point_name(axes, at, seed)
-                if error := _mesh_file_error(scene, meshes):
-                    kinds.append(_refusal_type(error))
-                    problems.setdefault(in_one_line(error), []).append(name)
-                found.append((name, at, seed, scene))
+            for seed, scene in _scene_with_seeds(source, [*settings, *varied], seeds):
+                points.append(SweepPoint(_point_name(axes, at, seed), at, seed, scene))
         except (ValueError, FileNotFoundError) as error:
-            kinds.append(_refusal_type(error))
+            kind = kind or (type(error) if isinstance(error, Refusal) else NotReadable)
             for line in (str(error), *getattr(error, "__notes__", ())):
                 problems.setdefault(line, []).append(_point_name(axes, at, None) or "the scene")
-    if problems:
-        lines = [f"{_first_names(names)}: {line}" for line, names in problems.items()]
+    if kind is not None:
+        lines = [
+            f"{', '.join(names[:2])}{f' and {len(names) - 2} more' if len(names) > 2 else ''}: {line}"
+            for line, names in problems.items()
+        ]
         more = [f"{len(lines) - MOST_PROBLEMS_LISTED} more problems."] if len(lines) > MOST_PROBLEMS_LISTED else []
-        raise with_notes(lines[:MOST_PROBLEMS_LISTED] + more, kinds[0])
-    own = _distinct_folder_names([name for name, *_ in found])
-    points = [
-        SweepPoint(name, at, seed, scene.model_copy(update={"name": name}))
-        for name, (_, at, seed, scene) in zip(own, found)
-    ]
-    return tuple(dict.fromkeys(point.seed for point in points)), tuple(points)
+        raise with_notes(lines[:MOST_PROBLEMS_LISTED] + more, kind)
+    for scene in {p.scene.geometry.file: p.scene for p in points if isinstance(p.scene.geometry, MeshFile)}.values():
+        inputs_of(scene)  # raises if the mesh can't be read
+    names = _distinct_folder_names([point.name for point in points])
+    return tuple(
+        replace(point, name=name, scene=point.scene.model_copy(update={"name": name}))
+        for point, name in zip(points, names)
+    )
 
 
 def _scene_with_seeds(
-    source: str | Path | Scene, settings: list[str], seeds: tuple[int, ...] | None
-) -> Iterator[tuple[int | None, Scene]]:
+    source: str | Path | Scene, settings: list[str], seeds: Sequence[Any] | None
+) -> Iterator[tuple[Any, Scene]]:
     """The scene with each seed; without ``seeds``, with its own seed or none."""
     scene = load_scene(source, settings)
     imperfect = scene.effects.get("perturbation")
@@ -271,24 +237,6 @@ def _scene_with_seeds(
         yield seed, load_scene(source, [*settings, f"{SEED_KEY}={toml_value(seed)}"])
 
 
-def _refusal_type(error: Exception) -> type[Refusal]:
-    return type(error) if isinstance(error, Refusal) else NotReadable
-
-
-def _mesh_file_error(scene: Scene, known: dict[str, Exception | None]) -> Exception | None:
-    """Why a scene's mesh file cannot be read, checked once per file; None if it can be."""
-    if not isinstance(scene.geometry, MeshFile):
-        return None
-    file = scene.geometry.file
-    if file not in known:
-        try:
-            inputs_of(scene)
-            known[file] = None
-        except (ValueError, OSError) as error:
-            known[file] = error
-    return known[file]
-
-
 def _point_name(axes: Sequence[Axis], at: Sequence[int], seed: int | None) -> str:
     """A name from the values: ``cortex_thickness-1_mu_ratio-2_seed-0``."""
     parts = [f"{axis.label}-{_value_in_name(axis.values[i])}" for axis, i in zip(axes, at)]
@@ -296,7 +244,7 @@ def _point_name(axes: Sequence[Axis], at: Sequence[int], seed: int | None) -> st
 
 
 def _value_in_name(value: Any) -> str:
-    if isinstance(value, tuple):
+    if isinstance(value, list):
         return "x".join(map(_value_in_name, value))
     if isinstance(value, bool):
         return str(value).lower()
@@ -314,8 +262,3 @@ def _distinct_folder_names(names: Sequence[str]) -> list[str]:
         else f"{name[: LONGEST_NAME - 9]}-{hashlib.sha256(f'{i} {name}'.encode()).hexdigest()[:8]}"
         for i, name in enumerate(names)
     ]
-
-
-def _first_names(names: Sequence[str]) -> str:
-    names = list(dict.fromkeys(names))
-    return ", ".join(names[:2]) + (f" and {len(names) - 2} more" if len(names) > 2 else "")

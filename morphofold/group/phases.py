@@ -2,32 +2,36 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import closing
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import groupby
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from morphofold.analysis.measures import SCALARS
-from morphofold.group.fleet import Fleet, Job, Lost
 from morphofold.group.grid import Grid, SweepPoint
-from morphofold.group.group_tables import TidyWriter, read_results, refuse_changed, what_became
-from morphofold.group.sweep import folder_of
+from morphofold.group.group_tables import GROUP_FOLDER, read_results, refuse_changed, what_became, write_measures
+from morphofold.group.sweep import RUNS_FOLDER
 from morphofold.group.tasks import Outcome, read_record
+from morphofold.group.workers import Lost, Workers
 from morphofold.io import atomic_folder, read_surface
 from morphofold.progress import Progress, silent
+from morphofold.provenance import Row
+from morphofold.sim import theory
 from morphofold.sim.output.stages import read_health
 from morphofold.sim.scene import Patch, Radial, Scene, Sphere, Strip
-from morphofold.sim.scene.geometries import Geometry
+from morphofold.sim.sphere_theory.smooth_sphere import ConvergenceError
 from morphofold.tables import write_table
 from morphofold.words import in_one_line
 
-GROUP_FOLDER = "group"
 HINGES_PER_AREA = "hinges_per_1000_mm2"
 AREA_OVER_FLAT = "area_over_flat"
 RUN_MEASURES = (*SCALARS, HINGES_PER_AREA, AREA_OVER_FLAT)
+THEORY_COLUMNS = ("final_growth", "g_crit", "g_crease", "wavelength_mm", "reason")
+GridIndex = tuple[int, ...]  # of a point: the index of its value on each axis
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,15 +84,12 @@ class Phases:
 
     grid: Grid
     runs: tuple[RunResult, ...]
-    theory: Mapping[tuple[int, ...], SphereTheory]
+    theory: Mapping[GridIndex, SphereTheory]
 
     @cached_property
-    def at(self) -> dict[tuple[int, ...], list[RunResult]]:
+    def at(self) -> dict[GridIndex, list[RunResult]]:
         """The runs of each point, one per seed."""
-        found: dict[tuple[int, ...], list[RunResult]] = {}
-        for run in self.runs:
-            found.setdefault(run.point.at, []).append(run)
-        return found
+        return {at: list(runs) for at, runs in groupby(self.runs, key=lambda run: run.point.at)}
 
 
 DrawReport = Callable[[Phases, Path, Progress], object]
@@ -100,15 +101,12 @@ DrawReport = Callable[[Phases, Path, Progress], object]
 def theory_of(scene: Scene) -> SphereTheory:
     """First wrinkles of a scene's sphere in theory, by :func:`morphofold.sim.theory.bifurcation` with its thickness,
     radius, hole, moduli and growth law."""
-    from morphofold.sim import theory
-    from morphofold.sim.sphere_theory.smooth_sphere import ConvergenceError
-
     if scene.beyond_theory:
         return SphereTheory(reason=scene.beyond_theory)
     geometry = scene.geometry
     assert isinstance(geometry, Sphere | Radial)
     try:
-        found = theory.bifurcation(
+        wrinkles = theory.bifurcation(
             geometry.cortex_thickness / geometry.radius,
             scene.material.mu_ratio,
             scene.growth.law,
@@ -117,20 +115,20 @@ def theory_of(scene: Scene) -> SphereTheory:
         )
     except (ValueError, ConvergenceError) as error:
         return SphereTheory(reason=in_one_line(error))
-    return SphereTheory(found.g_crit, found.g_crease, found.wavelength_deformed * geometry.radius, found.reason)
+    wavelength = wrinkles.wavelength_deformed * geometry.radius
+    return SphereTheory(wrinkles.g_crit, wrinkles.g_crease, wavelength, wrinkles.reason)
 
 
-def theory_by_place(fleet: Fleet, grid: Grid, show: Progress = silent) -> dict[tuple[int, ...], SphereTheory]:
-    """Theory of every point of a grid, computed once per sphere, on the workers of a fleet."""
+def theory_by_point(workers: Workers, grid: Grid, progress: Progress = silent) -> dict[GridIndex, SphereTheory]:
+    """Theory of every point of a grid, computed once per sphere, on the workers."""
     spheres = {at: _theory_parameters(scene) for at, scene in grid.scenes.items()}
-    wanted = {spheres[at]: scene for at, scene in grid.scenes.items()}
-    found: dict[str, SphereTheory] = {}
-    for job, outcome in fleet.run(theory_of, [Job(f"theory {i}", scene) for i, scene in enumerate(wanted.values())]):
-        found[_theory_parameters(job.argument)] = (
-            SphereTheory(reason=outcome.reason) if isinstance(outcome, Lost) else outcome
-        )
-        show(len(found) / len(wanted), "theory")
-    return {at: found[key] for at, key in spheres.items()}
+    scenes = {spheres[at]: scene for at, scene in grid.scenes.items()}
+    theories: dict[str, SphereTheory] = {}
+    for scene, outcome in workers.run(theory_of, [*scenes.values()]):
+        lost = isinstance(outcome, Lost)
+        theories[_theory_parameters(scene)] = SphereTheory(reason=outcome.reason) if lost else outcome
+        progress(len(theories) / len(scenes), "theory")
+    return {at: theories[sphere] for at, sphere in spheres.items()}
 
 
 def _theory_parameters(scene: Scene) -> str:
@@ -143,51 +141,38 @@ def _theory_parameters(scene: Scene) -> str:
 
 def read_run(out: Path, point: SweepPoint, outcome: Outcome | None = None) -> RunResult:
     """Read the result of a run from disk; without results, it has the reason. ``outcome``: of a run done just now."""
-    record = read_record(out / "records" / f"{point.name}.json")
-    folder = folder_of(out, point.name)
-    warnings, numbers = _warnings_and_sizes(folder / "simulation")
-    failures, there = what_became(record, outcome, "not run yet. Run the sweep again.")
-    reason = "" if there else " ".join(failures.values()) or "failed; the reason is in its log"
-    if there:
-        try:
-            hemi = getattr(point.scene.geometry, "hemi", "lh")
-            files = ("summary.json", "regions.tsv", f"surf/{hemi}.pial")
-            names = (*(f"analysis/{name}" for name in files), "simulation/health.json")
-            refuse_changed(record, {name: folder / name for name in names})
-            measures, notes, pial = _measures_of_run(folder / "analysis", point.scene.geometry)
-            return RunResult(point, "", measures, notes, warnings, numbers, pial)
-        except (OSError, ValueError, IndexError) as error:
-            reason = in_one_line(error)
-    return RunResult(point, reason, {}, {}, warnings, numbers)
-
-
-def _measures_of_run(analysis: Path, geometry: Geometry) -> tuple[dict[str, float], dict[str, str], Path]:
-    """Measures of a run, reasons for missing ones, and its pial surface."""
-    entry = read_results(analysis).entries[0]
-    pial = analysis / "surf" / f"{entry['hemi']}.pial"
-    measures = {key: float(value) for key in SCALARS if isinstance(value := entry["measures"].get(key), int | float)}
-    area = measures.get("area_pial_mm2")
-    if area and "n_hinges" in measures and not isinstance(geometry, Strip):
-        measures[HINGES_PER_AREA] = 1000 * measures["n_hinges"] / area
-    if area and isinstance(geometry, Patch | Strip):
-        measures[AREA_OVER_FLAT] = area / _area_before_growth(geometry, pial)
-    notes = {key: str(entry["notes"][key]) for key in SCALARS if key not in measures and key in entry["notes"]}
-    return measures, notes, pial
-
-
-def _area_before_growth(geometry: Patch | Strip, pial: Path) -> float:
-    """Area [mm^2] of the flat piece at the start of a patch or strip; the width of a strip is that of its mesh."""
-    if isinstance(geometry, Patch):
-        return geometry.size[0] * geometry.size[1]
-    return geometry.length * float(np.ptp(read_surface(pial).verts[:, 1]))
-
-
-def _warnings_and_sizes(folder: Path) -> tuple[tuple[str, ...], dict[str, int]]:
+    record, folder = read_record(out / "records" / f"{point.name}.json"), out / RUNS_FOLDER / point.name
+    failures, has_results = what_became(record, outcome, "not run yet. Run the sweep again.")
+    result = RunResult(point, " ".join(failures.values()) or "failed; the reason is in its log")
+    with suppress(OSError, ValueError):  # it did not finish
+        health = read_health(folder / "simulation")
+        numbers = {key: value for key, value in health.items() if key in ("elements", "steps")}
+        result = replace(result, warnings=tuple(health["warnings"]), numbers=numbers)
+    if not has_results:
+        return result
     try:
-        health = read_health(folder)
-    except (OSError, ValueError):
-        return (), {}  # it did not finish
-    return tuple(health["warnings"]), {key: health[key] for key in ("elements", "steps") if key in health}
+        hemi = getattr(point.scene.geometry, "hemi", "lh")
+        files = "analysis/summary.json", "analysis/regions.tsv", f"analysis/surf/{hemi}.pial", "simulation/health.json"
+        refuse_changed(record, folder, [folder / name for name in files])
+        return replace(result, reason="", **_measures_of_run(folder / "analysis", point.scene))
+    except (OSError, ValueError, IndexError) as error:
+        return replace(result, reason=in_one_line(error))
+
+
+def _measures_of_run(analysis: Path, scene: Scene) -> Row:
+    """Measures of a run, reasons for missing ones, and its pial surface."""
+    entry, geometry = read_results(analysis).summary["surfaces"][0], scene.geometry
+    pial = analysis / "surf" / f"{entry['hemi']}.pial"
+    measures = {key: float(value) for key in SCALARS if (value := entry["measures"].get(key)) is not None}
+    if area := measures.get("area_pial_mm2"):
+        if "n_hinges" in measures and not isinstance(geometry, Strip):
+            measures[HINGES_PER_AREA] = 1000 * measures["n_hinges"] / area
+        if isinstance(geometry, Patch):
+            measures[AREA_OVER_FLAT] = area / math.prod(geometry.size)
+        if isinstance(geometry, Strip):  # its width is that of its mesh
+            measures[AREA_OVER_FLAT] = area / (geometry.length * float(np.ptp(read_surface(pial).verts[:, 1])))
+    notes = {key: entry["notes"][key] for key in SCALARS if key not in measures and key in entry["notes"]}
+    return {"measures": measures, "notes": notes, "pial": pial}
 
 
 # tables ------------------------------------------------------------------------------------------------------
@@ -196,7 +181,7 @@ def _warnings_and_sizes(folder: Path) -> tuple[tuple[str, ...], dict[str, int]]:
 def write_sweep(
     out: Path,
     grid: Grid,
-    theory: Mapping[tuple[int, ...], SphereTheory],
+    theory: Mapping[GridIndex, SphereTheory],
     outcomes: Sequence[Outcome] = (),
     *,
     report: DrawReport | Literal[False] = False,
@@ -210,7 +195,7 @@ def write_sweep(
     out : Path
         Folder of the sweep.
     grid : Grid
-    theory : mapping of place to SphereTheory
+    theory : mapping of point to SphereTheory
     outcomes : sequence of Outcome
         Outcomes of runs done just now; for others, the records are used.
     report : callable or False
@@ -219,8 +204,9 @@ def write_sweep(
         Called with the share done and the current step.
     """
     with atomic_folder(out / GROUP_FOLDER) as folder:
-        by_name = {one.name: one for one in outcomes}
-        phases = Phases(grid, tuple(read_run(out, point, by_name.get(point.name)) for point in grid.points), theory)
+        by_name = {outcome.name: outcome for outcome in outcomes}
+        runs = tuple(read_run(out, point, by_name.get(point.name)) for point in grid.points)
+        phases = Phases(grid, runs, theory)
         write_tables(phases, folder)
         if report:
             report(phases, folder, progress)
@@ -229,59 +215,40 @@ def write_sweep(
 
 def write_tables(phases: Phases, folder: Path) -> None:
     """Write the tables of a sweep: tidy measures (one row per run and measure), runs with health, theory per point."""
-    axes = {axis.label: float if axis.numeric else str for axis in phases.grid.axes}
-    with closing(TidyWriter(folder, {"run": str, **axes, "seed": int, "measure": str, "value": float})) as writer:
-        writer.write(
-            [
-                (*_run_identity(phases.grid, run.point).values(), key, run.measures.get(key))
-                for run in phases.runs
-                for key in RUN_MEASURES
-                if not run.reason and (key != AREA_OVER_FLAT or key in run.measures)
-            ]
+    grid = phases.grid
+    axes = {axis.label: float if axis.numeric else str for axis in grid.axes}
+    values = {at: _axis_values(grid, at) for at in grid.scenes}
+    tidy, runs, theories = [], [], []
+    for run in phases.runs:
+        name, seed = run.point.name, run.point.seed
+        keys = () if run.reason else RUN_MEASURES if AREA_OVER_FLAT in run.measures else RUN_MEASURES[:-1]
+        tidy += [(name, *values[run.point.at].values(), seed, key, run.measures.get(key)) for key in keys]
+        runs.append(
+            {
+                "run": name,
+                **values[run.point.at],
+                "seed": seed,
+                "state": "failed" if run.reason else "done",
+                "healthy": None if run.reason else not run.warnings,
+                "warnings": "; ".join(run.warnings) or None,
+                "reason": run.reason or None,
+                **run.numbers,
+                "log": f"logs/{name}.log",
+            }
         )
-    write_table(
-        folder / "runs.tsv",
-        ("run", *axes, "seed", "state", "healthy", "warnings", "reason", "elements", "steps", "log"),
-        [_run_row(phases.grid, run) for run in phases.runs],
-    )
-    write_table(
-        folder / "theory.tsv",
-        (*axes, "final_growth", "g_crit", "g_crease", "wavelength_mm", "reason"),
-        [_theory_row(phases, at) for at in phases.grid.places],
-    )
+    for at in grid.places:
+        theory, final = phases.theory[at], grid.scenes[at].growth.final
+        numbers = (final, theory.g_crit, theory.g_crease, theory.wavelength, theory.reason or None)
+        theories.append(values[at] | dict(zip(THEORY_COLUMNS, numbers)))
+    write_measures(folder, {"run": str, **axes, "seed": int, "measure": str, "value": float}, [tidy])
+    columns = ("run", *axes, "seed", "state", "healthy", "warnings", "reason", "elements", "steps", "log")
+    write_table(folder / "runs.tsv", columns, runs)
+    write_table(folder / "theory.tsv", (*axes, *THEORY_COLUMNS), theories)
 
 
-def _run_identity(grid: Grid, point: SweepPoint) -> dict[str, Any]:
-    return {"run": point.name, **_axis_values(grid, point.at), "seed": point.seed}
-
-
-def _axis_values(grid: Grid, at: tuple[int, ...]) -> dict[str, Any]:
+def _axis_values(grid: Grid, at: GridIndex) -> Row:
     """The value on each axis; lists as text."""
     return {
-        axis.label: axis.values[i] if isinstance(axis.values[i], int | float) else axis.words[i]
+        axis.label: axis.values[i] if isinstance(axis.values[i], int | float) else axis.texts[i]
         for axis, i in zip(grid.axes, at)
-    }
-
-
-def _run_row(grid: Grid, run: RunResult) -> dict[str, Any]:
-    return {
-        **_run_identity(grid, run.point),
-        "state": "failed" if run.reason else "done",
-        "healthy": None if run.reason else not run.warnings,
-        "warnings": "; ".join(run.warnings) or None,
-        "reason": run.reason or None,
-        **run.numbers,
-        "log": f"logs/{run.point.name}.log",
-    }
-
-
-def _theory_row(phases: Phases, at: tuple[int, ...]) -> dict[str, Any]:
-    found, scene = phases.theory[at], phases.grid.scenes[at]
-    return {
-        **_axis_values(phases.grid, at),
-        "final_growth": scene.growth.final,
-        "g_crit": found.g_crit,
-        "g_crease": found.g_crease,
-        "wavelength_mm": found.wavelength,
-        "reason": found.reason or None,
     }

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from morphofold.analysis.measures import PARAMETERS, PARAMETERS_OF_SCALAR
@@ -28,7 +29,7 @@ COMMON_VALUE_OPTIONS: Mapping[str, tuple[str, Callable[[Any], Any]]] = {
     "graph_width_mm": ("--gyral-width", np.median),
 }
 
-MeasuringSettings = tuple[Any, ...]  # settings of one hemisphere, in the order of SETTING_NAMES
+Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -40,80 +41,61 @@ class Pooling:
     counts : mapping of parameter to mapping of value to int
         Number of hemispheres by value, for each parameter that differs, the most common value first; empty if all were
         measured with the same settings.
-    alike : mapping of measure to (subjects, 2) bool
+    poolable : mapping of measure to (subjects, 2) bool
         Which values may be pooled; measures without an entry may be pooled completely.
     left_out : mapping of measure to (int, int)
         Number of values not pooled, and of all values; measures that are pooled completely have no entry.
     """
 
     counts: Mapping[str, Mapping[Any, int]] = field(default_factory=dict)
-    alike: Mapping[str, NDArray[np.bool_]] = field(default_factory=dict)
+    poolable: Mapping[str, Bools] = field(default_factory=dict)
     left_out: Mapping[str, tuple[int, int]] = field(default_factory=dict)
 
     def of(self, measure: str, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Values (subjects, 2) of a measure, NaN where they may not be pooled."""
-        return np.where(self.alike[measure], values, np.nan) if measure in self.alike else values
+        return np.where(self.poolable[measure], values, np.nan) if measure in self.poolable else values
 
     @property
     def sentences(self) -> list[str]:
         """Sentences: what differs, and the options to measure the whole group with the same settings."""
+        if not self.counts:
+            return []
         parts = [f"{SETTING_LABELS[key]} {_listed_counts(counts)}" for key, counts in self.counts.items()]
         cures = []
         for key, (option, choice) in COMMON_VALUE_OPTIONS.items():
             counts = {value: n for value, n in self.counts.get(key, {}).items() if value is not None}
             if counts:
                 cures.append(f"{option} {choice(np.repeat(list(counts), list(counts.values()))):.3g}")
-        found = [f"Hemispheres were not measured in the same way: {'; '.join(parts)}."] if parts else []
-        return found + ([f"To measure all in the same way, run it again with {' '.join(cures)}."] if cures else [])
+        cure = [f"To measure all in the same way, run it again with {' '.join(cures)}."] if cures else []
+        return [f"Hemispheres were not measured in the same way: {'; '.join(parts)}.", *cure]
 
 
-def pooling(
-    hows: Sequence[MeasuringSettings], of: NDArray[np.int64], scalars: Mapping[str, NDArray[np.float64]]
-) -> Pooling:
-    """What may be pooled of hemispheres (subjects, 2) with settings ``hows[of]``; ``of`` is -1 where there is none.
+def pooling(settings: pd.DataFrame, scalars: Mapping[str, NDArray[np.float64]]) -> Pooling:
+    """What may be pooled of measures (subjects, 2); ``settings`` have a row for each value, empty without hemisphere.
 
     For each measure, only the parameters that it depends on count. Values with the most common settings are pooled, if
     they are more than half of all values; otherwise none are.
     """
-    if len(hows) < 2:
-        return Pooling()
-    hemispheres = np.bincount(of[of >= 0], minlength=len(hows))
-    counts = {}
-    for k, key in enumerate(SETTING_NAMES):
-        found = Counter({how[k]: 0 for how in hows})
-        for how, n in zip(hows, hemispheres.tolist()):
-            found[how[k]] += n
-        if len(found) > 1:
-            counts[key] = dict(sorted(found.items(), key=lambda item: (-item[1], str(item[0]))))
-    alike, left_out = {}, {}
+    counts, poolable, left_out = {}, {}, {}
+    for key, column in settings.dropna(subset="morphofold")[[*SETTING_NAMES]].items():
+        numbers = Counter(column)
+        if len(numbers) > 1:
+            counts[str(key)] = dict(sorted(numbers.items(), key=lambda item: (-item[1], str(item[0]))))
     for name, values in scalars.items():
-        held = np.isfinite(values) & (of >= 0)
-        kinds, kind = _distinct_settings(hows, PARAMETERS_OF_SCALAR.get(name, PARAMETERS))
-        n = np.bincount(kind[of[held]], minlength=kinds)
-        if held.any() and n.max() < held.sum():
-            pooled = (
-                held & (kind[of] == n.argmax()) if n.max() > LEAST_POOLED_SHARE * held.sum() else np.zeros_like(held)
-            )
-            alike[name], left_out[name] = pooled, (int(held.sum() - pooled.sum()), int(held.sum()))
-    return Pooling(counts, alike, left_out)
+        measured = np.isfinite(values)
+        pooled = measured_alike(settings, PARAMETERS_OF_SCALAR.get(name, PARAMETERS), measured)
+        n, n_pooled = int(measured.sum()), int(pooled.sum())
+        if n_pooled < n:
+            poolable[name], left_out[name] = pooled, (n - n_pooled, n)
+    return Pooling(counts, poolable, left_out)
 
 
-def commonest(counts: Mapping[MeasuringSettings, int]) -> MeasuringSettings | None:
-    """The settings that more than half were measured with; None if there are none."""
-    most = max(counts, key=lambda how: counts[how], default=None)
-    return most if most is not None and counts[most] > LEAST_POOLED_SHARE * sum(counts.values()) else None
-
-
-def settings_among(how: MeasuringSettings, parameters: Sequence[str]) -> MeasuringSettings:
-    """The version and some parameters of the settings ``how``."""
-    return tuple(how[SETTING_NAMES.index(key)] for key in ("morphofold", *parameters))
-
-
-def _distinct_settings(hows: Sequence[MeasuringSettings], parameters: Sequence[str]) -> tuple[int, NDArray[np.int64]]:
-    """Number of different settings with respect to ``parameters``, and the index (N,) of each."""
-    number: dict[MeasuringSettings, int] = {}
-    kind = [number.setdefault(settings_among(how, parameters), len(number)) for how in hows]
-    return len(number), np.array(kind, dtype=np.int64)
+def measured_alike(settings: pd.DataFrame, parameters: Sequence[str], measured: Bools) -> Bools:
+    """Which of the ``measured`` values (subjects, 2) are by the version and the parameters that most are by; none if
+    half or fewer are."""
+    kinds = settings.groupby(["morphofold", *parameters], dropna=False).ngroup().to_numpy().reshape(measured.shape)
+    counts = np.bincount(kinds[measured], minlength=1)
+    return measured & (kinds == counts.argmax()) & (counts.max() > LEAST_POOLED_SHARE * measured.sum())
 
 
 def _listed_counts(counts: Mapping[Any, int]) -> str:

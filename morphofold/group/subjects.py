@@ -1,7 +1,7 @@
 """The subjects of a cohort: found in a folder, or listed in a file."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 from morphofold.errors import NamedTwice, NothingToDo, NotReadable, WrongFile
@@ -32,23 +32,24 @@ def find_subjects(folder: Path) -> tuple[list[str], dict[str, str]]:
         raise FileNotFoundError(f"{folder}: no such folder. Give the folder that contains the subjects.")
     if not folder.is_dir():
         raise NotADirectoryError(f"{folder}: is a file. Give the folder that contains the subjects.")
-    places = [p for p in folder.iterdir() if not p.name.startswith(".")]
-    there = sorted(p.name for p in places if _is_subject(p))
-    nested = [s for p in places if p.name not in there for s in p.glob("ses-*") if p.name.startswith("sub-")]
-    there += sorted(f"{session.parent.name}_{session.name}" for session in nested if _is_subject(session))
-    left_out = dict.fromkeys((name for name in there if name.startswith(TEMPLATE_SUBJECTS)), "template")
-    for visit, long, base in (name.partition(LONG) for name in there):
+    folders = [p for p in folder.iterdir() if not p.name.startswith(".")]
+    names = sorted(p.name for p in folders if _is_subject(p))
+    sessions = [s for p in folders if p.name not in names for s in p.glob("ses-*") if p.name.startswith("sub-")]
+    names += sorted(f"{session.parent.name}_{session.name}" for session in sessions if _is_subject(session))
+    left_out = dict.fromkeys((name for name in names if name.startswith(TEMPLATE_SUBJECTS)), "template")
+    for visit, long, base in (name.partition(LONG) for name in names):
         if long:
-            points = [visit, *_time_points(folder / base)]
-            left_out |= {base: "base template"} | dict.fromkeys(points, "cross-sectional run")
+            file = folder / base / TIME_POINTS
+            points = file.read_text(encoding="utf-8", errors="replace").split() if file.is_file() else []
+            left_out |= {base: "base template"} | dict.fromkeys([visit, *points], "cross-sectional run")
         elif (folder / visit / TIME_POINTS).is_file():
             left_out.setdefault(visit, "base template")
-    found = [name for name in there if name not in left_out]
-    left_out = {name: why for name, why in sorted(left_out.items()) if name in there}
-    if not found:
+    subjects = [name for name in names if name not in left_out]
+    left_out = {name: why for name, why in sorted(left_out.items()) if name in names}
+    if not subjects:
         more = f" except {left_out_words(left_out)}" if left_out else ""
         raise NothingToDo(f"{folder}: contains no subject{more}. A subject has surf/lh.white and surf/lh.pial.")
-    return found, left_out
+    return subjects, left_out
 
 
 def left_out_words(left_out: Mapping[str, str]) -> str:
@@ -61,11 +62,6 @@ def folder_of(source: Path, subject: str) -> Path:
     """Folder of a subject, or of a session, in a folder of subjects."""
     nested = source / subject.replace("_ses-", "/ses-", 1)
     return nested if nested.is_dir() else source / subject
-
-
-def _time_points(base: Path) -> list[str]:
-    file = base / TIME_POINTS
-    return file.read_text(encoding="utf-8", errors="replace").split() if file.is_file() else []
 
 
 def _is_subject(path: Path) -> bool:
@@ -96,15 +92,9 @@ def named_subjects(file: Path) -> list[str]:
     names = [name for line in lines if (name := line.partition("#")[0].strip().rstrip("/"))]
     if not names:
         raise NothingToDo(f"{file}: lists no subject. Write one name per line.")
-    refuse_paths(names, str(file))
+    if paths := [name for name in names if name in (".", "..") or Path(name).name != name]:
+        raise NotReadable(f"{file}: {paths[0]!r} is not a folder name. Give names of subjects, not paths.")
     twice = sorted(name for name, count in Counter(names).items() if count > 1)
     if twice:
         raise NamedTwice(f"{file}: lists {', '.join(twice[:4])}{' ...' * (len(twice) > 4)} twice. List each name once.")
     return names
-
-
-def refuse_paths(names: Sequence[str], where: str) -> None:
-    """Raise ``NotReadable`` if a name is not a folder name."""
-    for name in names:
-        if name in (".", "..") or Path(name).name != name:
-            raise NotReadable(f"{where}: {name!r} is not a folder name. Give names of subjects, not paths.")

@@ -1,24 +1,28 @@
 """One run of a sweep: grow a scene, and measure its last stage as ``analyze`` does."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
-from morphofold.group.measure_options import measure_as_asked
+import numba
+
+from morphofold import results, simulation
+from morphofold.forecasts import sizes as sizing
+from morphofold.forecasts.cost import READING_STAGE, memory_of_analysis
+from morphofold.group.common_scales import measure_as_asked
 from morphofold.group.tasks import INPUT_ERRORS, Outcome, Say, TaskFolder, digest, perform
 from morphofold.io import files_of, remove_folder
 from morphofold.io.files import write_text
 from morphofold.results.analyses import DrawPage
+from morphofold.sim.dynamics import UnstableError
 from morphofold.sim.output.run_files import clear_run, files_of_run, inputs_of
+from morphofold.sim.run import Simulation
 from morphofold.sim.scene import Ellipsoid, MeshFile, Radial, Scene, Sphere, UnfoldedCortex
 from morphofold.sim.scene.files import to_toml
+from morphofold.sim.sphere_theory.smooth_sphere import ConvergenceError
+from morphofold.timing import Stages
 from morphofold.words import in_one_line
-
-if TYPE_CHECKING:
-    from morphofold.sim.run import Simulation
 
 RUNS_FOLDER = "runs"
 
@@ -48,7 +52,7 @@ class Run:
     @property
     def folder(self) -> Path:
         """Folder with its output: ``simulation`` and ``analysis``."""
-        return folder_of(Path(self.place.out), self.place.name)
+        return Path(self.place.out) / RUNS_FOLDER / self.place.name
 
     @property
     def simulation(self) -> Path:
@@ -57,11 +61,6 @@ class Run:
     @property
     def analysis(self) -> Path:
         return self.folder / "analysis"
-
-
-def folder_of(out: Path, name: str) -> Path:
-    """The folder of a run of a sweep."""
-    return out / RUNS_FOLDER / name
 
 
 def grow_and_measure(run: Run) -> Outcome:
@@ -76,9 +75,19 @@ def grow_and_measure(run: Run) -> Outcome:
 
     def files() -> dict[str, Path]:
         parts = {"simulation": files_of_run(run.simulation), "analysis": files_of(run.analysis)}
-        return {f"{part}/{name}": path for part, found in parts.items() for name, path in found.items()}
+        return {f"{part}/{name}": path for part, paths in parts.items() for name, path in paths.items()}
 
-    return perform(run.place, key, files, lambda say, changed: _grow_and_measure_run(run, say, changed))
+    def work(say: Say, changed: list[str]) -> dict[str, str]:
+        run.folder.mkdir(parents=True, exist_ok=True)
+        try:
+            grown = _simulation_of_run(run, say, anew=any(name.startswith("simulation/") for name in changed))
+            _analyse_last_stage(run, grown, say)
+        except (ConvergenceError, UnstableError, *INPUT_ERRORS) as error:
+            remove_folder(run.analysis)  # results of an earlier scene
+            return {"": in_one_line(error)}
+        return {}
+
+    return perform(run.place, key, files, work)
 
 
 def _simulation_digest(scene: Scene) -> str:
@@ -86,26 +95,9 @@ def _simulation_digest(scene: Scene) -> str:
     return digest({"scene": to_toml(scene), "inputs": inputs_of(scene)})
 
 
-def _grow_and_measure_run(run: Run, say: Say, changed: list[str]) -> dict[str, str]:
-    from morphofold.sim.dynamics import UnstableError
-    from morphofold.sim.sphere_theory.smooth_sphere import ConvergenceError
-
-    run.folder.mkdir(parents=True, exist_ok=True)
-    try:
-        _analyse_last_stage(
-            run, _simulation_of_run(run, say, anew=any(name.startswith("simulation/") for name in changed)), say
-        )
-    except (ConvergenceError, UnstableError, *INPUT_ERRORS) as error:
-        remove_folder(run.analysis)  # results of an earlier scene
-        return {"": in_one_line(error)}
-    return {}
-
-
 def _simulation_of_run(run: Run, say: Say, *, anew: bool) -> Simulation:
     """The simulation of a run: continued if it was begun with the same scene, otherwise grown from the start."""
-    from morphofold.simulation import simulate
-
-    now, mark, tenths = _simulation_digest(run.scene), run.folder / "grown-of", [0]
+    folder, mark, now, tenths = run.simulation, run.folder / "grown-of", _simulation_digest(run.scene), [0]
 
     def show(share: float, text: str) -> None:
         if (tenth := int(10 * share)) > tenths[0]:
@@ -113,12 +105,13 @@ def _simulation_of_run(run: Run, say: Say, *, anew: bool) -> Simulation:
             say(f"{share:4.0%}  {text}")
 
     def grow() -> Simulation:
-        return simulate(run.scene, run.simulation, resume=True, threads=_available_threads(run), progress=show)
+        threads = min(run.threads, numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]  # of a running worker
+        return simulation.simulate(run.scene, folder, resume=True, threads=threads, progress=show)
 
-    begun = run.simulation.exists()
-    if begun and (anew or _text_or_empty(mark) != now):
-        say("its files have changed: it is grown again" if anew else "the scene has changed: it is grown again")
-        clear_run(run.simulation)
+    begun = folder.exists()
+    if begun and (anew or not mark.is_file() or mark.read_text("utf-8", errors="replace") != now):
+        say(f"{'its files have' if anew else 'the scene has'} changed: it is grown again")
+        clear_run(folder)
         begun = False
     write_text(mark, now)
     try:
@@ -127,58 +120,38 @@ def _simulation_of_run(run: Run, say: Say, *, anew: bool) -> Simulation:
         if not begun:
             raise
         say(f"{error} It is grown again.")  # the existing files are damaged
-        clear_run(run.simulation)
+        clear_run(folder)
         return grow()
 
 
-def _text_or_empty(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8") if path.is_file() else ""
-    except (OSError, ValueError):
-        return ""
-
-
-def _available_threads(run: Run) -> int:
-    """The requested threads, or as many as an already running worker can have."""
-    import numba
-
-    return min(run.threads, numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined,no-any-return]
-
-
-def _analyse_last_stage(run: Run, simulation: Simulation, say: Say) -> None:
+def _analyse_last_stage(run: Run, grown: Simulation, say: Say) -> None:
     """Write the analysis of the last stage."""
-    from morphofold.forecasts.cost import READING_STAGE
-    from morphofold.results import write_analysis
-    from morphofold.timing import Stages
-
     clock = Stages()
     clock.begin(READING_STAGE)
-    cortex = simulation.cortex()
-    asked = {"hemi": None, "name": None, **run.options}
-    stages = [simulation.cortex(g) for g in simulation.stages] if run.report else []
+    cortex = grown.cortex()
+    stages = [grown.cortex(g) for g in grown.stages] if run.report else []
     clock.end()
-
-    found = measure_as_asked(cortex, run.options, clock, say)
+    measures = measure_as_asked(cortex, run.options, clock, say)
     say("writing")
-    write_analysis([found], run.analysis, parameters=asked, report=run.report, stages=stages, clock=clock)
+    parameters = {"hemi": None, "name": None, **run.options}
+    results.write_analysis(
+        [measures], run.analysis, parameters=parameters, report=run.report, stages=stages, clock=clock
+    )
 
 
 def memory_of_run(scene: Scene, accuracy: str, report: bool) -> float:
     """Expected peak memory of growing and measuring a scene [GiB]; 0 (not known) for a mesh from a file."""
-    from morphofold.forecasts.cost import memory_of_analysis
-    from morphofold.forecasts.sizes import memory_of_run as memory_of_growing
-    from morphofold.forecasts.sizes import sizes_by_rule
-
     geometry = scene.geometry
     if isinstance(geometry, MeshFile):
         return 0.0
     if isinstance(geometry, Radial):
         return memory_of_analysis([2562], accuracy=accuracy, report=report)
     if isinstance(geometry, Sphere):
-        deep = geometry.radius - geometry.hole_radius
+        depth = geometry.radius - geometry.hole_radius
     elif isinstance(geometry, Ellipsoid | UnfoldedCortex):
-        deep = min(geometry.semi_axes) * (1 - geometry.hole_share)
+        depth = min(geometry.semi_axes) * (1 - geometry.hole_share)
     else:
-        deep = geometry.depth
-    sizes = sizes_by_rule(scene, (geometry.cortex_thickness, deep - geometry.cortex_thickness))
-    return max(memory_of_growing(scene, sizes), memory_of_analysis([sizes.vertices], accuracy=accuracy, report=report))
+        depth = geometry.depth
+    sizes = sizing.sizes_by_rule(scene, (geometry.cortex_thickness, depth - geometry.cortex_thickness))
+    analysing = memory_of_analysis([sizes.vertices], accuracy=accuracy, report=report)
+    return max(sizing.memory_of_run(scene, sizes), analysing)

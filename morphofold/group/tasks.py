@@ -11,12 +11,12 @@ import json
 import time
 import traceback
 import warnings
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import morphofold
 from morphofold.io.files import write_text
 from morphofold.io.folders import alone
 from morphofold.io.json_files import Record, read_json, write_json
@@ -25,7 +25,6 @@ from morphofold.timing import peak_memory
 from morphofold.words import in_one_line
 
 LONGEST_WAIT_FOR_LOCK = 3600.0  # [s] to wait for another worker on the same task
-PAUSE_BETWEEN_CHECKS = 2.0  # [s] between two checks
 
 #: errors that reading and measuring raise for an invalid input
 INPUT_ERRORS = (ValueError, TypeError, FileNotFoundError, NotADirectoryError, IsADirectoryError)
@@ -44,8 +43,6 @@ class Outcome:
         Part of the task (a hemisphere, or "" for all of it) to the reason why it has no result.
     seconds, memory_GiB : float
         Wall time [s], and peak memory of its worker so far [GiB]; 0 if reused.
-    attempt : int
-        1, or more if workers died before.
     changed : bool
         Whether it was done again because its results had been changed.
     """
@@ -55,7 +52,6 @@ class Outcome:
     failures: Mapping[str, str] = field(default_factory=dict)
     seconds: float = 0.0
     memory_GiB: float = 0.0
-    attempt: int = 1
     changed: bool = False
 
 
@@ -85,25 +81,19 @@ class Say:
     """
 
     def __init__(self, place: TaskFolder):
-        self._path, self._head, self._began = place.log, f"run {place.run}\n", time.perf_counter()
-        text = place.log.read_text(encoding="utf-8", errors="replace") if place.log.is_file() else ""
-        self._new_run, self._silent = not text.startswith(self._head), True
-        self.attempt = 1 if self._new_run else text.count("  attempt ") + 1
+        self._path, self._head, self._began, self._silent = place.log, f"run {place.run}\n", time.perf_counter(), True
 
     def __call__(self, text: str) -> None:
-        self.begin()
+        if self._silent:
+            self._silent = False
+            log = self._path.read_text("utf-8", errors="replace") if self._path.is_file() else ""
+            if not log.startswith(self._head):
+                self._path.parent.mkdir(parents=True, exist_ok=True)
+                write_text(self._path, self._head)
+                log = ""
+            self(f"attempt {log.count('  attempt ') + 1}")
         with open(self._path, "a", encoding="utf-8", errors="backslashreplace") as file:
             file.write(f"{time.perf_counter() - self._began:8.1f} s  {text.rstrip()}\n")
-
-    def begin(self) -> None:
-        """Write the number of this attempt, unless it was written."""
-        if not self._silent:
-            return
-        self._silent = False
-        if self._new_run:
-            self._path.parent.mkdir(parents=True, exist_ok=True)
-            write_text(self._path, self._head)
-        self(f"attempt {self.attempt}")
 
 
 def perform(
@@ -131,74 +121,38 @@ def perform(
     parts : int
         Number of parts; the task has failed if all of them have.
     """
+    began, say = time.perf_counter(), Say(place)
+    changed: list[str] = []
+    written: dict[str, str] = {}
+    lock = alone(place.record.parent, f"{place.name}.lock", LONGEST_WAIT_FOR_LOCK)
     try:
-        return _perform_locked(place, key, files, work, parts)
+        with warnings.catch_warnings(action="always"), lock:
+            warnings.showwarning = lambda message, *more, **others: say(f"warning: {message}")
+            try:
+                current_key, record = key(), read_record(place.record)
+                if record.get("key") == current_key:
+                    changed = changed_since(record["files"], files())
+                    if not changed:
+                        return Outcome(place.name, "reused" if record["results"] else "failed", record["failures"])
+                    names = f"{', '.join(changed[:4])}{' ...' * (len(changed) > 4)}"
+                    say(f"changed since they were written, so done again: {names}")
+                place.record.unlink(missing_ok=True)  # the record no longer describes the files
+                failures = work(say, changed)
+                results = len(failures) < parts
+                if results:
+                    written = {name: sha256_of(path) for name, path in files().items()}
+            except Exception as error:  # error of this machine, or a defect: no result
+                say(traceback.format_exc())
+                current_key, results, failures = "", False, {"": error_line(error)}
+            write_record(place.record, current_key, failures, results=results, files=written)
+            seconds, memory, state = time.perf_counter() - began, peak_memory() or 0.0, "done" if results else "failed"
+            say(f"{state} in {seconds:.1f} s, {memory:.2f} GiB")
+            return Outcome(place.name, state, failures, seconds, memory, bool(changed))
     except Exception as error:  # no log or record can be written
-        return Outcome(place.name, "failed", {"": _error_line(error)})
+        return Outcome(place.name, "failed", {"": error_line(error)})
 
 
-def _perform_locked(
-    place: TaskFolder,
-    key: Callable[[], str],
-    files: Callable[[], Mapping[str, Path]],
-    work: Callable[[Say, list[str]], dict[str, str]],
-    parts: int,
-) -> Outcome:
-    began = time.perf_counter()
-    with _log_of_task(place) as log, ExitStack() as held:
-        changed: list[str] = []
-        written: dict[str, str] = {}
-        try:
-            _lock_when_free(place, log, held)
-            now = key()
-            known = read_record(place.record)
-            if known.get("key") == now:
-                changed = changed_since(known["files"], files())
-                if not changed:
-                    return Outcome(place.name, "reused" if known["results"] else "failed", known["failures"])
-            log.begin()
-            if changed:
-                names = f"{', '.join(changed[:4])}{' ...' * (len(changed) > 4)}"
-                log(f"changed since they were written, so done again: {names}")
-            place.record.unlink(missing_ok=True)  # the record no longer describes the files
-            failures = work(log, changed)
-            results = len(failures) < parts
-            if results:
-                written = {name: sha256_of(path) for name, path in files().items()}
-        except Exception as error:  # error of this machine, or a defect: no result
-            log(traceback.format_exc())
-            now, results, failures = "", False, {"": _error_line(error)}
-        write_record(place.record, now, failures, results=results, files=written)
-        seconds, memory, state = time.perf_counter() - began, peak_memory() or 0.0, "done" if results else "failed"
-        log(f"{state} in {seconds:.1f} s, {memory:.2f} GiB")
-        return Outcome(place.name, state, failures, seconds, memory, log.attempt, bool(changed))
-
-
-def _lock_when_free(place: TaskFolder, say: Say, held: ExitStack) -> None:
-    """Lock a task, once no other worker is working on it.
-
-    Raises
-    ------
-    FileExistsError
-        If another worker holds it for longer than LONGEST_WAIT_FOR_LOCK.
-    """
-    until, warned = time.monotonic() + LONGEST_WAIT_FOR_LOCK, False
-    while True:
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # no locks on this disk: the user was warned at the start
-                held.enter_context(alone(place.record.parent, f"{place.name}.lock"))
-            return
-        except FileExistsError as error:
-            if time.monotonic() > until:
-                raise
-            if not warned:
-                say(f"waiting: {error}")
-            warned = True
-            time.sleep(PAUSE_BETWEEN_CHECKS)
-
-
-def _error_line(error: Exception) -> str:
+def error_line(error: Exception) -> str:
     """An error in one line; an error that is not due to an input has its class name."""
     words = in_one_line(error)
     if isinstance(error, OSError) and error.errno is not None:  # the message of the system
@@ -208,20 +162,8 @@ def _error_line(error: Exception) -> str:
     return f"{type(error).__name__}: {words} (a defect; its log shows where)"
 
 
-@contextmanager
-def _log_of_task(place: TaskFolder) -> Iterator[Say]:
-    """The log of a task; warnings are written to it."""
-    say = Say(place)
-    with warnings.catch_warnings():
-        warnings.simplefilter("always")
-        warnings.showwarning = lambda message, *more, **others: say(f"warning: {message}")
-        yield say
-
-
 def digest(content: Mapping[str, Any]) -> str:
     """SHA-256 of the version of morphofold and of plain values."""
-    import morphofold
-
     text = json.dumps([morphofold.__version__, dict(content)], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
@@ -239,19 +181,14 @@ def read_record(path: Path) -> dict[str, Any]:
     """Read a task's record: ``key``, ``failures``, whether it has ``results``, digests of their ``files``; empty if it
     is missing or damaged."""
     try:
-        found = read_json(path, _TaskRecord, "")
+        return read_json(path, _TaskRecord, "")
     except (OSError, ValueError):
         return {}
-    complete = (
-        found["files"] if found["results"] else found["failures"]
-    )  # results have files, and a failure has a reason
-    return found if complete else {}
 
 
 def write_record(
     path: Path, key: str, failures: Mapping[str, str], *, results: bool, files: Mapping[str, str] | None = None
 ) -> None:
     """Write a task's record; an empty key matches no inputs, so the next run tries the task again."""
-    content = {"key": key, "failures": failures, "results": results, "files": files or {}}
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_json(path, content)
+    write_json(path, {"key": key, "failures": failures, "results": results, "files": files or {}})

@@ -63,11 +63,11 @@ def mark_as_ours(out: Path) -> None:
 
 
 @contextmanager
-def alone(folder: Path, name: str = LOCK_FILE) -> Iterator[None]:
+def alone(folder: Path, name: str = LOCK_FILE, wait: float = 0.0) -> Iterator[None]:
     """Lock ``folder`` so that no other run writes there. It is made if needed, and removed again if it stays empty.
 
     The system releases the lock when the process ends, in any way. A lock with its own ``name`` locks only that part of
-    the folder.
+    the folder. If another run holds it, this one waits for so many seconds.
 
     Raises
     ------
@@ -82,7 +82,7 @@ def alone(folder: Path, name: str = LOCK_FILE) -> Iterator[None]:
         raise NotADirectoryError(f"{folder}: is not a folder, so nothing can be written there. Move it away.")
     with _made_folder(folder):
         try:
-            with FileLock(folder / name, timeout=0):
+            with FileLock(folder / name, timeout=wait):
                 try:
                     yield
                 finally:

@@ -9,11 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from morphofold.group.fleet import open_fleet
-from morphofold.group.group_files import GROUP_FOLDER, write_group
-from morphofold.group.participant import Participant, measure_participant, results_of
-from morphofold.group.running import run_tasks
+from morphofold.group.group_tables import GROUP_FOLDER, write_group
+from morphofold.group.participant import Participant, measure_participant
 from morphofold.group.tasks import Outcome, TaskFolder
+from morphofold.group.workers import open_workers, run_tasks
 from morphofold.io import write_annotation, write_surface
 from morphofold.progress import Progress, part_of, silent
 from morphofold.report.pages.group_page import group_report
@@ -112,17 +111,17 @@ def measure_load(out: Path, count: int, workers: int, progress: Progress = silen
     def run(number: str, share: float, part: float) -> tuple[float, list[Outcome]]:
         tasks = [Participant(f.name, str(f), TaskFolder(str(place), f.name, number), ("lh",)) for f in folders]
         began = time.perf_counter()
-        done = run_tasks(fleet, measure_participant, tasks, lambda x, text: progress(share + part * x, text))
+        done = run_tasks(running, measure_participant, tasks, lambda x, text: progress(share + part * x, text))
         return time.perf_counter() - began, done
 
-    with open_fleet(workers=workers) as fleet:
+    with open_workers(workers) as running:
         seconds, done = run("1", 0.1, 0.7)
         for failed in (one for one in done if one.state != "done"):
             raise RuntimeError(f"{failed.name}: {dict(failed.failures)}. Made-up subjects should not fail.")
         again, found = run("2", 0.8, 0.1)
         for other in (one for one in found if one.state != "reused"):
             raise RuntimeError(f"{other.name}: was {other.state} again, although nothing had changed.")
-    results = {f.name: results_of(place, f.name, bids=False) for f in folders}
+    results = {f.name: place / "subjects" / f.name for f in folders}
     began = time.perf_counter()
     write_group(place, results, report=group_report, progress=part_of(progress, 0.9, 0.1))
     group = time.perf_counter() - began

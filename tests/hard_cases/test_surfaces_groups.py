@@ -4,15 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 from hard_cases.cases import hard_case
-from made_cohort import HereFleet, participants, quick_measure, write_subject
+from made_cohort import HereWorkers, participants, quick_measure, write_subject
 from made_groups import made_group
 
-from morphofold.group import tables
-from morphofold.group.group_files import write_group
+from morphofold.group import group_tables
+from morphofold.group.group_tables import write_group
 from morphofold.group.participant import measure_participant
 from morphofold.group.pooling import Pooling
-from morphofold.group.running import run_tasks
 from morphofold.group.statistics import asymmetry, distributions, measures_of
+from morphofold.group.workers import run_tasks
 from morphofold.report.pages import group_page
 
 
@@ -29,7 +29,7 @@ def by_width(cortex, **options):
 
 
 def all_pooled(patch):
-    patch.setattr(tables, "pooling", lambda *measured: Pooling())
+    patch.setattr(group_tables, "pooling", lambda *measured: Pooling())
 
 
 @hard_case(
@@ -43,7 +43,7 @@ def test_hinges_of_unlike_nets_are_in_no_test(holds, tmp_path, monkeypatch):
     monkeypatch.setattr("morphofold.analysis.measuring.measure", by_width)
     folders = [write_subject(tmp_path / "subjects" / f"s{k}", 1 + k / 50) for k in range(6)]
     subjects = participants(folders, tmp_path / "out")
-    run_tasks(HereFleet(), measure_participant, subjects)
+    run_tasks(HereWorkers(), measure_participant, subjects)
     group = write_group(tmp_path / "out", {one.name: one.results for one in subjects}, report=False)
     scalars = measures_of(group)
     holds.equal("tests of hinges, left against right", [r for r in asymmetry(scalars) if r.measure == "n_hinges"], [])

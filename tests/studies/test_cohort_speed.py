@@ -1,11 +1,11 @@
 """What many subjects cost: what is counted is there, and what fails is told."""
 
 import json
-from contextlib import contextmanager
+from contextlib import nullcontext
 
 import pytest
 from commands import refused
-from made_cohort import HereFleet, quick_measure
+from made_cohort import HereWorkers, quick_measure
 
 from morphofold.analysis.measures import SCALARS
 from morphofold.group.group_tables import REGION_MEASURES
@@ -18,12 +18,8 @@ pytestmark = pytest.mark.slow  # studies are not shipped: run them when they cha
 
 
 @pytest.fixture
-def here_fleet(monkeypatch):
-    @contextmanager
-    def open_fleet(**options):
-        yield HereFleet()
-
-    monkeypatch.setattr(cohort, "open_fleet", open_fleet)
+def work_in_this_process(monkeypatch):
+    monkeypatch.setattr(cohort, "open_workers", lambda workers: nullcontext(HereWorkers()))
     monkeypatch.setattr("morphofold.analysis.measuring.measure", quick_measure)
 
 
@@ -39,7 +35,7 @@ def test_made_up_subjects_are_whole_of_other_sizes_and_stay(tmp_path):
     assert (folders[1] / "surf" / "lh.white").stat().st_mtime_ns == when
 
 
-def test_what_is_counted_is_there(tmp_path, here_fleet):
+def test_what_is_counted_is_there(tmp_path, work_in_this_process):
     tmp_path /= "group"  # a name that parts of it have, too
     found = measure_load(tmp_path, 5, 2)
     group = tmp_path / "cohort-5-2" / "group"
@@ -58,7 +54,7 @@ def test_what_is_counted_is_there(tmp_path, here_fleet):
     assert any(f"{found.rows:,} rows" in line for line in text_table([found]))
 
 
-def test_a_subject_that_fails_is_told(tmp_path, here_fleet, monkeypatch):
+def test_a_subject_that_fails_is_told(tmp_path, work_in_this_process, monkeypatch):
     def failing(cortex, **options):
         raise ValueError("no folds")
 

@@ -16,7 +16,7 @@ from matplotlib.patches import Rectangle
 from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
 
 from morphofold.group.grid import Axis
-from morphofold.group.phases import AREA_OVER_FLAT, HINGES_PER_AREA, Phases, RunResult
+from morphofold.group.phases import AREA_OVER_FLAT, HINGES_PER_AREA, GridIndex, Phases, RunResult
 from morphofold.quantities import CATEGORICAL_COLOURS, Quantity, round_out
 from morphofold.report import colours
 from morphofold.report.pictures.surfaces import Row, draw
@@ -36,7 +36,6 @@ from morphofold.words import number
 
 THUMBNAIL_PX = 380
 BOUNDARY = "final growth = theory's critical growth"
-GridIndex = tuple[int, ...]
 WAVELENGTH_KEY = "wavelength_mm"
 ROUND_OFF = 1e-3  # of the measures shown, in their units
 #: the measures of the diagrams; the first limit is the lower end of their colours and axes
@@ -159,7 +158,7 @@ def diagram(phases: Phases, shown: Quantity, others: GridIndex = ()) -> Figure:
 
 def _name_axes(ax: Axes, phases: Phases) -> None:
     for axis, of in zip((ax.xaxis, ax.yaxis), phases.grid.axes):
-        axis.set_ticks(range(len(of.words)), [w if len(w) <= 16 else f"{w[:8]}…{w[-7:]}" for w in of.words])
+        axis.set_ticks(range(len(of.texts)), [w if len(w) <= 16 else f"{w[:8]}…{w[-7:]}" for w in of.texts])
         axis.set_label_text(axis_title(phases, of))
 
 
@@ -277,5 +276,5 @@ def axis_title(phases: Phases, axis: Axis) -> str:
 
 def fixed_parameters_text(phases: Phases, others: GridIndex) -> str:
     """The values on the third and further axes, as the end of a title."""
-    fixed = ", ".join(f"{axis.label} = {axis.words[i]}" for axis, i in zip(phases.grid.axes[2:], others))
+    fixed = ", ".join(f"{axis.label} = {axis.texts[i]}" for axis, i in zip(phases.grid.axes[2:], others))
     return f" at {fixed}" if fixed else ""
