@@ -11,8 +11,8 @@ import numpy as np
 from pydantic import ConfigDict
 
 from morphofold.analysis import Measures, measuring
-from morphofold.analysis.graph.crest_net import CrestNetBuilder
 from morphofold.analysis.curvatures import scale_of_curvature
+from morphofold.analysis.graph.crest_net import CrestNetBuilder
 from morphofold.group.tasks import INPUT_ERRORS
 from morphofold.group.workers import Lost, Workers
 from morphofold.io.cortices import hemispheres, read_cortex
