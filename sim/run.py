@@ -23,8 +23,6 @@ from morphofold.threads import one_blas_thread, using_threads
 if TYPE_CHECKING:
     from morphofold.sim.dynamics import Dynamics
 
-__all__ = ["Progress", "Simulation", "simulate"]
-
 HANG_UP = getattr(signal, "SIGHUP", None)  # Windows has none
 
 

@@ -77,7 +77,7 @@ def subject_of_cortex(geometry: UnfoldedCortex) -> Subject:
 
 
 def digests_of(files: Mapping[str, Path]) -> tuple[str, ...]:
-    return tuple(sha256_of(path) for path in files.values())
+    return tuple(map(sha256_of, files.values()))
 
 
 @lru_cache(maxsize=8)

@@ -15,7 +15,7 @@ from morphofold.errors import DamagedFile, Mismatch, MissingPart
 from morphofold.io import read_cortex
 from morphofold.io.cortices import StageHealth, StageRecord
 from morphofold.io.files import decoding, write_text
-from morphofold.io.json_files import Amount, Count, Length, Record, read_json
+from morphofold.io.json_files import Amount, Count, Record, read_json
 from morphofold.provenance import Row, sha256_of
 from morphofold.sim.output.run_files import AND_GROW_AGAIN, Digests, scene_digest, stage_folder, written_stages
 from morphofold.sim.scene import Scene
@@ -27,7 +27,7 @@ VOLUME_FILE, SERIES_FILE = "volume.vtu", "stages.pvd"
 
 
 class Health(Record):
-    """``health.json`` of a finished run; entries that early versions did not write have a default."""
+    """What every ``health.json`` of a finished run has."""
 
     morphofold: str
     healthy: bool
@@ -35,12 +35,6 @@ class Health(Record):
     stages: Annotated[list[StageHealth], Field(min_length=1)]
     steps: Count
     seconds: Amount
-    seconds_by_phase: dict[str, Amount] = {}
-    effects: list[str] = []
-    elements: Count = 0
-    threads: Count = 1
-    surface_edge_mm: Length = 1.0
-    peak_memory_GiB: Amount | None = None
 
 
 def read_health(folder: Path) -> Row:

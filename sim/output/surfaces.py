@@ -55,14 +55,14 @@ def write_labels(folder: Path, body: Body, white: Surface) -> None:
     if bilayer.sphere is not None:
         points = SPHERE_RADIUS_MM * bilayer.sphere[whole.node] * whole.sign
         write_surface(folder / "surf" / f"{hemi}.sphere", Surface(points, white.faces, name=f"{hemi}.sphere"))
-    if bilayer.regions is None and bilayer.cortex is None:
-        return
-    (folder / "label").mkdir()
+    labels = folder / "label"
     if bilayer.regions is not None:
+        labels.mkdir()
         regions = replace(bilayer.regions, labels=bilayer.regions.labels[whole.node])
-        write_annotation(folder / "label" / f"{hemi}.aparc.annot", regions)
+        write_annotation(labels / f"{hemi}.aparc.annot", regions)
     if bilayer.cortex is not None:
-        write_label(folder / "label" / f"{hemi}.cortex.label", bilayer.cortex[whole.node], white.verts)
+        labels.mkdir(exist_ok=True)
+        write_label(labels / f"{hemi}.cortex.label", bilayer.cortex[whole.node], white.verts)
 
 
 def smooth_diagonals(x: Array, quads: NDArray[np.int64]) -> NDArray[np.int64]:
