@@ -9,10 +9,9 @@ import numpy as np
 
 from morphofold.arrays import Array, Ints
 from morphofold.errors import InsideOut, OpenSurface
-from morphofold.geometry.kernels import position
-from morphofold.intersections.boxes import box_tree
+from morphofold.geometry import position
+from morphofold.intersections.boxes import box_tree, ray_hits
 from morphofold.intersections.intersection import self_intersections
-from morphofold.intersections.rays import ray_hits
 from morphofold.kernels import kernel, reading
 from morphofold.shapes import even_directions
 from morphofold.sim.dynamics import AWAY_DISTANCE_OVER_T, restlessness
@@ -112,7 +111,7 @@ def cover(surface: Surface, rays: int = NUMBER_OF_RAYS) -> Cover:
 
     Rays start at the centroid of the vertices. Their directions are a Fibonacci lattice. A ray that meets an edge or a
     vertex counts as turned by an infinitesimal angle, in the same direction for all faces
-    (:func:`morphofold.intersections.rays.ray_hits`). A segment shorter than 1e-9 of the ray, as between walls that
+    (:func:`morphofold.intersections.boxes.ray_hits`). A segment shorter than 1e-9 of the ray, as between walls that
     touch, is not counted.
 
     Raises

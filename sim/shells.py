@@ -13,7 +13,7 @@ from numba import njit
 from scipy.spatial import ConvexHull
 
 from morphofold.arrays import Array
-from morphofold.geometry.kernels import distance_from_triangle
+from morphofold.geometry import distance_from_triangle
 from morphofold.intersections.boxes import TRIANGLES_PER_LEAF, box_tree, following
 from morphofold.kernels import kernel
 from morphofold.sim.mesh.brick_mesh import Plane

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from morphofold.geometry import morton_codes
-from morphofold.geometry.kernels import closest_in_triangle, distance_from_triangle, nearest_weights
+from morphofold.geometry import closest_in_triangle, distance_from_triangle, morton_codes, nearest_weights
 
 
 def test_weights_name_the_nearest_point_of_the_triangle(rng):

@@ -14,8 +14,7 @@ from morphofold.geometry import unit, vertex_areas
 from morphofold.shapes import icosphere
 from morphofold.spheres.spins import NearestTable, rotations
 from morphofold.surface import Surface
-from morphofold.unfolding.harmonics import fit
-from morphofold.unfolding.smooth_surface import SmoothSurface, tangents
+from morphofold.unfolding.harmonics import SmoothSurface, fit, tangents
 
 TRIALS, TURNS = 300, 99
 

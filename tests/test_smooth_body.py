@@ -9,8 +9,7 @@ from morphofold.io import read_surface, sample_path
 from morphofold.sim.hemisphere import hemisphere_body
 from morphofold.sim.hemisphere.hemisphere_body import scaled_jacobians, smooth_body
 from morphofold.sim.mesh.brick_mesh import cube_directions
-from morphofold.unfolding.harmonics import fit
-from morphofold.unfolding.smooth_surface import SmoothSurface
+from morphofold.unfolding.harmonics import SmoothSurface, fit
 from morphofold.unfolding.unfold import unfold
 
 AXES = np.array([60.0, 45.0, 40.0])

@@ -9,8 +9,7 @@ from morphofold.errors import BadMesh, Handles, Mismatch, OpenSurface, OutOfRang
 from morphofold.geometry import face_areas, vertex_areas
 from morphofold.io import read_surface, sample_path
 from morphofold.surface import Surface
-from morphofold.unfolding.harmonics import fit
-from morphofold.unfolding.smooth_surface import SmoothSurface, tangents
+from morphofold.unfolding.harmonics import SmoothSurface, fit, tangents
 from morphofold.unfolding.spheres import sphere_of
 from morphofold.unfolding.unfold import quadrature, unfold
 

@@ -13,8 +13,7 @@ from morphofold.analysis.graph.hinges import label_hinges
 from morphofold.analysis.graph.net import Net, resampled
 from morphofold.analysis.graph.refine import refine, upright
 from morphofold.arrays import Array, Ints
-from morphofold.geometry import incident_faces
-from morphofold.geometry.kernels import closest_in_triangle, corners, dot, less, position
+from morphofold.geometry import closest_in_triangle, corners, dot, incident_faces, less, position
 from morphofold.kernels import kernel, reading
 from morphofold.surface import Cortex, Faces, Surface, Verts
 

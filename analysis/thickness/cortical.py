@@ -7,7 +7,7 @@ import numpy as np
 from morphofold import geometry
 from morphofold.arrays import Array, memoized
 from morphofold.errors import OutOfRange, UnknownName, UnlikeSurfaces
-from morphofold.geometry.kernels import closest_in_triangle, position
+from morphofold.geometry import closest_in_triangle, position
 from morphofold.kernels import kernel, reading
 from morphofold.surface import Faces, PerVertex, Surface, Verts
 from morphofold.threads import in_blocks

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from morphofold import geometry
 from morphofold.arrays import Array
-from morphofold.geometry.kernels import area_vector, corners, cross, distance_from_triangle, dot, less, position
-from morphofold.intersections.boxes import TRIANGLES_PER_LEAF, BoxTree, box_tree, following, meets
-from morphofold.intersections.rays import ray_hits
+from morphofold.geometry import area_vector, corners, cross, distance_from_triangle, dot, less, position
+from morphofold.intersections.boxes import TRIANGLES_PER_LEAF, BoxTree, box_tree, following, meets, ray_hits
 from morphofold.intersections.signs import clear_sign, plane_sign, side
 from morphofold.kernels import kernel, reading
 from morphofold.surface import Surface
@@ -128,12 +127,12 @@ def self_intersections(surface: Surface, *, vertices: bool = True) -> Intersecti
     point, depth = np.empty((len(edge), 3)), np.empty(len(edge))
     if len(edge):
         _measure_crossings(*reading(verts, faces, around, edge, face), point, depth)
-    kept, behind = depth > 0, np.zeros(len(verts))
+    deep, behind = depth > 0, np.zeros(len(verts))
     if vertices and geometry.is_closed(surface.faces):
         normals = _reliable_normals(verts, faces)
         in_blocks(_depth_behind_walls, len(verts), *reading(verts, faces, normals, *tree), mean_edge, behind)
     vertex = np.flatnonzero(behind > 0)
-    return Intersections(edge[kept], face[kept], point[kept], depth[kept], vertex, behind[vertex], mean_edge)
+    return Intersections(edge[deep], face[deep], point[deep], depth[deep], vertex, behind[vertex], mean_edge)
 
 
 def _reliable_normals(verts: Array, faces: Indices) -> Array:
@@ -151,12 +150,12 @@ def _crossings(verts: Array, faces: Indices, tree: BoxTree) -> tuple[Indices, In
     surface, first = reading(verts, faces, *tree), np.zeros(leaves + 1, dtype=np.int64)
     in_blocks(_find_close_pairs, leaves, *surface, first, none)
     first = np.cumsum(first)
-    pairs, found = np.empty((first[-1], 2), dtype=np.int64), np.empty((0, 3), dtype=np.int64)
+    pairs, crossings = np.empty((first[-1], 2), dtype=np.int64), np.empty((0, 3), dtype=np.int64)
     if len(pairs):
         in_blocks(_find_close_pairs, leaves, *surface, first, pairs)
-        found = _crossings_of_pairs(*surface[:2], *reading(pairs))
-    found = np.unique(found, axis=0)  # an edge of two triangles is found with both
-    return found[:, :2], found[:, 2]
+        crossings = _crossings_of_pairs(*surface[:2], *reading(pairs))
+    crossings = np.unique(crossings, axis=0)  # an edge of two triangles is found with both
+    return crossings[:, :2], crossings[:, 2]
 
 
 @kernel
@@ -199,14 +198,14 @@ def _may_cross(verts, faces, f, g):
     if shared >= 2:
         return False
     for turn in range(2):
-        one, other = (f, g) if turn == 0 else (g, f)
-        if _is_on_one_side(verts, faces, one, other):
+        edged, other = (f, g) if turn == 0 else (g, f)
+        if _is_on_one_side(verts, faces, edged, other):
             return False
     for turn in range(2):
-        one, other = (f, g) if turn == 0 else (g, f)
+        edged, other = (f, g) if turn == 0 else (g, f)
         i, j, k = faces[other, 0], faces[other, 1], faces[other, 2]
         for e in range(3):
-            p, q = faces[one, e], faces[one, (e + 1) % 3]
+            p, q = faces[edged, e], faces[edged, (e + 1) % 3]
             if p == i or p == j or p == k or q == i or q == j or q == k:
                 continue
             if _clear_side(verts, i, j, k, p) * _clear_side(verts, i, j, k, q) > 0:
@@ -231,27 +230,27 @@ def _is_on_one_side(verts, faces, f, g):
     for r in range(3):
         v = faces[g, r]
         if v != i and v != j and v != k:
-            here = _clear_side(verts, i, j, k, v)
-            if here == 0 or here == -side_before:
+            this_side = _clear_side(verts, i, j, k, v)
+            if this_side == 0 or this_side == -side_before:
                 return False
-            side_before = here
+            side_before = this_side
     return True
 
 
 @kernel
 def _crossings_of_pairs(verts, faces, pairs):
     """Edges of triangles that cross the other triangle of their pair (K, 3): the two ends, and the other triangle."""
-    found, n = np.empty((6 * len(pairs), 3), dtype=np.int64), 0
+    crossings, n = np.empty((6 * len(pairs), 3), dtype=np.int64), 0
     for m in range(len(pairs)):
         for turn in range(2):
-            one, other = pairs[m, turn], pairs[m, 1 - turn]
+            edged, other = pairs[m, turn], pairs[m, 1 - turn]
             for k in range(3):
-                p, q = faces[one, k], faces[one, (k + 1) % 3]
+                p, q = faces[edged, k], faces[edged, (k + 1) % 3]
                 p, q = min(p, q), max(p, q)
                 if _edge_crosses_triangle(verts, p, q, faces[other]):
-                    found[n, 0], found[n, 1], found[n, 2] = p, q, other
+                    crossings[n, 0], crossings[n, 1], crossings[n, 2] = p, q, other
                     n += 1
-    return found[:n]
+    return crossings[:n]
 
 
 @kernel

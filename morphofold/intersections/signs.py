@@ -17,7 +17,7 @@ Geom. 18, 305 (1997). H. Edelsbrunner, E. P. Muecke, Simulation of simplicity. A
 
 import numpy as np
 
-from morphofold.geometry.kernels import position
+from morphofold.geometry import position
 from morphofold.kernels import kernel
 
 #: direction of the displacements that decide ties: no plane of a mesh contains it, except by chance
@@ -73,14 +73,14 @@ def _displaced_sign(verts, i, j, k, p):
     are equal and contribute nothing, so nothing else is neglected.
     """
     rows = (i, j, k, p)
-    found, lowest = 0, max(i, j, k, p) + 1
+    displaced, lowest = 0, max(i, j, k, p) + 1
     for r in range(4):
         x, y, z = rows[0 if r > 0 else 1], rows[1 if r > 1 else 2], rows[2 if r > 2 else 3]
         if rows[r] < lowest:
             sign = plane_sign(position(verts, x), position(verts, y), position(verts, z), TIE_BREAKING_DIRECTION, 0.0)
             if sign != 0:
-                found, lowest = (sign if r % 2 == 1 else -sign), rows[r]  # row r was moved after the others
-    return found
+                displaced, lowest = (sign if r % 2 == 1 else -sign), rows[r]  # row r was moved after the others
+    return displaced
 
 
 @kernel

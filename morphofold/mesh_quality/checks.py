@@ -9,8 +9,7 @@ from scipy.sparse import csgraph
 from morphofold import geometry
 from morphofold.arrays import Array, Bools, Ints, memoized
 from morphofold.errors import InsideOut, NoCortex, UnlikeSurfaces
-from morphofold.intersections.boxes import box_tree
-from morphofold.intersections.rays import ray_hits, ray_winding
+from morphofold.intersections.boxes import box_tree, ray_hits, ray_winding
 from morphofold.kernels import reading
 from morphofold.spheres.templates import carried_cortex
 from morphofold.surface import Cortex, Faces, Surface, Verts

@@ -15,8 +15,7 @@ from morphofold.mesh_quality.repair import Mended
 from morphofold.provenance import Row
 from morphofold.surface import Cortex, Surface
 from morphofold.tables import write_table
-from morphofold.unfolding.numbers import COLUMNS, region_rows, unfolding_numbers
-from morphofold.unfolding.unfold import Unfolding
+from morphofold.unfolding.unfold import COLUMNS, Unfolding, region_rows, unfolding_numbers
 
 SPHERE_RADIUS_MM = 100.0  # of the spheres that FreeSurfer writes
 

@@ -50,11 +50,11 @@ def irregular_net(cells: int, seed: int = 0, *, shortest: float = 0.0, rounds: i
         points = np.random.default_rng(seed + trial).standard_normal((cells, 3))
         for _ in range(rounds + 1):
             points /= np.linalg.norm(points, axis=1, keepdims=True)
-            found = SphericalVoronoi(points)
-            found.sort_vertices_of_regions()
-            points = np.array([found.vertices[region].mean(axis=0) for region in found.regions])
-        sides = {tuple(sorted(pair)) for region in found.regions for pair in zip(region, np.roll(region, 1).tolist())}
-        net = SphericalNet(found.vertices, np.array(sorted(sides)))
+            diagram = SphericalVoronoi(points)
+            diagram.sort_vertices_of_regions()
+            points = np.array([diagram.vertices[region].mean(axis=0) for region in diagram.regions])
+        sides = {tuple(sorted(pair)) for region in diagram.regions for pair in zip(region, np.roll(region, 1).tolist())}
+        net = SphericalNet(diagram.vertices, np.array(sorted(sides)))
         if net.lengths.min() >= shortest:
             return net
     raise NoSolution(f"200 nets of {cells} cells have arcs shorter than {shortest:g} rad; use a smaller length.")
@@ -119,6 +119,6 @@ def from_arc(points: Verts, a: Array, b: Array) -> tuple[Array, Array]:
     whole = np.arctan2(b @ ahead, b @ a)
     along = np.arctan2(points @ ahead, points @ a)
     to_a, to_b = (np.arccos(np.clip(points @ end, -1, 1)) for end in (a, b))
-    beside = (along >= 0) & (along <= whole)
-    away = np.where(beside, np.abs(np.arcsin(np.clip(points @ pole, -1, 1))), np.minimum(to_a, to_b))
-    return away, np.where(beside, along / whole, np.where(to_a < to_b, 0.0, 1.0))
+    over = (along >= 0) & (along <= whole)
+    away = np.where(over, np.abs(np.arcsin(np.clip(points @ pole, -1, 1))), np.minimum(to_a, to_b))
+    return away, np.where(over, along / whole, np.where(to_a < to_b, 0.0, 1.0))

@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from morphofold.arrays import Array, Ints
-from morphofold.geometry import incident_faces
-from morphofold.geometry.kernels import corners, cross, dot, position
+from morphofold.geometry import corners, cross, dot, incident_faces, position
 from morphofold.kernels import kernel, reading
 from morphofold.surface import Faces
 from morphofold.threads import in_blocks

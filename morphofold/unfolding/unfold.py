@@ -1,9 +1,14 @@
-"""Unfold a cortex: from its folded surface and its sphere to a smooth one with the same vertices."""
+"""Unfold a cortex: from its folded surface and its sphere to a smooth one with the same vertices.
+
+The numbers of an unfolding: how far it went, what cortex fits, and where the area of the folded surface comes from.
+"""
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from morphofold.arrays import Array
 from morphofold.errors import BadMesh, Handles, Mismatch, OpenSurface, OutOfRange, SeveralPieces
@@ -16,16 +21,35 @@ from morphofold.geometry import (
     used,
     vertex_areas,
 )
-from morphofold.surface import Surface
+from morphofold.intersections.intersection import self_intersections
+from morphofold.surface import Regions, Surface
 from morphofold.threads import one_blas_thread
-from morphofold.unfolding.harmonics import fit
-from morphofold.unfolding.smooth_surface import DEGREE, LEVELS, SmoothSurface
+from morphofold.unfolding.harmonics import DEGREE, LEVELS, SmoothSurface, fit
 
 MOST_TURNED_SHARE = 0.01  # of the area of a sphere that may lie in triangles that are inside out
 MIRRORED_SHARE = 0.9  # of the area of a sphere inside out beyond which all its faces run the other way
 SPHERE_AREA_TOLERANCE = 0.05  # relative difference between the area of a sphere and 4 pi
 LEAST_DEPTH = 1e-3  # of the least standard deviation of vertices along an axis, over the largest: else they are flat
 LEAST_VERTICES_PER_HARMONIC = 4
+LEAST_RADIUS_OVER_T = 1.3  # of a convex bend over the thickness of a cortex under it, so that its inside does not fold
+#: meaning of the columns of ``unfold.tsv``
+COLUMNS = {
+    "hemi": "Hemisphere, lh (left) or rh (right)",
+    "level": "Time of the heat flow on the unit sphere",
+    "radius_mm": "Radius of the sphere with the area of the smooth surface",
+    "folded_area_mm2": "Area of the folded surface",
+    "area_mm2": "Area of the smooth surface",
+    "gyrification_index": "Area of the smooth surface over that of its convex hull",
+    "volume_over_hull": "Volume in the smooth surface over that in its convex hull",
+    "least_convex_radius_mm": "Least radius of curvature where it is convex",
+    "least_concave_radius_mm": "Least radius of curvature where it is concave; n/a if it is convex everywhere",
+    "thickest_cortex_mm": "Thickest cortex that fits under it: the least convex radius over 1.3",
+    "sd_log_area_ratio": "Standard deviation of the logarithm of the ratio of areas, weighted by smooth area",
+    "area_ratio_p1": "1st percentile of the ratio of areas, folded over smooth, 1 in the mean",
+    "area_ratio_p50": "Its median",
+    "area_ratio_p99": "Its 99th percentile",
+    "crossings": "Edges of the smooth surface that cross it",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,3 +227,47 @@ def points_on_sphere(folded: Surface, sphere: Surface) -> Array:
             f"{100 * turned / max(areas.sum(), 1e-300):.2g} % of its area inside out. Take ?h.sphere or ?h.sphere.reg."
         )
     return np.ascontiguousarray(s)
+
+
+def unfolding_numbers(unfolding: Unfolding) -> dict[str, Any]:
+    """The numbers of :data:`COLUMNS`, without the hemisphere."""
+    smooth, (s, _) = unfolding.smooth(), quadrature(3 * unfolding.surface.shape.degree)
+    curvature, hull = unfolding.surface.frame(s).curvature, ConvexHull(smooth.verts)
+    volume = float(
+        np.einsum("fi,fi->", smooth.verts[smooth.faces].mean(axis=1), face_vectors(smooth.verts, smooth.faces)) / 3
+    )
+    area, ratio = vertex_areas(smooth.verts, smooth.faces), unfolding.area_ratio()
+    known = np.isfinite(ratio) & (ratio > 0)
+    least, most = float(curvature.min()), float(curvature.max())
+    return {
+        "level": unfolding.level,
+        "radius_mm": unfolding.radius,
+        "folded_area_mm2": float(face_areas(unfolding.folded.verts, unfolding.folded.faces).sum()),
+        "area_mm2": float(area.sum()),
+        "gyrification_index": float(area.sum() / hull.area),
+        "volume_over_hull": volume / float(hull.volume),
+        "least_convex_radius_mm": 1 / most,
+        "least_concave_radius_mm": -1 / least if least < 0 else None,
+        "thickest_cortex_mm": 1 / most / LEAST_RADIUS_OVER_T,
+        "sd_log_area_ratio": _weighted_sd(np.log(ratio[known]), area[known]),
+        **{f"area_ratio_p{p}": float(np.percentile(ratio[known], p)) for p in (1, 50, 99)},
+        "crossings": len(self_intersections(smooth, vertices=False)),
+    }
+
+
+def region_rows(unfolding: Unfolding, regions: Regions) -> list[dict[str, Any]]:
+    """For each region its share of the folded and of the smooth area [%], and the ratio of the two."""
+    smooth = unfolding.smooth()
+    areas = [vertex_areas(surface.verts, surface.faces) for surface in (unfolding.folded, smooth)]
+    rows = []
+    for k, name in enumerate(regions.names):
+        inside = regions.labels == k
+        if not inside.any():
+            continue
+        folded, flat = (100 * float(area[inside].sum() / area.sum()) for area in areas)
+        rows.append({"region": name, "folded_percent": folded, "smooth_percent": flat, "area_ratio": folded / flat})
+    return rows
+
+
+def _weighted_sd(values: Array, weights: Array) -> float:
+    return float(np.sqrt(np.average((values - np.average(values, weights=weights)) ** 2, weights=weights)))

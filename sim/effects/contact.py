@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from morphofold.arrays import Array, Ints
-from morphofold.geometry import incident_faces, unit, vertex_normals
-from morphofold.geometry.kernels import area_vector, nearest_weights
+from morphofold.geometry import area_vector, incident_faces, nearest_weights, unit, vertex_normals
 from morphofold.kernels import kernel
 from morphofold.sim.body import Body
 from morphofold.sim.effects import Effect

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.arrays import Array
-from morphofold.geometry.kernels import dot, less, position
+from morphofold.geometry import dot, less, position
 from morphofold.kernels import kernel
 from morphofold.threads import one_blas_thread
 

@@ -23,8 +23,7 @@ from scipy.spatial import cKDTree
 
 from morphofold.arrays import Array, Bools, Ints
 from morphofold.errors import ImpossibleBody
-from morphofold.geometry import unit
-from morphofold.geometry.kernels import cross, dot, less, position
+from morphofold.geometry import cross, dot, less, position, unit
 from morphofold.kernels import kernel
 from morphofold.sim.hemisphere.subject_maps import (
     Subject,
@@ -36,10 +35,8 @@ from morphofold.sim.hemisphere.subject_maps import (
 from morphofold.sim.mesh.brick_mesh import Bilayer, core_layer_fractions, cube_directions, layered_bricks
 from morphofold.sim.scene.geometries import UnfoldedCortex, map_files
 from morphofold.threads import one_blas_thread
-from morphofold.unfolding.harmonics import Expansion, fit, harmonics
-from morphofold.unfolding.numbers import LEAST_RADIUS_OVER_T
-from morphofold.unfolding.smooth_surface import Frame, SmoothSurface, tangents
-from morphofold.unfolding.unfold import quadrature, surface_radius
+from morphofold.unfolding.harmonics import Expansion, Frame, SmoothSurface, fit, harmonics, tangents
+from morphofold.unfolding.unfold import LEAST_RADIUS_OVER_T, quadrature, surface_radius
 
 FADE_OVER_RADIUS = 0.12  # distance from the medial wall at which the cortex grows fully, over the radius of the body
 HOLE_LEVEL = 0.3  # of heat flow: the hole has the shape of a smoother body

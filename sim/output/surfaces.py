@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.arrays import Array
-from morphofold.geometry.kernels import cross, dot, less, position
+from morphofold.geometry import cross, dot, less, position
 from morphofold.io import write_annotation, write_label, write_surface
 from morphofold.kernels import kernel
 from morphofold.sim.body import Body

@@ -11,8 +11,7 @@ import numpy as np
 
 from morphofold.arrays import Array
 from morphofold.errors import OpenSurface
-from morphofold.intersections.boxes import box_tree
-from morphofold.intersections.rays import ray_hits
+from morphofold.intersections.boxes import box_tree, ray_hits
 from morphofold.kernels import reading
 from morphofold.studies.folds.tables import Row
 from morphofold.surface import Surface
@@ -47,7 +46,7 @@ def outer_radius(surface: Surface, along: Array) -> Array:
     """Distance (R,) [mm] from the origin to the last hit of the surface along unit directions (R, 3).
 
     This is the first hit from outside: overhangs hide the parts below them. No hit is lost at an edge or a vertex
-    (:func:`morphofold.intersections.rays.ray_hits`), so a closed surface around the origin has one in every direction.
+    (:func:`morphofold.intersections.boxes.ray_hits`), so a closed surface around the origin has one in every direction.
 
     Raises
     ------

@@ -21,8 +21,7 @@ from morphofold.mesh_quality.checks import cortex_mask
 from morphofold.quantities import RELIEF
 from morphofold.spheres.places import Places, places
 from morphofold.surface import Cortex, Surface
-from morphofold.unfolding.harmonics import Expansion, degrees
-from morphofold.unfolding.smooth_surface import SmoothSurface
+from morphofold.unfolding.harmonics import Expansion, SmoothSurface, degrees
 from morphofold.unfolding.unfold import points_on_sphere, unfold
 
 RELIEF_SCALE_MM = 10.0  # of the height above the smoothed surface, on the person; as for an adult brain

@@ -15,7 +15,7 @@ from morphofold.comparison.person.agreement import Statistic
 from morphofold.comparison.person.bodies import Bodies
 from morphofold.geometry import face_areas, unit
 from morphofold.surface import Faces, Surface
-from morphofold.unfolding.smooth_surface import SmoothSurface, tangents
+from morphofold.unfolding.harmonics import SmoothSurface, tangents
 
 FORWARD = np.array([0.0, 1.0, 0.0])  # to the front of the head, in the coordinates of FreeSurfer
 

@@ -10,8 +10,7 @@ import math
 import numpy as np
 
 from morphofold.arrays import Array, Ints
-from morphofold.geometry import is_closed
-from morphofold.geometry.kernels import corners, dot, position
+from morphofold.geometry import corners, dot, is_closed, position
 from morphofold.kernels import kernel, reading
 from morphofold.report.colours import RGB, in_bytes
 
