@@ -21,7 +21,7 @@ from morphofold.errors import (
 from morphofold.io import read_annotation, write_annotation
 from morphofold.sim.build import build_body
 from morphofold.sim.dynamics import Dynamics
-from morphofold.sim.mesh.file_maps import COLOUR_STEP
+from morphofold.sim.mesh.tetmesh import COLOUR_STEP
 from morphofold.sim.scene.files import load_scene
 
 WALL, BASE = 3, 8  # labels of facets

@@ -94,12 +94,7 @@ def test_core_layers_grow_inwards_and_end_at_the_base():
 
 @pytest.mark.parametrize(
     ("arguments", "numbers"),
-    [
-        ((50, 2, 48.5, "half", 8), r"\b0\.97\b.*\b0\.96\b.*\b2 mm\b"),
-        ((50, 60, 25, "half", 8), r"\b0\.5\b.*\b60 mm\b"),
-        ((50, 2, 25, "half", 7), r"\bn\b.*\b4\b.*\b7\b"),
-        ((50, 2, 25, "third", 8), "portion.*full, half, quarter, octant.*'third'"),
-    ],
+    [((50, 2, 48.5, "half", 8), r"\b0\.97\b.*\b0\.96\b.*\b2 mm\b"), ((50, 60, 25, "half", 8), r"\b0\.5\b.*\b60 mm\b")],
 )
 def test_impossible_geometry_is_refused(arguments, numbers):
     with pytest.raises(ValueError, match=numbers):

@@ -11,7 +11,6 @@ from morphofold.errors import (
     ImpossibleBody,
     NoCortex,
     NotFinite,
-    OutOfRange,
     TooLarge,
     UnknownName,
     WrongFile,
@@ -305,7 +304,7 @@ def broken(kind):
         ("two bodies", BadMesh, r"\b2 .*\b1,680, 1,680\b"),
         ("points there twice", BadMesh, r"\b1,680 .*\b1, 1\b"),
         ("flat", BadMesh, r"\b1 of 1,680\b.*\b0\b"),
-        ("not finite", NotFinite, r"\(336, 3\), 1\b"),
+        ("not finite", NotFinite, r"points: 1 of 336\b"),
         ("pinched at an edge", BadMesh, r"\b1 edges\b"),
         ("pinched at a point", BadMesh, r"\b1 points\b"),
         ("three at a face", BadMesh, r"\[\d+, \d+, \d+\]"),
@@ -354,13 +353,11 @@ def test_files_that_hold_no_tetrahedra_are_refused(tmp_path, monkeypatch):
     meshio.Mesh(points, [("triangle", tets[:, :3])]).write(tmp_path / "tri.vtu")
     (tmp_path / "cut.vtu").write_bytes(write(tmp_path / "a.vtu", points, tets).read_bytes()[:5000])
     (tmp_path / "a.stuff").write_text("mine")
-    write(tmp_path / "far.vtu", np.where(points == points.max(), 1e200, points), tets)
     for name, kind, named in (
         ("hex.vtu", WrongFile, r"\b1 hexahedron\b"),
         ("tri.vtu", WrongFile, r"\b1,680 triangles\b"),
         ("cut.vtu", ValueError, r"cut\.vtu: "),
         ("a.stuff", WrongFile, r"'\.stuff'"),
-        ("far.vtu", OutOfRange, r"\b1e\+200 mm\b.*\b1e\+06\b"),
     ):
         with pytest.raises(kind, match=named):
             bilayer(tmp_path / name)

@@ -12,7 +12,7 @@ from morphofold.errors import BadMesh, ImpossibleBody, NamedTwice, UnknownName
 from morphofold.sim.body import Body
 from morphofold.sim.elements import tets as tet_elements
 from morphofold.sim.health import enclosed_volume
-from morphofold.sim.mesh.depths import within_planes
+from morphofold.sim.mesh.from_file import within_planes
 from morphofold.sim.mesh.tetmesh import read_tets
 from morphofold.sim.output.surfaces import whole_surfaces
 from morphofold.sim.scene.files import load_scene

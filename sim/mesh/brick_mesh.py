@@ -1,10 +1,11 @@
 """Meshes (scikit-fem) of a cortex on a core: layers of bricks under a surface of quads.
 
 Sphere and ellipsoid are layered cubed spheres, whole or cut by symmetry planes. A patch is a block with a flat surface
-between four symmetry planes. A strip is a patch one brick deep, in plane strain.
+between four symmetry planes. A strip is a patch one brick deep, in plane strain. A part between symmetry planes is
+mirrored to the whole.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -14,7 +15,7 @@ from scipy import sparse
 from skfem import MeshHex, MeshTet
 
 from morphofold.arrays import Array, Bools, Ints
-from morphofold.errors import ImpossibleBody, OutOfRange, UnknownName
+from morphofold.errors import ImpossibleBody
 from morphofold.sim.elements.bricks import CORNERS_IN_KERNEL_ORDER
 from morphofold.surface import Regions
 
@@ -101,39 +102,63 @@ class Bilayer:
         return 0.5 ** len(self.mirrored)
 
 
-def _tile_order(i: Ints, j: Ints) -> Ints:
-    """Order that sorts cells (i, j) tile by tile."""
-    a, b = TILE_SHAPE
-    return np.lexsort((j % b, i % a, j // b, i // a))
+class Whole(NamedTuple):
+    """A surface and its mirror images as one; the vertices and faces of the part come first.
+
+    Attributes
+    ----------
+    faces : (F, k) int
+        Images have the reverse order of corners.
+    node : (V,) int
+        The vertex of the part of which each is the image; ``values[node]`` are its values.
+    sign : (V, 3) float64
+        -1 along the axes at whose planes it is mirrored, else 1.
+    shift : (3,) float64
+        Twice the coordinates of the planes [mm].
+    """
+
+    faces: Ints
+    node: Ints
+    sign: Array
+    shift: Array
+
+    def positions(self, x: Array) -> Array:
+        """Positions (V, 3) of the whole from those of the part [mm]."""
+        return x[self.node] * self.sign + np.where(self.sign < 0, self.shift, 0.0)
+
+
+def mirror(faces: Ints, on_plane: Bools, planes: Sequence[Plane]) -> Whole:
+    """Mirror ``faces`` (F, k) at planes, one after the other; both sides share the vertices on a plane.
+
+    ``on_plane`` (N, 3): whether a vertex of the part lies on the plane of each axis.
+    """
+    node, sign, shift = np.arange(len(on_plane)), np.ones(on_plane.shape), np.zeros(3)
+    for axis, at, _ in planes:
+        off = np.flatnonzero(~on_plane[node, axis])
+        image = np.arange(len(node))
+        image[off] = len(node) + np.arange(len(off))
+        flipped = sign[off]
+        flipped[:, axis] = -1
+        node, sign = np.concatenate([node, node[off]]), np.concatenate([sign, flipped])
+        faces = np.concatenate([faces, image[faces][:, ::-1]])
+        shift[axis] = 2 * at
+    return Whole(faces, node, sign, shift)
 
 
 def _cube_surface(n: int, axes: tuple[int, ...]) -> tuple[Ints, Ints]:
     """Lattice points (S, 3) in -n/2..n/2 and quads (Q, 4) of the surface of a cube, where no axis is negative."""
     half = n // 2
-    points, start = [], 0
-    quads = []
-    grid = np.arange(-half, half + 1)
-    u, v = np.meshgrid(grid, grid, indexing="ij")
-    corners = _grid_quads(n, n)
+    u, v = np.indices((n + 1, n + 1)).reshape(2, -1) - half
+    faces, quads = [], _grid_quads(n, n)
     for axis in range(3):
         for side in (-1, 1):
-            p = np.empty((n + 1, n + 1, 3), dtype=np.int64)
-            p[..., axis] = side * half
-            p[..., (axis + 1) % 3], p[..., (axis + 2) % 3] = u, v
-            points.append(p.reshape(-1, 3))
-            quads.append(start + (corners if side > 0 else corners[:, [0, 3, 2, 1]]))
-            start += p.shape[0] * p.shape[1]
-    all_points, all_quads = np.concatenate(points), np.concatenate(quads)
-    keep = np.ones(len(all_quads), dtype=bool)
-    for axis in axes:
-        keep &= all_points[all_quads][:, :, axis].min(axis=1) >= 0
-    used, first, inverse = np.unique(
-        all_points[all_quads[keep].ravel()], axis=0, return_index=True, return_inverse=True
-    )
+            points = np.roll(np.column_stack([np.full_like(u, side * half), u, v]), axis, axis=1)
+            faces.append(points[quads if side > 0 else quads[:, [0, 3, 2, 1]]])
+    corners = np.concatenate(faces)
+    corners = corners[(corners[..., list(axes)] >= 0).all(axis=(1, 2))].reshape(-1, 3)
+    used, first, inverse = np.unique(corners, axis=0, return_index=True, return_inverse=True)
     order = np.argsort(first)  # number nodes in the order of the quads, so that neighbours are close in memory
-    rank = np.empty_like(order)
-    rank[order] = np.arange(len(order))
-    return used[order], rank[inverse].reshape(-1, 4)
+    return used[order], np.argsort(order)[inverse].reshape(-1, 4)
 
 
 def cube_directions(n: int, axes: tuple[int, ...] = ()) -> tuple[Array, Ints]:
@@ -150,8 +175,8 @@ def _grid_quads(nu: int, nv: int) -> Ints:
     """Quads (nu nv, 4) of a grid of (nu + 1) (nv + 1) points, tile by tile, counter-clockwise in (u, v)."""
     number = np.arange((nu + 1) * (nv + 1)).reshape(nu + 1, nv + 1)
     quads = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], axis=-1).reshape(-1, 4)
-    i, j = np.divmod(np.arange(nu * nv), nv)
-    return quads[_tile_order(i, j)]
+    (i, j), (a, b) = np.divmod(np.arange(nu * nv), nv), TILE_SHAPE
+    return quads[np.lexsort((j % b, i % a, j // b, i // a))]
 
 
 def core_layer_fractions(first: float, depth: float, edge: float) -> Array:
@@ -251,21 +276,17 @@ def bilayer_ellipsoid(
         Size of the held hole over that of the pial surface.
     portion : {"full", "half", "quarter", "octant"}
         Symmetry planes cut away the negative side of no axis, one (z), two (y, z) or three.
-    n : even int
-        Surface cells along a quarter of a great circle (an edge of the cube).
+    n : int
+        Surface cells along a quarter of a great circle (an edge of the cube): an even number, at least 4.
     cortex_layers : int
         Brick layers through the cortex; scenes use two where edges are longer than T/2, else three, unless they set it.
 
     Raises
     ------
-    ValueError
-        If the layers leave no core or no cortex, or n is odd or below 4.
+    ImpossibleBody
+        If the layers leave no core or no cortex.
     """
     axes = np.asarray(semi_axes, dtype=np.float64)
-    if n < 4 or n % 2:
-        raise OutOfRange(f"n must be an even number of cells, at least 4, got {n}.")
-    if portion not in SYMMETRY_AXES:
-        raise UnknownName(f"portion must be one of {', '.join(SYMMETRY_AXES)}, got {portion!r}.")
     direction, quads = cube_directions(n, SYMMETRY_AXES[portion])
     pial = direction * axes
     normal = direction / axes
@@ -311,16 +332,7 @@ def bilayer_patch(
     edge : float
         Largest surface edge [mm].
     cortex_layers : int
-
-    Raises
-    ------
-    ImpossibleBody
-        If the cortex leaves no core.
     """
-    if not 0 < thickness < depth:
-        raise ImpossibleBody(
-            f"the cortex ({thickness:g} mm) leaves no core in a depth of {depth:g} mm; make the cortex thinner."
-        )
     strip = size[1] == 0
     nx = max(1, int(np.ceil(size[0] / edge - 1e-9)))
     ny = 1 if strip else max(1, int(np.ceil(size[1] / edge - 1e-9)))
@@ -338,14 +350,14 @@ def bilayer_patch(
     return bilayer
 
 
-def spot_factors(at: Array, spots) -> Array:
+def spot_factors(points: Array, spots) -> Array:
     """Product (P,) of the factors of spots at points (P, 3).
 
     The factor of a spot (centre, radius, factor) is full at its centre and 1 beyond its radius [mm, straight line],
     with half a cosine in between.
     """
-    total = np.ones(len(at))
+    total = np.ones(len(points))
     for centre, radius, factor in spots:
-        s = np.minimum(np.linalg.norm(at - np.asarray(centre), axis=1) / radius, 1.0)
+        s = np.minimum(np.linalg.norm(points - np.asarray(centre), axis=1) / radius, 1.0)
         total *= 1 + (factor - 1) * 0.5 * (1 + np.cos(np.pi * s))
     return total

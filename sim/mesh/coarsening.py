@@ -46,11 +46,11 @@ def halve(quads: Ints, n: int) -> Halved | None:
     """
     across = quad_neighbours(quads, n)
     first = _first_vertex(quads, n, across)
-    kept = np.full(len(quads), -1)
+    retained = np.full(len(quads), -1)
     start = int(np.flatnonzero((quads == first).any(axis=1))[0])
-    kept[start] = int(np.flatnonzero(quads[start] == first)[0])
-    _spread(across, kept, start)
-    corner, left, centre, right = (quads[np.arange(len(quads)), (kept + turn) % 4] for turn in range(4))
+    retained[start] = int(np.flatnonzero(quads[start] == first)[0])
+    _spread(across, retained, start)
+    corner, left, centre, right = (quads[np.arange(len(quads)), (retained + turn) % 4] for turn in range(4))
     role = np.zeros(n, dtype=np.int8)
     role[corner], role[left], role[right], role[centre] = 1, 2, 2, 3
     if (role[corner] != 1).any() or (role[left] != 2).any() or (role[right] != 2).any():
@@ -67,11 +67,14 @@ def halve(quads: Ints, n: int) -> Halved | None:
 def quad_neighbours(quads: Ints, n: int) -> Ints:
     """For edge k of each quad, from corner k to k + 1: 4 times the quad across it plus that one's edge; -1: none."""
     a, b = quads.ravel(), np.roll(quads, -1, axis=1).ravel()
-    key, reverse = a * n + b, b * n + a
-    order = np.argsort(key)
-    place = np.minimum(np.searchsorted(key[order], reverse), len(key) - 1)
-    found = order[place]
-    return np.where(key[found] == reverse, found, -1).reshape(-1, 4)
+    return positions(a * n + b, b * n + a).reshape(-1, 4)
+
+
+def positions(keys: Ints, sought: Ints) -> Ints:
+    """Where each of the numbers ``sought`` is among ``keys``, which differ; -1 if nowhere."""
+    order = np.argsort(keys)
+    nearest = order[np.minimum(np.searchsorted(keys[order], sought), len(keys) - 1)]
+    return np.where(keys[nearest] == sought, nearest, -1)
 
 
 def _first_vertex(quads: Ints, n: int, across: Ints) -> int:
@@ -87,29 +90,25 @@ def _first_vertex(quads: Ints, n: int, across: Ints) -> int:
 
 
 @kernel
-def _spread(across, kept, start):
+def _spread(across, retained, start):
     """Fill ``kept`` (Q,), the corner that is kept, from quad ``start`` to all others."""
     stack = [start]
     while len(stack) > 0:
         q = stack.pop()
         for k in range(4):
             other = across[q, k]
-            if other < 0 or kept[other // 4] >= 0:
+            if other < 0 or retained[other // 4] >= 0:
                 continue
             m = other % 4  # corner m + 1 of the other quad is corner k of this one, its corner m is k + 1
-            turn = (kept[q] - k) % 4
-            kept[other // 4] = (m + (1, 0, 3, 2)[turn]) % 4
+            turn = (retained[q] - k) % 4
+            retained[other // 4] = (m + (1, 0, 3, 2)[turn]) % 4
             stack.append(other // 4)
 
 
 def _cells_around(corner: Ints, centre: Ints, right: Ints, left: Ints) -> Ints:
     """The kept vertices (K, 4) around the centres of whole coarse cells, counter-clockwise."""
-    n = int(max(corner.max(), centre.max(), right.max(), left.max())) + 1
-    key = centre * n + right  # seen from the centre, a quad begins at `right` and ends at `left`
-    order = np.argsort(key)
-    wanted = centre * n + left
-    found = order[np.minimum(np.searchsorted(key[order], wanted), len(key) - 1)]
-    following = np.where(key[found] == wanted, found, -1)
+    n = int(max(right.max(), left.max())) + 1
+    following = positions(centre * n + right, centre * n + left)  # from the centre, a quad lies from right to left
     ring = [np.arange(len(corner))]
     for _ in range(4):
         ring.append(np.where(ring[-1] >= 0, following[ring[-1]], -1))
@@ -123,10 +122,8 @@ def depths_kept(depth: Array, n_cortex: int, spacing: float) -> Ints:
 
     ``depth`` (L,) is that of all levels, the first is the pial surface; level ``n_cortex`` is the white surface [mm].
     """
-    kept = [0, n_cortex]
+    levels = [0, n_cortex]
     for k in range(n_cortex + 1, len(depth)):
-        if depth[k] - depth[kept[-1]] >= (1 - 1e-9) * spacing:
-            kept.append(k)
-    if kept[-1] != len(depth) - 1:
-        kept.append(len(depth) - 1)
-    return np.array(kept)
+        if depth[k] - depth[levels[-1]] >= (1 - 1e-9) * spacing or k == len(depth) - 1:
+            levels.append(k)
+    return np.array(levels)

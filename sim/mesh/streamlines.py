@@ -3,6 +3,7 @@
 import numpy as np
 from numba import njit
 
+from morphofold.geometry import cross, dot, less
 from morphofold.kernels import kernel
 
 MOST_TETS_PER_STEP = 200  # most tetrahedra that one step may cross
@@ -12,10 +13,7 @@ HALVINGS_OF_LAST_STEP = 30  # halvings of the last step: level has a kink at 0, 
 @njit(inline="always")
 def _six_times_volume(a, b, c, d):
     """Six times the signed volume of the tetrahedron a, b, c, d."""
-    u0, u1, u2 = b[0] - a[0], b[1] - a[1], b[2] - a[2]
-    v0, v1, v2 = c[0] - a[0], c[1] - a[1], c[2] - a[2]
-    w0, w1, w2 = d[0] - a[0], d[1] - a[1], d[2] - a[2]
-    return u0 * (v1 * w2 - v2 * w1) - u1 * (v0 * w2 - v2 * w0) + u2 * (v0 * w1 - v1 * w0)
+    return dot(less(b, a), cross(less(c, a), less(d, a)))
 
 
 @kernel
@@ -49,29 +47,29 @@ def _containing_tetrahedron(x, tets, across, p, start, w):
 @kernel
 def _interpolate_level(tets, level, e, w):
     """The level at weights ``w`` of tetrahedron ``e``."""
-    there = 0.0
+    total = 0.0
     for k in range(4):
-        there += w[k] * level[tets[e, k]]
-    return there
+        total += w[k] * level[tets[e, k]]
+    return total
 
 
 @kernel
 def _bisect_level_crossing(x, tets, across, level, e, p, q, w):
     """Bisect from ``p`` (level above 0) to ``q`` (below) for level 0; the point is written into ``q``."""
     at = np.empty(3)
-    low, high, found = 0.0, 1.0, e
+    low, high, inside = 0.0, 1.0, e
     for _ in range(HALVINGS_OF_LAST_STEP):
         middle = 0.5 * (low + high)
         for r in range(3):
             at[r] = p[r] + middle * (q[r] - p[r])
-        here = _containing_tetrahedron(x, tets, across, at, found, w)
-        if here >= 0 and _interpolate_level(tets, level, here, w) > 0.0:
-            low, found = middle, here
+        element = _containing_tetrahedron(x, tets, across, at, inside, w)
+        if element >= 0 and _interpolate_level(tets, level, element, w) > 0.0:
+            low, inside = middle, element
         else:
             high = middle
     for r in range(3):
         q[r] = p[r] + low * (q[r] - p[r])
-    return _containing_tetrahedron(x, tets, across, q, found, w)
+    return _containing_tetrahedron(x, tets, across, q, inside, w)
 
 
 @kernel
@@ -84,12 +82,12 @@ def descend(x, tets, across, start, radial, level, stride, steps, where, weights
     """
     w, p, q = np.empty(4), np.empty(3), np.empty(3)
     for i in range(len(start)):
-        e, here = start[i], level[i]
+        e, this_level = start[i], level[i]
         p[:] = x[i]
         _barycentric_weights(x, tets[e], p, w)
         where[i], weights[i] = e, w
         for _ in range(steps):
-            if here <= 0.0:
+            if this_level <= 0.0:
                 break
             q[:] = 0.0
             for k in range(4):
@@ -103,11 +101,11 @@ def descend(x, tets, across, start, radial, level, stride, steps, where, weights
             ahead = _containing_tetrahedron(x, tets, across, q, e, w)
             if ahead < 0:
                 break
-            there = _interpolate_level(tets, level, ahead, w)
-            if there >= here:
+            ahead_level = _interpolate_level(tets, level, ahead, w)
+            if ahead_level >= this_level:
                 break
-            if there < 0.0:
-                ahead, there = _bisect_level_crossing(x, tets, across, level, e, p, q, w), 0.0
-            e, here = ahead, there
+            if ahead_level < 0.0:
+                ahead, ahead_level = _bisect_level_crossing(x, tets, across, level, e, p, q, w), 0.0
+            e, this_level = ahead, ahead_level
             p[:] = q
             where[i], weights[i] = e, w

@@ -1,34 +1,31 @@
 """A file of tetrahedra that meshio reads: points, tetrahedra, and the values and labels that it holds for them."""
 
-import contextlib
 import io
 import re
+from collections import Counter
 from collections.abc import Sequence
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import meshio
 import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.arrays import Array, Ints
-from morphofold.errors import (
-    DamagedFile,
-    MissingPart,
-    NotFinite,
-    OutOfRange,
-    TooLarge,
-    UnknownName,
-    WrongFile,
-    WrongShape,
-)
-from morphofold.io.files import decoding, warn_of_no_end
+from morphofold.errors import DamagedFile, MissingPart, TooLarge, UnknownName, WrongFile, WrongShape
+from morphofold.io.files import decoding, existing_file, warn_of_no_end
 from morphofold.io.formats import format_of
 from morphofold.sim.scene import MOST_BRICKS, MeshFile
+from morphofold.validators import finite
 
 #: other cells that a file may have; of these only triangles are used, and only for their labels
 OTHER_CELL_TYPES = ("vertex", "line", "line3", "triangle", "triangle6")
-FARTHEST_POINT_MM = 1e6  # largest distance from the origin [mm]
 MOST_NAMES = 8  # names or values that a message lists
+SURFACE = (
+    "{}: is a surface, with {}no tetrahedra. A cortex grows with geometry.shape = 'cortex', whose key is subject; "
+    "`morphofold unfold` makes a smooth surface to fill with tetrahedra."
+)
 
 
 class TetFile(NamedTuple):
@@ -48,17 +45,16 @@ class TetFile(NamedTuple):
     name: str
     points: Array
     tets: Ints
-    mesh: Any
+    mesh: meshio.Mesh
 
     def point_maps(self) -> dict[str, Array]:
         """All point data with one real number per point, (P,) float64 each, by name."""
-        found = {}
+        maps = {}
         for name, data in self.mesh.point_data.items():
             values = np.asarray(data)
-            values = values[:, 0] if values.ndim == 2 and values.shape[1] == 1 else values
-            if values.ndim == 1 and values.dtype.kind in "biuf":
-                found[str(name)] = values.astype(np.float64)
-        return found
+            if values.size == len(values) and values.dtype.kind in "biuf":
+                maps[str(name)] = values.ravel().astype(np.float64)
+        return maps
 
     def point_map(self, name: str, key: str) -> Array:
         """Values (P,) of the point data that a key of the scene names."""
@@ -73,8 +69,8 @@ class TetFile(NamedTuple):
     def cell_values(self, name: str, key: str, kind: str = "tetra") -> NDArray[np.generic]:
         """One value per cell of a kind, (E,), from the cell data that a key of the scene names."""
         if name not in self.mesh.cell_data:
-            there = _listed(self.mesh.cell_data)
-            raise UnknownName(f"{self.name}: has no cell data {name!r} (geometry.{key}); it has: {there}.")
+            known = _listed(self.mesh.cell_data)
+            raise UnknownName(f"{self.name}: has no cell data {name!r} (geometry.{key}); it has: {known}.")
         parts = [v for v, block in zip(self.mesh.cell_data[name], self.mesh.cells) if block.type == kind]
         values = np.concatenate(parts) if parts else np.empty(0)
         if values.ndim != 1:
@@ -118,30 +114,29 @@ def read_tet_file(geometry: MeshFile) -> TetFile:
     ValueError
         For a file that is damaged, too large, a surface, or has other cells than tetrahedra.
     """
-    import meshio
-
-    name = geometry.file
-    path = geometry.path()
+    name, path = geometry.file, geometry.path()
     readable = path.name.lower().endswith(tuple(meshio.extension_to_filetypes))
-    if _holds_polygons(path) if readable else format_of(path.read_bytes(), path.name):
-        raise WrongFile(_is_surface_text(name))
+    with path.open("rb") as file:
+        head = file.read(4096)
+    # VTK's surfaces are in files that end like its meshes
+    if b"DATASET POLYDATA" in head if readable else format_of(path.read_bytes(), path.name):
+        raise WrongFile(SURFACE.format(name, ""))
     if not readable:
         raise WrongFile(
             f"{name}: meshio can't read files that end in {path.suffix!r}; convert it, for example to .vtu."
         )
-    quiet = contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO())
-    with decoding(path, "a mesh that meshio reads"), quiet[0], quiet[1]:
-        mesh = _read_mesh(path)
+    with decoding(path, "a mesh that meshio reads"), redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+        mesh = _read_mesh(path, head)
         points = np.asarray(mesh.points, dtype=np.float64) * geometry.scale
         blocks = [block.data.astype(np.int64) for block in mesh.cells if block.type == "tetra"]
     warn_of_no_end(path, path.read_bytes())
-    counts: dict[str, int] = {}
+    counts = Counter[str]()
     for block in mesh.cells:
-        counts[block.type] = counts.get(block.type, 0) + len(block.data)
+        counts[block.type] += len(block.data)
     others = {kind: n for kind, n in counts.items() if kind not in ("tetra", *OTHER_CELL_TYPES) and n}
-    if others or not counts.get("tetra"):
-        if counts.get("triangle") and not others:
-            raise WrongFile(_is_surface_text(name, f"{counts['triangle']:,} triangles and "))
+    if others or not counts["tetra"]:
+        if counts["triangle"] and not others:
+            raise WrongFile(SURFACE.format(name, f"{counts['triangle']:,} triangles and "))
         listing = ", ".join(f"{n:,} {kind}" for kind, n in (others or counts).items()) or "no cells"
         raise WrongFile(
             f"{name}: must hold linear tetrahedra (tetra) but holds {listing}; split the cells or mesh it again."
@@ -149,89 +144,53 @@ def read_tet_file(geometry: MeshFile) -> TetFile:
     tets = np.concatenate(blocks)
     if len(tets) > MOST_BRICKS:
         raise TooLarge(f"{name}: has {len(tets):,} tetrahedra, more than {MOST_BRICKS:,}; coarsen the mesh.")
-    if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
-        bad = int((~np.isfinite(points)).any(axis=-1).sum())
-        kind = NotFinite if bad else WrongShape
-        raise kind(f"{name}: points need three finite coordinates; their shape is {points.shape}, {bad} not finite.")
-    far = float(np.abs(points).max())
-    if far > FARTHEST_POINT_MM:
-        raise OutOfRange(
-            f"{name}: has points {far:.3g} mm from the origin, more than {FARTHEST_POINT_MM:g}; check the scale."
-        )
+    finite(points, f"{name}: points", "Mesh it again.")
     if tets.min() < 0 or tets.max() >= len(points):
         named = f"{tets.min()} to {tets.max()}"
         raise DamagedFile(f"{name}: tetrahedra use points {named} of 0 to {len(points) - 1}. Repair the mesh.")
     return TetFile(name, points, tets, mesh)
 
 
-def _holds_polygons(path: Path) -> bool:
-    """Whether a file is VTK's format of surfaces, whose name ends like that of its meshes."""
-    with path.open("rb") as file:
-        return b"DATASET POLYDATA" in file.read(1024)
-
-
-def _is_surface_text(name: str, holds: str = "") -> str:
-    return (
-        f"{name}: is a surface, with {holds}no tetrahedra. A cortex grows with geometry.shape = 'cortex', whose key is "
-        "subject; `morphofold unfold` makes a smooth surface to fill with tetrahedra."
-    )
-
-
-class _EndCheckedFile(io.BufferedReader):
+class _EndingFile(io.FileIO):
     """A file that raises EOFError if a reader repeatedly asks for bytes beyond the end."""
 
-    asked = 0
+    _asked_in_vain = 0
 
-    def read(self, size: int | None = -1, /) -> bytes:
-        return self._seen(super().read(size))
-
-    def read1(self, size: int = -1, /) -> bytes:
-        return self._seen(super().read1(size))
-
-    def readline(self, size: int | None = -1, /) -> bytes:
-        return self._seen(super().readline(size))
-
-    def _seen(self, got: bytes) -> bytes:
-        self.asked = 0 if got else self.asked + 1
-        if self.asked > 99:
+    def readinto(self, buffer: Any, /) -> int:
+        count = super().readinto(buffer)
+        self._asked_in_vain = 0 if count else self._asked_in_vain + 1
+        if self._asked_in_vain > 99:
             raise EOFError("it ends too early")
-        return got
+        return count
 
 
-def _read_mesh(path: Path) -> Any:
+def _read_mesh(path: Path, head: bytes) -> meshio.Mesh:
     """Read the mesh in a file: by meshio, some of whose readers never return on a truncated file, or here."""
-    import meshio
-
-    kinds = meshio.extension_to_filetypes.get(path.suffix.lower(), [""])
-    with path.open("rb") as file:
-        head = file.read(4096)
-    if kinds == ["medit"] and re.match(rb"\s*\d+\s*\n", head):
+    kind = meshio.extension_to_filetypes.get(path.suffix.lower(), [""])[0]
+    if kind == "medit" and re.match(rb"\s*\d+\s*\n", head):
         return _read_neutral(path.read_bytes())
-    if "ansys" in kinds:  # meshio reads every .msh as ansys first
-        kinds = ["gmsh"] if b"$MeshFormat" in head else ["ansys"]
-    if kinds == ["tetgen"]:
-        for part in (path.with_suffix(".node"), path.with_suffix(".ele")):
-            if not any(line.strip() and not line.startswith(b"#") for line in part.read_bytes().splitlines()):
-                raise DamagedFile(f"{part.name} has no line of counts")
-    if kinds[0] not in ("ansys", "mdpa", "tecplot"):
-        return meshio.read(path, kinds[0] if kinds == ["gmsh"] else None)
-    with _EndCheckedFile(io.FileIO(path)) as file:
-        return meshio.read(io.TextIOWrapper(file, "utf-8") if kinds == ["tecplot"] else file, kinds[0])
+    if kind == "tetgen":
+        for suffix in (".node", ".ele"):
+            existing_file(path.with_suffix(suffix))
+    if kind == "ansys" and b"$MeshFormat" in head:  # meshio reads every .msh as ansys first
+        return meshio.read(path, "gmsh")
+    if kind not in ("ansys", "mdpa", "tecplot"):
+        return meshio.read(path)
+    with io.BufferedReader(_EndingFile(path)) as file:
+        return meshio.read(io.TextIOWrapper(file, "utf-8") if kind == "tecplot" else file, kind)
 
 
-def _read_neutral(raw: bytes) -> Any:
+def _read_neutral(raw: bytes) -> meshio.Mesh:
     """The mesh in Netgen's neutral format, that of the folding codes of Tallinen and BrainGrowth, as ``meshio.Mesh``.
 
     Counts and rows of points, tetrahedra and, if any, triangles; before their corners, which count from 1, cells may
     have a label, here the cell data ``label``.
     """
-    import meshio
-
     lines, tables = [line.split() for line in raw.splitlines() if line.strip()], list[NDArray[Any]]()
     while lines and len(tables) < 3:
         n = int(b" ".join(lines[0]))
-        words = [word for row in lines[1 : n + 1] for word in row]
-        tables.append(np.array(words, np.int64 if tables else np.float64).reshape(n, len(words) // max(n, 1)))
+        numbers = [word for row in lines[1 : n + 1] for word in row]
+        tables.append(np.array(numbers, np.int64 if tables else np.float64).reshape(n, len(numbers) // max(n, 1)))
         lines = lines[n + 1 :]
     points, *cells = tables
     if lines or points.shape[1] != 3 or any(a.size and a.shape[1] - c not in (0, 1) for a, c in zip(cells, (4, 3))):

@@ -1,25 +1,41 @@
-"""Tetrahedra from a file, checked to be one body: neighbours, symmetry planes, outer and inner surfaces."""
+"""Tetrahedra from a file, checked to be one body: neighbours, symmetry planes, outer and inner surfaces.
+
+Maps and labels of the file say which nodes are held, how thick the cortex is, and which regions it has.
+"""
 
 import warnings
 from typing import NamedTuple
 
 import numpy as np
+import trimesh
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 
 from morphofold.arrays import Array, Bools, Ints
-from morphofold.errors import BadMesh, DoesNotApply, ImpossibleBody, NoCortex
-from morphofold.sim.mesh.brick_mesh import Plane
-from morphofold.sim.mesh.mirroring import mirror
+from morphofold.errors import (
+    BadMesh,
+    DoesNotApply,
+    ImpossibleBody,
+    MissingPart,
+    NoCortex,
+    NotFinite,
+    OutOfRange,
+    TooLarge,
+    UnknownName,
+)
+from morphofold.geometry import connected
+from morphofold.sim.mesh.brick_mesh import Plane, mirror
 from morphofold.sim.mesh.tet_files import TetFile, counted, read_tet_file
 from morphofold.sim.scene import MeshFile
+from morphofold.surface import Regions
 
 TET_FACES = ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))  # opposite to each corner; seen from outside
 FLAT_VOLUME_RATIO = 1e-10  # a volume below this share of the cube of the longest edge counts as zero
 #: distance from a symmetry plane, over the size of the body, within which a point lies on it: round-off of 32 bits
 PLANE_TOLERANCE = 1e-6
 SMALLER_CUT = 0.5  # a flat end with less than this share of the other's area is no second cut
+MOST_REGIONS = 1000  # more are no parcellation
+LARGEST_LABEL = 2**24 - 1  # each label has its own colour of 24 bits
+COLOUR_STEP = 0x9E3779  # odd, so that all multiples below 2^24 differ
 
 #: what a face of a tetrahedron is: between two of them; of the outer surface; of a part of it that is no cortex; of an
 #: inner surface; in a symmetry plane
@@ -75,10 +91,10 @@ class TetMesh(NamedTuple):
     @property
     def on_plane(self) -> Bools:
         """Whether a point lies on the symmetry plane of each axis (N, 3)."""
-        found = np.zeros(self.points.shape, dtype=bool)
+        on_plane = np.zeros(self.points.shape, dtype=bool)
         for axis, at, _ in self.planes:
-            found[:, axis] = self.points[:, axis] == at
-        return found
+            on_plane[:, axis] = self.points[:, axis] == at
+        return on_plane
 
     def in_plane(self, faces: Ints) -> Bools:
         """Which faces (F, 3) lie in a symmetry plane (F,)."""
@@ -106,7 +122,8 @@ def read_tets(geometry: MeshFile) -> TetMesh:
     name = file.name
     cortex = None if geometry.label is None else _has_cortex_label(geometry, file)
     used, tets = np.unique(file.tets, return_inverse=True)
-    points, tets = _right_handed_tets(name, np.ascontiguousarray(file.points[used]), tets.reshape(-1, 4))
+    points = np.ascontiguousarray(file.points[used])
+    tets = _right_handed_tets(name, points, tets.reshape(-1, 4))
     across = _tets_across_faces(name, tets)
     boundary = tets[:, TET_FACES][across < 0]
     planes = _symmetry_planes(geometry, points, boundary)
@@ -128,17 +145,17 @@ def read_tets(geometry: MeshFile) -> TetMesh:
     sheet = np.where(outer[: len(rest)], PIAL, INNER)
     if geometry.cut_facets:
         sheet[_labelled_faces(geometry, body, rest, sheet)] = CUT
-    of_boundary = np.full(len(boundary), IN_PLANE)
-    of_boundary[~in_plane] = sheet
-    kind[across < 0] = of_boundary
+    sheets = np.full(len(boundary), IN_PLANE)
+    sheets[~in_plane] = sheet
+    kind[across < 0] = sheets
     return body
 
 
 def _labelled_faces(geometry: MeshFile, body: TetMesh, faces: Ints, sheet: Ints) -> Bools:
     """Which faces (F, 3) of the boundary have a label of ``cut_facets``; those in symmetry planes may have it, too."""
     name, key = geometry.file, "cut_facets"
-    found = body.nodes(body.file.labelled_triangles(str(geometry.facets), geometry.cut_facets, key))
-    rows = np.unique(np.sort(found[~(body.in_plane(found) & (found >= 0).all(axis=1))], axis=1), axis=0)
+    nodes = body.nodes(body.file.labelled_triangles(str(geometry.facets), geometry.cut_facets, key))
+    rows = np.unique(np.sort(nodes[~(body.in_plane(nodes) & (nodes >= 0).all(axis=1))], axis=1), axis=0)
     joined = np.concatenate([rows, np.sort(faces, axis=1)])
     number = np.unique(joined, axis=0, return_inverse=True)[1].ravel()
     cut = np.isin(number[len(rows) :], number[: len(rows)])
@@ -207,8 +224,8 @@ def _six_volumes(points: Array, tets: Ints) -> Array:
     return np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a)
 
 
-def _right_handed_tets(name: str, points: Array, tets: Ints) -> tuple[Array, Ints]:
-    """Points, and tetrahedra with corners in right-handed order."""
+def _right_handed_tets(name: str, points: Array, tets: Ints) -> Ints:
+    """Tetrahedra with corners in right-handed order."""
     volume = _six_volumes(points, tets) / 6
     a, b, c, d = (points[tets[:, k]] for k in range(4))
     edges = (a - b, a - c, a - d, b - c, b - d, c - d)
@@ -223,7 +240,7 @@ def _right_handed_tets(name: str, points: Array, tets: Ints) -> tuple[Array, Int
         warnings.warn(
             f"{name}: all {len(tets):,} tetrahedra were turned inwards; their corners were reordered.", stacklevel=2
         )
-    return points, np.where(volume[:, None] < 0, tets[:, [1, 0, 2, 3]], tets)
+    return np.where(volume[:, None] < 0, tets[:, [1, 0, 2, 3]], tets)
 
 
 def _tets_across_faces(name: str, tets: Ints) -> Ints:
@@ -237,11 +254,10 @@ def _tets_across_faces(name: str, tets: Ints) -> Ints:
     left, right = order[:-1][same], order[1:][same]
     across = np.full(tets.size, -1)
     across[left], across[right] = right // 4, left // 4
-    parts, part = _connected_parts(left // 4, right // 4, len(tets))
-    if parts > 1:
-        size = np.sort(np.bincount(part))[::-1]
+    size = np.sort(np.bincount(connected(len(tets), np.column_stack([left // 4, right // 4]))))[::-1]
+    if len(size) > 1:
         raise BadMesh(
-            f"{name}: has {parts:,} parts that share no face, of {size[0]:,}, {size[1]:,} ... tetrahedra. Keep one "
+            f"{name}: has {len(size):,} parts that share no face, of {size[0]:,}, {size[1]:,} ... tetrahedra. Keep one "
             "part; if points are duplicated, merge them."
         )
     return across.reshape(-1, 4)
@@ -249,25 +265,157 @@ def _tets_across_faces(name: str, tets: Ints) -> Ints:
 
 def _outer_sheet(name: str, points: Array, faces: Ints) -> tuple[Bools, float]:
     """Which boundary faces (F, 3) are of the sheet that encloses most (F,); volume enclosed by all sheets [mm^3]."""
-    half = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)  # half-edge 3 f + k, from corner k
-    low, high = half.min(axis=1), half.max(axis=1)
-    order = np.lexsort((high, low))  # each edge has an even number of half-edges
-    one, two = order[0::2], order[1::2]
+    shape = trimesh.Trimesh(points, faces, process=False)
+    pairs, ends = shape.face_adjacency, shape.face_adjacency_edges  # of faces that alone share an edge
     cure = "Separate these parts, or join them by a face."
-    again = (low[one[1:]] == low[one[:-1]]) & (high[one[1:]] == high[one[:-1]])
-    if again.any() or (half[one] != half[two][:, ::-1]).any():
-        raise BadMesh(f"{name}: parts of its surface touch along {max(again.sum(), 1):,} edges. {cure}")
-    following = one // 3 * 3 + (one + 1) % 3, two // 3 * 3 + (two + 1) % 3
-    fans, _ = _connected_parts(np.concatenate([one, two]), np.concatenate([following[1], following[0]]), faces.size)
-    pinched = fans - len(np.unique(faces))
+    if touching := (faces.size - pairs.size) // 4:
+        raise BadMesh(f"{name}: parts of its surface touch along {touching:,} edges. {cure}")
+    corners = [3 * pairs + (faces[pairs] == ends[:, k, None, None]).argmax(axis=2) for k in (0, 1)]
+    fans = connected(faces.size, np.concatenate(corners))
+    pinched = fans.max() + 1 - len(np.unique(faces))
     if pinched:
         raise BadMesh(f"{name}: parts of its surface touch at {pinched:,} points. {cure}")
-    count, sheet = _connected_parts(one // 3, two // 3, len(faces))
+    sheet = connected(len(faces), pairs)
     a, b, c = (points[faces[:, k]] for k in range(3))
-    enclosed = np.bincount(sheet, np.einsum("ij,ij->i", a, np.cross(b, c)), count)
+    enclosed = np.bincount(sheet, np.einsum("ij,ij->i", a, np.cross(b, c)))
     return sheet == enclosed.argmax(), float(enclosed.sum()) / 6
 
 
-def _connected_parts(one: Ints, two: Ints, size: int) -> tuple[int, Ints]:
-    """Number of connected parts of ``size`` items, where ``one`` and ``two`` are joined, and the part of each item."""
-    return connected_components(sparse.csr_matrix((np.ones(len(one)), (one, two)), (size, size)))
+def held_nodes(geometry: MeshFile, body: TetMesh) -> Ints:
+    """Nodes (H,) that never move: of inner surfaces, of labelled facets, and where a map is not zero.
+
+    Raises
+    ------
+    DoesNotApply, MissingPart, UnknownName, NotFinite
+        If there is no such part or map, or it holds no node.
+    ImpossibleBody
+        If all nodes are held.
+    """
+    name, held = geometry.file, np.zeros(len(body.points), dtype=bool)
+    if geometry.held == "inner":
+        if not len(body.inner):
+            raise DoesNotApply(
+                f"{name}: has no inner surface to hold (geometry.held = 'inner'); set held to 'nothing'."
+            )
+        held[body.inner] = True
+    if geometry.held_facets:
+        nodes = body.nodes(body.file.labelled_triangles(str(geometry.facets), geometry.held_facets, "held_facets"))
+        outside = (nodes < 0).any(axis=1)
+        if outside.any():
+            raise DoesNotApply(
+                f"{name}: {outside.sum():,} of {len(nodes):,} triangles of geometry.held_facets have corners in no "
+                "tetrahedron; give labels of the body only."
+            )
+        held[nodes] = True
+    if geometry.held_map is not None:
+        values = _finite(geometry, body, geometry.held_map, "held_map", body.used)
+        if not values.any():
+            raise DoesNotApply(
+                f"{name}: point data {geometry.held_map!r} are 0 at all {len(values):,} nodes, so they hold nothing "
+                "(geometry.held_map); leave it out."
+            )
+        held |= values != 0
+    if held.all():
+        raise ImpossibleBody(
+            f"{name}: all {len(held):,} nodes are held (geometry.held, held_facets, held_map); hold fewer."
+        )
+    return np.flatnonzero(held)
+
+
+def thickness_excess(geometry: MeshFile, body: TetMesh) -> Array | None:
+    """Factor on the thickness of the cortex minus 1 (N,), of the pial nodes only; None without ``thickness_map``.
+
+    Raises
+    ------
+    UnknownName, NotFinite, OutOfRange
+        If there is no such map, or a factor is not positive.
+    """
+    if geometry.thickness_map is None:
+        return None
+    pial = np.unique(body.pial)
+    factor = _finite(geometry, body, geometry.thickness_map, "thickness_map", body.used[pial])
+    if factor.min() <= 0:
+        raise OutOfRange(
+            f"{geometry.file}: point data {geometry.thickness_map!r} are {factor.min():g} to {factor.max():g} on the "
+            f"pial surface, {(factor <= 0).sum():,} of {len(pial):,} not positive (geometry.thickness_map); they "
+            "multiply the thickness of the cortex."
+        )
+    excess = np.zeros(len(body.points))
+    excess[pial] = factor - 1
+    return excess
+
+
+def regions_of(geometry: MeshFile, body: TetMesh, surface: Ints) -> Regions | None:
+    """Regions of the nodes ``surface`` (S,) by the data that ``regions`` names; None without it.
+
+    Point data are the labels themselves; cell data give a node the label of most tetrahedra around it, the smallest of
+    equally many. Labels of 0 and below are no region.
+
+    Raises
+    ------
+    UnknownName, NotFinite, OutOfRange, TooLarge, MissingPart
+        If there are no such data, or they are no labels.
+    """
+    key, file = geometry.regions, body.file
+    if key is None:
+        return None
+    if key in file.point_maps():
+        labels = _labels(geometry, file.point_map(key, "regions")[body.used[surface]])
+    elif key in file.mesh.cell_data:
+        labels = _most_common_labels(body.tets, _labels(geometry, file.cell_values(key, "regions")), surface)
+    else:
+        known = ", ".join([*file.point_maps(), *file.mesh.cell_data][:8]) or "none"
+        raise UnknownName(f"{file.name}: has no point or cell data {key!r} (geometry.regions); it has: {known}.")
+    kinds = np.unique(labels[labels > 0])
+    if not len(kinds):
+        raise MissingPart(
+            f"{file.name}: no pial vertex has a label above 0 by {key!r} (geometry.regions); leave it out."
+        )
+    if len(kinds) > MOST_REGIONS:
+        raise TooLarge(
+            f"{file.name}: {key!r} has {len(kinds):,} labels on the pial surface, more than {MOST_REGIONS:,} "
+            "(geometry.regions); name data of regions."
+        )
+    colour = kinds * COLOUR_STEP % 2**24
+    return Regions(
+        np.where(labels > 0, np.searchsorted(kinds, labels), -1),
+        tuple(f"region {kind}" for kind in kinds),
+        np.stack([colour >> 16, colour >> 8 & 255, colour & 255], axis=1).astype(np.uint8),
+    )
+
+
+def _finite(geometry: MeshFile, body: TetMesh, name: str, key: str, points: Ints) -> Array:
+    """Values of a map at points of the file, which must be finite."""
+    values = body.file.point_map(name, key)[points]
+    bad = np.flatnonzero(~np.isfinite(values))
+    if bad.size:
+        raise NotFinite(
+            f"{geometry.file}: point data {name!r} are not finite at {bad.size:,} of {len(values):,} nodes, the first "
+            f"is point {points[bad[0]]} (geometry.{key}). Give every node a number."
+        )
+    return values
+
+
+def _labels(geometry: MeshFile, values: NDArray[np.generic]) -> Ints:
+    """Values as labels; they must be whole numbers."""
+    number = np.asarray(values, dtype=np.float64)
+    bad = np.flatnonzero(~((number == np.rint(number)) & (np.abs(number) <= LARGEST_LABEL)))
+    if bad.size:
+        raise OutOfRange(
+            f"{geometry.file}: {bad.size:,} of {len(number):,} values of {geometry.regions!r} are no labels, the first "
+            f"is {number[bad[0]]:g} (geometry.regions); give whole numbers of at most {LARGEST_LABEL}."
+        )
+    return number.astype(np.int64)
+
+
+def _most_common_labels(tets: Ints, labels: Ints, surface: Ints) -> Ints:
+    """The label (S,) of most tetrahedra around each of the nodes ``surface``, the smallest of equally many."""
+    rank = np.full(int(tets.max()) + 1, -1)
+    rank[surface] = np.arange(len(surface))
+    corner = rank[tets]
+    kinds, kind = np.unique(labels, return_inverse=True)
+    pairs, count = np.unique((corner * len(kinds) + kind[:, None])[corner >= 0], return_counts=True)
+    node, kind = np.divmod(pairs, len(kinds))
+    order = np.lexsort((-kind, count, node))  # the last of each node is its most common one
+    last = order[np.append(node[order][1:] != node[order][:-1], True)]
+    return kinds[kind[last]]

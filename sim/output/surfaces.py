@@ -12,8 +12,8 @@ from morphofold.geometry import cross, dot, less, position
 from morphofold.io import write_annotation, write_label, write_surface
 from morphofold.kernels import kernel
 from morphofold.sim.body import Body
+from morphofold.sim.mesh.brick_mesh import Whole, mirror
 from morphofold.sim.mesh.coarsening import quad_neighbours
-from morphofold.sim.mesh.mirroring import Whole, mirror
 from morphofold.surface import Surface
 
 MOST_SWEEPS = 8
