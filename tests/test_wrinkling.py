@@ -11,7 +11,7 @@ from scipy.special import sph_harm_y
 from morphofold.errors import ImpossibleBody, OutOfRange, UnknownName
 from morphofold.sim import theory
 from morphofold.sim.materials.elastic import energy
-from morphofold.sim.sphere_theory import finite_elements, impedance, smooth_sphere, wrinkling
+from morphofold.sim.sphere_theory import finite_elements, smooth_sphere, wrinkling
 from morphofold.sim.sphere_theory.smooth_sphere import ConvergenceError, SmoothSphere, smooth_state
 from morphofold.studies.accuracy import sphere_modes
 
@@ -215,7 +215,7 @@ def test_the_linear_equations_are_those_of_the_energys_second_variation(degree, 
     J = lr * lt * lt
     n = math.sqrt(degree * (degree + 1))
     M = np.empty((4, 4))
-    impedance._fill_coefficients(M, n, mu, np.array([lr, lt, kappa * (J - 1), 1 / (kappa * J), r, 1.0]))
+    wrinkling._fill_coefficients(M, n, mu, np.array([lr, lt, kappa * (J - 1), 1 / (kappa * J), r, 1.0]))
     for _ in range(5):
         u, velocity = rng.standard_normal(2), rng.standard_normal(2)  # (U, n V) and r d/dr of it
         momenta = np.linalg.solve(M[:2, 2:], velocity - M[:2, :2] @ u)
@@ -229,7 +229,7 @@ def test_the_linear_equations_are_those_of_the_energys_second_variation(degree, 
 def test_the_linear_equations_have_hamiltons_form(rng):
     """M = [[a, b], [c, -a^T]] with b, c symmetric: what keeps Z symmetric on the way."""
     M = np.empty((4, 4))
-    impedance._fill_coefficients(M, 4.2, 1.3, np.array([1.4, 0.9, -0.3, 0.02, 0.8, 1.1]))
+    wrinkling._fill_coefficients(M, 4.2, 1.3, np.array([1.4, 0.9, -0.3, 0.02, 0.8, 1.1]))
     np.testing.assert_allclose(M[:2, :2], -M[2:, 2:].T, rtol=1e-13)
     np.testing.assert_allclose(M[:2, 2:], M[:2, 2:].T, rtol=1e-13)
     np.testing.assert_allclose(M[2:, :2], M[2:, :2].T, rtol=1e-13)
@@ -456,8 +456,3 @@ def test_thick_cortex_wrinkles_on_its_interface_where_the_surface_never_can():
 def test_bifurcation_refuses_what_is_no_sphere(arguments, kind, named):
     with pytest.raises(kind, match=named):
         theory.bifurcation(**arguments)
-
-
-def test_a_degree_below_one_is_refused():
-    with pytest.raises(OutOfRange, match=r"\b1, .* 0\.$"):
-        wrinkling.critical_growth_of_degree(SmoothSphere(0.04), 0)

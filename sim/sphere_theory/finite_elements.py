@@ -13,14 +13,14 @@ closed forms of ``theory`` are not used: this is an independent method for the s
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from skfem import Basis, ElementDG, ElementLineP1, ElementLineP2, ElementLinePp, MeshLine
+from numpy.typing import ArrayLike
+from skfem import Basis, ElementDG, ElementLinePp, MeshLine
 
-from morphofold.arrays import Array
-from morphofold.errors import OutOfRange, UnknownName
+from morphofold.arrays import Array, Bools, Ints
+from morphofold.sim.growth import volume
 from morphofold.sim.sphere_theory.smooth_sphere import ConvergenceError, SmoothSphere
 
 Growth = tuple[float, float]
@@ -51,17 +51,11 @@ class RadialState:
     sigma_theta: Array
     p: Array
     J: Array
-    cortex: NDArray[np.bool_]
+    cortex: Bools
     _solution: Any = field(repr=False, compare=False)
 
     def at(self, R: ArrayLike, layer: str) -> "RadialState":
-        """The state at radii R (units of C) of one layer, "core" or "cortex", including its ends.
-
-        Raises
-        ------
-        ValueError
-            For another layer, or a radius outside the layer.
-        """
+        """The state at radii R (units of C) of one layer, "core" or "cortex", including its ends."""
         sphere, x, growth = self._solution
         return sphere.state(x, growth, sphere.points(np.ravel(np.asarray(R, dtype=np.float64)), layer))
 
@@ -107,20 +101,18 @@ def radial_equilibrium(
     Raises
     ------
     ValueError
-        For values outside the ranges above.
+        As ``SmoothSphere``.
     ConvergenceError
         If the path of equilibria from g = 1 could not be followed to g.
     """
-    growth = (check_positive("g", g), check_positive("g_core", g_core))
-    sphere = SphereMesh(T_over_C, mu_ratio, law, kappa_ratio, A_over_C, 5, elements, order, g)
-    return sphere.state(sphere.grow(growth), growth, sphere.quadrature)
+    sphere = SphereMesh(SmoothSphere(T_over_C, mu_ratio, law, kappa_ratio, A_over_C), 5, elements, order, g)
+    return sphere.state(sphere.grow((g, g_core)), (g, g_core), sphere.quadrature)
 
 
-@dataclass(frozen=True)
-class _ElementPoints:
+class _ElementPoints(NamedTuple):
     """Points in elements, with values and slopes of the shape functions there, each (shapes, E, Q)."""
 
-    element: NDArray[np.int64]
+    element: Ints
     R: Array
     phi: Array
     slope: Array
@@ -134,58 +126,36 @@ class SphereMesh:
     at growth g.
     """
 
-    def __init__(
-        self,
-        T: float,
-        mu_ratio: float,
-        law: str,
-        kappa_ratio: float,
-        A: float,
-        l: int,
-        elements: int | None,
-        order: int,
-        g: float,
-    ):
-        SmoothSphere(T, mu_ratio, law, kappa_ratio, A)  # raises on values out of range
-        for name, value, least in (("l", l, 1), ("order", order, 2), ("elements", elements, 1)):
-            if value is not None and (value != int(value) or value < least):
-                raise OutOfRange(f"{name} must be a whole number of at least {least}, got {value}.")
-        self.law, self.order = law, order
-        swelling = max(g, 1.0) ** (3 if law == "isotropic" else 2)
+    def __init__(self, sphere: SmoothSphere, l: int, elements: int | None, order: int, g: float):
+        self.law, A, B = sphere.law, sphere.A_over_C, sphere.B
         self.edges = {
-            "core": _graded_edges(A, 1 - T, l, elements),
-            "cortex": _graded_edges(1 - T, 1.0, l, elements, swelling),
+            "core": _graded_edges(A, B, l, elements),
+            "cortex": _graded_edges(B, 1.0, l, elements, volume(max(g, 1.0), sphere.law)),
         }
         self.mesh = MeshLine(np.concatenate([self.edges["core"], self.edges["cortex"][1:]]))
         self.cortex = np.arange(self.mesh.nelements) >= len(self.edges["core"]) - 1
-        self.mu = np.where(self.cortex, mu_ratio, 1.0)
-        self.compliance = 1 / (kappa_ratio * self.mu)
-        self.u, self.q = (Basis(self.mesh, e, intorder=2 * order + 2) for e in _shape_elements(order))
-        self.held = self.u.get_dofs(lambda R: np.isclose(R[0], A, rtol=0, atol=1e-12)).flatten()
-        self.free = np.setdiff1d(np.arange(self.u.N), self.held)
-        self.quadrature = _ElementPoints(
-            np.arange(self.mesh.nelements),
-            np.asarray(self.u.global_coordinates())[0],
-            *_shape_values(self.u.basis),
-            _shape_values(self.q.basis)[0],
-        )
+        self.mu = np.where(self.cortex, sphere.mu_ratio, 1.0)
+        self.compliance = 1 / (sphere.kappa_ratio * self.mu)
+        # the displacement, and the pressure
+        self._elements = lambda: (ElementLinePp(order), ElementDG(ElementLinePp(order - 1)))
+        self.u, self.q = (Basis(self.mesh, element, intorder=2 * order + 2) for element in self._elements())
+        held = self.u.get_dofs(lambda R: np.isclose(R[0], A, rtol=0, atol=1e-12)).flatten()
+        self.free = np.setdiff1d(np.arange(self.u.N), held)
+        R = np.asarray(self.u.global_coordinates())[0]
+        self.quadrature = _element_points(np.arange(self.mesh.nelements), R, self.u.basis, self.q.basis)
 
     def points(self, R: Array, layer: str) -> _ElementPoints:
         """Shape functions at given radii of one layer."""
-        if layer not in LAYERS:
-            raise UnknownName(f"layer must be one of {', '.join(LAYERS)}, got {layer!r}.")
         edges = self.edges[layer]
-        if not ((R >= edges[0]) & (R <= edges[-1])).all():
-            raise OutOfRange(f"the {layer} reaches from R = {edges[0]:g} to {edges[-1]:g}, got {R.min()} to {R.max()}.")
         inside = np.clip(np.searchsorted(edges, R, side="right") - 1, 0, len(edges) - 2)
         element = inside + (len(self.edges["core"]) - 1 if layer == "cortex" else 0)
         X = ((R - edges[inside]) / (edges[inside + 1] - edges[inside]))[None, :, None]
         u, q = (
             [e.gbasis(self.u.mapping, X, i, tind=element) for i in range(b.Nbfun)]
             # new elements, because ElementLinePp keeps its last values if only the positions of the points change
-            for e, b in zip(_shape_elements(self.order), (self.u, self.q))
+            for e, b in zip(self._elements(), (self.u, self.q))
         )
-        return _ElementPoints(element, R[:, None], *_shape_values(u), _shape_values(q)[0])
+        return _element_points(element, R[:, None], u, q)
 
     def stretches(self, x: Array, growth: Growth, at: _ElementPoints) -> tuple[Array, ...]:
         """Radial and tangential growth (E, 1); radial and tangential elastic stretch, and pressure (E, Q)."""
@@ -210,17 +180,17 @@ class SphereMesh:
     def grow(self, end: Growth, x: Array | None = None, start: Growth = (1.0, 1.0)) -> Array:
         """Follow the radial equilibrium from x to another growth (g, g_core); increments halve when Newton fails."""
         x = np.zeros(self.u.N + self.q.N) if x is None else x
-        begin, way = np.log(start), np.log(end) - np.log(start)
-        done, step = 0.0, 1 / max(1.0, np.ceil(np.abs(way).max() / 0.2))
+        begin, path = np.log(start), np.log(end) - np.log(start)
+        done, step = 0.0, 1 / max(1.0, np.ceil(np.abs(path).max() / 0.2))
         while done < 1:
             try:
-                here = np.exp(begin + min(done + step, 1.0) * way)
-                x = self.newton(x, (here[0], here[1]))
+                point = np.exp(begin + min(done + step, 1.0) * path)
+                x = self.newton(x, (point[0], point[1]))
                 done += step
             except (FloatingPointError, np.linalg.LinAlgError) as error:
                 step /= 2
                 if step < 1e-4:
-                    g, g_core = np.exp(begin + done * way).tolist()
+                    g, g_core = np.exp(begin + done * path).tolist()
                     message = f"no radial equilibrium found beyond g = {g:.6g}, g_core = {g_core:.6g}: {error}."
                     raise ConvergenceError(message) from None
         return x
@@ -292,7 +262,7 @@ def _radial_tangent(alpha: Array, beta: Array, p: Array, mu: Array, compliance: 
     return D
 
 
-def assemble(table: Array, D: Array, weight: Array, dofs: NDArray[np.int64]) -> Array:
+def assemble(table: Array, D: Array, weight: Array, dofs: Ints) -> Array:
     """Sum of table^T D table over the quadrature points, (N, N)."""
     E, Q, a, b = table.shape
     right = (D * weight[..., None, None] @ table).reshape(E, Q * a, b)
@@ -321,20 +291,7 @@ def _graded_edges(inner: float, outer: float, l: int, elements: int | None, swel
     return edges
 
 
-def _shape_elements(order: int) -> tuple[Any, ElementDG]:
-    """Elements of the displacement and of the pressure."""
-    low = {1: ElementLineP1, 2: ElementLineP2}
-    u, q = (low[k]() if k in low else ElementLinePp(k) for k in (order, order - 1))
-    return u, ElementDG(q)
-
-
-def _shape_values(basis: Iterable[Any]) -> tuple[Array, Array]:
-    """Values and slopes (shapes, E, Q) of shape functions."""
-    fields = [f[0] for f in basis]
-    return np.array([np.asarray(f) for f in fields]), np.array([f.grad[0] for f in fields])
-
-
-def check_positive(name: str, value: float) -> float:
-    if not 0 < value < np.inf:
-        raise OutOfRange(f"{name} must be positive and finite, got {value}.")
-    return float(value)
+def _element_points(element: Ints, R: Array, u: Iterable[Any], q: Iterable[Any]) -> _ElementPoints:
+    """Points at radii R (E, Q), with the shape functions of displacement and pressure there."""
+    phi, slope = np.array([np.asarray(f) for (f,) in u]), np.array([f.grad[0] for (f,) in u])
+    return _ElementPoints(element, R, phi, slope, np.array([np.asarray(f) for (f,) in q]))

@@ -137,19 +137,14 @@ def smooth_state(sphere: SmoothSphere, g: float) -> State:
     R = np.cbrt(sphere.B**3 + (r**3 - sphere.B**3) / (radial * tangential**2))
     lambda_t = r / (R * tangential)
     if np.isfinite(sphere.kappa_ratio):
-        return _read_only_state(y, _compressible_fields(sphere, g, y, R, r))
-    lambda_r = lambda_t**-2
-    f = sphere.mu_ratio * stress_primitive(r[1] / R[1], R[1], g, sphere.law)
-    sigma_r = np.stack([np.full(CHEBYSHEV_POINTS, f[0] - f[-1]), f - f[-1]])
-    shear = sphere.mu[:, None] * (lambda_r**2 - lambda_t**2) * 2 / 3
-    return _read_only_state(
-        y, np.stack([lambda_r, lambda_t, sigma_r - shear, np.zeros_like(r), r, np.ones_like(r)], axis=1)
-    )
-
-
-def _read_only_state(y: Array, fields: Array) -> State:
-    """A read-only state, because all callers of the cached function share it."""
-    y.flags.writeable = fields.flags.writeable = False
+        fields = _compressible_fields(sphere, g, y, R, r)
+    else:
+        lambda_r = lambda_t**-2
+        f = sphere.mu_ratio * stress_primitive(r[1] / R[1], R[1], g, sphere.law)
+        sigma_r = np.stack([np.full(CHEBYSHEV_POINTS, f[0] - f[-1]), f - f[-1]])
+        shear = sphere.mu[:, None] * (lambda_r**2 - lambda_t**2) * 2 / 3
+        fields = np.stack([lambda_r, lambda_t, sigma_r - shear, np.zeros_like(r), r, np.ones_like(r)], axis=1)
+    y.flags.writeable = fields.flags.writeable = False  # all callers share the state
     return State(y, fields)
 
 
@@ -180,12 +175,12 @@ def _compressible_fields(sphere: SmoothSphere, g: float, y: Array, R: Array, r: 
     along = w / q  # dy/dx
     D = along[:, :, None] * np.stack([_differentiation_matrix(row) for row in y])
     for path in ((1.0,), 3.0 ** np.arange(6, -1, -1)):  # directly from the incompressible state, or step by step
-        found: tuple[Array, Array] | None = (q, w)
+        solution: tuple[Array, Array] | None = (q, w)
         for stiffer in path:
-            if found is not None:
-                found = _newton(D, *found, radial, tangential, sphere.mu, stiffer * sphere.kappa_ratio)
-        if found is not None:
-            q, w = found
+            if solution is not None:
+                solution = _newton(D, *solution, radial, tangential, sphere.mu, stiffer * sphere.kappa_ratio)
+        if solution is not None:
+            q, w = solution
             a, b = w / radial, q / tangential
             J = a * b * b
             kappa = sphere.kappa_ratio * sphere.mu[:, None]

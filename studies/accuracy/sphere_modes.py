@@ -21,13 +21,8 @@ from scipy.optimize import brentq
 
 from morphofold.arrays import Array
 from morphofold.errors import NoSolution, OutOfRange
-from morphofold.sim.sphere_theory.finite_elements import (
-    Growth,
-    SphereMesh,
-    assemble,
-    check_positive,
-    shear_and_hydrostatic,
-)
+from morphofold.sim.sphere_theory.finite_elements import Growth, SphereMesh, assemble, shear_and_hydrostatic
+from morphofold.sim.sphere_theory.smooth_sphere import SmoothSphere
 
 
 def unstable_modes(
@@ -49,8 +44,8 @@ def unstable_modes(
     Parameters and errors are those of ``radial_equilibrium``. The number is that of functions of R; each has 2 l + 1
     harmonics. The radial state is stable if the number is zero for all l, spheroidal and toroidal.
     """
-    growth = (check_positive("g", g), check_positive("g_core", g_core))
-    sphere = SphereModes(T_over_C, mu_ratio, law, kappa_ratio, A_over_C, l, elements, order, g)
+    growth = (g, g_core)
+    sphere = SphereModes(SmoothSphere(T_over_C, mu_ratio, law, kappa_ratio, A_over_C), l, elements, order, g)
     x = sphere.grow(growth)
     if toroidal:
         return int(np.sum(eigvalsh(sphere.toroidal(x, growth)) < 0))
@@ -98,10 +93,9 @@ def critical_growth_of_degree(
     """
     if not 1 < g_max < np.inf or not 0 < step < np.inf:
         raise OutOfRange(f"g_max must be above 1 and step above 0, got g_max = {g_max}, step = {step}.")
-    g_core, graded = check_positive("g_core", g_core), min(1.5, g_max)
+    sphere, graded = SmoothSphere(T_over_C, mu_ratio, law, kappa_ratio, A_over_C), min(1.5, g_max)
     while True:
-        sphere = SphereModes(T_over_C, mu_ratio, law, kappa_ratio, A_over_C, l, elements, order, graded)
-        g = sphere.first_instability(g_core, g_max, step)
+        g = SphereModes(sphere, l, elements, order, graded).first_instability(g_core, g_max, step)
         need = g_max if np.isnan(g) else g
         if need <= 1.2 * graded:
             return g
@@ -111,19 +105,8 @@ def critical_growth_of_degree(
 class SphereModes(SphereMesh):
     """The mesh of a sphere, with the second variation of its energy for modes of degree l: U, V and pressures."""
 
-    def __init__(
-        self,
-        T: float,
-        mu_ratio: float,
-        law: str,
-        kappa_ratio: float,
-        A: float,
-        l: int,
-        elements: int | None,
-        order: int,
-        g: float,
-    ):
-        super().__init__(T, mu_ratio, law, kappa_ratio, A, l, elements, order, g)
+    def __init__(self, sphere: SmoothSphere, l: int, elements: int | None, order: int, g: float):
+        super().__init__(sphere, l, elements, order, g)
         self.n = l * (l + 1)
 
     def first_instability(self, g_core: float, g_max: float, step: float) -> float:
