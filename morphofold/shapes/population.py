@@ -56,8 +56,8 @@ class Population:
         """Change of cortical thickness in a year (N,) [mm] at points (N, 3) of the unit sphere."""
         centre = np.array(EFFECT_CENTRE) / np.linalg.norm(EFFECT_CENTRE)
         angle = np.degrees(np.arccos(np.clip(points @ centre, -1, 1)))
-        found: Array = -self.thinning * (hemi == "lh") * np.exp(-((angle / self.extent) ** 2) / 2)
-        return found
+        change: Array = -self.thinning * (hemi == "lh") * np.exp(-((angle / self.extent) ** 2) / 2)
+        return change
 
 
 @one_blas_thread()
@@ -69,18 +69,12 @@ def random_field(points: Array, length: float, random: np.random.Generator, colu
     """
     waves = random.standard_normal((WAVES, 3)) / length
     phases, heights = random.uniform(0, 2 * math.pi, WAVES), random.standard_normal((WAVES, columns))
-    found: Array = np.cos(points @ waves.T + phases) @ heights * math.sqrt(2 / WAVES)
-    return found
+    field: Array = np.cos(points @ waves.T + phases) @ heights * math.sqrt(2 / WAVES)
+    return field
 
 
 def write_population(
-    out: str | Path,
-    subjects: int = 30,
-    *,
-    template: str | Path = "fsaverage5",
-    seed: int = 0,
-    like: Population | None = None,
-    progress: Progress = silent,
+    out: str | Path, subjects: int = 30, *, seed: int = 0, like: Population = Population(), progress: Progress = silent
 ) -> Path:
     """Write a folder of made FreeSurfer subjects with ``participants.tsv``: age and sex at random.
 
@@ -89,12 +83,10 @@ def write_population(
     out : str or path
         Folder to write, completely or not at all.
     subjects : int
-    template : str or path
-        A sample or a folder with both hemispheres' white, pial and sphere.
     seed : int
-    like : Population, optional
-        How they differ; None: as people roughly do, with a loss of thickness in the left precentral gyrus that is as
-        fast as in a disease.
+    like : Population
+        How they differ; by default as people roughly do, with a loss of thickness in the left precentral gyrus that is
+        as fast as in a disease.
     progress : callable
 
     Raises
@@ -111,8 +103,7 @@ def write_population(
         raise OutOfRange(f"a population has 1 to {MOST_SUBJECTS:,} subjects, got {subjects}.")
     if seed < 0:
         raise OutOfRange(f"the seed must not be negative, got {seed}.")
-    like = like or Population()
-    root = Path(template) if Path(template).is_dir() else sample_path(template)
+    root = sample_path("fsaverage5")
     shapes = {
         hemi: {kind: read_surface(root / "surf" / f"{hemi}.{kind}") for kind in ("white", "pial", "sphere")}
         for hemi in HEMIS
@@ -124,9 +115,14 @@ def write_population(
             name = f"sub-{k + 1:0{max(digits, 2)}d}"
             age, sex = round(float(random.uniform(*AGES)), 1), str(random.choice(["F", "M"]))
             stretch = 1 + like.size * random.standard_normal(3)
+            surf, label = ((folder / name / kind) for kind in ("surf", "label"))
+            surf.mkdir(parents=True)
+            label.mkdir()
             for hemi in HEMIS:
-                made = _deformed(shapes[hemi], hemi, age - sum(AGES) / 2, stretch, like, random)
-                _write_hemisphere(folder / name, hemi, made, root)
+                for kind, surface in _deformed(shapes[hemi], hemi, age - sum(AGES) / 2, stretch, like, random).items():
+                    write_surface(surf / f"{hemi}.{kind}", surface)
+                for kind in LABELS:
+                    shutil.copyfile(root / "label" / f"{hemi}.{kind}", label / f"{hemi}.{kind}")
             rows.append({"participant_id": name, "age": age, "sex": sex})
             progress((k + 1) / subjects, name)
         write_table(folder / "participants.tsv", ("participant_id", "age", "sex"), rows)
@@ -152,14 +148,3 @@ def _deformed(
         "pial": Surface(outer * stretch + moved, white.faces),
         "sphere.reg": Surface(turned, white.faces),
     }
-
-
-def _write_hemisphere(folder: Path, hemi: str, made: dict[str, Surface], template: Path) -> None:
-    for place in ("surf", "label"):
-        (folder / place).mkdir(parents=True, exist_ok=True)
-    for kind, surface in made.items():
-        write_surface(folder / "surf" / f"{hemi}.{kind}", surface)
-    for label in LABELS:
-        file = template / "label" / f"{hemi}.{label}"
-        if file.is_file():
-            shutil.copyfile(file, folder / "label" / file.name)
