@@ -38,7 +38,7 @@ class Running(Protocol):
 
 
 class Effect:
-    """Base class of optional effects. Hooks are called in the order of ``scene.effects.HOOK_ORDER``."""
+    """Base class of optional effects. Hooks are called in the order of ``scene.plugins.HOOK_ORDER``."""
 
     name = ""
 

@@ -8,7 +8,6 @@ import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
 from morphofold.errors import DoesNotApply, NamedTwice, OutOfRange, TooLarge
-from morphofold.sim.scene.effects import read_effects
 from morphofold.sim.scene.geometries import (
     SHAPES,
     Ellipsoid,
@@ -21,7 +20,7 @@ from morphofold.sim.scene.geometries import (
     UnfoldedCortex,
     map_files,
 )
-from morphofold.sim.scene.materials import read_material
+from morphofold.sim.scene.plugins import read_effects, read_material
 from morphofold.sim.scene.tables import Positive, SphereMap, Spot, Table, key
 
 __all__ = [
@@ -61,17 +60,14 @@ class Growth(Table):
     isotropic. A cortex that thins has factors below 1. Before growth the factor is 1.
     """
 
-    law: Annotated[Literal["isotropic", "tangential"], key("growth in all directions, or along the surface only")] = (
-        "isotropic"
+    law: Literal["isotropic", "tangential"] = key(
+        "growth in all directions, or along the surface only", default="isotropic"
     )
-    final: Annotated[float, key("final growth stretch: a ratio of lengths", ge=1, le=4)] = 2.0
-    rate: Annotated[
-        float, key("pace over the default pace; slower is closer to equilibrium", ge=SLOWEST_RATE, le=4)
-    ] = 1.0
-    thickness: Annotated[
-        tuple[Annotated[tuple[float, Annotated[float, Field(ge=0.25, le=4)]], Field(strict=False)], ...],
-        key("points (g, growth stretch along the thickness), for tangential growth", strict=False),
-    ] = ()
+    final: float = key("final growth stretch: a ratio of lengths", ge=1, le=4, default=2.0)
+    rate: float = key("pace over the default pace; slower is closer to equilibrium", ge=SLOWEST_RATE, le=4, default=1.0)
+    thickness: tuple[Annotated[tuple[float, Annotated[float, Field(ge=0.25, le=4)]], Field(strict=False)], ...] = key(
+        "points (g, growth stretch along the thickness), for tangential growth", strict=False, default=()
+    )
 
     @model_validator(mode="after")
     def _thickness_is_a_curve(self) -> "Growth":
@@ -89,8 +85,8 @@ class Growth(Table):
         NaN."""
         if not self.thickness:
             return 1.0
-        found = np.interp(g, [at for at, _ in self.thickness], [factor for _, factor in self.thickness])
-        return np.where(np.isnan(g), 1.0, found)[()]
+        growths, factors = zip(*self.thickness)
+        return np.where(np.isnan(g), 1.0, np.interp(g, growths, factors))[()]
 
 
 def elements_through(edge_over_T: float) -> int:
@@ -104,19 +100,16 @@ class Accuracy(Table):
     The edge overrules the preset, unless the preset is set later.
     """
 
-    level: Annotated[
-        Literal["draft", "standard", "fine"],
-        key("sets the surface edge, as a share of the thickness of the (thinnest) cortex"),
-    ] = "standard"
-    elements_through_cortex: Annotated[
-        Annotated[int, Field(ge=1, le=12)] | None,
-        key("layers of bricks in the cortex; by default 2 if edges are longer than half its thickness, else 3"),
-    ] = None
-    edge: Annotated[Positive | None, key("largest surface edge; it replaces that of the level", "mm")] = None
-    precision: Annotated[
-        Literal["single", "double"],
-        key("precision of the forces of bricks; single is accurate to 1e-5 and a third faster"),
-    ] = "single"
+    level: Literal["draft", "standard", "fine"] = key(
+        "sets the surface edge, as a share of the thickness of the (thinnest) cortex", default="standard"
+    )
+    elements_through_cortex: Annotated[int, Field(ge=1, le=12)] | None = key(
+        "layers of bricks in the cortex; by default 2 if edges are longer than half its thickness, else 3", default=None
+    )
+    edge: Positive | None = key("largest surface edge; it replaces that of the level", "mm", default=None)
+    precision: Literal["single", "double"] = key(
+        "precision of the forces of bricks; single is accurate to 1e-5 and a third faster", default="single"
+    )
 
 
 class Output(Table):
@@ -126,33 +119,28 @@ class Output(Table):
     as long as the run of an octant, and far longer for larger bodies. By default it is done for strips only.
     """
 
-    stages: Annotated[
-        tuple[Annotated[float, Field(ge=1)], ...],
-        key(
-            "growth stretches at which the body rests and is written, besides the final one; at least 0.01 apart",
-            strict=False,
-        ),
-    ] = ()
-    volume: Annotated[bool, key("also write the body of each stage as VTK")] = True
-    stability: Annotated[
-        bool | None, key("count the unstable modes of each stage (slow); by default for strips only")
-    ] = None
-    checkpoint_minutes: Annotated[Positive, key("time between checkpoints", "min")] = 0.5
+    stages: tuple[Annotated[float, Field(ge=1)], ...] = key(
+        "growth stretches at which the body rests and is written, besides the final one; at least 0.01 apart",
+        strict=False,
+        default=(),
+    )
+    volume: bool = key("also write the body of each stage as VTK", default=True)
+    stability: bool | None = key(
+        "count the unstable modes of each stage (slow); by default for strips only", default=None
+    )
+    checkpoint_minutes: Positive = key("time between checkpoints", "min", default=0.5)
 
 
 class Scene(Table):
     """Everything needed to repeat a simulation."""
 
-    name: Annotated[
-        str,
-        key(
-            "name of the scene and, by default, of its folder",
-            min_length=1,
-            max_length=80,
-            pattern=r"^[A-Za-z0-9][A-Za-z0-9 ._+-]*$",
-        ),
-    ]
-    title: Annotated[str, key("one line that describes the scene", max_length=200, pattern=r"^[^\x00-\x1f\x7f]*$")] = ""
+    name: str = key(
+        "name of the scene and, by default, of its folder",
+        min_length=1,
+        max_length=80,
+        pattern=r"^[A-Za-z0-9][A-Za-z0-9 ._+-]*$",
+    )
+    title: str = key("one line that describes the scene", max_length=200, pattern=r"^[^\x00-\x1f\x7f]*$", default="")
     geometry: Geometry = Sphere()
     material: Annotated[Any, BeforeValidator(read_material), Field(validate_default=True)] = {}  # MaterialOptions
     growth: Growth = Growth()
@@ -196,9 +184,8 @@ class Scene(Table):
     def _fits_in_memory(self) -> "Scene":
         bricks = self.bricks
         if bricks > MOST_BRICKS:
-            many = f"about {bricks:.1e}" if bricks < 1e99 else "more than 1e+99"
             raise TooLarge(
-                f"this needs {many} bricks (surface edge {self.edge:.3g} mm), more than {MOST_BRICKS:.0e}; "
+                f"this needs about {bricks:.1e} bricks (surface edge {self.edge:.3g} mm), more than {MOST_BRICKS:.0e}; "
                 "use a thicker cortex, a smaller portion, a coarser accuracy.level or a larger accuracy.edge"
             )
         return self
@@ -277,12 +264,12 @@ class Scene(Table):
     @property
     def map_files(self) -> dict[str, Path]:
         """Files of maps that the scene names, by content."""
-        found: dict[str, Path] = {}
+        files: dict[str, Path] = {}
         if isinstance(table := getattr(self.geometry, "thickness_map", None), SphereMap):
-            found |= map_files(table, self.geometry, "thickness_map")
+            files |= map_files(table, self.geometry, "thickness_map")
         for options in self.effects.values():
-            found |= options.files(self)
-        return found
+            files |= options.files(self)
+        return files
 
     @property
     def called_effects(self) -> dict[str, Any]:

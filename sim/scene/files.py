@@ -1,4 +1,7 @@
-"""Scenes from TOML files, built-in names and ``table.key=value`` settings, and back to TOML."""
+"""Scenes from TOML files, built-in names and ``table.key=value`` settings, and back to TOML.
+
+What pydantic finds wrong is told with the file and line, or the setting, that it comes from.
+"""
 
 import difflib
 import json
@@ -6,26 +9,77 @@ import os
 import re
 import tomllib
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
-from importlib import resources
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
-from morphofold.errors import DoesNotApply, NotReadable, UnknownName, WrongFile
+from morphofold.errors import (
+    DoesNotApply,
+    NotFinite,
+    NotReadable,
+    OutOfRange,
+    Refusal,
+    UnknownName,
+    WrongFile,
+    WrongShape,
+)
 from morphofold.io.files import existing_file
-from morphofold.sim.scene import SHAPES, Scene
+from morphofold.sim.scene import Scene
 from morphofold.sim.scene.geometries import path_or_sample
-from morphofold.sim.scene.problems import Problem, Source, as_toml, blamed, explain, kind_of, root_problems, with_notes
 
+BUILT_IN = Path(__file__).parent.parent / "scenes"
 MOST_PROBLEMS = 20  # that are reported for one scene
+MOST_SHOWN_CHARACTERS = 60  # characters of a wrong value that are shown
+#: error classes by pydantic's types of problems; any other type is ``NotReadable``
+ERROR_CLASSES: dict[str, type[Refusal]] = {
+    **dict.fromkeys(("greater_than", "greater_than_equal", "less_than", "less_than_equal"), OutOfRange),
+    "finite_number": NotFinite,
+    **dict.fromkeys(("too_short", "too_long"), WrongShape),
+    **dict.fromkeys(("literal_error", "unknown_name"), UnknownName),
+}
+
+Problem = Mapping[str, Any]  # one of pydantic's errors
+Key = tuple[str, ...]
+#: pairs of a key and the setting that changes it
+Settings = Sequence[tuple[Key, str]]
+
+
+@dataclass(frozen=True)
+class Source:
+    """A text that was read, and its name in messages."""
+
+    name: str
+    text: str
+
+    @cached_property
+    def tables(self) -> dict[str, Any]:
+        try:
+            return tomllib.loads(self.text)
+        except (ValueError, RecursionError) as error:  # a number of too many digits is not a TOMLDecodeError
+            raise NotReadable(f"{self.name}: not a TOML file: {error}.") from None
+
+    @cached_property
+    def lines(self) -> dict[Key, int]:
+        """Line of each key and each table."""
+        lines: dict[Key, int] = {}
+        table: Key = ()
+        for number, raw in enumerate(self.text.splitlines(), 1):
+            line = raw.split("#")[0].strip()
+            if line.startswith("["):
+                table = tuple(line.strip("[] ").split("."))
+                lines.setdefault(table, number)
+            elif "=" in line:
+                lines.setdefault(table + tuple(line.split("=")[0].strip(' "').split(".")), number)
+        return lines
 
 
 def scene_names() -> list[str]:
     """Names of the built-in scenes."""
-    folder = resources.files("morphofold.sim") / "scenes"
-    return sorted(p.name.removesuffix(".toml") for p in folder.iterdir() if p.name.endswith(".toml"))
+    return sorted(path.stem for path in BUILT_IN.glob("*.toml"))
 
 
 def load_scene(source: str | Path | Scene, settings: Iterable[str] = ()) -> Scene:
@@ -46,103 +100,85 @@ def load_scene(source: str | Path | Scene, settings: Iterable[str] = ()) -> Scen
     """
     own = Source(source.name, to_toml(source)) if isinstance(source, Scene) else _read_source(source)
     keyed = [(_key_of_setting(setting), setting) for setting in settings]
-    try:
-        base = _base_scene(own, None if isinstance(source, Scene) else Path(source).parent)
-        tables = _tables_of_scene(own, base, keyed)
-        try:
-            return Scene.model_validate(tables)
-        except ValidationError as error:
-            problems = root_problems(error.errors())
-    except RecursionError:
-        raise NotReadable(f"{own.where}: not a scene: lists or tables are nested too deeply.") from None
-    sources = [own] if base is None else [own, base]
+    base = _base_scene(own, None if isinstance(source, Scene) else Path(source).parent)
 
-    def still(fewer: Sequence[tuple[str, str]]) -> list[Problem]:
+    def read(some: Settings) -> Scene | list[Problem]:
         try:
-            Scene.model_validate(_tables_of_scene(own, base, fewer))
+            return Scene.model_validate(_tables_of_scene(own, base, some))
         except ValidationError as error:
-            return root_problems(error.errors())
-        return []
+            return _root_problems(error)
 
-    lines = [explain(p, sources, blamed(p, keyed, still), Scene, SHAPES) for p in problems[:MOST_PROBLEMS]]
-    more = [f"{own.where}: {len(problems) - len(lines):,} more problems."] if len(problems) > len(lines) else []
-    raise with_notes(lines + more, kind_of(problems[0]))
+    scene = read(keyed)
+    if isinstance(scene, Scene):
+        return scene
+    lines = []
+    for problem in scene[:MOST_PROBLEMS]:
+        setting = _blamed(problem, keyed, read)
+        at = _file_and_line([own] if base is None else [own, base], problem) if setting is None else setting
+        lines.append(f"{at}: {_text_of_problem(problem)}.")
+    if len(scene) > MOST_PROBLEMS:
+        lines.append(f"{own.name}: {len(scene) - MOST_PROBLEMS:,} more problems.")
+    error = scene[0].get("ctx", {}).get("error")
+    kind = type(error) if isinstance(error, Refusal) else ERROR_CLASSES.get(scene[0]["type"], NotReadable)
+    raise with_notes(lines, kind)
 
 
 def _read_source(source: str | Path) -> Source:
-    path = Path(source)
-    if path.suffix != ".toml" and str(source) in scene_names():
-        text = (resources.files("morphofold.sim") / "scenes" / f"{source}.toml").read_text("utf-8")
-        return Source(str(source), text)
-    if not str(source):
-        raise UnknownName(f"no scene is named. Built-in scenes: {', '.join(scene_names())}.")
-    if path.is_dir():
-        inside = path / "scene.toml"
-        more = f"name {inside}" if inside.is_file() else "name a TOML file or a built-in scene"
-        raise WrongFile(f"{path}: is a folder, not a scene; {more}.")
-    if os.path.lexists(path):
+    path, names = Path(source), scene_names()
+    if str(source) in names:
+        path = BUILT_IN / f"{source}.toml"
+    elif os.path.lexists(path):
         existing_file(path, "TOML file of a scene")
     else:
-        close = difflib.get_close_matches(str(source), scene_names(), n=1)
-        hint = f" Did you mean {close[0]}?" if close else f" Built-in scenes: {', '.join(scene_names())}."
-        raise FileNotFoundError(f"no scene file or built-in scene {str(source)!r}.{hint}")
-    if path.stat().st_size > 1_000_000:
-        raise WrongFile(
-            f"{path}: {path.stat().st_size:,} bytes are too many for a scene; name a TOML file or a built-in scene."
-        )
+        close = difflib.get_close_matches(str(source), names, n=1)
+        hint = f"Did you mean {close[0]}?" if close else f"Built-in scenes: {', '.join(names)}."
+        raise FileNotFoundError(f"no scene file or built-in scene {str(source)!r}. {hint}")
     try:
-        return Source(str(path), path.read_text("utf-8"))
+        return Source(str(Path(source)), path.read_text("utf-8"))
     except UnicodeDecodeError:
         raise NotReadable(f"{path}: not a TOML file: it is not UTF-8 text.") from None
 
 
-def _parse_source(source: Source) -> dict[str, Any]:
-    try:
-        return tomllib.loads(source.text)
-    except RecursionError:
-        raise NotReadable(f"{source.where}: not a scene: lists or tables are nested too deeply.") from None
-    except ValueError as error:  # a number of too many digits is not a TOMLDecodeError
-        raise NotReadable(f"{source.where}: not a TOML file: {error}.") from None
-
-
 def _base_scene(own: Source, folder: Path | None) -> Source | None:
     """The scene that ``like`` names: built in, or a file by its path from ``folder``."""
-    tables = _parse_source(own)
-    if "like" not in tables:
+    if "like" not in own.tables:
         return None
-    like = tables["like"]
-    if not isinstance(like, str) or not like:
-        raise NotReadable(f'{own.where}: like must name a scene, such as like = "fig5" (got {as_toml(like)}).')
+    like = own.tables["like"]
+    if not isinstance(like, str):
+        raise NotReadable(f'{own.name}: like must name a scene, such as like = "fig5" (got {_shortened(like)}).')
     try:
         base = _read_source(like if folder is None or like in scene_names() else folder / like)
-        if "like" in _parse_source(base):
+        if "like" in base.tables:
             raise WrongFile("uses like itself; name the scene that it is like.")
-    except FileNotFoundError as error:
-        raise FileNotFoundError(f"{own.where}: like = {as_toml(like)}: {error}") from None
-    except ValueError as error:
-        raise type(error)(f"{own.where}: like = {as_toml(like)}: {error}") from None
+    except (FileNotFoundError, ValueError) as error:
+        raise type(error)(f"{own.name}: like = {like!r}: {error}") from None
     return base
 
 
-def _tables_of_scene(own: Source, base: Source | None, settings: Sequence[tuple[str, str]]) -> dict[str, Any]:
+def _tables_of_scene(own: Source, base: Source | None, settings: Settings) -> dict[str, Any]:
     """The tables of a scene: its own replace those of its base, the settings replace both."""
-    tables = _with_paths(_parse_source(own), Path(own.where).parent)
-    tables.pop("like", None)
+    above = _with_paths(own.tables, Path(own.name).parent)
+    above.pop("like", None)
+    tables, changes = above, dict[str, Any]()
     if base is not None:
-        above = tables
-        tables = _merge_tables(_with_paths(_parse_source(base), Path(base.where).parent), above)
-        if "final" in _table_or_empty(above, "growth") and "stages" not in _table_or_empty(above, "output"):
-            _drop_late_stages(tables)
-        if "level" in _table_or_empty(above, "accuracy") and "edge" not in _table_or_empty(above, "accuracy"):
-            _table_or_empty(tables, "accuracy").pop("edge", None)
+        tables = _merge_tables(_with_paths(base.tables, Path(base.name).parent), above)
+        _drop_overruled(tables, above)
     for key, setting in settings:
         _apply_setting(tables, key, setting)
-    changed = {key for key, _ in settings}
-    if changed & {"growth", "growth.final"} and not changed & {"output", "output.stages"}:
-        _drop_late_stages(tables)
-    if "accuracy.level" in changed and not changed & {"accuracy", "accuracy.edge"}:
-        _table_or_empty(tables, "accuracy").pop("edge", None)
+        _apply_setting(changes, key, setting)
+    _drop_overruled(tables, changes)
     return _with_paths(tables, Path())  # those of settings are from the working folder
+
+
+def _drop_overruled(tables: dict[str, Any], above: Mapping[str, Any]) -> None:
+    """Drop stages beyond a final growth, and the edge beside a level, that ``above`` sets without them."""
+    final, edge = (_table_or_empty(above, table) for table in ("growth", "accuracy"))
+    output = _table_or_empty(tables, "output")
+    if isinstance(last := final.get("final"), int | float) and "stages" not in _table_or_empty(above, "output"):
+        if isinstance(stages := output.get("stages"), list):
+            output["stages"] = [g for g in stages if not isinstance(g, int | float) or g <= last]
+    if "level" in edge and "edge" not in edge:
+        _table_or_empty(tables, "accuracy").pop("edge", None)
 
 
 def _with_paths(tables: dict[str, Any], folder: Path, within: str = "") -> dict[str, Any]:
@@ -151,16 +187,16 @@ def _with_paths(tables: dict[str, Any], folder: Path, within: str = "") -> dict[
     A file that exists only by its path from the working folder, the rule up to version 0.3, is taken with a warning.
     Samples, and a subject's maps and spheres, keep their names.
     """
-    found = dict(tables)
+    resolved = dict(tables)
     for key, value in tables.items():
         if isinstance(value, dict):
-            found[key] = _with_paths(value, folder, key)
+            resolved[key] = _with_paths(value, folder, key)
         if key not in ("file", "subject", "sphere") or not isinstance(value, str):
             continue
-        place, other = folder / value, path_or_sample(value)
-        if key != "subject" and re.fullmatch(r"[\w-]+", value) and not os.path.lexists(place):
+        path, other = folder / value, path_or_sample(value)
+        if key != "subject" and re.fullmatch(r"[\w-]+", value) and not os.path.lexists(path):
             continue  # the name of a map or a sphere
-        if not os.path.lexists(place) and other.exists():
+        if not os.path.lexists(path) and other.exists():
             if other != Path(value):
                 continue
             warnings.warn(
@@ -168,10 +204,10 @@ def _with_paths(tables: dict[str, Any], folder: Path, within: str = "") -> dict[
                 "scene. Later versions will not read it: give its path from the scene.",
                 stacklevel=2,
             )
-            place = other
-        if os.path.lexists(place) or (within == "geometry" and key != "sphere"):
-            found[key] = os.path.abspath(place)
-    return found
+            path = other
+        if os.path.lexists(path) or (within == "geometry" and key != "sphere"):
+            resolved[key] = os.path.abspath(path)
+    return resolved
 
 
 def _merge_tables(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
@@ -182,37 +218,32 @@ def _merge_tables(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any
     return merged
 
 
-def _key_of_setting(setting: str) -> str:
+def _key_of_setting(setting: str) -> Key:
     """``table.key`` of ``table.key=value``."""
-    key, equals, _ = setting.partition("=")
-    parts = [part.strip() for part in key.split(".")]
-    if not equals or not all(parts):
-        raise NotReadable(
-            f"setting {as_toml(setting)} must have the form table.key=value, for example growth.final=1.8."
-        )
-    if parts == ["like"]:
+    name, equals, _ = setting.partition("=")
+    key = tuple(part.strip() for part in name.split("."))
+    if not equals or not all(key):
+        raise NotReadable(f"setting {setting!r} must have the form table.key=value, for example growth.final=1.8.")
+    if key == ("like",):
         raise DoesNotApply(
-            f"setting {as_toml(setting)}: 'like' is allowed only in a file; pass the scene that it names instead."
+            f"setting {setting!r}: 'like' is allowed only in a file; pass the scene that it names instead."
         )
-    return ".".join(parts)
+    return key
 
 
-def _apply_setting(tables: dict[str, Any], key: str, setting: str) -> None:
+def _apply_setting(tables: dict[str, Any], key: Key, setting: str) -> None:
     """Put the value of ``table.key=value`` into the tables."""
     value = setting.partition("=")[2].strip()
     try:
         parsed = tomllib.loads(f"v = {value}")
-    except RecursionError:
-        raise NotReadable(f"setting {as_toml(setting)}: lists or tables are nested too deeply.") from None
-    except ValueError:
+    except (ValueError, RecursionError):
         parsed = {}
-    *path, last = key.split(".")
     table = tables
-    for part in path:
+    for part in key[:-1]:
         table = table.setdefault(part, {})
         if not isinstance(table, dict):
-            raise NotReadable(f"setting {as_toml(setting)}: {part!r} is a value, not a table.")
-    table[last] = parsed["v"] if list(parsed) == ["v"] else value  # a bare word is a string
+            raise NotReadable(f"setting {setting!r}: {part!r} is a value, not a table.")
+    table[key[-1]] = parsed["v"] if list(parsed) == ["v"] else value  # a bare word is a string
 
 
 def _table_or_empty(tables: Mapping[str, Any], name: str) -> dict[str, Any]:
@@ -221,11 +252,74 @@ def _table_or_empty(tables: Mapping[str, Any], name: str) -> dict[str, Any]:
     return table if isinstance(table, dict) else {}
 
 
-def _drop_late_stages(tables: dict[str, Any]) -> None:
-    """Drop the stages that a smaller final growth no longer reaches."""
-    final, output = _table_or_empty(tables, "growth").get("final"), _table_or_empty(tables, "output")
-    if isinstance(final, int | float) and isinstance(output.get("stages"), list):
-        output["stages"] = [g for g in output["stages"] if not isinstance(g, int | float) or g <= final]
+def _root_problems(error: ValidationError) -> list[Problem]:
+    """The problems without consequences of others: a list with wrong items is also reported as too short."""
+    problems: list[Problem] = [*error.errors()]
+    tables = {problem["loc"][:end] for problem in problems for end in range(len(problem["loc"]))}
+    return [problem for problem in problems if problem["type"] != "too_short" or problem["loc"] not in tables]
+
+
+def _blamed(problem: Problem, settings: Settings, read: Callable[[Settings], Scene | list[Problem]]) -> str | None:
+    """The setting that caused a problem, for messages; None if the scene itself did.
+
+    This is the setting of the key itself. Otherwise it is one without which the problem disappears: the first that the
+    message names, or the last. ``read`` gives the problems that remain with fewer settings.
+    """
+
+    def cured(fewer: Settings) -> bool:
+        left = read(fewer)
+        return isinstance(left, Scene) or all(p["loc"] != problem["loc"] or p["type"] != problem["type"] for p in left)
+
+    blamed = [setting for key, setting in settings if key == problem["loc"][: len(key)]]
+    if not blamed and settings and cured([]):
+        cures = [(key, s) for key, s in settings if cured([other for other in settings if other[0] != key])]
+        named = [s for word in _words(problem) for key, s in cures if word in (key, key[-1:])]
+        blamed = named[:1] or [s for _, s in cures or settings]
+    return f"setting {_shortened(blamed[-1])}" if blamed else None
+
+
+def _file_and_line(sources: Sequence[Source], problem: Problem) -> str:
+    """File and line of a key that the message names, else of the key of the problem, else of its table."""
+    loc = tuple(part for part in problem["loc"] if isinstance(part, str))
+    for keys in ([loc + word for word in _words(problem)], *([loc[:end]] for end in range(len(loc), 0, -1))):
+        for source in sources:
+            for key in keys:
+                if key in source.lines:
+                    return f"{source.name}, line {source.lines[key]}"
+    return sources[0].name
+
+
+def _words(problem: Problem) -> list[Key]:
+    """The words of a message that may be keys."""
+    return [tuple(word.strip(".,:;()").split(".")) for word in problem["msg"].split()]
+
+
+def _text_of_problem(problem: Problem) -> str:
+    """Key, requirement and value."""
+    key, value = "", problem["input"]
+    for part in problem["loc"]:
+        key += f", item {part + 1}" if isinstance(part, int) else f"{', ' if 'item' in key else '.'}{part}"
+    text = re.sub(r"^\w+ should", "must", problem["msg"].removeprefix("Value error, "))
+    shown = (
+        ""
+        if isinstance(value, dict | BaseModel)
+        else f" (got {_shortened(repr(value) if isinstance(value, str) else value)})"
+    )
+    return f"{key.lstrip('.,') or 'scene'}: {text}{shown}"
+
+
+def _shortened(value: Any) -> str:
+    """A value as in a scene file, or a text, in one line."""
+    text = " ".join((value if isinstance(value, str) else toml_value(value)).split())
+    return text if len(text) <= MOST_SHOWN_CHARACTERS else f"{text[: MOST_SHOWN_CHARACTERS - 4]} ..."
+
+
+def with_notes(lines: Sequence[str], kind: type[Refusal] = NotReadable) -> Refusal:
+    """An error with the first line as its message and the others as its notes."""
+    error = kind(lines[0])
+    for line in lines[1:]:
+        error.add_note(line)
+    return error
 
 
 def to_toml(scene: Scene) -> str:
@@ -254,4 +348,4 @@ def toml_value(v: Any) -> str:
         return "{" + ", ".join(f"{key} = {toml_value(x)}" for key, x in v.items()) + "}"
     if isinstance(v, tuple | list):
         return "[" + ", ".join(toml_value(x) for x in v) + "]"
-    return repr(v)
+    return str(v)

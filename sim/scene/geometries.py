@@ -6,10 +6,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Discriminator, Tag, model_validator
+from pydantic import BeforeValidator, model_validator
 
 from morphofold.errors import ImpossibleBody, NamedTwice, OptionsClash
-from morphofold.sim.scene.tables import Direction, Length, SphereMap, Spot, Table, key
+from morphofold.io.files import existing_file
+from morphofold.sim.scene.tables import Direction, Length, SphereMap, Spot, Table, key, read_variant
 
 LONGEST_OVER_MEAN_EDGE = 1.34  # of the cells on an unfolded cortex (sim/hemisphere)
 
@@ -33,7 +34,30 @@ ThicknessSpots = Annotated[
 class Layers(Table):
     """What every body has: a cortex on a core [mm]."""
 
-    cortex_thickness: Annotated[Length, key("thickness of the cortex before growth", "mm")] = 2.0
+    cortex_thickness: Length = key("thickness of the cortex before growth", "mm", default=2.0)
+
+    @model_validator(mode="after")
+    def _layers_fit(self) -> "Layers":
+        body, hole = self.depths
+        core = body - self.cortex_thickness
+        if core <= 0:
+            raise ImpossibleBody(
+                f"cortex_thickness {self.cortex_thickness:g} leaves no core in a body of {body:g} mm; make it smaller"
+            )
+        if hole >= core:
+            share = getattr(self, "hole_share", None) if "hole_share" in type(self).model_fields else None
+            named = f"hole_radius {hole:g}" if share is None else f"hole_share {share:g}"
+            most = f"{core:g}" if share is None else f"{core / body:.3g}"
+            raise ImpossibleBody(
+                f"{named} is not inside the core of radius {core:g} ({body:g} - cortex_thickness "
+                f"{self.cortex_thickness:g}); make it smaller than {most}"
+            )
+        return self
+
+    @property
+    def depths(self) -> tuple[float, float]:
+        """Least depth of the body, and radius of the hole in it, where they are known before it is meshed [mm]."""
+        return math.inf, 0.0
 
 
 class Sphere(Layers):
@@ -42,17 +66,16 @@ class Sphere(Layers):
     ``thickness_spots``: regions of another cortical thickness; their factors multiply ``cortex_thickness``.
     """
 
-    shape: Annotated[Literal["sphere"], key("type of body")] = "sphere"
+    shape: Literal["sphere"] = key("type of body", default="sphere")
     radius: Radius = 50.0
     hole_radius: HoleRadius = 25.0
     portion: Portion = "half"
     thickness_spots: ThicknessSpots = ()
     thickness_map: ThicknessMap = None
 
-    @model_validator(mode="after")
-    def _layers_fit(self) -> "Sphere":
-        _check_layers(self.radius, self.cortex_thickness, self.hole_radius)
-        return self
+    @property
+    def depths(self) -> tuple[float, float]:
+        return self.radius, self.hole_radius
 
     @property
     def semi_axes(self) -> Direction:
@@ -72,12 +95,11 @@ class Sphere(Layers):
 class Ellipsoid(Layers):
     """Bilayer ellipsoid: ``semi_axes`` of the pial surface [mm]; the hole has its shape, scaled by ``hole_share``."""
 
-    shape: Annotated[Literal["ellipsoid"], key("type of body")]
-    semi_axes: Annotated[
-        tuple[Length, Length, Length],
-        key("semi-axes of the outer (pial) surface, along x, y and z", "mm", strict=False),
-    ] = (60.0, 45.0, 40.0)
-    hole_share: Annotated[float, key("size of the hole over that of the outer surface", gt=0, lt=1)] = 0.5
+    shape: Literal["ellipsoid"] = key("type of body")
+    semi_axes: tuple[Length, Length, Length] = key(
+        "semi-axes of the outer (pial) surface, along x, y and z", "mm", strict=False, default=(60.0, 45.0, 40.0)
+    )
+    hole_share: float = key("size of the hole over that of the outer surface", gt=0, lt=1, default=0.5)
     portion: Portion = "half"
     thickness_spots: ThicknessSpots = ()
     thickness_map: ThicknessMap = None
@@ -87,52 +109,47 @@ class Ellipsoid(Layers):
         """Length of a quarter of a circle of the longest semi-axis [mm]."""
         return 0.5 * math.pi * max(self.semi_axes)
 
-    @model_validator(mode="after")
-    def _layers_fit(self) -> "Ellipsoid":
-        least = min(self.semi_axes)
-        _check_layers(least, self.cortex_thickness, self.hole_share * least, self.hole_share)
-        return self
+    @property
+    def depths(self) -> tuple[float, float]:
+        return min(self.semi_axes), self.hole_share * min(self.semi_axes)
 
 
 class Patch(Layers):
     """A flat block, ``size`` along x and y, ``depth`` [mm]; its sides are symmetry planes, its base is held fixed."""
 
-    shape: Annotated[Literal["patch"], key("type of body")]
-    size: Annotated[
-        tuple[Length, Length], key("size along x and y; the sides are symmetry planes", "mm", strict=False)
-    ] = (40.0, 40.0)
+    shape: Literal["patch"] = key("type of body")
+    size: tuple[Length, Length] = key(
+        "size along x and y; the sides are symmetry planes", "mm", strict=False, default=(40.0, 40.0)
+    )
     depth: Depth = 25.0
 
-    @model_validator(mode="after")
-    def _layers_fit(self) -> "Patch":
-        _check_layers(self.depth, self.cortex_thickness, 0.0)
-        return self
+    @property
+    def depths(self) -> tuple[float, float]:
+        return self.depth, 0.0
 
 
 class Strip(Layers):
     """A slice of a patch in plane strain: ``length`` along x and ``depth`` [mm]."""
 
-    shape: Annotated[Literal["strip"], key("type of body")]
-    length: Annotated[Length, key("length along x; plane strain across it", "mm")] = 80.0
+    shape: Literal["strip"] = key("type of body")
+    length: Length = key("length along x; plane strain across it", "mm", default=80.0)
     depth: Depth = 25.0
 
-    @model_validator(mode="after")
-    def _layers_fit(self) -> "Strip":
-        _check_layers(self.depth, self.cortex_thickness, 0.0)
-        return self
+    @property
+    def depths(self) -> tuple[float, float]:
+        return self.depth, 0.0
 
 
 class Radial(Layers):
     """The sphere in one dimension: it stays a sphere, stable or not. Names as in ``Sphere`` [mm]."""
 
-    shape: Annotated[Literal["radial"], key("type of body")]
+    shape: Literal["radial"] = key("type of body")
     radius: Radius = 50.0
     hole_radius: HoleRadius = 25.0
 
-    @model_validator(mode="after")
-    def _layers_fit(self) -> "Radial":
-        _check_layers(self.radius, self.cortex_thickness, self.hole_radius)
-        return self
+    @property
+    def depths(self) -> tuple[float, float]:
+        return self.radius, self.hole_radius
 
 
 class MeshFile(Layers):
@@ -145,41 +162,37 @@ class MeshFile(Layers):
     mirrored (``symmetry``). Maps are point data of the file, labels of facets are cell data of its triangles.
     """
 
-    cortex_thickness: Annotated[
-        Length, key("thickness of the cortex before growth; with a `label` it sets the imperfection", "mm")
-    ] = 2.0
-    shape: Annotated[Literal["mesh"], key("type of body")]
-    file: Annotated[
-        str,
-        key(
-            "file of tetrahedra that meshio reads, or of a folding code: a path from the scene, or one of data_samples",
-            min_length=1,
-        ),
-    ]
-    scale: Annotated[float, key("factor from the lengths of the file to mm", ge=1e-6, le=1e6)] = 1.0
-    label: Annotated[
-        str | None, key("cell data that mark the cortex; without it, the cortex is what lies within `cortex_thickness`")
-    ] = None
-    cortex_label: Annotated[int, key("value of `label` in the cortex")] = 1
-    held: Annotated[
-        Literal["inner", "nothing"], key("part that is held fixed: all inner surfaces (ventricles), or nothing")
-    ] = "nothing"
-    held_map: Annotated[str | None, key("point data that are not 0 where nodes are held, too")] = None
-    symmetry: Annotated[
-        tuple[Literal["x", "y", "z"], ...],
-        key("axes along which one end of the body is a flat cut; output is mirrored there", strict=False),
-    ] = ()
-    facets: Annotated[str | None, key("cell data that label the triangles of the file")] = None
-    held_facets: Annotated[
-        tuple[int, ...], key("labels in `facets` of triangles whose nodes are held, too", strict=False)
-    ] = ()
-    cut_facets: Annotated[
-        tuple[int, ...], key("labels in `facets` of parts of the outer surface that are no cortex", strict=False)
-    ] = ()
-    thickness_map: Annotated[str | None, key("point data that multiply `cortex_thickness` at the pial nodes")] = None
-    regions: Annotated[
-        str | None, key("point data, or cell data of tetrahedra, that label regions of the pial surface; 0 is none")
-    ] = None
+    cortex_thickness: Length = key(
+        "thickness of the cortex before growth; with a `label` it sets the imperfection", "mm", default=2.0
+    )
+    shape: Literal["mesh"] = key("type of body")
+    file: str = key(
+        "file of tetrahedra that meshio reads, or of a folding code: a path from the scene, or one of data_samples",
+        min_length=1,
+    )
+    scale: float = key("factor from the lengths of the file to mm", ge=1e-6, le=1e6, default=1.0)
+    label: str | None = key(
+        "cell data that mark the cortex; without it, the cortex is what lies within `cortex_thickness`", default=None
+    )
+    cortex_label: int = key("value of `label` in the cortex", default=1)
+    held: Literal["inner", "nothing"] = key(
+        "part that is held fixed: all inner surfaces (ventricles), or nothing", default="nothing"
+    )
+    held_map: str | None = key("point data that are not 0 where nodes are held, too", default=None)
+    symmetry: tuple[Literal["x", "y", "z"], ...] = key(
+        "axes along which one end of the body is a flat cut; output is mirrored there", strict=False, default=()
+    )
+    facets: str | None = key("cell data that label the triangles of the file", default=None)
+    held_facets: tuple[int, ...] = key(
+        "labels in `facets` of triangles whose nodes are held, too", strict=False, default=()
+    )
+    cut_facets: tuple[int, ...] = key(
+        "labels in `facets` of parts of the outer surface that are no cortex", strict=False, default=()
+    )
+    thickness_map: str | None = key("point data that multiply `cortex_thickness` at the pial nodes", default=None)
+    regions: str | None = key(
+        "point data, or cell data of tetrahedra, that label regions of the pial surface; 0 is none", default=None
+    )
 
     @model_validator(mode="after")
     def _keys_fit(self) -> "MeshFile":
@@ -204,8 +217,6 @@ class MeshFile(Layers):
         FileNotFoundError, ValueError
             If there is neither, or if it is not a file.
         """
-        from morphofold.io.files import existing_file
-
         return existing_file(path_or_sample(self.file), "tetrahedral mesh")
 
 
@@ -216,42 +227,34 @@ class UnfoldedCortex(Layers):
     is held fixed: the wall of the hole, and by default the medial wall, which does not grow either.
     """
 
-    cortex_thickness: Annotated[
-        Length,
-        key("mean thickness of the cortex before growth; `morphofold unfold` shows the thickest that fits", "mm"),
-    ] = 2.5
-    shape: Annotated[Literal["cortex"], key("type of body")]
-    subject: Annotated[
-        str,
-        key(
-            "folder of a FreeSurfer subject, or file of a closed surface: a path from the scene, or a sample",
-            min_length=1,
-        ),
-    ]
-    hemi: Annotated[Literal["lh", "rh"], key("hemisphere, of a subject or of the file")] = "lh"
-    surface: Annotated[str, key("folded surface of a subject, `surf/?h.NAME`", min_length=1)] = "white"
-    sphere: Annotated[
-        str | None,
-        key(
-            "its sphere, `surf/?h.NAME`, or a file if `subject` is one; by default `?h.sphere`, or one is made, which "
-            "takes two minutes for 150,000 vertices"
-        ),
-    ] = None
-    unfold: Annotated[float, key("time of the heat flow on the unit sphere; larger is smoother", ge=0.005, le=0.3)] = (
-        0.03
+    cortex_thickness: Length = key(
+        "mean thickness of the cortex before growth; `morphofold unfold` shows the thickest that fits",
+        "mm",
+        default=2.5,
     )
-    radius: Annotated[Length, key("of the sphere with the area of the pial surface before growth", "mm")] = 50.0
+    shape: Literal["cortex"] = key("type of body")
+    subject: str = key(
+        "folder of a FreeSurfer subject, or file of a closed surface: a path from the scene, or a sample", min_length=1
+    )
+    hemi: Literal["lh", "rh"] = key("hemisphere, of a subject or of the file", default="lh")
+    surface: str = key("folded surface of a subject, `surf/?h.NAME`", min_length=1, default="white")
+    sphere: str | None = key(
+        "its sphere, `surf/?h.NAME`, or a file if `subject` is one; by default `?h.sphere`, or one is made, which "
+        "takes two minutes for 150,000 vertices",
+        default=None,
+    )
+    unfold: float = key("time of the heat flow on the unit sphere; larger is smoother", ge=0.005, le=0.3, default=0.03)
+    radius: Length = key("of the sphere with the area of the pial surface before growth", "mm", default=50.0)
     thickness_map: ThicknessMap = None
-    hole_share: Annotated[float, key("size of the hole over that of the body", ge=0.05, le=0.6)] = 0.25
-    held: Annotated[
-        Literal["medial wall", "hole"],
-        key("part that is held fixed: the wall of the hole, alone or with the medial wall, which does not grow then"),
-    ] = "medial wall"
+    hole_share: float = key("size of the hole over that of the body", ge=0.05, le=0.6, default=0.25)
+    held: Literal["medial wall", "hole"] = key(
+        "part that is held fixed: the wall of the hole, alone or with the medial wall, which does not grow then",
+        default="medial wall",
+    )
 
-    @model_validator(mode="after")
-    def _layers_fit(self) -> "UnfoldedCortex":
-        _check_layers(self.radius, self.cortex_thickness, self.hole_share * self.radius, self.hole_share)
-        return self
+    @property
+    def depths(self) -> tuple[float, float]:
+        return self.radius, self.hole_share * self.radius
 
     @property
     def semi_axes(self) -> Direction:
@@ -271,15 +274,13 @@ class UnfoldedCortex(Layers):
         FileNotFoundError
             If there is neither.
         """
-        from morphofold.io.files import existing_file
-
         place = path_or_sample(self.subject)
         return place if place.is_dir() else existing_file(place, "folder of a subject or closed surface")
 
 
 def path_or_sample(name: str) -> Path:
     """The path itself, or if there is nothing the sample of that name, if there is one."""
-    from morphofold.io import sample_path
+    from morphofold.io import sample_path  # loads numba, which the theory does not need
 
     path = Path(name)
     if not path.exists():
@@ -290,38 +291,19 @@ def path_or_sample(name: str) -> Path:
 
 def map_files(table: SphereMap, geometry: Any, name: str) -> dict[str, Path]:
     """The files of a map, by content; ``geometry`` is that of the scene."""
-    from morphofold.io.files import existing_file
-
-    spheres = (
-        {} if table.sphere is None else {f"sphere of {name}": existing_file(path_or_sample(table.sphere), "sphere")}
-    )
-    return {name: map_file(table, geometry), **spheres}
+    files = {name: map_file(table, geometry)}
+    if table.sphere is not None:
+        files[f"sphere of {name}"] = existing_file(path_or_sample(table.sphere), "sphere")
+    return files
 
 
 def map_file(table: SphereMap, geometry: Any) -> Path:
     """The file of a map: that of the subject, ``surf/?h.NAME``, or a path, or a sample."""
-    from morphofold.io.files import existing_file
-
     if isinstance(geometry, UnfoldedCortex) and re.fullmatch(r"[\w.-]+", table.file):
         own = geometry.place() / "surf" / f"{geometry.hemi}.{table.file}"
         if own.is_file():
             return own
     return existing_file(path_or_sample(table.file), "map")
-
-
-def _check_layers(radius: float, thickness: float, hole: float, share: float | None = None) -> None:
-    if thickness >= radius:
-        raise ImpossibleBody(
-            f"cortex_thickness {thickness:g} leaves no core in a body of {radius:g} mm; make it smaller"
-        )
-    if hole >= radius - thickness:
-        core = radius - thickness
-        named = f"hole_radius {hole:g}" if share is None else f"hole_share {share:g}"
-        most = f"{core:g}" if share is None else f"{core / radius:.3g}"
-        raise ImpossibleBody(
-            f"{named} is not inside the core of radius {core:g} ({radius:g} - cortex_thickness {thickness:g}); "
-            f"make it smaller than {most}"
-        )
 
 
 SHAPES: dict[str, type[Layers]] = {
@@ -335,21 +317,7 @@ SHAPES: dict[str, type[Layers]] = {
 }
 
 
-def _shape_of_table(table: Any) -> str:
-    """Shape that a table names; a sphere by default."""
-    named = table.get("shape", "sphere") if isinstance(table, dict) else getattr(table, "shape", "sphere")
-    return str(named)
-
-
+Shaped = Sphere | Ellipsoid | Patch | Strip | Radial | UnfoldedCortex | MeshFile
 Geometry = Annotated[
-    Annotated[Sphere, Tag("sphere")]
-    | Annotated[Ellipsoid, Tag("ellipsoid")]
-    | Annotated[Patch, Tag("patch")]
-    | Annotated[Strip, Tag("strip")]
-    | Annotated[Radial, Tag("radial")]
-    | Annotated[UnfoldedCortex, Tag("cortex")]
-    | Annotated[MeshFile, Tag("mesh")],
-    Discriminator(
-        _shape_of_table, custom_error_type="shape", custom_error_message=f"must be one of {', '.join(SHAPES)}"
-    ),
+    Shaped, BeforeValidator(lambda table: read_variant(table, "shape", "sphere", SHAPES, SHAPES.__getitem__))
 ]

@@ -1,9 +1,12 @@
 """Base classes of the tables of a scene: keys with their meaning, unit and range."""
 
+import difflib
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic_core import InitErrorDetails, PydanticCustomError
 
 
 def key(meaning: str, unit: str = "", **limits: Any) -> Any:
@@ -29,34 +32,65 @@ Point = tuple[Coordinate, Coordinate, Coordinate]
 class Table(BaseModel):
     """A table of a scene: it allows no unknown keys, converts no values and cannot be changed later."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, strict=True, allow_inf_nan=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _has_known_keys(cls, table: Any) -> Any:
+        return check_keys(table, cls.model_fields)
+
+
+def check_keys(table: Any, known: Iterable[str]) -> Any:
+    """The table, if that is what it is and all its keys are known; a problem for each other key says which are."""
+    problems = []
+    for name in (name for name in (table if isinstance(table, Mapping) else ()) if name not in known):
+        close = difflib.get_close_matches(name, known, n=1)
+        hint = f"did you mean {close[0]}?" if close else f"known here: {', '.join(known) or 'none'}"
+        problems.append(_unknown(name, f"unknown key ({hint})", table))
+    if problems:
+        raise ValidationError.from_exception_data("table", problems)
+    return table
+
+
+def read_variant(
+    table: Any, key: str, default: str, names: Iterable[str], model_of: Callable[[str], type[Table]]
+) -> Any:
+    """A table, read by the model of the variant that its ``key`` names, or by that of the default one."""
+    if isinstance(table, Table):
+        return table
+    name = table.get(key, default) if isinstance(table, Mapping) else default
+    if name not in [*names]:
+        problem = _unknown(key, f"must be one of {', '.join(names)}", name)
+        raise ValidationError.from_exception_data("table", [problem])
+    return model_of(name).model_validate(table)
+
+
+def _unknown(name: str, text: str, value: Any) -> InitErrorDetails:
+    return InitErrorDetails(type=PydanticCustomError("unknown_name", text), loc=(name,), input=value)  # type: ignore[arg-type]
 
 
 class Spot(Table):
     """A region around a pial point ``centre`` [mm]: the full ``factor`` at the centre, 1 beyond ``radius`` [mm]."""
 
-    centre: Annotated[Point, key("a point of the outer surface", "mm", strict=False)]
-    radius: Annotated[Length, key("distance beyond which the factor is 1", "mm")]
-    factor: Annotated[float, key("factor at the centre", gt=0, le=4)]
+    centre: Point = key("a point of the outer surface", "mm", strict=False)
+    radius: Length = key("distance beyond which the factor is 1", "mm")
+    factor: float = key("factor at the centre", gt=0, le=4)
 
 
 class SphereMap(Table):
     """A map with a value for each vertex of a sphere, smoothed by spherical harmonics up to ``degree``."""
 
-    file: Annotated[
-        str,
-        key(
-            "FreeSurfer, GIFTI or text file: a path from the scene, or one of data_samples; of a subject also a name, "
-            "`thickness` is `surf/?h.thickness`",
-            min_length=1,
-        ),
-    ]
-    sphere: Annotated[
-        str | None, key("sphere of its vertices, registered to that of the body; by default that of the subject")
-    ] = None
-    degree: Annotated[
-        int, key("largest degree of the harmonics: 16 shows what is wider than a tenth of the body", ge=0, le=40)
-    ] = 16
+    file: str = key(
+        "FreeSurfer, GIFTI or text file: a path from the scene, or one of data_samples; of a subject also a name, "
+        "`thickness` is `surf/?h.thickness`",
+        min_length=1,
+    )
+    sphere: str | None = key(
+        "sphere of its vertices, registered to that of the body; by default that of the subject", default=None
+    )
+    degree: int = key(
+        "largest degree of the harmonics: 16 shows what is wider than a tenth of the body", ge=0, le=40, default=16
+    )
 
 
 class MaterialOptions(Table):
@@ -74,8 +108,8 @@ class MaterialOptions(Table):
     errors_known: ClassVar[bool] = False
 
     model: str
-    mu_ratio: Annotated[float, key("shear modulus of the cortex over that of the core", ge=1e-4, le=1e4)] = 1.0
-    kappa_ratio: Annotated[float, key("bulk over shear modulus, in both layers", ge=5, le=2000)] = 50.0
+    mu_ratio: float = key("shear modulus of the cortex over that of the core", ge=1e-4, le=1e4, default=1.0)
+    kappa_ratio: float = key("bulk over shear modulus, in both layers", ge=5, le=2000, default=50.0)
 
     def build(self) -> Any:
         """The ``Material`` that kernels and tangent take."""

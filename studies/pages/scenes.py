@@ -13,8 +13,7 @@ from pydantic import BaseModel
 from morphofold.errors import MissingPart
 from morphofold.sim import scene
 from morphofold.sim.effects.fibres import Bundle
-from morphofold.sim.scene import materials
-from morphofold.sim.scene.effects import effect_names, effects_of, options_of
+from morphofold.sim.scene.plugins import DEFAULT_MATERIAL, effect_names, effects_of, material_names, options_of
 from morphofold.sim.scene.tables import SphereMap, Spot, unit_of
 from morphofold.studies.markdown import write_texts
 
@@ -22,7 +21,7 @@ BEGIN, END = "<!-- tables from here -->\n", "<!-- tables to here -->\n"
 
 
 def _heading(material: str) -> str:
-    return "[material]" if material == materials.DEFAULT_MATERIAL else f'[material] with model = "{material}"'
+    return "[material]" if material == DEFAULT_MATERIAL else f'[material] with model = "{material}"'
 
 
 #: heading -> the table, in the order of the page
@@ -31,7 +30,7 @@ TABLES: dict[str, type[BaseModel]] = {
     **{f'[geometry] with shape = "{name}"': model for name, model in scene.SHAPES.items()},
     "An item of thickness_spots or spots": Spot,
     "A map: thickness_map of a sphere, an ellipsoid or a cortex": SphereMap,
-    **{_heading(name): materials.options_of(name) for name in materials.material_names()},
+    **{_heading(name): options_of(name, "materials") for name in material_names()},
     "[growth]": scene.Growth,
     **{f"[effects.{name}]": options_of(name) for name in effect_names()},
     "An item of bundles of [effects.fibres]": Bundle,
@@ -83,7 +82,7 @@ def _rows(model: type[BaseModel]) -> list[str]:
     rows = []
     keys = model.model_json_schema()["properties"]
     for key, schema in sorted(keys.items(), key=lambda item: item[0] != "shape"):  # otherwise the order of the model
-        if "$ref" in schema or "oneOf" in schema or (model is scene.Scene and key in ("material", "effects")):
+        if "$ref" in schema or (model is scene.Scene and key in ("geometry", "material", "effects")):
             continue  # has its own table
         plain = next((s for s in schema.get("anyOf", ()) if s.get("type") != "null"), schema)
         field = model.model_fields[key]
