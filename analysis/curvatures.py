@@ -1,18 +1,28 @@
 """Principal curvatures and their directions at each vertex of a triangle mesh, and the scales to measure them at."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from morphofold import geometry
 from morphofold.arrays import Array
 from morphofold.errors import OutOfRange
-from morphofold.geometry import adjacency, equal_area_radius, mean_edge_length, unit, vertex_normals
+from morphofold.geometry import (
+    adjacency,
+    cross,
+    dot,
+    equal_area_radius,
+    less,
+    mean_edge_length,
+    position,
+    unit,
+    vertex_normals,
+)
 from morphofold.kernels import kernel, reading
 from morphofold.surface import Cortex, Faces, PerVertex, Verts
 from morphofold.threads import in_blocks
-from morphofold.validators import check_mesh
+from morphofold.validators import check_mesh, positive
 
 DEFAULT_SCALE_IN_EDGES = 3.0  # the default scale, in mean edges
 LEAST_CUBIC_FIT_POINTS = 14  # points needed for the ten coefficients; with fewer the neighbourhood grows
@@ -34,13 +44,13 @@ class Curvature:
     in the length unit of the mesh. NaN where no face uses the vertex or no surface could be fitted.
     """
 
-    k1: PerVertex = field(repr=False)
-    k2: PerVertex = field(repr=False)
-    d1: Array = field(repr=False)
-    d2: Array = field(repr=False)
-    normals: Array = field(repr=False)
-    e1: PerVertex = field(repr=False)
-    e2: PerVertex = field(repr=False)
+    k1: PerVertex
+    k2: PerVertex
+    d1: Array
+    d2: Array
+    normals: Array
+    e1: PerVertex
+    e2: PerVertex
     scale: float
 
     def __repr__(self) -> str:
@@ -156,8 +166,7 @@ def largest_scale(verts: Verts, faces: Faces) -> float:
 def check_scale(verts: Verts, faces: Faces, scale: float) -> None:
     """Raise ``OutOfRange`` if the radius ``scale`` does not fit the mesh, by the bounds of ``curvature``."""
     edge = mean_edge_length(verts, faces)
-    if not (math.isfinite(scale) and scale > 0):
-        raise OutOfRange(f"scale must be a positive length in the unit of the mesh, got {scale!r}.")
+    positive(scale, "scale", "length in the unit of the mesh")
     size = equal_area_radius(verts, faces)
     if scale < edge:
         raise OutOfRange(
@@ -210,9 +219,7 @@ def _fit_curvatures(start, stop, verts, normals, indptr, indices, scale, k1, k2,
 @kernel
 def _collect_neighbourhood(i, verts, normals, indptr, indices, radius, seen, stamp, queue):
     """Fill ``queue`` with vertices within ``radius`` that face like vertex i and connect to it through such ones."""
-    x, y, z = verts[i, 0], verts[i, 1], verts[i, 2]
-    nx, ny, nz = normals[i, 0], normals[i, 1], normals[i, 2]
-    limit = radius * radius
+    centre, normal, limit = position(verts, i), position(normals, i), radius * radius
     queue[0], seen[i] = i, stamp
     at, last = 0, 1
     while at < last:
@@ -223,11 +230,8 @@ def _collect_neighbourhood(i, verts, normals, indptr, indices, radius, seen, sta
             if seen[w] == stamp:
                 continue
             seen[w] = stamp
-            dx, dy, dz = verts[w, 0] - x, verts[w, 1] - y, verts[w, 2] - z
-            if (
-                dx * dx + dy * dy + dz * dz < limit
-                and normals[w, 0] * nx + normals[w, 1] * ny + normals[w, 2] * nz > LEAST_NORMAL_COSINE
-            ):
+            to = less(position(verts, w), centre)
+            if dot(to, to) < limit and dot(position(normals, w), normal) > LEAST_NORMAL_COSINE:
                 queue[last] = w
                 last += 1
     return last
@@ -244,13 +248,14 @@ def _tangent_frame(normal, frame):
         tx, ty, tz = -nz, 0.0, nx
     else:
         tx, ty, tz = ny, -nx, 0.0
-    length = math.sqrt(tx * tx + ty * ty + tz * tz)
+    t = tx, ty, tz
+    length = math.sqrt(dot(t, t))
     if length == 0.0:
         length = 1.0
-    tx, ty, tz = tx / length, ty / length, tz / length
-    frame[0, 0], frame[0, 1], frame[0, 2] = tx, ty, tz
-    frame[1, 0], frame[1, 1], frame[1, 2] = ny * tz - nz * ty, nz * tx - nx * tz, nx * ty - ny * tx
-    frame[2, 0], frame[2, 1], frame[2, 2] = nx, ny, nz
+    t = tx / length, ty / length, tz / length
+    other = cross(normal, t)
+    for k in range(3):
+        frame[0, k], frame[1, k], frame[2, k] = t[k], other[k], normal[k]
 
 
 @kernel
@@ -267,12 +272,10 @@ def _normal_equations(i, verts, normals, queue, count, radius, frame, bend_u, be
         b[r] = 0.0
     for q in range(count):
         w = queue[q]
-        x, y, z = verts[w, 0] - verts[i, 0], verts[w, 1] - verts[i, 1], verts[w, 2] - verts[i, 2]
-        x, y, z = x / radius, y / radius, z / radius
-        u = frame[0, 0] * x + frame[0, 1] * y + frame[0, 2] * z
-        v = frame[1, 0] * x + frame[1, 1] * y + frame[1, 2] * z
-        h = frame[2, 0] * x + frame[2, 1] * y + frame[2, 2] * z
-        far = x * x + y * y + z * z
+        to = less(position(verts, w), position(verts, i))
+        to = to[0] / radius, to[1] / radius, to[2] / radius
+        u, v, h = dot(position(frame, 0), to), dot(position(frame, 1), to), dot(position(frame, 2), to)
+        far = dot(to, to)
         gu, gv = bend_u * u, bend_v * v
         steep = math.sqrt(gu * gu + gv * gv)
         if steep > 0.0:  # at the centre, and on a plane, there is nothing to move
@@ -281,8 +284,7 @@ def _normal_equations(i, verts, normals, queue, count, radius, frame, bend_u, be
             if gu * u + gv * v < 0.0:
                 step = -step
             u, v = u + step * gu, v + step * gv
-        facing = normals[w, 0] * frame[2, 0] + normals[w, 1] * frame[2, 1] + normals[w, 2] * frame[2, 2]
-        weight = max(facing, 0.0) * (1.0 - far)
+        weight = max(dot(position(normals, w), position(frame, 2)), 0.0) * (1.0 - far)
         term = weight
         for p in range(7):
             part = term
@@ -367,8 +369,7 @@ def _principal_curvatures(i, a, radius, frame, k1, k2, d1, d2, out):
 @kernel
 def _extremality(a, radius, frame, along):
     """Derivative, along a direction, of the curvature of the normal section of h(u, v) in that direction."""
-    u = along[0] * frame[0, 0] + along[1] * frame[0, 1] + along[2] * frame[0, 2]
-    v = along[0] * frame[1, 0] + along[1] * frame[1, 1] + along[2] * frame[1, 2]
+    u, v = dot(along, position(frame, 0)), dot(along, position(frame, 1))
     flat = math.sqrt(u * u + v * v)
     if flat == 0.0:
         return 0.0
@@ -395,14 +396,13 @@ def scale_of_curvature(cortex: Cortex, wanted: float | None = None) -> tuple[flo
     ValueError
         If the scale does not fit the mesh.
     """
-    surfaces = (cortex.white, cortex.pial)
-    edge = max(geometry.mean_edge_length(s.verts, cortex.faces) for s in surfaces)
-    size = min(geometry.equal_area_radius(s.verts, cortex.faces) for s in surfaces)
-    usual = _usual_curvature_scale(size)
-    most = min(largest_scale(s.verts, cortex.faces) for s in surfaces)
-    scale = min(max(usual, LEAST_CURVATURE_SCALE_IN_EDGES * edge), most) if wanted is None else float(wanted)
-    for surface in surfaces:
-        check_scale(surface.verts, cortex.faces, scale)
+    meshes = [(surface.verts, cortex.faces) for surface in (cortex.white, cortex.pial)]
+    edge = max(geometry.mean_edge_length(*mesh) for mesh in meshes)
+    size = min(geometry.equal_area_radius(*mesh) for mesh in meshes)
+    scale = max(_usual_curvature_scale(size), LEAST_CURVATURE_SCALE_IN_EDGES * edge)
+    scale = min(scale, *(largest_scale(*mesh) for mesh in meshes)) if wanted is None else float(wanted)
+    for mesh in meshes:
+        check_scale(*mesh, scale)
     say = (
         f"curvature is fitted within {scale:.3g}, mean edge {edge:.3g}, radius of the sphere of equal area {size:.3g}."
     )

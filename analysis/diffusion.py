@@ -12,7 +12,6 @@ from scipy import sparse
 
 from morphofold import geometry
 from morphofold.arrays import Array, memoized
-from morphofold.errors import WrongShape
 from morphofold.kernels import kernel, reading
 from morphofold.surface import Faces, Verts
 from morphofold.threads import run_parallel
@@ -73,15 +72,9 @@ class Diffusion:
 
         Raises
         ------
-        WrongShape
-            If ``right`` or ``x`` has another shape.
         RuntimeError
             If that takes more than 300 iterations. The mesh is then too irregular.
         """
-        if np.shape(right) != np.shape(x) or np.ndim(x) not in (1, 2) or len(x) != len(self.mass):
-            raise WrongShape(
-                f"right {np.shape(right)} and x {np.shape(x)} must be (N,) or (N, K), N = {len(self.mass)}."
-            )
         columns = np.shape(x)[1] if np.ndim(x) == 2 else 1
         b, y = (np.zeros((len(x), columns + columns % 2)) for _ in range(2))  # solved in pairs
         b[:, :columns], y[:, :columns] = np.reshape(right, (len(x), columns)), np.reshape(x, (len(x), columns))
@@ -171,15 +164,11 @@ def _iterate(first, ptr, above, col, off, diag, mass, pptr, pcol, pval, time, ri
     for i in range(size):
         hold[i] = mass[i] + time * diag[i]
         free[i] = 1.0 / hold[i] if hold[i] > 0.0 else 0.0
-    goal, rr, rz, old, pq = np.zeros(2), np.zeros(2), np.zeros(2), np.zeros(2), np.zeros(2)
+    goal, rr, pq, rz = np.zeros(2), np.zeros(2), np.zeros(2), (0.0, 0.0)
     for i in range(n):
-        u, v = 0.0, 0.0
-        for e in range(ptr[i], ptr[i + 1]):
-            u, v = u + off[e] * x[col[e], 0], v + off[e] * x[col[e], 1]
-        keep = 1.0 if hold[i] > 0.0 else 0.0
-        r[i, 0] = keep * (right[i, 0] - hold[i] * x[i, 0] - time * u)
-        r[i, 1] = keep * (right[i, 1] - hold[i] * x[i, 1] - time * v)
+        row, keep = _row_product(ptr[i], ptr[i + 1], col, off, x), 1.0 if hold[i] > 0.0 else 0.0
         for k in range(2):
+            r[i, k] = keep * (right[i, k] - hold[i] * x[i, k] - time * row[k])
             goal[k] += rtol * rtol * right[i, k] * right[i, k]
             rr[k] += r[i, k] * r[i, k]
     for count in range(most + 1):
@@ -189,70 +178,74 @@ def _iterate(first, ptr, above, col, off, diag, mass, pptr, pcol, pval, time, ri
         u, v = 0.0, 0.0
         for i in range(n):
             u, v = u + r[i, 0] * z[i, 0], v + r[i, 1] * z[i, 1]
-        old[0], old[1], rz[0], rz[1] = rz[0], rz[1], u, v
-        u, v = (rz[0] / old[0] if old[0] > 0.0 else 0.0), (rz[1] / old[1] if old[1] > 0.0 else 0.0)
+        old, rz = rz, (u, v)
+        turn = _ratios(rz, old)
         for i in range(n):
-            p[i, 0], p[i, 1] = z[i, 0] + u * p[i, 0], z[i, 1] + v * p[i, 1]
-        pq[0], pq[1] = 0.0, 0.0
+            for k in range(2):
+                p[i, k] = z[i, k] + turn[k] * p[i, k]
+        pq[:] = 0.0
         for i in range(n):
-            u, v = 0.0, 0.0
-            for e in range(ptr[i], ptr[i + 1]):
-                u, v = u + off[e] * p[col[e], 0], v + off[e] * p[col[e], 1]
-            q[i, 0], q[i, 1] = hold[i] * p[i, 0] + time * u, hold[i] * p[i, 1] + time * v
-            pq[0] += p[i, 0] * q[i, 0]
-            pq[1] += p[i, 1] * q[i, 1]
-        u, v = (rz[0] / pq[0] if pq[0] > 0.0 else 0.0), (rz[1] / pq[1] if pq[1] > 0.0 else 0.0)
-        rr[0], rr[1] = 0.0, 0.0
+            row = _row_product(ptr[i], ptr[i + 1], col, off, p)
+            for k in range(2):
+                q[i, k] = hold[i] * p[i, k] + time * row[k]
+                pq[k] += p[i, k] * q[i, k]
+        step = _ratios(rz, pq)
+        rr[:] = 0.0
         for i in range(n):
-            x[i, 0], x[i, 1] = x[i, 0] + u * p[i, 0], x[i, 1] + v * p[i, 1]
-            r[i, 0], r[i, 1] = r[i, 0] - u * q[i, 0], r[i, 1] - v * q[i, 1]
-            rr[0] += r[i, 0] * r[i, 0]
-            rr[1] += r[i, 1] * r[i, 1]
+            for k in range(2):
+                x[i, k] += step[k] * p[i, k]
+                r[i, k] -= step[k] * q[i, k]
+                rr[k] += r[i, k] * r[i, k]
     return -1
+
+
+@kernel
+def _row_product(begin, end, col, off, x):
+    """Product of a row of a matrix, the entries ``begin`` to ``end``, with both columns of x (N, 2)."""
+    u, v = 0.0, 0.0
+    for e in range(begin, end):
+        u, v = u + off[e] * x[col[e], 0], v + off[e] * x[col[e], 1]
+    return u, v
+
+
+@kernel
+def _ratios(a, b):
+    return (a[0] / b[0] if b[0] > 0.0 else 0.0), (a[1] / b[1] if b[1] > 0.0 else 0.0)
 
 
 @kernel
 def _cycle(first, ptr, above, col, off, free, pptr, pcol, pval, time, b, z):
     """One V cycle for the right sides ``b`` on the finest level, from 0: ``z``. Both have room for all levels."""
-    last = len(first) - 2
+    last, ends = len(first) - 2, ptr[1:]
     for level in range(last):
         low, high = first[level], first[level + 1]
-        here, coarse = z[low:high], b[high : first[level + 2]]
-        for i in range(low, high):  # forward Gauss-Seidel, from 0: what is behind the diagonal does not count
-            u, v = 0.0, 0.0
-            for e in range(ptr[i], above[i]):
-                u, v = u + off[e] * here[col[e], 0], v + off[e] * here[col[e], 1]
-            z[i, 0], z[i, 1] = (b[i, 0] - time * u) * free[i], (b[i, 1] - time * v) * free[i]
-        for c in range(len(coarse)):
-            coarse[c, 0], coarse[c, 1] = 0.0, 0.0
+        own, coarse = z[low:high], b[high : first[level + 2]]
+        # forward Gauss-Seidel, from 0: what is behind the diagonal does not count
+        _relax(low, high, 1, ptr, above, col, off, free, time, b, z)
+        coarse[:] = 0.0
         for i in range(low, high):  # its residual is what is behind the diagonal
-            u, v = 0.0, 0.0
-            for e in range(above[i], ptr[i + 1]):
-                u, v = u + off[e] * here[col[e], 0], v + off[e] * here[col[e], 1]
+            row = _row_product(above[i], ends[i], col, off, own)
             for e in range(pptr[i], pptr[i + 1]):
-                coarse[pcol[e], 0] -= pval[e] * time * u
-                coarse[pcol[e], 1] -= pval[e] * time * v
-    for i in range(first[last], first[last + 1]):
-        z[i, 0], z[i, 1] = 0.0, 0.0
+                for k in range(2):
+                    coarse[pcol[e], k] -= pval[e] * time * row[k]
+    z[first[last] : first[last + 1]] = 0.0
     for sweep in range(2 * COARSEST_SWEEPS):
-        _relax(first[last], first[last + 1], 1 - 2 * (sweep % 2), ptr, col, off, free, time, b, z)
+        _relax(first[last], first[last + 1], 1 - 2 * (sweep % 2), ptr, ends, col, off, free, time, b, z)
     for level in range(last - 1, -1, -1):
         low, high = first[level], first[level + 1]
         coarser = z[high : first[level + 2]]
         for i in range(low, high):
             for e in range(pptr[i], pptr[i + 1]):
-                z[i, 0] += pval[e] * coarser[pcol[e], 0]
-                z[i, 1] += pval[e] * coarser[pcol[e], 1]
-        _relax(low, high, -1, ptr, col, off, free, time, b, z)
+                for k in range(2):
+                    z[i, k] += pval[e] * coarser[pcol[e], k]
+        _relax(low, high, -1, ptr, ends, col, off, free, time, b, z)
 
 
 @kernel
-def _relax(low, high, step, ptr, col, off, free, time, b, z):
-    """A Gauss-Seidel sweep over the vertices of a level, forward (step 1) or back (-1)."""
-    here = z[low:high]
+def _relax(low, high, step, begin, end, col, off, free, time, b, z):
+    """A Gauss-Seidel sweep over the vertices of a level, forward (step 1) or back (-1), with some entries of each."""
+    own = z[low:high]
     for k in range(high - low):
         i = low + k if step > 0 else high - 1 - k
-        u, v = 0.0, 0.0
-        for e in range(ptr[i], ptr[i + 1]):
-            u, v = u + off[e] * here[col[e], 0], v + off[e] * here[col[e], 1]
+        u, v = _row_product(begin[i], end[i], col, off, own)
         z[i, 0], z[i, 1] = (b[i, 0] - time * u) * free[i], (b[i, 1] - time * v) * free[i]

@@ -343,6 +343,12 @@ def cross(a, b):
 
 
 @kernel
+def weighted(r, a, s, b, t, c):
+    """r a + s b + t c: the point of a triangle with these barycentric weights."""
+    return r * a[0] + s * b[0] + t * c[0], r * a[1] + s * b[1] + t * c[1], r * a[2] + s * b[2] + t * c[2]
+
+
+@kernel
 def area_vector(a, b, c):
     """Normal of the triangle abc, outward if it is counter-clockwise; its length is twice the area."""
     return cross(less(b, a), less(c, a))

@@ -53,6 +53,12 @@ def one_of(value: Any, names: Collection[str], label: str) -> None:
         raise UnknownName(f"{label} must be one of {', '.join(names)}; got {value!r}.")
 
 
+def positive(value: float, label: str, kind: str = "length in mm") -> None:
+    """Raise ``OutOfRange`` unless a number is positive and finite."""
+    if not 0 < value < np.inf:
+        raise OutOfRange(f"{label} must be a positive {kind}, got {value!r}.")
+
+
 def finite(values: np.ndarray, label: str, advice: str, *, nan: bool = False) -> None:
     """Raise ``NotFinite``, with the first vertex, unless all values (N, ...) are finite, or NaN if ``nan``."""
     wrong = np.isinf(values) if nan else ~np.isfinite(values)

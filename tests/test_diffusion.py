@@ -7,7 +7,6 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
 from morphofold.analysis.diffusion import Diffusion, diffusion
-from morphofold.errors import WrongShape
 from morphofold.geometry import cotangent_laplacian, vertex_areas
 from morphofold.shapes import icosphere, irregular_sphere
 from morphofold.studies.shapes import sphere
@@ -96,12 +95,6 @@ def test_the_levels_of_a_surface_are_built_once():
     surface = sphere(2).surface
     assert diffusion(surface.verts, surface.faces, CLIP) is diffusion(surface.verts, surface.faces, CLIP)
     assert diffusion(surface.verts, surface.faces, (0.0, 3.0)) is not diffusion(surface.verts, surface.faces, CLIP)
-
-
-@pytest.mark.parametrize("shapes", [((2562, 2), (2562, 1)), ((2562,), (2562, 3)), ((9,), (9,)), ((2562, 1, 1),) * 2])
-def test_other_shapes_are_refused(solver, shapes):
-    with pytest.raises(WrongShape, match=r"\bN = 2562\b"):
-        solver.solve(1.0, np.ones(shapes[0]), np.zeros(shapes[1]), 1e-6)
 
 
 def test_what_does_not_converge_is_refused(solver):

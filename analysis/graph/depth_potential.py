@@ -11,9 +11,8 @@ from morphofold import geometry
 from morphofold.analysis.diffusion import diffusion
 from morphofold.analysis.graph.watershed import Watershed
 from morphofold.arrays import Array, Bools
-from morphofold.errors import OutOfRange
 from morphofold.surface import Faces, PerVertex, Verts
-from morphofold.validators import check_mesh
+from morphofold.validators import check_mesh, positive
 
 COTANGENT_BOUNDS = (-5.0, 20.0)  # bounds: in needle triangles cotangents have no limit
 SOLVER_TOLERANCE = 1e-7  # 0.000003 mm in a brain
@@ -87,12 +86,8 @@ class SurfaceOperators:
         """
         return self.depth_and_curvature(reach, scale)[0]
 
-    def mean_curvature(self, scale: float) -> PerVertex:
-        """Mean curvature H (N,) [1/mm] at the vertices, smoothed over ``scale`` [mm]; only its sign is used."""
-        return self.smooth(self._curvatures(), scale)
-
     def depth_and_curvature(self, reach: float, scale: float) -> tuple[PerVertex, PerVertex]:
-        """``depth_potential`` and ``mean_curvature``, smoothed together, in two thirds of the time."""
+        """``depth_potential``, and mean curvature (N,) [1/mm], of which only the sign is used; smoothed together."""
         right = 2 * reach**2 * (self._bent - self._mass * self._mean_curvatures())
         D = self._diffusion.solve(reach**2, right, np.zeros(len(right)), SOLVER_TOLERANCE)
         both = np.column_stack([D, self._curvatures()])
@@ -182,8 +177,8 @@ def wavelength(verts: Verts, faces: Faces, width: float | None = None) -> float:
     computed. A harmonic of degree l on a sphere gives 2 pi R / (l (l + 1))^1/2.
     """
     check_mesh(verts, faces)
-    if width is not None and not (np.isfinite(width) and width > 0):
-        raise OutOfRange(f"width must be a positive length in mm, got {width!r}.")
+    if width is not None:
+        positive(width, "width")
     operators = SurfaceOperators(verts, faces)
     width = operators.gyral_width() if width is None else width
     if np.isnan(width):

@@ -13,7 +13,7 @@ from morphofold.analysis.graph.hinges import label_hinges
 from morphofold.analysis.graph.net import Net, resampled
 from morphofold.analysis.graph.refine import refine, upright
 from morphofold.arrays import Array, Ints
-from morphofold.geometry import closest_in_triangle, corners, dot, incident_faces, less, position
+from morphofold.geometry import closest_in_triangle, corners, dot, incident_faces, less, position, weighted
 from morphofold.kernels import kernel, reading
 from morphofold.surface import Cortex, Faces, Surface, Verts
 
@@ -170,8 +170,7 @@ def _closest_surface_points(points, nearest, verts, faces, indptr, indices):
             f = indices[e]
             a, b, c = corners(verts, faces, f)
             s, t = closest_in_triangle(p, a, b, c)
-            r = 1 - s - t
-            place = r * a[0] + s * b[0] + t * c[0], r * a[1] + s * b[1] + t * c[1], r * a[2] + s * b[2] + t * c[2]
+            place = weighted(1 - s - t, a, s, b, t, c)
             away = less(place, p)
             if dot(away, away) < best:
                 best = dot(away, away)

@@ -9,7 +9,7 @@ from morphofold.analysis.curvatures import _collect_neighbourhood, _solve_choles
 from morphofold.analysis.graph.depth_potential import SurfaceOperators
 from morphofold.analysis.graph.net import Net, moved, resampled, smoothed
 from morphofold.arrays import Array
-from morphofold.geometry import adjacency, arc_length
+from morphofold.geometry import adjacency, arc_length, cross, dot, less, position
 from morphofold.kernels import kernel, reading
 from morphofold.surface import PerVertex
 from morphofold.threads import in_blocks
@@ -61,11 +61,13 @@ def _move_curves_onto_crown(net, operators, D, ring, tree, radius, width):
         p = arc.points
         way = arc_length(p)
         tangent = np.gradient(p, axis=0)
-        near_a = way < FIXED_STRETCH_IN_WIDTHS * width if degree[arc.a] > 2 else np.zeros(len(p), dtype=bool)
-        near_b = way[-1] - way < FIXED_STRETCH_IN_WIDTHS * width if degree[arc.b] > 2 else np.zeros(len(p), dtype=bool)
+        fixed = np.zeros(len(p), dtype=bool)
+        for end, distance in ((arc.a, way), (arc.b, way[-1] - way)):
+            if degree[end] > 2:
+                fixed |= distance < FIXED_STRETCH_IN_WIDTHS * width
         points.append(p)
         ahead.append(tangent)
-        free.append(~(near_a | near_b))
+        free.append(~fixed)
         sizes.append(len(p))
     p, t = np.concatenate(points), np.concatenate(ahead)
     nearest = tree.query(p)[1]
@@ -170,24 +172,23 @@ def _shift_onto_crown(start, stop, points, ahead, nearest, verts, normals, indpt
         v, radius = nearest[i], radii[i]
         stamp += 1
         count = _collect_neighbourhood(v, verts, normals, indptr, indices, 1.5 * radius, seen, stamp, queue)
-        n0, n1, n2 = normals[v, 0], normals[v, 1], normals[v, 2]
-        t0, t1, t2 = ahead[i, 0], ahead[i, 1], ahead[i, 2]
-        dot = t0 * n0 + t1 * n1 + t2 * n2
-        t0, t1, t2 = t0 - dot * n0, t1 - dot * n1, t2 - dot * n2
-        length = math.sqrt(t0 * t0 + t1 * t1 + t2 * t2)
+        n, t = position(normals, v), position(ahead, i)
+        rise = dot(t, n)
+        t = t[0] - rise * n[0], t[1] - rise * n[1], t[2] - rise * n[2]
+        length = math.sqrt(dot(t, t))
         if length == 0.0:
             continue
-        t0, t1, t2 = t0 / length, t1 / length, t2 / length
-        s0, s1, s2 = n1 * t2 - n2 * t1, n2 * t0 - n0 * t2, n0 * t1 - n1 * t0
+        t = t[0] / length, t[1] / length, t[2] / length
+        across = cross(n, t)
         for r in range(4):
             f[r] = 0.0
             for c in range(4):
                 A[r, c] = 0.0
         for q in range(count):
             w = queue[q]
-            x, y, z = verts[w, 0] - points[i, 0], verts[w, 1] - points[i, 1], verts[w, 2] - points[i, 2]
-            s, u = (x * s0 + y * s1 + z * s2) / radius, (x * t0 + y * t1 + z * t2) / radius
-            weight = 1.0 - (x * x + y * y + z * z) / radius**2
+            to = less(position(verts, w), position(points, i))
+            s, u = dot(to, across) / radius, dot(to, t) / radius
+            weight = 1.0 - dot(to, to) / radius**2
             if weight <= 0.0:
                 continue
             m[0], m[1], m[2], m[3] = 1.0, s, s * s, u
@@ -198,4 +199,5 @@ def _shift_onto_crown(start, stop, points, ahead, nearest, verts, normals, indpt
         if _solve_cholesky(A, f, 4) == 4 and f[2] < 0.0:
             step = -0.5 * f[1] / f[2] * radius
             step = min(max(step, -farthest), farthest)
-            shift[i, 0], shift[i, 1], shift[i, 2] = step * s0, step * s1, step * s2
+            for k in range(3):
+                shift[i, k] = step * across[k]

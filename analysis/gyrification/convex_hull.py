@@ -1,19 +1,17 @@
 """Gyrification index and sulcal depth: a folded surface and its convex hull."""
 
-from typing import NamedTuple
-
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from morphofold import geometry
 from morphofold.analysis.geodesics import path_graph, shorten
 from morphofold.arrays import Array, memoized
-from morphofold.errors import BadMesh, OptionsClash, OutOfRange, UnknownName
-from morphofold.geometry import face_areas, mean_edge_length, used
+from morphofold.errors import BadMesh, OptionsClash, OutOfRange
+from morphofold.geometry import dot, face_areas, mean_edge_length, position, used
 from morphofold.kernels import kernel, reading
 from morphofold.surface import Faces, PerVertex, Verts
 from morphofold.threads import in_blocks
-from morphofold.validators import check_mesh
+from morphofold.validators import check_mesh, one_of
 
 
 def gyrification_index(verts: Verts, faces: Faces) -> float:
@@ -98,8 +96,7 @@ def sulcal_depth(verts: Verts, faces: Faces, mode: str = "hull", *, touching: fl
     The geodesic distance uses paths along edges and straight across pairs of triangles, which are about 4 % too long.
     """
     check_mesh(verts, faces)
-    if mode not in ("hull", "geodesic"):
-        raise UnknownName(f"mode must be 'hull' or 'geodesic', got {mode!r}.")
+    one_of(mode, ("hull", "geodesic"), "mode")
     if touching is not None and not (mode == "geodesic" and touching >= 0):
         raise (OutOfRange if mode == "geodesic" else OptionsClash)(
             f"touching is for mode 'geodesic' only, a distance in mm; got {touching!r} with mode {mode!r}."
@@ -122,31 +119,30 @@ def _geodesic_depth(verts: Verts, faces: Faces, depth: PerVertex, touching: floa
     return np.where(np.isfinite(way), way, np.nan)
 
 
-def _bundle_planes(points: Array, planes: Array) -> "tuple[float, Array, _BundledPlanes]":
-    """Size of the body [mm]; in that unit, the points (N, 3) relative to their middle, and the planes (P, 4)."""
+def _bundle_planes(points: Array, planes: Array) -> tuple[float, Array, list[Array]]:
+    """Size of the body [mm]; in that unit, the points (N, 3) relative to their middle, and planes.
+
+    The planes (P, 4), similar ones next to each other; for each 16 and each 256 of them the middle (., 4), and the
+    distance (.,) of the farthest from it.
+    """
     middle = points.mean(axis=0)
     points = points - middle
     size = float(np.linalg.norm(points, axis=1).max())
     planes = np.column_stack([planes[:, :3], (planes[:, 3] + planes[:, :3] @ middle) / size])
     planes = planes[cKDTree(planes, leafsize=PLANES_PER_BUNDLE).indices]  # similar planes next to each other
     planes = np.concatenate([planes, np.repeat(planes[-1:], -len(planes) % PLANES_PER_BUNDLE**2, axis=0)])
-    bundled = []
+    bundled = [planes]
     for many in (PLANES_PER_BUNDLE, PLANES_PER_BUNDLE**2):
         members = planes.reshape(-1, many, 4)
         centre = members.mean(axis=1)
         bundled += [centre, np.linalg.norm(members - centre[:, None], axis=2).max(axis=1)]
-    return size, points / size, _BundledPlanes(planes, *bundled)
+    return size, points / size, bundled
 
 
-class _BundledPlanes(NamedTuple):
-    """Planes (P, 4), similar ones next to each other; for each 16 and each 256 of them the middle (., 4), and the
-    distance (.,) of the farthest from it."""
-
-    each: Array
-    centre: Array
-    spread: Array
-    middle: Array
-    reach: Array
+@kernel
+def _height_over(planes, k, p):
+    """Height of a point over plane k."""
+    return dot(position(planes, k), p) + planes[k, 3]
 
 
 @kernel
@@ -154,17 +150,17 @@ def _distance_to_planes(start, stop, points, each, centre, spread, middle, reach
     """Write the least distance (N,) from points inside to the planes, 0 where round-off puts a point outside."""
     nearest = 0  # of the previous point, so a good first guess
     for i in range(start, stop):
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        far = np.sqrt(x * x + y * y + z * z + 1.0)
-        highest = each[nearest, 0] * x + each[nearest, 1] * y + each[nearest, 2] * z + each[nearest, 3]
+        p = position(points, i)
+        far = np.sqrt(dot(p, p) + 1.0)
+        highest = _height_over(each, nearest, p)
         for a in range(len(middle)):
-            if middle[a, 0] * x + middle[a, 1] * y + middle[a, 2] * z + middle[a, 3] + reach[a] * far <= highest:
+            if _height_over(middle, a, p) + reach[a] * far <= highest:
                 continue  # none of these can be nearer
             for b in range(a * PLANES_PER_BUNDLE, (a + 1) * PLANES_PER_BUNDLE):
-                if centre[b, 0] * x + centre[b, 1] * y + centre[b, 2] * z + centre[b, 3] + spread[b] * far <= highest:
+                if _height_over(centre, b, p) + spread[b] * far <= highest:
                     continue
                 for k in range(b * PLANES_PER_BUNDLE, (b + 1) * PLANES_PER_BUNDLE):
-                    here = each[k, 0] * x + each[k, 1] * y + each[k, 2] * z + each[k, 3]
-                    if here > highest:
-                        highest, nearest = here, k
+                    height = _height_over(each, k, p)
+                    if height > highest:
+                        highest, nearest = height, k
         depth[i] = max(-highest, 0.0)

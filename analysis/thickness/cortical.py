@@ -6,12 +6,12 @@ import numpy as np
 
 from morphofold import geometry
 from morphofold.arrays import Array, memoized
-from morphofold.errors import OutOfRange, UnknownName, UnlikeSurfaces
-from morphofold.geometry import closest_in_triangle, position
+from morphofold.errors import OutOfRange, UnlikeSurfaces
+from morphofold.geometry import closest_in_triangle, corners, dot, less, position, weighted
 from morphofold.kernels import kernel, reading
 from morphofold.surface import Faces, PerVertex, Surface, Verts
 from morphofold.threads import in_blocks
-from morphofold.validators import check_kind
+from morphofold.validators import check_kind, one_of
 
 LEAST_RELIABLE_AREA = 1e-5  # of a triangle, over its squared radius: rounding may turn the normal of a thinner one
 DISC_MARGIN = 1e-6  # relative margin, safe against rounding, of the squared distance of the disc around a triangle
@@ -68,9 +68,9 @@ def cortical_thickness(
     """
     for what, surface in (("white", white), ("pial", pial)):
         check_kind(surface, Surface, f"cortical_thickness: {what}")
-    if mode not in ("surface", "freesurfer"):
-        raise UnknownName(f"mode must be 'surface' or 'freesurfer', got {mode!r}.")
-    if cap is not None and not cap > 0:
+    one_of(mode, ("surface", "freesurfer"), "mode")
+    limit = math.inf if cap is None else float(cap)
+    if not limit > 0:
         raise OutOfRange(f"cap must be a positive length or None, got {cap!r}.")
     if rings < 1:
         raise OutOfRange(f"rings must be at least 1, got {rings}.")
@@ -81,7 +81,6 @@ def cortical_thickness(
             "reconstruction."
         )
     faces, normals = pial.faces, geometry.vertex_normals(pial.verts, pial.faces, weights="sine")
-    limit = math.inf if cap is None else float(cap)
     total = np.zeros(len(pial.verts))
     for start, target, side in ((white.verts, pial.verts, 1.0), (pial.verts, white.verts, -1.0)):
         if mode == "freesurfer":
@@ -132,9 +131,9 @@ def _search_vertices(begin, end, start, target, normals, indptr, indices, side, 
     """Write the distance [mm] from each start vertex to the nearest admissible target vertex within so many rings."""
     seen, queue = np.zeros(len(target), np.int32), np.empty(len(target), np.int32)
     for i in range(begin, end):
-        px, py, pz = start[i, 0], start[i, 1], start[i, 2]
-        nx, ny, nz = normals[i, 0], normals[i, 1], normals[i, 2]
-        best = (target[i, 0] - px) ** 2 + (target[i, 1] - py) ** 2 + (target[i, 2] - pz) ** 2
+        p, normal = position(start, i), position(normals, i)
+        gap = less(position(target, i), p)
+        best = dot(gap, gap)
         queue[0], seen[i] = i, i + 1
         first, last = 0, 1
         for _ in range(rings):
@@ -147,13 +146,9 @@ def _search_vertices(begin, end, start, target, normals, indptr, indices, side, 
                     seen[v] = i + 1
                     queue[last] = v
                     last += 1
-                    dx, dy, dz = target[v, 0] - px, target[v, 1] - py, target[v, 2] - pz
-                    far = dx * dx + dy * dy + dz * dz
-                    if (
-                        far < best
-                        and side * (dx * nx + dy * ny + dz * nz) >= 0
-                        and normals[v, 0] * nx + normals[v, 1] * ny + normals[v, 2] * nz >= 0
-                    ):
+                    gap = less(position(target, v), p)
+                    far = dot(gap, gap)
+                    if far < best and side * dot(gap, normal) >= 0 and dot(position(normals, v), normal) >= 0:
                         best = far
             first = stop
         way[i] = math.sqrt(best)
@@ -171,9 +166,9 @@ def _search_triangles(
     seen, tested = np.zeros(len(target), np.int32), np.zeros(len(faces), np.int32)
     queue = np.empty(len(target), np.int32)
     for i in range(begin, end):
-        px, py, pz = start[i, 0], start[i, 1], start[i, 2]
-        nx, ny, nz = normals[i, 0], normals[i, 1], normals[i, 2]
-        best = (target[i, 0] - px) ** 2 + (target[i, 1] - py) ** 2 + (target[i, 2] - pz) ** 2
+        p, normal = position(start, i), position(normals, i)
+        gap = less(position(target, i), p)
+        best = dot(gap, gap)
         limit, least, nearest = reach[i] * reach[i], best, 0
         queue[0], seen[i] = i, i + 1
         at, last = 0, 1
@@ -184,7 +179,8 @@ def _search_triangles(
                 w = indices[e]
                 if seen[w] != i + 1:
                     seen[w] = i + 1
-                    far = (target[w, 0] - px) ** 2 + (target[w, 1] - py) ** 2 + (target[w, 2] - pz) ** 2
+                    gap = less(position(target, w), p)
+                    far = dot(gap, gap)
                     if far <= limit:
                         queue[last] = w
                         if far < least:
@@ -198,26 +194,19 @@ def _search_triangles(
                 if tested[f] == i + 1:
                     continue
                 tested[f] = i + 1
-                dx, dy, dz = px - discs[f, 0], py - discs[f, 1], pz - discs[f, 2]
-                height = dx * discs[f, 3] + dy * discs[f, 4] + dz * discs[f, 5]
+                to = less(p, position(discs, f))
+                height = dot(to, (discs[f, 3], discs[f, 4], discs[f, 5]))
                 height *= height
-                beside = math.sqrt(max(dx * dx + dy * dy + dz * dz - height, 0.0)) - discs[f, 6]
+                beside = math.sqrt(max(dot(to, to) - height, 0.0)) - discs[f, 6]
                 if (height + max(beside, 0.0) ** 2) * (1.0 - DISC_MARGIN) > best:
                     continue
-                a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
-                s, t = closest_in_triangle((px, py, pz), position(target, a), position(target, b), position(target, c))
-                r = 1.0 - s - t
-                dx = r * target[a, 0] + s * target[b, 0] + t * target[c, 0] - px
-                dy = r * target[a, 1] + s * target[b, 1] + t * target[c, 1] - py
-                dz = r * target[a, 2] + s * target[b, 2] + t * target[c, 2] - pz
-                far = dx * dx + dy * dy + dz * dz
-                if far >= best or side * (dx * nx + dy * ny + dz * nz) < 0:
+                a, b, c = corners(target, faces, f)
+                s, t = closest_in_triangle(p, a, b, c)
+                gap = less(weighted(1.0 - s - t, a, s, b, t, c), p)
+                far = dot(gap, gap)
+                if far >= best or side * dot(gap, normal) < 0:
                     continue
-                facing = (
-                    (r * normals[a, 0] + s * normals[b, 0] + t * normals[c, 0]) * nx
-                    + (r * normals[a, 1] + s * normals[b, 1] + t * normals[c, 1]) * ny
-                    + (r * normals[a, 2] + s * normals[b, 2] + t * normals[c, 2]) * nz
-                )
-                if facing >= 0:
+                a, b, c = corners(normals, faces, f)
+                if dot(weighted(1.0 - s - t, a, s, b, t, c), normal) >= 0:
                     best = far
         way[i] = math.sqrt(best)

@@ -393,7 +393,9 @@ def test_thickness_of_a_simulated_cortex_fills_its_volume(holds):
 
 def of_curvature(patch):
     """The net is that of mean curvature, which on a flat crown has no ridge but two."""
-    patch.setattr(SurfaceOperators, "depth_and_curvature", lambda self, _, scale: (self.mean_curvature(scale),) * 2)
+    patch.setattr(
+        SurfaceOperators, "depth_and_curvature", lambda self, _, scale: (self.smooth(self._curvatures(), scale),) * 2
+    )
 
 
 @hard_case(
