@@ -22,23 +22,21 @@ if __name__ != "morphofold.analysis":
 if TYPE_CHECKING:
     from morphofold.analysis.crests import CrestLine, CrestLines, crest_lines
     from morphofold.analysis.curvatures import Curvature, curvature
-    from morphofold.analysis.graph.crest_net import GyralScales
+    from morphofold.analysis.graph.crest_net import GyralScales, hinge_sensitivity
     from morphofold.analysis.graph.depth_potential import wavelength
     from morphofold.analysis.graph.gyral_graph import gyral_graph
     from morphofold.analysis.graph.hinge_shapes import HingeShapes, hinge_shapes
     from morphofold.analysis.graph.hinges import Arm, Hinge, hinges
-    from morphofold.analysis.graph.sensitivity import hinge_sensitivity
     from morphofold.analysis.graph.watershed import prominent_peaks
     from morphofold.analysis.gyrification.across_scales import (
         AtScale,
         LawAcrossScales,
         across_scales,
+        fractal_dimension,
         law_across_scales,
     )
     from morphofold.analysis.gyrification.convex_hull import gyrification_index, sulcal_depth
-    from morphofold.analysis.gyrification.folding import FoldingIndices, folding_indices
-    from morphofold.analysis.gyrification.folding_law import ShapeTerms, shape_terms
-    from morphofold.analysis.gyrification.fractal_dimension import fractal_dimension
+    from morphofold.analysis.gyrification.folding import FoldingIndices, ShapeTerms, folding_indices, shape_terms
     from morphofold.analysis.gyrification.local_gyrification import local_gyrification_index
     from morphofold.analysis.gyrification.power_spectrum import Spectrum, power_spectrum
     from morphofold.analysis.measures import Measures

@@ -51,7 +51,7 @@ class CrestLine:
 class CrestLines:
     """The crest lines of a surface, the strongest first, and the curvature ``scale`` [mm]."""
 
-    lines: list[CrestLine] = field(repr=False)
+    lines: list[CrestLine]
     scale: float
 
     def __repr__(self) -> str:

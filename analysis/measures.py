@@ -1,4 +1,4 @@
-"""``Measures``, the result of the analysis of one cortex: names of the numbers, and what each depends on."""
+"""``Measures``, the result of the analysis of one cortex: its numbers and what they depend on, its tables as frames."""
 
 from __future__ import annotations
 
@@ -6,7 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from morphofold.analysis.frames import COLUMNS, FREESURFER_VALUES, frame
+from morphofold.analysis.graph.graph_rows import CREST_COLUMNS
+from morphofold.analysis.graph.hinges import ARM_COLUMNS, HINGE_COLUMNS
+from morphofold.analysis.regions import REGION_COLUMNS, SHAPE_COLUMNS
 from morphofold.errors import UnknownName
 from morphofold.lazy import draw
 from morphofold.surface import Cortex, PerVertex
@@ -16,6 +18,37 @@ if TYPE_CHECKING:
     import pandas as pd
     from PIL.Image import Image
 
+COLUMNS: Mapping[str, tuple[str, ...]] = {
+    "regions": REGION_COLUMNS,
+    "crests": tuple(CREST_COLUMNS),
+    "hinges": tuple(HINGE_COLUMNS),
+    "arms": tuple(ARM_COLUMNS),
+    "shapes": SHAPE_COLUMNS,
+}
+#: FreeSurfer's own numbers in ``Cortex.info``, from ``stats/aseg.stats``: not measured here
+FREESURFER_VALUES = (
+    "etiv_mm3",
+    "surface_holes",
+    "freesurfer_cortex_mm3",
+    "freesurfer_white_matter_mm3",
+    "freesurfer_total_gray_mm3",
+    "freesurfer_subcortical_gray_mm3",
+    "freesurfer_supratentorial_mm3",
+    "freesurfer_brain_mm3",
+    "freesurfer_brain_without_ventricles_mm3",
+)
+TEXT_COLUMNS = {"name", "hemi", "region", "shape", "by", "part"}  # text even where it looks like a number
+#: columns of whole numbers, beside those that begin with n_
+WHOLE_NUMBERS = set(
+    "euler_characteristic surface_holes crest hinge arm from_hinge to_hinge degree vertex blind".split()
+)
+_MASK = ("cortex_mask",)
+_MEASURED = (*_MASK, "accuracy")
+_NET, _THICKNESS = ("graph_width_mm", *_MEASURED), ("cortical_thickness_cap_mm", *_MEASURED)
+#: parameters that numbers depend on besides the surfaces, and that may differ between two cortices
+PARAMETERS = ("folding_scale_mm", "graph_width_mm", *_THICKNESS, "annotation")
+HINGE_SCALARS = ("n_hinges", "n_hinges_3", "n_hinges_4", "n_hinges_low", "n_hinges_high")
+GRAPH_SCALARS = (*HINGE_SCALARS, "n_crests", "crest_length_mm")
 SLOPE_SCALARS = (
     "gyral_to_cortical_slope_robust",
     "gyral_to_cortical_slope_low",
@@ -23,86 +56,48 @@ SLOPE_SCALARS = (
     "gyral_to_cortical_slope",
     "gyral_to_cortical_r",
 )
-SCALARS = (
-    "n_vertices",
-    "euler_characteristic",
-    "area_pial_mm2",
-    "area_white_mm2",
-    "gyrification_index",
-    "folding_index",
-    "intrinsic_curvature_index",
-    "mean_cortical_thickness_mm",
-    "median_gyral_thickness_mm",
-    "mean_sulcal_depth_mm",
-    "wavelength_mm",
-    "n_hinges",
-    "n_hinges_3",
-    "n_hinges_4",
-    "n_hinges_low",
-    "n_hinges_high",
-    "n_crests",
-    "crest_length_mm",
-    *SLOPE_SCALARS,
-    "mean_local_gyrification_index",
-    "spectral_wavelength_mm",
-    "gray_volume_mm3",
-    "volume_white_mm3",
-    "volume_pial_mm3",
-    "mean_cortical_thickness_area_weighted_mm",
-)
+#: the numbers of a cortex, and which of PARAMETERS each depends on
+PARAMETERS_OF_SCALAR: Mapping[str, tuple[str, ...]] = {
+    "n_vertices": (),
+    "euler_characteristic": (),
+    "area_pial_mm2": (),
+    "area_white_mm2": (),
+    "gyrification_index": (),
+    "folding_index": ("folding_scale_mm",),
+    "intrinsic_curvature_index": ("folding_scale_mm",),
+    "mean_cortical_thickness_mm": _THICKNESS,
+    "median_gyral_thickness_mm": _MEASURED,
+    "mean_sulcal_depth_mm": _MASK,
+    "wavelength_mm": _MEASURED,
+    **dict.fromkeys(GRAPH_SCALARS, _NET),
+    **dict.fromkeys(SLOPE_SCALARS, (*_THICKNESS, "annotation")),
+    "mean_local_gyrification_index": _MEASURED,
+    "spectral_wavelength_mm": _NET,
+    "gray_volume_mm3": _MASK,
+    "volume_white_mm3": (),
+    "volume_pial_mm3": (),
+    "mean_cortical_thickness_area_weighted_mm": _THICKNESS,
+}
+SCALARS = tuple(PARAMETERS_OF_SCALAR)
 #: columns of each table as a DataFrame
 FRAMES: Mapping[str, tuple[str, ...]] = {
     "scalars": ("name", "hemi", *SCALARS, *FREESURFER_VALUES),
     **{table: ("name", *columns) for table, columns in COLUMNS.items()},
 }
-#: parameters that numbers depend on besides the surfaces, and that may differ between two cortices
-PARAMETERS = (
-    "folding_scale_mm",
-    "graph_width_mm",
-    "cortical_thickness_cap_mm",
-    "cortex_mask",
-    "accuracy",
-    "annotation",
-)
-_NET_PARAMETERS = ("graph_width_mm", "cortex_mask", "accuracy")
-#: which of PARAMETERS a scalar depends on; one without an entry may depend on all of them
-PARAMETERS_OF_SCALAR: Mapping[str, tuple[str, ...]] = {
-    **dict.fromkeys(
-        (
-            "n_vertices",
-            "euler_characteristic",
-            "area_pial_mm2",
-            "area_white_mm2",
-            "gyrification_index",
-            "volume_white_mm3",
-            "volume_pial_mm3",
-        ),
-        (),
-    ),
-    **dict.fromkeys(("folding_index", "intrinsic_curvature_index"), ("folding_scale_mm",)),
-    **dict.fromkeys(("mean_sulcal_depth_mm", "gray_volume_mm3"), ("cortex_mask",)),
-    **dict.fromkeys(
-        ("mean_cortical_thickness_mm", "mean_cortical_thickness_area_weighted_mm"),
-        ("cortical_thickness_cap_mm", "cortex_mask", "accuracy"),
-    ),
-    **dict.fromkeys(
-        ("median_gyral_thickness_mm", "wavelength_mm", "mean_local_gyrification_index"), ("cortex_mask", "accuracy")
-    ),
-    **dict.fromkeys(
-        (
-            "n_hinges",
-            "n_hinges_3",
-            "n_hinges_4",
-            "n_hinges_low",
-            "n_hinges_high",
-            "n_crests",
-            "crest_length_mm",
-            "spectral_wavelength_mm",
-        ),
-        _NET_PARAMETERS,
-    ),
-    **dict.fromkeys(SLOPE_SCALARS, ("cortical_thickness_cap_mm", "cortex_mask", "accuracy", "annotation")),
-}
+
+
+def column_type(column: str) -> str:
+    """The pandas type of a column: ``"string"``, ``"Int64"`` (whole numbers, some missing) or ``"float64"``."""
+    if column in TEXT_COLUMNS:
+        return "string"
+    return "Int64" if column in WHOLE_NUMBERS or column.startswith("n_") else "float64"
+
+
+def frame(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> pd.DataFrame:
+    """Rows of a table as a DataFrame with these columns, typed also where there is no row."""
+    import pandas as pd
+
+    return pd.DataFrame({key: pd.array([row.get(key) for row in rows], dtype=column_type(key)) for key in columns})
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,15 +114,15 @@ class Measures:
 
     cortex: Cortex
     scalars: Mapping[str, float | int | None]
-    maps: Mapping[str, PerVertex] = field(repr=False)
-    regions: list[dict[str, Any]] = field(default_factory=list, repr=False)
-    crests: list[dict[str, Any]] = field(default_factory=list, repr=False)
-    hinges: list[dict[str, Any]] = field(default_factory=list, repr=False)
-    arms: list[dict[str, Any]] = field(default_factory=list, repr=False)
-    shapes: list[dict[str, Any]] = field(default_factory=list, repr=False, kw_only=True)
-    parameters: Mapping[str, Any] = field(default_factory=dict, repr=False)
-    notes: Mapping[str, str] = field(default_factory=dict, repr=False)
-    graph: nx.MultiGraph | None = field(default=None, repr=False)
+    maps: Mapping[str, PerVertex]
+    regions: list[dict[str, Any]] = field(default_factory=list)
+    crests: list[dict[str, Any]] = field(default_factory=list)
+    hinges: list[dict[str, Any]] = field(default_factory=list)
+    arms: list[dict[str, Any]] = field(default_factory=list)
+    shapes: list[dict[str, Any]] = field(default_factory=list, kw_only=True)
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    notes: Mapping[str, str] = field(default_factory=dict)
+    graph: nx.MultiGraph | None = None
 
     def plot(
         self,

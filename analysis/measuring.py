@@ -3,39 +3,47 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from morphofold import geometry
 from morphofold.analysis import notes, regions, relief, resampling
-from morphofold.analysis.asked import CURVATURE_MAPS, Asked, asked
 from morphofold.analysis.curvatures import curvature, scale_of_curvature, scale_of_folding
 from morphofold.analysis.diffusion import diffusion
 from morphofold.analysis.graph import depth_potential
-from morphofold.analysis.graph.graph_rows import GyralTables, gyral_tables
+from morphofold.analysis.graph.graph_rows import gyral_tables
 from morphofold.analysis.gyrification import convex_hull
 from morphofold.analysis.gyrification.folding import folding_indices
 from morphofold.analysis.gyrification.local_gyrification import CLOSING_RADIUS_MM, local_gyrification_index
 from morphofold.analysis.maps import each_map
-from morphofold.analysis.measures import SCALARS, SLOPE_SCALARS, Measures
-from morphofold.analysis.steps import Steps
-from morphofold.analysis.thickness.by_shape import thickness_by_shape
+from morphofold.analysis.measures import COLUMNS, GRAPH_SCALARS, SCALARS, SLOPE_SCALARS, Measures
+from morphofold.analysis.steps import Step, run_steps, steps_for
 from morphofold.analysis.thickness.gyral import GyralThickness
-from morphofold.analysis.thickness.robust_slope import Line, through_regions
+from morphofold.analysis.thickness.robust_slope import through_regions
+from morphofold.errors import NothingToDo, UnknownName
 from morphofold.mesh_quality import checks, defects
 from morphofold.mesh_quality import repair as mending
+from morphofold.note_texts import NOTES, note
 from morphofold.progress import Progress, silent
 from morphofold.surface import Cortex, PerVertex
 from morphofold.threads import one_blas_thread
+from morphofold.timing import Stages
 from morphofold.validators import check_kind
+from morphofold.words import listed
 
 if TYPE_CHECKING:
     import networkx as nx
 
-    from morphofold.timing import Stages
-
+Values = dict[str, Any]  # maps and scalars by name
+Result = tuple[Values, notes.Notes]
+CURVATURE_MAPS = ("H", "K", "k1", "k2", "shape_index", "curvedness")
+FOLDING_INDICES = ("folding_index", "intrinsic_curvature_index")
+MEAN_THICKNESSES = ("mean_cortical_thickness_mm", "mean_cortical_thickness_area_weighted_mm")
+GYRAL_THICKNESS = ("gyral_thickness", "median_gyral_thickness_mm", "wavelength_mm")
+LOCAL_GYRIFICATION = ("local_gyrification_index", "mean_local_gyrification_index")
+GIVEN_THICKNESS = "thickness_file"  # a map only of a cortex that came with a thickness
 # share of crossed triangles of white, above which the net is taken midway to pial; a person has 0.00003
 LARGEST_CROSSED_SHARE = 0.01
 APART = "where white and pial differ"  # part of every cortex mask
@@ -123,218 +131,219 @@ def measure(
     surface with a border, or of several pieces, has no gyrification index.
     """
     check_kind(cortex, Cortex, "measure: cortex")
-    progress, wanted = progress or silent, asked(cortex, only)
-    work, found = _Measurement(accuracy, wanted), list[Measures]()
-    phases = [
-        wanted.chains(
-            [
-                ("surfaces", "areas", 0.1, lambda: work.begin(cortex, repair)),
-                ("resampling", "cortical thickness", 0.0, work.resample),
-            ],
-            [("resampling", "areas", 0.0, lambda: _prepare(cortex, wanted))],
-        ),
-        wanted.chains(
-            [
-                ("cortical thickness", "cortical thickness", 0.1, lambda: work.cortical_thickness(thickness_cap)),
-                ("gyral thickness", "gyral thickness", 0.2, lambda: work.gyral_thickness(gyral or {})),
-            ],
-            [
-                ("gyral graph", "areas", 0.02, work.self_crossings),
-                ("gyral graph", "gyral graph", 0.25, lambda: work.gyral_graph(gyral_width)),
-            ],
-            [("folding", "curvature", 0.1, lambda: work.folding(curvature_scale))],
-            [("curvature", "curvature", 0.1, lambda: work.curvature(curvature_scale))],
-            [("local gyrification", "local gyrification", 0.1, work.local_gyrification)],
-            [("depth", "areas", 0.02, work.depth), ("hull", "areas", 0.0, work.hull)],
-        ),
-        wanted.chains([("surfaces", "regions", 0.01, lambda: found.append(work.measures(thickness_cap)))]),
-    ]
-    whole = sum(share for chains in phases for chain in chains for _, share, _ in chain)
-    steps = Steps(progress, clock, whole)
-    for chains in phases:
-        steps.run(*chains)
+    names = requested_names(cortex, only)
+    steps = STEPS if names is None else steps_for(names, STEPS)
+    work = _Measurement(
+        cortex,
+        names,
+        frozenset(step.name for step in steps),
+        accuracy,
+        repair,
+        thickness_cap,
+        curvature_scale,
+        gyral or {},
+        gyral_width,
+    )
+    steps = [step for step in steps if step.run]
+    last = Step("measures", tuple(step.name for step in steps), (), _Measurement.measures, 0.01, "regions")
+    progress = progress or silent
+    run_steps([*steps, last], work, work.results, progress, clock or Stages())
     progress(1.0, "done")
-    return found[0]
+    found: Measures = work.results["measures"]
+    return found
 
 
-def _prepare(cortex: Cortex, wanted: Asked) -> None:
-    """Compute what several steps need of the surfaces, beside the checks; it is kept with them."""
-    white, pial = (cortex.white, depth_potential.COTANGENT_BOUNDS), (cortex.pial, relief.COTANGENT_BOUNDS)
-    for (surface, clip), step in ((white, "gyral graph"), (pial, "gyral thickness")):
-        if step in wanted.steps:
-            diffusion(surface.verts, surface.faces, clip)
-        geometry.vertex_normals(surface.verts, surface.faces)
-    geometry.incident_faces(cortex.n_vertices, cortex.faces)
+def requested_names(cortex: Cortex, only: Sequence[str] | None) -> tuple[str, ...] | None:
+    """Names of what to measure of a cortex: everything (None), or ``only`` these scalars, maps and tables.
+
+    Raises
+    ------
+    ValueError
+        If ``only`` is empty or has an unknown name; the message lists what can be asked for.
+    """
+    if only is None:
+        return None
+    if isinstance(only, str):
+        raise TypeError(f"measure: only must be a list of names, not a text. Pass only=[{only!r}].")
+    can = [name for step in STEPS for name in step.makes if name != GIVEN_THICKNESS or "thickness" in cortex.maps]
+    if not only:
+        raise NothingToDo(f"measure: only is empty. Name what to measure: {', '.join(can)}.")
+    if unknown := [name for name in only if name not in can]:
+        raise UnknownName(
+            f"{cortex.called}: only has {', '.join(map(repr, unknown))}, which can't be measured. Name some of these: "
+            f"{', '.join(can)}."
+        )
+    return tuple(dict.fromkeys(only))
 
 
-class _Part:
-    """Maps, numbers and notes that one step of a measurement finds."""
-
-    def __init__(self) -> None:
-        self.maps: dict[str, PerVertex] = {}
-        self.scalars: dict[str, float | int | None] = {}
-        self.notes: dict[str, str] = {}
-
-
+@dataclass
 class _Measurement:
-    """The measurement of one cortex, with a method for each step; a step may run beside those that it does not need."""
+    """The measurement of one cortex. Each step gives maps and scalars by name, and notes on them."""
 
-    def __init__(self, accuracy: str, wanted: Asked):
-        self.accuracy, self._chosen, self._wanted = accuracy, resampling.accuracy_of(accuracy), wanted
+    given: Cortex
+    names: tuple[str, ...] | None
+    steps: frozenset[str]
+    accuracy: str
+    repair: bool
+    cap: float | None
+    requested_scale: float | None
+    gyral_options: Mapping[str, Any]
+    gyral_width: float | None
+
+    def __post_init__(self) -> None:
+        self.preset = resampling.accuracy_of(self.accuracy)
         self.across: GyralThickness | None = None
         self.graph: nx.MultiGraph | None = None
         self.curvature_scale, self.folding_scale = np.nan, np.nan
-        names = ("begin", "depth", "thickness", "curvature", "folding", "gyral thickness", "gyral graph", "local")
-        self._parts = {name: _Part() for name in names}
+        self.results: dict[str, Any] = {}
 
-    def _put(self, part: _Part, name: str, values: PerVertex) -> PerVertex:
-        """Store a map, NaN outside the cortex."""
-        part.maps[name] = np.where(self.mask, values, np.nan)
-        return part.maps[name]
+    def _on_cortex(self, values: PerVertex) -> PerVertex:
+        return np.where(self.mask, values, np.nan)
 
-    def begin(self, given: Cortex, repair: bool) -> None:
+    def surfaces(self) -> Result:
         """Repair and check the surfaces; mask, areas and volumes."""
-        part = self._parts["begin"]
-        self.mended = mending.measurable(given, repair=repair)
+        self.mended = mending.measurable(self.given, repair=self.repair)
         self.cortex = cortex = self.mended.cortex
         self.copy = resampling.as_given(cortex)
         self.mask = mask = checks.cortex_mask(cortex)
-        part.notes |= notes.of_input(cortex) | self.mended.notes | defects.remarks(cortex, mask, self.mended.of)
-        part.notes |= defects.input_remarks(cortex)
+        said = notes.of_input(cortex) | self.mended.notes | defects.remarks(cortex, mask, self.mended.of)
+        said |= defects.input_remarks(cortex) | note("gray_volume_mm3")
         faces = cortex.faces
         self.closed, self.pieces = geometry.is_closed(faces), geometry.components(cortex.n_vertices, faces)[0]
         self.euler = geometry.euler_characteristic(faces)
         self.area_white, self.area_pial = (geometry.vertex_areas(s.verts, faces) for s in (cortex.white, cortex.pial))
-        part.maps["area"] = self.area_white
-        part.scalars.update(
-            n_vertices=cortex.n_vertices,
-            euler_characteristic=self.euler,
-            area_pial_mm2=float(self.area_pial.sum()),
-            area_white_mm2=float(self.area_white.sum()),
-            gray_volume_mm3=float(regions.gray_volumes(cortex)[mask].sum()),
-        )
+        values = {
+            "area": self.area_white,
+            "n_vertices": cortex.n_vertices,
+            "euler_characteristic": self.euler,
+            "area_pial_mm2": float(self.area_pial.sum()),
+            "area_white_mm2": float(self.area_white.sum()),
+            "gray_volume_mm3": float(regions.gray_volumes(cortex)[mask].sum()),
+        }
         if self.closed:
-            for surface, name in ((cortex.white, "white"), (cortex.pial, "pial")):
-                part.scalars[f"volume_{name}_mm3"] = checks.volume(surface)
-        part.notes |= notes.of_volumes(self.closed)
+            values |= {"volume_white_mm3": checks.volume(cortex.white), "volume_pial_mm3": checks.volume(cortex.pial)}
+        return values, said | note("volume" if self.closed else "no_volume", "volume_white_mm3", "volume_pial_mm3")
+
+    def prepare(self) -> None:
+        """Compute what several steps need of the surfaces, beside the checks; it is kept with them."""
+        cortex = self.given
+        white, pial = (cortex.white, depth_potential.COTANGENT_BOUNDS), (cortex.pial, relief.COTANGENT_BOUNDS)
+        for (surface, clip), step in ((white, "gyral graph"), (pial, "gyral thickness")):
+            if step in self.steps:
+                diffusion(surface.verts, surface.faces, clip)
+            geometry.vertex_normals(surface.verts, surface.faces)
+        geometry.incident_faces(cortex.n_vertices, cortex.faces)
 
     def resample(self) -> None:
         """The mesh on which thicknesses and the gyral net are measured."""
-        self.copy = resampling.resampled(self.cortex, self._chosen)
+        self.copy = resampling.resampled(self.cortex, self.preset)
 
-    def depth(self) -> None:
+    def depth(self) -> Result:
         """Maps that need the surfaces alone."""
-        part = self._parts["depth"]
-        for name, values in each_map().items():
-            self._put(part, name, values(self.cortex))
-        part.scalars["mean_sulcal_depth_mm"] = _mean_or_none(part.maps["sulcal_depth"], self.area_pial)
-        part.notes |= notes.of_depth()
+        values: Values = {name: self._on_cortex(values(self.cortex)) for name, values in each_map().items()}
+        values["mean_sulcal_depth_mm"] = _mean_or_none(values["sulcal_depth"], self.area_pial)
+        return values, note("mean_sulcal_depth_mm")
 
-    def hull(self) -> None:
+    def hull(self) -> Result:
         """The gyrification index."""
-        part, pial = self._parts["depth"], self.cortex.pial
+        pial, index = self.cortex.pial, "gyrification_index"
         if self.closed and self.pieces == 1:
-            part.scalars["gyrification_index"] = convex_hull.gyrification_index(pial.verts, pial.faces)
-        part.notes |= notes.of_gyrification(self.closed, self.pieces)
+            return {index: convex_hull.gyrification_index(pial.verts, pial.faces)}, note(index)
+        what = f"is in {self.pieces} pieces" if self.pieces > 1 else "has a border"
+        return {}, note("no_gyrification_index", index, what=what)
 
-    def self_crossings(self) -> None:
-        found, self.crossed = defects.self_crossings(self.cortex, self.mask)
-        self._parts["gyral graph"].notes |= found
-
-    def cortical_thickness(self, cap: float | None) -> None:
-        cortex, part = self.cortex, self._parts["thickness"]
-        thickness = self._put(part, "cortical_thickness", self.copy.cortical_thickness(mode="surface", cap=cap))
-        part.scalars["mean_cortical_thickness_mm"] = _mean_or_none(thickness)
-        weights = self.area_white + self.area_pial
-        part.scalars["mean_cortical_thickness_area_weighted_mm"] = _mean_or_none(thickness, weights)
-        part.notes |= defects.at_cap(thickness, cap)
+    def cortical_thickness(self) -> Result:
+        cortex, cap, (mean, weighted) = self.cortex, self.cap, MEAN_THICKNESSES
+        thickness = self._on_cortex(self.copy.cortical_thickness(mode="surface", cap=cap))
+        by_area = _mean_or_none(thickness, self.area_white + self.area_pial)
+        values: Values = {"cortical_thickness": thickness, mean: _mean_or_none(thickness), weighted: by_area}
+        said, file = defects.at_cap(thickness, cap), ""
         if "thickness" in cortex.maps:
-            part.maps["thickness_file"], gaps = defects.given_thickness(cortex, self.mask)
-            part.notes |= gaps | defects.against_file(part.maps["thickness_file"], thickness)
-        part.notes |= notes.of_thickness(cap, "thickness" in cortex.maps)
+            values[GIVEN_THICKNESS], gaps = defects.given_thickness(cortex, self.mask)
+            said |= gaps | defects.against_file(values[GIVEN_THICKNESS], thickness)
+            file = " The map thickness_file holds the thickness from the file."
+        bound = f"each at most {cap:g} mm." if cap else "without an upper bound."
+        what = f"of half the sum of the closest distances from white to pial and from pial to white, {bound}"
+        return values, said | note(mean, what=what, file=file) | note(weighted, what=what)
 
-    def curvature(self, wanted: float | None) -> None:
+    def curvature(self) -> Result:
         """Curvature of pial."""
-        part = self._parts["curvature"]
-        self.curvature_scale, remark = scale_of_curvature(self.cortex, wanted)
+        self.curvature_scale, remark = scale_of_curvature(self.cortex, self.requested_scale)
         bent = curvature(self.cortex.pial.verts, self.cortex.faces, self.curvature_scale)
-        for name in CURVATURE_MAPS:
-            self._put(part, name, getattr(bent, name))
-        if remark:
-            part.notes["curvature_scale"] = remark
+        said = {"curvature_scale": remark} if remark else {}
+        return {name: self._on_cortex(getattr(bent, name)) for name in CURVATURE_MAPS}, said
 
-    def folding(self, wanted: float | None) -> None:
+    def folding(self) -> Result:
         """Folding indices of white."""
-        part, scale = self._parts["folding"], scale_of_curvature(self.cortex, wanted)[0]
-        self.folding_scale = scale if wanted is not None else scale_of_folding(self.cortex, scale)
+        scale = scale_of_curvature(self.cortex, self.requested_scale)[0]
+        self.folding_scale = scale if self.requested_scale is not None else scale_of_folding(self.cortex, scale)
         found = folding_indices(self.cortex.white.verts, self.cortex.faces, self.folding_scale)
-        part.scalars.update(
-            folding_index=found.folding_index, intrinsic_curvature_index=found.intrinsic_curvature_index
-        )
-        part.notes |= notes.of_folding(self.folding_scale, found, self.closed, self.euler)
+        required = f"; Gauss-Bonnet requires {self.euler / 2:g}" if self.closed else ""
+        values = {name: getattr(found, name) for name in FOLDING_INDICES}
+        scale = self.folding_scale
+        return values, note("folding", *FOLDING_INDICES, scale=scale, total=found.total, required=required)
 
-    def gyral_thickness(self, options: Mapping[str, Any]) -> None:
-        part = self._parts["gyral thickness"]
-        self.across = across = self.copy.gyral_thickness(**options)
-        self._put(part, "gyral_thickness", across.per_vertex)
-        part.scalars.update(
-            median_gyral_thickness_mm=_finite_or_none(across.median), wavelength_mm=_finite_or_none(across.wavelength)
-        )
-        part.notes |= notes.of_gyral_thickness(across)
+    def gyral_thickness(self) -> Result:
+        self.across = across = self.copy.gyral_thickness(**self.gyral_options)
+        (name, median, wavelength), per_vertex = GYRAL_THICKNESS, self._on_cortex(across.per_vertex)
+        values = {name: per_vertex, median: _finite_or_none(across.median)}
+        values[wavelength] = _finite_or_none(across.wavelength)
+        if across.reason:
+            return values, dict.fromkeys((median, wavelength), across.reason)
+        return values, note(median, across=across) | note(wavelength)
 
-    def gyral_graph(self, width: float | None) -> None:
-        """Crests and hinges; after ``self_crossings``."""
-        self.graph = self.copy.gyral_graph(width, midway=self.crossed > LARGEST_CROSSED_SHARE)
-        wavelength = _finite_or_none(self.graph.graph["wavelength"])
-        self._parts["gyral graph"].scalars["spectral_wavelength_mm"] = wavelength
+    def self_crossings(self) -> Result:
+        said, self.crossed = defects.self_crossings(self.cortex, self.mask)
+        return {}, said
 
-    def local_gyrification(self) -> None:
-        part = self._parts["local"]
-        local, unfit = _local_gyrification_or_reason(self.cortex, self.closed, self.pieces, self._chosen.voxels)
-        if local is not None:
-            local = self._put(part, "local_gyrification_index", local)
-            part.scalars["mean_local_gyrification_index"] = _mean_or_none(local, self.area_pial)
-        part.notes |= notes.of_local_gyrification(unfit)
+    def gyral_graph(self) -> Result:
+        """Crests and hinges."""
+        self.graph = self.copy.gyral_graph(self.gyral_width, midway=self.crossed > LARGEST_CROSSED_SHARE)
+        return {"spectral_wavelength_mm": _finite_or_none(self.graph.graph["wavelength"])}, {}
 
-    def measures(self, cap: float | None) -> Measures:
+    def local_gyrification(self) -> Result:
+        index, mean = LOCAL_GYRIFICATION
+        local, unfit = _local_gyrification_or_reason(self.cortex, self.closed, self.pieces, self.preset.voxels)
+        if local is None:
+            return {}, note("no_local_gyrification_index", mean, why=unfit)
+        local = self._on_cortex(local)
+        return {index: local, mean: _mean_or_none(local, self.area_pial)}, note(mean)
+
+    def measures(self) -> Measures:
         """All results, with the tables of regions, crests and hinges, at the vertices that were given."""
-        maps: dict[str, PerVertex] = {}
-        scalars: dict[str, float | int | None] = dict.fromkeys(SCALARS)
-        said: dict[str, str] = {}
-        for part in self._parts.values():
-            maps, scalars, said = maps | part.maps, scalars | part.scalars, said | part.notes
-        rows, tables = self._regions(maps), GyralTables([], [], [], {})
+        values, said = Values(), notes.Notes()
+        for result in filter(None, self.results.values()):
+            values |= result[0]
+            said |= result[1]
+        maps = {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
+        if self.steps & {"regions", "slopes"}:
+            values["regions"] = regions.region_table(self.cortex, maps, self.across, self.graph)
+        if "shapes" in self.steps:
+            values["shapes"] = regions.thickness_by_shape(self.cortex, maps)
         if self.graph is not None:
-            tables = gyral_tables(self.cortex, self.graph, maps)
-            scalars |= tables.scalars
+            values |= gyral_tables(self.cortex, self.graph, maps)
             said |= notes.of_gyral_graph(self.graph, self.across.median if self.across else np.nan)
         said |= notes.of_accuracy(self.accuracy, self.cortex.n_vertices, self.copy.cortex.n_vertices)
-        said |= notes.of_regions() if rows else {}
-        if "slopes" in self._wanted.steps:
-            fitted, why = through_regions(rows)
-            scalars |= dict(zip(SLOPE_SCALARS, _slope_scalars(fitted)))
-            said |= dict.fromkeys(SLOPE_SCALARS, why if rows else notes.NO_REGIONS_NOTE)
+        if rows := values.get("regions", []):
+            said |= note("regions")
+        if "slopes" in self.steps:
+            line, why = through_regions(rows)
+            if line is not None:
+                slopes = (line.robust, line.low, line.high, line.slope, line.r)
+                values |= dict(zip(SLOPE_SCALARS, map(_finite_or_none, slopes)))
+            said |= dict.fromkeys(SLOPE_SCALARS, why if rows else NOTES["parcellation"])
         whole = Measures(
             self.cortex,
-            scalars,
+            {name: values.get(name) for name in SCALARS},
             maps,
-            rows,
-            tables.crests,
-            tables.hinges,
-            tables.arms,
-            self._parameters(cap) | self.mended.numbers,
-            said,
-            self.graph,
-            shapes=thickness_by_shape(self.cortex, maps) if "shapes" in self._wanted.steps else [],
+            parameters=self._parameters() | self.mended.numbers,
+            notes=said,
+            graph=self.graph,
+            **{table: values.get(table, []) for table in COLUMNS},
         )
-        return self._wanted.part_of(_at_given_vertices(whole, self.mended))
+        return _part(_at_given_vertices(whole, self.mended), self.names)
 
-    def _regions(self, maps: Mapping[str, PerVertex]) -> list[dict[str, Any]]:
-        if not self._wanted.steps & {"regions", "slopes"}:
-            return []
-        return regions.region_table(self.cortex, maps, self.across, self.graph)
-
-    def _parameters(self, cap: float | None) -> dict[str, Any]:
+    def _parameters(self) -> dict[str, Any]:
         """Scales and options of the steps that ran."""
         across, scales = self.across, self.graph and self.graph.graph["scales"]
         of_steps = [
@@ -343,7 +352,7 @@ class _Measurement:
             ("curvature", "curvature_map_surface", "pial"),
             ("folding", "folding_index_surface", "white"),
             ("cortical thickness", "cortical_thickness_mode", "surface"),
-            ("cortical thickness", "cortical_thickness_cap_mm", cap),
+            ("cortical thickness", "cortical_thickness_cap_mm", self.cap),
             ("surfaces", "cortex_mask", ", ".join(filter(None, (checks.cortex_label(self.cortex)[1], APART)))),
             ("surfaces", "cortex_vertices", int(np.count_nonzero(self.mask))),
             ("gyral thickness", "gyral_scale_mm", across and _finite_or_none(across.scale)),
@@ -351,9 +360,82 @@ class _Measurement:
             *(("gyral graph", f"graph_{name}_mm", value) for name, value in (asdict(scales) if scales else {}).items()),
             ("surfaces", "accuracy", self.accuracy),
             ("surfaces", "accuracy_vertices", self.copy.cortex.n_vertices),
-            ("local gyrification", "local_gyrification_voxel_mm", CLOSING_RADIUS_MM / self._chosen.voxels),
+            ("local gyrification", "local_gyrification_voxel_mm", CLOSING_RADIUS_MM / self.preset.voxels),
         ]
-        return {name: value for step, name, value in of_steps if step in self._wanted.steps}
+        return {name: value for step, name, value in of_steps if step in self.steps}
+
+
+_SURFACES, _RESAMPLED, _THICKNESSES = ("surfaces",), ("resampling",), ("cortical thickness", "gyral thickness")
+#: the steps of a measurement; each needs only some that stand before it. Those without a function end the work
+STEPS = (
+    Step(
+        "surfaces",
+        (),
+        (
+            "area",
+            "n_vertices",
+            "euler_characteristic",
+            "area_pial_mm2",
+            "area_white_mm2",
+            "gray_volume_mm3",
+            "volume_white_mm3",
+            "volume_pial_mm3",
+        ),
+        _Measurement.surfaces,
+        0.1,
+    ),
+    Step("operators", (), (), _Measurement.prepare),
+    Step("resampling", ("surfaces", "operators"), (), _Measurement.resample, 0.0, "cortical thickness"),
+    Step("depth", _SURFACES, (*each_map(), "mean_sulcal_depth_mm"), _Measurement.depth, 0.02),
+    Step("hull", _SURFACES, ("gyrification_index",), _Measurement.hull),
+    Step(
+        "cortical thickness",
+        _RESAMPLED,
+        ("cortical_thickness", GIVEN_THICKNESS, *MEAN_THICKNESSES),
+        _Measurement.cortical_thickness,
+        0.1,
+        "cortical thickness",
+    ),
+    Step("curvature", _SURFACES, CURVATURE_MAPS, _Measurement.curvature, 0.1, "curvature"),
+    Step("folding", _SURFACES, FOLDING_INDICES, _Measurement.folding, 0.1, "curvature"),
+    Step("gyral thickness", _RESAMPLED, GYRAL_THICKNESS, _Measurement.gyral_thickness, 0.2, "gyral thickness"),
+    Step("self-crossings", _SURFACES, (), _Measurement.self_crossings, 0.02),
+    Step(
+        "gyral graph",
+        ("resampling", "self-crossings"),
+        ("hinges", "arms", *GRAPH_SCALARS, "spectral_wavelength_mm"),
+        _Measurement.gyral_graph,
+        0.25,
+        "gyral graph",
+    ),
+    Step(
+        "local gyrification", _SURFACES, LOCAL_GYRIFICATION, _Measurement.local_gyrification, 0.1, "local gyrification"
+    ),
+    Step("crests", ("gyral graph", *_THICKNESSES, "curvature"), ("crests",)),
+    Step("slopes", _THICKNESSES, SLOPE_SCALARS),
+    Step("regions", ("gyral graph", *_THICKNESSES, "curvature", "local gyrification"), ("regions",)),
+    Step("shapes", ("cortical thickness", "curvature", "depth"), ("shapes",)),
+)
+
+
+def _part(whole: Measures, names: tuple[str, ...] | None) -> Measures:
+    """The measures without what was not asked for.
+
+    Where a number that was not asked for can't be computed, its note stays: it is the reason for empty maps, too.
+    """
+    if names is None:
+        return whole
+    scalars = {name: value if name in names else None for name, value in whole.scalars.items()}
+    unasked = {name for name, value in whole.scalars.items() if name not in names and value is not None}
+    said = {name: text for name, text in whole.notes.items() if name not in unasked}
+    return replace(
+        whole,
+        scalars=scalars,
+        maps={name: values for name, values in whole.maps.items() if name in names},
+        parameters={**whole.parameters, "only": list(names)},
+        notes=said | note("only", names=listed(names)),
+        **{table: getattr(whole, table) if table in names else [] for table in COLUMNS},
+    )
 
 
 def _at_given_vertices(measures: Measures, mend: mending.Mended) -> Measures:
@@ -404,13 +486,6 @@ def _mean_or_none(values: PerVertex, weights: PerVertex | None = None) -> float 
     if not known.any():
         return None
     return float(np.average(values[known], weights=None if weights is None else weights[known]))
-
-
-def _slope_scalars(fitted: Line | None) -> list[float | None]:
-    """Values of the scalars in ``SLOPE_SCALARS``; the bounds are None where there are too few regions for them."""
-    if fitted is None:
-        return [None] * len(SLOPE_SCALARS)
-    return [_finite_or_none(value) for value in (fitted.robust, fitted.low, fitted.high, fitted.slope, fitted.r)]
 
 
 def _finite_or_none(value: float) -> float | None:

@@ -1,25 +1,25 @@
-"""Region tables: one row per region of a labelled cortex, and from those one row per subject."""
+"""Tables over the parts of a cortex: one row for each region, and for each part by shape and depth."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from morphofold.analysis.graph.graph_rows import region_columns
-from morphofold.errors import WrongShape
-from morphofold.geometry import face_vectors, vertex_areas
+from morphofold.analysis.graph.graph_rows import mean_or_none, region_columns
+from morphofold.arrays import Bools
+from morphofold.geometry import face_vectors, norms, vertex_areas
 from morphofold.mesh_quality.checks import is_no_cortex
 from morphofold.surface import Cortex, PerVertex
-from morphofold.validators import check_kind
+from morphofold.validators import check_kind, same_length
 
 if TYPE_CHECKING:
     import networkx as nx
 
     from morphofold.analysis.thickness.gyral import GyralThickness
 
-COLUMNS = (
+REGION_COLUMNS = (
     "hemi",
     "region",
     "n_vertices",
@@ -35,6 +35,7 @@ COLUMNS = (
     "gray_volume_mm3",
     "mean_H_per_mm",
 )
+SHAPE_COLUMNS = ("hemi", "by", "part", "n_vertices", "area_mid_mm2", "thickness_mm", "thickness_sd_mm", "column_mm")
 #: columns that have the meaning of FreeSurfer's ``aparcstats2table --meas`` with these names
 FREESURFER_NAMES = {
     "area_mm2": "area",
@@ -42,6 +43,13 @@ FREESURFER_NAMES = {
     "cortical_thickness_mm": "thickness",
     "cortical_thickness_sd_mm": "thicknessstd",
 }
+#: columns that are of a map over the vertices of a region
+REGION_MEANS = (
+    ("cortical_thickness_mm", "cortical_thickness", np.mean),
+    ("cortical_thickness_sd_mm", "cortical_thickness", np.std),
+    ("gyral_thickness_mm", "gyral_thickness", np.median),
+    ("thickness_file_mm", "thickness_file", np.mean),
+)
 LEAST_CONTOUR_IN_WIDTHS = 2.0  # in multiples of the median gyral thickness: about 20 mm on an adult brain, one fold
 
 
@@ -69,16 +77,16 @@ def region_table(
     Returns
     -------
     list of dict
-        With the keys of ``COLUMNS``. ``n_vertices`` counts every vertex of the label, and ``area_mm2`` sums their
-        white areas. ``cortical_thickness_mm`` and ``_sd_mm`` are the mean and standard deviation (over n, not n - 1)
-        of the vertices that have a thickness, not weighted by area. All these are computed as in
+        With the keys of ``REGION_COLUMNS``. ``n_vertices`` counts every vertex of the label, and ``area_mm2`` sums
+        their white areas. ``cortical_thickness_mm`` and ``_sd_mm`` are the mean and standard deviation (over n, not n -
+        1) of the vertices that have a thickness, not weighted by area. All these are computed as in
         ``mris_anatomical_stats``. ``gyral_thickness_mm`` is the median. With ``gyral`` it is given only where the
         contour of the samples (``gyral_contour_mm``) is at least twice the median gyral thickness: less is one fold.
         ``thickness_file_mm`` is the mean of the thickness from the file. ``gray_volume_mm3`` sums :func:`gray_volumes`
-        over the vertices in the cortex label. ``mean_H_per_mm`` is the mean of H over pial area, convex positive. It
-        is *not* FreeSurfer's MeanCurv, which is the mean of absolute values on white. ``gyrification_index`` is the
-        mean of the local index over pial area. A value is None where there is nothing to average. Vertices without a
-        region, and labels such as ``unknown`` and ``corpuscallosum``, have no row.
+        over the vertices in the cortex label. ``mean_H_per_mm`` is the mean of H over pial area, convex positive. It is
+        *not* FreeSurfer's MeanCurv, which is the mean of absolute values on white. ``gyrification_index`` is the mean
+        of the local index over pial area. A value is None where there is nothing to average. Vertices without a region,
+        and labels such as ``unknown`` and ``corpuscallosum``, have no row.
 
     Raises
     ------
@@ -87,8 +95,7 @@ def region_table(
     """
     check_kind(cortex, Cortex, "region_table: cortex")
     for name, values in maps.items():
-        if np.shape(values) != (cortex.n_vertices,):
-            raise WrongShape(f"{cortex.name}: map {name} has shape {np.shape(values)}, not ({cortex.n_vertices},).")
+        same_length(values, cortex.n_vertices, f"{cortex.name}: map {name}")
     if cortex.regions is None:
         return []
     area = maps["area"] if "area" in maps else vertex_areas(cortex.white.verts, cortex.faces)
@@ -97,32 +104,25 @@ def region_table(
     crests = {} if graph is None else region_columns(cortex, graph)
     rows = []
     for index, region in enumerate(cortex.regions.names):
-        at = np.flatnonzero(cortex.regions.labels == index)
+        inside = cortex.regions.labels == index
+        at = np.flatnonzero(inside)
         if len(at) == 0 or is_no_cortex(region):
             continue
-        thickness = _finite_values_at(maps.get("cortical_thickness"), at)
-        widths = _finite_values_at(maps.get("gyral_thickness"), at)
-        across = float(np.median(widths)) if len(widths) else np.nan
-        row: dict[str, Any] = dict.fromkeys(COLUMNS)
+        row: dict[str, Any] = dict.fromkeys(REGION_COLUMNS)
+        row.update(hemi=cortex.hemi, region=region, n_vertices=len(at))
+        row.update(area_mm2=float(np.sum(area[at])), gray_volume_mm3=float(volume[at].sum()))
+        for column, name, mean in REGION_MEANS:
+            row[column] = mean_or_none(mean, maps.get(name), at)
         if gyral is not None:
-            length = gyral.contour_where(cortex.regions.labels == index, cortex.faces)
-            enough = length >= LEAST_CONTOUR_IN_WIDTHS * gyral.median
-            across = gyral.median_where(cortex.regions.labels == index, cortex.faces) if enough else np.nan
-            row.update(gyral_contour_mm=length)
-        row.update(hemi=cortex.hemi, region=region, n_vertices=len(at), area_mm2=float(np.sum(area[at])))
-        row.update(gray_volume_mm3=float(volume[at].sum()))
+            length, across = gyral.contour_where(inside, cortex.faces), gyral.median_where(inside, cortex.faces)
+            enough = length >= LEAST_CONTOUR_IN_WIDTHS * gyral.median and np.isfinite(across)
+            row.update(gyral_contour_mm=length, gyral_thickness_mm=across if enough else None)
         for column, name in (("mean_H_per_mm", "H"), ("gyrification_index", "local_gyrification_index")):
             known = at[np.isfinite(maps[name][at])] if name in maps else at[:0]
             if outside[known].any():
                 row[column] = float(np.average(maps[name][known], weights=outside[known]))
         if region in crests:
-            row.update(n_hinges=crests[region][0], crest_length_mm=crests[region][1])
-        if len(thickness):
-            row.update(cortical_thickness_mm=float(thickness.mean()), cortical_thickness_sd_mm=float(thickness.std()))
-        if len(from_file := _finite_values_at(maps.get("thickness_file"), at)):
-            row.update(thickness_file_mm=float(from_file.mean()))
-        if np.isfinite(across):
-            row.update(gyral_thickness_mm=across)
+            row["n_hinges"], row["crest_length_mm"] = crests[region]
         rows.append(row)
     return rows
 
@@ -171,7 +171,7 @@ def wide_table(subjects: Mapping[str, Iterable[Mapping[str, Any]]]) -> list[dict
         | {
             f"{row['hemi']}_{row['region']}_{FREESURFER_NAMES.get(key, key)}": row.get(key)
             for row in regions
-            for key in COLUMNS[2:]
+            for key in REGION_COLUMNS[2:]
         }
         for name, regions in subjects.items()
     ]
@@ -179,7 +179,76 @@ def wide_table(subjects: Mapping[str, Iterable[Mapping[str, Any]]]) -> list[dict
     return [{key: row.get(key) for key in columns} for row in rows]
 
 
-def _finite_values_at(values: PerVertex | None, at: np.ndarray) -> PerVertex:
-    """The finite values at some vertices."""
-    some = np.empty(0) if values is None else np.asarray(values, dtype=np.float64)[at]
-    return some[np.isfinite(some)]
+RIDGE = 0.5  # shape index of a ridge, and less than 0 of a groove: there one principal curvature is 0
+#: shares of the area of the cortex in the order of depth: the shallowest, the middle and the deepest part
+DEPTHS = {"crown": (0.0, 0.15), "wall": (0.35, 0.65), "fundus": (0.85, 1.0)}
+EQUAL_DEPTH_TOLERANCE = 1e-7  # of the root of the area of the cortex
+
+
+def thickness_by_shape(cortex: Cortex, maps: Mapping[str, PerVertex]) -> list[dict[str, Any]]:
+    """Thickness over the parts of a cortex that its shape, and its depth, make.
+
+    Parameters
+    ----------
+    cortex : Cortex
+    maps : mapping of str to (N,) float64
+        ``cortical_thickness`` [mm], ``shape_index`` of pial, and ``sulcal_depth`` [mm]; NaN where undefined. Without a
+        map of shape or depth, its rows are missing.
+
+    Returns
+    -------
+    list of dict
+        Six rows: ``by`` is ``"shape"`` for the parts ``concave``, ``saddle`` and ``convex``, and ``"depth"`` for
+        ``crown``, ``wall`` and ``fundus``. ``area_mid_mm2`` is the mean of the areas of white and pial, by which the
+        other numbers are weighted: ``thickness_mm`` and ``thickness_sd_mm``, mean and standard deviation of cortical
+        thickness (closest points), and ``column_mm``, the mean distance from a vertex of white to its own on pial. None
+        where a part has no vertex.
+
+    Notes
+    -----
+    Convex, concave: both principal curvatures are positive, or negative; a shape index above 1/2, or below -1/2
+    (Koenderink, van Doorn 1992). A surface parallel to pial, such as the one midway to white, has the same parts, since
+    an offset changes the size of principal curvatures and not their sign. Crown, wall and fundus are 15, 30 and 15 % of
+    the cortex by area, in the order of sulcal depth: its first part, its middle and its last. Vertices of equal depth,
+    as on a convex body, are all in a part or all outside.
+    """
+    check_kind(cortex, Cortex, "thickness_by_shape: cortex")
+    thickness = maps["cortical_thickness"]
+    white, pial = (vertex_areas(s.verts, cortex.faces) for s in (cortex.white, cortex.pial))
+    area = 0.5 * (white + pial)
+    column = norms(cortex.pial.verts - cortex.white.verts)
+    rows = []
+    for by, parts in _parts(maps, area, np.isfinite(thickness)):
+        for part, at in parts.items():
+            row: dict[str, Any] = dict.fromkeys(SHAPE_COLUMNS)
+            row.update(hemi=cortex.hemi, by=by, part=part, n_vertices=int(at.sum()))
+            weights = area[at]
+            if weights.sum() > 0:
+                mean = float(np.average(thickness[at], weights=weights))
+                spread = float(np.sqrt(np.average((thickness[at] - mean) ** 2, weights=weights)))
+                row.update(area_mid_mm2=float(weights.sum()), thickness_mm=mean, thickness_sd_mm=spread)
+                row.update(column_mm=float(np.average(column[at], weights=weights)))
+            rows.append(row)
+    return rows
+
+
+def _parts(maps: Mapping[str, PerVertex], area: PerVertex, known: Bools) -> Iterator[tuple[str, dict[str, Bools]]]:
+    """Which vertices (N,) are in each part."""
+    if "shape_index" in maps:
+        index = maps["shape_index"]
+        inside = known & np.isfinite(index)
+        shape = {"concave": index < -RIDGE, "saddle": np.abs(index) <= RIDGE, "convex": index > RIDGE}
+        yield "shape", {part: inside & at for part, at in shape.items()}
+    if "sulcal_depth" in maps:
+        depth = maps["sulcal_depth"]
+        some = np.flatnonzero(known & np.isfinite(depth))
+        order = some[np.argsort(depth[some], kind="stable")]
+        share = np.cumsum(area[order]) - 0.5 * area[order]
+        share /= max(float(area[order].sum()), np.finfo(float).tiny)
+        found: dict[str, Bools] = {}
+        same = EQUAL_DEPTH_TOLERANCE * area[order].sum() ** 0.5
+        for part, (low, high) in DEPTHS.items():
+            ends = depth[order[(share >= low) & (share <= high)]]
+            least, most = ends.min(initial=np.inf) - same, ends.max(initial=-np.inf) + same
+            found[part] = known & (depth >= least) & (depth <= most)
+        yield "depth", found

@@ -8,10 +8,10 @@ import numpy as np
 from morphofold import geometry
 from morphofold.analysis.diffusion import diffusion
 from morphofold.arrays import Array, Bools, Ints
-from morphofold.errors import OutOfRange
 from morphofold.kernels import kernel, reading
 from morphofold.surface import Faces, PerVertex, Surface, Verts
 from morphofold.threads import run_parallel
+from morphofold.validators import positive
 
 # length of edge paths over straight distance, mean over directions in a triangle grid
 EDGE_PATH_DETOUR = 2 * 3**0.5 / np.pi
@@ -39,8 +39,8 @@ class Relief:
     window: float
 
 
-def relief(verts: Verts, faces: Faces, scale: float, window: float | None = None) -> Relief:
-    """Height above the surface smoothed over ``scale``, normalised within ``window`` along the surface.
+def relief(verts: Verts, faces: Faces, scale: float) -> Relief:
+    """Height above the surface smoothed over ``scale``, normalised within a window of 1.5 ``scale`` along the surface.
 
     Parameters
     ----------
@@ -48,15 +48,13 @@ def relief(verts: Verts, faces: Faces, scale: float, window: float | None = None
         Closed surface, or one with a natural border [mm].
     scale : float
         Smoothing length [mm]; 10 for an adult human brain.
-    window : float, optional
-        Radius along the surface within which crown and fundus are found [mm]; None: 1.5 scale.
 
     Notes
     -----
     With x' the result of two rounds of :func:`implicit_smoothing`, and u its vertex normals,
     ``height = (x - x') . u`` and ``phase = (highest - height) / (highest - lowest)``.
     """
-    window = 1.5 * scale if window is None else window
+    window = 1.5 * scale
     height, vertical = height_and_vertical(verts, faces, scale)
     lowest, highest = windowed_range(verts, faces, height, window)
     amplitude = highest - lowest
@@ -85,17 +83,12 @@ def implicit_smoothing(verts: Verts, faces: Faces, scale: float, *, rounds: int 
     RuntimeError
         If the iteration does not converge. The mesh is then too irregular.
     """
-    if not (scale > 0 and np.isfinite(scale)):
-        raise OutOfRange(f"scale must be a positive length, got {scale!r}.")
-    return _diffuse_implicitly(verts, faces, verts, scale, rounds, rtol)
+    positive(scale, "scale")
+    return diffused(verts, faces, verts, scale, rounds, rtol)
 
 
-def diffused(verts: Verts, faces: Faces, values: Array, scale: float) -> Array:
-    """Three fields (N, 3) on the surface, smoothed once over ``scale`` [mm] as in :func:`implicit_smoothing`."""
-    return _diffuse_implicitly(verts, faces, values, scale, 1, 1e-4)
-
-
-def _diffuse_implicitly(verts: Verts, faces: Faces, values: Array, scale: float, rounds: int, rtol: float) -> Array:
+def diffused(verts: Verts, faces: Faces, values: Array, scale: float, rounds: int = 1, rtol: float = 1e-4) -> Array:
+    """Three fields (N, 3) on the surface, smoothed over ``scale`` [mm] as in :func:`implicit_smoothing`."""
     solver, x = diffusion(verts, faces, COTANGENT_BOUNDS), np.array(values)
     for _ in range(rounds):
         x += solver.solve(scale**2, -(scale**2) * (solver.stiffness @ x), np.zeros_like(x), rtol)

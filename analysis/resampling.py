@@ -5,7 +5,7 @@ White and pial are thinned (draft) or split (fine) in the same way, and the resu
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,10 +17,10 @@ from morphofold.analysis.graph.gyral_graph import ClosestPoints, gyral_graph
 from morphofold.analysis.thickness.cortical import cortical_thickness
 from morphofold.analysis.thickness.gyral import GyralThickness, gyral_thickness
 from morphofold.arrays import Ints
-from morphofold.errors import UnknownName
 from morphofold.mesh_quality import checks
 from morphofold.surface import Cortex, Faces, PerVertex, Surface
 from morphofold.threads import SIMPLIFYING
+from morphofold.validators import one_of
 
 if TYPE_CHECKING:
     import networkx as nx
@@ -50,12 +50,11 @@ PRESETS = {"draft": Preset(50_000, 0, 6.0), "standard": Preset(0, 0, 12.0), "fin
 
 def accuracy_of(name: str) -> Preset:
     """The preset of that name; raises ``UnknownName`` for a name that is not in ``PRESETS``."""
-    if name not in PRESETS:
-        raise UnknownName(f"accuracy must be one of {', '.join(PRESETS)}, got {name!r}.")
+    one_of(name, PRESETS, "accuracy")
     return PRESETS[name]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Resampled:
     """The cortex on which thicknesses and the net are measured, and how its parts correspond to the original.
 
@@ -73,9 +72,9 @@ class Resampled:
 
     of: Cortex
     cortex: Cortex
-    place: Ints = field(repr=False)
-    source: Ints = field(repr=False)
-    triangle: Ints = field(repr=False)
+    place: Ints
+    source: Ints
+    triangle: Ints
 
     @property
     def changed(self) -> bool:

@@ -9,12 +9,12 @@ from scipy.special import ive
 from morphofold.analysis.diffusion import diffusion
 from morphofold.analysis.graph.depth_potential import COTANGENT_BOUNDS
 from morphofold.arrays import Array, Bools
-from morphofold.errors import OutOfRange, WrongShape
+from morphofold.errors import WrongShape
 from morphofold.geometry import cotangent_laplacian, vertex_areas
 from morphofold.kernels import kernel, reading
 from morphofold.surface import Faces, Verts
 from morphofold.threads import in_blocks
-from morphofold.validators import check_mesh
+from morphofold.validators import check_mesh, positive
 
 FWHM_PER_DEVIATION = math.sqrt(8 * math.log(2))
 LEAST_TERMS, MOST_TERMS_PER_ROOT = 20, 10.0  # of the series: those beyond are below TOLERANCE
@@ -64,8 +64,7 @@ def smooth(
     the largest value. Without unknown values, the integral of a map stays the same.
     """
     check_mesh(verts, faces)
-    if not (math.isfinite(fwhm) and fwhm > 0):
-        raise OutOfRange(f"fwhm must be a positive length in mm, got {fwhm!r}.")
+    positive(fwhm, "fwhm")
     if np.ndim(values) not in (1, 2) or len(values) != len(verts):
         raise WrongShape(f"values must be ({len(verts)},) or ({len(verts)}, K), got {np.shape(values)}.")
     maps = np.asarray(values, dtype=np.float64).reshape(len(verts), -1)

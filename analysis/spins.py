@@ -1,19 +1,20 @@
 """Spin test: whether two maps of one hemisphere are more alike than smooth maps are by chance."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import rankdata
 
 from morphofold.arrays import Array, Bools
-from morphofold.errors import DoesNotApply, OutOfRange, UnknownName, WrongShape
+from morphofold.errors import DoesNotApply, OutOfRange
 from morphofold.geometry import adjacency
 from morphofold.kernels import kernel, reading
 from morphofold.spheres.spins import NearestTable, cell_of, p_value, rotations
 from morphofold.surface import Surface
 from morphofold.threads import in_blocks
 from morphofold.unfolding.unfold import points_on_sphere
+from morphofold.validators import one_of, same_length
 
 LEAST_VERTICES = 10  # that both maps know, for a correlation
 
@@ -37,7 +38,7 @@ class SpinTest:
     value: float
     p: float
     p_greater: float
-    null: Array = field(repr=False)
+    null: Array
 
     def __repr__(self) -> str:
         return f"SpinTest({self.value:.3g}, p {self.p:.3g}, one-sided {self.p_greater:.3g}, {len(self.null):,} spins)"
@@ -91,12 +92,10 @@ def spin_test(
     """
     points = points_on_sphere(sphere, sphere)
     for values in (x, y):
-        if np.shape(values) != (len(points),):
-            raise WrongShape(f"a map has shape {np.shape(values)}, the sphere has {len(points)} vertices.")
+        same_length(values, len(points), "a map")
     if not isinstance(spins, int | np.integer) or spins < 1:
         raise OutOfRange(f"spins must be a positive number, got {spins!r}.")
-    if method not in ("pearson", "spearman"):
-        raise UnknownName(f"method must be 'pearson' or 'spearman', got {method!r}.")
+    one_of(method, ("pearson", "spearman"), "method")
     mask = np.ones(len(points), dtype=bool) if inside is None else np.asarray(inside, dtype=bool)
     first, second = (_prepared(np.where(mask, values, np.nan), method) for values in (x, y))
     known = np.isfinite(first) & np.isfinite(second)

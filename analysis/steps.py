@@ -1,44 +1,90 @@
-"""Steps of a measurement that run beside each other: shown as they begin, and timed."""
+"""The steps of a measurement: which are needed for the names asked for, and how they run beside each other."""
 
-from collections.abc import Callable, Sequence
-from functools import partial
-from threading import Lock
-from typing import Any
+from collections.abc import Callable, Collection, Sequence
+from threading import Condition
+from typing import Any, NamedTuple
+
+import numba
 
 from morphofold.progress import Progress
 from morphofold.threads import run_parallel
 from morphofold.timing import Stages, working_seconds
 
-#: what it does, its share of all work, and a function that does it
-Step = tuple[str, float, Callable[[], Any]]
 
+class Step(NamedTuple):
+    """One step of a measurement.
 
-class Steps:
-    """Runs steps of some work; calls ``progress`` as each begins, with the share of the work that is done.
-
-    ``whole`` is the sum of the shares of all steps. The seconds of ``clock`` add up to the time that passed: what steps
-    took beside each other is divided among them.
+    It runs after the steps that it ``needs``, by name; these stand before it in a list. ``makes``: the scalars, maps
+    and tables that it gives. It is that ``share`` of all work, and timed and shown as ``stage``.
     """
 
-    def __init__(self, progress: Progress, clock: Stages | None, whole: float = 1.0):
-        self._progress, self._clock, self._whole = progress, clock, whole
-        self._lock, self._done = Lock(), 0.0
+    name: str
+    needs: tuple[str, ...]
+    makes: tuple[str, ...] = ()
+    run: Callable[[Any], Any] | None = None
+    share: float = 0.0
+    stage: str = "areas"
 
-    def run(self, *chains: Sequence[Step]) -> None:
-        """Run chains of steps beside each other: the steps of a chain after each other, all to their end."""
-        if not chains:
-            return
-        began, spent = working_seconds(), dict.fromkeys((name for chain in chains for name, *_ in chain), 0.0)
-        run_parallel(*(partial(self._follow, chain, spent) for chain in chains))
-        if self._clock is not None:
-            self._clock.divide(working_seconds() - began, spent)
 
-    def _follow(self, chain: Sequence[Step], spent: dict[str, float]) -> None:
-        for name, share, step in chain:
-            with self._lock:
-                self._progress(min(self._done / self._whole, 1.0), name)
-            began = working_seconds()
-            step()
-            with self._lock:
-                spent[name] += max(working_seconds() - began, 0.0)
-                self._done += share
+def steps_for(names: Collection[str], steps: Sequence[Step]) -> list[Step]:
+    """Those of the steps that make the names, and those that these need, in their order."""
+    needed: set[str] = set()
+    for step in reversed(steps):
+        if step.name in needed or not set(step.makes).isdisjoint(names):
+            needed |= {step.name, *step.needs}
+    return [step for step in steps if step.name in needed]
+
+
+def run_steps(steps: Sequence[Step], work: Any, results: dict[str, Any], progress: Progress, clock: Stages) -> None:
+    """Run steps on some work beside each other, the first in the list first; ``results`` are by name, in their order.
+
+    ``progress`` is called as each begins. The seconds of ``clock`` add up to the time that passed: that of steps beside
+    each other is divided among them. The threads are shared by the steps that can run.
+    """
+    left, running, done = list(steps), list[Step](), list[Step]()
+    whole, threads = sum(step.share for step in steps) or 1.0, numba.get_num_threads()
+    change, since = Condition(), working_seconds()
+    for step in steps:  # in their order, whichever ends first
+        results[step.name] = None
+        clock.add(step.stage, 0.0)
+
+    def passed() -> None:
+        nonlocal since
+        now = working_seconds()
+        for step in running:
+            clock.add(step.stage, max(now - since, 0.0) / len(running))
+        since = now
+
+    def begin() -> Step | None:
+        while left:
+            names = {step.name for step in (*left, *running)}
+            if ready := [step for step in left if names.isdisjoint(step.needs)]:
+                passed()
+                numba.set_num_threads(max(1, threads // (len(running) + len(ready))))
+                left.remove(ready[0])
+                running.append(ready[0])
+                progress(min(sum(step.share for step in done) / whole, 1.0), ready[0].stage)
+                return ready[0]
+            change.wait()
+        return None
+
+    def follow() -> None:
+        while True:
+            with change:
+                step = begin()
+            if step is None:
+                return
+            try:
+                results[step.name] = step.run and step.run(work)
+            except BaseException:
+                with change:
+                    left.clear()
+                    change.notify_all()
+                raise
+            with change:
+                passed()
+                running.remove(step)
+                done.append(step)
+                change.notify_all()
+
+    run_parallel(*[follow] * len(steps))

@@ -16,7 +16,7 @@ from scipy import stats
 
 from morphofold.analysis import AtScale, across_scales, law_across_scales, measure
 from morphofold.analysis.gyrification.across_scales import LEAST_FOLDING
-from morphofold.analysis.gyrification.folding_law import ShapeTerms
+from morphofold.analysis.gyrification.folding import ShapeTerms
 from morphofold.arrays import Array
 from morphofold.errors import OutOfRange
 from morphofold.geometry import face_areas

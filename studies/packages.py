@@ -38,6 +38,7 @@ GROUND = (
     "surface",
     "geometry",
     "quantities",
+    "note_texts",
     "provenance",
     "tables",
     "timing",

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from morphofold.analysis import measure, measuring
-from morphofold.analysis.asked import MAKES, TABLES, asked
 from morphofold.analysis.graph.hinge_shapes import hinge_shapes
-from morphofold.analysis.measures import SCALARS
+from morphofold.analysis.measures import COLUMNS, SCALARS
+from morphofold.analysis.measuring import STEPS
+from morphofold.analysis.steps import steps_for
 from morphofold.comparison import compare, compare_with_person
 from morphofold.errors import MissingPart, NothingToDo, UnknownName
 from morphofold.io import read_cortex, sample_path
@@ -18,7 +19,8 @@ from morphofold.shapes import icosphere
 from morphofold.shapes.folded_ball import folded_ball
 from morphofold.surface import Cortex, Regions, Surface
 
-NAMES = [name for made in MAKES.values() for name in made]
+NAMES = [name for step in STEPS for name in step.makes]
+MAKERS = [step for step in STEPS if step.makes]
 
 
 @pytest.fixture(scope="module")
@@ -47,19 +49,19 @@ def value_of(m, name):
 
 
 def test_every_number_map_and_table_can_be_asked_for_once(whole):
-    assert sorted(NAMES) == sorted({*whole.maps, *SCALARS, *TABLES})
+    assert sorted(NAMES) == sorted({*whole.maps, *SCALARS, *COLUMNS})
 
 
-@pytest.mark.parametrize("step", MAKES)
+@pytest.mark.parametrize("step", MAKERS, ids=lambda step: step.name)
 def test_what_is_asked_for_is_the_same_bit_for_bit_and_nothing_else_is_there(cortex, whole, step):
-    m = measure(cortex, only=MAKES[step])
-    for name in MAKES[step]:
+    m = measure(cortex, only=step.makes)
+    for name in step.makes:
         assert same(value_of(m, name), value_of(whole, name)), name
-    rest = set(NAMES) - set(MAKES[step])
+    rest = set(NAMES) - set(step.makes)
     assert not rest & set(m.maps)
     assert all(m.scalars[name] is None for name in rest & set(SCALARS))
-    assert all(getattr(m, table) == [] for table in rest & set(TABLES))
-    assert m.parameters["only"] == list(MAKES[step])
+    assert all(getattr(m, table) == [] for table in rest & set(COLUMNS))
+    assert m.parameters["only"] == list(step.makes)
     shared = m.parameters.keys() & whole.parameters.keys()
     assert all(same(m.parameters[name], whole.parameters[name]) for name in shared)
 
@@ -83,14 +85,14 @@ def test_the_reason_for_an_empty_map_stays():
     ("name", "steps"),
     [
         ("gyrification_index", {"surfaces", "hull"}),
-        ("gyral_thickness", {"surfaces", "resampling", "gyral thickness"}),
-        ("n_hinges", {"surfaces", "resampling", "gyral graph"}),
-        ("regions", set(MAKES) - {"depth", "hull", "folding", "crests", "slopes", "shapes"} | {"resampling"}),
-        ("shapes", {"surfaces", "depth", "curvature", "cortical thickness", "resampling", "shapes"}),
+        ("gyral_thickness", {"surfaces", "operators", "resampling", "gyral thickness"}),
+        ("n_hinges", {"surfaces", "operators", "resampling", "self-crossings", "gyral graph"}),
+        ("regions", {step.name for step in STEPS} - {"depth", "hull", "folding", "crests", "slopes", "shapes"}),
+        ("shapes", {"surfaces", "operators", "depth", "curvature", "cortical thickness", "resampling", "shapes"}),
     ],
 )
-def test_only_the_steps_that_a_name_needs_run(cortex, name, steps):
-    assert asked(cortex, [name]).steps == steps
+def test_only_the_steps_that_a_name_needs_run(name, steps):
+    assert {step.name for step in steps_for([name], STEPS)} == steps
 
 
 def test_a_step_that_is_not_needed_is_not_called(cortex, monkeypatch):
@@ -99,8 +101,9 @@ def test_a_step_that_is_not_needed_is_not_called(cortex, monkeypatch):
     def fail(*_):
         raise LookupError
 
-    for step in ("self_crossings", "cortical_thickness", "gyral_graph", "curvature", "folding", "depth", "hull"):
-        monkeypatch.setattr(measuring._Measurement, step, fail)
+    needed = {step.name for step in steps_for(["gyral_thickness"], STEPS)}
+    steps = [step if step.name in needed else step._replace(run=fail) for step in STEPS]
+    monkeypatch.setattr(measuring, "STEPS", steps)
     measure(cortex, only=["gyral_thickness"])
     with pytest.raises(LookupError):
         measure(cortex, only=["gyral_thickness", "cortical_thickness"])

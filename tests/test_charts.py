@@ -9,7 +9,7 @@ import matplotlib
 import numpy as np
 import pytest
 
-from morphofold.analysis.gyrification.folding_law import shape_terms
+from morphofold.analysis.gyrification.folding import shape_terms
 from morphofold.comparison import Cloud, ThicknessPoint, fit_line
 from morphofold.report.plots import charts
 from morphofold.report.plots.figure_style import ticks

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from made_measures import made_measures
 
-from morphofold.analysis.gyrification.folding_law import shape_terms, shape_terms_of
+from morphofold.analysis.gyrification.folding import shape_terms, shape_terms_of
 from morphofold.errors import OutOfRange
 
 

@@ -6,8 +6,7 @@ import pandas as pd
 import pytest
 from made_measures import made_measures
 
-from morphofold.analysis.frames import COLUMNS, column_type
-from morphofold.analysis.measures import FRAMES, SCALARS
+from morphofold.analysis.measures import COLUMNS, FRAMES, SCALARS, column_type
 from morphofold.analysis.measuring import measure
 from morphofold.errors import UnknownName
 from morphofold.io import read_cortex, sample_path

@@ -68,18 +68,18 @@ def test_crests_have_the_thicknesses_of_their_vertices_and_their_region():
         "H": np.full(len(height), 0.02),
     }
     tables = gyral_tables(shell, meridians(shell), maps)
-    assert [row["crest"] for row in tables.crests] == [0, 1, 2]
-    for row in tables.crests:
+    assert [row["crest"] for row in tables["crests"]] == [0, 1, 2]
+    for row in tables["crests"]:
         assert (row["from_hinge"], row["to_hinge"], row["hemi"]) == (0, 1, "lh")
         assert (row["gyral_thickness_mm"], row["cortical_thickness_mm"], row["mean_H_per_mm"]) == (8.0, 2.5, 0.02)
         assert row["region"] == "up"  # the cap has none
-    assert tables.scalars["n_hinges"] == tables.scalars["n_hinges_3"] == 2
-    assert tables.scalars["n_hinges_4"] == 0
-    assert tables.scalars["crest_length_mm"] == pytest.approx(3 * 47.5 * np.pi)
-    assert [row["region"] for row in tables.hinges] == ["up", None]
-    assert [row["crest"] for row in tables.arms] == [0, 1, 2, 2, 1, 0]  # mirrored below
+    assert tables["n_hinges"] == tables["n_hinges_3"] == 2
+    assert tables["n_hinges_4"] == 0
+    assert tables["crest_length_mm"] == pytest.approx(3 * 47.5 * np.pi)
+    assert [row["region"] for row in tables["hinges"]] == ["up", None]
+    assert [row["crest"] for row in tables["arms"]] == [0, 1, 2, 2, 1, 0]  # mirrored below
     nothing = gyral_tables(shell, meridians(shell), {name: np.full(len(height), np.nan) for name in maps})
-    assert nothing.crests[0]["gyral_thickness_mm"] is None
+    assert nothing["crests"][0]["gyral_thickness_mm"] is None
 
 
 def test_regions_share_hinges_and_crests():

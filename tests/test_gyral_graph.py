@@ -15,7 +15,7 @@ from morphofold.analysis.graph.gyral_graph import gyral_graph
 from morphofold.analysis.graph.hinges import hinges
 from morphofold.errors import OptionsClash, OutOfRange
 from morphofold.io import read_cortex, sample_path
-from morphofold.mesh_quality import defects
+from morphofold.note_texts import WARNINGS
 from morphofold.shapes import icosphere
 from morphofold.shapes.ridges import SphericalNet, irregular_net, ridged_net
 from morphofold.studies.shapes import arm_angles, regular_net, sphere
@@ -183,7 +183,7 @@ def test_a_net_of_another_size_than_the_gyri_is_remarked_on():
     graph = gyral_graph(ridged_net(regular_net("cube"), 4, 12.0), width=7.0)
     found = [notes.of_gyral_graph(graph, t).keys() for t in (4.9, 5.1, 19.9, 20.1)]
     assert ["gyral_width" in keys for keys in found] == [True, False, False, True]
-    assert "gyral_width" in defects.WARNINGS
+    assert "gyral_width" in WARNINGS
     assert "gyral_width" not in notes.of_gyral_graph(graph, np.nan)
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from morphofold.analysis.graph.sensitivity import NET_LENGTHS, POTENTIAL_LENGTHS, hinge_sensitivity
+from morphofold.analysis.graph.crest_net import NET_LENGTHS, POTENTIAL_LENGTHS, hinge_sensitivity
 from morphofold.errors import OutOfRange, UnknownName
 from morphofold.shapes.ridges import ridged_net
 from morphofold.studies.shapes import regular_net, sphere

@@ -17,7 +17,7 @@ from morphofold import threads as threads_module
 from morphofold.analysis import wavelength
 from morphofold.analysis.measuring import measure
 from morphofold.analysis.resampling import Preset, resampled
-from morphofold.analysis.steps import Steps
+from morphofold.analysis.steps import Step, run_steps
 from morphofold.arrays import memoized
 from morphofold.io import read_cortex, sample_path
 from morphofold.kernels import kernel
@@ -175,12 +175,13 @@ def test_large_tasks_run_beside_each_other_where_each_has_two_threads(tasks, thr
 def test_seconds_of_steps_beside_each_other_add_up_to_the_time_that_passed(threads):
     clock, seen, began = Stages(), [], time.perf_counter()
     with using_threads(threads):
-        steps = Steps(lambda share, name: seen.append((name, share)), clock)
-        steps.run([("first", 0.2, lambda: time.sleep(0.02))])
-        steps.run(
-            [("long", 0.3, lambda: time.sleep(0.06)), ("short", 0.1, lambda: time.sleep(0.02))],
-            [("long", 0.4, lambda: time.sleep(0.06))],
-        )
+        steps = [
+            Step("first", (), (), time.sleep, 0.2, "first"),
+            Step("long", ("first",), (), lambda seconds: time.sleep(3 * seconds), 0.3, "long"),
+            Step("other", ("first",), (), lambda seconds: time.sleep(3 * seconds), 0.4, "long"),
+            Step("short", ("long",), (), time.sleep, 0.1, "short"),
+        ]
+        run_steps(steps, 0.02, {}, lambda share, name: seen.append((name, share)), clock)
     passed = time.perf_counter() - began
     assert sum(clock.seconds.values()) == pytest.approx(passed, abs=0.02)
     assert list(clock.seconds) == ["first", "long", "short"]

@@ -1,8 +1,10 @@
-"""The net of gyral crests as curves and junctions, from the depth potential of a surface and lengths in mm."""
+"""The net of gyral crests as curves and junctions, from a depth potential and lengths in mm, and what these change."""
 
 import math
-from dataclasses import asdict, dataclass, field
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import sparse
@@ -19,12 +21,13 @@ from morphofold.analysis.graph.net import Arc, Net, Node, borders, resampled, sm
 from morphofold.analysis.graph.refine import refine
 from morphofold.analysis.graph.watershed import Watershed
 from morphofold.arrays import Array, Bools, Ints
-from morphofold.errors import OptionsClash, OutOfRange
+from morphofold.errors import OptionsClash, OutOfRange, UnknownName
 from morphofold.geometry import arc_length
 from morphofold.mesh_quality import checks
+from morphofold.progress import Progress, silent
 from morphofold.surface import Cortex, PerVertex, Surface
 from morphofold.threads import run_parallel
-from morphofold.validators import check_kind
+from morphofold.validators import check_kind, positive
 
 LOWEST_CROWN_QUANTILE = 0.1  # quantile of the depth potential along the net, below which there is no crown
 # cost of a path exp(-4 c) + 0.03 per mm, c the distance to the flank in half widths
@@ -129,15 +132,14 @@ class GyralScales:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class Fields:
+class Fields(NamedTuple):
     """Depth potential ``D`` (N,) [mm]; ``band`` (N,) [mm], D less D smoothed over a crown width; mean curvature ``H``
     (N,) [1/mm]; ``flood``, the basins of D."""
 
-    D: PerVertex = field(repr=False)
-    band: PerVertex = field(repr=False)
-    H: PerVertex = field(repr=False)
-    flood: Watershed = field(repr=False)
+    D: PerVertex
+    band: PerVertex
+    H: PerVertex
+    flood: Watershed
 
 
 class CrestNetBuilder:
@@ -145,12 +147,10 @@ class CrestNetBuilder:
 
     def __init__(self, surface: Cortex | Surface):
         check_kind(surface, (Cortex, Surface), "gyral_graph: surface")
-        cortex = isinstance(surface, Cortex)
-        self.sheet = surface.white if isinstance(surface, Cortex) else surface
-        self.inside: Bools = (
-            checks.cortex_mask(surface) if isinstance(surface, Cortex) else np.ones(len(self.sheet.verts), dtype=bool)
-        )
-        self.masked = cortex and not self.inside.all()
+        if isinstance(surface, Cortex):
+            self.sheet, self.inside = surface.white, checks.cortex_mask(surface)
+        else:
+            self.sheet, self.inside = surface, np.ones(len(surface.verts), dtype=bool)
         self.operators = SurfaceOperators(self.sheet.verts, self.sheet.faces)
         self.tree = cKDTree(self.sheet.verts)
 
@@ -169,8 +169,7 @@ class CrestNetBuilder:
                 return None
             scales = GyralScales.of_width(width)
         for name, value in asdict(scales).items():
-            if not (math.isfinite(value) and value > 0):
-                raise OutOfRange(f"{name} must be a positive length in mm, got {value!r}.")
+            positive(value, name)
         least, most = 0.1 * self.operators.edge, 10 * self.operators.area**0.5
         if not least <= scales.width <= most:
             raise OutOfRange(
@@ -195,7 +194,7 @@ class CrestNetBuilder:
         operators, width = self.operators, scales.width
         basin = fields.flood.basins(persistence(fields.D, scales.persistence))
         net = borders(operators.verts, operators.faces, operators.pairs, basin, fields.flood.finest, fields.D)
-        if self.masked:
+        if not self.inside.all():
             net.keep(lambda points: np.all(self.inside[_nearest_vertices(self.tree, points)], axis=1))
         least = _drop_weak_crests(net, fields.band, self.tree)
         for arc in net.arcs.values():
@@ -231,3 +230,94 @@ def _drop_weak_crests(net: Net, band: PerVertex, tree: cKDTree) -> float:
     least = LEAST_STRENGTH_SHARE * strength[order[int(np.searchsorted(length, STRONG_CREST_QUANTILE * length[-1]))]]
     net.drop(*(name for name in order if strength[name] < least))
     return least
+
+
+#: lengths that are varied: those of the net, and those of its depth potential, which take longer
+NET_LENGTHS = ("persistence", "merge", "prune", "tip")
+POTENTIAL_LENGTHS = ("smoothing", "reach")
+LENGTH_FACTORS = (0.5, 0.75, 1.5, 2.0)
+
+
+def hinge_sensitivity(
+    surface: Cortex | Surface,
+    *,
+    width: float | None = None,
+    lengths: Sequence[str] = NET_LENGTHS + POTENTIAL_LENGTHS,
+    factors: Sequence[float] = LENGTH_FACTORS,
+    progress: Progress = silent,
+) -> list[dict[str, Any]]:
+    """Number of hinges when one length at a time is changed.
+
+    Parameters
+    ----------
+    surface, width
+        As in :func:`morphofold.analysis.gyral_graph`.
+    lengths : sequence of str
+        Fields of ``GyralScales``.
+    factors : sequence of float
+        Factors by which each length is multiplied.
+    progress : callable
+        Called with the share done and a short text.
+
+    Returns
+    -------
+    list of dict
+        ``length`` (its name; empty in the first row, which is the unchanged net), ``factor``, ``mm``, ``n_hinges``,
+        ``n_hinges_3``, ``n_hinges_4``, ``n_ends``; ``crest_length_mm`` of the net before its curves move onto the
+        crowns, 0.6 to 0.8 % more than that of ``measure``; ``kept``, the share of hinges of the unchanged net within
+        half a crown width of a hinge of the changed net; ``old``, the share of hinges of the changed net within half a
+        crown width of a hinge of the unchanged net. Empty if the surface has no folds.
+
+    Raises
+    ------
+    ValueError
+        If a name is not one of the lengths, or a factor is not positive.
+    """
+    for name in lengths:
+        if name not in NET_LENGTHS + POTENTIAL_LENGTHS:
+            raise UnknownName(f"{name!r} is not a length to vary; use {', '.join(NET_LENGTHS + POTENTIAL_LENGTHS)}.")
+    if not all(0 < factor < np.inf for factor in factors):
+        raise OutOfRange(f"factors must be positive, got {list(factors)}.")
+    builder = CrestNetBuilder(surface)
+    scales = builder.scales(width, None)
+    if scales is None:
+        return []
+    fields = builder.fields(scales)
+    base = builder.net(fields, scales)
+    rows = [_sensitivity_row("", 1.0, np.nan, base, base, scales)]
+    cases = [(name, factor) for name in lengths for factor in factors]
+    for k, (name, factor) in enumerate(cases):
+        progress(k / len(cases), f"{name} x {factor:g}")
+        changed = replace(scales, **{name: factor * getattr(scales, name)})
+        other = fields if name in NET_LENGTHS else builder.fields(changed)
+        rows.append(_sensitivity_row(name, factor, getattr(changed, name), builder.net(other, changed), base, scales))
+    return rows
+
+
+def _sensitivity_row(name: str, factor: float, mm: float, net: Net, base: Net, scales: GyralScales) -> dict[str, Any]:
+    degrees = np.array(list(net.degrees().values()), dtype=np.int64)
+    return {
+        "length": name,
+        "factor": factor,
+        "mm": mm,
+        "n_hinges": int((degrees > 2).sum()),
+        "n_hinges_3": int((degrees == 3).sum()),
+        "n_hinges_4": int((degrees == 4).sum()),
+        "n_ends": int((degrees == 1).sum()),
+        "crest_length_mm": float(sum(arc.length for arc in net.arcs.values())),
+        "kept": _share_of_hinges_near(base, net, scales),
+        "old": _share_of_hinges_near(net, base, scales),
+    }
+
+
+def _share_of_hinges_near(one: Net, other: Net, scales: GyralScales) -> float:
+    """Share of the hinges of one net within half a crown width of a hinge of the other; NaN if there are none."""
+    place = [
+        np.array([net.nodes[node].at for node, degree in net.degrees().items() if degree > 2]).reshape(-1, 3)
+        for net in (one, other)
+    ]
+    if not len(place[0]):
+        return np.nan
+    if not len(place[1]):
+        return 0.0
+    return float((cKDTree(place[1]).query(place[0])[0] < 0.5 * scales.width).mean())

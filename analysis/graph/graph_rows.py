@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from morphofold.analysis.geodesics import path_graph, shorten
-from morphofold.analysis.graph.hinges import LEAST_STRICT_CONFIDENCE, as_rows, counts, hinges
+from morphofold.analysis.graph.hinges import LEAST_STRICT_CONFIDENCE, as_rows, counts, hinges, row_of, table_columns
 from morphofold.arrays import Ints
 from morphofold.geometry import arc_length
 from morphofold.surface import Cortex, PerVertex
@@ -59,17 +59,14 @@ def amounts(graph: nx.MultiGraph, n: int) -> dict[str, PerVertex]:
 
 Row = dict[str, Any]
 
-
-class GyralTables(NamedTuple):
-    """Rows of crests, hinges and arms, and the scalars that ``measure`` reports for them."""
-
-    crests: list[Row]
-    hinges: list[Row]
-    arms: list[Row]
-    scalars: dict[str, float | int]
+CREST_COLUMNS = table_columns(
+    "hemi crest=number from_hinge=from to_hinge=to length_mm=length gyral_thickness_mm=gyral_thickness "
+    "cortical_thickness_mm=cortical_thickness mean_H_per_mm=H region altitude_mm=altitude strength_mm=strength blind"
+)
+CREST_MEANS = {"gyral_thickness": np.median, "cortical_thickness": np.mean, "H": np.mean}  # of maps, over a crest
 
 
-def gyral_tables(cortex: Cortex, graph: nx.MultiGraph, maps: Mapping[str, PerVertex]) -> GyralTables:
+def gyral_tables(cortex: Cortex, graph: nx.MultiGraph, maps: Mapping[str, PerVertex]) -> dict[str, Any]:
     """Tables of the gyral graph of a cortex.
 
     Parameters
@@ -83,49 +80,38 @@ def gyral_tables(cortex: Cortex, graph: nx.MultiGraph, maps: Mapping[str, PerVer
 
     Returns
     -------
-    GyralTables
-        For a crest: the median gyral and the mean cortical thickness over its vertices, the mean of H, and the region
-        of most of its vertices; None where there is none. Ends of crests that are not hinges also have numbers. All
-        hinges have a row. ``n_hinges``, ``n_hinges_3`` and ``n_hinges_4`` count hinges with a confidence of 0.25 or
-        more, ``n_hinges_low`` those with 0.5 or more, and ``n_hinges_high`` all.
+    dict
+        The tables ``crests``, ``hinges`` and ``arms``, lists of rows, and the scalars of hinges and crests. For a
+        crest: the median gyral and the mean cortical thickness over its vertices, the mean of H, and the region of most
+        of its vertices; None where there is none. Ends of crests that are not hinges also have numbers. All hinges have
+        a row. ``n_hinges``, ``n_hinges_3`` and ``n_hinges_4`` count hinges with a confidence of 0.25 or more,
+        ``n_hinges_low`` those with 0.5 or more, and ``n_hinges_high`` all.
     """
     crest_rows = []
     for a, b, crest in graph.edges(data=True):
         at = np.unique(crest["vertices"])
-        crest_rows.append(
-            {
-                "hemi": cortex.hemi,
-                "crest": crest["number"],
-                "from_hinge": a,
-                "to_hinge": b,
-                "length_mm": crest["length"],
-                "gyral_thickness_mm": _mean_or_none(np.median, maps.get("gyral_thickness"), at),
-                "cortical_thickness_mm": _mean_or_none(np.mean, maps.get("cortical_thickness"), at),
-                "mean_H_per_mm": _mean_or_none(np.mean, maps.get("H"), at),
-                "region": _most_common_region(cortex, at),
-                "altitude_mm": crest["altitude"],
-                "strength_mm": crest["strength"],
-                "blind": int(crest["blind"]),
-            }
-        )
-    found = hinges(graph)
-    hinge_rows, arm_rows = as_rows(found)
+        values = {**crest, "hemi": cortex.hemi, "from": a, "to": b, "region": _most_common_region(cortex, at)}
+        values |= {name: mean_or_none(mean, maps.get(name), at) for name, mean in CREST_MEANS.items()}
+        crest_rows.append(row_of(CREST_COLUMNS, values))
+    all_hinges = hinges(graph)
+    hinge_rows, arm_rows = as_rows(all_hinges)
     for row in hinge_rows:
-        row.update(hemi=cortex.hemi, region=_most_common_region(cortex, np.array([row["vertex"]])))
-        row["persistence_mm"] = None if np.isnan(row["persistence_mm"]) else row["persistence_mm"]
-    for row in arm_rows:
-        row.update(hemi=cortex.hemi)
+        row["region"] = _most_common_region(cortex, np.array([row["vertex"]]))
+    for row in (*hinge_rows, *arm_rows):
+        row["hemi"] = cortex.hemi
     degrees = [row["degree"] for row in hinge_rows if counts(row)]
-    scalars: dict[str, float | int] = {
+    return {
+        "crests": crest_rows,
+        "hinges": hinge_rows,
+        "arms": arm_rows,
         "n_hinges": len(degrees),
         "n_hinges_3": degrees.count(3),
         "n_hinges_4": degrees.count(4),
-        "n_hinges_low": sum(hinge.confidence >= LEAST_STRICT_CONFIDENCE for hinge in found),
-        "n_hinges_high": len(found),
+        "n_hinges_low": sum(hinge.confidence >= LEAST_STRICT_CONFIDENCE for hinge in all_hinges),
+        "n_hinges_high": len(all_hinges),
         "n_crests": graph.number_of_edges(),
         "crest_length_mm": float(sum(crest["length"] for *_, crest in graph.edges(data=True))),
     }
-    return GyralTables(crest_rows, hinge_rows, arm_rows, scalars)
 
 
 def region_columns(cortex: Cortex, graph: nx.MultiGraph) -> dict[str, tuple[int, float]]:
@@ -140,11 +126,13 @@ def region_columns(cortex: Cortex, graph: nx.MultiGraph) -> dict[str, tuple[int,
     return {name: (int(count), length) for name, count, length in zip(cortex.regions.names, *sums)}
 
 
-def _mean_or_none(mean: Any, values: PerVertex | None, at: Ints) -> float | None:
+def mean_or_none(mean: Any, values: PerVertex | None, at: Ints) -> float | None:
+    """A mean of the finite values at some vertices; None if there are none."""
     if values is None:
         return None
-    known = values[at][np.isfinite(values[at])]
-    return float(mean(known)) if len(known) else None
+    some = np.asarray(values, dtype=np.float64)[at]
+    some = some[np.isfinite(some)]
+    return float(mean(some)) if len(some) else None
 
 
 def _most_common_region(cortex: Cortex, at: Ints) -> str | None:

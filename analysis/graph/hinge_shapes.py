@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from morphofold.analysis.graph.hinges import counts
 from morphofold.arrays import Array, Bools, Ints
-from morphofold.errors import MissingPart, NoSolution, NotFinite, OutOfRange, UnknownName, WrongShape
+from morphofold.errors import MissingPart, NoSolution, OutOfRange
 from morphofold.shapes.ridges import irregular_net
 from morphofold.validators import check_kind
 
@@ -48,9 +48,9 @@ class HingeShapes:
         surface of the cortex.
     """
 
-    hinge: Ints = field(repr=False)
-    features: Array = field(repr=False)
-    kinds: NDArray[np.str_] = field(repr=False)
+    hinge: Ints
+    features: Array
+    kinds: NDArray[np.str_]
     width: float
     per_area: float
 
@@ -140,7 +140,7 @@ def shape_distance(a: Array, b: Array, *, of: Sequence[str] = FEATURES) -> tuple
     a, b : (K, 3, 4) and (L, 3, 4) float64
         Features as in :class:`HingeShapes`.
     of : sequence of str
-        The :data:`FEATURES` to use.
+        The :data:`FEATURES` to use, which must be known of every arm.
 
     Returns
     -------
@@ -150,20 +150,8 @@ def shape_distance(a: Array, b: Array, *, of: Sequence[str] = FEATURES) -> tuple
     pose : (K, L) int64
         0 to 2: the arm of ``b`` that lies on the first arm of ``a``; the others follow in the same sense. 3 to 5: arm
         ``pose - 3``, with the others in the opposite sense.
-
-    Raises
-    ------
-    ValueError
-        If ``of`` is empty or names an unknown feature, or a chosen feature is not finite (a net alone has no
-        curvature).
     """
-    if not of or not set(of) <= set(FEATURES):
-        raise UnknownName(f"of must name some of {', '.join(FEATURES)}, got {', '.join(of) or 'none'}.")
     chosen = [FEATURES.index(name) for name in of]
-    if not (np.isfinite(a[:, :, chosen]).all() and np.isfinite(b[:, :, chosen]).all()):
-        raise NotFinite(
-            f"{', '.join(of)} must be finite for every arm. Otherwise compare by {', '.join(PLANAR_NET_FEATURES)}."
-        )
     least, pose = np.full((len(a), len(b)), np.inf), np.zeros((len(a), len(b)), dtype=np.int64)
     for k, (arms, angles) in enumerate(zip(ARM_PERMUTATIONS, ANGLE_PERMUTATIONS)):
         laid = b[:, arms].copy()
@@ -212,19 +200,8 @@ def two_sample(distance: Array, n: int, *, permutations: int = 999, seed: int = 
     The statistic is ``2 E|X - Y| - E|X - X'| - E|Y - Y'|`` (Szekely and Rizzo 2013, J. Stat. Plan. Inference 143). Its
     p-value assumes that hinges are exchangeable. Hinges of one surface are neighbours and share arms, so a small p is
     weaker evidence than it seems.
-
-    Raises
-    ------
-    ValueError
-        If a sample is empty, or ``distance`` is not a matrix of distances.
     """
     size = len(distance)
-    if distance.shape != (size, size) or not (np.isfinite(distance).all() and np.allclose(distance, distance.T)):
-        raise (WrongShape if np.isfinite(distance).all() else NotFinite)(
-            f"distance must be a finite, symmetric matrix, got an array {distance.shape} that is not one."
-        )
-    if not 0 < n < size:
-        raise OutOfRange(f"two samples that are not empty are needed, got a first sample of {n} of {size}.")
     rng, first = np.random.default_rng(seed), np.arange(size) < n
     energy = _energy_distance(distance, first[None])[0]
     drawn = np.array([rng.permutation(first) for _ in range(permutations)])

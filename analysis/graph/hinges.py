@@ -139,23 +139,21 @@ def hinge_at(graph: nx.MultiGraph, node: int) -> Hinge:
     """
     data, width = graph.nodes[node], graph.graph["scales"].width
     here, normal = data["position"], data["normal"]
-    found = []
+    ends = []
     for a, b, crest in graph.edges(node, data=True):
-        lines = [crest["polyline"]] if a != b else [crest["polyline"], crest["polyline"][::-1]]
-        if a != b and np.linalg.norm(lines[0][0] - here) > np.linalg.norm(lines[0][-1] - here):
-            lines = [lines[0][::-1]]
-        for line in lines:
-            found.append((_arm_direction(line, here, normal, width), b if a == node else a, crest))
-    u = found[0][0]
+        both = (crest["polyline"], crest["polyline"][::-1])
+        for line in both if a == b else [min(both, key=lambda line: np.linalg.norm(line[0] - here))]:
+            ends.append((_arm_direction(line, here, normal, width), b, crest))
+    u = ends[0][0]
     v = np.cross(normal, u)
-    azimuth = [float(np.degrees(np.arctan2(d @ v, d @ u))) % 360 for d, *_ in found]
-    order = sorted(range(len(found)), key=lambda k: azimuth[k])
+    azimuth = [float(np.degrees(np.arctan2(d @ v, d @ u))) % 360 for d, *_ in ends]
+    order = sorted(range(len(ends)), key=lambda k: azimuth[k])
     turns = [(azimuth[b] - azimuth[a]) % 360 for a, b in pairwise([*order, order[0]])]
     first = (int(np.argmax(turns)) + 1) % len(turns)
     order, turns = order[first:] + order[:first], turns[first:] + turns[:first]
     arms = []
     for number, (k, turn) in enumerate(zip(order, turns)):
-        direction, to, crest = found[k]
+        direction, to, crest = ends[k]
         along = {key: crest[key] for key in ("length", "curvature", "altitude", "lowest", "blind")}
         arms.append(Arm(node, number, to, crest["number"], turn, direction=tuple(direction.tolist()), **along))
     seeing = sum(not arm.blind for arm in arms)
@@ -199,44 +197,37 @@ def counts(row: Mapping[str, Any]) -> bool:
     return confidence is None or not confidence < LEAST_CONFIDENCE  # NaN in a graph of an older version
 
 
+def table_columns(text: str) -> dict[str, str]:
+    """Columns of a table, and what each holds: ``column=attribute``, or one word where both have the same name."""
+    pairs = (part.partition("=") for part in text.split())
+    return {column: attribute or column for column, _, attribute in pairs}
+
+
+HINGE_COLUMNS = table_columns(
+    "hemi hinge=node x y z degree shape min_angle_deg=smallest max_angle_deg=largest region vertex "
+    "mean_arm_length_mm=mean_arm_length persistence_mm=persistence blind confidence"
+)
+ARM_COLUMNS = table_columns(
+    "hemi hinge arm=number angle_deg=angle length_mm=length curvature_per_mm=curvature to_hinge=to "
+    "altitude_mm=altitude lowest_altitude_mm=lowest blind crest"
+)
+
+
+def row_of(columns: Mapping[str, str], values: Mapping[str, Any]) -> dict[str, Any]:
+    """A row of a table: yes and no are 1 and 0, and what is not known is None."""
+    row = {column: values.get(attribute) for column, attribute in columns.items()}
+    for column, value in row.items():
+        if isinstance(value, bool):
+            row[column] = int(value)
+        elif isinstance(value, float) and math.isnan(value):
+            row[column] = None
+    return row
+
+
 def as_rows(found: list[Hinge]) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """Hinges and arms as rows of tables."""
-    hinge_rows, arm_rows = [], []
-    for hinge in found:
-        x, y, z = hinge.position
-        hinge_rows.append(
-            {
-                "hinge": hinge.node,
-                "x": x,
-                "y": y,
-                "z": z,
-                "degree": hinge.degree,
-                "shape": hinge.shape,
-                "min_angle_deg": hinge.smallest,
-                "max_angle_deg": hinge.largest,
-                "vertex": hinge.vertex,
-                "mean_arm_length_mm": hinge.mean_arm_length,
-                "persistence_mm": hinge.persistence,
-                "blind": int(hinge.blind),
-                "confidence": None if math.isnan(hinge.confidence) else hinge.confidence,
-            }
-        )
-        for arm in hinge.arms:
-            arm_rows.append(
-                {
-                    "hinge": arm.hinge,
-                    "arm": arm.number,
-                    "angle_deg": arm.angle,
-                    "length_mm": arm.length,
-                    "curvature_per_mm": arm.curvature,
-                    "to_hinge": arm.to,
-                    "altitude_mm": arm.altitude,
-                    "lowest_altitude_mm": arm.lowest,
-                    "blind": int(arm.blind),
-                    "crest": arm.crest,
-                }
-            )
-    return hinge_rows, arm_rows
+    hinge_rows = [row_of(HINGE_COLUMNS, vars(hinge) | dict(zip("xyz", hinge.position))) for hinge in found]
+    return hinge_rows, [row_of(ARM_COLUMNS, vars(arm)) for hinge in found for arm in hinge.arms]
 
 
 def label_hinges(graph: nx.MultiGraph, D: PerVertex, least: float) -> None:

@@ -1,16 +1,21 @@
-"""Folding indices: integrals of curvature at a physical scale, almost independent of the mesh."""
+"""Folding indices, integrals of curvature almost independent of the mesh, and the scaling law of folded cortices."""
+
+from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from morphofold import geometry
 from morphofold.analysis.graph.depth_potential import SurfaceOperators
 from morphofold.arrays import Array, Ints
-from morphofold.errors import OutOfRange
 from morphofold.surface import Faces, PerVertex, Verts
-from morphofold.validators import check_mesh
+from morphofold.validators import check_mesh, positive
+
+if TYPE_CHECKING:
+    from morphofold.analysis.measures import Measures
 
 SAME_PLACE_IN_EDGES = 0.02  # mean edges: vertices joined by a shorter edge count as one place, and share their measures
 HEAT_FLOW_TOLERANCE = 1e-8  # of the heat flow: it is small because the root of H^2 - K counts, which is 0 on a sphere
@@ -68,8 +73,7 @@ def folding_indices(verts: Verts, faces: Faces, scale: float) -> FoldingIndices:
     On a sphere of radius R the smoothing reduces a ripple of degree l by ``exp(-l (l + 1) scale^2 / 2 R^2)``.
     """
     check_mesh(verts, faces)
-    if not (math.isfinite(scale) and scale > 0):
-        raise OutOfRange(f"scale must be a positive length in the unit of the mesh, got {scale!r}.")
+    positive(scale, "scale", "length in the unit of the mesh")
     operators = SurfaceOperators(verts, faces)
     place = _place_numbers(operators)
     normals = geometry.unit(_sums_by_place(operators.normals, place)[place])
@@ -80,9 +84,9 @@ def folding_indices(verts: Verts, faces: Faces, scale: float) -> FoldingIndices:
     H = np.abs(H)
     half = np.sqrt(np.maximum(H**2 - K, 0))
     share = geometry.vertex_areas(verts, faces) / (4 * np.pi)
-    positive, negative = float(np.maximum(K, 0) @ share), float(np.minimum(K, 0) @ share)
+    convex, saddle = float(np.maximum(K, 0) @ share), float(np.minimum(K, 0) @ share)
     folded = float(((H + half) * (H + half - np.abs(H - half))) @ share)
-    return FoldingIndices(folded, positive, negative, positive + negative)
+    return FoldingIndices(folded, convex, saddle, convex + saddle)
 
 
 def angle_defects(verts: Verts, faces: Faces) -> PerVertex:
@@ -126,3 +130,64 @@ def _place_numbers(operators: SurfaceOperators) -> Ints:
 def _sums_by_place(values: Array, place: Ints) -> Array:
     """Sums of values (N, K) over the vertices of each place."""
     return np.stack([np.bincount(place, column) for column in values.T], axis=-1)
+
+
+@dataclass(frozen=True)
+class ShapeTerms:
+    """Size and folding of one closed cortex.
+
+    Attributes
+    ----------
+    total, exposed : float
+        Area of the pial surface and of its convex hull [mm^2].
+    thickness : float
+        Mean cortical thickness [mm].
+    k : float
+        ``total thickness^(1/2) / exposed^(5/4)``, without unit.
+    log_k, size, shape : float
+        Decimal logarithms of ``k``, of ``total exposed thickness^2``, and of the remaining term
+        ``total^(3/2) exposed^(3/4) / thickness^(9/2)``. The source calls them K, I and S. K and S do not change with
+        size.
+    """
+
+    total: float
+    exposed: float
+    thickness: float
+    k: float
+    log_k: float
+    size: float
+    shape: float
+
+
+def shape_terms(total: float, exposed: float, thickness: float) -> ShapeTerms:
+    """The shape terms of a cortex with these areas [mm^2] and thickness [mm].
+
+    Raises
+    ------
+    OutOfRange
+        If one of them is not a positive number.
+
+    Notes
+    -----
+    The law ``A_total sqrt(T) = k A_exposed^(5/4)`` is that of Mota and Herculano-Houzel 2015 (Science 349, 74). In the
+    space of ``log A_total``, ``log A_exposed`` and ``log T^2`` it is a plane with the normal (1, -5/4, 1/4), which
+    gives ``log_k``. The direction (1, 1, 1) is growth without change of shape and gives ``size``. The direction at
+    right angles to both gives ``shape`` (Wang and others 2021, NeuroImage 226, 117546).
+    """
+    for name, value in (("total", total), ("exposed", exposed), ("thickness", thickness)):
+        positive(value, name, "number")
+    a, e, t = math.log10(total), math.log10(exposed), 2 * math.log10(thickness)
+    log_k = a - 5 / 4 * e + t / 4
+    return ShapeTerms(total, exposed, thickness, 10**log_k, log_k, a + e + t, 3 / 2 * a + 3 / 4 * e - 9 / 4 * t)
+
+
+def shape_terms_of(measures: Measures) -> ShapeTerms | None:
+    """The shape terms of a measured cortex; None if it lacks one of the three numbers (not closed, or no thickness).
+
+    Areas are of the whole closed surfaces, including the medial wall; the exposed area is that of the convex hull. The
+    thickness is the mean over the vertices of the cortex.
+    """
+    area, index, thickness = (
+        measures.scalars.get(key) for key in ("area_pial_mm2", "gyrification_index", "mean_cortical_thickness_mm")
+    )
+    return shape_terms(area, area / index, thickness) if area and index and thickness else None

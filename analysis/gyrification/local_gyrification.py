@@ -2,6 +2,7 @@
 
 import math
 from functools import partial
+from typing import Any
 
 import numba
 import numpy as np
@@ -10,11 +11,11 @@ from scipy import fft, ndimage
 from scipy.spatial import cKDTree
 
 from morphofold.arrays import Array, Bools, Ints
-from morphofold.errors import OpenSurface, OutOfRange, TooLarge
+from morphofold.errors import OpenSurface, TooLarge
 from morphofold.geometry import face_areas, in_use, is_closed, mean_edge_length, split, vertex_areas
 from morphofold.surface import Faces, PerVertex, Verts
 from morphofold.threads import run_parallel
-from morphofold.validators import check_mesh
+from morphofold.validators import check_mesh, positive
 
 CLOSING_RADIUS_MM, REGION_RADIUS_MM = 15.0, 25.0  # [mm], of Schaer and others 2008
 VOXELS_PER_CLOSING_RADIUS = 12.0  # per radius of the closing, by default
@@ -68,8 +69,7 @@ def local_gyrification_index(
         raise OpenSurface("the surface has a border, so it has no inside. Close its holes.")
     voxel = closing / VOXELS_PER_CLOSING_RADIUS if voxel is None else float(voxel)
     for name, length in (("closing", closing), ("region", region), ("voxel", voxel)):
-        if not (math.isfinite(length) and length > 0):
-            raise OutOfRange(f"{name} must be a positive length in mm, got {length!r}.")
+        positive(length, name)
     index = np.full(len(verts), np.nan)
     used, verts, faces = in_use(verts, faces)
     # grids have their middle at 0: a mirror changes nothing
@@ -100,20 +100,30 @@ def local_gyrification_index(
 
 def envelope(verts: Verts, faces: Faces, closing: float, voxel: float) -> tuple[Verts, Faces]:
     """Surface of the morphological closing of the inside by a ball of radius ``closing`` [mm]; 0 is a voxel centre."""
-    import pyvista
-
     shape = _odd_sizes(verts, closing + 3 * voxel, voxel)
-    grid = pyvista.ImageData(
-        dimensions=shape.tolist(), spacing=3 * (voxel,), origin=(-0.5 * voxel * (shape - 1)).tolist()
-    )
-    solid = pyvista.PolyData.from_regular_faces(verts, faces.astype(int)).voxelize_binary_mask(reference_volume=grid)
-    inside = solid.point_data["mask"].reshape(shape, order="F") > 0
+    grid, inside = voxels(verts, faces, shape, voxel, -0.5 * voxel * (shape - 1))
+    inside = inside.reshape(shape, order="F")
     # distances are between voxel centres; the surface lies half a voxel from the centres on both sides
     dilated = _squared_distances(~inside) <= (closing / voxel + 0.5) ** 2
     depth = (np.sqrt(_squared_distances(dilated)) - 0.5) * voxel
     grid.point_data["depth"] = ndimage.gaussian_filter(depth, SMOOTHING_IN_VOXELS).ravel(order="F")
     found = grid.contour([closing], scalars="depth").triangulate()
     return np.asarray(found.points, dtype=np.float64), np.asarray(found.regular_faces, dtype=np.int64)
+
+
+def voxels(verts: Verts, faces: Faces, shape: Ints, voxel: float, low: np.ndarray) -> tuple[Any, Bools]:
+    """A ``pyvista.ImageData`` of voxels from ``low`` (3,) on, and which of them are inside a closed surface."""
+    import pyvista
+
+    grid = pyvista.ImageData(dimensions=shape.tolist(), spacing=3 * (voxel,), origin=low.tolist())
+    return grid, polydata(verts, faces).voxelize_binary_mask(reference_volume=grid).point_data["mask"] > 0
+
+
+def polydata(verts: Verts, faces: Faces) -> Any:
+    """A surface as a ``pyvista.PolyData``."""
+    import pyvista
+
+    return pyvista.PolyData.from_regular_faces(verts, faces.astype(int))
 
 
 def _odd_sizes(points: Array, margin: float, step: float) -> Ints:

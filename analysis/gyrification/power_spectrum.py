@@ -5,7 +5,7 @@ overhang or touch are therefore no problem.
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -35,7 +35,7 @@ class Spectrum:
         Radius of the sphere.
     """
 
-    power: Array = field(repr=False)
+    power: Array
     rms: float
     radius: float
 

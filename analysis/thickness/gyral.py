@@ -2,8 +2,8 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +13,10 @@ from morphofold import geometry
 from morphofold.analysis.relief import Contour, Relief, mid_height_contour
 from morphofold.analysis.thickness.cortical import cortical_thickness
 from morphofold.arrays import Array, Bools, Ints
-from morphofold.errors import NoCortex, WrongShape
+from morphofold.errors import NoCortex
 from morphofold.mesh_quality.checks import cortex_mask
 from morphofold.surface import Cortex, PerVertex, Surface
-from morphofold.validators import check_kind
+from morphofold.validators import check_kind, same_length
 
 
 class RayCaster:
@@ -155,13 +155,13 @@ class GyralThickness:
         Why there is no median; empty if there is one.
     """
 
-    points: Array = field(repr=False)
-    triangle: Ints = field(repr=False)
-    width: Array = field(repr=False)
-    partner: Array = field(repr=False)
-    weight: Array = field(repr=False)
-    gap: Array = field(repr=False)
-    per_vertex: PerVertex = field(repr=False)
+    points: Array
+    triangle: Ints
+    width: Array
+    partner: Array
+    weight: Array
+    gap: Array
+    per_vertex: PerVertex
     median: float
     lower: float
     upper: float
@@ -171,7 +171,7 @@ class GyralThickness:
     amplitude: float
     scale: float
     white_tested: bool
-    relief: Relief = field(repr=False)
+    relief: Relief
     reason: str = ""
 
     def __repr__(self) -> str:
@@ -286,16 +286,14 @@ def _measured_vertices(cortex: Cortex | Surface, mask: Bools | None) -> Bools:
     if isinstance(cortex, Cortex):
         inside &= cortex_mask(cortex)
     if mask is not None:
-        if np.shape(mask) != (n,):
-            raise WrongShape(f"{surface.name}: mask has shape {np.shape(mask)}, the surface has {n} vertices.")
+        same_length(mask, n, f"{surface.name}: mask")
         inside &= np.asarray(mask, dtype=bool)
     if not inside.any():
         raise NoCortex(f"{surface.name}: no vertex is left to measure. Check the mask and the cortex label.")
     return inside
 
 
-@dataclass(frozen=True, eq=False)
-class _ChordData:
+class _ChordData(NamedTuple):
     """Data for chords at their start, (S, ...), and at their end, by triangle (M, ...).
 
     ``bodies`` (S,): number of gyri in which the start lies: 1, plus the number of gyri whose walls pass through it.
@@ -309,8 +307,7 @@ class _ChordData:
     bodies: Ints
 
 
-@dataclass(frozen=True, eq=False)
-class _GreyMatterBounds:
+class _GreyMatterBounds(NamedTuple):
     """Bounds on chords from the grey matter. A chord may not run through it for more than ``slack`` [mm] between two
     stretches of ``white``, or be shorter than the sum of ``triangle_thickness`` (M,) [mm] at its ends."""
 
@@ -432,42 +429,62 @@ def _measure_chords(
             scan, samples, _symmetrised_vertical(scan, samples, vertical, found, faces, -1), CHORD_ANGLES_RAD, -1
         )[0]
     )
-    return _thickness_of_widths(surface, inside, contour, width, partner, gap, grey is not None)
-
-
-def _thickness_of_widths(
-    surface: Surface, inside: Bools, contour: Contour, width: Array, partner: Array, gap: Array, white_tested: bool
-) -> GyralThickness:
-    weight = contour.length
-    coverage = float(weight[np.isfinite(width)].sum() / weight.sum())
-    if coverage < LEAST_COVERAGE:
+    if (coverage := _coverage(contour, width)) < LEAST_COVERAGE:
         return _no_thickness(
             surface,
             contour,
             f"no gyri: only {coverage:.0%} of the mid-height contour (scale {contour.relief.scale:.3g}) has an "
             f"opposite wall; {LEAST_COVERAGE:.0%} are needed",
         )
-    quartile = [weighted_quantile(width, weight, share) for share in (0.25, 0.5, 0.75)]
-    amplitude = contour.relief.amplitude[surface.faces[contour.triangle]].mean(axis=1)
+    per_vertex = _carry_to_vertices(surface, inside, contour, width)
+    return _gyral_thickness(surface, contour, width, partner, gap, per_vertex, grey is not None)
+
+
+def _gyral_thickness(
+    surface: Surface,
+    contour: Contour,
+    width: Array,
+    partner: Array,
+    gap: Array,
+    per_vertex: PerVertex,
+    white_tested: bool,
+) -> GyralThickness:
+    """The widths and what follows from them; on a contour that is not one of folds there are none."""
+    weight, relief = contour.length, contour.relief
+    lower, median, upper = (weighted_quantile(width, weight, share) for share in (0.25, 0.5, 0.75))
+    amplitude = relief.amplitude[surface.faces[contour.triangle]].mean(axis=1)
     return GyralThickness(
-        points=contour.points,
-        triangle=contour.triangle,
-        width=width,
-        partner=partner,
-        weight=weight,
-        gap=gap,
-        per_vertex=_carry_to_vertices(surface, inside, contour, width),
-        median=quartile[1],
-        lower=quartile[0],
-        upper=quartile[2],
-        median_gap=weighted_quantile(gap, weight, 0.5),
-        coverage=coverage,
-        wavelength=contour.wavelength,
-        amplitude=weighted_quantile(amplitude, weight, 0.5),
-        scale=contour.relief.scale,
-        white_tested=white_tested,
-        relief=contour.relief,
+        contour.points,
+        contour.triangle,
+        width,
+        partner,
+        weight,
+        gap,
+        per_vertex,
+        median,
+        lower,
+        upper,
+        weighted_quantile(gap, weight, 0.5),
+        _coverage(contour, width),
+        math.nan if contour.reason else contour.wavelength,
+        weighted_quantile(amplitude, weight, 0.5),
+        relief.scale,
+        white_tested,
+        relief,
+        contour.reason,
     )
+
+
+def _coverage(contour: Contour, width: Array) -> float:
+    """Share of the length of the contour that has a width; 0 without a contour."""
+    weight = contour.length
+    return float(weight[np.isfinite(width)].sum() / weight.sum()) if len(weight) else 0.0
+
+
+def _no_thickness(surface: Surface, contour: Contour, reason: str) -> GyralThickness:
+    points, none = np.empty((0, 3)), np.empty(0)
+    empty = replace(contour, points=points, length=none, triangle=np.empty(0, dtype=np.int64), reason=reason)
+    return _gyral_thickness(surface, empty, none, points, none, np.full(len(surface.verts), math.nan), False)
 
 
 def _carry_to_vertices(surface: Surface, inside: Bools, contour: Contour, width: Array) -> PerVertex:
@@ -492,21 +509,3 @@ def _carry_to_vertices(surface: Surface, inside: Bools, contour: Contour, width:
     result = np.full(n, np.nan)
     result[reached] = np.where(far[reached] - nearest[reached] <= value / 2, value, np.nan)
     return result
-
-
-def _no_thickness(surface: Surface, contour: Contour, reason: str) -> GyralThickness:
-    none: dict[str, Any] = {
-        **dict.fromkeys(("points", "partner"), np.empty((0, 3))),
-        **dict.fromkeys(("width", "weight", "gap"), np.empty(0)),
-        **dict.fromkeys(("median", "lower", "upper", "median_gap", "wavelength", "amplitude"), math.nan),
-    }
-    return GyralThickness(
-        **none,
-        triangle=np.empty(0, dtype=np.int64),
-        per_vertex=np.full(len(surface.verts), math.nan),
-        coverage=0.0,
-        scale=contour.relief.scale,
-        white_tested=False,
-        relief=contour.relief,
-        reason=reason,
-    )

@@ -19,8 +19,8 @@ from morphofold.io import read_cortex, refuse_foreign
 from morphofold.io.cortices import hemispheres, read_folded
 from morphofold.io.files import side_named
 from morphofold.io.folders import mark_as_ours, refuse_overlap
-from morphofold.mesh_quality.defects import WARNINGS
 from morphofold.mesh_quality.repair import unfoldable
+from morphofold.note_texts import WARNINGS
 from morphofold.progress import part_of, parts_of
 from morphofold.report import analysis_report
 from morphofold.report.pages.study_pages import unfold_report

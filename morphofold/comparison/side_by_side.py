@@ -19,7 +19,7 @@ import numpy as np
 
 from morphofold import __version__
 from morphofold.analysis.graph.hinge_shapes import hinge_shapes
-from morphofold.analysis.gyrification.folding_law import ShapeTerms, shape_terms_of
+from morphofold.analysis.gyrification.folding import ShapeTerms, shape_terms_of
 from morphofold.analysis.measures import SCALARS, Measures
 from morphofold.arrays import Array
 from morphofold.comparison.hinges import HingeComparison, compare_hinges

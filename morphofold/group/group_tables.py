@@ -13,15 +13,14 @@ import pyarrow as pa
 from numpy.typing import NDArray
 from pyarrow.parquet import ParquetWriter
 
-from morphofold.analysis.frames import COLUMNS, FREESURFER_VALUES
-from morphofold.analysis.measures import PARAMETERS, SCALARS
+from morphofold.analysis.measures import COLUMNS, FREESURFER_VALUES, PARAMETERS, SCALARS
 from morphofold.errors import Mismatch
 from morphofold.group.covariates import NO_COVARIATES, Covariates
 from morphofold.group.pooling import SETTING_NAMES, Pooling, measured_alike, pooling
 from morphofold.group.tasks import Outcome, read_record
 from morphofold.io import atomic_folder
 from morphofold.io.json_files import read_json
-from morphofold.mesh_quality.defects import WARNINGS
+from morphofold.note_texts import WARNINGS
 from morphofold.progress import Progress, part_of, silent
 from morphofold.provenance import Row, changed_since
 from morphofold.results.analyses import Summary

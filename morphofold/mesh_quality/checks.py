@@ -167,13 +167,11 @@ def check_surfaces(cortex: Cortex) -> None:
 
 def check_sides(cortex: Cortex) -> None:
     """Refuse closed surfaces that are inside out or swapped. The walls of a cavity may face inwards."""
-    pieces, piece = geometry.components(cortex.n_vertices, cortex.faces)
-    of_face = piece[cortex.faces[:, 0]]
-    inner, outer = (signed_volumes(s.verts, cortex.faces, of_face) for s in (cortex.white, cortex.pial))
+    piece, inner, outer = _pieces_and_volumes(cortex)
     hollow = cavities(cortex)
     for surface, volumes in ((cortex.white, inner), (cortex.pial, outer)):
         for k in np.setdiff1d(np.flatnonzero(volumes < 0), hollow)[:1].tolist():
-            where = "" if pieces == 1 else f"the piece of vertex {np.flatnonzero(piece == k)[0]} of "
+            where = "" if len(inner) == 1 else f"the piece of vertex {np.flatnonzero(piece == k)[0]} of "
             raise InsideOut(
                 f"{cortex.called}: {where}{surface.name} is inside out, its signed volume is {volumes[k]:.4g} mm^3: "
                 "its faces are clockwise seen from outside. Reverse the triangles (faces[:, ::-1])."
@@ -190,13 +188,17 @@ def cavities(cortex: Cortex) -> list[int]:
 
     Their faces point inwards on both surfaces, and white lies around pial: the outward direction is into the cavity.
     """
-    piece = geometry.components(cortex.n_vertices, cortex.faces)[1]
-    of_face = piece[cortex.faces[:, 0]]
-    inner, outer = (signed_volumes(s.verts, cortex.faces, of_face) for s in (cortex.white, cortex.pial))
+    piece, inner, outer = _pieces_and_volumes(cortex)
     hollow = np.flatnonzero((inner < outer) & (outer < 0))
     for surface in (cortex.white, cortex.pial):
         hollow = _pieces_within_others(surface, piece, hollow)
     return hollow.tolist()
+
+
+def _pieces_and_volumes(cortex: Cortex) -> tuple[Ints, Array, Array]:
+    """Piece (N,) of each vertex, and the signed volumes [mm^3] of the pieces of white and of pial."""
+    piece: Ints = geometry.components(cortex.n_vertices, cortex.faces)[1]
+    return piece, *piece_volumes(cortex, cortex.faces, piece[cortex.faces[:, 0]])
 
 
 def _pieces_within_others(surface: Surface, piece: Ints, asked: Ints) -> Ints:
@@ -297,6 +299,11 @@ def border_duplicates(cortex: Cortex, faces: Faces) -> tuple[Ints, Ints]:
 def volume(surface: Surface) -> float:
     """Volume [mm^3] that a closed surface encloses, without its cavities; negative if it is inside out."""
     return float(signed_volumes(surface.verts, surface.faces, np.zeros(len(surface.faces), dtype=np.int64)).sum())
+
+
+def piece_volumes(cortex: Cortex, faces: Faces, piece: Ints) -> tuple[Array, Array]:
+    """Signed volumes [mm^3] in each closed ``piece`` (M,) of faces, of white and of pial."""
+    return signed_volumes(cortex.white.verts, faces, piece), signed_volumes(cortex.pial.verts, faces, piece)
 
 
 def signed_volumes(verts: Verts, faces: Faces, piece: Ints) -> Array:

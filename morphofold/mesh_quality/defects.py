@@ -7,69 +7,10 @@ from morphofold.arrays import Bools
 from morphofold.errors import BadMesh
 from morphofold.intersections.intersection import self_intersections
 from morphofold.mesh_quality import checks
+from morphofold.note_texts import note
 from morphofold.surface import Cortex, PerVertex
 from morphofold.validators import check_mesh
 
-#: notes that commands also print as warnings, by code: cause and cure (docs/messages.md)
-WARNINGS = {
-    "simulation": (
-        "The stage breaks bounds of health. The warning begins with their names.",
-        "See the table of bounds below.",
-    ),
-    "rest": (
-        "The stage is not at rest: its folds may still change.",
-        "Let growth rise more slowly, or add stages before this one.",
-    ),
-    "repair": (
-        "Defects of the mesh were repaired, so triangles or vertices differ from those in the file.",
-        "Check the places that the warning names. With --no-repair such a mesh is refused.",
-    ),
-    "cortex_mask": (
-        "The surfaces have no cortex label, so the medial wall was found by other means.",
-        "Add the file label/?h.cortex.label.",
-    ),
-    "parcellation": (
-        "The surfaces have no annotation, so there is no table of regions.",
-        "Add the file label/?h.aparc.annot, or name an annotation with --annot.",
-    ),
-    "cortex_label": (
-        "The cortex label holds far fewer vertices than FreeSurfer's labels do.",
-        "Check that it is the label of the cortex, not of the medial wall.",
-    ),
-    "size": ("The surface is larger than a human hemisphere.", "Check that its unit is mm."),
-    "side": ("The surface lies on the side of the other hemisphere.", "Check --hemi and the name of the file."),
-    "mesh": (
-        "The mesh has unused vertices, several pieces, borders, rounded coordinates, or triangles of almost zero area.",
-        "Read which of these it has. The measures here allow them; other tools may not.",
-    ),
-    "crossing": ("White lies outside pial at some vertices.", "Thickness there is a distance without a sign."),
-    "pair": (
-        "White and pial probably do not belong together, or one of them was moved.",
-        "Take both from one reconstruction, in one coordinate frame.",
-    ),
-    "self_crossing": ("A surface intersects itself.", "Do not trust curvature and thickness at the places named."),
-    "thickness_file": ("The thickness file of the surfaces has gaps in the cortex.", "Compute it again."),
-    "thickness_unlike": (
-        "The thickness file of the surfaces does not match the distance between them.",
-        "Check its unit, and that it belongs to these surfaces.",
-    ),
-    "thickness_cap": (
-        "Much of the cortex is as thick as the cap allows, so means are too low.",
-        "Raise --thickness-cap, or leave it out.",
-    ),
-    "curvature_scale": (
-        "The mesh is too coarse, or the body too small, for the usual curvature scale.",
-        "Compare curvature only at equal scales (--curvature-scale).",
-    ),
-    "gyral_width": (
-        "The crown width of the white surface does not match the gyral thickness.",
-        "Check the white surface, or set --gyral-width.",
-    ),
-    "average": ("The surface is an average of many brains.", "Measure the subjects, not their average."),
-}
-#: warnings that put all numbers of a surface in doubt, and those that put none in doubt; the others are about some
-SEVERE_WARNINGS = ("simulation", "size", "pair", "side", "thickness_unlike", "cortex_label")
-SLIGHT_WARNINGS = ("parcellation", "average")
 LEAST_HEIGHT_IN_EDGES = 1e-4  # of the mean edge: height below which a triangle is a needle or a cap
 LARGEST_OUTSIDE_SHARE = 0.01  # share of the cortex outside pial; in people at most 0.0002
 # shift of pial over the distance between white and pial; in people 0.07, after a shift of 2 mm 0.56
@@ -169,16 +110,13 @@ def remarks(cortex: Cortex, mask: Bools, given: Cortex | None = None) -> dict[st
                 f"area; the first is triangle {thin[0]}, at {checks.place_of(verts[surface.faces[thin[0], 0]])}. "
                 "The measures here allow them; other tools may not."
             )
-    notes = {"mesh": " ".join(problems)} if problems else {}
+    notes, within = {"mesh": " ".join(problems)} if problems else {}, np.count_nonzero(mask)
     if len(crossed := np.flatnonzero(mask & checks.outside(cortex))):
-        notes["crossing"] = (
-            f"White lies outside pial at {len(crossed)} of {np.count_nonzero(mask)} vertices of the cortex; the first "
-            f"is vertex {crossed[0]}, at {_vertex_coordinates(cortex, crossed[0])}. Thickness there is a distance "
-            "without a sign."
-        )
-    if len(crossed) > LARGEST_OUTSIDE_SHARE * np.count_nonzero(mask):
+        where = _vertex_coordinates(cortex, crossed[0])
+        notes |= note("crossing", count=len(crossed), whole=within, first=crossed[0], where=where)
+    if len(crossed) > LARGEST_OUTSIDE_SHARE * within:
         notes["pair"] = (
-            f"White lies outside pial at {len(crossed) / np.count_nonzero(mask):.1%} of the cortex: the two probably "
+            f"White lies outside pial at {len(crossed) / within:.1%} of the cortex: the two probably "
             "do not belong together. Take both from one reconstruction, in one coordinate frame."
         )
     elif geometry.is_closed(cortex.faces):
@@ -214,9 +152,7 @@ def self_crossings(cortex: Cortex, mask: Bools) -> tuple[dict[str, str], float]:
                 f"{surface.name} intersects itself: {among} of {np.count_nonzero(inside)} triangles of the cortex, "
                 f"deepest at {checks.place_of(found.point[deepest])}, by {found.depth[deepest]:.2g} {cortex.units}"
             )
-    if not problems:
-        return {}, 0.0
-    return {"self_crossing": f"{'; '.join(problems)}. Do not trust curvature and thickness there."}, of_white
+    return note("self_crossing", places="; ".join(problems)) if problems else {}, of_white
 
 
 def given_thickness(cortex: Cortex, mask: Bools) -> tuple[PerVertex, dict[str, str]]:
@@ -229,11 +165,10 @@ def given_thickness(cortex: Cortex, mask: Bools) -> tuple[PerVertex, dict[str, s
     known = np.isfinite(given) & (given > 0)
     notes = {}
     if len(gaps := np.flatnonzero(mask & ~known)):
-        zeros, within = np.count_nonzero(given[gaps] == 0), np.count_nonzero(mask)
-        notes["thickness_file"] = (
-            f"The thickness file of the surfaces has no positive number at {len(gaps)} of {within} vertices of "
-            f"the cortex ({len(gaps) / within:.1%}), {zeros} of them 0; the first is vertex {gaps[0]}, at "
-            f"{_vertex_coordinates(cortex, gaps[0])}. Its means leave these vertices out."
+        count, whole, zeros = len(gaps), np.count_nonzero(mask), np.count_nonzero(given[gaps] == 0)
+        where = _vertex_coordinates(cortex, gaps[0])
+        notes = note(
+            "thickness_file", count=count, whole=whole, share=count / whole, zeros=zeros, first=gaps[0], where=where
         )
     return np.where(mask & known, given, np.nan), notes
 
@@ -259,26 +194,16 @@ def input_remarks(cortex: Cortex) -> dict[str, str]:
     """
     if cortex.origin == "simulation":
         return {}
-    notes = {}
+    notes: dict[str, str] = {}
     area = float(geometry.face_areas(cortex.white.verts, cortex.faces).sum())
     radius = (area / (4 * np.pi)) ** 0.5
     if cortex.units == "mm" and area > LARGEST_WHITE_AREA_MM2:
-        notes["size"] = (
-            f"White has an area of {area / 100:,.0f} cm^2, like a sphere of radius {radius:.0f} mm. Human hemispheres "
-            "have 600 to 1,300 cm^2. Are the coordinates in mm?"
-        )
+        notes |= note("size", area=area / 100, radius=radius)
     x, right = float(cortex.white.verts[:, 0].mean()), cortex.hemi == "rh"
     if LEAST_SIDE_OFFSET_IN_RADII * radius < abs(x) < radius and (x > 0) != right:
-        notes["side"] = (
-            f"The surfaces are named {cortex.hemi}, but their mean x is {x:+.3g} {cortex.units}, "
-            f"{'left' if right else 'right'} of the middle. Is it the other hemisphere, or a coordinate frame other "
-            "than surface RAS?"
-        )
+        notes |= note("side", cortex=cortex, x=x, side="left" if right else "right")
     if cortex.cortex is not None and (share := float(np.mean(cortex.cortex))) < LEAST_LABELLED_SHARE:
-        notes["cortex_label"] = (
-            f"The cortex label holds {share:.1%} of the vertices; FreeSurfer's labels hold about 90 %. Is it the label "
-            "of the medial wall?"
-        )
+        notes |= note("cortex_label", share=share)
     return notes
 
 
@@ -287,10 +212,7 @@ def at_cap(thickness: PerVertex, cap: float | None) -> dict[str, str]:
     known = thickness[np.isfinite(thickness)]
     if cap is None or not len(known) or (share := float(np.mean(known >= cap * (1 - 1e-9)))) <= LARGEST_CAPPED_SHARE:
         return {}
-    return {
-        "thickness_cap": f"{share:.1%} of the cortex is as thick as the cap of {cap:g} allows, so means are too low. "
-        "Raise the cap, or leave it out."
-    }
+    return note("thickness_cap", share=share, cap=cap)
 
 
 def against_file(given: PerVertex, measured: PerVertex) -> dict[str, str]:
@@ -304,7 +226,4 @@ def against_file(given: PerVertex, measured: PerVertex) -> dict[str, str]:
     r = float(np.corrcoef(one, other)[0, 1]) if varies else 1.0
     if 1 / LARGEST_THICKNESS_RATIO <= ratio <= LARGEST_THICKNESS_RATIO and r >= LEAST_THICKNESS_CORRELATION:
         return {}
-    return {
-        "thickness_unlike": f"The thickness file of the surfaces has {ratio:.3g} times the thickness measured between "
-        f"them (medians), and the two correlate at {r:.2f}. Is the file in another unit, or of another surface?"
-    }
+    return note("thickness_unlike", ratio=ratio, r=r)

@@ -10,6 +10,7 @@ to the next one. Two sides along one edge that belong together are *joined*.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,8 +22,7 @@ from morphofold.surface import Cortex, Faces
 from morphofold.unfolding.unfold import check_same_mesh
 
 
-@dataclass(frozen=True, eq=False)
-class Sides:
+class Sides(NamedTuple):
     """How the sides of triangles are joined.
 
     Attributes
@@ -66,10 +66,11 @@ def joined_sides(faces: Faces) -> Sides:
     fan = fans(faces, joined)
     while len(rest):
         ways = _corners_at_ends(rest, corner)
-        found = _pairs_to_join(edge, fan[ways[0]])
-        found = found if len(found) else _pairs_to_join(edge, fan[ways[1]])
-        found = found if len(found) else _pairs_to_join(edge, np.zeros(len(edge), dtype=np.int64))
-        if len(found) == 0:
+        for groups in (fan[ways[0]], fan[ways[1]], np.zeros(len(edge), dtype=np.int64)):
+            found = _pairs_to_join(edge, groups)
+            if len(found):
+                break
+        else:
             break
         joined = np.concatenate([joined, rest[found]])
         fan = fans(faces, joined)
@@ -148,7 +149,7 @@ REPAIR_TEXTS = {  # what is repaired, by the name of its count
 }
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Mended:
     """A repaired cortex that can be measured, and how its vertices correspond to those of the given one.
 
@@ -168,8 +169,8 @@ class Mended:
 
     of: Cortex
     cortex: Cortex
-    place: Ints = field(repr=False)
-    source: Ints = field(repr=False)
+    place: Ints
+    source: Ints
     done: Mapping[str, tuple[int, int]] = field(default_factory=dict)
     why_not: str = ""
 
@@ -344,7 +345,7 @@ def _debris_triangles(faces: Faces, sides: Sides, cortex: Cortex) -> Bools:
     """Triangles (M,) of pieces much smaller than the largest one. Walls of cavities are none: they face inwards."""
     piece = sheets(faces, sides.joined)
     area = np.bincount(piece, geometry.face_areas(cortex.pial.verts, faces))
-    inner, outer = (checks.signed_volumes(s.verts, faces, piece) for s in (cortex.white, cortex.pial))
+    inner, outer = checks.piece_volumes(cortex, faces, piece)
     hollow = (inner < outer) & (outer < 0)
     hollow[piece[sides.border // 3]] = False
     return ((area < LARGEST_DEBRIS_SHARE * area.max()) & ~hollow)[piece]

@@ -5,8 +5,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from morphofold import __version__
-from morphofold.analysis.frames import COLUMNS, FREESURFER_VALUES
-from morphofold.analysis.measures import SCALARS, Measures
+from morphofold.analysis.measures import COLUMNS, FREESURFER_VALUES, SCALARS, Measures
 from morphofold.analysis.regions import wide_table
 from morphofold.errors import MissingPart, NamedTwice, NothingToDo, WrongFile
 from morphofold.forecasts.cost import WRITING_STAGE, cost_of_analysis

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Literal
 
 from morphofold import __version__
-from morphofold.analysis.frames import COLUMNS, TEXT_COLUMNS
+from morphofold.analysis.measures import COLUMNS, TEXT_COLUMNS
 from morphofold.errors import MissingPart, NotReadable
 from morphofold.io.files import write_text
 from morphofold.io.json_files import Record, file_word, read_json, write_json

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from morphofold.analysis import Measures, crest_lines, gyral_thickness, hinge_sensitivity
-from morphofold.analysis.gyrification.fractal_dimension import box_counts
+from morphofold.analysis.gyrification.across_scales import box_counts
 from morphofold.analysis.relief import relief
 from morphofold.geometry import mean_edge_length
 from morphofold.io import atomic_file, sample_path

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from morphofold.errors import Refusal
-from morphofold.mesh_quality.defects import WARNINGS
+from morphofold.note_texts import WARNINGS
 from morphofold.sim.health import BOUNDS, LEAST_J, cures
 from morphofold.studies.markdown import renewed, table, write_texts
 

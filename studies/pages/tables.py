@@ -6,8 +6,7 @@
 import sys
 from pathlib import Path
 
-from morphofold.analysis.frames import column_type
-from morphofold.analysis.measures import FRAMES
+from morphofold.analysis.measures import FRAMES, column_type
 from morphofold.quantities import column_words
 from morphofold.studies.markdown import renewed, table, write_texts
 

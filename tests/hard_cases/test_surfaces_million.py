@@ -7,7 +7,7 @@ from hard_cases.made_surfaces import NET, clean, known_cortex
 
 from morphofold import geometry
 from morphofold.analysis import measure
-from morphofold.mesh_quality.defects import WARNINGS
+from morphofold.note_texts import WARNINGS
 from morphofold.shapes import even_directions, spherical_delaunay
 from morphofold.timing import peak_memory
 

@@ -7,7 +7,7 @@ from scipy import stats
 
 from morphofold.analysis import AtScale
 from morphofold.analysis.gyrification.convex_hull import hull
-from morphofold.analysis.gyrification.folding_law import shape_terms
+from morphofold.analysis.gyrification.folding import shape_terms
 from morphofold.shapes.folded_ball import folded_ball
 from morphofold.studies import laws
 from morphofold.studies.shapes import regular_net

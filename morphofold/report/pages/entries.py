@@ -12,16 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from morphofold.analysis.frames import COLUMNS, FREESURFER_VALUES
-from morphofold.analysis.gyrification.folding_law import ShapeTerms
-from morphofold.analysis.measures import SCALARS, Measures
+from morphofold.analysis.gyrification.folding import ShapeTerms
+from morphofold.analysis.measures import COLUMNS, FREESURFER_VALUES, SCALARS, Measures
 from morphofold.arrays import Ints
 from morphofold.comparison import Comparison
 from morphofold.comparison.thickness import Cloud
 from morphofold.forecasts.cost import Cost, cost_of_analysis, stored_cost
 from morphofold.geometry import norms
 from morphofold.mesh_quality.checks import cortex_label, vertices_at
-from morphofold.mesh_quality.defects import SEVERE_WARNINGS, SLIGHT_WARNINGS, WARNINGS
+from morphofold.note_texts import SEVERE_WARNINGS, SLIGHT_WARNINGS, WARNINGS
 from morphofold.quantities import scalar_words
 from morphofold.report.plots import charts
 from morphofold.surface import Cortex, Faces
