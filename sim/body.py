@@ -118,8 +118,8 @@ class Body:
             self.elements.make_single()
             self.single = True
         self.on_plane = np.zeros(self.X.shape, dtype=bool)
-        for axis, at, _ in bilayer.planes:
-            self.on_plane[:, axis] |= mesh.p[axis] == at
+        for plane in bilayer.planes:
+            self.on_plane[:, plane.axis] |= mesh.p[plane.axis] == plane.at
         self.free = ~self.on_plane
         self.free[bilayer.held] = False
         self.pattern: float | Array = 1.0

@@ -164,7 +164,7 @@ class BodyRun(Run):
             "mean_radius_mm": float(np.linalg.norm(pial.verts, axis=1).mean()) if closed else None,
         }
 
-        def write_beside(folder: Path) -> None:
+        def add_files(folder: Path) -> None:
             write_labels(folder, body, white)
             if self.scene.output.volume:
                 write_volume(folder, body, state.x)
@@ -177,7 +177,7 @@ class BodyRun(Run):
             reference_radius=float(np.linalg.norm(body.X[: body.n_surface], axis=1).mean()),
             numbers=numbers,
             warnings=self.warnings(numbers),
-            beside=write_beside,
+            add_files=add_files,
         )
         return numbers
 
@@ -188,8 +188,9 @@ class BodyRun(Run):
 
     def _unstable_modes(self) -> int | None:
         """Unstable modes of the present state, if asked for or by default in a strip; None if they can't be counted."""
-        asked = self.scene.output.stability
-        counts = isinstance(self.scene.geometry, Strip) if asked is None else asked
+        counts = self.scene.output.stability
+        if counts is None:
+            counts = isinstance(self.scene.geometry, Strip)
         if not counts or not self.dynamics.waits_for_balance:
             return None
         step = self.dynamics.state.step

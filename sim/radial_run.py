@@ -106,12 +106,12 @@ class RadialRun(Run):
         nodes, weights = np.polynomial.legendre.leggauss(ENERGY_GAUSS_POINTS)
         material, law, total = self.scene.material, self.scene.growth.law, 0.0
         for (layer, (low, high)), mu in zip(self._ends.items(), (1.0, material.mu_ratio)):
-            at = state.at(low + (high - low) * (nodes + 1) / 2, layer)
+            points = state.at(low + (high - low) * (nodes + 1) / 2, layer)
             tangential, law_of_layer = (g, law) if layer == "cortex" else (self._core(g), "isotropic")
-            beta = at.r / (at.R * tangential)
-            invariant = at.J ** (-2 / 3) * ((at.J / beta**2) ** 2 + 2 * beta**2)
-            W = 0.5 * mu * (invariant - 3) + 0.5 * material.kappa_ratio * mu * (at.J - 1) ** 2
-            energy = weights * det_G(tangential, law_of_layer) * W * 4 * np.pi * at.R**2
+            beta = points.r / (points.R * tangential)
+            invariant = points.J ** (-2 / 3) * ((points.J / beta**2) ** 2 + 2 * beta**2)
+            W = 0.5 * mu * (invariant - 3) + 0.5 * material.kappa_ratio * mu * (points.J - 1) ** 2
+            energy = weights * det_G(tangential, law_of_layer) * W * 4 * np.pi * points.R**2
             total += 0.5 * (high - low) * float(np.sum(energy))
         return total * self._radius**3
 
@@ -129,7 +129,7 @@ class RadialRun(Run):
             reference_radius=self._radius,
             numbers=self._numbers,
             warnings=[],
-            beside=lambda folder: self._write_profile(folder / "profile.tsv"),
+            add_files=lambda folder: self._write_profile(folder / "profile.tsv"),
         )
         return self._numbers
 
@@ -138,9 +138,9 @@ class RadialRun(Run):
         C = self._radius
         lines = ["layer\tR_mm\tr_mm\tsigma_r\tsigma_theta\tJ"]
         for layer, ends in self._ends.items():
-            at = self.state.at(np.linspace(*ends, PROFILE_POINTS), layer)
+            points = self.state.at(np.linspace(*ends, PROFILE_POINTS), layer)
             lines += [
                 f"{layer}\t{C * R:.9g}\t{C * r:.9g}\t{s:.9g}\t{t:.9g}\t{J:.9g}"
-                for R, r, s, t, J in zip(at.R, at.r, at.sigma_r, at.sigma_theta, at.J)
+                for R, r, s, t, J in zip(points.R, points.r, points.sigma_r, points.sigma_theta, points.J)
             ]
         path.write_text("\n".join(lines) + "\n")

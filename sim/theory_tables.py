@@ -79,7 +79,7 @@ class Case:
         }
 
     def curve_rows(self) -> list[Row]:
-        """Critical growth of each degree that was computed; NaN, with the reason, where none was found."""
+        """Critical growth of each degree that was computed; NaN, with the reason, where none was first."""
         none = f"none {_SEARCH_LIMIT_TEXT}"
         return [
             {**self._named(), "degree": int(degree), "g_crit": g, "reason": none if np.isnan(g) else None}
@@ -184,7 +184,7 @@ def critical_rows(
     for law in laws:
         crease = theory.critical_growth(C_bar, law, g_core=g_core, A_bar=hole)
         biot = theory.critical_growth(C_bar, law, ratio=theory.BIOT, g_core=g_core, A_bar=hole)
-        reasons = [_reason_out_of_reach(law, *found) for found in zip(crease, biot)]
+        reasons = [_reason_out_of_reach(law, *growths) for growths in zip(crease, biot)]
         rows += _rows_of_columns(
             law=law, C_over_B=C_bar, T_over_C=1 - 1 / C_bar, g_crease=crease, g_biot=biot, reason=reasons
         )
@@ -208,15 +208,15 @@ def bifurcation_cases(
     progress: Any = None,
 ) -> list[Case]:
     """Wrinkles and creases by law, shear modulus ratio and thickness; calls ``progress(share, text)`` after each."""
-    wanted = list(product(laws, mu_ratios, thicknesses))
-    for _, _, T in wanted:
+    spheres = list(product(laws, mu_ratios, thicknesses))
+    for _, _, T in spheres:
         outer_ratio(T, radius, A_over_C)  # refuses wrong values before the first long computation
     cases = []
-    for law, mu_ratio, T in wanted:
-        found = theory.bifurcation(T / radius, mu_ratio, law, kappa_ratio, A_over_C=A_over_C, g_max=G_MAX)
-        cases.append(Case(T, radius, mu_ratio, law, kappa_ratio, A_over_C, found))
+    for law, mu_ratio, T in spheres:
+        first = theory.bifurcation(T / radius, mu_ratio, law, kappa_ratio, A_over_C=A_over_C, g_max=G_MAX)
+        cases.append(Case(T, radius, mu_ratio, law, kappa_ratio, A_over_C, first))
         if progress is not None:
-            progress(len(cases) / len(wanted), f"{law}, mu ratio {mu_ratio:g}, T = {T:g} mm")
+            progress(len(cases) / len(spheres), f"{law}, mu ratio {mu_ratio:g}, T = {T:g} mm")
     return cases
 
 
@@ -232,11 +232,11 @@ def body_row(scene: Scene, look: Look = lambda g, eigenvalue: None) -> Row:
     bilayer, T, material = build_bilayer(scene), scene.geometry.cortex_thickness, scene.material
     g_theory, degree, reason = _theory_of_scene(scene)
     started = time.perf_counter()
-    found = bifurcation_of_scene(scene, look=look)
+    first = bifurcation_of_scene(scene, look=look)
     reasons = [reason] if reason else []
-    if np.isnan(found.g_crit):
-        reasons.append(f"this body is stable up to g = {found.history[:, 0].max():g}")
-    if found.rounded:
+    if np.isnan(first.g_crit):
+        reasons.append(f"this body is stable up to g = {first.history[:, 0].max():g}")
+    if first.rounded:
         reasons.append("this uneven body bends into folds without a bifurcation: g_crit is approximate")
     return {
         "scene": scene.name,
@@ -249,14 +249,14 @@ def body_row(scene: Scene, look: Look = lambda g, eigenvalue: None) -> Row:
         "left_out": tuple(scene.effects),
         "elements": bilayer.mesh.nelements,
         "edge_over_T": bilayer.edge / T,
-        "g_crit": found.g_crit,
-        "rounded": found.rounded,
-        "degree": found.degree,
-        "wavelength_mm": found.wavelength,
-        "wavelength_over_T": found.wavelength / T,
+        "g_crit": first.g_crit,
+        "rounded": first.rounded,
+        "degree": first.degree,
+        "wavelength_mm": first.wavelength,
+        "wavelength_over_T": first.wavelength / T,
         "g_theory": g_theory,
         "degree_theory": _whole_degree(degree),
-        "difference_percent": 100 * (found.g_crit / g_theory - 1),
+        "difference_percent": 100 * (first.g_crit / g_theory - 1),
         "seconds": time.perf_counter() - started,
         "reason": "; ".join(reasons) or None,
     }
@@ -270,12 +270,12 @@ def _theory_of_scene(scene: Scene) -> tuple[float, float, str]:
     assert isinstance(geometry, Sphere)  # a radial scene has no body
     sphere = (geometry.cortex_thickness / geometry.radius, material.mu_ratio, scene.growth.law, material.kappa_ratio)
     try:
-        found = theory.bifurcation(*sphere, A_over_C=geometry.hole_radius / geometry.radius, g_max=G_MAX)
+        first = theory.bifurcation(*sphere, A_over_C=geometry.hole_radius / geometry.radius, g_max=G_MAX)
     except ValueError as error:
         return np.nan, np.nan, f"no theory: {error}"
-    if geometry.portion != "octant" or not np.isfinite(found.mode):
-        return found.g_crit, found.mode, found.reason and f"in theory {found.reason}"
-    degrees, g = (values[found.curve.degree % 2 == 0] for values in found.curve)
+    if geometry.portion != "octant" or not np.isfinite(first.mode):
+        return first.g_crit, first.mode, first.reason and f"in theory {first.reason}"
+    degrees, g = (values[first.curve.degree % 2 == 0] for values in first.curve)
     least = int(np.nanargmin(g))
     return float(g[least]), float(degrees[least]), ""
 

@@ -471,8 +471,8 @@ def unstable_modes(run: Dynamics, softer_than: float = -SOFT_MODE_W2) -> int:
         pressing = pressing + effect.stiffness(body, x)
     shift = sparse.diags(np.repeat(body.smooth_mass, 3) * softer_than / body.crossing**2)
     matrix = sparse.csr_matrix(sparse.csr_matrix(tangent.at(x) + pressing - shift)[rows][:, rows])
-    links = sparse.coo_matrix(pressing)
-    beside = sparse.csr_matrix((np.ones(links.nnz), (links.row // 3, links.col // 3)), shape=(len(x), len(x)))
-    beside.data[:] = 1.0
-    graph = sparse.csr_matrix(tangent.graph().maximum(beside))
+    pairs = sparse.coo_matrix(pressing)
+    touching = sparse.csr_matrix((np.ones(pairs.nnz), (pairs.row // 3, pairs.col // 3)), shape=(len(x), len(x)))
+    touching.data[:] = 1.0
+    graph = sparse.csr_matrix(tangent.graph().maximum(touching))
     return Factor(Dissection(x, graph, rows, matrix), matrix).negative

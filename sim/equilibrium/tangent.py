@@ -162,11 +162,10 @@ class Tangent:
         nodes = np.concatenate([part.nodes for part in points(body)]).astype(np.int64)  # products of 32 bits overflow
         n, k = len(body.X), nodes.shape[1]
         inside = (np.repeat(nodes, k, axis=1) * n + np.tile(nodes, (1, k))).ravel()
-        wide = [self._filter(axis) for axis in range(3)]
-        beside = [B.row.astype(np.int64) * n + B.col for B in wide]
-        keys = np.unique(np.concatenate([inside, *beside]))  # of pairs of nodes, row by row
+        of_filter = [B.row.astype(np.int64) * n + B.col for B in map(self._filter, range(3))]
+        keys = np.unique(np.concatenate([inside, *of_filter]))  # of pairs of nodes, row by row
         self._place = np.searchsorted(keys, inside).reshape(-1, k, k)
-        self._filter_place = [np.searchsorted(keys, pairs) for pairs in beside]
+        self._filter_place = [np.searchsorted(keys, pairs) for pairs in of_filter]
         self._indices = (keys % n).astype(np.int32)
         self._indptr = np.searchsorted(keys, n * np.arange(n + 1)).astype(np.int32)
 
@@ -211,42 +210,42 @@ class _Stress(NamedTuple):
     pairs: dict[str, Array]
 
 
-def _stress_at_points(x: Array, at: ElementPoints) -> _Stress:
-    D = x[at.nodes].swapaxes(-1, -2)[:, None] @ at.g
+def _stress_at_points(x: Array, part: ElementPoints) -> _Stress:
+    D = x[part.nodes].swapaxes(-1, -2)[:, None] @ part.g
     k = cofactor(D)
     volume = np.einsum("eqi,eqi->eq", D[..., 0], k[..., 0])
-    J = volume / at.w
-    P = D @ at.C
-    I1 = np.einsum("eqri,eqri->eq", D, P) / at.w
-    pressure = at.kappa * (volume @ at.bears / at.V - 1)
-    one = at.power(J, 2 / 3)
-    second = at.material.uses_i2
-    b = P @ D.swapaxes(-1, -2) / _wide(at.w) if second else None
+    J = volume / part.w
+    P = D @ part.C
+    I1 = np.einsum("eqri,eqri->eq", D, P) / part.w
+    pressure = part.kappa * (volume @ part.bears / part.V - 1)
+    phi = part.power(J, 2 / 3)
+    second = part.material.uses_i2
+    b = P @ D.swapaxes(-1, -2) / _wide(part.w) if second else None
     I2 = 0.5 * (I1**2 - np.einsum("eqij,eqij->eq", b, b)) if b is not None else 3.0
-    two = at.power(J, 4 / 3) if second else Factor(np.array(1.0), np.array(0.0), np.array(0.0))
-    i1, i2 = one.value * I1, two.value * I2
-    (u1, u2), (u11, u12, u22) = at.material.slopes(i1, i2), at.material.curvatures(i1, i2)
-    s = at.local * (J - 1) + at.mu * (u1 * one.slope * I1 + u2 * two.slope * I2) + pressure[:, None] * at.bears
+    psi = part.power(J, 4 / 3) if second else Factor(np.array(1.0), np.array(0.0), np.array(0.0))
+    i1, i2 = phi.value * I1, psi.value * I2
+    (u1, u2), (u11, u12, u22) = part.material.slopes(i1, i2), part.material.curvatures(i1, i2)
+    s = part.local * (J - 1) + part.mu * (u1 * phi.slope * I1 + u2 * psi.slope * I2) + pressure[:, None] * part.bears
     # w di1 = p1 P + k1 k, w di2 = r2 R + k2 k
-    p1, k1, r2, k2 = 2 * one.value, one.slope * I1, 2 * two.value, two.slope * I2
-    m = at.mu / at.w
+    p1, k1, r2, k2 = 2 * phi.value, phi.slope * I1, 2 * psi.value, psi.slope * I2
+    m = part.mu / part.w
     pairs = {
-        "kk": at.local / at.w
-        + m * (u1 * one.curvature * I1 + u2 * two.curvature * I2)
+        "kk": part.local / part.w
+        + m * (u1 * phi.curvature * I1 + u2 * psi.curvature * I2)
         + m * (u11 * k1 * k1 + 2 * u12 * k1 * k2 + u22 * k2 * k2),
-        "Pk": m * (2 * u1 * one.slope + u11 * p1 * k1 + u12 * p1 * k2),
+        "Pk": m * (2 * u1 * phi.slope + u11 * p1 * k1 + u12 * p1 * k2),
     }
     if second or np.any(u11):
-        pairs["PP"] = m * (4 * u2 * two.value + u11 * p1 * p1)
-    f = 2 * at.mu * u1 * one.value
+        pairs["PP"] = m * (4 * u2 * psi.value + u11 * p1 * p1)
+    f = 2 * part.mu * u1 * phi.value
     if b is None:
         return _Stress(D, {"k": k, "P": P}, f, s, None, pairs)
     pairs |= {
-        "Rk": m * (2 * u2 * two.slope + u12 * r2 * k1 + u22 * r2 * k2),
+        "Rk": m * (2 * u2 * psi.slope + u12 * r2 * k1 + u22 * r2 * k2),
         "PR": m * u12 * p1 * r2,
         "RR": m * u22 * r2 * r2,
     }
-    h = 2 * at.mu * u2 * two.value
+    h = 2 * part.mu * u2 * psi.value
     return _Stress(D, {"k": k, "P": P, "R": _wide(I1) * P - b @ P}, f + h * I1, s, (_wide(h), b), pairs)
 
 
@@ -255,57 +254,57 @@ def _wide(values: Array) -> Array:
     return values[..., None, None]
 
 
-def stiffness(x: Array, at: ElementPoints) -> Array:
+def stiffness(x: Array, part: ElementPoints) -> Array:
     """Second derivative (E, K, 3, K, 3) of the energy of elements by the positions of their nodes [Pa mm].
 
     ``x`` (N, 3) are the positions of all nodes [mm].
     """
-    stress = _stress_at_points(x, at)
-    n, corners = at.nodes.shape
-    g_rows = np.moveaxis(at.g, -2, -3).reshape(*at.g.shape[:-3], corners, -1)  # (..., K, 3 Q)
-    g_columns = np.ascontiguousarray(at.g.swapaxes(-1, -2))  # (..., Q, 3, K)
+    stress = _stress_at_points(x, part)
+    n, corners = part.nodes.shape
+    g_rows = np.moveaxis(part.g, -2, -3).reshape(*part.g.shape[:-3], corners, -1)  # (..., K, 3 Q)
+    g_columns = np.ascontiguousarray(part.g.swapaxes(-1, -2))  # (..., Q, 3, K)
 
     def between(M: Array) -> Array:
         """sum_q g_a . M g_b (E, K, K) for M (E, Q, 3, 3)."""
         return g_rows @ (M @ g_columns).reshape(n, -1, corners)
 
     out = np.empty((n, corners, 3, corners, 3))
-    same = between(_wide(stress.f) * at.C)
+    same = between(_wide(stress.f) * part.C)
     for r, t, u in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         turn = between(_cross_matrices(stress.s[..., None] * stress.D[:, :, r]))
         out[:, :, r, :, r], out[:, :, t, :, u], out[:, :, u, :, t] = same, turn, -turn
     if stress.second is not None:
-        _add_second_invariant(stress.vectors["P"], *stress.second, at, between, out)
+        _add_second_invariant(stress.vectors["P"], *stress.second, part, between, out)
 
     nodal = {
         name: (M @ g_columns).swapaxes(-1, -2).reshape(n, -1, 3 * corners)  # (E, Q, 3 K)
         for name, M in stress.vectors.items()
     }
-    mean = np.einsum("eqk,q->ek", nodal["k"], at.bears)[:, None]
+    mean = np.einsum("eqk,q->ek", nodal["k"], part.bears)[:, None]
     weighed = {name: np.zeros(rows.shape) for name, rows in nodal.items()}
-    for (one, other), factor in ((tuple(pair), factor[..., None]) for pair, factor in stress.pairs.items()):
-        weighed[one] += factor * nodal[other]
-        if one != other:
-            weighed[other] += factor * nodal[one]
+    for (a, b), factor in ((tuple(pair), factor[..., None]) for pair, factor in stress.pairs.items()):
+        weighed[a] += factor * nodal[b]
+        if a != b:
+            weighed[b] += factor * nodal[a]
     left = np.concatenate([*nodal.values(), mean], axis=1)
-    right = np.concatenate([*weighed.values(), (at.kappa / at.V)[:, None, None] * mean], axis=1)
+    right = np.concatenate([*weighed.values(), (part.kappa / part.V)[:, None, None] * mean], axis=1)
     return out + (left.swapaxes(-1, -2) @ right).reshape(out.shape)
 
 
 def _add_second_invariant(
-    P: Array, h: Array, b: Array, at: ElementPoints, between: Callable[[Array], Array], out: Array
+    P: Array, h: Array, b: Array, part: ElementPoints, between: Callable[[Array], Array], out: Array
 ) -> None:
     """Add the terms of the second derivative of the second invariant, except products of P with itself.
 
     With b = A A^T = P D^T / w: h/2 d2I2 w = h [I1 (g_a . C g_b) I + 2/w P_a P_b^T - (P_a . P_b) I / w - P_b P_a^T / w
     - (g_a . C g_b) b]; the first term is in f, the second in the pairs.
     """
-    per_w = h / _wide(at.w)
+    per_w = h / _wide(part.w)
     lengths = between(per_w * (P.swapaxes(-1, -2) @ P))
     for r in range(3):
         for t in range(3):
             crossed = per_w * P[:, :, t, :, None] * P[:, :, r, None, :]  # g_a . M g_b = (P_a)_t (P_b)_r
-            out[:, :, r, :, t] -= between(crossed + h * _wide(b[:, :, r, t]) * at.C)
+            out[:, :, r, :, t] -= between(crossed + h * _wide(b[:, :, r, t]) * part.C)
         out[:, :, r, :, r] -= lengths
 
 

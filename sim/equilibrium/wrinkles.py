@@ -50,11 +50,11 @@ def first_wrinkles(scene: Scene) -> Wrinkles:
     T_over_C = thickness / math.prod(axes) ** (1 / 3) if axes and thickness else THIN_SHELL_T_OVER_C
     if not scene.material.theory:
         return Wrinkles(math.nan, math.nan)
-    found = _first_wrinkles_of_sphere(round(T_over_C, 4), scene.material.mu_ratio, scene.growth.law)
-    growth = found.growth
+    first = _first_wrinkles_of_sphere(round(T_over_C, 4), scene.material.mu_ratio, scene.growth.law)
+    growth = first.growth
     for options in scene.effects.values():
         growth = options.first_wrinkles(growth, scene)
-    return Wrinkles(growth, found.wavelength_over_T * scene.growth.thickening(growth))
+    return Wrinkles(growth, first.wavelength_over_T * scene.growth.thickening(growth))
 
 
 def slow_growth(scene: Scene) -> Slow | None:
@@ -72,7 +72,7 @@ def _first_wrinkles_of_sphere(T_over_C: float, mu_ratio: float, law: str) -> Wri
     from morphofold.sim.theory import bifurcation
 
     try:
-        found = bifurcation(T_over_C, mu_ratio, law, g_max=LARGEST_GROWTH)
+        first = bifurcation(T_over_C, mu_ratio, law, g_max=LARGEST_GROWTH)
     except (ValueError, ConvergenceError):  # a sphere outside the range of the theory
         return Wrinkles(math.nan, math.nan)
-    return Wrinkles(found.g_crit, found.wavelength / T_over_C)
+    return Wrinkles(first.g_crit, first.wavelength / T_over_C)

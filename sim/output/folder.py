@@ -184,9 +184,9 @@ class FolderWriter:
         reference_radius: float,
         numbers: Mapping[str, Any],
         warnings: list[str],
-        beside: Callable[[Path], None] = lambda folder: None,
+        add_files: Callable[[Path], None] = lambda folder: None,
     ) -> None:
-        """Write the surfaces of a stage, their maps, ``stage.json``, and what ``beside`` adds to the same folder."""
+        """Write the surfaces of a stage, their maps, ``stage.json``, and what ``add_files`` adds to the same folder."""
         scene = self.scene
         info: Row = {
             "name": scene.name,
@@ -216,8 +216,8 @@ class FolderWriter:
         hemi = pial.name[:2]
         cortex = Cortex(white, pial, hemi, scene.name, origin="simulation", portion=portion, info=info)
         fields = self._describe(cortex)
-        missing = {name: int(np.isnan(values).sum()) for name, values in fields.items()}
-        if missing := {name: count for name, count in missing.items() if count}:
+        missing = {name: int(np.isnan(values).sum()) for name, values in fields.items() if np.isnan(values).any()}
+        if missing:
             info["vertices_without_value_written_as_0"] = missing
         with atomic_folder(stage_folder(self.out, g)) as temporary:
             (temporary / "surf").mkdir()
@@ -226,7 +226,7 @@ class FolderWriter:
                 write_surface(temporary / "surf" / f"{surface.name}.surf.gii", surface)  # for Connectome Workbench
             for name, values in fields.items():
                 write_morph(temporary / "surf" / f"{hemi}.{name}", values, nan=0.0)
-            beside(temporary)
+            add_files(temporary)
             _write_json(temporary / "stage.json", info)
             _write_json(temporary / "files.json", digests(temporary))
         write_series(self.out, scene)

@@ -92,12 +92,11 @@ def _digests(files: Mapping[str, Path]) -> dict[str, str]:
 def check_inputs(folder: Path, scene: Scene, own: Sequence[str], restart_from: str | Path | None) -> None:
     """Raise unless the run in ``folder`` began with the mesh and maps of a scene as they are now, byte for byte, with
     the same own effects of the caller, and at the same state, if one is named."""
-    path, now = folder / "inputs.json", inputs_of(scene)
-    began = _read_inputs(folder) if now or path.is_file() else {}
-    if changes := list(_changes(began, now)):
+    began = begun_with(folder)
+    if changes := list(_changes(began, inputs_of(scene))):
         raise Mismatch(
-            f"{path}: the run began with other inputs: {'; '.join(changes)}. Restore the old files, or choose another "
-            "folder."
+            f"{folder / 'inputs.json'}: the run began with other inputs: {'; '.join(changes)}. Restore the old files, "
+            "or choose another folder."
         )
     had, state = began.get("effects", []), began.get("restart", {}).get("file")
     if had != list(own):
@@ -125,11 +124,8 @@ def _changes(then: Mapping[str, Any], now: Mapping[str, Any], name: str = "") ->
 
 def begun_with(folder: Path) -> Row:
     """Contents of ``inputs.json`` of the run in a folder; empty if no run has begun, or the run has none."""
-    begun = (folder / "scene.toml").is_file() and (folder / "inputs.json").is_file()
-    return _read_inputs(folder) if begun else {}
-
-
-def _read_inputs(folder: Path) -> Row:
+    if not ((folder / "scene.toml").is_file() and (folder / "inputs.json").is_file()):
+        return {}
     return read_json(folder / "inputs.json", Inputs, f"Delete {folder} {AND_GROW_AGAIN}, or choose another folder.")
 
 
