@@ -18,6 +18,7 @@ from morphofold.group.workers import Lost, Workers
 from morphofold.io.cortices import hemispheres, read_cortex
 from morphofold.io.json_files import Count, Length, Record, read_json, write_json
 from morphofold.progress import Progress, silent
+from morphofold.provenance import Row
 from morphofold.surface import Cortex
 from morphofold.timing import Stages
 from morphofold.words import rounded_up
@@ -29,6 +30,8 @@ SCALES_FILE = "scales.json"
 MOST_SUBJECTS_READ = 50  # most subjects used to choose the scales, spread evenly over their names
 MEASURE_OPTIONS = {"curvature_scale_mm", "gyral_width_mm", "thickness_cap_mm", "accuracy", "repair", "only"}
 COARSEST_MESH_RATIO = 2.0  # meshes coarser than this many times the median do not set the common scale
+
+Options = Mapping[str, Any]  # of measuring, as results record them
 
 
 class Scales(Record):
@@ -45,12 +48,12 @@ class Scales(Record):
         width = "" if self.gyral_width_mm is None else f", crown width {self.gyral_width_mm:g} mm"
         return f"one curvature scale for all, {self.curvature_scale_mm:g} mm{width} ({SCALES_FILE})"
 
-    def fill(self, options: Mapping[str, Any]) -> dict[str, Any]:
+    def fill(self, options: Options) -> Row:
         """Options for measuring, with these scales where no scale was requested."""
         filled = dict(options)
-        if options.get("curvature_scale_mm") is None:
+        if filled["curvature_scale_mm"] is None:
             filled["common_curvature_scale_mm"] = self.curvature_scale_mm
-        if options.get("gyral_width_mm") is None:
+        if filled["gyral_width_mm"] is None:
             filled["gyral_width_mm"] = self.gyral_width_mm
         return filled
 
@@ -107,7 +110,7 @@ def read_scales(subject: Participant) -> list[tuple[float, float]]:
     return lengths
 
 
-def measure_as_asked(cortex: Cortex, options: Mapping[str, Any], clock: Stages, say: Callable[[str], None]) -> Measures:
+def measure_as_asked(cortex: Cortex, options: Options, clock: Stages, say: Callable[[str], None]) -> Measures:
     """Measure with ``curvature_scale_mm``, ``gyral_width_mm``, ``thickness_cap_mm`` [mm], ``accuracy`` and ``repair``,
     if ``options`` have them; ``common_curvature_scale_mm`` is used if the mesh is fine and large enough for it."""
     keywords = keywords_of(options)
@@ -118,16 +121,14 @@ def measure_as_asked(cortex: Cortex, options: Mapping[str, Any], clock: Stages, 
     )
 
 
-def keywords_of(options: Mapping[str, Any]) -> dict[str, Any]:
+def keywords_of(options: Options) -> Row:
     """Recorded options as keywords of :func:`morphofold.analysis.measure`."""
     return {key.removesuffix("_mm"): value for key, value in options.items() if key in MEASURE_OPTIONS}
 
 
 def curvature_scale(cortex: Cortex, common: float) -> float | None:
     """The common curvature scale [mm], or None (the mesh's own scale) if the mesh is too coarse or too small for it."""
-    if scale_of_curvature(cortex)[0] > common:
-        return None
-    try:
-        return scale_of_curvature(cortex, common)[0]
-    except ValueError:
-        return None
+    with suppress(ValueError):
+        if scale_of_curvature(cortex)[0] <= common:
+            return scale_of_curvature(cortex, common)[0]
+    return None

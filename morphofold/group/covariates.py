@@ -3,11 +3,11 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 from morphofold.errors import NamedTwice
 from morphofold.group.design import PERSON, names_of_row, read_participants
 from morphofold.group.sessions import person_and_session
+from morphofold.provenance import Row
 
 PARTICIPANTS_FILE = "participants.tsv"
 
@@ -17,9 +17,9 @@ class Covariates:
     """Columns of participants.tsv, and a row of values for each subject, whose name has no ``sub-``."""
 
     columns: tuple[str, ...] = ()
-    rows: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    rows: Mapping[str, Row] = field(default_factory=dict)
 
-    def of(self, subject: str) -> dict[str, Any]:
+    def of(self, subject: str) -> Row:
         """Values of a subject, None where there is none; a session ``sub-01_ses-2`` has those of ``sub-01``, and a
         longitudinal run those of its time point."""
         person, session = person_and_session(subject)

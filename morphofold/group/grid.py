@@ -14,8 +14,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel
-
 from morphofold.errors import (
     DoesNotApply,
     NamedTwice,
@@ -35,6 +33,9 @@ SEED_KEY = "effects.perturbation.seed"
 MOST_RUNS = 10_000
 LONGEST_NAME = 80  # most characters of a name, as for a scene
 MOST_PROBLEMS_LISTED = 20  # most problems listed for a grid
+
+GridIndex = tuple[int, ...]  # of a point: the index of its value on each axis
+SceneSource = str | Path | Scene
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ class SweepPoint:
     """One scene of a grid: ``at`` has the index of its value on each axis, ``seed`` is None without imperfection."""
 
     name: str
-    at: tuple[int, ...]
+    at: GridIndex
     seed: int | None
     scene: Scene
 
@@ -77,18 +78,18 @@ class Grid:
     points: tuple[SweepPoint, ...] = field(repr=False)
 
     @cached_property
-    def scenes(self) -> dict[tuple[int, ...], Scene]:
+    def scenes(self) -> dict[GridIndex, Scene]:
         """``at`` of every point (once for all seeds) and its scene with the first seed."""
         return {point.at: point.scene for point in reversed(self.points)}
 
     @property
-    def places(self) -> list[tuple[int, ...]]:
+    def places(self) -> list[GridIndex]:
         """``at`` of every point, sorted."""
         return sorted(self.scenes)
 
 
 def make_grid(
-    source: str | Path | Scene, vary: Sequence[str], *, seeds: int | None = None, settings: Sequence[str] = ()
+    source: SceneSource, vary: Sequence[str], *, seeds: int | None = None, settings: Sequence[str] = ()
 ) -> Grid:
     """The grid of a scene.
 
@@ -111,25 +112,28 @@ def make_grid(
     """
     base = load_scene(source, settings)
     keys = keys_of(base)
-    varied = [_parse_axis(text, keys) for text in vary]
-    values_of = dict(varied)
-    if len(values_of) < len(varied):
-        key = Counter(key for key, _ in varied).most_common(1)[0][0]
-        raise NamedTwice(f"--vary {key} is given twice. Give all its values at once, as {key}=1,2,3.")
-    seed_values = values_of.pop(SEED_KEY, None)
-    if seeds is not None and seed_values is not None:
-        raise OptionsClash(f"--seeds {seeds}: --vary also gives seeds. Leave one of them out.")
-    if seeds is None and not varied:
+    values_of: dict[str, Sequence[Any]] = {}
+    for text in vary:
+        key, values = _parse_axis(text, keys)
+        if key in values_of:
+            raise NamedTwice(f"--vary {key} is given twice. Give all its values at once, as {key}=1,2,3.")
+        values_of[key] = values
+    if seeds is not None:
+        if SEED_KEY in values_of:
+            raise OptionsClash(f"--seeds {seeds}: --vary also gives seeds. Leave one of them out.")
+        values_of[SEED_KEY] = range(min(seeds, MOST_RUNS + 1))
+    if not values_of:
         raise NothingToDo("nothing is varied. Pass --vary KEY=VALUE,VALUE or --seeds N.")
-    count = math.prod(map(len, values_of.values())) * (len(seed_values or (0,)) if seeds is None else seeds)
+    count = math.prod(map(len, values_of.values()))
     if count > MOST_RUNS:
         raise TooLarge(f"{count:,} runs are more than {MOST_RUNS:,}. Vary fewer values.")
+    seed_values = values_of.pop(SEED_KEY, None)
     short = Counter(key.rpartition(".")[2] for key in keys)
     axes = tuple(
-        Axis(key, name if short[name := key.rpartition(".")[2]] == 1 else key, values)
+        Axis(key, name if short[name := key.rpartition(".")[2]] == 1 else key, tuple(values))
         for key, values in values_of.items()
     )
-    points = _grid_points(source, settings, axes, seed_values if seeds is None else range(seeds))
+    points = _grid_points(source, settings, axes, seed_values)
     return Grid(base.name, axes, tuple(dict.fromkeys(point.seed for point in points)), points)
 
 
@@ -138,15 +142,12 @@ def make_grid(
 
 def keys_of(scene: Scene) -> list[str]:
     """``table.key`` of all keys that a scene of this shape may have."""
-    tables: dict[str, type[BaseModel]] = {
-        **{name: type(getattr(scene, name)) for name in ("geometry", "material", "growth")},
-        **{f"effects.{name}": options for name, options in effects_of(scene.geometry.shape).items()},
-        **{name: type(getattr(scene, name)) for name in ("accuracy", "output")},
-    }
+    tables = {name: type(getattr(scene, name)) for name in ("geometry", "material", "growth", "accuracy", "output")}
+    tables |= {f"effects.{name}": options for name, options in effects_of(scene.geometry.shape).items()}
     return [f"{table}.{key}" for table, model in tables.items() for key in model.model_fields]
 
 
-def _parse_axis(text: str, keys: Sequence[str]) -> tuple[str, tuple[Any, ...]]:
+def _parse_axis(text: str, keys: Sequence[str]) -> tuple[str, list[Any]]:
     """Key and values of ``KEY=VALUE,VALUE``."""
     name, _, rest = (part.strip() for part in text.partition("="))
     if not name or not rest:
@@ -163,7 +164,7 @@ def _parse_axis(text: str, keys: Sequence[str]) -> tuple[str, tuple[Any, ...]]:
     values = _parse_values(rest, matches[0])
     if twice := [value for i, value in enumerate(values) if value in values[:i]]:
         raise NamedTwice(f"--vary {matches[0]}: lists {toml_value(twice[0])} twice. List each value once.")
-    return matches[0], tuple(values)
+    return matches[0], values
 
 
 def _parse_values(text: str, key: str) -> list[Any]:
@@ -187,7 +188,7 @@ def _parse_values(text: str, key: str) -> list[Any]:
 
 
 def _grid_points(
-    source: str | Path | Scene, settings: Sequence[str], axes: tuple[Axis, ...], seeds: Sequence[Any] | None
+    source: SceneSource, settings: Sequence[str], axes: tuple[Axis, ...], seeds: Sequence[Any] | None
 ) -> tuple[SweepPoint, ...]:
     """The points of a grid; raises as :func:`make_grid`."""
     problems: dict[str, list[str]] = {}  # the points that have each
@@ -219,7 +220,7 @@ def _grid_points(
 
 
 def _scene_with_seeds(
-    source: str | Path | Scene, settings: list[str], seeds: Sequence[Any] | None
+    source: SceneSource, settings: list[str], seeds: Sequence[Any] | None
 ) -> Iterator[tuple[Any, Scene]]:
     """The scene with each seed; without ``seeds``, with its own seed or none."""
     scene = load_scene(source, settings)

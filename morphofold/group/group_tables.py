@@ -10,10 +10,10 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import pandas as pd
 import pyarrow as pa
-from numpy.typing import NDArray
 from pyarrow.parquet import ParquetWriter
 
 from morphofold.analysis.measures import COLUMNS, FREESURFER_VALUES, PARAMETERS, SCALARS
+from morphofold.arrays import Array, Ints
 from morphofold.errors import Mismatch
 from morphofold.group.covariates import NO_COVARIATES, Covariates
 from morphofold.group.pooling import SETTING_NAMES, Pooling, measured_alike, pooling
@@ -76,19 +76,19 @@ class Group:
     """
 
     subjects: tuple[str, ...]
-    scalars: Mapping[str, NDArray[np.float64]]
-    regions: Mapping[str, NDArray[np.float64]]
-    failures: list[dict[str, Any]]
+    scalars: Mapping[str, Array]
+    regions: Mapping[str, Array]
+    failures: list[Row]
     remarks: Mapping[str, list[str]]
     results: Mapping[str, Path]
     same: list[list[str]] = field(default_factory=list)
     simulated: int = 0
     pooling: Pooling = field(default_factory=Pooling)
-    settings: list[dict[str, Any]] = field(default_factory=list)
+    settings: list[Row] = field(default_factory=list)
     persons: tuple[str, ...] = ()
 
     @cached_property
-    def person_numbers(self) -> tuple[tuple[str, ...], NDArray[np.int64]]:
+    def person_numbers(self) -> tuple[tuple[str, ...], Ints]:
         """Names of the persons (P,), and the number of the person of each subject (S,)."""
         names, numbers = np.unique(self.persons or self.subjects, return_inverse=True)
         return tuple(names.tolist()), numbers
@@ -295,11 +295,11 @@ def _group(reader: _Reader, subjects: tuple[str, ...], persons: tuple[str, ...])
     )
 
 
-def _region_statistics(thicknesses: pd.DataFrame, persons: Mapping[str, str]) -> dict[str, NDArray[np.float64]]:
+def _region_statistics(thicknesses: pd.DataFrame, persons: Mapping[str, str]) -> dict[str, Array]:
     """Number, mean and deviation over persons of cortical and gyral thickness of regions, by their sides."""
     person = thicknesses.index.get_level_values("subject").map(persons).to_numpy()
     means = thicknesses.groupby(["region", "hemi", person]).mean()
-    statistics: dict[str, NDArray[np.float64]] = {}
+    statistics: dict[str, Array] = {}
     for (region, hemi), values in means.groupby(["region", "hemi"]):
         sides = statistics.setdefault(str(region), np.tile([0, np.nan, np.nan], (2, 2, 1)))
         sides[HEMIS.index(hemi)] = np.column_stack([values.count(), values.mean(), values.std(ddof=0)])

@@ -3,16 +3,16 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from morphofold import results
 from morphofold.analysis import Measures
 from morphofold.forecasts.cost import READING_STAGE
-from morphofold.group.common_scales import measure_as_asked
+from morphofold.group.common_scales import Options, measure_as_asked
 from morphofold.group.tasks import INPUT_ERRORS, Outcome, Say, TaskFolder, digest, perform
 from morphofold.io import files_of, remove_folder
 from morphofold.io.cortices import cortex_files, hemispheres
-from morphofold.provenance import sha256_of
+from morphofold.provenance import Row, sha256_of
 from morphofold.results.analyses import DrawPage
 from morphofold.results.layouts import subject_place
 from morphofold.spheres.parcellation import carried_files, read_parcellated
@@ -47,7 +47,7 @@ class Participant:
     hemis: tuple[str, ...] = ()
     bids: bool = False
     report: DrawPage | Literal[False] = False
-    options: Mapping[str, Any] = field(default_factory=dict)
+    options: Options = field(default_factory=dict)
 
     @property
     def results(self) -> Path:
@@ -56,7 +56,7 @@ class Participant:
         return subject_place(out, self.name) if self.bids else out / "subjects" / self.name
 
     @property
-    def parcellation(self) -> dict[str, Any]:
+    def parcellation(self) -> Row:
         """The name of the parcellation, and the template that it is carried over from where it is missing."""
         return {key: self.options.get(key) for key in ("annotation", "annotation_from")}
 

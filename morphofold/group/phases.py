@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from morphofold.analysis.measures import SCALARS
-from morphofold.group.grid import Grid, SweepPoint
+from morphofold.group.grid import Grid, GridIndex, SweepPoint
 from morphofold.group.group_tables import GROUP_FOLDER, read_results, refuse_changed, what_became, write_measures
 from morphofold.group.sweep import RUNS_FOLDER
 from morphofold.group.tasks import Outcome, read_record
@@ -20,10 +20,10 @@ from morphofold.group.workers import Lost, Workers
 from morphofold.io import atomic_folder, read_surface
 from morphofold.progress import Progress, silent
 from morphofold.provenance import Row
-from morphofold.sim import theory
 from morphofold.sim.output.stages import read_health
 from morphofold.sim.scene import Patch, Radial, Scene, Sphere, Strip
 from morphofold.sim.sphere_theory.smooth_sphere import ConvergenceError
+from morphofold.sim.theory import bifurcation
 from morphofold.tables import write_table
 from morphofold.words import in_one_line
 
@@ -31,7 +31,6 @@ HINGES_PER_AREA = "hinges_per_1000_mm2"
 AREA_OVER_FLAT = "area_over_flat"
 RUN_MEASURES = (*SCALARS, HINGES_PER_AREA, AREA_OVER_FLAT)
 THEORY_COLUMNS = ("final_growth", "g_crit", "g_crease", "wavelength_mm", "reason")
-GridIndex = tuple[int, ...]  # of a point: the index of its value on each axis
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +105,7 @@ def theory_of(scene: Scene) -> SphereTheory:
     geometry = scene.geometry
     assert isinstance(geometry, Sphere | Radial)
     try:
-        wrinkles = theory.bifurcation(
+        wrinkles = bifurcation(
             geometry.cortex_thickness / geometry.radius,
             scene.material.mu_ratio,
             scene.growth.law,
@@ -121,14 +120,13 @@ def theory_of(scene: Scene) -> SphereTheory:
 
 def theory_by_point(workers: Workers, grid: Grid, progress: Progress = silent) -> dict[GridIndex, SphereTheory]:
     """Theory of every point of a grid, computed once per sphere, on the workers."""
-    spheres = {at: _theory_parameters(scene) for at, scene in grid.scenes.items()}
-    scenes = {spheres[at]: scene for at, scene in grid.scenes.items()}
+    scenes = {_theory_parameters(scene): scene for scene in grid.scenes.values()}
     theories: dict[str, SphereTheory] = {}
     for scene, outcome in workers.run(theory_of, [*scenes.values()]):
-        lost = isinstance(outcome, Lost)
-        theories[_theory_parameters(scene)] = SphereTheory(reason=outcome.reason) if lost else outcome
+        theory = SphereTheory(reason=outcome.reason) if isinstance(outcome, Lost) else outcome
+        theories[_theory_parameters(scene)] = theory
         progress(len(theories) / len(scenes), "theory")
-    return {at: theories[sphere] for at, sphere in spheres.items()}
+    return {at: theories[_theory_parameters(scene)] for at, scene in grid.scenes.items()}
 
 
 def _theory_parameters(scene: Scene) -> str:
@@ -217,29 +215,22 @@ def write_tables(phases: Phases, folder: Path) -> None:
     """Write the tables of a sweep: tidy measures (one row per run and measure), runs with health, theory per point."""
     grid = phases.grid
     axes = {axis.label: float if axis.numeric else str for axis in grid.axes}
-    values = {at: _axis_values(grid, at) for at in grid.scenes}
     tidy, runs, theories = [], [], []
     for run in phases.runs:
-        name, seed = run.point.name, run.point.seed
+        identity = {"run": run.point.name, **_axis_values(grid, run.point.at), "seed": run.point.seed}
         keys = () if run.reason else RUN_MEASURES if AREA_OVER_FLAT in run.measures else RUN_MEASURES[:-1]
-        tidy += [(name, *values[run.point.at].values(), seed, key, run.measures.get(key)) for key in keys]
-        runs.append(
-            {
-                "run": name,
-                **values[run.point.at],
-                "seed": seed,
-                "state": "failed" if run.reason else "done",
-                "healthy": None if run.reason else not run.warnings,
-                "warnings": "; ".join(run.warnings) or None,
-                "reason": run.reason or None,
-                **run.numbers,
-                "log": f"logs/{name}.log",
-            }
-        )
+        tidy += [(*identity.values(), key, run.measures.get(key)) for key in keys]
+        state = {
+            "state": "failed" if run.reason else "done",
+            "healthy": None if run.reason else not run.warnings,
+            "warnings": "; ".join(run.warnings) or None,
+            "reason": run.reason or None,
+        }
+        runs.append({**identity, **state, **run.numbers, "log": f"logs/{run.point.name}.log"})
     for at in grid.places:
         theory, final = phases.theory[at], grid.scenes[at].growth.final
         numbers = (final, theory.g_crit, theory.g_crease, theory.wavelength, theory.reason or None)
-        theories.append(values[at] | dict(zip(THEORY_COLUMNS, numbers)))
+        theories.append(_axis_values(grid, at) | dict(zip(THEORY_COLUMNS, numbers)))
     write_measures(folder, {"run": str, **axes, "seed": int, "measure": str, "value": float}, [tidy])
     columns = ("run", *axes, "seed", "state", "healthy", "warnings", "reason", "elements", "steps", "log")
     write_table(folder / "runs.tsv", columns, runs)

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from morphofold.analysis.measures import PARAMETERS, PARAMETERS_OF_SCALAR
+from morphofold.arrays import Array, Bools
 
 SETTING_NAMES = ("morphofold", *PARAMETERS)  # the version, and all parameters that a measure may depend on
 LEAST_POOLED_SHARE = 0.5  # hemispheres are pooled if more than this share has the same settings
@@ -28,8 +28,6 @@ COMMON_VALUE_OPTIONS: Mapping[str, tuple[str, Callable[[Any], Any]]] = {
     "folding_scale_mm": ("--curvature-scale", np.max),
     "graph_width_mm": ("--gyral-width", np.median),
 }
-
-Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -51,7 +49,7 @@ class Pooling:
     poolable: Mapping[str, Bools] = field(default_factory=dict)
     left_out: Mapping[str, tuple[int, int]] = field(default_factory=dict)
 
-    def of(self, measure: str, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def of(self, measure: str, values: Array) -> Array:
         """Values (subjects, 2) of a measure, NaN where they may not be pooled."""
         return np.where(self.poolable[measure], values, np.nan) if measure in self.poolable else values
 
@@ -70,7 +68,7 @@ class Pooling:
         return [f"Hemispheres were not measured in the same way: {'; '.join(parts)}.", *cure]
 
 
-def pooling(settings: pd.DataFrame, scalars: Mapping[str, NDArray[np.float64]]) -> Pooling:
+def pooling(settings: pd.DataFrame, scalars: Mapping[str, Array]) -> Pooling:
     """What may be pooled of measures (subjects, 2); ``settings`` have a row for each value, empty without hemisphere.
 
     For each measure, only the parameters that it depends on count. Values with the most common settings are pooled, if

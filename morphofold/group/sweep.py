@@ -1,16 +1,15 @@
 """One run of a sweep: grow a scene, and measure its last stage as ``analyze`` does."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numba
 
 from morphofold import results, simulation
 from morphofold.forecasts import sizes as sizing
 from morphofold.forecasts.cost import READING_STAGE, memory_of_analysis
-from morphofold.group.common_scales import measure_as_asked
+from morphofold.group.common_scales import Options, measure_as_asked
 from morphofold.group.tasks import INPUT_ERRORS, Outcome, Say, TaskFolder, digest, perform
 from morphofold.io import files_of, remove_folder
 from morphofold.io.files import write_text
@@ -47,7 +46,7 @@ class Run:
     scene: Scene
     threads: int = 1
     report: DrawPage | Literal[False] = False
-    options: Mapping[str, Any] = field(default_factory=dict)
+    options: Options = field(default_factory=dict)
 
     @property
     def folder(self) -> Path:

@@ -14,13 +14,12 @@ import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import morphofold
 from morphofold.io.files import write_text
 from morphofold.io.folders import alone
 from morphofold.io.json_files import Record, read_json, write_json
-from morphofold.provenance import changed_since, sha256_of
+from morphofold.provenance import Row, changed_since, sha256_of
 from morphofold.timing import peak_memory
 from morphofold.words import in_one_line
 
@@ -162,9 +161,9 @@ def error_line(error: Exception) -> str:
     return f"{type(error).__name__}: {words} (a defect; its log shows where)"
 
 
-def digest(content: Mapping[str, Any]) -> str:
+def digest(content: Row) -> str:
     """SHA-256 of the version of morphofold and of plain values."""
-    text = json.dumps([morphofold.__version__, dict(content)], sort_keys=True)
+    text = json.dumps([morphofold.__version__, content], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -177,7 +176,7 @@ class _TaskRecord(Record):
     files: dict[str, str]
 
 
-def read_record(path: Path) -> dict[str, Any]:
+def read_record(path: Path) -> Row:
     """Read a task's record: ``key``, ``failures``, whether it has ``results``, digests of their ``files``; empty if it
     is missing or damaged."""
     try:

@@ -16,13 +16,14 @@ from morphofold import __version__
 from morphofold.errors import Mismatch, MissingPart, TooLarge
 from morphofold.group.tasks import Outcome, TaskFolder, error_line, write_record
 from morphofold.progress import Progress, silent
+from morphofold.provenance import Row
 from morphofold.threads import BLAS_VARIABLES
 
 GiB = 2**30
 MOST_WORKER_DEATHS = 3  # workers that may die during one task
 SCHEDULER_TIMEOUT_S = 20  # [s] to wait for an answer of a scheduler
 TASKS_PER_MESSAGE = 500  # to the scheduler
-SETTINGS: dict[str, Any] = {
+SETTINGS: Row = {
     "distributed.scheduler.allowed-failures": MOST_WORKER_DEATHS - 1,
     "distributed.scheduler.worker-saturation": 1.0,  # no task waits on a worker, or would count as lost with it
     # by default, every process wakes 50 times a second to check for delays, and workers profile themselves 100 times a
