@@ -493,10 +493,7 @@ def test_the_bids_layout_holds_the_same_numbers(measured, tmp_path):
     assert set(measured.states(bids=True).values()) == {"reused"}
     assert (bids / "sub-anna" / "anat").is_dir()
     for name in ("anna", "cleo"):
-        results, other = read_results(plain / "subjects" / name), read_results(bids / f"sub-{name}")
-        of_both = [[entry["measures"] for entry in r.summary["surfaces"]] for r in (results, other)]
-        assert of_both[0] == of_both[1]
-        assert results.summary["inputs"] == other.summary["inputs"]
+        assert read_results(plain / "subjects" / name)[0] == read_results(bids / f"sub-{name}")[0]
 
 
 def test_subjects_are_found_and_templates_left_out(tmp_path):

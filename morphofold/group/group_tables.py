@@ -4,8 +4,9 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from operator import itemgetter
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -33,7 +34,6 @@ HEMIS = ("lh", "rh")
 WHOLE_HEMISPHERE = "hemisphere"  # in the column ``region``, for values of a whole hemisphere
 REGION_MEASURES = tuple(name for name in COLUMNS["regions"] if name not in ("hemi", "region"))
 TIDY_COLUMNS = {"subject": str, "hemi": str, "region": str, "measure": str, "value": float}
-REGION_COLUMNS = ("hemi", "region", "cortical_thickness_mm", "gyral_thickness_mm")
 REGION_THICKNESS_SETTINGS = tuple(key for key in PARAMETERS if "scale" not in key and key != "graph_width_mm")
 #: how each was measured, and FreeSurfer's values for it
 HEMISPHERE_COLUMNS = ("subject", "hemi", *SETTING_NAMES, *FREESURFER_VALUES)
@@ -41,6 +41,7 @@ SURFACE_COLUMNS = ("subject", "hemi", *SCALARS, *FREESURFER_VALUES)
 FAILURE_COLUMNS = ("subject", "hemi", "reason", "log")
 #: names that no covariate may have
 TAKEN_COLUMNS = {*HEMISPHERE_COLUMNS, *SURFACE_COLUMNS, *FAILURE_COLUMNS, *HEMIS}
+THICKNESSES = itemgetter("region", "cortical_thickness_mm", "gyral_thickness_mm")  # of a region, for the page
 SUBJECTS_PER_BATCH = 200  # subjects whose rows are in memory at once
 
 
@@ -114,16 +115,16 @@ class Group:
 DrawReport = Callable[[Group, Path, Progress], object]
 
 
-class SubjectResults(NamedTuple):
-    """The summary of one subject, its rows of regions, and the files that were read."""
-
-    summary: Row
-    regions: list[Row]
-    files: tuple[Path, ...]
-
-
-def read_results(folder: Path) -> SubjectResults:
+def read_results(folder: Path) -> tuple[list[Row], tuple[Path, ...]]:
     """Read the numbers of a subject, without its surfaces and maps, in either layout.
+
+    Returns
+    -------
+    hemispheres : list of dict
+        For each its measures, settings and values of FreeSurfer, ``notes``, ``regions`` (rows of their table) and
+        ``surfaces``, the digests of all surfaces of the subject.
+    files : tuple of path
+        What was read.
 
     Raises
     ------
@@ -136,7 +137,16 @@ def read_results(folder: Path) -> SubjectResults:
         raise FileNotFoundError(f"{folder}: holds no results.")
     summary = read_json(path, Summary, REANALYSE_ADVICE)
     regions = layout.read_table("regions", summary["rows"].get("regions"))
-    return SubjectResults(summary, regions, (path, layout.path("table", name="regions")))
+    digests = {Path(row["path"]).name: row["sha256"] for row in summary["inputs"]}
+    surfaces = " ".join(sorted(f"{name} {sha}" for name, sha in digests.items() if "white" in name or "pial" in name))
+    hemispheres = []
+    for entry in summary["surfaces"]:
+        row = dict.fromkeys((*HEMISPHERE_COLUMNS, *SURFACE_COLUMNS, "annotation_from"))
+        row |= entry["info"] | entry["parameters"] | entry["measures"] | {"morphofold": summary["morphofold"]}
+        row |= {key: entry[key] for key in ("hemi", "origin", "annotation", "notes")} | {"surfaces": surfaces}
+        row |= {key: float(f"{row[key]:.6g}") for key in SETTING_NAMES if isinstance(row[key], int | float)}
+        hemispheres.append(row | {"regions": [region for region in regions if region["hemi"] == entry["hemi"]]})
+    return hemispheres, (path, layout.path("table", name="regions"))
 
 
 def refuse_changed(record: Row, folder: Path, files: Iterable[Path]) -> None:
@@ -201,97 +211,94 @@ def write_group(
         Columns after the subject in all tables but measures.tsv, which has many rows for each.
     """
     subjects = tuple(sorted(results, key=lambda subject: (covariates.person(subject), subject)))
-    reader = _Reader(out, results, {outcome.name: outcome for outcome in outcomes})
+    by_name = {outcome.name: outcome for outcome in outcomes}
+    hemispheres: list[Row] = []
+    failures: list[Row] = []
+
+    def batches() -> Iterator[list[tuple[Any, ...]]]:
+        for start in range(0, len(subjects), SUBJECTS_PER_BATCH):
+            progress(0.7 * start / len(subjects), "tables")
+            cells: list[tuple[Any, ...]] = []
+            for subject in subjects[start : start + SUBJECTS_PER_BATCH]:
+                rows, reasons = _read_subject(out, subject, results[subject], by_name.get(subject))
+                cells += _tidy_rows(rows)
+                for row in rows:
+                    row["regions"] = [*map(THICKNESSES, row["regions"])]
+                hemispheres.extend(rows)
+                failures.extend(reasons)
+            yield cells
+
     with atomic_folder(out / GROUP_FOLDER) as folder:
-        write_measures(folder, TIDY_COLUMNS, reader.batches(subjects, part_of(progress, 0.0, 0.7)))
+        write_measures(folder, TIDY_COLUMNS, batches())
         for name, columns, rows in (
-            ("failures", FAILURE_COLUMNS, reader.failures),
-            ("hemispheres", HEMISPHERE_COLUMNS, reader.hemispheres),
-            ("surfaces", SURFACE_COLUMNS, reader.hemispheres),
+            ("failures", FAILURE_COLUMNS, failures),
+            ("hemispheres", HEMISPHERE_COLUMNS, hemispheres),
+            ("surfaces", SURFACE_COLUMNS, hemispheres),
         ):
             cells = [{**covariates.of(row["subject"]), **{key: row[key] for key in columns}} for row in rows]
             write_table(folder / f"{name}.tsv", (columns[0], *covariates.columns, *columns[1:]), cells)
-        group = _group(reader, subjects, tuple(map(covariates.person, subjects)))
+        persons = dict(zip(subjects, map(covariates.person, subjects)))
+        group = _group(persons, hemispheres, failures, results)
         if report:
             report(group, folder, part_of(progress, 0.7, 0.3))
     progress(1.0, "done")
     return group
 
 
-class _Reader:
-    """Reads the results of subjects, one after the other, and collects what the small tables and the page need."""
-
-    def __init__(self, out: Path, results: Mapping[str, Path], outcomes: Mapping[str, Outcome]):
-        self.out, self.results, self.outcomes = out, results, outcomes
-        self.failures: list[Row] = []
-        self.hemispheres: list[Row] = []
-        self.regions: list[tuple[Any, ...]] = []  # subject, and REGION_COLUMNS
-        self.remarks: dict[str, list[str]] = {}
-        self.surfaces: dict[str, list[str]] = defaultdict(list)  # subjects by the digests of their surfaces
-
-    def batches(self, subjects: Sequence[str], progress: Progress) -> Iterator[list[tuple[Any, ...]]]:
-        """Rows of measures.tsv."""
-        for start in range(0, len(subjects), SUBJECTS_PER_BATCH):
-            progress(start / len(subjects), "tables")
-            batch = subjects[start : start + SUBJECTS_PER_BATCH]
-            yield [row for subject in batch for row in self.rows(subject)]
-
-    def rows(self, subject: str) -> list[tuple[Any, ...]]:
-        """Rows of a subject in measures.tsv; none if it has no results."""
-        place, record = self.results[subject], read_record(self.out / "records" / f"{subject}.json")
-        unknown = "not measured yet. Run the cohort again."
-        failures, has_results = what_became(record, self.outcomes.get(subject), unknown)
-        rows = []
-        if has_results:
-            try:
-                results = read_results(place)
-                refuse_changed(record, place, results.files)
-                rows = self.collect(subject, results)
-            except (OSError, ValueError) as error:
-                failures[""] = f"{in_one_line(error)} Run the cohort again."
-        self.failures += [
-            {"subject": subject, "hemi": hemi or None, "reason": reason, "log": f"logs/{subject}.log"}
-            for hemi, reason in sorted(failures.items())
-        ]
-        return rows
-
-    def collect(self, subject: str, results: SubjectResults) -> list[tuple[Any, ...]]:
-        """One row for each number of a subject, in the order of its tables."""
-        entries = results.summary["surfaces"]
-        self.hemispheres += [_hemisphere_row(subject, results.summary["morphofold"], entry) for entry in entries]
-        self.regions += [(subject, *(row[key] for key in REGION_COLUMNS)) for row in results.regions]
-        notes = [(entry["hemi"], entry["notes"].get(key)) for entry in entries for key in WARNINGS]
-        if warnings := [f"{hemi}: {note}" for hemi, note in notes if note]:
-            self.remarks[subject] = warnings
-        digests = {Path(row["path"]).name: row["sha256"] for row in results.summary["inputs"]}
-        surfaces = sorted(f"{name} {sha}" for name, sha in digests.items() if "white" in name or "pial" in name)
-        self.surfaces[" ".join(surfaces)].append(subject)
-        cells = [(e["hemi"], WHOLE_HEMISPHERE, key, e["measures"].get(key)) for e in entries for key in SCALARS]
-        cells += [(row["hemi"], row["region"], key, row[key]) for row in results.regions for key in REGION_MEASURES]
-        return [(subject, *cell) for cell in cells]
+def _read_subject(out: Path, subject: str, place: Path, outcome: Outcome | None) -> tuple[list[Row], list[Row]]:
+    """Rows of the hemispheres of a subject that have results, and of its failures."""
+    record, hemispheres = read_record(out / "records" / f"{subject}.json"), list[Row]()
+    failures, has_results = what_became(record, outcome, "not measured yet. Run the cohort again.")
+    if has_results:
+        try:
+            hemispheres, files = read_results(place)
+            refuse_changed(record, place, files)
+        except (OSError, ValueError) as error:
+            hemispheres, failures[""] = [], f"{in_one_line(error)} Run the cohort again."
+    reasons = sorted(failures.items())
+    rows = [dict(zip(FAILURE_COLUMNS, (subject, hemi or None, why, f"logs/{subject}.log"))) for hemi, why in reasons]
+    return [{**row, "subject": subject} for row in hemispheres], rows
 
 
-def _group(reader: _Reader, subjects: tuple[str, ...], persons: tuple[str, ...]) -> Group:
+def _tidy_rows(hemispheres: Sequence[Row]) -> list[tuple[Any, ...]]:
+    """One row for each number of a subject, in the order of its tables."""
+    whole = [(row["subject"], row["hemi"], WHOLE_HEMISPHERE, key, row[key]) for row in hemispheres for key in SCALARS]
+    regions = [(row["subject"], region) for row in hemispheres for region in row["regions"]]
+    return whole + [
+        (subject, row["hemi"], row["region"], key, row[key]) for subject, row in regions for key in REGION_MEASURES
+    ]
+
+
+def _group(
+    persons: Mapping[str, str], hemispheres: list[Row], failures: list[Row], results: Mapping[str, Path]
+) -> Group:
     names = ["subject", "hemi"]
-    both = pd.MultiIndex.from_product([subjects, HEMIS], names=names)
-    table = pd.DataFrame(reader.hemispheres, columns=[*names, *SETTING_NAMES, *SCALARS], dtype=object)
+    both = pd.MultiIndex.from_product([list(persons), HEMIS], names=names)
+    table = pd.DataFrame(hemispheres, columns=[*names, *SETTING_NAMES, *SCALARS], dtype=object)
     table = table.set_index(names).reindex(both)
     scalars = {name: table[name].to_numpy(dtype=float).reshape(-1, 2) for name in SCALARS}
-    regions = pd.DataFrame(reader.regions, columns=("subject", *REGION_COLUMNS)).set_index(names)
-    regions = regions.astype(dict.fromkeys(REGION_COLUMNS[2:], float))
+    cells = [(row["subject"], row["hemi"], *region) for row in hemispheres for region in row["regions"]]
+    regions = pd.DataFrame(cells, columns=[*names, "region", "cortical", "gyral"]).set_index(names)
+    regions = regions.astype({"cortical": float, "gyral": float})
     alike = measured_alike(table, REGION_THICKNESS_SETTINGS, both.isin(regions.index))
+    remarks: dict[str, list[str]] = defaultdict(list)
+    same: dict[str, dict[str, None]] = defaultdict(dict)  # subjects by the digests of their surfaces
+    for row in hemispheres:
+        same[row["surfaces"]][row["subject"]] = None
+        if notes := [f"{row['hemi']}: {row['notes'][key]}" for key in WARNINGS if row["notes"].get(key)]:
+            remarks[row["subject"]] += notes
     return Group(
-        subjects,
+        tuple(persons),
         scalars,
-        _region_statistics(regions[regions.index.isin(both[alike])].dropna(), dict(zip(subjects, persons))),
-        reader.failures,
-        reader.remarks,
-        dict(reader.results),
-        [names for digests, names in reader.surfaces.items() if digests and len(names) > 1],
-        sum(row["origin"] == "simulation" for row in reader.hemispheres),
+        _region_statistics(regions[regions.index.isin(both[alike])].dropna(), persons),
+        failures,
+        remarks,
+        dict(results),
+        [list(subjects) for digests, subjects in same.items() if digests and len(subjects) > 1],
+        sum(row["origin"] == "simulation" for row in hemispheres),
         pooling(table, scalars),
-        reader.hemispheres,
-        persons,
+        hemispheres,
+        tuple(persons.values()),
     )
 
 
@@ -304,11 +311,3 @@ def _region_statistics(thicknesses: pd.DataFrame, persons: Mapping[str, str]) ->
         sides = statistics.setdefault(str(region), np.tile([0, np.nan, np.nan], (2, 2, 1)))
         sides[HEMIS.index(hemi)] = np.column_stack([values.count(), values.mean(), values.std(ddof=0)])
     return statistics
-
-
-def _hemisphere_row(subject: str, version: str, entry: Row) -> Row:
-    """Numbers and settings of a hemisphere in one row, with all columns of the tables of hemispheres."""
-    columns = (*HEMISPHERE_COLUMNS, *SURFACE_COLUMNS, "annotation_from")
-    row = dict.fromkeys(columns) | entry["info"] | entry["parameters"] | entry["measures"]
-    row |= {"subject": subject, "morphofold": version, **{key: entry[key] for key in ("hemi", "origin", "annotation")}}
-    return row | {key: float(f"{row[key]:.6g}") for key in SETTING_NAMES if isinstance(row[key], int | float)}

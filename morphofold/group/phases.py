@@ -153,15 +153,15 @@ def read_run(out: Path, point: SweepPoint, outcome: Outcome | None = None) -> Ru
         files = "analysis/summary.json", "analysis/regions.tsv", f"analysis/surf/{hemi}.pial", "simulation/health.json"
         refuse_changed(record, folder, [folder / name for name in files])
         return replace(result, reason="", **_measures_of_run(folder / "analysis", point.scene))
-    except (OSError, ValueError, IndexError) as error:
+    except (OSError, ValueError) as error:
         return replace(result, reason=in_one_line(error))
 
 
 def _measures_of_run(analysis: Path, scene: Scene) -> Row:
     """Measures of a run, reasons for missing ones, and its pial surface."""
-    entry, geometry = read_results(analysis).summary["surfaces"][0], scene.geometry
-    pial = analysis / "surf" / f"{entry['hemi']}.pial"
-    measures = {key: float(value) for key in SCALARS if (value := entry["measures"].get(key)) is not None}
+    (row, *_), geometry = read_results(analysis)[0], scene.geometry
+    pial = analysis / "surf" / f"{row['hemi']}.pial"
+    measures = {key: float(row[key]) for key in SCALARS if row[key] is not None}
     if area := measures.get("area_pial_mm2"):
         if "n_hinges" in measures and not isinstance(geometry, Strip):
             measures[HINGES_PER_AREA] = 1000 * measures["n_hinges"] / area
@@ -169,7 +169,7 @@ def _measures_of_run(analysis: Path, scene: Scene) -> Row:
             measures[AREA_OVER_FLAT] = area / math.prod(geometry.size)
         if isinstance(geometry, Strip):  # its width is that of its mesh
             measures[AREA_OVER_FLAT] = area / (geometry.length * float(np.ptp(read_surface(pial).verts[:, 1])))
-    notes = {key: entry["notes"][key] for key in SCALARS if key not in measures and key in entry["notes"]}
+    notes = {key: row["notes"][key] for key in SCALARS if key not in measures and key in row["notes"]}
     return {"measures": measures, "notes": notes, "pial": pial}
 
 
