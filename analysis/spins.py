@@ -8,9 +8,9 @@ from scipy.stats import rankdata
 
 from morphofold.arrays import Array, Bools
 from morphofold.errors import DoesNotApply, OutOfRange
-from morphofold.geometry import adjacency
+from morphofold.geometry import adjacency, dot, position
 from morphofold.kernels import kernel, reading
-from morphofold.spheres.spins import NearestTable, cell_of, p_value, rotations
+from morphofold.spheres.spins import NearestTable, cell_of, p_value, rotations, turned
 from morphofold.surface import Surface
 from morphofold.threads import in_blocks
 from morphofold.unfolding.unfold import points_on_sphere
@@ -93,64 +93,64 @@ def spin_test(
     points = points_on_sphere(sphere, sphere)
     for values in (x, y):
         same_length(values, len(points), "a map")
-    if not isinstance(spins, int | np.integer) or spins < 1:
+    if spins < 1:
         raise OutOfRange(f"spins must be a positive number, got {spins!r}.")
     one_of(method, ("pearson", "spearman"), "method")
-    mask = np.ones(len(points), dtype=bool) if inside is None else np.asarray(inside, dtype=bool)
-    first, second = (_prepared(np.where(mask, values, np.nan), method) for values in (x, y))
-    known = np.isfinite(first) & np.isfinite(second)
-    if known.sum() < LEAST_VERTICES or not (np.ptp(first[known]) > 0 and np.ptp(second[known]) > 0):
+    maps = np.array([x, y], dtype=np.float64)
+    if inside is not None:
+        maps[:, ~np.asarray(inside)] = np.nan
+    known = np.isfinite(maps).all(axis=0)
+    if known.sum() < LEAST_VERTICES or not np.ptp(maps[:, known], axis=1).all():
         raise DoesNotApply(
             f"the maps have {known.sum()} vertices in common, and both must vary there; {LEAST_VERTICES} are needed."
         )
-    turns = np.concatenate([np.eye(3)[None], rotations(spins, seed)])
-    table, found = NearestTable(points), np.empty(len(turns))
-    ring = adjacency(len(points), sphere.faces)
-    in_blocks(_correlations, len(turns), *reading(points, turns, table.vertex, ring, first, second), table.n, found)
+    turns = np.concatenate([np.eye(3)[None], rotations(spins, seed).transpose(0, 2, 1)])
+    table, ring, found = NearestTable(points), adjacency(len(points), sphere.faces), np.empty(len(turns))
+    in_blocks(_correlations, len(turns), *reading(points, turns, *table.arrays, ring, *_prepared(maps, method)), found)
     value, null = float(found[0]), found[1:]
     counted = null[np.isfinite(null)]
     return SpinTest(value, p_value(abs(value), np.abs(counted)), p_value(value, counted), null)
 
 
-def _prepared(values: Array, method: str) -> Array:
-    """Values, or ranks of the known ones, less their mean, over their standard deviation."""
-    known = np.isfinite(values)
-    found = np.full(len(values), np.nan)
-    found[known] = rankdata(values[known]) if method == "spearman" else values[known]
-    if known.any() and (spread := float(np.std(found[known]))) > 0:
-        found = (found - found[known].mean()) / spread
-    return found
+def _prepared(maps: Array, method: str) -> Array:
+    """Maps (2, N), or the ranks of their known values, less their mean, over their standard deviation."""
+    for values in maps:
+        known = np.isfinite(values)
+        some = rankdata(values[known]) if method == "spearman" else values[known]
+        values[known] = (some - some.mean()) / np.std(some)
+    return maps
 
 
 @kernel
-def _correlations(start, stop, points, turns, near, indptr, indices, x, y, n, found):
+def _correlations(start, stop, points, turns, vertex, n, indptr, indices, x, y, found):
     """Write the correlation (T,) of x, under each rotation (T, 3, 3), with y."""
     for t in range(start, stop):
         count, sx, sy, sxx, syy, sxy = 0, 0.0, 0.0, 0.0, 0.0, 0.0
         for i in range(len(points)):
             if not math.isfinite(y[i]):
                 continue
-            a, b, c = points[i, 0], points[i, 1], points[i, 2]
-            p0 = a * turns[t, 0, 0] + b * turns[t, 1, 0] + c * turns[t, 2, 0]
-            p1 = a * turns[t, 0, 1] + b * turns[t, 1, 1] + c * turns[t, 2, 1]
-            p2 = a * turns[t, 0, 2] + b * turns[t, 1, 2] + c * turns[t, 2, 2]
-            v = near[cell_of(p0, p1, p2, n)]
-            best = p0 * points[v, 0] + p1 * points[v, 1] + p2 * points[v, 2]
-            nearer = True
-            while nearer:  # walk to nearer neighbours
-                nearer = False
-                for e in range(indptr[v], indptr[v + 1]):
-                    w = indices[e]
-                    here = p0 * points[w, 0] + p1 * points[w, 1] + p2 * points[w, 2]
-                    if here > best:
-                        best, v, nearer = here, w, True
-                        break
-            if math.isfinite(x[v]):
+            q = turned(turns[t], position(points, i))
+            a, b = x[_nearest(points, q, vertex[cell_of(q, n)], indptr, indices)], y[i]
+            if math.isfinite(a):
                 count += 1
-                sx, sy = sx + x[v], sy + y[i]
-                sxx, syy, sxy = sxx + x[v] * x[v], syy + y[i] * y[i], sxy + x[v] * y[i]
+                sx, sy, sxx, syy, sxy = sx + a, sy + b, sxx + a * a, syy + b * b, sxy + a * b
         found[t] = np.nan
         if count >= LEAST_VERTICES:
             xx, yy, xy = sxx - sx * sx / count, syy - sy * sy / count, sxy - sx * sy / count
             if xx > 0.0 and yy > 0.0:
                 found[t] = xy / math.sqrt(xx * yy)
+
+
+@kernel
+def _nearest(points, q, v, indptr, indices):
+    """The vertex nearest to a point, by walking from v to nearer neighbours."""
+    most, nearer = dot(q, position(points, v)), True
+    while nearer:
+        nearer = False
+        for e in range(indptr[v], indptr[v + 1]):
+            w = indices[e]
+            near = dot(q, position(points, w))
+            if near > most:
+                v, most, nearer = np.int64(w), near, True
+                break
+    return v

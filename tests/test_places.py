@@ -58,7 +58,7 @@ def test_the_table_of_nearest_vertices_is_off_by_less_than_a_cell(rng):
     table = NearestTable(points)
     near = table(to)
     least = cKDTree(points).query(to)[0]
-    diagonal = np.sqrt(2) * (np.pi / 2) / table.n
+    diagonal = np.sqrt(2) * (np.pi / 2) / table.arrays[1]
     assert (np.linalg.norm(points[near] - to, axis=1) <= least + diagonal).all()
     assert (np.linalg.norm(points[near] - to, axis=1) <= least + 1e-12).mean() > 0.7
 

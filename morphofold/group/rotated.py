@@ -7,9 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphofold.arrays import Array
+from morphofold.geometry import position
 from morphofold.kernels import kernel, reading
 from morphofold.progress import Progress, silent
-from morphofold.spheres.spins import NearestTable, cell_of, rotations
+from morphofold.spheres.spins import NearestTable, cell_of, rotations, turned
 from morphofold.threads import in_blocks
 
 ROTATIONS_AT_ONCE = 20
@@ -68,48 +69,35 @@ def common_by_chance(marks: Landmarks, spins: int, seed: int, progress: Progress
     for start in range(0, spins, ROTATIONS_AT_ONCE):
         part = turns[start : start + ROTATIONS_AT_ONCE]
         found = np.zeros((len(part), K, 3, N))
-        given = reading(marks.points, table.vertex, dense, marks.near, marks.areas, total, part)
-        in_blocks(_turned, len(part), *given, table.n, found)
+        read = reading(marks.points, *table.arrays, dense, marks.near, marks.areas, total, part)
+        in_blocks(_common_after, len(part), *read, found)
         progress((start + len(part)) / spins, f"{start + len(part)} of {spins} rotations")
         yield found
 
 
 @kernel
-def _turned(start, stop, points, vertex, dense, near, areas, total, turns, n, sums):
+def _common_after(start, stop, points, vertex, n, dense, near, areas, total, turns, sums):
     """Write what is common (T, K, 3, N) after rotations (T, S, 3, 3)."""
     K, S, N = dense.shape
     under = np.empty((S, N), np.int64)
     for t in range(start, stop):
         compared, others = np.zeros(N), np.zeros((K, N))  # subjects with cortex there, and of these with one near
         for s in range(S):
-            turn = turns[t, s]
             for i in range(N):
-                a, b, c = points[i, 0], points[i, 1], points[i, 2]
-                u = vertex[
-                    cell_of(
-                        turn[0, 0] * a + turn[0, 1] * b + turn[0, 2] * c,
-                        turn[1, 0] * a + turn[1, 1] * b + turn[1, 2] * c,
-                        turn[2, 0] * a + turn[2, 1] * b + turn[2, 2] * c,
-                        n,
-                    )
-                ]
+                u = vertex[cell_of(turned(turns[t, s], position(points, i)), n)]
                 under[s, i] = u
                 if areas[u] > 0.0:
                     compared[i] += 1.0
                     for k in range(K):
-                        others[k, i] += 1.0 if near[k, s, u] else 0.0
+                        others[k, i] += near[k, s, u]
         for k in range(K):
             for s in range(S):
-                whole = 0.0
-                for i in range(N):
-                    whole += dense[k, s, under[s, i]] * areas[i]
-                share = total[k, s] / whole if whole > 0.0 else 0.0
-                for i in range(N):
-                    u = under[s, i]
-                    amount = dense[k, s, u] * areas[i] * share
-                    if amount > 0.0:
-                        sums[t, k, 0, i] += amount
-                        if compared[i] > 1.0:
-                            own = 1.0 if near[k, s, u] else 0.0
-                            sums[t, k, 1, i] += amount * (others[k, i] - own) / (compared[i] - 1.0)
-                            sums[t, k, 2, i] += amount
+                amounts = dense[k, s][under[s]] * areas
+                share = total[k, s] / amounts.sum()
+                for i in np.flatnonzero(amounts):
+                    amount = amounts[i] * share
+                    sums[t, k, 0, i] += amount
+                    if compared[i] > 1.0:
+                        own = near[k, s, under[s, i]]
+                        sums[t, k, 1, i] += amount * (others[k, i] - own) / (compared[i] - 1.0)
+                        sums[t, k, 2, i] += amount

@@ -1,13 +1,16 @@
 """Rotations of a sphere, and the vertex below each turned point: the null hypothesis for maps that are smooth."""
 
 import math
+from itertools import product
 
 import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from morphofold.arrays import Array, Ints
-from morphofold.kernels import kernel
+from morphofold.geometry import dot, position
+from morphofold.kernels import kernel, reading
+from morphofold.threads import in_blocks
 
 CELLS_PER_VERTEX = 8
 ROUND_OFF = 1e-12
@@ -36,38 +39,42 @@ class NearestTable:
     """
 
     def __init__(self, points: Array):
-        self.n = int(np.ceil(np.sqrt(CELLS_PER_VERTEX * len(points) / 6)))
-        at = np.tan(np.pi / 4 * ((np.arange(self.n) + 0.5) / self.n * 2 - 1))
-        v, u = np.meshgrid(at, at, indexing="ij")
-        middles = np.empty((6, self.n, self.n, 3))
-        for side in range(6):
-            axis, sign = side // 2, 1.0 - 2 * (side % 2)
-            middles[side, ..., axis] = sign
-            middles[side, ..., (axis + 1) % 3], middles[side, ..., (axis + 2) % 3] = u, v
+        n = int(np.ceil(np.sqrt(CELLS_PER_VERTEX * len(points) / 6)))
+        v, u = np.meshgrid(*[np.tan(np.pi / 4 * ((np.arange(n) + 0.5) / n * 2 - 1))] * 2, indexing="ij")
+        squares = (np.stack([np.full_like(u, sign), u, v], axis=-1) for sign in (1.0, -1.0))
+        middles = np.array([np.roll(square, axis, axis=-1) for axis, square in product(range(3), squares)])
         middles /= np.linalg.norm(middles, axis=-1, keepdims=True)
-        self.vertex = cKDTree(points).query(middles.reshape(-1, 3))[1].astype(np.int64)
+        #: nearest vertex of each cell, and cells along a side, as kernels take them
+        self.arrays = cKDTree(points).query(middles.reshape(-1, 3))[1].astype(np.int64), n
 
     def __call__(self, points: Array) -> Ints:
         """Vertices (P,) near points (P, 3) of the unit sphere."""
-        row, axis = np.arange(len(points)), np.abs(points).argmax(axis=1)
-        most = points[row, axis]
-        u, v = (points[row, (axis + k) % 3] / np.abs(most) for k in (1, 2))
-        i, j = (
-            np.minimum(((np.arctan(x) * (4 / np.pi) + 1) * (self.n / 2)).astype(np.int64), self.n - 1) for x in (u, v)
-        )
-        return self.vertex[((2 * axis + (most < 0)) * self.n + j) * self.n + i]
+        found = np.empty(len(points), dtype=np.int64)
+        in_blocks(_find, len(points), *reading(points, *self.arrays), found)
+        return found
 
 
 @kernel
-def cell_of(p0, p1, p2, n):
+def _find(start, stop, points, vertex, n, found):
+    for i in range(start, stop):
+        found[i] = vertex[cell_of(position(points, i), n)]
+
+
+@kernel
+def turned(turn, p):
+    """A point after a rotation (3, 3)."""
+    return dot(position(turn, 0), p), dot(position(turn, 1), p), dot(position(turn, 2), p)
+
+
+@kernel
+def cell_of(p, n):
     """Number of the cell of ``NearestTable`` in which a point of the unit sphere lies."""
-    a0, a1, a2 = abs(p0), abs(p1), abs(p2)
-    if a0 >= a1 and a0 >= a2:
-        axis, most, u, v = 0, p0, p1, p2
-    elif a1 >= a2:
-        axis, most, u, v = 1, p1, p2, p0
-    else:
-        axis, most, u, v = 2, p2, p0, p1
+    a, b, c = p
+    axis, most, u, v = 0, a, b, c
+    if abs(b) > abs(a) and abs(b) >= abs(c):
+        axis, most, u, v = 1, b, c, a
+    elif abs(c) > abs(a):
+        axis, most, u, v = 2, c, a, b
     i = min(int((math.atan(u / abs(most)) * (4 / np.pi) + 1) * (n / 2)), n - 1)
     j = min(int((math.atan(v / abs(most)) * (4 / np.pi) + 1) * (n / 2)), n - 1)
-    return ((2 * axis + (1 if most < 0 else 0)) * n + j) * n + i
+    return ((2 * axis + (most < 0)) * n + j) * n + i
