@@ -109,7 +109,7 @@ def _simulation_of_run(run: Run, say: Say, *, anew: bool) -> Simulation:
 
     begun = folder.exists()
     if begun and (anew or not mark.is_file() or mark.read_text("utf-8", errors="replace") != now):
-        say(f"{'its files have' if anew else 'the scene has'} changed: it is grown again")
+        say("its scene or its files have changed: it is grown again")
         clear_run(folder)
         begun = False
     write_text(mark, now)

@@ -13,7 +13,7 @@ from typing import Any, Protocol
 from unittest.mock import patch
 
 from morphofold import __version__
-from morphofold.errors import Mismatch, MissingPart, TooLarge
+from morphofold.errors import Mismatch, TooLarge
 from morphofold.group.tasks import Outcome, TaskFolder, error_line, write_record
 from morphofold.progress import Progress, silent
 from morphofold.provenance import Row
@@ -178,12 +178,9 @@ def _workers_of_cluster(address: str) -> Iterator[Workers]:
     except OSError as error:
         raise ConnectionError(f"{address}: no answer from a scheduler. Start one, or leave this option out.") from error
     with client:
-        try:
-            versions = client.run(version_here)
-        except ImportError as error:
-            raise MissingPart(f"its workers can't import morphofold ({error}). Install it where they run.") from error
-        for worker, version in sorted(versions.items()):
-            if version != __version__:
+        versions = client.get_versions(packages=["morphofold"])["workers"]  # type: ignore[index]
+        for worker, info in sorted(versions.items()):
+            if (version := info["packages"]["morphofold"]) != __version__:
                 raise Mismatch(
                     f"the worker {worker} has morphofold {version}, this is {__version__}. Install the same version."
                 )
@@ -191,11 +188,6 @@ def _workers_of_cluster(address: str) -> Iterator[Workers]:
         bounds = sorted({round(limit / GiB, 1) for limit in limits if limit})
         bound = " or ".join(f"{x:g} GiB" for x in bounds) or "the memory of its machine"
         yield Workers(client, f"{len(limits)} workers at {address}, {bound} each")
-
-
-def version_here() -> str:
-    """Version of morphofold in the process that calls this."""
-    return __version__
 
 
 @contextmanager
