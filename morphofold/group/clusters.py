@@ -1,6 +1,7 @@
 """Clusters of a statistic on a mesh, and threshold-free cluster enhancement (TFCE), both by area."""
 
 import numpy as np
+from scipy.sparse.csgraph import connected_components
 
 from morphofold.arrays import Array, Ints
 from morphofold.errors import WrongShape
@@ -24,16 +25,10 @@ class Mesh:
 
     def __init__(self, faces: Faces, areas: Array):
         self.areas = np.asarray(areas, dtype=np.float64)
-        ring = adjacency(len(self.areas), faces)
-        self.links = ring.indptr.astype(np.int64), ring.indices.astype(np.int64)
+        self.ring = adjacency(len(self.areas), faces)
 
     def __repr__(self) -> str:
         return f"Mesh({len(self.areas):,} vertices, {self.areas.sum():.0f} mm2)"
-
-    @property
-    def arrays(self) -> tuple[Ints, Ints, Array]:
-        """Starts of the neighbours of each vertex, neighbours, areas: as kernels take them."""
-        return (*self.links, self.areas)
 
 
 def tfce(values: Array, mesh: Mesh) -> Array:
@@ -47,13 +42,15 @@ def tfce(values: Array, mesh: Mesh) -> Array:
     Smith and Nichols 2009 (NeuroImage 44). Between two values of the map e(h) is constant, so the integral is exact:
     vertices are added from the highest value down, and clusters that meet are joined (union-find).
     """
-    found = np.zeros(len(mesh.areas))
     _check(values, mesh)
     known = np.nan_to_num(values)
-    order = np.argsort(-np.abs(known), kind="stable")
-    for sign in (1.0, -1.0):
-        found += sign * enhanced(*reading(sign * known, order, *mesh.arrays))
+    found: Array = enhanced(*reading(known, by_size(known), mesh.ring, mesh.areas), np.inf)[0]
     return found
+
+
+def by_size(values: Array) -> Ints:
+    """The order of values (..., N), the largest in size first."""
+    return np.argsort(-np.abs(values), axis=-1, kind="stable")
 
 
 def clusters(values: Array, threshold: float, mesh: Mesh) -> tuple[Ints, Array]:
@@ -67,36 +64,15 @@ def clusters(values: Array, threshold: float, mesh: Mesh) -> tuple[Ints, Array]:
         Area of each [mm^2].
     """
     _check(values, mesh)
-    cluster: Ints = components(*reading(np.nan_to_num(values, nan=-np.inf) > threshold, *mesh.links))
-    inside = cluster >= 0
-    return cluster, np.bincount(cluster[inside], mesh.areas[inside]).astype(np.float64)
+    above = np.flatnonzero(values > threshold)
+    cluster: Ints = np.full(len(values), -1)
+    count, cluster[above] = connected_components(mesh.ring[above][:, above], directed=False)
+    return cluster, np.bincount(cluster[above], mesh.areas[above], count).astype(np.float64)
 
 
 def _check(values: Array, mesh: Mesh) -> None:
     if np.shape(values) != mesh.areas.shape:
         raise WrongShape(f"the map has shape {np.shape(values)}, the mesh has {len(mesh.areas)} vertices.")
-
-
-@kernel
-def components(above, indptr, indices):
-    """Number of the connected part (N,) of each vertex that is ``above``; -1 for others."""
-    n = len(above)
-    found, queue, count = np.full(n, -1, np.int64), np.empty(n, np.int64), 0
-    for s in range(n):
-        if not above[s] or found[s] >= 0:
-            continue
-        found[s], queue[0] = count, s
-        at, last = 0, 1
-        while at < last:
-            v = queue[at]
-            at += 1
-            for e in range(indptr[v], indptr[v + 1]):
-                w = indices[e]
-                if above[w] and found[w] < 0:
-                    found[w], queue[last] = count, w
-                    last += 1
-        count += 1
-    return found
 
 
 @kernel
@@ -106,11 +82,9 @@ def _root(parent, more, v):
     while parent[root] != root:
         root = parent[root]
     total, at = 0.0, v  # the sum from v to the root, excluding the root's own
-    while parent[at] != root and at != root:
+    while at != root:
         total += more[at]
         at = parent[at]
-    if at != root:
-        total += more[at]
     at = v
     while at != root and parent[at] != root:
         following, own = parent[at], more[at]
@@ -121,43 +95,48 @@ def _root(parent, more, v):
 
 
 @kernel
-def enhanced(height, order, indptr, indices, areas):
-    """TFCE (N,) of heights, 0 where they are not positive; ``order`` from the highest down, others anywhere.
+def enhanced(values, order, indptr, indices, areas, threshold):
+    """TFCE (N,) of values whose ``order`` is that of :func:`by_size`, and the largest area of a cluster whose values
+    are all above a threshold, or all below its negative.
 
     ``more`` of a root is the integral of its cluster so far; of other vertices, what they have more than their parent.
     """
-    n = len(height)
+    n = len(values)
     parent, more = np.arange(n), np.zeros(n)
-    extent, level, rank = areas.copy(), height.copy(), np.zeros(n, np.int32)
-    seen = np.zeros(n, np.bool_)
+    extent, level, rank = areas.copy(), np.abs(values), np.zeros(n, np.int32)
+    seen, largest = np.zeros(n, np.bool_), 0.0
     for v in order:
-        h = height[v]
-        if h <= 0.0:
-            continue
+        h = level[v]
+        if h == 0.0:
+            break
         seen[v] = True
+        if h > threshold:
+            largest = max(largest, areas[v])
         for e in range(indptr[v], indptr[v + 1]):
-            if not seen[indices[e]]:
+            w = np.int64(indices[e])
+            if not seen[w] or (values[v] > 0.0) != (values[w] > 0.0):
                 continue
-            a, b = _root(parent, more, v), _root(parent, more, indices[e])
+            a, b = _root(parent, more, v), _root(parent, more, w)
             if a == b:
                 continue
             for r in (a, b):
-                more[r] += (
-                    extent[r] ** EXTENT_POWER
-                    * (level[r] ** (HEIGHT_POWER + 1) - h ** (HEIGHT_POWER + 1))
-                    / (HEIGHT_POWER + 1)
-                )
+                more[r] += _gained(extent[r], h, level[r])
                 level[r] = h
             if rank[a] < rank[b]:
                 a, b = b, a
             rank[a] += rank[a] == rank[b]
             parent[b], more[b] = a, more[b] - more[a]
             extent[a] += extent[b]
+            if h > threshold:
+                largest = max(largest, extent[a])
     found = np.zeros(n)
     for v in order:
-        if height[v] <= 0.0:
-            continue
         root = _root(parent, more, v)
-        last = extent[root] ** EXTENT_POWER * level[root] ** (HEIGHT_POWER + 1) / (HEIGHT_POWER + 1)
-        found[v] = more[root] + last + (more[v] if v != root else 0.0)
-    return found
+        found[v] = more[root] + _gained(extent[root], 0.0, level[root]) + (more[v] if v != root else 0.0)
+    return np.where(values < 0.0, -found, found), largest
+
+
+@kernel
+def _gained(extent, low, high):
+    """The integral between two heights over a cluster of constant extent."""
+    return extent**EXTENT_POWER * (high ** (HEIGHT_POWER + 1) - low ** (HEIGHT_POWER + 1)) / (HEIGHT_POWER + 1)

@@ -1,18 +1,16 @@
 """A linear model at every vertex, and what of it remains when subjects are exchanged at random."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from itertools import groupby
 from math import factorial, prod
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
-from morphofold.arrays import Array, Ints
+from morphofold.arrays import Array, Bools, Ints
 from morphofold.errors import DoesNotApply, OutOfRange, WrongShape
-from morphofold.group.clusters import Mesh, clusters, components, enhanced, tfce
-from morphofold.group.variances import variance_trend
+from morphofold.group.clusters import Mesh, by_size, clusters, enhanced, tfce
 from morphofold.kernels import kernel, reading
 from morphofold.progress import Progress, silent
 from morphofold.threads import in_blocks, one_blas_thread
@@ -21,6 +19,7 @@ FORMING_P = 0.001  # two-sided p of the height above which clusters are formed
 PERMUTATIONS_AT_ONCE = 64  # bounds the memory
 ROUND_OFF = 1e-9  # relative
 CONSTANT = 1e-9
+LEAST_FREEDOM = 1e-6  # of a residual that tells a variance
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,29 +60,29 @@ class Inference:
         The smallest corrected p that these permutations can give: the share of them, the data as they are among them,
         that leave what is tested as it is.
     variance_ratio, variance_p : float
-        Of :func:`morphofold.group.variances.variance_trend`.
+        Of :func:`variance_trend`.
     half_width : (N,) float64
         Of the 95 % interval of the effect at one vertex alone, if errors are normal.
     r : (N,) float64
         Size of the effect without a unit: t / sqrt(t^2 + df), the partial correlation of the map with what is tested.
     """
 
-    effect: Array = field(repr=False)
-    t: Array = field(repr=False)
+    effect: Array
+    t: Array
     df: int
     flipped: bool
-    p: Array = field(repr=False)
-    p_height: Array = field(repr=False)
-    p_tfce: Array = field(repr=False)
+    p: Array
+    p_height: Array
+    p_tfce: Array
     threshold: float
-    cluster: Ints = field(repr=False)
-    clusters: list[dict[str, Any]] = field(repr=False)
-    null_height: Array = field(repr=False)
-    null_area: Array = field(repr=False)
-    null_tfce: Array = field(repr=False)
-    degrees: Array = field(repr=False)
-    at_peak: Array = field(repr=False)
-    possible: int = field(repr=False)
+    cluster: Ints
+    clusters: list[dict[str, Any]]
+    null_height: Array
+    null_area: Array
+    null_tfce: Array
+    degrees: Array
+    at_peak: Array
+    possible: int
     least_p: float
     variance_ratio: float
     variance_p: float
@@ -180,10 +179,10 @@ class Model:
         """Whether what is tested is left of a constant map, so that exchanging subjects could not tell it from none."""
         return bool(np.abs(self.residuals(np.ones(len(self._tested)))).max() > CONSTANT)
 
-    def unchanged(self, exchanges: Array) -> int:
-        """How many exchanges (P, S, 2) leave what is tested as it is, but for its sign."""
-        turned = self._tested[exchanges[..., 0].astype(np.int64)] * exchanges[..., 1]
-        return int((np.abs(turned @ self._tested) >= 1 - CONSTANT).sum())
+    def unchanged(self, rows: Ints, signs: Array) -> int:
+        """How many exchanges (P, S) leave what is tested as it is, but for its sign."""
+        changed = self._tested[rows] * signs
+        return int((np.abs(changed @ self._tested) >= 1 - CONSTANT).sum())
 
     def residuals(self, maps: Array) -> Array:
         """Maps (S, N) less what the columns explain that are not tested."""
@@ -197,59 +196,56 @@ class Model:
         """Residuals (S, N) of the whole model from those of the columns that are not tested."""
         return residuals - np.outer(self._tested, self._tested @ residuals)
 
-    def degrees(self, residuals: Array, own: Array) -> Array | int:
-        """Degrees of freedom of t: (N,) with groups (Welch and Satterthwaite), else one number; ``own`` changes
-        nothing (1, S, 2)."""
+    def degrees(self, residuals: Array, rows: Ints, signs: Array) -> Array | int:
+        """Degrees of freedom of t: (N,) with groups (Welch and Satterthwaite), else one number; of the exchange (1, S)
+        that changes nothing."""
         if not self._groups:
             return self.df
-        parts = self._spread(residuals, own)[1][:, 0]
+        parts = self._spread(residuals, rows, signs)[1][:, 0]
         bottom = np.einsum("gn,g->n", parts**2, 1 / self._group_df)
         return np.divide(parts.sum(axis=0) ** 2, bottom, out=np.full(len(bottom), float(self.df)), where=bottom > 0)
 
-    def t(self, residuals: Array, exchanges: Array) -> Array:
-        """t (P, N) after P exchanges (P, S, 2): the row that comes to each place, its own with groups, and its sign."""
-        tested, variances = self._spread(residuals, exchanges)
-        variance, total = variances.sum(axis=0), np.einsum("sn,sn->n", residuals, residuals)
-        small = variance <= ROUND_OFF * total / self.df
-        return np.divide(
-            tested,
-            np.sqrt(variance, where=~small, out=np.ones_like(variance)),
-            where=~small,
-            out=np.zeros_like(variance),
-        )
+    def t(self, residuals: Array, rows: Ints, signs: Array) -> Array:
+        """t (P, N) after P exchanges (P, S): the row that comes to each place, its own with groups, and its sign."""
+        tested, variances = self._spread(residuals, rows, signs)
+        variance = variances.sum(axis=0)
+        small = variance <= ROUND_OFF * _squares(residuals) / self.df
+        return np.where(small, 0.0, tested / np.sqrt(np.where(small, 1.0, variance)))
 
-    def _spread(self, residuals: Array, exchanges: Array) -> tuple[Array, Array]:
+    def _spread(self, residuals: Array, rows: Ints, signs: Array) -> tuple[Array, Array]:
         """After P exchanges, the product (P, N) of what is tested, and its variance (G, P, N) from each group.
 
         The squares of residuals sum to the same for every exchange, so the residuals of the model need not be computed:
         what they lose to the model is found from products of its few columns with the residuals.
         """
-        rows, signs = exchanges[..., 0].astype(np.int64), exchanges[..., 1]
+        (P, S), N = rows.shape, residuals.shape[1]
 
         def products(columns: Array) -> Array:
-            turned = np.zeros((len(rows), *columns.T.shape))
-            places = np.broadcast_to(rows[:, None], turned.shape)
-            np.put_along_axis(turned, places, columns.T[None] * signs[:, None], axis=2)
-            return (turned.reshape(-1, len(columns)) @ residuals).reshape(len(rows), columns.shape[1], -1)
+            exchanged = np.empty((P, columns.shape[1], S))
+            exchanged[np.arange(P)[:, None], :, rows] = columns * signs[..., None]
+            return (exchanged.reshape(-1, S) @ residuals).reshape(P, -1, N)
 
         parts = products(self._columns)
         if not self._groups:
-            total = np.einsum("sn,sn->n", residuals, residuals)
-            return parts[:, 0], (total - np.einsum("pkn,pkn->pn", parts, parts))[None] / self.df
+            return parts[:, 0], (_squares(residuals) - np.einsum("pkn,pkn->pn", parts, parts))[None] / self.df
         variances = []
         for inside, df in zip(self._groups, self._group_df):
-            total = np.einsum("sn,sn->n", residuals[inside], residuals[inside])
             own = self._columns[inside].T @ self._columns[inside]
             lost = 2 * products(self._columns * inside[:, None]) - own @ parts
-            left = np.maximum(total - np.einsum("pkn,pkn->pn", lost, parts), 0.0)
+            left = np.maximum(_squares(residuals[inside]) - np.einsum("pkn,pkn->pn", lost, parts), 0.0)
             variances.append(left / df * (self._tested[inside] ** 2).sum())
         return parts[:, 0], np.array(variances)
 
 
+def _squares(residuals: Array) -> Array:
+    """Sums (N,) of the squares of residuals (S, N)."""
+    return np.einsum("sn,sn->n", residuals, residuals)
+
+
 def exchanges(
     subjects: int, count: int, seed: int, *, flip: bool = False, blocks: Ints | None = None, whole: bool = False
-) -> Array:
-    """Random exchanges (count, subjects, 2): the subject that comes to each place, and its sign.
+) -> tuple[Ints, Array, int]:
+    """Random exchanges: the subject that comes to each place, and its sign (count, subjects); and how many exist.
 
     ``flip``: signs are random and subjects stay, where a mean is tested. ``blocks`` (subjects,): subjects
     are exchanged within blocks only, or each block has one sign. ``whole``: blocks change places with blocks of their
@@ -261,53 +257,23 @@ def exchanges(
         If nothing can be exchanged: every block has one subject, or no two blocks have the same size.
     """
     random = np.random.default_rng(seed)
-    alike, block = _alike(subjects, blocks, whole)
-    if not flip and max(map(len, alike)) < 2:
-        what = "no two blocks have the same size" if whole else "every block has one subject"
-        raise DoesNotApply(f"nothing can be exchanged among {block.max() + 1} blocks: {what}.")
-    found = np.empty((count, subjects, 2))
-    for k in range(count):
-        rows, signs = np.arange(subjects), np.ones(subjects)
-        if flip:
-            signs = random.choice([-1.0, 1.0], subjects if blocks is None else block.max() + 1)
-            signs = signs if blocks is None else signs[block]
-        else:
-            for same in alike:
-                rows[same] = same[random.permutation(len(same))]
-        found[k] = np.column_stack([rows, signs])
-    return found
-
-
-def possible_exchanges(subjects: int, flip: bool, blocks: Ints | None = None, whole: bool = False) -> int:
-    """How many different exchanges there are."""
-    alike, block = _alike(subjects, blocks, whole)
-    return (
-        2 ** (subjects if blocks is None else int(block.max()) + 1) if flip else prod(factorial(len(a)) for a in alike)
-    )
-
-
-def _alike(subjects: int, blocks: Ints | None, whole: bool) -> tuple[list[Ints], Ints]:
-    """Sets (M, B) of M members that change places, single subjects (B = 1) or with ``whole`` blocks of B subjects, and
-    the block of each subject (subjects,)."""
-    block = np.unique(np.zeros(subjects) if blocks is None else blocks, return_inverse=True)[1]
+    rows = np.tile(np.arange(subjects), (count, 1))
+    if blocks is None:
+        blocks = rows[0] * flip
+    block = np.unique(blocks, return_inverse=True)[1]
     members = [np.flatnonzero(block == b) for b in range(block.max() + 1)]
-    if not whole:
-        return [inside[:, None] for inside in members], block
-    sizes = sorted({len(inside) for inside in members})
-    return [np.array([inside for inside in members if len(inside) == size]) for size in sizes], block
-
-
-def largest(t_of: Callable[[Array], Array], shuffled: Array, mesh: Mesh, threshold: float, show: Progress) -> Array:
-    """Of each exchange (P, S, 2), whose t (P, N) ``t_of`` gives: the largest abs(t), the area of the largest cluster,
-    and the largest TFCE (P, 3)."""
-    found = np.empty((len(shuffled), 3))
-    for start in range(0, len(shuffled), PERMUTATIONS_AT_ONCE):
-        stop = min(start + PERMUTATIONS_AT_ONCE, len(shuffled))
-        t = t_of(shuffled[start:stop])
-        order = np.argsort(-np.abs(t), axis=1, kind="stable")
-        in_blocks(_largest, len(t), *reading(t, order, *mesh.arrays), threshold, found[start:stop])
-        show(stop / len(shuffled), f"{stop} of {len(shuffled)} permutations")
-    return found
+    if flip:
+        return rows, random.choice([-1.0, 1.0], (count, len(members)))[:, block], 2 ** len(members)
+    sets = [inside[:, None] for inside in members]  # of members that change places: subjects, or blocks of one size
+    if whole:
+        sets = [np.array([*same]) for _, same in groupby(sorted(members, key=len), key=len)]
+    if max(map(len, sets)) < 2:
+        why = "no two blocks have the same size" if whole else "every block has one subject"
+        raise DoesNotApply(f"nothing can be exchanged among {len(members)} blocks: {why}.")
+    for row in rows:
+        for same in sets:
+            row[same] = same[random.permutation(len(same))]
+    return rows, np.ones((count, subjects)), prod(factorial(len(same)) for same in sets)
 
 
 @one_blas_thread()
@@ -376,69 +342,74 @@ def infer(
             "permutations must be positive, forming_p within 0 to 1 and the seed not negative, got "
             f"{permutations}, {forming_p} and {seed}."
         )
-    known: NDArray[np.bool_] = np.asarray(np.isfinite(Y).all(axis=0))
+    known: Bools = np.asarray(np.isfinite(Y).all(axis=0))
     if not known.any():
         raise DoesNotApply("no vertex has a value in all subjects. Leave out subjects without maps.")
-    threshold = float(stats.t.isf(forming_p / 2, model.df))
-    own = np.column_stack([np.arange(len(Y), dtype=np.float64), np.ones(len(Y))])[None]
-    t, effect, degrees = np.full((3, len(known)), np.nan)
-    residuals = model.residuals(Y[:, known])
-    t[known], effect[known] = model.t(residuals, own)[0], model.effect(residuals)
-    degrees[known] = model.degrees(residuals, own)
     flip = model.tests_a_mean or groups is not None
-    shuffled = exchanges(len(Y), permutations, seed, flip=flip, blocks=blocks, whole=whole)
-    if (unchanged := model.unchanged(shuffled)) == permutations:
+    rows, signs, possible = exchanges(len(Y), permutations, seed, flip=flip, blocks=blocks, whole=whole)
+    if (unchanged := model.unchanged(rows, signs)) == permutations:
         raise DoesNotApply(
             "no exchange changes what is tested: it is the same within every block, so exchange whole blocks "
             "(--whole-blocks); or it differs only within blocks, so don't."
         )
-
-    def t_of(part: Array) -> Array:
-        found = np.zeros((len(part), len(known)))
-        found[:, known] = model.t(residuals, part)
-        return found
-
-    null = largest(t_of, shuffled, mesh, threshold, progress)
+    threshold, residuals = float(stats.t.isf(forming_p / 2, model.df)), model.residuals(Y[:, known])
+    t, effect, degrees = np.full((3, len(known)), np.nan)
+    none = np.arange(len(Y))[None], np.ones((1, len(Y)))  # the exchange that changes nothing
+    t[known], effect[known] = model.t(residuals, *none)[0], model.effect(residuals)
+    degrees[known] = model.degrees(residuals, *none)
+    height, area, enhancement = _null(model, residuals, known, rows, signs, mesh, threshold, progress).T
+    cluster, rows_of_clusters = _cluster_table(t, effect, threshold, mesh, area)
     ratio, variance_p = variance_trend(model.errors(residuals), model.freedom, model.regressor)
-    cluster, rows = _cluster_table(t, effect, threshold, mesh, null[:, 1])
     return Inference(
         effect=effect,
         t=t,
         df=model.df,
         flipped=flip,
         p=2 * stats.t.sf(np.abs(t), degrees),
-        p_height=share_above(np.abs(t), null[:, 0]),
-        p_tfce=share_above(np.where(known, np.abs(tfce(t, mesh)), np.nan), null[:, 2]),
+        p_height=share_above(np.abs(t), height),
+        p_tfce=share_above(np.where(known, np.abs(tfce(t, mesh)), np.nan), enhancement),
         threshold=threshold,
         cluster=cluster,
-        clusters=rows,
-        null_height=null[:, 0],
-        null_area=null[:, 1],
-        null_tfce=null[:, 2],
+        clusters=rows_of_clusters,
+        null_height=height,
+        null_area=area,
+        null_tfce=enhancement,
         degrees=degrees,
         at_peak=Y[:, np.nanargmax(np.abs(t))],
-        possible=possible_exchanges(len(Y), flip, blocks, whole),
+        possible=possible,
         least_p=(1 + unchanged) / (1 + permutations),
         variance_ratio=ratio,
         variance_p=variance_p,
     )
 
 
+def _null(
+    model: Model,
+    residuals: Array,
+    known: Bools,
+    rows: Ints,
+    signs: Array,
+    mesh: Mesh,
+    threshold: float,
+    progress: Progress,
+) -> Array:
+    """Of each exchange (P, S): the largest abs(t), the area of the largest cluster, and the largest TFCE (P, 3)."""
+    found = np.empty((len(rows), 3))
+    for start in range(0, len(rows), PERMUTATIONS_AT_ONCE):
+        part = slice(start, start + PERMUTATIONS_AT_ONCE)
+        t = np.zeros((len(rows[part]), len(known)))
+        t[:, known] = model.t(residuals, rows[part], signs[part])
+        in_blocks(_largest, len(t), *reading(t, by_size(t), mesh.ring, mesh.areas), threshold, found[part])
+        done = start + len(t)
+        progress(done / len(rows), f"{done} of {len(rows)} permutations")
+    return found
+
+
 @kernel
 def _largest(start, stop, t, order, indptr, indices, areas, threshold, found):
-    """Write the largest abs(t), cluster area and TFCE (P, 3) of maps (P, N)."""
     for k in range(start, stop):
-        found[k, 0], found[k, 1], found[k, 2] = np.abs(t[k]).max(), 0.0, 0.0
-        for sign in (1.0, -1.0):
-            height = sign * t[k]
-            found[k, 2] = max(found[k, 2], enhanced(height, order[k], indptr, indices, areas).max())
-            cluster = components(height > threshold, indptr, indices)
-            size = np.zeros(cluster.max() + 1)
-            for v in range(len(cluster)):
-                if cluster[v] >= 0:
-                    size[cluster[v]] += areas[v]
-            if len(size) > 0:
-                found[k, 1] = max(found[k, 1], size.max())
+        enhancement, area = enhanced(t[k], order[k], indptr, indices, areas, threshold)
+        found[k, 0], found[k, 1], found[k, 2] = np.abs(t[k]).max(), area, np.abs(enhancement).max()
 
 
 def share_above(values: Array, null: Array) -> Array:
@@ -450,15 +421,51 @@ def share_above(values: Array, null: Array) -> Array:
 def _cluster_table(
     t: Array, effect: Array, threshold: float, mesh: Mesh, null: Array
 ) -> tuple[Ints, list[dict[str, Any]]]:
-    where, rows = np.full(len(t), -1, dtype=np.int64), []
+    """The row of each vertex's cluster (N,), -1 for none, and the rows, the largest cluster first."""
+    found, rows = [], []
     for sign in (1.0, -1.0):
         cluster, areas = clusters(sign * t, threshold, mesh)
-        for k, area in enumerate(areas):
-            inside = np.flatnonzero(cluster == k)
-            peak = int(inside[np.argmax(sign * t[inside])])
-            p = float(share_above(np.array([area]), null)[0])
-            rows.append(({"peak": peak, "t": t[peak], "effect": effect[peak], "area_mm2": area, "p": p}, inside))
-    rows.sort(key=lambda row: -row[0]["area_mm2"])
-    for k, (_, inside) in enumerate(rows):
-        where[inside] = k
-    return where, [row for row, _ in rows]
+        found += [(area, np.flatnonzero(cluster == k)) for k, area in enumerate(areas)]
+    number = np.full(len(t), -1)
+    for k, (area, inside) in enumerate(sorted(found, key=lambda each: -each[0])):
+        number[inside] = k
+        peak = int(inside[np.abs(t[inside]).argmax()])
+        p = float(share_above(np.array([area]), null)[0])
+        rows.append({"peak": peak, "t": t[peak], "effect": effect[peak], "area_mm2": area, "p": p})
+    return number, rows
+
+
+def variance_trend(errors: Array, freedom: Array, regressor: Array) -> tuple[float, float]:
+    """Largest over smallest residual variance along a regressor, and p that it does not depend on it.
+
+    Parameters
+    ----------
+    errors : (S, N) float64
+        Residuals of the whole model.
+    freedom : (S,) float64
+        Degrees of freedom of each subject's residuals, between 0 and 1.
+    regressor : (S,) float64
+
+    Returns
+    -------
+    ratio, p : float
+        NaN if the regressor has one value.
+
+    Notes
+    -----
+    Squared residuals over their mean at each vertex are averaged over the vertices: a number for each subject. Their
+    logarithms are fitted by the regressor and its square, and p is that of the F test, as Breusch and Pagan 1979
+    (Econometrica 47) do for one variable. Subjects are the units, so vertices may depend on each other.
+    """
+    known = freedom > LEAST_FREEDOM
+    scale = (errors**2).mean(axis=0)
+    relative = (errors[:, scale > 0] ** 2 / scale[scale > 0]).mean(axis=1)[known] / freedom[known]
+    logs, x = np.log(np.maximum(relative, np.finfo(float).tiny)), regressor[known]
+    x = (x - x.mean()) / (np.ptp(x) or 1.0)
+    powers = np.vander(x, min(len(np.unique(x.round(9))), 3), increasing=True)
+    df, left_df = powers.shape[1] - 1, len(x) - powers.shape[1]
+    if df < 1 or left_df < 1:
+        return np.nan, np.nan
+    fitted = powers @ np.linalg.lstsq(powers, logs, rcond=None)[0]
+    explained, left = ((fitted - logs.mean()) ** 2).sum(), ((logs - fitted) ** 2).sum()
+    return float(np.exp(np.ptp(fitted))), float(stats.f.sf(explained / df * left_df / max(left, 1e-300), df, left_df))
