@@ -21,8 +21,8 @@ import morphofold
 from morphofold.cli import main
 from morphofold.errors import NothingToDo
 from morphofold.group import group_tables, participant, statistics, tasks
+from morphofold.group.design import person_and_session
 from morphofold.group.group_tables import TIDY_COLUMNS, read_results, write_group
-from morphofold.group.sessions import person_and_session
 from morphofold.group.subjects import find_subjects, folder_of, named_subjects
 from morphofold.group.workers import Lost, run_tasks
 from morphofold.io import atomic_folder, begin_collection, write_annotation, write_morph

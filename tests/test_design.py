@@ -95,6 +95,48 @@ def test_what_makes_no_model_is_refused(table, error, formula, contrast):
         design(NAMES, table, formula, contrast)
 
 
+@pytest.mark.parametrize(
+    "formula",
+    [
+        "age + {age.__init__.__globals__['__builtins__']['__import__']('os').system('id')}",
+        "{age.to_csv('p')}",
+        "age.to_csv(p)",
+        "np.save(p, age)",
+        "log(age.values)",
+        "eval(age)",
+        "I(age)",
+        "C(age, Treatment(3))",
+        "log(`age` + `')`)",
+        "age\n;b",
+        "age | b",
+        "'age'",
+    ],
+)
+def test_what_could_be_code_is_refused(table, formula):
+    with pytest.raises(NotReadable):
+        design(NAMES, table, formula, "1")
+
+
+@pytest.mark.parametrize(
+    ("formula", "columns"),
+    [
+        ("(age + iq)^2 - age:iq", 3),
+        ("group * center(age) / site", 8),
+        ("bs(age, df=4) + cr(log(age + 1), 3) + poly(iq, 2, raw=True)", 10),
+        ("`Age (years)` + scale(`b.c`) + sqrt(age)", 4),
+        ("0 + C(`test site`)", 3),
+    ],
+)
+def test_columns_and_known_functions_are_written_as_in_r(rng, formula, columns):
+    names = [f"p{k}" for k in range(30)]
+    numbers = {name: rng.uniform(1, 9, 30) for name in ("age", "iq", "Age (years)", "b.c")}
+    people = pd.DataFrame({**numbers, "group": [*"ab"] * 15, "site": [*"xyz"] * 10, "test site": [1, 2, 3] * 10}, names)
+    assert design(names, people, formula, "1" if formula[0] != "0" else "C(`test site`)[1]").matrix.shape == (
+        30,
+        columns,
+    )
+
+
 def test_blocks_are_the_values_of_a_column(table):
     found = design(NAMES, table, "sex", "sex", blocks="group")
     np.testing.assert_array_equal(found.blocks, [0, 1, 2, 0, 1, 2])
@@ -173,27 +215,9 @@ def test_infinite_values_are_refused(table):
 @pytest.mark.parametrize(
     "contrast",
     [
-        "age = 3",
-        "age + 1",
-        "1 + 30 * age",
-        "nan * age",
-        "inf * age",
-        "1e400 * age",
-        "age / 0",
-        "0 * age / 0",
-        "age * age",
-    ]
-    + [
-        "1e300 * age * 1e300",
-        "age * 1000000000000",
-        "age / 1000000000000",
-        "age, sex",
-        "age == 0",
-        "age - age",
-        "2",
-        "(",
-    ]
-    + ["[age)", "`age` {1}", "-" * 5000 + "age", "(" * 5000 + "age", "9" * 5000 + " * age", "log(age)"],
+        *("age = 3", "age + 1", "1 + 30 * age", "nan * age", "inf * age", "age / 0", "age * age", "age, sex"),
+        *("age == 0", "age - age", "2", "(", "[age)", "`age` {1}", "log(age)"),
+    ],
 )
 def test_a_contrast_is_a_sum_of_columns_against_zero(table, contrast):
     with pytest.raises(UnknownName):
@@ -222,8 +246,7 @@ def test_names_like_code_are_names(table, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     code = "open('made', 'w').close()"
     like = table.rename(columns={"age": code, "sex": "open(made, w)"}).assign(group=[code, "A", code, "A", "A", code])
-    with pytest.raises(NotReadable):
-        design(NAMES, like, f"`{code}`", "1")
+    assert design(NAMES, like, f"`{code}`", "1").columns == ("Intercept", code)
     found = design(NAMES, like, "`open(made, w)` + group", f"group[T.{code}]")
     assert found.columns == ("Intercept", "open(made, w)[T.M]", f"group[T.{code}]")
     np.testing.assert_array_equal(found.contrast, [0, 0, 1])

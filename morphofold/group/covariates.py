@@ -5,8 +5,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from morphofold.errors import NamedTwice
-from morphofold.group.design import PERSON, names_of_row, read_participants
-from morphofold.group.sessions import person_and_session
+from morphofold.group.design import PERSON, names_of_row, person_and_session, read_participants
 from morphofold.provenance import Row
 
 PARTICIPANTS_FILE = "participants.tsv"

@@ -7,26 +7,38 @@ import re
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from math import prod
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from morphofold import errors
 from morphofold.arrays import Array, Ints
-from morphofold.errors import DamagedFile, DoesNotApply, MissingPart, NamedTwice, NotFinite, UnknownName, WrongFile
-from morphofold.group.formula import columns_of
-from morphofold.group.sessions import LONG, person_and_session
+from morphofold.words import in_one_line
 
 if TYPE_CHECKING:
+    import formulaic
     import pandas as pd
 
+LONG = ".long."  # in the name of a longitudinal run of recon-all, TIMEPOINT.long.BASE
+#: PERSON_SESSION, as sub-01_ses-2, anna_tp2 and anna_v2; but HC_v02 is volunteer 2, and study_v2_007 a person
+SESSION = re.compile(
+    r"((?:sub-)?+.+?)[_.-]+(ses-[A-Za-z0-9]+.*|(?:session|ses|timepoint|time|tp|visit|wave)[_-]?\d+[A-Za-z]?|v[1-9])",
+    re.IGNORECASE,
+)
 PERSON = "person"  # a column that names the person of each session
 IDENTIFIER = "participant_id"  # the first column, as BIDS has it
 MISSING = ("n/a", "NA", "NaN", "nan", "")
 INTERCEPTS = ("1", "Intercept", "intercept")
 #: that formulaic raises for formulas and contrasts without a meaning
 NO_MEANING = (SyntaxError, ValueError, TypeError, AttributeError, LookupError, ArithmeticError, RuntimeError)
-LARGEST_WEIGHT = 1e9  # of a contrast; the smallest is its inverse
+MOST_COLUMNS = 20_000
+CALLS = ("C", "log", "sqrt", "exp", "center", "scale", "poly", "bs", "cr")
+#: calls that formulaic may evaluate as Python: nothing in them can run code
+CALL = re.compile(rf"(?:{'|'.join(CALLS)})\((?:[\w\s,+\-*/()=]|\.\d)*\)")
+CALLED, COLUMN = re.compile(r"(\w+)\s*\("), re.compile(r"\b([^\W\d]\w*)\b(?!\s*[(=])")
+QUOTED = re.compile(r"`([^`'\"\\]+)`")
 FAR_OUT, MOST_CODES = 30, 0.2  # median absolute deviations from the median; share of the values
 
 
@@ -89,8 +101,7 @@ def read_participants(path: str | Path) -> pd.DataFrame:
     try:
         text = re.sub(r" *([\t\n]) *", r"\1", path.read_text(encoding="utf-8-sig"))
         text = re.sub(f"{separator}+$", "", text, flags=re.MULTILINE)
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", pd.errors.ParserWarning)  # of a line with more cells than the first
+        with warnings.catch_warnings(action="error", category=pd.errors.ParserWarning):  # a line longer than the first
             table = pd.read_csv(
                 io.StringIO(text),
                 sep=separator,
@@ -100,24 +111,35 @@ def read_participants(path: str | Path) -> pd.DataFrame:
                 keep_default_na=False,
             )
     except (ValueError, pd.errors.ParserWarning) as error:  # ValueError: not UTF-8, no table
-        words = " ".join(str(error).split())
-        raise DamagedFile(f"{path}: is no table of tab-separated UTF-8 text, or compressed: {words}.") from None
+        raise errors.DamagedFile(
+            f"{path}: is no table of tab-separated UTF-8 text, or compressed: {in_one_line(error)}."
+        ) from None
     if IDENTIFIER not in table:
-        raise WrongFile(
-            f"{path}: has no column {IDENTIFIER}; its columns are {', '.join(map(str, table.columns))}. Is it "
-            "separated by tabs, as BIDS asks?"
+        raise errors.WrongFile(
+            f"{path}: has no column {IDENTIFIER}; its columns are {', '.join(table)}. Is it separated by tabs, as "
+            "BIDS asks?"
         )
-    heads = text.partition("\n")[0].split(separator)
-    if again := sorted({name for name in heads if heads.count(name) > 1}):
-        raise NamedTwice(f"{path}: has two columns {_some(again)}. Rename one, or leave it out.")
     if table[IDENTIFIER].isna().any():
-        row = int(np.flatnonzero(table[IDENTIFIER].isna())[0]) + 2
-        raise DamagedFile(f"{path}: line {row} has no {IDENTIFIER}. Fill it in, or remove the line.")
+        raise errors.DamagedFile(f"{path}: a line has no {IDENTIFIER}. Fill it in, or remove the line.")
     table[IDENTIFIER] = table[IDENTIFIER].map(plain_name)
-    twice = sorted(table[IDENTIFIER][table[IDENTIFIER].duplicated()].unique())
-    if twice:
-        raise NamedTwice(f"{path}: has two rows of {_some(twice)}. Leave one row for each subject.")
+    for what, names in ("columns", text.partition("\n")[0].split(separator)), ("rows of", table[IDENTIFIER]):
+        repeated = pd.Series(names)[pd.Series(names).duplicated()].unique()
+        if len(repeated):
+            raise errors.NamedTwice(f"{path}: has two {what} {_some(repeated)}. Leave one of them.")
     return table.set_index(IDENTIFIER)
+
+
+def person_and_session(subject: str) -> tuple[str, str]:
+    """The person that a subject is a scan of, by its name, and the session; the subject itself and "" without sessions.
+
+    ``sub-01_ses-2`` is sub-01, ses-2. A longitudinal run of FreeSurfer is of the person of its time point if the base
+    bears that name, else of its base: ``anna_ses1.long.anna_base`` is anna, ses1; ``x.long.ben`` is ben, x.
+    """
+    visit, long, base = subject.partition(LONG)
+    named = SESSION.fullmatch(visit)
+    if long and base and not (named and named[1] in base):
+        return person_and_session(base)[0], visit.removeprefix(base).lstrip("_.-") or visit
+    return (named[1], named[2]) if named else (subject, "")
 
 
 def plain_name(subject: str) -> str:
@@ -171,69 +193,95 @@ def design(
     """
     import formulaic
 
-    rows_of = [names_of_row(one) for one in subjects]
-    names = [next((name for name in each if name in participants.index), each[0]) for each in rows_of]
-    if missing := sorted(set(names) - set(participants.index)):
-        raise MissingPart(
+    candidates = map(names_of_row, subjects)
+    names = [next((name for name in each if name in participants.index), each[0]) for each in candidates]
+    if missing := sorted({*names} - {*participants.index}):
+        raise errors.MissingPart(
             f"the table of participants has no row of {_some(missing)}. Add what is missing, or leave these subjects "
             "out."
         )
     everybody = participants.loc[names].reset_index(drop=True)
-    named, factors = columns_of(formula)
+    model, terms, factors = _parsed(formula)
+    named = sorted(set().union(*terms))
     needed = sorted({*named, *filter(None, (blocks, variance_groups))})
     if unknown := [name for name in needed if name not in everybody]:
-        raise UnknownName(f"{_some(unknown)}: no such column of participants; they are {', '.join(everybody.columns)}.")
-    rows = _with_numbers(everybody[needed], sorted(named - factors), names)
+        raise errors.UnknownName(f"{_some(unknown)}: no such column of participants; they are {', '.join(everybody)}.")
+    rows = _with_numbers(everybody[needed], [name for name in named if name not in factors], names)
     complete = rows.notna().all(axis=1).to_numpy()
     if not complete.any():
-        raise DoesNotApply(f"no subject has all values of {_some(needed)}.")
-    factors |= {name for name in named if rows[name].dtype.kind not in "biuf"}
-    columns_of(formula, {name: rows[name].nunique() for name in factors})
-    rows, kept = rows[complete], tuple(one for one, there in zip(subjects, complete) if there)
+        raise errors.DoesNotApply(f"no subject has all values of {_some(needed)}.")
+    levels = {name: rows[name].nunique() for name in named if name in factors or rows[name].dtype.kind not in "biuf"}
+    if sum(prod(levels.get(name, 1) for name in term) for term in terms) > MOST_COLUMNS:
+        raise errors.NotReadable(f"{formula!r}: has more than {MOST_COLUMNS:,} columns. Leave out an interaction.")
+    rows, everybody = rows[complete], everybody[complete]
+    kept, left_out = (tuple(np.array(subjects)[which].tolist()) for which in (complete, ~complete))
     try:
         with np.errstate(all="ignore"):  # what is not finite is refused below
-            matrix = formulaic.Formula(formula).get_model_matrix(rows, context={"sqrt": np.sqrt}, na_action="ignore")
+            matrix = model.get_model_matrix(rows, context={"sqrt": np.sqrt}, na_action="ignore")
     except (formulaic.errors.FormulaicError, *NO_MEANING) as error:
-        raise UnknownName(f"{formula!r}: can't be read as a model: {_first_line(error)}") from None
-    columns = tuple(map(str, matrix.columns))
-    values = np.asarray(matrix, dtype=np.float64)
+        raise errors.UnknownName(f"{formula!r}: can't be read as a model: {str(error).splitlines()[0]}") from None
+    columns, values = tuple(map(str, matrix)), np.asarray(matrix, dtype=np.float64)
     if wild := [name for name, column in zip(columns, values.T) if not np.isfinite(column).all()]:
-        raise NotFinite(f"{_some(wild)}: is not finite for all subjects. Put n/a where a value is unknown.")
+        raise errors.NotFinite(f"{_some(wild)}: is not finite for all subjects. Put n/a where a value is unknown.")
     weights = _weights(contrast, columns, matrix.model_spec, formula)
-    block, whole = None if blocks is None else _numbered(rows[blocks]), False
-    remarks = [text for name in sorted(named) for text in _codes(name, rows[name], kept)]
-    persons = _numbered(_persons(kept, everybody[complete]))
-    first, times = np.unique(persons, return_index=True, return_counts=True)[1:]
-    if blocks is None and times.max() > 1:
-        block, whole = persons, bool(np.allclose(values @ weights, (values @ weights)[first[persons]], atol=0))
+    remarks = [text for name in named for text in _codes(name, rows[name], kept)]
+    if blocks is None:
+        block, whole, remark = _blocks_of_persons(kept, everybody, values, weights)
+        remarks += [remark] * bool(remark)
+    else:
+        block, whole = _numbered(rows[blocks]), False
+    groups = None if variance_groups is None else _numbered(rows[variance_groups])
+    return Design(kept, left_out, columns, values, weights, block, whole, groups, tuple(remarks))
+
+
+def _parsed(formula: str) -> tuple[formulaic.Formula, list[set[str]], set[str]]:
+    """A formula, the columns of participants in each of its terms, and those of them in calls of ``C``."""
+    import formulaic
+
+    terms, factors = list[set[str]](), set[str]()
+    try:
+        model = formulaic.Formula(formula)
+        for term in model:
+            names = set[str]()
+            for part in term.factors:
+                plain = QUOTED.sub("quoted", part.expr)
+                if part.eval_method.value == "lookup":
+                    names.add(part.expr)
+                elif part.eval_method.value == "python":
+                    if not CALL.fullmatch(plain) or not {*CALLED.findall(plain)} <= {*CALLS}:
+                        raise SyntaxError
+                    of_call = {*QUOTED.findall(part.expr), *COLUMN.findall(QUOTED.sub("", part.expr))}
+                    names |= of_call - {"True", "False"}
+                    factors |= of_call if plain.startswith("C(") else set()
+            terms.append(names)
+        return model, terms, factors
+    except (formulaic.errors.FormulaicError, *NO_MEANING):
+        raise errors.NotReadable(
+            f"{formula!r}: can't be read as a model. Write columns (in backquotes, if a name has more than letters, "
+            f"digits and _), numbers, + - : * / ^ ( ), and calls of {', '.join(CALLS)}, such as 'age + sex'."
+        ) from None
+
+
+def _blocks_of_persons(
+    subjects: Sequence[str], rows: pd.DataFrame, values: Array, weights: Array
+) -> tuple[Ints | None, bool, str]:
+    """The person of each subject (S,) as blocks, if persons have several sessions; whether they are exchanged as
+    wholes; and a remark. A person is that of the column ``person``, else of the name."""
+    column = rows.get(PERSON, [None] * len(subjects))
+    persons = _numbered(person_of(s) if p is None or p != p else p for s, p in zip(subjects, column))
+    first = np.unique(persons, return_index=True)[1]
+    if len(first) < len(persons):
+        whole = bool(np.allclose(values @ weights, (values @ weights)[first[persons]], atol=0))
         how = "persons are exchanged as wholes" if whole else "sessions are exchanged within persons"
-        remarks.append(
-            f"names show {len(kept)} sessions of {len(first)} persons, so {how}. --blocks COLUMN changes this."
-        )
-    elif blocks is None and (repeats := _repeats(values)) > 1:
-        remarks.append(
+        text = f"names show {len(subjects)} sessions of {len(first)} persons, so {how}. --blocks COLUMN changes this."
+        return persons, whole, text
+    if (repeats := _repeats(values)) > 1:
+        text = (
             f"every value of a regressor is there {repeats} times or more. If these are sessions of one person, name a "
             "column of persons with --blocks."
         )
-    return Design(
-        subjects=kept,
-        left_out=tuple(one for one, there in zip(subjects, complete) if not there),
-        columns=columns,
-        matrix=values,
-        contrast=weights,
-        blocks=block,
-        whole=whole,
-        variance_groups=None if variance_groups is None else _numbered(rows[variance_groups]),
-        remarks=tuple(remarks),
-    )
-
-
-def _persons(subjects: Sequence[str], rows: pd.DataFrame) -> list[str]:
-    """The person of each subject: by the column ``person``, else by the name."""
-    known = rows.get(PERSON, [None] * len(subjects))
-    return [
-        person_of(name) if person is None or person != person else str(person) for name, person in zip(subjects, known)
-    ]
+        return None, False, text
+    return None, False, ""
 
 
 def _numbered(names: Iterable[object]) -> Ints:
@@ -251,7 +299,7 @@ def _with_numbers(rows: pd.DataFrame, names: Sequence[str], subjects: Sequence[s
         if not len(wrong):
             rows = rows.assign(**{name: numbers})
         elif 2 * len(wrong) < rows[name].notna().sum():
-            raise DamagedFile(
+            raise errors.DamagedFile(
                 f"{name}: {rows[name][wrong[0]]!r} of {subjects[wrong[0]]} is not a number, as most values are. "
                 f"Correct it, put n/a if it is unknown, or write C({name}) if the values are names."
             )
@@ -288,23 +336,19 @@ def _weights(contrast: str, columns: tuple[str, ...], spec: Any, formula: str) -
     """Weights (K,) of a contrast."""
     import formulaic
 
-    wanted = contrast.strip()
-    wanted = next((name for name in columns if name in INTERCEPTS), wanted) if wanted in INTERCEPTS else wanted
-    order, heads = wanted.count(":"), (f"{wanted}[", f"C({wanted})[")
-    of_variable = [name for name in columns if name.startswith(heads) and name.count(":") == order]
-    if wanted not in columns and len(of_variable) == 1:
-        wanted = of_variable[0]
-    if wanted in columns:
-        return np.array([float(name == wanted) for name in columns])
+    name = contrast.strip()
+    of_variable = [c for c in columns if c.startswith((f"{name}[", f"C({name})[")) and c.count(":") == name.count(":")]
+    same = [c for c in columns if c == name or {c, name} <= {*INTERCEPTS}] or of_variable
+    if len(same) == 1:
+        return np.isin(columns, same).astype(np.float64)
     try:
         found = spec.get_linear_constraints(contrast)
-        weights, size = np.asarray(found.constraint_matrix, np.float64), np.abs(found.constraint_matrix)
-        usual = ((size == 0) | (size > 1 / LARGEST_WEIGHT) & (size < LARGEST_WEIGHT)).all()
-        if weights.shape == (1, len(columns)) and usual and weights.any() and not found.constraint_values.any():
+        weights = np.asarray(found.constraint_matrix, dtype=np.float64)
+        if len(weights) == 1 and np.isfinite(weights).all() and weights.any() and not found.constraint_values.any():
             return weights[0]
     except (formulaic.errors.FormulaicError, *NO_MEANING):
         pass
-    raise UnknownName(
+    raise errors.UnknownName(
         f"contrast {contrast!r}: must be a column of the model {formula!r} or a sum of columns times numbers, and is "
         f"tested against 0. The columns are {', '.join(columns)}."
     )
@@ -312,7 +356,3 @@ def _weights(contrast: str, columns: tuple[str, ...], spec: Any, formula: str) -
 
 def _some(names: Sequence[str]) -> str:
     return f"{', '.join(names[:4])}{f' and {len(names) - 4} more' if len(names) > 4 else ''}"
-
-
-def _first_line(error: Exception) -> str:
-    return str(error).strip().splitlines()[0].rstrip(".") + "."

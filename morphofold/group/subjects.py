@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from morphofold.errors import NamedTwice, NothingToDo, NotReadable, WrongFile
-from morphofold.group.sessions import LONG
+from morphofold.group.design import LONG
 
 SUBJECT_FOLDERS = ("surf", "mri", "scripts", "stats", "label")  # folders; a FreeSurfer subject has at least one
 #: folders that FreeSurfer puts beside subjects
