@@ -7,13 +7,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from itertools import groupby
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy import stats
 
 from morphofold.analysis.measures import SLOPE_SCALARS
-from morphofold.analysis.multiple_tests import holm
+from morphofold.analysis.multiple_tests import SIGNIFICANCE, holm
+from morphofold.arrays import Array, Ints
 from morphofold.comparison.thickness import Cloud, ThicknessPoint, bins, fit_line
 from morphofold.group.group_tables import HEMIS, Group
 from morphofold.quantities import THICKNESS_RATIO
@@ -38,7 +38,7 @@ REPEATING_MEASURES = (
     *("mean_cortical_thickness_area_weighted_mm", "spectral_wavelength_mm"),
 )
 
-Scalars = Mapping[str, NDArray[np.float64]]  # measure -> (subjects, 2): left and right, NaN where there is none
+Scalars = Mapping[str, Array]  # measure -> (subjects, 2): left and right, NaN where there is none
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class Asymmetry:
     @property
     def sided(self) -> bool:
         """Whether the sides differ, by the corrected test at 0.05."""
-        return self.p_holm < 0.05
+        return self.p_holm < SIGNIFICANCE
 
 
 @dataclass(frozen=True)
@@ -121,8 +121,6 @@ class Outliers:
     @property
     def by_chance(self) -> float:
         """Expected number of values as far out if all were normally distributed."""
-        from scipy import stats
-
         return float(2 * stats.norm.sf(OUTLIER_Z)) * self.looked_at
 
     @property
@@ -146,7 +144,7 @@ def by_person(group: Group, scalars: Scalars) -> Scalars:
     return {name: _means(values, group.person_numbers[1]) for name, values in scalars.items()}
 
 
-def _means(values: NDArray[np.float64], number: NDArray[np.int64]) -> NDArray[np.float64]:
+def _means(values: Array, number: Ints) -> Array:
     """Means (P, ...) of the finite values (S, ...) with the same number; NaN where there are none."""
     known = np.isfinite(values)
     sums, counts = np.zeros((2, number.max(initial=-1) + 1, *values.shape[1:]))
@@ -170,34 +168,26 @@ def distributions(scalars: Scalars) -> list[Distribution]:
 def asymmetry(scalars: Scalars) -> list[Asymmetry]:
     """Left against right, for every measure that is a positive quantity of the brain and that a subject has on both
     sides."""
-    pairs = {name: _asymmetry_indices(values) for name, values in scalars.items() if name not in NO_ASYMMETRY_MEASURES}
-    found = [_asymmetry_statistics(name, values) for name, values in pairs.items() if values.size]
-    corrected = holm(np.array([np.nan if one.measure in REPEATING_MEASURES else one.p_holm for one in found]))
-    return [replace(one, p_holm=float(p)) for one, p in zip(found, corrected)]
+    found = []
+    for name, values in scalars.items():
+        left, right = values[np.isfinite(values).all(axis=1) & (values >= 0).all(axis=1) & (values.sum(axis=1) > 0)].T
+        if left.size and name not in NO_ASYMMETRY_MEASURES:
+            found.append(_asymmetry_statistics(name, 2 * (left - right) / (left + right)))
+    corrected = holm(np.array([np.nan if row.measure in REPEATING_MEASURES else row.p_holm for row in found]))
+    return [replace(row, p_holm=float(p)) for row, p in zip(found, corrected)]
 
 
-def _asymmetry_indices(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    left, right = values[np.isfinite(values).all(axis=1)].T
-    usable = (left >= 0) & (right >= 0) & (left + right > 0)
-    left, right = left[usable], right[usable]
-    return 2 * (left - right) / (left + right)
-
-
-def _asymmetry_statistics(name: str, values: NDArray[np.float64]) -> Asymmetry:
+def _asymmetry_statistics(name: str, values: Array) -> Asymmetry:
     """Asymmetry of one measure, with p not corrected yet."""
-    from scipy import stats
-
-    n, mean, nan = len(values), float(values.mean()), float("nan")
-    if n < 2:
-        return Asymmetry(name, n, mean, nan, nan, nan, nan, nan)
-    sd = float(values.std(ddof=1))
+    n, mean = len(values), float(values.mean())
+    sd = float(values.std(ddof=1)) if n > 1 else np.nan
     half = float(stats.t.ppf(0.975, n - 1) * sd / np.sqrt(n))
-    effect = mean / sd if sd > RELATIVE_ROUND_OFF else nan
+    effect = mean / sd if sd > RELATIVE_ROUND_OFF else np.nan
     p = float(2 * stats.t.sf(abs(effect) * np.sqrt(n), n - 1))
     return Asymmetry(name, n, mean, mean - half, mean + half, sd, effect, p)
 
 
-def outliers(subjects: Sequence[str], scalars: Scalars, number: NDArray[np.int64] | None = None) -> Outliers:
+def outliers(subjects: Sequence[str], scalars: Scalars, number: Ints | None = None) -> Outliers:
     """Values (subjects, 2) far from the median of their measure and side; ``number`` (subjects,) is that of the person.
 
     Median and deviation are over persons, of the mean of their sessions, but each session is searched.
@@ -210,33 +200,30 @@ def outliers(subjects: Sequence[str], scalars: Scalars, number: NDArray[np.int64
     found: dict[int, list[Outlier]] = {}
     too_few, divided, looked_at = [], [], 0
     number = np.arange(len(subjects)) if number is None else number
-    for measure, values in scalars.items():
-        if measure in BOUNDS:
+    pairs = [(name, hemi) for name in scalars if name not in BOUNDS for hemi in HEMIS]
+    for measure, hemi in pairs:
+        values = scalars[measure][:, HEMIS.index(hemi)]
+        known, persons = np.flatnonzero(np.isfinite(values)), _means(values, number)
+        persons = persons[np.isfinite(persons)]
+        if persons.size < FEWEST_FOR_OUTLIERS:
+            too_few += [(measure, hemi)] * bool(known.size)
             continue
-        for hemi, side in zip(HEMIS, values.T):
-            known = np.flatnonzero(np.isfinite(side))
-            people = _means(side, number)
-            people = people[np.isfinite(people)]
-            if people.size < FEWEST_FOR_OUTLIERS:
-                too_few += [(measure, hemi)] if known.size else []
-                continue
-            z, median = robust_z(side[known], LEAST_MAD_OF_COUNTS if measure.startswith(COUNT_PREFIX) else 0.0, people)
-            if np.isinf(z).mean() > LARGEST_OUTLIER_SHARE:
-                divided.append((measure, hemi))
-                continue
-            looked_at += 0 if np.isinf(z).any() or not z.any() else known.size
-            for k in np.flatnonzero(np.abs(z) > OUTLIER_Z):
-                row = Outlier(subjects[known[k]], hemi, measure, float(side[known[k]]), float(z[k]), median)
-                found.setdefault(int(known[k]), []).append(row)
+        z, median = robust_z(values[known], LEAST_MAD_OF_COUNTS * measure.startswith(COUNT_PREFIX), persons)
+        if np.isinf(z).mean() > LARGEST_OUTLIER_SHARE:
+            divided.append((measure, hemi))
+            continue
+        looked_at += 0 if np.isinf(z).any() or not z.any() else known.size
+        for k, far in zip(known.tolist(), z.tolist()):
+            if abs(far) > OUTLIER_Z:
+                row = Outlier(subjects[k], hemi, measure, float(values[k]), far, median)
+                found.setdefault(k, []).append(row)
     for rows in found.values():
         rows.sort(key=lambda row: -abs(row.robust_z))
     ranked = sorted(found, key=lambda k: ([-abs(row.robust_z) for row in found[k]], k))
     return Outliers(tuple(row for k in ranked for row in found[k]), looked_at, tuple(too_few), tuple(divided))
 
 
-def robust_z(
-    values: NDArray[np.float64], least: float = 0.0, among: NDArray[np.float64] | None = None
-) -> tuple[NDArray[np.float64], float]:
+def robust_z(values: Array, least: float = 0.0, among: Array | None = None) -> tuple[Array, float]:
     """Robust z (N,) of known values (N,), and the median of the values ``among`` which they are; by default their own.
 
     MAD is at least ``least``; 0 or signed infinity if MAD is 0 to round-off."""
@@ -257,8 +244,7 @@ def subject_cloud(group: Group, side: int) -> Cloud:
     fit is always through the subjects.
     """
     scalars = by_person(group, measures_of(group))
-    cortical = scalars["mean_cortical_thickness_mm"][:, side]
-    gyral = scalars["median_gyral_thickness_mm"][:, side]
+    cortical, gyral = (scalars[f"{kind}_thickness_mm"][:, side] for kind in ("mean_cortical", "median_gyral"))
     both = np.flatnonzero(np.isfinite(cortical) & np.isfinite(gyral))
     points = tuple(ThicknessPoint(float(cortical[k]), float(gyral[k]), group.person_numbers[0][k]) for k in both)
     fit = fit_line(points, robust=len(points) <= MOST_ROBUST_FIT_POINTS)
@@ -284,10 +270,9 @@ def write_statistics(
     folder: Path, spread: Sequence[Distribution], sides: Sequence[Asymmetry], far: Sequence[Outlier]
 ) -> None:
     """Write distributions.tsv, asymmetry.tsv and outliers.tsv; an infinite robust z is ``n/a``."""
-    tables: dict[str, tuple[type, Sequence[Any]]] = {
-        "distributions": (Distribution, spread),
-        "asymmetry": (Asymmetry, sides),
-        "outliers": (Outlier, far),
-    }
-    for name, (kind, rows) in tables.items():
+    for name, kind, rows in (
+        ("distributions", Distribution, spread),
+        ("asymmetry", Asymmetry, sides),
+        ("outliers", Outlier, far),
+    ):
         write_table(folder / f"{name}.tsv", [column.name for column in fields(kind)], map(asdict, rows))
