@@ -16,9 +16,8 @@ from morphofold.cli import main
 from morphofold.errors import MissingPart, OutOfRange
 from morphofold.geometry import vertex_areas
 from morphofold.group.participant import measure_participant
-from morphofold.group.space import Mapped, map_participant, maps_on_template, write_space
+from morphofold.group.spaces import Mapped, map_participant, maps_on_template, template, write_space
 from morphofold.group.tasks import TaskFolder
-from morphofold.group.template_space import template
 from morphofold.group.workers import run_tasks
 from morphofold.io import read_surface, write_label, write_surface
 from morphofold.shapes import icosphere

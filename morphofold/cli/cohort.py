@@ -22,10 +22,9 @@ from morphofold.group.covariates import NO_COVARIATES, Covariates, find_covariat
 from morphofold.group.design import names_of_row
 from morphofold.group.group_tables import GROUP_FOLDER, TAKEN_COLUMNS, Group, write_group
 from morphofold.group.participant import Participant, measure_participant
-from morphofold.group.space import SPACES, Mapped, map_participant, write_space
+from morphofold.group.spaces import SPACES, Mapped, Template, map_participant, template, write_space
 from morphofold.group.subjects import find_subjects, folder_of, left_out_words, named_subjects
 from morphofold.group.tasks import Outcome, TaskFolder
-from morphofold.group.template_space import Template, template
 from morphofold.group.workers import Workers
 from morphofold.io import begin_collection, read_surface, refuse_foreign, refuse_no_collection
 from morphofold.io.cortices import cortex_files, hemispheres

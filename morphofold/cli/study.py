@@ -6,8 +6,7 @@ from typing import Any
 from morphofold.cli import options
 from morphofold.cli.options import Answer, Stats, sides
 from morphofold.cli.printing import progress
-from morphofold.group.overlap import WHOLE, Overlap, overlap
-from morphofold.group.overlap_files import overlap_summary, write_overlap
+from morphofold.group.overlap import WHOLE, Overlap, overlap, overlap_summary, write_overlap
 from morphofold.group.spaces import find_space
 from morphofold.group.study import Result, Space, cluster_rows, fit_study, summary, write_result
 from morphofold.io import refuse_foreign

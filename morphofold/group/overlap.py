@@ -1,19 +1,23 @@
 """Where the hinges and crests of a study's subjects are, and how many they have in common, against chance."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import chain
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from morphofold import __version__
 from morphofold.analysis.smoothing import smooth
 from morphofold.arrays import Array
 from morphofold.errors import DoesNotApply, OutOfRange
 from morphofold.geometry import vertex_areas
 from morphofold.group.permutations import share_above
 from morphofold.group.rotated import Landmarks, common, common_by_chance
-from morphofold.group.spaces import HEMIS, Space, areas_of
+from morphofold.group.spaces import HEMIS, MM2_PER_CM2, Space, write_results
+from morphofold.io.files import StrPath
 from morphofold.mesh_quality.checks import is_no_cortex
 from morphofold.progress import Progress, part_of, silent
 from morphofold.threads import one_blas_thread
@@ -21,22 +25,12 @@ from morphofold.unfolding.unfold import points_on_sphere
 
 KINDS = {"hinges": ("hinges", "hinge_distance"), "crests": ("crest_length", "crest_distance")}  # amount, distance
 WHOLE = "hemisphere"
+DENSITY_MAPS = {"hinges": "hinge_density", "crests": "crest_density"}
 DENSITY_FWHM_MM = 10.0
-MM2_PER_CM2 = 100.0
 MOST_COLUMNS = 200  # maps that are smoothed at once
 COLUMNS = (
-    "hemi",
-    "kind",
-    "region",
-    "subjects",
-    "amount",
-    "density",
-    "share",
-    "chance",
-    "chance_low",
-    "chance_high",
-    "p",
-    "p_corrected",
+    *("hemi", "kind", "region", "subjects", "amount", "density"),
+    *("share", "chance", "chance_low", "chance_high", "p", "p_corrected"),
 )
 
 
@@ -68,14 +62,14 @@ class Overlap:
 
 @dataclass(frozen=True, eq=False)
 class _Side:
-    """One hemisphere: what is common by region (1 + T, K, 3, R + 1), as it is and then rotated, and its densities.
+    """One hemisphere: what is common by region (1 + T, K, 3, R), as it is and then rotated, and its densities.
 
     The last region is the whole. ``density`` and ``chance`` (K, N) are smoothed; ``away`` (K, N), and the largest of
     each rotation, ``largest`` (T, K), are distances from the mean of all [standard deviations].
     """
 
     subjects: int
-    names: tuple[str, ...]
+    regions: tuple[str, ...]
     by_region: Array
     areas: Array
     density: Array
@@ -124,11 +118,14 @@ def overlap(
     ValueError
         If the study has no such maps, fewer than two subjects or no crown width, or a number is not positive.
     """
-    radius = _radius(space, radius)
-    if not (np.isfinite(fwhm) and fwhm > 0 and spins >= 1 and seed >= 0):
+    if radius is None:
+        if space.about.graph_width_mm is None:
+            raise DoesNotApply(f"{space.folder}: no crown width is known. Pass a radius in mm.")
+        radius = 0.5 * space.about.graph_width_mm
+    if not (0 < radius < np.inf and 0 < fwhm < np.inf and spins >= 1 and seed >= 0):
         raise OutOfRange(
-            f"the smoothing and the number of rotations must be positive and the seed not negative, got {fwhm!r}, "
-            f"{spins!r} and {seed!r}."
+            "the radius, the smoothing and the number of rotations must be positive and the seed not negative, got "
+            f"{radius!r}, {fwhm!r}, {spins!r} and {seed!r}."
         )
     marks = {hemi: _landmarks(space, hemi, radius) for hemi in hemis}  # refuses before the rotations
     sides = {}
@@ -149,75 +146,58 @@ def overlap(
     ]
 
 
-def _radius(space: Space, radius: float | None) -> float:
-    if radius is None:
-        if space.about.graph_width_mm is None:
-            raise DoesNotApply(f"{space.folder}: no crown width is known. Pass a radius in mm.")
-        radius = 0.5 * space.about.graph_width_mm
-    if not (np.isfinite(radius) and radius > 0):
-        raise OutOfRange(f"the radius must be a positive length in mm, got {radius!r}.")
-    return radius
-
-
 def _landmarks(space: Space, hemi: str, radius: float) -> Landmarks:
-    there = np.flatnonzero(space.hemis[hemi])
-    _refuse_few(space, hemi, len(there))
-    amounts, far = (
-        np.stack([np.asarray(space.map(hemi, names[k]), dtype=np.float64)[there] for names in KINDS.values()])
-        for k in (0, 1)
-    )
-    known = np.isfinite(amounts).any(axis=2).all(axis=0)  # a subject measured without its gyral graph has none
-    _refuse_few(space, hemi, int(known.sum()))
-    sphere, cortex = space.sphere(hemi), space.cortex(hemi)
-    points = points_on_sphere(sphere, sphere)
-    return Landmarks(
-        np.where(cortex, np.nan_to_num(amounts[:, known]), 0.0),
-        far[:, known] <= radius,
-        points,
-        vertex_areas(points, sphere.faces),
-        np.where(cortex, areas_of(space, hemi, there[known]), 0.0),
-    )
-
-
-def _refuse_few(space: Space, hemi: str, count: int) -> None:
-    if count < 2:
+    rows = np.flatnonzero(space.hemis[hemi])
+    if len(rows) > 1:
+        amounts, away = (
+            np.stack([np.asarray(space.map(hemi, names[k]), dtype=np.float64)[rows] for names in KINDS.values()])
+            for k in (0, 1)
+        )
+        known = np.isfinite(amounts).any(axis=2).all(axis=0)  # a subject measured without its gyral graph has none
+        rows, amounts, away = rows[known], amounts[:, known], away[:, known]
+    if len(rows) < 2:
         other = "rh" if hemi == "lh" else "lh"
         advice = f" Pass --hemi {other}." if space.hemis[other].sum() > 1 else ""
         raise DoesNotApply(
-            f"{space.folder}: {count} subjects have hinges and crests of {hemi}; two are needed.{advice}"
+            f"{space.folder}: {len(rows)} subjects have hinges and crests of {hemi}; two are needed.{advice}"
         )
+    sphere, cortex = space.sphere(hemi), space.cortex(hemi)
+    points = points_on_sphere(sphere, sphere)
+    return Landmarks(
+        np.where(cortex, np.nan_to_num(amounts), 0.0),
+        away <= radius,
+        points,
+        vertex_areas(points, sphere.faces),
+        np.where(cortex, space.areas(hemi, rows), 0.0),
+    )
 
 
 @one_blas_thread()
 def _side(space: Space, hemi: str, marks: Landmarks, fwhm: float, spins: int, seed: int, progress: Progress) -> _Side:
-    inside, names = _regions(space, hemi)
-    K, subjects, N = marks.amounts.shape
-    sums = []
-    counts: Array = np.empty((1 + spins, K, N), dtype=np.float32)
-    turned = common_by_chance(marks, spins, seed, part_of(progress, 0.0, 0.7, ""))
-    start = 0
-    for found in chain([common(marks)[None]], turned):
+    regions, cortex = space.regions(hemi), space.cortex(hemi)
+    labels, names = (cortex, ()) if regions is None else (regions.labels, regions.names)
+    named = [k for k, name in enumerate(names) if not is_no_cortex(name)]
+    inside = np.column_stack([*(cortex & (labels == k) for k in named), np.ones(len(cortex))])
+    sums, counts, start = [], np.empty((1 + spins, *marks.amounts.shape[::2]), dtype=np.float32), 0
+    rotated = common_by_chance(marks, spins, seed, part_of(progress, 0.0, 0.7))
+    for found in chain([common(marks)[None]], rotated):
         sums.append(found @ inside)
         counts[start : start + len(found)] = found[:, :, 0]
         start += len(found)
-    densities = _densities(space, hemi, counts, marks.areas * subjects, fwhm, part_of(progress, 0.7, 0.3, ""))
+    subjects = marks.amounts.shape[1]
+    densities = _densities(space, hemi, counts, marks.areas * subjects, fwhm, part_of(progress, 0.7, 0.3))
     spread = densities.std(axis=0)
     away = np.abs(densities - densities.mean(axis=0)) / np.where(spread > 0, spread, 1.0)
-    largest = np.nanmax(away[1:], axis=2)
-    chance = densities[1:].mean(axis=0)
-    areas = marks.areas @ inside
-    return _Side(subjects, names, np.concatenate(sums), areas, densities[0], chance, away[0], largest)
-
-
-def _regions(space: Space, hemi: str) -> tuple[Array, tuple[str, ...]]:
-    """Which vertices are in each region, and in the last column all (N, R + 1); the names of the regions."""
-    regions, cortex = space.regions(hemi), space.cortex(hemi)
-    columns, names = [], []
-    for k, name in enumerate(() if regions is None else regions.names):
-        if regions is not None and not is_no_cortex(name):
-            columns.append(cortex & (regions.labels == k))
-            names.append(name)
-    return np.column_stack([*columns, np.ones(len(cortex))]).astype(np.float64), tuple(names)
+    return _Side(
+        subjects,
+        (*(names[k] for k in named), WHOLE),
+        np.concatenate(sums),
+        marks.areas @ inside,
+        densities[0],
+        densities[1:].mean(axis=0),
+        away[0],
+        np.nanmax(away[1:], axis=2),
+    )
 
 
 def _densities(space: Space, hemi: str, counts: Array, areas: Array, fwhm: float, progress: Progress) -> Array:
@@ -235,33 +215,60 @@ def _densities(space: Space, hemi: str, counts: Array, areas: Array, fwhm: float
 
 
 def _rows(kind: str, k: int, sides: Mapping[str, _Side]) -> list[dict[str, Any]]:
-    rows, scores = [], []
+    rows, scores = [], []  # how far shares, and rotated ones (1 + T,), are above their mean [standard deviations]
     for hemi, side in sides.items():
-        for row, score in _rows_of_side(kind, k, hemi, side):
+        amounts, shared, compared = np.moveaxis(side.by_region[:, k], 0, 2)  # (R, 1 + T)
+        shares = np.divide(shared, compared, out=np.full(shared.shape, np.nan), where=compared > 0)
+        for region, area, (amount, *_), share in zip(side.regions, side.areas, amounts / side.subjects, shares):
+            row = {"hemi": hemi, "kind": kind, "region": region, "subjects": side.subjects, "amount": float(amount)}
+            row["density"] = MM2_PER_CM2 * float(amount) / area if area > 0 else None
             rows.append(row)
-            if score is not None:
-                scores.append((row, score))
-    if scores:
-        largest = np.max([score[1:] for _, score in scores], axis=0)
-        for row, score in scores:
-            row["p_corrected"] = float(share_above(score[:1], largest)[0])
+            chance = share[1:][np.isfinite(share[1:])]
+            if not (np.isfinite(share[0]) and len(chance)):
+                continue
+            low, high = np.percentile(chance, (2.5, 97.5))
+            row |= {"share": float(share[0]), "chance": float(chance.mean()), "chance_low": low, "chance_high": high}
+            row["p"] = float(share_above(share[:1], chance)[0])
+            mean, spread = float(np.nanmean(share)), float(np.nanstd(share))
+            if spread > 0:
+                scores.append((row, (np.nan_to_num(share, nan=mean) - mean) / spread))
+    largest = np.max([score[1:] for _, score in scores], axis=0, initial=-np.inf)
+    for row, score in scores:
+        row["p_corrected"] = float(share_above(score[:1], largest)[0])
     return rows
 
 
-def _rows_of_side(kind: str, k: int, hemi: str, side: _Side) -> Iterator[tuple[dict[str, Any], Array | None]]:
-    """Each row with how far its share, and each rotated one (1 + T,), are above the mean [standard deviations]."""
-    amounts, shared, compared = np.moveaxis(side.by_region[:, k], 1, 0)  # (1 + T, R + 1)
-    shares = np.divide(shared, compared, out=np.full(shared.shape, np.nan), where=compared > 0)
-    for r, (region, area) in enumerate(zip((*side.names, WHOLE), side.areas)):
-        amount, share = float(amounts[0, r]) / side.subjects, shares[:, r]
-        row: dict[str, Any] = {"hemi": hemi, "kind": kind, "region": region, "subjects": side.subjects}
-        row |= {"amount": amount, "density": MM2_PER_CM2 * amount / area if area > 0 else None}
-        chance = share[1:][np.isfinite(share[1:])]
-        if not (np.isfinite(share[0]) and len(chance)):
-            yield row, None
-            continue
-        low, high = np.percentile(chance, (2.5, 97.5))
-        row |= {"share": float(share[0]), "chance": float(chance.mean()), "chance_low": low, "chance_high": high}
-        row["p"] = float(share_above(share[:1], chance)[0])
-        mean, spread = float(np.nanmean(share)), float(np.nanstd(share))
-        yield row, (np.nan_to_num(share, nan=mean) - mean) / spread if spread > 0 else None
+def write_overlap(
+    space: Space,
+    found: Sequence[Overlap],
+    summary: Mapping[str, Any],
+    out: StrPath,
+    report: Callable[..., object] | None = None,
+) -> Path:
+    """Write what hinges and crests of a study have in common, completely or not at all.
+
+    ``overlap.tsv`` has the rows of each :class:`Overlap`; ``maps/?h.hinge_density.shape.gii`` [1/cm^2] and
+    ``?h.crest_density`` [mm/cm^2] the densities, ``..._chance`` what is expected by chance, and ``..._p`` the corrected
+    p; each also in FreeSurfer's format. ``report`` draws the page, of the space, what was found, its summary and the
+    folder.
+    """
+    maps: dict[str, Mapping[str, Array]] = {}
+    for each in found:
+        name = DENSITY_MAPS[each.kind]
+        maps |= {name: each.density, f"{name}_chance": each.chance, f"{name}_p": each.p}
+    table = ("overlap.tsv", COLUMNS, [row for each in found for row in each.rows])
+    return write_results(space, out, maps, table, summary, report and partial(report, space, found, summary))
+
+
+def overlap_summary(space: Space, found: Sequence[Overlap], *, fwhm: float, spins: int, seed: int) -> dict[str, Any]:
+    """What was compared and found, as JSON; numbers of whole hemispheres only."""
+    return {
+        "morphofold": __version__,
+        "space": space.folder.parent.name,
+        "radius_mm": found[0].radius,
+        "density_fwhm_mm": fwhm,
+        "rotations": spins,
+        "seed": seed,
+        "hemispheres": [row for each in found for row in each.rows if row["region"] == WHOLE],
+        "smallest_density_p": {each.kind: {hemi: float(np.nanmin(p)) for hemi, p in each.p.items()} for each in found},
+    }

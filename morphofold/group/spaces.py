@@ -1,26 +1,334 @@
-"""Maps of a study on a template, as ``cohort --space`` wrote them."""
+"""Maps of a cohort on a template: each subject's come over through its registered sphere, then one array holds all.
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+``write_space`` writes the arrays for ``cohort --space``, ``find_space`` finds them for statistics.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ConfigDict
 
-from morphofold.arrays import Array, Ints
-from morphofold.errors import DamagedFile, MissingPart, UnknownName
+from morphofold.analysis.graph.graph_rows import landmark_maps
+from morphofold.analysis.smoothing import smooth
+from morphofold.arrays import Array, Bools, Ints
+from morphofold.errors import DamagedFile, MissingPart, OutOfRange, UnknownName
 from morphofold.geometry import vertex_areas
-from morphofold.group.clusters import Mesh
-from morphofold.io import read_annotation, read_label, read_surface
-from morphofold.io.json_files import Amount, Record, read_json
-from morphofold.spheres.templates import template_sphere, template_surface
-from morphofold.surface import Regions, Surface
-from morphofold.tables import read_table
+from morphofold.group import tasks
+from morphofold.group.covariates import NO_COVARIATES, Covariates
+from morphofold.io import atomic_folder, files_of, write_gifti_map, write_morph
+from morphofold.io.cortices import SURFACE_ENDINGS, registered_sphere
+from morphofold.io.files import StrPath
+from morphofold.io.json_files import Amount, Record, read_json, write_json
+from morphofold.provenance import sha256_of
+from morphofold.spheres.resampling import Resampling
+from morphofold.spheres.templates import HEMIS, TemplateFolder, find_template, read_own_sphere
+from morphofold.tables import read_table, write_table
+from morphofold.words import in_one_line
 
-HEMIS = ("lh", "rh")
+if TYPE_CHECKING:
+    from morphofold.analysis.measures import Measures
+
+SPACES = "spaces"  # folder of a cohort, with a folder for each template
 PARTICIPANTS = "participants.tsv"
 AGAIN = "Run cohort --space again."
+SYMMETRY_TOLERANCE = 1e-4  # of the radius, between a vertex of the left sphere and the mirrored one of the right
+TEMPLATE_SURFACES = ("white", "pial", "inflated", "sphere", "sphere.reg")
+LEAST_SHARE_TO_FILL = 0.5  # of a smoothing kernel on known values, from which on a hole in the cortex is filled
+SUMMED_MAPS = ("area", "hinges", "crest_length")  # maps of amounts, whose sum matters; of others the mean
+DISTANCES = ("hinge_distance", "crest_distance")  # interpolated, since a mean is longer near where they are 0
+DENSITIES = {"hinge_density": "hinges", "crest_density": "crest_length"}  # of amounts, for each cm2 of white surface
+MM2_PER_CM2 = 100.0
+WIDTH = "graph_width_mm"
+
+
+@dataclass(frozen=True)
+class Template(TemplateFolder):
+    """A template to which maps come over, and how they are smoothed on it.
+
+    Attributes
+    ----------
+    folder : Path
+        With ``surf/?h.sphere.reg`` or, of a template that others are registered to, ``surf/?h.sphere``.
+    one_side : bool
+        Both hemispheres come to its left one, the right one mirrored, by FreeSurfer's ``surfreg --xhemi``.
+    fwhm : float or None
+        Full width at half maximum [mm] of the smoothing along its white surface.
+    """
+
+    fwhm: float | None = None
+
+    @property
+    def name(self) -> str:
+        return self.folder.name
+
+    @property
+    def place(self) -> str:
+        """Name of the folder for maps on it."""
+        return self.name + "-xhemi" * self.one_side + (f"-fwhm{self.fwhm:g}" if self.fwhm is not None else "")
+
+    def registration(self, subject: str | Path, hemi: str) -> Path:
+        """The file of a subject's sphere that is registered to it; raises if there is none."""
+        if not self.one_side:
+            return registered_sphere(subject, hemi)
+        name, mirrored = f"{self.name}.sphere.reg", Path(subject) / "xhemi" if hemi == "rh" else subject
+        return registered_sphere(mirrored, "lh", name, f"surfreg --s SUBJECT --t {self.name} --lh [--xhemi] writes it.")
+
+    def is_symmetric(self) -> bool:
+        """Whether vertex i of its left hemisphere belongs to vertex i of the right one: their spheres are mirrored."""
+        if self.one_side or not all(map(self.has_sphere, HEMIS)):
+            return self.one_side
+        left, right = (self.sphere(hemi).verts for hemi in HEMIS)
+        near = SYMMETRY_TOLERANCE * np.abs(left).max()
+        return left.shape == right.shape and np.allclose(left * (-1, 1, 1), right, rtol=0, atol=near)
+
+    def has_sphere(self, hemi: str) -> bool:
+        """Whether it has that hemisphere."""
+        try:
+            return bool(self.sphere_file(hemi))
+        except MissingPart:
+            return False
+
+    def digests(self) -> dict[str, Any]:
+        """Digests of the files on which maps depend, or why there is none, and the smoothing."""
+        found: dict[str, Any] = {"fwhm": self.fwhm, "xhemi": self.one_side}
+        for hemi in HEMIS:
+            found[hemi] = [digest_or_reason(self.sphere_file, hemi), digest_or_reason(self.surface_file, hemi)]
+            if self.fwhm is not None:
+                found[hemi].append(digest_or_reason(self.label_file, hemi, "cortex.label"))
+        return found
+
+
+def template(name: StrPath, fwhm: float | None = None, *, xhemi: bool = False) -> Template:
+    """The template of a name: a folder, or a sample such as ``"fsaverage5"``.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is neither.
+    ValueError
+        If ``fwhm`` is not a positive length, or the folder has no sphere, or no white surface.
+    """
+    if fwhm is not None and not (np.isfinite(fwhm) and fwhm > 0):
+        raise OutOfRange(f"smoothing must be a positive width in mm, got {fwhm!r}.")
+    found = Template(find_template(name).folder, xhemi, fwhm)
+    for hemi in [hemi for hemi in HEMIS if found.has_sphere(hemi)] or HEMIS[:1]:
+        found.sphere_file(hemi)
+        found.surface_file(hemi)  # which statistics need, too
+    return found
+
+
+def digest_or_reason(find: Callable[..., Path], *arguments: str | Path) -> str:
+    try:
+        return sha256_of(find(*arguments))
+    except tasks.INPUT_ERRORS as error:
+        return str(error)
+
+
+@dataclass(frozen=True)
+class Mapped:
+    """A measured subject whose maps are to come over.
+
+    Attributes
+    ----------
+    name : str
+    folder : str
+        Its own folder, with ``surf/?h.sphere.reg``.
+    measured : TaskFolder
+        Of its measuring.
+    results : str
+        Folder of its measures.
+    place : TaskFolder
+    template : Template
+    """
+
+    name: str
+    folder: str
+    measured: tasks.TaskFolder
+    results: str
+    place: tasks.TaskFolder
+    template: Template
+
+    @property
+    def maps(self) -> Path:
+        """Folder of its maps on the template."""
+        return Path(self.place.out) / "subjects" / self.name
+
+
+def map_participant(subject: Mapped) -> tasks.Outcome:
+    """Bring the maps of a subject over to a template, unless this was done for the same files.
+
+    A hemisphere without a registered sphere, or with that of another mesh, fails alone.
+    """
+    measured = tasks.read_record(subject.measured.record)
+    files = measured.get("files", {})
+    hemis = [
+        hemi for hemi in HEMIS if any(f"{hemi}.white" in name or f"hemi-{hemi[0].upper()}" in name for name in files)
+    ]
+
+    def key() -> str:
+        if not measured.get("results"):
+            raise FileNotFoundError(f"{subject.name}: has no measures, so no maps.")
+        spheres = {hemi: digest_or_reason(subject.template.registration, subject.folder, hemi) for hemi in hemis}
+        return tasks.digest({"measured": files, "spheres": spheres, "template": subject.template.digests()})
+
+    return tasks.perform(
+        subject.place,
+        key,
+        lambda: files_of(subject.maps),
+        lambda say, _: _bring_over(subject, say),
+        parts=max(len(hemis), 1),
+    )
+
+
+def _bring_over(subject: Mapped, say: tasks.Say) -> dict[str, str]:
+    """Write the maps of the hemispheres that can come over; return the failures of the others."""
+    from morphofold.results import read_analysis
+
+    found, failures = {}, {}
+    for m in read_analysis(subject.results):
+        hemi = m.cortex.hemi
+        say(f"{hemi} resampling")
+        try:
+            sphere = subject.template.registration(subject.folder, hemi)
+            found[hemi] = maps_on_template(m, sphere, subject.template)
+            if (width := m.parameters.get(WIDTH)) is not None:  # the crown width of the net, none without folds [mm]
+                found[hemi][WIDTH] = np.asarray(width, dtype=np.float64)
+        except tasks.INPUT_ERRORS as error:
+            failures[hemi] = in_one_line(error)
+            say(f"{hemi} failed: {failures[hemi]}")
+    subject.maps.parent.mkdir(parents=True, exist_ok=True)
+    with atomic_folder(subject.maps) as folder:
+        for hemi, maps in found.items():
+            single: dict[str, Any] = {name: values.astype(np.float32) for name, values in maps.items()}
+            np.savez(folder / f"{hemi}.npz", **single)
+    return failures
+
+
+def maps_on_template(m: Measures, sphere: str | Path, on: Template) -> dict[str, Array]:
+    """The maps of one hemisphere at the vertices of a template, (P,) each.
+
+    Parameters
+    ----------
+    m : Measures
+    sphere : str or path
+        The subject's ``?h.sphere.reg``.
+    on : Template
+
+    Returns
+    -------
+    dict
+        Means over the white area around each vertex, NaN where less than half of a mean is known. Sums: ``area`` [mm2],
+        and of the gyral graph ``hinges`` and ``crest_length`` [mm]. Interpolated: ``hinge_distance`` and
+        ``crest_distance`` [mm] (:func:`~morphofold.analysis.graph.graph_rows.landmark_maps`).
+
+        Smoothing closes holes within the template's cortex, where half of the kernel is known, and leaves NaN outside
+        it. Sums and distances are not smoothed; smoothed sums over smoothed area are ``hinge_density`` [1/cm2] and
+        ``crest_density`` [mm/cm2].
+
+    Raises
+    ------
+    ValueError, OSError
+        If the sphere is that of another mesh, or is no sphere, or the template lacks a surface.
+    """
+
+    cortex = m.cortex
+    resampling = Resampling(read_own_sphere(sphere, cortex), on.sphere(cortex.hemi))
+    areas = vertex_areas(cortex.white.verts, cortex.faces)
+    maps = {**m.maps, **({} if m.graph is None else landmark_maps(cortex, m.graph))}
+    for name, values in maps.items():
+        if name in SUMMED_MAPS:
+            maps[name] = resampling.sums(values)
+        else:
+            maps[name] = resampling.values(values) if name in DISTANCES else resampling.means(values, areas)
+    return maps if on.fwhm is None else maps | _smoothed(maps, on, on.fwhm, cortex.hemi)
+
+
+def _smoothed(maps: Mapping[str, Array], on: Template, fwhm: float, hemi: str) -> dict[str, Array]:
+    """The smoothed maps, and densities."""
+
+    white = on.surface(hemi)
+    around, inside, fill = vertex_areas(white.verts, white.faces), None, None
+    if on.label_file(hemi, "cortex.label").is_file():
+        inside, fill = on.cortex(hemi), LEAST_SHARE_TO_FILL
+    means = {name: values for name, values in maps.items() if name not in (*SUMMED_MAPS, *DISTANCES)}
+    spread = {name: maps[name] / around for name in SUMMED_MAPS if name in maps}  # for each mm2 of the template
+    columns = np.column_stack([*means.values(), *spread.values()])
+    smoothed = smooth(white.verts, white.faces, columns, fwhm, inside, fill=fill).T
+    found = dict(zip([*means, *spread], smoothed))
+    if "area" in found:
+        for density, name in DENSITIES.items():
+            if name in spread:
+                found[density] = MM2_PER_CM2 * np.divide(found[name], found["area"])
+    return {name: values for name, values in found.items() if name not in spread}
+
+
+def write_space(
+    out: Path, on: Template, subjects: Sequence[Mapped], covariates: Covariates = NO_COVARIATES
+) -> dict[str, tuple[int, int]]:
+    """Write ``out/group``: for each map and hemisphere one array of all subjects, completely or not at all.
+
+    ``?h.MAP.npy`` is float32 (subjects, vertices), NaN where a subject has no value; ``participants.tsv`` has the
+    subjects in the order of the rows, their covariates, and 1 where a hemisphere has maps; ``surf`` and ``label`` are
+    the template's.
+    Returns the shape of each array by its name.
+    """
+    arrays, widths, rows = dict[str, Any](), list[float](), list[dict[str, Any]]()
+    with atomic_folder(out / "group") as folder:
+        for k, subject in enumerate(subjects):
+            rows.append({"participant_id": subject.name, **covariates.of(subject.name)})
+            for hemi in HEMIS:
+                file = subject.maps / f"{hemi}.npz"
+                rows[k][hemi] = int(file.is_file())
+                for name, values in _stored_maps(file):
+                    array = f"{hemi}.{name}"
+                    if name == WIDTH:
+                        widths.append(float(values))
+                        continue
+                    if array not in arrays:
+                        shape = len(subjects), len(values)
+                        arrays[array] = np.lib.format.open_memmap(folder / f"{array}.npy", "w+", np.float32, shape)
+                        arrays[array][:] = np.nan
+                    arrays[array][k] = values
+        for values in arrays.values():
+            values.flush()
+        write_table(folder / PARTICIPANTS, ("participant_id", *covariates.columns, *HEMIS), rows)
+        _copy_template(on, folder)
+        shapes = {name: arrays[name].shape for name in sorted(arrays)}
+        content = {
+            "template": on.name,
+            "smoothing_fwhm_mm": on.fwhm,
+            "summed": list(SUMMED_MAPS),
+            "one_side": on.one_side,
+            "symmetric": on.is_symmetric(),
+            WIDTH: float(np.median(widths)) if widths else None,
+            "arrays": shapes,
+        }
+        write_json(folder / "space.json", content)
+    return shapes
+
+
+def _stored_maps(file: Path) -> Iterator[tuple[str, Array]]:
+    if file.is_file():
+        with np.load(file) as maps:
+            yield from maps.items()
+
+
+def _copy_template(on: Template, folder: Path) -> None:
+    """Copy the template's surfaces and labels, so that the arrays can be drawn without it."""
+    for place in ("surf", "label"):
+        (folder / place).mkdir()
+    for hemi in ("lh",) if on.one_side else HEMIS:
+        files = [on.folder / "surf" / f"{hemi}.{kind}{end}" for kind in TEMPLATE_SURFACES for end in SURFACE_ENDINGS]
+        files += [on.label_file(hemi, name) for name in ("cortex.label", "aparc.annot")]
+        for file in files:
+            if file.is_file():
+                shutil.copyfile(file, folder / file.parent.name / file.name)
 
 
 class SpaceRecord(Record):
@@ -35,14 +343,16 @@ class SpaceRecord(Record):
     smoothing_fwhm_mm: Amount | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class Space:
+@dataclass(frozen=True, eq=False, repr=False)
+class Space(TemplateFolder):
     """Maps of a study on a template.
 
     Attributes
     ----------
     folder : Path
         That ``cohort --space`` wrote: ``spaces/TEMPLATE/group``.
+    one_side : bool
+        Whether the maps of both hemispheres are on the template's left one.
     subjects : tuple of str
         In the order of the rows.
     hemis : mapping of hemisphere to (S,) bool
@@ -52,43 +362,20 @@ class Space:
         Columns of the participants that ``cohort`` knew, such as age.
     """
 
-    folder: Path
-    subjects: tuple[str, ...]
-    hemis: Mapping[str, NDArray[np.bool_]]
-    about: SpaceRecord
+    subjects: tuple[str, ...] = ()
+    hemis: Mapping[str, Bools] = field(default_factory=dict)
+    about: SpaceRecord = field(default_factory=SpaceRecord)
     covariates: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return f"Space({str(self.folder)!r}, {len(self.subjects)} subjects, {' and '.join(self.hemis)})"
 
-    def side(self, hemi: str) -> str:
-        """The template's hemisphere that the maps of one are on."""
-        return "lh" if self.about.one_side else hemi
-
-    def surface(self, hemi: str, kind: str = "white") -> Surface:
-        """A surface of the template."""
-        return read_surface(template_surface(self.folder, self.side(hemi), kind))
-
-    def sphere(self, hemi: str) -> Surface:
-        """The template's registered sphere."""
-        return read_surface(template_sphere(self.folder, self.side(hemi)))
-
-    def cortex(self, hemi: str) -> NDArray[np.bool_]:
-        """The template's cortex (N,); everywhere if it has no label."""
-        n, file = len(self.surface(hemi).verts), self.folder / "label" / f"{self.side(hemi)}.cortex.label"
-        return read_label(file, n) if file.is_file() else np.ones(n, dtype=bool)
-
-    def regions(self, hemi: str) -> Regions | None:
-        """The template's parcellation, if it has one."""
-        file = self.folder / "label" / f"{self.side(hemi)}.aparc.annot"
-        return read_annotation(file) if file.is_file() else None
-
     def map(self, hemi: str, name: str) -> Array:
         """A map (S, N) of all subjects; raises if there is none."""
         file = self.folder / f"{hemi}.{name}.npy"
-        there = {path.name.partition(".")[2].removesuffix(".npy") for path in self.folder.glob("?h.*.npy")}
-        if name not in there:
-            raise UnknownName(f"{name!r}: no such map in {self.folder}; they are {', '.join(sorted(there))}.")
+        names = sorted({path.name.partition(".")[2].removesuffix(".npy") for path in self.folder.glob("?h.*.npy")})
+        if name not in names:
+            raise UnknownName(f"{name!r}: no such map in {self.folder}; they are {', '.join(names)}.")
         if not file.is_file():
             raise MissingPart(f"{file}: is missing, though the other side has this map. {AGAIN}")
         shape = len(self.subjects), len(self.surface(hemi).verts)
@@ -103,6 +390,15 @@ class Space:
             )
         return values
 
+    def areas(self, hemi: str, rows: Ints) -> Array:
+        """Mean white area of some subjects at each vertex (N,) [mm^2]; the template's if the study has no map of it."""
+        try:
+            values = np.asarray(self.map(hemi, "area"), dtype=np.float64)
+        except UnknownName:
+            white = self.surface(hemi)
+            return vertex_areas(white.verts, white.faces)
+        return np.nan_to_num(np.nanmean(values[rows], axis=0))
+
 
 def find_space(study: str | Path, name: str | None = None) -> Space:
     """The space of a study: the one of that name, or the only one.
@@ -114,43 +410,49 @@ def find_space(study: str | Path, name: str | None = None) -> Space:
     ValueError
         If there are several and none is named, or it is damaged.
     """
-    spaces = Path(study) / "spaces"
-    there = sorted(path.parent.parent.name for path in spaces.glob("*/group/space.json"))
-    if not there or (name is not None and name not in there):
-        what = "no maps on a template" if name is None else f"no maps on {name}; there are {', '.join(there) or 'none'}"
-        raise FileNotFoundError(
-            f"{study}: has {what}. Run: morphofold cohort SUBJECTS_DIR -o {study} --space fsaverage5"
+    spaces = Path(study) / SPACES
+    names = sorted(path.parent.parent.name for path in spaces.glob("*/group/space.json"))
+    if not names or (name is not None and name not in names):
+        lack = (
+            "no maps on a template"
+            if name is None
+            else f"no maps on {name}; its templates: {', '.join(names) or 'none'}"
         )
-    if name is None and len(there) > 1:
-        raise UnknownName(f"{study}: has maps in several spaces: {', '.join(there)}. Name one with --space.")
-    folder = spaces / (name or there[0]) / "group"
+        raise FileNotFoundError(
+            f"{study}: has {lack}. Run: morphofold cohort SUBJECTS_DIR -o {study} --space fsaverage5"
+        )
+    if name is None and len(names) > 1:
+        raise UnknownName(f"{study}: has maps in several spaces: {', '.join(names)}. Name one with --space.")
+    folder = spaces / (name or names[0]) / "group"
     rows = read_table(folder / PARTICIPANTS, words=("participant_id",), numbers=HEMIS)
-    names = tuple(row.get("participant_id", "") for row in rows)
-    if not rows or len({*names}) < len(rows) or not rows[0].keys() >= {*HEMIS}:
+    subjects = tuple(row.get("participant_id", "") for row in rows)
+    if not rows or len({*subjects}) < len(rows) or not rows[0].keys() >= {*HEMIS}:
         raise DamagedFile(f"{folder / PARTICIPANTS}: lacks rows, a column or names, or has a name twice. {AGAIN}")
     hemis = {hemi: np.array([row[hemi] == 1 for row in rows]) for hemi in HEMIS}
     about = SpaceRecord(**read_json(folder / "space.json", SpaceRecord, AGAIN))
-    covariates = tuple(name for name in rows[0] if name not in ("participant_id", *HEMIS))
-    return Space(folder, names, hemis, about, covariates)
+    covariates = tuple(column for column in rows[0] if column not in ("participant_id", *HEMIS))
+    return Space(folder, about.one_side, subjects, hemis, about, covariates)
 
 
-def mesh_of(space: Space, hemis: Sequence[str], rows: Ints) -> Mesh:
-    """The hemispheres as one mesh, with the mean area that subjects have at each vertex; else the template's."""
-    faces, areas, n = [], [], 0
-    for hemi in hemis:
-        white = space.surface(hemi)
-        area = areas_of(space, hemi, rows)
-        faces.append(white.faces + n)
-        areas.append(area)
-        n += len(white.verts)
-    return Mesh(np.concatenate(faces), np.concatenate(areas))
-
-
-def areas_of(space: Space, hemi: str, rows: Ints) -> Array:
-    """Mean white area of some subjects at each vertex (N,) [mm^2]; the template's if the study has no map of it."""
-    white = space.surface(hemi)
-    try:
-        found: Array = np.nan_to_num(np.nanmean(np.asarray(space.map(hemi, "area"), dtype=np.float64)[rows], axis=0))
-    except UnknownName:
-        return vertex_areas(white.verts, white.faces)
-    return found
+def write_results(
+    space: Space,
+    out: StrPath,
+    maps: Mapping[str, Mapping[str, Array]],
+    table: tuple[str, Sequence[str], Sequence[Mapping[str, Any]]],
+    summary: Mapping[str, Any],
+    report: Callable[[Path], object] | None,
+) -> Path:
+    """Write maps by name and hemisphere as GIFTI and FreeSurfer files, a table, summary.json and a page, completely or
+    not at all. Where they are unknown, FreeSurfer's have p = 1, or 0."""
+    with atomic_folder(out) as folder:
+        (folder / "maps").mkdir()
+        for name, of_sides in maps.items():
+            for hemi, values in of_sides.items():
+                file = folder / "maps" / f"{hemi}.{name}"
+                write_gifti_map(file.with_name(f"{file.name}.shape.gii"), values, nan=np.nan, hemi=space.side(hemi))
+                write_morph(file, values, nan=1.0 if "p" in name.split("_") else 0.0)
+        write_table(folder / table[0], *table[1:])
+        write_json(folder / "summary.json", summary)
+        if report is not None:
+            report(folder)
+    return Path(out)

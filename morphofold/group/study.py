@@ -1,7 +1,8 @@
 """The maps of a study on a template, tested by a model: read, tested over both hemispheres together, and written."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,21 +14,16 @@ from morphofold.errors import DoesNotApply, MissingPart, UnknownName
 from morphofold.group.clusters import Mesh
 from morphofold.group.design import Design, design, read_participants
 from morphofold.group.permutations import Inference, infer
-from morphofold.group.spaces import HEMIS, Space, areas_of, mesh_of
-from morphofold.io import atomic_folder, write_gifti_map, write_morph
-from morphofold.io.json_files import write_json
+from morphofold.group.spaces import HEMIS, Space, write_results
 from morphofold.progress import Progress, silent
 from morphofold.provenance import input_records
-from morphofold.tables import write_table
 
-#: draws the page of a result with its summary into a folder
-DrawStats = Callable[["Result", Mapping[str, Any], Path], object]
 CLUSTER_COLUMNS = ("hemi", "cluster", "peak", "x", "y", "z", "region", "area_mm2", "effect", "t", "r", "p")
 FEWEST_EXCHANGES, LEAST_P_REMARKED = 1000, 0.01
 FEWEST_OF_VARIANCE_GROUP = 5
 #: p and ratio of residual variances from which a remark says that they depend on what is tested
 VARIANCE_P, VARIANCE_RATIO = 0.01, 1.5
-MAPS = ("effect", "t", "r", "p", "p_height", "p_tfce", "cluster", "subjects")
+MAPS = ("effect", "t", "r", "p", "p_height", "p_tfce")  # and cluster, subjects
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,15 +74,15 @@ class Result:
     @property
     def remarks(self) -> list[str]:
         """Sentences about what may make the p values wrong."""
-        found, said = self.inference, list(self.design.remarks)
+        found, remarks = self.inference, list(self.design.remarks)
         unchanged = round(found.least_p * (1 + self.permutations)) - 1
         few = found.possible < max(self.permutations, FEWEST_EXCHANGES)
         if few or (unchanged > 2 and found.least_p > LEAST_P_REMARKED):
             share = f"{unchanged / self.permutations:.1%} of the exchanges leave what is tested as it is"
-            what = f"only {found.possible} exchanges exist" if few else share
-            said.append(f"{what}: no corrected p can be below {found.least_p:.2g}.")
+            reason = f"only {found.possible} exchanges exist" if few else share
+            remarks.append(f"{reason}: no corrected p can be below {found.least_p:.2g}.")
         if not found.flipped and found.variance_p < VARIANCE_P and found.variance_ratio > VARIANCE_RATIO:
-            said.append(
+            remarks.append(
                 f"the residual variance depends on {self.contrast} (up to {found.variance_ratio:.2g} times as large, p "
                 f"{found.variance_p:.1g}), so corrected p may be far too small or too large. Name a column of groups "
                 "with like variance: --variance-groups COLUMN."
@@ -95,11 +91,11 @@ class Result:
             units = np.arange(len(groups)) if self.design.blocks is None else self.design.blocks
             fewest = min(len(np.unique(units[groups == g])) for g in np.unique(groups))
             if fewest < FEWEST_OF_VARIANCE_GROUP:
-                said.append(
+                remarks.append(
                     f"a variance group has only {fewest} subjects or blocks, so corrected p may be far too small. "
                     f"Merge it with another group to have {FEWEST_OF_VARIANCE_GROUP} or more."
                 )
-        return said
+        return remarks
 
     def __repr__(self) -> str:
         subjects = len(self.design.subjects)
@@ -150,30 +146,35 @@ def fit_study(
     ValueError, OSError
         If the model has no left side, a map or column does not exist, or the design can't be tested.
     """
-    name, tilde, formula = (part.strip() for part in model.partition("~"))
-    if not (tilde and name and formula):
+    name, _, formula = (part.strip() for part in model.partition("~"))
+    if not (name and formula):
         raise UnknownName(f"{model!r}: name a map and regressors, such as 'gyral_thickness ~ age + sex'.")
-    if asymmetry is not None:
-        _check_symmetric(space, asymmetry)
+    if asymmetry not in (None, "difference", "index"):
+        raise UnknownName(f"asymmetry must be 'difference' or 'index', got {asymmetry!r}.")
+    if asymmetry and not space.about.symmetric:
+        raise DoesNotApply(
+            f"{space.folder}: left and right vertices of its template do not belong together. Bring maps over to "
+            "a symmetric one: cohort --space FOLDER --xhemi for fsaverage_sym, or a template of mirrored spheres."
+        )
     needed, tested = (HEMIS, ("lh",)) if asymmetry else (tuple(hemis), tuple(hemis))
     maps = {hemi: space.map(hemi, name) for hemi in needed}
     has_all = np.all([space.hemis[hemi] for hemi in needed], axis=0)
-    present = [subject for subject, there in zip(space.subjects, has_all) if there]
+    present, left = (tuple(np.array(space.subjects)[which].tolist()) for which in (has_all, ~has_all))
     if not present:
         raise MissingPart(
             f"{space.folder}: of {len(space.subjects)} subjects in participants.tsv none has maps of "
             f"{' and '.join(needed)}."
         )
     chosen = design(present, read_participants(participants), formula, contrast, blocks, variance_groups)
-    whole = whole or chosen.whole
-    row = {subject: k for k, subject in enumerate(space.subjects)}
-    rows = np.array([row[subject] for subject in chosen.subjects])
+    rows = np.array([space.subjects.index(subject) for subject in chosen.subjects])
     sides = [np.where(space.cortex(hemi), np.asarray(maps[hemi])[rows], np.nan) for hemi in needed]
-    values = np.concatenate(sides, axis=1) if asymmetry is None else _asymmetry(asymmetry, *sides)
-    mesh = mesh_of(space, tested, rows)
-    if asymmetry is not None:  # areas of both sides count alike
-        areas = np.mean([areas_of(space, hemi, rows) for hemi in HEMIS], axis=0)
-        mesh = Mesh(space.surface("lh").faces, areas)
+    areas = [space.areas(hemi, rows) for hemi in needed]
+    if asymmetry:  # areas of both sides count alike
+        sides, areas = [_asymmetry(asymmetry, *sides)], [np.mean(areas, axis=0)]
+    values = np.concatenate(sides, axis=1)
+    first = np.cumsum([0, *map(len, areas)])
+    faces = [space.surface(hemi).faces + n for hemi, n in zip(tested, first)]
+    mesh, whole = Mesh(np.concatenate(faces), np.concatenate(areas)), whole or chosen.whole
     found = infer(
         values,
         chosen.matrix,
@@ -186,21 +187,10 @@ def fit_study(
         groups=chosen.variance_groups,
         progress=progress,
     )
-    left = tuple(subject for subject, there in zip(space.subjects, has_all) if not there)
     counts = np.isfinite(values).sum(axis=0)
     return Result(
         space, name, formula, contrast, tested, chosen, found, mesh, counts, left, seed, permutations, asymmetry, whole
     )
-
-
-def _check_symmetric(space: Space, asymmetry: str) -> None:
-    if asymmetry not in ("difference", "index"):
-        raise UnknownName(f"asymmetry must be 'difference' or 'index', got {asymmetry!r}.")
-    if not space.about.symmetric:
-        raise DoesNotApply(
-            f"{space.folder}: left and right vertices of its template do not belong together. Bring maps over to "
-            "a symmetric one: cohort --space FOLDER --xhemi for fsaverage_sym, or a template of mirrored spheres."
-        )
 
 
 def _asymmetry(kind: str, left: Array, right: Array) -> Array:
@@ -221,54 +211,44 @@ def cluster_rows(result: Result) -> list[dict[str, Any]]:
     """A row for each cluster, the largest first: its peak [mm, on the template's white surface] and region there."""
     rows, first = [], 0
     for hemi in result.hemis:
-        white = result.space.surface(hemi)
-        regions = result.space.regions(hemi)
-        for k, one in enumerate(result.inference.clusters):
-            vertex = one["peak"] - first
+        white, regions = result.space.surface(hemi), result.space.regions(hemi)
+        for k, cluster in enumerate(result.inference.clusters):
+            vertex = cluster["peak"] - first
             if not 0 <= vertex < len(white.verts):
                 continue
             x, y, z = white.verts[vertex].tolist()
             label = -1 if regions is None else int(regions.labels[vertex])
             region = None if regions is None or label < 0 else regions.names[label]
-            r = float(result.inference.r[one["peak"]])
-            place = {"peak": vertex, "x": x, "y": y, "z": z, "region": region}
-            rows.append({"hemi": hemi, "cluster": k + 1, **one, "r": r, **place})
+            r = float(result.inference.r[cluster["peak"]])
+            position = {"peak": vertex, "x": x, "y": y, "z": z, "region": region}
+            rows.append({"hemi": hemi, "cluster": k + 1, **cluster, "r": r, **position})
         first += len(white.verts)
     return sorted(rows, key=lambda row: row["cluster"])
 
 
 def write_result(
-    result: Result, out: str | Path, inputs: Sequence[str | Path] = (), report: DrawStats | None = None
+    result: Result, out: str | Path, inputs: Sequence[str | Path] = (), report: Callable[..., object] | None = None
 ) -> Path:
     """Write maps, the table of clusters, summary.json and a page, completely or not at all.
 
     ``maps/?h.NAME.shape.gii`` and the same in FreeSurfer's format: ``effect``, ``t``, ``r``, ``p`` (of the vertex
     alone), ``p_height`` and ``p_tfce`` (corrected), ``cluster`` (number, 0: none), ``subjects`` (with a value). The
-    page is drawn by ``report``: :func:`morphofold.report.pages.study_pages.stats_report`.
+    page is drawn by ``report``, of the result, its summary and the folder:
+    :func:`morphofold.report.pages.study_pages.stats_report`.
     """
-    found = result.inference
-    maps = {name: getattr(found, name) for name in MAPS[:6]}
+    found, content = result.inference, summary(result, inputs)
+    maps = {name: getattr(found, name) for name in MAPS}
     maps |= {"cluster": (found.cluster + 1).astype(np.float64), "subjects": result.counts.astype(np.float64)}
-    with atomic_folder(out) as folder:
-        (folder / "maps").mkdir()
-        for name, values in maps.items():
-            for hemi, part in split(result, values).items():
-                write_gifti_map(
-                    folder / "maps" / f"{hemi}.{name}.shape.gii", part, nan=np.nan, hemi=result.space.side(hemi)
-                )
-                write_morph(folder / "maps" / f"{hemi}.{name}", part, nan=1.0 if name.startswith("p") else 0.0)
-        write_table(folder / "clusters.tsv", CLUSTER_COLUMNS, cluster_rows(result))
-        said = summary(result, inputs)
-        write_json(folder / "summary.json", said)
-        if report is not None:
-            report(result, said, folder)
-    return Path(out)
+    sides = {name: split(result, values) for name, values in maps.items()}
+    table = ("clusters.tsv", CLUSTER_COLUMNS, cluster_rows(result))
+    return write_results(result.space, out, sides, table, content, report and partial(report, result, content))
 
 
 def summary(result: Result, inputs: Sequence[str | Path] = ()) -> dict[str, Any]:
     """What was tested and found, as JSON."""
     found, chosen = result.inference, result.design
     tested = np.isfinite(found.t)
+    blocks, groups = (None if of is None else int(of.max()) + 1 for of in (chosen.blocks, chosen.variance_groups))
     return {
         "morphofold": __version__,
         "inputs": input_records(inputs),
@@ -286,8 +266,8 @@ def summary(result: Result, inputs: Sequence[str | Path] = ()) -> dict[str, Any]
         "permutations": result.permutations,
         "seed": result.seed,
         "exchanged": "signs" if found.flipped else "blocks" if result.whole else "subjects",
-        "blocks": None if chosen.blocks is None else int(chosen.blocks.max()) + 1,
-        "variance_groups": None if chosen.variance_groups is None else int(chosen.variance_groups.max()) + 1,
+        "blocks": blocks,
+        "variance_groups": groups,
         "remarks": result.remarks,
         "cluster_forming_t": found.threshold,
         "vertices": {"all": len(tested), "tested": int(tested.sum())},

@@ -12,11 +12,10 @@ from morphofold.io.files import StrPath
 from morphofold.io.json_files import file_word
 from morphofold.provenance import unchanged
 from morphofold.spheres.resampling import Resampling
-from morphofold.spheres.templates import read_own_sphere, template_folder, template_sphere, template_surface
+from morphofold.spheres.templates import HEMIS, TemplateFolder, find_template, read_own_sphere
 from morphofold.surface import Cortex, Regions
 
 DEFAULT_ANNOTATION = "aparc"
-HEMIS = ("lh", "rh")
 
 
 def check_template(template: StrPath, annotation: str | None = None) -> Path:
@@ -29,13 +28,12 @@ def check_template(template: StrPath, annotation: str | None = None) -> Path:
     ValueError
         If it has no sphere or no such parcellation of any hemisphere, or its name can't be part of a file's name.
     """
-    folder = template_folder(template)
-    file_word(folder.name)
-    there = [hemi for hemi in HEMIS if _annotation_file(folder, hemi, annotation) is not None]
-    if not there:
-        _required_annotation(folder, HEMIS[0], annotation)  # raises
-    template_sphere(folder, there[0])
-    return folder
+    found = find_template(template)
+    file_word(found.folder.name)
+    sides = [hemi for hemi in HEMIS if _annotation_file(found, hemi, annotation).is_file()] or HEMIS[:1]
+    _required_annotation(found, sides[0], annotation)
+    found.sphere_file(sides[0])
+    return found.folder
 
 
 def carried_files(
@@ -48,14 +46,19 @@ def carried_files(
     OSError, ValueError
         If the subject lacks a surface or ``?h.sphere.reg``, or the template its sphere, white surface or parcellation.
     """
-    if template is None or _has_annotation(folder, hemi, annotation):
+    if template is None:
         return {}
-    place = template_folder(template)
+    try:
+        if "regions" in cortex_files(folder, hemi, annotation=annotation):
+            return {}
+    except FileNotFoundError:
+        cortex_files(folder, hemi)  # raises where it is a surface that is missing
+    found = find_template(template)
     return {
         "registered sphere": registered_sphere(folder, hemi),
-        "sphere of the template": template_sphere(place, hemi),
-        "white of the template": template_surface(place, hemi, "white"),
-        "annotation of the template": _required_annotation(place, hemi, annotation),
+        "sphere of the template": found.sphere_file(hemi),
+        "white of the template": found.surface_file(hemi),
+        "annotation of the template": _required_annotation(found, hemi, annotation),
     }
 
 
@@ -98,7 +101,7 @@ def read_parcellated(
     cortex = read_cortex(folder, hemi, name=name)
     with unchanged(files.values()) as records:
         regions = carried_regions(cortex, files)
-    called = template_folder(annotation_from).name
+    called = find_template(annotation_from).folder.name
     return replace(
         cortex,
         regions=replace(regions, name=f"{regions.name}.{called}"),
@@ -114,35 +117,22 @@ def carried_regions(cortex: Cortex, files: Mapping[str, Path]) -> Regions:
     A vertex gets the label with the largest share of area around it, or where the subject's mesh is finer, with the
     largest barycentric weight in the template's triangle; see :meth:`Resampling.labels`.
     """
-    there = read_surface(files["sphere of the template"])
-    white = read_surface(files["white of the template"])
+    sphere, white = (read_surface(files[f"{kind} of the template"]) for kind in ("sphere", "white"))
     regions = read_annotation(files["annotation of the template"])
-    resampling = Resampling(there, read_own_sphere(files["registered sphere"], cortex))
+    resampling = Resampling(sphere, read_own_sphere(files["registered sphere"], cortex))
     return replace(regions, labels=resampling.labels(regions.labels, vertex_areas(white.verts, white.faces)))
 
 
-def _has_annotation(folder: StrPath, hemi: str, annotation: str | None) -> bool:
-    usual = cortex_files(folder, hemi)  # a missing surface is reported as such
-    if annotation is None:
-        return "regions" in usual
-    try:
-        return "regions" in cortex_files(folder, hemi, annotation=annotation)
-    except FileNotFoundError:
-        return False
+def _annotation_file(template: TemplateFolder, hemi: str, annotation: str | None) -> Path:
+    """``?h.aparc.NAME.annot`` or ``?h.NAME.annot``; by default ``?h.aparc.annot``; which may not exist."""
+    names = (DEFAULT_ANNOTATION,) if annotation is None else (f"{DEFAULT_ANNOTATION}.{annotation}", annotation)
+    files = [template.label_file(hemi, f"{name}.annot") for name in names]
+    return next(filter(Path.is_file, files), files[-1])
 
 
-def _annotation_file(folder: Path, hemi: str, annotation: str | None) -> Path | None:
-    stems = (DEFAULT_ANNOTATION,) if annotation is None else (f"{DEFAULT_ANNOTATION}.{annotation}", annotation)
-    places = (folder / "label" / f"{hemi}.{stem}.annot" for stem in stems)
-    return next((file for file in places if file.is_file()), None)
-
-
-def _required_annotation(folder: Path, hemi: str, annotation: str | None) -> Path:
-    found = _annotation_file(folder, hemi, annotation)
-    if found is None:
-        there = sorted(file.name for file in (folder / "label").glob("*.annot"))
-        raise MissingPart(
-            f"{folder}: has no label/{hemi}.{annotation or DEFAULT_ANNOTATION}.annot to carry over; its annotations "
-            f"are {', '.join(there) or 'none'}."
-        )
-    return found
+def _required_annotation(template: TemplateFolder, hemi: str, annotation: str | None) -> Path:
+    file = _annotation_file(template, hemi, annotation)
+    if not file.is_file():
+        names = ", ".join(sorted(each.name for each in file.parent.glob("*.annot"))) or "none"
+        raise MissingPart(f"{template.folder}: has no label/{file.name} to carry over; its annotations are {names}.")
+    return file

@@ -93,10 +93,9 @@ class Resampling:
         """The label (P,) with the largest area around each target's vertex, of labels (N,); the least of equal ones."""
         labels, weights = _checked(labels, len(self._from)), self._weights(areas)
         names, number = np.unique(labels, return_inverse=True)
-        held = sparse.csr_array(
-            (np.ones(len(number)), (np.arange(len(number)), number)), shape=(len(number), len(names))
-        )
-        return np.asarray(names[np.asarray((weights @ held).todense()).argmax(axis=1)])
+        of_names = sparse.csr_array((np.ones(len(number)), number, np.arange(len(number) + 1)))
+        found: Ints = names[(weights @ of_names).toarray().argmax(axis=1)]
+        return found
 
     def _weights(self, areas: Array) -> sparse.csr_array:
         """Weights (P, N) of means: shares times areas, or those of interpolation where few source vertices are near."""

@@ -15,8 +15,7 @@ from morphofold.analysis.multiple_tests import SIGNIFICANCE
 from morphofold.arrays import Array
 from morphofold.errors import MissingPart
 from morphofold.group.design import INTERCEPTS
-from morphofold.group.overlap import WHOLE, Overlap
-from morphofold.group.overlap_files import DENSITY_MAPS
+from morphofold.group.overlap import DENSITY_MAPS, WHOLE, Overlap
 from morphofold.group.permutations import Model
 from morphofold.group.spaces import Space
 from morphofold.group.study import Result, cluster_rows, split
